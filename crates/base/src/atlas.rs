@@ -1,0 +1,172 @@
+//! The statistical shape atlas: `X = X̄ + Σ_j λ_j V_j` (paper §3.1), metric, in the car frame.
+
+use nalgebra::{SVector, Vector3};
+use serde::Deserialize;
+use thiserror::Error;
+
+use crate::KEYPOINTS;
+
+/// Number of shape modes (the paper's m).
+pub const MODES: usize = 6;
+
+/// Shape coefficients λ, in standard deviations of the car population: prior N(0, I).
+pub type Shape = SVector<f64, MODES>;
+
+/// The atlas file's schema that this code reads.
+pub const ATLAS_SCHEMA: &str = "roadplane.atlas/1";
+
+/// What is wrong with an atlas file.
+#[derive(Debug, Error)]
+pub enum AtlasError {
+    /// Not JSON of the expected form.
+    #[error("shape atlas: {0}")]
+    Malformed(#[from] serde_json::Error),
+    /// Another schema or wrong numbers of entries.
+    #[error("shape atlas: {what}")]
+    Unsuitable {
+        /// What is unsuitable.
+        what: String,
+    },
+}
+
+/// Mean car and its modes of variation, car frame, metres.
+#[derive(Clone, Debug)]
+pub struct ShapeAtlas {
+    /// Version of the data.
+    pub version: String,
+    /// Mean keypoints.
+    pub mean: [Vector3<f64>; KEYPOINTS],
+    /// Modes, scaled to one standard deviation.
+    pub modes: [[Vector3<f64>; KEYPOINTS]; MODES],
+    /// Lowest and highest coefficient seen in real cars.
+    pub bounds: [[f64; 2]; MODES],
+    /// Mean length, width (without mirrors) and height.
+    pub dims_mean: Vector3<f64>,
+    /// Their change with each mode.
+    pub dims_modes: [Vector3<f64>; MODES],
+    /// What the modes leave unexplained, sd per keypoint and axis.
+    pub residual_sd_m: [Vector3<f64>; KEYPOINTS],
+}
+
+#[derive(Deserialize)]
+struct AtlasFile {
+    schema: String,
+    version: serde_json::Value,
+    mean: Vec<[f64; 3]>,
+    modes: Vec<Vec<[f64; 3]>>,
+    bounds: Vec<[f64; 2]>,
+    dims_mean: [f64; 3],
+    dims_modes: Vec<[f64; 3]>,
+    residual_sd_m: Vec<[f64; 3]>,
+}
+
+impl ShapeAtlas {
+    /// The atlas that the project ships.
+    ///
+    /// # Errors
+    /// Only if the committed file is broken, which a test excludes.
+    pub fn shipped() -> Result<Self, AtlasError> {
+        Self::from_json(include_str!("../../../models/atlas.json"))
+    }
+
+    /// Reads an atlas from the text of its file (`models/atlas.json`).
+    ///
+    /// # Errors
+    /// [`AtlasError`] when the text is no atlas of schema [`ATLAS_SCHEMA`] with finite numbers.
+    pub fn from_json(text: &str) -> Result<Self, AtlasError> {
+        let file: AtlasFile = serde_json::from_str(text)?;
+        if file.schema != ATLAS_SCHEMA {
+            return Err(unsuitable(format!("schema is {:?}, expected {ATLAS_SCHEMA:?}", file.schema)));
+        }
+        let version = file.version.as_str().map_or_else(|| file.version.to_string(), str::to_owned);
+        let modes: Vec<[Vector3<f64>; KEYPOINTS]> =
+            file.modes.iter().map(|mode| points("modes", mode)).collect::<Result<_, _>>()?;
+        let atlas = Self {
+            version,
+            mean: points("mean", &file.mean)?,
+            modes: sized("modes", modes)?,
+            bounds: sized("bounds", file.bounds)?,
+            dims_mean: file.dims_mean.into(),
+            dims_modes: sized("dims_modes", file.dims_modes.into_iter().map(Vector3::from).collect())?,
+            residual_sd_m: points("residual_sd_m", &file.residual_sd_m)?,
+        };
+        let numbers = atlas.mean.iter().chain(atlas.modes.iter().flatten()).chain(&atlas.residual_sd_m);
+        if numbers.flat_map(|v| v.iter()).any(|x| !x.is_finite()) {
+            return Err(unsuitable("a number is not finite".to_owned()));
+        }
+        if atlas.bounds.iter().any(|[lo, hi]| !(*lo < 0.0 && *hi > 0.0)) {
+            return Err(unsuitable("bounds must enclose 0".to_owned()));
+        }
+        Ok(atlas)
+    }
+
+    /// One keypoint of a car of this shape, car frame, m.
+    #[must_use]
+    pub fn keypoint_in_car(&self, index: usize, shape: &Shape) -> Vector3<f64> {
+        let mut point = self.mean[index];
+        for (mode, coefficient) in self.modes.iter().zip(shape.iter()) {
+            point += mode[index] * *coefficient;
+        }
+        point
+    }
+
+    /// All keypoints of a car of this shape, car frame, m.
+    #[must_use]
+    pub fn keypoints_in_car(&self, shape: &Shape) -> [Vector3<f64>; KEYPOINTS] {
+        std::array::from_fn(|i| self.keypoint_in_car(i, shape))
+    }
+
+    /// Length, width without mirrors, and height of a car of this shape, m.
+    #[must_use]
+    pub fn dims_m(&self, shape: &Shape) -> Vector3<f64> {
+        self.dims_modes.iter().zip(shape.iter()).fold(self.dims_mean, |dims, (mode, c)| dims + mode * *c)
+    }
+
+    /// The shape with every coefficient moved inside its bounds.
+    #[must_use]
+    pub fn clamped(&self, shape: &Shape) -> Shape {
+        Shape::from_fn(|j, _| shape[j].clamp(self.bounds[j][0], self.bounds[j][1]))
+    }
+}
+
+fn unsuitable(what: String) -> AtlasError {
+    AtlasError::Unsuitable { what }
+}
+
+fn sized<T, const N: usize>(what: &str, items: Vec<T>) -> Result<[T; N], AtlasError> {
+    items
+        .try_into()
+        .map_err(|items: Vec<T>| unsuitable(format!("{what} has {} entries, expected {N}", items.len())))
+}
+
+fn points(what: &str, rows: &[[f64; 3]]) -> Result<[Vector3<f64>; KEYPOINTS], AtlasError> {
+    sized(what, rows.iter().map(|row| Vector3::from(*row)).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mirror_index;
+
+    #[test]
+    fn the_shipped_atlas_is_a_symmetric_car() {
+        let atlas = ShapeAtlas::shipped().unwrap();
+        let flip = |v: Vector3<f64>| Vector3::new(v.x, -v.y, v.z);
+        for i in 0..KEYPOINTS {
+            assert!((flip(atlas.mean[i]) - atlas.mean[mirror_index(i)]).norm() < 1e-6);
+            for mode in &atlas.modes {
+                assert!((flip(mode[i]) - mode[mirror_index(i)]).norm() < 1e-6);
+            }
+        }
+        let dims = atlas.dims_m(&Shape::zeros());
+        assert!((3.8..5.2).contains(&dims.x) && (1.6..2.0).contains(&dims.y) && (1.3..1.9).contains(&dims.z));
+        assert!(atlas.mean[0].x > 0.0 && atlas.mean[0].y > 0.0, "left front wheel is ahead and to the left");
+    }
+
+    #[test]
+    fn wrong_files_are_refused_with_the_reason() {
+        assert!(matches!(ShapeAtlas::from_json("{"), Err(AtlasError::Malformed(_))));
+        let text = include_str!("../../../models/atlas.json").replace(ATLAS_SCHEMA, "other/9");
+        assert!(ShapeAtlas::from_json(&text).unwrap_err().to_string().contains("other/9"));
+    }
+}

@@ -1,0 +1,31 @@
+//! What every stage shares: camera, ground plane, poses, the shape atlas and the records that flow between stages.
+//! This crate does no I/O.
+//!
+//! # Frames (right-handed, metres)
+//! | frame | axes | origin |
+//! |---|---|---|
+//! | camera | x right, y down, z forward | optical centre |
+//! | pixel | x right, y down | centre of the top-left pixel |
+//! | world | z up (plane normal), y the viewing direction laid on the plane, x right | plane point under the camera |
+//! | car | x forward, y left, z up | on the ground midway between the axles |
+//!
+//! Transforms are named `target_from_source`. SI units and radians; suffixes where a unit is not obvious.
+
+mod atlas;
+mod camera;
+mod frame;
+mod keypoint;
+mod plane;
+mod pose;
+mod records;
+
+pub use atlas::{ATLAS_SCHEMA, AtlasError, MODES, Shape, ShapeAtlas};
+pub use camera::{Camera, CameraParams, ImageSize};
+pub use frame::{Frame, FrameStamp};
+pub use keypoint::{KEYPOINTS, Keypoint, KeypointSet, keypoint_names, mirror_index, skeleton_edges};
+pub use plane::GroundPlane;
+pub use pose::{GroundPose, angle_difference, wrap_angle};
+pub use records::{
+    CameraEstimate, CameraStatus, CarRecord, FrameRecord, PoseRecord, RecordError, TrackRow, VehicleClass,
+    rows_from_isometry,
+};

@@ -1,0 +1,71 @@
+//! Poses of cars that stand on the ground.
+
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use serde::{Deserialize, Serialize};
+
+/// A car standing on the plane.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct GroundPose {
+    /// World x of the car's origin, m.
+    pub x_m: f64,
+    /// World y of the car's origin, m.
+    pub y_m: f64,
+    /// Direction of the car's x axis: 0 along world +x, counter-clockwise seen from above, rad.
+    pub heading_rad: f64,
+}
+
+impl GroundPose {
+    /// The rigid motion from car to world coordinates.
+    #[must_use]
+    pub fn world_from_car(&self) -> Isometry3<f64> {
+        Isometry3::from_parts(
+            Translation3::new(self.x_m, self.y_m, 0.0),
+            UnitQuaternion::from_axis_angle(&Vector3::z_axis(), self.heading_rad),
+        )
+    }
+
+    /// The pose on the ground nearest to a free one: its origin dropped on the plane, its forward axis laid on it.
+    #[must_use]
+    pub fn nearest(world_from_car: &Isometry3<f64>) -> Self {
+        let forward = world_from_car.rotation * Vector3::x();
+        let origin = world_from_car.translation.vector;
+        Self { x_m: origin.x, y_m: origin.y, heading_rad: forward.y.atan2(forward.x) }
+    }
+}
+
+/// The same angle in (−π, π].
+#[must_use]
+pub fn wrap_angle(angle_rad: f64) -> f64 {
+    let turned = angle_rad.rem_euclid(std::f64::consts::TAU);
+    if turned > std::f64::consts::PI { turned - std::f64::consts::TAU } else { turned }
+}
+
+/// The shortest turn from `b` to `a`, in (−π, π].
+#[must_use]
+pub fn angle_difference(a: f64, b: f64) -> f64 {
+    wrap_angle(a - b)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn ground_pose_survives(x in -50.0f64..50.0, y in 0.0f64..90.0, heading in -3.1f64..3.1) {
+            let pose = GroundPose { x_m: x, y_m: y, heading_rad: heading };
+            let back = GroundPose::nearest(&pose.world_from_car());
+            prop_assert!((back.x_m - x).abs() < 1e-12 && (back.y_m - y).abs() < 1e-12);
+            prop_assert!(angle_difference(back.heading_rad, heading).abs() < 1e-12);
+        }
+
+        #[test]
+        fn wrapped_angles_differ_by_whole_turns(angle in -100.0f64..100.0) {
+            let wrapped = wrap_angle(angle);
+            prop_assert!(wrapped > -std::f64::consts::PI - 1e-12 && wrapped <= std::f64::consts::PI + 1e-12);
+            prop_assert!(((angle - wrapped) / std::f64::consts::TAU).fract().abs() < 1e-9
+                || (1.0 - ((angle - wrapped) / std::f64::consts::TAU).fract().abs()) < 1e-9);
+        }
+    }
+}

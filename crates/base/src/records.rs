@@ -1,0 +1,347 @@
+//! The records that stages hand on, in the form that the files have (see `ARCHITECTURE.md`).
+
+use nalgebra::{Isometry3, Matrix2, Matrix4, Vector2};
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+use thiserror::Error;
+
+use crate::{CameraParams, ImageSize, KEYPOINTS, Keypoint, KeypointSet, MODES};
+
+/// What is wrong with a line of a record file.
+#[derive(Debug, Error)]
+pub enum RecordError {
+    /// Not JSON of the documented form.
+    #[error("{0}")]
+    Malformed(#[from] serde_json::Error),
+    /// A number that cannot be.
+    #[error("{what}")]
+    Unsuitable {
+        /// What is unsuitable.
+        what: String,
+    },
+}
+
+/// What kind of vehicle a detector says it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum VehicleClass {
+    /// Cars, vans, pickups, SUVs: what the atlas covers.
+    Car,
+    /// Lorries.
+    Truck,
+    /// Buses.
+    Bus,
+}
+
+/// One line of a frames file: what is known of one frame so far. Fields that we do not know are kept.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FrameRecord {
+    /// Index of the frame in its input.
+    pub frame: u64,
+    /// Presentation time, s.
+    pub time_s: f64,
+    /// Width and height, px.
+    pub image_size_px: ImageSize,
+    /// Vehicles found.
+    pub cars: Vec<CarRecord>,
+    /// Fields of other tools.
+    #[serde(flatten)]
+    pub extra: Map<String, Value>,
+}
+
+/// One vehicle in one frame.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "CarFields", into = "CarFields")]
+pub struct CarRecord {
+    /// Box: left, top, right, bottom, px.
+    pub bbox_px: [f64; 4],
+    /// Detector's score, 0–1.
+    pub score: f64,
+    /// Kind of vehicle.
+    pub class: VehicleClass,
+    /// Keypoints; absent before that stage.
+    pub keypoints: Option<Box<KeypointSet>>,
+    /// Fields of other tools.
+    pub extra: Map<String, Value>,
+}
+
+impl CarRecord {
+    /// Longer side of the box, px.
+    #[must_use]
+    pub fn longer_side_px(&self) -> f64 {
+        let [x0, y0, x1, y1] = self.bbox_px;
+        (x1 - x0).max(y1 - y0)
+    }
+}
+
+impl FrameRecord {
+    /// Reads one line and checks its numbers: finite, boxes with an area, sd above zero.
+    ///
+    /// # Errors
+    /// [`RecordError`] that says which field is wrong.
+    pub fn from_json(line: &str) -> Result<Self, RecordError> {
+        let record: Self = serde_json::from_str(line)?;
+        let fail = |what: String| Err(RecordError::Unsuitable { what });
+        if !record.time_s.is_finite() {
+            return fail("time_s is not finite".to_owned());
+        }
+        if record.image_size_px.width == 0 || record.image_size_px.height == 0 {
+            return fail("image_size_px must be positive".to_owned());
+        }
+        for (i, car) in record.cars.iter().enumerate() {
+            let [x0, y0, x1, y1] = car.bbox_px;
+            if !(car.bbox_px.iter().all(|v| v.is_finite()) && x1 > x0 && y1 > y0) {
+                return fail(format!("cars[{i}].bbox_px {:?} is no box", car.bbox_px));
+            }
+            if !car.score.is_finite() {
+                return fail(format!("cars[{i}].score is not finite"));
+            }
+            let points = car.keypoints.iter().flat_map(|set| set.iter().flatten());
+            for point in points {
+                let numbers = [point.pixel.x, point.pixel.y, point.score];
+                let covariance = &point.covariance_px2;
+                if !numbers.iter().chain(covariance.iter()).all(|v| v.is_finite())
+                    || covariance.cholesky().is_none()
+                {
+                    return fail(format!(
+                        "cars[{i}] has a keypoint that is not finite or has no positive sd"
+                    ));
+                }
+            }
+        }
+        Ok(record)
+    }
+}
+
+/// [`CarRecord`] as the file has it: `[x, y, score, sd_px]` a keypoint, and where the sd differs by direction the
+/// covariances `[xx, xy, yy]` (px²) in a field of their own.
+#[derive(Serialize, Deserialize)]
+struct CarFields {
+    bbox_px: [f64; 4],
+    score: f64,
+    class: VehicleClass,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    keypoints: Option<Vec<Option<[f64; 4]>>>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    keypoint_covariances_px2: Option<Vec<Option<[f64; 3]>>>,
+    #[serde(flatten)]
+    extra: Map<String, Value>,
+}
+
+/// Sub-pixel digits that a file keeps: far below any keypoint's sd.
+fn rounded(value: f64) -> f64 {
+    (value * 1e4).round() / 1e4
+}
+
+impl From<CarRecord> for CarFields {
+    fn from(car: CarRecord) -> Self {
+        let row = |p: &Keypoint| [p.pixel.x, p.pixel.y, p.score, p.sd_px()].map(rounded);
+        let covariance = |p: &Keypoint| {
+            let c = &p.covariance_px2;
+            [c[(0, 0)], c[(0, 1)], c[(1, 1)]].map(rounded)
+        };
+        let isotropic = |p: &Keypoint| {
+            let c = &p.covariance_px2;
+            c[(0, 0)].to_bits() == c[(1, 1)].to_bits() && c[(0, 1)].abs() < f64::EPSILON
+        };
+        let set = car.keypoints.as_deref();
+        let directed = set.filter(|set| !set.iter().flatten().all(isotropic));
+        Self {
+            bbox_px: car.bbox_px,
+            score: car.score,
+            class: car.class,
+            keypoints: set.map(|set| set.iter().map(|p| p.as_ref().map(row)).collect()),
+            keypoint_covariances_px2: directed
+                .map(|set| set.iter().map(|p| p.as_ref().map(covariance)).collect()),
+            extra: car.extra,
+        }
+    }
+}
+
+impl TryFrom<CarFields> for CarRecord {
+    type Error = RecordError;
+
+    fn try_from(fields: CarFields) -> Result<Self, RecordError> {
+        let of_36 = |what: &str, found: usize| {
+            (found == KEYPOINTS).then_some(()).ok_or_else(|| RecordError::Unsuitable {
+                what: format!("{what} has {found} entries, expected {KEYPOINTS}"),
+            })
+        };
+        let mut keypoints = None;
+        if let Some(rows) = fields.keypoints {
+            of_36("keypoints", rows.len())?;
+            let isotropic = |row: Option<[f64; 4]>| {
+                row.map(|[x, y, score, sd_px]| Keypoint::isotropic(Vector2::new(x, y), score, sd_px))
+            };
+            let mut set: Box<KeypointSet> = Box::new(std::array::from_fn(|i| isotropic(rows[i])));
+            if let Some(covariances) = fields.keypoint_covariances_px2 {
+                of_36("keypoint_covariances_px2", covariances.len())?;
+                for (point, covariance) in set.iter_mut().zip(covariances) {
+                    if let (Some(point), Some([xx, xy, yy])) = (point, covariance) {
+                        point.covariance_px2 = Matrix2::new(xx, xy, xy, yy);
+                    }
+                }
+            }
+            keypoints = Some(set);
+        }
+        let CarFields { bbox_px, score, class, extra, .. } = fields;
+        Ok(Self { bbox_px, score, class, keypoints, extra })
+    }
+}
+
+/// How a camera's numbers came about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum CameraStatus {
+    /// Focal length and plane both estimated from the cars.
+    Estimated,
+    /// The focal length was given, the plane is estimated.
+    FocalGiven,
+    /// The cars say too little of the focal length: it rests on the stated prior; the plane is estimated.
+    FocalFromPrior,
+    /// No camera could be estimated; numbers are the priors, with their wide sd.
+    Unobservable,
+}
+
+/// A camera over a stretch of time, with uncertainty.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CameraEstimate {
+    /// First and last presentation time that this holds for, s.
+    pub span_s: [f64; 2],
+    /// Size of the pictures.
+    pub image_size_px: ImageSize,
+    /// Principal point, px.
+    pub principal_point_px: Vector2<f64>,
+    /// Focal length, tilt, roll, height.
+    pub params: CameraParams,
+    /// Covariance of (log focal, tilt, roll, log height).
+    pub covariance: Matrix4<f64>,
+    /// How the numbers came about.
+    pub status: CameraStatus,
+    /// Different cars that were used.
+    pub cars_used: usize,
+    /// Frames that were used.
+    pub frames_used: usize,
+}
+
+/// The full solve of one car in one frame: a line of `poses.jsonl`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PoseRecord {
+    /// Index of the frame.
+    pub frame: u64,
+    /// Presentation time, s.
+    pub time_s: f64,
+    /// Position of the car in its frame's list.
+    pub car: usize,
+    /// Track that it belongs to, if any.
+    #[serde(default)]
+    pub track: Option<u64>,
+    /// Box, px.
+    pub bbox_px: [f64; 4],
+    /// Detector's score.
+    pub score: f64,
+    /// Kind of vehicle.
+    pub class: VehicleClass,
+    /// 4 × 4 rigid motion, rows.
+    pub world_from_car: [[f64; 4]; 4],
+    /// 4 × 4 rigid motion, rows.
+    pub camera_from_car: [[f64; 4]; 4],
+    /// Shape coefficients, sd.
+    pub shape: [f64; MODES],
+    /// Length, width, height, m.
+    pub dims_m: [f64; 3],
+    /// sd of world x, y (m) and heading (rad); infinite ones are null.
+    pub pose_sd: [Option<f64>; 3],
+    /// Per keypoint x, y, score, sd as measured.
+    pub keypoints_px: Vec<Option<[f64; 4]>>,
+    /// Root mean square of the used keypoints' residuals, px.
+    pub reprojection_rms_px: f64,
+    /// Whether the pose is good enough to be tracked.
+    pub used: bool,
+}
+
+/// 4 × 4 rows of a rigid motion.
+#[must_use]
+pub fn rows_from_isometry(motion: &Isometry3<f64>) -> [[f64; 4]; 4] {
+    let m = motion.to_homogeneous();
+    std::array::from_fn(|r| std::array::from_fn(|c| m[(r, c)]))
+}
+
+/// One car in one frame of the result: a row of `tracks.*`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TrackRow {
+    /// Index of the frame.
+    pub frame: u64,
+    /// Presentation time, s.
+    pub time_s: f64,
+    /// Track's number, from 1.
+    pub track: u64,
+    /// World x of the car's origin, m.
+    pub x_m: f64,
+    /// World y of the car's origin, m.
+    pub y_m: f64,
+    /// 0 along +x, counter-clockwise, rad, (−π, π].
+    pub heading_rad: f64,
+    /// Speed over ground, m/s; negative when reversing.
+    pub speed_mps: f64,
+    /// sd of `x_m`.
+    pub x_sd_m: f64,
+    /// sd of `y_m`.
+    pub y_sd_m: f64,
+    /// sd of `heading_rad`.
+    pub heading_sd_rad: f64,
+    /// Length of the car, one per track.
+    pub length_m: f64,
+    /// Width without mirrors, one per track.
+    pub width_m: f64,
+    /// Height of the car, one per track.
+    pub height_m: f64,
+    /// Box, px: measured, or projected where not observed.
+    pub bbox_px: [f64; 4],
+    /// Detector's score; 0 where not observed.
+    pub score: f64,
+    /// Seen in this frame, or filled in.
+    pub observed: bool,
+    /// Activity, where asked for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub activity: Option<String>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn line(keypoint: &str) -> String {
+        let nulls = vec!["null"; KEYPOINTS - 1].join(",");
+        format!(
+            r#"{{"frame":3,"time_s":0.1,"image_size_px":[640,480],"note":"kept","cars":[{{"bbox_px":[1,2,30,40],"score":0.9,"class":"car","keypoints":[{keypoint},{nulls}],"id":7}}]}}"#
+        )
+    }
+
+    #[test]
+    fn a_line_survives_with_unknown_fields() {
+        let record = FrameRecord::from_json(&line("[10.5,20.25,0.75,1.5]")).unwrap();
+        let text = serde_json::to_string(&record).unwrap();
+        assert_eq!(FrameRecord::from_json(&text).unwrap(), record);
+        assert!(text.contains(r#""note":"kept""#) && text.contains(r#""id":7"#));
+        assert!(text.contains("[10.5,20.25,0.75,1.5]"), "{text}");
+    }
+
+    #[test]
+    fn a_covariance_survives() {
+        let mut record = FrameRecord::from_json(&line("[10.5,20.25,0.75,1.5]")).unwrap();
+        if let Some(point) = record.cars[0].keypoints.as_mut().and_then(|set| set[0].as_mut()) {
+            point.covariance_px2 = Matrix2::new(3.0, 0.5, 0.5, 1.5);
+        }
+        let text = serde_json::to_string(&record).unwrap();
+        assert_eq!(FrameRecord::from_json(&text).unwrap(), record);
+    }
+
+    #[test]
+    fn impossible_numbers_are_refused() {
+        assert!(FrameRecord::from_json(&line("[10.5,20.25,0.75,0.0]")).is_err());
+        assert!(FrameRecord::from_json(&line("[10.5,20.25,0.75]")).is_err());
+        assert!(FrameRecord::from_json(&line("null").replace("[1,2,30,40]", "[30,2,1,40]")).is_err());
+        assert!(FrameRecord::from_json("").is_err());
+    }
+}

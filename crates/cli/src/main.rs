@@ -1,0 +1,2 @@
+//! The `roadplane` binary.
+fn main() {}

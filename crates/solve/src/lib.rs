@@ -1,0 +1,1 @@
+//! roadplane: solve.
