@@ -1,0 +1,145 @@
+"""Shape parameters of a built car: what a specification leaves open, drawn about a mean for each body type.
+
+Means and spreads are ESTIMATES read off side, front and rear views of cars of 1998–2018. Each base model keeps its own
+character (seeded by its name) and each car drawn from it varies a little more.
+"""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .mesh import BODY_TYPES
+from .specs import SPECS, TRAFFIC_SHARE, Spec
+
+# parameter: unit, spread between models, spread within a model, then the mean for each of BODY_TYPES.
+# Heights are fractions of the car's height and half widths fractions of half its width, so that they scale with it.
+#                 models within  sedan hatch wagon suv   mivan van   pick  coupe
+_PRIOR = {
+    # windscreen: centre of its lower edge relative to the front axle (m), slope from horizontal (deg), heights
+    "cowl_dx":        (0.07, 0.02, (-0.28, -0.20, -0.28, -0.33, 0.00, 0.15, -0.42, -0.42)),
+    "screen_rake":    (1.8, 0.5, (30.0, 32.0, 31.0, 36.0, 31.0, 43.0, 37.0, 28.5)),
+    "cowl_z":         (0.010, 0.003, (0.675, 0.665, 0.67, 0.67, 0.64, 0.585, 0.665, 0.69)),
+    "header_z":       (0.006, 0.002, (0.945, 0.945, 0.945, 0.945, 0.945, 0.90, 0.945, 0.945)),
+    # rear window: lower edge relative to the rear end (m), slope, heights
+    "backlight_dx":   (0.06, 0.02, (0.64, 0.20, 0.17, 0.15, 0.13, 0.04, 2.05, 0.55)),
+    "backlight_rake": (2.0, 0.7, (27.0, 50.0, 56.0, 66.0, 68.0, 84.0, 80.0, 24.0)),
+    "backlight_z":    (0.015, 0.004, (0.715, 0.71, 0.69, 0.665, 0.625, 0.56, 0.665, 0.735)),
+    "tailgate_z":     (0.006, 0.002, (0.945, 0.925, 0.925, 0.925, 0.91, 0.87, 0.935, 0.94)),
+    # side glass: lower edge in front and at the back, lower edge of its last corner ahead of the rear axle (m)
+    "belt_front_z":   (0.010, 0.003, (0.645, 0.635, 0.635, 0.635, 0.60, 0.55, 0.64, 0.65)),
+    "belt_rise":      (0.012, 0.003, (0.040, 0.050, 0.035, 0.030, 0.025, 0.005, 0.020, 0.060)),
+    "quarter_dx":     (0.12, 0.03, (-0.05, -0.10, -0.75, -0.60, -0.70, -0.60, 0.80, -0.15)),
+    "b_pillar":       (0.025, 0.008, (0.500, 0.490, 0.520, 0.500, 0.545, 0.600, 0.500, 0.42)),
+    # half widths: side glass at the belt and at its top, roof
+    "belt_y":         (0.012, 0.004, (0.895, 0.90, 0.90, 0.905, 0.915, 0.93, 0.905, 0.885)),
+    "roof_y":         (0.018, 0.005, (0.655, 0.675, 0.685, 0.71, 0.72, 0.78, 0.695, 0.635)),
+    # bow of the windscreen and rear window in plan (m, centre ahead of the corner)
+    "screen_bow":     (0.03, 0.01, (0.19, 0.18, 0.19, 0.17, 0.22, 0.16, 0.15, 0.19)),
+    "backlight_bow":  (0.03, 0.01, (0.15, 0.10, 0.09, 0.08, 0.07, 0.03, 0.05, 0.16)),
+    # bonnet's leading edge, height of the shoulder at the tail, front and rear corner rounding (m in plan)
+    "nose_z":         (0.014, 0.004, (0.475, 0.485, 0.475, 0.525, 0.475, 0.455, 0.555, 0.475)),
+    "tail_z":         (0.014, 0.004, (0.690, 0.665, 0.665, 0.635, 0.600, 0.545, 0.615, 0.705)),
+    "front_round":    (0.05, 0.01, (0.30, 0.29, 0.29, 0.24, 0.28, 0.24, 0.16, 0.30)),
+    "rear_round":     (0.04, 0.01, (0.24, 0.20, 0.20, 0.18, 0.17, 0.11, 0.12, 0.24)),
+    "front_bow":      (0.03, 0.008, (0.14, 0.12, 0.13, 0.10, 0.12, 0.09, 0.07, 0.14)),
+    "rear_bow":       (0.02, 0.006, (0.09, 0.08, 0.08, 0.06, 0.06, 0.03, 0.03, 0.09)),
+    "bumper_z":       (0.010, 0.003, (0.150, 0.150, 0.150, 0.175, 0.135, 0.145, 0.210, 0.145)),
+    "rear_bumper_z":  (0.012, 0.003, (0.180, 0.185, 0.185, 0.200, 0.160, 0.165, 0.240, 0.180)),
+    # headlamp: how far it runs back along the side (m), its inner corner and heights
+    "lamp_back":      (0.09, 0.02, (0.42, 0.42, 0.40, 0.32, 0.46, 0.38, 0.22, 0.44)),
+    "lamp_inner_y":   (0.05, 0.01, (0.50, 0.50, 0.51, 0.53, 0.52, 0.56, 0.60, 0.50)),
+    "lamp_z":         (0.012, 0.003, (0.445, 0.455, 0.445, 0.475, 0.445, 0.420, 0.500, 0.445)),
+    "lamp_height":    (0.012, 0.003, (0.085, 0.090, 0.085, 0.090, 0.085, 0.085, 0.095, 0.080)),
+    "lamp_rise":      (0.015, 0.004, (0.050, 0.055, 0.050, 0.035, 0.050, 0.050, 0.015, 0.050)),
+    # tail lamp
+    "tail_forward":   (0.06, 0.02, (0.24, 0.20, 0.18, 0.14, 0.13, 0.04, 0.05, 0.24)),
+    "tail_inner_y":   (0.07, 0.015, (0.55, 0.70, 0.74, 0.76, 0.80, 0.86, 0.84, 0.56)),
+    "tail_lamp_z":    (0.015, 0.004, (0.615, 0.610, 0.590, 0.565, 0.545, 0.420, 0.530, 0.620)),
+    "tail_height":    (0.020, 0.005, (0.095, 0.130, 0.160, 0.150, 0.190, 0.160, 0.150, 0.090)),
+    # mirror: how far it stands out beyond half the body's width (m), size
+    "mirror_out":     (0.03, 0.01, (0.10, 0.10, 0.10, 0.12, 0.12, 0.15, 0.16, 0.09)),
+    "mirror_size":    (0.01, 0.004, (0.14, 0.14, 0.14, 0.17, 0.17, 0.24, 0.20, 0.13)),
+    "tyre_width":     (0.012, 0.004, (0.205, 0.185, 0.205, 0.235, 0.215, 0.205, 0.255, 0.225)),
+    "ground_z":       (0.006, 0.003, (0.135, 0.135, 0.140, 0.155, 0.120, 0.125, 0.190, 0.125)),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Style:
+    """One car: its dimensions (metres) and shape parameters (units as in the table above)."""
+
+    name: str
+    body: str
+    length: float
+    width: float
+    height: float
+    wheelbase: float
+    front_overhang: float
+    track: float
+    tyre_radius: float
+    shape: dict[str, float]
+
+    def __getattr__(self, key: str) -> float:
+        try:
+            return self.__dict__["shape"][key]
+        except KeyError:
+            raise AttributeError(key) from None
+
+    @property
+    def x_front(self) -> float:
+        return self.wheelbase / 2 + self.front_overhang
+
+    @property
+    def x_rear(self) -> float:
+        return self.x_front - self.length
+
+
+def _shape(body: str, spread: int, rng: np.random.Generator) -> dict[str, float]:
+    """A draw of every shape parameter's deviation, cut at 2.2 standard deviations."""
+    return {key: row[spread] * float(np.clip(rng.normal(), -2.2, 2.2)) for key, row in _PRIOR.items()}
+
+
+def model_style(spec: Spec) -> Style:
+    """The base model itself: published dimensions and the model's own character."""
+    rng = np.random.default_rng(zlib.crc32(spec.name.encode()))
+    index = BODY_TYPES.index(spec.body)
+    deviation = _shape(spec.body, 0, rng)
+    shape = {key: row[2][index] + deviation[key] for key, row in _PRIOR.items()}
+    if spec.body == "pickup":
+        # what the bed leaves: regular, extended or double cab by the model's name and wheelbase
+        bed = 1.55 if spec.name.endswith(("crew", "dc")) else 1.85
+        shape["backlight_dx"] = (2.05 if spec.name.endswith("regular") else bed) * spec.length / 5.4
+        shape["quarter_dx"] = 0.0
+    return Style(
+        spec.name, spec.body, spec.length, spec.width, spec.height, spec.wheelbase, spec.front_overhang,
+        spec.track, spec.tyre_diameter / 2, shape,
+    )  # fmt: skip
+
+
+def vary(style: Style, rng: np.random.Generator) -> Style:
+    """A car near a base model: dimensions within about 1.5 %, length and wheelbase together."""
+    n = rng.normal(size=6).clip(-2, 2)
+    long = 1 + 0.012 * n[0]
+    deviation = _shape(style.body, 1, rng)
+    return replace(
+        style,
+        length=style.length * long,
+        wheelbase=style.wheelbase * (long + 0.006 * n[1]),
+        front_overhang=style.front_overhang * (long + 0.015 * n[2]),
+        width=style.width * (1 + 0.010 * n[3]),
+        track=style.track * (1 + 0.010 * n[3] + 0.003 * n[4]),
+        height=style.height * (1 + 0.012 * n[5]),
+        tyre_radius=style.tyre_radius * (1 + 0.012 * n[4]),
+        shape={key: value + deviation[key] for key, value in style.shape.items()},
+    )
+
+
+def sample_style(rng: np.random.Generator, body: str | None = None, split: str = "train") -> Style:
+    """A random car of a split; the body type follows traffic when not given."""
+    if body is None:
+        body = str(rng.choice(BODY_TYPES, p=np.array([TRAFFIC_SHARE[b] for b in BODY_TYPES])))
+    specs = [s for s in SPECS if s.body == body and s.split == split]
+    return vary(model_style(specs[rng.integers(len(specs))]), rng)
