@@ -1,0 +1,153 @@
+"""Triangles under construction: grids, exact painting and cutting of regions, mirroring and joining."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from .mesh import MATERIALS
+
+# A test gives one value a vertex from (points (V, 3), uv (V, 2)); a region is where all its tests are ≥ 0.
+Test = Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+
+@dataclass
+class Shell:
+    """Vertices with unit normals and surface coordinates uv, and faces with a material; metres, car frame."""
+
+    points: np.ndarray  # (V, 3)
+    normals: np.ndarray  # (V, 3)
+    uv: np.ndarray  # (V, 2)
+    faces: np.ndarray  # (F, 3)
+    materials: np.ndarray  # (F,)
+
+    def paint(self, material: str, *tests: Test) -> None:
+        """Give a region another material; faces across its edge are split along it."""
+        inside = self._divide(tests)
+        self.materials[inside] = MATERIALS.index(material)
+
+    def cut(self, *tests: Test) -> None:
+        """Remove a region."""
+        keep = ~self._divide(tests)
+        self.faces, self.materials = self.faces[keep], self.materials[keep]
+
+    def _divide(self, tests: tuple[Test, ...]) -> np.ndarray:
+        """Split faces along each test's zero line within the region so far; which faces lie inside, (F,)."""
+        inside = np.ones(len(self.faces), bool)
+        for test in tests:  # a coarse pass first, so that far-away faces are left whole
+            inside &= (test(self.points, self.uv)[self.faces] > 0).any(1)
+        for test in tests:
+            value = test(self.points, self.uv)
+            value = np.where(np.abs(value) < 1e-7, 1e-7, value)
+            positive = value[self.faces] > 0
+            count = positive.sum(1)
+            mixed = inside & (count > 0) & (count < 3)
+            inside &= count == 3
+            if mixed.any():
+                inside = self._split(np.flatnonzero(mixed), value, positive, inside)
+        return inside
+
+    def _split(self, which: np.ndarray, value: np.ndarray, positive: np.ndarray, inside: np.ndarray) -> np.ndarray:
+        sign = positive[which]
+        lone_positive = sign.sum(1) == 1
+        lone = np.where(lone_positive, sign.argmax(1), (~sign).argmax(1))
+        rows = np.arange(len(which))
+        a, b, c = (self.faces[which][rows, (lone + step) % 3] for step in range(3))
+        start = len(self.points)
+        for end in (b, c):
+            t = (value[a] / (value[a] - value[end]))[:, None]
+            self.points = np.concatenate([self.points, self.points[a] + t * (self.points[end] - self.points[a])])
+            normal = self.normals[a] + t * (self.normals[end] - self.normals[a])
+            normal /= np.linalg.norm(normal, axis=1, keepdims=True).clip(1e-9)
+            self.normals = np.concatenate([self.normals, normal])
+            self.uv = np.concatenate([self.uv, self.uv[a] + t * (self.uv[end] - self.uv[a])])
+        ab, ac = start + rows, start + len(which) + rows
+        tip = np.stack([a, ab, ac], 1)
+        rest = np.concatenate([np.stack([ab, b, c], 1), np.stack([ab, c, ac], 1)])
+        old = self.materials[which]
+        self.faces[which] = tip
+        self.faces = np.concatenate([self.faces, rest])
+        self.materials = np.concatenate([self.materials, old, old])
+        inside = inside.copy()
+        inside[which] = lone_positive
+        return np.concatenate([inside, ~lone_positive, ~lone_positive])
+
+    def mirrored(self) -> Shell:
+        """The other side of the car."""
+        flip = np.array([1.0, -1.0, 1.0])
+        return Shell(self.points * flip, self.normals * flip, self.uv, self.faces[:, ::-1].copy(), self.materials.copy())
+
+    def inner(self, material: str, inset: float) -> Shell:
+        """The same surface seen from inside, moved inward by `inset`."""
+        code = np.full(len(self.faces), MATERIALS.index(material), np.uint8)
+        return Shell(self.points - inset * self.normals, -self.normals, self.uv, self.faces[:, ::-1].copy(), code)
+
+    def moved(self, offset: tuple[float, float, float]) -> Shell:
+        """Shifted by `offset`."""
+        return Shell(self.points + np.array(offset), self.normals, self.uv, self.faces.copy(), self.materials.copy())
+
+
+def join(shells: list[Shell]) -> Shell:
+    """All in one."""
+    offsets = np.cumsum([0] + [len(s.points) for s in shells[:-1]])
+    return Shell(
+        np.concatenate([s.points for s in shells]),
+        np.concatenate([s.normals for s in shells]),
+        np.concatenate([s.uv for s in shells]),
+        np.concatenate([s.faces + o for s, o in zip(shells, offsets)]),
+        np.concatenate([s.materials for s in shells]),
+    )
+
+
+def grid(points: np.ndarray, uv: np.ndarray, material: str, symmetric: bool = False) -> Shell:
+    """Smooth surface through points (n, m, 3), faces wound so that d/dn × d/dm points out.
+
+    `symmetric`: the surface is half of one mirrored at y = 0, so normals on that plane have no y part.
+    """
+    n, m, _ = points.shape
+    index = np.arange(n * m).reshape(n, m)
+    p00, p10, p01, p11 = (i.ravel() for i in (index[:-1, :-1], index[1:, :-1], index[:-1, 1:], index[1:, 1:]))
+    faces = np.concatenate([np.stack([p00, p10, p11], 1), np.stack([p00, p11, p01], 1)])
+    flat = points.reshape(-1, 3)
+    cross = np.cross(flat[faces[:, 1]] - flat[faces[:, 0]], flat[faces[:, 2]] - flat[faces[:, 0]])
+    normals = np.stack(
+        [np.bincount(faces.ravel(), np.repeat(cross[:, axis], 3), len(flat)) for axis in range(3)], axis=1
+    )
+    if symmetric:
+        normals[np.abs(flat[:, 1]) < 1e-9, 1] = 0.0
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True).clip(1e-12)
+    keep = np.linalg.norm(cross, axis=1) > 1e-10
+    code = np.full(int(keep.sum()), MATERIALS.index(material), np.uint8)
+    return Shell(flat.copy(), normals, uv.reshape(-1, 2).copy(), faces[keep], code)
+
+
+def flat_polygon(corners: np.ndarray, material: str) -> Shell:
+    """A flat convex polygon (n, 3), counter-clockwise seen from outside."""
+    corners = np.asarray(corners, float)
+    normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
+    normal /= np.linalg.norm(normal).clip(1e-12)
+    n = len(corners)
+    faces = np.stack([np.zeros(n - 2, int), np.arange(1, n - 1), np.arange(2, n)], 1)
+    code = np.full(n - 2, MATERIALS.index(material), np.uint8)
+    return Shell(corners, np.tile(normal, (n, 1)), np.zeros((n, 2)), faces, code)
+
+
+def rounded_box(centre: np.ndarray, half: np.ndarray, material: str, power: float = 4.0, steps: int = 6) -> Shell:
+    """Superellipsoid: a sphere for power 2, a box with soft edges above."""
+    lat = np.linspace(-np.pi / 2, np.pi / 2, steps)[None, :]
+    lon = np.linspace(0, 2 * np.pi, 2 * steps - 1)[:, None]
+
+    def soft(value: np.ndarray) -> np.ndarray:
+        return np.sign(value) * np.abs(value) ** (2.0 / power)
+
+    unit = np.stack(
+        [soft(np.cos(lat)) * soft(np.cos(lon)), soft(np.cos(lat)) * soft(np.sin(lon)), soft(np.sin(lat)) + 0 * lon], -1
+    )
+    shell = grid(unit * half, np.zeros(unit.shape[:2] + (2,)), material)
+    inner = shell.points / half
+    normal = np.sign(inner) * np.abs(inner) ** (power - 1) / half
+    shell.normals = normal / np.linalg.norm(normal, axis=1, keepdims=True).clip(1e-12)
+    shell.points = shell.points + centre
+    return shell
