@@ -56,7 +56,7 @@ class Body:
         h = s.height
         self.cowl = np.array([s.wheelbase / 2 + s.cowl_dx, s.cowl_z * h])
         self.header = self._up(self.cowl, s.header_z * h, -1, s.screen_rake)
-        self.backlight = np.array([s.x_rear + s.backlight_dx, s.backlight_z * h])
+        self.backlight = np.array([s.x_rear + max(s.backlight_dx, 0.06), s.backlight_z * h])
         self.tailgate = self._up(self.backlight, s.tailgate_z * h, 1, s.backlight_rake)
         self.belt_rear_z = (s.belt_front_z + s.belt_rise) * h
         boxy = s.body in ("suv", "pickup", "van")
@@ -103,7 +103,7 @@ class Body:
         s, h = self.style, self.style.height
         nose, tail = s.nose_z * h, s.tail_z * h
         middle = 0.5 * (s.x_front + self.cowl[0])
-        x = [s.x_rear, min(s.x_rear + 0.12, self.backlight[0] - 0.02), self.backlight[0], self.cowl[0], middle,
+        x = [s.x_rear, s.x_rear + min(0.12, 0.5 * (self.backlight[0] - s.x_rear)), self.backlight[0], self.cowl[0], middle,
              s.x_front - 0.15, s.x_front]  # fmt: skip
         z = [tail, tail + 0.012, self.backlight[1], self.cowl[1], 0.47 * nose + 0.53 * self.cowl[1] + 0.035,
              nose + 0.035, nose]  # fmt: skip

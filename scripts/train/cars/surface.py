@@ -25,54 +25,57 @@ class Shell:
 
     def paint(self, material: str, *tests: Test) -> None:
         """Give a region another material; faces across its edge are split along it."""
-        inside = self._divide(tests)
+        inside = self._divide(tests)  # may replace self.materials, hence first
         self.materials[inside] = MATERIALS.index(material)
 
     def cut(self, *tests: Test) -> None:
         """Remove a region."""
-        keep = ~self._divide(tests)
+        inside = self._divide(tests)
+        keep = np.ones(len(self.faces), bool)
+        keep[inside] = False
         self.faces, self.materials = self.faces[keep], self.materials[keep]
 
     def _divide(self, tests: tuple[Test, ...]) -> np.ndarray:
-        """Split faces along each test's zero line within the region so far; which faces lie inside, (F,)."""
-        inside = np.ones(len(self.faces), bool)
+        """Split faces along each test's zero line within the region so far; indices of the faces that lie inside."""
+        inside = np.arange(len(self.faces))
         for test in tests:  # a coarse pass first, so that far-away faces are left whole
-            inside &= (test(self.points, self.uv)[self.faces] > 0).any(1)
+            a, b, c = (test(self.points, self.uv) > 0)[self.faces[inside]].T
+            inside = inside[a | b | c]
         for test in tests:
             value = test(self.points, self.uv)
             value = np.where(np.abs(value) < 1e-7, 1e-7, value)
-            positive = value[self.faces] > 0
-            count = positive.sum(1)
-            mixed = inside & (count > 0) & (count < 3)
-            inside &= count == 3
+            positive = value[self.faces[inside]] > 0
+            count = positive[:, 0].astype(int) + positive[:, 1] + positive[:, 2]
+            mixed = (count > 0) & (count < 3)
+            whole = inside[count == 3]
             if mixed.any():
-                inside = self._split(np.flatnonzero(mixed), value, positive, inside)
+                new = self._split(inside[mixed], value, positive[mixed], count[mixed] == 1)
+                inside = np.concatenate([whole, new])
+            else:
+                inside = whole
         return inside
 
-    def _split(self, which: np.ndarray, value: np.ndarray, positive: np.ndarray, inside: np.ndarray) -> np.ndarray:
-        sign = positive[which]
-        lone_positive = sign.sum(1) == 1
-        lone = np.where(lone_positive, sign.argmax(1), (~sign).argmax(1))
+    def _split(self, which: np.ndarray, value: np.ndarray, positive: np.ndarray, lone_in: np.ndarray) -> np.ndarray:
+        """Cut faces in a tip and a rest of two along value = 0; indices of the parts on the positive side."""
+        lone = np.where(lone_in, positive.argmax(1), (~positive).argmax(1))
         rows = np.arange(len(which))
-        a, b, c = (self.faces[which][rows, (lone + step) % 3] for step in range(3))
-        start = len(self.points)
-        for end in (b, c):
-            t = (value[a] / (value[a] - value[end]))[:, None]
-            self.points = np.concatenate([self.points, self.points[a] + t * (self.points[end] - self.points[a])])
-            normal = self.normals[a] + t * (self.normals[end] - self.normals[a])
-            normal /= np.linalg.norm(normal, axis=1, keepdims=True).clip(1e-9)
-            self.normals = np.concatenate([self.normals, normal])
-            self.uv = np.concatenate([self.uv, self.uv[a] + t * (self.uv[end] - self.uv[a])])
+        a, b, c = (self.faces[which, (lone + step) % 3] for step in range(3))
+        start, first_new = len(self.points), len(self.faces)
+        far = np.concatenate([b, c])
+        near = np.concatenate([a, a])
+        t = (value[near] / (value[near] - value[far]))[:, None]
+        normal = self.normals[near] + t * (self.normals[far] - self.normals[near])
+        normal /= np.sqrt((normal**2).sum(1, keepdims=True)).clip(1e-9)
+        self.points = np.concatenate([self.points, self.points[near] + t * (self.points[far] - self.points[near])])
+        self.normals = np.concatenate([self.normals, normal])
+        self.uv = np.concatenate([self.uv, self.uv[near] + t * (self.uv[far] - self.uv[near])])
         ab, ac = start + rows, start + len(which) + rows
-        tip = np.stack([a, ab, ac], 1)
-        rest = np.concatenate([np.stack([ab, b, c], 1), np.stack([ab, c, ac], 1)])
+        self.faces[which] = np.stack([a, ab, ac], 1)
+        self.faces = np.concatenate([self.faces, np.stack([ab, b, c], 1), np.stack([ab, c, ac], 1)])
         old = self.materials[which]
-        self.faces[which] = tip
-        self.faces = np.concatenate([self.faces, rest])
         self.materials = np.concatenate([self.materials, old, old])
-        inside = inside.copy()
-        inside[which] = lone_positive
-        return np.concatenate([inside, ~lone_positive, ~lone_positive])
+        rest = first_new + rows[~lone_in]
+        return np.concatenate([which[lone_in], rest, rest + len(which)])
 
     def mirrored(self) -> Shell:
         """The other side of the car."""
