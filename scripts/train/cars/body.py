@@ -72,8 +72,8 @@ class Body:
         self.tub_corners = Corners(
             (s.front_round, 0.75 * s.front_round), (s.rear_round, 0.85 * s.rear_round), s.front_bow, s.rear_bow
         )
-        round_front = 0.16 if s.body != "van" else 0.10
-        round_rear = 0.16 if s.body in ("sedan", "coupe") else 0.11
+        round_front = 0.11 if s.body != "van" else 0.08
+        round_rear = 0.12 if s.body in ("sedan", "coupe") else 0.10
         self.cabin_corners = Corners(
             (round_front, 0.10), (round_rear, 0.10 if s.body != "van" else 0.06), s.screen_bow, s.backlight_bow
         )
@@ -90,9 +90,9 @@ class Body:
         cowl_x = self.cowl[0] - s.screen_bow
         middle = 0.5 * (s.x_front + cowl_x)
         tail = s.tail_z * h
-        x = [s.x_rear, s.x_rear + 0.22, -s.wheelbase / 2 + 0.15, cowl_x - 0.3, middle, s.x_front - 0.06, s.x_front]
+        x = [s.x_rear, s.x_rear + 0.22, -s.wheelbase / 2 + 0.15, cowl_x - 0.3, middle, s.x_front - 0.2, s.x_front]
         z = [tail - 0.015, 0.6 * tail + 0.4 * self.belt_rear_z, self.belt_rear_z, belt + 0.004,
-             0.5 * (nose + belt) + 0.015, nose + 0.012, nose]  # fmt: skip
+             0.45 * nose + 0.55 * belt + 0.025, nose + 0.04, nose]  # fmt: skip
         if s.body == "pickup":
             z[0] = z[1] = tail
         return PchipInterpolator(x, z)
@@ -104,9 +104,9 @@ class Body:
         nose, tail = s.nose_z * h, s.tail_z * h
         middle = 0.5 * (s.x_front + self.cowl[0])
         x = [s.x_rear, s.x_rear + min(0.12, 0.5 * (self.backlight[0] - s.x_rear)), self.backlight[0], self.cowl[0], middle,
-             s.x_front - 0.15, s.x_front]  # fmt: skip
-        z = [tail, tail + 0.012, self.backlight[1], self.cowl[1], 0.47 * nose + 0.53 * self.cowl[1] + 0.035,
-             nose + 0.035, nose]  # fmt: skip
+             s.x_front - 0.2, s.x_front]  # fmt: skip
+        z = [tail, tail + 0.012, self.backlight[1], self.cowl[1], 0.42 * nose + 0.58 * self.cowl[1] + 0.035,
+             nose + 0.06, nose]  # fmt: skip
         if s.body == "pickup":
             z[:2] = [float(self.shoulder_z(s.x_rear)) + 0.002] * 2
             x[2:3], z[2:3] = [self.backlight[0] - 0.05, self.backlight[0]], [z[0], z[0] + 0.03]

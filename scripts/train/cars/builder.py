@@ -12,7 +12,7 @@ from .style import Style, model_style, sample_style
 from .surface import Shell, Test, flat_polygon, grid, join
 
 SCREEN_U = 0.245  # windscreen glass ends here, just round the cabin's front corner
-SIDE_U = (0.355, 0.668)  # side glass lies within
+SIDE_U = (0.348, 0.672)  # side glass lies within
 BACK_U = 0.785
 GLASS_V = (0.055, 0.955)
 
@@ -122,14 +122,14 @@ class _Assembly:
             return top - drop / float(span)
 
         inner = self._tub_u(0.9, y=s.lamp_inner_y * half)
-        outer = self._tub_u(0.9, x=s.x_front - s.lamp_back)
+        outer = self._tub_u(0.9, x=float(body.tub(0.0, 0.9)[0]) - s.lamp_back)
         gap, tall = s.lamp_drop, s.lamp_height
         self.head_lamp = [
             (inner, v_at(inner, gap + 0.25 * tall)), (inner, v_at(inner, gap + 0.85 * tall)),
             (outer, v_at(outer, gap + 0.55 * tall)), (outer, v_at(outer, gap)),
         ]  # fmt: skip
         inner = self._tub_u(0.9, y=s.tail_inner_y * half, rear=True)
-        outer = self._tub_u(0.9, x=s.x_rear + s.tail_forward, rear=True)
+        outer = self._tub_u(0.9, x=float(body.tub(1.0, 0.9)[0]) + max(s.tail_forward, s.rear_bow + 0.03), rear=True)
         gap, tall = s.tail_drop, s.tail_height
         self.tail_lamp = [
             (inner, v_at(inner, gap)), (inner, v_at(inner, gap + 0.85 * tall)),
@@ -275,6 +275,14 @@ class _Assembly:
             lambda p, uv: p[:, 0] - cowl + bow + 0.25,
             *_v(1.06, 3),
         )
+        # nothing under the cabin, so that the seats show through the glass
+        tail, tail_bow = body.backlight[0], s.backlight_bow
+        tub.cut(
+            lambda p, uv: half - 0.03 - p[:, 1],
+            lambda p, uv: cowl - 0.03 - bow * (p[:, 1] / half) ** 2 - p[:, 0],
+            lambda p, uv: p[:, 0] - tail - 0.03 - tail_bow * (p[:, 1] / half) ** 2,
+            *_v(1.02, 3),
+        )
         if s.body in ("sedan", "coupe"):
             tub.paint("gap", *_v(1.2, 1.213), *_x(s.x_rear + 0.1, body.backlight[0] + 0.02))
             tub.paint("gap", *_x(body.backlight[0] - 0.055, body.backlight[0] - 0.046), *_v(1.2, 3))
@@ -313,6 +321,8 @@ class _Assembly:
         # a dark frame a little larger than each pane, then the pane
         cabin.paint("plastic", *_u(-1, SCREEN_U + 0.004), *_v(0, high + 0.01))
         cabin.paint("glass", *_u(-1, SCREEN_U), *_v(low, high))
+        if s.body in ("wagon", "suv", "minivan") and rng.random() < 0.3:  # tail lamps run up beside the window
+            cabin.paint("taillamp", *_u(0.735, BACK_U - 0.012), *_v(-1, rng.uniform(0.35, 0.9)))
         if not (self.cargo and rng.random() < 0.5):
             cabin.paint("plastic", *_u(BACK_U - 0.004, 2), *_v(low - 0.03, high + 0.01))
             cabin.paint("glass", *_u(BACK_U, 2), *_v(low, high))
@@ -327,12 +337,39 @@ class _Assembly:
         def frame(p: np.ndarray, uv: np.ndarray) -> np.ndarray:
             return rear_edge(p, uv) + 0.012
 
+        if s.body != "pickup" and rng.random() < 0.2:  # sunroof
+            x = body.header[0]
+            cabin.paint("glass", *_x(x - 0.75, x - 0.28), lambda p, uv: 0.4 - p[:, 1], *_v(1.1, 3))
         cabin.paint(trim, *_u(SIDE_U[0] - 0.004, SIDE_U[1] + 0.004), *_v(low - 0.02, high - 0.03), frame)
         cabin.paint("glass", *_u(*SIDE_U), *_v(low, high - 0.05), rear_edge)
         self._pillars(cabin, rear_edge)
         liner_faces = cabin.materials != MATERIALS.index("glass")
         roof = Shell(cabin.points, cabin.normals, cabin.uv, cabin.faces[liner_faces], cabin.materials[liner_faces])
-        return [cabin, roof.inner("interior", 0.02)]
+        return [cabin, roof.inner("interior", 0.02), *self._roof_trim()]
+
+    def _roof_trim(self) -> list[Shell]:
+        """Roof rails and a spoiler over the rear window."""
+        s, body, rng = self.style, self.body, self.rng
+        shells = []
+        (xt, zt), xh = body.tailgate, body.header[0]
+        if s.body in ("wagon", "suv", "minivan") and rng.random() < 0.5:
+            y = 0.93 * s.roof_y * body.half_width
+            x = np.linspace(xt + 0.15, xh - 0.35, 9)
+            z = body.roof_z(x, np.full(9, y)) + 0.035
+            w = 0.018
+            ring = [(y - w, z - 0.03), (y + w, z - 0.05), (y + w, z), (y - w, z), (y - w, z - 0.03)]
+            points = np.stack([np.stack([x, np.full(9, a), b], -1) for a, b in ring[::-1]], 0)
+            shells.append(grid(points, np.zeros((5, 9, 2)), str(rng.choice(["plastic", "chrome"]))))
+        if s.body in ("hatchback", "suv", "wagon") and rng.random() < 0.4:
+            half = np.array([0.11, 0.8 * s.roof_y * body.half_width, 0.022])
+            shells.append(details.rounded_box(np.array([xt + 0.02, 0.0, zt + 0.005]), half, "paint", 4.0, 5))
+        elif s.body in ("sedan", "coupe") and rng.random() < 0.15:
+            x, z = s.x_rear + 0.17, s.tail_z * s.height + 0.09
+            half = np.array([0.10, 0.62 * body.half_width, 0.018])
+            shells.append(details.rounded_box(np.array([x, 0.0, z]), half, "paint", 4.0, 5))
+            foot = np.array([0.04, 0.03, 0.06])
+            shells.append(details.rounded_box(np.array([x, 0.5 * body.half_width, z - 0.05]), foot, "paint", 4.0, 5))
+        return shells
 
     def _pillars(self, cabin: Shell, rear_edge: Test) -> None:
         """B pillar, and the bars between the panes behind it."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -139,6 +140,15 @@ def flat_polygon(corners: np.ndarray, material: str) -> Shell:
 
 def rounded_box(centre: np.ndarray, half: np.ndarray, material: str, power: float = 4.0, steps: int = 6) -> Shell:
     """Superellipsoid: a sphere for power 2, a box with soft edges above."""
+    unit = _unit_box(power, steps)
+    normal = unit.normals / half
+    normal = normal / np.sqrt((normal**2).sum(1, keepdims=True))
+    code = np.full(len(unit.faces), MATERIALS.index(material), np.uint8)
+    return Shell(unit.points * half + centre, normal, unit.uv, unit.faces, code)
+
+
+@lru_cache
+def _unit_box(power: float, steps: int) -> Shell:
     lat = np.linspace(-np.pi / 2, np.pi / 2, steps)[None, :]
     lon = np.linspace(0, 2 * np.pi, 2 * steps - 1)[:, None]
 
@@ -148,9 +158,6 @@ def rounded_box(centre: np.ndarray, half: np.ndarray, material: str, power: floa
     unit = np.stack(
         [soft(np.cos(lat)) * soft(np.cos(lon)), soft(np.cos(lat)) * soft(np.sin(lon)), soft(np.sin(lat)) + 0 * lon], -1
     )
-    shell = grid(unit * half, np.zeros(unit.shape[:2] + (2,)), material)
-    inner = shell.points / half
-    normal = np.sign(inner) * np.abs(inner) ** (power - 1) / half
-    shell.normals = normal / np.linalg.norm(normal, axis=1, keepdims=True).clip(1e-12)
-    shell.points = shell.points + centre
+    shell = grid(unit, np.zeros(unit.shape[:2] + (2,)), "paint")
+    shell.normals = np.sign(shell.points) * np.abs(shell.points) ** (power - 1)
     return shell
