@@ -1,0 +1,194 @@
+//! The model card: what a net takes and gives, and which file it is.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use serde::Deserialize;
+use serde_json::{Map, Value};
+
+use crate::error::{InferError, Refusal};
+
+/// The card's schema that this code reads.
+pub const CARD_SCHEMA: &str = "roadplane.model-card/1";
+
+/// Largest card, bytes.
+const MAX_CARD_BYTES: u64 = 1 << 20;
+
+/// One dimension of a tensor: a number, or a name for what the caller chooses.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[serde(untagged)]
+pub enum Dim {
+    /// Always this many.
+    Fixed(usize),
+    /// Chosen by the caller; equal names mean equal numbers.
+    Named(String),
+}
+
+/// One input or output.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+pub struct TensorSpec {
+    /// Name in the graph.
+    pub name: String,
+    /// Element type; only `f32` is known.
+    pub dtype: String,
+    /// Its dimensions.
+    pub shape: Vec<Dim>,
+}
+
+/// A model card (`models/<net>.card.json`).
+#[derive(Clone, Debug, Deserialize)]
+pub struct ModelCard {
+    /// [`CARD_SCHEMA`].
+    pub schema: String,
+    /// The net's name.
+    pub name: String,
+    /// Its version; text or number.
+    pub version: Value,
+    /// The ONNX file beside the card.
+    pub file: String,
+    /// sha256 of that file, hexadecimal.
+    pub sha256: String,
+    /// Licence of the weights.
+    pub licence: String,
+    /// What the net takes.
+    pub inputs: Vec<TensorSpec>,
+    /// What it gives.
+    pub outputs: Vec<TensorSpec>,
+    /// How pictures must be prepared.
+    #[serde(default)]
+    pub preprocess: Map<String, Value>,
+    /// Numbers found after training that turn outputs into measurements.
+    #[serde(default)]
+    pub calibration: Map<String, Value>,
+    /// Everything else the card tells.
+    #[serde(flatten)]
+    pub extra: Map<String, Value>,
+}
+
+impl ModelCard {
+    /// Reads a card.
+    ///
+    /// # Errors
+    /// [`InferError::ModelRefused`] that says what is wrong with it.
+    pub fn read(path: &Path) -> Result<Self, InferError> {
+        Self::read_checked(path)
+            .map_err(|reason| InferError::ModelRefused { reason, path: path.to_path_buf() })
+    }
+
+    fn read_checked(path: &Path) -> Result<Self, Refusal> {
+        let bytes = read_limited(path, MAX_CARD_BYTES)?;
+        let card: Self = serde_json::from_slice(&bytes)?;
+        card.check()?;
+        Ok(card)
+    }
+
+    fn check(&self) -> Result<(), Refusal> {
+        let fail = |what: String| Err(Refusal::UnsuitableCard(what));
+        if self.schema != CARD_SCHEMA {
+            return fail(format!("schema is {:?}, expected {CARD_SCHEMA:?}", self.schema));
+        }
+        if self.file.is_empty() || self.file.contains(['/', '\\']) || self.file.starts_with('.') {
+            return fail(format!("file {:?} must be a plain name beside the card", self.file));
+        }
+        if self.sha256.len() != 64 || !self.sha256.bytes().all(|b| b.is_ascii_hexdigit()) {
+            return fail("sha256 must be 64 hexadecimal digits".to_owned());
+        }
+        if self.inputs.is_empty() || self.outputs.is_empty() {
+            return fail("a net has at least one input and one output".to_owned());
+        }
+        for spec in self.inputs.iter().chain(&self.outputs) {
+            if spec.dtype != "f32" {
+                return fail(format!("{} is of type {:?}; only f32 is known", spec.name, spec.dtype));
+            }
+            if spec.shape.contains(&Dim::Fixed(0)) {
+                return fail(format!("{} has an empty dimension", spec.name));
+            }
+        }
+        Ok(())
+    }
+
+    /// The version as text.
+    #[must_use]
+    pub fn version_text(&self) -> String {
+        self.version.as_str().map_or_else(|| self.version.to_string(), str::to_owned)
+    }
+
+    /// A finite number out of `calibration`.
+    #[must_use]
+    pub fn calibration_number(&self, key: &str) -> Option<f64> {
+        self.calibration.get(key).and_then(Value::as_f64).filter(|number| number.is_finite())
+    }
+
+    /// The output of this name.
+    #[must_use]
+    pub fn output(&self, name: &str) -> Option<&TensorSpec> {
+        self.outputs.iter().find(|spec| spec.name == name)
+    }
+
+    /// The input of this name.
+    #[must_use]
+    pub fn input(&self, name: &str) -> Option<&TensorSpec> {
+        self.inputs.iter().find(|spec| spec.name == name)
+    }
+}
+
+impl TensorSpec {
+    /// Whether a shape fits; `named` collects what the named dimensions are, equal names must agree.
+    pub(crate) fn fits<'a>(&'a self, shape: &[usize], named: &mut BTreeMap<&'a str, usize>) -> bool {
+        shape.len() == self.shape.len()
+            && self.shape.iter().zip(shape).all(|(dim, &size)| match dim {
+                Dim::Fixed(fixed) => *fixed == size,
+                Dim::Named(name) => *named.entry(name.as_str()).or_insert(size) == size,
+            })
+    }
+
+    /// Whether a graph that declares these dimensions (negative: dynamic) can do what the card promises. A fixed
+    /// dimension of the card may be dynamic in the graph (exporters lose sizes), never the other way round.
+    pub(crate) fn is_served_by(&self, declared: &[i64]) -> bool {
+        declared.len() == self.shape.len()
+            && self.shape.iter().zip(declared).all(|(dim, &size)| match dim {
+                Dim::Fixed(fixed) => size < 0 || usize::try_from(size) == Ok(*fixed),
+                Dim::Named(_) => size < 0,
+            })
+    }
+}
+
+/// Reads a whole file that must not be larger than the limit.
+pub(crate) fn read_limited(path: &Path, limit: u64) -> Result<Vec<u8>, Refusal> {
+    use std::io::Read as _;
+
+    let file = std::fs::File::open(path)?;
+    let mut bytes = Vec::new();
+    // One byte more than allowed, so that a file that is too large shows, whatever its metadata say.
+    file.take(limit + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > limit {
+        return Err(Refusal::TooLarge { bytes: bytes.len() as u64, limit });
+    }
+    Ok(bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn spec(shape: &str) -> TensorSpec {
+        serde_json::from_str(&format!(r#"{{"name": "x", "dtype": "f32", "shape": {shape}}}"#)).unwrap()
+    }
+
+    #[test]
+    fn named_dimensions_must_agree() {
+        let (a, b) = (spec(r#"["batch", 3, "size", "size"]"#), spec(r#"["batch", 2]"#));
+        let mut named = BTreeMap::new();
+        assert!(a.fits(&[4, 3, 128, 128], &mut named) && b.fits(&[4, 2], &mut named));
+        assert!(!b.fits(&[5, 2], &mut named));
+        assert!(!a.fits(&[1, 3, 128, 64], &mut BTreeMap::new()));
+        assert!(!a.fits(&[1, 3, 128], &mut BTreeMap::new()));
+    }
+
+    #[test]
+    fn a_graph_may_be_freer_than_its_card_but_not_stricter() {
+        let card = spec(r#"["batch", 3]"#);
+        assert!(card.is_served_by(&[-1, 3]) && card.is_served_by(&[-1, -1]));
+        assert!(!card.is_served_by(&[1, 3]) && !card.is_served_by(&[-1, 4]) && !card.is_served_by(&[-1]));
+    }
+}

@@ -1,0 +1,251 @@
+//! A loaded net.
+
+use std::collections::BTreeMap;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+use ndarray::{ArrayD, ArrayViewD, CowArray};
+use ort::environment::Environment;
+use ort::memory::DeviceType;
+use ort::session::Session as OrtSession;
+use ort::session::builder::{GraphOptimizationLevel, SessionBuilder};
+use ort::value::{Outlet, TensorElementType, TensorRef, ValueType};
+use sha2::{Digest as _, Sha256};
+
+use crate::card::{ModelCard, TensorSpec, read_limited};
+use crate::error::{InferError, Refusal};
+use crate::external_data::refuse_external_data;
+use crate::runtime::{OPENVINO_NAME, Provider, ProviderChoice, prepare};
+
+/// Largest model file, bytes.
+const MAX_MODEL_BYTES: u64 = 512 << 20;
+
+/// How to open a session.
+#[derive(Clone, Debug)]
+pub struct SessionOptions {
+    /// What computes.
+    pub provider: ProviderChoice,
+    /// Threads within one run; several sessions of one thread beat one session of several.
+    pub threads: usize,
+    /// The runtime's library; `None` looks for it (see [`crate::find_library`]).
+    pub library: Option<PathBuf>,
+}
+
+impl Default for SessionOptions {
+    fn default() -> Self {
+        Self { provider: ProviderChoice::Auto, threads: 1, library: None }
+    }
+}
+
+/// A tensor handed to a net.
+#[derive(Clone, Debug)]
+pub struct NamedTensor<'a> {
+    /// The input's name.
+    pub name: &'a str,
+    /// Its values; copied only if they are not contiguous.
+    pub values: ArrayViewD<'a, f32>,
+}
+
+/// What a run gave, by name.
+#[derive(Clone, Debug)]
+pub struct Outputs(BTreeMap<String, ArrayD<f32>>);
+
+impl Outputs {
+    /// Takes an output out; `None` if the card has no such output or it was taken before.
+    pub fn take(&mut self, name: &str) -> Option<ArrayD<f32>> {
+        self.0.remove(name)
+    }
+
+    /// Looks at an output.
+    #[must_use]
+    pub fn get(&self, name: &str) -> Option<ArrayViewD<'_, f32>> {
+        self.0.get(name).map(|array| array.view())
+    }
+}
+
+/// A net, checked against its card and ready to run.
+#[derive(Debug)]
+pub struct Session {
+    inner: OrtSession,
+    card: ModelCard,
+    provider: Provider,
+}
+
+impl Session {
+    /// Opens the net whose card is at `card_path`.
+    ///
+    /// # Errors
+    /// [`InferError::ModelRefused`] when the card or the model is not what it should be,
+    /// [`InferError::RuntimeMissing`] and [`InferError::ProviderUnavailable`] when it cannot be run here.
+    pub fn open(card_path: &Path, options: &SessionOptions) -> Result<Self, InferError> {
+        let card = ModelCard::read(card_path)?;
+        let path = card_path.with_file_name(&card.file);
+        let refused = |reason| InferError::ModelRefused { reason, path: path.clone() };
+        let bytes = verified_bytes(&card, &path).map_err(refused)?;
+        let (environment, provider) = prepare(options.library.as_deref(), options.provider)?;
+        let inner =
+            commit(&environment, &bytes, provider, options.threads).map_err(|failure| match failure {
+                CommitError::Model(what) => refused(Refusal::Rejected(what)),
+                CommitError::Provider(what) => InferError::ProviderUnavailable { provider: "openvino", what },
+            })?;
+        check_interface("input", &card.inputs, inner.inputs()).map_err(refused)?;
+        check_interface("output", &card.outputs, inner.outputs()).map_err(refused)?;
+        tracing::info!(net = card.name, version = card.version_text(), %provider, "net loaded");
+        Ok(Self { inner, card, provider })
+    }
+
+    /// The card that the net was checked against.
+    #[must_use]
+    pub fn card(&self) -> &ModelCard {
+        &self.card
+    }
+
+    /// What computes.
+    #[must_use]
+    pub fn provider(&self) -> Provider {
+        self.provider
+    }
+
+    /// Runs the net once.
+    ///
+    /// # Errors
+    /// [`InferError::WrongInput`] unless the tensors are the card's, [`InferError::NonFinite`] when the net returns
+    /// NaN or infinite numbers, [`InferError::Failed`] when the runtime fails.
+    pub fn run(&mut self, inputs: &[NamedTensor<'_>]) -> Result<Outputs, InferError> {
+        let Self { inner, card, .. } = self;
+        let wrong = |what: String| InferError::WrongInput { model: card.name.clone(), what };
+        let failed = |what: String| InferError::Failed { model: card.name.clone(), what };
+        let mut named = BTreeMap::new();
+        let mut contiguous: Vec<(&str, CowArray<'_, f32, ndarray::IxDyn>)> = Vec::new();
+        for spec in &card.inputs {
+            let tensor = inputs
+                .iter()
+                .find(|tensor| tensor.name == spec.name)
+                .ok_or_else(|| wrong(format!("{} is missing", spec.name)))?;
+            if !spec.fits(tensor.values.shape(), &mut named) || tensor.values.is_empty() {
+                let (found, expected) = (tensor.values.shape(), &spec.shape);
+                return Err(wrong(format!("{} has shape {found:?}, expected {expected:?}", spec.name)));
+            }
+            contiguous.push((spec.name.as_str(), tensor.values.as_standard_layout()));
+        }
+        if inputs.len() != card.inputs.len() {
+            return Err(wrong(format!("{} tensors for {} inputs", inputs.len(), card.inputs.len())));
+        }
+        let mut values = Vec::new();
+        for (name, array) in &contiguous {
+            let value = TensorRef::from_array_view(array.view()).map_err(|e| failed(e.to_string()))?;
+            values.push((*name, value));
+        }
+        let results = inner.run(values).map_err(|e| failed(e.to_string()))?;
+        let mut outputs = BTreeMap::new();
+        for spec in &card.outputs {
+            let value = results.get(&spec.name).ok_or_else(|| failed(format!("no output {}", spec.name)))?;
+            let array = value.try_extract_array::<f32>().map_err(|e| failed(e.to_string()))?;
+            if !spec.fits(array.shape(), &mut named) {
+                let (found, expected) = (array.shape(), &spec.shape);
+                return Err(failed(format!("{} has shape {found:?}, expected {expected:?}", spec.name)));
+            }
+            let count = array.iter().filter(|value| !value.is_finite()).count();
+            if count > 0 {
+                let (model, output) = (card.name.clone(), spec.name.clone());
+                return Err(InferError::NonFinite { model, output, count });
+            }
+            outputs.insert(spec.name.clone(), array.into_owned());
+        }
+        Ok(Outputs(outputs))
+    }
+}
+
+/// The model's bytes, once they are known to be the card's and complete in themselves.
+fn verified_bytes(card: &ModelCard, path: &Path) -> Result<Vec<u8>, Refusal> {
+    let bytes = read_limited(path, MAX_MODEL_BYTES)?;
+    let found: String = Sha256::digest(&bytes).iter().map(|byte| format!("{byte:02x}")).collect();
+    if !found.eq_ignore_ascii_case(&card.sha256) {
+        return Err(Refusal::WrongHash { expected: card.sha256.clone(), found });
+    }
+    refuse_external_data(&bytes)?;
+    Ok(bytes)
+}
+
+enum CommitError {
+    Model(String),
+    Provider(String),
+}
+
+fn commit(
+    environment: &Environment,
+    bytes: &[u8],
+    provider: Provider,
+    threads: usize,
+) -> Result<OrtSession, CommitError> {
+    let model = |error: &dyn std::fmt::Display| CommitError::Model(error.to_string());
+    let builder = OrtSession::builder(environment)
+        .map_err(|e| model(&e))?
+        .with_intra_threads(threads.max(1))
+        .map_err(|e| model(&e))?
+        // A spinning thread would take the core from the other stages.
+        .with_intra_op_spinning(false)
+        .map_err(|e| model(&e))?
+        .with_deterministic_compute(true)
+        .map_err(|e| model(&e))?
+        .with_optimization_level(GraphOptimizationLevel::Level3)
+        .map_err(|e| model(&e))?;
+    match provider {
+        Provider::Cpu => {
+            let mut builder = builder;
+            builder.commit_from_memory(bytes).map_err(|e| model(&e))
+        }
+        Provider::OpenvinoBf16 => {
+            let unavailable = |what: &dyn std::fmt::Display| CommitError::Provider(what.to_string());
+            // The plug-in reads this file once, while the session is made.
+            let mut config = tempfile::NamedTempFile::new().map_err(|e| unavailable(&e))?;
+            write!(
+                config,
+                r#"{{"CPU":{{"INFERENCE_PRECISION_HINT":"bf16","INFERENCE_NUM_THREADS":"{}"}}}}"#,
+                threads.max(1)
+            )
+            .map_err(|e| unavailable(&e))?;
+            let mut builder =
+                with_openvino(builder, environment, config.path()).map_err(|what| unavailable(&what))?;
+            builder.commit_from_memory(bytes).map_err(|e| model(&e))
+        }
+    }
+}
+
+fn with_openvino(
+    builder: SessionBuilder,
+    environment: &Environment,
+    config: &Path,
+) -> Result<SessionBuilder, String> {
+    let is_cpu = |device: &ort::device::Device<'_>| {
+        device.ep().is_ok_and(|ep| ep == OPENVINO_NAME) && device.hardware_device().ty() == DeviceType::CPU
+    };
+    let device = environment.devices().find(is_cpu).ok_or("the plug-in offers no CPU device")?;
+    let options = [(format!("{OPENVINO_NAME}.load_config"), config.display().to_string())];
+    builder.with_devices([device], Some(&options)).map_err(|e| e.to_string())
+}
+
+/// Compares the graph's declared inputs or outputs with the card's.
+fn check_interface(kind: &str, specs: &[TensorSpec], outlets: &[Outlet]) -> Result<(), Refusal> {
+    let fail = |what: String| Err(Refusal::Interface(what));
+    let found: Vec<&str> = outlets.iter().map(Outlet::name).collect();
+    if specs.len() != outlets.len() {
+        return fail(format!("the model has {kind}s {found:?}, the card describes {}", specs.len()));
+    }
+    for spec in specs {
+        let Some(outlet) = outlets.iter().find(|outlet| outlet.name() == spec.name) else {
+            return fail(format!("the model has {kind}s {found:?}, the card says {:?}", spec.name));
+        };
+        let ValueType::Tensor { ty: TensorElementType::Float32, shape, .. } = outlet.dtype() else {
+            return fail(format!("{kind} {} is not a tensor of f32", spec.name));
+        };
+        if !spec.is_served_by(shape) {
+            let declared: &[i64] = shape;
+            return fail(format!(
+                "{kind} {} has shape {declared:?}, the card says {:?}",
+                spec.name, spec.shape
+            ));
+        }
+    }
+    Ok(())
+}
