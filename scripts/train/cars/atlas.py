@@ -12,7 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
+from .builder import keypoints_of
 from .mesh import KEYPOINT_NAMES, MIRROR, REPOSITORY
+from .specs import SPECS, TRAFFIC_SHARE
+from .style import model_style, vary
 
 MODES = 6
 MIRROR_SIGN = np.array([1.0, -1.0, 1.0])
@@ -37,6 +40,21 @@ class Basis:
     variances: np.ndarray  # all eigenvalues, m²
 
 
+def built_population(variants: int = 8, seed: int = 7) -> Population:
+    """Every base model of the built cars with `variants` cars near it, weighted by the traffic share of its body type."""
+    rng = np.random.default_rng(seed)
+    keypoints, dims, weights, models = [], [], [], []
+    for spec in SPECS:
+        siblings = sum(other.body == spec.body for other in SPECS)
+        for _ in range(variants):
+            style = vary(model_style(spec), rng)
+            keypoints.append(keypoints_of(style, rng))
+            dims.append((style.length, style.width, style.height))
+            weights.append(TRAFFIC_SHARE[spec.body] / siblings / variants)
+            models.append(spec.name)
+    return Population(np.array(keypoints), np.array(dims), np.array(weights), np.array(models))
+
+
 def _half(population: Population) -> np.ndarray:
     """Symmetrised left half and dims as rows (n, 57); what is missing on one side is taken from the other."""
     mirrored = population.keypoints[:, MIRROR] * MIRROR_SIGN
@@ -47,7 +65,7 @@ def _half(population: Population) -> np.ndarray:
 
 
 def fit(rows: np.ndarray, weights: np.ndarray, iterations: int = 30) -> Basis:
-    """Weighted probabilistic-free PCA with missing values: alternate between fitting and filling in from the fit."""
+    """Weighted PCA; missing values are filled in from the fit itself, over and over."""
     weights = weights / weights.sum()
     seen = np.isfinite(rows)
     column_mean = np.nansum(rows * weights[:, None], 0) / np.maximum((seen * weights[:, None]).sum(0), 1e-12)
@@ -83,6 +101,13 @@ def left_out_residuals(rows: np.ndarray, population: Population) -> tuple[np.nda
         for i in np.flatnonzero(out):
             residuals[i] = project(basis, rows[i])[1]
     return residuals, population.weights
+
+
+def coefficient_bounds(basis: Basis, rows: np.ndarray) -> np.ndarray:
+    """Range that 99.6 % of the population's coefficients lie in, and a quarter of a standard deviation more, (6, 2)."""
+    coefficients = np.array([project(basis, row)[0] for row in rows])
+    low, high = np.percentile(coefficients, [0.2, 99.8], axis=0)
+    return np.stack([low - 0.25, high + 0.25], axis=1)
 
 
 def _weighted_rms(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
@@ -128,3 +153,59 @@ def report(rows: np.ndarray, population: Population, basis: Basis, residual: np.
     whole = 1000 * np.sqrt((residual[:54] ** 2).reshape(18, 3).sum(1).mean())
     lines.append(f"  all keypoints, 3-D RMS {whole:.0f} mm; length, width, height {np.round(1000 * residual[54:])} mm")
     return "\n".join(lines)
+
+
+# Footprint = wheelbase × track, m². EPA Automotive Trends: about 4.5–4.6 for US light vehicles of 2008–2018; ICCT pocketbook:
+# about 3.9–4.0 for new cars of the EU, whose mean length, width and height are about 4.3, 1.80 and 1.52. From memory.
+def spread(population: Population, basis: Basis) -> str:
+    """Mean and sd of the dimensions: published figures of the base models, the population, and the atlas under λ ~ N(0, I)."""
+    share = np.array([TRAFFIC_SHARE[s.body] / sum(o.body == s.body for o in SPECS) for s in SPECS])
+    published = np.array([(s.length, s.width, s.height, s.wheelbase, s.wheelbase * s.track) for s in SPECS])
+    w = population.weights / population.weights.sum()
+    base = population.keypoints[:, 0, 0] - population.keypoints[:, 1, 0]
+    seen = np.isfinite(base)
+    cars = np.column_stack([population.dims, base])
+    wheelbase_modes = basis.modes[:, 0] - basis.modes[:, 3]
+    modes = np.column_stack([basis.modes[:, 54:], wheelbase_modes])
+    atlas_mean = np.append(basis.mean[54:], basis.mean[0] - basis.mean[3])
+
+    def row(name: str, mean: np.ndarray, sd: np.ndarray) -> str:
+        return f"  {name:34s}" + "  ".join(f"{m:.2f} ± {d:.2f}" for m, d in zip(mean, sd))
+
+    def moments(values: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        weights = weights / weights.sum()
+        mean = weights @ values
+        return mean, np.sqrt(weights @ (values - mean) ** 2)
+
+    return "\n".join([
+        "mean ± sd over traffic, m:            length      width       height      wheelbase   footprint, m²",
+        row("published, base models", *moments(published, share)),
+        row("population", *moments(cars[seen], w[seen])),
+        row("atlas, coefficients normal", atlas_mean, np.sqrt((modes**2).sum(0))),
+    ])  # fmt: skip
+
+
+def main() -> None:
+    """Write the atlas and print its report."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, default=REPOSITORY / "models" / "atlas.json")
+    parser.add_argument("--version", default="1.1")
+    arguments = parser.parse_args()
+
+    population = built_population()
+    rows = _half(population)
+    basis = orient(fit(rows, population.weights))
+    bounds = coefficient_bounds(basis, rows)
+    residual_sd = _weighted_rms(*left_out_residuals(rows, population))
+    note = (
+        f"Mean and six principal components of {len(rows)} cars of {len(np.unique(population.models))} base models, "
+        "weighted by body type as in traffic; scripts/train/cars, `python -m cars.atlas`."
+    )
+    text = json.dumps(to_json(basis, bounds, residual_sd, arguments.version, note))
+    arguments.out.write_text(text + "\n")
+    print(report(rows, population, basis, residual_sd, bounds))
+    print(spread(population, basis))
+
+
+if __name__ == "__main__":
+    main()

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
@@ -33,7 +34,7 @@ def outline(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Points (x, y ≥ 0) of a rounded plan outline; arguments broadcast."""
     u, x_front, x_rear, half_width = np.broadcast_arrays(u, x_front, x_rear, half_width)
-    part = [np.clip((u - a) / (b - a), 0, 1) for a, b in zip(TURNS[:-1], TURNS[1:])]
+    part = [np.clip((u - a) / (b - a), 0, 1) for a, b in pairwise(TURNS)]
     (fx, fy), (rx, ry) = c.front, c.rear
     turn_f, turn_r = part[1] * np.pi / 2, part[3] * np.pi / 2
     y_f = part[0] * (half_width - fy) + fy * np.sin(turn_f)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from . import details
@@ -31,16 +33,24 @@ def build(style: Style, rng: np.random.Generator) -> CarMesh:
     """The car of a style; `rng` decides on trim that does not move keypoints."""
     car = _Assembly(Body(style), rng)
     whole = car.shell()
-    left = car.keypoints()
+    return CarMesh(
+        style.name, style.body, whole.points.astype(np.float32), whole.normals.astype(np.float32),
+        whole.faces.astype(np.int32), whole.materials.astype(np.uint8), _both_sides(car.keypoints()),
+        np.array([style.length, style.width, style.height]),
+    )  # fmt: skip
+
+
+def keypoints_of(style: Style, rng: np.random.Generator) -> np.ndarray:
+    """The 36 keypoints (36, 3) of the car that `build` would make, without its mesh."""
+    return _both_sides(_Assembly(Body(style), rng).keypoints())
+
+
+def _both_sides(left: dict[str, np.ndarray]) -> np.ndarray:
     keypoints = np.full((len(KEYPOINT_NAMES), 3), np.nan)
     for i in range(18):
         keypoints[i] = left[KEYPOINT_NAMES[i].removeprefix("left_")]
         keypoints[MIRROR[i]] = keypoints[i] * (1, -1, 1)
-    return CarMesh(
-        style.name, style.body, whole.points.astype(np.float32), whole.normals.astype(np.float32),
-        whole.faces.astype(np.int32), whole.materials.astype(np.uint8), keypoints,
-        np.array([style.length, style.width, style.height]),
-    )  # fmt: skip
+    return keypoints
 
 
 def _line(a: tuple[float, float], b: tuple[float, float]) -> Test:
@@ -68,7 +78,7 @@ def _z(low: float, high: float) -> list[Test]:
 
 def _steps(*counts: int) -> np.ndarray:
     """u rows with `counts` cells in each part of the outline."""
-    parts = [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(TURNS[:-1], TURNS[1:], counts)]
+    parts = [np.linspace(a, b, n, endpoint=False) for (a, b), n in zip(pairwise(TURNS), counts)]
     return np.concatenate([*parts, [1.0]])
 
 
@@ -110,7 +120,8 @@ class _Assembly:
         if x is not None:
             order = np.argsort(ring[:, 0])
             return float(np.interp(x, ring[order, 0], u[order]))
-        return float(np.interp(y, ring[:, 1], u))
+        face = u >= 0.5 * (TURNS[3] + TURNS[4]) if rear else u <= 0.5 * (TURNS[1] + TURNS[2])
+        return float(np.interp(y, ring[face, 1], u[face]))
 
     def _lamps(self) -> None:
         """Corners of head and tail lamp as (u, v) quadrilaterals: inner top, inner bottom, outer bottom, outer top."""
@@ -122,7 +133,7 @@ class _Assembly:
             return top - drop / float(span)
 
         inner = self._tub_u(0.9, y=s.lamp_inner_y * half)
-        outer = self._tub_u(0.9, x=float(body.tub(0.0, 0.9)[0]) - s.lamp_back)
+        outer = self._tub_u(0.9, x=float(body.tub(0.0, 0.9)[0]) - max(s.lamp_back, s.front_bow + 0.05))
         gap, tall = s.lamp_drop, s.lamp_height
         self.head_lamp = [
             (inner, v_at(inner, gap + 0.25 * tall)), (inner, v_at(inner, gap + 0.85 * tall)),
@@ -160,7 +171,7 @@ class _Assembly:
             "rear_window_bottom": body.cabin(BACK_U, low),
             "mirror": self._mirror()[1],
             "side_window_front": self.side_front,
-            "side_window_rear": self._on_sill(self.quarter_x),
+            "side_window_rear": np.full(3, np.nan) if self.cargo else self._on_sill(self.quarter_x),
             "b_pillar_bottom": self._on_sill(self.pillar_x),
         }
 
@@ -173,7 +184,7 @@ class _Assembly:
         return join([left, left.mirrored(), *self._middle()])
 
     def _tub(self) -> Shell:
-        body, s = self.body, self.style
+        body = self.body
         u = _steps(6, 7, 28, 6, 6)[:, None]
         v = np.concatenate([[0, 0.06], np.linspace(0.15, 0.9, 8), [0.955, 1.0], 2 - TOP_K])[None, :]
         tub = grid(body.tub(u, v), np.stack(np.broadcast_arrays(u, v), -1), "paint", symmetric=True)
@@ -186,8 +197,9 @@ class _Assembly:
         self._paint_top(tub)
         return tub
 
-    def _circle(self, x: float) -> Test:
-        z, r = self.style.tyre_radius, self.arch
+    def _circle(self, x: float, beyond: float = 0.0) -> Test:
+        """Inside the wheel arch about the axle at x, or `beyond` outside its edge."""
+        z, r = self.style.tyre_radius, self.arch + beyond
         return lambda p, uv: r - np.hypot(p[:, 0] - x, p[:, 2] - z)
 
     @staticmethod
@@ -203,7 +215,7 @@ class _Assembly:
         return [edge(c[i], c[(i + 1) % 4]) for i in range(4)]
 
     def _paint_front(self, tub: Shell) -> None:
-        s, rng = self.style, self.rng
+        rng = self.rng
         inner_u = self.head_lamp[0][0]
         tub.paint("headlamp", *self._quad(self.head_lamp))
         top = min(self.head_lamp[0][1] + 0.02, 0.96)
@@ -221,7 +233,7 @@ class _Assembly:
         tub.paint("gap", *_u(grille_u, 0.335), *_v(bottom - 0.015, bottom - 0.004))
 
     def _paint_rear(self, tub: Shell) -> None:
-        s, rng = self.style, self.rng
+        rng = self.rng
         tub.paint("taillamp", *self._quad(self.tail_lamp))
         ledge = rng.uniform(0.42, 0.5)
         tub.paint("gap", *_u(0.7, 2), *_v(ledge, ledge + 0.012))
@@ -236,8 +248,7 @@ class _Assembly:
         if s.body in ("suv", "pickup") and rng.random() < 0.45:
             tub.paint("plastic", *_v(-1, 0.2), *_u(0.25, 0.78))
             for x in (self.axle, -self.axle):
-                z, r = s.tyre_radius, self.arch + 0.06
-                tub.paint("plastic", lambda p, uv, x=x: r - np.hypot(p[:, 0] - x, p[:, 2] - z), *_v(-1, 0.9), *side)
+                tub.paint("plastic", self._circle(x, 0.06), *_v(-1, 0.9), *side)
         else:
             tub.paint("plastic", *_v(-1, 0.035), *side)
         if rng.random() < 0.3:  # rubbing strip
