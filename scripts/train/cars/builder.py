@@ -13,10 +13,12 @@ from .specs import SPECS
 from .style import Style, model_style, sample_style
 from .surface import Shell, Test, flat_polygon, grid, join
 
-SCREEN_U = 0.245  # windscreen glass ends here, just round the cabin's front corner
-SIDE_U = (0.348, 0.672)  # side glass lies within
-BACK_U = 0.785
+# Where glass begins and ends on the cabin: v of lower and upper edge, and u of the panes' corners there.
 GLASS_V = (0.055, 0.955)
+BACK_V = (0.10, 0.955)
+SCREEN_U = (0.231, 0.243)  # just round the cabin's front corner
+SIDE_U = (0.352, 0.672)
+BACK_U = (0.812, 0.787)
 
 
 def sample_car(rng: np.random.Generator, body: str | None = None, split: str = "train") -> CarMesh:
@@ -74,6 +76,12 @@ def _x(low: float, high: float) -> list[Test]:
 
 def _z(low: float, high: float) -> list[Test]:
     return [lambda p, uv: p[:, 2] - low, lambda p, uv: high - p[:, 2]]
+
+
+def _pane(u: tuple[float, float], v: tuple[float, float], side: int, grow: float = 0.0) -> Test:
+    """Towards the centre line from a pane's edge, which runs from (u[0], v[0]) to (u[1], v[1]); side 1 front, −1 rear."""
+    slope = (u[1] - u[0]) / (v[1] - v[0])
+    return lambda p, uv: side * (u[0] + slope * (uv[:, 1] - v[0]) - uv[:, 0]) + grow
 
 
 def _steps(*counts: int) -> np.ndarray:
@@ -136,8 +144,8 @@ class _Assembly:
         outer = self._tub_u(0.9, x=float(body.tub(0.0, 0.9)[0]) - max(s.lamp_back, s.front_bow + 0.05))
         gap, tall = s.lamp_drop, s.lamp_height
         self.head_lamp = [
-            (inner, v_at(inner, gap + 0.25 * tall)), (inner, v_at(inner, gap + 0.85 * tall)),
-            (outer, v_at(outer, gap + 0.55 * tall)), (outer, v_at(outer, gap)),
+            (inner, v_at(inner, gap + 0.1 * tall)), (inner, v_at(inner, gap + 0.7 * tall)),
+            (outer, v_at(outer, gap + 0.7 * tall)), (outer, v_at(outer, gap + 0.2 * tall)),
         ]  # fmt: skip
         inner = self._tub_u(0.9, y=s.tail_inner_y * half, rear=True)
         outer = self._tub_u(0.9, x=float(body.tub(1.0, 0.9)[0]) + max(s.tail_forward, s.rear_bow + 0.03), rear=True)
@@ -153,7 +161,6 @@ class _Assembly:
         hub_rear = self.hub * (-1, 1, 1)
         ground = np.array([self.axle, self.tyre_face, 0.0])
         head, tail = self.head_lamp, self.tail_lamp
-        low, high = GLASS_V
         return {
             "wheel_front": self.hub,
             "wheel_rear": hub_rear,
@@ -165,10 +172,10 @@ class _Assembly:
             "taillight_inner": 0.5 * (body.tub(*tail[0]) + body.tub(*tail[1])),
             "bumper_front": body.tub(0.5 * (TURNS[1] + TURNS[2]), 0.02),
             "bumper_rear": body.tub(0.5 * (TURNS[3] + TURNS[4]), 0.02),
-            "windscreen_bottom": body.cabin(SCREEN_U, low),
-            "windscreen_top": body.cabin(SCREEN_U, high),
-            "rear_window_top": body.cabin(BACK_U, high),
-            "rear_window_bottom": body.cabin(BACK_U, low),
+            "windscreen_bottom": body.cabin(SCREEN_U[0], GLASS_V[0]),
+            "windscreen_top": body.cabin(SCREEN_U[1], GLASS_V[1]),
+            "rear_window_top": body.cabin(BACK_U[1], BACK_V[1]),
+            "rear_window_bottom": body.cabin(BACK_U[0], BACK_V[0]),
             "mirror": self._mirror()[1],
             "side_window_front": self.side_front,
             "side_window_rear": np.full(3, np.nan) if self.cargo else self._on_sill(self.quarter_x),
@@ -330,15 +337,15 @@ class _Assembly:
         low, high = GLASS_V
         trim = "plastic" if rng.random() < 0.7 else "chrome"
         # a dark frame a little larger than each pane, then the pane
-        cabin.paint("plastic", *_u(-1, SCREEN_U + 0.004), *_v(0, high + 0.01))
-        cabin.paint("glass", *_u(-1, SCREEN_U), *_v(low, high))
+        cabin.paint("plastic", _pane(SCREEN_U, GLASS_V, 1, 0.004), *_v(0, high + 0.01))
+        cabin.paint("glass", _pane(SCREEN_U, GLASS_V, 1), *_v(low, high))
         if s.body in ("wagon", "suv", "minivan") and rng.random() < 0.3:  # tail lamps run up beside the window
-            cabin.paint("taillamp", *_u(0.735, BACK_U - 0.012), *_v(-1, rng.uniform(0.35, 0.9)))
+            cabin.paint("taillamp", *_u(0.735, BACK_U[1] - 0.01), *_v(-1, rng.uniform(0.35, 0.9)))
         if not (self.cargo and rng.random() < 0.5):
-            cabin.paint("plastic", *_u(BACK_U - 0.004, 2), *_v(low - 0.03, high + 0.01))
-            cabin.paint("glass", *_u(BACK_U, 2), *_v(low, high))
-        else:
-            cabin.paint("glass", *_u(BACK_U, 0.985), *_v(low, high))
+            cabin.paint("plastic", _pane(BACK_U, BACK_V, -1, 0.004), *_v(BACK_V[0] - 0.03, BACK_V[1] + 0.01))
+            cabin.paint("glass", _pane(BACK_U, BACK_V, -1), *_v(*BACK_V))
+        else:  # two doors
+            cabin.paint("glass", _pane(BACK_U, BACK_V, -1), *_u(-1, 0.985), *_v(*BACK_V))
         rear_low = self._on_sill(self.quarter_x)
         lean = {"sedan": 0.62, "coupe": 0.8, "hatchback": 0.3}.get(s.body, 0.12)
         rise = float(np.interp(-self.quarter_x, -self._head[:, 0], self._head[:, 2]) - rear_low[2])

@@ -43,7 +43,7 @@ def mirror(foot: np.ndarray, tip_y: float, size: float, material: str) -> tuple[
     """A left door mirror from its foot at the side glass's front corner, and its outermost point."""
     half = np.array([0.42 * size, 0.5 * (tip_y - foot[1] - 0.05), 0.42 * size])
     half[1] = max(half[1], 0.06)
-    centre = np.array([foot[0] - 0.1, tip_y - half[1], foot[2] + 0.75 * half[2]])
+    centre = np.array([foot[0] - 0.14, tip_y - half[1], foot[2] + 0.75 * half[2]])
     housing = rounded_box(centre, half, material, power=3.0)
     back = centre[0] - half[0] - 0.002
     dy, dz = 0.78 * half[1], 0.74 * half[2]
