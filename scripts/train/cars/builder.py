@@ -197,7 +197,7 @@ class _Assembly:
         tub = grid(body.tub(u, v), np.stack(np.broadcast_arrays(u, v), -1), "paint", symmetric=True)
         for x in (self.axle, -self.axle):
             circle = self._circle(x)
-            tub.cut(circle, *_v(-1, 1.05), *_u(0.2, 0.82))
+            tub.cut(circle, *_v(-1, 1.05), *_u(0.25, 0.755))
         self._paint_front(tub)
         self._paint_rear(tub)
         self._paint_sides(tub)
