@@ -1,2 +1,69 @@
-//! The `roadplane` binary.
-fn main() {}
+//! The `roadplane` binary: parses the command line, runs one command, turns its outcome into an exit code.
+
+mod args;
+mod commands;
+mod logging;
+mod progress;
+mod signals;
+
+use std::process::ExitCode;
+
+use clap::Parser as _;
+use roadplane_pipeline::{Fault, PipelineError};
+
+use args::{Cli, Command};
+
+/// All inputs done, but some were damaged or lost.
+const DAMAGED: u8 = 3;
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    logging::start(cli.log_format, cli.verbose);
+    let cancel = signals::watch();
+    let outcome = match &cli.command {
+        Command::Run(args) => commands::run::run(args, &cancel),
+        Command::Detect(args) => commands::stages::detect(args, &cancel),
+        Command::Keypoints(args) => commands::stages::keypoints(args, &cancel),
+        Command::Solve(args) => commands::stages::solve(args, &cancel),
+        Command::Render(args) => commands::render::render(args, &cancel),
+        Command::Doctor(args) => commands::doctor::doctor(args),
+        Command::Completions { shell } => commands::completions(*shell),
+    };
+    match outcome {
+        Ok(Outcome::Done) => ExitCode::SUCCESS,
+        Ok(Outcome::Damaged) => ExitCode::from(DAMAGED),
+        Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
+        Err(error) => {
+            tracing::error!("{error:#}");
+            ExitCode::from(exit_code(&error))
+        }
+    }
+}
+
+/// How a command that did not fail ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    /// Everything was read and written.
+    Done,
+    /// Some input was damaged or lost; what could be read is written and counted.
+    Damaged,
+}
+
+fn exit_code(error: &anyhow::Error) -> u8 {
+    match error.downcast_ref::<PipelineError>().map(PipelineError::fault) {
+        Some(Fault::Usage) => 2,
+        Some(Fault::Input) => DAMAGED,
+        Some(Fault::Model) => 4,
+        Some(Fault::Locked) => 11,
+        Some(Fault::Stopped { signal }) => u8::try_from(128 + signal).unwrap_or(1),
+        Some(Fault::Internal) | None => 1,
+    }
+}
+
+/// `roadplane … --out - | head` ends quietly.
+fn is_broken_pipe(error: &anyhow::Error) -> bool {
+    error
+        .chain()
+        .filter_map(|cause| cause.downcast_ref::<std::io::Error>())
+        .any(|io| io.kind() == std::io::ErrorKind::BrokenPipe)
+}

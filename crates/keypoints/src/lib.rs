@@ -1,1 +1,9 @@
-//! roadplane: keypoints.
+//! Frame + boxes → 36 keypoints a car, each with score and covariance, by a stacked hourglass (`models/hourglass.md`).
+
+mod crop;
+mod heatmap;
+mod net;
+
+pub use crop::{CROP_PX, SquareCrop};
+pub use heatmap::{HeatmapDecoder, Peak};
+pub use net::{KeypointError, KeypointNet, KeypointOptions};

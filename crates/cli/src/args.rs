@@ -1,0 +1,166 @@
+//! The command line.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+
+/// Metric 3D tracks of cars from surveillance video of a camera that nobody calibrated.
+#[derive(Debug, Parser)]
+#[command(name = "roadplane", version, about, propagate_version = true, max_term_width = 110)]
+pub struct Cli {
+    /// Form of the log on stderr.
+    #[arg(long, global = true, value_enum, default_value_t = LogFormat::Text)]
+    pub log_format: LogFormat,
+    /// Say more (-v: every stage, -vv: every frame).
+    #[arg(short, long, global = true, action = clap::ArgAction::Count)]
+    pub verbose: u8,
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// Form of the log.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum LogFormat {
+    /// Lines for people.
+    Text,
+    /// One JSON object a line.
+    Json,
+}
+
+/// The commands.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// The main job: video in; camera, 3D tracks, poses and a report out.
+    Run(RunArgs),
+    /// Finds vehicles: writes one JSON line a frame.
+    Detect(DetectArgs),
+    /// Finds the keypoints of given boxes: writes one JSON line a frame.
+    Keypoints(KeypointsArgs),
+    /// Solves camera, plane, poses and shapes from keypoints alone (no image).
+    Solve(SolveArgs),
+    /// Draws a finished run into a video.
+    Render(RenderArgs),
+    /// Checks codecs, runtime, models, and says what to do about what is missing.
+    Doctor(DoctorArgs),
+    /// Prints shell completions.
+    Completions {
+        /// For which shell.
+        shell: clap_complete::Shell,
+    },
+}
+
+/// Where configuration comes from.
+#[derive(Clone, Debug, Args)]
+pub struct ConfigArgs {
+    /// TOML file; configs/default.toml documents every field.
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Overrides one field, e.g. --set detect.min_score=0.4 (repeatable).
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub settings: Vec<String>,
+}
+
+/// `roadplane run`.
+#[derive(Debug, Args)]
+pub struct RunArgs {
+    /// Videos, images, or folders of images (a folder is one clip).
+    #[arg(required = true, value_name = "INPUT")]
+    pub inputs: Vec<PathBuf>,
+    /// Each input gets a folder DIR/<stem>/, complete or not there at all.
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Known focal length, px: the plane is still estimated.
+    #[arg(long, value_name = "F")]
+    pub focal_px: Option<f64>,
+    /// Inputs worked on at the same time.
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=256))]
+    pub jobs: u16,
+    /// Goes on where a stopped run of the same command ended; finished inputs are left alone.
+    #[arg(long)]
+    pub resume: bool,
+    /// Replaces finished folders (once the new one is complete).
+    #[arg(long, conflicts_with = "resume")]
+    pub overwrite: bool,
+    /// Also writes the annotated video DIR/<stem>/annotated.mp4.
+    #[arg(long)]
+    pub video: bool,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub config: ConfigArgs,
+}
+
+/// `roadplane detect`.
+#[derive(Debug, Args)]
+pub struct DetectArgs {
+    /// Video, image, or folder of images.
+    pub input: PathBuf,
+    /// File to write, `-` for standard output.
+    #[arg(long, value_name = "F.jsonl")]
+    pub out: PathBuf,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub config: ConfigArgs,
+}
+
+/// `roadplane keypoints`.
+#[derive(Debug, Args)]
+pub struct KeypointsArgs {
+    /// Video, image, or folder of images.
+    pub input: PathBuf,
+    /// Frames with boxes, as `roadplane detect` writes them.
+    #[arg(long, value_name = "F.jsonl")]
+    pub boxes: PathBuf,
+    /// File to write, `-` for standard output.
+    #[arg(long, value_name = "G.jsonl")]
+    pub out: PathBuf,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub config: ConfigArgs,
+}
+
+/// `roadplane solve`.
+#[derive(Debug, Args)]
+pub struct SolveArgs {
+    /// Frames with keypoints, as `roadplane keypoints` writes them.
+    pub frames: PathBuf,
+    /// Poses to write; camera.json goes beside it.
+    #[arg(long, value_name = "P.jsonl")]
+    pub out: PathBuf,
+    /// Known focal length, px.
+    #[arg(long, value_name = "F")]
+    pub focal_px: Option<f64>,
+    /// Leaves every car free in six degrees of freedom.
+    #[arg(long)]
+    pub no_plane: bool,
+    /// Solves each frame on its own instead of one camera for the clip.
+    #[arg(long)]
+    pub per_frame: bool,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub config: ConfigArgs,
+}
+
+/// `roadplane render`.
+#[derive(Debug, Args)]
+pub struct RenderArgs {
+    /// The input of the run.
+    pub input: PathBuf,
+    /// Folder of the finished run, DIR/<stem>.
+    #[arg(long, value_name = "DIR")]
+    pub run: PathBuf,
+    /// Video to write; default: annotated.mp4 in the run's folder.
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub config: ConfigArgs,
+}
+
+/// `roadplane doctor`.
+#[derive(Debug, Args)]
+pub struct DoctorArgs {
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub config: ConfigArgs,
+}

@@ -1,0 +1,166 @@
+//! The square crop that the net sees, and the way back from its pixels to the frame's.
+
+use image::RgbImage;
+use nalgebra::Vector2;
+
+/// Side of the net's input, px.
+pub const CROP_PX: usize = 128;
+
+/// Side of the crop in units of the box's longer side.
+const CONTEXT: f64 = 1.25;
+
+/// Value of what lies outside the frame.
+const OUTSIDE: f32 = 0.5;
+
+/// The square of the frame that is resampled to [`CROP_PX`] × [`CROP_PX`].
+///
+/// Crop pixel u ↔ frame `x = centre + ((u + 0.5) / CROP_PX − 0.5) · side`; pixel (0, 0) is the centre of the top-left
+/// pixel on both sides.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SquareCrop {
+    /// Centre in the frame, px.
+    pub centre_px: Vector2<f64>,
+    /// Side in the frame, px.
+    pub side_px: f64,
+}
+
+impl SquareCrop {
+    /// The crop of a box (left, top, right, bottom).
+    #[must_use]
+    pub fn around([x0, y0, x1, y1]: [f64; 4]) -> Self {
+        Self {
+            centre_px: Vector2::new((x0 + x1) / 2.0, (y0 + y1) / 2.0),
+            side_px: CONTEXT * (x1 - x0).max(y1 - y0).max(1.0),
+        }
+    }
+
+    /// Frame pixels per crop pixel.
+    #[must_use]
+    pub fn scale(&self) -> f64 {
+        self.side_px / CROP_PX as f64
+    }
+
+    /// Frame pixel of a crop pixel.
+    #[must_use]
+    pub fn frame_from_crop(&self, crop_px: Vector2<f64>) -> Vector2<f64> {
+        let half = CROP_PX as f64 / 2.0;
+        self.centre_px + (crop_px.add_scalar(0.5 - half)) * self.scale()
+    }
+
+    /// Resamples the crop into planes R, G, B of `CROP_PX²` values in 0–1 (`out.len() == 3 · CROP_PX²`): bilinear when
+    /// enlarging, area average when shrinking.
+    pub fn sample_into(&self, image: &RgbImage, out: &mut [f32]) {
+        let columns = Taps::new(self.centre_px.x, self.side_px, image.width());
+        let rows = Taps::new(self.centre_px.y, self.side_px, image.height());
+        let stride = image.width() as usize * 3;
+        let pixels = image.as_raw();
+        let plane = CROP_PX * CROP_PX;
+        let first_row = rows.lowest();
+        // Horizontal pass over just the rows that are needed, then the vertical pass.
+        let strips: Vec<[f32; 3]> = (first_row..rows.end())
+            .flat_map(|y| {
+                let line = &pixels[y * stride..(y + 1) * stride];
+                columns.of_pixel.iter().map(move |taps| {
+                    let mut sum = [0.0f32; 3];
+                    for &(x, weight) in taps {
+                        for (s, v) in sum.iter_mut().zip(&line[3 * x..3 * x + 3]) {
+                            *s += weight * f32::from(*v);
+                        }
+                    }
+                    sum
+                })
+            })
+            .collect();
+        for (v, row_taps) in rows.of_pixel.iter().enumerate() {
+            let row_inside: f32 = row_taps.iter().map(|tap| tap.1).sum();
+            for (u, column_taps) in columns.of_pixel.iter().enumerate() {
+                let inside = row_inside * column_taps.iter().map(|tap| tap.1).sum::<f32>();
+                for channel in 0..3 {
+                    let sum: f32 = row_taps
+                        .iter()
+                        .map(|&(y, weight)| weight * strips[(y - first_row) * CROP_PX + u][channel])
+                        .sum();
+                    out[channel * plane + v * CROP_PX + u] = sum / 255.0 + (1.0 - inside) * OUTSIDE;
+                }
+            }
+        }
+    }
+}
+
+/// For each crop pixel along one axis the frame pixels inside the frame that make it, with weights that sum to at most 1.
+struct Taps {
+    of_pixel: Vec<Vec<(usize, f32)>>,
+}
+
+impl Taps {
+    fn new(centre_px: f64, side_px: f64, length: u32) -> Self {
+        let scale = side_px / CROP_PX as f64;
+        let inside = |i: f64| i >= 0.0 && i < f64::from(length);
+        let of_pixel = (0..CROP_PX)
+            .map(|u| {
+                let middle = centre_px + ((u as f64 + 0.5) / CROP_PX as f64 - 0.5) * side_px;
+                // Area of overlap with a box one crop pixel wide; enlarging, a box one frame pixel wide is bilinear.
+                let reach = scale.max(1.0) / 2.0;
+                let (from, to) = (middle - reach, middle + reach);
+                let mut taps = Vec::new();
+                let mut i = (from + 0.5).floor();
+                while i - 0.5 < to {
+                    let overlap = ((i + 0.5).min(to) - (i - 0.5).max(from)) / (2.0 * reach);
+                    if overlap > 0.0 && inside(i) {
+                        taps.push((i as usize, overlap as f32));
+                    }
+                    i += 1.0;
+                }
+                taps
+            })
+            .collect();
+        Self { of_pixel }
+    }
+
+    fn lowest(&self) -> usize {
+        self.of_pixel.iter().flatten().map(|tap| tap.0).min().unwrap_or(0)
+    }
+
+    fn end(&self) -> usize {
+        self.of_pixel.iter().flatten().map(|tap| tap.0 + 1).max().unwrap_or(0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ramp(width: u32, height: u32) -> RgbImage {
+        RgbImage::from_fn(width, height, |x, y| image::Rgb([x as u8, y as u8, 100]))
+    }
+
+    fn sample(crop: SquareCrop, image: &RgbImage) -> Vec<f32> {
+        let mut out = vec![f32::NAN; 3 * CROP_PX * CROP_PX];
+        crop.sample_into(image, &mut out);
+        out
+    }
+
+    #[test]
+    fn a_ramp_is_reproduced_at_any_scale() {
+        let image = ramp(250, 250);
+        for side_px in [20.0, 97.3, 128.0, 200.0] {
+            let crop = SquareCrop { centre_px: Vector2::new(120.3, 110.7), side_px };
+            let out = sample(crop, &image);
+            for (u, v) in [(10usize, 20usize), (64, 64), (100, 90)] {
+                let at = crop.frame_from_crop(Vector2::new(u as f64, v as f64));
+                let index = v * CROP_PX + u;
+                assert!((f64::from(out[index]) * 255.0 - at.x).abs() < 0.3, "{side_px} {u} {v}");
+                assert!((f64::from(out[CROP_PX * CROP_PX + index]) * 255.0 - at.y).abs() < 0.3);
+            }
+        }
+    }
+
+    #[test]
+    fn outside_the_frame_is_grey() {
+        let out = sample(SquareCrop { centre_px: Vector2::new(0.0, 0.0), side_px: 100.0 }, &ramp(250, 250));
+        assert!((out[0] - OUTSIDE).abs() < 1e-6);
+        let far =
+            sample(SquareCrop { centre_px: Vector2::new(-900.0, -900.0), side_px: 100.0 }, &ramp(250, 250));
+        assert!(far.iter().all(|v| (v - OUTSIDE).abs() < 1e-6));
+    }
+}

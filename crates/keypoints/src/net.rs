@@ -1,0 +1,155 @@
+//! Crops in batches through the hourglass.
+
+use std::path::Path;
+
+use ndarray::{Array4, s};
+use roadplane_base::{CarRecord, Frame, KEYPOINTS, Keypoint, KeypointSet, VehicleClass};
+use roadplane_infer::{Dim, InferError, NamedTensor, Outputs, Session, SessionOptions};
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+use crate::crop::{CROP_PX, SquareCrop};
+use crate::heatmap::HeatmapDecoder;
+
+/// What can go wrong.
+#[derive(Debug, Error)]
+pub enum KeypointError {
+    /// The net cannot be loaded or run.
+    #[error(transparent)]
+    Net(#[from] InferError),
+    /// The net is none for 36 keypoints, or its card lacks the calibration.
+    #[error("keypoint net {model}: {what}")]
+    UnsuitableNet {
+        /// Name of the net.
+        model: String,
+        /// What is missing or wrong.
+        what: String,
+    },
+}
+
+/// Settings of the stage.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct KeypointOptions {
+    /// Crops a run of the net.
+    pub batch: usize,
+    /// Boxes whose longer side is shorter than this get no keypoints, px.
+    pub min_box_px: f64,
+}
+
+impl Default for KeypointOptions {
+    fn default() -> Self {
+        Self { batch: 8, min_box_px: 20.0 }
+    }
+}
+
+/// The net with how to read its heatmaps.
+#[derive(Debug)]
+pub struct KeypointNet {
+    session: Session,
+    decoder: HeatmapDecoder,
+    options: KeypointOptions,
+    rejected: u64,
+}
+
+impl KeypointNet {
+    /// Loads the net with this card.
+    ///
+    /// # Errors
+    /// [`KeypointError`] when the net is refused or is no keypoint net.
+    pub fn open(
+        card: &Path,
+        session: &SessionOptions,
+        options: KeypointOptions,
+    ) -> Result<Self, KeypointError> {
+        let session = Session::open(card, session)?;
+        let card = session.card();
+        let unsuitable =
+            |what: &str| KeypointError::UnsuitableNet { model: card.name.clone(), what: what.to_owned() };
+        let number = |key: &str| {
+            card.calibration_number(key).ok_or_else(|| unsuitable(&format!("calibration lacks {key}")))
+        };
+        let cells = card
+            .output("heatmaps")
+            .and_then(|spec| match spec.shape.as_slice() {
+                [_, Dim::Fixed(KEYPOINTS), Dim::Fixed(rows), Dim::Fixed(columns)] if rows == columns => {
+                    Some(*rows)
+                }
+                _ => None,
+            })
+            .ok_or_else(|| unsuitable("heatmaps is not [batch, 36, n, n]"))?;
+        if card.input("image").is_none() || card.output("visibility").is_none() {
+            return Err(unsuitable("input image or output visibility is missing"));
+        }
+        let decoder = HeatmapDecoder {
+            cells,
+            stride_px: CROP_PX as f64 / cells as f64,
+            sd_scale: number("sd_scale")?,
+            sd_floor_crop_px: number("sd_floor_crop_px")?,
+        };
+        Ok(Self { session, decoder, options, rejected: 0 })
+    }
+
+    /// The session behind it.
+    #[must_use]
+    pub fn session(&self) -> &Session {
+        &self.session
+    }
+
+    /// Cars whose outputs were not finite so far; they keep no keypoints.
+    #[must_use]
+    pub fn rejected(&self) -> u64 {
+        self.rejected
+    }
+
+    /// Finds the keypoints of all cars (not trucks and buses, which the shape atlas does not cover) that are large
+    /// enough.
+    ///
+    /// # Errors
+    /// [`KeypointError::Net`] when the runtime fails; outputs that are not finite only count as [`Self::rejected`].
+    pub fn locate(&mut self, frame: &Frame, cars: &mut [CarRecord]) -> Result<(), KeypointError> {
+        let fits = |car: &&mut CarRecord| {
+            car.class == VehicleClass::Car && car.longer_side_px() >= self.options.min_box_px
+        };
+        let mut cars: Vec<&mut CarRecord> = cars.iter_mut().filter(fits).collect();
+        for batch in cars.chunks_mut(self.options.batch.max(1)) {
+            let crops: Vec<SquareCrop> = batch.iter().map(|car| SquareCrop::around(car.bbox_px)).collect();
+            let mut input = Array4::<f32>::zeros((crops.len(), 3, CROP_PX, CROP_PX));
+            for (crop, mut planes) in crops.iter().zip(input.outer_iter_mut()) {
+                if let Some(planes) = planes.as_slice_mut() {
+                    crop.sample_into(&frame.image, planes);
+                }
+            }
+            let values = input.view().into_dyn();
+            match self.session.run(&[NamedTensor { name: "image", values }]) {
+                Ok(outputs) => {
+                    for (i, (car, crop)) in batch.iter_mut().zip(&crops).enumerate() {
+                        car.keypoints = self.decode(&outputs, i, crop).map(Box::new);
+                    }
+                }
+                Err(InferError::NonFinite { count, output, .. }) => {
+                    tracing::warn!(frame = frame.stamp.index, count, output, "keypoints are not finite");
+                    self.rejected += batch.len() as u64;
+                }
+                Err(error) => return Err(error.into()),
+            }
+        }
+        Ok(())
+    }
+
+    fn decode(&self, outputs: &Outputs, car: usize, crop: &SquareCrop) -> Option<KeypointSet> {
+        let heatmaps = outputs.get("heatmaps")?;
+        let visibility = outputs.get("visibility")?;
+        let mut set: KeypointSet = [None; KEYPOINTS];
+        for (point, slot) in set.iter_mut().enumerate() {
+            let logits = heatmaps.slice(s![car, point, .., ..]);
+            let peak = self.decoder.decode(logits.as_slice()?)?;
+            *slot = Some(Keypoint {
+                pixel: crop.frame_from_crop(peak.crop_px),
+                score: f64::from(*visibility.get([car, point])?).clamp(0.0, 1.0),
+                covariance_px2: peak.covariance * (crop.scale() * crop.scale()),
+            });
+        }
+        Some(set)
+    }
+}

@@ -1,0 +1,240 @@
+//! One named thread a stage, joined by bounded channels: source → stages → sink.
+//!
+//! When a stage fails or panics, or a stop is asked for, its channel ends close; the neighbours see that and end too,
+//! so nothing blocks for ever. What was already on its way is still delivered after a stop.
+
+use std::thread::{Builder, ScopedJoinHandle};
+use std::time::{Duration, Instant};
+
+use crossbeam_channel::{Receiver, SendTimeoutError, Sender, bounded};
+use roadplane_base::{Frame, FrameRecord};
+
+use crate::{Cancel, PipelineError};
+
+/// A stage that has been waiting this long for the next one is worth a line in the log.
+const STALL: Duration = Duration::from_secs(5);
+
+/// A frame on its way through the stages, with what is known of it.
+#[derive(Debug)]
+pub struct Work {
+    /// The picture.
+    pub frame: Frame,
+    /// What the stages found.
+    pub record: FrameRecord,
+}
+
+impl Work {
+    fn new(frame: Frame) -> Self {
+        let record = FrameRecord {
+            frame: frame.stamp.index,
+            time_s: frame.stamp.time_s(),
+            image_size_px: frame.size(),
+            cars: Vec::new(),
+            extra: serde_json::Map::new(),
+        };
+        Self { frame, record }
+    }
+}
+
+/// What a stage does to each frame.
+type StageWork<'a> = Box<dyn FnMut(&mut Work) -> Result<(), PipelineError> + Send + 'a>;
+
+/// A named stage.
+pub struct Stage<'a> {
+    name: &'static str,
+    work: StageWork<'a>,
+}
+
+impl<'a> Stage<'a> {
+    /// A stage that calls `work` on every frame.
+    pub fn new(
+        name: &'static str,
+        work: impl FnMut(&mut Work) -> Result<(), PipelineError> + Send + 'a,
+    ) -> Self {
+        Self { name, work: Box::new(work) }
+    }
+}
+
+/// Time that a stage spent working (not waiting).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StageTime {
+    /// The stage.
+    pub name: &'static str,
+    /// Seconds of work.
+    pub seconds: f64,
+}
+
+/// Runs `source` (named `source_name`) through the stages into `sink`, which works on the calling thread. `capacity`
+/// frames may wait between two stages.
+///
+/// # Errors
+/// The first stage's error in the order of the flow; a panic becomes [`PipelineError::Bug`]; a stop asked for by
+/// `cancel` becomes [`PipelineError::Stopped`] after the frames on their way have reached the sink.
+pub fn flow<'a>(
+    source_name: &'static str,
+    mut source: impl FnMut() -> Result<Option<Frame>, PipelineError> + Send + 'a,
+    stages: Vec<Stage<'a>>,
+    mut sink: impl FnMut(Work) -> Result<(), PipelineError>,
+    capacity: usize,
+    cancel: &Cancel,
+) -> Result<Vec<StageTime>, PipelineError> {
+    std::thread::scope(|scope| {
+        let mut threads: Vec<(&'static str, ScopedJoinHandle<'_, Result<f64, PipelineError>>)> = Vec::new();
+        let (sender, mut receiver) = bounded::<Work>(capacity);
+        let stop = cancel.clone();
+        let read = move || {
+            let mut busy = Duration::ZERO;
+            while !stop.is_stopped() {
+                let started = Instant::now();
+                let frame = source()?;
+                busy += started.elapsed();
+                let Some(frame) = frame else { break };
+                if !send(&sender, Work::new(frame), source_name) {
+                    break;
+                }
+            }
+            Ok(busy.as_secs_f64())
+        };
+        let spawned = Builder::new().name(source_name.to_owned()).spawn_scoped(scope, read);
+        threads.push((source_name, spawned.map_err(PipelineError::thread)?));
+        for stage in stages {
+            let (sender, next_receiver) = bounded::<Work>(capacity);
+            let input = std::mem::replace(&mut receiver, next_receiver);
+            let name = stage.name;
+            let spawned = Builder::new()
+                .name(name.to_owned())
+                .spawn_scoped(scope, move || run_stage(stage, &input, &sender));
+            threads.push((name, spawned.map_err(PipelineError::thread)?));
+        }
+        let mut sunk = Ok(());
+        let mut sink_busy = Duration::ZERO;
+        for work in &receiver {
+            let started = Instant::now();
+            sunk = sink(work);
+            sink_busy += started.elapsed();
+            if sunk.is_err() {
+                break;
+            }
+        }
+        drop(receiver);
+        let mut times = Vec::new();
+        let mut first_error = None;
+        for (name, thread) in threads {
+            match thread.join() {
+                Ok(Ok(seconds)) => times.push(StageTime { name, seconds }),
+                Ok(Err(error)) => first_error = first_error.or(Some(error)),
+                Err(panic) => first_error = first_error.or(Some(PipelineError::panicked(name, panic.as_ref()))),
+            }
+        }
+        times.push(StageTime { name: "spool", seconds: sink_busy.as_secs_f64() });
+        match first_error {
+            Some(error) => Err(error),
+            None => {
+                sunk?;
+                cancel.signal().map_or(Ok(times), |signal| Err(PipelineError::Stopped { signal }))
+            }
+        }
+    })
+}
+
+fn run_stage(mut stage: Stage<'_>, input: &Receiver<Work>, output: &Sender<Work>) -> Result<f64, PipelineError> {
+    let mut busy = Duration::ZERO;
+    for mut work in input {
+        let started = Instant::now();
+        (stage.work)(&mut work)?;
+        busy += started.elapsed();
+        if !send(output, work, stage.name) {
+            break;
+        }
+    }
+    Ok(busy.as_secs_f64())
+}
+
+/// Sends, saying so in the log when the next stage lets it wait; false when the next stage has ended.
+fn send(sender: &Sender<Work>, work: Work, stage: &str) -> bool {
+    let mut pending = work;
+    loop {
+        match sender.send_timeout(pending, STALL) {
+            Ok(()) => return true,
+            Err(SendTimeoutError::Disconnected(_)) => return false,
+            Err(SendTimeoutError::Timeout(work)) => {
+                tracing::warn!("{stage} has been waiting {} s for the next stage", STALL.as_secs());
+                pending = work;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use roadplane_base::FrameStamp;
+
+    fn frames(count: u64) -> impl FnMut() -> Result<Option<Frame>, PipelineError> + Send {
+        let mut next = 0;
+        move || {
+            next += 1;
+            Ok((next <= count).then(|| Frame {
+                stamp: FrameStamp { index: next - 1, pts_nanos: 0 },
+                image: image::RgbImage::new(4, 4),
+            }))
+        }
+    }
+
+    #[test]
+    fn frames_arrive_in_order_through_all_stages() {
+        let mut seen = Vec::new();
+        let tag = |work: &mut Work| {
+            work.record.time_s += work.record.frame as f64;
+            Ok(())
+        };
+        let stages = vec![Stage::new("a", tag), Stage::new("b", tag)];
+        let sink = |work: Work| {
+            seen.push(work.record.time_s);
+            Ok(())
+        };
+        let times = flow("source", frames(50), stages, sink, 2, &Cancel::default()).unwrap();
+        assert_eq!(seen, (0..50).map(|i| 2.0 * f64::from(i)).collect::<Vec<_>>());
+        assert_eq!(times.iter().map(|t| t.name).collect::<Vec<_>>(), ["source", "a", "b", "spool"]);
+    }
+
+    #[test]
+    fn a_panicking_stage_ends_the_run_with_its_name() {
+        let stages = vec![Stage::new("fragile", |work: &mut Work| {
+            assert!(work.record.frame < 3, "broke on frame 3");
+            Ok(())
+        })];
+        let error = flow("source", frames(1000), stages, |_work| Ok(()), 2, &Cancel::default()).unwrap_err();
+        assert!(matches!(&error, PipelineError::Bug { stage: "fragile", .. }), "{error}");
+        assert!(error.to_string().contains("broke on frame 3"));
+    }
+
+    #[test]
+    fn a_failing_sink_ends_endless_sources() {
+        let error = flow(
+            "source",
+            frames(u64::MAX),
+            Vec::new(),
+            |_work| Err(PipelineError::Stopped { signal: 99 }),
+            1,
+            &Cancel::default(),
+        );
+        assert!(matches!(error, Err(PipelineError::Stopped { signal: 99 })));
+    }
+
+    #[test]
+    fn a_stop_delivers_what_is_on_its_way() {
+        let cancel = Cancel::default();
+        let mut delivered = 0;
+        let sink = |work: Work| {
+            delivered += 1;
+            if work.record.frame == 9 {
+                cancel.stop(15);
+            }
+            Ok(())
+        };
+        let result = flow("source", frames(u64::MAX), Vec::new(), sink, 2, &cancel);
+        assert!(matches!(result, Err(PipelineError::Stopped { signal: 15 })));
+        assert!((10..=14).contains(&delivered), "{delivered}");
+    }
+}
