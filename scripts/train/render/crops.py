@@ -1,0 +1,214 @@
+"""Writes training crops with truth: `python -m render.crops --out DIR --count N --seed S --split train|eval`."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import time
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from cars.builder import sample_car
+from cars.mesh import CarMesh
+
+from .camera import Camera
+from .degrade import degrade
+from .renderer import ENVIRONMENTS, GpuCar, Renderer
+from .scene import Scene, SceneSampler
+
+SHARD = 512
+CROP_PX = 128
+CROP_SCALE = 1.25  # side of the crop over the box's longer side
+CARS_PER_SHARD = 48
+MESH_SHARE = 0.2  # of targets that are real meshes rather than built cars
+TRUTH_PX = 160
+TRUTH_SCALE = 1.35
+DEPTH_TOLERANCE_M = 0.10
+LARGEST_PATCH_PX = 200  # larger cars are rendered at a lower frame resolution: the net sees 128 px anyway
+OCCLUDED_BELOW = 0.65  # visible share under which a car counts as strongly occluded
+
+
+@dataclass
+class Crop:
+    """One training example; see the module's README for fields."""
+
+    image: np.ndarray
+    keypoints: np.ndarray
+    visible: np.ndarray
+    box_side_px: float
+    car_px: float
+    share: float
+
+
+@dataclass
+class Sight:
+    """What of the target is seen, in frame pixels."""
+
+    box: np.ndarray  # tight around the visible silhouette: x0, y0, x1, y1
+    whole_box: np.ndarray  # around all of the car inside the frame
+    share: float  # visible over whole silhouette, frame ignored
+    keypoints: np.ndarray  # (36, 2)
+    visible: np.ndarray  # (36,) bool
+
+
+def in_world(points: np.ndarray, world_from_car: np.ndarray) -> np.ndarray:
+    """Car points (n, 3) in the world."""
+    return points @ world_from_car[:3, :3].T + world_from_car[:3, 3]
+
+
+def sight(renderer: Renderer, scene: Scene, camera: Camera, index: int) -> Sight | None:
+    """Truth of one car of a scene; none when it is not properly in view."""
+    car = scene.cars[index]
+    pixels, depth = camera.pixel_from_world(in_world(car.gpu.mesh.vertices, car.world_from_car))
+    if depth.min() < 1.0:
+        return None
+    low, high = pixels.min(0), pixels.max(0)
+    frame = np.array(camera.image_size_px) - 0.5
+    inside = np.concatenate([np.maximum(low, -0.5), np.minimum(high, frame)])
+    if np.any(inside[2:] - inside[:2] < 4):
+        return None
+    side = TRUTH_SCALE * (high - low).max()
+    left, top = (low + high) / 2 - side / 2
+    window = (left, top, side, side)
+    size = (TRUTH_PX, TRUTH_PX)
+    whole_mask, seen, away = renderer.truth(scene, camera, window, size, first=index)
+    centres = (np.arange(TRUTH_PX) + 0.5) / TRUTH_PX * side
+    in_frame = (((top + centres > -0.5) & (top + centres < frame[1]))[:, None]
+                & ((left + centres > -0.5) & (left + centres < frame[0]))[None])
+    mask = seen == index + 1
+    share = mask.sum() / max(whole_mask.sum(), 1)
+    shown = mask & in_frame
+    if shown.sum() < 0.3 * whole_mask.sum() * share or shown.sum() < 60:
+        return None
+    box = inside
+    if share < 0.98:
+        rows, columns = np.nonzero(shown.any(1))[0], np.nonzero(shown.any(0))[0]
+        cell = side / TRUTH_PX
+        box = np.array([left + columns[0] * cell, top + rows[0] * cell, left + (columns[-1] + 1) * cell, top + (rows[-1] + 1) * cell])
+    points, point_depth = camera.pixel_from_world(in_world(car.gpu.mesh.keypoints, car.world_from_car))
+    visible = np.zeros(len(points), bool)
+    for k, (x, y) in enumerate(points):
+        if not (-0.5 <= x <= frame[0] and -0.5 <= y <= frame[1]):
+            continue
+        column, row = int((x - left) / side * TRUTH_PX), int((y - top) / side * TRUTH_PX)
+        near = away[max(row - 1, 0):row + 2, max(column - 1, 0):column + 2] >= point_depth[k] - DEPTH_TOLERANCE_M
+        visible[k] = near.sum() >= 3
+    return Sight(box, inside, float(share), points, visible)
+
+
+def make_crop(renderer: Renderer, scene: Scene, camera: Camera, seen: Sight, rng: np.random.Generator) -> Crop:
+    """Renders, worsens and cuts out the target (the scene's first car) as inference would."""
+    box = seen.box if seen.share > 0.98 or rng.random() < 0.6 else seen.whole_box
+    size = box[2:] - box[:2]
+    centre = (box[:2] + box[2:]) / 2 + size * rng.uniform(-0.05, 0.05, 2)
+    side = CROP_SCALE * (size * rng.uniform(0.92, 1.08, 2)).max()
+    reduced = min(1.0, LARGEST_PATCH_PX / side)  # pixels of the patch per pixel of the frame
+    patch_px = int(np.ceil(side * reduced)) + 4
+    corner = np.floor((centre - side / 2 + 0.5) * reduced - 2) / reduced - 0.5
+    drawn_px = int(np.clip(1.5 * patch_px, 128, 224))
+    drawn = renderer.colour(scene, camera, (*corner, patch_px / reduced, patch_px / reduced), (drawn_px, drawn_px))
+    patch = cv2.resize(drawn, (patch_px, patch_px), interpolation=cv2.INTER_AREA)
+    patch = degrade(rng, patch)
+    edges = corner[:, None] + (np.arange(patch_px) + 0.5)[None] / reduced
+    outside = [(e < -0.5) | (e > n - 0.5) for e, n in zip(edges, camera.image_size_px, strict=True)]
+    patch = patch.copy()
+    patch[outside[1]] = 128
+    patch[:, outside[0]] = 128
+    step = side * reduced / CROP_PX
+    finer = 1 if step <= 1 else 2  # area-like when the crop is coarser than the frame
+    scale = step / finer
+    shift = (centre - side / 2 - corner) * reduced + 0.5 * scale - 0.5
+    matrix = np.array([[scale, 0, shift[0]], [0, scale, shift[1]]])
+    image = cv2.warpAffine(patch, matrix, (CROP_PX * finer,) * 2, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+                           borderMode=cv2.BORDER_REPLICATE)
+    if finer == 2:
+        image = cv2.resize(image, (CROP_PX, CROP_PX), interpolation=cv2.INTER_AREA)
+    keypoints = ((seen.keypoints - centre) / side + 0.5) * CROP_PX - 0.5
+    longer = float((seen.box[2:] - seen.box[:2]).max())
+    return Crop(image, keypoints.astype(np.float32), seen.visible, longer / side * CROP_PX, longer, seen.share)
+
+
+class Generator:
+    """Deterministic shards of crops."""
+
+    def __init__(self, split: str, seed: int, meshes: list[CarMesh]) -> None:
+        self.split, self.seed = split, seed
+        self.renderer = Renderer()
+        self.meshes = [self.renderer.upload(mesh) for mesh in meshes]
+
+    def shard(self, number: int, count: int = SHARD) -> dict[str, np.ndarray]:
+        """Arrays of one shard."""
+        rng = np.random.default_rng([self.seed, number, zlib.crc32(self.split.encode())])
+        built = [self.renderer.upload(sample_car(rng, split=self.split)) for _ in range(CARS_PER_SHARD)]
+        sampler = SceneSampler(built + self.meshes, ENVIRONMENTS)
+        crops: list[Crop] = []
+        cars: list[GpuCar] = []
+        occluded = 0
+        while len(crops) < count:
+            from_mesh = self.meshes and rng.random() < MESH_SHARE
+            target = (self.meshes if from_mesh else built)[rng.integers(len(self.meshes) if from_mesh else len(built))]
+            scene, camera = sampler.sample(rng, target, near_edge=rng.random() < 0.1, occluded=rng.random() < 0.2)
+            seen = sight(self.renderer, scene, camera, 0)
+            if seen is None or seen.share < 0.25:
+                continue
+            if seen.share < OCCLUDED_BELOW:
+                if occluded > 0.17 * (len(crops) + 4):
+                    continue
+                occluded += 1
+            crops.append(make_crop(self.renderer, scene, camera, seen, rng))
+            cars.append(target)
+        result = {
+            "image": np.stack([c.image for c in crops]),
+            "keypoints": np.stack([c.keypoints for c in crops]),
+            "visible": np.stack([c.visible for c in crops]).astype(np.uint8),
+            "box_side_px": np.array([c.box_side_px for c in crops], np.float32),
+            "car_px": np.array([c.car_px for c in crops], np.float32),
+            "share": np.array([c.share for c in crops], np.float32),
+            "car": np.array([car.mesh.name for car in cars]),
+            "body": np.array([car.mesh.body for car in cars]),
+        }
+        for car in built:
+            car.release()
+        return result
+
+
+def real_meshes(split: str) -> list[CarMesh]:
+    """Meshes of real cars of a split; none where they are not installed."""
+    try:
+        from cars.meshes import load_meshes
+    except ImportError:
+        return []
+    return load_meshes(split)
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, required=True, help="folder; shards go to OUT/SPLIT/shard_00000.npz …")
+    parser.add_argument("--count", type=int, default=SHARD, help="crops, rounded up to whole shards")
+    parser.add_argument("--first", type=int, default=0, help="first shard, to share the work among processes")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--split", choices=("train", "eval"), default="train")
+    parser.add_argument("--redo-before", type=float, default=0.0, help="make shards older than this Unix time again")
+    options = parser.parse_args()
+    folder = options.out / options.split
+    folder.mkdir(parents=True, exist_ok=True)
+    generator = None
+    for number in range(options.first, options.first + -(-options.count // SHARD)):
+        path = folder / f"shard_{number:05d}.npz"
+        if path.exists() and path.stat().st_mtime >= options.redo_before:
+            continue
+        generator = generator or Generator(options.split, options.seed, real_meshes(options.split))
+        start = time.perf_counter()
+        temporary = path.with_suffix(f".{os.getpid()}.tmp")
+        with temporary.open("wb") as file:
+            np.savez(file, **generator.shard(number))
+        temporary.rename(path)
+        print(f"{path} {(time.perf_counter() - start) / SHARD * 1000:.0f} ms a crop", flush=True)
+
+
+if __name__ == "__main__":
+    main()
