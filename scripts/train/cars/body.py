@@ -62,8 +62,11 @@ class Body:
         self.belt_rear_z = (s.belt_front_z + s.belt_rise) * h
         boxy = s.body in ("suv", "pickup", "van")
         # how far front and rear stand back from the foremost and rearmost point, by v
-        front = (0.07, 0.02, 0.0, 0.015, 0.035, 0.10) if not boxy else (0.09, 0.02, 0.0, 0.02, 0.035, 0.08)
-        rear = (0.08, 0.015, 0.0, 0.015, 0.04, 0.08) if s.body != "pickup" else (0.06, 0.0, 0.0, 0.09, 0.10, 0.10)
+        chin, top, tail = (0.09 if boxy else 0.07), s.nose_back, s.tail_back
+        front = (chin, 0.02, 0.0, 0.15 * top, 0.35 * top, top)
+        rear = (tail, 0.2 * tail, 0.0, 0.2 * tail, 0.5 * tail, tail)
+        if s.body == "pickup":  # the step bumper
+            rear = (0.06, 0.0, 0.0, tail - 0.01, tail, tail)
         self._front = PchipInterpolator((0, 0.18, 0.36, 0.55, 0.8, 1), front)
         self._rear = PchipInterpolator((0, 0.18, 0.36, 0.5, 0.75, 1), rear)
         shoulder = s.belt_y + 0.45 * (1 - s.belt_y)
@@ -161,7 +164,7 @@ class Body:
         (xh, zh), (xt, zt) = self.header, self.tailgate
         h = self.style.height
         x = [xt, xt + 0.3 * (xh - xt), xt + 0.65 * (xh - xt), xh]
-        side = 0.952 * h
+        side = (1 - self.style.roof_crown) * h
         return PchipInterpolator(x, [zt - 0.03, max(side - 0.008, zt - 0.02), max(side, zh - 0.02), zh - 0.03])
 
     @cached_property
@@ -169,7 +172,7 @@ class Body:
         """Height of the roof's centre line along x; its top is the car's height."""
         (xh, zh), (xt, zt) = self.header, self.tailgate
         h = self.style.height
-        x = [xt, xt + 0.22 * (xh - xt), xt + 0.62 * (xh - xt), xt + 0.88 * (xh - xt), xh]
+        x = [xt, xt + 0.22 * (xh - xt), xt + self.style.roof_peak * (xh - xt), xt + 0.88 * (xh - xt), xh]
         return PchipInterpolator(x, [zt, zt + 0.72 * (h - zt), h, zh + 0.62 * (h - zh), zh])
 
     def roof_z(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:

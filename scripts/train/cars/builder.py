@@ -112,6 +112,7 @@ class _Assembly:
         self.cargo = s.body == "van" and rng.random() < 0.5
         if self.cargo:
             self.quarter_x = self.pillar_x
+        self.mirror_material = str(rng.choice(["paint", "paint", "plastic"]))
         self._lamps()
 
     # where things are -----------------------------------------------------------------------------------------------
@@ -223,6 +224,9 @@ class _Assembly:
 
     def _paint_front(self, tub: Shell) -> None:
         rng = self.rng
+        self.dark_bumpers = rng.random() < {"van": 0.4, "pickup": 0.3, "hatchback": 0.15, "suv": 0.15}.get(self.style.body, 0.02)
+        if self.dark_bumpers:
+            tub.paint("plastic", *_u(-1, 0.345), *_v(-1, 0.42))
         inner_u = self.head_lamp[0][0]
         tub.paint("headlamp", *self._quad(self.head_lamp))
         top = min(self.head_lamp[0][1] + 0.02, 0.96)
@@ -243,6 +247,8 @@ class _Assembly:
         rng = self.rng
         tub.paint("taillamp", *self._quad(self.tail_lamp))
         ledge = rng.uniform(0.42, 0.5)
+        if self.dark_bumpers:
+            tub.paint("plastic", *_u(0.68, 2), *_v(-1, ledge))
         tub.paint("gap", *_u(0.7, 2), *_v(ledge, ledge + 0.012))
         tub.paint("plastic", *_u(0.84, 2), *_v(-1, rng.uniform(0.05, 0.16)))
         inner = self.tail_lamp[0][0]
@@ -361,9 +367,9 @@ class _Assembly:
         cabin.paint(trim, *_u(SIDE_U[0] - 0.004, SIDE_U[1] + 0.004), *_v(low - 0.02, high - 0.03), frame)
         cabin.paint("glass", *_u(*SIDE_U), *_v(low, high - 0.05), rear_edge)
         self._pillars(cabin, rear_edge)
-        liner_faces = cabin.materials != MATERIALS.index("glass")
-        roof = Shell(cabin.points, cabin.normals, cabin.uv, cabin.faces[liner_faces], cabin.materials[liner_faces])
-        return [cabin, roof.inner("interior", 0.02), *self._roof_trim()]
+        if rng.random() < 0.4:  # third brake lamp
+            cabin.paint("taillamp", *_u(0.975, 2), *_v(BACK_V[1] - 0.05, BACK_V[1] - 0.01))
+        return [cabin, *self._roof_trim()]
 
     def _roof_trim(self) -> list[Shell]:
         """Roof rails and a spoiler over the rear window."""
@@ -414,6 +420,8 @@ class _Assembly:
         spokes = int(rng.choice([0, 5, 5, 6, 7, 8, 10]))
         share = rng.uniform(0.62, 0.72)
         one = details.wheel(self.hub, s.tyre_radius, s.tyre_width, spokes, share)
+        if rng.random() < 0.08:  # black steel
+            one.materials[one.materials == MATERIALS.index("rim")] = MATERIALS.index("plastic")
         return [one, one.moved((-2 * self.axle, 0.0, 0.0))]
 
     def _wells(self) -> list[Shell]:
@@ -441,8 +449,8 @@ class _Assembly:
 
     def _mirror(self) -> tuple[Shell, np.ndarray]:
         s = self.style
-        material = "paint" if s.mirror_size * 1000 % 10 > 3 else "plastic"
-        return details.mirror(self.side_front, self.body.half_width + s.mirror_out, s.mirror_size, material)
+        tip_y = self.body.half_width + s.mirror_out
+        return details.mirror(self.side_front, tip_y, s.mirror_size, self.mirror_material)
 
     def _handles(self) -> list[Shell]:
         z = self.body.belt_rear_z - 0.13
@@ -474,7 +482,8 @@ class _Assembly:
         dash = body.cowl[0] - s.screen_bow - 0.25
         rear = body.backlight[0] + 0.15 if s.body != "van" else -self.axle
         width = s.belt_y * body.half_width - 0.1
-        shells.append(details.interior(dash, rear, width, s.belt_front_z * s.height, roof_z, rows))
+        floor_z = 0.06 + max(float(body.bottom_z(rear)), float(body.bottom_z(dash)), 0.28)
+        shells.append(details.interior(dash, rear, width, floor_z, s.belt_front_z * s.height, roof_z, rows))
         if s.body == "pickup":
             shells += self._bed()
         return shells

@@ -69,13 +69,12 @@ def plate(x: float, z: float, size: tuple[float, float], front: bool) -> Shell:
 
 
 def interior(
-    dash_x: float, rear_x: float, half_width: float, belt_z: float, roof_z: float, rows: int
+    dash_x: float, rear_x: float, half_width: float, floor_z: float, belt_z: float, roof_z: float, rows: int
 ) -> Shell:
-    """Dashboard, steering wheel, seats, floor and rear shelf: enough to be seen through the glass."""
+    """Dashboard, steering wheel, seats and floor: enough to be seen through the glass."""
     shells = []
     seat_z = belt_z - 0.38
     length = dash_x - rear_x
-    floor_z = 0.35
     shells.append(flat_polygon(np.array([
         (rear_x, -half_width, floor_z), (dash_x + 0.3, -half_width, floor_z), (dash_x + 0.3, half_width, floor_z),
         (rear_x, half_width, floor_z)]), "interior"))  # fmt: skip

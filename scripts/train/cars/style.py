@@ -64,6 +64,11 @@ _PRIOR = {
     "mirror_size":    (0.01, 0.004, (0.14, 0.14, 0.14, 0.17, 0.17, 0.24, 0.20, 0.13)),
     "tyre_width":     (0.012, 0.004, (0.205, 0.185, 0.205, 0.235, 0.215, 0.205, 0.255, 0.225)),
     "ground_z":       (0.006, 0.003, (0.135, 0.135, 0.140, 0.155, 0.120, 0.125, 0.190, 0.125)),
+    # how far the bonnet's and the tail's edge stand back from the bumper (m); roof: where it is highest, drop to its edge
+    "nose_back":      (0.03, 0.008, (0.10, 0.10, 0.10, 0.08, 0.11, 0.10, 0.06, 0.11)),
+    "tail_back":      (0.02, 0.005, (0.08, 0.08, 0.08, 0.08, 0.07, 0.05, 0.10, 0.08)),
+    "roof_peak":      (0.05, 0.01, (0.62, 0.66, 0.60, 0.60, 0.60, 0.60, 0.60, 0.62)),
+    "roof_crown":     (0.006, 0.002, (0.048, 0.048, 0.046, 0.042, 0.044, 0.050, 0.045, 0.052)),
 }  # fmt: skip
 
 
@@ -124,6 +129,8 @@ def vary(style: Style, rng: np.random.Generator) -> Style:
     n = rng.normal(size=6).clip(-2, 2)
     long = 1 + 0.012 * n[0]
     deviation = _shape(style.body, 1, rng)
+    if style.body == "hatchback" and rng.random() < 0.2:  # three doors: the pillar stands further back
+        deviation["b_pillar"] += 0.22
     return replace(
         style,
         length=style.length * long,

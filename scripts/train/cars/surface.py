@@ -83,11 +83,6 @@ class Shell:
         flip = np.array([1.0, -1.0, 1.0])
         return Shell(self.points * flip, self.normals * flip, self.uv, self.faces[:, ::-1].copy(), self.materials.copy())
 
-    def inner(self, material: str, inset: float) -> Shell:
-        """The same surface seen from inside, moved inward by `inset`."""
-        code = np.full(len(self.faces), MATERIALS.index(material), np.uint8)
-        return Shell(self.points - inset * self.normals, -self.normals, self.uv, self.faces[:, ::-1].copy(), code)
-
     def moved(self, offset: tuple[float, float, float]) -> Shell:
         """Shifted by `offset`."""
         return Shell(self.points + np.array(offset), self.normals, self.uv, self.faces.copy(), self.materials.copy())
