@@ -62,8 +62,8 @@ def sample_car_look(rng: np.random.Generator) -> CarLook:
     return CarLook(
         paint=paint, metallic=metallic, lower=lower, glass=rng.choice([rng.uniform(0.05, 0.3), rng.uniform(0.3, 0.8)]),
         glass_reflection=rng.uniform(0.7, 1.3), rim=rim,
-        dirt=max(0, rng.normal(0.05, 0.25)), dirt_colour=_linear(*rng.uniform([100, 85, 65], [165, 150, 130])),
-        plate=_linear(*(rng.uniform(170, 235, 3) if rng.random() < 0.8 else (225, 190, 60))),
+        dirt=max(0, rng.normal(0.05, 0.25)), dirt_colour=_linear(*(np.array([130, 118, 98]) * rng.uniform(0.7, 1.3) + rng.normal(0, 5, 3))),
+        plate=_linear(*(np.ones(3) * rng.uniform(170, 235) + rng.normal(0, 6, 3) if rng.random() < 0.8 else (225, 190, 60))),
         taillamp=rng.uniform(0.3, 2) if rng.random() < 0.12 else 0.0,
         headlamp=rng.uniform(1, 6) if rng.random() < 0.08 else 0.0,
         interior=np.ones(3) * np.exp(rng.uniform(np.log(0.015), np.log(0.15))) * (1 + rng.normal(0, 0.1, 3)).clip(0.7, 1.3),
@@ -87,7 +87,7 @@ def sample_ground(rng: np.random.Generator, kind: str) -> Ground:
     """`asphalt`, `concrete`, `grass`, `gravel`."""
     tint = 1 + rng.normal(0, 0.03, 3)
     if kind == "asphalt":
-        level = np.exp(rng.uniform(np.log(0.035), np.log(0.22)))
+        level = np.exp(rng.uniform(np.log(0.03), np.log(0.18)))
         wet = rng.uniform(0.2, 1) if rng.random() < 0.15 else 0.0
         low, high = level * rng.uniform(0.65, 0.95), level * rng.uniform(1.05, 1.4)
         return Ground(low * tint, high * tint, (rng.uniform(0.3, 1.2), rng.uniform(0.2, 1), rng.uniform(0.1, 0.7)),
@@ -140,7 +140,7 @@ def sample_light(rng: np.random.Generator, environments: int) -> Light:
     blue = np.array([0.75, 0.92, 1.2])
     kind = rng.choice(4, p=[0.45, 0.2, 0.25, 0.1])
     if kind == 0:  # clear
-        sun, sky = warm * rng.uniform(0.8, 1.2), blue * rng.uniform(0.1, 0.3)
+        sun, sky = warm * rng.uniform(0.8, 1.2), blue * rng.uniform(0.12, 0.3)
     elif kind == 1:  # hazy
         sun, sky = warm * rng.uniform(0.2, 0.7), (0.5 * blue + 0.5) * rng.uniform(0.25, 0.5)
     elif kind == 2:  # overcast

@@ -18,7 +18,7 @@ def _spectral_noise(rng: np.random.Generator, size: int, exponent: float, lowest
 
 def noise_image(rng: np.random.Generator, size: int = 512) -> np.ndarray:
     """(size, size, 4) uint8: R clouds, G grain, B crack lines (1 on a line), A blobs."""
-    clouds = _spectral_noise(rng, size, 1.3)
+    clouds = _spectral_noise(rng, size, 1.5)
     grain = _spectral_noise(rng, size, 0.35)
     ridge = np.abs(_spectral_noise(rng, size, 1.5, 3.0) - 0.5)
     cracks = np.clip(1 - ridge / 0.012, 0, 1) * (_spectral_noise(rng, size, 1.6) > 0.52)

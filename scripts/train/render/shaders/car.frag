@@ -28,7 +28,7 @@ void main() {
 
     if (inner || material == 10) {
         float shade = inner ? 0.5 : 1.0;
-        colour = vec4(developed(surface[10].rgb * shade * (ambient * 0.5 + sun * facing * light * (inner ? 0.0 : 0.6)), position), 1.0);
+        colour = vec4(developed(surface[10].rgb * shade * (ambient * 0.4 + sun * facing * light * (inner ? 0.0 : 0.6)), position), 1.0);
         return;
     }
     vec3 back = reflect(-view, n);
@@ -37,7 +37,7 @@ void main() {
     float to_mirror = max(dot(back, to_sun), 0.0);
 
     if (material == 1) {
-        float fresnel = (0.05 + 0.95 * grazing) * glass.y;
+        float fresnel = (0.09 + 0.91 * grazing) * glass.y;  // both sides of the pane
         vec3 radiance = mirrored(back, 0.5) * fresnel * seen + irradiance * 0.012
             + sun * light * sun_mirror * fresnel * pow(to_mirror, 1500.0);
         radiance += dirt.rgb * dirt.a * 0.12 * irradiance;
@@ -52,7 +52,7 @@ void main() {
     float soiled = clamp(dirt.a * (mix(1.6, 0.35, low) + 0.3 * max(n.z, 0.0)) * smoothstep(0.3, 0.75, grime), 0.0, 0.9);
     vec3 albedo = mix(s.rgb, dirt.rgb, soiled);
     float coat = s.a * (1.0 - soiled);
-    float fresnel = (0.04 + 0.96 * grazing) * coat;
+    float fresnel = (0.055 + 0.945 * grazing) * coat;
     vec3 radiance = albedo * irradiance * (1.0 - 0.8 * max(m.r, max(m.g, m.b)));
     radiance += m.rgb * (1.0 - soiled) * mirrored(back, m.a) * mix(0.35, 1.0, seen) * mix(occlusion, 1.0, 0.4);
     radiance += m.rgb * (1.0 - soiled) * sun * light * 0.9 * pow(to_mirror, 10.0);

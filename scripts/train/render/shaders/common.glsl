@@ -64,5 +64,6 @@ float open_sky(vec3 position, int self) {
 vec3 developed(vec3 radiance, vec3 position) {
     float far_share = 1.0 - exp(-haze * length(position - camera_position));
     vec3 c = mix(radiance, sky * 1.3 + sun * 0.15, far_share) * exposure;
-    return pow(1.0 - exp(-1.2 * c), vec3(1.0 / 2.2));
+    c = pow(1.0 - exp(-1.2 * c), vec3(1.0 / 2.2));
+    return mix(c, c * c * (3.0 - 2.0 * c), 0.45);  // the contrast of a camera's picture style
 }

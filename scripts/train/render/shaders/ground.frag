@@ -46,10 +46,12 @@ void main() {
     }
     int kind = other > 0.5 ? 1 : 0;
     float n1 = texture(noise, at / 41.0).r, n2 = texture(noise, at / 7.3 + 0.37).r, n3 = texture(noise, at / 1.9).g;
+    float finest = exp2(floor(log2(pixel))) * 230.0;  // grain of about two pixels whatever the distance
+    n3 = 0.5 * n3 + 0.5 * texture(noise, at / finest).g;
     vec4 s = scales[kind];
-    float mixed = clamp(0.5 + (n1 - 0.5) * s.x * 1.6 + (n2 - 0.5) * s.y * 1.6 + (n3 - 0.5) * s.z, 0.0, 1.0);
+    float mixed = clamp(0.5 + (n1 - 0.5) * s.x + (n2 - 0.5) * s.y + (n3 - 0.5) * s.z * 0.7, 0.0, 1.0);
     vec3 albedo = mix(low[kind], high[kind], mixed) * (1.0 + (n3 - 0.5) * s.z * 0.8);
-    float stain = smoothstep(0.6, 0.8, texture(noise, at / 5.1 + 0.71).a) * s.w;
+    float stain = smoothstep(0.55, 0.95, texture(noise, at / 5.1 + 0.71).a) * s.w;
     float crack = texture(noise, at / 9.0 + 0.13).b * surface[kind].x;
     albedo *= (1.0 - 0.55 * stain) * (1.0 - 0.6 * crack);
     if (kind == 0 && bays.x > 0.5) {
