@@ -189,7 +189,7 @@ def main() -> None:
     """Write the atlas and print its report."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=REPOSITORY / "models" / "atlas.json")
-    parser.add_argument("--version", default="1.2")
+    parser.add_argument("--version", default="1.3")
     arguments = parser.parse_args()
 
     population = built_population()

@@ -98,7 +98,7 @@ class _Assembly:
         s = self.style
         self.axle = s.wheelbase / 2
         self.tyre_face = min(s.track / 2 + s.tyre_width / 2, body.half_width - 0.02)
-        self.hub = np.array([self.axle, self.tyre_face - 0.025, s.tyre_radius])
+        self.hub = np.array([self.axle, self.tyre_face - 0.015, s.tyre_radius])
         self.arch = s.tyre_radius * (1.12 if s.body in ("suv", "pickup") else 1.085) + 0.01
         u = np.linspace(0, 1, 401)
         self._u, self._sill = u, body.cabin(u, GLASS_V[0])

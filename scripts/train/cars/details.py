@@ -9,7 +9,7 @@ from .surface import Shell, flat_polygon, grid, join, rounded_box
 
 
 def wheel(centre: np.ndarray, radius: float, width: float, spokes: int, rim_share: float) -> Shell:
-    """A left wheel; `centre` lies on the hub's outer face, the tyre's outer face 2.5 cm further out.
+    """A left wheel; `centre` lies on the hub's outer face, the tyre's outer face 1.5 cm further out.
 
     `spokes` 0 is a closed hub cap.
     """
@@ -17,9 +17,9 @@ def wheel(centre: np.ndarray, radius: float, width: float, spokes: int, rim_shar
     rim = rim_share * radius
     # tyre profile: (radius, y relative to the hub's outer face), inner edge first
     tyre = np.array([(rim, -width + 0.05), (0.93 * radius, -width + 0.025), (radius, -width + 0.05),
-                     (radius, 0.0), (0.975 * radius, 0.018), (0.9 * radius, 0.025), (rim, 0.012)])  # fmt: skip
+                     (radius, -0.01), (0.975 * radius, 0.01), (0.9 * radius, 0.015), (rim, 0.004)])  # fmt: skip
     shells = [_revolve(tyre, turns, "tyre")]
-    face = np.array([(rim, 0.012), (0.95 * rim, -0.004), (0.90 * rim, -0.02), (0.32 * rim, -0.008), (0.2 * rim, 0.0)])
+    face = np.array([(rim, 0.004), (0.95 * rim, -0.008), (0.90 * rim, -0.02), (0.32 * rim, -0.008), (0.2 * rim, 0.0)])
     disc = _revolve(face, turns, "rim")
     if spokes:
         # holes between the spokes: dark faces of the disc's middle ring
@@ -43,7 +43,7 @@ def mirror(foot: np.ndarray, tip_y: float, size: float, material: str) -> tuple[
     """A left door mirror from its foot at the side glass's front corner, and its outermost point."""
     half = np.array([0.42 * size, 0.5 * (tip_y - foot[1] - 0.05), 0.42 * size])
     half[1] = max(half[1], 0.06)
-    centre = np.array([foot[0] - 0.14, tip_y - half[1], foot[2] + 0.75 * half[2]])
+    centre = np.array([foot[0] - 0.14, tip_y - half[1], foot[2] + 0.02 + 0.75 * half[2]])
     housing = rounded_box(centre, half, material, power=3.0)
     back = centre[0] - half[0] - 0.002
     dy, dz = 0.78 * half[1], 0.74 * half[2]
