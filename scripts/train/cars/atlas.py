@@ -7,13 +7,15 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from .builder import keypoints_of
+from .builder import both_sides, keypoints_of
 from .mesh import KEYPOINT_NAMES, MIRROR, REPOSITORY
+from .meshes import catalogue
 from .specs import SPECS, TRAFFIC_SHARE
 from .style import model_style, vary
 
@@ -40,19 +42,25 @@ class Basis:
     variances: np.ndarray  # all eigenvalues, m²
 
 
-def built_population(variants: int = 8, seed: int = 7) -> Population:
-    """Every base model of the built cars with `variants` cars near it, weighted by the traffic share of its body type."""
+def population_in_traffic(variants: int = 8, seed: int = 7) -> Population:
+    """`variants` cars near every base model of the built cars, and the imported meshes, which count as one model each.
+
+    A body type's share of traffic is split evenly among its models.
+    """
     rng = np.random.default_rng(seed)
-    keypoints, dims, weights, models = [], [], [], []
+    meshes = catalogue()
+    models_of = Counter([s.body for s in SPECS] + [m["body"] for m in meshes])
+    rows = []  # keypoints, dims, weight, model
     for spec in SPECS:
-        siblings = sum(other.body == spec.body for other in SPECS)
+        share = TRAFFIC_SHARE[spec.body] / models_of[spec.body] / variants
         for _ in range(variants):
             style = vary(model_style(spec), rng)
-            keypoints.append(keypoints_of(style, rng))
-            dims.append((style.length, style.width, style.height))
-            weights.append(TRAFFIC_SHARE[spec.body] / siblings / variants)
-            models.append(spec.name)
-    return Population(np.array(keypoints), np.array(dims), np.array(weights), np.array(models))
+            rows.append((keypoints_of(style, rng), (style.length, style.width, style.height), share, spec.name))
+    for mesh in meshes:
+        left = {name: np.full(3, np.nan) if point is None else np.array(point) for name, point in mesh["keypoints"].items()}
+        share = TRAFFIC_SHARE[mesh["body"]] / models_of[mesh["body"]]
+        rows.append((both_sides(left), mesh["dims"], share, mesh["name"]))
+    return Population(*(np.array(column) for column in zip(*rows)))
 
 
 def _half(population: Population) -> np.ndarray:
@@ -189,10 +197,10 @@ def main() -> None:
     """Write the atlas and print its report."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=REPOSITORY / "models" / "atlas.json")
-    parser.add_argument("--version", default="1.3")
+    parser.add_argument("--version", default="1.4")
     arguments = parser.parse_args()
 
-    population = built_population()
+    population = population_in_traffic()
     rows = _half(population)
     basis = orient(fit(rows, population.weights))
     bounds = coefficient_bounds(basis, rows)

@@ -37,17 +37,18 @@ def build(style: Style, rng: np.random.Generator) -> CarMesh:
     whole = car.shell()
     return CarMesh(
         style.name, style.body, whole.points.astype(np.float32), whole.normals.astype(np.float32),
-        whole.faces.astype(np.int32), whole.materials.astype(np.uint8), _both_sides(car.keypoints()),
+        whole.faces.astype(np.int32), whole.materials.astype(np.uint8), both_sides(car.keypoints()),
         np.array([style.length, style.width, style.height]),
     )  # fmt: skip
 
 
 def keypoints_of(style: Style, rng: np.random.Generator) -> np.ndarray:
     """The 36 keypoints (36, 3) of the car that `build` would make, without its mesh."""
-    return _both_sides(_Assembly(Body(style), rng).keypoints())
+    return both_sides(_Assembly(Body(style), rng).keypoints())
 
 
-def _both_sides(left: dict[str, np.ndarray]) -> np.ndarray:
+def both_sides(left: dict[str, np.ndarray]) -> np.ndarray:
+    """All 36 keypoints (36, 3) from the left side's by name."""
     keypoints = np.full((len(KEYPOINT_NAMES), 3), np.nan)
     for i in range(18):
         keypoints[i] = left[KEYPOINT_NAMES[i].removeprefix("left_")]
