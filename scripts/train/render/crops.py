@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from cars.builder import sample_car
 from cars.mesh import CarMesh
+from cars.meshes import MissingFurnitureError, load_meshes
 
 from .camera import Camera
 from .degrade import degrade
@@ -176,12 +177,12 @@ class Generator:
 
 
 def real_meshes(split: str) -> list[CarMesh]:
-    """Meshes of real cars of a split; none where they are not installed."""
+    """Meshes of real cars of a split; none, and a line that says so, where they are not installed."""
     try:
-        from cars.meshes import load_meshes
-    except ImportError:
+        return load_meshes(split)
+    except MissingFurnitureError as error:
+        print(f"built cars only: {error}", flush=True)
         return []
-    return load_meshes(split)
 
 
 def main() -> None:

@@ -17,7 +17,6 @@ from .scene import PlacedCar, Scene
 from .textures import ENVIRONMENT_SIZE, environment_image, noise_image
 
 SHADERS = Path(__file__).parent / "shaders"
-SHADOW_SIZE = 1024
 ENVIRONMENTS = 96
 GROUND_REACH_M = 1500.0
 SHADOW_CLUSTER_M = 0.09  # shadows are thrown by a coarser mesh
@@ -46,7 +45,7 @@ class GpuCar:
 class Renderer:
     """One OpenGL context with its programs, textures and frame buffers."""
 
-    def __init__(self, seed: int = 0) -> None:
+    def __init__(self, seed: int = 0, shadow_size: int = 1024) -> None:
         os.environ.setdefault("LP_NUM_THREADS", "1")
         self.context = moderngl.create_context(standalone=True, backend="egl")
         self.context.front_face = "cw"  # image rows run along GL rows: mirrored
@@ -67,7 +66,7 @@ class Renderer:
         self._prop_truth = self._program("prop.vert", "truth.frag", define="PROP")
         self._car_shadow = self._program("car.vert", "shadow.frag")
         self._prop_shadow = self._program("prop.vert", "shadow.frag")
-        self._shadow_map = self.context.depth_texture((SHADOW_SIZE, SHADOW_SIZE))
+        self._shadow_map = self.context.depth_texture((shadow_size, shadow_size))
         self._shadow_map.compare_func = "<="
         self._shadow_map.repeat_x = self._shadow_map.repeat_y = False
         self._shadow_buffer = self.context.framebuffer(depth_attachment=self._shadow_map)
@@ -286,7 +285,7 @@ class Renderer:
             "camera_position": (0.0, 0.0, camera.height_m), "to_sun": tuple(light.to_sun), "sun": tuple(light.sun),
             "sky": tuple(light.sky), "ground_radiance": tuple(scene.ground_radiance), "sun_mirror": light.sun_mirror,
             "dapple": light.dapple, "haze": light.haze, "exposure": light.exposure,
-            "shadow_softness": light.softness_m / (2 * scene.shadow_reach_m) * SHADOW_SIZE,
+            "shadow_softness": light.softness_m / (2 * scene.shadow_reach_m),
             "noise": 0, "environment": 1, "shadow_map": 2, "car_count": len(cars),
         }
         raw = {"clip_from_world": _gl(clip), "shadow_from_world": _gl(shadow_from_world),
@@ -315,6 +314,7 @@ class Renderer:
         program["kerb_width"].value = floor.kerb_width_m
         program["frame"].value = tuple(floor.frame)
         program["bays"].value = tuple(floor.bays)
+        program["rows"].value = tuple(floor.rows)
         program["paint"].value = tuple(floor.paint)
         program["seed"].value = tuple(floor.seed)
 

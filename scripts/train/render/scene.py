@@ -35,6 +35,7 @@ class Floor:
     kerb_width_m: float = 0.08
     frame: tuple[float, float, float, float] = (0.0, 0.0, 1.0, 0.0)
     bays: tuple[float, float, float, float] = (0.0, 2.5, 5.0, 0.1)
+    rows: tuple[float, float, float] = (0.0, 0.0, 0.0)
     paint: tuple[float, float, float, float] = (0.7, 0.7, 0.7, 0.3)
     seed: tuple[float, float] = (0.0, 0.0)
 
@@ -156,6 +157,9 @@ class SceneSampler:
                 floor.bays = (1.0, pitch, length if double else length / 2, rng.uniform(0.07, 0.14))
             else:
                 floor.bays = (0.0, pitch, length if double else length / 2, 0.1)
+            depth = 2 * length if double else length
+            floor.rows = (depth + rng.uniform(6, 8) if rng.random() < 0.5 else 0.0, 0.0 if double else length / 2 * rng.choice([-1, 1]),
+                          float(rng.random() < 0.5))
             floor.frame = (*origin, *side)
             if not double and rng.random() < 0.7:  # kerb in front
                 sign = 1.0

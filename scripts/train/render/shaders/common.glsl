@@ -10,7 +10,7 @@ uniform float sun_mirror;
 uniform float dapple;
 uniform float haze;
 uniform float exposure;
-uniform float shadow_softness;  // in texels of the shadow map
+uniform float shadow_softness;  // as a share of the shadow map
 uniform mat4 shadow_from_world;
 uniform sampler2D noise;
 uniform sampler2D environment;
@@ -32,7 +32,7 @@ float lit(vec3 position, vec3 normal) {
     vec3 p = at.xyz * 0.5 + 0.5;
     float light = 1.0;
     if (all(greaterThan(p, vec3(0.0))) && all(lessThan(p, vec3(1.0)))) {
-        float r = shadow_softness / 1024.0;
+        float r = shadow_softness;
         p.z -= 0.0008;
         light = 0.2 * (texture(shadow_map, p)
             + texture(shadow_map, p + vec3(r, 0.4 * r, 0)) + texture(shadow_map, p + vec3(-0.4 * r, r, 0))

@@ -7,6 +7,7 @@ uniform vec4 borders[3];  // second material where n.p > d: n, d, kerb's width; 
 uniform float kerb_width;
 uniform vec4 frame;       // origin and direction of the lines' frame
 uniform vec4 bays;        // kind (0 none, 1 bays, 2 lanes), pitch, length, line width
+uniform vec3 rows;        // distance of the next row (0 none), head line: offset, strength
 uniform vec4 paint;       // linear RGB, wear
 uniform vec2 seed;
 
@@ -21,9 +22,10 @@ float lines(vec2 p, float pixel) {
     vec2 q = vec2(dot(p - frame.xy, frame.zw), dot(p - frame.xy, vec2(-frame.w, frame.z)));
     float half_width = bays.w * 0.5;
     if (bays.x < 1.5) {
+        if (rows.x > 0.0) q.y = mod(q.y + 0.5 * rows.x, rows.x) - 0.5 * rows.x;
         float across = abs(mod(q.x, bays.y) - 0.5 * bays.y) - 0.5 * bays.y;
         float inside = clamp((bays.z - abs(q.y)) / pixel + 0.5, 0.0, 1.0);
-        float ends = surface[0].x > 0.3 ? 0.0 : band(q.y, half_width, pixel);
+        float ends = rows.z * band(q.y - rows.y, half_width, pixel);
         return max(band(across, half_width, pixel) * inside, ends);
     }
     float across = abs(mod(q.x, bays.y) - 0.5 * bays.y) - 0.5 * bays.y;
