@@ -151,7 +151,7 @@ class Generator:
         while len(crops) < count:
             from_mesh = self.meshes and rng.random() < MESH_SHARE
             target = (self.meshes if from_mesh else built)[rng.integers(len(self.meshes) if from_mesh else len(built))]
-            scene, camera = sampler.sample(rng, target, near_edge=rng.random() < 0.1, occluded=rng.random() < 0.2)
+            scene, camera = sampler.sample(rng, target, near_edge=rng.random() < 0.1, occluded=rng.random() < 0.28)
             seen = sight(self.renderer, scene, camera, 0)
             if seen is None or seen.share < 0.25:
                 continue

@@ -34,7 +34,7 @@ def _tone(rng: np.random.Generator, x: np.ndarray) -> np.ndarray:
     grey = x @ np.array([0.299, 0.587, 0.114], np.float32)
     x = grey[..., None] + saturation * (x - grey[..., None])
     x = x.clip(0, None) ** np.float32(np.exp(rng.normal(0, 0.15)))
-    x = (x - 0.45) * np.exp(rng.normal(0.1, 0.15)) + 0.45 + rng.normal(0, 0.04)
+    x = (x - 0.45) * np.exp(rng.normal(0.2, 0.17)) + 0.45 + rng.normal(0, 0.04)
     if rng.random() < 0.18:  # haze, veiling glare, smeared dome
         veil = rng.uniform(0.05, 0.3)
         x = x * (1 - veil) + veil * rng.uniform(0.5, 0.95)
@@ -61,7 +61,7 @@ def _blur(rng: np.random.Generator, x: np.ndarray, strength: float) -> np.ndarra
         steps = np.linspace(-0.5, 0.5, 15) * length
         kernel = np.zeros((size, size), np.float32)
         for step in steps:
-            kernel[int(round(size // 2 + step * np.sin(angle))), int(round(size // 2 + step * np.cos(angle)))] += 1
+            kernel[round(size // 2 + step * np.sin(angle)), round(size // 2 + step * np.cos(angle))] += 1
         x = cv2.filter2D(x, -1, kernel / kernel.sum(), borderType=cv2.BORDER_REFLECT)
     if rng.random() < 0.12:  # the video was stretched from a smaller one
         factor = rng.uniform(0.45, 0.85)

@@ -68,7 +68,7 @@ def sample_view(rng: np.random.Generator, near_edge: bool) -> tuple[Camera, np.n
     while True:
         size = FRAME_SIZES[rng.integers(len(FRAME_SIZES))]
         focal = np.exp(rng.uniform(np.log(0.6), np.log(6.0))) * size[0]
-        car_px = np.exp(rng.normal(np.log(100), 0.62)) if rng.random() < 0.8 else np.exp(rng.uniform(np.log(24), np.log(500)))
+        car_px = np.exp(rng.normal(np.log(84), 0.62)) if rng.random() < 0.8 else np.exp(rng.uniform(np.log(24), np.log(500)))
         if not 24 <= car_px <= 500:
             continue
         below = np.radians(rng.uniform(2.5, 50) if rng.random() < 0.9 else rng.uniform(50, 68))
