@@ -253,6 +253,8 @@ class _Assembly:
         tub.paint("gap", *_u(0.7, 2), *_v(ledge, ledge + 0.012))
         tub.paint("plastic", *_u(0.84, 2), *_v(-1, rng.uniform(0.05, 0.16)))
         inner = self.tail_lamp[0][0]
+        if rng.random() < 0.25:  # strip over the plate
+            tub.paint("chrome", *_u(0.92, 2), *_v(0.8, 0.83))
         lid_u = max(inner, 0.83) + 0.004
         tub.paint("gap", *_u(lid_u, lid_u + 0.004), *_v(ledge, 1.0))
 
@@ -346,7 +348,7 @@ class _Assembly:
         # a dark frame a little larger than each pane, then the pane
         cabin.paint("plastic", _pane(SCREEN_U, GLASS_V, 1, 0.004), *_v(0, high + 0.01))
         cabin.paint("glass", _pane(SCREEN_U, GLASS_V, 1), *_v(low, high))
-        if s.body in ("wagon", "suv", "minivan") and rng.random() < 0.3:  # tail lamps run up beside the window
+        if s.body in ("hatchback", "wagon", "suv", "minivan") and rng.random() < 0.3:  # tail lamps run up beside the window
             cabin.paint("taillamp", *_u(0.735, BACK_U[1] - 0.01), *_v(-1, rng.uniform(0.35, 0.9)))
         if not (self.cargo and rng.random() < 0.5):
             cabin.paint("plastic", _pane(BACK_U, BACK_V, -1, 0.004), *_v(BACK_V[0] - 0.03, BACK_V[1] + 0.01))
@@ -398,13 +400,14 @@ class _Assembly:
 
     def _pillars(self, cabin: Shell, rear_edge: Test) -> None:
         """B pillar, and the bars between the panes behind it."""
-        material = "plastic" if self.rng.random() < 0.7 else "paint"
+        rng = self.rng
+        material = "plastic" if rng.random() < 0.6 else "paint"
         bars = []
         if not self.cargo:
-            bars.append((self.pillar_x - 0.045, 0.045, 0.06, material))
+            bars.append((self.pillar_x - 0.035, rng.uniform(0.035, 0.065), 0.06, material))
         rest = self.pillar_x - self.quarter_x
         if rest > 1.25:
-            bars.append((self.pillar_x - min(0.95, 0.55 * rest), 0.04, 0.14, material))
+            bars.append((self.pillar_x - min(0.95, 0.55 * rest), rng.uniform(0.03, 0.06), 0.14, material))
         elif rest > 0.7:
             bars.append((self.pillar_x - 0.72 * rest, 0.016, 0.1, "plastic"))
         low, high = GLASS_V
