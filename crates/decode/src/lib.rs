@@ -1,1 +1,25 @@
-//! roadplane: decode.
+//! Video files, single images and folders of images, as frames with their presentation times.
+//!
+//! A file is recognised by its content before any codec sees it. Damage does not stop a clip: what can be decoded is
+//! handed on, what is lost is counted in a [`DecodeReport`]. OpenCV tells of no loss, so it is found by other signs:
+//! frames that the container promises or holds and the decoder does not give, gaps in a steady stream's times, slices
+//! that contradict themselves, a file shorter than its own structure. What stays unseen is damage inside a packet whose
+//! headers are sound, which FFmpeg conceals in the picture.
+
+mod clock;
+mod error;
+mod folder;
+mod input;
+mod options;
+mod packets;
+mod report;
+mod sniff;
+mod still;
+mod structure;
+mod video;
+
+pub use error::DecodeError;
+pub use input::{Input, InputKind, open};
+pub use options::DecodeOptions;
+pub use report::{DecodeReport, Stretch};
+pub use sniff::{Content, sniff};

@@ -1,0 +1,128 @@
+//! From the stream's times to times and places of frames.
+
+/// Steps that must have been alike before a longer one counts as lost frames and not as the recording's own rhythm.
+const STEADY_STEPS: u32 = 8;
+/// Deviation from the usual step that still is the usual step.
+const STEADY_TOLERANCE: f64 = 0.25;
+/// Frames in a row that decoders hand out without times at the end of a stream (what they still held back).
+const MAX_HELD_BACK: u64 = 16;
+
+/// Keeps times going forward and notices what is left out.
+#[derive(Debug)]
+pub(crate) struct Clock {
+    /// Usual time from frame to frame.
+    step_nanos: f64,
+    steady_steps: u32,
+    last_nanos: Option<i64>,
+    without_time: u64,
+}
+
+/// A frame's place.
+#[derive(Debug, PartialEq, Eq)]
+pub(crate) struct Tick {
+    pub pts_nanos: i64,
+    /// Frames that should have been between the last one and this one.
+    pub skipped: u64,
+    /// Frames whose time is now known to be made up.
+    pub made_up: u64,
+}
+
+impl Clock {
+    pub(crate) fn new(fps: f64) -> Self {
+        Self { step_nanos: 1e9 / fps, steady_steps: 0, last_nanos: None, without_time: 0 }
+    }
+
+    /// Time of the last frame, s.
+    pub(crate) fn last_s(&self) -> f64 {
+        self.last_nanos.map_or(0.0, |nanos| nanos as f64 * 1e-9)
+    }
+
+    /// Takes the time that the stream states for the next frame, ms from its start.
+    pub(crate) fn tick(&mut self, millis: f64) -> Tick {
+        let stated = (millis.is_finite() && millis.abs() < 1e12).then_some((millis * 1e6).round() as i64);
+        let Some(last) = self.last_nanos else {
+            let pts_nanos = stated.unwrap_or(0);
+            self.last_nanos = Some(pts_nanos);
+            return Tick { pts_nanos, skipped: 0, made_up: 0 };
+        };
+        // OpenCV gives 0 where there is no time.
+        let Some(time) = stated.filter(|&time| time > last) else {
+            let pts_nanos = last.saturating_add(self.step_nanos.max(1.0) as i64);
+            self.last_nanos = Some(pts_nanos);
+            self.without_time += 1;
+            return Tick { pts_nanos, skipped: 0, made_up: self.newly_made_up(false) };
+        };
+        let made_up = self.newly_made_up(true);
+        let step = (time - last) as f64;
+        let steps = (step / self.step_nanos).round();
+        let was_steady = self.steady_steps >= STEADY_STEPS;
+        if (step / self.step_nanos - 1.0).abs() <= STEADY_TOLERANCE {
+            self.steady_steps += 1;
+        } else if !was_steady {
+            // No rhythm yet: learn it.
+            (self.step_nanos, self.steady_steps) = (step, 0);
+        } else if steps < 2.0 {
+            self.steady_steps = 0;
+        }
+        self.last_nanos = Some(time);
+        let skipped = if was_steady && steps >= 2.0 { steps as u64 - 1 } else { 0 };
+        Tick { pts_nanos: time, skipped, made_up }
+    }
+
+    /// Frames without a time at the very end are usual; others count as made up.
+    fn newly_made_up(&mut self, stated_again: bool) -> u64 {
+        match self.without_time {
+            run if stated_again => {
+                self.without_time = 0;
+                if run > MAX_HELD_BACK { 0 } else { run }
+            }
+            run if run == MAX_HELD_BACK + 1 => run,
+            run if run > MAX_HELD_BACK => 1,
+            _ => 0,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn run(clock: &mut Clock, millis: &[f64]) -> (Vec<i64>, u64, u64) {
+        let ticks: Vec<Tick> = millis.iter().map(|m| clock.tick(*m)).collect();
+        let times = ticks.iter().map(|tick| tick.pts_nanos / 1_000_000).collect();
+        let sum = |field: fn(&Tick) -> u64| ticks.iter().map(field).sum();
+        (times, sum(|tick| tick.skipped), sum(|tick| tick.made_up))
+    }
+
+    #[test]
+    fn gaps_in_a_steady_stream_are_lost_frames() {
+        let mut clock = Clock::new(25.0);
+        let steady: Vec<f64> = (0..10).map(|i| i as f64 * 40.0).collect();
+        assert_eq!(run(&mut clock, &steady).1, 0);
+        assert_eq!(clock.tick(520.0), Tick { pts_nanos: 520_000_000, skipped: 3, made_up: 0 });
+        assert_eq!(clock.tick(560.0).skipped, 0);
+    }
+
+    #[test]
+    fn an_unsteady_stream_has_no_gaps() {
+        let mut clock = Clock::new(25.0);
+        let (_, skipped, made_up) = run(&mut clock, &[0.0, 40.0, 300.0, 310.0, 800.0, 810.0, 2000.0]);
+        assert_eq!((skipped, made_up), (0, 0));
+    }
+
+    #[test]
+    fn held_back_frames_go_on_in_step() {
+        let mut clock = Clock::new(25.0);
+        let (times, _, made_up) = run(&mut clock, &[0.0, 40.0, 80.0, 0.0, 0.0]);
+        assert_eq!((times, made_up), (vec![0, 40, 80, 120, 160], 0));
+    }
+
+    #[test]
+    fn a_stream_without_times_is_told() {
+        let mut clock = Clock::new(10.0);
+        let (times, _, made_up) = run(&mut clock, &[f64::NAN; 30]);
+        assert_eq!((times[29], made_up), (2900, 29));
+        let (times, _, made_up) = run(&mut Clock::new(25.0), &[0.0, 40.0, -5.0, 120.0, f64::INFINITY, 200.0]);
+        assert_eq!((times, made_up), (vec![0, 40, 80, 120, 160, 200], 2));
+    }
+}

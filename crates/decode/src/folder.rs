@@ -1,0 +1,152 @@
+//! Folders of images as clips, and single images as clips of one frame.
+
+use std::cmp::Ordering;
+use std::path::{Path, PathBuf};
+
+use roadplane_base::{Frame, FrameStamp};
+
+use crate::options::Verdict;
+use crate::sniff::{has_image_name, sniff};
+use crate::still;
+use crate::{Content, DecodeError, DecodeOptions, DecodeReport};
+
+/// Images in the order of their frames.
+pub(crate) struct Images {
+    paths: std::vec::IntoIter<PathBuf>,
+    count: u64,
+    next_index: u64,
+    size: Option<(u32, u32)>,
+}
+
+impl Images {
+    /// A clip of one frame.
+    pub(crate) fn single(path: &Path) -> Self {
+        Self::new(vec![path.to_path_buf()])
+    }
+
+    fn new(paths: Vec<PathBuf>) -> Self {
+        Self { count: paths.len() as u64, paths: paths.into_iter(), next_index: 0, size: None }
+    }
+
+    /// All images directly in a folder, numbers in names in numeric order.
+    pub(crate) fn in_folder(folder: &Path, report: &mut DecodeReport) -> Result<Self, DecodeError> {
+        let unreadable = |source| DecodeError::Unreadable { source, path: folder.to_path_buf() };
+        let mut paths = Vec::new();
+        let mut ignored = 0_u64;
+        for entry in std::fs::read_dir(folder).map_err(unreadable)? {
+            let path = entry.map_err(unreadable)?.path();
+            let hidden = path.file_name().is_some_and(|name| name.to_string_lossy().starts_with('.'));
+            if hidden || path.is_dir() {
+                continue;
+            }
+            // A spoilt image still has its place in time; its content is looked at when it is its turn.
+            match if has_image_name(&path) { Ok(Content::Png) } else { sniff(&path) } {
+                Ok(content) if content.is_image() => paths.push(path),
+                Ok(_) => {
+                    let what = "a folder must hold images only; give its videos one by one".to_owned();
+                    return Err(DecodeError::NotMedia { what, path });
+                }
+                Err(_) => ignored += 1,
+            }
+        }
+        if paths.is_empty() {
+            let what = "the folder holds no image".to_owned();
+            return Err(DecodeError::NotMedia { what, path: folder.to_path_buf() });
+        }
+        if ignored > 0 {
+            report.warn(format!("{ignored} files of the folder are neither image nor video and are ignored"));
+        }
+        paths.sort_by(|a, b| natural_order(&a.to_string_lossy(), &b.to_string_lossy()));
+        Ok(Self::new(paths))
+    }
+
+    /// Number of images.
+    pub(crate) fn count(&self) -> u64 {
+        self.count
+    }
+
+    /// The next frame that the options choose; `None` at the end.
+    pub(crate) fn next(
+        &mut self,
+        options: &DecodeOptions,
+        report: &mut DecodeReport,
+    ) -> Result<Option<Frame>, DecodeError> {
+        for path in self.paths.by_ref() {
+            let index = self.next_index;
+            self.next_index += 1;
+            let pts_nanos = (index as f64 / options.image_fps * 1e9).round() as i64;
+            let stamp = FrameStamp { index, pts_nanos };
+            match options.verdict(index, pts_nanos, report.delivered) {
+                Verdict::Over => return Ok(None),
+                Verdict::Skip => report.decoded_one(),
+                Verdict::Take => {
+                    let read = sniff(&path).and_then(|content| still::read(&path, content, options));
+                    let image = match read {
+                        Ok(image) if self.size.get_or_insert(image.dimensions()) == &image.dimensions() => {
+                            image
+                        }
+                        // An input that is one image has nothing else to go on with.
+                        Err(error) if self.count == 1 => return Err(error),
+                        other => {
+                            let why = other.err().map_or_else(
+                                || format!("another size than the first image: {}", path.display()),
+                                |error| error.to_string(),
+                            );
+                            report.warn(format!("frame {index} is left out: {why}"));
+                            report.lost(index, 1, stamp.time_s());
+                            continue;
+                        }
+                    };
+                    report.decoded_one();
+                    return Ok(Some(Frame { stamp, image }));
+                }
+            }
+        }
+        Ok(None)
+    }
+}
+
+/// Order in which runs of digits compare as numbers: `a2` before `a10`.
+fn natural_order(a: &str, b: &str) -> Ordering {
+    let (mut left, mut right) = (a, b);
+    loop {
+        let (l, r) = (left.chars().next(), right.chars().next());
+        let (Some(l), Some(r)) = (l, r) else {
+            return left.len().cmp(&right.len()).then_with(|| a.cmp(b));
+        };
+        if l.is_ascii_digit() && r.is_ascii_digit() {
+            let (number_l, rest_l) = split_number(left);
+            let (number_r, rest_r) = split_number(right);
+            let order = number_l.len().cmp(&number_r.len()).then_with(|| number_l.cmp(number_r));
+            if order != Ordering::Equal {
+                return order;
+            }
+            (left, right) = (rest_l, rest_r);
+        } else if l == r {
+            (left, right) = (&left[l.len_utf8()..], &right[r.len_utf8()..]);
+        } else {
+            return l.cmp(&r);
+        }
+    }
+}
+
+/// A leading number without its zeros, and what follows.
+fn split_number(text: &str) -> (&str, &str) {
+    let end = text.find(|c: char| !c.is_ascii_digit()).unwrap_or(text.len());
+    let (digits, rest) = text.split_at(end);
+    (digits.trim_start_matches('0'), rest)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_in_names_count_as_numbers() {
+        let mut names = ["f10.png", "f9.png", "f010b.png", "e1.png", "f1.png", "f.png"];
+        names.sort_by(|a, b| natural_order(a, b));
+        assert_eq!(names, ["e1.png", "f.png", "f1.png", "f9.png", "f10.png", "f010b.png"]);
+        assert_eq!(natural_order("f01", "f1"), Ordering::Less);
+        assert_eq!(natural_order("f99999999999999999999999", "f100000000000000000000000"), Ordering::Less);
+    }
+}

@@ -1,0 +1,168 @@
+//! The one way in: a path becomes a stream of frames.
+
+use std::path::{Path, PathBuf};
+
+use roadplane_base::{Frame, ImageSize};
+
+use crate::folder::Images;
+use crate::sniff::sniff;
+use crate::video::Video;
+use crate::{Content, DecodeError, DecodeOptions, DecodeReport};
+
+/// Kinds of input.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum InputKind {
+    /// A video file.
+    Video(Content),
+    /// A single image.
+    Image,
+    /// A folder of images.
+    Folder,
+}
+
+enum Source {
+    Video(Box<Video>),
+    Images(Images),
+}
+
+/// An open input: frames in presentation order, and an account of what was lost.
+pub struct Input {
+    source: Source,
+    kind: InputKind,
+    options: DecodeOptions,
+    report: DecodeReport,
+    /// The first frame, decoded on opening.
+    first: Option<Frame>,
+    size: ImageSize,
+    finished: bool,
+}
+
+/// Opens a video file, an image or a folder of images and decodes its first frame.
+///
+/// # Errors
+/// [`DecodeError`] when it is no media, cannot be read, is over a limit, or gives not a single frame.
+pub fn open(path: &Path, options: &DecodeOptions) -> Result<Input, DecodeError> {
+    options.check()?;
+    let mut report = DecodeReport::default();
+    let metadata =
+        path.metadata().map_err(|source| DecodeError::Unreadable { source, path: path.to_path_buf() })?;
+    let (mut source, kind) = if metadata.is_dir() {
+        (Source::Images(Images::in_folder(path, &mut report)?), InputKind::Folder)
+    } else {
+        let content = sniff(path)?;
+        if content.is_image() {
+            (Source::Images(Images::single(path)), InputKind::Image)
+        } else {
+            (Source::Video(Box::new(Video::open(path, content, options)?)), InputKind::Video(content))
+        }
+    };
+    let Some(first) = source.next(options, &mut report)? else {
+        return Err(nothing_decoded(path.to_path_buf(), options, &report));
+    };
+    let size = first.size();
+    Ok(Input { source, kind, options: options.clone(), report, first: Some(first), size, finished: false })
+}
+
+fn nothing_decoded(path: PathBuf, options: &DecodeOptions, report: &DecodeReport) -> DecodeError {
+    if report.decoded > 0 {
+        let DecodeOptions { start_s, end_s, stride, .. } = options;
+        let what = format!(
+            "start {start_s} s, end {end_s:?} s and stride {stride} leave no frame of {}",
+            path.display()
+        );
+        return DecodeError::Option { what };
+    }
+    let why = report.warnings.first().map(|warning| format!(" ({warning})")).unwrap_or_default();
+    DecodeError::Damaged { what: format!("not one of {} frames can be decoded{why}", report.expected), path }
+}
+
+impl Source {
+    fn next(
+        &mut self,
+        options: &DecodeOptions,
+        report: &mut DecodeReport,
+    ) -> Result<Option<Frame>, DecodeError> {
+        match self {
+            Self::Video(video) => video.next(options, report),
+            Self::Images(images) => images.next(options, report),
+        }
+    }
+}
+
+impl Input {
+    /// The next frame; `None` at the end, when [`Input::report`] is complete.
+    ///
+    /// # Errors
+    /// Only where nothing at all can be handed on; lost frames are told in the report.
+    pub fn next_frame(&mut self) -> Result<Option<Frame>, DecodeError> {
+        if self.finished {
+            return Ok(None);
+        }
+        let frame = match self.first.take() {
+            Some(first) => Some(first),
+            None => self.source.next(&self.options, &mut self.report)?,
+        };
+        match &frame {
+            Some(_) => self.report.delivered += 1,
+            None => {
+                self.finished = true;
+                self.tell_what_was_lost();
+            }
+        }
+        Ok(frame)
+    }
+
+    fn tell_what_was_lost(&mut self) {
+        let made_up = self.report.times_made_up;
+        if made_up > 0 {
+            self.report.warn(format!("{made_up} frames had no usable time of their own"));
+        }
+        let DecodeReport { missing, expected, damaged_stretch_count: places, .. } = self.report;
+        if missing > 0 {
+            self.report.warn(format!("{missing} of {expected} frames are lost, in {places} places"));
+        }
+        let broken = self.report.broken_packets;
+        if broken > 0 {
+            self.report.warn(format!("{broken} packets have broken slices; their pictures may be spoilt"));
+        }
+        if self.report.cut_short {
+            self.report.warn("the file is cut short");
+        }
+    }
+
+    /// What kind of input it is.
+    #[must_use]
+    pub fn kind(&self) -> InputKind {
+        self.kind
+    }
+
+    /// Size of the pictures.
+    #[must_use]
+    pub fn size(&self) -> ImageSize {
+        self.size
+    }
+
+    /// Frames that the input is said to hold: an estimate for progress, not to be relied on.
+    #[must_use]
+    pub fn frames_hint(&self) -> Option<u64> {
+        match &self.source {
+            Source::Video(video) => video.promised(),
+            Source::Images(images) => Some(images.count()),
+        }
+    }
+
+    /// Nominal frame rate, 1/s: for writing videos of the same pace. Times of frames are in their stamps.
+    #[must_use]
+    pub fn nominal_fps(&self) -> f64 {
+        match &self.source {
+            Source::Video(video) => video.fps(),
+            Source::Images(_) => self.options.image_fps,
+        }
+    }
+
+    /// What became of the frames so far.
+    #[must_use]
+    pub fn report(&self) -> &DecodeReport {
+        &self.report
+    }
+}

@@ -1,0 +1,101 @@
+//! What to decode, and limits.
+
+use crate::DecodeError;
+
+/// What to decode, and limits.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DecodeOptions {
+    /// Hands on every n-th frame only, counted in the input (1: all).
+    pub stride: u32,
+    /// Leaves out what is before, s from the start of the input.
+    pub start_s: f64,
+    /// Leaves out what is from here on, s; `None`: to the end.
+    pub end_s: Option<f64>,
+    /// Hands on at most so many frames.
+    pub max_frames: Option<u64>,
+    /// Largest picture, px (width × height).
+    pub max_pixels: u64,
+    /// Highest frame rate that is believed, 1/s; only used where a stream has no times of its own.
+    pub max_fps: f64,
+    /// Frame rate of folders of images, 1/s.
+    pub image_fps: f64,
+}
+
+impl Default for DecodeOptions {
+    fn default() -> Self {
+        Self {
+            stride: 1,
+            start_s: 0.0,
+            end_s: None,
+            max_frames: None,
+            max_pixels: 4096 * 4096,
+            max_fps: 240.0,
+            image_fps: 30.0,
+        }
+    }
+}
+
+impl DecodeOptions {
+    pub(crate) fn check(&self) -> Result<(), DecodeError> {
+        let positive = |value: f64| value.is_finite() && value > 0.0;
+        let fail = |what: &str| Err(DecodeError::Option { what: what.to_owned() });
+        if self.stride == 0 {
+            return fail("stride must be at least 1");
+        }
+        if self.max_frames == Some(0) {
+            return fail("max_frames must be at least 1");
+        }
+        if !(positive(self.max_fps) && positive(self.image_fps)) {
+            return fail("frame rates must be positive");
+        }
+        if !(self.start_s.is_finite() && self.start_s >= 0.0) || self.end_s.is_some_and(|end| end.is_nan()) {
+            return fail("start and end must be times in seconds from the start of the input");
+        }
+        Ok(())
+    }
+
+    /// What becomes of a frame at this place.
+    pub(crate) fn verdict(&self, index: u64, pts_nanos: i64, handed_on: u64) -> Verdict {
+        let time_s = pts_nanos as f64 * 1e-9;
+        let over = self.max_frames.is_some_and(|most| handed_on >= most)
+            || self.end_s.is_some_and(|end| time_s >= end);
+        if over {
+            Verdict::Over
+        } else if time_s < self.start_s || !index.is_multiple_of(u64::from(self.stride)) {
+            Verdict::Skip
+        } else {
+            Verdict::Take
+        }
+    }
+}
+
+/// See [`DecodeOptions::verdict`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Verdict {
+    Take,
+    Skip,
+    Over,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn stride_start_and_end_choose_frames() {
+        let options = DecodeOptions {
+            stride: 3,
+            start_s: 1.0,
+            end_s: Some(2.0),
+            max_frames: Some(4),
+            ..DecodeOptions::default()
+        };
+        assert_eq!(options.verdict(12, 1_200_000_000, 0), Verdict::Take);
+        assert_eq!(options.verdict(13, 1_300_000_000, 0), Verdict::Skip);
+        assert_eq!(options.verdict(9, 900_000_000, 0), Verdict::Skip);
+        assert_eq!(options.verdict(21, 2_000_000_000, 0), Verdict::Over);
+        assert_eq!(options.verdict(12, 1_200_000_000, 4), Verdict::Over);
+        assert!(DecodeOptions { stride: 0, ..DecodeOptions::default() }.check().is_err());
+        assert!(DecodeOptions { image_fps: f64::NAN, ..DecodeOptions::default() }.check().is_err());
+    }
+}

@@ -1,0 +1,142 @@
+//! What a file is, by its first bytes. Only these kinds reach a codec: FFmpeg would also open playlists, concatenation
+//! scripts and patterns that name other files.
+
+use std::fs::File;
+use std::io::Read as _;
+use std::path::Path;
+
+use crate::DecodeError;
+
+/// Bytes that are looked at: three packets of a transport stream and more.
+const HEAD_BYTES: u64 = 1024;
+
+/// Kinds of file that are decoded.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Content {
+    /// MP4, QuickTime and their kin.
+    Mp4,
+    /// Matroska, WebM.
+    Matroska,
+    /// AVI.
+    Avi,
+    /// MPEG transport stream.
+    MpegTs,
+    /// MPEG program stream.
+    MpegPs,
+    /// H.264 without a container: has no times.
+    H264,
+    /// JPEG image.
+    Jpeg,
+    /// PNG image.
+    Png,
+}
+
+impl Content {
+    /// Whether it is a single image.
+    #[must_use]
+    pub fn is_image(self) -> bool {
+        matches!(self, Self::Jpeg | Self::Png)
+    }
+}
+
+/// Recognises a file by its content.
+///
+/// # Errors
+/// [`DecodeError::Unreadable`] or [`DecodeError::NotMedia`].
+pub fn sniff(path: &Path) -> Result<Content, DecodeError> {
+    let unreadable = |source| DecodeError::Unreadable { source, path: path.to_path_buf() };
+    let not_media = |what: &str| DecodeError::NotMedia { what: what.to_owned(), path: path.to_path_buf() };
+    // Before opening: to open a pipe would wait for its writer.
+    if !std::fs::metadata(path).map_err(unreadable)?.is_file() {
+        return Err(not_media("not a regular file"));
+    }
+    let mut head = Vec::new();
+    File::open(path).and_then(|f| f.take(HEAD_BYTES).read_to_end(&mut head)).map_err(unreadable)?;
+    let content = recognise(&head).map_err(not_media)?;
+    // FFmpeg takes files named like images for patterns of numbered files, whatever they hold.
+    if !content.is_image() && has_image_name(path) {
+        return Err(not_media("a video with the name of an image"));
+    }
+    Ok(content)
+}
+
+/// Whether the name says image.
+pub(crate) fn has_image_name(path: &Path) -> bool {
+    const NAMES: [&str; 9] = ["jpg", "jpeg", "png", "bmp", "gif", "tif", "tiff", "webp", "ppm"];
+    path.extension()
+        .and_then(|extension| extension.to_str())
+        .is_some_and(|extension| NAMES.iter().any(|name| extension.eq_ignore_ascii_case(name)))
+}
+
+fn recognise(head: &[u8]) -> Result<Content, &'static str> {
+    let at = |offset: usize, what: &[u8]| head.get(offset..).is_some_and(|rest| rest.starts_with(what));
+    let sync = |step: usize, first: usize| (0..3).all(|k| head.get(first + k * step) == Some(&0x47));
+    // Access unit delimiter or sequence parameters open every H.264 stream that can be decoded from its start.
+    let h264 = |nal: Option<&u8>| nal.is_some_and(|b| b & 0x80 == 0 && matches!(b & 0x1f, 7 | 9));
+    if head.is_empty() {
+        Err("the file is empty")
+    } else if at(0, &[0xff, 0xd8, 0xff]) {
+        Ok(Content::Jpeg)
+    } else if at(0, b"\x89PNG\r\n\x1a\n") {
+        Ok(Content::Png)
+    } else if [&b"ftyp"[..], b"moov", b"mdat", b"wide", b"pnot"].iter().any(|name| at(4, name)) {
+        Ok(Content::Mp4)
+    } else if at(0, &[0x1a, 0x45, 0xdf, 0xa3]) {
+        Ok(Content::Matroska)
+    } else if at(0, b"RIFF") && at(8, b"AVI ") {
+        Ok(Content::Avi)
+    } else if sync(188, 0) || sync(192, 4) {
+        Ok(Content::MpegTs)
+    } else if at(0, &[0, 0, 1, 0xba]) {
+        Ok(Content::MpegPs)
+    } else if (at(0, &[0, 0, 0, 1]) && h264(head.get(4))) || (at(0, &[0, 0, 1]) && h264(head.get(3))) {
+        Ok(Content::H264)
+    } else if at(0, b"GIF8") || at(0, b"BM") || at(0, b"II*\0") || at(0, b"MM\0*") || at(8, b"WEBP") {
+        Err("an image of a kind that is not read here: use PNG or JPEG")
+    } else if at(0, b"RIFF") || at(0, b"OggS") || at(0, b"ID3") || at(0, b"fLaC") {
+        Err("sound, or a container that is not read here")
+    } else if std::str::from_utf8(&head[..head.len().saturating_sub(4)]).is_ok() && !head.contains(&0) {
+        Err("it is text; lists of other files are not followed")
+    } else {
+        Err("unknown content")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn kinds_are_told_by_content() {
+        let ts: Vec<u8> = (0..600).map(|i| if i % 188 == 0 { 0x47 } else { 0 }).collect();
+        for (head, kind) in [
+            (&b"\0\0\0\x20ftypisom\0\0\x02\0"[..], Content::Mp4),
+            (b"\x1a\x45\xdf\xa3\x01\0\0\0", Content::Matroska),
+            (b"RIFF\x10\0\0\0AVI LIST", Content::Avi),
+            (b"\0\0\x01\xba\x44", Content::MpegPs),
+            (b"\0\0\0\x01\x67\x64", Content::H264),
+            (b"\xff\xd8\xff\xe0", Content::Jpeg),
+            (b"\x89PNG\r\n\x1a\n", Content::Png),
+            (&ts, Content::MpegTs),
+        ] {
+            assert_eq!(recognise(head), Ok(kind));
+        }
+    }
+
+    #[test]
+    fn what_is_no_media_is_refused_whatever_it_says() {
+        for head in [
+            &b""[..],
+            b"ffconcat version 1.0\nfile /etc/passwd\n",
+            b"#EXTM3U\n#EXTINF:10,\nhttp://example.org/a.ts\n",
+            b"v=0\no=- 0 0 IN IP4 127.0.0.1\nm=video 5004 RTP/AVP 96\n",
+            b"RIFF\x10\0\0\0WAVEfmt ",
+            b"GIF89a",
+            b"\x7fELF\x02\x01\x01\0",
+            b"\0",
+            b"\0\0\0\x01\x41\x9a",
+        ] {
+            assert!(recognise(head).is_err(), "{head:?}");
+        }
+    }
+}

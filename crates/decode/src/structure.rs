@@ -1,0 +1,196 @@
+//! Whether a file ends before its own structure says: the one sign of a cut file that does not depend on decoding.
+
+use std::fs::File;
+use std::io::{Read as _, Seek as _, SeekFrom};
+use std::path::Path;
+
+use crate::Content;
+
+/// Top-level boxes that are looked at.
+const MAX_BOXES: usize = 10_000;
+
+/// Whether the outermost structure of the file reaches beyond its end. Unknown structures count as whole.
+pub(crate) fn is_cut_short(path: &Path, content: Content) -> bool {
+    let cut = match content {
+        Content::Mp4 => mp4_is_cut(path),
+        Content::Avi => avi_is_cut(path),
+        Content::Matroska => matroska_is_cut(path),
+        Content::MpegTs => ts_is_cut(path),
+        _ => Ok(false),
+    };
+    cut.unwrap_or(false)
+}
+
+/// Largest movie box that is searched for edit lists, bytes.
+const MAX_MOOV_BYTES: u64 = 64 << 20;
+
+/// Whether an MP4's edit list shows less than the whole of its video.
+pub(crate) fn is_trimmed(path: &Path) -> bool {
+    let moov = || {
+        let mut file = File::open(path).ok()?;
+        let length = file.metadata().ok()?.len();
+        let mut at = 0;
+        for _ in 0..MAX_BOXES {
+            file.seek(SeekFrom::Start(at)).ok()?;
+            let mut header = [0_u8; 16];
+            file.read_exact(if length - at >= 16 { &mut header } else { &mut header[..8] }).ok()?;
+            let [a, b, c, d, name @ .., _, _, _, _, _, _, _, _] = header;
+            let [_, _, _, _, _, _, _, _, large @ ..] = header;
+            let size = match u32::from_be_bytes([a, b, c, d]) {
+                1 => u64::from_be_bytes(large),
+                size => u64::from(size),
+            };
+            if &name == b"moov" {
+                let mut bytes = Vec::new();
+                file.seek(SeekFrom::Start(at + 8)).ok()?;
+                file.take(size.saturating_sub(8).min(MAX_MOOV_BYTES)).read_to_end(&mut bytes).ok()?;
+                return Some(bytes);
+            }
+            at = at.checked_add(size.max(8)).filter(|&next| next + 8 <= length)?;
+        }
+        None
+    };
+    moov().is_some_and(|moov| trimmed_track(&moov).unwrap_or(false))
+}
+
+/// The first box of this name, its contents.
+fn child<'a>(bytes: &'a [u8], name: &[u8; 4]) -> Option<&'a [u8]> {
+    children(bytes).find(|(found, _)| found == name).map(|(_, body)| body)
+}
+
+fn children(mut bytes: &[u8]) -> impl Iterator<Item = ([u8; 4], &[u8])> {
+    std::iter::from_fn(move || {
+        let size = u32::from_be_bytes(*bytes.first_chunk()?) as usize;
+        let name = *bytes.get(4..)?.first_chunk()?;
+        let body = bytes.get(8..size)?;
+        bytes = &bytes[size..];
+        Some((name, body))
+    })
+}
+
+/// Whether the video track of a movie box shows less than it holds: by more than 15 ms at the end, or a second at the
+/// start. Pictures that are reordered come later than their place in the track by the first composition offset; most
+/// encoders let the edit list begin there, others forget it and so lose as much at the end.
+fn trimmed_track(moov: &[u8]) -> Option<bool> {
+    let number = |bytes: &[u8], at: usize| Some(u32::from_be_bytes(*bytes.get(at..)?.first_chunk()?));
+    // Version 0 boxes have 4-byte times, version 1 boxes 8-byte times.
+    let scale_and_duration = |header: &[u8]| match header.first()? {
+        0 => Some((f64::from(number(header, 12)?), f64::from(number(header, 16)?))),
+        _ => {
+            let duration = u64::from_be_bytes(*header.get(24..)?.first_chunk()?);
+            Some((f64::from(number(header, 20)?), duration as f64))
+        }
+    };
+    let (movie_scale, _) = scale_and_duration(child(moov, b"mvhd")?)?;
+    for (_, trak) in children(moov).filter(|(name, _)| name == b"trak") {
+        let Some(mdia) = child(trak, b"mdia") else { continue };
+        if child(mdia, b"hdlr")?.get(8..12)? != b"vide" {
+            continue;
+        }
+        let (scale, duration) = scale_and_duration(child(mdia, b"mdhd")?)?;
+        let Some(elst) = child(trak, b"edts").and_then(|edts| child(edts, b"elst")) else {
+            return Some(false);
+        };
+        let entries = number(elst, 4)?;
+        if entries != 1 || elst.first() != Some(&0) {
+            return Some(true); // pauses, repeats, or times of 8 bytes: not worth telling apart
+        }
+        let shown_s = f64::from(number(elst, 8)?) / movie_scale;
+        let ctts = child(mdia, b"minf").and_then(|minf| child(child(minf, b"stbl")?, b"ctts"));
+        let delay = ctts.and_then(|ctts| number(ctts, 12)).map_or(0.0, f64::from);
+        let from_s = f64::from(number(elst, 12)?) / scale;
+        return Some(from_s > 1.0 || shown_s + from_s < (duration + delay) / scale - 0.015);
+    }
+    None
+}
+
+fn mp4_is_cut(path: &Path) -> std::io::Result<bool> {
+    let mut file = File::open(path)?;
+    let length = file.metadata()?.len();
+    let mut at = 0_u64;
+    for _ in 0..MAX_BOXES {
+        if at == length {
+            return Ok(false);
+        }
+        let mut header = [0_u8; 16];
+        if length - at < 8 {
+            return Ok(true);
+        }
+        file.seek(SeekFrom::Start(at))?;
+        let long = length - at >= 16;
+        file.read_exact(if long { &mut header } else { &mut header[..8] })?;
+        let [a, b, c, d, _, _, _, _, large @ ..] = header;
+        let size = match u32::from_be_bytes([a, b, c, d]) {
+            0 => return Ok(false), // to the end of the file, wherever that is
+            1 if long => u64::from_be_bytes(large),
+            size => u64::from(size),
+        };
+        match at.checked_add(size) {
+            Some(next) if size >= 8 && next <= length => at = next,
+            Some(next) if next > length => return Ok(true),
+            _ => return Ok(false), // no box: something else than cutting is wrong
+        }
+    }
+    Ok(false)
+}
+
+/// Transport streams are packets of 188 bytes, or of 192 with a time stamp before each.
+fn ts_is_cut(path: &Path) -> std::io::Result<bool> {
+    let mut file = File::open(path)?;
+    let length = file.metadata()?.len();
+    let mut first = [0];
+    file.read_exact(&mut first)?;
+    Ok(length % if first == [0x47] { 188 } else { 192 } != 0)
+}
+
+fn avi_is_cut(path: &Path) -> std::io::Result<bool> {
+    let mut file = File::open(path)?;
+    let length = file.metadata()?.len();
+    let mut header = [0_u8; 8];
+    file.read_exact(&mut header)?;
+    let [_, _, _, _, size @ ..] = header;
+    Ok(u64::from(u32::from_le_bytes(size)) + 8 > length)
+}
+
+/// An EBML number with its length marker: value and bytes; `None` for the reserved "unknown".
+fn ebml_size(bytes: &[u8]) -> Option<(u64, usize)> {
+    let first = *bytes.first()?;
+    let length = first.leading_zeros() as usize + 1;
+    let bytes = bytes.get(..length)?;
+    let value = bytes.iter().fold(0_u64, |value, byte| value << 8 | u64::from(*byte));
+    let mask = (1_u64 << (7 * length)) - 1;
+    (length <= 8 && value & mask != mask).then_some((value & mask, length))
+}
+
+fn matroska_is_cut(path: &Path) -> std::io::Result<bool> {
+    const SEGMENT: [u8; 4] = [0x18, 0x53, 0x80, 0x67];
+    let file = File::open(path)?;
+    let length = file.metadata()?.len();
+    let mut head = Vec::new();
+    file.take(4096).read_to_end(&mut head)?;
+    let end_of_segment = || {
+        let (header, digits) = ebml_size(head.get(4..)?)?;
+        let segment = 4 + digits + usize::try_from(header).ok()?;
+        let rest = head.get(segment..)?.strip_prefix(&SEGMENT)?;
+        let (size, digits) = ebml_size(rest)?;
+        Some((segment + 4 + digits) as u64 + size)
+    };
+    Ok(end_of_segment().is_some_and(|end| end > length))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn boxes_beyond_the_end_are_noticed() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.mp4");
+        let whole = [&[0, 0, 0, 12][..], b"ftypisom", &[0, 0, 0, 20], b"mdat", &[7; 12]].concat();
+        for length in 0..=whole.len() {
+            std::fs::write(&path, &whole[..length]).unwrap();
+            let between_boxes = [0, 12, whole.len()].contains(&length);
+            assert_eq!(is_cut_short(&path, Content::Mp4), !between_boxes, "{length} bytes");
+        }
+    }
+}

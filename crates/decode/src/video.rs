@@ -1,0 +1,205 @@
+//! One video file through OpenCV, with every frame accounted for.
+
+use std::path::{Path, PathBuf};
+
+use image::RgbImage;
+use opencv::core::Mat;
+use opencv::imgproc::{COLOR_BGR2RGB, cvt_color_def};
+use opencv::prelude::*;
+use opencv::videoio::{
+    CAP_FFMPEG, CAP_PROP_FPS, CAP_PROP_FRAME_COUNT, CAP_PROP_FRAME_HEIGHT, CAP_PROP_FRAME_WIDTH,
+    CAP_PROP_POS_MSEC, VideoCapture,
+};
+use roadplane_base::{Frame, FrameStamp};
+
+use crate::clock::Clock;
+use crate::options::Verdict;
+use crate::packets::Packets;
+use crate::still::check_size;
+use crate::structure::{is_cut_short, is_trimmed};
+use crate::{Content, DecodeError, DecodeOptions, DecodeReport};
+
+/// Failed reads in a row after which the end is reached; each skips a packet that cannot be decoded.
+const MAX_FAILED_READS: u32 = 5000;
+/// Frame rate where the stream gives none that can be believed.
+const FALLBACK_FPS: f64 = 30.0;
+/// Most frames that a container is believed to promise: a year at 30 frames/s.
+const MAX_PROMISED: f64 = 1e9;
+
+/// Longest gap in a container without a frame count that is taken for damage and not for a pause, s.
+const MAX_GAP_S: f64 = 10.0;
+
+/// An open video file.
+pub(crate) struct Video {
+    path: PathBuf,
+    content: Content,
+    capture: VideoCapture,
+    clock: Clock,
+    /// Index of the next frame, lost ones included.
+    next_index: u64,
+    /// Frames left out by gaps in the times that are too long to be called damage.
+    paused: u64,
+    fps: f64,
+    promised: Option<u64>,
+    size: Option<(u32, u32)>,
+    bgr: Mat,
+    rgb: Mat,
+}
+
+impl Video {
+    pub(crate) fn open(path: &Path, content: Content, options: &DecodeOptions) -> Result<Self, DecodeError> {
+        let not_media =
+            |what: &str| DecodeError::NotMedia { what: what.to_owned(), path: path.to_path_buf() };
+        // An absolute path cannot be taken for a protocol or an option.
+        let absolute = path
+            .canonicalize()
+            .map_err(|source| DecodeError::Unreadable { source, path: path.to_path_buf() })?;
+        let name = absolute.to_str().ok_or_else(|| not_media("its path is not UTF-8"))?;
+        let capture = VideoCapture::from_file(name, CAP_FFMPEG).map_err(library)?;
+        if !capture.is_opened().map_err(library)? {
+            let what = if is_cut_short(path, content) {
+                "it ends early, before what is needed to decode it"
+            } else {
+                "no video stream that can be decoded"
+            };
+            return Err(DecodeError::Damaged { what: what.to_owned(), path: path.to_path_buf() });
+        }
+        let number = |property| capture.get(property).unwrap_or(0.0);
+        let pixels = |property| number(property).clamp(0.0, f64::from(u32::MAX)) as u32;
+        check_size(path, pixels(CAP_PROP_FRAME_WIDTH), pixels(CAP_PROP_FRAME_HEIGHT), options)?;
+        let fps = number(CAP_PROP_FPS);
+        let promised = number(CAP_PROP_FRAME_COUNT);
+        let fps = if fps > 0.0 && fps <= options.max_fps { fps } else { FALLBACK_FPS.min(options.max_fps) };
+        Ok(Self {
+            path: absolute,
+            content,
+            clock: Clock::new(fps),
+            next_index: 0,
+            paused: 0,
+            fps,
+            promised: (1.0..=MAX_PROMISED).contains(&promised).then_some(promised as u64),
+            size: None,
+            bgr: Mat::default(),
+            rgb: Mat::default(),
+            capture,
+        })
+    }
+
+    /// Frames that the container promises: an estimate, for progress only.
+    pub(crate) fn promised(&self) -> Option<u64> {
+        self.promised
+    }
+
+    /// Nominal frame rate, 1/s.
+    pub(crate) fn fps(&self) -> f64 {
+        self.fps
+    }
+
+    /// The next frame that the options choose; `None` at the end, when the report is complete.
+    pub(crate) fn next(
+        &mut self,
+        options: &DecodeOptions,
+        report: &mut DecodeReport,
+    ) -> Result<Option<Frame>, DecodeError> {
+        let mut failed = 0;
+        loop {
+            if !self.capture.grab().unwrap_or(false) {
+                failed += 1;
+                if failed == MAX_FAILED_READS {
+                    self.account_for_the_end(report);
+                    return Ok(None);
+                }
+                continue;
+            }
+            failed = 0;
+            let stamp = self.stamp(report);
+            match options.verdict(stamp.index, stamp.pts_nanos, report.delivered) {
+                Verdict::Over => return Ok(None),
+                Verdict::Skip => report.decoded_one(),
+                Verdict::Take => match self.picture(options) {
+                    Ok(image) => {
+                        report.decoded_one();
+                        return Ok(Some(Frame { stamp, image }));
+                    }
+                    Err(what) => {
+                        report.warn(format!("frame {} is left out: {what}", stamp.index));
+                        report.lost(stamp.index, 1, stamp.time_s());
+                    }
+                },
+            }
+        }
+    }
+
+    /// Place of the picture just grabbed; counts the frames lost before it.
+    fn stamp(&mut self, report: &mut DecodeReport) -> FrameStamp {
+        let before_s = self.clock.last_s();
+        let tick = self.clock.tick(self.capture.get(CAP_PROP_POS_MSEC).unwrap_or(f64::NAN));
+        report.times_made_up += tick.made_up;
+        if tick.skipped > 0 {
+            if !self.counts_frames() && self.clock.last_s() - before_s > MAX_GAP_S {
+                let gap_s = self.clock.last_s() - before_s;
+                report.warn(format!(
+                    "{gap_s:.1} s without a frame from {before_s:.1} s on: a pause, or damage"
+                ));
+                self.paused += tick.skipped;
+            } else {
+                report.lost(self.next_index, tick.skipped, before_s);
+            }
+            self.next_index += tick.skipped;
+        }
+        let index = self.next_index;
+        self.next_index += 1;
+        FrameStamp { index, pts_nanos: tick.pts_nanos }
+    }
+
+    /// Whether the container's frame count is exact.
+    fn counts_frames(&self) -> bool {
+        matches!(self.content, Content::Avi | Content::Mp4)
+    }
+
+    /// The pixels of the picture just grabbed.
+    fn picture(&mut self, options: &DecodeOptions) -> Result<RgbImage, String> {
+        let text = |error: opencv::Error| error.to_string();
+        if !self.capture.retrieve_def(&mut self.bgr).map_err(text)? || self.bgr.empty() {
+            return Err("the decoder gives no pixels".to_owned());
+        }
+        let side = |length: i32| u32::try_from(length).unwrap_or(0);
+        let (width, height) = (side(self.bgr.cols()), side(self.bgr.rows()));
+        check_size(&self.path, width, height, options).map_err(|error| error.to_string())?;
+        if *self.size.get_or_insert((width, height)) != (width, height) {
+            return Err(format!("it has another size than the first one, {width}×{height}"));
+        }
+        cvt_color_def(&self.bgr, &mut self.rgb, COLOR_BGR2RGB).map_err(text)?;
+        let bytes = self.rgb.data_bytes().map_err(text)?.to_vec();
+        RgbImage::from_raw(width, height, bytes).ok_or_else(|| "its pixels are not 8-bit colour".to_owned())
+    }
+
+    /// Settles what was lost, now that the decoder gives nothing more.
+    fn account_for_the_end(&mut self, report: &mut DecodeReport) {
+        report.cut_short = is_cut_short(&self.path, self.content);
+        let packets = self.path.to_str().and_then(Packets::read).unwrap_or_default();
+        report.broken_packets = packets.broken;
+        let seen = report.expected;
+        // Frames that an edit list leaves out are neither shown nor lost; which they are, OpenCV does not say.
+        let trimmed = self.content == Content::Mp4 && is_trimmed(&self.path);
+        let held = match self.promised {
+            Some(promised) if self.counts_frames() || report.cut_short => promised.max(packets.count),
+            _ => packets.count,
+        };
+        if self.counts_frames() && !trimmed && held < seen && held >= report.decoded {
+            // A variable frame rate, not damage, made the gaps.
+            report.forget_gaps(held - report.decoded);
+        }
+        let absent = held.saturating_sub(report.expected);
+        if absent > 0 && !trimmed {
+            report.lost(self.next_index, absent, self.clock.last_s());
+        }
+        if self.paused > 0 {
+            tracing::debug!(frames = self.paused, "frame numbers leave room for pauses");
+        }
+    }
+}
+
+fn library(error: opencv::Error) -> DecodeError {
+    DecodeError::Library { what: error.to_string() }
+}
