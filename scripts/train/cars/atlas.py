@@ -20,6 +20,8 @@ from .specs import SPECS, TRAFFIC_SHARE
 from .style import model_style, vary
 
 MODES = 6
+# Some meshes are variants of each other, some are of cars that were never built, and their points were marked by eye.
+MESH_WEIGHT = 1 / 3
 MIRROR_SIGN = np.array([1.0, -1.0, 1.0])
 
 
@@ -43,13 +45,15 @@ class Basis:
 
 
 def population_in_traffic(variants: int = 8, seed: int = 7) -> Population:
-    """`variants` cars near every base model of the built cars, and the imported meshes, which count as one model each.
+    """`variants` cars near every base model of the built cars, and the imported meshes.
 
-    A body type's share of traffic is split evenly among its models.
+    A body type's share of traffic is split evenly among its models; a mesh counts as MESH_WEIGHT of a model.
     """
     rng = np.random.default_rng(seed)
     meshes = catalogue()
-    models_of = Counter([s.body for s in SPECS] + [m["body"] for m in meshes])
+    models_of = Counter(spec.body for spec in SPECS)
+    for mesh in meshes:
+        models_of[mesh["body"]] += MESH_WEIGHT
     rows = []  # keypoints, dims, weight, model
     for spec in SPECS:
         share = TRAFFIC_SHARE[spec.body] / models_of[spec.body] / variants
@@ -58,7 +62,7 @@ def population_in_traffic(variants: int = 8, seed: int = 7) -> Population:
             rows.append((keypoints_of(style, rng), (style.length, style.width, style.height), share, spec.name))
     for mesh in meshes:
         left = {name: np.full(3, np.nan) if point is None else np.array(point) for name, point in mesh["keypoints"].items()}
-        share = TRAFFIC_SHARE[mesh["body"]] / models_of[mesh["body"]]
+        share = TRAFFIC_SHARE[mesh["body"]] / models_of[mesh["body"]] * MESH_WEIGHT
         rows.append((both_sides(left), mesh["dims"], share, mesh["name"]))
     return Population(*(np.array(column) for column in zip(*rows)))
 
@@ -197,7 +201,7 @@ def main() -> None:
     """Write the atlas and print its report."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=REPOSITORY / "models" / "atlas.json")
-    parser.add_argument("--version", default="1.4")
+    parser.add_argument("--version", default="1.5")
     arguments = parser.parse_args()
 
     population = population_in_traffic()
