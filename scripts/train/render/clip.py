@@ -13,10 +13,9 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from scipy.interpolate import CubicSpline
-
 from cars.builder import sample_car
 from cars.mesh import CarMesh
+from scipy.interpolate import CubicSpline
 
 from .camera import Camera, world_from_car
 from .crops import Sight, real_meshes, sight
@@ -67,10 +66,10 @@ def path_through(points: np.ndarray) -> CubicSpline:
     return CubicSpline(length, fine)
 
 
-def sample_clip(rng: np.random.Generator, renderer: Renderer, meshes: list[CarMesh], size: tuple[int, int], fps: float,
-                seconds: float, height_m: float | None) -> Clip:
+def sample_clip(rng: np.random.Generator, renderer: Renderer, meshes: list[CarMesh], options: argparse.Namespace) -> Clip:
     """A car park with two rows, one car in the aisle and one on the lane in front, people, trees behind."""
-    height = height_m or rng.uniform(5, 14)
+    size = tuple(options.size)
+    height = options.height_m or rng.uniform(5, 14)
     middle = height / np.tan(np.radians(rng.uniform(16, 20)))  # ground distance of the image centre
     focal = rng.uniform(1.0, 1.25) * size[0] * middle / 25
     camera = Camera(size, focal, height, np.arctan2(height, middle), rng.normal(0, np.radians(1.0)))
@@ -82,7 +81,7 @@ def sample_clip(rng: np.random.Generator, renderer: Renderer, meshes: list[CarMe
         return origin + along * e + away * n
 
     def car(e: float, n: float, heading: float) -> PlacedCar:
-        mesh = meshes[rng.integers(len(meshes))] if meshes and rng.random() < 0.3 else sample_car(rng)
+        mesh = meshes[rng.integers(len(meshes))] if rng.random() < options.mesh_share else sample_car(rng, split=options.split)
         look = sample_car_look(rng)
         look.dirt *= 0.5
         return PlacedCar(renderer.upload(mesh), look, world_from_car(*place(e, n), heading))
@@ -113,7 +112,7 @@ def sample_clip(rng: np.random.Generator, renderer: Renderer, meshes: list[CarMe
     for e in np.arange(-22, 34, 4):
         props.append(placed("box", tuple(place(e, 33.95)), (2.2, 0.1, 1.5), (0.03, 0.035, 0.045), turn, bottom_m=2.2))
         props.append(placed("box", tuple(place(e, 33.95)), (2.2, 0.1, 1.5), (0.03, 0.035, 0.045), turn, bottom_m=5.6))
-    walkers = [(person(rng, tuple(place(rng.uniform(-6, 6), 1.9))), -along * way * 1.3),
+    walkers = [(person(rng, tuple(place(rng.uniform(-6, 6), 2.9 * way))), -along * way * 1.3),
                (person(rng, tuple(place(rng.uniform(2, 8), 10.0))), along * 1.1)]
 
     asphalt, grass = sample_ground(rng, "asphalt"), sample_ground(rng, "grass")
@@ -130,7 +129,7 @@ def sample_clip(rng: np.random.Generator, renderer: Renderer, meshes: list[CarMe
                   environment=int(rng.integers(ENVIRONMENTS)), exposure=1.0, sun_mirror=25.0)
     scene = Scene(cars, props, floor, light, np.append(origin, 0.0), shadow_reach_m=34.0)
     scene.set_exposure(0.2)
-    return Clip(camera, scene, fps, round(fps * seconds), drives, walkers)
+    return Clip(camera, scene, options.fps, round(options.fps * options.seconds), drives, walkers)
 
 
 def finished(rng: np.random.Generator, drawn: np.ndarray, size: tuple[int, int]) -> np.ndarray:
@@ -211,14 +210,16 @@ def main() -> None:
     parser.add_argument("--fps", type=float, default=12.0)
     parser.add_argument("--seconds", type=float, default=5.0)
     parser.add_argument("--height-m", type=float, help="of the camera; random unless given")
+    parser.add_argument("--split", choices=("train", "eval"), default="train", help="of the cars")
+    parser.add_argument("--mesh-share", type=float, default=0.0, help="of the cars that are real meshes, the rest is built")
     parser.add_argument("--crf", type=int, default=24)
     parser.add_argument("--still", action="store_true", help="only the first frame, as PNG")
     options = parser.parse_args()
     renderer = Renderer(shadow_size=4096)
-    meshes = real_meshes("train")
+    meshes = real_meshes("eval" if options.split == "eval" else "train") if options.mesh_share > 0 else []
     for number in range(options.count):
         rng = np.random.default_rng([options.seed, number])
-        clip = sample_clip(rng, renderer, meshes, tuple(options.size), options.fps, options.seconds, options.height_m)
+        clip = sample_clip(rng, renderer, meshes, options)
         name = options.name if options.count == 1 else f"{options.name}_{number:03d}"
         if options.still:
             options.out.mkdir(parents=True, exist_ok=True)
