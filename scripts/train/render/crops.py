@@ -135,9 +135,9 @@ def make_crop(renderer: Renderer, scene: Scene, camera: Camera, seen: Sight, rng
 class Generator:
     """Deterministic shards of crops."""
 
-    def __init__(self, split: str, seed: int, meshes: list[CarMesh]) -> None:
+    def __init__(self, split: str, seed: int, meshes: list[CarMesh], renderer: Renderer | None = None) -> None:
         self.split, self.seed = split, seed
-        self.renderer = Renderer()
+        self.renderer = renderer or Renderer()
         self.meshes = [self.renderer.upload(mesh) for mesh in meshes]
 
     def shard(self, number: int, count: int = SHARD) -> dict[str, np.ndarray]:

@@ -244,7 +244,7 @@ class Renderer:
 
     def _draw_shadows(self, scene: Scene) -> np.ndarray:
         light, centre, reach = scene.light, scene.centre, scene.shadow_reach_m
-        side = np.cross([0, 0, 1.0], light.to_sun)
+        side = np.cross([0, 1e-6, 1.0], light.to_sun)  # also with the sun in the zenith
         side /= np.linalg.norm(side)
         up = np.cross(light.to_sun, side)
         rotation = np.stack([side, up, -light.to_sun])
