@@ -1,4 +1,4 @@
-"""Build the shape atlas: mean and six principal components of the keypoints over cars as common as in traffic.
+"""Build the shape atlas: mean and six principal components of the keypoints over cars as in traffic.
 
 `PYTHONPATH=scripts/train python -m cars.atlas` writes models/atlas.json and prints the report.
 """
@@ -20,14 +20,14 @@ from .specs import SPECS, TRAFFIC_SHARE
 from .style import model_style, vary
 
 MODES = 6
-# Some meshes are variants of each other, some are of cars that were never built, and their points were marked by eye.
+# Some meshes are variants of each other or of cars never built, and their points were marked by eye.
 MESH_WEIGHT = 1 / 3
 MIRROR_SIGN = np.array([1.0, -1.0, 1.0])
 
 
 @dataclass(frozen=True)
 class Population:
-    """Cars in rows: keypoints (n, 36, 3) with NaN where missing, dims (n, 3), weight (n,), base model (n,)."""
+    """Cars in rows: keypoints (n, 36, 3), NaN where missing, dims (n, 3), weights (n,), base models (n,)."""
 
     keypoints: np.ndarray
     dims: np.ndarray
@@ -59,9 +59,14 @@ def population_in_traffic(variants: int = 8, seed: int = 7) -> Population:
         share = TRAFFIC_SHARE[spec.body] / models_of[spec.body] / variants
         for _ in range(variants):
             style = vary(model_style(spec), rng)
-            rows.append((keypoints_of(style, rng), (style.length, style.width, style.height), share, spec.name))
+            rows.append(
+                (keypoints_of(style, rng), (style.length, style.width, style.height), share, spec.name)
+            )
     for mesh in meshes:
-        left = {name: np.full(3, np.nan) if point is None else np.array(point) for name, point in mesh["keypoints"].items()}
+        left = {
+            name: np.full(3, np.nan) if point is None else np.array(point)
+            for name, point in mesh["keypoints"].items()
+        }
         share = TRAFFIC_SHARE[mesh["body"]] / models_of[mesh["body"]] * MESH_WEIGHT
         rows.append((both_sides(left), mesh["dims"], share, mesh["name"]))
     return Population(*(np.array(column) for column in zip(*rows)))
@@ -116,7 +121,7 @@ def left_out_residuals(rows: np.ndarray, population: Population) -> tuple[np.nda
 
 
 def coefficient_bounds(basis: Basis, rows: np.ndarray) -> np.ndarray:
-    """Range that 99.6 % of the population's coefficients lie in, and a quarter of a standard deviation more, (6, 2)."""
+    """Range of 99.6 % of the population's coefficients and 0.25 standard deviations more, (6, 2)."""
     coefficients = np.array([project(basis, row)[0] for row in rows])
     low, high = np.percentile(coefficients, [0.2, 99.8], axis=0)
     return np.stack([low - 0.25, high + 0.25], axis=1)
@@ -149,7 +154,9 @@ def to_json(basis: Basis, bounds: np.ndarray, residual_sd: np.ndarray, version: 
     }
 
 
-def report(rows: np.ndarray, population: Population, basis: Basis, residual: np.ndarray, bounds: np.ndarray) -> str:
+def report(
+    rows: np.ndarray, population: Population, basis: Basis, residual: np.ndarray, bounds: np.ndarray
+) -> str:
     """Variance explained, residual per keypoint of cars left out, and the spread of the dimensions."""
     lines = [f"cars {len(rows)} of {len(np.unique(population.models))} base models"]
     share = basis.variances / basis.variances.sum()
@@ -163,14 +170,16 @@ def report(rows: np.ndarray, population: Population, basis: Basis, residual: np.
         name = KEYPOINT_NAMES[i].removeprefix("left_")
         lines.append(f"  {name:20s} {x:12.0f} {y:4.0f} {z:4.0f} {np.sqrt(x * x + y * y + z * z):5.0f}")
     whole = 1000 * np.sqrt((residual[:54] ** 2).reshape(18, 3).sum(1).mean())
-    lines.append(f"  all keypoints, 3-D RMS {whole:.0f} mm; length, width, height {np.round(1000 * residual[54:])} mm")
+    lines.append(
+        f"  all keypoints, 3-D RMS {whole:.0f} mm; length, width, height {np.round(1000 * residual[54:])} mm"
+    )
     return "\n".join(lines)
 
 
-# Footprint = wheelbase × track, m². EPA Automotive Trends: about 4.5–4.6 for US light vehicles of 2008–2018; ICCT pocketbook:
-# about 3.9–4.0 for new cars of the EU, whose mean length, width and height are about 4.3, 1.80 and 1.52. From memory.
+# To compare with, from memory: footprint (wheelbase × track) of US light vehicles of 2008–2018 about 4.5–4.6 m²
+# (EPA Automotive Trends), of new cars of the EU about 3.9–4.0 m² (ICCT pocketbook). Our traffic mixes both.
 def spread(population: Population, basis: Basis) -> str:
-    """Mean and sd of the dimensions: published figures of the base models, the population, and the atlas under λ ~ N(0, I)."""
+    """Mean and sd of the dimensions: published base models, the population, the atlas under λ ~ N(0, I)."""
     share = np.array([TRAFFIC_SHARE[s.body] / sum(o.body == s.body for o in SPECS) for s in SPECS])
     published = np.array([(s.length, s.width, s.height, s.wheelbase, s.wheelbase * s.track) for s in SPECS])
     w = population.weights / population.weights.sum()
@@ -210,7 +219,7 @@ def main() -> None:
     bounds = coefficient_bounds(basis, rows)
     residual_sd = _weighted_rms(*left_out_residuals(rows, population))
     note = (
-        f"Mean and six principal components of {len(rows)} cars of {len(np.unique(population.models))} base models, "
+        f"Mean and six principal components, {len(rows)} cars of {len(np.unique(population.models))} base models, "
         "weighted by body type as in traffic; scripts/train/cars, `python -m cars.atlas`."
     )
     text = json.dumps(to_json(basis, bounds, residual_sd, arguments.version, note))

@@ -1,7 +1,6 @@
-"""The painted skin as two lofts: the tub (up to the shoulder, closed by bonnet and boot) and the cabin on top of it.
+"""The skin as two lofts: the tub (up to the shoulder, closed by bonnet and boot) and the cabin on top of it.
 
-Both are swept along plan outlines: u runs from the nose's centre (0) along the left side to the tail's centre (1); v runs
-up: 0 lower edge, 1 upper edge of the ring, then over the top to the centre line at 2.
+Both are swept along plan outlines: u runs from the nose's centre (0) along the left side to the tail's (1); v runs up: 0 lower edge, 1 upper edge of the ring, then over the top to the centre line at 2.
 """
 
 from __future__ import annotations
@@ -74,12 +73,18 @@ class Body:
             (0, 0.08, 0.3, 0.55, 0.8, 0.93, 1), (0.925, 0.962, 0.995, 1.0, 0.988, 0.968, shoulder)
         )
         self.tub_corners = Corners(
-            (s.front_round, 0.75 * s.front_round), (s.rear_round, 0.85 * s.rear_round), s.front_bow, s.rear_bow
+            (s.front_round, 0.75 * s.front_round),
+            (s.rear_round, 0.85 * s.rear_round),
+            s.front_bow,
+            s.rear_bow,
         )
         round_front = 0.11 if s.body != "van" else 0.08
         round_rear = 0.12 if s.body in ("sedan", "coupe") else 0.10
         self.cabin_corners = Corners(
-            (round_front, 0.10), (round_rear, 0.10 if s.body != "van" else 0.06), s.screen_bow, s.backlight_bow
+            (round_front, 0.10),
+            (round_rear, 0.10 if s.body != "van" else 0.06),
+            s.screen_bow,
+            s.backlight_bow,
         )
 
     @staticmethod
@@ -94,7 +99,15 @@ class Body:
         cowl_x = self.cowl[0] - s.screen_bow
         middle = 0.5 * (s.x_front + cowl_x)
         tail = s.tail_z * h
-        x = [s.x_rear, s.x_rear + 0.22, -s.wheelbase / 2 + 0.15, cowl_x - 0.3, middle, s.x_front - 0.2, s.x_front]
+        x = [
+            s.x_rear,
+            s.x_rear + 0.22,
+            -s.wheelbase / 2 + 0.15,
+            cowl_x - 0.3,
+            middle,
+            s.x_front - 0.2,
+            s.x_front,
+        ]
         z = [tail - 0.015, 0.6 * tail + 0.4 * self.belt_rear_z, self.belt_rear_z, belt + 0.004,
              0.45 * nose + 0.55 * belt + 0.025, nose + 0.04, nose]  # fmt: skip
         if s.body == "pickup":
@@ -107,8 +120,8 @@ class Body:
         s, h = self.style, self.style.height
         nose, tail = s.nose_z * h, s.tail_z * h
         middle = 0.5 * (s.x_front + self.cowl[0])
-        x = [s.x_rear, s.x_rear + min(0.12, 0.5 * (self.backlight[0] - s.x_rear)), self.backlight[0], self.cowl[0], middle,
-             s.x_front - 0.2, s.x_front]  # fmt: skip
+        lip = s.x_rear + min(0.12, 0.5 * (self.backlight[0] - s.x_rear))
+        x = [s.x_rear, lip, self.backlight[0], self.cowl[0], middle, s.x_front - 0.2, s.x_front]  # fmt: skip
         z = [tail, tail + 0.012, self.backlight[1], self.cowl[1], 0.42 * nose + 0.58 * self.cowl[1] + 0.035,
              nose + 0.06, nose]  # fmt: skip
         if s.body == "pickup":
@@ -165,7 +178,9 @@ class Body:
         h = self.style.height
         x = [xt, xt + 0.3 * (xh - xt), xt + 0.65 * (xh - xt), xh]
         side = (1 - self.style.roof_crown) * h
-        return PchipInterpolator(x, [zt - 0.03, max(side - 0.008, zt - 0.02), max(side, zh - 0.02), zh - 0.03])
+        return PchipInterpolator(
+            x, [zt - 0.03, max(side - 0.008, zt - 0.02), max(side, zh - 0.02), zh - 0.03]
+        )
 
     @cached_property
     def roof_centre_z(self) -> PchipInterpolator:

@@ -60,7 +60,7 @@ class Layout:
         return float(np.interp(y, ring[face, 1], u[face]))
 
     def _lamps(self) -> None:
-        """Corners of head and tail lamp as (u, v) quadrilaterals: inner top, inner bottom, outer bottom, outer top."""
+        """Corners of head and tail lamp in (u, v): inner top, inner bottom, outer bottom, outer top."""
         s, body, half = self.style, self.body, self.body.half_width
         top = 0.985
 
@@ -76,7 +76,9 @@ class Layout:
             (outer, v_at(outer, gap + 0.7 * tall)), (outer, v_at(outer, gap + 0.2 * tall)),
         ]  # fmt: skip
         inner = self._tub_u(0.9, y=s.tail_inner_y * half, rear=True)
-        outer = self._tub_u(0.9, x=float(body.tub(1.0, 0.9)[0]) + max(s.tail_forward, s.rear_bow + 0.03), rear=True)
+        outer = self._tub_u(
+            0.9, x=float(body.tub(1.0, 0.9)[0]) + max(s.tail_forward, s.rear_bow + 0.03), rear=True
+        )
         gap, tall = s.tail_drop, s.tail_height
         self.tail_lamp = [
             (inner, v_at(inner, gap)), (inner, v_at(inner, gap + 0.85 * tall)),

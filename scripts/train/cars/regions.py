@@ -1,4 +1,4 @@
-"""Tests that bound regions of a surface, for `Shell.paint` and `Shell.cut`: positive inside, in metres or in u and v."""
+"""Tests that bound regions of a surface, for `Shell.paint` and `Shell.cut`: positive inside."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def disc(x: float, z: float, radius: float) -> Test:
 
 
 def pane(u: tuple[float, float], v: tuple[float, float], side: int, grow: float = 0.0) -> Test:
-    """Towards the centre line from a pane's edge, which runs from (u[0], v[0]) to (u[1], v[1]); side 1 front, −1 rear."""
+    """Towards the centre line from a pane's edge, (u[0], v[0]) to (u[1], v[1]); side 1 front, −1 rear."""
     slope = (u[1] - u[0]) / (v[1] - v[0])
     return lambda p, uv: side * (u[0] + slope * (uv[:, 1] - v[0]) - uv[:, 0]) + grow
 

@@ -1,18 +1,18 @@
 """Real vehicles the built cars vary about.
 
-Every row holds a maker's published exterior figures as remembered, rounded to the centimetre: expect errors of about ±1 %
-in length, width, height and wheelbase, ±2 % in track and tyre, and ±5 cm in the front overhang, which makers rarely
-publish: those are ESTIMATES. Width is without mirrors, height without roof rails.
+Every row holds a maker's published exterior figures as remembered, rounded to the centimetre: ESTIMATES, with errors
+of about ±1 % in length, width, height and wheelbase, ±2 % in track and tyre, and ±5 cm in the front overhang, which
+makers rarely publish. Width is without mirrors, height without roof rails.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-# Share of each body type among cars in traffic and car parks, ESTIMATE for North America, Europe and Brazil 1998–2018.
+# Share of each body type in traffic and car parks: ESTIMATE for North America, Europe and Brazil 1998–2018.
 TRAFFIC_SHARE = {
-    "sedan": 0.34, "hatchback": 0.18, "wagon": 0.05, "suv": 0.19, "minivan": 0.07, "van": 0.04, "pickup": 0.09,
-    "coupe": 0.04,
+    "sedan": 0.34, "hatchback": 0.18, "wagon": 0.05, "suv": 0.19, "minivan": 0.07, "van": 0.04,
+    "pickup": 0.09, "coupe": 0.04,
 }  # fmt: skip
 
 
@@ -32,7 +32,7 @@ class Spec:
     split: str  # "train" or "eval": models of one split never appear in the other
 
 
-# name, length, width, height, wheelbase, front overhang, track (mean of both axles), tyre diameter; "*" marks split eval
+# name, length, width, height, wheelbase, front overhang, track (mean of axles), tyre diameter; "*": split eval
 _TABLE = {
     "sedan": """
         toyota-camry-2007      4.81 1.82 1.47 2.78 0.97 1.57 0.66

@@ -1,7 +1,7 @@
 """Shape parameters of a built car: what a specification leaves open, drawn about a mean for each body type.
 
-Means and spreads are ESTIMATES read off side, front and rear views of cars of 1998–2018. Each base model keeps its own
-character (seeded by its name) and each car drawn from it varies a little more.
+Means and spreads are ESTIMATES read off side, front and rear views of cars of 1998–2018. Each base model keeps its
+own character (seeded by its name) and each car drawn from it varies a little more.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from .mesh import BODY_TYPES
 from .specs import SPECS, TRAFFIC_SHARE, Spec
 
 # parameter: unit, spread between models, spread within a model, then the mean for each of BODY_TYPES.
-# Heights are fractions of the car's height and half widths fractions of half its width, so that they scale with it.
+# Heights are fractions of the car's height, half widths fractions of half its width, so that they scale with it.
 #                 models within  sedan hatch wagon suv   mivan van   pick  coupe
 _PRIOR = {
     # windscreen: centre of its lower edge relative to the front axle (m), slope from horizontal (deg), heights
@@ -28,8 +28,8 @@ _PRIOR = {
     "backlight_rake": (2.0, 0.7, (24.8, 42.3, 50, 60, 63, 84, 80, 21.3)),
     "backlight_z":    (0.015, 0.004, (0.727, 0.71, 0.69, 0.665, 0.625, 0.56, 0.665, 0.743)),
     "tailgate_z":     (0.006, 0.002, (0.945, 0.925, 0.925, 0.925, 0.91, 0.87, 0.935, 0.94)),
-    # side glass: height of its lower edge in front and what it gains; rear corner ahead of the rear axle (m), pillar behind
-    # the front door from the glass's front corner (m)
+    # side glass: height of its lower edge in front and what it gains; rear corner ahead of the rear axle (m);
+    # pillar behind the front door, from the glass's front corner (m)
     "belt_front_z":   (0.010, 0.003, (0.598, 0.588, 0.588, 0.588, 0.553, 0.503, 0.593, 0.603)),
     "belt_rise":      (0.012, 0.003, (0.108, 0.138, 0.103, 0.096, 0.08, 0.05, 0.075, 0.128)),
     "quarter_dx":     (0.08, 0.02, (0.04, -0.1, -0.57, -0.42, -0.67, -0.57, 0.84, 0.01)),
@@ -49,7 +49,7 @@ _PRIOR = {
     "rear_bow":       (0.02, 0.006, (0.09, 0.08, 0.08, 0.06, 0.06, 0.03, 0.03, 0.09)),
     "bumper_z":       (0.010, 0.003, (0.150, 0.150, 0.150, 0.175, 0.135, 0.145, 0.210, 0.145)),
     "rear_bumper_z":  (0.012, 0.003, (0.235, 0.225, 0.23, 0.245, 0.205, 0.205, 0.27, 0.235)),
-    # headlamp: how far it runs back along the side (m), inner corner, gap below the shoulder line and height (m)
+    # headlamp: how far it runs back along the side (m), inner corner, gap below the shoulder, height (m)
     "lamp_back":      (0.09, 0.02, (0.38, 0.38, 0.36, 0.28, 0.42, 0.34, 0.16, 0.4)),
     "lamp_inner_y":   (0.05, 0.01, (0.50, 0.50, 0.51, 0.53, 0.52, 0.56, 0.60, 0.50)),
     "lamp_drop":      (0.015, 0.004, (0.015, 0.015, 0.015, 0.03, 0.015, 0.03, 0.06, 0.015)),
@@ -64,7 +64,8 @@ _PRIOR = {
     "mirror_size":    (0.01, 0.004, (0.14, 0.14, 0.14, 0.17, 0.17, 0.24, 0.20, 0.13)),
     "tyre_width":     (0.012, 0.004, (0.205, 0.185, 0.205, 0.235, 0.215, 0.205, 0.255, 0.225)),
     "ground_z":       (0.006, 0.003, (0.135, 0.135, 0.140, 0.155, 0.120, 0.125, 0.190, 0.125)),
-    # how far the bonnet's and the tail's edge stand back from the bumper (m); roof: where it is highest, drop to its edge
+    # how far the bonnet's and the tail's edge stand back from the bumper (m); roof: where it is highest
+    # (share of its length from the rear), drop to its edge
     "nose_back":      (0.03, 0.008, (0.10, 0.10, 0.10, 0.08, 0.11, 0.10, 0.06, 0.11)),
     "tail_back":      (0.02, 0.005, (0.08, 0.08, 0.08, 0.08, 0.07, 0.05, 0.10, 0.08)),
     "roof_peak":      (0.05, 0.01, (0.62, 0.66, 0.60, 0.60, 0.60, 0.60, 0.60, 0.62)),

@@ -37,7 +37,7 @@ class Shell:
         self.faces, self.materials = self.faces[keep], self.materials[keep]
 
     def _divide(self, tests: tuple[Test, ...]) -> np.ndarray:
-        """Split faces along each test's zero line within the region so far; indices of the faces that lie inside."""
+        """Split faces along each test's zero line within the region so far; indices of those that lie inside."""
         inside = np.arange(len(self.faces))
         for test in tests:  # a coarse pass first, so that far-away faces are left whole
             a, b, c = (test(self.points, self.uv) > 0)[self.faces[inside]].T
@@ -56,7 +56,9 @@ class Shell:
                 inside = whole
         return inside
 
-    def _split(self, which: np.ndarray, value: np.ndarray, positive: np.ndarray, lone_in: np.ndarray) -> np.ndarray:
+    def _split(
+        self, which: np.ndarray, value: np.ndarray, positive: np.ndarray, lone_in: np.ndarray
+    ) -> np.ndarray:
         """Cut faces in a tip and a rest of two along value = 0; indices of the parts on the positive side."""
         lone = np.where(lone_in, positive.argmax(1), (~positive).argmax(1))
         rows = np.arange(len(which))
@@ -67,7 +69,9 @@ class Shell:
         t = (value[near] / (value[near] - value[far]))[:, None]
         normal = self.normals[near] + t * (self.normals[far] - self.normals[near])
         normal /= np.sqrt((normal**2).sum(1, keepdims=True)).clip(1e-9)
-        self.points = np.concatenate([self.points, self.points[near] + t * (self.points[far] - self.points[near])])
+        self.points = np.concatenate(
+            [self.points, self.points[near] + t * (self.points[far] - self.points[near])]
+        )
         self.normals = np.concatenate([self.normals, normal])
         self.uv = np.concatenate([self.uv, self.uv[near] + t * (self.uv[far] - self.uv[near])])
         ab, ac = start + rows, start + len(which) + rows
@@ -81,11 +85,19 @@ class Shell:
     def mirrored(self) -> Shell:
         """The other side of the car."""
         flip = np.array([1.0, -1.0, 1.0])
-        return Shell(self.points * flip, self.normals * flip, self.uv, self.faces[:, ::-1].copy(), self.materials.copy())
+        return Shell(
+            self.points * flip,
+            self.normals * flip,
+            self.uv,
+            self.faces[:, ::-1].copy(),
+            self.materials.copy(),
+        )
 
     def moved(self, offset: tuple[float, float, float]) -> Shell:
         """Shifted by `offset`."""
-        return Shell(self.points + np.array(offset), self.normals, self.uv, self.faces.copy(), self.materials.copy())
+        return Shell(
+            self.points + np.array(offset), self.normals, self.uv, self.faces.copy(), self.materials.copy()
+        )
 
 
 def join(shells: list[Shell]) -> Shell:
@@ -133,7 +145,9 @@ def flat_polygon(corners: np.ndarray, material: str) -> Shell:
     return Shell(corners, np.tile(normal, (n, 1)), np.zeros((n, 2)), faces, code)
 
 
-def rounded_box(centre: np.ndarray, half: np.ndarray, material: str, power: float = 4.0, steps: int = 6) -> Shell:
+def rounded_box(
+    centre: np.ndarray, half: np.ndarray, material: str, power: float = 4.0, steps: int = 6
+) -> Shell:
     """Superellipsoid: a sphere for power 2, a box with soft edges above."""
     unit = _unit_box(power, steps)
     normal = unit.normals / half
@@ -151,7 +165,12 @@ def _unit_box(power: float, steps: int) -> Shell:
         return np.sign(value) * np.abs(value) ** (2.0 / power)
 
     unit = np.stack(
-        [soft(np.cos(lat)) * soft(np.cos(lon)), soft(np.cos(lat)) * soft(np.sin(lon)), soft(np.sin(lat)) + 0 * lon], -1
+        [
+            soft(np.cos(lat)) * soft(np.cos(lon)),
+            soft(np.cos(lat)) * soft(np.sin(lon)),
+            soft(np.sin(lat)) + 0 * lon,
+        ],
+        -1,
     )
     shell = grid(unit, np.zeros(unit.shape[:2] + (2,)), "paint")
     shell.normals = np.sign(shell.points) * np.abs(shell.points) ** (power - 1)

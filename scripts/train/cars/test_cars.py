@@ -42,7 +42,12 @@ class Cars(unittest.TestCase):
                     self.assertLess(distance_to_surface(point, triangles), limit, f"{car.name} {name}")
 
     def test_lamp_and_window_corners_touch_their_material(self) -> None:
-        wanted = {"headlight": "headlamp", "taillight": "taillamp", "windscreen": "glass", "rear_window": "glass"}
+        wanted = {
+            "headlight": "headlamp",
+            "taillight": "taillamp",
+            "windscreen": "glass",
+            "rear_window": "glass",
+        }
         for car in every_body(2):
             for name, point in zip(KEYPOINT_NAMES, car.keypoints):
                 for word, material in wanted.items():
@@ -55,7 +60,7 @@ class Cars(unittest.TestCase):
             np.testing.assert_allclose(car.keypoints[MIRROR] * FLIP, car.keypoints, atol=1e-12)
 
     def test_size_is_the_declared_one(self) -> None:
-        """The painted skin fills length and height (dark bumpers and spoilers leave a margin); wheels stand on z = 0."""
+        """Paint fills length and height (dark bumpers and spoilers leave a margin); wheels stand on z = 0."""
         for car in every_body(4):
             paint = car.vertices[np.unique(car.faces[car.materials == MATERIALS.index("paint")])]
             length = np.ptp(paint[:, 0])
@@ -105,7 +110,7 @@ class Atlas(unittest.TestCase):
             np.testing.assert_array_equal(shape[MIRROR] * FLIP, shape)
 
     def test_explains_a_new_car(self) -> None:
-        """Within bounds, six coefficients bring the eval models' keypoints to 10 cm RMS and each dimension to 30 cm."""
+        """Within bounds, six coefficients bring eval models' keypoints to 10 cm RMS, dims to 30 cm."""
         mean, modes = np.array(self.atlas["mean"]), np.array(self.atlas["modes"])
         errors, size_errors = [], []
         for car in named_cars("eval"):
@@ -114,8 +119,12 @@ class Atlas(unittest.TestCase):
             shape, *_ = np.linalg.lstsq(design, (car.keypoints - mean)[seen].ravel(), rcond=None)
             low, high = np.array(self.atlas["bounds"]).T
             shape = shape.clip(low, high)
-            errors.append(np.linalg.norm((mean + np.tensordot(shape, modes, 1) - car.keypoints)[seen], axis=1))
-            size_errors.append(self.atlas["dims_mean"] + shape @ np.array(self.atlas["dims_modes"]) - car.dims)
+            errors.append(
+                np.linalg.norm((mean + np.tensordot(shape, modes, 1) - car.keypoints)[seen], axis=1)
+            )
+            size_errors.append(
+                self.atlas["dims_mean"] + shape @ np.array(self.atlas["dims_modes"]) - car.dims
+            )
         self.assertLess(np.sqrt(np.mean(np.concatenate(errors) ** 2)), 0.10)
         self.assertLess(np.abs(size_errors).max(), 0.30)
 
