@@ -1,6 +1,7 @@
 """The skin as two lofts: the tub (up to the shoulder, closed by bonnet and boot) and the cabin on top of it.
 
-Both are swept along plan outlines: u runs from the nose's centre (0) along the left side to the tail's (1); v runs up: 0 lower edge, 1 upper edge of the ring, then over the top to the centre line at 2.
+Both are swept along plan outlines: u runs from the nose's centre (0) along the left side to the tail's (1);
+v runs up: 0 lower edge, 1 upper edge of the ring, then over the top to the centre line at 2.
 """
 
 from __future__ import annotations
