@@ -53,6 +53,13 @@ impl<'a> Stage<'a> {
     ) -> Self {
         Self { name, work: Box::new(work) }
     }
+
+    /// The same stage, leaving frames alone that `due` says no to.
+    #[must_use]
+    pub fn only(self, due: impl Fn(&FrameRecord) -> bool + Send + 'a) -> Self {
+        let Self { name, mut work } = self;
+        Self::new(name, move |item| if due(&item.record) { work(item) } else { Ok(()) })
+    }
 }
 
 /// Time that a stage spent working (not waiting).

@@ -1,0 +1,123 @@
+//! `roadplane run`: every input to its own folder, several at a time if asked for.
+
+use std::path::Path;
+use std::sync::Mutex;
+
+use crossbeam_channel::bounded;
+use roadplane_pipeline::{
+    Cancel, Config, Existing, Fault, FolderLock, PipelineError, RunOptions, RunReport, find_models, run_input, stem_of,
+};
+
+use crate::Outcome;
+use crate::args::RunArgs;
+use crate::progress::Bar;
+
+/// Runs all inputs; one that is lost does not keep the others from being done.
+pub fn run(args: &RunArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
+    let config = super::config(&args.config)?;
+    let focal_ok = args.focal_px.is_none_or(|f| f.is_finite() && f > 0.0);
+    if !focal_ok {
+        return Err(PipelineError::usage("--focal-px must be a positive number").into());
+    }
+    let stems: Vec<String> = args.inputs.iter().map(|input| stem_of(input)).collect();
+    for (i, stem) in stems.iter().enumerate() {
+        if stems[..i].contains(stem) {
+            let message = format!("two inputs would both be written to {}", args.out.join(stem).display());
+            return Err(PipelineError::usage(&message).into());
+        }
+    }
+    let models = find_models(config.models.folder.as_deref())?;
+    let _lock = FolderLock::take(&args.out).map_err(PipelineError::from)?;
+    let options = RunOptions {
+        models,
+        focal_px: args.focal_px,
+        existing: if args.overwrite { Existing::Overwrite } else { Existing::Refuse },
+        resume: args.resume,
+        video: args.video,
+    };
+    let worst = Mutex::new(Worst::default());
+    let jobs = usize::from(args.jobs).min(args.inputs.len());
+    let (sender, receiver) = bounded::<&Path>(args.inputs.len());
+    for input in &args.inputs {
+        let _sent = sender.send(input);
+    }
+    drop(sender);
+    std::thread::scope(|scope| {
+        for job in 0..jobs {
+            let (receiver, worst, options, config) = (receiver.clone(), &worst, &options, &config);
+            let work = move || {
+                for input in receiver {
+                    if cancel.is_stopped() {
+                        break;
+                    }
+                    let result = one(input, &args.out, options, config, cancel);
+                    if let Ok(mut worst) = worst.lock() {
+                        worst.note(input, result);
+                    }
+                }
+            };
+            let spawned = std::thread::Builder::new().name(format!("job-{job}")).spawn_scoped(scope, work);
+            if let Err(error) = spawned {
+                tracing::error!("job {job} cannot be started: {error}");
+            }
+        }
+    });
+    let worst = worst.into_inner().unwrap_or_default();
+    if let Some(signal) = cancel.signal() {
+        return Err(PipelineError::Stopped { signal }.into());
+    }
+    match worst.error {
+        Some(error) => Err(error.into()),
+        None if worst.damaged => Ok(Outcome::Damaged),
+        None => Ok(Outcome::Done),
+    }
+}
+
+fn one(
+    input: &Path,
+    out: &Path,
+    options: &RunOptions,
+    config: &Config,
+    cancel: &Cancel,
+) -> Result<RunReport, PipelineError> {
+    let bar = Bar::new(&stem_of(input));
+    run_input(input, out, options, config, cancel, &bar)
+}
+
+/// The outcome that decides the exit code: failures of the program before refused models before lost inputs.
+#[derive(Default)]
+struct Worst {
+    damaged: bool,
+    error: Option<PipelineError>,
+}
+
+impl Worst {
+    fn note(&mut self, input: &Path, result: Result<RunReport, PipelineError>) {
+        match result {
+            Ok(report) => {
+                let (tracks, camera) = (report.tracks, &report.camera);
+                tracing::info!("{}: {tracks} tracks, {camera}: {}", input.display(), report.folder.display());
+                self.damaged |= report.damaged;
+            }
+            Err(error) => {
+                let rank = |fault: Fault| match fault {
+                    Fault::Input => 0,
+                    Fault::Usage => 1,
+                    Fault::Locked => 2,
+                    Fault::Model => 3,
+                    Fault::Internal => 4,
+                    Fault::Stopped { .. } => 5,
+                };
+                let worse =
+                    self.error.as_ref().is_none_or(|known| rank(known.fault()) < rank(error.fault()));
+                if worse {
+                    if let Some(known) = self.error.replace(error) {
+                        tracing::error!("{known}");
+                    }
+                } else {
+                    tracing::error!("{error}");
+                }
+            }
+        }
+    }
+}

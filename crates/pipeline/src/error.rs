@@ -1,0 +1,160 @@
+//! What can end a command, by who is at fault.
+
+use std::any::Any;
+use std::path::PathBuf;
+
+use roadplane_decode::DecodeError;
+use roadplane_detect::DetectError;
+use roadplane_infer::InferError;
+use roadplane_keypoints::KeypointError;
+use roadplane_view::ViewError;
+use roadplane_write::WriteError;
+use thiserror::Error;
+
+use crate::config::ConfigError;
+
+/// An error that ends a command or the work on one input.
+#[derive(Debug, Error)]
+pub enum PipelineError {
+    /// The command line asks for something impossible.
+    #[error("{what}")]
+    Usage {
+        /// What, and what to do.
+        what: String,
+    },
+    /// The configuration is wrong.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// The input cannot be used.
+    #[error(transparent)]
+    Decode(#[from] DecodeError),
+    /// A line of a record file is wrong.
+    #[error("{problem}: line {line} of {}", path.display())]
+    Record {
+        /// What is wrong.
+        problem: String,
+        /// Line, from 1.
+        line: usize,
+        /// The file.
+        path: PathBuf,
+    },
+    /// A file that belongs to the work cannot be read.
+    #[error("cannot be read: {source}: {}", path.display())]
+    Unreadable {
+        /// Why.
+        source: std::io::Error,
+        /// The file.
+        path: PathBuf,
+    },
+    /// No models folder.
+    #[error("no models found in {tried}; name their folder in ROADPLANE_MODELS or models.folder")]
+    ModelsMissing {
+        /// Where was looked.
+        tried: String,
+    },
+    /// A net cannot be loaded or run.
+    #[error(transparent)]
+    Infer(#[from] InferError),
+    /// The detector cannot be used.
+    #[error(transparent)]
+    Detect(#[from] DetectError),
+    /// The keypoint net cannot be used.
+    #[error(transparent)]
+    Keypoint(#[from] KeypointError),
+    /// The shape atlas cannot be used.
+    #[error("{what}")]
+    Atlas {
+        /// What is wrong.
+        what: String,
+    },
+    /// Results cannot be written.
+    #[error(transparent)]
+    Write(#[from] WriteError),
+    /// Pictures cannot be made.
+    #[error(transparent)]
+    View(#[from] ViewError),
+    /// A thread cannot be started.
+    #[error("a thread cannot be started: {source}")]
+    Thread {
+        /// Why.
+        source: std::io::Error,
+    },
+    /// A stage panicked.
+    #[error("internal error in stage {stage}: {message}")]
+    Bug {
+        /// The stage.
+        stage: &'static str,
+        /// What it said.
+        message: String,
+    },
+    /// Ctrl-C, SIGTERM.
+    #[error("stopped by signal {signal}; the same command with --resume goes on from here")]
+    Stopped {
+        /// Number of the signal.
+        signal: usize,
+    },
+}
+
+/// Who is at fault, which decides the exit code.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Fault {
+    /// The command line or the configuration: 2.
+    Usage,
+    /// The input is damaged or lost: 3.
+    Input,
+    /// A model was refused: 4.
+    Model,
+    /// The output folder is in use: 11.
+    Locked,
+    /// A signal: 128 + its number.
+    Stopped {
+        /// Number of the signal.
+        signal: usize,
+    },
+    /// This program or its machine: 1.
+    Internal,
+}
+
+impl PipelineError {
+    /// An error of the command line.
+    #[must_use]
+    pub fn usage(what: &str) -> Self {
+        Self::Usage { what: what.to_owned() }
+    }
+
+    pub(crate) fn thread(source: std::io::Error) -> Self {
+        Self::Thread { source }
+    }
+
+    pub(crate) fn panicked(stage: &'static str, panic: &(dyn Any + Send)) -> Self {
+        let text = panic.downcast_ref::<&str>().map(ToString::to_string);
+        let message = text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_default();
+        Self::Bug { stage, message }
+    }
+
+    /// Who is at fault.
+    #[must_use]
+    pub fn fault(&self) -> Fault {
+        match self {
+            Self::Usage { .. } | Self::Config(_) | Self::Decode(DecodeError::Option { .. }) => Fault::Usage,
+            Self::Decode(DecodeError::Library { .. }) => Fault::Internal,
+            Self::Decode(_) | Self::Record { .. } | Self::Unreadable { .. } => Fault::Input,
+            Self::ModelsMissing { .. } | Self::Atlas { .. } => Fault::Model,
+            Self::Infer(error) | Self::Keypoint(KeypointError::Net(error)) => net_fault(error),
+            Self::Detect(error) => error.net().map_or(Fault::Model, net_fault),
+            Self::Keypoint(KeypointError::UnsuitableNet { .. }) => Fault::Model,
+            Self::Write(error) if error.is_locked() => Fault::Locked,
+            Self::Write(error) if error.is_usage() => Fault::Usage,
+            Self::Stopped { signal } => Fault::Stopped { signal: *signal },
+            Self::Write(_) | Self::View(_) | Self::Thread { .. } | Self::Bug { .. } => Fault::Internal,
+        }
+    }
+}
+
+fn net_fault(error: &InferError) -> Fault {
+    match error {
+        InferError::ModelRefused { .. } => Fault::Model,
+        InferError::ProviderUnavailable { .. } => Fault::Usage,
+        _ => Fault::Internal,
+    }
+}

@@ -1,0 +1,65 @@
+//! What a result was made from and with.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::Read as _;
+use std::path::{Path, PathBuf};
+
+use roadplane_write::InputSummary;
+use sha2::{Digest as _, Sha256};
+
+use crate::PipelineError;
+use crate::config::hex;
+
+/// Size and sha256 of a file, or of a folder's files one after the other in order of their names.
+///
+/// # Errors
+/// [`PipelineError::Unreadable`].
+pub fn file_identity(input: &Path) -> Result<InputSummary, PipelineError> {
+    let fail = |path: &Path| {
+        let path = path.to_path_buf();
+        move |source| PipelineError::Unreadable { source, path }
+    };
+    let mut files = vec![input.to_path_buf()];
+    if input.is_dir() {
+        let entries = std::fs::read_dir(input).map_err(fail(input))?;
+        files = entries.filter_map(Result::ok).map(|entry| entry.path()).filter(|p| p.is_file()).collect();
+        files.sort();
+    }
+    let mut hash = Sha256::new();
+    let mut bytes = 0;
+    let mut buffer = vec![0; 1 << 20];
+    for path in &files {
+        let mut file = File::open(path).map_err(fail(path))?;
+        loop {
+            let read = file.read(&mut buffer).map_err(fail(path))?;
+            if read == 0 {
+                break;
+            }
+            hash.update(&buffer[..read]);
+            bytes += read as u64;
+        }
+    }
+    Ok(InputSummary { path: input.display().to_string(), bytes, sha256: hex(&hash.finalize()) })
+}
+
+/// Program and libraries.
+#[must_use]
+pub fn versions() -> BTreeMap<String, String> {
+    let mut versions = BTreeMap::new();
+    versions.insert("roadplane".to_owned(), env!("CARGO_PKG_VERSION").to_owned());
+    versions.insert("opencv".to_owned(), roadplane_decode::library_version());
+    if let Ok(version) = roadplane_infer::runtime_version(None) {
+        versions.insert("onnxruntime".to_owned(), version);
+    }
+    versions
+}
+
+/// Most memory that this process has held so far.
+#[must_use]
+pub fn peak_memory_bytes() -> Option<u64> {
+    let status = std::fs::read_to_string(PathBuf::from("/proc/self/status")).ok()?;
+    let line = status.lines().find(|line| line.starts_with("VmHWM:"))?;
+    let kib: u64 = line.split_whitespace().nth(1)?.parse().ok()?;
+    Some(kib * 1024)
+}

@@ -1,0 +1,251 @@
+//! `roadplane run` for one input: stream it, solve the clip, write and draw the result.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use roadplane_base::ShapeAtlas;
+use roadplane_write::{
+    Existing, FrameReader, FrameSpool, InputSummary, OutputFolder, RunStatus, StageSeconds, Summary, TrackFiles,
+    write_camera, write_json, write_summary,
+};
+use serde::{Deserialize, Serialize};
+
+use crate::clip::{ClipSolution, SolveOptions, solve_clip};
+use crate::flow::Stage;
+use crate::identity::{file_identity, peak_memory_bytes, versions};
+use crate::report::write_report;
+use crate::samples::SampleFrames;
+use crate::streaming::{Nets, Streamed, detect_stage, keypoint_stage, open_input, stream};
+use crate::{Cancel, Config, PipelineError, Progress};
+
+/// The streaming half's product within the partial folder.
+const SPOOL: &str = "frames.jsonl";
+/// What the spool was made of; a resumed run must be of the same.
+const STAMP: &str = "stamp.json";
+
+/// What a caller of [`run_input`] chooses besides the configuration.
+#[derive(Clone, Debug)]
+pub struct RunOptions {
+    /// Folder of the models.
+    pub models: PathBuf,
+    /// Known focal length, px.
+    pub focal_px: Option<f64>,
+    /// What to do about a finished result of the same name.
+    pub existing: Existing,
+    /// Go on where a stopped run ended; leave finished results alone.
+    pub resume: bool,
+    /// Also write the annotated video.
+    pub video: bool,
+}
+
+/// What came of one input.
+#[derive(Clone, Debug)]
+pub struct RunReport {
+    /// The result.
+    pub folder: PathBuf,
+    /// Tracks in it; `None` for a result that was there before.
+    pub tracks: Option<u64>,
+    /// The camera in words.
+    pub camera: String,
+    /// Some of the input was lost.
+    pub damaged: bool,
+}
+
+/// Identifies the work that a spool belongs to.
+#[derive(Debug, PartialEq, Eq, Serialize, Deserialize)]
+struct Stamp {
+    version: String,
+    input_sha256: String,
+    config_sha256: String,
+    models_sha256: Vec<String>,
+}
+
+/// Name of an input's result folder: its file name without extension, or the folder's name.
+#[must_use]
+pub fn stem_of(input: &Path) -> String {
+    let absolute = std::path::absolute(input).unwrap_or_else(|_unresolvable| input.to_path_buf());
+    let name = if absolute.is_dir() { absolute.file_name() } else { absolute.file_stem() };
+    name.map(|name| name.to_string_lossy().into_owned()).unwrap_or_default()
+}
+
+/// Runs one input into `out/<stem>/`. Hold the lock of `out`.
+///
+/// # Errors
+/// [`PipelineError`]; nothing then appears under the final name. What a stopped run did stays for `resume`.
+pub fn run_input(
+    input_path: &Path,
+    out: &Path,
+    options: &RunOptions,
+    config: &Config,
+    cancel: &Cancel,
+    progress: &dyn Progress,
+) -> Result<RunReport, PipelineError> {
+    let started = Instant::now();
+    let stem = stem_of(input_path);
+    let finished = out.join(&stem);
+    if options.resume && finished.join("summary.json").is_file() {
+        let camera = "finished before".to_owned();
+        return Ok(RunReport { folder: finished, tracks: None, camera, damaged: false });
+    }
+    let input = open_input(input_path, config)?;
+    let nominal_fps = input.nominal_fps();
+    let identity = file_identity(input_path)?;
+    let mut nets = Nets::open(&options.models, config)?;
+    let atlas = ShapeAtlas::shipped().map_err(|e| PipelineError::Atlas { what: e.to_string() })?;
+
+    let mut folder = OutputFolder::begin(out, &stem, options.existing)?;
+    let stamp = Stamp {
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        input_sha256: identity.sha256.clone(),
+        config_sha256: config.fingerprint(),
+        models_sha256: nets.summaries().into_iter().map(|model| model.sha256).collect(),
+    };
+    if folder.is_resumed() && !(options.resume && read_stamp(folder.path()).as_ref() == Some(&stamp)) {
+        folder.reset()?;
+    }
+    write_json(&folder.path().join(STAMP), &stamp)?;
+
+    let result = (|| {
+        progress.phase("frames");
+        let mut samples = SampleFrames::new(config.output.sample_frames);
+        let models = nets.summaries();
+        let streamed = stream_to_spool(&mut nets, input, folder.path(), &mut samples, config, cancel, progress)?;
+        let rejected_cars = nets.keypoints.rejected();
+        drop(nets);
+        progress.phase("solving");
+        let solve = SolveOptions { focal_px: options.focal_px, use_plane: true, per_frame: false };
+        let spool = folder.path().join(SPOOL);
+        let solving = Instant::now();
+        let solution =
+            solve_clip(&spool, &folder.path().join("poses.jsonl"), &atlas, &solve, config, cancel)?;
+        let solve_s = solving.elapsed().as_secs_f64();
+        progress.phase("writing");
+        write_camera(&folder.path().join("camera.json"), &solution.cameras)?;
+        let mut files = TrackFiles::create(folder.path())?;
+        for row in &solution.rows {
+            files.write(row)?;
+        }
+        files.finish()?;
+
+        let mut summary =
+            summary_of(input_path, &identity, &streamed, &solution, config, &spool, rejected_cars)?;
+        summary.models = models;
+        summary.seconds.push(StageSeconds { stage: "solve".to_owned(), seconds: solve_s });
+        summary.wall_s = started.elapsed().as_secs_f64();
+        summary.frames_per_s = streamed.decode.delivered as f64 / summary.wall_s.max(1e-9);
+        summary.peak_memory_bytes = peak_memory_bytes();
+        let samples = samples.finish();
+        write_report(&folder.path().join("report.html"), &stem, &atlas, &solution, &samples, &summary)?;
+        if options.video {
+            progress.phase("drawing");
+            let video = folder.path().join("annotated.mp4");
+            crate::render::draw_video(input_path, &solution, &atlas, &video, nominal_fps, config, cancel)?;
+        }
+        write_summary(&folder.path().join("summary.json"), &summary)?;
+        Ok((streamed.decode.is_damaged(), solution))
+    })();
+    let (damaged, solution) = match result {
+        Ok(done) => done,
+        Err(error) => {
+            // Only a stopped run leaves something to go on from.
+            if !matches!(error, PipelineError::Stopped { .. }) {
+                folder.discard()?;
+            }
+            return Err(error);
+        }
+    };
+    for work_file in [STAMP, SPOOL] {
+        let path = folder.path().join(work_file);
+        std::fs::remove_file(&path).map_err(|source| PipelineError::Unreadable { source, path })?;
+    }
+    let tracks = Some(solution.tracks.len() as u64);
+    let camera = solution.camera_in_words();
+    Ok(RunReport { folder: folder.publish()?, tracks, camera, damaged })
+}
+
+fn read_stamp(folder: &Path) -> Option<Stamp> {
+    serde_json::from_slice(&std::fs::read(folder.join(STAMP)).ok()?).ok()
+}
+
+fn stream_to_spool(
+    nets: &mut Nets,
+    input: roadplane_decode::Input,
+    folder: &Path,
+    samples: &mut SampleFrames,
+    config: &Config,
+    cancel: &Cancel,
+    progress: &dyn Progress,
+) -> Result<Streamed, PipelineError> {
+    let (mut spool, recovered) = FrameSpool::open(&folder.join(SPOOL))?;
+    if recovered.frames > 0 {
+        tracing::info!("going on after {} frames of the stopped run", recovered.frames);
+    }
+    let is_new = move |frame: u64| recovered.last_frame.is_none_or(|last| frame > last);
+    let stages = vec![
+        detect_stage(&mut nets.detector).only(move |record| is_new(record.frame)),
+        keypoint_stage(&mut nets.keypoints).only(move |record| is_new(record.frame)),
+    ];
+    let sink = |work: crate::flow::Work| {
+        samples.offer(&work.frame);
+        if is_new(work.record.frame) { Ok(spool.append(&work.record)?) } else { Ok(()) }
+    };
+    let streamed = stream(input, stages, sink, config, cancel, progress);
+    // Also after a stop: what is done is not done again.
+    spool.sync()?;
+    streamed
+}
+
+fn summary_of(
+    input_path: &Path,
+    identity: &InputSummary,
+    streamed: &Streamed,
+    solution: &ClipSolution,
+    config: &Config,
+    spool: &Path,
+    rejected_cars: u64,
+) -> Result<Summary, PipelineError> {
+    let decode = &streamed.decode;
+    let mut summary = Summary {
+        status: if decode.is_damaged() { RunStatus::InputDamaged } else { RunStatus::Complete },
+        exit_code: if decode.is_damaged() { 3 } else { 0 },
+        versions: versions(),
+        input: InputSummary { path: input_path.display().to_string(), ..identity.clone() },
+        config: serde_json::to_value(config).unwrap_or_default(),
+        config_sha256: config.fingerprint(),
+        warnings: decode.warnings.clone(),
+        ..Summary::default()
+    };
+    let counts = &mut summary.counts;
+    counts.frames_expected = Some(decode.expected);
+    counts.frames_read = decode.decoded;
+    counts.frames_lost = decode.missing;
+    counts.frames_skipped = decode.decoded.saturating_sub(decode.delivered);
+    counts.boxes = count_boxes(spool)?;
+    counts.rejected = solution.rejected.clone();
+    if rejected_cars > 0 {
+        counts.rejected.insert("keypoints_not_finite".to_owned(), rejected_cars);
+    }
+    counts.poses_used = solution.poses_used;
+    counts.tracks = solution.tracks.len() as u64;
+    counts.track_rows = solution.rows.len() as u64;
+    if decode.missing > 0 {
+        let (lost, places) = (decode.missing, decode.damaged_stretch_count);
+        summary.warnings.push(format!("{lost} frames in {places} places could not be decoded"));
+    }
+    summary.warnings.extend(solution.warnings.iter().cloned());
+    summary.seconds =
+        streamed.times.iter().map(|t| StageSeconds { stage: t.name.to_owned(), seconds: t.seconds }).collect();
+    Ok(summary)
+}
+
+fn count_boxes(spool: &Path) -> Result<BTreeMap<String, u64>, PipelineError> {
+    let mut counts = BTreeMap::new();
+    for record in FrameReader::open(spool)? {
+        for car in record?.cars {
+            let class = format!("{:?}", car.class).to_lowercase();
+            *counts.entry(class).or_insert(0) += 1;
+        }
+    }
+    Ok(counts)
+}

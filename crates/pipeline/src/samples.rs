@@ -1,0 +1,86 @@
+//! A few frames kept for the report, spread evenly over a clip whose length nobody knows beforehand.
+
+use image::RgbImage;
+use image::codecs::jpeg::{JpegDecoder, JpegEncoder};
+use roadplane_base::Frame;
+
+/// JPEG quality of kept frames: no visible loss.
+const QUALITY: u8 = 92;
+
+/// Keeps every s-th frame, compressed; whenever there are twice as many as wanted, every other one is dropped and s
+/// doubles.
+#[derive(Debug)]
+pub struct SampleFrames {
+    wanted: usize,
+    stride: u64,
+    seen: u64,
+    kept: Vec<(u64, Vec<u8>)>,
+}
+
+impl SampleFrames {
+    /// Will keep about `wanted` to twice as many frames.
+    #[must_use]
+    pub fn new(wanted: usize) -> Self {
+        Self { wanted, stride: 1, seen: 0, kept: Vec::new() }
+    }
+
+    /// Takes the next frame of the clip into account.
+    pub fn offer(&mut self, frame: &Frame) {
+        let due = self.wanted > 0 && self.seen.is_multiple_of(self.stride);
+        self.seen += 1;
+        if !due {
+            return;
+        }
+        let mut jpeg = Vec::new();
+        if let Err(error) = JpegEncoder::new_with_quality(&mut jpeg, QUALITY).encode_image(&frame.image) {
+            tracing::warn!("frame {} cannot be kept for the report: {error}", frame.stamp.index);
+            return;
+        }
+        self.kept.push((frame.stamp.index, jpeg));
+        if self.kept.len() >= 2 * self.wanted {
+            let mut place = 0;
+            self.kept.retain(|_| {
+                place += 1;
+                place % 2 == 1
+            });
+            self.stride *= 2;
+        }
+    }
+
+    /// At most `wanted` frames, spread over what was seen, with their indices.
+    #[must_use]
+    pub fn finish(self) -> Vec<(u64, RgbImage)> {
+        let count = self.kept.len();
+        let chosen = self.wanted.min(count);
+        (0..chosen)
+            .filter_map(|i| {
+                let at = if chosen > 1 { i * (count - 1) / (chosen - 1) } else { 0 };
+                let (index, jpeg) = &self.kept[at];
+                let decoder = JpegDecoder::new(std::io::Cursor::new(jpeg)).ok()?;
+                Some((*index, image::DynamicImage::from_decoder(decoder).ok()?.into_rgb8()))
+            })
+            .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use roadplane_base::FrameStamp;
+
+    #[test]
+    fn samples_are_few_and_spread_whatever_the_length() {
+        for length in [1u64, 2, 5, 37, 1000] {
+            let mut samples = SampleFrames::new(4);
+            for index in 0..length {
+                let stamp = FrameStamp { index, pts_nanos: 0 };
+                samples.offer(&Frame { stamp, image: RgbImage::new(8, 8) });
+                assert!(samples.kept.len() <= 8);
+            }
+            let indices: Vec<u64> = samples.finish().iter().map(|s| s.0).collect();
+            assert_eq!(indices.len() as u64, length.min(4));
+            assert_eq!(indices[0], 0);
+            assert!(indices[indices.len() - 1] >= length / 2, "{indices:?} of {length}");
+        }
+    }
+}

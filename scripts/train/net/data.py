@@ -1,0 +1,211 @@
+"""Training samples: rendered shards and hand-labelled real cars, augmented on the fly."""
+
+from __future__ import annotations
+
+import json
+import queue
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from cars.mesh import KEYPOINT_NAMES, MIRROR
+
+INPUT_PX = 128
+CONTEXT = 1.25  # side of the crop in units of the box's longer side
+GREY = 127
+KEYPOINTS = len(KEYPOINT_NAMES)
+
+
+@dataclass
+class Batch:
+    """image [B, 128, 128, 3] u8; points [B, 36, 2] crop px; located, visible, judged [B, 36] weights in 0…1."""
+
+    image: np.ndarray
+    points: np.ndarray
+    located: np.ndarray  # weight of the location loss
+    visible: np.ndarray  # target of the visibility loss
+    judged: np.ndarray  # weight of the visibility loss
+
+
+class Shards:
+    """Rendered crops in memory; `rescan` takes in shards that were written since."""
+
+    def __init__(self, folder: Path, limit: int | None = None):
+        self.folder, self.limit = folder, limit
+        self.seen: set[str] = set()
+        self.images: list[np.ndarray] = []
+        self.points: list[np.ndarray] = []
+        self.visible: list[np.ndarray] = []
+        self.rescan()
+
+    def rescan(self) -> None:
+        """Reads new shards."""
+        for path in sorted(self.folder.glob("*.npz")):
+            if path.name in self.seen or (self.limit and len(self) >= self.limit):
+                continue
+            with np.load(path) as shard:
+                self.images.extend(shard["image"])
+                self.points.extend(shard["keypoints"])
+                self.visible.extend(shard["visible"])
+            self.seen.add(path.name)
+
+    def __len__(self) -> int:
+        return len(self.images)
+
+
+@dataclass
+class RealCar:
+    """A labelled real car: a patch of its picture, labels in patch pixels; `flag` 2 clear, 1 guessed, 0 unknown."""
+
+    source: str
+    patch: np.ndarray
+    box: np.ndarray
+    points: np.ndarray
+    flag: np.ndarray
+    body: str
+
+
+def read_real(folder: Path) -> list[RealCar]:
+    """All cars of the label files (`*.json` in the format of README.md) in a folder."""
+    cars = []
+    for path in sorted(folder.glob("*.json")):
+        labels = json.loads(path.read_text())
+        picture = cv2.imread(str(folder / labels["image"]), cv2.IMREAD_COLOR)[..., ::-1]
+        for car in labels["cars"]:
+            box = np.array(car["box"], float)
+            centre, side = (box[:2] + box[2:]) / 2, 2.2 * (box[2:] - box[:2]).max()
+            corner = np.floor(centre - side / 2).astype(int)
+            size = int(np.ceil(side))
+            patch = np.full((size, size, 3), GREY, np.uint8)
+            x0, y0 = np.maximum(corner, 0)
+            x1, y1 = np.minimum(corner + size, [picture.shape[1], picture.shape[0]])
+            patch[y0 - corner[1] : y1 - corner[1], x0 - corner[0] : x1 - corner[0]] = picture[y0:y1, x0:x1]
+            points, flag = np.full((KEYPOINTS, 2), np.nan), np.zeros(KEYPOINTS, int)
+            for name, (x, y, f) in car["keypoints"].items():
+                index = KEYPOINT_NAMES.index(name)
+                points[index], flag[index] = np.array([x, y]) - corner, f
+            shifted = box - np.tile(corner, 2)
+            cars.append(RealCar(path.stem, patch, shifted, points, flag, car.get("type", "")))
+    return cars
+
+
+def crop_from_box(box: np.ndarray, rotation: float = 0.0) -> np.ndarray:
+    """2 × 3 affine map from picture pixels to crop pixels of a box (ARCHITECTURE.md), turned by `rotation` rad."""
+    centre, side = (box[:2] + box[2:]) / 2, CONTEXT * (box[2:] - box[:2]).max()
+    scale = INPUT_PX / side
+    c, s = np.cos(rotation) * scale, np.sin(rotation) * scale
+    linear = np.array([[c, -s], [s, c]])
+    middle = np.full(2, INPUT_PX / 2 - 0.5)
+    return np.column_stack([linear, middle - linear @ centre])
+
+
+def warp(picture: np.ndarray, crop_from_picture: np.ndarray) -> np.ndarray:
+    """Resamples to the crop, averaging first where it shrinks by more than a little."""
+    scale = np.sqrt(abs(np.linalg.det(crop_from_picture[:, :2])))
+    matrix = crop_from_picture.copy()
+    if scale < 0.7:
+        size = np.maximum(1, np.round(np.array(picture.shape[1::-1]) * scale)).astype(int)
+        ratio = size / np.array(picture.shape[1::-1])
+        picture = cv2.resize(picture, tuple(int(v) for v in size), interpolation=cv2.INTER_AREA)
+        # Half-pixel centres: small = (large + 0.5) · ratio − 0.5.
+        matrix[:, 2] += matrix[:, :2] @ (0.5 / ratio - 0.5)
+        matrix[:, :2] = matrix[:, :2] / ratio
+    return cv2.warpAffine(
+        picture, matrix, (INPUT_PX, INPUT_PX), flags=cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_CONSTANT, borderValue=(GREY, GREY, GREY),
+    )
+
+
+def apply(matrix: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """An affine map on points [n, 2]."""
+    return points @ matrix[:, :2].T + matrix[:, 2]
+
+
+def _recolour(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Exposure, contrast, colour cast, gamma and sometimes grey."""
+    x = image.astype(np.float32)
+    x = (x - 127) * rng.uniform(0.65, 1.35) + 127 + rng.uniform(-35, 35)
+    x *= 1 + rng.normal(0, 0.06, 3).astype(np.float32)
+    if rng.random() < 0.1:
+        x = np.repeat(x @ np.array([[0.3], [0.59], [0.11]], np.float32), 3, 2)
+    x = np.clip(x, 0, 255)
+    return (255 * (x / 255) ** rng.uniform(0.75, 1.35)).astype(np.uint8)
+
+
+def _degrade(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Lower resolution, blur, noise and JPEG, for real crops (rendered ones come degraded)."""
+    if rng.random() < 0.5:
+        small = int(INPUT_PX * rng.uniform(0.3, 0.9))
+        image = cv2.resize(cv2.resize(image, (small, small), interpolation=cv2.INTER_AREA), (INPUT_PX, INPUT_PX))
+    if rng.random() < 0.3:
+        image = cv2.GaussianBlur(image, (0, 0), rng.uniform(0.3, 1.3))
+    if rng.random() < 0.4:
+        noise = rng.normal(0, rng.uniform(1, 9), image.shape)
+        image = np.clip(image + noise, 0, 255).astype(np.uint8)
+    if rng.random() < 0.5:
+        done, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, int(rng.integers(25, 90))])
+        image = cv2.imdecode(data, cv2.IMREAD_COLOR) if done else image
+    return image
+
+
+class Sampler:
+    """Draws augmented batches in a background thread."""
+
+    def __init__(self, shards: Shards, real: list[RealCar], batch: int, real_share: float, seed: int):
+        self.shards, self.real, self.batch = shards, real, batch
+        self.real_count = round(batch * real_share) if real else 0
+        self.rng = np.random.default_rng(seed)
+        self.queue: queue.Queue[Batch] = queue.Queue(8)
+        threading.Thread(target=self._fill, daemon=True).start()
+
+    def _fill(self) -> None:
+        while True:
+            self.queue.put(self.draw())
+
+    def next(self) -> Batch:
+        """A batch."""
+        return self.queue.get()
+
+    def draw(self) -> Batch:
+        """Makes a batch."""
+        samples = [self._real() for _ in range(self.real_count)]
+        samples += [self._rendered() for _ in range(self.batch - self.real_count)]
+        return Batch(*(np.stack(column) for column in zip(*samples)))
+
+    def _rendered(self):
+        rng = self.rng
+        i = int(rng.integers(len(self.shards)))
+        image, points, seen = self.shards.images[i], self.shards.points[i], self.shards.visible[i] > 0
+        middle = np.full(2, INPUT_PX / 2 - 0.5)
+        angle, scale = rng.normal(0, 0.1), np.exp(rng.uniform(-0.15, 0.1))
+        c, s = np.cos(angle) * scale, np.sin(angle) * scale
+        linear = np.array([[c, -s], [s, c]])
+        matrix = np.column_stack([linear, middle + rng.uniform(-5, 5, 2) - linear @ middle])
+        image = warp(image, matrix)
+        points = apply(matrix, points)
+        exists = np.isfinite(points[:, 0])
+        return self._finish(image, points, np.where(seen, 1.0, 0.4) * exists, seen * 1.0, exists * 1.0)
+
+    def _real(self):
+        rng = self.rng
+        car = self.real[int(rng.integers(len(self.real)))]
+        size = (car.box[2:] - car.box[:2]).max()
+        jitter = np.tile(rng.normal(0, 0.05, 2) * size, 2) + np.array([-1, -1, 1, 1]) * rng.uniform(-0.06, 0.1) * size
+        matrix = crop_from_box(car.box + jitter, rng.normal(0, 0.12))
+        image = _degrade(warp(car.patch, matrix), rng)
+        points = apply(matrix, car.points)
+        known = np.select([car.flag == 2, car.flag == 1], [1.0, 0.4], 0.0)
+        return self._finish(image, points, known, (car.flag == 2) * 1.0, (car.flag == 2) * 1.0)
+
+    def _finish(self, image, points, located, visible, judged):
+        if self.rng.random() < 0.5:
+            image = image[:, ::-1]
+            points = points[MIRROR] * [-1, 1] + [INPUT_PX - 1, 0]
+            located, visible, judged = located[MIRROR], visible[MIRROR], judged[MIRROR]
+        image = _recolour(image, self.rng)
+        points = np.nan_to_num(points, nan=-1e3)
+        inside = ((points > -0.5) & (points < INPUT_PX - 0.5)).all(1)
+        return image, points.astype(np.float32), located * inside, visible * inside, judged

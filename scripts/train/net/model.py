@@ -1,0 +1,105 @@
+"""A stacked hourglass for 36 car keypoints: heatmap logits and visibility, at 128 px input.
+
+No batch normalisation: residual branches start at zero instead (SkipInit), which trains as well here and half as fast
+again on a CPU.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import nn
+
+KEYPOINTS = 36
+INPUT_PX = 128
+CELLS = 32
+STRIDE = INPUT_PX // CELLS
+
+
+def conv(inputs: int, outputs: int, kernel: int, stride: int = 1) -> nn.Conv2d:
+    """A convolution that keeps the size (up to the stride), He-initialised."""
+    layer = nn.Conv2d(inputs, outputs, kernel, stride, kernel // 2)
+    nn.init.kaiming_normal_(layer.weight, nonlinearity="relu")
+    nn.init.zeros_(layer.bias)
+    return layer
+
+
+class Residual(nn.Module):
+    """x + g · branch(x), with g starting at zero."""
+
+    def __init__(self, channels: int, middle: int | None = None):
+        super().__init__()
+        if middle is None:
+            layers = [nn.ReLU(), conv(channels, channels, 3), nn.ReLU(), conv(channels, channels, 3)]
+        else:
+            layers = [nn.ReLU(), conv(channels, middle, 1), nn.ReLU(), conv(middle, middle, 3)]
+            layers += [nn.ReLU(), conv(middle, channels, 1)]
+        self.branch = nn.Sequential(*layers)
+        self.gain = nn.Parameter(torch.tensor(0.1))
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        return x + self.gain * self.branch(x)
+
+
+class Hourglass(nn.Module):
+    """Down to 4 × 4 and up again, with a skip at each size (Newell et al. 2016)."""
+
+    def __init__(self, channels: int, depth: int, outermost: bool = True):
+        super().__init__()
+        self.skip = Residual(channels, channels // 2) if outermost else nn.Identity()
+        self.down = Residual(channels)
+        self.inner = Hourglass(channels, depth - 1, False) if depth > 1 else Residual(channels)
+        self.up = Residual(channels)
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        low = self.up(self.inner(self.down(nn.functional.max_pool2d(x, 2))))
+        return self.skip(x) + nn.functional.interpolate(low, scale_factor=2.0, mode="nearest")
+
+
+class StackedHourglass(nn.Module):
+    """[B, 3, n, n] RGB in 0…1 → per stack heatmap logits [B, 36, n/4, n/4]; visibility logits [B, 36]; n = 128, or
+    any multiple of 32 while training."""
+
+    def __init__(self, stacks: int = 2, channels: int = 48):
+        super().__init__()
+        # Pixels of 2 × 2 blocks become channels first: a convolution of 3 channels wastes a CPU.
+        self.stem = nn.Sequential(
+            nn.PixelUnshuffle(2), conv(12, channels, 3, 2), Residual(channels), Residual(channels, channels // 2),
+        )
+        self.hourglasses = nn.ModuleList(Hourglass(channels, 3) for _ in range(stacks))
+        self.features = nn.ModuleList(
+            nn.Sequential(Residual(channels, channels // 2), nn.ReLU(), conv(channels, channels, 1), nn.ReLU())
+            for _ in range(stacks)
+        )
+        self.heads = nn.ModuleList(nn.Conv2d(channels, KEYPOINTS, 1) for _ in range(stacks))
+        self.back = nn.ModuleList(nn.Conv2d(channels + KEYPOINTS, channels, 1) for _ in range(stacks - 1))
+        # Visibility looks at the features where the keypoint is, and at the whole crop.
+        self.visible_here = nn.Parameter(torch.zeros(KEYPOINTS, channels))
+        self.visible_overall = nn.Linear(channels, KEYPOINTS)
+
+    def forward(self, image: torch.Tensor) -> tuple[list[torch.Tensor], torch.Tensor]:
+        x = self.stem((image - 0.45) * 4.0)
+        heatmaps = []
+        features = x
+        for i, hourglass in enumerate(self.hourglasses):
+            features = self.features[i](hourglass(x))
+            logits = self.heads[i](features)
+            heatmaps.append(logits)
+            if i < len(self.back):
+                # Logits range over tens of units: squash them before they mix with features.
+                x = x + self.back[i](torch.cat([features, torch.tanh(logits * 0.2)], 1))
+        where = heatmaps[-1].flatten(2).softmax(2)
+        here = torch.matmul(where, features.flatten(2).transpose(1, 2))
+        visibility = (here * self.visible_here).sum(2) + self.visible_overall(features.mean((2, 3)))
+        return heatmaps, visibility
+
+
+class Deployed(nn.Module):
+    """What is exported: the last stack's heatmap logits and the visibility as a probability."""
+
+    def __init__(self, net: StackedHourglass):
+        super().__init__()
+        self.net = net
+
+    def forward(self, image: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        heatmaps, visibility = self.net(image)
+        return heatmaps[-1], visibility.sigmoid()
