@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import fast_simplification
 import numpy as np
+
+SMALL_PART = 300  # faces
 
 
 def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
@@ -27,28 +30,30 @@ def _without_degenerate(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.nda
     return vertices, faces[kept], kept
 
 
-def thin_out(vertices: np.ndarray, faces: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Vertex clustering with the smallest cell that leaves at most `most` faces; input as it is if already few.
+def thin_out(
+    vertices: np.ndarray, faces: np.ndarray, parts: np.ndarray, most: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Quadric simplification of each part (F,) to the same share of its faces, at most `most` in all.
 
-    Vertices that face different octants stay apart, so that a shell's inner and outer skin do not fall together.
-    Clusters span materials: no cracks open between them.
+    Returns vertices, faces and their parts; the input if there are few enough. Small parts stay as they are.
     """
-    everything = np.ones(len(faces), bool)
     if len(faces) <= most:
-        return vertices, faces, everything
-    normal = np.zeros_like(vertices)
-    np.add.at(normal, faces.ravel(), np.repeat(face_normals(vertices, faces), 3, axis=0))
-    octant = normal > 0
-    for cell in 0.004 * 1.15 ** np.arange(24):
-        key = np.concatenate([np.floor(vertices / cell), octant], axis=1)
-        _, cluster = np.unique(key, axis=0, return_inverse=True)
-        cluster = cluster.ravel()
-        count = np.bincount(cluster)
-        mean = np.stack([np.bincount(cluster, axis) / count for axis in vertices.T], axis=1)
-        result = _without_degenerate(mean, cluster[faces])
-        if len(result[1]) <= most:
-            break
-    return result
+        return vertices, faces, parts
+    names, sizes = np.unique(parts, return_counts=True)
+    small = sizes < SMALL_PART
+    share = (most - sizes[small].sum()) / sizes[~small].sum()
+    out_vertices, out_faces, out_parts, offset = [], [], [], 0
+    for name, whole in zip(names, small):
+        used, index = np.unique(faces[parts == name], return_inverse=True)
+        v, f = vertices[used], index.reshape(-1, 3)
+        if not whole:
+            v, f = fast_simplification.simplify(v, f, target_reduction=1 - share, agg=4)
+        out_vertices.append(v)
+        out_faces.append(f + offset)
+        out_parts.append(np.full(len(f), name))
+        offset += len(v)
+    v, f, kept = _without_degenerate(np.concatenate(out_vertices), np.concatenate(out_faces))
+    return v, f, np.concatenate(out_parts)[kept]
 
 
 def smooth_normals(vertices: np.ndarray, faces: np.ndarray, crease_deg: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
