@@ -76,7 +76,9 @@ class _Warp:
         coordinates[:, 1] = (points[:, 1] / self.half_width) ** 2
         coordinates = ((coordinates - self.low) / (self.high - self.low)).clip(0, 1)
         weights = [_basis(c, n) for c, n in zip(coordinates.T, LATTICE)]
-        offset = np.einsum("ni,nj,nk,ijkc->nc", *weights, self.offsets, optimize=True)
+        x, y, z = weights
+        blend = (x[:, :, None, None] * (y[:, None, :, None] * z[:, None, None, :])).reshape(len(points), -1)
+        offset = blend @ self.offsets.reshape(-1, 3)
         offset[:, 1] *= points[:, 1] / self.half_width
         return points * self.scale + offset
 
