@@ -1,9 +1,12 @@
 //! What to decode, and limits.
 
+use serde::{Deserialize, Serialize};
+
 use crate::DecodeError;
 
 /// What to decode, and limits.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct DecodeOptions {
     /// Hands on every n-th frame only, counted in the input (1: all).
     pub stride: u32,

@@ -1,11 +1,177 @@
 //! Configuration: TOML file + `--set key=value` → [`Config`], checked once here. `configs/default.toml` documents
 //! every field with unit and range and a test keeps it equal to the defaults.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
+use roadplane_decode::DecodeOptions;
+use roadplane_detect::DetectOptions;
+use roadplane_infer::ProviderChoice;
+use roadplane_keypoints::KeypointOptions;
+use roadplane_solve::{CameraPrior, OutlierModel, SceneOptions};
+use roadplane_track::TrackOptions;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 use thiserror::Error;
+
+/// All settings. Sections of stages belong to their crates.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Config {
+    /// What is read of an input, and limits.
+    pub decode: DecodeOptions,
+    /// Where nets run.
+    pub infer: InferConfig,
+    /// Which nets.
+    pub models: ModelsConfig,
+    /// How vehicles are found.
+    pub detect: DetectOptions,
+    /// How keypoints are found.
+    pub keypoints: KeypointOptions,
+    /// How cameras and cars are solved.
+    pub solve: SolveConfig,
+    /// How the camera is followed over the clip.
+    pub calibrate: CalibrateConfig,
+    /// How cars are followed.
+    pub track: TrackOptions,
+    /// Threads and memory.
+    pub pipeline: PipelineConfig,
+    /// What is written besides the contract's files.
+    pub output: OutputConfig,
+}
+
+/// `[infer]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct InferConfig {
+    /// What computes.
+    pub provider: ProviderChoice,
+    /// Threads of each net.
+    pub threads: usize,
+}
+
+impl Default for InferConfig {
+    fn default() -> Self {
+        Self { provider: ProviderChoice::Auto, threads: 1 }
+    }
+}
+
+/// `[models]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ModelsConfig {
+    /// Folder; absent: found beside the program.
+    pub folder: Option<PathBuf>,
+    /// Card of the detector, within the folder.
+    pub detector: PathBuf,
+    /// Card of the keypoint net, within the folder.
+    pub keypoints: PathBuf,
+}
+
+impl Default for ModelsConfig {
+    fn default() -> Self {
+        Self { folder: None, detector: "detector.card.json".into(), keypoints: "hourglass.card.json".into() }
+    }
+}
+
+/// `[pipeline]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct PipelineConfig {
+    /// Memory for frames on their way between stages, MiB.
+    pub buffer_mib: u64,
+}
+
+impl Default for PipelineConfig {
+    fn default() -> Self {
+        Self { buffer_mib: 128 }
+    }
+}
+
+/// `[output]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct OutputConfig {
+    /// Frames with overlays in the report.
+    pub sample_frames: usize,
+}
+
+impl Default for OutputConfig {
+    fn default() -> Self {
+        Self { sample_frames: 3 }
+    }
+}
+
+/// `[solve]`: what the solver takes for granted of cameras, and when it gives a car up.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SolveConfig {
+    /// Median focal length beforehand, in units of the longer image side.
+    pub focal_prior_ratio: f64,
+    /// sd of its logarithm.
+    pub focal_prior_log_sd: f64,
+    /// Mean tilt beforehand, degrees.
+    pub tilt_prior_deg: f64,
+    /// Its sd, degrees.
+    pub tilt_prior_sd_deg: f64,
+    /// sd of the roll around 0 beforehand, degrees.
+    pub roll_prior_sd_deg: f64,
+    /// Median camera height beforehand, m.
+    pub height_prior_m: f64,
+    /// sd of its logarithm.
+    pub height_prior_log_sd: f64,
+    /// Keypoints further off than this many sd are more likely wrong than right.
+    pub outlier_sd: f64,
+    /// Cars with fewer right keypoints are left out.
+    pub min_inliers: usize,
+    /// Cars with a smaller share of right keypoints are left out.
+    pub min_inlier_share: f64,
+    /// Keypoints with a lower score are not used.
+    pub min_keypoint_score: f64,
+}
+
+impl Default for SolveConfig {
+    fn default() -> Self {
+        let scene = SceneOptions::default();
+        let prior = scene.camera_prior;
+        let deg = |rad: f64| (rad.to_degrees() * 1e9).round() / 1e9;
+        Self {
+            focal_prior_ratio: prior.focal_ratio,
+            focal_prior_log_sd: prior.log_focal_sd,
+            tilt_prior_deg: deg(prior.tilt),
+            tilt_prior_sd_deg: deg(prior.tilt_sd),
+            roll_prior_sd_deg: deg(prior.roll_sd),
+            height_prior_m: prior.height_m,
+            height_prior_log_sd: prior.log_height_sd,
+            outlier_sd: 3.75,
+            min_inliers: scene.min_inliers,
+            min_inlier_share: scene.min_inlier_share,
+            min_keypoint_score: 0.3,
+        }
+    }
+}
+
+impl SolveConfig {
+    /// The solver's options.
+    #[must_use]
+    pub fn scene_options(&self, known_focal_px: Option<f64>) -> SceneOptions {
+        SceneOptions {
+            known_focal_px,
+            camera_prior: CameraPrior {
+                focal_ratio: self.focal_prior_ratio,
+                log_focal_sd: self.focal_prior_log_sd,
+                tilt: self.tilt_prior_deg.to_radians(),
+                tilt_sd: self.tilt_prior_sd_deg.to_radians(),
+                roll_sd: self.roll_prior_sd_deg.to_radians(),
+                height_m: self.height_prior_m,
+                log_height_sd: self.height_prior_log_sd,
+            },
+            kernel: OutlierModel { threshold_squared: self.outlier_sd * self.outlier_sd },
+            min_inliers: self.min_inliers,
+            min_inlier_share: self.min_inlier_share,
+            ..SceneOptions::default()
+        }
+    }
+}
 
 /// What is wrong with a configuration.
 #[derive(Debug, Error)]

@@ -1,0 +1,71 @@
+//! `roadplane doctor`: whether everything that a run needs is here and works.
+
+use image::RgbImage;
+use roadplane_base::{Frame, FrameStamp, ShapeAtlas};
+
+use crate::streaming::{open_detector, open_keypoints};
+use crate::{Config, PipelineError, find_models};
+
+/// One thing that was looked at.
+#[derive(Debug)]
+pub struct Check {
+    /// What.
+    pub name: &'static str,
+    /// What was found, or what is wrong and what to do.
+    pub result: Result<String, PipelineError>,
+}
+
+/// Looks at codecs, runtime, models, and runs each net once.
+#[must_use]
+pub fn check_up(config: &Config) -> Vec<Check> {
+    let mut checks = Vec::new();
+    let mut note = |name, result| checks.push(Check { name, result });
+    note("processor", Ok(processor()));
+    note("opencv", Ok(format!("{} ({})", roadplane_decode::library_version(), roadplane_decode::backends())));
+    let runtime = roadplane_infer::find_library(None).and_then(|path| {
+        Ok(format!("{} at {}", roadplane_infer::runtime_version(None)?, path.display()))
+    });
+    note("onnx runtime", runtime.map_err(PipelineError::from));
+    let atlas = ShapeAtlas::shipped().map(|atlas| format!("version {}", atlas.version));
+    note("shape atlas", atlas.map_err(|e| PipelineError::Atlas { what: e.to_string() }));
+    match find_models(config.models.folder.as_deref()) {
+        Err(error) => note("models", Err(error)),
+        Ok(models) => {
+            note("models", Ok(models.display().to_string()));
+            let picture = Frame {
+                stamp: FrameStamp { index: 0, pts_nanos: 0 },
+                image: RgbImage::from_pixel(640, 360, image::Rgb([110, 110, 110])),
+            };
+            let detector = open_detector(&models, config).and_then(|mut detector| {
+                let found = detector.detect(&picture)?.len();
+                Ok(format!("{}; {found} cars in an empty picture", described(detector.session())))
+            });
+            note("detector", detector);
+            let keypoints = open_keypoints(&models, config).and_then(|mut net| {
+                let mut cars = vec![roadplane_base::CarRecord {
+                    bbox_px: [200.0, 100.0, 300.0, 160.0],
+                    score: 1.0,
+                    class: roadplane_base::VehicleClass::Car,
+                    keypoints: None,
+                    extra: serde_json::Map::new(),
+                }];
+                net.locate(&picture, &mut cars)?;
+                Ok(format!("{}; runs", described(net.session())))
+            });
+            note("keypoints", keypoints);
+        }
+    }
+    checks
+}
+
+fn described(session: &roadplane_infer::Session) -> String {
+    let card = session.card();
+    let hash = card.sha256.get(..12).unwrap_or_default();
+    format!("{} {} (sha256 {hash}…) on {}", card.name, card.version_text(), session.provider())
+}
+
+fn processor() -> String {
+    let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+    let bf16 = if roadplane_infer::cpu_has_bf16() { "bf16 instructions" } else { "no bf16 instructions" };
+    format!("{cores} cores, {bf16}")
+}
