@@ -39,6 +39,9 @@ class Shards:
         self.images: list[np.ndarray] = []
         self.points: list[np.ndarray] = []
         self.visible: list[np.ndarray] = []
+        self.sides: list[float] = []  # longer side of the car's box, crop px
+        self.sizes: list[float] = []  # the same in the picture's px
+        self.bodies: list[str] = []
         self.rescan()
 
     def rescan(self) -> None:
@@ -50,6 +53,9 @@ class Shards:
                 self.images.extend(shard["image"])
                 self.points.extend(shard["keypoints"])
                 self.visible.extend(shard["visible"])
+                self.sides.extend(shard["box_side_px"])
+                self.sizes.extend(shard["car_px"])
+                self.bodies.extend(shard["body"])
             self.seen.add(path.name)
 
     def __len__(self) -> int:
@@ -114,8 +120,12 @@ def warp(picture: np.ndarray, crop_from_picture: np.ndarray) -> np.ndarray:
         matrix[:, 2] += matrix[:, :2] @ (0.5 / ratio - 0.5)
         matrix[:, :2] = matrix[:, :2] / ratio
     return cv2.warpAffine(
-        picture, matrix, (INPUT_PX, INPUT_PX), flags=cv2.INTER_LINEAR,
-        borderMode=cv2.BORDER_CONSTANT, borderValue=(GREY, GREY, GREY),
+        picture,
+        matrix,
+        (INPUT_PX, INPUT_PX),
+        flags=cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_CONSTANT,
+        borderValue=(GREY, GREY, GREY),
     )
 
 
@@ -139,7 +149,9 @@ def _degrade(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Lower resolution, blur, noise and JPEG, for real crops (rendered ones come degraded)."""
     if rng.random() < 0.5:
         small = int(INPUT_PX * rng.uniform(0.3, 0.9))
-        image = cv2.resize(cv2.resize(image, (small, small), interpolation=cv2.INTER_AREA), (INPUT_PX, INPUT_PX))
+        image = cv2.resize(
+            cv2.resize(image, (small, small), interpolation=cv2.INTER_AREA), (INPUT_PX, INPUT_PX)
+        )
     if rng.random() < 0.3:
         image = cv2.GaussianBlur(image, (0, 0), rng.uniform(0.3, 1.3))
     if rng.random() < 0.4:
@@ -193,7 +205,10 @@ class Sampler:
         rng = self.rng
         car = self.real[int(rng.integers(len(self.real)))]
         size = (car.box[2:] - car.box[:2]).max()
-        jitter = np.tile(rng.normal(0, 0.05, 2) * size, 2) + np.array([-1, -1, 1, 1]) * rng.uniform(-0.06, 0.1) * size
+        jitter = (
+            np.tile(rng.normal(0, 0.05, 2) * size, 2)
+            + np.array([-1, -1, 1, 1]) * rng.uniform(-0.06, 0.1) * size
+        )
         matrix = crop_from_box(car.box + jitter, rng.normal(0, 0.12))
         image = _degrade(warp(car.patch, matrix), rng)
         points = apply(matrix, car.points)

@@ -6,14 +6,21 @@ import argparse
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 import torch
+from torch import nn
 
-from cars.mesh import KEYPOINT_NAMES
+from cars.mesh import KEYPOINT_NAMES, MIRROR
 from net.data import RealCar, Shards, apply, crop_from_box, read_real, warp
 from net.decode import decode
 from net.model import Deployed, StackedHourglass
+
+# Index of the keypoint at the other end of the car; mirror and B-pillar have none and stay.
+_ENDS = [1, 0, 3, 2, 6, 7, 4, 5, 9, 8, 13, 12, 11, 10, 14, 16, 15, 17]
+FRONT_BACK = np.array(_ENDS + [k + 18 for k in _ENDS])
+LEFT_RIGHT = np.array(MIRROR)
+CONFUSIONS = {"left/right": LEFT_RIGHT, "front/back": FRONT_BACK, "turned round": LEFT_RIGHT[FRONT_BACK]}
+SIZES_PX = (0, 40, 60, 100, 200, 10_000)
 
 
 @dataclass
@@ -25,20 +32,23 @@ class Crop:
     clear: np.ndarray
     hidden: np.ndarray
     side: float  # longer side of the true box, crop px
+    car_px: float  # the same in the picture's pixels
+    body: str
     group: str
 
 
 @dataclass
 class Result:
-    """Errors of all clear points in units of the box's longer side, and what judges the uncertainty."""
+    """Errors of all n clear points of a set of crops."""
 
-    error: np.ndarray  # [n]
+    error: np.ndarray  # [n] units of the box's longer side
     index: np.ndarray  # [n] keypoint
-    car: np.ndarray  # [n]
-    normalised: np.ndarray  # [n, 2] error / predicted sd
+    car: np.ndarray  # [n] index of the crop
+    offset: np.ndarray  # [n, 2] predicted − true, crop px
+    variance: np.ndarray  # [n, 2] of the heatmap around its peak, crop px², uncalibrated
     score_seen: np.ndarray
     score_hidden: np.ndarray
-    turned: int  # cars whose predictions fit the truth better with left/right or front/back exchanged
+    confused: dict[str, list[int]]  # crops whose points fit better with names exchanged
     cars: int
 
     def pck(self, threshold: float) -> float:
@@ -47,32 +57,57 @@ class Result:
 
     def auc(self) -> float:
         """Probability that a visible point scores above a hidden one."""
-        if not len(self.score_seen) or not len(self.score_hidden):
+        n, m = len(self.score_seen), len(self.score_hidden)
+        if not n or not m:
             return float("nan")
         ranks = np.concatenate([self.score_seen, self.score_hidden]).argsort().argsort()
-        n, m = len(self.score_seen), len(self.score_hidden)
         return float((ranks[:n].sum() - n * (n - 1) / 2) / (n * m))
 
-    def robust_sd(self) -> float:
-        """1.4826 · median |normalised error|: 1 when predicted sd are honest."""
-        return float(1.4826 * np.median(np.abs(self.normalised)))
+    def robust_sd(self, scale: float = 1.0, floor: float = 0.0) -> float:
+        """1.4826 · median |error / sd| with sd² = scale² · variance + floor²: 1 when predicted sd are honest."""
+        sd = np.sqrt(scale**2 * self.variance + floor**2 + 1e-9)
+        return float(1.4826 * np.median(np.abs(self.offset / sd)))
+
+    def numbers(self, scale: float = 1.0, floor: float = 0.0) -> dict[str, float | int | dict]:
+        """What a model card says."""
+        return {
+            "cars": self.cars,
+            "points": len(self.error),
+            "median_error_of_box": round(float(np.median(self.error)), 4),
+            "pck_0.05": round(self.pck(0.05), 4),
+            "pck_0.1": round(self.pck(0.1), 4),
+            "visibility_auc": round(self.auc(), 4) if np.isfinite(self.auc()) else None,
+            "normalised_error_robust_sd": round(self.robust_sd(scale, floor), 3),
+            "confused_cars": {name: len(cars) for name, cars in self.confused.items()},
+        }
 
     def line(self) -> str:
         """One line for people."""
+        confused = ", ".join(f"{name} {len(cars)}" for name, cars in self.confused.items())
         return (
             f"{self.cars} cars, {len(self.error)} points: median {100 * np.median(self.error):.2f} % "
-            f"PCK.05 {100 * self.pck(0.05):.1f} PCK.1 {100 * self.pck(0.1):.1f} "
-            f"AUC {self.auc():.3f} normalised sd {self.robust_sd():.2f} turned {self.turned}"
+            f"PCK.05 {100 * self.pck(0.05):.1f} PCK.1 {100 * self.pck(0.1):.1f} AUC {self.auc():.3f} "
+            f"raw normalised sd {self.robust_sd():.2f}, confused: {confused}"
         )
 
 
-def shard_crops(shards: Shards, count: int) -> list[Crop]:
-    """Rendered crops; the box's size is taken from the visible and hidden points, as real labels have no better."""
+def shard_crops(shards: Shards, count: int | None = None) -> list[Crop]:
+    """Rendered crops, the first `count`."""
     crops = []
-    for image, points, seen in zip(shards.images[:count], shards.points, shards.visible):
-        exists = np.isfinite(points[:, 0])
-        side = float((np.nanmax(points, 0) - np.nanmin(points, 0)).max())
-        crops.append(Crop(image, points, exists & (seen > 0), exists & (seen == 0), side, "rendered"))
+    for i in range(min(len(shards), count or len(shards))):
+        exists, seen = np.isfinite(shards.points[i][:, 0]), shards.visible[i] > 0
+        crops.append(
+            Crop(
+                shards.images[i],
+                shards.points[i],
+                exists & seen,
+                exists & ~seen,
+                float(shards.sides[i]),
+                float(shards.sizes[i]),
+                str(shards.bodies[i]),
+                "rendered",
+            )
+        )
     return crops
 
 
@@ -81,20 +116,29 @@ def real_crops(cars: list[RealCar]) -> list[Crop]:
     crops = []
     for car in cars:
         matrix = crop_from_box(car.box)
-        side = float((car.box[2:] - car.box[:2]).max() * abs(matrix[0, 0]))
-        points = apply(matrix, car.points)
-        crops.append(Crop(warp(car.patch, matrix), points, car.flag == 2, car.flag == 1, side, car.source))
+        longer = float((car.box[2:] - car.box[:2]).max())
+        crops.append(
+            Crop(
+                warp(car.patch, matrix),
+                apply(matrix, car.points),
+                car.flag == 2,
+                car.flag == 1,
+                longer * abs(matrix[0, 0]),
+                longer,
+                car.body,
+                car.source,
+            )
+        )
     return crops
 
 
-def predict(net: StackedHourglass, images: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Means [n, 36, 2], covariances [n, 36, 2, 2] (crop px, uncalibrated) and visibility [n, 36]."""
-    deployed = Deployed(net).eval()
+def predict(net: nn.Module, images: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Means [n, 36, 2], covariances [n, 36, 2, 2] (crop px, uncalibrated) and visibility [n, 36] of a deployed net."""
     means, covariances, seen = [], [], []
     with torch.no_grad():
         for i in range(0, len(images), 32):
             batch = torch.from_numpy(np.stack(images[i : i + 32])).permute(0, 3, 1, 2).float().div(255)
-            heatmaps, visibility = deployed(batch)
+            heatmaps, visibility = net(batch)
             mean, covariance = decode(heatmaps.numpy())
             means.append(mean)
             covariances.append(covariance)
@@ -102,80 +146,91 @@ def predict(net: StackedHourglass, images: list[np.ndarray]) -> tuple[np.ndarray
     return np.concatenate(means), np.concatenate(covariances), np.concatenate(seen)
 
 
-def evaluate(net: StackedHourglass, crops: list[Crop], scale: float = 1.0, floor: float = 0.0) -> Result:
-    """Measures a net on crops; `scale` and `floor` calibrate the sd as the card's numbers do."""
+def confusion_of(mean: np.ndarray, crop: Crop) -> str | None:
+    """Which exchange of names makes one car's prediction fit the truth better, if any; needs four clear points."""
+    clear = np.flatnonzero(crop.clear)
+    if len(clear) < 4:
+        return None
+
+    def misfit(order: np.ndarray) -> float:
+        return float(np.median(np.hypot(*(mean[order[clear]] - crop.points[clear]).T)))
+
+    best = min(CONFUSIONS, key=lambda name: misfit(CONFUSIONS[name]))
+    return best if misfit(CONFUSIONS[best]) < misfit(np.arange(len(mean))) else None
+
+
+def evaluate(net: Deployed, crops: list[Crop]) -> Result:
+    """Measures a deployed net on crops."""
     means, covariances, seen = predict(net, [c.image for c in crops])
-    error, index, car, normalised, score_seen, score_hidden, turned = [], [], [], [], [], [], 0
-    side_swap = np.array([(k + 18) % 36 for k in range(36)])
+    confused: dict[str, list[int]] = {name: [] for name in CONFUSIONS}
     for i, crop in enumerate(crops):
-        clear = np.flatnonzero(crop.clear)
-        delta = means[i][clear] - crop.points[clear]
-        error.extend(np.hypot(*delta.T) / crop.side)
-        index.extend(clear)
-        car.extend([i] * len(clear))
-        variance = np.diagonal(covariances[i][clear], axis1=1, axis2=2)
-        normalised.extend(delta / np.sqrt(scale**2 * variance + floor**2 + 1e-9))
-        score_seen.extend(seen[i][clear])
-        score_hidden.extend(seen[i][crop.hidden])
-        if len(clear) >= 4:
-            swapped = np.median(np.hypot(*(means[i][side_swap[clear]] - crop.points[clear]).T))
-            turned += bool(swapped < np.median(np.hypot(*delta.T)))
+        if name := confusion_of(means[i], crop):
+            confused[name].append(i)
+    clear = np.stack([c.clear for c in crops])
+    hidden = np.stack([c.hidden for c in crops])
+    car, index = np.nonzero(clear)
+    offset = means[clear] - np.stack([c.points for c in crops])[clear]
+    sides = np.array([c.side for c in crops])
     return Result(
-        np.array(error), np.array(index), np.array(car), np.array(normalised).reshape(-1, 2),
-        np.array(score_seen), np.array(score_hidden), turned, len(crops),
+        np.hypot(*offset.T) / sides[car],
+        index,
+        car,
+        offset,
+        np.diagonal(covariances[clear], axis1=1, axis2=2),
+        seen[clear],
+        seen[hidden],
+        confused,
+        len(crops),
     )
 
 
-def montage(net: StackedHourglass, crops: list[Crop], columns: int = 8, zoom: int = 2) -> np.ndarray:
-    """Crops with truth (green rings) and prediction (red, faint where it says hidden), RGB."""
-    means, _, seen = predict(net, [c.image for c in crops])
-    tiles = []
-    for crop, mean, score in zip(crops, means, seen):
-        tile = cv2.resize(crop.image, None, fx=zoom, fy=zoom)
-        for k in np.flatnonzero(crop.clear):
-            centre = tuple(int(v) for v in (crop.points[k] + 0.5) * zoom)
-            cv2.circle(tile, centre, 2 * zoom, (0, 255, 0), 1, cv2.LINE_AA)
-        for k in range(36):
-            colour = (255, 40, 40) if score[k] > 0.5 else (90, 90, 200)
-            cv2.circle(tile, tuple(int(v) for v in (mean[k] + 0.5) * zoom), zoom, colour, -1, cv2.LINE_AA)
-        tiles.append(tile)
-    while len(tiles) % columns:
-        tiles.append(np.zeros_like(tiles[0]))
-    return np.vstack([np.hstack(tiles[i : i + columns]) for i in range(0, len(tiles), columns)])
+def tables(result: Result, crops: list[Crop]) -> str:
+    """Errors per keypoint, per size and per body."""
+    error = 100 * result.error
+    rows = [(name[5:], result.index % 18 == k) for k, name in enumerate(KEYPOINT_NAMES[:18])]
+    sizes = np.array([c.car_px for c in crops])[result.car]
+    rows += [(f"{a}–{b} px", (sizes >= a) & (sizes < b)) for a, b in zip(SIZES_PX, SIZES_PX[1:])]
+    bodies = np.array([c.body for c in crops])[result.car]
+    rows += [(body, bodies == body) for body in sorted(set(bodies))]
+    return "\n".join(
+        f"  {name:<20} n {mine.sum():6d}  median {np.median(error[mine]):6.2f} %  "
+        f"PCK.05 {100 * (error[mine] <= 5).mean():5.1f}  PCK.1 {100 * (error[mine] <= 10).mean():5.1f}"
+        for name, mine in rows
+        if mine.any()
+    )
 
 
-def load(path: Path) -> StackedHourglass:
-    """The averaged weights of a run."""
+def load(path: Path, work_px: int = 128) -> Deployed:
+    """The averaged weights of a run, as they are exported."""
     state = torch.load(path)
     net = StackedHourglass(state["stacks"], state["channels"])
     net.load_state_dict(state["average"])
-    return net.eval()
+    return Deployed(net, work_px).eval()
 
 
 def main() -> None:
     """Prints the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--weights", type=Path, default=Path(".work/runs/hourglass/last.pt"))
+    parser.add_argument("--work-px", type=int, default=128, help="size the net was last trained at")
     parser.add_argument("--crops", type=Path, default=Path(".work/crops/eval"))
     parser.add_argument("--real", type=Path, help="folder of hand-labelled cars")
+    parser.add_argument("--only", nargs="*", help="real images (file stems) to measure on; all by default")
     parser.add_argument("--count", type=int, default=1024)
-    parser.add_argument("--montage", type=Path, help="PNG to draw real (else rendered) crops into")
+    parser.add_argument("--tables", action="store_true", help="per keypoint, size and body")
     args = parser.parse_args()
-    net = load(args.weights)
+    torch.set_num_threads(1)
+    net = load(args.weights, args.work_px)
     groups = {"rendered": shard_crops(Shards(args.crops), args.count)}
-    for car in real_crops(read_real(args.real)) if args.real else []:
-        groups.setdefault(car.group, []).append(car)
+    for crop in real_crops(read_real(args.real)) if args.real else []:
+        if not args.only or crop.group in args.only:
+            groups.setdefault(crop.group, []).append(crop)
     for name, crops in groups.items():
         if crops:
             result = evaluate(net, crops)
             print(f"{name}: {result.line()}")
-            if name == "rendered":
-                for k, label in enumerate(KEYPOINT_NAMES[:18]):
-                    mine = result.error[result.index % 18 == k]
-                    print(f"  {label[5:]:<20} {100 * np.median(mine):.2f} %" if len(mine) else f"  {label[5:]} -")
-    if args.montage:
-        drawn = [c for name, crops in groups.items() if name != "rendered" for c in crops] or groups["rendered"]
-        cv2.imwrite(str(args.montage), montage(net, drawn[:64])[..., ::-1])
+            if args.tables:
+                print(tables(result, crops))
 
 
 if __name__ == "__main__":

@@ -63,11 +63,16 @@ class StackedHourglass(nn.Module):
         super().__init__()
         # Pixels of 2 × 2 blocks become channels first: a convolution of 3 channels wastes a CPU.
         self.stem = nn.Sequential(
-            nn.PixelUnshuffle(2), conv(12, channels, 3, 2), Residual(channels), Residual(channels, channels // 2),
+            nn.PixelUnshuffle(2),
+            conv(12, channels, 3, 2),
+            Residual(channels),
+            Residual(channels, channels // 2),
         )
         self.hourglasses = nn.ModuleList(Hourglass(channels, 3) for _ in range(stacks))
         self.features = nn.ModuleList(
-            nn.Sequential(Residual(channels, channels // 2), nn.ReLU(), conv(channels, channels, 1), nn.ReLU())
+            nn.Sequential(
+                Residual(channels, channels // 2), nn.ReLU(), conv(channels, channels, 1), nn.ReLU()
+            )
             for _ in range(stacks)
         )
         self.heads = nn.ModuleList(nn.Conv2d(channels, KEYPOINTS, 1) for _ in range(stacks))
@@ -94,12 +99,21 @@ class StackedHourglass(nn.Module):
 
 
 class Deployed(nn.Module):
-    """What is exported: the last stack's heatmap logits and the visibility as a probability."""
+    """What is exported: the last stack's heatmap logits and the visibility as a probability, at 128 px input.
 
-    def __init__(self, net: StackedHourglass):
+    A net trained at `work_px` < 128 only sees the picture reduced to that; its logits are brought back to 32 × 32.
+    """
+
+    def __init__(self, net: StackedHourglass, work_px: int = INPUT_PX):
         super().__init__()
-        self.net = net
+        self.net, self.work_px = net, work_px
 
     def forward(self, image: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        if self.work_px == INPUT_PX:
+            heatmaps, visibility = self.net(image)
+            return heatmaps[-1], visibility.sigmoid()
+        size = (self.work_px, self.work_px)
+        image = nn.functional.interpolate(image, size, mode="bilinear", align_corners=False)
         heatmaps, visibility = self.net(image)
-        return heatmaps[-1], visibility.sigmoid()
+        whole = nn.functional.interpolate(heatmaps[-1], (CELLS, CELLS), mode="bilinear", align_corners=False)
+        return whole, visibility.sigmoid()

@@ -16,7 +16,7 @@ from torch import nn
 
 from net.data import Batch, RealCar, Sampler, Shards, read_real
 from net.evaluate import evaluate, real_crops, shard_crops
-from net.model import INPUT_PX, STRIDE, StackedHourglass
+from net.model import INPUT_PX, STRIDE, Deployed, StackedHourglass
 
 TARGET_SD_CELLS = 0.6
 
@@ -96,7 +96,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--crops", type=Path, default=Path(".work/crops"))
     parser.add_argument("--real", type=Path, help="folder of hand-labelled cars (*.json and pictures)")
-    parser.add_argument("--hold-out", nargs="*", default=["pklot_ufpr04", "cnd5"], help="real images not learnt from")
+    parser.add_argument(
+        "--hold-out", nargs="*", default=["pklot_ufpr04", "cnd5"], help="real images not learnt from"
+    )
     parser.add_argument("--real-share", type=float, default=0.12)
     parser.add_argument("--run", default="hourglass")
     parser.add_argument("--runs", type=Path, default=Path(".work/runs"))
@@ -139,9 +141,15 @@ def main() -> None:
 
     def save() -> None:
         state = {
-            "net": net.state_dict(), "optimiser": optimiser.state_dict(), "average": average.weights,
-            "step": step, "spent": spent + time.time() - started, "samples": samples,
-            "stacks": args.stacks, "channels": args.channels, "shards": len(shards),
+            "net": net.state_dict(),
+            "optimiser": optimiser.state_dict(),
+            "average": average.weights,
+            "step": step,
+            "spent": spent + time.time() - started,
+            "samples": samples,
+            "stacks": args.stacks,
+            "channels": args.channels,
+            "shards": len(shards),
         }
         torch.save(state, folder / "last.tmp")
         (folder / "last.tmp").rename(last)
@@ -164,8 +172,11 @@ def main() -> None:
         if time.time() - shown > 60:
             n = sums["n"]
             rate = n * args.batch / (time.time() - shown)
-            print(f"{elapsed / 60:.1f} min step {step}: heat {sums['heat'] / n:.3f} visible {sums['visible'] / n:.3f} "
-                  f"{rate:.0f} crops/s at {size} px, {len(shards)} rendered", flush=True)
+            print(
+                f"{elapsed / 60:.1f} min step {step}: heat {sums['heat'] / n:.3f} visible {sums['visible'] / n:.3f} "
+                f"{rate:.0f} crops/s at {size} px, {len(shards)} rendered",
+                flush=True,
+            )
             sums, shown = {"heat": 0.0, "visible": 0.0, "n": 0}, time.time()
             shards.rescan()
         if time.time() - saved > 300:
@@ -173,11 +184,12 @@ def main() -> None:
             saved = time.time()
             probe = StackedHourglass(args.stacks, args.channels)
             probe.load_state_dict(average.weights)
+            probe_net = Deployed(probe, size).eval()
             if len(check) < 512:
                 check.rescan()
             for name, crops in (("rendered", shard_crops(check, 256)), ("real held out", real_crops(held))):
                 if crops:
-                    print(f"  {name}: {evaluate(probe, crops).line()}", flush=True)
+                    print(f"  {name}: {evaluate(probe_net, crops).line()}", flush=True)
     save()
     print(f"done: {step} steps, {samples} samples")
 

@@ -1,0 +1,111 @@
+"""Calibrates a trained net and exports it with its card: `python -m net.export --run NAME` (PYTHONPATH=scripts/train).
+
+Writes hourglass.onnx, hourglass.card.json and hourglass.md, by default into models/.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+import numpy as np
+import onnxruntime
+import torch
+
+from cars.mesh import REPOSITORY
+from net.calibrate import calibrate
+from net.card import card, markdown
+from net.data import Shards, read_real
+from net.decode import decode
+from net.evaluate import Crop, evaluate, load, real_crops, shard_crops
+from net.model import INPUT_PX, Deployed
+from net.train import split_real
+
+# More and the check would cost more than it tells.
+PARITY_CROPS = 32
+RENDERED_CROPS = 1536
+
+
+def export_onnx(net: Deployed, path: Path) -> None:
+    """Fixed names, dynamic batch."""
+    names = ["image", "heatmaps", "visibility"]
+    torch.onnx.export(
+        net,
+        torch.zeros(2, 3, INPUT_PX, INPUT_PX),
+        str(path),
+        opset_version=16,
+        input_names=names[:1],
+        output_names=names[1:],
+        dynamic_axes={name: {0: "batch"} for name in names},
+    )
+
+
+def parity(net: Deployed, path: Path, crops: list[Crop]) -> dict[str, float]:
+    """Largest differences between PyTorch and ONNX Runtime; another batch size than the one exported with."""
+    images = np.stack([c.image for c in crops[:PARITY_CROPS]]).transpose(0, 3, 1, 2).astype(np.float32) / 255
+    with torch.no_grad():
+        heat, seen = (x.numpy() for x in net(torch.from_numpy(images)))
+    session = onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
+    other_heat, other_seen = session.run(["heatmaps", "visibility"], {"image": images})
+    points = np.abs(decode(heat)[0] - decode(other_heat)[0])
+    return {
+        "max_abs_logit_difference": round(float(np.abs(heat - other_heat).max()), 6),
+        "max_abs_visibility_difference": round(float(np.abs(seen - other_seen).max()), 7),
+        "max_keypoint_difference_crop_px": round(float(points.max()), 5),
+    }
+
+
+def main() -> None:
+    """Exports and says how good it is."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--run", default="hourglass")
+    parser.add_argument("--runs", type=Path, default=Path(".work/runs"))
+    parser.add_argument("--crops", type=Path, default=Path(".work/crops/eval"))
+    parser.add_argument("--real", type=Path, help="folder of hand-labelled cars")
+    parser.add_argument("--work-px", type=int, default=INPUT_PX, help="size the net was last trained at")
+    parser.add_argument("--out", type=Path, default=REPOSITORY / "models")
+    args = parser.parse_args()
+    torch.set_num_threads(1)
+    weights = args.runs / args.run / "last.pt"
+    net, state = load(weights, args.work_px), torch.load(weights)
+    recipe = json.loads((weights.parent / "recipe.json").read_text())
+    rendered = shard_crops(Shards(args.crops), RENDERED_CROPS)
+    if isinstance(recipe["hold_out"], str):
+        recipe["hold_out"] = recipe["hold_out"].strip("[]").replace("'", "").replace(",", " ").split()
+    for name in ("crops", "real", "runs", "start_from"):  # folders of one machine tell nobody anything
+        recipe[name] = None if recipe[name] in (None, "None") else Path(recipe[name]).name
+    learnt, held = split_real(read_real(args.real) if args.real else [], recipe["hold_out"])
+    held_crops = real_crops(held)
+    calibration = calibrate(net, {"rendered": rendered[::2], "real": held_crops})
+    numbers = (calibration.sd_scale, calibration.sd_floor_crop_px)
+    args.out.mkdir(parents=True, exist_ok=True)
+    path = args.out / "hourglass.onnx"
+    export_onnx(net, path)
+    metrics = {"rendered_cars": evaluate(net, rendered[1::2]).numbers(*numbers)}
+    for source in sorted({c.group for c in held_crops}):
+        crops = [c for c in held_crops if c.group == source]
+        metrics[f"real_held_out_{source}"] = evaluate(net, crops).numbers(*numbers)
+    metrics["parity_with_pytorch"] = parity(net, path, rendered)
+    how_made = {
+        "stacks": state["stacks"],
+        "channels": state["channels"],
+        "work_px": args.work_px,
+        "parameters": sum(p.numel() for p in net.parameters()),
+        "steps": state["step"],
+        "samples": state["samples"],
+        "rendered_crops": state["shards"],
+        "real_cars": len(learnt) if recipe["real"] else 0,
+        "real_held_out": sorted({c.group for c in held_crops}),
+        "minutes": round(state["spent"] / 60, 1),
+        "recipe": recipe,
+    }
+    made = card(path, calibration, how_made, metrics)
+    (args.out / "hourglass.card.json").write_text(json.dumps(made, indent=1) + "\n")
+    command = "scripts/train/run" + (" --real DIR" if recipe["real"] else "")
+    (args.out / "hourglass.md").write_text(markdown(made, command))
+    print(json.dumps({"calibration": made["calibration"], **metrics}, indent=1))
+
+
+if __name__ == "__main__":
+    main()
