@@ -1,1 +1,41 @@
-//! roadplane: solve.
+//! Keypoints of the cars of one frame → focal length, ground plane, poses and shapes, each with its covariance.
+//! Pure maths in f64: no I/O, no clock, no random numbers, no panics; the same input gives the same bits.
+//!
+//! # Model
+//! Pinhole camera with square pixels and the principal point in the middle of the image; unknown are
+//! [`CameraParams`](roadplane_base::CameraParams) `c = (log f, tilt, roll, log h)`. Car k has a shape `λ_k` (6 coefficients of
+//! the atlas, prior N(0, I)) and stands on the plane with position and heading. Minimised is
+//!
+//! ```text
+//! E = Σ_k Σ_i ½ s_i ρ(‖W_i (π(c, car_k, X_i(λ_k)) − z_i)‖²)  +  Σ_k ½ ‖λ_k‖²  +  ½ ‖c − c₀‖²_P
+//! ```
+//!
+//! with keypoint `z_i`, its score `s_i`, whitening `W_i` from the keypoint's covariance and what the atlas leaves
+//! unexplained, and an outlier model `ρ` (see [`OutlierModel`]). One car couples to another through `c` only, so the
+//! normal equations are an arrow and cost is linear in cars (`arrow.rs`).
+//!
+//! # Entry points
+//! [`solve_scene`]: everything unknown. [`fit_car`]: camera and plane known.
+
+mod arrow;
+mod cold_start;
+mod fit;
+mod ground_problem;
+mod ground_residual;
+mod kernel;
+mod lm;
+mod observation;
+mod options;
+mod scene;
+mod setup;
+mod solution;
+mod standing_start;
+mod up_consensus;
+mod weak_perspective;
+
+pub use fit::{CarFit, fit_car};
+pub use kernel::OutlierModel;
+pub use lm::{LmOptions, LmReport, Problem, Termination, Trial, minimise};
+pub use options::{CameraPrior, SceneOptions, ShapePrior};
+pub use scene::solve_scene;
+pub use solution::{CarSolution, CarView, SceneSolution, SceneStatus};

@@ -1,0 +1,163 @@
+//! One car on a known plane before a known camera.
+
+use nalgebra::{Isometry3, Matrix3, Matrix6, SMatrix, Vector4};
+use roadplane_base::{
+    Camera, CameraParams, GroundPlane, GroundPose, KEYPOINTS, KeypointSet, Shape, ShapeAtlas,
+};
+
+use crate::ground_problem::{CameraKnowledge, GroundProblem, GroundState, Group, View};
+use crate::ground_residual::{CameraFrame, PointModes, Standing};
+use crate::lm::{LmOptions, minimise};
+use crate::observation::{Observation, observations};
+use crate::options::{SceneOptions, ShapePrior};
+use crate::solution::CarSolution;
+use crate::standing_start::standing_candidates;
+
+/// Headings that are followed to their minimum.
+const FOLLOWED: usize = 4;
+
+/// Keypoints that a fit needs at least: position, heading and one to check them.
+const MIN_KEYPOINTS: usize = 4;
+
+/// A fitted car.
+#[derive(Clone, Debug)]
+pub struct CarFit {
+    /// Pose, shape, inliers. Its covariances hold camera and plane for exact.
+    pub car: CarSolution,
+    /// Joint covariance of (x m, y m, heading rad, λ_1 … λ_6).
+    pub covariance: SMatrix<f64, 9, 9>,
+    /// Cost of the fit.
+    pub cost: f64,
+    /// How much the best differently headed pose costs more; infinite if there is none. Below about 5 the heading is a guess.
+    pub margin: f64,
+}
+
+/// Fits pose and shape of one car. `start` is tried beside the ring of headings, so front and back are told apart by the
+/// evidence every time. `None` when fewer than four keypoints are usable, no pose can be evaluated, or camera and plane
+/// are not finite.
+#[must_use]
+pub fn fit_car(
+    atlas: &ShapeAtlas,
+    camera: &Camera,
+    plane: &GroundPlane,
+    keypoints: &KeypointSet,
+    shape: &ShapePrior,
+    start: Option<&GroundPose>,
+    options: &SceneOptions,
+) -> Option<CarFit> {
+    let params = CameraParams::new(camera.focal_px, plane).to_vector();
+    if !params.iter().all(|v| v.is_finite()) {
+        return None;
+    }
+    let model = PointModes::new(atlas);
+    let mut found = Vec::new();
+    observations(keypoints, &camera.principal_point_px, 1.0, &mut found);
+    if found.len() < MIN_KEYPOINTS {
+        return None;
+    }
+    let frame = CameraFrame::new(&params);
+    let points = atlas.keypoints_in_car(&shape.mean);
+    let mut starts: Vec<Standing> = standing_candidates(&frame, &points, &found, FOLLOWED)
+        .into_iter()
+        .map(|(_, standing)| standing)
+        .collect();
+    if let Some(pose) = start {
+        let anchor = frame.anchor_of(pose);
+        starts.extend(anchor.map(|anchor| Standing { anchor, heading: pose.heading_rad }));
+    }
+    let mut fits: Vec<(f64, GroundProblem<'_>)> = Vec::new();
+    for standing in starts {
+        let mut problem = single_car(atlas, &model, params, found.clone(), standing, shape);
+        if let Some(cost) = refine_car(&mut problem, options) {
+            fits.push((cost, problem));
+        }
+    }
+    fits.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let (cost, mut problem) = if fits.is_empty() { return None } else { fits.remove(0) };
+    let heading = problem.state.standings[0].heading;
+    let elsewhere = |other: &GroundProblem<'_>| {
+        roadplane_base::angle_difference(other.state.standings[0].heading, heading).abs() > 0.5
+    };
+    let margin = fits.iter().find(|(_, p)| elsewhere(p)).map_or(f64::INFINITY, |(other, _)| other - cost);
+    let covariances = problem.covariances()?;
+    let (car, joint) = car_solution(&problem, 0, covariances.views.first()?, options)?;
+    let order = [10, 11, 12, 4, 5, 6, 7, 8, 9];
+    let covariance = SMatrix::from_fn(|i, j| joint[(order[i], order[j])]);
+    Some(CarFit { car, covariance, cost, margin })
+}
+
+fn single_car<'a>(
+    atlas: &'a ShapeAtlas,
+    model: &'a PointModes,
+    params: Vector4<f64>,
+    found: Vec<Observation>,
+    standing: Standing,
+    shape: &ShapePrior,
+) -> GroundProblem<'a> {
+    let views = vec![View { group: 0, observations: 0..found.len() }];
+    let groups = vec![Group { views: 0..1, prior: *shape }];
+    let knowledge = CameraKnowledge { mean: params, information: Vector4::zeros(), fixed: [true; 4] };
+    let state = GroundState { camera: params, standings: vec![standing], shapes: vec![shape.mean] };
+    GroundProblem::new(atlas, model, views, groups, found, knowledge, state)
+}
+
+/// Pose first with forgiving whitening, then pose and shape as they are; returns the cost.
+fn refine_car(problem: &mut GroundProblem<'_>, options: &SceneOptions) -> Option<f64> {
+    problem.kernel = options.kernel;
+    problem.shapes_fixed = true;
+    problem.whiten(options.atlas_residual_scale, 0.1);
+    minimise(problem, &LmOptions { max_iterations: 8, cost_tolerance: 1e-3, ..options.lm });
+    problem.shapes_fixed = problem.groups[0].prior.fixed;
+    problem.whiten(options.atlas_residual_scale, 0.0);
+    let report = minimise(problem, &options.lm);
+    report.cost.is_finite().then_some(report.cost)
+}
+
+/// A view's solution, and the joint covariance of (camera, shape, x, y, heading).
+pub(crate) fn car_solution(
+    problem: &GroundProblem<'_>,
+    k: usize,
+    anchored: &SMatrix<f64, 13, 13>,
+    options: &SceneOptions,
+) -> Option<(CarSolution, SMatrix<f64, 13, 13>)> {
+    let camera = CameraFrame::new(&problem.state.camera);
+    let standing = &problem.state.standings[k];
+    let frame = crate::ground_residual::StandingFrame::new(&camera, standing)?;
+    let (ground, by) = frame.ground_pose(&camera, standing.heading);
+    // (camera, shape, anchor, heading) → (camera, shape, x, y, heading)
+    let mut change = SMatrix::<f64, 13, 13>::identity();
+    for row in 0..3 {
+        for column in 0..4 {
+            change[(10 + row, column)] = by[(row, column)];
+        }
+        for column in 0..3 {
+            change[(10 + row, 10 + column)] = by[(row, 4 + column)];
+        }
+    }
+    let joint = change * anchored * change.transpose();
+    let mut inliers = [false; KEYPOINTS];
+    let (mut sum, mut weights) = (0.0, 0.0);
+    for observation in &problem.observations[problem.views[k].observations.clone()] {
+        let residual = problem.residual_px(k, observation)?;
+        let [rx, ry] = observation.whiten([residual.x, residual.y]);
+        inliers[observation.index] = options.kernel.weight(rx * rx + ry * ry) > 0.5;
+        if inliers[observation.index] {
+            sum += residual.norm_squared();
+            weights += 1.0;
+        }
+    }
+    let params = CameraParams::from_vector(&problem.state.camera);
+    let camera_from_car: Isometry3<f64> = params.plane().camera_from_world() * ground.world_from_car();
+    let shape: Shape = problem.state.shapes[problem.views[k].group];
+    let car = CarSolution {
+        camera_from_car,
+        ground,
+        ground_covariance: joint.fixed_view::<3, 3>(10, 10).into_owned() as Matrix3<f64>,
+        shape,
+        shape_covariance: joint.fixed_view::<6, 6>(4, 4).into_owned() as Matrix6<f64>,
+        inliers,
+        reprojection_rms_px: if weights > 0.0 { f64::sqrt(sum / weights) } else { f64::INFINITY },
+        used: true,
+    };
+    Some((car, joint))
+}

@@ -1,0 +1,221 @@
+//! Projection of a keypoint of a car that stands on the plane, and its Jacobian.
+//!
+//! ```text
+//! X_cam = G(c, a) + R(tilt, roll) Rz(ψ) X(λ)          pixel − pp = f (X_cam.x, X_cam.y) / X_cam.z
+//! G = ray · h / (−n · ray),   ray = (a_u / f, a_v / f, 1)     the car's origin on the ground
+//! ```
+//!
+//! The position is held by its pixel `a` relative to the principal point (the *anchor*, px), not by (x, y) in metres: when
+//! focal length or plane change, the car stays where it is seen, so the problem is far closer to linear. `R = camera_from_world`
+//! rotation with columns right, forward, up = n. Jacobian 2 × 13 with columns
+//! `[log f, tilt, roll, log h | λ_1 … λ_6 | a_u, a_v, ψ]`, px per unit. Sources: paper Eq. 1, DESIGN §3.
+
+use nalgebra::{Matrix3, Vector2, Vector3, Vector4};
+use roadplane_base::{GroundPose, KEYPOINTS, MODES, Shape, ShapeAtlas};
+
+/// Camera parameters, shape coefficients, pose: columns of the Jacobian.
+pub(crate) const COLUMNS: usize = 4 + MODES + 3;
+
+/// A row of the Jacobian, padded to whole SIMD registers.
+pub(crate) type Row = [f64; 16];
+
+/// Nearest depth at which a keypoint is evaluated, m.
+const MIN_DEPTH_M: f64 = 0.1;
+
+/// Smallest sine-like fall of a viewing ray towards the plane: below, the anchor is at the horizon.
+const MIN_FALL: f64 = 1e-6;
+
+/// What all cars share of the camera.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct CameraFrame {
+    pub focal_px: f64,
+    pub height_m: f64,
+    /// Columns right, forward, up.
+    pub camera_from_world: Matrix3<f64>,
+    /// Its derivative by tilt.
+    by_tilt: Matrix3<f64>,
+}
+
+impl CameraFrame {
+    /// From (log f, tilt, roll, log h).
+    pub fn new(params: &Vector4<f64>) -> Self {
+        let (sin_t, cos_t) = params[1].sin_cos();
+        let (sin_r, cos_r) = params[2].sin_cos();
+        let right = Vector3::new(cos_r, sin_r, 0.0);
+        let forward = Vector3::new(sin_r * sin_t, -cos_r * sin_t, cos_t);
+        let up = Vector3::new(sin_r * cos_t, -cos_r * cos_t, -sin_t);
+        Self {
+            focal_px: params[0].exp(),
+            height_m: params[3].exp(),
+            camera_from_world: Matrix3::from_columns(&[right, forward, up]),
+            by_tilt: Matrix3::from_columns(&[Vector3::zeros(), up, -forward]),
+        }
+    }
+
+    fn up(&self) -> Vector3<f64> {
+        self.camera_from_world.column(2).into_owned()
+    }
+
+    /// The anchor of a position on the ground; `None` behind the camera.
+    pub fn anchor_of(&self, pose: &GroundPose) -> Option<Vector2<f64>> {
+        let in_camera = self.camera_from_world * Vector3::new(pose.x_m, pose.y_m, -self.height_m);
+        (in_camera.z > MIN_DEPTH_M).then(|| in_camera.xy() * (self.focal_px / in_camera.z))
+    }
+}
+
+/// Where a car stands: anchor (px from the principal point) and heading (rad).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Standing {
+    pub anchor: Vector2<f64>,
+    pub heading: f64,
+}
+
+/// A car's place in the camera frame with what its keypoints share of the Jacobian.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct StandingFrame {
+    /// Car's origin in the camera frame, m.
+    pub origin: Vector3<f64>,
+    /// `camera_from_car` rotation.
+    pub camera_from_car: Matrix3<f64>,
+    camera_from_car_by_tilt: Matrix3<f64>,
+    /// ∂G by log f, tilt, roll, log h, a_u, a_v.
+    origin_by: [Vector3<f64>; 6],
+}
+
+impl StandingFrame {
+    /// `None` when the anchor is not below the horizon.
+    pub fn new(camera: &CameraFrame, standing: &Standing) -> Option<Self> {
+        let f = camera.focal_px;
+        let up = camera.up();
+        let ray = Vector3::new(standing.anchor.x / f, standing.anchor.y / f, 1.0);
+        let fall = -up.dot(&ray);
+        if !(fall > MIN_FALL) {
+            return None;
+        }
+        let depth = camera.height_m / fall;
+        let origin = ray * depth;
+        let by_ray = |d_ray: Vector3<f64>| (d_ray + ray * (up.dot(&d_ray) / fall)) * depth;
+        let by_normal = |d_up: Vector3<f64>| origin * (d_up.dot(&ray) / fall);
+        let forward = camera.camera_from_world.column(1).into_owned();
+        let origin_by = [
+            by_ray(Vector3::new(-ray.x, -ray.y, 0.0)),
+            by_normal(-forward),
+            by_normal(Vector3::new(-up.y, up.x, 0.0)),
+            origin,
+            by_ray(Vector3::new(1.0 / f, 0.0, 0.0)),
+            by_ray(Vector3::new(0.0, 1.0 / f, 0.0)),
+        ];
+        let (sin, cos) = standing.heading.sin_cos();
+        let turn = Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0);
+        Some(Self {
+            origin,
+            camera_from_car: camera.camera_from_world * turn,
+            camera_from_car_by_tilt: camera.by_tilt * turn,
+            origin_by,
+        })
+    }
+
+    /// Pixel (relative to the principal point) of a point of the car; `None` at or behind the camera.
+    #[inline]
+    pub fn project(&self, focal_px: f64, point_in_car: &Vector3<f64>) -> Option<Vector2<f64>> {
+        let p = self.origin + self.camera_from_car * point_in_car;
+        (p.z > MIN_DEPTH_M).then(|| p.xy() * (focal_px / p.z))
+    }
+
+    /// The pixel with its two Jacobian rows; `modes` are the atlas' modes at this keypoint.
+    #[inline]
+    pub fn project_with_jacobian(
+        &self,
+        focal_px: f64,
+        point_in_car: &Vector3<f64>,
+        modes: &[Vector3<f64>; MODES],
+    ) -> Option<(Vector2<f64>, [Row; 2])> {
+        let offset = self.camera_from_car * point_in_car;
+        let p = self.origin + offset;
+        if !(p.z > MIN_DEPTH_M) {
+            return None;
+        }
+        let scale = focal_px / p.z;
+        let pixel = p.xy() * scale;
+        let (x, y) = (p.x / p.z, p.y / p.z);
+        // ∂pixel/∂X_cam = scale · [1 0 −x; 0 1 −y]
+        let by_point = |d: &Vector3<f64>| [scale * (d.x - x * d.z), scale * (d.y - y * d.z)];
+        let r = &self.camera_from_car;
+        let by_car: [[f64; 3]; 2] = [
+            std::array::from_fn(|k| scale * (r[(0, k)] - x * r[(2, k)])),
+            std::array::from_fn(|k| scale * (r[(1, k)] - y * r[(2, k)])),
+        ];
+        let mut rows = [[0.0; 16]; 2];
+        let mut put = |column: usize, value: [f64; 2]| {
+            rows[0][column] = value[0];
+            rows[1][column] = value[1];
+        };
+        let by_focal = by_point(&self.origin_by[0]);
+        put(0, [by_focal[0] + pixel.x, by_focal[1] + pixel.y]);
+        put(1, by_point(&(self.origin_by[1] + self.camera_from_car_by_tilt * point_in_car)));
+        put(2, by_point(&(self.origin_by[2] + Vector3::new(-offset.y, offset.x, 0.0))));
+        put(3, by_point(&self.origin_by[3]));
+        put(4 + MODES, by_point(&self.origin_by[4]));
+        put(5 + MODES, by_point(&self.origin_by[5]));
+        let (px, py) = (point_in_car.x, point_in_car.y);
+        put(6 + MODES, [0, 1].map(|k: usize| by_car[k][1] * px - by_car[k][0] * py));
+        for (j, mode) in modes.iter().enumerate() {
+            put(
+                4 + j,
+                [0, 1].map(|k: usize| by_car[k][0] * mode.x + by_car[k][1] * mode.y + by_car[k][2] * mode.z),
+            );
+        }
+        Some((pixel, rows))
+    }
+
+    /// Pose in the world frame with ∂(x, y, ψ) by (log f, tilt, roll, log h, a_u, a_v, ψ).
+    pub fn ground_pose(
+        &self,
+        camera: &CameraFrame,
+        heading: f64,
+    ) -> (GroundPose, nalgebra::SMatrix<f64, 3, 7>) {
+        let right = camera.camera_from_world.column(0);
+        let forward = camera.camera_from_world.column(1);
+        let up = camera.up();
+        let mut jacobian = nalgebra::SMatrix::<f64, 3, 7>::zeros();
+        for (column, d) in [0, 1, 2, 3, 4, 5].into_iter().zip(&self.origin_by) {
+            jacobian[(0, column)] = right.dot(d);
+            jacobian[(1, column)] = forward.dot(d);
+        }
+        // The axes turn too: ∂forward/∂tilt = up; roll turns right and forward about the optical axis.
+        let by_roll = |axis: Vector3<f64>| Vector3::new(-axis.y, axis.x, 0.0);
+        jacobian[(1, 1)] += up.dot(&self.origin);
+        jacobian[(0, 2)] += by_roll(right.into_owned()).dot(&self.origin);
+        jacobian[(1, 2)] += by_roll(forward.into_owned()).dot(&self.origin);
+        jacobian[(2, 6)] = 1.0;
+        let pose = GroundPose {
+            x_m: right.dot(&self.origin),
+            y_m: forward.dot(&self.origin),
+            heading_rad: roadplane_base::wrap_angle(heading),
+        };
+        (pose, jacobian)
+    }
+}
+
+/// The atlas with the modes of one keypoint side by side, as the inner loop reads them.
+#[derive(Clone, Debug)]
+pub(crate) struct PointModes {
+    pub mean: [Vector3<f64>; KEYPOINTS],
+    pub modes: [[Vector3<f64>; MODES]; KEYPOINTS],
+}
+
+impl PointModes {
+    pub fn new(atlas: &ShapeAtlas) -> Self {
+        Self { mean: atlas.mean, modes: std::array::from_fn(|i| std::array::from_fn(|j| atlas.modes[j][i])) }
+    }
+
+    /// A keypoint of a car of this shape, car frame, m.
+    #[inline]
+    pub fn point(&self, index: usize, shape: &Shape) -> Vector3<f64> {
+        let mut point = self.mean[index];
+        for (mode, coefficient) in self.modes[index].iter().zip(shape.iter()) {
+            point += mode * *coefficient;
+        }
+        point
+    }
+}

@@ -1,0 +1,157 @@
+//! Levenberg–Marquardt: the loop alone. A [`Problem`] brings its own structure; the loop knows damping and when to stop.
+
+/// What the loop asks of a problem. The problem owns its parameters, its linearisation and its trial step.
+pub trait Problem {
+    /// Residuals, Jacobians and normal equations at the current parameters. Returns the largest absolute entry of the
+    /// scaled gradient (zero at a minimum), or `None` when the parameters cannot be evaluated.
+    fn linearise(&mut self) -> Option<f64>;
+
+    /// The cost at the current parameters, as [`Problem::linearise`] last found it.
+    fn cost(&self) -> f64;
+
+    /// Solves the damped normal equations `(H + damping · diag H) step = −g` and evaluates the trial parameters.
+    /// `None` when the system is not positive definite or the trial cannot be evaluated.
+    fn try_step(&mut self, damping: f64) -> Option<Trial>;
+
+    /// Makes the last trial the current parameters.
+    fn accept(&mut self);
+}
+
+/// A step that was tried.
+#[derive(Clone, Copy, Debug)]
+pub struct Trial {
+    /// True cost at the trial parameters.
+    pub cost: f64,
+    /// Decrease that the quadratic model promises.
+    pub predicted_decrease: f64,
+    /// Largest change of a parameter in units of what matters for it.
+    pub step_size: f64,
+}
+
+/// When to stop.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LmOptions {
+    /// Most linearisations.
+    pub max_iterations: usize,
+    /// Stop when the cost falls by less than this fraction (and the model promises no more).
+    pub cost_tolerance: f64,
+    /// Stop when no parameter changes by more than this.
+    pub step_tolerance: f64,
+    /// Stop when the scaled gradient is below this.
+    pub gradient_tolerance: f64,
+    /// First damping.
+    pub initial_damping: f64,
+    /// Rejected steps in a row before giving up.
+    pub max_rejections: usize,
+}
+
+impl Default for LmOptions {
+    fn default() -> Self {
+        Self {
+            max_iterations: 60,
+            cost_tolerance: 1e-10,
+            step_tolerance: 1e-9,
+            gradient_tolerance: 1e-10,
+            initial_damping: 1e-3,
+            max_rejections: 12,
+        }
+    }
+}
+
+/// Why the loop stopped. Parameters are the best ones found in every case; after `Failed` they are the ones it began with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Termination {
+    /// The gradient is zero.
+    Gradient,
+    /// The cost no longer falls.
+    Cost,
+    /// The parameters no longer change.
+    Step,
+    /// No damping gives a lower cost: at the limit of the arithmetic, or at the edge of what can be evaluated.
+    NoDescent,
+    /// `max_iterations` used up.
+    MaxIterations,
+    /// The start cannot be evaluated; parameters untouched.
+    Failed,
+}
+
+impl Termination {
+    /// Whether the parameters are a minimum.
+    #[must_use]
+    pub fn converged(self) -> bool {
+        matches!(self, Self::Gradient | Self::Cost | Self::Step)
+    }
+}
+
+/// What the loop did.
+#[derive(Clone, Copy, Debug)]
+pub struct LmReport {
+    /// Why it stopped.
+    pub termination: Termination,
+    /// Linearisations made.
+    pub iterations: usize,
+    /// Cost at the end.
+    pub cost: f64,
+}
+
+/// Minimises with Nielsen's damping (Madsen, Nielsen, Tingleff 2004, Alg. 3.16): a step counts only if the true cost falls.
+pub fn minimise<P: Problem>(problem: &mut P, options: &LmOptions) -> LmReport {
+    let Some(mut gradient) = problem.linearise() else {
+        return LmReport { termination: Termination::Failed, iterations: 0, cost: f64::INFINITY };
+    };
+    let mut damping = options.initial_damping;
+    let mut growth = 2.0;
+    let mut rejections = 0;
+    let mut iterations = 1;
+    let done = |termination, iterations, cost| LmReport { termination, iterations, cost };
+    loop {
+        let cost = problem.cost();
+        if gradient <= options.gradient_tolerance {
+            return done(Termination::Gradient, iterations, cost);
+        }
+        let trial = problem.try_step(damping);
+        if let Some(trial) = trial.filter(|trial| trial.cost < cost && trial.predicted_decrease > 0.0) {
+            problem.accept();
+            let decrease = cost - trial.cost;
+            let gain = decrease / trial.predicted_decrease;
+            damping = (damping * (1.0_f64 / 3.0).max(1.0 - (2.0 * gain - 1.0).powi(3))).max(1e-12);
+            growth = 2.0;
+            rejections = 0;
+            let small = options.cost_tolerance * (trial.cost + f64::MIN_POSITIVE);
+            let stop = if decrease <= small && trial.predicted_decrease <= small {
+                Some(Termination::Cost)
+            } else if trial.step_size <= options.step_tolerance {
+                Some(Termination::Step)
+            } else if iterations >= options.max_iterations {
+                Some(Termination::MaxIterations)
+            } else {
+                None
+            };
+            // Linearised also before stopping: the covariance is taken at the final parameters.
+            match problem.linearise() {
+                Some(next) => gradient = next,
+                None => return done(Termination::NoDescent, iterations, trial.cost),
+            }
+            if let Some(termination) = stop {
+                return done(termination, iterations, problem.cost());
+            }
+            iterations += 1;
+        } else {
+            // A refused step that promised next to nothing, or moved next to nothing, is rounding at the minimum.
+            if let Some(trial) = trial {
+                if trial.predicted_decrease.abs() <= options.cost_tolerance * cost {
+                    return done(Termination::Cost, iterations, cost);
+                }
+                if trial.step_size <= options.step_tolerance {
+                    return done(Termination::Step, iterations, cost);
+                }
+            }
+            damping *= growth;
+            growth *= 2.0;
+            rejections += 1;
+            if rejections > options.max_rejections {
+                return done(Termination::NoDescent, iterations, cost);
+            }
+        }
+    }
+}

@@ -1,0 +1,93 @@
+//! Keypoints as the solver uses them: relative to the principal point, whitened, weighted.
+
+use nalgebra::{Matrix2, Matrix2x3, Vector2};
+use roadplane_base::{Keypoint, KeypointSet, ShapeAtlas};
+
+use crate::ground_residual::StandingFrame;
+
+/// Scores below count as this: a hidden keypoint still says a little, with the wide sd that it comes with.
+const MIN_SCORE: f64 = 0.05;
+
+/// Smallest sd of a keypoint, px: no measurement is better, and the arithmetic stays sane.
+const MIN_SD_PX: f64 = 1e-6;
+
+/// A located keypoint.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Observation {
+    /// Index of the keypoint.
+    pub index: usize,
+    /// Where it is, px from the principal point.
+    pub pixel: Vector2<f64>,
+    /// Measured covariance, px².
+    pub covariance: Matrix2<f64>,
+    /// The paper's `s_i` (Eq. 6): score × weight of the view.
+    pub weight: f64,
+    /// Lower triangle (w00, w10, w11) of W with `Wᵀ W = Σ⁻¹`.
+    pub whitening: [f64; 3],
+}
+
+impl Observation {
+    /// `W v`.
+    #[inline]
+    pub fn whiten(&self, v: [f64; 2]) -> [f64; 2] {
+        let [w00, w10, w11] = self.whitening;
+        [w00 * v[0], w10 * v[0] + w11 * v[1]]
+    }
+
+    /// Sets W from the measured covariance plus `extra` (px²).
+    pub fn whiten_with(&mut self, extra: &Matrix2<f64>) {
+        let c = self.covariance + extra;
+        let l00 = c[(0, 0)].max(MIN_SD_PX * MIN_SD_PX).sqrt();
+        let l10 = c[(0, 1)] / l00;
+        let l11 = (c[(1, 1)] - l10 * l10).max(MIN_SD_PX * MIN_SD_PX).sqrt();
+        self.whitening = [1.0 / l00, -l10 / (l00 * l11), 1.0 / l11];
+    }
+}
+
+/// The usable keypoints of a car: finite, with a positive definite covariance and a score in 0…1.
+pub(crate) fn observations(
+    keypoints: &KeypointSet,
+    principal_point_px: &Vector2<f64>,
+    view_weight: f64,
+    into: &mut Vec<Observation>,
+) {
+    let usable = |p: &Keypoint| {
+        let c = &p.covariance_px2;
+        p.pixel.iter().chain(c.iter()).all(|v| v.is_finite() && v.abs() < 1e9)
+            && c[(0, 0)] > 0.0
+            && c.determinant() > 0.0
+            && p.score.is_finite()
+    };
+    for (index, keypoint) in keypoints.iter().enumerate() {
+        let Some(p) = keypoint.filter(usable) else { continue };
+        let mut observation = Observation {
+            index,
+            pixel: p.pixel - principal_point_px,
+            covariance: p.covariance_px2,
+            weight: p.score.clamp(MIN_SCORE, 1.0) * view_weight,
+            whitening: [1.0, 0.0, 1.0],
+        };
+        observation.whiten_with(&Matrix2::zeros());
+        into.push(observation);
+    }
+}
+
+/// What the atlas' modes leave unexplained at a keypoint, seen from the camera: `A diag(sd²) Aᵀ` with
+/// `A = (f/z) [1 0 −x; 0 1 −y] R`, px². `scale` multiplies the sd.
+pub(crate) fn atlas_covariance(
+    atlas: &ShapeAtlas,
+    frame: &StandingFrame,
+    focal_px: f64,
+    index: usize,
+    scale: f64,
+) -> Matrix2<f64> {
+    let p = frame.origin + frame.camera_from_car * atlas.mean[index];
+    let depth = p.z.max(0.1);
+    let projection = Matrix2x3::new(1.0, 0.0, -p.x / depth, 0.0, 1.0, -p.y / depth) * (focal_px / depth);
+    let mut spread = projection * frame.camera_from_car;
+    for axis in 0..3 {
+        let sd = scale * atlas.residual_sd_m[index][axis];
+        spread.column_mut(axis).scale_mut(sd);
+    }
+    spread * spread.transpose()
+}

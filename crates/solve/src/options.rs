@@ -1,0 +1,147 @@
+//! What a caller can set.
+
+use nalgebra::{Matrix6, Vector4, Vector6};
+use roadplane_base::{CameraParams, ImageSize, Shape};
+
+use crate::kernel::OutlierModel;
+use crate::lm::LmOptions;
+
+/// What is known of a surveillance camera before looking: independent Gaussians; an infinite sd says "nothing".
+/// Default: focal length log-normal around 1.2 × the longer image side, sd 0.6; tilt 25° ± 20°; roll 0° ± 6°; height
+/// log-normal around 7 m, sd 0.8.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CameraPrior {
+    /// Median focal length in units of the longer image side.
+    pub focal_ratio: f64,
+    /// sd of log focal.
+    pub log_focal_sd: f64,
+    /// Mean tilt, rad.
+    pub tilt: f64,
+    /// sd of tilt, rad.
+    pub tilt_sd: f64,
+    /// sd of roll around 0, rad.
+    pub roll_sd: f64,
+    /// Median height, m.
+    pub height_m: f64,
+    /// sd of log height.
+    pub log_height_sd: f64,
+}
+
+impl Default for CameraPrior {
+    fn default() -> Self {
+        Self {
+            focal_ratio: 1.2,
+            log_focal_sd: 0.6,
+            tilt: 25_f64.to_radians(),
+            tilt_sd: 20_f64.to_radians(),
+            roll_sd: 6_f64.to_radians(),
+            height_m: 7.0,
+            log_height_sd: 0.8,
+        }
+    }
+}
+
+impl CameraPrior {
+    /// No prior at all.
+    #[must_use]
+    pub fn none() -> Self {
+        let none = f64::INFINITY;
+        Self { log_focal_sd: none, tilt_sd: none, roll_sd: none, log_height_sd: none, ..Self::default() }
+    }
+
+    /// Mean of (log f, tilt, roll, log h) for an image of this size.
+    #[must_use]
+    pub fn mean(&self, size: ImageSize) -> CameraParams {
+        let longer = f64::from(size.width.max(size.height).max(1));
+        CameraParams {
+            log_focal: (self.focal_ratio * longer).ln(),
+            tilt: self.tilt,
+            roll: 0.0,
+            log_height: self.height_m.ln(),
+        }
+    }
+
+    /// 1/sd² of (log f, tilt, roll, log h).
+    #[must_use]
+    pub fn information(&self) -> Vector4<f64> {
+        Vector4::new(self.log_focal_sd, self.tilt_sd, self.roll_sd, self.log_height_sd)
+            .map(|sd| 1.0 / (sd * sd))
+    }
+}
+
+/// What is known of a car's shape: a Gaussian on its coefficients.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ShapePrior {
+    /// Mean coefficients.
+    pub mean: Shape,
+    /// Inverse covariance; zero for "nothing known".
+    pub information: Matrix6<f64>,
+    /// Hold the shape at the mean.
+    pub fixed: bool,
+}
+
+impl Default for ShapePrior {
+    /// The population: N(0, I).
+    fn default() -> Self {
+        Self { mean: Shape::zeros(), information: Matrix6::identity(), fixed: false }
+    }
+}
+
+impl ShapePrior {
+    /// A known shape.
+    #[must_use]
+    pub fn known(shape: Shape) -> Self {
+        Self { mean: shape, information: Matrix6::identity(), fixed: true }
+    }
+
+    /// ½ (λ − mean)ᵀ information (λ − mean).
+    pub(crate) fn cost(&self, shape: &Shape) -> f64 {
+        let off = shape - self.mean;
+        0.5 * off.dot(&(self.information * off))
+    }
+
+    /// Its gradient.
+    pub(crate) fn gradient(&self, shape: &Shape) -> Vector6<f64> {
+        self.information * (shape - self.mean)
+    }
+}
+
+/// How a scene or a car is solved.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SceneOptions {
+    /// Focal length where it is known, px.
+    pub known_focal_px: Option<f64>,
+    /// Where to start instead of searching: the answer for the previous frame, say. Falls back to searching when the
+    /// cars do not fit there.
+    pub start: Option<CameraParams>,
+    /// What is known of the camera.
+    pub camera_prior: CameraPrior,
+    /// Weight of the shape prior; 0 switches it off.
+    pub shape_prior_weight: f64,
+    /// Factor on what the atlas says its modes leave unexplained; 0 for cars that are exactly in the atlas.
+    pub atlas_residual_scale: f64,
+    /// Outlier model of keypoints.
+    pub kernel: OutlierModel,
+    /// Stopping rules.
+    pub lm: LmOptions,
+    /// A car with a smaller share of right keypoints is left out.
+    pub min_inlier_share: f64,
+    /// A car with fewer right keypoints is left out.
+    pub min_inliers: usize,
+}
+
+impl Default for SceneOptions {
+    fn default() -> Self {
+        Self {
+            known_focal_px: None,
+            start: None,
+            camera_prior: CameraPrior::default(),
+            shape_prior_weight: 1.0,
+            atlas_residual_scale: 1.0,
+            kernel: OutlierModel::default(),
+            lm: LmOptions::default(),
+            min_inlier_share: 0.5,
+            min_inliers: 6,
+        }
+    }
+}

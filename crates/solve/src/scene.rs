@@ -1,0 +1,255 @@
+//! The whole solve of one frame, top to bottom.
+
+use nalgebra::{Matrix4, Vector4};
+use roadplane_base::{CameraParams, ImageSize, ShapeAtlas};
+
+use crate::cold_start::{Start, coarse, cold_starts, place_all};
+use crate::fit::{car_solution, fit_car};
+use crate::ground_problem::GroundProblem;
+use crate::ground_residual::{CameraFrame, PointModes};
+use crate::lm::{LmOptions, LmReport, Termination, minimise};
+use crate::options::{SceneOptions, ShapePrior};
+use crate::setup::{Placed, Setup};
+use crate::solution::{CarSolution, CarView, SceneSolution, SceneStatus};
+use crate::standing_start::standing_candidates;
+
+/// Starts that are refined with shapes.
+const FINALISTS: usize = 3;
+/// Rounds of "is another heading better?" and "does this car belong?".
+const REPAIR_ROUNDS: usize = 3;
+/// A start nearer than this in cost per keypoint is as good as found (warm starts).
+const GOOD_COST_PER_KEYPOINT: f64 = 2.0;
+/// A data-only sd of log focal above this says that the cars do not know the focal length.
+const FOCAL_UNKNOWN_SD: f64 = 0.3;
+/// Another heading must be better by this much to be taken.
+const SWITCH_GAIN: f64 = 0.5;
+
+/// Solves a frame for focal length, plane, poses and shapes. Never panics or hangs: what cannot be solved has a status that
+/// says so, and uncertainty that is as wide as it is.
+#[must_use]
+pub fn solve_scene(
+    atlas: &ShapeAtlas,
+    size: ImageSize,
+    views: &[CarView<'_>],
+    options: &SceneOptions,
+) -> SceneSolution {
+    let model = PointModes::new(atlas);
+    let setup = Setup::new(atlas, &model, size, views, options);
+    if setup.sights.is_empty() {
+        return unsolved(&setup, views.len(), SceneStatus::TooFewCars);
+    }
+    let mut best: Option<(f64, Start)> = None;
+    for start in starts(&setup) {
+        let (mut problem, members) = setup.problem(start.camera, &start.placed);
+        refine(&mut problem, options, true);
+        let missing: f64 = (0..setup.sights.len())
+            .filter(|s| start.placed[*s].is_none())
+            .map(|s| setup.cost_of_missing(s))
+            .sum();
+        let cost = problem.cost_of(&problem.state).unwrap_or(f64::INFINITY) + missing;
+        if cost.is_finite() && best.as_ref().is_none_or(|(lowest, _)| cost < *lowest) {
+            let placed = setup.read_back(&problem, &members);
+            best = Some((cost, Start { cost, camera: problem.state.camera, placed }));
+        }
+    }
+    let Some((_, start)) = best else { return unsolved(&setup, views.len(), SceneStatus::Failed) };
+    finish(&setup, start, views)
+}
+
+/// The warm start if it fits, else a search.
+fn starts(setup: &Setup<'_>) -> Vec<Start> {
+    let warm = setup.options.start.map(CameraParams::to_vector).filter(|c| c.iter().all(|v| v.is_finite()));
+    if let Some(mut camera) = warm {
+        if setup.knowledge.fixed[0] {
+            camera[0] = setup.knowledge.mean[0];
+        }
+        let keypoints: usize = setup.sights.iter().map(|sight| sight.observations.len()).sum();
+        let start = coarse(setup, place_all(setup, &camera), camera);
+        if let Some(start) = start.filter(|s| s.cost < GOOD_COST_PER_KEYPOINT * keypoints as f64) {
+            return vec![start];
+        }
+    }
+    cold_starts(setup, FINALISTS)
+}
+
+/// Shapes free; whitening from forgiving to exact, taken again at the new poses.
+fn refine(problem: &mut GroundProblem<'_>, options: &SceneOptions, quick: bool) -> LmReport {
+    problem.shapes_fixed = false;
+    let short = LmOptions { max_iterations: 10, cost_tolerance: 1e-3, step_tolerance: 1e-2, ..options.lm };
+    if quick {
+        problem.whiten(options.atlas_residual_scale, 0.04);
+        minimise(problem, &short);
+        problem.whiten(options.atlas_residual_scale, 0.0);
+        return minimise(problem, &short);
+    }
+    problem.whiten(options.atlas_residual_scale, 0.0);
+    minimise(problem, &options.lm)
+}
+
+/// Repairs headings, leaves out wholly wrong cars, refines to the end, reads out.
+fn finish(setup: &Setup<'_>, start: Start, views: &[CarView<'_>]) -> SceneSolution {
+    let options = setup.options;
+    let mut camera = start.camera;
+    let mut placed = start.placed;
+    let mut used: Vec<bool> = placed.iter().map(Option::is_some).collect();
+    for _ in 0..REPAIR_ROUNDS {
+        let switched = switch_headings(setup, &camera, &mut placed);
+        let (problem, members) = setup.problem(camera, &placed);
+        let mut problem = problem;
+        problem.whiten(options.atlas_residual_scale, 0.0);
+        let mut belong = vec![false; placed.len()];
+        for (k, s) in members.iter().enumerate() {
+            belong[*s] = belongs(&problem, k, options);
+        }
+        if !belong.contains(&true) {
+            belong.clone_from(&used);
+        }
+        if !switched && belong == used {
+            break;
+        }
+        used.clone_from(&belong);
+        let chosen: Vec<Option<Placed>> = placed.iter().zip(&used).map(|(p, u)| p.filter(|_| *u)).collect();
+        let (mut problem, members) = setup.problem(camera, &chosen);
+        refine(&mut problem, options, true);
+        camera = problem.state.camera;
+        for (s, place) in setup.read_back(&problem, &members).into_iter().enumerate() {
+            placed[s] = place.or(placed[s]);
+        }
+    }
+    let chosen: Vec<Option<Placed>> = placed.iter().zip(&used).map(|(p, u)| p.filter(|_| *u)).collect();
+    let (mut problem, members) = setup.problem(camera, &chosen);
+    let report = refine(&mut problem, options, false);
+    read_out(setup, &mut problem, &members, &report, views)
+}
+
+/// Tries every car's other headings before this camera. True when one was taken.
+fn switch_headings(setup: &Setup<'_>, camera: &Vector4<f64>, placed: &mut [Option<Placed>]) -> bool {
+    let frame = CameraFrame::new(camera);
+    let mut switched = false;
+    for s in 0..placed.len() {
+        let mut alone: Vec<Option<Placed>> = vec![None; placed.len()];
+        let cost_from = |place: Placed, alone: &mut Vec<Option<Placed>>| {
+            alone[s] = Some(place);
+            let (mut problem, _) = setup.problem(*camera, alone);
+            problem.knowledge.fixed = [true; 4];
+            problem.knowledge.information.fill(0.0);
+            refine(&mut problem, setup.options, true);
+            let cost = problem.cost_of(&problem.state)?;
+            Some((cost, Placed { standing: problem.state.standings[0], shape: problem.state.shapes[0] }))
+        };
+        let shape = placed[s].map_or_else(roadplane_base::Shape::zeros, |p| p.shape);
+        let points = setup.atlas.keypoints_in_car(&shape);
+        let here = placed[s].and_then(|p| cost_from(p, &mut alone));
+        let mut lowest = here.map_or(f64::INFINITY, |h| h.0);
+        for (_, standing) in standing_candidates(&frame, &points, &setup.sights[s].observations, 4) {
+            let near = here.is_some_and(|(_, p)| {
+                roadplane_base::angle_difference(p.standing.heading, standing.heading).abs() < 0.3
+            });
+            if near {
+                continue;
+            }
+            let Some((cost, place)) = cost_from(Placed { standing, shape }, &mut alone) else { continue };
+            if cost < lowest - SWITCH_GAIN {
+                lowest = cost;
+                placed[s] = Some(place);
+                switched = true;
+            }
+        }
+    }
+    switched
+}
+
+/// Whether enough of a view's keypoints fit for it to be a car on this plane.
+fn belongs(problem: &GroundProblem<'_>, k: usize, options: &SceneOptions) -> bool {
+    let (mut right, mut all, mut count) = (0.0, 0.0, 0);
+    for observation in &problem.observations[problem.views[k].observations.clone()] {
+        let Some(residual) = problem.residual_px(k, observation) else { return false };
+        let [rx, ry] = observation.whiten([residual.x, residual.y]);
+        let probability = options.kernel.weight(rx * rx + ry * ry);
+        right += observation.weight * probability;
+        all += observation.weight;
+        count += usize::from(probability > 0.5);
+    }
+    count >= options.min_inliers.min(crate::setup::MIN_KEYPOINTS + 1)
+        && right >= options.min_inlier_share * all
+}
+
+fn read_out(
+    setup: &Setup<'_>,
+    problem: &mut GroundProblem<'_>,
+    members: &[usize],
+    report: &LmReport,
+    views: &[CarView<'_>],
+) -> SceneSolution {
+    let options = setup.options;
+    let Some(covariances) = problem.covariances() else {
+        return unsolved(setup, views.len(), SceneStatus::Failed);
+    };
+    let params = CameraParams::from_vector(&problem.state.camera);
+    let mut cars: Vec<Option<CarSolution>> = vec![None; views.len()];
+    for (k, s) in members.iter().enumerate() {
+        let solved = car_solution(problem, k, &covariances.views[k], options);
+        cars[setup.sights[*s].index] = solved.map(|(car, _)| car);
+    }
+    let camera = roadplane_base::Camera::centred(params.focal_px(), setup.size);
+    for (s, sight) in setup.sights.iter().enumerate() {
+        if !members.contains(&s) {
+            let keypoints = views[sight.index].keypoints;
+            let fit = fit_car(
+                setup.atlas,
+                &camera,
+                &params.plane(),
+                keypoints,
+                &ShapePrior::default(),
+                None,
+                options,
+            );
+            cars[sight.index] = fit.map(|fit| CarSolution { used: false, ..fit.car });
+        }
+    }
+    let pull = (problem.state.camera - setup.knowledge.mean).component_mul(&setup.knowledge.information);
+    let information = covariances.camera_information;
+    let data_focal_information = 1.0 / covariances.camera[(0, 0)] - setup.knowledge.information[0];
+    let status = if !(report.termination.converged() || report.termination == Termination::NoDescent) {
+        SceneStatus::NotConverged
+    } else if setup.knowledge.fixed[0] {
+        SceneStatus::FocalGiven
+    } else if data_focal_information < 1.0 / (FOCAL_UNKNOWN_SD * FOCAL_UNKNOWN_SD) {
+        SceneStatus::FocalFromPrior
+    } else {
+        SceneStatus::Converged
+    };
+    SceneSolution {
+        status,
+        params,
+        information,
+        information_vector: information * problem.state.camera + pull,
+        covariance: covariances.camera,
+        cars,
+        cost: report.cost,
+        iterations: report.iterations,
+        termination: report.termination,
+    }
+}
+
+/// The prior, as an answer.
+fn unsolved(setup: &Setup<'_>, views: usize, status: SceneStatus) -> SceneSolution {
+    let variance = |information: f64, fixed: bool| match fixed {
+        true => 0.0,
+        false => 1.0 / information,
+    };
+    let knowledge = &setup.knowledge;
+    SceneSolution {
+        status,
+        params: CameraParams::from_vector(&knowledge.mean),
+        information: Matrix4::zeros(),
+        information_vector: Vector4::zeros(),
+        covariance: Matrix4::from_diagonal(&Vector4::from_fn(|i, _| {
+            variance(knowledge.information[i], knowledge.fixed[i])
+        })),
+        cars: vec![None; views],
+        cost: f64::INFINITY,
+        iterations: 0,
+        termination: Termination::Failed,
+    }
+}

@@ -1,0 +1,129 @@
+//! The usable part of a frame's input, and problems made of subsets of it.
+
+use nalgebra::Vector4;
+use roadplane_base::{ImageSize, Shape, ShapeAtlas};
+
+use crate::ground_problem::{CameraKnowledge, GroundProblem, GroundState, Group, View};
+use crate::ground_residual::{PointModes, Standing};
+use crate::observation::{Observation, observations};
+use crate::options::{SceneOptions, ShapePrior};
+use crate::solution::CarView;
+
+/// Keypoints that a car needs to take part.
+pub(crate) const MIN_KEYPOINTS: usize = 5;
+
+/// A view with enough keypoints.
+pub(crate) struct Sight {
+    /// Its place in the caller's list.
+    pub index: usize,
+    /// Physical car.
+    pub group: usize,
+    /// Its keypoints.
+    pub observations: Vec<Observation>,
+}
+
+/// Where a sight's car stands, and its shape.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Placed {
+    pub standing: Standing,
+    pub shape: Shape,
+}
+
+/// Input in the order in which problems have it: by group.
+pub(crate) struct Setup<'a> {
+    pub atlas: &'a ShapeAtlas,
+    pub model: &'a PointModes,
+    pub options: &'a SceneOptions,
+    pub sights: Vec<Sight>,
+    pub knowledge: CameraKnowledge,
+    pub size: ImageSize,
+}
+
+impl<'a> Setup<'a> {
+    pub fn new(
+        atlas: &'a ShapeAtlas,
+        model: &'a PointModes,
+        size: ImageSize,
+        views: &[CarView<'_>],
+        options: &'a SceneOptions,
+    ) -> Self {
+        let mut sights: Vec<Sight> = Vec::new();
+        for (index, view) in views.iter().enumerate() {
+            let mut found = Vec::new();
+            if view.weight > 0.0 && view.weight.is_finite() {
+                observations(view.keypoints, &size.centre_px(), view.weight.min(1.0), &mut found);
+            }
+            if found.len() >= MIN_KEYPOINTS {
+                sights.push(Sight { index, group: view.group, observations: found });
+            }
+        }
+        sights.sort_by_key(|sight| sight.group);
+        let mut mean = options.camera_prior.mean(size).to_vector();
+        let mut information = options.camera_prior.information();
+        let known = options.known_focal_px.filter(|f| f.is_finite() && *f > 0.0);
+        if let Some(focal_px) = known {
+            mean[0] = focal_px.ln();
+            information[0] = 0.0;
+        }
+        let knowledge = CameraKnowledge { mean, information, fixed: [known.is_some(), false, false, false] };
+        Self { atlas, model, options, sights, knowledge, size }
+    }
+
+    fn shape_prior(&self) -> ShapePrior {
+        let mut prior = ShapePrior::default();
+        prior.information *= self.options.shape_prior_weight;
+        prior
+    }
+
+    /// The problem of all placed sights, with their positions in `sights`.
+    pub fn problem(
+        &self,
+        camera: Vector4<f64>,
+        placed: &[Option<Placed>],
+    ) -> (GroundProblem<'a>, Vec<usize>) {
+        let mut views: Vec<View> = Vec::new();
+        let mut groups: Vec<Group> = Vec::new();
+        let mut all = Vec::new();
+        let mut state = GroundState { camera, standings: Vec::new(), shapes: Vec::new() };
+        let mut members = Vec::new();
+        let mut last_group = None;
+        for (s, (sight, place)) in self.sights.iter().zip(placed).enumerate() {
+            let Some(place) = place else { continue };
+            if last_group != Some(sight.group) {
+                groups.push(Group { views: views.len()..views.len(), prior: self.shape_prior() });
+                state.shapes.push(place.shape);
+                last_group = Some(sight.group);
+            }
+            let first = all.len();
+            all.extend_from_slice(&sight.observations);
+            views.push(View { group: groups.len() - 1, observations: first..all.len() });
+            if let Some(group) = groups.last_mut() {
+                group.views.end = views.len();
+            }
+            state.standings.push(place.standing);
+            members.push(s);
+        }
+        let mut problem =
+            GroundProblem::new(self.atlas, self.model, views, groups, all, self.knowledge, state);
+        problem.kernel = self.options.kernel;
+        (problem, members)
+    }
+
+    /// What all keypoints of a sight cost when none of them fits.
+    pub fn cost_of_missing(&self, sight: usize) -> f64 {
+        let threshold = self.options.kernel.threshold_squared.min(50.0);
+        self.sights[sight].observations.iter().map(|o| 0.5 * o.weight * threshold).sum()
+    }
+
+    /// Reads back where the cars of a problem are.
+    pub fn read_back(&self, problem: &GroundProblem<'_>, members: &[usize]) -> Vec<Option<Placed>> {
+        let mut placed = vec![None; self.sights.len()];
+        for (k, s) in members.iter().enumerate() {
+            placed[*s] = Some(Placed {
+                standing: problem.state.standings[k],
+                shape: problem.state.shapes[problem.views[k].group],
+            });
+        }
+        placed
+    }
+}

@@ -1,0 +1,88 @@
+//! What goes in besides options, and what comes out.
+
+use nalgebra::{Isometry3, Matrix3, Matrix4, Matrix6, Vector4};
+use roadplane_base::{CameraParams, GroundPose, KEYPOINTS, KeypointSet, Shape};
+
+use crate::lm::Termination;
+
+/// One sight of a car.
+#[derive(Clone, Copy, Debug)]
+pub struct CarView<'a> {
+    /// What was found of it.
+    pub keypoints: &'a KeypointSet,
+    /// Views of the same group are the same physical car: one shape.
+    pub group: usize,
+    /// How much of an independent observation this view is, 0–1.
+    pub weight: f64,
+}
+
+/// How a solve ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SceneStatus {
+    /// Focal length and plane come from the cars.
+    Converged,
+    /// Focal length was given; the plane comes from the cars.
+    FocalGiven,
+    /// The cars say too little about the focal length: it rests on the prior, and its sd says so.
+    FocalFromPrior,
+    /// At a minimum of sorts, but the loop ran out of iterations.
+    NotConverged,
+    /// No car could be used; the numbers are the prior.
+    TooFewCars,
+    /// Nothing could be evaluated (no finite input, impossible geometry); the numbers are the prior.
+    Failed,
+}
+
+impl SceneStatus {
+    /// Whether camera and cars can be used (with their covariances).
+    #[must_use]
+    pub fn usable(self) -> bool {
+        matches!(self, Self::Converged | Self::FocalGiven | Self::FocalFromPrior)
+    }
+}
+
+/// One car's part of the answer.
+#[derive(Clone, Debug)]
+pub struct CarSolution {
+    /// Rigid motion from the car's to the camera's frame.
+    pub camera_from_car: Isometry3<f64>,
+    /// Where it stands in the world frame.
+    pub ground: GroundPose,
+    /// Covariance of (x m, y m, heading rad), the camera's uncertainty counted.
+    pub ground_covariance: Matrix3<f64>,
+    /// Shape coefficients, sd.
+    pub shape: Shape,
+    /// Their covariance.
+    pub shape_covariance: Matrix6<f64>,
+    /// Keypoints that are more likely right than wrong.
+    pub inliers: [bool; KEYPOINTS],
+    /// Root mean square distance of the inliers from their projections, px.
+    pub reprojection_rms_px: f64,
+    /// Whether the car took part in the estimate.
+    pub used: bool,
+}
+
+/// A frame's answer.
+#[derive(Clone, Debug)]
+pub struct SceneSolution {
+    /// How it ended.
+    pub status: SceneStatus,
+    /// Focal length, tilt, roll, height.
+    pub params: CameraParams,
+    /// Information on (log f, tilt, roll, log h) from the cars alone, poses and shapes marginalised: what may be added up
+    /// over independent frames. The prior is not in it.
+    pub information: Matrix4<f64>,
+    /// `information · params`, corrected for the prior's pull at the estimate, so that frames fuse as
+    /// `(Σ information + P)⁻¹ (Σ information_vector + P · prior mean)`.
+    pub information_vector: Vector4<f64>,
+    /// Covariance of (log f, tilt, roll, log h), prior counted; zero where given.
+    pub covariance: Matrix4<f64>,
+    /// Per view, in the order given; `None` where nothing could be fitted.
+    pub cars: Vec<Option<CarSolution>>,
+    /// Cost at the end (negative log posterior up to a constant).
+    pub cost: f64,
+    /// Linearisations of the final refinement.
+    pub iterations: usize,
+    /// Why the final refinement stopped.
+    pub termination: Termination,
+}

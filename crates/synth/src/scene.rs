@@ -1,0 +1,274 @@
+//! Random cameras and cars.
+
+use nalgebra::{Point3, Vector2, Vector3};
+use roadplane_base::{
+    Camera, CameraParams, GroundPlane, GroundPose, ImageSize, KEYPOINTS, KeypointSet, MODES, Shape,
+    ShapeAtlas,
+};
+
+use crate::{Rng, keypoints};
+
+/// How cars stand.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Layout {
+    /// Anywhere, any heading.
+    Random,
+    /// Side by side in rows, headings of one axis (either way).
+    Rows,
+    /// All in one row across the view, the same heading.
+    OneRow,
+    /// Anywhere, all with the same heading.
+    Parallel,
+}
+
+/// How a wholly wrong car is wrong.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wrong {
+    /// Keypoints scattered over the box.
+    Scattered,
+    /// The keypoints of a car in another pose, not standing on the plane.
+    OtherPose,
+    /// Left and right swapped: what a net sees that mistakes the front for the back.
+    Mirrored,
+}
+
+/// What to make. Ranges are [low, high].
+#[derive(Clone, Debug)]
+pub struct SynthOptions {
+    /// Image size.
+    pub size: ImageSize,
+    /// Number of cars.
+    pub cars: usize,
+    /// Focal length in units of the image width (drawn log-uniformly).
+    pub focal_ratio: [f64; 2],
+    /// Camera height, m.
+    pub height_m: [f64; 2],
+    /// Tilt, rad.
+    pub tilt: [f64; 2],
+    /// Roll, rad.
+    pub roll: [f64; 2],
+    /// Longer side of a car's box, px.
+    pub box_px: [f64; 2],
+    /// How cars stand.
+    pub layout: Layout,
+    /// sd of the shape coefficients; 0: every car is the mean car.
+    pub shape_sd: f64,
+    /// Factor on the atlas' residual sd, drawn per keypoint: cars that the atlas does not span.
+    pub off_atlas: f64,
+    /// Share of keypoints seen (those that face the camera first).
+    pub seen: f64,
+    /// Noise sd as a share of the box's longer side.
+    pub noise: f64,
+    /// Share of gross outliers among the seen keypoints.
+    pub outliers: f64,
+    /// Share of wholly wrong cars (rounded to whole cars).
+    pub wrong_cars: f64,
+    /// How they are wrong; `None`: each kind in turn.
+    pub wrong: Option<Wrong>,
+}
+
+impl Default for SynthOptions {
+    fn default() -> Self {
+        Self {
+            size: ImageSize { width: 1920, height: 1080 },
+            cars: 10,
+            focal_ratio: [0.6, 4.0],
+            height_m: [4.0, 30.0],
+            tilt: [5_f64.to_radians(), 50_f64.to_radians()],
+            roll: [-5_f64.to_radians(), 5_f64.to_radians()],
+            box_px: [50.0, 700.0],
+            layout: Layout::Random,
+            shape_sd: 1.0,
+            off_atlas: 0.0,
+            seen: 0.6,
+            noise: 0.01,
+            outliers: 0.0,
+            wrong_cars: 0.0,
+            wrong: None,
+        }
+    }
+}
+
+/// A car with truth.
+#[derive(Clone, Debug)]
+pub struct CarTruth {
+    /// Where it stands.
+    pub pose: GroundPose,
+    /// Its shape.
+    pub shape: Shape,
+    /// Its keypoints, car frame, m (with what the atlas does not span).
+    pub keypoints_in_car: [Vector3<f64>; KEYPOINTS],
+    /// What was measured.
+    pub keypoints: KeypointSet,
+    /// Which measured keypoints are gross outliers.
+    pub outlier: [bool; KEYPOINTS],
+    /// Wholly wrong.
+    pub wrong: bool,
+    /// Longer side of its box, px.
+    pub box_px: f64,
+}
+
+/// A scene with truth.
+#[derive(Clone, Debug)]
+pub struct SceneTruth {
+    /// Image size.
+    pub size: ImageSize,
+    /// Focal length and plane.
+    pub params: CameraParams,
+    /// Cars.
+    pub cars: Vec<CarTruth>,
+}
+
+/// Cameras that are tried before a smaller number of cars is accepted.
+const CAMERA_TRIES: usize = 200;
+/// Positions tried per camera and car.
+const PLACE_TRIES: usize = 40;
+/// Cars' centres are at least this far apart, m.
+const MIN_GAP_M: f64 = 5.2;
+/// Neighbours in a row, m.
+const BAY_M: f64 = 2.7;
+
+/// Makes a scene. With very tight options there may be fewer cars than asked for.
+#[must_use]
+pub fn scene(atlas: &ShapeAtlas, options: &SynthOptions, seed: u64) -> SceneTruth {
+    let mut rng = Rng::new(seed);
+    let mut best: Option<SceneTruth> = None;
+    for _ in 0..CAMERA_TRIES {
+        let truth = place(atlas, options, &mut rng);
+        let full = truth.cars.len() >= options.cars;
+        if best.as_ref().is_none_or(|b| truth.cars.len() > b.cars.len()) {
+            best = Some(truth);
+        }
+        if full {
+            break;
+        }
+    }
+    let mut truth = best.unwrap_or_else(|| place(atlas, options, &mut rng));
+    keypoints::measure(&mut truth, options, &mut rng);
+    truth
+}
+
+fn camera(options: &SynthOptions, rng: &mut Rng) -> (Camera, GroundPlane) {
+    let [low, high] = options.focal_ratio.map(f64::ln);
+    let focal_px = f64::from(options.size.width) * rng.uniform(low, high).exp();
+    let mut range = |[low, high]: [f64; 2]| rng.uniform(low, high);
+    let (tilt, roll, height_m) = (range(options.tilt), range(options.roll), range(options.height_m));
+    (Camera::centred(focal_px, options.size), GroundPlane::from_tilt_roll_height(tilt, roll, height_m))
+}
+
+fn place(atlas: &ShapeAtlas, options: &SynthOptions, rng: &mut Rng) -> SceneTruth {
+    let (camera, plane) = camera(options, rng);
+    let mut truth = SceneTruth {
+        size: options.size,
+        params: CameraParams::new(camera.focal_px, &plane),
+        cars: Vec::new(),
+    };
+    let axis = match options.layout {
+        Layout::OneRow => std::f64::consts::FRAC_PI_2 + 0.1 * rng.normal(),
+        _ => rng.uniform(-std::f64::consts::PI, std::f64::consts::PI),
+    };
+    let mut row: Option<GroundPose> = None;
+    for _ in 0..options.cars * PLACE_TRIES {
+        if truth.cars.len() >= options.cars {
+            break;
+        }
+        let pose = candidate(options, &camera, &plane, axis, row, truth.cars.len(), rng);
+        let Some(pose) = pose else {
+            row = None;
+            continue;
+        };
+        let shape = Shape::from_fn(|_, _| options.shape_sd * rng.normal());
+        if let Some(car) =
+            standing(atlas, options, &camera, &plane, &truth, pose, &atlas.clamped(&shape), rng)
+        {
+            truth.cars.push(car);
+            row = matches!(options.layout, Layout::Rows | Layout::OneRow).then_some(pose);
+        } else if options.layout == Layout::Rows {
+            row = None;
+        }
+    }
+    truth
+}
+
+fn candidate(
+    options: &SynthOptions,
+    camera: &Camera,
+    plane: &GroundPlane,
+    axis: f64,
+    row: Option<GroundPose>,
+    index: usize,
+    rng: &mut Rng,
+) -> Option<GroundPose> {
+    if let Some(last) = row {
+        // Next bay: sideways of the axis; in one row to either side of where the row began.
+        let side = if options.layout == Layout::OneRow && rng.unit() < 0.5 { -1.0 } else { 1.0 };
+        let step = side * BAY_M * (1.0 + (rng.unit() * 3.0).floor());
+        let flip =
+            if options.layout == Layout::Rows && rng.unit() < 0.3 { std::f64::consts::PI } else { 0.0 };
+        let (sin, cos) = axis.sin_cos();
+        return Some(GroundPose {
+            x_m: last.x_m - sin * step,
+            y_m: last.y_m + cos * step,
+            heading_rad: roadplane_base::wrap_angle(axis + flip + 0.03 * rng.normal()),
+        });
+    }
+    if options.layout == Layout::OneRow && index > 0 {
+        return None;
+    }
+    let (w, h) = (f64::from(options.size.width), f64::from(options.size.height));
+    let pixel = Vector2::new(rng.uniform(0.03, 0.97) * w, rng.uniform(0.05, 0.97) * h);
+    let at = plane.world_from_pixel(camera, &pixel)?;
+    let heading_rad = match options.layout {
+        Layout::Random => rng.uniform(-std::f64::consts::PI, std::f64::consts::PI),
+        _ => roadplane_base::wrap_angle(axis + 0.03 * rng.normal()),
+    };
+    Some(GroundPose { x_m: at.x, y_m: at.y, heading_rad })
+}
+
+/// The car at a place, if it is wholly in the image, large enough, and clear of the others.
+#[expect(clippy::too_many_arguments)]
+fn standing(
+    atlas: &ShapeAtlas,
+    options: &SynthOptions,
+    camera: &Camera,
+    plane: &GroundPlane,
+    truth: &SceneTruth,
+    pose: GroundPose,
+    shape: &Shape,
+    rng: &mut Rng,
+) -> Option<CarTruth> {
+    let gap = match options.layout {
+        Layout::Rows | Layout::OneRow => BAY_M * 0.95,
+        _ => MIN_GAP_M,
+    };
+    let clear = |other: &CarTruth| (other.pose.x_m - pose.x_m).hypot(other.pose.y_m - pose.y_m) > gap;
+    if !truth.cars.iter().all(clear) {
+        return None;
+    }
+    let mut keypoints_in_car = atlas.keypoints_in_car(shape);
+    for (point, sd) in keypoints_in_car.iter_mut().zip(&atlas.residual_sd_m) {
+        *point += options.off_atlas * sd.map(|sd| sd * rng.normal());
+    }
+    let camera_from_car = plane.camera_from_world() * pose.world_from_car();
+    let (mut low, mut high) = (Vector2::repeat(f64::INFINITY), Vector2::repeat(f64::NEG_INFINITY));
+    for point in &keypoints_in_car {
+        let pixel = camera.pixel_from_camera(&(camera_from_car * Point3::from(*point)).coords)?;
+        low = low.inf(&pixel);
+        high = high.sup(&pixel);
+    }
+    let box_px = (high - low).max();
+    let inside = low.min() >= 0.0
+        && high.x <= f64::from(options.size.width) - 1.0
+        && high.y <= f64::from(options.size.height) - 1.0;
+    let fits = inside && (options.box_px[0]..=options.box_px[1]).contains(&box_px);
+    debug_assert_eq!(MODES, shape.len());
+    fits.then_some(CarTruth {
+        pose,
+        shape: *shape,
+        keypoints_in_car,
+        keypoints: [None; KEYPOINTS],
+        outlier: [false; KEYPOINTS],
+        wrong: false,
+        box_px,
+    })
+}
