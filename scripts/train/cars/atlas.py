@@ -176,7 +176,7 @@ def report(
     return "\n".join(lines)
 
 
-# To compare with, from memory: footprint (wheelbase × track) of US light vehicles of 2008–2018 about 4.5–4.6 m²
+# To compare with, from memory: footprint (wheelbase × track) of US light vehicles of 2008–2018 4.5–4.6 m²
 # (EPA Automotive Trends), of new cars of the EU about 3.9–4.0 m² (ICCT pocketbook). Our traffic mixes both.
 def spread(population: Population, basis: Basis) -> str:
     """Mean and sd of the dimensions: published base models, the population, the atlas under λ ~ N(0, I)."""
@@ -219,7 +219,8 @@ def main() -> None:
     bounds = coefficient_bounds(basis, rows)
     residual_sd = _weighted_rms(*left_out_residuals(rows, population))
     note = (
-        f"Mean and six principal components, {len(rows)} cars of {len(np.unique(population.models))} base models, "
+        f"Mean and six principal components, {len(rows)} cars of "
+        f"{len(np.unique(population.models))} base models, "
         "weighted by body type as in traffic; scripts/train/cars, `python -m cars.atlas`."
     )
     text = json.dumps(to_json(basis, bounds, residual_sd, arguments.version, note))

@@ -17,7 +17,8 @@ def wheel(centre: np.ndarray, radius: float, width: float, spokes: int, rim_shar
     rim = rim_share * radius
     # tyre profile: (radius, y relative to the hub's outer face), inner edge first
     tyre = np.array([(rim, -width + 0.05), (0.93 * radius, -width + 0.025), (radius, -width + 0.05),
-                     (radius, -0.01), (0.975 * radius, 0.01), (0.9 * radius, 0.015), (rim, 0.004)])  # fmt: skip
+                     (radius, -0.01), (0.975 * radius, 0.01), (0.9 * radius, 0.015),
+                     (rim, 0.004)])  # fmt: skip
     shells = [_revolve(tyre, turns, "tyre")]
     face = np.array(
         [(rim, 0.004), (0.95 * rim, -0.008), (0.90 * rim, -0.02), (0.32 * rim, -0.008), (0.2 * rim, 0.0)]
@@ -80,7 +81,8 @@ def interior(
     seat_z = belt_z - 0.38
     length = dash_x - rear_x
     shells.append(flat_polygon(np.array([
-        (rear_x, -half_width, floor_z), (dash_x + 0.3, -half_width, floor_z), (dash_x + 0.3, half_width, floor_z),
+        (rear_x, -half_width, floor_z), (dash_x + 0.3, -half_width, floor_z),
+        (dash_x + 0.3, half_width, floor_z),
         (rear_x, half_width, floor_z)]), "interior"))  # fmt: skip
     shells.append(
         rounded_box(

@@ -32,7 +32,7 @@ class Spec:
     split: str  # "train" or "eval": models of one split never appear in the other
 
 
-# name, length, width, height, wheelbase, front overhang, track (mean of axles), tyre diameter; "*": split eval
+# name, length, width, height, wheelbase, overhang, track (mean of axles), tyre diameter; "*": split eval
 _TABLE = {
     "sedan": """
         toyota-camry-2007      4.81 1.82 1.47 2.78 0.97 1.57 0.66

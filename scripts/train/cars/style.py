@@ -1,7 +1,7 @@
 """Shape parameters of a built car: what a specification leaves open, drawn about a mean for each body type.
 
-Means and spreads are ESTIMATES read off side, front and rear views of cars of 1998–2018. Each base model keeps its
-own character (seeded by its name) and each car drawn from it varies a little more.
+Means and spreads are ESTIMATES read off side, front and rear views of cars of 1998–2018. Each base model keeps
+its own character (seeded by its name) and each car drawn from it varies a little more.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from .mesh import BODY_TYPES
 from .specs import SPECS, TRAFFIC_SHARE, Spec
 
 # parameter: unit, spread between models, spread within a model, then the mean for each of BODY_TYPES.
-# Heights are fractions of the car's height, half widths fractions of half its width, so that they scale with it.
+# Heights are fractions of the car's height, half widths of half its width, so that they scale with it.
 #                 models within  sedan hatch wagon suv   mivan van   pick  coupe
 _PRIOR = {
-    # windscreen: centre of its lower edge relative to the front axle (m), slope from horizontal (deg), heights
+    # windscreen: centre of its lower edge from the front axle (m), slope from horizontal (deg), heights
     "cowl_dx":        (0.07, 0.02, (-0.185, -0.115, -0.185, -0.245, 0.075, 0.235, -0.345, -0.325)),
     "screen_rake":    (1.8, 0.5, (27.4, 29.4, 28.4, 33.4, 28.4, 40.4, 34.4, 25.9)),
     "cowl_z":         (0.010, 0.003, (0.691, 0.681, 0.686, 0.686, 0.656, 0.601, 0.681, 0.706)),

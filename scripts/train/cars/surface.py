@@ -37,7 +37,7 @@ class Shell:
         self.faces, self.materials = self.faces[keep], self.materials[keep]
 
     def _divide(self, tests: tuple[Test, ...]) -> np.ndarray:
-        """Split faces along each test's zero line within the region so far; indices of those that lie inside."""
+        """Split faces along each test's zero line within the region so far; indices of those inside."""
         inside = np.arange(len(self.faces))
         for test in tests:  # a coarse pass first, so that far-away faces are left whole
             a, b, c = (test(self.points, self.uv) > 0)[self.faces[inside]].T

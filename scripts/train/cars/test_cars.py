@@ -16,7 +16,7 @@ FLIP = np.array([1.0, -1.0, 1.0])
 
 
 def distance_to_surface(point: np.ndarray, triangles: np.ndarray) -> float:
-    """Smallest distance from a point to triangles (n, 3, 3), by dense barycentric sampling of the near ones."""
+    """Smallest distance from a point to triangles (n, 3, 3), by dense sampling of the near ones."""
     near = np.linalg.norm(triangles.mean(1) - point, axis=1)
     close = triangles[np.argsort(near)[:60]]
     a, b = np.meshgrid(np.linspace(0, 1, 21), np.linspace(0, 1, 21))
