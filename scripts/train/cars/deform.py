@@ -22,9 +22,7 @@ def deform(mesh: CarMesh, rng: np.random.Generator, strength: float = 1.0) -> Ca
     in_wheel[mesh.faces[np.isin(mesh.materials, WHEEL_MATERIALS)]] = True
     vertices = mesh.vertices.astype(float)
     along, across = _tangents(mesh.normals.astype(float))
-    moved, moved_along, moved_across = (
-        warp(vertices + STEP_M * step, in_wheel) for step in (np.zeros(3), along, across)
-    )
+    moved, moved_along, moved_across = (warp(vertices + STEP_M * step, in_wheel) for step in (np.zeros(3), along, across))
     normals = np.cross(moved_along - moved, moved_across - moved)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
     known = np.isfinite(mesh.keypoints).all(1)

@@ -21,7 +21,7 @@ FURNITURE = Path("/usr/share/sweethome3d/furniture")
 CATALOGUE = Path(__file__).with_name("meshes.json")
 PACKAGE = "sweethome3d-furniture"
 SPLITS = ("train", "eval")
-MOST_FACES = 20_000
+MOST_FACES = 30_000
 CREASE_DEG = 40.0
 
 

@@ -30,9 +30,7 @@ def _without_degenerate(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.nda
     return vertices, faces[kept], kept
 
 
-def thin_out(
-    vertices: np.ndarray, faces: np.ndarray, parts: np.ndarray, most: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def thin_out(vertices: np.ndarray, faces: np.ndarray, parts: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Quadric simplification of each part (F,) to the same share of its faces, at most `most` in all.
 
     Returns vertices, faces and their parts; the input if there are few enough. Small parts stay as they are.
