@@ -174,7 +174,7 @@ fn belongs(problem: &GroundProblem<'_>, k: usize, options: &SceneOptions) -> boo
         && right >= options.min_inlier_share * all
 }
 
-fn read_out(
+pub(crate) fn read_out(
     setup: &Setup<'_>,
     problem: &mut GroundProblem<'_>,
     members: &[usize],
