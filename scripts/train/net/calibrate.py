@@ -37,10 +37,10 @@ def binned(variance: np.ndarray, error: np.ndarray) -> list[tuple[float, float, 
 
 
 def fit(groups: list[tuple[np.ndarray, np.ndarray]]) -> Calibration:
-    """Least squares on the logarithm of predicted over robust sd in bins of each group's (variance, error), crop px.
+    """Least squares on log(predicted / robust sd) in bins of each group's (variance, error), crop px.
 
-    Every group weighs the same, so that a few real cars count as much as many rendered ones. Bins make a robust
-    scale per level of predicted spread; a likelihood would let the few gross errors set the floor.
+    Every group weighs the same, so that a few real cars count as much as many rendered ones. Bins make a
+    robust scale per level of predicted spread; a likelihood would let the few gross errors set the floor.
     """
     bins = [(v, sd, n / len(error)) for variance, error in groups for v, sd, n in binned(variance, error)]
     variance, sd, weight = np.array(bins).T

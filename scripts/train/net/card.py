@@ -9,11 +9,15 @@ from pathlib import Path
 from net.calibrate import Calibration
 from net.model import CELLS, INPUT_PX, KEYPOINTS
 
-DATA_CREDITS = (
-    """Rendered cars and scenes: `scripts/train` (credits of the meshes and pictures in `CREDITS.md`)."""
+RENDERED_CREDITS = "rendered cars and scenes of `scripts/train` (credits in `CREDITS.md`)"
+REAL_CREDITS = (
+    "hand-labelled real cars that are not in this repository: PKLot (Almeida et al. 2015, CC BY 4.0), MEVA "
+    "(Kitware and IARPA, CC BY 4.0), Intel sample videos (CC BY 4.0), Udacity CarND (MIT)"
 )
-REAL_CREDITS = """Hand-labelled real cars (not in this repository): PKLot (Almeida et al. 2015, CC BY 4.0), MEVA \
-(Kitware and IARPA, CC BY 4.0), Intel sample videos (CC BY 4.0), Udacity CarND (MIT)."""
+NOTES = """Boxes are the true ones. Rendered: car models not learnt from, the half of the crops that did not
+calibrate. Real held-out cars also calibrated the sd, so their error / sd is not independent; and the average
+shape of the rendered cars was adjusted once to all labelled real cars (`scripts/train/cars/README.md`). The
+AUC of real cars sets "clear" against "hidden or blurred" labels, a softer question than visible against not."""
 
 
 def card(path: Path, calibration: Calibration, how_made: dict, metrics: dict) -> dict:
@@ -55,35 +59,44 @@ def _row(name: str, m: dict) -> str:
     )
 
 
-def markdown(card: dict, command: str) -> str:
+def markdown(card: dict) -> str:
     """The same for people."""
-    made, recipe = card["how_made"], card["how_made"]["recipe"]
+    made, recipe, calibration = card["how_made"], card["how_made"]["recipe"], card["calibration"]
     measured = {k.replace("_", " "): v for k, v in card["metrics"].items() if "pck_0.05" in v}
-    real = recipe.get("real") not in (None, "None")
-    held_out = ", ".join(made["real_held_out"]) or "none"
-    return f"""# hourglass
-
-36 car keypoints (`keypoints.json`) in a 128 px crop; contract and decoding rule in `ARCHITECTURE.md`.
-
-- **Net** {made["stacks"]} stacks of {made["channels"]} channels, {made["parameters"]} parameters, no normalisation \
-layers, f32; {made["work_px"]} px inside.
-- **Training** {made["steps"]} steps, {made["samples"]} samples, {made["minutes"]} minutes, \
-{made["rendered_crops"]} rendered crops{" and " + str(made["real_cars"]) + " hand-labelled real cars" if real else ""}, \
-seed {recipe["seed"]}; the input grows 64 → 96 → 128 px on the way.
-- **Real images** {"learnt from, except " + held_out + ", which calibrated and measured it" if real else "none"}.
-- **Calibration** sd² = {card["calibration"]["sd_scale"]}² · variance + \
-{card["calibration"]["sd_floor_crop_px"]}² crop px².
-- **Licence** {card["licence"]}; learnt from: {DATA_CREDITS}{" " + REAL_CREDITS if real else ""}
-- **Made by** `{command}`
-
-| measured on clear keypoints | cars / points | median error, of the box | PCK@0.05 | PCK@0.1 | visibility AUC | \
-error / sd, robust | names exchanged |
-|---|---|---|---|---|---|---|---|
-{chr(10).join(_row(name, m) for name, m in measured.items())}
-
-Boxes are the true ones. Rendered: cars not learnt from, the half that did not calibrate. Real held-out cars also
-calibrated the sd, so their error / sd is not independent. The AUC of real cars sets labels "clear" against "hidden or
-blurred", which is a softer question than visible against not.
-
-ONNX against PyTorch: {json.dumps(card["metrics"]["parity_with_pytorch"])}
-"""
+    data, real, credits = f"{made['rendered_crops']} rendered crops", "none", RENDERED_CREDITS
+    if recipe["real"]:
+        data += f" and {made['real_cars']} hand-labelled real cars ({recipe['real_share']} of each batch)"
+        held_out = ", ".join(made["real_held_out"]) or "none"
+        real = f"learnt from, except {held_out}: held out to measure and calibrate"
+        credits += "; " + REAL_CREDITS
+    net = f"{made['stacks']} stacks of {made['channels']} channels, {made['parameters']} parameters"
+    items = {
+        "Net": f"{net}, no normalisation layers, f32, {made['work_px']} px inside",
+        "Training": f"{made['steps']} steps of {recipe['batch']} crops in {made['minutes']} minutes, {data}, "
+        f"seed {recipe['seed']}; input 64 → 96 → 128 px on the way",
+        "Real images": real,
+        "Calibration": f"sd² = {calibration['sd_scale']}² · variance + "
+        f"{calibration['sd_floor_crop_px']}² crop px²",
+        "Licence": f"{card['licence']}; learnt from {credits}",
+        "Made by": "`scripts/train/run" + (" --real DIR`" if recipe["real"] else "`"),
+        "ONNX against PyTorch": json.dumps(card["metrics"]["parity_with_pytorch"]),
+    }
+    heads = [
+        "clear keypoints of",
+        "cars / points",
+        "median error / box",
+        "PCK@0.05",
+        "PCK@0.1",
+        "visibility AUC",
+    ]
+    heads += ["error / sd, robust", "names exchanged"]
+    lines = [
+        "# hourglass",
+        "",
+        "36 car keypoints (`keypoints.json`) in a 128 px crop; contract: `ARCHITECTURE.md`.",
+        "",
+    ]
+    lines += [f"- **{name}**: {text}" for name, text in items.items()]
+    lines += ["", f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
+    lines += [_row(name, m) for name, m in measured.items()]
+    return "\n".join([*lines, "", NOTES, ""])

@@ -21,7 +21,7 @@ KEYPOINTS = len(KEYPOINT_NAMES)
 
 @dataclass
 class Batch:
-    """image [B, 128, 128, 3] u8; points [B, 36, 2] crop px; located, visible, judged [B, 36] weights in 0…1."""
+    """image [B, 128, 128, 3] u8; points [B, 36, 2] crop px; the others [B, 36] in 0…1."""
 
     image: np.ndarray
     points: np.ndarray
@@ -64,7 +64,7 @@ class Shards:
 
 @dataclass
 class RealCar:
-    """A labelled real car: a patch of its picture, labels in patch pixels; `flag` 2 clear, 1 guessed, 0 unknown."""
+    """A labelled real car: a patch of its picture, labels in its px; `flag` 2 clear, 1 guessed, 0 unknown."""
 
     source: str
     patch: np.ndarray
@@ -99,7 +99,7 @@ def read_real(folder: Path) -> list[RealCar]:
 
 
 def crop_from_box(box: np.ndarray, rotation: float = 0.0) -> np.ndarray:
-    """2 × 3 affine map from picture pixels to crop pixels of a box (ARCHITECTURE.md), turned by `rotation` rad."""
+    """2 × 3 affine map from picture px to crop px of a box (ARCHITECTURE.md), turned by `rotation` rad."""
     centre, side = (box[:2] + box[2:]) / 2, CONTEXT * (box[2:] - box[:2]).max()
     scale = INPUT_PX / side
     c, s = np.cos(rotation) * scale, np.sin(rotation) * scale

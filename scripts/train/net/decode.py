@@ -1,4 +1,4 @@
-"""From heatmap logits to keypoints: the rule of ARCHITECTURE.md, in numpy (Rust: crates/keypoints/src/heatmap.rs)."""
+"""From heatmap logits to keypoints: the rule of ARCHITECTURE.md (Rust: crates/keypoints/src/heatmap.rs)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ WINDOW_CELLS = 3
 
 
 def decode(logits: np.ndarray, input_px: int = 128) -> tuple[np.ndarray, np.ndarray]:
-    """Logits [..., n, n] → mean [..., 2] (crop px: x, y) and covariance [..., 2, 2] (crop px²), uncalibrated."""
+    """Logits [..., n, n] → mean [..., 2] (crop px: x, y), covariance [..., 2, 2] (crop px²), uncalibrated."""
     cells = logits.shape[-1]
     stride = input_px / cells
     flat = logits.reshape(-1, cells, cells).astype(np.float64)

@@ -1,4 +1,4 @@
-"""How far predicted keypoints are off: `python -m net.evaluate --weights RUN/last.pt` (PYTHONPATH=scripts/train)."""
+"""How far predicted keypoints are off: `python -m net.evaluate --weights RUN/last.pt`."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class Result:
         return float((ranks[:n].sum() - n * (n - 1) / 2) / (n * m))
 
     def robust_sd(self, scale: float = 1.0, floor: float = 0.0) -> float:
-        """1.4826 · median |error / sd| with sd² = scale² · variance + floor²: 1 when predicted sd are honest."""
+        """1.4826 · median |error / sd|, sd² = scale² · variance + floor²: 1 when predicted sd are honest."""
         sd = np.sqrt(scale**2 * self.variance + floor**2 + 1e-9)
         return float(1.4826 * np.median(np.abs(self.offset / sd)))
 
@@ -133,7 +133,7 @@ def real_crops(cars: list[RealCar]) -> list[Crop]:
 
 
 def predict(net: nn.Module, images: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Means [n, 36, 2], covariances [n, 36, 2, 2] (crop px, uncalibrated) and visibility [n, 36] of a deployed net."""
+    """Means [n, 36, 2], covariances [n, 36, 2, 2] (crop px, uncalibrated) and visibility [n, 36]."""
     means, covariances, seen = [], [], []
     with torch.no_grad():
         for i in range(0, len(images), 32):
@@ -147,7 +147,7 @@ def predict(net: nn.Module, images: list[np.ndarray]) -> tuple[np.ndarray, np.nd
 
 
 def confusion_of(mean: np.ndarray, crop: Crop) -> str | None:
-    """Which exchange of names makes one car's prediction fit the truth better, if any; needs four clear points."""
+    """Which exchange of names makes a car's prediction fit better, if any; needs four clear points."""
     clear = np.flatnonzero(crop.clear)
     if len(clear) < 4:
         return None
@@ -200,19 +200,19 @@ def tables(result: Result, crops: list[Crop]) -> str:
     )
 
 
-def load(path: Path, work_px: int = 128) -> Deployed:
-    """The averaged weights of a run, as they are exported."""
+def load(path: Path, work_px: int | None = None) -> Deployed:
+    """The averaged weights of a run, as they are exported; `work_px` instead of the checkpoint's word."""
     state = torch.load(path)
     net = StackedHourglass(state["stacks"], state["channels"])
     net.load_state_dict(state["average"])
-    return Deployed(net, work_px).eval()
+    return Deployed(net, work_px or state["input_px"]).eval()
 
 
 def main() -> None:
     """Prints the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--weights", type=Path, default=Path(".work/runs/hourglass/last.pt"))
-    parser.add_argument("--work-px", type=int, default=128, help="size the net was last trained at")
+    parser.add_argument("--work-px", type=int, help="picture size to use the net at, instead of its last one")
     parser.add_argument("--crops", type=Path, default=Path(".work/crops/eval"))
     parser.add_argument("--real", type=Path, help="folder of hand-labelled cars")
     parser.add_argument("--only", nargs="*", help="real images (file stems) to measure on; all by default")

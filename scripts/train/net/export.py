@@ -1,4 +1,4 @@
-"""Calibrates a trained net and exports it with its card: `python -m net.export --run NAME` (PYTHONPATH=scripts/train).
+"""Calibrates a trained net and exports it with its card: `python -m net.export --run NAME`.
 
 Writes hourglass.onnx, hourglass.card.json and hourglass.md, by default into models/.
 """
@@ -63,7 +63,7 @@ def main() -> None:
     parser.add_argument("--runs", type=Path, default=Path(".work/runs"))
     parser.add_argument("--crops", type=Path, default=Path(".work/crops/eval"))
     parser.add_argument("--real", type=Path, help="folder of hand-labelled cars")
-    parser.add_argument("--work-px", type=int, default=INPUT_PX, help="size the net was last trained at")
+    parser.add_argument("--work-px", type=int, help="picture size to use the net at, instead of its last one")
     parser.add_argument("--out", type=Path, default=REPOSITORY / "models")
     args = parser.parse_args()
     torch.set_num_threads(1)
@@ -90,7 +90,7 @@ def main() -> None:
     how_made = {
         "stacks": state["stacks"],
         "channels": state["channels"],
-        "work_px": args.work_px,
+        "work_px": net.work_px,
         "parameters": sum(p.numel() for p in net.parameters()),
         "steps": state["step"],
         "samples": state["samples"],
@@ -102,8 +102,7 @@ def main() -> None:
     }
     made = card(path, calibration, how_made, metrics)
     (args.out / "hourglass.card.json").write_text(json.dumps(made, indent=1) + "\n")
-    command = "scripts/train/run" + (" --real DIR" if recipe["real"] else "")
-    (args.out / "hourglass.md").write_text(markdown(made, command))
+    (args.out / "hourglass.md").write_text(markdown(made))
     print(json.dumps({"calibration": made["calibration"], **metrics}, indent=1))
 
 

@@ -1,7 +1,6 @@
 """A stacked hourglass for 36 car keypoints: heatmap logits and visibility, at 128 px input.
 
-No batch normalisation: residual branches start at zero instead (SkipInit), which trains as well here and half as fast
-again on a CPU.
+No batch normalisation: residual branches start small instead (SkipInit): half as fast again on a CPU.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ def conv(inputs: int, outputs: int, kernel: int, stride: int = 1) -> nn.Conv2d:
 
 
 class Residual(nn.Module):
-    """x + g · branch(x), with g starting at zero."""
+    """x + g · branch(x), with g starting at a tenth."""
 
     def __init__(self, channels: int, middle: int | None = None):
         super().__init__()
@@ -56,8 +55,10 @@ class Hourglass(nn.Module):
 
 
 class StackedHourglass(nn.Module):
-    """[B, 3, n, n] RGB in 0…1 → per stack heatmap logits [B, 36, n/4, n/4]; visibility logits [B, 36]; n = 128, or
-    any multiple of 32 while training."""
+    """[B, 3, n, n] RGB in 0…1 → per stack heatmap logits [B, 36, n/4, n/4]; visibility logits [B, 36].
+
+    n = 128, or any multiple of 32 while training.
+    """
 
     def __init__(self, stacks: int = 2, channels: int = 48):
         super().__init__()
@@ -101,7 +102,7 @@ class StackedHourglass(nn.Module):
 class Deployed(nn.Module):
     """What is exported: the last stack's heatmap logits and the visibility as a probability, at 128 px input.
 
-    A net trained at `work_px` < 128 only sees the picture reduced to that; its logits are brought back to 32 × 32.
+    A net trained at `work_px` < 128 sees the picture reduced to that; its logits are brought back to 32 × 32.
     """
 
     def __init__(self, net: StackedHourglass, work_px: int = INPUT_PX):

@@ -17,8 +17,11 @@ LEFT, RIGHT, FAINT, TRUTH = (255, 60, 60), (60, 140, 255), (150, 150, 150), (0, 
 
 
 def montage(net: Deployed, crops: list[Crop], columns: int = 6, zoom: int = 3) -> np.ndarray:
-    """Crops with truth (green), a line to the prediction, and all predictions: the car's left red, right blue, grey
-    where the score says hidden. A yellow frame marks cars with names exchanged. RGB."""
+    """Crops with truth (green) and a line to the prediction, RGB.
+
+    All predictions: the car's left red, right blue, grey where the score says hidden. A yellow frame marks
+    cars with names exchanged.
+    """
     means, _, seen = predict(net, [c.image for c in crops])
     tiles = []
     for crop, mean, score in zip(crops, means, seen):
@@ -46,7 +49,7 @@ def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--weights", type=Path, required=True)
-    parser.add_argument("--work-px", type=int, default=128)
+    parser.add_argument("--work-px", type=int)
     parser.add_argument("--crops", type=Path, default=Path(".work/crops/eval"))
     parser.add_argument("--real", type=Path, help="draw the labelled real cars of this folder instead")
     parser.add_argument("--only", nargs="*", help="real images (file stems)")

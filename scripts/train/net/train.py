@@ -1,4 +1,4 @@
-"""Trains the hourglass: `python -m net.train --run NAME --minutes 60` (PYTHONPATH=scripts/train); resumes by itself."""
+"""Trains the hourglass: `python -m net.train --run NAME`; goes on from the last checkpoint by itself."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ TARGET_SD_CELLS = 0.6
 
 
 def targets(points: torch.Tensor, cells: int) -> torch.Tensor:
-    """Distribution over the cells [B, K, n²] for locations [B, K, 2] in input px: a narrow Gaussian, sum 1."""
+    """Narrow Gaussian over the cells [B, K, n²], sum 1, around locations [B, K, 2] in input px."""
     cell = (points - (STRIDE - 1) / 2) / STRIDE
     grid = torch.arange(cells, dtype=torch.float32)
     x = -((grid - cell[..., :1]) ** 2) / (2 * TARGET_SD_CELLS**2)
@@ -150,6 +150,7 @@ def main() -> None:
             "stacks": args.stacks,
             "channels": args.channels,
             "shards": len(shards),
+            "input_px": input_px(min(1.0, (spent + time.time() - started) / (args.minutes * 60))),
         }
         torch.save(state, folder / "last.tmp")
         (folder / "last.tmp").rename(last)
@@ -173,8 +174,8 @@ def main() -> None:
             n = sums["n"]
             rate = n * args.batch / (time.time() - shown)
             print(
-                f"{elapsed / 60:.1f} min step {step}: heat {sums['heat'] / n:.3f} visible {sums['visible'] / n:.3f} "
-                f"{rate:.0f} crops/s at {size} px, {len(shards)} rendered",
+                f"{elapsed / 60:.1f} min step {step}: heat {sums['heat'] / n:.3f} "
+                f"visible {sums['visible'] / n:.3f} {rate:.0f} crops/s at {size} px, {len(shards)} rendered",
                 flush=True,
             )
             sums, shown = {"heat": 0.0, "visible": 0.0, "n": 0}, time.time()

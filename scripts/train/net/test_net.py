@@ -1,0 +1,149 @@
+"""`PYTHONPATH=scripts/train python -m unittest net.test_net`."""
+
+from __future__ import annotations
+
+import tempfile
+import unittest
+from pathlib import Path
+
+import numpy as np
+import onnxruntime
+import torch
+
+from cars.mesh import MIRROR, REPOSITORY
+from net.calibrate import fit
+from net.data import INPUT_PX, RealCar, Sampler, Shards, apply, crop_from_box, read_real, warp
+from net.decode import decode
+from net.evaluate import FRONT_BACK, Crop, confusion_of
+from net.export import export_onnx
+from net.model import Deployed, StackedHourglass
+from net.train import loss_of, targets
+
+LABELS = REPOSITORY.parent / "shared/data/keypoints/train"
+
+
+def labelled_car(rng: np.random.Generator) -> RealCar:
+    """A picture of noise with a bright dot at each keypoint of its left side."""
+    patch = np.full((220, 220, 3), 40, np.uint8)
+    points, flag = np.full((36, 2), np.nan), np.zeros(36, int)
+    for k in range(18):
+        points[k], flag[k] = rng.uniform(65, 155, 2).round(), 2
+        x, y = points[k].astype(int)
+        patch[y - 1 : y + 2, x - 1 : x + 2] = 255
+    return RealCar("made up", patch, np.array([60.0, 60, 160, 160]), points, flag, "sedan")
+
+
+class Data(unittest.TestCase):
+    def test_a_crop_shows_the_picture_where_the_contract_says(self):
+        box = np.array([100.0, 60.0, 180.0, 120.0])  # side 100 px, centre (140, 90)
+        matrix = crop_from_box(box)
+        crop_px = np.array([[63.5, 63.5], [0.0, 127.0]])
+        picture = (
+            140 + ((crop_px[:, 0] + 0.5) / 128 - 0.5) * 100,
+            90 + ((crop_px[:, 1] + 0.5) / 128 - 0.5) * 100,
+        )
+        np.testing.assert_allclose(apply(matrix, np.stack(picture, 1)), crop_px, atol=1e-9)
+
+    def test_shrinking_keeps_things_in_place(self):
+        picture = np.zeros((600, 600, 3), np.uint8)
+        picture[297:304, 197:204] = 255  # centred on (200, 300)
+        matrix = crop_from_box(np.array([100.0, 100.0, 500.0, 500.0]))
+        ys, xs = np.nonzero(crop := warp(picture, matrix)[..., 0].astype(float))
+        weights = crop[ys, xs]
+        seen = [(xs * weights).sum() / weights.sum(), (ys * weights).sum() / weights.sum()]
+        np.testing.assert_allclose(seen, apply(matrix, np.array([[200.0, 300.0]]))[0], atol=0.1)
+
+    def test_augmented_labels_stay_on_their_dots(self):
+        rng = np.random.default_rng(0)
+        with tempfile.TemporaryDirectory() as empty:
+            sampler = Sampler(Shards(Path(empty)), [labelled_car(rng)], 24, 1.0, seed=1)
+        batch = sampler.next()
+        contrast, sides = [], set()
+        for image, points, located in zip(batch.image, batch.points, batch.located):
+            known = np.flatnonzero(located)
+            sides.add(bool(known[0] >= 18))
+            grey = image.astype(float).mean(2)
+            x, y = np.clip(np.round(points[known]).astype(int), 0, INPUT_PX - 1).T
+            contrast.append(grey[y, x].mean() - np.median(grey))
+        self.assertGreater(np.median(contrast), 40)
+        self.assertEqual(sides, {False, True}, "flips must exchange the sides")
+
+    def test_real_labels_lie_in_their_crops(self):
+        if not LABELS.exists():
+            print("skipped: no hand-labelled real cars beside the project")
+            return
+        for car in read_real(LABELS):
+            known = apply(crop_from_box(car.box), car.points[car.flag == 2])
+            self.assertTrue(((known > -8) & (known < INPUT_PX + 8)).all(), car.source)
+            self.assertNotIn("virat_0401", car.source)
+
+
+class Decoding(unittest.TestCase):
+    def test_a_gaussian_is_found_between_cells(self):
+        at = np.array([[[41.3, 62.9], [77.7, 30.2]]])
+        logits = torch.log(targets(torch.tensor(at, dtype=torch.float32), 32) + 1e-12).reshape(1, 2, 32, 32)
+        mean, covariance = decode(logits.numpy())
+        np.testing.assert_allclose(mean, at, atol=0.08)
+        np.testing.assert_allclose(np.diagonal(covariance, axis1=2, axis2=3), 2.4**2, rtol=0.15)
+
+    def test_calibration_finds_the_law_that_made_the_errors(self):
+        rng = np.random.default_rng(2)
+        variance = rng.uniform(4, 100, 20_000)
+        error = rng.normal(0, np.sqrt(0.7**2 * variance + 1.5**2))
+        error[::50] = 60  # gross errors
+        found = fit([(variance, error)])
+        self.assertAlmostEqual(found.sd_scale, 0.7, delta=0.06)
+        self.assertAlmostEqual(found.sd_floor_crop_px, 1.5, delta=0.4)
+
+
+class Confusion(unittest.TestCase):
+    def test_exchanged_names_are_told_apart(self):
+        points = np.random.default_rng(3).uniform(10, 118, (36, 2))
+        everything = np.ones(36, bool)
+        crop = Crop(
+            np.zeros((128, 128, 3), np.uint8), points, everything, ~everything, 100, 100, "sedan", "t"
+        )
+        self.assertIsNone(confusion_of(points, crop))
+        self.assertEqual(confusion_of(points[MIRROR], crop), "left/right")
+        self.assertEqual(confusion_of(points[FRONT_BACK], crop), "front/back")
+        self.assertEqual(confusion_of(points[MIRROR][FRONT_BACK], crop), "turned round")
+
+
+class Net(unittest.TestCase):
+    def test_it_can_learn_one_car_by_heart(self):
+        torch.manual_seed(0)
+        rng = np.random.default_rng(4)
+        with tempfile.TemporaryDirectory() as empty:
+            batch = Sampler(Shards(Path(empty)), [labelled_car(rng)], 2, 1.0, seed=5).next()
+        net = StackedHourglass(1, 16)
+        optimiser = torch.optim.AdamW(net.parameters(), lr=5e-3)
+        losses = []
+        for _ in range(60):
+            loss, _ = loss_of(net, batch)
+            optimiser.zero_grad()
+            loss.backward()
+            optimiser.step()
+            losses.append(float(loss))
+        self.assertLess(losses[-1], 0.75 * losses[0])
+
+    def test_onnx_gives_what_pytorch_gives_at_any_batch(self):
+        torch.manual_seed(1)
+        for work_px in (64, 128):
+            net = Deployed(StackedHourglass(2, 16), work_px).eval()
+            with tempfile.TemporaryDirectory() as folder:
+                export_onnx(net, Path(folder) / "net.onnx")
+                session = onnxruntime.InferenceSession(
+                    f"{folder}/net.onnx", providers=["CPUExecutionProvider"]
+                )
+            for count in (1, 3):
+                image = torch.rand(count, 3, INPUT_PX, INPUT_PX)
+                with torch.no_grad():
+                    expected = net(image)
+                found = session.run(["heatmaps", "visibility"], {"image": image.numpy()})
+                self.assertEqual(found[0].shape, (count, 36, 32, 32))
+                for a, b in zip(expected, found):
+                    np.testing.assert_allclose(a.numpy(), b, atol=1e-4)
+
+
+if __name__ == "__main__":
+    unittest.main()
