@@ -11,7 +11,9 @@
 //!
 //! Transforms are named `target_from_source`. SI units and radians; suffixes where a unit is not obvious.
 
+mod assign;
 mod atlas;
+mod bbox;
 mod camera;
 mod frame;
 mod keypoint;
@@ -19,7 +21,9 @@ mod plane;
 mod pose;
 mod records;
 
+pub use assign::assign;
 pub use atlas::{ATLAS_SCHEMA, AtlasError, MODES, Shape, ShapeAtlas};
+pub use bbox::{bbox_centre, bbox_covered, bbox_iou};
 pub use camera::{Camera, CameraParams, ImageSize};
 pub use frame::{Frame, FrameStamp};
 pub use keypoint::{KEYPOINTS, Keypoint, KeypointSet, keypoint_names, mirror_index, skeleton_edges};

@@ -1,1 +1,33 @@
-//! roadplane: calibrate.
+//! Evidence of all frames of a clip → focal length and ground plane over time. Pure maths on records: no I/O, no clock, no
+//! random numbers, no panics; the order of the cars in a frame does not matter.
+//!
+//! # How the pieces join
+//! ```text
+//! FrameRecord → EvidenceBuilder ── Linker          which box is which car
+//!                               ├─ MoveDetector    did the camera move
+//!                               └─ ViewSelector    one view a parked car, several of a moving one
+//!             → Window { views, … } → (joint solve of the window, elsewhere) → WindowEstimate
+//!             → fuse → CameraEstimate per stretch of time
+//! ```
+//!
+//! # Honest uncertainty
+//! A parked car seen in 100 frames is one car: its keypoints' white noise averages out, their bias does not
+//! ([`combine`]); seen in ten windows it counts once ([`fuse`]).
+
+mod combine;
+mod evidence;
+mod fuse;
+mod linker;
+mod moves;
+mod nodes;
+mod robust;
+mod select;
+mod similarity;
+mod stretch;
+
+pub use combine::{Combined, combine};
+pub use evidence::{EvidenceBuilder, EvidenceOptions, Window};
+pub use fuse::{CarUse, FuseOptions, FusePrior, WindowEstimate, fuse};
+pub use linker::{LinkId, Linker, LinkerOptions};
+pub use moves::{MoveDetector, MoveOptions, MoveState, SegmentStart};
+pub use select::{SelectOptions, View, ViewSelector};

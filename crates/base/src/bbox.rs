@@ -1,0 +1,50 @@
+//! Boxes in the image: left, top, right, bottom, px.
+
+use nalgebra::Vector2;
+
+/// Centre of a box, px.
+#[must_use]
+pub fn bbox_centre(bbox_px: &[f64; 4]) -> Vector2<f64> {
+    let [x0, y0, x1, y1] = bbox_px;
+    Vector2::new((x0 + x1) / 2.0, (y0 + y1) / 2.0)
+}
+
+/// Intersection over union, 0–1; 0 where a box has no area.
+#[must_use]
+pub fn bbox_iou(a: &[f64; 4], b: &[f64; 4]) -> f64 {
+    let common = intersection(a, b);
+    let union = area(a) + area(b) - common;
+    if union > 0.0 { common / union } else { 0.0 }
+}
+
+/// Share of the smaller box that lies inside the other, 0–1.
+#[must_use]
+pub fn bbox_covered(a: &[f64; 4], b: &[f64; 4]) -> f64 {
+    let smaller = area(a).min(area(b));
+    if smaller > 0.0 { intersection(a, b) / smaller } else { 0.0 }
+}
+
+fn area([x0, y0, x1, y1]: &[f64; 4]) -> f64 {
+    (x1 - x0).max(0.0) * (y1 - y0).max(0.0)
+}
+
+fn intersection(a: &[f64; 4], b: &[f64; 4]) -> f64 {
+    area(&[a[0].max(b[0]), a[1].max(b[1]), a[2].min(b[2]), a[3].min(b[3])])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn overlaps_are_measured() {
+        let a = [0.0, 0.0, 10.0, 10.0];
+        let b = [5.0, 0.0, 15.0, 10.0];
+        assert!((bbox_iou(&a, &b) - 1.0 / 3.0).abs() < 1e-12);
+        assert!((bbox_iou(&a, &a) - 1.0).abs() < 1e-12);
+        assert!((bbox_covered(&a, &[2.0, 2.0, 4.0, 4.0]) - 1.0).abs() < 1e-12);
+        assert!(bbox_iou(&a, &[20.0, 20.0, 30.0, 30.0]) < 1e-12);
+        assert!(bbox_iou(&[1.0; 4], &[1.0; 4]) < 1e-12);
+        assert_eq!(bbox_centre(&b), Vector2::new(10.0, 5.0));
+    }
+}

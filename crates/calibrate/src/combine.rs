@@ -1,0 +1,117 @@
+//! Many looks at a car that stands still → one set of keypoints.
+//!
+//! A predicted covariance C covers the keypoint's whole error. Over frames of the same view only its white share shows:
+//! with `r` = scatter over frames / C, the mean of n frames has
+//!
+//! ```text
+//! C_mean = C · ( max(1 − r, β²) + r / n_eff ),    n_eff = n (1 − ρ) / (1 + ρ)
+//! ```
+//!
+//! where β (`bias_share`) is the share of the sd that is at least taken for bias and ρ the scatter's correlation from one
+//! frame to the next. `r` above 1 says that C was too small, and widens it.
+
+use nalgebra::{Matrix2, Vector2};
+use roadplane_base::{KEYPOINTS, Keypoint, KeypointSet};
+
+use crate::robust::median;
+
+/// One set out of many.
+#[derive(Clone, Debug)]
+pub struct Combined {
+    /// Robust means with what remains of their covariance.
+    pub keypoints: Box<KeypointSet>,
+    /// Scatter over the frames against the predicted covariance: 1 where all error is white and rightly predicted, near 0
+    /// where it is all bias. `None` with fewer than three frames.
+    pub scatter_ratio: Option<f64>,
+}
+
+/// Frames below which scatter says nothing.
+const MIN_FRAMES: usize = 3;
+/// A keypoint seen in a smaller share of the frames is left out.
+const MIN_PRESENCE: f64 = 0.3;
+/// Huber's bound, in sd of the scatter.
+const HUBER: f64 = 2.0;
+/// How many frames' worth the car's mean scatter ratio counts in each keypoint's own.
+const POOLED_FRAMES: f64 = 5.0;
+
+struct Mean {
+    pixel: Vector2<f64>,
+    covariance: Matrix2<f64>,
+    score: f64,
+    frames: usize,
+    /// Mean of δᵀC⁻¹δ / 2 over the frames.
+    scatter: f64,
+    /// Sums of δ·δ and of δ·δ' for neighbouring frames, for ρ.
+    own: f64,
+    lagged: f64,
+}
+
+/// Combines looks at one still car, in the order of time. `bias_share` is β, 0–1.
+#[must_use]
+pub fn combine(looks: &[&KeypointSet], bias_share: f64) -> Combined {
+    let means: Vec<Option<Mean>> = (0..KEYPOINTS).map(|i| mean_of(looks, i)).collect();
+    let several = || means.iter().flatten().filter(|mean| mean.frames >= MIN_FRAMES);
+    let frames: f64 = several().map(|m| m.frames as f64).sum();
+    let pooled = several().map(|m| m.frames as f64 * m.scatter).sum::<f64>() / frames.max(1.0);
+    let own: f64 = several().map(|m| m.own).sum();
+    let correlation = (several().map(|m| m.lagged).sum::<f64>() / own.max(1e-300)).clamp(0.0, 0.98);
+    let reduced = |mean: &Mean| {
+        let n = mean.frames as f64;
+        let factor = if mean.frames < MIN_FRAMES {
+            1.0
+        } else {
+            let ratio = (n * mean.scatter + POOLED_FRAMES * pooled) / (n + POOLED_FRAMES);
+            let independent = (n * (1.0 - correlation) / (1.0 + correlation)).max(1.0);
+            (1.0 - ratio).max(bias_share * bias_share) + ratio / independent
+        };
+        Keypoint { pixel: mean.pixel, score: mean.score, covariance_px2: mean.covariance * factor }
+    };
+    Combined {
+        keypoints: Box::new(std::array::from_fn(|i| means[i].as_ref().map(reduced))),
+        scatter_ratio: (frames > 0.0).then_some(pooled),
+    }
+}
+
+/// Robust mean of one keypoint; its covariance is still that of a single look.
+fn mean_of(looks: &[&KeypointSet], index: usize) -> Option<Mean> {
+    let seen: Vec<(&Keypoint, Matrix2<f64>)> = looks
+        .iter()
+        .filter_map(|set| set[index].as_ref())
+        .filter_map(|point| Some((point, point.covariance_px2.cholesky()?.inverse())))
+        .collect();
+    let frames = seen.len();
+    if frames == 0 || (frames as f64) < MIN_PRESENCE * looks.len() as f64 {
+        return None;
+    }
+    let middle = |axis: usize| median(&mut seen.iter().map(|(p, _)| p.pixel[axis]).collect::<Vec<_>>());
+    let mut pixel = Vector2::new(middle(0)?, middle(1)?);
+    for _ in 0..5 {
+        let away: Vec<f64> = seen.iter().map(|(p, _)| (p.pixel - pixel).norm()).collect();
+        // Median of a Rayleigh variable is 1.1774 sd.
+        let sd = median(&mut away.clone())? / 1.1774;
+        let mut sum = Vector2::zeros();
+        let mut information = Matrix2::zeros();
+        for ((point, inverse), distance) in seen.iter().zip(&away) {
+            let weight = if *distance > HUBER * sd { HUBER * sd / distance } else { 1.0 };
+            information += inverse * weight.max(1e-6);
+            sum += inverse * weight.max(1e-6) * point.pixel;
+        }
+        pixel = information.cholesky()?.inverse() * sum;
+    }
+    // Typical covariance of one look: harmonic mean, in the weights' own normalisation.
+    let total: Matrix2<f64> = seen.iter().map(|(_, inverse)| inverse).sum();
+    let covariance = total.cholesky()?.inverse() * frames as f64;
+    let deviations: Vec<Vector2<f64>> = seen.iter().map(|(p, _)| p.pixel - pixel).collect();
+    let squares = |scale: f64| -> f64 {
+        seen.iter().zip(&deviations).map(|((_, inverse), d)| (d.transpose() * inverse * d)[0] * scale).sum()
+    };
+    Some(Mean {
+        pixel,
+        covariance,
+        score: seen.iter().map(|(p, _)| p.score).sum::<f64>() / looks.len() as f64,
+        frames,
+        scatter: squares(0.5) / (frames as f64 - 1.0).max(1.0),
+        own: deviations.iter().map(Vector2::norm_squared).sum(),
+        lagged: deviations.windows(2).map(|pair| pair[0].dot(&pair[1])).sum(),
+    })
+}

@@ -1,0 +1,352 @@
+//! Estimates of windows → camera over time.
+//!
+//! Each window says `c ~ N(c_w, I_w⁻¹)` of c = (log f, tilt, roll, log h), all information in `I_w` from keypoints, none from
+//! a prior. Windows share parked cars, whose keypoint bias they share as well. So window w counts with the factor
+//!
+//! ```text
+//! q_w = mean over its cars k of  1 / (1 + (n_k − 1) γ_k)
+//! ```
+//!
+//! n_k = windows of this stretch that use car k, γ = correlation of what k says in two windows (about 1 for a parked car).
+//! A clip of one parked row gives the same sd whether it is cut into one window or a hundred.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use nalgebra::{Matrix4, Vector2, Vector4};
+use roadplane_base::{CameraEstimate, CameraParams, CameraStatus, ImageSize};
+
+use crate::{
+    LinkId, SegmentStart,
+    nodes::{Node, Step, smooth},
+    robust::weighted_median,
+};
+
+/// A car that a window's estimate rests on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct CarUse {
+    /// Which car.
+    pub link: LinkId,
+    /// It stood still.
+    pub parked: bool,
+}
+
+/// What the joint solve of a window found.
+#[derive(Clone, Debug)]
+pub struct WindowEstimate {
+    /// First and last presentation time, s.
+    pub span_s: [f64; 2],
+    /// Frames in the window.
+    pub frames: usize,
+    /// Focal length, tilt, roll, height.
+    pub params: CameraParams,
+    /// Information of the keypoints on them, without any prior on the camera; may be singular.
+    pub information: Matrix4<f64>,
+    /// Cars that it rests on.
+    pub cars: Vec<CarUse>,
+    /// As in [`Window`](crate::Window).
+    pub segment: usize,
+    /// As in [`Window`](crate::Window).
+    pub start: SegmentStart,
+    /// As in [`Window`](crate::Window).
+    pub steady: bool,
+}
+
+/// What is believed of a camera before any car was seen.
+#[derive(Clone, Copy, Debug)]
+pub struct FusePrior {
+    /// Middle.
+    pub params: CameraParams,
+    /// sd of log focal, tilt, roll, log height.
+    pub sd: Vector4<f64>,
+}
+
+/// How windows are joined.
+#[derive(Clone, Debug)]
+pub struct FuseOptions {
+    /// Size of the pictures, for the result.
+    pub image_size_px: ImageSize,
+    /// Principal point, px, for the result.
+    pub principal_point_px: Vector2<f64>,
+    /// The focal length is known and the prior holds it.
+    pub focal_given: bool,
+    /// The prior; it is counted once.
+    pub prior: FusePrior,
+    /// Drift of a mounted camera: sd of log focal, tilt, roll, log height after 1 s, growing with the root of time.
+    pub drift_sd: Vector4<f64>,
+    /// Correlation of what a parked car says in two windows.
+    pub parked_correlation: f64,
+    /// The same for a car that moved between them.
+    pub moving_correlation: f64,
+    /// Gain in log likelihood that a change of the camera, or a drift, must bring to be believed.
+    pub min_gain: f64,
+}
+
+impl FuseOptions {
+    /// For pictures of this size: focal length 0.8–2.5 times the image's width (1 sd), camera 3–18 m up, tilt 0–50°, no roll to
+    /// ±6°; principal point in the middle.
+    #[must_use]
+    pub fn for_image(image_size_px: ImageSize) -> Self {
+        let width = f64::from(image_size_px.width);
+        Self {
+            image_size_px,
+            principal_point_px: image_size_px.centre_px(),
+            focal_given: false,
+            prior: FusePrior {
+                params: CameraParams {
+                    log_focal: (1.4 * width).ln(),
+                    tilt: 0.44,
+                    roll: 0.0,
+                    log_height: 7.5f64.ln(),
+                },
+                sd: Vector4::new(0.6, 0.44, 0.1, 0.9),
+            },
+            drift_sd: Vector4::new(1e-4, 5e-5, 5e-5, 1e-4),
+            parked_correlation: 1.0,
+            moving_correlation: 0.3,
+            min_gain: 16.0,
+        }
+    }
+}
+
+/// Degrees of freedom of the Student-t that windows are taken to scatter by: a window with a wrong minimum counts little.
+const NU: f64 = 4.0;
+/// A zoom of more than this between two camera positions says that the focal length changed, log.
+const ZOOM: f64 = 0.03;
+/// Multiples of `drift_sd` that are tried.
+const DRIFTS: [f64; 4] = [1.0, 4.0, 16.0, 64.0];
+
+/// Joins the windows of a clip, in the order of time. A camera that stayed put gives one estimate, one that was moved an
+/// estimate per position, one that drifts an estimate per window. No windows, or none with finite numbers, give none.
+#[must_use]
+pub fn fuse(windows: &[WindowEstimate], options: &FuseOptions) -> Vec<CameraEstimate> {
+    let mut usable: Vec<&WindowEstimate> = windows.iter().filter(|w| is_usable(w)).collect();
+    usable.sort_by(|a, b| a.span_s[0].total_cmp(&b.span_s[0]));
+    let mut nodes = Vec::new();
+    for segment in usable.chunk_by(|a, b| a.segment == b.segment) {
+        let mut start = Some(segment[0].start);
+        for part in split(segment, options) {
+            let drift = drift_of(part, options);
+            let pieces: Vec<&[&WindowEstimate]> =
+                if drift.is_some() { part.chunks(1).collect() } else { vec![part] };
+            let shares = shares(part, options);
+            for (i, piece) in pieces.iter().enumerate() {
+                let step = match (start.take(), drift) {
+                    (Some(start), _) => step_from(start),
+                    (None, Some(scale)) if i > 0 => {
+                        let gap_s = (middle_s(piece) - middle_s(pieces[i - 1])).max(0.0);
+                        Step::kept((options.drift_sd * scale).map(|sd| sd * sd * gap_s))
+                    }
+                    // A change that only the estimates show: nothing says that the focal length stayed.
+                    (None, _) => Step::fresh(),
+                };
+                let shares = if pieces.len() == 1 { &shares[..] } else { &shares[i..=i] };
+                nodes.push((piece.to_vec(), node(piece, shares, step, options)));
+            }
+        }
+    }
+    let states = smooth(&nodes.iter().map(|(_, node)| node.clone()).collect::<Vec<_>>(), &options.prior);
+    nodes.iter().zip(states).map(|((group, node), state)| estimate(group, node, &state, options)).collect()
+}
+
+fn is_usable(window: &WindowEstimate) -> bool {
+    let finite = window.params.to_vector().iter().chain(window.information.iter()).all(|x| x.is_finite());
+    finite && window.span_s.iter().all(|t| t.is_finite()) && window.information.diagonal().min() >= 0.0
+}
+
+fn middle_s(windows: &[&WindowEstimate]) -> f64 {
+    windows.iter().map(|w| w.span_s[0] + w.span_s[1]).sum::<f64>() / (2 * windows.len().max(1)) as f64
+}
+
+fn step_from(start: SegmentStart) -> Step {
+    match start {
+        // The mount stays, so height and focal length nearly do; directions are new.
+        SegmentStart::Moved { log_scale } if log_scale.abs() <= ZOOM => {
+            Step { kept: Vector4::new(1.0, 0.0, 0.0, 1.0), variance: Vector4::new(1e-3, 0.0, 0.0, 4e-3) }
+        }
+        SegmentStart::Moved { .. } => {
+            Step { kept: Vector4::new(0.0, 0.0, 0.0, 1.0), variance: Vector4::new(0.0, 0.0, 0.0, 4e-3) }
+        }
+        SegmentStart::Clip | SegmentStart::Cut => Step::fresh(),
+    }
+}
+
+/// Evidence of each window that others of the group do not already bring, 0–1.
+fn shares(group: &[&WindowEstimate], options: &FuseOptions) -> Vec<f64> {
+    let mut windows_of: BTreeMap<LinkId, f64> = BTreeMap::new();
+    for window in group {
+        for link in window.cars.iter().map(|car| car.link).collect::<BTreeSet<_>>() {
+            *windows_of.entry(link).or_default() += 1.0;
+        }
+    }
+    let share = |window: &&WindowEstimate| {
+        let of_car = |car: &CarUse| {
+            let correlation =
+                if car.parked { options.parked_correlation } else { options.moving_correlation };
+            1.0 / (1.0 + (windows_of.get(&car.link).copied().unwrap_or(1.0) - 1.0) * correlation)
+        };
+        let total: f64 = window.cars.iter().map(of_car).sum();
+        if window.cars.is_empty() { 1.0 / group.len() as f64 } else { total / window.cars.len() as f64 }
+    };
+    group.iter().map(share).collect()
+}
+
+/// A robust constant for a group: each window's weight and squared distance, and the cost `Σ (ν + 4) ln(1 + d²/ν) / 2`.
+struct Constant {
+    weights: Vec<f64>,
+    distances: Vec<f64>,
+    cost: f64,
+}
+
+fn constant(group: &[&WindowEstimate], shares: &[f64], options: &FuseOptions) -> Constant {
+    let prior_information = Matrix4::from_diagonal(&options.prior.sd.map(|sd| 1.0 / (sd * sd)));
+    let prior = options.prior.params.to_vector();
+    let mut centre = Vector4::from_fn(|i, _| {
+        let mut values: Vec<(f64, f64)> = group
+            .iter()
+            .zip(shares)
+            .map(|(w, share)| (w.params.to_vector()[i], share * w.information[(i, i)]))
+            .collect();
+        weighted_median(&mut values).unwrap_or(prior[i])
+    });
+    let distance = |w: &WindowEstimate, centre: &Vector4<f64>| {
+        let away = w.params.to_vector() - centre;
+        (away.transpose() * w.information * away)[0].max(0.0)
+    };
+    let mut distances = Vec::new();
+    let mut weights = Vec::new();
+    for _ in 0..30 {
+        distances = group.iter().map(|w| distance(w, &centre)).collect();
+        weights = distances.iter().map(|d2: &f64| (NU + 4.0) / (NU + d2)).collect();
+        let mut information = prior_information;
+        let mut sum = prior_information * prior;
+        for ((window, share), weight) in group.iter().zip(shares).zip(&weights) {
+            information += window.information * (share * weight);
+            sum += window.information * window.params.to_vector() * (share * weight);
+        }
+        let Some(next) = information.cholesky().map(|c| c.solve(&sum)) else { break };
+        let moved = (next - centre).norm();
+        centre = next;
+        if moved < 1e-12 {
+            break;
+        }
+    }
+    let cost = distances.iter().map(|d2| 0.5 * (NU + 4.0) * (d2 / NU).ln_1p()).sum();
+    Constant { weights, distances, cost }
+}
+
+/// Cuts a group where two constants explain it much better than one; never where parked cars witnessed a steady camera,
+/// and never off a single window: the next one must agree.
+fn split<'a, 'w>(group: &'a [&'w WindowEstimate], options: &FuseOptions) -> Vec<&'a [&'w WindowEstimate]> {
+    let cost = |part: &[&WindowEstimate]| constant(part, &shares(part, options), options).cost;
+    let open = |cut: usize| !group[cut].steady;
+    if group.len() < 4 || !(2..=group.len() - 2).any(open) {
+        return vec![group];
+    }
+    let whole = cost(group);
+    let gains = (2..=group.len() - 2)
+        .filter(|&cut| open(cut))
+        .map(|cut| (cut, whole - cost(&group[..cut]) - cost(&group[cut..])));
+    let best = gains.reduce(|best, next| if next.1 > best.1 { next } else { best });
+    match best {
+        Some((cut, gain)) if gain > options.min_gain => {
+            let mut parts = split(&group[..cut], options);
+            parts.extend(split(&group[cut..], options));
+            parts
+        }
+        _ => vec![group],
+    }
+}
+
+/// The multiple of `drift_sd` that explains a group much better than standing still, if there is one.
+fn drift_of(group: &[&WindowEstimate], options: &FuseOptions) -> Option<f64> {
+    if group.len() < 4 || group[1..].iter().all(|w| w.steady) {
+        return None;
+    }
+    let still = drift_log_likelihood(group, 0.0, options);
+    let gains = DRIFTS.map(|scale| (scale, drift_log_likelihood(group, scale, options) - still));
+    let (scale, gain) = gains.into_iter().reduce(|best, next| if next.1 > best.1 { next } else { best })?;
+    (gain > options.min_gain).then_some(scale)
+}
+
+/// Log likelihood of the windows' innovations in a random walk, with Student-t tails.
+fn drift_log_likelihood(group: &[&WindowEstimate], scale: f64, options: &FuseOptions) -> f64 {
+    let mut mean = options.prior.params.to_vector();
+    let mut covariance = Matrix4::from_diagonal(&options.prior.sd.map(|sd| sd * sd));
+    let loose = covariance.map(|v| 1e4 * v);
+    let mut total = 0.0;
+    for (i, window) in group.iter().enumerate() {
+        if i > 0 {
+            let gap_s = (middle_s(&group[i..=i]) - middle_s(&group[i - 1..i])).max(0.0);
+            covariance += Matrix4::from_diagonal(&(options.drift_sd * scale).map(|sd| sd * sd * gap_s));
+        }
+        // What a window says nothing of gets a loose, not an infinite, variance.
+        let weak = Matrix4::from_diagonal(&loose.diagonal().map(|v| 1.0 / v));
+        let Some(noise) = (window.information + weak).try_inverse() else { continue };
+        let innovation = window.params.to_vector() - mean;
+        let Some(factor) = (covariance + noise).cholesky() else { continue };
+        let d2 = innovation.dot(&factor.solve(&innovation));
+        total -= 0.5 * (NU + 4.0) * (d2 / NU).ln_1p() + 0.5 * factor.determinant().ln();
+        let Some(factor) = (covariance + noise * ((NU + d2) / (NU + 4.0))).cholesky() else { continue };
+        let gain = factor.solve(&covariance).transpose();
+        mean += gain * innovation;
+        covariance -= gain * covariance;
+        covariance = (covariance + covariance.transpose()) / 2.0;
+    }
+    total
+}
+
+/// One piece of evidence: a group under one constant. Windows that scatter more than they claim widen it (Birge's ratio).
+fn node(group: &[&WindowEstimate], shares: &[f64], step: Step, options: &FuseOptions) -> Node {
+    let Constant { weights, distances, .. } = constant(group, shares, options);
+    let surplus = 4.0 * (group.len() as f64 - 1.0);
+    let scatter: f64 = distances.iter().zip(&weights).map(|(d2, w)| d2 * w).sum();
+    let widened = if group.len() >= 3 { (scatter / surplus).max(1.0) } else { 1.0 };
+    let mut node = Node { information: Matrix4::zeros(), weighted: Vector4::zeros(), step };
+    for ((window, share), weight) in group.iter().zip(shares).zip(&weights) {
+        // Weights above 1 would claim more than the window does.
+        let factor = share * weight.min(1.0) / widened;
+        node.information += window.information * factor;
+        node.weighted += window.information * window.params.to_vector() * factor;
+    }
+    node
+}
+
+fn estimate(
+    group: &[&WindowEstimate],
+    node: &Node,
+    state: &(Vector4<f64>, Matrix4<f64>),
+    options: &FuseOptions,
+) -> CameraEstimate {
+    let prior = options.prior.sd.map(|sd| 1.0 / (sd * sd));
+    // Evidence on one number with the others free within the prior.
+    let known = |i: usize| {
+        let mut rest = prior;
+        rest[i] = 0.0;
+        let with = node.information + Matrix4::from_diagonal(&rest);
+        let variance = with.try_inverse().map_or(f64::INFINITY, |inverse| inverse[(i, i)]);
+        variance > 0.0 && variance < 1.0 / prior[i]
+    };
+    let status = if !(known(1) && known(3)) {
+        CameraStatus::Unobservable
+    } else if options.focal_given {
+        CameraStatus::FocalGiven
+    } else if known(0) {
+        CameraStatus::Estimated
+    } else {
+        CameraStatus::FocalFromPrior
+    };
+    let cars: BTreeSet<LinkId> = group.iter().flat_map(|w| w.cars.iter().map(|car| car.link)).collect();
+    CameraEstimate {
+        span_s: [
+            group.iter().map(|w| w.span_s[0]).fold(f64::INFINITY, f64::min),
+            group.iter().map(|w| w.span_s[1]).fold(f64::NEG_INFINITY, f64::max),
+        ],
+        image_size_px: options.image_size_px,
+        principal_point_px: options.principal_point_px,
+        params: CameraParams::from_vector(&state.0),
+        covariance: state.1,
+        status,
+        cars_used: cars.len(),
+        frames_used: group.iter().map(|w| w.frames).sum(),
+    }
+}

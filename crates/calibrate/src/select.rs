@@ -1,0 +1,193 @@
+//! Which views of which cars go into a window's joint solve.
+
+use std::collections::BTreeMap;
+
+use roadplane_base::{CarRecord, FrameRecord, ImageSize, KeypointSet, VehicleClass, bbox_centre};
+
+use crate::{
+    LinkId,
+    stretch::{Look, Stretch, StretchView},
+};
+
+/// One view of one car, as the joint solve wants it. Views of the same `link` share one shape.
+#[derive(Clone, Debug)]
+pub struct View {
+    /// Which car.
+    pub link: LinkId,
+    /// Its keypoints, px; combined over `frames` where the car stood still.
+    pub keypoints: Box<KeypointSet>,
+    /// A box of the view, px.
+    pub bbox_px: [f64; 4],
+    /// Weight of the view's evidence, 0–1: below 1 where the car gives several views, whose keypoint bias is partly shared.
+    pub weight: f64,
+    /// The car stood still.
+    pub parked: bool,
+    /// Frames that went in, in order; of long stretches a sample.
+    pub frames: Vec<u64>,
+    /// See [`Combined::scatter_ratio`](crate::Combined).
+    pub scatter_ratio: Option<f64>,
+}
+
+/// What makes a good view, and how many are taken.
+#[derive(Clone, Debug)]
+pub struct SelectOptions {
+    /// Views in a window.
+    pub max_views: usize,
+    /// Views of one car in a window.
+    pub max_views_per_car: usize,
+    /// Longer side of the box, px.
+    pub min_side_px: f64,
+    /// Sum of the keypoints' scores.
+    pub min_keypoints: f64,
+    /// Share of a keypoint's sd that is taken for bias, which does not average out over frames.
+    pub bias_share: f64,
+    /// Correlation of the keypoint bias between two views of a moving car.
+    pub view_correlation: f64,
+}
+
+impl Default for SelectOptions {
+    fn default() -> Self {
+        Self {
+            max_views: 60,
+            max_views_per_car: 8,
+            min_side_px: 30.0,
+            min_keypoints: 6.0,
+            bias_share: 0.6,
+            view_correlation: 0.25,
+        }
+    }
+}
+
+/// Longer side at which more pixels stop making a view better, px.
+const FULL_SIDE_PX: f64 = 150.0;
+/// Cells per axis of the grid over which views are spread.
+const GRID: f64 = 4.0;
+
+struct Candidate {
+    link: LinkId,
+    view: StretchView,
+    cell: (u8, u8),
+}
+
+/// Collects the views of a window.
+pub struct ViewSelector {
+    options: SelectOptions,
+    open: BTreeMap<LinkId, Stretch>,
+    candidates: Vec<Candidate>,
+    image: Option<ImageSize>,
+}
+
+impl ViewSelector {
+    /// With these options.
+    #[must_use]
+    pub fn new(options: SelectOptions) -> Self {
+        Self { options, open: BTreeMap::new(), candidates: Vec::new(), image: None }
+    }
+
+    /// Takes the next frame with the names of its cars (see [`Linker`](crate::Linker)).
+    pub fn push(&mut self, frame: &FrameRecord, links: &[LinkId]) {
+        self.image = Some(frame.image_size_px);
+        for (car, &link) in frame.cars.iter().zip(links) {
+            let Some(look) = self.look(frame, car) else { continue };
+            match self.open.get_mut(&link) {
+                Some(stretch) if !stretch.is_left_by(car) => stretch.push(look),
+                _ => {
+                    if let Some(left) = self.open.insert(link, Stretch::new(look)) {
+                        self.close(link, &left);
+                    }
+                }
+            }
+        }
+        // Only the best can be chosen, so the rest need not be kept.
+        if self.candidates.len() > 8 * self.options.max_views {
+            self.candidates = self.best(4 * self.options.max_views);
+        }
+    }
+
+    /// Ends the window: its views, best first. The next frame starts a new window.
+    pub fn take(&mut self) -> Vec<View> {
+        for (link, stretch) in std::mem::take(&mut self.open) {
+            self.close(link, &stretch);
+        }
+        let chosen = self.best(self.options.max_views);
+        self.candidates.clear();
+        let mut of_link: BTreeMap<LinkId, f64> = BTreeMap::new();
+        for candidate in &chosen {
+            *of_link.entry(candidate.link).or_default() += 1.0;
+        }
+        let weight = |link: LinkId| {
+            let views = of_link.get(&link).copied().unwrap_or(1.0);
+            1.0 / (1.0 + (views - 1.0) * self.options.view_correlation)
+        };
+        chosen
+            .into_iter()
+            .map(|Candidate { link, view, .. }| View {
+                link,
+                keypoints: view.look.keypoints,
+                bbox_px: view.look.bbox_px,
+                weight: weight(link),
+                parked: view.parked,
+                frames: view.frames,
+                scatter_ratio: view.scatter_ratio,
+            })
+            .collect()
+    }
+
+    fn look(&self, frame: &FrameRecord, car: &CarRecord) -> Option<Look> {
+        let keypoints = car.keypoints.as_ref()?;
+        let seen: f64 = keypoints.iter().flatten().map(|point| point.score).sum();
+        let side = car.longer_side_px();
+        if car.class != VehicleClass::Car
+            || side < self.options.min_side_px
+            || seen < self.options.min_keypoints
+        {
+            return None;
+        }
+        let [x0, y0, x1, y1] = car.bbox_px;
+        let size = frame.image_size_px;
+        let cut =
+            x0 < 2.0 || y0 < 2.0 || x1 > f64::from(size.width) - 3.0 || y1 > f64::from(size.height) - 3.0;
+        let whole = if cut { 0.4 } else { 1.0 };
+        let quality = car.score * seen * (side / FULL_SIDE_PX).min(1.0) * whole;
+        Some(Look { frame: frame.frame, bbox_px: car.bbox_px, quality, keypoints: keypoints.clone() })
+    }
+
+    fn close(&mut self, link: LinkId, stretch: &Stretch) {
+        let Some(view) = stretch.view(self.options.bias_share) else { return };
+        let cell = self.image.map_or((0, 0), |size| {
+            let centre = bbox_centre(&view.look.bbox_px);
+            let step = |x: f64, side: u32| (GRID * x / f64::from(side)).clamp(0.0, GRID - 1.0) as u8;
+            (step(centre.x, size.width), step(centre.y, size.height))
+        });
+        self.candidates.push(Candidate { link, view, cell });
+    }
+
+    /// Takes the best, one after the other: each view makes others of its car and of its place in the image less wanted.
+    fn best(&mut self, count: usize) -> Vec<Candidate> {
+        let mut left = std::mem::take(&mut self.candidates);
+        left.sort_by_key(|c| (c.link, c.view.look.frame));
+        let mut chosen: Vec<Candidate> = Vec::new();
+        let mut of_link: BTreeMap<LinkId, usize> = BTreeMap::new();
+        let mut of_cell: BTreeMap<(u8, u8), usize> = BTreeMap::new();
+        while chosen.len() < count {
+            let worth = |c: &Candidate| {
+                let same_car = of_link.get(&c.link).copied().unwrap_or(0);
+                let same_cell = of_cell.get(&c.cell).copied().unwrap_or(0);
+                let allowed = same_car < self.options.max_views_per_car;
+                allowed
+                    .then(|| c.view.look.quality / ((1 + same_car) as f64 * (1.0 + 0.3 * same_cell as f64)))
+            };
+            let ranked = left.iter().enumerate().filter_map(|(i, c)| Some((i, worth(c)?)));
+            // The first of equals, by car and frame.
+            let Some((index, _)) = ranked.reduce(|best, next| if next.1 > best.1 { next } else { best })
+            else {
+                break;
+            };
+            let candidate = left.remove(index);
+            *of_link.entry(candidate.link).or_default() += 1;
+            *of_cell.entry(candidate.cell).or_default() += 1;
+            chosen.push(candidate);
+        }
+        chosen
+    }
+}

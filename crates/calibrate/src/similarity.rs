@@ -1,0 +1,68 @@
+//! Plane similarity between two point sets: what a turn or zoom of the camera does to distant parked cars, to first order.
+
+use nalgebra::{Matrix2, Vector2};
+
+/// `moved = m · point + shift` with m = scale · rotation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Similarity {
+    m: Matrix2<f64>,
+    shift: Vector2<f64>,
+}
+
+impl Similarity {
+    /// Scales about `from` and carries it to `to`.
+    pub(crate) fn carrying(from: &Vector2<f64>, to: &Vector2<f64>, scale: f64) -> Self {
+        let m = Matrix2::identity() * scale;
+        Self { m, shift: to - m * from }
+    }
+
+    /// Least squares over (point, moved point): closed form. One pair, or coinciding points, give a pure shift.
+    pub(crate) fn fit(pairs: &[(Vector2<f64>, Vector2<f64>)]) -> Option<Self> {
+        if pairs.is_empty() {
+            return None;
+        }
+        let n = pairs.len() as f64;
+        let from = pairs.iter().map(|p| p.0).sum::<Vector2<f64>>() / n;
+        let to = pairs.iter().map(|p| p.1).sum::<Vector2<f64>>() / n;
+        let (mut dot, mut cross, mut spread) = (0.0, 0.0, 0.0);
+        for (a, b) in pairs {
+            let (a, b) = (a - from, b - to);
+            dot += a.dot(&b);
+            cross += a.x * b.y - a.y * b.x;
+            spread += a.norm_squared();
+        }
+        let (c, s) = if spread > 1e-9 { (dot / spread, cross / spread) } else { (1.0, 0.0) };
+        let m = Matrix2::new(c, -s, s, c);
+        Some(Self { m, shift: to - m * from })
+    }
+
+    pub(crate) fn apply(&self, point: &Vector2<f64>) -> Vector2<f64> {
+        self.m * point + self.shift
+    }
+
+    /// Logarithm of the scale.
+    pub(crate) fn log_scale(&self) -> f64 {
+        self.m.determinant().max(1e-12).ln() / 2.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn a_similarity_is_found_again(scale in 0.5f64..2.0, angle in -1.0f64..1.0, x in -99.0f64..99.0, y in -99.0f64..99.0) {
+            let (s, c) = angle.sin_cos();
+            let m = Matrix2::new(c, -s, s, c) * scale;
+            let points = [[0.0, 0.0], [100.0, 10.0], [-30.0, 50.0]].map(Vector2::from);
+            let pairs = points.map(|p| (p, m * p + Vector2::new(x, y)));
+            let fitted = Similarity::fit(&pairs).unwrap();
+            for (a, b) in pairs {
+                prop_assert!((fitted.apply(&a) - b).norm() < 1e-9);
+            }
+            prop_assert!((fitted.log_scale() - scale.ln()).abs() < 1e-9);
+        }
+    }
+}
