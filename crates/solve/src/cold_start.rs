@@ -20,12 +20,14 @@ use crate::weak_perspective::DirectionGrid;
 const FOCAL_RATIOS: [f64; 6] = [0.4, 0.7, 1.2, 2.1, 3.6, 6.2];
 /// Planes per focal length.
 const PLANES: usize = 2;
+/// Of all planes and focal lengths, those with the best placed cars that are refined.
+const SKETCHES: usize = 6;
 /// View directions kept per car.
 const APPEARANCES: usize = 6;
 /// Cars whose view directions are searched: more do not change the consensus.
 const MAX_VOTERS: usize = 12;
 /// sd that the unknown shape adds in the first refinement, m.
-const COARSE_SD_M: f64 = 0.12;
+pub(crate) const COARSE_SD_M: f64 = 0.12;
 
 /// A start: camera, placed cars, coarse cost.
 #[derive(Clone, Debug)]
@@ -52,36 +54,61 @@ pub(crate) fn cold_starts(setup: &Setup<'_>, most: usize) -> Vec<Start> {
         true => vec![setup.knowledge.mean[0].exp()],
         false => FOCAL_RATIOS.iter().map(|ratio| ratio * longer).collect(),
     };
-    let mut starts: Vec<Start> = focals
+    let mut sketches: Vec<Start> = focals
         .iter()
         .flat_map(|focal_px| planes_for_focal(&voters, *focal_px, PLANES))
-        .filter_map(|camera| coarse(setup, place_all(setup, &camera), camera))
+        .map(|camera| place_all(setup, &camera))
         .collect();
+    sketches.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+    sketches.truncate(SKETCHES);
+    let mut starts: Vec<Start> = sketches.into_iter().filter_map(|sketch| coarse(setup, sketch)).collect();
     starts.sort_by(|a, b| a.cost.total_cmp(&b.cost));
-    starts.truncate(most);
-    starts
+    let mut kept: Vec<Start> = Vec::new();
+    for start in starts {
+        if kept.len() < most && !kept.iter().any(|other| same_minimum(other, &start)) {
+            kept.push(start);
+        }
+    }
+    kept
 }
 
-/// Every sight's best pose before this camera, mean shape.
-pub(crate) fn place_all(setup: &Setup<'_>, camera: &Vector4<f64>) -> Vec<Option<Placed>> {
+/// Whether two refined starts have run into the same minimum.
+fn same_minimum(a: &Start, b: &Start) -> bool {
+    let poses = a.placed.iter().zip(&b.placed).all(|(a, b)| match (a, b) {
+        (Some(a), Some(b)) => {
+            roadplane_base::angle_difference(a.standing.heading, b.standing.heading).abs() < 0.1
+        }
+        (None, None) => true,
+        _ => false,
+    });
+    poses && (a.camera - b.camera).amax() < 0.05
+}
+
+/// Every sight's best pose before this camera, mean shape, with what that costs.
+pub(crate) fn place_all(setup: &Setup<'_>, camera: &Vector4<f64>) -> Start {
     let frame = CameraFrame::new(camera);
     let points = setup.atlas.keypoints_in_car(&Shape::zeros());
-    let place = |sight: &crate::setup::Sight| {
+    let mut start = Start { cost: 0.0, camera: *camera, placed: Vec::new() };
+    for (s, sight) in setup.sights.iter().enumerate() {
         let best = standing_candidates(&frame, &points, &sight.observations, 1);
-        best.first().map(|(_, standing)| Placed { standing: *standing, shape: Shape::zeros() })
-    };
-    setup.sights.iter().map(place).collect()
+        start.cost += best.first().map_or_else(|| setup.cost_of_missing(s), |(cost, _)| *cost);
+        start
+            .placed
+            .push(best.first().map(|(_, standing)| Placed { standing: *standing, shape: Shape::zeros() }));
+    }
+    start
 }
 
 /// A short refinement of camera and poses; `None` when no car could be placed.
-pub(crate) fn coarse(setup: &Setup<'_>, placed: Vec<Option<Placed>>, camera: Vector4<f64>) -> Option<Start> {
-    let (mut problem, members) = setup.problem(camera, &placed);
+pub(crate) fn coarse(setup: &Setup<'_>, sketch: Start) -> Option<Start> {
+    let placed = sketch.placed;
+    let (mut problem, members) = setup.problem(sketch.camera, &placed);
     if members.is_empty() {
         return None;
     }
     problem.shapes_fixed = true;
     let quick =
-        LmOptions { max_iterations: 12, cost_tolerance: 1e-3, step_tolerance: 1e-2, ..setup.options.lm };
+        LmOptions { max_iterations: 10, cost_tolerance: 3e-3, step_tolerance: 3e-2, ..setup.options.lm };
     problem.whiten(setup.options.atlas_residual_scale, COARSE_SD_M);
     let report = minimise(&mut problem, &quick);
     let missing: f64 =

@@ -5,11 +5,13 @@ use roadplane_base::{
     Camera, CameraParams, GroundPlane, GroundPose, KEYPOINTS, KeypointSet, Shape, ShapeAtlas,
 };
 
+use crate::cold_start::COARSE_SD_M;
 use crate::ground_problem::{CameraKnowledge, GroundProblem, GroundState, Group, View};
 use crate::ground_residual::{CameraFrame, PointModes, Standing};
 use crate::lm::{LmOptions, minimise};
 use crate::observation::{Observation, observations};
 use crate::options::{SceneOptions, ShapePrior};
+use crate::scene::approach;
 use crate::solution::CarSolution;
 use crate::standing_start::standing_candidates;
 
@@ -101,13 +103,17 @@ fn single_car<'a>(
     GroundProblem::new(atlas, model, views, groups, found, knowledge, state)
 }
 
-/// Pose first with forgiving whitening, then pose and shape as they are; returns the cost.
+/// Pose first, then pose and shape, to the minimum; returns the cost.
 fn refine_car(problem: &mut GroundProblem<'_>, options: &SceneOptions) -> Option<f64> {
     problem.kernel = options.kernel;
+    let shape_fixed = problem.groups.first()?.prior.fixed;
     problem.shapes_fixed = true;
-    problem.whiten(options.atlas_residual_scale, 0.1);
+    problem.whiten(options.atlas_residual_scale, COARSE_SD_M);
     minimise(problem, &LmOptions { max_iterations: 8, cost_tolerance: 1e-3, ..options.lm });
-    problem.shapes_fixed = problem.groups[0].prior.fixed;
+    if !shape_fixed {
+        approach(problem, options);
+    }
+    problem.shapes_fixed = shape_fixed;
     problem.whiten(options.atlas_residual_scale, 0.0);
     let report = minimise(problem, &options.lm);
     report.cost.is_finite().then_some(report.cost)

@@ -1,7 +1,7 @@
 //! The whole solve of one frame, top to bottom.
 
 use nalgebra::{Matrix4, Vector4};
-use roadplane_base::{CameraParams, ImageSize, ShapeAtlas};
+use roadplane_base::{CameraParams, ImageSize, Shape, ShapeAtlas};
 
 use crate::cold_start::{Start, coarse, cold_starts, place_all};
 use crate::fit::{car_solution, fit_car};
@@ -11,7 +11,7 @@ use crate::lm::{LmOptions, LmReport, Termination, minimise};
 use crate::options::{SceneOptions, ShapePrior};
 use crate::setup::{Placed, Setup};
 use crate::solution::{CarSolution, CarView, SceneSolution, SceneStatus};
-use crate::standing_start::standing_candidates;
+use crate::standing_start::{rough_cost, standing_candidates};
 
 /// Starts that are refined with shapes.
 const FINALISTS: usize = 3;
@@ -21,6 +21,10 @@ const REPAIR_ROUNDS: usize = 3;
 const GOOD_COST_PER_KEYPOINT: f64 = 2.0;
 /// A data-only sd of log focal above this says that the cars do not know the focal length.
 const FOCAL_UNKNOWN_SD: f64 = 0.3;
+/// Other headings that are tried.
+const OTHER_HEADINGS: usize = 3;
+/// A heading whose rough cost exceeds the current one's by this is not followed.
+const HOPELESS: f64 = 12.0;
 /// Another heading must be better by this much to be taken.
 const SWITCH_GAIN: f64 = 0.5;
 
@@ -41,7 +45,7 @@ pub fn solve_scene(
     let mut best: Option<(f64, Start)> = None;
     for start in starts(&setup) {
         let (mut problem, members) = setup.problem(start.camera, &start.placed);
-        refine(&mut problem, options, true);
+        approach(&mut problem, options);
         let missing: f64 = (0..setup.sights.len())
             .filter(|s| start.placed[*s].is_none())
             .map(|s| setup.cost_of_missing(s))
@@ -64,7 +68,7 @@ fn starts(setup: &Setup<'_>) -> Vec<Start> {
             camera[0] = setup.knowledge.mean[0];
         }
         let keypoints: usize = setup.sights.iter().map(|sight| sight.observations.len()).sum();
-        let start = coarse(setup, place_all(setup, &camera), camera);
+        let start = coarse(setup, place_all(setup, &camera));
         if let Some(start) = start.filter(|s| s.cost < GOOD_COST_PER_KEYPOINT * keypoints as f64) {
             return vec![start];
         }
@@ -72,16 +76,28 @@ fn starts(setup: &Setup<'_>) -> Vec<Start> {
     cold_starts(setup, FINALISTS)
 }
 
-/// Shapes free; whitening from forgiving to exact, taken again at the new poses.
-fn refine(problem: &mut GroundProblem<'_>, options: &SceneOptions, quick: bool) -> LmReport {
+/// sd that shapes not yet found add to every keypoint, m: stage by stage less, so that the keypoints of an unusual car are
+/// not taken for outliers before its shape had a chance (graduated non-convexity, Blake and Zisserman 1987).
+const SHAPE_STAGES_M: [f64; 3] = [0.12, 0.05, 0.02];
+
+/// Shapes free; whitening from forgiving to exact, taken again at the new poses. Ends near the minimum.
+pub(crate) fn approach(problem: &mut GroundProblem<'_>, options: &SceneOptions) {
     problem.shapes_fixed = false;
-    let short = LmOptions { max_iterations: 10, cost_tolerance: 1e-3, step_tolerance: 1e-2, ..options.lm };
-    if quick {
-        problem.whiten(options.atlas_residual_scale, 0.04);
+    let short = LmOptions { max_iterations: 6, cost_tolerance: 1e-2, step_tolerance: 1e-1, ..options.lm };
+    for extra_m in SHAPE_STAGES_M {
+        problem.whiten(options.atlas_residual_scale, extra_m);
         minimise(problem, &short);
-        problem.whiten(options.atlas_residual_scale, 0.0);
-        return minimise(problem, &short);
     }
+    problem.whiten(options.atlas_residual_scale, 0.0);
+    minimise(
+        problem,
+        &LmOptions { max_iterations: 12, cost_tolerance: 1e-3, step_tolerance: 1e-2, ..options.lm },
+    );
+}
+
+/// To the minimum.
+fn polish(problem: &mut GroundProblem<'_>, options: &SceneOptions) -> LmReport {
+    problem.shapes_fixed = false;
     problem.whiten(options.atlas_residual_scale, 0.0);
     minimise(problem, &options.lm)
 }
@@ -93,9 +109,8 @@ fn finish(setup: &Setup<'_>, start: Start, views: &[CarView<'_>]) -> SceneSoluti
     let mut placed = start.placed;
     let mut used: Vec<bool> = placed.iter().map(Option::is_some).collect();
     for _ in 0..REPAIR_ROUNDS {
-        let switched = switch_headings(setup, &camera, &mut placed);
-        let (problem, members) = setup.problem(camera, &placed);
-        let mut problem = problem;
+        let repaired = repair(setup, &camera, &mut placed);
+        let (mut problem, members) = setup.problem(camera, &placed);
         problem.whiten(options.atlas_residual_scale, 0.0);
         let mut belong = vec![false; placed.len()];
         for (k, s) in members.iter().enumerate() {
@@ -104,13 +119,13 @@ fn finish(setup: &Setup<'_>, start: Start, views: &[CarView<'_>]) -> SceneSoluti
         if !belong.contains(&true) {
             belong.clone_from(&used);
         }
-        if !switched && belong == used {
+        if !repaired && belong == used {
             break;
         }
         used.clone_from(&belong);
         let chosen: Vec<Option<Placed>> = placed.iter().zip(&used).map(|(p, u)| p.filter(|_| *u)).collect();
         let (mut problem, members) = setup.problem(camera, &chosen);
-        refine(&mut problem, options, true);
+        approach(&mut problem, options);
         camera = problem.state.camera;
         for (s, place) in setup.read_back(&problem, &members).into_iter().enumerate() {
             placed[s] = place.or(placed[s]);
@@ -118,45 +133,54 @@ fn finish(setup: &Setup<'_>, start: Start, views: &[CarView<'_>]) -> SceneSoluti
     }
     let chosen: Vec<Option<Placed>> = placed.iter().zip(&used).map(|(p, u)| p.filter(|_| *u)).collect();
     let (mut problem, members) = setup.problem(camera, &chosen);
-    let report = refine(&mut problem, options, false);
+    let report = polish(&mut problem, options);
     read_out(setup, &mut problem, &members, &report, views)
 }
 
-/// Tries every car's other headings before this camera. True when one was taken.
-fn switch_headings(setup: &Setup<'_>, camera: &Vector4<f64>, placed: &mut [Option<Placed>]) -> bool {
+/// Fits every car anew before this camera, from its pose and from its other headings. True when one came out better.
+fn repair(setup: &Setup<'_>, camera: &Vector4<f64>, placed: &mut [Option<Placed>]) -> bool {
     let frame = CameraFrame::new(camera);
-    let mut switched = false;
+    let mut repaired = false;
     for s in 0..placed.len() {
         let mut alone: Vec<Option<Placed>> = vec![None; placed.len()];
-        let cost_from = |place: Placed, alone: &mut Vec<Option<Placed>>| {
+        let mut fit = |place: Placed, moved: bool| {
             alone[s] = Some(place);
-            let (mut problem, _) = setup.problem(*camera, alone);
+            let (mut problem, _) = setup.problem(*camera, &alone);
             problem.knowledge.fixed = [true; 4];
             problem.knowledge.information.fill(0.0);
-            refine(&mut problem, setup.options, true);
+            if moved {
+                approach(&mut problem, setup.options);
+            } else {
+                problem.whiten(setup.options.atlas_residual_scale, 0.0);
+            }
             let cost = problem.cost_of(&problem.state)?;
             Some((cost, Placed { standing: problem.state.standings[0], shape: problem.state.shapes[0] }))
         };
-        let shape = placed[s].map_or_else(roadplane_base::Shape::zeros, |p| p.shape);
-        let points = setup.atlas.keypoints_in_car(&shape);
-        let here = placed[s].and_then(|p| cost_from(p, &mut alone));
-        let mut lowest = here.map_or(f64::INFINITY, |h| h.0);
-        for (_, standing) in standing_candidates(&frame, &points, &setup.sights[s].observations, 4) {
-            let near = here.is_some_and(|(_, p)| {
-                roadplane_base::angle_difference(p.standing.heading, standing.heading).abs() < 0.3
-            });
-            if near {
-                continue;
+        let (shape, rough, current) = match placed[s] {
+            None => (Shape::zeros(), f64::INFINITY, f64::INFINITY),
+            Some(place) => {
+                let points = setup.atlas.keypoints_in_car(&place.shape);
+                let rough = rough_cost(&frame, &points, &setup.sights[s].observations, &place.standing);
+                let current = fit(place, false).map_or(f64::INFINITY, |c| c.0);
+                (place.shape, rough.unwrap_or(f64::INFINITY), current)
             }
-            let Some((cost, place)) = cost_from(Placed { standing, shape }, &mut alone) else { continue };
+        };
+        let points = setup.atlas.keypoints_in_car(&shape);
+        let others = standing_candidates(&frame, &points, &setup.sights[s].observations, OTHER_HEADINGS);
+        let others =
+            others.into_iter().filter(|(cost, _)| *cost < rough + HOPELESS).map(|(_, standing)| standing);
+        let starts = placed[s].map(|p| p.standing).into_iter().chain(others);
+        let mut lowest = current;
+        for standing in starts {
+            let Some((cost, place)) = fit(Placed { standing, shape: Shape::zeros() }, true) else { continue };
             if cost < lowest - SWITCH_GAIN {
                 lowest = cost;
                 placed[s] = Some(place);
-                switched = true;
+                repaired = true;
             }
         }
     }
-    switched
+    repaired
 }
 
 /// Whether enough of a view's keypoints fit for it to be a car on this plane.

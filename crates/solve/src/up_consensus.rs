@@ -11,6 +11,8 @@ use crate::weak_perspective::Appearance;
 const AGREEMENT_RAD: f64 = 0.14;
 /// Per unit of an appearance's extra cost over the car's best one, its vote halves this many times.
 const COST_SCALE: f64 = 0.35;
+/// A second plane is tried when it has at least this share of the best one's support.
+const MIN_SUPPORT: f64 = 0.5;
 /// Steepest and shallowest tilt of a hypothesis, rad.
 const TILT_RANGE: [f64; 2] = [-0.05, 1.5];
 
@@ -37,8 +39,9 @@ pub(crate) fn planes_for_focal(cars: &[Vec<Appearance>], focal_px: f64, most: us
     ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
     let mut planes: Vec<Vector4<f64>> = Vec::new();
     let mut taken: Vec<Vector3<f64>> = Vec::new();
-    for (_, seed) in ranked {
-        if planes.len() >= most {
+    let enough = MIN_SUPPORT * ranked.first().map_or(0.0, |best| best.0);
+    for (support, seed) in ranked {
+        if planes.len() >= most || support < enough {
             break;
         }
         if taken.iter().any(|t| (t - seed).norm() < 2.0 * AGREEMENT_RAD) {

@@ -15,9 +15,9 @@ use roadplane_base::KEYPOINTS;
 
 use crate::observation::Observation;
 
-const AZIMUTHS: usize = 32;
+const AZIMUTHS: usize = 24;
 /// Elevations of the line of sight, degrees.
-const ELEVATIONS: [f64; 9] = [2.0, 8.0, 15.0, 23.0, 32.0, 42.0, 53.0, 66.0, 80.0];
+const ELEVATIONS: [f64; 7] = [3.0, 10.0, 19.0, 30.0, 43.0, 58.0, 78.0];
 /// sd that the unknown shape adds, m.
 const SHAPE_SD_M: f64 = 0.12;
 /// Most that one keypoint can cost.
@@ -100,7 +100,7 @@ impl DirectionGrid {
             Vector2::new(rows[0].dot(p), rows[1].dot(p))
         };
         let mut similarity: Option<(Vector2<f64>, Vector2<f64>)> = None;
-        for _ in 0..3 {
+        for _ in 0..2 {
             let mut sums = Sums::default();
             for o in observations {
                 let m = project(o);
