@@ -13,9 +13,10 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from scipy.interpolate import CubicSpline
+
 from cars.builder import sample_car
 from cars.mesh import CarMesh
-from scipy.interpolate import CubicSpline
 
 from .camera import Camera, world_from_car
 from .crops import Sight, real_meshes, sight
@@ -56,6 +57,10 @@ class Clip:
                 moved[:2, 3] += velocity * time_s
                 props.append(Prop(part.shape, moved, part.colour, part.leaves, part.texture))
         return Scene(cars, props, self.scene.floor, self.scene.light, self.scene.centre, self.scene.shadow_reach_m)
+
+    def walkers_at(self, time_s: float) -> list[np.ndarray]:
+        """Ground points (2,) of the walkers."""
+        return [parts[-1].world_from_prop[:2, 3] + velocity * time_s for parts, velocity in self.walkers]
 
 
 def path_through(points: np.ndarray) -> CubicSpline:
@@ -139,11 +144,29 @@ def finished(rng: np.random.Generator, drawn: np.ndarray, size: tuple[int, int])
     return image.clip(0, 255).round().astype(np.uint8)
 
 
-def draw_tiled(renderer: Renderer, scene: Scene, camera: Camera) -> np.ndarray:
-    """The whole frame, supersampled."""
-    width, height = camera.image_size_px
-    size = (width * SUPERSAMPLING, height * SUPERSAMPLING)
-    return renderer.colour(scene, camera, (-0.5, -0.5, width, height), size)
+def draw(renderer: Renderer, scene: Scene, camera: Camera, region: tuple[int, int, int, int]) -> np.ndarray:
+    """A region (x, y, width, height in pixels) of the frame, supersampled; the same pixels whatever the region."""
+    x, y, width, height = region
+    return renderer.colour(scene, camera, (x - 0.5, y - 0.5, width, height), (width * SUPERSAMPLING, height * SUPERSAMPLING))
+
+
+def moving_regions(clip: Clip, scene: Scene, time_s: float) -> list[tuple[int, int, int, int]]:
+    """Regions of the frame that moving things and their shadows can change."""
+    boxes = [(scene.cars[i].world_from_car[:2, 3], 4.8, 2.8) for i in clip.drives]
+    boxes += [(place, 0.8, 2.0) for place in clip.walkers_at(time_s)]
+    return [region for box in boxes if (region := _region(clip.camera, scene.light, *box)) is not None]
+
+
+def _region(camera: Camera, light: Light, centre: np.ndarray, reach: float, height: float) -> tuple[int, int, int, int] | None:
+    corners = np.array([(x, y, z) for x in (-reach, reach) for y in (-reach, reach) for z in (0.0, height)])
+    corners[:, :2] += centre
+    shadows = corners - light.to_sun * (corners[:, 2:] / light.to_sun[2])
+    pixels, depth = camera.pixel_from_world(np.concatenate([corners, shadows]))
+    if depth.min() < 1:
+        return 0, 0, *camera.image_size_px
+    low = np.clip(np.floor(pixels.min(0)), 0, camera.image_size_px).astype(int)
+    high = np.clip(np.ceil(pixels.max(0)) + 1, 0, camera.image_size_px).astype(int)
+    return (*low.tolist(), *(high - low).tolist()) if (high > low).all() else None
 
 
 def car_truth(index: int, car: PlacedCar, seen: Sight) -> dict:
@@ -181,9 +204,16 @@ def write_clip(renderer: Renderer, clip: Clip, out: Path, name: str, rng: np.ran
          "-fflags", "+bitexact", "-flags:v", "+bitexact", str(temporary)], stdin=subprocess.PIPE)
     assert encoder.stdin is not None
     frames = []
+    drawn = np.empty((height * SUPERSAMPLING, width * SUPERSAMPLING, 3), np.uint8)
+    stale = [(0, 0, width, height)]
     for number in range(clip.frames):
         scene = clip.at(number / clip.fps)
-        image = finished(rng, draw_tiled(renderer, scene, clip.camera), (width, height))
+        moving = moving_regions(clip, scene, number / clip.fps)
+        for region in {*stale, *moving}:
+            x, y, w, h = (n * SUPERSAMPLING for n in region)
+            drawn[y:y + h, x:x + w] = draw(renderer, scene, clip.camera, region)
+        stale = moving
+        image = finished(rng, drawn, (width, height))
         encoder.stdin.write(image.tobytes())
         cars = []
         for index in range(len(scene.cars)):
@@ -223,7 +253,7 @@ def main() -> None:
         name = options.name if options.count == 1 else f"{options.name}_{number:03d}"
         if options.still:
             options.out.mkdir(parents=True, exist_ok=True)
-            drawn = draw_tiled(renderer, clip.at(2.0), clip.camera)
+            drawn = draw(renderer, clip.at(2.0), clip.camera, (0, 0, *options.size))
             cv2.imwrite(str(options.out / f"{name}.png"), finished(rng, drawn, tuple(options.size))[..., ::-1])
         else:
             write_clip(renderer, clip, options.out, name, rng, options.crf)

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+
 from cars.builder import sample_car
 from cars.mesh import CarMesh
 from cars.meshes import MissingFurnitureError, load_meshes

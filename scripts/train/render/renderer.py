@@ -8,6 +8,7 @@ from pathlib import Path
 
 import moderngl
 import numpy as np
+
 from cars.mesh import MATERIALS, CarMesh
 
 from .camera import Camera
