@@ -157,6 +157,28 @@ fn main() {
                     found.cars.iter().flatten().filter(|car| car.used).count()
                 );
             }
+            if verbose && !reached && !truth.cars.iter().any(|c| c.wrong) {
+                for (k, car) in truth.cars.iter().enumerate() {
+                    let (Some(a), Some(b)) =
+                        (&found.cars[k], ideal.as_ref().and_then(|i| i.cars[k].as_ref()))
+                    else {
+                        continue;
+                    };
+                    let (na, nb) =
+                        (a.inliers.iter().filter(|i| **i).count(), b.inliers.iter().filter(|i| **i).count());
+                    if na != nb || (a.shape - b.shape).amax() > 0.3 {
+                        println!(
+                            "    car {k}: right {na} / {nb}; true λ {:.2?} found {:.2?} from truth {:.2?} heading {:.3} {:.3} bounds {:.1?}",
+                            car.shape.as_slice(),
+                            a.shape.as_slice(),
+                            b.shape.as_slice(),
+                            a.ground.heading_rad,
+                            b.ground.heading_rad,
+                            atlas.bounds
+                        );
+                    }
+                }
+            }
             let off = found.params.to_vector() - truth.params.to_vector();
             focal.add(off[0], bound.covariance[(0, 0)], found.covariance[(0, 0)]);
             tilt.add(off[1], bound.covariance[(1, 1)], found.covariance[(1, 1)]);

@@ -56,6 +56,8 @@ pub(crate) struct GroundProblem<'a> {
     pub observations: Vec<Observation>,
     pub knowledge: CameraKnowledge,
     pub kernel: OutlierModel,
+    /// Factor on the information of shape priors.
+    pub shape_prior_scale: f64,
     /// Shapes are held at their current values.
     pub shapes_fixed: bool,
     pub state: GroundState,
@@ -97,6 +99,7 @@ impl<'a> GroundProblem<'a> {
             observations,
             knowledge,
             kernel: OutlierModel::default(),
+            shape_prior_scale: 1.0,
             shapes_fixed: false,
             trial: state.clone(),
             state,
@@ -157,7 +160,7 @@ impl<'a> GroundProblem<'a> {
             .sum();
         let shapes: f64 =
             self.groups.iter().zip(&state.shapes).map(|(group, shape)| group.prior.cost(shape)).sum();
-        camera + shapes
+        camera + self.shape_prior_scale * shapes
     }
 
     /// True cost of a state; `None` when a keypoint cannot be projected.
@@ -207,8 +210,8 @@ impl<'a> GroundProblem<'a> {
             self.group_blocks[g].eliminate(
                 &mut self.view_blocks[group.views.clone()],
                 damping,
-                &group.prior.information,
-                &group.prior.gradient(&self.state.shapes[g]),
+                &(group.prior.information * self.shape_prior_scale),
+                &(group.prior.gradient(&self.state.shapes[g]) * self.shape_prior_scale),
                 &mut hessian,
                 &mut gradient,
             )?;
@@ -268,8 +271,8 @@ impl Problem for GroundProblem<'_> {
         for (g, group) in self.groups.iter().enumerate() {
             let shape = &self.state.shapes[g];
             let block = &mut self.group_blocks[g];
-            block.gradient = group.prior.gradient(shape);
-            block.diagonal = group.prior.information.diagonal();
+            block.gradient = group.prior.gradient(shape) * self.shape_prior_scale;
+            block.diagonal = group.prior.information.diagonal() * self.shape_prior_scale;
             for view in &self.view_blocks[group.views.clone()] {
                 let (gradient, hessian) = (view.shared_gradient(), view.shared_hessian());
                 block.gradient += gradient.fixed_rows::<MODES>(4);
