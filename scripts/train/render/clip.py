@@ -98,10 +98,9 @@ def sample_clip(rng: np.random.Generator, renderer: Renderer, meshes: list[CarMe
             cars.append(car(k * BAY[0] + rng.normal(0, 0.1), row * ROW_PITCH_M + rng.normal(0, 0.15), nose + rng.normal(0, 0.02)))
     drives = {}
     way = rng.choice([-1, 1])
-    for path, speed in (
-        (np.array([(-13 * way, -1.2 * way), (-5 * way, -1.4 * way), (3 * way, -1.2 * way), (14 * way, -1.0 * way)]), rng.uniform(3.2, 4.5)),
-        (np.array([(11 * way, -11.2), (3 * way, -11.4), (-5 * way, -11.9), (-16 * way, -12.0)]), rng.uniform(4.0, 5.5)),
-    ):
+    aisle = np.array([(-13 * way, -1.2 * way), (-5 * way, -1.4 * way), (3 * way, -1.2 * way), (14 * way, -1.0 * way)])
+    lane = np.array([(11 * way, -11.2), (3 * way, -11.4), (-5 * way, -11.9), (-16 * way, -12.0)])
+    for path, speed in ((aisle, rng.uniform(3.2, 4.5)), (lane, rng.uniform(4.0, 5.5))):
         drives[len(cars)] = path_through(np.array([place(*p) for p in path])), speed
         cars.append(car(0, 0, 0))
 

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 
 from cars.builder import sample_car
+from cars.deform import deform
 from cars.mesh import CarMesh
 from cars.meshes import MissingFurnitureError, load_meshes
 
@@ -25,7 +26,8 @@ SHARD = 512
 CROP_PX = 128
 CROP_SCALE = 1.25  # side of the crop over the box's longer side
 CARS_PER_SHARD = 48
-MESH_SHARE = 0.2  # of targets that are real meshes rather than built cars
+MESHES_PER_SHARD = 10
+MESH_SHARE = 0.2  # of targets that are real meshes (deformed for training) rather than built cars
 TRUTH_PX = 160
 TRUTH_SCALE = 1.35
 DEPTH_TOLERANCE_M = 0.10
@@ -89,7 +91,7 @@ def sight(renderer: Renderer, scene: Scene, camera: Camera, index: int) -> Sight
     if share < 0.98:
         rows, columns = np.nonzero(shown.any(1))[0], np.nonzero(shown.any(0))[0]
         cell = side / TRUTH_PX
-        box = np.array([left + columns[0] * cell, top + rows[0] * cell, left + (columns[-1] + 1) * cell, top + (rows[-1] + 1) * cell])
+        box = np.array([columns[0], rows[0], columns[-1] + 1, rows[-1] + 1]) * cell + [left, top, left, top]
     points, point_depth = camera.pixel_from_world(in_world(car.gpu.mesh.keypoints, car.world_from_car))
     visible = np.zeros(len(points), bool)
     for k, (x, y) in enumerate(points):
@@ -139,19 +141,24 @@ class Generator:
     def __init__(self, split: str, seed: int, meshes: list[CarMesh], renderer: Renderer | None = None) -> None:
         self.split, self.seed = split, seed
         self.renderer = renderer or Renderer()
-        self.meshes = [self.renderer.upload(mesh) for mesh in meshes]
+        self.meshes = meshes
 
     def shard(self, number: int, count: int = SHARD) -> dict[str, np.ndarray]:
         """Arrays of one shard."""
         rng = np.random.default_rng([self.seed, number, zlib.crc32(self.split.encode())])
         built = [self.renderer.upload(sample_car(rng, split=self.split)) for _ in range(CARS_PER_SHARD)]
-        sampler = SceneSampler(built + self.meshes, ENVIRONMENTS)
+        chosen = rng.permutation(len(self.meshes))[:MESHES_PER_SHARD]
+        real = [self.meshes[i] for i in chosen]
+        if self.split == "train":
+            real = [deform(mesh, rng) for mesh in real]
+        real = [self.renderer.upload(mesh) for mesh in real]
+        sampler = SceneSampler(built + real, ENVIRONMENTS)
         crops: list[Crop] = []
         cars: list[GpuCar] = []
         occluded = 0
         while len(crops) < count:
-            from_mesh = self.meshes and rng.random() < MESH_SHARE
-            target = (self.meshes if from_mesh else built)[rng.integers(len(self.meshes) if from_mesh else len(built))]
+            targets = real if real and rng.random() < MESH_SHARE else built
+            target = targets[rng.integers(len(targets))]
             scene, camera = sampler.sample(rng, target, near_edge=rng.random() < 0.1, occluded=rng.random() < 0.28)
             seen = sight(self.renderer, scene, camera, 0)
             if seen is None or seen.share < 0.25:
@@ -172,7 +179,7 @@ class Generator:
             "car": np.array([car.mesh.name for car in cars]),
             "body": np.array([car.mesh.body for car in cars]),
         }
-        for car in built:
+        for car in built + real:
             car.release()
         return result
 

@@ -34,7 +34,7 @@ def _tone(rng: np.random.Generator, x: np.ndarray) -> np.ndarray:
     grey = x @ np.array([0.299, 0.587, 0.114], np.float32)
     x = grey[..., None] + saturation * (x - grey[..., None])
     x = x.clip(0, None) ** np.float32(np.exp(rng.normal(0, 0.15)))
-    x = (x - 0.45) * np.exp(rng.normal(0.2, 0.17)) + 0.45 + rng.normal(0, 0.04)
+    x = (x - 0.45) * np.exp(rng.normal(0.2, 0.17)) + 0.45 + rng.normal(0.035, 0.045)
     if rng.random() < 0.18:  # haze, veiling glare, smeared dome
         veil = rng.uniform(0.05, 0.3)
         x = x * (1 - veil) + veil * rng.uniform(0.5, 0.95)
@@ -67,7 +67,8 @@ def _blur(rng: np.random.Generator, x: np.ndarray, strength: float) -> np.ndarra
         factor = rng.uniform(0.45, 0.85)
         h, w = x.shape[:2]
         small = cv2.resize(x, (max(8, int(w * factor)), max(8, int(h * factor))), interpolation=cv2.INTER_AREA)
-        x = cv2.resize(small, (w, h), interpolation=rng.choice([cv2.INTER_LINEAR, cv2.INTER_CUBIC, cv2.INTER_NEAREST], p=[0.5, 0.4, 0.1]))
+        filters = [cv2.INTER_LINEAR, cv2.INTER_CUBIC, cv2.INTER_NEAREST]
+        x = cv2.resize(small, (w, h), interpolation=rng.choice(filters, p=[0.5, 0.4, 0.1]))
     return x
 
 

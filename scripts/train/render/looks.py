@@ -62,11 +62,12 @@ def sample_car_look(rng: np.random.Generator) -> CarLook:
     return CarLook(
         paint=paint, metallic=metallic, lower=lower, glass=rng.choice([rng.uniform(0.05, 0.3), rng.uniform(0.3, 0.8)]),
         glass_reflection=rng.uniform(0.7, 1.3), rim=rim,
-        dirt=max(0, rng.normal(0.05, 0.25)), dirt_colour=_linear(*(np.array([130, 118, 98]) * rng.uniform(0.7, 1.3) + rng.normal(0, 5, 3))),
+        dirt=max(0, rng.normal(0.05, 0.25)),
+        dirt_colour=_linear(*(np.array([130, 118, 98]) * rng.uniform(0.7, 1.3) + rng.normal(0, 5, 3))),
         plate=_linear(*(np.ones(3) * rng.uniform(170, 235) + rng.normal(0, 6, 3) if rng.random() < 0.8 else (225, 190, 60))),
         taillamp=rng.uniform(0.3, 2) if rng.random() < 0.12 else 0.0,
         headlamp=rng.uniform(1, 6) if rng.random() < 0.08 else 0.0,
-        interior=np.ones(3) * np.exp(rng.uniform(np.log(0.015), np.log(0.15))) * (1 + rng.normal(0, 0.1, 3)).clip(0.7, 1.3),
+        interior=np.exp(rng.uniform(np.log(0.015), np.log(0.15))) * (1 + rng.normal(0, 0.1, 3)).clip(0.7, 1.3),
         seed=rng.uniform(0, 50),
     )
 

@@ -158,8 +158,9 @@ class SceneSampler:
             else:
                 floor.bays = (0.0, pitch, length if double else length / 2, 0.1)
             depth = 2 * length if double else length
-            floor.rows = (depth + rng.uniform(6, 8) if rng.random() < 0.5 else 0.0, 0.0 if double else length / 2 * rng.choice([-1, 1]),
-                          float(rng.random() < 0.5))
+            pitch_to_next = depth + rng.uniform(6, 8) if rng.random() < 0.5 else 0.0
+            head_line = 0.0 if double else length / 2 * rng.choice([-1, 1])
+            floor.rows = (pitch_to_next, head_line, float(rng.random() < 0.5))
             floor.frame = (*origin, *side)
             if not double and rng.random() < 0.7:  # kerb in front
                 sign = 1.0
@@ -209,9 +210,9 @@ class SceneSampler:
             for _ in range(rng.integers(0, 5)):
                 spots.append((place + rng.uniform(-9, 9, 2), rng.uniform(0, 2 * np.pi)))
         for at, angle in spots:
-            car = self._car(rng, at, angle)
-            if len(cars) < 11 and _clear(at, angle, car.gpu.mesh.dims, cars):
-                cars.append(car)
+            gpu = self.pool[rng.integers(len(self.pool))]
+            if len(cars) < 9 and _clear(at, angle, gpu.mesh.dims, cars):
+                cars.append(PlacedCar(gpu, sample_car_look(rng), world_from_car(*at, angle)))
 
     def _background(self, rng: np.random.Generator, place: np.ndarray, floor: Floor, camera: Camera, layout: str) -> list[Prop]:
         props: list[Prop] = []
