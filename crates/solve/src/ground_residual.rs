@@ -219,3 +219,132 @@ impl PointModes {
         point
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::SVector;
+    use roadplane_base::{CameraParams, wrap_angle};
+    use roadplane_synth::Rng;
+
+    /// (camera, shape, anchor, heading) → pixel of a keypoint.
+    fn pixel(model: &PointModes, index: usize, x: &SVector<f64, COLUMNS>) -> Option<Vector2<f64>> {
+        let camera = CameraFrame::new(&Vector4::new(x[0], x[1], x[2], x[3]));
+        let standing = Standing { anchor: Vector2::new(x[10], x[11]), heading: x[12] };
+        let shape = Shape::from_fn(|j, _| x[4 + j]);
+        StandingFrame::new(&camera, &standing)?.project(camera.focal_px, &model.point(index, &shape))
+    }
+
+    /// Random camera, shape, anchor and heading.
+    fn random(rng: &mut Rng) -> SVector<f64, COLUMNS> {
+        let mut x = SVector::zeros();
+        x[0] = rng.uniform(600.0, 8000.0).ln();
+        x[1] = rng.uniform(0.05, 1.3);
+        x[2] = rng.uniform(-0.3, 0.3);
+        x[3] = rng.uniform(4.0, 30.0).ln();
+        for j in 0..MODES {
+            x[4 + j] = rng.normal();
+        }
+        x[10] = rng.uniform(-900.0, 900.0);
+        x[11] = rng.uniform(-300.0, 500.0);
+        x[12] = rng.uniform(-4.0, 4.0);
+        x
+    }
+
+    #[test]
+    fn jacobian_is_the_derivative() {
+        let atlas = ShapeAtlas::shipped().unwrap();
+        let model = PointModes::new(&atlas);
+        let mut rng = Rng::new(16);
+        let mut checked = 0;
+        while checked < 1000 {
+            let (x, index) = (random(&mut rng), (rng.unit() * 36.0) as usize);
+            let camera = CameraFrame::new(&Vector4::new(x[0], x[1], x[2], x[3]));
+            let standing = Standing { anchor: Vector2::new(x[10], x[11]), heading: x[12] };
+            let Some(frame) = StandingFrame::new(&camera, &standing) else { continue };
+            if !(3.0..300.0).contains(&frame.origin.z) {
+                continue;
+            }
+            let point = model.point(index, &Shape::from_fn(|j, _| x[4 + j]));
+            let Some((at, rows)) = frame.project_with_jacobian(camera.focal_px, &point, &model.modes[index])
+            else {
+                continue;
+            };
+            assert!((at - pixel(&model, index, &x).unwrap()).norm() < 1e-9);
+            for column in 0..COLUMNS {
+                // Five-point differences: error h⁴, so that rounding is what remains.
+                let h = 1e-3 * if (10..12).contains(&column) { 100.0 } else { 1.0 };
+                let value = |steps: f64| {
+                    let mut moved = x;
+                    moved[column] += steps * h;
+                    pixel(&model, index, &moved)
+                };
+                let (Some(a), Some(b), Some(c), Some(d)) = (value(2.0), value(1.0), value(-1.0), value(-2.0))
+                else {
+                    continue;
+                };
+                let numeric = ((b - c) * 8.0 - (a - d)) / (12.0 * h);
+                let analytic = Vector2::new(rows[0][column], rows[1][column]);
+                let off = (numeric - analytic).norm();
+                assert!(
+                    off < 1e-6 * (1.0 + analytic.norm()),
+                    "column {column}: {analytic} against {numeric}"
+                );
+            }
+            checked += 1;
+        }
+    }
+
+    #[test]
+    fn projection_agrees_with_base_and_the_ground_pose_with_its_derivative() {
+        let atlas = ShapeAtlas::shipped().unwrap();
+        let model = PointModes::new(&atlas);
+        let mut rng = Rng::new(17);
+        let mut checked = 0;
+        while checked < 1000 {
+            let x = random(&mut rng);
+            let params = CameraParams::from_vector(&Vector4::new(x[0], x[1], x[2], x[3]));
+            let camera = CameraFrame::new(&params.to_vector());
+            let standing = Standing { anchor: Vector2::new(x[10], x[11]), heading: x[12] };
+            let Some(frame) = StandingFrame::new(&camera, &standing) else { continue };
+            if !(3.0..300.0).contains(&frame.origin.z) {
+                continue;
+            }
+            checked += 1;
+            let (pose, by) = frame.ground_pose(&camera, standing.heading);
+            let back = camera.anchor_of(&pose).unwrap();
+            assert!((back - standing.anchor).norm() < 1e-6);
+            let shape = Shape::from_fn(|j, _| x[4 + j]);
+            let in_camera = params.plane().camera_from_world()
+                * pose.world_from_car()
+                * nalgebra::Point3::from(atlas.keypoint_in_car(7, &shape));
+            let base =
+                roadplane_base::Camera { focal_px: params.focal_px(), principal_point_px: Vector2::zeros() };
+            if let (Some(a), Some(b)) = (base.pixel_from_camera(&in_camera.coords), pixel(&model, 7, &x)) {
+                assert!((a - b).norm() < 1e-6);
+            }
+            for (k, column) in [0, 1, 2, 3, 10, 11, 12].into_iter().enumerate() {
+                let h = 1e-6 * if (10..12).contains(&column) { 100.0 } else { 1.0 };
+                let moved = |sign: f64| {
+                    let mut x = x;
+                    x[column] += sign * h;
+                    let camera = CameraFrame::new(&Vector4::new(x[0], x[1], x[2], x[3]));
+                    let standing = Standing { anchor: Vector2::new(x[10], x[11]), heading: x[12] };
+                    Some(StandingFrame::new(&camera, &standing)?.ground_pose(&camera, x[12]).0)
+                };
+                let (Some(plus), Some(minus)) = (moved(1.0), moved(-1.0)) else { continue };
+                let numeric = Vector3::new(
+                    plus.x_m - minus.x_m,
+                    plus.y_m - minus.y_m,
+                    wrap_angle(plus.heading_rad - minus.heading_rad),
+                ) / (2.0 * h);
+                let analytic = by.column(k).into_owned();
+                let off = (numeric - analytic).norm();
+                assert!(
+                    off < 1e-4 * (1.0 + analytic.norm()),
+                    "column {column}: {analytic} against {numeric}"
+                );
+            }
+        }
+    }
+}
