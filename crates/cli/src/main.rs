@@ -21,11 +21,10 @@ fn main() -> ExitCode {
     logging::start(cli.log_format, cli.verbose);
     let cancel = signals::watch();
     let outcome = match &cli.command {
-        Command::Run(args) => commands::run::run(args, &cancel),
+        Command::Run(_) | Command::Render(_) => anyhow::bail!("not yet"),
         Command::Detect(args) => commands::stages::detect(args, &cancel),
         Command::Keypoints(args) => commands::stages::keypoints(args, &cancel),
         Command::Solve(args) => commands::stages::solve(args, &cancel),
-        Command::Render(args) => commands::render::render(args, &cancel),
         Command::Doctor(args) => commands::doctor::doctor(args),
         Command::Completions { shell } => commands::completions(*shell),
     };

@@ -10,6 +10,7 @@ mod clock;
 mod error;
 mod folder;
 mod input;
+mod library;
 mod options;
 mod packets;
 mod report;
@@ -20,6 +21,7 @@ mod video;
 
 pub use error::DecodeError;
 pub use input::{Input, InputKind, open};
+pub use library::{backends, library_version};
 pub use options::DecodeOptions;
 pub use report::{DecodeReport, Stretch};
 pub use sniff::{Content, sniff};

@@ -8,7 +8,6 @@ use roadplane_detect::DetectOptions;
 use roadplane_infer::ProviderChoice;
 use roadplane_keypoints::KeypointOptions;
 use roadplane_solve::{CameraPrior, OutlierModel, SceneOptions};
-use roadplane_track::TrackOptions;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 use thiserror::Error;
@@ -31,8 +30,6 @@ pub struct Config {
     pub solve: SolveConfig,
     /// How the camera is followed over the clip.
     pub calibrate: CalibrateConfig,
-    /// How cars are followed.
-    pub track: TrackOptions,
     /// Threads and memory.
     pub pipeline: PipelineConfig,
     /// What is written besides the contract's files.
@@ -84,6 +81,20 @@ pub struct PipelineConfig {
 impl Default for PipelineConfig {
     fn default() -> Self {
         Self { buffer_mib: 128 }
+    }
+}
+
+/// `[calibrate]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct CalibrateConfig {
+    /// Length of the windows that are solved jointly, s.
+    pub window_s: f64,
+}
+
+impl Default for CalibrateConfig {
+    fn default() -> Self {
+        Self { window_s: 30.0 }
     }
 }
 
@@ -269,4 +280,34 @@ fn apply_setting(table: &mut toml::Table, setting: &str) -> Result<(), ConfigErr
     }
     at.insert(last.to_owned(), value);
     Ok(())
+}
+
+impl Config {
+    fn check(&self) -> Result<(), ConfigError> {
+        let range = |key: &'static str, value: f64, least: f64, most: f64| {
+            if (least..=most).contains(&value) {
+                return Ok(());
+            }
+            let range = format!("{least} to {most}");
+            Err(ConfigError::OutOfRange { key, value: value.to_string(), range })
+        };
+        let solve = &self.solve;
+        range("infer.threads", self.infer.threads as f64, 1.0, 256.0)?;
+        range("keypoints.batch", self.keypoints.batch as f64, 1.0, 256.0)?;
+        range("keypoints.min_box_px", self.keypoints.min_box_px, 1.0, 10_000.0)?;
+        range("solve.focal_prior_ratio", solve.focal_prior_ratio, 0.1, 20.0)?;
+        range("solve.focal_prior_log_sd", solve.focal_prior_log_sd, 0.01, 10.0)?;
+        range("solve.tilt_prior_deg", solve.tilt_prior_deg, -90.0, 90.0)?;
+        range("solve.tilt_prior_sd_deg", solve.tilt_prior_sd_deg, 0.1, 180.0)?;
+        range("solve.roll_prior_sd_deg", solve.roll_prior_sd_deg, 0.1, 180.0)?;
+        range("solve.height_prior_m", solve.height_prior_m, 0.5, 500.0)?;
+        range("solve.height_prior_log_sd", solve.height_prior_log_sd, 0.01, 10.0)?;
+        range("solve.outlier_sd", solve.outlier_sd, 1.0, 100.0)?;
+        range("solve.min_inliers", solve.min_inliers as f64, 4.0, 36.0)?;
+        range("solve.min_inlier_share", solve.min_inlier_share, 0.0, 1.0)?;
+        range("solve.min_keypoint_score", solve.min_keypoint_score, 0.0, 1.0)?;
+        range("calibrate.window_s", self.calibrate.window_s, 0.1, 86_400.0)?;
+        range("pipeline.buffer_mib", self.pipeline.buffer_mib as f64, 1.0, 65_536.0)?;
+        range("output.sample_frames", self.output.sample_frames as f64, 0.0, 64.0)
+    }
 }

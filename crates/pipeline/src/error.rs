@@ -7,7 +7,6 @@ use roadplane_decode::DecodeError;
 use roadplane_detect::DetectError;
 use roadplane_infer::InferError;
 use roadplane_keypoints::KeypointError;
-use roadplane_view::ViewError;
 use roadplane_write::WriteError;
 use thiserror::Error;
 
@@ -28,16 +27,6 @@ pub enum PipelineError {
     /// The input cannot be used.
     #[error(transparent)]
     Decode(#[from] DecodeError),
-    /// A line of a record file is wrong.
-    #[error("{problem}: line {line} of {}", path.display())]
-    Record {
-        /// What is wrong.
-        problem: String,
-        /// Line, from 1.
-        line: usize,
-        /// The file.
-        path: PathBuf,
-    },
     /// A file that belongs to the work cannot be read.
     #[error("cannot be read: {source}: {}", path.display())]
     Unreadable {
@@ -70,9 +59,12 @@ pub enum PipelineError {
     /// Results cannot be written.
     #[error(transparent)]
     Write(#[from] WriteError),
-    /// Pictures cannot be made.
-    #[error(transparent)]
-    View(#[from] ViewError),
+    /// Standard output cannot be written to.
+    #[error("standard output: {source}")]
+    Stdout {
+        /// Why.
+        source: std::io::Error,
+    },
     /// A thread cannot be started.
     #[error("a thread cannot be started: {source}")]
     Thread {
@@ -138,15 +130,17 @@ impl PipelineError {
         match self {
             Self::Usage { .. } | Self::Config(_) | Self::Decode(DecodeError::Option { .. }) => Fault::Usage,
             Self::Decode(DecodeError::Library { .. }) => Fault::Internal,
-            Self::Decode(_) | Self::Record { .. } | Self::Unreadable { .. } => Fault::Input,
+            Self::Decode(_) | Self::Unreadable { .. } => Fault::Input,
             Self::ModelsMissing { .. } | Self::Atlas { .. } => Fault::Model,
             Self::Infer(error) | Self::Keypoint(KeypointError::Net(error)) => net_fault(error),
+            Self::Detect(DetectError::Option { .. }) => Fault::Usage,
             Self::Detect(error) => error.net().map_or(Fault::Model, net_fault),
             Self::Keypoint(KeypointError::UnsuitableNet { .. }) => Fault::Model,
-            Self::Write(error) if error.is_locked() => Fault::Locked,
-            Self::Write(error) if error.is_usage() => Fault::Usage,
+            Self::Write(WriteError::Locked { .. }) => Fault::Locked,
+            Self::Write(WriteError::Exists { .. } | WriteError::BadStem { .. }) => Fault::Usage,
+            Self::Write(WriteError::Malformed { .. }) => Fault::Input,
             Self::Stopped { signal } => Fault::Stopped { signal: *signal },
-            Self::Write(_) | Self::View(_) | Self::Thread { .. } | Self::Bug { .. } => Fault::Internal,
+            Self::Write(_) | Self::Stdout { .. } | Self::Thread { .. } | Self::Bug { .. } => Fault::Internal,
         }
     }
 }

@@ -1,1 +1,27 @@
-//! roadplane: pipeline.
+//! Joins the stages: threads and bounded channels for the streaming half, the clip's solve for the other, configuration,
+//! cancellation, and what each command of the binary does.
+
+mod cameras;
+mod cancel;
+mod cars;
+mod config;
+mod doctor;
+mod error;
+mod flow;
+mod identity;
+mod models;
+mod progress;
+mod samples;
+mod solve_file;
+mod stage_files;
+mod streaming;
+
+pub use cancel::Cancel;
+pub use config::{Config, ConfigError};
+pub use doctor::{Check, check_up};
+pub use error::{Fault, PipelineError};
+pub use models::find_models;
+pub use progress::{Progress, Silent};
+pub use roadplane_write::{Existing, FolderLock};
+pub use solve_file::{SolveOptions, solve_file};
+pub use stage_files::{detect_file, keypoints_file};

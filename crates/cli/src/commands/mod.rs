@@ -9,8 +9,6 @@ use crate::Outcome;
 use crate::args::{Cli, ConfigArgs};
 
 pub mod doctor;
-pub mod render;
-pub mod run;
 pub mod stages;
 
 /// Prints completions for a shell.

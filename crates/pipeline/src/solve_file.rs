@@ -1,0 +1,75 @@
+//! `roadplane solve`: frames with keypoints → poses and camera, no image needed.
+
+use std::path::Path;
+
+use roadplane_base::{CameraEstimate, FrameRecord, ShapeAtlas};
+use roadplane_solve::ShapePrior;
+use roadplane_write::{FrameReader, PoseLines, write_camera};
+
+use crate::cameras::{estimate_cameras, estimate_frame};
+use crate::cars::{FrameCamera, fit_frame, pose_record};
+use crate::{Cancel, Config, PipelineError};
+
+/// What is asked of the solver.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SolveOptions {
+    /// Known focal length, px.
+    pub focal_px: Option<f64>,
+    /// Cars stand on one plane; otherwise every car is free in six degrees of freedom.
+    pub use_plane: bool,
+    /// Each frame is solved on its own.
+    pub per_frame: bool,
+}
+
+/// Solves a frames file into a poses file, with `camera.json` beside it. True if the camera could not be estimated.
+///
+/// # Errors
+/// [`PipelineError`]; neither file then appears.
+pub fn solve_file(
+    frames: &Path,
+    out: &Path,
+    options: &SolveOptions,
+    config: &Config,
+    cancel: &Cancel,
+) -> Result<bool, PipelineError> {
+    let atlas = ShapeAtlas::shipped().map_err(|e| PipelineError::Atlas { what: e.to_string() })?;
+    let read = || -> Result<_, PipelineError> {
+        Ok(FrameReader::open(frames)?.map(|record| record.map_err(PipelineError::from)))
+    };
+    let mut poses = PoseLines::create(out)?;
+    let scene = config.solve.scene_options(options.focal_px);
+    let mut write_frame = |frame: &FrameRecord, estimate: &CameraEstimate| -> Result<(), PipelineError> {
+        if let Some(signal) = cancel.signal() {
+            return Err(PipelineError::Stopped { signal });
+        }
+        let view = FrameCamera::from(estimate);
+        let fits = fit_frame(frame, &view, &atlas, &scene, config, |_| (ShapePrior::default(), None));
+        for (i, fit) in fits.iter().enumerate() {
+            if let Some(pose) = fit.as_ref().and_then(|fit| pose_record(frame, i, fit, None, &atlas)) {
+                poses.write(&pose)?;
+            }
+        }
+        Ok(())
+    };
+    let mut estimates = Vec::new();
+    if options.per_frame {
+        for frame in read()? {
+            let frame = frame?;
+            let estimate = estimate_frame(&frame, &atlas, &scene, config);
+            write_frame(&frame, &estimate)?;
+            estimates.push(estimate);
+        }
+    } else {
+        let cameras = estimate_cameras(read()?, &atlas, options.focal_px, config)?;
+        for frame in read()? {
+            let frame = frame?;
+            if let Some(estimate) = cameras.at(frame.time_s) {
+                write_frame(&frame, estimate)?;
+            }
+        }
+        estimates = cameras.estimates().to_vec();
+    }
+    poses.finish()?;
+    write_camera(&out.with_file_name("camera.json"), &estimates)?;
+    Ok(false)
+}
