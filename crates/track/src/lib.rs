@@ -1,1 +1,34 @@
-//! roadplane: track.
+//! Cars of single frames, in metres on the ground → smoothed tracks. Pure maths: no I/O, no clock, no random numbers, no
+//! panics; the order of the cars in a frame does not matter.
+//!
+//! # How the pieces join
+//! ```text
+//! FrameMeasurements → Tracker   association on the ground plane, birth, coasting, death   (filter.rs, tracker.rs)
+//!                   → merge_duplicates      two cars cannot share space                    (duplicates.rs)
+//!                   → find_runs             where the car stood, where it drove            (stops.rs)
+//!                   → smooth_track          one pose a stand, a vehicle model between      (parked.rs, vehicle.rs, chain.rs)
+//!                   → facing                which end is the front                         (facing.rs)
+//!                   → Track
+//! ```
+//!
+//! # Noise
+//! A measurement's covariance R is split into a white share, which averages out over frames, and a bias, which a parked car
+//! keeps for ever: `R = r R + max(1 − r, β²) R`, r being the scatter that the track really shows (`noise.rs`).
+
+mod chain;
+mod duplicates;
+mod facing;
+mod filter;
+mod measurement;
+mod noise;
+mod options;
+mod parked;
+mod shape;
+mod smooth;
+mod stops;
+mod tracker;
+mod vehicle;
+
+pub use measurement::{CarMeasurement, FrameMeasurements, Track, TrackState};
+pub use options::TrackOptions;
+pub use tracker::Tracker;

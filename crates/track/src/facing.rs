@@ -1,0 +1,53 @@
+//! Which end of the axis is the front: what keypoints say, frame by frame, against the way the car drives.
+
+use nalgebra::{Vector2, Vector3};
+use roadplane_base::angle_difference;
+
+use crate::measurement::Observation;
+
+/// Log odds that unanimous keypoints give: all frames of one view can be wrong together.
+const KEYPOINT_ODDS: f64 = 4.0;
+/// Log odds of driving ahead, per metre: some reverse for ten metres, hardly anybody for fifty.
+const ODDS_PER_M: f64 = 0.4;
+/// Nobody reverses faster than this, m/s.
+const MAX_REVERSE_MPS: f64 = 6.0;
+const FAST_ODDS: f64 = 6.0;
+/// Way that is told from jitter, m.
+const STEP_M: f64 = 1.0;
+
+/// Whether headings that follow the axis must be turned by π. `axes`: one per sighting, continuous. `places`: smoothed.
+pub(crate) fn is_reversed(sightings: &[Observation], axes: &[f64], places: &[Vector3<f64>]) -> bool {
+    keypoint_odds(sightings, axes) + motion_odds(sightings, axes, places) < 0.0
+}
+
+fn keypoint_odds(sightings: &[Observation], axes: &[f64]) -> f64 {
+    let (mut sum, mut total) = (0.0, 0.0);
+    for (sighting, axis) in sightings.iter().zip(axes) {
+        let weight = 1.0 / (sighting.covariance[(2, 2)] + 0.05);
+        sum += weight * angle_difference(sighting.pose.z, *axis).cos().signum();
+        total += weight;
+    }
+    if total > 0.0 { KEYPOINT_ODDS * sum / total } else { 0.0 }
+}
+
+fn motion_odds(sightings: &[Observation], axes: &[f64], places: &[Vector3<f64>]) -> f64 {
+    let mut odds = 0.0;
+    let mut fastest: f64 = 0.0;
+    let mut from = 0;
+    for to in 1..places.len().min(axes.len()) {
+        let way = places[to].xy() - places[from].xy();
+        if way.norm() < STEP_M {
+            continue;
+        }
+        let axis = (axes[from] + axes[to]) / 2.0;
+        let ahead = way.dot(&Vector2::new(axis.cos(), axis.sin()));
+        odds += ODDS_PER_M * ahead;
+        let seconds = sightings[to].time_s - sightings[from].time_s;
+        let speed = ahead / seconds.max(1e-3);
+        if seconds > 0.15 && speed.abs() > fastest.abs() {
+            fastest = speed;
+        }
+        from = to;
+    }
+    odds + if fastest.abs() > MAX_REVERSE_MPS { FAST_ODDS * fastest.signum() } else { 0.0 }
+}

@@ -1,0 +1,108 @@
+//! What goes in and what comes out.
+
+use nalgebra::{Matrix3, Matrix6, Vector3};
+use roadplane_base::{FrameStamp, GroundPose, Shape, VehicleClass};
+
+/// A car fitted in one frame.
+#[derive(Clone, Debug)]
+pub struct CarMeasurement {
+    /// Where it stands; the heading may be turned by π.
+    pub pose: GroundPose,
+    /// Covariance of (x, y, heading), m and rad.
+    pub covariance: Matrix3<f64>,
+    /// Box, px.
+    pub bbox_px: [f64; 4],
+    /// Detector's score, 0–1.
+    pub score: f64,
+    /// Kind of vehicle.
+    pub class: VehicleClass,
+    /// Shape coefficients of the fit.
+    pub shape: Shape,
+    /// Information on them, the atlas' prior N(0, I) included; the identity says nothing beyond it.
+    pub shape_information: Matrix6<f64>,
+    /// Position of the car in its frame's list.
+    pub car: usize,
+}
+
+impl CarMeasurement {
+    pub(crate) fn pose_vector(&self) -> Vector3<f64> {
+        Vector3::new(self.pose.x_m, self.pose.y_m, self.pose.heading_rad)
+    }
+
+    /// Finite, with a covariance and a box that can be.
+    pub(crate) fn is_usable(&self) -> bool {
+        let [x0, y0, x1, y1] = self.bbox_px;
+        let numbers = self.pose_vector();
+        let finite = numbers
+            .iter()
+            .chain(self.covariance.iter())
+            .chain(self.bbox_px.iter())
+            .chain(self.shape.iter())
+            .chain(self.shape_information.iter());
+        finite.copied().all(f64::is_finite)
+            && self.score.is_finite()
+            && x1 > x0
+            && y1 > y0
+            && self.covariance.cholesky().is_some()
+    }
+}
+
+/// All cars fitted in one frame; a frame without cars is one too.
+#[derive(Clone, Debug)]
+pub struct FrameMeasurements {
+    /// Which frame.
+    pub stamp: FrameStamp,
+    /// Its cars.
+    pub cars: Vec<CarMeasurement>,
+}
+
+/// A measurement as a track keeps it.
+#[derive(Clone, Debug)]
+pub(crate) struct Observation {
+    /// Counts the frames that the tracker was given.
+    pub frame: usize,
+    pub time_s: f64,
+    pub pose: Vector3<f64>,
+    pub covariance: Matrix3<f64>,
+    pub bbox_px: [f64; 4],
+    pub score: f64,
+    pub car: usize,
+}
+
+/// One vehicle over time.
+#[derive(Clone, Debug)]
+pub struct Track {
+    /// From 1, by first frame, then by x.
+    pub id: u64,
+    /// Kind of vehicle, by majority of scores.
+    pub class: VehicleClass,
+    /// A state for every frame from the first to the last in which it was seen.
+    pub states: Vec<TrackState>,
+    /// Shape coefficients: all views fused, the prior counted once.
+    pub shape: Shape,
+    /// Information on them, the prior included.
+    pub shape_information: Matrix6<f64>,
+}
+
+/// A track at one frame.
+#[derive(Clone, Debug)]
+pub struct TrackState {
+    /// Which frame.
+    pub stamp: FrameStamp,
+    /// Seen in this frame, or filled in.
+    pub observed: bool,
+    /// Smoothed pose.
+    pub pose: GroundPose,
+    /// sd of x, y (m) and heading (rad).
+    pub pose_sd: Vector3<f64>,
+    /// Speed along the heading; negative when reversing.
+    pub speed_mps: f64,
+    /// sd of the speed.
+    pub speed_sd_mps: f64,
+    /// Box, px, where observed.
+    pub bbox_px: Option<[f64; 4]>,
+    /// Detector's score; 0 where not observed.
+    pub score: f64,
+    /// Position of the car in its frame's list, where observed.
+    pub car: Option<usize>,
+}

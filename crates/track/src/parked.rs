@@ -1,0 +1,83 @@
+//! The one pose of a car that stands: robust, information-weighted mean of its sightings.
+
+use nalgebra::{Matrix3, Vector3};
+
+use crate::{filter::fold_axis, measurement::Observation, noise::Noise};
+
+/// Student-t's degrees of freedom: half-hidden cars give poses far off.
+const NU: f64 = 4.0;
+const ROUNDS: usize = 20;
+
+/// Where a car stood.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Stand {
+    /// x, y, heading (its axis: it may be turned by π).
+    pub pose: Vector3<f64>,
+    /// Covariance by white noise alone.
+    pub white: Matrix3<f64>,
+    /// Covariance that all sightings share.
+    pub bias: Matrix3<f64>,
+}
+
+/// `None` of no sightings.
+pub(crate) fn stand(sightings: &[Observation], bias_share: f64) -> Option<Stand> {
+    let inverses: Vec<Matrix3<f64>> =
+        sightings.iter().map(|o| o.covariance.try_inverse().unwrap_or_else(Matrix3::zeros)).collect();
+    let mut pose = start(sightings)?;
+    let mut information = Matrix3::zeros();
+    for _ in 0..ROUNDS {
+        let away: Vec<Vector3<f64>> = sightings.iter().map(|o| residual(o, &pose)).collect();
+        let squares: Vec<f64> = away.iter().zip(&inverses).map(|(d, i)| d.dot(&(i * d))).collect();
+        let mut sorted = squares.clone();
+        let ratio = Noise::measured(&mut sorted, 0.0, 0.0, bias_share).ratio;
+        information = Matrix3::zeros();
+        let mut step = Vector3::zeros();
+        for ((d, inverse), square) in away.iter().zip(&inverses).zip(&squares) {
+            let weight = (NU + 3.0) / (NU + square / ratio);
+            information += inverse * weight;
+            step += inverse * d * weight;
+        }
+        let step = information.cholesky()?.solve(&step);
+        pose += step;
+        if step.norm() < 1e-12 {
+            break;
+        }
+    }
+    let noise = noise_around(sightings, &inverses, &pose, bias_share);
+    let typical = information.cholesky()?.inverse() * sightings.len() as f64;
+    let independent = (sightings.len() as f64 * noise.ratio / noise.white().max(1e-12)).max(1.0);
+    Some(Stand { pose, white: typical * (noise.ratio / independent), bias: typical * noise.bias() })
+}
+
+/// Medians of the position, and the axis that most sightings agree with (mean of doubled angles).
+fn start(sightings: &[Observation]) -> Option<Vector3<f64>> {
+    let median = |axis: usize| {
+        let mut values: Vec<f64> = sightings.iter().map(|o| o.pose[axis]).collect();
+        values.sort_by(f64::total_cmp);
+        values.get(values.len() / 2).copied()
+    };
+    let (sin, cos) = sightings.iter().fold((0.0, 0.0), |(s, c), o| {
+        let weight = 1.0 / o.covariance[(2, 2)].max(1e-6);
+        let (sin, cos) = (2.0 * o.pose.z).sin_cos();
+        (s + weight * sin, c + weight * cos)
+    });
+    Some(Vector3::new(median(0)?, median(1)?, sin.atan2(cos) / 2.0))
+}
+
+fn residual(sighting: &Observation, pose: &Vector3<f64>) -> Vector3<f64> {
+    let d = sighting.pose - pose;
+    Vector3::new(d.x, d.y, fold_axis(d.z))
+}
+
+fn noise_around(
+    sightings: &[Observation],
+    inverses: &[Matrix3<f64>],
+    pose: &Vector3<f64>,
+    bias_share: f64,
+) -> Noise {
+    let away: Vec<Vector3<f64>> = sightings.iter().map(|o| residual(o, pose)).collect();
+    let mut squares: Vec<f64> = away.iter().zip(inverses).map(|(d, i)| d.dot(&(i * d))).collect();
+    let own = squares.iter().sum();
+    let lagged = (1..away.len()).map(|i| away[i - 1].dot(&(inverses[i] * away[i]))).sum();
+    Noise::measured(&mut squares, own, lagged, bias_share)
+}

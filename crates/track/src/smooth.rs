@@ -1,0 +1,302 @@
+//! Sightings of a track → its states.
+
+use nalgebra::{Matrix3, Matrix5, Vector3};
+use roadplane_base::{FrameStamp, GroundPose, wrap_angle};
+
+use crate::{
+    TrackOptions, TrackState,
+    facing::is_reversed,
+    filter::fold_axis,
+    measurement::Observation,
+    noise::Noise,
+    parked::{Stand, stand},
+    stops::{Run, find_runs},
+    vehicle::{Node, State, Vehicle, origin, residual, state_at},
+};
+
+/// Longest step of the vehicle model, s; longer gaps get nodes in between.
+const MAX_STEP_S: f64 = 0.25;
+/// Time over which a driving car's keypoint bias stays the same, s: until it is seen from elsewhere.
+const BIAS_S: f64 = 2.0;
+
+/// What a node stands for.
+struct Place {
+    /// Frames, counted as the tracker does; empty for nodes that only bridge a gap in time.
+    frames: std::ops::Range<usize>,
+    /// Sightings.
+    sightings: std::ops::Range<usize>,
+    /// Sighting nearest in time.
+    nearest: usize,
+    stand: Option<Stand>,
+    span_s: [f64; 2],
+}
+
+/// States for every frame from the first sighting to the last.
+pub(crate) fn smooth_track(
+    sightings: &[Observation],
+    stamps: &[FrameStamp],
+    options: &TrackOptions,
+) -> Vec<TrackState> {
+    let runs = find_runs(sightings, options);
+    let places = places(sightings, stamps, &runs, options);
+    let start = start(sightings, &places, options);
+    let even = Noise::measured(&mut [], 0.0, 0.0, options.bias_share);
+    let Some((first, _)) = solve(sightings, &places, start, even, options) else { return Vec::new() };
+    let noise = driving_noise(sightings, &places, &first, options);
+    let Some((states, covariances)) = solve(sightings, &places, first, noise, options) else {
+        return Vec::new();
+    };
+    let mut result = Vec::new();
+    for ((place, state), covariance) in places.iter().zip(&states).zip(&covariances) {
+        let smoothed = Smoothed::new(sightings, place, state, covariance, noise, options);
+        for frame in place.frames.clone() {
+            let seen = sightings[place.sightings.clone()].iter().find(|o| o.frame == frame);
+            result.push(smoothed.at(stamps[frame], seen));
+        }
+    }
+    result
+}
+
+/// Nodes of a track, in the order of time.
+fn places(
+    sightings: &[Observation],
+    stamps: &[FrameStamp],
+    runs: &[Run],
+    options: &TrackOptions,
+) -> Vec<Place> {
+    let mut found: Vec<Place> = Vec::new();
+    for run in runs {
+        let part = &sightings[run.sightings.clone()];
+        let (Some(first), Some(last)) = (part.first(), part.last()) else { continue };
+        // Frames since the run before, in which the car was not seen.
+        let from = found.last().map_or(first.frame, |place| place.frames.end);
+        let stand = if run.parked { stand(part, options.bias_share) } else { None };
+        let mut index = run.sightings.start;
+        for frame in from..=last.frame {
+            if frame >= first.frame && stand.is_some() {
+                break;
+            }
+            let seen = sightings.get(index).is_some_and(|o| o.frame == frame);
+            let time_s = stamps[frame].time_s();
+            found.push(Place {
+                frames: frame..frame + 1,
+                sightings: if seen { index..index + 1 } else { index..index },
+                nearest: nearest(sightings, index, time_s),
+                stand: None,
+                span_s: [time_s, time_s],
+            });
+            index += usize::from(seen);
+        }
+        if stand.is_some() {
+            found.push(Place {
+                frames: first.frame..last.frame + 1,
+                sightings: run.sightings.clone(),
+                nearest: run.sightings.start,
+                stand,
+                span_s: [first.time_s, last.time_s],
+            });
+        }
+    }
+    bridged(found)
+}
+
+fn nearest(sightings: &[Observation], after: usize, time_s: f64) -> usize {
+    let gap_s = |i: usize| sightings.get(i).map_or(f64::INFINITY, |o| (o.time_s - time_s).abs());
+    let before = after.saturating_sub(1);
+    if gap_s(before) < gap_s(after) { before } else { after }
+}
+
+/// Puts nodes without frames into long gaps.
+fn bridged(places: Vec<Place>) -> Vec<Place> {
+    let mut result: Vec<Place> = Vec::with_capacity(places.len());
+    for place in places {
+        if let Some(before) = result.last() {
+            let (from_s, gap_s) = (before.span_s[1], place.span_s[0] - before.span_s[1]);
+            let steps = (gap_s / MAX_STEP_S).ceil().clamp(1.0, 1000.0) as usize;
+            let (frame, index, nearest) = (place.frames.start, place.sightings.start, place.nearest);
+            result.extend((1..steps).map(|i| {
+                let time_s = from_s + gap_s * i as f64 / steps as f64;
+                let span_s = [time_s, time_s];
+                Place { frames: frame..frame, sightings: index..index, nearest, stand: None, span_s }
+            }));
+        }
+        result.push(place);
+    }
+    result
+}
+
+/// Where to start from: places as seen, a little averaged; the axis by motion where there is some, else by keypoints; the
+/// front by both.
+fn start(sightings: &[Observation], places: &[Place], options: &TrackOptions) -> Vec<State> {
+    let averaged: Vec<Vector3<f64>> = (0..sightings.len())
+        .map(|i| {
+            let near = &sightings[i.saturating_sub(2)..(i + 3).min(sightings.len())];
+            near.iter().map(|o| o.pose).sum::<Vector3<f64>>() / near.len() as f64
+        })
+        .collect();
+    let stand_of = |i: usize| places.iter().find(|p| p.sightings.contains(&i)).and_then(|p| p.stand);
+    let mut axes: Vec<f64> = Vec::with_capacity(sightings.len());
+    let mut centres: Vec<Vector3<f64>> = Vec::with_capacity(sightings.len());
+    for i in 0..sightings.len() {
+        let (centre, axis) = match stand_of(i) {
+            Some(stand) => (stand.pose, stand.pose.z),
+            None => (averaged[i], axis_at(sightings, &averaged, i)),
+        };
+        let before = axes.last().copied().unwrap_or(axis);
+        axes.push(before + fold_axis(axis - before));
+        centres.push(centre);
+    }
+    let turn = if is_reversed(sightings, &axes, &centres) { std::f64::consts::PI } else { 0.0 };
+    places
+        .iter()
+        .map(|place| {
+            let (pose, speed) = interpolated(sightings, &centres, &axes, place, turn);
+            state_at(&pose, speed, options.half_wheelbase_m)
+        })
+        .collect()
+}
+
+/// Direction of travel around a sighting where it is clear, else the axis that keypoints saw.
+fn axis_at(sightings: &[Observation], averaged: &[Vector3<f64>], i: usize) -> f64 {
+    let time_s = sightings[i].time_s;
+    let from = sightings.partition_point(|o| o.time_s < time_s - 0.5).min(i);
+    let to = sightings.partition_point(|o| o.time_s <= time_s + 0.5).max(i + 1) - 1;
+    let way = averaged[to].xy() - averaged[from].xy();
+    let sd = sightings[i].covariance.fixed_view::<2, 2>(0, 0).trace().sqrt();
+    if way.norm() > 1.0 + sd { way.y.atan2(way.x) } else { sightings[i].pose.z }
+}
+
+/// Pose and speed for a node, on the straight line between the sightings around it.
+fn interpolated(
+    sightings: &[Observation],
+    centres: &[Vector3<f64>],
+    axes: &[f64],
+    place: &Place,
+    turn: f64,
+) -> (Vector3<f64>, f64) {
+    let time_s = place.span_s[0];
+    let last = sightings.len() - 1;
+    let to = sightings.partition_point(|o| o.time_s < time_s).min(last);
+    let from = to.saturating_sub(1);
+    let gap_s = sightings[to].time_s - sightings[from].time_s;
+    let share = if gap_s > 0.0 { ((time_s - sightings[from].time_s) / gap_s).clamp(0.0, 1.0) } else { 1.0 };
+    let centre = centres[from] + share * (centres[to] - centres[from]);
+    let heading = axes[from] + share * (axes[to] - axes[from]) + turn;
+    let (near, far) = (from.saturating_sub(3), (to + 3).min(last));
+    let long_s = sightings[far].time_s - sightings[near].time_s;
+    let way = centres[far].xy() - centres[near].xy();
+    let ahead = way.dot(&nalgebra::Vector2::new(heading.cos(), heading.sin()));
+    let speed = if place.stand.is_some() || long_s <= 0.0 { 0.0 } else { ahead / long_s };
+    (Vector3::new(centre.x, centre.y, heading), speed)
+}
+
+fn solve(
+    sightings: &[Observation],
+    places: &[Place],
+    start: Vec<State>,
+    noise: Noise,
+    options: &TrackOptions,
+) -> Option<(Vec<State>, Vec<Matrix5<f64>>)> {
+    let measured = |place: &Place| match (&place.stand, sightings[place.sightings.clone()].first()) {
+        (Some(stand), _) => Some((stand.pose, stand.white.try_inverse()?)),
+        (None, Some(seen)) => {
+            let mut covariance = seen.covariance * noise.white();
+            // A bias of the heading contradicts the path, so a driving car's keypoints count once per view, not per frame.
+            covariance[(2, 2)] += seen.covariance[(2, 2)] * noise.bias() * per_view(sightings, place.nearest);
+            Some((seen.pose, covariance.try_inverse()?))
+        }
+        (None, None) => None,
+    };
+    let nodes: Vec<Node> = places
+        .iter()
+        .map(|place| Node { span_s: place.span_s, measured: measured(place), parked: place.stand.is_some() })
+        .collect();
+    Vehicle { nodes: &nodes, options }.solve(start)
+}
+
+/// Sightings that share a driving car's keypoint bias.
+fn per_view(sightings: &[Observation], index: usize) -> f64 {
+    let time_s = sightings[index].time_s;
+    let from = sightings.partition_point(|o| o.time_s < time_s - BIAS_S / 2.0);
+    let to = sightings.partition_point(|o| o.time_s <= time_s + BIAS_S / 2.0);
+    (to - from).max(1) as f64
+}
+
+/// Scatter of the driven part around a first smoothing.
+fn driving_noise(
+    sightings: &[Observation],
+    places: &[Place],
+    states: &[State],
+    options: &TrackOptions,
+) -> Noise {
+    let mut squares = Vec::new();
+    let (mut own, mut lagged) = (0.0, 0.0);
+    let mut before: Option<Vector3<f64>> = None;
+    for (place, state) in places.iter().zip(states) {
+        let (None, Some(seen)) = (&place.stand, sightings[place.sightings.clone()].first()) else {
+            before = None;
+            continue;
+        };
+        let Some(inverse) = seen.covariance.try_inverse() else { continue };
+        let away = residual(state, &seen.pose, options.half_wheelbase_m);
+        let square = away.dot(&(inverse * away));
+        squares.push(square);
+        own += square;
+        lagged += before.map_or(0.0, |b| b.dot(&(inverse * away)));
+        before = Some(away);
+    }
+    Noise::measured(&mut squares, own, lagged, options.bias_share)
+}
+
+/// A node's state as the track shows it.
+struct Smoothed {
+    pose: GroundPose,
+    pose_sd: Vector3<f64>,
+    speed_mps: f64,
+    speed_sd_mps: f64,
+}
+
+impl Smoothed {
+    fn new(
+        sightings: &[Observation],
+        place: &Place,
+        state: &State,
+        covariance: &Matrix5<f64>,
+        noise: Noise,
+        options: &TrackOptions,
+    ) -> Self {
+        let (pose, jacobian) = origin(state, options.half_wheelbase_m);
+        let white = jacobian * covariance * jacobian.transpose();
+        let bias = match &place.stand {
+            Some(stand) => stand.bias,
+            None => {
+                let mut shared = sightings[place.nearest].covariance * noise.bias();
+                shared.fill_row(2, 0.0);
+                shared.fill_column(2, 0.0);
+                shared
+            }
+        };
+        let total: Matrix3<f64> = white + bias;
+        let standing = place.stand.is_some();
+        Self {
+            pose: GroundPose { x_m: pose.x, y_m: pose.y, heading_rad: wrap_angle(pose.z) },
+            pose_sd: total.diagonal().map(|variance| variance.max(0.0).sqrt()),
+            speed_mps: if standing { 0.0 } else { state[3] },
+            speed_sd_mps: covariance[(3, 3)].max(0.0).sqrt(),
+        }
+    }
+
+    fn at(&self, stamp: FrameStamp, seen: Option<&Observation>) -> TrackState {
+        TrackState {
+            stamp,
+            observed: seen.is_some(),
+            pose: self.pose,
+            pose_sd: self.pose_sd,
+            speed_mps: self.speed_mps,
+            speed_sd_mps: self.speed_sd_mps,
+            bbox_px: seen.map(|o| o.bbox_px),
+            score: seen.map_or(0.0, |o| o.score),
+            car: seen.map(|o| o.car),
+        }
+    }
+}

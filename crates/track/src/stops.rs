@@ -1,0 +1,186 @@
+//! Where a car stood and where it drove. It drives where, over about a second, both its place on the ground and its box in
+//! the image move by more than their noise: poses jitter, and boxes change when something passes in front, but rarely both.
+
+use std::ops::Range;
+
+use nalgebra::Vector2;
+use roadplane_base::bbox_centre;
+
+use crate::{TrackOptions, measurement::Observation};
+
+/// Consecutive sightings of one kind.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Run {
+    pub sightings: Range<usize>,
+    pub parked: bool,
+}
+
+/// Half of the time over which motion is looked for, s.
+const HALF_S: f64 = 0.5;
+/// It holds at least so many sightings.
+const MIN_SIGHTINGS: f64 = 5.0;
+/// Motion of the box, in its diagonals, that goes with the least motion on the ground.
+const MIN_BOX_MOTION: f64 = 0.02;
+/// Significance, sd.
+const SIGNIFICANT: f64 = 3.0;
+/// Shorter interruptions are none, s.
+const BLINK_S: f64 = 0.5;
+/// Shorter stands are none, s.
+const MIN_STAND_S: f64 = 1.0;
+/// A car has been rolling for this long before its motion shows, s.
+const ONSET_S: f64 = 0.3;
+
+/// Divides a track's sightings, in the order of time. A track in which no motion shows is one stand.
+pub(crate) fn find_runs(sightings: &[Observation], options: &TrackOptions) -> Vec<Run> {
+    let n = sightings.len();
+    if n == 0 {
+        return Vec::new();
+    }
+    let half_s = half_window_s(sightings);
+    let mut moving: Vec<bool> =
+        (0..n).map(|i| moves(window(sightings, i, half_s), options.min_motion_m, MIN_BOX_MOTION)).collect();
+    close_gaps(&mut moving, sightings, BLINK_S);
+    for run in runs(&moving) {
+        let part = &sightings[run.sightings.clone()];
+        // What jumps and comes back has not driven.
+        let net = travelled(part, sightings);
+        if !run.parked && net < 1.25 * options.min_motion_m {
+            moving[run.sightings].fill(false);
+        }
+    }
+    widen(&mut moving, sightings);
+    close_gaps(&mut moving, sightings, MIN_STAND_S);
+    // A stand that creeps as a whole is slow driving.
+    for run in runs(&moving).into_iter().filter(|run| run.parked) {
+        let part = &sightings[run.sightings.clone()];
+        if seconds(part) > 3.0 && moves(part, 1.5 * options.min_motion_m, 2.5 * MIN_BOX_MOTION) {
+            moving[run.sightings].fill(true);
+        }
+    }
+    runs(&moving)
+}
+
+fn half_window_s(sightings: &[Observation]) -> f64 {
+    let mut gaps: Vec<f64> = sightings.windows(2).map(|pair| pair[1].time_s - pair[0].time_s).collect();
+    gaps.sort_by(f64::total_cmp);
+    HALF_S.max(gaps.get(gaps.len() / 2).copied().unwrap_or(0.0) * MIN_SIGHTINGS / 2.0)
+}
+
+fn window(sightings: &[Observation], middle: usize, half_s: f64) -> &[Observation] {
+    let time_s = sightings[middle].time_s;
+    let from = sightings.partition_point(|o| o.time_s < time_s - half_s);
+    let to = sightings.partition_point(|o| o.time_s <= time_s + half_s);
+    &sightings[from..to]
+}
+
+fn seconds(part: &[Observation]) -> f64 {
+    match (part.first(), part.last()) {
+        (Some(first), Some(last)) => last.time_s - first.time_s,
+        _ => 0.0,
+    }
+}
+
+/// Whether a straight line through the sightings goes farther than least and than chance, on the ground and in the image.
+fn moves(part: &[Observation], min_m: f64, min_box: f64) -> bool {
+    let ground: Vec<(f64, Vector2<f64>)> = part.iter().map(|o| (o.time_s, o.pose.xy())).collect();
+    if !goes(&ground, min_m) {
+        return false;
+    }
+    let mut diagonals: Vec<f64> =
+        part.iter().map(|o| (o.bbox_px[2] - o.bbox_px[0]).hypot(o.bbox_px[3] - o.bbox_px[1])).collect();
+    diagonals.sort_by(f64::total_cmp);
+    let diagonal = diagonals[diagonals.len() / 2];
+    // Driving along the line of sight a box stays and grows, so corners are looked at, not only the centre.
+    let corner = |x: usize, y: usize| -> Vec<(f64, Vector2<f64>)> {
+        part.iter().map(|o| (o.time_s, Vector2::new(o.bbox_px[x], o.bbox_px[y]))).collect()
+    };
+    let centre: Vec<(f64, Vector2<f64>)> = part.iter().map(|o| (o.time_s, bbox_centre(&o.bbox_px))).collect();
+    goes(&centre, min_box * diagonal)
+        || (goes(&corner(0, 1), min_box * diagonal) && goes(&corner(2, 3), min_box * diagonal))
+}
+
+/// Line through (time, place), least squares with one round of trimming; is its length significant?
+fn goes(points: &[(f64, Vector2<f64>)], least: f64) -> bool {
+    let Some((slope, sd, span)) = line(points) else { return false };
+    let length = slope.norm() * span;
+    length > least && length > SIGNIFICANT * sd * span
+}
+
+/// Slope, its sd (largest direction bound) and the span in time.
+fn line(points: &[(f64, Vector2<f64>)]) -> Option<(Vector2<f64>, f64, f64)> {
+    let fit = |points: &[(f64, Vector2<f64>)]| {
+        let n = points.len() as f64;
+        let time = points.iter().map(|p| p.0).sum::<f64>() / n;
+        let place = points.iter().map(|p| p.1).sum::<Vector2<f64>>() / n;
+        let spread: f64 = points.iter().map(|p| (p.0 - time).powi(2)).sum();
+        let slope = points.iter().map(|p| (p.1 - place) * (p.0 - time)).sum::<Vector2<f64>>() / spread;
+        let residuals: Vec<f64> =
+            points.iter().map(|p| (p.1 - place - slope * (p.0 - time)).norm()).collect();
+        (slope, spread, residuals)
+    };
+    if points.len() < 4 {
+        return None;
+    }
+    let (_, _, residuals) = fit(points);
+    let mut sorted = residuals.clone();
+    sorted.sort_by(f64::total_cmp);
+    let bound = 4.0 * sorted[sorted.len() / 2] + 1e-9;
+    let trimmed: Vec<(f64, Vector2<f64>)> =
+        points.iter().zip(&residuals).filter(|(_, r)| **r <= bound).map(|(p, _)| *p).collect();
+    if trimmed.len() < 4 {
+        return None;
+    }
+    let (slope, spread, residuals) = fit(&trimmed);
+    let span = trimmed.last()?.0 - trimmed.first()?.0;
+    let scatter = residuals.iter().map(|r| r * r).sum::<f64>() / (trimmed.len() as f64 - 2.0);
+    (spread > 0.0).then(|| (slope, (scatter / spread).sqrt(), span))
+}
+
+/// Distance between where the car was before a run and after it, medians of up to five sightings.
+fn travelled(part: &[Observation], all: &[Observation]) -> f64 {
+    let middle = |some: &[Observation]| {
+        let axis = |axis: usize| {
+            let mut values: Vec<f64> = some.iter().map(|o| o.pose[axis]).collect();
+            values.sort_by(f64::total_cmp);
+            values.get(values.len() / 2).copied().unwrap_or(0.0)
+        };
+        Vector2::new(axis(0), axis(1))
+    };
+    let (Some(first), Some(last)) = (part.first(), part.last()) else { return 0.0 };
+    let from = all.partition_point(|o| o.frame < first.frame);
+    let to = all.partition_point(|o| o.frame <= last.frame);
+    let before = &all[from.saturating_sub(4)..(from + 1).min(all.len())];
+    let after = &all[to.saturating_sub(1)..(to + 4).min(all.len())];
+    (middle(after) - middle(before)).norm()
+}
+
+fn runs(moving: &[bool]) -> Vec<Run> {
+    let mut found = Vec::new();
+    let mut from = 0;
+    for chunk in moving.chunk_by(|a, b| a == b) {
+        found.push(Run { sightings: from..from + chunk.len(), parked: !chunk[0] });
+        from += chunk.len();
+    }
+    found
+}
+
+/// Turns stands between two drives into driving where they are shorter than `least_s`.
+fn close_gaps(moving: &mut [bool], sightings: &[Observation], least_s: f64) {
+    let found = runs(moving);
+    for (i, run) in found.iter().enumerate() {
+        let inner = i > 0 && i + 1 < found.len();
+        if run.parked && inner && seconds(&sightings[run.sightings.clone()]) < least_s {
+            moving[run.sightings.clone()].fill(true);
+        }
+    }
+}
+
+fn widen(moving: &mut [bool], sightings: &[Observation]) {
+    for run in runs(moving).into_iter().filter(|run| !run.parked) {
+        let from_s = sightings[run.sightings.start].time_s - ONSET_S;
+        let to_s = sightings[run.sightings.end - 1].time_s + ONSET_S;
+        let from = sightings.partition_point(|o| o.time_s < from_s);
+        let to = sightings.partition_point(|o| o.time_s <= to_s);
+        moving[from..to].fill(true);
+    }
+}

@@ -1,0 +1,264 @@
+//! Which measurement belongs to which car, frame by frame.
+
+use std::collections::BTreeMap;
+
+use nalgebra::{Matrix3, Vector3};
+use roadplane_base::{FrameStamp, VehicleClass, assign, bbox_centre, bbox_covered, bbox_iou};
+
+use crate::{
+    CarMeasurement, FrameMeasurements, Track, TrackOptions, duplicates::merge_duplicates, filter::Filter,
+    measurement::Observation, shape::ShapeSum, smooth::smooth_track,
+};
+
+/// A track before smoothing.
+#[derive(Clone, Debug)]
+pub(crate) struct RawTrack {
+    pub observations: Vec<Observation>,
+    pub shape: ShapeSum,
+    class_scores: BTreeMap<VehicleClass, f64>,
+}
+
+impl RawTrack {
+    fn class(&self) -> VehicleClass {
+        let best = self.class_scores.iter().reduce(|best, next| if next.1 > best.1 { next } else { best });
+        best.map_or(VehicleClass::Car, |(class, _)| *class)
+    }
+}
+
+#[derive(Clone, Debug)]
+struct Live {
+    filter: Filter,
+    raw: RawTrack,
+    born: usize,
+    missed: usize,
+    box_velocity_px_s: nalgebra::Vector2<f64>,
+}
+
+/// A box is extrapolated for so long, s.
+const BOX_TRUST_S: f64 = 0.5;
+/// Cost at which a track rather stays alone; pose and overlap make up half of 1 each.
+const ALONE: f64 = 0.9;
+/// Overlap of boxes that makes a pair even where the pose went wrong.
+const SURE_OVERLAP: f64 = 0.5;
+
+impl Live {
+    fn new(car: &CarMeasurement, observation: Observation) -> Self {
+        let filter = Filter::new(&observation.pose, &observation.covariance, observation.time_s);
+        let mut shape = ShapeSum::new(filter.position(), filter.axis());
+        shape.add(car, filter.position(), filter.axis());
+        Self {
+            born: observation.frame,
+            missed: 0,
+            box_velocity_px_s: nalgebra::Vector2::zeros(),
+            raw: RawTrack {
+                observations: vec![observation],
+                shape,
+                class_scores: BTreeMap::from([(car.class, car.score)]),
+            },
+            filter,
+        }
+    }
+
+    fn last(&self) -> Option<&Observation> {
+        self.raw.observations.last()
+    }
+
+    fn add(&mut self, car: &CarMeasurement, observation: Observation, gate: f64) {
+        if let Some(last) = self.last() {
+            let gap_s = observation.time_s - last.time_s;
+            if gap_s > 0.0 {
+                let velocity = (bbox_centre(&observation.bbox_px) - bbox_centre(&last.bbox_px)) / gap_s;
+                let share = if self.raw.observations.len() < 2 { 1.0 } else { 1.0 - (-gap_s / 0.15).exp() };
+                self.box_velocity_px_s += share * (velocity - self.box_velocity_px_s);
+            }
+        }
+        self.filter.update(&observation.pose, &observation.covariance, observation.time_s, gate);
+        self.raw.shape.add(car, self.filter.position(), self.filter.axis());
+        *self.raw.class_scores.entry(car.class).or_default() += car.score;
+        self.raw.observations.push(observation);
+        self.missed = 0;
+    }
+
+    /// Where the box should be; `None` when it was seen too long ago.
+    fn expected_box(&self, time_s: f64) -> Option<[f64; 4]> {
+        let last = self.last()?;
+        if self.filter.is_still() {
+            return Some(last.bbox_px);
+        }
+        let gap_s = time_s - last.time_s;
+        let shift = self.box_velocity_px_s * gap_s;
+        let [x0, y0, x1, y1] = last.bbox_px;
+        (gap_s <= BOX_TRUST_S).then(|| [x0 + shift.x, y0 + shift.y, x1 + shift.x, y1 + shift.y])
+    }
+
+    /// 0 for a perfect match; [`ALONE`] and above for none.
+    fn cost(&self, observation: &Observation, gate: f64) -> f64 {
+        let distance = self.filter.distance(&observation.pose, &observation.covariance, observation.time_s);
+        let near = (distance / gate).min(1.0);
+        match self.expected_box(observation.time_s) {
+            Some(expected) => {
+                let overlap = bbox_iou(&expected, &observation.bbox_px);
+                if distance < gate || overlap > SURE_OVERLAP {
+                    0.5 * near + 0.5 * (1.0 - overlap)
+                } else {
+                    f64::INFINITY
+                }
+            }
+            None if distance < gate => 0.25 + 0.65 * near,
+            None => f64::INFINITY,
+        }
+    }
+}
+
+/// Follows the cars of a clip.
+pub struct Tracker {
+    options: TrackOptions,
+    stamps: Vec<FrameStamp>,
+    live: Vec<Live>,
+    ended: Vec<RawTrack>,
+    rejected: usize,
+}
+
+impl Tracker {
+    /// With these options.
+    #[must_use]
+    pub fn new(options: TrackOptions) -> Self {
+        Self { options, stamps: Vec::new(), live: Vec::new(), ended: Vec::new(), rejected: 0 }
+    }
+
+    /// Measurements that were no numbers or had no covariance.
+    #[must_use]
+    pub fn rejected(&self) -> usize {
+        self.rejected
+    }
+
+    /// Takes the next frame, in the order of time; frames without cars as well.
+    pub fn push(&mut self, frame: &FrameMeasurements) {
+        let index = self.stamps.len();
+        self.stamps.push(frame.stamp);
+        let mut cars: Vec<&CarMeasurement> = frame.cars.iter().filter(|car| car.is_usable()).collect();
+        self.rejected += frame.cars.len() - cars.len();
+        // An order of their own, so that the frame's order has no say.
+        cars.sort_by(|a, b| {
+            let key = |c: &CarMeasurement| {
+                [c.bbox_px[0], c.bbox_px[1], c.bbox_px[2], c.bbox_px[3], c.pose.x_m, c.pose.y_m]
+            };
+            key(a)
+                .iter()
+                .zip(key(b))
+                .map(|(a, b)| a.total_cmp(&b))
+                .find(|o| o.is_ne())
+                .unwrap_or(a.car.cmp(&b.car))
+        });
+        let time_s = frame.stamp.time_s();
+        let observations: Vec<Observation> =
+            cars.iter().map(|car| self.observation(car, index, time_s)).collect();
+        let gate = self.options.gate;
+        let pairs =
+            assign(self.live.len(), cars.len(), ALONE, |l, c| self.live[l].cost(&observations[c], gate));
+        let mut taken = vec![false; cars.len()];
+        for (live, pair) in self.live.iter_mut().zip(&pairs) {
+            match *pair {
+                Some(c) => {
+                    live.add(cars[c], observations[c].clone(), gate);
+                    taken[c] = true;
+                }
+                None => live.missed += 1,
+            }
+        }
+        let births: Vec<usize> = (0..cars.len())
+            .filter(|&c| !taken[c] && cars[c].score >= self.options.birth_score)
+            .filter(|&c| {
+                !(0..cars.len()).any(|other| taken[other] && same_car(&observations[c], &observations[other]))
+            })
+            .collect();
+        self.bury(index, time_s);
+        for c in births {
+            self.live.push(Live::new(cars[c], observations[c].clone()));
+        }
+    }
+
+    /// All tracks, by first frame, then by x.
+    #[must_use]
+    pub fn finish(mut self) -> Vec<Track> {
+        self.ended.extend(self.live.drain(..).map(|live| live.raw));
+        let half = self.stamps.len().div_ceil(2);
+        let least = self.options.min_observed.min(half);
+        let mut raw = merge_duplicates(self.ended);
+        raw.retain(|track| {
+            let seen = track.observations.len();
+            let life = match (track.observations.first(), track.observations.last()) {
+                (Some(first), Some(last)) => last.frame - first.frame + 1,
+                _ => return false,
+            };
+            seen >= least && seen as f64 >= self.options.min_duty * life as f64
+        });
+        let mut tracks: Vec<Track> = raw
+            .iter()
+            .map(|track| {
+                let (shape, shape_information) = track.shape.fused();
+                let states = smooth_track(&track.observations, &self.stamps, &self.options);
+                Track { id: 0, class: track.class(), states, shape, shape_information }
+            })
+            .collect();
+        let key = |track: &Track| track.states.first().map(|s| (s.stamp.index, s.pose.x_m, s.pose.y_m));
+        tracks.sort_by(|a, b| match (key(a), key(b)) {
+            (Some(a), Some(b)) => a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)).then(a.2.total_cmp(&b.2)),
+            (a, b) => a.is_some().cmp(&b.is_some()),
+        });
+        for (id, track) in (1..).zip(&mut tracks) {
+            track.id = id;
+        }
+        tracks
+    }
+
+    fn observation(&self, car: &CarMeasurement, frame: usize, time_s: f64) -> Observation {
+        let floor = Vector3::new(
+            self.options.min_position_sd_m,
+            self.options.min_position_sd_m,
+            self.options.min_heading_sd_rad,
+        );
+        let covariance = car.covariance + Matrix3::from_diagonal(&floor.component_mul(&floor));
+        Observation {
+            frame,
+            time_s,
+            pose: car.pose_vector(),
+            covariance: (covariance + covariance.transpose()) / 2.0,
+            bbox_px: car.bbox_px,
+            score: car.score,
+            car: car.car,
+        }
+    }
+
+    /// Ends tracks that were not seen for too long. New ones get little time.
+    fn bury(&mut self, frame: usize, time_s: f64) {
+        let options = &self.options;
+        let (dead, live) = std::mem::take(&mut self.live).into_iter().partition(|live: &Live| {
+            let hits = live.raw.observations.len();
+            if hits < options.confirm_hits {
+                return frame + 1 - live.born >= options.confirm_frames
+                    || live.missed + options.confirm_hits > options.confirm_frames;
+            }
+            let coast_s =
+                if live.filter.is_still() { options.max_parked_coast_s } else { options.max_coast_s };
+            live.last().is_none_or(|last| time_s - last.time_s > coast_s)
+        });
+        self.live = live;
+        // What was never confirmed is forgotten, unless the clip itself is that short.
+        let confirmed = |live: &Live| live.raw.observations.len() >= options.confirm_hits;
+        self.ended.extend(Vec::into_iter(dead).filter(confirmed).map(|live| live.raw));
+    }
+}
+
+/// Two measurements of one car: boxes that overlap much, at about the same place.
+pub(crate) fn same_car(a: &Observation, b: &Observation) -> bool {
+    let overlap = bbox_iou(&a.bbox_px, &b.bbox_px) > 0.5 || bbox_covered(&a.bbox_px, &b.bbox_px) > 0.8;
+    overlap && share_space(a, b)
+}
+
+/// Whether the two could not stand there side by side: nearer than a car is wide, or not told apart by their covariances.
+pub(crate) fn share_space(a: &Observation, b: &Observation) -> bool {
+    let away = a.pose.xy() - b.pose.xy();
+    let spread = (a.covariance + b.covariance).fixed_view::<2, 2>(0, 0).into_owned();
+    away.norm() < 1.6 || spread.try_inverse().is_some_and(|s| away.dot(&(s * away)) < 4.0)
+}
