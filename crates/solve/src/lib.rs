@@ -15,11 +15,17 @@
 //! normal equations are an arrow and cost is linear in cars (`arrow.rs`).
 //!
 //! # Entry points
-//! [`solve_scene`]: everything unknown. [`fit_car`]: camera and plane known.
+//! [`solve_scene`]: everything unknown. [`fit_car`]: camera and plane known. [`fit_free_car`],
+//! [`solve_free_scene`]: no plane, 6-DoF poses, or the paper's soft plane terms (Eq. 4–7) with its Algorithm 1.
+//! [`refine_scene`], [`scene_bound`]: from a known scene.
 
+mod alternation;
 mod arrow;
 mod cold_start;
 mod fit;
+mod free;
+mod free_problem;
+mod free_residual;
 mod ground_problem;
 mod ground_residual;
 mod kernel;
@@ -35,6 +41,8 @@ mod up_consensus;
 mod weak_perspective;
 
 pub use fit::{CarFit, fit_car};
+pub use free::{FreeCarFit, FreeSceneSolution, fit_free_car, solve_free_scene};
+pub use free_problem::PlaneTerms;
 pub use kernel::OutlierModel;
 pub use lm::{LmOptions, LmReport, Problem, Termination, Trial, minimise};
 pub use options::{CameraPrior, SceneOptions, ShapePrior};

@@ -3,7 +3,7 @@
 //!
 //! Size says depth: a car seen with s px/m is at z = f/s, so `n · T + h = 0` reads `s = −(n_x u + n_y v + n_z f) / h`.
 
-use nalgebra::{Matrix3, Vector2, Vector3, Vector4};
+use nalgebra::{Vector3, Vector4};
 
 use crate::weak_perspective::Appearance;
 
@@ -23,7 +23,7 @@ pub(crate) fn planes_for_focal(cars: &[Vec<Appearance>], focal_px: f64, most: us
     for (k, appearances) in cars.iter().enumerate() {
         let Some(best) = appearances.first() else { continue };
         for (n, appearance) in appearances.iter().enumerate() {
-            let up = camera_from_sight(&appearance.origin, focal_px) * appearance.up;
+            let up = appearance.camera_from_car(focal_px).column(2).into_owned();
             ballots.push((k, (-COST_SCALE * (appearance.cost - best.cost)).exp(), up, n));
         }
     }
@@ -87,13 +87,4 @@ fn camera_from_up(
     heights.sort_by(f64::total_cmp);
     let height = heights.get(heights.len() / 2)?;
     Some(Vector4::new(focal_px.ln(), tilt, roll, height.ln()))
-}
-
-/// The smallest rotation that takes the optical axis to the line of sight of a pixel.
-fn camera_from_sight(pixel: &Vector2<f64>, focal_px: f64) -> Matrix3<f64> {
-    let ray = Vector3::new(pixel.x, pixel.y, focal_px) / (pixel.norm_squared() + focal_px * focal_px).sqrt();
-    let axis = Vector3::new(-ray.y, ray.x, 0.0);
-    let k = 1.0 / (1.0 + ray.z);
-    // Rodrigues for unit vectors: R = I cosθ + [axis]× + axis axisᵀ / (1 + cosθ)
-    Matrix3::identity() * ray.z + axis.cross_matrix() + axis * axis.transpose() * k
 }

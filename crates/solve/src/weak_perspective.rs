@@ -28,8 +28,8 @@ const CAP: f64 = 9.0;
 pub(crate) struct Appearance {
     /// Truncated cost.
     pub cost: f64,
-    /// Car's up direction in a frame whose z axis is the line of sight to the car.
-    pub up: Vector3<f64>,
+    /// Rotation from the car's frame to one whose z axis is the line of sight to the car.
+    pub sight_from_car: Matrix3<f64>,
     /// Size, px per m.
     pub scale: f64,
     /// Image of the car's origin, px from the principal point.
@@ -38,14 +38,30 @@ pub(crate) struct Appearance {
 
 /// The rotation (row-major part that matters: 2 rows) for each direction of the grid.
 pub(crate) struct DirectionGrid {
+    rotations: Vec<Matrix3<f64>>,
+    /// Their first two rows.
     rows: Vec<[Vector3<f64>; 2]>,
-    ups: Vec<Vector3<f64>>,
+}
+
+impl Appearance {
+    /// The car's rotation before a camera of this focal length.
+    pub fn camera_from_car(&self, focal_px: f64) -> Matrix3<f64> {
+        camera_from_sight(&self.origin, focal_px) * self.sight_from_car
+    }
+}
+
+/// The smallest rotation that takes the optical axis to the line of sight of a pixel.
+fn camera_from_sight(pixel: &Vector2<f64>, focal_px: f64) -> Matrix3<f64> {
+    let ray = Vector3::new(pixel.x, pixel.y, focal_px) / (pixel.norm_squared() + focal_px * focal_px).sqrt();
+    let axis = Vector3::new(-ray.y, ray.x, 0.0);
+    // Rodrigues for unit vectors: R = I cosθ + [axis]× + axis axisᵀ / (1 + cosθ)
+    Matrix3::identity() * ray.z + axis.cross_matrix() + axis * axis.transpose() / (1.0 + ray.z)
 }
 
 impl DirectionGrid {
     pub fn new() -> Self {
         let mut rows = Vec::new();
-        let mut ups = Vec::new();
+        let mut rotations = Vec::new();
         for elevation in ELEVATIONS.map(f64::to_radians) {
             let (sin_e, cos_e) = elevation.sin_cos();
             for a in 0..AZIMUTHS {
@@ -54,10 +70,10 @@ impl DirectionGrid {
                 let turn = Matrix3::new(cos_a, -sin_a, 0.0, sin_a, cos_a, 0.0, 0.0, 0.0, 1.0);
                 let r = tilt * turn;
                 rows.push([r.row(0).transpose(), r.row(1).transpose()]);
-                ups.push(r.column(2).into_owned());
+                rotations.push(r);
             }
         }
-        Self { rows, ups }
+        Self { rotations, rows }
     }
 
     /// Local minima of the cost over the grid, best first.
@@ -123,10 +139,10 @@ impl DirectionGrid {
             let off = (turned(&a, &project(o)) + t - o.pixel).norm_squared() / variance;
             cost += 0.5 * o.weight * off.min(CAP);
         }
-        let up = self.ups[direction];
-        let up_xy = turned(&(a / scale), &up.xy());
-        let up = Vector3::new(up_xy.x, up_xy.y, up.z);
-        (scale > 1e-9 && cost.is_finite()).then_some(Appearance { cost, up, scale, origin: t })
+        let (cos, sin) = (a.x / scale, a.y / scale);
+        let turn = Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0);
+        let sight_from_car = turn * self.rotations[direction];
+        (scale > 1e-9 && cost.is_finite()).then_some(Appearance { cost, sight_from_car, scale, origin: t })
     }
 }
 
