@@ -4,8 +4,9 @@ models/detector.onnx with its card: no TensorFlow, only numpy and onnx.
     python3 scripts/models/convert_nanodet.py [--package FILE.tgz] [--out models]
 
 What changes on the way, none of it the numbers: channels come first everywhere, padding and biases move into
-the convolutions, the sizes baked into the graph become free (any multiple of 32), the input becomes RGB in 0…1,
-and of the 80 classes only car, truck and bus stay. The result is compared with a numpy evaluation of the original.
+the convolutions, the sizes baked into the graph become free (any multiple of 32), the input becomes RGB in
+0…1, and of the 80 classes only car, truck and bus stay. The result is compared with a numpy evaluation of the
+original.
 """
 
 import argparse
@@ -279,10 +280,8 @@ def card(model: bytes) -> dict:
         "classes": list(VEHICLES),
         "strides_px": list(STRIDES),
         "bins": BINS,
-        "decoding": "scores_s: probability per class and cell of s px; bins_s: logits over 0…10 cells for the "
-        "distances from the cell's centre, (i + 0.5) s px from the picture's edge, to the box's left, top, right, "
-        "bottom, 11 each",
-        "source": f"npm {PACKAGE}, models/nanodet.json and .bin; upstream RangiLyu/nanodet, NanoDet-g on COCO",
+        "decoding": "models/detector.md",
+        "source": f"npm {PACKAGE}, models/nanodet.json and .bin; upstream RangiLyu/nanodet, NanoDet-g",
         "how_made": "scripts/models/convert_nanodet.py",
     }
 
