@@ -4,8 +4,10 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
+use ort::device::Device;
 use ort::environment::Environment;
 use ort::logging::LogLevel;
+use ort::memory::DeviceType;
 use serde::{Deserialize, Serialize};
 
 use crate::error::InferError;
@@ -169,19 +171,28 @@ pub(crate) fn prepare(
 }
 
 fn register_openvino(runtime: &mut Runtime) -> Result<(), String> {
-    if runtime.openvino_registered {
-        return Ok(());
-    }
     let plugin = runtime
         .library
         .parent()
         .map(|folder| folder.join(OPENVINO_FOLDER).join(OPENVINO_LIBRARY))
         .filter(|path| path.is_file())
         .ok_or_else(|| "the plug-in is not beside the runtime (scripts/setup --with-openvino)".to_owned())?;
-    runtime
-        .environment
-        .register_ep_library(OPENVINO_NAME, &plugin)
-        .map_err(|error| format!("the plug-in cannot be loaded: {error}"))?;
-    runtime.openvino_registered = true;
-    Ok(())
+    if !runtime.openvino_registered {
+        runtime
+            .environment
+            .register_ep_library(OPENVINO_NAME, &plugin)
+            .map_err(|error| format!("the plug-in cannot be loaded: {error}"))?;
+        runtime.openvino_registered = true;
+    }
+    // On other makers' processors the plug-in loads but offers nothing.
+    openvino_cpu(&runtime.environment)
+        .map(|_| ())
+        .ok_or_else(|| "the plug-in offers no CPU device".to_owned())
+}
+
+/// The plug-in's CPU device.
+pub(crate) fn openvino_cpu(environment: &Environment) -> Option<Device<'_>> {
+    environment.devices().find(|device| {
+        device.ep().is_ok_and(|ep| ep == OPENVINO_NAME) && device.hardware_device().ty() == DeviceType::CPU
+    })
 }

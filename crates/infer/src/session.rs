@@ -6,16 +6,16 @@ use std::path::{Path, PathBuf};
 
 use ndarray::{ArrayD, ArrayViewD, CowArray};
 use ort::environment::Environment;
-use ort::memory::DeviceType;
 use ort::session::Session as OrtSession;
 use ort::session::builder::{GraphOptimizationLevel, SessionBuilder};
 use ort::value::{Outlet, TensorElementType, TensorRef, ValueType};
 use sha2::{Digest as _, Sha256};
+use thiserror::Error;
 
 use crate::card::{ModelCard, TensorSpec, read_limited};
 use crate::error::{InferError, Refusal};
 use crate::external_data::refuse_external_data;
-use crate::runtime::{OPENVINO_NAME, Provider, ProviderChoice, prepare};
+use crate::runtime::{OPENVINO_NAME, Provider, ProviderChoice, openvino_cpu, prepare};
 
 /// Largest model file, bytes.
 const MAX_MODEL_BYTES: u64 = 512 << 20;
@@ -82,12 +82,19 @@ impl Session {
         let path = card_path.with_file_name(&card.file);
         let refused = |reason| InferError::ModelRefused { reason, path: path.clone() };
         let bytes = verified_bytes(&card, &path).map_err(refused)?;
-        let (environment, provider) = prepare(options.library.as_deref(), options.provider)?;
-        let inner =
-            commit(&environment, &bytes, provider, options.threads).map_err(|failure| match failure {
-                CommitError::Model(what) => refused(Refusal::Rejected(what)),
-                CommitError::Provider(what) => InferError::ProviderUnavailable { provider: "openvino", what },
-            })?;
+        let (environment, mut provider) = prepare(options.library.as_deref(), options.provider)?;
+        let mut committed = commit(&environment, &bytes, provider, options.threads);
+        if let (Err(error), ProviderChoice::Auto, Provider::OpenvinoBf16) =
+            (&committed, options.provider, provider)
+        {
+            tracing::warn!("OpenVINO refuses {}, using the CPU provider: {error}", card.name);
+            provider = Provider::Cpu;
+            committed = commit(&environment, &bytes, provider, options.threads);
+        }
+        let inner = committed.map_err(|error| match error {
+            CommitError::Model(what) => refused(Refusal::Rejected(what)),
+            CommitError::Provider(what) => InferError::ProviderUnavailable { provider: "openvino", what },
+        })?;
         check_interface("input", &card.inputs, inner.inputs()).map_err(refused)?;
         check_interface("output", &card.outputs, inner.outputs()).map_err(refused)?;
         tracing::info!(net = card.name, version = card.version_text(), %provider, "net loaded");
@@ -167,8 +174,11 @@ fn verified_bytes(card: &ModelCard, path: &Path) -> Result<Vec<u8>, Refusal> {
     Ok(bytes)
 }
 
+#[derive(Debug, Error)]
 enum CommitError {
+    #[error("{0}")]
     Model(String),
+    #[error("{0}")]
     Provider(String),
 }
 
@@ -217,10 +227,7 @@ fn with_openvino(
     environment: &Environment,
     config: &Path,
 ) -> Result<SessionBuilder, String> {
-    let is_cpu = |device: &ort::device::Device<'_>| {
-        device.ep().is_ok_and(|ep| ep == OPENVINO_NAME) && device.hardware_device().ty() == DeviceType::CPU
-    };
-    let device = environment.devices().find(is_cpu).ok_or("the plug-in offers no CPU device")?;
+    let device = openvino_cpu(environment).ok_or("the plug-in offers no CPU device")?;
     let options = [(format!("{OPENVINO_NAME}.load_config"), config.display().to_string())];
     builder.with_devices([device], Some(&options)).map_err(|e| e.to_string())
 }
