@@ -21,7 +21,8 @@ fn main() -> ExitCode {
     logging::start(cli.log_format, cli.verbose);
     let cancel = signals::watch();
     let outcome = match &cli.command {
-        Command::Run(_) | Command::Render(_) => anyhow::bail!("not yet"),
+        Command::Run(args) => commands::run::run(args, &cancel),
+        Command::Render(_) => Err(anyhow::anyhow!("not yet")),
         Command::Detect(args) => commands::stages::detect(args, &cancel),
         Command::Keypoints(args) => commands::stages::keypoints(args, &cancel),
         Command::Solve(args) => commands::stages::solve(args, &cancel),

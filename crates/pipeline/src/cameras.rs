@@ -16,6 +16,8 @@ const GIVEN_LOG_FOCAL_SD: f64 = 1e-6;
 #[derive(Clone, Debug)]
 pub struct CameraTrack {
     estimates: Vec<CameraEstimate>,
+    /// When each position of the camera after the first began, s.
+    moves_s: Vec<f64>,
 }
 
 impl CameraTrack {
@@ -23,6 +25,12 @@ impl CameraTrack {
     #[must_use]
     pub fn estimates(&self) -> &[CameraEstimate] {
         &self.estimates
+    }
+
+    /// Counts the positions that the camera was moved to up to a time.
+    #[must_use]
+    pub fn position_at(&self, time_s: f64) -> usize {
+        self.moves_s.iter().filter(|from_s| **from_s <= time_s).count()
     }
 
     /// The estimate that holds at a time: whose stretch contains it, else the nearest.
@@ -58,10 +66,14 @@ pub fn estimate_cameras(
         ..EvidenceOptions::default()
     });
     let mut windows = Vec::new();
+    let mut moves_s: Vec<f64> = Vec::new();
     let mut size = None;
     let mut span_s = [f64::INFINITY, f64::NEG_INFINITY];
     let mut frame_count = 0;
     let mut take = |window: Option<Window>, size: ImageSize, options: &mut SceneOptions| {
+        if let Some(window) = window.as_ref().filter(|window| window.segment > moves_s.len()) {
+            moves_s.push(window.span_s[0]);
+        }
         if let Some(estimate) = window.and_then(|window| solve_window(&window, atlas, size, options)) {
             options.start = Some(estimate.params);
             windows.push(estimate);
@@ -80,7 +92,7 @@ pub fn estimate_cameras(
         take(builder.push(frame), image_size, &mut options);
     }
     let Some(size) = size else {
-        return Ok(CameraTrack { estimates: Vec::new() });
+        return Ok(CameraTrack { estimates: Vec::new(), moves_s });
     };
     take(builder.finish(), size, &mut options);
     let prior = fuse_prior(&options, size);
@@ -91,7 +103,7 @@ pub fn estimate_cameras(
         estimates.push(unobservable(&fuse_options, span_s, size));
         tracing::warn!("the camera cannot be estimated from the cars of {frame_count} frames");
     }
-    Ok(CameraTrack { estimates })
+    Ok(CameraTrack { estimates, moves_s })
 }
 
 /// Solves one frame on its own.

@@ -8,6 +8,7 @@ use roadplane_detect::DetectOptions;
 use roadplane_infer::ProviderChoice;
 use roadplane_keypoints::KeypointOptions;
 use roadplane_solve::{CameraPrior, OutlierModel, SceneOptions};
+use roadplane_track::TrackOptions;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 use thiserror::Error;
@@ -30,6 +31,8 @@ pub struct Config {
     pub solve: SolveConfig,
     /// How the camera is followed over the clip.
     pub calibrate: CalibrateConfig,
+    /// How cars are followed.
+    pub track: TrackOptions,
     /// Threads and memory.
     pub pipeline: PipelineConfig,
     /// What is written besides the contract's files.

@@ -11,10 +11,8 @@ use roadplane_write::{
 };
 use serde::{Deserialize, Serialize};
 
-use crate::clip::{ClipSolution, SolveOptions, solve_clip};
-use crate::flow::Stage;
+use crate::clip::{ClipSolution, solve_clip};
 use crate::identity::{file_identity, peak_memory_bytes, versions};
-use crate::report::write_report;
 use crate::samples::SampleFrames;
 use crate::streaming::{Nets, Streamed, detect_stage, keypoint_stage, open_input, stream};
 use crate::{Cancel, Config, PipelineError, Progress};
@@ -114,14 +112,13 @@ pub fn run_input(
         let rejected_cars = nets.keypoints.rejected();
         drop(nets);
         progress.phase("solving");
-        let solve = SolveOptions { focal_px: options.focal_px, use_plane: true, per_frame: false };
         let spool = folder.path().join(SPOOL);
         let solving = Instant::now();
         let solution =
-            solve_clip(&spool, &folder.path().join("poses.jsonl"), &atlas, &solve, config, cancel)?;
+            solve_clip(&spool, &folder.path().join("poses.jsonl"), &atlas, options.focal_px, config, cancel)?;
         let solve_s = solving.elapsed().as_secs_f64();
         progress.phase("writing");
-        write_camera(&folder.path().join("camera.json"), &solution.cameras)?;
+        write_camera(&folder.path().join("camera.json"), solution.cameras.estimates())?;
         let mut files = TrackFiles::create(folder.path())?;
         for row in &solution.rows {
             files.write(row)?;
@@ -136,12 +133,7 @@ pub fn run_input(
         summary.frames_per_s = streamed.decode.delivered as f64 / summary.wall_s.max(1e-9);
         summary.peak_memory_bytes = peak_memory_bytes();
         let samples = samples.finish();
-        write_report(&folder.path().join("report.html"), &stem, &atlas, &solution, &samples, &summary)?;
-        if options.video {
-            progress.phase("drawing");
-            let video = folder.path().join("annotated.mp4");
-            crate::render::draw_video(input_path, &solution, &atlas, &video, nominal_fps, config, cancel)?;
-        }
+        let _ = samples;
         write_summary(&folder.path().join("summary.json"), &summary)?;
         Ok((streamed.decode.is_damaged(), solution))
     })();

@@ -27,7 +27,7 @@ pub fn run(args: &RunArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
         }
     }
     let models = find_models(config.models.folder.as_deref())?;
-    let _lock = FolderLock::take(&args.out).map_err(PipelineError::from)?;
+    let _lock = FolderLock::acquire(&args.out).map_err(PipelineError::from)?;
     let options = RunOptions {
         models,
         focal_px: args.focal_px,
@@ -95,8 +95,9 @@ impl Worst {
     fn note(&mut self, input: &Path, result: Result<RunReport, PipelineError>) {
         match result {
             Ok(report) => {
-                let (tracks, camera) = (report.tracks, &report.camera);
-                tracing::info!("{}: {tracks} tracks, {camera}: {}", input.display(), report.folder.display());
+                let tracks = report.tracks.map_or_else(String::new, |n| format!("{n} tracks, "));
+                let camera = &report.camera;
+                tracing::info!("{}: {tracks}{camera}: {}", input.display(), report.folder.display());
                 self.damaged |= report.damaged;
             }
             Err(error) => {

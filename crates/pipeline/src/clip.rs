@@ -1,0 +1,277 @@
+//! The right half of a run: records of all frames → camera over time, poses, smoothed tracks.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use nalgebra::{Matrix6, Point3};
+use roadplane_base::{
+    CameraEstimate, CameraStatus, FrameRecord, FrameStamp, GroundPose, KEYPOINTS, PoseRecord, ShapeAtlas,
+    TrackRow,
+    VehicleClass,
+};
+use roadplane_solve::{CarFit, SceneOptions, ShapePrior};
+use roadplane_track::{CarMeasurement, FrameMeasurements, Track, TrackState, Tracker};
+use roadplane_write::{FrameReader, PoseLines, read_jsonl};
+
+use crate::cameras::{CameraTrack, estimate_cameras};
+use crate::cars::{FrameCamera, fit_frame, pose_record};
+use crate::{Cancel, Config, PipelineError};
+
+/// A car in a frame: frame's index, place in its list.
+type CarKey = (u64, usize);
+
+/// What became of a clip.
+#[derive(Debug)]
+pub struct ClipSolution {
+    /// The camera, a stretch of time each.
+    pub cameras: CameraTrack,
+    /// All tracks, by number.
+    pub tracks: Vec<Track>,
+    /// Rows of the track files, by frame, then by track.
+    pub rows: Vec<TrackRow>,
+    /// Root mean square reprojection errors of the tracked poses, px.
+    pub reprojection_rms_px: Vec<f64>,
+    /// Cars (car and frame) with a pose that is used.
+    pub poses_used: u64,
+    /// Cars dropped, by reason.
+    pub rejected: BTreeMap<String, u64>,
+    /// What a reader should know.
+    pub warnings: Vec<String>,
+}
+
+impl ClipSolution {
+    /// The camera in words, for a log line.
+    #[must_use]
+    pub fn camera_in_words(&self) -> String {
+        let Some(first) = self.cameras.estimates().first() else { return "no camera".to_owned() };
+        let focal_px = first.params.focal_px();
+        let sd = |i: usize| first.covariance[(i, i)].max(0.0).sqrt();
+        let height_m = first.params.log_height.exp();
+        format!(
+            "focal {focal_px:.0} ± {:.0} px, height {height_m:.1} ± {:.1} m, tilt {:.1} ± {:.1}° ({})",
+            focal_px * sd(0),
+            height_m * sd(3),
+            first.params.tilt.to_degrees(),
+            sd(1).to_degrees(),
+            match first.status {
+                CameraStatus::Estimated => "estimated",
+                CameraStatus::FocalGiven => "focal given",
+                CameraStatus::FocalFromPrior => "focal from prior",
+                CameraStatus::Unobservable => "unobservable",
+            },
+        )
+    }
+}
+
+/// Solves a clip from its frames file and writes `poses.jsonl`. Every pass streams over the file.
+///
+/// # Errors
+/// [`PipelineError`]; the poses file then does not appear.
+pub fn solve_clip(
+    frames: &Path,
+    poses: &Path,
+    atlas: &ShapeAtlas,
+    focal_px: Option<f64>,
+    config: &Config,
+    cancel: &Cancel,
+) -> Result<ClipSolution, PipelineError> {
+    let read = || -> Result<_, PipelineError> {
+        Ok(FrameReader::open(frames)?.map(|record| {
+            cancel.signal().map_or(Ok(()), |signal| Err(PipelineError::Stopped { signal }))?;
+            Ok(record?)
+        }))
+    };
+    let cameras = estimate_cameras(read()?, atlas, focal_px, config)?;
+    let pass = Pass { cameras: &cameras, atlas, options: config.solve.scene_options(focal_px), config };
+    // First with every car's shape free in every frame; then with the one shape that its track came to.
+    let (first, _) = pass.tracks(read()?, &BTreeMap::new(), |_| Ok(()))?;
+    let spool = poses.with_extension("spool");
+    let mut spooled = PoseLines::create(&spool)?;
+    let (tracks, rejected) = pass.tracks(read()?, &known_cars(&first), |pose| Ok(spooled.write(pose)?))?;
+    spooled.finish()?;
+
+    let tracked = tracked_cars(&tracks);
+    let mut lines = PoseLines::create(poses)?;
+    let mut reprojection_rms_px = Vec::new();
+    let mut poses_used = 0;
+    for pose in read_jsonl::<PoseRecord>(&spool)? {
+        let mut pose = pose?;
+        pose.track = tracked.get(&(pose.frame, pose.car)).copied();
+        poses_used += u64::from(pose.used);
+        if pose.track.is_some() {
+            reprojection_rms_px.push(pose.reprojection_rms_px);
+        }
+        lines.write(&pose)?;
+    }
+    lines.finish()?;
+    std::fs::remove_file(&spool).map_err(|source| PipelineError::Unreadable { source, path: spool.clone() })?;
+    let mut rows: Vec<TrackRow> = tracks.iter().flat_map(|track| pass.rows(track)).collect();
+    rows.sort_by_key(|row| (row.frame, row.track));
+    let warnings = warnings_of(&cameras);
+    Ok(ClipSolution { cameras, tracks, rows, reprojection_rms_px, poses_used, rejected, warnings })
+}
+
+/// What a pass over the frames needs.
+struct Pass<'a> {
+    cameras: &'a CameraTrack,
+    atlas: &'a ShapeAtlas,
+    options: SceneOptions,
+    config: &'a Config,
+}
+
+impl Pass<'_> {
+    /// Fits all cars of all frames and tracks them; cars in `known` have that shape and about that pose. Gives the tracks
+    /// and counts of what was dropped.
+    fn tracks(
+        &self,
+        frames: impl Iterator<Item = Result<FrameRecord, PipelineError>>,
+        known: &BTreeMap<CarKey, (ShapePrior, GroundPose)>,
+        mut sink: impl FnMut(&PoseRecord) -> Result<(), PipelineError>,
+    ) -> Result<(Vec<Track>, BTreeMap<String, u64>), PipelineError> {
+        let mut tracker = Tracker::new(self.config.track.clone());
+        let mut tracks = Vec::new();
+        let mut rejected = BTreeMap::new();
+        let mut position = None;
+        for frame in frames {
+            let frame = frame?;
+            let Some(estimate) = self.cameras.at(frame.time_s) else { continue };
+            // Coordinates of one camera position mean nothing in another: tracks end where the camera was moved.
+            let here = self.cameras.position_at(frame.time_s);
+            if position.replace(here).is_some_and(|before| before != here) {
+                let ended = std::mem::replace(&mut tracker, Tracker::new(self.config.track.clone()));
+                append(&mut tracks, ended.finish());
+            }
+            let view = FrameCamera::from(estimate);
+            let prior = |i: usize| match known.get(&(frame.frame, i)) {
+                Some((shape, pose)) => (*shape, Some(*pose)),
+                None => (ShapePrior::default(), None),
+            };
+            let fitted = fit_frame(&frame, &view, self.atlas, &self.options, self.config, prior);
+            let mut cars = Vec::new();
+            for (index, fit) in fitted.into_iter().enumerate() {
+                let record = &frame.cars[index];
+                let reason = match (&fit, record.class) {
+                    (_, VehicleClass::Truck | VehicleClass::Bus) => Some("no_shape_for_class"),
+                    (None, VehicleClass::Car) => Some("no_pose"),
+                    (Some(fit), VehicleClass::Car) => (!fit.car.used).then_some("keypoints_disagree"),
+                };
+                if let Some(reason) = reason {
+                    *rejected.entry(reason.to_owned()).or_insert(0) += 1;
+                }
+                let Some(fit) = fit else { continue };
+                if reason.is_none() {
+                    cars.extend(measurement(&fit, record.bbox_px, record.score, index));
+                }
+                if let Some(pose) = pose_record(&frame, index, &fit, None, self.atlas) {
+                    sink(&pose)?;
+                }
+            }
+            let pts_nanos = (frame.time_s * 1e9).round() as i64;
+            tracker.push(&FrameMeasurements { stamp: FrameStamp { index: frame.frame, pts_nanos }, cars });
+        }
+        append(&mut tracks, tracker.finish());
+        Ok((tracks, rejected))
+    }
+
+    fn rows(&self, track: &Track) -> Vec<TrackRow> {
+        let dims = self.atlas.dims_m(&track.shape);
+        let row = |state: &TrackState| {
+            let bbox_px = state.bbox_px.or_else(|| self.projected_box(track, state))?;
+            Some(TrackRow {
+                frame: state.stamp.index,
+                time_s: state.stamp.time_s(),
+                track: track.id,
+                x_m: state.pose.x_m,
+                y_m: state.pose.y_m,
+                heading_rad: state.pose.heading_rad,
+                speed_mps: state.speed_mps,
+                x_sd_m: state.pose_sd.x,
+                y_sd_m: state.pose_sd.y,
+                heading_sd_rad: state.pose_sd.z,
+                length_m: dims.x,
+                width_m: dims.y,
+                height_m: dims.z,
+                bbox_px,
+                score: state.score,
+                observed: state.observed,
+                activity: None,
+            })
+        };
+        track.states.iter().filter_map(row).collect()
+    }
+
+    /// Box around the projected keypoints of a car that was not seen; `None` where it is not before the camera.
+    fn projected_box(&self, track: &Track, state: &TrackState) -> Option<[f64; 4]> {
+        let view = FrameCamera::from(self.cameras.at(state.stamp.time_s())?);
+        let camera_from_car = view.plane.camera_from_world() * state.pose.world_from_car();
+        let mut bbox = [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY];
+        for index in 0..KEYPOINTS {
+            let point = Point3::from(self.atlas.keypoint_in_car(index, &track.shape));
+            let pixel = view.camera.pixel_from_camera(&(camera_from_car * point).coords)?;
+            bbox = [
+                bbox[0].min(pixel.x),
+                bbox[1].min(pixel.y),
+                bbox[2].max(pixel.x),
+                bbox[3].max(pixel.y),
+            ];
+        }
+        Some(bbox)
+    }
+}
+
+/// Adds tracks of a later camera position; their numbers go on.
+fn append(tracks: &mut Vec<Track>, later: Vec<Track>) {
+    let before = tracks.iter().map(|track| track.id).max().unwrap_or(0);
+    tracks.extend(later.into_iter().map(|track| Track { id: track.id + before, ..track }));
+}
+
+fn measurement(fit: &CarFit, bbox_px: [f64; 4], score: f64, car: usize) -> Option<CarMeasurement> {
+    let shape_information: Matrix6<f64> = fit.car.shape_covariance.try_inverse().unwrap_or_else(Matrix6::identity);
+    Some(CarMeasurement {
+        pose: fit.car.ground,
+        covariance: fit.car.ground_covariance,
+        bbox_px,
+        score,
+        class: VehicleClass::Car,
+        shape: fit.car.shape,
+        shape_information,
+        car,
+    })
+}
+
+/// Per tracked car and frame its track's shape and its smoothed pose.
+fn known_cars(tracks: &[Track]) -> BTreeMap<CarKey, (ShapePrior, GroundPose)> {
+    let of_track = |track: &Track| {
+        let shape = ShapePrior::known(track.shape);
+        let known = move |state: &TrackState| Some(((state.stamp.index, state.car?), (shape, state.pose)));
+        track.states.iter().filter_map(known).collect::<Vec<_>>()
+    };
+    tracks.iter().flat_map(of_track).collect()
+}
+
+fn tracked_cars(tracks: &[Track]) -> BTreeMap<CarKey, u64> {
+    let of_track = |track: &Track| {
+        let id = track.id;
+        let key = move |state: &TrackState| Some(((state.stamp.index, state.car?), id));
+        track.states.iter().filter_map(key).collect::<Vec<_>>()
+    };
+    tracks.iter().flat_map(of_track).collect()
+}
+
+fn warnings_of(cameras: &CameraTrack) -> Vec<String> {
+    let mut warnings = Vec::new();
+    let about = |estimate: &CameraEstimate| match estimate.status {
+        CameraStatus::Unobservable => Some("the camera could not be estimated: its numbers are the prior"),
+        CameraStatus::FocalFromPrior => Some("the cars say little about the focal length: it rests on the prior"),
+        CameraStatus::Estimated | CameraStatus::FocalGiven => None,
+    };
+    for warning in cameras.estimates().iter().filter_map(about) {
+        if !warnings.iter().any(|known| known == warning) {
+            warnings.push(warning.to_owned());
+        }
+    }
+    if cameras.estimates().is_empty() {
+        warnings.push("no frame could be read".to_owned());
+    }
+    warnings
+}
