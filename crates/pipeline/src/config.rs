@@ -314,3 +314,59 @@ impl Config {
         range("output.sample_frames", self.output.sample_frames as f64, 0.0, 64.0)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const DEFAULT: &str = include_str!("../../../configs/default.toml");
+
+    #[test]
+    fn the_documented_defaults_are_the_defaults() {
+        let documented: Config = toml::from_str(DEFAULT).unwrap();
+        assert_eq!(documented, Config::default());
+        // And every field is documented: nothing is left to a default in the file.
+        let table: toml::Table = toml::from_str(DEFAULT).unwrap();
+        let all = toml::Table::try_from(Config::default()).unwrap();
+        for (section, fields) in &all {
+            for field in fields.as_table().unwrap().keys() {
+                assert!(table[section].as_table().unwrap().contains_key(field), "{section}.{field}");
+            }
+        }
+    }
+
+    #[test]
+    fn presets_are_valid() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../configs");
+        for entry in std::fs::read_dir(folder).unwrap() {
+            Config::load(Some(&entry.unwrap().path()), &[]).unwrap();
+        }
+    }
+
+    #[test]
+    fn settings_override_a_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("c.toml");
+        std::fs::write(&file, "[detect]\nmin_score = 0.5\n").unwrap();
+        let settings = ["detect.min_score=0.6".to_owned(), "infer.provider=cpu".to_owned()];
+        let config = Config::load(Some(&file), &settings).unwrap();
+        assert!((config.detect.min_score - 0.6).abs() < 1e-12);
+        assert_eq!(config.infer.provider, ProviderChoice::Cpu);
+        assert_ne!(config.fingerprint(), Config::default().fingerprint());
+    }
+
+    #[test]
+    fn errors_name_line_key_and_setting() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("c.toml");
+        std::fs::write(&file, "[detect]\nmin_score = 0.5\nmin_scroe = 0.1\n").unwrap();
+        let text = Config::load(Some(&file), &[]).unwrap_err().to_string();
+        assert!(text.contains("line 3") && text.contains("min_scroe") && text.contains("min_score"), "{text}");
+        let text = Config::load(None, &["solve.outlier_sd=-1".to_owned()]).unwrap_err().to_string();
+        assert!(text.contains("solve.outlier_sd = -1") && text.contains("1 to 100"), "{text}");
+        for wrong in ["nonsense", "=1", "detect.min_score=high", "detect.min_score.x=1", "nowhere.x=1"] {
+            let text = Config::load(None, &[wrong.to_owned()]).unwrap_err().to_string();
+            assert!(text.contains(wrong), "{text}");
+        }
+    }
+}

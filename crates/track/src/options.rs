@@ -1,7 +1,10 @@
 //! What a tracker can be told.
 
+use serde::{Deserialize, Serialize};
+
 /// How cars are taken to move, appear and disappear.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct TrackOptions {
     /// Score that a car needs to start a track.
     pub birth_score: f64,
@@ -11,7 +14,7 @@ pub struct TrackOptions {
     pub confirm_frames: usize,
     /// Tracks seen in fewer frames are dropped (or in half of the frames of a clip shorter than twice that).
     pub min_observed: usize,
-    /// Share of the frames of its life in which a track must be seen.
+    /// Share of the frames of its life in which a track must be seen, unless its box stays where it was.
     pub min_duty: f64,
     /// A driving car may be hidden for so long, s.
     pub max_coast_s: f64,
@@ -46,7 +49,7 @@ impl Default for TrackOptions {
             confirm_hits: 3,
             confirm_frames: 5,
             min_observed: 6,
-            min_duty: 0.2,
+            min_duty: 0.4,
             max_coast_s: 2.0,
             max_parked_coast_s: 60.0,
             gate: 20.0,

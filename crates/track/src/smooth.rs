@@ -35,10 +35,11 @@ struct Place {
 pub(crate) fn smooth_track(
     sightings: &[Observation],
     stamps: &[FrameStamp],
+    times_s: &[f64],
     options: &TrackOptions,
 ) -> Vec<TrackState> {
     let runs = find_runs(sightings, options);
-    let places = places(sightings, stamps, &runs, options);
+    let places = places(sightings, times_s, &runs, options);
     let start = start(sightings, &places, options);
     let even = Noise::measured(&mut [], 0.0, 0.0, options.bias_share);
     let Some((first, _)) = solve(sightings, &places, start, even, options) else { return Vec::new() };
@@ -58,12 +59,7 @@ pub(crate) fn smooth_track(
 }
 
 /// Nodes of a track, in the order of time.
-fn places(
-    sightings: &[Observation],
-    stamps: &[FrameStamp],
-    runs: &[Run],
-    options: &TrackOptions,
-) -> Vec<Place> {
+fn places(sightings: &[Observation], times_s: &[f64], runs: &[Run], options: &TrackOptions) -> Vec<Place> {
     let mut found: Vec<Place> = Vec::new();
     for run in runs {
         let part = &sightings[run.sightings.clone()];
@@ -77,7 +73,7 @@ fn places(
                 break;
             }
             let seen = sightings.get(index).is_some_and(|o| o.frame == frame);
-            let time_s = stamps[frame].time_s();
+            let time_s = times_s[frame];
             found.push(Place {
                 frames: frame..frame + 1,
                 sightings: if seen { index..index + 1 } else { index..index },

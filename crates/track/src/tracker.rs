@@ -114,6 +114,8 @@ impl Live {
 pub struct Tracker {
     options: TrackOptions,
     stamps: Vec<FrameStamp>,
+    /// From the first frame on: what a clock says at the start of a clip must not change a digit.
+    times_s: Vec<f64>,
     live: Vec<Live>,
     ended: Vec<RawTrack>,
     rejected: usize,
@@ -123,7 +125,14 @@ impl Tracker {
     /// With these options.
     #[must_use]
     pub fn new(options: TrackOptions) -> Self {
-        Self { options, stamps: Vec::new(), live: Vec::new(), ended: Vec::new(), rejected: 0 }
+        Self {
+            options,
+            stamps: Vec::new(),
+            times_s: Vec::new(),
+            live: Vec::new(),
+            ended: Vec::new(),
+            rejected: 0,
+        }
     }
 
     /// Measurements that were no numbers or had no covariance.
@@ -136,6 +145,9 @@ impl Tracker {
     pub fn push(&mut self, frame: &FrameMeasurements) {
         let index = self.stamps.len();
         self.stamps.push(frame.stamp);
+        let since_first = frame.stamp.pts_nanos.saturating_sub(self.stamps[0].pts_nanos);
+        let time_s = since_first as f64 * 1e-9;
+        self.times_s.push(time_s);
         let mut cars: Vec<&CarMeasurement> = frame.cars.iter().filter(|car| car.is_usable()).collect();
         self.rejected += frame.cars.len() - cars.len();
         // An order of their own, so that the frame's order has no say.
@@ -150,7 +162,6 @@ impl Tracker {
                 .find(|o| o.is_ne())
                 .unwrap_or(a.car.cmp(&b.car))
         });
-        let time_s = frame.stamp.time_s();
         let observations: Vec<Observation> =
             cars.iter().map(|car| self.observation(car, index, time_s)).collect();
         let gate = self.options.gate;
@@ -191,13 +202,14 @@ impl Tracker {
                 (Some(first), Some(last)) => last.frame - first.frame + 1,
                 _ => return false,
             };
-            seen >= least && seen as f64 >= self.options.min_duty * life as f64
+            let dense = seen as f64 >= self.options.min_duty * life as f64;
+            seen >= least && (dense || is_coherent(&track.observations))
         });
         let mut tracks: Vec<Track> = raw
             .iter()
             .map(|track| {
                 let (shape, shape_information) = track.shape.fused();
-                let states = smooth_track(&track.observations, &self.stamps, &self.options);
+                let states = smooth_track(&track.observations, &self.stamps, &self.times_s, &self.options);
                 Track { id: 0, class: track.class(), states, shape, shape_information }
             })
             .collect();
@@ -248,6 +260,14 @@ impl Tracker {
         let confirmed = |live: &Live| live.raw.observations.len() >= options.confirm_hits;
         self.ended.extend(Vec::into_iter(dead).filter(confirmed).map(|live| live.raw));
     }
+}
+
+/// Whether the box is mostly where it was at the sighting before, as of a parked car that is often hidden; false alarms
+/// strung together jump.
+fn is_coherent(sightings: &[Observation]) -> bool {
+    let stays =
+        sightings.windows(2).filter(|pair| bbox_iou(&pair[0].bbox_px, &pair[1].bbox_px) > 0.3).count();
+    2 * stays + 1 > sightings.len()
 }
 
 /// Two measurements of one car: boxes that overlap much, at about the same place.

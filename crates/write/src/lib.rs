@@ -1,1 +1,34 @@
-//! roadplane: write.
+//! The files of a result, written so that a reader never meets a half one.
+//!
+//! Every file appears under its name complete and on disk, or not at all ([`OutFile`]); a result folder likewise
+//! ([`OutputFolder`]). Equal input gives equal bytes: numbers are rounded to fixed digits (0.1 mm, 1e-5 rad, 0.01 px,
+//! 1 µs) and nothing depends on hash order, time of day or machine.
+
+#![deny(missing_docs)]
+
+mod camera;
+mod digits;
+mod error;
+mod file;
+mod folder;
+mod interchange;
+mod jsonl;
+mod lock;
+mod parquet;
+mod spool;
+mod summary;
+mod tracks;
+
+pub use camera::{CAMERA_SCHEMA, CameraFile, CameraSegment, read_camera, write_camera};
+pub use error::WriteError;
+pub use file::OutFile;
+pub use folder::{Existing, OutputFolder};
+pub use interchange::{KittiTracking, MotChallenge};
+pub use jsonl::{JsonLines, PoseLines, read_jsonl, write_json};
+pub use lock::FolderLock;
+pub use parquet::{TRACKS_SCHEMA, TrackParquet};
+pub use spool::{FrameReader, FrameSpool, Recovered};
+pub use summary::{
+    Counts, InputSummary, ModelSummary, RunStatus, SUMMARY_SCHEMA, StageSeconds, Summary, write_summary,
+};
+pub use tracks::{TrackCsv, TrackFiles};

@@ -1,0 +1,71 @@
+//! Reported sd against true errors.
+
+use roadplane_base::angle_difference;
+
+use crate::{
+    parked::lot,
+    world::{Seeing, World, owners, pose, straight, times, track},
+};
+
+/// Root mean square of error / sd for x, y and heading over many worlds.
+fn normalised(worlds: impl Iterator<Item = World>) -> [f64; 3] {
+    let (mut sums, mut count) = ([0.0; 3], 0.0);
+    for world in worlds {
+        let seen = world.see();
+        let tracks = track(&seen.frames);
+        for (track, owner) in tracks.iter().zip(owners(&tracks, &seen)) {
+            let Some(car) = owner else { continue };
+            let state = &track.states[track.states.len() / 2];
+            let truth = world.truth(car, &state.stamp).unwrap();
+            let errors = [
+                state.pose.x_m - truth.x_m,
+                state.pose.y_m - truth.y_m,
+                angle_difference(state.pose.heading_rad, truth.heading_rad),
+            ];
+            for i in 0..3 {
+                sums[i] += (errors[i] / state.pose_sd[i]).powi(2);
+            }
+            count += 1.0;
+        }
+    }
+    sums.map(|sum| (sum / count).sqrt())
+}
+
+fn clean() -> Seeing {
+    Seeing { false_alarms: 0.0, flipped: 0.0, ..Seeing::usual() }
+}
+
+#[test]
+fn sd_of_parked_cars_is_true() {
+    // The share of bias is not told to the tracker: it shows in the scatter.
+    for bias in [0.4, 0.7, 0.95] {
+        let worlds =
+            (0..40).map(|seed| World::new(lot(), Seeing { bias, ..clean() }, times(3.0, 15.0), seed));
+        let ratios = normalised(worlds);
+        println!("parked, bias {bias}: {ratios:.2?}");
+        assert!(ratios.iter().all(|r| (0.75..1.25).contains(r)), "bias {bias}: {ratios:?}");
+    }
+}
+
+#[test]
+fn sd_of_driving_cars_is_true() {
+    let worlds = (0..200).map(|seed| {
+        let speed = 3.0 + f64::from(u32::try_from(seed % 7).unwrap());
+        World::new(vec![straight(pose(-9.0, 22.0, 0.05), speed)], clean(), times(1.8, 25.0), seed)
+    });
+    let ratios = normalised(worlds);
+    println!("driving: {ratios:.2?}");
+    assert!(ratios[..2].iter().all(|r| (0.75..1.25).contains(r)), "{ratios:?}");
+    // A bias of the heading is corrected by the path, which the sd only partly knows.
+    assert!((0.3..1.25).contains(&ratios[2]), "{ratios:?}");
+}
+
+#[test]
+fn more_frames_do_not_shrink_what_is_bias() {
+    let sd = |seconds: f64| {
+        let world = World::new(lot(), Seeing { bias: 0.5, ..clean() }, times(seconds, 15.0), 3);
+        track(&world.see().frames)[0].states[0].pose_sd.norm()
+    };
+    let (short, long) = (sd(2.0), sd(40.0));
+    assert!(long > 0.8 * short && long < 1.1 * short, "{short} then {long}");
+}

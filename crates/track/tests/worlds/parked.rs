@@ -1,0 +1,87 @@
+//! Rows of parked cars.
+
+use std::f64::consts::FRAC_PI_2;
+
+use roadplane_base::angle_difference;
+
+use crate::world::{Path, Seeing, World, assert_one_track_each, parked, times, track};
+
+/// Two rows in marked bays, nose to nose, as in a lot.
+pub fn lot() -> Vec<Path> {
+    let back = (0..5).map(|i| parked(-6.0 + 2.8 * f64::from(i), 30.0, -FRAC_PI_2));
+    let front = (0..4).map(|i| parked(-5.0 + 2.8 * f64::from(i), 22.0, FRAC_PI_2));
+    back.chain(front).collect()
+}
+
+#[test]
+fn without_noise_the_truth_comes_out() {
+    let world = World::new(lot(), Seeing::perfect(), times(1.0, 30.0), 1);
+    let seen = world.see();
+    let tracks = track(&seen.frames);
+    for (car, index) in assert_one_track_each(&tracks, &seen, 9).into_iter().enumerate() {
+        let states = &tracks[index].states;
+        assert_eq!(states.len(), 30);
+        for state in states {
+            let truth = world.truth(car, &state.stamp).unwrap();
+            assert!((state.pose.x_m - truth.x_m).abs() < 1e-9 && (state.pose.y_m - truth.y_m).abs() < 1e-9);
+            assert!(angle_difference(state.pose.heading_rad, truth.heading_rad).abs() < 1e-9);
+            assert!(state.speed_mps.abs() < 1e-9 && state.observed);
+        }
+    }
+}
+
+#[test]
+fn noisy_parked_cars_stay_put() {
+    for seed in 0..20 {
+        let seeing = Seeing { flipped: 0.3, missed: 0.2, false_alarms: 0.3, ..Seeing::usual() };
+        let world = World::new(lot(), seeing, times(50.0 / 30.0, 30.0), seed);
+        let seen = world.see();
+        let tracks = track(&seen.frames);
+        for (car, index) in assert_one_track_each(&tracks, &seen, 9).into_iter().enumerate() {
+            let states = &tracks[index].states;
+            let first = states[0].pose;
+            let truth = world.truth(car, &states[0].stamp).unwrap();
+            for state in states {
+                assert_eq!(state.pose, first, "a parked car has one pose");
+                assert!(state.speed_mps.abs() < 1e-9);
+            }
+            let away = (first.x_m - truth.x_m).hypot(first.y_m - truth.y_m);
+            assert!(away < 4.0 * states[0].pose_sd.xy().norm(), "seed {seed}, car {car}: {away} m");
+            let turned = angle_difference(first.heading_rad, truth.heading_rad).abs();
+            assert!(turned < 0.3, "seed {seed}, car {car} of {} states: {turned} rad off", states.len());
+        }
+    }
+}
+
+#[test]
+fn a_parked_car_hidden_for_long_is_the_same_car() {
+    let mut cars = lot();
+    cars.truncate(3);
+    let world = World::new(cars, Seeing { false_alarms: 0.0, ..Seeing::usual() }, times(30.0, 10.0), 3);
+    let mut seen = world.see();
+    // Something stands in front of car 1 for 20 s.
+    for (frame, owners) in seen.frames.iter_mut().zip(&mut seen.owners).skip(50).take(200) {
+        frame.cars.retain(|car| owners[car.car] != Some(1));
+        owners.retain(|owner| *owner != Some(1));
+        frame.cars.iter_mut().enumerate().for_each(|(i, car)| car.car = i);
+    }
+    let tracks = track(&seen.frames);
+    let index = assert_one_track_each(&tracks, &seen, 3)[1];
+    let states = &tracks[index].states;
+    assert!(states.len() > 290, "filled in while hidden");
+    assert_eq!(
+        states.iter().filter(|s| s.stamp.index >= 50 && s.stamp.index < 250 && !s.observed).count(),
+        200
+    );
+}
+
+#[test]
+fn a_single_picture_gives_tracks_of_one_state() {
+    let world = World::new(lot(), Seeing::perfect(), vec![0.0], 1);
+    let seen = world.see();
+    let tracks = track(&seen.frames);
+    assert_eq!(tracks.len(), 9);
+    assert!(tracks.iter().all(|t| t.states.len() == 1 && t.states[0].observed));
+    let order: Vec<f64> = tracks.iter().map(|t| t.states[0].pose.x_m).collect();
+    assert!(order.is_sorted() && tracks.iter().map(|t| t.id).eq(1..=9));
+}

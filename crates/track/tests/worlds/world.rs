@@ -1,0 +1,255 @@
+//! Cars on a plane under a camera, and what a detector with a pose fit would say of them.
+
+use nalgebra::{Matrix2, Matrix3, Matrix6, Point3, Vector2, Vector3};
+use roadplane_base::{Camera, FrameStamp, GroundPlane, GroundPose, Shape, VehicleClass};
+use roadplane_track::{CarMeasurement, FrameMeasurements, Track, TrackOptions, Tracker};
+
+/// SplitMix64: the same numbers everywhere.
+pub struct Random(pub u64);
+
+impl Random {
+    pub fn uniform(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    pub fn normal(&mut self) -> f64 {
+        (-2.0 * (1.0 - self.uniform()).ln()).sqrt() * (std::f64::consts::TAU * self.uniform()).cos()
+    }
+}
+
+/// Pose of a car at a time (s); `None` while it is not there.
+pub type Path = Box<dyn Fn(f64) -> Option<GroundPose>>;
+
+pub fn pose(x_m: f64, y_m: f64, heading_rad: f64) -> GroundPose {
+    GroundPose { x_m, y_m, heading_rad }
+}
+
+pub fn parked(x_m: f64, y_m: f64, heading_rad: f64) -> Path {
+    Box::new(move |_| Some(pose(x_m, y_m, heading_rad)))
+}
+
+/// Straight on from a pose at a constant speed.
+pub fn straight(from: GroundPose, speed_mps: f64) -> Path {
+    let (sin, cos) = from.heading_rad.sin_cos();
+    Box::new(move |t| {
+        Some(pose(from.x_m + speed_mps * t * cos, from.y_m + speed_mps * t * sin, from.heading_rad))
+    })
+}
+
+/// How well cars are seen.
+#[derive(Clone)]
+pub struct Seeing {
+    /// sd of x and y across the line of sight and along it at 20 m; grows with the square of distance. m.
+    pub across_m: f64,
+    pub along_m: f64,
+    pub heading_sd: f64,
+    /// Share of the variance that a car keeps for the whole clip.
+    pub bias: f64,
+    pub box_sd_px: f64,
+    pub missed: f64,
+    pub false_alarms: f64,
+    pub flipped: f64,
+    /// A car whose box is covered by more than this by a nearer one is not seen.
+    pub hidden: f64,
+}
+
+impl Seeing {
+    pub fn perfect() -> Self {
+        Self {
+            across_m: 0.0,
+            along_m: 0.0,
+            heading_sd: 0.0,
+            bias: 0.0,
+            box_sd_px: 0.0,
+            missed: 0.0,
+            false_alarms: 0.0,
+            flipped: 0.0,
+            hidden: 2.0,
+        }
+    }
+
+    pub fn usual() -> Self {
+        Self {
+            across_m: 0.1,
+            along_m: 0.3,
+            heading_sd: 0.08,
+            bias: 0.4,
+            box_sd_px: 1.0,
+            missed: 0.05,
+            false_alarms: 0.02,
+            flipped: 0.03,
+            hidden: 0.5,
+        }
+    }
+}
+
+pub struct World {
+    pub cars: Vec<Path>,
+    pub seeing: Seeing,
+    pub times_s: Vec<f64>,
+    pub seed: u64,
+}
+
+/// What the tracker gets, and which car each measurement is of.
+pub struct Seen {
+    pub frames: Vec<FrameMeasurements>,
+    pub owners: Vec<Vec<Option<usize>>>,
+}
+
+pub fn camera() -> (Camera, GroundPlane) {
+    let camera = Camera { focal_px: 1400.0, principal_point_px: Vector2::new(959.5, 539.5) };
+    (camera, GroundPlane::from_tilt_roll_height(0.35, 0.0, 9.0))
+}
+
+/// Frames at a constant rate.
+pub fn times(seconds: f64, rate: f64) -> Vec<f64> {
+    (0..(seconds * rate).round() as usize).map(|i| i as f64 / rate).collect()
+}
+
+/// Box of a car of 4.5 × 1.8 × 1.5 m; `None` outside the picture.
+pub fn box_of(car: &GroundPose) -> Option<[f64; 4]> {
+    let (camera, plane) = camera();
+    let camera_from_car = plane.camera_from_world() * car.world_from_car();
+    let mut bbox = [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY];
+    for (x, y, z) in (0..8).map(|i| (f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2))) {
+        let corner = camera_from_car * Point3::new(4.5 * (x - 0.5), 1.8 * (y - 0.5), 1.5 * z);
+        let pixel = camera.pixel_from_camera(&corner.coords)?;
+        bbox = [bbox[0].min(pixel.x), bbox[1].min(pixel.y), bbox[2].max(pixel.x), bbox[3].max(pixel.y)];
+    }
+    (bbox[0] > 0.0 && bbox[1] > 0.0 && bbox[2] < 1920.0 && bbox[3] < 1080.0).then_some(bbox)
+}
+
+/// Square root of the covariance of (x, y, heading) at a place.
+fn noise_root(car: &GroundPose, seeing: &Seeing) -> Matrix3<f64> {
+    let away = Vector2::new(car.x_m, car.y_m);
+    let along = away / away.norm();
+    let grown = (away.norm() / 20.0).powi(2).max(0.2);
+    let axes = Matrix2::from_columns(&[Vector2::new(-along.y, along.x), along]);
+    let spread =
+        axes * Matrix2::from_diagonal(&Vector2::new(seeing.across_m * grown.sqrt(), seeing.along_m * grown));
+    let mut root = Matrix3::zeros();
+    root.fixed_view_mut::<2, 2>(0, 0).copy_from(&spread);
+    root[(2, 2)] = seeing.heading_sd;
+    root
+}
+
+impl World {
+    pub fn new(cars: Vec<Path>, seeing: Seeing, times_s: Vec<f64>, seed: u64) -> Self {
+        Self { cars, seeing, times_s, seed }
+    }
+
+    pub fn see(&self) -> Seen {
+        let seeing = &self.seeing;
+        let mut random = Random(self.seed);
+        let biases: Vec<Vector3<f64>> =
+            self.cars.iter().map(|_| Vector3::from_fn(|_, _| random.normal())).collect();
+        let mut seen = Seen { frames: Vec::new(), owners: Vec::new() };
+        for (index, &time_s) in self.times_s.iter().enumerate() {
+            let poses: Vec<Option<GroundPose>> = self.cars.iter().map(|path| path(time_s)).collect();
+            let boxes: Vec<Option<[f64; 4]>> = poses.iter().map(|p| p.as_ref().and_then(box_of)).collect();
+            let mut cars = Vec::new();
+            let mut owners = Vec::new();
+            for (k, pose) in poses.iter().enumerate() {
+                let draw = Vector3::from_fn(|_, _| random.normal());
+                let jitter: [f64; 4] = std::array::from_fn(|_| seeing.box_sd_px * random.normal());
+                let (lost, turned) = (random.uniform() < seeing.missed, random.uniform() < seeing.flipped);
+                let (Some(pose), Some(bbox)) = (pose, boxes[k]) else { continue };
+                let covered = (0..poses.len()).filter(|&j| j != k).any(|j| {
+                    let nearer = poses[j].is_some_and(|other| other.y_m < pose.y_m);
+                    nearer && boxes[j].is_some_and(|b| share_covered(&bbox, &b) > seeing.hidden)
+                });
+                if lost || covered {
+                    continue;
+                }
+                let root = noise_root(pose, seeing);
+                let error = root * (biases[k] * seeing.bias.sqrt() + draw * (1.0 - seeing.bias).sqrt());
+                let turn = if turned { std::f64::consts::PI } else { 0.0 };
+                let covariance = root * root.transpose() + Matrix3::identity() * 1e-12;
+                cars.push(CarMeasurement {
+                    pose: GroundPose {
+                        x_m: pose.x_m + error.x,
+                        y_m: pose.y_m + error.y,
+                        heading_rad: roadplane_base::wrap_angle(pose.heading_rad + error.z + turn),
+                    },
+                    covariance,
+                    bbox_px: std::array::from_fn(|i| bbox[i] + jitter[i]),
+                    score: 0.8,
+                    class: VehicleClass::Car,
+                    shape: Shape::repeat(0.3),
+                    shape_information: Matrix6::identity() * 3.0,
+                    car: cars.len(),
+                });
+                owners.push(Some(k));
+            }
+            let (alarm, x, y, turn) =
+                (random.uniform(), random.uniform(), random.uniform(), random.uniform());
+            let place = pose(30.0 * (x - 0.5), 15.0 + 30.0 * y, 6.0 * turn);
+            if let (true, Some(bbox_px)) = (alarm < seeing.false_alarms, box_of(&place)) {
+                let root = noise_root(&place, seeing);
+                cars.push(CarMeasurement {
+                    pose: place,
+                    covariance: root * root.transpose() + Matrix3::identity() * 1e-12,
+                    bbox_px,
+                    score: 0.4,
+                    class: VehicleClass::Car,
+                    shape: Shape::zeros(),
+                    shape_information: Matrix6::identity(),
+                    car: cars.len(),
+                });
+                owners.push(None);
+            }
+            let stamp = FrameStamp { index: index as u64, pts_nanos: (time_s * 1e9).round() as i64 };
+            seen.frames.push(FrameMeasurements { stamp, cars });
+            seen.owners.push(owners);
+        }
+        seen
+    }
+
+    pub fn truth(&self, car: usize, stamp: &FrameStamp) -> Option<GroundPose> {
+        (self.cars[car])(stamp.time_s())
+    }
+}
+
+fn share_covered(own: &[f64; 4], other: &[f64; 4]) -> f64 {
+    let w = (own[2].min(other[2]) - own[0].max(other[0])).max(0.0);
+    let h = (own[3].min(other[3]) - own[1].max(other[1])).max(0.0);
+    w * h / ((own[2] - own[0]) * (own[3] - own[1]))
+}
+
+pub fn track(frames: &[FrameMeasurements]) -> Vec<Track> {
+    let mut tracker = Tracker::new(TrackOptions::default());
+    frames.iter().for_each(|frame| tracker.push(frame));
+    tracker.finish()
+}
+
+/// The car that each track follows, where one car makes up nine tenths of its sightings.
+pub fn owners(tracks: &[Track], seen: &Seen) -> Vec<Option<usize>> {
+    tracks
+        .iter()
+        .map(|track| {
+            let cars: Vec<Option<usize>> = track
+                .states
+                .iter()
+                .filter_map(|state| Some(seen.owners[state.stamp.index as usize][state.car?]))
+                .collect();
+            let most =
+                cars.iter().flatten().max_by_key(|k| cars.iter().filter(|c| **c == Some(**k)).count())?;
+            let share = cars.iter().filter(|c| **c == Some(*most)).count() as f64 / cars.len() as f64;
+            (share >= 0.9).then_some(*most)
+        })
+        .collect()
+}
+
+/// Every car has exactly one track and there are no others.
+pub fn assert_one_track_each(tracks: &[Track], seen: &Seen, cars: usize) -> Vec<usize> {
+    let owners = owners(tracks, seen);
+    let mut found: Vec<usize> = owners.iter().flatten().copied().collect();
+    found.sort_unstable();
+    assert_eq!(found, (0..cars).collect::<Vec<_>>(), "cars that have a track");
+    assert_eq!(tracks.len(), cars, "tracks that follow no car");
+    (0..cars).map(|k| owners.iter().position(|o| *o == Some(k)).unwrap()).collect()
+}

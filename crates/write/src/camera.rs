@@ -1,0 +1,280 @@
+//! `camera.json`: the camera and the ground, with uncertainty.
+
+use std::path::Path;
+
+use nalgebra::{Matrix4, Vector2, Vector3};
+use roadplane_base::{Camera, CameraEstimate, CameraParams, CameraStatus, GroundPlane, ImageSize};
+use serde::{Deserialize, Serialize};
+
+use crate::digits::{METRES, RADIANS, SECONDS, decimals, significant};
+use crate::{WriteError, jsonl::write_json};
+
+/// Schema of `camera.json`.
+pub const CAMERA_SCHEMA: &str = "roadplane.camera/1";
+
+/// Significant digits of standard deviations and covariances.
+const SD_DIGITS: i32 = 4;
+/// Decimals of a unit normal: 1e-8 rad, so that the plane read back is the plane written.
+const NORMAL: i32 = 8;
+
+/// The file: the numbers of the longest stretch of time, and where the camera moved those of each stretch.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CameraFile {
+    /// [`CAMERA_SCHEMA`].
+    pub schema: String,
+    /// The longest stretch.
+    #[serde(flatten)]
+    pub camera: CameraSegment,
+    /// All stretches in order of time; absent where there is only one.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub segments: Vec<CameraSegment>,
+}
+
+/// Camera and ground over a stretch of time.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CameraSegment {
+    /// First and last presentation time that this holds for, s.
+    pub span_s: [f64; 2],
+    /// Width and height, px.
+    pub image_size_px: ImageSize,
+    /// Focal length, px.
+    pub focal_px: f64,
+    /// Its sd.
+    pub focal_sd_px: Option<f64>,
+    /// Principal point, px.
+    pub principal_point_px: [f64; 2],
+    /// Camera above the ground, m.
+    pub height_m: f64,
+    /// Its sd.
+    pub height_sd_m: Option<f64>,
+    /// Optical axis below the horizontal, rad.
+    pub tilt_rad: f64,
+    /// Its sd.
+    pub tilt_sd_rad: Option<f64>,
+    /// Clockwise turn of the horizon in the image, rad.
+    pub roll_rad: f64,
+    /// Its sd.
+    pub roll_sd_rad: Option<f64>,
+    /// The ground in the camera frame.
+    pub plane_in_camera: PlaneInCamera,
+    /// Covariance of (log focal, tilt, roll, log height), which the sds above come from; null where not finite.
+    pub covariance: [[Option<f64>; 4]; 4],
+    /// How the numbers came about.
+    pub status: CameraStatus,
+    /// Different cars that were used.
+    pub cars_used: usize,
+    /// Frames that were used.
+    pub frames_used: usize,
+}
+
+/// `normal · X + offset = 0`, normal pointing up.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PlaneInCamera {
+    /// Unit normal, camera frame.
+    pub normal: [f64; 3],
+    /// Height of the camera's centre above the plane, m.
+    pub offset_m: f64,
+}
+
+impl CameraSegment {
+    /// The numbers of an estimate as the file has them. sds by the delta method: `sd(exp u) = exp(u) · sd(u)`.
+    #[must_use]
+    pub fn new(estimate: &CameraEstimate) -> Self {
+        let params = &estimate.params;
+        let (focal_px, height_m) = (params.focal_px(), params.log_height.exp());
+        let sd = |i: usize, scale: f64| {
+            let sd = estimate.covariance[(i, i)].sqrt() * scale;
+            sd.is_finite().then(|| significant(sd, SD_DIGITS))
+        };
+        let plane = params.plane();
+        let entry = |r: usize, c: usize| {
+            let value = estimate.covariance[(r, c)];
+            value.is_finite().then(|| significant(value, SD_DIGITS + 2))
+        };
+        Self {
+            span_s: estimate.span_s.map(|t| decimals(t, SECONDS)),
+            image_size_px: estimate.image_size_px,
+            focal_px: decimals(focal_px, 3),
+            focal_sd_px: sd(0, focal_px),
+            principal_point_px: [estimate.principal_point_px.x, estimate.principal_point_px.y]
+                .map(|v| decimals(v, 3)),
+            height_m: decimals(height_m, METRES),
+            height_sd_m: sd(3, height_m),
+            tilt_rad: decimals(params.tilt, RADIANS + 1),
+            tilt_sd_rad: sd(1, 1.0),
+            roll_rad: decimals(params.roll, RADIANS + 1),
+            roll_sd_rad: sd(2, 1.0),
+            plane_in_camera: PlaneInCamera {
+                normal: [0, 1, 2].map(|i| decimals(plane.normal_in_camera[i], NORMAL)),
+                offset_m: decimals(plane.height_m, METRES),
+            },
+            covariance: std::array::from_fn(|r| std::array::from_fn(|c| entry(r, c))),
+            status: estimate.status,
+            cars_used: estimate.cars_used,
+            frames_used: estimate.frames_used,
+        }
+    }
+
+    /// The camera.
+    #[must_use]
+    pub fn camera(&self) -> Camera {
+        Camera { focal_px: self.focal_px, principal_point_px: Vector2::from(self.principal_point_px) }
+    }
+
+    /// The ground.
+    #[must_use]
+    pub fn plane(&self) -> GroundPlane {
+        GroundPlane {
+            normal_in_camera: Vector3::from(self.plane_in_camera.normal).normalize(),
+            height_m: self.plane_in_camera.offset_m,
+        }
+    }
+
+    /// The estimate that the file holds, to its digits.
+    #[must_use]
+    pub fn estimate(&self) -> CameraEstimate {
+        CameraEstimate {
+            span_s: self.span_s,
+            image_size_px: self.image_size_px,
+            principal_point_px: Vector2::from(self.principal_point_px),
+            params: CameraParams {
+                log_focal: self.focal_px.ln(),
+                tilt: self.tilt_rad,
+                roll: self.roll_rad,
+                log_height: self.height_m.ln(),
+            },
+            covariance: Matrix4::from_fn(|r, c| {
+                self.covariance[r][c].unwrap_or(if r == c { f64::INFINITY } else { 0.0 })
+            }),
+            status: self.status,
+            cars_used: self.cars_used,
+            frames_used: self.frames_used,
+        }
+    }
+
+    fn is_usable(&self) -> bool {
+        let normal = Vector3::from(self.plane_in_camera.normal).norm();
+        self.focal_px > 0.0
+            && self.height_m > 0.0
+            && self.plane_in_camera.offset_m > 0.0
+            && (normal - 1.0).abs() < 1e-3
+            && self.image_size_px.width > 0
+            && self.image_size_px.height > 0
+    }
+}
+
+impl CameraFile {
+    /// All stretches of time, at least one.
+    #[must_use]
+    pub fn all(&self) -> &[CameraSegment] {
+        if self.segments.is_empty() { std::slice::from_ref(&self.camera) } else { &self.segments }
+    }
+}
+
+/// Writes `camera.json`. Estimates come in order of time.
+///
+/// # Errors
+/// [`WriteError::Malformed`] if there is no estimate or it is not finite; [`WriteError::Io`], [`WriteError::DiskFull`].
+pub fn write_camera(path: &Path, estimates: &[CameraEstimate]) -> Result<(), WriteError> {
+    let segments: Vec<CameraSegment> = estimates.iter().map(CameraSegment::new).collect();
+    let span = |s: &CameraSegment| s.span_s[1] - s.span_s[0];
+    // The first of equally long ones.
+    let longest = segments.iter().rev().max_by(|a, b| span(a).total_cmp(&span(b)));
+    let camera = longest.ok_or_else(|| WriteError::malformed(path, "no camera to write"))?.clone();
+    if !segments.iter().all(CameraSegment::is_usable) {
+        return Err(WriteError::malformed(path, "a camera without a finite focal length or plane"));
+    }
+    let segments = if segments.len() > 1 { segments } else { Vec::new() };
+    write_json(path, &CameraFile { schema: CAMERA_SCHEMA.to_owned(), camera, segments })
+}
+
+/// Reads `camera.json`.
+///
+/// # Errors
+/// [`WriteError::Malformed`] if it is no such file, [`WriteError::Io`].
+pub fn read_camera(path: &Path) -> Result<CameraFile, WriteError> {
+    let text = std::fs::read(path).map_err(WriteError::io("read", path))?;
+    let file: CameraFile = serde_json::from_slice(&text).map_err(|e| WriteError::malformed(path, e))?;
+    if file.schema != CAMERA_SCHEMA {
+        let what = format!("schema is {:?}, expected {CAMERA_SCHEMA:?}", file.schema);
+        return Err(WriteError::malformed(path, what));
+    }
+    if !file.all().iter().all(CameraSegment::is_usable) {
+        return Err(WriteError::malformed(path, "a camera without a usable focal length or plane"));
+    }
+    Ok(file)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn estimate(span_s: [f64; 2]) -> CameraEstimate {
+        let size = ImageSize { width: 1920, height: 1080 };
+        CameraEstimate {
+            span_s,
+            image_size_px: size,
+            principal_point_px: size.centre_px(),
+            params: CameraParams {
+                log_focal: 1653f64.ln(),
+                tilt: 0.42,
+                roll: -0.013,
+                log_height: 10.7f64.ln(),
+            },
+            covariance: Matrix4::from_diagonal(&nalgebra::Vector4::new(0.0025, 1e-4, 4e-6, 0.0016)),
+            status: CameraStatus::Estimated,
+            cars_used: 9,
+            frames_used: 50,
+        }
+    }
+
+    #[test]
+    fn sds_follow_the_delta_method_and_the_plane_survives() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("camera.json");
+        let written = estimate([0.0, 1.5]);
+        write_camera(&path, std::slice::from_ref(&written)).unwrap();
+        let file = read_camera(&path).unwrap();
+        assert!(file.segments.is_empty());
+        let camera = &file.camera;
+        assert!((camera.focal_sd_px.unwrap() - 1653.0 * 0.05).abs() < 0.01);
+        assert!((camera.height_sd_m.unwrap() - 10.7 * 0.04).abs() < 1e-4);
+        assert!((camera.tilt_sd_rad.unwrap() - 0.01).abs() < 1e-9);
+        assert!((camera.plane().normal_in_camera - written.params.plane().normal_in_camera).norm() < 2e-8);
+        let back = camera.estimate();
+        assert!((back.params.to_vector() - written.params.to_vector()).norm() < 1e-5);
+        assert!((back.covariance - written.covariance).norm() < 1e-9);
+    }
+
+    #[test]
+    fn a_moved_camera_gives_segments_and_the_longest_on_top() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("camera.json");
+        write_camera(&path, &[estimate([0.0, 1.0]), estimate([1.0, 9.0]), estimate([9.0, 10.0])]).unwrap();
+        let file = read_camera(&path).unwrap();
+        assert_eq!(file.all().len(), 3);
+        assert_eq!(file.camera.span_s, [1.0, 9.0]);
+    }
+
+    #[test]
+    fn what_is_no_camera_is_refused() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("camera.json");
+        assert!(matches!(write_camera(&path, &[]), Err(WriteError::Malformed { .. })));
+        let mut broken = estimate([0.0, 1.0]);
+        broken.params.log_focal = f64::NAN;
+        assert!(matches!(write_camera(&path, &[broken]), Err(WriteError::Malformed { .. })));
+        assert!(!path.exists());
+        std::fs::write(&path, r#"{"schema": "other/1"}"#).unwrap();
+        assert!(matches!(read_camera(&path), Err(WriteError::Malformed { .. })));
+    }
+
+    #[test]
+    fn unknown_sds_are_null() {
+        let mut wide = estimate([0.0, 1.0]);
+        wide.covariance[(2, 2)] = f64::INFINITY;
+        let segment = CameraSegment::new(&wide);
+        assert_eq!(segment.roll_sd_rad, None);
+        assert!(segment.estimate().covariance[(2, 2)].is_infinite());
+    }
+}

@@ -1,0 +1,117 @@
+//! How many digits files keep: well below any uncertainty, and no noise beyond.
+
+use roadplane_base::{PoseRecord, TrackRow};
+
+/// Decimals of metres and metres a second.
+pub(crate) const METRES: i32 = 4;
+/// Decimals of radians.
+pub(crate) const RADIANS: i32 = 5;
+/// Decimals of pixels.
+pub(crate) const PIXELS: i32 = 2;
+/// Decimals of scores.
+pub(crate) const SCORE: i32 = 4;
+/// Decimals of seconds.
+pub(crate) const SECONDS: i32 = 6;
+/// Decimals of the entries of rotations and motions.
+const MOTION: i32 = 6;
+
+/// The nearest number with so many decimals; −0 becomes 0.
+pub(crate) fn decimals(value: f64, digits: i32) -> f64 {
+    let scale = 10f64.powi(digits);
+    let rounded = (value * scale).round() / scale;
+    if rounded.is_finite() { rounded + 0.0 } else { value }
+}
+
+/// The nearest number with so many significant digits.
+pub(crate) fn significant(value: f64, digits: i32) -> f64 {
+    if !value.is_finite() || value.abs() < f64::MIN_POSITIVE {
+        return if value.is_finite() { 0.0 } else { value };
+    }
+    // Through text: scaling by powers of ten is not exact for very small numbers.
+    let places = usize::try_from(digits - 1).unwrap_or(0);
+    format!("{value:.places$e}").parse().unwrap_or(value)
+}
+
+/// A row with the files' digits.
+pub(crate) fn rounded_row(row: &TrackRow) -> TrackRow {
+    let metres = |v| decimals(v, METRES);
+    let radians = |v| decimals(v, RADIANS);
+    TrackRow {
+        time_s: decimals(row.time_s, SECONDS),
+        x_m: metres(row.x_m),
+        y_m: metres(row.y_m),
+        heading_rad: radians(row.heading_rad),
+        speed_mps: metres(row.speed_mps),
+        x_sd_m: metres(row.x_sd_m),
+        y_sd_m: metres(row.y_sd_m),
+        heading_sd_rad: radians(row.heading_sd_rad),
+        length_m: metres(row.length_m),
+        width_m: metres(row.width_m),
+        height_m: metres(row.height_m),
+        bbox_px: row.bbox_px.map(|v| decimals(v, PIXELS)),
+        score: decimals(row.score, SCORE),
+        ..row.clone()
+    }
+}
+
+/// The first of a row's numbers that is not finite.
+pub(crate) fn not_finite(row: &TrackRow) -> Option<&'static str> {
+    let [x0, y0, x1, y1] = row.bbox_px;
+    let numbers = [
+        ("time_s", row.time_s),
+        ("x_m", row.x_m),
+        ("y_m", row.y_m),
+        ("heading_rad", row.heading_rad),
+        ("speed_mps", row.speed_mps),
+        ("x_sd_m", row.x_sd_m),
+        ("y_sd_m", row.y_sd_m),
+        ("heading_sd_rad", row.heading_sd_rad),
+        ("length_m", row.length_m),
+        ("width_m", row.width_m),
+        ("height_m", row.height_m),
+        ("bbox_px", x0 + y0 + x1 + y1),
+        ("score", row.score),
+    ];
+    numbers.iter().find(|(_, value)| !value.is_finite()).map(|(name, _)| *name)
+}
+
+/// A pose with the files' digits; sds that are not finite become null.
+pub(crate) fn rounded_pose(pose: &PoseRecord) -> PoseRecord {
+    let motion = |rows: [[f64; 4]; 4]| rows.map(|row| row.map(|v| decimals(v, MOTION)));
+    PoseRecord {
+        time_s: decimals(pose.time_s, SECONDS),
+        bbox_px: pose.bbox_px.map(|v| decimals(v, PIXELS)),
+        score: decimals(pose.score, SCORE),
+        world_from_car: motion(pose.world_from_car),
+        camera_from_car: motion(pose.camera_from_car),
+        shape: pose.shape.map(|v| decimals(v, SCORE)),
+        dims_m: pose.dims_m.map(|v| decimals(v, METRES)),
+        pose_sd: pose.pose_sd.map(|sd| sd.filter(|v| v.is_finite()).map(|v| significant(v, 4))),
+        keypoints_px: pose
+            .keypoints_px
+            .iter()
+            .map(|p| {
+                p.map(|[x, y, score, sd]| {
+                    [decimals(x, PIXELS), decimals(y, PIXELS), decimals(score, SCORE), decimals(sd, 3)]
+                })
+            })
+            .collect(),
+        reprojection_rms_px: decimals(pose.reprojection_rms_px, 3),
+        ..pose.clone()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rounding_prints_short() {
+        assert_eq!(decimals(1.234_56, 4).to_string(), "1.2346");
+        assert_eq!(decimals(-0.000_01, 4).to_string(), "0");
+        assert_eq!(decimals(0.1 + 0.2, 6).to_string(), "0.3");
+        assert_eq!(significant(1.234_567e-9, 4), 1.235e-9);
+        assert_eq!(significant(0.0, 4), 0.0);
+        assert!(decimals(f64::NAN, 4).is_nan() && significant(f64::INFINITY, 4).is_infinite());
+    }
+}

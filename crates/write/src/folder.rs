@@ -1,0 +1,219 @@
+//! The folder of one result: built aside, then given its name in one step.
+
+use std::fs::{self, File};
+use std::io;
+use std::path::{Path, PathBuf};
+
+use crate::WriteError;
+use crate::file::{is_temp, sync_folder};
+
+/// What to do about a result of the same name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Existing {
+    /// Keep it and fail.
+    Refuse,
+    /// Replace it, once the new one is complete.
+    Overwrite,
+}
+
+/// `DIR/<stem>/` in the making, as `DIR/.<stem>.partial/`. Not published (an error, a kill), the partial folder stays for
+/// a later run to resume from.
+#[derive(Debug)]
+pub struct OutputFolder {
+    dir: PathBuf,
+    partial: PathBuf,
+    target: PathBuf,
+    aside: PathBuf,
+    existing: Existing,
+    resumed: bool,
+}
+
+impl OutputFolder {
+    /// Makes or finds the partial folder. Hold a [`FolderLock`](crate::FolderLock) on `dir`.
+    ///
+    /// # Errors
+    /// [`WriteError::Exists`] if there is a result and `existing` says to refuse, [`WriteError::BadStem`],
+    /// [`WriteError::Io`], [`WriteError::DiskFull`].
+    pub fn begin(dir: &Path, stem: &str, existing: Existing) -> Result<Self, WriteError> {
+        if stem.is_empty() || stem.starts_with('.') || stem.contains(['/', '\0']) {
+            return Err(WriteError::BadStem { stem: stem.to_owned() });
+        }
+        let target = dir.join(stem);
+        let partial = dir.join(format!(".{stem}.partial"));
+        let aside = dir.join(format!(".{stem}.old"));
+        fs::create_dir_all(dir).map_err(WriteError::io("create the folder", dir))?;
+        settle(&target, &aside)?;
+        if existing == Existing::Refuse && target.exists() {
+            return Err(WriteError::Exists { path: target });
+        }
+        let resumed = match fs::create_dir(&partial) {
+            Ok(()) => false,
+            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => true,
+            Err(error) => return Err(WriteError::io("create the folder", &partial)(error)),
+        };
+        Ok(Self { dir: dir.to_path_buf(), partial, target, aside, existing, resumed })
+    }
+
+    /// Where the files go until [`OutputFolder::publish`].
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.partial
+    }
+
+    /// Whether the partial folder of an earlier run was found.
+    #[must_use]
+    pub fn is_resumed(&self) -> bool {
+        self.resumed
+    }
+
+    /// Throws away what an earlier run left.
+    ///
+    /// # Errors
+    /// [`WriteError::Io`].
+    pub fn reset(&mut self) -> Result<(), WriteError> {
+        fs::remove_dir_all(&self.partial).map_err(WriteError::io("empty the folder", &self.partial))?;
+        fs::create_dir(&self.partial).map_err(WriteError::io("create the folder", &self.partial))?;
+        self.resumed = false;
+        Ok(())
+    }
+
+    /// Removes the partial folder: the run failed and left nothing worth going on from.
+    ///
+    /// # Errors
+    /// [`WriteError::Io`].
+    pub fn discard(self) -> Result<(), WriteError> {
+        fs::remove_dir_all(&self.partial).map_err(WriteError::io("remove", &self.partial))
+    }
+
+    /// Syncs every file, gives the folder its final name and returns that. An older result is moved aside first and
+    /// removed last: at every moment the old or the new one is on disk in full.
+    ///
+    /// # Errors
+    /// [`WriteError::Exists`], [`WriteError::Io`], [`WriteError::DiskFull`]; the partial folder stays.
+    pub fn publish(self) -> Result<PathBuf, WriteError> {
+        sync_tree(&self.partial)?;
+        match fs::rename(&self.target, &self.aside) {
+            Ok(()) if self.existing == Existing::Refuse => {
+                fs::rename(&self.aside, &self.target).map_err(WriteError::io("restore", &self.target))?;
+                return Err(WriteError::Exists { path: self.target });
+            }
+            Ok(()) => {}
+            Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+            Err(error) => return Err(WriteError::io("move the old result aside", &self.target)(error)),
+        }
+        fs::rename(&self.partial, &self.target).map_err(WriteError::io("rename to", &self.target))?;
+        sync_folder(&self.dir)?;
+        settle(&self.target, &self.aside)?;
+        Ok(self.target)
+    }
+}
+
+/// Ends what a kill in the middle of a replacement left: the old result comes back if there is no new one, else it goes.
+fn settle(target: &Path, aside: &Path) -> Result<(), WriteError> {
+    if !aside.exists() {
+        return Ok(());
+    }
+    if target.exists() {
+        fs::remove_dir_all(aside).map_err(WriteError::io("remove the old result", aside))
+    } else {
+        fs::rename(aside, target).map_err(WriteError::io("restore", target))
+    }
+}
+
+/// Syncs all files and folders below, and removes unfinished ones.
+fn sync_tree(folder: &Path) -> Result<(), WriteError> {
+    let doing = |path: &Path| WriteError::io("sync", path);
+    for entry in fs::read_dir(folder).map_err(doing(folder))? {
+        let entry = entry.map_err(doing(folder))?;
+        let path = entry.path();
+        if entry.file_type().map_err(doing(&path))?.is_dir() {
+            sync_tree(&path)?;
+        } else if entry.file_name().to_str().is_some_and(is_temp) {
+            fs::remove_file(&path).map_err(WriteError::io("remove", &path))?;
+        } else {
+            File::open(&path).and_then(|f| f.sync_all()).map_err(doing(&path))?;
+        }
+    }
+    sync_folder(folder)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn write(folder: &OutputFolder, text: &str) {
+        fs::write(folder.path().join("summary.json"), text).unwrap();
+    }
+
+    fn read(dir: &Path) -> String {
+        fs::read_to_string(dir.join("clip/summary.json")).unwrap()
+    }
+
+    #[test]
+    fn is_complete_or_not_there() {
+        let temp = tempfile::tempdir().unwrap();
+        let dir = temp.path().join("out");
+        let folder = OutputFolder::begin(&dir, "clip", Existing::Refuse).unwrap();
+        write(&folder, "1");
+        fs::write(folder.path().join(".tracks.csv.tmp"), "unfinished").unwrap();
+        assert!(!dir.join("clip").exists());
+        assert_eq!(folder.publish().unwrap(), dir.join("clip"));
+        assert_eq!(read(&dir), "1");
+        let names: Vec<_> = fs::read_dir(&dir).unwrap().map(|e| e.unwrap().file_name()).collect();
+        assert_eq!(names, ["clip"]);
+        assert_eq!(fs::read_dir(dir.join("clip")).unwrap().count(), 1, "unfinished files are not published");
+    }
+
+    #[test]
+    fn the_old_result_stays_until_the_new_one_is_complete() {
+        let temp = tempfile::tempdir().unwrap();
+        let begin = |existing| OutputFolder::begin(temp.path(), "clip", existing);
+        let folder = begin(Existing::Refuse).unwrap();
+        write(&folder, "old");
+        folder.publish().unwrap();
+        assert!(matches!(begin(Existing::Refuse), Err(WriteError::Exists { .. })));
+        let folder = begin(Existing::Overwrite).unwrap();
+        write(&folder, "new");
+        assert_eq!(read(temp.path()), "old");
+        drop(folder);
+        let folder = begin(Existing::Overwrite).unwrap();
+        assert!(folder.is_resumed() && folder.path().join("summary.json").exists());
+        folder.publish().unwrap();
+        assert_eq!(read(temp.path()), "new");
+        assert_eq!(fs::read_dir(temp.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn a_result_that_appears_meanwhile_is_not_replaced() {
+        let temp = tempfile::tempdir().unwrap();
+        let folder = OutputFolder::begin(temp.path(), "clip", Existing::Refuse).unwrap();
+        write(&folder, "new");
+        fs::create_dir(temp.path().join("clip")).unwrap();
+        fs::write(temp.path().join("clip/summary.json"), "other").unwrap();
+        assert!(matches!(folder.publish(), Err(WriteError::Exists { .. })));
+        assert_eq!(read(temp.path()), "other");
+    }
+
+    #[test]
+    fn a_kill_between_the_two_renames_loses_nothing() {
+        let temp = tempfile::tempdir().unwrap();
+        fs::create_dir(temp.path().join(".clip.old")).unwrap();
+        fs::write(temp.path().join(".clip.old/summary.json"), "old").unwrap();
+        let mut folder = OutputFolder::begin(temp.path(), "clip", Existing::Overwrite).unwrap();
+        assert_eq!(read(temp.path()), "old");
+        write(&folder, "new");
+        folder.reset().unwrap();
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
+    }
+
+    #[test]
+    fn strange_names_are_refused() {
+        let temp = tempfile::tempdir().unwrap();
+        for stem in ["", ".", "..", ".hidden", "a/b"] {
+            assert!(matches!(
+                OutputFolder::begin(temp.path(), stem, Existing::Refuse),
+                Err(WriteError::BadStem { .. })
+            ));
+        }
+    }
+}

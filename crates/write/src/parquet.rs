@@ -1,0 +1,156 @@
+//! `tracks.parquet`: the rows as columns, for pandas, duckdb and their like.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use parquet::basic::{Compression, ZstdLevel};
+use parquet::data_type::{BoolType, ByteArray, ByteArrayType, DataType, DoubleType, Int64Type};
+use parquet::errors::ParquetError;
+use parquet::file::metadata::KeyValue;
+use parquet::file::properties::WriterProperties;
+use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
+use parquet::schema::parser::parse_message_type;
+use roadplane_base::TrackRow;
+
+use crate::digits::{not_finite, rounded_row};
+use crate::{OutFile, WriteError};
+
+/// Schema of the rows, kept in the file's metadata under `schema`.
+pub const TRACKS_SCHEMA: &str = "roadplane.tracks/1";
+
+/// Rows that are kept in memory and compressed together: about 8 MB.
+const GROUP_ROWS: usize = 32_768;
+
+const MESSAGE: &str = "message tracks {
+    required int64 frame; required double time_s; required int64 track;
+    required double x_m; required double y_m; required double heading_rad; required double speed_mps;
+    required double x_sd_m; required double y_sd_m; required double heading_sd_rad;
+    required double length_m; required double width_m; required double height_m;
+    required group bbox_px (LIST) { repeated group list { required double element; } }
+    required double score; required boolean observed; optional binary activity (UTF8);
+}";
+
+/// Writes `tracks.parquet` (zstd).
+pub struct TrackParquet {
+    writer: SerializedFileWriter<OutFile>,
+    rows: Vec<TrackRow>,
+    path: std::path::PathBuf,
+}
+
+impl TrackParquet {
+    /// Starts a file.
+    ///
+    /// # Errors
+    /// [`WriteError::Io`], [`WriteError::DiskFull`].
+    pub fn create(path: &Path) -> Result<Self, WriteError> {
+        let fail = |e| from_parquet(e, path);
+        let schema = parse_message_type(MESSAGE).map_err(fail)?;
+        let level = ZstdLevel::try_new(3).map_err(fail)?;
+        let note = KeyValue::new("schema".to_owned(), TRACKS_SCHEMA.to_owned());
+        let properties = WriterProperties::builder()
+            .set_compression(Compression::ZSTD(level))
+            .set_created_by("roadplane".to_owned())
+            .set_key_value_metadata(Some(vec![note]))
+            .build();
+        let file = OutFile::create(path)?;
+        let writer = SerializedFileWriter::new(file, Arc::new(schema), Arc::new(properties)).map_err(fail)?;
+        Ok(Self { writer, rows: Vec::new(), path: path.to_path_buf() })
+    }
+
+    /// Adds a row, with the files' digits.
+    ///
+    /// # Errors
+    /// [`WriteError::NotFinite`], [`WriteError::Io`], [`WriteError::DiskFull`].
+    pub fn write(&mut self, row: &TrackRow) -> Result<(), WriteError> {
+        if let Some(what) = not_finite(row) {
+            return Err(WriteError::NotFinite { what: what.to_owned(), path: self.path.clone() });
+        }
+        self.rows.push(rounded_row(row));
+        if self.rows.len() >= GROUP_ROWS { self.write_group() } else { Ok(()) }
+    }
+
+    /// Completes the file.
+    ///
+    /// # Errors
+    /// [`WriteError::Io`], [`WriteError::DiskFull`]; then the file does not appear.
+    pub fn finish(mut self) -> Result<(), WriteError> {
+        if !self.rows.is_empty() {
+            self.write_group()?;
+        }
+        self.writer.into_inner().map_err(|e| from_parquet(e, &self.path))?.finish()
+    }
+
+    fn write_group(&mut self) -> Result<(), WriteError> {
+        let rows = std::mem::take(&mut self.rows);
+        let mut group = self.writer.next_row_group().map_err(|e| from_parquet(e, &self.path))?;
+        write_columns(&mut group, &rows)
+            .and_then(|()| group.close().map(drop))
+            .map_err(|e| from_parquet(e, &self.path))
+    }
+}
+
+fn write_columns(
+    group: &mut SerializedRowGroupWriter<'_, OutFile>,
+    rows: &[TrackRow],
+) -> Result<(), ParquetError> {
+    let integers =
+        |of: fn(&TrackRow) -> u64| -> Vec<i64> { rows.iter().map(|r| of(r).cast_signed()).collect() };
+    column::<Int64Type>(group, &integers(|r| r.frame), None)?;
+    column::<DoubleType>(group, &doubles(rows, |r| r.time_s), None)?;
+    column::<Int64Type>(group, &integers(|r| r.track), None)?;
+    let numbers: [fn(&TrackRow) -> f64; 10] = [
+        |r| r.x_m,
+        |r| r.y_m,
+        |r| r.heading_rad,
+        |r| r.speed_mps,
+        |r| r.x_sd_m,
+        |r| r.y_sd_m,
+        |r| r.heading_sd_rad,
+        |r| r.length_m,
+        |r| r.width_m,
+        |r| r.height_m,
+    ];
+    for of in numbers {
+        column::<DoubleType>(group, &doubles(rows, of), None)?;
+    }
+    let boxes: Vec<f64> = rows.iter().flat_map(|r| r.bbox_px).collect();
+    // Repetition level 0 starts a new list; definition level 1 says that an element is there.
+    let repetition: Vec<i16> = rows.iter().flat_map(|_| [0, 1, 1, 1]).collect();
+    column::<DoubleType>(group, &boxes, Some((&vec![1; boxes.len()], Some(&repetition))))?;
+    column::<DoubleType>(group, &doubles(rows, |r| r.score), None)?;
+    column::<BoolType>(group, &rows.iter().map(|r| r.observed).collect::<Vec<_>>(), None)?;
+    let defined: Vec<i16> = rows.iter().map(|r| i16::from(r.activity.is_some())).collect();
+    let activities: Vec<ByteArray> =
+        rows.iter().filter_map(|r| r.activity.as_deref().map(ByteArray::from)).collect();
+    column::<ByteArrayType>(group, &activities, Some((&defined, None)))
+}
+
+fn doubles(rows: &[TrackRow], of: fn(&TrackRow) -> f64) -> Vec<f64> {
+    rows.iter().map(of).collect()
+}
+
+/// Definition levels, and repetition levels of a list.
+type Levels<'a> = Option<(&'a [i16], Option<&'a [i16]>)>;
+
+fn column<T: DataType>(
+    group: &mut SerializedRowGroupWriter<'_, OutFile>,
+    values: &[T::T],
+    levels: Levels<'_>,
+) -> Result<(), ParquetError> {
+    let missing = || ParquetError::General("more columns than the schema has".to_owned());
+    let mut column = group.next_column()?.ok_or_else(missing)?;
+    let (definition, repetition) = levels.map_or((None, None), |(d, r)| (Some(d), r));
+    column.typed::<T>().write_batch(values, definition, repetition)?;
+    column.close()
+}
+
+/// I/O errors come wrapped: their kind decides whose fault it is.
+fn from_parquet(error: ParquetError, path: &Path) -> WriteError {
+    match error {
+        ParquetError::External(source) => match source.downcast::<std::io::Error>() {
+            Ok(source) => WriteError::io("write", path)(*source),
+            Err(other) => WriteError::malformed(path, other),
+        },
+        other => WriteError::malformed(path, other),
+    }
+}

@@ -1,0 +1,212 @@
+//! The frames file of a run in progress: grows a line a frame, survives a kill.
+
+use std::fs::{File, OpenOptions};
+use std::io::{BufRead as _, BufReader, BufWriter, Seek as _, SeekFrom, Write as _};
+use std::path::{Path, PathBuf};
+
+use roadplane_base::FrameRecord;
+
+use crate::jsonl::json_line;
+use crate::{JsonLines, WriteError};
+
+/// What was found in a spool.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Recovered {
+    /// Whole frames that were kept.
+    pub frames: u64,
+    /// Index of the last of them: a resumed run goes on after it.
+    pub last_frame: Option<u64>,
+    /// Bytes after them that were cut off: half a line, or what follows a damaged one.
+    pub cut_bytes: u64,
+}
+
+/// Appends frames in rising order of their index. Unlike other files it has its name from the start: it lives in the
+/// partial folder, and recovery makes it whole.
+#[derive(Debug)]
+pub struct FrameSpool {
+    writer: BufWriter<File>,
+    line: Vec<u8>,
+    path: PathBuf,
+}
+
+impl FrameSpool {
+    /// Opens or makes the file and cuts off what is not whole.
+    ///
+    /// # Errors
+    /// [`WriteError::Io`], [`WriteError::DiskFull`].
+    pub fn open(path: &Path) -> Result<(Self, Recovered), WriteError> {
+        let fail = |doing| WriteError::io(doing, path);
+        let mut file = OpenOptions::new()
+            .read(true)
+            .write(true)
+            .create(true)
+            .truncate(false)
+            .open(path)
+            .map_err(fail("open"))?;
+        let length = file.metadata().map_err(fail("read"))?.len();
+        let (mut recovered, whole_bytes) = whole_part(&file).map_err(fail("read"))?;
+        if whole_bytes < length {
+            recovered.cut_bytes = length - whole_bytes;
+            file.set_len(whole_bytes).map_err(fail("write"))?;
+        }
+        file.seek(SeekFrom::Start(whole_bytes)).map_err(fail("write"))?;
+        let spool = Self {
+            writer: BufWriter::with_capacity(1 << 16, file),
+            line: Vec::new(),
+            path: path.to_path_buf(),
+        };
+        Ok((spool, recovered))
+    }
+
+    /// Adds a frame.
+    ///
+    /// # Errors
+    /// [`WriteError::Io`], [`WriteError::DiskFull`].
+    pub fn append(&mut self, record: &FrameRecord) -> Result<(), WriteError> {
+        json_line(&mut self.line, record, &self.path)?;
+        self.writer.write_all(&self.line).map_err(WriteError::io("write", &self.path))
+    }
+
+    /// Puts what was added so far on disk.
+    ///
+    /// # Errors
+    /// [`WriteError::Io`], [`WriteError::DiskFull`].
+    pub fn sync(&mut self) -> Result<(), WriteError> {
+        self.writer
+            .flush()
+            .and_then(|()| self.writer.get_ref().sync_data())
+            .map_err(WriteError::io("write", &self.path))
+    }
+}
+
+/// Counts whole frames of rising index from the start, and their bytes.
+fn whole_part(file: &File) -> std::io::Result<(Recovered, u64)> {
+    let mut reader = BufReader::with_capacity(1 << 16, file);
+    let mut found = Recovered::default();
+    let mut bytes = 0;
+    let mut line = Vec::new();
+    loop {
+        line.clear();
+        let read = reader.read_until(b'\n', &mut line)?;
+        let record = line
+            .strip_suffix(b"\n")
+            .and_then(|line| std::str::from_utf8(line).ok())
+            .and_then(|line| FrameRecord::from_json(line).ok())
+            .filter(|record| found.last_frame.is_none_or(|last| record.frame > last));
+        let Some(record) = record else { return Ok((found, bytes)) };
+        found.frames += 1;
+        found.last_frame = Some(record.frame);
+        bytes += read as u64;
+    }
+}
+
+/// Reads a frames file, one frame at a time; errors name the line. Empty lines are passed over.
+#[derive(Debug)]
+pub struct FrameReader {
+    lines: std::io::Lines<BufReader<File>>,
+    number: u64,
+    path: PathBuf,
+}
+
+impl FrameReader {
+    /// Opens a file.
+    ///
+    /// # Errors
+    /// [`WriteError::Io`].
+    pub fn open(path: &Path) -> Result<Self, WriteError> {
+        let file = File::open(path).map_err(WriteError::io("read", path))?;
+        Ok(Self { lines: BufReader::new(file).lines(), number: 0, path: path.to_path_buf() })
+    }
+}
+
+impl Iterator for FrameReader {
+    type Item = Result<FrameRecord, WriteError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        loop {
+            let line = self.lines.next()?;
+            self.number += 1;
+            match line {
+                Ok(line) if line.trim().is_empty() => {}
+                Ok(line) => {
+                    let named = |e| WriteError::malformed(&self.path, format!("line {}: {e}", self.number));
+                    return Some(FrameRecord::from_json(&line).map_err(named));
+                }
+                Err(error) => return Some(Err(WriteError::io("read", &self.path)(error))),
+            }
+        }
+    }
+}
+
+impl JsonLines {
+    /// Adds a frame to a frames file that is written in one go (`roadplane detect`, `roadplane keypoints`).
+    ///
+    /// # Errors
+    /// [`WriteError::Io`], [`WriteError::DiskFull`].
+    pub fn write_frame(&mut self, record: &FrameRecord) -> Result<(), WriteError> {
+        self.write(record)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use roadplane_base::ImageSize;
+
+    fn record(frame: u64) -> FrameRecord {
+        FrameRecord {
+            frame,
+            time_s: frame as f64 / 30.0,
+            image_size_px: ImageSize { width: 640, height: 480 },
+            cars: Vec::new(),
+            extra: serde_json::Map::new(),
+        }
+    }
+
+    #[test]
+    fn every_cut_is_recovered_to_the_same_bytes() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("frames.jsonl");
+        let fill = |from: u64| {
+            let (mut spool, _) = FrameSpool::open(&path).unwrap();
+            (from..5).for_each(|i| spool.append(&record(i)).unwrap());
+            spool.sync().unwrap();
+        };
+        fill(0);
+        let whole = std::fs::read(&path).unwrap();
+        for cut in 0..=whole.len() {
+            std::fs::write(&path, &whole[..cut]).unwrap();
+            let (spool, recovered) = FrameSpool::open(&path).unwrap();
+            drop(spool);
+            assert!(recovered.cut_bytes < 80);
+            assert_eq!(recovered.frames, recovered.last_frame.map_or(0, |last| last + 1));
+            fill(recovered.frames);
+            assert_eq!(std::fs::read(&path).unwrap(), whole, "cut at {cut}");
+        }
+        let frames: Vec<u64> = FrameReader::open(&path).unwrap().map(|r| r.unwrap().frame).collect();
+        assert_eq!(frames, [0, 1, 2, 3, 4]);
+    }
+
+    #[test]
+    fn what_follows_damage_is_redone() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("frames.jsonl");
+        let line = |i| serde_json::to_string(&record(i)).unwrap();
+        for bad in ["\0\0\0", &line(1), "{}"] {
+            std::fs::write(&path, format!("{}\n{}\n{bad}\n{}\n", line(0), line(2), line(3))).unwrap();
+            let (_, recovered) = FrameSpool::open(&path).unwrap();
+            assert_eq!((recovered.frames, recovered.last_frame), (2, Some(2)));
+            assert!(recovered.cut_bytes > 0);
+        }
+    }
+
+    #[test]
+    fn a_full_disk_is_named() {
+        // /dev/full reads as zeros: nothing whole in it, and every write fails.
+        let Ok(file) = OpenOptions::new().write(true).open("/dev/full") else { return };
+        let path = PathBuf::from("/dev/full");
+        let mut spool = FrameSpool { writer: BufWriter::new(file), line: Vec::new(), path };
+        spool.append(&record(0)).unwrap();
+        assert!(matches!(spool.sync(), Err(WriteError::DiskFull { .. })));
+    }
+}

@@ -1,0 +1,149 @@
+//! `summary.json`: what went in, what came out, how long it took and what was lost.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use crate::digits::decimals;
+use crate::{WriteError, write_json};
+
+/// Schema of `summary.json`.
+pub const SUMMARY_SCHEMA: &str = "roadplane.summary/1";
+
+/// How a run ended.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RunStatus {
+    /// Everything was read and written.
+    #[default]
+    Complete,
+    /// Some of the input was damaged or lost; the counts say how much.
+    InputDamaged,
+}
+
+/// The file.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Summary {
+    /// [`SUMMARY_SCHEMA`].
+    pub schema: String,
+    /// How the run ended.
+    pub status: RunStatus,
+    /// Exit code that this result asks for: 0, or 3 for a damaged input.
+    pub exit_code: u8,
+    /// Program and libraries by name, e.g. `roadplane`, `onnxruntime`, `opencv`.
+    pub versions: BTreeMap<String, String>,
+    /// What was read.
+    pub input: InputSummary,
+    /// Networks that ran.
+    pub models: Vec<ModelSummary>,
+    /// The resolved configuration.
+    pub config: serde_json::Value,
+    /// sha256 of it, hex.
+    pub config_sha256: String,
+    /// What was read, lost, rejected, found.
+    pub counts: Counts,
+    /// Work of each stage, in order of the flow.
+    pub seconds: Vec<StageSeconds>,
+    /// Wall-clock time of the run, s.
+    pub wall_s: f64,
+    /// Frames read a second of wall-clock time.
+    pub frames_per_s: f64,
+    /// Most memory that the process held, bytes.
+    pub peak_memory_bytes: Option<u64>,
+    /// What a reader of the results should know.
+    pub warnings: Vec<String>,
+}
+
+/// The input.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct InputSummary {
+    /// As given on the command line.
+    pub path: String,
+    /// Size; of all files for a folder.
+    pub bytes: u64,
+    /// sha256, hex; of a folder: of its files' contents in order.
+    pub sha256: String,
+}
+
+/// A network.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ModelSummary {
+    /// Name on its card.
+    pub name: String,
+    /// Version on its card.
+    pub version: String,
+    /// sha256 of the file, hex.
+    pub sha256: String,
+    /// What ran it, e.g. `cpu f32`.
+    pub provider: String,
+}
+
+/// Counts of everything read, lost, rejected and found.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Counts {
+    /// Frames that the input says it has, where it says so.
+    pub frames_expected: Option<u64>,
+    /// Frames decoded.
+    pub frames_read: u64,
+    /// Frames that damage took.
+    pub frames_lost: u64,
+    /// Frames not looked at on purpose.
+    pub frames_skipped: u64,
+    /// Boxes found by class.
+    pub boxes: BTreeMap<String, u64>,
+    /// Cars dropped, by reason.
+    pub rejected: BTreeMap<String, u64>,
+    /// Cars (car and frame) with a pose that is used.
+    pub poses_used: u64,
+    /// Tracks.
+    pub tracks: u64,
+    /// Rows of the track files.
+    pub track_rows: u64,
+}
+
+/// Time of a stage.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct StageSeconds {
+    /// Name of the stage.
+    pub stage: String,
+    /// Seconds of work, not of waiting.
+    pub seconds: f64,
+}
+
+/// Writes `summary.json`.
+///
+/// # Errors
+/// [`WriteError::Io`], [`WriteError::DiskFull`].
+pub fn write_summary(path: &Path, summary: &Summary) -> Result<(), WriteError> {
+    let mut summary = summary.clone();
+    SUMMARY_SCHEMA.clone_into(&mut summary.schema);
+    summary.wall_s = decimals(summary.wall_s, 3);
+    summary.frames_per_s = decimals(summary.frames_per_s, 3);
+    summary.seconds.iter_mut().for_each(|s| s.seconds = decimals(s.seconds, 3));
+    write_json(path, &summary)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn survives() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("summary.json");
+        let summary = Summary {
+            schema: SUMMARY_SCHEMA.to_owned(),
+            status: RunStatus::InputDamaged,
+            exit_code: 3,
+            config: serde_json::json!({"solve": {"max_iters": 50}}),
+            seconds: vec![StageSeconds { stage: "decode".to_owned(), seconds: 1.25 }],
+            warnings: vec!["3 frames lost".to_owned()],
+            ..Summary::default()
+        };
+        write_summary(&path, &summary).unwrap();
+        let text = std::fs::read_to_string(&path).unwrap();
+        assert!(text.contains("\"status\": \"input_damaged\""), "{text}");
+        assert_eq!(serde_json::from_str::<Summary>(&text).unwrap(), summary);
+    }
+}

@@ -1,0 +1,150 @@
+//! `tracks.csv`, and the three track files together.
+
+use std::path::Path;
+
+use roadplane_base::TrackRow;
+
+use crate::digits::{METRES, PIXELS, RADIANS, SCORE, SECONDS, not_finite, rounded_row};
+use crate::{JsonLines, OutFile, TrackParquet, WriteError};
+
+const HEADER: [&str; 20] = [
+    "frame",
+    "time_s",
+    "track",
+    "x_m",
+    "y_m",
+    "heading_rad",
+    "speed_mps",
+    "x_sd_m",
+    "y_sd_m",
+    "heading_sd_rad",
+    "length_m",
+    "width_m",
+    "height_m",
+    "bbox_x0_px",
+    "bbox_y0_px",
+    "bbox_x1_px",
+    "bbox_y1_px",
+    "score",
+    "observed",
+    "activity",
+];
+
+/// Writes `tracks.csv`: the box in four columns, an empty field for no activity.
+pub struct TrackCsv {
+    writer: csv::Writer<OutFile>,
+    path: std::path::PathBuf,
+}
+
+impl TrackCsv {
+    /// Starts a file with its header.
+    ///
+    /// # Errors
+    /// [`WriteError::Io`], [`WriteError::DiskFull`].
+    pub fn create(path: &Path) -> Result<Self, WriteError> {
+        let writer = csv::Writer::from_writer(OutFile::create(path)?);
+        let mut file = Self { writer, path: path.to_path_buf() };
+        file.record(&HEADER.map(str::to_owned))?;
+        Ok(file)
+    }
+
+    /// Adds a row, with fixed decimals.
+    ///
+    /// # Errors
+    /// [`WriteError::NotFinite`], [`WriteError::Io`], [`WriteError::DiskFull`].
+    pub fn write(&mut self, row: &TrackRow) -> Result<(), WriteError> {
+        if let Some(what) = not_finite(row) {
+            return Err(WriteError::NotFinite { what: what.to_owned(), path: self.path.clone() });
+        }
+        let row = rounded_row(row);
+        let fixed = |value: f64, decimals: i32| format!("{value:.*}", usize::try_from(decimals).unwrap_or(0));
+        let metres = |value| fixed(value, METRES);
+        let [x0, y0, x1, y1] = row.bbox_px.map(|v| fixed(v, PIXELS));
+        self.record(&[
+            row.frame.to_string(),
+            fixed(row.time_s, SECONDS),
+            row.track.to_string(),
+            metres(row.x_m),
+            metres(row.y_m),
+            fixed(row.heading_rad, RADIANS),
+            metres(row.speed_mps),
+            metres(row.x_sd_m),
+            metres(row.y_sd_m),
+            fixed(row.heading_sd_rad, RADIANS),
+            metres(row.length_m),
+            metres(row.width_m),
+            metres(row.height_m),
+            x0,
+            y0,
+            x1,
+            y1,
+            fixed(row.score, SCORE),
+            row.observed.to_string(),
+            row.activity.unwrap_or_default(),
+        ])
+    }
+
+    /// Completes the file.
+    ///
+    /// # Errors
+    /// [`WriteError::Io`], [`WriteError::DiskFull`]; then the file does not appear.
+    pub fn finish(self) -> Result<(), WriteError> {
+        let Self { writer, path } = self;
+        let file = writer.into_inner().map_err(|e| WriteError::io("write", &path)(e.into_error()))?;
+        file.finish()
+    }
+
+    fn record(&mut self, fields: &[String; 20]) -> Result<(), WriteError> {
+        self.writer.write_record(fields).map_err(|e| match e.into_kind() {
+            csv::ErrorKind::Io(source) => WriteError::io("write", &self.path)(source),
+            other => WriteError::malformed(&self.path, format!("{other:?}")),
+        })
+    }
+}
+
+/// `tracks.parquet`, `tracks.jsonl` and `tracks.csv` of one result, holding the same numbers.
+pub struct TrackFiles {
+    parquet: TrackParquet,
+    jsonl: JsonLines,
+    csv: TrackCsv,
+    path: std::path::PathBuf,
+}
+
+impl TrackFiles {
+    /// Starts the three files in a folder.
+    ///
+    /// # Errors
+    /// [`WriteError::Io`], [`WriteError::DiskFull`].
+    pub fn create(folder: &Path) -> Result<Self, WriteError> {
+        Ok(Self {
+            parquet: TrackParquet::create(&folder.join("tracks.parquet"))?,
+            jsonl: JsonLines::create(&folder.join("tracks.jsonl"))?,
+            csv: TrackCsv::create(&folder.join("tracks.csv"))?,
+            path: folder.to_path_buf(),
+        })
+    }
+
+    /// Adds a row to each.
+    ///
+    /// # Errors
+    /// [`WriteError::NotFinite`], [`WriteError::Io`], [`WriteError::DiskFull`].
+    pub fn write(&mut self, row: &TrackRow) -> Result<(), WriteError> {
+        if let Some(what) = not_finite(row) {
+            let what = format!("{what} of track {} in frame {}", row.track, row.frame);
+            return Err(WriteError::NotFinite { what, path: self.path.clone() });
+        }
+        self.parquet.write(row)?;
+        self.jsonl.write(&rounded_row(row))?;
+        self.csv.write(row)
+    }
+
+    /// Completes the files.
+    ///
+    /// # Errors
+    /// [`WriteError::Io`], [`WriteError::DiskFull`].
+    pub fn finish(self) -> Result<(), WriteError> {
+        self.parquet.finish()?;
+        self.jsonl.finish()?;
+        self.csv.finish()
+    }
+}

@@ -1,0 +1,153 @@
+//! The track files hold the same numbers, the same bytes each time, and open in other tools.
+
+use std::process::Command;
+
+use parquet::file::reader::{FileReader as _, SerializedFileReader};
+use parquet::record::RowAccessor as _;
+use roadplane_base::{GroundPlane, TrackRow};
+use roadplane_write::{KittiTracking, MotChallenge, TrackFiles, WriteError, read_jsonl};
+
+fn row(frame: u64, track: u64) -> TrackRow {
+    let t = frame as f64 / 30.0;
+    TrackRow {
+        frame,
+        time_s: t,
+        track,
+        x_m: 1.0 / 3.0 + track as f64,
+        y_m: 20.0 + 5.0 * t,
+        heading_rad: std::f64::consts::FRAC_PI_2,
+        speed_mps: 5.0,
+        x_sd_m: 0.0123,
+        y_sd_m: 0.2,
+        heading_sd_rad: 0.001_234_5,
+        length_m: 4.5,
+        width_m: 1.8,
+        height_m: 1.5,
+        bbox_px: [10.0, 20.0 + t, 110.123_456, 90.0],
+        score: 0.9,
+        observed: frame % 2 == 0,
+        activity: (track == 2).then(|| "turn_left, \"wide\"".to_owned()),
+    }
+}
+
+fn rows() -> Vec<TrackRow> {
+    (0..40).flat_map(|frame| [row(frame, 1), row(frame, 2)]).collect()
+}
+
+fn write(folder: &std::path::Path) {
+    let mut files = TrackFiles::create(folder).unwrap();
+    rows().iter().for_each(|row| files.write(row).unwrap());
+    files.finish().unwrap();
+}
+
+#[test]
+fn the_three_files_agree_and_repeat() {
+    let (a, b) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    write(a.path());
+    write(b.path());
+    for name in ["tracks.parquet", "tracks.jsonl", "tracks.csv"] {
+        let read = |dir: &tempfile::TempDir| std::fs::read(dir.path().join(name)).unwrap();
+        assert_eq!(read(&a), read(&b), "{name}");
+    }
+    let lines: Vec<TrackRow> =
+        read_jsonl(&a.path().join("tracks.jsonl")).unwrap().map(Result::unwrap).collect();
+    assert_eq!(lines.len(), 80);
+    assert!(lines.iter().zip(rows()).all(|(l, r)| (l.y_m - r.y_m).abs() < 1e-4 && l.activity == r.activity));
+    assert_eq!(lines[0].x_m.to_string(), "1.3333", "digits are cut");
+
+    let mut csv = csv::Reader::from_path(a.path().join("tracks.csv")).unwrap();
+    let records: Vec<csv::StringRecord> = csv.records().map(Result::unwrap).collect();
+    assert_eq!(records.len(), 80);
+    assert_eq!(&records[1][19], "turn_left, \"wide\"");
+    assert_eq!((&records[0][15], &records[0][19]), ("110.12", ""));
+
+    let file = std::fs::File::open(a.path().join("tracks.parquet")).unwrap();
+    let reader = SerializedFileReader::new(file).unwrap();
+    for (found, line) in reader.get_row_iter(None).unwrap().map(Result::unwrap).zip(&lines) {
+        assert_eq!(found.get_long(0).unwrap().cast_unsigned(), line.frame);
+        assert_eq!(found.get_double(4).unwrap().to_bits(), line.y_m.to_bits());
+        let bbox = found.get_list(13).unwrap();
+        assert_eq!(bbox.len(), 4);
+        assert_eq!(found.get_bool(15).unwrap(), line.observed);
+        assert_eq!(found.get_string(16).ok(), line.activity.as_ref());
+    }
+}
+
+#[test]
+fn golden_lines() {
+    let dir = tempfile::tempdir().unwrap();
+    write(dir.path());
+    let text = |name: &str| std::fs::read_to_string(dir.path().join(name)).unwrap();
+    let start = |text: &str| text.lines().take(3).collect::<Vec<_>>().join("\n") + "\n";
+    assert_eq!(start(&text("tracks.jsonl")), include_str!("golden/tracks.jsonl"));
+    assert_eq!(start(&text("tracks.csv")), include_str!("golden/tracks.csv"));
+
+    let mut mot = MotChallenge::create(&dir.path().join("mot.txt")).unwrap();
+    let plane = GroundPlane::from_tilt_roll_height(0.0, 0.0, 6.0);
+    let mut kitti = KittiTracking::create(&dir.path().join("kitti.txt"), &plane).unwrap();
+    for row in rows().iter().take(4) {
+        mot.write(row).unwrap();
+        kitti.write(row).unwrap();
+    }
+    mot.finish().unwrap();
+    kitti.finish().unwrap();
+    assert_eq!(text("mot.txt").lines().count(), 2, "only observed rows");
+    assert!(text("mot.txt").starts_with("1,1,11.00,21.00,100.12,70.00,0.9000,-1,-1,-1\n"));
+    // Straight ahead and driving away: KITTI's rotation_y is −90°, the position 6 m below the camera.
+    assert!(text("kitti.txt").starts_with("0 1 Car -1 -1 -1.63"));
+    assert!(
+        text("kitti.txt")
+            .lines()
+            .next()
+            .unwrap()
+            .ends_with("1.5000 1.8000 4.5000 1.3333 6.0000 20.0000 -1.57080 0.9000")
+    );
+}
+
+#[test]
+fn a_number_that_is_not_finite_is_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut files = TrackFiles::create(dir.path()).unwrap();
+    let broken = TrackRow { speed_mps: f64::NAN, ..row(7, 3) };
+    let error = files.write(&broken).unwrap_err();
+    assert!(
+        matches!(&error, WriteError::NotFinite { what, .. } if what == "speed_mps of track 3 in frame 7")
+    );
+    drop(files);
+    assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0, "nothing half-written");
+}
+
+#[test]
+fn no_rows_make_readable_files() {
+    let dir = tempfile::tempdir().unwrap();
+    TrackFiles::create(dir.path()).unwrap().finish().unwrap();
+    let file = std::fs::File::open(dir.path().join("tracks.parquet")).unwrap();
+    assert_eq!(SerializedFileReader::new(file).unwrap().metadata().file_metadata().num_rows(), 0);
+    assert!(std::fs::read_to_string(dir.path().join("tracks.csv")).unwrap().starts_with("frame,time_s,"));
+}
+
+/// Needs rights to mount; says so where it has none.
+#[test]
+fn a_small_disk_fills_up_cleanly() {
+    let dir = tempfile::tempdir().unwrap();
+    let mounted = Command::new("mount")
+        .args(["-t", "tmpfs", "-o", "size=256k", "tmpfs"])
+        .arg(dir.path())
+        .output()
+        .is_ok_and(|out| out.status.success());
+    if !mounted {
+        println!("skipped: no right to mount a small disk");
+        return;
+    }
+    let outcome = (|| {
+        let mut files = TrackFiles::create(dir.path())?;
+        for frame in 0..50_000 {
+            files.write(&row(frame, 1))?;
+        }
+        files.finish()
+    })();
+    let left = std::fs::read_dir(dir.path()).unwrap().count();
+    assert!(Command::new("umount").arg(dir.path()).status().unwrap().success());
+    assert!(matches!(outcome, Err(WriteError::DiskFull { .. })), "{outcome:?}");
+    assert_eq!(left, 0, "no final name and no temporary file");
+}
