@@ -29,8 +29,10 @@ pub struct Combined {
 const MIN_FRAMES: usize = 3;
 /// A keypoint seen in a smaller share of the frames is left out.
 const MIN_PRESENCE: f64 = 0.3;
-/// Huber's bound, in sd of the scatter.
-const HUBER: f64 = 2.0;
+/// Student-t's degrees of freedom of the scatter, which is measured by its median.
+const NU: f64 = 4.0;
+/// A look farther off counts as this far in the scatter, sd.
+const MAX_SD: f64 = 3.0;
 /// How many frames' worth the car's mean scatter ratio counts in each keypoint's own.
 const POOLED_FRAMES: f64 = 5.0;
 
@@ -85,16 +87,17 @@ fn mean_of(looks: &[&KeypointSet], index: usize) -> Option<Mean> {
     }
     let middle = |axis: usize| median(&mut seen.iter().map(|(p, _)| p.pixel[axis]).collect::<Vec<_>>());
     let mut pixel = Vector2::new(middle(0)?, middle(1)?);
-    for _ in 0..5 {
+    let mut sd = 0.0;
+    for _ in 0..10 {
         let away: Vec<f64> = seen.iter().map(|(p, _)| (p.pixel - pixel).norm()).collect();
         // Median of a Rayleigh variable is 1.1774 sd.
-        let sd = median(&mut away.clone())? / 1.1774;
+        sd = (median(&mut away.clone())? / 1.1774).max(1e-9);
         let mut sum = Vector2::zeros();
         let mut information = Matrix2::zeros();
         for ((point, inverse), distance) in seen.iter().zip(&away) {
-            let weight = if *distance > HUBER * sd { HUBER * sd / distance } else { 1.0 };
-            information += inverse * weight.max(1e-6);
-            sum += inverse * weight.max(1e-6) * point.pixel;
+            let weight = (NU + 2.0) / (NU + (distance / sd).powi(2));
+            information += inverse * weight;
+            sum += inverse * weight * point.pixel;
         }
         pixel = information.cholesky()?.inverse() * sum;
     }
@@ -102,15 +105,15 @@ fn mean_of(looks: &[&KeypointSet], index: usize) -> Option<Mean> {
     let total: Matrix2<f64> = seen.iter().map(|(_, inverse)| inverse).sum();
     let covariance = total.cholesky()?.inverse() * frames as f64;
     let deviations: Vec<Vector2<f64>> = seen.iter().map(|(p, _)| p.pixel - pixel).collect();
-    let squares = |scale: f64| -> f64 {
-        seen.iter().zip(&deviations).map(|((_, inverse), d)| (d.transpose() * inverse * d)[0] * scale).sum()
-    };
+    let within = |d: &Vector2<f64>| (MAX_SD * sd / d.norm().max(1e-12)).powi(2).min(1.0);
+    let squares: f64 =
+        seen.iter().zip(&deviations).map(|((_, inverse), d)| d.dot(&(inverse * d)) * within(d)).sum();
     Some(Mean {
         pixel,
         covariance,
         score: seen.iter().map(|(p, _)| p.score).sum::<f64>() / looks.len() as f64,
         frames,
-        scatter: squares(0.5) / (frames as f64 - 1.0).max(1.0),
+        scatter: 0.5 * squares / (frames as f64 - 1.0).max(1.0),
         own: deviations.iter().map(Vector2::norm_squared).sum(),
         lagged: deviations.windows(2).map(|pair| pair[0].dot(&pair[1])).sum(),
     })

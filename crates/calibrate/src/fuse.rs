@@ -124,8 +124,7 @@ pub fn fuse(windows: &[WindowEstimate], options: &FuseOptions) -> Vec<CameraEsti
     let mut nodes = Vec::new();
     for segment in usable.chunk_by(|a, b| a.segment == b.segment) {
         let mut start = Some(segment[0].start);
-        for part in split(segment, options) {
-            let drift = drift_of(part, options);
+        for Part { windows: part, drift } in explain(segment, options).0 {
             let pieces: Vec<&[&WindowEstimate]> =
                 if drift.is_some() { part.chunks(1).collect() } else { vec![part] };
             let shares = shares(part, options);
@@ -234,38 +233,42 @@ fn constant(group: &[&WindowEstimate], shares: &[f64], options: &FuseOptions) ->
     Constant { weights, distances, cost }
 }
 
-/// Cuts a group where two constants explain it much better than one; never where parked cars witnessed a steady camera,
-/// and never off a single window: the next one must agree.
-fn split<'a, 'w>(group: &'a [&'w WindowEstimate], options: &FuseOptions) -> Vec<&'a [&'w WindowEstimate]> {
-    let cost = |part: &[&WindowEstimate]| constant(part, &shares(part, options), options).cost;
-    let open = |cut: usize| !group[cut].steady;
-    if group.len() < 4 || !(2..=group.len() - 2).any(open) {
-        return vec![group];
-    }
-    let whole = cost(group);
-    let gains = (2..=group.len() - 2)
-        .filter(|&cut| open(cut))
-        .map(|cut| (cut, whole - cost(&group[..cut]) - cost(&group[cut..])));
-    let best = gains.reduce(|best, next| if next.1 > best.1 { next } else { best });
-    match best {
-        Some((cut, gain)) if gain > options.min_gain => {
-            let mut parts = split(&group[..cut], options);
-            parts.extend(split(&group[cut..], options));
-            parts
-        }
-        _ => vec![group],
-    }
+/// A group of windows as one thing happened to the camera: it stood, or drifted by a multiple of `drift_sd`.
+struct Part<'a, 'w> {
+    windows: &'a [&'w WindowEstimate],
+    drift: Option<f64>,
 }
 
-/// The multiple of `drift_sd` that explains a group much better than standing still, if there is one.
-fn drift_of(group: &[&WindowEstimate], options: &FuseOptions) -> Option<f64> {
+/// What best explains a group: standing, drifting, or a sudden change with what explains either side of it. Each change or
+/// drift must pay `min_gain` in log likelihood. No change is seen where parked cars witnessed a steady camera, and none off
+/// a single window: the next one must agree.
+fn explain<'a, 'w>(group: &'a [&'w WindowEstimate], options: &FuseOptions) -> (Vec<Part<'a, 'w>>, f64) {
+    let standing = (vec![Part { windows: group, drift: None }], 0.0);
     if group.len() < 4 || group[1..].iter().all(|w| w.steady) {
-        return None;
+        return standing;
     }
+    let cost = |part: &[&WindowEstimate]| constant(part, &shares(part, options), options).cost;
+    let whole = cost(group);
+    let gains = (2..=group.len() - 2)
+        .filter(|&cut| !group[cut].steady)
+        .map(|cut| (cut, whole - cost(&group[..cut]) - cost(&group[cut..]) - options.min_gain));
+    let best = gains.reduce(|best, next| if next.1 > best.1 { next } else { best });
+    let changed = best.filter(|(_, gain)| *gain > 0.0).map_or(standing, |(cut, gain)| {
+        let (mut parts, before) = explain(&group[..cut], options);
+        let (rest, after) = explain(&group[cut..], options);
+        parts.extend(rest);
+        (parts, gain + before + after)
+    });
+    let (scale, gain) = drift_of(group, options);
+    let drifted = gain - options.min_gain;
+    if drifted > changed.1 { (vec![Part { windows: group, drift: Some(scale) }], drifted) } else { changed }
+}
+
+/// The multiple of `drift_sd` that explains a group best, and its gain over standing still.
+fn drift_of(group: &[&WindowEstimate], options: &FuseOptions) -> (f64, f64) {
     let still = drift_log_likelihood(group, 0.0, options);
     let gains = DRIFTS.map(|scale| (scale, drift_log_likelihood(group, scale, options) - still));
-    let (scale, gain) = gains.into_iter().reduce(|best, next| if next.1 > best.1 { next } else { best })?;
-    (gain > options.min_gain).then_some(scale)
+    gains.into_iter().fold((0.0, 0.0), |best, next| if next.1 > best.1 { next } else { best })
 }
 
 /// Log likelihood of the windows' innovations in a random walk, with Student-t tails.

@@ -121,10 +121,10 @@ impl MoveDetector {
                 self.learn(&spots, frame.time_s);
                 state
             }
+            // A frame without an opinion does not clear a suspicion.
+            MoveState::Unknown | MoveState::Suspect if self.suspect_frames > 0 => MoveState::Suspect,
             MoveState::Unknown | MoveState::Suspect => {
-                if self.suspect_frames == 0 {
-                    self.learn(&spots, frame.time_s);
-                }
+                self.learn(&spots, frame.time_s);
                 state
             }
         }

@@ -33,7 +33,7 @@ fn without_noise_the_truth_comes_out() {
 #[test]
 fn noisy_parked_cars_stay_put() {
     for seed in 0..20 {
-        let seeing = Seeing { flipped: 0.3, missed: 0.2, false_alarms: 0.3, ..Seeing::usual() };
+        let seeing = Seeing { flipped: 0.2, missed: 0.2, false_alarms: 0.3, ..Seeing::usual() };
         let world = World::new(lot(), seeing, times(50.0 / 30.0, 30.0), seed);
         let seen = world.see();
         let tracks = track(&seen.frames);

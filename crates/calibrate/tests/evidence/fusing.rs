@@ -1,0 +1,210 @@
+use nalgebra::{Matrix4, Vector4};
+use roadplane_base::{CameraParams, CameraStatus};
+use roadplane_calibrate::{CarUse, FuseOptions, SegmentStart, WindowEstimate, fuse};
+
+use crate::records::{Random, SIZE};
+
+/// sd of a window's log focal, tilt, roll, log height.
+const SD: [f64; 4] = [0.06, 0.02, 0.008, 0.05];
+
+fn truth() -> Vector4<f64> {
+    Vector4::new(1700f64.ln(), 0.4, 0.02, 9f64.ln())
+}
+
+/// Focal length and height go together, as they do.
+fn covariance() -> Matrix4<f64> {
+    let mut c = Matrix4::from_diagonal(&Vector4::from(SD).map(|sd| sd * sd));
+    c[(0, 3)] = 0.9 * SD[0] * SD[3];
+    c[(3, 0)] = c[(0, 3)];
+    c
+}
+
+fn window(index: usize, params: &Vector4<f64>, cars: Vec<CarUse>) -> WindowEstimate {
+    WindowEstimate {
+        span_s: [30.0 * index as f64, 30.0 * index as f64 + 29.0],
+        frames: 900,
+        params: CameraParams::from_vector(params),
+        information: covariance().try_inverse().unwrap(),
+        cars,
+        segment: 0,
+        start: SegmentStart::Clip,
+        steady: false,
+    }
+}
+
+fn draw(random: &mut Random) -> Vector4<f64> {
+    covariance().cholesky().unwrap().l() * Vector4::from_fn(|_, _| random.normal())
+}
+
+fn parked(links: std::ops::Range<u64>) -> Vec<CarUse> {
+    links.map(|link| CarUse { link, parked: true }).collect()
+}
+
+fn options() -> FuseOptions {
+    FuseOptions::for_image(SIZE)
+}
+
+#[test]
+fn different_cars_add_up_and_sd_is_true() {
+    let mut sum = Vector4::zeros();
+    let runs = 300;
+    for seed in 0..runs {
+        let mut random = Random(seed);
+        let windows: Vec<WindowEstimate> = (0..25)
+            .map(|i| window(i, &(truth() + draw(&mut random)), parked(10 * i as u64..10 * i as u64 + 10)))
+            .collect();
+        let fused = fuse(&windows, &options());
+        assert_eq!(fused.len(), 1, "one camera, one answer");
+        let sd = fused[0].covariance.diagonal().map(f64::sqrt);
+        assert!((sd[0] / (SD[0] / 5.0) - 1.0).abs() < 0.35, "{}", sd[0]);
+        sum += (fused[0].params.to_vector() - truth()).component_div(&sd).map(|z| z * z);
+        assert_eq!((fused[0].cars_used, fused[0].frames_used), (250, 25 * 900));
+        assert_eq!(fused[0].status, CameraStatus::Estimated);
+    }
+    let ratios = (sum / runs as f64).map(f64::sqrt);
+    println!("different cars: {:.2?}", ratios.as_slice());
+    assert!(ratios.iter().all(|r| (0.85..1.15).contains(r)), "{ratios}");
+}
+
+#[test]
+fn the_same_parked_cars_count_once() {
+    let mut sum = Vector4::zeros();
+    let runs = 300;
+    for seed in 0..runs {
+        let mut random = Random(seed);
+        let shared = draw(&mut random);
+        let windows: Vec<WindowEstimate> =
+            (0..20).map(|i| window(i, &(truth() + shared + 0.1 * draw(&mut random)), parked(0..9))).collect();
+        let fused = fuse(&windows, &options());
+        assert_eq!(fused.len(), 1);
+        let sd = fused[0].covariance.diagonal().map(f64::sqrt);
+        assert!((sd[0] / SD[0] - 1.0).abs() < 0.1, "{}", sd[0]);
+        sum += (fused[0].params.to_vector() - truth()).component_div(&sd).map(|z| z * z);
+    }
+    let ratios = (sum / runs as f64).map(f64::sqrt);
+    println!("the same cars: {:.2?}", ratios.as_slice());
+    assert!(ratios.iter().all(|r| (0.85..1.15).contains(r)), "{ratios}");
+}
+
+#[test]
+fn cutting_a_clip_finer_changes_nothing() {
+    let at = truth() + Vector4::new(0.03, 0.01, 0.0, 0.02);
+    let one = fuse(&[window(0, &at, parked(0..9))], &options());
+    let many: Vec<WindowEstimate> = (0..50).map(|i| window(i, &at, parked(0..9))).collect();
+    let many = fuse(&many, &options());
+    assert!((one[0].params.to_vector() - many[0].params.to_vector()).norm() < 1e-9);
+    assert!((one[0].covariance - many[0].covariance).norm() < 1e-9);
+}
+
+#[test]
+fn bad_windows_do_little() {
+    for seed in 0..50 {
+        let mut random = Random(seed);
+        let windows: Vec<WindowEstimate> = (0..20)
+            .map(|i| {
+                let wrong = if i % 5 == 2 { Vector4::new(0.8, -0.15, 0.02, 0.7) } else { Vector4::zeros() };
+                window(i, &(truth() + wrong + draw(&mut random)), parked(10 * i as u64..10 * i as u64 + 10))
+            })
+            .collect();
+        let fused = fuse(&windows, &options());
+        assert_eq!(fused.len(), 1);
+        let focal = fused[0].params.log_focal - truth()[0];
+        assert!(focal.abs() < 0.06, "seed {seed}: {focal}");
+    }
+}
+
+#[test]
+fn a_moved_camera_gives_two_answers_that_share_its_focal_length() {
+    let mut random = Random(1);
+    let turned = truth() + Vector4::new(0.0, 0.15, 0.0, 0.0);
+    let windows: Vec<WindowEstimate> = (0..12)
+        .map(|i| {
+            let at = if i < 6 { truth() } else { turned };
+            let first = 10 * i as u64;
+            let mut w = window(i, &(at + draw(&mut random)), parked(first..first + 10));
+            if i >= 6 {
+                (w.segment, w.start) = (1, SegmentStart::Moved { log_scale: 0.0 });
+            }
+            w
+        })
+        .collect();
+    let fused = fuse(&windows, &options());
+    assert_eq!(fused.len(), 2);
+    assert!(fused[0].span_s[1] < fused[1].span_s[0]);
+    assert!((fused[1].params.tilt - fused[0].params.tilt - 0.15).abs() < 0.04);
+    assert!((fused[1].params.log_focal - fused[0].params.log_focal).abs() < 0.04);
+    let alone = fuse(&windows[6..], &options());
+    assert!(fused[1].covariance[(0, 0)] < 0.8 * alone[0].covariance[(0, 0)], "the other half helps");
+    // After a cut it does not.
+    let cut: Vec<WindowEstimate> = windows
+        .iter()
+        .map(|w| WindowEstimate {
+            start: if w.segment == 1 { SegmentStart::Cut } else { w.start },
+            ..w.clone()
+        })
+        .collect();
+    assert!((fuse(&cut, &options())[1].covariance - alone[0].covariance).norm() < 1e-9);
+}
+
+#[test]
+fn a_change_that_only_the_estimates_show_is_found_and_noise_is_not() {
+    let mut wrong = 0;
+    for seed in 0..100 {
+        let mut random = Random(seed);
+        let mut clip = |change: f64| -> Vec<WindowEstimate> {
+            (0..16)
+                .map(|i| {
+                    let tilt = if i < 7 { 0.0 } else { change };
+                    let at = truth() + Vector4::new(0.0, tilt, 0.0, 0.0) + draw(&mut random);
+                    window(i, &at, parked(10 * i as u64..10 * i as u64 + 10))
+                })
+                .collect()
+        };
+        wrong += usize::from(fuse(&clip(0.0), &options()).len() != 1);
+        let moved = fuse(&clip(0.12), &options());
+        assert_eq!(moved.len(), 2, "seed {seed}");
+        assert!((moved[1].span_s[0] / 30.0 - 7.0).abs() < 1.5, "{:?}", moved[1].span_s);
+        let mut steady = clip(0.12);
+        steady.iter_mut().skip(1).for_each(|w| w.steady = true);
+        assert_eq!(fuse(&steady, &options()).len(), 1, "parked cars know better");
+    }
+    assert!(wrong <= 1, "{wrong} false changes in 100 still cameras");
+}
+
+#[test]
+fn a_drifting_camera_is_followed() {
+    let mut random = Random(5);
+    let windows: Vec<WindowEstimate> = (0..60)
+        .map(|i| {
+            let tilt = 0.12 * (i as f64 / 10.0).sin();
+            let at = truth() + Vector4::new(0.0, tilt, 0.0, 0.0) + draw(&mut random);
+            window(i, &at, parked(10 * i as u64..10 * i as u64 + 10))
+        })
+        .collect();
+    let fused = fuse(&windows, &options());
+    assert!(fused.len() > 5, "{} answers", fused.len());
+    for estimate in &fused {
+        let index = (estimate.span_s[0] + estimate.span_s[1]) / 60.0 - 0.5;
+        let tilt = truth()[1] + 0.12 * (index / 10.0).sin();
+        assert!((estimate.params.tilt - tilt).abs() < 0.04, "{} against {tilt}", estimate.params.tilt);
+    }
+}
+
+#[test]
+fn without_evidence_the_prior_stays_and_is_said() {
+    assert!(fuse(&[], &options()).is_empty());
+    let mut nothing = window(0, &truth(), parked(0..2));
+    nothing.information = Matrix4::zeros();
+    let fused = fuse(&[nothing.clone()], &options());
+    assert_eq!(fused[0].status, CameraStatus::Unobservable);
+    let sd = fused[0].covariance.diagonal().map(f64::sqrt);
+    assert!((sd - options().prior.sd).norm() < 1e-9);
+    // Tilt and height known, focal length not.
+    let mut weak = window(0, &truth(), parked(0..2));
+    weak.information = Matrix4::from_diagonal(&Vector4::new(0.1, 1e4, 1e4, 1e3));
+    assert_eq!(fuse(&[weak.clone()], &options())[0].status, CameraStatus::FocalFromPrior);
+    let given = FuseOptions { focal_given: true, ..options() };
+    assert_eq!(fuse(&[weak], &given)[0].status, CameraStatus::FocalGiven);
+    nothing.params.tilt = f64::NAN;
+    assert!(fuse(&[nothing], &options()).is_empty(), "what is no number is left out");
+}

@@ -1,0 +1,83 @@
+//! Frames with boxes and keypoints of cars that stand or move in the image.
+
+use nalgebra::Vector2;
+use roadplane_base::{CarRecord, FrameRecord, ImageSize, KEYPOINTS, Keypoint, VehicleClass};
+
+/// SplitMix64: the same numbers everywhere.
+pub struct Random(pub u64);
+
+impl Random {
+    pub fn uniform(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    pub fn normal(&mut self) -> f64 {
+        (-2.0 * (1.0 - self.uniform()).ln()).sqrt() * (std::f64::consts::TAU * self.uniform()).cos()
+    }
+}
+
+/// A box in the image that moves at a constant velocity.
+#[derive(Clone, Copy)]
+pub struct Moving {
+    pub bbox_px: [f64; 4],
+    pub velocity_px_s: [f64; 2],
+}
+
+pub fn still(x: f64, y: f64, width: f64) -> Moving {
+    Moving { bbox_px: [x, y, x + width, y + 0.6 * width], velocity_px_s: [0.0; 2] }
+}
+
+/// Two rows of parked cars, 2 × n.
+pub fn rows(n: usize) -> Vec<Moving> {
+    (0..2 * n)
+        .map(|i| {
+            let (row, column) = ((i / n) as f64, (i % n) as f64);
+            still(120.0 + 260.0 * column + 40.0 * row, 300.0 + 250.0 * row, 150.0 + 50.0 * row)
+        })
+        .collect()
+}
+
+pub const SIZE: ImageSize = ImageSize { width: 1920, height: 1080 };
+
+/// A frame of these cars; keypoints on a grid in each box, with `sd_px` predicted of which the share `white` shows.
+pub fn frame(
+    index: u64,
+    time_s: f64,
+    cars: &[Moving],
+    sd_px: f64,
+    white: f64,
+    random: &mut Random,
+) -> FrameRecord {
+    let cars = cars
+        .iter()
+        .map(|car| {
+            let shift = Vector2::from(car.velocity_px_s) * time_s;
+            let [x0, y0, x1, y1] = car.bbox_px;
+            let mut jitter = || sd_px * white * random.normal();
+            let keypoint = |i: usize, dx: f64, dy: f64| {
+                let at = Vector2::new(
+                    x0 + (x1 - x0) * (0.5 + (i % 6) as f64) / 6.0 + dx,
+                    y0 + (y1 - y0) * (0.5 + (i / 6) as f64) / 6.0 + dy,
+                );
+                Keypoint::isotropic(at + shift, 0.9, sd_px)
+            };
+            let set = std::array::from_fn(|i| {
+                let (dx, dy) = (jitter(), jitter());
+                (i < KEYPOINTS / 2).then(|| keypoint(i, dx, dy))
+            });
+            let bbox_px = [x0 + shift.x, y0 + shift.y, x1 + shift.x, y1 + shift.y];
+            CarRecord {
+                bbox_px: bbox_px.map(|x| x + 0.5 * jitter().clamp(-3.0, 3.0)),
+                score: 0.9,
+                class: VehicleClass::Car,
+                keypoints: Some(Box::new(set)),
+                extra: Default::default(),
+            }
+        })
+        .collect();
+    FrameRecord { frame: index, time_s, image_size_px: SIZE, cars, extra: Default::default() }
+}

@@ -1,0 +1,65 @@
+use std::collections::BTreeMap;
+
+use roadplane_calibrate::{Linker, LinkerOptions, SelectOptions, View, ViewSelector};
+
+use crate::records::{Moving, Random, frame, rows};
+
+fn views(cars: &[Moving], frames: u64, rate: f64, options: SelectOptions) -> Vec<View> {
+    let mut linker = Linker::new(LinkerOptions::default());
+    let mut selector = ViewSelector::new(options);
+    let mut random = Random(1);
+    for i in 0..frames {
+        let record = frame(i, i as f64 / rate, cars, 2.0, 0.5, &mut random);
+        let names = linker.push(&record);
+        selector.push(&record, &names);
+    }
+    selector.take()
+}
+
+#[test]
+fn a_parked_car_is_one_view_however_long() {
+    for frames in [30, 3000] {
+        let views = views(&rows(5), frames, 30.0, SelectOptions::default());
+        assert_eq!(views.len(), 10);
+        assert!(views.iter().all(|v| v.parked && (v.weight - 1.0).abs() < 1e-12 && v.frames.len() >= 30));
+        let ratio = views[0].scatter_ratio.unwrap();
+        assert!((0.1..0.5).contains(&ratio), "{ratio}");
+    }
+}
+
+#[test]
+fn a_driving_car_gives_a_view_every_half_box() {
+    let car = Moving { bbox_px: [10.0, 400.0, 210.0, 520.0], velocity_px_s: [400.0, 0.0] };
+    let views = views(&[car], 100, 25.0, SelectOptions::default());
+    // 1600 px at 100 px a view is more than one car may have.
+    assert_eq!(views.len(), 8);
+    assert!(views.iter().all(|v| !v.parked && v.frames.len() == 1 && v.weight < 0.5));
+}
+
+#[test]
+fn bounds_are_kept_and_cars_share_them() {
+    let mut cars = rows(6);
+    cars.extend((0..6).map(|i| Moving {
+        bbox_px: [10.0, 60.0 * f64::from(i), 110.0, 60.0 * f64::from(i) + 50.0],
+        velocity_px_s: [400.0, 0.0],
+    }));
+    let views = views(&cars, 100, 25.0, SelectOptions { max_views: 20, ..SelectOptions::default() });
+    assert_eq!(views.len(), 20);
+    let mut of_link: BTreeMap<u64, usize> = BTreeMap::new();
+    views.iter().for_each(|v| *of_link.entry(v.link).or_default() += 1);
+    assert!(of_link.len() >= 12, "{of_link:?}");
+}
+
+#[test]
+fn small_and_empty_cars_are_no_views() {
+    let mut random = Random(1);
+    let mut record = frame(0, 0.0, &rows(2), 1.0, 1.0, &mut random);
+    record.cars[0].bbox_px = [5.0, 5.0, 25.0, 20.0];
+    record.cars[1].keypoints = None;
+    record.cars[2].keypoints.as_mut().unwrap().iter_mut().skip(3).for_each(|p| *p = None);
+    let mut selector = ViewSelector::new(SelectOptions::default());
+    selector.push(&record, &[0, 1, 2, 3]);
+    let views = selector.take();
+    assert_eq!(views.iter().map(|v| v.link).collect::<Vec<_>>(), [3]);
+    assert!(selector.take().is_empty());
+}
