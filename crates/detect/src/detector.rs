@@ -76,7 +76,7 @@ impl Detector {
     pub fn detect(&mut self, frame: &Frame) -> Result<Vec<CarRecord>, DetectError> {
         let (width, height) = (f64::from(frame.image.width()), f64::from(frame.image.height()));
         let mut found = Vec::new();
-        let scales = self.options.scales.clone();
+        let scales = self.options.scales(frame.image.width(), frame.image.height());
         for (pass, scale) in scales.iter().enumerate() {
             let side = |length: f64| ((length * scale).round() as usize).max(1);
             let planes = resample(&frame.image, side(width), side(height));

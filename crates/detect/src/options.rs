@@ -12,9 +12,9 @@ pub struct DetectOptions {
     pub min_score: f64,
     /// Narrower boxes are left out, px of the frame.
     pub min_width_px: f64,
-    /// Passes over the frame: by how much it is scaled in each. The net finds cars of about 30 to 400 px after scaling;
-    /// time grows with the square.
-    pub scales: Vec<f64>,
+    /// Passes over the frame: its longer side in each, px; frames are never enlarged. The net finds cars of about
+    /// 28 to 200 px after scaling, best where two passes see them; time grows with the square.
+    pub pass_px: Vec<u32>,
     /// Boxes that overlap more than this (intersection over union) are one vehicle.
     pub nms_iou: f64,
     /// So are boxes of which more than this share lies inside the other.
@@ -28,9 +28,9 @@ pub struct DetectOptions {
 impl Default for DetectOptions {
     fn default() -> Self {
         Self {
-            min_score: 0.4,
+            min_score: 0.35,
             min_width_px: 24.0,
-            scales: vec![0.5, 1.0],
+            pass_px: vec![960, 1280],
             nms_iou: 0.5,
             nms_covered: 0.8,
             tile_px: 1920,
@@ -40,6 +40,15 @@ impl Default for DetectOptions {
 }
 
 impl DetectOptions {
+    /// What each pass scales a frame by, coarsest first; passes that would be alike are one.
+    pub(crate) fn scales(&self, width: u32, height: u32) -> Vec<f64> {
+        let longer = f64::from(width.max(height).max(1));
+        let mut scales: Vec<f64> = self.pass_px.iter().map(|&px| (f64::from(px) / longer).min(1.0)).collect();
+        scales.sort_by(f64::total_cmp);
+        scales.dedup_by(|a, b| (*a / *b - 1.0).abs() < 0.02);
+        scales
+    }
+
     /// Refuses values that make no sense.
     ///
     /// # Errors
@@ -52,9 +61,9 @@ impl DetectOptions {
         if !(self.min_width_px.is_finite() && self.min_width_px >= 0.0) {
             return fail("min_width_px must not be negative");
         }
-        let allowed = |scale: &f64| (0.05..=4.0).contains(scale);
-        if self.scales.is_empty() || self.scales.len() > 8 || !self.scales.iter().all(allowed) {
-            return fail("scales must be 1 to 8 numbers of 0.05 to 4");
+        let allowed = |px: &u32| (160..=8192).contains(px);
+        if self.pass_px.is_empty() || self.pass_px.len() > 8 || !self.pass_px.iter().all(allowed) {
+            return fail("pass_px must be 1 to 8 numbers of 160 to 8192");
         }
         if !(0.1..=1.0).contains(&self.nms_iou) || !(0.1..=1.0).contains(&self.nms_covered) {
             return fail("nms_iou and nms_covered must be 0.1 to 1");
@@ -63,5 +72,19 @@ impl DetectOptions {
             return fail("tile_px must be 256 to 8192, tile_overlap_px at most half of it");
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_are_never_enlarged() {
+        let options = DetectOptions { pass_px: vec![1280, 960], ..DetectOptions::default() };
+        assert_eq!(options.scales(1920, 1080), [0.5, 1280.0 / 1920.0]);
+        assert_eq!(options.scales(640, 480), [1.0]);
+        assert!(DetectOptions { pass_px: vec![], ..options }.check().is_err());
+        assert!(DetectOptions::default().check().is_ok());
     }
 }

@@ -17,24 +17,22 @@ struct Kernel {
     weights: Vec<f32>,
 }
 
-/// Triangle filter along one axis: bilinear when enlarging, widened to the target's pixels when shrinking. Pixel
-/// `i` covers `[i, i + 1)` in both, so that centres correspond as `(u + 0.5) · source / target − 0.5`.
+/// Area average along one axis: every target pixel is the mean of what it covers, with parts of pixels at its ends.
+/// Pixel `i` covers `[i, i + 1)` in both, so that centres correspond as `(u + 0.5) · source / target − 0.5`.
 fn kernels(source: usize, target: usize) -> Vec<Kernel> {
     let step = source as f64 / target as f64;
-    let radius = step.max(1.0);
     (0..target)
         .map(|u| {
-            let centre = (u as f64 + 0.5) * step - 0.5;
-            let first = (centre - radius).ceil().max(0.0) as usize;
-            let last = ((centre + radius).floor() as usize).min(source - 1);
-            let weight = |i: usize| (1.0 - (i as f64 - centre).abs() / radius).max(0.0);
-            let sum: f64 = (first..=last).map(weight).sum();
-            Kernel { first, weights: (first..=last).map(|i| (weight(i) / sum) as f32).collect() }
+            let (from, to) = (u as f64 * step, (u as f64 + 1.0) * step);
+            let first = (from.floor() as usize).min(source - 1);
+            let last = (to.ceil() as usize).clamp(first + 1, source);
+            let covered = |i: usize| (to.min(i as f64 + 1.0) - from.max(i as f64)).max(0.0) / step;
+            Kernel { first, weights: (first..last).map(|i| covered(i) as f32).collect() }
         })
         .collect()
 }
 
-/// The frame resampled to a size of at least 1 × 1.
+/// The frame resampled to a size of at least 1 × 1 and at most its own.
 pub(crate) fn resample(image: &RgbImage, width: usize, height: usize) -> Planes {
     let (source_width, source_height) = (image.width() as usize, image.height() as usize);
     let bytes = image.as_raw();
@@ -78,7 +76,7 @@ pub(crate) fn resample(image: &RgbImage, width: usize, height: usize) -> Planes 
 mod tests {
     use super::*;
 
-    /// A ramp along x and y: linear, so resampling must keep it, at the right place.
+    /// A ramp along x and y, which resampling must keep at the right place, to the part of a step that averaging costs.
     fn ramp(width: u32, height: u32) -> RgbImage {
         RgbImage::from_fn(width, height, |x, y| image::Rgb([(2 * x) as u8, (3 * y) as u8, 100]))
     }
@@ -86,15 +84,15 @@ mod tests {
     #[test]
     fn centres_stay_where_they_are() {
         let image = ramp(100, 60);
-        for (width, height) in [(100, 60), (50, 30), (75, 45), (150, 90), (33, 19)] {
+        for (width, height) in [(100, 60), (50, 30), (75, 45), (67, 40), (33, 19)] {
             let planes = resample(&image, width, height);
             for (x, y) in [(width / 2, height / 2), (width / 3, height / 4)] {
                 let centre =
                     |u: usize, source: f64, target: usize| (u as f64 + 0.5) * source / target as f64 - 0.5;
                 let red = f64::from(planes.values[y * width + x]) * 255.0;
                 let green = f64::from(planes.values[(height + y) * width + x]) * 255.0;
-                assert!((red - 2.0 * centre(x, 100.0, width)).abs() < 0.02, "{width}: {red}");
-                assert!((green - 3.0 * centre(y, 60.0, height)).abs() < 0.02, "{height}: {green}");
+                assert!((red - 2.0 * centre(x, 100.0, width)).abs() < 0.2, "{width}: {red}");
+                assert!((green - 3.0 * centre(y, 60.0, height)).abs() < 0.3, "{height}: {green}");
                 assert!((planes.values[(2 * height + y) * width + x] * 255.0 - 100.0).abs() < 1e-3);
             }
         }
