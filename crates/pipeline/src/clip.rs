@@ -87,8 +87,16 @@ pub fn solve_clip(
     let (first, _) = pass.tracks(read()?, &BTreeMap::new(), |_| Ok(()))?;
     let spool = poses.with_extension("spool");
     let mut spooled = PoseLines::create(&spool)?;
-    let (tracks, rejected) = pass.tracks(read()?, &known_cars(&first), |pose| Ok(spooled.write(pose)?))?;
+    let known = known_cars(&first, atlas);
+    let (mut tracks, rejected) = pass.tracks(read()?, &known, |pose| Ok(spooled.write(pose)?))?;
     spooled.finish()?;
+    for track in &mut tracks {
+        // The shape was held in this pass, so what this pass's tracks say of it is no evidence.
+        let key = |state: &TrackState| Some((state.stamp.index, state.car?));
+        if let Some((shape, _)) = track.states.iter().filter_map(key).find_map(|key| known.get(&key)) {
+            track.shape = shape.mean;
+        }
+    }
 
     let tracked = tracked_cars(&tracks);
     let mut lines = PoseLines::create(poses)?;
@@ -174,7 +182,7 @@ impl Pass<'_> {
     }
 
     fn rows(&self, track: &Track) -> Vec<TrackRow> {
-        let dims = self.atlas.dims_m(&track.shape);
+        let dims = self.atlas.dims_m(&self.atlas.clamped(&track.shape));
         let row = |state: &TrackState| {
             let bbox_px = state.bbox_px.or_else(|| self.projected_box(track, state))?;
             Some(TrackRow {
@@ -239,10 +247,10 @@ fn measurement(fit: &CarFit, bbox_px: [f64; 4], score: f64, car: usize) -> Optio
     })
 }
 
-/// Per tracked car and frame its track's shape and its smoothed pose.
-fn known_cars(tracks: &[Track]) -> BTreeMap<CarKey, (ShapePrior, GroundPose)> {
+/// Per tracked car and frame its track's shape, within the atlas' bounds, and its smoothed pose.
+fn known_cars(tracks: &[Track], atlas: &ShapeAtlas) -> BTreeMap<CarKey, (ShapePrior, GroundPose)> {
     let of_track = |track: &Track| {
-        let shape = ShapePrior::known(track.shape);
+        let shape = ShapePrior::known(atlas.clamped(&track.shape));
         let known = move |state: &TrackState| Some(((state.stamp.index, state.car?), (shape, state.pose)));
         track.states.iter().filter_map(known).collect::<Vec<_>>()
     };

@@ -1,0 +1,88 @@
+//! Bad input: a clear error, the right exit code, nothing half-written.
+
+mod common;
+
+use std::fs;
+use std::path::Path;
+
+use common::{names, roadplane, root};
+
+/// Runs an input that must be refused with this exit code and returns what the program said.
+fn refused(input: &Path, code: i32, arguments: &[&str]) -> String {
+    let out = tempfile::tempdir().unwrap();
+    let assert = roadplane().arg("run").arg(input).arg("--out").arg(out.path()).args(arguments).assert().code(code);
+    let left: Vec<String> = names(out.path()).into_iter().filter(|name| !name.contains("lock")).collect();
+    assert!(left.is_empty(), "left behind: {left:?}");
+    let said = String::from_utf8(assert.get_output().stderr.clone()).unwrap();
+    assert!(!said.contains("panicked"), "{said}");
+    said
+}
+
+#[test]
+fn inputs_that_are_no_video_are_refused_by_their_content() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = |name: &str, content: &[u8]| {
+        let path = folder.path().join(name);
+        fs::write(&path, content).unwrap();
+        path
+    };
+    assert!(refused(&file("empty.mp4", b""), 3, &[]).contains("empty"));
+    refused(&file("text.mp4", b"this is no video, whatever its name says\n"), 3, &[]);
+    refused(&file("list.mp4", b"ffconcat version 1.0\nfile /etc/passwd\n"), 3, &[]);
+    refused(&folder.path().join("absent.mp4"), 3, &[]);
+    let no_images = folder.path().join("folder");
+    fs::create_dir(&no_images).unwrap();
+    fs::write(no_images.join("notes.txt"), "no image").unwrap();
+    refused(&no_images, 3, &[]);
+}
+
+#[test]
+fn a_truncated_mp4_is_refused_or_read_as_far_as_it_goes() {
+    let folder = tempfile::tempdir().unwrap();
+    let whole = fs::read(root().join("tests/data/lot.mp4")).unwrap();
+    let cut = folder.path().join("cut.mp4");
+    fs::write(&cut, &whole[..whole.len() / 10]).unwrap();
+    let out = folder.path().join("out");
+    let assert =
+        roadplane().arg("run").arg(&cut).arg("--out").arg(&out).args(["--set", "decode.max_frames=1"]).assert();
+    assert.code(3);
+    let half_written = names(&out).into_iter().any(|name| name.ends_with(".partial"));
+    assert!(!half_written);
+}
+
+#[test]
+fn wrong_configurations_are_named() {
+    let clip = root().join("tests/data/lot.mp4");
+    assert!(refused(&clip, 2, &["--set", "detect.min_scroe=0.1"]).contains("min_scroe"));
+    assert!(refused(&clip, 2, &["--set", "solve.outlier_sd=-3"]).contains("1 to 100"));
+    assert!(refused(&clip, 2, &["--focal-px", "-5"]).contains("--focal-px"));
+    let folder = tempfile::tempdir().unwrap();
+    let config = folder.path().join("c.toml");
+    fs::write(&config, "[detect]\nunknown = 1\n").unwrap();
+    let said = refused(&clip, 2, &["--config", config.to_str().unwrap()]);
+    assert!(said.contains("unknown") && said.contains("line 2"), "{said}");
+}
+
+#[test]
+fn a_model_with_one_flipped_byte_is_refused() {
+    let models = tempfile::tempdir().unwrap();
+    for name in names(&root().join("models")) {
+        fs::copy(root().join("models").join(&name), models.path().join(&name)).unwrap();
+    }
+    let net = models.path().join("hourglass.onnx");
+    let mut bytes = fs::read(&net).unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    fs::write(&net, bytes).unwrap();
+    let setting = format!("models.folder={}", models.path().display());
+    let said = refused(&root().join("tests/data/lot.mp4"), 4, &["--set", &setting]);
+    assert!(said.contains("sha256"), "{said}");
+}
+
+#[test]
+fn a_folder_in_use_is_refused_at_once() {
+    let out = tempfile::tempdir().unwrap();
+    let _lock = roadplane_pipeline::FolderLock::acquire(out.path()).unwrap();
+    let clip = root().join("tests/data/lot.mp4");
+    roadplane().arg("run").arg(clip).arg("--out").arg(out.path()).assert().code(11);
+}

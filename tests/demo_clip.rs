@@ -1,0 +1,115 @@
+//! The main job on the clip that comes with the repository, against its truth.
+
+mod common;
+
+use std::collections::BTreeMap;
+use std::f64::consts::PI;
+
+use common::{json, json_lines, names, roadplane, root};
+use serde_json::Value;
+
+fn number(value: &Value) -> f64 {
+    value.as_f64().unwrap()
+}
+
+#[test]
+fn the_demo_clip_is_solved() {
+    let out = tempfile::tempdir().unwrap();
+    let clip = root().join("tests/data/lot.mp4");
+    let run = |arguments: &[&str]| {
+        let mut command = roadplane();
+        command.arg("run").arg(&clip).arg("--out").arg(out.path()).args(["--set", "decode.stride=3"]);
+        command.args(arguments).assert()
+    };
+    run(&[]).code(0);
+    let result = out.path().join("lot");
+    let files = names(&result);
+    for file in [
+        "camera.json", "poses.jsonl", "report.html", "summary.json", "tracks.csv", "tracks.jsonl", "tracks.parquet",
+    ] {
+        assert!(files.iter().any(|name| name == file), "{file} of {files:?}");
+    }
+
+    let truth = json(&root().join("tests/data/lot.truth.json"));
+    let camera = json(&result.join("camera.json"));
+    assert_eq!(camera["status"], "estimated");
+    let focal = number(&camera["focal_px"]) / number(&truth["camera"]["focal_px"]);
+    assert!((0.8..1.25).contains(&focal), "focal {focal} of the truth");
+    let tilt = number(&camera["tilt_rad"]) - number(&truth["camera"]["tilt_rad"]);
+    assert!(tilt.abs() < 0.07, "tilt off by {tilt} rad");
+    let height = number(&camera["height_m"]) / number(&truth["camera"]["height_m"]);
+    assert!((0.85..1.2).contains(&height), "height {height} of the truth");
+
+    // Every true car that is well visible has a track beside it, heading the same way.
+    let mut of_frame: BTreeMap<u64, Vec<Value>> = BTreeMap::new();
+    for row in json_lines(&result.join("tracks.jsonl")) {
+        of_frame.entry(row["frame"].as_u64().unwrap()).or_default().push(row);
+    }
+    let (mut cars, mut found, mut turned) = (0, 0, 0);
+    for frame in truth["frames"].as_array().unwrap() {
+        let Some(rows) = of_frame.get(&frame["frame"].as_u64().unwrap()) else { continue };
+        for car in frame["cars"].as_array().unwrap() {
+            let motion = &car["world_from_car"];
+            if number(&car["visible_share"]) < 0.8 {
+                continue;
+            }
+            cars += 1;
+            let (x, y) = (number(&motion[0][3]), number(&motion[1][3]));
+            let heading = number(&motion[1][0]).atan2(number(&motion[0][0]));
+            let near = rows.iter().find(|row| {
+                let (dx, dy) = (number(&row["x_m"]) - x, number(&row["y_m"]) - y);
+                dx.hypot(dy) < 0.08 * y.hypot(x)
+            });
+            if let Some(row) = near {
+                found += 1;
+                let off = (number(&row["heading_rad"]) - heading + 3.0 * PI).rem_euclid(2.0 * PI) - PI;
+                turned += usize::from(off.abs() > 0.35);
+            }
+        }
+    }
+    assert!(cars > 50, "{cars}");
+    assert!(f64::from(found) >= 0.8 * f64::from(cars), "{found} of {cars} cars found");
+    assert!(turned * 10 <= cars as usize, "{turned} of {cars} cars turned");
+
+    let summary = json(&result.join("summary.json"));
+    assert_eq!(summary["counts"]["frames_lost"], 0);
+
+    // The same again gives the same bytes; an existing result is not replaced unasked.
+    run(&[]).code(2);
+    let first = std::fs::read(result.join("tracks.csv")).unwrap();
+    run(&["--overwrite"]).code(0);
+    assert_eq!(first, std::fs::read(result.join("tracks.csv")).unwrap());
+    run(&["--resume"]).code(0);
+}
+
+#[test]
+fn stages_alone_give_what_they_document() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let clip = root().join("tests/data/lot.mp4");
+    let few = ["--set", "decode.max_frames=2"];
+    roadplane().arg("detect").arg(&clip).arg("--out").arg(at("b.jsonl")).args(few).assert().code(0);
+    roadplane()
+        .args(["keypoints".as_ref(), clip.as_os_str(), "--boxes".as_ref(), at("b.jsonl").as_os_str()])
+        .arg("--out")
+        .arg(at("k.jsonl"))
+        .args(few)
+        .assert()
+        .code(0);
+    let frames = json_lines(&at("k.jsonl"));
+    assert_eq!(frames.len(), 2);
+    assert_eq!(frames[0]["cars"][0]["keypoints"].as_array().unwrap().len(), 36);
+    roadplane().arg("solve").arg(at("k.jsonl")).arg("--out").arg(at("p.jsonl")).assert().code(0);
+    assert!(!json_lines(&at("p.jsonl")).is_empty());
+    assert!(number(&json(&at("camera.json"))["focal_px"]) > 0.0);
+    let broken = at("broken.jsonl");
+    std::fs::write(&broken, "{\"frame\": 0}\n").unwrap();
+    let assert = roadplane().arg("solve").arg(&broken).arg("--out").arg(at("q.jsonl")).assert().code(3);
+    assert!(String::from_utf8_lossy(&assert.get_output().stderr).contains("line 1"));
+    assert!(!at("q.jsonl").exists());
+}
+
+#[test]
+fn doctor_finds_everything() {
+    roadplane().arg("doctor").assert().code(0);
+}
