@@ -68,12 +68,11 @@ fn places(sightings: &[Observation], times_s: &[f64], runs: &[Run], options: &Tr
         let from = found.last().map_or(first.frame, |place| place.frames.end);
         let stand = if run.parked { stand(part, options.bias_share) } else { None };
         let mut index = run.sightings.start;
-        for frame in from..=last.frame {
+        for (frame, &time_s) in times_s.iter().enumerate().take(last.frame + 1).skip(from) {
             if frame >= first.frame && stand.is_some() {
                 break;
             }
             let seen = sightings.get(index).is_some_and(|o| o.frame == frame);
-            let time_s = times_s[frame];
             found.push(Place {
                 frames: frame..frame + 1,
                 sightings: if seen { index..index + 1 } else { index..index },
