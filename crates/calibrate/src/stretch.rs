@@ -53,7 +53,7 @@ impl Stretch {
     }
 
     pub(crate) fn push(&mut self, look: Look) {
-        if self.seen % self.stride == 0 {
+        if self.seen.is_multiple_of(self.stride) {
             if self.looks.len() == MAX_LOOKS {
                 let mut keep = false;
                 self.looks.retain(|_| {
@@ -62,7 +62,7 @@ impl Stretch {
                 });
                 self.stride *= 2;
             }
-            if self.seen % self.stride == 0 {
+            if self.seen.is_multiple_of(self.stride) {
                 self.looks.push(look);
             }
         }

@@ -3,16 +3,19 @@ use roadplane_calibrate::combine;
 
 use crate::records::{Random, frame, still};
 
-fn looks(n: u64, white: f64, random: &mut Random) -> Vec<Box<KeypointSet>> {
+fn looks(n: u64, white: f64, random: &mut Random) -> Vec<KeypointSet> {
     (0..n)
         .filter_map(|i| {
-            frame(i, i as f64, &[still(100.0, 100.0, 200.0)], 4.0, white, random).cars[0].keypoints.clone()
+            frame(i, i as f64, &[still(100.0, 100.0, 200.0)], 4.0, white, random).cars[0]
+                .keypoints
+                .as_deref()
+                .copied()
         })
         .collect()
 }
 
-fn sd(sets: &[Box<KeypointSet>]) -> (f64, Option<f64>) {
-    let combined = combine(&sets.iter().map(AsRef::as_ref).collect::<Vec<_>>(), 0.5);
+fn sd(sets: &[KeypointSet]) -> (f64, Option<f64>) {
+    let combined = combine(&sets.iter().collect::<Vec<_>>(), 0.5);
     (combined.keypoints[3].unwrap().sd_px(), combined.scatter_ratio)
 }
 
@@ -46,7 +49,7 @@ fn every_fourth_look_far_off_does_little() {
     for set in sets.iter_mut().step_by(4) {
         set.iter_mut().flatten().for_each(|p| p.pixel.x += 60.0);
     }
-    let combined = combine(&sets.iter().map(AsRef::as_ref).collect::<Vec<_>>(), 0.5);
+    let combined = combine(&sets.iter().collect::<Vec<_>>(), 0.5);
     let truth = 100.0 + 200.0 * 3.5 / 6.0;
     assert!((combined.keypoints[3].unwrap().pixel.x - truth).abs() < 2.0);
 }
@@ -55,7 +58,7 @@ fn every_fourth_look_far_off_does_little() {
 fn keypoints_seen_rarely_are_left_out() {
     let mut sets = looks(10, 1.0, &mut Random(5));
     sets.iter_mut().skip(2).for_each(|set| set[3] = None);
-    let combined = combine(&sets.iter().map(AsRef::as_ref).collect::<Vec<_>>(), 0.5);
+    let combined = combine(&sets.iter().collect::<Vec<_>>(), 0.5);
     assert!(combined.keypoints[3].is_none());
     assert_eq!(combined.keypoints.iter().flatten().count(), KEYPOINTS / 2 - 1);
     assert!(combine(&[], 0.5).keypoints.iter().all(Option::is_none));

@@ -1,6 +1,6 @@
 //! Simulated records with truth.
 
-#![allow(missing_docs)]
+#![allow(missing_docs, clippy::unwrap_used, clippy::panic)]
 
 mod combining;
 mod fusing;
