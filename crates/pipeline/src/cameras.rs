@@ -1,12 +1,13 @@
 //! The camera of a clip: windows of views → joint solves → one estimate per stretch of time.
 
 use nalgebra::{Matrix4, Vector4};
-use roadplane_base::{CameraEstimate, CameraParams, CameraStatus, FrameRecord, ImageSize, KeypointSet, ShapeAtlas};
+use roadplane_base::{Camera, CameraEstimate, CameraParams, CameraStatus, FrameRecord, ImageSize, KeypointSet, ShapeAtlas};
 use roadplane_calibrate::{
-    CarUse, EvidenceBuilder, EvidenceOptions, FuseOptions, FusePrior, Window, WindowEstimate, fuse,
+    CarUse, EvidenceBuilder, EvidenceOptions, FuseOptions, FusePrior, View, Window, WindowEstimate, fuse,
 };
 use roadplane_solve::{CarView, SceneOptions, SceneStatus, solve_scene};
 
+use crate::believe::{is_believable, projected_box};
 use crate::{Config, PipelineError};
 
 /// sd of log focal that stands for "given".
@@ -74,7 +75,7 @@ pub fn estimate_cameras(
         if let Some(window) = window.as_ref().filter(|window| window.segment > moves_s.len()) {
             moves_s.push(window.span_s[0]);
         }
-        if let Some(estimate) = window.and_then(|window| solve_window(&window, atlas, size, options)) {
+        if let Some(estimate) = window.and_then(|window| solve_window(&window, atlas, size, options, config)) {
             options.start = Some(estimate.params);
             windows.push(estimate);
         }
@@ -144,11 +145,12 @@ fn solve_window(
     atlas: &ShapeAtlas,
     size: ImageSize,
     options: &SceneOptions,
+    config: &Config,
 ) -> Option<WindowEstimate> {
     let mut links: Vec<_> = window.views.iter().map(|view| view.link).collect();
     links.sort_unstable();
     links.dedup();
-    let views: Vec<CarView<'_>> = window
+    let mut views: Vec<CarView<'_>> = window
         .views
         .iter()
         .map(|view| CarView {
@@ -157,7 +159,28 @@ fn solve_window(
             weight: view.weight,
         })
         .collect();
-    let solution = solve_scene(atlas, size, &views, options);
+    let mut solution = solve_scene(atlas, size, &views, options);
+    // What the plane makes of a box that holds no car shows only once the plane is known: leave it out and solve again.
+    let camera = Camera::centred(solution.params.focal_px(), size);
+    let believed: Vec<bool> = window
+        .views
+        .iter()
+        .zip(&solution.cars)
+        .map(|(view, car)| {
+            car.as_ref().is_some_and(|car| {
+                let projected = projected_box(atlas, &camera, &car.camera_from_car, &car.shape);
+                is_believable(projected, &view.bbox_px, car.reprojection_rms_px, size, config)
+            })
+        })
+        .collect();
+    let mut kept: Vec<&View> = window.views.iter().collect();
+    if solution.status.usable() && believed.contains(&false) && believed.contains(&true) {
+        let mut flags = believed.iter();
+        views.retain(|_| flags.next() == Some(&true));
+        kept = window.views.iter().zip(&believed).filter(|(_, believed)| **believed).map(|(view, _)| view).collect();
+        let warm = SceneOptions { start: Some(solution.params), ..*options };
+        solution = solve_scene(atlas, size, &views, &warm);
+    }
     tracing::debug!(
         status = ?solution.status, views = views.len(), cars = links.len(),
         focal_px = solution.params.focal_px(), tilt_deg = solution.params.tilt.to_degrees(),
@@ -166,7 +189,7 @@ fn solve_window(
     if !solution.status.usable() {
         return None;
     }
-    let used = window.views.iter().zip(&solution.cars).filter(|(_, car)| car.as_ref().is_some_and(|c| c.used));
+    let used = kept.iter().zip(&solution.cars).filter(|(_, car)| car.as_ref().is_some_and(|c| c.used));
     let mut cars: Vec<CarUse> =
         used.map(|(view, _)| CarUse { link: view.link, parked: view.parked }).collect();
     cars.sort_by_key(|car| car.link);

@@ -3,9 +3,9 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use nalgebra::{Matrix6, Point3};
+use nalgebra::Matrix6;
 use roadplane_base::{
-    CameraEstimate, CameraStatus, FrameRecord, FrameStamp, GroundPose, KEYPOINTS, PoseRecord, ShapeAtlas,
+    CameraEstimate, CameraStatus, FrameRecord, FrameStamp, GroundPose, PoseRecord, ShapeAtlas,
     TrackRow,
     VehicleClass,
 };
@@ -13,6 +13,7 @@ use roadplane_solve::{CarFit, SceneOptions, ShapePrior};
 use roadplane_track::{CarMeasurement, FrameMeasurements, Track, TrackState, Tracker};
 use roadplane_write::{FrameReader, PoseLines, read_jsonl};
 
+use crate::believe::{is_believable, projected_box};
 use crate::cameras::{CameraTrack, estimate_cameras};
 use crate::cars::{FrameCamera, fit_frame, pose_record};
 use crate::{Cancel, Config, PipelineError};
@@ -161,7 +162,13 @@ impl Pass<'_> {
                 let reason = match (&fit, record.class) {
                     (_, VehicleClass::Truck | VehicleClass::Bus) => Some("no_shape_for_class"),
                     (None, VehicleClass::Car) => Some("no_pose"),
-                    (Some(fit), VehicleClass::Car) => (!fit.car.used).then_some("keypoints_disagree"),
+                    (Some(fit), VehicleClass::Car) => {
+                        let car = &fit.car;
+                        let projected = projected_box(self.atlas, &view.camera, &car.camera_from_car, &car.shape);
+                        let (rms, size) = (car.reprojection_rms_px, frame.image_size_px);
+                        let believable = is_believable(projected, &record.bbox_px, rms, size, self.config);
+                        (!(car.used && believable)).then_some("keypoints_disagree")
+                    }
                 };
                 if let Some(reason) = reason {
                     *rejected.entry(reason.to_owned()).or_insert(0) += 1;
@@ -170,7 +177,8 @@ impl Pass<'_> {
                 if reason.is_none() {
                     cars.extend(measurement(&fit, record.bbox_px, record.score, index));
                 }
-                if let Some(pose) = pose_record(&frame, index, &fit, None, self.atlas) {
+                if let Some(mut pose) = pose_record(&frame, index, &fit, None, self.atlas) {
+                    pose.used = reason.is_none();
                     sink(&pose)?;
                 }
             }
@@ -208,22 +216,11 @@ impl Pass<'_> {
         track.states.iter().filter_map(row).collect()
     }
 
-    /// Box around the projected keypoints of a car that was not seen; `None` where it is not before the camera.
+    /// Box of a car that was not seen; `None` where it is not before the camera.
     fn projected_box(&self, track: &Track, state: &TrackState) -> Option<[f64; 4]> {
         let view = FrameCamera::from(self.cameras.at(state.stamp.time_s())?);
         let camera_from_car = view.plane.camera_from_world() * state.pose.world_from_car();
-        let mut bbox = [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY];
-        for index in 0..KEYPOINTS {
-            let point = Point3::from(self.atlas.keypoint_in_car(index, &track.shape));
-            let pixel = view.camera.pixel_from_camera(&(camera_from_car * point).coords)?;
-            bbox = [
-                bbox[0].min(pixel.x),
-                bbox[1].min(pixel.y),
-                bbox[2].max(pixel.x),
-                bbox[3].max(pixel.y),
-            ];
-        }
-        Some(bbox)
+        projected_box(self.atlas, &view.camera, &camera_from_car, &track.shape)
     }
 }
 

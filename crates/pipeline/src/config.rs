@@ -141,6 +141,10 @@ pub struct SolveConfig {
     pub min_inlier_share: f64,
     /// Keypoints with a lower score are not used.
     pub min_keypoint_score: f64,
+    /// Cars whose projected box overlaps the detected one less (intersection over union) are left out.
+    pub min_box_overlap: f64,
+    /// Cars whose keypoints are off by more than this share of the box's longer side (rms) are left out.
+    pub max_rms_share: f64,
 }
 
 impl Default for SolveConfig {
@@ -160,6 +164,8 @@ impl Default for SolveConfig {
             min_inliers: scene.min_inliers,
             min_inlier_share: scene.min_inlier_share,
             min_keypoint_score: 0.3,
+            min_box_overlap: 0.5,
+            max_rms_share: 0.07,
         }
     }
 }
@@ -309,6 +315,8 @@ impl Config {
         range("solve.min_inliers", solve.min_inliers as f64, 4.0, 36.0)?;
         range("solve.min_inlier_share", solve.min_inlier_share, 0.0, 1.0)?;
         range("solve.min_keypoint_score", solve.min_keypoint_score, 0.0, 1.0)?;
+        range("solve.min_box_overlap", solve.min_box_overlap, 0.0, 1.0)?;
+        range("solve.max_rms_share", solve.max_rms_share, 0.0, 1.0)?;
         range("calibrate.window_s", self.calibrate.window_s, 0.1, 86_400.0)?;
         range("pipeline.buffer_mib", self.pipeline.buffer_mib as f64, 1.0, 65_536.0)?;
         range("output.sample_frames", self.output.sample_frames as f64, 0.0, 64.0)

@@ -1,6 +1,7 @@
 //! Joins the stages: threads and bounded channels for the streaming half, the clip's solve for the other, configuration,
 //! cancellation, and what each command of the binary does.
 
+mod believe;
 mod cameras;
 mod cancel;
 mod cars;

@@ -1,0 +1,61 @@
+//! Whether a fitted car is the car in its box: nets find keypoints in anything, and a solver fits a car to them.
+
+use nalgebra::{Isometry3, Point3};
+use roadplane_base::{Camera, ImageSize, KEYPOINTS, Shape, ShapeAtlas, bbox_iou};
+
+use crate::Config;
+
+/// Box around the keypoints of a car in the picture, px; `None` if part of it is not before the camera.
+#[must_use]
+pub fn projected_box(
+    atlas: &ShapeAtlas,
+    camera: &Camera,
+    camera_from_car: &Isometry3<f64>,
+    shape: &Shape,
+) -> Option<[f64; 4]> {
+    let mut bbox = [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY];
+    for index in 0..KEYPOINTS {
+        let point = Point3::from(atlas.keypoint_in_car(index, shape));
+        let pixel = camera.pixel_from_camera(&(camera_from_car * point).coords)?;
+        bbox = [bbox[0].min(pixel.x), bbox[1].min(pixel.y), bbox[2].max(pixel.x), bbox[3].max(pixel.y)];
+    }
+    Some(bbox)
+}
+
+/// Believes a fit whose keypoints are near their projections and whose projected box, as far as it lies in the picture,
+/// is about the detected one.
+#[must_use]
+pub fn is_believable(
+    projected_px: Option<[f64; 4]>,
+    bbox_px: &[f64; 4],
+    reprojection_rms_px: f64,
+    size: ImageSize,
+    config: &Config,
+) -> bool {
+    let Some([x0, y0, x1, y1]) = projected_px else { return false };
+    let (right, bottom) = (f64::from(size.width) - 0.5, f64::from(size.height) - 0.5);
+    let inside = [x0.max(-0.5), y0.max(-0.5), x1.min(right), y1.min(bottom)];
+    let side_px = (bbox_px[2] - bbox_px[0]).max(bbox_px[3] - bbox_px[1]);
+    bbox_iou(&inside, bbox_px) >= config.solve.min_box_overlap
+        && reprojection_rms_px <= config.solve.max_rms_share * side_px
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SIZE: ImageSize = ImageSize { width: 640, height: 480 };
+
+    #[test]
+    fn a_fit_must_fill_its_box_as_far_as_it_is_in_the_picture() {
+        let config = Config::default();
+        let believable = |projected, bbox: [f64; 4], rms| is_believable(projected, &bbox, rms, SIZE, &config);
+        let whole = [100.0, 100.0, 200.0, 160.0];
+        assert!(believable(Some(whole), whole, 2.0));
+        assert!(!believable(Some(whole), whole, 20.0));
+        assert!(!believable(Some([100.0, 100.0, 140.0, 130.0]), whole, 2.0));
+        assert!(!believable(None, whole, 2.0));
+        // Half of the car is cut off by the frame's left edge.
+        assert!(believable(Some([-100.0, 100.0, 100.0, 200.0]), [0.0, 100.0, 100.0, 200.0], 2.0));
+    }
+}
