@@ -30,7 +30,7 @@ impl Default for DetectOptions {
         Self {
             min_score: 0.35,
             min_width_px: 24.0,
-            pass_px: vec![960, 1280],
+            pass_px: vec![640, 960, 1280],
             nms_iou: 0.5,
             nms_covered: 0.8,
             tile_px: 1920,
