@@ -14,15 +14,16 @@ pub(crate) struct Noise {
 const MIN_SIGHTINGS: usize = 8;
 
 impl Noise {
-    /// From squared, whitened residuals (mean 3 where R is all white) and their products from one sighting to the next.
-    pub(crate) fn measured(squares: &mut [f64], own: f64, lagged: f64, bias_share: f64) -> Self {
+    /// From squared, whitened residuals (mean 3 · `free` where R is all white) and their products from one sighting to the
+    /// next; `free` is the share of the degrees of freedom that fitting left.
+    pub(crate) fn measured(squares: &mut [f64], own: f64, lagged: f64, free: f64, bias_share: f64) -> Self {
         let n = squares.len();
         if n < MIN_SIGHTINGS {
             return Self { ratio: 1.0, correlation: 0.0, bias_share };
         }
         squares.sort_by(f64::total_cmp);
         // The median of χ² with 3 degrees of freedom is 2.366; the mean would follow outliers.
-        let ratio = (squares[n / 2] / 2.366).clamp(0.01, 50.0);
+        let ratio = (squares[n / 2] / (2.366 * free)).clamp(0.01, 50.0);
         let correlation = if own > 0.0 { (lagged / own).clamp(0.0, 0.95) } else { 0.0 };
         Self { ratio, correlation, bias_share }
     }

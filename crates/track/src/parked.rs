@@ -29,7 +29,7 @@ pub(crate) fn stand(sightings: &[Observation], bias_share: f64) -> Option<Stand>
         let away: Vec<Vector3<f64>> = sightings.iter().map(|o| residual(o, &pose)).collect();
         let squares: Vec<f64> = away.iter().zip(&inverses).map(|(d, i)| d.dot(&(i * d))).collect();
         let mut sorted = squares.clone();
-        let ratio = Noise::measured(&mut sorted, 0.0, 0.0, bias_share).ratio;
+        let ratio = Noise::measured(&mut sorted, 0.0, 0.0, 1.0, bias_share).ratio;
         information = Matrix3::zeros();
         let mut step = Vector3::zeros();
         for ((d, inverse), square) in away.iter().zip(&inverses).zip(&squares) {
@@ -79,5 +79,5 @@ fn noise_around(
     let mut squares: Vec<f64> = away.iter().zip(inverses).map(|(d, i)| d.dot(&(i * d))).collect();
     let own = squares.iter().sum();
     let lagged = (1..away.len()).map(|i| away[i - 1].dot(&(inverses[i] * away[i]))).sum();
-    Noise::measured(&mut squares, own, lagged, bias_share)
+    Noise::measured(&mut squares, own, lagged, 1.0, bias_share)
 }

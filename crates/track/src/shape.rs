@@ -51,9 +51,13 @@ impl ShapeSum {
             self.information += ended.information / ended.looks.max(1.0);
             self.weighted += ended.weighted / ended.looks.max(1.0);
         }
-        self.view.information += car.shape_information - Matrix6::identity();
-        self.view.weighted += car.shape_information * car.shape;
-        self.view.looks += 1.0;
+        let evidence = car.shape_information - Matrix6::identity();
+        // Less than the prior is no evidence; added up it would blow the shape up instead of holding it.
+        if (evidence + Matrix6::identity() * 1e-6).cholesky().is_some() {
+            self.view.information += evidence;
+            self.view.weighted += car.shape_information * car.shape;
+            self.view.looks += 1.0;
+        }
     }
 
     /// Shape and information; the prior alone where the sums are no information matrix.
@@ -66,5 +70,45 @@ impl ShapeSum {
             Some(factor) => (factor.solve(&weighted), information),
             None => (Shape::zeros(), Matrix6::identity()),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use roadplane_base::{GroundPose, VehicleClass};
+
+    fn look(shape: f64, information: f64) -> CarMeasurement {
+        CarMeasurement {
+            pose: GroundPose { x_m: 0.0, y_m: 20.0, heading_rad: 0.0 },
+            covariance: nalgebra::Matrix3::identity(),
+            bbox_px: [0.0, 0.0, 10.0, 10.0],
+            score: 1.0,
+            class: VehicleClass::Car,
+            shape: Shape::repeat(shape),
+            shape_information: Matrix6::identity() * information,
+            car: 0,
+        }
+    }
+
+    #[test]
+    fn looks_from_one_place_count_once_and_views_add_up() {
+        let at = Vector2::new(0.0, 20.0);
+        let mut sum = ShapeSum::new(at, 0.0);
+        (0..100).for_each(|_| sum.add(&look(1.5, 4.0), at, 0.0));
+        let (shape, information) = sum.fused();
+        assert!((shape - Shape::repeat(1.5)).norm() < 1e-12 && (information[(0, 0)] - 4.0).abs() < 1e-12);
+        // Three metres on: as much evidence again, of (4 · 1.5) / 3 = 2 without the prior.
+        sum.add(&look(1.5, 4.0), at + Vector2::new(3.0, 0.0), 0.0);
+        let (shape, information) = sum.fused();
+        assert!((shape[0] - 12.0 / 7.0).abs() < 1e-12 && (information[(0, 0)] - 7.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn information_below_the_prior_is_left_out() {
+        let at = Vector2::new(0.0, 20.0);
+        let mut sum = ShapeSum::new(at, 0.0);
+        (0..9).for_each(|_| sum.add(&look(3.0, 0.01), at, 0.0));
+        assert!(sum.fused().0.norm() < 1e-12);
     }
 }

@@ -19,6 +19,9 @@ const MAX_STEP_S: f64 = 0.25;
 /// Time over which a driving car's keypoint bias stays the same, s: until it is seen from elsewhere.
 const BIAS_S: f64 = 2.0;
 
+/// Times that the noise is measured anew around the smoothed path.
+const NOISE_PASSES: usize = 3;
+
 /// What a node stands for.
 struct Place {
     /// Frames, counted as the tracker does; empty for nodes that only bridge a gap in time.
@@ -41,12 +44,16 @@ pub(crate) fn smooth_track(
     let runs = find_runs(sightings, options);
     let places = places(sightings, times_s, &runs, options);
     let start = start(sightings, &places, options);
-    let even = Noise::measured(&mut [], 0.0, 0.0, options.bias_share);
-    let Some((first, _)) = solve(sightings, &places, start, even, options) else { return Vec::new() };
-    let noise = driving_noise(sightings, &places, &first, options);
-    let Some((states, covariances)) = solve(sightings, &places, first, noise, options) else {
-        return Vec::new();
-    };
+    let mut noise = Noise::measured(&mut [], 0.0, 0.0, 1.0, options.bias_share);
+    let mut states = start;
+    let mut covariances = Vec::new();
+    for pass in 0..=NOISE_PASSES {
+        let Some(solved) = solve(sightings, &places, states, noise, options) else { return Vec::new() };
+        (states, covariances) = solved;
+        if pass < NOISE_PASSES {
+            noise = driving_noise(sightings, &places, &states, &covariances, noise, options);
+        }
+    }
     let mut result = Vec::new();
     for ((place, state), covariance) in places.iter().zip(&states).zip(&covariances) {
         let smoothed = Smoothed::new(sightings, place, state, covariance, noise, options);
@@ -194,12 +201,7 @@ fn solve(
 ) -> Option<(Vec<State>, Vec<Matrix5<f64>>)> {
     let measured = |place: &Place| match (&place.stand, sightings[place.sightings.clone()].first()) {
         (Some(stand), _) => Some((stand.pose, stand.white.try_inverse()?)),
-        (None, Some(seen)) => {
-            let mut covariance = seen.covariance * noise.white();
-            // A bias of the heading contradicts the path, so a driving car's keypoints count once per view, not per frame.
-            covariance[(2, 2)] += seen.covariance[(2, 2)] * noise.bias() * per_view(sightings, place.nearest);
-            Some((seen.pose, covariance.try_inverse()?))
-        }
+        (None, Some(seen)) => Some((seen.pose, white(sightings, place, seen, noise).try_inverse()?)),
         (None, None) => None,
     };
     let nodes: Vec<Node> = places
@@ -207,6 +209,14 @@ fn solve(
         .map(|place| Node { span_s: place.span_s, measured: measured(place), parked: place.stand.is_some() })
         .collect();
     Vehicle { nodes: &nodes, options }.solve(start)
+}
+
+/// Covariance of a driving car's sighting in an estimator that takes sightings for independent.
+fn white(sightings: &[Observation], place: &Place, seen: &Observation, noise: Noise) -> Matrix3<f64> {
+    let mut covariance = seen.covariance * noise.white();
+    // A bias of the heading contradicts the path, so a driving car's keypoints count once per view, not per frame.
+    covariance[(2, 2)] += seen.covariance[(2, 2)] * noise.bias() * per_view(sightings, place.nearest);
+    covariance
 }
 
 /// Sightings that share a driving car's keypoint bias.
@@ -217,22 +227,28 @@ fn per_view(sightings: &[Observation], index: usize) -> f64 {
     (to - from).max(1) as f64
 }
 
-/// Scatter of the driven part around a first smoothing.
+/// Scatter of the driven part around its smoothed path. The path bends towards its sightings, so their residuals are
+/// smaller than their errors: by the share of the degrees of freedom that the path takes up (the sum of leverages).
 fn driving_noise(
     sightings: &[Observation],
     places: &[Place],
     states: &[State],
+    covariances: &[Matrix5<f64>],
+    used: Noise,
     options: &TrackOptions,
 ) -> Noise {
     let mut squares = Vec::new();
-    let (mut own, mut lagged) = (0.0, 0.0);
+    let (mut own, mut lagged, mut leverage) = (0.0, 0.0, 0.0);
     let mut before: Option<Vector3<f64>> = None;
-    for (place, state) in places.iter().zip(states) {
+    for ((place, state), covariance) in places.iter().zip(states).zip(covariances) {
         let (None, Some(seen)) = (&place.stand, sightings[place.sightings.clone()].first()) else {
             before = None;
             continue;
         };
-        let Some(inverse) = seen.covariance.try_inverse() else { continue };
+        let weight = white(sightings, place, seen, used).try_inverse();
+        let (Some(inverse), Some(weight)) = (seen.covariance.try_inverse(), weight) else { continue };
+        let (_, jacobian) = origin(state, options.half_wheelbase_m);
+        leverage += (weight * jacobian * covariance * jacobian.transpose()).trace();
         let away = residual(state, &seen.pose, options.half_wheelbase_m);
         let square = away.dot(&(inverse * away));
         squares.push(square);
@@ -240,7 +256,9 @@ fn driving_noise(
         lagged += before.map_or(0.0, |b| b.dot(&(inverse * away)));
         before = Some(away);
     }
-    Noise::measured(&mut squares, own, lagged, options.bias_share)
+    let all = 3.0 * squares.len() as f64;
+    let free = (1.0 - leverage / all.max(1.0)).clamp(0.2, 1.0);
+    Noise::measured(&mut squares, own, lagged, free, options.bias_share)
 }
 
 /// A node's state as the track shows it.
