@@ -2,6 +2,8 @@
 //!
 //! `cargo run --release -p roadplane-solve --example statistics -- [scenes per row]`
 
+use std::time::Instant;
+
 use roadplane_base::{GroundPose, Shape, ShapeAtlas, angle_difference};
 use roadplane_solve::{
     CameraPrior, CarView, KnownScene, OutlierModel, SceneOptions, SceneSolution, refine_scene, scene_bound,
@@ -75,12 +77,6 @@ fn known(truth: &SceneTruth) -> (Vec<GroundPose>, Vec<Shape>) {
     truth.cars.iter().map(|car| (car.pose, car.shape)).unzip()
 }
 
-/// CPU time of this thread: what a solve costs whatever else the machine does.
-fn cpu_seconds() -> f64 {
-    let text = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
-    text.split_whitespace().next().and_then(|n| n.parse::<f64>().ok()).unwrap_or(0.0) * 1e-9
-}
-
 fn main() {
     let mut arguments = std::env::args().skip(1);
     let scenes: u64 = arguments.next().and_then(|n| n.parse().ok()).unwrap_or(100);
@@ -126,9 +122,9 @@ fn main() {
             let truth = scene(&atlas, &asked, 1_000_000 + seed);
             let Some(bound) = bound(&atlas, &truth, &options) else { continue };
             let views = views(&truth);
-            let start = cpu_seconds();
+            let start = Instant::now();
             let found = solve_scene(&atlas, truth.size, &views, &options);
-            seconds += cpu_seconds() - start;
+            seconds += start.elapsed().as_secs_f64();
             count += 1;
             *statuses.entry(format!("{:?}", found.status)).or_default() += 1;
             let (poses, shapes) = known(&truth);

@@ -15,6 +15,9 @@ use roadplane_base::MODES;
 
 use crate::ground_residual::{COLUMNS, Row};
 
+/// Information that every pose coordinate has at least: one that nobody sees gets an sd of 1e6, not a singular matrix.
+pub(crate) const MIN_INFORMATION: f64 = 1e-12;
+
 /// Camera and shape together.
 pub(crate) const SHARED: usize = 4 + MODES;
 
@@ -61,19 +64,36 @@ impl ViewBlock {
         self.gradient = [0.0; 16];
     }
 
-    /// Adds `weight · row rowᵀ` and `weight · row · residual`.
+    /// Adds `weight · (row rowᵀ)` and `weight · row · residual` for the two rows of a keypoint. Only the upper triangle is
+    /// kept, in bands of whole SIMD registers.
     #[inline]
-    pub fn add(&mut self, row: &Row, residual: f64, weight: f64) {
-        for (a, sums) in self.sum.iter_mut().enumerate() {
-            let scaled = weight * row[a];
-            for (sum, entry) in sums.iter_mut().zip(row) {
-                *sum += scaled * entry;
+    pub fn add(&mut self, rows: &[Row; 2], residual: [f64; 2], weight: f64) {
+        self.add_band::<0>(rows, weight);
+        self.add_band::<4>(rows, weight);
+        self.add_band::<8>(rows, weight);
+        self.add_band::<12>(rows, weight);
+        let (p, q) = (weight * residual[0], weight * residual[1]);
+        for (i, sum) in self.gradient.iter_mut().enumerate() {
+            *sum += p * rows[0][i] + q * rows[1][i];
+        }
+    }
+
+    /// Rows FROM … FROM + 3 of the triangle, columns from FROM on.
+    #[inline]
+    fn add_band<const FROM: usize>(&mut self, rows: &[Row; 2], weight: f64) {
+        for a in FROM..(FROM + 4).min(COLUMNS) {
+            let (p, q) = (weight * rows[0][a], weight * rows[1][a]);
+            let sums = &mut self.sum[a];
+            for b in FROM..16 {
+                sums[b] += p * rows[0][b] + q * rows[1][b];
             }
         }
-        let scaled = weight * residual;
-        for (sum, entry) in self.gradient.iter_mut().zip(row) {
-            *sum += scaled * entry;
-        }
+    }
+
+    /// An entry of the symmetric Hessian.
+    #[inline]
+    fn entry(&self, i: usize, j: usize) -> f64 {
+        self.sum[i.min(j)][i.max(j)]
     }
 
     /// Diagonal of the pose's block.
@@ -88,7 +108,12 @@ impl ViewBlock {
 
     /// Hessian of (camera, shape).
     pub fn shared_hessian(&self) -> SMatrix<f64, SHARED, SHARED> {
-        SMatrix::from_fn(|i, j| self.sum[i][j])
+        SMatrix::from_fn(|i, j| self.entry(i, j))
+    }
+
+    /// Its diagonal.
+    pub fn shared_diagonal(&self) -> SVector<f64, SHARED> {
+        SVector::from_fn(|i, _| self.sum[i][i])
     }
 
     /// Gradient of (camera, shape).
@@ -103,12 +128,12 @@ impl ViewBlock {
         hessian: &mut SMatrix<f64, SHARED, SHARED>,
         gradient: &mut SVector<f64, SHARED>,
     ) -> Option<()> {
-        let mut block = Matrix3::from_fn(|i, j| self.sum[SHARED + i][SHARED + j]);
+        let mut block = Matrix3::from_fn(|i, j| self.entry(SHARED + i, SHARED + j));
         for i in 0..3 {
-            block[(i, i)] += damping * block[(i, i)].max(MIN_DIAGONAL);
+            block[(i, i)] += damping * block[(i, i)].max(MIN_DIAGONAL) + MIN_INFORMATION;
         }
         self.inverse = Cholesky::new(block)?.inverse();
-        let cross = SMatrix::<f64, 3, SHARED>::from_fn(|i, j| self.sum[SHARED + i][j]);
+        let cross = SMatrix::<f64, 3, SHARED>::from_fn(|i, j| self.entry(SHARED + i, j));
         self.gain = -(self.inverse * cross);
         self.offset = -(self.inverse * self.pose_gradient());
         *hessian += self.shared_hessian() + cross.tr_mul(&self.gain);
@@ -165,7 +190,7 @@ impl GroupBlock {
         let mut cross: SMatrix<f64, MODES, 4> = hessian.fixed_view::<MODES, 4>(4, 0).into_owned();
         let mut reduced: Vector6<f64> = gradient.fixed_rows::<MODES>(4) + prior_gradient;
         for j in 0..MODES {
-            block[(j, j)] += damping * self.diagonal[j].max(MIN_DIAGONAL);
+            block[(j, j)] += damping * self.diagonal[j].max(MIN_DIAGONAL) + MIN_INFORMATION;
         }
         for j in (0..MODES).filter(|j| self.held[*j]) {
             block.row_mut(j).fill(0.0);

@@ -9,6 +9,7 @@
 use nalgebra::{Cholesky, Const, Matrix2, Matrix4, SMatrix, SVector, Vector4};
 use roadplane_base::{MODES, ShapeAtlas};
 
+use crate::arrow::MIN_INFORMATION;
 use crate::free_residual::{FreeCar, FreeFrame};
 use crate::ground_problem::CameraKnowledge;
 use crate::ground_residual::{CameraFrame, PointModes, Row};
@@ -225,7 +226,7 @@ impl Block {
         let mut cross = SMatrix::<f64, 12, 4>::from_fn(|i, j| self.sum[4 + i][j]);
         let mut reduced = CarVector::from_fn(|i, _| self.gradient[4 + i]);
         for i in 0..12 {
-            own[(i, i)] += damping * own[(i, i)].max(1e-9);
+            own[(i, i)] += damping * own[(i, i)].max(1e-9) + MIN_INFORMATION;
         }
         for j in (0..MODES).filter(|j| self.held[*j]) {
             own.row_mut(j).fill(0.0);

@@ -83,7 +83,7 @@ impl FreeFrame {
     ) -> Option<(Vector2<f64>, [Row; 2])> {
         let offset = self.camera_from_car * point_in_car;
         let p = self.origin + offset;
-        if !(p.z > MIN_DEPTH_M) {
+        if p.z.is_nan() || p.z <= MIN_DEPTH_M {
             return None;
         }
         let scale = self.focal_px / p.z;

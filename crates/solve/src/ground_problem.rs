@@ -5,7 +5,7 @@ use roadplane_base::{MODES, Shape, ShapeAtlas};
 
 use crate::arrow::{GroupBlock, ViewBlock};
 use crate::ground_residual::{COLUMNS, CameraFrame, PointModes, Standing, StandingFrame};
-use crate::kernel::OutlierModel;
+use crate::kernel::{OutlierModel, PreparedKernel};
 use crate::lm::{Problem, Trial};
 use crate::observation::{Observation, atlas_covariance};
 use crate::options::ShapePrior;
@@ -142,12 +142,13 @@ impl<'a> GroundProblem<'a> {
         shape: &Shape,
     ) -> Option<f64> {
         let frame = StandingFrame::new(camera, standing)?;
+        let kernel = PreparedKernel::new(&self.kernel);
         let mut cost = 0.0;
         for observation in &self.observations[view.observations.clone()] {
             let point = self.model.point(observation.index, shape);
             let residual = frame.project(camera.focal_px, &point)? - observation.pixel;
             let [rx, ry] = observation.whiten([residual.x, residual.y]);
-            cost += 0.5 * observation.weight * self.kernel.cost(rx * rx + ry * ry);
+            cost += 0.5 * observation.weight * kernel.evaluate(rx * rx + ry * ry).0;
         }
         Some(cost)
     }
@@ -175,6 +176,7 @@ impl<'a> GroundProblem<'a> {
 
     /// Adds one view's keypoints to its block; returns their cost.
     fn linearise_view(&mut self, camera: &CameraFrame, k: usize) -> Option<f64> {
+        let kernel = PreparedKernel::new(&self.kernel);
         let view = &self.views[k];
         let block = &mut self.view_blocks[k];
         block.clear();
@@ -188,16 +190,18 @@ impl<'a> GroundProblem<'a> {
             let residual = pixel - observation.pixel;
             let [rx, ry] = observation.whiten([residual.x, residual.y]);
             let squared = rx * rx + ry * ry;
-            cost += 0.5 * observation.weight * self.kernel.cost(squared);
-            let weight = observation.weight * self.kernel.weight(squared);
+            let (loss, right) = kernel.evaluate(squared);
+            cost += 0.5 * observation.weight * loss;
+            let weight = observation.weight * right;
             if weight < 1e-12 {
                 continue;
             }
             let [w00, w10, w11] = observation.whitening;
-            let first = std::array::from_fn(|i| w00 * rows[0][i]);
-            let second = std::array::from_fn(|i| w10 * rows[0][i] + w11 * rows[1][i]);
-            block.add(&first, rx, weight);
-            block.add(&second, ry, weight);
+            let whitened = [
+                std::array::from_fn(|i| w00 * rows[0][i]),
+                std::array::from_fn(|i| w10 * rows[0][i] + w11 * rows[1][i]),
+            ];
+            block.add(&whitened, [rx, ry], weight);
         }
         Some(cost)
     }
@@ -274,11 +278,11 @@ impl Problem for GroundProblem<'_> {
             block.gradient = group.prior.gradient(shape) * self.shape_prior_scale;
             block.diagonal = group.prior.information.diagonal() * self.shape_prior_scale;
             for view in &self.view_blocks[group.views.clone()] {
-                let (gradient, hessian) = (view.shared_gradient(), view.shared_hessian());
+                let (gradient, diagonal) = (view.shared_gradient(), view.shared_diagonal());
                 block.gradient += gradient.fixed_rows::<MODES>(4);
-                block.diagonal += hessian.diagonal().fixed_rows::<MODES>(4);
+                block.diagonal += diagonal.fixed_rows::<MODES>(4);
                 self.camera_gradient += gradient.fixed_rows::<4>(0);
-                self.camera_diagonal += hessian.diagonal().fixed_rows::<4>(0);
+                self.camera_diagonal += diagonal.fixed_rows::<4>(0);
                 for i in 0..3 {
                     see(view.pose_gradient()[i], view.pose_diagonal()[i]);
                 }

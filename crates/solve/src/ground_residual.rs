@@ -89,7 +89,7 @@ impl StandingFrame {
         let up = camera.up();
         let ray = Vector3::new(standing.anchor.x / f, standing.anchor.y / f, 1.0);
         let fall = -up.dot(&ray);
-        if !(fall > MIN_FALL) {
+        if fall.is_nan() || fall <= MIN_FALL {
             return None;
         }
         let depth = camera.height_m / fall;
@@ -132,7 +132,7 @@ impl StandingFrame {
     ) -> Option<(Vector2<f64>, [Row; 2])> {
         let offset = self.camera_from_car * point_in_car;
         let p = self.origin + offset;
-        if !(p.z > MIN_DEPTH_M) {
+        if p.z.is_nan() || p.z <= MIN_DEPTH_M {
             return None;
         }
         let scale = focal_px / p.z;

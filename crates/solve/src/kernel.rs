@@ -32,23 +32,39 @@ impl OutlierModel {
     /// ρ(s).
     #[must_use]
     pub fn cost(&self, s: f64) -> f64 {
-        let t2 = self.threshold_squared;
-        if !t2.is_finite() {
-            return s;
-        }
-        // ln(e^(−s/2) + e^(−t²/2)) with the larger exponent taken out, so that nothing underflows.
-        let gap = -(s - t2).abs() / 2.0;
-        s.min(t2) - 2.0 * gap.exp().ln_1p() + 2.0 * (-t2 / 2.0).exp().ln_1p()
+        PreparedKernel::new(self).evaluate(s).0
     }
 
     /// ρ'(s), in 0…1.
     #[must_use]
     pub fn weight(&self, s: f64) -> f64 {
-        if self.threshold_squared.is_finite() {
-            1.0 / (1.0 + ((s - self.threshold_squared) / 2.0).exp())
-        } else {
-            1.0
-        }
+        PreparedKernel::new(self).evaluate(s).1
+    }
+}
+
+/// An [`OutlierModel`] with its constant worked out, for the inner loop.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct PreparedKernel {
+    threshold_squared: f64,
+    /// 2 ln(1 + e^(−t²/2))
+    at_zero: f64,
+}
+
+impl PreparedKernel {
+    pub fn new(model: &OutlierModel) -> Self {
+        let threshold_squared = model.threshold_squared;
+        Self { threshold_squared, at_zero: 2.0 * (-threshold_squared / 2.0).exp().ln_1p() }
+    }
+
+    /// (ρ(s), ρ'(s)) for one exponential and one logarithm.
+    #[inline]
+    pub fn evaluate(&self, s: f64) -> (f64, f64) {
+        let gap = (s - self.threshold_squared) / 2.0;
+        // The smaller of the mixture's parts over the larger, so that nothing overflows; 0 without outliers (t infinite).
+        let ratio = (-gap.abs()).exp();
+        let cost = s.min(self.threshold_squared) - 2.0 * ratio.ln_1p() + self.at_zero;
+        let weight = if gap < 0.0 { 1.0 / (1.0 + ratio) } else { ratio / (1.0 + ratio) };
+        (cost, weight)
     }
 }
 
