@@ -22,7 +22,7 @@ fn main() -> ExitCode {
     let cancel = signals::watch();
     let outcome = match &cli.command {
         Command::Run(args) => commands::run::run(args, &cancel),
-        Command::Render(_) => Err(anyhow::anyhow!("not yet")),
+        Command::Render(args) => commands::render::render(args, &cancel),
         Command::Detect(args) => commands::stages::detect(args, &cancel),
         Command::Keypoints(args) => commands::stages::keypoints(args, &cancel),
         Command::Solve(args) => commands::stages::solve(args, &cancel),

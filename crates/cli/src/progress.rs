@@ -45,7 +45,12 @@ impl Progress for Bar {
         if last.elapsed() >= LINE_EVERY {
             *last = Instant::now();
             let total = self.bar.length().map_or_else(String::new, |n| format!("/{n}"));
-            tracing::info!("{}: {}{total} frames, {:.1} frames/s", self.name, self.bar.position(), self.bar.per_sec());
+            tracing::info!(
+                "{}: {}{total} frames, {:.1} frames/s",
+                self.name,
+                self.bar.position(),
+                self.bar.per_sec()
+            );
         }
     }
 

@@ -1,7 +1,9 @@
 //! The camera of a clip: windows of views → joint solves → one estimate per stretch of time.
 
 use nalgebra::{Matrix4, Vector4};
-use roadplane_base::{Camera, CameraEstimate, CameraParams, CameraStatus, FrameRecord, ImageSize, KeypointSet, ShapeAtlas};
+use roadplane_base::{
+    Camera, CameraEstimate, CameraParams, CameraStatus, FrameRecord, ImageSize, KeypointSet, ShapeAtlas,
+};
 use roadplane_calibrate::{
     CarUse, EvidenceBuilder, EvidenceOptions, FuseOptions, FusePrior, View, Window, WindowEstimate, fuse,
 };
@@ -22,6 +24,12 @@ pub struct CameraTrack {
 }
 
 impl CameraTrack {
+    /// Of estimates that were read back.
+    #[must_use]
+    pub fn from_estimates(estimates: Vec<CameraEstimate>) -> Self {
+        Self { estimates, moves_s: Vec::new() }
+    }
+
     /// One estimate per stretch of time, in order; never empty.
     #[must_use]
     pub fn estimates(&self) -> &[CameraEstimate] {
@@ -75,7 +83,8 @@ pub fn estimate_cameras(
         if let Some(window) = window.as_ref().filter(|window| window.segment > moves_s.len()) {
             moves_s.push(window.span_s[0]);
         }
-        if let Some(estimate) = window.and_then(|window| solve_window(&window, atlas, size, options, config)) {
+        if let Some(estimate) = window.and_then(|window| solve_window(&window, atlas, size, options, config))
+        {
             options.start = Some(estimate.params);
             windows.push(estimate);
         }
@@ -177,7 +186,13 @@ fn solve_window(
     if solution.status.usable() && believed.contains(&false) && believed.contains(&true) {
         let mut flags = believed.iter();
         views.retain(|_| flags.next() == Some(&true));
-        kept = window.views.iter().zip(&believed).filter(|(_, believed)| **believed).map(|(view, _)| view).collect();
+        kept = window
+            .views
+            .iter()
+            .zip(&believed)
+            .filter(|(_, believed)| **believed)
+            .map(|(view, _)| view)
+            .collect();
         let warm = SceneOptions { start: Some(solution.params), ..*options };
         solution = solve_scene(atlas, size, &views, &warm);
     }

@@ -5,9 +5,8 @@ use std::path::Path;
 
 use nalgebra::Matrix6;
 use roadplane_base::{
-    CameraEstimate, CameraStatus, FrameRecord, FrameStamp, GroundPose, PoseRecord, ShapeAtlas,
-    TrackRow,
-    VehicleClass,
+    CameraEstimate, CameraStatus, FrameRecord, FrameStamp, GroundPose, PoseRecord, Shape, ShapeAtlas,
+    TrackRow, VehicleClass,
 };
 use roadplane_solve::{CarFit, SceneOptions, ShapePrior};
 use roadplane_track::{CarMeasurement, FrameMeasurements, Track, TrackState, Tracker};
@@ -41,6 +40,12 @@ pub struct ClipSolution {
 }
 
 impl ClipSolution {
+    /// Shape of each track.
+    #[must_use]
+    pub fn shapes(&self) -> BTreeMap<u64, Shape> {
+        self.tracks.iter().map(|track| (track.id, track.shape)).collect()
+    }
+
     /// The camera in words, for a log line.
     #[must_use]
     pub fn camera_in_words(&self) -> String {
@@ -113,7 +118,8 @@ pub fn solve_clip(
         lines.write(&pose)?;
     }
     lines.finish()?;
-    std::fs::remove_file(&spool).map_err(|source| PipelineError::Unreadable { source, path: spool.clone() })?;
+    std::fs::remove_file(&spool)
+        .map_err(|source| PipelineError::Unreadable { source, path: spool.clone() })?;
     let mut rows: Vec<TrackRow> = tracks.iter().flat_map(|track| pass.rows(track)).collect();
     rows.sort_by_key(|row| (row.frame, row.track));
     let warnings = warnings_of(&cameras);
@@ -164,7 +170,8 @@ impl Pass<'_> {
                     (None, VehicleClass::Car) => Some("no_pose"),
                     (Some(fit), VehicleClass::Car) => {
                         let car = &fit.car;
-                        let projected = projected_box(self.atlas, &view.camera, &car.camera_from_car, &car.shape);
+                        let projected =
+                            projected_box(self.atlas, &view.camera, &car.camera_from_car, &car.shape);
                         let (rms, size) = (car.reprojection_rms_px, frame.image_size_px);
                         let believable = is_believable(projected, &record.bbox_px, rms, size, self.config);
                         (!(car.used && believable)).then_some("keypoints_disagree")
@@ -231,7 +238,8 @@ fn append(tracks: &mut Vec<Track>, later: Vec<Track>) {
 }
 
 fn measurement(fit: &CarFit, bbox_px: [f64; 4], score: f64, car: usize) -> Option<CarMeasurement> {
-    let shape_information: Matrix6<f64> = fit.car.shape_covariance.try_inverse().unwrap_or_else(Matrix6::identity);
+    let shape_information: Matrix6<f64> =
+        fit.car.shape_covariance.try_inverse().unwrap_or_else(Matrix6::identity);
     Some(CarMeasurement {
         pose: fit.car.ground,
         covariance: fit.car.ground_covariance,
@@ -267,7 +275,9 @@ fn warnings_of(cameras: &CameraTrack) -> Vec<String> {
     let mut warnings = Vec::new();
     let about = |estimate: &CameraEstimate| match estimate.status {
         CameraStatus::Unobservable => Some("the camera could not be estimated: its numbers are the prior"),
-        CameraStatus::FocalFromPrior => Some("the cars say little about the focal length: it rests on the prior"),
+        CameraStatus::FocalFromPrior => {
+            Some("the cars say little about the focal length: it rests on the prior")
+        }
         CameraStatus::Estimated | CameraStatus::FocalGiven => None,
     };
     for warning in cameras.estimates().iter().filter_map(about) {

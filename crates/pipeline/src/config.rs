@@ -369,7 +369,10 @@ mod tests {
         let file = folder.path().join("c.toml");
         std::fs::write(&file, "[detect]\nmin_score = 0.5\nmin_scroe = 0.1\n").unwrap();
         let text = Config::load(Some(&file), &[]).unwrap_err().to_string();
-        assert!(text.contains("line 3") && text.contains("min_scroe") && text.contains("min_score"), "{text}");
+        assert!(
+            text.contains("line 3") && text.contains("min_scroe") && text.contains("min_score"),
+            "{text}"
+        );
         let text = Config::load(None, &["solve.outlier_sd=-1".to_owned()]).unwrap_err().to_string();
         assert!(text.contains("solve.outlier_sd = -1") && text.contains("1 to 100"), "{text}");
         for wrong in ["nonsense", "=1", "detect.min_score=high", "detect.min_score.x=1", "nowhere.x=1"] {

@@ -22,9 +22,8 @@ pub fn check_up(config: &Config) -> Vec<Check> {
     let mut note = |name, result| checks.push(Check { name, result });
     note("processor", Ok(processor()));
     note("opencv", Ok(format!("{} ({})", roadplane_decode::library_version(), roadplane_decode::backends())));
-    let runtime = roadplane_infer::find_library(None).and_then(|path| {
-        Ok(format!("{} at {}", roadplane_infer::runtime_version(None)?, path.display()))
-    });
+    let runtime = roadplane_infer::find_library(None)
+        .and_then(|path| Ok(format!("{} at {}", roadplane_infer::runtime_version(None)?, path.display())));
     note("onnx runtime", runtime.map_err(PipelineError::from));
     let atlas = ShapeAtlas::shipped().map(|atlas| format!("version {}", atlas.version));
     note("shape atlas", atlas.map_err(|e| PipelineError::Atlas { what: e.to_string() }));

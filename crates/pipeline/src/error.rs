@@ -7,6 +7,7 @@ use roadplane_decode::DecodeError;
 use roadplane_detect::DetectError;
 use roadplane_infer::InferError;
 use roadplane_keypoints::KeypointError;
+use roadplane_view::ViewError;
 use roadplane_write::WriteError;
 use thiserror::Error;
 
@@ -59,6 +60,9 @@ pub enum PipelineError {
     /// Results cannot be written.
     #[error(transparent)]
     Write(#[from] WriteError),
+    /// Pictures cannot be made.
+    #[error(transparent)]
+    View(#[from] ViewError),
     /// Standard output cannot be written to.
     #[error("standard output: {source}")]
     Stdout {
@@ -140,7 +144,9 @@ impl PipelineError {
             Self::Write(WriteError::Exists { .. } | WriteError::BadStem { .. }) => Fault::Usage,
             Self::Write(WriteError::Malformed { .. }) => Fault::Input,
             Self::Stopped { signal } => Fault::Stopped { signal: *signal },
-            Self::Write(_) | Self::Stdout { .. } | Self::Thread { .. } | Self::Bug { .. } => Fault::Internal,
+            Self::Write(_) | Self::View(_) | Self::Stdout { .. } | Self::Thread { .. } | Self::Bug { .. } => {
+                Fault::Internal
+            }
         }
     }
 }

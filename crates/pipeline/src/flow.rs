@@ -130,7 +130,9 @@ pub fn flow<'a>(
             match thread.join() {
                 Ok(Ok(seconds)) => times.push(StageTime { name, seconds }),
                 Ok(Err(error)) => first_error = first_error.or(Some(error)),
-                Err(panic) => first_error = first_error.or(Some(PipelineError::panicked(name, panic.as_ref()))),
+                Err(panic) => {
+                    first_error = first_error.or(Some(PipelineError::panicked(name, panic.as_ref())))
+                }
             }
         }
         times.push(StageTime { name: "spool", seconds: sink_busy.as_secs_f64() });
@@ -144,7 +146,11 @@ pub fn flow<'a>(
     })
 }
 
-fn run_stage(mut stage: Stage<'_>, input: &Receiver<Work>, output: &Sender<Work>) -> Result<f64, PipelineError> {
+fn run_stage(
+    mut stage: Stage<'_>,
+    input: &Receiver<Work>,
+    output: &Sender<Work>,
+) -> Result<f64, PipelineError> {
     let mut busy = Duration::ZERO;
     for mut work in input {
         let started = Instant::now();

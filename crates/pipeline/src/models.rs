@@ -14,7 +14,8 @@ const LANDMARK: &str = "keypoints.json";
 /// [`PipelineError::ModelsMissing`] that says where was looked.
 pub fn find_models(configured: Option<&Path>) -> Result<PathBuf, PipelineError> {
     let has_models = |folder: &Path| folder.join(LANDMARK).is_file();
-    let named = configured.map(Path::to_path_buf).or_else(|| std::env::var_os("ROADPLANE_MODELS").map(PathBuf::from));
+    let named =
+        configured.map(Path::to_path_buf).or_else(|| std::env::var_os("ROADPLANE_MODELS").map(PathBuf::from));
     if let Some(folder) = named {
         return if has_models(&folder) {
             Ok(folder)

@@ -6,16 +6,17 @@ use std::time::Instant;
 
 use roadplane_base::ShapeAtlas;
 use roadplane_write::{
-    Existing, FrameReader, FrameSpool, InputSummary, OutputFolder, RunStatus, StageSeconds, Summary, TrackFiles,
-    write_camera, write_json, write_summary,
+    Existing, FrameReader, FrameSpool, InputSummary, OutputFolder, RunStatus, StageSeconds, Summary,
+    TrackFiles, write_camera, write_json, write_summary,
 };
 use serde::{Deserialize, Serialize};
 
 use crate::clip::{ClipSolution, solve_clip};
+use crate::draw::{Scene, draw_video, write_report};
 use crate::identity::{file_identity, peak_memory_bytes, versions};
 use crate::samples::SampleFrames;
 use crate::streaming::{Nets, Streamed, detect_stage, keypoint_stage, open_input, stream};
-use crate::{Cancel, Config, PipelineError, Progress};
+use crate::{Cancel, Config, PipelineError, Progress, Silent};
 
 /// The streaming half's product within the partial folder.
 const SPOOL: &str = "frames.jsonl";
@@ -87,7 +88,6 @@ pub fn run_input(
         return Ok(RunReport { folder: finished, tracks: None, camera, damaged: false });
     }
     let input = open_input(input_path, config)?;
-    let nominal_fps = input.nominal_fps();
     let identity = file_identity(input_path)?;
     let mut nets = Nets::open(&options.models, config)?;
     let atlas = ShapeAtlas::shipped().map_err(|e| PipelineError::Atlas { what: e.to_string() })?;
@@ -108,7 +108,8 @@ pub fn run_input(
         progress.phase("frames");
         let mut samples = SampleFrames::new(config.output.sample_frames);
         let models = nets.summaries();
-        let streamed = stream_to_spool(&mut nets, input, folder.path(), &mut samples, config, cancel, progress)?;
+        let streamed =
+            stream_to_spool(&mut nets, input, folder.path(), &mut samples, config, cancel, progress)?;
         let rejected_cars = nets.keypoints.rejected();
         drop(nets);
         progress.phase("solving");
@@ -133,7 +134,13 @@ pub fn run_input(
         summary.frames_per_s = streamed.decode.delivered as f64 / summary.wall_s.max(1e-9);
         summary.peak_memory_bytes = peak_memory_bytes();
         let samples = samples.finish();
-        let _ = samples;
+        write_report(&folder.path().join("report.html"), &stem, &atlas, &solution, &samples, &summary)?;
+        if options.video {
+            progress.phase("drawing");
+            let scene = Scene::new(&solution.cameras, &solution.rows, solution.shapes(), &atlas);
+            let video = folder.path().join("annotated.mp4");
+            draw_video(input_path, &scene, &video, config, cancel, &Silent)?;
+        }
         write_summary(&folder.path().join("summary.json"), &summary)?;
         Ok((streamed.decode.is_damaged(), solution))
     })();
@@ -226,8 +233,11 @@ fn summary_of(
         summary.warnings.push(format!("{lost} frames in {places} places could not be decoded"));
     }
     summary.warnings.extend(solution.warnings.iter().cloned());
-    summary.seconds =
-        streamed.times.iter().map(|t| StageSeconds { stage: t.name.to_owned(), seconds: t.seconds }).collect();
+    summary.seconds = streamed
+        .times
+        .iter()
+        .map(|t| StageSeconds { stage: t.name.to_owned(), seconds: t.seconds })
+        .collect();
     Ok(summary)
 }
 

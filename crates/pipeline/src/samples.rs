@@ -2,7 +2,7 @@
 
 use image::RgbImage;
 use image::codecs::jpeg::{JpegDecoder, JpegEncoder};
-use roadplane_base::Frame;
+use roadplane_base::{Frame, FrameStamp};
 
 /// JPEG quality of kept frames: no visible loss.
 const QUALITY: u8 = 92;
@@ -14,7 +14,7 @@ pub struct SampleFrames {
     wanted: usize,
     stride: u64,
     seen: u64,
-    kept: Vec<(u64, Vec<u8>)>,
+    kept: Vec<(FrameStamp, Vec<u8>)>,
 }
 
 impl SampleFrames {
@@ -36,7 +36,7 @@ impl SampleFrames {
             tracing::warn!("frame {} cannot be kept for the report: {error}", frame.stamp.index);
             return;
         }
-        self.kept.push((frame.stamp.index, jpeg));
+        self.kept.push((frame.stamp, jpeg));
         if self.kept.len() >= 2 * self.wanted {
             let mut place = 0;
             self.kept.retain(|_| {
@@ -47,17 +47,21 @@ impl SampleFrames {
         }
     }
 
-    /// At most `wanted` frames, spread over what was seen, with their indices.
+    /// At most `wanted` frames, spread over what was seen, with index and time in s.
     #[must_use]
-    pub fn finish(self) -> Vec<(u64, RgbImage)> {
+    pub fn finish(self) -> Vec<(u64, f64, RgbImage)> {
         let count = self.kept.len();
         let chosen = self.wanted.min(count);
         (0..chosen)
             .filter_map(|i| {
                 let at = if chosen > 1 { i * (count - 1) / (chosen - 1) } else { 0 };
-                let (index, jpeg) = &self.kept[at];
+                let (stamp, jpeg) = &self.kept[at];
                 let decoder = JpegDecoder::new(std::io::Cursor::new(jpeg)).ok()?;
-                Some((*index, image::DynamicImage::from_decoder(decoder).ok()?.into_rgb8()))
+                Some((
+                    stamp.index,
+                    stamp.time_s(),
+                    image::DynamicImage::from_decoder(decoder).ok()?.into_rgb8(),
+                ))
             })
             .collect()
     }
@@ -66,7 +70,6 @@ impl SampleFrames {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use roadplane_base::FrameStamp;
 
     #[test]
     fn samples_are_few_and_spread_whatever_the_length() {

@@ -7,9 +7,7 @@ use roadplane_base::FrameRecord;
 use roadplane_write::{FrameReader, JsonLines, WriteError};
 
 use crate::flow::{Stage, Work};
-use crate::streaming::{
-    detect_stage, keypoint_stage, open_detector, open_input, open_keypoints, stream,
-};
+use crate::streaming::{detect_stage, keypoint_stage, open_detector, open_input, open_keypoints, stream};
 use crate::{Cancel, Config, PipelineError, Progress};
 
 /// A frames file under its final name once it is whole, or standard output (`-`).
@@ -85,7 +83,9 @@ pub fn keypoints_file(
     let mut records = FrameReader::open(boxes)?.peekable();
     let take_boxes = move |work: &mut Work| {
         // Both come in rising order of the frame's index.
-        while let Some(record) = records.next_if(|r| r.as_ref().map_or(true, |r| r.frame <= work.record.frame)) {
+        while let Some(record) =
+            records.next_if(|r| r.as_ref().map_or(true, |r| r.frame <= work.record.frame))
+        {
             let record = record?;
             if record.frame == work.record.frame {
                 work.record.cars = record.cars;

@@ -5,7 +5,8 @@ use std::sync::Mutex;
 
 use crossbeam_channel::bounded;
 use roadplane_pipeline::{
-    Cancel, Config, Existing, Fault, FolderLock, PipelineError, RunOptions, RunReport, find_models, run_input, stem_of,
+    Cancel, Config, Existing, Fault, FolderLock, PipelineError, RunOptions, RunReport, find_models,
+    run_input, stem_of,
 };
 
 use crate::Outcome;
@@ -109,8 +110,7 @@ impl Worst {
                     Fault::Internal => 4,
                     Fault::Stopped { .. } => 5,
                 };
-                let worse =
-                    self.error.as_ref().is_none_or(|known| rank(known.fault()) < rank(error.fault()));
+                let worse = self.error.as_ref().is_none_or(|known| rank(known.fault()) < rank(error.fault()));
                 if worse {
                     if let Some(known) = self.error.replace(error) {
                         tracing::error!("{known}");

@@ -1,6 +1,8 @@
 //! `roadplane detect`, `keypoints`, `solve`: one stage alone, on files.
 
-use roadplane_pipeline::{Cancel, PipelineError, SolveOptions, detect_file, find_models, keypoints_file, solve_file};
+use roadplane_pipeline::{
+    Cancel, PipelineError, SolveOptions, detect_file, find_models, keypoints_file, solve_file,
+};
 
 use crate::Outcome;
 use crate::args::{DetectArgs, KeypointsArgs, SolveArgs};

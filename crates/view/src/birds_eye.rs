@@ -1,0 +1,217 @@
+//! The scene from above as SVG: deterministic text, to scale.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+
+use roadplane_base::{Camera, ImageSize, TrackRow};
+
+use crate::overlay::track_colour;
+
+/// Width of the drawing, px.
+const WIDTH_PX: f64 = 900.0;
+/// Distance of grid lines, m.
+const GRID_M: f64 = 10.0;
+/// Free space around the tracks, m.
+const MARGIN_M: f64 = 6.0;
+/// Extents beyond this are cut, m: a far outlier must not shrink the rest to nothing.
+const MAX_EXTENT_M: f64 = 400.0;
+
+/// World → drawing.
+struct Sheet {
+    left_m: f64,
+    top_m: f64,
+    px_per_m: f64,
+}
+
+impl Sheet {
+    fn at(&self, x_m: f64, y_m: f64) -> (f64, f64) {
+        ((x_m - self.left_m) * self.px_per_m, (self.top_m - y_m) * self.px_per_m)
+    }
+}
+
+/// Draws the rows of all tracks (sorted by frame) as seen from above: trajectories, each car's last place to scale with its
+/// heading and 2-sd ellipse, the camera and its field of view, a 10 m grid.
+#[must_use]
+pub fn birds_eye(rows: &[TrackRow], camera: &Camera, size: ImageSize) -> String {
+    let mut tracks: BTreeMap<u64, Vec<&TrackRow>> = BTreeMap::new();
+    for row in rows {
+        tracks.entry(row.track).or_default().push(row);
+    }
+    let clip = |v: f64| v.clamp(-MAX_EXTENT_M, MAX_EXTENT_M);
+    let (mut left, mut right, mut bottom, mut top) = (-MARGIN_M, MARGIN_M, -MARGIN_M / 2.0, 20.0);
+    for row in rows {
+        left = f64::min(left, clip(row.x_m) - MARGIN_M);
+        right = f64::max(right, clip(row.x_m) + MARGIN_M);
+        bottom = f64::min(bottom, clip(row.y_m) - MARGIN_M);
+        top = f64::max(top, clip(row.y_m) + MARGIN_M);
+    }
+    let px_per_m = (WIDTH_PX / (right - left)).min(1.2 * WIDTH_PX / (top - bottom));
+    let sheet = Sheet { left_m: left, top_m: top, px_per_m };
+    let (width, height) = ((right - left) * px_per_m, (top - bottom) * px_per_m);
+    let mut svg = format!(
+        "<svg class=\"birdseye\" viewBox=\"0 0 {width:.0} {height:.0}\" width=\"{width:.0}\" height=\"{height:.0}\" \
+         role=\"img\" aria-label=\"bird's-eye view\" font-family=\"sans-serif\">\n\
+         <rect width=\"100%\" height=\"100%\" fill=\"#22262b\"/>\n"
+    );
+    grid(&mut svg, &sheet, [left, right, bottom, top]);
+    field_of_view(&mut svg, &sheet, camera, size, top);
+    for (track, rows) in &tracks {
+        trajectory(&mut svg, &sheet, *track, rows);
+    }
+    for (track, rows) in &tracks {
+        if let Some(last) = rows.last() {
+            footprint(&mut svg, &sheet, *track, last);
+        }
+    }
+    svg.push_str("</svg>\n");
+    svg
+}
+
+/// Writing to a string cannot fail.
+fn put(svg: &mut String, text: std::fmt::Arguments<'_>) {
+    let _infallible = svg.write_fmt(text);
+}
+
+fn grid(svg: &mut String, sheet: &Sheet, [left, right, bottom, top]: [f64; 4]) {
+    let first = |from: f64| (from / GRID_M).ceil() as i32;
+    let last = |to: f64| (to / GRID_M).floor() as i32;
+    for i in first(left)..=last(right) {
+        let x_m = f64::from(i) * GRID_M;
+        let ((x, y0), (_, y1)) = (sheet.at(x_m, top), sheet.at(x_m, bottom));
+        put(svg, format_args!("<path d=\"M{x:.1} {y0:.1}V{y1:.1}\" stroke=\"#3a4048\"/>\n"));
+        put(
+            svg,
+            format_args!(
+                "<text x=\"{:.1}\" y=\"{:.1}\" fill=\"#8a929c\" font-size=\"11\">{x_m:.0} m</text>\n",
+                x + 3.0,
+                y1 - 4.0
+            ),
+        );
+    }
+    for i in first(bottom)..=last(top) {
+        let y_m = f64::from(i) * GRID_M;
+        let ((x0, y), (x1, _)) = (sheet.at(left, y_m), sheet.at(right, y_m));
+        put(svg, format_args!("<path d=\"M{x0:.1} {y:.1}H{x1:.1}\" stroke=\"#3a4048\"/>\n"));
+        put(
+            svg,
+            format_args!(
+                "<text x=\"3\" y=\"{:.1}\" fill=\"#8a929c\" font-size=\"11\">{y_m:.0} m</text>\n",
+                y - 3.0
+            ),
+        );
+    }
+}
+
+fn field_of_view(svg: &mut String, sheet: &Sheet, camera: &Camera, size: ImageSize, reach_m: f64) {
+    let (x, y) = sheet.at(0.0, 0.0);
+    let half = f64::from(size.width) / 2.0 / camera.focal_px;
+    for side in [-half, half] {
+        let (to_x, to_y) = sheet.at(side * reach_m, reach_m);
+        put(
+            svg,
+            format_args!(
+                "<path d=\"M{x:.1} {y:.1}L{to_x:.1} {to_y:.1}\" stroke=\"#59626d\" stroke-dasharray=\"5 5\"/>\n"
+            ),
+        );
+    }
+    put(svg, format_args!("<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"5\" fill=\"#e8ecf0\"/>\n"));
+    put(
+        svg,
+        format_args!(
+            "<text x=\"{:.1}\" y=\"{:.1}\" fill=\"#e8ecf0\" font-size=\"12\">camera</text>\n",
+            x + 9.0,
+            y + 4.0
+        ),
+    );
+}
+
+fn hex([r, g, b]: [u8; 3]) -> String {
+    format!("#{r:02x}{g:02x}{b:02x}")
+}
+
+fn trajectory(svg: &mut String, sheet: &Sheet, track: u64, rows: &[&TrackRow]) {
+    let points: Vec<String> = rows
+        .iter()
+        .map(|row| {
+            let (x, y) = sheet.at(row.x_m, row.y_m);
+            format!("{x:.1},{y:.1}")
+        })
+        .collect();
+    let (colour, points) = (hex(track_colour(track)), points.join(" "));
+    put(
+        svg,
+        format_args!(
+            "<polyline points=\"{points}\" fill=\"none\" stroke=\"{colour}\" stroke-width=\"2\" opacity=\"0.8\"/>\n"
+        ),
+    );
+}
+
+fn footprint(svg: &mut String, sheet: &Sheet, track: u64, row: &TrackRow) {
+    let colour = hex(track_colour(track));
+    let (sin, cos) = row.heading_rad.sin_cos();
+    let corner = |forward: f64, left: f64| {
+        let (x, y) = sheet.at(row.x_m + forward * cos - left * sin, row.y_m + forward * sin + left * cos);
+        format!("{x:.1},{y:.1}")
+    };
+    let (l, w) = (row.length_m / 2.0, row.width_m / 2.0);
+    let body = [corner(l, w), corner(l, -w), corner(-l, -w), corner(-l, w)].join(" ");
+    let bonnet = [corner(l, w * 0.8), corner(l * 1.0, -w * 0.8), corner(l * 0.45, 0.0)].join(" ");
+    let (x, y) = sheet.at(row.x_m, row.y_m);
+    let (rx, ry) = (2.0 * row.x_sd_m * sheet.px_per_m, 2.0 * row.y_sd_m * sheet.px_per_m);
+    put(
+        svg,
+        format_args!(
+            "<polygon points=\"{body}\" fill=\"{colour}\" fill-opacity=\"0.35\" stroke=\"{colour}\"/>\n"
+        ),
+    );
+    put(svg, format_args!("<polygon points=\"{bonnet}\" fill=\"{colour}\"/>\n"));
+    put(
+        svg,
+        format_args!(
+            "<ellipse cx=\"{x:.1}\" cy=\"{y:.1}\" rx=\"{rx:.1}\" ry=\"{ry:.1}\" fill=\"none\" stroke=\"#ffffff\" stroke-opacity=\"0.7\"/>\n"
+        ),
+    );
+    put(
+        svg,
+        format_args!(
+            "<text x=\"{:.1}\" y=\"{:.1}\" fill=\"#ffffff\" font-size=\"13\">{track}</text>\n",
+            x + 6.0,
+            y - 6.0
+        ),
+    );
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_track_is_drawn_and_the_text_is_always_the_same() {
+        let row = |track: u64, frame: u64| TrackRow {
+            frame,
+            time_s: 0.1 * frame as f64,
+            track,
+            x_m: track as f64 * 3.0,
+            y_m: 20.0 + frame as f64,
+            heading_rad: 1.0,
+            speed_mps: 1.0,
+            x_sd_m: 0.1,
+            y_sd_m: 0.2,
+            heading_sd_rad: 0.02,
+            length_m: 4.5,
+            width_m: 1.8,
+            height_m: 1.5,
+            bbox_px: [0.0; 4],
+            score: 0.5,
+            observed: true,
+            activity: None,
+        };
+        let rows: Vec<TrackRow> = (0..3).flat_map(|frame| [row(1, frame), row(2, frame)]).collect();
+        let size = ImageSize { width: 640, height: 480 };
+        let draw = || birds_eye(&rows, &Camera::centred(700.0, size), size);
+        assert_eq!(draw(), draw());
+        assert_eq!(draw().matches("<polyline").count(), 2);
+        assert_eq!(draw().matches("<ellipse").count(), 2);
+        assert!(birds_eye(&[], &Camera::centred(700.0, size), size).ends_with("</svg>\n"));
+    }
+}

@@ -1,0 +1,258 @@
+//! Drawing a solved scene into its picture: wireframes, boxes, labels, trails, a grid on the ground.
+
+use image::RgbImage;
+use nalgebra::{Isometry3, Point3, Vector2, Vector3};
+use opencv::core::{Mat, MatTraitConst as _, MatTraitConstManual as _, Point, Scalar, Vec3b};
+use opencv::imgproc;
+use roadplane_base::{Camera, GroundPlane, KEYPOINTS, Shape, ShapeAtlas, TrackRow, skeleton_edges};
+
+use crate::ViewError;
+
+/// Half of the keypoints are the car's left side.
+const LEFT: usize = KEYPOINTS / 2;
+/// Distance of the grid's lines, m.
+const GRID_M: f64 = 5.0;
+/// How far the grid reaches, m.
+const GRID_REACH_M: f64 = 60.0;
+
+/// A colour as OpenCV draws it here: RGB.
+pub type Rgb = [u8; 3];
+
+/// Colours that tell neighbours apart and stay with a track's number.
+const PALETTE: [Rgb; 10] = [
+    [64, 196, 255],
+    [255, 160, 64],
+    [124, 220, 96],
+    [255, 96, 120],
+    [190, 140, 255],
+    [255, 220, 80],
+    [80, 220, 190],
+    [240, 130, 210],
+    [160, 190, 255],
+    [200, 210, 110],
+];
+
+/// The colour of a track.
+#[must_use]
+pub fn track_colour(track: u64) -> Rgb {
+    PALETTE[(track as usize).wrapping_sub(1) % PALETTE.len()]
+}
+
+/// One car to draw.
+#[derive(Clone, Debug)]
+pub struct DrawnCar<'a> {
+    /// Its row.
+    pub row: &'a TrackRow,
+    /// Its shape.
+    pub shape: &'a Shape,
+    /// Where it was before, world x and y, oldest first, m.
+    pub trail: &'a [[f64; 2]],
+}
+
+/// Draws into one picture.
+pub struct Overlay<'a> {
+    canvas: Mat,
+    camera: &'a Camera,
+    plane: &'a GroundPlane,
+    atlas: &'a ShapeAtlas,
+    thickness: i32,
+}
+
+impl<'a> Overlay<'a> {
+    /// On a copy of the picture.
+    ///
+    /// # Errors
+    /// [`ViewError::Drawing`].
+    pub fn new(
+        picture: &RgbImage,
+        camera: &'a Camera,
+        plane: &'a GroundPlane,
+        atlas: &'a ShapeAtlas,
+    ) -> Result<Self, ViewError> {
+        let rows = Mat::from_slice(picture.as_raw())?;
+        let canvas = rows.reshape(3, i32::try_from(picture.height()).unwrap_or(0))?.try_clone()?;
+        let thickness = if picture.width() >= 1600 { 2 } else { 1 };
+        Ok(Self { canvas, camera, plane, atlas, thickness })
+    }
+
+    /// The finished picture.
+    ///
+    /// # Errors
+    /// [`ViewError::Drawing`].
+    pub fn finish(self) -> Result<RgbImage, ViewError> {
+        let bytes = self.canvas.data_typed::<Vec3b>()?.iter().flat_map(|pixel| pixel.0).collect();
+        let (width, height) = (self.canvas.cols() as u32, self.canvas.rows() as u32);
+        RgbImage::from_raw(width, height, bytes)
+            .ok_or_else(|| opencv::Error::new(0, "picture has another size than its pixels").into())
+    }
+
+    /// Lines on the ground every 5 m, faint.
+    ///
+    /// # Errors
+    /// [`ViewError::Drawing`].
+    pub fn grid(&mut self) -> Result<(), ViewError> {
+        let steps = (GRID_REACH_M / GRID_M) as i32;
+        let colour = [150, 150, 150];
+        for i in -steps..=steps {
+            let at = f64::from(i) * GRID_M;
+            for j in -steps..steps {
+                let (from, to) = (f64::from(j) * GRID_M, f64::from(j + 1) * GRID_M);
+                self.ground_line([at, from + GRID_REACH_M], [at, to + GRID_REACH_M], colour, 1)?;
+                self.ground_line([from, at + GRID_REACH_M], [to, at + GRID_REACH_M], colour, 1)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Wireframe, box, trail and label of a car.
+    ///
+    /// # Errors
+    /// [`ViewError::Drawing`].
+    pub fn car(&mut self, car: &DrawnCar<'_>) -> Result<(), ViewError> {
+        let row = car.row;
+        let colour = track_colour(row.track);
+        for pair in car.trail.windows(2) {
+            self.ground_line(pair[0], pair[1], colour, self.thickness)?;
+        }
+        self.wireframe(row, car.shape, colour)?;
+        let [x0, y0, x1, y1] = row.bbox_px;
+        let corners = [[x0, y0], [x1, y0], [x1, y1], [x0, y1]].map(Vector2::from);
+        let faded = if row.observed { colour } else { colour.map(|c| c / 2) };
+        for i in 0..4 {
+            self.line(corners[i], corners[(i + 1) % 4], faded, 1)?;
+        }
+        let speed = row.speed_mps.abs();
+        let label =
+            if speed < 0.3 { format!("{}", row.track) } else { format!("{} {speed:.1} m/s", row.track) };
+        self.label(&label, Vector2::new(x0, y0 - 4.0), colour)
+    }
+
+    fn wireframe(&mut self, row: &TrackRow, shape: &Shape, colour: Rgb) -> Result<(), ViewError> {
+        let pose = roadplane_base::GroundPose { x_m: row.x_m, y_m: row.y_m, heading_rad: row.heading_rad };
+        let camera_from_car = self.plane.camera_from_world() * pose.world_from_car();
+        let near_left = eye_is_left(&camera_from_car);
+        let points = self.atlas.keypoints_in_car(shape);
+        let pixel =
+            |i: usize| self.camera.pixel_from_camera(&(camera_from_car * Point3::from(points[i])).coords);
+        for [a, b] in skeleton_edges() {
+            let (Some(from), Some(to)) = (pixel(*a), pixel(*b)) else { continue };
+            let far = if near_left { *a >= LEFT && *b >= LEFT } else { *a < LEFT && *b < LEFT };
+            let colour = if far { colour.map(|c| c / 3 * 2) } else { colour };
+            self.line(from, to, colour, if far { 1 } else { self.thickness })?;
+        }
+        Ok(())
+    }
+
+    fn ground_line(
+        &mut self,
+        a: [f64; 2],
+        b: [f64; 2],
+        colour: Rgb,
+        thickness: i32,
+    ) -> Result<(), ViewError> {
+        let camera_from_world = self.plane.camera_from_world();
+        let pixel = |[x, y]: [f64; 2]| {
+            let point = camera_from_world * Point3::new(x, y, 0.0);
+            if point.z > 1.0 { self.camera.pixel_from_camera(&point.coords) } else { None }
+        };
+        match (pixel(a), pixel(b)) {
+            (Some(from), Some(to)) => self.line(from, to, colour, thickness),
+            _ => Ok(()),
+        }
+    }
+
+    fn line(
+        &mut self,
+        from: Vector2<f64>,
+        to: Vector2<f64>,
+        colour: Rgb,
+        thickness: i32,
+    ) -> Result<(), ViewError> {
+        let (Some(from), Some(to)) = (point(from), point(to)) else { return Ok(()) };
+        imgproc::line(&mut self.canvas, from, to, scalar(colour), thickness, imgproc::LINE_AA, 0)?;
+        Ok(())
+    }
+
+    fn label(&mut self, text: &str, at: Vector2<f64>, colour: Rgb) -> Result<(), ViewError> {
+        let Some(at) = point(at) else { return Ok(()) };
+        let size = 0.35 + 0.15 * f64::from(self.thickness);
+        for (colour, thickness) in [([0, 0, 0], 3), (colour, 1)] {
+            let font = imgproc::FONT_HERSHEY_SIMPLEX;
+            let draw = scalar(colour);
+            imgproc::put_text(
+                &mut self.canvas,
+                text,
+                at,
+                font,
+                size,
+                draw,
+                thickness,
+                imgproc::LINE_AA,
+                false,
+            )?;
+        }
+        Ok(())
+    }
+}
+
+/// Whether the camera looks at the car's left side.
+fn eye_is_left(camera_from_car: &Isometry3<f64>) -> bool {
+    (camera_from_car.inverse() * Point3::from(Vector3::zeros())).y > 0.0
+}
+
+fn scalar([r, g, b]: Rgb) -> Scalar {
+    Scalar::new(f64::from(r), f64::from(g), f64::from(b), 0.0)
+}
+
+/// A pixel that OpenCV can be given; `None` where it is absurdly far out.
+fn point(pixel: Vector2<f64>) -> Option<Point> {
+    let sane = pixel.iter().all(|v| v.abs() < 20_000.0);
+    sane.then(|| Point::new(pixel.x.round() as i32, pixel.y.round() as i32))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use roadplane_base::{GroundPose, ImageSize};
+
+    #[test]
+    fn a_car_is_drawn_where_it_stands() {
+        let atlas = ShapeAtlas::shipped().unwrap();
+        let camera = Camera::centred(900.0, ImageSize { width: 640, height: 480 });
+        let plane = GroundPlane::from_tilt_roll_height(0.4, 0.0, 8.0);
+        let black = RgbImage::new(640, 480);
+        let mut overlay = Overlay::new(&black, &camera, &plane, &atlas).unwrap();
+        let pose = GroundPose { x_m: 0.0, y_m: 18.0, heading_rad: 0.7 };
+        let row = TrackRow {
+            frame: 0,
+            time_s: 0.0,
+            track: 1,
+            x_m: pose.x_m,
+            y_m: pose.y_m,
+            heading_rad: pose.heading_rad,
+            speed_mps: 4.0,
+            x_sd_m: 0.1,
+            y_sd_m: 0.1,
+            heading_sd_rad: 0.1,
+            length_m: 4.5,
+            width_m: 1.8,
+            height_m: 1.5,
+            bbox_px: [200.0, 150.0, 420.0, 330.0],
+            score: 0.9,
+            observed: true,
+            activity: None,
+        };
+        overlay.grid().unwrap();
+        overlay
+            .car(&DrawnCar { row: &row, shape: &Shape::zeros(), trail: &[[0.0, 15.0], [0.0, 18.0]] })
+            .unwrap();
+        let drawn = overlay.finish().unwrap();
+        let tyre = plane.camera_from_world() * pose.world_from_car() * Point3::from(atlas.mean[2]);
+        let at = camera.pixel_from_camera(&tyre.coords).unwrap();
+        let lit = (-2..=2).flat_map(|dx| (-2..=2).map(move |dy| (dx, dy))).any(|(dx, dy)| {
+            drawn.get_pixel((at.x as i32 + dx) as u32, (at.y as i32 + dy) as u32).0 != [0, 0, 0]
+        });
+        assert!(lit, "nothing at {at}");
+        assert_eq!(drawn.get_pixel(5, 5).0, [0, 0, 0]);
+    }
+}
