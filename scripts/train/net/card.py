@@ -15,9 +15,10 @@ REAL_CREDITS = (
     "(Kitware and IARPA, CC BY 4.0), Intel sample videos (CC BY 4.0), Udacity CarND (MIT)"
 )
 NOTES = """Boxes are the true ones. Rendered: car models not learnt from, the half of the crops that did not
-calibrate. Real held-out cars also calibrated the sd, so their error / sd is not independent; and the average
-shape of the rendered cars was adjusted once to all labelled real cars (`scripts/train/cars/README.md`). The
-AUC of real cars sets "clear" against "hidden or blurred" labels, a softer question than visible against not."""
+calibrate. Real test: never learnt from, chosen or calibrated by. Real held-out cars also calibrated the sd, so
+their error / sd is not independent; and the average shape of the rendered cars was adjusted once to all
+labelled real cars to learn from (`scripts/train/cars/README.md`). The AUC of real cars sets "clear" against
+"hidden or blurred" labels, a softer question than visible against not."""
 
 
 def card(path: Path, calibration: Calibration, how_made: dict, metrics: dict) -> dict:
@@ -62,7 +63,7 @@ def _row(name: str, m: dict) -> str:
 def markdown(card: dict) -> str:
     """The same for people."""
     made, recipe, calibration = card["how_made"], card["how_made"]["recipe"], card["calibration"]
-    measured = {k.replace("_", " "): v for k, v in card["metrics"].items() if "pck_0.05" in v}
+    measured = {k: v for k, v in card["metrics"].items() if "pck_0.05" in v}
     data, real, credits = f"{made['rendered_crops']} rendered crops", "none", RENDERED_CREDITS
     if recipe["real"]:
         data += f" and {made['real_cars']} hand-labelled real cars ({recipe['real_share']} of each batch)"

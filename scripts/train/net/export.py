@@ -25,6 +25,7 @@ from net.train import split_real
 # More and the check would cost more than it tells.
 PARITY_CROPS = 32
 RENDERED_CROPS = 1536
+SMALL_CAR_PX = 60
 
 
 def export_onnx(net: Deployed, path: Path) -> None:
@@ -63,6 +64,7 @@ def main() -> None:
     parser.add_argument("--runs", type=Path, default=Path(".work/runs"))
     parser.add_argument("--crops", type=Path, default=Path(".work/crops/eval"))
     parser.add_argument("--real", type=Path, help="folder of hand-labelled cars")
+    parser.add_argument("--test", type=Path, help="folder of labelled cars that are only ever measured on")
     parser.add_argument("--work-px", type=int, help="picture size to use the net at, instead of its last one")
     parser.add_argument("--out", type=Path, default=REPOSITORY / "models")
     args = parser.parse_args()
@@ -82,10 +84,13 @@ def main() -> None:
     args.out.mkdir(parents=True, exist_ok=True)
     path = args.out / "hourglass.onnx"
     export_onnx(net, path)
-    metrics = {"rendered_cars": evaluate(net, rendered[1::2]).numbers(*numbers)}
-    for source in sorted({c.group for c in held_crops}):
-        crops = [c for c in held_crops if c.group == source]
-        metrics[f"real_held_out_{source}"] = evaluate(net, crops).numbers(*numbers)
+    small = [c for c in rendered[1::2] if c.car_px < SMALL_CAR_PX]
+    measured = {"rendered cars": rendered[1::2], f"rendered cars below {SMALL_CAR_PX} px": small}
+    for crop in held_crops:
+        measured.setdefault(f"real {crop.group}, held out", []).append(crop)
+    for crop in real_crops(read_real(args.test)) if args.test else []:
+        measured.setdefault(f"real {crop.group}, test", []).append(crop)
+    metrics = {name: evaluate(net, crops).numbers(*numbers) for name, crops in measured.items() if crops}
     metrics["parity_with_pytorch"] = parity(net, path, rendered)
     how_made = {
         "stacks": state["stacks"],
