@@ -13,6 +13,8 @@ pub(crate) struct Clock {
     /// Usual time from frame to frame.
     step_nanos: f64,
     steady_steps: u32,
+    /// The last step was a gap in a steady stream.
+    after_gap: bool,
     last_nanos: Option<i64>,
     without_time: u64,
 }
@@ -23,13 +25,15 @@ pub(crate) struct Tick {
     pub pts_nanos: i64,
     /// Frames that should have been between the last one and this one.
     pub skipped: u64,
+    /// The step to this frame was the usual one: a gap just before was a loss and not a change of rate.
+    pub usual: bool,
     /// Frames whose time is now known to be made up.
     pub made_up: u64,
 }
 
 impl Clock {
     pub(crate) fn new(fps: f64) -> Self {
-        Self { step_nanos: 1e9 / fps, steady_steps: 0, last_nanos: None, without_time: 0 }
+        Self { step_nanos: 1e9 / fps, steady_steps: 0, after_gap: false, last_nanos: None, without_time: 0 }
     }
 
     /// Time of the last frame, s.
@@ -43,30 +47,33 @@ impl Clock {
         let Some(last) = self.last_nanos else {
             let pts_nanos = stated.unwrap_or(0);
             self.last_nanos = Some(pts_nanos);
-            return Tick { pts_nanos, skipped: 0, made_up: 0 };
+            return Tick { pts_nanos, skipped: 0, usual: true, made_up: 0 };
         };
         // OpenCV gives 0 where there is no time.
         let Some(time) = stated.filter(|&time| time > last) else {
             let pts_nanos = last.saturating_add(self.step_nanos.max(1.0) as i64);
             self.last_nanos = Some(pts_nanos);
             self.without_time += 1;
-            return Tick { pts_nanos, skipped: 0, made_up: self.newly_made_up(false) };
+            return Tick { pts_nanos, skipped: 0, usual: true, made_up: self.newly_made_up(false) };
         };
         let made_up = self.newly_made_up(true);
         let step = (time - last) as f64;
         let steps = (step / self.step_nanos).round();
+        let usual = (step / self.step_nanos - 1.0).abs() <= STEADY_TOLERANCE;
         let was_steady = self.steady_steps >= STEADY_STEPS;
-        if (step / self.step_nanos - 1.0).abs() <= STEADY_TOLERANCE {
+        let mut skipped = 0;
+        if usual {
             self.steady_steps += 1;
-        } else if !was_steady {
-            // No rhythm yet: learn it.
-            (self.step_nanos, self.steady_steps) = (step, 0);
-        } else if steps < 2.0 {
-            self.steady_steps = 0;
+            self.after_gap = false;
+        } else if was_steady && !self.after_gap && steps >= 2.0 {
+            self.after_gap = true;
+            skipped = steps as u64 - 1;
+        } else {
+            // No rhythm yet, or a new one: learn it.
+            (self.step_nanos, self.steady_steps, self.after_gap) = (step, 0, false);
         }
         self.last_nanos = Some(time);
-        let skipped = if was_steady && steps >= 2.0 { steps as u64 - 1 } else { 0 };
-        Tick { pts_nanos: time, skipped, made_up }
+        Tick { pts_nanos: time, skipped, usual, made_up }
     }
 
     /// Frames without a time at the very end are usual; others count as made up.
@@ -99,8 +106,18 @@ mod tests {
         let mut clock = Clock::new(25.0);
         let steady: Vec<f64> = (0..10).map(|i| i as f64 * 40.0).collect();
         assert_eq!(run(&mut clock, &steady).1, 0);
-        assert_eq!(clock.tick(520.0), Tick { pts_nanos: 520_000_000, skipped: 3, made_up: 0 });
-        assert_eq!(clock.tick(560.0).skipped, 0);
+        assert_eq!(clock.tick(520.0), Tick { pts_nanos: 520_000_000, skipped: 3, usual: false, made_up: 0 });
+        assert_eq!(clock.tick(560.0), Tick { pts_nanos: 560_000_000, skipped: 0, usual: true, made_up: 0 });
+    }
+
+    #[test]
+    fn a_change_of_rate_is_no_loss() {
+        let mut clock = Clock::new(25.0);
+        run(&mut clock, &(0..10).map(|i| i as f64 * 40.0).collect::<Vec<_>>());
+        assert_eq!(clock.tick(520.0).skipped, 3, "may be a loss");
+        assert!(!clock.tick(680.0).usual, "was none");
+        let (_, skipped, _) = run(&mut clock, &(1..20).map(|i| 680.0 + i as f64 * 160.0).collect::<Vec<_>>());
+        assert_eq!(skipped, 0);
     }
 
     #[test]

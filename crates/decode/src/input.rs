@@ -119,11 +119,11 @@ impl Input {
         }
         let DecodeReport { missing, expected, damaged_stretch_count: places, .. } = self.report;
         if missing > 0 {
-            self.report.warn(format!("{missing} of {expected} frames are lost, in {places} places"));
+            self.report.warn(format!("frames lost: {missing} of {expected}, in {places} place(s)"));
         }
         let broken = self.report.broken_packets;
         if broken > 0 {
-            self.report.warn(format!("{broken} packets have broken slices; their pictures may be spoilt"));
+            self.report.warn(format!("packets with broken slices, whose pictures may be spoilt: {broken}"));
         }
         if self.report.cut_short {
             self.report.warn("the file is cut short");

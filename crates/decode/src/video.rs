@@ -37,8 +37,8 @@ pub(crate) struct Video {
     clock: Clock,
     /// Index of the next frame, lost ones included.
     next_index: u64,
-    /// Frames left out by gaps in the times that are too long to be called damage.
-    paused: u64,
+    /// The last gap in the times, until the next frame tells whether it is a loss: index, frames, time before.
+    gap: Option<(u64, u64, f64)>,
     fps: f64,
     promised: Option<u64>,
     size: Option<(u32, u32)>,
@@ -75,7 +75,7 @@ impl Video {
             content,
             clock: Clock::new(fps),
             next_index: 0,
-            paused: 0,
+            gap: None,
             fps,
             promised: (1.0..=MAX_PROMISED).contains(&promised).then_some(promised as u64),
             size: None,
@@ -135,21 +135,30 @@ impl Video {
         let before_s = self.clock.last_s();
         let tick = self.clock.tick(self.capture.get(CAP_PROP_POS_MSEC).unwrap_or(f64::NAN));
         report.times_made_up += tick.made_up;
+        let gap = self.gap.take();
+        if tick.usual {
+            Self::settle(gap, report);
+        }
         if tick.skipped > 0 {
-            if !self.counts_frames() && self.clock.last_s() - before_s > MAX_GAP_S {
-                let gap_s = self.clock.last_s() - before_s;
+            let gap_s = self.clock.last_s() - before_s;
+            if !self.counts_frames() && gap_s > MAX_GAP_S {
                 report.warn(format!(
                     "{gap_s:.1} s without a frame from {before_s:.1} s on: a pause, or damage"
                 ));
-                self.paused += tick.skipped;
             } else {
-                report.lost(self.next_index, tick.skipped, before_s);
+                self.gap = Some((self.next_index, tick.skipped, before_s));
             }
             self.next_index += tick.skipped;
         }
         let index = self.next_index;
         self.next_index += 1;
         FrameStamp { index, pts_nanos: tick.pts_nanos }
+    }
+
+    fn settle(gap: Option<(u64, u64, f64)>, report: &mut DecodeReport) {
+        if let Some((index, frames, from_s)) = gap {
+            report.lost(index, frames, from_s);
+        }
     }
 
     /// Whether the container's frame count is exact.
@@ -176,6 +185,7 @@ impl Video {
 
     /// Settles what was lost, now that the decoder gives nothing more.
     fn account_for_the_end(&mut self, report: &mut DecodeReport) {
+        Self::settle(self.gap.take(), report);
         report.cut_short = is_cut_short(&self.path, self.content);
         let packets = self.path.to_str().and_then(Packets::read).unwrap_or_default();
         report.broken_packets = packets.broken;
@@ -193,9 +203,6 @@ impl Video {
         let absent = held.saturating_sub(report.expected);
         if absent > 0 && !trimmed {
             report.lost(self.next_index, absent, self.clock.last_s());
-        }
-        if self.paused > 0 {
-            tracing::debug!(frames = self.paused, "frame numbers leave room for pauses");
         }
     }
 }

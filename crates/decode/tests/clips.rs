@@ -223,6 +223,62 @@ fn folders_are_clips_in_natural_order() {
     assert!(matches!(open(folder.path(), &options), Err(DecodeError::NotMedia { .. })));
 }
 
+/// Runs ffmpeg on a test pattern; false where it is not installed.
+fn ffmpeg(arguments: &str, output: &Path) -> bool {
+    let command = std::process::Command::new("ffmpeg")
+        .args(["-v", "error", "-y", "-f", "lavfi", "-i", "testsrc=s=160x96:r=25:d=4"])
+        .args(["-f", "lavfi", "-i", "sine=d=4"])
+        .args(arguments.split_whitespace())
+        .arg(output)
+        .status();
+    command.is_ok_and(|status| status.success())
+}
+
+#[test]
+fn streams_as_cameras_write_them_are_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, arguments, frames) in [
+        // Reordered pictures, edit lists, sound beside it, no index at the end, other containers.
+        ("plain.mp4", "-map 0 -c:v libx264", 100),
+        ("sound.mp4", "-map 0 -map 1 -c:v libx264 -c:a aac", 100),
+        ("fragments.mp4", "-map 0 -c:v libx264 -movflags frag_keyframe+empty_moov", 100),
+        ("plain.mkv", "-map 0 -map 1 -c:v libx264 -c:a aac", 100),
+        ("plain.ts", "-map 0 -map 1 -c:v libx264 -c:a aac", 100),
+        ("plain.avi", "-map 0 -c:v mpeg4", 100),
+        ("plain.mpg", "-map 0 -c:v mpeg2video", 100),
+        ("slow.mp4", "-map 0 -vf fps=5 -c:v libx264", 20),
+        // A rate that varies: every fourth frame only from the middle on.
+        ("varying.mp4", "-map 0 -vf select=lt(n\\,50)+not(mod(n\\,4)) -fps_mode vfr -c:v libx264", 62),
+        ("varying.mkv", "-map 0 -vf select=lt(n\\,50)+not(mod(n\\,4)) -fps_mode vfr -c:v libx264", 62),
+    ] {
+        let path = folder.path().join(name);
+        if !ffmpeg(arguments, &path) {
+            println!("skipped: ffmpeg is not installed or cannot make {name}");
+            continue;
+        }
+        let (indices, times, report) = read(&path).unwrap();
+        println!("{name}: {report:?}");
+        assert_eq!(indices.len(), frames, "{name}");
+        assert!(!report.is_damaged(), "{name}: {report:?}");
+        assert!(times.windows(2).all(|pair| pair[0] < pair[1]), "{name}");
+        let last_s = times[times.len() - 1];
+        assert!((3.4..4.0).contains(&last_s), "{name} ends at {last_s} s");
+    }
+}
+
+#[test]
+fn files_without_pictures_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, arguments) in [("sound.m4a", "-map 1 -c:a aac"), ("sound.mka", "-map 1 -c:a aac")] {
+        let path = folder.path().join(name);
+        if !ffmpeg(arguments, &path) {
+            println!("skipped: ffmpeg is not installed or cannot make {name}");
+            continue;
+        }
+        assert!(matches!(read(&path), Err(DecodeError::Damaged { .. })), "{name}");
+    }
+}
+
 #[test]
 fn real_archives_report_their_damage() {
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/virat");
