@@ -49,7 +49,7 @@ impl Default for LmOptions {
     fn default() -> Self {
         Self {
             max_iterations: 60,
-            cost_tolerance: 1e-10,
+            cost_tolerance: 1e-8,
             step_tolerance: 1e-9,
             gradient_tolerance: 1e-10,
             initial_damping: 1e-3,

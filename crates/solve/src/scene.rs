@@ -25,6 +25,8 @@ const FOCAL_UNKNOWN_SD: f64 = 0.3;
 const OTHER_HEADINGS: usize = 3;
 /// A heading whose rough cost exceeds the current one's by this is not followed.
 const HOPELESS: f64 = 12.0;
+/// Cost per keypoint above which a car is tried once more (a right keypoint costs 1 on average, less what the fit takes up).
+const SUSPICIOUS: f64 = 1.0;
 /// Another heading must be better by this much to be taken.
 const SWITCH_GAIN: f64 = 0.5;
 
@@ -81,13 +83,21 @@ fn starts(setup: &Setup<'_>) -> Vec<Start> {
 /// The prior on shapes is eased with them, or it would hold the shapes back while keypoints count little: (sd, prior's factor).
 const SHAPE_STAGES: [(f64, f64); 3] = [(0.12, 0.1), (0.05, 0.3), (0.02, 0.7)];
 
+/// Another path for cars that the first one left with keypoints to spare: wider and more gradual.
+const SLOW_STAGES: [(f64, f64); 5] = [(0.3, 0.02), (0.2, 0.05), (0.1, 0.2), (0.05, 0.5), (0.02, 0.8)];
+
 /// Shapes free; whitening from forgiving to exact, taken again at the new poses. Ends near the minimum.
 pub(crate) fn approach(problem: &mut GroundProblem<'_>, options: &SceneOptions) {
+    approach_by(problem, options, &SHAPE_STAGES);
+}
+
+/// The same by other stages.
+fn approach_by(problem: &mut GroundProblem<'_>, options: &SceneOptions, stages: &[(f64, f64)]) {
     problem.shapes_fixed = false;
     let short = LmOptions { max_iterations: 6, cost_tolerance: 1e-2, step_tolerance: 1e-1, ..options.lm };
-    for (extra_m, prior_scale) in SHAPE_STAGES {
-        problem.shape_prior_scale = prior_scale;
-        problem.whiten(options.atlas_residual_scale, extra_m);
+    for (extra_m, prior_scale) in stages {
+        problem.shape_prior_scale = *prior_scale;
+        problem.whiten(options.atlas_residual_scale, *extra_m);
         minimise(problem, &short);
     }
     problem.shape_prior_scale = 1.0;
@@ -146,15 +156,15 @@ fn repair(setup: &Setup<'_>, camera: &Vector4<f64>, placed: &mut [Option<Placed>
     let mut repaired = false;
     for s in 0..placed.len() {
         let mut alone: Vec<Option<Placed>> = vec![None; placed.len()];
-        let mut fit = |place: Placed, moved: bool| {
+        let mut fit = |place: Placed, stages: &[(f64, f64)]| {
             alone[s] = Some(place);
             let (mut problem, _) = setup.problem(*camera, &alone);
             problem.knowledge.fixed = [true; 4];
             problem.knowledge.information.fill(0.0);
-            if moved {
-                approach(&mut problem, setup.options);
-            } else {
+            if stages.is_empty() {
                 problem.whiten(setup.options.atlas_residual_scale, 0.0);
+            } else {
+                approach_by(&mut problem, setup.options, stages);
             }
             let cost = problem.cost_of(&problem.state)?;
             Some((cost, Placed { standing: problem.state.standings[0], shape: problem.state.shapes[0] }))
@@ -164,7 +174,7 @@ fn repair(setup: &Setup<'_>, camera: &Vector4<f64>, placed: &mut [Option<Placed>
             Some(place) => {
                 let points = setup.atlas.keypoints_in_car(&place.shape);
                 let rough = rough_cost(&frame, &points, &setup.sights[s].observations, &place.standing);
-                let current = fit(place, false).map_or(f64::INFINITY, |c| c.0);
+                let current = fit(place, &[]).map_or(f64::INFINITY, |c| c.0);
                 (place.shape, rough.unwrap_or(f64::INFINITY), current)
             }
         };
@@ -173,14 +183,24 @@ fn repair(setup: &Setup<'_>, camera: &Vector4<f64>, placed: &mut [Option<Placed>
         let others =
             others.into_iter().filter(|(cost, _)| *cost < rough + HOPELESS).map(|(_, standing)| standing);
         let starts = placed[s].map(|p| p.standing).into_iter().chain(others);
-        let mut lowest = current;
+        let mut lowest = (current, placed[s]);
         for standing in starts {
-            let Some((cost, place)) = fit(Placed { standing, shape: Shape::zeros() }, true) else { continue };
-            if cost < lowest - SWITCH_GAIN {
-                lowest = cost;
-                placed[s] = Some(place);
-                repaired = true;
+            let found = fit(Placed { standing, shape: Shape::zeros() }, &SHAPE_STAGES);
+            if let Some((cost, place)) = found.filter(|(cost, _)| *cost < lowest.0 - SWITCH_GAIN) {
+                lowest = (cost, Some(place));
             }
+        }
+        // Above what right keypoints cost there may be a better shape on another path.
+        let expected: f64 = setup.sights[s].observations.iter().map(|o| o.weight).sum();
+        if let Some(place) = lowest.1.filter(|_| lowest.0 > SUSPICIOUS * expected) {
+            let found = fit(Placed { shape: Shape::zeros(), ..place }, &SLOW_STAGES);
+            if let Some((cost, place)) = found.filter(|(cost, _)| *cost < lowest.0 - SWITCH_GAIN) {
+                lowest = (cost, Some(place));
+            }
+        }
+        if lowest.0 < current {
+            placed[s] = lowest.1;
+            repaired = true;
         }
     }
     repaired
