@@ -57,7 +57,7 @@ impl Default for TrackOptions {
             min_heading_sd_rad: 0.005,
             bias_share: 0.6,
             min_motion_m: 0.4,
-            speed_change: 2.0,
+            speed_change: 1.0,
             curvature_change: 0.1,
             curvature_sd: 0.15,
             slip_m: 0.05,

@@ -58,7 +58,8 @@ pub(crate) fn smooth_track(
     for ((place, state), covariance) in places.iter().zip(&states).zip(&covariances) {
         let smoothed = Smoothed::new(sightings, place, state, covariance, noise, options);
         for frame in place.frames.clone() {
-            let seen = sightings[place.sightings.clone()].iter().find(|o| o.frame == frame);
+            let own = &sightings[place.sightings.clone()];
+            let seen = own.binary_search_by_key(&frame, |o| o.frame).ok().map(|i| &own[i]);
             result.push(smoothed.at(stamps[frame], seen));
         }
     }
@@ -136,11 +137,14 @@ fn start(sightings: &[Observation], places: &[Place], options: &TrackOptions) ->
             near.iter().map(|o| o.pose).sum::<Vector3<f64>>() / near.len() as f64
         })
         .collect();
-    let stand_of = |i: usize| places.iter().find(|p| p.sightings.contains(&i)).and_then(|p| p.stand);
+    let mut stands: Vec<Option<Stand>> = vec![None; sightings.len()];
+    for place in places {
+        stands[place.sightings.clone()].fill(place.stand);
+    }
     let mut axes: Vec<f64> = Vec::with_capacity(sightings.len());
     let mut centres: Vec<Vector3<f64>> = Vec::with_capacity(sightings.len());
     for i in 0..sightings.len() {
-        let (centre, axis) = match stand_of(i) {
+        let (centre, axis) = match stands[i] {
             Some(stand) => (stand.pose, stand.pose.z),
             None => (averaged[i], axis_at(sightings, &averaged, i)),
         };
