@@ -46,8 +46,8 @@ fn near(truth: &SceneTruth) -> (roadplane_base::CameraParams, Vec<GroundPose>, V
     (params, poses, shapes)
 }
 
-fn main() {
-    let atlas = ShapeAtlas::shipped().expect("the shipped atlas");
+fn main() -> Result<(), roadplane_base::AtlasError> {
+    let atlas = ShapeAtlas::shipped()?;
     let options = SceneOptions::default();
     println!(
         "{:>5} {:>16} {:>12} {:>14} {:>14}",
@@ -95,4 +95,5 @@ fn main() {
             1e3 * median(warm)
         );
     }
+    Ok(())
 }

@@ -1,5 +1,7 @@
 //! Scenes that say little or nonsense: a typed status, a wide true uncertainty, no NaN, no hang.
 
+#![allow(clippy::unwrap_used, reason = "helpers of tests")]
+
 use std::time::Instant;
 
 use nalgebra::{Matrix2, Vector2};

@@ -1,5 +1,7 @@
 //! Free poses, with and without the plane, with and without the focal length.
 
+#![allow(clippy::unwrap_used, reason = "helpers of tests")]
+
 use roadplane_base::{Camera, ShapeAtlas};
 use roadplane_solve::{
     CameraPrior, CarView, PlaneTerms, SceneOptions, SceneStatus, ShapePrior, fit_free_car, solve_free_scene,

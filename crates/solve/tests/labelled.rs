@@ -1,5 +1,7 @@
 //! The solver on hand-labelled keypoints of real cars (VIRAT scene 0401, nine parked cars).
 
+#![allow(clippy::unwrap_used, reason = "helpers of tests")]
+
 use std::{fs, path::Path};
 
 use nalgebra::Vector2;
