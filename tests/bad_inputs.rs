@@ -1,16 +1,15 @@
 //! Bad input: a clear error, the right exit code, nothing half-written.
 
-mod common;
-
 use std::fs;
 use std::path::Path;
 
-use common::{names, roadplane, root};
+use crate::common::{names, roadplane, root};
 
 /// Runs an input that must be refused with this exit code and returns what the program said.
 fn refused(input: &Path, code: i32, arguments: &[&str]) -> String {
     let out = tempfile::tempdir().unwrap();
-    let assert = roadplane().arg("run").arg(input).arg("--out").arg(out.path()).args(arguments).assert().code(code);
+    let assert =
+        roadplane().arg("run").arg(input).arg("--out").arg(out.path()).args(arguments).assert().code(code);
     let left: Vec<String> = names(out.path()).into_iter().filter(|name| !name.contains("lock")).collect();
     assert!(left.is_empty(), "left behind: {left:?}");
     let said = String::from_utf8(assert.get_output().stderr.clone()).unwrap();
@@ -43,8 +42,13 @@ fn a_truncated_mp4_is_refused_or_read_as_far_as_it_goes() {
     let cut = folder.path().join("cut.mp4");
     fs::write(&cut, &whole[..whole.len() / 10]).unwrap();
     let out = folder.path().join("out");
-    let assert =
-        roadplane().arg("run").arg(&cut).arg("--out").arg(&out).args(["--set", "decode.max_frames=1"]).assert();
+    let assert = roadplane()
+        .arg("run")
+        .arg(&cut)
+        .arg("--out")
+        .arg(&out)
+        .args(["--set", "decode.max_frames=1"])
+        .assert();
     assert.code(3);
     let half_written = names(&out).into_iter().any(|name| name.ends_with(".partial"));
     assert!(!half_written);

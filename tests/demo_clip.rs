@@ -1,11 +1,9 @@
 //! The main job on the clip that comes with the repository, against its truth.
 
-mod common;
-
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
-use common::{json, json_lines, names, roadplane, root};
+use crate::common::{json, json_lines, names, roadplane, root};
 use serde_json::Value;
 
 fn number(value: &Value) -> f64 {
@@ -25,7 +23,13 @@ fn the_demo_clip_is_solved() {
     let result = out.path().join("lot");
     let files = names(&result);
     for file in [
-        "camera.json", "poses.jsonl", "report.html", "summary.json", "tracks.csv", "tracks.jsonl", "tracks.parquet",
+        "camera.json",
+        "poses.jsonl",
+        "report.html",
+        "summary.json",
+        "tracks.csv",
+        "tracks.jsonl",
+        "tracks.parquet",
     ] {
         assert!(files.iter().any(|name| name == file), "{file} of {files:?}");
     }

@@ -1,11 +1,9 @@
 //! The main job on real surveillance video, where the developers' data is present.
 
-mod common;
-
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use common::{json, json_lines, roadplane, shared};
+use crate::common::{json, json_lines, roadplane, shared};
 use serde_json::Value;
 
 fn number(value: &Value) -> f64 {
@@ -38,7 +36,8 @@ fn nine_parked_cars_stay_where_they_are() {
     for rows in tracks.values() {
         let spread = |field: &str| {
             let values: Vec<f64> = rows.iter().map(|row| number(&row[field])).collect();
-            values.iter().fold(f64::NEG_INFINITY, |a, b| a.max(*b)) - values.iter().fold(f64::INFINITY, |a, b| a.min(*b))
+            values.iter().fold(f64::NEG_INFINITY, |a, b| a.max(*b))
+                - values.iter().fold(f64::INFINITY, |a, b| a.min(*b))
         };
         assert!(spread("x_m") <= 0.1 && spread("y_m") <= 0.1 && spread("heading_rad") <= 0.026);
         assert!(rows.iter().all(|row| number(&row["speed_mps"]).abs() < 0.2));

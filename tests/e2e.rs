@@ -1,0 +1,8 @@
+//! End-to-end tests: the binary on real and rendered input, and on bad input.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
+
+mod bad_inputs;
+mod common;
+mod demo_clip;
+mod real_clips;
