@@ -100,6 +100,10 @@ fn main() -> Result<(), roadplane_base::AtlasError> {
             "N 10 1% 10% wrong cars",
             SynthOptions { cars: 10, noise: 0.01, wrong_cars: 0.1, ..base.clone() },
         ),
+        row(
+            "N 10 1% 30% wrong cars",
+            SynthOptions { cars: 10, noise: 0.01, wrong_cars: 0.3, ..base.clone() },
+        ),
         row("N 10 2% off atlas", SynthOptions { cars: 10, noise: 0.02, off_atlas: 1.0, ..base.clone() }),
     ];
     println!(
