@@ -1,7 +1,9 @@
 //! Pictures of a result: overlays, the view from above, the report, annotated video.
 
 mod birds_eye;
+mod crops;
 mod error;
+mod histogram;
 mod overlay;
 mod report;
 mod video;

@@ -2,7 +2,7 @@
 
 use image::RgbImage;
 use nalgebra::{Isometry3, Point3, Vector2, Vector3};
-use opencv::core::{Mat, MatTraitConst as _, MatTraitConstManual as _, Point, Scalar, Vec3b};
+use opencv::core::{Mat, MatTraitConst as _, MatTraitConstManual as _, Point, Rect, Scalar, Vec3b};
 use opencv::imgproc;
 use roadplane_base::{Camera, GroundPlane, KEYPOINTS, Shape, ShapeAtlas, TrackRow, skeleton_edges};
 
@@ -12,6 +12,8 @@ use crate::ViewError;
 const LEFT: usize = KEYPOINTS / 2;
 /// Distance of the grid's lines, m.
 const GRID_M: f64 = 5.0;
+/// Lines are drawn to 1/16 px.
+const SUB_PIXEL_BITS: i32 = 4;
 /// How far the grid reaches, m.
 const GRID_REACH_M: f64 = 60.0;
 
@@ -114,6 +116,7 @@ impl<'a> Overlay<'a> {
         for pair in car.trail.windows(2) {
             self.ground_line(pair[0], pair[1], colour, self.thickness)?;
         }
+        self.footprint(row, colour)?;
         self.wireframe(row, car.shape, colour)?;
         let [x0, y0, x1, y1] = row.bbox_px;
         let corners = [[x0, y0], [x1, y0], [x1, y1], [x0, y1]].map(Vector2::from);
@@ -124,7 +127,29 @@ impl<'a> Overlay<'a> {
         let speed = row.speed_mps.abs();
         let label =
             if speed < 0.3 { format!("{}", row.track) } else { format!("{} {speed:.1} m/s", row.track) };
-        self.label(&label, Vector2::new(x0, y0 - 4.0), colour)
+        self.label(&label, Vector2::new(x0, y0), colour)
+    }
+
+    /// The car's outline on the ground and an arrow ahead of it.
+    fn footprint(&mut self, row: &TrackRow, colour: Rgb) -> Result<(), ViewError> {
+        let (sin, cos) = row.heading_rad.sin_cos();
+        let at = |forward: f64, left: f64| {
+            [row.x_m + forward * cos - left * sin, row.y_m + forward * sin + left * cos]
+        };
+        let (l, w) = (row.length_m / 2.0, row.width_m / 2.0);
+        let tip = l + 1.0;
+        for (from, to) in [
+            (at(l, w), at(l, -w)),
+            (at(l, -w), at(-l, -w)),
+            (at(-l, -w), at(-l, w)),
+            (at(-l, w), at(l, w)),
+            (at(l, 0.0), at(tip, 0.0)),
+            (at(tip, 0.0), at(tip - 0.4, 0.3)),
+            (at(tip, 0.0), at(tip - 0.4, -0.3)),
+        ] {
+            self.ground_line(from, to, colour, 1)?;
+        }
+        Ok(())
     }
 
     fn wireframe(&mut self, row: &TrackRow, shape: &Shape, colour: Rgb) -> Result<(), ViewError> {
@@ -168,29 +193,31 @@ impl<'a> Overlay<'a> {
         colour: Rgb,
         thickness: i32,
     ) -> Result<(), ViewError> {
-        let (Some(from), Some(to)) = (point(from), point(to)) else { return Ok(()) };
-        imgproc::line(&mut self.canvas, from, to, scalar(colour), thickness, imgproc::LINE_AA, 0)?;
+        let fine = f64::from(1 << SUB_PIXEL_BITS);
+        let (Some(from), Some(to)) = (point(from, fine), point(to, fine)) else { return Ok(()) };
+        let colour = scalar(colour);
+        imgproc::line(&mut self.canvas, from, to, colour, thickness, imgproc::LINE_AA, SUB_PIXEL_BITS)?;
         Ok(())
     }
 
+    /// Black text on a plate of the track's colour, its lower left corner at `at` but inside the picture.
     fn label(&mut self, text: &str, at: Vector2<f64>, colour: Rgb) -> Result<(), ViewError> {
-        let Some(at) = point(at) else { return Ok(()) };
-        let size = 0.35 + 0.15 * f64::from(self.thickness);
-        for (colour, thickness) in [([0, 0, 0], 3), (colour, 1)] {
-            let font = imgproc::FONT_HERSHEY_SIMPLEX;
-            let draw = scalar(colour);
-            imgproc::put_text(
-                &mut self.canvas,
-                text,
-                at,
-                font,
-                size,
-                draw,
-                thickness,
-                imgproc::LINE_AA,
-                false,
-            )?;
-        }
+        let font = imgproc::FONT_HERSHEY_SIMPLEX;
+        let size = 0.32 + 0.1 * f64::from(self.thickness);
+        let mut descent = 0;
+        let extent = imgproc::get_text_size(text, font, size, 1, &mut descent)?;
+        let (width, height) = (extent.width + 5, extent.height + 6);
+        let inside = |v: f64, low: i32, high: i32| f64::from(low).max(v.min(f64::from(high)));
+        let place = Vector2::new(
+            inside(at.x, 0, self.canvas.cols() - width),
+            inside(at.y, height, self.canvas.rows() - 1),
+        );
+        let Some(at) = point(place, 1.0) else { return Ok(()) };
+        let plate = Rect::new(at.x, at.y - height, width, height);
+        imgproc::rectangle(&mut self.canvas, plate, scalar(colour), imgproc::FILLED, imgproc::LINE_8, 0)?;
+        let origin = Point::new(at.x + 2, at.y - 3);
+        let black = scalar([0; 3]);
+        imgproc::put_text(&mut self.canvas, text, origin, font, size, black, 1, imgproc::LINE_AA, false)?;
         Ok(())
     }
 }
@@ -204,10 +231,10 @@ fn scalar([r, g, b]: Rgb) -> Scalar {
     Scalar::new(f64::from(r), f64::from(g), f64::from(b), 0.0)
 }
 
-/// A pixel that OpenCV can be given; `None` where it is absurdly far out.
-fn point(pixel: Vector2<f64>) -> Option<Point> {
+/// A pixel that OpenCV can be given, in parts of a pixel; `None` where it is absurdly far out.
+fn point(pixel: Vector2<f64>, fine: f64) -> Option<Point> {
     let sane = pixel.iter().all(|v| v.abs() < 20_000.0);
-    sane.then(|| Point::new(pixel.x.round() as i32, pixel.y.round() as i32))
+    sane.then(|| Point::new((pixel.x * fine).round() as i32, (pixel.y * fine).round() as i32))
 }
 
 #[cfg(test)]
@@ -253,6 +280,8 @@ mod tests {
             drawn.get_pixel((at.x as i32 + dx) as u32, (at.y as i32 + dy) as u32).0 != [0, 0, 0]
         });
         assert!(lit, "nothing at {at}");
-        assert_eq!(drawn.get_pixel(5, 5).0, [0, 0, 0]);
+        let between_lines = plane.camera_from_world() * Point3::new(-2.5, 12.5, 0.0);
+        let at = camera.pixel_from_camera(&between_lines.coords).unwrap();
+        assert_eq!(drawn.get_pixel(at.x as u32, at.y as u32).0, [0, 0, 0], "nothing stands at {at}");
     }
 }

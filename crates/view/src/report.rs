@@ -6,10 +6,12 @@ use std::fmt::Write as _;
 use base64::{Engine as _, engine::general_purpose::STANDARD};
 use image::RgbImage;
 use image::codecs::jpeg::JpegEncoder;
-use roadplane_base::{Camera, CameraEstimate, ImageSize, TrackRow};
+use roadplane_base::{Camera, CameraEstimate, CameraStatus, ImageSize, TrackRow};
 
 use crate::ViewError;
 use crate::birds_eye::birds_eye;
+use crate::crops::best_views;
+use crate::histogram::histogram;
 use crate::overlay::track_colour;
 
 /// JPEG quality of the pictures in the page.
@@ -61,6 +63,7 @@ pub fn report_html(input: &ReportInput<'_>) -> Result<String, ViewError> {
         page.push_str("<p class=\"hint\">Cars at their last place, to scale; white ellipses are 2 standard deviations.</p>\n");
     }
     tracks(&mut page, input.rows);
+    cars(&mut page, input)?;
     page.push_str("<h2>In the picture</h2>\n");
     for (index, picture) in input.samples {
         let data = data_uri(picture)?;
@@ -86,7 +89,8 @@ table{border-collapse:collapse;background:#fff}td,th{padding:4px 10px;border-bot
 font-variant-numeric:tabular-nums}th{text-align:left;font-weight:600}thead th{text-align:right}svg.birdseye,img{max-width:100%;\
 height:auto;border-radius:6px}figure{margin:12px 0}figcaption,.hint{color:#66707a;font-size:13px}.warning{background:#fff3cd;\
 border-left:4px solid #e0a800;padding:8px 12px}.dot{display:inline-block;width:10px;height:10px;border-radius:5px;\
-margin-right:6px}.scroll{overflow-x:auto}";
+margin-right:6px}.scroll{overflow-x:auto}.scroll td{white-space:nowrap}.cars{display:grid;grid-template-columns:repeat(auto-fill,minmax(220px,1fr));gap:12px}\
+.cars figure{margin:0}.cars img{width:100%}";
 
 /// Writing to a string cannot fail.
 fn put(page: &mut String, text: std::fmt::Arguments<'_>) {
@@ -119,11 +123,43 @@ fn cameras(page: &mut String, cameras: &[CameraEstimate]) {
                 sd(2).to_degrees(),
                 camera.cars_used,
                 camera.frames_used,
-                escape(&format!("{:?}", camera.status)),
+                status_in_words(camera.status),
             ),
         );
     }
     page.push_str("</table></div>\n");
+}
+
+/// Each track's best view, enlarged: whether the wireframe sits on the car is seen at a glance.
+fn cars(page: &mut String, input: &ReportInput<'_>) -> Result<(), ViewError> {
+    let crops = best_views(input.rows, input.samples);
+    if crops.is_empty() {
+        return Ok(());
+    }
+    page.push_str("<h2>Car by car</h2>\n<div class=\"cars\">\n");
+    for crop in crops {
+        let ([r, g, b], data) = (track_colour(crop.track), data_uri(&crop.picture)?);
+        put(
+            page,
+            format_args!(
+                "<figure><img alt=\"track {0}\" src=\"{data}\"><figcaption><span class=\"dot\" \
+                 style=\"background:rgb({r},{g},{b})\"></span>track {0}, frame {1}</figcaption></figure>\n",
+                crop.track, crop.frame
+            ),
+        );
+    }
+    page.push_str("</div>\n");
+    Ok(())
+}
+
+/// How the camera's numbers came about, in words.
+fn status_in_words(status: CameraStatus) -> &'static str {
+    match status {
+        CameraStatus::Estimated => "estimated from the cars",
+        CameraStatus::FocalGiven => "focal length given",
+        CameraStatus::FocalFromPrior => "focal length from the prior",
+        CameraStatus::Unobservable => "not observable: priors only",
+    }
 }
 
 fn tracks(page: &mut String, rows: &[TrackRow]) {
@@ -210,6 +246,7 @@ fn quality(page: &mut String, rms_px: &[f64]) {
             sorted.len()
         ),
     );
+    page.push_str(&histogram(&sorted, "px"));
 }
 
 fn data_uri(picture: &RgbImage) -> Result<String, ViewError> {
@@ -246,5 +283,6 @@ mod tests {
         assert!(page.contains("&lt;b&gt;lot&lt;/b&gt;") && page.contains("a &lt; b"));
         assert!(!page.contains("http") && !page.contains("<script"));
         assert!(page.contains("data:image/jpeg;base64,"));
+        assert!(page.contains("histogram") && !page.contains("Car by car"));
     }
 }

@@ -30,8 +30,7 @@ impl VideoSink {
         let size = Size::new(i32::try_from(width).unwrap_or(0), i32::try_from(height).unwrap_or(0));
         for [a, b, c, d] in CODECS {
             let codec = VideoWriter::fourcc(a, b, c, d)?;
-            let writer =
-                VideoWriter::new(&partial, codec, frames_per_s.max(1.0), size, true)?;
+            let writer = VideoWriter::new(&partial, codec, frames_per_s.max(1.0), size, true)?;
             if writer.is_opened()? {
                 return Ok(Self { writer, partial, path: path.to_path_buf() });
             }
@@ -57,8 +56,19 @@ impl VideoSink {
     /// [`ViewError::Drawing`], [`ViewError::Io`].
     pub fn finish(mut self) -> Result<(), ViewError> {
         self.writer.release()?;
-        std::fs::rename(&self.partial, &self.path)
+        std::fs::File::open(&self.partial)
+            .and_then(|file| file.sync_all())
+            .and_then(|()| std::fs::rename(&self.partial, &self.path))
             .map_err(|source| ViewError::Io { source, path: self.path.clone() })
+    }
+}
+
+/// An unfinished video leaves nothing behind; after [`VideoSink::finish`] there is nothing left to remove.
+impl Drop for VideoSink {
+    fn drop(&mut self) {
+        // Closed first, or the encoder would go on writing.
+        self.writer.release().ok();
+        std::fs::remove_file(&self.partial).ok();
     }
 }
 
@@ -75,6 +85,7 @@ mod tests {
             sink.write(&RgbImage::new(64, 48)).unwrap();
         }
         assert!(!path.exists());
+        drop(VideoSink::create(&folder.path().join("stopped.mp4"), 64, 48, 10.0).unwrap());
         sink.finish().unwrap();
         assert!(std::fs::metadata(&path).unwrap().len() > 100);
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
