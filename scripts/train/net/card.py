@@ -15,8 +15,8 @@ REAL_CREDITS = (
     "(Kitware and IARPA, CC BY 4.0), Intel sample videos (CC BY 4.0), Udacity CarND (MIT)"
 )
 NOTES = """Boxes are the true ones. Rendered: car models not learnt from, the half of the crops that did not
-calibrate. Real test: never learnt from, chosen or calibrated by. Real held-out cars also calibrated the sd, so
-their error / sd is not independent; and the average shape of the rendered cars was adjusted once to all
+calibrate. Real test: never learnt from, chosen or calibrated by. Real held-out cars also calibrated the sd,
+so their error / sd is not independent; and the average shape of the rendered cars was adjusted once to all
 labelled real cars to learn from (`scripts/train/cars/README.md`). The AUC of real cars sets "clear" against
 "hidden or blurred" labels, a softer question than visible against not."""
 
