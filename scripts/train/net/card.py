@@ -82,6 +82,8 @@ def markdown(card: dict) -> str:
         "Made by": "`scripts/train/run" + (" --real DIR`" if recipe["real"] else "`"),
         "ONNX against PyTorch": json.dumps(card["metrics"]["parity_with_pytorch"]),
     }
+    if made["note"]:
+        items["Note"] = made["note"]
     heads = [
         "clear keypoints of",
         "cars / points",

@@ -64,6 +64,7 @@ def main() -> None:
     parser.add_argument("--runs", type=Path, default=Path(".work/runs"))
     parser.add_argument("--crops", type=Path, default=Path(".work/crops/eval"))
     parser.add_argument("--real", type=Path, help="folder of hand-labelled cars")
+    parser.add_argument("--note", default="", help="what else the card must say about how the net was made")
     parser.add_argument("--test", type=Path, help="folder of labelled cars that are only ever measured on")
     parser.add_argument("--work-px", type=int, help="picture size to use the net at, instead of its last one")
     parser.add_argument("--out", type=Path, default=REPOSITORY / "models")
@@ -104,6 +105,7 @@ def main() -> None:
         "real_held_out": sorted({c.group for c in held_crops}),
         "minutes": round(state["spent"] / 60, 1),
         "recipe": recipe,
+        "note": args.note,
     }
     made = card(path, calibration, how_made, metrics)
     (args.out / "hourglass.card.json").write_text(json.dumps(made, indent=1) + "\n")
