@@ -17,7 +17,7 @@ const MULTIPLE_PX: usize = 32;
 /// What fills the input beyond the picture: the middle grey that the net was trained with.
 const PADDING: f32 = 114.0 / 255.0;
 /// Weakest score that takes part in merging.
-const MIN_CANDIDATE_SCORE: f64 = 0.05;
+const MIN_CANDIDATE_SCORE: f64 = 0.1;
 
 /// Finds vehicles in frames.
 #[derive(Debug)]

@@ -5,9 +5,11 @@ use roadplane_base::{VehicleClass, bbox_covered, bbox_iou};
 use crate::DetectOptions;
 use crate::decode::{CLASSES, Candidate};
 
-/// Sizes that the net finds reliably, px of its input (square root of the area): a pass whose scaling brings a vehicle
-/// into this range must have seen it. Found on the frames of `tests/virat.rs`.
-const NET_SIZES_PX: std::ops::RangeInclusive<f64> = 28.0..=200.0;
+/// Largest vehicle that a pass is trusted with, px of the net's input (square root of the area), if a coarser one is
+/// there. This and the next found on the frames of `tests/virat.rs` and a car park with cars of 100 to 340 px.
+const LARGEST_PX: f64 = 160.0;
+/// Smallest vehicle that a pass must have seen, px of the net's input, if a finer one is there.
+const SMALLEST_PX: f64 = 28.0;
 
 /// A vehicle found.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -17,8 +19,8 @@ pub(crate) struct Found {
     pub class: VehicleClass,
 }
 
-/// Merges what all passes found: within each pass by voting, then across passes, where the score is the mean over the
-/// passes that should have seen the vehicle. `scales` is what each pass scaled the frame by.
+/// Merges what all passes found: within each pass, then across passes, where a vehicle's score is the mean over the
+/// passes that judge vehicles of its size. `scales` is what each pass scaled the frame by, coarsest first.
 pub(crate) fn merge(candidates: Vec<Candidate>, scales: &[f64], options: &DetectOptions) -> Vec<Found> {
     let mut heads: Vec<Candidate> = Vec::new();
     for pass in 0..scales.len() {
@@ -28,17 +30,32 @@ pub(crate) fn merge(candidates: Vec<Candidate>, scales: &[f64], options: &Detect
             Candidate { bbox: mean_box(group), score, class, pass }
         }));
     }
+    heads.retain(|head| judges(&head.bbox, scales).contains(&head.pass));
     let mut found: Vec<Found> = groups(heads, options)
-        .iter()
-        .map(|group| {
-            let bbox = mean_box(group);
-            let score = joint_score(group, &bbox, scales);
-            Found { bbox, score, class: joint_class(group) }
+        .into_iter()
+        .map(|mut group| {
+            let judges = judges(&group[0].bbox, scales);
+            group.retain(|candidate| judges.contains(&candidate.pass));
+            let best_of = |pass: usize| {
+                group.iter().filter(|c| c.pass == pass).map(|c| c.score).fold(0.0_f64, f64::max)
+            };
+            let score = judges.clone().map(best_of).sum::<f64>() / judges.len() as f64;
+            Found { bbox: mean_box(&group), score, class: joint_class(&group) }
         })
         .filter(|f| f.score >= options.min_score && f.bbox[2] - f.bbox[0] >= options.min_width_px)
         .collect();
     found.sort_by(|a, b| b.score.total_cmp(&a.score));
     found
+}
+
+/// The passes that judge a vehicle of this size: the finest two in which it is not too large, without the coarser of
+/// them where it is too small there; the coarsest alone for what is too large for all.
+fn judges([x0, y0, x1, y1]: &[f64; 4], scales: &[f64]) -> std::ops::Range<usize> {
+    let size_px = ((x1 - x0) * (y1 - y0)).max(0.0).sqrt();
+    let fitting = scales.iter().take_while(|&scale| size_px * scale <= LARGEST_PX).count().max(1);
+    let coarser = fitting.saturating_sub(2);
+    let too_small = fitting - coarser == 2 && size_px * scales[coarser] < SMALLEST_PX;
+    coarser + usize::from(too_small)..fitting
 }
 
 /// Groups of boxes around the best ones, best first; boxes that are suppressed by a group's head but too different to
@@ -65,24 +82,6 @@ fn groups(mut boxes: Vec<Candidate>, options: &DetectOptions) -> Vec<Vec<Candida
 fn mean_box(group: &[Candidate]) -> [f64; 4] {
     let total: f64 = group.iter().map(|c| c.score).sum();
     std::array::from_fn(|side| group.iter().map(|c| c.score * c.bbox[side]).sum::<f64>() / total)
-}
-
-/// Mean of each pass's best score, over the passes that should have seen a vehicle of this size; for one too small for
-/// all of them the best score, for one too large the mean over all.
-fn joint_score(group: &[Candidate], [x0, y0, x1, y1]: &[f64; 4], scales: &[f64]) -> f64 {
-    let best_of =
-        |pass: usize| group.iter().filter(|c| c.pass == pass).map(|c| c.score).fold(0.0_f64, f64::max);
-    let size_px = ((x1 - x0) * (y1 - y0)).max(0.0).sqrt();
-    let mut passes: Vec<usize> =
-        (0..scales.len()).filter(|&pass| NET_SIZES_PX.contains(&(size_px * scales[pass]))).collect();
-    if passes.is_empty() {
-        let finest = scales.iter().copied().fold(0.0, f64::max);
-        if size_px * finest < *NET_SIZES_PX.start() {
-            return group.iter().map(|c| c.score).fold(0.0, f64::max);
-        }
-        passes = (0..scales.len()).collect();
-    }
-    passes.iter().map(|&pass| best_of(pass)).sum::<f64>() / passes.len() as f64
 }
 
 /// The class with the largest sum of scores.
@@ -126,25 +125,36 @@ mod tests {
     }
 
     #[test]
+    fn passes_judge_what_suits_them() {
+        let scales = [0.25, 0.5, 1.0];
+        let square = |side: f64| [0.0, 0.0, side, side];
+        assert_eq!(judges(&square(30.0), &scales), 2..3, "too small for the others");
+        assert_eq!(judges(&square(100.0), &scales), 1..3);
+        assert_eq!(judges(&square(200.0), &scales), 0..2, "too large for the finest");
+        assert_eq!(judges(&square(400.0), &scales), 0..1);
+        assert_eq!(judges(&square(4000.0), &scales), 0..1, "too large for all");
+        assert_eq!(judges(&square(4.0), &[1.0]), 0..1);
+    }
+
+    #[test]
     fn passes_that_should_have_seen_it_have_a_say() {
         let options = DetectOptions { min_score: 0.05, ..DetectOptions::default() };
         let scales = [0.5, 1.0];
-        let large = [0.0, 0.0, 100.0, 100.0]; // 50 and 100 px for the net: both should see it
-        let small = [200.0, 0.0, 240.0, 40.0]; // 20 and 40 px: the coarse pass cannot
-        let huge = [300.0, 0.0, 1300.0, 1000.0]; // beyond both
-        let tiny = [200.0, 90.0, 226.0, 110.0]; // below both
+        let medium = [0.0, 0.0, 100.0, 100.0]; // 50 and 100 px for the net: both judge
+        let small = [200.0, 0.0, 240.0, 40.0]; // 20 and 40 px: the fine pass judges
+        let large = [300.0, 0.0, 600.0, 300.0]; // 150 and 300 px: the coarse pass judges
         let found = merge(
             vec![
-                candidate(large, 0.8, 1),
+                candidate(medium, 0.8, 1),
                 candidate(small, 0.6, 1),
-                candidate(huge, 0.5, 0),
-                candidate(tiny, 0.3, 1),
+                candidate(large, 0.5, 0),
+                candidate(large, 0.9, 1),
             ],
             &scales,
             &options,
         );
         let scores: Vec<f64> = found.iter().map(|f| (f.score * 100.0).round()).collect();
-        assert_eq!(scores, [60.0, 40.0, 30.0, 25.0]);
+        assert_eq!(scores, [60.0, 50.0, 40.0]);
     }
 
     #[test]

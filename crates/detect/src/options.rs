@@ -13,7 +13,7 @@ pub struct DetectOptions {
     /// Narrower boxes are left out, px of the frame.
     pub min_width_px: f64,
     /// Passes over the frame: its longer side in each, px; frames are never enlarged. The net finds cars of about
-    /// 28 to 200 px after scaling, best where two passes see them; time grows with the square.
+    /// 30 to 160 px after scaling, best where two passes see them; time grows with the square.
     pub pass_px: Vec<u32>,
     /// Boxes that overlap more than this (intersection over union) are one vehicle.
     pub nms_iou: f64,
