@@ -71,7 +71,7 @@ pub struct RunArgs {
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
     /// Known focal length, px: the plane is still estimated.
-    #[arg(long, value_name = "F")]
+    #[arg(long, value_name = "F", allow_negative_numbers = true)]
     pub focal_px: Option<f64>,
     /// Inputs worked on at the same time.
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=256))]
@@ -128,7 +128,7 @@ pub struct SolveArgs {
     #[arg(long, value_name = "P.jsonl")]
     pub out: PathBuf,
     /// Known focal length, px.
-    #[arg(long, value_name = "F")]
+    #[arg(long, value_name = "F", allow_negative_numbers = true)]
     pub focal_px: Option<f64>,
     /// Leaves every car free in six degrees of freedom.
     #[arg(long)]
