@@ -1,5 +1,7 @@
 //! Killed at any moment and started again, a run ends with the bytes of an undisturbed one.
 
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
+
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
