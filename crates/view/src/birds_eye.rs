@@ -9,12 +9,15 @@ use crate::overlay::track_colour;
 
 /// Width of the drawing, px.
 const WIDTH_PX: f64 = 900.0;
-/// Distance of grid lines, m.
-const GRID_M: f64 = 10.0;
+/// Distances of grid lines to choose from, m, and the least room between two, px.
+const GRIDS_M: [f64; 4] = [5.0, 10.0, 20.0, 50.0];
+/// See [`GRIDS_M`].
+const GRID_ROOM_PX: f64 = 45.0;
 /// Free space around the tracks, m.
 const MARGIN_M: f64 = 6.0;
-/// Extents beyond this are cut, m: a far outlier must not shrink the rest to nothing.
-const MAX_EXTENT_M: f64 = 400.0;
+/// Nine tenths of the tracks are within some distance of the camera; what is beyond so many times that is left out, for a
+/// far outlier must not shrink the rest to nothing.
+const REACH: f64 = 1.6;
 
 /// World → drawing.
 struct Sheet {
@@ -30,20 +33,21 @@ impl Sheet {
 }
 
 /// Draws the rows of all tracks (sorted by frame) as seen from above: trajectories, each car's last place to scale with its
-/// heading and 2-sd ellipse, the camera and its field of view, a 10 m grid.
+/// heading and 2-sd ellipse, the camera and its field of view, a grid.
 #[must_use]
 pub fn birds_eye(rows: &[TrackRow], camera: &Camera, size: ImageSize) -> String {
     let mut tracks: BTreeMap<u64, Vec<&TrackRow>> = BTreeMap::new();
     for row in rows {
         tracks.entry(row.track).or_default().push(row);
     }
-    let clip = |v: f64| v.clamp(-MAX_EXTENT_M, MAX_EXTENT_M);
+    let reach_m = reach_m(&tracks);
+    let beyond = tracks.values().filter(|rows| rows.iter().all(|row| distance_m(row) > reach_m)).count();
     let (mut left, mut right, mut bottom, mut top) = (-MARGIN_M, MARGIN_M, -MARGIN_M / 2.0, 20.0);
-    for row in rows {
-        left = f64::min(left, clip(row.x_m) - MARGIN_M);
-        right = f64::max(right, clip(row.x_m) + MARGIN_M);
-        bottom = f64::min(bottom, clip(row.y_m) - MARGIN_M);
-        top = f64::max(top, clip(row.y_m) + MARGIN_M);
+    for row in rows.iter().filter(|row| distance_m(row) <= reach_m) {
+        left = f64::min(left, row.x_m - MARGIN_M);
+        right = f64::max(right, row.x_m + MARGIN_M);
+        bottom = f64::min(bottom, row.y_m - MARGIN_M);
+        top = f64::max(top, row.y_m + MARGIN_M);
     }
     let px_per_m = (WIDTH_PX / (right - left)).min(1.2 * WIDTH_PX / (top - bottom));
     let sheet = Sheet { left_m: left, top_m: top, px_per_m };
@@ -63,8 +67,32 @@ pub fn birds_eye(rows: &[TrackRow], camera: &Camera, size: ImageSize) -> String 
             footprint(&mut svg, &sheet, *track, last);
         }
     }
+    if beyond > 0 {
+        put(
+            &mut svg,
+            format_args!(
+                "<text x=\"{:.1}\" y=\"16\" fill=\"#8a929c\" font-size=\"12\" text-anchor=\"end\">not shown: {beyond} \
+                 farther than {reach_m:.0} m</text>\n",
+                width - 8.0
+            ),
+        );
+    }
     svg.push_str("</svg>\n");
     svg
+}
+
+/// From the point under the camera.
+fn distance_m(row: &TrackRow) -> f64 {
+    row.x_m.hypot(row.y_m)
+}
+
+/// How far the drawing goes.
+fn reach_m(tracks: &BTreeMap<u64, Vec<&TrackRow>>) -> f64 {
+    let nearest =
+        |rows: &Vec<&TrackRow>| rows.iter().map(|row| distance_m(row)).fold(f64::INFINITY, f64::min);
+    let mut distances: Vec<f64> = tracks.values().map(nearest).collect();
+    distances.sort_by(f64::total_cmp);
+    distances.get(distances.len().saturating_sub(1) * 9 / 10).map_or(0.0, |distance| distance * REACH)
 }
 
 /// Writing to a string cannot fail.
@@ -73,10 +101,12 @@ fn put(svg: &mut String, text: std::fmt::Arguments<'_>) {
 }
 
 fn grid(svg: &mut String, sheet: &Sheet, [left, right, bottom, top]: [f64; 4]) {
-    let first = |from: f64| (from / GRID_M).ceil() as i32;
-    let last = |to: f64| (to / GRID_M).floor() as i32;
+    let roomy = |grid_m: &f64| grid_m * sheet.px_per_m >= GRID_ROOM_PX;
+    let grid_m = GRIDS_M.into_iter().find(roomy).unwrap_or(GRIDS_M[GRIDS_M.len() - 1]);
+    let first = |from: f64| (from / grid_m).ceil() as i32;
+    let last = |to: f64| (to / grid_m).floor() as i32;
     for i in first(left)..=last(right) {
-        let x_m = f64::from(i) * GRID_M;
+        let x_m = f64::from(i) * grid_m;
         let ((x, y0), (_, y1)) = (sheet.at(x_m, top), sheet.at(x_m, bottom));
         put(svg, format_args!("<path d=\"M{x:.1} {y0:.1}V{y1:.1}\" stroke=\"#3a4048\"/>\n"));
         put(
@@ -89,7 +119,7 @@ fn grid(svg: &mut String, sheet: &Sheet, [left, right, bottom, top]: [f64; 4]) {
         );
     }
     for i in first(bottom)..=last(top) {
-        let y_m = f64::from(i) * GRID_M;
+        let y_m = f64::from(i) * grid_m;
         let ((x0, y), (x1, _)) = (sheet.at(left, y_m), sheet.at(right, y_m));
         put(svg, format_args!("<path d=\"M{x0:.1} {y:.1}H{x1:.1}\" stroke=\"#3a4048\"/>\n"));
         put(
@@ -212,6 +242,10 @@ mod tests {
         assert_eq!(draw(), draw());
         assert_eq!(draw().matches("<polyline").count(), 2);
         assert_eq!(draw().matches("<ellipse").count(), 2);
+        let far: Vec<TrackRow> =
+            (1..=20).map(|i| TrackRow { y_m: if i == 20 { 900.0 } else { 30.0 }, ..row(i, 0) }).collect();
+        assert!(birds_eye(&far, &Camera::centred(700.0, size), size).contains("not shown: 1 farther"));
+        assert!(!draw().contains("not shown"));
         assert!(birds_eye(&[], &Camera::centred(700.0, size), size).ends_with("</svg>\n"));
     }
 }

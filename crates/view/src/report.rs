@@ -186,7 +186,9 @@ fn tracks(page: &mut String, rows: &[TrackRow]) {
     for (track, rows) in &tracks {
         let (Some(first), Some(last)) = (rows.first(), rows.last()) else { continue };
         let seen = rows.iter().filter(|row| row.observed).count();
-        let path: f64 = rows.windows(2).map(|w| (w[1].x_m - w[0].x_m).hypot(w[1].y_m - w[0].y_m)).sum();
+        // + 0.0: the sum of nothing is −0.
+        let path =
+            0.0 + rows.windows(2).map(|w| (w[1].x_m - w[0].x_m).hypot(w[1].y_m - w[0].y_m)).sum::<f64>();
         let top = rows.iter().map(|row| row.speed_mps.abs()).fold(0.0, f64::max);
         let [r, g, b] = track_colour(*track);
         put(
