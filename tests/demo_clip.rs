@@ -106,6 +106,26 @@ fn stages_alone_give_what_they_document() {
     roadplane().arg("solve").arg(at("k.jsonl")).arg("--out").arg(at("p.jsonl")).assert().code(0);
     assert!(!json_lines(&at("p.jsonl")).is_empty());
     assert!(number(&json(&at("camera.json"))["focal_px"]) > 0.0);
+    let free = ["--no-plane", "--focal-px", "1360"];
+    roadplane()
+        .arg("solve")
+        .arg(at("k.jsonl"))
+        .arg("--out")
+        .arg(at("free/p.jsonl"))
+        .args(free)
+        .assert()
+        .code(1);
+    std::fs::create_dir(at("free")).unwrap();
+    roadplane()
+        .arg("solve")
+        .arg(at("k.jsonl"))
+        .arg("--out")
+        .arg(at("free/p.jsonl"))
+        .args(free)
+        .assert()
+        .code(0);
+    assert!(!json_lines(&at("free/p.jsonl")).is_empty());
+    assert!((number(&json(&at("free/camera.json"))["focal_px"]) - 1360.0).abs() < 1e-6);
     let broken = at("broken.jsonl");
     std::fs::write(&broken, "{\"frame\": 0}\n").unwrap();
     let assert = roadplane().arg("solve").arg(&broken).arg("--out").arg(at("q.jsonl")).assert().code(3);

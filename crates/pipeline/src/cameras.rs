@@ -149,6 +149,15 @@ pub fn estimate_frame(
     }
 }
 
+/// The camera before any car is looked at.
+#[must_use]
+pub fn prior_camera(options: &SceneOptions, frame: &FrameRecord) -> CameraEstimate {
+    let size = frame.image_size_px;
+    let prior = fuse_prior(options, size);
+    let fuse_options = FuseOptions { prior, ..FuseOptions::for_image(size) };
+    unobservable(&fuse_options, [frame.time_s; 2], size)
+}
+
 fn solve_window(
     window: &Window,
     atlas: &ShapeAtlas,

@@ -1,10 +1,11 @@
 //! Cars of a frame on the known plane before the known camera.
 
+use nalgebra::Isometry3;
 use roadplane_base::{
-    Camera, CameraEstimate, FrameRecord, GroundPlane, GroundPose, PoseRecord, ShapeAtlas, VehicleClass,
-    rows_from_isometry,
+    Camera, CameraEstimate, FrameRecord, GroundPlane, GroundPose, PoseRecord, Shape, ShapeAtlas,
+    VehicleClass, rows_from_isometry,
 };
-use roadplane_solve::{CarFit, SceneOptions, ShapePrior, fit_car};
+use roadplane_solve::{CarFit, FreeCarFit, SceneOptions, ShapePrior, fit_car};
 
 use crate::Config;
 use crate::cameras::usable;
@@ -56,9 +57,64 @@ pub fn pose_record(
     track: Option<u64>,
     atlas: &ShapeAtlas,
 ) -> Option<PoseRecord> {
-    let record = frame.cars.get(index)?;
     let car = &fit.car;
     let sd = |i: usize| Some(car.ground_covariance[(i, i)].sqrt()).filter(|sd| sd.is_finite());
+    let pose = Pose {
+        world_from_car: car.ground.world_from_car(),
+        camera_from_car: car.camera_from_car,
+        sd: [sd(0), sd(1), sd(2)],
+        shape: car.shape,
+        reprojection_rms_px: car.reprojection_rms_px,
+        used: car.used,
+    };
+    record_of(frame, index, track, &pose, atlas)
+}
+
+/// The line of `poses.jsonl` for a car that was left free in six degrees of freedom.
+#[must_use]
+pub fn free_pose_record(
+    frame: &FrameRecord,
+    index: usize,
+    fit: &FreeCarFit,
+    plane: &GroundPlane,
+    options: &SceneOptions,
+    atlas: &ShapeAtlas,
+) -> Option<PoseRecord> {
+    let world_from_camera = plane.camera_from_world().inverse();
+    let turn = world_from_camera.rotation.to_rotation_matrix();
+    let moved = turn.matrix() * fit.pose_covariance.fixed_view::<3, 3>(3, 3) * turn.matrix().transpose();
+    let turned = turn.matrix() * fit.pose_covariance.fixed_view::<3, 3>(0, 0) * turn.matrix().transpose();
+    let sd = |variance: f64| Some(variance.sqrt()).filter(|sd| sd.is_finite());
+    let pose = Pose {
+        world_from_car: world_from_camera * fit.camera_from_car,
+        camera_from_car: fit.camera_from_car,
+        sd: [sd(moved[(0, 0)]), sd(moved[(1, 1)]), sd(turned[(2, 2)])],
+        shape: fit.shape,
+        reprojection_rms_px: fit.reprojection_rms_px,
+        used: fit.inliers.iter().filter(|inlier| **inlier).count() >= options.min_inliers,
+    };
+    record_of(frame, index, None, &pose, atlas)
+}
+
+/// What a record takes from either kind of fit.
+struct Pose {
+    world_from_car: Isometry3<f64>,
+    camera_from_car: Isometry3<f64>,
+    /// Of world x, y and heading.
+    sd: [Option<f64>; 3],
+    shape: Shape,
+    reprojection_rms_px: f64,
+    used: bool,
+}
+
+fn record_of(
+    frame: &FrameRecord,
+    index: usize,
+    track: Option<u64>,
+    pose: &Pose,
+    atlas: &ShapeAtlas,
+) -> Option<PoseRecord> {
+    let record = frame.cars.get(index)?;
     let points = record.keypoints.as_deref()?;
     Some(PoseRecord {
         frame: frame.frame,
@@ -68,16 +124,16 @@ pub fn pose_record(
         bbox_px: record.bbox_px,
         score: record.score,
         class: record.class,
-        world_from_car: rows_from_isometry(&car.ground.world_from_car()),
-        camera_from_car: rows_from_isometry(&car.camera_from_car),
-        shape: car.shape.into(),
-        dims_m: atlas.dims_m(&car.shape).into(),
-        pose_sd: [sd(0), sd(1), sd(2)],
+        world_from_car: rows_from_isometry(&pose.world_from_car),
+        camera_from_car: rows_from_isometry(&pose.camera_from_car),
+        shape: pose.shape.into(),
+        dims_m: atlas.dims_m(&pose.shape).into(),
+        pose_sd: pose.sd,
         keypoints_px: points
             .iter()
             .map(|p| p.as_ref().map(|p| [p.pixel.x, p.pixel.y, p.score, p.sd_px()]))
             .collect(),
-        reprojection_rms_px: car.reprojection_rms_px,
-        used: car.used,
+        reprojection_rms_px: pose.reprojection_rms_px,
+        used: pose.used,
     })
 }

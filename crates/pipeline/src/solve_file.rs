@@ -3,11 +3,11 @@
 use std::path::Path;
 
 use roadplane_base::{CameraEstimate, FrameRecord, ShapeAtlas};
-use roadplane_solve::ShapePrior;
+use roadplane_solve::{ShapePrior, fit_free_car};
 use roadplane_write::{FrameReader, PoseLines, write_camera};
 
-use crate::cameras::{estimate_cameras, estimate_frame};
-use crate::cars::{FrameCamera, fit_frame, pose_record};
+use crate::cameras::{estimate_cameras, estimate_frame, prior_camera, usable};
+use crate::cars::{FrameCamera, fit_frame, free_pose_record, pose_record};
 use crate::{Cancel, Config, PipelineError};
 
 /// What is asked of the solver.
@@ -15,7 +15,8 @@ use crate::{Cancel, Config, PipelineError};
 pub struct SolveOptions {
     /// Known focal length, px.
     pub focal_px: Option<f64>,
-    /// Cars stand on one plane; otherwise every car is free in six degrees of freedom.
+    /// Cars stand on one plane; otherwise every car is free in six degrees of freedom and the world frame is the prior's,
+    /// as `camera.json` says.
     pub use_plane: bool,
     /// Each frame is solved on its own.
     pub per_frame: bool,
@@ -43,6 +44,19 @@ pub fn solve_file(
             return Err(PipelineError::Stopped { signal });
         }
         let view = FrameCamera::from(estimate);
+        if !options.use_plane {
+            for (i, car) in frame.cars.iter().enumerate() {
+                let Some(keypoints) = car.keypoints.as_deref() else { continue };
+                let keypoints = usable(keypoints, config);
+                let fit = fit_free_car(&atlas, &view.camera, &keypoints, &ShapePrior::default(), &scene);
+                let record =
+                    fit.and_then(|fit| free_pose_record(frame, i, &fit, &view.plane, &scene, &atlas));
+                if let Some(pose) = record {
+                    poses.write(&pose)?;
+                }
+            }
+            return Ok(());
+        }
         let fits = fit_frame(frame, &view, &atlas, &scene, config, |_| (ShapePrior::default(), None));
         for (i, fit) in fits.iter().enumerate() {
             if let Some(pose) = fit.as_ref().and_then(|fit| pose_record(frame, i, fit, None, &atlas)) {
@@ -52,7 +66,17 @@ pub fn solve_file(
         Ok(())
     };
     let mut estimates = Vec::new();
-    if options.per_frame {
+    if !options.use_plane {
+        // Without the plane one car says next to nothing of the focal length (paper §3.4): it is given, or the prior's.
+        for frame in read()? {
+            let frame = frame?;
+            if estimates.is_empty() {
+                estimates.push(prior_camera(&scene, &frame));
+            }
+            write_frame(&frame, &estimates[0])?;
+            estimates[0].span_s[1] = frame.time_s;
+        }
+    } else if options.per_frame {
         for frame in read()? {
             let frame = frame?;
             let estimate = estimate_frame(&frame, &atlas, &scene, config);
