@@ -317,6 +317,24 @@ impl Config {
         range("solve.min_keypoint_score", solve.min_keypoint_score, 0.0, 1.0)?;
         range("solve.min_box_overlap", solve.min_box_overlap, 0.0, 1.0)?;
         range("solve.max_rms_share", solve.max_rms_share, 0.0, 1.0)?;
+        let track = &self.track;
+        range("track.birth_score", track.birth_score, 0.0, 1.0)?;
+        range("track.confirm_hits", track.confirm_hits as f64, 1.0, 1000.0)?;
+        range("track.confirm_frames", track.confirm_frames as f64, 1.0, 1000.0)?;
+        range("track.min_observed", track.min_observed as f64, 1.0, 10_000.0)?;
+        range("track.min_duty", track.min_duty, 0.0, 1.0)?;
+        range("track.max_coast_s", track.max_coast_s, 0.0, 3600.0)?;
+        range("track.max_parked_coast_s", track.max_parked_coast_s, 0.0, 86_400.0)?;
+        range("track.gate", track.gate, 1.0, 1000.0)?;
+        range("track.min_position_sd_m", track.min_position_sd_m, 1e-4, 10.0)?;
+        range("track.min_heading_sd_rad", track.min_heading_sd_rad, 1e-4, 1.0)?;
+        range("track.bias_share", track.bias_share, 0.0, 1.0)?;
+        range("track.min_motion_m", track.min_motion_m, 0.01, 100.0)?;
+        range("track.speed_change", track.speed_change, 0.01, 100.0)?;
+        range("track.curvature_change", track.curvature_change, 1e-3, 10.0)?;
+        range("track.curvature_sd", track.curvature_sd, 1e-3, 10.0)?;
+        range("track.slip_m", track.slip_m, 1e-3, 10.0)?;
+        range("track.half_wheelbase_m", track.half_wheelbase_m, 0.1, 10.0)?;
         range("calibrate.window_s", self.calibrate.window_s, 0.1, 86_400.0)?;
         range("pipeline.buffer_mib", self.pipeline.buffer_mib as f64, 1.0, 65_536.0)?;
         range("output.sample_frames", self.output.sample_frames as f64, 0.0, 64.0)

@@ -1,7 +1,8 @@
 //! One named thread a stage, joined by bounded channels: source → stages → sink.
 //!
 //! When a stage fails or panics, or a stop is asked for, its channel ends close; the neighbours see that and end too,
-//! so nothing blocks for ever. What was already on its way is still delivered after a stop.
+//! so nothing blocks for ever. After a stop each stage ends the frame in hand; what all stages are through with is still
+//! delivered, so the sink has a run of whole frames.
 
 use std::thread::{Builder, ScopedJoinHandle};
 use std::time::{Duration, Instant};
@@ -76,7 +77,7 @@ pub struct StageTime {
 ///
 /// # Errors
 /// The first stage's error in the order of the flow; a panic becomes [`PipelineError::Bug`]; a stop asked for by
-/// `cancel` becomes [`PipelineError::Stopped`] after the frames on their way have reached the sink.
+/// `cancel` becomes [`PipelineError::Stopped`] after the frames that are done have reached the sink.
 pub fn flow<'a>(
     source_name: &'static str,
     mut source: impl FnMut() -> Result<Option<Frame>, PipelineError> + Send + 'a,
@@ -108,9 +109,10 @@ pub fn flow<'a>(
             let (sender, next_receiver) = bounded::<Work>(capacity);
             let input = std::mem::replace(&mut receiver, next_receiver);
             let name = stage.name;
-            let spawned = Builder::new()
-                .name(name.to_owned())
-                .spawn_scoped(scope, move || run_stage(stage, &input, &sender));
+            let spawned = Builder::new().name(name.to_owned()).spawn_scoped(scope, {
+                let stop = cancel.clone();
+                move || run_stage(stage, &input, &sender, &stop)
+            });
             threads.push((name, spawned.map_err(PipelineError::thread)?));
         }
         let mut sunk = Ok(());
@@ -150,9 +152,13 @@ fn run_stage(
     mut stage: Stage<'_>,
     input: &Receiver<Work>,
     output: &Sender<Work>,
+    stop: &Cancel,
 ) -> Result<f64, PipelineError> {
     let mut busy = Duration::ZERO;
     for mut work in input {
+        if stop.is_stopped() {
+            break;
+        }
         let started = Instant::now();
         (stage.work)(&mut work)?;
         busy += started.elapsed();
