@@ -48,13 +48,12 @@ pub fn fit_frame(
     frame.cars.iter().enumerate().map(fit).collect()
 }
 
-/// The line of `poses.jsonl` for a fitted car.
+/// The line of `poses.jsonl` for a fitted car, not yet told its track.
 #[must_use]
 pub fn pose_record(
     frame: &FrameRecord,
     index: usize,
     fit: &CarFit,
-    track: Option<u64>,
     atlas: &ShapeAtlas,
 ) -> Option<PoseRecord> {
     let car = &fit.car;
@@ -67,7 +66,7 @@ pub fn pose_record(
         reprojection_rms_px: car.reprojection_rms_px,
         used: car.used,
     };
-    record_of(frame, index, track, &pose, atlas)
+    record_of(frame, index, &pose, atlas)
 }
 
 /// The line of `poses.jsonl` for a car that was left free in six degrees of freedom.
@@ -93,7 +92,7 @@ pub fn free_pose_record(
         reprojection_rms_px: fit.reprojection_rms_px,
         used: fit.inliers.iter().filter(|inlier| **inlier).count() >= options.min_inliers,
     };
-    record_of(frame, index, None, &pose, atlas)
+    record_of(frame, index, &pose, atlas)
 }
 
 /// What a record takes from either kind of fit.
@@ -107,20 +106,14 @@ struct Pose {
     used: bool,
 }
 
-fn record_of(
-    frame: &FrameRecord,
-    index: usize,
-    track: Option<u64>,
-    pose: &Pose,
-    atlas: &ShapeAtlas,
-) -> Option<PoseRecord> {
+fn record_of(frame: &FrameRecord, index: usize, pose: &Pose, atlas: &ShapeAtlas) -> Option<PoseRecord> {
     let record = frame.cars.get(index)?;
     let points = record.keypoints.as_deref()?;
     Some(PoseRecord {
         frame: frame.frame,
         time_s: frame.time_s,
         car: index,
-        track,
+        track: None,
         bbox_px: record.bbox_px,
         score: record.score,
         class: record.class,

@@ -33,8 +33,8 @@ pub struct ClipSolution {
     pub reprojection_rms_px: Vec<f64>,
     /// Cars (car and frame) with a pose that is used.
     pub poses_used: u64,
-    /// Cars dropped, by reason.
-    pub rejected: BTreeMap<String, u64>,
+    /// Cars found and dropped.
+    pub tally: Tally,
     /// What a reader should know.
     pub warnings: Vec<String>,
 }
@@ -94,17 +94,16 @@ pub fn solve_clip(
     let spool = poses.with_extension("spool");
     let mut spooled = PoseLines::create(&spool)?;
     let known = known_cars(&first, atlas);
-    let (mut tracks, rejected) = pass.tracks(read()?, &known, |pose| Ok(spooled.write(pose)?))?;
+    let (mut tracks, tally) = pass.tracks(read()?, &known, |pose| Ok(spooled.write(pose)?))?;
     spooled.finish()?;
     for track in &mut tracks {
         // The shape was held in this pass, so what this pass's tracks say of it is no evidence.
-        let key = |state: &TrackState| Some((state.stamp.index, state.car?));
-        if let Some((shape, _)) = track.states.iter().filter_map(key).find_map(|key| known.get(&key)) {
-            track.shape = shape.mean;
-        }
+        let held = sightings(track).find_map(|(key, _)| known.get(&key)).map(|(shape, _)| shape.mean);
+        track.shape = atlas.clamped(&held.unwrap_or(track.shape));
     }
 
-    let tracked = tracked_cars(&tracks);
+    let tracked: BTreeMap<CarKey, u64> =
+        tracks.iter().flat_map(|track| sightings(track).map(|(key, _)| (key, track.id))).collect();
     let mut lines = PoseLines::create(poses)?;
     let mut reprojection_rms_px = Vec::new();
     let mut poses_used = 0;
@@ -123,7 +122,16 @@ pub fn solve_clip(
     let mut rows: Vec<TrackRow> = tracks.iter().flat_map(|track| pass.rows(track)).collect();
     rows.sort_by_key(|row| (row.frame, row.track));
     let warnings = warnings_of(&cameras);
-    Ok(ClipSolution { cameras, tracks, rows, reprojection_rms_px, poses_used, rejected, warnings })
+    Ok(ClipSolution { cameras, tracks, rows, reprojection_rms_px, poses_used, tally, warnings })
+}
+
+/// Counts of cars (car and frame).
+#[derive(Debug, Default)]
+pub struct Tally {
+    /// Boxes by class.
+    pub boxes: BTreeMap<String, u64>,
+    /// Cars dropped, by reason.
+    pub rejected: BTreeMap<String, u64>,
 }
 
 /// What a pass over the frames needs.
@@ -136,16 +144,16 @@ struct Pass<'a> {
 
 impl Pass<'_> {
     /// Fits all cars of all frames and tracks them; cars in `known` have that shape and about that pose. Gives the tracks
-    /// and counts of what was dropped.
+    /// and counts of what was found and dropped.
     fn tracks(
         &self,
         frames: impl Iterator<Item = Result<FrameRecord, PipelineError>>,
         known: &BTreeMap<CarKey, (ShapePrior, GroundPose)>,
         mut sink: impl FnMut(&PoseRecord) -> Result<(), PipelineError>,
-    ) -> Result<(Vec<Track>, BTreeMap<String, u64>), PipelineError> {
+    ) -> Result<(Vec<Track>, Tally), PipelineError> {
         let mut tracker = Tracker::new(self.config.track.clone());
         let mut tracks = Vec::new();
-        let mut rejected = BTreeMap::new();
+        let mut tally = Tally::default();
         let mut position = None;
         for frame in frames {
             let frame = frame?;
@@ -165,6 +173,8 @@ impl Pass<'_> {
             let mut cars = Vec::new();
             for (index, fit) in fitted.into_iter().enumerate() {
                 let record = &frame.cars[index];
+                let class = format!("{:?}", record.class).to_lowercase();
+                *tally.boxes.entry(class).or_insert(0) += 1;
                 let reason = match (&fit, record.class) {
                     (_, VehicleClass::Truck | VehicleClass::Bus) => Some("no_shape_for_class"),
                     (None, VehicleClass::Car) => Some("no_pose"),
@@ -178,13 +188,13 @@ impl Pass<'_> {
                     }
                 };
                 if let Some(reason) = reason {
-                    *rejected.entry(reason.to_owned()).or_insert(0) += 1;
+                    *tally.rejected.entry(reason.to_owned()).or_insert(0) += 1;
                 }
                 let Some(fit) = fit else { continue };
                 if reason.is_none() {
                     cars.extend(measurement(&fit, record.bbox_px, record.score, index));
                 }
-                if let Some(mut pose) = pose_record(&frame, index, &fit, None, self.atlas) {
+                if let Some(mut pose) = pose_record(&frame, index, &fit, self.atlas) {
                     pose.used = reason.is_none();
                     sink(&pose)?;
                 }
@@ -193,11 +203,11 @@ impl Pass<'_> {
             tracker.push(&FrameMeasurements { stamp: FrameStamp { index: frame.frame, pts_nanos }, cars });
         }
         append(&mut tracks, tracker.finish());
-        Ok((tracks, rejected))
+        Ok((tracks, tally))
     }
 
     fn rows(&self, track: &Track) -> Vec<TrackRow> {
-        let dims = self.atlas.dims_m(&self.atlas.clamped(&track.shape));
+        let dims = self.atlas.dims_m(&track.shape);
         let row = |state: &TrackState| {
             let bbox_px = state.bbox_px.or_else(|| self.projected_box(track, state))?;
             Some(TrackRow {
@@ -252,23 +262,19 @@ fn measurement(fit: &CarFit, bbox_px: [f64; 4], score: f64, car: usize) -> Optio
     })
 }
 
-/// Per tracked car and frame its track's shape, within the atlas' bounds, and its smoothed pose.
-fn known_cars(tracks: &[Track], atlas: &ShapeAtlas) -> BTreeMap<CarKey, (ShapePrior, GroundPose)> {
-    let of_track = |track: &Track| {
-        let shape = ShapePrior::known(atlas.clamped(&track.shape));
-        let known = move |state: &TrackState| Some(((state.stamp.index, state.car?), (shape, state.pose)));
-        track.states.iter().filter_map(known).collect::<Vec<_>>()
-    };
-    tracks.iter().flat_map(of_track).collect()
+/// The states in which a track was seen, with the car that it was seen as.
+fn sightings(track: &Track) -> impl Iterator<Item = (CarKey, &TrackState)> {
+    track.states.iter().filter_map(|state| Some(((state.stamp.index, state.car?), state)))
 }
 
-fn tracked_cars(tracks: &[Track]) -> BTreeMap<CarKey, u64> {
-    let of_track = |track: &Track| {
-        let id = track.id;
-        let key = move |state: &TrackState| Some(((state.stamp.index, state.car?), id));
-        track.states.iter().filter_map(key).collect::<Vec<_>>()
-    };
-    tracks.iter().flat_map(of_track).collect()
+/// Per tracked car and frame its track's shape, within the atlas' bounds, and its smoothed pose.
+fn known_cars(tracks: &[Track], atlas: &ShapeAtlas) -> BTreeMap<CarKey, (ShapePrior, GroundPose)> {
+    let mut known = BTreeMap::new();
+    for track in tracks {
+        let shape = ShapePrior::known(atlas.clamped(&track.shape));
+        known.extend(sightings(track).map(|(key, state)| (key, (shape, state.pose))));
+    }
+    known
 }
 
 fn warnings_of(cameras: &CameraTrack) -> Vec<String> {

@@ -26,7 +26,7 @@ pub fn check_up(config: &Config) -> Vec<Check> {
         .and_then(|path| Ok(format!("{} at {}", roadplane_infer::runtime_version(None)?, path.display())));
     note("onnx runtime", runtime.map_err(PipelineError::from));
     let atlas = ShapeAtlas::shipped().map(|atlas| format!("version {}", atlas.version));
-    note("shape atlas", atlas.map_err(|e| PipelineError::Atlas { what: e.to_string() }));
+    note("shape atlas", atlas.map_err(PipelineError::from));
     match find_models(config.models.folder.as_deref()) {
         Err(error) => note("models", Err(error)),
         Ok(models) => {

@@ -164,7 +164,7 @@ pub fn render_run(
     cancel: &Cancel,
     progress: &dyn Progress,
 ) -> Result<bool, PipelineError> {
-    let atlas = ShapeAtlas::shipped().map_err(|e| PipelineError::Atlas { what: e.to_string() })?;
+    let atlas = ShapeAtlas::shipped()?;
     let estimates: Vec<CameraEstimate> =
         read_camera(&run.join("camera.json"))?.all().iter().map(|segment| segment.estimate()).collect();
     let cameras = CameraTrack::from_estimates(estimates);

@@ -3,6 +3,7 @@
 use std::any::Any;
 use std::path::PathBuf;
 
+use roadplane_base::AtlasError;
 use roadplane_decode::DecodeError;
 use roadplane_detect::DetectError;
 use roadplane_infer::InferError;
@@ -52,11 +53,8 @@ pub enum PipelineError {
     #[error(transparent)]
     Keypoint(#[from] KeypointError),
     /// The shape atlas cannot be used.
-    #[error("{what}")]
-    Atlas {
-        /// What is wrong.
-        what: String,
-    },
+    #[error(transparent)]
+    Atlas(#[from] AtlasError),
     /// Results cannot be written.
     #[error(transparent)]
     Write(#[from] WriteError),
@@ -135,7 +133,7 @@ impl PipelineError {
             Self::Usage { .. } | Self::Config(_) | Self::Decode(DecodeError::Option { .. }) => Fault::Usage,
             Self::Decode(DecodeError::Library { .. }) => Fault::Internal,
             Self::Decode(_) | Self::Unreadable { .. } => Fault::Input,
-            Self::ModelsMissing { .. } | Self::Atlas { .. } => Fault::Model,
+            Self::ModelsMissing { .. } | Self::Atlas(_) => Fault::Model,
             Self::Infer(error) | Self::Keypoint(KeypointError::Net(error)) => net_fault(error),
             Self::Detect(DetectError::Option { .. }) => Fault::Usage,
             Self::Detect(error) => error.net().map_or(Fault::Model, net_fault),

@@ -1,13 +1,12 @@
 //! `roadplane run` for one input: stream it, solve the clip, write and draw the result.
 
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use roadplane_base::ShapeAtlas;
 use roadplane_write::{
-    Existing, FrameReader, FrameSpool, InputSummary, OutputFolder, RunStatus, StageSeconds, Summary,
-    TrackFiles, write_camera, write_json, write_summary,
+    Existing, FrameSpool, InputSummary, OutputFolder, RunStatus, StageSeconds, Summary, TrackFiles,
+    write_camera, write_json, write_summary,
 };
 use serde::{Deserialize, Serialize};
 
@@ -90,14 +89,15 @@ pub fn run_input(
     let input = open_input(input_path, config)?;
     let identity = file_identity(input_path)?;
     let mut nets = Nets::open(&options.models, config)?;
-    let atlas = ShapeAtlas::shipped().map_err(|e| PipelineError::Atlas { what: e.to_string() })?;
+    let models = nets.summaries();
+    let atlas = ShapeAtlas::shipped()?;
 
     let mut folder = OutputFolder::begin(out, &stem, options.existing)?;
     let stamp = Stamp {
         version: env!("CARGO_PKG_VERSION").to_owned(),
         input_sha256: identity.sha256.clone(),
         config_sha256: config.fingerprint(),
-        models_sha256: nets.summaries().into_iter().map(|model| model.sha256).collect(),
+        models_sha256: models.iter().map(|model| model.sha256.clone()).collect(),
     };
     if folder.is_resumed() && !(options.resume && read_stamp(folder.path()).as_ref() == Some(&stamp)) {
         folder.reset()?;
@@ -107,7 +107,6 @@ pub fn run_input(
     let result = (|| {
         progress.phase("frames");
         let mut samples = SampleFrames::new(config.output.sample_frames);
-        let models = nets.summaries();
         let streamed =
             stream_to_spool(&mut nets, input, folder.path(), &mut samples, config, cancel, progress)?;
         let rejected_cars = nets.keypoints.rejected();
@@ -126,8 +125,7 @@ pub fn run_input(
         }
         files.finish()?;
 
-        let mut summary =
-            summary_of(input_path, &identity, &streamed, &solution, config, &spool, rejected_cars)?;
+        let mut summary = summary_of(identity, &streamed, &solution, config, rejected_cars);
         summary.models = models;
         summary.seconds.push(StageSeconds { stage: "solve".to_owned(), seconds: solve_s });
         summary.wall_s = started.elapsed().as_secs_f64();
@@ -196,20 +194,18 @@ fn stream_to_spool(
 }
 
 fn summary_of(
-    input_path: &Path,
-    identity: &InputSummary,
+    input: InputSummary,
     streamed: &Streamed,
     solution: &ClipSolution,
     config: &Config,
-    spool: &Path,
     rejected_cars: u64,
-) -> Result<Summary, PipelineError> {
+) -> Summary {
     let decode = &streamed.decode;
     let mut summary = Summary {
         status: if decode.is_damaged() { RunStatus::InputDamaged } else { RunStatus::Complete },
         exit_code: if decode.is_damaged() { 3 } else { 0 },
         versions: versions(),
-        input: InputSummary { path: input_path.display().to_string(), ..identity.clone() },
+        input,
         config: serde_json::to_value(config).unwrap_or_default(),
         config_sha256: config.fingerprint(),
         warnings: decode.warnings.clone(),
@@ -220,8 +216,8 @@ fn summary_of(
     counts.frames_read = decode.decoded;
     counts.frames_lost = decode.missing;
     counts.frames_skipped = decode.decoded.saturating_sub(decode.delivered);
-    counts.boxes = count_boxes(spool)?;
-    counts.rejected = solution.rejected.clone();
+    counts.boxes = solution.tally.boxes.clone();
+    counts.rejected = solution.tally.rejected.clone();
     if rejected_cars > 0 {
         counts.rejected.insert("keypoints_not_finite".to_owned(), rejected_cars);
     }
@@ -238,16 +234,5 @@ fn summary_of(
         .iter()
         .map(|t| StageSeconds { stage: t.name.to_owned(), seconds: t.seconds })
         .collect();
-    Ok(summary)
-}
-
-fn count_boxes(spool: &Path) -> Result<BTreeMap<String, u64>, PipelineError> {
-    let mut counts = BTreeMap::new();
-    for record in FrameReader::open(spool)? {
-        for car in record?.cars {
-            let class = format!("{:?}", car.class).to_lowercase();
-            *counts.entry(class).or_insert(0) += 1;
-        }
-    }
-    Ok(counts)
+    summary
 }

@@ -33,7 +33,7 @@ pub fn solve_file(
     config: &Config,
     cancel: &Cancel,
 ) -> Result<bool, PipelineError> {
-    let atlas = ShapeAtlas::shipped().map_err(|e| PipelineError::Atlas { what: e.to_string() })?;
+    let atlas = ShapeAtlas::shipped()?;
     let read = || -> Result<_, PipelineError> {
         Ok(FrameReader::open(frames)?.map(|record| record.map_err(PipelineError::from)))
     };
@@ -59,7 +59,7 @@ pub fn solve_file(
         }
         let fits = fit_frame(frame, &view, &atlas, &scene, config, |_| (ShapePrior::default(), None));
         for (i, fit) in fits.iter().enumerate() {
-            if let Some(pose) = fit.as_ref().and_then(|fit| pose_record(frame, i, fit, None, &atlas)) {
+            if let Some(pose) = fit.as_ref().and_then(|fit| pose_record(frame, i, fit, &atlas)) {
                 poses.write(&pose)?;
             }
         }
