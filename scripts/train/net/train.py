@@ -30,8 +30,10 @@ def targets(points: torch.Tensor, cells: int) -> torch.Tensor:
     return (y.softmax(-1).unsqueeze(-1) * x.softmax(-1).unsqueeze(-2)).flatten(2)
 
 
-def input_px(progress: float) -> int:
+def input_px(progress: float, fine_tuning: bool) -> int:
     """Small pictures first: most of what is to be learnt can be learnt at a quarter of the price."""
+    if fine_tuning:
+        return INPUT_PX
     return 64 if progress < 0.35 else 96 if progress < 0.6 else INPUT_PX
 
 
@@ -109,12 +111,13 @@ def main() -> None:
     parser.add_argument("--channels", type=int, default=48)
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--start-from", type=Path, help="weights to start from, for fine-tuning")
+    parser.add_argument("--start-from", type=Path, help="weights to start from: fine-tuning, all of it at full size")
     args = parser.parse_args()
     torch.set_num_threads(args.threads)
     torch.manual_seed(args.seed)
     folder = args.runs / args.run
     folder.mkdir(parents=True, exist_ok=True)
+    fine_tuning = args.start_from is not None
     net = StackedHourglass(args.stacks, args.channels).to(memory_format=torch.channels_last)
     optimiser = torch.optim.AdamW(net.parameters(), lr=args.rate, weight_decay=1e-4)
     average, step, spent, samples = Average(net), 0, 0.0, 0
@@ -150,7 +153,7 @@ def main() -> None:
             "stacks": args.stacks,
             "channels": args.channels,
             "shards": len(shards),
-            "input_px": input_px(min(1.0, (spent + time.time() - started) / (args.minutes * 60))),
+            "input_px": input_px(min(1.0, (spent + time.time() - started) / (args.minutes * 60)), fine_tuning),
         }
         torch.save(state, folder / "last.tmp")
         (folder / "last.tmp").rename(last)
@@ -158,7 +161,7 @@ def main() -> None:
     while (elapsed := spent + time.time() - started) < args.minutes * 60:
         for group in optimiser.param_groups:
             group["lr"] = learning_rate(args.rate, elapsed / (args.minutes * 60))
-        size = input_px(elapsed / (args.minutes * 60))
+        size = input_px(elapsed / (args.minutes * 60), fine_tuning)
         loss, parts = loss_of(net, shrunk(sampler.next(), size))
         optimiser.zero_grad(set_to_none=True)
         loss.backward()
