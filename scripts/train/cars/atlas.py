@@ -1,6 +1,7 @@
 """Build the shape atlas: mean and six principal components of the keypoints over cars as in traffic.
 
-`PYTHONPATH=scripts/train python -m cars.atlas` writes models/atlas.json and prints the report.
+`PYTHONPATH=scripts/train python -m cars.atlas` writes models/atlas.json and prints the report. The atlas is built on the cars
+of the `train` split; `--foreign FILE` writes the keypoints of the `eval` cars, for tests on cars that it does not know.
 """
 
 from __future__ import annotations
@@ -44,18 +45,19 @@ class Basis:
     variances: np.ndarray  # all eigenvalues, m²
 
 
-def population_in_traffic(variants: int = 8, seed: int = 7) -> Population:
-    """`variants` cars near every base model of the built cars, and the imported meshes.
+def population_in_traffic(split: str, variants: int = 8, seed: int = 7) -> Population:
+    """`variants` cars near every base model of a split's built cars, and its imported meshes.
 
     A body type's share of traffic is split evenly among its models; a mesh counts as MESH_WEIGHT of a model.
     """
     rng = np.random.default_rng(seed)
-    meshes = catalogue()
-    models_of = Counter(spec.body for spec in SPECS)
+    meshes = [mesh for mesh in catalogue() if mesh["split"] == split]
+    specs = [spec for spec in SPECS if spec.split == split]
+    models_of = Counter(spec.body for spec in specs)
     for mesh in meshes:
         models_of[mesh["body"]] += MESH_WEIGHT
     rows = []  # keypoints, dims, weight, model
-    for spec in SPECS:
+    for spec in specs:
         share = TRAFFIC_SHARE[spec.body] / models_of[spec.body] / variants
         for _ in range(variants):
             style = vary(model_style(spec), rng)
@@ -120,6 +122,26 @@ def left_out_residuals(rows: np.ndarray, population: Population) -> tuple[np.nda
     return residuals, population.weights
 
 
+def foreign_residuals(basis: Basis, foreign: Population) -> np.ndarray:
+    """Weighted RMS residuals (57,) of cars that the basis was not built on."""
+    rows = _half(foreign)
+    return _weighted_rms(np.array([project(basis, row)[1] for row in rows]), foreign.weights)
+
+
+def foreign_json(foreign: Population) -> dict:
+    """One car of each base model: keypoints in the car frame (null where it has none), share of traffic."""
+    cars = []
+    for model in np.unique(foreign.models):
+        first = int(np.flatnonzero(foreign.models == model)[0])
+        points = [None if np.isnan(p).any() else np.round(p, 4).tolist() for p in foreign.keypoints[first]]
+        weight = float(foreign.weights[foreign.models == model].sum())
+        cars.append({
+            "model": str(model), "weight": round(weight, 5), "dims_m": np.round(foreign.dims[first], 3).tolist(),
+            "keypoints_in_car": points,
+        })  # fmt: skip
+    return {"schema": "roadplane.cars/1", "cars": cars}
+
+
 def coefficient_bounds(basis: Basis, rows: np.ndarray) -> np.ndarray:
     """Range of 99.6 % of the population's coefficients and 0.25 standard deviations more, (6, 2)."""
     coefficients = np.array([project(basis, row)[0] for row in rows])
@@ -155,7 +177,12 @@ def to_json(basis: Basis, bounds: np.ndarray, residual_sd: np.ndarray, version: 
 
 
 def report(
-    rows: np.ndarray, population: Population, basis: Basis, residual: np.ndarray, bounds: np.ndarray
+    rows: np.ndarray,
+    population: Population,
+    basis: Basis,
+    residual: np.ndarray,
+    bounds: np.ndarray,
+    foreign: np.ndarray,
 ) -> str:
     """Variance explained, residual per keypoint of cars left out, and the spread of the dimensions."""
     lines = [f"cars {len(rows)} of {len(np.unique(population.models))} base models"]
@@ -169,10 +196,12 @@ def report(
     for i, (x, y, z) in enumerate(1000 * residual[:54].reshape(18, 3)):
         name = KEYPOINT_NAMES[i].removeprefix("left_")
         lines.append(f"  {name:20s} {x:12.0f} {y:4.0f} {z:4.0f} {np.sqrt(x * x + y * y + z * z):5.0f}")
-    whole = 1000 * np.sqrt((residual[:54] ** 2).reshape(18, 3).sum(1).mean())
-    lines.append(
-        f"  all keypoints, 3-D RMS {whole:.0f} mm; length, width, height {np.round(1000 * residual[54:])} mm"
-    )
+    for name, values in (("models left out in turn", residual), ("cars of the eval split", foreign)):
+        whole = 1000 * np.sqrt((values[:54] ** 2).reshape(18, 3).sum(1).mean())
+        lines.append(
+            f"  all keypoints, {name}: 3-D RMS {whole:.0f} mm; "
+            f"length, width, height {np.round(1000 * values[54:])} mm"
+        )
     return "\n".join(lines)
 
 
@@ -210,22 +239,25 @@ def main() -> None:
     """Write the atlas and print its report."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=REPOSITORY / "models" / "atlas.json")
-    parser.add_argument("--version", default="1.5")
+    parser.add_argument("--version", default="1.6")
+    parser.add_argument("--foreign", type=Path, help="writes the keypoints of the eval split's cars here")
     arguments = parser.parse_args()
 
-    population = population_in_traffic()
+    population, foreign = population_in_traffic("train"), population_in_traffic("eval")
     rows = _half(population)
     basis = orient(fit(rows, population.weights))
     bounds = coefficient_bounds(basis, rows)
     residual_sd = _weighted_rms(*left_out_residuals(rows, population))
     note = (
         f"Mean and six principal components, {len(rows)} cars of "
-        f"{len(np.unique(population.models))} base models, "
+        f"{len(np.unique(population.models))} base models of the train split, "
         "weighted by body type as in traffic; scripts/train/cars, `python -m cars.atlas`."
     )
     text = json.dumps(to_json(basis, bounds, residual_sd, arguments.version, note))
     arguments.out.write_text(text + "\n")
-    print(report(rows, population, basis, residual_sd, bounds))
+    if arguments.foreign:
+        arguments.foreign.write_text(json.dumps(foreign_json(foreign)) + "\n")
+    print(report(rows, population, basis, residual_sd, bounds, foreign_residuals(basis, foreign)))
     print(spread(population, basis))
 
 
