@@ -1,0 +1,10 @@
+//! How good results are: truth files, metrics with their sources, tables with confidence intervals.
+
+mod bootstrap;
+mod error;
+mod table;
+pub mod truth;
+
+pub use bootstrap::{Estimate, bootstrap, bootstrap_scenes, median, quantile, share_within};
+pub use error::EvalError;
+pub use table::{Cell, Column, Table};
