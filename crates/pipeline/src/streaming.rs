@@ -36,12 +36,18 @@ impl Nets {
 }
 
 /// The detector alone.
+///
+/// # Errors
+/// [`PipelineError`] when the model is refused or the runtime is missing.
 pub fn open_detector(models: &Path, config: &Config) -> Result<Detector, PipelineError> {
     let session = Session::open(&models.join(&config.models.detector), &session_options(config))?;
     Ok(Detector::new(session, config.detect.clone())?)
 }
 
 /// The keypoint net alone.
+///
+/// # Errors
+/// [`PipelineError`] when the model is refused or the runtime is missing.
 pub fn open_keypoints(models: &Path, config: &Config) -> Result<KeypointNet, PipelineError> {
     let card = models.join(&config.models.keypoints);
     Ok(KeypointNet::open(&card, &session_options(config), config.keypoints.clone())?)
