@@ -1,15 +1,19 @@
 //! Pictures of a result: overlays, the view from above, the report, annotated video.
 
 mod birds_eye;
+mod canvas;
 mod crops;
 mod error;
 mod histogram;
+mod keypoint_sheet;
 mod overlay;
 mod report;
 mod video;
 
 pub use birds_eye::birds_eye;
+pub use canvas::Rgb;
 pub use error::ViewError;
-pub use overlay::{DrawnCar, Overlay, Rgb, track_colour};
+pub use keypoint_sheet::{KeypointCase, keypoint_sheet};
+pub use overlay::{DrawnCar, Overlay, track_colour};
 pub use report::{ReportInput, report_html};
 pub use video::VideoSink;

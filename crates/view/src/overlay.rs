@@ -2,23 +2,17 @@
 
 use image::RgbImage;
 use nalgebra::{Isometry3, Point3, Vector2, Vector3};
-use opencv::core::{Mat, MatTraitConst as _, MatTraitConstManual as _, Point, Rect, Scalar, Vec3b};
-use opencv::imgproc;
 use roadplane_base::{Camera, GroundPlane, KEYPOINTS, Shape, ShapeAtlas, TrackRow, skeleton_edges};
 
 use crate::ViewError;
+use crate::canvas::{Canvas, Rgb};
 
 /// Half of the keypoints are the car's left side.
 const LEFT: usize = KEYPOINTS / 2;
 /// Distance of the grid's lines, m.
 const GRID_M: f64 = 5.0;
-/// Lines are drawn to 1/16 px.
-const SUB_PIXEL_BITS: i32 = 4;
 /// How far the grid reaches, m.
 const GRID_REACH_M: f64 = 60.0;
-
-/// A colour as OpenCV draws it here: RGB.
-pub type Rgb = [u8; 3];
 
 /// Colours that tell neighbours apart and stay with a track's number.
 const PALETTE: [Rgb; 10] = [
@@ -53,7 +47,7 @@ pub struct DrawnCar<'a> {
 
 /// Draws into one picture.
 pub struct Overlay<'a> {
-    canvas: Mat,
+    canvas: Canvas,
     camera: &'a Camera,
     plane: &'a GroundPlane,
     atlas: &'a ShapeAtlas,
@@ -71,10 +65,8 @@ impl<'a> Overlay<'a> {
         plane: &'a GroundPlane,
         atlas: &'a ShapeAtlas,
     ) -> Result<Self, ViewError> {
-        let rows = Mat::from_slice(picture.as_raw())?;
-        let canvas = rows.reshape(3, i32::try_from(picture.height()).unwrap_or(0))?.try_clone()?;
         let thickness = if picture.width() >= 1600 { 2 } else { 1 };
-        Ok(Self { canvas, camera, plane, atlas, thickness })
+        Ok(Self { canvas: Canvas::new(picture)?, camera, plane, atlas, thickness })
     }
 
     /// The finished picture.
@@ -82,10 +74,7 @@ impl<'a> Overlay<'a> {
     /// # Errors
     /// [`ViewError::Drawing`].
     pub fn finish(self) -> Result<RgbImage, ViewError> {
-        let bytes = self.canvas.data_typed::<Vec3b>()?.iter().flat_map(|pixel| pixel.0).collect();
-        let (width, height) = (self.canvas.cols() as u32, self.canvas.rows() as u32);
-        RgbImage::from_raw(width, height, bytes)
-            .ok_or_else(|| opencv::Error::new(0, "picture has another size than its pixels").into())
+        self.canvas.finish()
     }
 
     /// Lines on the ground every 5 m, faint.
@@ -122,12 +111,13 @@ impl<'a> Overlay<'a> {
         let corners = [[x0, y0], [x1, y0], [x1, y1], [x0, y1]].map(Vector2::from);
         let faded = if row.observed { colour } else { colour.map(|c| c / 2) };
         for i in 0..4 {
-            self.line(corners[i], corners[(i + 1) % 4], faded, 1)?;
+            self.canvas.line(corners[i], corners[(i + 1) % 4], faded, 1)?;
         }
         let speed = row.speed_mps.abs();
         let label =
             if speed < 0.3 { format!("{}", row.track) } else { format!("{} {speed:.1} m/s", row.track) };
-        self.label(&label, Vector2::new(x0, y0), colour)
+        let size = 0.32 + 0.1 * f64::from(self.thickness);
+        self.canvas.label(&label, Vector2::new(x0, y0), colour, size)
     }
 
     /// The car's outline on the ground and an arrow ahead of it.
@@ -163,7 +153,7 @@ impl<'a> Overlay<'a> {
             let (Some(from), Some(to)) = (pixel(*a), pixel(*b)) else { continue };
             let far = if near_left { *a >= LEFT && *b >= LEFT } else { *a < LEFT && *b < LEFT };
             let colour = if far { colour.map(|c| c / 3 * 2) } else { colour };
-            self.line(from, to, colour, if far { 1 } else { self.thickness })?;
+            self.canvas.line(from, to, colour, if far { 1 } else { self.thickness })?;
         }
         Ok(())
     }
@@ -181,60 +171,15 @@ impl<'a> Overlay<'a> {
             if point.z > 1.0 { self.camera.pixel_from_camera(&point.coords) } else { None }
         };
         match (pixel(a), pixel(b)) {
-            (Some(from), Some(to)) => self.line(from, to, colour, thickness),
+            (Some(from), Some(to)) => self.canvas.line(from, to, colour, thickness),
             _ => Ok(()),
         }
-    }
-
-    fn line(
-        &mut self,
-        from: Vector2<f64>,
-        to: Vector2<f64>,
-        colour: Rgb,
-        thickness: i32,
-    ) -> Result<(), ViewError> {
-        let fine = f64::from(1 << SUB_PIXEL_BITS);
-        let (Some(from), Some(to)) = (point(from, fine), point(to, fine)) else { return Ok(()) };
-        let colour = scalar(colour);
-        imgproc::line(&mut self.canvas, from, to, colour, thickness, imgproc::LINE_AA, SUB_PIXEL_BITS)?;
-        Ok(())
-    }
-
-    /// Black text on a plate of the track's colour, its lower left corner at `at` but inside the picture.
-    fn label(&mut self, text: &str, at: Vector2<f64>, colour: Rgb) -> Result<(), ViewError> {
-        let font = imgproc::FONT_HERSHEY_SIMPLEX;
-        let size = 0.32 + 0.1 * f64::from(self.thickness);
-        let mut descent = 0;
-        let extent = imgproc::get_text_size(text, font, size, 1, &mut descent)?;
-        let (width, height) = (extent.width + 5, extent.height + 6);
-        let inside = |v: f64, low: i32, high: i32| f64::from(low).max(v.min(f64::from(high)));
-        let place = Vector2::new(
-            inside(at.x, 0, self.canvas.cols() - width),
-            inside(at.y, height, self.canvas.rows() - 1),
-        );
-        let Some(at) = point(place, 1.0) else { return Ok(()) };
-        let plate = Rect::new(at.x, at.y - height, width, height);
-        imgproc::rectangle(&mut self.canvas, plate, scalar(colour), imgproc::FILLED, imgproc::LINE_8, 0)?;
-        let origin = Point::new(at.x + 2, at.y - 3);
-        let black = scalar([0; 3]);
-        imgproc::put_text(&mut self.canvas, text, origin, font, size, black, 1, imgproc::LINE_AA, false)?;
-        Ok(())
     }
 }
 
 /// Whether the camera looks at the car's left side.
 fn eye_is_left(camera_from_car: &Isometry3<f64>) -> bool {
     (camera_from_car.inverse() * Point3::from(Vector3::zeros())).y > 0.0
-}
-
-fn scalar([r, g, b]: Rgb) -> Scalar {
-    Scalar::new(f64::from(r), f64::from(g), f64::from(b), 0.0)
-}
-
-/// A pixel that OpenCV can be given, in parts of a pixel; `None` where it is absurdly far out.
-fn point(pixel: Vector2<f64>, fine: f64) -> Option<Point> {
-    let sane = pixel.iter().all(|v| v.abs() < 20_000.0);
-    sane.then(|| Point::new((pixel.x * fine).round() as i32, (pixel.y * fine).round() as i32))
 }
 
 #[cfg(test)]

@@ -1,0 +1,83 @@
+//! A picture that is drawn into with OpenCV.
+
+use image::RgbImage;
+use nalgebra::Vector2;
+use opencv::core::{Mat, MatTraitConst as _, MatTraitConstManual as _, Point, Rect, Scalar, Vec3b};
+use opencv::imgproc;
+
+use crate::ViewError;
+
+/// Lines are drawn to 1/16 px.
+const SUB_PIXEL_BITS: i32 = 4;
+
+/// A colour as OpenCV draws it here: RGB.
+pub type Rgb = [u8; 3];
+
+/// A copy of a picture to draw into; positions in px, (0, 0) the centre of the top-left pixel.
+pub(crate) struct Canvas(Mat);
+
+impl Canvas {
+    pub fn new(picture: &RgbImage) -> Result<Self, ViewError> {
+        let rows = Mat::from_slice(picture.as_raw())?;
+        Ok(Self(rows.reshape(3, i32::try_from(picture.height()).unwrap_or(0))?.try_clone()?))
+    }
+
+    /// The finished picture.
+    pub fn finish(self) -> Result<RgbImage, ViewError> {
+        let bytes = self.0.data_typed::<Vec3b>()?.iter().flat_map(|pixel| pixel.0).collect();
+        let (width, height) = (self.0.cols() as u32, self.0.rows() as u32);
+        RgbImage::from_raw(width, height, bytes)
+            .ok_or_else(|| opencv::Error::new(0, "picture has another size than its pixels").into())
+    }
+
+    pub fn line(
+        &mut self,
+        from: Vector2<f64>,
+        to: Vector2<f64>,
+        colour: Rgb,
+        thickness: i32,
+    ) -> Result<(), ViewError> {
+        let fine = f64::from(1 << SUB_PIXEL_BITS);
+        let (Some(from), Some(to)) = (point(from, fine), point(to, fine)) else { return Ok(()) };
+        let colour = scalar(colour);
+        imgproc::line(&mut self.0, from, to, colour, thickness, imgproc::LINE_AA, SUB_PIXEL_BITS)?;
+        Ok(())
+    }
+
+    /// A circle's outline.
+    pub fn circle(&mut self, centre: Vector2<f64>, radius_px: f64, colour: Rgb) -> Result<(), ViewError> {
+        let fine = f64::from(1 << SUB_PIXEL_BITS);
+        let Some(centre) = point(centre, fine) else { return Ok(()) };
+        let radius = (radius_px * fine).round() as i32;
+        imgproc::circle(&mut self.0, centre, radius, scalar(colour), 1, imgproc::LINE_AA, SUB_PIXEL_BITS)?;
+        Ok(())
+    }
+
+    /// Black text on a plate of a colour, its lower left corner at `at` but inside the picture.
+    pub fn label(&mut self, text: &str, at: Vector2<f64>, colour: Rgb, size: f64) -> Result<(), ViewError> {
+        let font = imgproc::FONT_HERSHEY_SIMPLEX;
+        let mut descent = 0;
+        let extent = imgproc::get_text_size(text, font, size, 1, &mut descent)?;
+        let (width, height) = (extent.width + 5, extent.height + 6);
+        let inside = |v: f64, low: i32, high: i32| f64::from(low).max(v.min(f64::from(high)));
+        let place =
+            Vector2::new(inside(at.x, 0, self.0.cols() - width), inside(at.y, height, self.0.rows() - 1));
+        let Some(at) = point(place, 1.0) else { return Ok(()) };
+        let plate = Rect::new(at.x, at.y - height, width, height);
+        imgproc::rectangle(&mut self.0, plate, scalar(colour), imgproc::FILLED, imgproc::LINE_8, 0)?;
+        let origin = Point::new(at.x + 2, at.y - 3);
+        let black = scalar([0; 3]);
+        imgproc::put_text(&mut self.0, text, origin, font, size, black, 1, imgproc::LINE_AA, false)?;
+        Ok(())
+    }
+}
+
+fn scalar([r, g, b]: Rgb) -> Scalar {
+    Scalar::new(f64::from(r), f64::from(g), f64::from(b), 0.0)
+}
+
+/// A pixel that OpenCV can be given, in parts of a pixel; `None` where it is absurdly far out.
+fn point(pixel: Vector2<f64>, fine: f64) -> Option<Point> {
+    let sane = pixel.iter().all(|v| v.abs() < 20_000.0);
+    sane.then(|| Point::new((pixel.x * fine).round() as i32, (pixel.y * fine).round() as i32))
+}
