@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use roadplane_pipeline::PipelineError;
 use roadplane_write::WriteError;
 use thiserror::Error;
 
@@ -30,6 +31,9 @@ pub enum EvalError {
         /// What, and what to do.
         what: String,
     },
+    /// A net or a run of the pipeline failed.
+    #[error(transparent)]
+    Pipeline(#[from] PipelineError),
     /// Tables cannot be written, or a result cannot be read back.
     #[error(transparent)]
     Write(#[from] WriteError),

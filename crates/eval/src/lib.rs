@@ -2,6 +2,8 @@
 
 mod bootstrap;
 mod error;
+pub mod keypoints;
+pub mod metrics;
 mod table;
 pub mod truth;
 

@@ -1,0 +1,11 @@
+//! How far predicted keypoints are off: labelled images, measures, tables.
+
+mod labels;
+mod measure;
+mod predict;
+mod tables;
+
+pub use labels::{Label, LabelledCar, LabelledImage};
+pub use measure::{CarErrors, Confusion, PointError, auc, confusion, measure};
+pub use predict::predict;
+pub use tables::{keypoint_tables, worst_first};
