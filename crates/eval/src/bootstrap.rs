@@ -81,8 +81,8 @@ fn sorted_quantile(sorted: &[f64], q: f64) -> f64 {
     let place = q * last as f64;
     let (below, share) = (place.floor() as usize, place.fract());
     let (a, b) = (sorted[below], sorted[(below + 1).min(last)]);
-    // Without the product, which would make NaN of an infinite neighbour with no share.
-    if share > 0.0 { a + (b - a) * share } else { a }
+    // Infinite neighbours have no difference.
+    if share > 0.0 && b > a { a + (b - a) * share } else { a }
 }
 
 /// Median; NaN of nothing.
@@ -105,7 +105,7 @@ mod tests {
     fn quantiles_are_those_of_the_definition() {
         let values = [4.0, 1.0, 3.0, 2.0];
         assert_eq!(median(&values), 2.5);
-        assert_eq!(quantile(&values, 0.9), 3.7);
+        assert!((quantile(&values, 0.9) - 3.7).abs() < 1e-12);
         assert_eq!(quantile(&values, 0.0), 1.0);
         assert!(median(&[]).is_nan());
         assert_eq!(median(&[1.0, f64::INFINITY, 2.0]), 2.0);

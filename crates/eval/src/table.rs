@@ -234,11 +234,11 @@ mod tests {
     fn text_is_aligned() {
         let text = table().to_text();
         let expected = "ADD\n\
-            system                     0.4, %  note\n\
-            ───────────────────────────────────────\n\
+            system                    0.4, %  note\n\
+            ──────────────────────────────────────\n\
             ours, \"plane\"  78.0 [75.0, 80.0]     x\n\
-            none                            –\n\
-            zero                          0.0\n\
+            none                           –\n\
+            zero                         0.0\n\
             a < b\n";
         assert_eq!(text, expected);
     }

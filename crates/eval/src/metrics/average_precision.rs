@@ -1,0 +1,217 @@
+//! Average precision of boxes as COCO defines it (Lin et al. 2014, "Microsoft COCO", and its evaluation code, pycocotools):
+//! greedy matching by score, ten IoU thresholds, 101 recall points, at most 100 detections a picture.
+
+use roadplane_base::bbox_iou;
+
+/// IoU thresholds 0.50, 0.55 … 0.95.
+pub const IOU_THRESHOLDS: usize = 10;
+/// Recall points 0.00, 0.01 … 1.00.
+const RECALL_POINTS: usize = 101;
+/// Detections of a picture that count, best first.
+const MAX_DETECTIONS: usize = 100;
+
+/// A true box.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TrueBox {
+    /// Left, top, right, bottom, px.
+    pub bbox_px: [f64; 4],
+    /// Neither found nor missed: too small, too hidden, of another kind.
+    pub ignore: bool,
+    /// A region with several things: any number of detections may lie in it, none of them is wrong.
+    pub crowd: bool,
+}
+
+/// A detection.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FoundBox {
+    /// Left, top, right, bottom, px.
+    pub bbox_px: [f64; 4],
+    /// Score; only the order matters.
+    pub score: f64,
+}
+
+/// Boxes of one picture.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct PictureBoxes {
+    /// What is there.
+    pub truth: Vec<TrueBox>,
+    /// What was found.
+    pub found: Vec<FoundBox>,
+}
+
+/// Sizes that COCO tells apart, by the box's area.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Size {
+    /// Any.
+    All,
+    /// Below 32² px.
+    Small,
+    /// 32² to 96² px.
+    Medium,
+    /// Above 96² px.
+    Large,
+}
+
+impl Size {
+    /// All of them.
+    pub const EACH: [Self; 4] = [Self::All, Self::Small, Self::Medium, Self::Large];
+
+    fn holds(self, bbox_px: &[f64; 4]) -> bool {
+        let area = area(bbox_px);
+        let (low, high) = match self {
+            Self::All => (0.0, 1e10),
+            Self::Small => (0.0, 1024.0),
+            Self::Medium => (1024.0, 9216.0),
+            Self::Large => (9216.0, 1e10),
+        };
+        (low..=high).contains(&area)
+    }
+}
+
+/// Average precision, 0–1.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AveragePrecision {
+    /// Mean over the ten IoU thresholds.
+    pub ap: f64,
+    /// At IoU 0.5.
+    pub ap50: f64,
+}
+
+/// AP of all pictures for one kind of thing and one size; `None` where nothing of that size is there.
+#[must_use]
+pub fn average_precision(pictures: &[&PictureBoxes], size: Size) -> Option<AveragePrecision> {
+    let at: Option<Vec<f64>> =
+        (0..IOU_THRESHOLDS).map(|step| at_threshold(pictures, size, 0.5 + 0.05 * step as f64)).collect();
+    let at = at?;
+    Some(AveragePrecision { ap: at.iter().sum::<f64>() / IOU_THRESHOLDS as f64, ap50: *at.first()? })
+}
+
+fn at_threshold(pictures: &[&PictureBoxes], size: Size, threshold: f64) -> Option<f64> {
+    let mut outcomes: Vec<(f64, bool)> = Vec::new();
+    let mut to_find = 0usize;
+    for picture in pictures {
+        to_find += picture.truth.iter().filter(|truth| !ignored(truth, size)).count();
+        outcomes.extend(matched(picture, size, threshold));
+    }
+    if to_find == 0 {
+        return None;
+    }
+    // Stable, so that equal scores stay in the pictures' order.
+    outcomes.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let mut hits = 0usize;
+    let mut curve: Vec<(f64, f64)> = Vec::with_capacity(outcomes.len());
+    for (i, (_, hit)) in outcomes.iter().enumerate() {
+        hits += usize::from(*hit);
+        curve.push((hits as f64 / to_find as f64, hits as f64 / ((i + 1) as f64 + f64::EPSILON)));
+    }
+    // Precision at a recall is the best at that recall or above.
+    let mut best = 0.0f64;
+    for point in curve.iter_mut().rev() {
+        best = best.max(point.1);
+        point.1 = best;
+    }
+    let precision_at = |k: usize| {
+        let recall = k as f64 / (RECALL_POINTS - 1) as f64;
+        curve.get(curve.partition_point(|point| point.0 < recall)).map_or(0.0, |point| point.1)
+    };
+    Some((0..RECALL_POINTS).map(precision_at).sum::<f64>() / RECALL_POINTS as f64)
+}
+
+fn ignored(truth: &TrueBox, size: Size) -> bool {
+    truth.ignore || truth.crowd || !size.holds(&truth.bbox_px)
+}
+
+/// Score of each detection that counts and whether it is a hit.
+fn matched(picture: &PictureBoxes, size: Size, threshold: f64) -> Vec<(f64, bool)> {
+    let mut truths: Vec<&TrueBox> = picture.truth.iter().collect();
+    truths.sort_by_key(|truth| ignored(truth, size));
+    let mut founds: Vec<&FoundBox> = picture.found.iter().collect();
+    founds.sort_by(|a, b| b.score.total_cmp(&a.score));
+    founds.truncate(MAX_DETECTIONS);
+    let mut taken = vec![false; truths.len()];
+    let mut outcomes = Vec::with_capacity(founds.len());
+    for found in founds {
+        let mut best: Option<usize> = None;
+        let mut best_overlap = threshold.min(1.0 - 1e-10);
+        for (g, truth) in truths.iter().enumerate() {
+            if taken[g] && !truth.crowd {
+                continue;
+            }
+            // A true match is not given up for an ignored one; those come last.
+            if best.is_some_and(|b| !ignored(truths[b], size)) && ignored(truth, size) {
+                break;
+            }
+            let overlap = overlap(found, truth);
+            if overlap >= best_overlap {
+                best_overlap = overlap;
+                best = Some(g);
+            }
+        }
+        match best {
+            Some(g) => {
+                taken[g] = true;
+                if !ignored(truths[g], size) {
+                    outcomes.push((found.score, true));
+                }
+            }
+            None if size.holds(&found.bbox_px) => outcomes.push((found.score, false)),
+            None => {}
+        }
+    }
+    outcomes
+}
+
+/// IoU; with a crowd the share of the detection that lies in it.
+fn overlap(found: &FoundBox, truth: &TrueBox) -> f64 {
+    let (a, b) = (&found.bbox_px, &truth.bbox_px);
+    if !truth.crowd {
+        return bbox_iou(a, b);
+    }
+    let common = area(&[a[0].max(b[0]), a[1].max(b[1]), a[2].min(b[2]), a[3].min(b[3])]);
+    common / area(a)
+}
+
+fn area([x0, y0, x1, y1]: &[f64; 4]) -> f64 {
+    (x1 - x0).max(0.0) * (y1 - y0).max(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn truth(bbox_px: [f64; 4]) -> TrueBox {
+        TrueBox { bbox_px, ignore: false, crowd: false }
+    }
+
+    #[test]
+    fn one_of_two_found_and_a_false_one_between() {
+        let picture = PictureBoxes {
+            truth: vec![truth([0.0, 0.0, 10.0, 10.0]), truth([50.0, 0.0, 60.0, 10.0])],
+            found: vec![
+                FoundBox { bbox_px: [0.0, 0.0, 10.0, 10.0], score: 0.9 },
+                FoundBox { bbox_px: [100.0, 0.0, 110.0, 10.0], score: 0.8 },
+                // IoU 0.8 with the second: a hit at thresholds 0.5 … 0.8, seven of ten.
+                FoundBox { bbox_px: [50.0, 0.0, 58.0, 10.0], score: 0.7 },
+            ],
+        };
+        let result = average_precision(&[&picture], Size::All).unwrap();
+        // Recall 0–0.5 at precision 1 (51 points), to 1.0 at 2/3 (50 points).
+        let both = (51.0 + 50.0 * 2.0 / 3.0) / 101.0;
+        assert!((result.ap50 - both).abs() < 1e-9, "{result:?}");
+        assert!((result.ap - (7.0 * both + 3.0 * 51.0 / 101.0) / 10.0).abs() < 1e-9);
+        assert_eq!(average_precision(&[&picture], Size::Large), None);
+        assert!((average_precision(&[&picture], Size::Small).unwrap().ap - result.ap).abs() < 1e-12);
+    }
+
+    #[test]
+    fn ignored_and_crowded_boxes_cost_nothing() {
+        let crowd = TrueBox { bbox_px: [100.0, 0.0, 200.0, 100.0], ignore: false, crowd: true };
+        let hidden = TrueBox { ignore: true, ..truth([300.0, 0.0, 310.0, 10.0]) };
+        let found = |x: f64, score: f64| FoundBox { bbox_px: [x, 0.0, x + 10.0, 10.0], score };
+        let picture = PictureBoxes {
+            truth: vec![truth([0.0, 0.0, 10.0, 10.0]), crowd, hidden],
+            found: vec![found(120.0, 0.99), found(140.0, 0.98), found(300.0, 0.97), found(0.0, 0.5)],
+        };
+        assert!((average_precision(&[&picture], Size::All).unwrap().ap - 1.0).abs() < 1e-9);
+    }
+}

@@ -1,0 +1,42 @@
+//! Reprojection error: how far an estimate's keypoints fall from the true ones in the picture.
+
+use nalgebra::{Isometry3, Point3, Vector2};
+use roadplane_base::Camera;
+
+/// Root mean square distance (px) between the true pixels of the keypoints (by index) and an estimate's points (car
+/// frame) seen through the estimated camera. `None` where no keypoint is common or one falls behind the camera.
+#[must_use]
+pub fn reprojection_rms_px(
+    camera: &Camera,
+    camera_from_car: &Isometry3<f64>,
+    points_in_car: &[Option<Point3<f64>>],
+    true_pixels: &[Option<Vector2<f64>>],
+) -> Option<f64> {
+    let (mut sum, mut count) = (0.0, 0usize);
+    for (point, pixel) in points_in_car.iter().zip(true_pixels) {
+        if let (Some(point), Some(pixel)) = (point, pixel) {
+            sum += (camera.pixel_from_camera(&(camera_from_car * point).coords)? - pixel).norm_squared();
+            count += 1;
+        }
+    }
+    (count > 0).then(|| (sum / count as f64).sqrt())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Translation3, UnitQuaternion};
+
+    #[test]
+    fn a_shift_of_one_of_two_points() {
+        let camera = Camera { focal_px: 1000.0, principal_point_px: Vector2::new(500.0, 300.0) };
+        let pose = Isometry3::from_parts(Translation3::new(0.0, 0.0, 10.0), UnitQuaternion::identity());
+        let points = [Some(Point3::origin()), Some(Point3::new(1.0, 0.0, 0.0)), None];
+        // The second point falls on (600, 300), 5 px from where it truly is.
+        let pixels = [Some(Vector2::new(500.0, 300.0)), Some(Vector2::new(603.0, 304.0)), None];
+        let rms = reprojection_rms_px(&camera, &pose, &points, &pixels).unwrap();
+        assert!((rms - 12.5f64.sqrt()).abs() < 1e-9);
+        let behind = Isometry3::translation(0.0, 0.0, -10.0);
+        assert_eq!(reprojection_rms_px(&camera, &behind, &points, &pixels), None);
+    }
+}

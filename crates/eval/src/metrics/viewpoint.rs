@@ -1,0 +1,34 @@
+//! Viewpoint precision (Xiang et al. 2014, "Beyond PASCAL", as the paper uses it in Table 2: without the overlap condition).
+
+use nalgebra::UnitQuaternion;
+
+/// Thresholds of the paper's Table 2, rad.
+pub const THRESHOLDS_RAD: [f64; 5] = [0.14, 0.21, 0.28, 0.35, 0.42];
+
+/// Geodesic distance of two rotations, rad in 0–π: `‖log(R₁ᵀ R₂)‖ / √2` of the matrices, the angle of the turn between them.
+#[must_use]
+pub fn rotation_error_rad(a: &UnitQuaternion<f64>, b: &UnitQuaternion<f64>) -> f64 {
+    a.angle_to(b)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Vector3;
+
+    #[test]
+    fn it_is_the_angle_of_the_turn_between() {
+        let a = UnitQuaternion::from_euler_angles(0.3, -1.0, 2.0);
+        let turn = UnitQuaternion::from_axis_angle(
+            &nalgebra::Unit::new_unchecked(Vector3::new(0.6, 0.0, 0.8)),
+            0.25,
+        );
+        assert!((rotation_error_rad(&a, &(a * turn)) - 0.25).abs() < 1e-7);
+        assert!((rotation_error_rad(&(turn * a), &a) - 0.25).abs() < 1e-7);
+        // A quaternion and its negative are one rotation.
+        let negative = UnitQuaternion::new_unchecked(-a.into_inner());
+        assert!(rotation_error_rad(&a, &negative) < 1e-7);
+        let back = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), std::f64::consts::PI);
+        assert!((rotation_error_rad(&a, &(a * back)) - std::f64::consts::PI).abs() < 1e-7);
+    }
+}
