@@ -82,7 +82,7 @@ fn checked(car: Car) -> Result<LabelledCar, String> {
             .iter()
             .position(|known| *known == name)
             .ok_or_else(|| format!("{name} is no keypoint's name"))?;
-        if !(x.is_finite() && y.is_finite()) || ![1.0, 2.0].contains(&flag) {
+        if !(x.is_finite() && y.is_finite() && [1.0, 2.0].contains(&flag)) {
             return Err(format!("{name}: [x, y, flag] with flag 1 or 2 expected"));
         }
         labels[index] = Some(Label { pixel: Vector2::new(x, y), clear: flag == 2.0 });
