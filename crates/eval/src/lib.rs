@@ -4,6 +4,9 @@ mod bootstrap;
 mod error;
 pub mod keypoints;
 pub mod metrics;
+mod parallel;
+pub mod scoring;
+pub mod solver;
 mod table;
 pub mod truth;
 
