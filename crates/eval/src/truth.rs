@@ -1,12 +1,14 @@
 //! Truth of rendered and real scenes: `roadplane.dataset/1` and `roadplane.truth/1`. Frames and units as in `base`.
 
+#[cfg(test)]
+pub(crate) mod fixture;
 mod read;
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3};
-use roadplane_base::{Camera, GroundPlane, ImageSize, KEYPOINTS};
+use roadplane_base::{Camera, GroundPlane, ImageSize, KEYPOINTS, VehicleClass};
 use serde::{Deserialize, Serialize};
 
 pub use read::{read_dataset, read_truth};
@@ -103,8 +105,8 @@ pub struct TruePlane {
 pub struct Model {
     /// Its number in this item.
     pub id: u64,
-    /// `car`, `truck`, `bus`.
-    pub class: String,
+    /// What kind of vehicle it is.
+    pub class: VehicleClass,
     /// `sedan`, `suv` …
     pub body: String,
     /// Name of the 3D model.

@@ -1,0 +1,18 @@
+//! Boxes of a frame as average precision wants them.
+
+use crate::metrics::average_precision::{FoundBox, PictureBoxes, TrueBox};
+use crate::truth::{TrueCar, TrueFrame, Truth};
+
+use super::counts;
+
+/// True boxes of cars (visible parts) and the boxes found. Cars that do not count and other vehicles are ignored: nobody is
+/// asked to find them, nobody is blamed for it.
+#[must_use]
+pub fn picture_boxes(truth: &Truth, frame: &TrueFrame, found: Vec<FoundBox>) -> PictureBoxes {
+    let true_box = |car: &TrueCar| TrueBox {
+        bbox_px: car.bbox_px,
+        ignore: !truth.model(car.id).is_some_and(|model| counts(car, model)),
+        crowd: false,
+    };
+    PictureBoxes { truth: frame.cars.iter().map(true_box).collect(), found }
+}

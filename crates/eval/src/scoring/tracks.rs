@@ -1,0 +1,203 @@
+//! Tracks of a clip: identity on the ground; position, motion and jitter of those found.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use nalgebra::Vector2;
+use roadplane_base::{TrackRow, assign};
+
+use crate::metrics::motion::{MotionError, jitter_m, motion_error};
+use crate::metrics::position::{PositionError, position_error};
+use crate::metrics::sequence::{Sequence, SequenceFrame};
+use crate::truth::{Activity, TrueCar, Truth};
+
+use super::{counts, pairs_by_box};
+
+/// A row this near a true car that does not count is that car's, and does not count either, m.
+const IGNORED_WITHIN_M: f64 = 2.0;
+
+/// What tracks are worth.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct TrackScore {
+    /// For HOTA, CLEAR MOT and IDF1.
+    pub sequence: Sequence,
+    /// Cars (car and frame) that count.
+    pub true_cars: usize,
+    /// Position errors of those that a row's box overlaps.
+    pub positions: Vec<PositionError>,
+    /// Speed and heading errors of the same.
+    pub motions: Vec<MotionError>,
+    /// Of each parked car: RMS step from frame to frame, m.
+    pub jitters_m: Vec<f64>,
+}
+
+/// Scores the rows of `tracks.*` in the frames that `analysed` says were looked at.
+///
+/// Left out are rows on true cars that do not count (see [`counts`]), and rows that were filled in where truth lists no car
+/// within reach: truth leaves out cars that are hidden, which is when rows are filled in.
+#[must_use]
+pub fn score_tracks(truth: &Truth, rows: &[TrackRow], analysed: impl Fn(u64, f64) -> bool) -> TrackScore {
+    let mut of_frame: BTreeMap<u64, Vec<&TrackRow>> = BTreeMap::new();
+    for row in rows {
+        of_frame.entry(row.frame).or_default().push(row);
+    }
+    let parked = always_parked(truth);
+    let mut score = TrackScore::default();
+    // Places of parked cars in consecutive frames under one track.
+    let mut stands: BTreeMap<u64, Vec<Stand>> = BTreeMap::new();
+    let looked_at = truth.frames.iter().filter(|frame| analysed(frame.frame, frame.time_s));
+    for (place_in_clip, frame) in looked_at.enumerate() {
+        let rows = of_frame.get(&frame.frame).map_or(&[][..], Vec::as_slice);
+        let counted = |car: &&TrueCar| truth.model(car.id).is_some_and(|model| counts(car, model));
+        let cars: Vec<&TrueCar> = frame.cars.iter().filter(counted).collect();
+        score.true_cars += cars.len();
+        let kept = kept_rows(rows, &frame.cars, |car| counted(&car));
+        let truths: Vec<(u64, Vector2<f64>)> = cars.iter().map(|car| (car.id, true_place(car))).collect();
+        let founds: Vec<(u64, Vector2<f64>)> = kept.iter().map(|row| (row.track, place(row))).collect();
+        score.sequence.push(SequenceFrame::on_ground(&truths, &founds));
+
+        let boxes: Vec<[f64; 4]> = rows.iter().map(|row| row.bbox_px).collect();
+        for (row, car) in rows.iter().zip(pairs_by_box(&boxes, &cars)) {
+            let Some(car) = car.map(|c| cars[c]) else { continue };
+            score.positions.push(position_error(&place(row), &true_place(car)));
+            let heading = car.world_from_car[1][0].atan2(car.world_from_car[0][0]);
+            score.motions.push(motion_error(row.speed_mps, row.heading_rad, car.speed_mps, heading));
+            if parked.contains(&car.id) {
+                let stands = stands.entry(car.id).or_default();
+                stands.push(Stand { place_in_clip, track: row.track, place: place(row) });
+            }
+        }
+    }
+    for stands in stands.values() {
+        let goes_on = |a: &Stand, b: &Stand| b.place_in_clip == a.place_in_clip + 1 && a.track == b.track;
+        for stretch in stands.chunk_by(goes_on) {
+            let places: Vec<Vector2<f64>> = stretch.iter().map(|stand| stand.place).collect();
+            score.jitters_m.extend(jitter_m(&places));
+        }
+    }
+    score
+}
+
+/// Sequences of several clips as one: ids of different clips are different.
+#[must_use]
+pub fn join(sequences: &[&Sequence]) -> Sequence {
+    let of_clip = |clip: usize, ids: &[u64]| ids.iter().map(|id| ((clip as u64) << 32) + id).collect();
+    let frames = sequences.iter().enumerate().flat_map(|(clip, sequence)| {
+        sequence.iter().map(move |frame| SequenceFrame {
+            truth: of_clip(clip, &frame.truth),
+            found: of_clip(clip, &frame.found),
+            similarity: frame.similarity.clone(),
+        })
+    });
+    frames.collect()
+}
+
+struct Stand {
+    place_in_clip: usize,
+    track: u64,
+    place: Vector2<f64>,
+}
+
+fn place(row: &TrackRow) -> Vector2<f64> {
+    Vector2::new(row.x_m, row.y_m)
+}
+
+fn true_place(car: &TrueCar) -> Vector2<f64> {
+    Vector2::new(car.world_from_car[0][3], car.world_from_car[1][3])
+}
+
+fn always_parked(truth: &Truth) -> BTreeSet<u64> {
+    let cars = || truth.frames.iter().flat_map(|frame| &frame.cars);
+    let moved: BTreeSet<u64> =
+        cars().filter(|car| car.activity != Activity::Parked).map(|car| car.id).collect();
+    cars().map(|car| car.id).filter(|id| !moved.contains(id)).collect()
+}
+
+fn kept_rows<'a>(
+    rows: &[&'a TrackRow],
+    cars: &[TrueCar],
+    counted: impl Fn(&TrueCar) -> bool,
+) -> Vec<&'a TrackRow> {
+    let car_of = assign(rows.len(), cars.len(), IGNORED_WITHIN_M, |r, c| {
+        (place(rows[r]) - true_place(&cars[c])).norm()
+    });
+    let keep = |(row, car): (&&'a TrackRow, &Option<usize>)| match car {
+        Some(car) => counted(&cars[*car]).then_some(*row),
+        None => row.observed.then_some(*row),
+    };
+    rows.iter().zip(&car_of).filter_map(keep).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::metrics::{clear::clear, hota::hota};
+    use crate::truth::fixture::lot;
+
+    /// Rows that say what is true, `dx` m to the right of it.
+    fn rows(truth: &Truth, dx: f64) -> Vec<TrackRow> {
+        let row = |frame: &crate::truth::TrueFrame, car: &TrueCar| TrackRow {
+            frame: frame.frame,
+            time_s: frame.time_s,
+            track: car.id + 1,
+            x_m: true_place(car).x + dx,
+            y_m: true_place(car).y,
+            heading_rad: car.world_from_car[1][0].atan2(car.world_from_car[0][0]),
+            speed_mps: car.speed_mps + 0.25,
+            x_sd_m: 0.1,
+            y_sd_m: 0.1,
+            heading_sd_rad: 0.1,
+            length_m: 4.5,
+            width_m: 1.8,
+            height_m: 1.5,
+            bbox_px: car.bbox_px,
+            score: 0.9,
+            observed: true,
+            activity: None,
+        };
+        truth.frames.iter().flat_map(|frame| frame.cars.iter().map(move |car| row(frame, car))).collect()
+    }
+
+    #[test]
+    fn errors_are_those_put_in() {
+        let truth = lot(4);
+        let mut rows = rows(&truth, 0.3);
+        // The first parked car jumps 0.2 m for one of the four frames: steps 0, 0.2, 0.2.
+        rows[6].y_m += 0.2;
+        let score = score_tracks(&truth, &rows, |_, _| true);
+        assert_eq!((score.true_cars, score.positions.len()), (12, 12));
+        assert!((score.positions[0].error_m - 0.3).abs() < 1e-9);
+        assert!(score.motions.iter().all(|m| (m.speed_mps - 0.25).abs() < 1e-9 && m.heading_rad < 1e-9));
+        assert_eq!(score.jitters_m.len(), 2, "the passing car is not parked");
+        assert!((score.jitters_m[0] - (0.08f64 / 3.0).sqrt()).abs() < 1e-9 && score.jitters_m[1] < 1e-9);
+        assert!((clear(&score.sequence).mota - 1.0).abs() < 1e-12);
+        // 0.3 m of 4 m: similarity 0.925 passes 18 of 19 thresholds, but 0.36 m in one frame of twelve only as many.
+        assert!((hota(&score.sequence).ass_a - 18.0 / 19.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn what_does_not_count_costs_nothing() {
+        let mut truth = lot(2);
+        let mut rows = rows(&truth, 0.0);
+        for frame in &mut truth.frames {
+            frame.cars[1].visible_share = 0.2;
+        }
+        // A row that was filled in where truth lists nobody; the same seen is a false alarm.
+        let mut filled = TrackRow { track: 9, x_m: 30.0, observed: false, ..rows[0].clone() };
+        rows.push(filled.clone());
+        let score = clear(&score_tracks(&truth, &rows, |_, _| true).sequence);
+        assert_eq!((score.hits, score.misses, score.false_alarms), (4, 0, 0));
+        filled.observed = true;
+        rows.push(filled);
+        let score = clear(&score_tracks(&truth, &rows, |_, _| true).sequence);
+        assert_eq!((score.hits, score.false_alarms), (4, 1));
+    }
+
+    #[test]
+    fn joined_clips_share_no_identity() {
+        let truth = lot(2);
+        let score = score_tracks(&truth, &rows(&truth, 0.0), |_, _| true);
+        let both = join(&[&score.sequence, &score.sequence]);
+        assert_eq!(both.len(), 4);
+        assert!((hota(&both).hota - 1.0).abs() < 1e-12);
+    }
+}
