@@ -42,14 +42,17 @@ fn a_truncated_mp4_is_refused_or_read_as_far_as_it_goes() {
     let cut = folder.path().join("cut.mp4");
     fs::write(&cut, &whole[..whole.len() / 10]).unwrap();
     let out = folder.path().join("out");
-    let assert = roadplane()
-        .arg("run")
-        .arg(&cut)
-        .arg("--out")
-        .arg(&out)
-        .args(["--set", "decode.max_frames=1"])
-        .assert();
-    assert.code(3);
+    // The second time it may be finished already: a damaged input stays a damaged one.
+    for _ in 0..2 {
+        let run = roadplane()
+            .arg("run")
+            .arg(&cut)
+            .arg("--out")
+            .arg(&out)
+            .args(["--resume", "--set", "decode.max_frames=1"])
+            .assert();
+        run.code(3);
+    }
     let half_written = names(&out).into_iter().any(|name| name.ends_with(".partial"));
     assert!(!half_written);
 }

@@ -6,7 +6,7 @@ use std::time::Instant;
 use roadplane_base::ShapeAtlas;
 use roadplane_write::{
     Existing, FrameSpool, InputSummary, OutputFolder, RunStatus, StageSeconds, Summary, TrackFiles,
-    write_camera, write_json, write_summary,
+    read_summary, write_camera, write_json, write_summary,
 };
 use serde::{Deserialize, Serialize};
 
@@ -82,9 +82,11 @@ pub fn run_input(
     let started = Instant::now();
     let stem = stem_of(input_path);
     let finished = out.join(&stem);
-    if options.resume && finished.join("summary.json").is_file() {
+    let summary = finished.join("summary.json");
+    if options.resume && summary.is_file() {
         let camera = "finished before".to_owned();
-        return Ok(RunReport { folder: finished, tracks: None, camera, damaged: false });
+        let damaged = read_summary(&summary)?.status == RunStatus::InputDamaged;
+        return Ok(RunReport { folder: finished, tracks: None, camera, damaged });
     }
     let input = open_input(input_path, config)?;
     let identity = file_identity(input_path)?;

@@ -124,6 +124,15 @@ pub fn write_summary(path: &Path, summary: &Summary) -> Result<(), WriteError> {
     write_json(path, &summary)
 }
 
+/// Reads `summary.json`.
+///
+/// # Errors
+/// [`WriteError::Malformed`] if it is no such file, [`WriteError::Io`].
+pub fn read_summary(path: &Path) -> Result<Summary, WriteError> {
+    let text = std::fs::read(path).map_err(WriteError::io("read", path))?;
+    serde_json::from_slice(&text).map_err(|e| WriteError::malformed(path, e))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -144,6 +153,6 @@ mod tests {
         write_summary(&path, &summary).unwrap();
         let text = std::fs::read_to_string(&path).unwrap();
         assert!(text.contains("\"status\": \"input_damaged\""), "{text}");
-        assert_eq!(serde_json::from_str::<Summary>(&text).unwrap(), summary);
+        assert_eq!(read_summary(&path).unwrap(), summary);
     }
 }
