@@ -5,6 +5,7 @@ mod error;
 pub mod keypoints;
 pub mod metrics;
 mod parallel;
+pub mod readers;
 pub mod scoring;
 pub mod solver;
 mod table;

@@ -1,0 +1,33 @@
+//! Truth of other people's data: KITTI, MEVA cameras, KPF boxes. Malformed files give an error that names file and line.
+
+pub mod kitti;
+pub mod kpf;
+pub mod krtd;
+
+use std::path::Path;
+use std::str::FromStr;
+
+use crate::EvalError;
+
+/// Field `index` of a line as a value.
+fn field<T: FromStr>(fields: &[&str], index: usize, name: &str) -> Result<T, String> {
+    let text = fields.get(index).ok_or_else(|| format!("{name} is missing"))?;
+    text.parse().ok().ok_or_else(|| format!("{name} {text:?} is no such value"))
+}
+
+/// Like [`field`] for finite numbers.
+fn number(fields: &[&str], index: usize, name: &str) -> Result<f64, String> {
+    let value: f64 = field(fields, index, name)?;
+    if value.is_finite() { Ok(value) } else { Err(format!("{name} is not finite")) }
+}
+
+/// Every line that is not empty, by a function of its fields; errors name the line.
+fn each_line<T>(path: &Path, read: impl Fn(&[&str]) -> Result<T, String>) -> Result<Vec<T>, EvalError> {
+    let text = EvalError::read_text(path)?;
+    let lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
+    let values = lines.map(|(i, line)| {
+        let fields: Vec<&str> = line.split_whitespace().collect();
+        read(&fields).map_err(|what| EvalError::malformed(path, format!("line {}: {what}", i + 1)))
+    });
+    values.collect()
+}
