@@ -5,7 +5,9 @@ mod error;
 pub mod keypoints;
 pub mod metrics;
 mod parallel;
+mod plot;
 pub mod readers;
+mod report;
 pub mod scoring;
 pub mod solver;
 mod table;
@@ -13,4 +15,6 @@ pub mod truth;
 
 pub use bootstrap::{Estimate, bootstrap, bootstrap_scenes, median, quantile, share_within};
 pub use error::EvalError;
+pub use plot::{Mark, Plot, Series};
+pub use report::Report;
 pub use table::{Cell, Column, Table};
