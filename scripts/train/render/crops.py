@@ -53,7 +53,9 @@ class Sight:
 
     box: np.ndarray  # tight around the visible silhouette: x0, y0, x1, y1
     whole_box: np.ndarray  # around all of the car inside the frame
+    extent: np.ndarray  # around all of the car, also what lies outside the frame
     share: float  # visible over whole silhouette, frame ignored
+    seen_share: float  # the same with what the frame cuts off counted as unseen
     keypoints: np.ndarray  # (36, 2)
     visible: np.ndarray  # (36,) bool
 
@@ -63,8 +65,8 @@ def in_world(points: np.ndarray, world_from_car: np.ndarray) -> np.ndarray:
     return points @ world_from_car[:3, :3].T + world_from_car[:3, 3]
 
 
-def sight(renderer: Renderer, scene: Scene, camera: Camera, index: int) -> Sight | None:
-    """Truth of one car of a scene; none when it is not properly in view."""
+def sight(renderer: Renderer, scene: Scene, camera: Camera, index: int, least_inside: float = 0.3) -> Sight | None:
+    """Truth of one car of a scene; none when less than `least_inside` of what is not hidden lies in the frame."""
     car = scene.cars[index]
     pixels, depth = camera.pixel_from_world(in_world(car.gpu.mesh.vertices, car.world_from_car))
     if depth.min() < 1.0:
@@ -85,7 +87,7 @@ def sight(renderer: Renderer, scene: Scene, camera: Camera, index: int) -> Sight
     mask = seen == index + 1
     share = mask.sum() / max(whole_mask.sum(), 1)
     shown = mask & in_frame
-    if shown.sum() < 0.3 * whole_mask.sum() * share or shown.sum() < 60:
+    if shown.sum() < least_inside * whole_mask.sum() * share or shown.sum() < 60:
         return None
     box = inside
     if share < 0.98:
@@ -100,7 +102,9 @@ def sight(renderer: Renderer, scene: Scene, camera: Camera, index: int) -> Sight
         column, row = int((x - left) / side * TRUTH_PX), int((y - top) / side * TRUTH_PX)
         near = away[max(row - 1, 0):row + 2, max(column - 1, 0):column + 2] >= point_depth[k] - DEPTH_TOLERANCE_M
         visible[k] = near.sum() >= 3
-    return Sight(box, inside, float(share), points, visible)
+    extent = np.concatenate([low, high])
+    seen_share = float(shown.sum() / max(whole_mask.sum(), 1))
+    return Sight(box, inside, extent, float(share), seen_share, points, visible)
 
 
 def make_crop(renderer: Renderer, scene: Scene, camera: Camera, seen: Sight, rng: np.random.Generator) -> Crop:

@@ -1,0 +1,92 @@
+"""Truth files of the data sets (`roadplane.dataset/1`, `roadplane.truth/1`): the one place that writes them.
+
+Frames of DESIGN §3, SI units, radians, pixels whose (0, 0) is the centre of the top-left one. Poses are rounded to
+1e-6, pixels to 0.01.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from cars.mesh import CarMesh
+
+from .camera import Camera
+from .crops import Sight
+
+DATASET_SCHEMA = "roadplane.dataset/1"
+TRUTH_SCHEMA = "roadplane.truth/1"
+SMALLEST_SHARE = 0.15  # cars of which less is seen are left out of a frame
+ACTIVITIES = ("parked", "moving", "turning_left", "turning_right", "u_turn", "stopping", "starting", "reversing", "parking")
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What a car does at one time."""
+
+    world_from_car: np.ndarray  # 4 × 4
+    speed_mps: float = 0.0  # of the car's origin; negative when it reverses
+    activity: str = "parked"  # one of ACTIVITIES
+
+
+def camera_record(camera: Camera) -> dict:
+    """The camera, in the words of `camera.json`."""
+    normal, offset = camera.plane_in_camera
+    return {
+        "image_size_px": list(camera.image_size_px), "focal_px": float(camera.focal_px),
+        "principal_point_px": list(camera.principal_point_px), "height_m": float(camera.height_m),
+        "tilt_rad": float(camera.tilt_rad), "roll_rad": float(camera.roll_rad),
+        "plane_in_camera": {"normal": normal.tolist(), "offset_m": float(offset)},
+        "camera_from_world": camera.camera_from_world.tolist(),
+    }
+
+
+def model_record(number: int, mesh: CarMesh) -> dict:
+    """One physical car: its shape, car frame, metres."""
+    return {
+        "id": number, "class": "car", "body": mesh.body, "model": mesh.name, "dims_m": _rounded(mesh.dims, 4),
+        "keypoints_in_car": [_rounded(p, 6) if np.isfinite(p).all() else None for p in mesh.keypoints],
+    }
+
+
+def car_record(number: int, motion: Motion, seen: Sight) -> dict:
+    """One car in one frame."""
+    points = [[*_rounded(p, 2), int(v)] if np.isfinite(p).all() else None
+              for p, v in zip(seen.keypoints, seen.visible, strict=True)]
+    return {
+        "id": number, "world_from_car": [_rounded(row, 6) for row in motion.world_from_car],
+        "speed_mps": round(float(motion.speed_mps), 4), "activity": motion.activity, "box": _rounded(seen.box, 2),
+        "whole_box": _rounded(seen.extent, 2), "visible_share": round(seen.seen_share, 3), "keypoints_px": points,
+    }
+
+
+def item_record(media: str, fps: float | None, conditions: dict[str, str], camera: Camera, meshes: dict[int, CarMesh],
+                frames: list[list[dict]]) -> dict:
+    """A still (`fps` none) or a clip; `frames` holds each frame's cars, `meshes` the cars by id."""
+    appear = sorted({car["id"] for cars in frames for car in cars})
+    return {
+        "schema": TRUTH_SCHEMA, "media": media, "kind": "still" if fps is None else "clip", "fps": fps, "real": False,
+        "conditions": conditions, "camera": camera_record(camera), "models": [model_record(i, meshes[i]) for i in appear],
+        "frames": [{"frame": k, "time_s": round(k / fps, 6) if fps else 0.0, "cars": cars} for k, cars in enumerate(frames)],
+    }
+
+
+def dataset_record(name: str, split: str, seed: int, items: list[str]) -> dict:
+    """`dataset.json`; items are paths of truth files relative to it."""
+    return {"schema": DATASET_SCHEMA, "name": name, "split": split, "seed": seed, "items": sorted(items)}
+
+
+def write_json(path: Path, record: dict, indent: int | None = None) -> None:
+    """Writes compact JSON; the file is there complete or not at all."""
+    part = path.with_name(f"{path.name}.{os.getpid()}.part")
+    separators = (",", ":") if indent is None else (",", ": ")
+    part.write_text(json.dumps(record, separators=separators, indent=indent, allow_nan=False) + "\n")
+    part.rename(path)
+
+
+def _rounded(values: np.ndarray, digits: int) -> list[float]:
+    return [round(float(v), digits) + 0.0 for v in values]  # + 0.0: no negative zeros
