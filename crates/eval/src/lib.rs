@@ -11,6 +11,7 @@ mod report;
 pub mod scoring;
 pub mod solver;
 mod table;
+pub mod tables;
 pub mod truth;
 
 pub use bootstrap::{Estimate, bootstrap, bootstrap_scenes, median, quantile, share_within};

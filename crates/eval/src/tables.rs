@@ -1,0 +1,23 @@
+//! Tables and plots of scores, one row a system, with intervals over scenes.
+
+mod poses;
+mod tracks;
+
+pub use poses::{add_plot, add_table, camera_table, viewpoint_plot, viewpoint_table};
+pub use tracks::{boxes_table, motion_table, position_plot, position_table, tracking_table};
+
+use crate::{Cell, bootstrap};
+
+/// Scores of a system: its name and what it did in each scene.
+pub type Scored<'a, T> = (&'a str, &'a [Vec<T>]);
+
+/// A statistic of one number of each score, with its interval over scenes.
+fn cell<T>(
+    scenes: &[Vec<T>],
+    number: impl Fn(&T) -> f64,
+    statistic: impl Fn(&[f64]) -> f64,
+    factor: f64,
+) -> Cell {
+    let numbers: Vec<Vec<f64>> = scenes.iter().map(|scene| scene.iter().map(&number).collect()).collect();
+    bootstrap(&numbers, statistic).scaled(factor).into()
+}

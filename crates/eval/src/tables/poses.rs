@@ -1,0 +1,120 @@
+//! Poses and cameras: the paper's Tables 1 and 2, and focal length and plane.
+
+use super::{Scored, cell};
+use crate::metrics::camera::CameraError;
+use crate::metrics::{add, viewpoint};
+use crate::scoring::PoseScore;
+use crate::{Cell, Column, Mark, Plot, Table, median, quantile, share_within};
+
+/// Points of the curves in the plots.
+const CURVE: usize = 60;
+
+/// The paper's Table 1 with the strict thresholds before: share of cars whose ADD is within so many diameters.
+#[must_use]
+pub fn add_table(title: &str, systems: &[Scored<'_, PoseScore>]) -> Table {
+    let mut columns = vec![Column::new("system", 0), Column::new("cars", 0)];
+    columns.extend(add::THRESHOLDS.map(|limit| Column::new(format!("{limit} d, %"), 1)));
+    columns.push(Column::new("median, d", 3));
+    let note = "ADD (Hinterstoisser 2012) of the points that the system puts out, within so many diameters of the car. Cars \
+                without a pose count as wrong. 95 % intervals by resampling scenes.";
+    let mut table = Table::new(title, note, columns);
+    for (name, scenes) in systems {
+        let mut row = vec![Cell::from(*name), cars(scenes)];
+        let within = |limit: f64| cell(scenes, |s| s.add, |v| share_within(v, limit), 100.0);
+        row.extend(add::THRESHOLDS.map(within));
+        row.push(cell(scenes, |s| s.add, median, 1.0));
+        table.rows.push(row);
+    }
+    table
+}
+
+/// The paper's Table 2: share of cars whose rotation is within so many radians.
+#[must_use]
+pub fn viewpoint_table(title: &str, systems: &[Scored<'_, PoseScore>]) -> Table {
+    let mut columns = vec![Column::new("system", 0), Column::new("cars", 0)];
+    columns.extend(viewpoint::THRESHOLDS_RAD.map(|limit| Column::new(format!("{limit} rad, %"), 1)));
+    columns.push(Column::new("median, °", 2));
+    let note = "Viewpoint precision (Xiang 2014): geodesic angle between the rotations. Cars without a pose count as wrong.";
+    let mut table = Table::new(title, note, columns);
+    for (name, scenes) in systems {
+        let mut row = vec![Cell::from(*name), cars(scenes)];
+        let within = |limit: f64| cell(scenes, |s| s.rotation_rad, |v| share_within(v, limit), 100.0);
+        row.extend(viewpoint::THRESHOLDS_RAD.map(within));
+        row.push(cell(scenes, |s| s.rotation_rad, median, 1f64.to_degrees()));
+        table.rows.push(row);
+    }
+    table
+}
+
+fn cars<T>(scenes: &[Vec<T>]) -> Cell {
+    scenes.iter().map(Vec::len).sum::<usize>().to_string().into()
+}
+
+/// Focal length and plane.
+#[must_use]
+pub fn camera_table(title: &str, systems: &[Scored<'_, CameraError>]) -> Table {
+    let columns = vec![
+        Column::new("system", 0),
+        Column::new("pictures", 0),
+        Column::new("focal, median %", 2),
+        Column::new("focal, 90 % within %", 2),
+        Column::new("focal, mean signed %", 2),
+        Column::new("tilt, median °", 2),
+        Column::new("tilt, 90 % within °", 2),
+        Column::new("plane's normal, median °", 2),
+        Column::new("height, median %", 2),
+        Column::new("height, 90 % within %", 2),
+    ];
+    let mut table =
+        Table::new(title, "Relative errors of focal length and height, angles of tilt and normal.", columns);
+    let mean = |v: &[f64]| v.iter().sum::<f64>() / v.len() as f64;
+    let most = |v: &[f64]| quantile(v, 0.9);
+    let degrees = 1f64.to_degrees();
+    for (name, scenes) in systems {
+        table.rows.push(vec![
+            Cell::from(*name),
+            cars(scenes),
+            cell(scenes, |e| e.focal_relative.abs(), median, 100.0),
+            cell(scenes, |e| e.focal_relative.abs(), most, 100.0),
+            cell(scenes, |e| e.focal_relative, mean, 100.0),
+            cell(scenes, |e| e.tilt_rad.abs(), median, degrees),
+            cell(scenes, |e| e.tilt_rad.abs(), most, degrees),
+            cell(scenes, |e| e.normal_rad, median, degrees),
+            cell(scenes, |e| e.height_relative.abs(), median, 100.0),
+            cell(scenes, |e| e.height_relative.abs(), most, 100.0),
+        ]);
+    }
+    table
+}
+
+/// Share of cars by ADD threshold.
+#[must_use]
+pub fn add_plot(systems: &[Scored<'_, PoseScore>]) -> Plot {
+    curves("ADD", "threshold, diameters", 2.0, systems, |score| score.add)
+}
+
+/// Share of cars by rotation threshold.
+#[must_use]
+pub fn viewpoint_plot(systems: &[Scored<'_, PoseScore>]) -> Plot {
+    curves("Viewpoint", "threshold, rad", 0.42, systems, |score| score.rotation_rad)
+}
+
+fn curves(
+    title: &str,
+    x_label: &str,
+    end: f64,
+    systems: &[Scored<'_, PoseScore>],
+    number: impl Fn(&PoseScore) -> f64,
+) -> Plot {
+    let mut plot = Plot { y_range: Some([0.0, 100.0]), ..Plot::new(title, x_label, "cars within, %") };
+    for (name, scenes) in systems {
+        let values: Vec<f64> = scenes.iter().flatten().map(&number).collect();
+        let point = |i: usize| {
+            // Denser where today's methods differ.
+            let x = end * (i as f64 / CURVE as f64).powi(2);
+            (x, 100.0 * share_within(&values, x))
+        };
+        plot = plot.with(*name, Mark::Line, (0..=CURVE).map(point).collect());
+    }
+    plot
+}

@@ -1,0 +1,165 @@
+//! Tracks on the ground and boxes in the picture.
+
+use super::{Scored, cell};
+use crate::metrics::average_precision::{PictureBoxes, Size, average_precision};
+use crate::metrics::clear::clear;
+use crate::metrics::hota::hota;
+use crate::metrics::identity::identity;
+use crate::metrics::position::{BIN_EDGES_M, PositionError, bin_name, distance_bin};
+use crate::metrics::sequence::{Sequence, ZERO_DISTANCE_M};
+use crate::scoring::{TrackScore, join};
+use crate::{Cell, Column, Mark, Plot, Table, bootstrap_scenes, median, quantile, share_within};
+
+/// Headings further off than this are those of a car that was taken for its mirror image, rad.
+const TURNED_RAD: f64 = std::f64::consts::FRAC_PI_2;
+
+/// HOTA, CLEAR MOT and IDF1 of ground tracks; clips count by their frames, as one long sequence.
+#[must_use]
+pub fn tracking_table(title: &str, systems: &[(&str, &[TrackScore])]) -> Table {
+    let heads = ["HOTA, %", "DetA, %", "AssA, %", "MOTA, %", "MOTP, m", "IDF1, %", "switches"];
+    let mut columns = vec![Column::new("system", 0), Column::new("clips", 0), Column::new("cars", 0)];
+    columns.extend(heads.map(|head| Column::new(head, if head == "MOTP, m" { 2 } else { 1 })));
+    let note = "Similarity on the ground 1 − distance / 4 m. HOTA: Luiten 2021; MOTA, MOTP at similarity 0.5 (2 m): \
+                Bernardin 2008; IDF1: Ristani 2016. Cars: car and frame.";
+    let mut table = Table::new(title, note, columns);
+    for (name, clips) in systems {
+        let cars: usize = clips.iter().map(|clip| clip.true_cars).sum();
+        let number = |statistic: &dyn Fn(&Sequence) -> f64| -> Cell {
+            let of = |chosen: &[&TrackScore]| {
+                statistic(&join(&chosen.iter().map(|clip| &clip.sequence).collect::<Vec<_>>()))
+            };
+            bootstrap_scenes(clips, cars, of).into()
+        };
+        table.rows.push(vec![
+            Cell::from(*name),
+            clips.len().to_string().into(),
+            cars.to_string().into(),
+            number(&|s| 100.0 * hota(s).hota),
+            number(&|s| 100.0 * hota(s).det_a),
+            number(&|s| 100.0 * hota(s).ass_a),
+            number(&|s| 100.0 * clear(s).mota),
+            number(&|s| ZERO_DISTANCE_M * (1.0 - clear(s).motp)),
+            number(&|s| 100.0 * identity(s).idf1),
+            number(&|s| clear(s).switches as f64),
+        ]);
+    }
+    table
+}
+
+/// Position error on the ground by true distance, one row a system and bin that has cars.
+#[must_use]
+pub fn position_table(title: &str, systems: &[Scored<'_, PositionError>]) -> Table {
+    let columns = vec![
+        Column::new("system", 0),
+        Column::new("distance", 0),
+        Column::new("cars", 0),
+        Column::new("median, m", 2),
+        Column::new("90 % within, m", 2),
+        Column::new("median, % of the distance", 1),
+    ];
+    let note = "Error of the position on the ground in the camera's own world, so that errors of the estimated camera count.";
+    let mut table = Table::new(title, note, columns);
+    for (name, scenes) in systems {
+        for bin in 0..=BIN_EDGES_M.len() {
+            // The last row is of all distances.
+            let all = bin == BIN_EDGES_M.len();
+            let here = |e: &&PositionError| all || distance_bin(e.distance_m) == bin;
+            let chosen: Vec<Vec<PositionError>> =
+                scenes.iter().map(|scene| scene.iter().filter(here).copied().collect()).collect();
+            let cars: usize = chosen.iter().map(Vec::len).sum();
+            if cars == 0 {
+                continue;
+            }
+            table.rows.push(vec![
+                Cell::from(*name),
+                if all { "all".to_owned() } else { bin_name(bin) }.into(),
+                cars.to_string().into(),
+                cell(&chosen, |e| e.error_m, median, 1.0),
+                cell(&chosen, |e| e.error_m, |v| quantile(v, 0.9), 1.0),
+                cell(&chosen, |e| e.error_m / e.distance_m, median, 100.0),
+            ]);
+        }
+    }
+    table
+}
+
+/// Speed, heading, jitter, and how many of the true cars were found at all.
+#[must_use]
+pub fn motion_table(title: &str, systems: &[(&str, &[TrackScore])]) -> Table {
+    let columns = vec![
+        Column::new("system", 0),
+        Column::new("cars", 0),
+        Column::new("found, %", 1),
+        Column::new("speed, median m/s", 2),
+        Column::new("speed, 90 % within m/s", 2),
+        Column::new("heading, median °", 1),
+        Column::new("heading, 90 % within °", 1),
+        Column::new("turned round, %", 1),
+        Column::new("parked cars", 0),
+        Column::new("jitter, median m", 3),
+    ];
+    let note = "Found: a track's box overlaps the car's by half. Jitter: RMS step of a parked car from frame to frame.";
+    let mut table = Table::new(title, note, columns);
+    let most = |v: &[f64]| quantile(v, 0.9);
+    for (name, clips) in systems {
+        let cars: usize = clips.iter().map(|clip| clip.true_cars).sum();
+        let motions: Vec<_> = clips.iter().map(|clip| clip.motions.clone()).collect();
+        let jitters: Vec<_> = clips.iter().map(|clip| clip.jitters_m.clone()).collect();
+        let found = |chosen: &[&TrackScore]| {
+            let sum =
+                |count: &dyn Fn(&TrackScore) -> usize| chosen.iter().map(|c| count(c)).sum::<usize>() as f64;
+            100.0 * sum(&|clip| clip.motions.len()) / sum(&|clip| clip.true_cars)
+        };
+        table.rows.push(vec![
+            Cell::from(*name),
+            cars.to_string().into(),
+            bootstrap_scenes(clips, cars, found).into(),
+            cell(&motions, |m| m.speed_mps, median, 1.0),
+            cell(&motions, |m| m.speed_mps, most, 1.0),
+            cell(&motions, |m| m.heading_rad, median, 1f64.to_degrees()),
+            cell(&motions, |m| m.heading_rad, most, 1f64.to_degrees()),
+            cell(&motions, |m| m.heading_rad, |v| 1.0 - share_within(v, TURNED_RAD), 100.0),
+            jitters.iter().map(Vec::len).sum::<usize>().to_string().into(),
+            cell(&jitters, |j| *j, median, 1.0),
+        ]);
+    }
+    table
+}
+
+/// Average precision of boxes by size.
+#[must_use]
+pub fn boxes_table(title: &str, systems: &[Scored<'_, PictureBoxes>]) -> Table {
+    let mut columns = vec![Column::new("system", 0), Column::new("pictures", 0)];
+    columns.extend(
+        ["AP, %", "AP50, %", "AP small, %", "AP medium, %", "AP large, %"].map(|head| Column::new(head, 1)),
+    );
+    let note = "COCO's average precision over IoU 0.50–0.95; small below 32² px, large above 96² px.";
+    let mut table = Table::new(title, note, columns);
+    for (name, scenes) in systems {
+        let pictures: usize = scenes.iter().map(Vec::len).sum();
+        let number = |size: Size, at50: bool| -> Cell {
+            let of = |chosen: &[&Vec<PictureBoxes>]| {
+                let pictures: Vec<&PictureBoxes> = chosen.iter().flat_map(|scene| scene.iter()).collect();
+                let ap = average_precision(&pictures, size);
+                100.0 * ap.map_or(f64::NAN, |ap| if at50 { ap.ap50 } else { ap.ap })
+            };
+            bootstrap_scenes(scenes, pictures, of).into()
+        };
+        let mut row = vec![Cell::from(*name), pictures.to_string().into()];
+        row.extend([number(Size::All, false), number(Size::All, true)]);
+        row.extend([Size::Small, Size::Medium, Size::Large].map(|size| number(size, false)));
+        table.rows.push(row);
+    }
+    table
+}
+
+/// Position errors by distance, a dot each.
+#[must_use]
+pub fn position_plot(systems: &[Scored<'_, PositionError>]) -> Plot {
+    let mut plot = Plot::new("Position", "true distance, m", "error on the ground, m");
+    for (name, scenes) in systems {
+        let points = scenes.iter().flatten().map(|e| (e.distance_m, e.error_m)).collect();
+        plot = plot.with(*name, Mark::Dots, points);
+    }
+    plot
+}
