@@ -1,5 +1,7 @@
 //! The command line.
 
+pub mod eval;
+
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
@@ -41,6 +43,8 @@ pub enum Command {
     Solve(SolveArgs),
     /// Draws a finished run into a video.
     Render(RenderArgs),
+    /// Measures: nets, solver, finished runs, against truth; prints tables.
+    Eval(eval::EvalArgs),
     /// Checks codecs, runtime, models, and says what to do about what is missing.
     Doctor(DoctorArgs),
     /// Prints shell completions.

@@ -9,6 +9,7 @@ mod signals;
 use std::process::ExitCode;
 
 use clap::Parser as _;
+use roadplane_eval::EvalError;
 use roadplane_pipeline::{Fault, PipelineError};
 
 use args::{Cli, Command};
@@ -26,6 +27,7 @@ fn main() -> ExitCode {
         Command::Detect(args) => commands::stages::detect(args, &cancel),
         Command::Keypoints(args) => commands::stages::keypoints(args, &cancel),
         Command::Solve(args) => commands::stages::solve(args, &cancel),
+        Command::Eval(args) => commands::eval::eval(args, &cancel),
         Command::Doctor(args) => commands::doctor::doctor(args),
         Command::Completions { shell } => commands::completions(*shell),
     };
@@ -50,7 +52,8 @@ pub enum Outcome {
 }
 
 fn exit_code(error: &anyhow::Error) -> u8 {
-    match error.downcast_ref::<PipelineError>().map(PipelineError::fault) {
+    let of_eval = || error.downcast_ref::<EvalError>().map(EvalError::fault);
+    match error.downcast_ref::<PipelineError>().map(PipelineError::fault).or_else(of_eval) {
         Some(Fault::Usage) => 2,
         Some(Fault::Input) => DAMAGED,
         Some(Fault::Model) => 4,

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use roadplane_pipeline::PipelineError;
+use roadplane_pipeline::{Fault, PipelineError};
 use roadplane_write::WriteError;
 use thiserror::Error;
 
@@ -44,6 +44,17 @@ impl EvalError {
     #[must_use]
     pub fn malformed(path: &Path, what: impl ToString) -> Self {
         Self::Malformed { what: what.to_string(), path: path.to_path_buf() }
+    }
+
+    /// Who can mend it.
+    #[must_use]
+    pub fn fault(&self) -> Fault {
+        match self {
+            Self::Unreadable { .. } | Self::Malformed { .. } => Fault::Input,
+            Self::Unsuitable { .. } => Fault::Usage,
+            Self::Pipeline(error) => error.fault(),
+            Self::Write(_) => Fault::Internal,
+        }
     }
 
     /// Reads a text file.

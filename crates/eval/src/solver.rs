@@ -12,5 +12,5 @@ mod statistics;
 pub use ablation::ablation_tables;
 pub use exact::exact_table;
 pub use fusion::fusion_table;
-pub use speed::{SpeedPoint, speed, speed_table};
+pub use speed::{SpeedPoint, speed, speed_plot, speed_table};
 pub use statistics::statistics_tables;

@@ -31,4 +31,4 @@ pub use roadplane_write::{Existing, FolderLock};
 pub use run::{RunOptions, RunReport, run_input, stem_of};
 pub use solve_file::{SolveOptions, solve_file};
 pub use stage_files::{detect_file, keypoints_file};
-pub use streaming::{Nets, open_detector, open_keypoints};
+pub use streaming::{Nets, open_detector, open_input, open_keypoints};

@@ -9,6 +9,7 @@ use crate::Outcome;
 use crate::args::{Cli, ConfigArgs};
 
 pub mod doctor;
+pub mod eval;
 pub mod render;
 pub mod run;
 pub mod stages;

@@ -1,12 +1,12 @@
 //! How long a solve takes on one thread, by number of cars: CPU time, whatever else the machine does.
 
+use nalgebra::{Point3, Vector2};
 use roadplane_base::{Camera, CameraParams, GroundPose, Shape, ShapeAtlas};
 use roadplane_solve::{KnownScene, SceneOptions, refine_scene, solve_scene};
 use roadplane_synth::{Rng, SceneTruth, SynthOptions, scene};
 
 use super::scenes::views;
-use crate::{Column, Table, median};
-use nalgebra::{Point3, Vector2};
+use crate::{Column, Mark, Plot, Table, median};
 
 /// Scenes a number of cars.
 const SCENES: u64 = 5;
@@ -53,6 +53,15 @@ pub fn speed_table(points: &[SpeedPoint]) -> Table {
         table.rows.push(numbers.map(Into::into).to_vec());
     }
     table
+}
+
+/// Times against the number of cars: straight lines, since cost is linear in cars.
+#[must_use]
+pub fn speed_plot(points: &[SpeedPoint]) -> Plot {
+    let line = |value: fn(&SpeedPoint) -> f64| points.iter().map(|p| (p.cars as f64, value(p))).collect();
+    Plot::new("CPU time on one thread", "cars", "ms")
+        .with("cold start", Mark::Line, line(|p| p.cold_start_ms))
+        .with("refinement", Mark::Line, line(|p| p.refinement_ms))
 }
 
 /// CPU seconds of this thread; the kernel counts in steps of milliseconds.

@@ -1,0 +1,67 @@
+//! Arguments of `roadplane eval`.
+
+use std::path::PathBuf;
+
+use clap::{Args, Subcommand, ValueEnum};
+
+use super::ConfigArgs;
+
+/// `roadplane eval`.
+#[derive(Debug, Args)]
+pub struct EvalArgs {
+    /// What is evaluated.
+    #[command(subcommand)]
+    pub command: EvalCommand,
+}
+
+/// What is evaluated.
+#[derive(Debug, Subcommand)]
+pub enum EvalCommand {
+    /// The keypoint net on labelled images: errors per keypoint, size and body type, and the worst cars drawn.
+    Keypoints(EvalKeypointsArgs),
+    /// The joint solver on synthetic scenes with exact truth: accuracy against the Cramér–Rao bound, honesty, speed.
+    Solver(EvalSolverArgs),
+}
+
+/// In which boxes keypoints are looked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Boxes {
+    /// The labelled ones.
+    True,
+    /// The detector's.
+    Detected,
+}
+
+/// `roadplane eval keypoints`.
+#[derive(Debug, Args)]
+pub struct EvalKeypointsArgs {
+    /// Label files (repeatable).
+    #[arg(long, required = true, num_args = 1.., value_name = "FILE")]
+    pub truth: Vec<PathBuf>,
+    /// Folder of the images that they name.
+    #[arg(long, value_name = "DIR")]
+    pub images: PathBuf,
+    /// In which boxes keypoints are looked for.
+    #[arg(long, value_enum, default_value_t = Boxes::True)]
+    pub boxes: Boxes,
+    /// How many of the worst cars are drawn.
+    #[arg(long, default_value_t = 12, value_name = "N")]
+    pub worst: usize,
+    /// Writes the tables as CSV and HTML, and worst.png, into this folder.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub config: ConfigArgs,
+}
+
+/// `roadplane eval solver`.
+#[derive(Debug, Args)]
+pub struct EvalSolverArgs {
+    /// Scenes a row of the statistics; five times as many noise-free ones.
+    #[arg(long, default_value_t = 200, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=100_000))]
+    pub scenes: u32,
+    /// Writes the tables as CSV and HTML into this folder.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+}
