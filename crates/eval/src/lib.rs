@@ -8,6 +8,7 @@ mod parallel;
 mod plot;
 pub mod readers;
 mod report;
+mod run;
 pub mod scoring;
 pub mod solver;
 mod table;
@@ -18,4 +19,5 @@ pub use bootstrap::{Estimate, bootstrap, bootstrap_scenes, median, quantile, sha
 pub use error::EvalError;
 pub use plot::{Mark, Plot, Series};
 pub use report::Report;
+pub use run::{FinishedRun, evaluate_run};
 pub use table::{Cell, Column, Table};
