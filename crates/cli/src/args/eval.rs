@@ -17,10 +17,25 @@ pub struct EvalArgs {
 /// What is evaluated.
 #[derive(Debug, Subcommand)]
 pub enum EvalCommand {
+    /// A finished run against truth: camera, tracks, poses, boxes.
+    Run(EvalRunArgs),
     /// The keypoint net on labelled images: errors per keypoint, size and body type, and the worst cars drawn.
     Keypoints(EvalKeypointsArgs),
     /// The joint solver on synthetic scenes with exact truth: accuracy against the Cramér–Rao bound, honesty, speed.
     Solver(EvalSolverArgs),
+}
+
+/// `roadplane eval run`.
+#[derive(Debug, Args)]
+pub struct EvalRunArgs {
+    /// Folder of the finished run, DIR/<stem>.
+    pub run: PathBuf,
+    /// Truth file (roadplane.truth/1), or a calibrated camera (.krtd).
+    #[arg(long, value_name = "FILE")]
+    pub truth: PathBuf,
+    /// Writes the tables as CSV and HTML into this folder.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
 }
 
 /// In which boxes keypoints are looked for.

@@ -1,6 +1,7 @@
 //! `roadplane eval`: tables on the standard output, and as files where a folder is asked for.
 
 mod keypoints;
+mod run;
 mod solver;
 
 use std::io::Write as _;
@@ -15,6 +16,7 @@ use crate::args::eval::{EvalArgs, EvalCommand};
 /// Evaluates what is asked for.
 pub fn eval(args: &EvalArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     match &args.command {
+        EvalCommand::Run(args) => run::run(args),
         EvalCommand::Keypoints(args) => keypoints::keypoints(args, cancel),
         EvalCommand::Solver(args) => solver::solver(args),
     }
