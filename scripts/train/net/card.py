@@ -70,7 +70,10 @@ def markdown(card: dict) -> str:
         held_out = ", ".join(made["real_held_out"]) or "none"
         real = f"learnt from, except {held_out}: held out to measure and calibrate"
         credits += "; " + REAL_CREDITS
-    net = f"{made['stacks']} stacks of {made['channels']} channels, {made['parameters']} parameters"
+    net = (
+        f"{made['stacks']} stacks of {made['channels']} channels, {made['parameters']} parameters, "
+        f"{made['gflop_per_crop']} GFLOP a crop"
+    )
     items = {
         "Net": f"{net}, no normalisation layers, f32, {made['work_px']} px inside",
         "Training": f"{made['steps']} steps of {recipe['batch']} crops in {made['minutes']} minutes, {data}, "

@@ -19,7 +19,7 @@ from net.card import card, markdown
 from net.data import Shards, read_real
 from net.decode import decode
 from net.evaluate import Crop, evaluate, load, real_crops, shard_crops
-from net.model import INPUT_PX, Deployed
+from net.model import INPUT_PX, Deployed, gflop
 from net.train import split_real
 
 # More and the check would cost more than it tells.
@@ -98,6 +98,7 @@ def main() -> None:
         "channels": state["channels"],
         "work_px": net.work_px,
         "parameters": sum(p.numel() for p in net.parameters()),
+        "gflop_per_crop": round(gflop(net), 4),
         "steps": state["step"],
         "samples": state["samples"],
         "rendered_crops": state["shards"],

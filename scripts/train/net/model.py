@@ -118,3 +118,19 @@ class Deployed(nn.Module):
         heatmaps, visibility = self.net(image)
         whole = nn.functional.interpolate(heatmaps[-1], (CELLS, CELLS), mode="bilinear", align_corners=False)
         return whole, visibility.sigmoid()
+
+
+def gflop(net: nn.Module) -> float:
+    """Floating-point operations (a multiply-add counts two) of the convolutions on one crop, 10⁹."""
+    count = 0
+
+    def add(layer: nn.Conv2d, _: tuple, out: torch.Tensor) -> None:
+        nonlocal count
+        count += 2 * layer.weight.numel() * out.shape[2] * out.shape[3]
+
+    hooks = [m.register_forward_hook(add) for m in net.modules() if isinstance(m, nn.Conv2d)]
+    with torch.no_grad():
+        net(torch.zeros(1, 3, INPUT_PX, INPUT_PX))
+    for hook in hooks:
+        hook.remove()
+    return count / 1e9

@@ -16,7 +16,7 @@ from net.data import INPUT_PX, RealCar, Sampler, Shards, apply, crop_from_box, r
 from net.decode import decode
 from net.evaluate import FRONT_BACK, Crop, confusion_of
 from net.export import export_onnx
-from net.model import Deployed, StackedHourglass
+from net.model import Deployed, StackedHourglass, gflop
 from net.train import loss_of, targets
 
 LABELS = REPOSITORY.parent / "shared/data/keypoints/train"
@@ -110,6 +110,11 @@ class Confusion(unittest.TestCase):
 
 
 class Net(unittest.TestCase):
+    def test_operations_are_counted(self):
+        # 8 filters of 3 × 3 × 3 at 64 × 64 places, a multiply-add counts two.
+        self.assertAlmostEqual(gflop(torch.nn.Conv2d(3, 8, 3, 2, 1)), 2 * 8 * 27 * 64 * 64 / 1e9)
+        self.assertGreater(gflop(Deployed(StackedHourglass(2, 48))), gflop(Deployed(StackedHourglass(1, 48))))
+
     def test_it_can_learn_one_car_by_heart(self):
         torch.manual_seed(0)
         rng = np.random.default_rng(4)
