@@ -5,4 +5,5 @@
 mod bad_inputs;
 mod common;
 mod demo_clip;
+mod eval;
 mod real_clips;
