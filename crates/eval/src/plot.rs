@@ -44,6 +44,8 @@ pub struct Series {
 pub enum Mark {
     /// Joined by a line, with a dot each.
     Line,
+    /// Joined by a line.
+    Curve,
     /// Joined by a thin dashed line: what ought to be.
     Reference,
     /// A dot each.
@@ -142,7 +144,7 @@ impl Plot {
                 ));
             }
             let (radius, opacity) = if series.mark == Mark::Dots { (2.0, 0.5) } else { (3.0, 1.0) };
-            if series.mark != Mark::Reference {
+            if matches!(series.mark, Mark::Line | Mark::Dots) {
                 for (x, y) in placed {
                     svg.push_str(&format!(
                         "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{radius}\" fill=\"{colour}\" fill-opacity=\"{opacity}\"/>"

@@ -1,8 +1,10 @@
-//! Truth of other people's data: KITTI, MEVA cameras, KPF boxes. Malformed files give an error that names file and line.
+//! Truth of other people's data: KITTI, MEVA cameras, KPF, COCO and MOT Challenge boxes. Malformed files give an error that names file and line.
 
+pub mod coco;
 pub mod kitti;
 pub mod kpf;
 pub mod krtd;
+pub mod mot;
 
 use std::path::Path;
 use std::str::FromStr;
@@ -21,13 +23,16 @@ fn number(fields: &[&str], index: usize, name: &str) -> Result<f64, String> {
     if value.is_finite() { Ok(value) } else { Err(format!("{name} is not finite")) }
 }
 
-/// Every line that is not empty, by a function of its fields; errors name the line.
-fn each_line<T>(path: &Path, read: impl Fn(&[&str]) -> Result<T, String>) -> Result<Vec<T>, EvalError> {
+/// Every line that is not empty, by a function of the fields that `split` finds in it; errors name the line.
+fn lines<T>(
+    path: &Path,
+    split: impl Fn(&str) -> Vec<&str>,
+    read: impl Fn(&[&str]) -> Result<T, String>,
+) -> Result<Vec<T>, EvalError> {
     let text = EvalError::read_text(path)?;
     let lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
     let values = lines.map(|(i, line)| {
-        let fields: Vec<&str> = line.split_whitespace().collect();
-        read(&fields).map_err(|what| EvalError::malformed(path, format!("line {}: {what}", i + 1)))
+        read(&split(line)).map_err(|what| EvalError::malformed(path, format!("line {}: {what}", i + 1)))
     });
     values.collect()
 }

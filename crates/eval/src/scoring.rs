@@ -6,7 +6,7 @@ mod tracks;
 
 pub use boxes::picture_boxes;
 pub use poses::{PoseScore, score_pose, score_poses};
-pub use tracks::{TrackScore, join, score_tracks};
+pub use tracks::{TrackScore, score_tracks};
 
 use roadplane_base::{VehicleClass, assign, bbox_iou};
 

@@ -15,10 +15,20 @@ const MAX_DETECTIONS: usize = 100;
 pub struct TrueBox {
     /// Left, top, right, bottom, px.
     pub bbox_px: [f64; 4],
+    /// What its size is told by, px²: the box's area, or that of the thing's outline where it is known.
+    pub area_px2: f64,
     /// Neither found nor missed: too small, too hidden, of another kind.
     pub ignore: bool,
     /// A region with several things: any number of detections may lie in it, none of them is wrong.
     pub crowd: bool,
+}
+
+impl TrueBox {
+    /// A box that counts or is ignored, its size told by its area.
+    #[must_use]
+    pub fn new(bbox_px: [f64; 4], ignore: bool) -> Self {
+        Self { bbox_px, area_px2: area(&bbox_px), ignore, crowd: false }
+    }
 }
 
 /// A detection.
@@ -56,15 +66,14 @@ impl Size {
     /// All of them.
     pub const EACH: [Self; 4] = [Self::All, Self::Small, Self::Medium, Self::Large];
 
-    fn holds(self, bbox_px: &[f64; 4]) -> bool {
-        let area = area(bbox_px);
+    fn holds(self, area_px2: f64) -> bool {
         let (low, high) = match self {
             Self::All => (0.0, 1e10),
             Self::Small => (0.0, 1024.0),
             Self::Medium => (1024.0, 9216.0),
             Self::Large => (9216.0, 1e10),
         };
-        (low..=high).contains(&area)
+        (low..=high).contains(&area_px2)
     }
 }
 
@@ -77,22 +86,38 @@ pub struct AveragePrecision {
     pub ap50: f64,
 }
 
-/// AP of all pictures for one kind of thing and one size; `None` where nothing of that size is there.
+/// How the detections of one picture fared for one size.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PictureMatch {
+    /// True boxes that count.
+    to_find: usize,
+    /// At each IoU threshold: score of each detection that counts and whether it is a hit.
+    outcomes: [Vec<(f64, bool)>; IOU_THRESHOLDS],
+}
+
+impl PictureMatch {
+    /// Matches the boxes of a picture that hold one kind of thing.
+    #[must_use]
+    pub fn of(picture: &PictureBoxes, size: Size) -> Self {
+        Self {
+            to_find: picture.truth.iter().filter(|truth| !ignored(truth, size)).count(),
+            outcomes: std::array::from_fn(|step| matched(picture, size, 0.5 + 0.05 * step as f64)),
+        }
+    }
+}
+
+/// AP of all pictures; `None` where nothing is to be found.
 #[must_use]
-pub fn average_precision(pictures: &[&PictureBoxes], size: Size) -> Option<AveragePrecision> {
-    let at: Option<Vec<f64>> =
-        (0..IOU_THRESHOLDS).map(|step| at_threshold(pictures, size, 0.5 + 0.05 * step as f64)).collect();
+pub fn average_precision(pictures: &[&PictureMatch]) -> Option<AveragePrecision> {
+    let at: Option<Vec<f64>> = (0..IOU_THRESHOLDS).map(|step| at_threshold(pictures, step)).collect();
     let at = at?;
     Some(AveragePrecision { ap: at.iter().sum::<f64>() / IOU_THRESHOLDS as f64, ap50: *at.first()? })
 }
 
-fn at_threshold(pictures: &[&PictureBoxes], size: Size, threshold: f64) -> Option<f64> {
-    let mut outcomes: Vec<(f64, bool)> = Vec::new();
-    let mut to_find = 0usize;
-    for picture in pictures {
-        to_find += picture.truth.iter().filter(|truth| !ignored(truth, size)).count();
-        outcomes.extend(matched(picture, size, threshold));
-    }
+fn at_threshold(pictures: &[&PictureMatch], step: usize) -> Option<f64> {
+    let to_find: usize = pictures.iter().map(|picture| picture.to_find).sum();
+    let mut outcomes: Vec<(f64, bool)> =
+        pictures.iter().flat_map(|picture| &picture.outcomes[step]).copied().collect();
     if to_find == 0 {
         return None;
     }
@@ -118,7 +143,7 @@ fn at_threshold(pictures: &[&PictureBoxes], size: Size, threshold: f64) -> Optio
 }
 
 fn ignored(truth: &TrueBox, size: Size) -> bool {
-    truth.ignore || truth.crowd || !size.holds(&truth.bbox_px)
+    truth.ignore || truth.crowd || !size.holds(truth.area_px2)
 }
 
 /// Score of each detection that counts and whether it is a hit.
@@ -154,7 +179,7 @@ fn matched(picture: &PictureBoxes, size: Size, threshold: f64) -> Vec<(f64, bool
                     outcomes.push((found.score, true));
                 }
             }
-            None if size.holds(&found.bbox_px) => outcomes.push((found.score, false)),
+            None if size.holds(area(&found.bbox_px)) => outcomes.push((found.score, false)),
             None => {}
         }
     }
@@ -179,8 +204,12 @@ fn area([x0, y0, x1, y1]: &[f64; 4]) -> f64 {
 mod tests {
     use super::*;
 
+    fn ap(picture: &PictureBoxes, size: Size) -> Option<AveragePrecision> {
+        average_precision(&[&PictureMatch::of(picture, size)])
+    }
+
     fn truth(bbox_px: [f64; 4]) -> TrueBox {
-        TrueBox { bbox_px, ignore: false, crowd: false }
+        TrueBox::new(bbox_px, false)
     }
 
     #[test]
@@ -194,24 +223,24 @@ mod tests {
                 FoundBox { bbox_px: [50.0, 0.0, 58.0, 10.0], score: 0.7 },
             ],
         };
-        let result = average_precision(&[&picture], Size::All).unwrap();
+        let result = ap(&picture, Size::All).unwrap();
         // Recall 0–0.5 at precision 1 (51 points), to 1.0 at 2/3 (50 points).
         let both = (51.0 + 50.0 * 2.0 / 3.0) / 101.0;
         assert!((result.ap50 - both).abs() < 1e-9, "{result:?}");
         assert!((result.ap - (7.0 * both + 3.0 * 51.0 / 101.0) / 10.0).abs() < 1e-9);
-        assert_eq!(average_precision(&[&picture], Size::Large), None);
-        assert!((average_precision(&[&picture], Size::Small).unwrap().ap - result.ap).abs() < 1e-12);
+        assert_eq!(ap(&picture, Size::Large), None);
+        assert!((ap(&picture, Size::Small).unwrap().ap - result.ap).abs() < 1e-12);
     }
 
     #[test]
     fn ignored_and_crowded_boxes_cost_nothing() {
-        let crowd = TrueBox { bbox_px: [100.0, 0.0, 200.0, 100.0], ignore: false, crowd: true };
-        let hidden = TrueBox { ignore: true, ..truth([300.0, 0.0, 310.0, 10.0]) };
+        let crowd = TrueBox { crowd: true, ..truth([100.0, 0.0, 200.0, 100.0]) };
+        let hidden = TrueBox::new([300.0, 0.0, 310.0, 10.0], true);
         let found = |x: f64, score: f64| FoundBox { bbox_px: [x, 0.0, x + 10.0, 10.0], score };
         let picture = PictureBoxes {
             truth: vec![truth([0.0, 0.0, 10.0, 10.0]), crowd, hidden],
             found: vec![found(120.0, 0.99), found(140.0, 0.98), found(300.0, 0.97), found(0.0, 0.5)],
         };
-        assert!((average_precision(&[&picture], Size::All).unwrap().ap - 1.0).abs() < 1e-9);
+        assert!((ap(&picture, Size::All).unwrap().ap - 1.0).abs() < 1e-9);
     }
 }

@@ -10,43 +10,71 @@ use super::sequence::{EPSILON, SequenceFrame, lengths};
 /// A pair below this similarity is no match.
 pub const THRESHOLD: f64 = 0.5;
 
-/// Share of frames with the right identity, 0–1.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// What the identity measures are made of; those of several clips add up.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Identity {
-    /// 2 IDTP / (truths + founds) (Eq. 10).
-    pub idf1: f64,
-    /// IDTP / founds (Eq. 8).
-    pub precision: f64,
-    /// IDTP / truths (Eq. 9).
-    pub recall: f64,
+    /// Cars (car and frame) under their right identity (IDTP).
+    pub hits: f64,
+    /// True cars (car and frame).
+    pub truths: f64,
+    /// Found cars (car and frame).
+    pub founds: f64,
 }
 
-/// IDF1 of one sequence.
-#[must_use]
-pub fn identity(sequence: &[SequenceFrame]) -> Identity {
-    let truth_frames = lengths(sequence, |frame| &frame.truth);
-    let found_frames = lengths(sequence, |frame| &frame.found);
-    let mut together: BTreeMap<(u64, u64), f64> = BTreeMap::new();
-    for frame in sequence {
-        for (truth, row) in frame.truth.iter().zip(&frame.similarity) {
-            for (found, similarity) in frame.found.iter().zip(row) {
-                if *similarity >= THRESHOLD - EPSILON {
-                    *together.entry((*truth, *found)).or_insert(0.0) += 1.0;
+impl Identity {
+    /// Those of one clip.
+    #[must_use]
+    pub fn of(clip: &[SequenceFrame]) -> Self {
+        let truth_frames = lengths(clip, |frame| &frame.truth);
+        let found_frames = lengths(clip, |frame| &frame.found);
+        let mut together: BTreeMap<(u64, u64), f64> = BTreeMap::new();
+        for frame in clip {
+            for (truth, row) in frame.truth.iter().zip(&frame.similarity) {
+                for (found, similarity) in frame.found.iter().zip(row) {
+                    if *similarity >= THRESHOLD - EPSILON {
+                        *together.entry((*truth, *found)).or_insert(0.0) += 1.0;
+                    }
                 }
             }
         }
+        // Least wrong identities = most frames together: a pair of tracks saves one miss and one false alarm each.
+        let truths: Vec<u64> = truth_frames.keys().copied().collect();
+        let founds: Vec<u64> = found_frames.keys().copied().collect();
+        let count = |i: usize, j: usize| together.get(&(truths[i], founds[j])).copied().unwrap_or(0.0);
+        let pairs = assign(truths.len(), founds.len(), 0.0, |i, j| -count(i, j));
+        Self {
+            hits: pairs.iter().enumerate().filter_map(|(i, j)| j.map(|j| count(i, j))).sum(),
+            truths: truth_frames.values().sum(),
+            founds: found_frames.values().sum(),
+        }
     }
-    // Least wrong identities = most frames together: a pair of tracks saves one miss and one false alarm each.
-    let truths: Vec<u64> = truth_frames.keys().copied().collect();
-    let founds: Vec<u64> = found_frames.keys().copied().collect();
-    let count = |i: usize, j: usize| together.get(&(truths[i], founds[j])).copied().unwrap_or(0.0);
-    let pairs = assign(truths.len(), founds.len(), 0.0, |i, j| -count(i, j));
-    let hits: f64 = pairs.iter().enumerate().filter_map(|(i, j)| j.map(|j| count(i, j))).sum();
-    let (of_truth, of_found): (f64, f64) = (truth_frames.values().sum(), found_frames.values().sum());
-    Identity {
-        idf1: hits / (0.5 * (of_truth + of_found)).max(1.0),
-        precision: hits / of_found.max(1.0),
-        recall: hits / of_truth.max(1.0),
+
+    /// Several clips as one.
+    #[must_use]
+    pub fn sum<'a>(clips: impl IntoIterator<Item = &'a Self>) -> Self {
+        clips.into_iter().fold(Self::default(), |sum, clip| Self {
+            hits: sum.hits + clip.hits,
+            truths: sum.truths + clip.truths,
+            founds: sum.founds + clip.founds,
+        })
+    }
+
+    /// IDF1 = 2 IDTP / (truths + founds) (Eq. 10), 0–1.
+    #[must_use]
+    pub fn idf1(&self) -> f64 {
+        self.hits / (0.5 * (self.truths + self.founds)).max(1.0)
+    }
+
+    /// IDP = IDTP / founds (Eq. 8), 0–1.
+    #[must_use]
+    pub fn precision(&self) -> f64 {
+        self.hits / self.founds.max(1.0)
+    }
+
+    /// IDR = IDTP / truths (Eq. 9), 0–1.
+    #[must_use]
+    pub fn recall(&self) -> f64 {
+        self.hits / self.truths.max(1.0)
     }
 }
 
@@ -59,10 +87,10 @@ mod tests {
         let frame = |id: u64| SequenceFrame { truth: vec![1], found: vec![id], similarity: vec![vec![0.8]] };
         let mut sequence: Vec<_> = [7, 7, 7, 8].iter().map(|id| frame(*id)).collect();
         sequence.push(SequenceFrame { truth: vec![1], found: vec![], similarity: vec![vec![]] });
-        let score = identity(&sequence);
-        assert!((score.recall - 3.0 / 5.0).abs() < 1e-12 && (score.precision - 3.0 / 4.0).abs() < 1e-12);
-        assert!((score.idf1 - 6.0 / 9.0).abs() < 1e-12);
+        let score = Identity::of(&sequence);
+        assert!((score.recall() - 3.0 / 5.0).abs() < 1e-12 && (score.precision() - 3.0 / 4.0).abs() < 1e-12);
+        assert!((score.idf1() - 6.0 / 9.0).abs() < 1e-12);
         let far = [SequenceFrame { truth: vec![1], found: vec![2], similarity: vec![vec![0.49]] }];
-        assert!(identity(&far).idf1.abs() < 1e-12);
+        assert!(Identity::of(&far).idf1().abs() < 1e-12);
     }
 }

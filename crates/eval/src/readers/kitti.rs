@@ -11,7 +11,7 @@ use std::path::Path;
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
-use super::{each_line, field, number};
+use super::{field, lines, number};
 use crate::EvalError;
 
 pub use calib::{KittiCamera, read_calib};
@@ -83,7 +83,7 @@ impl KittiObject {
 /// # Errors
 /// [`EvalError::Unreadable`], or [`EvalError::Malformed`] with line and field.
 pub fn read_objects(path: &Path) -> Result<Vec<KittiObject>, EvalError> {
-    each_line(path, object)
+    lines(path, words, object)
 }
 
 /// Reads `label_02/NNNN.txt` of the tracking benchmark.
@@ -91,13 +91,17 @@ pub fn read_objects(path: &Path) -> Result<Vec<KittiObject>, EvalError> {
 /// # Errors
 /// [`EvalError::Unreadable`], or [`EvalError::Malformed`] with line and field.
 pub fn read_tracked(path: &Path) -> Result<Vec<KittiTracked>, EvalError> {
-    each_line(path, |fields| {
+    lines(path, words, |fields| {
         Ok(KittiTracked {
             frame: field(fields, 0, "frame")?,
             track: field(fields, 1, "track")?,
             object: object(fields.get(2..).unwrap_or_default())?,
         })
     })
+}
+
+fn words(line: &str) -> Vec<&str> {
+    line.split_whitespace().collect()
 }
 
 fn object(fields: &[&str]) -> Result<KittiObject, String> {

@@ -9,10 +9,8 @@ use super::counts;
 /// asked to find them, nobody is blamed for it.
 #[must_use]
 pub fn picture_boxes(truth: &Truth, frame: &TrueFrame, found: Vec<FoundBox>) -> PictureBoxes {
-    let true_box = |car: &TrueCar| TrueBox {
-        bbox_px: car.bbox_px,
-        ignore: !truth.model(car.id).is_some_and(|model| counts(car, model)),
-        crowd: false,
+    let true_box = |car: &TrueCar| {
+        TrueBox::new(car.bbox_px, !truth.model(car.id).is_some_and(|model| counts(car, model)))
     };
     PictureBoxes { truth: frame.cars.iter().map(true_box).collect(), found }
 }

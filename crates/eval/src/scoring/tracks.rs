@@ -77,20 +77,6 @@ pub fn score_tracks(truth: &Truth, rows: &[TrackRow], analysed: impl Fn(u64, f64
     score
 }
 
-/// Sequences of several clips as one: ids of different clips are different.
-#[must_use]
-pub fn join(sequences: &[&Sequence]) -> Sequence {
-    let of_clip = |clip: usize, ids: &[u64]| ids.iter().map(|id| ((clip as u64) << 32) + id).collect();
-    let frames = sequences.iter().enumerate().flat_map(|(clip, sequence)| {
-        sequence.iter().map(move |frame| SequenceFrame {
-            truth: of_clip(clip, &frame.truth),
-            found: of_clip(clip, &frame.found),
-            similarity: frame.similarity.clone(),
-        })
-    });
-    frames.collect()
-}
-
 struct Stand {
     place_in_clip: usize,
     track: u64,
@@ -131,7 +117,7 @@ fn kept_rows<'a>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::metrics::{clear::clear, hota::hota};
+    use crate::metrics::{clear::Clear, hota::HotaCounts};
     use crate::truth::fixture::lot;
 
     /// Rows that say what is true, `dx` m to the right of it.
@@ -170,9 +156,9 @@ mod tests {
         assert!(score.motions.iter().all(|m| (m.speed_mps - 0.25).abs() < 1e-9 && m.heading_rad < 1e-9));
         assert_eq!(score.jitters_m.len(), 2, "the passing car is not parked");
         assert!((score.jitters_m[0] - (0.08f64 / 3.0).sqrt()).abs() < 1e-9 && score.jitters_m[1] < 1e-9);
-        assert!((clear(&score.sequence).mota - 1.0).abs() < 1e-12);
+        assert!((Clear::of(&score.sequence).mota() - 1.0).abs() < 1e-12);
         // 0.3 m of 4 m: similarity 0.925 passes 18 of 19 thresholds; so do 0.36 m.
-        assert!((hota(&score.sequence).ass_a - 18.0 / 19.0).abs() < 1e-12);
+        assert!((HotaCounts::of(&score.sequence).score().ass_a - 18.0 / 19.0).abs() < 1e-12);
     }
 
     #[test]
@@ -186,20 +172,11 @@ mod tests {
         let bbox_px = [1.0, 1.0, 30.0, 20.0];
         let mut filled = TrackRow { track: 9, x_m: 30.0, bbox_px, observed: false, ..rows[0].clone() };
         rows.push(filled.clone());
-        let score = clear(&score_tracks(&truth, &rows, |_, _| true).sequence);
+        let score = Clear::of(&score_tracks(&truth, &rows, |_, _| true).sequence);
         assert_eq!((score.hits, score.misses, score.false_alarms), (4, 0, 0));
         filled.observed = true;
         rows.push(filled);
-        let score = clear(&score_tracks(&truth, &rows, |_, _| true).sequence);
+        let score = Clear::of(&score_tracks(&truth, &rows, |_, _| true).sequence);
         assert_eq!((score.hits, score.false_alarms), (4, 1));
-    }
-
-    #[test]
-    fn joined_clips_share_no_identity() {
-        let truth = lot(2);
-        let score = score_tracks(&truth, &rows(&truth, 0.0), |_, _| true);
-        let both = join(&[&score.sequence, &score.sequence]);
-        assert_eq!(both.len(), 4);
-        assert!((hota(&both).hota - 1.0).abs() < 1e-12);
     }
 }

@@ -114,7 +114,7 @@ fn curves(
             let x = end * (i as f64 / CURVE as f64).powi(2);
             (x, 100.0 * share_within(&values, x))
         };
-        plot = plot.with(*name, Mark::Line, (0..=CURVE).map(point).collect());
+        plot = plot.with(*name, Mark::Curve, (0..=CURVE).map(point).collect());
     }
     plot
 }

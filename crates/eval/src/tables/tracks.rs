@@ -1,46 +1,53 @@
 //! Tracks on the ground and boxes in the picture.
 
 use super::{Scored, cell};
-use crate::metrics::average_precision::{PictureBoxes, Size, average_precision};
-use crate::metrics::clear::clear;
-use crate::metrics::hota::hota;
-use crate::metrics::identity::identity;
+use crate::metrics::average_precision::{
+    AveragePrecision, PictureBoxes, PictureMatch, Size, average_precision,
+};
+use crate::metrics::clear::Clear;
+use crate::metrics::hota::{Hota, HotaCounts};
+use crate::metrics::identity::Identity;
 use crate::metrics::position::{BIN_EDGES_M, PositionError, bin_name, distance_bin};
-use crate::metrics::sequence::{Sequence, ZERO_DISTANCE_M};
-use crate::scoring::{TrackScore, join};
+use crate::metrics::sequence::ZERO_DISTANCE_M;
+use crate::scoring::TrackScore;
 use crate::{Cell, Column, Mark, Plot, Table, bootstrap_scenes, median, quantile, share_within};
 
 /// Headings further off than this are those of a car that was taken for its mirror image, rad.
 const TURNED_RAD: f64 = std::f64::consts::FRAC_PI_2;
 
-/// HOTA, CLEAR MOT and IDF1 of ground tracks; clips count by their frames, as one long sequence.
+/// HOTA, CLEAR MOT and IDF1 of ground tracks; clips count by their cars, as one long sequence.
 #[must_use]
 pub fn tracking_table(title: &str, systems: &[(&str, &[TrackScore])]) -> Table {
-    let heads = ["HOTA, %", "DetA, %", "AssA, %", "MOTA, %", "MOTP, m", "IDF1, %", "switches"];
     let mut columns = vec![Column::new("system", 0), Column::new("clips", 0), Column::new("cars", 0)];
-    columns.extend(heads.map(|head| Column::new(head, if head == "MOTP, m" { 2 } else { 1 })));
+    columns.extend(["HOTA, %", "DetA, %", "AssA, %", "MOTA, %"].map(|head| Column::new(head, 1)));
+    columns.extend([Column::new("MOTP, m", 2), Column::new("IDF1, %", 1), Column::new("switches", 0)]);
     let note = "Similarity on the ground 1 − distance / 4 m. HOTA: Luiten 2021; MOTA, MOTP at similarity 0.5 (2 m): \
                 Bernardin 2008; IDF1: Ristani 2016. Cars: car and frame.";
     let mut table = Table::new(title, note, columns);
     for (name, clips) in systems {
         let cars: usize = clips.iter().map(|clip| clip.true_cars).sum();
-        let number = |statistic: &dyn Fn(&Sequence) -> f64| -> Cell {
-            let of = |chosen: &[&TrackScore]| {
-                statistic(&join(&chosen.iter().map(|clip| &clip.sequence).collect::<Vec<_>>()))
-            };
-            bootstrap_scenes(clips, cars, of).into()
+        let hotas: Vec<HotaCounts> = clips.iter().map(|clip| HotaCounts::of(&clip.sequence)).collect();
+        let clears: Vec<Clear> = clips.iter().map(|clip| Clear::of(&clip.sequence)).collect();
+        let identities: Vec<Identity> = clips.iter().map(|clip| Identity::of(&clip.sequence)).collect();
+        let hota = |number: &dyn Fn(Hota) -> f64| -> Cell {
+            let of = |chosen: &[&HotaCounts]| 100.0 * number(HotaCounts::sum(chosen.iter().copied()).score());
+            bootstrap_scenes(&hotas, cars, of).into()
         };
+        let clear = |number: &dyn Fn(Clear) -> f64| -> Cell {
+            bootstrap_scenes(&clears, cars, |chosen| number(Clear::sum(chosen.iter().copied()))).into()
+        };
+        let idf1 = |chosen: &[&Identity]| 100.0 * Identity::sum(chosen.iter().copied()).idf1();
         table.rows.push(vec![
             Cell::from(*name),
             clips.len().to_string().into(),
             cars.to_string().into(),
-            number(&|s| 100.0 * hota(s).hota),
-            number(&|s| 100.0 * hota(s).det_a),
-            number(&|s| 100.0 * hota(s).ass_a),
-            number(&|s| 100.0 * clear(s).mota),
-            number(&|s| ZERO_DISTANCE_M * (1.0 - clear(s).motp)),
-            number(&|s| 100.0 * identity(s).idf1),
-            number(&|s| clear(s).switches as f64),
+            hota(&|h| h.hota),
+            hota(&|h| h.det_a),
+            hota(&|h| h.ass_a),
+            clear(&|c| 100.0 * c.mota()),
+            clear(&|c| ZERO_DISTANCE_M * (1.0 - c.motp())),
+            bootstrap_scenes(&identities, cars, idf1).into(),
+            clear(&|c| c.switches as f64),
         ]);
     }
     table
@@ -137,17 +144,24 @@ pub fn boxes_table(title: &str, systems: &[Scored<'_, PictureBoxes>]) -> Table {
     let mut table = Table::new(title, note, columns);
     for (name, scenes) in systems {
         let pictures: usize = scenes.iter().map(Vec::len).sum();
-        let number = |size: Size, at50: bool| -> Cell {
-            let of = |chosen: &[&Vec<PictureBoxes>]| {
-                let pictures: Vec<&PictureBoxes> = chosen.iter().flat_map(|scene| scene.iter()).collect();
-                let ap = average_precision(&pictures, size);
-                100.0 * ap.map_or(f64::NAN, |ap| if at50 { ap.ap50 } else { ap.ap })
-            };
-            bootstrap_scenes(scenes, pictures, of).into()
-        };
         let mut row = vec![Cell::from(*name), pictures.to_string().into()];
-        row.extend([number(Size::All, false), number(Size::All, true)]);
-        row.extend([Size::Small, Size::Medium, Size::Large].map(|size| number(size, false)));
+        for size in Size::EACH {
+            let matched = |scene: &Vec<PictureBoxes>| -> Vec<PictureMatch> {
+                scene.iter().map(|picture| PictureMatch::of(picture, size)).collect()
+            };
+            let scenes: Vec<Vec<PictureMatch>> = scenes.iter().map(matched).collect();
+            let number = |number: &dyn Fn(AveragePrecision) -> f64| -> Cell {
+                let of = |chosen: &[&Vec<PictureMatch>]| {
+                    let all: Vec<&PictureMatch> = chosen.iter().copied().flatten().collect();
+                    100.0 * average_precision(&all).map_or(f64::NAN, number)
+                };
+                bootstrap_scenes(&scenes, pictures, of).into()
+            };
+            row.push(number(&|ap| ap.ap));
+            if size == Size::All {
+                row.push(number(&|ap| ap.ap50));
+            }
+        }
         table.rows.push(row);
     }
     table
