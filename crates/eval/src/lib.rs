@@ -1,6 +1,7 @@
 //! How good results are: truth files, metrics with their sources, tables with confidence intervals.
 
 mod bootstrap;
+mod box_files;
 mod error;
 pub mod keypoints;
 pub mod metrics;
@@ -16,6 +17,7 @@ pub mod tables;
 pub mod truth;
 
 pub use bootstrap::{Estimate, bootstrap, bootstrap_scenes, median, quantile, share_within};
+pub use box_files::{evaluate_coco, evaluate_mot};
 pub use error::EvalError;
 pub use plot::{Mark, Plot, Series};
 pub use report::Report;

@@ -19,6 +19,10 @@ pub struct EvalArgs {
 pub enum EvalCommand {
     /// A finished run against truth: camera, tracks, poses, boxes.
     Run(EvalRunArgs),
+    /// Tracks of boxes against true ones, both as MOT Challenge files: HOTA, MOTA, IDF1.
+    Tracks(EvalFilesArgs),
+    /// Detections against true boxes, both as COCO files: average precision by size.
+    Boxes(EvalFilesArgs),
     /// The keypoint net on labelled images: errors per keypoint, size and body type, and the worst cars drawn.
     Keypoints(EvalKeypointsArgs),
     /// The joint solver on synthetic scenes with exact truth: accuracy against the Cramér–Rao bound, honesty, speed.
@@ -31,6 +35,19 @@ pub struct EvalRunArgs {
     /// Folder of the finished run, DIR/<stem>.
     pub run: PathBuf,
     /// Truth file (roadplane.truth/1), or a calibrated camera (.krtd).
+    #[arg(long, value_name = "FILE")]
+    pub truth: PathBuf,
+    /// Writes the tables as CSV and HTML into this folder.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+}
+
+/// `roadplane eval tracks` and `roadplane eval boxes`.
+#[derive(Debug, Args)]
+pub struct EvalFilesArgs {
+    /// What was found.
+    pub found: PathBuf,
+    /// What is there.
     #[arg(long, value_name = "FILE")]
     pub truth: PathBuf,
     /// Writes the tables as CSV and HTML into this folder.

@@ -7,19 +7,30 @@ mod solver;
 use std::io::Write as _;
 use std::path::Path;
 
-use roadplane_eval::Report;
+use roadplane_eval::{EvalError, Report, evaluate_coco, evaluate_mot};
 use roadplane_pipeline::Cancel;
 
 use crate::Outcome;
-use crate::args::eval::{EvalArgs, EvalCommand};
+use crate::args::eval::{EvalArgs, EvalCommand, EvalFilesArgs};
 
 /// Evaluates what is asked for.
 pub fn eval(args: &EvalArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     match &args.command {
         EvalCommand::Run(args) => run::run(args),
+        EvalCommand::Tracks(args) => files(args, evaluate_mot),
+        EvalCommand::Boxes(args) => files(args, evaluate_coco),
         EvalCommand::Keypoints(args) => keypoints::keypoints(args, cancel),
         EvalCommand::Solver(args) => solver::solver(args),
     }
+}
+
+/// Compares two files.
+fn files(
+    args: &EvalFilesArgs,
+    evaluate: impl Fn(&Path, &Path) -> Result<Report, EvalError>,
+) -> anyhow::Result<Outcome> {
+    show(&evaluate(&args.truth, &args.found)?, args.out.as_deref())?;
+    Ok(Outcome::Done)
 }
 
 /// Prints a report's tables; writes them with the plots where a folder is given.
