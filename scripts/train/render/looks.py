@@ -132,23 +132,28 @@ class Light:
         return self.sun * max(self.to_sun[2], 0.0) + self.sky
 
 
-def sample_light(rng: np.random.Generator, environments: int) -> Light:
-    """Clear, hazy and overcast skies, open shade, low sun."""
+SKIES = ("sun", "haze", "overcast", "dusk")  # dusk: also open shade
+
+
+def sample_light(rng: np.random.Generator, environments: int, sky: str | None = None) -> Light:
+    """Clear, hazy and overcast skies, open shade, low sun; one of SKIES if asked for."""
     elevation = np.radians(rng.uniform(12, 70))
     azimuth = rng.uniform(0, 2 * np.pi)
     to_sun = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
     warm = np.array([1, 0.97 - 0.12 * np.exp(-elevation * 4), 0.9 - 0.45 * np.exp(-elevation * 4)])
     blue = np.array([0.75, 0.92, 1.2])
     kind = rng.choice(4, p=[0.45, 0.2, 0.25, 0.1])
+    if sky is not None:
+        kind = SKIES.index(sky)
     if kind == 0:  # clear
-        sun, sky = warm * rng.uniform(0.8, 1.2), blue * rng.uniform(0.12, 0.3)
+        sun, above = warm * rng.uniform(0.8, 1.2), blue * rng.uniform(0.12, 0.3)
     elif kind == 1:  # hazy
-        sun, sky = warm * rng.uniform(0.2, 0.7), (0.5 * blue + 0.5) * rng.uniform(0.25, 0.5)
+        sun, above = warm * rng.uniform(0.2, 0.7), (0.5 * blue + 0.5) * rng.uniform(0.25, 0.5)
     elif kind == 2:  # overcast
-        sun, sky = warm * 0.0, (1 + rng.normal(0, 0.04, 3)) * rng.uniform(0.4, 0.8)
+        sun, above = warm * 0.0, (1 + rng.normal(0, 0.04, 3)) * rng.uniform(0.4, 0.8)
     else:  # open shade, dusk
-        sun, sky = warm * 0.0, (0.6 * blue + 0.4) * rng.uniform(0.3, 0.5)
-    return Light(to_sun, sun, sky, softness_m=rng.uniform(0.02, 0.12) if kind == 0 else rng.uniform(0.08, 0.4),
+        sun, above = warm * 0.0, (0.6 * blue + 0.4) * rng.uniform(0.3, 0.5)
+    return Light(to_sun, sun, above, softness_m=rng.uniform(0.02, 0.12) if kind == 0 else rng.uniform(0.08, 0.4),
                  dapple=rng.uniform(0.5, 1) if rng.random() < 0.08 else 0.0,
                  haze=rng.exponential(0.0006), environment=int(rng.integers(environments)), exposure=1.0,
                  sun_mirror=rng.uniform(5, 60) if kind == 0 else rng.uniform(0, 5) * (kind == 1))

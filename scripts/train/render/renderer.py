@@ -19,6 +19,8 @@ from .textures import ENVIRONMENT_SIZE, environment_image, noise_image
 
 SHADERS = Path(__file__).parent / "shaders"
 ENVIRONMENTS = 96
+INSTANCES = 1024  # of one shape of prop
+MAX_CARS = 48  # as in common.glsl: those that darken the ground and each other
 GROUND_REACH_M = 1500.0
 SHADOW_CLUSTER_M = 0.09  # shadows are thrown by a coarser mesh
 NEAR_SHARE = 0.02  # near plane as a share of the distance to the nearest car
@@ -76,7 +78,7 @@ class Renderer:
         self._sky_quad = self._simple(self._sky, corners, "in_corner")
         self._ground_quad = self._simple(self._ground, self._ground_grid(), "in_place")
         self._shapes = [tuple(self.context.buffer(a.tobytes()) for a in unit_shape(name)) for name in SHAPES]
-        self._instances = [self.context.buffer(reserve=256 * 21 * 4) for _ in SHAPES]
+        self._instances = [self.context.buffer(reserve=INSTANCES * 21 * 4) for _ in SHAPES]
         layout = [(shape[0], "3f", "in_position") for shape in self._shapes]
         self._prop_arrays = []
         for index in range(len(SHAPES)):
@@ -238,7 +240,7 @@ class Renderer:
         self._counts = []
         for shape, buffer in zip(SHAPES, self._instances, strict=True):
             rows = [np.concatenate([p.world_from_prop.T.ravel(), p.colour, [p.texture, p.leaves]])
-                    for p in scene.props if p.shape == shape][:256]
+                    for p in scene.props if p.shape == shape][:INSTANCES]
             self._counts.append(len(rows))
             if rows:
                 buffer.write(np.array(rows, np.float32).tobytes())
@@ -274,9 +276,9 @@ class Renderer:
         self._noise.use(0)
         self._environments[light.environment].use(1)
         self._shadow_map.use(2)
-        cars = scene.cars[:12]
-        place = np.zeros((12, 4), np.float32)
-        extent = np.zeros((12, 3), np.float32)
+        cars = scene.cars[:MAX_CARS]
+        place = np.zeros((MAX_CARS, 4), np.float32)
+        extent = np.zeros((MAX_CARS, 3), np.float32)
         for i, car in enumerate(cars):
             pose = car.world_from_car
             place[i] = (*pose[:2, 3], *pose[:2, 0])

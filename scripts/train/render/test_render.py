@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import argparse
 import unittest
 
 import numpy as np
 
 from cars.builder import sample_car
 
-from . import clip, crops
+from . import crops
 from .camera import Camera, world_from_car
 from .degrade import degrade
 from .looks import Light, sample_car_look, sample_ground
@@ -99,21 +98,6 @@ class PictureTest(unittest.TestCase):
         _, seen, _ = self.renderer.truth(scene, CAMERA, window, size)
         self.assertGreater(change[seen == 1].mean(), 0.85)
         self.assertLess(change[:, :150].mean(), 0.01)
-
-    def test_clip_redrawn_in_regions_equals_whole_frames(self) -> None:
-        options = argparse.Namespace(size=(320, 180), height_m=8.0, fps=4.0, seconds=1.0, mesh_share=0.0, split="eval")
-        sample = clip.sample_clip(np.random.default_rng(2), self.renderer, [], options)
-        whole = (0, 0, 320, 180)
-        before, after = sample.at(1.0), sample.at(1.25)
-        drawn = clip.draw(self.renderer, before, sample.camera, whole).copy()
-        for region in clip.moving_regions(sample, before, 1.0) + clip.moving_regions(sample, after, 1.25):
-            x, y, width, height = (n * clip.SUPERSAMPLING for n in region)
-            drawn[y:y + height, x:x + width] = clip.draw(self.renderer, after, sample.camera, region)
-        expected = clip.draw(self.renderer, after, sample.camera, whole)
-        off = np.abs(drawn.astype(int) - expected).max(2)
-        self.assertLess((off > 6).mean(), 0.002)
-        moved = np.abs(expected.astype(int) - clip.draw(self.renderer, before, sample.camera, whole)).max(2)
-        self.assertGreater((moved > 6).mean(), 0.005)
 
     def test_shards_repeat_and_follow_the_crop_contract(self) -> None:
         first, again = (crops.Generator("train", 5, [], self.renderer).shard(3, count=6) for _ in range(2))

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import os
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -17,20 +16,11 @@ from cars.mesh import CarMesh
 
 from .camera import Camera
 from .crops import Sight
+from .paths import Motion
 
 DATASET_SCHEMA = "roadplane.dataset/1"
 TRUTH_SCHEMA = "roadplane.truth/1"
 SMALLEST_SHARE = 0.15  # cars of which less is seen are left out of a frame
-ACTIVITIES = ("parked", "moving", "turning_left", "turning_right", "u_turn", "stopping", "starting", "reversing", "parking")
-
-
-@dataclass(frozen=True)
-class Motion:
-    """What a car does at one time."""
-
-    world_from_car: np.ndarray  # 4 × 4
-    speed_mps: float = 0.0  # of the car's origin; negative when it reverses
-    activity: str = "parked"  # one of ACTIVITIES
 
 
 def camera_record(camera: Camera) -> dict:

@@ -1,6 +1,6 @@
 #version 330
 // Shared by all colour shaders. Light is linear; a white surface in full sun has radiance of about 1.
-const int MAX_CARS = 12;
+const int MAX_CARS = 48;
 uniform vec3 camera_position;
 uniform vec3 to_sun;
 uniform vec3 sun;

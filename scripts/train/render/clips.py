@@ -1,0 +1,150 @@
+"""Random clips of a data set: cars that drive, turn, halt, reverse and park among cars that stand."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from .camera import Camera
+from .frames import Finish, Region, changed_region, sample_finish
+from .paths import Drive, Motion
+from .places import Site, Spot, make_lot, make_street
+from .props import Prop
+from .scene import PlacedCar, Scene, person
+from .stills import CAR_M, CarPool, car_at, sample_camera, sample_weather, seen_spots, set_exposure, wheelbase
+from .traffic import Mover, Traffic, collide, mover
+
+MOVERS = 6  # wanted
+FEWEST_MOVERS = 4
+
+
+@dataclass
+class Clip:
+    """A scene in motion."""
+
+    camera: Camera
+    scene: Scene  # poses at time 0; its props stand still
+    movers: list[Mover]  # of the scene's cars, in order
+    walkers: list[tuple[list[Prop], np.ndarray]]  # parts, metres per second
+    fps: float
+    frames: int
+    finish: Finish
+    conditions: dict[str, str]
+
+    def motions(self, time_s: float) -> list[Motion]:
+        """What each car does."""
+        return [car.at(time_s) for car in self.movers]
+
+    def at(self, time_s: float) -> Scene:
+        """The scene at a time."""
+        cars = [PlacedCar(car.gpu, car.look, motion.world_from_car)
+                for car, motion in zip(self.scene.cars, self.motions(time_s), strict=True)]
+        props = list(self.scene.props)
+        for parts, velocity in self.walkers:
+            for part in parts:
+                moved = part.world_from_prop.copy()
+                moved[:2, 3] += velocity * time_s
+                props.append(Prop(part.shape, moved, part.colour, part.leaves, part.texture))
+        return Scene(cars, props, self.scene.floor, self.scene.light, self.scene.centre, self.scene.shadow_reach_m)
+
+    def moving_regions(self, time_s: float) -> list[Region]:
+        """Where the frame at a time differs from one without cars that ever move and without walkers."""
+        regions = []
+        for car in self.movers:
+            if car.drive is not None:
+                reach = np.hypot(max(map(abs, car.bounds)), car.dims[1] / 2) + 0.9
+                centre = car.at(time_s).world_from_car[:2, 3]
+                regions.append(changed_region(self.camera, self.scene.light, centre, reach, float(car.dims[2]) + 0.3))
+        for parts, velocity in self.walkers:
+            centre = parts[-1].world_from_prop[:2, 3] + velocity * time_s
+            regions.append(changed_region(self.camera, self.scene.light, centre, 0.8, 2.0))
+        return [region for region in regions if region is not None]
+
+
+def _camera(rng: np.random.Generator) -> tuple[Camera, np.ndarray]:
+    """A camera that sees some 28–52 m of ground across, and the ground point of its picture's middle."""
+    while True:
+        camera = sample_camera(rng, (1280 * CAR_M / 52, 1280 * CAR_M / 28), (9, 38))
+        middle = camera.ground_from_pixel(np.array(camera.principal_point_px))
+        if middle is not None and np.linalg.norm(middle[:2]) > 14:
+            return camera, middle[:2]
+
+
+def _lot(rng: np.random.Generator, middle: np.ndarray, wet: bool) -> Site:
+    """A lot whose crossing lane is in view."""
+    turn, end, back = rng.uniform(-1.1, 1.1), 30.0, rng.uniform(2, 9)
+    along, across = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
+    return make_lot(rng, middle - along * (end - back) - across * rng.uniform(-1, 9), turn, wet, end_e=end)
+
+
+def _manoeuvres(rng: np.random.Generator, traffic: Traffic, spots: list[Spot]) -> list[Callable[[float], Drive | None]]:
+    """What cars shall do, the rarer things first."""
+    site = traffic.site
+    def near(kind: str, row_low: int, row_high: int) -> list[Spot]:
+        found = [s for s in spots if s.kind == kind and row_low <= s.row <= row_high]
+        return [found[i] for i in rng.permutation(len(found))]
+    if site.layout == "lot":
+        bays = near("bay", 0, 2)  # aisle 0 on both sides, aisle 1 on the near one
+        plan = [traffic.leave(b) for b in bays[:3]] + [traffic.park(b) for b in bays[3:6]]
+        plan = [plan[i] for i in rng.permutation(len(plan))[:4]]
+        return [plan[0], traffic.out_of_aisle, *plan[1:2], traffic.into_aisle, *plan[2:], partial(traffic.through, halt=True),
+                traffic.through, traffic.out_of_aisle]
+    kerbs = near("kerb", -1, 1)
+    return [traffic.u_turn, traffic.pull_in(kerbs[0]), traffic.into_driveway, traffic.pull_out(kerbs[1]),
+            partial(traffic.through, halt=True), traffic.through, traffic.through]
+
+
+def _parked(rng: np.random.Generator, pool: CarPool, traffic: Traffic, spots: list[Spot], count: int) -> list[PlacedCar]:
+    """Cars that stand for the whole clip where no mover comes."""
+    cars: list[PlacedCar] = []
+    for i in rng.permutation(len(spots)):
+        spot = spots[i]
+        if len(cars) == count:
+            break
+        if spot.kind == "lane":
+            continue
+        gpu = pool.draw(rng)
+        pose = traffic.site.pose(spot.e, spot.n, spot.heading_rad) + rng.normal(0, (0.1, 0.1, 0.02))
+        car = car_at(rng, gpu, pose)
+        standing = mover(gpu.mesh, wheelbase(gpu.mesh), Motion(car.world_from_car))
+        clear = all(np.linalg.norm(other.world_from_car[:2, 3] - pose[:2]) > 2.4 for other in cars)
+        if clear and not any(collide(standing, other, traffic.seconds) for other in traffic.movers):
+            cars.append(car)
+            traffic.movers.append(standing)
+    return cars
+
+
+def sample_clip(rng: np.random.Generator, pool: CarPool, layout: str, weather: str, seconds: float, fps: float) -> Clip:
+    """A clip of 5–12 cars of which FEWEST_MOVERS or more drive."""
+    while True:
+        camera, middle = _camera(rng)
+        _, light = sample_weather(rng, weather)
+        wet, turn = weather == "wet", rng.uniform(-1.2, 1.2)
+        site = _lot(rng, middle, wet) if layout == "lot" else make_street(rng, middle, turn, wet, 4, rng.uniform(-6, 6))
+        spots = [spot for spot, _ in seen_spots(camera, site, 36, -40)]
+        if sum(spot.kind != "lane" for spot in spots) < 10:
+            continue
+        traffic = Traffic(rng, site, seconds, camera)
+        driven: list[PlacedCar] = []
+        for manoeuvre in _manoeuvres(rng, traffic, spots):
+            gpu = pool.draw(rng)
+            if len(driven) < MOVERS and traffic.add(mover(gpu.mesh, wheelbase(gpu.mesh)), manoeuvre):
+                driven.append(car_at(rng, gpu, np.zeros(3), weather == "dusk"))
+        if len(driven) < FEWEST_MOVERS:
+            continue
+        cars = driven + _parked(rng, pool, traffic, spots, int(rng.integers(3, 13 - len(driven))))
+        for car, motion in zip(cars, traffic.movers, strict=True):
+            car.world_from_car = motion.at(0.0).world_from_car
+        scene = Scene(cars, site.props, site.floor, light, np.append(middle, 0.0), 45.0)
+        set_exposure(rng, scene, weather)
+        walkers = []
+        for side in rng.choice([-1, 1], rng.integers(0, 3)):
+            n = 1.5 * site.period_m + 1.0 if layout == "lot" else side * (site.aisle_m + rng.uniform(0.9, 2.5))
+            start = site.place(traffic.middle_e - side * rng.uniform(2, 12), n)
+            walkers.append((person(rng, tuple(start)), site.along * side * rng.uniform(1.0, 1.6)))
+        finish = sample_finish(rng, weather == "dusk")
+        conditions = {"layout": layout, "weather": weather}
+        return Clip(camera, scene, traffic.movers, walkers, fps, round(fps * seconds), finish, conditions)

@@ -1,0 +1,171 @@
+"""Renders a data set of whole frames with truth: `python -m render.dataset --out DIR --preset eval`.
+
+Stills and clips of parking lots and streets; each item depends on the seed, its number, the split and the code alone.
+Finished items are kept, so that a killed run goes on where it was. Files: ARCHITECTURE.md and `truth.py`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from .card import write_card
+from .clips import sample_clip
+from .crops import Sight, real_meshes, sight
+from .frames import Canvas, VideoWriter, draw, finished, overlap
+from .paths import Motion
+from .renderer import Renderer
+from .stills import SIZE, WEATHERS, CarPool, Still, sample_still
+from .truth import SMALLEST_SHARE, car_record, dataset_record, item_record, write_json
+
+LARGE_PX, FEWEST_LARGE = 40, 5  # a still shows at least so many cars that are so long
+LARGEST_STILL_BYTES = 250_000
+FPS = 10.0
+
+
+@dataclass(frozen=True)
+class Preset:
+    """How much of what."""
+
+    split: str
+    stills: int
+    clips: int
+    seed: int
+    seconds: float = 12.0
+
+
+PRESETS = {
+    "small": Preset("eval", 4, 1, 4, 3.0),
+    "eval": Preset("eval", 50, 3, 4),  # what tests/data/lots holds
+    "train": Preset("train", 2000, 60, 5),
+}
+
+
+def render_still(renderer: Renderer, pool: CarPool, seed: list[int], folder: Path, stem: str) -> None:
+    """One picture and its truth."""
+    for attempt in range(100):
+        rng = np.random.default_rng([*seed, attempt])
+        still = sample_still(rng, pool)
+        cars = still_truth(renderer, still)
+        large = [car for car in cars if max(car["box"][2] - car["box"][0], car["box"][3] - car["box"][1]) >= LARGE_PX]
+        if len(large) >= FEWEST_LARGE:
+            break
+    else:
+        raise RuntimeError(f"{stem}: no scene with {FEWEST_LARGE} cars in 100 attempts")
+    drawn = draw(renderer, still.scene, still.camera, (0, 0, *SIZE))
+    image = finished(rng, drawn, SIZE, still.finish)
+    media = folder / f"{stem}.jpg"
+    part = media.with_suffix(".part.jpg")
+    part.write_bytes(_jpeg(image))
+    part.rename(media)
+    meshes = {i: car.gpu.mesh for i, car in enumerate(still.scene.cars)}
+    write_json(folder / f"{stem}.truth.json", item_record(media.name, None, still.conditions, still.camera, meshes, [cars]))
+
+
+def still_truth(renderer: Renderer, still: Still) -> list[dict]:
+    """The cars of a still that are seen well enough; nothing is known to move in a still."""
+    records = []
+    for index, car in enumerate(still.scene.cars):
+        seen = sight(renderer, still.scene, still.camera, index, least_inside=0.0)
+        if seen is not None and seen.seen_share >= SMALLEST_SHARE:
+            records.append(car_record(index, Motion(car.world_from_car), seen))
+    return records
+
+
+def _jpeg(image: np.ndarray) -> bytes:
+    """At the best quality up to 90 that keeps the file small."""
+    for quality in range(90, 50, -5):
+        _, data = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
+        if data.size <= LARGEST_STILL_BYTES:
+            break
+    return data.tobytes()
+
+
+def render_clip(renderer: Renderer, pool: CarPool, seed: list[int], folder: Path, stem: str, seconds: float) -> None:
+    """One video and its truth. What stands still is drawn, and its truth worked out, only where something passes."""
+    rng = np.random.default_rng(seed)
+    layout, weather = ("lot", "street", "lot")[seed[-1] % 3], list(WEATHERS)[seed[-1] % len(WEATHERS)]
+    clip = sample_clip(rng, pool, layout, weather, seconds, FPS)
+    canvas = Canvas(renderer, clip.camera)
+    video = VideoWriter(folder / f"{stem}.mp4", SIZE, clip.fps, crf=24)
+    known: dict[int, Sight | None] = {}
+    frames = []
+    for number in range(clip.frames):
+        time_s = number / clip.fps
+        scene, motions = clip.at(time_s), clip.motions(time_s)
+        redrawn = canvas.update(scene, clip.moving_regions(time_s))
+        video.write(finished(rng, canvas.drawn, SIZE, clip.finish))
+        cars = []
+        for index, motion in enumerate(motions):
+            seen = known.get(index)
+            unchanged = clip.movers[index].drive is None and index in known
+            if not unchanged or (seen is not None and any(overlap(region, seen.extent) for region in redrawn)):
+                seen = known[index] = sight(renderer, scene, clip.camera, index, least_inside=0.0)
+            if seen is not None and seen.seen_share >= SMALLEST_SHARE:
+                cars.append(car_record(index, motion, seen))
+        frames.append(cars)
+    video.finish()
+    meshes = {i: car.gpu.mesh for i, car in enumerate(clip.scene.cars)}
+    record = item_record(f"{stem}.mp4", clip.fps, clip.conditions, clip.camera, meshes, frames)
+    write_json(folder / f"{stem}.truth.json", record)
+
+
+def make(out: Path, plan: Preset, name: str, recipe: str) -> None:
+    """All items that are not there yet, then `dataset.json` and the card."""
+    folder = out / "scenes"
+    folder.mkdir(parents=True, exist_ok=True)
+    for leftover in folder.glob("*.part*"):
+        leftover.unlink()
+    stems = [("still", k) for k in range(plan.stills)] + [("clip", k) for k in range(plan.clips)]
+    paths = {item: folder / f"{item[0]}_{item[1]:04d}.truth.json" for item in stems}
+    missing = [item for item in stems if not paths[item].exists()]
+    renderer = Renderer(shadow_size=4096) if missing else None
+    pool = CarPool(renderer, plan.split, plan.seed, real_meshes(plan.split)) if renderer else None
+    start = time.monotonic()
+    work = sum(_cost(item, plan) for item in missing)
+    done = 0.0
+    for count, (kind, number) in enumerate(missing, 1):
+        stem = f"{kind}_{number:04d}"
+        seed = [plan.seed, ("still", "clip").index(kind), number]
+        if kind == "still":
+            render_still(renderer, pool, seed, folder, stem)
+        else:
+            render_clip(renderer, pool, seed, folder, stem, plan.seconds)
+        done += _cost((kind, number), plan)
+        left = (time.monotonic() - start) / done * (work - done)
+        print(f"{stem}: {count} of {len(missing)}, {left / 60:.1f} min left", flush=True)
+    items = [f"scenes/{path.name}" for path in paths.values()]
+    write_json(out / "dataset.json", dataset_record(name, plan.split, plan.seed, items), indent=1)
+    write_card(out, recipe)
+
+
+def _cost(item: tuple[str, int], plan: Preset) -> float:
+    """Rough share of the work, for the time left."""
+    return 1.0 if item[0] == "still" else 0.2 * FPS * plan.seconds
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--preset", choices=PRESETS, default="small", help="defaults for what follows")
+    parser.add_argument("--split", choices=("train", "eval"), help="of the cars; they share no model")
+    parser.add_argument("--stills", type=int)
+    parser.add_argument("--clips", type=int)
+    parser.add_argument("--seconds", type=float, help="of a clip")
+    parser.add_argument("--seed", type=int)
+    parser.add_argument("--name", default="lots")
+    options = parser.parse_args()
+    given = {k: getattr(options, k) for k in ("split", "stills", "clips", "seconds", "seed") if getattr(options, k) is not None}
+    plan = Preset(**{**PRESETS[options.preset].__dict__, **given})
+    words = [f"--preset {options.preset}", *(f"--{key} {value}" for key, value in given.items())]
+    make(options.out, plan, options.name, f"PYTHONPATH=scripts/train python -m render.dataset --out DIR {' '.join(words)}")
+
+
+if __name__ == "__main__":
+    main()
