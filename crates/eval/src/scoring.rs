@@ -1,10 +1,12 @@
 //! Results against truth: which estimate belongs to which true car, and the errors of each pair.
 
 mod boxes;
+mod boxes3d;
 mod poses;
 mod tracks;
 
 pub use boxes::picture_boxes;
+pub use boxes3d::score_box;
 pub use poses::{PoseScore, score_pose, score_poses};
 pub use tracks::{TrackScore, score_tracks};
 

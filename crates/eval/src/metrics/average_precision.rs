@@ -136,7 +136,8 @@ fn at_threshold(pictures: &[&PictureMatch], step: usize) -> Option<f64> {
         point.1 = best;
     }
     let precision_at = |k: usize| {
-        let recall = k as f64 / (RECALL_POINTS - 1) as f64;
+        // As NumPy's linspace has them: where a recall is a round number, the last bit decides.
+        let recall = if k + 1 == RECALL_POINTS { 1.0 } else { k as f64 * 0.01 };
         curve.get(curve.partition_point(|point| point.0 < recall)).map_or(0.0, |point| point.1)
     };
     Some((0..RECALL_POINTS).map(precision_at).sum::<f64>() / RECALL_POINTS as f64)
