@@ -2,12 +2,13 @@
 
 use nalgebra::{Isometry3, Matrix3, Matrix6, SMatrix, Vector4};
 use roadplane_base::{
-    Camera, CameraParams, GroundPlane, GroundPose, KEYPOINTS, KeypointSet, Shape, ShapeAtlas,
+    Camera, CameraParams, GroundPlane, GroundPose, KEYPOINTS, KeypointSet, MODES, ShapeAtlas,
 };
 
+use crate::arrow::{CAMERA, Joint, RESIDUAL, SHAPE};
 use crate::cold_start::COARSE_SD_M;
 use crate::ground_problem::{CameraKnowledge, GroundProblem, GroundState, Group, View};
-use crate::ground_residual::{CameraFrame, PointModes, Standing};
+use crate::ground_residual::{CameraFrame, PointModes, Standing, StandingFrame};
 use crate::lm::{LmOptions, minimise};
 use crate::observation::{Observation, observations};
 use crate::options::{SceneOptions, ShapePrior};
@@ -82,9 +83,7 @@ pub fn fit_car(
     };
     let margin = fits.iter().find(|(_, p)| elsewhere(p)).map_or(f64::INFINITY, |(other, _)| other - cost);
     let covariances = problem.covariances()?;
-    let (car, joint) = car_solution(&problem, 0, covariances.views.first()?, options)?;
-    let order = [10, 11, 12, 4, 5, 6, 7, 8, 9];
-    let covariance = SMatrix::from_fn(|i, j| joint[(order[i], order[j])]);
+    let (car, covariance) = car_solution(&problem, 0, covariances.views.first()?)?;
     Some(CarFit { car, covariance, cost, margin })
 }
 
@@ -96,7 +95,7 @@ fn single_car<'a>(
     standing: Standing,
     shape: &ShapePrior,
 ) -> GroundProblem<'a> {
-    let views = vec![View { group: 0, observations: 0..found.len() }];
+    let views = vec![View::new(0, 0..found.len())];
     let groups = vec![Group { views: 0..1, prior: *shape }];
     let knowledge = CameraKnowledge { mean: params, information: Vector4::zeros(), fixed: [true; 4] };
     let state = GroundState { camera: params, standings: vec![standing], shapes: vec![shape.mean] };
@@ -119,51 +118,49 @@ fn refine_car(problem: &mut GroundProblem<'_>, options: &SceneOptions) -> Option
     report.cost.is_finite().then_some(report.cost)
 }
 
-/// A view's solution, and the joint covariance of (camera, shape, x, y, heading).
+/// A view's solution, and the joint covariance of (x, y, heading, shape).
 pub(crate) fn car_solution(
     problem: &GroundProblem<'_>,
     k: usize,
-    anchored: &SMatrix<f64, 13, 13>,
-    options: &SceneOptions,
-) -> Option<(CarSolution, SMatrix<f64, 13, 13>)> {
+    joint: &Joint,
+) -> Option<(CarSolution, SMatrix<f64, 9, 9>)> {
     let camera = CameraFrame::new(&problem.state.camera);
     let standing = &problem.state.standings[k];
-    let frame = crate::ground_residual::StandingFrame::new(&camera, standing)?;
+    let frame = StandingFrame::new(&camera, standing)?;
     let (ground, by) = frame.ground_pose(&camera, standing.heading);
-    // (camera, shape, anchor, heading) → (camera, shape, x, y, heading)
-    let mut change = SMatrix::<f64, 13, 13>::identity();
-    for row in 0..3 {
-        for column in 0..4 {
-            change[(10 + row, column)] = by[(row, column)];
-        }
-        for column in 0..3 {
-            change[(10 + row, 10 + column)] = by[(row, 4 + column)];
-        }
-    }
-    let joint = change * anchored * change.transpose();
+    // (x, y, heading) by (anchor, heading, shape, camera)
+    let mut change = SMatrix::<f64, SHAPE, RESIDUAL>::zeros();
+    change.fixed_columns_mut::<SHAPE>(0).copy_from(&by.fixed_columns::<3>(4));
+    change.fixed_columns_mut::<4>(CAMERA).copy_from(&by.fixed_columns::<4>(0));
+    let with_all = change * joint;
+    let ground_covariance: Matrix3<f64> = with_all * change.transpose();
+    let with_shape = with_all.fixed_columns::<MODES>(SHAPE).into_owned();
+    let shape_covariance: Matrix6<f64> = joint.fixed_view::<MODES, MODES>(SHAPE, SHAPE).into_owned();
+    let mut covariance = SMatrix::<f64, 9, 9>::zeros();
+    covariance.fixed_view_mut::<3, 3>(0, 0).copy_from(&ground_covariance);
+    covariance.fixed_view_mut::<3, MODES>(0, 3).copy_from(&with_shape);
+    covariance.fixed_view_mut::<MODES, 3>(3, 0).copy_from(&with_shape.transpose());
+    covariance.fixed_view_mut::<MODES, MODES>(3, 3).copy_from(&shape_covariance);
     let mut inliers = [false; KEYPOINTS];
-    let (mut sum, mut weights) = (0.0, 0.0);
-    for observation in &problem.observations[problem.views[k].observations.clone()] {
-        let residual = problem.residual_px(k, observation)?;
-        let [rx, ry] = observation.whiten([residual.x, residual.y]);
-        inliers[observation.index] = options.kernel.weight(rx * rx + ry * ry) > 0.5;
-        if inliers[observation.index] {
-            sum += residual.norm_squared();
-            weights += 1.0;
+    let (mut sum, mut count) = (0.0, 0.0);
+    problem.each_residual(k, |observation, off_px, probability| {
+        inliers[observation.index] = probability > 0.5;
+        if probability > 0.5 {
+            sum += off_px.norm_squared();
+            count += 1.0;
         }
-    }
+    })?;
     let params = CameraParams::from_vector(&problem.state.camera);
     let camera_from_car: Isometry3<f64> = params.plane().camera_from_world() * ground.world_from_car();
-    let shape: Shape = problem.state.shapes[problem.views[k].group];
     let car = CarSolution {
         camera_from_car,
         ground,
-        ground_covariance: joint.fixed_view::<3, 3>(10, 10).into_owned() as Matrix3<f64>,
-        shape,
-        shape_covariance: joint.fixed_view::<6, 6>(4, 4).into_owned() as Matrix6<f64>,
+        ground_covariance,
+        shape: problem.state.shapes[problem.views[k].group],
+        shape_covariance,
         inliers,
-        reprojection_rms_px: if weights > 0.0 { f64::sqrt(sum / weights) } else { f64::INFINITY },
+        reprojection_rms_px: if count > 0.0 { f64::sqrt(sum / count) } else { f64::INFINITY },
         used: true,
     };
-    Some((car, joint))
+    Some((car, covariance))
 }

@@ -9,10 +9,10 @@
 use nalgebra::{Cholesky, Const, Matrix2, Matrix4, SMatrix, SVector, Vector4};
 use roadplane_base::{MODES, ShapeAtlas};
 
-use crate::arrow::MIN_INFORMATION;
+use crate::arrow::{MIN_INFORMATION, Row};
 use crate::free_residual::{FreeCar, FreeFrame};
 use crate::ground_problem::CameraKnowledge;
-use crate::ground_residual::{CameraFrame, PointModes, Row};
+use crate::ground_residual::{CameraFrame, PointModes};
 use crate::kernel::OutlierModel;
 use crate::lm::{Problem, Trial};
 use crate::observation::Observation;
@@ -308,8 +308,9 @@ impl Problem for FreeProblem<'_> {
         cost.is_finite().then_some(Trial { cost, predicted_decrease: predicted, step_size: largest })
     }
 
-    fn accept(&mut self) {
+    fn accept(&mut self) -> Option<f64> {
         std::mem::swap(&mut self.cars, &mut self.trial_cars);
         self.camera = self.trial_camera;
+        self.linearise()
     }
 }

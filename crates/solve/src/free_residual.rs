@@ -14,7 +14,8 @@
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector2, Vector3};
 use roadplane_base::{MODES, Shape};
 
-use crate::ground_residual::{CameraFrame, Row};
+use crate::arrow::Row;
+use crate::ground_residual::CameraFrame;
 
 /// Nearest depth at which a keypoint is evaluated, m.
 const MIN_DEPTH_M: f64 = 0.1;
@@ -140,17 +141,50 @@ impl FreeFrame {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::dual::{Dual, Vector, constant, cross, dot, plus, relative_difference, scaled, world_axes};
     use crate::ground_residual::PointModes;
     use nalgebra::{SVector, Vector4};
     use roadplane_base::ShapeAtlas;
     use roadplane_synth::Rng;
 
+    /// The module's model, written once more in dual numbers around (camera, car): pixel and plane terms.
+    fn exact(model: &PointModes, index: usize, camera: &Vector4<f64>, car: &FreeCar) -> [Dual; 6] {
+        let at = |value: f64, index: usize| Dual::unknown(value, index);
+        let f = at(camera[0], 0).exp();
+        let [_, _, up] = world_axes(at(camera[1], 1), at(camera[2], 2));
+        let h = at(camera[3], 3).exp();
+        let ratio = at(car.log_depth_ratio, 15).exp();
+        let origin = scaled([at(car.anchor.x, 13), at(car.anchor.y, 14), f], ratio);
+        // To first order exp([ω]×) v = v + ω × v, which is all that a derivative at ω = 0 needs.
+        let omega = [10, 11, 12].map(|i| at(0.0, i));
+        let turned = |v: Vector| {
+            let r = car.camera_from_car.to_rotation_matrix().into_inner();
+            let v: Vector = std::array::from_fn(|i| dot(constant(&r.row(i).transpose()), v));
+            plus(v, cross(omega, v))
+        };
+        let mut point = constant(&model.mean[index]);
+        for (j, mode) in model.modes[index].iter().enumerate() {
+            point = plus(point, scaled(constant(mode), at(car.shape[j], 4 + j)));
+        }
+        let p = plus(origin, turned(point));
+        let tip = turned(constant(&Vector3::z()));
+        [
+            f * p[0] / p[2],
+            f * p[1] / p[2],
+            dot(up, origin) + h,
+            tip[0] - up[0],
+            tip[1] - up[1],
+            tip[2] - up[2],
+        ]
+    }
+
     #[test]
-    fn jacobians_are_the_derivatives() {
+    fn jacobians_are_the_derivatives_to_1e_9() {
         let atlas = ShapeAtlas::shipped().unwrap();
         let model = PointModes::new(&atlas);
         let mut rng = Rng::new(4);
-        for _ in 0..1000 {
+        let mut checked = 0;
+        while checked < 1000 {
             let index = (rng.unit() * 36.0) as usize;
             let camera = Vector4::new(
                 rng.uniform(600.0, 8000.0).ln(),
@@ -164,40 +198,39 @@ mod tests {
                 log_depth_ratio: -rng.uniform(15.0, 150.0).ln(),
                 shape: Shape::from_fn(|_, _| rng.normal()),
             };
-            // The same quantities after a step in (camera, car).
-            let moved = |step: &SVector<f64, 16>| {
-                let params = camera + step.fixed_rows::<4>(0);
-                let car = car.moved(&step.fixed_rows::<12>(4).into_owned());
-                let frame = CameraFrame::new(&params);
-                let free = FreeFrame::new(frame.focal_px, &car);
-                let pixel = free.project(&model.point(index, &car.shape));
-                (pixel, free.plane_terms(&frame).0)
-            };
             let frame = CameraFrame::new(&camera);
             let free = FreeFrame::new(frame.focal_px, &car);
             let point = model.point(index, &car.shape);
-            let Some((_, rows)) = free.project_with_jacobian(&point, &model.modes[index]) else { continue };
-            let (_, plane_rows) = free.plane_terms(&frame);
-            for column in 0..16 {
-                let h = 1e-6 * if (13..15).contains(&column) { 100.0 } else { 1.0 };
-                let mut step = SVector::<f64, 16>::zeros();
-                step[column] = h;
-                let ((Some(a), pa), (Some(b), pb)) = (moved(&step), moved(&-step)) else { continue };
-                let numeric = (a - b) / (2.0 * h);
-                let analytic = Vector2::new(rows[0][column], rows[1][column]);
-                let off = (numeric - analytic).norm();
-                assert!(
-                    off < 1e-5 * (1.0 + analytic.norm()),
-                    "column {column}: {analytic} against {numeric}"
-                );
-                for (i, row) in plane_rows.iter().enumerate() {
-                    let numeric = (pa[i] - pb[i]) / (2.0 * h);
-                    assert!(
-                        (numeric - row[column]).abs() < 1e-5 * (1.0 + row[column].abs()),
-                        "plane {i}, {column}"
-                    );
-                }
+            let Some((pixel, [x, y])) = free.project_with_jacobian(&point, &model.modes[index]) else {
+                continue;
+            };
+            let (terms, [distance, a, b, c]) = free.plane_terms(&frame);
+            let values = [pixel.x, pixel.y, terms[0], terms[1], terms[2], terms[3]];
+            let exact = exact(&model, index, &camera, &car);
+            for ((exact, value), row) in exact.iter().zip(values).zip([x, y, distance, a, b, c]) {
+                assert!((exact.value - value).abs() < 1e-9 * (1.0 + value.abs()), "{} {value}", exact.value);
+                let off = relative_difference(&exact.by, &row);
+                assert!(off < 1e-9, "{off}: {:?} against {row:?}", exact.by);
             }
+            checked += 1;
         }
+    }
+
+    #[test]
+    fn a_step_moves_as_its_columns_say() {
+        let mut rng = Rng::new(5);
+        let car = FreeCar {
+            camera_from_car: UnitQuaternion::from_scaled_axis(Vector3::from_fn(|_, _| rng.normal())),
+            anchor: Vector2::new(30.0, -20.0),
+            log_depth_ratio: -3.0,
+            shape: Shape::zeros(),
+        };
+        let step = SVector::<f64, 12>::from_fn(|_, _| 1e-6 * rng.normal());
+        let moved = car.moved(&step);
+        let turn = moved.camera_from_car * car.camera_from_car.inverse();
+        assert!((turn.scaled_axis() - step.fixed_rows::<3>(6)).norm() < 1e-12);
+        assert!((moved.shape - step.fixed_rows::<MODES>(0)).norm() < 1e-15);
+        assert!((moved.anchor - car.anchor - step.fixed_rows::<2>(9)).norm() < 1e-12);
+        assert!((moved.log_depth_ratio - car.log_depth_ratio - step[11]).abs() < 1e-12);
     }
 }

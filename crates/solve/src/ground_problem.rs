@@ -1,10 +1,12 @@
 //! The joint problem of cars standing on the plane: parameters, cost, normal equations, step.
 
-use nalgebra::{Matrix4, SMatrix, Vector2, Vector4};
+use nalgebra::{Matrix4, Vector2, Vector4};
 use roadplane_base::{MODES, Shape, ShapeAtlas};
 
-use crate::arrow::{GroupBlock, ViewBlock};
-use crate::ground_residual::{COLUMNS, CameraFrame, PointModes, Standing, StandingFrame};
+use crate::arrow::{CAMERA, Gram, GroupBlock, Joint, PoseBlock, SHAPE, camera_system};
+use crate::gram_sum::Rows;
+use crate::ground_residual::{CameraFrame, PointModes, Standing, StandingFrame};
+use crate::ground_rows::{MAX_PACKS, NO_ROWS, Pack, linearise, pack, rewhiten};
 use crate::kernel::{OutlierModel, PreparedKernel};
 use crate::lm::{Problem, Trial};
 use crate::observation::{Observation, atlas_covariance};
@@ -17,6 +19,14 @@ pub(crate) struct View {
     pub group: usize,
     /// Its observations: a range in the problem's list.
     pub observations: std::ops::Range<usize>,
+    /// The same as packs.
+    packs: std::ops::Range<usize>,
+}
+
+impl View {
+    pub fn new(group: usize, observations: std::ops::Range<usize>) -> Self {
+        Self { group, observations, packs: 0..0 }
+    }
 }
 
 /// A physical car: its views and what is known of its shape.
@@ -62,11 +72,22 @@ pub(crate) struct GroundProblem<'a> {
     pub shapes_fixed: bool,
     pub state: GroundState,
     trial: GroundState,
-    view_blocks: Vec<ViewBlock>,
+    /// Keypoints as the inner loop reads them.
+    packs: Vec<Pack>,
+    linearisation: Linearisation,
+    trial_linearisation: Linearisation,
+    scratch: Box<[Rows; MAX_PACKS]>,
+    poses: Vec<PoseBlock>,
     group_blocks: Vec<GroupBlock>,
     camera_gradient: Vector4<f64>,
     camera_diagonal: Vector4<f64>,
+}
+
+/// Cost and every view's normal equations at a state.
+#[derive(Clone, Debug)]
+struct Linearisation {
     cost: f64,
+    grams: Vec<Gram>,
 }
 
 /// Covariances at the current parameters.
@@ -75,11 +96,28 @@ pub(crate) struct Covariances {
     pub camera_information: Matrix4<f64>,
     /// Covariance of the camera, prior counted; zero rows where fixed.
     pub camera: Matrix4<f64>,
-    /// Per view the covariance of (camera, shape, anchor, heading).
-    pub views: Vec<SMatrix<f64, COLUMNS, COLUMNS>>,
+    /// Per view the covariance of (anchor, heading, shape, camera).
+    pub views: Vec<Joint>,
+}
+
+/// What a state costs by itself.
+fn prior_cost(
+    knowledge: &CameraKnowledge,
+    groups: &[Group],
+    shape_prior_scale: f64,
+    state: &GroundState,
+) -> f64 {
+    let off = state.camera - knowledge.mean;
+    let camera: f64 = (0..4)
+        .filter(|i| knowledge.information[*i] > 0.0)
+        .map(|i| 0.5 * knowledge.information[i] * off[i] * off[i])
+        .sum();
+    let shapes: f64 = groups.iter().zip(&state.shapes).map(|(group, shape)| group.prior.cost(shape)).sum();
+    camera + shape_prior_scale * shapes
 }
 
 impl<'a> GroundProblem<'a> {
+    /// `views`: per view its group's position and its observations; views of a group follow each other.
     pub fn new(
         atlas: &'a ShapeAtlas,
         model: &'a PointModes,
@@ -89,10 +127,22 @@ impl<'a> GroundProblem<'a> {
         knowledge: CameraKnowledge,
         state: GroundState,
     ) -> Self {
+        let mut packs = Vec::with_capacity(observations.len() / 3);
+        let mut views = views;
+        for view in &mut views {
+            let first = packs.len();
+            pack(model, &observations[view.observations.clone()], &mut packs);
+            view.packs = first..packs.len();
+        }
+        let linearisation = Linearisation { cost: f64::INFINITY, grams: vec![Gram::zeros(); views.len()] };
         Self {
             atlas,
             model,
-            view_blocks: vec![ViewBlock::zeros(); views.len()],
+            packs,
+            trial_linearisation: linearisation.clone(),
+            linearisation,
+            scratch: Box::new([NO_ROWS; MAX_PACKS]),
+            poses: vec![PoseBlock::zeros(); views.len()],
             group_blocks: vec![GroupBlock::zeros(); groups.len()],
             views,
             groups,
@@ -105,7 +155,6 @@ impl<'a> GroundProblem<'a> {
             state,
             camera_gradient: Vector4::zeros(),
             camera_diagonal: Vector4::zeros(),
-            cost: f64::INFINITY,
         }
     }
 
@@ -123,104 +172,68 @@ impl<'a> GroundProblem<'a> {
                 extra[(1, 1)] += extra_px * extra_px;
                 observation.whiten_with(&extra);
             }
+            rewhiten(&self.observations[view.observations.clone()], &mut self.packs[view.packs.clone()]);
         }
     }
 
-    /// Pixel residual (predicted − measured) of one observation at the current parameters.
-    pub fn residual_px(&self, view: usize, observation: &Observation) -> Option<Vector2<f64>> {
+    /// Calls with every observation of a view, its pixel residual (predicted − measured) and the probability that it is right.
+    /// `None` when a keypoint cannot be projected.
+    pub fn each_residual(
+        &self,
+        view: usize,
+        mut see: impl FnMut(&Observation, Vector2<f64>, f64),
+    ) -> Option<()> {
         let camera = CameraFrame::new(&self.state.camera);
         let frame = StandingFrame::new(&camera, &self.state.standings[view])?;
-        let point = self.model.point(observation.index, &self.state.shapes[self.views[view].group]);
-        Some(frame.project(camera.focal_px, &point)? - observation.pixel)
-    }
-
-    fn cost_of_view(
-        &self,
-        camera: &CameraFrame,
-        view: &View,
-        standing: &Standing,
-        shape: &Shape,
-    ) -> Option<f64> {
-        let frame = StandingFrame::new(camera, standing)?;
-        let kernel = PreparedKernel::new(&self.kernel);
-        let mut cost = 0.0;
-        for observation in &self.observations[view.observations.clone()] {
+        let shape = &self.state.shapes[self.views[view].group];
+        for observation in &self.observations[self.views[view].observations.clone()] {
             let point = self.model.point(observation.index, shape);
-            let residual = frame.project(camera.focal_px, &point)? - observation.pixel;
-            let [rx, ry] = observation.whiten([residual.x, residual.y]);
-            cost += 0.5 * observation.weight * kernel.evaluate(rx * rx + ry * ry).0;
+            let off = frame.project(&point)? - observation.pixel;
+            let [rx, ry] = observation.whiten([off.x, off.y]);
+            see(observation, off, self.kernel.weight(rx * rx + ry * ry));
         }
-        Some(cost)
+        Some(())
     }
 
-    fn prior_cost(&self, state: &GroundState) -> f64 {
-        let off = state.camera - self.knowledge.mean;
-        let camera: f64 = (0..4)
-            .filter(|i| self.knowledge.information[*i] > 0.0)
-            .map(|i| 0.5 * self.knowledge.information[i] * off[i] * off[i])
-            .sum();
-        let shapes: f64 =
-            self.groups.iter().zip(&state.shapes).map(|(group, shape)| group.prior.cost(shape)).sum();
-        camera + self.shape_prior_scale * shapes
-    }
-
-    /// True cost of a state; `None` when a keypoint cannot be projected.
-    pub fn cost_of(&self, state: &GroundState) -> Option<f64> {
+    /// True cost of the current state (or the trial) and each view's normal equations; `None` when a keypoint cannot be
+    /// projected.
+    fn evaluate(&mut self, trial: bool) -> Option<f64> {
+        let (state, into) = match trial {
+            true => (&self.trial, &mut self.trial_linearisation),
+            false => (&self.state, &mut self.linearisation),
+        };
         let camera = CameraFrame::new(&state.camera);
-        let mut cost = self.prior_cost(state);
-        for (view, standing) in self.views.iter().zip(&state.standings) {
-            cost += self.cost_of_view(&camera, view, standing, &state.shapes[view.group])?;
+        let kernel = PreparedKernel::new(&self.kernel);
+        let mut cost = prior_cost(&self.knowledge, &self.groups, self.shape_prior_scale, state);
+        for ((view, standing), gram) in self.views.iter().zip(&state.standings).zip(&mut into.grams) {
+            let frame = StandingFrame::new(&camera, standing)?;
+            let shape = &state.shapes[view.group];
+            let packs = &self.packs[view.packs.clone()];
+            cost += linearise(packs, &frame, shape, &kernel, &mut self.scratch, gram)?;
         }
+        into.cost = cost;
         cost.is_finite().then_some(cost)
     }
 
-    /// Adds one view's keypoints to its block; returns their cost.
-    fn linearise_view(&mut self, camera: &CameraFrame, k: usize) -> Option<f64> {
-        let kernel = PreparedKernel::new(&self.kernel);
-        let view = &self.views[k];
-        let block = &mut self.view_blocks[k];
-        block.clear();
-        let frame = StandingFrame::new(camera, &self.state.standings[k])?;
-        let shape = &self.state.shapes[view.group];
-        let mut cost = 0.0;
-        for observation in &self.observations[view.observations.clone()] {
-            let modes = &self.model.modes[observation.index];
-            let point = self.model.point(observation.index, shape);
-            let (pixel, rows) = frame.project_with_jacobian(camera.focal_px, &point, modes)?;
-            let residual = pixel - observation.pixel;
-            let [rx, ry] = observation.whiten([residual.x, residual.y]);
-            let squared = rx * rx + ry * ry;
-            let (loss, right) = kernel.evaluate(squared);
-            cost += 0.5 * observation.weight * loss;
-            let weight = observation.weight * right;
-            if weight < 1e-12 {
-                continue;
-            }
-            let [w00, w10, w11] = observation.whitening;
-            let whitened = [
-                std::array::from_fn(|i| w00 * rows[0][i]),
-                std::array::from_fn(|i| w10 * rows[0][i] + w11 * rows[1][i]),
-            ];
-            block.add(&whitened, [rx, ry], weight);
-        }
-        Some(cost)
+    /// True cost at the current parameters.
+    pub fn current_cost(&mut self) -> Option<f64> {
+        self.evaluate(false)
     }
 
     /// Eliminates views and shapes; returns the camera's reduced Hessian and gradient, prior not yet added.
     fn eliminate(&mut self, damping: f64) -> Option<(Matrix4<f64>, Vector4<f64>)> {
-        let mut hessian = Matrix4::zeros();
-        let mut gradient = Vector4::zeros();
+        let mut camera = [[0.0; 16]; 4];
         for (g, group) in self.groups.iter().enumerate() {
             self.group_blocks[g].eliminate(
-                &mut self.view_blocks[group.views.clone()],
+                &self.linearisation.grams[group.views.clone()],
+                &mut self.poses[group.views.clone()],
                 damping,
                 &(group.prior.information * self.shape_prior_scale),
                 &(group.prior.gradient(&self.state.shapes[g]) * self.shape_prior_scale),
-                &mut hessian,
-                &mut gradient,
+                &mut camera,
             )?;
         }
-        Some((hessian, gradient))
+        Some(camera_system(&camera))
     }
 
     fn hold_fixed(&self, hessian: &mut Matrix4<f64>, gradient: &mut Vector4<f64>) {
@@ -236,40 +249,15 @@ impl<'a> GroundProblem<'a> {
         (self.state.camera - self.knowledge.mean).component_mul(&self.knowledge.information)
     }
 
-    /// Covariances at the current parameters, from the same elimination with damping 0. Call after `linearise`.
-    pub fn covariances(&mut self) -> Option<Covariances> {
-        let (information, _) = self.eliminate(0.0)?;
-        let mut total = information + Matrix4::from_diagonal(&self.knowledge.information);
-        self.hold_fixed(&mut total, &mut Vector4::zeros());
-        let mut camera = total.cholesky()?.inverse();
-        for i in (0..4).filter(|i| self.knowledge.fixed[*i]) {
-            camera[(i, i)] = 0.0;
-        }
-        let shared: Vec<_> = self.group_blocks.iter().map(|block| block.shared_covariance(&camera)).collect();
-        let views = self
-            .views
-            .iter()
-            .zip(&self.view_blocks)
-            .map(|(view, block)| block.joint_covariance(&shared[view.group]))
-            .collect();
-        Some(Covariances { camera_information: information, camera, views })
-    }
-}
-
-impl Problem for GroundProblem<'_> {
-    fn linearise(&mut self) -> Option<f64> {
-        let camera = CameraFrame::new(&self.state.camera);
-        let mut cost = self.prior_cost(&self.state);
-        for k in 0..self.views.len() {
-            cost += self.linearise_view(&camera, k)?;
-        }
-        self.cost = cost;
+    /// Sums up gradient and diagonal of what views share, decides which coefficients are held; returns the largest scaled
+    /// gradient.
+    fn gather(&mut self) -> f64 {
         self.camera_gradient = self.prior_gradient();
         self.camera_diagonal = self.knowledge.information;
         let mut largest: f64 = 0.0;
         let mut see = |gradient: f64, diagonal: f64| {
             if diagonal > 0.0 {
-                largest = largest.max(gradient.abs() / diagonal.sqrt());
+                largest = largest.max(gradient * gradient / diagonal);
             }
         };
         for (g, group) in self.groups.iter().enumerate() {
@@ -277,14 +265,17 @@ impl Problem for GroundProblem<'_> {
             let block = &mut self.group_blocks[g];
             block.gradient = group.prior.gradient(shape) * self.shape_prior_scale;
             block.diagonal = group.prior.information.diagonal() * self.shape_prior_scale;
-            for view in &self.view_blocks[group.views.clone()] {
-                let (gradient, diagonal) = (view.shared_gradient(), view.shared_diagonal());
-                block.gradient += gradient.fixed_rows::<MODES>(4);
-                block.diagonal += diagonal.fixed_rows::<MODES>(4);
-                self.camera_gradient += gradient.fixed_rows::<4>(0);
-                self.camera_diagonal += diagonal.fixed_rows::<4>(0);
-                for i in 0..3 {
-                    see(view.pose_gradient()[i], view.pose_diagonal()[i]);
+            for view in &self.linearisation.grams[group.views.clone()] {
+                for j in 0..MODES {
+                    block.gradient[j] += view.gradient(SHAPE + j);
+                    block.diagonal[j] += view.diagonal(SHAPE + j);
+                }
+                for i in 0..4 {
+                    self.camera_gradient[i] += view.gradient(CAMERA + i);
+                    self.camera_diagonal[i] += view.diagonal(CAMERA + i);
+                }
+                for i in 0..SHAPE {
+                    see(view.gradient(i), view.diagonal(i));
                 }
             }
             // Projected Newton (Bertsekas 1982): a coefficient at its bound that wants to go on is held.
@@ -301,11 +292,37 @@ impl Problem for GroundProblem<'_> {
         for i in (0..4).filter(|i| !self.knowledge.fixed[*i]) {
             see(self.camera_gradient[i], self.camera_diagonal[i]);
         }
-        cost.is_finite().then_some(largest)
+        largest.sqrt()
+    }
+
+    /// Covariances at the current parameters, from the same elimination with damping 0. Call after `linearise`.
+    pub fn covariances(&mut self) -> Option<Covariances> {
+        let (information, _) = self.eliminate(0.0)?;
+        let mut total = information + Matrix4::from_diagonal(&self.knowledge.information);
+        self.hold_fixed(&mut total, &mut Vector4::zeros());
+        let mut camera = total.cholesky()?.inverse();
+        for i in (0..4).filter(|i| self.knowledge.fixed[*i]) {
+            camera[(i, i)] = 0.0;
+        }
+        let shared: Vec<Joint> = self.group_blocks.iter().map(|block| block.joint(&camera)).collect();
+        let joint = |(view, pose): (&View, &PoseBlock)| {
+            let mut joint = shared[view.group];
+            pose.spread(&mut joint);
+            joint
+        };
+        let views = self.views.iter().zip(&self.poses).map(joint).collect();
+        Some(Covariances { camera_information: information, camera, views })
+    }
+}
+
+impl Problem for GroundProblem<'_> {
+    fn linearise(&mut self) -> Option<f64> {
+        self.evaluate(false)?;
+        Some(self.gather())
     }
 
     fn cost(&self) -> f64 {
-        self.cost
+        self.linearisation.cost
     }
 
     fn try_step(&mut self, damping: f64) -> Option<Trial> {
@@ -327,30 +344,36 @@ impl Problem for GroundProblem<'_> {
         self.trial.camera = self.state.camera + camera_step;
         for (g, group) in self.groups.iter().enumerate() {
             let block = &self.group_blocks[g];
-            let shared = block.shared_step(&camera_step);
+            let mut step = block.step(&camera_step);
             for j in (0..MODES).filter(|j| !block.held[*j]) {
-                see(shared[4 + j], block.gradient[j], block.diagonal[j]);
+                see(step[SHAPE + j], block.gradient[j], block.diagonal[j]);
                 let [low, high] = self.atlas.bounds[j];
-                self.trial.shapes[g][j] = (self.state.shapes[g][j] + shared[4 + j]).clamp(low, high);
+                self.trial.shapes[g][j] = (self.state.shapes[g][j] + step[SHAPE + j]).clamp(low, high);
             }
             for j in (0..MODES).filter(|j| block.held[*j]) {
                 self.trial.shapes[g][j] = self.state.shapes[g][j];
             }
             for k in group.views.clone() {
-                let view = &self.view_blocks[k];
-                let step = view.pose_step(&shared);
-                for i in 0..3 {
-                    see(step[i], view.pose_gradient()[i], view.pose_diagonal()[i]);
+                self.poses[k].substitute(&mut step);
+                for (i, step) in step[..SHAPE].iter().enumerate() {
+                    see(
+                        *step,
+                        self.linearisation.grams[k].gradient(i),
+                        self.linearisation.grams[k].diagonal(i),
+                    );
                 }
-                self.trial.standings[k].anchor = self.state.standings[k].anchor + step.xy();
-                self.trial.standings[k].heading = self.state.standings[k].heading + step.z;
+                self.trial.standings[k].anchor =
+                    self.state.standings[k].anchor + Vector2::new(step[0], step[1]);
+                self.trial.standings[k].heading = self.state.standings[k].heading + step[2];
             }
         }
-        let cost = self.cost_of(&self.trial)?;
+        let cost = self.evaluate(true)?;
         Some(Trial { cost, predicted_decrease: predicted, step_size: largest })
     }
 
-    fn accept(&mut self) {
+    fn accept(&mut self) -> Option<f64> {
         std::mem::swap(&mut self.state, &mut self.trial);
+        std::mem::swap(&mut self.linearisation, &mut self.trial_linearisation);
+        Some(self.gather())
     }
 }

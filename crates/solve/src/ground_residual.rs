@@ -13,14 +13,8 @@
 use nalgebra::{Matrix3, Vector2, Vector3, Vector4};
 use roadplane_base::{GroundPose, KEYPOINTS, MODES, Shape, ShapeAtlas};
 
-/// Camera parameters, shape coefficients, pose: columns of the Jacobian.
-pub(crate) const COLUMNS: usize = 4 + MODES + 3;
-
-/// A row of the Jacobian, padded to whole SIMD registers.
-pub(crate) type Row = [f64; 16];
-
 /// Nearest depth at which a keypoint is evaluated, m.
-const MIN_DEPTH_M: f64 = 0.1;
+pub(crate) const MIN_DEPTH_M: f64 = 0.1;
 
 /// Smallest sine-like fall of a viewing ray towards the plane: below, the anchor is at the horizon.
 const MIN_FALL: f64 = 1e-6;
@@ -73,13 +67,15 @@ pub(crate) struct Standing {
 /// A car's place in the camera frame with what its keypoints share of the Jacobian.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct StandingFrame {
+    pub focal_px: f64,
     /// Car's origin in the camera frame, m.
     pub origin: Vector3<f64>,
     /// `camera_from_car` rotation.
     pub camera_from_car: Matrix3<f64>,
-    camera_from_car_by_tilt: Matrix3<f64>,
+    /// Its derivative by tilt.
+    pub camera_from_car_by_tilt: Matrix3<f64>,
     /// ∂G by log f, tilt, roll, log h, a_u, a_v.
-    origin_by: [Vector3<f64>; 6],
+    pub origin_by: [Vector3<f64>; 6],
 }
 
 impl StandingFrame {
@@ -108,6 +104,7 @@ impl StandingFrame {
         let (sin, cos) = standing.heading.sin_cos();
         let turn = Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0);
         Some(Self {
+            focal_px: f,
             origin,
             camera_from_car: camera.camera_from_world * turn,
             camera_from_car_by_tilt: camera.by_tilt * turn,
@@ -117,55 +114,9 @@ impl StandingFrame {
 
     /// Pixel (relative to the principal point) of a point of the car; `None` at or behind the camera.
     #[inline]
-    pub fn project(&self, focal_px: f64, point_in_car: &Vector3<f64>) -> Option<Vector2<f64>> {
+    pub fn project(&self, point_in_car: &Vector3<f64>) -> Option<Vector2<f64>> {
         let p = self.origin + self.camera_from_car * point_in_car;
-        (p.z > MIN_DEPTH_M).then(|| p.xy() * (focal_px / p.z))
-    }
-
-    /// The pixel with its two Jacobian rows; `modes` are the atlas' modes at this keypoint.
-    #[inline]
-    pub fn project_with_jacobian(
-        &self,
-        focal_px: f64,
-        point_in_car: &Vector3<f64>,
-        modes: &[Vector3<f64>; MODES],
-    ) -> Option<(Vector2<f64>, [Row; 2])> {
-        let offset = self.camera_from_car * point_in_car;
-        let p = self.origin + offset;
-        if p.z.is_nan() || p.z <= MIN_DEPTH_M {
-            return None;
-        }
-        let scale = focal_px / p.z;
-        let pixel = p.xy() * scale;
-        let (x, y) = (p.x / p.z, p.y / p.z);
-        // ∂pixel/∂X_cam = scale · [1 0 −x; 0 1 −y]
-        let by_point = |d: &Vector3<f64>| [scale * (d.x - x * d.z), scale * (d.y - y * d.z)];
-        let r = &self.camera_from_car;
-        let by_car: [[f64; 3]; 2] = [
-            std::array::from_fn(|k| scale * (r[(0, k)] - x * r[(2, k)])),
-            std::array::from_fn(|k| scale * (r[(1, k)] - y * r[(2, k)])),
-        ];
-        let mut rows = [[0.0; 16]; 2];
-        let mut put = |column: usize, value: [f64; 2]| {
-            rows[0][column] = value[0];
-            rows[1][column] = value[1];
-        };
-        let by_focal = by_point(&self.origin_by[0]);
-        put(0, [by_focal[0] + pixel.x, by_focal[1] + pixel.y]);
-        put(1, by_point(&(self.origin_by[1] + self.camera_from_car_by_tilt * point_in_car)));
-        put(2, by_point(&(self.origin_by[2] + Vector3::new(-offset.y, offset.x, 0.0))));
-        put(3, by_point(&self.origin_by[3]));
-        put(4 + MODES, by_point(&self.origin_by[4]));
-        put(5 + MODES, by_point(&self.origin_by[5]));
-        let (px, py) = (point_in_car.x, point_in_car.y);
-        put(6 + MODES, [0, 1].map(|k: usize| by_car[k][1] * px - by_car[k][0] * py));
-        for (j, mode) in modes.iter().enumerate() {
-            put(
-                4 + j,
-                [0, 1].map(|k: usize| by_car[k][0] * mode.x + by_car[k][1] * mode.y + by_car[k][2] * mode.z),
-            );
-        }
-        Some((pixel, rows))
+        (p.z > MIN_DEPTH_M).then(|| p.xy() * (self.focal_px / p.z))
     }
 
     /// Pose in the world frame with ∂(x, y, ψ) by (log f, tilt, roll, log h, a_u, a_v, ψ).
@@ -228,15 +179,15 @@ mod tests {
     use roadplane_synth::Rng;
 
     /// (camera, shape, anchor, heading) → pixel of a keypoint.
-    fn pixel(model: &PointModes, index: usize, x: &SVector<f64, COLUMNS>) -> Option<Vector2<f64>> {
+    fn pixel(model: &PointModes, index: usize, x: &SVector<f64, 13>) -> Option<Vector2<f64>> {
         let camera = CameraFrame::new(&Vector4::new(x[0], x[1], x[2], x[3]));
         let standing = Standing { anchor: Vector2::new(x[10], x[11]), heading: x[12] };
         let shape = Shape::from_fn(|j, _| x[4 + j]);
-        StandingFrame::new(&camera, &standing)?.project(camera.focal_px, &model.point(index, &shape))
+        StandingFrame::new(&camera, &standing)?.project(&model.point(index, &shape))
     }
 
     /// Random camera, shape, anchor and heading.
-    fn random(rng: &mut Rng) -> SVector<f64, COLUMNS> {
+    fn random(rng: &mut Rng) -> SVector<f64, 13> {
         let mut x = SVector::zeros();
         x[0] = rng.uniform(600.0, 8000.0).ln();
         x[1] = rng.uniform(0.05, 1.3);
@@ -249,50 +200,6 @@ mod tests {
         x[11] = rng.uniform(-300.0, 500.0);
         x[12] = rng.uniform(-4.0, 4.0);
         x
-    }
-
-    #[test]
-    fn jacobian_is_the_derivative() {
-        let atlas = ShapeAtlas::shipped().unwrap();
-        let model = PointModes::new(&atlas);
-        let mut rng = Rng::new(16);
-        let mut checked = 0;
-        while checked < 1000 {
-            let (x, index) = (random(&mut rng), (rng.unit() * 36.0) as usize);
-            let camera = CameraFrame::new(&Vector4::new(x[0], x[1], x[2], x[3]));
-            let standing = Standing { anchor: Vector2::new(x[10], x[11]), heading: x[12] };
-            let Some(frame) = StandingFrame::new(&camera, &standing) else { continue };
-            if !(3.0..300.0).contains(&frame.origin.z) {
-                continue;
-            }
-            let point = model.point(index, &Shape::from_fn(|j, _| x[4 + j]));
-            let Some((at, rows)) = frame.project_with_jacobian(camera.focal_px, &point, &model.modes[index])
-            else {
-                continue;
-            };
-            assert!((at - pixel(&model, index, &x).unwrap()).norm() < 1e-9);
-            for column in 0..COLUMNS {
-                // Five-point differences: error h⁴, so that rounding is what remains.
-                let h = 1e-3 * if (10..12).contains(&column) { 100.0 } else { 1.0 };
-                let value = |steps: f64| {
-                    let mut moved = x;
-                    moved[column] += steps * h;
-                    pixel(&model, index, &moved)
-                };
-                let (Some(a), Some(b), Some(c), Some(d)) = (value(2.0), value(1.0), value(-1.0), value(-2.0))
-                else {
-                    continue;
-                };
-                let numeric = ((b - c) * 8.0 - (a - d)) / (12.0 * h);
-                let analytic = Vector2::new(rows[0][column], rows[1][column]);
-                let off = (numeric - analytic).norm();
-                assert!(
-                    off < 1e-6 * (1.0 + analytic.norm()),
-                    "column {column}: {analytic} against {numeric}"
-                );
-            }
-            checked += 1;
-        }
     }
 
     #[test]

@@ -1,5 +1,7 @@
 //! Robust loss on keypoints.
 
+use crate::lanes::Lanes;
+
 /// A keypoint is right with Gaussian error, or wrong and anywhere: the negative log-likelihood of that mixture,
 ///
 /// ```text
@@ -32,13 +34,13 @@ impl OutlierModel {
     /// ρ(s).
     #[must_use]
     pub fn cost(&self, s: f64) -> f64 {
-        PreparedKernel::new(self).evaluate(s).0
+        PreparedKernel::new(self).evaluate(Lanes::splat(s)).0.0[0]
     }
 
     /// ρ'(s), in 0…1.
     #[must_use]
     pub fn weight(&self, s: f64) -> f64 {
-        PreparedKernel::new(self).evaluate(s).1
+        PreparedKernel::new(self).evaluate(Lanes::splat(s)).1.0[0]
     }
 }
 
@@ -56,14 +58,16 @@ impl PreparedKernel {
         Self { threshold_squared, at_zero: 2.0 * (-threshold_squared / 2.0).exp().ln_1p() }
     }
 
-    /// (ρ(s), ρ'(s)) for one exponential and one logarithm.
-    #[inline]
-    pub fn evaluate(&self, s: f64) -> (f64, f64) {
-        let gap = (s - self.threshold_squared) / 2.0;
-        // The smaller of the mixture's parts over the larger, so that nothing overflows; 0 without outliers (t infinite).
-        let ratio = (-gap.abs()).exp();
-        let cost = s.min(self.threshold_squared) - 2.0 * ratio.ln_1p() + self.at_zero;
-        let weight = if gap < 0.0 { 1.0 / (1.0 + ratio) } else { ratio / (1.0 + ratio) };
+    /// (ρ(s), ρ'(s)) of four keypoints.
+    #[inline(always)]
+    pub fn evaluate(&self, s: Lanes) -> (Lanes, Lanes) {
+        let threshold = Lanes::splat(self.threshold_squared);
+        let one = Lanes::splat(1.0);
+        let gap = (s - threshold) * Lanes::splat(0.5);
+        // The smaller of the mixture's parts over the larger, so that nothing overflows.
+        let ratio = gap.abs().exp_of_minus();
+        let cost = s.min(threshold) - Lanes::splat(2.0) * ratio.ln_1p_to_one() + Lanes::splat(self.at_zero);
+        let weight = gap.select_below(0.0, one, ratio) / (one + ratio);
         (cost, weight)
     }
 }

@@ -22,13 +22,18 @@
 mod alternation;
 mod arrow;
 mod cold_start;
+#[cfg(test)]
+mod dual;
 mod fit;
 mod free;
 mod free_problem;
 mod free_residual;
+mod gram_sum;
 mod ground_problem;
 mod ground_residual;
+mod ground_rows;
 mod kernel;
+mod lanes;
 mod lm;
 mod observation;
 mod options;

@@ -6,15 +6,15 @@ pub trait Problem {
     /// scaled gradient (zero at a minimum), or `None` when the parameters cannot be evaluated.
     fn linearise(&mut self) -> Option<f64>;
 
-    /// The cost at the current parameters, as [`Problem::linearise`] last found it.
+    /// The cost at the current parameters, as they were last linearised.
     fn cost(&self) -> f64;
 
     /// Solves the damped normal equations `(H + damping · diag H) step = −g` and evaluates the trial parameters.
     /// `None` when the system is not positive definite or the trial cannot be evaluated.
     fn try_step(&mut self, damping: f64) -> Option<Trial>;
 
-    /// Makes the last trial the current parameters.
-    fn accept(&mut self);
+    /// Makes the last trial the current parameters, linearised. Returns what [`Problem::linearise`] would.
+    fn accept(&mut self) -> Option<f64>;
 }
 
 /// A step that was tried.
@@ -111,7 +111,7 @@ pub fn minimise<P: Problem>(problem: &mut P, options: &LmOptions) -> LmReport {
         }
         let trial = problem.try_step(damping);
         if let Some(trial) = trial.filter(|trial| trial.cost < cost && trial.predicted_decrease > 0.0) {
-            problem.accept();
+            let accepted = problem.accept();
             let decrease = cost - trial.cost;
             let gain = decrease / trial.predicted_decrease;
             damping = (damping * (1.0_f64 / 3.0).max(1.0 - (2.0 * gain - 1.0).powi(3))).max(1e-12);
@@ -127,8 +127,7 @@ pub fn minimise<P: Problem>(problem: &mut P, options: &LmOptions) -> LmReport {
             } else {
                 None
             };
-            // Linearised also before stopping: the covariance is taken at the final parameters.
-            match problem.linearise() {
+            match accepted {
                 Some(next) => gradient = next,
                 None => return done(Termination::NoDescent, iterations, trial.cost),
             }

@@ -52,7 +52,7 @@ pub fn solve_scene(
             .filter(|s| start.placed[*s].is_none())
             .map(|s| setup.cost_of_missing(s))
             .sum();
-        let cost = problem.cost_of(&problem.state).unwrap_or(f64::INFINITY) + missing;
+        let cost = problem.current_cost().unwrap_or(f64::INFINITY) + missing;
         if cost.is_finite() && best.as_ref().is_none_or(|(lowest, _)| cost < *lowest) {
             let placed = setup.read_back(&problem, &members);
             best = Some((cost, Start { cost, camera: problem.state.camera, placed }));
@@ -166,7 +166,7 @@ fn repair(setup: &Setup<'_>, camera: &Vector4<f64>, placed: &mut [Option<Placed>
             } else {
                 approach_by(&mut problem, setup.options, stages);
             }
-            let cost = problem.cost_of(&problem.state)?;
+            let cost = problem.current_cost()?;
             Some((cost, Placed { standing: problem.state.standings[0], shape: problem.state.shapes[0] }))
         };
         let (shape, rough, current) = match placed[s] {
@@ -209,15 +209,13 @@ fn repair(setup: &Setup<'_>, camera: &Vector4<f64>, placed: &mut [Option<Placed>
 /// Whether enough of a view's keypoints fit for it to be a car on this plane.
 fn belongs(problem: &GroundProblem<'_>, k: usize, options: &SceneOptions) -> bool {
     let (mut right, mut all, mut count) = (0.0, 0.0, 0);
-    for observation in &problem.observations[problem.views[k].observations.clone()] {
-        let Some(residual) = problem.residual_px(k, observation) else { return false };
-        let [rx, ry] = observation.whiten([residual.x, residual.y]);
-        let probability = options.kernel.weight(rx * rx + ry * ry);
+    let seen = problem.each_residual(k, |observation, _, probability| {
         right += observation.weight * probability;
         all += observation.weight;
         count += usize::from(probability > 0.5);
-    }
-    count >= options.min_inliers.min(crate::setup::MIN_KEYPOINTS + 1)
+    });
+    seen.is_some()
+        && count >= options.min_inliers.min(crate::setup::MIN_KEYPOINTS + 1)
         && right >= options.min_inlier_share * all
 }
 
@@ -235,12 +233,12 @@ pub(crate) fn read_out(
     let params = CameraParams::from_vector(&problem.state.camera);
     let mut cars: Vec<Option<CarSolution>> = vec![None; views.len()];
     for (k, s) in members.iter().enumerate() {
-        let solved = car_solution(problem, k, &covariances.views[k], options);
+        let solved = car_solution(problem, k, &covariances.views[k]);
         cars[setup.sights[*s].index] = solved.map(|(car, _)| car);
     }
     let camera = roadplane_base::Camera::centred(params.focal_px(), setup.size);
     for (s, sight) in setup.sights.iter().enumerate() {
-        if !members.contains(&s) {
+        if members.binary_search(&s).is_err() {
             let keypoints = views[sight.index].keypoints;
             let fit = fit_car(
                 setup.atlas,

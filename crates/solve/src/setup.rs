@@ -96,7 +96,7 @@ impl<'a> Setup<'a> {
             }
             let first = all.len();
             all.extend_from_slice(&sight.observations);
-            views.push(View { group: groups.len() - 1, observations: first..all.len() });
+            views.push(View::new(groups.len() - 1, first..all.len()));
             if let Some(group) = groups.last_mut() {
                 group.views.end = views.len();
             }

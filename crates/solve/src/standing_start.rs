@@ -84,7 +84,7 @@ pub(crate) fn rough_cost(
     let shape_sd_px = SHAPE_SD_M * camera.focal_px / frame.origin.z;
     let mut cost = 0.0;
     for o in observations {
-        let off = frame.project(camera.focal_px, &points_in_car[o.index])? - o.pixel;
+        let off = frame.project(&points_in_car[o.index])? - o.pixel;
         let variance = shape_sd_px * shape_sd_px + 0.5 * o.covariance.trace();
         cost += 0.5 * o.weight * (off.norm_squared() / variance).min(CAP);
     }
