@@ -1,0 +1,42 @@
+//! A car's keypoints as both baselines use them: viewing rays with a confidence each.
+
+use nalgebra::{Vector2, Vector3};
+use roadplane_base::{Camera, KeypointSet};
+
+/// Keypoints that a pose needs at least: six unknowns and some to check them.
+pub(crate) const MIN_KEYPOINTS: usize = 5;
+
+/// One keypoint.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Sight {
+    /// Index of the keypoint.
+    pub index: usize,
+    /// Viewing ray, camera frame, z = 1.
+    pub ray: Vector3<f64>,
+    /// Confidence, 0–1.
+    pub weight: f64,
+}
+
+impl Sight {
+    /// Image coordinates before a camera of focal length 1.
+    pub fn xy(&self) -> Vector2<f64> {
+        self.ray.xy()
+    }
+}
+
+/// The usable keypoints: finite, with a confidence above zero. `None` of fewer than [`MIN_KEYPOINTS`], or if the camera is
+/// none.
+pub(crate) fn sights(camera: &Camera, keypoints: &KeypointSet) -> Option<Vec<Sight>> {
+    if !(camera.focal_px.is_finite() && camera.focal_px > 0.0) {
+        return None;
+    }
+    let usable = keypoints.iter().enumerate().filter_map(|(index, keypoint)| {
+        let keypoint = (*keypoint)?;
+        let weight = keypoint.score.min(1.0);
+        let ray = camera.ray_from_pixel(&keypoint.pixel);
+        let finite = ray.iter().all(|v| v.is_finite() && v.abs() < 1e6);
+        (finite && weight > 0.0).then_some(Sight { index, ray, weight })
+    });
+    let sights: Vec<Sight> = usable.collect();
+    (sights.len() >= MIN_KEYPOINTS).then_some(sights)
+}

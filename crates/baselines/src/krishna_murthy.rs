@@ -1,0 +1,121 @@
+//! Krishna Murthy et al. 2017: pose adjustment of the mean car, then shape-aware adjustment, both by minimising the
+//! reprojection error of the keypoints with iteratively reweighted least squares (their §III-C and III-D).
+//!
+//! A keypoint weighs its confidence × a robust weight of its residual; the shape prior is the quadratic one of the basis.
+//! Symmetry and planarity, which they add as further terms, hold in our atlas by construction.
+//!
+//! Theirs is a car in front of a car-mounted camera, and two of their inputs do not exist here:
+//! - The viewpoint comes from a net. We start from eight azimuths and keep what ends with the lowest cost.
+//! - The camera's axis is parallel to the ground and its height known, which places the car by its box's lower edge. A
+//!   surveillance camera looks down by an unknown angle. The depth of the start is therefore the one at which the mean car
+//!   is as large as the box, each azimuth is started from two tilts, and the rotation is free in all three degrees (theirs
+//!   too, after the start): held upright before a level camera no pose could be right.
+
+use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3};
+use roadplane_base::{Camera, KeypointSet, Shape, ShapeAtlas};
+use roadplane_solve::{LmOptions, minimise};
+
+use crate::CarFit;
+use crate::evidence::{Sight, sights};
+use crate::reprojection::{Reprojection, State};
+
+/// Headings that are tried.
+const AZIMUTHS: usize = 8;
+/// Tilts of the camera that are tried, rad: their level camera and one that looks down.
+const TILTS: [f64; 2] = [0.0, 0.5];
+/// sd of a keypoint as a share of the box's longer side.
+const SD_SHARE: f64 = 0.03;
+/// Residual, in sd, from which a keypoint's weight falls (Huber).
+const HUBER_SD: f64 = 1.5;
+/// Rounds of reweighting a stage.
+const REWEIGHTINGS: usize = 8;
+/// Reweighting ends when the robust cost falls by a smaller share.
+const COST_TOLERANCE: f64 = 1e-6;
+
+/// Pose and shape of one car before a known camera. `None` with fewer than five usable keypoints, or if no start can be
+/// evaluated.
+#[must_use]
+pub fn krishna_murthy(atlas: &ShapeAtlas, camera: &Camera, keypoints: &KeypointSet) -> Option<CarFit> {
+    let sights = sights(camera, keypoints)?;
+    let (low, high) = sights
+        .iter()
+        .fold((sights[0].xy(), sights[0].xy()), |(low, high), s| (low.inf(&s.xy()), high.sup(&s.xy())));
+    let sigma = SD_SHARE * (high - low).max();
+    if !(sigma.is_finite() && sigma > 0.0) {
+        return None;
+    }
+    let mut best: Option<(f64, State)> = None;
+    for tilt in TILTS {
+        for a in 0..AZIMUTHS {
+            let azimuth = std::f64::consts::TAU * a as f64 / AZIMUTHS as f64;
+            let start = start(atlas, &sights, [low, high], azimuth, tilt);
+            let mut problem = Reprojection::new(atlas, &sights, sigma, start);
+            if let Some(cost) = adjust(&mut problem, &sights)
+                && best.is_none_or(|(lowest, _)| cost < lowest)
+            {
+                best = Some((cost, problem.state));
+            }
+        }
+    }
+    let mut problem = Reprojection::new(atlas, &sights, sigma, best?.1);
+    problem.shape_free = true;
+    adjust(&mut problem, &sights)?;
+    let State { camera_from_car, translation, shape } = problem.state;
+    let camera_from_car = Isometry3::from_parts(Translation3::from(translation), camera_from_car);
+    Some(CarFit { camera_from_car, shape })
+}
+
+/// The mean car upright before a camera with this tilt, as large as the box and in its middle.
+fn start(
+    atlas: &ShapeAtlas,
+    sights: &[Sight],
+    [low, high]: [Vector2<f64>; 2],
+    azimuth: f64,
+    tilt: f64,
+) -> State {
+    // Car axes in a level camera: forward to the right at azimuth 0, left away from it, up.
+    let level = Matrix3::new(1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0);
+    let level = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(level));
+    let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), azimuth);
+    let look_down = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), tilt);
+    let camera_from_car = look_down * level * turn;
+    let points: Vec<Vector3<f64>> =
+        sights.iter().map(|s| camera_from_car * atlas.keypoint_in_car(s.index, &Shape::zeros())).collect();
+    let (first, last) =
+        points.iter().fold((points[0], points[0]), |(a, b), point| (a.inf(point), b.sup(point)));
+    let depth = (last - first).xy().norm() / (high - low).norm();
+    let middle = ((low + high) / 2.0).push(1.0) * depth;
+    let translation = middle - (first + last) / 2.0;
+    State { camera_from_car, translation, shape: Shape::zeros() }
+}
+
+/// Iteratively reweighted least squares to a standstill; gives the robust cost.
+fn adjust(problem: &mut Reprojection<'_>, sights: &[Sight]) -> Option<f64> {
+    let options = LmOptions { max_iterations: 30, cost_tolerance: 1e-7, ..LmOptions::default() };
+    let mut last_cost = f64::INFINITY;
+    for _ in 0..REWEIGHTINGS {
+        minimise(problem, &options);
+        let mut cost = 0.5 * problem.state.shape.norm_squared();
+        for ((residual, s), weight) in
+            problem.residuals(&problem.state)?.iter().zip(sights).zip(&mut problem.weights)
+        {
+            let off = residual.norm();
+            let (robust, share) = huber(off);
+            cost += s.weight * robust;
+            *weight = s.weight * share;
+        }
+        if !cost.is_finite() {
+            return None;
+        }
+        if last_cost - cost <= COST_TOLERANCE * cost {
+            return Some(cost);
+        }
+        last_cost = cost;
+    }
+    Some(last_cost)
+}
+
+/// Huber's loss and weight of a residual in sd.
+fn huber(off: f64) -> (f64, f64) {
+    if off <= HUBER_SD { (0.5 * off * off, 1.0) } else { (HUBER_SD * (off - 0.5 * HUBER_SD), HUBER_SD / off) }
+}

@@ -1,0 +1,109 @@
+//! Full perspective: `min ½ ‖(W̃ Z − R S(c) − T 1ᵀ) D^½‖² + λ/2 ‖c‖²` by block coordinate descent.
+//!
+//! The best depth of a sight is its point's foot on the viewing ray, so with `P_i = I − w_i w_iᵀ / w_iᵀ w_i` the cost is
+//! `½ Σ d_i ‖P_i (R S_i + T)‖²`: the distance of the points from their rays. Depths and translation are therefore put in
+//! together in closed form (Lu, Hager, Mjolsness 2000, Eq. 20) where their code steps from one to the other: the same
+//! minimum in far fewer rounds.
+
+use nalgebra::{Isometry3, Matrix3, Matrix6, Rotation3, Translation3, UnitQuaternion, Vector3};
+use roadplane_base::{MODES, Shape};
+
+use super::{
+    Basis, COST_TOLERANCE, KEYPOINT_SD_M, MAX_ROUNDS, WeakPerspective, nearest_rotation, weighted_mean,
+};
+use crate::CarFit;
+use crate::evidence::Sight;
+
+pub(super) fn solve(basis: &Basis, sights: &[Sight], start: &WeakPerspective) -> Option<CarFit> {
+    let across: Vec<Matrix3<f64>> = sights
+        .iter()
+        .map(|s| Matrix3::identity() - s.ray * s.ray.transpose() / s.ray.norm_squared())
+        .collect();
+    let mut rotation = start.camera_from_car;
+    let mut shape = start.shape;
+    let mut points = basis.shape(&shape);
+    // Depth from the scale of weak perspective.
+    let mut translation = start.centre.push(1.0) / start.scale - rotation * weighted_mean(&points, sights);
+    let mut last_cost = f64::INFINITY;
+    for _ in 0..MAX_ROUNDS {
+        rotation = turned(&rotation, &translation, &points, &across, sights)?;
+        translation = best_translation(&rotation, &points, &across, sights)?;
+        shape = best_shape(basis, &rotation, &translation, &across, sights)?;
+        points = basis.shape(&shape);
+        let off = |((x, p), s): ((&Vector3<f64>, &Matrix3<f64>), &Sight)| {
+            s.weight * (p * (rotation * x + translation)).norm_squared()
+        };
+        let data: f64 = points.iter().zip(&across).zip(sights).map(off).sum();
+        let cost = 0.5 * data + 0.5 * KEYPOINT_SD_M.powi(2) * shape.norm_squared();
+        if last_cost - cost <= COST_TOLERANCE * cost {
+            break;
+        }
+        last_cost = cost;
+    }
+    let finite = translation.iter().chain(rotation.iter()).all(|v| v.is_finite());
+    // Rays have no direction to this cost: a car behind the camera is none.
+    (finite && translation.z > 0.0).then(|| {
+        let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation));
+        let camera_from_car = Isometry3::from_parts(Translation3::from(translation), rotation);
+        CarFit { camera_from_car, shape }
+    })
+}
+
+/// The rotation that best takes the points to their feet on the rays (Procrustes about the means).
+fn turned(
+    rotation: &Matrix3<f64>,
+    translation: &Vector3<f64>,
+    points: &[Vector3<f64>],
+    across: &[Matrix3<f64>],
+    sights: &[Sight],
+) -> Option<Matrix3<f64>> {
+    let foot = |(x, p): (&Vector3<f64>, &Matrix3<f64>)| {
+        let here = rotation * x + translation;
+        here - p * here
+    };
+    let feet: Vec<Vector3<f64>> = points.iter().zip(across).map(foot).collect();
+    let (mean, mean_foot) = (weighted_mean(points, sights), weighted_mean(&feet, sights));
+    let mut cross = Matrix3::zeros();
+    for ((x, foot), s) in points.iter().zip(&feet).zip(sights) {
+        cross += (foot - mean_foot) * (x - mean).transpose() * s.weight;
+    }
+    nearest_rotation(&cross)
+}
+
+fn best_translation(
+    rotation: &Matrix3<f64>,
+    points: &[Vector3<f64>],
+    across: &[Matrix3<f64>],
+    sights: &[Sight],
+) -> Option<Vector3<f64>> {
+    let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
+    for ((x, p), s) in points.iter().zip(across).zip(sights) {
+        normal += p * s.weight;
+        right -= p * (rotation * x) * s.weight;
+    }
+    Some(normal.cholesky()?.solve(&right))
+}
+
+/// c given the rest: ridge regression.
+fn best_shape(
+    basis: &Basis,
+    rotation: &Matrix3<f64>,
+    translation: &Vector3<f64>,
+    across: &[Matrix3<f64>],
+    sights: &[Sight],
+) -> Option<Shape> {
+    let mut normal = Matrix6::identity() * KEYPOINT_SD_M.powi(2);
+    let mut right = Shape::zeros();
+    for (i, s) in sights.iter().enumerate() {
+        let columns: [Vector3<f64>; MODES] =
+            std::array::from_fn(|j| across[i] * (rotation * basis.modes[j][i]));
+        let off = across[i] * (rotation * basis.mean[i] + translation);
+        for j in 0..MODES {
+            right[j] -= s.weight * columns[j].dot(&off);
+            for k in 0..MODES {
+                normal[(j, k)] += s.weight * columns[j].dot(&columns[k]);
+            }
+        }
+    }
+    Some(normal.cholesky()?.solve(&right))
+}

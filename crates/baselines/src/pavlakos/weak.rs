@@ -1,0 +1,131 @@
+//! Weak perspective: `min ½ ‖(W − s R̄ S(c) − t 1ᵀ) D^½‖² + λ/2 ‖c‖²` by block coordinate descent from the relaxation.
+
+use nalgebra::{Matrix2x3, Matrix3, Matrix6, Vector2, Vector3};
+use roadplane_base::{MODES, Shape};
+
+use super::relaxation::{nearest_scaled_rows, relaxed_motion};
+use super::{Basis, COST_TOLERANCE, KEYPOINT_SD_M, MAX_ROUNDS, nearest_rotation, weighted_mean};
+use crate::evidence::Sight;
+
+/// A car as seen from afar.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WeakPerspective {
+    /// Rotation from the car's frame to the camera's axes.
+    pub camera_from_car: Matrix3<f64>,
+    /// Scale before a camera of focal length 1, 1/m: the inverse of the depth, m.
+    pub scale: f64,
+    /// Image of the weighted mean of the points before a camera of focal length 1.
+    pub centre: Vector2<f64>,
+    /// Shape coefficients, sd.
+    pub shape: Shape,
+}
+
+pub(super) fn solve(basis: &Basis, sights: &[Sight]) -> Option<WeakPerspective> {
+    // The best translation is put in by centring everything.
+    let centre = weighted_mean(&sights.iter().map(|s| s.ray).collect::<Vec<_>>(), sights).xy();
+    let image: Vec<Vector2<f64>> = sights.iter().map(|s| s.xy() - centre).collect();
+    let basis = basis.centred(sights);
+    let mut points = basis.mean.clone();
+    let (mut square, mut cross) = (Matrix3::zeros(), Matrix2x3::zeros());
+    for ((x, w), s) in points.iter().zip(&image).zip(sights) {
+        square += x * x.transpose() * s.weight;
+        cross += w * x.transpose() * s.weight;
+    }
+    let (rows, mut scale) = nearest_scaled_rows(&relaxed_motion(&square, &cross)?)?;
+    let (first, second) = (rows.row(0).transpose(), rows.row(1).transpose());
+    let mut rotation =
+        Matrix3::from_rows(&[first.transpose(), second.transpose(), first.cross(&second).transpose()]);
+    let mut shape = Shape::zeros();
+    let mut last_cost = f64::INFINITY;
+    for _ in 0..MAX_ROUNDS {
+        scale = best_scale(&rotation, &points, &image, sights)?;
+        rotation = turned(&rotation, scale, &points, &image, sights)?;
+        shape = best_shape(&basis, &rotation, scale, &image, sights)?;
+        points = basis.shape(&shape);
+        let cost = cost(&rotation, scale, &points, &image, sights, &shape);
+        if last_cost - cost <= COST_TOLERANCE * cost {
+            break;
+        }
+        last_cost = cost;
+    }
+    (scale.is_finite() && scale > 0.0).then_some(WeakPerspective {
+        camera_from_car: rotation,
+        scale,
+        centre,
+        shape,
+    })
+}
+
+/// s given the rest: a quotient of sums.
+fn best_scale(
+    rotation: &Matrix3<f64>,
+    points: &[Vector3<f64>],
+    image: &[Vector2<f64>],
+    sights: &[Sight],
+) -> Option<f64> {
+    let (mut cross, mut square) = (0.0, 0.0);
+    for ((x, w), s) in points.iter().zip(image).zip(sights) {
+        let seen = (rotation * x).xy();
+        cross += s.weight * seen.dot(w);
+        square += s.weight * seen.norm_squared();
+    }
+    let scale = cross / square;
+    (scale.is_finite() && scale > 0.0).then_some(scale)
+}
+
+/// A better rotation given the rest, by Green and Gower's step for rows on a Stiefel manifold (Gower & Dijksterhuis 2004,
+/// §5.1): the unseen third row of the image is filled in from the current estimate, which makes it a Procrustes problem
+/// that cannot raise the cost. Stands for their manifold optimisation of the same sub-problem.
+fn turned(
+    rotation: &Matrix3<f64>,
+    scale: f64,
+    points: &[Vector3<f64>],
+    image: &[Vector2<f64>],
+    sights: &[Sight],
+) -> Option<Matrix3<f64>> {
+    let mut cross = Matrix3::zeros();
+    for ((x, w), s) in points.iter().zip(image).zip(sights) {
+        let depth = scale * (rotation * x).z;
+        cross += Vector3::new(w.x, w.y, depth) * x.transpose() * s.weight;
+    }
+    nearest_rotation(&cross)
+}
+
+/// c given the rest: ridge regression.
+fn best_shape(
+    basis: &Basis,
+    rotation: &Matrix3<f64>,
+    scale: f64,
+    image: &[Vector2<f64>],
+    sights: &[Sight],
+) -> Option<Shape> {
+    let mut normal = Matrix6::identity() * (KEYPOINT_SD_M * scale).powi(2);
+    let mut right = Shape::zeros();
+    for (i, s) in sights.iter().enumerate() {
+        let columns: [Vector2<f64>; MODES] =
+            std::array::from_fn(|j| (rotation * basis.modes[j][i]).xy() * scale);
+        let off = image[i] - (rotation * basis.mean[i]).xy() * scale;
+        for j in 0..MODES {
+            right[j] += s.weight * columns[j].dot(&off);
+            for k in 0..MODES {
+                normal[(j, k)] += s.weight * columns[j].dot(&columns[k]);
+            }
+        }
+    }
+    Some(normal.cholesky()?.solve(&right))
+}
+
+fn cost(
+    rotation: &Matrix3<f64>,
+    scale: f64,
+    points: &[Vector3<f64>],
+    image: &[Vector2<f64>],
+    sights: &[Sight],
+    shape: &Shape,
+) -> f64 {
+    let off = |((x, w), s): ((&Vector3<f64>, &Vector2<f64>), &Sight)| {
+        s.weight * (w - (rotation * x).xy() * scale).norm_squared()
+    };
+    let data: f64 = points.iter().zip(image).zip(sights).map(off).sum();
+    0.5 * data + 0.5 * (KEYPOINT_SD_M * scale).powi(2) * shape.norm_squared()
+}
