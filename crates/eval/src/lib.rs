@@ -2,6 +2,7 @@
 
 mod bootstrap;
 mod box_files;
+mod dataset;
 mod error;
 pub mod keypoints;
 pub mod metrics;
@@ -12,12 +13,14 @@ mod report;
 mod run;
 pub mod scoring;
 pub mod solver;
+pub mod systems;
 mod table;
 pub mod tables;
 pub mod truth;
 
 pub use bootstrap::{Estimate, bootstrap, bootstrap_scenes, median, quantile, share_within};
 pub use box_files::{evaluate_coco, evaluate_mot};
+pub use dataset::{DatasetOptions, evaluate_dataset};
 pub use error::EvalError;
 pub use plot::{Mark, Plot, Series};
 pub use report::Report;

@@ -123,7 +123,7 @@ fn against_truth(
 }
 
 /// Boxes of each frame looked at; a run keeps those of cars that it solved.
-fn pictures(run: &FinishedRun, truth: &Truth, frames: &BTreeSet<u64>) -> Vec<PictureBoxes> {
+pub(crate) fn pictures(run: &FinishedRun, truth: &Truth, frames: &BTreeSet<u64>) -> Vec<PictureBoxes> {
     let looked_at = truth.frames.iter().filter(|frame| frames.contains(&frame.frame));
     let of_frame = |frame: &TrueFrame| {
         let here = run.poses.iter().filter(|pose| pose.frame == frame.frame);

@@ -21,6 +21,7 @@ mod stage_files;
 mod streaming;
 
 pub use cancel::Cancel;
+pub use clip::{ClipSolution, solve_clip};
 pub use config::{Config, ConfigError};
 pub use doctor::{Check, check_up};
 pub use draw::render_run;

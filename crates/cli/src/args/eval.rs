@@ -19,6 +19,8 @@ pub struct EvalArgs {
 pub enum EvalCommand {
     /// A finished run against truth: camera, tracks, poses, boxes.
     Run(EvalRunArgs),
+    /// The paper's tables on a data set with truth: six systems on the same keypoints.
+    Dataset(EvalDatasetArgs),
     /// Tracks of boxes against true ones, both as MOT Challenge files: HOTA, MOTA, IDF1.
     Tracks(EvalFilesArgs),
     /// Detections against true boxes, both as COCO files: average precision by size.
@@ -40,6 +42,50 @@ pub struct EvalRunArgs {
     /// Writes the tables as CSV and HTML into this folder.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+}
+
+/// Keypoints that the systems get.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Keypoints {
+    /// Our net's, in the true boxes.
+    Net,
+    /// True ones with noise.
+    Noise,
+    /// Each in tables of their own.
+    Both,
+}
+
+/// `roadplane eval dataset`.
+#[derive(Debug, Args)]
+pub struct EvalDatasetArgs {
+    /// Folder with dataset.json.
+    pub folder: PathBuf,
+    /// Keypoints that the systems get.
+    #[arg(long, value_enum, default_value_t = Keypoints::Both)]
+    pub keypoints: Keypoints,
+    /// Standard deviation of the noise on true keypoints, as a share of the box's longer side.
+    #[arg(long, default_value_t = 0.02, value_name = "SHARE", value_parser = share)]
+    pub noise: f64,
+    /// Share of the items; 0.1 takes every tenth.
+    #[arg(long, default_value_t = 1.0, value_name = "SHARE", value_parser = share)]
+    pub part: f64,
+    /// Every n-th frame of a clip is looked at.
+    #[arg(long, default_value_t = 3, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub stride: u32,
+    /// Folder of real stills with calibrated cameras of the same name (.krtd): a table of its own.
+    #[arg(long, value_name = "DIR")]
+    pub real: Option<PathBuf>,
+    /// Writes the tables as CSV and HTML, and the runs of the clips, into this folder.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub config: ConfigArgs,
+}
+
+fn share(text: &str) -> Result<f64, String> {
+    let share: f64 = text.parse().map_err(|_not_a_number| "must be a number".to_owned())?;
+    if (0.0..=1.0).contains(&share) { Ok(share) } else { Err("must lie between 0 and 1".to_owned()) }
 }
 
 /// `roadplane eval tracks` and `roadplane eval boxes`.

@@ -1,5 +1,6 @@
 //! `roadplane eval`: tables on the standard output, and as files where a folder is asked for.
 
+mod dataset;
 mod keypoints;
 mod run;
 mod solver;
@@ -17,6 +18,7 @@ use crate::args::eval::{EvalArgs, EvalCommand, EvalFilesArgs};
 pub fn eval(args: &EvalArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     match &args.command {
         EvalCommand::Run(args) => run::run(args),
+        EvalCommand::Dataset(args) => dataset::dataset(args, cancel),
         EvalCommand::Tracks(args) => files(args, evaluate_mot),
         EvalCommand::Boxes(args) => files(args, evaluate_coco),
         EvalCommand::Keypoints(args) => keypoints::keypoints(args, cancel),

@@ -1,0 +1,25 @@
+//! `roadplane eval dataset`: the paper's tables.
+
+use roadplane_eval::{DatasetOptions, evaluate_dataset};
+use roadplane_pipeline::{Cancel, find_models};
+
+use crate::Outcome;
+use crate::args::eval::{EvalDatasetArgs, Keypoints};
+use crate::progress::Bar;
+
+/// Prints the tables.
+pub fn dataset(args: &EvalDatasetArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
+    let config = super::super::config(&args.config)?;
+    let options = DatasetOptions {
+        part: args.part,
+        net: args.keypoints != Keypoints::Noise,
+        noise: (args.keypoints != Keypoints::Net).then_some(args.noise),
+        stride: args.stride,
+        real: args.real.clone(),
+        models: find_models(config.models.folder.as_deref())?,
+        runs: args.out.as_ref().map(|out| out.join("runs")),
+    };
+    let report = evaluate_dataset(&args.folder, &options, &config, cancel, &Bar::new("eval"))?;
+    super::show(&report, args.out.as_deref())?;
+    Ok(Outcome::Done)
+}

@@ -1,0 +1,162 @@
+//! The paper's tables on a data set: every system on the same keypoints, those of our net and true ones with noise.
+
+mod clips;
+mod evidence;
+mod real;
+mod score;
+mod tables;
+
+use std::path::{Path, PathBuf};
+
+use roadplane_base::ShapeAtlas;
+use roadplane_pipeline::{Cancel, Config, PipelineError, Progress, open_keypoints};
+
+use crate::parallel::in_parallel;
+use crate::systems::System;
+use crate::truth::{Kind, Truth, read_dataset, read_truth};
+use crate::{EvalError, Report};
+use clips::{ClipScore, Workplace};
+use evidence::SceneEvidence;
+use score::SystemScore;
+
+/// Frames of a clip that the systems for single frames solve, at most.
+const FRAMES_OF_CLIP: usize = 10;
+
+/// What is evaluated, and how.
+#[derive(Clone, Debug)]
+pub struct DatasetOptions {
+    /// Share of the items; 0.1 takes every tenth.
+    pub part: f64,
+    /// Keypoints of our net, in the true boxes.
+    pub net: bool,
+    /// True keypoints with noise of this sd as a share of the box's longer side.
+    pub noise: Option<f64>,
+    /// Every n-th frame of a clip is looked at.
+    pub stride: u32,
+    /// Folder of real stills with calibrated cameras beside them (`NAME.png` or `.jpg`, `NAME.krtd`).
+    pub real: Option<PathBuf>,
+    /// Folder of the models.
+    pub models: PathBuf,
+    /// Where finished runs of clips stay; without it they are thrown away.
+    pub runs: Option<PathBuf>,
+}
+
+/// An item with its truth.
+struct Item {
+    name: String,
+    path: PathBuf,
+    truth: Truth,
+}
+
+/// Evaluates all systems on a data set's folder.
+///
+/// # Errors
+/// [`EvalError`] for files that cannot be read, nets that fail, or a stop.
+pub fn evaluate_dataset(
+    folder: &Path,
+    options: &DatasetOptions,
+    config: &Config,
+    cancel: &Cancel,
+    progress: &dyn Progress,
+) -> Result<Report, EvalError> {
+    let dataset = read_dataset(folder)?;
+    let atlas = ShapeAtlas::shipped().map_err(PipelineError::from)?;
+    let mut config = config.clone();
+    config.decode.stride = options.stride.max(1);
+    let step = (1.0 / options.part.clamp(1e-6, 1.0)).round() as usize;
+    let items: Vec<Item> =
+        dataset.items.iter().step_by(step).map(|path| item(path)).collect::<Result<_, _>>()?;
+    let workplace = Workplace::new(options.runs.as_deref())?;
+    let title = format!("Data set {} ({} of {} items)", dataset.name, items.len(), dataset.items.len());
+    let mut report = Report { title, ..Report::default() };
+
+    if options.net {
+        progress.phase("keypoints");
+        progress.expect(Some(items.len() as u64));
+        let mut net = open_keypoints(&options.models, &config)?;
+        let found = |item: &Item| {
+            stopped(cancel)?;
+            let scene = evidence::from_net(&item.truth, &item.path, &mut net, &config)?;
+            progress.frame_done();
+            Ok(scene)
+        };
+        let scenes = items.iter().map(found).collect::<Result<Vec<_>, EvalError>>()?;
+        let what = "the net's keypoints";
+        tables_of(&mut report, what, &items, &scenes, &atlas, &workplace, &config, cancel, progress)?;
+    }
+    if let Some(noise) = options.noise {
+        let seed = |i: usize| dataset.seed.wrapping_mul(1_000_003).wrapping_add(i as u64);
+        let scenes: Vec<SceneEvidence> = items
+            .iter()
+            .enumerate()
+            .map(|(i, item)| evidence::from_truth(&item.truth, noise, seed(i), options.stride))
+            .collect();
+        let what = format!("true keypoints, noise {:.1} %", 100.0 * noise);
+        tables_of(&mut report, &what, &items, &scenes, &atlas, &workplace, &config, cancel, progress)?;
+    }
+    progress.phase("runs");
+    let runs = clips::run_all(&items, &atlas, &workplace, options, &config, cancel, progress)?;
+    tables::add_runs(&mut report, &runs);
+    if let Some(real) = &options.real {
+        progress.phase("real stills");
+        let rows = real::evaluate(real, &workplace, options, &config, cancel, progress)?;
+        report.tables.push(real::table(&rows));
+    }
+    Ok(report)
+}
+
+fn item(path: &Path) -> Result<Item, EvalError> {
+    let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy();
+    let name = name.strip_suffix(".truth.json").unwrap_or(&name).to_owned();
+    Ok(Item { name, path: path.to_path_buf(), truth: read_truth(path)? })
+}
+
+fn stopped(cancel: &Cancel) -> Result<(), EvalError> {
+    cancel.signal().map_or(Ok(()), |signal| Err(PipelineError::Stopped { signal }.into()))
+}
+
+/// All systems on one kind of keypoints; adds the tables.
+#[expect(clippy::too_many_arguments)]
+fn tables_of(
+    report: &mut Report,
+    what: &str,
+    items: &[Item],
+    scenes: &[SceneEvidence],
+    atlas: &ShapeAtlas,
+    workplace: &Workplace,
+    config: &Config,
+    cancel: &Cancel,
+    progress: &dyn Progress,
+) -> Result<(), EvalError> {
+    progress.phase("solving");
+    let solved = in_parallel(items.len(), |i| {
+        let (truth, scene) = (&items[i].truth, &scenes[i]);
+        let sampled = scene.sample(FRAMES_OF_CLIP);
+        System::ALL.map(|system| {
+            if cancel.is_stopped() {
+                SystemScore::default()
+            } else {
+                score::score(system, truth, scene, &sampled, atlas, config)
+            }
+        })
+    });
+    stopped(cancel)?;
+    let of = |k: usize, clips_only: bool| -> Vec<SystemScore> {
+        let chosen =
+            items.iter().zip(&solved).filter(|(item, _)| !clips_only || item.truth.kind == Kind::Clip);
+        chosen.map(|(_, scores)| scores[k].clone()).collect()
+    };
+    let named = |clips_only: bool| -> Vec<(System, Vec<SystemScore>)> {
+        System::ALL.iter().enumerate().map(|(k, system)| (*system, of(k, clips_only))).collect()
+    };
+    tables::add_single_frames(report, what, &named(false));
+    let is_clip = |i: &usize| items[*i].truth.kind == Kind::Clip;
+    let fused: Vec<ClipScore> = (0..items.len())
+        .filter(is_clip)
+        .map(|i| clips::fused(&items[i].truth, &scenes[i], FRAMES_OF_CLIP, atlas, workplace, config, cancel))
+        .collect::<Result<_, _>>()?;
+    if !fused.is_empty() {
+        tables::add_clips(report, what, &named(true), &fused);
+    }
+    Ok(())
+}

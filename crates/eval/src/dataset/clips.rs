@@ -1,0 +1,136 @@
+//! Clips: fused from the same keypoints as the other rows, and run from the video alone.
+
+use std::path::{Path, PathBuf};
+
+use roadplane_base::{PoseRecord, ShapeAtlas, TrackRow};
+use roadplane_pipeline::{Cancel, Config, Existing, Progress, RunOptions, Silent, run_input};
+use roadplane_write::WriteError;
+
+use super::evidence::SceneEvidence;
+use super::{DatasetOptions, Item, stopped};
+use crate::EvalError;
+use crate::metrics::average_precision::PictureBoxes;
+use crate::metrics::camera::{CameraError, camera_error};
+use crate::run::{FinishedRun, pictures};
+use crate::scoring::{PoseScore, TrackScore, score_poses, score_tracks};
+use crate::systems::{CameraAnswer, solve_fused};
+use crate::truth::{Kind, Truth};
+
+/// Where files of runs lie while they are needed, or for good.
+pub(super) struct Workplace {
+    folder: PathBuf,
+    /// Removes the folder at the end.
+    _temporary: Option<tempfile::TempDir>,
+}
+
+impl Workplace {
+    /// In `keep`, else somewhere for the time being.
+    pub fn new(keep: Option<&Path>) -> Result<Self, EvalError> {
+        let fail = |source: std::io::Error, path: &Path| {
+            EvalError::from(WriteError::Io { doing: "make the folder", source, path: path.to_path_buf() })
+        };
+        if let Some(keep) = keep {
+            std::fs::create_dir_all(keep).map_err(|source| fail(source, keep))?;
+            return Ok(Self { folder: keep.to_path_buf(), _temporary: None });
+        }
+        let temporary = tempfile::tempdir().map_err(|source| fail(source, Path::new("temporary")))?;
+        Ok(Self { folder: temporary.path().to_path_buf(), _temporary: Some(temporary) })
+    }
+
+    /// A run of one input, made anew.
+    pub fn run(
+        &self,
+        input: &Path,
+        options: &DatasetOptions,
+        config: &Config,
+        cancel: &Cancel,
+        progress: &dyn Progress,
+    ) -> Result<FinishedRun, EvalError> {
+        let options = RunOptions {
+            models: options.models.clone(),
+            focal_px: None,
+            existing: Existing::Overwrite,
+            resume: false,
+            video: false,
+        };
+        let report = run_input(input, &self.folder, &options, config, cancel, progress)?;
+        FinishedRun::read(&report.folder)
+    }
+}
+
+/// What a clip came to.
+#[derive(Clone, Debug)]
+pub(super) struct ClipScore {
+    /// Cars of the frames that the other systems solve too.
+    pub poses: Vec<PoseScore>,
+    /// All frames that were looked at.
+    pub tracks: TrackScore,
+    pub camera: Option<CameraError>,
+    /// Boxes of every frame; empty where they were given.
+    pub boxes: Vec<PictureBoxes>,
+}
+
+/// Row 6 from given keypoints.
+pub(super) fn fused(
+    truth: &Truth,
+    scene: &SceneEvidence,
+    frames: usize,
+    atlas: &ShapeAtlas,
+    workplace: &Workplace,
+    config: &Config,
+    cancel: &Cancel,
+) -> Result<ClipScore, EvalError> {
+    let records: Vec<_> = scene.frames.iter().map(|frame| frame.record(truth)).collect();
+    let clip = solve_fused(atlas, &records, None, &workplace.folder, config, cancel)?;
+    let looked_at: Vec<u64> = records.iter().map(|record| record.frame).collect();
+    let sampled: Vec<u64> = scene.sample(frames).into_iter().map(|place| looked_at[place]).collect();
+    Ok(score(truth, clip.camera, &clip.poses, &clip.rows, &looked_at, &sampled, atlas))
+}
+
+/// Row 6 from the video alone: our boxes, our keypoints, nothing known. For each clip that has a video.
+pub(super) fn run_all(
+    items: &[Item],
+    atlas: &ShapeAtlas,
+    workplace: &Workplace,
+    options: &DatasetOptions,
+    config: &Config,
+    cancel: &Cancel,
+    progress: &dyn Progress,
+) -> Result<Vec<ClipScore>, EvalError> {
+    let mut scores = Vec::new();
+    let clips: Vec<&Item> = items.iter().filter(|item| item.truth.kind == Kind::Clip).collect();
+    progress.expect(Some(clips.len() as u64));
+    for item in clips {
+        stopped(cancel)?;
+        let Some(media) = &item.truth.media else { continue };
+        let run = workplace.run(media, options, config, cancel, &Silent)?;
+        tracing::info!("{}: focal {:.0} px", item.name, run.camera.focal_px);
+        let frames = run.analysed(&item.truth);
+        let looked_at: Vec<u64> = frames.iter().copied().collect();
+        let camera = CameraAnswer { focal_px: run.camera.focal_px, plane: run.camera.plane() };
+        let mut clip = score(&item.truth, Some(camera), &run.poses, &run.rows, &looked_at, &looked_at, atlas);
+        clip.boxes = pictures(&run, &item.truth, &frames);
+        scores.push(clip);
+        progress.frame_done();
+    }
+    Ok(scores)
+}
+
+fn score(
+    truth: &Truth,
+    camera: Option<CameraAnswer>,
+    poses: &[PoseRecord],
+    rows: &[TrackRow],
+    looked_at: &[u64],
+    sampled: &[u64],
+    atlas: &ShapeAtlas,
+) -> ClipScore {
+    let error =
+        |c: CameraAnswer| camera_error(c.focal_px, &c.plane, truth.camera.focal_px, &truth.camera.plane());
+    ClipScore {
+        poses: score_poses(truth, poses, atlas, |frame, _| sampled.contains(&frame)),
+        tracks: score_tracks(truth, rows, |frame, _| looked_at.contains(&frame)),
+        camera: camera.map(error),
+        boxes: Vec::new(),
+    }
+}

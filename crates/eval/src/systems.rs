@@ -1,0 +1,140 @@
+//! The systems of the paper's tables, each from the same keypoints to poses (and a camera where it finds one).
+
+mod baselines;
+mod free;
+mod fused;
+mod plane;
+
+use nalgebra::Isometry3;
+use roadplane_base::{GroundPlane, ImageSize, KeypointSet, Shape, ShapeAtlas};
+use roadplane_pipeline::Config;
+
+pub use fused::{FusedClip, solve_fused};
+
+/// A system that solves single frames.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum System {
+    /// Pavlakos et al. 2017; focal length known.
+    Pavlakos,
+    /// Krishna Murthy et al. 2017; focal length known.
+    KrishnaMurthy,
+    /// Ours without the plane; focal length known.
+    FreePoses,
+    /// Ours with the plane; focal length known.
+    Plane,
+    /// Ours with the plane; focal length estimated.
+    PlaneFocal,
+}
+
+/// What every system gets of a frame.
+#[derive(Clone, Copy, Debug)]
+pub struct FrameInput<'a> {
+    /// Size of the picture; the principal point is its middle.
+    pub size: ImageSize,
+    /// The true focal length, for the systems that take it as known, px.
+    pub focal_px: f64,
+    /// Keypoints of each car.
+    pub cars: &'a [KeypointSet],
+}
+
+/// A car's pose and shape.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CarAnswer {
+    /// Rigid motion from the car's to the camera's frame.
+    pub camera_from_car: Isometry3<f64>,
+    /// Shape coefficients, sd.
+    pub shape: Shape,
+}
+
+/// A camera that a system found or was given, and the ground that it found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CameraAnswer {
+    /// Focal length, px.
+    pub focal_px: f64,
+    /// The ground.
+    pub plane: GroundPlane,
+}
+
+/// What a system says of a frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FrameAnswer {
+    /// Per car of the input; `None` where it found no pose.
+    pub cars: Vec<Option<CarAnswer>>,
+    /// Of the systems that find the ground, unless they could not.
+    pub camera: Option<CameraAnswer>,
+}
+
+impl System {
+    /// All, in the tables' order.
+    pub const ALL: [Self; 5] =
+        [Self::Pavlakos, Self::KrishnaMurthy, Self::FreePoses, Self::Plane, Self::PlaneFocal];
+
+    /// Its row's name.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Pavlakos => "1 Pavlakos 2017",
+            Self::KrishnaMurthy => "2 Krishna Murthy 2017",
+            Self::FreePoses => "3 ours without the plane",
+            Self::Plane => "4 ours with the plane",
+            Self::PlaneFocal => "5 ours, focal estimated",
+        }
+    }
+
+    /// Whether it finds the ground.
+    #[must_use]
+    pub fn finds_ground(self) -> bool {
+        matches!(self, Self::Plane | Self::PlaneFocal)
+    }
+
+    /// Solves a frame.
+    #[must_use]
+    pub fn solve(self, atlas: &ShapeAtlas, input: &FrameInput<'_>, config: &Config) -> FrameAnswer {
+        match self {
+            Self::Pavlakos => baselines::solve(roadplane_baselines::pavlakos, atlas, input),
+            Self::KrishnaMurthy => baselines::solve(roadplane_baselines::krishna_murthy, atlas, input),
+            Self::FreePoses => free::solve(atlas, input, config),
+            Self::Plane => plane::solve(atlas, input, Some(input.focal_px), config),
+            Self::PlaneFocal => plane::solve(atlas, input, None, config),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use roadplane_synth::{SynthOptions, scene};
+
+    /// Noise 1 % of the box: every system has to find nearly all cars of the atlas within 0.4 of their diameter.
+    #[test]
+    fn every_system_finds_the_cars_of_a_scene() {
+        let atlas = ShapeAtlas::shipped().unwrap();
+        let config = Config::default();
+        let options = SynthOptions { cars: 8, seen: 0.8, box_px: [80.0, 400.0], ..SynthOptions::default() };
+        for system in System::ALL {
+            let (mut close, mut count) = (0, 0);
+            for seed in 0..6 {
+                let truth = scene(&atlas, &options, seed);
+                let cars: Vec<KeypointSet> = truth.cars.iter().map(|car| car.keypoints).collect();
+                let input = FrameInput { size: truth.size, focal_px: truth.params.focal_px(), cars: &cars };
+                let answer = system.solve(&atlas, &input, &config);
+                assert_eq!(answer.cars.len(), cars.len());
+                assert_eq!(answer.camera.is_some(), system.finds_ground());
+                let camera_from_world = truth.params.plane().camera_from_world();
+                for (car, answer) in truth.cars.iter().zip(&answer.cars) {
+                    let pose = camera_from_world * car.pose.world_from_car();
+                    let off = answer.map_or(f64::INFINITY, |answer| {
+                        let turn = answer.camera_from_car.rotation.angle_to(&pose.rotation);
+                        let by = answer.camera_from_car.translation.vector - pose.translation.vector;
+                        turn.max(by.norm() / pose.translation.vector.norm())
+                    });
+                    count += 1;
+                    // A focal length that is off moves every car along its line of sight.
+                    close += usize::from(off < if system == System::PlaneFocal { 0.5 } else { 0.15 });
+                }
+            }
+            println!("{}: {close} of {count}", system.name());
+            assert!(close * 10 >= count * 9, "{}: {close} of {count}", system.name());
+        }
+    }
+}

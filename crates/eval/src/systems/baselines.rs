@@ -1,0 +1,20 @@
+//! Rows 1 and 2: one car at a time.
+
+use roadplane_base::{Camera, KeypointSet, ShapeAtlas};
+use roadplane_baselines::CarFit;
+
+use super::{CarAnswer, FrameAnswer, FrameInput};
+
+/// Each car on its own.
+pub(super) fn solve(
+    method: fn(&ShapeAtlas, &Camera, &KeypointSet) -> Option<CarFit>,
+    atlas: &ShapeAtlas,
+    input: &FrameInput<'_>,
+) -> FrameAnswer {
+    let camera = Camera::centred(input.focal_px, input.size);
+    let car = |keypoints: &KeypointSet| {
+        let CarFit { camera_from_car, shape } = method(atlas, &camera, keypoints)?;
+        Some(CarAnswer { camera_from_car, shape })
+    };
+    FrameAnswer { cars: input.cars.iter().map(car).collect(), camera: None }
+}

@@ -1,0 +1,16 @@
+//! Row 3: ours, every car free in six degrees of freedom (paper §3.1, Eq. 2).
+
+use roadplane_base::ShapeAtlas;
+use roadplane_pipeline::Config;
+use roadplane_solve::solve_free_scene;
+
+use super::{CarAnswer, FrameAnswer, FrameInput};
+
+pub(super) fn solve(atlas: &ShapeAtlas, input: &FrameInput<'_>, config: &Config) -> FrameAnswer {
+    let options = config.solve.scene_options(Some(input.focal_px));
+    let solution = solve_free_scene(atlas, input.size, &super::plane::views(input), None, &options);
+    let answer = |car: &Option<roadplane_solve::FreeCarFit>| {
+        car.as_ref().map(|car| CarAnswer { camera_from_car: car.camera_from_car, shape: car.shape })
+    };
+    FrameAnswer { cars: solution.cars.iter().map(answer).collect(), camera: None }
+}

@@ -1,0 +1,29 @@
+//! Rows 4 and 5: ours, all cars on one plane; focal length known or estimated with them.
+
+use roadplane_base::ShapeAtlas;
+use roadplane_pipeline::Config;
+use roadplane_solve::{CarSolution, CarView, solve_scene};
+
+use super::{CameraAnswer, CarAnswer, FrameAnswer, FrameInput};
+
+/// Every car a physical car of its own.
+pub(super) fn views<'a>(input: &FrameInput<'a>) -> Vec<CarView<'a>> {
+    let view = |(group, keypoints)| CarView { keypoints, group, weight: 1.0 };
+    input.cars.iter().enumerate().map(view).collect()
+}
+
+pub(super) fn solve(
+    atlas: &ShapeAtlas,
+    input: &FrameInput<'_>,
+    focal_px: Option<f64>,
+    config: &Config,
+) -> FrameAnswer {
+    let options = config.solve.scene_options(focal_px);
+    let solution = solve_scene(atlas, input.size, &views(input), &options);
+    let answer = |car: &Option<CarSolution>| {
+        car.as_ref().map(|car| CarAnswer { camera_from_car: car.camera_from_car, shape: car.shape })
+    };
+    let found = solution.status.usable();
+    let camera = CameraAnswer { focal_px: solution.params.focal_px(), plane: solution.params.plane() };
+    FrameAnswer { cars: solution.cars.iter().map(answer).collect(), camera: found.then_some(camera) }
+}
