@@ -2,8 +2,10 @@
 //! outliers and wholly wrong cars. Geometry only; the renderer is a script. The same seed gives the same scene everywhere.
 
 mod keypoints;
+mod models;
 mod rng;
 mod scene;
 
+pub use models::CarModel;
 pub use rng::Rng;
 pub use scene::{CarTruth, Layout, SceneTruth, SynthOptions, Wrong, scene};

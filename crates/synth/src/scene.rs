@@ -6,6 +6,7 @@ use roadplane_base::{
     ShapeAtlas,
 };
 
+use crate::models::{CarModel, draw};
 use crate::{Rng, keypoints};
 
 /// How cars stand.
@@ -53,6 +54,8 @@ pub struct SynthOptions {
     pub layout: Layout,
     /// sd of the shape coefficients; 0: every car is the mean car.
     pub shape_sd: f64,
+    /// Cars to draw from instead of the atlas; empty: the atlas.
+    pub models: Vec<CarModel>,
     /// Factor on the atlas' residual sd, drawn per keypoint: cars that the atlas does not span.
     pub off_atlas: f64,
     /// Share of keypoints seen (those that face the camera first).
@@ -79,6 +82,7 @@ impl Default for SynthOptions {
             box_px: [50.0, 700.0],
             layout: Layout::Random,
             shape_sd: 1.0,
+            models: Vec::new(),
             off_atlas: 0.0,
             seen: 0.6,
             noise: 0.01,
@@ -94,7 +98,7 @@ impl Default for SynthOptions {
 pub struct CarTruth {
     /// Where it stands.
     pub pose: GroundPose,
-    /// Its shape.
+    /// Its shape; of a car that is not the atlas', the nearest one.
     pub shape: Shape,
     /// Its keypoints, car frame, m (with what the atlas does not span).
     pub keypoints_in_car: [Vector3<f64>; KEYPOINTS],
@@ -177,10 +181,8 @@ fn place(atlas: &ShapeAtlas, options: &SynthOptions, rng: &mut Rng) -> SceneTrut
             row = None;
             continue;
         };
-        let shape = Shape::from_fn(|_, _| options.shape_sd * rng.normal());
-        if let Some(car) =
-            standing(atlas, options, &camera, &plane, &truth, pose, &atlas.clamped(&shape), rng)
-        {
+        let body = body(atlas, options, rng);
+        if let Some(car) = standing(atlas, options, &camera, &plane, &truth, pose, &body, rng) {
             truth.cars.push(car);
             row = matches!(options.layout, Layout::Rows | Layout::OneRow).then_some(pose);
         } else if options.layout == Layout::Rows {
@@ -188,6 +190,17 @@ fn place(atlas: &ShapeAtlas, options: &SynthOptions, rng: &mut Rng) -> SceneTrut
         }
     }
     truth
+}
+
+/// A car's shape and keypoints, car frame.
+type Body = (Shape, [Vector3<f64>; KEYPOINTS]);
+
+fn body(atlas: &ShapeAtlas, options: &SynthOptions, rng: &mut Rng) -> Body {
+    if let Some(model) = draw(&options.models, rng) {
+        return (model.nearest_shape(atlas), model.keypoints_in_car);
+    }
+    let shape = atlas.clamped(&Shape::from_fn(|_, _| options.shape_sd * rng.normal()));
+    (shape, atlas.keypoints_in_car(&shape))
 }
 
 fn candidate(
@@ -234,7 +247,7 @@ fn standing(
     plane: &GroundPlane,
     truth: &SceneTruth,
     pose: GroundPose,
-    shape: &Shape,
+    (shape, keypoints_in_car): &Body,
     rng: &mut Rng,
 ) -> Option<CarTruth> {
     let gap = match options.layout {
@@ -245,7 +258,7 @@ fn standing(
     if !truth.cars.iter().all(clear) {
         return None;
     }
-    let mut keypoints_in_car = atlas.keypoints_in_car(shape);
+    let mut keypoints_in_car = *keypoints_in_car;
     for (point, sd) in keypoints_in_car.iter_mut().zip(&atlas.residual_sd_m) {
         *point += options.off_atlas * sd.map(|sd| sd * rng.normal());
     }

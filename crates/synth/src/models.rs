@@ -1,0 +1,121 @@
+//! Cars given by their keypoints: shapes that no atlas made.
+
+use nalgebra::{Matrix6, Vector3, Vector6};
+use roadplane_base::{KEYPOINTS, MODES, Shape, ShapeAtlas};
+use serde::Deserialize;
+
+use crate::Rng;
+
+/// A car of its own.
+#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[serde(try_from = "Entry")]
+pub struct CarModel {
+    /// Name.
+    pub model: String,
+    /// How often it is drawn, relative to the others.
+    pub weight: f64,
+    /// Keypoints, car frame, m.
+    pub keypoints_in_car: [Vector3<f64>; KEYPOINTS],
+}
+
+/// A car as files have it.
+#[derive(Deserialize)]
+struct Entry {
+    model: String,
+    weight: f64,
+    keypoints_in_car: Vec<Vector3<f64>>,
+}
+
+impl TryFrom<Entry> for CarModel {
+    type Error = String;
+
+    fn try_from(entry: Entry) -> Result<Self, String> {
+        let Entry { model, weight, keypoints_in_car } = entry;
+        let count = keypoints_in_car.len();
+        let keypoints_in_car = keypoints_in_car
+            .try_into()
+            .map_err(|_: Vec<_>| format!("{model}: {count} keypoints, not {KEYPOINTS}"))?;
+        Ok(Self { model, weight, keypoints_in_car })
+    }
+}
+
+#[derive(Deserialize)]
+struct File {
+    cars: Vec<CarModel>,
+}
+
+impl CarModel {
+    /// Reads a file of schema `roadplane.cars/1`.
+    pub fn list_from_json(text: &str) -> Result<Vec<Self>, serde_json::Error> {
+        Ok(serde_json::from_str::<File>(text)?.cars)
+    }
+
+    /// The atlas' most likely coefficients: least squares in units of what the atlas leaves unexplained, prior N(0, I).
+    #[must_use]
+    pub fn nearest_shape(&self, atlas: &ShapeAtlas) -> Shape {
+        let (mut hessian, mut side) = (Matrix6::identity(), Vector6::zeros());
+        for (i, point) in self.keypoints_in_car.iter().enumerate() {
+            for axis in 0..3 {
+                let sd = atlas.residual_sd_m[i][axis].max(1e-3);
+                let row = Vector6::from_fn(|j, _| if j < MODES { atlas.modes[j][i][axis] / sd } else { 0.0 });
+                hessian += row * row.transpose();
+                side += row * ((point[axis] - atlas.mean[i][axis]) / sd);
+            }
+        }
+        let shape = hessian.cholesky().map_or(side * 0.0, |factor| factor.solve(&side));
+        atlas.clamped(&shape)
+    }
+}
+
+/// One of the models, by weight; `None` when there are none.
+pub(crate) fn draw<'a>(models: &'a [CarModel], rng: &mut Rng) -> Option<&'a CarModel> {
+    let last = models.last()?;
+    let mut left = rng.unit() * models.iter().map(|model| model.weight).sum::<f64>();
+    let found = models.iter().find(|model| {
+        left -= model.weight;
+        left < 0.0
+    });
+    Some(found.unwrap_or(last))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{SynthOptions, scene};
+
+    #[test]
+    fn a_car_of_the_atlas_is_its_own_nearest() {
+        let atlas = ShapeAtlas::shipped().unwrap();
+        let shape = Shape::new(0.5, -1.0, 0.3, 0.8, -0.4, 1.0);
+        let model = |shape: &Shape, weight| CarModel {
+            model: String::new(),
+            weight,
+            keypoints_in_car: atlas.keypoints_in_car(shape),
+        };
+        // The prior pulls a little.
+        assert!((model(&shape, 1.0).nearest_shape(&atlas) - shape).amax() < 0.1);
+        let models = vec![model(&shape, 3.0), model(&-shape, 1.0)];
+        let options = SynthOptions { models: models.clone(), ..SynthOptions::default() };
+        let mut first = 0;
+        for seed in 0..40 {
+            for car in scene(&atlas, &options, seed).cars {
+                assert!(models.iter().any(|model| model.keypoints_in_car == car.keypoints_in_car));
+                first += usize::from(car.keypoints_in_car == models[0].keypoints_in_car);
+            }
+        }
+        assert!((270..330).contains(&first), "{first} of 400");
+    }
+
+    #[test]
+    fn the_foreign_cars_are_read() {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/data/foreign_cars.json");
+        let cars = CarModel::list_from_json(&std::fs::read_to_string(path).unwrap()).unwrap();
+        assert!(cars.len() > 10 && cars.iter().all(|car| car.weight > 0.0));
+        let atlas = ShapeAtlas::shipped().unwrap();
+        for car in &cars {
+            let length = car.keypoints_in_car.iter().map(|p| p.x.abs()).fold(0.0, f64::max);
+            assert!((1.0..4.5).contains(&length), "{}: {length}", car.model);
+            assert!(car.nearest_shape(&atlas).iter().all(|c| c.is_finite()));
+        }
+    }
+}
