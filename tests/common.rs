@@ -1,5 +1,6 @@
 //! What the end-to-end tests share.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use assert_cmd::Command;
@@ -44,4 +45,11 @@ pub fn names(folder: &Path) -> Vec<String> {
         .collect();
     names.sort();
     names
+}
+
+/// The first row of a CSV file by column; NaN where there is no number.
+pub fn first_row(path: &Path) -> BTreeMap<String, f64> {
+    let mut reader = csv::Reader::from_path(path).unwrap();
+    let row: BTreeMap<String, String> = reader.deserialize().next().unwrap().unwrap();
+    row.into_iter().map(|(head, cell)| (head, cell.parse().unwrap_or(f64::NAN))).collect()
 }

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
-use crate::common::{json, json_lines, names, roadplane, root};
+use crate::common::{first_row, json, json_lines, names, roadplane, root};
 use serde_json::Value;
 
 fn number(value: &Value) -> f64 {
@@ -77,6 +77,26 @@ fn the_demo_clip_is_solved() {
 
     let summary = json(&result.join("summary.json"));
     assert_eq!(summary["counts"]["frames_lost"], 0);
+
+    // The same by the tables of `roadplane eval run`.
+    let tables = out.path().join("tables");
+    let mut eval = roadplane();
+    eval.args(["eval", "run"]).arg(&result).arg("--out").arg(&tables);
+    eval.arg("--truth").arg(root().join("tests/data/lot.truth.json")).assert().code(0);
+    let table = |name: &str| first_row(&tables.join(name));
+    let camera = table("01-camera.csv");
+    assert!((camera["estimate"] / camera["truth"] - focal).abs() < 1e-6, "{camera:?}");
+    let tracks = table("02-tracks-on-the-ground.csv");
+    assert!(tracks["HOTA, %"] > 40.0 && tracks["switches"] < 3.0, "{tracks:?}");
+    let motion = table("04-motion.csv");
+    assert!(motion["found, %"] > 80.0 && motion["heading, median °"] < 5.0, "{motion:?}");
+    assert!(motion["jitter, median m"] < 0.05, "parked cars stand still: {motion:?}");
+    let poses = table("05-poses-add.csv");
+    assert!(poses["cars"] > 100.0 && poses["0.8 d, %"] > 80.0, "{poses:?}");
+    assert!(table("06-poses-viewpoint.csv")["0.14 rad, %"] > 75.0);
+    assert!(table("07-boxes-of-cars-that-got-a.csv")["AP50, %"] > 75.0);
+    let page = std::fs::read_to_string(tables.join("report.html")).unwrap();
+    assert_eq!(page.matches("<svg").count(), 3);
 
     // The same again gives the same bytes; an existing result is not replaced unasked.
     run(&[]).code(2);

@@ -1,16 +1,6 @@
 //! `roadplane eval`: its tables are printed, written, and say what is so.
 
-use std::collections::BTreeMap;
-use std::path::Path;
-
-use crate::common::{names, roadplane, shared};
-
-/// The first row of a CSV file by column; NaN where there is no number.
-fn first_row(path: &Path) -> BTreeMap<String, f64> {
-    let mut reader = csv::Reader::from_path(path).unwrap();
-    let row: BTreeMap<String, String> = reader.deserialize().next().unwrap().unwrap();
-    row.into_iter().map(|(head, cell)| (head, cell.parse().unwrap_or(f64::NAN))).collect()
-}
+use crate::common::{first_row, names, roadplane, shared};
 
 #[test]
 fn the_keypoint_net_holds_on_labelled_real_cars() {
@@ -68,4 +58,75 @@ fn what_cannot_be_evaluated_is_named() {
         .code(3);
     let said = String::from_utf8(command.get_output().stderr.clone()).unwrap();
     assert!(said.contains("car 0") && said.contains("labels.json"), "{said}");
+}
+
+#[test]
+fn a_calibrated_camera_that_is_not_the_runs_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let frames = crate::common::root().join("tests/data/lot.mp4");
+    roadplane()
+        .arg("run")
+        .arg(frames)
+        .arg("--out")
+        .arg(folder.path())
+        .args(["--set", "decode.max_frames=1"])
+        .assert()
+        .code(0);
+    // 10 m up, 0.3 rad down; a picture of the run's size, then one of another.
+    let camera = |cx: f64, cy: f64| {
+        let (sin, cos) = 0.3f64.sin_cos();
+        format!(
+            "1360 0 {cx}\n0 1360 {cy}\n0 0 1\n\n1 0 0\n0 {0} {1}\n0 {2} {0}\n\n0 {3} {4}\n\n0\n",
+            -sin,
+            -cos,
+            cos,
+            10.0 * cos,
+            10.0 * sin
+        )
+    };
+    std::fs::write(at("right.krtd"), camera(639.5, 359.5)).unwrap();
+    std::fs::write(at("wrong.krtd"), camera(959.5, 539.5)).unwrap();
+    let eval = |truth: &str| {
+        let mut command = roadplane();
+        command.args(["eval", "run"]).arg(at("lot")).arg("--truth").arg(at(truth));
+        command.arg("--out").arg(at("tables")).assert()
+    };
+    eval("right.krtd").code(0);
+    let row = first_row(&at("tables/01-camera.csv"));
+    assert!((row["truth"] - 1360.0).abs() < 1e-6, "{row:?}");
+    let refused = eval("wrong.krtd").code(2);
+    let said = String::from_utf8(refused.get_output().stderr.clone()).unwrap();
+    assert!(said.contains("1280 × 720") && said.contains("1920 × 1080"), "{said}");
+    eval("none.json").code(3);
+}
+
+#[test]
+fn a_copy_of_kitti_is_walked_through() {
+    let folder = tempfile::tempdir().unwrap();
+    let training = folder.path().join("training");
+    for part in ["image_2", "label_2", "calib"] {
+        std::fs::create_dir_all(training.join(part)).unwrap();
+    }
+    let car = "Car 0 0 0 100 150 220 210 1.5 1.6 4.0 -2 1.6 20 1.5\n";
+    for (name, cars) in [("000000", 5), ("000001", 3)] {
+        std::fs::write(training.join(format!("label_2/{name}.txt")), car.repeat(cars)).unwrap();
+        std::fs::write(training.join(format!("calib/{name}.txt")), "P2: 720 0 600 45 0 720 170 0 0 0 1 0\n")
+            .unwrap();
+        image::RgbImage::from_pixel(1242, 375, image::Rgb([128, 128, 128]))
+            .save(training.join(format!("image_2/{name}.png")))
+            .unwrap();
+    }
+    let eval = |folder: &std::path::Path| {
+        roadplane().args(["eval", "kitti"]).arg(folder).arg("--out").arg(folder.join("out")).assert()
+    };
+    eval(folder.path()).code(0);
+    // Five cars of the one image with more than three; a grey picture holds nothing to find them by.
+    let row = first_row(&folder.path().join("out/01-table-3-add-kitti.csv"));
+    assert_eq!(row["cars"], 5.0);
+    assert!(row["0.1 d, %"] < 50.0, "{row:?}");
+    std::fs::write(training.join("label_2/000000.txt"), "Car 0 zero\n").unwrap();
+    let refused = eval(folder.path()).code(3);
+    let said = String::from_utf8(refused.get_output().stderr.clone()).unwrap();
+    assert!(said.contains("line 1") && said.contains("label_2/000000.txt"), "{said}");
 }

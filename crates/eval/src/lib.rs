@@ -5,6 +5,7 @@ mod box_files;
 mod dataset;
 mod error;
 pub mod keypoints;
+mod kitti;
 pub mod metrics;
 mod parallel;
 mod plot;
@@ -22,6 +23,7 @@ pub use bootstrap::{Estimate, bootstrap, bootstrap_scenes, median, quantile, sha
 pub use box_files::{evaluate_coco, evaluate_mot};
 pub use dataset::{DatasetOptions, evaluate_dataset};
 pub use error::EvalError;
+pub use kitti::{KittiOptions, evaluate_kitti};
 pub use plot::{Mark, Plot, Series};
 pub use report::Report;
 pub use run::{FinishedRun, evaluate_run};

@@ -6,6 +6,8 @@ mod poses;
 mod tracks;
 
 pub use boxes::picture_boxes;
+#[cfg(test)]
+pub(crate) use boxes3d::body_centre_m;
 pub use boxes3d::score_box;
 pub use poses::{PoseScore, score_pose, score_poses};
 pub use tracks::{TrackScore, score_tracks};

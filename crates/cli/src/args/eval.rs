@@ -21,6 +21,8 @@ pub enum EvalCommand {
     Run(EvalRunArgs),
     /// The paper's tables on a data set with truth: six systems on the same keypoints.
     Dataset(EvalDatasetArgs),
+    /// The paper's Table 3 on your own copy of the KITTI object benchmark: all systems on images with more than three vehicles.
+    Kitti(EvalKittiArgs),
     /// Tracks of boxes against true ones, both as MOT Challenge files: HOTA, MOTA, IDF1.
     Tracks(EvalFilesArgs),
     /// Detections against true boxes, both as COCO files: average precision by size.
@@ -86,6 +88,22 @@ pub struct EvalDatasetArgs {
 fn share(text: &str) -> Result<f64, String> {
     let share: f64 = text.parse().map_err(|_not_a_number| "must be a number".to_owned())?;
     if (0.0..=1.0).contains(&share) { Ok(share) } else { Err("must lie between 0 and 1".to_owned()) }
+}
+
+/// `roadplane eval kitti`.
+#[derive(Debug, Args)]
+pub struct EvalKittiArgs {
+    /// Folder with image_2, label_2 and calib, or with these in training/.
+    pub folder: PathBuf,
+    /// Share of the images, e.g. 0.1 for every tenth.
+    #[arg(long, default_value_t = 1.0, value_name = "P")]
+    pub part: f64,
+    /// Writes the tables as CSV and HTML into this folder.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub config: ConfigArgs,
 }
 
 /// `roadplane eval tracks` and `roadplane eval boxes`.

@@ -2,6 +2,7 @@
 
 mod dataset;
 mod keypoints;
+mod kitti;
 mod run;
 mod solver;
 
@@ -19,6 +20,7 @@ pub fn eval(args: &EvalArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     match &args.command {
         EvalCommand::Run(args) => run::run(args),
         EvalCommand::Dataset(args) => dataset::dataset(args, cancel),
+        EvalCommand::Kitti(args) => kitti::kitti(args, cancel),
         EvalCommand::Tracks(args) => files(args, evaluate_mot),
         EvalCommand::Boxes(args) => files(args, evaluate_coco),
         EvalCommand::Keypoints(args) => keypoints::keypoints(args, cancel),

@@ -33,7 +33,7 @@ pub fn score_box(
 }
 
 /// How far ahead of the middle between the axles the middle of the body lies, m: overhangs differ front and rear.
-fn body_centre_m(atlas: &ShapeAtlas, shape: &Shape) -> f64 {
+pub(crate) fn body_centre_m(atlas: &ShapeAtlas, shape: &Shape) -> f64 {
     let points = atlas.keypoints_in_car(shape);
     let front = points.iter().map(|p| p.x).fold(f64::NEG_INFINITY, f64::max);
     let rear = points.iter().map(|p| p.x).fold(f64::INFINITY, f64::min);
