@@ -94,6 +94,7 @@ def sight(renderer: Renderer, scene: Scene, camera: Camera, index: int, least_in
         rows, columns = np.nonzero(shown.any(1))[0], np.nonzero(shown.any(0))[0]
         cell = side / TRUTH_PX
         box = np.array([columns[0], rows[0], columns[-1] + 1, rows[-1] + 1]) * cell + [left, top, left, top]
+        box = np.concatenate([np.maximum(box[:2], inside[:2]), np.minimum(box[2:], inside[2:])])
     points, point_depth = camera.pixel_from_world(in_world(car.gpu.mesh.keypoints, car.world_from_car))
     visible = np.zeros(len(points), bool)
     for k, (x, y) in enumerate(points):
