@@ -31,10 +31,8 @@ impl TryFrom<Entry> for CarModel {
 
     fn try_from(entry: Entry) -> Result<Self, String> {
         let Entry { model, weight, keypoints_in_car } = entry;
-        let count = keypoints_in_car.len();
-        let keypoints_in_car = keypoints_in_car
-            .try_into()
-            .map_err(|_: Vec<_>| format!("{model}: {count} keypoints, not {KEYPOINTS}"))?;
+        let wrong = |found: Vec<_>| format!("{model}: {} keypoints, not {KEYPOINTS}", found.len());
+        let keypoints_in_car = keypoints_in_car.try_into().map_err(wrong)?;
         Ok(Self { model, weight, keypoints_in_car })
     }
 }
