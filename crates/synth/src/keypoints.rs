@@ -4,10 +4,10 @@ use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector2, Vector3};
 use roadplane_base::{Camera, KEYPOINTS, Keypoint, mirror_index};
 
 use crate::Rng;
-use crate::scene::{CarTruth, SceneTruth, SynthOptions, Wrong};
+use crate::scene::{SceneTruth, SynthOptions, Wrong};
 
 /// Smallest noise sd that a keypoint claims, as a share of its box: noise-free keypoints claim this.
-const CLAIMED_NOISE: f64 = 0.01;
+pub(crate) const CLAIMED_NOISE: f64 = 0.01;
 
 /// Fills in the keypoints of every car.
 pub(crate) fn measure(truth: &mut SceneTruth, options: &SynthOptions, rng: &mut Rng) {
@@ -19,7 +19,8 @@ pub(crate) fn measure(truth: &mut SceneTruth, options: &SynthOptions, rng: &mut 
         car.wrong = k < wrong_cars;
         let kinds = [Wrong::OtherPose, Wrong::Scattered, Wrong::Mirrored];
         let kind = options.wrong.unwrap_or(kinds[k % kinds.len()]);
-        let seen = seen_indices(car, &camera_from_car, options.seen, rng);
+        let jitter = std::array::from_fn(|_| rng.normal());
+        let seen = seen_indices(&car.keypoints_in_car, &camera_from_car, options.seen, &jitter);
         let sd_px = options.noise * car.box_px;
         let claimed = if options.noise > 0.0 { sd_px } else { CLAIMED_NOISE * car.box_px };
         let pose = if car.wrong && kind == Wrong::OtherPose {
@@ -42,15 +43,21 @@ pub(crate) fn measure(truth: &mut SceneTruth, options: &SynthOptions, rng: &mut 
     }
 }
 
-/// Indices of the keypoints that face the camera most, in order of index; a little chance decides between near equals.
-fn seen_indices(car: &CarTruth, camera_from_car: &Isometry3<f64>, share: f64, rng: &mut Rng) -> Vec<usize> {
+/// Indices of the keypoints that face the camera most, in order of index; `jitter` (standard normal) decides between
+/// near equals.
+pub(crate) fn seen_indices(
+    keypoints_in_car: &[Vector3<f64>; KEYPOINTS],
+    camera_from_car: &Isometry3<f64>,
+    share: f64,
+    jitter: &[f64; KEYPOINTS],
+) -> Vec<usize> {
     let eye_in_car = camera_from_car.inverse() * Point3::origin();
     let middle = Vector3::new(0.0, 0.0, 0.7);
     let mut facing: Vec<(f64, usize)> = (0..KEYPOINTS)
         .map(|i| {
-            let outward = (car.keypoints_in_car[i] - middle).component_div(&Vector3::new(2.2, 0.9, 0.8));
-            let towards = eye_in_car.coords - car.keypoints_in_car[i];
-            (outward.dot(&towards) / towards.norm().max(1e-9) + 0.15 * rng.normal(), i)
+            let outward = (keypoints_in_car[i] - middle).component_div(&Vector3::new(2.2, 0.9, 0.8));
+            let towards = eye_in_car.coords - keypoints_in_car[i];
+            (outward.dot(&towards) / towards.norm().max(1e-9) + 0.15 * jitter[i], i)
         })
         .collect();
     facing.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));

@@ -195,7 +195,7 @@ fn place(atlas: &ShapeAtlas, options: &SynthOptions, rng: &mut Rng) -> SceneTrut
 /// A car's shape and keypoints, car frame.
 type Body = (Shape, [Vector3<f64>; KEYPOINTS]);
 
-fn body(atlas: &ShapeAtlas, options: &SynthOptions, rng: &mut Rng) -> Body {
+pub(crate) fn body(atlas: &ShapeAtlas, options: &SynthOptions, rng: &mut Rng) -> Body {
     if let Some(model) = draw(&options.models, rng) {
         return (model.nearest_shape(atlas), model.keypoints_in_car);
     }

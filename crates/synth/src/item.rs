@@ -1,0 +1,99 @@
+//! Items of a data set: what is true of each car and frame beside what was measured of it.
+
+use nalgebra::{Isometry3, Point3, Vector2, Vector3};
+use roadplane_base::{Camera, CameraParams, ImageSize, KEYPOINTS, KeypointSet, ShapeAtlas};
+
+use crate::scene::{SynthOptions, scene};
+use crate::trajectory::CarState;
+
+/// A still or a clip.
+#[derive(Clone, Debug)]
+pub struct Item {
+    /// Image size.
+    pub size: ImageSize,
+    /// Focal length and plane.
+    pub params: CameraParams,
+    /// Frames a second of a clip; none for a still.
+    pub fps: Option<f64>,
+    /// The cars, by id.
+    pub cars: Vec<ItemCar>,
+    /// What is seen in each frame, ids ascending.
+    pub frames: Vec<Vec<Sighting>>,
+}
+
+/// A car.
+#[derive(Clone, Debug)]
+pub struct ItemCar {
+    /// Keypoints, car frame, m.
+    pub keypoints_in_car: [Vector3<f64>; KEYPOINTS],
+    /// Length, width, height, m.
+    pub dims_m: Vector3<f64>,
+}
+
+/// A car in a frame.
+#[derive(Clone, Debug)]
+pub struct Sighting {
+    /// Which car.
+    pub id: usize,
+    /// Where it is and what it does.
+    pub state: CarState,
+    /// Where its keypoints are, px.
+    pub pixels: [Vector2<f64>; KEYPOINTS],
+    /// Around all of them: left, top, right, bottom, px.
+    pub whole_box: [f64; 4],
+    /// What was measured.
+    pub keypoints: KeypointSet,
+}
+
+impl Sighting {
+    /// The part of the box that lies inside the image, px, and its share of the whole.
+    #[must_use]
+    pub fn visible_box(&self, size: ImageSize) -> ([f64; 4], f64) {
+        let [x0, y0, x1, y1] = self.whole_box;
+        let (right, bottom) = (f64::from(size.width) - 0.5, f64::from(size.height) - 0.5);
+        let inside =
+            [x0.clamp(-0.5, right), y0.clamp(-0.5, bottom), x1.clamp(-0.5, right), y1.clamp(-0.5, bottom)];
+        let area = |b: [f64; 4]| (b[2] - b[0]) * (b[3] - b[1]);
+        (inside, area(inside) / area(self.whole_box))
+    }
+}
+
+/// Pixels of a car's keypoints and the box around them; none where one is not before the camera.
+pub(crate) fn projected(
+    camera: &Camera,
+    camera_from_car: &Isometry3<f64>,
+    keypoints_in_car: &[Vector3<f64>; KEYPOINTS],
+) -> Option<([Vector2<f64>; KEYPOINTS], [f64; 4])> {
+    let mut pixels = [Vector2::zeros(); KEYPOINTS];
+    let (mut low, mut high) = (Vector2::repeat(f64::INFINITY), Vector2::repeat(f64::NEG_INFINITY));
+    for (pixel, point) in pixels.iter_mut().zip(keypoints_in_car) {
+        *pixel = camera.pixel_from_camera(&(camera_from_car * Point3::from(*point)).coords)?;
+        low = low.inf(pixel);
+        high = high.sup(pixel);
+    }
+    Some((pixels, [low.x, low.y, high.x, high.y]))
+}
+
+/// One scene as a still.
+#[must_use]
+pub fn still_item(atlas: &ShapeAtlas, options: &SynthOptions, seed: u64) -> Item {
+    let truth = scene(atlas, options, seed);
+    let camera = Camera::centred(truth.params.focal_px(), truth.size);
+    let camera_from_world = truth.params.plane().camera_from_world();
+    let (mut cars, mut sightings) = (Vec::new(), Vec::new());
+    for car in &truth.cars {
+        let camera_from_car = camera_from_world * car.pose.world_from_car();
+        let Some((pixels, whole_box)) = projected(&camera, &camera_from_car, &car.keypoints_in_car) else {
+            continue;
+        };
+        sightings.push(Sighting {
+            id: cars.len(),
+            state: CarState::parked(car.pose),
+            pixels,
+            whole_box,
+            keypoints: car.keypoints,
+        });
+        cars.push(ItemCar { keypoints_in_car: car.keypoints_in_car, dims_m: atlas.dims_m(&car.shape) });
+    }
+    Item { size: truth.size, params: truth.params, fps: None, cars, frames: vec![sightings] }
+}

@@ -1,0 +1,451 @@
+//! Ways that cars drive: a kinematic bicycle whose steering and speed change no faster than a driver would change them.
+//!
+//! A drive is a list of legs between rests. Curvature along a turn rises and falls linearly over a ramp; speed follows
+//! from a limit on lateral acceleration and constant acceleration from and to rest (Rajamani, *Vehicle Dynamics and
+//! Control*, §2.2). Paths belong to the middle of the rear axle, whose direction is the car's heading; states are those
+//! of the car's origin, midway between the axles.
+
+use nalgebra::Vector2;
+use roadplane_base::{GroundPose, wrap_angle};
+
+/// Length of path between samples, m.
+const STEP_M: f64 = 0.01;
+/// Along the path, m/s².
+const ACCELERATION: f64 = 1.6;
+/// Decides on the speed in turns, m/s².
+const LATERAL: f64 = 1.5;
+/// Total turn from which a piece of path is a U-turn, and a turn; rad.
+const U_TURN: f64 = 150.0 * std::f64::consts::PI / 180.0;
+const TURN: f64 = 25.0 * std::f64::consts::PI / 180.0;
+
+/// What a car does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[allow(missing_docs)]
+pub enum Activity {
+    Parked,
+    Moving,
+    TurningLeft,
+    TurningRight,
+    UTurn,
+    Stopping,
+    Starting,
+    Reversing,
+    Parking,
+}
+
+/// A car at one time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CarState {
+    /// Where its origin is.
+    pub pose: GroundPose,
+    /// Speed of its origin, m/s; negative when it reverses.
+    pub speed_mps: f64,
+    /// What it does.
+    pub activity: Activity,
+}
+
+impl CarState {
+    /// A car at rest.
+    #[must_use]
+    pub fn parked(pose: GroundPose) -> Self {
+        Self { pose, speed_mps: 0.0, activity: Activity::Parked }
+    }
+}
+
+/// A stretch of path.
+#[derive(Clone, Copy, Debug)]
+pub struct Piece {
+    length_m: f64,
+    /// Change of heading, rad.
+    angle: f64,
+    /// Length over which curvature rises, and falls again.
+    ramp_m: f64,
+}
+
+impl Piece {
+    /// Straight on.
+    #[must_use]
+    pub fn straight(length_m: f64) -> Self {
+        Self { length_m, angle: 0.0, ramp_m: 0.0 }
+    }
+
+    /// A turn (rad, positive to the left as seen from above) whose tightest radius is `radius_m` or larger.
+    #[must_use]
+    pub fn turn(angle: f64, radius_m: f64, ramp_m: f64) -> Self {
+        Self { length_m: (radius_m * angle.abs() + ramp_m).max(2.0 * ramp_m), angle, ramp_m }
+    }
+
+    /// The same to the other hand.
+    #[must_use]
+    pub fn mirrored(self) -> Self {
+        Self { angle: -self.angle, ..self }
+    }
+
+    /// A half turn to the left that ends `offset_m` beside the line on which it began.
+    #[must_use]
+    pub fn u_turn(offset_m: f64, ramp_m: f64) -> Self {
+        let (mut low, mut high) = (2.0, 40.0);
+        for _ in 0..50 {
+            let middle = 0.5 * (low + high);
+            let wide = reach(&[Self::turn(std::f64::consts::PI, middle, ramp_m)]).y_m > offset_m;
+            (low, high) = if wide { (low, middle) } else { (middle, high) };
+        }
+        Self::turn(std::f64::consts::PI, low, ramp_m)
+    }
+
+    /// Heading relative to the start, and curvature (change of heading over distance, 1/m), at a distance.
+    fn bend_at(&self, at: f64) -> (f64, f64) {
+        if self.angle == 0.0 {
+            return (0.0, 0.0);
+        }
+        let (ramp, fall_from) = (self.ramp_m, self.length_m - self.ramp_m);
+        let peak = self.angle / fall_from;
+        let rise = at.min(ramp).powi(2) / (2.0 * ramp);
+        let fall = (at - fall_from).max(0.0).powi(2) / (2.0 * ramp);
+        let curvature = peak * (at / ramp).min((self.length_m - at) / ramp).min(1.0);
+        (peak * (rise + (at - ramp).max(0.0) - fall), curvature)
+    }
+
+    fn activity(&self) -> Activity {
+        match self.angle {
+            angle if angle.abs() >= U_TURN => Activity::UTurn,
+            angle if angle >= TURN => Activity::TurningLeft,
+            angle if angle <= -TURN => Activity::TurningRight,
+            _ => Activity::Moving,
+        }
+    }
+}
+
+/// Pieces driven without changing gear.
+#[derive(Clone, Debug)]
+pub struct Leg {
+    /// The path.
+    pub pieces: Vec<Piece>,
+    /// Speed where nothing limits it, m/s.
+    pub cruise_mps: f64,
+    /// Driven backwards.
+    pub backwards: bool,
+    /// Begins at rest.
+    pub from_rest: bool,
+    /// Ends at rest.
+    pub to_rest: bool,
+    /// Rest after it, s.
+    pub rest_s: f64,
+    /// Pieces from this one on are called parking.
+    pub parking_from: Option<usize>,
+}
+
+impl Leg {
+    /// A leg at speed from beginning to end.
+    #[must_use]
+    pub fn passing(pieces: Vec<Piece>, cruise_mps: f64) -> Self {
+        Self {
+            pieces,
+            cruise_mps,
+            backwards: false,
+            from_rest: false,
+            to_rest: false,
+            rest_s: 0.0,
+            parking_from: None,
+        }
+    }
+}
+
+/// The rear axle at one point of its path.
+#[derive(Clone, Copy, Debug)]
+struct Sample {
+    time_s: f64,
+    at: Vector2<f64>,
+    heading: f64,
+    curvature: f64,
+    speed: f64,
+    activity: Activity,
+}
+
+/// The end of pieces that begin at the origin along +x.
+#[must_use]
+pub fn reach(pieces: &[Piece]) -> GroundPose {
+    let samples = traced(&Leg::passing(pieces.to_vec(), 1.0));
+    let end = samples.last().map_or((Vector2::zeros(), 0.0), |s| (s.at, s.heading));
+    GroundPose { x_m: end.0.x, y_m: end.0.y, heading_rad: end.1 }
+}
+
+/// A leg from the origin along +x, with times from 0.
+fn traced(leg: &Leg) -> Vec<Sample> {
+    let length: f64 = leg.pieces.iter().map(|p| p.length_m).sum();
+    let count = (length / STEP_M).ceil().max(2.0) as usize;
+    let step = length / count as f64;
+    let sign = if leg.backwards { -1.0 } else { 1.0 };
+    let mut samples: Vec<Sample> = Vec::with_capacity(count + 1);
+    let (mut piece, mut begin, mut turned) = (0, 0.0, 0.0);
+    for i in 0..=count {
+        let mut local = step * i as f64 - begin;
+        while local > leg.pieces[piece].length_m && piece + 1 < leg.pieces.len() {
+            begin += leg.pieces[piece].length_m;
+            local -= leg.pieces[piece].length_m;
+            turned += leg.pieces[piece].angle;
+            piece += 1;
+        }
+        let (bend, curvature) = leg.pieces[piece].bend_at(local.min(leg.pieces[piece].length_m));
+        let heading = turned + bend;
+        let at = samples.last().map_or_else(Vector2::zeros, |last| {
+            let middle = 0.5 * (last.heading + heading);
+            last.at + Vector2::new(middle.cos(), middle.sin()) * (sign * step)
+        });
+        let activity = match leg.parking_from {
+            Some(from) if piece >= from => Activity::Parking,
+            _ if leg.backwards => Activity::Reversing,
+            _ => leg.pieces[piece].activity(),
+        };
+        samples.push(Sample { time_s: 0.0, at, heading, curvature, speed: 0.0, activity });
+    }
+    time(leg, &mut samples, step);
+    samples
+}
+
+/// Fills in speeds, times, and the names of speeding up and slowing down.
+fn time(leg: &Leg, samples: &mut [Sample], step: f64) {
+    let gain = 2.0 * ACCELERATION * step;
+    let mut square: Vec<f64> =
+        samples.iter().map(|s| leg.cruise_mps.powi(2).min(LATERAL / s.curvature.abs().max(1e-6))).collect();
+    let count = square.len();
+    for i in 1..count {
+        square[i] = square[i].min(square[i - 1] + gain);
+    }
+    for i in (0..count - 1).rev() {
+        square[i] = square[i].min(square[i + 1] + gain);
+    }
+    for (i, sample) in samples.iter_mut().enumerate() {
+        let rise = if leg.from_rest { gain * i as f64 } else { f64::INFINITY };
+        let fall = if leg.to_rest { gain * (count - 1 - i) as f64 } else { f64::INFINITY };
+        sample.speed = square[i].min(rise).min(fall).sqrt();
+        if sample.activity == Activity::Moving && rise.min(fall) <= square[i] {
+            sample.activity = if fall < rise { Activity::Stopping } else { Activity::Starting };
+        }
+    }
+    for i in 1..count {
+        samples[i].time_s = samples[i - 1].time_s + 2.0 * step / (samples[i].speed + samples[i - 1].speed);
+    }
+    if leg.backwards {
+        samples.iter_mut().for_each(|s| s.speed = -s.speed);
+    }
+}
+
+/// Where a car is at any time: at rest before and after, unless it comes or leaves at speed.
+#[derive(Clone, Debug)]
+pub struct Drive {
+    legs: Vec<(Leg, Vec<Sample>)>,
+    wheelbase_m: f64,
+    /// When the first leg begins, s.
+    pub start_s: f64,
+}
+
+impl Drive {
+    /// A drive whose path starts (or, `at_end`, ends) with the car's origin at a pose. `legs` must not be empty.
+    #[must_use]
+    pub fn new(legs: Vec<Leg>, wheelbase_m: f64, pose: GroundPose, at_end: bool) -> Self {
+        let (mut clock, mut here) = (0.0, (Vector2::zeros(), 0.0));
+        let mut parts = Vec::with_capacity(legs.len());
+        for leg in legs {
+            let mut samples = traced(&leg);
+            for sample in &mut samples {
+                (sample.at, sample.heading) = moved(here, (sample.at, sample.heading));
+                sample.time_s += clock;
+            }
+            if let Some(last) = samples.last() {
+                (clock, here) = (last.time_s + leg.rest_s, (last.at, last.heading));
+            }
+            parts.push((leg, samples));
+        }
+        let known = if at_end { here } else { (Vector2::zeros(), 0.0) };
+        let angle = pose.heading_rad - known.1;
+        let rear = Vector2::new(pose.x_m, pose.y_m) - ahead(pose.heading_rad) * (wheelbase_m / 2.0);
+        let turned = moved((Vector2::zeros(), angle), known).0;
+        for sample in parts.iter_mut().flat_map(|(_, samples)| samples) {
+            (sample.at, sample.heading) = moved((rear - turned, angle), (sample.at, sample.heading));
+        }
+        Self { legs: parts, wheelbase_m, start_s: 0.0 }
+    }
+
+    /// Time from beginning to end, s.
+    #[must_use]
+    pub fn duration_s(&self) -> f64 {
+        self.legs.last().and_then(|(leg, s)| Some(s.last()?.time_s + leg.rest_s)).unwrap_or(0.0)
+    }
+
+    /// The car at a time.
+    #[must_use]
+    pub fn at(&self, time_s: f64) -> CarState {
+        let clock = time_s - self.start_s;
+        let mut resting: Option<&Sample> = None;
+        for (number, (leg, samples)) in self.legs.iter().enumerate() {
+            let (Some(first), Some(last)) = (samples.first(), samples.last()) else { continue };
+            if clock < first.time_s {
+                return match resting {
+                    Some(before) => self.beyond(before, false, 0.0),
+                    None => self.beyond(first, !leg.from_rest, clock - first.time_s),
+                };
+            }
+            if clock <= last.time_s {
+                return self.between(samples, clock);
+            }
+            if number + 1 == self.legs.len() {
+                return self.beyond(last, !leg.to_rest, clock - last.time_s);
+            }
+            resting = Some(last);
+        }
+        CarState::parked(GroundPose { x_m: 0.0, y_m: 0.0, heading_rad: 0.0 })
+    }
+
+    /// Between two samples, at constant acceleration.
+    fn between(&self, samples: &[Sample], clock: f64) -> CarState {
+        let next = samples.partition_point(|s| s.time_s <= clock).clamp(1, samples.len() - 1);
+        let (a, b) = (&samples[next - 1], &samples[next]);
+        let (since, step) = (clock - a.time_s, b.time_s - a.time_s);
+        let speed = a.speed + (b.speed - a.speed) * since / step;
+        let share = (a.speed + speed) * since / ((a.speed + b.speed) * step);
+        let mix = |x: f64, y: f64| x + (y - x) * share;
+        let at = a.at + (b.at - a.at) * share;
+        self.state(at, mix(a.heading, b.heading), speed, mix(a.curvature, b.curvature), a.activity)
+    }
+
+    /// Before the first or after the last sample: at rest, or straight on at speed.
+    fn beyond(&self, sample: &Sample, moving: bool, since_s: f64) -> CarState {
+        let speed = if moving { sample.speed } else { 0.0 };
+        self.state(
+            sample.at + ahead(sample.heading) * (speed * since_s),
+            sample.heading,
+            speed,
+            0.0,
+            sample.activity,
+        )
+    }
+
+    fn state(
+        &self,
+        rear: Vector2<f64>,
+        heading: f64,
+        speed: f64,
+        curvature: f64,
+        activity: Activity,
+    ) -> CarState {
+        let half = self.wheelbase_m / 2.0;
+        let at = rear + ahead(heading) * half;
+        let activity = if speed == 0.0 { Activity::Parked } else { activity };
+        // The origin runs on a wider circle than the rear axle.
+        let speed_mps = speed * 1.0_f64.hypot(curvature * half);
+        CarState {
+            pose: GroundPose { x_m: at.x, y_m: at.y, heading_rad: wrap_angle(heading) },
+            speed_mps,
+            activity,
+        }
+    }
+}
+
+fn ahead(heading: f64) -> Vector2<f64> {
+    Vector2::new(heading.cos(), heading.sin())
+}
+
+/// A pose given in a frame, in that frame's parent.
+fn moved(frame: (Vector2<f64>, f64), pose: (Vector2<f64>, f64)) -> (Vector2<f64>, f64) {
+    let (sin, cos) = frame.1.sin_cos();
+    let (x, y) = (pose.0.x, pose.0.y);
+    (frame.0 + Vector2::new(cos * x - sin * y, sin * x + cos * y), frame.1 + pose.1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::f64::consts::{FRAC_PI_2, PI};
+
+    const WHEELBASE_M: f64 = 2.7;
+    const STEP_S: f64 = 0.02;
+
+    fn drives() -> Vec<(&'static str, Drive)> {
+        let s = Piece::straight;
+        let leg = |pieces, cruise| Leg::passing(pieces, cruise);
+        let rest = |pieces, cruise| Leg { to_rest: true, rest_s: 1.0, ..leg(pieces, cruise) };
+        let named = vec![
+            ("left", vec![leg(vec![s(20.0), Piece::turn(FRAC_PI_2, 6.0, 3.0), s(20.0)], 5.0)]),
+            ("u-turn", vec![leg(vec![s(15.0), Piece::u_turn(10.2, 3.0), s(12.0)], 7.0)]),
+            ("halt", vec![rest(vec![s(25.0)], 7.0), Leg { from_rest: true, ..leg(vec![s(30.0)], 7.0) }]),
+            (
+                "park",
+                vec![Leg {
+                    parking_from: Some(1),
+                    ..rest(vec![s(12.0), Piece::turn(-FRAC_PI_2, 4.5, 2.0), s(1.0)], 3.0)
+                }],
+            ),
+            (
+                "leave",
+                vec![
+                    Leg {
+                        backwards: true,
+                        from_rest: true,
+                        ..rest(vec![s(3.0), Piece::turn(FRAC_PI_2, 4.5, 2.0)], 1.8)
+                    },
+                    Leg { from_rest: true, ..leg(vec![s(20.0)], 4.0) },
+                ],
+            ),
+        ];
+        let pose = GroundPose { x_m: 3.0, y_m: -2.0, heading_rad: 0.7 };
+        let drive = |legs| Drive { start_s: 1.0, ..Drive::new(legs, WHEELBASE_M, pose, false) };
+        named.into_iter().map(|(name, legs)| (name, drive(legs))).collect()
+    }
+
+    fn states(drive: &Drive) -> Vec<CarState> {
+        let count = ((drive.duration_s() + 2.0) / STEP_S) as usize;
+        (0..count).map(|i| drive.at(i as f64 * STEP_S)).collect()
+    }
+
+    #[test]
+    fn speed_is_the_change_of_place_and_acceleration_is_bounded() {
+        for (name, drive) in drives() {
+            let at: Vec<_> = states(&drive);
+            for three in at.windows(3) {
+                let place = |i: usize| Vector2::new(three[i].pose.x_m, three[i].pose.y_m);
+                let moved = (place(2) - place(0)).norm() / (2.0 * STEP_S);
+                assert!((moved - three[1].speed_mps.abs()).abs() < 0.02, "{name}: {moved} {:?}", three[1]);
+                let acceleration = (place(2) - place(1) * 2.0 + place(0)).norm() / STEP_S.powi(2);
+                assert!(acceleration < 3.2, "{name}: {acceleration}");
+            }
+        }
+    }
+
+    #[test]
+    fn names_fit_the_motion() {
+        let mut met = Vec::new();
+        for (name, drive) in drives() {
+            for two in states(&drive).windows(2) {
+                let turned = wrap_angle(two[1].pose.heading_rad - two[0].pose.heading_rad);
+                let (now, after) = (two[0], two[1]);
+                assert_eq!(now.activity == Activity::Parked, now.speed_mps == 0.0, "{name}");
+                assert_eq!(now.activity == Activity::Reversing, now.speed_mps < 0.0, "{name}");
+                match now.activity {
+                    Activity::TurningLeft | Activity::UTurn => assert!(turned > -1e-9, "{name}"),
+                    Activity::Stopping => assert!(after.speed_mps < now.speed_mps, "{name}"),
+                    Activity::Starting => assert!(after.speed_mps >= now.speed_mps, "{name}"),
+                    _ => {}
+                }
+                if !met.contains(&now.activity) {
+                    met.push(now.activity);
+                }
+            }
+        }
+        assert_eq!(met.len(), 8, "all but turning right: {met:?}");
+    }
+
+    #[test]
+    fn paths_end_where_they_should() {
+        let end = reach(&[Piece::u_turn(10.2, 3.0)]);
+        assert!((end.y_m - 10.2).abs() < 1e-3 && end.x_m.abs() < 1e-3 && (end.heading_rad - PI).abs() < 1e-9);
+        let pose = GroundPose { x_m: 1.0, y_m: 2.0, heading_rad: 0.5 };
+        let pieces = vec![Piece::straight(9.0), Piece::turn(-1.2, 5.0, 3.0)];
+        let drive =
+            Drive::new(vec![Leg { to_rest: true, ..Leg::passing(pieces, 3.0) }], WHEELBASE_M, pose, true);
+        let rest = drive.at(1e3);
+        assert!((rest.pose.x_m - 1.0).abs() < 1e-9 && (rest.pose.y_m - 2.0).abs() < 1e-9);
+        assert!(wrap_angle(rest.pose.heading_rad - 0.5).abs() < 1e-9);
+        assert_eq!(rest, drive.at(2e3));
+    }
+}
