@@ -107,7 +107,7 @@ fn main() -> Result<(), roadplane_base::AtlasError> {
         row("N 10 2% off atlas", SynthOptions { cars: 10, noise: 0.02, off_atlas: 1.0, ..base.clone() }),
     ];
     println!(
-        "RMS error / bound, bias, RMS error / reported sd, coverage of 95 % intervals; same minimum as from the truth"
+        "RMS error / bound, bias, RMS error / reported sd, coverage of 95 % intervals; same minimum as from the truth or a lower one"
     );
     println!("{:24} {:^24} {:^24} {:^24} {:^24}", "", "log focal", "tilt", "position", "heading");
     for Row { name, asked } in rows {
@@ -120,7 +120,7 @@ fn main() -> Result<(), roadplane_base::AtlasError> {
             ..SceneOptions::default()
         };
         let [mut focal, mut tilt, mut position, mut heading] = std::array::from_fn(|_| Quantity::default());
-        let (mut same, mut count, mut seconds) = (0, 0, 0.0);
+        let (mut same, mut lower, mut count, mut seconds) = (0, 0, 0, 0.0);
         let mut statuses = std::collections::BTreeMap::<String, usize>::new();
         for seed in 0..scenes {
             let truth = scene(&atlas, &asked, 1_000_000 + seed);
@@ -133,11 +133,22 @@ fn main() -> Result<(), roadplane_base::AtlasError> {
             *statuses.entry(format!("{:?}", found.status)).or_default() += 1;
             let (poses, shapes) = known(&truth);
             let ideal = KnownScene { params: truth.params, poses: &poses, shapes: &shapes };
-            let ideal = refine_scene(&atlas, truth.size, &views, &ideal, &options);
+            // Wrong cars have no pose to start from.
+            let right: Vec<CarView<'_>> = views
+                .iter()
+                .zip(&truth.cars)
+                .map(|(view, car)| CarView { weight: if car.wrong { 0.0 } else { 1.0 }, ..*view })
+                .collect();
+            let ideal = refine_scene(&atlas, truth.size, &right, &ideal, &options);
+            let used = |s: &SceneSolution| -> Vec<bool> {
+                s.cars.iter().map(|car| car.as_ref().is_some_and(|car| car.used)).collect()
+            };
             let reached = ideal.as_ref().is_some_and(|ideal| {
                 let off = (found.params.to_vector() - ideal.params.to_vector())
                     .component_div(&bound.covariance.diagonal().map(f64::sqrt));
-                off.amax() < 0.1
+                let below = off.amax() >= 0.1 && found.cost < ideal.cost && used(&found) == used(ideal);
+                lower += usize::from(below);
+                off.amax() < 0.1 || below
             });
             same += usize::from(reached);
             if verbose && !reached {
@@ -176,12 +187,13 @@ fn main() -> Result<(), roadplane_base::AtlasError> {
             }
         }
         println!(
-            "{name:24} {} {} {} {}   {:.1} %  {:.1} ms  {statuses:?}",
+            "{name:24} {} {} {} {}   {:.1} % ({:.1} lower)  {:.1} ms  {statuses:?}",
             focal.text(),
             tilt.text(),
             position.text(),
             heading.text(),
             100.0 * same as f64 / count as f64,
+            100.0 * lower as f64 / count as f64,
             1e3 * seconds / count as f64
         );
     }

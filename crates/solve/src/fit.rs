@@ -143,9 +143,9 @@ pub(crate) fn car_solution(
     covariance.fixed_view_mut::<MODES, MODES>(3, 3).copy_from(&shape_covariance);
     let mut inliers = [false; KEYPOINTS];
     let (mut sum, mut count) = (0.0, 0.0);
-    problem.each_residual(k, |observation, off_px, probability| {
-        inliers[observation.index] = probability > 0.5;
-        if probability > 0.5 {
+    problem.each_residual(k, |observation, off_px, squared| {
+        inliers[observation.source] = problem.kernel.weight(squared) > 0.5;
+        if inliers[observation.source] {
             sum += off_px.norm_squared();
             count += 1.0;
         }

@@ -3,10 +3,10 @@
 use nalgebra::{Matrix4, Vector2, Vector4};
 use roadplane_base::{MODES, Shape, ShapeAtlas};
 
-use crate::arrow::{CAMERA, Gram, GroupBlock, Joint, PoseBlock, SHAPE, camera_system};
-use crate::gram_sum::Rows;
+use crate::arrow::{CAMERA, Gram, GroupBlock, Joint, PoseBlock, RESIDUAL, SHAPE, camera_system};
+use crate::gram_sum::{Rows, WIDTH};
 use crate::ground_residual::{CameraFrame, PointModes, Standing, StandingFrame};
-use crate::ground_rows::{MAX_PACKS, NO_ROWS, Pack, linearise, pack, rewhiten};
+use crate::ground_rows::{MAX_PACKS, NO_ROWS, Pack, linearise, pack, plain_rows, rewhiten};
 use crate::kernel::{OutlierModel, PreparedKernel};
 use crate::lm::{Problem, Trial};
 use crate::observation::{Observation, atlas_covariance};
@@ -100,6 +100,16 @@ pub(crate) struct Covariances {
     pub views: Vec<Joint>,
 }
 
+/// One keypoint's whitened rows and residual, with the probability that it is right.
+pub(crate) struct KeypointRows {
+    /// Unknowns and residual, in the order of `ground_rows.rs`, times the root of the keypoint's weight.
+    pub rows: [[f64; WIDTH]; 2],
+    /// Its weight.
+    pub weight: f64,
+    /// ρ'.
+    pub right: f64,
+}
+
 /// What a state costs by itself.
 fn prior_cost(
     knowledge: &CameraKnowledge,
@@ -176,7 +186,25 @@ impl<'a> GroundProblem<'a> {
         }
     }
 
-    /// Calls with every observation of a view, its pixel residual (predicted − measured) and the probability that it is right.
+    /// Bounds of the shape coefficients.
+    pub fn shape_bounds(&self) -> [[f64; 2]; MODES] {
+        self.atlas.bounds
+    }
+
+    /// Calls with the rows of every observation of a view. `None` when a keypoint cannot be projected.
+    pub fn each_row(&self, view: usize, mut see: impl FnMut(KeypointRows)) -> Option<()> {
+        let camera = CameraFrame::new(&self.state.camera);
+        let frame = StandingFrame::new(&camera, &self.state.standings[view])?;
+        let view = &self.views[view];
+        let observations = &self.observations[view.observations.clone()];
+        plain_rows(&self.packs[view.packs.clone()], &frame, &self.state.shapes[view.group], |i, rows| {
+            let weight = observations[i].weight;
+            let squared = (rows[0][RESIDUAL].powi(2) + rows[1][RESIDUAL].powi(2)) / weight;
+            see(KeypointRows { rows: *rows, weight, right: self.kernel.weight(squared) });
+        })
+    }
+
+    /// Calls with every observation of a view, its pixel residual (predicted − measured) and the square of the whitened one.
     /// `None` when a keypoint cannot be projected.
     pub fn each_residual(
         &self,
@@ -190,7 +218,7 @@ impl<'a> GroundProblem<'a> {
             let point = self.model.point(observation.index, shape);
             let off = frame.project(&point)? - observation.pixel;
             let [rx, ry] = observation.whiten([off.x, off.y]);
-            see(observation, off, self.kernel.weight(rx * rx + ry * ry));
+            see(observation, off, rx * rx + ry * ry);
         }
         Some(())
     }
@@ -295,8 +323,12 @@ impl<'a> GroundProblem<'a> {
         largest.sqrt()
     }
 
-    /// Covariances at the current parameters, from the same elimination with damping 0. Call after `linearise`.
+    /// Covariances at the current parameters, from the same elimination with damping 0. Call after `linearise`. A coefficient
+    /// at its bound is not exactly known: it counts as free.
     pub fn covariances(&mut self) -> Option<Covariances> {
+        for block in &mut self.group_blocks {
+            block.held = [self.shapes_fixed; MODES];
+        }
         let (information, _) = self.eliminate(0.0)?;
         let mut total = information + Matrix4::from_diagonal(&self.knowledge.information);
         self.hold_fixed(&mut total, &mut Vector4::zeros());

@@ -12,7 +12,7 @@ use crate::arrow::{Gram, RESIDUAL};
 use crate::gram_sum::accumulate_avx2;
 use crate::gram_sum::{Rows, WIDTH, accumulate};
 use crate::ground_residual::{MIN_DEPTH_M, PointModes, StandingFrame};
-use crate::kernel::PreparedKernel;
+use crate::kernel::{OutlierModel, PreparedKernel};
 use crate::lanes::{LANES, Lanes};
 use crate::observation::Observation;
 
@@ -84,6 +84,24 @@ pub(crate) fn linearise(
     let cost = all_rows(packs, frame, shape, kernel, scratch)?;
     accumulate(&scratch[..packs.len().min(MAX_PACKS)], gram);
     Some(cost)
+}
+
+/// Rows of a view's keypoints one by one, each with its own weight only (no outlier model).
+pub(crate) fn plain_rows(
+    packs: &[Pack],
+    frame: &StandingFrame,
+    shape: &Shape,
+    mut see: impl FnMut(usize, &[[f64; WIDTH]; 2]),
+) -> Option<()> {
+    let kernel = PreparedKernel::new(&OutlierModel::none());
+    let mut rows = NO_ROWS;
+    for (p, pack) in packs.iter().enumerate() {
+        pack.rows(frame, shape, &kernel, &mut rows)?;
+        for lane in (0..LANES).filter(|lane| pack.weight.0[*lane] > 0.0) {
+            see(LANES * p + lane, &[0, 1].map(|row: usize| rows[row].map(|lanes| lanes.0[lane])));
+        }
+    }
+    Some(())
 }
 
 /// The same with four-lane registers.
@@ -210,7 +228,6 @@ mod tests {
     use super::*;
     use crate::dual::{Dual, constant, dot as dual_dot, plus, relative_difference, scaled, world_axes};
     use crate::ground_residual::{CameraFrame, Standing};
-    use crate::kernel::OutlierModel;
     use nalgebra::{Matrix2, Vector2, Vector4};
     use roadplane_base::{KEYPOINTS, ShapeAtlas};
     use roadplane_synth::Rng;
@@ -267,6 +284,7 @@ mod tests {
             let shape = Shape::from_column_slice(&x[3..9]);
             let mut observation = Observation {
                 index,
+                source: index,
                 pixel: Vector2::new(rng.normal(), rng.normal()),
                 covariance: Matrix2::new(4.0, 1.0, 1.0, 2.0),
                 weight: 0.7,
@@ -304,6 +322,7 @@ mod tests {
         let observations: Vec<Observation> = (0..22)
             .map(|index| Observation {
                 index,
+                source: index,
                 pixel: Vector2::new(30.0 * rng.normal(), 30.0 * rng.normal()),
                 covariance: Matrix2::identity(),
                 weight: rng.unit(),

@@ -126,6 +126,9 @@ pub struct SceneOptions {
     pub lm: LmOptions,
     /// A car with a smaller share of right keypoints is left out.
     pub min_inlier_share: f64,
+    /// A car whose fit costs more than this share of what it would cost were all its keypoints wrong is left out: half the
+    /// keypoints of a car that is none may be fitted, but not well and not with a likely shape.
+    pub max_cost_share: f64,
     /// A car with fewer right keypoints is left out.
     pub min_inliers: usize,
 }
@@ -140,7 +143,8 @@ impl Default for SceneOptions {
             atlas_residual_scale: 1.0,
             kernel: OutlierModel::default(),
             lm: LmOptions::default(),
-            min_inlier_share: 0.5,
+            min_inlier_share: 0.45,
+            max_cost_share: 0.6,
             min_inliers: 6,
         }
     }

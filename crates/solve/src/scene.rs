@@ -1,34 +1,29 @@
 //! The whole solve of one frame, top to bottom.
 
 use nalgebra::{Matrix4, Vector4};
-use roadplane_base::{CameraParams, ImageSize, Shape, ShapeAtlas};
+use roadplane_base::{CameraParams, ImageSize, ShapeAtlas};
 
 use crate::cold_start::{Start, coarse, cold_starts, place_all};
 use crate::fit::{car_solution, fit_car};
 use crate::ground_problem::GroundProblem;
-use crate::ground_residual::{CameraFrame, PointModes};
+use crate::ground_residual::PointModes;
 use crate::lm::{LmOptions, LmReport, Termination, minimise};
 use crate::options::{SceneOptions, ShapePrior};
+use crate::reclassify::reclassified;
+use crate::repair::{belongs, repair};
 use crate::setup::{Placed, Setup};
 use crate::solution::{CarSolution, CarView, SceneSolution, SceneStatus};
-use crate::standing_start::{rough_cost, standing_candidates};
 
 /// Starts that are refined with shapes.
 const FINALISTS: usize = 3;
 /// Rounds of "is another heading better?" and "does this car belong?".
 const REPAIR_ROUNDS: usize = 3;
+/// Rounds of changing one's mind about single keypoints, all cars at once.
+const RECLASSIFY_ROUNDS: usize = 4;
 /// A start nearer than this in cost per keypoint is as good as found (warm starts).
 const GOOD_COST_PER_KEYPOINT: f64 = 2.0;
 /// A data-only sd of log focal above this says that the cars do not know the focal length.
 const FOCAL_UNKNOWN_SD: f64 = 0.3;
-/// Other headings that are tried.
-const OTHER_HEADINGS: usize = 3;
-/// A heading whose rough cost exceeds the current one's by this is not followed.
-const HOPELESS: f64 = 12.0;
-/// Cost per keypoint above which a car is tried once more (a right keypoint costs 1 on average, less what the fit takes up).
-const SUSPICIOUS: f64 = 1.0;
-/// Another heading must be better by this much to be taken.
-const SWITCH_GAIN: f64 = 0.5;
 
 /// Solves a frame for focal length, plane, poses and shapes. Never panics or hangs: what cannot be solved has a status that
 /// says so, and uncertainty that is as wide as it is.
@@ -40,7 +35,7 @@ pub fn solve_scene(
     options: &SceneOptions,
 ) -> SceneSolution {
     let model = PointModes::new(atlas);
-    let setup = Setup::new(atlas, &model, size, views, options);
+    let mut setup = Setup::new(atlas, &model, size, views, options);
     if setup.sights.is_empty() {
         return unsolved(&setup, views.len(), SceneStatus::TooFewCars);
     }
@@ -59,7 +54,7 @@ pub fn solve_scene(
         }
     }
     let Some((_, start)) = best else { return unsolved(&setup, views.len(), SceneStatus::Failed) };
-    finish(&setup, start, views)
+    finish(&mut setup, start, views)
 }
 
 /// The warm start if it fits, else a search.
@@ -81,10 +76,11 @@ fn starts(setup: &Setup<'_>) -> Vec<Start> {
 /// sd that shapes not yet found add to every keypoint, m: stage by stage less, so that the keypoints of an unusual car are
 /// not taken for outliers before its shape had a chance (graduated non-convexity, Blake and Zisserman 1987).
 /// The prior on shapes is eased with them, or it would hold the shapes back while keypoints count little: (sd, prior's factor).
-const SHAPE_STAGES: [(f64, f64); 3] = [(0.12, 0.1), (0.05, 0.3), (0.02, 0.7)];
+pub(crate) const SHAPE_STAGES: [(f64, f64); 3] = [(0.12, 0.1), (0.05, 0.3), (0.02, 0.7)];
 
 /// Another path for cars that the first one left with keypoints to spare: wider and more gradual.
-const SLOW_STAGES: [(f64, f64); 5] = [(0.3, 0.02), (0.2, 0.05), (0.1, 0.2), (0.05, 0.5), (0.02, 0.8)];
+pub(crate) const SLOW_STAGES: [(f64, f64); 5] =
+    [(0.3, 0.02), (0.2, 0.05), (0.1, 0.2), (0.05, 0.5), (0.02, 0.8)];
 
 /// Shapes free; whitening from forgiving to exact, taken again at the new poses. Ends near the minimum.
 pub(crate) fn approach(problem: &mut GroundProblem<'_>, options: &SceneOptions) {
@@ -92,7 +88,7 @@ pub(crate) fn approach(problem: &mut GroundProblem<'_>, options: &SceneOptions) 
 }
 
 /// The same by other stages.
-fn approach_by(problem: &mut GroundProblem<'_>, options: &SceneOptions, stages: &[(f64, f64)]) {
+pub(crate) fn approach_by(problem: &mut GroundProblem<'_>, options: &SceneOptions, stages: &[(f64, f64)]) {
     problem.shapes_fixed = false;
     let short = LmOptions { max_iterations: 6, cost_tolerance: 1e-2, step_tolerance: 1e-1, ..options.lm };
     for (extra_m, prior_scale) in stages {
@@ -116,7 +112,7 @@ fn polish(problem: &mut GroundProblem<'_>, options: &SceneOptions) -> LmReport {
 }
 
 /// Repairs headings, leaves out wholly wrong cars, refines to the end, reads out.
-fn finish(setup: &Setup<'_>, start: Start, views: &[CarView<'_>]) -> SceneSolution {
+fn finish(setup: &mut Setup<'_>, start: Start, views: &[CarView<'_>]) -> SceneSolution {
     let options = setup.options;
     let mut camera = start.camera;
     let mut placed = start.placed;
@@ -146,77 +142,27 @@ fn finish(setup: &Setup<'_>, start: Start, views: &[CarView<'_>]) -> SceneSoluti
     }
     let chosen: Vec<Option<Placed>> = placed.iter().zip(&used).map(|(p, u)| p.filter(|_| *u)).collect();
     let (mut problem, members) = setup.problem(camera, &chosen);
-    let report = polish(&mut problem, options);
-    read_out(setup, &mut problem, &members, &report, views)
-}
-
-/// Fits every car anew before this camera, from its pose and from its other headings. True when one came out better.
-fn repair(setup: &Setup<'_>, camera: &Vector4<f64>, placed: &mut [Option<Placed>]) -> bool {
-    let frame = CameraFrame::new(camera);
-    let mut repaired = false;
-    for s in 0..placed.len() {
-        let mut alone: Vec<Option<Placed>> = vec![None; placed.len()];
-        let mut fit = |place: Placed, stages: &[(f64, f64)]| {
-            alone[s] = Some(place);
-            let (mut problem, _) = setup.problem(*camera, &alone);
-            problem.knowledge.fixed = [true; 4];
-            problem.knowledge.information.fill(0.0);
-            if stages.is_empty() {
-                problem.whiten(setup.options.atlas_residual_scale, 0.0);
-            } else {
-                approach_by(&mut problem, setup.options, stages);
-            }
-            let cost = problem.current_cost()?;
-            Some((cost, Placed { standing: problem.state.standings[0], shape: problem.state.shapes[0] }))
-        };
-        let (shape, rough, current) = match placed[s] {
-            None => (Shape::zeros(), f64::INFINITY, f64::INFINITY),
-            Some(place) => {
-                let points = setup.atlas.keypoints_in_car(&place.shape);
-                let rough = rough_cost(&frame, &points, &setup.sights[s].observations, &place.standing);
-                let current = fit(place, &[]).map_or(f64::INFINITY, |c| c.0);
-                (place.shape, rough.unwrap_or(f64::INFINITY), current)
-            }
-        };
-        let points = setup.atlas.keypoints_in_car(&shape);
-        let others = standing_candidates(&frame, &points, &setup.sights[s].observations, OTHER_HEADINGS);
-        let others =
-            others.into_iter().filter(|(cost, _)| *cost < rough + HOPELESS).map(|(_, standing)| standing);
-        let starts = placed[s].map(|p| p.standing).into_iter().chain(others);
-        let mut lowest = (current, placed[s]);
-        for standing in starts {
-            let found = fit(Placed { standing, shape: Shape::zeros() }, &SHAPE_STAGES);
-            if let Some((cost, place)) = found.filter(|(cost, _)| *cost < lowest.0 - SWITCH_GAIN) {
-                lowest = (cost, Some(place));
-            }
+    let mut report = polish(&mut problem, options);
+    for _ in 0..RECLASSIFY_ROUNDS {
+        let camera = problem.state.camera;
+        let mut changed = setup.read_back(&problem, &members);
+        let mut any = false;
+        for s in &members {
+            let better = changed[*s].and_then(|place| reclassified(setup, &camera, *s, place));
+            any |= better.is_some();
+            changed[*s] = better.or(changed[*s]);
         }
-        // Above what right keypoints cost there may be a better shape on another path.
-        let expected: f64 = setup.sights[s].observations.iter().map(|o| o.weight).sum();
-        if let Some(place) = lowest.1.filter(|_| lowest.0 > SUSPICIOUS * expected) {
-            let found = fit(Placed { shape: Shape::zeros(), ..place }, &SLOW_STAGES);
-            if let Some((cost, place)) = found.filter(|(cost, _)| *cost < lowest.0 - SWITCH_GAIN) {
-                lowest = (cost, Some(place));
-            }
+        if !any {
+            break;
         }
-        if lowest.0 < current {
-            placed[s] = lowest.1;
-            repaired = true;
+        let (mut other, _) = setup.problem(camera, &changed);
+        let polished = polish(&mut other, options);
+        if polished.cost >= report.cost {
+            break;
         }
+        (problem, report) = (other, polished);
     }
-    repaired
-}
-
-/// Whether enough of a view's keypoints fit for it to be a car on this plane.
-fn belongs(problem: &GroundProblem<'_>, k: usize, options: &SceneOptions) -> bool {
-    let (mut right, mut all, mut count) = (0.0, 0.0, 0);
-    let seen = problem.each_residual(k, |observation, _, probability| {
-        right += observation.weight * probability;
-        all += observation.weight;
-        count += usize::from(probability > 0.5);
-    });
-    seen.is_some()
-        && count >= options.min_inliers.min(crate::setup::MIN_KEYPOINTS + 1)
-        && right >= options.min_inlier_share * all
+    read_out(setup, &mut problem, &members, &report, views)
 }
 
 pub(crate) fn read_out(

@@ -5,9 +5,15 @@ use roadplane_base::{ImageSize, Shape, ShapeAtlas};
 
 use crate::ground_problem::{CameraKnowledge, GroundProblem, GroundState, Group, View};
 use crate::ground_residual::{PointModes, Standing};
+use crate::kernel::OutlierModel;
 use crate::observation::{Observation, observations};
 use crate::options::{SceneOptions, ShapePrior};
 use crate::solution::CarView;
+
+/// What keypoints of this weight together cost when none of them fits.
+pub(crate) fn cost_of_missing(kernel: &OutlierModel, weight: f64) -> f64 {
+    0.5 * weight * kernel.threshold_squared.min(50.0)
+}
 
 /// Keypoints that a car needs to take part.
 pub(crate) const MIN_KEYPOINTS: usize = 5;
@@ -109,10 +115,27 @@ impl<'a> Setup<'a> {
         (problem, members)
     }
 
+    /// The problem of one view before a known camera.
+    pub fn problem_alone(
+        &self,
+        camera: Vector4<f64>,
+        observations: &[Observation],
+        place: Placed,
+    ) -> GroundProblem<'a> {
+        let observations = observations.to_vec();
+        let views = vec![View::new(0, 0..observations.len())];
+        let groups = vec![Group { views: 0..1, prior: self.shape_prior() }];
+        let state = GroundState { camera, standings: vec![place.standing], shapes: vec![place.shape] };
+        let knowledge = CameraKnowledge { mean: camera, information: Vector4::zeros(), fixed: [true; 4] };
+        let mut problem =
+            GroundProblem::new(self.atlas, self.model, views, groups, observations, knowledge, state);
+        problem.kernel = self.options.kernel;
+        problem
+    }
+
     /// What all keypoints of a sight cost when none of them fits.
     pub fn cost_of_missing(&self, sight: usize) -> f64 {
-        let threshold = self.options.kernel.threshold_squared.min(50.0);
-        self.sights[sight].observations.iter().map(|o| 0.5 * o.weight * threshold).sum()
+        cost_of_missing(&self.options.kernel, self.sights[sight].observations.iter().map(|o| o.weight).sum())
     }
 
     /// Reads back where the cars of a problem are.
