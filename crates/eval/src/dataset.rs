@@ -1,5 +1,6 @@
 //! The paper's tables on a data set: every system on the same keypoints, those of our net and true ones with noise.
 
+mod boxes;
 mod clips;
 mod evidence;
 mod real;
@@ -9,10 +10,11 @@ mod tables;
 use std::path::{Path, PathBuf};
 
 use roadplane_base::ShapeAtlas;
-use roadplane_pipeline::{Cancel, Config, PipelineError, Progress, open_keypoints};
+use roadplane_pipeline::{Cancel, Config, PipelineError, Progress, open_detector, open_keypoints};
 
 use crate::parallel::in_parallel;
 use crate::systems::System;
+use crate::tables::boxes_table;
 use crate::truth::{Kind, Truth, read_dataset, read_truth};
 use crate::{EvalError, Report};
 use clips::{ClipScore, Workplace};
@@ -93,6 +95,20 @@ pub fn evaluate_dataset(
             .collect();
         let what = format!("true keypoints, noise {:.1} %", 100.0 * noise);
         tables_of(&mut report, &what, &items, &scenes, &atlas, &workplace, &config, cancel, progress)?;
+    }
+    progress.phase("boxes");
+    let stills: Vec<&Item> = items.iter().filter(|item| item.truth.kind == Kind::Still).collect();
+    if stills.iter().any(|item| item.truth.media.is_some()) {
+        progress.expect(Some(stills.len() as u64));
+        let mut detector = open_detector(&options.models, &config)?;
+        let found = |item: &&Item| {
+            stopped(cancel)?;
+            let boxes = boxes::detect(&item.truth, &mut detector, &config)?;
+            progress.frame_done();
+            Ok(boxes.into_iter().collect())
+        };
+        let scenes = stills.iter().map(found).collect::<Result<Vec<Vec<_>>, EvalError>>()?;
+        report.tables.push(boxes_table("Detector on the stills", &[("detector", &scenes)]));
     }
     progress.phase("runs");
     let runs = clips::run_all(&items, &atlas, &workplace, options, &config, cancel, progress)?;

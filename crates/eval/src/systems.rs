@@ -24,6 +24,8 @@ pub enum System {
     Plane,
     /// Ours with the plane; focal length estimated.
     PlaneFocal,
+    /// Ours, each car on the true plane before the true camera: no competitor, but what is left once the camera is right.
+    KnownGround,
 }
 
 /// What every system gets of a frame.
@@ -33,6 +35,8 @@ pub struct FrameInput<'a> {
     pub size: ImageSize,
     /// The true focal length, for the systems that take it as known, px.
     pub focal_px: f64,
+    /// The true ground, for [`System::KnownGround`] alone.
+    pub plane: GroundPlane,
     /// Keypoints of each car.
     pub cars: &'a [KeypointSet],
 }
@@ -66,8 +70,14 @@ pub struct FrameAnswer {
 
 impl System {
     /// All, in the tables' order.
-    pub const ALL: [Self; 5] =
-        [Self::Pavlakos, Self::KrishnaMurthy, Self::FreePoses, Self::Plane, Self::PlaneFocal];
+    pub const ALL: [Self; 6] = [
+        Self::Pavlakos,
+        Self::KrishnaMurthy,
+        Self::FreePoses,
+        Self::Plane,
+        Self::PlaneFocal,
+        Self::KnownGround,
+    ];
 
     /// Its row's name.
     #[must_use]
@@ -78,6 +88,7 @@ impl System {
             Self::FreePoses => "3 ours without the plane",
             Self::Plane => "4 ours with the plane",
             Self::PlaneFocal => "5 ours, focal estimated",
+            Self::KnownGround => "(true ground given)",
         }
     }
 
@@ -96,6 +107,7 @@ impl System {
             Self::FreePoses => free::solve(atlas, input, config),
             Self::Plane => plane::solve(atlas, input, Some(input.focal_px), config),
             Self::PlaneFocal => plane::solve(atlas, input, None, config),
+            Self::KnownGround => plane::solve_on(atlas, input, config),
         }
     }
 }
@@ -116,7 +128,8 @@ mod tests {
             for seed in 0..6 {
                 let truth = scene(&atlas, &options, seed);
                 let cars: Vec<KeypointSet> = truth.cars.iter().map(|car| car.keypoints).collect();
-                let input = FrameInput { size: truth.size, focal_px: truth.params.focal_px(), cars: &cars };
+                let (focal_px, plane) = (truth.params.focal_px(), truth.params.plane());
+                let input = FrameInput { size: truth.size, focal_px, plane, cars: &cars };
                 let answer = system.solve(&atlas, &input, &config);
                 assert_eq!(answer.cars.len(), cars.len());
                 assert_eq!(answer.camera.is_some(), system.finds_ground());

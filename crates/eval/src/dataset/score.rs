@@ -55,7 +55,8 @@ pub(super) fn score(
     for frame in sampled.iter().map(|place| &scene.frames[*place]) {
         let keypoints = frame.usable(config);
         let (size, focal_px) = (truth.camera.image_size_px, truth.camera.focal_px);
-        let answer = system.solve(atlas, &FrameInput { size, focal_px, cars: &keypoints }, config);
+        let input = FrameInput { size, focal_px, plane: truth.camera.plane(), cars: &keypoints };
+        let answer = system.solve(atlas, &input, config);
         if system.finds_ground() {
             let error = answer.camera.map_or(NO_CAMERA, |camera| {
                 camera_error(camera.focal_px, &camera.plane, focal_px, &truth.camera.plane())
@@ -85,7 +86,7 @@ fn cars(truth: &Truth, frame: &FrameEvidence, answer: &FrameAnswer, atlas: &Shap
     let camera = Camera::centred(focal_px, size);
     let true_cars = frame.cars.iter().map(|c| &truth.frames[frame.index].cars[*c]);
     let score = |(car, answer): (&TrueCar, &Option<CarAnswer>)| {
-        Some(score_car(truth, car, answer.as_ref(), &camera, &plane, atlas)?)
+        score_car(truth, car, answer.as_ref(), &camera, &plane, atlas)
     };
     true_cars.zip(&answer.cars).filter_map(score).collect()
 }

@@ -37,14 +37,16 @@ pub(super) fn add_single_frames(report: &mut Report, what: &str, systems: &[(Sys
     let poses = of_cars(systems, |car| car.pose);
     let positions = of_cars(systems, |car| car.position);
     let mut add = add_table(&format!("Table 1, ADD: {what}"), &scored(&poses));
-    add.note += " Systems 1–4 are given the focal length.";
+    add.note += " Systems 1–4 are given the focal length. No system can know how large a population of cars is but from its atlas; \
+                 what that costs shows against the last row.";
     report.tables.push(add);
     report.tables.push(viewpoint_table(&format!("Table 2, viewpoint: {what}"), &scored(&poses)));
     report
         .tables
         .push(camera_table(&format!("Camera from single frames: {what}"), &scored(&cameras(systems))));
     let mut position = position_table(&format!("Position: {what}"), &scored(&positions));
-    position.note += " Systems 1–3 find no ground and are given the true one here.";
+    position.note +=
+        " Systems 1–3 find no ground; where a car stands on it is worked out on the true one here.";
     report.tables.push(position);
     report.tables.push(reprojection_table(&format!("Reprojection: {what}"), systems));
     if let Some((system, items)) = systems.iter().find(|(system, _)| *system == System::Plane) {

@@ -1,8 +1,9 @@
-//! Rows 4 and 5: ours, all cars on one plane; focal length known or estimated with them.
+//! Rows 4 and 5: ours, all cars on one plane; focal length known or estimated with them. And each car on the true plane,
+//! which shows what of the errors comes from the ground and what from the car.
 
-use roadplane_base::ShapeAtlas;
+use roadplane_base::{Camera, KeypointSet, ShapeAtlas};
 use roadplane_pipeline::Config;
-use roadplane_solve::{CarSolution, CarView, solve_scene};
+use roadplane_solve::{CarSolution, CarView, SceneStatus, ShapePrior, fit_car, solve_scene};
 
 use super::{CameraAnswer, CarAnswer, FrameAnswer, FrameInput};
 
@@ -23,7 +24,19 @@ pub(super) fn solve(
     let answer = |car: &Option<CarSolution>| {
         car.as_ref().map(|car| CarAnswer { camera_from_car: car.camera_from_car, shape: car.shape })
     };
-    let found = solution.status.usable();
+    let found = !matches!(solution.status, SceneStatus::TooFewCars | SceneStatus::Failed);
     let camera = CameraAnswer { focal_px: solution.params.focal_px(), plane: solution.params.plane() };
     FrameAnswer { cars: solution.cars.iter().map(answer).collect(), camera: found.then_some(camera) }
+}
+
+/// Each car on the ground that is given.
+pub(super) fn solve_on(atlas: &ShapeAtlas, input: &FrameInput<'_>, config: &Config) -> FrameAnswer {
+    let camera = Camera::centred(input.focal_px, input.size);
+    let options = config.solve.scene_options(Some(input.focal_px));
+    let car = |keypoints: &KeypointSet| {
+        let shape = ShapePrior::default();
+        let fit = fit_car(atlas, &camera, &input.plane, keypoints, &shape, None, &options)?;
+        Some(CarAnswer { camera_from_car: fit.car.camera_from_car, shape: fit.car.shape })
+    };
+    FrameAnswer { cars: input.cars.iter().map(car).collect(), camera: None }
 }

@@ -64,6 +64,7 @@ pub fn camera_table(title: &str, systems: &[Scored<'_, CameraError>]) -> Table {
         Column::new("plane's normal, median °", 2),
         Column::new("height, median %", 2),
         Column::new("height, 90 % within %", 2),
+        Column::new("height, mean signed %", 2),
     ];
     let mut table =
         Table::new(title, "Relative errors of focal length and height, angles of tilt and normal.", columns);
@@ -82,6 +83,7 @@ pub fn camera_table(title: &str, systems: &[Scored<'_, CameraError>]) -> Table {
             cell(scenes, |e| e.normal_rad, median, degrees),
             cell(scenes, |e| e.height_relative.abs(), median, 100.0),
             cell(scenes, |e| e.height_relative.abs(), most, 100.0),
+            cell(scenes, |e| e.height_relative, mean, 100.0),
         ]);
     }
     table
