@@ -1,6 +1,6 @@
 //! `roadplane eval`: its tables are printed, written, and say what is so.
 
-use crate::common::{first_row, names, roadplane, shared};
+use crate::common::{first_row, json, names, roadplane, root, shared};
 
 #[test]
 fn the_keypoint_net_holds_on_labelled_real_cars() {
@@ -61,10 +61,10 @@ fn what_cannot_be_evaluated_is_named() {
 }
 
 #[test]
-fn a_calibrated_camera_that_is_not_the_runs_is_refused() {
+fn a_run_is_compared_with_a_camera_or_with_boxes_alone() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
-    let frames = crate::common::root().join("tests/data/lot.mp4");
+    let frames = root().join("tests/data/lot.mp4");
     roadplane()
         .arg("run")
         .arg(frames)
@@ -99,6 +99,21 @@ fn a_calibrated_camera_that_is_not_the_runs_is_refused() {
     let said = String::from_utf8(refused.get_output().stderr.clone()).unwrap();
     assert!(said.contains("1280 × 720") && said.contains("1920 × 1080"), "{said}");
     eval("none.json").code(3);
+
+    // The same run against boxes alone: those of the first frame's cars, as a KPF file.
+    let truth = json(&root().join("tests/data/lot.truth.json"));
+    let (mut boxes, mut types) = (String::new(), String::new());
+    for car in truth["frames"][0]["cars"].as_array().unwrap() {
+        let side: Vec<String> = car["box"].as_array().unwrap().iter().map(ToString::to_string).collect();
+        let hidden = if car["visible_share"].as_f64().unwrap() < 0.3 { ", occlusion: mostly" } else { "" };
+        boxes += &format!("- {{ geom: {{ id1: {}, ts0: 0, g0: {}{hidden} }} }}\n", car["id"], side.join(" "));
+        types += &format!("- {{ types: {{ id1: {}, cset3: {{ Vehicle: 1.0 }} }} }}\n", car["id"]);
+    }
+    std::fs::write(at("boxes.geom.yml"), boxes).unwrap();
+    std::fs::write(at("types.yml"), types).unwrap();
+    eval("boxes.geom.yml").code(0);
+    let row = first_row(&at("tables/01-boxes-of-cars-that-got-a.csv"));
+    assert!(row["AP50, %"] > 70.0 && row["pictures"] == 1.0, "{row:?}");
 }
 
 #[test]

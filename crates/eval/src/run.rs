@@ -1,23 +1,26 @@
 //! A finished run against truth, or against a calibrated camera alone.
 
-use std::collections::BTreeSet;
-use std::path::Path;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
 
 use roadplane_base::{GroundPlane, PoseRecord, ShapeAtlas, TrackRow};
 use roadplane_pipeline::Config;
 use roadplane_write::{CameraSegment, Summary, read_camera, read_jsonl};
 
-use crate::metrics::average_precision::{FoundBox, PictureBoxes};
+use crate::metrics::average_precision::{FoundBox, PictureBoxes, TrueBox};
 use crate::metrics::camera::camera_error;
+use crate::readers::kpf::{KpfBox, read_boxes, read_types};
 use crate::readers::krtd::{Krtd, read_krtd};
 use crate::scoring::{picture_boxes, score_poses, score_tracks};
 use crate::tables::{
     add_plot, add_table, boxes_table, motion_table, position_plot, position_table, tracking_table,
     viewpoint_plot, viewpoint_table,
 };
-use crate::truth::{TrueFrame, Truth, read_truth};
+use crate::truth::{Truth, read_truth};
 use crate::{Cell, Column, EvalError, Report, Table};
 
+/// What KPF files call cars (VIRAT and MEVA).
+const VEHICLES: [&str; 3] = ["Vehicle", "vehicle", "Car"];
 /// Sizes of pictures may differ by this share before a camera is taken to be another's.
 const SIZE_SLACK: f64 = 0.05;
 
@@ -54,26 +57,44 @@ impl FinishedRun {
     /// The frames that the run looked at: those that its configuration leaves out are not missed.
     #[must_use]
     pub fn analysed(&self, truth: &Truth) -> BTreeSet<u64> {
+        self.looked_at(truth.frames.iter().map(|frame| (frame.frame, frame.time_s)))
+    }
+
+    /// Those of frames in order (index and time, s) that the run looked at.
+    fn looked_at(&self, frames: impl Iterator<Item = (u64, f64)>) -> BTreeSet<u64> {
         let decode = &self.config.decode;
-        let wanted = truth.frames.iter().filter(|frame| {
-            frame.frame.is_multiple_of(u64::from(decode.stride.max(1)))
-                && frame.time_s >= decode.start_s
-                && decode.end_s.is_none_or(|end| frame.time_s < end)
+        let wanted = frames.filter(|(frame, time_s)| {
+            frame.is_multiple_of(u64::from(decode.stride.max(1)))
+                && *time_s >= decode.start_s
+                && decode.end_s.is_none_or(|end| *time_s < end)
         });
         let most = decode.max_frames.and_then(|most| usize::try_from(most).ok()).unwrap_or(usize::MAX);
-        wanted.take(most).map(|frame| frame.frame).collect()
+        wanted.take(most).map(|(frame, _)| frame).collect()
+    }
+
+    /// Boxes of a frame; a run keeps those of cars that it solved.
+    fn boxes(&self, frame: u64) -> Vec<FoundBox> {
+        let here = self.poses.iter().filter(|pose| pose.frame == frame);
+        here.map(|pose| FoundBox { bbox_px: pose.bbox_px, score: pose.score }).collect()
     }
 }
 
-/// Scores a run against a truth file, or against a camera alone where `truth` ends in `.krtd`.
+/// Scores a run against a truth file; against a camera alone where `truth` ends in `.krtd`; against boxes alone where it ends
+/// in `geom.yml` (KPF, with its `types.yml` beside it).
 ///
 /// # Errors
 /// [`EvalError`] for files that cannot be read, are not of their form, or do not belong together.
 pub fn evaluate_run(folder: &Path, truth: &Path, atlas: &ShapeAtlas) -> Result<Report, EvalError> {
     let run = FinishedRun::read(folder)?;
     let name = folder.file_name().unwrap_or(folder.as_os_str()).to_string_lossy().into_owned();
-    if truth.extension().is_some_and(|extension| extension == "krtd") {
+    let file = truth.to_string_lossy();
+    if file.ends_with(".krtd") {
         against_camera(&run, &read_krtd(truth)?, &name)
+    } else if let Some(stem) = file.strip_suffix("geom.yml") {
+        // `boxes.geom.yml` goes with `types.yml`, `CLIP.geom.yml` with `CLIP.types.yml`.
+        let own = PathBuf::from(format!("{stem}types.yml"));
+        let types = if own.is_file() { own } else { truth.with_file_name("types.yml") };
+        against_boxes(&run, &read_boxes(truth)?, &read_types(&types)?, &name)
     } else {
         against_truth(&run, &read_truth(truth)?, atlas, &name)
     }
@@ -122,15 +143,36 @@ fn against_truth(
     Ok(Report { title: format!("Run {name} against truth"), tables, plots })
 }
 
-/// Boxes of each frame looked at; a run keeps those of cars that it solved.
+/// Boxes of each frame looked at.
 pub(crate) fn pictures(run: &FinishedRun, truth: &Truth, frames: &BTreeSet<u64>) -> Vec<PictureBoxes> {
     let looked_at = truth.frames.iter().filter(|frame| frames.contains(&frame.frame));
-    let of_frame = |frame: &TrueFrame| {
-        let here = run.poses.iter().filter(|pose| pose.frame == frame.frame);
-        let found = here.map(|pose| FoundBox { bbox_px: pose.bbox_px, score: pose.score }).collect();
-        picture_boxes(truth, frame, found)
+    looked_at.map(|frame| picture_boxes(truth, frame, run.boxes(frame.frame))).collect()
+}
+
+fn against_boxes(
+    run: &FinishedRun,
+    truth: &[KpfBox],
+    types: &BTreeMap<u64, String>,
+    name: &str,
+) -> Result<Report, EvalError> {
+    let labelled: BTreeMap<u64, f64> = truth.iter().map(|label| (label.frame, label.time_s)).collect();
+    let frames = run.looked_at(labelled.into_iter());
+    if frames.is_empty() {
+        return Err(EvalError::Unsuitable { what: "the run looked at no labelled frame".to_owned() });
+    }
+    let is_vehicle =
+        |label: &&KpfBox| types.get(&label.track).is_some_and(|kind| VEHICLES.contains(&kind.as_str()));
+    let true_box = |label: &KpfBox| {
+        TrueBox::new(label.bbox_px, label.occlusion.as_deref().is_some_and(|share| share != "partially"))
     };
-    looked_at.map(of_frame).collect()
+    let picture = |frame: &u64| PictureBoxes {
+        truth: truth.iter().filter(|label| label.frame == *frame).filter(is_vehicle).map(true_box).collect(),
+        found: run.boxes(*frame),
+    };
+    let pictures = [frames.iter().map(picture).collect()];
+    let mut table = boxes_table("Boxes of cars that got a pose", &[(name, &pictures)]);
+    table.note += " Truth: vehicles of the KPF file; those mostly hidden are ignored.";
+    Ok(Report { title: format!("Boxes of run {name}"), tables: vec![table], plots: Vec::new() })
 }
 
 fn same_size(camera: &CameraSegment, truth_px: [f64; 2]) -> Result<(), EvalError> {

@@ -23,7 +23,7 @@ pub enum EvalCommand {
     Dataset(EvalDatasetArgs),
     /// The paper's Table 3 on your own copy of the KITTI object benchmark: all systems on images with more than three vehicles.
     Kitti(EvalKittiArgs),
-    /// Tracks of boxes against true ones, both as MOT Challenge files: HOTA, MOTA, IDF1.
+    /// Tracks of boxes against true ones, MOT Challenge files or KITTI tracking labels: HOTA, MOTA, IDF1.
     Tracks(EvalFilesArgs),
     /// Detections against true boxes, both as COCO files: average precision by size.
     Boxes(EvalFilesArgs),
@@ -38,7 +38,7 @@ pub enum EvalCommand {
 pub struct EvalRunArgs {
     /// Folder of the finished run, DIR/<stem>.
     pub run: PathBuf,
-    /// Truth file (roadplane.truth/1), or a calibrated camera (.krtd).
+    /// Truth file (roadplane.truth/1), a calibrated camera (.krtd), or boxes (KPF, geom.yml with types.yml beside it).
     #[arg(long, value_name = "FILE")]
     pub truth: PathBuf,
     /// Writes the tables as CSV and HTML into this folder.

@@ -15,6 +15,8 @@ pub struct KpfBox {
     pub track: u64,
     /// Index of the frame (`ts0`).
     pub frame: u64,
+    /// Time in the clip (`ts1`), s; 0 where it is not said.
+    pub time_s: f64,
     /// Left, top, right, bottom, px.
     pub bbox_px: [f64; 4],
     /// `partially`, `mostly`; absent where fully visible.
@@ -44,6 +46,7 @@ pub fn read_boxes(path: &Path) -> Result<Vec<KpfBox>, EvalError> {
         boxes.push(KpfBox {
             track: whole("id1")?,
             frame: whole("ts0")?,
+            time_s: real(&packet["ts1"]).unwrap_or(0.0),
             bbox_px: [x0, y0, x1, y1],
             occlusion: packet["occlusion"].as_str().map(str::to_owned),
         });
@@ -62,11 +65,10 @@ pub fn read_types(path: &Path) -> Result<BTreeMap<u64, String>, EvalError> {
         let id = packet["id1"].as_i64().and_then(|v| u64::try_from(v).ok());
         let id = id.ok_or_else(|| fail("id1 is no number"))?;
         let set = packet["cset3"].as_hash().ok_or_else(|| fail("cset3 is no map"))?;
-        let likelihood = |value: &Yaml| value.as_f64().or_else(|| value.as_i64().map(|v| v as f64));
         let mut best: Option<(&str, f64)> = None;
         for (name, value) in set {
             let name = name.as_str().ok_or_else(|| fail("cset3 has a key that is no text"))?;
-            let value = likelihood(value).ok_or_else(|| fail("cset3 has a value that is no number"))?;
+            let value = real(value).ok_or_else(|| fail("cset3 has a value that is no number"))?;
             if best.is_none_or(|(_, so_far)| value > so_far) {
                 best = Some((name, value));
             }
@@ -75,6 +77,11 @@ pub fn read_types(path: &Path) -> Result<BTreeMap<u64, String>, EvalError> {
         types.insert(id, name.to_owned());
     }
     Ok(types)
+}
+
+/// A number, written with or without a point.
+fn real(value: &Yaml) -> Option<f64> {
+    value.as_f64().or_else(|| value.as_i64().map(|v| v as f64))
 }
 
 /// The packets of one kind with their number in the file, from 1; others (`meta`, …) are passed over.
@@ -113,6 +120,7 @@ mod tests {
         let boxes = read_boxes(&path).unwrap();
         assert_eq!(boxes.len(), 2);
         assert_eq!((boxes[0].track, boxes[0].frame), (4, 50));
+        assert!((boxes[0].time_s - 0.83).abs() < 1e-12);
         assert_eq!(boxes[0].bbox_px, [1198.0, 307.0, 1248.0, 343.0]);
         assert_eq!((boxes[0].occlusion.as_deref(), boxes[1].occlusion.as_deref()), (Some("mostly"), None));
         assert_eq!(read_types(&path).unwrap(), BTreeMap::from([(4, "Vehicle".to_owned())]));
