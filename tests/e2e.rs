@@ -7,3 +7,4 @@ mod common;
 mod demo_clip;
 mod eval;
 mod real_clips;
+mod synth;

@@ -1,6 +1,7 @@
 //! The command line.
 
 pub mod eval;
+pub mod synth;
 
 use std::path::PathBuf;
 
@@ -45,6 +46,8 @@ pub enum Command {
     Render(RenderArgs),
     /// Measures: nets, solver, finished runs, against truth; prints tables.
     Eval(eval::EvalArgs),
+    /// Makes data sets of geometry alone: truth, and measured keypoints for `solve`.
+    Synth(synth::SynthArgs),
     /// Checks codecs, runtime, models, and says what to do about what is missing.
     Doctor(DoctorArgs),
     /// Prints shell completions.

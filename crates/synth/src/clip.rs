@@ -13,7 +13,7 @@ use crate::traffic::{Aisle, Bay, Manoeuvre, drive, touch};
 use crate::trajectory::{CarState, Drive};
 
 /// Length of a car in the middle of the picture, px.
-const CAR_PX: [f64; 2] = [60.0, 160.0];
+const CAR_PX: [f64; 2] = [50.0, 120.0];
 const CAR_M: f64 = 4.3;
 /// Cars of which less lies in the picture are left out of a frame.
 const SMALLEST_SHARE: f64 = 0.3;

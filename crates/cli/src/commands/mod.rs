@@ -13,6 +13,7 @@ pub mod eval;
 pub mod render;
 pub mod run;
 pub mod stages;
+pub mod synth;
 
 /// Prints completions for a shell.
 pub fn completions(shell: clap_complete::Shell) -> anyhow::Result<Outcome> {
