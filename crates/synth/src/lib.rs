@@ -2,6 +2,7 @@
 //! outliers and wholly wrong cars; and clips in which cars drive, turn, halt, reverse and park. Geometry only; the renderer
 //! is a script. The same seed gives the same scene everywhere.
 
+mod bench;
 mod clip;
 mod item;
 mod keypoints;
@@ -11,6 +12,7 @@ mod scene;
 mod traffic;
 pub mod trajectory;
 
+pub use bench::BenchScene;
 pub use clip::{ClipOptions, clip_item};
 pub use item::{Item, ItemCar, Sighting, still_item};
 pub use models::CarModel;

@@ -1,9 +1,8 @@
 //! How long a solve takes on one thread, by number of cars: CPU time, whatever else the machine does.
 
-use nalgebra::{Point3, Vector2};
-use roadplane_base::{Camera, CameraParams, GroundPose, Shape, ShapeAtlas};
-use roadplane_solve::{KnownScene, SceneOptions, refine_scene, solve_scene};
-use roadplane_synth::{Rng, SceneTruth, SynthOptions, scene};
+use roadplane_base::ShapeAtlas;
+use roadplane_solve::{KnownScene, SceneOptions, refine_scene, scene_bound, solve_scene};
+use roadplane_synth::BenchScene;
 
 use super::scenes::views;
 use crate::{Column, Mark, Plot, Table, median};
@@ -20,6 +19,8 @@ pub struct SpeedPoint {
     pub cars: usize,
     /// One joint refinement from a near start, ms.
     pub refinement_ms: f64,
+    /// What goes before and after it in a call: set-up, covariances, ms.
+    pub around_ms: f64,
     /// Its linearisations.
     pub iterations: f64,
     /// From nothing, ms.
@@ -44,12 +45,13 @@ pub fn speed_table(points: &[SpeedPoint]) -> Table {
             Column::new("refinement, ms", 3),
             Column::new("a car, µs", 1),
             Column::new("iterations", 0),
+            Column::new("set-up and covariances, ms", 3),
             Column::new("cold start, ms", 2),
         ],
     );
     for p in points {
         let a_car = 1e3 * p.refinement_ms / p.cars as f64;
-        let numbers = [p.cars as f64, p.refinement_ms, a_car, p.iterations, p.cold_start_ms];
+        let numbers = [p.cars as f64, p.refinement_ms, a_car, p.iterations, p.around_ms, p.cold_start_ms];
         table.rows.push(numbers.map(Into::into).to_vec());
     }
     table
@@ -84,60 +86,23 @@ fn timed<T>(mut work: impl FnMut() -> T) -> (f64, T) {
 
 fn point(atlas: &ShapeAtlas, cars: usize) -> SpeedPoint {
     let options = SceneOptions::default();
-    let [mut refinement, mut iterations, mut cold] = [const { Vec::new() }; 3];
-    for seed in 0..SCENES {
-        let truth = bench_scene(atlas, cars, seed);
-        let Some((params, poses, shapes)) = near(&truth) else { continue };
-        let views = views(&truth);
-        let from = KnownScene { params, poses: &poses, shapes: &shapes };
-        let (ms, found) = timed(|| refine_scene(atlas, truth.size, &views, &from, &options));
-        refinement.push(ms);
+    let [mut refinement, mut around, mut iterations, mut cold] = [const { Vec::new() }; 4];
+    for bench in (0..SCENES).filter_map(|seed| BenchScene::new(atlas, cars, seed)) {
+        let (truth, views) = (&bench.truth, views(&bench.truth));
+        let from = KnownScene { params: bench.params, poses: &bench.poses, shapes: &bench.shapes };
+        let (whole_ms, found) = timed(|| refine_scene(atlas, truth.size, &views, &from, &options));
+        // The same call without the refinement.
+        let (around_ms, _) = timed(|| scene_bound(atlas, truth.size, &views, &from, &options));
+        refinement.push(whole_ms - around_ms);
+        around.push(around_ms);
         iterations.push(found.map_or(f64::NAN, |found| found.iterations as f64));
         cold.push(timed(|| solve_scene(atlas, truth.size, &views, &options)).0);
     }
     SpeedPoint {
         cars,
         refinement_ms: median(&refinement),
+        around_ms: median(&around),
         iterations: median(&iterations),
         cold_start_ms: median(&cold),
     }
-}
-
-/// Many cars need room, so they come with a higher camera.
-fn bench_scene(atlas: &ShapeAtlas, cars: usize, seed: u64) -> SceneTruth {
-    let many = cars > 30;
-    let asked = SynthOptions {
-        cars,
-        noise: 0.02,
-        box_px: if many { [12.0, 300.0] } else { [50.0, 700.0] },
-        height_m: if many { [25.0, 45.0] } else { [4.0, 30.0] },
-        tilt: if many { [0.35, 0.7] } else { [0.087, 0.87] },
-        focal_ratio: [0.6, if many { 0.9 } else { 4.0 }],
-        ..SynthOptions::default()
-    };
-    scene(atlas, &asked, 40 + seed)
-}
-
-/// A start as the stages before the last refinement leave it; cars are about where they are seen.
-fn near(truth: &SceneTruth) -> Option<(CameraParams, Vec<GroundPose>, Vec<Shape>)> {
-    let mut rng = Rng::new(9);
-    let mut params = truth.params;
-    params.log_focal += 0.01;
-    params.tilt += 0.002;
-    params.log_height -= 0.01;
-    let camera_from_world = truth.params.plane().camera_from_world();
-    let camera = Camera::centred(truth.params.focal_px(), truth.size);
-    let started = Camera::centred(params.focal_px(), truth.size);
-    let mut poses = Vec::new();
-    let mut shapes = Vec::new();
-    for car in &truth.cars {
-        let origin = camera_from_world * Point3::new(car.pose.x_m, car.pose.y_m, 0.0);
-        let moved = Vector2::new(rng.normal(), rng.normal()) * (0.01 * car.box_px);
-        let seen = camera.pixel_from_camera(&origin.coords)? + moved;
-        let on_ground = params.plane().world_from_pixel(&started, &seen)?;
-        let heading_rad = car.pose.heading_rad + 0.01 * rng.normal();
-        poses.push(GroundPose { x_m: on_ground.x, y_m: on_ground.y, heading_rad });
-        shapes.push(car.shape.map(|c| c + 0.3 * rng.normal()));
-    }
-    Some((params, poses, shapes))
 }

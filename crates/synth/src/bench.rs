@@ -1,0 +1,78 @@
+//! Scenes that speed is measured on, with a start near the truth.
+
+use nalgebra::{Point3, Vector2};
+use roadplane_base::{Camera, CameraParams, GroundPose, Shape, ShapeAtlas};
+
+use crate::{CarTruth, Rng, SceneTruth, SynthOptions, scene};
+
+/// From so many cars on they need room.
+const MANY: usize = 31;
+
+/// A scene with a start near its truth: what a joint refinement gets from the stages before it.
+#[derive(Clone, Debug)]
+pub struct BenchScene {
+    /// The scene.
+    pub truth: SceneTruth,
+    /// Camera to start from: 1 % off in focal length and height, 0.1° in tilt.
+    pub params: CameraParams,
+    /// Poses to start from: where the cars are seen to 1 % of their box, heading off by 0.6°.
+    pub poses: Vec<GroundPose>,
+    /// Shapes to start from: off by a third of a sd.
+    pub shapes: Vec<Shape>,
+}
+
+impl BenchScene {
+    /// A number of cars with 2 % noise; many come with a higher camera. `None` if a car would start above the horizon.
+    #[must_use]
+    pub fn new(atlas: &ShapeAtlas, cars: usize, seed: u64) -> Option<Self> {
+        let many = cars >= MANY;
+        let asked = SynthOptions {
+            cars,
+            noise: 0.02,
+            box_px: if many { [12.0, 300.0] } else { [50.0, 700.0] },
+            height_m: if many { [25.0, 45.0] } else { [4.0, 30.0] },
+            tilt: if many { [0.35, 0.7] } else { [0.087, 0.87] },
+            focal_ratio: [0.6, if many { 0.9 } else { 4.0 }],
+            ..SynthOptions::default()
+        };
+        let truth = scene(atlas, &asked, 40 + seed);
+        let mut rng = Rng::new(9);
+        let mut params = truth.params;
+        params.log_focal += 0.01;
+        params.tilt += 0.002;
+        params.log_height -= 0.01;
+        let camera_from_world = truth.params.plane().camera_from_world();
+        let camera = Camera::centred(truth.params.focal_px(), truth.size);
+        let started = Camera::centred(params.focal_px(), truth.size);
+        let place = |car: &CarTruth| {
+            let origin = camera_from_world * Point3::new(car.pose.x_m, car.pose.y_m, 0.0);
+            let off = Vector2::new(rng.normal(), rng.normal()) * (0.01 * car.box_px);
+            let seen = camera.pixel_from_camera(&origin.coords)? + off;
+            let on_ground = params.plane().world_from_pixel(&started, &seen)?;
+            let heading_rad = car.pose.heading_rad + 0.01 * rng.normal();
+            Some(GroundPose { x_m: on_ground.x, y_m: on_ground.y, heading_rad })
+        };
+        let poses = truth.cars.iter().map(place).collect::<Option<Vec<_>>>()?;
+        let shapes = truth.cars.iter().map(|car| car.shape.map(|c| c + 0.3 * rng.normal())).collect();
+        Some(Self { truth, params, poses, shapes })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_start_is_near_but_not_at_the_truth() {
+        let atlas = ShapeAtlas::shipped().unwrap();
+        for cars in [5, 50] {
+            let bench = BenchScene::new(&atlas, cars, 0).unwrap();
+            assert_eq!(bench.poses.len(), bench.truth.cars.len());
+            for (car, start) in bench.truth.cars.iter().zip(&bench.poses) {
+                let off = (car.pose.x_m - start.x_m).hypot(car.pose.y_m - start.y_m);
+                let away = car.pose.x_m.hypot(car.pose.y_m);
+                assert!(off > 0.0 && off < 0.1 * away, "{off} m at {away} m");
+            }
+        }
+    }
+}
