@@ -9,16 +9,18 @@ fn number(value: &Value) -> f64 {
     value.as_f64().unwrap()
 }
 
-fn synth(out: &Path, more: &[&str]) -> assert_cmd::assert::Assert {
-    let few = ["--stills", "12", "--clips", "1", "--seconds", "2", "--fps", "5", "--cars", "14"];
-    roadplane().arg("synth").arg("--out").arg(out).args(few).args(more).assert()
+fn synth(out: &Path, stills: u32, clips: u32, more: &[&str]) -> assert_cmd::assert::Assert {
+    let mut command = roadplane();
+    command.arg("synth").arg("--out").arg(out);
+    command.args(["--stills", &stills.to_string(), "--clips", &clips.to_string()]);
+    command.args(["--seconds", "2", "--fps", "5", "--cars", "14"]).args(more).assert()
 }
 
 #[test]
 fn the_camera_comes_back_within_its_sd() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("set");
-    synth(&out, &["--seed", "3"]).code(0);
+    synth(&out, 12, 1, &["--seed", "3"]).code(0);
     let (mut focal, mut height, mut tilt) = (Vec::new(), Vec::new(), Vec::new());
     for still in 0..12 {
         let truth = &json(&out.join(format!("scenes/still_{still:04}.truth.json")))["camera"];
@@ -48,7 +50,7 @@ fn the_camera_comes_back_within_its_sd() {
 #[test]
 fn a_clip_holds_what_its_truth_says() {
     let folder = tempfile::tempdir().unwrap();
-    synth(folder.path(), &["--noise", "0", "--stills", "0"]).code(0);
+    synth(folder.path(), 0, 1, &["--noise", "0"]).code(0);
     let scenes = folder.path().join("scenes");
     let truth = json(&scenes.join("clip_0000.truth.json"));
     let frames = json_lines(&scenes.join("clip_0000.frames.jsonl"));
@@ -92,10 +94,10 @@ fn a_clip_holds_what_its_truth_says() {
 fn the_same_seed_gives_the_same_bytes_and_work_goes_on() {
     let folder = tempfile::tempdir().unwrap();
     let (one, two) = (folder.path().join("one"), folder.path().join("two"));
-    synth(&one, &[]).code(0);
-    synth(&two, &["--clips", "0"]).code(0);
+    synth(&one, 7, 1, &[]).code(0);
+    synth(&two, 7, 0, &[]).code(0);
     std::fs::remove_file(two.join("scenes/still_0005.truth.json")).unwrap();
-    synth(&two, &[]).code(0);
+    synth(&two, 7, 1, &[]).code(0);
     for file in names(&one.join("scenes")) {
         let read = |set: &Path| std::fs::read(set.join("scenes").join(&file)).unwrap();
         assert_eq!(read(&one), read(&two), "{file}");
@@ -105,7 +107,7 @@ fn the_same_seed_gives_the_same_bytes_and_work_goes_on() {
         std::fs::read(two.join("dataset.json")).unwrap()
     );
     // Items of other options are not mixed in.
-    let refused = synth(&two, &["--noise", "0.05"]).code(2);
+    let refused = synth(&two, 7, 1, &["--noise", "0.05"]).code(2);
     assert!(String::from_utf8_lossy(&refused.get_output().stderr).contains("other options"));
-    synth(&two, &["--noise", "-1"]).code(2);
+    synth(&two, 7, 1, &["--noise", "-1"]).code(2);
 }
