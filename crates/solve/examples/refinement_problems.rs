@@ -58,7 +58,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     atlas.bounds = [[f64::NEG_INFINITY, f64::INFINITY]; MODES];
     // What the atlas leaves unexplained depends on the pose where it is evaluated: left out, so that both solvers see the
     // same weights.
-    let options = SceneOptions { atlas_residual_scale: 0.0, ..SceneOptions::default() };
+    let options = SceneOptions { atlas_residual_scale: 0.0, marginal: false, ..SceneOptions::default() };
     std::fs::write(folder.join("atlas.txt"), atlas_text(&atlas))?;
     println!("name cars milliseconds iterations cost");
     for cars in [5, 20, 50, 200] {

@@ -17,6 +17,8 @@ fn median(mut values: Vec<f64>) -> f64 {
 fn main() -> Result<(), roadplane_base::AtlasError> {
     let atlas = ShapeAtlas::shipped()?;
     let options = SceneOptions::default();
+    // The refinement alone, to the minimum.
+    let alone = SceneOptions { marginal: false, ..options };
     let asked: Vec<usize> = std::env::args().skip(1).filter_map(|n| n.parse().ok()).collect();
     let counts = if asked.is_empty() { vec![1, 3, 5, 10, 20, 30, 50, 100, 200, 300] } else { asked };
     println!("cars  refinement ms  iterations  set-up and covariance ms  cold start ms  warm start ms");
@@ -24,7 +26,7 @@ fn main() -> Result<(), roadplane_base::AtlasError> {
         let [mut refinement, mut iterations, mut around, mut cold, mut warm] = [const { Vec::new() }; 5];
         for scene in (0..SCENES).filter_map(|seed| BenchScene::new(&atlas, cars, seed)) {
             let (views, start, size) = (scene.views(), scene.start(), scene.truth.size);
-            let (seconds, found) = timed(|| refine_scene(&atlas, size, &views, &start, &options));
+            let (seconds, found) = timed(|| refine_scene(&atlas, size, &views, &start, &alone));
             refinement.push(1e3 * seconds);
             iterations.push(found.map_or(f64::NAN, |f| f.iterations as f64));
             around.push(1e3 * timed(|| scene_bound(&atlas, size, &views, &start, &options)).0);

@@ -170,14 +170,35 @@ impl GroupBlock {
         prior_gradient: &Vector6<f64>,
         camera: &mut CameraRows,
     ) -> Option<()> {
+        let mut keep = |k: usize, rows: &[Row; RESIDUAL]| poses[k].rows.copy_from_slice(&rows[..SHAPE]);
+        let system = self.shape_system(views, damping, prior_information, prior_gradient, &mut keep)?;
+        self.rows.copy_from_slice(&system.rows[SHAPE..CAMERA]);
+        for (sum, row) in camera.iter_mut().zip(&system.rows[CAMERA..]) {
+            for (sum, entry) in sum.iter_mut().zip(row) {
+                *sum += entry;
+            }
+        }
+        Some(())
+    }
+
+    /// The group's system with poses and shape eliminated; `see` gets the rows of every view with its pose eliminated.
+    #[inline]
+    fn shape_system(
+        &self,
+        views: &[Gram],
+        damping: f64,
+        prior_information: &Matrix6<f64>,
+        prior_gradient: &Vector6<f64>,
+        see: &mut impl FnMut(usize, &[Row; RESIDUAL]),
+    ) -> Option<Gram> {
         let mut system = Gram::zeros();
-        for (view, pose) in views.iter().zip(poses) {
+        for (k, view) in views.iter().enumerate() {
             let mut work = view.clone();
             for i in 0..SHAPE {
                 work.damp(i, damping, view.diagonal(i));
             }
             work.eliminate::<0, SHAPE>()?;
-            pose.rows.copy_from_slice(&work.rows[..SHAPE]);
+            see(k, &work.rows);
             for (sum, row) in system.rows.iter_mut().zip(&work.rows).skip(SHAPE) {
                 for (sum, entry) in sum.iter_mut().zip(row) {
                     *sum += entry;
@@ -199,20 +220,33 @@ impl GroupBlock {
             system.rows[own][own] = 1.0;
         }
         system.eliminate::<SHAPE, CAMERA>()?;
-        self.rows.copy_from_slice(&system.rows[SHAPE..CAMERA]);
-        for (sum, row) in camera.iter_mut().zip(&system.rows[CAMERA..]) {
-            for (sum, entry) in sum.iter_mut().zip(row) {
-                *sum += entry;
-            }
-        }
-        Some(())
+        Some(system)
+    }
+
+    /// `log det` of the Hessian of the group's shape and poses, nothing damped.
+    pub fn log_determinant(&self, views: &[Gram], prior_information: &Matrix6<f64>) -> Option<f64> {
+        let mut sum = 0.0;
+        let mut see =
+            |_: usize, rows: &[Row; RESIDUAL]| sum += (0..SHAPE).map(|i| rows[i][i].ln()).sum::<f64>();
+        let no_gradient = Vector6::zeros();
+        let system = self.shape_system(views, 0.0, prior_information, &no_gradient, &mut see)?;
+        Some(sum + (SHAPE..CAMERA).map(|i| system.rows[i][i].ln()).sum::<f64>())
     }
 
     /// Step of (shape, camera) that belongs to a camera step; the place of the pose is open.
     pub fn step(&self, camera: &Vector4<f64>) -> Row {
+        self.step_with(camera, 1.0)
+    }
+
+    /// The same from a minimum: how shapes (and poses) follow the camera, whatever is left of the gradient.
+    pub fn follow(&self, camera: &Vector4<f64>) -> Row {
+        self.step_with(camera, 0.0)
+    }
+
+    fn step_with(&self, camera: &Vector4<f64>, gradient: f64) -> Row {
         let mut step = [0.0; 16];
         step[CAMERA..RESIDUAL].copy_from_slice(camera.as_slice());
-        step[RESIDUAL] = 1.0;
+        step[RESIDUAL] = gradient;
         substitute::<SHAPE, MODES>(&self.rows, &mut step);
         step
     }

@@ -186,6 +186,46 @@ impl<'a> GroundProblem<'a> {
         }
     }
 
+    /// `½ Σ log det` of the Hessians of all cars' poses and shapes at the current parameters.
+    pub fn half_log_determinant(&self) -> Option<f64> {
+        self.half_log_determinant_of(&self.linearisation)
+    }
+
+    /// The same at a changed camera, cars following along the valley of the minimum. After `covariances`.
+    pub fn half_log_determinant_at(&mut self, change: &Vector4<f64>) -> Option<f64> {
+        self.trial.clone_from(&self.state);
+        self.follow(change);
+        std::mem::swap(&mut self.state, &mut self.trial);
+        self.evaluate(true)?;
+        self.half_log_determinant_of(&self.trial_linearisation)
+    }
+
+    fn half_log_determinant_of(&self, linearisation: &Linearisation) -> Option<f64> {
+        let mut sum = 0.0;
+        for (group, block) in self.groups.iter().zip(&self.group_blocks) {
+            let grams = &linearisation.grams[group.views.clone()];
+            sum += block.log_determinant(grams, &(group.prior.information * self.shape_prior_scale))?;
+        }
+        Some(0.5 * sum)
+    }
+
+    /// Moves the camera, and cars along the valley of the minimum. After `covariances`.
+    pub fn follow(&mut self, change: &Vector4<f64>) {
+        self.state.camera += change;
+        for (g, group) in self.groups.iter().enumerate() {
+            let mut step = self.group_blocks[g].follow(change);
+            for j in 0..MODES {
+                let [low, high] = self.atlas.bounds[j];
+                self.state.shapes[g][j] = (self.state.shapes[g][j] + step[SHAPE + j]).clamp(low, high);
+            }
+            for k in group.views.clone() {
+                self.poses[k].substitute(&mut step);
+                self.state.standings[k].anchor += Vector2::new(step[0], step[1]);
+                self.state.standings[k].heading += step[2];
+            }
+        }
+    }
+
     /// Bounds of the shape coefficients.
     pub fn shape_bounds(&self) -> [[f64; 2]; MODES] {
         self.atlas.bounds

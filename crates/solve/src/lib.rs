@@ -12,7 +12,12 @@
 //!
 //! with keypoint `z_i`, its score `s_i`, whitening `W_i` from the keypoint's covariance and what the atlas leaves
 //! unexplained, and an outlier model `ρ` (see [`OutlierModel`]). One car couples to another through `c` only, so the
-//! normal equations are an arrow and cost is linear in cars (`arrow.rs`).
+//! normal equations are an arrow and cost is linear in cars (`arrow.rs`). The inner loop takes four keypoints at a time
+//! (`ground_rows.rs`), with AVX2 where the processor has it, to the same bits everywhere.
+//!
+//! From nothing: view directions, focal lengths and planes that cars agree on (`cold_start.rs`), shapes eased in stages
+//! (`scene.rs`), second thoughts about single cars (`repair.rs`) and keypoints (`reclassify.rs`). The minimum over everything is
+//! then moved to the maximum over the camera alone (`marginal.rs`).
 //!
 //! # Entry points
 //! [`solve_scene`]: everything unknown. [`fit_car`]: camera and plane known. [`fit_free_car`],
@@ -35,6 +40,7 @@ mod ground_rows;
 mod kernel;
 mod lanes;
 mod lm;
+mod marginal;
 mod observation;
 mod options;
 mod reclassify;

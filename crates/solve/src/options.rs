@@ -122,6 +122,9 @@ pub struct SceneOptions {
     pub atlas_residual_scale: f64,
     /// Outlier model of keypoints.
     pub kernel: OutlierModel,
+    /// Whether the camera is the most likely one with shapes and poses integrated out (Laplace's method), or that of the most
+    /// likely scene, which is the exact one without noise but biased by a fraction of a sd with it (see `marginal.rs`).
+    pub marginal: bool,
     /// Stopping rules.
     pub lm: LmOptions,
     /// A car with a smaller share of right keypoints is left out.
@@ -142,6 +145,7 @@ impl Default for SceneOptions {
             shape_prior_weight: 1.0,
             atlas_residual_scale: 1.0,
             kernel: OutlierModel::default(),
+            marginal: true,
             lm: LmOptions::default(),
             min_inlier_share: 0.45,
             max_cost_share: 0.6,

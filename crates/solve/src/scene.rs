@@ -8,6 +8,7 @@ use crate::fit::{car_solution, fit_car};
 use crate::ground_problem::GroundProblem;
 use crate::ground_residual::PointModes;
 use crate::lm::{LmOptions, LmReport, Termination, minimise};
+use crate::marginal;
 use crate::options::{SceneOptions, ShapePrior};
 use crate::reclassify::reclassified;
 use crate::repair::{belongs, repair};
@@ -176,6 +177,9 @@ pub(crate) fn read_out(
     let Some(covariances) = problem.covariances() else {
         return unsolved(setup, views.len(), SceneStatus::Failed);
     };
+    if options.marginal && report.iterations > 0 {
+        marginal::shift(problem, &covariances.camera);
+    }
     let params = CameraParams::from_vector(&problem.state.camera);
     let mut cars: Vec<Option<CarSolution>> = vec![None; views.len()];
     for (k, s) in members.iter().enumerate() {

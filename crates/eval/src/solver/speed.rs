@@ -86,11 +86,12 @@ fn timed<T>(mut work: impl FnMut() -> T) -> (f64, T) {
 
 fn point(atlas: &ShapeAtlas, cars: usize) -> SpeedPoint {
     let options = SceneOptions::default();
+    let minimum = SceneOptions { marginal: false, ..options };
     let [mut refinement, mut around, mut iterations, mut cold] = [const { Vec::new() }; 4];
     for bench in (0..SCENES).filter_map(|seed| BenchScene::new(atlas, cars, seed)) {
         let (truth, views) = (&bench.truth, views(&bench.truth));
         let from = KnownScene { params: bench.params, poses: &bench.poses, shapes: &bench.shapes };
-        let (whole_ms, found) = timed(|| refine_scene(atlas, truth.size, &views, &from, &options));
+        let (whole_ms, found) = timed(|| refine_scene(atlas, truth.size, &views, &from, &minimum));
         // The same call without the refinement.
         let (around_ms, _) = timed(|| scene_bound(atlas, truth.size, &views, &from, &options));
         refinement.push(whole_ms - around_ms);
