@@ -21,8 +21,9 @@ use clips::{ClipScore, Workplace};
 use evidence::SceneEvidence;
 use score::SystemScore;
 
-/// Frames of a clip that the systems for single frames solve, at most.
-const FRAMES_OF_CLIP: usize = 10;
+/// Frames of a clip that the systems for single frames solve, at most: its cars stay much the same, and stills should
+/// outweigh them.
+const FRAMES_OF_CLIP: usize = 5;
 
 /// What is evaluated, and how.
 #[derive(Clone, Debug)]
@@ -69,12 +70,15 @@ pub fn evaluate_dataset(
     let items: Vec<Item> =
         dataset.items.iter().step_by(step).map(|path| item(path)).collect::<Result<_, _>>()?;
     let workplace = Workplace::new(options.runs.as_deref())?;
+    let stills: Vec<&Item> = items.iter().filter(|item| item.truth.kind == Kind::Still).collect();
+    let real = options.real.as_deref().map_or(Ok(Vec::new()), real::list)?;
+    let looks = if options.net { items.len() } else { 0 };
+    progress.expect(Some((looks + items.len() + real.len()) as u64));
     let title = format!("Data set {} ({} of {} items)", dataset.name, items.len(), dataset.items.len());
     let mut report = Report { title, ..Report::default() };
 
     if options.net {
         progress.phase("keypoints");
-        progress.expect(Some(items.len() as u64));
         let mut net = open_keypoints(&options.models, &config)?;
         let found = |item: &Item| {
             stopped(cancel)?;
@@ -97,9 +101,7 @@ pub fn evaluate_dataset(
         tables_of(&mut report, &what, &items, &scenes, &atlas, &workplace, &config, cancel, progress)?;
     }
     progress.phase("boxes");
-    let stills: Vec<&Item> = items.iter().filter(|item| item.truth.kind == Kind::Still).collect();
     if stills.iter().any(|item| item.truth.media.is_some()) {
-        progress.expect(Some(stills.len() as u64));
         let mut detector = open_detector(&options.models, &config)?;
         let found = |item: &&Item| {
             stopped(cancel)?;
@@ -113,9 +115,9 @@ pub fn evaluate_dataset(
     progress.phase("runs");
     let runs = clips::run_all(&items, &atlas, &workplace, options, &config, cancel, progress)?;
     tables::add_runs(&mut report, &runs);
-    if let Some(real) = &options.real {
+    if options.real.is_some() {
         progress.phase("real stills");
-        let rows = real::evaluate(real, &workplace, options, &config, cancel, progress)?;
+        let rows = real::evaluate(&real, &workplace, options, &config, cancel, progress)?;
         report.tables.push(real::table(&rows));
     }
     Ok(report)

@@ -99,7 +99,6 @@ pub(super) fn run_all(
 ) -> Result<Vec<ClipScore>, EvalError> {
     let mut scores = Vec::new();
     let clips: Vec<&Item> = items.iter().filter(|item| item.truth.kind == Kind::Clip).collect();
-    progress.expect(Some(clips.len() as u64));
     for item in clips {
         stopped(cancel)?;
         let Some(media) = &item.truth.media else { continue };

@@ -22,34 +22,41 @@ pub(super) struct RealStill {
     distortion: f64,
 }
 
-/// Runs every still of the folder that has a camera beside it, by name.
+/// Stills of a folder that have a camera beside them, with it; by name.
+///
+/// # Errors
+/// [`EvalError::Unreadable`].
+pub(super) fn list(folder: &Path) -> Result<Vec<[PathBuf; 2]>, EvalError> {
+    let unreadable = |source| EvalError::Unreadable { source, path: folder.to_path_buf() };
+    let mut pairs = Vec::new();
+    for entry in std::fs::read_dir(folder).map_err(unreadable)? {
+        let camera = entry.map_err(unreadable)?.path();
+        if camera.extension().is_none_or(|extension| extension != "krtd") {
+            continue;
+        }
+        let pictures = ["png", "jpg"].map(|extension| camera.with_extension(extension));
+        pairs.extend(pictures.into_iter().find(|picture| picture.is_file()).map(|picture| [picture, camera]));
+    }
+    pairs.sort();
+    Ok(pairs)
+}
+
+/// Runs every still.
 pub(super) fn evaluate(
-    folder: &Path,
+    pairs: &[[PathBuf; 2]],
     workplace: &Workplace,
     options: &DatasetOptions,
     config: &Config,
     cancel: &Cancel,
     progress: &dyn Progress,
 ) -> Result<Vec<RealStill>, EvalError> {
-    let unreadable = |source| EvalError::Unreadable { source, path: folder.to_path_buf() };
-    let mut cameras: Vec<PathBuf> = Vec::new();
-    for entry in std::fs::read_dir(folder).map_err(unreadable)? {
-        let path = entry.map_err(unreadable)?.path();
-        if path.extension().is_some_and(|extension| extension == "krtd") {
-            cameras.push(path);
-        }
-    }
-    cameras.sort();
-    progress.expect(Some(cameras.len() as u64));
     let mut stills = Vec::new();
-    for path in cameras {
+    for [picture, camera] in pairs {
         stopped(cancel)?;
-        let picture = ["png", "jpg"].map(|extension| path.with_extension(extension));
-        let Some(picture) = picture.into_iter().find(|picture| picture.is_file()) else { continue };
-        let truth = read_krtd(&path)?;
-        let run = workplace.run(&picture, options, config, cancel, &Silent)?;
+        let truth = read_krtd(camera)?;
+        let run = workplace.run(picture, options, config, cancel, &Silent)?;
         let error = camera_error(run.camera.focal_px, &run.camera.plane(), truth.focal_px(), &truth.plane());
-        let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        let name = picture.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let distortion = truth.distortion.first().copied().unwrap_or(0.0);
         stills.push(RealStill {
             name,

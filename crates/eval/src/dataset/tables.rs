@@ -96,11 +96,15 @@ fn reprojection_table(title: &str, systems: &[(System, Vec<SystemScore>)]) -> Ta
 /// A name and which cars it is of.
 type Group = (&'static str, fn(&CarScore) -> bool);
 
-const GROUPS: [Group; 10] = [
+const GROUPS: [Group; 14] = [
     ("box 24–40 px", |c| c.side_px < 40.0),
     ("box 40–64 px", |c| (40.0..64.0).contains(&c.side_px)),
     ("box 64–96 px", |c| (64.0..96.0).contains(&c.side_px)),
     ("box ≥ 96 px", |c| c.side_px >= 96.0),
+    ("up to 40 m away", |c| c.position.distance_m < 40.0),
+    ("40–60 m", |c| (40.0..60.0).contains(&c.position.distance_m)),
+    ("60–80 m", |c| (60.0..80.0).contains(&c.position.distance_m)),
+    ("80 m and more", |c| c.position.distance_m >= 80.0),
     ("30–60 % seen", |c| c.visible_share < 0.6),
     ("60–90 % seen", |c| (0.6..0.9).contains(&c.visible_share)),
     ("≥ 90 % seen", |c| c.visible_share >= 0.9),
