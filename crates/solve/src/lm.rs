@@ -48,7 +48,7 @@ pub struct LmOptions {
 impl Default for LmOptions {
     fn default() -> Self {
         Self {
-            max_iterations: 60,
+            max_iterations: 200,
             cost_tolerance: 1e-8,
             step_tolerance: 1e-9,
             gradient_tolerance: 1e-10,

@@ -20,9 +20,9 @@ use crate::lm::{LmOptions, Problem as _, minimise};
 use crate::setup::{Placed, Setup};
 
 /// A change that promises to cost more than this is not tried.
-const DOUBT: f64 = 4.0;
+const DOUBT: f64 = 8.0;
 /// Tried per car and round, the most promising first.
-const TRIES: usize = 4;
+const TRIES: usize = 8;
 /// Rounds per car: one keypoint may hide another.
 const ROUNDS: usize = 3;
 /// Decrease of the cost that counts.

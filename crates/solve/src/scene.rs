@@ -40,38 +40,51 @@ pub fn solve_scene(
     if setup.sights.is_empty() {
         return unsolved(&setup, views.len(), SceneStatus::TooFewCars);
     }
-    let mut best: Option<(f64, Start)> = None;
-    for start in starts(&setup) {
+    if let Some(start) = warm_start(&setup).and_then(|start| best_of(&setup, vec![start])) {
+        let found = finish(&mut setup, start, views);
+        // A bad start can end at a camera infinitely far away, where nothing is seen of the focal length.
+        if matches!(found.status, SceneStatus::Converged | SceneStatus::FocalGiven) {
+            return found;
+        }
+    }
+    let Some(start) = best_of(&setup, cold_starts(&setup, FINALISTS)) else {
+        return unsolved(&setup, views.len(), SceneStatus::Failed);
+    };
+    finish(&mut setup, start, views)
+}
+
+/// The start that leads to the lowest cost with shapes free, followed there. Cars without a place cost what they cost as
+/// outliers.
+fn best_of(setup: &Setup<'_>, starts: Vec<Start>) -> Option<Start> {
+    let mut best: Option<Start> = None;
+    for start in starts {
         let (mut problem, members) = setup.problem(start.camera, &start.placed);
-        approach(&mut problem, options);
+        approach(&mut problem, setup.options);
         let missing: f64 = (0..setup.sights.len())
             .filter(|s| start.placed[*s].is_none())
             .map(|s| setup.cost_of_missing(s))
             .sum();
         let cost = problem.current_cost().unwrap_or(f64::INFINITY) + missing;
-        if cost.is_finite() && best.as_ref().is_none_or(|(lowest, _)| cost < *lowest) {
+        if cost.is_finite() && best.as_ref().is_none_or(|best| cost < best.cost) {
             let placed = setup.read_back(&problem, &members);
-            best = Some((cost, Start { cost, camera: problem.state.camera, placed }));
+            best = Some(Start { cost, camera: problem.state.camera, placed });
         }
     }
-    let Some((_, start)) = best else { return unsolved(&setup, views.len(), SceneStatus::Failed) };
-    finish(&mut setup, start, views)
+    best
 }
 
-/// The warm start if it fits, else a search.
-fn starts(setup: &Setup<'_>) -> Vec<Start> {
-    let warm = setup.options.start.map(CameraParams::to_vector).filter(|c| c.iter().all(|v| v.is_finite()));
-    if let Some(mut camera) = warm {
-        if setup.knowledge.fixed[0] {
-            camera[0] = setup.knowledge.mean[0];
-        }
-        let keypoints: usize = setup.sights.iter().map(|sight| sight.observations.len()).sum();
-        let start = coarse(setup, place_all(setup, &camera));
-        if let Some(start) = start.filter(|s| s.cost < GOOD_COST_PER_KEYPOINT * keypoints as f64) {
-            return vec![start];
-        }
+/// The start that the caller gives, if the cars fit there.
+fn warm_start(setup: &Setup<'_>) -> Option<Start> {
+    let mut camera = setup.options.start.map(CameraParams::to_vector)?;
+    if !camera.iter().all(|v| v.is_finite()) {
+        return None;
     }
-    cold_starts(setup, FINALISTS)
+    if setup.knowledge.fixed[0] {
+        camera[0] = setup.knowledge.mean[0];
+    }
+    let keypoints: usize = setup.sights.iter().map(|sight| sight.observations.len()).sum();
+    let start = coarse(setup, place_all(setup, &camera))?;
+    (start.cost < GOOD_COST_PER_KEYPOINT * keypoints as f64).then_some(start)
 }
 
 /// sd that shapes not yet found add to every keypoint, m: stage by stage less, so that the keypoints of an unusual car are
