@@ -23,6 +23,8 @@ const REPAIR_ROUNDS: usize = 3;
 const RECLASSIFY_ROUNDS: usize = 4;
 /// A start nearer than this in cost per keypoint is as good as found (warm starts).
 const GOOD_COST_PER_KEYPOINT: f64 = 2.0;
+/// A start that the cars lead further away from (log focal, tilt, roll, log height) was none: the search decides.
+const WARM_REACH: [f64; 4] = [0.3, 0.1, 0.1, 0.3];
 /// A data-only sd of log focal above this says that the cars do not know the focal length.
 const FOCAL_UNKNOWN_SD: f64 = 0.3;
 
@@ -40,12 +42,16 @@ pub fn solve_scene(
     if setup.sights.is_empty() {
         return unsolved(&setup, views.len(), SceneStatus::TooFewCars);
     }
-    if let Some(start) = warm_start(&setup).and_then(|start| best_of(&setup, vec![start])) {
+    if let (Some(given), Some(start)) =
+        (options.start, warm_start(&setup).and_then(|start| best_of(&setup, vec![start])))
+    {
         let found = finish(&mut setup, start, views);
-        // A bad start can end at a camera infinitely far away, where nothing is seen of the focal length.
-        if matches!(found.status, SceneStatus::Converged | SceneStatus::FocalGiven) {
+        let moved = (found.params.to_vector() - given.to_vector()).abs();
+        if found.status.usable() && (0..4).all(|i| moved[i] < WARM_REACH[i]) {
             return found;
         }
+        // What was believed of the cars before the wrong camera goes with it.
+        setup = Setup::new(atlas, &model, size, views, options);
     }
     let Some(start) = best_of(&setup, cold_starts(&setup, FINALISTS)) else {
         return unsolved(&setup, views.len(), SceneStatus::Failed);
