@@ -6,14 +6,44 @@
 //! coefficients, number of keypoints; per keypoint: index, x, y (px from the principal point), sd px, weight. The atlas is in
 //! `atlas.txt`: mean (36 × 3), modes (6 × 36 × 3).
 
-mod bench_scenes;
-
 use std::fmt::Write as _;
 use std::path::Path;
 
-use bench_scenes::{BenchScene, timed};
 use roadplane_base::{Camera, MODES, ShapeAtlas};
-use roadplane_solve::{SceneOptions, refine_scene};
+use roadplane_solve::{CarView, KnownScene, SceneOptions, refine_scene};
+use roadplane_synth::{BenchScene, CarTruth};
+
+/// CPU seconds of this thread; the kernel counts in steps of milliseconds.
+fn cpu_seconds() -> f64 {
+    let text = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
+    text.split_whitespace().next().and_then(|n| n.parse::<f64>().ok()).unwrap_or(0.0) * 1e-9
+}
+
+/// CPU seconds that one run takes, from as many as fill 60 ms, and the last one's result.
+fn timed<T>(mut work: impl FnMut() -> T) -> (f64, T) {
+    let mut runs = 1.0;
+    let start = cpu_seconds();
+    let mut result = work();
+    while cpu_seconds() - start < 0.06 {
+        result = work();
+        runs += 1.0;
+    }
+    ((cpu_seconds() - start) / runs, result)
+}
+
+/// The solver's input.
+fn views(scene: &BenchScene) -> Vec<CarView<'_>> {
+    let view = |(group, car)| {
+        let car: &CarTruth = car;
+        CarView { keypoints: &car.keypoints, group, weight: 1.0 }
+    };
+    scene.truth.cars.iter().enumerate().map(view).collect()
+}
+
+/// Where to start.
+fn start(scene: &BenchScene) -> KnownScene<'_> {
+    KnownScene { params: scene.params, poses: &scene.poses, shapes: &scene.shapes }
+}
 
 fn atlas_text(atlas: &ShapeAtlas) -> String {
     let points = atlas.mean.iter().chain(atlas.modes.iter().flatten());
@@ -22,7 +52,7 @@ fn atlas_text(atlas: &ShapeAtlas) -> String {
 
 fn problem_text(scene: &BenchScene, options: &SceneOptions) -> Result<String, std::fmt::Error> {
     let mut text = String::new();
-    let start = scene.start();
+    let start = start(scene);
     let size = scene.truth.size;
     let numbers = |v: &[f64]| v.iter().map(|n| format!("{n:e}")).collect::<Vec<_>>().join(" ");
     writeln!(text, "{:e}", options.kernel.threshold_squared)?;
@@ -66,7 +96,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             let scene = BenchScene::new(&atlas, cars, seed).ok_or("no such start")?;
             let name = format!("{cars:03}_{seed}");
             std::fs::write(folder.join(format!("{name}.txt")), problem_text(&scene, &options)?)?;
-            let (views, start) = (scene.views(), scene.start());
+            let (views, start) = (views(&scene), start(&scene));
             let (seconds, found) = timed(|| refine_scene(&atlas, scene.truth.size, &views, &start, &options));
             let found = found.ok_or("the refinement failed")?;
             println!(

@@ -1,14 +1,16 @@
 //! The joint problem of cars standing on the plane: parameters, cost, normal equations, step.
 
+mod covariance;
+mod step;
+
 use nalgebra::{Matrix4, Vector2, Vector4};
 use roadplane_base::{MODES, Shape, ShapeAtlas};
 
-use crate::arrow::{CAMERA, Gram, GroupBlock, Joint, PoseBlock, RESIDUAL, SHAPE, camera_system};
+use crate::arrow::{CAMERA, Gram, GroupBlock, PoseBlock, RESIDUAL, SHAPE, camera_system};
 use crate::gram_sum::{Rows, WIDTH};
 use crate::ground_residual::{CameraFrame, PointModes, Standing, StandingFrame};
 use crate::ground_rows::{MAX_PACKS, NO_ROWS, Pack, linearise, pack, plain_rows, rewhiten};
 use crate::kernel::{OutlierModel, PreparedKernel};
-use crate::lm::{Problem, Trial};
 use crate::observation::{Observation, atlas_covariance};
 use crate::options::ShapePrior;
 
@@ -88,16 +90,6 @@ pub(crate) struct GroundProblem<'a> {
 struct Linearisation {
     cost: f64,
     grams: Vec<Gram>,
-}
-
-/// Covariances at the current parameters.
-pub(crate) struct Covariances {
-    /// Information on the camera from the cars alone, without the camera prior.
-    pub camera_information: Matrix4<f64>,
-    /// Covariance of the camera, prior counted; zero rows where fixed.
-    pub camera: Matrix4<f64>,
-    /// Per view the covariance of (anchor, heading, shape, camera).
-    pub views: Vec<Joint>,
 }
 
 /// One keypoint's whitened rows and residual, with the probability that it is right.
@@ -183,46 +175,6 @@ impl<'a> GroundProblem<'a> {
                 observation.whiten_with(&extra);
             }
             rewhiten(&self.observations[view.observations.clone()], &mut self.packs[view.packs.clone()]);
-        }
-    }
-
-    /// `½ Σ log det` of the Hessians of all cars' poses and shapes at the current parameters.
-    pub fn half_log_determinant(&self) -> Option<f64> {
-        self.half_log_determinant_of(&self.linearisation)
-    }
-
-    /// The same at a changed camera, cars following along the valley of the minimum. After `covariances`.
-    pub fn half_log_determinant_at(&mut self, change: &Vector4<f64>) -> Option<f64> {
-        self.trial.clone_from(&self.state);
-        self.follow(change);
-        std::mem::swap(&mut self.state, &mut self.trial);
-        self.evaluate(true)?;
-        self.half_log_determinant_of(&self.trial_linearisation)
-    }
-
-    fn half_log_determinant_of(&self, linearisation: &Linearisation) -> Option<f64> {
-        let mut sum = 0.0;
-        for (group, block) in self.groups.iter().zip(&self.group_blocks) {
-            let grams = &linearisation.grams[group.views.clone()];
-            sum += block.log_determinant(grams, &(group.prior.information * self.shape_prior_scale))?;
-        }
-        Some(0.5 * sum)
-    }
-
-    /// Moves the camera, and cars along the valley of the minimum. After `covariances`.
-    pub fn follow(&mut self, change: &Vector4<f64>) {
-        self.state.camera += change;
-        for (g, group) in self.groups.iter().enumerate() {
-            let mut step = self.group_blocks[g].follow(change);
-            for j in 0..MODES {
-                let [low, high] = self.atlas.bounds[j];
-                self.state.shapes[g][j] = (self.state.shapes[g][j] + step[SHAPE + j]).clamp(low, high);
-            }
-            for k in group.views.clone() {
-                self.poses[k].substitute(&mut step);
-                self.state.standings[k].anchor += Vector2::new(step[0], step[1]);
-                self.state.standings[k].heading += step[2];
-            }
         }
     }
 
@@ -361,91 +313,5 @@ impl<'a> GroundProblem<'a> {
             see(self.camera_gradient[i], self.camera_diagonal[i]);
         }
         largest.sqrt()
-    }
-
-    /// Covariances at the current parameters, from the same elimination with damping 0. Call after `linearise`. A coefficient
-    /// at its bound is not exactly known: it counts as free.
-    pub fn covariances(&mut self) -> Option<Covariances> {
-        for block in &mut self.group_blocks {
-            block.held = [self.shapes_fixed; MODES];
-        }
-        let (information, _) = self.eliminate(0.0)?;
-        let mut total = information + Matrix4::from_diagonal(&self.knowledge.information);
-        self.hold_fixed(&mut total, &mut Vector4::zeros());
-        let mut camera = total.cholesky()?.inverse();
-        for i in (0..4).filter(|i| self.knowledge.fixed[*i]) {
-            camera[(i, i)] = 0.0;
-        }
-        let shared: Vec<Joint> = self.group_blocks.iter().map(|block| block.joint(&camera)).collect();
-        let joint = |(view, pose): (&View, &PoseBlock)| {
-            let mut joint = shared[view.group];
-            pose.spread(&mut joint);
-            joint
-        };
-        let views = self.views.iter().zip(&self.poses).map(joint).collect();
-        Some(Covariances { camera_information: information, camera, views })
-    }
-}
-
-impl Problem for GroundProblem<'_> {
-    fn linearise(&mut self) -> Option<f64> {
-        self.evaluate(false)?;
-        Some(self.gather())
-    }
-
-    fn cost(&self) -> f64 {
-        self.linearisation.cost
-    }
-
-    fn try_step(&mut self, damping: f64) -> Option<Trial> {
-        let (mut hessian, mut gradient) = self.eliminate(damping)?;
-        gradient += self.prior_gradient();
-        hessian += Matrix4::from_diagonal(&(self.knowledge.information + damping * self.camera_diagonal));
-        self.hold_fixed(&mut hessian, &mut gradient);
-        let camera_step = -hessian.cholesky()?.solve(&gradient);
-        let mut predicted = 0.0;
-        let mut largest: f64 = 0.0;
-        // ½ stepᵀ (damping · D step − g): the quadratic model's decrease for a solution of the damped equations.
-        let mut see = |step: f64, gradient: f64, diagonal: f64| {
-            predicted += 0.5 * step * (damping * diagonal * step - gradient);
-            largest = largest.max(step.abs() * diagonal.max(0.0).sqrt());
-        };
-        for i in (0..4).filter(|i| !self.knowledge.fixed[*i]) {
-            see(camera_step[i], self.camera_gradient[i], self.camera_diagonal[i]);
-        }
-        self.trial.camera = self.state.camera + camera_step;
-        for (g, group) in self.groups.iter().enumerate() {
-            let block = &self.group_blocks[g];
-            let mut step = block.step(&camera_step);
-            for j in (0..MODES).filter(|j| !block.held[*j]) {
-                see(step[SHAPE + j], block.gradient[j], block.diagonal[j]);
-                let [low, high] = self.atlas.bounds[j];
-                self.trial.shapes[g][j] = (self.state.shapes[g][j] + step[SHAPE + j]).clamp(low, high);
-            }
-            for j in (0..MODES).filter(|j| block.held[*j]) {
-                self.trial.shapes[g][j] = self.state.shapes[g][j];
-            }
-            for k in group.views.clone() {
-                self.poses[k].substitute(&mut step);
-                for (i, step) in step[..SHAPE].iter().enumerate() {
-                    see(
-                        *step,
-                        self.linearisation.grams[k].gradient(i),
-                        self.linearisation.grams[k].diagonal(i),
-                    );
-                }
-                self.trial.standings[k].anchor =
-                    self.state.standings[k].anchor + Vector2::new(step[0], step[1]);
-                self.trial.standings[k].heading = self.state.standings[k].heading + step[2];
-            }
-        }
-        let cost = self.evaluate(true)?;
-        Some(Trial { cost, predicted_decrease: predicted, step_size: largest })
-    }
-
-    fn accept(&mut self) -> Option<f64> {
-        std::mem::swap(&mut self.state, &mut self.trial);
-        std::mem::swap(&mut self.linearisation, &mut self.trial_linearisation);
-        Some(self.gather())
     }
 }

@@ -17,16 +17,15 @@ fn random_camera(width: f64, seed: u64) -> CameraParams {
 
 #[test]
 fn noise_free_scenes_come_out_exactly() {
-    exact(false);
+    exact(&ShapeAtlas::shipped().unwrap(), false);
 }
 
 #[test]
 fn so_they_do_from_any_camera() {
-    exact(true);
+    exact(&ShapeAtlas::shipped().unwrap(), true);
 }
 
-fn exact(random_start: bool) {
-    let atlas = ShapeAtlas::shipped().unwrap();
+fn exact(atlas: &ShapeAtlas, random_start: bool) {
     let tight =
         LmOptions { max_iterations: 200, cost_tolerance: 0.0, step_tolerance: 1e-9, ..LmOptions::default() };
     let options = SceneOptions {
@@ -42,7 +41,7 @@ fn exact(random_start: bool) {
     for seed in 0..scenes {
         let cars = [3, 5, 10][seed as usize % 3];
         let asked = SynthOptions { cars, shape_sd: 0.0, noise: 0.0, ..SynthOptions::default() };
-        let truth = scene(&atlas, &asked, seed);
+        let truth = scene(atlas, &asked, seed);
         let views: Vec<CarView<'_>> = truth
             .cars
             .iter()
@@ -50,7 +49,7 @@ fn exact(random_start: bool) {
             .map(|(group, car)| CarView { keypoints: &car.keypoints, group, weight: 1.0 })
             .collect();
         let start = random_start.then(|| random_camera(f64::from(truth.size.width), seed));
-        let found = solve_scene(&atlas, truth.size, &views, &SceneOptions { start, ..options });
+        let found = solve_scene(atlas, truth.size, &views, &SceneOptions { start, ..options });
         let focal = (found.params.log_focal - truth.params.log_focal).abs();
         let turn =
             (found.params.tilt - truth.params.tilt).abs().max((found.params.roll - truth.params.roll).abs());

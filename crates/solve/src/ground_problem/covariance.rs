@@ -1,0 +1,82 @@
+//! What the factorisation says beside the step: covariances, and how cars follow the camera.
+
+use nalgebra::{Matrix4, Vector2, Vector4};
+use roadplane_base::MODES;
+
+use super::{GroundProblem, Linearisation, View};
+use crate::arrow::{Joint, PoseBlock, SHAPE};
+
+/// Covariances at the current parameters.
+pub(crate) struct Covariances {
+    /// Information on the camera from the cars alone, without the camera prior.
+    pub camera_information: Matrix4<f64>,
+    /// Covariance of the camera, prior counted; zero rows where fixed.
+    pub camera: Matrix4<f64>,
+    /// Per view the covariance of (anchor, heading, shape, camera).
+    pub views: Vec<Joint>,
+}
+
+impl GroundProblem<'_> {
+    /// Covariances at the current parameters, from the same elimination with damping 0. Call after `linearise`. A coefficient
+    /// at its bound is not exactly known: it counts as free.
+    pub fn covariances(&mut self) -> Option<Covariances> {
+        for block in &mut self.group_blocks {
+            block.held = [self.shapes_fixed; MODES];
+        }
+        let (information, _) = self.eliminate(0.0)?;
+        let mut total = information + Matrix4::from_diagonal(&self.knowledge.information);
+        self.hold_fixed(&mut total, &mut Vector4::zeros());
+        let mut camera = total.cholesky()?.inverse();
+        for i in (0..4).filter(|i| self.knowledge.fixed[*i]) {
+            camera[(i, i)] = 0.0;
+        }
+        let shared: Vec<Joint> = self.group_blocks.iter().map(|block| block.joint(&camera)).collect();
+        let joint = |(view, pose): (&View, &PoseBlock)| {
+            let mut joint = shared[view.group];
+            pose.spread(&mut joint);
+            joint
+        };
+        let views = self.views.iter().zip(&self.poses).map(joint).collect();
+        Some(Covariances { camera_information: information, camera, views })
+    }
+
+    /// `½ Σ log det` of the Hessians of all cars' poses and shapes at the current parameters.
+    pub fn half_log_determinant(&self) -> Option<f64> {
+        self.half_log_determinant_of(&self.linearisation)
+    }
+
+    /// The same at a changed camera, cars following along the valley of the minimum. After `covariances`.
+    pub fn half_log_determinant_at(&mut self, change: &Vector4<f64>) -> Option<f64> {
+        self.trial.clone_from(&self.state);
+        self.follow(change);
+        std::mem::swap(&mut self.state, &mut self.trial);
+        self.evaluate(true)?;
+        self.half_log_determinant_of(&self.trial_linearisation)
+    }
+
+    fn half_log_determinant_of(&self, linearisation: &Linearisation) -> Option<f64> {
+        let mut sum = 0.0;
+        for (group, block) in self.groups.iter().zip(&self.group_blocks) {
+            let grams = &linearisation.grams[group.views.clone()];
+            sum += block.log_determinant(grams, &(group.prior.information * self.shape_prior_scale))?;
+        }
+        Some(0.5 * sum)
+    }
+
+    /// Moves the camera, and cars along the valley of the minimum. After `covariances`.
+    pub fn follow(&mut self, change: &Vector4<f64>) {
+        self.state.camera += change;
+        for (g, group) in self.groups.iter().enumerate() {
+            let mut step = self.group_blocks[g].follow(change);
+            for j in 0..MODES {
+                let [low, high] = self.atlas.bounds[j];
+                self.state.shapes[g][j] = (self.state.shapes[g][j] + step[SHAPE + j]).clamp(low, high);
+            }
+            for k in group.views.clone() {
+                self.poses[k].substitute(&mut step);
+                self.state.standings[k].anchor += Vector2::new(step[0], step[1]);
+                self.state.standings[k].heading += step[2];
+            }
+        }
+    }
+}
