@@ -17,8 +17,8 @@ pub(crate) struct Run {
 
 /// Half of the time over which motion is looked for, s.
 const HALF_S: f64 = 0.5;
-/// It holds at least so many sightings.
-const MIN_SIGHTINGS: f64 = 5.0;
+/// Where a car is seen rarely it is longer, so that it holds so many sightings: of fewer nothing can be told.
+const MIN_SIGHTINGS: usize = 5;
 /// Motion of the box, in its diagonals, that goes with the least motion on the ground.
 const MIN_BOX_MOTION: f64 = 0.02;
 /// Significance, sd.
@@ -36,9 +36,8 @@ pub(crate) fn find_runs(sightings: &[Observation], options: &TrackOptions) -> Ve
     if n == 0 {
         return Vec::new();
     }
-    let half_s = half_window_s(sightings);
     let mut moving: Vec<bool> =
-        (0..n).map(|i| moves(window(sightings, i, half_s), options.min_motion_m, MIN_BOX_MOTION)).collect();
+        (0..n).map(|i| moves(window(sightings, i), options.min_motion_m, MIN_BOX_MOTION)).collect();
     close_gaps(&mut moving, sightings, BLINK_S);
     for run in runs(&moving) {
         let part = &sightings[run.sightings.clone()];
@@ -60,16 +59,19 @@ pub(crate) fn find_runs(sightings: &[Observation], options: &TrackOptions) -> Ve
     runs(&moving)
 }
 
-fn half_window_s(sightings: &[Observation]) -> f64 {
-    let mut gaps: Vec<f64> = sightings.windows(2).map(|pair| pair[1].time_s - pair[0].time_s).collect();
-    gaps.sort_by(f64::total_cmp);
-    HALF_S.max(gaps.get(gaps.len() / 2).copied().unwrap_or(0.0) * MIN_SIGHTINGS / 2.0)
-}
-
-fn window(sightings: &[Observation], middle: usize, half_s: f64) -> &[Observation] {
+/// The sightings within [`HALF_S`] of one, with the nearest in time beyond where these are too few.
+fn window(sightings: &[Observation], middle: usize) -> &[Observation] {
     let time_s = sightings[middle].time_s;
-    let from = sightings.partition_point(|o| o.time_s < time_s - half_s);
-    let to = sightings.partition_point(|o| o.time_s <= time_s + half_s);
+    let mut from = sightings.partition_point(|o| o.time_s < time_s - HALF_S);
+    let mut to = sightings.partition_point(|o| o.time_s <= time_s + HALF_S);
+    let gap_s = |i: usize| sightings.get(i).map_or(f64::INFINITY, |o| (o.time_s - time_s).abs());
+    while to - from < MIN_SIGHTINGS.min(sightings.len()) {
+        if from > 0 && gap_s(from - 1) <= gap_s(to) {
+            from -= 1;
+        } else {
+            to += 1;
+        }
+    }
     &sightings[from..to]
 }
 

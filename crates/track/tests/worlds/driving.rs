@@ -161,3 +161,23 @@ fn the_other_way_round_is_the_other_way_round() {
             .all(|s| angle_difference(s.pose.heading_rad, PI).abs() < 0.2 && s.speed_mps > 6.0)
     );
 }
+
+/// At a few frames a second a car that passes behind others is seen in so few frames that one second tells nothing.
+#[test]
+fn a_rarely_seen_drive_is_no_stand() {
+    for seed in 0..20 {
+        let seeing =
+            Seeing { across_m: 0.04, along_m: 0.1, heading_sd: 0.03, false_alarms: 0.0, ..Seeing::usual() };
+        let drive = straight(pose(-9.0, 26.0, -0.2), 4.4);
+        let world = World::new(vec![drive], Seeing { missed: 0.0, ..seeing }, times(4.5, 4.0), seed);
+        let mut seen = world.see();
+        for hidden in [7, 8, 11, 12, 13, 15] {
+            seen.frames[hidden].cars.clear();
+            seen.owners[hidden].clear();
+        }
+        let tracks = track(&seen.frames);
+        assert_one_track_each(&tracks, &seen, 1);
+        let [position, heading, speed] = errors(&tracks[0], &world, 0);
+        assert!(position < 0.3 && heading < 0.05 && speed < 0.5, "{position} m, {heading} rad, {speed} m/s");
+    }
+}
