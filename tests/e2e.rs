@@ -4,6 +4,7 @@
 
 mod bad_inputs;
 mod common;
+mod dataset;
 mod demo_clip;
 mod eval;
 mod real_clips;
