@@ -38,8 +38,7 @@ pub(super) fn add_single_frames(report: &mut Report, what: &str, systems: &[(Sys
     let positions = of_cars(systems, |car| car.position);
     let mut add = add_table(&format!("Table 1, ADD: {what}"), &scored(&poses));
     add.note += " Systems 1–4 are given the focal length; the last row is given the true ground too, so what row 4 lacks to it \
-                 is the error of the ground, common to all cars of a picture."; \
-                 what that costs shows against the last row.";
+                 is the error of the ground, common to all cars of a picture.";
     report.tables.push(add);
     report.tables.push(viewpoint_table(&format!("Table 2, viewpoint: {what}"), &scored(&poses)));
     report
