@@ -3,7 +3,9 @@
 use std::time::Instant;
 
 use roadplane_base::{ShapeAtlas, angle_difference};
-use roadplane_solve::{CarSolution, KnownScene, SceneOptions, SceneSolution, refine_scene, solve_scene};
+use roadplane_solve::{
+    CameraPrior, CarSolution, KnownScene, SceneOptions, SceneSolution, refine_scene, solve_scene,
+};
 use roadplane_synth::{CarModel, SceneTruth, SynthOptions, scene};
 
 use super::scenes::{bound, known, views, without_camera_prior};
@@ -41,8 +43,8 @@ pub fn statistics_tables(atlas: &ShapeAtlas, scenes: usize) -> Vec<Table> {
     let quantities = |decimals| QUANTITIES.map(|title| Column::new(title, decimals));
     let mut accuracy = Table::new(
         "RMS error over the Cramér–Rao bound",
-        "The bound is of the right keypoints of the right cars (shape prior counted); of cars of other models, as if they were the atlas'. Rows with N ≤ 2 use the camera prior, all \
-         others none. 95 % intervals by resampling scenes.",
+        "The bound is of the right keypoints of the right cars (shape prior counted); of cars of other models, as if they were the atlas'. Rows with N ≤ 2 use a camera prior with the \
+         moments of the scenes' cameras, all others none. 95 % intervals by resampling scenes.",
         [vec![Column::new("scenes", 0)], quantities(2).to_vec()].concat(),
     );
     let mut bias = Table::new(
@@ -115,7 +117,8 @@ fn rows() -> Vec<Row> {
         name,
         asked: SynthOptions { cars, noise, ..base.clone() },
         options: if cars < 3 {
-            SceneOptions { atlas_residual_scale: 0.0, ..SceneOptions::default() }
+            let camera_prior = population(&base);
+            SceneOptions { atlas_residual_scale: 0.0, camera_prior, ..SceneOptions::default() }
         } else {
             without_camera_prior(0.0)
         },
@@ -152,6 +155,31 @@ fn rows() -> Vec<Row> {
             options: without_camera_prior(1.0),
         },
     ]
+}
+
+/// The moments of the cameras that scenes are drawn from: one or two cars leave much to the prior, and an sd can be honest
+/// only if the prior is.
+fn population(asked: &SynthOptions) -> CameraPrior {
+    // sd of a uniform distribution: its width / √12.
+    let moments = |[low, high]: [f64; 2]| ((low + high) / 2.0, (high - low) / 12f64.sqrt());
+    let (log_focal, log_focal_sd) = moments(asked.focal_ratio.map(f64::ln));
+    let (tilt, tilt_sd) = moments(asked.tilt);
+    let (_, roll_sd) = moments(asked.roll);
+    // Mean and sd of the logarithm of a height that is uniform itself.
+    let [low, high] = asked.height_m;
+    let integral = |h: f64| h * (h.ln() - 1.0);
+    let square = |h: f64| h * (h.ln().powi(2) - 2.0 * h.ln() + 2.0);
+    let mean = (integral(high) - integral(low)) / (high - low);
+    let log_height_sd = ((square(high) - square(low)) / (high - low) - mean * mean).sqrt();
+    CameraPrior {
+        focal_ratio: log_focal.exp(),
+        log_focal_sd,
+        tilt,
+        tilt_sd,
+        roll_sd,
+        height_m: mean.exp(),
+        log_height_sd,
+    }
 }
 
 /// Models that the atlas was not built on (`python -m cars.atlas --foreign`).
