@@ -11,6 +11,7 @@
 //!
 //! Transforms are named `target_from_source`. SI units and radians; suffixes where a unit is not obvious.
 
+mod activity;
 mod assign;
 mod atlas;
 mod bbox;
@@ -21,6 +22,7 @@ mod plane;
 mod pose;
 mod records;
 
+pub use activity::Activity;
 pub use assign::assign;
 pub use atlas::{ATLAS_SCHEMA, AtlasError, MODES, Shape, ShapeAtlas};
 pub use bbox::{bbox_centre, bbox_covered, bbox_iou};

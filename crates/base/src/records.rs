@@ -66,6 +66,12 @@ pub struct CarRecord {
 }
 
 impl CarRecord {
+    /// A car of which only the box is known.
+    #[must_use]
+    pub fn boxed(bbox_px: [f64; 4]) -> Self {
+        Self { bbox_px, score: 1.0, class: VehicleClass::Car, keypoints: None, extra: Map::new() }
+    }
+
     /// Longer side of the box, px.
     #[must_use]
     pub fn longer_side_px(&self) -> f64 {

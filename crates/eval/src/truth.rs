@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3};
-use roadplane_base::{Camera, GroundPlane, ImageSize, KEYPOINTS, VehicleClass};
+use roadplane_base::{Activity, Camera, GroundPlane, ImageSize, KEYPOINTS, VehicleClass};
 use serde::{Deserialize, Serialize};
 
 pub use read::{read_dataset, read_truth};
@@ -149,22 +149,6 @@ pub struct TrueCar {
     pub visible_share: f64,
     /// x, y (px) and whether it is visible (0 or 1); null where the car lacks it or it lies behind the camera.
     pub keypoints_px: Vec<Option<[f64; 3]>>,
-}
-
-/// What a car does.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-#[allow(missing_docs)]
-pub enum Activity {
-    Parked,
-    Moving,
-    TurningLeft,
-    TurningRight,
-    UTurn,
-    Stopping,
-    Starting,
-    Reversing,
-    Parking,
 }
 
 impl TrueCamera {

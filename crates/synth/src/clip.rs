@@ -258,7 +258,7 @@ fn measured(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::trajectory::Activity;
+    use roadplane_base::Activity;
 
     #[test]
     fn clips_repeat_and_cars_do_not_touch() {

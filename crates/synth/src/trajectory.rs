@@ -6,7 +6,7 @@
 //! of the car's origin, midway between the axles.
 
 use nalgebra::Vector2;
-use roadplane_base::{GroundPose, wrap_angle};
+use roadplane_base::{Activity, GroundPose, wrap_angle};
 
 /// Length of path between samples, m.
 const STEP_M: f64 = 0.01;
@@ -17,21 +17,6 @@ const LATERAL: f64 = 1.5;
 /// Total turn from which a piece of path is a U-turn, and a turn; rad.
 const U_TURN: f64 = 150.0 * std::f64::consts::PI / 180.0;
 const TURN: f64 = 25.0 * std::f64::consts::PI / 180.0;
-
-/// What a car does.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[allow(missing_docs)]
-pub enum Activity {
-    Parked,
-    Moving,
-    TurningLeft,
-    TurningRight,
-    UTurn,
-    Stopping,
-    Starting,
-    Reversing,
-    Parking,
-}
 
 /// A car at one time.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -3,9 +3,7 @@
 use std::path::Path;
 
 use nalgebra::Vector2;
-use roadplane_base::{
-    CarRecord, FrameRecord, ImageSize, KEYPOINTS, Keypoint, KeypointSet, VehicleClass, assign, bbox_iou,
-};
+use roadplane_base::{CarRecord, FrameRecord, ImageSize, KEYPOINTS, Keypoint, KeypointSet, assign, bbox_iou};
 use roadplane_keypoints::KeypointNet;
 use roadplane_pipeline::{Config, PipelineError, open_input};
 use roadplane_synth::Rng;
@@ -60,7 +58,7 @@ impl FrameEvidence {
         let cars = self.cars.iter().zip(&self.keypoints);
         let car = |(car, set): (&usize, &KeypointSet)| CarRecord {
             keypoints: Some(Box::new(*set)),
-            ..record(frame.cars[*car].bbox_px)
+            ..CarRecord::boxed(frame.cars[*car].bbox_px)
         };
         FrameRecord {
             frame: frame.frame,
@@ -69,16 +67,6 @@ impl FrameEvidence {
             cars: cars.map(car).collect(),
             extra: serde_json::Map::new(),
         }
-    }
-}
-
-fn record(bbox_px: [f64; 4]) -> CarRecord {
-    CarRecord {
-        bbox_px,
-        score: 1.0,
-        class: VehicleClass::Car,
-        keypoints: None,
-        extra: serde_json::Map::new(),
     }
 }
 
@@ -107,7 +95,7 @@ pub(super) fn from_net(
         let Ok(index) = place else { continue };
         let cars = counted(truth, &truth.frames[index]);
         let mut records: Vec<CarRecord> =
-            cars.iter().map(|c| record(truth.frames[index].cars[*c].bbox_px)).collect();
+            cars.iter().map(|c| CarRecord::boxed(truth.frames[index].cars[*c].bbox_px)).collect();
         net.locate(&frame, &mut records).map_err(PipelineError::from)?;
         let keypoints =
             records.into_iter().map(|r| r.keypoints.map_or([None; KEYPOINTS], |set| *set)).collect();

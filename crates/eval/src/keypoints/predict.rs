@@ -1,7 +1,7 @@
 //! The nets on labelled images.
 
 use image::RgbImage;
-use roadplane_base::{CarRecord, Frame, FrameStamp, KeypointSet, VehicleClass, assign, bbox_iou};
+use roadplane_base::{CarRecord, Frame, FrameStamp, KeypointSet, assign, bbox_iou};
 use roadplane_detect::Detector;
 use roadplane_keypoints::KeypointNet;
 use roadplane_pipeline::PipelineError;
@@ -24,7 +24,7 @@ pub fn predict(
 ) -> Result<Vec<Option<KeypointSet>>, PipelineError> {
     let frame = Frame { stamp: FrameStamp { index: 0, pts_nanos: 0 }, image: picture };
     let mut records: Vec<Option<CarRecord>> = match detector {
-        None => cars.iter().map(|car| Some(record(car.bbox_px))).collect(),
+        None => cars.iter().map(|car| Some(CarRecord::boxed(car.bbox_px))).collect(),
         Some(detector) => matched(cars, &detector.detect(&frame)?),
     };
     let mut located: Vec<CarRecord> = records.iter().flatten().cloned().collect();
@@ -36,19 +36,9 @@ pub fn predict(
     Ok(records.iter_mut().map(take).collect())
 }
 
-fn record(bbox_px: [f64; 4]) -> CarRecord {
-    CarRecord {
-        bbox_px,
-        score: 1.0,
-        class: VehicleClass::Car,
-        keypoints: None,
-        extra: serde_json::Map::new(),
-    }
-}
-
 /// The detected box of each labelled car, by the assignment with the largest overlap; whatever class it was given.
 fn matched(cars: &[LabelledCar], found: &[CarRecord]) -> Vec<Option<CarRecord>> {
     let cost = |i: usize, j: usize| 1.0 - bbox_iou(&cars[i].bbox_px, &found[j].bbox_px);
     let chosen = assign(cars.len(), found.len(), 1.0 - MIN_IOU, cost);
-    chosen.into_iter().map(|j| j.map(|j| record(found[j].bbox_px))).collect()
+    chosen.into_iter().map(|j| j.map(|j| CarRecord::boxed(found[j].bbox_px))).collect()
 }

@@ -3,12 +3,12 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::Vector2;
-use roadplane_base::TrackRow;
+use roadplane_base::{Activity, TrackRow};
 
 use crate::metrics::motion::{MotionError, jitter_m, motion_error};
 use crate::metrics::position::{PositionError, position_error};
 use crate::metrics::sequence::{Sequence, SequenceFrame};
-use crate::truth::{Activity, TrueCar, Truth};
+use crate::truth::{TrueCar, Truth};
 
 use super::{counts, pairs_by_box};
 

@@ -3,7 +3,9 @@
 use nalgebra::Point3;
 use roadplane_base::{GroundPlane, GroundPose, ImageSize, ShapeAtlas, VehicleClass, rows_from_isometry};
 
-use super::{Activity, Kind, Model, TRUTH_SCHEMA, TrueCamera, TrueCar, TrueFrame, TruePlane, Truth};
+use roadplane_base::Activity;
+
+use super::{Kind, Model, TRUTH_SCHEMA, TrueCamera, TrueCar, TrueFrame, TruePlane, Truth};
 
 /// Three mean cars in view of a camera 6 m up: 0 and 1 parked 15 and 30 m ahead, 2 passing at 5 m/s 22 m ahead.
 pub fn lot(frames: u64) -> Truth {

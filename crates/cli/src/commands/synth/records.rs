@@ -4,9 +4,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use roadplane_base::{CarRecord, FrameRecord, Keypoint, VehicleClass, rows_from_isometry};
 use roadplane_eval::truth::{
-    Activity, Kind, Model, Rows, TRUTH_SCHEMA, TrueCamera, TrueCar, TrueFrame, TruePlane, Truth,
+    Kind, Model, Rows, TRUTH_SCHEMA, TrueCamera, TrueCar, TrueFrame, TruePlane, Truth,
 };
-use roadplane_synth::trajectory::Activity as Doing;
 use roadplane_synth::{Item, Sighting};
 use serde_json::Map;
 
@@ -108,24 +107,10 @@ fn true_car(item: &Item, sighting: &Sighting) -> TrueCar {
         id: sighting.id as u64,
         world_from_car: rounded_rows(rows_from_isometry(&sighting.state.pose.world_from_car())),
         speed_mps: rounded(sighting.state.speed_mps, 4),
-        activity: activity(sighting.state.activity),
+        activity: sighting.state.activity,
         bbox_px: inside.map(|v| rounded(v, 2)),
         whole_bbox_px: sighting.whole_box.map(|v| rounded(v, 2)),
         visible_share: rounded(share, 3),
         keypoints_px: sighting.pixels.iter().zip(&sighting.keypoints).map(keypoint).collect(),
-    }
-}
-
-fn activity(doing: Doing) -> Activity {
-    match doing {
-        Doing::Parked => Activity::Parked,
-        Doing::Moving => Activity::Moving,
-        Doing::TurningLeft => Activity::TurningLeft,
-        Doing::TurningRight => Activity::TurningRight,
-        Doing::UTurn => Activity::UTurn,
-        Doing::Stopping => Activity::Stopping,
-        Doing::Starting => Activity::Starting,
-        Doing::Reversing => Activity::Reversing,
-        Doing::Parking => Activity::Parking,
     }
 }
