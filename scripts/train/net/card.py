@@ -74,10 +74,11 @@ def markdown(card: dict) -> str:
         f"{made['stacks']} stacks of {made['channels']} channels, {made['parameters']} parameters, "
         f"{made['gflop_per_crop']} GFLOP a crop"
     )
+    steps = "128 px throughout" if recipe["start_from"] else "64 → 96 → 128 px on the way"
     items = {
         "Net": f"{net}, no normalisation layers, f32, {made['work_px']} px inside",
         "Training": f"{made['steps']} steps of {recipe['batch']} crops in {made['minutes']} minutes, {data}, "
-        f"seed {recipe['seed']}; input 64 → 96 → 128 px on the way",
+        f"seed {recipe['seed']}; input {steps}",
         "Real images": real,
         "Calibration": f"sd² = {calibration['sd_scale']}² · variance + "
         f"{calibration['sd_floor_crop_px']}² crop px²",
