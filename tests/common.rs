@@ -32,6 +32,11 @@ pub fn json(path: &Path) -> serde_json::Value {
     serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
 }
 
+/// A number of a JSON file.
+pub fn number(value: &serde_json::Value) -> f64 {
+    value.as_f64().unwrap()
+}
+
 /// The lines of a JSON lines file.
 pub fn json_lines(path: &Path) -> Vec<serde_json::Value> {
     std::fs::read_to_string(path).unwrap().lines().map(|line| serde_json::from_str(line).unwrap()).collect()

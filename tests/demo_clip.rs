@@ -3,12 +3,8 @@
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
-use crate::common::{first_row, json, json_lines, names, roadplane, root};
+use crate::common::{first_row, json, json_lines, names, number, roadplane, root};
 use serde_json::Value;
-
-fn number(value: &Value) -> f64 {
-    value.as_f64().unwrap()
-}
 
 #[test]
 fn the_demo_clip_is_solved() {
@@ -133,24 +129,14 @@ fn stages_alone_give_what_they_document() {
     roadplane().arg("solve").arg(at("k.jsonl")).arg("--out").arg(at("p.jsonl")).assert().code(0);
     assert!(!json_lines(&at("p.jsonl")).is_empty());
     assert!(number(&json(&at("camera.json"))["focal_px"]) > 0.0);
-    let free = ["--no-plane", "--focal-px", "1360"];
-    roadplane()
-        .arg("solve")
-        .arg(at("k.jsonl"))
-        .arg("--out")
-        .arg(at("free/p.jsonl"))
-        .args(free)
-        .assert()
-        .code(1);
+    let free = || {
+        let mut command = roadplane();
+        command.arg("solve").arg(at("k.jsonl")).arg("--out").arg(at("free/p.jsonl"));
+        command.args(["--no-plane", "--focal-px", "1360"]).assert()
+    };
+    free().code(1);
     std::fs::create_dir(at("free")).unwrap();
-    roadplane()
-        .arg("solve")
-        .arg(at("k.jsonl"))
-        .arg("--out")
-        .arg(at("free/p.jsonl"))
-        .args(free)
-        .assert()
-        .code(0);
+    free().code(0);
     assert!(!json_lines(&at("free/p.jsonl")).is_empty());
     assert!((number(&json(&at("free/camera.json"))["focal_px"]) - 1360.0).abs() < 1e-6);
     let broken = at("broken.jsonl");

@@ -3,12 +3,8 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use crate::common::{json, json_lines, roadplane, shared};
+use crate::common::{json, json_lines, number, roadplane, shared};
 use serde_json::Value;
-
-fn number(value: &Value) -> f64 {
-    value.as_f64().unwrap()
-}
 
 /// Runs an input and gives its camera and its rows by track.
 fn run(input: &Path, code: i32, settings: &[&str]) -> (Value, BTreeMap<u64, Vec<Value>>, Value) {

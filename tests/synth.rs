@@ -2,12 +2,7 @@
 
 use std::path::Path;
 
-use crate::common::{json, json_lines, names, roadplane};
-use serde_json::Value;
-
-fn number(value: &Value) -> f64 {
-    value.as_f64().unwrap()
-}
+use crate::common::{json, json_lines, names, number, roadplane};
 
 fn synth(out: &Path, stills: u32, clips: u32, more: &[&str]) -> assert_cmd::assert::Assert {
     let mut command = roadplane();

@@ -1,19 +1,8 @@
 //! Noise-free scenes come out exactly, from nothing and from a random camera.
 
-use roadplane_base::{CameraParams, ShapeAtlas, angle_difference};
+use roadplane_base::{ShapeAtlas, angle_difference};
 use roadplane_solve::{CameraPrior, CarView, LmOptions, SceneOptions, solve_scene};
-use roadplane_synth::{Rng, SynthOptions, scene};
-
-/// Focal length 0.3–8 × the image's width, any tilt and height.
-fn random_camera(width: f64, seed: u64) -> CameraParams {
-    let mut rng = Rng::new(seed ^ 0x57a7);
-    CameraParams {
-        log_focal: rng.uniform((0.3 * width).ln(), (8.0 * width).ln()),
-        tilt: rng.uniform(0.05, 1.2),
-        roll: rng.uniform(-0.2, 0.2),
-        log_height: rng.uniform(3f64.ln(), 40f64.ln()),
-    }
-}
+use roadplane_synth::{SynthOptions, random_camera, scene};
 
 #[test]
 fn noise_free_scenes_come_out_exactly() {
@@ -48,7 +37,7 @@ fn exact(atlas: &ShapeAtlas, random_start: bool) {
             .enumerate()
             .map(|(group, car)| CarView { keypoints: &car.keypoints, group, weight: 1.0 })
             .collect();
-        let start = random_start.then(|| random_camera(f64::from(truth.size.width), seed));
+        let start = random_start.then(|| random_camera(truth.size, seed));
         let found = solve_scene(atlas, truth.size, &views, &SceneOptions { start, ..options });
         let focal = (found.params.log_focal - truth.params.log_focal).abs();
         let turn =

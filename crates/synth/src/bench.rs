@@ -1,7 +1,7 @@
-//! Scenes that speed is measured on, with a start near the truth.
+//! Starts for the solver: near the truth of scenes that speed is measured on, and anywhere.
 
 use nalgebra::{Point3, Vector2};
-use roadplane_base::{Camera, CameraParams, GroundPose, Shape, ShapeAtlas};
+use roadplane_base::{Camera, CameraParams, GroundPose, ImageSize, Shape, ShapeAtlas};
 
 use crate::{CarTruth, Rng, SceneTruth, SynthOptions, scene};
 
@@ -55,6 +55,19 @@ impl BenchScene {
         let poses = truth.cars.iter().map(place).collect::<Option<Vec<_>>>()?;
         let shapes = truth.cars.iter().map(|car| car.shape.map(|c| c + 0.3 * rng.normal())).collect();
         Some(Self { truth, params, poses, shapes })
+    }
+}
+
+/// A camera to start from that has nothing to do with the scene: focal length 0.3–8 × the image's width, any tilt and height.
+#[must_use]
+pub fn random_camera(size: ImageSize, seed: u64) -> CameraParams {
+    let mut rng = Rng::new(seed ^ 0x57a7);
+    let width = f64::from(size.width);
+    CameraParams {
+        log_focal: rng.uniform((0.3 * width).ln(), (8.0 * width).ln()),
+        tilt: rng.uniform(0.05, 1.2),
+        roll: rng.uniform(-0.2, 0.2),
+        log_height: rng.uniform(3f64.ln(), 40f64.ln()),
     }
 }
 

@@ -12,7 +12,7 @@ mod scene;
 mod traffic;
 pub mod trajectory;
 
-pub use bench::BenchScene;
+pub use bench::{BenchScene, random_camera};
 pub use clip::{ClipOptions, clip_item};
 pub use item::{Item, ItemCar, Sighting, still_item};
 pub use models::CarModel;

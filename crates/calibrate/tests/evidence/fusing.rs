@@ -1,8 +1,9 @@
 use nalgebra::{Matrix4, Vector4};
 use roadplane_base::{CameraParams, CameraStatus};
 use roadplane_calibrate::{CarUse, FuseOptions, SegmentStart, WindowEstimate, fuse};
+use roadplane_synth::Rng;
 
-use crate::records::{Random, SIZE};
+use crate::records::SIZE;
 
 /// sd of a window's log focal, tilt, roll, log height.
 const SD: [f64; 4] = [0.06, 0.02, 0.008, 0.05];
@@ -32,7 +33,7 @@ fn window(index: usize, params: &Vector4<f64>, cars: Vec<CarUse>) -> WindowEstim
     }
 }
 
-fn draw(random: &mut Random) -> Vector4<f64> {
+fn draw(random: &mut Rng) -> Vector4<f64> {
     covariance().cholesky().unwrap().l() * Vector4::from_fn(|_, _| random.normal())
 }
 
@@ -49,7 +50,7 @@ fn different_cars_add_up_and_sd_is_true() {
     let mut sum = Vector4::zeros();
     let runs = 300;
     for seed in 0..runs {
-        let mut random = Random(seed);
+        let mut random = Rng::new(seed);
         let windows: Vec<WindowEstimate> = (0..25)
             .map(|i| window(i, &(truth() + draw(&mut random)), parked(10 * i as u64..10 * i as u64 + 10)))
             .collect();
@@ -71,7 +72,7 @@ fn the_same_parked_cars_count_once() {
     let mut sum = Vector4::zeros();
     let runs = 300;
     for seed in 0..runs {
-        let mut random = Random(seed);
+        let mut random = Rng::new(seed);
         let shared = draw(&mut random);
         let windows: Vec<WindowEstimate> =
             (0..20).map(|i| window(i, &(truth() + shared + 0.1 * draw(&mut random)), parked(0..9))).collect();
@@ -99,7 +100,7 @@ fn cutting_a_clip_finer_changes_nothing() {
 #[test]
 fn bad_windows_do_little() {
     for seed in 0..50 {
-        let mut random = Random(seed);
+        let mut random = Rng::new(seed);
         let windows: Vec<WindowEstimate> = (0..20)
             .map(|i| {
                 let wrong = if i % 5 == 2 { Vector4::new(0.8, -0.15, 0.02, 0.7) } else { Vector4::zeros() };
@@ -115,7 +116,7 @@ fn bad_windows_do_little() {
 
 #[test]
 fn a_moved_camera_gives_two_answers_that_share_its_focal_length() {
-    let mut random = Random(1);
+    let mut random = Rng::new(1);
     let turned = truth() + Vector4::new(0.0, 0.15, 0.0, 0.0);
     let windows: Vec<WindowEstimate> = (0..12)
         .map(|i| {
@@ -150,7 +151,7 @@ fn a_moved_camera_gives_two_answers_that_share_its_focal_length() {
 fn a_change_that_only_the_estimates_show_is_found_and_noise_is_not() {
     let mut wrong = 0;
     for seed in 0..100 {
-        let mut random = Random(seed);
+        let mut random = Rng::new(seed);
         let mut clip = |change: f64| -> Vec<WindowEstimate> {
             (0..16)
                 .map(|i| {
@@ -173,7 +174,7 @@ fn a_change_that_only_the_estimates_show_is_found_and_noise_is_not() {
 
 #[test]
 fn a_drifting_camera_is_followed() {
-    let mut random = Random(5);
+    let mut random = Rng::new(5);
     let windows: Vec<WindowEstimate> = (0..60)
         .map(|i| {
             let tilt = 0.12 * (i as f64 / 10.0).sin();

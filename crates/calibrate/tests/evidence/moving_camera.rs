@@ -3,8 +3,9 @@ use roadplane_base::FrameRecord;
 use roadplane_calibrate::{
     EvidenceBuilder, EvidenceOptions, MoveDetector, MoveOptions, MoveState, SegmentStart, Window,
 };
+use roadplane_synth::Rng;
 
-use crate::records::{Moving, Random, frame, rows, still};
+use crate::records::{Moving, frame, rows, still};
 
 fn shifted(cars: &[Moving], shift: [f64; 2], scale: f64) -> Vec<Moving> {
     let move_x = |x: f64| (x - 960.0) * scale + 960.0 + shift[0];
@@ -19,12 +20,12 @@ fn shifted(cars: &[Moving], shift: [f64; 2], scale: f64) -> Vec<Moving> {
 
 /// 100 frames at 25 a second; `then` from frame 50 on.
 fn clip(before: &[Moving], then: &[Moving], seed: u64) -> Vec<FrameRecord> {
-    let mut random = Random(seed);
+    let mut random = Rng::new(seed);
     (0..100)
         .map(|i| {
             let cars = if i < 50 { before } else { then };
             let mut record = frame(i, i as f64 / 25.0, cars, 2.0, 1.0, &mut random);
-            record.cars.retain(|_| random.uniform() > 0.15);
+            record.cars.retain(|_| random.unit() > 0.15);
             record
         })
         .collect()
@@ -83,7 +84,7 @@ fn a_still_camera_is_one_segment_though_cars_leave_and_one_frame_shakes() {
 
 #[test]
 fn slow_drift_is_seen_by_its_sum() {
-    let mut random = Random(3);
+    let mut random = Rng::new(3);
     let mut detector = MoveDetector::new(MoveOptions::default());
     let cars: Vec<Moving> =
         rows(5).into_iter().map(|car| Moving { velocity_px_s: [1.0, 0.0], ..car }).collect();
@@ -97,7 +98,7 @@ fn slow_drift_is_seen_by_its_sum() {
 
 #[test]
 fn few_cars_tell_nothing() {
-    let mut random = Random(3);
+    let mut random = Rng::new(3);
     let mut detector = MoveDetector::new(MoveOptions::default());
     for i in 0..40 {
         let cars = shifted(

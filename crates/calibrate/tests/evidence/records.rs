@@ -2,23 +2,7 @@
 
 use nalgebra::Vector2;
 use roadplane_base::{CarRecord, FrameRecord, ImageSize, KEYPOINTS, Keypoint, VehicleClass};
-
-/// SplitMix64: the same numbers everywhere.
-pub struct Random(pub u64);
-
-impl Random {
-    pub fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    pub fn normal(&mut self) -> f64 {
-        (-2.0 * (1.0 - self.uniform()).ln()).sqrt() * (std::f64::consts::TAU * self.uniform()).cos()
-    }
-}
+use roadplane_synth::Rng;
 
 /// A box in the image that moves at a constant velocity.
 #[derive(Clone, Copy)]
@@ -50,7 +34,7 @@ pub fn frame(
     cars: &[Moving],
     sd_px: f64,
     white: f64,
-    random: &mut Random,
+    random: &mut Rng,
 ) -> FrameRecord {
     let cars = cars
         .iter()

@@ -1,13 +1,14 @@
 use std::collections::BTreeMap;
 
 use roadplane_calibrate::{Linker, LinkerOptions, SelectOptions, View, ViewSelector};
+use roadplane_synth::Rng;
 
-use crate::records::{Moving, Random, frame, rows};
+use crate::records::{Moving, frame, rows};
 
 fn views(cars: &[Moving], frames: u64, rate: f64, options: SelectOptions) -> Vec<View> {
     let mut linker = Linker::new(LinkerOptions::default());
     let mut selector = ViewSelector::new(options);
-    let mut random = Random(1);
+    let mut random = Rng::new(1);
     for i in 0..frames {
         let record = frame(i, i as f64 / rate, cars, 2.0, 0.5, &mut random);
         let names = linker.push(&record);
@@ -52,7 +53,7 @@ fn bounds_are_kept_and_cars_share_them() {
 
 #[test]
 fn small_and_empty_cars_are_no_views() {
-    let mut random = Random(1);
+    let mut random = Rng::new(1);
     let mut record = frame(0, 0.0, &rows(2), 1.0, 1.0, &mut random);
     record.cars[0].bbox_px = [5.0, 5.0, 25.0, 20.0];
     record.cars[1].keypoints = None;

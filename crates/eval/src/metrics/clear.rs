@@ -88,14 +88,7 @@ impl Clear {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn frame(truth: &[u64], found: &[u64], similarity: &[&[f64]]) -> SequenceFrame {
-        SequenceFrame {
-            truth: truth.to_vec(),
-            found: found.to_vec(),
-            similarity: similarity.iter().map(|row| row.to_vec()).collect(),
-        }
-    }
+    use crate::metrics::sequence::frame;
 
     #[test]
     fn misses_false_alarms_and_switches_are_counted() {

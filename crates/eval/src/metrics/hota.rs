@@ -135,17 +135,10 @@ fn global_alignment(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::metrics::sequence::frame;
 
     fn score(clip: &[SequenceFrame]) -> Hota {
         HotaCounts::of(clip).score()
-    }
-
-    fn frame(truth: &[u64], found: &[u64], similarity: &[&[f64]]) -> SequenceFrame {
-        SequenceFrame {
-            truth: truth.to_vec(),
-            found: found.to_vec(),
-            similarity: similarity.iter().map(|row| row.to_vec()).collect(),
-        }
     }
 
     #[test]

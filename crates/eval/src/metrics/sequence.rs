@@ -71,3 +71,13 @@ pub(crate) fn lengths(
     }
     lengths
 }
+
+/// A frame in few words, for tests.
+#[cfg(test)]
+pub(crate) fn frame(truth: &[u64], found: &[u64], similarity: &[&[f64]]) -> SequenceFrame {
+    SequenceFrame {
+        truth: truth.to_vec(),
+        found: found.to_vec(),
+        similarity: similarity.iter().map(|row| row.to_vec()).collect(),
+    }
+}

@@ -1,8 +1,8 @@
 //! Noise-free scenes must come out exactly, from nothing and from any start.
 
-use roadplane_base::{CameraParams, ShapeAtlas, angle_difference};
+use roadplane_base::{ShapeAtlas, angle_difference};
 use roadplane_solve::{LmOptions, SceneOptions, solve_scene};
-use roadplane_synth::{Rng, SceneTruth, SynthOptions, scene};
+use roadplane_synth::{SynthOptions, random_camera, scene};
 
 use super::scenes::{views, without_camera_prior};
 use crate::parallel::in_parallel;
@@ -52,7 +52,7 @@ fn errors_of(atlas: &ShapeAtlas, seed: usize, random_start: bool) -> [f64; 3] {
     let truth = scene(atlas, &asked, seed as u64);
     let lm =
         LmOptions { max_iterations: 200, cost_tolerance: 0.0, step_tolerance: 1e-9, ..LmOptions::default() };
-    let start = random_start.then(|| random_camera(&truth, seed as u64));
+    let start = random_start.then(|| random_camera(truth.size, seed as u64));
     // The minimum itself: cars that are all of the mean shape are no sample of the population.
     let options = SceneOptions { lm, start, marginal: false, ..without_camera_prior(0.0) };
     let found = solve_scene(atlas, truth.size, &views(&truth), &options);
@@ -65,16 +65,4 @@ fn errors_of(atlas: &ShapeAtlas, seed: usize, random_start: bool) -> [f64; 3] {
         angle = angle.max(angle_difference(found.ground.heading_rad, car.pose.heading_rad).abs());
     }
     [(found.params.log_focal - truth.params.log_focal).abs(), angle.to_degrees(), position]
-}
-
-/// Focal length 0.3–8 × the image's width, any tilt and height.
-fn random_camera(truth: &SceneTruth, seed: u64) -> CameraParams {
-    let mut rng = Rng::new(seed ^ 0x57a7);
-    let width = f64::from(truth.size.width);
-    CameraParams {
-        log_focal: rng.uniform((0.3 * width).ln(), (8.0 * width).ln()),
-        tilt: rng.uniform(0.05, 1.2),
-        roll: rng.uniform(-0.2, 0.2),
-        log_height: rng.uniform(3f64.ln(), 40f64.ln()),
-    }
 }

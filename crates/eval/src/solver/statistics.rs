@@ -37,7 +37,7 @@ struct SceneErrors {
     milliseconds: f64,
 }
 
-/// Three tables over `scenes` scenes a row.
+/// Four tables over `scenes` scenes a row.
 #[must_use]
 pub fn statistics_tables(atlas: &ShapeAtlas, scenes: usize) -> Vec<Table> {
     let quantities = |decimals| QUANTITIES.map(|title| Column::new(title, decimals));

@@ -3,11 +3,12 @@
 use nalgebra::{Matrix3, Rotation2, Vector2};
 use proptest::prelude::*;
 use roadplane_base::{angle_difference, wrap_angle};
+use roadplane_synth::Rng;
 use roadplane_track::{FrameMeasurements, Track};
 
 use crate::{
     parked::lot,
-    world::{Random, Seeing, World, pose, straight, times, track},
+    world::{Seeing, World, pose, straight, times, track},
 };
 
 fn clip(seed: u64) -> Vec<FrameMeasurements> {
@@ -39,10 +40,10 @@ proptest! {
     fn the_order_of_cars_does_not_matter(seed in 0u64..1000) {
         let frames = clip(seed);
         let mut shuffled = frames.clone();
-        let mut random = Random(seed);
+        let mut random = Rng::new(seed);
         for frame in &mut shuffled {
             for i in (1..frame.cars.len()).rev() {
-                frame.cars.swap(i, (random.uniform() * (i + 1) as f64) as usize);
+                frame.cars.swap(i, (random.unit() * (i + 1) as f64) as usize);
             }
         }
         prop_assert_eq!(numbers(&track(&frames)), numbers(&track(&shuffled)));

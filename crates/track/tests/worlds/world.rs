@@ -2,24 +2,8 @@
 
 use nalgebra::{Matrix2, Matrix3, Matrix6, Point3, Vector2, Vector3};
 use roadplane_base::{Camera, FrameStamp, GroundPlane, GroundPose, Shape, VehicleClass};
+use roadplane_synth::Rng;
 use roadplane_track::{CarMeasurement, FrameMeasurements, Track, TrackOptions, Tracker};
-
-/// SplitMix64: the same numbers everywhere.
-pub struct Random(pub u64);
-
-impl Random {
-    pub fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    pub fn normal(&mut self) -> f64 {
-        (-2.0 * (1.0 - self.uniform()).ln()).sqrt() * (std::f64::consts::TAU * self.uniform()).cos()
-    }
-}
 
 /// Pose of a car at a time (s); `None` while it is not there.
 pub type Path = Box<dyn Fn(f64) -> Option<GroundPose>>;
@@ -144,7 +128,7 @@ impl World {
 
     pub fn see(&self) -> Seen {
         let seeing = &self.seeing;
-        let mut random = Random(self.seed);
+        let mut random = Rng::new(self.seed);
         let biases: Vec<Vector3<f64>> =
             self.cars.iter().map(|_| Vector3::from_fn(|_, _| random.normal())).collect();
         let mut seen = Seen { frames: Vec::new(), owners: Vec::new() };
@@ -156,7 +140,7 @@ impl World {
             for (k, pose) in poses.iter().enumerate() {
                 let draw = Vector3::from_fn(|_, _| random.normal());
                 let jitter: [f64; 4] = std::array::from_fn(|_| seeing.box_sd_px * random.normal());
-                let (lost, turned) = (random.uniform() < seeing.missed, random.uniform() < seeing.flipped);
+                let (lost, turned) = (random.unit() < seeing.missed, random.unit() < seeing.flipped);
                 let (Some(pose), Some(bbox)) = (pose, boxes[k]) else { continue };
                 let covered = (0..poses.len()).filter(|&j| j != k).any(|j| {
                     let nearer = poses[j].is_some_and(|other| other.y_m < pose.y_m);
@@ -185,8 +169,7 @@ impl World {
                 });
                 owners.push(Some(k));
             }
-            let (alarm, x, y, turn) =
-                (random.uniform(), random.uniform(), random.uniform(), random.uniform());
+            let (alarm, x, y, turn) = (random.unit(), random.unit(), random.unit(), random.unit());
             let place = pose(30.0 * (x - 0.5), 15.0 + 30.0 * y, 6.0 * turn);
             if let (true, Some(bbox_px)) = (alarm < seeing.false_alarms, box_of(&place)) {
                 let root = noise_root(&place, seeing);
