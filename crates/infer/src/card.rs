@@ -113,12 +113,6 @@ impl ModelCard {
         self.version.as_str().map_or_else(|| self.version.to_string(), str::to_owned)
     }
 
-    /// A finite number out of `calibration`.
-    #[must_use]
-    pub fn calibration_number(&self, key: &str) -> Option<f64> {
-        self.calibration.get(key).and_then(Value::as_f64).filter(|number| number.is_finite())
-    }
-
     /// The output of this name.
     #[must_use]
     pub fn output(&self, name: &str) -> Option<&TensorSpec> {

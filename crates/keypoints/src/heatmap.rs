@@ -1,21 +1,70 @@
 //! From a heatmap of logits to a sub-pixel location with covariance.
 
 use nalgebra::{Matrix2, Vector2};
+use serde::Deserialize;
 
 /// Cells on each side of the peak that take part in mean and covariance.
 const WINDOW_CELLS: isize = 3;
 
+/// What a heatmap says of a location is held for at most so much prior: dividing by what is left amplifies noise.
+const LARGEST_PRIOR_SHARE: f64 = 0.5;
+
+/// How a peak becomes a measurement with an honest covariance: `calibration` of the net's card.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Calibration {
+    /// `a` of the covariance `S = a² V² + b²`, `V` the heatmap's, 1 / crop px.
+    pub sd_per_variance: f64,
+    /// `b` of the same, crop px.
+    pub sd_floor_crop_px: f64,
+    /// Mean of visible keypoints' locations in the crops that the net learnt from, crop px.
+    pub prior_mean_crop_px: Vector2<f64>,
+    /// Their sd in x and y, crop px.
+    pub prior_sd_crop_px: Vector2<f64>,
+}
+
+impl Calibration {
+    /// Whether all numbers can be meant.
+    #[must_use]
+    pub fn is_sound(&self) -> bool {
+        let (mean, sd) = (self.prior_mean_crop_px, self.prior_sd_crop_px);
+        let positive = [self.sd_per_variance, self.sd_floor_crop_px, sd.x, sd.y];
+        positive.iter().all(|v| v.is_finite() && *v > 0.0) && mean.iter().all(|v| v.is_finite())
+    }
+
+    /// The measurement behind a peak's mean `m` (crop px) and variance `V` (crop px²).
+    ///
+    /// A net that has learnt to say where keypoints are answers with the mean of a posterior, which the prior `c, P`
+    /// of its crops draws towards the middle: cars would come out smaller, and farther, than they are. The
+    /// measurement that explains the posterior is `c + (1 − S P⁻¹)⁻¹ (m − c)` with covariance `(S⁻¹ − P⁻¹)⁻¹`.
+    #[must_use]
+    pub fn measurement(&self, mean: Vector2<f64>, variance: Matrix2<f64>) -> Peak {
+        let sd = Matrix2::from_diagonal(&self.prior_sd_crop_px);
+        let per_sd = Matrix2::from_diagonal(&self.prior_sd_crop_px.map(f64::recip));
+        let posterior = variance * variance * self.sd_per_variance.powi(2)
+            + Matrix2::identity() * self.sd_floor_crop_px.powi(2);
+        let share = (per_sd * posterior * per_sd).symmetric_eigen();
+        let rest = share.eigenvalues.map(|v| 1.0 - v.min(LARGEST_PRIOR_SHARE));
+        let (axes, across) = (sd * share.eigenvectors, share.eigenvectors.transpose() * per_sd);
+        Peak {
+            crop_px: self.prior_mean_crop_px
+                + axes * (across * (mean - self.prior_mean_crop_px)).component_div(&rest),
+            covariance: axes
+                * Matrix2::from_diagonal(&share.eigenvalues.component_div(&rest))
+                * axes.transpose(),
+        }
+    }
+}
+
 /// How a net's heatmaps are read; see `ARCHITECTURE.md`, "Keypoint net".
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct HeatmapDecoder {
     /// Side of the heatmap, cells.
     pub cells: usize,
     /// Crop pixels per cell.
     pub stride_px: f64,
-    /// `a` of `sd² = a² · variance + b²`.
-    pub sd_scale: f64,
-    /// `b` of the same, crop px.
-    pub sd_floor_crop_px: f64,
+    /// From peak to measurement.
+    pub calibration: Calibration,
 }
 
 /// A keypoint in crop pixels.
@@ -28,10 +77,15 @@ pub struct Peak {
 }
 
 impl HeatmapDecoder {
-    /// Mean and covariance of the softmax of `logits` (`cells × cells`, row by row) within a window around its peak.
-    /// `None` if there is no largest logit (all NaN).
+    /// The keypoint measured by `logits` (`cells × cells`, row by row). `None` if there is no largest logit (all NaN).
     #[must_use]
     pub fn decode(&self, logits: &[f32]) -> Option<Peak> {
+        let (mean, variance) = self.moments(logits)?;
+        Some(self.calibration.measurement(mean, variance))
+    }
+
+    /// Mean (crop px) and variance (crop px²) of the softmax of `logits` within a window around its peak. `None` if there is no largest logit (all NaN).
+    fn moments(&self, logits: &[f32]) -> Option<(Vector2<f64>, Matrix2<f64>)> {
         let (peak, top) = logits.iter().enumerate().filter(|(_, v)| v.is_finite()).fold(
             None,
             |best: Option<(usize, f32)>, (i, &v)| match best {
@@ -57,11 +111,7 @@ impl HeatmapDecoder {
         mean /= mass;
         let variance = (second / mass - mean * mean.transpose()) * (self.stride_px * self.stride_px);
         let cell = Vector2::new(column as f64, row as f64) + mean;
-        Some(Peak {
-            crop_px: (cell * self.stride_px).add_scalar((self.stride_px - 1.0) / 2.0),
-            covariance: variance * (self.sd_scale * self.sd_scale)
-                + Matrix2::identity() * (self.sd_floor_crop_px * self.sd_floor_crop_px),
-        })
+        Some(((cell * self.stride_px).add_scalar((self.stride_px - 1.0) / 2.0), variance))
     }
 }
 
@@ -69,8 +119,16 @@ impl HeatmapDecoder {
 mod tests {
     use super::*;
 
-    const DECODER: HeatmapDecoder =
-        HeatmapDecoder { cells: 32, stride_px: 4.0, sd_scale: 1.0, sd_floor_crop_px: 0.0 };
+    const DECODER: HeatmapDecoder = HeatmapDecoder {
+        cells: 32,
+        stride_px: 4.0,
+        calibration: Calibration {
+            sd_per_variance: 0.2,
+            sd_floor_crop_px: 0.5,
+            prior_mean_crop_px: Vector2::new(63.0, 60.0),
+            prior_sd_crop_px: Vector2::new(32.0, 19.0),
+        },
+    };
 
     fn gaussian(at: Vector2<f64>, sd_px: f64) -> Vec<f32> {
         (0..32 * 32)
@@ -84,20 +142,32 @@ mod tests {
     #[test]
     fn a_gaussian_is_found_between_cells_with_its_sd() {
         for (x, y) in [(40.0, 60.0), (41.3, 62.9), (77.7, 30.2)] {
-            let peak = DECODER.decode(&gaussian(Vector2::new(x, y), 4.0)).unwrap();
-            assert!((peak.crop_px - Vector2::new(x, y)).norm() < 0.08, "{peak:?}");
-            assert!((peak.covariance[(0, 0)].sqrt() - 4.0).abs() < 0.3, "{peak:?}");
-            assert!(peak.covariance[(0, 1)].abs() < 0.1);
+            let (mean, variance) = DECODER.moments(&gaussian(Vector2::new(x, y), 4.0)).unwrap();
+            assert!((mean - Vector2::new(x, y)).norm() < 0.08, "{mean:?}");
+            assert!((variance[(0, 0)].sqrt() - 4.0).abs() < 0.3, "{variance:?}");
+            assert!(variance[(0, 1)].abs() < 0.1);
         }
     }
 
     #[test]
-    fn the_floor_and_scale_of_the_card_are_applied() {
-        let decoder = HeatmapDecoder { sd_scale: 2.0, sd_floor_crop_px: 3.0, ..DECODER };
-        let logits = gaussian(Vector2::new(50.0, 50.0), 4.0);
-        let (plain, scaled) = (DECODER.decode(&logits).unwrap(), decoder.decode(&logits).unwrap());
-        let expected = plain.covariance[(0, 0)] * 4.0 + 9.0;
-        assert!((scaled.covariance[(0, 0)] - expected).abs() < 1e-9);
+    fn a_measurement_together_with_the_prior_gives_the_posterior_back() {
+        let calibration = &DECODER.calibration;
+        let (mean, variance) = (Vector2::new(80.0, 30.0), Matrix2::new(20.0, 6.0, 6.0, 11.0));
+        let peak = calibration.measurement(mean, variance);
+        let prior = Matrix2::from_diagonal(&calibration.prior_sd_crop_px.map(|sd| sd * sd));
+        let (of_peak, of_prior) = (peak.covariance.try_inverse().unwrap(), prior.try_inverse().unwrap());
+        let posterior = (of_peak + of_prior).try_inverse().unwrap();
+        let expected = variance * variance * 0.04 + Matrix2::identity() * 0.25;
+        assert!((posterior - expected).norm() < 1e-9, "{posterior}");
+        let back = posterior * (of_peak * peak.crop_px + of_prior * calibration.prior_mean_crop_px);
+        assert!((back - mean).norm() < 1e-9, "{back}");
+    }
+
+    #[test]
+    fn a_heatmap_that_says_nothing_stays_finite() {
+        let peak = DECODER.calibration.measurement(Vector2::new(80.0, 30.0), Matrix2::identity() * 1e4);
+        assert!((peak.crop_px - Vector2::new(97.0, 0.0)).norm() < 1e-9, "twice as far from the middle");
+        assert!(peak.covariance[(0, 0)] > 1e6);
     }
 
     #[test]

@@ -5,5 +5,5 @@ mod heatmap;
 mod net;
 
 pub use crop::{CROP_PX, SquareCrop};
-pub use heatmap::{HeatmapDecoder, Peak};
+pub use heatmap::{Calibration, HeatmapDecoder, Peak};
 pub use net::{KeypointError, KeypointNet, KeypointOptions};

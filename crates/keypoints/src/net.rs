@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use crate::crop::{CROP_PX, SquareCrop};
-use crate::heatmap::HeatmapDecoder;
+use crate::heatmap::{Calibration, HeatmapDecoder};
 
 /// What can go wrong.
 #[derive(Debug, Error)]
@@ -66,9 +66,11 @@ impl KeypointNet {
         let card = session.card();
         let unsuitable =
             |what: &str| KeypointError::UnsuitableNet { model: card.name.clone(), what: what.to_owned() };
-        let number = |key: &str| {
-            card.calibration_number(key).ok_or_else(|| unsuitable(&format!("calibration lacks {key}")))
-        };
+        let calibration: Calibration = serde_json::from_value(card.calibration.clone().into())
+            .map_err(|error| unsuitable(&format!("calibration: {error}")))?;
+        if !calibration.is_sound() {
+            return Err(unsuitable("calibration: numbers must be finite, sds positive"));
+        }
         let cells = card
             .output("heatmaps")
             .and_then(|spec| match spec.shape.as_slice() {
@@ -84,8 +86,7 @@ impl KeypointNet {
         let decoder = HeatmapDecoder {
             cells,
             stride_px: CROP_PX as f64 / cells as f64,
-            sd_scale: number("sd_scale")?,
-            sd_floor_crop_px: number("sd_floor_crop_px")?,
+            calibration,
         };
         Ok(Self { session, decoder, options, rejected: 0 })
     }

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import json
+from dataclasses import asdict
 from pathlib import Path
 
-from net.calibrate import Calibration
+from net.decode import Calibration
 from net.model import CELLS, INPUT_PX, KEYPOINTS
 
 RENDERED_CREDITS = "rendered cars and scenes of `scripts/train` (credits in `CREDITS.md`)"
@@ -40,10 +41,7 @@ def card(path: Path, calibration: Calibration, how_made: dict, metrics: dict) ->
             "range": [0, 1],
             "crop": "1.25 x longer side of the box, grey 0.5 outside",
         },
-        "calibration": {
-            "sd_scale": calibration.sd_scale,
-            "sd_floor_crop_px": calibration.sd_floor_crop_px,
-        },
+        "calibration": asdict(calibration),
         "source": "trained from random weights by scripts/train (models/hourglass.md)",
         "how_made": how_made,
         "metrics": metrics,
@@ -80,8 +78,9 @@ def markdown(card: dict) -> str:
         "Training": f"{made['steps']} steps of {recipe['batch']} crops in {made['minutes']} minutes, {data}, "
         f"seed {recipe['seed']}; input {steps}",
         "Real images": real,
-        "Calibration": f"sd² = {calibration['sd_scale']}² · variance + "
-        f"{calibration['sd_floor_crop_px']}² crop px²",
+        "Calibration": f"sd² = {calibration['sd_per_variance']}² · variance² + "
+        f"{calibration['sd_floor_crop_px']}² crop px²; prior of locations {calibration['prior_mean_crop_px']} ± "
+        f"{calibration['prior_sd_crop_px']} crop px",
         "Licence": f"{card['licence']}; learnt from {credits}",
         "Made by": "`scripts/train/run" + (" --real DIR`" if recipe["real"] else "`"),
         "ONNX against PyTorch": json.dumps(card["metrics"]["parity_with_pytorch"]),

@@ -31,24 +31,18 @@ class Batch:
 
 
 class Shards:
-    """Rendered crops in memory; `rescan` takes in shards that were written since."""
+    """Rendered crops in memory."""
 
     def __init__(self, folder: Path, limit: int | None = None):
-        self.folder, self.limit = folder, limit
-        self.seen: set[str] = set()
         self.images: list[np.ndarray] = []
         self.points: list[np.ndarray] = []
         self.visible: list[np.ndarray] = []
         self.sides: list[float] = []  # longer side of the car's box, crop px
         self.sizes: list[float] = []  # the same in the picture's px
         self.bodies: list[str] = []
-        self.rescan()
-
-    def rescan(self) -> None:
-        """Reads new shards."""
-        for path in sorted(self.folder.glob("*.npz")):
-            if path.name in self.seen or (self.limit and len(self) >= self.limit):
-                continue
+        for path in sorted(folder.glob("*.npz")):
+            if limit and len(self) >= limit:
+                break
             with np.load(path) as shard:
                 self.images.extend(shard["image"])
                 self.points.extend(shard["keypoints"])
@@ -56,7 +50,6 @@ class Shards:
                 self.sides.extend(shard["box_side_px"])
                 self.sizes.extend(shard["car_px"])
                 self.bodies.extend(shard["body"])
-            self.seen.add(path.name)
 
     def __len__(self) -> int:
         return len(self.images)
@@ -164,12 +157,21 @@ def _degrade(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 
 class Sampler:
-    """Draws augmented batches in a background thread."""
+    """Draws augmented batches in a background thread; a batch depends on the seed and its number alone."""
 
-    def __init__(self, shards: Shards, real: list[RealCar], batch: int, real_share: float, seed: int):
+    def __init__(
+        self,
+        shards: Shards,
+        real: list[RealCar],
+        batch: int,
+        real_share: float,
+        seed: int,
+        first: int = 0,
+        augment: bool = True,
+    ):
         self.shards, self.real, self.batch = shards, real, batch
         self.real_count = round(batch * real_share) if real else 0
-        self.rng = np.random.default_rng(seed)
+        self.seed, self.number, self.augment = seed, first, augment
         self.queue: queue.Queue[Batch] = queue.Queue(8)
         threading.Thread(target=self._fill, daemon=True).start()
 
@@ -182,7 +184,9 @@ class Sampler:
         return self.queue.get()
 
     def draw(self) -> Batch:
-        """Makes a batch."""
+        """Makes the next batch."""
+        self.rng = np.random.default_rng([self.seed, self.number])
+        self.number += 1
         samples = [self._real() for _ in range(self.real_count)]
         samples += [self._rendered() for _ in range(self.batch - self.real_count)]
         return Batch(*(np.stack(column) for column in zip(*samples)))
@@ -191,15 +195,17 @@ class Sampler:
         rng = self.rng
         i = int(rng.integers(len(self.shards)))
         image, points, seen = self.shards.images[i], self.shards.points[i], self.shards.visible[i] > 0
+        exists = np.isfinite(points[:, 0])
+        truth = (np.where(seen, 1.0, 0.4) * exists, seen * 1.0, exists * 1.0)
+        if not self.augment:
+            return self._labelled(image, points, *truth)
         middle = np.full(2, INPUT_PX / 2 - 0.5)
         angle, scale = rng.normal(0, 0.1), np.exp(rng.uniform(-0.15, 0.1))
         c, s = np.cos(angle) * scale, np.sin(angle) * scale
         linear = np.array([[c, -s], [s, c]])
         matrix = np.column_stack([linear, middle + rng.uniform(-5, 5, 2) - linear @ middle])
         image = warp(image, matrix)
-        points = apply(matrix, points)
-        exists = np.isfinite(points[:, 0])
-        return self._finish(image, points, np.where(seen, 1.0, 0.4) * exists, seen * 1.0, exists * 1.0)
+        return self._finish(image, apply(matrix, points), *truth)
 
     def _real(self):
         rng = self.rng
@@ -220,7 +226,10 @@ class Sampler:
             image = image[:, ::-1]
             points = points[MIRROR] * [-1, 1] + [INPUT_PX - 1, 0]
             located, visible, judged = located[MIRROR], visible[MIRROR], judged[MIRROR]
-        image = _recolour(image, self.rng)
+        return self._labelled(_recolour(image, self.rng), points, located, visible, judged)
+
+    @staticmethod
+    def _labelled(image, points, located, visible, judged):
         points = np.nan_to_num(points, nan=-1e3)
         inside = ((points > -0.5) & (points < INPUT_PX - 0.5)).all(1)
         return image, points.astype(np.float32), located * inside, visible * inside, judged

@@ -2,9 +2,38 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 WINDOW_CELLS = 3
+# What a heatmap says of a location is held for at most so much prior: dividing by what is left amplifies noise.
+LARGEST_PRIOR_SHARE = 0.5
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """The card's `calibration`: how a peak becomes a measurement with an honest covariance."""
+
+    sd_per_variance: float  # a, 1 / crop px
+    sd_floor_crop_px: float  # b
+    prior_mean_crop_px: tuple[float, float]  # of visible keypoints' locations in the crops learnt from: x, y
+    prior_sd_crop_px: tuple[float, float]
+
+    def measurement(self, mean: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Peaks [..., 2] and [..., 2, 2] as `decode` gives them → locations and covariances, crop px.
+
+        The covariance is S = a² V² + b². The net's mean m is one of a posterior, which the prior draws towards its
+        own mean c; the measurement that explains it is c + (1 − S P⁻¹)⁻¹ (m − c) with covariance (S⁻¹ − P⁻¹)⁻¹.
+        """
+        centre, sd = np.array(self.prior_mean_crop_px), np.array(self.prior_sd_crop_px)
+        posterior = self.sd_per_variance**2 * covariance @ covariance + self.sd_floor_crop_px**2 * np.eye(2)
+        share, axes = np.linalg.eigh(posterior / np.outer(sd, sd))
+        rest = 1 - np.minimum(share, LARGEST_PRIOR_SHARE)
+        along = np.einsum("...ji,...j->...i", axes, (mean - centre) / sd)
+        location = centre + sd * np.einsum("...ij,...j->...i", axes, along / rest)
+        spread = np.einsum("...ik,...k,...jk->...ij", axes, share / rest, axes)
+        return location, spread * np.outer(sd, sd)
 
 
 def decode(logits: np.ndarray, input_px: int = 128) -> tuple[np.ndarray, np.ndarray]:

@@ -12,7 +12,7 @@ from torch import nn
 
 from cars.mesh import KEYPOINT_NAMES, MIRROR
 from net.data import RealCar, Shards, apply, crop_from_box, read_real, warp
-from net.decode import decode
+from net.decode import Calibration, decode
 from net.model import Deployed, StackedHourglass
 
 # Index of the keypoint at the other end of the car; mirror and B-pillar have none and stay.
@@ -45,7 +45,7 @@ class Result:
     index: np.ndarray  # [n] keypoint
     car: np.ndarray  # [n] index of the crop
     offset: np.ndarray  # [n, 2] predicted − true, crop px
-    variance: np.ndarray  # [n, 2] of the heatmap around its peak, crop px², uncalibrated
+    variance: np.ndarray  # [n, 2] crop px²: of the measurement, or of the heatmap around its peak
     score_seen: np.ndarray
     score_hidden: np.ndarray
     confused: dict[str, list[int]]  # crops whose points fit better with names exchanged
@@ -63,12 +63,11 @@ class Result:
         ranks = np.concatenate([self.score_seen, self.score_hidden]).argsort().argsort()
         return float((ranks[:n].sum() - n * (n - 1) / 2) / (n * m))
 
-    def robust_sd(self, scale: float = 1.0, floor: float = 0.0) -> float:
-        """1.4826 · median |error / sd|, sd² = scale² · variance + floor²: 1 when predicted sd are honest."""
-        sd = np.sqrt(scale**2 * self.variance + floor**2 + 1e-9)
-        return float(1.4826 * np.median(np.abs(self.offset / sd)))
+    def robust_sd(self) -> float:
+        """1.4826 · median |error / sd|: 1 when predicted sd are honest."""
+        return float(1.4826 * np.median(np.abs(self.offset / np.sqrt(self.variance + 1e-9))))
 
-    def numbers(self, scale: float = 1.0, floor: float = 0.0) -> dict[str, float | int | dict]:
+    def numbers(self) -> dict[str, float | int | dict]:
         """What a model card says."""
         return {
             "cars": self.cars,
@@ -77,7 +76,7 @@ class Result:
             "pck_0.05": round(self.pck(0.05), 4),
             "pck_0.1": round(self.pck(0.1), 4),
             "visibility_auc": round(self.auc(), 4) if np.isfinite(self.auc()) else None,
-            "normalised_error_robust_sd": round(self.robust_sd(scale, floor), 3),
+            "normalised_error_robust_sd": round(self.robust_sd(), 3),
             "confused_cars": {name: len(cars) for name, cars in self.confused.items()},
         }
 
@@ -87,7 +86,7 @@ class Result:
         return (
             f"{self.cars} cars, {len(self.error)} points: median {100 * np.median(self.error):.2f} % "
             f"PCK.05 {100 * self.pck(0.05):.1f} PCK.1 {100 * self.pck(0.1):.1f} AUC {self.auc():.3f} "
-            f"raw normalised sd {self.robust_sd():.2f}, confused: {confused}"
+            f"normalised sd {self.robust_sd():.2f}, confused: {confused}"
         )
 
 
@@ -159,9 +158,11 @@ def confusion_of(mean: np.ndarray, crop: Crop) -> str | None:
     return best if misfit(CONFUSIONS[best]) < misfit(np.arange(len(mean))) else None
 
 
-def evaluate(net: Deployed, crops: list[Crop]) -> Result:
-    """Measures a deployed net on crops."""
+def evaluate(net: Deployed, crops: list[Crop], calibration: Calibration | None = None) -> Result:
+    """Measures a deployed net on crops, without calibration its bare peaks."""
     means, covariances, seen = predict(net, [c.image for c in crops])
+    if calibration:
+        means, covariances = calibration.measurement(means, covariances)
     confused: dict[str, list[int]] = {name: [] for name in CONFUSIONS}
     for i, crop in enumerate(crops):
         if name := confusion_of(means[i], crop):

@@ -80,8 +80,7 @@ def main() -> None:
         recipe[name] = None if recipe[name] in (None, "None") else Path(recipe[name]).name
     learnt, held = split_real(read_real(args.real) if args.real else [], recipe["hold_out"])
     held_crops = real_crops(held)
-    calibration = calibrate(net, {"rendered": rendered[::2], "real": held_crops})
-    numbers = (calibration.sd_scale, calibration.sd_floor_crop_px)
+    calibration = calibrate(net, rendered[::2], held_crops)
     args.out.mkdir(parents=True, exist_ok=True)
     path = args.out / "hourglass.onnx"
     export_onnx(net, path)
@@ -91,7 +90,7 @@ def main() -> None:
         measured.setdefault(f"real {crop.group}, held out", []).append(crop)
     for crop in real_crops(read_real(args.test)) if args.test else []:
         measured.setdefault(f"real {crop.group}, test", []).append(crop)
-    metrics = {name: evaluate(net, crops).numbers(*numbers) for name, crops in measured.items() if crops}
+    metrics = {name: evaluate(net, crops, calibration).numbers() for name, crops in measured.items() if crops}
     metrics["parity_with_pytorch"] = parity(net, path, rendered)
     how_made = {
         "stacks": state["stacks"],

@@ -88,7 +88,8 @@ class StackedHourglass(nn.Module):
         features = x
         for i, hourglass in enumerate(self.hourglasses):
             features = self.features[i](hourglass(x))
-            logits = self.heads[i](features)
+            with torch.autocast("cpu", enabled=False):  # logits range over tens of units: too coarse in bfloat16
+                logits = self.heads[i](features.float())
             heatmaps.append(logits)
             if i < len(self.back):
                 # Logits range over tens of units: squash them before they mix with features.

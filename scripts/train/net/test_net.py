@@ -11,13 +11,14 @@ import onnxruntime
 import torch
 
 from cars.mesh import MIRROR, REPOSITORY
-from net.calibrate import fit
+from net.calibrate import fit_sd
 from net.data import INPUT_PX, RealCar, Sampler, Shards, apply, crop_from_box, read_real, warp
-from net.decode import decode
+from net.decode import Calibration, decode
 from net.evaluate import FRONT_BACK, Crop, confusion_of
 from net.export import export_onnx
 from net.model import Deployed, StackedHourglass, gflop
-from net.train import loss_of, targets
+from net.start import read_weights, start
+from net.train import Training, loss_of, parse_options, targets
 
 LABELS = REPOSITORY.parent / "shared/data/keypoints/train"
 
@@ -88,12 +89,27 @@ class Decoding(unittest.TestCase):
 
     def test_calibration_finds_the_law_that_made_the_errors(self):
         rng = np.random.default_rng(2)
-        variance = rng.uniform(4, 100, 20_000)
-        error = rng.normal(0, np.sqrt(0.7**2 * variance + 1.5**2))
+        variance = rng.uniform(4, 40, 20_000)
+        error = rng.normal(0, np.hypot(0.15 * variance, 1.0))
         error[::50] = 60  # gross errors
-        found = fit([(variance, error)])
-        self.assertAlmostEqual(found.sd_scale, 0.7, delta=0.06)
-        self.assertAlmostEqual(found.sd_floor_crop_px, 1.5, delta=0.4)
+        a, b = fit_sd([(variance, error)])
+        self.assertAlmostEqual(a, 0.15, delta=0.01)
+        self.assertAlmostEqual(b, 1.0, delta=0.3)
+
+    def test_a_measurement_holds_no_prior(self):
+        # Locations drawn from the prior, seen with noise; the posterior mean regresses, the measurement does not.
+        rng = np.random.default_rng(3)
+        calibration = Calibration(0.2, 0.0, (60.0, 70.0), (30.0, 20.0))
+        prior, noise = np.diag([30.0**2, 20.0**2]), np.array([[60.0, 25.0], [25.0, 90.0]])
+        truth = rng.multivariate_normal([60, 70], prior, 50_000)
+        seen = truth + rng.multivariate_normal([0, 0], noise, len(truth))
+        posterior = np.linalg.inv(np.linalg.inv(prior) + np.linalg.inv(noise))
+        mean = [60, 70] + (seen - [60, 70]) @ (np.eye(2) - posterior @ np.linalg.inv(prior)).T
+        values, axes = np.linalg.eigh(posterior)
+        variance = axes @ np.diag(np.sqrt(values) / 0.2) @ axes.T
+        location, covariance = calibration.measurement(mean, np.broadcast_to(variance, (len(mean), 2, 2)))
+        np.testing.assert_allclose(location, seen, atol=1e-9)
+        np.testing.assert_allclose(covariance[0], noise, atol=1e-9)
 
 
 class Confusion(unittest.TestCase):
@@ -130,6 +146,43 @@ class Net(unittest.TestCase):
             optimiser.step()
             losses.append(float(loss))
         self.assertLess(losses[-1], 0.75 * losses[0])
+
+    def test_a_wider_net_starts_with_what_the_narrow_one_knows(self):
+        torch.manual_seed(2)
+        narrow, wide, image = StackedHourglass(2, 16), StackedHourglass(2, 24), torch.rand(2, 3, 128, 128)
+        for parameter in narrow.parameters():  # equal ones would be stored once
+            parameter.data += 0.02 * torch.randn_like(parameter)
+        with tempfile.TemporaryDirectory() as folder:
+            export_onnx(Deployed(narrow).eval(), Path(folder) / "net.onnx")
+            start(wide, read_weights(Path(folder) / "net.onnx"))
+        with torch.no_grad():
+            (expected, seen), (found, seen_too) = narrow(image), wide(image)
+        for a, b in zip([*expected, seen], [*found, seen_too]):
+            np.testing.assert_allclose(a.numpy(), b.numpy(), atol=1e-4)
+
+    def test_a_killed_training_goes_on_as_if_it_had_not_been(self):
+        rng = np.random.default_rng(5)
+        with tempfile.TemporaryDirectory() as folder:
+            crops, points = Path(folder) / "crops/train", rng.uniform(10, 118, (8, 36, 2)).astype(np.float32)
+            crops.mkdir(parents=True)
+            shard = {"image": rng.integers(0, 255, (8, 128, 128, 3), np.uint8), "keypoints": points}
+            shard |= {"visible": np.ones((8, 36), np.uint8), "body": np.array(["sedan"] * 8)}
+            np.savez(crops / "shard_00000.npz", box_side_px=np.ones(8), car_px=np.ones(8), **shard)
+            common = ["--crops", str(crops.parent), "--runs", folder, "--channels", "16", "--stacks", "1"]
+            common += ["--batch", "4", "--steps", "6", "--input-px", "64"]
+
+            def train(run: str, steps: int) -> Training:
+                training = Training(parse_options([*common, "--run", run]))
+                while training.step < steps:
+                    training.advance()
+                training.save()
+                return training
+
+            whole = train("whole", 6)
+            train("killed", 3)
+            resumed = train("killed", 6)
+        for name, value in whole.average.weights.items():
+            np.testing.assert_array_equal(value.numpy(), resumed.average.weights[name].numpy(), name)
 
     def test_onnx_gives_what_pytorch_gives_at_any_batch(self):
         torch.manual_seed(1)

@@ -17,8 +17,11 @@ from torch import nn
 from net.data import Batch, RealCar, Sampler, Shards, read_real
 from net.evaluate import evaluate, real_crops, shard_crops
 from net.model import INPUT_PX, STRIDE, Deployed, StackedHourglass
+from net.start import read_weights, start
 
 TARGET_SD_CELLS = 0.6
+# About three times as fast where the CPU has instructions for it.
+HAS_BF16 = bool({"avx512_bf16", "amx_bf16"} & set(Path("/proc/cpuinfo").read_text().split()))
 
 
 def targets(points: torch.Tensor, cells: int) -> torch.Tensor:
@@ -30,11 +33,9 @@ def targets(points: torch.Tensor, cells: int) -> torch.Tensor:
     return (y.softmax(-1).unsqueeze(-1) * x.softmax(-1).unsqueeze(-2)).flatten(2)
 
 
-def input_px(progress: float, fine_tuning: bool) -> int:
+def input_px(progress: float, largest: int) -> int:
     """Small pictures first: most of what is to be learnt can be learnt at a quarter of the price."""
-    if fine_tuning:
-        return INPUT_PX
-    return 64 if progress < 0.35 else 96 if progress < 0.6 else INPUT_PX
+    return min(largest, 64 if progress < 0.5 else 96 if progress < 0.75 else INPUT_PX)
 
 
 def shrunk(batch: Batch, size: int) -> Batch:
@@ -48,7 +49,9 @@ def shrunk(batch: Batch, size: int) -> Batch:
 def loss_of(net: nn.Module, batch: Batch) -> tuple[torch.Tensor, dict[str, float]]:
     """Cross-entropy of each stack's heatmaps plus binary cross-entropy of visibility."""
     image = torch.from_numpy(batch.image).permute(0, 3, 1, 2).float().div(255)
-    heatmaps, visibility = net(image.contiguous(memory_format=torch.channels_last))
+    with torch.autocast("cpu", enabled=HAS_BF16):
+        heatmaps, visibility = net(image.contiguous(memory_format=torch.channels_last))
+    visibility = visibility.float()
     located = torch.from_numpy(batch.located).float()
     target = targets(torch.from_numpy(batch.points), image.shape[-1] // STRIDE)
     count = located.sum().clamp(min=1)
@@ -93,8 +96,97 @@ def split_real(cars: list[RealCar], held_out: list[str]) -> tuple[list[RealCar],
     return [c for c in cars if c.source not in held_out], [c for c in cars if c.source in held_out]
 
 
-def main() -> None:
-    """Trains for the given minutes of wall time, spread over as many calls as it takes."""
+class Training:
+    """A net on its way; its checkpoint `last.pt` holds all that the next steps depend on but crops and options."""
+
+    def __init__(self, options: argparse.Namespace):
+        self.options = options
+        torch.set_num_threads(options.threads)
+        torch.manual_seed(options.seed)
+        self.folder = options.runs / options.run
+        self.folder.mkdir(parents=True, exist_ok=True)
+        self.net = StackedHourglass(options.stacks, options.channels).to(memory_format=torch.channels_last)
+        self.optimiser = torch.optim.AdamW(self.net.parameters(), lr=options.rate, weight_decay=1e-4)
+        self.step, self.spent, self.started = 0, 0.0, time.time()
+        if (self.folder / "last.pt").exists():
+            state = torch.load(self.folder / "last.pt")
+            self.net.load_state_dict(state["net"])
+            self.optimiser.load_state_dict(state["optimiser"])
+            self.average = Average(self.net)
+            self.average.weights, self.average.steps = state["average"], state["step"]
+            self.step, self.spent = state["step"], state["spent"]
+            print(f"resuming at step {self.step}, {self.spent / 60:.1f} min")
+        else:
+            if options.start_from:
+                start(self.net, read_weights(options.start_from))
+            self.average = Average(self.net)
+        learn, self.held_out = split_real(read_real(options.real) if options.real else [], options.hold_out)
+        self.shards = Shards(options.crops / "train")
+        self.sampler = Sampler(
+            self.shards,
+            learn,
+            options.batch,
+            options.real_share,
+            options.seed,
+            self.step,
+            not options.no_augmentation,
+        )
+        print(f"{len(self.shards)} rendered crops, {len(learn)} real cars, {len(self.held_out)} held out")
+        recipe = {name: str(value) for name, value in vars(options).items()}
+        (self.folder / "recipe.json").write_text(json.dumps(recipe, indent=1))
+
+    def seconds(self) -> float:
+        """Wall time so far, that of earlier calls included."""
+        return self.spent + time.time() - self.started
+
+    def size(self) -> int:
+        """Picture size of the next step, px."""
+        largest = self.options.input_px
+        return largest if self.options.start_from else input_px(self.step / self.options.steps, largest)
+
+    def advance(self) -> dict[str, float]:
+        """One step; the parts of its loss."""
+        for group in self.optimiser.param_groups:
+            group["lr"] = learning_rate(self.options.rate, self.step / self.options.steps)
+        loss, parts = loss_of(self.net, shrunk(self.sampler.next(), self.size()))
+        self.optimiser.zero_grad(set_to_none=True)
+        loss.backward()
+        nn.utils.clip_grad_norm_(self.net.parameters(), 5.0)
+        if math.isfinite(float(loss)):
+            self.optimiser.step()
+            self.average.update(self.net)
+        self.step += 1
+        return parts
+
+    def save(self) -> None:
+        """Writes the checkpoint, whole or not at all."""
+        state = {
+            "net": self.net.state_dict(),
+            "optimiser": self.optimiser.state_dict(),
+            "average": self.average.weights,
+            "step": self.step,
+            "spent": self.seconds(),
+            "samples": self.step * self.options.batch,
+            "stacks": self.options.stacks,
+            "channels": self.options.channels,
+            "shards": len(self.shards),
+            "input_px": self.size(),
+        }
+        torch.save(state, self.folder / "last.tmp")
+        (self.folder / "last.tmp").rename(self.folder / "last.pt")
+
+    def probe(self, check: Shards) -> None:
+        """Prints how good the averaged weights are by now."""
+        net = StackedHourglass(self.options.stacks, self.options.channels)
+        net.load_state_dict(self.average.weights)
+        deployed = Deployed(net, self.size()).eval()
+        for name, crops in (("rendered", shard_crops(check, 256)), ("real held out", real_crops(self.held_out))):
+            if crops:
+                print(f"  {name}: {evaluate(deployed, crops).line()}", flush=True)
+
+
+def parse_options(arguments: list[str] | None = None) -> argparse.Namespace:
+    """The command line."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--crops", type=Path, default=Path(".work/crops"))
     parser.add_argument("--real", type=Path, help="folder of hand-labelled cars (*.json and pictures)")
@@ -104,98 +196,50 @@ def main() -> None:
     parser.add_argument("--real-share", type=float, default=0.12)
     parser.add_argument("--run", default="hourglass")
     parser.add_argument("--runs", type=Path, default=Path(".work/runs"))
-    parser.add_argument("--minutes", type=float, default=75)
+    parser.add_argument("--steps", type=int, default=10_000)
     parser.add_argument("--batch", type=int, default=32)
     parser.add_argument("--rate", type=float, default=2e-3)
     parser.add_argument("--stacks", type=int, default=2)
-    parser.add_argument("--channels", type=int, default=48)
+    parser.add_argument("--channels", type=int, default=64)
+    parser.add_argument("--input-px", type=int, default=INPUT_PX, help="largest picture size to train at")
+    parser.add_argument("--no-augmentation", action="store_true", help="rendered crops as they are (ablation)")
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--start-from", type=Path, help="weights to start from: fine-tuning, all of it at full size")
-    args = parser.parse_args()
-    torch.set_num_threads(args.threads)
-    torch.manual_seed(args.seed)
-    folder = args.runs / args.run
-    folder.mkdir(parents=True, exist_ok=True)
-    fine_tuning = args.start_from is not None
-    net = StackedHourglass(args.stacks, args.channels).to(memory_format=torch.channels_last)
-    optimiser = torch.optim.AdamW(net.parameters(), lr=args.rate, weight_decay=1e-4)
-    average, step, spent, samples = Average(net), 0, 0.0, 0
-    last = folder / "last.pt"
-    if last.exists():
-        state = torch.load(last)
-        net.load_state_dict(state["net"])
-        optimiser.load_state_dict(state["optimiser"])
-        average.weights, average.steps = state["average"], state["step"]
-        step, spent, samples = state["step"], state["spent"], state["samples"]
-        print(f"resuming at step {step}, {spent / 60:.1f} min")
-    elif args.start_from:
-        net.load_state_dict(torch.load(args.start_from)["average"])
-        average = Average(net)
-    learn, held = split_real(read_real(args.real) if args.real else [], args.hold_out)
-    shards = Shards(args.crops / "train")
-    sampler = Sampler(shards, learn, args.batch, args.real_share, args.seed + step)
-    check = Shards(args.crops / "eval", limit=512)
-    print(f"{len(shards)} rendered crops, {len(learn)} real cars, {len(held)} held out")
-    (folder / "recipe.json").write_text(json.dumps({k: str(v) for k, v in vars(args).items()}, indent=1))
+    parser.add_argument(
+        "--start-from",
+        type=Path,
+        help="checkpoint or .onnx file, perhaps of fewer channels, to train on from at the largest size throughout",
+    )
+    return parser.parse_args(arguments)
 
-    started, saved, shown = time.time(), time.time(), time.time()
+
+def main() -> None:
+    """Trains for the given number of steps, spread over as many calls as it takes."""
+    training = Training(parse_options())
+    options = training.options
+    check = Shards(options.crops / "eval", limit=512)
+    saved, shown = time.time(), time.time()
     sums = {"heat": 0.0, "visible": 0.0, "n": 0}
-
-    def save() -> None:
-        state = {
-            "net": net.state_dict(),
-            "optimiser": optimiser.state_dict(),
-            "average": average.weights,
-            "step": step,
-            "spent": spent + time.time() - started,
-            "samples": samples,
-            "stacks": args.stacks,
-            "channels": args.channels,
-            "shards": len(shards),
-            "input_px": input_px(min(1.0, (spent + time.time() - started) / (args.minutes * 60)), fine_tuning),
-        }
-        torch.save(state, folder / "last.tmp")
-        (folder / "last.tmp").rename(last)
-
-    while (elapsed := spent + time.time() - started) < args.minutes * 60:
-        for group in optimiser.param_groups:
-            group["lr"] = learning_rate(args.rate, elapsed / (args.minutes * 60))
-        size = input_px(elapsed / (args.minutes * 60), fine_tuning)
-        loss, parts = loss_of(net, shrunk(sampler.next(), size))
-        optimiser.zero_grad(set_to_none=True)
-        loss.backward()
-        nn.utils.clip_grad_norm_(net.parameters(), 5.0)
-        if math.isfinite(float(loss)):
-            optimiser.step()
-            average.update(net)
-        step, samples = step + 1, samples + args.batch
-        for key, value in parts.items():
+    while training.step < options.steps:
+        size = training.size()
+        for key, value in training.advance().items():
             sums[key] += value
         sums["n"] += 1
         if time.time() - shown > 60:
             n = sums["n"]
-            rate = n * args.batch / (time.time() - shown)
             print(
-                f"{elapsed / 60:.1f} min step {step}: heat {sums['heat'] / n:.3f} "
-                f"visible {sums['visible'] / n:.3f} {rate:.0f} crops/s at {size} px, {len(shards)} rendered",
+                f"{training.seconds() / 60:.1f} min step {training.step}: heat {sums['heat'] / n:.3f} "
+                f"visible {sums['visible'] / n:.3f} {n * options.batch / (time.time() - shown):.0f} crops/s "
+                f"at {size} px",
                 flush=True,
             )
             sums, shown = {"heat": 0.0, "visible": 0.0, "n": 0}, time.time()
-            shards.rescan()
         if time.time() - saved > 300:
-            save()
+            training.save()
+            training.probe(check)
             saved = time.time()
-            probe = StackedHourglass(args.stacks, args.channels)
-            probe.load_state_dict(average.weights)
-            probe_net = Deployed(probe, size).eval()
-            if len(check) < 512:
-                check.rescan()
-            for name, crops in (("rendered", shard_crops(check, 256)), ("real held out", real_crops(held))):
-                if crops:
-                    print(f"  {name}: {evaluate(probe_net, crops).line()}", flush=True)
-    save()
-    print(f"done: {step} steps, {samples} samples")
+    training.save()
+    print(f"done: {training.step} steps of {options.batch} crops")
 
 
 if __name__ == "__main__":

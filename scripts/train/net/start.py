@@ -1,0 +1,50 @@
+"""Weights to start a training from: a checkpoint or an exported net, also one of fewer channels."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import torch
+
+from net.model import KEYPOINTS, StackedHourglass
+
+
+def read_weights(path: Path) -> dict[str, torch.Tensor]:
+    """The averaged weights of a checkpoint (`.pt`) or the weights of an exported net (`.onnx`)."""
+    if path.suffix != ".onnx":
+        return torch.load(path)["average"]
+    import onnx
+
+    stored = onnx.load(str(path)).graph.initializer
+    return {
+        tensor.name.removeprefix("net."): torch.from_numpy(onnx.numpy_helper.to_array(tensor).copy())
+        for tensor in stored
+        if tensor.name.startswith("net.")
+    }
+
+
+def start(net: StackedHourglass, weights: dict[str, torch.Tensor]) -> None:
+    """Puts the weights of a net of at most as many channels into `net`, which then computes the same.
+
+    Added channels keep their random weights from what is before them, and have none yet on the channels that
+    were there (after Net2Net, Chen et al. 2016).
+    """
+    state = net.state_dict()
+    if state.keys() != weights.keys():
+        differ = sorted(state.keys() ^ weights.keys())
+        raise ValueError(f"the weights to start from are of a net of other parts: {differ[0]} and {len(differ) - 1} more")
+    for name, value in state.items():
+        old = weights[name]
+        if any(n < m for n, m in zip(value.shape, old.shape, strict=True)):
+            raise ValueError(f"{name}: the weights to start from have more channels ({tuple(old.shape)})")
+        if value.ndim == 0 or value.shape == old.shape:
+            value.copy_(old)
+            continue
+        inputs = torch.arange(old.shape[1]) if old.ndim > 1 else None
+        if name.startswith("back.") and inputs is not None:
+            inputs[-KEYPOINTS:] += value.shape[1] - old.shape[1]  # features first, then heatmaps
+        value[: len(old)] = 0
+        if inputs is None:
+            value[: len(old)] = old
+        else:
+            value[: len(old), inputs] = old
