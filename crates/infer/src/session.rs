@@ -1,7 +1,6 @@
 //! A loaded net.
 
 use std::collections::BTreeMap;
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use ndarray::{ArrayD, ArrayViewD, CowArray};
@@ -207,16 +206,12 @@ fn commit(
         }
         Provider::OpenvinoBf16 => {
             let unavailable = |what: &dyn std::fmt::Display| CommitError::Provider(what.to_string());
-            // The plug-in reads this file once, while the session is made.
-            let mut config = tempfile::NamedTempFile::new().map_err(|e| unavailable(&e))?;
-            write!(
-                config,
+            let config = format!(
                 r#"{{"CPU":{{"INFERENCE_PRECISION_HINT":"bf16","INFERENCE_NUM_THREADS":"{}"}}}}"#,
                 threads.max(1)
-            )
-            .map_err(|e| unavailable(&e))?;
+            );
             let mut builder =
-                with_openvino(builder, environment, config.path()).map_err(|what| unavailable(&what))?;
+                with_openvino(builder, environment, config).map_err(|what| unavailable(&what))?;
             builder.commit_from_memory(bytes).map_err(|e| model(&e))
         }
     }
@@ -225,10 +220,10 @@ fn commit(
 fn with_openvino(
     builder: SessionBuilder,
     environment: &Environment,
-    config: &Path,
+    config: String,
 ) -> Result<SessionBuilder, String> {
     let device = openvino_cpu(environment).ok_or("the plug-in offers no CPU device")?;
-    let options = [(format!("{OPENVINO_NAME}.load_config"), config.display().to_string())];
+    let options = [(format!("{OPENVINO_NAME}.load_config"), config)];
     builder.with_devices([device], Some(&options)).map_err(|e| e.to_string())
 }
 

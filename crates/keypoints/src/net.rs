@@ -83,11 +83,7 @@ impl KeypointNet {
         if card.input("image").is_none() || card.output("visibility").is_none() {
             return Err(unsuitable("input image or output visibility is missing"));
         }
-        let decoder = HeatmapDecoder {
-            cells,
-            stride_px: CROP_PX as f64 / cells as f64,
-            calibration,
-        };
+        let decoder = HeatmapDecoder { cells, stride_px: CROP_PX as f64 / cells as f64, calibration };
         Ok(Self { session, decoder, options, rejected: 0 })
     }
 

@@ -99,6 +99,7 @@ class Body:
         nose, belt = s.nose_z * h, s.belt_front_z * h
         cowl_x = self.cowl[0] - s.screen_bow
         middle = 0.5 * (s.x_front + cowl_x)
+        edge = max(s.x_front - 0.2, middle + 0.02)  # a van's bonnet is short
         tail = s.tail_z * h
         x = [
             s.x_rear,
@@ -106,7 +107,7 @@ class Body:
             -s.wheelbase / 2 + 0.15,
             cowl_x - 0.3,
             middle,
-            s.x_front - 0.2,
+            edge,
             s.x_front,
         ]
         z = [tail - 0.015, 0.6 * tail + 0.4 * self.belt_rear_z, self.belt_rear_z, belt + 0.004,
@@ -121,8 +122,9 @@ class Body:
         s, h = self.style, self.style.height
         nose, tail = s.nose_z * h, s.tail_z * h
         middle = 0.5 * (s.x_front + self.cowl[0])
+        edge = max(s.x_front - 0.2, middle + 0.02)
         lip = s.x_rear + min(0.12, 0.5 * (self.backlight[0] - s.x_rear))
-        x = [s.x_rear, lip, self.backlight[0], self.cowl[0], middle, s.x_front - 0.2, s.x_front]  # fmt: skip
+        x = [s.x_rear, lip, self.backlight[0], self.cowl[0], middle, edge, s.x_front]  # fmt: skip
         z = [tail, tail + 0.012, self.backlight[1], self.cowl[1], 0.42 * nose + 0.58 * self.cowl[1] + 0.035,
              nose + 0.06, nose]  # fmt: skip
         if s.body == "pickup":

@@ -99,6 +99,10 @@ class Cars(unittest.TestCase):
             self.assertTrue(np.isfinite(car.vertices).all() and np.isfinite(car.normals).all(), car.name)
             self.assertLess(len(car.faces), 20_000)
 
+    def test_a_van_with_a_short_bonnet_builds(self) -> None:
+        car = sample_car(np.random.default_rng([77, 2, 71]), split="train")
+        self.assertEqual(car.body, "van")
+
 
 class Atlas(unittest.TestCase):
     def setUp(self) -> None:

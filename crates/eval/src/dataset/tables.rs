@@ -9,12 +9,14 @@ use crate::scoring::{PoseScore, TrackScore};
 use crate::systems::System;
 use crate::tables::{
     Scored, add_plot, add_table, boxes_table, camera_table, motion_table, position_plot, position_table,
-    tracking_table, viewpoint_plot, viewpoint_table,
+    steps_table, tracking_table, viewpoint_plot, viewpoint_table,
 };
 use crate::{Cell, Column, Report, Table, bootstrap, median, quantile, share_within};
 
 /// Cars from which on a single picture is expected to give the focal length.
 const MANY_CARS: usize = 5;
+/// Rows that the paper ranks, worst first: all are given the focal length.
+const RANKED: [System; 4] = [System::Pavlakos, System::KrishnaMurthy, System::FreePoses, System::Plane];
 /// Rows of clips.
 const FUSED: &str = "6 ours, fused over the clip";
 const RUN: &str = "6 from the video alone";
@@ -41,6 +43,8 @@ pub(super) fn add_single_frames(report: &mut Report, what: &str, systems: &[(Sys
                  is the error of the ground, common to all cars of a picture.";
     report.tables.push(add);
     report.tables.push(viewpoint_table(&format!("Table 2, viewpoint: {what}"), &scored(&poses)));
+    let rows = systems.iter().filter(|(system, _)| RANKED.contains(system)).count();
+    report.tables.push(steps_table(&format!("Row by row: {what}"), &scored(&poses)[..rows]));
     report
         .tables
         .push(camera_table(&format!("Camera from single frames: {what}"), &scored(&cameras(systems))));
