@@ -205,13 +205,11 @@ fn commit(
             builder.commit_from_memory(bytes).map_err(|e| model(&e))
         }
         Provider::OpenvinoBf16 => {
-            let unavailable = |what: &dyn std::fmt::Display| CommitError::Provider(what.to_string());
             let config = format!(
                 r#"{{"CPU":{{"INFERENCE_PRECISION_HINT":"bf16","INFERENCE_NUM_THREADS":"{}"}}}}"#,
                 threads.max(1)
             );
-            let mut builder =
-                with_openvino(builder, environment, config).map_err(|what| unavailable(&what))?;
+            let mut builder = with_openvino(builder, environment, config).map_err(CommitError::Provider)?;
             builder.commit_from_memory(bytes).map_err(|e| model(&e))
         }
     }

@@ -6,7 +6,7 @@ use serde::Deserialize;
 /// Cells on each side of the peak that take part in mean and covariance.
 const WINDOW_CELLS: isize = 3;
 
-/// What a heatmap says of a location is held for at most so much prior: dividing by what is left amplifies noise.
+/// At most this share of a location is taken to be prior: dividing by what is left amplifies noise.
 const LARGEST_PRIOR_SHARE: f64 = 0.5;
 
 /// How a peak becomes a measurement with an honest covariance: `calibration` of the net's card.
@@ -17,7 +17,7 @@ pub struct Calibration {
     pub sd_per_variance: f64,
     /// `b` of the same, crop px.
     pub sd_floor_crop_px: f64,
-    /// Mean of visible keypoints' locations in the crops that the net learnt from, crop px.
+    /// Mean of visible keypoints' locations in rendered crops like those that the net learnt from, crop px.
     pub prior_mean_crop_px: Vector2<f64>,
     /// Their sd in x and y, crop px.
     pub prior_sd_crop_px: Vector2<f64>,
@@ -84,7 +84,7 @@ impl HeatmapDecoder {
         Some(self.calibration.measurement(mean, variance))
     }
 
-    /// Mean (crop px) and variance (crop px²) of the softmax of `logits` within a window around its peak. `None` if there is no largest logit (all NaN).
+    /// Mean (crop px) and variance (crop px²) of the softmax of `logits` within a window around its peak.
     fn moments(&self, logits: &[f32]) -> Option<(Vector2<f64>, Matrix2<f64>)> {
         let (peak, top) = logits.iter().enumerate().filter(|(_, v)| v.is_finite()).fold(
             None,
@@ -161,6 +161,36 @@ mod tests {
         assert!((posterior - expected).norm() < 1e-9, "{posterior}");
         let back = posterior * (of_peak * peak.crop_px + of_prior * calibration.prior_mean_crop_px);
         assert!((back - mean).norm() < 1e-9, "{back}");
+    }
+
+    #[test]
+    fn numbers_that_cannot_be_meant_are_seen() {
+        let sound = &DECODER.calibration;
+        assert!(sound.is_sound());
+        assert!(!Calibration { sd_per_variance: 0.0, ..sound.clone() }.is_sound());
+        assert!(!Calibration { prior_sd_crop_px: Vector2::new(32.0, f64::NAN), ..sound.clone() }.is_sound());
+        let short = r#"{"sd_per_variance": 0.2, "sd_floor_crop_px": 0.5, "prior_mean_crop_px": [63.0], "prior_sd_crop_px": [32, 19]}"#;
+        assert!(serde_json::from_str::<Calibration>(short).is_err());
+        let whole = short.replace("[63.0]", "[63.0, 60.0]");
+        assert_eq!(&serde_json::from_str::<Calibration>(&whole).unwrap(), sound);
+    }
+
+    /// The same numbers stand in `scripts/train/net/test_net.py`.
+    #[test]
+    fn the_python_reference_measures_the_same() {
+        let peak =
+            DECODER.calibration.measurement(Vector2::new(80.0, 30.0), Matrix2::new(20.0, 6.0, 6.0, 11.0));
+        let expected = [79.66069, 29.57062, 18.1627, 7.71145, 6.70736];
+        let found = [
+            peak.crop_px.x,
+            peak.crop_px.y,
+            peak.covariance[(0, 0)],
+            peak.covariance[(0, 1)],
+            peak.covariance[(1, 1)],
+        ];
+        for (found, expected) in found.iter().zip(expected) {
+            assert!((found - expected).abs() < 1e-4, "{found} {expected}");
+        }
     }
 
     #[test]

@@ -56,7 +56,7 @@ struct Stamp {
     version: String,
     input_sha256: String,
     config_sha256: String,
-    models_sha256: Vec<String>,
+    models: Vec<String>,
 }
 
 /// Name of an input's result folder: its file name without extension, or the folder's name.
@@ -99,7 +99,7 @@ pub fn run_input(
         version: env!("CARGO_PKG_VERSION").to_owned(),
         input_sha256: identity.sha256.clone(),
         config_sha256: config.fingerprint(),
-        models_sha256: models.iter().map(|model| model.sha256.clone()).collect(),
+        models: nets.fingerprints(),
     };
     if folder.is_resumed() && !(options.resume && read_stamp(folder.path()).as_ref() == Some(&stamp)) {
         folder.reset()?;

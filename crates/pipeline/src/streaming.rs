@@ -33,6 +33,17 @@ impl Nets {
     pub fn summaries(&self) -> Vec<ModelSummary> {
         [self.detector.session(), self.keypoints.session()].map(summary_of).to_vec()
     }
+
+    /// What their results depend on: weights, what computes them, and how outputs become measurements.
+    #[must_use]
+    pub fn fingerprints(&self) -> Vec<String> {
+        let of = |session: &Session| {
+            let card = session.card();
+            let calibration = serde_json::Value::Object(card.calibration.clone());
+            format!("{} {} {calibration}", card.sha256, session.provider())
+        };
+        [self.detector.session(), self.keypoints.session()].map(of).to_vec()
+    }
 }
 
 /// The detector alone.

@@ -92,6 +92,10 @@ class Body:
     def _up(start: np.ndarray, z: float, direction: int, rake_deg: float) -> np.ndarray:
         return np.array([start[0] + direction * (z - start[1]) / np.tan(np.radians(rake_deg)), z])
 
+    def _bonnet_edge(self, middle: float) -> float:
+        """Where the bonnet bends down to the nose; a van's is short."""
+        return max(self.style.x_front - 0.2, middle + 0.02)
+
     @cached_property
     def shoulder_z(self) -> PchipInterpolator:
         """Height of the tub's upper edge along x."""
@@ -99,7 +103,7 @@ class Body:
         nose, belt = s.nose_z * h, s.belt_front_z * h
         cowl_x = self.cowl[0] - s.screen_bow
         middle = 0.5 * (s.x_front + cowl_x)
-        edge = max(s.x_front - 0.2, middle + 0.02)  # a van's bonnet is short
+        edge = self._bonnet_edge(middle)
         tail = s.tail_z * h
         x = [
             s.x_rear,
@@ -122,7 +126,7 @@ class Body:
         s, h = self.style, self.style.height
         nose, tail = s.nose_z * h, s.tail_z * h
         middle = 0.5 * (s.x_front + self.cowl[0])
-        edge = max(s.x_front - 0.2, middle + 0.02)
+        edge = self._bonnet_edge(middle)
         lip = s.x_rear + min(0.12, 0.5 * (self.backlight[0] - s.x_rear))
         x = [s.x_rear, lip, self.backlight[0], self.cowl[0], middle, edge, s.x_front]  # fmt: skip
         z = [tail, tail + 0.012, self.backlight[1], self.cowl[1], 0.42 * nose + 0.58 * self.cowl[1] + 0.035,

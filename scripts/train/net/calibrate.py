@@ -54,7 +54,8 @@ def calibrate(net: Deployed, rendered: list[Crop], real: list[Crop]) -> Calibrat
     for crops in (rendered, real):
         result = evaluate(net, crops) if crops else None
         if result and len(result.error) >= FEWEST:
-            pairs.append((result.variance.ravel(), result.offset.ravel()))
+            squared = np.diagonal(result.covariance @ result.covariance, axis1=1, axis2=2)
+            pairs.append((np.sqrt(squared).ravel(), result.offset.ravel()))
     if not pairs:
         raise ValueError("no group has enough points to calibrate on")
     points = np.concatenate([crop.points[crop.clear] for crop in rendered]).astype(float)

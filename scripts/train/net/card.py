@@ -27,7 +27,7 @@ def card(path: Path, calibration: Calibration, how_made: dict, metrics: dict) ->
     return {
         "schema": "roadplane.model-card/1",
         "name": "hourglass",
-        "version": f"{how_made['recipe']['run']}-{how_made['steps']}",
+        "version": "-".join([how_made["recipe"]["run"], *(str(stage["steps"]) for stage in how_made["stages"])]),
         "file": path.name,
         "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
         "licence": "MIT OR Apache-2.0",
@@ -72,11 +72,14 @@ def markdown(card: dict) -> str:
         f"{made['stacks']} stacks of {made['channels']} channels, {made['parameters']} parameters, "
         f"{made['gflop_per_crop']} GFLOP a crop"
     )
-    steps = "128 px throughout" if recipe["start_from"] else "64 → 96 → 128 px on the way"
+    stages = "; ".join(
+        f"{stage['steps']} steps of {stage['batch']} crops at {stage['px']} px, {stage['channels']} channels, rate "
+        f"{stage['rate']:g}, seed {stage['seed']} ({stage['minutes']:.0f} minutes)"
+        for stage in made["stages"]
+    )
     items = {
         "Net": f"{net}, no normalisation layers, f32, {made['work_px']} px inside",
-        "Training": f"{made['steps']} steps of {recipe['batch']} crops in {made['minutes']} minutes, {data}, "
-        f"seed {recipe['seed']}; input {steps}",
+        "Training": f"{data}; {stages}",
         "Real images": real,
         "Calibration": f"sd² = {calibration['sd_per_variance']}² · variance² + "
         f"{calibration['sd_floor_crop_px']}² crop px²; prior of locations {calibration['prior_mean_crop_px']} ± "

@@ -172,16 +172,23 @@ class Sampler:
         self.shards, self.real, self.batch = shards, real, batch
         self.real_count = round(batch * real_share) if real else 0
         self.seed, self.number, self.augment = seed, first, augment
-        self.queue: queue.Queue[Batch] = queue.Queue(8)
+        self.queue: queue.Queue[Batch | Exception] = queue.Queue(8)
         threading.Thread(target=self._fill, daemon=True).start()
 
     def _fill(self) -> None:
         while True:
-            self.queue.put(self.draw())
+            try:
+                self.queue.put(self.draw())
+            except Exception as error:  # or the training would wait for ever
+                self.queue.put(error)
+                return
 
     def next(self) -> Batch:
         """A batch."""
-        return self.queue.get()
+        batch = self.queue.get()
+        if isinstance(batch, Exception):
+            raise batch
+        return batch
 
     def draw(self) -> Batch:
         """Makes the next batch."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 WINDOW_CELLS = 3
-# What a heatmap says of a location is held for at most so much prior: dividing by what is left amplifies noise.
+# At most this share of a location is taken to be prior: dividing by what is left amplifies noise.
 LARGEST_PRIOR_SHARE = 0.5
 
 
@@ -17,7 +17,7 @@ class Calibration:
 
     sd_per_variance: float  # a, 1 / crop px
     sd_floor_crop_px: float  # b
-    prior_mean_crop_px: tuple[float, float]  # of visible keypoints' locations in the crops learnt from: x, y
+    prior_mean_crop_px: tuple[float, float]  # of visible keypoints' x, y in rendered crops like those learnt from
     prior_sd_crop_px: tuple[float, float]
 
     def measurement(self, mean: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -45,7 +45,7 @@ class Result:
     index: np.ndarray  # [n] keypoint
     car: np.ndarray  # [n] index of the crop
     offset: np.ndarray  # [n, 2] predicted − true, crop px
-    variance: np.ndarray  # [n, 2] crop px²: of the measurement, or of the heatmap around its peak
+    covariance: np.ndarray  # [n, 2, 2] crop px²: of the measurement, or of the heatmap around its peak
     score_seen: np.ndarray
     score_hidden: np.ndarray
     confused: dict[str, list[int]]  # crops whose points fit better with names exchanged
@@ -65,7 +65,8 @@ class Result:
 
     def robust_sd(self) -> float:
         """1.4826 · median |error / sd|: 1 when predicted sd are honest."""
-        return float(1.4826 * np.median(np.abs(self.offset / np.sqrt(self.variance + 1e-9))))
+        variance = np.diagonal(self.covariance, axis1=1, axis2=2)
+        return float(1.4826 * np.median(np.abs(self.offset / np.sqrt(variance + 1e-9))))
 
     def numbers(self) -> dict[str, float | int | dict]:
         """What a model card says."""
@@ -86,7 +87,7 @@ class Result:
         return (
             f"{self.cars} cars, {len(self.error)} points: median {100 * np.median(self.error):.2f} % "
             f"PCK.05 {100 * self.pck(0.05):.1f} PCK.1 {100 * self.pck(0.1):.1f} AUC {self.auc():.3f} "
-            f"normalised sd {self.robust_sd():.2f}, confused: {confused}"
+            f"raw normalised sd {self.robust_sd():.2f}, confused: {confused}"
         )
 
 
@@ -177,7 +178,7 @@ def evaluate(net: Deployed, crops: list[Crop], calibration: Calibration | None =
         index,
         car,
         offset,
-        np.diagonal(covariances[clear], axis1=1, axis2=2),
+        covariances[clear],
         seen[clear],
         seen[hidden],
         confused,

@@ -98,12 +98,10 @@ def main() -> None:
         "work_px": net.work_px,
         "parameters": sum(p.numel() for p in net.parameters()),
         "gflop_per_crop": round(gflop(net), 4),
-        "steps": state["step"],
-        "samples": state["samples"],
+        "stages": state["stages"],
         "rendered_crops": state["shards"],
         "real_cars": len(learnt) if recipe["real"] else 0,
         "real_held_out": sorted({c.group for c in held_crops}),
-        "minutes": round(state["spent"] / 60, 1),
         "recipe": recipe,
         "note": args.note,
     }

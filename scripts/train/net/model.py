@@ -60,7 +60,7 @@ class StackedHourglass(nn.Module):
     n = 128, or any multiple of 32 while training.
     """
 
-    def __init__(self, stacks: int = 2, channels: int = 48):
+    def __init__(self, stacks: int = 2, channels: int = 64):
         super().__init__()
         # Pixels of 2 × 2 blocks become channels first: a convolution of 3 channels wastes a CPU.
         self.stem = nn.Sequential(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import torch
@@ -21,6 +22,13 @@ def read_weights(path: Path) -> dict[str, torch.Tensor]:
         for tensor in stored
         if tensor.name.startswith("net.")
     }
+
+
+def read_stages(path: Path) -> list[dict]:
+    """The trainings that a checkpoint, or an exported net by its card, has behind it (`Training.stage`)."""
+    if path.suffix != ".onnx":
+        return torch.load(path)["stages"]
+    return json.loads(path.with_suffix(".card.json").read_text())["how_made"]["stages"]
 
 
 def start(net: StackedHourglass, weights: dict[str, torch.Tensor]) -> None:

@@ -17,11 +17,12 @@ from torch import nn
 from net.data import Batch, RealCar, Sampler, Shards, read_real
 from net.evaluate import evaluate, real_crops, shard_crops
 from net.model import INPUT_PX, STRIDE, Deployed, StackedHourglass
-from net.start import read_weights, start
+from net.start import read_stages, read_weights, start
 
 TARGET_SD_CELLS = 0.6
+CPU_INFO = Path("/proc/cpuinfo")
 # About three times as fast where the CPU has instructions for it.
-HAS_BF16 = bool({"avx512_bf16", "amx_bf16"} & set(Path("/proc/cpuinfo").read_text().split()))
+HAS_BF16 = CPU_INFO.exists() and bool({"avx512_bf16", "amx_bf16"} & set(CPU_INFO.read_text().split()))
 
 
 def targets(points: torch.Tensor, cells: int) -> torch.Tensor:
@@ -107,21 +108,24 @@ class Training:
         self.folder.mkdir(parents=True, exist_ok=True)
         self.net = StackedHourglass(options.stacks, options.channels).to(memory_format=torch.channels_last)
         self.optimiser = torch.optim.AdamW(self.net.parameters(), lr=options.rate, weight_decay=1e-4)
-        self.step, self.spent, self.started = 0, 0.0, time.time()
+        self.step, self.spent, self.before = 0, 0.0, []
         if (self.folder / "last.pt").exists():
             state = torch.load(self.folder / "last.pt")
             self.net.load_state_dict(state["net"])
             self.optimiser.load_state_dict(state["optimiser"])
             self.average = Average(self.net)
-            self.average.weights, self.average.steps = state["average"], state["step"]
-            self.step, self.spent = state["step"], state["spent"]
+            self.average.weights, self.average.steps = state["average"], state["average_steps"]
+            self.step, self.spent, self.before = state["step"], state["spent"], state["stages"][:-1]
             print(f"resuming at step {self.step}, {self.spent / 60:.1f} min")
         else:
             if options.start_from:
                 start(self.net, read_weights(options.start_from))
+                self.before = read_stages(options.start_from)
             self.average = Average(self.net)
         learn, self.held_out = split_real(read_real(options.real) if options.real else [], options.hold_out)
         self.shards = Shards(options.crops / "train")
+        if not len(self.shards):
+            raise SystemExit(f"no crops in {options.crops / 'train'}: make them with python -m render.crops")
         self.sampler = Sampler(
             self.shards,
             learn,
@@ -134,6 +138,7 @@ class Training:
         print(f"{len(self.shards)} rendered crops, {len(learn)} real cars, {len(self.held_out)} held out")
         recipe = {name: str(value) for name, value in vars(options).items()}
         (self.folder / "recipe.json").write_text(json.dumps(recipe, indent=1))
+        self.started = time.time()
 
     def seconds(self) -> float:
         """Wall time so far, that of earlier calls included."""
@@ -158,15 +163,30 @@ class Training:
         self.step += 1
         return parts
 
+    def stage(self) -> dict:
+        """What the card says of this training."""
+        options = self.options
+        return {
+            "run": options.run,
+            "steps": self.step,
+            "batch": options.batch,
+            "rate": options.rate,
+            "seed": options.seed,
+            "channels": options.channels,
+            "px": options.input_px if options.start_from else f"64 → {options.input_px}",
+            "minutes": round(self.seconds() / 60, 1),
+        }
+
     def save(self) -> None:
         """Writes the checkpoint, whole or not at all."""
         state = {
             "net": self.net.state_dict(),
             "optimiser": self.optimiser.state_dict(),
             "average": self.average.weights,
+            "average_steps": self.average.steps,
             "step": self.step,
             "spent": self.seconds(),
-            "samples": self.step * self.options.batch,
+            "stages": [*self.before, self.stage()],
             "stacks": self.options.stacks,
             "channels": self.options.channels,
             "shards": len(self.shards),
@@ -217,7 +237,10 @@ def main() -> None:
     """Trains for the given number of steps, spread over as many calls as it takes."""
     training = Training(parse_options())
     options = training.options
-    check = Shards(options.crops / "eval", limit=512)
+    if training.step >= options.steps:
+        print("finished before")
+        return
+    check = Shards(options.crops / "eval", limit=256)
     saved, shown = time.time(), time.time()
     sums = {"heat": 0.0, "visible": 0.0, "n": 0}
     while training.step < options.steps:

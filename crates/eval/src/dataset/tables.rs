@@ -43,8 +43,9 @@ pub(super) fn add_single_frames(report: &mut Report, what: &str, systems: &[(Sys
                  is the error of the ground, common to all cars of a picture.";
     report.tables.push(add);
     report.tables.push(viewpoint_table(&format!("Table 2, viewpoint: {what}"), &scored(&poses)));
-    let rows = systems.iter().filter(|(system, _)| RANKED.contains(system)).count();
-    report.tables.push(steps_table(&format!("Row by row: {what}"), &scored(&poses)[..rows]));
+    let ranked: Vec<_> = systems.iter().filter(|(system, _)| RANKED.contains(system)).cloned().collect();
+    let ranked = of_cars(&ranked, |car| car.pose);
+    report.tables.push(steps_table(&format!("Gain over the row before: {what}"), &scored(&ranked)));
     report
         .tables
         .push(camera_table(&format!("Camera from single frames: {what}"), &scored(&cameras(systems))));
