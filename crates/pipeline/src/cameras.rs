@@ -14,6 +14,9 @@ use crate::{Config, PipelineError};
 
 /// sd of log focal that stands for "given".
 const GIVEN_LOG_FOCAL_SD: f64 = 1e-6;
+/// sd of the mean size of a place's cars against the shape atlas', log: those of the USA are some 6 % longer than Europe's,
+/// Japan's as much shorter (estimates). Every car of a clip shares it, and heights and distances scale with it.
+const POPULATION_LOG_SD: f64 = 0.04;
 
 /// The camera at every time of a clip.
 #[derive(Clone, Debug)]
@@ -109,6 +112,9 @@ pub fn estimate_cameras(
     let fuse_options =
         FuseOptions { focal_given: known_focal_px.is_some(), prior, ..FuseOptions::for_image(size) };
     let mut estimates = fuse(&windows, &fuse_options);
+    for estimate in &mut estimates {
+        estimate.covariance[(3, 3)] += POPULATION_LOG_SD * POPULATION_LOG_SD;
+    }
     if estimates.is_empty() {
         estimates.push(unobservable(&fuse_options, span_s, size));
         tracing::warn!("the camera cannot be estimated from the cars of {frame_count} frames");
