@@ -91,6 +91,12 @@ pub fn median(values: &[f64]) -> f64 {
     quantile(values, 0.5)
 }
 
+/// Mean; NaN of nothing.
+#[must_use]
+pub fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
+}
+
 /// Share of values at or below a limit, 0–1; NaN of nothing.
 #[must_use]
 pub fn share_within(values: &[f64], limit: f64) -> f64 {
@@ -117,7 +123,6 @@ mod tests {
     fn the_interval_of_a_mean_has_the_width_theory_gives() {
         // 400 scenes with one value each, alternating 0 and 1: sd of the mean is 0.5 / √400 = 0.025.
         let scenes: Vec<Vec<f64>> = (0..400).map(|i| vec![f64::from(i % 2)]).collect();
-        let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
         let estimate = bootstrap(&scenes, mean);
         assert_eq!((estimate.value, estimate.n), (0.5, 400));
         assert!((estimate.high - estimate.low - 2.0 * 1.96 * 0.025).abs() < 0.01, "{estimate:?}");

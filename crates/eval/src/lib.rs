@@ -19,7 +19,7 @@ mod table;
 pub mod tables;
 pub mod truth;
 
-pub use bootstrap::{Estimate, bootstrap, bootstrap_scenes, median, quantile, share_within};
+pub use bootstrap::{Estimate, bootstrap, bootstrap_scenes, mean, median, quantile, share_within};
 pub use box_files::{evaluate_coco, evaluate_mot};
 pub use dataset::{DatasetOptions, evaluate_dataset};
 pub use error::EvalError;

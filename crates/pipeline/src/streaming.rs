@@ -31,7 +31,7 @@ impl Nets {
     /// What they are, for the summary.
     #[must_use]
     pub fn summaries(&self) -> Vec<ModelSummary> {
-        [self.detector.session(), self.keypoints.session()].map(summary_of).to_vec()
+        self.sessions().map(summary_of).to_vec()
     }
 
     /// What their results depend on: weights, what computes them, and how outputs become measurements.
@@ -42,7 +42,11 @@ impl Nets {
             let calibration = serde_json::Value::Object(card.calibration.clone());
             format!("{} {} {calibration}", card.sha256, session.provider())
         };
-        [self.detector.session(), self.keypoints.session()].map(of).to_vec()
+        self.sessions().map(of).to_vec()
+    }
+
+    fn sessions(&self) -> [&Session; 2] {
+        [self.detector.session(), self.keypoints.session()]
     }
 }
 

@@ -6,8 +6,9 @@ use roadplane_base::{
 };
 
 use crate::arrow::{CAMERA, Joint, RESIDUAL, SHAPE};
+use crate::camera_knowledge::CameraKnowledge;
 use crate::cold_start::COARSE_SD_M;
-use crate::ground_problem::{CameraKnowledge, GroundProblem, GroundState, Group, View};
+use crate::ground_problem::{GroundProblem, GroundState, Group, View};
 use crate::ground_residual::{CameraFrame, PointModes, Standing, StandingFrame};
 use crate::lm::{LmOptions, minimise};
 use crate::observation::{Observation, observations};

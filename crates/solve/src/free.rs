@@ -6,9 +6,9 @@ use nalgebra::{
 use roadplane_base::{Camera, CameraParams, ImageSize, KEYPOINTS, KeypointSet, Shape, ShapeAtlas};
 
 use crate::alternation::{LAST_TERMS, alternate};
+use crate::camera_knowledge::CameraKnowledge;
 use crate::free_problem::{FreeProblem, PlaneTerms};
 use crate::free_residual::{FreeCar, FreeFrame};
-use crate::ground_problem::CameraKnowledge;
 use crate::ground_residual::PointModes;
 use crate::lm::{LmOptions, Problem as _, minimise};
 use crate::observation::{Observation, observations};

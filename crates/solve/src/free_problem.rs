@@ -10,8 +10,8 @@ use nalgebra::{Cholesky, Const, Matrix2, Matrix4, SMatrix, SVector, Vector4};
 use roadplane_base::{MODES, ShapeAtlas};
 
 use crate::arrow::{MIN_INFORMATION, Row};
+use crate::camera_knowledge::CameraKnowledge;
 use crate::free_residual::{FreeCar, FreeFrame};
-use crate::ground_problem::CameraKnowledge;
 use crate::ground_residual::{CameraFrame, PointModes};
 use crate::kernel::OutlierModel;
 use crate::lm::{Problem, Trial};
@@ -179,25 +179,11 @@ impl<'a> FreeProblem<'a> {
         Some((hessian, gradient))
     }
 
-    fn hold_fixed(&self, hessian: &mut Matrix4<f64>, gradient: &mut Vector4<f64>) {
-        for i in (0..4).filter(|i| self.knowledge.fixed[*i]) {
-            hessian.row_mut(i).fill(0.0);
-            hessian.column_mut(i).fill(0.0);
-            hessian[(i, i)] = 1.0;
-            gradient[i] = 0.0;
-        }
-    }
-
     /// Covariance of the camera (prior counted, zero where fixed) and of each car's (shape, ω, u, v, ρ); information of the
     /// cars alone. After `linearise`.
     pub fn covariances(&mut self) -> Option<(Matrix4<f64>, Matrix4<f64>, Vec<CarMatrix>)> {
         let (information, _) = self.eliminate(0.0)?;
-        let mut total = information + Matrix4::from_diagonal(&self.knowledge.information);
-        self.hold_fixed(&mut total, &mut Vector4::zeros());
-        let mut camera = total.cholesky()?.inverse();
-        for i in (0..4).filter(|i| self.knowledge.fixed[*i]) {
-            camera[(i, i)] = 0.0;
-        }
+        let camera = self.knowledge.covariance(&information)?;
         let cars = self.blocks.iter().map(|b| b.inverse + b.gain * camera * b.gain.transpose()).collect();
         Some((information, camera, cars))
     }
@@ -256,7 +242,7 @@ impl Problem for FreeProblem<'_> {
             cost += self.linearise_car(&camera, k)?;
         }
         self.cost = cost;
-        self.camera_gradient = (self.camera - self.knowledge.mean).component_mul(&self.knowledge.information);
+        self.camera_gradient = self.knowledge.gradient(&self.camera);
         self.camera_diagonal = self.knowledge.information;
         let mut largest: f64 = 0.0;
         for block in &self.blocks {
@@ -278,10 +264,10 @@ impl Problem for FreeProblem<'_> {
 
     fn try_step(&mut self, damping: f64) -> Option<Trial> {
         let (mut hessian, mut gradient) = self.eliminate(damping)?;
-        gradient += (self.camera - self.knowledge.mean).component_mul(&self.knowledge.information);
+        gradient += self.knowledge.gradient(&self.camera);
         let damped = self.camera_diagonal.map(|d| damping * d.max(1e-9));
         hessian += Matrix4::from_diagonal(&(self.knowledge.information + damped));
-        self.hold_fixed(&mut hessian, &mut gradient);
+        self.knowledge.hold_fixed(&mut hessian, &mut gradient);
         let camera_step = -hessian.cholesky()?.solve(&gradient);
         let (mut predicted, mut largest) = (0.0, 0.0_f64);
         let mut see = |step: f64, gradient: f64, diagonal: f64| {

@@ -7,6 +7,7 @@ use nalgebra::{Matrix4, Vector2, Vector4};
 use roadplane_base::{MODES, Shape, ShapeAtlas};
 
 use crate::arrow::{CAMERA, Gram, GroupBlock, PoseBlock, RESIDUAL, SHAPE, camera_system};
+use crate::camera_knowledge::CameraKnowledge;
 use crate::gram_sum::{Rows, WIDTH};
 use crate::ground_residual::{CameraFrame, PointModes, Standing, StandingFrame};
 use crate::ground_rows::{MAX_PACKS, NO_ROWS, Pack, linearise, pack, plain_rows, rewhiten};
@@ -38,17 +39,6 @@ pub(crate) struct Group {
     pub views: std::ops::Range<usize>,
     /// Mean and information of its shape.
     pub prior: ShapePrior,
-}
-
-/// What is known of the camera beforehand.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct CameraKnowledge {
-    /// Mean of the prior.
-    pub mean: Vector4<f64>,
-    /// Information (1/sd²) per parameter; 0 where nothing is known.
-    pub information: Vector4<f64>,
-    /// Parameters that are not estimated.
-    pub fixed: [bool; 4],
 }
 
 /// Everything that is estimated.
@@ -256,23 +246,10 @@ impl<'a> GroundProblem<'a> {
         Some(camera_system(&camera))
     }
 
-    fn hold_fixed(&self, hessian: &mut Matrix4<f64>, gradient: &mut Vector4<f64>) {
-        for i in (0..4).filter(|i| self.knowledge.fixed[*i]) {
-            hessian.row_mut(i).fill(0.0);
-            hessian.column_mut(i).fill(0.0);
-            hessian[(i, i)] = 1.0;
-            gradient[i] = 0.0;
-        }
-    }
-
-    fn prior_gradient(&self) -> Vector4<f64> {
-        (self.state.camera - self.knowledge.mean).component_mul(&self.knowledge.information)
-    }
-
     /// Sums up gradient and diagonal of what views share, decides which coefficients are held; returns the largest scaled
     /// gradient.
     fn gather(&mut self) -> f64 {
-        self.camera_gradient = self.prior_gradient();
+        self.camera_gradient = self.knowledge.gradient(&self.state.camera);
         self.camera_diagonal = self.knowledge.information;
         let mut largest: f64 = 0.0;
         let mut see = |gradient: f64, diagonal: f64| {

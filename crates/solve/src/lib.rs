@@ -26,6 +26,7 @@
 
 mod alternation;
 mod arrow;
+mod camera_knowledge;
 mod cold_start;
 #[cfg(test)]
 mod dual;

@@ -3,7 +3,8 @@
 use nalgebra::Vector4;
 use roadplane_base::{ImageSize, Shape, ShapeAtlas};
 
-use crate::ground_problem::{CameraKnowledge, GroundProblem, GroundState, Group, View};
+use crate::camera_knowledge::CameraKnowledge;
+use crate::ground_problem::{GroundProblem, GroundState, Group, View};
 use crate::ground_residual::{PointModes, Standing};
 use crate::kernel::OutlierModel;
 use crate::observation::{Observation, observations};

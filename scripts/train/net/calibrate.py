@@ -6,13 +6,12 @@ import numpy as np
 from scipy.optimize import minimize
 
 from net.decode import Calibration
-from net.evaluate import Crop, evaluate
+from net.evaluate import NORMAL_SD_PER_MAD, Crop, evaluate
 from net.model import Deployed
 
 BINS = 6
 # With fewer errors than this a bin's robust sd is not known to better than a fifth.
 FEWEST = 30
-NORMAL_SD_PER_MAD = 1.4826
 # No keypoint is known better than the rounding to a crop pixel, 1/√12: keeps covariances away from singular.
 LOWEST_FLOOR_PX = 0.29
 

@@ -20,6 +20,7 @@ _ENDS = [1, 0, 3, 2, 6, 7, 4, 5, 9, 8, 13, 12, 11, 10, 14, 16, 15, 17]
 FRONT_BACK = np.array(_ENDS + [k + 18 for k in _ENDS])
 LEFT_RIGHT = np.array(MIRROR)
 CONFUSIONS = {"left/right": LEFT_RIGHT, "front/back": FRONT_BACK, "turned round": LEFT_RIGHT[FRONT_BACK]}
+NORMAL_SD_PER_MAD = 1.4826
 SIZES_PX = (0, 40, 60, 100, 200, 10_000)
 
 
@@ -66,7 +67,7 @@ class Result:
     def robust_sd(self) -> float:
         """1.4826 · median |error / sd|: 1 when predicted sd are honest."""
         variance = np.diagonal(self.covariance, axis1=1, axis2=2)
-        return float(1.4826 * np.median(np.abs(self.offset / np.sqrt(variance + 1e-9))))
+        return float(NORMAL_SD_PER_MAD * np.median(np.abs(self.offset / np.sqrt(variance + 1e-9))))
 
     def numbers(self) -> dict[str, float | int | dict]:
         """What a model card says."""

@@ -45,14 +45,13 @@ def start(net: StackedHourglass, weights: dict[str, torch.Tensor]) -> None:
         old = weights[name]
         if any(n < m for n, m in zip(value.shape, old.shape, strict=True)):
             raise ValueError(f"{name}: the weights to start from have more channels ({tuple(old.shape)})")
-        if value.ndim == 0 or value.shape == old.shape:
+        if value.ndim == 0:
             value.copy_(old)
-            continue
-        inputs = torch.arange(old.shape[1]) if old.ndim > 1 else None
-        if name.startswith("back.") and inputs is not None:
-            inputs[-KEYPOINTS:] += value.shape[1] - old.shape[1]  # features first, then heatmaps
-        value[: len(old)] = 0
-        if inputs is None:
+        elif value.ndim == 1:
             value[: len(old)] = old
         else:
+            inputs = torch.arange(old.shape[1])
+            if name.startswith("back."):
+                inputs[-KEYPOINTS:] += value.shape[1] - old.shape[1]  # features first, then heatmaps
+            value[: len(old)] = 0
             value[: len(old), inputs] = old

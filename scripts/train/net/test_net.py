@@ -180,6 +180,7 @@ class Net(unittest.TestCase):
 
             def train(run: str, steps: int) -> Training:
                 training = Training(parse_options([*common, "--run", run]))
+                training.read_crops()
                 while training.step < steps:
                     training.advance()
                 training.save()

@@ -20,6 +20,7 @@ from net.model import INPUT_PX, STRIDE, Deployed, StackedHourglass
 from net.start import read_stages, read_weights, start
 
 TARGET_SD_CELLS = 0.6
+PROBE_CROPS = 256
 CPU_INFO = Path("/proc/cpuinfo")
 # About three times as fast where the CPU has instructions for it.
 HAS_BF16 = CPU_INFO.exists() and bool({"avx512_bf16", "amx_bf16"} & set(CPU_INFO.read_text().split()))
@@ -109,31 +110,29 @@ class Training:
         self.net = StackedHourglass(options.stacks, options.channels).to(memory_format=torch.channels_last)
         self.optimiser = torch.optim.AdamW(self.net.parameters(), lr=options.rate, weight_decay=1e-4)
         self.step, self.spent, self.before = 0, 0.0, []
-        if (self.folder / "last.pt").exists():
-            state = torch.load(self.folder / "last.pt")
+        state = torch.load(self.folder / "last.pt") if (self.folder / "last.pt").exists() else None
+        if state:
             self.net.load_state_dict(state["net"])
             self.optimiser.load_state_dict(state["optimiser"])
-            self.average = Average(self.net)
-            self.average.weights, self.average.steps = state["average"], state["average_steps"]
             self.step, self.spent, self.before = state["step"], state["spent"], state["stages"][:-1]
             print(f"resuming at step {self.step}, {self.spent / 60:.1f} min")
-        else:
-            if options.start_from:
-                start(self.net, read_weights(options.start_from))
-                self.before = read_stages(options.start_from)
-            self.average = Average(self.net)
+        elif options.start_from:
+            start(self.net, read_weights(options.start_from))
+            self.before = read_stages(options.start_from)
+        self.average = Average(self.net)
+        if state:
+            self.average.weights, self.average.steps = state["average"], state["average_steps"]
+
+    def read_crops(self) -> None:
+        """Everything that is learnt from, before the first step."""
+        options = self.options
         learn, self.held_out = split_real(read_real(options.real) if options.real else [], options.hold_out)
         self.shards = Shards(options.crops / "train")
         if not len(self.shards):
             raise SystemExit(f"no crops in {options.crops / 'train'}: make them with python -m render.crops")
+        augment = not options.no_augmentation
         self.sampler = Sampler(
-            self.shards,
-            learn,
-            options.batch,
-            options.real_share,
-            options.seed,
-            self.step,
-            not options.no_augmentation,
+            self.shards, learn, options.batch, options.real_share, options.seed, self.step, augment
         )
         print(f"{len(self.shards)} rendered crops, {len(learn)} real cars, {len(self.held_out)} held out")
         recipe = {name: str(value) for name, value in vars(options).items()}
@@ -200,7 +199,7 @@ class Training:
         net = StackedHourglass(self.options.stacks, self.options.channels)
         net.load_state_dict(self.average.weights)
         deployed = Deployed(net, self.size()).eval()
-        for name, crops in (("rendered", shard_crops(check, 256)), ("real held out", real_crops(self.held_out))):
+        for name, crops in (("rendered", shard_crops(check, PROBE_CROPS)), ("real held out", real_crops(self.held_out))):
             if crops:
                 print(f"  {name}: {evaluate(deployed, crops).line()}", flush=True)
 
@@ -240,7 +239,8 @@ def main() -> None:
     if training.step >= options.steps:
         print("finished before")
         return
-    check = Shards(options.crops / "eval", limit=256)
+    training.read_crops()
+    check = Shards(options.crops / "eval", limit=PROBE_CROPS)
     saved, shown = time.time(), time.time()
     sums = {"heat": 0.0, "visible": 0.0, "n": 0}
     while training.step < options.steps:

@@ -10,7 +10,7 @@ use roadplane_synth::{CarModel, SceneTruth, SynthOptions, scene};
 
 use super::scenes::{bound, known, views, without_camera_prior};
 use crate::parallel::in_parallel;
-use crate::{Cell, Column, Table, bootstrap, median, share_within};
+use crate::{Cell, Column, Table, bootstrap, mean, median, share_within};
 
 /// First seed.
 const SEED: u64 = 1_000_000;
@@ -105,10 +105,6 @@ fn cells(
 
 fn rms(values: &[f64]) -> f64 {
     (values.iter().map(|e| e * e).sum::<f64>() / values.len() as f64).sqrt()
-}
-
-fn mean(values: &[f64]) -> f64 {
-    values.iter().sum::<f64>() / values.len() as f64
 }
 
 fn rows() -> Vec<Row> {

@@ -4,7 +4,7 @@ use super::{Scored, cell};
 use crate::metrics::camera::CameraError;
 use crate::metrics::{add, viewpoint};
 use crate::scoring::PoseScore;
-use crate::{Cell, Column, Mark, Plot, Table, bootstrap, median, quantile, share_within};
+use crate::{Cell, Column, Mark, Plot, Table, bootstrap, mean, median, quantile, share_within};
 
 /// Points of the curves in the plots.
 const CURVE: usize = 60;
@@ -71,7 +71,7 @@ pub fn steps_table(title: &str, systems: &[Scored<'_, PoseScore>]) -> Table {
                 old.iter().zip(new).map(|(old, new)| won(new) - won(old)).collect()
             };
             let gains: Vec<Vec<f64>> = old.iter().zip(new).map(of_scene).collect();
-            bootstrap(&gains, |v| v.iter().sum::<f64>() / v.len() as f64).scaled(100.0).into()
+            bootstrap(&gains, mean).scaled(100.0).into()
         };
         let mut row = vec![Cell::from(name), Cell::from(before)];
         row.extend(MEASURES.map(gain));
@@ -102,7 +102,6 @@ pub fn camera_table(title: &str, systems: &[Scored<'_, CameraError>]) -> Table {
     ];
     let mut table =
         Table::new(title, "Relative errors of focal length and height, angles of tilt and normal.", columns);
-    let mean = |v: &[f64]| v.iter().sum::<f64>() / v.len() as f64;
     let most = |v: &[f64]| quantile(v, 0.9);
     let degrees = 1f64.to_degrees();
     for (name, scenes) in systems {

@@ -1,9 +1,9 @@
 //! A small scene with truth for tests.
 
 use nalgebra::Point3;
-use roadplane_base::{GroundPlane, GroundPose, ImageSize, ShapeAtlas, VehicleClass, rows_from_isometry};
-
-use roadplane_base::Activity;
+use roadplane_base::{
+    Activity, GroundPlane, GroundPose, ImageSize, ShapeAtlas, VehicleClass, rows_from_isometry,
+};
 
 use super::{Kind, Model, TRUTH_SCHEMA, TrueCamera, TrueCar, TrueFrame, TruePlane, Truth};
 

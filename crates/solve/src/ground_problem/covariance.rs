@@ -24,12 +24,7 @@ impl GroundProblem<'_> {
             block.held = [self.shapes_fixed; MODES];
         }
         let (information, _) = self.eliminate(0.0)?;
-        let mut total = information + Matrix4::from_diagonal(&self.knowledge.information);
-        self.hold_fixed(&mut total, &mut Vector4::zeros());
-        let mut camera = total.cholesky()?.inverse();
-        for i in (0..4).filter(|i| self.knowledge.fixed[*i]) {
-            camera[(i, i)] = 0.0;
-        }
+        let camera = self.knowledge.covariance(&information)?;
         let shared: Vec<Joint> = self.group_blocks.iter().map(|block| block.joint(&camera)).collect();
         let joint = |(view, pose): (&View, &PoseBlock)| {
             let mut joint = shared[view.group];

@@ -19,9 +19,9 @@ impl Problem for GroundProblem<'_> {
 
     fn try_step(&mut self, damping: f64) -> Option<Trial> {
         let (mut hessian, mut gradient) = self.eliminate(damping)?;
-        gradient += self.prior_gradient();
+        gradient += self.knowledge.gradient(&self.state.camera);
         hessian += Matrix4::from_diagonal(&(self.knowledge.information + damping * self.camera_diagonal));
-        self.hold_fixed(&mut hessian, &mut gradient);
+        self.knowledge.hold_fixed(&mut hessian, &mut gradient);
         let camera_step = -hessian.cholesky()?.solve(&gradient);
         let mut predicted = 0.0;
         let mut largest: f64 = 0.0;
