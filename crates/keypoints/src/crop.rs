@@ -6,9 +6,6 @@ use nalgebra::Vector2;
 /// Side of the net's input, px.
 pub const CROP_PX: usize = 128;
 
-/// Side of the crop in units of the box's longer side.
-const CONTEXT: f64 = 1.25;
-
 /// Value of what lies outside the frame.
 const OUTSIDE: f32 = 0.5;
 
@@ -25,12 +22,12 @@ pub struct SquareCrop {
 }
 
 impl SquareCrop {
-    /// The crop of a box (left, top, right, bottom).
+    /// The crop of a box (left, top, right, bottom), whose side is `context` times the box's longer side.
     #[must_use]
-    pub fn around([x0, y0, x1, y1]: [f64; 4]) -> Self {
+    pub fn around([x0, y0, x1, y1]: [f64; 4], context: f64) -> Self {
         Self {
             centre_px: Vector2::new((x0 + x1) / 2.0, (y0 + y1) / 2.0),
-            side_px: CONTEXT * (x1 - x0).max(y1 - y0).max(1.0),
+            side_px: context * (x1 - x0).max(y1 - y0).max(1.0),
         }
     }
 

@@ -48,6 +48,7 @@ impl Default for KeypointOptions {
 pub struct KeypointNet {
     session: Session,
     decoder: HeatmapDecoder,
+    context: f64,
     options: KeypointOptions,
     rejected: u64,
 }
@@ -71,6 +72,10 @@ impl KeypointNet {
         if !calibration.is_sound() {
             return Err(unsuitable("calibration: numbers must be finite, sds positive"));
         }
+        let context = card.preprocess.get("context").and_then(serde_json::Value::as_f64);
+        let context = context.filter(|c| (1.0..=3.0).contains(c)).ok_or_else(|| {
+            unsuitable("preprocess.context: side of the crop over the box's longer side, 1 to 3")
+        })?;
         let cells = card
             .output("heatmaps")
             .and_then(|spec| match spec.shape.as_slice() {
@@ -84,7 +89,7 @@ impl KeypointNet {
             return Err(unsuitable("input image or output visibility is missing"));
         }
         let decoder = HeatmapDecoder { cells, stride_px: CROP_PX as f64 / cells as f64, calibration };
-        Ok(Self { session, decoder, options, rejected: 0 })
+        Ok(Self { session, decoder, context, options, rejected: 0 })
     }
 
     /// The session behind it.
@@ -110,7 +115,8 @@ impl KeypointNet {
         };
         let mut cars: Vec<&mut CarRecord> = cars.iter_mut().filter(fits).collect();
         for batch in cars.chunks_mut(self.options.batch.max(1)) {
-            let crops: Vec<SquareCrop> = batch.iter().map(|car| SquareCrop::around(car.bbox_px)).collect();
+            let crops: Vec<SquareCrop> =
+                batch.iter().map(|car| SquareCrop::around(car.bbox_px, self.context)).collect();
             let mut input = Array4::<f32>::zeros((crops.len(), 3, CROP_PX, CROP_PX));
             for (crop, mut planes) in crops.iter().zip(input.outer_iter_mut()) {
                 if let Some(planes) = planes.as_slice_mut() {
