@@ -32,7 +32,7 @@ def fit_sd(groups: list[tuple[np.ndarray, np.ndarray]]) -> tuple[float, float]:
     In bins of each group's (variance, error). Every group weighs the same, so that a few real cars count as much as
     many rendered ones. Bins make a robust scale per level of predicted spread; a likelihood would let the few gross
     errors set the floor. That errors grow with the variance, not with its root, is what was found: the targets have a
-    width of their own (`train.TARGET_SD_CELLS`), and a net's spread is too narrow where it knows little.
+    width of their own (`loss.TARGET_SD_CELLS`), and a net's spread is too narrow where it knows little.
     """
     bins = [(v, sd, n / len(error)) for variance, error in groups for v, sd, n in binned(variance, error)]
     variance, sd, weight = np.array(bins).T

@@ -7,6 +7,7 @@ import json
 from dataclasses import asdict
 from pathlib import Path
 
+from net.data import CONTEXT
 from net.decode import Calibration
 from net.model import CELLS, INPUT_PX, KEYPOINTS
 
@@ -39,7 +40,8 @@ def card(path: Path, calibration: Calibration, how_made: dict, metrics: dict) ->
         "preprocess": {
             "colour": "RGB",
             "range": [0, 1],
-            "crop": "1.25 x longer side of the box, grey 0.5 outside",
+            "context": CONTEXT,
+            "outside": "grey 0.5",
         },
         "calibration": asdict(calibration),
         "source": "trained from random weights by scripts/train (models/hourglass.md)",

@@ -14,7 +14,8 @@ import numpy as np
 from cars.mesh import KEYPOINT_NAMES, MIRROR
 
 INPUT_PX = 128
-CONTEXT = 1.25  # side of the crop in units of the box's longer side
+CONTEXT = 1.17  # side of the crop in units of the box's longer side
+RENDERED_CONTEXT = 1.25  # the same of rendered crops: room to turn and shift them
 GREY = 127
 KEYPOINTS = len(KEYPOINT_NAMES)
 
@@ -31,7 +32,7 @@ class Batch:
 
 
 class Shards:
-    """Rendered crops in memory."""
+    """Rendered crops in memory, with more around the car than the net gets to see (RENDERED_CONTEXT)."""
 
     def __init__(self, folder: Path, limit: int | None = None):
         self.images: list[np.ndarray] = []
@@ -101,6 +102,14 @@ def crop_from_box(box: np.ndarray, rotation: float = 0.0) -> np.ndarray:
     return np.column_stack([linear, middle - linear @ centre])
 
 
+def crop_from_rendered(rotation: float = 0.0, scale: float = 1.0, shift: np.ndarray | float = 0.0) -> np.ndarray:
+    """2 × 3 affine map from a rendered crop to what the net gets to see, turned (rad), scaled and shifted (px)."""
+    scale *= RENDERED_CONTEXT / CONTEXT
+    c, s = np.cos(rotation) * scale, np.sin(rotation) * scale
+    linear, middle = np.array([[c, -s], [s, c]]), np.full(2, INPUT_PX / 2 - 0.5)
+    return np.column_stack([linear, middle + shift - linear @ middle])
+
+
 def warp(picture: np.ndarray, crop_from_picture: np.ndarray) -> np.ndarray:
     """Resamples to the crop, averaging first where it shrinks by more than a little."""
     scale = np.sqrt(abs(np.linalg.det(crop_from_picture[:, :2])))
@@ -165,7 +174,7 @@ class Sampler:
         real: list[RealCar],
         batch: int,
         real_share: float,
-        seed: int,
+        seed: list[int],
         first: int = 0,
         augment: bool = True,
     ):
@@ -192,7 +201,7 @@ class Sampler:
 
     def draw(self) -> Batch:
         """Makes the next batch."""
-        self.rng = np.random.default_rng([self.seed, self.number])
+        self.rng = np.random.default_rng([*self.seed, self.number])
         self.number += 1
         samples = [self._real() for _ in range(self.real_count)]
         samples += [self._rendered() for _ in range(self.batch - self.real_count)]
@@ -205,14 +214,10 @@ class Sampler:
         exists = np.isfinite(points[:, 0])
         truth = (np.where(seen, 1.0, 0.4) * exists, seen * 1.0, exists * 1.0)
         if not self.augment:
-            return self._labelled(image, points, *truth)
-        middle = np.full(2, INPUT_PX / 2 - 0.5)
-        angle, scale = rng.normal(0, 0.1), np.exp(rng.uniform(-0.15, 0.1))
-        c, s = np.cos(angle) * scale, np.sin(angle) * scale
-        linear = np.array([[c, -s], [s, c]])
-        matrix = np.column_stack([linear, middle + rng.uniform(-5, 5, 2) - linear @ middle])
-        image = warp(image, matrix)
-        return self._finish(image, apply(matrix, points), *truth)
+            matrix = crop_from_rendered()
+            return self._labelled(warp(image, matrix), apply(matrix, points), *truth)
+        matrix = crop_from_rendered(rng.normal(0, 0.1), np.exp(rng.uniform(-0.15, 0.1)), rng.uniform(-5, 5, 2))
+        return self._finish(warp(image, matrix), apply(matrix, points), *truth)
 
     def _real(self):
         rng = self.rng

@@ -11,7 +11,7 @@ import torch
 from torch import nn
 
 from cars.mesh import KEYPOINT_NAMES, MIRROR
-from net.data import RealCar, Shards, apply, crop_from_box, read_real, warp
+from net.data import RealCar, Shards, apply, crop_from_box, crop_from_rendered, read_real, warp
 from net.decode import Calibration, decode
 from net.model import Deployed, StackedHourglass
 
@@ -93,17 +93,17 @@ class Result:
 
 
 def shard_crops(shards: Shards, count: int | None = None) -> list[Crop]:
-    """Rendered crops, the first `count`."""
-    crops = []
+    """Rendered crops, the first `count`, as the net gets to see them."""
+    matrix, crops = crop_from_rendered(), []
     for i in range(min(len(shards), count or len(shards))):
         exists, seen = np.isfinite(shards.points[i][:, 0]), shards.visible[i] > 0
         crops.append(
             Crop(
-                shards.images[i],
-                shards.points[i],
+                warp(shards.images[i], matrix),
+                apply(matrix, shards.points[i]),
                 exists & seen,
                 exists & ~seen,
-                float(shards.sides[i]),
+                float(shards.sides[i]) * matrix[0, 0],
                 float(shards.sizes[i]),
                 str(shards.bodies[i]),
                 "rendered",

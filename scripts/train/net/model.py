@@ -39,6 +39,20 @@ class Residual(nn.Module):
         return x + self.gain * self.branch(x)
 
 
+class Halving(nn.Conv2d):
+    """To half the size: a convolution with stride, plus two that find finer edges first, which start at nothing."""
+
+    def __init__(self, inputs: int, outputs: int):
+        super().__init__(inputs, outputs, 3, 2, 1)
+        nn.init.kaiming_normal_(self.weight, nonlinearity="relu")
+        nn.init.zeros_(self.bias)
+        self.fine = nn.Sequential(conv(inputs, outputs // 2, 3), nn.ReLU(), conv(outputs // 2, outputs, 3, 2))
+        nn.init.zeros_(self.fine[-1].weight)
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        return super().forward(x) + self.fine(x)
+
+
 class Hourglass(nn.Module):
     """Down to 4 × 4 and up again, with a skip at each size (Newell et al. 2016)."""
 
@@ -65,7 +79,7 @@ class StackedHourglass(nn.Module):
         # Pixels of 2 × 2 blocks become channels first: a convolution of 3 channels wastes a CPU.
         self.stem = nn.Sequential(
             nn.PixelUnshuffle(2),
-            conv(12, channels, 3, 2),
+            Halving(12, channels),
             Residual(channels),
             Residual(channels, channels // 2),
         )

@@ -9,6 +9,9 @@ import torch
 
 from net.model import KEYPOINTS, StackedHourglass
 
+# Weights of this part may be missing: it starts at nothing.
+ADDED_LATER = ".fine."
+
 
 def read_weights(path: Path) -> dict[str, torch.Tensor]:
     """The averaged weights of a checkpoint (`.pt`) or the weights of an exported net (`.onnx`)."""
@@ -38,11 +41,11 @@ def start(net: StackedHourglass, weights: dict[str, torch.Tensor]) -> None:
     were there (after Net2Net, Chen et al. 2016).
     """
     state = net.state_dict()
-    if state.keys() != weights.keys():
-        differ = sorted(state.keys() ^ weights.keys())
+    differ = sorted(name for name in state.keys() ^ weights.keys() if ADDED_LATER not in name)
+    if differ:
         raise ValueError(f"the weights to start from are of a net of other parts: {differ[0]} and {len(differ) - 1} more")
-    for name, value in state.items():
-        old = weights[name]
+    for name, old in weights.items():
+        value = state[name]
         if any(n < m for n, m in zip(value.shape, old.shape, strict=True)):
             raise ValueError(f"{name}: the weights to start from have more channels ({tuple(old.shape)})")
         if value.ndim == 0:

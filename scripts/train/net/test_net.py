@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import tempfile
 import unittest
 from pathlib import Path
@@ -9,16 +11,18 @@ from pathlib import Path
 import numpy as np
 import onnxruntime
 import torch
+from torch import distributed, multiprocessing
 
 from cars.mesh import MIRROR, REPOSITORY
 from net.calibrate import fit_sd
-from net.data import INPUT_PX, RealCar, Sampler, Shards, apply, crop_from_box, read_real, warp
+from net.data import CONTEXT, INPUT_PX, RealCar, Sampler, Shards, apply, crop_from_box, read_real, warp
 from net.decode import Calibration, decode
 from net.evaluate import FRONT_BACK, Crop, confusion_of
 from net.export import export_onnx
+from net.loss import loss_of, peak_distance, targets
 from net.model import Deployed, StackedHourglass, gflop
 from net.start import read_weights, start
-from net.train import Training, loss_of, parse_options, targets
+from net.train import Training, average_gradients, parse_options
 
 LABELS = REPOSITORY.parent / "shared/data/keypoints/train"
 
@@ -36,12 +40,12 @@ def labelled_car(rng: np.random.Generator) -> RealCar:
 
 class Data(unittest.TestCase):
     def test_a_crop_shows_the_picture_where_the_contract_says(self):
-        box = np.array([100.0, 60.0, 180.0, 120.0])  # side 100 px, centre (140, 90)
+        box = np.array([100.0, 60.0, 180.0, 120.0])  # centre (140, 90)
         matrix = crop_from_box(box)
         crop_px = np.array([[63.5, 63.5], [0.0, 127.0]])
         picture = (
-            140 + ((crop_px[:, 0] + 0.5) / 128 - 0.5) * 100,
-            90 + ((crop_px[:, 1] + 0.5) / 128 - 0.5) * 100,
+            140 + ((crop_px[:, 0] + 0.5) / 128 - 0.5) * 80 * CONTEXT,
+            90 + ((crop_px[:, 1] + 0.5) / 128 - 0.5) * 80 * CONTEXT,
         )
         np.testing.assert_allclose(apply(matrix, np.stack(picture, 1)), crop_px, atol=1e-9)
 
@@ -57,7 +61,7 @@ class Data(unittest.TestCase):
     def test_augmented_labels_stay_on_their_dots(self):
         rng = np.random.default_rng(0)
         with tempfile.TemporaryDirectory() as empty:
-            sampler = Sampler(Shards(Path(empty)), [labelled_car(rng)], 24, 1.0, seed=1)
+            sampler = Sampler(Shards(Path(empty)), [labelled_car(rng)], 24, 1.0, seed=[1])
         batch = sampler.next()
         contrast, sides = [], set()
         for image, points, located in zip(batch.image, batch.points, batch.located):
@@ -86,6 +90,19 @@ class Decoding(unittest.TestCase):
         mean, covariance = decode(logits.numpy())
         np.testing.assert_allclose(mean, at, atol=0.08)
         np.testing.assert_allclose(np.diagonal(covariance, axis1=2, axis2=3), 2.4**2, rtol=0.15)
+
+    def test_the_distance_to_learn_from_is_that_of_the_decoded_peak(self):
+        rng = np.random.default_rng(6)
+        logits = torch.tensor(rng.normal(0, 3, (2, 36, 32, 32)), dtype=torch.float32, requires_grad=True)
+        points, _ = decode(logits.detach().numpy())
+        points[0] += rng.uniform(-6, 6, (36, 2))
+        points[1] += 40  # another peak than the true one: nothing to pull at
+        off = peak_distance(logits, torch.tensor(points, dtype=torch.float32))
+        expected = np.linalg.norm(points[0] - decode(logits[0].detach().numpy())[0], axis=1)
+        np.testing.assert_allclose(off[0].detach().numpy(), expected, atol=0.02)
+        off.sum().backward()
+        self.assertTrue((logits.grad[0].abs().amax((1, 2)) > 0).all())
+        self.assertTrue((logits.grad[1] == 0).all())
 
     def test_calibration_finds_the_law_that_made_the_errors(self):
         rng = np.random.default_rng(2)
@@ -119,6 +136,28 @@ class Decoding(unittest.TestCase):
         np.testing.assert_allclose(covariance[0], noise, atol=1e-9)
 
 
+def tiny_training(folder: Path) -> list[str]:
+    """Eight crops of noise, and options to learn them."""
+    rng = np.random.default_rng(5)
+    crops, points = folder / "crops/train", rng.uniform(10, 118, (8, 36, 2)).astype(np.float32)
+    crops.mkdir(parents=True)
+    shard = {"image": rng.integers(0, 255, (8, 128, 128, 3), np.uint8), "keypoints": points}
+    shard |= {"visible": np.ones((8, 36), np.uint8), "body": np.array(["sedan"] * 8)}
+    np.savez(crops / "shard_00000.npz", box_side_px=np.ones(8), car_px=np.ones(8), **shard)
+    options = ["--crops", str(crops.parent), "--runs", str(folder), "--channels", "16", "--stacks", "1"]
+    return [*options, "--batch", "4", "--input-px", "64"]
+
+
+def worker_gradient(meeting: str, worker: int) -> torch.Tensor:
+    """What worker 0, whose gradient is 1, and worker 1, whose gradient is 2, agree on."""
+    distributed.init_process_group("gloo", init_method=meeting, rank=worker, world_size=2)
+    net = torch.nn.Linear(3, 2, bias=False)
+    net.weight.grad = torch.full((2, 3), 1.0 + worker)
+    average_gradients(net)
+    distributed.destroy_process_group()
+    return net.weight.grad
+
+
 class Confusion(unittest.TestCase):
     def test_exchanged_names_are_told_apart(self):
         points = np.random.default_rng(3).uniform(10, 118, (36, 2))
@@ -142,7 +181,7 @@ class Net(unittest.TestCase):
         torch.manual_seed(0)
         rng = np.random.default_rng(4)
         with tempfile.TemporaryDirectory() as empty:
-            batch = Sampler(Shards(Path(empty)), [labelled_car(rng)], 2, 1.0, seed=5).next()
+            batch = Sampler(Shards(Path(empty)), [labelled_car(rng)], 2, 1.0, seed=[5]).next()
         net = StackedHourglass(1, 16)
         optimiser = torch.optim.AdamW(net.parameters(), lr=5e-3)
         losses = []
@@ -161,25 +200,28 @@ class Net(unittest.TestCase):
             parameter.data += 0.02 * torch.randn_like(parameter)
         with tempfile.TemporaryDirectory() as folder:
             export_onnx(Deployed(narrow).eval(), Path(folder) / "net.onnx")
-            start(wide, read_weights(Path(folder) / "net.onnx"))
+            weights = read_weights(Path(folder) / "net.onnx")
+        start(wide, weights)
         with torch.no_grad():
             (expected, seen), (found, seen_too) = narrow(image), wide(image)
         for a, b in zip([*expected, seen], [*found, seen_too]):
             np.testing.assert_allclose(a.numpy(), b.numpy(), atol=1e-4)
 
+    def test_a_net_without_the_fine_part_can_be_started_from(self):
+        torch.manual_seed(3)
+        before, after, image = StackedHourglass(1, 16), StackedHourglass(1, 16), torch.rand(2, 3, 128, 128)
+        start(after, {name: w for name, w in before.state_dict().items() if ".fine." not in name})
+        with torch.no_grad():
+            torch.testing.assert_close(before(image), after(image))
+        with self.assertRaisesRegex(ValueError, "other parts: back.0.bias"):
+            start(after, StackedHourglass(2, 16).state_dict())
+
     def test_a_killed_training_goes_on_as_if_it_had_not_been(self):
-        rng = np.random.default_rng(5)
         with tempfile.TemporaryDirectory() as folder:
-            crops, points = Path(folder) / "crops/train", rng.uniform(10, 118, (8, 36, 2)).astype(np.float32)
-            crops.mkdir(parents=True)
-            shard = {"image": rng.integers(0, 255, (8, 128, 128, 3), np.uint8), "keypoints": points}
-            shard |= {"visible": np.ones((8, 36), np.uint8), "body": np.array(["sedan"] * 8)}
-            np.savez(crops / "shard_00000.npz", box_side_px=np.ones(8), car_px=np.ones(8), **shard)
-            common = ["--crops", str(crops.parent), "--runs", folder, "--channels", "16", "--stacks", "1"]
-            common += ["--batch", "4", "--steps", "6", "--input-px", "64"]
+            common = tiny_training(Path(folder))
 
             def train(run: str, steps: int) -> Training:
-                training = Training(parse_options([*common, "--run", run]))
+                training = Training(parse_options([*common, "--run", run, "--steps", "6"]))
                 training.read_crops()
                 while training.step < steps:
                     training.advance()
@@ -191,6 +233,26 @@ class Net(unittest.TestCase):
             resumed = train("killed", 6)
         for name, value in whole.average.weights.items():
             np.testing.assert_array_equal(value.numpy(), resumed.average.weights[name].numpy(), name)
+
+    def test_workers_share_a_batch_and_come_to_the_same_bits_again(self):
+        with tempfile.TemporaryDirectory() as folder:
+            common = [*tiny_training(Path(folder)), "--workers", "2", "--steps", "3"]
+            states = []
+            for run in ("once", "again"):
+                subprocess.run([sys.executable, "-m", "net.train", *common, "--run", run], check=True, timeout=120)
+                states.append(torch.load(Path(folder) / run / "last.pt"))
+        self.assertEqual([s["step"] for s in states], [3, 3])
+        for name, value in states[0]["net"].items():
+            np.testing.assert_array_equal(value.numpy(), states[1]["net"][name].numpy(), name)
+
+    def test_gradients_are_the_mean_of_the_workers(self):
+        with tempfile.TemporaryDirectory() as folder:
+            spawn, meeting = multiprocessing.get_context("spawn"), f"file://{folder}/meeting"
+            other = spawn.Process(target=worker_gradient, args=(meeting, 1))
+            other.start()
+            mean = worker_gradient(meeting, 0)
+            other.join()
+        np.testing.assert_allclose(mean.numpy(), np.full((2, 3), 1.5))
 
     def test_onnx_gives_what_pytorch_gives_at_any_batch(self):
         torch.manual_seed(1)

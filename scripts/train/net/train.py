@@ -6,33 +6,22 @@ import argparse
 import json
 import math
 import time
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import torch
-from torch import nn
+from torch import distributed, multiprocessing, nn
 
 from net.data import Batch, RealCar, Sampler, Shards, read_real
 from net.evaluate import evaluate, real_crops, shard_crops
-from net.model import INPUT_PX, STRIDE, Deployed, StackedHourglass
+from net.loss import loss_of
+from net.model import INPUT_PX, Deployed, StackedHourglass
 from net.start import read_stages, read_weights, start
 
-TARGET_SD_CELLS = 0.6
 PROBE_CROPS = 256
-CPU_INFO = Path("/proc/cpuinfo")
-# About three times as fast where the CPU has instructions for it.
-HAS_BF16 = CPU_INFO.exists() and bool({"avx512_bf16", "amx_bf16"} & set(CPU_INFO.read_text().split()))
-
-
-def targets(points: torch.Tensor, cells: int) -> torch.Tensor:
-    """Narrow Gaussian over the cells [B, K, n²], sum 1, around locations [B, K, 2] in input px."""
-    cell = (points - (STRIDE - 1) / 2) / STRIDE
-    grid = torch.arange(cells, dtype=torch.float32)
-    x = -((grid - cell[..., :1]) ** 2) / (2 * TARGET_SD_CELLS**2)
-    y = -((grid - cell[..., 1:]) ** 2) / (2 * TARGET_SD_CELLS**2)
-    return (y.softmax(-1).unsqueeze(-1) * x.softmax(-1).unsqueeze(-2)).flatten(2)
 
 
 def input_px(progress: float, largest: int) -> int:
@@ -46,28 +35,6 @@ def shrunk(batch: Batch, size: int) -> Batch:
         return batch
     image = np.stack([cv2.resize(i, (size, size), interpolation=cv2.INTER_AREA) for i in batch.image])
     return replace(batch, image=image, points=(batch.points + 0.5) * (size / INPUT_PX) - 0.5)
-
-
-def loss_of(net: nn.Module, batch: Batch) -> tuple[torch.Tensor, dict[str, float]]:
-    """Cross-entropy of each stack's heatmaps plus binary cross-entropy of visibility."""
-    image = torch.from_numpy(batch.image).permute(0, 3, 1, 2).float().div(255)
-    with torch.autocast("cpu", enabled=HAS_BF16):
-        heatmaps, visibility = net(image.contiguous(memory_format=torch.channels_last))
-    visibility = visibility.float()
-    located = torch.from_numpy(batch.located).float()
-    target = targets(torch.from_numpy(batch.points), image.shape[-1] // STRIDE)
-    count = located.sum().clamp(min=1)
-    parts = []
-    for logits in heatmaps:
-        entropy = -(target * logits.flatten(2).log_softmax(2)).sum(2)
-        parts.append((entropy * located).sum() / count)
-    judged = torch.from_numpy(batch.judged).float()
-    seen = nn.functional.binary_cross_entropy_with_logits(
-        visibility, torch.from_numpy(batch.visible).float(), reduction="none"
-    )
-    visible = (seen * judged).sum() / judged.sum().clamp(min=1)
-    loss = sum(parts[:-1], start=torch.tensor(0.0)) * 0.5 + parts[-1] + visible
-    return loss, {"heat": float(parts[-1]), "visible": float(visible)}
 
 
 class Average:
@@ -98,12 +65,22 @@ def split_real(cars: list[RealCar], held_out: list[str]) -> tuple[list[RealCar],
     return [c for c in cars if c.source not in held_out], [c for c in cars if c.source in held_out]
 
 
+def average_gradients(net: nn.Module) -> None:
+    """The mean over all workers, the same bits in each."""
+    gradients = [parameter.grad for parameter in net.parameters()]
+    flat = torch.cat([gradient.flatten() for gradient in gradients])
+    distributed.all_reduce(flat)
+    flat /= distributed.get_world_size()
+    for gradient, part in zip(gradients, flat.split([g.numel() for g in gradients]), strict=True):
+        gradient.copy_(part.view_as(gradient))
+
+
 class Training:
     """A net on its way; its checkpoint `last.pt` holds all that the next steps depend on but crops and options."""
 
-    def __init__(self, options: argparse.Namespace):
-        self.options = options
-        torch.set_num_threads(options.threads)
+    def __init__(self, options: argparse.Namespace, worker: int = 0):
+        self.options, self.worker = options, worker
+        torch.set_num_threads(1)
         torch.manual_seed(options.seed)
         self.folder = options.runs / options.run
         self.folder.mkdir(parents=True, exist_ok=True)
@@ -132,11 +109,18 @@ class Training:
             raise SystemExit(f"no crops in {options.crops / 'train'}: make them with python -m render.crops")
         augment = not options.no_augmentation
         self.sampler = Sampler(
-            self.shards, learn, options.batch, options.real_share, options.seed, self.step, augment
+            self.shards,
+            learn,
+            options.batch // options.workers,
+            options.real_share,
+            [options.seed, self.worker],
+            self.step,
+            augment,
         )
-        print(f"{len(self.shards)} rendered crops, {len(learn)} real cars, {len(self.held_out)} held out")
-        recipe = {name: str(value) for name, value in vars(options).items()}
-        (self.folder / "recipe.json").write_text(json.dumps(recipe, indent=1))
+        if not self.worker:
+            print(f"{len(self.shards)} rendered crops, {len(learn)} real cars, {len(self.held_out)} held out")
+            recipe = {name: str(value) for name, value in vars(options).items()}
+            (self.folder / "recipe.json").write_text(json.dumps(recipe, indent=1))
         self.started = time.time()
 
     def seconds(self) -> float:
@@ -155,8 +139,9 @@ class Training:
         loss, parts = loss_of(self.net, shrunk(self.sampler.next(), self.size()))
         self.optimiser.zero_grad(set_to_none=True)
         loss.backward()
-        nn.utils.clip_grad_norm_(self.net.parameters(), 5.0)
-        if math.isfinite(float(loss)):
+        if distributed.is_initialized():
+            average_gradients(self.net)
+        if math.isfinite(float(nn.utils.clip_grad_norm_(self.net.parameters(), 5.0))):
             self.optimiser.step()
             self.average.update(self.net)
         self.step += 1
@@ -222,41 +207,51 @@ def parse_options(arguments: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--channels", type=int, default=64)
     parser.add_argument("--input-px", type=int, default=INPUT_PX, help="largest picture size to train at")
     parser.add_argument("--no-augmentation", action="store_true", help="rendered crops as they are (ablation)")
-    parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--workers", type=int, default=1, help="processes that share each batch, one thread each")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument(
         "--start-from",
         type=Path,
         help="checkpoint or .onnx file, perhaps of fewer channels, to train on from at the largest size throughout",
     )
-    return parser.parse_args(arguments)
+    options = parser.parse_args(arguments)
+    if options.batch % options.workers:
+        parser.error("--batch must be a multiple of --workers")
+    return options
 
 
-def main() -> None:
-    """Trains for the given number of steps, spread over as many calls as it takes."""
-    training = Training(parse_options())
-    options = training.options
+def train(options: argparse.Namespace, worker: int) -> None:
+    """Trains for the given number of steps; the first worker also reports and writes checkpoints."""
+    np.seterr(all="raise", under="ignore")
+    training = Training(options, worker)
     if training.step >= options.steps:
         print("finished before")
         return
     training.read_crops()
+    if options.workers > 1:
+        meeting = (training.folder / "meeting").resolve()
+        distributed.init_process_group(
+            "gloo", init_method=f"file://{meeting}", rank=worker, world_size=options.workers
+        )
+    if worker > 0:
+        while training.step < options.steps:
+            training.advance()
+        return
     check = Shards(options.crops / "eval", limit=PROBE_CROPS)
     saved, shown = time.time(), time.time()
-    sums = {"heat": 0.0, "visible": 0.0, "n": 0}
+    sums: Counter[str] = Counter()
     while training.step < options.steps:
         size = training.size()
-        for key, value in training.advance().items():
-            sums[key] += value
-        sums["n"] += 1
+        sums.update(training.advance(), n=1)
         if time.time() - shown > 60:
             n = sums["n"]
             print(
                 f"{training.seconds() / 60:.1f} min step {training.step}: heat {sums['heat'] / n:.3f} "
-                f"visible {sums['visible'] / n:.3f} {n * options.batch / (time.time() - shown):.0f} crops/s "
-                f"at {size} px",
+                f"off {sums['off'] / n:.3f} px visible {sums['visible'] / n:.3f} "
+                f"{n * options.batch / (time.time() - shown):.0f} crops/s at {size} px",
                 flush=True,
             )
-            sums, shown = {"heat": 0.0, "visible": 0.0, "n": 0}, time.time()
+            sums, shown = Counter(), time.time()
         if time.time() - saved > 300:
             training.save()
             training.probe(check)
@@ -265,6 +260,16 @@ def main() -> None:
     print(f"done: {training.step} steps of {options.batch} crops")
 
 
+def main() -> None:
+    """Trains, spread over as many calls as it takes."""
+    options = parse_options()
+    # A file of an earlier call would make the workers wait for ever.
+    (options.runs / options.run / "meeting").unlink(missing_ok=True)
+    spawn = multiprocessing.get_context("spawn")
+    for worker in range(1, options.workers):
+        spawn.Process(target=train, args=(options, worker), daemon=True).start()
+    train(options, 0)
+
+
 if __name__ == "__main__":
-    np.seterr(all="raise", under="ignore")
     main()

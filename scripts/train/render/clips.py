@@ -19,6 +19,7 @@ from .traffic import Mover, Traffic, collide, mover
 
 MOVERS = 6  # wanted
 FEWEST_MOVERS = 4
+QUIET, BUSY = (3, 12), (9, 40)  # fewest parked cars, most cars in all; fewer where there is no room
 
 
 @dataclass
@@ -117,8 +118,10 @@ def _parked(rng: np.random.Generator, pool: CarPool, traffic: Traffic, spots: li
     return cars
 
 
-def sample_clip(rng: np.random.Generator, pool: CarPool, layout: str, weather: str, seconds: float, fps: float) -> Clip:
-    """A clip of 5–12 cars of which FEWEST_MOVERS or more drive."""
+def sample_clip(
+    rng: np.random.Generator, pool: CarPool, layout: str, weather: str, busy: bool, seconds: float, fps: float
+) -> Clip:
+    """A clip of 7–12 cars, or where it is busy of 13–40, of which FEWEST_MOVERS or more drive."""
     while True:
         camera, middle = _camera(rng)
         _, light = sample_weather(rng, weather)
@@ -135,7 +138,8 @@ def sample_clip(rng: np.random.Generator, pool: CarPool, layout: str, weather: s
                 driven.append(car_at(rng, gpu, np.zeros(3), weather == "dusk"))
         if len(driven) < FEWEST_MOVERS:
             continue
-        cars = driven + _parked(rng, pool, traffic, spots, int(rng.integers(3, 13 - len(driven))))
+        fewest, most = BUSY if busy else QUIET
+        cars = driven + _parked(rng, pool, traffic, spots, int(rng.integers(fewest, most + 1 - len(driven))))
         for car, motion in zip(cars, traffic.movers, strict=True):
             car.world_from_car = motion.at(0.0).world_from_car
         scene = Scene(cars, site.props, site.floor, light, np.append(middle, 0.0), 45.0)
