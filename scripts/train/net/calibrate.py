@@ -12,8 +12,8 @@ from net.model import Deployed
 BINS = 6
 # With fewer errors than this a bin's robust sd is not known to better than a fifth.
 FEWEST = 30
-# Rendered labels are exact, those of real cars scatter: no keypoint counts as known better than about a crop pixel.
-LOWEST_FLOOR_PX = 0.9
+# Rendered labels are exact, those of real cars scatter: no keypoint counts as known better than a pixel of the crop.
+LOWEST_FLOOR_PX = 1.0
 
 
 def binned(variance: np.ndarray, error: np.ndarray) -> list[tuple[float, float, int]]:
