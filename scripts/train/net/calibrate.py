@@ -6,13 +6,14 @@ import numpy as np
 from scipy.optimize import minimize
 
 from net.decode import Calibration
-from net.evaluate import NORMAL_SD_PER_MAD, Crop, evaluate
+from net.evaluate import Crop, evaluate, robust_sd
 from net.model import Deployed
 
 BINS = 6
 # With fewer errors than this a bin's robust sd is not known to better than a fifth.
 FEWEST = 30
-# Rendered labels are exact, those of real cars scatter: no keypoint counts as known better than a pixel of the crop.
+# Rendered labels are exact, those of real cars scatter by about a pixel of the crop: the least floor, before the law is
+# scaled as a whole.
 LOWEST_FLOOR_PX = 1.0
 
 
@@ -21,7 +22,7 @@ def binned(variance: np.ndarray, error: np.ndarray) -> list[tuple[float, float, 
     order = np.argsort(variance)
     parts = np.array_split(order, min(BINS, max(1, len(order) // FEWEST)))
     return [
-        (float(variance[p].mean()), float(NORMAL_SD_PER_MAD * np.median(np.abs(error[p]))), len(p))
+        (float(variance[p].mean()), robust_sd(error[p]), len(p))
         for p in parts
     ]
 
@@ -45,8 +46,8 @@ def fit_sd(groups: list[tuple[np.ndarray, np.ndarray]]) -> tuple[float, float]:
     best = min((minimize(cost, s, method="Nelder-Mead") for s in starts), key=lambda r: r.fun)
     a, b = np.exp(best.x[0]), np.hypot(np.exp(best.x[1]), LOWEST_FLOOR_PX)
     # Bins settle the shape of the law, each group as a whole its scale: as far above 1 in one as below in the other.
-    normalised = [np.median(np.abs(error) / np.hypot(a * variance, b)) for variance, error in groups]
-    scale = NORMAL_SD_PER_MAD * np.exp(np.mean(np.log(normalised)))
+    normalised = [robust_sd(error / np.hypot(a * variance, b)) for variance, error in groups]
+    scale = np.exp(np.mean(np.log(normalised)))
     return round(float(scale * a), 4), round(float(scale * b), 4)
 
 

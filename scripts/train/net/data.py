@@ -12,10 +12,11 @@ import cv2
 import numpy as np
 
 from cars.mesh import KEYPOINT_NAMES, MIRROR
+from render.crops import CROP_SCALE
 
 INPUT_PX = 128
 CONTEXT = 1.17  # side of the crop in units of the box's longer side
-RENDERED_CONTEXT = 1.25  # the same of rendered crops: room to turn and shift them
+MIDDLE = np.full(2, INPUT_PX / 2 - 0.5)
 GREY = 127
 KEYPOINTS = len(KEYPOINT_NAMES)
 
@@ -32,7 +33,7 @@ class Batch:
 
 
 class Shards:
-    """Rendered crops in memory, with more around the car than the net gets to see (RENDERED_CONTEXT)."""
+    """Rendered crops in memory, with more around the car than the net gets to see: room to turn and shift them."""
 
     def __init__(self, folder: Path, limit: int | None = None):
         self.images: list[np.ndarray] = []
@@ -92,22 +93,22 @@ def read_real(folder: Path) -> list[RealCar]:
     return cars
 
 
+def _similarity(rotation: float, scale: float, point: np.ndarray, becomes: np.ndarray) -> np.ndarray:
+    """2 × 3 affine map that turns (rad) and scales, and carries one point to another."""
+    c, s = np.cos(rotation) * scale, np.sin(rotation) * scale
+    linear = np.array([[c, -s], [s, c]])
+    return np.column_stack([linear, becomes - linear @ point])
+
+
 def crop_from_box(box: np.ndarray, rotation: float = 0.0) -> np.ndarray:
     """2 × 3 affine map from picture px to crop px of a box (ARCHITECTURE.md), turned by `rotation` rad."""
     centre, side = (box[:2] + box[2:]) / 2, CONTEXT * (box[2:] - box[:2]).max()
-    scale = INPUT_PX / side
-    c, s = np.cos(rotation) * scale, np.sin(rotation) * scale
-    linear = np.array([[c, -s], [s, c]])
-    middle = np.full(2, INPUT_PX / 2 - 0.5)
-    return np.column_stack([linear, middle - linear @ centre])
+    return _similarity(rotation, INPUT_PX / side, centre, MIDDLE)
 
 
 def crop_from_rendered(rotation: float = 0.0, scale: float = 1.0, shift: np.ndarray | float = 0.0) -> np.ndarray:
     """2 × 3 affine map from a rendered crop to what the net gets to see, turned (rad), scaled and shifted (px)."""
-    scale *= RENDERED_CONTEXT / CONTEXT
-    c, s = np.cos(rotation) * scale, np.sin(rotation) * scale
-    linear, middle = np.array([[c, -s], [s, c]]), np.full(2, INPUT_PX / 2 - 0.5)
-    return np.column_stack([linear, middle + shift - linear @ middle])
+    return _similarity(rotation, scale * (CROP_SCALE / CONTEXT), MIDDLE, MIDDLE + shift)
 
 
 def warp(picture: np.ndarray, crop_from_picture: np.ndarray) -> np.ndarray:

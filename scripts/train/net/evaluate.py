@@ -24,6 +24,11 @@ NORMAL_SD_PER_MAD = 1.4826
 SIZES_PX = (0, 40, 60, 100, 200, 10_000)
 
 
+def robust_sd(values: np.ndarray) -> float:
+    """1.4826 · median |value|: the sd of normal errors around 0, whatever a few gross ones do."""
+    return float(NORMAL_SD_PER_MAD * np.median(np.abs(values)))
+
+
 @dataclass
 class Crop:
     """One crop with its truth: points crop px, `clear` points are measured, `hidden` ones only scored."""
@@ -65,9 +70,9 @@ class Result:
         return float((ranks[:n].sum() - n * (n - 1) / 2) / (n * m))
 
     def robust_sd(self) -> float:
-        """1.4826 · median |error / sd|: 1 when predicted sd are honest."""
+        """That of error / sd: 1 when predicted sd are honest."""
         variance = np.diagonal(self.covariance, axis1=1, axis2=2)
-        return float(NORMAL_SD_PER_MAD * np.median(np.abs(self.offset / np.sqrt(variance + 1e-9))))
+        return robust_sd(self.offset / np.sqrt(variance + 1e-9))
 
     def numbers(self) -> dict[str, float | int | dict]:
         """What a model card says."""

@@ -34,7 +34,8 @@ def peak_distance(logits: torch.Tensor, points: torch.Tensor) -> torch.Tensor:
     Zero, with no gradient, where the peak is another one: the mean over its window would not move there.
     """
     cells = logits.shape[-1]
-    row, column = torch.div(peak := logits.flatten(2).argmax(2), cells, rounding_mode="floor"), peak % cells
+    peak = logits.flatten(2).argmax(2)
+    row, column = torch.div(peak, cells, rounding_mode="floor"), peak % cells
     grid = torch.arange(cells)
     in_rows = (grid - row.unsqueeze(-1)).abs() <= WINDOW_CELLS
     in_columns = (grid - column.unsqueeze(-1)).abs() <= WINDOW_CELLS

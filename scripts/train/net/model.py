@@ -16,7 +16,10 @@ STRIDE = INPUT_PX // CELLS
 
 def conv(inputs: int, outputs: int, kernel: int, stride: int = 1) -> nn.Conv2d:
     """A convolution that keeps the size (up to the stride), He-initialised."""
-    layer = nn.Conv2d(inputs, outputs, kernel, stride, kernel // 2)
+    return _initialised(nn.Conv2d(inputs, outputs, kernel, stride, kernel // 2))
+
+
+def _initialised(layer: nn.Conv2d) -> nn.Conv2d:
     nn.init.kaiming_normal_(layer.weight, nonlinearity="relu")
     nn.init.zeros_(layer.bias)
     return layer
@@ -44,8 +47,7 @@ class Halving(nn.Conv2d):
 
     def __init__(self, inputs: int, outputs: int):
         super().__init__(inputs, outputs, 3, 2, 1)
-        nn.init.kaiming_normal_(self.weight, nonlinearity="relu")
-        nn.init.zeros_(self.bias)
+        _initialised(self)
         self.fine = nn.Sequential(conv(inputs, outputs // 2, 3), nn.ReLU(), conv(outputs // 2, outputs, 3, 2))
         nn.init.zeros_(self.fine[-1].weight)
 

@@ -92,7 +92,8 @@ class Training:
             self.net.load_state_dict(state["net"])
             self.optimiser.load_state_dict(state["optimiser"])
             self.step, self.spent, self.before = state["step"], state["spent"], state["stages"][:-1]
-            print(f"resuming at step {self.step}, {self.spent / 60:.1f} min")
+            if not worker:
+                print(f"resuming at step {self.step}, {self.spent / 60:.1f} min")
         elif options.start_from:
             start(self.net, read_weights(options.start_from))
             self.before = read_stages(options.start_from)
@@ -107,7 +108,6 @@ class Training:
         self.shards = Shards(options.crops / "train")
         if not len(self.shards):
             raise SystemExit(f"no crops in {options.crops / 'train'}: make them with python -m render.crops")
-        augment = not options.no_augmentation
         self.sampler = Sampler(
             self.shards,
             learn,
@@ -115,7 +115,7 @@ class Training:
             options.real_share,
             [options.seed, self.worker],
             self.step,
-            augment,
+            not options.no_augmentation,
         )
         if not self.worker:
             print(f"{len(self.shards)} rendered crops, {len(learn)} real cars, {len(self.held_out)} held out")
@@ -225,7 +225,8 @@ def train(options: argparse.Namespace, worker: int) -> None:
     np.seterr(all="raise", under="ignore")
     training = Training(options, worker)
     if training.step >= options.steps:
-        print("finished before")
+        if not worker:
+            print("finished before")
         return
     training.read_crops()
     if options.workers > 1:
