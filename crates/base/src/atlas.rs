@@ -9,6 +9,9 @@ use crate::KEYPOINTS;
 /// Number of shape modes (the paper's m).
 pub const MODES: usize = 6;
 
+/// Number of further modes.
+pub const FINE_MODES: usize = 6;
+
 /// Shape coefficients λ, in standard deviations of the car population: prior N(0, I).
 pub type Shape = SVector<f64, MODES>;
 
@@ -46,6 +49,10 @@ pub struct ShapeAtlas {
     pub dims_modes: [Vector3<f64>; MODES],
     /// What the modes leave unexplained, sd per keypoint and axis.
     pub residual_sd_m: [Vector3<f64>; KEYPOINTS],
+    /// How most of that hangs together: the next modes, scaled to one standard deviation.
+    pub fine_modes: [[Vector3<f64>; KEYPOINTS]; FINE_MODES],
+    /// What these leave unexplained in their turn.
+    pub fine_residual_sd_m: [Vector3<f64>; KEYPOINTS],
 }
 
 #[derive(Deserialize)]
@@ -58,6 +65,8 @@ struct AtlasFile {
     dims_mean: [f64; 3],
     dims_modes: Vec<[f64; 3]>,
     residual_sd_m: Vec<[f64; 3]>,
+    fine_modes: Vec<Vec<[f64; 3]>>,
+    fine_residual_sd_m: Vec<[f64; 3]>,
 }
 
 impl ShapeAtlas {
@@ -79,18 +88,19 @@ impl ShapeAtlas {
             return Err(unsuitable(format!("schema is {:?}, expected {ATLAS_SCHEMA:?}", file.schema)));
         }
         let version = file.version.as_str().map_or_else(|| file.version.to_string(), str::to_owned);
-        let modes: Vec<[Vector3<f64>; KEYPOINTS]> =
-            file.modes.iter().map(|mode| points("modes", mode)).collect::<Result<_, _>>()?;
         let atlas = Self {
             version,
             mean: points("mean", &file.mean)?,
-            modes: sized("modes", modes)?,
+            modes: modes("modes", &file.modes)?,
             bounds: sized("bounds", file.bounds)?,
             dims_mean: file.dims_mean.into(),
             dims_modes: sized("dims_modes", file.dims_modes.into_iter().map(Vector3::from).collect())?,
             residual_sd_m: points("residual_sd_m", &file.residual_sd_m)?,
+            fine_modes: modes("fine_modes", &file.fine_modes)?,
+            fine_residual_sd_m: points("fine_residual_sd_m", &file.fine_residual_sd_m)?,
         };
-        let numbers = atlas.mean.iter().chain(atlas.modes.iter().flatten()).chain(&atlas.residual_sd_m);
+        let shapes = atlas.modes.iter().chain(&atlas.fine_modes).flatten().chain(&atlas.mean);
+        let numbers = shapes.chain(&atlas.residual_sd_m).chain(&atlas.fine_residual_sd_m);
         if numbers.flat_map(|v| v.iter()).any(|x| !x.is_finite()) {
             return Err(unsuitable("a number is not finite".to_owned()));
         }
@@ -143,6 +153,13 @@ fn points(what: &str, rows: &[[f64; 3]]) -> Result<[Vector3<f64>; KEYPOINTS], At
     sized(what, rows.iter().map(|row| Vector3::from(*row)).collect())
 }
 
+fn modes<const N: usize>(
+    what: &str,
+    rows: &[Vec<[f64; 3]>],
+) -> Result<[[Vector3<f64>; KEYPOINTS]; N], AtlasError> {
+    sized(what, rows.iter().map(|mode| points(what, mode)).collect::<Result<_, _>>()?)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -154,7 +171,7 @@ mod tests {
         let flip = |v: Vector3<f64>| Vector3::new(v.x, -v.y, v.z);
         for i in 0..KEYPOINTS {
             assert!((flip(atlas.mean[i]) - atlas.mean[mirror_index(i)]).norm() < 1e-6);
-            for mode in &atlas.modes {
+            for mode in atlas.modes.iter().chain(&atlas.fine_modes) {
                 assert!((flip(mode[i]) - mode[mirror_index(i)]).norm() < 1e-6);
             }
         }

@@ -21,10 +21,11 @@ mod keypoint;
 mod plane;
 mod pose;
 mod records;
+mod similarity;
 
 pub use activity::Activity;
 pub use assign::assign;
-pub use atlas::{ATLAS_SCHEMA, AtlasError, MODES, Shape, ShapeAtlas};
+pub use atlas::{ATLAS_SCHEMA, AtlasError, FINE_MODES, MODES, Shape, ShapeAtlas};
 pub use bbox::{bbox_centre, bbox_covered, bbox_iou};
 pub use camera::{Camera, CameraParams, ImageSize};
 pub use frame::{Frame, FrameStamp};
@@ -35,3 +36,4 @@ pub use records::{
     CameraEstimate, CameraStatus, CarRecord, FrameRecord, PoseRecord, RecordError, TrackRow, VehicleClass,
     rows_from_isometry,
 };
+pub use similarity::Similarity;

@@ -22,7 +22,6 @@ mod moves;
 mod nodes;
 mod robust;
 mod select;
-mod similarity;
 mod stretch;
 
 pub use combine::{Combined, combine};

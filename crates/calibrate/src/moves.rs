@@ -1,9 +1,10 @@
-//! Was the camera moved? Seen from boxes alone: all parked cars jump at once, by one similarity of the image.
+//! Was the camera moved? Seen from boxes alone: all parked cars jump at once, by one similarity of the image (to first order
+//! what a turn or zoom does to distant ones).
 
 use nalgebra::Vector2;
-use roadplane_base::{FrameRecord, bbox_centre};
+use roadplane_base::{FrameRecord, Similarity, bbox_centre};
 
-use crate::{robust::median, similarity::Similarity};
+use crate::robust::median;
 
 /// How a stretch of time with one camera position began.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -240,7 +240,7 @@ mod tests {
             let worst = solved.poses.iter().map(|pose| pose.add).fold(0.0, f64::max);
             let turned = solved.poses.iter().map(|pose| pose.rotation_rad).fold(0.0, f64::max);
             // Keypoints that claim a noise which they do not have: an estimate that reckons with it is off by a little.
-            assert!(worst < 0.05 && turned < 0.01, "{}: {worst} d, {turned} rad", system.name());
+            assert!(worst < 0.08 && turned < 0.01, "{}: {worst} d, {turned} rad", system.name());
             assert!(solved.focal.is_none_or(|error| error < 0.02), "{:?}", solved.focal);
         }
     }

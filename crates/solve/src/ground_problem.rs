@@ -3,6 +3,8 @@
 mod covariance;
 mod step;
 
+pub(crate) use covariance::Covariances;
+
 use nalgebra::{Matrix4, Vector2, Vector4};
 use roadplane_base::{MODES, Shape, ShapeAtlas};
 
@@ -12,7 +14,7 @@ use crate::gram_sum::{Rows, WIDTH};
 use crate::ground_residual::{CameraFrame, PointModes, Standing, StandingFrame};
 use crate::ground_rows::{MAX_PACKS, NO_ROWS, Pack, linearise, pack, plain_rows, rewhiten};
 use crate::kernel::{OutlierModel, PreparedKernel};
-use crate::observation::{Observation, atlas_covariance};
+use crate::observation::{Observation, unexplained_covariance};
 use crate::options::ShapePrior;
 
 /// One view of a car.
@@ -158,8 +160,8 @@ impl<'a> GroundProblem<'a> {
             let Some(frame) = StandingFrame::new(&camera, standing) else { continue };
             let extra_px = extra_m * camera.focal_px / frame.origin.z;
             for observation in &mut self.observations[view.observations.clone()] {
-                let mut extra =
-                    atlas_covariance(self.atlas, &frame, camera.focal_px, observation.index, atlas_scale);
+                let sd_m = self.atlas.residual_sd_m[observation.index] * atlas_scale;
+                let mut extra = unexplained_covariance(&frame, &self.atlas.mean[observation.index], &sd_m);
                 extra[(0, 0)] += extra_px * extra_px;
                 extra[(1, 1)] += extra_px * extra_px;
                 observation.whiten_with(&extra);

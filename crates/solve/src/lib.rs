@@ -16,8 +16,9 @@
 //! (`ground_rows.rs`), with AVX2 where the processor has it, to the same bits everywhere.
 //!
 //! From nothing: view directions, focal lengths and planes that cars agree on (`cold_start.rs`), shapes eased in stages
-//! (`scene.rs`), second thoughts about single cars (`repair.rs`) and keypoints (`reclassify.rs`). The minimum over everything is
-//! then moved to the maximum over the camera alone (`marginal.rs`).
+//! (`scene.rs`), second thoughts about single cars (`repair.rs`) and keypoints (`reclassify.rs`). From the minimum over
+//! everything the camera then goes on to that of all modes of the atlas (`fine.rs`, `fine_problem.rs`), and to the maximum over
+//! the camera alone (`marginal.rs`).
 //!
 //! # Entry points
 //! [`solve_scene`]: everything unknown. [`fit_car`]: camera and plane known. [`fit_free_car`],
@@ -30,6 +31,8 @@ mod camera_knowledge;
 mod cold_start;
 #[cfg(test)]
 mod dual;
+mod fine;
+mod fine_problem;
 mod fit;
 mod free;
 mod free_problem;

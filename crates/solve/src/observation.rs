@@ -1,7 +1,7 @@
 //! Keypoints as the solver uses them: relative to the principal point, whitened, weighted.
 
-use nalgebra::{Matrix2, Matrix2x3, Vector2};
-use roadplane_base::{Keypoint, KeypointSet, ShapeAtlas, mirror_index};
+use nalgebra::{Matrix2, Matrix2x3, Vector2, Vector3};
+use roadplane_base::{Keypoint, KeypointSet, mirror_index};
 
 use crate::ground_residual::StandingFrame;
 
@@ -80,22 +80,20 @@ pub(crate) fn observations(
     }
 }
 
-/// What the atlas' modes leave unexplained at a keypoint, seen from the camera: `A diag(sd²) Aᵀ` with
-/// `A = (f/z) [1 0 −x; 0 1 −y] R`, px². `scale` multiplies the sd.
-pub(crate) fn atlas_covariance(
-    atlas: &ShapeAtlas,
+/// What the atlas leaves unexplained at a point of the car (sd per axis of the car), seen from the camera: `A diag(sd²) Aᵀ`
+/// with `A = (f/z) [1 0 −x; 0 1 −y] R`, px².
+pub(crate) fn unexplained_covariance(
     frame: &StandingFrame,
-    focal_px: f64,
-    index: usize,
-    scale: f64,
+    point_in_car: &Vector3<f64>,
+    sd_m: &Vector3<f64>,
 ) -> Matrix2<f64> {
-    let p = frame.origin + frame.camera_from_car * atlas.mean[index];
+    let p = frame.origin + frame.camera_from_car * point_in_car;
     let depth = p.z.max(0.1);
-    let projection = Matrix2x3::new(1.0, 0.0, -p.x / depth, 0.0, 1.0, -p.y / depth) * (focal_px / depth);
+    let projection =
+        Matrix2x3::new(1.0, 0.0, -p.x / depth, 0.0, 1.0, -p.y / depth) * (frame.focal_px / depth);
     let mut spread = projection * frame.camera_from_car;
     for axis in 0..3 {
-        let sd = scale * atlas.residual_sd_m[index][axis];
-        spread.column_mut(axis).scale_mut(sd);
+        spread.column_mut(axis).scale_mut(sd_m[axis]);
     }
     spread * spread.transpose()
 }

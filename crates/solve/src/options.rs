@@ -118,7 +118,8 @@ pub struct SceneOptions {
     pub camera_prior: CameraPrior,
     /// Weight of the shape prior; 0 switches it off.
     pub shape_prior_weight: f64,
-    /// Factor on what the atlas says its modes leave unexplained; 0 for cars that are exactly in the atlas.
+    /// Factor on what the atlas says its six modes leave unexplained; 0 for cars that are exactly in the atlas, which also
+    /// spares the steps with the fine modes (`fine.rs`).
     pub atlas_residual_scale: f64,
     /// Outlier model of keypoints.
     pub kernel: OutlierModel,

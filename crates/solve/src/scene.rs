@@ -4,8 +4,9 @@ use nalgebra::{Matrix4, Vector4};
 use roadplane_base::{CameraParams, ImageSize, ShapeAtlas};
 
 use crate::cold_start::{Start, coarse, cold_starts, place_all};
+use crate::fine;
 use crate::fit::{car_solution, fit_car};
-use crate::ground_problem::GroundProblem;
+use crate::ground_problem::{Covariances, GroundProblem};
 use crate::ground_residual::PointModes;
 use crate::lm::{LmOptions, LmReport, Termination, minimise};
 use crate::marginal;
@@ -193,16 +194,24 @@ pub(crate) fn read_out(
     views: &[CarView<'_>],
 ) -> SceneSolution {
     let options = setup.options;
-    let Some(covariances) = problem.covariances() else {
+    let Some(Covariances { mut camera_information, camera: mut covariance }) = problem.covariances() else {
         return unsolved(setup, views.len(), SceneStatus::Failed);
     };
-    if options.marginal && report.iterations > 0 {
-        marginal::shift(problem, &covariances.camera);
+    if report.iterations > 0 {
+        if let Some(fine) = fine::refine(setup.atlas, problem, options) {
+            (camera_information, covariance) = (fine.information, fine.covariance);
+            problem.follow(&(fine.camera - problem.state.camera));
+        } else if options.marginal
+            && let Some(change) = marginal::change(problem, &covariance)
+        {
+            problem.follow(&change);
+        }
     }
+    let joints = problem.view_covariances(&covariance);
     let params = CameraParams::from_vector(&problem.state.camera);
     let mut cars: Vec<Option<CarSolution>> = vec![None; views.len()];
     for (k, s) in members.iter().enumerate() {
-        let solved = car_solution(problem, k, &covariances.views[k]);
+        let solved = car_solution(problem, k, &joints[k]);
         cars[setup.sights[*s].index] = solved.map(|(car, _)| car);
     }
     let camera = roadplane_base::Camera::centred(params.focal_px(), setup.size);
@@ -222,8 +231,7 @@ pub(crate) fn read_out(
         }
     }
     let pull = (problem.state.camera - setup.knowledge.mean).component_mul(&setup.knowledge.information);
-    let information = covariances.camera_information;
-    let data_focal_information = 1.0 / covariances.camera[(0, 0)] - setup.knowledge.information[0];
+    let data_focal_information = 1.0 / covariance[(0, 0)] - setup.knowledge.information[0];
     let status = if !(report.termination.converged() || report.termination == Termination::NoDescent) {
         SceneStatus::NotConverged
     } else if setup.knowledge.fixed[0] {
@@ -236,9 +244,9 @@ pub(crate) fn read_out(
     SceneSolution {
         status,
         params,
-        information,
-        information_vector: information * problem.state.camera + pull,
-        covariance: covariances.camera,
+        information: camera_information,
+        information_vector: camera_information * problem.state.camera + pull,
+        covariance,
         cars,
         cost: report.cost,
         iterations: report.iterations,

@@ -94,8 +94,8 @@ fn a_mirrored_picture_shows_the_mirrored_world() {
 fn cars_half_as_large_stand_in_a_world_half_as_large() {
     let atlas = ShapeAtlas::shipped().unwrap();
     let mut small = atlas.clone();
-    for point in small.mean.iter_mut().chain(small.modes.iter_mut().flatten()).chain(&mut small.residual_sd_m)
-    {
+    let shapes = small.modes.iter_mut().chain(&mut small.fine_modes).flatten().chain(&mut small.mean);
+    for point in shapes.chain(&mut small.residual_sd_m).chain(&mut small.fine_residual_sd_m) {
         *point *= 0.5;
     }
     for truth in scenes(&atlas) {

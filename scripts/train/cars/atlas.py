@@ -1,4 +1,4 @@
-"""Build the shape atlas: mean and six principal components of the keypoints over cars as in traffic.
+"""Build the shape atlas: mean and principal components of the keypoints over cars as in traffic.
 
 `PYTHONPATH=scripts/train python -m cars.atlas` writes models/atlas.json and prints the report. The atlas is built on the cars
 of the `train` split; `--foreign FILE` writes the keypoints of the `eval` cars, for tests on cars that it does not know.
@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +21,8 @@ from .specs import SPECS, TRAFFIC_SHARE
 from .style import model_style, vary
 
 MODES = 6
+# The next components: how what six modes leave unexplained hangs together.
+FINE_MODES = 6
 # Some meshes are variants of each other or of cars never built, and their points were marked by eye.
 MESH_WEIGHT = 1 / 3
 MIRROR_SIGN = np.array([1.0, -1.0, 1.0])
@@ -42,6 +44,7 @@ class Basis:
 
     mean: np.ndarray  # (57,)
     modes: np.ndarray  # (MODES, 57)
+    fine_modes: np.ndarray  # (FINE_MODES, 57)
     variances: np.ndarray  # all eigenvalues, m²
 
 
@@ -95,30 +98,32 @@ def fit(rows: np.ndarray, weights: np.ndarray, iterations: int = 30) -> Basis:
         _, singular, axes = np.linalg.svd(centred, full_matrices=False)
         low_rank = mean + (filled - mean) @ axes[:MODES].T @ axes[:MODES]
         filled = np.where(seen, rows, low_rank)
-    return Basis(mean, axes[:MODES] * singular[:MODES, None], singular**2)
+    modes = axes[: MODES + FINE_MODES] * singular[: MODES + FINE_MODES, None]
+    return Basis(mean, modes[:MODES], modes[MODES:], singular**2)
 
 
-def project(basis: Basis, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def project(basis: Basis, row: np.ndarray, fine: bool = False) -> tuple[np.ndarray, np.ndarray]:
     """Least-squares coefficients of one car from what it has, and its residual (57,), NaN where missing."""
     seen = np.isfinite(row)
-    coefficients, *_ = np.linalg.lstsq(basis.modes[:, seen].T, (row - basis.mean)[seen], rcond=None)
-    return coefficients, row - basis.mean - coefficients @ basis.modes
+    modes = np.concatenate([basis.modes, basis.fine_modes]) if fine else basis.modes
+    coefficients, *_ = np.linalg.lstsq(modes[:, seen].T, (row - basis.mean)[seen], rcond=None)
+    return coefficients, row - basis.mean - coefficients @ modes
 
 
 def orient(basis: Basis) -> Basis:
     """Fix each mode's sign: positive makes the sum of length, width and height larger."""
     sign = np.where(basis.modes[:, 54:].sum(1) < 0, -1.0, 1.0)
-    return Basis(basis.mean, basis.modes * sign[:, None], basis.variances)
+    return replace(basis, modes=basis.modes * sign[:, None])
 
 
-def left_out_residuals(rows: np.ndarray, population: Population) -> tuple[np.ndarray, np.ndarray]:
+def left_out_residuals(rows: np.ndarray, population: Population, fine: bool) -> tuple[np.ndarray, np.ndarray]:
     """Residuals (n, 57) of every base model against the basis of all the others, with their weights."""
     residuals = np.full_like(rows, np.nan)
     for model in np.unique(population.models):
         out = population.models == model
         basis = fit(rows[~out], population.weights[~out], iterations=8)
         for i in np.flatnonzero(out):
-            residuals[i] = project(basis, rows[i])[1]
+            residuals[i] = project(basis, rows[i], fine)[1]
     return residuals, population.weights
 
 
@@ -155,14 +160,18 @@ def _weighted_rms(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
     return np.sqrt(np.nansum(w * np.where(seen, values, 0) ** 2, 0) / np.maximum(w.sum(0), 1e-12))
 
 
-def to_json(basis: Basis, bounds: np.ndarray, residual_sd: np.ndarray, version: str, note: str) -> dict:
+def to_json(
+    basis: Basis, bounds: np.ndarray, residual_sd: np.ndarray, fine_residual_sd: np.ndarray, version: str, note: str
+) -> dict:
     """The data file's content; both sides from the half, so that symmetry is exact."""
 
     def whole(vector: np.ndarray, offset_sign: np.ndarray) -> list:
         left = vector[:54].reshape(18, 3)
         return np.round(np.concatenate([left, left * offset_sign]), 6).tolist()
 
-    sd = residual_sd[:54].reshape(18, 3)
+    def both(sd: np.ndarray) -> list:
+        return np.round(np.tile(sd[:54].reshape(18, 3), (2, 1)), 5).tolist()
+
     return {
         "schema": "roadplane.atlas/1",
         "version": version,
@@ -171,7 +180,9 @@ def to_json(basis: Basis, bounds: np.ndarray, residual_sd: np.ndarray, version: 
         "bounds": np.round(bounds, 3).tolist(),
         "dims_mean": np.round(basis.mean[54:], 6).tolist(),
         "dims_modes": np.round(basis.modes[:, 54:], 6).tolist(),
-        "residual_sd_m": np.round(np.concatenate([sd, sd]), 5).tolist(),
+        "residual_sd_m": both(residual_sd),
+        "fine_modes": [whole(mode, MIRROR_SIGN) for mode in basis.fine_modes],
+        "fine_residual_sd_m": both(fine_residual_sd),
         "note": note,
     }
 
@@ -181,6 +192,7 @@ def report(
     population: Population,
     basis: Basis,
     residual: np.ndarray,
+    fine_residual: np.ndarray,
     bounds: np.ndarray,
     foreign: np.ndarray,
 ) -> str:
@@ -196,7 +208,11 @@ def report(
     for i, (x, y, z) in enumerate(1000 * residual[:54].reshape(18, 3)):
         name = KEYPOINT_NAMES[i].removeprefix("left_")
         lines.append(f"  {name:20s} {x:12.0f} {y:4.0f} {z:4.0f} {np.sqrt(x * x + y * y + z * z):5.0f}")
-    for name, values in (("models left out in turn", residual), ("cars of the eval split", foreign)):
+    for name, values in (
+        ("models left out in turn", residual),
+        ("the same with fine modes", fine_residual),
+        ("cars of the eval split", foreign),
+    ):
         whole = 1000 * np.sqrt((values[:54] ** 2).reshape(18, 3).sum(1).mean())
         lines.append(
             f"  all keypoints, {name}: 3-D RMS {whole:.0f} mm; "
@@ -239,7 +255,7 @@ def main() -> None:
     """Write the atlas and print its report."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=REPOSITORY / "models" / "atlas.json")
-    parser.add_argument("--version", default="1.6")
+    parser.add_argument("--version", default="1.7")
     parser.add_argument("--foreign", type=Path, help="writes the keypoints of the eval split's cars here")
     arguments = parser.parse_args()
 
@@ -247,17 +263,20 @@ def main() -> None:
     rows = _half(population)
     basis = orient(fit(rows, population.weights))
     bounds = coefficient_bounds(basis, rows)
-    residual_sd = _weighted_rms(*left_out_residuals(rows, population))
+    residual_sd, fine_residual_sd = (
+        _weighted_rms(*left_out_residuals(rows, population, fine)) for fine in (False, True)
+    )
     note = (
-        f"Mean and six principal components, {len(rows)} cars of "
+        f"Mean, six principal components and six finer ones, {len(rows)} cars of "
         f"{len(np.unique(population.models))} base models of the train split, "
         "weighted by body type as in traffic; scripts/train/cars, `python -m cars.atlas`."
     )
-    text = json.dumps(to_json(basis, bounds, residual_sd, arguments.version, note))
+    text = json.dumps(to_json(basis, bounds, residual_sd, fine_residual_sd, arguments.version, note))
     arguments.out.write_text(text + "\n")
     if arguments.foreign:
         arguments.foreign.write_text(json.dumps(foreign_json(foreign)) + "\n")
-    print(report(rows, population, basis, residual_sd, bounds, foreign_residuals(basis, foreign)))
+    foreign_residual = foreign_residuals(basis, foreign)
+    print(report(rows, population, basis, residual_sd, fine_residual_sd, bounds, foreign_residual))
     print(spread(population, basis))
 
 

@@ -109,7 +109,7 @@ class Atlas(unittest.TestCase):
         self.atlas = json.loads((REPOSITORY / "models" / "atlas.json").read_text())
 
     def test_exactly_symmetric(self) -> None:
-        for shape in (self.atlas["mean"], *self.atlas["modes"]):
+        for shape in (self.atlas["mean"], *self.atlas["modes"], *self.atlas["fine_modes"]):
             shape = np.array(shape)
             np.testing.assert_array_equal(shape[MIRROR] * FLIP, shape)
 

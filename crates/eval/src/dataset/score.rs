@@ -1,12 +1,12 @@
 //! A system's answers to an item, scored.
 
 use nalgebra::{Point3, Vector2};
-use roadplane_base::{Camera, GroundPlane, ShapeAtlas};
+use roadplane_base::{Camera, ShapeAtlas};
 use roadplane_pipeline::Config;
 
 use super::evidence::{FrameEvidence, SceneEvidence};
 use crate::metrics::camera::{CameraError, camera_error};
-use crate::metrics::position::{PositionError, position_error};
+use crate::metrics::position::{PositionError, position_errors};
 use crate::metrics::reprojection::reprojection_rms_px;
 use crate::scoring::{PoseScore, score_pose};
 use crate::systems::{CarAnswer, FrameAnswer, FrameInput, System};
@@ -84,11 +84,19 @@ fn cars(truth: &Truth, frame: &FrameEvidence, answer: &FrameAnswer, atlas: &Shap
         .camera
         .map_or((truth.camera.focal_px, truth.camera.plane()), |camera| (camera.focal_px, camera.plane));
     let camera = Camera::centred(focal_px, size);
-    let true_cars = frame.cars.iter().map(|c| &truth.frames[frame.index].cars[*c]);
-    let score = |(car, answer): (&TrueCar, &Option<CarAnswer>)| {
-        score_car(truth, car, answer.as_ref(), &camera, &plane, atlas)
+    let world_from_camera = plane.camera_from_world().inverse();
+    let true_cars = || frame.cars.iter().map(|c| &truth.frames[frame.index].cars[*c]);
+    let places: Vec<_> = true_cars()
+        .zip(&answer.cars)
+        .map(|(car, answer)| {
+            let place = answer.as_ref().map(|answer| world_from_camera * answer.camera_from_car);
+            (place.map(|place| place.translation.vector.xy()), car.world_from_car().translation.vector.xy())
+        })
+        .collect();
+    let score = |((car, answer), position): ((&TrueCar, &Option<CarAnswer>), PositionError)| {
+        score_car(truth, car, answer.as_ref(), &camera, position, atlas)
     };
-    true_cars.zip(&answer.cars).filter_map(score).collect()
+    true_cars().zip(&answer.cars).zip(position_errors(&places)).filter_map(score).collect()
 }
 
 fn score_car(
@@ -96,17 +104,16 @@ fn score_car(
     car: &TrueCar,
     answer: Option<&CarAnswer>,
     camera: &Camera,
-    plane: &GroundPlane,
+    position: PositionError,
     atlas: &ShapeAtlas,
 ) -> Option<CarScore> {
     let model = truth.model(car.id)?;
     let true_pose = truth.camera.camera_from_car(car);
-    let true_place = car.world_from_car().translation.vector.xy();
     let [x0, y0, x1, y1] = car.bbox_px;
     let side_px = (x1 - x0).max(y1 - y0);
     let mut score = CarScore {
         pose: PoseScore::missed(&true_pose),
-        position: PositionError { distance_m: true_place.norm(), error_m: f64::INFINITY },
+        position,
         reprojection: f64::INFINITY,
         side_px,
         visible_share: car.visible_share,
@@ -114,9 +121,6 @@ fn score_car(
     let Some(CarAnswer { camera_from_car, shape }) = answer else { return Some(score) };
     let points = atlas.keypoints_in_car(shape).map(|point| Some(Point3::from(point)));
     score.pose = score_pose(model, &true_pose, camera_from_car, &points);
-    let place =
-        plane.camera_from_world().inverse_transform_point(&Point3::from(camera_from_car.translation.vector));
-    score.position = position_error(&place.coords.xy(), &true_place);
     let pixels: Vec<Option<Vector2<f64>>> =
         car.keypoints_px.iter().map(|point| point.map(|[x, y, _]| Vector2::new(x, y))).collect();
     if let Some(rms_px) = reprojection_rms_px(camera, camera_from_car, &points, &pixels) {

@@ -1,6 +1,7 @@
 //! Position error on the ground by distance from the camera.
 
 use nalgebra::Vector2;
+use roadplane_base::Similarity;
 
 /// Lower edges of the distance bins, m; the last bin has no upper edge.
 pub const BIN_EDGES_M: [f64; 5] = [0.0, 20.0, 40.0, 60.0, 80.0];
@@ -10,15 +11,31 @@ pub const BIN_EDGES_M: [f64; 5] = [0.0, 20.0, 40.0, 60.0, 80.0];
 pub struct PositionError {
     /// True distance from the camera's foot on the ground, m.
     pub distance_m: f64,
-    /// Length of the error on the ground, m.
+    /// Length of the error on the ground, m; infinite without an estimate.
     pub error_m: f64,
+    /// What is left of it when the scene's cars have been laid over the true ones, m.
+    pub aligned_m: f64,
 }
 
-/// Error between an estimated and a true position, each in its own world (x right, y ahead of the camera, origin at its
-/// foot), so that errors of the estimated camera count; m.
+/// A scene of fewer cars is not aligned: that would hide errors of the cars.
+const FEWEST_ALIGNED: usize = 5;
+
+/// Errors of a scene's estimated positions against the true ones, each in its own world (x right, y ahead of the camera,
+/// origin at its foot), so that errors of the estimated camera count; m.
+///
+/// Aligned: after the turn, shift and scale of the ground that lay the scene's cars over the true ones with the least squares
+/// (Umeyama 1991, IEEE PAMI 13), as trajectories of one camera are compared (Sturm et al. 2012, IROS): without what knowing a
+/// few places or lengths on the ground would take away.
 #[must_use]
-pub fn position_error(estimate: &Vector2<f64>, truth: &Vector2<f64>) -> PositionError {
-    PositionError { distance_m: truth.norm(), error_m: (estimate - truth).norm() }
+pub fn position_errors(places: &[(Option<Vector2<f64>>, Vector2<f64>)]) -> Vec<PositionError> {
+    let found: Vec<_> = places.iter().filter_map(|(estimate, truth)| Some(((*estimate)?, *truth))).collect();
+    let fit = if found.len() < FEWEST_ALIGNED { None } else { Similarity::fit(&found) };
+    let of = |(estimate, truth): &(Option<Vector2<f64>>, Vector2<f64>)| {
+        let error_m = estimate.map_or(f64::INFINITY, |estimate| (estimate - truth).norm());
+        let aligned = estimate.and_then(|estimate| Some((fit?.apply(&estimate) - truth).norm()));
+        PositionError { distance_m: truth.norm(), error_m, aligned_m: aligned.unwrap_or(error_m) }
+    };
+    places.iter().map(of).collect()
 }
 
 /// Bin of a distance (m, not negative).
@@ -43,10 +60,25 @@ mod tests {
 
     #[test]
     fn errors_and_bins() {
-        let error = position_error(&Vector2::new(3.3, 40.4), &Vector2::new(3.0, 40.0));
-        assert!((error.error_m - 0.5).abs() < 1e-9);
-        assert!((error.distance_m - 1609f64.sqrt()).abs() < 1e-9);
+        let places =
+            [(Some(Vector2::new(3.3, 40.4)), Vector2::new(3.0, 40.0)), (None, Vector2::new(0.0, 30.0))];
+        let errors = position_errors(&places);
+        assert!((errors[0].error_m - 0.5).abs() < 1e-9 && (errors[0].aligned_m - 0.5).abs() < 1e-9);
+        assert!((errors[0].distance_m - 1609f64.sqrt()).abs() < 1e-9);
+        assert!(errors[1].error_m.is_infinite() && errors[1].aligned_m.is_infinite());
         assert_eq!([0.0, 19.99, 20.0, 79.0, 80.0, 500.0].map(distance_bin), [0, 0, 1, 3, 4, 4]);
         assert_eq!((bin_name(1), bin_name(4)), ("20–40 m".to_owned(), "≥ 80 m".to_owned()));
+    }
+
+    #[test]
+    fn a_larger_world_is_laid_over_the_true_one() {
+        let truth = [[0.0, 20.0], [5.0, 20.0], [0.0, 30.0], [5.0, 30.0], [-4.0, 50.0], [9.0, 45.0]]
+            .map(Vector2::from);
+        let mut places = truth.map(|truth| (Some(truth * 1.03 + Vector2::new(0.2, 0.0)), truth));
+        let errors = position_errors(&places);
+        assert!(errors.iter().all(|e| e.error_m > 0.5 && e.aligned_m < 1e-9));
+        // One car elsewhere cannot hide.
+        places[5].0 = Some(truth[5] + Vector2::new(3.0, 0.0));
+        assert!(position_errors(&places)[5].aligned_m > 1.0);
     }
 }

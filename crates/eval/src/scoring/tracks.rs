@@ -6,7 +6,7 @@ use nalgebra::Vector2;
 use roadplane_base::{Activity, TrackRow};
 
 use crate::metrics::motion::{MotionError, jitter_m, motion_error};
-use crate::metrics::position::{PositionError, position_error};
+use crate::metrics::position::{PositionError, position_errors};
 use crate::metrics::sequence::{Sequence, SequenceFrame};
 use crate::truth::{TrueCar, Truth};
 
@@ -44,6 +44,7 @@ pub fn score_tracks(truth: &Truth, rows: &[TrackRow], analysed: impl Fn(u64, f64
     let mut score = TrackScore::default();
     // Places of parked cars in consecutive frames under one track.
     let mut stands: BTreeMap<u64, Vec<Stand>> = BTreeMap::new();
+    let mut places = Vec::new();
     let looked_at = truth.frames.iter().filter(|frame| analysed(frame.frame, frame.time_s));
     for (place_in_clip, frame) in looked_at.enumerate() {
         let rows = of_frame.get(&frame.frame).map_or(&[][..], Vec::as_slice);
@@ -58,7 +59,7 @@ pub fn score_tracks(truth: &Truth, rows: &[TrackRow], analysed: impl Fn(u64, f64
         let boxes: Vec<[f64; 4]> = rows.iter().map(|row| row.bbox_px).collect();
         for (row, car) in rows.iter().zip(pairs_by_box(&boxes, &cars)) {
             let Some(car) = car.map(|c| cars[c]) else { continue };
-            score.positions.push(position_error(&place(row), &true_place(car)));
+            places.push((Some(place(row)), true_place(car)));
             let heading = car.world_from_car[1][0].atan2(car.world_from_car[0][0]);
             score.motions.push(motion_error(row.speed_mps, row.heading_rad, car.speed_mps, heading));
             if parked.contains(&car.id) {
@@ -67,6 +68,7 @@ pub fn score_tracks(truth: &Truth, rows: &[TrackRow], analysed: impl Fn(u64, f64
             }
         }
     }
+    score.positions = position_errors(&places);
     for stands in stands.values() {
         let goes_on = |a: &Stand, b: &Stand| b.place_in_clip == a.place_in_clip + 1 && a.track == b.track;
         for stretch in stands.chunk_by(goes_on) {

@@ -5,48 +5,37 @@ use roadplane_base::MODES;
 
 use super::{GroundProblem, Linearisation, View};
 use crate::arrow::{Joint, PoseBlock, SHAPE};
+use crate::marginal::Valley;
 
-/// Covariances at the current parameters.
+/// What is known of the camera at the current parameters.
 pub(crate) struct Covariances {
     /// Information on the camera from the cars alone, without the camera prior.
     pub camera_information: Matrix4<f64>,
     /// Covariance of the camera, prior counted; zero rows where fixed.
     pub camera: Matrix4<f64>,
-    /// Per view the covariance of (anchor, heading, shape, camera).
-    pub views: Vec<Joint>,
 }
 
 impl GroundProblem<'_> {
-    /// Covariances at the current parameters, from the same elimination with damping 0. Call after `linearise`. A coefficient
-    /// at its bound is not exactly known: it counts as free.
+    /// What is known of the camera at the current parameters, from the same elimination with damping 0. Call after `linearise`.
+    /// A coefficient at its bound is not exactly known: it counts as free.
     pub fn covariances(&mut self) -> Option<Covariances> {
         for block in &mut self.group_blocks {
             block.held = [self.shapes_fixed; MODES];
         }
         let (information, _) = self.eliminate(0.0)?;
         let camera = self.knowledge.covariance(&information)?;
-        let shared: Vec<Joint> = self.group_blocks.iter().map(|block| block.joint(&camera)).collect();
+        Some(Covariances { camera_information: information, camera })
+    }
+
+    /// Per view the covariance of (anchor, heading, shape, camera), given that of the camera. After `covariances`.
+    pub fn view_covariances(&self, camera: &Matrix4<f64>) -> Vec<Joint> {
+        let shared: Vec<Joint> = self.group_blocks.iter().map(|block| block.joint(camera)).collect();
         let joint = |(view, pose): (&View, &PoseBlock)| {
             let mut joint = shared[view.group];
             pose.spread(&mut joint);
             joint
         };
-        let views = self.views.iter().zip(&self.poses).map(joint).collect();
-        Some(Covariances { camera_information: information, camera, views })
-    }
-
-    /// `½ Σ log det` of the Hessians of all cars' poses and shapes at the current parameters.
-    pub fn half_log_determinant(&self) -> Option<f64> {
-        self.half_log_determinant_of(&self.linearisation)
-    }
-
-    /// The same at a changed camera, cars following along the valley of the minimum. After `covariances`.
-    pub fn half_log_determinant_at(&mut self, change: &Vector4<f64>) -> Option<f64> {
-        self.trial.clone_from(&self.state);
-        self.follow(change);
-        std::mem::swap(&mut self.state, &mut self.trial);
-        self.evaluate(true)?;
-        self.half_log_determinant_of(&self.trial_linearisation)
+        self.views.iter().zip(&self.poses).map(joint).collect()
     }
 
     fn half_log_determinant_of(&self, linearisation: &Linearisation) -> Option<f64> {
@@ -73,5 +62,19 @@ impl GroundProblem<'_> {
                 self.state.standings[k].heading += step[2];
             }
         }
+    }
+}
+
+impl Valley for GroundProblem<'_> {
+    fn half_log_determinant(&self) -> Option<f64> {
+        self.half_log_determinant_of(&self.linearisation)
+    }
+
+    fn half_log_determinant_at(&mut self, change: &Vector4<f64>) -> Option<f64> {
+        self.trial.clone_from(&self.state);
+        self.follow(change);
+        std::mem::swap(&mut self.state, &mut self.trial);
+        self.evaluate(true)?;
+        self.half_log_determinant_of(&self.trial_linearisation)
     }
 }

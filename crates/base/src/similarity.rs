@@ -1,23 +1,25 @@
-//! Plane similarity between two point sets: what a turn or zoom of the camera does to distant parked cars, to first order.
+//! Plane similarity between two point sets.
 
 use nalgebra::{Matrix2, Vector2};
 
-/// `moved = m · point + shift` with m = scale · rotation.
+/// A turn, a shift and a scale: `moved = m · point + shift` with m = scale · rotation.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Similarity {
+pub struct Similarity {
     m: Matrix2<f64>,
     shift: Vector2<f64>,
 }
 
 impl Similarity {
     /// Scales about `from` and carries it to `to`.
-    pub(crate) fn carrying(from: &Vector2<f64>, to: &Vector2<f64>, scale: f64) -> Self {
+    #[must_use]
+    pub fn carrying(from: &Vector2<f64>, to: &Vector2<f64>, scale: f64) -> Self {
         let m = Matrix2::identity() * scale;
         Self { m, shift: to - m * from }
     }
 
-    /// Least squares over (point, moved point): closed form. One pair, or coinciding points, give a pure shift.
-    pub(crate) fn fit(pairs: &[(Vector2<f64>, Vector2<f64>)]) -> Option<Self> {
+    /// Least squares over (point, moved point): closed form (Umeyama 1991). One pair, or coinciding points, give a pure shift.
+    #[must_use]
+    pub fn fit(pairs: &[(Vector2<f64>, Vector2<f64>)]) -> Option<Self> {
         if pairs.is_empty() {
             return None;
         }
@@ -36,12 +38,15 @@ impl Similarity {
         Some(Self { m, shift: to - m * from })
     }
 
-    pub(crate) fn apply(&self, point: &Vector2<f64>) -> Vector2<f64> {
+    /// Where a point goes.
+    #[must_use]
+    pub fn apply(&self, point: &Vector2<f64>) -> Vector2<f64> {
         self.m * point + self.shift
     }
 
     /// Logarithm of the scale.
-    pub(crate) fn log_scale(&self) -> f64 {
+    #[must_use]
+    pub fn log_scale(&self) -> f64 {
         self.m.determinant().max(1e-12).ln() / 2.0
     }
 }

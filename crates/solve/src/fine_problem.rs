@@ -1,0 +1,295 @@
+//! The joint problem with all modes of the atlas.
+//!
+//! `ground_problem.rs` takes what six modes leave unexplained for noise of single keypoints. In truth most of it is common to
+//! both sides of a car, to many keypoints and to all views of the car: the fine modes. Unknowns per view are pose v (3), per
+//! car shape s (6 + 6, without bounds), and one camera c (4), as there; here in small dense matrices, for the last steps only.
+
+use nalgebra::{Matrix3, Matrix4, SMatrix, SVector, Vector2, Vector3, Vector4};
+use roadplane_base::{FINE_MODES, MODES, ShapeAtlas};
+
+use crate::arrow::MIN_INFORMATION;
+use crate::camera_knowledge::CameraKnowledge;
+use crate::ground_problem::{GroundProblem, Group, View};
+use crate::ground_residual::{CameraFrame, MIN_DEPTH_M, Standing, StandingFrame};
+use crate::kernel::OutlierModel;
+use crate::observation::{Observation, unexplained_covariance};
+use crate::options::SceneOptions;
+
+const ALL_MODES: usize = MODES + FINE_MODES;
+const POSE: usize = 3;
+const CAMERA: usize = POSE + ALL_MODES;
+const RESIDUAL: usize = CAMERA + 4;
+
+/// Derivatives by (pose, shape, camera) and residual.
+type Row = SVector<f64, { RESIDUAL + 1 }>;
+/// `Σ row rowᵀ`: Hessian and gradient.
+type Gram = SMatrix<f64, { RESIDUAL + 1 }, { RESIDUAL + 1 }>;
+/// The same without the pose, and what of it a pose is given by.
+type ShapeGram = SMatrix<f64, { RESIDUAL + 1 - POSE }, { RESIDUAL + 1 - POSE }>;
+type PoseRows = SMatrix<f64, POSE, { RESIDUAL + 1 - POSE }>;
+/// The same for a shape.
+type CameraGram = SMatrix<f64, 5, 5>;
+type ShapeRows = SMatrix<f64, ALL_MODES, 5>;
+
+/// Coefficients of all modes.
+type AllShape = SVector<f64, ALL_MODES>;
+
+/// Everything that is estimated.
+#[derive(Clone, Debug)]
+pub(crate) struct FineState {
+    pub camera: Vector4<f64>,
+    standings: Vec<Standing>,
+    shapes: Vec<AllShape>,
+}
+
+/// See the module's head.
+pub(crate) struct FineProblem<'a> {
+    atlas: &'a ShapeAtlas,
+    views: &'a [View],
+    groups: &'a [Group],
+    observations: Vec<Observation>,
+    knowledge: CameraKnowledge,
+    kernel: OutlierModel,
+    /// Information on a fine coefficient beforehand.
+    fine_information: f64,
+    pub state: FineState,
+}
+
+/// Cost and every view's normal equations at a state.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Linearisation {
+    pub cost: f64,
+    grams: Vec<Gram>,
+}
+
+/// Cars eliminated: what is left over the camera, and how cars follow it.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Eliminated {
+    /// Information of the cars on the camera, no prior counted.
+    pub information: Matrix4<f64>,
+    gradient: Vector4<f64>,
+    /// ½ Σ log det of the Hessians of poses and shapes.
+    pub half_log_determinant: f64,
+    poses: Vec<PoseRows>,
+    shapes: Vec<ShapeRows>,
+}
+
+impl<'a> FineProblem<'a> {
+    /// From where `problem` is, for an `atlas_residual_scale` other than 0.
+    pub fn new(atlas: &'a ShapeAtlas, problem: &'a GroundProblem<'_>, options: &SceneOptions) -> Self {
+        let scale = options.atlas_residual_scale;
+        let camera = CameraFrame::new(&problem.state.camera);
+        let mut observations = problem.observations.clone();
+        for (view, standing) in problem.views.iter().zip(&problem.state.standings) {
+            let Some(frame) = StandingFrame::new(&camera, standing) else { continue };
+            for observation in &mut observations[view.observations.clone()] {
+                let sd_m = atlas.fine_residual_sd_m[observation.index] * scale;
+                let extra = unexplained_covariance(&frame, &atlas.mean[observation.index], &sd_m);
+                observation.whiten_with(&extra);
+            }
+        }
+        let all = |shape: &roadplane_base::Shape| {
+            let mut all = AllShape::zeros();
+            all.fixed_rows_mut::<MODES>(0).copy_from(shape);
+            all
+        };
+        Self {
+            atlas,
+            views: &problem.views,
+            groups: &problem.groups,
+            observations,
+            knowledge: problem.knowledge,
+            kernel: problem.kernel,
+            fine_information: options.shape_prior_weight / (scale * scale),
+            state: FineState {
+                camera: problem.state.camera,
+                standings: problem.state.standings.clone(),
+                shapes: problem.state.shapes.iter().map(all).collect(),
+            },
+        }
+    }
+
+    fn modes(&self, index: usize) -> impl Iterator<Item = &Vector3<f64>> {
+        self.atlas.modes.iter().chain(&self.atlas.fine_modes).map(move |mode| &mode[index])
+    }
+
+    /// `None` when a keypoint cannot be projected.
+    pub fn linearise(&self, state: &FineState, into: &mut Linearisation) -> Option<()> {
+        let camera = CameraFrame::new(&state.camera);
+        let mut cost =
+            0.5 * self.knowledge.gradient(&state.camera).dot(&(state.camera - self.knowledge.mean));
+        for (group, shape) in self.groups.iter().zip(&state.shapes) {
+            let fine = shape.fixed_rows::<FINE_MODES>(MODES);
+            cost += group.prior.cost(&shape.fixed_rows::<MODES>(0).into_owned());
+            cost += 0.5 * self.fine_information * fine.norm_squared();
+        }
+        into.grams.clear();
+        for (view, standing) in self.views.iter().zip(&state.standings) {
+            let frame = StandingFrame::new(&camera, standing)?;
+            let mut gram = Gram::zeros();
+            for observation in &self.observations[view.observations.clone()] {
+                let rows = self.rows(observation, &frame, &state.shapes[view.group])?;
+                let squared = rows[0][RESIDUAL].powi(2) + rows[1][RESIDUAL].powi(2);
+                let right = self.kernel.weight(squared);
+                cost += 0.5 * observation.weight * self.kernel.cost(squared);
+                for row in &rows {
+                    gram.ger(observation.weight * right, row, row, 1.0);
+                }
+            }
+            into.grams.push(gram);
+        }
+        into.cost = cost;
+        cost.is_finite().then_some(())
+    }
+
+    /// Whitened rows of a keypoint, its weight not yet counted (`ground_residual.rs` has the model).
+    fn rows(&self, observation: &Observation, frame: &StandingFrame, shape: &AllShape) -> Option<[Row; 2]> {
+        let mut point = self.atlas.mean[observation.index];
+        for (mode, coefficient) in self.modes(observation.index).zip(shape.iter()) {
+            point += mode * *coefficient;
+        }
+        let offset = frame.camera_from_car * point;
+        let p = frame.origin + offset;
+        if p.z.is_nan() || p.z <= MIN_DEPTH_M {
+            return None;
+        }
+        let scale = frame.focal_px / p.z;
+        let pixel = p.xy() * scale;
+        let [w00, w10, w11] = observation.whitening;
+        let (x, y) = (p.x / p.z, p.y / p.z);
+        let by_point =
+            [Vector3::new(w00, 0.0, -w00 * x) * scale, Vector3::new(w10, w11, -(w10 * x + w11 * y)) * scale];
+        let by_focal = observation.whiten(pixel.into());
+        let residual = observation.whiten((pixel - observation.pixel).into());
+        let [focal, tilt, roll, height, u, v] = &frame.origin_by;
+        let tilt = tilt + frame.camera_from_car_by_tilt * point;
+        let roll = roll + Vector3::new(-offset.y, offset.x, 0.0);
+        Some([0, 1].map(|k: usize| {
+            let by = &by_point[k];
+            let in_car = frame.camera_from_car.tr_mul(by);
+            let mut row = Row::zeros();
+            row[0] = by.dot(u);
+            row[1] = by.dot(v);
+            row[2] = in_car.dot(&Vector3::new(-point.y, point.x, 0.0));
+            for (entry, mode) in row.rows_mut(POSE, ALL_MODES).iter_mut().zip(self.modes(observation.index)) {
+                *entry = in_car.dot(mode);
+            }
+            row[CAMERA] = by.dot(focal) + by_focal[k];
+            row[CAMERA + 1] = by.dot(&tilt);
+            row[CAMERA + 2] = by.dot(&roll);
+            row[CAMERA + 3] = by.dot(height);
+            row[RESIDUAL] = residual[k];
+            row
+        }))
+    }
+
+    /// `None` when a car's block is not positive definite.
+    pub fn eliminate(&self, at: &Linearisation, state: &FineState, into: &mut Eliminated) -> Option<()> {
+        let mut camera = CameraGram::zeros();
+        into.poses.clear();
+        into.shapes.clear();
+        into.half_log_determinant = 0.0;
+        for (group, shape) in self.groups.iter().zip(&state.shapes) {
+            let mut sum = ShapeGram::zeros();
+            for gram in &at.grams[group.views.clone()] {
+                let own = gram.fixed_view::<POSE, POSE>(0, 0) + Matrix3::identity() * MIN_INFORMATION;
+                let rest = gram.fixed_view::<POSE, { RESIDUAL + 1 - POSE }>(0, POSE);
+                let factor = own.cholesky()?;
+                let rows = factor.solve(&rest.into_owned());
+                sum += gram.fixed_view::<{ RESIDUAL + 1 - POSE }, { RESIDUAL + 1 - POSE }>(POSE, POSE)
+                    - rest.tr_mul(&rows);
+                into.half_log_determinant += factor.l_dirty().diagonal().map(f64::ln).sum();
+                into.poses.push(rows);
+            }
+            let mut own = sum.fixed_view::<ALL_MODES, ALL_MODES>(0, 0).into_owned();
+            let mut rest = sum.fixed_view::<ALL_MODES, 5>(0, ALL_MODES).into_owned();
+            let mut coarse = own.fixed_view_mut::<MODES, MODES>(0, 0);
+            coarse += group.prior.information;
+            let gradient = group.prior.gradient(&shape.fixed_rows::<MODES>(0).into_owned());
+            for j in 0..MODES {
+                rest[(j, 4)] += gradient[j];
+            }
+            for j in MODES..ALL_MODES {
+                own[(j, j)] += self.fine_information;
+                rest[(j, 4)] += self.fine_information * shape[j];
+            }
+            let factor = own.cholesky()?;
+            let rows = factor.solve(&rest);
+            camera += sum.fixed_view::<5, 5>(ALL_MODES, ALL_MODES) - rest.tr_mul(&rows);
+            into.half_log_determinant += factor.l_dirty().diagonal().map(f64::ln).sum();
+            into.shapes.push(rows);
+        }
+        into.information.copy_from(&camera.fixed_view::<4, 4>(0, 0));
+        into.gradient.copy_from(&camera.fixed_view::<4, 1>(0, 4));
+        Some(())
+    }
+
+    /// Covariance of the camera, prior counted; zero rows where fixed.
+    pub fn covariance(&self, eliminated: &Eliminated) -> Option<Matrix4<f64>> {
+        self.knowledge.covariance(&eliminated.information)
+    }
+
+    /// A Gauss–Newton step of the camera towards the minimum.
+    pub fn camera_step(&self, eliminated: &Eliminated) -> Option<Vector4<f64>> {
+        let gradient = eliminated.gradient + self.knowledge.gradient(&self.state.camera);
+        Some(-(self.covariance(eliminated)? * gradient))
+    }
+
+    /// The state with the camera changed, cars following along the valley of the minimum, and `share` (0–1) of the cars' own
+    /// step to it.
+    pub fn moved(&self, eliminated: &Eliminated, camera: &Vector4<f64>, share: f64, into: &mut FineState) {
+        into.camera = self.state.camera + camera;
+        into.standings.clone_from(&self.state.standings);
+        into.shapes.clone_from(&self.state.shapes);
+        let mut step = SVector::<f64, { RESIDUAL + 1 - POSE }>::zeros();
+        step.fixed_rows_mut::<4>(ALL_MODES).copy_from(camera);
+        step[ALL_MODES + 4] = share;
+        for (g, group) in self.groups.iter().enumerate() {
+            let shape = -(eliminated.shapes[g] * step.fixed_rows::<5>(ALL_MODES));
+            step.fixed_rows_mut::<ALL_MODES>(0).copy_from(&shape);
+            into.shapes[g] += shape;
+            for k in group.views.clone() {
+                let pose = -(eliminated.poses[k] * step);
+                into.standings[k].anchor += Vector2::new(pose[0], pose[1]);
+                into.standings[k].heading += pose[2];
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fine::tests::at_truth;
+    use roadplane_synth::Rng;
+
+    #[test]
+    fn rows_are_the_derivatives() {
+        let mut rng = Rng::new(8);
+        at_truth(4, |atlas, problem, options| {
+            let fine = FineProblem::new(atlas, problem, options);
+            let shape = AllShape::from_fn(|_, _| rng.normal());
+            let standing = problem.state.standings[0];
+            let observation = &fine.observations[problem.views[0].observations.clone()][2];
+            // Pose, shape, camera.
+            let rows = |change: &Row| {
+                let camera = CameraFrame::new(&(problem.state.camera + change.fixed_rows::<4>(CAMERA)));
+                let anchor = standing.anchor + change.fixed_rows::<2>(0);
+                let standing = Standing { anchor, heading: standing.heading + change[2] };
+                let frame = StandingFrame::new(&camera, &standing).unwrap();
+                fine.rows(observation, &frame, &(shape + change.fixed_rows::<ALL_MODES>(POSE))).unwrap()
+            };
+            let here = rows(&Row::zeros());
+            for i in 0..RESIDUAL {
+                let mut step = Row::zeros();
+                step[i] = if i < 2 { 1e-3 } else { 1e-6 };
+                let (plus, minus) = (rows(&step), rows(&-step));
+                for k in 0..2 {
+                    let numeric = (plus[k][RESIDUAL] - minus[k][RESIDUAL]) / (2.0 * step[i]);
+                    let off = (numeric - here[k][i]).abs();
+                    assert!(off < 1e-5 * (1.0 + numeric.abs()), "{i}: {} against {numeric}", here[k][i]);
+                }
+            }
+        });
+    }
+}
