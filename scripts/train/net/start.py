@@ -1,4 +1,4 @@
-"""Weights to start a training from: a checkpoint or an exported net, also one of fewer channels."""
+"""Weights to start a training from: a checkpoint or an exported net, also one of fewer channels or stacks."""
 
 from __future__ import annotations
 
@@ -34,13 +34,28 @@ def read_stages(path: Path) -> list[dict]:
     return json.loads(path.with_suffix(".card.json").read_text())["how_made"]["stages"]
 
 
+def _with_stacks(weights: dict[str, torch.Tensor], stacks: int) -> dict[str, torch.Tensor]:
+    """With copies of the last stack after it, which are told nothing yet of what it found."""
+    weights = dict(weights)
+    for added in range(sum(name.startswith("heads.") for name in weights) // 2, stacks):
+        for name in list(weights):
+            part, _, rest = name.partition(f".{added - 1}.")
+            if part in ("hourglasses", "features", "heads"):
+                weights[f"{part}.{added}.{rest}"] = weights[name]
+        outputs, inputs = weights[f"heads.{added}.weight"].shape[:2]
+        weights[f"back.{added - 1}.weight"] = torch.zeros(inputs, inputs + outputs, 1, 1)
+        weights[f"back.{added - 1}.bias"] = torch.zeros(inputs)
+    return weights
+
+
 def start(net: StackedHourglass, weights: dict[str, torch.Tensor]) -> None:
-    """Puts the weights of a net of at most as many channels into `net`, which then computes the same.
+    """Puts the weights of a net of at most as many channels and stacks into `net`, which then computes the same.
 
     Added channels keep their random weights from what is before them, and have none yet on the channels that
     were there (after Net2Net, Chen et al. 2016).
     """
     state = net.state_dict()
+    weights = _with_stacks(weights, len(net.heads))
     differ = sorted(name for name in state.keys() ^ weights.keys() if ADDED_LATER not in name)
     if differ:
         raise ValueError(f"the weights to start from are of a net of other parts: {differ[0]} and {len(differ) - 1} more")

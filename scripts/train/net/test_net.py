@@ -207,6 +207,16 @@ class Net(unittest.TestCase):
         for a, b in zip([*expected, seen], [*found, seen_too]):
             np.testing.assert_allclose(a.numpy(), b.numpy(), atol=1e-4)
 
+    def test_a_net_of_more_stacks_starts_with_what_the_smaller_knows(self):
+        torch.manual_seed(4)
+        small, large, image = StackedHourglass(1, 16), StackedHourglass(3, 16), torch.rand(2, 3, 128, 128)
+        start(large, small.state_dict())
+        with torch.no_grad():
+            ((expected,), seen), (found, seen_too) = small(image), large(image)
+        for heatmaps in found:
+            torch.testing.assert_close(heatmaps, expected)
+        torch.testing.assert_close(seen_too, seen)
+
     def test_a_net_without_the_fine_part_can_be_started_from(self):
         torch.manual_seed(3)
         before, after, image = StackedHourglass(1, 16), StackedHourglass(1, 16), torch.rand(2, 3, 128, 128)
