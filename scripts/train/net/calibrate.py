@@ -14,7 +14,7 @@ BINS = 6
 FEWEST = 30
 # Rendered labels are exact, those of real cars scatter by about a pixel of the crop: the least floor, before the law is
 # scaled as a whole.
-LOWEST_FLOOR_PX = 1.0
+LOWEST_FLOOR_PX = 1.2
 
 
 def binned(variance: np.ndarray, error: np.ndarray) -> list[tuple[float, float, int]]:

@@ -75,8 +75,9 @@ def markdown(card: dict) -> str:
         f"{made['gflop_per_crop']} GFLOP a crop"
     )
     stages = "; ".join(
-        f"{stage['steps']} steps of {stage['batch']} crops at {stage['px']} px, {stage['channels']} channels, rate "
-        f"{stage['rate']:g}, seed {stage['seed']} ({stage['minutes']:.0f} minutes)"
+        f"{stage['steps']} steps of {stage['batch']} crops at {stage['px']} px, {stage['channels']} channels"
+        + (f" in {stage['stacks']} stacks" if "stacks" in stage else "")
+        + f", rate {stage['rate']:g}, seed {stage['seed']} ({stage['minutes']:.0f} minutes)"
         for stage in made["stages"]
     )
     items = {

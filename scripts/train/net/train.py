@@ -156,6 +156,7 @@ class Training:
             "batch": options.batch,
             "rate": options.rate,
             "seed": options.seed,
+            "stacks": options.stacks,
             "channels": options.channels,
             "px": options.input_px if options.start_from else f"64 → {options.input_px}",
             "minutes": round(self.seconds() / 60, 1),
@@ -212,7 +213,7 @@ def parse_options(arguments: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument(
         "--start-from",
         type=Path,
-        help="checkpoint or .onnx file, perhaps of fewer channels, to train on from at the largest size throughout",
+        help="checkpoint or .onnx file, perhaps of fewer channels or stacks, to train on from at the largest size throughout",
     )
     options = parser.parse_args(arguments)
     if options.batch % options.workers:

@@ -42,7 +42,7 @@ class Preset:
 
 PRESETS = {
     "small": Preset("eval", 4, 1, 4, 3.0),
-    "eval": Preset("eval", 50, 6, 4),  # what tests/data/lots holds
+    "eval": Preset("eval", 50, 8, 4),  # what tests/data/lots holds
     "train": Preset("train", 2000, 60, 5),
 }
 
