@@ -16,7 +16,7 @@ pub const FINE_MODES: usize = 6;
 pub type Shape = SVector<f64, MODES>;
 
 /// The atlas file's schema that this code reads.
-pub const ATLAS_SCHEMA: &str = "roadplane.atlas/1";
+pub const ATLAS_SCHEMA: &str = "roadplane.atlas/2";
 
 /// What is wrong with an atlas file.
 #[derive(Debug, Error)]

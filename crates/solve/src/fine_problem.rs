@@ -2,7 +2,8 @@
 //!
 //! `ground_problem.rs` takes what six modes leave unexplained for noise of single keypoints. In truth most of it is common to
 //! both sides of a car, to many keypoints and to all views of the car: the fine modes. Unknowns per view are pose v (3), per
-//! car shape s (6 + 6, without bounds), and one camera c (4), as there; here in small dense matrices, for the last steps only.
+//! car shape s (6 + 6; the prior, without which this is not solved, holds it instead of bounds), and one camera c (4), as there;
+//! here in small dense matrices, for the last steps only.
 
 use nalgebra::{Matrix3, Matrix4, SMatrix, SVector, Vector2, Vector3, Vector4};
 use roadplane_base::{FINE_MODES, MODES, ShapeAtlas};
@@ -50,6 +51,8 @@ pub(crate) struct FineProblem<'a> {
     observations: Vec<Observation>,
     knowledge: CameraKnowledge,
     kernel: OutlierModel,
+    /// Factor on what is unexplained.
+    scale: f64,
     /// Information on a fine coefficient beforehand.
     fine_information: f64,
     pub state: FineState,
@@ -75,19 +78,9 @@ pub(crate) struct Eliminated {
 }
 
 impl<'a> FineProblem<'a> {
-    /// From where `problem` is, for an `atlas_residual_scale` other than 0.
+    /// From where `problem` is and with its whitening, for an `atlas_residual_scale` other than 0.
     pub fn new(atlas: &'a ShapeAtlas, problem: &'a GroundProblem<'_>, options: &SceneOptions) -> Self {
         let scale = options.atlas_residual_scale;
-        let camera = CameraFrame::new(&problem.state.camera);
-        let mut observations = problem.observations.clone();
-        for (view, standing) in problem.views.iter().zip(&problem.state.standings) {
-            let Some(frame) = StandingFrame::new(&camera, standing) else { continue };
-            for observation in &mut observations[view.observations.clone()] {
-                let sd_m = atlas.fine_residual_sd_m[observation.index] * scale;
-                let extra = unexplained_covariance(&frame, &atlas.mean[observation.index], &sd_m);
-                observation.whiten_with(&extra);
-            }
-        }
         let all = |shape: &roadplane_base::Shape| {
             let mut all = AllShape::zeros();
             all.fixed_rows_mut::<MODES>(0).copy_from(shape);
@@ -97,7 +90,8 @@ impl<'a> FineProblem<'a> {
             atlas,
             views: &problem.views,
             groups: &problem.groups,
-            observations,
+            observations: problem.observations.clone(),
+            scale,
             knowledge: problem.knowledge,
             kernel: problem.kernel,
             fine_information: options.shape_prior_weight / (scale * scale),
@@ -106,6 +100,19 @@ impl<'a> FineProblem<'a> {
                 standings: problem.state.standings.clone(),
                 shapes: problem.state.shapes.iter().map(all).collect(),
             },
+        }
+    }
+
+    /// Whitens every keypoint with its measured covariance and what the fine modes leave unexplained, seen at the current pose.
+    pub fn whiten(&mut self) {
+        let camera = CameraFrame::new(&self.state.camera);
+        for (view, standing) in self.views.iter().zip(&self.state.standings) {
+            let Some(frame) = StandingFrame::new(&camera, standing) else { continue };
+            for observation in &mut self.observations[view.observations.clone()] {
+                let sd_m = self.atlas.fine_residual_sd_m[observation.index] * self.scale;
+                let extra = unexplained_covariance(&frame, &self.atlas.mean[observation.index], &sd_m);
+                observation.whiten_with(&extra);
+            }
         }
     }
 

@@ -198,9 +198,15 @@ pub(crate) fn read_out(
         return unsolved(setup, views.len(), SceneStatus::Failed);
     };
     if report.iterations > 0 {
-        if let Some(fine) = fine::refine(setup.atlas, problem, options) {
+        if let Some(fine) = fine::camera_of_all_modes(setup.atlas, problem, options) {
             (camera_information, covariance) = (fine.information, fine.covariance);
             problem.follow(&(fine.camera - problem.state.camera));
+            // Too far a way for the cars to follow exactly.
+            problem.knowledge.fixed = [true; 4];
+            minimise(problem, &options.lm);
+            if problem.covariances().is_none() {
+                return unsolved(setup, views.len(), SceneStatus::Failed);
+            }
         } else if options.marginal
             && let Some(change) = marginal::change(problem, &covariance)
         {

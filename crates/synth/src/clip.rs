@@ -8,6 +8,7 @@ use roadplane_base::{
 use crate::Rng;
 use crate::item::{Item, ItemCar, Sighting, projected};
 use crate::keypoints::{CLAIMED_NOISE, seen_indices};
+use crate::models::move_off_atlas;
 use crate::scene::{SynthOptions, body};
 use crate::traffic::{Aisle, Bay, Manoeuvre, drive, touch};
 use crate::trajectory::{CarState, Drive};
@@ -187,9 +188,7 @@ fn actor(car: ItemCar, motion: Motion, rng: &mut Rng) -> Actor {
 /// A car (with what the atlas does not span) and its wheelbase.
 fn car(atlas: &ShapeAtlas, options: &SynthOptions, rng: &mut Rng) -> (ItemCar, f64) {
     let (shape, mut keypoints_in_car) = body(atlas, options, rng);
-    for (point, sd) in keypoints_in_car.iter_mut().zip(&atlas.residual_sd_m) {
-        *point += options.off_atlas * sd.map(|sd| sd * rng.normal());
-    }
+    move_off_atlas(&mut keypoints_in_car, atlas, options.off_atlas, rng);
     // Keypoints 0 and 1: left wheels, front and rear.
     let wheelbase_m = keypoints_in_car[0].x - keypoints_in_car[1].x;
     (ItemCar { keypoints_in_car, dims_m: atlas.dims_m(&shape) }, wheelbase_m)

@@ -76,6 +76,24 @@ pub(crate) fn draw<'a>(models: &'a [CarModel], rng: &mut Rng) -> Option<&'a CarM
     Some(found.unwrap_or(last))
 }
 
+/// Adds `factor` times what six modes leave unexplained of a car.
+pub(crate) fn move_off_atlas(
+    keypoints_in_car: &mut [Vector3<f64>; KEYPOINTS],
+    atlas: &ShapeAtlas,
+    factor: f64,
+    rng: &mut Rng,
+) {
+    for (point, sd) in keypoints_in_car.iter_mut().zip(&atlas.fine_residual_sd_m) {
+        *point += factor * sd.map(|sd| sd * rng.normal());
+    }
+    for mode in atlas.fine_modes.iter().filter(|_| factor > 0.0) {
+        let coefficient = factor * rng.normal();
+        for (point, by) in keypoints_in_car.iter_mut().zip(mode) {
+            *point += by * coefficient;
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

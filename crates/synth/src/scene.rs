@@ -6,7 +6,7 @@ use roadplane_base::{
     ShapeAtlas,
 };
 
-use crate::models::{CarModel, draw};
+use crate::models::{CarModel, draw, move_off_atlas};
 use crate::{Rng, keypoints};
 
 /// How cars stand.
@@ -56,7 +56,7 @@ pub struct SynthOptions {
     pub shape_sd: f64,
     /// Cars to draw from instead of the atlas; empty: the atlas.
     pub models: Vec<CarModel>,
-    /// Factor on the atlas' residual sd, drawn per keypoint: cars that the atlas does not span.
+    /// Factor on what six modes leave unexplained (fine modes, and the rest per keypoint): cars that they do not span.
     pub off_atlas: f64,
     /// Share of keypoints seen (those that face the camera first).
     pub seen: f64,
@@ -259,9 +259,7 @@ fn standing(
         return None;
     }
     let mut keypoints_in_car = *keypoints_in_car;
-    for (point, sd) in keypoints_in_car.iter_mut().zip(&atlas.residual_sd_m) {
-        *point += options.off_atlas * sd.map(|sd| sd * rng.normal());
-    }
+    move_off_atlas(&mut keypoints_in_car, atlas, options.off_atlas, rng);
     let camera_from_car = plane.camera_from_world() * pose.world_from_car();
     let (mut low, mut high) = (Vector2::repeat(f64::INFINITY), Vector2::repeat(f64::NEG_INFINITY));
     for point in &keypoints_in_car {

@@ -116,15 +116,15 @@ def orient(basis: Basis) -> Basis:
     return replace(basis, modes=basis.modes * sign[:, None])
 
 
-def left_out_residuals(rows: np.ndarray, population: Population, fine: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Residuals (n, 57) of every base model against the basis of all the others, with their weights."""
-    residuals = np.full_like(rows, np.nan)
+def left_out_residuals(rows: np.ndarray, population: Population) -> tuple[np.ndarray, np.ndarray]:
+    """Residuals (n, 57) of every base model against the basis of all the others: without and with its fine modes."""
+    without, fine = np.full_like(rows, np.nan), np.full_like(rows, np.nan)
     for model in np.unique(population.models):
         out = population.models == model
         basis = fit(rows[~out], population.weights[~out], iterations=8)
         for i in np.flatnonzero(out):
-            residuals[i] = project(basis, rows[i], fine)[1]
-    return residuals, population.weights
+            without[i], fine[i] = project(basis, rows[i])[1], project(basis, rows[i], fine=True)[1]
+    return without, fine
 
 
 def foreign_residuals(basis: Basis, foreign: Population) -> np.ndarray:
@@ -173,7 +173,7 @@ def to_json(
         return np.round(np.tile(sd[:54].reshape(18, 3), (2, 1)), 5).tolist()
 
     return {
-        "schema": "roadplane.atlas/1",
+        "schema": "roadplane.atlas/2",
         "version": version,
         "mean": whole(basis.mean, MIRROR_SIGN),
         "modes": [whole(mode, MIRROR_SIGN) for mode in basis.modes],
@@ -264,7 +264,7 @@ def main() -> None:
     basis = orient(fit(rows, population.weights))
     bounds = coefficient_bounds(basis, rows)
     residual_sd, fine_residual_sd = (
-        _weighted_rms(*left_out_residuals(rows, population, fine)) for fine in (False, True)
+        _weighted_rms(residuals, population.weights) for residuals in left_out_residuals(rows, population)
     )
     note = (
         f"Mean, six principal components and six finer ones, {len(rows)} cars of "

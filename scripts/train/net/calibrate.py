@@ -13,7 +13,8 @@ BINS = 6
 # With fewer errors than this a bin's robust sd is not known to better than a fifth.
 FEWEST = 30
 # Rendered labels are exact, those of real cars scatter by about a pixel of the crop: the least floor, before the law is
-# scaled as a whole.
+# scaled as a whole. With the net of three stacks error / sd is 0.79 on rendered and 1.27 on held-out real cars at 1.0 px, 0.80
+# and 1.25 at 1.2 px, 0.81 and 1.23 at 1.5 px (but 1.08 on small cars).
 LOWEST_FLOOR_PX = 1.2
 
 

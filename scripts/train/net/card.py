@@ -75,9 +75,8 @@ def markdown(card: dict) -> str:
         f"{made['gflop_per_crop']} GFLOP a crop"
     )
     stages = "; ".join(
-        f"{stage['steps']} steps of {stage['batch']} crops at {stage['px']} px, {stage['channels']} channels"
-        + (f" in {stage['stacks']} stacks" if "stacks" in stage else "")
-        + f", rate {stage['rate']:g}, seed {stage['seed']} ({stage['minutes']:.0f} minutes)"
+        f"{stage['steps']} steps of {stage['batch']} crops at {stage['px']} px, {stage['stacks']} stacks of "
+        f"{stage['channels']} channels, rate {stage['rate']:g}, seed {stage['seed']} ({stage['minutes']:.0f} minutes)"
         for stage in made["stages"]
     )
     items = {

@@ -96,7 +96,7 @@ fn cars(truth: &Truth, frame: &FrameEvidence, answer: &FrameAnswer, atlas: &Shap
     let score = |((car, answer), position): ((&TrueCar, &Option<CarAnswer>), PositionError)| {
         score_car(truth, car, answer.as_ref(), &camera, position, atlas)
     };
-    true_cars().zip(&answer.cars).zip(position_errors(&places)).filter_map(score).collect()
+    true_cars().zip(&answer.cars).zip(position_errors(&places, places.len())).filter_map(score).collect()
 }
 
 fn score_car(

@@ -25,11 +25,11 @@ const FEWEST_ALIGNED: usize = 5;
 ///
 /// Aligned: after the turn, shift and scale of the ground that lay the scene's cars over the true ones with the least squares
 /// (Umeyama 1991, IEEE PAMI 13), as trajectories of one camera are compared (Sturm et al. 2012, IROS): without what knowing a
-/// few places or lengths on the ground would take away.
+/// few places or lengths on the ground would take away. `cars`: how many the places are of.
 #[must_use]
-pub fn position_errors(places: &[(Option<Vector2<f64>>, Vector2<f64>)]) -> Vec<PositionError> {
+pub fn position_errors(places: &[(Option<Vector2<f64>>, Vector2<f64>)], cars: usize) -> Vec<PositionError> {
     let found: Vec<_> = places.iter().filter_map(|(estimate, truth)| Some(((*estimate)?, *truth))).collect();
-    let fit = if found.len() < FEWEST_ALIGNED { None } else { Similarity::fit(&found) };
+    let fit = if cars.min(found.len()) < FEWEST_ALIGNED { None } else { Similarity::fit(&found) };
     let of = |(estimate, truth): &(Option<Vector2<f64>>, Vector2<f64>)| {
         let error_m = estimate.map_or(f64::INFINITY, |estimate| (estimate - truth).norm());
         let aligned = estimate.and_then(|estimate| Some((fit?.apply(&estimate) - truth).norm()));
@@ -62,7 +62,7 @@ mod tests {
     fn errors_and_bins() {
         let places =
             [(Some(Vector2::new(3.3, 40.4)), Vector2::new(3.0, 40.0)), (None, Vector2::new(0.0, 30.0))];
-        let errors = position_errors(&places);
+        let errors = position_errors(&places, 2);
         assert!((errors[0].error_m - 0.5).abs() < 1e-9 && (errors[0].aligned_m - 0.5).abs() < 1e-9);
         assert!((errors[0].distance_m - 1609f64.sqrt()).abs() < 1e-9);
         assert!(errors[1].error_m.is_infinite() && errors[1].aligned_m.is_infinite());
@@ -75,10 +75,12 @@ mod tests {
         let truth = [[0.0, 20.0], [5.0, 20.0], [0.0, 30.0], [5.0, 30.0], [-4.0, 50.0], [9.0, 45.0]]
             .map(Vector2::from);
         let mut places = truth.map(|truth| (Some(truth * 1.03 + Vector2::new(0.2, 0.0)), truth));
-        let errors = position_errors(&places);
+        let errors = position_errors(&places, places.len());
         assert!(errors.iter().all(|e| e.error_m > 0.5 && e.aligned_m < 1e-9));
         // One car elsewhere cannot hide.
         places[5].0 = Some(truth[5] + Vector2::new(3.0, 0.0));
-        assert!(position_errors(&places)[5].aligned_m > 1.0);
+        assert!(position_errors(&places, places.len())[5].aligned_m > 1.0);
+        // Two cars, three times each.
+        assert!(position_errors(&places, 2)[0].aligned_m > 0.5);
     }
 }

@@ -44,7 +44,7 @@ pub fn score_tracks(truth: &Truth, rows: &[TrackRow], analysed: impl Fn(u64, f64
     let mut score = TrackScore::default();
     // Places of parked cars in consecutive frames under one track.
     let mut stands: BTreeMap<u64, Vec<Stand>> = BTreeMap::new();
-    let mut places = Vec::new();
+    let (mut places, mut placed) = (Vec::new(), BTreeSet::new());
     let looked_at = truth.frames.iter().filter(|frame| analysed(frame.frame, frame.time_s));
     for (place_in_clip, frame) in looked_at.enumerate() {
         let rows = of_frame.get(&frame.frame).map_or(&[][..], Vec::as_slice);
@@ -60,6 +60,7 @@ pub fn score_tracks(truth: &Truth, rows: &[TrackRow], analysed: impl Fn(u64, f64
         for (row, car) in rows.iter().zip(pairs_by_box(&boxes, &cars)) {
             let Some(car) = car.map(|c| cars[c]) else { continue };
             places.push((Some(place(row)), true_place(car)));
+            placed.insert(car.id);
             let heading = car.world_from_car[1][0].atan2(car.world_from_car[0][0]);
             score.motions.push(motion_error(row.speed_mps, row.heading_rad, car.speed_mps, heading));
             if parked.contains(&car.id) {
@@ -68,7 +69,7 @@ pub fn score_tracks(truth: &Truth, rows: &[TrackRow], analysed: impl Fn(u64, f64
             }
         }
     }
-    score.positions = position_errors(&places);
+    score.positions = position_errors(&places, placed.len());
     for stands in stands.values() {
         let goes_on = |a: &Stand, b: &Stand| b.place_in_clip == a.place_in_clip + 1 && a.track == b.track;
         for stretch in stands.chunk_by(goes_on) {

@@ -66,7 +66,7 @@ pub fn position_table(title: &str, systems: &[Scored<'_, PositionError>]) -> Tab
         Column::new("aligned, median m", 2),
     ];
     let note = "Error of the position on the ground in the camera's own world, so that errors of the estimated camera count. \
-                Aligned: after the turn, shift and scale that lay a picture's or clip's cars over the true ones (Umeyama 1991; \
+                Aligned: after the turn, shift and scale that lay a picture's cars, of row 6 a clip's, over the true ones (Umeyama 1991; \
                 not below five cars).";
     let mut table = Table::new(title, note, columns);
     for (name, scenes) in systems {
