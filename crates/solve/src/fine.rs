@@ -36,55 +36,59 @@ pub(crate) fn camera_of_all_modes(
     if !known(options.atlas_residual_scale) || !known(options.shape_prior_weight) {
         return None;
     }
-    let mut descent = Descent::new(FineProblem::new(atlas, problem, options))?;
+    let mut descent = Descent::new(FineProblem::new(atlas, problem, options), FineState::of(problem));
     // First with the wider sd of before, so that no keypoint that the fine modes explain is taken for wrong.
     descent.descend()?;
-    descent.problem.whiten();
-    descent.linearise()?;
+    descent.problem.whiten(&descent.here.state);
     descent.descend()?;
-    let covariance = descent.problem.covariance(&descent.eliminated)?;
+    let covariance = descent.problem.covariance(&descent.here.eliminated)?;
     let shift = if options.marginal { marginal::change(&mut descent, &covariance) } else { None };
     Some(FineCamera {
-        camera: descent.problem.state.camera + shift.unwrap_or_default(),
-        information: descent.eliminated.information,
+        camera: descent.here.state.camera + shift.unwrap_or_default(),
+        information: descent.here.eliminated.information,
         covariance,
     })
 }
 
-/// The problem with what belongs to its state, and room for a trial.
-struct Descent<'a> {
-    problem: FineProblem<'a>,
+/// A state with what belongs to it.
+#[derive(Clone, Debug)]
+struct Point {
+    state: FineState,
     at: Linearisation,
     eliminated: Eliminated,
-    trial: FineState,
-    trial_at: Linearisation,
-    trial_eliminated: Eliminated,
+}
+
+impl Point {
+    fn linearise(&mut self, problem: &FineProblem<'_>) -> Option<()> {
+        problem.linearise(&self.state, &mut self.at)
+    }
+
+    /// After `linearise`.
+    fn eliminate(&mut self, problem: &FineProblem<'_>) -> Option<()> {
+        problem.eliminate(&self.at, &self.state, &mut self.eliminated)
+    }
+}
+
+/// On the way to the minimum.
+struct Descent<'a> {
+    problem: FineProblem<'a>,
+    here: Point,
+    trial: Point,
 }
 
 impl<'a> Descent<'a> {
-    fn new(problem: FineProblem<'a>) -> Option<Self> {
-        let mut descent = Self {
-            trial: problem.state.clone(),
-            trial_at: Linearisation::default(),
-            trial_eliminated: Eliminated::default(),
-            problem,
-            at: Linearisation::default(),
-            eliminated: Eliminated::default(),
-        };
-        descent.linearise()?;
-        Some(descent)
-    }
-
-    fn linearise(&mut self) -> Option<()> {
-        self.problem.linearise(&self.problem.state, &mut self.at)?;
-        self.problem.eliminate(&self.at, &self.problem.state, &mut self.eliminated)
+    fn new(problem: FineProblem<'a>, state: FineState) -> Self {
+        let here = Point { state, at: Linearisation::default(), eliminated: Eliminated::default() };
+        Self { problem, trial: here.clone(), here }
     }
 
     /// To the minimum. `None` when a car cannot be evaluated or the steps are used up.
     fn descend(&mut self) -> Option<()> {
+        self.here.linearise(&self.problem)?;
+        self.here.eliminate(&self.problem)?;
         for _ in 0..MAX_STEPS {
-            let before = self.at.cost;
-            if !self.step()? || before - self.at.cost <= COST_TOLERANCE * before {
+            let before = self.here.at.cost;
+            if !self.step()? || before - self.here.at.cost <= COST_TOLERANCE * before {
                 return Some(());
             }
         }
@@ -93,33 +97,36 @@ impl<'a> Descent<'a> {
 
     /// The largest of ever smaller steps that lowers the cost; false when none does.
     fn step(&mut self) -> Option<bool> {
-        let whole = self.problem.camera_step(&self.eliminated)?;
+        let whole = self.problem.camera_step(&self.here.eliminated, &self.here.state)?;
         for halvings in 0..MAX_TRIES {
             let share = 0.5_f64.powi(halvings);
-            self.problem.moved(&self.eliminated, &(whole * share), share, &mut self.trial);
-            if self.problem.linearise(&self.trial, &mut self.trial_at).is_some()
-                && self.trial_at.cost < self.at.cost
-            {
-                std::mem::swap(&mut self.problem.state, &mut self.trial);
-                std::mem::swap(&mut self.at, &mut self.trial_at);
-                self.problem.eliminate(&self.at, &self.problem.state, &mut self.eliminated)?;
+            self.try_at(&(whole * share), share);
+            if self.trial.linearise(&self.problem).is_some() && self.trial.at.cost < self.here.at.cost {
+                std::mem::swap(&mut self.here, &mut self.trial);
+                self.here.eliminate(&self.problem)?;
                 return Some(true);
             }
         }
         Some(false)
     }
+
+    /// Puts the trial where `FineProblem::moved` says.
+    fn try_at(&mut self, camera: &Vector4<f64>, share: f64) {
+        let Point { state, eliminated, .. } = &self.here;
+        self.problem.moved(eliminated, state, camera, share, &mut self.trial.state);
+    }
 }
 
 impl Valley for Descent<'_> {
     fn half_log_determinant(&self) -> Option<f64> {
-        Some(self.eliminated.half_log_determinant)
+        Some(self.here.eliminated.half_log_determinant)
     }
 
     fn half_log_determinant_at(&mut self, change: &Vector4<f64>) -> Option<f64> {
-        self.problem.moved(&self.eliminated, change, 0.0, &mut self.trial);
-        self.problem.linearise(&self.trial, &mut self.trial_at)?;
-        self.problem.eliminate(&self.trial_at, &self.trial, &mut self.trial_eliminated)?;
-        Some(self.trial_eliminated.half_log_determinant)
+        self.try_at(change, 0.0);
+        self.trial.linearise(&self.problem)?;
+        self.trial.eliminate(&self.problem)?;
+        Some(self.trial.eliminated.half_log_determinant)
     }
 }
 
@@ -132,7 +139,7 @@ pub(crate) mod tests {
     use crate::setup::{Placed, Setup};
     use crate::solution::CarView;
     use roadplane_base::{FINE_MODES, Shape};
-    use roadplane_synth::{CarModel, Rng, SceneTruth, SynthOptions, scene};
+    use roadplane_synth::{CarModel, Rng, SceneTruth, SynthOptions, add_fine_modes, scene};
 
     fn options() -> SceneOptions {
         let lm = LmOptions { cost_tolerance: 1e-13, ..LmOptions::default() };
@@ -145,12 +152,7 @@ pub(crate) mod tests {
         let mut model = || {
             let shape = Shape::from_fn(|_, _| shape_sd * rng.normal());
             let mut keypoints_in_car = atlas.keypoints_in_car(&shape);
-            for mode in &atlas.fine_modes {
-                let coefficient = shape_sd * rng.normal();
-                for (point, by) in keypoints_in_car.iter_mut().zip(mode) {
-                    *point += by * coefficient;
-                }
-            }
+            add_fine_modes(&mut keypoints_in_car, atlas, shape_sd, &mut rng);
             CarModel { model: String::new(), weight: 1.0, keypoints_in_car }
         };
         let models = (0..models).map(|_| model()).collect();

@@ -6,14 +6,14 @@
 //! here in small dense matrices, for the last steps only.
 
 use nalgebra::{Matrix3, Matrix4, SMatrix, SVector, Vector2, Vector3, Vector4};
-use roadplane_base::{FINE_MODES, MODES, ShapeAtlas};
+use roadplane_base::{FINE_MODES, MODES, Shape, ShapeAtlas};
 
 use crate::arrow::MIN_INFORMATION;
 use crate::camera_knowledge::CameraKnowledge;
 use crate::ground_problem::{GroundProblem, Group, View};
 use crate::ground_residual::{CameraFrame, MIN_DEPTH_M, Standing, StandingFrame};
-use crate::kernel::OutlierModel;
-use crate::observation::{Observation, unexplained_covariance};
+use crate::kernel::PreparedKernel;
+use crate::observation::{Observation, whiten_seen};
 use crate::options::SceneOptions;
 
 const ALL_MODES: usize = MODES + FINE_MODES;
@@ -43,6 +43,22 @@ pub(crate) struct FineState {
     shapes: Vec<AllShape>,
 }
 
+impl FineState {
+    /// Where `problem` is; no car has fine shape yet.
+    pub fn of(problem: &GroundProblem<'_>) -> Self {
+        let all = |shape: &Shape| {
+            let mut all = AllShape::zeros();
+            all.fixed_rows_mut::<MODES>(0).copy_from(shape);
+            all
+        };
+        Self {
+            camera: problem.state.camera,
+            standings: problem.state.standings.clone(),
+            shapes: problem.state.shapes.iter().map(all).collect(),
+        }
+    }
+}
+
 /// See the module's head.
 pub(crate) struct FineProblem<'a> {
     atlas: &'a ShapeAtlas,
@@ -50,12 +66,11 @@ pub(crate) struct FineProblem<'a> {
     groups: &'a [Group],
     observations: Vec<Observation>,
     knowledge: CameraKnowledge,
-    kernel: OutlierModel,
+    kernel: PreparedKernel,
     /// Factor on what is unexplained.
     scale: f64,
     /// Information on a fine coefficient beforehand.
     fine_information: f64,
-    pub state: FineState,
 }
 
 /// Cost and every view's normal equations at a state.
@@ -78,14 +93,9 @@ pub(crate) struct Eliminated {
 }
 
 impl<'a> FineProblem<'a> {
-    /// From where `problem` is and with its whitening, for an `atlas_residual_scale` other than 0.
+    /// Of the cars of `problem` with its whitening, for an `atlas_residual_scale` other than 0.
     pub fn new(atlas: &'a ShapeAtlas, problem: &'a GroundProblem<'_>, options: &SceneOptions) -> Self {
         let scale = options.atlas_residual_scale;
-        let all = |shape: &roadplane_base::Shape| {
-            let mut all = AllShape::zeros();
-            all.fixed_rows_mut::<MODES>(0).copy_from(shape);
-            all
-        };
         Self {
             atlas,
             views: &problem.views,
@@ -93,26 +103,18 @@ impl<'a> FineProblem<'a> {
             observations: problem.observations.clone(),
             scale,
             knowledge: problem.knowledge,
-            kernel: problem.kernel,
+            kernel: PreparedKernel::new(&problem.kernel),
             fine_information: options.shape_prior_weight / (scale * scale),
-            state: FineState {
-                camera: problem.state.camera,
-                standings: problem.state.standings.clone(),
-                shapes: problem.state.shapes.iter().map(all).collect(),
-            },
         }
     }
 
-    /// Whitens every keypoint with its measured covariance and what the fine modes leave unexplained, seen at the current pose.
-    pub fn whiten(&mut self) {
-        let camera = CameraFrame::new(&self.state.camera);
-        for (view, standing) in self.views.iter().zip(&self.state.standings) {
+    /// Whitens every keypoint with its measured covariance and what the fine modes leave unexplained, seen at a state.
+    pub fn whiten(&mut self, state: &FineState) {
+        let camera = CameraFrame::new(&state.camera);
+        for (view, standing) in self.views.iter().zip(&state.standings) {
             let Some(frame) = StandingFrame::new(&camera, standing) else { continue };
-            for observation in &mut self.observations[view.observations.clone()] {
-                let sd_m = self.atlas.fine_residual_sd_m[observation.index] * self.scale;
-                let extra = unexplained_covariance(&frame, &self.atlas.mean[observation.index], &sd_m);
-                observation.whiten_with(&extra);
-            }
+            let seen = &mut self.observations[view.observations.clone()];
+            whiten_seen(seen, &frame, self.atlas, &self.atlas.fine_residual_sd_m, self.scale, 0.0);
         }
     }
 
@@ -137,8 +139,8 @@ impl<'a> FineProblem<'a> {
             for observation in &self.observations[view.observations.clone()] {
                 let rows = self.rows(observation, &frame, &state.shapes[view.group])?;
                 let squared = rows[0][RESIDUAL].powi(2) + rows[1][RESIDUAL].powi(2);
-                let right = self.kernel.weight(squared);
-                cost += 0.5 * observation.weight * self.kernel.cost(squared);
+                let (loss, right) = self.kernel.evaluate_one(squared);
+                cost += 0.5 * observation.weight * loss;
                 for row in &rows {
                     gram.ger(observation.weight * right, row, row, 1.0);
                 }
@@ -237,17 +239,24 @@ impl<'a> FineProblem<'a> {
     }
 
     /// A Gauss–Newton step of the camera towards the minimum.
-    pub fn camera_step(&self, eliminated: &Eliminated) -> Option<Vector4<f64>> {
-        let gradient = eliminated.gradient + self.knowledge.gradient(&self.state.camera);
+    pub fn camera_step(&self, eliminated: &Eliminated, state: &FineState) -> Option<Vector4<f64>> {
+        let gradient = eliminated.gradient + self.knowledge.gradient(&state.camera);
         Some(-(self.covariance(eliminated)? * gradient))
     }
 
     /// The state with the camera changed, cars following along the valley of the minimum, and `share` (0–1) of the cars' own
     /// step to it.
-    pub fn moved(&self, eliminated: &Eliminated, camera: &Vector4<f64>, share: f64, into: &mut FineState) {
-        into.camera = self.state.camera + camera;
-        into.standings.clone_from(&self.state.standings);
-        into.shapes.clone_from(&self.state.shapes);
+    pub fn moved(
+        &self,
+        eliminated: &Eliminated,
+        from: &FineState,
+        camera: &Vector4<f64>,
+        share: f64,
+        into: &mut FineState,
+    ) {
+        into.camera = from.camera + camera;
+        into.standings.clone_from(&from.standings);
+        into.shapes.clone_from(&from.shapes);
         let mut step = SVector::<f64, { RESIDUAL + 1 - POSE }>::zeros();
         step.fixed_rows_mut::<4>(ALL_MODES).copy_from(camera);
         step[ALL_MODES + 4] = share;

@@ -83,8 +83,8 @@ pub fn fit_car(
         roadplane_base::angle_difference(other.state.standings[0].heading, heading).abs() > 0.5
     };
     let margin = fits.iter().find(|(_, p)| elsewhere(p)).map_or(f64::INFINITY, |(other, _)| other - cost);
-    let camera = problem.covariances()?.camera;
-    let (car, covariance) = car_solution(&problem, 0, problem.view_covariances(&camera).first()?)?;
+    let joint = problem.only_view_covariance()?;
+    let (car, covariance) = car_solution(&problem, 0, &joint)?;
     Some(CarFit { car, covariance, cost, margin })
 }
 

@@ -14,7 +14,7 @@ use crate::gram_sum::{Rows, WIDTH};
 use crate::ground_residual::{CameraFrame, PointModes, Standing, StandingFrame};
 use crate::ground_rows::{MAX_PACKS, NO_ROWS, Pack, linearise, pack, plain_rows, rewhiten};
 use crate::kernel::{OutlierModel, PreparedKernel};
-use crate::observation::{Observation, unexplained_covariance};
+use crate::observation::{Observation, whiten_seen};
 use crate::options::ShapePrior;
 
 /// One view of a car.
@@ -159,14 +159,9 @@ impl<'a> GroundProblem<'a> {
         for (view, standing) in self.views.iter().zip(&self.state.standings) {
             let Some(frame) = StandingFrame::new(&camera, standing) else { continue };
             let extra_px = extra_m * camera.focal_px / frame.origin.z;
-            for observation in &mut self.observations[view.observations.clone()] {
-                let sd_m = self.atlas.residual_sd_m[observation.index] * atlas_scale;
-                let mut extra = unexplained_covariance(&frame, &self.atlas.mean[observation.index], &sd_m);
-                extra[(0, 0)] += extra_px * extra_px;
-                extra[(1, 1)] += extra_px * extra_px;
-                observation.whiten_with(&extra);
-            }
-            rewhiten(&self.observations[view.observations.clone()], &mut self.packs[view.packs.clone()]);
+            let seen = &mut self.observations[view.observations.clone()];
+            whiten_seen(seen, &frame, self.atlas, &self.atlas.residual_sd_m, atlas_scale, extra_px);
+            rewhiten(seen, &mut self.packs[view.packs.clone()]);
         }
     }
 

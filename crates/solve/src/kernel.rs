@@ -34,13 +34,13 @@ impl OutlierModel {
     /// ρ(s).
     #[must_use]
     pub fn cost(&self, s: f64) -> f64 {
-        PreparedKernel::new(self).evaluate(Lanes::splat(s)).0.0[0]
+        PreparedKernel::new(self).evaluate_one(s).0
     }
 
     /// ρ'(s), in 0…1.
     #[must_use]
     pub fn weight(&self, s: f64) -> f64 {
-        PreparedKernel::new(self).evaluate(Lanes::splat(s)).1.0[0]
+        PreparedKernel::new(self).evaluate_one(s).1
     }
 }
 
@@ -56,6 +56,12 @@ impl PreparedKernel {
     pub fn new(model: &OutlierModel) -> Self {
         let threshold_squared = model.threshold_squared;
         Self { threshold_squared, at_zero: 2.0 * (-threshold_squared / 2.0).exp().ln_1p() }
+    }
+
+    /// (ρ(s), ρ'(s)).
+    pub fn evaluate_one(&self, s: f64) -> (f64, f64) {
+        let (cost, weight) = self.evaluate(Lanes::splat(s));
+        (cost.0[0], weight.0[0])
     }
 
     /// (ρ(s), ρ'(s)) of four keypoints.

@@ -68,8 +68,7 @@ fn placed(problem: &GroundProblem<'_>) -> Placed {
 
 /// Where the fit would be with one doubtful keypoint taken out or in, most promising first.
 fn starts(problem: &mut GroundProblem<'_>) -> Option<Vec<Placed>> {
-    let camera = problem.covariances()?.camera;
-    let joint = *problem.view_covariances(&camera).first()?;
+    let joint = problem.only_view_covariance()?;
     let own = joint.fixed_view::<CAMERA, CAMERA>(0, 0).into_owned();
     let threshold = problem.kernel.threshold_squared;
     let here = placed(problem);

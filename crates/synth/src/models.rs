@@ -86,8 +86,20 @@ pub(crate) fn move_off_atlas(
     for (point, sd) in keypoints_in_car.iter_mut().zip(&atlas.fine_residual_sd_m) {
         *point += factor * sd.map(|sd| sd * rng.normal());
     }
-    for mode in atlas.fine_modes.iter().filter(|_| factor > 0.0) {
-        let coefficient = factor * rng.normal();
+    if factor > 0.0 {
+        add_fine_modes(keypoints_in_car, atlas, factor, rng);
+    }
+}
+
+/// Adds each of the atlas' fine modes with a coefficient of this sd.
+pub fn add_fine_modes(
+    keypoints_in_car: &mut [Vector3<f64>; KEYPOINTS],
+    atlas: &ShapeAtlas,
+    sd: f64,
+    rng: &mut Rng,
+) {
+    for mode in &atlas.fine_modes {
+        let coefficient = sd * rng.normal();
         for (point, by) in keypoints_in_car.iter_mut().zip(mode) {
             *point += by * coefficient;
         }

@@ -38,6 +38,12 @@ impl GroundProblem<'_> {
         self.views.iter().zip(&self.poses).map(joint).collect()
     }
 
+    /// That of a problem of one view, the camera's own covariance counted.
+    pub fn only_view_covariance(&mut self) -> Option<Joint> {
+        let camera = self.covariances()?.camera;
+        self.view_covariances(&camera).pop()
+    }
+
     fn half_log_determinant_of(&self, linearisation: &Linearisation) -> Option<f64> {
         let mut sum = 0.0;
         for (group, block) in self.groups.iter().zip(&self.group_blocks) {
