@@ -9,11 +9,14 @@ use crate::marginal::{self, Valley};
 use crate::options::SceneOptions;
 
 /// Steps at most.
-const MAX_STEPS: usize = 30;
+const MAX_STEPS: usize = 100;
 /// Ever smaller steps that are tried.
 const MAX_TRIES: i32 = 6;
 /// The cost falls by less than this share: the minimum.
 const COST_TOLERANCE: f64 = 1e-9;
+
+/// Rounds of weighing cars and descending with the new weights.
+const ROUNDS_OF_TRUST: usize = 3;
 
 /// What all modes say of the camera.
 pub(crate) struct FineCamera {
@@ -41,6 +44,10 @@ pub(crate) fn camera_of_all_modes(
     descent.descend()?;
     descent.problem.whiten(&descent.here.state);
     descent.descend()?;
+    for _ in 0..ROUNDS_OF_TRUST {
+        descent.problem.weigh(&descent.here.at, options.car_freedom);
+        descent.descend()?;
+    }
     let covariance = descent.problem.covariance(&descent.here.eliminated)?;
     let shift = if options.marginal { marginal::change(&mut descent, &covariance) } else { None };
     Some(FineCamera {
@@ -143,19 +150,31 @@ pub(crate) mod tests {
 
     fn options() -> SceneOptions {
         let lm = LmOptions { cost_tolerance: 1e-13, ..LmOptions::default() };
-        SceneOptions { camera_prior: CameraPrior::none(), marginal: false, lm, ..SceneOptions::default() }
+        SceneOptions {
+            camera_prior: CameraPrior::none(),
+            car_freedom: f64::INFINITY,
+            marginal: false,
+            lm,
+            ..SceneOptions::default()
+        }
     }
 
     /// Cars of so many models of all modes, their coefficients of this sd, with noise of 0.3 % of their boxes.
     fn truth(atlas: &ShapeAtlas, seed: u64, shape_sd: f64, models: usize) -> SceneTruth {
+        truth_of(atlas, seed, models, |_| shape_sd)
+    }
+
+    /// The same with an sd for each model.
+    fn truth_of(atlas: &ShapeAtlas, seed: u64, models: usize, shape_sd: impl Fn(usize) -> f64) -> SceneTruth {
         let mut rng = Rng::new(seed);
-        let mut model = || {
+        let mut model = |number| {
+            let shape_sd = shape_sd(number);
             let shape = Shape::from_fn(|_, _| shape_sd * rng.normal());
             let mut keypoints_in_car = atlas.keypoints_in_car(&shape);
             add_fine_modes(&mut keypoints_in_car, atlas, shape_sd, &mut rng);
             CarModel { model: String::new(), weight: 1.0, keypoints_in_car }
         };
-        let models = (0..models).map(|_| model()).collect();
+        let models = (0..models).map(&mut model).collect();
         scene(atlas, &SynthOptions { models, noise: 0.003, ..SynthOptions::default() }, seed)
     }
 
@@ -240,5 +259,26 @@ pub(crate) mod tests {
             });
         }
         assert!(all < 0.7 * six, "{all} against {six}");
+    }
+
+    #[test]
+    fn a_few_cars_unlike_the_atlas_do_not_turn_the_camera() {
+        let atlas = ShapeAtlas::shipped().unwrap();
+        let (mut trusted, mut weighed) = (0.0, 0.0);
+        for seed in 0..60 {
+            let truth = truth_of(&atlas, seed, 40, |model| if model % 6 == 0 { 4.0 } else { 0.7 });
+            at(&atlas, &truth, &options(), 1, |atlas, problem, options| {
+                let true_camera = problem.state.camera;
+                minimise(problem, &options.lm);
+                let error = |car_freedom: f64| {
+                    let options = SceneOptions { car_freedom, ..*options };
+                    let found = camera_of_all_modes(atlas, problem, &options).unwrap();
+                    (found.camera[0] - true_camera[0]).abs()
+                };
+                trusted += error(f64::INFINITY);
+                weighed += error(4.0);
+            });
+        }
+        assert!(weighed < 0.9 * trusted, "{weighed} against {trusted}");
     }
 }

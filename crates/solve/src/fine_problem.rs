@@ -15,6 +15,7 @@ use crate::ground_residual::{CameraFrame, MIN_DEPTH_M, Standing, StandingFrame};
 use crate::kernel::PreparedKernel;
 use crate::observation::{Observation, whiten_seen};
 use crate::options::SceneOptions;
+use crate::trust::{CarFit, trust};
 
 const ALL_MODES: usize = MODES + FINE_MODES;
 const POSE: usize = 3;
@@ -71,12 +72,16 @@ pub(crate) struct FineProblem<'a> {
     scale: f64,
     /// Information on a fine coefficient beforehand.
     fine_information: f64,
+    /// Weight of each car's cost.
+    trust: Vec<f64>,
 }
 
 /// Cost and every view's normal equations at a state.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Linearisation {
     pub cost: f64,
+    /// What each car costs before it is weighed.
+    of_cars: Vec<f64>,
     grams: Vec<Gram>,
 }
 
@@ -105,7 +110,19 @@ impl<'a> FineProblem<'a> {
             knowledge: problem.knowledge,
             kernel: PreparedKernel::new(&problem.kernel),
             fine_information: options.shape_prior_weight / (scale * scale),
+            trust: vec![1.0; problem.groups.len()],
         }
+    }
+
+    /// Weighs the cars by how they fit at a state.
+    pub fn weigh(&mut self, at: &Linearisation, freedom: f64) {
+        let fit = |(group, cost): (&Group, &f64)| {
+            let observations = group.views.clone().flat_map(|k| self.views[k].observations.clone());
+            let weight: f64 = observations.map(|i| self.observations[i].weight).sum();
+            CarFit { squared: 2.0 * cost, numbers: 2.0 * weight }
+        };
+        let fits: Vec<CarFit> = self.groups.iter().zip(&at.of_cars).map(fit).collect();
+        self.trust = trust(&fits, freedom);
     }
 
     /// Whitens every keypoint with its measured covariance and what the fine modes leave unexplained, seen at a state.
@@ -125,12 +142,11 @@ impl<'a> FineProblem<'a> {
     /// `None` when a keypoint cannot be projected.
     pub fn linearise(&self, state: &FineState, into: &mut Linearisation) -> Option<()> {
         let camera = CameraFrame::new(&state.camera);
-        let mut cost =
-            0.5 * self.knowledge.gradient(&state.camera).dot(&(state.camera - self.knowledge.mean));
+        into.of_cars.clear();
         for (group, shape) in self.groups.iter().zip(&state.shapes) {
             let fine = shape.fixed_rows::<FINE_MODES>(MODES);
-            cost += group.prior.cost(&shape.fixed_rows::<MODES>(0).into_owned());
-            cost += 0.5 * self.fine_information * fine.norm_squared();
+            let coarse = group.prior.cost(&shape.fixed_rows::<MODES>(0).into_owned());
+            into.of_cars.push(coarse + 0.5 * self.fine_information * fine.norm_squared());
         }
         into.grams.clear();
         for (view, standing) in self.views.iter().zip(&state.standings) {
@@ -140,15 +156,17 @@ impl<'a> FineProblem<'a> {
                 let rows = self.rows(observation, &frame, &state.shapes[view.group])?;
                 let squared = rows[0][RESIDUAL].powi(2) + rows[1][RESIDUAL].powi(2);
                 let (loss, right) = self.kernel.evaluate_one(squared);
-                cost += 0.5 * observation.weight * loss;
+                into.of_cars[view.group] += 0.5 * observation.weight * loss;
                 for row in &rows {
                     gram.ger(observation.weight * right, row, row, 1.0);
                 }
             }
             into.grams.push(gram);
         }
-        into.cost = cost;
-        cost.is_finite().then_some(())
+        let camera = 0.5 * self.knowledge.gradient(&state.camera).dot(&(state.camera - self.knowledge.mean));
+        let cars = into.of_cars.iter().zip(&self.trust).map(|(cost, trust)| trust * cost);
+        into.cost = camera + cars.sum::<f64>();
+        into.cost.is_finite().then_some(())
     }
 
     /// Whitened rows of a keypoint, its weight not yet counted (`ground_residual.rs` has the model).
@@ -198,7 +216,7 @@ impl<'a> FineProblem<'a> {
         into.poses.clear();
         into.shapes.clear();
         into.half_log_determinant = 0.0;
-        for (group, shape) in self.groups.iter().zip(&state.shapes) {
+        for ((group, shape), trust) in self.groups.iter().zip(&state.shapes).zip(&self.trust) {
             let mut sum = ShapeGram::zeros();
             for gram in &at.grams[group.views.clone()] {
                 let own = gram.fixed_view::<POSE, POSE>(0, 0) + Matrix3::identity() * MIN_INFORMATION;
@@ -224,7 +242,7 @@ impl<'a> FineProblem<'a> {
             }
             let factor = own.cholesky()?;
             let rows = factor.solve(&rest);
-            camera += sum.fixed_view::<5, 5>(ALL_MODES, ALL_MODES) - rest.tr_mul(&rows);
+            camera += (sum.fixed_view::<5, 5>(ALL_MODES, ALL_MODES) - rest.tr_mul(&rows)) * *trust;
             into.half_log_determinant += factor.l_dirty().diagonal().map(f64::ln).sum();
             into.shapes.push(rows);
         }

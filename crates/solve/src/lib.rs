@@ -54,6 +54,7 @@ mod scene;
 mod setup;
 mod solution;
 mod standing_start;
+mod trust;
 mod up_consensus;
 mod weak_perspective;
 

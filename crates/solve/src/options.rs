@@ -123,6 +123,9 @@ pub struct SceneOptions {
     pub atlas_residual_scale: f64,
     /// Outlier model of keypoints.
     pub kernel: OutlierModel,
+    /// Degrees of freedom of the Student t of whole cars (`trust.rs`): the fewer, the less a car that fits worse than others says
+    /// of the camera. Infinite: every car has the full say. Needs `atlas_residual_scale`.
+    pub car_freedom: f64,
     /// Whether the camera is the most likely one with shapes and poses integrated out (Laplace's method), or that of the most
     /// likely scene, which is the exact one without noise but biased by a fraction of a sd with it (see `marginal.rs`).
     pub marginal: bool,
@@ -146,6 +149,7 @@ impl Default for SceneOptions {
             shape_prior_weight: 1.0,
             atlas_residual_scale: 1.0,
             kernel: OutlierModel::default(),
+            car_freedom: 4.0,
             marginal: true,
             lm: LmOptions::default(),
             min_inlier_share: 0.45,
