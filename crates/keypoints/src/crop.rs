@@ -12,13 +12,15 @@ const OUTSIDE: f32 = 0.5;
 /// The square of the frame that is resampled to [`CROP_PX`] × [`CROP_PX`].
 ///
 /// Crop pixel u ↔ frame `x = centre + ((u + 0.5) / CROP_PX − 0.5) · side`; pixel (0, 0) is the centre of the top-left
-/// pixel on both sides.
+/// pixel on both sides. A mirrored crop has its columns in reverse.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SquareCrop {
     /// Centre in the frame, px.
     pub centre_px: Vector2<f64>,
     /// Side in the frame, px.
     pub side_px: f64,
+    /// Left and right are exchanged.
+    pub mirrored: bool,
 }
 
 impl SquareCrop {
@@ -28,6 +30,7 @@ impl SquareCrop {
         Self {
             centre_px: Vector2::new((x0 + x1) / 2.0, (y0 + y1) / 2.0),
             side_px: context * (x1 - x0).max(y1 - y0).max(1.0),
+            mirrored: false,
         }
     }
 
@@ -41,13 +44,20 @@ impl SquareCrop {
     #[must_use]
     pub fn frame_from_crop(&self, crop_px: Vector2<f64>) -> Vector2<f64> {
         let half = CROP_PX as f64 / 2.0;
-        self.centre_px + (crop_px.add_scalar(0.5 - half)) * self.scale()
+        let mut from_centre = crop_px.add_scalar(0.5 - half);
+        if self.mirrored {
+            from_centre.x = -from_centre.x;
+        }
+        self.centre_px + from_centre * self.scale()
     }
 
     /// Resamples the crop into planes R, G, B of `CROP_PX²` values in 0–1 (`out.len() == 3 · CROP_PX²`): bilinear when
     /// enlarging, area average when shrinking.
     pub fn sample_into(&self, image: &RgbImage, out: &mut [f32]) {
-        let columns = Taps::new(self.centre_px.x, self.side_px, image.width());
+        let mut columns = Taps::new(self.centre_px.x, self.side_px, image.width());
+        if self.mirrored {
+            columns.of_pixel.reverse();
+        }
         let rows = Taps::new(self.centre_px.y, self.side_px, image.height());
         let stride = image.width() as usize * 3;
         let pixels = image.as_raw();
@@ -140,8 +150,8 @@ mod tests {
     #[test]
     fn a_ramp_is_reproduced_at_any_scale() {
         let image = ramp(250, 250);
-        for side_px in [20.0, 97.3, 128.0, 200.0] {
-            let crop = SquareCrop { centre_px: Vector2::new(120.3, 110.7), side_px };
+        for (side_px, mirrored) in [(20.0, false), (97.3, true), (128.0, false), (200.0, true)] {
+            let crop = SquareCrop { centre_px: Vector2::new(120.3, 110.7), side_px, mirrored };
             let out = sample(crop, &image);
             for (u, v) in [(10usize, 20usize), (64, 64), (100, 90)] {
                 let at = crop.frame_from_crop(Vector2::new(u as f64, v as f64));
@@ -154,10 +164,9 @@ mod tests {
 
     #[test]
     fn outside_the_frame_is_grey() {
-        let out = sample(SquareCrop { centre_px: Vector2::new(0.0, 0.0), side_px: 100.0 }, &ramp(250, 250));
+        let out = sample(SquareCrop::around([-50.0, -50.0, 50.0, 50.0], 1.0), &ramp(250, 250));
         assert!((out[0] - OUTSIDE).abs() < 1e-6);
-        let far =
-            sample(SquareCrop { centre_px: Vector2::new(-900.0, -900.0), side_px: 100.0 }, &ramp(250, 250));
+        let far = sample(SquareCrop::around([-950.0, -950.0, -850.0, -850.0], 1.0), &ramp(250, 250));
         assert!(far.iter().all(|v| (v - OUTSIDE).abs() < 1e-6));
     }
 }
