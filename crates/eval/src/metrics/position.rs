@@ -3,8 +3,16 @@
 use nalgebra::Vector2;
 use roadplane_base::Similarity;
 
-/// Lower edges of the distance bins, m; the last bin has no upper edge.
-pub const BIN_EDGES_M: [f64; 5] = [0.0, 20.0, 40.0, 60.0, 80.0];
+/// Distances that are looked at, m: from, up to. 30–50 m is what "at 40 m" means, and overlaps its neighbours.
+pub const RANGES_M: [[f64; 2]; 7] = [
+    [0.0, 20.0],
+    [20.0, 40.0],
+    [30.0, 50.0],
+    [40.0, 60.0],
+    [60.0, 80.0],
+    [80.0, f64::INFINITY],
+    [0.0, f64::INFINITY],
+];
 
 /// Error of an estimated position and where it happened.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -38,19 +46,13 @@ pub fn position_errors(places: &[(Option<Vector2<f64>>, Vector2<f64>)], cars: us
     places.iter().map(of).collect()
 }
 
-/// Bin of a distance (m, not negative).
+/// Name of a range: `20–40 m`, `≥ 80 m`, `all`.
 #[must_use]
-pub fn distance_bin(distance_m: f64) -> usize {
-    BIN_EDGES_M.iter().rposition(|edge| distance_m >= *edge).unwrap_or(0)
-}
-
-/// Name of a bin: `20–40 m`, `≥ 80 m`.
-#[must_use]
-pub fn bin_name(bin: usize) -> String {
-    match (BIN_EDGES_M.get(bin), BIN_EDGES_M.get(bin + 1)) {
-        (Some(low), Some(high)) => format!("{low:.0}–{high:.0} m"),
-        (Some(low), None) => format!("≥ {low:.0} m"),
-        (None, _) => String::new(),
+pub fn range_name([from_m, to_m]: [f64; 2]) -> String {
+    match (from_m, to_m) {
+        (0.0, f64::INFINITY) => "all".to_owned(),
+        (_, f64::INFINITY) => format!("≥ {from_m:.0} m"),
+        _ => format!("{from_m:.0}–{to_m:.0} m"),
     }
 }
 
@@ -59,15 +61,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn errors_and_bins() {
+    fn errors_and_ranges() {
         let places =
             [(Some(Vector2::new(3.3, 40.4)), Vector2::new(3.0, 40.0)), (None, Vector2::new(0.0, 30.0))];
         let errors = position_errors(&places, 2);
         assert!((errors[0].error_m - 0.5).abs() < 1e-9 && (errors[0].aligned_m - 0.5).abs() < 1e-9);
         assert!((errors[0].distance_m - 1609f64.sqrt()).abs() < 1e-9);
         assert!(errors[1].error_m.is_infinite() && errors[1].aligned_m.is_infinite());
-        assert_eq!([0.0, 19.99, 20.0, 79.0, 80.0, 500.0].map(distance_bin), [0, 0, 1, 3, 4, 4]);
-        assert_eq!((bin_name(1), bin_name(4)), ("20–40 m".to_owned(), "≥ 80 m".to_owned()));
+        let names = [RANGES_M[1], RANGES_M[5], RANGES_M[6]].map(range_name);
+        assert_eq!(names, ["20–40 m", "≥ 80 m", "all"]);
     }
 
     #[test]

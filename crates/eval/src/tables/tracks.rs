@@ -7,7 +7,7 @@ use crate::metrics::average_precision::{
 use crate::metrics::clear::Clear;
 use crate::metrics::hota::{Hota, HotaCounts};
 use crate::metrics::identity::Identity;
-use crate::metrics::position::{BIN_EDGES_M, PositionError, bin_name, distance_bin};
+use crate::metrics::position::{PositionError, RANGES_M, range_name};
 use crate::metrics::sequence::ZERO_DISTANCE_M;
 use crate::scoring::TrackScore;
 use crate::{Cell, Column, Mark, Plot, Table, bootstrap_scenes, median, quantile, share_within};
@@ -70,10 +70,8 @@ pub fn position_table(title: &str, systems: &[Scored<'_, PositionError>]) -> Tab
                 not below five cars).";
     let mut table = Table::new(title, note, columns);
     for (name, scenes) in systems {
-        for bin in 0..=BIN_EDGES_M.len() {
-            // The last row is of all distances.
-            let all = bin == BIN_EDGES_M.len();
-            let here = |e: &&PositionError| all || distance_bin(e.distance_m) == bin;
+        for range in RANGES_M {
+            let here = |e: &&PositionError| (range[0]..range[1]).contains(&e.distance_m);
             let chosen: Vec<Vec<PositionError>> =
                 scenes.iter().map(|scene| scene.iter().filter(here).copied().collect()).collect();
             let cars: usize = chosen.iter().map(Vec::len).sum();
@@ -82,7 +80,7 @@ pub fn position_table(title: &str, systems: &[Scored<'_, PositionError>]) -> Tab
             }
             table.rows.push(vec![
                 Cell::from(*name),
-                if all { "all".to_owned() } else { bin_name(bin) }.into(),
+                range_name(range).into(),
                 cars.to_string().into(),
                 cell(&chosen, |e| e.error_m, median, 1.0),
                 cell(&chosen, |e| e.error_m, |v| quantile(v, 0.9), 1.0),
