@@ -166,9 +166,9 @@ impl KeypointNet {
     }
 }
 
-/// Whether the net sees a frame's cars mirrored: about every second frame, whatever the stride, and not the first. A net errs
-/// otherwise on a mirrored car, so a car that stands is located better by the mean of both (median error 1.11 → 1.02 % of the
-/// box), at no cost.
+/// Whether the net sees a frame's cars mirrored: about every second frame, whatever the stride, and not the first. It errs
+/// differently on a mirrored car, so one that stands is located better by the mean of both (384 rendered crops: median error
+/// 1.11 → 1.02 % of the box), at no cost.
 fn is_mirrored(frame: u64) -> bool {
     // The top bit of multiples of the golden ratio (Fibonacci hashing, Knuth 6.4).
     frame.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 63 == 1
