@@ -166,12 +166,15 @@ impl KeypointNet {
     }
 }
 
-/// Whether the net sees a frame's cars mirrored: about every second frame, whatever the stride, and not the first. It errs
-/// differently on a mirrored car, so one that stands is located better by the mean of both (384 rendered crops: median error
-/// 1.11 → 1.02 % of the box), at no cost.
+/// Whether the net sees a frame's cars mirrored: every second frame by chance, whatever the stride, and not the first. It errs
+/// differently on a mirrored car, so one that stands is located better by the mean of many frames (mean of both on 384
+/// rendered crops: median error 1.11 → 1.02 % of the box), at no cost.
 fn is_mirrored(frame: u64) -> bool {
-    // The top bit of multiples of the golden ratio (Fibonacci hashing, Knuth 6.4).
-    frame.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 63 == 1
+    // The finaliser of MurmurHash3 (Appleby 2011): neighbours and multiples fall like coins.
+    let mut hash = frame;
+    hash = (hash ^ (hash >> 33)).wrapping_mul(0xff51_afd7_ed55_8ccd);
+    hash = (hash ^ (hash >> 33)).wrapping_mul(0xc4ce_b9fe_1a85_ec53);
+    (hash ^ (hash >> 33)) & 1 == 1
 }
 
 #[cfg(test)]
@@ -179,14 +182,14 @@ mod tests {
     use super::*;
     use roadplane_base::FrameStamp;
 
-    const MIRRORED: u64 = 1;
-
     #[test]
     fn half_of_the_frames_are_mirrored_at_any_stride() {
         assert!(!is_mirrored(0));
-        for stride in 1..=30 {
-            let mirrored = (0..200).filter(|n| is_mirrored(n * stride)).count();
-            assert!((60..=140).contains(&mirrored), "{stride}: {mirrored}");
+        for stride in 1..=150 {
+            for start in (0..400).step_by(40) {
+                let mirrored = (start..start + 40).filter(|n| is_mirrored(n * stride)).count();
+                assert!((6..=34).contains(&mirrored), "{stride}, {start}: {mirrored}");
+            }
         }
     }
 
@@ -206,10 +209,10 @@ mod tests {
             net.locate(&frame, &mut cars).unwrap();
             cars[0].keypoints.take().unwrap()
         };
-        assert!(is_mirrored(MIRRORED));
+        let mirrored_frame = (0..).find(|index| is_mirrored(*index)).unwrap();
         let mirrored_picture = image::imageops::flip_horizontal(&picture);
         let plain = keypoints(0, picture, [x0, y0, x1, y1]);
-        let mirrored = keypoints(MIRRORED, mirrored_picture, [last - x1, y0, last - x0, y1]);
+        let mirrored = keypoints(mirrored_frame, mirrored_picture, [last - x1, y0, last - x0, y1]);
         for (index, point) in plain.iter().enumerate() {
             let (point, other) = (point.unwrap(), mirrored[mirror_index(index)].unwrap());
             assert!((last - point.pixel.x - other.pixel.x).abs() < 1e-3, "{index}");

@@ -14,7 +14,6 @@ const MAX_STEPS: usize = 100;
 const MAX_TRIES: i32 = 6;
 /// The cost falls by less than this share: the minimum.
 const COST_TOLERANCE: f64 = 1e-9;
-
 /// Rounds of weighing cars and descending with the new weights.
 const ROUNDS_OF_TRUST: usize = 3;
 
@@ -28,8 +27,8 @@ pub(crate) struct FineCamera {
     pub covariance: Matrix4<f64>,
 }
 
-/// Goes on from the minimum of `problem`. `None` where nothing is unexplained, shapes have no prior, a car cannot be evaluated or
-/// no minimum is found.
+/// Goes on from the minimum of `problem`. `None` where nothing is unexplained, shapes have no prior, or a car
+/// cannot be evaluated.
 pub(crate) fn camera_of_all_modes(
     atlas: &ShapeAtlas,
     problem: &GroundProblem<'_>,
@@ -89,17 +88,17 @@ impl<'a> Descent<'a> {
         Self { problem, trial: here.clone(), here }
     }
 
-    /// To the minimum. `None` when a car cannot be evaluated or the steps are used up.
+    /// To the minimum, or as near as the steps lead. `None` when a car cannot be evaluated.
     fn descend(&mut self) -> Option<()> {
         self.here.linearise(&self.problem)?;
         self.here.eliminate(&self.problem)?;
         for _ in 0..MAX_STEPS {
             let before = self.here.at.cost;
             if !self.step()? || before - self.here.at.cost <= COST_TOLERANCE * before {
-                return Some(());
+                break;
             }
         }
-        None
+        Some(())
     }
 
     /// The largest of ever smaller steps that lowers the cost; false when none does.

@@ -15,7 +15,7 @@ use crate::ground_residual::{CameraFrame, MIN_DEPTH_M, Standing, StandingFrame};
 use crate::kernel::PreparedKernel;
 use crate::observation::{Observation, whiten_seen};
 use crate::options::SceneOptions;
-use crate::trust::{CarFit, trust};
+use crate::trust::{Misfit, trust};
 
 const ALL_MODES: usize = MODES + FINE_MODES;
 const POSE: usize = 3;
@@ -116,13 +116,13 @@ impl<'a> FineProblem<'a> {
 
     /// Weighs the cars by how they fit at a state.
     pub fn weigh(&mut self, at: &Linearisation, freedom: f64) {
-        let fit = |(group, cost): (&Group, &f64)| {
+        let misfit = |(group, cost): (&Group, &f64)| {
             let observations = group.views.clone().flat_map(|k| self.views[k].observations.clone());
             let weight: f64 = observations.map(|i| self.observations[i].weight).sum();
-            CarFit { squared: 2.0 * cost, numbers: 2.0 * weight }
+            Misfit { squared: 2.0 * cost, numbers: 2.0 * weight }
         };
-        let fits: Vec<CarFit> = self.groups.iter().zip(&at.of_cars).map(fit).collect();
-        self.trust = trust(&fits, freedom);
+        let misfits: Vec<Misfit> = self.groups.iter().zip(&at.of_cars).map(misfit).collect();
+        self.trust = trust(&misfits, freedom);
     }
 
     /// Whitens every keypoint with its measured covariance and what the fine modes leave unexplained, seen at a state.
@@ -243,6 +243,7 @@ impl<'a> FineProblem<'a> {
             let factor = own.cholesky()?;
             let rows = factor.solve(&rest);
             camera += (sum.fixed_view::<5, 5>(ALL_MODES, ALL_MODES) - rest.tr_mul(&rows)) * *trust;
+            // The weight would only add a constant.
             into.half_log_determinant += factor.l_dirty().diagonal().map(f64::ln).sum();
             into.shapes.push(rows);
         }

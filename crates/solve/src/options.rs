@@ -124,7 +124,8 @@ pub struct SceneOptions {
     /// Outlier model of keypoints.
     pub kernel: OutlierModel,
     /// Degrees of freedom of the Student t of whole cars (`trust.rs`): the fewer, the less a car that fits worse than others says
-    /// of the camera. Infinite: every car has the full say. Needs `atlas_residual_scale`.
+    /// of the camera. Not finite or not above 0: every car has the full say. Belongs to the steps with the fine modes, which
+    /// `atlas_residual_scale` and `shape_prior_weight` above 0 switch on.
     pub car_freedom: f64,
     /// Whether the camera is the most likely one with shapes and poses integrated out (Laplace's method), or that of the most
     /// likely scene, which is the exact one without noise but biased by a fraction of a sd with it (see `marginal.rs`).

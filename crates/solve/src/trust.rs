@@ -2,52 +2,52 @@
 //!
 //! The atlas knows most cars well and some hardly. A car that it does not know still looks like some car, of another size or
 //! seen from another height, and a few of them can turn the camera. What tells them is that they fit worse than the others of
-//! the picture. So the keypoints and the shape of a car are not taken for normal but for Student-t distributed as one vector:
-//! normal, with a variance factor of its own, to be found with everything else (Lange, Little and Taylor 1989, J. Am. Stat.
-//! Assoc. 84). For a car of n measured numbers and squared distance d² this is the normal problem with its cost times
+//! the picture. So the keypoints and the shape of a car are taken for Student-t distributed as one vector: normal, with a
+//! variance factor of its own. Reweighted by turns (as in Lange, Little and Taylor 1989, J. Am. Stat. Assoc. 84) this is the
+//! normal problem with the cost of a car, of n measured numbers and squared distance d², times
 //!
 //! ```text
-//! w = (ν + n) / (ν + d²)
+//! w = (ν + n) / (ν + n q)        q = (d²/n + ε) / (min(median d²/n, 1) + ε)
 //! ```
 //!
-//! The sds of a picture's keypoints may all be too wide; so d²/n is counted in units of the picture's median. Where that is
-//! above 1, all its cars count less.
+//! The sds of a picture's keypoints may all be too wide, so a car is compared with the picture's median; where that is above
+//! 1, all cars count less. Only what the cars say of the camera is weighed: the sds of a car's own pose and shape are given the
+//! camera and as its keypoints claim.
 
-/// Added to every d²/n: how much better than this a car fits says nothing of it.
-const EXACT: f64 = 0.05;
+/// ε: differences between fits much closer than this are not counted.
+const CLOSE: f64 = 0.05;
 
 /// How well a car fits.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct CarFit {
+pub(crate) struct Misfit {
     /// d²: squared whitened residuals and shape coefficients, robust.
     pub squared: f64,
     /// n: measured numbers, two a keypoint, by the keypoint's weight.
     pub numbers: f64,
 }
 
-/// The weight of each car; 1 where `freedom` (ν) is infinite.
-pub(crate) fn trust(cars: &[CarFit], freedom: f64) -> Vec<f64> {
-    if freedom.is_infinite() || cars.is_empty() {
+/// The weight of each car; 1 unless `freedom` (ν) is finite and above 0.
+pub(crate) fn trust(cars: &[Misfit], freedom: f64) -> Vec<f64> {
+    if cars.is_empty() || !(freedom.is_finite() && freedom > 0.0) {
         return vec![1.0; cars.len()];
     }
-    let ratio = |car: &CarFit| car.squared / car.numbers.max(1.0);
-    let mut ratios: Vec<f64> = cars.iter().map(ratio).collect();
-    ratios.sort_by(f64::total_cmp);
-    let median = (ratios[(ratios.len() - 1) / 2] + ratios[ratios.len() / 2]) / 2.0;
-    let unit = median.min(1.0) + EXACT;
-    let weight = |car: &CarFit| {
-        let squared = car.numbers * (ratio(car) + EXACT) / unit;
-        (freedom + car.numbers) / (freedom + squared)
+    let ratios: Vec<f64> = cars.iter().map(|car| car.squared / car.numbers.max(1.0)).collect();
+    let mut sorted = ratios.clone();
+    sorted.sort_by(f64::total_cmp);
+    let median = (sorted[(sorted.len() - 1) / 2] + sorted[sorted.len() / 2]) / 2.0;
+    let unit = median.min(1.0) + CLOSE;
+    let weight = |(car, ratio): (&Misfit, &f64)| {
+        (freedom + car.numbers) / (freedom + car.numbers * (ratio + CLOSE) / unit)
     };
-    cars.iter().map(weight).collect()
+    cars.iter().zip(&ratios).map(weight).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn cars(squared: &[f64]) -> Vec<CarFit> {
-        squared.iter().map(|squared| CarFit { squared: *squared, numbers: 40.0 }).collect()
+    fn cars(squared: &[f64]) -> Vec<Misfit> {
+        squared.iter().map(|squared| Misfit { squared: *squared, numbers: 40.0 }).collect()
     }
 
     #[test]
@@ -79,7 +79,7 @@ mod tests {
         for weight in trust(&cars(&[0.0, 0.1, 1e-300]), 4.0) {
             assert!((weight - 1.0).abs() < 0.05);
         }
-        let none = CarFit { squared: 0.0, numbers: 0.0 };
+        let none = Misfit { squared: 0.0, numbers: 0.0 };
         assert_eq!(trust(&[none], 4.0), [1.0]);
     }
 }

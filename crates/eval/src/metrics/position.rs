@@ -46,6 +46,12 @@ pub fn position_errors(places: &[(Option<Vector2<f64>>, Vector2<f64>)], cars: us
     places.iter().map(of).collect()
 }
 
+/// Whether a distance (m) lies in a range.
+#[must_use]
+pub fn in_range([from_m, to_m]: [f64; 2], distance_m: f64) -> bool {
+    (from_m..to_m).contains(&distance_m)
+}
+
 /// Name of a range: `20–40 m`, `≥ 80 m`, `all`.
 #[must_use]
 pub fn range_name([from_m, to_m]: [f64; 2]) -> String {
@@ -68,6 +74,12 @@ mod tests {
         assert!((errors[0].error_m - 0.5).abs() < 1e-9 && (errors[0].aligned_m - 0.5).abs() < 1e-9);
         assert!((errors[0].distance_m - 1609f64.sqrt()).abs() < 1e-9);
         assert!(errors[1].error_m.is_infinite() && errors[1].aligned_m.is_infinite());
+        let ranges_of = |distance_m| RANGES_M.iter().filter(|range| in_range(**range, distance_m)).count();
+        assert_eq!(
+            [0.0, 19.99, 20.0, 30.0, 49.9, 50.0, 80.0, 500.0].map(ranges_of),
+            [2, 2, 2, 3, 3, 2, 2, 2]
+        );
+        assert!(in_range(RANGES_M[1], 20.0) && !in_range(RANGES_M[0], 20.0));
         let names = [RANGES_M[1], RANGES_M[5], RANGES_M[6]].map(range_name);
         assert_eq!(names, ["20–40 m", "≥ 80 m", "all"]);
     }
