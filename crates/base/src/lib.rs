@@ -21,6 +21,7 @@ mod keypoint;
 mod plane;
 mod pose;
 mod records;
+mod robust;
 mod similarity;
 
 pub use activity::Activity;
@@ -36,4 +37,5 @@ pub use records::{
     CameraEstimate, CameraStatus, CarRecord, FrameRecord, PoseRecord, RecordError, TrackRow, VehicleClass,
     rows_from_isometry,
 };
+pub use robust::{median, weighted_median};
 pub use similarity::Similarity;

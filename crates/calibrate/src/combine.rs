@@ -11,9 +11,7 @@
 //! frame to the next. `r` above 1 says that C was too small, and widens it.
 
 use nalgebra::{Matrix2, Vector2};
-use roadplane_base::{KEYPOINTS, Keypoint, KeypointSet};
-
-use crate::robust::median;
+use roadplane_base::{KEYPOINTS, Keypoint, KeypointSet, median};
 
 /// One set out of many.
 #[derive(Clone, Debug)]

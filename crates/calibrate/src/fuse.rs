@@ -13,12 +13,11 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::{Matrix4, Vector2, Vector4};
-use roadplane_base::{CameraEstimate, CameraParams, CameraStatus, ImageSize};
+use roadplane_base::{CameraEstimate, CameraParams, CameraStatus, ImageSize, weighted_median};
 
 use crate::{
     LinkId, SegmentStart,
     nodes::{Node, Step, smooth},
-    robust::weighted_median,
 };
 
 /// A car that a window's estimate rests on.

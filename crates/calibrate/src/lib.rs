@@ -20,7 +20,6 @@ mod fuse;
 mod linker;
 mod moves;
 mod nodes;
-mod robust;
 mod select;
 mod stretch;
 

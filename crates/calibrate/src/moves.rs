@@ -2,9 +2,7 @@
 //! what a turn or zoom does to distant ones).
 
 use nalgebra::Vector2;
-use roadplane_base::{FrameRecord, Similarity, bbox_centre};
-
-use crate::robust::median;
+use roadplane_base::{FrameRecord, Similarity, bbox_centre, median};
 
 /// How a stretch of time with one camera position began.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,8 +1,8 @@
 //! What was seen of one car while it stayed about where it was.
 
-use roadplane_base::{CarRecord, KeypointSet, bbox_centre};
+use roadplane_base::{CarRecord, KeypointSet, bbox_centre, median};
 
-use crate::{combine, robust::median};
+use crate::combine;
 
 /// One look at the car.
 #[derive(Clone, Debug)]

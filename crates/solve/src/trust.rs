@@ -14,6 +14,8 @@
 //! 1, all cars count less. Only what the cars say of the camera is weighed: the sds of a car's own pose and shape are given the
 //! camera and as its keypoints claim.
 
+use roadplane_base::median;
+
 /// ε: differences between fits much closer than this are not counted.
 const CLOSE: f64 = 0.05;
 
@@ -28,14 +30,11 @@ pub(crate) struct Misfit {
 
 /// The weight of each car; 1 unless `freedom` (ν) is finite and above 0.
 pub(crate) fn trust(cars: &[Misfit], freedom: f64) -> Vec<f64> {
-    if cars.is_empty() || !(freedom.is_finite() && freedom > 0.0) {
+    if !(freedom.is_finite() && freedom > 0.0) {
         return vec![1.0; cars.len()];
     }
     let ratios: Vec<f64> = cars.iter().map(|car| car.squared / car.numbers.max(1.0)).collect();
-    let mut sorted = ratios.clone();
-    sorted.sort_by(f64::total_cmp);
-    let median = (sorted[(sorted.len() - 1) / 2] + sorted[sorted.len() / 2]) / 2.0;
-    let unit = median.min(1.0) + CLOSE;
+    let unit = median(&mut ratios.clone()).unwrap_or(1.0).min(1.0) + CLOSE;
     let weight = |(car, ratio): (&Misfit, &f64)| {
         (freedom + car.numbers) / (freedom + car.numbers * (ratio + CLOSE) / unit)
     };

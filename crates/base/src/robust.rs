@@ -1,14 +1,16 @@
 //! Medians.
 
 /// Median of finite numbers; `None` of none. Sorts its input.
-pub(crate) fn median(values: &mut [f64]) -> Option<f64> {
+#[must_use]
+pub fn median(values: &mut [f64]) -> Option<f64> {
     values.sort_by(f64::total_cmp);
     let n = values.len();
     (n > 0).then(|| 0.5 * (values[(n - 1) / 2] + values[n / 2]))
 }
 
 /// Value below which half of the weight lies; `None` without positive weight. Sorts its input of (value, weight).
-pub(crate) fn weighted_median(values: &mut [(f64, f64)]) -> Option<f64> {
+#[must_use]
+pub fn weighted_median(values: &mut [(f64, f64)]) -> Option<f64> {
     values.sort_by(|a, b| a.0.total_cmp(&b.0));
     let half = values.iter().map(|v| v.1).sum::<f64>() / 2.0;
     let mut below = 0.0;
