@@ -1,7 +1,7 @@
 //! The square crop that the net sees, and the way back from its pixels to the frame's.
 
 use image::RgbImage;
-use nalgebra::Vector2;
+use nalgebra::{Matrix2, Vector2};
 
 /// Side of the net's input, px.
 pub const CROP_PX: usize = 128;
@@ -49,6 +49,16 @@ impl SquareCrop {
             from_centre.x = -from_centre.x;
         }
         self.centre_px + from_centre * self.scale()
+    }
+
+    /// Covariance in the frame (px²) of one in the crop.
+    #[must_use]
+    pub fn covariance_in_frame(&self, mut crop_px2: Matrix2<f64>) -> Matrix2<f64> {
+        if self.mirrored {
+            crop_px2[(0, 1)] = -crop_px2[(0, 1)];
+            crop_px2[(1, 0)] = -crop_px2[(1, 0)];
+        }
+        crop_px2 * (self.scale() * self.scale())
     }
 
     /// Resamples the crop into planes R, G, B of `CROP_PX²` values in 0–1 (`out.len() == 3 · CROP_PX²`): bilinear when

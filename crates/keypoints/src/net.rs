@@ -114,8 +114,8 @@ impl KeypointNet {
             car.class == VehicleClass::Car && car.longer_side_px() >= self.options.min_box_px
         };
         let mut cars: Vec<&mut CarRecord> = cars.iter_mut().filter(fits).collect();
+        let mirrored = is_mirrored(frame.stamp.index);
         for batch in cars.chunks_mut(self.options.batch.max(1)) {
-            let mirrored = is_mirrored(frame.stamp.index);
             let crop = |car: &&mut CarRecord| SquareCrop {
                 mirrored,
                 ..SquareCrop::around(car.bbox_px, self.context)
@@ -151,15 +151,11 @@ impl KeypointNet {
         for (index, slot) in set.iter_mut().enumerate() {
             let point = if crop.mirrored { mirror_index(index) } else { index };
             let logits = heatmaps.slice(s![car, point, .., ..]);
-            let mut peak = self.decoder.decode(logits.as_slice()?)?;
-            if crop.mirrored {
-                peak.covariance[(0, 1)] = -peak.covariance[(0, 1)];
-                peak.covariance[(1, 0)] = -peak.covariance[(1, 0)];
-            }
+            let peak = self.decoder.decode(logits.as_slice()?)?;
             *slot = Some(Keypoint {
                 pixel: crop.frame_from_crop(peak.crop_px),
                 score: f64::from(*visibility.get([car, point])?).clamp(0.0, 1.0),
-                covariance_px2: peak.covariance * (crop.scale() * crop.scale()),
+                covariance_px2: crop.covariance_in_frame(peak.covariance),
             });
         }
         Some(set)
