@@ -77,7 +77,7 @@ def population_in_traffic(split: str, variants: int = 8, seed: int = 7) -> Popul
     return Population(*(np.array(column) for column in zip(*rows)))
 
 
-def _half(population: Population) -> np.ndarray:
+def as_rows(population: Population) -> np.ndarray:
     """Symmetrised left half and dims as rows (n, 57); what is missing on one side is taken from the other."""
     mirrored = population.keypoints[:, MIRROR] * MIRROR_SIGN
     both = np.stack([population.keypoints[:, :18], mirrored[:, :18]])
@@ -129,8 +129,8 @@ def left_out_residuals(rows: np.ndarray, population: Population) -> tuple[np.nda
 
 def foreign_residuals(basis: Basis, foreign: Population) -> np.ndarray:
     """Weighted RMS residuals (57,) of cars that the basis was not built on."""
-    rows = _half(foreign)
-    return _weighted_rms(np.array([project(basis, row)[1] for row in rows]), foreign.weights)
+    rows = as_rows(foreign)
+    return weighted_rms(np.array([project(basis, row)[1] for row in rows]), foreign.weights)
 
 
 def foreign_json(foreign: Population) -> dict:
@@ -154,7 +154,8 @@ def coefficient_bounds(basis: Basis, rows: np.ndarray) -> np.ndarray:
     return np.stack([low - 0.25, high + 0.25], axis=1)
 
 
-def _weighted_rms(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
+def weighted_rms(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Over the first axis, of what is not NaN."""
     seen = np.isfinite(values)
     w = weights.reshape(-1, *[1] * (values.ndim - 1)) * seen
     return np.sqrt(np.nansum(w * np.where(seen, values, 0) ** 2, 0) / np.maximum(w.sum(0), 1e-12))
@@ -260,11 +261,11 @@ def main() -> None:
     arguments = parser.parse_args()
 
     population, foreign = population_in_traffic("train"), population_in_traffic("eval")
-    rows = _half(population)
+    rows = as_rows(population)
     basis = orient(fit(rows, population.weights))
     bounds = coefficient_bounds(basis, rows)
     residual_sd, fine_residual_sd = (
-        _weighted_rms(residuals, population.weights) for residuals in left_out_residuals(rows, population)
+        weighted_rms(residuals, population.weights) for residuals in left_out_residuals(rows, population)
     )
     note = (
         f"Mean, six principal components and six finer ones, {len(rows)} cars of "
