@@ -240,8 +240,8 @@ mod tests {
             let worst = solved.poses.iter().map(|pose| pose.add).fold(0.0, f64::max);
             let turned = solved.poses.iter().map(|pose| pose.rotation_rad).fold(0.0, f64::max);
             // Keypoints that claim a noise, and cars that six modes span exactly: an estimate that reckons with more freedom is
-            // off by a little (with the plane 0.06 d, alone below 0.05 d).
-            assert!(worst < 0.08 && turned < 0.01, "{}: {worst} d, {turned} rad", system.name());
+            // off by a little (focal estimated 0.09 d, else below 0.07 d).
+            assert!(worst < 0.1 && turned < 0.01, "{}: {worst} d, {turned} rad", system.name());
             assert!(solved.focal.is_none_or(|error| error < 0.02), "{:?}", solved.focal);
         }
     }

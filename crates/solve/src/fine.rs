@@ -139,6 +139,7 @@ impl Valley for Descent<'_> {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
+    use crate::fine_problem::SHARED;
     use crate::ground_residual::{CameraFrame, PointModes, Standing};
     use crate::lm::{LmOptions, minimise};
     use crate::options::CameraPrior;
@@ -217,7 +218,7 @@ pub(crate) mod tests {
         let shipped = ShapeAtlas::shipped().unwrap();
         let mut atlas = shipped.clone();
         atlas.fine_modes = [atlas.mean.map(|_| nalgebra::Vector3::zeros()); FINE_MODES];
-        atlas.fine_residual_sd_m = atlas.residual_sd_m;
+        atlas.fine_residual_sd_m = atlas.residual_sd_m.map(|sd| sd / SHARED);
         for seed in 0..6 {
             // Small coefficients stay within bounds, which only the problem of six modes has.
             // Every other scene has cars all alike, two of which are taken for views of one.

@@ -24,7 +24,7 @@ const RESIDUAL: usize = CAMERA + 4;
 
 /// Factor on the sd of what the modes leave unexplained of a keypoint: a car is off by the same on both sides and in all its
 /// views, while keypoints are taken for independent. Measured on cars of makes that the atlas had been built without.
-const SHARED: f64 = std::f64::consts::SQRT_2;
+pub(crate) const SHARED: f64 = std::f64::consts::SQRT_2;
 
 /// Derivatives by (pose, shape, camera) and residual.
 type Row = SVector<f64, { RESIDUAL + 1 }>;

@@ -63,6 +63,14 @@ class Scene:
         self.light.exposure = float(-np.log(1 - key) / 1.2 / middle)
 
 
+def sample_elevation(rng: np.random.Generator) -> float:
+    """Angle below the horizon at which the camera sees the car, rad: as often a far car as a near one, some steeply."""
+    kind = rng.random()
+    if kind < 0.45:
+        return float(np.radians(np.exp(rng.uniform(np.log(0.8), np.log(20)))))
+    return float(np.radians(rng.uniform(2.5, 50) if kind < 0.94 else rng.uniform(50, 68)))
+
+
 def sample_view(rng: np.random.Generator, near_edge: bool) -> tuple[Camera, np.ndarray, float]:
     """A camera, the ground point of its target, and the wanted size of the car in the frame (px)."""
     while True:
@@ -71,7 +79,7 @@ def sample_view(rng: np.random.Generator, near_edge: bool) -> tuple[Camera, np.n
         car_px = np.exp(rng.normal(np.log(84), 0.62)) if rng.random() < 0.8 else np.exp(rng.uniform(np.log(24), np.log(500)))
         if not 24 <= car_px <= 500:
             continue
-        below = np.radians(rng.uniform(2.5, 50) if rng.random() < 0.9 else rng.uniform(50, 68))
+        below = sample_elevation(rng)
         distance = focal * 3.9 / car_px
         height = distance * np.sin(below)
         if not 2.5 < height < 32:
