@@ -64,7 +64,7 @@ class Scene:
 
 
 def sample_elevation(rng: np.random.Generator) -> float:
-    """Angle below the horizon at which the camera sees the car, rad: as often a far car as a near one, some steeply."""
+    """Angle below the horizon at which the camera sees the car, rad: far cars, seen from low down, nearly as often as others."""
     kind = rng.random()
     if kind < 0.45:
         return float(np.radians(np.exp(rng.uniform(np.log(0.8), np.log(20)))))
