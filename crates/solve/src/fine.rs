@@ -40,11 +40,14 @@ pub(crate) fn camera_of_all_modes(
     }
     let mut descent = Descent::new(FineProblem::new(atlas, problem, options), FineState::of(problem));
     // First with the wider sd of before, so that no keypoint that the fine modes explain is taken for wrong.
+    descent.here.linearise(&descent.problem)?;
     descent.descend()?;
     descent.problem.whiten(&descent.here.state);
+    descent.here.linearise(&descent.problem)?;
     descent.descend()?;
     for _ in 0..ROUNDS_OF_TRUST {
-        descent.problem.weigh(&descent.here.at, options.car_freedom);
+        // What was linearised stays as it is but for the cost.
+        descent.problem.weigh(&mut descent.here.at, &descent.here.state, options.car_freedom);
         descent.descend()?;
     }
     let covariance = descent.problem.covariance(&descent.here.eliminated)?;
@@ -88,9 +91,8 @@ impl<'a> Descent<'a> {
         Self { problem, trial: here.clone(), here }
     }
 
-    /// To the minimum, or as near as the steps lead. `None` when a car cannot be evaluated.
+    /// From what is linearised to the minimum, or as near as the steps lead. `None` when a car cannot be evaluated.
     fn descend(&mut self) -> Option<()> {
-        self.here.linearise(&self.problem)?;
         self.here.eliminate(&self.problem)?;
         for _ in 0..MAX_STEPS {
             let before = self.here.at.cost;

@@ -72,7 +72,7 @@ pub(crate) struct FineProblem<'a> {
     observations: Vec<Observation>,
     knowledge: CameraKnowledge,
     kernel: PreparedKernel,
-    /// Factor on what is unexplained.
+    /// Factor on the sd of what is unexplained.
     scale: f64,
     /// Information on a fine coefficient beforehand.
     fine_information: f64,
@@ -110,7 +110,7 @@ impl<'a> FineProblem<'a> {
             views: &problem.views,
             groups: &problem.groups,
             observations: problem.observations.clone(),
-            scale,
+            scale: SHARED * scale,
             knowledge: problem.knowledge,
             kernel: PreparedKernel::new(&problem.kernel),
             fine_information: options.shape_prior_weight / (scale * scale),
@@ -118,8 +118,8 @@ impl<'a> FineProblem<'a> {
         }
     }
 
-    /// Weighs the cars by how they fit at a state.
-    pub fn weigh(&mut self, at: &Linearisation, freedom: f64) {
+    /// Weighs the cars by how they fit at a state, whose cost becomes that of the new weights.
+    pub fn weigh(&mut self, at: &mut Linearisation, state: &FineState, freedom: f64) {
         let misfit = |(group, cost): (&Group, &f64)| {
             let observations = group.views.clone().flat_map(|k| self.views[k].observations.clone());
             let weight: f64 = observations.map(|i| self.observations[i].weight).sum();
@@ -127,6 +127,13 @@ impl<'a> FineProblem<'a> {
         };
         let misfits: Vec<Misfit> = self.groups.iter().zip(&at.of_cars).map(misfit).collect();
         self.trust = trust(&misfits, freedom);
+        at.cost = self.cost(at, state);
+    }
+
+    /// Of the camera and the weighed cars.
+    fn cost(&self, at: &Linearisation, state: &FineState) -> f64 {
+        let camera = 0.5 * self.knowledge.gradient(&state.camera).dot(&(state.camera - self.knowledge.mean));
+        camera + at.of_cars.iter().zip(&self.trust).map(|(cost, trust)| trust * cost).sum::<f64>()
     }
 
     /// Whitens every keypoint with its measured covariance and what the fine modes leave unexplained, seen at a state.
@@ -135,8 +142,7 @@ impl<'a> FineProblem<'a> {
         for (view, standing) in self.views.iter().zip(&state.standings) {
             let Some(frame) = StandingFrame::new(&camera, standing) else { continue };
             let seen = &mut self.observations[view.observations.clone()];
-            let scale = SHARED * self.scale;
-            whiten_seen(seen, &frame, self.atlas, &self.atlas.fine_residual_sd_m, scale, 0.0);
+            whiten_seen(seen, &frame, self.atlas, &self.atlas.fine_residual_sd_m, self.scale, 0.0);
         }
     }
 
@@ -168,9 +174,7 @@ impl<'a> FineProblem<'a> {
             }
             into.grams.push(gram);
         }
-        let camera = 0.5 * self.knowledge.gradient(&state.camera).dot(&(state.camera - self.knowledge.mean));
-        let cars = into.of_cars.iter().zip(&self.trust).map(|(cost, trust)| trust * cost);
-        into.cost = camera + cars.sum::<f64>();
+        into.cost = self.cost(into, state);
         into.cost.is_finite().then_some(())
     }
 

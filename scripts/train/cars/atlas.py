@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -116,13 +117,18 @@ def orient(basis: Basis) -> Basis:
     return replace(basis, modes=basis.modes * sign[:, None])
 
 
+def leave_out(rows: np.ndarray, population: Population) -> Iterator[tuple[np.ndarray, Basis]]:
+    """Rows of every base model in turn, and the basis of all the others."""
+    for model in np.unique(population.models):
+        out = population.models == model
+        yield np.flatnonzero(out), fit(rows[~out], population.weights[~out], iterations=8)
+
+
 def left_out_residuals(rows: np.ndarray, population: Population) -> tuple[np.ndarray, np.ndarray]:
     """Residuals (n, 57) of every base model against the basis of all the others: without and with its fine modes."""
     without, fine = np.full_like(rows, np.nan), np.full_like(rows, np.nan)
-    for model in np.unique(population.models):
-        out = population.models == model
-        basis = fit(rows[~out], population.weights[~out], iterations=8)
-        for i in np.flatnonzero(out):
+    for out, basis in leave_out(rows, population):
+        for i in out:
             without[i], fine[i] = project(basis, rows[i])[1], project(basis, rows[i], fine=True)[1]
     return without, fine
 

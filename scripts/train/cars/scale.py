@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from .atlas import as_rows, fit, left_out_residuals, population_in_traffic, weighted_rms
+from .atlas import Basis, as_rows, fit, leave_out, left_out_residuals, population_in_traffic, weighted_rms
 
 CARS_IN_SCENE = (5, 10, 15, 20, 30, 40)
 SCENES = 4000
@@ -60,10 +60,9 @@ def estimate(measured: np.ndarray, mean: np.ndarray, modes: np.ndarray, residual
     return Estimate(best, max(curvature, 1.0), float(off @ off), len(y))
 
 
-def estimates_of(cars: np.ndarray, known: np.ndarray, weights: np.ndarray, residual_sd: np.ndarray) -> list[Estimate]:
-    """Of cars in rows of 54 coordinates or more, by the shape model of the `known` ones."""
+def estimates_of(cars: np.ndarray, basis: Basis, residual_sd: np.ndarray) -> list[Estimate]:
+    """Of cars in rows of 54 coordinates or more."""
     rng = np.random.default_rng(5)
-    basis = fit(known, weights, iterations=8)
     modes = np.concatenate([basis.modes, basis.fine_modes])[:, :54]
     noisy = cars[:, :54] + rng.normal(0, NOISE_M, (len(cars), 54))
     return [estimate(car, basis.mean[:54], modes, residual_sd) for car in noisy]
@@ -113,18 +112,18 @@ def main() -> None:
     rows = as_rows(known)
     residual_sd = weighted_rms(left_out_residuals(rows, known)[1], known.weights)[:54]
     left_out, shares = [], []
-    for model in np.unique(known.models):
-        out = known.models == model
-        left_out.append(estimates_of(rows[out], rows[~out], known.weights[~out], residual_sd))
+    for out, basis in leave_out(rows, known):
+        left_out.append(estimates_of(rows[out], basis, residual_sd))
         shares.append(known.weights[out].sum())
     report("models left out in turn", left_out, np.array(shares))
+    basis = fit(rows, known.weights, iterations=8)
     models = np.unique(foreign.models)
-    cars = estimates_of(as_rows(foreign), rows, known.weights, residual_sd)
+    cars = estimates_of(as_rows(foreign), basis, residual_sd)
     of_model = [[cars[i] for i in np.flatnonzero(foreign.models == model)] for model in models]
     report("eval split", of_model, np.array([foreign.weights[foreign.models == model].sum() for model in models]))
     errors = []
     for clip, cars in cars_of_clips(options.dataset).items() if options.dataset else ():
-        errors.append(scene_error(estimates_of(cars, rows, known.weights, residual_sd)))
+        errors.append(scene_error(estimates_of(cars, basis, residual_sd)))
         print(f"{clip}: {len(cars)} cars, scale {100 * errors[-1]:+.2f} %")
     if errors:
         print(f"median {100 * np.median(np.abs(errors)):.2f} %, {40 * np.median(np.abs(errors)):.2f} m of 40 m")
