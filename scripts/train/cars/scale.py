@@ -90,7 +90,7 @@ def report(title: str, models: list[list[Estimate]], shares: np.ndarray) -> None
     """Prints the errors of single cars and of scenes of cars drawn by their shares of traffic."""
     rng = np.random.default_rng(6)
     every = np.array([[car.log_scale, car.information**-0.5] for cars in models for car in cars])
-    weights = np.repeat(shares, [len(cars) for cars in models])
+    weights = np.concatenate([np.full(len(cars), share / len(cars)) for cars, share in zip(models, shares)])
     error, believed = 100 * np.sqrt(np.average(every**2, axis=0, weights=weights))
     print(f"{title}: one car {error:.1f} % rms, {believed:.1f} % as the shape model believes")
     print("  cars  rms     median  40 m away")
