@@ -1,6 +1,6 @@
 //! The statistical shape atlas: `X = X̄ + Σ_j λ_j V_j` (paper §3.1), metric, in the car frame.
 
-use nalgebra::{SVector, Vector3};
+use nalgebra::{SMatrix, SVector, Vector3};
 use serde::Deserialize;
 use thiserror::Error;
 
@@ -12,11 +12,17 @@ pub const MODES: usize = 6;
 /// Number of further modes.
 pub const FINE_MODES: usize = 6;
 
+/// Number of all modes.
+pub const ALL_MODES: usize = MODES + FINE_MODES;
+
 /// Shape coefficients λ, in standard deviations of the car population: prior N(0, I).
 pub type Shape = SVector<f64, MODES>;
 
+/// Coefficients of all modes, the fine ones last, in the same unit.
+pub type FullShape = SVector<f64, ALL_MODES>;
+
 /// The atlas file's schema that this code reads.
-pub const ATLAS_SCHEMA: &str = "roadplane.atlas/2";
+pub const ATLAS_SCHEMA: &str = "roadplane.atlas/3";
 
 /// What is wrong with an atlas file.
 #[derive(Debug, Error)]
@@ -30,6 +36,19 @@ pub enum AtlasError {
         /// What is unsuitable.
         what: String,
     },
+}
+
+/// Sedans, vans …: traffic is their mixture, and each varies less than all together.
+#[derive(Clone, Debug)]
+pub struct BodyType {
+    /// Its name.
+    pub name: String,
+    /// Share of traffic.
+    pub share: f64,
+    /// Mean coefficients.
+    pub mean: FullShape,
+    /// Their covariance, positive definite.
+    pub covariance: SMatrix<f64, ALL_MODES, ALL_MODES>,
 }
 
 /// Mean car and its modes of variation, car frame, metres.
@@ -53,6 +72,16 @@ pub struct ShapeAtlas {
     pub fine_modes: [[Vector3<f64>; KEYPOINTS]; FINE_MODES],
     /// What these leave unexplained in their turn.
     pub fine_residual_sd_m: [Vector3<f64>; KEYPOINTS],
+    /// What traffic consists of.
+    pub body_types: Vec<BodyType>,
+}
+
+#[derive(Deserialize)]
+struct BodyTypeInFile {
+    name: String,
+    share: f64,
+    mean: Vec<f64>,
+    covariance: Vec<Vec<f64>>,
 }
 
 #[derive(Deserialize)]
@@ -67,6 +96,7 @@ struct AtlasFile {
     residual_sd_m: Vec<[f64; 3]>,
     fine_modes: Vec<Vec<[f64; 3]>>,
     fine_residual_sd_m: Vec<[f64; 3]>,
+    body_types: Vec<BodyTypeInFile>,
 }
 
 impl ShapeAtlas {
@@ -98,6 +128,7 @@ impl ShapeAtlas {
             residual_sd_m: points("residual_sd_m", &file.residual_sd_m)?,
             fine_modes: modes("fine_modes", &file.fine_modes)?,
             fine_residual_sd_m: points("fine_residual_sd_m", &file.fine_residual_sd_m)?,
+            body_types: file.body_types.into_iter().map(body_type).collect::<Result<_, _>>()?,
         };
         let shapes = atlas.modes.iter().chain(&atlas.fine_modes).flatten().chain(&atlas.mean);
         let numbers = shapes.chain(&atlas.residual_sd_m).chain(&atlas.fine_residual_sd_m);
@@ -124,6 +155,13 @@ impl ShapeAtlas {
     #[must_use]
     pub fn keypoints_in_car(&self, shape: &Shape) -> [Vector3<f64>; KEYPOINTS] {
         std::array::from_fn(|i| self.keypoint_in_car(i, shape))
+    }
+
+    /// One keypoint of a car of these coefficients of all modes, car frame, m.
+    #[must_use]
+    pub fn keypoint_of_all_modes(&self, index: usize, shape: &FullShape) -> Vector3<f64> {
+        let modes = self.modes.iter().chain(&self.fine_modes);
+        modes.zip(shape.iter()).fold(self.mean[index], |point, (mode, c)| point + mode[index] * *c)
     }
 
     /// Length, width without mirrors, and height of a car of this shape, m.
@@ -158,6 +196,18 @@ fn modes<const N: usize>(
     rows: &[Vec<[f64; 3]>],
 ) -> Result<[[Vector3<f64>; KEYPOINTS]; N], AtlasError> {
     sized(what, rows.iter().map(|mode| points(what, mode)).collect::<Result<_, _>>()?)
+}
+
+fn body_type(file: BodyTypeInFile) -> Result<BodyType, AtlasError> {
+    let BodyTypeInFile { name, share, mean, covariance } = file;
+    let rows: Vec<[f64; ALL_MODES]> =
+        covariance.into_iter().map(|row| sized("a row of covariance", row)).collect::<Result<_, _>>()?;
+    let rows: [_; ALL_MODES] = sized("covariance", rows)?;
+    let covariance = SMatrix::<f64, ALL_MODES, ALL_MODES>::from_fn(|i, j| rows[i][j]);
+    if !(share > 0.0 && share.is_finite() && covariance.cholesky().is_some()) {
+        return Err(unsuitable(format!("body type {name:?}: share or covariance is not positive")));
+    }
+    Ok(BodyType { name, share, mean: sized::<_, ALL_MODES>("mean", mean)?.into(), covariance })
 }
 
 #[cfg(test)]

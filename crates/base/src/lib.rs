@@ -26,7 +26,9 @@ mod similarity;
 
 pub use activity::Activity;
 pub use assign::assign;
-pub use atlas::{ATLAS_SCHEMA, AtlasError, FINE_MODES, MODES, Shape, ShapeAtlas};
+pub use atlas::{
+    ALL_MODES, ATLAS_SCHEMA, AtlasError, BodyType, FINE_MODES, FullShape, MODES, Shape, ShapeAtlas,
+};
 pub use bbox::{bbox_centre, bbox_covered, bbox_iou};
 pub use camera::{Camera, CameraParams, ImageSize};
 pub use frame::{Frame, FrameStamp};

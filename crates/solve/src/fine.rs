@@ -14,6 +14,8 @@ const MAX_STEPS: usize = 100;
 const MAX_TRIES: i32 = 6;
 /// The cost falls by less than this share: the minimum.
 const COST_TOLERANCE: f64 = 1e-9;
+/// Rounds of telling body types and descending with what is known of their shapes.
+const ROUNDS_OF_TYPES: usize = 2;
 /// Rounds of weighing cars and descending with the new weights.
 const ROUNDS_OF_TRUST: usize = 3;
 
@@ -45,6 +47,10 @@ pub(crate) fn camera_of_all_modes(
     descent.problem.whiten(&descent.here.state);
     descent.here.linearise(&descent.problem)?;
     descent.descend()?;
+    for _ in 0..ROUNDS_OF_TYPES {
+        descent.problem.tell_types(&mut descent.here.at, &descent.here.eliminated, &descent.here.state);
+        descent.descend()?;
+    }
     for _ in 0..ROUNDS_OF_TRUST {
         // What was linearised stays as it is but for the cost.
         descent.problem.weigh(&mut descent.here.at, &descent.here.state, options.car_freedom);
@@ -147,8 +153,8 @@ pub(crate) mod tests {
     use crate::options::CameraPrior;
     use crate::setup::{Placed, Setup};
     use crate::solution::CarView;
-    use roadplane_base::{FINE_MODES, Shape};
-    use roadplane_synth::{CarModel, Rng, SceneTruth, SynthOptions, add_fine_modes, scene};
+    use roadplane_base::FINE_MODES;
+    use roadplane_synth::{CarModel, Rng, SceneTruth, SynthOptions, draw_shape, scene};
 
     fn options() -> SceneOptions {
         let lm = LmOptions { cost_tolerance: 1e-13, ..LmOptions::default() };
@@ -170,10 +176,8 @@ pub(crate) mod tests {
     fn truth_of(atlas: &ShapeAtlas, seed: u64, models: usize, shape_sd: impl Fn(usize) -> f64) -> SceneTruth {
         let mut rng = Rng::new(seed);
         let mut model = |number| {
-            let shape_sd = shape_sd(number);
-            let shape = Shape::from_fn(|_, _| shape_sd * rng.normal());
-            let mut keypoints_in_car = atlas.keypoints_in_car(&shape);
-            add_fine_modes(&mut keypoints_in_car, atlas, shape_sd, &mut rng);
+            let shape = draw_shape(atlas, &mut rng) * shape_sd(number);
+            let keypoints_in_car = std::array::from_fn(|i| atlas.keypoint_of_all_modes(i, &shape));
             CarModel { model: String::new(), weight: 1.0, keypoints_in_car }
         };
         let models = (0..models).map(&mut model).collect();
@@ -219,6 +223,7 @@ pub(crate) mod tests {
     fn without_fine_modes_nothing_changes() {
         let shipped = ShapeAtlas::shipped().unwrap();
         let mut atlas = shipped.clone();
+        atlas.body_types.clear();
         atlas.fine_modes = [atlas.mean.map(|_| nalgebra::Vector3::zeros()); FINE_MODES];
         atlas.fine_residual_sd_m = atlas.residual_sd_m.map(|sd| sd / SHARED);
         for seed in 0..6 {
@@ -251,16 +256,40 @@ pub(crate) mod tests {
 
     #[test]
     fn cars_of_all_modes_tell_the_camera_better() {
+        let atlas = ShapeAtlas { body_types: Vec::new(), ..ShapeAtlas::shipped().unwrap() };
         let (mut six, mut all) = (0.0, 0.0);
         for seed in 0..40 {
-            at_truth(seed, |atlas, problem, options| {
+            let truth = truth(&atlas, seed, 1.0, 40);
+            at(&atlas, &truth, &options(), 1, |atlas, problem, options| {
                 let focal = problem.state.camera[0];
                 minimise(problem, &options.lm);
                 six += (problem.state.camera[0] - focal).abs();
                 all += (camera_of_all_modes(atlas, problem, options).unwrap().camera[0] - focal).abs();
             });
         }
-        assert!(all < 0.7 * six, "{all} against {six}");
+        assert!(all < 0.85 * six, "{all} against {six}");
+    }
+
+    #[test]
+    fn body_types_tell_how_large_the_scene_is() {
+        let atlas = ShapeAtlas::shipped().unwrap();
+        let without_types = ShapeAtlas { body_types: Vec::new(), ..atlas.clone() };
+        let (mut known, mut unknown) = (0.0, 0.0);
+        for seed in 0..40 {
+            let truth = truth(&atlas, seed, 1.0, 40);
+            let error = |atlas: &ShapeAtlas| {
+                let mut error = 0.0;
+                at(atlas, &truth, &options(), 1, |atlas, problem, options| {
+                    let log_height = problem.state.camera[3];
+                    error =
+                        (camera_of_all_modes(atlas, problem, options).unwrap().camera[3] - log_height).abs();
+                });
+                error
+            };
+            known += error(&atlas);
+            unknown += error(&without_types);
+        }
+        assert!(known < 0.85 * unknown, "{known} against {unknown}");
     }
 
     #[test]

@@ -6,9 +6,10 @@
 //! here in small dense matrices, for the last steps only.
 
 use nalgebra::{Matrix3, Matrix4, SMatrix, SVector, Vector2, Vector3, Vector4};
-use roadplane_base::{FINE_MODES, MODES, Shape, ShapeAtlas};
+use roadplane_base::{ALL_MODES, FullShape, MODES, Shape, ShapeAtlas};
 
 use crate::arrow::MIN_INFORMATION;
+use crate::body_types::{BodyTypes, FullMatrix, FullShapePrior};
 use crate::camera_knowledge::CameraKnowledge;
 use crate::ground_problem::{GroundProblem, Group, View};
 use crate::ground_residual::{CameraFrame, MIN_DEPTH_M, Standing, StandingFrame};
@@ -17,7 +18,6 @@ use crate::observation::{Observation, whiten_seen};
 use crate::options::SceneOptions;
 use crate::trust::{Misfit, trust};
 
-const ALL_MODES: usize = MODES + FINE_MODES;
 const POSE: usize = 3;
 const CAMERA: usize = POSE + ALL_MODES;
 const RESIDUAL: usize = CAMERA + 4;
@@ -37,22 +37,19 @@ type PoseRows = SMatrix<f64, POSE, { RESIDUAL + 1 - POSE }>;
 type CameraGram = SMatrix<f64, 5, 5>;
 type ShapeRows = SMatrix<f64, ALL_MODES, 5>;
 
-/// Coefficients of all modes.
-type AllShape = SVector<f64, ALL_MODES>;
-
 /// Everything that is estimated.
 #[derive(Clone, Debug)]
 pub(crate) struct FineState {
     pub camera: Vector4<f64>,
     standings: Vec<Standing>,
-    shapes: Vec<AllShape>,
+    shapes: Vec<FullShape>,
 }
 
 impl FineState {
     /// Where `problem` is; no car has fine shape yet.
     pub fn of(problem: &GroundProblem<'_>) -> Self {
         let all = |shape: &Shape| {
-            let mut all = AllShape::zeros();
+            let mut all = FullShape::zeros();
             all.fixed_rows_mut::<MODES>(0).copy_from(shape);
             all
         };
@@ -74,8 +71,9 @@ pub(crate) struct FineProblem<'a> {
     kernel: PreparedKernel,
     /// Factor on the sd of what is unexplained.
     scale: f64,
-    /// Information on a fine coefficient beforehand.
-    fine_information: f64,
+    /// What is known of each car's shape.
+    priors: Vec<FullShapePrior>,
+    types: BodyTypes,
     /// Weight of each car's cost.
     trust: Vec<f64>,
 }
@@ -84,7 +82,7 @@ pub(crate) struct FineProblem<'a> {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Linearisation {
     pub cost: f64,
-    /// What each car costs before it is weighed.
+    /// What the keypoints of each car cost.
     of_cars: Vec<f64>,
     grams: Vec<Gram>,
 }
@@ -97,6 +95,8 @@ pub(crate) struct Eliminated {
     gradient: Vector4<f64>,
     /// ½ Σ log det of the Hessians of poses and shapes.
     pub half_log_determinant: f64,
+    /// Of each car's keypoints on shape and camera, poses eliminated.
+    of_shapes: Vec<ShapeGram>,
     poses: Vec<PoseRows>,
     shapes: Vec<ShapeRows>,
 }
@@ -105,6 +105,8 @@ impl<'a> FineProblem<'a> {
     /// Of the cars of `problem` with its whitening, for an `atlas_residual_scale` other than 0.
     pub fn new(atlas: &'a ShapeAtlas, problem: &'a GroundProblem<'_>, options: &SceneOptions) -> Self {
         let scale = options.atlas_residual_scale;
+        let fine_information = options.shape_prior_weight / (scale * scale);
+        let prior = |group: &Group| FullShapePrior::new(&group.prior, fine_information);
         Self {
             atlas,
             views: &problem.views,
@@ -113,27 +115,52 @@ impl<'a> FineProblem<'a> {
             scale: SHARED * scale,
             knowledge: problem.knowledge,
             kernel: PreparedKernel::new(&problem.kernel),
-            fine_information: options.shape_prior_weight / (scale * scale),
+            priors: problem.groups.iter().map(prior).collect(),
+            types: BodyTypes::new(atlas, options),
             trust: vec![1.0; problem.groups.len()],
         }
     }
 
     /// Weighs the cars by how they fit at a state, whose cost becomes that of the new weights.
     pub fn weigh(&mut self, at: &mut Linearisation, state: &FineState, freedom: f64) {
-        let misfit = |(group, cost): (&Group, &f64)| {
+        let misfit = |(group, cost): (&Group, f64)| {
             let observations = group.views.clone().flat_map(|k| self.views[k].observations.clone());
             let weight: f64 = observations.map(|i| self.observations[i].weight).sum();
             Misfit { squared: 2.0 * cost, numbers: 2.0 * weight }
         };
-        let misfits: Vec<Misfit> = self.groups.iter().zip(&at.of_cars).map(misfit).collect();
+        let misfits: Vec<Misfit> =
+            self.groups.iter().zip(self.costs_of_cars(at, state)).map(misfit).collect();
         self.trust = trust(&misfits, freedom);
         at.cost = self.cost(at, state);
+    }
+
+    /// Takes for each car's prior that of the body types it may have, by what was eliminated at a state, whose cost becomes
+    /// that of the new priors.
+    pub fn tell_types(&mut self, at: &mut Linearisation, eliminated: &Eliminated, state: &FineState) {
+        for ((prior, sum), shape) in self.priors.iter_mut().zip(&eliminated.of_shapes).zip(&state.shapes) {
+            let information = sum.fixed_view::<ALL_MODES, ALL_MODES>(0, 0).into_owned();
+            let vector = information * shape - sum.fixed_view::<ALL_MODES, 1>(0, ALL_MODES + 4);
+            if let Some(told) = self.types.prior_of(&information, &vector) {
+                *prior = told;
+            }
+        }
+        at.cost = self.cost(at, state);
+    }
+
+    /// Of each car's keypoints and shape, before it is weighed.
+    fn costs_of_cars<'b>(
+        &'b self,
+        at: &'b Linearisation,
+        state: &'b FineState,
+    ) -> impl Iterator<Item = f64> + 'b {
+        let shapes = self.priors.iter().zip(&state.shapes).map(|(prior, shape)| prior.cost(shape));
+        at.of_cars.iter().zip(shapes).map(|(keypoints, shape)| keypoints + shape)
     }
 
     /// Of the camera and the weighed cars.
     fn cost(&self, at: &Linearisation, state: &FineState) -> f64 {
         let camera = 0.5 * self.knowledge.gradient(&state.camera).dot(&(state.camera - self.knowledge.mean));
-        camera + at.of_cars.iter().zip(&self.trust).map(|(cost, trust)| trust * cost).sum::<f64>()
+        camera + self.costs_of_cars(at, state).zip(&self.trust).map(|(cost, trust)| trust * cost).sum::<f64>()
     }
 
     /// Whitens every keypoint with its measured covariance and what the fine modes leave unexplained, seen at a state.
@@ -154,11 +181,7 @@ impl<'a> FineProblem<'a> {
     pub fn linearise(&self, state: &FineState, into: &mut Linearisation) -> Option<()> {
         let camera = CameraFrame::new(&state.camera);
         into.of_cars.clear();
-        for (group, shape) in self.groups.iter().zip(&state.shapes) {
-            let fine = shape.fixed_rows::<FINE_MODES>(MODES);
-            let coarse = group.prior.cost(&shape.fixed_rows::<MODES>(0).into_owned());
-            into.of_cars.push(coarse + 0.5 * self.fine_information * fine.norm_squared());
-        }
+        into.of_cars.resize(self.groups.len(), 0.0);
         into.grams.clear();
         for (view, standing) in self.views.iter().zip(&state.standings) {
             let frame = StandingFrame::new(&camera, standing)?;
@@ -179,11 +202,8 @@ impl<'a> FineProblem<'a> {
     }
 
     /// Whitened rows of a keypoint, its weight not yet counted (`ground_residual.rs` has the model).
-    fn rows(&self, observation: &Observation, frame: &StandingFrame, shape: &AllShape) -> Option<[Row; 2]> {
-        let mut point = self.atlas.mean[observation.index];
-        for (mode, coefficient) in self.modes(observation.index).zip(shape.iter()) {
-            point += mode * *coefficient;
-        }
+    fn rows(&self, observation: &Observation, frame: &StandingFrame, shape: &FullShape) -> Option<[Row; 2]> {
+        let point = self.atlas.keypoint_of_all_modes(observation.index, shape);
         let offset = frame.camera_from_car * point;
         let p = frame.origin + offset;
         if p.z.is_nan() || p.z <= MIN_DEPTH_M {
@@ -222,10 +242,12 @@ impl<'a> FineProblem<'a> {
     /// `None` when a car's block is not positive definite.
     pub fn eliminate(&self, at: &Linearisation, state: &FineState, into: &mut Eliminated) -> Option<()> {
         let mut camera = CameraGram::zeros();
+        into.of_shapes.clear();
         into.poses.clear();
         into.shapes.clear();
         into.half_log_determinant = 0.0;
-        for ((group, shape), trust) in self.groups.iter().zip(&state.shapes).zip(&self.trust) {
+        let priors = self.priors.iter().zip(&state.shapes);
+        for ((group, (prior, shape)), trust) in self.groups.iter().zip(priors).zip(&self.trust) {
             let mut sum = ShapeGram::zeros();
             for gram in &at.grams[group.views.clone()] {
                 let own = gram.fixed_view::<POSE, POSE>(0, 0) + Matrix3::identity() * MIN_INFORMATION;
@@ -237,24 +259,18 @@ impl<'a> FineProblem<'a> {
                 into.half_log_determinant += factor.l_dirty().diagonal().map(f64::ln).sum();
                 into.poses.push(rows);
             }
-            let mut own = sum.fixed_view::<ALL_MODES, ALL_MODES>(0, 0).into_owned();
+            let mut own: FullMatrix = sum.fixed_view::<ALL_MODES, ALL_MODES>(0, 0).into_owned();
             let mut rest = sum.fixed_view::<ALL_MODES, 5>(0, ALL_MODES).into_owned();
-            let mut coarse = own.fixed_view_mut::<MODES, MODES>(0, 0);
-            coarse += group.prior.information;
-            let gradient = group.prior.gradient(&shape.fixed_rows::<MODES>(0).into_owned());
-            for j in 0..MODES {
-                rest[(j, 4)] += gradient[j];
-            }
-            for j in MODES..ALL_MODES {
-                own[(j, j)] += self.fine_information;
-                rest[(j, 4)] += self.fine_information * shape[j];
-            }
+            own += prior.information;
+            let mut gradient = rest.column_mut(4);
+            gradient += prior.gradient(shape);
             let factor = own.cholesky()?;
             let rows = factor.solve(&rest);
             camera += (sum.fixed_view::<5, 5>(ALL_MODES, ALL_MODES) - rest.tr_mul(&rows)) * *trust;
             // The weight would only add a constant.
             into.half_log_determinant += factor.l_dirty().diagonal().map(f64::ln).sum();
             into.shapes.push(rows);
+            into.of_shapes.push(sum);
         }
         into.information.copy_from(&camera.fixed_view::<4, 4>(0, 0));
         into.gradient.copy_from(&camera.fixed_view::<4, 1>(0, 4));
@@ -312,7 +328,7 @@ mod tests {
         let mut rng = Rng::new(8);
         at_truth(4, |atlas, problem, options| {
             let fine = FineProblem::new(atlas, problem, options);
-            let shape = AllShape::from_fn(|_, _| rng.normal());
+            let shape = FullShape::from_fn(|_, _| rng.normal());
             let standing = problem.state.standings[0];
             let observation = &fine.observations[problem.views[0].observations.clone()][2];
             // Pose, shape, camera.

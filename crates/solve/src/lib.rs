@@ -27,6 +27,7 @@
 
 mod alternation;
 mod arrow;
+mod body_types;
 mod camera_knowledge;
 mod cold_start;
 #[cfg(test)]

@@ -15,6 +15,6 @@ pub mod trajectory;
 pub use bench::{BenchScene, random_camera};
 pub use clip::{ClipOptions, clip_item};
 pub use item::{Item, ItemCar, Sighting, still_item};
-pub use models::{CarModel, add_fine_modes};
+pub use models::{CarModel, draw_shape};
 pub use rng::Rng;
 pub use scene::{CarTruth, Layout, SceneTruth, SynthOptions, Wrong, scene};

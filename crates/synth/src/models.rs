@@ -1,7 +1,7 @@
 //! Cars given by their keypoints: shapes that no atlas made.
 
 use nalgebra::{Matrix6, Vector3, Vector6};
-use roadplane_base::{KEYPOINTS, MODES, Shape, ShapeAtlas};
+use roadplane_base::{FullShape, KEYPOINTS, MODES, Shape, ShapeAtlas};
 use serde::Deserialize;
 
 use crate::Rng;
@@ -76,7 +76,20 @@ pub(crate) fn draw<'a>(models: &'a [CarModel], rng: &mut Rng) -> Option<&'a CarM
     Some(found.unwrap_or(last))
 }
 
-/// Adds `factor` times what six modes leave unexplained of a car.
+/// Coefficients of all modes of a car as in traffic; N(0, I) of an atlas without body types.
+pub fn draw_shape(atlas: &ShapeAtlas, rng: &mut Rng) -> FullShape {
+    let mut left = rng.unit() * atlas.body_types.iter().map(|body| body.share).sum::<f64>();
+    let normal = FullShape::from_fn(|_, _| rng.normal());
+    let found = atlas.body_types.iter().find(|body| {
+        left -= body.share;
+        left < 0.0
+    });
+    let Some(body) = found.or(atlas.body_types.last()) else { return normal };
+    // The covariance of an atlas is positive definite.
+    body.covariance.cholesky().map_or(normal, |factor| body.mean + factor.l() * normal)
+}
+
+/// Adds `factor` times what all modes leave unexplained of a car.
 pub(crate) fn move_off_atlas(
     keypoints_in_car: &mut [Vector3<f64>; KEYPOINTS],
     atlas: &ShapeAtlas,
@@ -85,24 +98,6 @@ pub(crate) fn move_off_atlas(
 ) {
     for (point, sd) in keypoints_in_car.iter_mut().zip(&atlas.fine_residual_sd_m) {
         *point += factor * sd.map(|sd| sd * rng.normal());
-    }
-    if factor > 0.0 {
-        add_fine_modes(keypoints_in_car, atlas, factor, rng);
-    }
-}
-
-/// Adds each of the atlas' fine modes with a coefficient of this sd.
-pub fn add_fine_modes(
-    keypoints_in_car: &mut [Vector3<f64>; KEYPOINTS],
-    atlas: &ShapeAtlas,
-    sd: f64,
-    rng: &mut Rng,
-) {
-    for mode in &atlas.fine_modes {
-        let coefficient = sd * rng.normal();
-        for (point, by) in keypoints_in_car.iter_mut().zip(mode) {
-            *point += by * coefficient;
-        }
     }
 }
 

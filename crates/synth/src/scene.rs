@@ -2,11 +2,11 @@
 
 use nalgebra::{Point3, Vector2, Vector3};
 use roadplane_base::{
-    Camera, CameraParams, GroundPlane, GroundPose, ImageSize, KEYPOINTS, KeypointSet, MODES, Shape,
-    ShapeAtlas,
+    Camera, CameraParams, FINE_MODES, GroundPlane, GroundPose, ImageSize, KEYPOINTS, KeypointSet, MODES,
+    Shape, ShapeAtlas,
 };
 
-use crate::models::{CarModel, draw, move_off_atlas};
+use crate::models::{CarModel, draw, draw_shape, move_off_atlas};
 use crate::{Rng, keypoints};
 
 /// How cars stand.
@@ -56,7 +56,8 @@ pub struct SynthOptions {
     pub shape_sd: f64,
     /// Cars to draw from instead of the atlas; empty: the atlas.
     pub models: Vec<CarModel>,
-    /// Factor on what six modes leave unexplained (fine modes, and the rest per keypoint): cars that they do not span.
+    /// Factor on what six modes leave unexplained (fine modes, and the rest per keypoint): cars that they do not span, of the
+    /// body types of traffic. 0: cars of six modes, normally distributed, all of one kind.
     pub off_atlas: f64,
     /// Share of keypoints seen (those that face the camera first).
     pub seen: f64,
@@ -198,6 +199,13 @@ type Body = (Shape, [Vector3<f64>; KEYPOINTS]);
 pub(crate) fn body(atlas: &ShapeAtlas, options: &SynthOptions, rng: &mut Rng) -> Body {
     if let Some(model) = draw(&options.models, rng) {
         return (model.nearest_shape(atlas), model.keypoints_in_car);
+    }
+    if options.off_atlas > 0.0 {
+        let mut all = draw_shape(atlas, rng) * options.shape_sd;
+        let shape = atlas.clamped(&all.fixed_rows::<MODES>(0).into_owned());
+        all.fixed_rows_mut::<MODES>(0).copy_from(&shape);
+        all.fixed_rows_mut::<FINE_MODES>(MODES).apply(|coefficient| *coefficient *= options.off_atlas);
+        return (shape, std::array::from_fn(|i| atlas.keypoint_of_all_modes(i, &all)));
     }
     let shape = atlas.clamped(&Shape::from_fn(|_, _| options.shape_sd * rng.normal()));
     (shape, atlas.keypoints_in_car(&shape))

@@ -26,17 +26,30 @@ MODES = 6
 FINE_MODES = 6
 # Some meshes are variants of each other or of cars never built, and their points were marked by eye.
 MESH_WEIGHT = 1 / 3
+# How many models of a body type weigh as much as all cars together in saying how cars of a type differ.
+POOLED_MODELS = 10
 MIRROR_SIGN = np.array([1.0, -1.0, 1.0])
 
 
 @dataclass(frozen=True)
 class Population:
-    """Cars in rows: keypoints (n, 36, 3), NaN where missing, dims (n, 3), weights (n,), base models (n,)."""
+    """Cars in rows: keypoints (n, 36, 3), NaN where missing, dims (n, 3), weights (n,), base models (n,), body types (n,)."""
 
     keypoints: np.ndarray
     dims: np.ndarray
     weights: np.ndarray
     models: np.ndarray
+    bodies: np.ndarray
+
+
+@dataclass(frozen=True)
+class BodyType:
+    """Share of traffic, and a Gaussian on the coefficients of all modes: mean (12,), covariance (12, 12)."""
+
+    name: str
+    share: float
+    mean: np.ndarray
+    covariance: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -60,13 +73,13 @@ def population_in_traffic(split: str, variants: int = 8, seed: int = 7) -> Popul
     models_of = Counter(spec.body for spec in specs)
     for mesh in meshes:
         models_of[mesh["body"]] += MESH_WEIGHT
-    rows = []  # keypoints, dims, weight, model
+    rows = []  # keypoints, dims, weight, model, body
     for spec in specs:
         share = TRAFFIC_SHARE[spec.body] / models_of[spec.body] / variants
         for _ in range(variants):
             style = vary(model_style(spec), rng)
             rows.append(
-                (keypoints_of(style, rng), (style.length, style.width, style.height), share, spec.name)
+                (keypoints_of(style, rng), (style.length, style.width, style.height), share, spec.name, spec.body)
             )
     for mesh in meshes:
         left = {
@@ -74,7 +87,7 @@ def population_in_traffic(split: str, variants: int = 8, seed: int = 7) -> Popul
             for name, point in mesh["keypoints"].items()
         }
         share = TRAFFIC_SHARE[mesh["body"]] / models_of[mesh["body"]] * MESH_WEIGHT
-        rows.append((both_sides(left), mesh["dims"], share, mesh["name"]))
+        rows.append((both_sides(left), mesh["dims"], share, mesh["name"], mesh["body"]))
     return Population(*(np.array(column) for column in zip(*rows)))
 
 
@@ -111,10 +124,35 @@ def project(basis: Basis, row: np.ndarray, fine: bool = False) -> tuple[np.ndarr
     return coefficients, row - basis.mean - coefficients @ modes
 
 
+def body_types(basis: Basis, rows: np.ndarray, population: Population) -> list[BodyType]:
+    """The mixture that traffic is: coefficients of all modes, type by type.
+
+    A type's few models say little of how they differ, so their covariance is drawn towards what cars of all types differ by.
+    """
+    coefficients = np.array([project(basis, row, fine=True)[0] for row in rows])
+    weights, bodies = population.weights / population.weights.sum(), population.bodies
+    names, number = np.unique(bodies, return_inverse=True)
+    means = np.array([np.average(coefficients[number == k], axis=0, weights=weights[number == k]) for k in range(len(names))])
+    off = coefficients - means[number]
+    outer = weights[:, None, None] * off[:, :, None] * off[:, None, :]
+    pooled = outer.sum(0)
+    types = []
+    for k, name in enumerate(names):
+        of_type = number == k
+        share, models = weights[of_type].sum(), len(np.unique(population.models[of_type]))
+        own = outer[of_type].sum(0) / share * models / max(models - 1, 1)
+        covariance = (models * own + POOLED_MODELS * pooled) / (models + POOLED_MODELS)
+        types.append(BodyType(str(name), float(share), means[k], covariance))
+    return types
+
+
 def orient(basis: Basis) -> Basis:
     """Fix each mode's sign: positive makes the sum of length, width and height larger."""
-    sign = np.where(basis.modes[:, 54:].sum(1) < 0, -1.0, 1.0)
-    return replace(basis, modes=basis.modes * sign[:, None])
+
+    def larger(modes: np.ndarray) -> np.ndarray:
+        return modes * np.where(modes[:, 54:].sum(1) < 0, -1.0, 1.0)[:, None]
+
+    return replace(basis, modes=larger(basis.modes), fine_modes=larger(basis.fine_modes))
 
 
 def leave_out(rows: np.ndarray, population: Population) -> Iterator[tuple[np.ndarray, Basis]]:
@@ -168,7 +206,13 @@ def weighted_rms(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
 
 
 def to_json(
-    basis: Basis, bounds: np.ndarray, residual_sd: np.ndarray, fine_residual_sd: np.ndarray, version: str, note: str
+    basis: Basis,
+    types: list[BodyType],
+    bounds: np.ndarray,
+    residual_sd: np.ndarray,
+    fine_residual_sd: np.ndarray,
+    version: str,
+    note: str,
 ) -> dict:
     """The data file's content; both sides from the half, so that symmetry is exact."""
 
@@ -180,7 +224,7 @@ def to_json(
         return np.round(np.tile(sd[:54].reshape(18, 3), (2, 1)), 5).tolist()
 
     return {
-        "schema": "roadplane.atlas/2",
+        "schema": "roadplane.atlas/3",
         "version": version,
         "mean": whole(basis.mean, MIRROR_SIGN),
         "modes": [whole(mode, MIRROR_SIGN) for mode in basis.modes],
@@ -190,6 +234,13 @@ def to_json(
         "residual_sd_m": both(residual_sd),
         "fine_modes": [whole(mode, MIRROR_SIGN) for mode in basis.fine_modes],
         "fine_residual_sd_m": both(fine_residual_sd),
+        "body_types": [
+            {
+                "name": body.name, "share": round(body.share, 5), "mean": np.round(body.mean, 5).tolist(),
+                "covariance": np.round(body.covariance, 6).tolist(),
+            }
+            for body in types
+        ],
         "note": note,
     }
 
@@ -262,13 +313,14 @@ def main() -> None:
     """Write the atlas and print its report."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=REPOSITORY / "models" / "atlas.json")
-    parser.add_argument("--version", default="1.7")
+    parser.add_argument("--version", default="1.8")
     parser.add_argument("--foreign", type=Path, help="writes the keypoints of the eval split's cars here")
     arguments = parser.parse_args()
 
     population, foreign = population_in_traffic("train"), population_in_traffic("eval")
     rows = as_rows(population)
     basis = orient(fit(rows, population.weights))
+    types = body_types(basis, rows, population)
     bounds = coefficient_bounds(basis, rows)
     residual_sd, fine_residual_sd = (
         weighted_rms(residuals, population.weights) for residuals in left_out_residuals(rows, population)
@@ -278,7 +330,7 @@ def main() -> None:
         f"{len(np.unique(population.models))} base models of the train split, "
         "weighted by body type as in traffic; scripts/train/cars, `python -m cars.atlas`."
     )
-    text = json.dumps(to_json(basis, bounds, residual_sd, fine_residual_sd, arguments.version, note))
+    text = json.dumps(to_json(basis, types, bounds, residual_sd, fine_residual_sd, arguments.version, note))
     arguments.out.write_text(text + "\n")
     if arguments.foreign:
         arguments.foreign.write_text(json.dumps(foreign_json(foreign)) + "\n")

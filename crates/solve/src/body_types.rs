@@ -1,0 +1,164 @@
+//! What body type a car has, and so how its shape may vary.
+//!
+//! How large a car is shows best in what kind of car it is: lengths of all cars differ by 11 %, those of hatchbacks by 6 %. Traffic
+//! is a mixture of body types, each with a normal distribution of its own (`BodyType`). Given the keypoints, one car has a type
+//! with the probability
+//!
+//! ```text
+//! p_k ∝ share_k ∫ exp(−½ (s − ŝ)ᵀ A (s − ŝ)) N(s; μ_k, Σ_k) ds        ŝ, A: best shape and its information, pose eliminated
+//! ```
+//!
+//! and its prior is the normal distribution with mean and covariance of the mixture weighed so: one type where that is clear,
+//! something wider in between.
+
+use nalgebra::{Cholesky, Const, SMatrix};
+use roadplane_base::{ALL_MODES, FullShape, MODES, ShapeAtlas};
+
+use crate::options::{SceneOptions, ShapePrior};
+
+pub(crate) type FullMatrix = SMatrix<f64, ALL_MODES, ALL_MODES>;
+
+/// What is known of a car's shape: a Gaussian on the coefficients of all modes.
+#[derive(Clone, Debug)]
+pub(crate) struct FullShapePrior {
+    pub mean: FullShape,
+    pub information: FullMatrix,
+}
+
+impl FullShapePrior {
+    /// Of a car of which only this is known, with so much `information` on each fine coefficient.
+    pub fn new(coarse: &ShapePrior, fine_information: f64) -> Self {
+        let mut mean = FullShape::zeros();
+        mean.fixed_rows_mut::<MODES>(0).copy_from(&coarse.mean);
+        let mut information = FullMatrix::identity() * fine_information;
+        information.fixed_view_mut::<MODES, MODES>(0, 0).copy_from(&coarse.information);
+        Self { mean, information }
+    }
+
+    /// ½ (s − mean)ᵀ information (s − mean).
+    pub fn cost(&self, shape: &FullShape) -> f64 {
+        0.5 * (shape - self.mean).dot(&self.gradient(shape))
+    }
+
+    /// Its gradient.
+    pub fn gradient(&self, shape: &FullShape) -> FullShape {
+        self.information * (shape - self.mean)
+    }
+}
+
+/// One component of the mixture.
+struct Component {
+    mean: FullShape,
+    covariance: FullMatrix,
+    information: FullMatrix,
+    /// Information times mean.
+    vector: FullShape,
+    /// What does not depend on the car: log share − ½ log det Σ − ½ μᵀ Σ⁻¹ μ.
+    log_weight: f64,
+}
+
+/// The mixture.
+pub(crate) struct BodyTypes(Vec<Component>);
+
+impl BodyTypes {
+    /// Those of the atlas, as `options` weigh them.
+    pub fn new(atlas: &ShapeAtlas, options: &SceneOptions) -> Self {
+        let fine = options.atlas_residual_scale;
+        let sd = FullShape::from_fn(|j, _| if j < MODES { 1.0 } else { fine });
+        let component = |body: &roadplane_base::BodyType| {
+            let scaled = FullMatrix::from_diagonal(&sd) * body.covariance * FullMatrix::from_diagonal(&sd);
+            let covariance = scaled / options.shape_prior_weight;
+            let mean = body.mean.component_mul(&sd);
+            let factor = covariance.cholesky()?;
+            let information = factor.inverse();
+            let vector = information * mean;
+            let log_weight = body.share.ln() - half_log_determinant(&factor) - 0.5 * mean.dot(&vector);
+            Some(Component { mean, covariance, information, vector, log_weight })
+        };
+        Self(atlas.body_types.iter().filter_map(component).collect())
+    }
+
+    /// The prior of a car whose keypoints have this information A on its shape, and A ŝ as `vector`. `None` without types.
+    pub fn prior_of(&self, information: &FullMatrix, vector: &FullShape) -> Option<FullShapePrior> {
+        let odds = self.odds(information, vector)?;
+        let types = || self.0.iter().zip(&odds);
+        let mean: FullShape = types().map(|(component, p)| component.mean * *p).sum();
+        let spread = |(component, p): (&Component, &f64)| {
+            let off = component.mean - mean;
+            (component.covariance + off * off.transpose()) * *p
+        };
+        let covariance: FullMatrix = types().map(spread).sum();
+        Some(FullShapePrior { mean, information: covariance.cholesky()?.inverse() })
+    }
+
+    /// How likely the car is of each type.
+    fn odds(&self, information: &FullMatrix, vector: &FullShape) -> Option<Vec<f64>> {
+        let evidence = |component: &Component| {
+            let factor = (information + component.information).cholesky()?;
+            let vector = vector + component.vector;
+            Some(
+                component.log_weight - half_log_determinant(&factor)
+                    + 0.5 * vector.dot(&factor.solve(&vector)),
+            )
+        };
+        let evidence: Vec<f64> = self.0.iter().map(evidence).collect::<Option<_>>()?;
+        let best = evidence.iter().copied().reduce(f64::max).filter(|best| best.is_finite())?;
+        let odds: Vec<f64> = evidence.iter().map(|evidence| (evidence - best).exp()).collect();
+        let total: f64 = odds.iter().sum();
+        Some(odds.into_iter().map(|odds| odds / total).collect())
+    }
+}
+
+fn half_log_determinant(factor: &Cholesky<f64, Const<ALL_MODES>>) -> f64 {
+    factor.l_dirty().diagonal().map(f64::ln).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use roadplane_synth::{Rng, draw_shape};
+
+    fn types() -> (ShapeAtlas, BodyTypes) {
+        let atlas = ShapeAtlas::shipped().unwrap();
+        let types = BodyTypes::new(&atlas, &SceneOptions::default());
+        assert_eq!(types.0.len(), atlas.body_types.len());
+        (atlas, types)
+    }
+
+    #[test]
+    fn the_prior_is_all_traffic_or_one_type() {
+        let (atlas, types) = types();
+        let prior = types.prior_of(&FullMatrix::zeros(), &FullShape::zeros()).unwrap();
+        // The modes are those of traffic: mean 0, covariance 1.
+        assert!(prior.mean.amax() < 0.1, "{}", prior.mean);
+        let covariance = prior.information.try_inverse().unwrap();
+        assert!(covariance.diagonal().iter().all(|variance| (0.7..1.3).contains(variance)), "{covariance}");
+        for body in &atlas.body_types {
+            let information = FullMatrix::identity() * 1e4;
+            let prior = types.prior_of(&information, &(information * body.mean)).unwrap();
+            assert!((prior.mean - body.mean).amax() < 0.1, "{}: {}", body.name, prior.mean);
+        }
+    }
+
+    #[test]
+    fn a_type_is_as_likely_as_said() {
+        let (atlas, types) = types();
+        let mut rng = Rng::new(3);
+        // Shapes measured to one sd in one half of the coefficients, hardly in the other.
+        let information =
+            FullMatrix::from_diagonal(&FullShape::from_fn(|j, _| if j % 2 == 0 { 1.0 } else { 0.01 }));
+        let (mut said, mut happened) = (0.0, 0.0);
+        for _ in 0..4000 {
+            let number = (rng.unit() * 8.0) as usize % types.0.len();
+            let body = &atlas.body_types[number];
+            let of_type = ShapeAtlas { body_types: vec![body.clone()], ..atlas.clone() };
+            let shape = draw_shape(&of_type, &mut rng);
+            let measured = shape + FullShape::from_fn(|j, _| rng.normal() / information[(j, j)].sqrt());
+            let odds = types.odds(&information, &(information * measured)).unwrap();
+            // Types were drawn evenly, so each counts by its share.
+            said += body.share * odds[0];
+            happened += body.share * f64::from(u8::from(number == 0));
+        }
+        assert!((said / happened - 1.0).abs() < 0.1, "{said} {happened}");
+    }
+}
