@@ -10,7 +10,7 @@ import argparse
 import json
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -40,6 +40,10 @@ class Population:
     weights: np.ndarray
     models: np.ndarray
     bodies: np.ndarray
+
+    def only(self, cars: np.ndarray) -> Population:
+        """The cars of these indices."""
+        return Population(*(getattr(self, field.name)[cars] for field in fields(self)))
 
 
 @dataclass(frozen=True)
@@ -155,17 +159,17 @@ def orient(basis: Basis) -> Basis:
     return replace(basis, modes=larger(basis.modes), fine_modes=larger(basis.fine_modes))
 
 
-def leave_out(rows: np.ndarray, population: Population) -> Iterator[tuple[np.ndarray, Basis]]:
-    """Rows of every base model in turn, and the basis of all the others."""
+def leave_out(rows: np.ndarray, population: Population) -> Iterator[tuple[np.ndarray, np.ndarray, Basis]]:
+    """Indices of the cars of every base model in turn, of all the others, and the basis of these."""
     for model in np.unique(population.models):
         out = population.models == model
-        yield np.flatnonzero(out), fit(rows[~out], population.weights[~out], iterations=8)
+        yield np.flatnonzero(out), np.flatnonzero(~out), fit(rows[~out], population.weights[~out], iterations=8)
 
 
 def left_out_residuals(rows: np.ndarray, population: Population) -> tuple[np.ndarray, np.ndarray]:
     """Residuals (n, 57) of every base model against the basis of all the others: without and with its fine modes."""
     without, fine = np.full_like(rows, np.nan), np.full_like(rows, np.nan)
-    for out, basis in leave_out(rows, population):
+    for out, _, basis in leave_out(rows, population):
         for i in out:
             without[i], fine[i] = project(basis, rows[i])[1], project(basis, rows[i], fine=True)[1]
     return without, fine
@@ -218,7 +222,8 @@ def to_json(
 
     def whole(vector: np.ndarray, offset_sign: np.ndarray) -> list:
         left = vector[:54].reshape(18, 3)
-        return np.round(np.concatenate([left, left * offset_sign]), 6).tolist()
+        # Adding 0 makes −0 into 0.
+        return (np.round(np.concatenate([left, left * offset_sign]), 6) + 0.0).tolist()
 
     def both(sd: np.ndarray) -> list:
         return np.round(np.tile(sd[:54].reshape(18, 3), (2, 1)), 5).tolist()

@@ -16,16 +16,24 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
-from .atlas import Basis, as_rows, fit, leave_out, left_out_residuals, population_in_traffic, weighted_rms
+from .atlas import (
+    Basis,
+    BodyType,
+    as_rows,
+    body_types,
+    fit,
+    leave_out,
+    left_out_residuals,
+    population_in_traffic,
+    weighted_rms,
+)
 
 CARS_IN_SCENE = (5, 10, 15, 20, 30, 40)
 SCENES = 4000
 NOISE_M = 0.01  # of each coordinate of a keypoint, after all frames
 # Of the Student t of whole cars, as in the solver (`SceneOptions::car_freedom`).
 FREEDOM = 4.0
-WIDEST = 0.5  # of log scale that is looked at
 
 
 @dataclass(frozen=True)
@@ -38,34 +46,53 @@ class Estimate:
     numbers: int
 
 
-def estimate(measured: np.ndarray, mean: np.ndarray, modes: np.ndarray, residual_sd: np.ndarray) -> Estimate:
-    """The most likely scale of a car's keypoint coordinates (NaN where missing), its shape integrated out."""
+@dataclass(frozen=True)
+class KeypointType:
+    """A body type: share of traffic, and a Gaussian on measured keypoint coordinates, mean (54,), covariance (54, 54)."""
+
+    share: float
+    mean: np.ndarray
+    covariance: np.ndarray
+
+
+def estimate(measured: np.ndarray, types: list[KeypointType]) -> Estimate:
+    """The scale of a car's keypoint coordinates (NaN where missing), its shape integrated out, its body type unknown."""
     seen = np.isfinite(measured)
-    y, mean, modes, residual = measured[seen], mean[seen], modes[:, seen], np.diag(residual_sd[seen] ** 2)
-    shape = modes.T @ modes + residual
+    of_types = []  # log evidence, log scale, variance, misfit
+    for body in types:
+        factor = np.linalg.cholesky(body.covariance[np.ix_(seen, seen)])
+        car, mean = np.linalg.solve(factor, np.stack([measured[seen], body.mean[seen]], axis=1)).T
+        # Of ½ |u car − mean|² − n log u, u = 1 / scale: covariances grow with the scale.
+        square, product, numbers = car @ car, car @ mean, len(car)
+        u = (product + np.sqrt(product**2 + 4 * numbers * square)) / (2 * square)
+        misfit = float(np.sum((u * car - mean) ** 2))
+        information = 2 * u**2 * square - u * product
+        volume = np.log(np.diag(factor)).sum() - numbers * np.log(u)
+        evidence = np.log(body.share) - 0.5 * misfit - volume - 0.5 * np.log(information)
+        of_types.append((evidence, -np.log(u), 1 / information, misfit))
+    evidence, log_scale, variance, misfit = np.array(of_types).T
+    odds = np.exp(evidence - evidence.max())
+    odds /= odds.sum()
+    mean = odds @ log_scale
+    spread = odds @ (variance + (log_scale - mean) ** 2)
+    return Estimate(float(mean), float(1 / spread), float(odds @ misfit), int(seen.sum()))
 
-    def whitened(log_scale: float) -> tuple[np.ndarray, float]:
-        scale = np.exp(log_scale)
-        factor = np.linalg.cholesky(scale**2 * shape + NOISE_M**2 * np.eye(len(y)))
-        return np.linalg.solve(factor, y - scale * mean), float(np.log(np.diag(factor)).sum())
 
-    def cost(log_scale: float) -> float:
-        off, log_volume = whitened(log_scale)
-        return 0.5 * off @ off + log_volume
-
-    best = minimize_scalar(cost, bounds=(-WIDEST, WIDEST), method="bounded", options={"xatol": 1e-5}).x
-    step = 1e-3
-    curvature = (cost(best + step) - 2 * cost(best) + cost(best - step)) / step**2
-    off, _ = whitened(best)
-    return Estimate(best, max(curvature, 1.0), float(off @ off), len(y))
+def keypoint_types(basis: Basis, types: list[BodyType], residual_sd: np.ndarray) -> list[KeypointType]:
+    """Of the mixture over coefficients, what the modes leave unexplained and the measurement's noise added."""
+    modes = np.concatenate([basis.modes, basis.fine_modes])[:, :54]
+    noise = np.diag(residual_sd**2 + NOISE_M**2)
+    return [
+        KeypointType(body.share, basis.mean[:54] + body.mean @ modes, modes.T @ body.covariance @ modes + noise)
+        for body in types
+    ]
 
 
-def estimates_of(cars: np.ndarray, basis: Basis, residual_sd: np.ndarray) -> list[Estimate]:
+def estimates_of(cars: np.ndarray, types: list[KeypointType]) -> list[Estimate]:
     """Of cars in rows of 54 coordinates or more."""
     rng = np.random.default_rng(5)
-    modes = np.concatenate([basis.modes, basis.fine_modes])[:, :54]
     noisy = cars[:, :54] + rng.normal(0, NOISE_M, (len(cars), 54))
-    return [estimate(car, basis.mean[:54], modes, residual_sd) for car in noisy]
+    return [estimate(car, types) for car in noisy]
 
 
 def cars_of_clips(folder: Path) -> dict[str, np.ndarray]:
@@ -112,18 +139,20 @@ def main() -> None:
     rows = as_rows(known)
     residual_sd = weighted_rms(left_out_residuals(rows, known)[1], known.weights)[:54]
     left_out, shares = [], []
-    for out, basis in leave_out(rows, known):
-        left_out.append(estimates_of(rows[out], basis, residual_sd))
+    for out, others, basis in leave_out(rows, known):
+        types = keypoint_types(basis, body_types(basis, rows[others], known.only(others)), residual_sd)
+        left_out.append(estimates_of(rows[out], types))
         shares.append(known.weights[out].sum())
     report("models left out in turn", left_out, np.array(shares))
     basis = fit(rows, known.weights, iterations=8)
+    types = keypoint_types(basis, body_types(basis, rows, known), residual_sd)
     models = np.unique(foreign.models)
-    cars = estimates_of(as_rows(foreign), basis, residual_sd)
+    cars = estimates_of(as_rows(foreign), types)
     of_model = [[cars[i] for i in np.flatnonzero(foreign.models == model)] for model in models]
     report("eval split", of_model, np.array([foreign.weights[foreign.models == model].sum() for model in models]))
     errors = []
     for clip, cars in cars_of_clips(options.dataset).items() if options.dataset else ():
-        errors.append(scene_error(estimates_of(cars, basis, residual_sd)))
+        errors.append(scene_error(estimates_of(cars, types)))
         print(f"{clip}: {len(cars)} cars, scale {100 * errors[-1]:+.2f} %")
     if errors:
         print(f"median {100 * np.median(np.abs(errors)):.2f} %, {40 * np.median(np.abs(errors)):.2f} m of 40 m")

@@ -132,6 +132,33 @@ class Atlas(unittest.TestCase):
         self.assertLess(np.sqrt(np.mean(np.concatenate(errors) ** 2)), 0.10)
         self.assertLess(np.abs(size_errors).max(), 0.30)
 
+    def test_body_types_together_are_traffic(self) -> None:
+        share = np.array([body["share"] for body in self.atlas["body_types"]])
+        means = np.array([body["mean"] for body in self.atlas["body_types"]])
+        within = np.array([body["covariance"] for body in self.atlas["body_types"]])
+        self.assertAlmostEqual(share.sum(), 1.0, places=3)
+        np.testing.assert_allclose(share @ means, 0.0, atol=0.15)
+        variance = share @ np.array([np.diag(covariance) for covariance in within]) + share @ means**2
+        np.testing.assert_allclose(variance, 1.0, atol=0.4)
+
+    def test_body_types_know_a_new_car(self) -> None:
+        modes = np.array([*self.atlas["modes"], *self.atlas["fine_modes"]])
+        right, cars = 0, named_cars("eval")
+        for car in cars:
+            seen = np.isfinite(car.keypoints[:, 0])
+            design = modes[:, seen].reshape(12, -1).T
+            shape, *_ = np.linalg.lstsq(
+                design, (car.keypoints - np.array(self.atlas["mean"]))[seen].ravel(), rcond=None
+            )
+
+            def log_likelihood(body: dict, shape: np.ndarray = shape) -> float:
+                off, covariance = shape - body["mean"], np.array(body["covariance"])
+                volume = np.linalg.slogdet(covariance)[1]
+                return np.log(body["share"]) - 0.5 * (off @ np.linalg.solve(covariance, off) + volume)
+
+            right += max(self.atlas["body_types"], key=log_likelihood)["name"] == car.body
+        self.assertGreater(right, 0.8 * len(cars))
+
 
 if __name__ == "__main__":
     unittest.main()

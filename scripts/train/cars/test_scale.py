@@ -6,7 +6,7 @@ import unittest
 
 import numpy as np
 
-from .scale import NOISE_M, Estimate, estimate, scene_error
+from .scale import Estimate, KeypointType, estimate, scene_error
 
 TRUE_LOG_SCALE = 0.07
 
@@ -14,13 +14,17 @@ TRUE_LOG_SCALE = 0.07
 class Scale(unittest.TestCase):
     def test_cars_of_the_model_give_their_scale_as_well_as_they_claim(self) -> None:
         rng = np.random.default_rng(3)
-        mean, modes, residual_sd = rng.normal(0, 1, 54), rng.normal(0, 0.1, (5, 54)), rng.uniform(0.01, 0.05, 54)
+        types = []
+        for share in (0.7, 0.3):
+            modes, residual_sd = rng.normal(0, 0.1, (5, 54)), rng.uniform(0.01, 0.05, 54)
+            covariance = modes.T @ modes + np.diag(residual_sd**2)
+            types.append(KeypointType(share, rng.normal(0, 1, 54), covariance))
         standardised = []
         for _ in range(200):
-            car = mean + rng.normal(size=5) @ modes + residual_sd * rng.normal(size=54)
-            measured = np.exp(TRUE_LOG_SCALE) * car + NOISE_M * rng.normal(size=54)
+            body = types[int(rng.random() < 0.3)]
+            measured = np.exp(TRUE_LOG_SCALE) * rng.multivariate_normal(body.mean, body.covariance)
             measured[rng.permutation(54)[:9]] = np.nan
-            found = estimate(measured, mean, modes, residual_sd)
+            found = estimate(measured, types)
             standardised.append((found.log_scale - TRUE_LOG_SCALE) * np.sqrt(found.information))
             self.assertEqual(found.numbers, 45)
         self.assertLess(abs(np.mean(standardised)), 4 / np.sqrt(200))
