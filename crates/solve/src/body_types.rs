@@ -11,95 +11,97 @@
 //! and its prior is the normal distribution with mean and covariance of the mixture weighed so: one type where that is clear,
 //! something wider in between.
 
-use nalgebra::{Cholesky, Const, SMatrix};
-use roadplane_base::{ALL_MODES, FullShape, MODES, ShapeAtlas};
+use nalgebra::{Cholesky, Const, SMatrix, SVector};
+use roadplane_base::{ALL_MODES, BodyType, MODES, ShapeAtlas};
 
 use crate::options::{SceneOptions, ShapePrior};
 
-pub(crate) type FullMatrix = SMatrix<f64, ALL_MODES, ALL_MODES>;
-
-/// What is known of a car's shape: a Gaussian on the coefficients of all modes.
+/// A Gaussian on the coefficients of the first N modes.
 #[derive(Clone, Debug)]
-pub(crate) struct FullShapePrior {
-    pub mean: FullShape,
-    pub information: FullMatrix,
+pub(crate) struct Gaussian<const N: usize> {
+    pub mean: SVector<f64, N>,
+    pub information: SMatrix<f64, N, N>,
 }
 
-impl FullShapePrior {
-    /// Of a car of which only this is known, with so much `information` on each fine coefficient.
-    pub fn new(coarse: &ShapePrior, fine_information: f64) -> Self {
-        let mut mean = FullShape::zeros();
-        mean.fixed_rows_mut::<MODES>(0).copy_from(&coarse.mean);
-        let mut information = FullMatrix::identity() * fine_information;
-        information.fixed_view_mut::<MODES, MODES>(0, 0).copy_from(&coarse.information);
-        Self { mean, information }
-    }
-
+impl<const N: usize> Gaussian<N> {
     /// ½ (s − mean)ᵀ information (s − mean).
-    pub fn cost(&self, shape: &FullShape) -> f64 {
+    pub fn cost(&self, shape: &SVector<f64, N>) -> f64 {
         0.5 * (shape - self.mean).dot(&self.gradient(shape))
     }
 
     /// Its gradient.
-    pub fn gradient(&self, shape: &FullShape) -> FullShape {
+    pub fn gradient(&self, shape: &SVector<f64, N>) -> SVector<f64, N> {
         self.information * (shape - self.mean)
     }
 }
 
+impl Gaussian<ALL_MODES> {
+    /// What is known of a car's shape, with so much `information` on each fine coefficient.
+    pub fn of_all_modes(coarse: &ShapePrior, fine_information: f64) -> Self {
+        let mut mean = SVector::<f64, ALL_MODES>::zeros();
+        mean.fixed_rows_mut::<MODES>(0).copy_from(&coarse.mean);
+        let mut information = SMatrix::<f64, ALL_MODES, ALL_MODES>::identity() * fine_information;
+        information.fixed_view_mut::<MODES, MODES>(0, 0).copy_from(&coarse.information);
+        Self { mean, information }
+    }
+}
+
 /// One component of the mixture.
-struct Component {
-    mean: FullShape,
-    covariance: FullMatrix,
-    information: FullMatrix,
+struct Component<const N: usize> {
+    gaussian: Gaussian<N>,
+    covariance: SMatrix<f64, N, N>,
     /// Information times mean.
-    vector: FullShape,
+    vector: SVector<f64, N>,
     /// What does not depend on the car: log share − ½ log det Σ − ½ μᵀ Σ⁻¹ μ.
     log_weight: f64,
 }
 
-/// The mixture.
-pub(crate) struct BodyTypes(Vec<Component>);
+/// The mixture over the first N modes.
+pub(crate) struct BodyTypes<const N: usize>(Vec<Component<N>>);
 
-impl BodyTypes {
+impl<const N: usize> BodyTypes<N> {
     /// Those of the atlas, as `options` weigh them.
     pub fn new(atlas: &ShapeAtlas, options: &SceneOptions) -> Self {
         let fine = options.atlas_residual_scale;
-        let sd = FullShape::from_fn(|j, _| if j < MODES { 1.0 } else { fine });
-        let component = |body: &roadplane_base::BodyType| {
-            let scaled = FullMatrix::from_diagonal(&sd) * body.covariance * FullMatrix::from_diagonal(&sd);
-            let covariance = scaled / options.shape_prior_weight;
-            let mean = body.mean.component_mul(&sd);
+        let sd = SVector::<f64, N>::from_fn(|j, _| if j < MODES { 1.0 } else { fine });
+        let component = |body: &BodyType| {
+            let covariance = SMatrix::<f64, N, N>::from_fn(|i, j| {
+                sd[i] * sd[j] * body.covariance[(i, j)] / options.shape_prior_weight
+            });
+            let mean = SVector::<f64, N>::from_fn(|j, _| sd[j] * body.mean[j]);
             let factor = covariance.cholesky()?;
-            let information = factor.inverse();
-            let vector = information * mean;
+            let gaussian = Gaussian { mean, information: factor.inverse() };
+            let vector = gaussian.information * mean;
             let log_weight = body.share.ln() - half_log_determinant(&factor) - 0.5 * mean.dot(&vector);
-            Some(Component { mean, covariance, information, vector, log_weight })
+            Some(Component { gaussian, covariance, vector, log_weight })
         };
         Self(atlas.body_types.iter().filter_map(component).collect())
     }
 
     /// The prior of a car whose keypoints have this information A on its shape, and A ŝ as `vector`. `None` without types.
-    pub fn prior_of(&self, information: &FullMatrix, vector: &FullShape) -> Option<FullShapePrior> {
+    pub fn prior_of(
+        &self,
+        information: &SMatrix<f64, N, N>,
+        vector: &SVector<f64, N>,
+    ) -> Option<Gaussian<N>> {
         let odds = self.odds(information, vector)?;
         let types = || self.0.iter().zip(&odds);
-        let mean: FullShape = types().map(|(component, p)| component.mean * *p).sum();
-        let spread = |(component, p): (&Component, &f64)| {
-            let off = component.mean - mean;
+        let mean: SVector<f64, N> = types().map(|(component, p)| component.gaussian.mean * *p).sum();
+        let spread = |(component, p): (&Component<N>, &f64)| {
+            let off = component.gaussian.mean - mean;
             (component.covariance + off * off.transpose()) * *p
         };
-        let covariance: FullMatrix = types().map(spread).sum();
-        Some(FullShapePrior { mean, information: covariance.cholesky()?.inverse() })
+        let covariance: SMatrix<f64, N, N> = types().map(spread).sum();
+        Some(Gaussian { mean, information: covariance.cholesky()?.inverse() })
     }
 
     /// How likely the car is of each type.
-    fn odds(&self, information: &FullMatrix, vector: &FullShape) -> Option<Vec<f64>> {
-        let evidence = |component: &Component| {
-            let factor = (information + component.information).cholesky()?;
+    fn odds(&self, information: &SMatrix<f64, N, N>, vector: &SVector<f64, N>) -> Option<Vec<f64>> {
+        let evidence = |component: &Component<N>| {
+            let factor = (information + component.gaussian.information).cholesky()?;
             let vector = vector + component.vector;
-            Some(
-                component.log_weight - half_log_determinant(&factor)
-                    + 0.5 * vector.dot(&factor.solve(&vector)),
-            )
+            let squared = vector.dot(&factor.solve(&vector));
+            Some(component.log_weight - half_log_determinant(&factor) + 0.5 * squared)
         };
         let evidence: Vec<f64> = self.0.iter().map(evidence).collect::<Option<_>>()?;
         let best = evidence.iter().copied().reduce(f64::max).filter(|best| best.is_finite())?;
@@ -109,16 +111,19 @@ impl BodyTypes {
     }
 }
 
-fn half_log_determinant(factor: &Cholesky<f64, Const<ALL_MODES>>) -> f64 {
+fn half_log_determinant<const N: usize>(factor: &Cholesky<f64, Const<N>>) -> f64 {
     factor.l_dirty().diagonal().map(f64::ln).sum()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use roadplane_base::FullShape;
     use roadplane_synth::{Rng, draw_shape};
 
-    fn types() -> (ShapeAtlas, BodyTypes) {
+    type FullMatrix = SMatrix<f64, ALL_MODES, ALL_MODES>;
+
+    fn types() -> (ShapeAtlas, BodyTypes<ALL_MODES>) {
         let atlas = ShapeAtlas::shipped().unwrap();
         let types = BodyTypes::new(&atlas, &SceneOptions::default());
         assert_eq!(types.0.len(), atlas.body_types.len());

@@ -9,7 +9,7 @@ use nalgebra::{Matrix3, Matrix4, SMatrix, SVector, Vector2, Vector3, Vector4};
 use roadplane_base::{ALL_MODES, FullShape, MODES, Shape, ShapeAtlas};
 
 use crate::arrow::MIN_INFORMATION;
-use crate::body_types::{BodyTypes, FullMatrix, FullShapePrior};
+use crate::body_types::{BodyTypes, Gaussian};
 use crate::camera_knowledge::CameraKnowledge;
 use crate::ground_problem::{GroundProblem, Group, View};
 use crate::ground_residual::{CameraFrame, MIN_DEPTH_M, Standing, StandingFrame};
@@ -72,8 +72,8 @@ pub(crate) struct FineProblem<'a> {
     /// Factor on the sd of what is unexplained.
     scale: f64,
     /// What is known of each car's shape.
-    priors: Vec<FullShapePrior>,
-    types: BodyTypes,
+    priors: Vec<Gaussian<ALL_MODES>>,
+    types: BodyTypes<ALL_MODES>,
     /// Weight of each car's cost.
     trust: Vec<f64>,
 }
@@ -106,7 +106,7 @@ impl<'a> FineProblem<'a> {
     pub fn new(atlas: &'a ShapeAtlas, problem: &'a GroundProblem<'_>, options: &SceneOptions) -> Self {
         let scale = options.atlas_residual_scale;
         let fine_information = options.shape_prior_weight / (scale * scale);
-        let prior = |group: &Group| FullShapePrior::new(&group.prior, fine_information);
+        let prior = |group: &Group| Gaussian::of_all_modes(&group.prior, fine_information);
         Self {
             atlas,
             views: &problem.views,
@@ -259,7 +259,7 @@ impl<'a> FineProblem<'a> {
                 into.half_log_determinant += factor.l_dirty().diagonal().map(f64::ln).sum();
                 into.poses.push(rows);
             }
-            let mut own: FullMatrix = sum.fixed_view::<ALL_MODES, ALL_MODES>(0, 0).into_owned();
+            let mut own = sum.fixed_view::<ALL_MODES, ALL_MODES>(0, 0).into_owned();
             let mut rest = sum.fixed_view::<ALL_MODES, 5>(0, ALL_MODES).into_owned();
             own += prior.information;
             let mut gradient = rest.column_mut(4);

@@ -6,11 +6,12 @@ use nalgebra::{
 use roadplane_base::{Camera, CameraParams, ImageSize, KEYPOINTS, KeypointSet, Shape, ShapeAtlas};
 
 use crate::alternation::{LAST_TERMS, alternate};
+use crate::body_types::BodyTypes;
 use crate::camera_knowledge::CameraKnowledge;
 use crate::free_problem::{FreeProblem, PlaneTerms};
 use crate::free_residual::{FreeCar, FreeFrame};
 use crate::ground_residual::PointModes;
-use crate::lm::{LmOptions, Problem as _, minimise};
+use crate::lm::{LmOptions, LmReport, Problem as _, minimise};
 use crate::observation::{Observation, observations};
 use crate::options::{SceneOptions, ShapePrior};
 use crate::setup::{MIN_KEYPOINTS, Setup};
@@ -21,6 +22,8 @@ use crate::weak_perspective::{Appearance, DirectionGrid};
 const FOLLOWED: usize = 4;
 /// As in the joint solver: sd that shapes not yet found add, and the easing of their prior.
 const STAGES: [(f64, f64); 3] = [(0.12, 0.1), (0.04, 0.4), (0.0, 1.0)];
+/// Rounds of telling body types and descending with what is known of their shapes.
+const ROUNDS_OF_TYPES: usize = 2;
 
 /// A car with a free pose.
 #[derive(Clone, Debug)]
@@ -73,10 +76,14 @@ pub fn fit_free_car(
     let car = best_free(atlas, &model, &DirectionGrid::new(), &knowledge, &found, prior, options)?;
     let mut problem = FreeProblem::new(atlas, &model, vec![found], knowledge, known, vec![car]);
     problem.kernel = options.kernel;
-    problem.prior = *prior;
+    problem.priors = vec![*prior];
     problem.shapes_fixed = prior.fixed;
     problem.whiten(options.atlas_residual_scale, 0.0);
-    minimise(&mut problem, &options.lm);
+    if *prior == ShapePrior::default() {
+        minimise_with_types(atlas, &mut problem, options);
+    } else {
+        minimise(&mut problem, &options.lm);
+    }
     let (_, _, covariances) = problem.covariances()?;
     read_car(&problem, &model, 0, covariances.first()?, options)
 }
@@ -133,7 +140,7 @@ pub fn solve_free_scene(
         problem.plane = Some(terms);
         problem.whiten(options.atlas_residual_scale, 0.0);
     }
-    let report = minimise(&mut problem, &options.lm);
+    let report = minimise_with_types(atlas, &mut problem, options);
     let Some((information, camera, covariances)) = problem.covariances() else {
         solution.status = SceneStatus::Failed;
         return solution;
@@ -180,7 +187,7 @@ fn best_free(
         minimise(&mut problem, &short);
         for (extra_m, ease) in STAGES {
             problem.shapes_fixed = prior.fixed;
-            problem.prior = ShapePrior { information: prior.information * ease, ..*prior };
+            problem.priors = vec![ShapePrior { information: prior.information * ease, ..*prior }];
             problem.whiten(options.atlas_residual_scale, extra_m);
             minimise(&mut problem, &short);
         }
@@ -189,6 +196,23 @@ fn best_free(
         }
     }
     best.map(|(_, car)| car)
+}
+
+/// To the minimum, each car with the prior of the body types that it may have, unless cars are exactly in the atlas.
+fn minimise_with_types(
+    atlas: &ShapeAtlas,
+    problem: &mut FreeProblem<'_>,
+    options: &SceneOptions,
+) -> LmReport {
+    let mut report = minimise(problem, &options.lm);
+    if options.atlas_residual_scale > 0.0 {
+        let types = BodyTypes::new(atlas, options);
+        for _ in 0..ROUNDS_OF_TYPES {
+            problem.tell_types(&types);
+            report = minimise(problem, &options.lm);
+        }
+    }
+    report
 }
 
 fn free_from(appearance: &Appearance, focal_px: f64, shape: &Shape) -> FreeCar {

@@ -6,10 +6,11 @@
 //!
 //! The paper's μ₁ and μ₂ are `1/σ_p²` and `1/σ_v²` (m and rad). Cars couple through the camera alone: arrow, one level.
 
-use nalgebra::{Cholesky, Const, Matrix2, Matrix4, SMatrix, SVector, Vector4};
-use roadplane_base::{MODES, ShapeAtlas};
+use nalgebra::{Cholesky, Const, Matrix2, Matrix4, Matrix6, SMatrix, SVector, Vector4, Vector6};
+use roadplane_base::{MODES, Shape, ShapeAtlas};
 
 use crate::arrow::{MIN_INFORMATION, Row};
+use crate::body_types::{BodyTypes, Gaussian};
 use crate::camera_knowledge::CameraKnowledge;
 use crate::free_residual::{FreeCar, FreeFrame};
 use crate::ground_residual::{CameraFrame, PointModes};
@@ -46,7 +47,8 @@ pub(crate) struct FreeProblem<'a> {
     model: &'a PointModes,
     /// Per car.
     pub observations: Vec<Vec<Observation>>,
-    pub prior: ShapePrior,
+    /// What is known of each car's shape.
+    pub priors: Vec<ShapePrior>,
     pub knowledge: CameraKnowledge,
     pub kernel: OutlierModel,
     pub plane: Option<PlaneTerms>,
@@ -83,7 +85,7 @@ impl<'a> FreeProblem<'a> {
             model,
             blocks: vec![block; cars.len()],
             observations,
-            prior: ShapePrior::default(),
+            priors: vec![ShapePrior::default(); cars.len()],
             knowledge,
             kernel: OutlierModel::default(),
             plane: None,
@@ -114,7 +116,7 @@ impl<'a> FreeProblem<'a> {
     /// Cost of one car before a camera; `None` behind it.
     fn car_cost(&self, camera: &CameraFrame, k: usize, car: &FreeCar) -> Option<f64> {
         let frame = FreeFrame::new(camera.focal_px, car);
-        let mut cost = self.prior.cost(&car.shape);
+        let mut cost = self.priors[k].cost(&car.shape);
         for o in &self.observations[k] {
             let off = frame.project(&self.model.point(o.index, &car.shape))? - o.pixel;
             let [rx, ry] = o.whiten([off.x, off.y]);
@@ -126,6 +128,18 @@ impl<'a> FreeProblem<'a> {
             cost += 0.5 * terms[1..].iter().map(|t| (t / plane.angle_sd).powi(2)).sum::<f64>();
         }
         Some(cost)
+    }
+
+    /// Takes for each car's prior that of the body types it may have. After `linearise`.
+    pub fn tell_types(&mut self, types: &BodyTypes<MODES>) {
+        for ((block, prior), car) in self.blocks.iter().zip(&mut self.priors).zip(&self.cars) {
+            let told = block.of_shape(prior, &car.shape).and_then(|(information, gradient)| {
+                types.prior_of(&information, &(information * car.shape - gradient))
+            });
+            if let Some(Gaussian { mean, information }) = told {
+                *prior = ShapePrior { mean, information, fixed: false };
+            }
+        }
     }
 
     fn camera_cost(&self, camera: &Vector4<f64>) -> f64 {
@@ -157,11 +171,12 @@ impl<'a> FreeProblem<'a> {
                 block.add(row, *term, 1.0 / (sd * sd));
             }
         }
-        let prior = self.prior.gradient(&car.shape);
+        let prior = &self.priors[k];
+        let gradient = prior.gradient(&car.shape);
         for j in 0..MODES {
-            block.gradient[4 + j] += prior[j];
+            block.gradient[4 + j] += gradient[j];
             for i in 0..MODES {
-                block.sum[4 + i][4 + j] += self.prior.information[(i, j)];
+                block.sum[4 + i][4 + j] += prior.information[(i, j)];
             }
             let [low, high] = self.atlas.bounds[j];
             let gradient = block.gradient[4 + j];
@@ -190,6 +205,19 @@ impl<'a> FreeProblem<'a> {
 }
 
 impl Block {
+    /// Information of the keypoints alone on the shape and the gradient of their cost, pose eliminated.
+    fn of_shape(&self, prior: &ShapePrior, shape: &Shape) -> Option<(Matrix6<f64>, Vector6<f64>)> {
+        let part = |row: usize, column: usize| Matrix6::from_fn(|i, j| self.sum[row + i][column + j]);
+        let gradient = |from: usize| Vector6::from_fn(|i, _| self.gradient[from + i]);
+        let (shape_at, pose_at) = (4, 4 + MODES);
+        let pose = (part(pose_at, pose_at) + Matrix6::identity() * MIN_INFORMATION).cholesky()?;
+        let cross = part(shape_at, pose_at);
+        let information =
+            part(shape_at, shape_at) - prior.information - cross * pose.solve(&cross.transpose());
+        let gradient = gradient(shape_at) - prior.gradient(shape) - cross * pose.solve(&gradient(pose_at));
+        Some((information, gradient))
+    }
+
     fn add(&mut self, row: &Row, residual: f64, weight: f64) {
         for (a, sums) in self.sum.iter_mut().enumerate() {
             let scaled = weight * row[a];

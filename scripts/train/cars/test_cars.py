@@ -137,9 +137,9 @@ class Atlas(unittest.TestCase):
         means = np.array([body["mean"] for body in self.atlas["body_types"]])
         within = np.array([body["covariance"] for body in self.atlas["body_types"]])
         self.assertAlmostEqual(share.sum(), 1.0, places=3)
-        np.testing.assert_allclose(share @ means, 0.0, atol=0.15)
+        np.testing.assert_allclose(share @ means, 0.0, atol=0.05)
         variance = share @ np.array([np.diag(covariance) for covariance in within]) + share @ means**2
-        np.testing.assert_allclose(variance, 1.0, atol=0.4)
+        np.testing.assert_allclose(variance, 1.0, atol=0.25)
 
     def test_body_types_know_a_new_car(self) -> None:
         modes = np.array([*self.atlas["modes"], *self.atlas["fine_modes"]])
