@@ -56,7 +56,8 @@ pub struct FreeSceneSolution {
 }
 
 /// Pose and shape of one car before a known camera, nothing known of the ground. All view directions are tried, so front and
-/// back and the flip of flat views are decided by the evidence. `None` with fewer than five usable keypoints.
+/// back and the flip of flat views are decided by the evidence. Where `prior` is that of all cars, the body types that this one
+/// may have narrow it. `None` with fewer than five usable keypoints.
 #[must_use]
 pub fn fit_free_car(
     atlas: &ShapeAtlas,
