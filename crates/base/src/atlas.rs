@@ -204,7 +204,8 @@ fn body_type(file: BodyTypeInFile) -> Result<BodyType, AtlasError> {
         covariance.into_iter().map(|row| sized("a row of covariance", row)).collect::<Result<_, _>>()?;
     let rows: [_; ALL_MODES] = sized("covariance", rows)?;
     let covariance = SMatrix::<f64, ALL_MODES, ALL_MODES>::from_fn(|i, j| rows[i][j]);
-    if !(share > 0.0 && share.is_finite() && covariance.cholesky().is_some()) {
+    let symmetric = (covariance - covariance.transpose()).amax() < 1e-9;
+    if !(share > 0.0 && share.is_finite() && symmetric && covariance.cholesky().is_some()) {
         return Err(unsuitable(format!("body type {name:?}: share or covariance is not positive")));
     }
     Ok(BodyType { name, share, mean: sized::<_, ALL_MODES>("mean", mean)?.into(), covariance })
@@ -233,7 +234,20 @@ mod tests {
     #[test]
     fn wrong_files_are_refused_with_the_reason() {
         assert!(matches!(ShapeAtlas::from_json("{"), Err(AtlasError::Malformed(_))));
-        let text = include_str!("../../../models/atlas.json").replace(ATLAS_SCHEMA, "other/9");
+        let shipped = include_str!("../../../models/atlas.json");
+        let text = shipped.replace(ATLAS_SCHEMA, "other/9");
         assert!(ShapeAtlas::from_json(&text).unwrap_err().to_string().contains("other/9"));
+        let mut file: serde_json::Value = serde_json::from_str(shipped).unwrap();
+        let mut refused = |change: &dyn Fn(&mut serde_json::Value)| {
+            let kept = file.clone();
+            change(&mut file["body_types"][0]);
+            let error = ShapeAtlas::from_json(&file.to_string()).unwrap_err().to_string();
+            file = kept;
+            error
+        };
+        assert!(refused(&|body| body["share"] = 0.0.into()).contains("coupe"));
+        assert!(refused(&|body| body["covariance"][0][0] = (-1.0).into()).contains("coupe"));
+        assert!(refused(&|body| body["covariance"][0][1] = 9.0.into()).contains("coupe"));
+        assert!(refused(&|body| body["mean"] = vec![0.0; 6].into()).contains("mean has 6 entries"));
     }
 }

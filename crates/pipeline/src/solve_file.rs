@@ -48,7 +48,7 @@ pub fn solve_file(
             for (i, car) in frame.cars.iter().enumerate() {
                 let Some(keypoints) = car.keypoints.as_deref() else { continue };
                 let keypoints = usable(keypoints, config);
-                let fit = fit_free_car(&atlas, &view.camera, &keypoints, &ShapePrior::default(), &scene);
+                let fit = fit_free_car(&atlas, &view.camera, &keypoints, &scene);
                 let record =
                     fit.and_then(|fit| free_pose_record(frame, i, &fit, &view.plane, &scene, &atlas));
                 if let Some(pose) = record {

@@ -6,14 +6,14 @@ use nalgebra::{
 use roadplane_base::{Camera, CameraParams, ImageSize, KEYPOINTS, KeypointSet, Shape, ShapeAtlas};
 
 use crate::alternation::{LAST_TERMS, alternate};
-use crate::body_types::BodyTypes;
+use crate::body_types::{BodyTypes, Gaussian, ROUNDS_OF_TYPES};
 use crate::camera_knowledge::CameraKnowledge;
 use crate::free_problem::{FreeProblem, PlaneTerms};
 use crate::free_residual::{FreeCar, FreeFrame};
 use crate::ground_residual::PointModes;
 use crate::lm::{LmOptions, LmReport, Problem as _, minimise};
 use crate::observation::{Observation, observations};
-use crate::options::{SceneOptions, ShapePrior};
+use crate::options::SceneOptions;
 use crate::setup::{MIN_KEYPOINTS, Setup};
 use crate::solution::{CarView, SceneStatus};
 use crate::weak_perspective::{Appearance, DirectionGrid};
@@ -22,8 +22,6 @@ use crate::weak_perspective::{Appearance, DirectionGrid};
 const FOLLOWED: usize = 4;
 /// As in the joint solver: sd that shapes not yet found add, and the easing of their prior.
 const STAGES: [(f64, f64); 3] = [(0.12, 0.1), (0.04, 0.4), (0.0, 1.0)];
-/// Rounds of telling body types and descending with what is known of their shapes.
-const ROUNDS_OF_TYPES: usize = 2;
 
 /// A car with a free pose.
 #[derive(Clone, Debug)]
@@ -56,14 +54,12 @@ pub struct FreeSceneSolution {
 }
 
 /// Pose and shape of one car before a known camera, nothing known of the ground. All view directions are tried, so front and
-/// back and the flip of flat views are decided by the evidence. Where `prior` is that of all cars, the body types that this one
-/// may have narrow it. `None` with fewer than five usable keypoints.
+/// back and the flip of flat views are decided by the evidence. `None` with fewer than five usable keypoints.
 #[must_use]
 pub fn fit_free_car(
     atlas: &ShapeAtlas,
     camera: &Camera,
     keypoints: &KeypointSet,
-    prior: &ShapePrior,
     options: &SceneOptions,
 ) -> Option<FreeCarFit> {
     let model = PointModes::new(atlas);
@@ -74,17 +70,12 @@ pub fn fit_free_car(
         return None;
     }
     let knowledge = CameraKnowledge { mean: known, information: Vector4::zeros(), fixed: [true; 4] };
-    let car = best_free(atlas, &model, &DirectionGrid::new(), &knowledge, &found, prior, options)?;
+    let car = best_free(atlas, &model, &DirectionGrid::new(), &knowledge, &found, options)?;
     let mut problem = FreeProblem::new(atlas, &model, vec![found], knowledge, known, vec![car]);
     problem.kernel = options.kernel;
-    problem.priors = vec![*prior];
-    problem.shapes_fixed = prior.fixed;
+    problem.priors = vec![Gaussian::of_all_cars(options.shape_prior_weight)];
     problem.whiten(options.atlas_residual_scale, 0.0);
-    if *prior == ShapePrior::default() {
-        minimise_with_types(atlas, &mut problem, options);
-    } else {
-        minimise(&mut problem, &options.lm);
-    }
+    minimise_with_types(atlas, &mut problem, options);
     let (_, _, covariances) = problem.covariances()?;
     read_car(&problem, &model, 0, covariances.first()?, options)
 }
@@ -113,12 +104,11 @@ pub fn solve_free_scene(
     };
     let at_start = CameraKnowledge { fixed: [true; 4], ..knowledge };
     let grid = DirectionGrid::new();
-    let prior = ShapePrior::default();
     let mut cars = Vec::new();
     let mut seen = Vec::new();
     for sight in &setup.sights {
         let found = &sight.observations;
-        if let Some(car) = best_free(atlas, &model, &grid, &at_start, found, &prior, options) {
+        if let Some(car) = best_free(atlas, &model, &grid, &at_start, found, options) {
             cars.push(car);
             seen.push(sight);
         }
@@ -129,6 +119,7 @@ pub fn solve_free_scene(
     let all = seen.iter().map(|sight| sight.observations.clone()).collect();
     knowledge.fixed = [focal_known || plane.is_none(), plane.is_none(), plane.is_none(), plane.is_none()];
     let mut problem = FreeProblem::new(atlas, &model, all, knowledge, knowledge.mean, cars);
+    problem.priors.fill(Gaussian::of_all_cars(options.shape_prior_weight));
     problem.kernel = options.kernel;
     problem.whiten(options.atlas_residual_scale, 0.0);
     if let Some(terms) = plane {
@@ -170,14 +161,12 @@ fn best_free(
     grid: &DirectionGrid,
     knowledge: &CameraKnowledge,
     found: &[Observation],
-    prior: &ShapePrior,
     options: &SceneOptions,
 ) -> Option<FreeCar> {
-    let points = atlas.keypoints_in_car(&prior.mean);
     let focal_px = knowledge.mean[0].exp();
     let mut best: Option<(f64, FreeCar)> = None;
-    for appearance in grid.appearances(&points, found, FOLLOWED) {
-        let car = free_from(&appearance, focal_px, &prior.mean);
+    for appearance in grid.appearances(&atlas.mean, found, FOLLOWED) {
+        let car = free_from(&appearance, focal_px);
         let mut problem =
             FreeProblem::new(atlas, model, vec![found.to_vec()], *knowledge, knowledge.mean, vec![car]);
         problem.kernel = options.kernel;
@@ -187,8 +176,8 @@ fn best_free(
         problem.whiten(options.atlas_residual_scale, 0.12);
         minimise(&mut problem, &short);
         for (extra_m, ease) in STAGES {
-            problem.shapes_fixed = prior.fixed;
-            problem.priors = vec![ShapePrior { information: prior.information * ease, ..*prior }];
+            problem.shapes_fixed = false;
+            problem.priors = vec![Gaussian::of_all_cars(options.shape_prior_weight * ease)];
             problem.whiten(options.atlas_residual_scale, extra_m);
             minimise(&mut problem, &short);
         }
@@ -216,14 +205,14 @@ fn minimise_with_types(
     report
 }
 
-fn free_from(appearance: &Appearance, focal_px: f64, shape: &Shape) -> FreeCar {
+fn free_from(appearance: &Appearance, focal_px: f64) -> FreeCar {
     let rotation = Rotation3::from_matrix_unchecked(appearance.camera_from_car(focal_px));
     // s px/m means a depth of f/s, that is e^ρ = 1/s.
     FreeCar {
         camera_from_car: UnitQuaternion::from_rotation_matrix(&rotation),
         anchor: appearance.origin,
         log_depth_ratio: -appearance.scale.ln(),
-        shape: *shape,
+        shape: Shape::zeros(),
     }
 }
 

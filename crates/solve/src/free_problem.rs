@@ -1,10 +1,10 @@
 //! Cars with free poses, each drawn to the plane by the paper's two terms (Eq. 6, 7):
 //!
 //! ```text
-//! E = Σ_k [ ½ D_p2p² / σ_p² + ½ ‖D_v2v‖² / σ_v² + Σ_i ½ s_i ρ(‖W_i r_ki‖²) + ½ ‖λ_k‖² ] + ½ ‖c − c₀‖²_P
+//! E = Σ_k [ ½ D_p2p² / σ_p² + ½ ‖D_v2v‖² / σ_v² + Σ_i ½ s_i ρ(‖W_i r_ki‖²) + ½ ‖λ_k − μ_k‖²_Λ ] + ½ ‖c − c₀‖²_P
 //! ```
 //!
-//! The paper's μ₁ and μ₂ are `1/σ_p²` and `1/σ_v²` (m and rad). Cars couple through the camera alone: arrow, one level.
+//! Shapes have the prior of all cars, N(0, I), or that of their body types. The paper's μ₁ and μ₂ are `1/σ_p²` and `1/σ_v²` (m and rad). Cars couple through the camera alone: arrow, one level.
 
 use nalgebra::{Cholesky, Const, Matrix2, Matrix4, Matrix6, SMatrix, SVector, Vector4, Vector6};
 use roadplane_base::{MODES, Shape, ShapeAtlas};
@@ -17,7 +17,6 @@ use crate::ground_residual::{CameraFrame, PointModes};
 use crate::kernel::OutlierModel;
 use crate::lm::{Problem, Trial};
 use crate::observation::Observation;
-use crate::options::ShapePrior;
 
 type CarMatrix = SMatrix<f64, 12, 12>;
 type CarVector = SVector<f64, 12>;
@@ -48,7 +47,7 @@ pub(crate) struct FreeProblem<'a> {
     /// Per car.
     pub observations: Vec<Vec<Observation>>,
     /// What is known of each car's shape.
-    pub priors: Vec<ShapePrior>,
+    pub priors: Vec<Gaussian<MODES>>,
     pub knowledge: CameraKnowledge,
     pub kernel: OutlierModel,
     pub plane: Option<PlaneTerms>,
@@ -85,7 +84,7 @@ impl<'a> FreeProblem<'a> {
             model,
             blocks: vec![block; cars.len()],
             observations,
-            priors: vec![ShapePrior::default(); cars.len()],
+            priors: vec![Gaussian::of_all_cars(1.0); cars.len()],
             knowledge,
             kernel: OutlierModel::default(),
             plane: None,
@@ -136,8 +135,8 @@ impl<'a> FreeProblem<'a> {
             let told = block.of_shape(prior, &car.shape).and_then(|(information, gradient)| {
                 types.prior_of(&information, &(information * car.shape - gradient))
             });
-            if let Some(Gaussian { mean, information }) = told {
-                *prior = ShapePrior { mean, information, fixed: false };
+            if let Some(told) = told {
+                *prior = told;
             }
         }
     }
@@ -205,8 +204,8 @@ impl<'a> FreeProblem<'a> {
 }
 
 impl Block {
-    /// Information of the keypoints alone on the shape and the gradient of their cost, pose eliminated.
-    fn of_shape(&self, prior: &ShapePrior, shape: &Shape) -> Option<(Matrix6<f64>, Vector6<f64>)> {
+    /// Information on the shape and gradient of the cost, but for the shape's prior; pose eliminated.
+    fn of_shape(&self, prior: &Gaussian<MODES>, shape: &Shape) -> Option<(Matrix6<f64>, Vector6<f64>)> {
         let part = |row: usize, column: usize| Matrix6::from_fn(|i, j| self.sum[row + i][column + j]);
         let gradient = |from: usize| Vector6::from_fn(|i, _| self.gradient[from + i]);
         let (shape_at, pose_at) = (4, 4 + MODES);

@@ -18,7 +18,8 @@
 //! From nothing: view directions, focal lengths and planes that cars agree on (`cold_start.rs`), shapes eased in stages
 //! (`scene.rs`), second thoughts about single cars (`repair.rs`) and keypoints (`reclassify.rs`). From the minimum over
 //! everything the camera then goes on to that of all modes of the atlas (`fine.rs`, `fine_problem.rs`), and to the maximum over
-//! the camera alone (`marginal.rs`).
+//! the camera alone (`marginal.rs`). There, and where cars are free of the plane, a car's prior is that of the body types that it
+//! may have (`body_types.rs`).
 //!
 //! # Entry points
 //! [`solve_scene`]: everything unknown. [`fit_car`]: camera and plane known. [`fit_free_car`],

@@ -119,7 +119,7 @@ pub struct SceneOptions {
     /// Weight of the shape prior; 0 switches it off.
     pub shape_prior_weight: f64,
     /// Factor on what the atlas says its six modes leave unexplained; 0 for cars that are exactly in the atlas, which also
-    /// spares the steps with the fine modes (`fine.rs`).
+    /// spares the steps with the fine modes (`fine.rs`) and body types (`body_types.rs`).
     pub atlas_residual_scale: f64,
     /// Outlier model of keypoints.
     pub kernel: OutlierModel,

@@ -67,10 +67,14 @@ impl CarModel {
 
 /// One of the models, by weight; `None` when there are none.
 pub(crate) fn draw<'a>(models: &'a [CarModel], rng: &mut Rng) -> Option<&'a CarModel> {
-    let last = models.last()?;
-    let mut left = rng.unit() * models.iter().map(|model| model.weight).sum::<f64>();
-    let found = models.iter().find(|model| {
-        left -= model.weight;
+    draw_by(models, |model| model.weight, rng)
+}
+
+fn draw_by<'a, T>(items: &'a [T], weight: impl Fn(&T) -> f64, rng: &mut Rng) -> Option<&'a T> {
+    let last = items.last()?;
+    let mut left = rng.unit() * items.iter().map(&weight).sum::<f64>();
+    let found = items.iter().find(|item| {
+        left -= weight(item);
         left < 0.0
     });
     Some(found.unwrap_or(last))
@@ -78,13 +82,9 @@ pub(crate) fn draw<'a>(models: &'a [CarModel], rng: &mut Rng) -> Option<&'a CarM
 
 /// Coefficients of all modes of a car as in traffic; N(0, I) of an atlas without body types.
 pub fn draw_shape(atlas: &ShapeAtlas, rng: &mut Rng) -> FullShape {
-    let mut left = rng.unit() * atlas.body_types.iter().map(|body| body.share).sum::<f64>();
+    let body = draw_by(&atlas.body_types, |body| body.share, rng);
     let normal = FullShape::from_fn(|_, _| rng.normal());
-    let found = atlas.body_types.iter().find(|body| {
-        left -= body.share;
-        left < 0.0
-    });
-    let Some(body) = found.or(atlas.body_types.last()) else { return normal };
+    let Some(body) = body else { return normal };
     // The covariance of an atlas is positive definite.
     body.covariance.cholesky().map_or(normal, |factor| body.mean + factor.l() * normal)
 }

@@ -52,12 +52,12 @@ pub struct SynthOptions {
     pub box_px: [f64; 2],
     /// How cars stand.
     pub layout: Layout,
-    /// sd of the shape coefficients; 0: every car is the mean car.
+    /// Factor on the shape coefficients, whose sd is 1; 0: every car is the mean car.
     pub shape_sd: f64,
     /// Cars to draw from instead of the atlas; empty: the atlas.
     pub models: Vec<CarModel>,
     /// Factor on what six modes leave unexplained (fine modes, and the rest per keypoint): cars that they do not span, of the
-    /// body types of traffic. 0: cars of six modes, normally distributed, all of one kind.
+    /// body types of traffic, if they are the atlas'. 0: cars of six modes, normally distributed, all of one kind.
     pub off_atlas: f64,
     /// Share of keypoints seen (those that face the camera first).
     pub seen: f64,

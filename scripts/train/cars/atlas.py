@@ -131,7 +131,8 @@ def project(basis: Basis, row: np.ndarray, fine: bool = False) -> tuple[np.ndarr
 def body_types(basis: Basis, rows: np.ndarray, population: Population) -> list[BodyType]:
     """The mixture that traffic is: coefficients of all modes, type by type.
 
-    A type's few models say little of how they differ, so their covariance is drawn towards what cars of all types differ by.
+    A type's few models say little of how they differ, so their covariance is drawn towards how cars of all types differ from
+    the mean of their type.
     """
     coefficients = np.array([project(basis, row, fine=True)[0] for row in rows])
     weights, bodies = population.weights / population.weights.sum(), population.bodies

@@ -14,11 +14,11 @@ TRUE_LOG_SCALE = 0.07
 class Scale(unittest.TestCase):
     def test_cars_of_the_model_give_their_scale_as_well_as_they_claim(self) -> None:
         rng = np.random.default_rng(3)
-        types = []
-        for share in (0.7, 0.3):
-            modes, residual_sd = rng.normal(0, 0.1, (5, 54)), rng.uniform(0.01, 0.05, 54)
-            covariance = modes.T @ modes + np.diag(residual_sd**2)
-            types.append(KeypointType(share, rng.normal(0, 1, 54), covariance))
+        mean, modes = rng.normal(0, 1, 54), rng.normal(0, 0.1, (5, 54))
+        covariance = modes.T @ modes + np.diag(rng.uniform(0.01, 0.05, 54) ** 2)
+        # Alike but for their size: often it is not clear of which type a car is.
+        other = 1.03 * mean + rng.normal(size=5) @ modes
+        types = [KeypointType(0.7, mean, covariance), KeypointType(0.3, other, covariance)]
         standardised = []
         for _ in range(200):
             body = types[int(rng.random() < 0.3)]
