@@ -124,9 +124,14 @@ pub fn evaluate_dataset(
 }
 
 fn item(path: &Path) -> Result<Item, EvalError> {
-    let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy();
-    let name = name.strip_suffix(".truth.json").unwrap_or(&name).to_owned();
-    Ok(Item { name, path: path.to_path_buf(), truth: read_truth(path)? })
+    Ok(Item { name: item_name(path), path: path.to_path_buf(), truth: read_truth(path)? })
+}
+
+/// `clip_0000` of `scenes/clip_0000.truth.json.gz`.
+fn item_name(truth: &Path) -> String {
+    let name = truth.file_name().unwrap_or(truth.as_os_str()).to_string_lossy();
+    let plain = name.strip_suffix(".gz").unwrap_or(&name);
+    plain.strip_suffix(".truth.json").unwrap_or(plain).to_owned()
 }
 
 fn stopped(cancel: &Cancel) -> Result<(), EvalError> {
@@ -171,7 +176,7 @@ fn tables_of(
     let is_clip = |i: &usize| items[*i].truth.kind == Kind::Clip;
     let fused: Vec<ClipScore> = (0..items.len())
         .filter(is_clip)
-        .map(|i| clips::fused(&items[i].truth, &scenes[i], FRAMES_OF_CLIP, atlas, workplace, config, cancel))
+        .map(|i| clips::fused(&items[i], &scenes[i], FRAMES_OF_CLIP, atlas, workplace, config, cancel))
         .collect::<Result<_, _>>()?;
     if !fused.is_empty() {
         tables::add_clips(report, what, &named(true), &fused);

@@ -11,11 +11,12 @@ solver with this shape model can be better than: an error of 1 % moves a car 40 
 from __future__ import annotations
 
 import argparse
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+
+from json_files import read_json
 
 from .atlas import (
     Basis,
@@ -98,8 +99,8 @@ def estimates_of(cars: np.ndarray, types: list[KeypointType]) -> list[Estimate]:
 def cars_of_clips(folder: Path) -> dict[str, np.ndarray]:
     """The cars that appear in each clip of a data set, in rows."""
     clips = {}
-    for path in sorted(folder.glob("scenes/clip_*.truth.json")):
-        truth = json.loads(path.read_text())
+    for path in sorted(folder.glob("scenes/clip_*.truth.json.gz")):
+        truth = read_json(path)
         seen = {car["id"] for frame in truth["frames"] for car in frame["cars"]}
         left = [model["keypoints_in_car"][:18] for model in truth["models"] if model["id"] in seen]
         points = [[point or [np.nan] * 3 for point in car] for car in left]

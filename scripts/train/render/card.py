@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter, defaultdict
 from pathlib import Path
 
 import numpy as np
 
 from cars.meshes import catalogue
+from json_files import read_json
 
 SIZES_PX = (0, 24, 40, 64, 96, 160, 10_000)
 SHARES = (0.15, 0.4, 0.7, 0.9, 0.98, 1.01)
@@ -54,8 +54,8 @@ Activities, seconds of a car in the clips: {activities}.
 
 def write_card(folder: Path, recipe: str) -> None:
     """Writes `README.md` of a data set from its `dataset.json` and truth files."""
-    index = json.loads((folder / "dataset.json").read_text())
-    items = [json.loads((folder / item).read_text()) for item in index["items"]]
+    index = read_json(folder / "dataset.json")
+    items = [read_json(folder / item) for item in index["items"]]
     names = {model["model"]: model["body"] for item in items for model in item["models"]}
     real = {entry["name"]: entry["credit"] for entry in catalogue() if entry["name"] in names}
     bodies = ", ".join(f"{count} {body}" for body, count in sorted(Counter(names.values()).items()))

@@ -19,7 +19,8 @@ from .traffic import Mover, Traffic, collide, mover
 
 MOVERS = 6  # wanted
 FEWEST_MOVERS = 4
-QUIET, BUSY = (3, 12), (9, 40)  # fewest parked cars, most cars in all; fewer where there is no room
+CROWDS = {"quiet": (3, 12), "busy": (9, 40), "full": (22, 40)}  # fewest parked cars, most cars in all
+SEEN_M = {"quiet": (28, 52), "busy": (28, 52), "full": (45, 75)}  # ground across the picture's middle
 
 
 @dataclass
@@ -65,10 +66,10 @@ class Clip:
         return [region for region in regions if region is not None]
 
 
-def _camera(rng: np.random.Generator) -> tuple[Camera, np.ndarray]:
-    """A camera that sees some 28–52 m of ground across, and the ground point of its picture's middle."""
+def _camera(rng: np.random.Generator, least_m: float, most_m: float) -> tuple[Camera, np.ndarray]:
+    """A camera that sees so many metres of ground across, and the ground point of its picture's middle."""
     while True:
-        camera = sample_camera(rng, (1280 * CAR_M / 52, 1280 * CAR_M / 28), (9, 38))
+        camera = sample_camera(rng, (1280 * CAR_M / most_m, 1280 * CAR_M / least_m), (9, 38))
         middle = camera.ground_from_pixel(np.array(camera.principal_point_px))
         if middle is not None and np.linalg.norm(middle[:2]) > 14:
             return camera, middle[:2]
@@ -119,11 +120,13 @@ def _parked(rng: np.random.Generator, pool: CarPool, traffic: Traffic, spots: li
 
 
 def sample_clip(
-    rng: np.random.Generator, pool: CarPool, layout: str, weather: str, busy: bool, seconds: float, fps: float
+    rng: np.random.Generator, pool: CarPool, layout: str, weather: str, crowd: str, seconds: float, fps: float
 ) -> Clip:
-    """A clip of 7–12 cars, or where it is busy of 13–40, of which FEWEST_MOVERS or more drive."""
+    """A clip of FEWEST_MOVERS or more that drive and of cars that stand: as many as CROWDS says, fewer where there is no
+    room, but for a full lot."""
+    fewest, most = CROWDS[crowd]
     while True:
-        camera, middle = _camera(rng)
+        camera, middle = _camera(rng, *SEEN_M[crowd])
         _, light = sample_weather(rng, weather)
         wet, turn = weather == "wet", rng.uniform(-1.2, 1.2)
         site = _lot(rng, middle, wet) if layout == "lot" else make_street(rng, middle, turn, wet, 4, rng.uniform(-6, 6))
@@ -138,8 +141,9 @@ def sample_clip(
                 driven.append(car_at(rng, gpu, np.zeros(3), weather == "dusk"))
         if len(driven) < FEWEST_MOVERS:
             continue
-        fewest, most = BUSY if busy else QUIET
         cars = driven + _parked(rng, pool, traffic, spots, int(rng.integers(fewest, most + 1 - len(driven))))
+        if crowd == "full" and len(cars) - len(driven) < fewest:
+            continue
         for car, motion in zip(cars, traffic.movers, strict=True):
             car.world_from_car = motion.at(0.0).world_from_car
         scene = Scene(cars, site.props, site.floor, light, np.append(middle, 0.0), 45.0)

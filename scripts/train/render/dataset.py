@@ -14,6 +14,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from json_files import write_json
+
 from .card import write_card
 from .clips import sample_clip
 from .crops import Sight, real_meshes, sight
@@ -21,12 +23,13 @@ from .frames import Canvas, VideoWriter, draw, finished, overlap
 from .paths import Motion
 from .renderer import Renderer
 from .stills import SIZE, WEATHERS, CarPool, Still, sample_still
-from .truth import SMALLEST_SHARE, car_record, dataset_record, item_record, write_json
+from .truth import SMALLEST_SHARE, car_record, dataset_record, item_record
 
 LARGE_PX, FEWEST_LARGE = 40, 5  # a still shows at least so many cars that are so long
 LARGEST_STILL_BYTES = 250_000
 FPS = 10.0
-QUIET_OF_EIGHT = 3  # clips with few cars
+TRUTH = ".truth.json.gz"
+CROWDS_OF_TWELVE = ["quiet"] * 3 + ["busy"] * 5 + ["full"] * 4  # how many cars clips have, in turn
 
 
 @dataclass(frozen=True)
@@ -42,7 +45,7 @@ class Preset:
 
 PRESETS = {
     "small": Preset("eval", 4, 1, 4, 3.0),
-    "eval": Preset("eval", 50, 8, 4),  # what tests/data/lots holds
+    "eval": Preset("eval", 50, 12, 4),  # what tests/data/lots holds
     "train": Preset("train", 2000, 60, 5),
 }
 
@@ -65,7 +68,7 @@ def render_still(renderer: Renderer, pool: CarPool, seed: list[int], folder: Pat
     part.write_bytes(_jpeg(image))
     part.rename(media)
     meshes = {i: car.gpu.mesh for i, car in enumerate(still.scene.cars)}
-    write_json(folder / f"{stem}.truth.json", item_record(media.name, None, still.conditions, still.camera, meshes, [cars]))
+    write_json(folder / f"{stem}{TRUTH}", item_record(media.name, None, still.conditions, still.camera, meshes, [cars]))
 
 
 def still_truth(renderer: Renderer, still: Still) -> list[dict]:
@@ -90,8 +93,9 @@ def _jpeg(image: np.ndarray) -> bytes:
 def render_clip(renderer: Renderer, pool: CarPool, seed: list[int], folder: Path, stem: str, seconds: float) -> None:
     """One video and its truth. What stands still is drawn, and its truth worked out, only where something passes."""
     rng = np.random.default_rng(seed)
-    layout, weather = ("lot", "street", "lot")[seed[-1] % 3], list(WEATHERS)[seed[-1] % len(WEATHERS)]
-    clip = sample_clip(rng, pool, layout, weather, seed[-1] % 8 >= QUIET_OF_EIGHT, seconds, FPS)
+    crowd, weather = CROWDS_OF_TWELVE[seed[-1] % 12], list(WEATHERS)[seed[-1] % len(WEATHERS)]
+    layout = "lot" if crowd == "full" else ("lot", "street", "lot")[seed[-1] % 3]
+    clip = sample_clip(rng, pool, layout, weather, crowd, seconds, FPS)
     canvas = Canvas(renderer, clip.camera)
     video = VideoWriter(folder / f"{stem}.mp4", SIZE, clip.fps, crf=24)
     known: dict[int, Sight | None] = {}
@@ -113,7 +117,7 @@ def render_clip(renderer: Renderer, pool: CarPool, seed: list[int], folder: Path
     video.finish()
     meshes = {i: car.gpu.mesh for i, car in enumerate(clip.scene.cars)}
     record = item_record(f"{stem}.mp4", clip.fps, clip.conditions, clip.camera, meshes, frames)
-    write_json(folder / f"{stem}.truth.json", record)
+    write_json(folder / f"{stem}{TRUTH}", record)
 
 
 def make(out: Path, plan: Preset, name: str, recipe: str) -> None:
@@ -123,7 +127,7 @@ def make(out: Path, plan: Preset, name: str, recipe: str) -> None:
     for leftover in folder.glob("*.part*"):
         leftover.unlink()
     stems = [("still", k) for k in range(plan.stills)] + [("clip", k) for k in range(plan.clips)]
-    paths = {item: folder / f"{item[0]}_{item[1]:04d}.truth.json" for item in stems}
+    paths = {item: folder / f"{item[0]}_{item[1]:04d}{TRUTH}" for item in stems}
     missing = [item for item in stems if not paths[item].exists()]
     renderer = Renderer(shadow_size=4096) if missing else None
     pool = CarPool(renderer, plan.split, plan.seed, real_meshes(plan.split)) if renderer else None

@@ -31,7 +31,8 @@ class DatasetTest(unittest.TestCase):
         self.assertEqual(*records)
 
     def test_clip_redrawn_in_regions_equals_whole_frames(self) -> None:
-        clip = sample_clip(np.random.default_rng([9, 1, 0]), CarPool(self.renderer, "eval", 9, []), "lot", "sun", False, 4.0, 5.0)
+        pool = CarPool(self.renderer, "eval", 9, [])
+        clip = sample_clip(np.random.default_rng([9, 1, 0]), pool, "lot", "sun", "quiet", 4.0, 5.0)
         canvas, whole = Canvas(self.renderer, clip.camera), (0, 0, *SIZE)
         canvas.update(clip.at(2.0), clip.moving_regions(2.0))
         before = canvas.drawn.copy()
@@ -45,7 +46,7 @@ class DatasetTest(unittest.TestCase):
     def test_cars_of_a_clip_never_touch(self) -> None:
         for number, layout in enumerate(("lot", "street")):
             pool = CarPool(self.renderer, "eval", 9, [])
-            clip = sample_clip(np.random.default_rng([9, 1, number]), pool, layout, "sun", number == 1, 8.0, 5.0)
+            clip = sample_clip(np.random.default_rng([9, 1, number]), pool, layout, "sun", ("quiet", "busy")[number], 8.0, 5.0)
             self.assertTrue(7 + 6 * number <= len(clip.movers) <= (12, 40)[number])
             for time_s in np.arange(0, 8, 0.25):
                 places = np.array([m.world_from_car[:2, 3] for m in clip.motions(time_s)])

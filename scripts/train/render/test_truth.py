@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import unittest
 from pathlib import Path
 
 import numpy as np
+
+from json_files import read_json
 
 from .camera import Camera
 
@@ -16,7 +17,7 @@ DATA = Path(__file__).resolve().parents[3] / "tests" / "data"
 def truth_files() -> list[Path]:
     """The demo clip's and those of the committed split."""
     index = DATA / "lots" / "dataset.json"
-    items = [index.parent / item for item in json.loads(index.read_text())["items"]]
+    items = [index.parent / item for item in read_json(index)["items"]]
     return [DATA / "lot.truth.json", *items]
 
 
@@ -25,7 +26,7 @@ class TruthTest(unittest.TestCase):
 
     @classmethod
     def setUpClass(cls) -> None:
-        cls.items = {path.name: json.loads(path.read_text()) for path in truth_files()}
+        cls.items = {path.name: read_json(path) for path in truth_files()}
 
     def test_media_and_schema(self) -> None:
         for path in truth_files():

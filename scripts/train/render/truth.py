@@ -6,10 +6,6 @@ Frames of DESIGN §3, SI units, radians, pixels whose (0, 0) is the centre of th
 
 from __future__ import annotations
 
-import json
-import os
-from pathlib import Path
-
 import numpy as np
 
 from cars.mesh import CarMesh
@@ -68,14 +64,6 @@ def item_record(media: str, fps: float | None, conditions: dict[str, str], camer
 def dataset_record(name: str, split: str, seed: int, items: list[str]) -> dict:
     """`dataset.json`; items are paths of truth files relative to it."""
     return {"schema": DATASET_SCHEMA, "name": name, "split": split, "seed": seed, "items": sorted(items)}
-
-
-def write_json(path: Path, record: dict, indent: int | None = None) -> None:
-    """Writes compact JSON; the file is there complete or not at all."""
-    part = path.with_name(f"{path.name}.{os.getpid()}.part")
-    separators = (",", ":") if indent is None else (",", ": ")
-    part.write_text(json.dumps(record, separators=separators, indent=indent, allow_nan=False) + "\n")
-    part.rename(path)
 
 
 def _rounded(values: np.ndarray, digits: int) -> list[float]:

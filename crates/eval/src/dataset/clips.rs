@@ -14,7 +14,7 @@ use crate::metrics::camera::{CameraError, camera_error};
 use crate::run::{FinishedRun, pictures};
 use crate::scoring::{PoseScore, TrackScore, score_poses, score_tracks};
 use crate::systems::{CameraAnswer, solve_fused};
-use crate::truth::{Kind, Truth};
+use crate::truth::Kind;
 
 /// Where files of runs lie while they are needed, or for good.
 pub(super) struct Workplace {
@@ -61,6 +61,9 @@ impl Workplace {
 /// What a clip came to.
 #[derive(Clone, Debug)]
 pub(super) struct ClipScore {
+    pub name: String,
+    /// How many cars appear in it.
+    pub cars: usize,
     /// Cars of the frames that the other systems solve too.
     pub poses: Vec<PoseScore>,
     /// All frames that were looked at.
@@ -72,7 +75,7 @@ pub(super) struct ClipScore {
 
 /// Row 6 from given keypoints.
 pub(super) fn fused(
-    truth: &Truth,
+    item: &Item,
     scene: &SceneEvidence,
     frames: usize,
     atlas: &ShapeAtlas,
@@ -80,11 +83,11 @@ pub(super) fn fused(
     config: &Config,
     cancel: &Cancel,
 ) -> Result<ClipScore, EvalError> {
-    let records: Vec<_> = scene.frames.iter().map(|frame| frame.record(truth)).collect();
+    let records: Vec<_> = scene.frames.iter().map(|frame| frame.record(&item.truth)).collect();
     let clip = solve_fused(atlas, &records, None, &workplace.folder, config, cancel)?;
     let looked_at: Vec<u64> = records.iter().map(|record| record.frame).collect();
     let sampled: Vec<u64> = scene.sample(frames).into_iter().map(|place| looked_at[place]).collect();
-    Ok(score(truth, clip.camera, &clip.poses, &clip.rows, &looked_at, &sampled, atlas))
+    Ok(score(item, clip.camera, &clip.poses, &clip.rows, &looked_at, &sampled, atlas))
 }
 
 /// Row 6 from the video alone: our boxes, our keypoints, nothing known. For each clip that has a video.
@@ -107,7 +110,7 @@ pub(super) fn run_all(
         let frames = run.analysed(&item.truth);
         let looked_at: Vec<u64> = frames.iter().copied().collect();
         let camera = CameraAnswer { focal_px: run.camera.focal_px, plane: run.camera.plane() };
-        let mut clip = score(&item.truth, Some(camera), &run.poses, &run.rows, &looked_at, &looked_at, atlas);
+        let mut clip = score(item, Some(camera), &run.poses, &run.rows, &looked_at, &looked_at, atlas);
         clip.boxes = pictures(&run, &item.truth, &frames);
         scores.push(clip);
         progress.frame_done();
@@ -116,7 +119,7 @@ pub(super) fn run_all(
 }
 
 fn score(
-    truth: &Truth,
+    item: &Item,
     camera: Option<CameraAnswer>,
     poses: &[PoseRecord],
     rows: &[TrackRow],
@@ -124,9 +127,12 @@ fn score(
     sampled: &[u64],
     atlas: &ShapeAtlas,
 ) -> ClipScore {
+    let truth = &item.truth;
     let error =
         |c: CameraAnswer| camera_error(c.focal_px, &c.plane, truth.camera.focal_px, &truth.camera.plane());
     ClipScore {
+        name: item.name.clone(),
+        cars: truth.models.len(),
         poses: score_poses(truth, poses, atlas, |frame, _| sampled.contains(&frame)),
         tracks: score_tracks(truth, rows, |frame, _| looked_at.contains(&frame)),
         camera: camera.map(error),

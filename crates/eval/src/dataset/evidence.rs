@@ -9,6 +9,7 @@ use roadplane_pipeline::{Config, PipelineError, open_input};
 use roadplane_synth::Rng;
 use roadplane_write::FrameReader;
 
+use super::item_name;
 use crate::EvalError;
 use crate::scoring::counts;
 use crate::truth::{TrueCar, TrueFrame, Truth};
@@ -105,8 +106,7 @@ pub(super) fn from_net(
 }
 
 fn from_file(truth: &Truth, path: &Path, stride: u32) -> Result<SceneEvidence, EvalError> {
-    let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy();
-    let name = name.strip_suffix(".truth.json").unwrap_or(&name);
+    let name = item_name(path);
     let mut scene = SceneEvidence::default();
     for measured in FrameReader::open(&path.with_file_name(format!("{name}.frames.jsonl")))? {
         let measured = measured?;

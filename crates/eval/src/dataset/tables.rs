@@ -4,7 +4,7 @@ use super::clips::ClipScore;
 use super::score::{CarScore, PictureScore, SystemScore};
 use crate::metrics::average_precision::PictureBoxes;
 use crate::metrics::camera::CameraError;
-use crate::metrics::position::PositionError;
+use crate::metrics::position::{ALL_M, AT_40_M, PositionError, in_range, range_name};
 use crate::scoring::{PoseScore, TrackScore};
 use crate::systems::System;
 use crate::tables::{
@@ -168,7 +168,40 @@ pub(super) fn add_clips(
     report.tables.push(viewpoint_table(&format!("Clips, viewpoint: {what}"), &scored(&poses)));
     report.tables.push(camera_table(&format!("Clips, camera: {what}"), &scored(&cameras)));
     report.tables.push(position_table(&format!("Clips, position: {what}"), &scored(&positions)));
+    report.tables.push(one_by_one_table(&format!("Clips one by one, {FUSED}: {what}"), fused));
     add_tracks(report, &format!("{FUSED}, {what}"), fused);
+}
+
+/// Each clip's camera and how far off its cars are: all cars of a clip share one error of scale and focal length, so a clip
+/// is one draw, however many cars it has.
+fn one_by_one_table(title: &str, clips: &[ClipScore]) -> Table {
+    let ranges = [AT_40_M, ALL_M];
+    let mut columns = vec![Column::new("clip", 0), Column::new("cars", 0), Column::new("focal, %", 2)];
+    columns.extend([Column::new("tilt, °", 2), Column::new("height, %", 2)]);
+    columns.extend(ranges.map(|range| Column::new(format!("position {}, median m", range_name(range)), 2)));
+    let note = "Signed errors of the camera, and the error of positions on the ground. The median clip stands last.";
+    let mut table = Table::new(title, note, columns);
+    let mut numbers: Vec<Vec<f64>> = Vec::new();
+    for clip in clips {
+        let camera = clip.camera.map(|error| [error.focal_relative, error.tilt_rad, error.height_relative]);
+        let [focal, tilt, height] = camera.unwrap_or([f64::NAN; 3]);
+        let mut row = vec![100.0 * focal, tilt.to_degrees(), 100.0 * height];
+        row.extend(ranges.map(|range| {
+            let here = clip.tracks.positions.iter().filter(|e| in_range(range, e.distance_m));
+            median(&here.map(|e| e.error_m).collect::<Vec<f64>>())
+        }));
+        let mut cells = vec![Cell::from(clip.name.as_str()), clip.cars.to_string().into()];
+        cells.extend(row.iter().map(|number| Cell::from(*number)));
+        table.rows.push(cells);
+        numbers.push(row);
+    }
+    let mut last = vec![Cell::from("median, signs aside"), Cell::from("")];
+    last.extend((0..5).map(|column| {
+        let known = numbers.iter().map(|row| row[column].abs()).filter(|number| !number.is_nan());
+        Cell::from(median(&known.collect::<Vec<f64>>()))
+    }));
+    table.rows.push(last);
+    table
 }
 
 /// Runs from the video alone.
@@ -187,6 +220,7 @@ pub(super) fn add_runs(report: &mut Report, runs: &[ClipScore]) {
     report.tables.push(viewpoint_table("Video alone: viewpoint", &scored(&poses)));
     report.tables.push(camera_table("Video alone: camera", &scored(&cameras)));
     report.tables.push(position_table("Video alone: position", &scored(&positions)));
+    report.tables.push(one_by_one_table("Video alone: clips one by one", runs));
     add_tracks(report, RUN, runs);
     report.tables.push(boxes_table("Video alone: boxes of cars that got a pose", &scored(&boxes)));
     report.plots.push(position_plot(&scored(&positions)));

@@ -3,16 +3,13 @@
 use nalgebra::Vector2;
 use roadplane_base::Similarity;
 
-/// Distances that are looked at, m: from, up to. 30–50 m is what "at 40 m" means, and overlaps its neighbours.
-pub const RANGES_M: [[f64; 2]; 7] = [
-    [0.0, 20.0],
-    [20.0, 40.0],
-    [30.0, 50.0],
-    [40.0, 60.0],
-    [60.0, 80.0],
-    [80.0, f64::INFINITY],
-    [0.0, f64::INFINITY],
-];
+/// What "at 40 m" means, m: from, up to.
+pub const AT_40_M: [f64; 2] = [30.0, 50.0];
+/// Everywhere.
+pub const ALL_M: [f64; 2] = [0.0, f64::INFINITY];
+/// Distances that are looked at; [`AT_40_M`] overlaps its neighbours.
+pub const RANGES_M: [[f64; 2]; 7] =
+    [[0.0, 20.0], [20.0, 40.0], AT_40_M, [40.0, 60.0], [60.0, 80.0], [80.0, f64::INFINITY], ALL_M];
 
 /// Error of an estimated position and where it happened.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -134,6 +134,7 @@ fn rigid(rows: &Rows) -> Result<(), &'static str> {
 mod tests {
     use super::*;
     use serde_json::{Value, json};
+    use std::io::Read as _;
 
     /// A truth file with one car, 10 m ahead of a camera 5 m up that looks 0.3 rad down.
     fn truth() -> Value {
@@ -171,6 +172,21 @@ mod tests {
         assert!((in_camera.translation.vector.norm() - (1.5f64.powi(2) + 100.0 + 25.0).sqrt()).abs() < 1e-9);
         assert!(in_camera.translation.vector.z > 0.0);
         assert_eq!(truth.model(4).unwrap().body, "sedan");
+    }
+
+    #[test]
+    fn a_gzipped_truth_is_read_and_a_torn_one_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("0000.truth.json.gz");
+        let mut packed = Vec::new();
+        let text = truth().to_string();
+        flate2::read::GzEncoder::new(text.as_bytes(), flate2::Compression::best()).read_to_end(&mut packed).unwrap();
+        std::fs::write(&path, &packed).unwrap();
+        assert_eq!(read_truth(&path).unwrap().models[0].id, 4);
+        for end in (0..packed.len()).step_by(37) {
+            std::fs::write(&path, &packed[..end]).unwrap();
+            assert!(read_truth(&path).unwrap_err().to_string().ends_with("0000.truth.json.gz"));
+        }
     }
 
     #[test]

@@ -1,0 +1,23 @@
+"""JSON files: there complete or not at all, gzipped where the name ends in .gz."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import os
+from pathlib import Path
+
+
+def write_json(path: Path, record: dict, indent: int | None = None) -> None:
+    """Writes compact JSON, or indented; the same bytes for the same record."""
+    part = path.with_name(f"{path.name}.{os.getpid()}.part")
+    separators = (",", ":") if indent is None else (",", ": ")
+    data = (json.dumps(record, separators=separators, indent=indent, allow_nan=False) + "\n").encode()
+    part.write_bytes(gzip.compress(data, 9, mtime=0) if path.suffix == ".gz" else data)
+    part.rename(path)
+
+
+def read_json(path: Path) -> dict:
+    """What `write_json` wrote."""
+    data = path.read_bytes()
+    return json.loads(gzip.decompress(data) if path.suffix == ".gz" else data)
