@@ -10,9 +10,11 @@ mod tables;
 use std::path::{Path, PathBuf};
 
 use roadplane_base::ShapeAtlas;
+use roadplane_detect::Detector;
+use roadplane_keypoints::KeypointNet;
 use roadplane_pipeline::{Cancel, Config, PipelineError, Progress, open_detector, open_keypoints};
 
-use crate::parallel::in_parallel;
+use crate::parallel::{in_parallel, in_parallel_with};
 use crate::systems::System;
 use crate::tables::boxes_table;
 use crate::truth::{Kind, Truth, read_dataset, read_truth};
@@ -79,16 +81,18 @@ pub fn evaluate_dataset(
 
     if options.net {
         progress.phase("keypoints");
-        let mut net = open_keypoints(&options.models, &config)?;
-        let found = |item: &Item| {
+        let found = |net: &mut Option<KeypointNet>, i: usize| {
             stopped(cancel)?;
-            let scene = evidence::from_net(&item.truth, &item.path, &mut net, &config)?;
+            let net = opened(net, || open_keypoints(&options.models, &config))?;
+            let scene = evidence::from_net(&items[i].truth, &items[i].path, net, &config)?;
             progress.frame_done();
             Ok(scene)
         };
-        let scenes = items.iter().map(found).collect::<Result<Vec<_>, EvalError>>()?;
+        let scenes: Result<Vec<_>, EvalError> =
+            in_parallel_with(items.len(), || None, found).into_iter().collect();
+        let scenes = scenes?;
         let what = "the net's keypoints";
-        tables_of(&mut report, what, &items, &scenes, &atlas, &workplace, &config, cancel, progress)?;
+        tables_of(&mut report, what, &items, &scenes, &atlas, &config, cancel, progress)?;
     }
     if let Some(noise) = options.noise {
         let seed = |i: usize| dataset.seed.wrapping_mul(1_000_003).wrapping_add(i as u64);
@@ -98,18 +102,20 @@ pub fn evaluate_dataset(
             .map(|(i, item)| evidence::from_truth(&item.truth, noise, seed(i), options.stride))
             .collect();
         let what = format!("true keypoints, noise {:.1} %", 100.0 * noise);
-        tables_of(&mut report, &what, &items, &scenes, &atlas, &workplace, &config, cancel, progress)?;
+        tables_of(&mut report, &what, &items, &scenes, &atlas, &config, cancel, progress)?;
     }
     progress.phase("boxes");
     if stills.iter().any(|item| item.truth.media.is_some()) {
-        let mut detector = open_detector(&options.models, &config)?;
-        let found = |item: &&Item| {
+        let found = |detector: &mut Option<Detector>, i: usize| {
             stopped(cancel)?;
-            let boxes = boxes::detect(&item.truth, &mut detector, &config)?;
+            let detector = opened(detector, || open_detector(&options.models, &config))?;
+            let boxes = boxes::detect(&stills[i].truth, detector, &config)?;
             progress.frame_done();
             Ok(boxes.into_iter().collect())
         };
-        let scenes = stills.iter().map(found).collect::<Result<Vec<Vec<_>>, EvalError>>()?;
+        let scenes: Result<Vec<Vec<_>>, EvalError> =
+            in_parallel_with(stills.len(), || None, found).into_iter().collect();
+        let scenes = scenes?;
         report.tables.push(boxes_table("Detector on the stills", &[("detector", &scenes)]));
     }
     progress.phase("runs");
@@ -121,6 +127,17 @@ pub fn evaluate_dataset(
         report.tables.push(real::table(&rows));
     }
     Ok(report)
+}
+
+/// A net, opened when it is first wanted.
+fn opened<N>(
+    net: &mut Option<N>,
+    open: impl FnOnce() -> Result<N, PipelineError>,
+) -> Result<&mut N, PipelineError> {
+    match net {
+        Some(net) => Ok(net),
+        None => Ok(net.insert(open()?)),
+    }
 }
 
 fn item(path: &Path) -> Result<Item, EvalError> {
@@ -146,7 +163,6 @@ fn tables_of(
     items: &[Item],
     scenes: &[SceneEvidence],
     atlas: &ShapeAtlas,
-    workplace: &Workplace,
     config: &Config,
     cancel: &Cancel,
     progress: &dyn Progress,
@@ -173,11 +189,13 @@ fn tables_of(
         System::ALL.iter().enumerate().map(|(k, system)| (*system, of(k, clips_only))).collect()
     };
     tables::add_single_frames(report, what, &named(false));
-    let is_clip = |i: &usize| items[*i].truth.kind == Kind::Clip;
-    let fused: Vec<ClipScore> = (0..items.len())
-        .filter(is_clip)
-        .map(|i| clips::fused(&items[i], &scenes[i], FRAMES_OF_CLIP, atlas, workplace, config, cancel))
-        .collect::<Result<_, _>>()?;
+    let clips: Vec<(&Item, &SceneEvidence)> =
+        items.iter().zip(scenes).filter(|(item, _)| item.truth.kind == Kind::Clip).collect();
+    let fuse = |i: usize| {
+        let (item, scene) = clips[i];
+        clips::fused(item, scene, FRAMES_OF_CLIP, atlas, config, cancel)
+    };
+    let fused: Vec<ClipScore> = in_parallel(clips.len(), fuse).into_iter().collect::<Result<_, _>>()?;
     if !fused.is_empty() {
         tables::add_clips(report, what, &named(true), &fused);
     }

@@ -71,7 +71,10 @@ impl EvalError {
         if bytes.starts_with(&GZIP) {
             let mut unpacked = Vec::new();
             let most = MOST_UNPACKED_BYTES + 1;
-            MultiGzDecoder::new(bytes.as_slice()).take(most).read_to_end(&mut unpacked).map_err(unreadable)?;
+            MultiGzDecoder::new(bytes.as_slice())
+                .take(most)
+                .read_to_end(&mut unpacked)
+                .map_err(unreadable)?;
             if unpacked.len() as u64 == most {
                 return Err(Self::malformed(path, "holds over 1 GiB once unpacked"));
             }

@@ -5,18 +5,28 @@ use std::sync::{Mutex, PoisonError};
 
 /// `work(i)` for i in 0..count. The order of the results, and so everything made of them, does not depend on the threads.
 pub(crate) fn in_parallel<T: Send>(count: usize, work: impl Fn(usize) -> T + Sync) -> Vec<T> {
+    in_parallel_with(count, || (), |(), index| work(index))
+}
+
+/// The same with something of its own that each thread makes once and works with.
+pub(crate) fn in_parallel_with<S, T: Send>(
+    count: usize,
+    make: impl Fn() -> S + Sync,
+    work: impl Fn(&mut S, usize) -> T + Sync,
+) -> Vec<T> {
     let threads = std::thread::available_parallelism().map_or(1, usize::from).min(count);
     let next = AtomicUsize::new(0);
     let results: Mutex<Vec<(usize, T)>> = Mutex::new(Vec::with_capacity(count));
     std::thread::scope(|scope| {
         for _ in 0..threads {
             scope.spawn(|| {
+                let mut own = make();
                 loop {
                     let index = next.fetch_add(1, Ordering::Relaxed);
                     if index >= count {
                         break;
                     }
-                    let result = work(index);
+                    let result = work(&mut own, index);
                     results.lock().unwrap_or_else(PoisonError::into_inner).push((index, result));
                 }
             });

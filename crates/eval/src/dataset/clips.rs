@@ -11,6 +11,7 @@ use super::{DatasetOptions, Item, stopped};
 use crate::EvalError;
 use crate::metrics::average_precision::PictureBoxes;
 use crate::metrics::camera::{CameraError, camera_error};
+use crate::parallel::in_parallel;
 use crate::run::{FinishedRun, pictures};
 use crate::scoring::{PoseScore, TrackScore, score_poses, score_tracks};
 use crate::systems::{CameraAnswer, solve_fused};
@@ -26,14 +27,11 @@ pub(super) struct Workplace {
 impl Workplace {
     /// In `keep`, else somewhere for the time being.
     pub fn new(keep: Option<&Path>) -> Result<Self, EvalError> {
-        let fail = |source: std::io::Error, path: &Path| {
-            EvalError::from(WriteError::Io { doing: "make the folder", source, path: path.to_path_buf() })
-        };
         if let Some(keep) = keep {
-            std::fs::create_dir_all(keep).map_err(|source| fail(source, keep))?;
+            std::fs::create_dir_all(keep).map_err(|source| no_folder(source, keep))?;
             return Ok(Self { folder: keep.to_path_buf(), _temporary: None });
         }
-        let temporary = tempfile::tempdir().map_err(|source| fail(source, Path::new("temporary")))?;
+        let temporary = temporary_folder()?;
         Ok(Self { folder: temporary.path().to_path_buf(), _temporary: Some(temporary) })
     }
 
@@ -58,6 +56,14 @@ impl Workplace {
     }
 }
 
+fn temporary_folder() -> Result<tempfile::TempDir, EvalError> {
+    tempfile::tempdir().map_err(|source| no_folder(source, Path::new("temporary")))
+}
+
+fn no_folder(source: std::io::Error, path: &Path) -> EvalError {
+    EvalError::from(WriteError::Io { doing: "make the folder", source, path: path.to_path_buf() })
+}
+
 /// What a clip came to.
 #[derive(Clone, Debug)]
 pub(super) struct ClipScore {
@@ -79,12 +85,12 @@ pub(super) fn fused(
     scene: &SceneEvidence,
     frames: usize,
     atlas: &ShapeAtlas,
-    workplace: &Workplace,
     config: &Config,
     cancel: &Cancel,
 ) -> Result<ClipScore, EvalError> {
+    let folder = temporary_folder()?;
     let records: Vec<_> = scene.frames.iter().map(|frame| frame.record(&item.truth)).collect();
-    let clip = solve_fused(atlas, &records, None, &workplace.folder, config, cancel)?;
+    let clip = solve_fused(atlas, &records, None, folder.path(), config, cancel)?;
     let looked_at: Vec<u64> = records.iter().map(|record| record.frame).collect();
     let sampled: Vec<u64> = scene.sample(frames).into_iter().map(|place| looked_at[place]).collect();
     Ok(score(item, clip.camera, &clip.poses, &clip.rows, &looked_at, &sampled, atlas))
@@ -100,11 +106,14 @@ pub(super) fn run_all(
     cancel: &Cancel,
     progress: &dyn Progress,
 ) -> Result<Vec<ClipScore>, EvalError> {
-    let mut scores = Vec::new();
-    let clips: Vec<&Item> = items.iter().filter(|item| item.truth.kind == Kind::Clip).collect();
-    for item in clips {
+    let clips: Vec<(&Item, &PathBuf)> = items
+        .iter()
+        .filter(|item| item.truth.kind == Kind::Clip)
+        .filter_map(|item| Some((item, item.truth.media.as_ref()?)))
+        .collect();
+    let run = |i: usize| {
         stopped(cancel)?;
-        let Some(media) = &item.truth.media else { continue };
+        let (item, media) = clips[i];
         let run = workplace.run(media, options, config, cancel, &Silent)?;
         tracing::info!("{}: focal {:.0} px", item.name, run.camera.focal_px);
         let frames = run.analysed(&item.truth);
@@ -112,10 +121,10 @@ pub(super) fn run_all(
         let camera = CameraAnswer { focal_px: run.camera.focal_px, plane: run.camera.plane() };
         let mut clip = score(item, Some(camera), &run.poses, &run.rows, &looked_at, &looked_at, atlas);
         clip.boxes = pictures(&run, &item.truth, &frames);
-        scores.push(clip);
         progress.frame_done();
-    }
-    Ok(scores)
+        Ok(clip)
+    };
+    in_parallel(clips.len(), run).into_iter().collect()
 }
 
 fn score(

@@ -179,7 +179,8 @@ fn one_by_one_table(title: &str, clips: &[ClipScore]) -> Table {
     let mut columns = vec![Column::new("clip", 0), Column::new("cars", 0), Column::new("focal, %", 2)];
     columns.extend([Column::new("tilt, °", 2), Column::new("height, %", 2)]);
     columns.extend(ranges.map(|range| Column::new(format!("position {}, median m", range_name(range)), 2)));
-    let note = "Signed errors of the camera, and the error of positions on the ground. The median clip stands last.";
+    let note =
+        "Signed errors of the camera, and the error of positions on the ground. The median clip stands last.";
     let mut table = Table::new(title, note, columns);
     let mut numbers: Vec<Vec<f64>> = Vec::new();
     for clip in clips {

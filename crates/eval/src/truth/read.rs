@@ -180,7 +180,9 @@ mod tests {
         let path = folder.path().join("0000.truth.json.gz");
         let mut packed = Vec::new();
         let text = truth().to_string();
-        flate2::read::GzEncoder::new(text.as_bytes(), flate2::Compression::best()).read_to_end(&mut packed).unwrap();
+        flate2::read::GzEncoder::new(text.as_bytes(), flate2::Compression::best())
+            .read_to_end(&mut packed)
+            .unwrap();
         std::fs::write(&path, &packed).unwrap();
         assert_eq!(read_truth(&path).unwrap().models[0].id, 4);
         for end in (0..packed.len()).step_by(37) {
