@@ -5,7 +5,7 @@ mod free;
 mod fused;
 mod plane;
 
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Matrix4};
 use roadplane_base::{GroundPlane, ImageSize, KeypointSet, Shape, ShapeAtlas};
 use roadplane_pipeline::Config;
 
@@ -57,6 +57,8 @@ pub struct CameraAnswer {
     pub focal_px: f64,
     /// The ground.
     pub plane: GroundPlane,
+    /// Claimed, of (log f, tilt, roll, log h); zero where given.
+    pub covariance: Matrix4<f64>,
 }
 
 /// What a system says of a frame.

@@ -118,7 +118,11 @@ pub(super) fn run_all(
         tracing::info!("{}: focal {:.0} px", item.name, run.camera.focal_px);
         let frames = run.analysed(&item.truth);
         let looked_at: Vec<u64> = frames.iter().copied().collect();
-        let camera = CameraAnswer { focal_px: run.camera.focal_px, plane: run.camera.plane() };
+        let camera = CameraAnswer {
+            focal_px: run.camera.focal_px,
+            plane: run.camera.plane(),
+            covariance: run.camera.estimate().covariance,
+        };
         let mut clip = score(item, Some(camera), &run.poses, &run.rows, &looked_at, &looked_at, atlas);
         clip.boxes = pictures(&run, &item.truth, &frames);
         progress.frame_done();
@@ -137,8 +141,10 @@ fn score(
     atlas: &ShapeAtlas,
 ) -> ClipScore {
     let truth = &item.truth;
-    let error =
-        |c: CameraAnswer| camera_error(c.focal_px, &c.plane, truth.camera.focal_px, &truth.camera.plane());
+    let error = |c: CameraAnswer| {
+        camera_error(c.focal_px, &c.plane, truth.camera.focal_px, &truth.camera.plane())
+            .against_claimed(&c.covariance)
+    };
     ClipScore {
         name: item.name.clone(),
         cars: truth.models.len(),

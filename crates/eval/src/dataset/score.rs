@@ -60,6 +60,7 @@ pub(super) fn score(
         if system.finds_ground() {
             let error = answer.camera.map_or(NO_CAMERA, |camera| {
                 camera_error(camera.focal_px, &camera.plane, focal_px, &truth.camera.plane())
+                    .against_claimed(&camera.covariance)
             });
             score.cameras.push(PictureScore { cars: frame.cars.len(), error });
         }
@@ -75,6 +76,7 @@ const NO_CAMERA: CameraError = CameraError {
     roll_rad: f64::INFINITY,
     normal_rad: f64::INFINITY,
     height_relative: f64::INFINITY,
+    in_sds: [f64::NAN; 3],
 };
 
 fn cars(truth: &Truth, frame: &FrameEvidence, answer: &FrameAnswer, atlas: &ShapeAtlas) -> Vec<CarScore> {

@@ -175,33 +175,39 @@ pub(super) fn add_clips(
 /// Each clip's camera and how far off its cars are: all cars of a clip share one error of scale and focal length, so a clip
 /// is one draw, however many cars it has.
 fn one_by_one_table(title: &str, clips: &[ClipScore]) -> Table {
+    let heads = ["focal, %", "tilt, °", "height, %", "focal, error / sd", "tilt, error / sd"];
     let ranges = [AT_40_M, ALL_M];
-    let mut columns = vec![Column::new("clip", 0), Column::new("cars", 0), Column::new("focal, %", 2)];
-    columns.extend([Column::new("tilt, °", 2), Column::new("height, %", 2)]);
+    let mut columns = vec![Column::new("clip", 0), Column::new("cars", 0)];
+    columns.extend(heads.map(|head| Column::new(head, 2)));
     columns.extend(ranges.map(|range| Column::new(format!("position {}, median m", range_name(range)), 2)));
     let note =
         "Signed errors of the camera, and the error of positions on the ground. The median clip stands last.";
     let mut table = Table::new(title, note, columns);
-    let mut numbers: Vec<Vec<f64>> = Vec::new();
-    for clip in clips {
-        let camera = clip.camera.map(|error| [error.focal_relative, error.tilt_rad, error.height_relative]);
-        let [focal, tilt, height] = camera.unwrap_or([f64::NAN; 3]);
-        let mut row = vec![100.0 * focal, tilt.to_degrees(), 100.0 * height];
-        row.extend(ranges.map(|range| {
+    let numbers = |clip: &ClipScore| -> Vec<f64> {
+        let camera = clip.camera.map_or([f64::NAN; 5], |error| {
+            let [focal_sds, tilt_sds, _] = error.in_sds;
+            let [focal, height] = [error.focal_relative, error.height_relative].map(|share| 100.0 * share);
+            [focal, error.tilt_rad.to_degrees(), height, focal_sds, tilt_sds]
+        });
+        let position = |range| {
             let here = clip.tracks.positions.iter().filter(|e| in_range(range, e.distance_m));
             median(&here.map(|e| e.error_m).collect::<Vec<f64>>())
-        }));
-        let mut cells = vec![Cell::from(clip.name.as_str()), clip.cars.to_string().into()];
-        cells.extend(row.iter().map(|number| Cell::from(*number)));
-        table.rows.push(cells);
-        numbers.push(row);
+        };
+        camera.into_iter().chain(ranges.map(position)).collect()
+    };
+    let rows: Vec<Vec<f64>> = clips.iter().map(numbers).collect();
+    let median_of = |column: usize| {
+        let known = rows.iter().map(|row| row[column].abs()).filter(|number| !number.is_nan());
+        median(&known.collect::<Vec<f64>>())
+    };
+    let last: Vec<f64> = (0..table.columns.len() - 2).map(median_of).collect();
+    let names = clips.iter().map(|clip| [clip.name.clone(), clip.cars.to_string()]);
+    let names = names.chain([["median, signs aside".to_owned(), String::new()]]);
+    for (name, numbers) in names.zip(rows.iter().chain([&last])) {
+        table
+            .rows
+            .push(name.map(Cell::from).into_iter().chain(numbers.iter().map(|n| Cell::from(*n))).collect());
     }
-    let mut last = vec![Cell::from("median, signs aside"), Cell::from("")];
-    last.extend((0..5).map(|column| {
-        let known = numbers.iter().map(|row| row[column].abs()).filter(|number| !number.is_nan());
-        Cell::from(median(&known.collect::<Vec<f64>>()))
-    }));
-    table.rows.push(last);
     table
 }
 

@@ -1,6 +1,10 @@
 //! Errors of focal length and ground plane (paper §Experiments, focal-length study: error relative to the truth).
 
+use nalgebra::Matrix4;
 use roadplane_base::GroundPlane;
+
+/// Claimed sds below this stand for numbers that were given, not estimated.
+const GIVEN_SD: f64 = 1e-5;
 
 /// Errors of one estimated camera; signed, estimate minus truth.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -15,6 +19,21 @@ pub struct CameraError {
     pub normal_rad: f64,
     /// (h − h*) / h*.
     pub height_relative: f64,
+    /// Errors of log f, tilt and log h in claimed sds; NaN where none is claimed.
+    pub in_sds: [f64; 3],
+}
+
+impl CameraError {
+    /// With the errors in sds, by the claimed covariance of (log f, tilt, roll, log h).
+    #[must_use]
+    pub fn against_claimed(self, covariance: &Matrix4<f64>) -> Self {
+        let in_sds = |error: f64, number: usize| {
+            let sd = covariance[(number, number)].sqrt();
+            if sd > GIVEN_SD { error / sd } else { f64::NAN }
+        };
+        let [focal, height] = [self.focal_relative, self.height_relative].map(f64::ln_1p);
+        Self { in_sds: [in_sds(focal, 0), in_sds(self.tilt_rad, 1), in_sds(height, 3)], ..self }
+    }
 }
 
 /// Errors of an estimated focal length (px) and plane against the true ones.
@@ -31,6 +50,7 @@ pub fn camera_error(
         roll_rad: roadplane_base::angle_difference(plane.roll(), true_plane.roll()),
         normal_rad: plane.normal_in_camera.angle(&true_plane.normal_in_camera),
         height_relative: plane.height_m / true_plane.height_m - 1.0,
+        in_sds: [f64::NAN; 3],
     }
 }
 
@@ -47,5 +67,9 @@ mod tests {
         assert!((error.tilt_rad - 0.03).abs() < 1e-12 && error.roll_rad.abs() < 1e-12);
         assert!((error.normal_rad - 0.03).abs() < 1e-9);
         assert!((error.height_relative - 0.1).abs() < 1e-12);
+        assert!(error.in_sds.iter().all(|error| error.is_nan()));
+        let claimed = Matrix4::from_diagonal(&nalgebra::Vector4::new(0.0, 1e-4, 1e-4, 0.04));
+        let [focal, tilt, height] = error.against_claimed(&claimed).in_sds;
+        assert!(focal.is_nan() && (tilt - 3.0).abs() < 1e-9 && (height - 1.1f64.ln() / 0.2).abs() < 1e-9);
     }
 }

@@ -48,6 +48,7 @@ pub fn solve_fused(
     let camera = longest.map(|estimate| CameraAnswer {
         focal_px: estimate.params.focal_px(),
         plane: estimate.params.plane(),
+        covariance: estimate.covariance,
     });
     let poses = read_jsonl(&poses_path)?.collect::<Result<_, _>>()?;
     Ok(FusedClip { camera, poses, rows: solution.rows })

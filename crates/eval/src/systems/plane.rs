@@ -25,7 +25,11 @@ pub(super) fn solve(
         car.as_ref().map(|car| CarAnswer { camera_from_car: car.camera_from_car, shape: car.shape })
     };
     let found = !matches!(solution.status, SceneStatus::TooFewCars | SceneStatus::Failed);
-    let camera = CameraAnswer { focal_px: solution.params.focal_px(), plane: solution.params.plane() };
+    let camera = CameraAnswer {
+        focal_px: solution.params.focal_px(),
+        plane: solution.params.plane(),
+        covariance: solution.covariance,
+    };
     FrameAnswer { cars: solution.cars.iter().map(answer).collect(), camera: found.then_some(camera) }
 }
 
