@@ -130,6 +130,9 @@ pub struct SceneOptions {
     /// Whether the camera is the most likely one with shapes and poses integrated out (Laplace's method), or that of the most
     /// likely scene, which is the exact one without noise but biased by a fraction of a sd with it (see `marginal.rs`).
     pub marginal: bool,
+    /// Factor on the variance that the cars give the camera (overdispersion, McCullagh and Nelder 1989, §4.5): 1 where errors of
+    /// a car's keypoints are independent and its shape is drawn from the atlas, more where they have something in common.
+    pub camera_dispersion: f64,
     /// Stopping rules.
     pub lm: LmOptions,
     /// A car with a smaller share of right keypoints is left out.
@@ -152,6 +155,7 @@ impl Default for SceneOptions {
             kernel: OutlierModel::default(),
             car_freedom: 4.0,
             marginal: true,
+            camera_dispersion: 1.0,
             lm: LmOptions::default(),
             min_inlier_share: 0.45,
             max_cost_share: 0.6,

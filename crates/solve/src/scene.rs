@@ -194,12 +194,12 @@ pub(crate) fn read_out(
     views: &[CarView<'_>],
 ) -> SceneSolution {
     let options = setup.options;
-    let Some(Covariances { mut camera_information, camera: mut covariance }) = problem.covariances() else {
+    let Some(Covariances { mut camera_information, camera: covariance }) = problem.covariances() else {
         return unsolved(setup, views.len(), SceneStatus::Failed);
     };
     if report.iterations > 0 {
         if let Some(fine) = fine::camera_of_all_modes(setup.atlas, problem, options) {
-            (camera_information, covariance) = (fine.information, fine.covariance);
+            camera_information = fine.information;
             problem.follow(&(fine.camera - problem.state.camera));
             // Too far a way for the cars to follow exactly.
             problem.knowledge.fixed = [true; 4];
@@ -213,6 +213,12 @@ pub(crate) fn read_out(
             problem.follow(&change);
         }
     }
+    let pull = (problem.state.camera - setup.knowledge.mean).component_mul(&setup.knowledge.information);
+    let information = camera_information / options.camera_dispersion;
+    let information_vector = (camera_information * problem.state.camera + pull) / options.camera_dispersion;
+    let Some(covariance) = setup.knowledge.covariance(&information) else {
+        return unsolved(setup, views.len(), SceneStatus::Failed);
+    };
     let joints = problem.view_covariances(&covariance);
     let params = CameraParams::from_vector(&problem.state.camera);
     let mut cars: Vec<Option<CarSolution>> = vec![None; views.len()];
@@ -236,7 +242,6 @@ pub(crate) fn read_out(
             cars[sight.index] = fit.map(|fit| CarSolution { used: false, ..fit.car });
         }
     }
-    let pull = (problem.state.camera - setup.knowledge.mean).component_mul(&setup.knowledge.information);
     let data_focal_information = 1.0 / covariance[(0, 0)] - setup.knowledge.information[0];
     let status = if !(report.termination.converged() || report.termination == Termination::NoDescent) {
         SceneStatus::NotConverged
@@ -250,8 +255,8 @@ pub(crate) fn read_out(
     SceneSolution {
         status,
         params,
-        information: camera_information,
-        information_vector: camera_information * problem.state.camera + pull,
+        information,
+        information_vector,
         covariance,
         cars,
         cost: report.cost,
