@@ -76,6 +76,9 @@ pub struct FuseOptions {
     pub parked_correlation: f64,
     /// The same for a car that moved between them.
     pub moving_correlation: f64,
+    /// Factor on the variance of what windows say together: what the errors of their cars have in common, which does not show
+    /// in how windows scatter. At least 1.
+    pub dispersion: f64,
     /// Gain in log likelihood that a change of the camera, or a drift, must bring to be believed.
     pub min_gain: f64,
 }
@@ -102,6 +105,7 @@ impl FuseOptions {
             drift_sd: Vector4::new(1e-4, 5e-5, 5e-5, 1e-4),
             parked_correlation: 1.0,
             moving_correlation: 0.3,
+            dispersion: 1.0,
             min_gain: 16.0,
         }
     }
@@ -297,12 +301,14 @@ fn drift_log_likelihood(group: &[&WindowEstimate], scale: f64, options: &FuseOpt
     total
 }
 
-/// One piece of evidence: a group under one constant. Windows that scatter more than they claim widen it (Birge's ratio).
+/// One piece of evidence: a group under one constant. Windows that scatter more than they claim widen it (Birge's ratio),
+/// `dispersion` at least.
 fn node(group: &[&WindowEstimate], shares: &[f64], step: Step, options: &FuseOptions) -> Node {
     let Constant { weights, distances, .. } = constant(group, shares, options);
     let surplus = 4.0 * (group.len() as f64 - 1.0);
     let scatter: f64 = distances.iter().zip(&weights).map(|(d2, w)| d2 * w).sum();
-    let widened = if group.len() >= 3 { (scatter / surplus).max(1.0) } else { 1.0 };
+    let scatter = if group.len() >= 3 { scatter / surplus } else { 1.0 };
+    let widened = scatter.max(1.0).max(options.dispersion);
     let mut node = Node { information: Matrix4::zeros(), weighted: Vector4::zeros(), step };
     for ((window, share), weight) in group.iter().zip(shares).zip(&weights) {
         // Weights above 1 would claim more than the window does.

@@ -12,6 +12,7 @@ use crate::readers::coco::read_coco;
 use crate::readers::kitti::{KittiTracked, read_tracked};
 use crate::readers::mot::{MotFrames, read_mot, sequence_of_boxes};
 use crate::tables::boxes_table;
+use crate::text_file::read_text;
 use crate::{Cell, Column, EvalError, Report, Table};
 
 /// Tracks of boxes against true ones, alike by IoU: MOT Challenge files (commas between fields) or labels of KITTI's tracking
@@ -58,7 +59,7 @@ pub fn evaluate_mot(truth: &Path, tracks: &Path) -> Result<Report, EvalError> {
 type Regions = BTreeMap<u64, Vec<[f64; 4]>>;
 
 fn read_frames(path: &Path) -> Result<(MotFrames, Regions), EvalError> {
-    if EvalError::read_text(path)?.lines().next().is_none_or(|line| line.contains(',')) {
+    if read_text(path)?.lines().next().is_none_or(|line| line.contains(',')) {
         return Ok((read_mot(path)?, Regions::new()));
     }
     let (mut frames, mut regions) = (MotFrames::new(), Regions::new());

@@ -14,12 +14,12 @@ use roadplane_detect::Detector;
 use roadplane_keypoints::KeypointNet;
 use roadplane_pipeline::{Cancel, Config, PipelineError, Progress, open_detector, open_keypoints};
 
-use crate::parallel::{in_parallel, in_parallel_with};
+use crate::parallel::{in_parallel, try_in_parallel};
 use crate::systems::System;
 use crate::tables::boxes_table;
 use crate::truth::{Kind, Truth, read_dataset, read_truth};
 use crate::{EvalError, Report};
-use clips::{ClipScore, Workplace};
+use clips::Workplace;
 use evidence::SceneEvidence;
 use score::SystemScore;
 
@@ -42,7 +42,8 @@ pub struct DatasetOptions {
     pub real: Option<PathBuf>,
     /// Folder of the models.
     pub models: PathBuf,
-    /// Where finished runs of clips stay; without it they are thrown away.
+    /// Where finished runs of clips stay; without it they are thrown away. As many run at once as there are cores, so their
+    /// `summary.json` says less than their speed alone.
     pub runs: Option<PathBuf>,
 }
 
@@ -81,16 +82,14 @@ pub fn evaluate_dataset(
 
     if options.net {
         progress.phase("keypoints");
-        let found = |net: &mut Option<KeypointNet>, i: usize| {
+        let open = || open_keypoints(&options.models, &config).map_err(EvalError::from);
+        let found = |net: &mut KeypointNet, i: usize| {
             stopped(cancel)?;
-            let net = opened(net, || open_keypoints(&options.models, &config))?;
             let scene = evidence::from_net(&items[i].truth, &items[i].path, net, &config)?;
             progress.frame_done();
             Ok(scene)
         };
-        let scenes: Result<Vec<_>, EvalError> =
-            in_parallel_with(items.len(), || None, found).into_iter().collect();
-        let scenes = scenes?;
+        let scenes: Vec<SceneEvidence> = try_in_parallel(items.len(), open, found)?;
         let what = "the net's keypoints";
         tables_of(&mut report, what, &items, &scenes, &atlas, &config, cancel, progress)?;
     }
@@ -106,16 +105,14 @@ pub fn evaluate_dataset(
     }
     progress.phase("boxes");
     if stills.iter().any(|item| item.truth.media.is_some()) {
-        let found = |detector: &mut Option<Detector>, i: usize| {
+        let open = || open_detector(&options.models, &config).map_err(EvalError::from);
+        let found = |detector: &mut Detector, i: usize| {
             stopped(cancel)?;
-            let detector = opened(detector, || open_detector(&options.models, &config))?;
             let boxes = boxes::detect(&stills[i].truth, detector, &config)?;
             progress.frame_done();
-            Ok(boxes.into_iter().collect())
+            Ok(boxes.into_iter().collect::<Vec<_>>())
         };
-        let scenes: Result<Vec<Vec<_>>, EvalError> =
-            in_parallel_with(stills.len(), || None, found).into_iter().collect();
-        let scenes = scenes?;
+        let scenes = try_in_parallel(stills.len(), open, found)?;
         report.tables.push(boxes_table("Detector on the stills", &[("detector", &scenes)]));
     }
     progress.phase("runs");
@@ -127,17 +124,6 @@ pub fn evaluate_dataset(
         report.tables.push(real::table(&rows));
     }
     Ok(report)
-}
-
-/// A net, opened when it is first wanted.
-fn opened<N>(
-    net: &mut Option<N>,
-    open: impl FnOnce() -> Result<N, PipelineError>,
-) -> Result<&mut N, PipelineError> {
-    match net {
-        Some(net) => Ok(net),
-        None => Ok(net.insert(open()?)),
-    }
 }
 
 fn item(path: &Path) -> Result<Item, EvalError> {
@@ -191,13 +177,25 @@ fn tables_of(
     tables::add_single_frames(report, what, &named(false));
     let clips: Vec<(&Item, &SceneEvidence)> =
         items.iter().zip(scenes).filter(|(item, _)| item.truth.kind == Kind::Clip).collect();
-    let fuse = |i: usize| {
+    let fuse = |(): &mut (), i: usize| {
         let (item, scene) = clips[i];
         clips::fused(item, scene, FRAMES_OF_CLIP, atlas, config, cancel)
     };
-    let fused: Vec<ClipScore> = in_parallel(clips.len(), fuse).into_iter().collect::<Result<_, _>>()?;
+    let fused = try_in_parallel(clips.len(), || Ok(()), fuse)?;
     if !fused.is_empty() {
         tables::add_clips(report, what, &named(true), &fused);
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn items_are_named_by_their_truth_files() {
+        for file in ["clip_0001.truth.json.gz", "clip_0001.truth.json", "clip_0001"] {
+            assert_eq!(item_name(&Path::new("scenes").join(file)), "clip_0001");
+        }
+    }
 }

@@ -17,6 +17,7 @@ pub mod solver;
 pub mod systems;
 mod table;
 pub mod tables;
+mod text_file;
 pub mod truth;
 
 pub use bootstrap::{Estimate, bootstrap, bootstrap_scenes, mean, median, quantile, share_within};

@@ -1,33 +1,44 @@
 //! The same work on many items, on as many threads as there are cores; results in the items' order.
 
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::convert::Infallible;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 /// `work(i)` for i in 0..count. The order of the results, and so everything made of them, does not depend on the threads.
 pub(crate) fn in_parallel<T: Send>(count: usize, work: impl Fn(usize) -> T + Sync) -> Vec<T> {
-    in_parallel_with(count, || (), |(), index| work(index))
+    let Ok(results) = try_in_parallel(count, || Ok::<_, Infallible>(()), |(), index| Ok(work(index)));
+    results
 }
 
-/// The same with something of its own that each thread makes once and works with.
-pub(crate) fn in_parallel_with<S, T: Send>(
+/// The same with work that may fail, and with what each thread opens once to work with. Nothing more is begun after a failure.
+///
+/// # Errors
+/// The failure with the lowest index, whatever the threads; else that of opening.
+pub(crate) fn try_in_parallel<S, T: Send, E: Send>(
     count: usize,
-    make: impl Fn() -> S + Sync,
-    work: impl Fn(&mut S, usize) -> T + Sync,
-) -> Vec<T> {
+    open: impl Fn() -> Result<S, E> + Sync,
+    work: impl Fn(&mut S, usize) -> Result<T, E> + Sync,
+) -> Result<Vec<T>, E> {
     let threads = std::thread::available_parallelism().map_or(1, usize::from).min(count);
-    let next = AtomicUsize::new(0);
-    let results: Mutex<Vec<(usize, T)>> = Mutex::new(Vec::with_capacity(count));
+    let (next, failed) = (AtomicUsize::new(0), AtomicBool::new(false));
+    let results: Mutex<Vec<(usize, Result<T, E>)>> = Mutex::new(Vec::with_capacity(count));
+    let put = |index: usize, result: Result<T, E>| {
+        failed.fetch_or(result.is_err(), Ordering::Relaxed);
+        results.lock().unwrap_or_else(PoisonError::into_inner).push((index, result));
+    };
     std::thread::scope(|scope| {
         for _ in 0..threads {
             scope.spawn(|| {
-                let mut own = make();
-                loop {
+                let mut own = match open() {
+                    Ok(own) => own,
+                    Err(error) => return put(count, Err(error)),
+                };
+                while !failed.load(Ordering::Relaxed) {
                     let index = next.fetch_add(1, Ordering::Relaxed);
                     if index >= count {
                         break;
                     }
-                    let result = work(&mut own, index);
-                    results.lock().unwrap_or_else(PoisonError::into_inner).push((index, result));
+                    put(index, work(&mut own, index));
                 }
             });
         }
@@ -45,5 +56,21 @@ mod tests {
     fn results_come_in_order() {
         assert_eq!(in_parallel(100, |i| i * i), (0..100).map(|i| i * i).collect::<Vec<_>>());
         assert!(in_parallel(0, |i| i).is_empty());
+    }
+
+    #[test]
+    fn the_first_failure_is_told_and_ends_the_work() {
+        let begun = AtomicUsize::new(0);
+        let work = |own: &mut usize, index: usize| {
+            begun.fetch_add(1, Ordering::Relaxed);
+            *own += 1;
+            if index >= 5 { Err(index) } else { Ok(*own) }
+        };
+        assert_eq!(try_in_parallel(1000, || Ok(0), work), Err(5));
+        assert!(begun.load(Ordering::Relaxed) < 1000);
+        // Each thread goes on with what it opened.
+        let counts = try_in_parallel(5, || Ok(0), work).unwrap();
+        assert!(counts.contains(&1) && counts.iter().all(|count| (1..=5).contains(count)), "{counts:?}");
+        assert_eq!(try_in_parallel(3, || Err("closed"), |(), _| Ok(())), Err("closed"));
     }
 }

@@ -10,6 +10,7 @@ use std::path::Path;
 use std::str::FromStr;
 
 use crate::EvalError;
+use crate::text_file::read_text;
 
 /// Field `index` of a line as a value.
 fn field<T: FromStr>(fields: &[&str], index: usize, name: &str) -> Result<T, String> {
@@ -29,7 +30,7 @@ fn lines<T>(
     split: impl Fn(&str) -> Vec<&str>,
     read: impl Fn(&[&str]) -> Result<T, String>,
 ) -> Result<Vec<T>, EvalError> {
-    let text = EvalError::read_text(path)?;
+    let text = read_text(path)?;
     let lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
     let values = lines.map(|(i, line)| {
         read(&split(line)).map_err(|what| EvalError::malformed(path, format!("line {}: {what}", i + 1)))

@@ -16,6 +16,7 @@ use crate::tables::{
     add_plot, add_table, boxes_table, motion_table, position_plot, position_table, tracking_table,
     viewpoint_plot, viewpoint_table,
 };
+use crate::text_file::read_text;
 use crate::truth::{Truth, read_truth};
 use crate::{Cell, Column, EvalError, Report, Table};
 
@@ -45,7 +46,7 @@ impl FinishedRun {
     pub fn read(folder: &Path) -> Result<Self, EvalError> {
         let path = folder.join("summary.json");
         let malformed = |e: serde_json::Error| EvalError::malformed(&path, e);
-        let summary: Summary = serde_json::from_str(&EvalError::read_text(&path)?).map_err(malformed)?;
+        let summary: Summary = serde_json::from_str(&read_text(&path)?).map_err(malformed)?;
         Ok(Self {
             camera: read_camera(&folder.join("camera.json"))?.camera,
             rows: read_jsonl(&folder.join("tracks.jsonl"))?.collect::<Result<_, _>>()?,

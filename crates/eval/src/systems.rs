@@ -9,6 +9,8 @@ use nalgebra::{Isometry3, Matrix4};
 use roadplane_base::{GroundPlane, ImageSize, KeypointSet, Shape, ShapeAtlas};
 use roadplane_pipeline::Config;
 
+use crate::metrics::camera::{CameraError, camera_error};
+
 pub use fused::{FusedClip, solve_fused};
 
 /// A system that solves single frames.
@@ -59,6 +61,14 @@ pub struct CameraAnswer {
     pub plane: GroundPlane,
     /// Claimed, of (log f, tilt, roll, log h); zero where given.
     pub covariance: Matrix4<f64>,
+}
+
+impl CameraAnswer {
+    /// Its errors against the true focal length (px) and ground.
+    #[must_use]
+    pub fn error(&self, true_focal_px: f64, true_plane: &GroundPlane) -> CameraError {
+        camera_error(self.focal_px, &self.plane, true_focal_px, true_plane).against_claimed(&self.covariance)
+    }
 }
 
 /// What a system says of a frame.

@@ -72,7 +72,9 @@ pub fn estimate_cameras(
     known_focal_px: Option<f64>,
     config: &Config,
 ) -> Result<CameraTrack, PipelineError> {
-    let mut options = config.solve.scene_options(known_focal_px);
+    // Windows say what each alone would; what their cars' errors have in common is counted where they are fused.
+    let SceneOptions { camera_dispersion: dispersion, .. } = config.solve.scene_options(known_focal_px);
+    let mut options = SceneOptions { camera_dispersion: 1.0, ..config.solve.scene_options(known_focal_px) };
     let mut builder = EvidenceBuilder::new(EvidenceOptions {
         window_s: config.calibrate.window_s,
         ..EvidenceOptions::default()
@@ -109,8 +111,12 @@ pub fn estimate_cameras(
     };
     take(builder.finish(), size, &mut options);
     let prior = fuse_prior(&options, size);
-    let fuse_options =
-        FuseOptions { focal_given: known_focal_px.is_some(), prior, ..FuseOptions::for_image(size) };
+    let fuse_options = FuseOptions {
+        focal_given: known_focal_px.is_some(),
+        prior,
+        dispersion,
+        ..FuseOptions::for_image(size)
+    };
     let mut estimates = fuse(&windows, &fuse_options);
     for estimate in &mut estimates {
         estimate.covariance[(3, 3)] += POPULATION_LOG_SD * POPULATION_LOG_SD;

@@ -130,8 +130,9 @@ pub struct SceneOptions {
     /// Whether the camera is the most likely one with shapes and poses integrated out (Laplace's method), or that of the most
     /// likely scene, which is the exact one without noise but biased by a fraction of a sd with it (see `marginal.rs`).
     pub marginal: bool,
-    /// Factor on the variance that the cars give the camera (overdispersion, McCullagh and Nelder 1989, §4.5): 1 where errors of
-    /// a car's keypoints are independent and its shape is drawn from the atlas, more where they have something in common.
+    /// Factor on the variance that the cars of [`solve_scene`](crate::solve_scene) give the camera (overdispersion, McCullagh and
+    /// Nelder 1989, §4.5), finite and above 0: 1 where errors of a car's keypoints are independent and its shape is drawn from the
+    /// atlas, more where they have something in common. The estimate does not depend on it, its covariance does.
     pub camera_dispersion: f64,
     /// Stopping rules.
     pub lm: LmOptions,

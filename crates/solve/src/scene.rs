@@ -194,12 +194,12 @@ pub(crate) fn read_out(
     views: &[CarView<'_>],
 ) -> SceneSolution {
     let options = setup.options;
-    let Some(Covariances { mut camera_information, camera: covariance }) = problem.covariances() else {
+    let Some(Covariances { mut camera_information, camera: mut covariance }) = problem.covariances() else {
         return unsolved(setup, views.len(), SceneStatus::Failed);
     };
     if report.iterations > 0 {
         if let Some(fine) = fine::camera_of_all_modes(setup.atlas, problem, options) {
-            camera_information = fine.information;
+            (camera_information, covariance) = (fine.information, fine.covariance);
             problem.follow(&(fine.camera - problem.state.camera));
             // Too far a way for the cars to follow exactly.
             problem.knowledge.fixed = [true; 4];
@@ -213,10 +213,9 @@ pub(crate) fn read_out(
             problem.follow(&change);
         }
     }
-    let pull = (problem.state.camera - setup.knowledge.mean).component_mul(&setup.knowledge.information);
-    let information = camera_information / options.camera_dispersion;
-    let information_vector = (camera_information * problem.state.camera + pull) / options.camera_dispersion;
-    let Some(covariance) = setup.knowledge.covariance(&information) else {
+    let data_focal_information = 1.0 / covariance[(0, 0)] - setup.knowledge.information[0];
+    let dispersed = camera_information / options.camera_dispersion;
+    let Some(covariance) = setup.knowledge.covariance(&dispersed) else {
         return unsolved(setup, views.len(), SceneStatus::Failed);
     };
     let joints = problem.view_covariances(&covariance);
@@ -242,7 +241,7 @@ pub(crate) fn read_out(
             cars[sight.index] = fit.map(|fit| CarSolution { used: false, ..fit.car });
         }
     }
-    let data_focal_information = 1.0 / covariance[(0, 0)] - setup.knowledge.information[0];
+    let pull = (problem.state.camera - setup.knowledge.mean).component_mul(&setup.knowledge.information);
     let status = if !(report.termination.converged() || report.termination == Termination::NoDescent) {
         SceneStatus::NotConverged
     } else if setup.knowledge.fixed[0] {
@@ -255,8 +254,8 @@ pub(crate) fn read_out(
     SceneSolution {
         status,
         params,
-        information,
-        information_vector,
+        information: camera_information,
+        information_vector: camera_information * problem.state.camera + pull,
         covariance,
         cars,
         cost: report.cost,

@@ -75,7 +75,8 @@ pub struct SceneSolution {
     /// `information · params`, corrected for the prior's pull at the estimate, so that frames fuse as
     /// `(Σ information + P)⁻¹ (Σ information_vector + P · prior mean)`.
     pub information_vector: Vector4<f64>,
-    /// Covariance of (log f, tilt, roll, log h), prior counted; zero where given.
+    /// Covariance of (log f, tilt, roll, log h), prior counted; zero where given. The cars' part is widened by
+    /// [`SceneOptions::camera_dispersion`](crate::SceneOptions), which `information` is not.
     pub covariance: Matrix4<f64>,
     /// Per view, in the order given; `None` where nothing could be fitted.
     pub cars: Vec<Option<CarSolution>>,

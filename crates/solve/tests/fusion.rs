@@ -2,8 +2,42 @@
 
 use nalgebra::{Matrix4, Vector4};
 use roadplane_base::{CameraParams, ShapeAtlas};
-use roadplane_solve::{CarView, SceneOptions, solve_scene};
+use roadplane_solve::{CameraPrior, CarView, SceneOptions, solve_scene};
 use roadplane_synth::{SynthOptions, scene};
+
+#[test]
+fn dispersion_widens_the_cameras_covariance_alone() {
+    let atlas = ShapeAtlas::shipped().unwrap();
+    let scene = scene(&atlas, &SynthOptions { cars: 8, noise: 0.01, ..SynthOptions::default() }, 11);
+    let views: Vec<CarView<'_>> = scene
+        .cars
+        .iter()
+        .enumerate()
+        .map(|(group, car)| CarView { keypoints: &car.keypoints, group, weight: 1.0 })
+        .collect();
+    for (camera_prior, known_focal_px) in [
+        (CameraPrior::none(), None),
+        (CameraPrior::none(), Some(scene.params.focal_px())),
+        (CameraPrior::default(), None),
+    ] {
+        let solve = |camera_dispersion: f64| {
+            let options =
+                SceneOptions { camera_prior, known_focal_px, camera_dispersion, ..SceneOptions::default() };
+            solve_scene(&atlas, scene.size, &views, &options)
+        };
+        let (narrow, wide) = (solve(1.0), solve(4.0));
+        assert_eq!((narrow.params, narrow.information), (wide.params, wide.information));
+        assert_eq!(narrow.information_vector, wide.information_vector);
+        let ratio = wide.covariance.component_div(&narrow.covariance);
+        for i in (0..4).filter(|i| narrow.covariance[(*i, *i)] > 0.0) {
+            // What was known before is not widened.
+            let exact = camera_prior == CameraPrior::none();
+            let right = if exact { (ratio[(i, i)] - 4.0).abs() < 1e-9 } else { ratio[(i, i)] < 4.0 };
+            assert!(right && ratio[(i, i)] > 3.0, "{i}: {}", ratio[(i, i)]);
+        }
+        assert_eq!(known_focal_px.is_some(), wide.covariance[(0, 0)] == 0.0);
+    }
+}
 
 #[test]
 fn a_hundred_frames_pin_the_focal_length() {

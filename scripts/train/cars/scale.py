@@ -99,12 +99,14 @@ def estimates_of(cars: np.ndarray, types: list[KeypointType]) -> list[Estimate]:
 def cars_of_clips(folder: Path) -> dict[str, np.ndarray]:
     """The cars that appear in each clip of a data set, in rows."""
     clips = {}
-    for path in sorted(folder.glob("scenes/clip_*.truth.json.gz")):
-        truth = read_json(path)
+    for item in read_json(folder / "dataset.json")["items"]:
+        truth = read_json(folder / item)
+        if truth["kind"] != "clip":
+            continue
         seen = {car["id"] for frame in truth["frames"] for car in frame["cars"]}
         left = [model["keypoints_in_car"][:18] for model in truth["models"] if model["id"] in seen]
         points = [[point or [np.nan] * 3 for point in car] for car in left]
-        clips[path.name.split(".")[0]] = np.array(points, float).reshape(len(points), -1)
+        clips[Path(item).name.split(".")[0]] = np.array(points, float).reshape(len(points), -1)
     return clips
 
 

@@ -29,7 +29,7 @@ LARGE_PX, FEWEST_LARGE = 40, 5  # a still shows at least so many cars that are s
 LARGEST_STILL_BYTES = 250_000
 FPS = 10.0
 TRUTH = ".truth.json.gz"
-CROWDS_OF_TWELVE = ["quiet"] * 3 + ["busy"] * 5 + ["full"] * 4  # how many cars clips have, in turn
+CROWD_OF_CLIP = ["quiet"] * 3 + ["busy"] * 5 + ["full"] * 4  # and over again
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ def _jpeg(image: np.ndarray) -> bytes:
 def render_clip(renderer: Renderer, pool: CarPool, seed: list[int], folder: Path, stem: str, seconds: float) -> None:
     """One video and its truth. What stands still is drawn, and its truth worked out, only where something passes."""
     rng = np.random.default_rng(seed)
-    crowd, weather = CROWDS_OF_TWELVE[seed[-1] % 12], list(WEATHERS)[seed[-1] % len(WEATHERS)]
+    crowd, weather = CROWD_OF_CLIP[seed[-1] % len(CROWD_OF_CLIP)], list(WEATHERS)[seed[-1] % len(WEATHERS)]
     layout = "lot" if crowd == "full" else ("lot", "street", "lot")[seed[-1] % 3]
     clip = sample_clip(rng, pool, layout, weather, crowd, seconds, FPS)
     canvas = Canvas(renderer, clip.camera)

@@ -44,10 +44,12 @@ class DatasetTest(unittest.TestCase):
         self.assertGreater((np.abs(before.astype(int) - expected) > 6).mean(), 0.002)
 
     def test_cars_of_a_clip_never_touch(self) -> None:
-        for number, layout in enumerate(("lot", "street")):
+        for number, (layout, crowd, fewest, most) in enumerate(
+            [("lot", "quiet", 7, 12), ("street", "busy", 13, 40), ("lot", "full", 26, 40)]
+        ):
             pool = CarPool(self.renderer, "eval", 9, [])
-            clip = sample_clip(np.random.default_rng([9, 1, number]), pool, layout, "sun", ("quiet", "busy")[number], 8.0, 5.0)
-            self.assertTrue(7 + 6 * number <= len(clip.movers) <= (12, 40)[number])
+            clip = sample_clip(np.random.default_rng([9, 1, number]), pool, layout, "sun", crowd, 8.0, 5.0)
+            self.assertTrue(fewest <= len(clip.movers) <= most, len(clip.movers))
             for time_s in np.arange(0, 8, 0.25):
                 places = np.array([m.world_from_car[:2, 3] for m in clip.motions(time_s)])
                 away = np.linalg.norm(places[:, None] - places[None], axis=2) + 99 * np.eye(len(places))

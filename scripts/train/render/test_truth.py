@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import tempfile
 import unittest
 from pathlib import Path
 
 import numpy as np
 
-from json_files import read_json
+from json_files import read_json, write_json
 
 from .camera import Camera
 
@@ -19,6 +20,22 @@ def truth_files() -> list[Path]:
     index = DATA / "lots" / "dataset.json"
     items = [index.parent / item for item in read_json(index)["items"]]
     return [DATA / "lot.truth.json", *items]
+
+
+class JsonFilesTest(unittest.TestCase):
+    """What is written is read, and the same record gives the same bytes."""
+
+    def test_plain_and_gzipped(self) -> None:
+        record = {"a": [1.5, None, "ü"], "b": {}}
+        with tempfile.TemporaryDirectory() as folder:
+            for name in ("x.json", "x.json.gz"):
+                path = Path(folder) / name
+                write_json(path, record)
+                first = path.read_bytes()
+                write_json(path, record)
+                self.assertEqual(path.read_bytes(), first)
+                self.assertEqual(read_json(path), record)
+                self.assertEqual([p.name for p in Path(folder).glob("*.part")], [])
 
 
 class TruthTest(unittest.TestCase):

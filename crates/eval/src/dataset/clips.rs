@@ -10,8 +10,8 @@ use super::evidence::SceneEvidence;
 use super::{DatasetOptions, Item, stopped};
 use crate::EvalError;
 use crate::metrics::average_precision::PictureBoxes;
-use crate::metrics::camera::{CameraError, camera_error};
-use crate::parallel::in_parallel;
+use crate::metrics::camera::CameraError;
+use crate::parallel::try_in_parallel;
 use crate::run::{FinishedRun, pictures};
 use crate::scoring::{PoseScore, TrackScore, score_poses, score_tracks};
 use crate::systems::{CameraAnswer, solve_fused};
@@ -111,7 +111,15 @@ pub(super) fn run_all(
         .filter(|item| item.truth.kind == Kind::Clip)
         .filter_map(|item| Some((item, item.truth.media.as_ref()?)))
         .collect();
-    let run = |i: usize| {
+    let mut names: Vec<_> = clips.iter().map(|(_, media)| media.file_stem()).collect();
+    names.sort();
+    if let Some(twice) = names.windows(2).find(|pair| pair[0] == pair[1]) {
+        let name = twice[0].unwrap_or_default().to_string_lossy();
+        return Err(EvalError::Unsuitable {
+            what: format!("two clips have a video named {name}: rename one"),
+        });
+    }
+    let run = |(): &mut (), i: usize| {
         stopped(cancel)?;
         let (item, media) = clips[i];
         let run = workplace.run(media, options, config, cancel, &Silent)?;
@@ -128,7 +136,7 @@ pub(super) fn run_all(
         progress.frame_done();
         Ok(clip)
     };
-    in_parallel(clips.len(), run).into_iter().collect()
+    try_in_parallel(clips.len(), || Ok(()), run)
 }
 
 fn score(
@@ -141,16 +149,12 @@ fn score(
     atlas: &ShapeAtlas,
 ) -> ClipScore {
     let truth = &item.truth;
-    let error = |c: CameraAnswer| {
-        camera_error(c.focal_px, &c.plane, truth.camera.focal_px, &truth.camera.plane())
-            .against_claimed(&c.covariance)
-    };
     ClipScore {
         name: item.name.clone(),
         cars: truth.models.len(),
         poses: score_poses(truth, poses, atlas, |frame, _| sampled.contains(&frame)),
         tracks: score_tracks(truth, rows, |frame, _| looked_at.contains(&frame)),
-        camera: camera.map(error),
+        camera: camera.map(|camera| camera.error(truth.camera.focal_px, &truth.camera.plane())),
         boxes: Vec::new(),
     }
 }

@@ -5,7 +5,7 @@ use roadplane_base::{Camera, ShapeAtlas};
 use roadplane_pipeline::Config;
 
 use super::evidence::{FrameEvidence, SceneEvidence};
-use crate::metrics::camera::{CameraError, camera_error};
+use crate::metrics::camera::CameraError;
 use crate::metrics::position::{PositionError, position_errors};
 use crate::metrics::reprojection::reprojection_rms_px;
 use crate::scoring::{PoseScore, score_pose};
@@ -58,10 +58,8 @@ pub(super) fn score(
         let input = FrameInput { size, focal_px, plane: truth.camera.plane(), cars: &keypoints };
         let answer = system.solve(atlas, &input, config);
         if system.finds_ground() {
-            let error = answer.camera.map_or(NO_CAMERA, |camera| {
-                camera_error(camera.focal_px, &camera.plane, focal_px, &truth.camera.plane())
-                    .against_claimed(&camera.covariance)
-            });
+            let error =
+                answer.camera.map_or(NO_CAMERA, |camera| camera.error(focal_px, &truth.camera.plane()));
             score.cameras.push(PictureScore { cars: frame.cars.len(), error });
         }
         score.cars.extend(cars(truth, frame, &answer, atlas));

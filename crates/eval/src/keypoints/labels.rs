@@ -9,6 +9,7 @@ use roadplane_base::{KEYPOINTS, keypoint_names};
 use serde::Deserialize;
 
 use crate::EvalError;
+use crate::text_file::read_text;
 
 /// A labelled place.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -60,8 +61,8 @@ impl LabelledImage {
     /// # Errors
     /// [`EvalError::Unreadable`], or [`EvalError::Malformed`] that says which car and which keypoint is wrong.
     pub fn read(path: &Path) -> Result<Self, EvalError> {
-        let file: File = serde_json::from_str(&EvalError::read_text(path)?)
-            .map_err(|error| EvalError::malformed(path, error))?;
+        let file: File =
+            serde_json::from_str(&read_text(path)?).map_err(|error| EvalError::malformed(path, error))?;
         let read = |(number, car): (usize, Car)| {
             checked(car).map_err(|what| EvalError::malformed(path, format!("car {number}: {what}")))
         };

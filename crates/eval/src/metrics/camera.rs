@@ -3,9 +3,6 @@
 use nalgebra::Matrix4;
 use roadplane_base::GroundPlane;
 
-/// Claimed sds below this stand for numbers that were given, not estimated.
-const GIVEN_SD: f64 = 1e-5;
-
 /// Errors of one estimated camera; signed, estimate minus truth.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CameraError {
@@ -29,7 +26,7 @@ impl CameraError {
     pub fn against_claimed(self, covariance: &Matrix4<f64>) -> Self {
         let in_sds = |error: f64, number: usize| {
             let sd = covariance[(number, number)].sqrt();
-            if sd > GIVEN_SD { error / sd } else { f64::NAN }
+            if sd > 0.0 && sd.is_finite() { error / sd } else { f64::NAN }
         };
         let [focal, height] = [self.focal_relative, self.height_relative].map(f64::ln_1p);
         Self { in_sds: [in_sds(focal, 0), in_sds(self.tilt_rad, 1), in_sds(height, 3)], ..self }
@@ -68,7 +65,7 @@ mod tests {
         assert!((error.normal_rad - 0.03).abs() < 1e-9);
         assert!((error.height_relative - 0.1).abs() < 1e-12);
         assert!(error.in_sds.iter().all(|error| error.is_nan()));
-        let claimed = Matrix4::from_diagonal(&nalgebra::Vector4::new(0.0, 1e-4, 1e-4, 0.04));
+        let claimed = Matrix4::from_diagonal(&nalgebra::Vector4::new(0.0, 1e-4, f64::INFINITY, 0.04));
         let [focal, tilt, height] = error.against_claimed(&claimed).in_sds;
         assert!(focal.is_nan() && (tilt - 3.0).abs() < 1e-9 && (height - 1.1f64.ln() / 0.2).abs() < 1e-9);
     }

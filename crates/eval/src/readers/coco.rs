@@ -8,6 +8,7 @@ use serde::de::DeserializeOwned;
 
 use crate::EvalError;
 use crate::metrics::average_precision::{FoundBox, PictureBoxes, TrueBox};
+use crate::text_file::read_text;
 
 #[derive(Deserialize)]
 struct Annotations {
@@ -82,7 +83,7 @@ pub fn read_coco(truth: &Path, found: &Path) -> Result<Vec<(String, Vec<PictureB
 }
 
 fn parse<T: DeserializeOwned>(path: &Path) -> Result<T, EvalError> {
-    serde_json::from_str(&EvalError::read_text(path)?).map_err(|e| EvalError::malformed(path, e))
+    serde_json::from_str(&read_text(path)?).map_err(|e| EvalError::malformed(path, e))
 }
 
 fn corners(

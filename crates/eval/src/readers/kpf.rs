@@ -7,6 +7,7 @@ use std::path::Path;
 use yaml_rust2::{Yaml, YamlLoader};
 
 use crate::EvalError;
+use crate::text_file::read_text;
 
 /// One box.
 #[derive(Clone, Debug, PartialEq)]
@@ -86,7 +87,7 @@ fn real(value: &Yaml) -> Option<f64> {
 
 /// The packets of one kind with their number in the file, from 1; others (`meta`, …) are passed over.
 fn packets(path: &Path, kind: &str) -> Result<Vec<(usize, Yaml)>, EvalError> {
-    let text = EvalError::read_text(path)?;
+    let text = read_text(path)?;
     let documents = YamlLoader::load_from_str(&text).map_err(|e| EvalError::malformed(path, e))?;
     let Some(list) = documents.into_iter().next().and_then(Yaml::into_vec) else {
         return Err(EvalError::malformed(path, "is no list of packets"));

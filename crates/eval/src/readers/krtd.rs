@@ -7,6 +7,7 @@ use nalgebra::{Matrix3, Vector3};
 use roadplane_base::GroundPlane;
 
 use crate::EvalError;
+use crate::text_file::read_text;
 
 /// A calibrated camera.
 #[derive(Clone, Debug, PartialEq)]
@@ -46,7 +47,7 @@ impl Krtd {
 /// # Errors
 /// [`EvalError::Unreadable`]; [`EvalError::Malformed`] if it is no K, R, T with a rotation, or lies under its ground.
 pub fn read_krtd(path: &Path) -> Result<Krtd, EvalError> {
-    let text = EvalError::read_text(path)?;
+    let text = read_text(path)?;
     let fail = |what: &str| EvalError::malformed(path, what);
     let numbers: Vec<f64> = text
         .split_whitespace()

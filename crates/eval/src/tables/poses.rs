@@ -104,7 +104,7 @@ pub fn camera_table(title: &str, systems: &[Scored<'_, CameraError>]) -> Table {
         Column::new("height, error / sd", 2),
     ];
     let note = "Relative errors of focal length and height, angles of tilt and normal. Error / sd: root mean square of the errors \
-                in claimed sds, 1 where these are honest; heights of clips claim that a place's cars differ from the atlas.";
+                in claimed sds where any are claimed, 1 where these are honest; heights of clips claim that a place's cars differ from the atlas.";
     let mut table = Table::new(title, note, columns);
     let most = |v: &[f64]| quantile(v, 0.9);
     let degrees = 1f64.to_degrees();
@@ -121,16 +121,20 @@ pub fn camera_table(title: &str, systems: &[Scored<'_, CameraError>]) -> Table {
             cell(scenes, |e| e.height_relative.abs(), median, 100.0),
             cell(scenes, |e| e.height_relative.abs(), most, 100.0),
             cell(scenes, |e| e.height_relative, mean, 100.0),
-            cell(scenes, |e| e.in_sds[0], rms_of_known, 1.0),
-            cell(scenes, |e| e.in_sds[1], rms_of_known, 1.0),
-            cell(scenes, |e| e.in_sds[2], rms_of_known, 1.0),
+            in_sds(scenes, 0),
+            in_sds(scenes, 1),
+            in_sds(scenes, 2),
         ]);
     }
     table
 }
 
-fn rms_of_known(values: &[f64]) -> f64 {
-    mean(&values.iter().filter(|v| !v.is_nan()).map(|v| v * v).collect::<Vec<f64>>()).sqrt()
+/// Root mean square of errors in claimed sds, of the pictures that claim one.
+fn in_sds(scenes: &[Vec<CameraError>], number: usize) -> Cell {
+    let of = |scene: &Vec<CameraError>| {
+        scene.iter().map(|error| error.in_sds[number].powi(2)).filter(|squared| !squared.is_nan()).collect()
+    };
+    bootstrap(&scenes.iter().map(of).collect::<Vec<Vec<f64>>>(), |squared| mean(squared).sqrt()).into()
 }
 
 /// Share of cars by ADD threshold.

@@ -9,6 +9,7 @@ use serde::de::DeserializeOwned;
 
 use super::{DATASET_SCHEMA, Dataset, Rows, TRUTH_SCHEMA, Truth};
 use crate::EvalError;
+use crate::text_file::read_text;
 
 /// How far rounded rotations and planes may be from exact ones.
 const ROUNDING: f64 = 1e-4;
@@ -35,7 +36,7 @@ pub fn read_dataset(folder: &Path) -> Result<Dataset, EvalError> {
     Ok(dataset)
 }
 
-/// Reads one truth file; `media` comes back as a path that can be opened.
+/// Reads one truth file, gzipped or not; `media` comes back as a path that can be opened.
 ///
 /// # Errors
 /// [`EvalError::Unreadable`], or [`EvalError::Malformed`] with the field.
@@ -48,7 +49,7 @@ pub fn read_truth(path: &Path) -> Result<Truth, EvalError> {
 }
 
 fn parse<T: DeserializeOwned>(path: &Path) -> Result<T, EvalError> {
-    serde_json::from_str(&EvalError::read_text(path)?).map_err(|e| EvalError::malformed(path, e))
+    serde_json::from_str(&read_text(path)?).map_err(|e| EvalError::malformed(path, e))
 }
 
 fn check(truth: &Truth) -> Result<(), String> {

@@ -6,6 +6,7 @@ use nalgebra::{Vector2, Vector3};
 use roadplane_base::Camera;
 
 use crate::EvalError;
+use crate::text_file::read_text;
 
 /// Camera 2 of a KITTI recording.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -29,7 +30,7 @@ impl KittiCamera {
 /// # Errors
 /// [`EvalError::Unreadable`]; [`EvalError::Malformed`] without a `P2` of square pixels.
 pub fn read_calib(path: &Path) -> Result<KittiCamera, EvalError> {
-    let text = EvalError::read_text(path)?;
+    let text = read_text(path)?;
     let fail = |what: &str| EvalError::malformed(path, format!("P2: {what}"));
     let line = text.lines().find_map(|line| line.strip_prefix("P2:")).ok_or_else(|| fail("is missing"))?;
     let numbers: Vec<f64> = line
