@@ -14,9 +14,9 @@ use sha2::{Digest as _, Sha256};
 use thiserror::Error;
 
 /// Factor on the variance that cars give the camera: errors of the net on a car have something in common, and so have cars of
-/// makes that the atlas does not know. Without it, single pictures and clips of cars of such makes (`scripts/train/render`,
-/// training split, an atlas without them) had errors of focal length and tilt of 1.34 sds rms. Whether it suits shows
-/// "error / sd" in `roadplane eval dataset`.
+/// makes that the atlas does not know. Without it focal length and tilt were off by 1.34 sds (rms) in rendered pictures and
+/// clips of cars of the training split, each with an atlas that lacked their makes. "error / sd" in `roadplane eval dataset`
+/// shows whether it still suits.
 const CAMERA_DISPERSION: f64 = 1.8;
 
 /// All settings. Sections of stages belong to their crates.
