@@ -72,9 +72,9 @@ pub fn estimate_cameras(
     known_focal_px: Option<f64>,
     config: &Config,
 ) -> Result<CameraTrack, PipelineError> {
+    let mut options = config.solve.scene_options(known_focal_px);
     // Windows say what each alone would; what their cars' errors have in common is counted where they are fused.
-    let SceneOptions { camera_dispersion: dispersion, .. } = config.solve.scene_options(known_focal_px);
-    let mut options = SceneOptions { camera_dispersion: 1.0, ..config.solve.scene_options(known_focal_px) };
+    let dispersion = std::mem::replace(&mut options.camera_dispersion, 1.0);
     let mut builder = EvidenceBuilder::new(EvidenceOptions {
         window_s: config.calibrate.window_s,
         ..EvidenceOptions::default()

@@ -91,12 +91,22 @@ impl<const N: usize> BodyTypes<N> {
         Self(atlas.body_types.iter().filter_map(component).collect())
     }
 
-    /// The prior of a car whose keypoints have this information A on its shape, and A ŝ as `vector`. `None` without types.
-    pub fn prior_of(
+    /// Makes `prior` that of the types that a car may have, by the information of its keypoints on its shape and the gradient of
+    /// their cost there. Leaves it as it is without types.
+    pub fn tell(
         &self,
+        prior: &mut Gaussian<N>,
+        shape: &SVector<f64, N>,
         information: &SMatrix<f64, N, N>,
-        vector: &SVector<f64, N>,
-    ) -> Option<Gaussian<N>> {
+        gradient: &SVector<f64, N>,
+    ) {
+        if let Some(told) = self.prior_of(information, &(information * shape - gradient)) {
+            *prior = told;
+        }
+    }
+
+    /// The prior of a car whose keypoints have this information A on its shape, and A ŝ as `vector`. `None` without types.
+    fn prior_of(&self, information: &SMatrix<f64, N, N>, vector: &SVector<f64, N>) -> Option<Gaussian<N>> {
         let odds = self.odds(information, vector)?;
         let types = || self.0.iter().zip(&odds);
         let mean: SVector<f64, N> = types().map(|(component, p)| component.gaussian.mean * *p).sum();

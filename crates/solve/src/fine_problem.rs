@@ -139,10 +139,8 @@ impl<'a> FineProblem<'a> {
     pub fn tell_types(&mut self, at: &mut Linearisation, eliminated: &Eliminated, state: &FineState) {
         for ((prior, sum), shape) in self.priors.iter_mut().zip(&eliminated.of_shapes).zip(&state.shapes) {
             let information = sum.fixed_view::<ALL_MODES, ALL_MODES>(0, 0).into_owned();
-            let vector = information * shape - sum.fixed_view::<ALL_MODES, 1>(0, ALL_MODES + 4);
-            if let Some(told) = self.types.prior_of(&information, &vector) {
-                *prior = told;
-            }
+            let gradient = sum.fixed_view::<ALL_MODES, 1>(0, ALL_MODES + 4).into_owned();
+            self.types.tell(prior, shape, &information, &gradient);
         }
         at.cost = self.cost(at, state);
     }

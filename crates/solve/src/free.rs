@@ -73,7 +73,7 @@ pub fn fit_free_car(
     let car = best_free(atlas, &model, &DirectionGrid::new(), &knowledge, &found, options)?;
     let mut problem = FreeProblem::new(atlas, &model, vec![found], knowledge, known, vec![car]);
     problem.kernel = options.kernel;
-    problem.priors = vec![Gaussian::of_all_cars(options.shape_prior_weight)];
+    problem.priors.fill(Gaussian::of_all_cars(options.shape_prior_weight));
     problem.whiten(options.atlas_residual_scale, 0.0);
     minimise_with_types(atlas, &mut problem, options);
     let (_, _, covariances) = problem.covariances()?;
@@ -177,7 +177,7 @@ fn best_free(
         minimise(&mut problem, &short);
         for (extra_m, ease) in STAGES {
             problem.shapes_fixed = false;
-            problem.priors = vec![Gaussian::of_all_cars(options.shape_prior_weight * ease)];
+            problem.priors.fill(Gaussian::of_all_cars(options.shape_prior_weight * ease));
             problem.whiten(options.atlas_residual_scale, extra_m);
             minimise(&mut problem, &short);
         }

@@ -132,11 +132,8 @@ impl<'a> FreeProblem<'a> {
     /// Takes for each car's prior that of the body types it may have. After `linearise`.
     pub fn tell_types(&mut self, types: &BodyTypes<MODES>) {
         for ((block, prior), car) in self.blocks.iter().zip(&mut self.priors).zip(&self.cars) {
-            let told = block.of_shape(prior, &car.shape).and_then(|(information, gradient)| {
-                types.prior_of(&information, &(information * car.shape - gradient))
-            });
-            if let Some(told) = told {
-                *prior = told;
+            if let Some((information, gradient)) = block.of_shape(prior, &car.shape) {
+                types.tell(prior, &car.shape, &information, &gradient);
             }
         }
     }
