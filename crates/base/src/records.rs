@@ -42,6 +42,9 @@ pub struct FrameRecord {
     pub time_s: f64,
     /// Width and height, px.
     pub image_size_px: ImageSize,
+    /// What the picture says of the camera and of change; absent before that stage and from other tools.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub watch: Option<WatchRecord>,
     /// Vehicles found.
     pub cars: Vec<CarRecord>,
     /// Fields of other tools.
@@ -59,17 +62,132 @@ pub struct CarRecord {
     pub score: f64,
     /// Kind of vehicle.
     pub class: VehicleClass,
-    /// Keypoints; absent before that stage.
+    /// Keypoints; absent before that stage and where the pose is held.
     pub keypoints: Option<Box<KeypointSet>>,
+    /// The box is held: nothing changed there since the detector saw it in this frame.
+    pub held_since: Option<u64>,
+    /// The pose is held: the keypoints of this look still hold, as the car has not moved since.
+    pub pose_from: Option<LookRef>,
     /// Fields of other tools.
     pub extra: Map<String, Value>,
+}
+
+/// A look of the keypoint net at a car: index of the frame, place of the car in its list.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(from = "(u64, usize)", into = "(u64, usize)")]
+pub struct LookRef {
+    /// Index of the frame.
+    pub frame: u64,
+    /// Place in that frame's list of cars.
+    pub car: usize,
+}
+
+impl From<(u64, usize)> for LookRef {
+    fn from((frame, car): (u64, usize)) -> Self {
+        Self { frame, car }
+    }
+}
+
+impl From<LookRef> for (u64, usize) {
+    fn from(look: LookRef) -> Self {
+        (look.frame, look.car)
+    }
+}
+
+/// What a picture shows, as far as the camera is concerned.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum PictureVerdict {
+    /// The camera is where it was, up to the shake that the offset tells.
+    Rest,
+    /// It is being turned or zoomed, or the pictures change from one to the next.
+    Moving,
+    /// Not as before; whether it is a move shows later.
+    Unsettled,
+    /// Nothing but black.
+    Black,
+    /// Nothing but white.
+    White,
+    /// Something lies over the lens: no structure left.
+    Covered,
+    /// The same picture again and again, where there was noise before.
+    Frozen,
+    /// Too little structure to tell.
+    #[default]
+    Unknown,
+}
+
+/// What the picture itself says, before any vehicle is looked for.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct WatchRecord {
+    /// Whether this frame's picture was looked at; otherwise verdict and offset are those of the last one that was, and only
+    /// vehicles that are held are listed.
+    pub looked: bool,
+    /// What it shows.
+    pub verdict: PictureVerdict,
+    /// Where the picture of the place lies against its place at rest, px: right, down. What is seen at `p` would be at
+    /// `p − offset` without the shake.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub offset_px: [f64; 2],
+    /// In this frame it became known that the camera was moved.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub moved: Option<CameraMove>,
+    /// Share of the picture that is not as it was when the detector last looked there, 0–1.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub changed: Option<f64>,
+    /// Share of the picture that the detector looked at in this frame, 0–1.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub seen: Option<f64>,
+}
+
+fn is_zero(offset_px: &[f64; 2]) -> bool {
+    offset_px.iter().all(|v| v.abs() < f64::EPSILON)
+}
+
+/// How the camera came to another position.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum MoveKind {
+    /// It was turned: the picture is shifted.
+    Turned,
+    /// It was zoomed.
+    Zoomed,
+    /// Another picture altogether: nothing of the camera before holds.
+    Cut,
+    /// It began to move and has not come to rest.
+    Moving,
+}
+
+/// A change of the camera's position. It is told when it is known, which is later than it happened.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CameraMove {
+    /// How.
+    pub kind: MoveKind,
+    /// First frame of the new position.
+    pub since_frame: u64,
+    /// Its time, s.
+    pub since_s: f64,
+    /// Shift of the picture, px, where it is known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub shift_px: Option<[f64; 2]>,
+    /// Logarithm of the picture's growth, where it is known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub log_scale: Option<f64>,
 }
 
 impl CarRecord {
     /// A car of which only the box is known.
     #[must_use]
     pub fn boxed(bbox_px: [f64; 4]) -> Self {
-        Self { bbox_px, score: 1.0, class: VehicleClass::Car, keypoints: None, extra: Map::new() }
+        Self {
+            bbox_px,
+            score: 1.0,
+            class: VehicleClass::Car,
+            keypoints: None,
+            held_since: None,
+            pose_from: None,
+            extra: Map::new(),
+        }
     }
 
     /// Longer side of the box, px.
@@ -81,6 +199,12 @@ impl CarRecord {
 }
 
 impl FrameRecord {
+    /// A frame of which nothing is known yet.
+    #[must_use]
+    pub fn empty(frame: u64, time_s: f64, image_size_px: ImageSize) -> Self {
+        Self { frame, time_s, image_size_px, watch: None, cars: Vec::new(), extra: Map::new() }
+    }
+
     /// Reads one line and checks its numbers: finite, boxes with an area, sd above zero.
     ///
     /// # Errors
@@ -130,6 +254,10 @@ struct CarFields {
     keypoints: Option<Vec<Option<[f64; 4]>>>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     keypoint_covariances_px2: Option<Vec<Option<[f64; 3]>>>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    held_since: Option<u64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pose_from: Option<LookRef>,
     #[serde(flatten)]
     extra: Map<String, Value>,
 }
@@ -159,6 +287,8 @@ impl From<CarRecord> for CarFields {
             keypoints: set.map(|set| set.iter().map(|p| p.as_ref().map(row)).collect()),
             keypoint_covariances_px2: directed
                 .map(|set| set.iter().map(|p| p.as_ref().map(covariance)).collect()),
+            held_since: car.held_since,
+            pose_from: car.pose_from,
             extra: car.extra,
         }
     }
@@ -190,8 +320,8 @@ impl TryFrom<CarFields> for CarRecord {
             }
             keypoints = Some(set);
         }
-        let CarFields { bbox_px, score, class, extra, .. } = fields;
-        Ok(Self { bbox_px, score, class, keypoints, extra })
+        let CarFields { bbox_px, score, class, held_since, pose_from, extra, .. } = fields;
+        Ok(Self { bbox_px, score, class, keypoints, held_since, pose_from, extra })
     }
 }
 

@@ -3,12 +3,12 @@
 use std::cmp::Ordering;
 use std::path::{Path, PathBuf};
 
-use roadplane_base::{Frame, FrameStamp};
+use roadplane_base::FrameStamp;
 
 use crate::options::Verdict;
 use crate::sniff::{has_image_name, sniff};
 use crate::still;
-use crate::{Content, DecodeError, DecodeOptions, DecodeReport};
+use crate::{Content, DecodeError, DecodeOptions, DecodeReport, Decoded};
 
 /// Images in the order of their frames.
 pub(crate) struct Images {
@@ -70,7 +70,7 @@ impl Images {
         &mut self,
         options: &DecodeOptions,
         report: &mut DecodeReport,
-    ) -> Result<Option<Frame>, DecodeError> {
+    ) -> Result<Option<Decoded>, DecodeError> {
         for path in self.paths.by_ref() {
             let index = self.next_index;
             self.next_index += 1;
@@ -98,7 +98,7 @@ impl Images {
                         }
                     };
                     report.decoded_one();
-                    return Ok(Some(Frame { stamp, image }));
+                    return Ok(Some(Decoded { stamp, image: Some(image) }));
                 }
             }
         }

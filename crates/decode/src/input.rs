@@ -2,7 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use roadplane_base::{Frame, ImageSize};
+use image::RgbImage;
+use roadplane_base::{Frame, FrameStamp, ImageSize};
 
 use crate::folder::Images;
 use crate::sniff::sniff;
@@ -20,6 +21,15 @@ pub enum InputKind {
     Folder,
 }
 
+/// A frame's place, and its pixels where they were asked for.
+#[derive(Clone, Debug)]
+pub struct Decoded {
+    /// Which frame.
+    pub stamp: FrameStamp,
+    /// The pixels, RGB; turning them into RGB costs a third of decoding a frame, so it is left out where nobody looks.
+    pub image: Option<RgbImage>,
+}
+
 enum Source {
     Video(Box<Video>),
     Images(Images),
@@ -32,7 +42,7 @@ pub struct Input {
     options: DecodeOptions,
     report: DecodeReport,
     /// The first frame, decoded on opening.
-    first: Option<Frame>,
+    first: Option<Decoded>,
     size: ImageSize,
     finished: bool,
 }
@@ -56,10 +66,11 @@ pub fn open(path: &Path, options: &DecodeOptions) -> Result<Input, DecodeError> 
             (Source::Video(Box::new(Video::open(path, content, options)?)), InputKind::Video(content))
         }
     };
-    let Some(first) = source.next(options, &mut report)? else {
+    let Some(first) = source.next(options, &mut report, &mut |_| true)? else {
         return Err(nothing_decoded(path.to_path_buf(), options, &report));
     };
-    let size = first.size();
+    let (width, height) = first.image.as_ref().map_or((0, 0), RgbImage::dimensions);
+    let size = ImageSize { width, height };
     Ok(Input { source, kind, options: options.clone(), report, first: Some(first), size, finished: false })
 }
 
@@ -81,26 +92,40 @@ impl Source {
         &mut self,
         options: &DecodeOptions,
         report: &mut DecodeReport,
-    ) -> Result<Option<Frame>, DecodeError> {
+        wanted: &mut dyn FnMut(&FrameStamp) -> bool,
+    ) -> Result<Option<Decoded>, DecodeError> {
         match self {
-            Self::Video(video) => video.next(options, report),
+            Self::Video(video) => video.next(options, report, wanted),
             Self::Images(images) => images.next(options, report),
         }
     }
 }
 
 impl Input {
-    /// The next frame; `None` at the end, when [`Input::report`] is complete.
+    /// The next frame with its pixels; `None` at the end, when [`Input::report`] is complete.
     ///
     /// # Errors
     /// Only where nothing at all can be handed on; lost frames are told in the report.
     pub fn next_frame(&mut self) -> Result<Option<Frame>, DecodeError> {
+        let decoded = self.next_where(|_| true)?;
+        Ok(decoded.and_then(|d| Some(Frame { stamp: d.stamp, image: d.image? })))
+    }
+
+    /// The next frame; with its pixels if `wanted` says so, or where they cost nothing more (the input's first frame, image
+    /// files). `None` at the end, when [`Input::report`] is complete.
+    ///
+    /// # Errors
+    /// As [`Self::next_frame`].
+    pub fn next_where(
+        &mut self,
+        mut wanted: impl FnMut(&FrameStamp) -> bool,
+    ) -> Result<Option<Decoded>, DecodeError> {
         if self.finished {
             return Ok(None);
         }
         let frame = match self.first.take() {
             Some(first) => Some(first),
-            None => self.source.next(&self.options, &mut self.report)?,
+            None => self.source.next(&self.options, &mut self.report, &mut wanted)?,
         };
         match &frame {
             Some(_) => self.report.delivered += 1,

@@ -3,21 +3,21 @@
 use std::path::{Path, PathBuf};
 
 use image::RgbImage;
-use opencv::core::Mat;
+use opencv::core::{CV_8UC3, Mat, Vec3b};
 use opencv::imgproc::{COLOR_BGR2RGB, cvt_color_def};
 use opencv::prelude::*;
 use opencv::videoio::{
     CAP_FFMPEG, CAP_PROP_FPS, CAP_PROP_FRAME_COUNT, CAP_PROP_FRAME_HEIGHT, CAP_PROP_FRAME_WIDTH,
     CAP_PROP_POS_MSEC, VideoCapture,
 };
-use roadplane_base::{Frame, FrameStamp};
+use roadplane_base::FrameStamp;
 
 use crate::clock::Clock;
 use crate::options::Verdict;
 use crate::packets::Packets;
 use crate::still::check_size;
 use crate::structure::{is_cut_short, is_trimmed};
-use crate::{Content, DecodeError, DecodeOptions, DecodeReport};
+use crate::{Content, DecodeError, DecodeOptions, DecodeReport, Decoded};
 
 /// Failed reads in a row after which the end is reached; each skips a packet that cannot be decoded.
 const MAX_FAILED_READS: u32 = 5000;
@@ -43,7 +43,6 @@ pub(crate) struct Video {
     promised: Option<u64>,
     size: Option<(u32, u32)>,
     bgr: Mat,
-    rgb: Mat,
 }
 
 impl Video {
@@ -80,7 +79,6 @@ impl Video {
             promised: (1.0..=MAX_PROMISED).contains(&promised).then_some(promised as u64),
             size: None,
             bgr: Mat::default(),
-            rgb: Mat::default(),
             capture,
         })
     }
@@ -95,12 +93,14 @@ impl Video {
         self.fps
     }
 
-    /// The next frame that the options choose; `None` at the end, when the report is complete.
+    /// The next frame that the options choose, with its pixels if `wanted` says so; `None` at the end, when the report is
+    /// complete.
     pub(crate) fn next(
         &mut self,
         options: &DecodeOptions,
         report: &mut DecodeReport,
-    ) -> Result<Option<Frame>, DecodeError> {
+        wanted: &mut dyn FnMut(&FrameStamp) -> bool,
+    ) -> Result<Option<Decoded>, DecodeError> {
         let mut failed = 0;
         loop {
             if !self.capture.grab().unwrap_or(false) {
@@ -116,10 +116,14 @@ impl Video {
             match options.verdict(stamp.index, stamp.pts_nanos, report.delivered) {
                 Verdict::Over => return Ok(None),
                 Verdict::Skip => report.decoded_one(),
+                Verdict::Take if !wanted(&stamp) => {
+                    report.decoded_one();
+                    return Ok(Some(Decoded { stamp, image: None }));
+                }
                 Verdict::Take => match self.picture(options) {
                     Ok(image) => {
                         report.decoded_one();
-                        return Ok(Some(Frame { stamp, image }));
+                        return Ok(Some(Decoded { stamp, image: Some(image) }));
                     }
                     Err(what) => {
                         report.warn(format!("frame {} is left out: {what}", stamp.index));
@@ -178,9 +182,17 @@ impl Video {
         if *self.size.get_or_insert((width, height)) != (width, height) {
             return Err(format!("it has another size than the first one, {width}×{height}"));
         }
-        cvt_color_def(&self.bgr, &mut self.rgb, COLOR_BGR2RGB).map_err(text)?;
-        let bytes = self.rgb.data_bytes().map_err(text)?.to_vec();
-        RgbImage::from_raw(width, height, bytes).ok_or_else(|| "its pixels are not 8-bit colour".to_owned())
+        if self.bgr.typ() != CV_8UC3 {
+            return Err("its pixels are not 8-bit colour".to_owned());
+        }
+        // Straight into the picture's own memory.
+        let mut image = RgbImage::new(width, height);
+        let pixels: &mut [u8] = &mut image;
+        let mut rgb =
+            Mat::new_rows_cols_with_bytes_mut::<Vec3b>(self.bgr.rows(), self.bgr.cols(), pixels).map_err(text)?;
+        cvt_color_def(&self.bgr, &mut rgb, COLOR_BGR2RGB).map_err(text)?;
+        drop(rgb);
+        Ok(image)
     }
 
     /// Settles what was lost, now that the decoder gives nothing more.

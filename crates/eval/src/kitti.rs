@@ -126,13 +126,7 @@ fn picture(item: KittiItem, net: &mut KeypointNet, config: &Config) -> Result<Pi
     let frame = input.next_frame().map_err(PipelineError::from)?;
     let frame = frame.ok_or_else(|| EvalError::malformed(&item.image, "holds no picture"))?;
     let cars: Vec<KittiObject> = item.objects.iter().filter(|object| counts(object)).cloned().collect();
-    let record = |car: &KittiObject| CarRecord {
-        bbox_px: car.bbox_px,
-        score: 1.0,
-        class: VehicleClass::Car,
-        keypoints: None,
-        extra: serde_json::Map::new(),
-    };
+    let record = |car: &KittiObject| CarRecord::boxed(car.bbox_px);
     let mut records: Vec<CarRecord> = cars.iter().map(record).collect();
     net.locate(&frame, &mut records).map_err(PipelineError::from)?;
     let keypoints = records.into_iter().map(|record| {

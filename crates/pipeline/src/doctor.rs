@@ -41,13 +41,7 @@ pub fn check_up(config: &Config) -> Vec<Check> {
             });
             note("detector", detector);
             let keypoints = open_keypoints(&models, config).and_then(|mut net| {
-                let mut cars = vec![roadplane_base::CarRecord {
-                    bbox_px: [200.0, 100.0, 300.0, 160.0],
-                    score: 1.0,
-                    class: roadplane_base::VehicleClass::Car,
-                    keypoints: None,
-                    extra: serde_json::Map::new(),
-                }];
+                let mut cars = vec![roadplane_base::CarRecord::boxed([200.0, 100.0, 300.0, 160.0])];
                 net.locate(&picture, &mut cars)?;
                 Ok(format!("{}; runs", described(net.session())))
             });

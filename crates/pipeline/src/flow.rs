@@ -26,13 +26,7 @@ pub struct Work {
 
 impl Work {
     fn new(frame: Frame) -> Self {
-        let record = FrameRecord {
-            frame: frame.stamp.index,
-            time_s: frame.stamp.time_s(),
-            image_size_px: frame.size(),
-            cars: Vec::new(),
-            extra: serde_json::Map::new(),
-        };
+        let record = FrameRecord::empty(frame.stamp.index, frame.stamp.time_s(), frame.size());
         Self { frame, record }
     }
 }

@@ -154,13 +154,7 @@ mod tests {
     use roadplane_base::ImageSize;
 
     fn record(frame: u64) -> FrameRecord {
-        FrameRecord {
-            frame,
-            time_s: frame as f64 / 30.0,
-            image_size_px: ImageSize { width: 640, height: 480 },
-            cars: Vec::new(),
-            extra: serde_json::Map::new(),
-        }
+        FrameRecord::empty(frame, frame as f64 / 30.0, ImageSize { width: 640, height: 480 })
     }
 
     #[test]

@@ -18,13 +18,9 @@ fn run(dir: &Path) {
     let folder = OutputFolder::begin(dir, "clip", Existing::Overwrite).unwrap();
     let (mut spool, recovered) = FrameSpool::open(&folder.path().join("frames.jsonl")).unwrap();
     for frame in recovered.last_frame.map_or(0, |last| last + 1)..FRAMES {
-        let record = FrameRecord {
-            frame,
-            time_s: frame as f64 / 25.0,
-            image_size_px: ImageSize { width: 1920, height: 1080 },
-            cars: Vec::new(),
-            extra: serde_json::Map::from_iter([("note".to_owned(), "x".repeat(500).into())]),
-        };
+        let size = ImageSize { width: 1920, height: 1080 };
+        let mut record = FrameRecord::empty(frame, frame as f64 / 25.0, size);
+        record.extra.insert("note".to_owned(), "x".repeat(500).into());
         spool.append(&record).unwrap();
         if frame % 16 == 0 {
             spool.sync().unwrap();

@@ -57,11 +57,10 @@ pub fn frame(
             CarRecord {
                 bbox_px: bbox_px.map(|x| x + 0.5 * jitter().clamp(-3.0, 3.0)),
                 score: 0.9,
-                class: VehicleClass::Car,
                 keypoints: Some(Box::new(set)),
-                extra: Default::default(),
+                ..CarRecord::boxed(bbox_px)
             }
         })
         .collect();
-    FrameRecord { frame: index, time_s, image_size_px: SIZE, cars, extra: Default::default() }
+    FrameRecord { cars, ..FrameRecord::empty(index, time_s, SIZE) }
 }

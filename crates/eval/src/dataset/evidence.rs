@@ -62,11 +62,8 @@ impl FrameEvidence {
             ..CarRecord::boxed(frame.cars[*car].bbox_px)
         };
         FrameRecord {
-            frame: frame.frame,
-            time_s: frame.time_s,
-            image_size_px: truth.camera.image_size_px,
             cars: cars.map(car).collect(),
-            extra: serde_json::Map::new(),
+            ..FrameRecord::empty(frame.frame, frame.time_s, truth.camera.image_size_px)
         }
     }
 }

@@ -25,11 +25,8 @@ fn time_s(item: &Item, frame: usize) -> f64 {
 /// What was measured, a record a frame.
 pub fn frames(item: &Item) -> impl Iterator<Item = FrameRecord> {
     item.frames.iter().enumerate().map(|(number, sightings)| FrameRecord {
-        frame: number as u64,
-        time_s: time_s(item, number),
-        image_size_px: item.size,
         cars: sightings.iter().map(|sighting| car_record(item, sighting)).collect(),
-        extra: Map::new(),
+        ..FrameRecord::empty(number as u64, time_s(item, number), item.size)
     })
 }
 
@@ -41,11 +38,8 @@ fn car_record(item: &Item, sighting: &Sighting) -> CarRecord {
         })
     });
     CarRecord {
-        bbox_px: sighting.visible_box(item.size).0.map(|v| rounded(v, 2)),
-        score: 1.0,
-        class: VehicleClass::Car,
         keypoints: Some(Box::new(keypoints)),
-        extra: Map::new(),
+        ..CarRecord::boxed(sighting.visible_box(item.size).0.map(|v| rounded(v, 2)))
     }
 }
 

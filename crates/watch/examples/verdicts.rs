@@ -1,0 +1,38 @@
+//! What the watcher makes of a clip: `cargo run --release -p roadplane-watch --example verdicts -- CLIP [STRIDE]`. A line whenever
+//! the verdict changes or the camera moved, and a summary of shake and change at the end.
+
+use roadplane_decode::{DecodeOptions, open};
+use roadplane_watch::{ChangeMap, Watcher};
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let mut arguments = std::env::args().skip(1);
+    let path = arguments.next().ok_or("which clip?")?;
+    let stride = arguments.next().map_or(Ok(1), |s| s.parse())?;
+    let mut input = open(path.as_ref(), &DecodeOptions { stride, ..DecodeOptions::default() })?;
+    let mut watcher = Watcher::new();
+    let mut map: Option<ChangeMap> = None;
+    let (mut last, mut shares, mut furthest, mut busy_s) = (None, Vec::new(), 0.0_f64, 0.0);
+    while let Some(frame) = input.next_frame()? {
+        let started = std::time::Instant::now();
+        let seen = watcher.look(frame.stamp, &frame.image)?;
+        let map = map.get_or_insert_with(|| ChangeMap::new(&seen.small));
+        let changed = map.changed(&seen.small, seen.shift, frame.stamp.time_s());
+        map.looked(&seen.small, seen.shift, &changed, &changed);
+        busy_s += started.elapsed().as_secs_f64();
+        shares.push(changed.share());
+        furthest = furthest.max(seen.shift.norm() * seen.small.factor as f64);
+        let record = &seen.record;
+        if last != Some(record.verdict) || record.moved.is_some() {
+            println!("frame {} {:.2} s: {:?} {:?}", frame.stamp.index, frame.stamp.time_s(), record.verdict, record.moved);
+        }
+        last = Some(record.verdict);
+    }
+    let mean = shares.iter().sum::<f64>() / shares.len().max(1) as f64;
+    println!(
+        "{} frames, {:.2} ms each, farthest {furthest:.2} px from rest, {:.1} % of cells changed",
+        shares.len(),
+        busy_s / shares.len().max(1) as f64 * 1e3,
+        mean * 100.0
+    );
+    Ok(())
+}

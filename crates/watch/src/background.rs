@@ -1,0 +1,86 @@
+//! The empty place: every part of it as it looked when nothing moved there.
+
+use image::RgbImage;
+
+use crate::Cells;
+
+/// A part that stays bare is taken again after so long, s.
+const RENEW_S: f64 = 2.0;
+/// Share of the new picture where a part is taken again: noise averages out, light is followed.
+const SHARE: u16 = 4;
+
+/// The background of a clip at full size.
+#[derive(Clone, Debug)]
+pub struct Background {
+    picture: RgbImage,
+    grid: Cells,
+    /// When each cell was last seen bare, s.
+    bare_s: Vec<Option<f64>>,
+}
+
+impl Background {
+    /// From the first picture, of which nothing is known to be bare.
+    #[must_use]
+    pub fn new(picture: &RgbImage, grid: Cells) -> Self {
+        let cells = grid.columns * grid.rows;
+        Self { picture: picture.clone(), grid, bare_s: vec![None; cells] }
+    }
+
+    /// Takes what is bare in this picture: the cells that are not in `busy`.
+    pub fn take(&mut self, picture: &RgbImage, busy: &Cells, time_s: f64) {
+        if picture.dimensions() != self.picture.dimensions() {
+            return;
+        }
+        for row in 0..self.grid.rows {
+            for column in 0..self.grid.columns {
+                let cell = row * self.grid.columns + column;
+                let is_due = self.bare_s[cell].is_none_or(|last| time_s - last >= RENEW_S);
+                if is_due && !busy.has(column, row) {
+                    self.blend(picture, column, row, self.bare_s[cell].is_none());
+                    self.bare_s[cell] = Some(time_s);
+                }
+            }
+        }
+    }
+
+    fn blend(&mut self, picture: &RgbImage, column: usize, row: usize, is_first: bool) {
+        let (width, height) = (picture.width() as usize, picture.height() as usize);
+        let side = self.grid.side_px;
+        // The last column and row also hold what does not fill a cell.
+        let end = |cell: usize, count: usize, length: usize| {
+            if cell + 1 == count { length } else { ((cell + 1) * side).min(length) }
+        };
+        let columns = (column * side).min(width)..end(column, self.grid.columns, width);
+        for y in (row * side).min(height)..end(row, self.grid.rows, height) {
+            let bytes = 3 * (y * width + columns.start)..3 * (y * width + columns.end);
+            let pixels: &mut [u8] = &mut self.picture;
+            let (old, new) = (&mut pixels[bytes.clone()], &picture.as_raw()[bytes]);
+            if is_first {
+                old.copy_from_slice(new);
+            } else {
+                for (old, new) in old.iter_mut().zip(new) {
+                    let sum = u16::from(*old) * (SHARE - 1) + u16::from(*new) + SHARE / 2;
+                    *old = (sum / SHARE) as u8;
+                }
+            }
+        }
+    }
+
+    /// The picture; parts that were never bare are of the first frame.
+    #[must_use]
+    pub fn picture(&self) -> &RgbImage {
+        &self.picture
+    }
+
+    /// When each cell was last seen bare, s, row by row.
+    #[must_use]
+    pub fn bare_s(&self) -> Vec<Vec<Option<f64>>> {
+        self.bare_s.chunks(self.grid.columns.max(1)).map(<[_]>::to_vec).collect()
+    }
+
+    /// Side of a cell, px of the frame.
+    #[must_use]
+    pub fn cell_px(&self) -> usize {
+        self.grid.side_px
+    }
+}

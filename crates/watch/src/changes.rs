@@ -1,0 +1,290 @@
+//! What is not as it was when the detector last looked there.
+//!
+//! The picture is compared cell by cell with the one that the detector saw last. What counts as a change follows the place: the
+//! noise from one picture to the next, and what was looked at before and turned out to be no vehicle (leaves in the wind, key
+//! frames of the codec, rain, headlights' glare): both fade within a minute.
+
+use nalgebra::Vector2;
+
+use crate::SmallGrey;
+
+/// Side of a cell, px of the small picture.
+pub const CELL_PX: usize = 8;
+
+/// Mean change of a cell that counts without any noise, grey levels.
+const LEAST: f32 = 1.2;
+/// Noise counts so many times.
+const NOISE: f32 = 1.8;
+/// What noise a place is taken to have at first, grey levels.
+const FIRST_NOISE: f32 = 2.0;
+/// Noise follows the lower quartile of changes from picture to picture: up by one factor, down by the other.
+const UP: f32 = 1.012;
+const DOWN: f32 = 0.97;
+/// Most noise that is believed, in units of the picture's median: traffic is no noise.
+const MOST_NOISE: f32 = 3.0;
+/// What was no vehicle raises the bar by this share of what is missing, to this factor of the change …
+const LEARN: f32 = 0.3;
+const ABOVE: f32 = 1.25;
+/// … and never beyond this, grey levels: a vehicle shows all the same.
+const MOST_NUISANCE: f32 = 12.0;
+/// Time in which it fades to a third, s.
+const FADE_S: f64 = 15.0;
+/// Shift of the picture below which it need not be taken out, px of the small picture.
+const STILL: f64 = 0.04;
+
+/// A set of cells.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Cells {
+    /// Cells in a row.
+    pub columns: usize,
+    /// Rows of cells.
+    pub rows: usize,
+    /// Side of a cell, px of the frame.
+    pub side_px: usize,
+    is_in: Vec<bool>,
+}
+
+impl Cells {
+    fn none(columns: usize, rows: usize, side_px: usize) -> Self {
+        Self { columns, rows, side_px, is_in: vec![false; columns * rows] }
+    }
+
+    /// The same grid without any cell in the set.
+    #[must_use]
+    pub fn emptied(&self) -> Self {
+        Self::none(self.columns, self.rows, self.side_px)
+    }
+
+    /// Whether a cell is in it.
+    #[must_use]
+    pub fn has(&self, column: usize, row: usize) -> bool {
+        self.is_in[row * self.columns + column]
+    }
+
+    /// Puts a cell in.
+    pub fn insert(&mut self, column: usize, row: usize) {
+        self.is_in[row * self.columns + column] = true;
+    }
+
+    /// Share of the cells that are in it, 0–1.
+    #[must_use]
+    pub fn share(&self) -> f64 {
+        self.is_in.iter().filter(|is_in| **is_in).count() as f64 / self.is_in.len().max(1) as f64
+    }
+
+    /// Columns and rows of the cells that a box (left, top, right, bottom, px of the frame) touches.
+    #[must_use]
+    pub fn touched(&self, bbox_px: &[f64; 4]) -> (std::ops::Range<usize>, std::ops::Range<usize>) {
+        let span = |from: f64, to: f64, count: usize| {
+            let cell = |at: f64| (at.max(0.0) / self.side_px as f64) as usize;
+            let first = cell(from).min(count);
+            first..(cell(to) + 1).clamp(first, count)
+        };
+        (span(bbox_px[0], bbox_px[2], self.columns), span(bbox_px[1], bbox_px[3], self.rows))
+    }
+
+    /// Whether a cell that the box touches is in it.
+    #[must_use]
+    pub fn meets(&self, bbox_px: &[f64; 4]) -> bool {
+        let (columns, rows) = self.touched(bbox_px);
+        rows.into_iter().any(|row| columns.clone().any(|column| self.has(column, row)))
+    }
+
+    /// Puts all cells in that a box touches.
+    pub fn insert_box(&mut self, bbox_px: &[f64; 4]) {
+        let (columns, rows) = self.touched(bbox_px);
+        for row in rows {
+            for column in columns.clone() {
+                self.insert(column, row);
+            }
+        }
+    }
+
+    /// Boxes (px of the frame) around groups of neighbouring cells, diagonal ones too, by their first cell.
+    #[must_use]
+    pub fn groups(&self) -> Vec<[f64; 4]> {
+        let mut seen = vec![false; self.is_in.len()];
+        let mut found = Vec::new();
+        let mut open = Vec::new();
+        for start in 0..self.is_in.len() {
+            if !self.is_in[start] || seen[start] {
+                continue;
+            }
+            seen[start] = true;
+            open.push(start);
+            let mut span = [usize::MAX, usize::MAX, 0, 0];
+            while let Some(cell) = open.pop() {
+                let (column, row) = (cell % self.columns, cell / self.columns);
+                span = [span[0].min(column), span[1].min(row), span[2].max(column + 1), span[3].max(row + 1)];
+                for y in row.saturating_sub(1)..(row + 2).min(self.rows) {
+                    for x in column.saturating_sub(1)..(column + 2).min(self.columns) {
+                        let next = y * self.columns + x;
+                        if self.is_in[next] && !seen[next] {
+                            seen[next] = true;
+                            open.push(next);
+                        }
+                    }
+                }
+            }
+            found.push(span.map(|edge| (edge * self.side_px) as f64));
+        }
+        found
+    }
+}
+
+/// Remembers what the detector saw last, and what changes all the time.
+#[derive(Clone, Debug)]
+pub struct ChangeMap {
+    columns: usize,
+    rows: usize,
+    factor: usize,
+    /// The picture before this one.
+    before: SmallGrey,
+    /// What the detector saw last, cell by cell from different pictures.
+    seen: SmallGrey,
+    /// Shift of the picture when each cell was seen.
+    seen_shift: Vec<Vector2<f64>>,
+    /// Mean change of each cell in this picture against what was seen.
+    change: Vec<f32>,
+    noise: Vec<f32>,
+    nuisance: Vec<f32>,
+    last_s: Option<f64>,
+    pictures: u32,
+}
+
+impl ChangeMap {
+    /// Before anything was seen, for pictures of this size.
+    #[must_use]
+    pub fn new(small: &SmallGrey) -> Self {
+        let (columns, rows) = (small.width.div_ceil(CELL_PX), small.height.div_ceil(CELL_PX));
+        let cells = columns * rows;
+        Self {
+            columns,
+            rows,
+            factor: small.factor,
+            before: small.clone(),
+            seen: small.clone(),
+            seen_shift: vec![Vector2::zeros(); cells],
+            change: vec![0.0; cells],
+            noise: vec![FIRST_NOISE; cells],
+            nuisance: vec![0.0; cells],
+            last_s: None,
+            pictures: 0,
+        }
+    }
+
+    /// Whether it is made for pictures of this size.
+    #[must_use]
+    pub fn suits(&self, small: &SmallGrey) -> bool {
+        self.before.same_size(small)
+    }
+
+    /// No cells, in the grid of this map.
+    #[must_use]
+    pub fn no_cells(&self) -> Cells {
+        Cells::none(self.columns, self.rows, CELL_PX * self.factor)
+    }
+
+    /// Takes the next picture and says which cells changed since they were seen. `shift` is where the picture lies against
+    /// the background, px of the small picture.
+    pub fn changed(&mut self, small: &SmallGrey, shift: Vector2<f64>, time_s: f64) -> Cells {
+        self.pictures = self.pictures.saturating_add(1);
+        let fade = self.last_s.map_or(1.0, |last| (-(time_s - last).max(0.0) / FADE_S).exp()) as f32;
+        self.last_s = Some(time_s);
+        self.learn_noise(small);
+        self.compare(small, shift);
+        let most = MOST_NOISE * median(&self.noise);
+        let mut cells = self.no_cells();
+        for cell in 0..self.change.len() {
+            self.nuisance[cell] *= fade;
+            let bar = (LEAST + NOISE * self.noise[cell].min(most)).max(self.nuisance[cell]);
+            cells.is_in[cell] = self.change[cell] > bar;
+        }
+        cells
+    }
+
+    /// The detector looked at the cells of a region in this picture; `vehicles` are the boxes (px of the frame) of what it saw
+    /// there, weak ones too. What changed elsewhere was no vehicle.
+    pub fn looked(&mut self, small: &SmallGrey, shift: Vector2<f64>, region: &Cells, vehicles: &Cells) {
+        for row in 0..self.rows {
+            for column in 0..self.columns {
+                if !region.has(column, row) {
+                    continue;
+                }
+                let cell = row * self.columns + column;
+                let missing = ABOVE * self.change[cell] - self.nuisance[cell];
+                if !vehicles.has(column, row) && missing > 0.0 {
+                    self.nuisance[cell] = (self.nuisance[cell] + LEARN * missing).min(MOST_NUISANCE);
+                }
+                self.seen_shift[cell] = shift;
+                for y in row * CELL_PX..((row + 1) * CELL_PX).min(small.height) {
+                    let from = y * small.width + column * CELL_PX;
+                    let to = y * small.width + ((column + 1) * CELL_PX).min(small.width);
+                    self.seen.values[from..to].copy_from_slice(&small.values[from..to]);
+                }
+            }
+        }
+    }
+
+    fn learn_noise(&mut self, small: &SmallGrey) {
+        let changes = cell_means(&self.before.values, &small.values, small.width, self.columns, self.rows);
+        // The first pictures tell most.
+        let speed = if self.pictures < 20 { 8.0 } else { 1.0 };
+        let (up, down) = (UP.powf(speed), DOWN.powf(speed));
+        for (noise, change) in self.noise.iter_mut().zip(changes) {
+            *noise = (*noise * if change > *noise { up } else { down }).clamp(0.05, 40.0);
+        }
+        self.before.values.copy_from_slice(&small.values);
+    }
+
+    fn compare(&mut self, small: &SmallGrey, shift: Vector2<f64>) {
+        self.change = cell_means(&self.seen.values, &small.values, small.width, self.columns, self.rows);
+        for row in 0..self.rows {
+            for column in 0..self.columns {
+                let cell = row * self.columns + column;
+                let shaken = shift - self.seen_shift[cell];
+                if shaken.norm() > STILL && self.change[cell] > LEAST {
+                    self.change[cell] = self.unshaken(small, column, row, shaken);
+                }
+            }
+        }
+    }
+
+    /// Mean change of a cell without what the shift of the picture explains: `I(x) − S(x − d) ≈ I − S + ∇I·d`.
+    fn unshaken(&self, small: &SmallGrey, column: usize, row: usize, shaken: Vector2<f64>) -> f32 {
+        let (width, height) = (small.width, small.height);
+        let (dx, dy) = (shaken.x as f32, shaken.y as f32);
+        let (mut sum, mut count) = (0.0, 0.0);
+        for y in (row * CELL_PX).max(1)..((row + 1) * CELL_PX).min(height - 1) {
+            for x in (column * CELL_PX).max(1)..((column + 1) * CELL_PX).min(width - 1) {
+                let at = |x: usize, y: usize| f32::from(small.values[y * width + x]);
+                let gradient =
+                    0.5 * ((at(x + 1, y) - at(x - 1, y)) * dx + (at(x, y + 1) - at(x, y - 1)) * dy);
+                sum += (at(x, y) - f32::from(self.seen.values[y * width + x]) + gradient).abs();
+                count += 1.0;
+            }
+        }
+        if count > 0.0 { sum / count } else { 0.0 }
+    }
+}
+
+/// Mean absolute difference in each cell, grey levels.
+fn cell_means(a: &[u8], b: &[u8], width: usize, columns: usize, rows: usize) -> Vec<f32> {
+    let mut sums = vec![0_u32; columns * rows];
+    let mut counts = vec![0_u32; columns * rows];
+    for (y, (a, b)) in a.chunks_exact(width).zip(b.chunks_exact(width)).enumerate() {
+        let cells = (y / CELL_PX) * columns..(y / CELL_PX + 1) * columns;
+        let pieces = a.chunks(CELL_PX).zip(b.chunks(CELL_PX));
+        for ((sum, count), (a, b)) in sums[cells.clone()].iter_mut().zip(&mut counts[cells]).zip(pieces) {
+            *sum += a.iter().zip(b).map(|(a, b)| u32::from(a.abs_diff(*b))).sum::<u32>();
+            *count += a.len() as u32;
+        }
+    }
+    sums.iter().zip(&counts).map(|(sum, count)| *sum as f32 / (*count).max(1) as f32).collect()
+}
+
+fn median(values: &[f32]) -> f32 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f32::total_cmp);
+    sorted.get(sorted.len() / 2).copied().unwrap_or(0.0)
+}

@@ -1,0 +1,117 @@
+//! How two pictures of one place hang together when nothing is known beforehand: blocks are searched for far and wide, and the
+//! similarity that carries most of them is taken.
+
+use nalgebra::Vector2;
+use roadplane_base::Similarity;
+
+use crate::reference::Reference;
+
+/// Blocks that are searched for.
+const BLOCKS: usize = 60;
+/// Side of a block, px of the halved small picture.
+const SIDE: usize = 8;
+/// How far a block is searched for, px of the halved small picture.
+const REACH: i64 = 24;
+/// Correlation at which a block is found.
+const FOUND: f64 = 0.8;
+/// A block goes along with a similarity within this, px of the halved small picture.
+const NEAR: f64 = 1.5;
+/// Share of the blocks that must go along, and their number.
+const MIN_SHARE: f64 = 0.3;
+const MIN_BLOCKS: usize = 6;
+
+/// The similarity that carries the reference to a picture (prepared, of the same size), in px of the small picture; `None` where
+/// there is none: another place.
+pub(crate) fn search(reference: &Reference, picture: &[f32]) -> Option<Similarity> {
+    let (width, height) = reference.size();
+    let from = Half::of(reference.values(), width, height);
+    let to = Half::of(picture, width, height);
+    let blocks = reference.best_blocks(BLOCKS);
+    let pairs: Vec<(Vector2<f64>, Vector2<f64>)> =
+        blocks.iter().filter_map(|&(x, y)| found(&from, &to, x / 2, y / 2)).collect();
+    let enough = MIN_BLOCKS.max((MIN_SHARE * blocks.len() as f64).ceil() as usize);
+    let mut best: Vec<(Vector2<f64>, Vector2<f64>)> = Vec::new();
+    for (i, a) in pairs.iter().enumerate() {
+        for b in &pairs[i + 1..] {
+            // Neighbours tell scale and roll badly.
+            if (a.0 - b.0).norm() < 3.0 * SIDE as f64 {
+                continue;
+            }
+            let Some(proposal) = Similarity::fit(&[*a, *b]) else { continue };
+            if proposal.log_scale().abs() > 0.5 {
+                continue;
+            }
+            let along: Vec<_> =
+                pairs.iter().filter(|(p, q)| (proposal.apply(p) - q).norm() < NEAR).copied().collect();
+            if along.len() > best.len() {
+                best = along;
+            }
+        }
+    }
+    if best.len() < enough {
+        return None;
+    }
+    let doubled: Vec<_> = best.iter().map(|(p, q)| (p * 2.0, q * 2.0)).collect();
+    Similarity::fit(&doubled)
+}
+
+struct Half {
+    width: usize,
+    height: usize,
+    values: Vec<f32>,
+}
+
+impl Half {
+    fn of(values: &[f32], width: usize, height: usize) -> Self {
+        let (half_width, half_height) = (width / 2, height / 2);
+        let mut half = Vec::with_capacity(half_width * half_height);
+        for y in 0..half_height {
+            let (upper, lower) = (&values[2 * y * width..], &values[(2 * y + 1) * width..]);
+            half.extend((0..half_width).map(|x| {
+                0.25 * (upper[2 * x] + upper[2 * x + 1] + lower[2 * x] + lower[2 * x + 1])
+            }));
+        }
+        Self { width: half_width, height: half_height, values: half }
+    }
+
+    fn block(&self, x: usize, y: usize) -> impl Iterator<Item = f64> + '_ {
+        (y..y + SIDE).flat_map(move |row| &self.values[row * self.width + x..][..SIDE]).map(|v| f64::from(*v))
+    }
+}
+
+/// Centres of a block and of where it is found.
+fn found(from: &Half, to: &Half, x: usize, y: usize) -> Option<(Vector2<f64>, Vector2<f64>)> {
+    if x + SIDE > from.width || y + SIDE > from.height {
+        return None;
+    }
+    let count = (SIDE * SIDE) as f64;
+    let mean = from.block(x, y).sum::<f64>() / count;
+    let pattern: Vec<f64> = from.block(x, y).map(|v| v - mean).collect();
+    let norm = pattern.iter().map(|v| v * v).sum::<f64>().sqrt();
+    let correlation = |x: usize, y: usize| {
+        let (mut sum, mut squares, mut dot) = (0.0, 0.0, 0.0);
+        for (value, pattern) in to.block(x, y).zip(&pattern) {
+            sum += value;
+            squares += value * value;
+            dot += value * pattern;
+        }
+        let spread = (squares - sum * sum / count).max(0.0).sqrt();
+        if spread > 1.0 { dot / (norm * spread) } else { 0.0 }
+    };
+    let span = |at: usize, length: usize| {
+        let at = at as i64;
+        let last = (length - SIDE) as i64;
+        ((at - REACH).max(0) as usize)..=((at + REACH).min(last) as usize)
+    };
+    let mut best = (FOUND, None);
+    for v in span(y, to.height) {
+        for u in span(x, to.width) {
+            let here = correlation(u, v);
+            if here > best.0 {
+                best = (here, Some((u, v)));
+            }
+        }
+    }
+    let centre = |x: usize, y: usize| Vector2::new(x as f64, y as f64).add_scalar(SIDE as f64 / 2.0);
+    best.1.map(|(u, v)| (centre(x, y), centre(u, v)))
+}
