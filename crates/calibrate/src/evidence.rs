@@ -1,6 +1,7 @@
 //! Frames → windows of views, each from one camera position.
 
-use roadplane_base::FrameRecord;
+use nalgebra::Vector2;
+use roadplane_base::{FrameRecord, MoveKind, PictureVerdict, WatchRecord};
 
 use crate::{
     LinkerOptions, MoveDetector, MoveOptions, MoveState, SegmentStart, SelectOptions, View, ViewSelector,
@@ -70,6 +71,18 @@ pub struct EvidenceBuilder {
     first_of_segment: bool,
 }
 
+/// What the picture says, as [`AtRest`](crate::AtRest) hands it on.
+fn told(watch: &WatchRecord) -> MoveState {
+    match watch.moved {
+        Some(moved) => MoveState::Moved(match (moved.kind, moved.log_scale) {
+            (MoveKind::Turned | MoveKind::Zoomed, Some(log_scale)) => SegmentStart::Moved { log_scale },
+            _ => SegmentStart::Cut,
+        }),
+        None if watch.verdict == PictureVerdict::Rest => MoveState::Steady { shift_px: Vector2::zeros() },
+        None => MoveState::Unknown,
+    }
+}
+
 /// Frames held back at most, whatever a suspicion does.
 const MAX_PENDING: usize = 64;
 
@@ -92,7 +105,12 @@ impl EvidenceBuilder {
 
     /// Takes the next frame, in the order of time; gives a window when one is complete.
     pub fn push(&mut self, frame: FrameRecord) -> Option<Window> {
-        match self.detector.push(&frame) {
+        let verdict = match &frame.watch {
+            // Where the picture speaks, cars have no vote.
+            Some(watch) => told(watch),
+            None => self.detector.push(&frame),
+        };
+        match verdict {
             MoveState::Suspect if self.pending.len() < MAX_PENDING => {
                 self.pending.push(frame);
                 None

@@ -3,8 +3,9 @@
 //!
 //! # How the pieces join
 //! ```text
-//! FrameRecord → EvidenceBuilder ── Linker          which box is which car
-//!                               ├─ MoveDetector    did the camera move
+//! FrameRecord → AtRest                            shake taken out, moves put where they happened
+//!             → EvidenceBuilder ── Linker          which box is which car
+//!                               ├─ MoveDetector    did the camera move, where no picture tells
 //!                               └─ ViewSelector    one view a parked car, several of a moving one
 //!             → Window { views, … } → (joint solve of the window, elsewhere) → WindowEstimate
 //!             → fuse → CameraEstimate per stretch of time
@@ -14,6 +15,7 @@
 //! A parked car seen in 100 frames is one car: its keypoints' white noise averages out, their bias does not
 //! ([`combine`]); seen in ten windows it counts once ([`fuse`]).
 
+mod at_rest;
 mod combine;
 mod evidence;
 mod fuse;
@@ -23,6 +25,7 @@ mod nodes;
 mod select;
 mod stretch;
 
+pub use at_rest::AtRest;
 pub use combine::{Combined, combine};
 pub use evidence::{EvidenceBuilder, EvidenceOptions, Window};
 pub use fuse::{CarUse, FuseOptions, FusePrior, WindowEstimate, fuse};

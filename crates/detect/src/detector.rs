@@ -1,23 +1,30 @@
 //! The detector.
 
-use ndarray::{Array4, Axis, Ix4, s};
+use image::RgbImage;
+use ndarray::{Array4, Axis, Ix4};
 use roadplane_base::{CarRecord, Frame};
 use roadplane_infer::{Dim, NamedTensor, Session};
 
 use crate::decode::{BINS, CLASSES, Candidate, candidates};
 use crate::merge::{Found, merge};
-use crate::resample::{Planes, resample};
-use crate::tiles::{Tile, tiles};
+use crate::resample::{Part, input};
+use crate::tiles::{cuts, tiles};
 use crate::{DetectError, DetectOptions};
 
 /// Cell sizes of the net's levels, px of its input.
 const STRIDES_PX: [usize; 3] = [8, 16, 32];
-/// Sides of the net's input are multiples of this.
-const MULTIPLE_PX: usize = 32;
-/// What fills the input beyond the picture: the middle grey that the net was trained with.
-const PADDING: f32 = 114.0 / 255.0;
+/// Boxes that are cut end somewhere near the border, not on it, px of the net's input.
+const NEAR_BORDER_PX: f64 = 4.0;
 /// Weakest score that takes part in merging.
 const MIN_CANDIDATE_SCORE: f64 = 0.1;
+
+/// What is seen in a part of a picture.
+pub(crate) struct Sight {
+    /// Vehicles.
+    pub found: Vec<Found>,
+    /// Boxes, not merged, that the border of the part inside the picture probably cuts.
+    pub cut: Vec<Candidate>,
+}
 
 /// Finds vehicles in frames.
 #[derive(Debug)]
@@ -69,45 +76,53 @@ impl Detector {
         &self.session
     }
 
-    /// Finds the vehicles of a frame, best first. Boxes are within the frame.
+    /// Finds the vehicles of a frame, best first, wherever they are. Boxes are within the frame.
     ///
     /// # Errors
     /// [`DetectError::Net`] when the net fails or returns numbers that are not finite.
     pub fn detect(&mut self, frame: &Frame) -> Result<Vec<CarRecord>, DetectError> {
         let (width, height) = (f64::from(frame.image.width()), f64::from(frame.image.height()));
-        let mut found = Vec::new();
-        let scales = self.options.scales(frame.image.width(), frame.image.height());
-        for (pass, scale) in scales.iter().enumerate() {
-            let side = |length: f64| ((length * scale).round() as usize).max(1);
-            let planes = resample(&frame.image, side(width), side(height));
-            let (scale_x, scale_y) = (planes.width as f64 / width, planes.height as f64 / height);
-            for mut candidate in self.look(&planes, pass)? {
-                let [x0, y0, x1, y1] = candidate.bbox;
-                candidate.bbox = [x0 / scale_x, y0 / scale_y, x1 / scale_x, y1 / scale_y];
-                found.push(candidate);
-            }
-        }
-        let records =
-            merge(found, &scales, &self.options).into_iter().filter_map(|f| record(f, width, height));
-        Ok(records.collect())
+        let sight = self.look(&frame.image, Part::whole(&frame.image), self.options.min_score)?;
+        Ok(sight.found.into_iter().filter_map(|f| record(f, width, height)).collect())
     }
 
-    /// One pass: all tiles of a scaled frame; boxes from its corner.
-    fn look(&mut self, planes: &Planes, pass: usize) -> Result<Vec<Candidate>, DetectError> {
-        let (longest, overlap) = (self.options.tile_px as usize, self.options.tile_overlap_px as usize);
-        let picture = (planes.width, planes.height);
-        let mut found = Vec::new();
-        for tile in tiles(planes.width, planes.height, longest, overlap) {
-            for mut candidate in self.run(&cut(planes, tile), pass)? {
-                let (x, y) = (tile.x as f64, tile.y as f64);
-                let [x0, y0, x1, y1] = candidate.bbox;
-                candidate.bbox = [x0 + x, y0 + y, x1 + x, y1 + y];
-                if !tile.cuts(candidate.bbox, picture) {
-                    found.push(candidate);
+    /// The options.
+    pub(crate) fn options(&self) -> &DetectOptions {
+        &self.options
+    }
+
+    /// Finds the vehicles of a part of a picture with at least this score, best first. Boxes are from the picture's corner.
+    pub(crate) fn look(
+        &mut self,
+        image: &RgbImage,
+        part: Part,
+        min_score: f64,
+    ) -> Result<Sight, DetectError> {
+        let scales = self.options.scales(image.width(), image.height());
+        let (mut found, mut cut) = (Vec::new(), Vec::new());
+        for (pass, scale) in scales.iter().enumerate() {
+            let (longest, overlap) = (self.options.tile_px as f64, self.options.tile_overlap_px as f64);
+            let to_frame = |px: f64| (px / scale) as usize;
+            for tile in tiles(part, to_frame(longest), to_frame(overlap)) {
+                let side = |length: usize| ((length as f64 * scale).round() as usize).max(1);
+                let (width, height) = (side(tile.width), side(tile.height));
+                let input = input(image, tile, width, height).map_err(DetectError::picture)?;
+                let (scale_x, scale_y) =
+                    (width as f64 / tile.width as f64, height as f64 / tile.height as f64);
+                for mut candidate in self.run(&input, pass)? {
+                    let [x0, y0, x1, y1] = candidate.bbox;
+                    let (left, top) = (tile.x as f64, tile.y as f64);
+                    candidate.bbox =
+                        [x0 / scale_x + left, y0 / scale_y + top, x1 / scale_x + left, y1 / scale_y + top];
+                    if cuts(tile, candidate.bbox, Part::whole(image), NEAR_BORDER_PX / scale) {
+                        cut.push(candidate);
+                    } else {
+                        found.push(candidate);
+                    }
                 }
             }
         }
-        Ok(found)
+        Ok(Sight { found: merge(found, &scales, &self.options, min_score), cut })
     }
 
     fn run(&mut self, image: &Array4<f32>, pass: usize) -> Result<Vec<Candidate>, DetectError> {
@@ -133,31 +148,15 @@ impl Detector {
     }
 }
 
-/// The tile as the net's input, padded at the right and the bottom.
-fn cut(planes: &Planes, tile: Tile) -> Array4<f32> {
-    let padded = |length: usize| length.next_multiple_of(MULTIPLE_PX);
-    let mut image = Array4::from_elem((1, 3, padded(tile.height), padded(tile.width)), PADDING);
-    for channel in 0..3 {
-        for row in 0..tile.height {
-            let from = (channel * planes.height + tile.y + row) * planes.width + tile.x;
-            let source = ndarray::ArrayView1::from(&planes.values[from..from + tile.width]);
-            image.slice_mut(s![0, channel, row, ..tile.width]).assign(&source);
-        }
-    }
-    image
-}
-
 /// The record of a vehicle, its box moved to pixel centres and cut at the frame; `None` if nothing of it is inside.
-fn record(found: Found, width: f64, height: f64) -> Option<CarRecord> {
+pub(crate) fn record(found: Found, width: f64, height: f64) -> Option<CarRecord> {
     let [x0, y0, x1, y1] = found.bbox;
     let clamp = |value: f64, length: f64| value.clamp(0.0, length) - 0.5;
     let bbox_px = [clamp(x0, width), clamp(y0, height), clamp(x1, width), clamp(y1, height)];
     let has_area = bbox_px[2] > bbox_px[0] && bbox_px[3] > bbox_px[1];
     has_area.then(|| CarRecord {
-        bbox_px: bbox_px.map(|v| (v * 100.0).round() / 100.0),
         score: (found.score * 1e4).round() / 1e4,
         class: found.class,
-        keypoints: None,
-        extra: serde_json::Map::new(),
+        ..CarRecord::boxed(bbox_px.map(|v| (v * 100.0).round() / 100.0))
     })
 }

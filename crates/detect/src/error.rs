@@ -17,6 +17,12 @@ pub enum DetectError {
         /// What is missing.
         what: String,
     },
+    /// OpenCV cannot resample the picture: a bug, or no memory left.
+    #[error("OpenCV: {what}")]
+    Picture {
+        /// What it says.
+        what: String,
+    },
     /// An option out of its range: a fault of the configuration.
     #[error("detect.{what}")]
     Option {
@@ -26,6 +32,10 @@ pub enum DetectError {
 }
 
 impl DetectError {
+    pub(crate) fn picture(error: opencv::Error) -> Self {
+        Self::Picture { what: error.to_string() }
+    }
+
     /// The net's own error, if it is one.
     #[must_use]
     pub fn net(&self) -> Option<&InferError> {

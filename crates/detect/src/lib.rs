@@ -1,17 +1,29 @@
 //! Cars, trucks and buses in a frame.
 //!
-//! The net (NanoDet, see `models/detector.md`) is fully convolutional, so a frame is looked at in a few passes at
-//! different scales instead of many small windows: a fine one for distant cars, a coarse one for near ones. Frames
+//! The net (NanoDet, see `models/detector.md`) is fully convolutional, so a picture is looked at in a few passes at
+//! different scales instead of many small windows: a fine one for distant cars, a coarse one for near ones. Pictures
 //! that are too large for one run are cut into overlapping tiles. What the passes find is merged into one list.
+//!
+//! In a clip it need not look everywhere all the time: [`Attention`] says where.
+//!
+//! ```text
+//! Seen (watch) → Attention   what changed, who does not stand, the sweep      (attention.rs, known.rs)
+//!              → regions     parts of the picture that are worth a run        (regions.rs)
+//!              → Detector    passes → boxes → one list                        (detector.rs, resample.rs, decode.rs, merge.rs)
+//! ```
 
+mod attention;
 mod decode;
 mod detector;
 mod error;
+mod known;
 mod merge;
 mod options;
+mod regions;
 mod resample;
 mod tiles;
 
+pub use attention::{Attention, Look};
 pub use detector::Detector;
 pub use error::DetectError;
 pub use options::DetectOptions;

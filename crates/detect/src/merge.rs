@@ -20,8 +20,14 @@ pub(crate) struct Found {
 }
 
 /// Merges what all passes found: within each pass, then across passes, where a vehicle's score is the mean over the
-/// passes that judge vehicles of its size. `scales` is what each pass scaled the frame by, coarsest first.
-pub(crate) fn merge(candidates: Vec<Candidate>, scales: &[f64], options: &DetectOptions) -> Vec<Found> {
+/// passes that judge vehicles of its size. `scales` is what each pass scaled the frame by, coarsest first; what scores less than
+/// `min_score` is left out.
+pub(crate) fn merge(
+    candidates: Vec<Candidate>,
+    scales: &[f64],
+    options: &DetectOptions,
+    min_score: f64,
+) -> Vec<Found> {
     let mut heads: Vec<Candidate> = Vec::new();
     for pass in 0..scales.len() {
         let of_pass = candidates.iter().filter(|c| c.pass == pass).copied().collect();
@@ -42,7 +48,7 @@ pub(crate) fn merge(candidates: Vec<Candidate>, scales: &[f64], options: &Detect
             let score = judges.clone().map(best_of).sum::<f64>() / judges.len() as f64;
             Found { bbox: mean_box(&group), score, class: joint_class(&group) }
         })
-        .filter(|f| f.score >= options.min_score && f.bbox[2] - f.bbox[0] >= options.min_width_px)
+        .filter(|f| f.score >= min_score && f.bbox[2] - f.bbox[0] >= options.min_width_px)
         .collect();
     found.sort_by(|a, b| b.score.total_cmp(&a.score));
     found
@@ -118,6 +124,7 @@ mod tests {
             ],
             &[1.0],
             &options,
+            options.min_score,
         );
         assert_eq!(found.len(), 2);
         assert!((found[0].bbox[0] - 4.0 / 3.0).abs() < 1e-9 && (found[0].score - 0.8).abs() < 1e-9);
@@ -152,6 +159,7 @@ mod tests {
             ],
             &scales,
             &options,
+            options.min_score,
         );
         let scores: Vec<f64> = found.iter().map(|f| (f.score * 100.0).round()).collect();
         assert_eq!(scores, [60.0, 50.0, 40.0]);
@@ -166,6 +174,7 @@ mod tests {
             vec![candidate(bbox, 0.7, 1), truck, Candidate { pass: 1, ..truck }],
             &[0.5, 1.0],
             &options,
+            options.min_score,
         );
         assert_eq!((found.len(), found[0].class), (1, VehicleClass::Car), "one vote a pass");
     }
@@ -183,8 +192,8 @@ mod tests {
                 candidate([x, y, x + 30.0 + next(60.0), y + 20.0 + next(40.0)], 0.1 + next(0.9), i % 2)
             }).collect();
             let options = DetectOptions { min_score: 0.05, ..DetectOptions::default() };
-            let forward = merge(boxes.clone(), &[0.5, 1.0], &options);
-            let backward = merge(boxes.into_iter().rev().collect(), &[0.5, 1.0], &options);
+            let forward = merge(boxes.clone(), &[0.5, 1.0], &options, 0.05);
+            let backward = merge(boxes.into_iter().rev().collect(), &[0.5, 1.0], &options, 0.05);
             proptest::prop_assert_eq!(&forward, &backward);
             for (i, a) in forward.iter().enumerate() {
                 proptest::prop_assert!(a.bbox[2] > a.bbox[0] && (0.0..=1.0).contains(&a.score));

@@ -1,100 +1,89 @@
-//! A frame at another scale, as the net wants it: planes of f32 in 0…1.
+//! A part of a frame at another scale, as the net wants it: planes of f32 in 0…1.
 
 use image::RgbImage;
+use ndarray::Array4;
+use opencv::core::{Mat, MatTraitConst as _, MatTraitConstManual as _, Rect, Size, Vec3b};
+use opencv::imgproc::{INTER_AREA, resize};
 
-/// A picture as three planes, values 0–1.
-#[derive(Clone, Debug)]
-pub(crate) struct Planes {
+/// Sides of the net's input are multiples of this.
+pub(crate) const MULTIPLE_PX: usize = 32;
+/// What fills the input beyond the picture: the middle grey that the net was trained with.
+const PADDING: f32 = 114.0 / 255.0;
+
+/// A rectangle of whole pixels of a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Part {
+    pub x: usize,
+    pub y: usize,
     pub width: usize,
     pub height: usize,
-    /// `[channel][row][column]`.
-    pub values: Vec<f32>,
 }
 
-/// Weights of the source pixels that make one target pixel.
-struct Kernel {
-    first: usize,
-    weights: Vec<f32>,
-}
-
-/// Area average along one axis: every target pixel is the mean of what it covers, with parts of pixels at its ends.
-/// Pixel `i` covers `[i, i + 1)` in both, so that centres correspond as `(u + 0.5) · source / target − 0.5`.
-fn kernels(source: usize, target: usize) -> Vec<Kernel> {
-    let step = source as f64 / target as f64;
-    (0..target)
-        .map(|u| {
-            let (from, to) = (u as f64 * step, (u as f64 + 1.0) * step);
-            let first = (from.floor() as usize).min(source - 1);
-            let last = (to.ceil() as usize).clamp(first + 1, source);
-            let covered = |i: usize| (to.min(i as f64 + 1.0) - from.max(i as f64)).max(0.0) / step;
-            Kernel { first, weights: (first..last).map(|i| covered(i) as f32).collect() }
-        })
-        .collect()
-}
-
-/// The frame resampled to a size of at least 1 × 1 and at most its own.
-pub(crate) fn resample(image: &RgbImage, width: usize, height: usize) -> Planes {
-    let (source_width, source_height) = (image.width() as usize, image.height() as usize);
-    let bytes = image.as_raw();
-    let mut values = vec![0.0_f32; 3 * width * height];
-    if (source_width, source_height) == (width, height) {
-        let (red, rest) = values.split_at_mut(width * height);
-        let (green, blue) = rest.split_at_mut(width * height);
-        for (((pixel, r), g), b) in bytes.chunks_exact(3).zip(red).zip(green).zip(blue) {
-            (*r, *g, *b) =
-                (f32::from(pixel[0]) / 255.0, f32::from(pixel[1]) / 255.0, f32::from(pixel[2]) / 255.0);
-        }
-        return Planes { width, height, values };
+impl Part {
+    /// All of a picture.
+    pub(crate) fn whole(image: &RgbImage) -> Self {
+        Self { x: 0, y: 0, width: image.width() as usize, height: image.height() as usize }
     }
-    let columns = kernels(source_width, width);
-    // Down first, into one row of source width, then along it.
-    let mut row = vec![0.0_f32; 3 * source_width];
-    for (y, kernel) in kernels(source_height, height).iter().enumerate() {
-        row.fill(0.0);
-        for (k, weight) in kernel.weights.iter().enumerate() {
-            let from = (kernel.first + k) * 3 * source_width;
-            for (sum, byte) in row.iter_mut().zip(&bytes[from..from + 3 * source_width]) {
-                *sum += weight / 255.0 * f32::from(*byte);
-            }
-        }
-        for (x, kernel) in columns.iter().enumerate() {
-            let mut sums = [0.0_f32; 3];
-            for (pixel, weight) in row[3 * kernel.first..].chunks_exact(3).zip(&kernel.weights) {
-                for (sum, value) in sums.iter_mut().zip(pixel) {
-                    *sum += weight * value;
-                }
-            }
-            for (channel, sum) in sums.into_iter().enumerate() {
-                values[(channel * height + y) * width + x] = sum;
-            }
+}
+
+/// The part resampled (area average; pixel centres correspond) to `width` × `height`, at most its own size, as the net's input
+/// [1, 3, rows, columns], padded at the right and the bottom.
+pub(crate) fn input(image: &RgbImage, part: Part, width: usize, height: usize) -> opencv::Result<Array4<f32>> {
+    let side = |length: usize| i32::try_from(length).unwrap_or(i32::MAX);
+    let (rows, columns) = (side(image.height() as usize), side(image.width() as usize));
+    let picture = Mat::new_rows_cols_with_bytes::<Vec3b>(rows, columns, image.as_raw())?;
+    let cut = Mat::roi(&picture, Rect::new(side(part.x), side(part.y), side(part.width), side(part.height)))?;
+    let mut scaled = Mat::default();
+    if (part.width, part.height) == (width, height) {
+        cut.copy_to(&mut scaled)?;
+    } else {
+        resize(&cut, &mut scaled, Size::new(side(width), side(height)), 0.0, 0.0, INTER_AREA)?;
+    }
+    let bytes = scaled.data_bytes()?;
+    let (rows, columns) = (height.next_multiple_of(MULTIPLE_PX), width.next_multiple_of(MULTIPLE_PX));
+    let mut planes = vec![PADDING; 3 * rows * columns];
+    let (red, rest) = planes.split_at_mut(rows * columns);
+    let (green, blue) = rest.split_at_mut(rows * columns);
+    for (y, line) in bytes.chunks_exact(3 * width).enumerate() {
+        let row = y * columns..y * columns + width;
+        let targets = red[row.clone()].iter_mut().zip(&mut green[row.clone()]).zip(&mut blue[row]);
+        for (pixel, ((r, g), b)) in line.chunks_exact(3).zip(targets) {
+            *r = f32::from(pixel[0]) * (1.0 / 255.0);
+            *g = f32::from(pixel[1]) * (1.0 / 255.0);
+            *b = f32::from(pixel[2]) * (1.0 / 255.0);
         }
     }
-    Planes { width, height, values }
+    let shaped = Array4::from_shape_vec((1, 3, rows, columns), planes);
+    shaped.map_err(|error| opencv::Error::new(opencv::core::StsBadSize, error.to_string()))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// A ramp along x and y, which resampling must keep at the right place, to the part of a step that averaging costs.
+    /// A ramp along x and y, which resampling must keep at the right place, to a rounded grey level.
     fn ramp(width: u32, height: u32) -> RgbImage {
         RgbImage::from_fn(width, height, |x, y| image::Rgb([(2 * x) as u8, (3 * y) as u8, 100]))
     }
 
     #[test]
     fn centres_stay_where_they_are() {
-        let image = ramp(100, 60);
+        let image = ramp(120, 80);
+        let part = Part { x: 10, y: 8, width: 100, height: 60 };
         for (width, height) in [(100, 60), (50, 30), (75, 45), (67, 40), (33, 19)] {
-            let planes = resample(&image, width, height);
+            let planes = input(&image, part, width, height).unwrap();
             for (x, y) in [(width / 2, height / 2), (width / 3, height / 4)] {
-                let centre =
-                    |u: usize, source: f64, target: usize| (u as f64 + 0.5) * source / target as f64 - 0.5;
-                let red = f64::from(planes.values[y * width + x]) * 255.0;
-                let green = f64::from(planes.values[(height + y) * width + x]) * 255.0;
-                assert!((red - 2.0 * centre(x, 100.0, width)).abs() < 0.2, "{width}: {red}");
-                assert!((green - 3.0 * centre(y, 60.0, height)).abs() < 0.3, "{height}: {green}");
-                assert!((planes.values[(2 * height + y) * width + x] * 255.0 - 100.0).abs() < 1e-3);
+                let centre = |u: usize, source: f64, target: usize, from: f64| {
+                    from + (u as f64 + 0.5) * source / target as f64 - 0.5
+                };
+                let value = |channel: usize| f64::from(planes[[0, channel, y, x]]) * 255.0;
+                assert!((value(0) - 2.0 * centre(x, 100.0, width, 10.0)).abs() < 0.8, "{width}: {}", value(0));
+                assert!((value(1) - 3.0 * centre(y, 60.0, height, 8.0)).abs() < 0.8, "{height}: {}", value(1));
+                assert!((value(2) - 100.0).abs() < 1e-3);
             }
+            assert_eq!(planes.dim(), (1, 3, height.next_multiple_of(32), width.next_multiple_of(32)));
+            let corner = planes[[0, 1, planes.dim().2 - 1, planes.dim().3 - 1]];
+            assert!((corner - PADDING).abs() < 1e-6, "padded");
         }
     }
 }

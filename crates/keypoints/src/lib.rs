@@ -3,7 +3,9 @@
 mod crop;
 mod heatmap;
 mod net;
+mod schedule;
 
 pub use crop::{CROP_PX, SquareCrop};
 pub use heatmap::{Calibration, HeatmapDecoder, Peak};
 pub use net::{KeypointError, KeypointNet, KeypointOptions};
+pub use schedule::Schedule;

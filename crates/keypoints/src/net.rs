@@ -2,14 +2,16 @@
 
 use std::path::Path;
 
+use image::RgbImage;
 use ndarray::{Array4, s};
-use roadplane_base::{CarRecord, Frame, KEYPOINTS, Keypoint, KeypointSet, VehicleClass, mirror_index};
+use roadplane_base::{CarRecord, Frame, FrameRecord, KEYPOINTS, Keypoint, KeypointSet, VehicleClass, mirror_index};
 use roadplane_infer::{Dim, InferError, NamedTensor, Outputs, Session, SessionOptions};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use crate::crop::{CROP_PX, SquareCrop};
 use crate::heatmap::{Calibration, HeatmapDecoder};
+use crate::schedule::{Schedule, Turn};
 
 /// What can go wrong.
 #[derive(Debug, Error)]
@@ -51,6 +53,7 @@ pub struct KeypointNet {
     context: f64,
     options: KeypointOptions,
     rejected: u64,
+    crops: u64,
 }
 
 impl KeypointNet {
@@ -89,7 +92,7 @@ impl KeypointNet {
             return Err(unsuitable("input image or output visibility is missing"));
         }
         let decoder = HeatmapDecoder { cells, stride_px: CROP_PX as f64 / cells as f64, calibration };
-        Ok(Self { session, decoder, context, options, rejected: 0 })
+        Ok(Self { session, decoder, context, options, rejected: 0, crops: 0 })
     }
 
     /// The session behind it.
@@ -104,17 +107,60 @@ impl KeypointNet {
         self.rejected
     }
 
-    /// Finds the keypoints of all cars (not trucks and buses, which the shape atlas does not cover) that are large
-    /// enough.
+    /// Whether a car gets keypoints: it is large enough and no truck or bus, which the shape atlas does not cover.
+    fn fits(&self, car: &CarRecord) -> bool {
+        car.class == VehicleClass::Car && car.longer_side_px() >= self.options.min_box_px
+    }
+
+    /// Finds the keypoints of all cars (not trucks and buses) that are large enough.
     ///
     /// # Errors
     /// [`KeypointError::Net`] when the runtime fails; outputs that are not finite only count as [`Self::rejected`].
     pub fn locate(&mut self, frame: &Frame, cars: &mut [CarRecord]) -> Result<(), KeypointError> {
-        let fits = |car: &&mut CarRecord| {
-            car.class == VehicleClass::Car && car.longer_side_px() >= self.options.min_box_px
-        };
-        let mut cars: Vec<&mut CarRecord> = cars.iter_mut().filter(fits).collect();
-        let mirrored = is_mirrored(frame.stamp.index);
+        let cars = cars.iter_mut().filter(|car| self.fits(car)).collect();
+        self.locate_these(&frame.image, frame.stamp.index, cars)
+    }
+
+    /// Finds the keypoints of the cars of a clip's next frame that are due; others keep those of an earlier look
+    /// ([`CarRecord::pose_from`]). `image` is absent where nobody looks at the frame.
+    ///
+    /// # Errors
+    /// As [`Self::locate`].
+    pub fn follow(
+        &mut self,
+        schedule: &mut Schedule,
+        image: Option<&RgbImage>,
+        record: &mut FrameRecord,
+    ) -> Result<(), KeypointError> {
+        let turns = schedule.turns(record, |car| self.fits(car));
+        let mut due: Vec<&mut CarRecord> = Vec::new();
+        for (car, turn) in record.cars.iter_mut().zip(turns) {
+            match turn {
+                Turn::Look => due.push(car),
+                Turn::Hold(look) => car.pose_from = Some(look),
+                Turn::Pass => {}
+            }
+        }
+        self.crops += due.len() as u64;
+        match image {
+            Some(image) => self.locate_these(image, record.frame, due),
+            None => Ok(()),
+        }
+    }
+
+    /// Crops that the net has seen through [`Self::follow`].
+    #[must_use]
+    pub fn crops(&self) -> u64 {
+        self.crops
+    }
+
+    fn locate_these(
+        &mut self,
+        image: &RgbImage,
+        index: u64,
+        mut cars: Vec<&mut CarRecord>,
+    ) -> Result<(), KeypointError> {
+        let mirrored = is_mirrored(index);
         for batch in cars.chunks_mut(self.options.batch.max(1)) {
             let crop = |car: &&mut CarRecord| SquareCrop {
                 mirrored,
@@ -124,7 +170,7 @@ impl KeypointNet {
             let mut input = Array4::<f32>::zeros((crops.len(), 3, CROP_PX, CROP_PX));
             for (crop, mut planes) in crops.iter().zip(input.outer_iter_mut()) {
                 if let Some(planes) = planes.as_slice_mut() {
-                    crop.sample_into(&frame.image, planes);
+                    crop.sample_into(image, planes);
                 }
             }
             let values = input.view().into_dyn();
@@ -135,7 +181,7 @@ impl KeypointNet {
                     }
                 }
                 Err(InferError::NonFinite { count, output, .. }) => {
-                    tracing::warn!(frame = frame.stamp.index, count, output, "keypoints are not finite");
+                    tracing::warn!(frame = index, count, output, "keypoints are not finite");
                     self.rejected += batch.len() as u64;
                 }
                 Err(error) => return Err(error.into()),

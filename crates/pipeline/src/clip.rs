@@ -5,11 +5,12 @@ use std::path::Path;
 
 use nalgebra::Matrix6;
 use roadplane_base::{
-    CameraEstimate, CameraStatus, FrameRecord, FrameStamp, GroundPose, PoseRecord, Shape, ShapeAtlas,
-    TrackRow, VehicleClass,
+    CameraEstimate, CameraStatus, CarRecord, FrameRecord, FrameStamp, GroundPose, LookRef, PoseRecord, Shape,
+    ShapeAtlas, TrackRow, VehicleClass,
 };
+use roadplane_calibrate::AtRest;
 use roadplane_solve::{CarFit, SceneOptions, ShapePrior};
-use roadplane_track::{CarMeasurement, FrameMeasurements, Track, TrackState, Tracker};
+use roadplane_track::{CarMeasurement, FrameMeasurements, HeldCar, Track, TrackState, Tracker};
 use roadplane_write::{FrameReader, PoseLines, read_jsonl};
 
 use crate::believe::{is_believable, projected_box};
@@ -82,10 +83,10 @@ pub fn solve_clip(
     cancel: &Cancel,
 ) -> Result<ClipSolution, PipelineError> {
     let read = || -> Result<_, PipelineError> {
-        Ok(FrameReader::open(frames)?.map(|record| {
+        Ok(AtRest::new(FrameReader::open(frames)?.map(|record| {
             cancel.signal().map_or(Ok(()), |signal| Err(PipelineError::Stopped { signal }))?;
             Ok(record?)
-        }))
+        })))
     };
     let cameras = estimate_cameras(read()?, atlas, focal_px, config)?;
     let pass = Pass { cameras: &cameras, atlas, options: config.solve.scene_options(focal_px), config };
@@ -170,9 +171,15 @@ impl Pass<'_> {
                 None => (ShapePrior::default(), None),
             };
             let fitted = fit_frame(&frame, &view, self.atlas, &self.options, self.config, prior);
-            let mut cars = Vec::new();
+            let (mut cars, mut held) = (Vec::new(), Vec::new());
             for (index, fit) in fitted.into_iter().enumerate() {
                 let record = &frame.cars[index];
+                if record.held_since.is_some() || record.pose_from.is_some() {
+                    held.extend(held_car(record, index));
+                    if record.keypoints.is_none() {
+                        continue;
+                    }
+                }
                 let class = format!("{:?}", record.class).to_lowercase();
                 *tally.boxes.entry(class).or_insert(0) += 1;
                 let reason = match (&fit, record.class) {
@@ -200,7 +207,9 @@ impl Pass<'_> {
                 }
             }
             let pts_nanos = (frame.time_s * 1e9).round() as i64;
-            tracker.push(&FrameMeasurements { stamp: FrameStamp { index: frame.frame, pts_nanos }, cars });
+            let stamp = FrameStamp { index: frame.frame, pts_nanos };
+            let looked = frame.watch.as_ref().is_none_or(|watch| watch.looked);
+            tracker.push(&FrameMeasurements { stamp, looked, cars, held });
         }
         append(&mut tracks, tracker.finish());
         Ok((tracks, tally))
@@ -260,6 +269,12 @@ fn measurement(fit: &CarFit, bbox_px: [f64; 4], score: f64, car: usize) -> Optio
         shape_information,
         car,
     })
+}
+
+/// A car whose pose is held, where it has one.
+fn held_car(record: &CarRecord, car: usize) -> Option<HeldCar> {
+    let LookRef { frame, car: place } = record.pose_from?;
+    Some(HeldCar { look: (frame, place), bbox_px: record.bbox_px, score: record.score, car })
 }
 
 /// The states in which a track was seen, with the car that it was seen as.

@@ -29,6 +29,8 @@ pub struct Config {
     pub infer: InferConfig,
     /// Which nets.
     pub models: ModelsConfig,
+    /// When and where pictures are looked at.
+    pub watch: WatchConfig,
     /// How vehicles are found.
     pub detect: DetectOptions,
     /// How keypoints are found.
@@ -76,6 +78,24 @@ pub struct ModelsConfig {
 impl Default for ModelsConfig {
     fn default() -> Self {
         Self { folder: None, detector: "detector.card.json".into(), keypoints: "hourglass.card.json".into() }
+    }
+}
+
+/// `[watch]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct WatchConfig {
+    /// Whether the nets look at what changed only, and only as often as motion needs; otherwise at everything in every frame.
+    pub attention: bool,
+    /// Time from look to look, s.
+    pub look_s: f64,
+    /// Time in which the detector sweeps over the whole picture, changed or not, s.
+    pub sweep_s: f64,
+}
+
+impl Default for WatchConfig {
+    fn default() -> Self {
+        Self { attention: true, look_s: 0.11, sweep_s: 4.0 }
     }
 }
 
@@ -309,6 +329,8 @@ impl Config {
         };
         let solve = &self.solve;
         range("infer.threads", self.infer.threads as f64, 1.0, 256.0)?;
+        range("watch.look_s", self.watch.look_s, 0.0, 1.0)?;
+        range("watch.sweep_s", self.watch.sweep_s, 0.1, 60.0)?;
         range("keypoints.batch", self.keypoints.batch as f64, 1.0, 256.0)?;
         range("keypoints.min_box_px", self.keypoints.min_box_px, 1.0, 10_000.0)?;
         range("solve.focal_prior_ratio", solve.focal_prior_ratio, 0.1, 20.0)?;

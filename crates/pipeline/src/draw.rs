@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use image::RgbImage;
-use roadplane_base::{CameraEstimate, Frame, Shape, ShapeAtlas, TrackRow};
+use roadplane_base::{CameraEstimate, Shape, ShapeAtlas, TrackRow};
 use roadplane_view::{DrawnCar, Overlay, ReportInput, VideoSink, ViewError, report_html};
 use roadplane_write::{OutFile, Summary, read_camera, read_jsonl};
 
@@ -144,10 +144,10 @@ pub fn draw_video(
     let frames_per_s = input.nominal_fps() / f64::from(config.decode.stride.max(1));
     let mut sink = VideoSink::create(video, size.width, size.height, frames_per_s)?;
     let draw = |work: Work| {
-        let Frame { stamp, image } = &work.frame;
-        Ok(sink.write(&scene.draw(stamp.index, stamp.time_s(), image)?)?)
+        let Some(image) = &work.image else { return Ok(()) };
+        Ok(sink.write(&scene.draw(work.stamp.index, work.stamp.time_s(), image)?)?)
     };
-    let streamed = stream(input, Vec::new(), draw, config, cancel, progress)?;
+    let streamed = stream(input, |_| true, Vec::new(), draw, config, cancel, progress)?;
     sink.finish()?;
     Ok(streamed.decode.is_damaged())
 }

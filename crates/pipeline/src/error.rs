@@ -9,6 +9,7 @@ use roadplane_detect::DetectError;
 use roadplane_infer::InferError;
 use roadplane_keypoints::KeypointError;
 use roadplane_view::ViewError;
+use roadplane_watch::WatchError;
 use roadplane_write::WriteError;
 use thiserror::Error;
 
@@ -46,6 +47,9 @@ pub enum PipelineError {
     /// A net cannot be loaded or run.
     #[error(transparent)]
     Infer(#[from] InferError),
+    /// A picture cannot be watched.
+    #[error(transparent)]
+    Watch(#[from] WatchError),
     /// The detector cannot be used.
     #[error(transparent)]
     Detect(#[from] DetectError),
@@ -135,6 +139,7 @@ impl PipelineError {
             Self::Decode(_) | Self::Unreadable { .. } => Fault::Input,
             Self::ModelsMissing { .. } | Self::Atlas(_) => Fault::Model,
             Self::Infer(error) | Self::Keypoint(KeypointError::Net(error)) => net_fault(error),
+            Self::Watch(_) | Self::Detect(DetectError::Picture { .. }) => Fault::Internal,
             Self::Detect(DetectError::Option { .. }) => Fault::Usage,
             Self::Detect(error) => error.net().map_or(Fault::Model, net_fault),
             Self::Keypoint(KeypointError::UnsuitableNet { .. }) => Fault::Model,

@@ -8,7 +8,10 @@ use std::thread::{Builder, ScopedJoinHandle};
 use std::time::{Duration, Instant};
 
 use crossbeam_channel::{Receiver, SendTimeoutError, Sender, bounded};
-use roadplane_base::{Frame, FrameRecord};
+use image::RgbImage;
+use roadplane_base::{FrameRecord, FrameStamp, ImageSize};
+use roadplane_decode::Decoded;
+use roadplane_watch::Seen;
 
 use crate::{Cancel, PipelineError};
 
@@ -18,16 +21,22 @@ const STALL: Duration = Duration::from_secs(5);
 /// A frame on its way through the stages, with what is known of it.
 #[derive(Debug)]
 pub struct Work {
-    /// The picture.
-    pub frame: Frame,
+    /// Which frame.
+    pub stamp: FrameStamp,
+    /// The picture; absent where nobody looks at it.
+    pub image: Option<RgbImage>,
+    /// What the watcher made of the picture.
+    pub seen: Option<Seen>,
     /// What the stages found.
     pub record: FrameRecord,
 }
 
 impl Work {
-    fn new(frame: Frame) -> Self {
-        let record = FrameRecord::empty(frame.stamp.index, frame.stamp.time_s(), frame.size());
-        Self { frame, record }
+    /// A frame of which nothing is known yet.
+    #[must_use]
+    pub fn new(decoded: Decoded, size: ImageSize) -> Self {
+        let Decoded { stamp, image } = decoded;
+        Self { stamp, image, seen: None, record: FrameRecord::empty(stamp.index, stamp.time_s(), size) }
     }
 }
 
@@ -74,7 +83,7 @@ pub struct StageTime {
 /// `cancel` becomes [`PipelineError::Stopped`] after the frames that are done have reached the sink.
 pub fn flow<'a>(
     source_name: &'static str,
-    mut source: impl FnMut() -> Result<Option<Frame>, PipelineError> + Send + 'a,
+    mut source: impl FnMut() -> Result<Option<Work>, PipelineError> + Send + 'a,
     stages: Vec<Stage<'a>>,
     mut sink: impl FnMut(Work) -> Result<(), PipelineError>,
     capacity: usize,
@@ -88,10 +97,10 @@ pub fn flow<'a>(
             let mut busy = Duration::ZERO;
             while !stop.is_stopped() {
                 let started = Instant::now();
-                let frame = source()?;
+                let work = source()?;
                 busy += started.elapsed();
-                let Some(frame) = frame else { break };
-                if !send(&sender, Work::new(frame), source_name) {
+                let Some(work) = work else { break };
+                if !send(&sender, work, source_name) {
                     break;
                 }
             }
@@ -181,16 +190,14 @@ fn send(sender: &Sender<Work>, work: Work, stage: &str) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use roadplane_base::FrameStamp;
 
-    fn frames(count: u64) -> impl FnMut() -> Result<Option<Frame>, PipelineError> + Send {
+    fn frames(count: u64) -> impl FnMut() -> Result<Option<Work>, PipelineError> + Send {
         let mut next = 0;
         move || {
             next += 1;
-            Ok((next <= count).then(|| Frame {
-                stamp: FrameStamp { index: next - 1, pts_nanos: 0 },
-                image: image::RgbImage::new(4, 4),
-            }))
+            let stamp = FrameStamp { index: next - 1, pts_nanos: 0 };
+            let decoded = Decoded { stamp, image: Some(RgbImage::new(4, 4)) };
+            Ok((next <= count).then(|| Work::new(decoded, ImageSize { width: 4, height: 4 })))
         }
     }
 

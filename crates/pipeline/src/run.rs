@@ -14,7 +14,10 @@ use crate::clip::{ClipSolution, solve_clip};
 use crate::draw::{Scene, draw_video, write_report};
 use crate::identity::{file_identity, peak_memory_bytes, versions};
 use crate::samples::SampleFrames;
-use crate::streaming::{Nets, Streamed, detect_stage, keypoint_stage, open_input, stream};
+use crate::flow::Work;
+use crate::streaming::{
+    Cadence, Nets, Streamed, detect_stage, keypoint_stage, open_input, stream, stretch_of, watch_stage,
+};
 use crate::{Cancel, Config, PipelineError, Progress, Silent};
 
 /// The streaming half's product within the partial folder.
@@ -176,20 +179,25 @@ fn stream_to_spool(
     cancel: &Cancel,
     progress: &dyn Progress,
 ) -> Result<Streamed, PipelineError> {
-    let (mut spool, recovered) = FrameSpool::open(&folder.join(SPOOL))?;
+    // What the nets remember ends at the same places of the input in every run: there a stopped one goes on.
+    let (mut spool, recovered) = FrameSpool::open(&folder.join(SPOOL), |record| stretch_of(record.time_s))?;
     if recovered.frames > 0 {
         tracing::info!("going on after {} frames of the stopped run", recovered.frames);
     }
     let is_new = move |frame: u64| recovered.last_frame.is_none_or(|last| frame > last);
+    let cadence = Cadence::of(&input, config);
     let stages = vec![
-        detect_stage(&mut nets.detector).only(move |record| is_new(record.frame)),
-        keypoint_stage(&mut nets.keypoints).only(move |record| is_new(record.frame)),
+        watch_stage(),
+        detect_stage(&mut nets.detector, cadence).only(move |record| is_new(record.frame)),
+        keypoint_stage(&mut nets.keypoints, config.watch.attention).only(move |record| is_new(record.frame)),
     ];
-    let sink = |work: crate::flow::Work| {
-        samples.offer(&work.frame);
+    let sink = |work: Work| {
+        if let Some(image) = &work.image {
+            samples.offer(work.stamp, image);
+        }
         if is_new(work.record.frame) { Ok(spool.append(&work.record)?) } else { Ok(()) }
     };
-    let streamed = stream(input, stages, sink, config, cancel, progress);
+    let streamed = stream(input, cadence.chooser(), stages, sink, config, cancel, progress);
     // Also after a stop: what is done is not done again.
     spool.sync()?;
     streamed

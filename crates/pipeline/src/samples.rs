@@ -2,7 +2,7 @@
 
 use image::RgbImage;
 use image::codecs::jpeg::{JpegDecoder, JpegEncoder};
-use roadplane_base::{Frame, FrameStamp};
+use roadplane_base::FrameStamp;
 
 /// JPEG quality of kept frames: no visible loss.
 const QUALITY: u8 = 92;
@@ -24,19 +24,19 @@ impl SampleFrames {
         Self { wanted, stride: 1, seen: 0, kept: Vec::new() }
     }
 
-    /// Takes the next frame of the clip into account.
-    pub fn offer(&mut self, frame: &Frame) {
+    /// Takes the next picture of the clip into account.
+    pub fn offer(&mut self, stamp: FrameStamp, image: &RgbImage) {
         let due = self.wanted > 0 && self.seen.is_multiple_of(self.stride);
         self.seen += 1;
         if !due {
             return;
         }
         let mut jpeg = Vec::new();
-        if let Err(error) = JpegEncoder::new_with_quality(&mut jpeg, QUALITY).encode_image(&frame.image) {
-            tracing::warn!("frame {} cannot be kept for the report: {error}", frame.stamp.index);
+        if let Err(error) = JpegEncoder::new_with_quality(&mut jpeg, QUALITY).encode_image(image) {
+            tracing::warn!("frame {} cannot be kept for the report: {error}", stamp.index);
             return;
         }
-        self.kept.push((frame.stamp, jpeg));
+        self.kept.push((stamp, jpeg));
         if self.kept.len() >= 2 * self.wanted {
             let mut place = 0;
             self.kept.retain(|_| {
@@ -77,7 +77,7 @@ mod tests {
             let mut samples = SampleFrames::new(4);
             for index in 0..length {
                 let stamp = FrameStamp { index, pts_nanos: 0 };
-                samples.offer(&Frame { stamp, image: RgbImage::new(8, 8) });
+                samples.offer(stamp, &RgbImage::new(8, 8));
                 assert!(samples.kept.len() <= 8);
             }
             let indices: Vec<u64> = samples.finish().iter().map(|s| s.0).collect();

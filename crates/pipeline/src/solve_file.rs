@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use roadplane_base::{CameraEstimate, FrameRecord, ShapeAtlas};
+use roadplane_calibrate::AtRest;
 use roadplane_solve::{ShapePrior, fit_free_car};
 use roadplane_write::{FrameReader, PoseLines, write_camera};
 
@@ -35,7 +36,7 @@ pub fn solve_file(
 ) -> Result<bool, PipelineError> {
     let atlas = ShapeAtlas::shipped()?;
     let read = || -> Result<_, PipelineError> {
-        Ok(FrameReader::open(frames)?.map(|record| record.map_err(PipelineError::from)))
+        Ok(AtRest::new(FrameReader::open(frames)?.map(|record| record.map_err(PipelineError::from))))
     };
     let mut poses = PoseLines::create(out)?;
     let scene = config.solve.scene_options(options.focal_px);

@@ -7,7 +7,9 @@ use roadplane_base::FrameRecord;
 use roadplane_write::{FrameReader, JsonLines, WriteError};
 
 use crate::flow::{Stage, Work};
-use crate::streaming::{detect_stage, keypoint_stage, open_detector, open_input, open_keypoints, stream};
+use crate::streaming::{
+    Cadence, detect_stage, keypoint_stage, open_detector, open_input, open_keypoints, stream, watch_stage,
+};
 use crate::{Cancel, Config, PipelineError, Progress};
 
 /// A frames file under its final name once it is whole, or standard output (`-`).
@@ -59,7 +61,9 @@ pub fn detect_file(
     let mut detector = open_detector(models, config)?;
     let mut sink = Sink::create(out)?;
     let write = |work: Work| sink.write(&work.record);
-    let streamed = stream(input, vec![detect_stage(&mut detector)], write, config, cancel, progress)?;
+    let cadence = Cadence::of(&input, config);
+    let stages = vec![watch_stage(), detect_stage(&mut detector, cadence)];
+    let streamed = stream(input, cadence.chooser(), stages, write, config, cancel, progress)?;
     sink.finish()?;
     Ok(streamed.decode.is_damaged())
 }
@@ -88,16 +92,15 @@ pub fn keypoints_file(
         {
             let record = record?;
             if record.frame == work.record.frame {
-                work.record.cars = record.cars;
-                work.record.extra = record.extra;
+                work.record = record;
             }
         }
         Ok(())
     };
     let mut sink = Sink::create(out)?;
     let write = |work: Work| sink.write(&work.record);
-    let stages = vec![Stage::new("boxes", take_boxes), keypoint_stage(&mut net)];
-    let streamed = stream(input, stages, write, config, cancel, progress)?;
+    let stages = vec![Stage::new("boxes", take_boxes), keypoint_stage(&mut net, config.watch.attention)];
+    let streamed = stream(input, |_| true, stages, write, config, cancel, progress)?;
     sink.finish()?;
     Ok(streamed.decode.is_damaged())
 }

@@ -1,11 +1,13 @@
-//! The left half of a run: decode → detect → keypoints, frame by frame.
+//! The left half of a run: decode → watch → detect → keypoints, frame by frame.
 
 use std::path::Path;
 
-use roadplane_decode::{DecodeReport, Input, open};
-use roadplane_detect::Detector;
+use roadplane_base::FrameStamp;
+use roadplane_decode::{DecodeReport, Input, InputKind, open};
+use roadplane_detect::{Attention, Detector};
 use roadplane_infer::{Session, SessionOptions};
-use roadplane_keypoints::KeypointNet;
+use roadplane_keypoints::{KeypointNet, Schedule};
+use roadplane_watch::Watcher;
 use roadplane_write::ModelSummary;
 
 use crate::flow::{Stage, StageTime, Work, flow};
@@ -99,25 +101,119 @@ pub fn open_input(input: &Path, config: &Config) -> Result<Input, PipelineError>
     Ok(open(input, &config.decode)?)
 }
 
-/// The stage that finds vehicles.
-pub fn detect_stage(detector: &mut Detector) -> Stage<'_> {
-    Stage::new("detect", |work: &mut Work| {
-        work.record.cars = detector.detect(&work.frame)?;
+/// When pictures are looked at, and when what is remembered of them ends: by a frame's place and time in the input alone, so
+/// that runs that begin elsewhere, or go on after a stop, agree.
+#[derive(Clone, Copy, Debug)]
+pub struct Cadence {
+    /// Every so many frames of the input one is looked at.
+    every: u64,
+    /// Looks within which the sweep covers the picture.
+    looks_a_sweep: u64,
+    /// Whether the detector looks at parts only.
+    attention: bool,
+}
+
+/// What detector and keypoint net remember is thrown away this often, s of the input: a resumed run begins again there, and memory
+/// of anything is at most so old.
+pub const FORGET_S: f64 = 60.0;
+
+/// Number of the stretch of [`FORGET_S`] that a time lies in.
+#[must_use]
+pub fn stretch_of(time_s: f64) -> u64 {
+    (time_s / FORGET_S).max(0.0) as u64
+}
+
+impl Cadence {
+    /// As the configuration says, for an input of this kind and rate.
+    #[must_use]
+    pub fn of(input: &Input, config: &Config) -> Self {
+        let watch = &config.watch;
+        let stride = u64::from(config.decode.stride.max(1));
+        // The rate of a folder's pictures is not known: each may be worth a look.
+        let strides = match input.kind() {
+            InputKind::Video(_) if watch.attention => {
+                (watch.look_s * input.nominal_fps() / stride as f64).round().clamp(1.0, 1e6) as u64
+            }
+            _ => 1,
+        };
+        let every = strides * stride;
+        let look_s = every as f64 / input.nominal_fps().max(1e-3);
+        let looks_a_sweep = (watch.sweep_s / look_s).round().clamp(1.0, 1e6) as u64;
+        Self { every, looks_a_sweep, attention: watch.attention }
+    }
+
+    /// Number of the look that a frame belongs to, counted from the input's start.
+    fn number(&self, index: u64) -> u64 {
+        index / self.every
+    }
+
+    /// Says of each frame, in order, whether it is looked at: the first of every look, also where frames are missing.
+    pub fn chooser(self) -> impl FnMut(&FrameStamp) -> bool + Send {
+        let mut last = None;
+        move |stamp| {
+            let number = self.number(stamp.index);
+            last.replace(number) != Some(number)
+        }
+    }
+}
+
+/// The stage that watches the picture.
+pub fn watch_stage<'a>() -> Stage<'a> {
+    let mut watcher = Watcher::new();
+    Stage::new("watch", move |work: &mut Work| {
+        work.record.watch = Some(match &work.image {
+            Some(image) => {
+                let seen = work.seen.insert(watcher.look(work.stamp, image)?);
+                seen.record.clone()
+            }
+            None => watcher.unlooked(),
+        });
         Ok(())
     })
 }
 
-/// The stage that finds keypoints.
-pub fn keypoint_stage(net: &mut KeypointNet) -> Stage<'_> {
-    Stage::new("keypoints", |work: &mut Work| Ok(net.locate(&work.frame, &mut work.record.cars)?))
+/// The stage that finds vehicles.
+pub fn detect_stage(detector: &mut Detector, cadence: Cadence) -> Stage<'_> {
+    let mut memory: Option<(u64, Attention)> = None;
+    Stage::new("detect", move |work: &mut Work| {
+        let stretch = stretch_of(work.record.time_s);
+        let (_, attention) = match &mut memory {
+            Some(memory) if memory.0 == stretch && cadence.attention => memory,
+            memory => memory.insert((stretch, Attention::new(cadence.looks_a_sweep))),
+        };
+        let (Some(image), Some(seen)) = (&work.image, &work.seen) else {
+            work.record.cars = attention.held();
+            return Ok(());
+        };
+        let look = attention.look(detector, work.stamp, cadence.number(work.stamp.index), image, seen)?;
+        if let Some(watch) = &mut work.record.watch {
+            let rounded = |share: f64| Some((share * 1e4).round() / 1e4);
+            (watch.changed, watch.seen) = (rounded(look.changed), rounded(look.seen));
+        }
+        work.record.cars = look.cars;
+        Ok(())
+    })
 }
 
-/// Sends every frame of `input` through the stages into `sink`.
+/// The stage that finds keypoints; every car of every frame without `attention`.
+pub fn keypoint_stage(net: &mut KeypointNet, attention: bool) -> Stage<'_> {
+    let mut memory = (0, Schedule::default());
+    Stage::new("keypoints", move |work: &mut Work| {
+        let stretch = stretch_of(work.record.time_s);
+        if memory.0 != stretch || !attention {
+            memory = (stretch, Schedule::default());
+        }
+        Ok(net.follow(&mut memory.1, work.image.as_ref(), &mut work.record)?)
+    })
+}
+
+/// Sends every frame of `input` through the stages into `sink`; `wanted` says which have their pictures.
 ///
 /// # Errors
 /// The first stage's error, or [`PipelineError::Stopped`].
 pub fn stream(
     mut input: Input,
+    mut wanted: impl FnMut(&FrameStamp) -> bool + Send,
     stages: Vec<Stage<'_>>,
     mut sink: impl FnMut(Work) -> Result<(), PipelineError>,
     config: &Config,
@@ -131,7 +227,7 @@ pub fn stream(
     let budget = config.pipeline.buffer_mib * (1 << 20) / (stages.len() as u64 + 1);
     let capacity = (budget / frame_bytes.max(1)).clamp(1, 64) as usize;
     let source_input = &mut input;
-    let source = move || Ok(source_input.next_frame()?);
+    let source = move || Ok(source_input.next_where(&mut wanted)?.map(|decoded| Work::new(decoded, size)));
     let counted = |work: Work| {
         sink(work)?;
         progress.frame_done();

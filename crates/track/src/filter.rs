@@ -11,6 +11,8 @@ use nalgebra::{Matrix2, Matrix2x4, Matrix3, Matrix4, Vector2, Vector3, Vector4};
 const ACCELERATION_POWER: f64 = 4.0;
 /// sd of a new car's velocity, m/s.
 const FIRST_SPEED_SD: f64 = 8.0;
+/// sd of the velocity of a car that was seen not to have moved, m/s.
+const HELD_SPEED_SD: f64 = 0.5;
 /// Turning of the axis, rad²/s.
 const TURN_POWER: f64 = 0.25;
 /// Wandering of a parked car, m²/s: settling estimates.
@@ -120,6 +122,16 @@ impl Filter {
             self.anchor = self.position();
             self.anchor_s = time_s;
         }
+    }
+
+    /// The car was seen to be where it was, without a new measurement.
+    pub(crate) fn hold(&mut self, time_s: f64) {
+        let Prediction { covariance, .. } = self.standing(time_s);
+        self.covariance = Matrix4::zeros();
+        self.covariance.fixed_view_mut::<2, 2>(0, 0).copy_from(&covariance.fixed_view::<2, 2>(0, 0));
+        self.covariance.fixed_view_mut::<2, 2>(2, 2).fill_diagonal(HELD_SPEED_SD * HELD_SPEED_SD);
+        self.state.fixed_rows_mut::<2>(2).fill(0.0);
+        self.time_s = time_s;
     }
 
     fn driving(&self, time_s: f64) -> Prediction {

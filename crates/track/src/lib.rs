@@ -11,6 +11,8 @@
 //!                   → Track
 //! ```
 //!
+//! A car that is held ([`HeldCar`]) is seen where it was: it keeps its track alive and its box, and adds nothing to its pose.
+//!
 //! # Noise
 //! A measurement's covariance R is split into a white share, which averages out over frames, and a bias, which a parked car
 //! keeps for ever: `R = r R + max(1 − r, β²) R`, r being the scatter that the track really shows (`noise.rs`).
@@ -29,6 +31,6 @@ mod stops;
 mod tracker;
 mod vehicle;
 
-pub use measurement::{CarMeasurement, FrameMeasurements, Track, TrackState};
+pub use measurement::{CarMeasurement, FrameMeasurements, HeldCar, Track, TrackState};
 pub use options::TrackOptions;
 pub use tracker::Tracker;

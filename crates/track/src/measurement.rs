@@ -47,13 +47,38 @@ impl CarMeasurement {
     }
 }
 
+/// A car that has not moved since an earlier look at it: it is seen, and measured no better.
+#[derive(Clone, Copy, Debug)]
+pub struct HeldCar {
+    /// The look: the frame's index, and the car's place in that frame's list.
+    pub look: (u64, usize),
+    /// Box, px.
+    pub bbox_px: [f64; 4],
+    /// Detector's score, 0–1.
+    pub score: f64,
+    /// Position of the car in its frame's list.
+    pub car: usize,
+}
+
 /// All cars fitted in one frame; a frame without cars is one too.
 #[derive(Clone, Debug)]
 pub struct FrameMeasurements {
     /// Which frame.
     pub stamp: FrameStamp,
+    /// Whether anybody looked: otherwise only what is held is known of the frame, and no track misses its car.
+    pub looked: bool,
     /// Its cars.
     pub cars: Vec<CarMeasurement>,
+    /// Those that are held.
+    pub held: Vec<HeldCar>,
+}
+
+impl FrameMeasurements {
+    /// A frame that was looked at, in which nothing is held.
+    #[must_use]
+    pub fn seen(stamp: FrameStamp, cars: Vec<CarMeasurement>) -> Self {
+        Self { stamp, looked: true, cars, held: Vec::new() }
+    }
 }
 
 /// A measurement as a track keeps it.
@@ -67,6 +92,8 @@ pub(crate) struct Observation {
     pub bbox_px: [f64; 4],
     pub score: f64,
     pub car: usize,
+    /// Pose and covariance are those of an earlier look.
+    pub held: bool,
 }
 
 /// One vehicle over time.

@@ -19,8 +19,10 @@ pub(crate) struct Stand {
     pub bias: Matrix3<f64>,
 }
 
-/// `None` of no sightings.
-pub(crate) fn stand(sightings: &[Observation], bias_share: f64) -> Option<Stand> {
+/// `None` of no sightings. Held ones repeat what a look said, and say nothing themselves.
+pub(crate) fn stand(all: &[Observation], bias_share: f64) -> Option<Stand> {
+    let looks: Vec<Observation> = all.iter().filter(|o| !o.held).cloned().collect();
+    let sightings = if looks.is_empty() { all.get(..1)? } else { &looks };
     let inverses: Vec<Matrix3<f64>> =
         sightings.iter().map(|o| o.covariance.try_inverse().unwrap_or_else(Matrix3::zeros)).collect();
     let mut pose = start(sightings)?;

@@ -19,6 +19,9 @@ const MAX_STEP_S: f64 = 0.25;
 /// Time over which a driving car's keypoint bias stays the same, s: until it is seen from elsewhere.
 const BIAS_S: f64 = 2.0;
 
+/// Sightings farther apart than this have no common error that shows from one to the next, s.
+const NEIGHBOURS_S: f64 = 0.4;
+
 /// Times that the noise is measured anew around the smoothed path.
 const NOISE_PASSES: usize = 3;
 
@@ -32,6 +35,13 @@ struct Place {
     nearest: usize,
     stand: Option<Stand>,
     span_s: [f64; 2],
+}
+
+impl Place {
+    /// The look at a driving car in this frame, if it was measured in it.
+    fn look<'a>(&self, sightings: &'a [Observation]) -> Option<&'a Observation> {
+        sightings[self.sightings.clone()].first().filter(|seen| !seen.held)
+    }
 }
 
 /// States for every frame from the first sighting to the last.
@@ -203,7 +213,7 @@ fn solve(
     noise: Noise,
     options: &TrackOptions,
 ) -> Option<(Vec<State>, Vec<Matrix5<f64>>)> {
-    let measured = |place: &Place| match (&place.stand, sightings[place.sightings.clone()].first()) {
+    let measured = |place: &Place| match (&place.stand, place.look(sightings)) {
         (Some(stand), _) => Some((stand.pose, stand.white.try_inverse()?)),
         (None, Some(seen)) => Some((seen.pose, white(sightings, place, seen, noise).try_inverse()?)),
         (None, None) => None,
@@ -228,7 +238,7 @@ fn per_view(sightings: &[Observation], index: usize) -> f64 {
     let time_s = sightings[index].time_s;
     let from = sightings.partition_point(|o| o.time_s < time_s - BIAS_S / 2.0);
     let to = sightings.partition_point(|o| o.time_s <= time_s + BIAS_S / 2.0);
-    (to - from).max(1) as f64
+    sightings[from..to].iter().filter(|o| !o.held).count().max(1) as f64
 }
 
 /// Scatter of the driven part around its smoothed path. The path bends towards its sightings, so their residuals are
@@ -243,12 +253,11 @@ fn driving_noise(
 ) -> Noise {
     let mut squares = Vec::new();
     let (mut own, mut lagged, mut leverage) = (0.0, 0.0, 0.0);
-    let mut before: Option<Vector3<f64>> = None;
+    let mut before: Option<(f64, Vector3<f64>)> = None;
     for ((place, state), covariance) in places.iter().zip(states).zip(covariances) {
-        let (None, Some(seen)) = (&place.stand, sightings[place.sightings.clone()].first()) else {
-            before = None;
-            continue;
-        };
+        // Sightings are neighbours across frames that nobody looked at, not across a stand or a gap.
+        before = before.filter(|(time_s, _)| place.stand.is_none() && place.span_s[0] - time_s <= NEIGHBOURS_S);
+        let (None, Some(seen)) = (&place.stand, place.look(sightings)) else { continue };
         let weight = white(sightings, place, seen, used).try_inverse();
         let (Some(inverse), Some(weight)) = (seen.covariance.try_inverse(), weight) else { continue };
         let (_, jacobian) = origin(state, options.half_wheelbase_m);
@@ -257,8 +266,8 @@ fn driving_noise(
         let square = away.dot(&(inverse * away));
         squares.push(square);
         own += square;
-        lagged += before.map_or(0.0, |b| b.dot(&(inverse * away)));
-        before = Some(away);
+        lagged += before.map_or(0.0, |(_, b)| b.dot(&(inverse * away)));
+        before = Some((seen.time_s, away));
     }
     let all = 3.0 * squares.len() as f64;
     let free = (1.0 - leverage / all.max(1.0)).clamp(0.2, 1.0);

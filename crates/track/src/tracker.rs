@@ -6,7 +6,7 @@ use nalgebra::{Matrix3, Vector3};
 use roadplane_base::{FrameStamp, VehicleClass, assign, bbox_centre, bbox_covered, bbox_iou};
 
 use crate::{
-    CarMeasurement, FrameMeasurements, Track, TrackOptions, duplicates::merge_duplicates, filter::Filter,
+    CarMeasurement, FrameMeasurements, HeldCar, Track, TrackOptions, duplicates::merge_duplicates, filter::Filter,
     measurement::Observation, shape::ShapeSum, smooth::smooth_track,
 };
 
@@ -29,6 +29,9 @@ impl RawTrack {
 struct Live {
     filter: Filter,
     raw: RawTrack,
+    /// The last look that measured it: the frame's index, the place in its list.
+    look: (u64, usize),
+    /// Counts looks, not frames.
     born: usize,
     missed: usize,
     box_velocity_px_s: nalgebra::Vector2<f64>,
@@ -42,12 +45,13 @@ const ALONE: f64 = 0.9;
 const SURE_OVERLAP: f64 = 0.5;
 
 impl Live {
-    fn new(car: &CarMeasurement, observation: Observation) -> Self {
+    fn new(car: &CarMeasurement, observation: Observation, look: (u64, usize), looks: usize) -> Self {
         let filter = Filter::new(&observation.pose, &observation.covariance, observation.time_s);
         let mut shape = ShapeSum::new(filter.position(), filter.axis());
         shape.add(car, filter.position(), filter.axis());
         Self {
-            born: observation.frame,
+            look,
+            born: looks,
             missed: 0,
             box_velocity_px_s: nalgebra::Vector2::zeros(),
             raw: RawTrack {
@@ -63,7 +67,28 @@ impl Live {
         self.raw.observations.last()
     }
 
-    fn add(&mut self, car: &CarMeasurement, observation: Observation, gate: f64) {
+    /// The car is where its last look saw it.
+    fn hold(&mut self, held: &HeldCar, frame: usize, time_s: f64) {
+        let Some(last) = self.last() else { return };
+        let (pose, covariance) = (last.pose, last.covariance);
+        let HeldCar { bbox_px, score, car, .. } = *held;
+        self.filter.hold(time_s);
+        self.box_velocity_px_s = nalgebra::Vector2::zeros();
+        self.raw.observations.push(Observation {
+            frame,
+            time_s,
+            pose,
+            covariance,
+            bbox_px,
+            score,
+            car,
+            held: true,
+        });
+        self.missed = 0;
+    }
+
+    fn add(&mut self, car: &CarMeasurement, observation: Observation, look: (u64, usize), gate: f64) {
+        self.look = look;
         if let Some(last) = self.last() {
             let gap_s = observation.time_s - last.time_s;
             if gap_s > 0.0 {
@@ -116,6 +141,8 @@ pub struct Tracker {
     stamps: Vec<FrameStamp>,
     /// From the first frame on: what a clock says at the start of a clip must not change a digit.
     times_s: Vec<f64>,
+    /// How many of the frames up to each were looked at.
+    looks: Vec<usize>,
     live: Vec<Live>,
     ended: Vec<RawTrack>,
     rejected: usize,
@@ -129,6 +156,7 @@ impl Tracker {
             options,
             stamps: Vec::new(),
             times_s: Vec::new(),
+            looks: Vec::new(),
             live: Vec::new(),
             ended: Vec::new(),
             rejected: 0,
@@ -148,6 +176,8 @@ impl Tracker {
         let since_first = frame.stamp.pts_nanos.saturating_sub(self.stamps[0].pts_nanos);
         let time_s = since_first as f64 * 1e-9;
         self.times_s.push(time_s);
+        let looks = self.looks.last().copied().unwrap_or(0) + usize::from(frame.looked);
+        self.looks.push(looks);
         let mut cars: Vec<&CarMeasurement> = frame.cars.iter().filter(|car| car.is_usable()).collect();
         self.rejected += frame.cars.len() - cars.len();
         // An order of their own, so that the frame's order has no say.
@@ -165,27 +195,41 @@ impl Tracker {
         let observations: Vec<Observation> =
             cars.iter().map(|car| self.observation(car, index, time_s)).collect();
         let gate = self.options.gate;
-        let pairs =
-            assign(self.live.len(), cars.len(), ALONE, |l, c| self.live[l].cost(&observations[c], gate));
-        let mut taken = vec![false; cars.len()];
-        for (live, pair) in self.live.iter_mut().zip(&pairs) {
-            match *pair {
-                Some(c) => {
-                    live.add(cars[c], observations[c].clone(), gate);
-                    taken[c] = true;
-                }
-                None => live.missed += 1,
+        let mut held: Vec<bool> = vec![false; self.live.len()];
+        for car in &frame.held {
+            if let Some(l) = self.live.iter().position(|live| live.look == car.look).filter(|l| !held[*l]) {
+                self.live[l].hold(car, index, time_s);
+                held[l] = true;
             }
         }
+        let pairs = assign(self.live.len(), cars.len(), ALONE, |l, c| {
+            if held[l] { f64::INFINITY } else { self.live[l].cost(&observations[c], gate) }
+        });
+        let look = |c: usize| (frame.stamp.index, cars[c].car);
+        let mut taken = vec![false; cars.len()];
+        for ((live, pair), held) in self.live.iter_mut().zip(&pairs).zip(&held) {
+            match *pair {
+                Some(c) => {
+                    live.add(cars[c], observations[c].clone(), look(c), gate);
+                    taken[c] = true;
+                }
+                None => live.missed += usize::from(frame.looked && !held),
+            }
+        }
+        let held: Vec<Observation> = (self.live.iter().zip(&held))
+            .filter(|(_, held)| **held)
+            .filter_map(|(live, _)| live.last().cloned())
+            .collect();
         let births: Vec<usize> = (0..cars.len())
             .filter(|&c| !taken[c] && cars[c].score >= self.options.birth_score)
             .filter(|&c| {
-                !(0..cars.len()).any(|other| taken[other] && same_car(&observations[c], &observations[other]))
+                let same = |other: &Observation| same_car(&observations[c], other);
+                !(0..cars.len()).any(|other| taken[other] && same(&observations[other])) && !held.iter().any(same)
             })
             .collect();
-        self.bury(index, time_s);
+        self.bury(looks, time_s);
         for c in births {
-            self.live.push(Live::new(cars[c], observations[c].clone()));
+            self.live.push(Live::new(cars[c], observations[c].clone(), look(c), looks));
         }
     }
 
@@ -193,13 +237,20 @@ impl Tracker {
     #[must_use]
     pub fn finish(mut self) -> Vec<Track> {
         self.ended.extend(self.live.drain(..).map(|live| live.raw));
-        let half = self.stamps.len().div_ceil(2);
+        let looks = std::mem::take(&mut self.looks);
+        let half = looks.last().map_or(0, |looks| looks.div_ceil(2));
+        let was_looked = |frame: usize| frame == 0 || looks[frame] > looks[frame - 1];
         let least = self.options.min_observed.min(half);
         let mut raw = merge_duplicates(self.ended);
         raw.retain(|track| {
             let seen = track.observations.len();
             let life = match (track.observations.first(), track.observations.last()) {
-                (Some(first), Some(last)) => last.frame - first.frame + 1,
+                // Frames in which it could have been seen: those that were looked at, and where it was held.
+                (Some(first), Some(last)) => {
+                    let others = track.observations.iter().filter(|o| !was_looked(o.frame)).count();
+                    let before = looks[first.frame] - usize::from(was_looked(first.frame));
+                    looks[last.frame] - before + others
+                }
                 _ => return false,
             };
             let dense = seen as f64 >= self.options.min_duty * life as f64;
@@ -239,16 +290,17 @@ impl Tracker {
             bbox_px: car.bbox_px,
             score: car.score,
             car: car.car,
+            held: false,
         }
     }
 
     /// Ends tracks that were not seen for too long. New ones get little time.
-    fn bury(&mut self, frame: usize, time_s: f64) {
+    fn bury(&mut self, looks: usize, time_s: f64) {
         let options = &self.options;
         let (dead, live) = std::mem::take(&mut self.live).into_iter().partition(|live: &Live| {
             let hits = live.raw.observations.len();
             if hits < options.confirm_hits {
-                return frame + 1 - live.born >= options.confirm_frames
+                return looks + 1 - live.born >= options.confirm_frames
                     || live.missed + options.confirm_hits > options.confirm_frames;
             }
             let coast_s =

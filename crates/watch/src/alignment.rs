@@ -8,7 +8,7 @@ use crate::reference::BlockShift;
 /// Blocks that must agree for a verdict.
 const MIN_AGREEING: usize = 6;
 /// Share of the blocks with structure that must agree: traffic may cover all others.
-const MIN_SHARE: f64 = 0.15;
+const MIN_SHARE: f64 = 0.08;
 /// A block agrees within this distance, px of the small picture.
 const AGREES: f64 = 0.35;
 const ROUNDS: usize = 6;

@@ -30,11 +30,15 @@ pub struct FrameSpool {
 }
 
 impl FrameSpool {
-    /// Opens or makes the file and cuts off what is not whole.
+    /// Opens or makes the file and cuts off what is not whole: half a line, and the last of the stretches that `stretch_of`
+    /// numbers, which work on the frames begins anew.
     ///
     /// # Errors
     /// [`WriteError::Io`], [`WriteError::DiskFull`].
-    pub fn open(path: &Path) -> Result<(Self, Recovered), WriteError> {
+    pub fn open(
+        path: &Path,
+        stretch_of: impl Fn(&FrameRecord) -> u64,
+    ) -> Result<(Self, Recovered), WriteError> {
         let fail = |doing| WriteError::io(doing, path);
         let mut file = OpenOptions::new()
             .read(true)
@@ -44,7 +48,7 @@ impl FrameSpool {
             .open(path)
             .map_err(fail("open"))?;
         let length = file.metadata().map_err(fail("read"))?.len();
-        let (mut recovered, whole_bytes) = whole_part(&file).map_err(fail("read"))?;
+        let (mut recovered, whole_bytes) = whole_part(&file, stretch_of).map_err(fail("read"))?;
         if whole_bytes < length {
             recovered.cut_bytes = length - whole_bytes;
             file.set_len(whole_bytes).map_err(fail("write"))?;
@@ -79,12 +83,18 @@ impl FrameSpool {
     }
 }
 
-/// Counts whole frames of rising index from the start, and their bytes.
-fn whole_part(file: &File) -> std::io::Result<(Recovered, u64)> {
+/// Counts whole frames of rising index from the start, and their bytes, without the last stretch.
+fn whole_part(
+    file: &File,
+    stretch_of: impl Fn(&FrameRecord) -> u64,
+) -> std::io::Result<(Recovered, u64)> {
     let mut reader = BufReader::with_capacity(1 << 16, file);
     let mut found = Recovered::default();
     let mut bytes = 0;
     let mut line = Vec::new();
+    // Where the stretch of the last frame began.
+    let mut stretch = None;
+    let mut before = (Recovered::default(), 0);
     loop {
         line.clear();
         let read = reader.read_until(b'\n', &mut line)?;
@@ -93,7 +103,10 @@ fn whole_part(file: &File) -> std::io::Result<(Recovered, u64)> {
             .and_then(|line| std::str::from_utf8(line).ok())
             .and_then(|line| FrameRecord::from_json(line).ok())
             .filter(|record| found.last_frame.is_none_or(|last| record.frame > last));
-        let Some(record) = record else { return Ok((found, bytes)) };
+        let Some(record) = record else { return Ok(before) };
+        if stretch.replace(stretch_of(&record)) != Some(stretch_of(&record)) {
+            before = (found, bytes);
+        }
         found.frames += 1;
         found.last_frame = Some(record.frame);
         bytes += read as u64;
@@ -162,7 +175,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("frames.jsonl");
         let fill = |from: u64| {
-            let (mut spool, _) = FrameSpool::open(&path).unwrap();
+            let (mut spool, _) = FrameSpool::open(&path, |record| record.frame / 2).unwrap();
             (from..5).for_each(|i| spool.append(&record(i)).unwrap());
             spool.sync().unwrap();
         };
@@ -170,9 +183,9 @@ mod tests {
         let whole = std::fs::read(&path).unwrap();
         for cut in 0..=whole.len() {
             std::fs::write(&path, &whole[..cut]).unwrap();
-            let (spool, recovered) = FrameSpool::open(&path).unwrap();
+            let (spool, recovered) = FrameSpool::open(&path, |record| record.frame / 2).unwrap();
             drop(spool);
-            assert!(recovered.cut_bytes < 80);
+            assert!(recovered.cut_bytes < 240);
             assert_eq!(recovered.frames, recovered.last_frame.map_or(0, |last| last + 1));
             fill(recovered.frames);
             assert_eq!(std::fs::read(&path).unwrap(), whole, "cut at {cut}");
@@ -188,8 +201,8 @@ mod tests {
         let line = |i| serde_json::to_string(&record(i)).unwrap();
         for bad in ["\0\0\0", &line(1), "{}"] {
             std::fs::write(&path, format!("{}\n{}\n{bad}\n{}\n", line(0), line(2), line(3))).unwrap();
-            let (_, recovered) = FrameSpool::open(&path).unwrap();
-            assert_eq!((recovered.frames, recovered.last_frame), (2, Some(2)));
+            let (_, recovered) = FrameSpool::open(&path, |record| record.frame / 2).unwrap();
+            assert_eq!((recovered.frames, recovered.last_frame), (1, Some(0)), "the stretch of frame 2 begins anew");
             assert!(recovered.cut_bytes > 0);
         }
     }

@@ -186,7 +186,7 @@ impl World {
                 owners.push(None);
             }
             let stamp = FrameStamp { index: index as u64, pts_nanos: (time_s * 1e9).round() as i64 };
-            seen.frames.push(FrameMeasurements { stamp, cars });
+            seen.frames.push(FrameMeasurements::seen(stamp, cars));
             seen.owners.push(owners);
         }
         seen

@@ -7,7 +7,6 @@ use roadplane_eval::truth::{
     Kind, Model, Rows, TRUTH_SCHEMA, TrueCamera, TrueCar, TrueFrame, TruePlane, Truth,
 };
 use roadplane_synth::{Item, Sighting};
-use serde_json::Map;
 
 fn rounded(value: f64, digits: i32) -> f64 {
     let scale = 10_f64.powi(digits);

@@ -1,0 +1,176 @@
+//! Frames as a camera at rest would have seen them: shake taken out, moves where they happened, nothing from pictures that say
+//! nothing.
+//!
+//! The watcher tells a move when it knows of it, with the frame in which it happened (`watch.moved`). So frames are held back for
+//! a few seconds, and the move is put where it belongs. Cars seen while the camera was turning are left out: no camera at rest saw
+//! them; so are those of a picture at the clip's end of which nobody knows any more what it was.
+
+use std::collections::VecDeque;
+
+use nalgebra::Vector2;
+use roadplane_base::{FrameRecord, MoveKind, PictureVerdict};
+
+/// Longer than the watcher takes to tell a move, s.
+const LAG_S: f64 = 8.0;
+
+/// Adapts frames in the order of time; see the module.
+pub struct AtRest<I> {
+    frames: I,
+    held_back: VecDeque<FrameRecord>,
+    is_over: bool,
+    is_moving: bool,
+}
+
+impl<I> AtRest<I> {
+    /// Of these frames.
+    pub fn new(frames: I) -> Self {
+        Self { frames, held_back: VecDeque::new(), is_over: false, is_moving: false }
+    }
+}
+
+impl<I, E> Iterator for AtRest<I>
+where
+    I: Iterator<Item = Result<FrameRecord, E>>,
+{
+    type Item = Result<FrameRecord, E>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        while !self.is_over {
+            let waited_s = match (self.held_back.front(), self.held_back.back()) {
+                (Some(first), Some(last)) => last.time_s - first.time_s,
+                _ => 0.0,
+            };
+            if waited_s > LAG_S {
+                break;
+            }
+            match self.frames.next() {
+                Some(Ok(frame)) => self.take(frame),
+                Some(Err(error)) => return Some(Err(error)),
+                None => {
+                    self.is_over = true;
+                    self.leave_out_the_unsettled_end();
+                }
+            }
+        }
+        let mut frame = self.held_back.pop_front()?;
+        if let Some(moved) = frame.watch.as_ref().and_then(|watch| watch.moved) {
+            self.is_moving = moved.kind == MoveKind::Moving;
+        }
+        let shows_nothing = frame.watch.as_ref().is_some_and(|watch| {
+            matches!(
+                watch.verdict,
+                PictureVerdict::Black | PictureVerdict::White | PictureVerdict::Covered | PictureVerdict::Moving
+            )
+        });
+        if self.is_moving || shows_nothing {
+            frame.cars.clear();
+        }
+        settle(&mut frame);
+        Some(Ok(frame))
+    }
+}
+
+impl<I> AtRest<I> {
+    fn take(&mut self, mut frame: FrameRecord) {
+        let moved = frame.watch.as_mut().and_then(|watch| watch.moved.take());
+        self.held_back.push_back(frame);
+        let Some(moved) = moved else { return };
+        let since = self.held_back.iter().position(|frame| frame.frame >= moved.since_frame).unwrap_or(0);
+        let here = self.held_back.iter_mut().skip(since).filter_map(|frame| frame.watch.as_mut());
+        for (i, watch) in here.enumerate() {
+            if i == 0 {
+                watch.moved = Some(moved);
+            }
+            watch.verdict = match (moved.kind, watch.verdict) {
+                (MoveKind::Moving, PictureVerdict::Unsettled) => PictureVerdict::Moving,
+                (MoveKind::Turned | MoveKind::Zoomed | MoveKind::Cut, PictureVerdict::Unsettled | PictureVerdict::Moving) => {
+                    PictureVerdict::Rest
+                }
+                (_, verdict) => verdict,
+            };
+        }
+    }
+
+    fn leave_out_the_unsettled_end(&mut self) {
+        let unsettled =
+            |frame: &FrameRecord| frame.watch.as_ref().is_some_and(|w| w.verdict == PictureVerdict::Unsettled);
+        for frame in self.held_back.iter_mut().rev().take_while(|frame| unsettled(frame)) {
+            frame.cars.clear();
+        }
+    }
+}
+
+/// Takes the shake out of boxes and keypoints.
+fn settle(frame: &mut FrameRecord) {
+    let offset = frame.watch.as_ref().map_or(Vector2::zeros(), |watch| Vector2::from(watch.offset_px));
+    if offset.norm() < f64::EPSILON {
+        return;
+    }
+    for car in &mut frame.cars {
+        let [x0, y0, x1, y1] = car.bbox_px;
+        car.bbox_px = [x0 - offset.x, y0 - offset.y, x1 - offset.x, y1 - offset.y];
+        for point in car.keypoints.iter_mut().flat_map(|set| set.iter_mut().flatten()) {
+            point.pixel -= offset;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use roadplane_base::{CameraMove, CarRecord, ImageSize, WatchRecord};
+
+    fn frame(index: u64, verdict: PictureVerdict) -> FrameRecord {
+        let watch = Some(WatchRecord { looked: true, verdict, ..WatchRecord::default() });
+        let cars = vec![CarRecord::boxed([10.0, 10.0, 50.0, 40.0])];
+        let size = ImageSize { width: 640, height: 360 };
+        FrameRecord { watch, cars, ..FrameRecord::empty(index, index as f64 * 0.1, size) }
+    }
+
+    fn moved(index: u64, kind: MoveKind, since_frame: u64) -> FrameRecord {
+        let mut frame = frame(index, PictureVerdict::Rest);
+        let since_s = since_frame as f64 * 0.1;
+        if let Some(watch) = &mut frame.watch {
+            watch.moved = Some(CameraMove { kind, since_frame, since_s, shift_px: None, log_scale: None });
+        }
+        frame
+    }
+
+    fn settled(frames: Vec<FrameRecord>) -> Vec<FrameRecord> {
+        AtRest::new(frames.into_iter().map(Ok::<_, ()>)).map(Result::unwrap).collect()
+    }
+
+    #[test]
+    fn a_move_is_put_where_it_happened() {
+        let mut frames: Vec<FrameRecord> = (0..200).map(|i| frame(i, PictureVerdict::Rest)).collect();
+        frames[112] = moved(112, MoveKind::Turned, 100);
+        let out = settled(frames);
+        let moves: Vec<u64> =
+            out.iter().filter(|f| f.watch.as_ref().unwrap().moved.is_some()).map(|f| f.frame).collect();
+        assert_eq!(moves, [100]);
+        assert_eq!(out.iter().map(|f| f.frame).collect::<Vec<_>>(), (0..200).collect::<Vec<_>>());
+        assert!(out.iter().all(|f| f.cars.len() == 1));
+    }
+
+    #[test]
+    fn cars_seen_in_motion_or_at_an_unsettled_end_are_left_out() {
+        let mut frames: Vec<FrameRecord> = (0..200).map(|i| frame(i, PictureVerdict::Rest)).collect();
+        frames[65] = moved(65, MoveKind::Moving, 50);
+        frames[120] = moved(120, MoveKind::Turned, 110);
+        for i in 150..153 {
+            frames[i] = frame(i as u64, PictureVerdict::Unsettled);
+        }
+        for i in 195..200 {
+            frames[i] = frame(i as u64, PictureVerdict::Unsettled);
+        }
+        let empty: Vec<u64> = settled(frames).iter().filter(|f| f.cars.is_empty()).map(|f| f.frame).collect();
+        assert_eq!(empty, (50..110).chain(195..200).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn shake_is_taken_out() {
+        let mut shaken = frame(0, PictureVerdict::Rest);
+        shaken.watch.as_mut().unwrap().offset_px = [2.0, -1.0];
+        assert_eq!(settled(vec![shaken])[0].cars[0].bbox_px, [8.0, 11.0, 48.0, 41.0]);
+    }
+}

@@ -1,0 +1,259 @@
+//! Where the detector looks: at what changed, at vehicles that do not stand yet, and, bit by bit, at everything.
+//!
+//! A vehicle that stood in several looks keeps its box until something changes in its place or the sweep comes by. All of it
+//! follows from the pictures, their times and their places in the input.
+
+use roadplane_base::{CarRecord, FrameStamp, PictureVerdict, bbox_centre, bbox_covered, bbox_iou};
+use roadplane_watch::{Cells, ChangeMap, Seen};
+
+use crate::known::{Known, update};
+use crate::regions::{Place, regions};
+use crate::resample::Part;
+use crate::{DetectError, Detector};
+
+/// Looks at everything in the beginning: a vehicle that the first misses is found by the next.
+const FIRST_LOOKS: u32 = 3;
+/// Score from which on a box says that what changed was a vehicle, whether it counts or not.
+const WEAK_SCORE: f64 = 0.12;
+/// Side of a part of the sweep, px of the net's input in the finest pass.
+const SWEEP_PX: f64 = 400.0;
+/// A core must hold this share of a box to have looked at it as a whole.
+const HELD: f64 = 0.9;
+
+/// What a look came to.
+#[derive(Clone, Debug)]
+pub struct Look {
+    /// Vehicles: seen in this look, and held.
+    pub cars: Vec<CarRecord>,
+    /// Share of the picture that changed since it was looked at, 0–1.
+    pub changed: f64,
+    /// Share of the picture that was looked at, 0–1.
+    pub seen: f64,
+}
+
+/// What the detector remembers of the frames before.
+#[derive(Debug)]
+pub struct Attention {
+    /// Looks within which the sweep covers the picture.
+    looks_a_sweep: u64,
+    map: Option<ChangeMap>,
+    known: Vec<Known>,
+    /// Boxes that were cut by the border of what was looked at.
+    cut: Vec<[f64; 4]>,
+    looks: u32,
+    offset_px: [f64; 2],
+}
+
+impl Attention {
+    /// Before the first frame. The sweep covers the picture within so many looks.
+    #[must_use]
+    pub fn new(looks_a_sweep: u64) -> Self {
+        Self {
+            looks_a_sweep: looks_a_sweep.max(1),
+            map: None,
+            known: Vec::new(),
+            cut: Vec::new(),
+            looks: 0,
+            offset_px: [0.0; 2],
+        }
+    }
+
+    /// Vehicles of a frame that nobody looks at: those that are held.
+    #[must_use]
+    pub fn held(&self) -> Vec<CarRecord> {
+        self.known.iter().filter(|vehicle| vehicle.is_held()).map(|vehicle| held(vehicle, self.offset_px)).collect()
+    }
+
+    /// Looks at a frame; `number` counts looks from the input's first frame on, whether this run began there or not.
+    ///
+    /// # Errors
+    /// [`DetectError`] when the net fails.
+    pub fn look(
+        &mut self,
+        detector: &mut Detector,
+        stamp: FrameStamp,
+        number: u64,
+        image: &image::RgbImage,
+        seen: &Seen,
+    ) -> Result<Look, DetectError> {
+        let time_s = stamp.time_s();
+        let verdict = seen.record.verdict;
+        if matches!(verdict, PictureVerdict::Black | PictureVerdict::White | PictureVerdict::Covered) {
+            return Ok(Look { cars: Vec::new(), changed: 1.0, seen: 0.0 });
+        }
+        if seen.is_new_position {
+            self.known.clear();
+            self.looks = 0;
+        }
+        self.offset_px = seen.record.offset_px;
+        let offset = self.offset_px;
+        let fits = self.map.as_ref().is_some_and(|map| map.suits(&seen.small));
+        let mut map = self.map.take().filter(|_| fits).unwrap_or_else(|| ChangeMap::new(&seen.small));
+        let changed = map.changed(&seen.small, seen.shift, time_s);
+        let whole = Part::whole(image);
+        let (width, height) = (whole.width as f64, whole.height as f64);
+        let scales = detector.options().scales(image.width(), image.height());
+        self.looks = self.looks.saturating_add(1);
+        let places = if self.looks <= FIRST_LOOKS {
+            vec![Place { core: [0.0, 0.0, width, height] }]
+        } else {
+            let finest = scales.last().copied().unwrap_or(1.0);
+            self.places(&changed, time_s, sweep_part(number, self.looks_a_sweep, width, height, finest))
+        };
+
+        let (mut looked, mut vehicles) = (map.no_cells(), map.no_cells());
+        let mut cores: Vec<[f64; 4]> = Vec::new();
+        let mut found: Vec<CarRecord> = Vec::new();
+        self.cut.clear();
+        let min_score = detector.options().min_score;
+        for region in regions(&places, whole, &scales) {
+            let sight = detector.look(image, region.part, WEAK_SCORE)?;
+            for core in &region.cores {
+                looked.insert_box(core);
+            }
+            cores.extend(region.cores);
+            self.cut.extend(sight.cut.iter().filter(|cut| cut.score >= min_score).map(|cut| cut.bbox));
+            for one in sight.found {
+                vehicles.insert_box(&one.bbox);
+                if one.score >= min_score
+                    && let Some(record) = crate::detector::record(one, width, height)
+                    && !found.iter().any(|other| is_same(&other.bbox_px, &record.bbox_px, detector))
+                {
+                    found.push(record);
+                }
+            }
+        }
+        let covers = |bbox: &[f64; 4]| {
+            let centre = bbox_centre(bbox);
+            cores.iter().any(|[x0, y0, x1, y1]| {
+                (*x0..=*x1).contains(&centre.x)
+                    && (*y0..=*y1).contains(&centre.y)
+                    && bbox_share_inside(bbox, &[*x0, *y0, *x1, *y1]) >= HELD
+            })
+        };
+        let at_rest: Vec<CarRecord> = found.iter().map(|car| moved(car, [-offset[0], -offset[1]])).collect();
+        update(&mut self.known, &at_rest, stamp.index, time_s, covers);
+        for vehicle in &self.known {
+            vehicles.insert_box(&vehicle.place(time_s));
+        }
+        map.looked(&seen.small, seen.shift, &looked, &vehicles);
+        self.map = Some(map);
+
+        let mut cars = found;
+        for vehicle in self.known.iter().filter(|v| v.is_held() && v.seen_frame != stamp.index) {
+            let record = held(vehicle, offset);
+            // What was seen just now hides what is only remembered.
+            if !cars.iter().any(|car| is_same(&car.bbox_px, &record.bbox_px, detector)) {
+                cars.push(record);
+            }
+        }
+        Ok(Look { cars, changed: changed.share(), seen: looked.share() })
+    }
+
+    /// What wants a look.
+    fn places(&self, changed: &Cells, time_s: f64, sweep: Option<[f64; 4]>) -> Vec<Place> {
+        let mut due = changed.emptied();
+        for row in 0..changed.rows {
+            for column in 0..changed.columns {
+                if changed.has(column, row) {
+                    for y in row.saturating_sub(1)..(row + 2).min(changed.rows) {
+                        for x in column.saturating_sub(1)..(column + 2).min(changed.columns) {
+                            due.insert(x, y);
+                        }
+                    }
+                }
+            }
+        }
+        let offset = self.offset_px;
+        let in_frame = |[x0, y0, x1, y1]: [f64; 4]| [x0 + offset[0], y0 + offset[1], x1 + offset[0], y1 + offset[1]];
+        for vehicle in self.known.iter().filter(|vehicle| !vehicle.is_settled()) {
+            due.insert_box(&in_frame(vehicle.place(time_s)));
+        }
+        for bbox in &self.cut {
+            due.insert_box(bbox);
+        }
+        // Vehicles that stand where something changed are looked at as a whole.
+        for vehicle in self.known.iter().filter(|vehicle| vehicle.is_settled()) {
+            let bbox = in_frame(vehicle.bbox_px);
+            if changed.meets(&bbox) {
+                due.insert_box(&bbox);
+            }
+        }
+        let mut places: Vec<Place> = due.groups().into_iter().map(|core| Place { core }).collect();
+        if let Some(mut core) = sweep {
+            for vehicle in &self.known {
+                let place = in_frame(vehicle.place(time_s));
+                let centre = bbox_centre(&place);
+                if (core[0]..core[2]).contains(&centre.x) && (core[1]..core[3]).contains(&centre.y) {
+                    core = [core[0].min(place[0]), core[1].min(place[1]), core[2].max(place[2]), core[3].max(place[3])];
+                }
+            }
+            places.push(Place { core });
+        }
+        places
+    }
+}
+
+/// The part of the sweep that is due in this look, if any: parts are spread evenly over the looks of a sweep.
+fn sweep_part(number: u64, looks_a_sweep: u64, width: f64, height: f64, finest: f64) -> Option<[f64; 4]> {
+    let count = |length: f64| (length * finest / SWEEP_PX).ceil().max(1.0) as u64;
+    let (columns, rows) = (count(width), count(height));
+    let parts = columns * rows;
+    let before = |number: u64| number * parts / looks_a_sweep.max(parts);
+    let part = before(number);
+    if number > 0 && part == before(number - 1) {
+        return None;
+    }
+    let (column, row) = ((part % parts) % columns, (part % parts) / columns);
+    let (w, h) = (width / columns as f64, height / rows as f64);
+    let (x, y) = (column as f64 * w, row as f64 * h);
+    Some([x, y, x + w, y + h])
+}
+
+fn bbox_share_inside(bbox: &[f64; 4], outer: &[f64; 4]) -> f64 {
+    let area = |[x0, y0, x1, y1]: [f64; 4]| (x1 - x0).max(0.0) * (y1 - y0).max(0.0);
+    let common =
+        [bbox[0].max(outer[0]), bbox[1].max(outer[1]), bbox[2].min(outer[2]), bbox[3].min(outer[3])];
+    area(common) / area(*bbox).max(1e-9)
+}
+
+/// Two boxes that merging would take for one vehicle.
+fn is_same(a: &[f64; 4], b: &[f64; 4], detector: &Detector) -> bool {
+    let options = detector.options();
+    bbox_iou(a, b) >= options.nms_iou || bbox_covered(a, b) >= options.nms_covered
+}
+
+fn moved(car: &CarRecord, by: [f64; 2]) -> CarRecord {
+    let [x0, y0, x1, y1] = car.bbox_px;
+    CarRecord { bbox_px: [x0 + by[0], y0 + by[1], x1 + by[0], y1 + by[1]], ..car.clone() }
+}
+
+fn held(vehicle: &Known, offset: [f64; 2]) -> CarRecord {
+    let car = CarRecord {
+        score: vehicle.score,
+        class: vehicle.class,
+        held_since: Some(vehicle.seen_frame),
+        ..CarRecord::boxed(vehicle.bbox_px)
+    };
+    moved(&car, offset)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_sweep_covers_the_picture_once_wherever_it_is_joined() {
+        for (looks, width, height, finest) in [(36, 1920.0, 1080.0, 2.0 / 3.0), (36, 640.0, 360.0, 1.0), (2, 1280.0, 720.0, 1.0)]
+        {
+            for start in [0_u64, 5, 1000] {
+                let parts: Vec<[f64; 4]> = (start + 1..=start + looks.max(8))
+                    .filter_map(|number| sweep_part(number, looks, width, height, finest))
+                    .collect();
+                let area: f64 = parts.iter().map(|[x0, y0, x1, y1]| (x1 - x0) * (y1 - y0)).sum();
+                assert!((area / (width * height) - parts.len() as f64 / parts.len().max(1) as f64).abs() < 1.01);
+                assert!(area >= 0.99 * width * height, "{looks} from {start}: {parts:?}");
+            }
+        }
+    }
+}

@@ -1,0 +1,160 @@
+//! Vehicles that were seen before: where each is expected, and whether it stands.
+
+use nalgebra::Vector2;
+use roadplane_base::{CarRecord, VehicleClass, bbox_centre, bbox_iou};
+
+/// Looks in a row in which the box stayed where it was, after which nobody needs to look until something changes.
+const SETTLED_LOOKS: u32 = 5;
+/// A box that overlaps its first place less (intersection over union) has moved.
+const STAYED: f64 = 0.8;
+/// Looks in a row that may miss a vehicle.
+const MAX_MISSED: u32 = 2;
+/// Least overlap of a box with where it was expected, intersection over union.
+const MIN_OVERLAP: f64 = 0.2;
+/// What a look covers beside the box, as a share of its sides.
+const AROUND: f64 = 0.15;
+
+/// A vehicle seen before; boxes in px of the frame at rest.
+#[derive(Clone, Debug)]
+pub(crate) struct Known {
+    pub bbox_px: [f64; 4],
+    pub score: f64,
+    pub class: VehicleClass,
+    /// Frame in which it was seen last.
+    pub seen_frame: u64,
+    seen_s: f64,
+    /// Where it was when it began to stay.
+    anchor_px: [f64; 4],
+    stayed: u32,
+    missed: u32,
+    velocity_px_s: Vector2<f64>,
+}
+
+impl Known {
+    fn new(found: &CarRecord, frame: u64, time_s: f64) -> Self {
+        Self {
+            bbox_px: found.bbox_px,
+            score: found.score,
+            class: found.class,
+            seen_frame: frame,
+            seen_s: time_s,
+            anchor_px: found.bbox_px,
+            stayed: 1,
+            missed: 0,
+            velocity_px_s: Vector2::zeros(),
+        }
+    }
+
+    /// It stands, as far as looks go: its place needs none until something changes there.
+    pub(crate) fn is_settled(&self) -> bool {
+        self.stayed >= SETTLED_LOOKS && self.missed == 0
+    }
+
+    /// It stood and was missed once at most: it is still taken to be there.
+    pub(crate) fn is_held(&self) -> bool {
+        self.stayed >= SETTLED_LOOKS && self.missed < MAX_MISSED
+    }
+
+    /// Where it is expected.
+    pub(crate) fn expected(&self, time_s: f64) -> [f64; 4] {
+        if self.stayed >= SETTLED_LOOKS {
+            return self.bbox_px;
+        }
+        let shift = self.velocity_px_s * (time_s - self.seen_s).clamp(0.0, 0.5);
+        let [x0, y0, x1, y1] = self.bbox_px;
+        [x0 + shift.x, y0 + shift.y, x1 + shift.x, y1 + shift.y]
+    }
+
+    /// What a look for it must cover: where it was, where it is expected, and a little around.
+    pub(crate) fn place(&self, time_s: f64) -> [f64; 4] {
+        let (a, b) = (self.bbox_px, self.expected(time_s));
+        let [x0, y0, x1, y1] = [a[0].min(b[0]), a[1].min(b[1]), a[2].max(b[2]), a[3].max(b[3])];
+        let (dx, dy) = (AROUND * (a[2] - a[0]), AROUND * (a[3] - a[1]));
+        [x0 - dx, y0 - dy, x1 + dx, y1 + dy]
+    }
+
+    fn seen(&mut self, found: &CarRecord, frame: u64, time_s: f64) {
+        let gap_s = time_s - self.seen_s;
+        if gap_s > 0.0 {
+            self.velocity_px_s = (bbox_centre(&found.bbox_px) - bbox_centre(&self.bbox_px)) / gap_s;
+        }
+        if bbox_iou(&self.anchor_px, &found.bbox_px) >= STAYED {
+            self.stayed = self.stayed.saturating_add(1);
+        } else {
+            (self.anchor_px, self.stayed) = (found.bbox_px, 1);
+        }
+        (self.bbox_px, self.score, self.class) = (found.bbox_px, found.score, found.class);
+        (self.seen_frame, self.seen_s, self.missed) = (frame, time_s, 0);
+    }
+}
+
+/// Tells which of the vehicles `found` in a look are known, and forgets those that looks keep missing; `covers` says whether a box
+/// was looked at as a whole.
+pub(crate) fn update(
+    known: &mut Vec<Known>,
+    found: &[CarRecord],
+    frame: u64,
+    time_s: f64,
+    covers: impl Fn(&[f64; 4]) -> bool,
+) {
+    let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
+    for (k, vehicle) in known.iter().enumerate() {
+        let expected = vehicle.expected(time_s);
+        for (f, car) in found.iter().enumerate() {
+            let overlap = bbox_iou(&expected, &car.bbox_px).max(bbox_iou(&vehicle.bbox_px, &car.bbox_px));
+            if overlap >= MIN_OVERLAP {
+                pairs.push((overlap, k, f));
+            }
+        }
+    }
+    pairs.sort_by(|a, b| b.0.total_cmp(&a.0).then((a.1, a.2).cmp(&(b.1, b.2))));
+    let (mut of_known, mut of_found) = (vec![false; known.len()], vec![false; found.len()]);
+    for (_, k, f) in pairs {
+        if !of_known[k] && !of_found[f] {
+            (of_known[k], of_found[f]) = (true, true);
+            known[k].seen(&found[f], frame, time_s);
+        }
+    }
+    for (vehicle, seen) in known.iter_mut().zip(&of_known) {
+        if !seen && covers(&vehicle.expected(time_s)) {
+            vehicle.missed += 1;
+        }
+    }
+    known.retain(|vehicle| vehicle.missed < MAX_MISSED);
+    known.extend(found.iter().zip(&of_found).filter(|(_, known)| !**known).map(|(f, _)| Known::new(f, frame, time_s)));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn car(x: f64) -> CarRecord {
+        CarRecord::boxed([x, 100.0, x + 80.0, 150.0])
+    }
+
+    #[test]
+    fn what_stays_settles_and_what_is_missed_twice_is_forgotten() {
+        let mut known = Vec::new();
+        for look in 0..5 {
+            assert!(!known.iter().any(Known::is_settled));
+            update(&mut known, &[car(10.0 + f64::from(look % 2))], look.into(), f64::from(look) * 0.1, |_| true);
+        }
+        assert!(known[0].is_settled() && known.len() == 1);
+        update(&mut known, &[], 5, 0.5, |_| false);
+        assert!(known[0].is_settled(), "nobody looked");
+        update(&mut known, &[], 6, 0.6, |_| true);
+        assert!(!known[0].is_settled() && known[0].is_held(), "one miss may be the detector's");
+        update(&mut known, &[], 7, 0.7, |_| true);
+        assert!(known.is_empty());
+    }
+
+    #[test]
+    fn what_drives_is_expected_farther_on_and_never_settles() {
+        let mut known = Vec::new();
+        for look in 0..12_u32 {
+            update(&mut known, &[car(f64::from(look) * 20.0)], look.into(), f64::from(look) * 0.1, |_| true);
+        }
+        assert!(known.len() == 1 && !known[0].is_settled());
+        assert!((known[0].expected(1.2)[0] - 240.0).abs() < 1e-6);
+    }
+}
