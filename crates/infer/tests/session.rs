@@ -47,7 +47,7 @@ fn refusal(model: &[u8], card: &str) -> Refusal {
 
 fn run(session: &mut Session, rows: usize, values: &[f32]) -> Result<ArrayD<f32>, InferError> {
     let x = ArrayD::from_shape_vec(IxDyn(&[rows, values.len() / rows]), values.to_vec()).unwrap();
-    let mut outputs = session.run(&[NamedTensor { name: "x", values: x.view() }])?;
+    let outputs = session.run(&[NamedTensor { name: "x", values: x.view() }])?;
     Ok(outputs.take("y").unwrap())
 }
 
