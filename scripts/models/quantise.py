@@ -6,7 +6,7 @@ its entry among the `variants` of the net's card.
 
 `--real` is the folder of hand-labelled real cars that the keypoint net learnt from (scripts/train/run --real), `--crops` one
 of crops rendered to learn from (`python -m render.crops --count 512 --seed 77 --split train`). Nothing is left to chance: the
-same pictures give the same file. Needs numpy, onnx, onnxruntime and opencv of scripts/train/requirements.txt.
+same pictures give the same file on the same kind of CPU. Needs scripts/train/requirements.txt.
 
 What is quantised, and with what ranges: qdq.py, models/detector.md, models/hourglass.md.
 """
