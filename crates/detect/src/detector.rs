@@ -126,16 +126,15 @@ impl Detector {
     }
 
     fn run(&mut self, image: &Array4<f32>, pass: usize) -> Result<Vec<Candidate>, DetectError> {
-        let mut outputs =
-            self.session.run(&[NamedTensor { name: "image", values: image.view().into_dyn() }])?;
+        let outputs = self.session.run(&[NamedTensor { name: "image", values: image.view().into_dyn() }])?;
         let mut found = Vec::new();
         for stride in STRIDES_PX {
-            let mut take = |kind: &str| {
+            let output = |kind: &str| {
                 let name = format!("{kind}_{stride}");
-                outputs.take(&name).and_then(|array| array.into_dimensionality::<Ix4>().ok())
+                outputs.get(&name).and_then(|array| array.into_dimensionality::<Ix4>().ok())
             };
             // The card was checked for them, and the session checks outputs against the card.
-            let (Some(scores), Some(bins)) = (take("scores"), take("bins")) else { continue };
+            let (Some(scores), Some(bins)) = (output("scores"), output("bins")) else { continue };
             found.extend(candidates(
                 &scores.index_axis(Axis(0), 0),
                 &bins.index_axis(Axis(0), 0),

@@ -35,6 +35,22 @@ pub struct TensorSpec {
     pub shape: Vec<Dim>,
 }
 
+/// The same net in another precision: a file of its own with the same inputs and outputs.
+#[derive(Clone, Debug, Deserialize)]
+pub struct Variant {
+    /// What it computes in, such as `int8`.
+    pub precision: String,
+    /// The ONNX file beside the card.
+    pub file: String,
+    /// sha256 of that file, hexadecimal.
+    pub sha256: String,
+    /// Its calibration, where it differs from the card's.
+    pub calibration: Option<Map<String, Value>>,
+    /// Everything else the card tells of it.
+    #[serde(flatten)]
+    pub extra: Map<String, Value>,
+}
+
 /// A model card (`models/<net>.card.json`).
 #[derive(Clone, Debug, Deserialize)]
 pub struct ModelCard {
@@ -60,6 +76,9 @@ pub struct ModelCard {
     /// Numbers found after training that turn outputs into measurements.
     #[serde(default)]
     pub calibration: Map<String, Value>,
+    /// The net in other precisions.
+    #[serde(default)]
+    pub variants: Vec<Variant>,
     /// Everything else the card tells.
     #[serde(flatten)]
     pub extra: Map<String, Value>,
@@ -87,11 +106,14 @@ impl ModelCard {
         if self.schema != CARD_SCHEMA {
             return fail(format!("schema is {:?}, expected {CARD_SCHEMA:?}", self.schema));
         }
-        if self.file.is_empty() || self.file.contains(['/', '\\']) || self.file.starts_with('.') {
-            return fail(format!("file {:?} must be a plain name beside the card", self.file));
-        }
-        if self.sha256.len() != 64 || !self.sha256.bytes().all(|b| b.is_ascii_hexdigit()) {
-            return fail("sha256 must be 64 hexadecimal digits".to_owned());
+        let variants = self.variants.iter().map(|variant| (&variant.file, &variant.sha256));
+        for (file, sha256) in std::iter::once((&self.file, &self.sha256)).chain(variants) {
+            if file.is_empty() || file.contains(['/', '\\']) || file.starts_with('.') {
+                return fail(format!("file {file:?} must be a plain name beside the card"));
+            }
+            if sha256.len() != 64 || !sha256.bytes().all(|b| b.is_ascii_hexdigit()) {
+                return fail(format!("sha256 of {file} must be 64 hexadecimal digits"));
+            }
         }
         if self.inputs.is_empty() || self.outputs.is_empty() {
             return fail("a net has at least one input and one output".to_owned());
@@ -105,6 +127,19 @@ impl ModelCard {
             }
         }
         Ok(())
+    }
+
+    /// The card of this net in another precision: file, hash and calibration are the variant's; `None` without one.
+    #[must_use]
+    pub fn in_precision(&self, precision: &str) -> Option<Self> {
+        let variant = self.variants.iter().find(|variant| variant.precision == precision)?;
+        let mut card = self.clone();
+        card.file.clone_from(&variant.file);
+        card.sha256.clone_from(&variant.sha256);
+        if let Some(calibration) = &variant.calibration {
+            card.calibration.clone_from(calibration);
+        }
+        Some(card)
     }
 
     /// The version as text.

@@ -3,14 +3,19 @@
 //! Nothing reaches the runtime unchecked: the file's sha256 is compared with the card's before the runtime sees a
 //! byte, models that point at data outside their file are refused, and names, types and shapes of inputs and
 //! outputs must be the card's. Outputs with NaN or infinite numbers are an error, never a result.
+//!
+//! A card may name its net in int8 as well ([`Variant`]). [`ProviderChoice::Auto`] takes what is fastest on the processor
+//! at hand among what keeps the net's accuracy, and says once in the log what that is.
 
 mod card;
 mod error;
 mod external_data;
+mod processor;
 mod runtime;
 mod session;
 
-pub use card::{CARD_SCHEMA, Dim, ModelCard, TensorSpec};
+pub use card::{CARD_SCHEMA, Dim, ModelCard, TensorSpec, Variant};
 pub use error::{InferError, Refusal};
-pub use runtime::{Provider, ProviderChoice, RUNTIME_LIBRARY, cpu_has_bf16, find_library, runtime_version};
+pub use processor::Processor;
+pub use runtime::{Provider, ProviderChoice, RUNTIME_LIBRARY, find_library, runtime_version};
 pub use session::{NamedTensor, Outputs, Session, SessionOptions};

@@ -11,6 +11,7 @@ use ort::memory::DeviceType;
 use serde::{Deserialize, Serialize};
 
 use crate::error::InferError;
+use crate::processor::Processor;
 
 /// Where `scripts/setup` puts the library, from the top of the checkout.
 pub const RUNTIME_LIBRARY: &str = ".runtime/libonnxruntime.so";
@@ -23,11 +24,14 @@ pub(crate) const OPENVINO_NAME: &str = "OpenVINOExecutionProvider";
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ProviderChoice {
-    /// OpenVINO in bf16 where the CPU has bf16 instructions and the plug-in is there, else the CPU provider.
+    /// What is fastest here and holds the accuracy: OpenVINO in bf16 where the CPU has AMX and the plug-in is there, else
+    /// int8 where it has VNNI, else f32.
     #[default]
     Auto,
     /// The runtime's own CPU provider, f32.
     Cpu,
+    /// The runtime's own CPU provider on the nets' int8 files, or an error.
+    Int8,
     /// The OpenVINO plug-in in bf16, or an error.
     Openvino,
 }
@@ -38,6 +42,8 @@ pub enum ProviderChoice {
 pub enum Provider {
     /// The runtime's own CPU provider, f32.
     Cpu,
+    /// The runtime's own CPU provider on the net's int8 file.
+    Int8,
     /// The OpenVINO plug-in with bf16 allowed (f32 where the CPU lacks it).
     OpenvinoBf16,
 }
@@ -46,6 +52,7 @@ impl fmt::Display for Provider {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Cpu => "CPU f32",
+            Self::Int8 => "CPU int8",
             Self::OpenvinoBf16 => "OpenVINO bf16",
         })
     }
@@ -56,19 +63,10 @@ struct Runtime {
     environment: Environment,
     library: PathBuf,
     openvino_registered: bool,
+    told: bool,
 }
 
 static RUNTIME: Mutex<Option<Runtime>> = Mutex::new(None);
-
-/// Whether the CPU multiplies bf16 numbers natively (AMX or AVX-512): only there OpenVINO in bf16 pays.
-#[must_use]
-pub fn cpu_has_bf16() -> bool {
-    std::fs::read_to_string("/proc/cpuinfo").is_ok_and(|text| {
-        text.lines()
-            .find(|line| line.starts_with("flags"))
-            .is_some_and(|line| line.split_whitespace().any(|f| f == "amx_bf16" || f == "avx512_bf16"))
-    })
-}
 
 /// The runtime's library: `explicit`, else `ORT_DYLIB_PATH`, else [`RUNTIME_LIBRARY`] in a folder above the
 /// executable, else above the current folder.
@@ -131,7 +129,7 @@ fn with_runtime<T>(
         .build()
         .map_err(|e| missing(e.to_string()))?;
     environment.set_log_level(LogLevel::Warning);
-    work(slot.insert(Runtime { environment, library, openvino_registered: false }))
+    work(slot.insert(Runtime { environment, library, openvino_registered: false, told: false }))
 }
 
 /// The runtime's messages go where ours go. Its warnings are about graph details: not for users.
@@ -142,32 +140,70 @@ fn log(level: LogLevel, category: &str, _id: &str, _location: &str, message: &st
     }
 }
 
-/// The environment to open sessions in and the provider to open them with.
+/// The environment to open sessions in and the provider to open them with. Says once a process what that is.
 pub(crate) fn prepare(
     explicit: Option<&Path>,
     choice: ProviderChoice,
 ) -> Result<(Environment, Provider), InferError> {
     with_runtime(explicit, |runtime| {
-        let provider = match choice {
-            ProviderChoice::Cpu => Provider::Cpu,
-            ProviderChoice::Openvino => {
-                register_openvino(runtime)
-                    .map_err(|what| InferError::ProviderUnavailable { provider: "openvino", what })?;
-                Provider::OpenvinoBf16
-            }
-            ProviderChoice::Auto if !cpu_has_bf16() => Provider::Cpu,
-            ProviderChoice::Auto => match register_openvino(runtime) {
-                Ok(()) => Provider::OpenvinoBf16,
-                Err(what) => {
-                    tracing::warn!(
-                        "OpenVINO would be faster on this CPU, but {what}; using the CPU provider"
-                    );
-                    Provider::Cpu
-                }
-            },
+        let processor = Processor::here();
+        let openvino = match choice {
+            ProviderChoice::Openvino => Some(register_openvino(runtime)),
+            ProviderChoice::Auto if processor.bf16_matrices => Some(register_openvino(runtime)),
+            _ => None,
         };
+        if let (ProviderChoice::Openvino, Some(Err(what))) = (choice, openvino.clone()) {
+            return Err(InferError::ProviderUnavailable { provider: "openvino", what });
+        }
+        let provider = provider_for(choice, processor, matches!(openvino, Some(Ok(()))));
+        if !std::mem::replace(&mut runtime.told, true) {
+            tracing::info!("{}", told(choice, provider, processor, openvino.and_then(Result::err)));
+        }
         Ok((runtime.environment.clone(), provider))
     })
+}
+
+/// The provider for a choice on a processor, where OpenVINO can be used or not.
+fn provider_for(choice: ProviderChoice, processor: Processor, openvino: bool) -> Provider {
+    match choice {
+        ProviderChoice::Openvino => Provider::OpenvinoBf16,
+        ProviderChoice::Auto if processor.bf16_matrices && openvino => Provider::OpenvinoBf16,
+        ProviderChoice::Int8 => Provider::Int8,
+        ProviderChoice::Auto if processor.int8 => Provider::Int8,
+        ProviderChoice::Auto | ProviderChoice::Cpu => Provider::Cpu,
+    }
+}
+
+/// One line: what nets run on, and what would be faster here.
+fn told(
+    choice: ProviderChoice,
+    provider: Provider,
+    processor: Processor,
+    no_openvino: Option<String>,
+) -> String {
+    let used = match provider {
+        Provider::Cpu => "nets run in f32 on the CPU provider",
+        Provider::Int8 => "nets run in int8 on the CPU provider",
+        Provider::OpenvinoBf16 => "nets run in bf16 on OpenVINO",
+    };
+    let more = match (choice, provider, no_openvino) {
+        (ProviderChoice::Auto, _, Some(what)) => {
+            format!("; OpenVINO in bf16 would be faster here, but {what}")
+        }
+        (ProviderChoice::Auto, Provider::Cpu, None) => {
+            "; this processor has neither VNNI for int8 nor AMX for bf16, which would be faster".to_owned()
+        }
+        (ProviderChoice::Auto, ..) => String::new(),
+        (ProviderChoice::Int8, ..) if !processor.int8 => {
+            ", as configured; without VNNI it gains little here and its numbers are not those that were measured"
+                .to_owned()
+        }
+        (ProviderChoice::Cpu, ..) if processor.int8 => {
+            ", as configured; infer.provider = \"auto\" would be faster here".to_owned()
+        }
+        _ => ", as configured".to_owned(),
+    };
+    format!("{used}{more}")
 }
 
 fn register_openvino(runtime: &mut Runtime) -> Result<(), String> {
@@ -195,4 +231,37 @@ pub(crate) fn openvino_cpu(environment: &Environment) -> Option<Device<'_>> {
     environment.devices().find(|device| {
         device.ep().is_ok_and(|ep| ep == OPENVINO_NAME) && device.hardware_device().ty() == DeviceType::CPU
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const OLD: Processor = Processor { int8: false, bf16_matrices: false };
+    const VNNI: Processor = Processor { int8: true, bf16_matrices: false };
+    const AMX: Processor = Processor { int8: true, bf16_matrices: true };
+
+    #[test]
+    fn auto_takes_the_fastest_that_is_here() {
+        let auto = |processor, openvino| provider_for(ProviderChoice::Auto, processor, openvino);
+        assert_eq!(auto(AMX, true), Provider::OpenvinoBf16);
+        assert_eq!(auto(AMX, false), Provider::Int8);
+        assert_eq!(auto(VNNI, true), Provider::Int8);
+        assert_eq!(auto(OLD, true), Provider::Cpu);
+        for processor in [OLD, VNNI, AMX] {
+            assert_eq!(provider_for(ProviderChoice::Cpu, processor, true), Provider::Cpu);
+            assert_eq!(provider_for(ProviderChoice::Int8, processor, true), Provider::Int8);
+        }
+    }
+
+    #[test]
+    fn what_would_be_faster_is_told() {
+        let absent = || Some("the plug-in is not there".to_owned());
+        let auto = |provider, processor, why| told(ProviderChoice::Auto, provider, processor, why);
+        assert_eq!(auto(Provider::Int8, VNNI, None), "nets run in int8 on the CPU provider");
+        assert!(auto(Provider::Int8, AMX, absent()).contains("OpenVINO in bf16 would be faster here"));
+        assert!(auto(Provider::Cpu, OLD, None).contains("VNNI"));
+        assert!(told(ProviderChoice::Cpu, Provider::Cpu, VNNI, None).contains("auto"));
+        assert!(told(ProviderChoice::Int8, Provider::Int8, OLD, None).contains("without VNNI"));
+    }
 }

@@ -2,12 +2,13 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use ndarray::{ArrayD, ArrayViewD, CowArray};
 use ort::environment::Environment;
 use ort::session::Session as OrtSession;
 use ort::session::builder::{GraphOptimizationLevel, SessionBuilder};
-use ort::value::{Outlet, TensorElementType, TensorRef, ValueType};
+use ort::value::{Outlet, TensorElementType, TensorRef, TensorValueType, Value, ValueType};
 use sha2::{Digest as _, Sha256};
 use thiserror::Error;
 
@@ -45,20 +46,21 @@ pub struct NamedTensor<'a> {
     pub values: ArrayViewD<'a, f32>,
 }
 
-/// What a run gave, by name.
-#[derive(Clone, Debug)]
-pub struct Outputs(BTreeMap<String, ArrayD<f32>>);
+/// What a run gave, by name; the runtime's own memory, handed back when this is dropped.
+#[derive(Debug)]
+pub struct Outputs(Vec<(Arc<str>, Value<TensorValueType<f32>>)>);
 
 impl Outputs {
-    /// Takes an output out; `None` if the card has no such output or it was taken before.
-    pub fn take(&mut self, name: &str) -> Option<ArrayD<f32>> {
-        self.0.remove(name)
+    /// Copies an output; `None` if the card has no such output.
+    #[must_use]
+    pub fn take(&self, name: &str) -> Option<ArrayD<f32>> {
+        self.get(name).map(|view| view.to_owned())
     }
 
     /// Looks at an output.
     #[must_use]
     pub fn get(&self, name: &str) -> Option<ArrayViewD<'_, f32>> {
-        self.0.get(name).map(|array| array.view())
+        self.0.iter().find(|(of, _)| &**of == name).map(|(_, value)| value.extract_array())
     }
 }
 
@@ -67,6 +69,7 @@ impl Outputs {
 pub struct Session {
     inner: OrtSession,
     card: ModelCard,
+    output_names: Vec<Arc<str>>,
     provider: Provider,
 }
 
@@ -78,10 +81,11 @@ impl Session {
     /// [`InferError::RuntimeMissing`] and [`InferError::ProviderUnavailable`] when it cannot be run here.
     pub fn open(card_path: &Path, options: &SessionOptions) -> Result<Self, InferError> {
         let card = ModelCard::read(card_path)?;
+        let (environment, wanted) = prepare(options.library.as_deref(), options.provider)?;
+        let (card, mut provider) = chosen_file(card, card_path, wanted, options.provider)?;
         let path = card_path.with_file_name(&card.file);
         let refused = |reason| InferError::ModelRefused { reason, path: path.clone() };
         let bytes = verified_bytes(&card, &path).map_err(refused)?;
-        let (environment, mut provider) = prepare(options.library.as_deref(), options.provider)?;
         let mut committed = commit(&environment, &bytes, provider, options.threads);
         if let (Err(error), ProviderChoice::Auto, Provider::OpenvinoBf16) =
             (&committed, options.provider, provider)
@@ -96,11 +100,12 @@ impl Session {
         })?;
         check_interface("input", &card.inputs, inner.inputs()).map_err(refused)?;
         check_interface("output", &card.outputs, inner.outputs()).map_err(refused)?;
-        tracing::info!(net = card.name, version = card.version_text(), %provider, "net loaded");
-        Ok(Self { inner, card, provider })
+        tracing::debug!(net = card.name, version = card.version_text(), file = card.file, %provider, "net loaded");
+        let output_names = card.outputs.iter().map(|spec| Arc::from(spec.name.as_str())).collect();
+        Ok(Self { inner, card, output_names, provider })
     }
 
-    /// The card that the net was checked against.
+    /// The card that the net was checked against; file, hash and calibration are those of the variant in use.
     #[must_use]
     pub fn card(&self) -> &ModelCard {
         &self.card
@@ -118,7 +123,7 @@ impl Session {
     /// [`InferError::WrongInput`] unless the tensors are the card's, [`InferError::NonFinite`] when the net returns
     /// NaN or infinite numbers, [`InferError::Failed`] when the runtime fails.
     pub fn run(&mut self, inputs: &[NamedTensor<'_>]) -> Result<Outputs, InferError> {
-        let Self { inner, card, .. } = self;
+        let Self { inner, card, output_names, .. } = self;
         let wrong = |what: String| InferError::WrongInput { model: card.name.clone(), what };
         let failed = |what: String| InferError::Failed { model: card.name.clone(), what };
         let mut named = BTreeMap::new();
@@ -142,24 +147,62 @@ impl Session {
             let value = TensorRef::from_array_view(array.view()).map_err(|e| failed(e.to_string()))?;
             values.push((*name, value));
         }
-        let results = inner.run(values).map_err(|e| failed(e.to_string()))?;
-        let mut outputs = BTreeMap::new();
-        for spec in &card.outputs {
-            let value = results.get(&spec.name).ok_or_else(|| failed(format!("no output {}", spec.name)))?;
-            let array = value.try_extract_array::<f32>().map_err(|e| failed(e.to_string()))?;
-            if !spec.fits(array.shape(), &mut named) {
-                let (found, expected) = (array.shape(), &spec.shape);
-                return Err(failed(format!("{} has shape {found:?}, expected {expected:?}", spec.name)));
+        let mut results = inner.run(values).map_err(|e| failed(e.to_string()))?;
+        let mut outputs = Vec::with_capacity(card.outputs.len());
+        for (spec, name) in card.outputs.iter().zip(output_names.iter()) {
+            let value =
+                results.remove(&spec.name).ok_or_else(|| failed(format!("no output {}", spec.name)))?;
+            let value = value.downcast::<TensorValueType<f32>>().map_err(|e| failed(e.to_string()))?;
+            let (shape, numbers) = value.extract_tensor();
+            let shape: Vec<usize> = shape.iter().filter_map(|&size| usize::try_from(size).ok()).collect();
+            if !spec.fits(&shape, &mut named) {
+                let expected = &spec.shape;
+                return Err(failed(format!("{} has shape {shape:?}, expected {expected:?}", spec.name)));
             }
-            let count = array.iter().filter(|value| !value.is_finite()).count();
+            let count = not_finite(numbers);
             if count > 0 {
                 let (model, output) = (card.name.clone(), spec.name.clone());
                 return Err(InferError::NonFinite { model, output, count });
             }
-            outputs.insert(spec.name.clone(), array.into_owned());
+            outputs.push((Arc::clone(name), value));
         }
         Ok(Outputs(outputs))
     }
+}
+
+/// How many numbers are NaN or infinite. Counted by their bits in blocks, which compilers turn into vector instructions.
+fn not_finite(numbers: &[f32]) -> usize {
+    const EXPONENT: u32 = 0x7f80_0000;
+    let in_block = |block: &[f32]| -> u32 {
+        block.iter().map(|number| u32::from(number.to_bits() & EXPONENT == EXPONENT)).sum()
+    };
+    numbers.chunks(1 << 16).map(|block| in_block(block) as usize).sum()
+}
+
+/// The card of the file that a provider needs. Without an int8 file, [`ProviderChoice::Auto`] stays with f32.
+fn chosen_file(
+    card: ModelCard,
+    card_path: &Path,
+    wanted: Provider,
+    choice: ProviderChoice,
+) -> Result<(ModelCard, Provider), InferError> {
+    if wanted != Provider::Int8 {
+        return Ok((card, wanted));
+    }
+    let what = match card.in_precision("int8") {
+        None => format!("the card of {} names no int8 file", card.name),
+        Some(variant)
+            if choice == ProviderChoice::Auto && !card_path.with_file_name(&variant.file).exists() =>
+        {
+            format!("{} is missing", variant.file)
+        }
+        Some(variant) => return Ok((variant, wanted)),
+    };
+    if choice != ProviderChoice::Auto {
+        return Err(InferError::ProviderUnavailable { provider: "int8", what });
+    }
+    tracing::warn!("int8 would be faster on this CPU, but {what}; {} runs in f32", card.name);
+    Ok((card, Provider::Cpu))
 }
 
 /// The model's bytes, once they are known to be the card's and complete in themselves.
@@ -200,7 +243,7 @@ fn commit(
         .with_optimization_level(GraphOptimizationLevel::Level3)
         .map_err(|e| model(&e))?;
     match provider {
-        Provider::Cpu => {
+        Provider::Cpu | Provider::Int8 => {
             let mut builder = builder;
             builder.commit_from_memory(bytes).map_err(|e| model(&e))
         }
@@ -248,4 +291,22 @@ fn check_interface(kind: &str, specs: &[TensorSpec], outlets: &[Outlet]) -> Resu
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_number_that_is_not_finite_counts() {
+        let mut numbers = vec![1.0_f32; 200_000];
+        assert_eq!(not_finite(&numbers), 0);
+        for (at, value) in [(0, f32::NAN), (65_536, f32::INFINITY), (199_999, f32::NEG_INFINITY)] {
+            numbers[at] = value;
+        }
+        numbers[5] = f32::MAX;
+        numbers[6] = f32::MIN_POSITIVE / 2.0;
+        assert_eq!(not_finite(&numbers), 3);
+        assert_eq!(not_finite(&[]), 0);
+    }
 }

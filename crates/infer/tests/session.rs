@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 
 use ndarray::{ArrayD, IxDyn};
 use roadplane_infer::{
-    InferError, NamedTensor, Provider, ProviderChoice, Refusal, Session, SessionOptions, find_library,
+    InferError, NamedTensor, Processor, Provider, ProviderChoice, Refusal, Session, SessionOptions,
+    find_library,
 };
 use sha2::{Digest as _, Sha256};
 
@@ -47,7 +48,7 @@ fn refusal(model: &[u8], card: &str) -> Refusal {
 
 fn run(session: &mut Session, rows: usize, values: &[f32]) -> Result<ArrayD<f32>, InferError> {
     let x = ArrayD::from_shape_vec(IxDyn(&[rows, values.len() / rows]), values.to_vec()).unwrap();
-    let mut outputs = session.run(&[NamedTensor { name: "x", values: x.view() }])?;
+    let outputs = session.run(&[NamedTensor { name: "x", values: x.view() }])?;
     Ok(outputs.take("y").unwrap())
 }
 
@@ -149,6 +150,83 @@ fn a_missing_library_is_an_error_that_says_what_to_do() {
     assert!(matches!(error, InferError::RuntimeMissing { .. }));
     assert!(error.to_string().contains("scripts/setup"), "{error}");
     assert!(find_library(Some(Path::new("."))).is_err());
+}
+
+/// The card of the fixture with an int8 file of this name and of the hash of these bytes.
+fn with_variant(file: &str, hash_of: &[u8], more: &str) -> String {
+    let sha256: String = Sha256::digest(hash_of).iter().map(|b| format!("{b:02x}")).collect();
+    let variant = format!(r#"{{"precision": "int8", "file": "{file}", "sha256": "{sha256}"{more}}}"#);
+    card_text(LOG).replacen('{', &format!(r#"{{"variants": [{variant}], "#), 1)
+}
+
+fn open_as(provider: ProviderChoice, card: &str, int8: Option<&[u8]>) -> Result<Session, InferError> {
+    let (folder, card_path) = folder_with(LOG, card);
+    if let Some(model) = int8 {
+        std::fs::write(folder.path().join("log.int8.onnx"), model).unwrap();
+    }
+    Session::open(&card_path, &SessionOptions { provider, ..SessionOptions::default() })
+}
+
+/// What `auto` takes where a card has an int8 file.
+fn automatic() -> Provider {
+    let here = Processor::here();
+    if here.int8 && !here.bf16_matrices { Provider::Int8 } else { Provider::Cpu }
+}
+
+#[test]
+fn the_int8_file_is_taken_where_it_is_fast_and_never_for_f32() {
+    let calibration = r#", "calibration": {"a": 2}"#;
+    // The same net with another producer's name.
+    let int8 = [LOG, &[0x12, 1, b'q']].concat();
+    let card = with_variant("log.int8.onnx", &int8, calibration);
+    let mut session = open_as(ProviderChoice::Int8, &card, Some(&int8)).unwrap();
+    assert_eq!(session.provider(), Provider::Int8);
+    assert_eq!(session.provider().to_string(), "CPU int8");
+    assert_eq!(session.card().file, "log.int8.onnx");
+    assert_eq!(session.card().sha256, session.card().variants[0].sha256);
+    assert_eq!(session.card().calibration["a"], 2);
+    assert!(run(&mut session, 2, &[1.0; 4]).is_ok());
+    let f32 = open_as(ProviderChoice::Cpu, &card, Some(&int8)).unwrap();
+    assert_eq!((f32.provider(), f32.card().file.as_str()), (Provider::Cpu, "log.onnx"));
+    assert!(f32.card().calibration.is_empty() && f32.card().sha256 != session.card().sha256);
+    if !Processor::here().bf16_matrices {
+        assert_eq!(open_as(ProviderChoice::Auto, &card, Some(&int8)).unwrap().provider(), automatic());
+    }
+}
+
+#[test]
+fn without_an_int8_file_auto_stays_with_f32_and_int8_is_an_error() {
+    let absent = with_variant("log.int8.onnx", LOG, "");
+    for card in [card_text(LOG), absent.clone()] {
+        assert_ne!(open_as(ProviderChoice::Auto, &card, None).unwrap().provider(), Provider::Int8);
+    }
+    let error = open_as(ProviderChoice::Int8, &card_text(LOG), None).unwrap_err();
+    assert!(matches!(error, InferError::ProviderUnavailable { provider: "int8", .. }), "{error}");
+    let error = open_as(ProviderChoice::Int8, &absent, None).unwrap_err();
+    assert!(matches!(error, InferError::ModelRefused { reason: Refusal::Unreadable(_), .. }), "{error}");
+}
+
+#[test]
+fn an_int8_file_is_checked_like_any_other() {
+    let refused = |choice, card: &str, int8: &[u8]| match open_as(choice, card, Some(int8)) {
+        Err(InferError::ModelRefused { reason, path }) => (reason, path),
+        Err(other) => panic!("expected a refusal, got {other}"),
+        Ok(_) => panic!("the model was accepted"),
+    };
+    let spoilt = with_variant("log.int8.onnx", b"another", "");
+    let (reason, path) = refused(ProviderChoice::Int8, &spoilt, LOG);
+    assert!(matches!(reason, Refusal::WrongHash { .. }) && path.ends_with("log.int8.onnx"), "{reason}");
+    if automatic() == Provider::Int8 {
+        assert!(matches!(refused(ProviderChoice::Auto, &spoilt, LOG).0, Refusal::WrongHash { .. }));
+    }
+    let outside = with_variant("log.int8.onnx", EXTERNAL, "");
+    assert!(matches!(refused(ProviderChoice::Int8, &outside, EXTERNAL).0, Refusal::ExternalData(_)));
+    for card in [
+        with_variant("../log.int8.onnx", LOG, ""),
+        with_variant("log.int8.onnx", LOG, "").replacen(r#""sha256": ""#, r#""sha256": "0"#, 1),
+    ] {
+        assert!(matches!(refused(ProviderChoice::Cpu, &card, LOG).0, Refusal::UnsuitableCard(_)));
+    }
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! What the keypoint net costs: `cargo run --release -p roadplane-keypoints --example speed -- [cpu|openvino]`.
+//! What the keypoint net costs: `cargo run --release -p roadplane-keypoints --example speed -- [auto|cpu|int8|openvino]`.
 //! CPU time of the whole process (so of whatever threads the provider makes) per crop at batch 8, one thread asked for;
 //! median of several runs; GFLOP from the net's card.
 
@@ -23,8 +23,10 @@ fn cpu_seconds() -> Result<f64, Box<dyn std::error::Error>> {
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let provider = match std::env::args().nth(1).as_deref() {
         None | Some("cpu") => ProviderChoice::Cpu,
+        Some("auto") => ProviderChoice::Auto,
+        Some("int8") => ProviderChoice::Int8,
         Some("openvino") => ProviderChoice::Openvino,
-        Some(other) => return Err(format!("no provider {other}: cpu or openvino").into()),
+        Some(other) => return Err(format!("no provider {other}: auto, cpu, int8 or openvino").into()),
     };
     let card = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../models/hourglass.card.json");
     let mut session = Session::open(&card, &SessionOptions { provider, threads: 1, library: None })?;

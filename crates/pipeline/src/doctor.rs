@@ -59,6 +59,7 @@ fn described(session: &roadplane_infer::Session) -> String {
 
 fn processor() -> String {
     let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
-    let bf16 = if roadplane_infer::cpu_has_bf16() { "bf16 instructions" } else { "no bf16 instructions" };
-    format!("{cores} cores, {bf16}")
+    let roadplane_infer::Processor { int8, bf16_matrices } = roadplane_infer::Processor::here();
+    let has = |yes: bool, what: &str| format!("{}{what}", if yes { "" } else { "no " });
+    format!("{cores} cores, {}, {}", has(int8, "VNNI (int8)"), has(bf16_matrices, "AMX (bf16)"))
 }

@@ -1,0 +1,46 @@
+//! What the processor can compute fast.
+
+use std::sync::OnceLock;
+
+/// Instructions that decide how nets run best.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Processor {
+    /// Sums of products of bytes without saturation in between (VNNI): int8 nets are fast, and give the numbers that
+    /// their accuracy was measured with.
+    pub int8: bool,
+    /// Matrices of bf16 (AMX): OpenVINO in bf16 is faster than int8.
+    pub bf16_matrices: bool,
+}
+
+impl Processor {
+    /// The one of this machine.
+    #[must_use]
+    pub fn here() -> Self {
+        static HERE: OnceLock<Processor> = OnceLock::new();
+        *HERE.get_or_init(|| {
+            std::fs::read_to_string("/proc/cpuinfo").map(|text| Self::of(&text)).unwrap_or_default()
+        })
+    }
+
+    /// What `/proc/cpuinfo` tells.
+    fn of(cpuinfo: &str) -> Self {
+        let flags = cpuinfo.lines().find(|line| line.starts_with("flags")).unwrap_or_default();
+        let has = |names: &[&str]| flags.split_whitespace().any(|flag| names.contains(&flag));
+        Self { int8: has(&["avx512_vnni", "avx_vnni", "amx_int8"]), bf16_matrices: has(&["amx_bf16"]) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn flags_are_read_as_whole_words() {
+        let of = |flags: &str| Processor::of(&format!("processor\t: 0\nflags\t\t: fpu {flags} sse\n"));
+        assert_eq!(of("avx512f avx512_bf16"), Processor::default());
+        assert_eq!(of("avx512_vnni"), Processor { int8: true, bf16_matrices: false });
+        assert_eq!(of("avx_vnni_int16"), Processor::default());
+        assert_eq!(of("amx_bf16 amx_int8"), Processor { int8: true, bf16_matrices: true });
+        assert_eq!(Processor::of(""), Processor::default());
+    }
+}
