@@ -124,7 +124,10 @@ impl Input {
             return Ok(None);
         }
         let frame = match self.first.take() {
-            Some(first) => Some(first),
+            Some(first) => {
+                wanted(&first.stamp);
+                Some(first)
+            }
             None => self.source.next(&self.options, &mut self.report, &mut wanted)?,
         };
         match &frame {

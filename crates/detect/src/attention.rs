@@ -17,6 +17,12 @@ const FIRST_LOOKS: u32 = 3;
 const WEAK_SCORE: f64 = 0.12;
 /// Side of a part of the sweep, px of the net's input in the finest pass.
 const SWEEP_PX: f64 = 400.0;
+/// A box of which more than this share lies within a vehicle that is held is that vehicle.
+const KNOWN: f64 = 0.5;
+/// A vehicle that stands is looked at where more than this share of its box changed.
+const MUCH: f64 = 0.2;
+/// What moves and is no vehicle (people, leaves) is looked at again only so many looks later.
+const IDLE_LOOKS: u32 = 3;
 /// A core must hold this share of a box to have looked at it as a whole.
 const HELD: f64 = 0.9;
 
@@ -41,6 +47,8 @@ pub struct Attention {
     /// Boxes that were cut by the border of what was looked at.
     cut: Vec<[f64; 4]>,
     looks: u32,
+    /// Until which look each cell may wait: what moves there was no vehicle just now.
+    idle_until: Vec<u32>,
     offset_px: [f64; 2],
 }
 
@@ -54,6 +62,7 @@ impl Attention {
             known: Vec::new(),
             cut: Vec::new(),
             looks: 0,
+            idle_until: Vec::new(),
             offset_px: [0.0; 2],
         }
     }
@@ -90,6 +99,7 @@ impl Attention {
         let fits = self.map.as_ref().is_some_and(|map| map.suits(&seen.small));
         let mut map = self.map.take().filter(|_| fits).unwrap_or_else(|| ChangeMap::new(&seen.small));
         let changed = map.changed(&seen.small, seen.shift, time_s);
+        self.idle_until.resize(changed.columns * changed.rows, 0);
         let whole = Part::whole(image);
         let (width, height) = (whole.width as f64, whole.height as f64);
         let scales = detector.options().scales(image.width(), image.height());
@@ -112,7 +122,12 @@ impl Attention {
                 looked.insert_box(core);
             }
             cores.extend(region.cores);
-            self.cut.extend(sight.cut.iter().filter(|cut| cut.score >= min_score).map(|cut| cut.bbox));
+            // What was cut is looked at as a whole next time, unless it is a vehicle that stands beside what was looked at.
+            let is_known = |bbox: &[f64; 4]| {
+                self.known.iter().any(|vehicle| vehicle.is_held() && bbox_covered(&vehicle.bbox_px, bbox) > KNOWN)
+            };
+            let cut = sight.cut.iter().filter(|cut| cut.score >= min_score && !is_known(&cut.bbox));
+            self.cut.extend(cut.map(|cut| cut.bbox));
             for one in sight.found {
                 vehicles.insert_box(&one.bbox);
                 if one.score >= min_score
@@ -137,6 +152,13 @@ impl Attention {
             vehicles.insert_box(&vehicle.place(time_s));
         }
         map.looked(&seen.small, seen.shift, &looked, &vehicles);
+        for (column, row) in changed.iter().filter(|&(column, row)| looked.has(column, row) && !vehicles.has(column, row)) {
+            for y in row.saturating_sub(1)..(row + 2).min(changed.rows) {
+                for x in column.saturating_sub(1)..(column + 2).min(changed.columns) {
+                    self.idle_until[y * changed.columns + x] = self.looks + IDLE_LOOKS;
+                }
+            }
+        }
         self.map = Some(map);
 
         let mut cars = found;
@@ -153,15 +175,9 @@ impl Attention {
     /// What wants a look.
     fn places(&self, changed: &Cells, time_s: f64, sweep: Option<[f64; 4]>) -> Vec<Place> {
         let mut due = changed.emptied();
-        for row in 0..changed.rows {
-            for column in 0..changed.columns {
-                if changed.has(column, row) {
-                    for y in row.saturating_sub(1)..(row + 2).min(changed.rows) {
-                        for x in column.saturating_sub(1)..(column + 2).min(changed.columns) {
-                            due.insert(x, y);
-                        }
-                    }
-                }
+        for (column, row) in changed.iter() {
+            if self.idle_until[row * changed.columns + column] <= self.looks {
+                due.insert(column, row);
             }
         }
         let offset = self.offset_px;
@@ -172,10 +188,10 @@ impl Attention {
         for bbox in &self.cut {
             due.insert_box(bbox);
         }
-        // Vehicles that stand where something changed are looked at as a whole.
+        // Vehicles that stand where much changed are looked at as a whole.
         for vehicle in self.known.iter().filter(|vehicle| vehicle.is_settled()) {
             let bbox = in_frame(vehicle.bbox_px);
-            if changed.meets(&bbox) {
+            if due.share_of(&bbox) >= MUCH {
                 due.insert_box(&bbox);
             }
         }

@@ -23,7 +23,7 @@ const DOWN: f32 = 0.97;
 /// Most noise that is believed, in units of the picture's median: traffic is no noise.
 const MOST_NOISE: f32 = 3.0;
 /// What was no vehicle raises the bar by this share of what is missing, to this factor of the change …
-const LEARN: f32 = 0.3;
+const LEARN: f32 = 0.5;
 const ABOVE: f32 = 1.25;
 /// … and never beyond this, grey levels: a vehicle shows all the same.
 const MOST_NUISANCE: f32 = 12.0;
@@ -83,11 +83,19 @@ impl Cells {
         (span(bbox_px[0], bbox_px[2], self.columns), span(bbox_px[1], bbox_px[3], self.rows))
     }
 
-    /// Whether a cell that the box touches is in it.
+    /// Columns and rows of its cells, row by row.
+    pub fn iter(&self) -> impl Iterator<Item = (usize, usize)> + '_ {
+        let is_in = self.is_in.iter().enumerate().filter(|(_, is_in)| **is_in);
+        is_in.map(|(cell, _)| (cell % self.columns, cell / self.columns))
+    }
+
+    /// Share of the cells that a box touches which are in it, 0–1.
     #[must_use]
-    pub fn meets(&self, bbox_px: &[f64; 4]) -> bool {
+    pub fn share_of(&self, bbox_px: &[f64; 4]) -> f64 {
         let (columns, rows) = self.touched(bbox_px);
-        rows.into_iter().any(|row| columns.clone().any(|column| self.has(column, row)))
+        let count = columns.len() * rows.len();
+        let here = rows.map(|row| columns.clone().filter(|column| self.has(*column, row)).count()).sum::<usize>();
+        here as f64 / count.max(1) as f64
     }
 
     /// Puts all cells in that a box touches.
