@@ -45,7 +45,7 @@ class Preset:
     size: tuple[int, int] = SIZE  # of long clips; all else has SIZE
     cars: int = 20  # in view at a time, in long clips
     drivers: int | None = None  # of these; none: no long clips but those of a few movers, as the crowd has them
-    mbit: float | None = None  # a second, of clips; none: constant quality
+    mbit: float | None = None  # a second at most, of clips; none: constant quality
 
 
 PRESETS = {
@@ -226,7 +226,7 @@ def main() -> None:
     parser.add_argument("--size", type=_size, metavar="WIDTHxHEIGHT", help="of long clips")
     parser.add_argument("--drivers", type=int, help="cars that drive at a time, all through: makes long clips")
     parser.add_argument("--cars", type=int, help="cars in view at a time, in long clips")
-    parser.add_argument("--mbit", type=float, help="Mbit/s of a clip's video (else of constant quality)")
+    parser.add_argument("--mbit", type=float, help="at most, of a clip's video (else of constant quality)")
     parser.add_argument("--seed", type=int)
     parser.add_argument("--name", default="lots")
     options = parser.parse_args()

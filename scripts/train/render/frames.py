@@ -176,7 +176,7 @@ class VideoWriter:
     """An H.264 file that is there complete or not at all; the same frames give the same bytes."""
 
     def __init__(self, path: Path, size: tuple[int, int], fps: float, crf: int, mbit: float | None = None) -> None:
-        """At constant quality, or with `mbit` at so many Mbit/s and a whole picture every two seconds, as cameras send it."""
+        """At constant quality, or at `mbit` Mbit/s at most with a whole picture every two seconds, as cameras send it."""
         self.path, self._part = path, path.with_suffix(".part.mp4")
         quality = ["-crf", str(crf)]
         if mbit is not None:
