@@ -9,17 +9,18 @@ from functools import partial
 import numpy as np
 
 from .camera import Camera
-from .frames import Finish, Region, changed_region, sample_finish
+from .frames import Finish, Region, box_corners, changed_region, outline, reached_region, sample_finish
 from .paths import Drive, Motion
 from .places import Site, Spot, make_lot, make_street
 from .props import Prop
 from .scene import PlacedCar, Scene, person
-from .stills import CAR_M, CarPool, car_at, sample_camera, sample_weather, seen_spots, set_exposure, wheelbase
+from .stills import CAR_M, SIZE, CarPool, car_at, sample_camera, sample_weather, seen_spots, set_exposure, wheelbase
 from .traffic import Mover, Traffic, collide, mover
 
 MOVERS = 6  # wanted
 FEWEST_MOVERS = 4
 CROWDS = {"quiet": (3, 12), "busy": (9, 40), "full": (22, 40)}  # fewest parked cars, most cars in all
+PERSON = np.array([[-0.4, -0.4, 0.0], [0.4, 0.4, 1.8]])  # bounds, whatever the direction
 SEEN_M = {"quiet": (28, 52), "busy": (28, 52), "full": (45, 75)}  # ground across the picture's middle
 
 
@@ -50,7 +51,8 @@ class Clip:
                 moved = part.world_from_prop.copy()
                 moved[:2, 3] += velocity * time_s
                 props.append(Prop(part.shape, moved, part.colour, part.leaves, part.texture))
-        return Scene(cars, props, self.scene.floor, self.scene.light, self.scene.centre, self.scene.shadow_reach_m)
+        still = self.scene
+        return Scene(cars, props, still.floor, still.light, still.centre, still.shadow_reach_m, still.nearest_m)
 
     def moving_regions(self, time_s: float) -> list[Region]:
         """Where the frame at a time differs from one without cars that ever move and without walkers."""
@@ -65,17 +67,36 @@ class Clip:
             regions.append(changed_region(self.camera, self.scene.light, centre, 0.8, 2.0))
         return [region for region in regions if region is not None]
 
+    def changed(self, before_s: float, time_s: float) -> tuple[list[Region], list[Region]]:
+        """Where the frames at two times differ, and the parts of that where something hides what is behind it."""
+        changed, hiding = [], []
+        camera, light = self.camera, self.scene.light
+        for car, placed in zip(self.movers, self.scene.cars, strict=True):
+            poses = [car.at(t).world_from_car for t in (before_s, time_s)]
+            if not np.array_equal(*poses):
+                for pose in poses:
+                    changed.append(reached_region(camera, light, pose, placed.gpu.bounds))
+                    hiding.append(outline(camera, box_corners(pose, placed.gpu.bounds)))
+        for parts, velocity in self.walkers if before_s != time_s else []:
+            for t in (before_s, time_s):
+                pose = np.eye(4)
+                pose[:2, 3] = parts[-1].world_from_prop[:2, 3] + velocity * t
+                changed.append(reached_region(camera, light, pose, PERSON))
+                hiding.append(outline(camera, box_corners(pose, PERSON)))
+        return [r for r in changed if r is not None], [r for r in hiding if r is not None]
 
-def _camera(rng: np.random.Generator, least_m: float, most_m: float) -> tuple[Camera, np.ndarray]:
+
+def camera_over(rng: np.random.Generator, least_m: float, most_m: float, size: tuple[int, int] = SIZE
+                ) -> tuple[Camera, np.ndarray]:
     """A camera that sees so many metres of ground across, and the ground point of its picture's middle."""
     while True:
-        camera = sample_camera(rng, (1280 * CAR_M / most_m, 1280 * CAR_M / least_m), (9, 38))
+        camera = sample_camera(rng, (size[0] * CAR_M / most_m, size[0] * CAR_M / least_m), (9, 38), size)
         middle = camera.ground_from_pixel(np.array(camera.principal_point_px))
         if middle is not None and np.linalg.norm(middle[:2]) > 14:
             return camera, middle[:2]
 
 
-def _lot(rng: np.random.Generator, middle: np.ndarray, wet: bool) -> Site:
+def lot_in_view(rng: np.random.Generator, middle: np.ndarray, wet: bool) -> Site:
     """A lot whose crossing lane is in view."""
     turn, end, back = rng.uniform(-1.1, 1.1), 30.0, rng.uniform(2, 9)
     along, across = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
@@ -99,7 +120,7 @@ def _manoeuvres(rng: np.random.Generator, traffic: Traffic, spots: list[Spot]) -
             partial(traffic.through, halt=True), traffic.through, traffic.through]
 
 
-def _parked(rng: np.random.Generator, pool: CarPool, traffic: Traffic, spots: list[Spot], count: int) -> list[PlacedCar]:
+def parked(rng: np.random.Generator, pool: CarPool, traffic: Traffic, spots: list[Spot], count: int) -> list[PlacedCar]:
     """Cars that stand for the whole clip where no mover comes."""
     cars: list[PlacedCar] = []
     for i in rng.permutation(len(spots)):
@@ -126,10 +147,10 @@ def sample_clip(
     room, but for a full lot."""
     fewest, most = CROWDS[crowd]
     while True:
-        camera, middle = _camera(rng, *SEEN_M[crowd])
+        camera, middle = camera_over(rng, *SEEN_M[crowd])
         _, light = sample_weather(rng, weather)
         wet, turn = weather == "wet", rng.uniform(-1.2, 1.2)
-        site = _lot(rng, middle, wet) if layout == "lot" else make_street(rng, middle, turn, wet, 4, rng.uniform(-6, 6))
+        site = lot_in_view(rng, middle, wet) if layout == "lot" else make_street(rng, middle, turn, wet, 4, rng.uniform(-6, 6))
         spots = [spot for spot, _ in seen_spots(camera, site, 36, -40)]
         if sum(spot.kind != "lane" for spot in spots) < 10:
             continue
@@ -141,7 +162,7 @@ def sample_clip(
                 driven.append(car_at(rng, gpu, np.zeros(3), weather == "dusk"))
         if len(driven) < FEWEST_MOVERS:
             continue
-        cars = driven + _parked(rng, pool, traffic, spots, int(rng.integers(fewest, most + 1 - len(driven))))
+        cars = driven + parked(rng, pool, traffic, spots, int(rng.integers(fewest, most + 1 - len(driven))))
         if crowd == "full" and len(cars) - len(driven) < fewest:
             continue
         for car, motion in zip(cars, traffic.movers, strict=True):

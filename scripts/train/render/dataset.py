@@ -17,9 +17,10 @@ import numpy as np
 from json_files import write_json
 
 from .card import write_card
-from .clips import sample_clip
+from .clips import Clip, sample_clip
 from .crops import Sight, real_meshes, sight
-from .frames import Canvas, VideoWriter, draw, finished, overlap
+from .frames import Canvas, ExactCanvas, VideoWriter, draw, finished, overlap
+from .long_clips import sample_long_clip
 from .paths import Motion
 from .renderer import Renderer
 from .stills import SIZE, WEATHERS, CarPool, Still, sample_still
@@ -27,7 +28,6 @@ from .truth import SMALLEST_SHARE, car_record, dataset_record, item_record
 
 LARGE_PX, FEWEST_LARGE = 40, 5  # a still shows at least so many cars that are so long
 LARGEST_STILL_BYTES = 250_000
-FPS = 10.0
 TRUTH = ".truth.json.gz"
 CROWD_OF_CLIP = ["quiet"] * 3 + ["busy"] * 5 + ["full"] * 4  # and over again
 
@@ -41,12 +41,18 @@ class Preset:
     clips: int
     seed: int
     seconds: float = 12.0
+    fps: float = 10.0
+    size: tuple[int, int] = SIZE  # of long clips; all else has SIZE
+    cars: int = 20  # in view at a time, in long clips
+    drivers: int | None = None  # of these; none: no long clips but those of a few movers, as the crowd has them
+    mbit: float | None = None  # a second at most, of clips; none: constant quality
 
 
 PRESETS = {
     "small": Preset("eval", 4, 1, 4, 3.0),
     "eval": Preset("eval", 50, 12, 4),  # what tests/data/lots holds
     "train": Preset("train", 2000, 60, 5),
+    "long": Preset("eval", 0, 1, 4, 60.0, 30.0, (1920, 1080), 20, 5, 4.0),
 }
 
 
@@ -90,14 +96,63 @@ def _jpeg(image: np.ndarray) -> bytes:
     return data.tobytes()
 
 
-def render_clip(renderer: Renderer, pool: CarPool, seed: list[int], folder: Path, stem: str, seconds: float) -> None:
+def clip_of(rng: np.random.Generator, pool: CarPool, number: int, plan: Preset) -> Clip:
+    """The clip of a number, its kind and weather by turns."""
+    weather = list(WEATHERS)[number % len(WEATHERS)]
+    if plan.drivers is not None:
+        return sample_long_clip(rng, pool, weather, plan.size, plan.seconds, plan.fps, plan.cars, plan.drivers)
+    crowd = CROWD_OF_CLIP[number % len(CROWD_OF_CLIP)]
+    layout = "lot" if crowd == "full" else ("lot", "street", "lot")[number % 3]
+    return sample_clip(rng, pool, layout, weather, crowd, plan.seconds, plan.fps)
+
+
+def render_long_clip(renderer: Renderer, pool: CarPool, seed: list[int], folder: Path, stem: str, plan: Preset) -> None:
+    """One video with steady traffic and its truth. Each frame is the one before with what changed drawn again, within a
+    grey level as if it were drawn whole."""
+    rng = np.random.default_rng(seed)
+    clip = clip_of(rng, pool, seed[-1], plan)
+    canvas = ExactCanvas(renderer, clip.camera)
+    video = VideoWriter(folder / f"{stem}.mp4", plan.size, clip.fps, 24, plan.mbit)
+    known: dict[int, Sight | None] = {}
+    records: dict[int, dict] = {}  # those of cars at rest are shared by frames
+    frames, start = [], time.monotonic()
+    for number in range(clip.frames):
+        before_s, time_s = max(number - 1, 0) / clip.fps, number / clip.fps
+        scene, motions, before = clip.at(time_s), clip.motions(time_s), clip.motions(before_s)
+        changed, hiding = clip.changed(before_s, time_s) if number else ([(0, 0, *plan.size)], [])
+        canvas.update(scene, changed)
+        video.write(finished(rng, canvas.drawn, plan.size, clip.finish))
+        for index, motion in enumerate(motions):
+            seen = known.get(index)
+            moved = not np.array_equal(before[index].world_from_car, motion.world_from_car)
+            if moved or index not in known or (seen and any(overlap(region, seen.extent) for region in hiding)):
+                seen = known[index] = sight(renderer, scene, clip.camera, index, least_inside=0.0)
+            elif motion.speed_mps == before[index].speed_mps and motion.activity == before[index].activity:
+                continue
+            records.pop(index, None)
+            if seen is not None and seen.seen_share >= SMALLEST_SHARE:
+                records[index] = car_record(index, motion, seen)
+        frames.append([records[index] for index in sorted(records)])
+        if number % 100 == 99:
+            left = (time.monotonic() - start) / (number + 1) * (clip.frames - number - 1)
+            print(f"{stem}: frame {number + 1} of {clip.frames}, {left / 60:.1f} min left", flush=True)
+    video.finish()
+    write_clip_truth(folder, stem, clip, frames)
+
+
+def write_clip_truth(folder: Path, stem: str, clip: Clip, frames: list[list[dict]]) -> None:
+    """The truth file of a finished video."""
+    meshes = {i: car.gpu.mesh for i, car in enumerate(clip.scene.cars)}
+    record = item_record(f"{stem}.mp4", clip.fps, clip.conditions, clip.camera, meshes, frames)
+    write_json(folder / f"{stem}{TRUTH}", record)
+
+
+def render_clip(renderer: Renderer, pool: CarPool, seed: list[int], folder: Path, stem: str, plan: Preset) -> None:
     """One video and its truth. What stands still is drawn, and its truth worked out, only where something passes."""
     rng = np.random.default_rng(seed)
-    crowd, weather = CROWD_OF_CLIP[seed[-1] % len(CROWD_OF_CLIP)], list(WEATHERS)[seed[-1] % len(WEATHERS)]
-    layout = "lot" if crowd == "full" else ("lot", "street", "lot")[seed[-1] % 3]
-    clip = sample_clip(rng, pool, layout, weather, crowd, seconds, FPS)
+    clip = clip_of(rng, pool, seed[-1], plan)
     canvas = Canvas(renderer, clip.camera)
-    video = VideoWriter(folder / f"{stem}.mp4", SIZE, clip.fps, crf=24)
+    video = VideoWriter(folder / f"{stem}.mp4", SIZE, clip.fps, 24, plan.mbit)
     known: dict[int, Sight | None] = {}
     frames = []
     for number in range(clip.frames):
@@ -115,9 +170,7 @@ def render_clip(renderer: Renderer, pool: CarPool, seed: list[int], folder: Path
                 cars.append(car_record(index, motion, seen))
         frames.append(cars)
     video.finish()
-    meshes = {i: car.gpu.mesh for i, car in enumerate(clip.scene.cars)}
-    record = item_record(f"{stem}.mp4", clip.fps, clip.conditions, clip.camera, meshes, frames)
-    write_json(folder / f"{stem}{TRUTH}", record)
+    write_clip_truth(folder, stem, clip, frames)
 
 
 def make(out: Path, plan: Preset, name: str, recipe: str) -> None:
@@ -140,7 +193,8 @@ def make(out: Path, plan: Preset, name: str, recipe: str) -> None:
         if kind == "still":
             render_still(renderer, pool, seed, folder, stem)
         else:
-            render_clip(renderer, pool, seed, folder, stem, plan.seconds)
+            render = render_clip if plan.drivers is None else render_long_clip
+            render(renderer, pool, seed, folder, stem, plan)
         done += _cost((kind, number), plan)
         left = (time.monotonic() - start) / done * (work - done)
         print(f"{stem}: {count} of {len(missing)}, {left / 60:.1f} min left", flush=True)
@@ -151,7 +205,12 @@ def make(out: Path, plan: Preset, name: str, recipe: str) -> None:
 
 def _cost(item: tuple[str, int], plan: Preset) -> float:
     """Rough share of the work, for the time left."""
-    return 1.0 if item[0] == "still" else 0.2 * FPS * plan.seconds
+    return 1.0 if item[0] == "still" else 0.2 * plan.fps * plan.seconds
+
+
+def _size(text: str) -> tuple[int, int]:
+    width, height = text.split("x")
+    return int(width), int(height)
 
 
 def main() -> None:
@@ -163,12 +222,21 @@ def main() -> None:
     parser.add_argument("--stills", type=int)
     parser.add_argument("--clips", type=int)
     parser.add_argument("--seconds", type=float, help="of a clip")
+    parser.add_argument("--fps", type=float, help="of a clip")
+    parser.add_argument("--size", type=_size, metavar="WIDTHxHEIGHT", help="of long clips")
+    parser.add_argument("--drivers", type=int, help="cars that drive at a time, all through: makes long clips")
+    parser.add_argument("--cars", type=int, help="cars in view at a time, in long clips")
+    parser.add_argument("--mbit", type=float, help="at most, of a clip's video (else of constant quality)")
     parser.add_argument("--seed", type=int)
     parser.add_argument("--name", default="lots")
     options = parser.parse_args()
-    given = {k: getattr(options, k) for k in ("split", "stills", "clips", "seconds", "seed") if getattr(options, k) is not None}
+    names = ("split", "stills", "clips", "seconds", "fps", "size", "drivers", "cars", "mbit", "seed")
+    given = {name: getattr(options, name) for name in names if getattr(options, name) is not None}
     plan = Preset(**{**PRESETS[options.preset].__dict__, **given})
-    words = [f"--preset {options.preset}", *(f"--{key} {value}" for key, value in given.items())]
+    if plan.drivers is None and plan.size != SIZE:
+        parser.error("--size needs --drivers")
+    words = [f"--preset {options.preset}"]
+    words += [f"--{key} {value[0]}x{value[1]}" if key == "size" else f"--{key} {value}" for key, value in given.items()]
     make(options.out, plan, options.name, f"PYTHONPATH=scripts/train python -m render.dataset --out DIR {' '.join(words)}")
 
 

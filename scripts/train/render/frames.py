@@ -15,6 +15,8 @@ from .renderer import Renderer
 from .scene import Scene
 
 SUPERSAMPLING = 2
+NEAREST_M = 1.0  # nothing that is nearer to the camera is in a picture
+AMBIENT_M, AMBIENT_HIGH_M = 1.7, 1.3  # beside and above: farther away a car darkens by less than half a grey level
 Region = tuple[int, int, int, int]  # x, y, width, height in pixels
 
 
@@ -67,6 +69,42 @@ def changed_region(camera: Camera, light: Light, centre: np.ndarray, reach_m: fl
     return (*low.tolist(), *(high - low).tolist()) if (high > low).all() else None
 
 
+def box_corners(pose: np.ndarray, bounds: tuple[np.ndarray, np.ndarray], more_m: float = 0.0) -> np.ndarray:
+    """World points (8, 3) of a box (least and greatest x, y, z in its own frame), `more_m` larger on all sides."""
+    low, high = bounds[0] - more_m, bounds[1] + more_m
+    corners = np.array([(x, y, z) for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
+    return corners @ pose[:3, :3].T + pose[:3, 3]
+
+
+def outline(camera: Camera, points: np.ndarray) -> Region | None:
+    """The part of the frame that the convex hull of world points can cover; none if it lies outside."""
+    pose = camera.camera_from_world
+    depth = points @ pose[2, :3] + pose[2, 3]
+    ahead, behind = points[depth >= NEAREST_M], points[depth < NEAREST_M]
+    if not len(ahead):
+        return None
+    if len(behind):  # cut off what is not in front of the camera
+        share = (depth[depth >= NEAREST_M, None] - NEAREST_M) / (depth[depth >= NEAREST_M, None] - depth[None, depth < NEAREST_M])
+        cuts = ahead[:, None] + (behind[None] - ahead[:, None]) * share[..., None]
+        ahead = np.concatenate([ahead, cuts.reshape(-1, 3)])
+    pixels, _ = camera.pixel_from_world(ahead)
+    low = np.clip(np.floor(pixels.min(0)), 0, camera.image_size_px).astype(int)
+    high = np.clip(np.ceil(pixels.max(0)) + 1, 0, camera.image_size_px).astype(int)
+    return (*low.tolist(), *(high - low).tolist()) if (high > low).all() else None
+
+
+def reached_region(camera: Camera, light: Light, pose: np.ndarray, bounds: tuple[np.ndarray, np.ndarray]) -> Region | None:
+    """The part of the frame where something in a box, its shadow and what it takes of the sky's light can be seen."""
+    wide = np.array([bounds[0] - AMBIENT_M, bounds[1] + AMBIENT_M])
+    wide[:, 2] = 0.0, AMBIENT_HIGH_M
+    points = [box_corners(pose, bounds), box_corners(pose, wide)]
+    if light.sun[1] > 0:
+        body = box_corners(pose, bounds, 1.1 * light.softness_m + 0.1)
+        body[:, 2] = body[:, 2].clip(0, None)
+        points += [body, body - light.to_sun * (body[:, 2:] / light.to_sun[2])]
+    return outline(camera, np.concatenate(points))
+
+
 def overlap(region: Region, box: np.ndarray, margin: float = 2.0) -> bool:
     """Whether a region touches a box (x0, y0, x1, y1)."""
     x, y, width, height = region
@@ -93,6 +131,42 @@ class Canvas:
         return regions
 
 
+class ExactCanvas:
+    """A supersampled frame that goes on from time to time: only what changes is drawn, and comes out as in a whole one."""
+
+    def __init__(self, renderer: Renderer, camera: Camera) -> None:
+        self.renderer, self.camera = renderer, camera
+        width, height = camera.image_size_px
+        self.drawn = np.zeros((height * SUPERSAMPLING, width * SUPERSAMPLING, 3), np.uint8)
+
+    def update(self, scene: Scene, changed: list[Region]) -> None:
+        """Draws a scene where it differs from the one drawn before; whole where `changed` is the whole frame."""
+        parts = [tuple(n * SUPERSAMPLING for n in region) for region in merged(changed)]
+        self.renderer.redraw(self.drawn, scene, self.camera, (-0.5, -0.5, *self.camera.image_size_px), parts)
+
+
+def merged(regions: list[Region]) -> list[Region]:
+    """Regions that cover the same and more, joined wherever that makes less to draw."""
+    kept: list[Region] = []
+    for region in sorted(set(regions)):
+        again = True
+        while again:
+            again = False
+            for other in kept:
+                both = _around(region, other)
+                if both[2] * both[3] <= region[2] * region[3] + other[2] * other[3]:
+                    kept.remove(other)
+                    region, again = both, True
+                    break
+        kept.append(region)
+    return kept
+
+
+def _around(a: Region, b: Region) -> Region:
+    x, y = min(a[0], b[0]), min(a[1], b[1])
+    return x, y, max(a[0] + a[2], b[0] + b[2]) - x, max(a[1] + a[3], b[1] + b[3]) - y
+
+
 def _inside(inner: Region, outer: Region) -> bool:
     return (outer[0] <= inner[0] and outer[1] <= inner[1] and inner[0] + inner[2] <= outer[0] + outer[2]
             and inner[1] + inner[3] <= outer[1] + outer[3])
@@ -101,10 +175,14 @@ def _inside(inner: Region, outer: Region) -> bool:
 class VideoWriter:
     """An H.264 file that is there complete or not at all; the same frames give the same bytes."""
 
-    def __init__(self, path: Path, size: tuple[int, int], fps: float, crf: int) -> None:
+    def __init__(self, path: Path, size: tuple[int, int], fps: float, crf: int, mbit: float | None = None) -> None:
+        """At constant quality, or at `mbit` Mbit/s at most with a whole picture every two seconds, as cameras send it."""
         self.path, self._part = path, path.with_suffix(".part.mp4")
+        quality = ["-crf", str(crf)]
+        if mbit is not None:
+            quality = ["-b:v", f"{mbit}M", "-maxrate", f"{mbit}M", "-bufsize", f"{2 * mbit}M", "-g", str(round(2 * fps))]
         command = ["ffmpeg", "-y", "-v", "error", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{size[0]}x{size[1]}",
-                   "-r", str(fps), "-i", "-", "-c:v", "libx264", "-preset", "slow", "-threads", "1", "-crf", str(crf),
+                   "-r", str(fps), "-i", "-", "-c:v", "libx264", "-preset", "slow", "-threads", "1", *quality,
                    "-pix_fmt", "yuv420p", "-movflags", "+faststart", "-fflags", "+bitexact", "-flags:v", "+bitexact",
                    str(self._part)]
         self._encoder = subprocess.Popen(command, stdin=subprocess.PIPE)

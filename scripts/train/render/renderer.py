@@ -21,9 +21,10 @@ SHADERS = Path(__file__).parent / "shaders"
 ENVIRONMENTS = 96
 INSTANCES = 1024  # of one shape of prop
 MAX_CARS = 48  # as in common.glsl: those that darken the ground and each other
+DARKENED_M, DARKENED_HIGH_M = 6.6, 1.3  # open_sky of common.glsl: from here on a car takes less than 2^-25 of the light
 GROUND_REACH_M = 1500.0
 SHADOW_CLUSTER_M = 0.09  # shadows are thrown by a coarser mesh
-NEAR_SHARE = 0.02  # near plane as a share of the distance to the nearest car
+NEAR_SHARE = 0.02  # near plane as a share of the depth of the nearest car, or of the scene's `nearest_m`
 
 
 @dataclass
@@ -164,9 +165,41 @@ class Renderer:
         shadow_from_world = self._draw_shadows(scene)
         drawn.use()
         drawn.viewport = (0, 0, *size)
+        self._set_common(scene, camera, clip_from_world, shadow_from_world)
+        self._paint(drawn, scene, camera, clip_from_world)
+        data = drawn.read(viewport=(0, 0, *size), components=3, alignment=1)
+        return np.frombuffer(data, np.uint8).reshape(size[1], size[0], 3)
+
+    def redraw(self, image: np.ndarray, scene: Scene, camera: Camera, window: tuple[float, float, float, float],
+               parts: list[tuple[int, int, int, int]]) -> None:
+        """Draws parts (x, y, width, height in pixels of `image`) of what `colour` gives for the window and the image's size.
+
+        The same bits, as the rasteriser's coordinates are those of the whole picture; only its scissors differ.
+        """
+        if not parts:
+            return
+        size = image.shape[1::-1]
+        (drawn,) = self._target("colour", *(-(-n // 64) * 64 for n in size))
+        clip_from_world = self._clip(scene, camera, window)
+        self._fill_instances(scene)
+        shadow_from_world = self._draw_shadows(scene)
+        drawn.use()
+        drawn.viewport = (0, 0, *size)
+        self._set_common(scene, camera, clip_from_world, shadow_from_world)
+        pixel = window[2] / size[0], window[3] / size[1]
+        for x, y, width, height in parts:
+            place = window[0] + x * pixel[0], window[1] + y * pixel[1], width * pixel[0], height * pixel[1]
+            drawn.scissor = (x, y, width, height)
+            self._set_cars(scene, _darkening(scene, camera, place))
+            self._paint(drawn, scene, camera, self._clip(scene, camera, place))
+            data = drawn.read(viewport=(x, y, width, height), components=3, alignment=1)
+            image[y:y + height, x:x + width] = np.frombuffer(data, np.uint8).reshape(height, width, 3)
+        drawn.scissor = None
+
+    def _paint(self, drawn: moderngl.Framebuffer, scene: Scene, camera: Camera, clip_from_world: np.ndarray) -> None:
+        """Everything but cars that cannot touch the window of `clip_from_world`."""
         drawn.clear(0.5, 0.5, 0.5, 1.0)
         self.context.enable_only(moderngl.DEPTH_TEST)
-        self._set_common(scene, camera, clip_from_world, shadow_from_world)
         away = [np.linalg.norm(car.world_from_car[:3, 3] - [0, 0, camera.height_m]) for car in scene.cars]
         shown = [i for i, car in enumerate(scene.cars) if _in_window(car, clip_from_world)]
         near_first = np.array([i for i in np.argsort(away) if i in shown], int)
@@ -186,8 +219,6 @@ class Renderer:
             self._draw_car(scene, index, 1)
         drawn.depth_mask = True
         self.context.disable(moderngl.BLEND)
-        data = drawn.read(viewport=(0, 0, *size), components=3, alignment=1)
-        return np.frombuffer(data, np.uint8).reshape(size[1], size[0], 3)
 
     def truth(self, scene: Scene, camera: Camera, window: tuple[float, float, float, float], size: tuple[int, int],
               first: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -233,7 +264,8 @@ class Renderer:
     def _clip(self, scene: Scene, camera: Camera, window: tuple[float, float, float, float]) -> np.ndarray:
         pose = camera.camera_from_world
         depths = [float((pose @ car.world_from_car[:, 3])[2]) for car in scene.cars]
-        near = max(0.2, NEAR_SHARE * max(min((d for d in depths if d > 0), default=10.0), 0.0))
+        nearest = min((d for d in depths if d > 0), default=10.0) if scene.nearest_m is None else scene.nearest_m
+        near = max(0.2, NEAR_SHARE * nearest)
         return camera.clip_from_world(window, near, 4 * GROUND_REACH_M)
 
     def _fill_instances(self, scene: Scene) -> None:
@@ -276,24 +308,15 @@ class Renderer:
         self._noise.use(0)
         self._environments[light.environment].use(1)
         self._shadow_map.use(2)
-        cars = scene.cars[:MAX_CARS]
-        place = np.zeros((MAX_CARS, 4), np.float32)
-        extent = np.zeros((MAX_CARS, 3), np.float32)
-        for i, car in enumerate(cars):
-            pose = car.world_from_car
-            place[i] = (*pose[:2, 3], *pose[:2, 0])
-            front, back = car.gpu.bounds[1][0], car.gpu.bounds[0][0]
-            extent[i] = ((front - back) / 2, car.gpu.mesh.dims[1] / 2, (front + back) / 2)
         values = {
             "camera_position": (0.0, 0.0, camera.height_m), "to_sun": tuple(light.to_sun), "sun": tuple(light.sun),
             "sky": tuple(light.sky), "ground_radiance": tuple(scene.ground_radiance), "sun_mirror": light.sun_mirror,
             "dapple": light.dapple, "haze": light.haze, "exposure": light.exposure,
             "shadow_softness": light.softness_m / (2 * scene.shadow_reach_m),
-            "noise": 0, "environment": 1, "shadow_map": 2, "car_count": len(cars),
+            "noise": 0, "environment": 1, "shadow_map": 2,
         }
         raw = {"clip_from_world": _gl(clip), "shadow_from_world": _gl(shadow_from_world),
-               "world_from_clip": _gl(np.linalg.inv(clip)),
-               "car_place": place.tobytes(), "car_extent": extent.tobytes()}
+               "world_from_clip": _gl(np.linalg.inv(clip))}
         for program in (self._car, self._ground, self._prop, self._sky):
             for name, value in values.items():
                 if name in program:
@@ -302,6 +325,23 @@ class Renderer:
                 if name in program:
                     program[name].write(value)
         self._set_ground(scene)
+        self._set_cars(scene, list(range(min(len(scene.cars), MAX_CARS))))
+
+    def _set_cars(self, scene: Scene, darkening: list[int]) -> None:
+        """Cars, MAX_CARS at most, that take light of the sky from the ground and each other."""
+        place = np.zeros((MAX_CARS, 4), np.float32)
+        extent = np.zeros((MAX_CARS, 3), np.float32)
+        for row, index in enumerate(darkening):
+            car = scene.cars[index]
+            pose = car.world_from_car
+            place[row] = (*pose[:2, 3], *pose[:2, 0])
+            front, back = car.gpu.bounds[1][0], car.gpu.bounds[0][0]
+            extent[row] = ((front - back) / 2, car.gpu.mesh.dims[1] / 2, (front + back) / 2)
+        self._rows = {index: row for row, index in enumerate(darkening)}
+        for program in (self._car, self._ground):
+            program["car_count"].value = len(darkening)
+            program["car_place"].write(place.tobytes())
+            program["car_extent"].write(extent.tobytes())
 
     def _set_ground(self, scene: Scene) -> None:
         program, floor = self._ground, scene.floor
@@ -330,7 +370,7 @@ class Renderer:
         program["dirt"].value = (*car.look.dirt_colour, car.look.dirt)
         program["glass"].value = (car.look.glass, car.look.glass_reflection, car.look.seed, 0.0)
         program["lamps"].value = (car.look.headlamp, car.look.taillamp)
-        program["own"].value = int(index)
+        program["own"].value = self._rows.get(int(index), -1)
         gpu = car.gpu
         if part == 0:
             gpu.colour.render(moderngl.TRIANGLES, vertices=gpu.solid_indices)
@@ -356,6 +396,27 @@ def _in_window(car: PlacedCar, clip_from_world: np.ndarray) -> bool:
     clip = corners @ (clip_from_world @ car.world_from_car).T
     x, y, w = clip[:, 0], clip[:, 1], clip[:, 3]
     return bool((w > 0).any() and (x > -w).any() and (x < w).any() and (y > -w).any() and (y < w).any())
+
+
+def _darkening(scene: Scene, camera: Camera, window: tuple[float, float, float, float]) -> list[int]:
+    """Cars that take light from what a window shows; for the others the shader's factor is 1 in single precision."""
+    every = list(range(min(len(scene.cars), MAX_CARS)))
+    x, y, width, height = window
+    corners = [camera.ground_from_pixel(np.array([a, b])) for a in (x, x + width) for b in (y, y + height)]
+    if any(corner is None for corner in corners):
+        return every
+    ground = np.array(corners)
+    above = ground + (np.array([0, 0, camera.height_m]) - ground) * min(DARKENED_HIGH_M / camera.height_m, 1.0)
+    points = np.concatenate([ground, above])[:, :2]
+    low, high = points.min(0) - DARKENED_M, points.max(0) + DARKENED_M
+    found = []
+    for index in every:
+        car = scene.cars[index]
+        reach = np.hypot(np.abs(np.array(car.gpu.bounds)[:, 0]).max(), car.gpu.mesh.dims[1] / 2)
+        place = car.world_from_car[:2, 3]
+        if (place > low - reach).all() and (place < high + reach).all():
+            found.append(index)
+    return found
 
 
 def material_tables(look: CarLook) -> tuple[np.ndarray, np.ndarray]:

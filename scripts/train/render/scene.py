@@ -50,6 +50,7 @@ class Scene:
     light: Light
     centre: np.ndarray  # middle of the shadow map, world
     shadow_reach_m: float
+    nearest_m: float | None = None  # least depth of what the picture shows; none: that of the nearest car
 
     @property
     def ground_radiance(self) -> np.ndarray:

@@ -57,13 +57,14 @@ def wheelbase(mesh: CarMesh) -> float:
     return float(mesh.keypoints[FRONT, 0] - mesh.keypoints[REAR, 0])
 
 
-def sample_camera(rng: np.random.Generator, car_px: tuple[float, float], tilt_deg: tuple[float, float] = (5, 40)) -> Camera:
+def sample_camera(rng: np.random.Generator, car_px: tuple[float, float], tilt_deg: tuple[float, float] = (5, 40),
+                  size: tuple[int, int] = SIZE) -> Camera:
     """4–20 m high, focal 0.7–3 widths, roll within 3°, cars about `car_px` long in the middle of the picture."""
     while True:
         height, tilt = np.exp(rng.uniform(np.log(4), np.log(20))), np.radians(rng.uniform(*tilt_deg))
-        focal = SIZE[0] * np.exp(rng.uniform(np.log(0.7), np.log(3.0)))
+        focal = size[0] * np.exp(rng.uniform(np.log(0.7), np.log(3.0)))
         if car_px[0] <= focal * CAR_M * np.sin(tilt) / height <= car_px[1]:
-            return Camera(SIZE, focal, height, tilt, float(np.clip(rng.normal(0, np.radians(1.2)), -0.052, 0.052)))
+            return Camera(size, focal, height, tilt, float(np.clip(rng.normal(0, np.radians(1.2)), -0.052, 0.052)))
 
 
 def sample_weather(rng: np.random.Generator, weather: str | None = None) -> tuple[str, Light]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -28,6 +28,7 @@ class Mover:
     bounds: tuple[float, float]  # rear and front end, car frame
     drive: Drive | None = None
     rest: Motion | None = None
+    _places: tuple[object, np.ndarray, np.ndarray] | None = field(default=None, repr=False)  # drive or rest, times, places
 
     def at(self, time_s: float) -> Motion:
         """What it does at a time."""
@@ -35,6 +36,13 @@ class Mover:
             return self.drive.at(time_s)
         assert self.rest is not None
         return self.rest
+
+    def places(self, times: np.ndarray) -> np.ndarray:
+        """Where it is, (n, 2); asked for the same again, it knows."""
+        way = self.drive or self.rest
+        if self._places is None or self._places[0] is not way or not np.array_equal(self._places[1], times):
+            self._places = way, times, np.array([self.at(time_s).world_from_car[:2, 3] for time_s in times])
+        return self._places[2]
 
 
 def mover(mesh: CarMesh, wheelbase_m: float, rest: Motion | None = None) -> Mover:
@@ -46,10 +54,10 @@ def collide(a: Mover, b: Mover, seconds: float) -> bool:
     """Whether two cars come closer than GAP_M (outline points of one in the other's rectangle, both ways)."""
     if a.drive is None and b.drive is None:
         return False
-    for time_s in np.arange(0, seconds + CHECK_S, CHECK_S):
+    times = np.arange(0, seconds + CHECK_S, CHECK_S)
+    for time_s in times[np.linalg.norm(a.places(times) - b.places(times), axis=1) < 8]:
         pose_a, pose_b = a.at(time_s).world_from_car, b.at(time_s).world_from_car
-        near = np.linalg.norm(pose_a[:2, 3] - pose_b[:2, 3]) < 8
-        if near and (_reaches(pose_a, a, pose_b, b) or _reaches(pose_b, b, pose_a, a)):
+        if _reaches(pose_a, a, pose_b, b) or _reaches(pose_b, b, pose_a, a):
             return True
     return False
 
@@ -63,37 +71,44 @@ def _reaches(pose_a: np.ndarray, a: Mover, pose_b: np.ndarray, b: Mover) -> bool
     return bool((beside & (local[:, 0] > b.bounds[0] - GAP_M) & (local[:, 0] < b.bounds[1] + GAP_M)).any())
 
 
+def in_picture(camera: Camera, motions: list[Motion]) -> np.ndarray:
+    """Whether the middle of a car is seen (were nothing before it), (n,)."""
+    points = np.array([motion.world_from_car[:3, 3] for motion in motions])
+    pixels, depth = camera.pixel_from_world(points + [0, 0, 0.6])
+    return (depth > 6) & (pixels > 0).all(1) & (pixels < camera.image_size_px).all(1)
+
+
 class Traffic:
-    """Adds drives to a site one by one."""
+    """Adds drives to a site one by one; each begins, ends or comes by between `begin_s` and `begin_s + span_s`."""
 
     def __init__(self, rng: np.random.Generator, site: Site, seconds: float, camera: Camera) -> None:
         self.rng, self.site, self.seconds, self.camera = rng, site, seconds, camera
         self.middle_e = float((camera.ground_from_pixel(np.array(camera.principal_point_px))[:2] - site.origin) @ site.along)
         self.movers: list[Mover] = []
+        self.begin_s, self.span_s = 0.0, seconds
 
-    def add(self, car: Mover, manoeuvre: Callable[[float], Drive | None]) -> bool:
-        """Lets a car drive a manoeuvre (made for its wheelbase) if some choice of it stays clear of all others."""
-        for _ in range(TRIES):
+    def add(self, car: Mover, manoeuvre: Callable[[float], Drive | None], tries: int = TRIES,
+            suits: Callable[[Mover], bool] = lambda _: True) -> bool:
+        """Lets a car drive a manoeuvre (made for its wheelbase) if some choice of it suits and stays clear of all others."""
+        for _ in range(tries):
             drive = manoeuvre(car.wheelbase_m)
             if drive is None:
                 continue
             car.drive = drive
-            if self._seen(drive) and not any(collide(car, other, self.seconds) for other in self.movers):
+            if self._seen(drive) and suits(car) and not any(collide(car, other, self.seconds) for other in self.movers):
                 self.movers.append(car)
                 return True
         car.drive = None
         return False
 
     def _seen(self, drive: Drive) -> bool:
-        """Whether the car is in the picture for enough of the clip."""
-        points = np.array([drive.at(t).world_from_car[:3, 3] for t in np.arange(0, self.seconds, 0.5)])
-        pixels, depth = self.camera.pixel_from_world(points + [0, 0, 0.6])
-        inside = (depth > 6) & (pixels > 0).all(1) & (pixels < self.camera.image_size_px).all(1)
+        """Whether the car is in the picture for enough of the time."""
+        inside = in_picture(self.camera, [drive.at(t) for t in self.begin_s + np.arange(0, self.span_s, 0.5)])
         return bool(inside.mean() >= LEAST_SEEN)
 
     def _passing(self, drive: Drive, reach_s: float) -> Drive:
-        """Starts a drive so that it comes by the middle of the picture (`reach_s` after its start) during the clip."""
-        drive.start_s = self.rng.uniform(0.25, 0.75) * self.seconds - reach_s
+        """Starts a drive so that it comes by the middle of the picture (`reach_s` after its start) in the time given."""
+        drive.start_s = self.begin_s + self.rng.uniform(0.25, 0.75) * self.span_s - reach_s
         return drive
 
     # On both kinds of site. `way` is +1 along e, −1 against it; traffic keeps right.
@@ -180,7 +195,7 @@ class Traffic:
                 bend = Piece(bend.length_m, way * toward * np.pi / 2, bend.ramp_m)
                 legs = [Leg([straight(before), bend, straight(rest)], cruise, to_rest=True, parking_from=1)]
             drive = Drive(legs, wheelbase_m).placed(self.site.pose(spot.e, spot.n, spot.heading_rad), at_end=True)
-            drive.start_s = rng.uniform(0.72, 0.95) * self.seconds - drive.length_s
+            drive.start_s = self.begin_s + rng.uniform(0.72, 0.95) * self.span_s - drive.length_s
             return drive
         return manoeuvre
 
@@ -205,7 +220,7 @@ class Traffic:
                 bend = Piece(bend.length_m, way * toward * np.pi / 2, bend.ramp_m)
                 legs = [Leg([straight(rest), bend, straight(60)], cruise, from_rest=True)]
             drive = Drive(legs, wheelbase_m).placed(self.site.pose(spot.e, spot.n, spot.heading_rad))
-            drive.start_s = rng.uniform(0.08, 0.4) * self.seconds
+            drive.start_s = self.begin_s + rng.uniform(0.08, 0.4) * self.span_s
             return drive
         return manoeuvre
 
@@ -248,7 +263,7 @@ class Traffic:
             pieces = [straight(rng.uniform(30, 45)), *self._to_kerb(spot), straight(1.0)]
             legs = [Leg(pieces, rng.uniform(4, 6), to_rest=True, parking_from=1)]
             drive = Drive(legs, wheelbase_m).placed(self.site.pose(spot.e, spot.n, spot.heading_rad), at_end=True)
-            drive.start_s = rng.uniform(0.6, 0.95) * self.seconds - drive.length_s
+            drive.start_s = self.begin_s + rng.uniform(0.6, 0.95) * self.span_s - drive.length_s
             return drive
         return manoeuvre
 
@@ -260,6 +275,6 @@ class Traffic:
             legs = [Leg([straight(room_m)], 1.4, backwards=True, from_rest=True, to_rest=True, rest_s=rng.uniform(0.5, 1.0)),
                     Leg([bends[1], bends[0], straight(60)], rng.uniform(6, 8), from_rest=True)]
             drive = Drive(legs, wheelbase_m).placed(self.site.pose(spot.e, spot.n, spot.heading_rad))
-            drive.start_s = rng.uniform(0.05, 0.4) * self.seconds
+            drive.start_s = self.begin_s + rng.uniform(0.05, 0.4) * self.span_s
             return drive
         return manoeuvre
