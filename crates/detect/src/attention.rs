@@ -146,8 +146,9 @@ impl Attention {
                     && bbox_share_inside(bbox, &[*x0, *y0, *x1, *y1]) >= HELD
             })
         };
-        let at_rest: Vec<CarRecord> = found.iter().map(|car| moved(car, [-offset[0], -offset[1]])).collect();
-        update(&mut self.known, &at_rest, stamp.index, time_s, covers);
+        let mut at_rest: Vec<CarRecord> = found.iter().map(|car| moved(car, [-offset[0], -offset[1]])).collect();
+        let unchanged = |bbox: &[f64; 4]| changed.share_of(&shifted(*bbox, offset)) <= 0.0;
+        update(&mut self.known, &mut at_rest, stamp.index, time_s, covers, unchanged);
         for vehicle in &self.known {
             vehicles.insert_box(&vehicle.place(time_s));
         }
@@ -161,7 +162,7 @@ impl Attention {
         }
         self.map = Some(map);
 
-        let mut cars = found;
+        let mut cars: Vec<CarRecord> = at_rest.iter().map(|car| moved(car, offset)).collect();
         for vehicle in self.known.iter().filter(|v| v.is_held() && v.seen_frame != stamp.index) {
             let record = held(vehicle, offset);
             // What was seen just now hides what is only remembered.
@@ -181,8 +182,14 @@ impl Attention {
             }
         }
         let offset = self.offset_px;
-        let in_frame = |[x0, y0, x1, y1]: [f64; 4]| [x0 + offset[0], y0 + offset[1], x1 + offset[0], y1 + offset[1]];
-        for vehicle in self.known.iter().filter(|vehicle| !vehicle.is_settled()) {
+        let in_frame = |bbox: [f64; 4]| shifted(bbox, offset);
+        let (late, early): (Vec<&Known>, Vec<&Known>) =
+            self.known.iter().filter(|vehicle| !vehicle.is_settled()).partition(|vehicle| vehicle.is_due(time_s));
+        // What changed where a vehicle is known to move is that vehicle, whose turn will come.
+        for vehicle in early {
+            due.remove_box(&in_frame(vehicle.place(time_s)));
+        }
+        for vehicle in late {
             due.insert_box(&in_frame(vehicle.place(time_s)));
         }
         for bbox in &self.cut {
@@ -239,9 +246,13 @@ fn is_same(a: &[f64; 4], b: &[f64; 4], detector: &Detector) -> bool {
     bbox_iou(a, b) >= options.nms_iou || bbox_covered(a, b) >= options.nms_covered
 }
 
+fn shifted([x0, y0, x1, y1]: [f64; 4], by: [f64; 2]) -> [f64; 4] {
+    [x0 + by[0], y0 + by[1], x1 + by[0], y1 + by[1]]
+}
+
 fn moved(car: &CarRecord, by: [f64; 2]) -> CarRecord {
-    let [x0, y0, x1, y1] = car.bbox_px;
-    CarRecord { bbox_px: [x0 + by[0], y0 + by[1], x1 + by[0], y1 + by[1]], ..car.clone() }
+    let bbox_px = shifted(car.bbox_px, by).map(|v| (v * 100.0).round() / 100.0);
+    CarRecord { bbox_px, ..car.clone() }
 }
 
 fn held(vehicle: &Known, offset: [f64; 2]) -> CarRecord {

@@ -5,6 +5,10 @@ use roadplane_base::{CarRecord, VehicleClass, bbox_centre, bbox_iou};
 
 /// Looks in a row in which the box stayed where it was, after which nobody needs to look until something changes.
 const SETTLED_LOOKS: u32 = 5;
+/// A vehicle in motion is looked at when it must have moved by this share of its box's diagonal …
+const MOVED: f64 = 0.12;
+/// … or was not seen for so long, s.
+const UNSEEN_S: f64 = 0.25;
 /// A box that overlaps its first place less (intersection over union) has moved.
 const STAYED: f64 = 0.8;
 /// Looks in a row that may miss a vehicle.
@@ -26,6 +30,8 @@ pub(crate) struct Known {
     /// Where it was when it began to stay.
     anchor_px: [f64; 4],
     stayed: u32,
+    /// Looks in which it was seen.
+    looks: u32,
     missed: u32,
     velocity_px_s: Vector2<f64>,
 }
@@ -40,6 +46,7 @@ impl Known {
             seen_s: time_s,
             anchor_px: found.bbox_px,
             stayed: 1,
+            looks: 1,
             missed: 0,
             velocity_px_s: Vector2::zeros(),
         }
@@ -48,6 +55,17 @@ impl Known {
     /// It stands, as far as looks go: its place needs none until something changes there.
     pub(crate) fn is_settled(&self) -> bool {
         self.stayed >= SETTLED_LOOKS && self.missed == 0
+    }
+
+    /// Whether a look is due: it is new or was missed, it must have moved by now so much that a look tells something, or it was
+    /// seen too long ago.
+    pub(crate) fn is_due(&self, time_s: f64) -> bool {
+        let [x0, y0, x1, y1] = self.bbox_px;
+        let moved = self.velocity_px_s.norm() * (time_s - self.seen_s);
+        self.looks < SETTLED_LOOKS
+            || self.missed > 0
+            || moved >= MOVED * (x1 - x0).hypot(y1 - y0)
+            || time_s - self.seen_s >= UNSEEN_S
     }
 
     /// It stood and was missed once at most: it is still taken to be there.
@@ -73,7 +91,14 @@ impl Known {
         [x0 - dx, y0 - dy, x1 + dx, y1 + dy]
     }
 
-    fn seen(&mut self, found: &CarRecord, frame: u64, time_s: f64) {
+    /// It was found in a look; where nothing changed (`unchanged`) a vehicle that stands keeps its box.
+    fn seen(&mut self, found: &CarRecord, unchanged: bool, frame: u64, time_s: f64) {
+        self.looks = self.looks.saturating_add(1);
+        if unchanged && self.is_held() && bbox_iou(&self.anchor_px, &found.bbox_px) >= STAYED {
+            self.stayed = self.stayed.saturating_add(1);
+            (self.score, self.seen_frame, self.seen_s, self.missed) = (found.score, frame, time_s, 0);
+            return;
+        }
         let gap_s = time_s - self.seen_s;
         if gap_s > 0.0 {
             self.velocity_px_s = (bbox_centre(&found.bbox_px) - bbox_centre(&self.bbox_px)) / gap_s;
@@ -88,14 +113,16 @@ impl Known {
     }
 }
 
-/// Tells which of the vehicles `found` in a look are known, and forgets those that looks keep missing; `covers` says whether a box
-/// was looked at as a whole.
+/// Tells which of the vehicles `found` in a look are known, gives those that stand where nothing changed the box that they have,
+/// and forgets those that looks keep missing. `covers` says whether a box was looked at as a whole, `unchanged` whether nothing
+/// changed in it.
 pub(crate) fn update(
     known: &mut Vec<Known>,
-    found: &[CarRecord],
+    found: &mut [CarRecord],
     frame: u64,
     time_s: f64,
     covers: impl Fn(&[f64; 4]) -> bool,
+    unchanged: impl Fn(&[f64; 4]) -> bool,
 ) {
     let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
     for (k, vehicle) in known.iter().enumerate() {
@@ -112,7 +139,9 @@ pub(crate) fn update(
     for (_, k, f) in pairs {
         if !of_known[k] && !of_found[f] {
             (of_known[k], of_found[f]) = (true, true);
-            known[k].seen(&found[f], frame, time_s);
+            let is_unchanged = unchanged(&known[k].bbox_px);
+            known[k].seen(&found[f], is_unchanged, frame, time_s);
+            found[f].bbox_px = known[k].bbox_px;
         }
     }
     for (vehicle, seen) in known.iter_mut().zip(&of_known) {
@@ -137,24 +166,31 @@ mod tests {
         let mut known = Vec::new();
         for look in 0..5 {
             assert!(!known.iter().any(Known::is_settled));
-            update(&mut known, &[car(10.0 + f64::from(look % 2))], look.into(), f64::from(look) * 0.1, |_| true);
+            let mut found = [car(10.0 + f64::from(look % 2))];
+            update(&mut known, &mut found, look.into(), f64::from(look) * 0.1, |_| true, |_| false);
         }
         assert!(known[0].is_settled() && known.len() == 1);
-        update(&mut known, &[], 5, 0.5, |_| false);
-        assert!(known[0].is_settled(), "nobody looked");
-        update(&mut known, &[], 6, 0.6, |_| true);
-        assert!(!known[0].is_settled() && known[0].is_held(), "one miss may be the detector's");
-        update(&mut known, &[], 7, 0.7, |_| true);
-        assert!(known.is_empty());
+        let mut jittering = [car(13.0)];
+        update(&mut known, &mut jittering, 5, 0.5, |_| true, |_| true);
+        assert!((jittering[0].bbox_px[0] - 10.0).abs() < 1e-9, "it keeps its box");
+        let mut look = |frame: u64, covers: bool| {
+            update(&mut known, &mut [], frame, frame as f64 * 0.1, |_| covers, |_| true);
+            (known.len(), known.first().is_some_and(Known::is_settled), known.first().is_some_and(Known::is_held))
+        };
+        assert_eq!(look(6, false), (1, true, true), "nobody looked");
+        assert_eq!(look(7, true), (1, false, true), "one miss may be the detector's");
+        assert_eq!(look(8, true).0, 0);
     }
 
     #[test]
     fn what_drives_is_expected_farther_on_and_never_settles() {
         let mut known = Vec::new();
         for look in 0..12_u32 {
-            update(&mut known, &[car(f64::from(look) * 20.0)], look.into(), f64::from(look) * 0.1, |_| true);
+            let mut found = [car(f64::from(look) * 20.0)];
+            update(&mut known, &mut found, look.into(), f64::from(look) * 0.1, |_| true, |_| false);
         }
         assert!(known.len() == 1 && !known[0].is_settled());
         assert!((known[0].expected(1.2)[0] - 240.0).abs() < 1e-6);
+        assert!(!known[0].is_due(1.11) && known[0].is_due(1.2), "20 px are much of its 94 px, 2 are not");
     }
 }

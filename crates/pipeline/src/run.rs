@@ -111,7 +111,8 @@ pub fn run_input(
 
     let result = (|| {
         progress.phase("frames");
-        let mut samples = SampleFrames::new(config.output.sample_frames);
+        let offered = input.frames_hint().map(|frames| frames / Cadence::of(&input, config).every());
+        let mut samples = SampleFrames::new(config.output.sample_frames, offered);
         let streamed =
             stream_to_spool(&mut nets, input, folder.path(), &mut samples, config, cancel, progress)?;
         let rejected_cars = nets.keypoints.rejected();

@@ -18,10 +18,12 @@ pub struct SampleFrames {
 }
 
 impl SampleFrames {
-    /// Will keep about `wanted` to twice as many frames.
+    /// Will keep about `wanted` to twice as many pictures; `expected` is how many will be offered, where somebody knows: the
+    /// fewer are compressed in vain.
     #[must_use]
-    pub fn new(wanted: usize) -> Self {
-        Self { wanted, stride: 1, seen: 0, kept: Vec::new() }
+    pub fn new(wanted: usize, expected: Option<u64>) -> Self {
+        let stride = expected.map_or(1, |count| count / (2 * wanted.max(1) as u64)).max(1);
+        Self { wanted, stride, seen: 0, kept: Vec::new() }
     }
 
     /// Takes the next picture of the clip into account.
@@ -74,7 +76,7 @@ mod tests {
     #[test]
     fn samples_are_few_and_spread_whatever_the_length() {
         for length in [1u64, 2, 5, 37, 1000] {
-            let mut samples = SampleFrames::new(4);
+            let mut samples = SampleFrames::new(4, (length % 2 == 0).then_some(length));
             for index in 0..length {
                 let stamp = FrameStamp { index, pts_nanos: 0 };
                 samples.offer(stamp, &RgbImage::new(8, 8));

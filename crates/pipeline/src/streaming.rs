@@ -142,6 +142,12 @@ impl Cadence {
         Self { every, looks_a_sweep, attention: watch.attention }
     }
 
+    /// Frames of the input from look to look.
+    #[must_use]
+    pub fn every(&self) -> u64 {
+        self.every
+    }
+
     /// Number of the look that a frame belongs to, counted from the input's start.
     fn number(&self, index: u64) -> u64 {
         index / self.every

@@ -100,11 +100,18 @@ impl Cells {
 
     /// Puts all cells in that a box touches.
     pub fn insert_box(&mut self, bbox_px: &[f64; 4]) {
+        self.set_box(bbox_px, true);
+    }
+
+    /// Takes all cells out that a box touches.
+    pub fn remove_box(&mut self, bbox_px: &[f64; 4]) {
+        self.set_box(bbox_px, false);
+    }
+
+    fn set_box(&mut self, bbox_px: &[f64; 4], is_in: bool) {
         let (columns, rows) = self.touched(bbox_px);
         for row in rows {
-            for column in columns.clone() {
-                self.insert(column, row);
-            }
+            self.is_in[row * self.columns..][columns.clone()].fill(is_in);
         }
     }
 
