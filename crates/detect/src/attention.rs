@@ -22,7 +22,7 @@ const KNOWN: f64 = 0.5;
 /// A vehicle that stands is looked at where more than this share of its box changed.
 const MUCH: f64 = 0.2;
 /// What moves and is no vehicle (people, leaves) is looked at again only so many looks later.
-const IDLE_LOOKS: u32 = 3;
+const IDLE_LOOKS: u32 = 2;
 /// A core must hold this share of a box to have looked at it as a whole.
 const HELD: f64 = 0.9;
 
@@ -177,7 +177,9 @@ impl Attention {
     fn places(&self, changed: &Cells, time_s: f64, sweep: Option<[f64; 4]>) -> Vec<Place> {
         let mut due = changed.emptied();
         for (column, row) in changed.iter() {
-            if self.idle_until[row * changed.columns + column] <= self.looks {
+            // At the picture's border it may be the front of a vehicle that only just comes in.
+            let at_border = changed.is_at_border(column, row);
+            if at_border || self.idle_until[row * changed.columns + column] <= self.looks {
                 due.insert(column, row);
             }
         }

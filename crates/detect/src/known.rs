@@ -164,7 +164,7 @@ mod tests {
     #[test]
     fn what_stays_settles_and_what_is_missed_twice_is_forgotten() {
         let mut known = Vec::new();
-        for look in 0..5 {
+        for look in 0..5_u32 {
             assert!(!known.iter().any(Known::is_settled));
             let mut found = [car(10.0 + f64::from(look % 2))];
             update(&mut known, &mut found, look.into(), f64::from(look) * 0.1, |_| true, |_| false);

@@ -15,13 +15,13 @@ pub(crate) struct Place {
 }
 
 /// Least surroundings, px of the net's input in the finest pass, and their share of the place's longer side.
-const MARGIN_PX: f64 = 40.0;
+const MARGIN_PX: f64 = 64.0;
 const MARGIN_SHARE: f64 = 0.25;
 
 impl Place {
     fn with_margin(&self, finest: f64) -> [f64; 4] {
         let [x0, y0, x1, y1] = self.core;
-        let margin = (MARGIN_PX / finest).max(MARGIN_SHARE * (x1 - x0).max(y1 - y0)).min(4.0 * MARGIN_PX / finest);
+        let margin = (MARGIN_PX / finest).max(MARGIN_SHARE * (x1 - x0).max(y1 - y0)).min(2.5 * MARGIN_PX / finest);
         [x0 - margin, y0 - margin, x1 + margin, y1 + margin]
     }
 }

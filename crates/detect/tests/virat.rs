@@ -7,7 +7,7 @@ use std::time::Instant;
 
 use roadplane_base::{CarRecord, Frame, FrameStamp, VehicleClass, bbox_iou};
 use roadplane_detect::{DetectOptions, Detector};
-use roadplane_infer::{Session, SessionOptions};
+use roadplane_infer::{ProviderChoice, Session, SessionOptions};
 
 /// A vehicle's label, px.
 struct Label {
@@ -18,9 +18,14 @@ fn root() -> &'static Path {
     Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."))
 }
 
+/// In f32, whatever the machine has.
 fn detector(options: DetectOptions) -> Detector {
-    let session =
-        Session::open(&root().join("models/detector.card.json"), &SessionOptions::default()).unwrap();
+    detector_on(ProviderChoice::Cpu, options)
+}
+
+fn detector_on(provider: ProviderChoice, options: DetectOptions) -> Detector {
+    let session = SessionOptions { provider, ..SessionOptions::default() };
+    let session = Session::open(&root().join("models/detector.card.json"), &session).unwrap();
     Detector::new(session, options).unwrap()
 }
 
@@ -110,6 +115,35 @@ fn labelled_cars_are_found() {
         let (labelled, hits, given, good) = counts[3];
         assert!(hits * 100 >= labelled * 88 && good * 100 >= given * 88, "at least 0.88 of each");
     }
+}
+
+/// What f32 finds, int8 finds; of boxes near the threshold one in twenty may come or go.
+#[test]
+fn int8_finds_what_f32_finds() {
+    let scenes = root().join("tests/data/lots/scenes");
+    let (mut plain, mut fast) =
+        (detector(DetectOptions::default()), detector_on(ProviderChoice::Int8, DetectOptions::default()));
+    let (mut given, mut kept, mut overlaps) = (0, 0, Vec::new());
+    let mut highest_lost: f64 = 0.0;
+    for still in (0..50).step_by(5) {
+        let frame = read(&scenes.join(format!("still_{still:04}.jpg")));
+        let sure = plain.detect(&frame).unwrap();
+        let wanted: Vec<Label> = sure.iter().map(|car| Label { bbox: car.bbox_px }).collect();
+        let cars = fast.detect(&frame).unwrap();
+        given += wanted.len();
+        for (car, found) in sure.iter().zip(matched(&cars, &wanted, 0.5).0) {
+            kept += usize::from(found);
+            highest_lost = if found { highest_lost } else { highest_lost.max(car.score) };
+        }
+        overlaps.extend(wanted.iter().map(|label| {
+            cars.iter().map(|car| bbox_iou(&car.bbox_px, &label.bbox)).fold(0.0, f64::max)
+        }));
+    }
+    overlaps.sort_by(f64::total_cmp);
+    println!("int8 keeps {kept} of {given}, highest score lost {highest_lost}, median IoU {:.3}", overlaps[overlaps.len() / 2]);
+    assert!(given > 80 && kept * 20 >= given * 19, "{kept} of {given}");
+    assert!(highest_lost < 0.6, "{highest_lost}");
+    assert!(overlaps[overlaps.len() / 2] > 0.95);
 }
 
 #[test]

@@ -89,6 +89,12 @@ impl Cells {
         is_in.map(|(cell, _)| (cell % self.columns, cell / self.columns))
     }
 
+    /// Whether a cell lies at the picture's border, or next to one that does.
+    #[must_use]
+    pub fn is_at_border(&self, column: usize, row: usize) -> bool {
+        column < 2 || row < 2 || column + 2 >= self.columns || row + 2 >= self.rows
+    }
+
     /// Share of the cells that a box touches which are in it, 0–1.
     #[must_use]
     pub fn share_of(&self, bbox_px: &[f64; 4]) -> f64 {
