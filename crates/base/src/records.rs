@@ -394,6 +394,9 @@ pub struct PoseRecord {
     pub reprojection_rms_px: f64,
     /// Whether the pose is good enough to be tracked.
     pub used: bool,
+    /// The pose is held: it is that of this look, whose line has the keypoints.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pose_from: Option<LookRef>,
 }
 
 /// 4 × 4 rows of a rigid motion.

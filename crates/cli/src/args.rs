@@ -92,6 +92,13 @@ pub struct RunArgs {
     /// Also writes the annotated video DIR/<stem>/annotated.mp4.
     #[arg(long)]
     pub video: bool,
+    /// Also leaves frames.jsonl in the result: what watching, detector and keypoint net found in each frame.
+    #[arg(long)]
+    pub frames: bool,
+    /// Also writes the place without what moves: DIR/<stem>/background.png, and background.json with when each part of it was
+    /// last seen bare.
+    #[arg(long)]
+    pub background: bool,
     #[command(flatten)]
     #[allow(missing_docs)]
     pub config: ConfigArgs,

@@ -35,6 +35,8 @@ pub struct Look {
     pub changed: f64,
     /// Share of the picture that was looked at, 0–1.
     pub seen: f64,
+    /// Where something changed or a vehicle is.
+    pub busy: Cells,
 }
 
 /// What the detector remembers of the frames before.
@@ -88,7 +90,8 @@ impl Attention {
         let time_s = stamp.time_s();
         let verdict = seen.record.verdict;
         if matches!(verdict, PictureVerdict::Black | PictureVerdict::White | PictureVerdict::Covered) {
-            return Ok(Look { cars: Vec::new(), changed: 1.0, seen: 0.0 });
+            let busy = ChangeMap::new(&seen.small).all_cells();
+            return Ok(Look { cars: Vec::new(), changed: 1.0, seen: 0.0, busy });
         }
         if seen.is_new_position {
             self.known.clear();
@@ -170,7 +173,9 @@ impl Attention {
                 cars.push(record);
             }
         }
-        Ok(Look { cars, changed: changed.share(), seen: looked.share() })
+        let mut busy = vehicles;
+        changed.iter().for_each(|(column, row)| busy.insert(column, row));
+        Ok(Look { cars, changed: changed.share(), seen: looked.share(), busy })
     }
 
     /// What wants a look.

@@ -1,5 +1,6 @@
 //! How good results are: truth files, metrics with their sources, tables with confidence intervals.
 
+mod attention;
 mod bootstrap;
 mod box_files;
 mod dataset;
@@ -20,6 +21,7 @@ pub mod tables;
 mod text_file;
 pub mod truth;
 
+pub use attention::evaluate_attention;
 pub use bootstrap::{Estimate, bootstrap, bootstrap_scenes, mean, median, quantile, share_within};
 pub use box_files::{evaluate_coco, evaluate_mot};
 pub use dataset::{DatasetOptions, evaluate_dataset};

@@ -1,14 +1,17 @@
 //! Cars of a frame on the known plane before the known camera.
 
+use std::collections::BTreeMap;
+
 use nalgebra::Isometry3;
 use roadplane_base::{
-    Camera, CameraEstimate, FrameRecord, GroundPlane, GroundPose, PoseRecord, Shape, ShapeAtlas,
-    VehicleClass, rows_from_isometry,
+    Camera, CameraEstimate, FrameRecord, GroundPlane, GroundPose, KEYPOINTS, LookRef, PoseRecord, Shape,
+    ShapeAtlas, VehicleClass, rows_from_isometry,
 };
 use roadplane_solve::{CarFit, FreeCarFit, SceneOptions, ShapePrior, fit_car};
 
 use crate::Config;
 use crate::cameras::usable;
+use crate::streaming::FORGET_S;
 
 /// A frame's camera, ready to use.
 #[derive(Clone, Copy, Debug)]
@@ -95,6 +98,41 @@ pub fn free_pose_record(
     record_of(frame, index, &pose, atlas)
 }
 
+/// Poses of looks, for the frames in which they are held.
+#[derive(Debug, Default)]
+pub struct HeldPoses {
+    of_looks: BTreeMap<LookRef, PoseRecord>,
+    pruned_s: f64,
+}
+
+impl HeldPoses {
+    /// Remembers a look's pose; memory reaches back as far as poses are held.
+    pub fn remember(&mut self, pose: &PoseRecord) {
+        if pose.time_s - self.pruned_s > FORGET_S {
+            self.of_looks.retain(|_, look| pose.time_s - look.time_s <= FORGET_S);
+            self.pruned_s = pose.time_s;
+        }
+        let look = PoseRecord { keypoints_px: vec![None; KEYPOINTS], ..pose.clone() };
+        self.of_looks.insert(LookRef { frame: pose.frame, car: pose.car }, look);
+    }
+
+    /// The line of `poses.jsonl` for a car whose pose is held; `None` where its look came to nothing.
+    #[must_use]
+    pub fn line(&self, frame: &FrameRecord, car: usize) -> Option<PoseRecord> {
+        let record = frame.cars.get(car)?;
+        let look = self.of_looks.get(&record.pose_from?)?;
+        Some(PoseRecord {
+            frame: frame.frame,
+            time_s: frame.time_s,
+            car,
+            bbox_px: record.bbox_px,
+            score: record.score,
+            pose_from: record.pose_from,
+            ..look.clone()
+        })
+    }
+}
+
 /// What a record takes from either kind of fit.
 struct Pose {
     world_from_car: Isometry3<f64>,
@@ -128,5 +166,6 @@ fn record_of(frame: &FrameRecord, index: usize, pose: &Pose, atlas: &ShapeAtlas)
             .collect(),
         reprojection_rms_px: pose.reprojection_rms_px,
         used: pose.used,
+        pose_from: None,
     })
 }

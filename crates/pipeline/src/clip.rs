@@ -15,7 +15,7 @@ use roadplane_write::{FrameReader, PoseLines, read_jsonl};
 
 use crate::believe::{is_believable, projected_box};
 use crate::cameras::{CameraTrack, estimate_cameras};
-use crate::cars::{FrameCamera, fit_frame, pose_record};
+use crate::cars::{FrameCamera, HeldPoses, fit_frame, pose_record};
 use crate::{Cancel, Config, PipelineError};
 
 /// A car in a frame: frame's index, place in its list.
@@ -112,7 +112,7 @@ pub fn solve_clip(
         let mut pose = pose?;
         pose.track = tracked.get(&(pose.frame, pose.car)).copied();
         poses_used += u64::from(pose.used);
-        if pose.track.is_some() {
+        if pose.track.is_some() && pose.pose_from.is_none() {
             reprojection_rms_px.push(pose.reprojection_rms_px);
         }
         lines.write(&pose)?;
@@ -156,6 +156,7 @@ impl Pass<'_> {
         let mut tracks = Vec::new();
         let mut tally = Tally::default();
         let mut position = None;
+        let mut looks = HeldPoses::default();
         for frame in frames {
             let frame = frame?;
             let Some(estimate) = self.cameras.at(frame.time_s) else { continue };
@@ -176,6 +177,9 @@ impl Pass<'_> {
                 let record = &frame.cars[index];
                 if record.held_since.is_some() || record.pose_from.is_some() {
                     held.extend(held_car(record, index));
+                    if let Some(pose) = looks.line(&frame, index) {
+                        sink(&pose)?;
+                    }
                     if record.keypoints.is_none() {
                         continue;
                     }
@@ -203,6 +207,7 @@ impl Pass<'_> {
                 }
                 if let Some(mut pose) = pose_record(&frame, index, &fit, self.atlas) {
                     pose.used = reason.is_none();
+                    looks.remember(&pose);
                     sink(&pose)?;
                 }
             }

@@ -13,6 +13,7 @@ use crate::cars::FrameCamera;
 use crate::clip::ClipSolution;
 use crate::flow::Work;
 use crate::streaming::{open_input, stream};
+use crate::watched::in_words;
 use crate::{Cancel, Config, PipelineError, Progress};
 
 /// Time that trails reach back, s.
@@ -80,6 +81,7 @@ pub fn write_report(
     atlas: &ShapeAtlas,
     solution: &ClipSolution,
     samples: &[(u64, f64, RgbImage)],
+    background: Option<&RgbImage>,
     summary: &Summary,
 ) -> Result<(), PipelineError> {
     let scene = Scene::new(&solution.cameras, &solution.rows, solution.shapes(), atlas);
@@ -96,6 +98,8 @@ pub fn write_report(
         reprojection_rms_px: &solution.reprojection_rms_px,
         facts: &facts,
         warnings: &summary.warnings,
+        background,
+        camera_notes: &in_words(&summary.watch),
     })?;
     let mut file = OutFile::create(path)?;
     file.write_bytes(page.as_bytes())?;

@@ -19,6 +19,7 @@ mod samples;
 mod solve_file;
 mod stage_files;
 mod streaming;
+mod watched;
 
 pub use cancel::Cancel;
 pub use clip::{ClipSolution, solve_clip};

@@ -3,9 +3,12 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use image::codecs::png::PngEncoder;
 use roadplane_base::ShapeAtlas;
+use roadplane_view::ViewError;
+use roadplane_watch::Background;
 use roadplane_write::{
-    Existing, FrameSpool, InputSummary, OutputFolder, RunStatus, StageSeconds, Summary, TrackFiles,
+    Existing, FrameSpool, InputSummary, OutFile, OutputFolder, RunStatus, StageSeconds, Summary, TrackFiles,
     read_summary, write_camera, write_json, write_summary,
 };
 use serde::{Deserialize, Serialize};
@@ -18,6 +21,7 @@ use crate::flow::Work;
 use crate::streaming::{
     Cadence, Nets, Streamed, detect_stage, keypoint_stage, open_input, stream, stretch_of, watch_stage,
 };
+use crate::watched::Watched;
 use crate::{Cancel, Config, PipelineError, Progress, Silent};
 
 /// The streaming half's product within the partial folder.
@@ -38,6 +42,10 @@ pub struct RunOptions {
     pub resume: bool,
     /// Also write the annotated video.
     pub video: bool,
+    /// Also write the empty place as a picture.
+    pub background: bool,
+    /// Leave what the streaming half found, frame by frame, in the result: `frames.jsonl`.
+    pub frames: bool,
 }
 
 /// What came of one input.
@@ -113,8 +121,13 @@ pub fn run_input(
         progress.phase("frames");
         let offered = input.frames_hint().map(|frames| frames / Cadence::of(&input, config).every());
         let mut samples = SampleFrames::new(config.output.sample_frames, offered);
-        let streamed =
-            stream_to_spool(&mut nets, input, folder.path(), &mut samples, config, cancel, progress)?;
+        let mut watched = Watched::default();
+        let mut background = None;
+        let mut sink = Sinks { samples: &mut samples, watched: &mut watched, background: &mut background };
+        let streamed = stream_to_spool(&mut nets, input, folder.path(), &mut sink, config, cancel, progress)?;
+        if let Some(background) = background.as_ref().filter(|_| options.background) {
+            write_background(folder.path(), background)?;
+        }
         let rejected_cars = nets.keypoints.rejected();
         drop(nets);
         progress.phase("solving");
@@ -133,12 +146,22 @@ pub fn run_input(
 
         let mut summary = summary_of(identity, &streamed, &solution, config, rejected_cars);
         summary.models = models;
+        summary.watch = watched.finish();
         summary.seconds.push(StageSeconds { stage: "solve".to_owned(), seconds: solve_s });
         summary.wall_s = started.elapsed().as_secs_f64();
         summary.frames_per_s = streamed.decode.delivered as f64 / summary.wall_s.max(1e-9);
         summary.peak_memory_bytes = peak_memory_bytes();
         let samples = samples.finish();
-        write_report(&folder.path().join("report.html"), &stem, &atlas, &solution, &samples, &summary)?;
+        let place = background.as_ref().map(Background::picture);
+        write_report(
+            &folder.path().join("report.html"),
+            &stem,
+            &atlas,
+            &solution,
+            &samples,
+            place,
+            &summary,
+        )?;
         if options.video {
             progress.phase("drawing");
             let scene = Scene::new(&solution.cameras, &solution.rows, solution.shapes(), &atlas);
@@ -158,7 +181,8 @@ pub fn run_input(
             return Err(error);
         }
     };
-    for work_file in [STAMP, SPOOL] {
+    let work_files = if options.frames { &[STAMP][..] } else { &[STAMP, SPOOL] };
+    for work_file in work_files {
         let path = folder.path().join(work_file);
         std::fs::remove_file(&path).map_err(|source| PipelineError::Unreadable { source, path })?;
     }
@@ -171,11 +195,34 @@ fn read_stamp(folder: &Path) -> Option<Stamp> {
     serde_json::from_slice(&std::fs::read(folder.join(STAMP)).ok()?).ok()
 }
 
+/// What streaming fills besides the spool.
+struct Sinks<'a> {
+    samples: &'a mut SampleFrames,
+    watched: &'a mut Watched,
+    background: &'a mut Option<Background>,
+}
+
+/// `background.png`, and in `background.json` when each part of it was last seen bare.
+fn write_background(folder: &Path, background: &Background) -> Result<(), PipelineError> {
+    let mut png = Vec::new();
+    let encoder = PngEncoder::new(&mut png);
+    background.picture().write_with_encoder(encoder).map_err(ViewError::from)?;
+    let mut file = OutFile::create(&folder.join("background.png"))?;
+    file.write_bytes(&png)?;
+    file.finish()?;
+    let ages = serde_json::json!({
+        "schema": "roadplane.background/1",
+        "cell_px": background.cell_px(),
+        "last_bare_s": background.bare_s(),
+    });
+    Ok(write_json(&folder.join("background.json"), &ages)?)
+}
+
 fn stream_to_spool(
     nets: &mut Nets,
     input: roadplane_decode::Input,
     folder: &Path,
-    samples: &mut SampleFrames,
+    sinks: &mut Sinks<'_>,
     config: &Config,
     cancel: &Cancel,
     progress: &dyn Progress,
@@ -189,13 +236,14 @@ fn stream_to_spool(
     let cadence = Cadence::of(&input, config);
     let stages = vec![
         watch_stage(),
-        detect_stage(&mut nets.detector, cadence).only(move |record| is_new(record.frame)),
+        detect_stage(&mut nets.detector, cadence, sinks.background).only(move |record| is_new(record.frame)),
         keypoint_stage(&mut nets.keypoints, config.watch.attention).only(move |record| is_new(record.frame)),
     ];
     let sink = |work: Work| {
         if let Some(image) = &work.image {
-            samples.offer(work.stamp, image);
+            sinks.samples.offer(work.stamp, image);
         }
+        sinks.watched.push(&work.record);
         if is_new(work.record.frame) { Ok(spool.append(&work.record)?) } else { Ok(()) }
     };
     let streamed = stream(input, cadence.chooser(), stages, sink, config, cancel, progress);

@@ -8,7 +8,7 @@ use roadplane_solve::{ShapePrior, fit_free_car};
 use roadplane_write::{FrameReader, PoseLines, write_camera};
 
 use crate::cameras::{estimate_cameras, estimate_frame, prior_camera, usable};
-use crate::cars::{FrameCamera, fit_frame, free_pose_record, pose_record};
+use crate::cars::{FrameCamera, HeldPoses, fit_frame, free_pose_record, pose_record};
 use crate::{Cancel, Config, PipelineError};
 
 /// What is asked of the solver.
@@ -39,6 +39,7 @@ pub fn solve_file(
         Ok(AtRest::new(FrameReader::open(frames)?.map(|record| record.map_err(PipelineError::from))))
     };
     let mut poses = PoseLines::create(out)?;
+    let mut looks = HeldPoses::default();
     let scene = config.solve.scene_options(options.focal_px);
     let mut write_frame = |frame: &FrameRecord, estimate: &CameraEstimate| -> Result<(), PipelineError> {
         if let Some(signal) = cancel.signal() {
@@ -61,6 +62,9 @@ pub fn solve_file(
         let fits = fit_frame(frame, &view, &atlas, &scene, config, |_| (ShapePrior::default(), None));
         for (i, fit) in fits.iter().enumerate() {
             if let Some(pose) = fit.as_ref().and_then(|fit| pose_record(frame, i, fit, &atlas)) {
+                looks.remember(&pose);
+                poses.write(&pose)?;
+            } else if let Some(pose) = looks.line(frame, i) {
                 poses.write(&pose)?;
             }
         }

@@ -62,7 +62,8 @@ pub fn detect_file(
     let mut sink = Sink::create(out)?;
     let write = |work: Work| sink.write(&work.record);
     let cadence = Cadence::of(&input, config);
-    let stages = vec![watch_stage(), detect_stage(&mut detector, cadence)];
+    let mut background = None;
+    let stages = vec![watch_stage(), detect_stage(&mut detector, cadence, &mut background)];
     let streamed = stream(input, cadence.chooser(), stages, write, config, cancel, progress)?;
     sink.finish()?;
     Ok(streamed.decode.is_damaged())

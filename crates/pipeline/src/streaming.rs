@@ -7,7 +7,7 @@ use roadplane_decode::{DecodeReport, Input, InputKind, open};
 use roadplane_detect::{Attention, Detector};
 use roadplane_infer::{Session, SessionOptions};
 use roadplane_keypoints::{KeypointNet, Schedule};
-use roadplane_watch::Watcher;
+use roadplane_watch::{Background, Watcher};
 use roadplane_write::ModelSummary;
 
 use crate::flow::{Stage, StageTime, Work, flow};
@@ -178,8 +178,12 @@ pub fn watch_stage<'a>() -> Stage<'a> {
     })
 }
 
-/// The stage that finds vehicles.
-pub fn detect_stage(detector: &mut Detector, cadence: Cadence) -> Stage<'_> {
+/// The stage that finds vehicles, and learns how the place looks without them.
+pub fn detect_stage<'a>(
+    detector: &'a mut Detector,
+    cadence: Cadence,
+    background: &'a mut Option<Background>,
+) -> Stage<'a> {
     let mut memory: Option<(u64, Attention)> = None;
     Stage::new("detect", move |work: &mut Work| {
         let stretch = stretch_of(work.record.time_s);
@@ -196,6 +200,11 @@ pub fn detect_stage(detector: &mut Detector, cadence: Cadence) -> Stage<'_> {
             let rounded = |share: f64| Some((share * 1e4).round() / 1e4);
             (watch.changed, watch.seen) = (rounded(look.changed), rounded(look.seen));
         }
+        if seen.is_new_position {
+            *background = None;
+        }
+        let background = background.get_or_insert_with(|| Background::new(image, look.busy.emptied()));
+        background.take(image, &look.busy, work.record.time_s);
         work.record.cars = look.cars;
         Ok(())
     })

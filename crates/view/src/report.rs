@@ -38,6 +38,10 @@ pub struct ReportInput<'a> {
     pub facts: &'a [(String, String)],
     /// What a reader should know.
     pub warnings: &'a [String],
+    /// The place without what moves.
+    pub background: Option<&'a RgbImage>,
+    /// What the pictures say of the camera, a line each: moves, shake, nothing to see.
+    pub camera_notes: &'a [String],
 }
 
 /// The page.
@@ -54,6 +58,11 @@ pub fn report_html(input: &ReportInput<'_>) -> Result<String, ViewError> {
         put(&mut page, format_args!("<p class=\"warning\">{}</p>\n", escape(warning)));
     }
     cameras(&mut page, input.cameras);
+    page.push_str("<ul>\n");
+    for note in input.camera_notes {
+        put(&mut page, format_args!("<li>{}</li>\n", escape(note)));
+    }
+    page.push_str("</ul>\n");
     if let Some(estimate) = input.cameras.first() {
         let camera =
             Camera { focal_px: estimate.params.focal_px(), principal_point_px: estimate.principal_point_px };
@@ -71,6 +80,15 @@ pub fn report_html(input: &ReportInput<'_>) -> Result<String, ViewError> {
             &mut page,
             format_args!(
                 "<figure><img alt=\"frame {index}\" src=\"{data}\"><figcaption>frame {index}</figcaption></figure>\n"
+            ),
+        );
+    }
+    if let Some(background) = input.background {
+        let data = data_uri(background)?;
+        put(
+            &mut page,
+            format_args!(
+                "<figure><img alt=\"background\" src=\"{data}\"><figcaption>the place without what moved</figcaption></figure>\n"
             ),
         );
     }
@@ -280,6 +298,8 @@ mod tests {
             reprojection_rms_px: &[1.0, 2.0],
             facts: &[("frames".to_owned(), "5".to_owned())],
             warnings: &["a < b".to_owned()],
+            background: None,
+            camera_notes: &["the camera was turned".to_owned()],
         };
         let page = report_html(&input).unwrap();
         assert!(page.contains("&lt;b&gt;lot&lt;/b&gt;") && page.contains("a &lt; b"));

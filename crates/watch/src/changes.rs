@@ -206,6 +206,14 @@ impl ChangeMap {
         Cells::none(self.columns, self.rows, CELL_PX * self.factor)
     }
 
+    /// All cells.
+    #[must_use]
+    pub fn all_cells(&self) -> Cells {
+        let mut cells = self.no_cells();
+        cells.is_in.fill(true);
+        cells
+    }
+
     /// Takes the next picture and says which cells changed since they were seen. `shift` is where the picture lies against
     /// the background, px of the small picture.
     pub fn changed(&mut self, small: &SmallGrey, shift: Vector2<f64>, time_s: f64) -> Cells {

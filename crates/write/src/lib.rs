@@ -29,7 +29,7 @@ pub use lock::FolderLock;
 pub use parquet::{TRACKS_SCHEMA, TrackParquet};
 pub use spool::{FrameReader, FrameSpool, Recovered};
 pub use summary::{
-    Counts, InputSummary, ModelSummary, RunStatus, SUMMARY_SCHEMA, StageSeconds, Summary, read_summary,
-    write_summary,
+    Counts, InputSummary, ModelSummary, RunStatus, SUMMARY_SCHEMA, StageSeconds, Summary, WatchStretch,
+    WatchSummary, read_summary, write_summary,
 };
 pub use tracks::{TrackCsv, TrackFiles};

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use roadplane_base::{CameraMove, PictureVerdict};
 use serde::{Deserialize, Serialize};
 
 use crate::digits::decimals;
@@ -43,6 +44,9 @@ pub struct Summary {
     pub config_sha256: String,
     /// What was read, lost, rejected, found.
     pub counts: Counts,
+    /// What watching the pictures came to.
+    #[serde(default)]
+    pub watch: WatchSummary,
     /// Work of each stage, in order of the flow.
     pub seconds: Vec<StageSeconds>,
     /// Wall-clock time of the run, s.
@@ -77,6 +81,28 @@ pub struct ModelSummary {
     pub sha256: String,
     /// What ran it, e.g. `cpu f32`.
     pub provider: String,
+}
+
+/// What watching the pictures came to.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct WatchSummary {
+    /// When the camera was moved, and how.
+    pub moves: Vec<CameraMove>,
+    /// What the pictures showed, a stretch of time each.
+    pub stretches: Vec<WatchStretch>,
+    /// Farthest that the picture was shaken, px; 0 below half a px.
+    pub farthest_shake_px: f64,
+}
+
+/// A stretch of time in which pictures said the same.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct WatchStretch {
+    /// What they said.
+    pub verdict: PictureVerdict,
+    /// Time of the first frame, s.
+    pub from_s: f64,
+    /// Time of the last frame, s.
+    pub to_s: f64,
 }
 
 /// Counts of everything read, lost, rejected and found.

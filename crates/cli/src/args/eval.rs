@@ -21,6 +21,8 @@ pub enum EvalCommand {
     Run(EvalRunArgs),
     /// The paper's tables on a data set with truth: six systems on the same keypoints.
     Dataset(EvalDatasetArgs),
+    /// What looking only at what changes costs: clips run with attention and without, with truth where it lies beside them.
+    Attention(EvalAttentionArgs),
     /// The paper's Table 3 on your own copy of the KITTI object benchmark: all systems on images with more than three vehicles.
     Kitti(EvalKittiArgs),
     /// Tracks of boxes against true ones, MOT Challenge files or KITTI tracking labels: HOTA, MOTA, IDF1.
@@ -44,6 +46,20 @@ pub struct EvalRunArgs {
     /// Writes the tables as CSV and HTML into this folder.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+}
+
+/// `roadplane eval attention`.
+#[derive(Debug, Args)]
+pub struct EvalAttentionArgs {
+    /// Videos; NAME.truth.json(.gz) beside one is its truth.
+    #[arg(required = true, value_name = "CLIP")]
+    pub clips: Vec<PathBuf>,
+    /// Writes the table as CSV and HTML into this folder, and both results of every clip below it.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub config: ConfigArgs,
 }
 
 /// Keypoints that the systems get.

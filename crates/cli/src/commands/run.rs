@@ -35,6 +35,8 @@ pub fn run(args: &RunArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
         existing: if args.overwrite { Existing::Overwrite } else { Existing::Refuse },
         resume: args.resume,
         video: args.video,
+        background: args.background,
+        frames: args.frames,
     };
     let worst = Mutex::new(Worst::default());
     let jobs = usize::from(args.jobs).min(args.inputs.len());

@@ -50,6 +50,8 @@ impl Workplace {
             existing: Existing::Overwrite,
             resume: false,
             video: false,
+            background: false,
+            frames: false,
         };
         let report = run_input(input, &self.folder, &options, config, cancel, progress)?;
         FinishedRun::read(&report.folder)

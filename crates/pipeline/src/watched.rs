@@ -1,0 +1,121 @@
+//! What watching a clip came to: moves, shake, pictures that say nothing.
+
+use roadplane_base::{CameraMove, FrameRecord, MoveKind, PictureVerdict};
+use roadplane_write::{WatchStretch, WatchSummary};
+
+/// Collects what frames' records say, in the order of time.
+#[derive(Debug, Default)]
+pub struct Watched {
+    summary: WatchSummary,
+}
+
+impl Watched {
+    /// Takes the next frame's record.
+    pub fn push(&mut self, record: &FrameRecord) {
+        let Some(watch) = &record.watch else { return };
+        if let Some(moved) = watch.moved {
+            tracing::info!("{}", move_in_words(&moved));
+            self.summary.moves.push(moved);
+        }
+        let [dx, dy] = watch.offset_px;
+        self.summary.farthest_shake_px = self.summary.farthest_shake_px.max(dx.hypot(dy));
+        match self.summary.stretches.last_mut() {
+            Some(last) if last.verdict == watch.verdict => last.to_s = record.time_s,
+            last => {
+                let is_news = last.is_some() || is_doubt(watch.verdict);
+                if is_news {
+                    tracing::info!("from {:.1} s on: {}", record.time_s, verdict_in_words(watch.verdict));
+                }
+                let (from_s, to_s) = (record.time_s, record.time_s);
+                self.summary.stretches.push(WatchStretch { verdict: watch.verdict, from_s, to_s });
+            }
+        }
+    }
+
+    /// For `summary.json`.
+    #[must_use]
+    pub fn finish(self) -> WatchSummary {
+        self.summary
+    }
+}
+
+fn is_doubt(verdict: PictureVerdict) -> bool {
+    verdict != PictureVerdict::Rest
+}
+
+/// What a reader of the report should know of the pictures, a line each.
+#[must_use]
+pub fn in_words(watch: &WatchSummary) -> Vec<String> {
+    let mut lines: Vec<String> = watch.moves.iter().map(move_in_words).collect();
+    let doubts = watch.stretches.iter().filter(|stretch| is_doubt(stretch.verdict));
+    lines.extend(doubts.map(|stretch| {
+        format!("{:.1} – {:.1} s: {}", stretch.from_s, stretch.to_s, verdict_in_words(stretch.verdict))
+    }));
+    if watch.farthest_shake_px > 0.0 {
+        lines.push(format!("the picture shakes by up to {:.1} px, which is taken out", watch.farthest_shake_px));
+    }
+    if lines.is_empty() {
+        lines.push("the camera was at rest".to_owned());
+    }
+    lines
+}
+
+fn move_in_words(moved: &CameraMove) -> String {
+    let place = format!("frame {} ({:.2} s)", moved.since_frame, moved.since_s);
+    let shift = moved.shift_px.map_or_else(String::new, |[x, y]| format!(", the picture lies {x:.0}, {y:.0} px off"));
+    match moved.kind {
+        MoveKind::Turned => format!("{place}: the camera was turned{shift}"),
+        MoveKind::Zoomed => {
+            let growth = moved.log_scale.map_or(0.0, |log_scale| (log_scale.exp() - 1.0) * 100.0);
+            format!("{place}: the camera was zoomed by {growth:+.1} %{shift}")
+        }
+        MoveKind::Cut => format!("{place}: another picture altogether"),
+        MoveKind::Moving => format!("{place}: the camera begins to move"),
+    }
+}
+
+fn verdict_in_words(verdict: PictureVerdict) -> &'static str {
+    match verdict {
+        PictureVerdict::Rest => "the camera is at rest",
+        PictureVerdict::Moving => "the camera is moving",
+        PictureVerdict::Unsettled => "the picture is not where it was",
+        PictureVerdict::Black => "the picture is black",
+        PictureVerdict::White => "the picture is white",
+        PictureVerdict::Covered => "something covers the lens",
+        PictureVerdict::Frozen => "the picture is frozen",
+        PictureVerdict::Unknown => "the picture has too little structure to tell whether the camera is at rest",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use roadplane_base::{ImageSize, WatchRecord};
+
+    #[test]
+    fn stretches_and_moves_are_told_once() {
+        let mut watched = Watched::default();
+        for frame in 0..30_u64 {
+            let verdict = if (10..20).contains(&frame) { PictureVerdict::Black } else { PictureVerdict::Rest };
+            let moved = (frame == 25).then_some(CameraMove {
+                kind: MoveKind::Zoomed,
+                since_frame: 22,
+                since_s: 2.2,
+                shift_px: Some([3.0, -4.0]),
+                log_scale: Some(0.05),
+            });
+            let watch = Some(WatchRecord { looked: true, verdict, moved, ..WatchRecord::default() });
+            let size = ImageSize { width: 640, height: 360 };
+            watched.push(&FrameRecord { watch, ..FrameRecord::empty(frame, frame as f64 * 0.1, size) });
+        }
+        let lines = in_words(&watched.finish());
+        assert_eq!(
+            lines,
+            [
+                "frame 22 (2.20 s): the camera was zoomed by +5.1 %, the picture lies 3, -4 px off",
+                "1.0 – 1.9 s: the picture is black"
+            ]
+        );
+        assert_eq!(in_words(&WatchSummary::default()), ["the camera was at rest"]);
+    }
+}
