@@ -265,7 +265,7 @@ fn moved(car: &CarRecord, by: [f64; 2]) -> CarRecord {
 fn held(vehicle: &Known, offset: [f64; 2]) -> CarRecord {
     let car = CarRecord {
         score: vehicle.score,
-        class: vehicle.class,
+        class: vehicle.class(),
         held_since: Some(vehicle.seen_frame),
         ..CarRecord::boxed(vehicle.bbox_px)
     };

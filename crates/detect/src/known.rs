@@ -1,5 +1,7 @@
 //! Vehicles that were seen before: where each is expected, and whether it stands.
 
+use std::collections::BTreeMap;
+
 use nalgebra::Vector2;
 use roadplane_base::{CarRecord, VehicleClass, bbox_centre, bbox_iou};
 
@@ -11,8 +13,13 @@ const MOVED: f64 = 0.12;
 const UNSEEN_S: f64 = 0.25;
 /// A box that overlaps its first place less (intersection over union) has moved.
 const STAYED: f64 = 0.8;
-/// Looks in a row that may miss a vehicle.
-const MAX_MISSED: u32 = 2;
+/// Looks in a row that may miss a vehicle …
+const MAX_MISSED: f64 = 2.0;
+/// … where nothing changed a miss counts so much: what stands does not leave unseen, it is the detector that wavers.
+const MISSED_UNCHANGED: f64 = 0.25;
+/// Share of the votes that makes a car; votes fade by a factor from look to look.
+const CAR_SHARE: f64 = 0.3;
+const FADE: f64 = 0.97;
 /// Least overlap of a box with where it was expected, intersection over union.
 const MIN_OVERLAP: f64 = 0.2;
 /// What a look covers beside the box, as a share of its sides.
@@ -23,7 +30,8 @@ const AROUND: f64 = 0.15;
 pub(crate) struct Known {
     pub bbox_px: [f64; 4],
     pub score: f64,
-    pub class: VehicleClass,
+    /// Scores of the looks that took it for each class.
+    votes: BTreeMap<VehicleClass, f64>,
     /// Frame in which it was seen last.
     pub seen_frame: u64,
     seen_s: f64,
@@ -32,7 +40,9 @@ pub(crate) struct Known {
     stayed: u32,
     /// Looks in which it was seen.
     looks: u32,
-    missed: u32,
+    missed: f64,
+    /// When its place was looked at last, s.
+    looked_s: f64,
     velocity_px_s: Vector2<f64>,
 }
 
@@ -41,20 +51,31 @@ impl Known {
         Self {
             bbox_px: found.bbox_px,
             score: found.score,
-            class: found.class,
+            votes: BTreeMap::from([(found.class, found.score)]),
             seen_frame: frame,
             seen_s: time_s,
             anchor_px: found.bbox_px,
             stayed: 1,
             looks: 1,
-            missed: 0,
+            missed: 0.0,
+            looked_s: time_s,
             velocity_px_s: Vector2::zeros(),
         }
     }
 
+    /// What it is: all looks have a say. The detector takes cars for trucks, cut ones above all, more often than trucks for cars.
+    pub(crate) fn class(&self) -> VehicleClass {
+        let all: f64 = self.votes.values().sum();
+        if self.votes.get(&VehicleClass::Car).is_some_and(|votes| *votes >= CAR_SHARE * all) {
+            return VehicleClass::Car;
+        }
+        let best = self.votes.iter().reduce(|best, next| if next.1 > best.1 { next } else { best });
+        best.map_or(VehicleClass::Car, |(class, _)| *class)
+    }
+
     /// It stands, as far as looks go: its place needs none until something changes there.
     pub(crate) fn is_settled(&self) -> bool {
-        self.stayed >= SETTLED_LOOKS && self.missed == 0
+        self.stayed >= SETTLED_LOOKS && self.missed <= 0.0
     }
 
     /// Whether a look is due: it is new or was missed, it must have moved by now so much that a look tells something, or it was
@@ -63,9 +84,9 @@ impl Known {
         let [x0, y0, x1, y1] = self.bbox_px;
         let moved = self.velocity_px_s.norm() * (time_s - self.seen_s);
         self.looks < SETTLED_LOOKS
-            || self.missed > 0
+            || (self.missed > 0.0 && !self.is_held())
             || moved >= MOVED * (x1 - x0).hypot(y1 - y0)
-            || time_s - self.seen_s >= UNSEEN_S
+            || time_s - self.looked_s >= UNSEEN_S
     }
 
     /// It stood and was missed once at most: it is still taken to be there.
@@ -94,9 +115,12 @@ impl Known {
     /// It was found in a look; where nothing changed (`unchanged`) a vehicle that stands keeps its box.
     fn seen(&mut self, found: &CarRecord, unchanged: bool, frame: u64, time_s: f64) {
         self.looks = self.looks.saturating_add(1);
+        self.looked_s = time_s;
+        self.votes.values_mut().for_each(|votes| *votes *= FADE);
+        *self.votes.entry(found.class).or_default() += found.score;
         if unchanged && self.is_held() && bbox_iou(&self.anchor_px, &found.bbox_px) >= STAYED {
             self.stayed = self.stayed.saturating_add(1);
-            (self.score, self.seen_frame, self.seen_s, self.missed) = (found.score, frame, time_s, 0);
+            (self.score, self.seen_frame, self.seen_s, self.missed) = (found.score, frame, time_s, 0.0);
             return;
         }
         let gap_s = time_s - self.seen_s;
@@ -108,8 +132,8 @@ impl Known {
         } else {
             (self.anchor_px, self.stayed) = (found.bbox_px, 1);
         }
-        (self.bbox_px, self.score, self.class) = (found.bbox_px, found.score, found.class);
-        (self.seen_frame, self.seen_s, self.missed) = (frame, time_s, 0);
+        (self.bbox_px, self.score) = (found.bbox_px, found.score);
+        (self.seen_frame, self.seen_s, self.missed) = (frame, time_s, 0.0);
     }
 }
 
@@ -141,12 +165,13 @@ pub(crate) fn update(
             (of_known[k], of_found[f]) = (true, true);
             let is_unchanged = unchanged(&known[k].bbox_px);
             known[k].seen(&found[f], is_unchanged, frame, time_s);
-            found[f].bbox_px = known[k].bbox_px;
+            (found[f].bbox_px, found[f].class) = (known[k].bbox_px, known[k].class());
         }
     }
     for (vehicle, seen) in known.iter_mut().zip(&of_known) {
         if !seen && covers(&vehicle.expected(time_s)) {
-            vehicle.missed += 1;
+            vehicle.missed += if unchanged(&vehicle.bbox_px) { MISSED_UNCHANGED } else { 1.0 };
+            vehicle.looked_s = time_s;
         }
     }
     known.retain(|vehicle| vehicle.missed < MAX_MISSED);
@@ -174,12 +199,13 @@ mod tests {
         update(&mut known, &mut jittering, 5, 0.5, |_| true, |_| true);
         assert!((jittering[0].bbox_px[0] - 10.0).abs() < 1e-9, "it keeps its box");
         let mut look = |frame: u64, covers: bool| {
-            update(&mut known, &mut [], frame, frame as f64 * 0.1, |_| covers, |_| true);
+            update(&mut known, &mut [], frame, frame as f64 * 0.1, |_| covers, |_| frame < 8);
             (known.len(), known.first().is_some_and(Known::is_settled), known.first().is_some_and(Known::is_held))
         };
         assert_eq!(look(6, false), (1, true, true), "nobody looked");
-        assert_eq!(look(7, true), (1, false, true), "one miss may be the detector's");
-        assert_eq!(look(8, true).0, 0);
+        assert_eq!(look(7, true), (1, false, true), "nothing changed: the detector wavers");
+        assert_eq!(look(8, true), (1, false, true), "one miss may be the detector's");
+        assert_eq!(look(9, true).0, 0);
     }
 
     #[test]

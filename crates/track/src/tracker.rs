@@ -41,6 +41,8 @@ struct Live {
 const BOX_TRUST_S: f64 = 0.5;
 /// Cost at which a track rather stays alone; pose and overlap make up half of 1 each.
 const ALONE: f64 = 0.9;
+/// Overlap of a box with that of a car that stands, from which on it is that car's.
+const SAME_PLACE: f64 = 0.7;
 /// Overlap of boxes that makes a pair even where the pose went wrong.
 const SURE_OVERLAP: f64 = 0.5;
 
@@ -65,6 +67,11 @@ impl Live {
 
     fn last(&self) -> Option<&Observation> {
         self.raw.observations.last()
+    }
+
+    /// Whether this is the box of the car, which stands still.
+    fn stands_in(&self, bbox_px: &[f64; 4]) -> bool {
+        self.filter.is_still() && self.last().is_some_and(|last| bbox_iou(&last.bbox_px, bbox_px) > SAME_PLACE)
     }
 
     /// The car is where its last look saw it.
@@ -197,7 +204,10 @@ impl Tracker {
         let gate = self.options.gate;
         let mut held: Vec<bool> = vec![false; self.live.len()];
         for car in &frame.held {
-            if let Some(l) = self.live.iter().position(|live| live.look == car.look).filter(|l| !held[*l]) {
+            // A look that came to nothing is no track's; the car is still the one that stands there.
+            let by_look = self.live.iter().position(|live| live.look == car.look);
+            let by_place = || self.live.iter().position(|live| live.stands_in(&car.bbox_px));
+            if let Some(l) = by_look.or_else(by_place).filter(|l| !held[*l]) {
                 self.live[l].hold(car, index, time_s);
                 held[l] = true;
             }
