@@ -12,9 +12,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::clip::{ClipSolution, solve_clip};
 use crate::draw::{Scene, draw_video, write_report};
+use crate::flow::Work;
 use crate::identity::{file_identity, peak_memory_bytes, versions};
 use crate::samples::SampleFrames;
-use crate::flow::Work;
+use crate::speed::{Looks, Meter};
 use crate::streaming::{
     Cadence, Nets, Streamed, detect_stage, keypoint_stage, open_input, stream, stretch_of, watch_stage,
 };
@@ -38,6 +39,8 @@ pub struct RunOptions {
     pub resume: bool,
     /// Also write the annotated video.
     pub video: bool,
+    /// No other input is worked on in this process at the same time: its processor time is this run's.
+    pub alone: bool,
 }
 
 /// What came of one input.
@@ -83,6 +86,7 @@ pub fn run_input(
     progress: &dyn Progress,
 ) -> Result<RunReport, PipelineError> {
     let started = Instant::now();
+    let mut meter = Meter::start(options.alone);
     let stem = stem_of(input_path);
     let finished = out.join(&stem);
     let summary = finished.join("summary.json");
@@ -109,12 +113,15 @@ pub fn run_input(
     }
     write_json(&folder.path().join(STAMP), &stamp)?;
 
+    meter.opened(1.0 / input.nominal_fps().max(1e-3));
     let result = (|| {
         progress.phase("frames");
         let offered = input.frames_hint().map(|frames| frames / Cadence::of(&input, config).every());
         let mut samples = SampleFrames::new(config.output.sample_frames, offered);
-        let streamed =
-            stream_to_spool(&mut nets, input, folder.path(), &mut samples, config, cancel, progress)?;
+        let mut looks = Looks::default();
+        let seen = (&mut samples, &mut looks);
+        let streamed = stream_to_spool(&mut nets, input, folder.path(), seen, config, cancel, progress)?;
+        meter.streamed(&streamed, looks, &nets);
         let rejected_cars = nets.keypoints.rejected();
         drop(nets);
         progress.phase("solving");
@@ -123,6 +130,7 @@ pub fn run_input(
         let solution =
             solve_clip(&spool, &folder.path().join("poses.jsonl"), &atlas, options.focal_px, config, cancel)?;
         let solve_s = solving.elapsed().as_secs_f64();
+        meter.solved();
         progress.phase("writing");
         write_camera(&folder.path().join("camera.json"), solution.cameras.estimates())?;
         let mut files = TrackFiles::create(folder.path())?;
@@ -137,8 +145,11 @@ pub fn run_input(
         summary.wall_s = started.elapsed().as_secs_f64();
         summary.frames_per_s = streamed.decode.delivered as f64 / summary.wall_s.max(1e-9);
         summary.peak_memory_bytes = peak_memory_bytes();
+        summary.speed = Some(meter.speed());
         let samples = samples.finish();
         write_report(&folder.path().join("report.html"), &stem, &atlas, &solution, &samples, &summary)?;
+        // The report cannot tell what it costs itself.
+        summary.speed = Some(meter.speed());
         if options.video {
             progress.phase("drawing");
             let scene = Scene::new(&solution.cameras, &solution.rows, solution.shapes(), &atlas);
@@ -175,7 +186,7 @@ fn stream_to_spool(
     nets: &mut Nets,
     input: roadplane_decode::Input,
     folder: &Path,
-    samples: &mut SampleFrames,
+    (samples, looks): (&mut SampleFrames, &mut Looks),
     config: &Config,
     cancel: &Cancel,
     progress: &dyn Progress,
@@ -196,7 +207,9 @@ fn stream_to_spool(
         if let Some(image) = &work.image {
             samples.offer(work.stamp, image);
         }
-        if is_new(work.record.frame) { Ok(spool.append(&work.record)?) } else { Ok(()) }
+        let is_new = is_new(work.record.frame);
+        looks.add(&work.record, is_new);
+        if is_new { Ok(spool.append(&work.record)?) } else { Ok(()) }
     };
     let streamed = stream(input, cadence.chooser(), stages, sink, config, cancel, progress);
     // Also after a stop: what is done is not done again.

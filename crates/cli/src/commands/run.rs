@@ -35,6 +35,7 @@ pub fn run(args: &RunArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
         existing: if args.overwrite { Existing::Overwrite } else { Existing::Refuse },
         resume: args.resume,
         video: args.video,
+        alone: args.jobs == 1 || args.inputs.len() == 1,
     };
     let worst = Mutex::new(Worst::default());
     let jobs = usize::from(args.jobs).min(args.inputs.len());

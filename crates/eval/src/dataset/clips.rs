@@ -50,6 +50,7 @@ impl Workplace {
             existing: Existing::Overwrite,
             resume: false,
             video: false,
+            alone: false,
         };
         let report = run_input(input, &self.folder, &options, config, cancel, progress)?;
         FinishedRun::read(&report.folder)
