@@ -48,6 +48,8 @@ pub enum Command {
     Eval(eval::EvalArgs),
     /// Makes data sets of geometry alone: truth, and measured keypoints for `solve`.
     Synth(synth::SynthArgs),
+    /// Measures what the main job costs on an input: prints one table.
+    Bench(BenchArgs),
     /// Checks codecs, runtime, models, and says what to do about what is missing.
     Doctor(DoctorArgs),
     /// Prints shell completions.
@@ -165,6 +167,25 @@ pub struct RenderArgs {
     pub run: PathBuf,
     /// Video to write; default: annotated.mp4 in the run's folder.
     #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub config: ConfigArgs,
+}
+
+/// `roadplane bench`.
+#[derive(Debug, Args)]
+pub struct BenchArgs {
+    /// Video, image, or folder of images.
+    pub input: PathBuf,
+    /// Also measures the run that looks at everything (watch.attention=false).
+    #[arg(long)]
+    pub full: bool,
+    /// Prints one JSON object instead of the table.
+    #[arg(long)]
+    pub json: bool,
+    /// Keeps the runs' results in DIR/<attention or full>/<stem>/; default: a folder here that is removed at the end.
+    #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     #[command(flatten)]
     #[allow(missing_docs)]

@@ -73,13 +73,9 @@ pub fn evaluate_attention(
             let no_folder = |source| WriteError::Io { doing: "make the folder", source, path: out.clone() };
             std::fs::create_dir_all(&out).map_err(no_folder)?;
             let options = RunOptions {
-                models: models.to_path_buf(),
-                focal_px: None,
                 existing: Existing::Overwrite,
-                resume: false,
-                video: false,
-                background: false,
                 frames: true,
+                ..RunOptions::new(models.to_path_buf())
             };
             let folder = run_input(clip, &out, &options, &config, cancel, &Silent)?.folder;
             let frames = FrameReader::open(&folder.join("frames.jsonl"))?.collect::<Result<_, _>>()?;

@@ -9,6 +9,7 @@ use ort::environment::Environment;
 use ort::session::Session as OrtSession;
 use ort::session::builder::{GraphOptimizationLevel, SessionBuilder};
 use ort::value::{Outlet, TensorElementType, TensorRef, TensorValueType, Value, ValueType};
+use rustix::time::{ClockId, clock_gettime};
 use sha2::{Digest as _, Sha256};
 use thiserror::Error;
 
@@ -71,6 +72,7 @@ pub struct Session {
     card: ModelCard,
     output_names: Vec<Arc<str>>,
     provider: Provider,
+    net_s: f64,
 }
 
 impl Session {
@@ -102,7 +104,7 @@ impl Session {
         check_interface("output", &card.outputs, inner.outputs()).map_err(refused)?;
         tracing::debug!(net = card.name, version = card.version_text(), file = card.file, %provider, "net loaded");
         let output_names = card.outputs.iter().map(|spec| Arc::from(spec.name.as_str())).collect();
-        Ok(Self { inner, card, output_names, provider })
+        Ok(Self { inner, card, output_names, provider, net_s: 0.0 })
     }
 
     /// The card that the net was checked against; file, hash and calibration are those of the variant in use.
@@ -117,13 +119,19 @@ impl Session {
         self.provider
     }
 
+    /// Processor time that the calling threads spent inside the runtime so far, s: all of the net's with one thread a session.
+    #[must_use]
+    pub fn net_s(&self) -> f64 {
+        self.net_s
+    }
+
     /// Runs the net once.
     ///
     /// # Errors
     /// [`InferError::WrongInput`] unless the tensors are the card's, [`InferError::NonFinite`] when the net returns
     /// NaN or infinite numbers, [`InferError::Failed`] when the runtime fails.
     pub fn run(&mut self, inputs: &[NamedTensor<'_>]) -> Result<Outputs, InferError> {
-        let Self { inner, card, output_names, .. } = self;
+        let Self { inner, card, output_names, net_s, .. } = self;
         let wrong = |what: String| InferError::WrongInput { model: card.name.clone(), what };
         let failed = |what: String| InferError::Failed { model: card.name.clone(), what };
         let mut named = BTreeMap::new();
@@ -147,7 +155,10 @@ impl Session {
             let value = TensorRef::from_array_view(array.view()).map_err(|e| failed(e.to_string()))?;
             values.push((*name, value));
         }
-        let mut results = inner.run(values).map_err(|e| failed(e.to_string()))?;
+        let started = thread_cpu_s();
+        let ran = inner.run(values);
+        *net_s += thread_cpu_s() - started;
+        let mut results = ran.map_err(|e| failed(e.to_string()))?;
         let mut outputs = Vec::with_capacity(card.outputs.len());
         for (spec, name) in card.outputs.iter().zip(output_names.iter()) {
             let value =
@@ -168,6 +179,12 @@ impl Session {
         }
         Ok(Outputs(outputs))
     }
+}
+
+/// Processor time of the calling thread so far, s.
+fn thread_cpu_s() -> f64 {
+    let time = clock_gettime(ClockId::ThreadCPUTime);
+    time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
 }
 
 /// How many numbers are NaN or infinite. Counted by their bits in blocks, which compilers turn into vector instructions.

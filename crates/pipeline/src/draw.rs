@@ -115,6 +115,16 @@ fn facts_of(summary: &Summary) -> Vec<(String, String)> {
         ("frames left out on purpose".to_owned(), counts.frames_skipped.to_string()),
         ("frames a second".to_owned(), format!("{:.2}", summary.frames_per_s)),
     ];
+    if let Some(speed) = &summary.speed {
+        let (ms, seen) = (&speed.cpu_ms_per_frame, 100.0 * speed.seen_share);
+        let cpu = format!(
+            "{:.1}: decode {:.1}, watch {:.1}, detect {:.1}, keypoints {:.1}, solve {:.1}",
+            ms.total, ms.decode, ms.watch, ms.detect, ms.keypoints, ms.solve
+        );
+        facts.push(("CPU ms a frame".to_owned(), cpu));
+        facts.push(("share of the picture the detector saw".to_owned(), format!("{seen:.2} %")));
+        facts.push(("crops".to_owned(), speed.crops.to_string()));
+    }
     facts.extend(counts.boxes.iter().map(|(class, n)| (format!("boxes: {class}"), n.to_string())));
     facts.extend(counts.rejected.iter().map(|(reason, n)| (format!("left out: {reason}"), n.to_string())));
     facts.extend(

@@ -13,6 +13,7 @@ use roadplane_base::{FrameRecord, FrameStamp, ImageSize};
 use roadplane_decode::Decoded;
 use roadplane_watch::Seen;
 
+use crate::cpu::thread_cpu_s;
 use crate::{Cancel, PipelineError};
 
 /// A stage that has been waiting this long for the next one is worth a line in the log.
@@ -73,6 +74,8 @@ pub struct StageTime {
     pub name: &'static str,
     /// Seconds of work.
     pub seconds: f64,
+    /// Processor time of the stage's thread, s.
+    pub cpu_s: f64,
 }
 
 /// Runs `source` (named `source_name`) through the stages into `sink`, which works on the calling thread. `capacity`
@@ -90,7 +93,8 @@ pub fn flow<'a>(
     cancel: &Cancel,
 ) -> Result<Vec<StageTime>, PipelineError> {
     std::thread::scope(|scope| {
-        let mut threads: Vec<(&'static str, ScopedJoinHandle<'_, Result<f64, PipelineError>>)> = Vec::new();
+        let mut threads: Vec<(&'static str, ScopedJoinHandle<'_, Result<StageTime, PipelineError>>)> =
+            Vec::new();
         let (sender, mut receiver) = bounded::<Work>(capacity);
         let stop = cancel.clone();
         let read = move || {
@@ -104,7 +108,7 @@ pub fn flow<'a>(
                     break;
                 }
             }
-            Ok(busy.as_secs_f64())
+            Ok(StageTime { name: source_name, seconds: busy.as_secs_f64(), cpu_s: thread_cpu_s() })
         };
         let spawned = Builder::new().name(source_name.to_owned()).spawn_scoped(scope, read);
         threads.push((source_name, spawned.map_err(PipelineError::thread)?));
@@ -118,6 +122,7 @@ pub fn flow<'a>(
             });
             threads.push((name, spawned.map_err(PipelineError::thread)?));
         }
+        let sink_from_s = thread_cpu_s();
         let mut sunk = Ok(());
         let mut sink_busy = Duration::ZERO;
         for work in &receiver {
@@ -129,18 +134,19 @@ pub fn flow<'a>(
             }
         }
         drop(receiver);
+        let sink_cpu_s = thread_cpu_s() - sink_from_s;
         let mut times = Vec::new();
         let mut first_error = None;
         for (name, thread) in threads {
             match thread.join() {
-                Ok(Ok(seconds)) => times.push(StageTime { name, seconds }),
+                Ok(Ok(time)) => times.push(time),
                 Ok(Err(error)) => first_error = first_error.or(Some(error)),
                 Err(panic) => {
                     first_error = first_error.or(Some(PipelineError::panicked(name, panic.as_ref())))
                 }
             }
         }
-        times.push(StageTime { name: "spool", seconds: sink_busy.as_secs_f64() });
+        times.push(StageTime { name: "spool", seconds: sink_busy.as_secs_f64(), cpu_s: sink_cpu_s });
         match first_error {
             Some(error) => Err(error),
             None => {
@@ -156,7 +162,7 @@ fn run_stage(
     input: &Receiver<Work>,
     output: &Sender<Work>,
     stop: &Cancel,
-) -> Result<f64, PipelineError> {
+) -> Result<StageTime, PipelineError> {
     let mut busy = Duration::ZERO;
     for mut work in input {
         if stop.is_stopped() {
@@ -169,7 +175,7 @@ fn run_stage(
             break;
         }
     }
-    Ok(busy.as_secs_f64())
+    Ok(StageTime { name: stage.name, seconds: busy.as_secs_f64(), cpu_s: thread_cpu_s() })
 }
 
 /// Sends, saying so in the log when the next stage lets it wait; false when the next stage has ended.

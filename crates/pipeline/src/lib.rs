@@ -2,11 +2,13 @@
 //! cancellation, and what each command of the binary does.
 
 mod believe;
+mod bench;
 mod cameras;
 mod cancel;
 mod cars;
 mod clip;
 mod config;
+mod cpu;
 mod doctor;
 mod draw;
 mod error;
@@ -17,10 +19,12 @@ mod progress;
 mod run;
 mod samples;
 mod solve_file;
+mod speed;
 mod stage_files;
 mod streaming;
 mod watched;
 
+pub use bench::{DecodeCost, forget_peak_memory, measure_decoding};
 pub use cancel::Cancel;
 pub use clip::{ClipSolution, solve_clip};
 pub use config::{Config, ConfigError};

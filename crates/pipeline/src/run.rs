@@ -15,9 +15,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::clip::{ClipSolution, solve_clip};
 use crate::draw::{Scene, draw_video, write_report};
+use crate::flow::Work;
 use crate::identity::{file_identity, peak_memory_bytes, versions};
 use crate::samples::SampleFrames;
-use crate::flow::Work;
+use crate::speed::{Looks, Meter};
 use crate::streaming::{
     Cadence, Nets, Streamed, detect_stage, keypoint_stage, open_input, stream, stretch_of, watch_stage,
 };
@@ -46,6 +47,25 @@ pub struct RunOptions {
     pub background: bool,
     /// Leave what the streaming half found, frame by frame, in the result: `frames.jsonl`.
     pub frames: bool,
+    /// No other input is worked on in this process at the same time: its processor time is this run's.
+    pub alone: bool,
+}
+
+impl RunOptions {
+    /// Nothing asked for beside the results, which must not be there yet.
+    #[must_use]
+    pub fn new(models: PathBuf) -> Self {
+        Self {
+            models,
+            focal_px: None,
+            existing: Existing::Refuse,
+            resume: false,
+            video: false,
+            background: false,
+            frames: false,
+            alone: false,
+        }
+    }
 }
 
 /// What came of one input.
@@ -91,6 +111,7 @@ pub fn run_input(
     progress: &dyn Progress,
 ) -> Result<RunReport, PipelineError> {
     let started = Instant::now();
+    let mut meter = Meter::start(options.alone);
     let stem = stem_of(input_path);
     let finished = out.join(&stem);
     let summary = finished.join("summary.json");
@@ -117,14 +138,21 @@ pub fn run_input(
     }
     write_json(&folder.path().join(STAMP), &stamp)?;
 
+    meter.opened(1.0 / input.nominal_fps().max(1e-3));
     let result = (|| {
         progress.phase("frames");
         let offered = input.frames_hint().map(|frames| frames / Cadence::of(&input, config).every());
         let mut samples = SampleFrames::new(config.output.sample_frames, offered);
-        let mut watched = Watched::default();
+        let (mut watched, mut looks) = (Watched::default(), Looks::default());
         let mut background = None;
-        let mut sink = Sinks { samples: &mut samples, watched: &mut watched, background: &mut background };
-        let streamed = stream_to_spool(&mut nets, input, folder.path(), &mut sink, config, cancel, progress)?;
+        let mut sinks = Sinks {
+            samples: &mut samples,
+            watched: &mut watched,
+            looks: &mut looks,
+            background: &mut background,
+        };
+        let streamed = stream_to_spool(&mut nets, input, folder.path(), &mut sinks, config, cancel, progress)?;
+        meter.streamed(&streamed, looks, &nets);
         if let Some(background) = background.as_ref().filter(|_| options.background) {
             write_background(folder.path(), background)?;
         }
@@ -136,6 +164,7 @@ pub fn run_input(
         let solution =
             solve_clip(&spool, &folder.path().join("poses.jsonl"), &atlas, options.focal_px, config, cancel)?;
         let solve_s = solving.elapsed().as_secs_f64();
+        meter.solved();
         progress.phase("writing");
         write_camera(&folder.path().join("camera.json"), solution.cameras.estimates())?;
         let mut files = TrackFiles::create(folder.path())?;
@@ -151,6 +180,7 @@ pub fn run_input(
         summary.wall_s = started.elapsed().as_secs_f64();
         summary.frames_per_s = streamed.decode.delivered as f64 / summary.wall_s.max(1e-9);
         summary.peak_memory_bytes = peak_memory_bytes();
+        summary.speed = Some(meter.speed());
         let samples = samples.finish();
         let place = background.as_ref().map(Background::picture);
         write_report(
@@ -162,6 +192,8 @@ pub fn run_input(
             place,
             &summary,
         )?;
+        // The report cannot tell what it costs itself.
+        summary.speed = Some(meter.speed());
         if options.video {
             progress.phase("drawing");
             let scene = Scene::new(&solution.cameras, &solution.rows, solution.shapes(), &atlas);
@@ -199,6 +231,7 @@ fn read_stamp(folder: &Path) -> Option<Stamp> {
 struct Sinks<'a> {
     samples: &'a mut SampleFrames,
     watched: &'a mut Watched,
+    looks: &'a mut Looks,
     background: &'a mut Option<Background>,
 }
 
@@ -244,7 +277,9 @@ fn stream_to_spool(
             sinks.samples.offer(work.stamp, image);
         }
         sinks.watched.push(&work.record);
-        if is_new(work.record.frame) { Ok(spool.append(&work.record)?) } else { Ok(()) }
+        let is_new = is_new(work.record.frame);
+        sinks.looks.add(&work.record, is_new);
+        if is_new { Ok(spool.append(&work.record)?) } else { Ok(()) }
     };
     let streamed = stream(input, cadence.chooser(), stages, sink, config, cancel, progress);
     // Also after a stop: what is done is not done again.

@@ -15,6 +15,7 @@ mod interchange;
 mod jsonl;
 mod lock;
 mod parquet;
+mod speed;
 mod spool;
 mod summary;
 mod tracks;
@@ -27,6 +28,7 @@ pub use interchange::{KittiTracking, MotChallenge};
 pub use jsonl::{JsonLines, PoseLines, read_jsonl, write_json};
 pub use lock::FolderLock;
 pub use parquet::{TRACKS_SCHEMA, TrackParquet};
+pub use speed::{CpuMs, Speed};
 pub use spool::{FrameReader, FrameSpool, Recovered};
 pub use summary::{
     Counts, InputSummary, ModelSummary, RunStatus, SUMMARY_SCHEMA, StageSeconds, Summary, WatchStretch,

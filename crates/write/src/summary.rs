@@ -7,6 +7,7 @@ use roadplane_base::{CameraMove, PictureVerdict};
 use serde::{Deserialize, Serialize};
 
 use crate::digits::decimals;
+use crate::speed::Speed;
 use crate::{WriteError, write_json};
 
 /// Schema of `summary.json`.
@@ -53,6 +54,9 @@ pub struct Summary {
     pub wall_s: f64,
     /// Frames read a second of wall-clock time.
     pub frames_per_s: f64,
+    /// What the run cost, by stage.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub speed: Option<Speed>,
     /// Most memory that the process held, bytes.
     pub peak_memory_bytes: Option<u64>,
     /// What a reader of the results should know.
@@ -147,6 +151,7 @@ pub fn write_summary(path: &Path, summary: &Summary) -> Result<(), WriteError> {
     summary.wall_s = decimals(summary.wall_s, 3);
     summary.frames_per_s = decimals(summary.frames_per_s, 3);
     summary.seconds.iter_mut().for_each(|s| s.seconds = decimals(s.seconds, 3));
+    summary.speed = summary.speed.map(|speed| speed.rounded());
     write_json(path, &summary)
 }
 

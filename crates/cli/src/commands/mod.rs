@@ -8,6 +8,7 @@ use roadplane_pipeline::{Config, PipelineError};
 use crate::Outcome;
 use crate::args::{Cli, ConfigArgs};
 
+pub mod bench;
 pub mod doctor;
 pub mod eval;
 pub mod render;

@@ -37,6 +37,7 @@ pub fn run(args: &RunArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
         video: args.video,
         background: args.background,
         frames: args.frames,
+        alone: args.jobs == 1 || args.inputs.len() == 1,
     };
     let worst = Mutex::new(Worst::default());
     let jobs = usize::from(args.jobs).min(args.inputs.len());

@@ -45,13 +45,8 @@ impl Workplace {
         progress: &dyn Progress,
     ) -> Result<FinishedRun, EvalError> {
         let options = RunOptions {
-            models: options.models.clone(),
-            focal_px: None,
             existing: Existing::Overwrite,
-            resume: false,
-            video: false,
-            background: false,
-            frames: false,
+            ..RunOptions::new(options.models.clone())
         };
         let report = run_input(input, &self.folder, &options, config, cancel, progress)?;
         FinishedRun::read(&report.folder)

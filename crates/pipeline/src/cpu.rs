@@ -1,0 +1,60 @@
+//! Processor time, as the system counts it.
+
+use rustix::time::{ClockId, Timespec, clock_gettime};
+
+fn seconds(time: Timespec) -> f64 {
+    time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
+}
+
+/// Processor time of the calling thread so far, s.
+#[must_use]
+pub fn thread_cpu_s() -> f64 {
+    seconds(clock_gettime(ClockId::ThreadCPUTime))
+}
+
+/// Processor time of all threads of this process so far, those that ended included, s.
+#[must_use]
+pub fn process_cpu_s() -> f64 {
+    seconds(clock_gettime(ClockId::ProcessCPUTime))
+}
+
+/// Takes laps of processor time.
+#[derive(Debug)]
+pub struct Laps {
+    alone: bool,
+    last_s: f64,
+}
+
+impl Laps {
+    /// Starts now. `alone`: what this process does is all of it to be counted; otherwise only the calling thread counts.
+    #[must_use]
+    pub fn start(alone: bool) -> Self {
+        let mut laps = Self { alone, last_s: 0.0 };
+        laps.next_s();
+        laps
+    }
+
+    /// Processor time since the last call, s.
+    pub fn next_s(&mut self) -> f64 {
+        let now_s = if self.alone { process_cpu_s() } else { thread_cpu_s() };
+        let lap_s = now_s - self.last_s;
+        self.last_s = now_s;
+        lap_s
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn work_takes_processor_time() {
+        let (mut thread, mut process) = (Laps::start(false), Laps::start(true));
+        let mut sum = 0u64;
+        while thread.last_s <= 0.0 || thread_cpu_s() - thread.last_s < 0.02 {
+            sum = std::hint::black_box(sum.wrapping_add(1));
+        }
+        let (thread_s, process_s) = (thread.next_s(), process.next_s());
+        assert!(thread_s >= 0.02 && process_s >= 0.9 * thread_s, "{thread_s} {process_s}");
+    }
+}
