@@ -12,9 +12,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::clip::{ClipSolution, solve_clip};
 use crate::draw::{Scene, draw_video, write_report};
+use crate::flow::Work;
 use crate::identity::{file_identity, peak_memory_bytes, versions};
 use crate::samples::SampleFrames;
-use crate::flow::Work;
 use crate::streaming::{
     Cadence, Nets, Streamed, detect_stage, keypoint_stage, open_input, stream, stretch_of, watch_stage,
 };

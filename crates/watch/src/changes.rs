@@ -100,7 +100,8 @@ impl Cells {
     pub fn share_of(&self, bbox_px: &[f64; 4]) -> f64 {
         let (columns, rows) = self.touched(bbox_px);
         let count = columns.len() * rows.len();
-        let here = rows.map(|row| columns.clone().filter(|column| self.has(*column, row)).count()).sum::<usize>();
+        let here =
+            rows.map(|row| columns.clone().filter(|column| self.has(*column, row)).count()).sum::<usize>();
         here as f64 / count.max(1) as f64
     }
 

@@ -148,14 +148,15 @@ impl Reference {
     /// What each block with structure says of a picture.
     pub(crate) fn shifts(&self, picture: &SmallGrey) -> Vec<BlockShift> {
         let coarse = self.coarse.as_ref().and_then(|coarse| {
-            Alignment::of(&coarse.told(&prepared(&picture.halved()), [0, 0])).map(|alignment| 2.0 * alignment.shift)
+            Alignment::of(&coarse.told(&prepared(&picture.halved()), [0, 0]))
+                .map(|alignment| 2.0 * alignment.shift)
         });
         let base = coarse.map_or([0, 0], |shift| [shift.x, shift.y].map(|v| v.round() as i64));
         self.told(&prepared(picture), base)
     }
 
     /// The same of a [`prepared`] picture that is shifted by about `base`, px.
-    fn told(&self, picture: &[f32], base: [i64; 2]) -> Vec<BlockShift> {
+    pub(crate) fn told(&self, picture: &[f32], base: [i64; 2]) -> Vec<BlockShift> {
         let middle = Vector2::new(self.width as f64 / 2.0, self.height as f64 / 2.0);
         let half = BLOCK as f64 / 2.0;
         let shifted = |at: usize, by: i64, length: usize| {
@@ -267,7 +268,8 @@ fn smoothed(values: &[f32], width: usize, height: usize) -> Vec<f32> {
     }
     let mut out = across.clone();
     for y in 1..height.saturating_sub(1) {
-        let (above, here, below) = (&across[(y - 1) * width..], &across[y * width..], &across[(y + 1) * width..]);
+        let (above, here, below) =
+            (&across[(y - 1) * width..], &across[y * width..], &across[(y + 1) * width..]);
         for (x, out) in out[y * width..(y + 1) * width].iter_mut().enumerate() {
             *out = 0.25 * above[x] + 0.5 * here[x] + 0.25 * below[x];
         }

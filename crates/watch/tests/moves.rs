@@ -18,7 +18,12 @@ fn turned(place: &dyn Place, seconds: f64, strides: &[u64], view: impl Fn(f64) -
 }
 
 /// A clip of a camera at rest, whose pictures are changed before noise comes in.
-fn altered(place: &dyn Place, seconds: f64, strides: &[u64], alter: impl Fn(Grey, u64, f64) -> Grey) -> Vec<Told> {
+fn altered(
+    place: &dyn Place,
+    seconds: f64,
+    strides: &[u64],
+    alter: impl Fn(Grey, u64, f64) -> Grey,
+) -> Vec<Told> {
     watched(place.fps(), seconds, strides, |frame, time_s| {
         alter(place.at(frame).seen(place.picture(), View::default()), frame, time_s).noisy(frame)
     })
@@ -87,8 +92,10 @@ fn a_pan_is_told_when_it_begins_and_when_it_ends() {
             println!("{name}, stride {}: {moves:?}", told.stride);
             let [begun, ended] = moves[..] else { panic!("{name}, stride {}: {moves:?}", told.stride) };
             assert_eq!((begun.kind, ended.kind), (MoveKind::Moving, MoveKind::Turned));
-            assert!((begun.since_s - 2.0).abs() <= 0.5, "stride {}: {begun:?}", told.stride);
-            assert!((ended.since_s - 7.0).abs() <= 0.5, "stride {}: {ended:?}", told.stride);
+            // Two pictures must lie elsewhere before a position is given up.
+            let near = 0.5_f64.max(2.0 * told.stride as f64 / told.fps);
+            assert!((begun.since_s - 2.0).abs() <= near, "stride {}: {begun:?}", told.stride);
+            assert!((ended.since_s - 7.0).abs() <= near, "stride {}: {ended:?}", told.stride);
         }
     }
 }
@@ -97,7 +104,8 @@ fn a_pan_is_told_when_it_begins_and_when_it_ends() {
 fn a_zoom_is_told_with_its_growth() {
     for (name, place) in [("made", &Made::new(4) as &dyn Place), ("scene", &scene())] {
         for growth in [1.05_f64, 0.95] {
-            let view = |t: f64| View { log_scale: if t < 3.0 { 0.0 } else { growth.ln() }, ..View::default() };
+            let view =
+                |t: f64| View { log_scale: if t < 3.0 { 0.0 } else { growth.ln() }, ..View::default() };
             let what = format!("{name} zoomed to {growth}");
             for told in turned(place, 6.5, &STRIDES, view) {
                 let moved = one_move(&told, MoveKind::Zoomed, 3.0, &what);
@@ -132,7 +140,10 @@ fn a_shaken_camera_has_not_moved_and_its_shake_is_followed() {
                 let worst = |off: &[[f64; 2]]| off.iter().map(|o| o[0].hypot(o[1])).fold(0.0, f64::max);
                 let shift = worst(&off(&|i| late[i].2));
                 let offset = worst(&off(&|i| late[i].1.offset_px));
-                println!("{name}, {hertz}/s, stride {}: shift off by {shift:.2}, offset {offset:.2} px", told.stride);
+                println!(
+                    "{name}, {hertz}/s, stride {}: shift off by {shift:.2}, offset {offset:.2} px",
+                    told.stride
+                );
                 assert!(shift <= 0.5, "{name}, {hertz}/s, stride {}: {shift}", told.stride);
                 // What is told leaves out the noise.
                 assert!(offset <= 0.8, "{name}, {hertz}/s, stride {}: {offset}", told.stride);
@@ -227,7 +238,7 @@ fn a_picture_that_stays_the_same_is_frozen() {
 
 #[test]
 fn dense_traffic_is_rest() {
-    // Nine lanes of 48 px, of 520 px that are 80 px higher than the picture at either end.
+    // Five full lanes of 48 px in a picture of 360 px.
     let lanes: Vec<(f64, i64, u32)> =
         (0..5).map(|i| ([-5.0, 3.0, -2.0, 6.0, 4.0][i], 130 + 48 * i as i64, 8)).collect();
     let told = turned(&Made::with_traffic(12, &lanes), 8.0, &STRIDES, |_| View::default());

@@ -80,6 +80,9 @@ impl Grey {
             }
             let from = (-x).clamp(0, other.width as i64) as usize;
             let until = (self.width as i64 - x).clamp(from as i64, other.width as i64) as usize;
+            if from == until {
+                continue;
+            }
             let at = (to as i64 * self.width as i64 + x + from as i64) as usize;
             self.values[at..at + until - from].copy_from_slice(&line[from..until]);
         }
@@ -98,6 +101,10 @@ impl Grey {
         for y in 0..height {
             let (row, v) = place(y, height, self.height, view.shift[1]);
             let (upper, lower) = (&self.values[row * self.width..], &self.values[(row + 1) * self.width..]);
+            if v == 0 && columns.iter().enumerate().all(|(i, &(x, u))| u == 0 && x == columns[0].0 + i) {
+                values.extend_from_slice(&upper[columns[0].0..][..width]);
+                continue;
+            }
             values.extend(columns.iter().map(|&(x, u)| {
                 let mix = |line: &[u8]| u32::from(line[x]) * (256 - u) + u32::from(line[x + 1]) * u;
                 ((mix(upper) * (256 - v) + mix(lower) * v + (1 << 15)) >> 16) as u8
@@ -130,8 +137,11 @@ impl Grey {
     }
 
     fn rgb(&self) -> RgbImage {
-        let pixels = self.values.iter().flat_map(|v| [*v; 3]).collect();
-        RgbImage::from_raw(self.width as u32, self.height as u32, pixels).unwrap()
+        let mut image = RgbImage::new(self.width as u32, self.height as u32);
+        for (pixel, value) in image.chunks_exact_mut(3).zip(&self.values) {
+            pixel.fill(*value);
+        }
+        image
     }
 }
 
@@ -261,10 +271,8 @@ impl Told {
 
 /// Watches a clip of so many seconds at several strides at once; `picture` makes the frame at a time of frame number and time.
 pub fn watched(fps: f64, seconds: f64, strides: &[u64], picture: impl Fn(u64, f64) -> Grey) -> Vec<Told> {
-    let mut watchers: Vec<(Watcher, Told)> = strides
-        .iter()
-        .map(|&stride| (Watcher::new(), Told { stride, fps, frames: Vec::new() }))
-        .collect();
+    let mut watchers: Vec<(Watcher, Told)> =
+        strides.iter().map(|&stride| (Watcher::new(), Told { stride, fps, frames: Vec::new() })).collect();
     for frame in 0..(seconds * fps) as u64 {
         if strides.iter().all(|stride| frame % stride > 0) {
             continue;
