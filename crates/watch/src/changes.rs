@@ -77,6 +77,9 @@ impl Cells {
     pub fn touched(&self, bbox_px: &[f64; 4]) -> (std::ops::Range<usize>, std::ops::Range<usize>) {
         let span = |from: f64, to: f64, count: usize| {
             let cell = |at: f64| (at.max(0.0) / self.side_px as f64) as usize;
+            if to < 0.0 {
+                return 0..0;
+            }
             let first = cell(from).min(count);
             first..(cell(to) + 1).clamp(first, count)
         };
