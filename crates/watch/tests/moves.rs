@@ -1,6 +1,6 @@
 //! What the watcher tells of clips whose camera is known to move, and when.
 
-#![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a test that cannot go on has failed")]
 
 mod made;
 

@@ -23,8 +23,8 @@ fn clips(folder: &str) -> Vec<PathBuf> {
     clips
 }
 
-/// Watches a clip at all strides at once. It is at rest but for its end from `until_s` on, which may be unsettled.
-fn rests(clip: &Path, until_s: f64) {
+/// Watches a clip at all strides at once. No move is told, and until some time there is one verdict.
+fn stays(clip: &Path, expected: PictureVerdict, until_s: f64) {
     let mut input = open(clip, &DecodeOptions::default()).unwrap();
     let mut watchers = STRIDES.map(|stride| (stride, Watcher::new(), Vec::new()));
     let mut frame_number = 0;
@@ -42,25 +42,34 @@ fn rests(clip: &Path, until_s: f64) {
         frame_number += 1;
     }
     for (_, _, verdicts) in &watchers {
-        let other = verdicts.iter().find(|(_, verdict)| *verdict != PictureVerdict::Rest);
+        let other = verdicts.iter().find(|(_, verdict)| *verdict != expected);
         assert_eq!(other, None, "of {} pictures", verdicts.len());
     }
+}
+
+fn rests(clip: &Path) {
+    stays(clip, PictureVerdict::Rest, f64::INFINITY);
 }
 
 #[test]
 fn road_cameras_rest() {
     for clip in clips("clips") {
-        // Its last 0.6 s are of another camera.
-        rests(&clip, if clip.ends_with("street_queue.mp4") { 28.0 } else { f64::INFINITY });
+        match clip.file_stem().and_then(|name| name.to_str()) {
+            // Its last 0.6 s are of another camera.
+            Some("street_queue") => stays(&clip, PictureVerdict::Rest, 28.0),
+            // Bare asphalt, which could be shifted unseen.
+            Some("barrier") => stays(&clip, PictureVerdict::Unknown, f64::INFINITY),
+            _ => rests(&clip),
+        }
     }
 }
 
 #[test]
 fn car_park_cameras_rest() {
-    clips("virat").iter().for_each(|clip| rests(clip, f64::INFINITY));
+    clips("virat").iter().for_each(|clip| rests(clip));
 }
 
 #[test]
 fn gantry_cameras_rest() {
-    clips("cameras").iter().for_each(|clip| rests(clip, f64::INFINITY));
+    clips("cameras").iter().for_each(|clip| rests(clip));
 }
