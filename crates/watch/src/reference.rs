@@ -16,8 +16,8 @@ const MIN_STRUCTURE: f64 = 4.0;
 /// Blocks in every ninth of a picture that has structure all over.
 const MIN_IN_NINTH: usize = 3;
 /// Blocks that told nothing in most pictures at rest (noise, leaves, the middle of the road) have no say. Trust follows what they
-/// tell by this share a picture; new blocks must earn it.
-const TRUST_SHARE: f64 = 0.1;
+/// tell within this time, s, which is longer than something large takes to drive past; new blocks must earn it.
+const TRUST_S: f64 = 3.0;
 const TRUSTED: f64 = 0.4;
 const NEW_TRUST: f64 = 0.3;
 /// A block is the same place if shift and light explain at least this share of its variance.
@@ -131,8 +131,9 @@ impl Reference {
         for (median, value) in self.median.iter_mut().zip(&picture.values) {
             *median += (f32::from(*value) - *median).clamp(-step, step);
         }
+        let share = 1.0 - (-seconds / TRUST_S).exp();
         for (block, told) in self.blocks.iter_mut().zip(told) {
-            block.trust += TRUST_SHARE * (f64::from(u8::from(told.shift.is_some())) - block.trust);
+            block.trust += share * (f64::from(u8::from(told.shift.is_some())) - block.trust);
         }
         if let Some(coarse) = &mut self.coarse {
             let halved = picture.halved();
