@@ -59,7 +59,10 @@ where
         let shows_nothing = frame.watch.as_ref().is_some_and(|watch| {
             matches!(
                 watch.verdict,
-                PictureVerdict::Black | PictureVerdict::White | PictureVerdict::Covered | PictureVerdict::Moving
+                PictureVerdict::Black
+                    | PictureVerdict::White
+                    | PictureVerdict::Covered
+                    | PictureVerdict::Moving
             )
         });
         if self.is_moving || shows_nothing {
@@ -76,24 +79,31 @@ impl<I> AtRest<I> {
         self.held_back.push_back(frame);
         let Some(moved) = moved else { return };
         let since = self.held_back.iter().position(|frame| frame.frame >= moved.since_frame).unwrap_or(0);
+        let known = self.held_back.len().saturating_sub(since + 1);
         let here = self.held_back.iter_mut().skip(since).filter_map(|frame| frame.watch.as_mut());
         for (i, watch) in here.enumerate() {
             if i == 0 {
                 watch.moved = Some(moved);
             }
+            // It was taken against the position before; the frame in which the move became known knows the new one.
+            if i < known {
+                watch.offset_px = [0.0; 2];
+            }
             watch.verdict = match (moved.kind, watch.verdict) {
                 (MoveKind::Moving, PictureVerdict::Unsettled) => PictureVerdict::Moving,
-                (MoveKind::Turned | MoveKind::Zoomed | MoveKind::Cut, PictureVerdict::Unsettled | PictureVerdict::Moving) => {
-                    PictureVerdict::Rest
-                }
+                (
+                    MoveKind::Turned | MoveKind::Zoomed | MoveKind::Cut,
+                    PictureVerdict::Unsettled | PictureVerdict::Moving,
+                ) => PictureVerdict::Rest,
                 (_, verdict) => verdict,
             };
         }
     }
 
     fn leave_out_the_unsettled_end(&mut self) {
-        let unsettled =
-            |frame: &FrameRecord| frame.watch.as_ref().is_some_and(|w| w.verdict == PictureVerdict::Unsettled);
+        let unsettled = |frame: &FrameRecord| {
+            frame.watch.as_ref().is_some_and(|w| w.verdict == PictureVerdict::Unsettled)
+        };
         for frame in self.held_back.iter_mut().rev().take_while(|frame| unsettled(frame)) {
             frame.cars.clear();
         }
@@ -144,7 +154,14 @@ mod tests {
     fn a_move_is_put_where_it_happened() {
         let mut frames: Vec<FrameRecord> = (0..200).map(|i| frame(i, PictureVerdict::Rest)).collect();
         frames[112] = moved(112, MoveKind::Turned, 100);
+        // Until it was known, the shift was taken for shake.
+        for shaken in &mut frames[98..103] {
+            shaken.watch.as_mut().unwrap().offset_px = [8.0, 0.0];
+        }
         let out = settled(frames);
+        for (i, left) in [(97, 10.0), (99, 2.0), (100, 10.0), (102, 10.0), (112, 10.0)] {
+            assert_eq!(out[i].cars[0].bbox_px[0], left, "frame {i}");
+        }
         let moves: Vec<u64> =
             out.iter().filter(|f| f.watch.as_ref().unwrap().moved.is_some()).map(|f| f.frame).collect();
         assert_eq!(moves, [100]);
@@ -157,11 +174,8 @@ mod tests {
         let mut frames: Vec<FrameRecord> = (0..200).map(|i| frame(i, PictureVerdict::Rest)).collect();
         frames[65] = moved(65, MoveKind::Moving, 50);
         frames[120] = moved(120, MoveKind::Turned, 110);
-        for i in 150..153 {
-            frames[i] = frame(i as u64, PictureVerdict::Unsettled);
-        }
-        for i in 195..200 {
-            frames[i] = frame(i as u64, PictureVerdict::Unsettled);
+        for unsettled in (150..153).chain(195..200) {
+            frames[unsettled] = frame(unsettled as u64, PictureVerdict::Unsettled);
         }
         let empty: Vec<u64> = settled(frames).iter().filter(|f| f.cars.is_empty()).map(|f| f.frame).collect();
         assert_eq!(empty, (50..110).chain(195..200).collect::<Vec<_>>());

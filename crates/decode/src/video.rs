@@ -188,8 +188,8 @@ impl Video {
         // Straight into the picture's own memory.
         let mut image = RgbImage::new(width, height);
         let pixels: &mut [u8] = &mut image;
-        let mut rgb =
-            Mat::new_rows_cols_with_bytes_mut::<Vec3b>(self.bgr.rows(), self.bgr.cols(), pixels).map_err(text)?;
+        let mut rgb = Mat::new_rows_cols_with_bytes_mut::<Vec3b>(self.bgr.rows(), self.bgr.cols(), pixels)
+            .map_err(text)?;
         cvt_color_def(&self.bgr, &mut rgb, COLOR_BGR2RGB).map_err(text)?;
         drop(rgb);
         Ok(image)

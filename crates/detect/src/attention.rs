@@ -72,7 +72,11 @@ impl Attention {
     /// Vehicles of a frame that nobody looks at: those that are held.
     #[must_use]
     pub fn held(&self) -> Vec<CarRecord> {
-        self.known.iter().filter(|vehicle| vehicle.is_held()).map(|vehicle| held(vehicle, self.offset_px)).collect()
+        self.known
+            .iter()
+            .filter(|vehicle| vehicle.is_held())
+            .map(|vehicle| held(vehicle, self.offset_px))
+            .collect()
     }
 
     /// Looks at a frame; `number` counts looks from the input's first frame on, whether this run began there or not.
@@ -127,7 +131,9 @@ impl Attention {
             cores.extend(region.cores);
             // What was cut is looked at as a whole next time, unless it is a vehicle that stands beside what was looked at.
             let is_known = |bbox: &[f64; 4]| {
-                self.known.iter().any(|vehicle| vehicle.is_held() && bbox_covered(&vehicle.bbox_px, bbox) > KNOWN)
+                self.known
+                    .iter()
+                    .any(|vehicle| vehicle.is_held() && bbox_covered(&vehicle.bbox_px, bbox) > KNOWN)
             };
             let cut = sight.cut.iter().filter(|cut| cut.score >= min_score && !is_known(&cut.bbox));
             self.cut.extend(cut.map(|cut| cut.bbox));
@@ -149,14 +155,17 @@ impl Attention {
                     && bbox_share_inside(bbox, &[*x0, *y0, *x1, *y1]) >= HELD
             })
         };
-        let mut at_rest: Vec<CarRecord> = found.iter().map(|car| moved(car, [-offset[0], -offset[1]])).collect();
+        let mut at_rest: Vec<CarRecord> =
+            found.iter().map(|car| moved(car, [-offset[0], -offset[1]])).collect();
         let unchanged = |bbox: &[f64; 4]| changed.share_of(&shifted(*bbox, offset)) <= 0.0;
         update(&mut self.known, &mut at_rest, stamp.index, time_s, covers, unchanged);
         for vehicle in &self.known {
             vehicles.insert_box(&vehicle.place(time_s));
         }
         map.looked(&seen.small, seen.shift, &looked, &vehicles);
-        for (column, row) in changed.iter().filter(|&(column, row)| looked.has(column, row) && !vehicles.has(column, row)) {
+        for (column, row) in
+            changed.iter().filter(|&(column, row)| looked.has(column, row) && !vehicles.has(column, row))
+        {
             for y in row.saturating_sub(1)..(row + 2).min(changed.rows) {
                 for x in column.saturating_sub(1)..(column + 2).min(changed.columns) {
                     self.idle_until[y * changed.columns + x] = self.looks + IDLE_LOOKS;
@@ -190,8 +199,11 @@ impl Attention {
         }
         let offset = self.offset_px;
         let in_frame = |bbox: [f64; 4]| shifted(bbox, offset);
-        let (late, early): (Vec<&Known>, Vec<&Known>) =
-            self.known.iter().filter(|vehicle| !vehicle.is_settled()).partition(|vehicle| vehicle.is_due(time_s));
+        let (late, early): (Vec<&Known>, Vec<&Known>) = self
+            .known
+            .iter()
+            .filter(|vehicle| !vehicle.is_settled())
+            .partition(|vehicle| vehicle.is_due(time_s));
         // What changed where a vehicle is known to move is that vehicle, whose turn will come.
         for vehicle in early {
             due.remove_box(&in_frame(vehicle.place(time_s)));
@@ -215,7 +227,12 @@ impl Attention {
                 let place = in_frame(vehicle.place(time_s));
                 let centre = bbox_centre(&place);
                 if (core[0]..core[2]).contains(&centre.x) && (core[1]..core[3]).contains(&centre.y) {
-                    core = [core[0].min(place[0]), core[1].min(place[1]), core[2].max(place[2]), core[3].max(place[3])];
+                    core = [
+                        core[0].min(place[0]),
+                        core[1].min(place[1]),
+                        core[2].max(place[2]),
+                        core[3].max(place[3]),
+                    ];
                 }
             }
             places.push(Place { core });
@@ -242,8 +259,7 @@ fn sweep_part(number: u64, looks_a_sweep: u64, width: f64, height: f64, finest: 
 
 fn bbox_share_inside(bbox: &[f64; 4], outer: &[f64; 4]) -> f64 {
     let area = |[x0, y0, x1, y1]: [f64; 4]| (x1 - x0).max(0.0) * (y1 - y0).max(0.0);
-    let common =
-        [bbox[0].max(outer[0]), bbox[1].max(outer[1]), bbox[2].min(outer[2]), bbox[3].min(outer[3])];
+    let common = [bbox[0].max(outer[0]), bbox[1].max(outer[1]), bbox[2].min(outer[2]), bbox[3].min(outer[3])];
     area(common) / area(*bbox).max(1e-9)
 }
 
@@ -278,14 +294,17 @@ mod tests {
 
     #[test]
     fn a_sweep_covers_the_picture_once_wherever_it_is_joined() {
-        for (looks, width, height, finest) in [(36, 1920.0, 1080.0, 2.0 / 3.0), (36, 640.0, 360.0, 1.0), (2, 1280.0, 720.0, 1.0)]
+        for (looks, width, height, finest) in
+            [(36, 1920.0, 1080.0, 2.0 / 3.0), (36, 640.0, 360.0, 1.0), (2, 1280.0, 720.0, 1.0)]
         {
             for start in [0_u64, 5, 1000] {
                 let parts: Vec<[f64; 4]> = (start + 1..=start + looks.max(8))
                     .filter_map(|number| sweep_part(number, looks, width, height, finest))
                     .collect();
                 let area: f64 = parts.iter().map(|[x0, y0, x1, y1]| (x1 - x0) * (y1 - y0)).sum();
-                assert!((area / (width * height) - parts.len() as f64 / parts.len().max(1) as f64).abs() < 1.01);
+                assert!(
+                    (area / (width * height) - parts.len() as f64 / parts.len().max(1) as f64).abs() < 1.01
+                );
                 assert!(area >= 0.99 * width * height, "{looks} from {start}: {parts:?}");
             }
         }

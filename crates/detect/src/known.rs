@@ -175,7 +175,9 @@ pub(crate) fn update(
         }
     }
     known.retain(|vehicle| vehicle.missed < MAX_MISSED);
-    known.extend(found.iter().zip(&of_found).filter(|(_, known)| !**known).map(|(f, _)| Known::new(f, frame, time_s)));
+    known.extend(
+        found.iter().zip(&of_found).filter(|(_, known)| !**known).map(|(f, _)| Known::new(f, frame, time_s)),
+    );
 }
 
 #[cfg(test)]
@@ -200,7 +202,11 @@ mod tests {
         assert!((jittering[0].bbox_px[0] - 10.0).abs() < 1e-9, "it keeps its box");
         let mut look = |frame: u64, covers: bool| {
             update(&mut known, &mut [], frame, frame as f64 * 0.1, |_| covers, |_| frame < 8);
-            (known.len(), known.first().is_some_and(Known::is_settled), known.first().is_some_and(Known::is_held))
+            (
+                known.len(),
+                known.first().is_some_and(Known::is_settled),
+                known.first().is_some_and(Known::is_held),
+            )
         };
         assert_eq!(look(6, false), (1, true, true), "nobody looked");
         assert_eq!(look(7, true), (1, false, true), "nothing changed: the detector wavers");

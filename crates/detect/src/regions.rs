@@ -21,7 +21,8 @@ const MARGIN_SHARE: f64 = 0.25;
 impl Place {
     fn with_margin(&self, finest: f64) -> [f64; 4] {
         let [x0, y0, x1, y1] = self.core;
-        let margin = (MARGIN_PX / finest).max(MARGIN_SHARE * (x1 - x0).max(y1 - y0)).min(2.5 * MARGIN_PX / finest);
+        let margin =
+            (MARGIN_PX / finest).max(MARGIN_SHARE * (x1 - x0).max(y1 - y0)).min(2.5 * MARGIN_PX / finest);
         [x0 - margin, y0 - margin, x1 + margin, y1 + margin]
     }
 }
@@ -38,9 +39,8 @@ pub(crate) struct Region {
 pub(crate) fn regions(places: &[Place], whole: Part, scales: &[f64]) -> Vec<Region> {
     let finest = scales.last().copied().unwrap_or(1.0);
     let everything = [0.0, 0.0, whole.width as f64, whole.height as f64];
-    let inside = |[x0, y0, x1, y1]: [f64; 4]| {
-        [x0.max(0.0), y0.max(0.0), x1.min(everything[2]), y1.min(everything[3])]
-    };
+    let inside =
+        |[x0, y0, x1, y1]: [f64; 4]| [x0.max(0.0), y0.max(0.0), x1.min(everything[2]), y1.min(everything[3])];
     let mut open: Vec<([f64; 4], Vec<[f64; 4]>)> = places
         .iter()
         .map(|place| (inside(place.with_margin(finest)), vec![inside(place.core)]))
@@ -111,7 +111,8 @@ mod tests {
     #[test]
     fn neighbours_share_a_run_and_strangers_do_not() {
         let place = |x: f64, y: f64| Place { core: [x, y, x + 80.0, y + 60.0] };
-        let found = regions(&[place(100.0, 500.0), place(1700.0, 200.0), place(190.0, 520.0)], WHOLE, &SCALES);
+        let found =
+            regions(&[place(100.0, 500.0), place(1700.0, 200.0), place(190.0, 520.0)], WHOLE, &SCALES);
         assert_eq!(found.len(), 2, "{found:?}");
         assert_eq!(found[0].cores.len(), 2);
         for region in &found {
@@ -122,14 +123,17 @@ mod tests {
                 assert!(part.y as f64 <= core[1] && core[3] <= (part.y + part.height) as f64, "{region:?}");
             }
             // Nothing is padded in the finest pass.
-            assert!((part.width as f64 * SCALES[2] % 32.0).min(32.0 - part.width as f64 * SCALES[2] % 32.0) < 1.0);
+            assert!(
+                (part.width as f64 * SCALES[2] % 32.0).min(32.0 - part.width as f64 * SCALES[2] % 32.0) < 1.0
+            );
         }
     }
 
     #[test]
     fn much_is_everything() {
-        let places: Vec<Place> =
-            (0..8).map(|i| Place { core: [f64::from(i) * 240.0, 0.0, f64::from(i) * 240.0 + 200.0, 1000.0] }).collect();
+        let places: Vec<Place> = (0..8)
+            .map(|i| Place { core: [f64::from(i) * 240.0, 0.0, f64::from(i) * 240.0 + 200.0, 1000.0] })
+            .collect();
         assert_eq!(regions(&places, WHOLE, &SCALES).len(), 1);
         assert_eq!(regions(&places, WHOLE, &SCALES)[0].part, WHOLE);
         assert!(regions(&[], WHOLE, &SCALES).is_empty());

@@ -28,7 +28,12 @@ impl Part {
 
 /// The part resampled (area average; pixel centres correspond) to `width` × `height`, at most its own size, as the net's input
 /// [1, 3, rows, columns], padded at the right and the bottom.
-pub(crate) fn input(image: &RgbImage, part: Part, width: usize, height: usize) -> opencv::Result<Array4<f32>> {
+pub(crate) fn input(
+    image: &RgbImage,
+    part: Part,
+    width: usize,
+    height: usize,
+) -> opencv::Result<Array4<f32>> {
     let side = |length: usize| i32::try_from(length).unwrap_or(i32::MAX);
     let (rows, columns) = (side(image.height() as usize), side(image.width() as usize));
     let picture = Mat::new_rows_cols_with_bytes::<Vec3b>(rows, columns, image.as_raw())?;
@@ -77,8 +82,16 @@ mod tests {
                     from + (u as f64 + 0.5) * source / target as f64 - 0.5
                 };
                 let value = |channel: usize| f64::from(planes[[0, channel, y, x]]) * 255.0;
-                assert!((value(0) - 2.0 * centre(x, 100.0, width, 10.0)).abs() < 0.8, "{width}: {}", value(0));
-                assert!((value(1) - 3.0 * centre(y, 60.0, height, 8.0)).abs() < 0.8, "{height}: {}", value(1));
+                assert!(
+                    (value(0) - 2.0 * centre(x, 100.0, width, 10.0)).abs() < 0.8,
+                    "{width}: {}",
+                    value(0)
+                );
+                assert!(
+                    (value(1) - 3.0 * centre(y, 60.0, height, 8.0)).abs() < 0.8,
+                    "{height}: {}",
+                    value(1)
+                );
                 assert!((value(2) - 100.0).abs() < 1e-3);
             }
             assert_eq!(planes.dim(), (1, 3, height.next_multiple_of(32), width.next_multiple_of(32)));

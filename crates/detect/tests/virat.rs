@@ -135,12 +135,17 @@ fn int8_finds_what_f32_finds() {
             kept += usize::from(found);
             highest_lost = if found { highest_lost } else { highest_lost.max(car.score) };
         }
-        overlaps.extend(wanted.iter().map(|label| {
-            cars.iter().map(|car| bbox_iou(&car.bbox_px, &label.bbox)).fold(0.0, f64::max)
-        }));
+        overlaps.extend(
+            wanted
+                .iter()
+                .map(|label| cars.iter().map(|car| bbox_iou(&car.bbox_px, &label.bbox)).fold(0.0, f64::max)),
+        );
     }
     overlaps.sort_by(f64::total_cmp);
-    println!("int8 keeps {kept} of {given}, highest score lost {highest_lost}, median IoU {:.3}", overlaps[overlaps.len() / 2]);
+    println!(
+        "int8 keeps {kept} of {given}, highest score lost {highest_lost}, median IoU {:.3}",
+        overlaps[overlaps.len() / 2]
+    );
     assert!(given > 80 && kept * 20 >= given * 19, "{kept} of {given}");
     assert!(highest_lost < 0.6, "{highest_lost}");
     assert!(overlaps[overlaps.len() / 2] > 0.95);

@@ -189,7 +189,10 @@ mod tests {
             .map(|i| {
                 let x = i as f64 * 4.0;
                 let cars = here(i).then(|| CarRecord::boxed([x, 100.0, x + 80.0, 150.0]));
-                FrameRecord { cars: cars.into_iter().collect(), ..FrameRecord::empty(i, i as f64 * 0.04, size) }
+                FrameRecord {
+                    cars: cars.into_iter().collect(),
+                    ..FrameRecord::empty(i, i as f64 * 0.04, size)
+                }
             })
             .collect()
     }

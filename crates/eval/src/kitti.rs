@@ -4,9 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use nalgebra::Vector2;
-use roadplane_base::{
-    CarRecord, GroundPlane, ImageSize, KEYPOINTS, Keypoint, KeypointSet, ShapeAtlas,
-};
+use roadplane_base::{CarRecord, GroundPlane, ImageSize, KEYPOINTS, Keypoint, KeypointSet, ShapeAtlas};
 use roadplane_keypoints::KeypointNet;
 use roadplane_pipeline::{Cancel, Config, PipelineError, Progress, open_input, open_keypoints};
 

@@ -4,7 +4,9 @@ use std::path::Path;
 
 use image::RgbImage;
 use ndarray::{Array4, s};
-use roadplane_base::{CarRecord, Frame, FrameRecord, KEYPOINTS, Keypoint, KeypointSet, VehicleClass, mirror_index};
+use roadplane_base::{
+    CarRecord, Frame, FrameRecord, KEYPOINTS, Keypoint, KeypointSet, VehicleClass, mirror_index,
+};
 use roadplane_infer::{Dim, InferError, NamedTensor, Outputs, Session, SessionOptions};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;

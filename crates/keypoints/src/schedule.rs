@@ -64,9 +64,9 @@ impl Schedule {
             let [x0, y0, x1, y1] = car.bbox_px;
             let at_rest = [x0 - offset.x, y0 - offset.y, x1 - offset.x, y1 - offset.y];
             let overlap = |place: &Place| bbox_iou(&place.bbox_px, &at_rest);
-            let nearest = (0..taken.len())
-                .filter(|&p| !taken[p] && overlap(&self.places[p]) >= SAME)
-                .max_by(|&a, &b| overlap(&self.places[a]).total_cmp(&overlap(&self.places[b])).then(b.cmp(&a)));
+            let nearest = (0..taken.len()).filter(|&p| !taken[p] && overlap(&self.places[p]) >= SAME).max_by(
+                |&a, &b| overlap(&self.places[a]).total_cmp(&overlap(&self.places[b])).then(b.cmp(&a)),
+            );
             let moved = |place: &Place| {
                 let away = (bbox_centre(&place.bbox_px) - bbox_centre(&at_rest)).norm();
                 away > STILL * (x1 - x0).hypot(y1 - y0)
@@ -87,7 +87,8 @@ impl Schedule {
                         Turn::Hold(place.look)
                     } else {
                         let looks = if still { place.looks + 1 } else { 1 };
-                        *place = Place { bbox_px: at_rest, look: own, look_s: time_s, looks, found_s: time_s };
+                        *place =
+                            Place { bbox_px: at_rest, look: own, look_s: time_s, looks, found_s: time_s };
                         Turn::Look
                     }
                 }

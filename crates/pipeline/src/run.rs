@@ -151,7 +151,8 @@ pub fn run_input(
             looks: &mut looks,
             background: &mut background,
         };
-        let streamed = stream_to_spool(&mut nets, input, folder.path(), &mut sinks, config, cancel, progress)?;
+        let streamed =
+            stream_to_spool(&mut nets, input, folder.path(), &mut sinks, config, cancel, progress)?;
         meter.streamed(&streamed, looks, &nets);
         if let Some(background) = background.as_ref().filter(|_| options.background) {
             write_background(folder.path(), background)?;

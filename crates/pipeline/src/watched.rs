@@ -52,7 +52,10 @@ pub fn in_words(watch: &WatchSummary) -> Vec<String> {
         format!("{:.1} – {:.1} s: {}", stretch.from_s, stretch.to_s, verdict_in_words(stretch.verdict))
     }));
     if watch.farthest_shake_px > 0.0 {
-        lines.push(format!("the picture shakes by up to {:.1} px, which is taken out", watch.farthest_shake_px));
+        lines.push(format!(
+            "the picture shakes by up to {:.1} px, which is taken out",
+            watch.farthest_shake_px
+        ));
     }
     if lines.is_empty() {
         lines.push("the camera was at rest".to_owned());
@@ -62,7 +65,8 @@ pub fn in_words(watch: &WatchSummary) -> Vec<String> {
 
 fn move_in_words(moved: &CameraMove) -> String {
     let place = format!("frame {} ({:.2} s)", moved.since_frame, moved.since_s);
-    let shift = moved.shift_px.map_or_else(String::new, |[x, y]| format!(", the picture lies {x:.0}, {y:.0} px off"));
+    let shift =
+        moved.shift_px.map_or_else(String::new, |[x, y]| format!(", the picture lies {x:.0}, {y:.0} px off"));
     match moved.kind {
         MoveKind::Turned => format!("{place}: the camera was turned{shift}"),
         MoveKind::Zoomed => {
@@ -83,7 +87,9 @@ fn verdict_in_words(verdict: PictureVerdict) -> &'static str {
         PictureVerdict::White => "the picture is white",
         PictureVerdict::Covered => "something covers the lens",
         PictureVerdict::Frozen => "the picture is frozen",
-        PictureVerdict::Unknown => "the picture has too little structure to tell whether the camera is at rest",
+        PictureVerdict::Unknown => {
+            "the picture has too little structure to tell whether the camera is at rest"
+        }
     }
 }
 
@@ -96,7 +102,8 @@ mod tests {
     fn stretches_and_moves_are_told_once() {
         let mut watched = Watched::default();
         for frame in 0..30_u64 {
-            let verdict = if (10..20).contains(&frame) { PictureVerdict::Black } else { PictureVerdict::Rest };
+            let verdict =
+                if (10..20).contains(&frame) { PictureVerdict::Black } else { PictureVerdict::Rest };
             let moved = (frame == 25).then_some(CameraMove {
                 kind: MoveKind::Zoomed,
                 since_frame: 22,

@@ -256,7 +256,8 @@ fn driving_noise(
     let mut before: Option<(f64, Vector3<f64>)> = None;
     for ((place, state), covariance) in places.iter().zip(states).zip(covariances) {
         // Sightings are neighbours across frames that nobody looked at, not across a stand or a gap.
-        before = before.filter(|(time_s, _)| place.stand.is_none() && place.span_s[0] - time_s <= NEIGHBOURS_S);
+        before =
+            before.filter(|(time_s, _)| place.stand.is_none() && place.span_s[0] - time_s <= NEIGHBOURS_S);
         let (None, Some(seen)) = (&place.stand, place.look(sightings)) else { continue };
         let weight = white(sightings, place, seen, used).try_inverse();
         let (Some(inverse), Some(weight)) = (seen.covariance.try_inverse(), weight) else { continue };

@@ -6,8 +6,8 @@ use nalgebra::{Matrix3, Vector3};
 use roadplane_base::{FrameStamp, VehicleClass, assign, bbox_centre, bbox_covered, bbox_iou};
 
 use crate::{
-    CarMeasurement, FrameMeasurements, HeldCar, Track, TrackOptions, duplicates::merge_duplicates, filter::Filter,
-    measurement::Observation, shape::ShapeSum, smooth::smooth_track,
+    CarMeasurement, FrameMeasurements, HeldCar, Track, TrackOptions, duplicates::merge_duplicates,
+    filter::Filter, measurement::Observation, shape::ShapeSum, smooth::smooth_track,
 };
 
 /// A track before smoothing.
@@ -71,7 +71,8 @@ impl Live {
 
     /// Whether this is the box of the car, which stands still.
     fn stands_in(&self, bbox_px: &[f64; 4]) -> bool {
-        self.filter.is_still() && self.last().is_some_and(|last| bbox_iou(&last.bbox_px, bbox_px) > SAME_PLACE)
+        self.filter.is_still()
+            && self.last().is_some_and(|last| bbox_iou(&last.bbox_px, bbox_px) > SAME_PLACE)
     }
 
     /// The car is where its last look saw it.
@@ -234,7 +235,8 @@ impl Tracker {
             .filter(|&c| !taken[c] && cars[c].score >= self.options.birth_score)
             .filter(|&c| {
                 let same = |other: &Observation| same_car(&observations[c], other);
-                !(0..cars.len()).any(|other| taken[other] && same(&observations[other])) && !held.iter().any(same)
+                !(0..cars.len()).any(|other| taken[other] && same(&observations[other]))
+                    && !held.iter().any(same)
             })
             .collect();
         self.bury(looks, time_s);

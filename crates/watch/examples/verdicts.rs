@@ -23,7 +23,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         furthest = furthest.max(seen.shift.norm() * seen.small.factor as f64);
         let record = &seen.record;
         if last != Some(record.verdict) || record.moved.is_some() {
-            println!("frame {} {:.2} s: {:?} {:?}", frame.stamp.index, frame.stamp.time_s(), record.verdict, record.moved);
+            println!(
+                "frame {} {:.2} s: {:?} {:?}",
+                frame.stamp.index,
+                frame.stamp.time_s(),
+                record.verdict,
+                record.moved
+            );
         }
         last = Some(record.verdict);
     }

@@ -30,8 +30,11 @@ pub struct Alignment {
 impl Alignment {
     /// From what blocks say; `None` where too few agree.
     pub(crate) fn of(blocks: &[BlockShift]) -> Option<Self> {
-        let told: Vec<(Vector2<f64>, Vector2<f64>)> =
-            blocks.iter().filter(|block| block.has_a_say).filter_map(|b| Some((b.centre, b.shift?))).collect();
+        let told: Vec<(Vector2<f64>, Vector2<f64>)> = blocks
+            .iter()
+            .filter(|block| block.has_a_say)
+            .filter_map(|b| Some((b.centre, b.shift?)))
+            .collect();
         let count = blocks.iter().filter(|block| block.has_a_say).count() as f64;
         let enough = MIN_AGREEING.max((MIN_SHARE * count).ceil() as usize);
         if told.len() < enough {
@@ -67,6 +70,11 @@ impl Alignment {
             roll: model[3],
             share: agreeing as f64 / count,
         })
+    }
+
+    /// Displacement of what was at a point, px from the picture's middle.
+    pub(crate) fn at(&self, point: &Vector2<f64>) -> Vector2<f64> {
+        displaced(&Vector4::new(self.shift.x, self.shift.y, self.log_scale, self.roll), point)
     }
 
     /// Root mean square displacement over a picture of this size, px of the small picture.

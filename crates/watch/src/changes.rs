@@ -13,8 +13,8 @@ pub const CELL_PX: usize = 8;
 
 /// Mean change of a cell that counts without any noise, grey levels.
 const LEAST: f32 = 1.2;
-/// Noise counts so many times.
-const NOISE: f32 = 1.8;
+/// Noise counts once and, for its scatter, so many times more; the mean of fewer pixels scatters more.
+const SCATTER: f32 = 0.8;
 /// What noise a place is taken to have at first, grey levels.
 const FIRST_NOISE: f32 = 2.0;
 /// Noise follows the lower quartile of changes from picture to picture: up by one factor, down by the other.
@@ -77,6 +77,9 @@ impl Cells {
     pub fn touched(&self, bbox_px: &[f64; 4]) -> (std::ops::Range<usize>, std::ops::Range<usize>) {
         let span = |from: f64, to: f64, count: usize| {
             let cell = |at: f64| (at.max(0.0) / self.side_px as f64) as usize;
+            if to < 0.0 {
+                return 0..0;
+            }
             let first = cell(from).min(count);
             first..(cell(to) + 1).clamp(first, count)
         };
@@ -100,7 +103,8 @@ impl Cells {
     pub fn share_of(&self, bbox_px: &[f64; 4]) -> f64 {
         let (columns, rows) = self.touched(bbox_px);
         let count = columns.len() * rows.len();
-        let here = rows.map(|row| columns.clone().filter(|column| self.has(*column, row)).count()).sum::<usize>();
+        let here =
+            rows.map(|row| columns.clone().filter(|column| self.has(*column, row)).count()).sum::<usize>();
         here as f64 / count.max(1) as f64
     }
 
@@ -168,6 +172,8 @@ pub struct ChangeMap {
     /// Mean change of each cell in this picture against what was seen.
     change: Vec<f32>,
     noise: Vec<f32>,
+    /// Of each cell; those at the right and the bottom may be smaller.
+    scatter: Vec<f32>,
     nuisance: Vec<f32>,
     last_s: Option<f64>,
     pictures: u32,
@@ -179,6 +185,11 @@ impl ChangeMap {
     pub fn new(small: &SmallGrey) -> Self {
         let (columns, rows) = (small.width.div_ceil(CELL_PX), small.height.div_ceil(CELL_PX));
         let cells = columns * rows;
+        let scatter = (0..cells).map(|cell| {
+            let side = |at: usize, length: usize| (length - at * CELL_PX).min(CELL_PX);
+            let pixels = side(cell % columns, small.width) * side(cell / columns, small.height);
+            SCATTER * CELL_PX as f32 / (pixels as f32).sqrt()
+        });
         Self {
             columns,
             rows,
@@ -188,6 +199,7 @@ impl ChangeMap {
             seen_shift: vec![Vector2::zeros(); cells],
             change: vec![0.0; cells],
             noise: vec![FIRST_NOISE; cells],
+            scatter: scatter.collect(),
             nuisance: vec![0.0; cells],
             last_s: None,
             pictures: 0,
@@ -226,7 +238,8 @@ impl ChangeMap {
         let mut cells = self.no_cells();
         for cell in 0..self.change.len() {
             self.nuisance[cell] *= fade;
-            let bar = (LEAST + NOISE * self.noise[cell].min(most)).max(self.nuisance[cell]);
+            let noise = self.noise[cell].min(most) * (1.0 + self.scatter[cell]);
+            let bar = (LEAST + noise).max(self.nuisance[cell]);
             cells.is_in[cell] = self.change[cell] > bar;
         }
         cells

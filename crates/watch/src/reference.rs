@@ -16,8 +16,8 @@ const MIN_STRUCTURE: f64 = 4.0;
 /// Blocks in every ninth of a picture that has structure all over.
 const MIN_IN_NINTH: usize = 3;
 /// Blocks that told nothing in most pictures at rest (noise, leaves, the middle of the road) have no say. Trust follows what they
-/// tell by this share a picture; new blocks must earn it.
-const TRUST_SHARE: f64 = 0.1;
+/// tell within this time, s, which is longer than something large takes to drive past; new blocks must earn it.
+const TRUST_S: f64 = 3.0;
 const TRUSTED: f64 = 0.4;
 const NEW_TRUST: f64 = 0.3;
 /// A block is the same place if shift and light explain at least this share of its variance.
@@ -131,8 +131,9 @@ impl Reference {
         for (median, value) in self.median.iter_mut().zip(&picture.values) {
             *median += (f32::from(*value) - *median).clamp(-step, step);
         }
+        let share = 1.0 - (-seconds / TRUST_S).exp();
         for (block, told) in self.blocks.iter_mut().zip(told) {
-            block.trust += TRUST_SHARE * (f64::from(u8::from(told.shift.is_some())) - block.trust);
+            block.trust += share * (f64::from(u8::from(told.shift.is_some())) - block.trust);
         }
         if let Some(coarse) = &mut self.coarse {
             let halved = picture.halved();
@@ -148,14 +149,15 @@ impl Reference {
     /// What each block with structure says of a picture.
     pub(crate) fn shifts(&self, picture: &SmallGrey) -> Vec<BlockShift> {
         let coarse = self.coarse.as_ref().and_then(|coarse| {
-            Alignment::of(&coarse.told(&prepared(&picture.halved()), [0, 0])).map(|alignment| 2.0 * alignment.shift)
+            Alignment::of(&coarse.told(&prepared(&picture.halved()), [0, 0]))
+                .map(|alignment| 2.0 * alignment.shift)
         });
         let base = coarse.map_or([0, 0], |shift| [shift.x, shift.y].map(|v| v.round() as i64));
         self.told(&prepared(picture), base)
     }
 
     /// The same of a [`prepared`] picture that is shifted by about `base`, px.
-    fn told(&self, picture: &[f32], base: [i64; 2]) -> Vec<BlockShift> {
+    pub(crate) fn told(&self, picture: &[f32], base: [i64; 2]) -> Vec<BlockShift> {
         let middle = Vector2::new(self.width as f64 / 2.0, self.height as f64 / 2.0);
         let half = BLOCK as f64 / 2.0;
         let shifted = |at: usize, by: i64, length: usize| {
@@ -267,7 +269,8 @@ fn smoothed(values: &[f32], width: usize, height: usize) -> Vec<f32> {
     }
     let mut out = across.clone();
     for y in 1..height.saturating_sub(1) {
-        let (above, here, below) = (&across[(y - 1) * width..], &across[y * width..], &across[(y + 1) * width..]);
+        let (above, here, below) =
+            (&across[(y - 1) * width..], &across[y * width..], &across[(y + 1) * width..]);
         for (x, out) in out[y * width..(y + 1) * width].iter_mut().enumerate() {
             *out = 0.25 * above[x] + 0.5 * here[x] + 0.25 * below[x];
         }

@@ -4,6 +4,7 @@
 use nalgebra::Vector2;
 use roadplane_base::Similarity;
 
+use crate::alignment::Alignment;
 use crate::reference::Reference;
 
 /// Blocks that are searched for.
@@ -19,6 +20,8 @@ const NEAR: f64 = 1.5;
 /// Share of the blocks that must go along, and their number.
 const MIN_SHARE: f64 = 0.3;
 const MIN_BLOCKS: usize = 6;
+/// Rounds in which what was found is made finer.
+const REFINEMENTS: usize = 3;
 
 /// The similarity that carries the reference to a picture (prepared, of the same size), in px of the small picture; `None` where
 /// there is none: another place.
@@ -55,6 +58,41 @@ pub(crate) fn search(reference: &Reference, picture: &[f32]) -> Option<Similarit
     Similarity::fit(&doubled)
 }
 
+/// A similarity that [`search`] found, to a fraction of a pixel: the picture is carried back by it and laid on the reference.
+pub(crate) fn refined(reference: &Reference, picture: &[f32], found: &Similarity) -> Similarity {
+    let (width, height) = reference.size();
+    let middle = Vector2::new(width as f64, height as f64) / 2.0;
+    let mut carried = *found;
+    for _ in 0..REFINEMENTS {
+        let back = resampled(picture, (width, height), &carried);
+        let Some(rest) = Alignment::of(&reference.told(&back, [0, 0])) else { break };
+        let pairs = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)].map(|(u, v)| {
+            let point = Vector2::new(u * width as f64, v * height as f64);
+            (point, carried.apply(&(point + rest.at(&(point - middle)))))
+        });
+        let Some(next) = Similarity::fit(&pairs) else { break };
+        carried = next;
+    }
+    carried
+}
+
+/// What a similarity carries to each pixel's place, bilinear; zero where that is outside.
+fn resampled(picture: &[f32], (width, height): (usize, usize), carried: &Similarity) -> Vec<f32> {
+    let value = |x: usize, y: usize| {
+        let from = carried.apply(&Vector2::new(x as f64 + 0.5, y as f64 + 0.5)).add_scalar(-0.5);
+        let inside = |at: f64, length: usize| at >= 0.0 && at + 1.0 < length as f64;
+        if !inside(from.x, width) || !inside(from.y, height) {
+            return 0.0;
+        }
+        let (column, row) = (from.x as usize, from.y as usize);
+        let (u, v) = (from.x.fract() as f32, from.y.fract() as f32);
+        let mix =
+            |row: usize| picture[row * width + column] * (1.0 - u) + picture[row * width + column + 1] * u;
+        mix(row) * (1.0 - v) + mix(row + 1) * v
+    };
+    (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| value(x, y)).collect()
+}
+
 struct Half {
     width: usize,
     height: usize,
@@ -67,9 +105,10 @@ impl Half {
         let mut half = Vec::with_capacity(half_width * half_height);
         for y in 0..half_height {
             let (upper, lower) = (&values[2 * y * width..], &values[(2 * y + 1) * width..]);
-            half.extend((0..half_width).map(|x| {
-                0.25 * (upper[2 * x] + upper[2 * x + 1] + lower[2 * x] + lower[2 * x + 1])
-            }));
+            half.extend(
+                (0..half_width)
+                    .map(|x| 0.25 * (upper[2 * x] + upper[2 * x + 1] + lower[2 * x] + lower[2 * x + 1])),
+            );
         }
         Self { width: half_width, height: half_height, values: half }
     }

@@ -30,8 +30,11 @@ impl SmallGrey {
     /// [`WatchError`] when OpenCV fails.
     pub fn of(image: &RgbImage) -> Result<Self, WatchError> {
         let side = |length: u32| i32::try_from(length).unwrap_or(i32::MAX);
-        let pixels =
-            Mat::new_rows_cols_with_bytes::<Vec3b>(side(image.height()), side(image.width()), image.as_raw())?;
+        let pixels = Mat::new_rows_cols_with_bytes::<Vec3b>(
+            side(image.height()),
+            side(image.width()),
+            image.as_raw(),
+        )?;
         debug_assert_eq!(pixels.typ(), CV_8UC3);
         let mut grey = Mat::default();
         cvt_color_def(&pixels, &mut grey, COLOR_RGB2GRAY)?;

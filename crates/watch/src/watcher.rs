@@ -9,12 +9,12 @@
 use std::collections::VecDeque;
 
 use nalgebra::Vector2;
-use roadplane_base::{CameraMove, FrameStamp, MoveKind, PictureVerdict, Similarity, WatchRecord, median};
+use roadplane_base::{CameraMove, FrameStamp, MoveKind, PictureVerdict, WatchRecord, median};
 
 use crate::alignment::Alignment;
 use crate::blind::Blindness;
 use crate::reference::{BlockShift, Reference};
-use crate::search::search;
+use crate::search::{refined, search};
 use crate::{SmallGrey, WatchError};
 
 /// A camera that stays so far from where it was has moved, px of the frame; half as much is how far a position holds.
@@ -133,7 +133,8 @@ impl Watcher {
             let before = self.reference.is_some();
             self.settle(stamp, &small, &mut record);
             is_new_position = before && record.moved.is_some_and(|m| m.kind != MoveKind::Moving);
-            if record.verdict == PictureVerdict::Rest
+            // What is unsettled may be a slow swing, and is where it is until a move is told.
+            if matches!(record.verdict, PictureVerdict::Rest | PictureVerdict::Unsettled)
                 && let Some(alignment) = self.recent.back().and_then(|laid| laid.alignment)
             {
                 shift = alignment.shift - self.origin;
@@ -171,7 +172,9 @@ impl Watcher {
         let laid = laid(reference, stamp, &told, self.origin);
         self.recent.push_back(laid);
         let since_s = stamp.time_s() - MEDIAN_S;
-        while self.recent.len() > MEDIAN_PICTURES && self.recent.front().is_some_and(|l| l.stamp.time_s() < since_s) {
+        while self.recent.len() > MEDIAN_PICTURES
+            && self.recent.front().is_some_and(|l| l.stamp.time_s() < since_s)
+        {
             self.recent.pop_front();
         }
         let stays_away = stays_away(&self.recent, self.origin, moved);
@@ -290,9 +293,8 @@ impl Candidate {
         if age_s < HOLD_S || self.laid.len() < HOLD_PICTURES {
             return false;
         }
-        let middle_of = |laid: &[Laid]| {
-            middle(&laid.iter().filter_map(|l| l.alignment.as_ref()).collect::<Vec<_>>())
-        };
+        let middle_of =
+            |laid: &[Laid]| middle(&laid.iter().filter_map(|l| l.alignment.as_ref()).collect::<Vec<_>>());
         let (early, late) = self.laid.split_at(self.laid.len() / 2);
         match (middle_of(early), middle_of(late)) {
             (Some((a, r)), Some((b, s))) => (b - a).norm().hypot(s - r) < CREEP * moved,
@@ -305,7 +307,8 @@ impl Candidate {
 fn described(old: &Reference, new: &Candidate, since: FrameStamp, factor: usize) -> CameraMove {
     let (width, height) = old.size();
     let middle = Vector2::new(width as f64, height as f64) / 2.0;
-    let carried: Option<Similarity> = search(old, new.reference.values());
+    let carried =
+        search(old, new.reference.values()).map(|found| refined(old, new.reference.values(), &found));
     let shift = carried.map(|s| (s.apply(&middle) - middle) * factor as f64);
     let log_scale = carried.map(|s| s.log_scale());
     let kind = match log_scale {
@@ -313,7 +316,8 @@ fn described(old: &Reference, new: &Candidate, since: FrameStamp, factor: usize)
         Some(log_scale) if log_scale.abs() > ZOOM => MoveKind::Zoomed,
         Some(_) => MoveKind::Turned,
     };
-    let rounded = |value: f64, digits: f64| (value * digits).round() / digits;
+    // No negative zero.
+    let rounded = |value: f64, digits: f64| (value * digits).round() / digits + 0.0;
     CameraMove {
         kind,
         since_frame: since.index,

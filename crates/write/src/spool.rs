@@ -84,10 +84,7 @@ impl FrameSpool {
 }
 
 /// Counts whole frames of rising index from the start, and their bytes, without the last stretch.
-fn whole_part(
-    file: &File,
-    stretch_of: impl Fn(&FrameRecord) -> u64,
-) -> std::io::Result<(Recovered, u64)> {
+fn whole_part(file: &File, stretch_of: impl Fn(&FrameRecord) -> u64) -> std::io::Result<(Recovered, u64)> {
     let mut reader = BufReader::with_capacity(1 << 16, file);
     let mut found = Recovered::default();
     let mut bytes = 0;
@@ -202,7 +199,11 @@ mod tests {
         for bad in ["\0\0\0", &line(1), "{}"] {
             std::fs::write(&path, format!("{}\n{}\n{bad}\n{}\n", line(0), line(2), line(3))).unwrap();
             let (_, recovered) = FrameSpool::open(&path, |record| record.frame / 2).unwrap();
-            assert_eq!((recovered.frames, recovered.last_frame), (1, Some(0)), "the stretch of frame 2 begins anew");
+            assert_eq!(
+                (recovered.frames, recovered.last_frame),
+                (1, Some(0)),
+                "the stretch of frame 2 begins anew"
+            );
             assert!(recovered.cut_bytes > 0);
         }
     }

@@ -16,7 +16,8 @@ const FRAMES: u64 = 400;
 fn run(dir: &Path) {
     let _lock = FolderLock::acquire(dir).unwrap();
     let folder = OutputFolder::begin(dir, "clip", Existing::Overwrite).unwrap();
-    let (mut spool, recovered) = FrameSpool::open(&folder.path().join("frames.jsonl"), |record| record.frame / 16).unwrap();
+    let (mut spool, recovered) =
+        FrameSpool::open(&folder.path().join("frames.jsonl"), |record| record.frame / 16).unwrap();
     for frame in recovered.last_frame.map_or(0, |last| last + 1)..FRAMES {
         let size = ImageSize { width: 1920, height: 1080 };
         let mut record = FrameRecord::empty(frame, frame as f64 / 25.0, size);

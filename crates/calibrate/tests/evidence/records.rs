@@ -1,7 +1,7 @@
 //! Frames with boxes and keypoints of cars that stand or move in the image.
 
 use nalgebra::Vector2;
-use roadplane_base::{CarRecord, FrameRecord, ImageSize, KEYPOINTS, Keypoint, VehicleClass};
+use roadplane_base::{CarRecord, FrameRecord, ImageSize, KEYPOINTS, Keypoint};
 use roadplane_synth::Rng;
 
 /// A box in the image that moves at a constant velocity.

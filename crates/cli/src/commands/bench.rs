@@ -5,8 +5,8 @@ mod table;
 use std::path::Path;
 
 use roadplane_pipeline::{
-    Cancel, Config, DecodeCost, FolderLock, PipelineError, RunOptions, find_models,
-    forget_peak_memory, measure_decoding, run_input,
+    Cancel, Config, DecodeCost, FolderLock, PipelineError, RunOptions, find_models, forget_peak_memory,
+    measure_decoding, run_input,
 };
 use roadplane_write::{Speed, Summary, read_summary};
 

@@ -44,10 +44,7 @@ impl Workplace {
         cancel: &Cancel,
         progress: &dyn Progress,
     ) -> Result<FinishedRun, EvalError> {
-        let options = RunOptions {
-            existing: Existing::Overwrite,
-            ..RunOptions::new(options.models.clone())
-        };
+        let options = RunOptions { existing: Existing::Overwrite, ..RunOptions::new(options.models.clone()) };
         let report = run_input(input, &self.folder, &options, config, cancel, progress)?;
         FinishedRun::read(&report.folder)
     }

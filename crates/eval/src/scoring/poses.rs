@@ -120,6 +120,7 @@ mod tests {
                 keypoints_px: vec![None; KEYPOINTS],
                 reprojection_rms_px: 1.0,
                 used: c != 2,
+                pose_from: None,
             }
         };
         let shift = Isometry3::from_parts(Translation3::new(0.5, 0.0, 0.0), UnitQuaternion::identity());

@@ -1,0 +1,75 @@
+//! Real surveillance video, where the developers' data is present: cameras at rest, of which nothing else is told.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
+
+use std::path::{Path, PathBuf};
+
+use roadplane_base::PictureVerdict;
+use roadplane_decode::{DecodeOptions, open};
+use roadplane_watch::Watcher;
+
+const STRIDES: [u64; 5] = [1, 2, 3, 6, 12];
+
+/// Videos of a folder of the developers' data; says so where it is absent.
+fn clips(folder: &str) -> Vec<PathBuf> {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data").join(folder);
+    let Ok(entries) = path.read_dir() else {
+        println!("skipped: {folder} is absent");
+        return Vec::new();
+    };
+    let mut clips: Vec<PathBuf> = entries.map(|entry| entry.unwrap().path()).collect();
+    clips.retain(|path| path.extension().is_some_and(|e| e == "mp4"));
+    clips.sort();
+    clips
+}
+
+/// Watches a clip at all strides at once. No move is told, and until some time there is one verdict.
+fn stays(clip: &Path, expected: PictureVerdict, until_s: f64) {
+    let mut input = open(clip, &DecodeOptions::default()).unwrap();
+    let mut watchers = STRIDES.map(|stride| (stride, Watcher::new(), Vec::new()));
+    let mut frame_number = 0;
+    while let Some(frame) = input.next_frame().unwrap() {
+        for (stride, watcher, verdicts) in &mut watchers {
+            if frame_number % *stride == 0 {
+                let record = watcher.look(frame.stamp, &frame.image).unwrap().record;
+                let here = format!("{}, stride {stride}, {:.2} s", clip.display(), frame.stamp.time_s());
+                assert_eq!(record.moved, None, "{here}");
+                if frame.stamp.time_s() < until_s {
+                    verdicts.push((here, record.verdict));
+                }
+            }
+        }
+        frame_number += 1;
+    }
+    for (_, _, verdicts) in &watchers {
+        let other = verdicts.iter().find(|(_, verdict)| *verdict != expected);
+        assert_eq!(other, None, "of {} pictures", verdicts.len());
+    }
+}
+
+fn rests(clip: &Path) {
+    stays(clip, PictureVerdict::Rest, f64::INFINITY);
+}
+
+#[test]
+fn road_cameras_rest() {
+    for clip in clips("clips") {
+        match clip.file_stem().and_then(|name| name.to_str()) {
+            // Its last 0.6 s are of another camera.
+            Some("street_queue") => stays(&clip, PictureVerdict::Rest, 28.0),
+            // Bare asphalt, which could be shifted unseen.
+            Some("barrier") => stays(&clip, PictureVerdict::Unknown, f64::INFINITY),
+            _ => rests(&clip),
+        }
+    }
+}
+
+#[test]
+fn car_park_cameras_rest() {
+    clips("virat").iter().for_each(|clip| rests(clip));
+}
+
+#[test]
+fn gantry_cameras_rest() {
+    clips("cameras").iter().for_each(|clip| rests(clip));
+}
