@@ -73,9 +73,10 @@ impl Known {
         best.map_or(VehicleClass::Car, |(class, _)| *class)
     }
 
-    /// It stands, as far as looks go: its place needs none until something changes there.
+    /// It stands, as far as looks go: its place needs none until something changes there. A detector that wavers over it is no
+    /// reason to look more often than the sweep does.
     pub(crate) fn is_settled(&self) -> bool {
-        self.stayed >= SETTLED_LOOKS && self.missed <= 0.0
+        self.stayed >= SETTLED_LOOKS && self.missed < 1.0
     }
 
     /// Whether a look is due: it is new or was missed, it must have moved by now so much that a look tells something, or it was
@@ -209,7 +210,7 @@ mod tests {
             )
         };
         assert_eq!(look(6, false), (1, true, true), "nobody looked");
-        assert_eq!(look(7, true), (1, false, true), "nothing changed: the detector wavers");
+        assert_eq!(look(7, true), (1, true, true), "nothing changed: the detector wavers");
         assert_eq!(look(8, true), (1, false, true), "one miss may be the detector's");
         assert_eq!(look(9, true).0, 0);
     }
