@@ -120,7 +120,7 @@ pub fn solve_clip(
     lines.finish()?;
     std::fs::remove_file(&spool)
         .map_err(|source| PipelineError::Unreadable { source, path: spool.clone() })?;
-    let mut rows: Vec<TrackRow> = tracks.iter().flat_map(|track| pass.rows(track)).collect();
+    let mut rows: Vec<TrackRow> = tracks.iter().flat_map(|track| pass.rows(track, &tally.shake_px)).collect();
     rows.sort_by_key(|row| (row.frame, row.track));
     let warnings = warnings_of(&cameras);
     Ok(ClipSolution { cameras, tracks, rows, reprojection_rms_px, poses_used, tally, warnings })
@@ -133,6 +133,8 @@ pub struct Tally {
     pub boxes: BTreeMap<String, u64>,
     /// Cars dropped, by reason.
     pub rejected: BTreeMap<String, u64>,
+    /// Offset of the picture in frames in which it was shaken, px.
+    pub shake_px: BTreeMap<u64, [f64; 2]>,
 }
 
 /// What a pass over the frames needs.
@@ -165,6 +167,9 @@ impl Pass<'_> {
             if position.replace(here).is_some_and(|before| before != here) {
                 let ended = std::mem::replace(&mut tracker, Tracker::new(self.config.track.clone()));
                 append(&mut tracks, ended.finish());
+            }
+            if let Some(watch) = frame.watch.as_ref().filter(|watch| watch.offset_px != [0.0; 2]) {
+                tally.shake_px.insert(frame.frame, watch.offset_px);
             }
             let view = FrameCamera::from(estimate);
             let prior = |i: usize| match known.get(&(frame.frame, i)) {
@@ -220,10 +225,13 @@ impl Pass<'_> {
         Ok((tracks, tally))
     }
 
-    fn rows(&self, track: &Track) -> Vec<TrackRow> {
+    /// A track's rows; boxes are where the shaken picture has them.
+    fn rows(&self, track: &Track, shake_px: &BTreeMap<u64, [f64; 2]>) -> Vec<TrackRow> {
         let dims = self.atlas.dims_m(&track.shape);
         let row = |state: &TrackState| {
-            let bbox_px = state.bbox_px.or_else(|| self.projected_box(track, state))?;
+            let [x0, y0, x1, y1] = state.bbox_px.or_else(|| self.projected_box(track, state))?;
+            let [dx, dy] = shake_px.get(&state.stamp.index).copied().unwrap_or_default();
+            let bbox_px = [x0 + dx, y0 + dy, x1 + dx, y1 + dy];
             Some(TrackRow {
                 frame: state.stamp.index,
                 time_s: state.stamp.time_s(),

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use roadplane_base::FrameStamp;
+use roadplane_base::{FrameStamp, PictureVerdict};
 use roadplane_decode::{DecodeReport, Input, InputKind, open};
 use roadplane_detect::{Attention, Detector};
 use roadplane_infer::{Session, SessionOptions};
@@ -204,7 +204,9 @@ pub fn detect_stage<'a>(
             *background = None;
         }
         let background = background.get_or_insert_with(|| Background::new(image, look.busy.emptied()));
-        background.take(image, &look.busy, work.record.time_s);
+        if seen.record.verdict == PictureVerdict::Rest {
+            background.take(image, &look.busy, work.record.time_s);
+        }
         work.record.cars = look.cars;
         Ok(())
     })
