@@ -182,7 +182,8 @@ mod tests {
             std::fs::write(&path, &whole[..cut]).unwrap();
             let (spool, recovered) = FrameSpool::open(&path, |record| record.frame / 2).unwrap();
             drop(spool);
-            assert!(recovered.cut_bytes < 240);
+            // A stretch is two frames here: no more than those and half a line are done again.
+            assert!(recovered.cut_bytes * 5 <= 4 * whole.len() as u64, "{recovered:?}");
             assert_eq!(recovered.frames, recovered.last_frame.map_or(0, |last| last + 1));
             fill(recovered.frames);
             assert_eq!(std::fs::read(&path).unwrap(), whole, "cut at {cut}");
