@@ -171,21 +171,21 @@ mod tests {
     fn every_cut_is_recovered_to_the_same_bytes() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("frames.jsonl");
-        let fill = |from: u64| {
-            let (mut spool, _) = FrameSpool::open(&path, |record| record.frame / 2).unwrap();
-            (from..5).for_each(|i| spool.append(&record(i)).unwrap());
+        // Opens, and does what is missing.
+        let fill = || {
+            let (mut spool, recovered) = FrameSpool::open(&path, |record| record.frame / 2).unwrap();
+            (recovered.frames..5).for_each(|i| spool.append(&record(i)).unwrap());
             spool.sync().unwrap();
+            recovered
         };
-        fill(0);
+        fill();
         let whole = std::fs::read(&path).unwrap();
         for cut in 0..=whole.len() {
             std::fs::write(&path, &whole[..cut]).unwrap();
-            let (spool, recovered) = FrameSpool::open(&path, |record| record.frame / 2).unwrap();
-            drop(spool);
-            // A stretch is two frames here: no more than those and half a line are done again.
+            let recovered = fill();
+            // No more than a stretch of two frames and half a line are done again.
             assert!(recovered.cut_bytes * 5 <= 4 * whole.len() as u64, "{recovered:?}");
             assert_eq!(recovered.frames, recovered.last_frame.map_or(0, |last| last + 1));
-            fill(recovered.frames);
             assert_eq!(std::fs::read(&path).unwrap(), whole, "cut at {cut}");
         }
         let frames: Vec<u64> = FrameReader::open(&path).unwrap().map(|r| r.unwrap().frame).collect();
