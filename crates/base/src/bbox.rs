@@ -9,6 +9,24 @@ pub fn bbox_centre(bbox_px: &[f64; 4]) -> Vector2<f64> {
     Vector2::new((x0 + x1) / 2.0, (y0 + y1) / 2.0)
 }
 
+/// The box moved by so many px.
+#[must_use]
+pub fn bbox_moved([x0, y0, x1, y1]: &[f64; 4], by: &Vector2<f64>) -> [f64; 4] {
+    [x0 + by.x, y0 + by.y, x1 + by.x, y1 + by.y]
+}
+
+/// Smallest box around both.
+#[must_use]
+pub fn bbox_around(a: &[f64; 4], b: &[f64; 4]) -> [f64; 4] {
+    [a[0].min(b[0]), a[1].min(b[1]), a[2].max(b[2]), a[3].max(b[3])]
+}
+
+/// Share of a box that lies inside another, 0–1; 0 where it has no area.
+#[must_use]
+pub fn bbox_share_inside(bbox: &[f64; 4], outer: &[f64; 4]) -> f64 {
+    intersection(bbox, outer) / area(bbox).max(1e-9)
+}
+
 /// Intersection over union, 0–1; 0 where a box has no area.
 #[must_use]
 pub fn bbox_iou(a: &[f64; 4], b: &[f64; 4]) -> f64 {
@@ -46,5 +64,9 @@ mod tests {
         assert!(bbox_iou(&a, &[20.0, 20.0, 30.0, 30.0]) < 1e-12);
         assert!(bbox_iou(&[1.0; 4], &[1.0; 4]) < 1e-12);
         assert_eq!(bbox_centre(&b), Vector2::new(10.0, 5.0));
+        assert!((bbox_share_inside(&b, &[0.0, 0.0, 10.0, 100.0]) - 0.5).abs() < 1e-12);
+        assert!(bbox_share_inside(&[1.0; 4], &a) < 1e-12);
+        assert_eq!(bbox_moved(&a, &Vector2::new(5.0, 0.0)), b);
+        assert_eq!(bbox_around(&a, &[-1.0, 2.0, 3.0, 11.0]), [-1.0, 0.0, 10.0, 11.0]);
     }
 }

@@ -29,14 +29,14 @@ pub use assign::assign;
 pub use atlas::{
     ALL_MODES, ATLAS_SCHEMA, AtlasError, BodyType, FINE_MODES, FullShape, MODES, Shape, ShapeAtlas,
 };
-pub use bbox::{bbox_centre, bbox_covered, bbox_iou};
+pub use bbox::{bbox_around, bbox_centre, bbox_covered, bbox_iou, bbox_moved, bbox_share_inside};
 pub use camera::{Camera, CameraParams, ImageSize};
 pub use frame::{Frame, FrameStamp};
 pub use keypoint::{KEYPOINTS, Keypoint, KeypointSet, keypoint_names, mirror_index, skeleton_edges};
 pub use plane::GroundPlane;
 pub use pose::{GroundPose, angle_difference, wrap_angle};
 pub use records::{
-    CameraEstimate, CameraMove, CameraStatus, CarRecord, FrameRecord, LookRef, MoveKind, PictureVerdict,
+    CameraEstimate, CameraMove, CameraStatus, CarRecord, CarRef, FrameRecord, MoveKind, PictureVerdict,
     PoseRecord, RecordError, TrackRow, VehicleClass, WatchRecord, rows_from_isometry,
 };
 pub use robust::{median, weighted_median};

@@ -67,29 +67,29 @@ pub struct CarRecord {
     /// The box is held: nothing changed there since the detector saw it in this frame.
     pub held_since: Option<u64>,
     /// The pose is held: the keypoints of this look still hold, as the car has not moved since.
-    pub pose_from: Option<LookRef>,
+    pub pose_from: Option<CarRef>,
     /// Fields of other tools.
     pub extra: Map<String, Value>,
 }
 
-/// A look of the keypoint net at a car: index of the frame, place of the car in its list.
+/// A car in a frame: index of the frame, place in its list of cars.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(from = "(u64, usize)", into = "(u64, usize)")]
-pub struct LookRef {
+pub struct CarRef {
     /// Index of the frame.
     pub frame: u64,
     /// Place in that frame's list of cars.
     pub car: usize,
 }
 
-impl From<(u64, usize)> for LookRef {
+impl From<(u64, usize)> for CarRef {
     fn from((frame, car): (u64, usize)) -> Self {
         Self { frame, car }
     }
 }
 
-impl From<LookRef> for (u64, usize) {
-    fn from(look: LookRef) -> Self {
+impl From<CarRef> for (u64, usize) {
+    fn from(look: CarRef) -> Self {
         (look.frame, look.car)
     }
 }
@@ -115,6 +115,14 @@ pub enum PictureVerdict {
     /// Too little structure to tell.
     #[default]
     Unknown,
+}
+
+impl PictureVerdict {
+    /// Nothing can be seen in the picture.
+    #[must_use]
+    pub fn is_blind(self) -> bool {
+        matches!(self, Self::Black | Self::White | Self::Covered)
+    }
 }
 
 /// What the picture itself says, before any vehicle is looked for.
@@ -198,6 +206,14 @@ impl CarRecord {
     }
 }
 
+impl WatchRecord {
+    /// Shake of the picture, px: see [`Self::offset_px`].
+    #[must_use]
+    pub fn offset(&self) -> Vector2<f64> {
+        Vector2::from(self.offset_px)
+    }
+}
+
 impl FrameRecord {
     /// A frame of which nothing is known yet.
     #[must_use]
@@ -257,7 +273,7 @@ struct CarFields {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     held_since: Option<u64>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pose_from: Option<LookRef>,
+    pose_from: Option<CarRef>,
     #[serde(flatten)]
     extra: Map<String, Value>,
 }
@@ -396,7 +412,7 @@ pub struct PoseRecord {
     pub used: bool,
     /// The pose is held: it is that of this look, whose line has the keypoints.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub pose_from: Option<LookRef>,
+    pub pose_from: Option<CarRef>,
 }
 
 /// 4 × 4 rows of a rigid motion.

@@ -8,7 +8,7 @@
 use std::collections::VecDeque;
 
 use nalgebra::Vector2;
-use roadplane_base::{FrameRecord, MoveKind, PictureVerdict};
+use roadplane_base::{FrameRecord, MoveKind, PictureVerdict, WatchRecord, bbox_moved};
 
 /// Longer than the watcher takes to tell a move, s.
 const LAG_S: f64 = 8.0;
@@ -56,16 +56,11 @@ where
         if let Some(moved) = frame.watch.as_ref().and_then(|watch| watch.moved) {
             self.is_moving = moved.kind == MoveKind::Moving;
         }
-        let shows_nothing = frame.watch.as_ref().is_some_and(|watch| {
-            matches!(
-                watch.verdict,
-                PictureVerdict::Black
-                    | PictureVerdict::White
-                    | PictureVerdict::Covered
-                    | PictureVerdict::Moving
-            )
-        });
-        if self.is_moving || shows_nothing {
+        let shows_no_rest = frame
+            .watch
+            .as_ref()
+            .is_some_and(|watch| watch.verdict.is_blind() || watch.verdict == PictureVerdict::Moving);
+        if self.is_moving || shows_no_rest {
             frame.cars.clear();
         }
         settle(&mut frame);
@@ -112,13 +107,12 @@ impl<I> AtRest<I> {
 
 /// Takes the shake out of boxes and keypoints.
 fn settle(frame: &mut FrameRecord) {
-    let offset = frame.watch.as_ref().map_or(Vector2::zeros(), |watch| Vector2::from(watch.offset_px));
+    let offset = frame.watch.as_ref().map_or(Vector2::zeros(), WatchRecord::offset);
     if offset.norm() < f64::EPSILON {
         return;
     }
     for car in &mut frame.cars {
-        let [x0, y0, x1, y1] = car.bbox_px;
-        car.bbox_px = [x0 - offset.x, y0 - offset.y, x1 - offset.x, y1 - offset.y];
+        car.bbox_px = bbox_moved(&car.bbox_px, &-offset);
         for point in car.keypoints.iter_mut().flat_map(|set| set.iter_mut().flatten()) {
             point.pixel -= offset;
         }
@@ -128,7 +122,7 @@ fn settle(frame: &mut FrameRecord) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use roadplane_base::{CameraMove, CarRecord, ImageSize, WatchRecord};
+    use roadplane_base::{CameraMove, CarRecord, ImageSize};
 
     fn frame(index: u64, verdict: PictureVerdict) -> FrameRecord {
         let watch = Some(WatchRecord { looked: true, verdict, ..WatchRecord::default() });

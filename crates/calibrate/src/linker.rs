@@ -1,7 +1,7 @@
 //! Which box of this frame is which car of the frames before: association in the image, streaming.
 
 use nalgebra::Vector2;
-use roadplane_base::{CarRecord, FrameRecord, VehicleClass, assign, bbox_centre, bbox_iou};
+use roadplane_base::{CarRecord, FrameRecord, VehicleClass, assign, bbox_centre, bbox_iou, bbox_moved};
 
 /// Provisional name of a car, unique within a [`Linker`]; not the number of a track.
 pub type LinkId = u64;
@@ -64,9 +64,7 @@ impl Link {
         if self.is_still() {
             return self.bbox_px;
         }
-        let shift = self.velocity_px_s * (time_s - self.seen_s);
-        let [x0, y0, x1, y1] = self.bbox_px;
-        [x0 + shift.x, y0 + shift.y, x1 + shift.x, y1 + shift.y]
+        bbox_moved(&self.bbox_px, &(self.velocity_px_s * (time_s - self.seen_s)))
     }
 }
 

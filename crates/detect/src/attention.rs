@@ -3,12 +3,14 @@
 //! A vehicle that stood in several looks keeps its box until something changes in its place or the sweep comes by. All of it
 //! follows from the pictures, their times and their places in the input.
 
-use roadplane_base::{CarRecord, FrameStamp, PictureVerdict, bbox_centre, bbox_covered, bbox_iou};
+use nalgebra::Vector2;
+use roadplane_base::{CarRecord, FrameStamp, bbox_around, bbox_centre, bbox_covered, bbox_moved};
 use roadplane_watch::{Cells, ChangeMap, Seen};
 
 use crate::known::{Known, update};
-use crate::regions::{Place, regions};
+use crate::regions::regions;
 use crate::resample::Part;
+use crate::sights::Sights;
 use crate::{DetectError, Detector};
 
 /// Looks at everything in the beginning: a vehicle that the first misses is found by the next.
@@ -23,8 +25,6 @@ const KNOWN: f64 = 0.5;
 const MUCH: f64 = 0.2;
 /// What moves and is no vehicle (people, leaves) is looked at again only so many looks later.
 const IDLE_LOOKS: u32 = 2;
-/// A core must hold this share of a box to have looked at it as a whole.
-const HELD: f64 = 0.9;
 
 /// What a look came to.
 #[derive(Clone, Debug)]
@@ -51,7 +51,8 @@ pub struct Attention {
     looks: u32,
     /// Until which look each cell may wait: what moves there was no vehicle just now.
     idle_until: Vec<u32>,
-    offset_px: [f64; 2],
+    /// Shake of the last picture that was looked at, px.
+    offset: Vector2<f64>,
 }
 
 impl Attention {
@@ -65,7 +66,7 @@ impl Attention {
             cut: Vec::new(),
             looks: 0,
             idle_until: Vec::new(),
-            offset_px: [0.0; 2],
+            offset: Vector2::zeros(),
         }
     }
 
@@ -75,7 +76,7 @@ impl Attention {
         self.known
             .iter()
             .filter(|vehicle| vehicle.is_held())
-            .map(|vehicle| held(vehicle, self.offset_px))
+            .map(|vehicle| held(vehicle, &self.offset))
             .collect()
     }
 
@@ -92,8 +93,7 @@ impl Attention {
         seen: &Seen,
     ) -> Result<Look, DetectError> {
         let time_s = stamp.time_s();
-        let verdict = seen.record.verdict;
-        if matches!(verdict, PictureVerdict::Black | PictureVerdict::White | PictureVerdict::Covered) {
+        if seen.record.verdict.is_blind() {
             let busy = ChangeMap::new(&seen.small).all_cells();
             return Ok(Look { cars: Vec::new(), changed: 1.0, seen: 0.0, busy });
         }
@@ -101,84 +101,37 @@ impl Attention {
             self.known.clear();
             self.looks = 0;
         }
-        self.offset_px = seen.record.offset_px;
-        let offset = self.offset_px;
+        self.offset = seen.record.offset();
+        let offset = self.offset;
         let fits = self.map.as_ref().is_some_and(|map| map.suits(&seen.small));
         let mut map = self.map.take().filter(|_| fits).unwrap_or_else(|| ChangeMap::new(&seen.small));
         let changed = map.changed(&seen.small, seen.shift, time_s);
         self.idle_until.resize(changed.columns * changed.rows, 0);
-        let whole = Part::whole(image);
-        let (width, height) = (whole.width as f64, whole.height as f64);
-        let scales = detector.options().scales(image.width(), image.height());
         self.looks = self.looks.saturating_add(1);
-        let places = if self.looks <= FIRST_LOOKS {
-            vec![Place { core: [0.0, 0.0, width, height] }]
-        } else {
-            let finest = scales.last().copied().unwrap_or(1.0);
-            self.places(&changed, time_s, sweep_part(number, self.looks_a_sweep, width, height, finest))
-        };
 
-        let (mut looked, mut vehicles) = (map.no_cells(), map.no_cells());
-        let mut cores: Vec<[f64; 4]> = Vec::new();
-        let mut found: Vec<CarRecord> = Vec::new();
-        self.cut.clear();
-        let min_score = detector.options().min_score;
-        for region in regions(&places, whole, &scales) {
-            let sight = detector.look(image, region.part, WEAK_SCORE)?;
-            for core in &region.cores {
-                looked.insert_box(core);
-            }
-            cores.extend(region.cores);
-            // What was cut is looked at as a whole next time, unless it is a vehicle that stands beside what was looked at.
-            let is_known = |bbox: &[f64; 4]| {
-                self.known
-                    .iter()
-                    .any(|vehicle| vehicle.is_held() && bbox_covered(&vehicle.bbox_px, bbox) > KNOWN)
-            };
-            let cut = sight.cut.iter().filter(|cut| cut.score >= min_score && !is_known(&cut.bbox));
-            self.cut.extend(cut.map(|cut| cut.bbox));
-            for one in sight.found {
-                vehicles.insert_box(&one.bbox);
-                if one.score >= min_score
-                    && let Some(record) = crate::detector::record(one, width, height)
-                    && !found.iter().any(|other| is_same(&other.bbox_px, &record.bbox_px, detector))
-                {
-                    found.push(record);
-                }
-            }
-        }
-        let covers = |bbox: &[f64; 4]| {
-            let centre = bbox_centre(bbox);
-            cores.iter().any(|[x0, y0, x1, y1]| {
-                (*x0..=*x1).contains(&centre.x)
-                    && (*y0..=*y1).contains(&centre.y)
-                    && bbox_share_inside(bbox, &[*x0, *y0, *x1, *y1]) >= HELD
-            })
-        };
-        let mut at_rest: Vec<CarRecord> =
-            found.iter().map(|car| moved(car, [-offset[0], -offset[1]])).collect();
-        let unchanged = |bbox: &[f64; 4]| changed.share_of(&shifted(*bbox, offset)) <= 0.0;
-        update(&mut self.known, &mut at_rest, stamp.index, time_s, covers, unchanged);
+        let sights = self.run(detector, number, time_s, image, &changed)?;
+        let mut at_rest: Vec<CarRecord> = sights.found.iter().map(|car| moved(car, &-offset)).collect();
+        let unchanged = |bbox: &[f64; 4]| changed.share_of(&bbox_moved(bbox, &offset)) <= 0.0;
+        update(&mut self.known, &mut at_rest, stamp.index, time_s, |bbox| sights.cover(bbox), unchanged);
+        let Sights { looked, mut vehicles, .. } = sights;
         for vehicle in &self.known {
             vehicles.insert_box(&vehicle.place(time_s));
         }
         map.looked(&seen.small, seen.shift, &looked, &vehicles);
-        for (column, row) in
-            changed.iter().filter(|&(column, row)| looked.has(column, row) && !vehicles.has(column, row))
-        {
-            for y in row.saturating_sub(1)..(row + 2).min(changed.rows) {
-                for x in column.saturating_sub(1)..(column + 2).min(changed.columns) {
-                    self.idle_until[y * changed.columns + x] = self.looks + IDLE_LOOKS;
-                }
+        self.map = Some(map);
+        let is_idle =
+            |(column, row): &(usize, usize)| looked.has(*column, *row) && !vehicles.has(*column, *row);
+        for (column, row) in changed.iter().filter(is_idle) {
+            for (x, y) in changed.around(column, row) {
+                self.idle_until[y * changed.columns + x] = self.looks + IDLE_LOOKS;
             }
         }
-        self.map = Some(map);
 
-        let mut cars: Vec<CarRecord> = at_rest.iter().map(|car| moved(car, offset)).collect();
+        let mut cars: Vec<CarRecord> = at_rest.iter().map(|car| moved(car, &offset)).collect();
         for vehicle in self.known.iter().filter(|v| v.is_held() && v.seen_frame != stamp.index) {
-            let record = held(vehicle, offset);
+            let record = held(vehicle, &offset);
             // What was seen just now hides what is only remembered.
-            if !cars.iter().any(|car| is_same(&car.bbox_px, &record.bbox_px, detector)) {
+            if !cars.iter().any(|car| detector.options().are_one(&car.bbox_px, &record.bbox_px)) {
                 cars.push(record);
             }
         }
@@ -187,8 +140,38 @@ impl Attention {
         Ok(Look { cars, changed: changed.share(), seen: looked.share(), busy })
     }
 
+    /// Runs the net on the parts of the picture that want a look.
+    fn run(
+        &mut self,
+        detector: &mut Detector,
+        number: u64,
+        time_s: f64,
+        image: &image::RgbImage,
+        changed: &Cells,
+    ) -> Result<Sights, DetectError> {
+        let whole = Part::whole(image);
+        let (width, height) = (whole.width as f64, whole.height as f64);
+        let scales = detector.options().scales(image.width(), image.height());
+        let places = if self.looks <= FIRST_LOOKS {
+            vec![[0.0, 0.0, width, height]]
+        } else {
+            let finest = scales.last().copied().unwrap_or(1.0);
+            self.places(changed, time_s, sweep_part(number, self.looks_a_sweep, width, height, finest))
+        };
+        let mut sights = Sights::new(detector.options(), changed);
+        for region in regions(&places, whole, &scales) {
+            sights.add(detector.look(image, region.part, WEAK_SCORE)?, region.cores, (width, height));
+        }
+        // What was cut is looked at as a whole next time, unless it is a vehicle that stands beside what was looked at.
+        let is_held = |bbox: &[f64; 4]| {
+            self.known.iter().any(|vehicle| vehicle.is_held() && bbox_covered(&vehicle.bbox_px, bbox) > KNOWN)
+        };
+        self.cut = sights.cut.iter().filter(|cut| !is_held(cut)).copied().collect();
+        Ok(sights)
+    }
+
     /// What wants a look.
-    fn places(&self, changed: &Cells, time_s: f64, sweep: Option<[f64; 4]>) -> Vec<Place> {
+    fn places(&self, changed: &Cells, time_s: f64, sweep: Option<[f64; 4]>) -> Vec<[f64; 4]> {
         let mut due = changed.emptied();
         for (column, row) in changed.iter() {
             // At the picture's border it may be the front of a vehicle that only just comes in.
@@ -197,8 +180,7 @@ impl Attention {
                 due.insert(column, row);
             }
         }
-        let offset = self.offset_px;
-        let in_frame = |bbox: [f64; 4]| shifted(bbox, offset);
+        let in_frame = |bbox: [f64; 4]| bbox_moved(&bbox, &self.offset);
         let (late, early): (Vec<&Known>, Vec<&Known>) = self
             .known
             .iter()
@@ -221,21 +203,16 @@ impl Attention {
                 due.insert_box(&bbox);
             }
         }
-        let mut places: Vec<Place> = due.groups().into_iter().map(|core| Place { core }).collect();
+        let mut places = due.groups();
         if let Some(mut core) = sweep {
             for vehicle in &self.known {
                 let place = in_frame(vehicle.place(time_s));
                 let centre = bbox_centre(&place);
                 if (core[0]..core[2]).contains(&centre.x) && (core[1]..core[3]).contains(&centre.y) {
-                    core = [
-                        core[0].min(place[0]),
-                        core[1].min(place[1]),
-                        core[2].max(place[2]),
-                        core[3].max(place[3]),
-                    ];
+                    core = bbox_around(&core, &place);
                 }
             }
-            places.push(Place { core });
+            places.push(core);
         }
         places
     }
@@ -257,28 +234,12 @@ fn sweep_part(number: u64, looks_a_sweep: u64, width: f64, height: f64, finest: 
     Some([x, y, x + w, y + h])
 }
 
-fn bbox_share_inside(bbox: &[f64; 4], outer: &[f64; 4]) -> f64 {
-    let area = |[x0, y0, x1, y1]: [f64; 4]| (x1 - x0).max(0.0) * (y1 - y0).max(0.0);
-    let common = [bbox[0].max(outer[0]), bbox[1].max(outer[1]), bbox[2].min(outer[2]), bbox[3].min(outer[3])];
-    area(common) / area(*bbox).max(1e-9)
-}
-
-/// Two boxes that merging would take for one vehicle.
-fn is_same(a: &[f64; 4], b: &[f64; 4], detector: &Detector) -> bool {
-    let options = detector.options();
-    bbox_iou(a, b) >= options.nms_iou || bbox_covered(a, b) >= options.nms_covered
-}
-
-fn shifted([x0, y0, x1, y1]: [f64; 4], by: [f64; 2]) -> [f64; 4] {
-    [x0 + by[0], y0 + by[1], x1 + by[0], y1 + by[1]]
-}
-
-fn moved(car: &CarRecord, by: [f64; 2]) -> CarRecord {
-    let bbox_px = shifted(car.bbox_px, by).map(|v| (v * 100.0).round() / 100.0);
+fn moved(car: &CarRecord, by: &Vector2<f64>) -> CarRecord {
+    let bbox_px = bbox_moved(&car.bbox_px, by).map(|v| (v * 100.0).round() / 100.0);
     CarRecord { bbox_px, ..car.clone() }
 }
 
-fn held(vehicle: &Known, offset: [f64; 2]) -> CarRecord {
+fn held(vehicle: &Known, offset: &Vector2<f64>) -> CarRecord {
     let car = CarRecord {
         score: vehicle.score,
         class: vehicle.class(),

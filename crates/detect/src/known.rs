@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use nalgebra::Vector2;
-use roadplane_base::{CarRecord, VehicleClass, bbox_centre, bbox_iou};
+use roadplane_base::{CarRecord, VehicleClass, bbox_around, bbox_centre, bbox_iou, bbox_moved};
 
 /// Looks in a row in which the box stayed where it was, after which nobody needs to look until something changes.
 const SETTLED_LOOKS: u32 = 5;
@@ -90,7 +90,7 @@ impl Known {
             || time_s - self.looked_s >= UNSEEN_S
     }
 
-    /// It stood and was missed once at most: it is still taken to be there.
+    /// It stood, and too few looks missed it to say that it left: it is still taken to be there.
     pub(crate) fn is_held(&self) -> bool {
         self.stayed >= SETTLED_LOOKS && self.missed < MAX_MISSED
     }
@@ -100,16 +100,14 @@ impl Known {
         if self.stayed >= SETTLED_LOOKS {
             return self.bbox_px;
         }
-        let shift = self.velocity_px_s * (time_s - self.seen_s).clamp(0.0, 0.5);
-        let [x0, y0, x1, y1] = self.bbox_px;
-        [x0 + shift.x, y0 + shift.y, x1 + shift.x, y1 + shift.y]
+        bbox_moved(&self.bbox_px, &(self.velocity_px_s * (time_s - self.seen_s).clamp(0.0, 0.5)))
     }
 
     /// What a look for it must cover: where it was, where it is expected, and a little around.
     pub(crate) fn place(&self, time_s: f64) -> [f64; 4] {
-        let (a, b) = (self.bbox_px, self.expected(time_s));
-        let [x0, y0, x1, y1] = [a[0].min(b[0]), a[1].min(b[1]), a[2].max(b[2]), a[3].max(b[3])];
-        let (dx, dy) = (AROUND * (a[2] - a[0]), AROUND * (a[3] - a[1]));
+        let bbox = &self.bbox_px;
+        let [x0, y0, x1, y1] = bbox_around(bbox, &self.expected(time_s));
+        let (dx, dy) = (AROUND * (bbox[2] - bbox[0]), AROUND * (bbox[3] - bbox[1]));
         [x0 - dx, y0 - dy, x1 + dx, y1 + dy]
     }
 
@@ -119,21 +117,21 @@ impl Known {
         self.looked_s = time_s;
         self.votes.values_mut().for_each(|votes| *votes *= FADE);
         *self.votes.entry(found.class).or_default() += found.score;
-        if unchanged && self.is_held() && bbox_iou(&self.anchor_px, &found.bbox_px) >= STAYED {
-            self.stayed = self.stayed.saturating_add(1);
-            (self.score, self.seen_frame, self.seen_s, self.missed) = (found.score, frame, time_s, 0.0);
-            return;
-        }
+        let stays = bbox_iou(&self.anchor_px, &found.bbox_px) >= STAYED;
+        let keeps_box = unchanged && stays && self.is_held();
         let gap_s = time_s - self.seen_s;
-        if gap_s > 0.0 {
+        if !keeps_box && gap_s > 0.0 {
             self.velocity_px_s = (bbox_centre(&found.bbox_px) - bbox_centre(&self.bbox_px)) / gap_s;
         }
-        if bbox_iou(&self.anchor_px, &found.bbox_px) >= STAYED {
+        if stays {
             self.stayed = self.stayed.saturating_add(1);
         } else {
             (self.anchor_px, self.stayed) = (found.bbox_px, 1);
         }
-        (self.bbox_px, self.score) = (found.bbox_px, found.score);
+        if !keeps_box {
+            self.bbox_px = found.bbox_px;
+        }
+        self.score = found.score;
         (self.seen_frame, self.seen_s, self.missed) = (frame, time_s, 0.0);
     }
 }

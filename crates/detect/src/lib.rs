@@ -7,7 +7,7 @@
 //! In a clip it need not look everywhere all the time: [`Attention`] says where.
 //!
 //! ```text
-//! Seen (watch) → Attention   what changed, who does not stand, the sweep      (attention.rs, known.rs)
+//! Seen (watch) → Attention   what changed, who does not stand, the sweep      (attention.rs, known.rs, sights.rs)
 //!              → regions     parts of the picture that are worth a run        (regions.rs)
 //!              → Detector    passes → boxes → one list                        (detector.rs, resample.rs, decode.rs, merge.rs)
 //! ```
@@ -21,6 +21,7 @@ mod merge;
 mod options;
 mod regions;
 mod resample;
+mod sights;
 mod tiles;
 
 pub use attention::{Attention, Look};

@@ -1,6 +1,6 @@
 //! One list of vehicles out of many overlapping boxes.
 
-use roadplane_base::{VehicleClass, bbox_covered, bbox_iou};
+use roadplane_base::{VehicleClass, bbox_iou};
 
 use crate::DetectOptions;
 use crate::decode::{CLASSES, Candidate};
@@ -74,10 +74,9 @@ fn groups(mut boxes: Vec<Candidate>, options: &DetectOptions) -> Vec<Vec<Candida
     let mut groups: Vec<Vec<Candidate>> = Vec::new();
     for candidate in boxes {
         let overlaps = |head: &Candidate| bbox_iou(&head.bbox, &candidate.bbox) >= options.nms_iou;
-        let inside = |head: &Candidate| bbox_covered(&head.bbox, &candidate.bbox) >= options.nms_covered;
         if let Some(group) = groups.iter_mut().find(|group| overlaps(&group[0])) {
             group.push(candidate);
-        } else if !groups.iter().any(|group| inside(&group[0])) {
+        } else if !groups.iter().any(|group| options.are_one(&group[0].bbox, &candidate.bbox)) {
             groups.push(vec![candidate]);
         }
     }

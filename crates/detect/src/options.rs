@@ -1,5 +1,6 @@
 //! How to look and what to believe.
 
+use roadplane_base::{bbox_covered, bbox_iou};
 use serde::{Deserialize, Serialize};
 
 use crate::DetectError;
@@ -47,6 +48,11 @@ impl DetectOptions {
         scales.sort_by(f64::total_cmp);
         scales.dedup_by(|a, b| (*a / *b - 1.0).abs() < 0.02);
         scales
+    }
+
+    /// Whether two boxes are one vehicle.
+    pub(crate) fn are_one(&self, a: &[f64; 4], b: &[f64; 4]) -> bool {
+        bbox_iou(a, b) >= self.nms_iou || bbox_covered(a, b) >= self.nms_covered
     }
 
     /// Refuses values that make no sense.

@@ -1,5 +1,7 @@
 //! From places that want a look to the parts of the picture that the net is run on.
 
+use roadplane_base::bbox_around;
+
 use crate::resample::{MULTIPLE_PX, Part};
 
 /// A run of the net costs as much as this many px of its input beside those of the picture.
@@ -7,25 +9,9 @@ const OVERHEAD_PX: f64 = 12_000.0;
 /// Looking at parts that cost more than this share of the whole is not worth it.
 const WHOLE_SHARE: f64 = 0.7;
 
-/// What a look is to cover, px of the frame, and the surroundings that the net needs to judge it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Place {
-    /// What is looked at.
-    pub core: [f64; 4],
-}
-
 /// Least surroundings, px of the net's input in the finest pass, and their share of the place's longer side.
 const MARGIN_PX: f64 = 64.0;
 const MARGIN_SHARE: f64 = 0.25;
-
-impl Place {
-    fn with_margin(&self, finest: f64) -> [f64; 4] {
-        let [x0, y0, x1, y1] = self.core;
-        let margin =
-            (MARGIN_PX / finest).max(MARGIN_SHARE * (x1 - x0).max(y1 - y0)).min(2.5 * MARGIN_PX / finest);
-        [x0 - margin, y0 - margin, x1 + margin, y1 + margin]
-    }
-}
 
 /// A part to run the net on, and what of it counts as looked at.
 #[derive(Clone, Debug, PartialEq)]
@@ -34,16 +20,16 @@ pub(crate) struct Region {
     pub cores: Vec<[f64; 4]>,
 }
 
-/// Parts that cover all places at the least cost that joining neighbours finds; the whole picture where that is hardly dearer.
-/// `scales` are those of the detector's passes, coarsest first.
-pub(crate) fn regions(places: &[Place], whole: Part, scales: &[f64]) -> Vec<Region> {
+/// Parts that cover all places (boxes, px of the frame) at the least cost that joining neighbours finds; the whole picture where
+/// that is hardly dearer. `scales` are those of the detector's passes, coarsest first.
+pub(crate) fn regions(places: &[[f64; 4]], whole: Part, scales: &[f64]) -> Vec<Region> {
     let finest = scales.last().copied().unwrap_or(1.0);
     let everything = [0.0, 0.0, whole.width as f64, whole.height as f64];
     let inside =
         |[x0, y0, x1, y1]: [f64; 4]| [x0.max(0.0), y0.max(0.0), x1.min(everything[2]), y1.min(everything[3])];
     let mut open: Vec<([f64; 4], Vec<[f64; 4]>)> = places
         .iter()
-        .map(|place| (inside(place.with_margin(finest)), vec![inside(place.core)]))
+        .map(|place| (inside(with_margin(place, finest)), vec![inside(*place)]))
         .filter(|(bounds, _)| bounds[2] > bounds[0] && bounds[3] > bounds[1])
         .collect();
     // The pair that gains most is joined first; ties go to the first in order.
@@ -51,7 +37,7 @@ pub(crate) fn regions(places: &[Place], whole: Part, scales: &[f64]) -> Vec<Regi
         let mut best: Option<(f64, usize, usize)> = None;
         for i in 0..open.len() {
             for j in i + 1..open.len() {
-                let joined = union(&open[i].0, &open[j].0);
+                let joined = bbox_around(&open[i].0, &open[j].0);
                 let gain = cost(&open[i].0, scales) + cost(&open[j].0, scales) - cost(&joined, scales);
                 if gain > 0.0 && best.is_none_or(|(most, _, _)| gain > most) {
                     best = Some((gain, i, j));
@@ -60,7 +46,7 @@ pub(crate) fn regions(places: &[Place], whole: Part, scales: &[f64]) -> Vec<Regi
         }
         let Some((_, i, j)) = best else { break };
         let (bounds, cores) = open.remove(j);
-        open[i].0 = union(&open[i].0, &bounds);
+        open[i].0 = bbox_around(&open[i].0, &bounds);
         open[i].1.extend(cores);
     }
     let total: f64 = open.iter().map(|(bounds, _)| cost(bounds, scales)).sum();
@@ -75,8 +61,11 @@ pub(crate) fn regions(places: &[Place], whole: Part, scales: &[f64]) -> Vec<Regi
     open.into_iter().map(|(bounds, cores)| Region { part: part(bounds), cores }).collect()
 }
 
-fn union(a: &[f64; 4], b: &[f64; 4]) -> [f64; 4] {
-    [a[0].min(b[0]), a[1].min(b[1]), a[2].max(b[2]), a[3].max(b[3])]
+/// A place and the surroundings that the net needs to judge it.
+fn with_margin([x0, y0, x1, y1]: &[f64; 4], finest: f64) -> [f64; 4] {
+    let margin =
+        (MARGIN_PX / finest).max(MARGIN_SHARE * (x1 - x0).max(y1 - y0)).min(2.5 * MARGIN_PX / finest);
+    [x0 - margin, y0 - margin, x1 + margin, y1 + margin]
 }
 
 /// Px of the net's input in all passes, what each run costs besides included.
@@ -110,7 +99,7 @@ mod tests {
 
     #[test]
     fn neighbours_share_a_run_and_strangers_do_not() {
-        let place = |x: f64, y: f64| Place { core: [x, y, x + 80.0, y + 60.0] };
+        let place = |x: f64, y: f64| [x, y, x + 80.0, y + 60.0];
         let found =
             regions(&[place(100.0, 500.0), place(1700.0, 200.0), place(190.0, 520.0)], WHOLE, &SCALES);
         assert_eq!(found.len(), 2, "{found:?}");
@@ -131,9 +120,8 @@ mod tests {
 
     #[test]
     fn much_is_everything() {
-        let places: Vec<Place> = (0..8)
-            .map(|i| Place { core: [f64::from(i) * 240.0, 0.0, f64::from(i) * 240.0 + 200.0, 1000.0] })
-            .collect();
+        let places: Vec<[f64; 4]> =
+            (0..8).map(|i| [f64::from(i) * 240.0, 0.0, f64::from(i) * 240.0 + 200.0, 1000.0]).collect();
         assert_eq!(regions(&places, WHOLE, &SCALES).len(), 1);
         assert_eq!(regions(&places, WHOLE, &SCALES)[0].part, WHOLE);
         assert!(regions(&[], WHOLE, &SCALES).is_empty());

@@ -2,7 +2,7 @@
 //! would hardly improve their mean, then now and then.
 
 use nalgebra::Vector2;
-use roadplane_base::{CarRecord, FrameRecord, LookRef, bbox_centre, bbox_iou};
+use roadplane_base::{CarRecord, CarRef, FrameRecord, WatchRecord, bbox_centre, bbox_iou, bbox_moved};
 
 /// Looks at a standing car in a row: of an error of which bias makes up the larger part (0.6 of the sd), the mean of a dozen looks
 /// leaves no more than a few per cent to gain.
@@ -25,7 +25,7 @@ pub(crate) enum Turn {
     /// The net looks at it.
     Look,
     /// Its last look still holds.
-    Hold(LookRef),
+    Hold(CarRef),
     /// It is left without a pose.
     Pass,
 }
@@ -34,7 +34,7 @@ pub(crate) enum Turn {
 #[derive(Clone, Debug)]
 struct Place {
     bbox_px: [f64; 4],
-    look: LookRef,
+    look: CarRef,
     look_s: f64,
     looks: u32,
     found_s: f64,
@@ -53,7 +53,7 @@ impl Schedule {
         self.places.retain(|place| time_s - place.found_s <= FORGOTTEN_S);
         let watch = frame.watch.as_ref();
         let is_looked = watch.is_none_or(|watch| watch.looked);
-        let offset = watch.map_or(Vector2::zeros(), |watch| Vector2::from(watch.offset_px));
+        let offset = watch.map_or(Vector2::zeros(), WatchRecord::offset);
         let mut taken = vec![false; self.places.len()];
         let mut turns = Vec::with_capacity(frame.cars.len());
         for (index, car) in frame.cars.iter().enumerate() {
@@ -61,17 +61,17 @@ impl Schedule {
                 turns.push(Turn::Pass);
                 continue;
             }
-            let [x0, y0, x1, y1] = car.bbox_px;
-            let at_rest = [x0 - offset.x, y0 - offset.y, x1 - offset.x, y1 - offset.y];
+            let at_rest = bbox_moved(&car.bbox_px, &-offset);
             let overlap = |place: &Place| bbox_iou(&place.bbox_px, &at_rest);
             let nearest = (0..taken.len()).filter(|&p| !taken[p] && overlap(&self.places[p]) >= SAME).max_by(
                 |&a, &b| overlap(&self.places[a]).total_cmp(&overlap(&self.places[b])).then(b.cmp(&a)),
             );
+            let [x0, y0, x1, y1] = car.bbox_px;
             let moved = |place: &Place| {
                 let away = (bbox_centre(&place.bbox_px) - bbox_centre(&at_rest)).norm();
                 away > STILL * (x1 - x0).hypot(y1 - y0)
             };
-            let own = LookRef { frame: frame.frame, car: index };
+            let own = CarRef { frame: frame.frame, car: index };
             let turn = match nearest {
                 Some(p) => {
                     taken[p] = true;

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::Isometry3;
 use roadplane_base::{
-    Camera, CameraEstimate, FrameRecord, GroundPlane, GroundPose, KEYPOINTS, LookRef, PoseRecord, Shape,
+    Camera, CameraEstimate, CarRef, FrameRecord, GroundPlane, GroundPose, KEYPOINTS, PoseRecord, Shape,
     ShapeAtlas, VehicleClass, rows_from_isometry,
 };
 use roadplane_solve::{CarFit, FreeCarFit, SceneOptions, ShapePrior, fit_car};
@@ -101,7 +101,7 @@ pub fn free_pose_record(
 /// Poses of looks, for the frames in which they are held.
 #[derive(Debug, Default)]
 pub struct HeldPoses {
-    of_looks: BTreeMap<LookRef, PoseRecord>,
+    of_looks: BTreeMap<CarRef, PoseRecord>,
     pruned_s: f64,
 }
 
@@ -113,7 +113,7 @@ impl HeldPoses {
             self.pruned_s = pose.time_s;
         }
         let look = PoseRecord { keypoints_px: vec![None; KEYPOINTS], ..pose.clone() };
-        self.of_looks.insert(LookRef { frame: pose.frame, car: pose.car }, look);
+        self.of_looks.insert(CarRef { frame: pose.frame, car: pose.car }, look);
     }
 
     /// The line of `poses.jsonl` for a car whose pose is held; `None` where its look came to nothing.

@@ -3,10 +3,10 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use nalgebra::Matrix6;
+use nalgebra::{Matrix6, Vector2};
 use roadplane_base::{
-    CameraEstimate, CameraStatus, CarRecord, FrameRecord, FrameStamp, GroundPose, LookRef, PoseRecord, Shape,
-    ShapeAtlas, TrackRow, VehicleClass,
+    CameraEstimate, CameraStatus, CarRecord, CarRef, FrameRecord, FrameStamp, GroundPose, PoseRecord, Shape,
+    ShapeAtlas, TrackRow, VehicleClass, WatchRecord, bbox_moved,
 };
 use roadplane_calibrate::AtRest;
 use roadplane_solve::{CarFit, SceneOptions, ShapePrior};
@@ -17,9 +17,6 @@ use crate::believe::{is_believable, projected_box};
 use crate::cameras::{CameraTrack, estimate_cameras};
 use crate::cars::{FrameCamera, HeldPoses, fit_frame, pose_record};
 use crate::{Cancel, Config, PipelineError};
-
-/// A car in a frame: frame's index, place in its list.
-type CarKey = (u64, usize);
 
 /// What became of a clip.
 #[derive(Debug)]
@@ -103,14 +100,14 @@ pub fn solve_clip(
         track.shape = atlas.clamped(&held.unwrap_or(track.shape));
     }
 
-    let tracked: BTreeMap<CarKey, u64> =
+    let tracked: BTreeMap<CarRef, u64> =
         tracks.iter().flat_map(|track| sightings(track).map(|(key, _)| (key, track.id))).collect();
     let mut lines = PoseLines::create(poses)?;
     let mut reprojection_rms_px = Vec::new();
     let mut poses_used = 0;
     for pose in read_jsonl::<PoseRecord>(&spool)? {
         let mut pose = pose?;
-        pose.track = tracked.get(&(pose.frame, pose.car)).copied();
+        pose.track = tracked.get(&CarRef { frame: pose.frame, car: pose.car }).copied();
         poses_used += u64::from(pose.used);
         if pose.track.is_some() && pose.pose_from.is_none() {
             reprojection_rms_px.push(pose.reprojection_rms_px);
@@ -134,7 +131,7 @@ pub struct Tally {
     /// Cars dropped, by reason.
     pub rejected: BTreeMap<String, u64>,
     /// Offset of the picture in frames in which it was shaken, px.
-    pub shake_px: BTreeMap<u64, [f64; 2]>,
+    pub shake_px: BTreeMap<u64, Vector2<f64>>,
 }
 
 /// What a pass over the frames needs.
@@ -151,7 +148,7 @@ impl Pass<'_> {
     fn tracks(
         &self,
         frames: impl Iterator<Item = Result<FrameRecord, PipelineError>>,
-        known: &BTreeMap<CarKey, (ShapePrior, GroundPose)>,
+        known: &BTreeMap<CarRef, (ShapePrior, GroundPose)>,
         mut sink: impl FnMut(&PoseRecord) -> Result<(), PipelineError>,
     ) -> Result<(Vec<Track>, Tally), PipelineError> {
         let mut tracker = Tracker::new(self.config.track.clone());
@@ -168,11 +165,13 @@ impl Pass<'_> {
                 let ended = std::mem::replace(&mut tracker, Tracker::new(self.config.track.clone()));
                 append(&mut tracks, ended.finish());
             }
-            if let Some(watch) = frame.watch.as_ref().filter(|watch| watch.offset_px != [0.0; 2]) {
-                tally.shake_px.insert(frame.frame, watch.offset_px);
+            if let Some(shake) =
+                frame.watch.as_ref().map(WatchRecord::offset).filter(|shake| shake.norm() > 0.0)
+            {
+                tally.shake_px.insert(frame.frame, shake);
             }
             let view = FrameCamera::from(estimate);
-            let prior = |i: usize| match known.get(&(frame.frame, i)) {
+            let prior = |i: usize| match known.get(&CarRef { frame: frame.frame, car: i }) {
                 Some((shape, pose)) => (*shape, Some(*pose)),
                 None => (ShapePrior::default(), None),
             };
@@ -226,12 +225,12 @@ impl Pass<'_> {
     }
 
     /// A track's rows; boxes are where the shaken picture has them.
-    fn rows(&self, track: &Track, shake_px: &BTreeMap<u64, [f64; 2]>) -> Vec<TrackRow> {
+    fn rows(&self, track: &Track, shake_px: &BTreeMap<u64, Vector2<f64>>) -> Vec<TrackRow> {
         let dims = self.atlas.dims_m(&track.shape);
         let row = |state: &TrackState| {
-            let [x0, y0, x1, y1] = state.bbox_px.or_else(|| self.projected_box(track, state))?;
-            let [dx, dy] = shake_px.get(&state.stamp.index).copied().unwrap_or_default();
-            let bbox_px = [x0 + dx, y0 + dy, x1 + dx, y1 + dy];
+            let at_rest = state.bbox_px.or_else(|| self.projected_box(track, state))?;
+            let bbox_px =
+                shake_px.get(&state.stamp.index).map_or(at_rest, |shake| bbox_moved(&at_rest, shake));
             Some(TrackRow {
                 frame: state.stamp.index,
                 time_s: state.stamp.time_s(),
@@ -286,17 +285,19 @@ fn measurement(fit: &CarFit, bbox_px: [f64; 4], score: f64, car: usize) -> Optio
 
 /// A car whose pose is held, where it has one.
 fn held_car(record: &CarRecord, car: usize) -> Option<HeldCar> {
-    let LookRef { frame, car: place } = record.pose_from?;
-    Some(HeldCar { look: (frame, place), bbox_px: record.bbox_px, score: record.score, car })
+    Some(HeldCar { look: record.pose_from?, bbox_px: record.bbox_px, score: record.score, car })
 }
 
 /// The states in which a track was seen, with the car that it was seen as.
-fn sightings(track: &Track) -> impl Iterator<Item = (CarKey, &TrackState)> {
-    track.states.iter().filter_map(|state| Some(((state.stamp.index, state.car?), state)))
+fn sightings(track: &Track) -> impl Iterator<Item = (CarRef, &TrackState)> {
+    track
+        .states
+        .iter()
+        .filter_map(|state| Some((CarRef { frame: state.stamp.index, car: state.car? }, state)))
 }
 
 /// Per tracked car and frame its track's shape, within the atlas' bounds, and its smoothed pose.
-fn known_cars(tracks: &[Track], atlas: &ShapeAtlas) -> BTreeMap<CarKey, (ShapePrior, GroundPose)> {
+fn known_cars(tracks: &[Track], atlas: &ShapeAtlas) -> BTreeMap<CarRef, (ShapePrior, GroundPose)> {
     let mut known = BTreeMap::new();
     for track in tracks {
         let shape = ShapePrior::known(atlas.clamped(&track.shape));

@@ -93,7 +93,9 @@ pub fn keypoints_file(
         {
             let record = record?;
             if record.frame == work.record.frame {
-                work.record = record;
+                work.record.watch = record.watch;
+                work.record.cars = record.cars;
+                work.record.extra = record.extra;
             }
         }
         Ok(())

@@ -1,7 +1,7 @@
 //! What goes in and what comes out.
 
 use nalgebra::{Matrix3, Matrix6, Vector3};
-use roadplane_base::{FrameStamp, GroundPose, Shape, VehicleClass};
+use roadplane_base::{CarRef, FrameStamp, GroundPose, Shape, VehicleClass};
 
 /// A car fitted in one frame.
 #[derive(Clone, Debug)]
@@ -50,8 +50,8 @@ impl CarMeasurement {
 /// A car that has not moved since an earlier look at it: it is seen, and measured no better.
 #[derive(Clone, Copy, Debug)]
 pub struct HeldCar {
-    /// The look: the frame's index, and the car's place in that frame's list.
-    pub look: (u64, usize),
+    /// The look.
+    pub look: CarRef,
     /// Box, px.
     pub bbox_px: [f64; 4],
     /// Detector's score, 0–1.

@@ -3,7 +3,9 @@
 use std::collections::BTreeMap;
 
 use nalgebra::{Matrix3, Vector3};
-use roadplane_base::{FrameStamp, VehicleClass, assign, bbox_centre, bbox_covered, bbox_iou};
+use roadplane_base::{
+    CarRef, FrameStamp, VehicleClass, assign, bbox_centre, bbox_covered, bbox_iou, bbox_moved,
+};
 
 use crate::{
     CarMeasurement, FrameMeasurements, HeldCar, Track, TrackOptions, duplicates::merge_duplicates,
@@ -29,8 +31,8 @@ impl RawTrack {
 struct Live {
     filter: Filter,
     raw: RawTrack,
-    /// The last look that measured it: the frame's index, the place in its list.
-    look: (u64, usize),
+    /// The last look that measured it.
+    look: CarRef,
     /// Counts looks, not frames.
     born: usize,
     missed: usize,
@@ -47,7 +49,7 @@ const SAME_PLACE: f64 = 0.7;
 const SURE_OVERLAP: f64 = 0.5;
 
 impl Live {
-    fn new(car: &CarMeasurement, observation: Observation, look: (u64, usize), looks: usize) -> Self {
+    fn new(car: &CarMeasurement, observation: Observation, look: CarRef, looks: usize) -> Self {
         let filter = Filter::new(&observation.pose, &observation.covariance, observation.time_s);
         let mut shape = ShapeSum::new(filter.position(), filter.axis());
         shape.add(car, filter.position(), filter.axis());
@@ -95,7 +97,7 @@ impl Live {
         self.missed = 0;
     }
 
-    fn add(&mut self, car: &CarMeasurement, observation: Observation, look: (u64, usize), gate: f64) {
+    fn add(&mut self, car: &CarMeasurement, observation: Observation, look: CarRef, gate: f64) {
         self.look = look;
         if let Some(last) = self.last() {
             let gap_s = observation.time_s - last.time_s;
@@ -119,9 +121,7 @@ impl Live {
             return Some(last.bbox_px);
         }
         let gap_s = time_s - last.time_s;
-        let shift = self.box_velocity_px_s * gap_s;
-        let [x0, y0, x1, y1] = last.bbox_px;
-        (gap_s <= BOX_TRUST_S).then(|| [x0 + shift.x, y0 + shift.y, x1 + shift.x, y1 + shift.y])
+        (gap_s <= BOX_TRUST_S).then(|| bbox_moved(&last.bbox_px, &(self.box_velocity_px_s * gap_s)))
     }
 
     /// 0 for a perfect match; [`ALONE`] and above for none.
@@ -216,7 +216,7 @@ impl Tracker {
         let pairs = assign(self.live.len(), cars.len(), ALONE, |l, c| {
             if held[l] { f64::INFINITY } else { self.live[l].cost(&observations[c], gate) }
         });
-        let look = |c: usize| (frame.stamp.index, cars[c].car);
+        let look = |c: usize| CarRef { frame: frame.stamp.index, car: cars[c].car };
         let mut taken = vec![false; cars.len()];
         for ((live, pair), held) in self.live.iter_mut().zip(&pairs).zip(&held) {
             match *pair {

@@ -92,6 +92,13 @@ impl Cells {
         is_in.map(|(cell, _)| (cell % self.columns, cell / self.columns))
     }
 
+    /// Columns and rows of a cell and those around it, row by row.
+    pub fn around(&self, column: usize, row: usize) -> impl Iterator<Item = (usize, usize)> + use<> {
+        let columns = column.saturating_sub(1)..(column + 2).min(self.columns);
+        let rows = row.saturating_sub(1)..(row + 2).min(self.rows);
+        rows.flat_map(move |y| columns.clone().map(move |x| (x, y)))
+    }
+
     /// Whether a cell lies at the picture's border, or next to one that does.
     #[must_use]
     pub fn is_at_border(&self, column: usize, row: usize) -> bool {
@@ -141,13 +148,11 @@ impl Cells {
             while let Some(cell) = open.pop() {
                 let (column, row) = (cell % self.columns, cell / self.columns);
                 span = [span[0].min(column), span[1].min(row), span[2].max(column + 1), span[3].max(row + 1)];
-                for y in row.saturating_sub(1)..(row + 2).min(self.rows) {
-                    for x in column.saturating_sub(1)..(column + 2).min(self.columns) {
-                        let next = y * self.columns + x;
-                        if self.is_in[next] && !seen[next] {
-                            seen[next] = true;
-                            open.push(next);
-                        }
+                for (x, y) in self.around(column, row) {
+                    let next = y * self.columns + x;
+                    if self.is_in[next] && !seen[next] {
+                        seen[next] = true;
+                        open.push(next);
                     }
                 }
             }
