@@ -3,7 +3,7 @@
 use nalgebra::{Matrix4, Vector2, Vector4};
 use roadplane_base::median;
 
-use crate::reference::BlockShift;
+use crate::level::BlockShift;
 
 /// Blocks that must agree for a verdict.
 const MIN_AGREEING: usize = 6;
@@ -23,8 +23,6 @@ pub struct Alignment {
     pub log_scale: f64,
     /// Turn about the optical axis, rad.
     pub roll: f64,
-    /// Share of the blocks with structure that agree.
-    pub share: f64,
 }
 
 impl Alignment {
@@ -64,12 +62,7 @@ impl Alignment {
             reach = (reach * 0.8).max(AGREES);
         }
         let agreeing = told.iter().filter(|(p, d)| (d - displaced(&model, p)).norm() <= AGREES).count();
-        (agreeing >= enough).then(|| Self {
-            shift: model.xy(),
-            log_scale: model[2],
-            roll: model[3],
-            share: agreeing as f64 / count,
-        })
+        (agreeing >= enough).then(|| Self { shift: model.xy(), log_scale: model[2], roll: model[3] })
     }
 
     /// Displacement of what was at a point, px from the picture's middle.

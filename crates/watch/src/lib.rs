@@ -4,7 +4,8 @@
 //! # How the pieces join
 //! ```text
 //! RgbImage → SmallGrey      grey, halved until its longer side is at most 480 px                  (small.rs)
-//!          → Reference      the background's blocks; each tells a shift and a gain                (reference.rs)
+//!          → Level          the background's blocks at one size; each tells a shift and a gain     (level.rs)
+//!          → Reference      the background at two sizes, for larger shifts                        (reference.rs)
 //!          → Alignment      one similarity that most blocks agree on                              (alignment.rs)
 //!          → Watcher        rest, shake, move, cut, nothing to see; the new position since when   (watcher.rs, blind.rs)
 //!          → ChangeMap      cells that are not as they were when the detector last looked there   (changes.rs)
@@ -18,6 +19,7 @@ mod alignment;
 mod background;
 mod blind;
 mod changes;
+mod level;
 mod reference;
 mod search;
 mod small;

@@ -5,7 +5,7 @@ use nalgebra::Vector2;
 use roadplane_base::Similarity;
 
 use crate::alignment::Alignment;
-use crate::reference::Reference;
+use crate::level::Level;
 
 /// Blocks that are searched for.
 const BLOCKS: usize = 60;
@@ -23,9 +23,9 @@ const MIN_BLOCKS: usize = 6;
 /// Rounds in which what was found is made finer.
 const REFINEMENTS: usize = 3;
 
-/// The similarity that carries the reference to a picture (prepared, of the same size), in px of the small picture; `None` where
+/// The similarity that carries the reference to a picture (smoothed, of the same size), in px of the small picture; `None` where
 /// there is none: another place.
-pub(crate) fn search(reference: &Reference, picture: &[f32]) -> Option<Similarity> {
+pub(crate) fn search(reference: &Level, picture: &[f32]) -> Option<Similarity> {
     let (width, height) = reference.size();
     let from = Half::of(reference.values(), width, height);
     let to = Half::of(picture, width, height);
@@ -59,7 +59,7 @@ pub(crate) fn search(reference: &Reference, picture: &[f32]) -> Option<Similarit
 }
 
 /// A similarity that [`search`] found, to a fraction of a pixel: the picture is carried back by it and laid on the reference.
-pub(crate) fn refined(reference: &Reference, picture: &[f32], found: &Similarity) -> Similarity {
+pub(crate) fn refined(reference: &Level, picture: &[f32], found: &Similarity) -> Similarity {
     let (width, height) = reference.size();
     let middle = Vector2::new(width as f64, height as f64) / 2.0;
     let mut carried = *found;

@@ -13,7 +13,8 @@ use roadplane_base::{CameraMove, FrameStamp, MoveKind, PictureVerdict, WatchReco
 
 use crate::alignment::Alignment;
 use crate::blind::Blindness;
-use crate::reference::{BlockShift, Reference};
+use crate::level::{BlockShift, Level};
+use crate::reference::{Prepared, Reference};
 use crate::search::{refined, search};
 use crate::{SmallGrey, WatchError};
 
@@ -151,25 +152,26 @@ impl Watcher {
     /// Finds the verdict on a picture that shows something.
     fn settle(&mut self, stamp: FrameStamp, small: &SmallGrey, record: &mut WatchRecord) {
         let moved = (MOVED_PX / small.factor as f64).max(MOVED_SMALL_PX);
+        let picture = Prepared::of(small);
         let reference = match &mut self.reference {
-            Some(reference) if reference.size() == (small.width, small.height) => reference,
-            slot => slot.insert(Reference::new(small)),
+            Some(reference) if reference.fine().size() == (small.width, small.height) => reference,
+            slot => slot.insert(Reference::new(&picture)),
         };
-        if reference.block_count() < MIN_BLOCKS {
+        if reference.fine().block_count() < MIN_BLOCKS {
             // A first picture without structure (night, fog) is no background for one that has some, all over: not for a car
             // on a bare road.
-            let fresh = Reference::new(small);
-            if fresh.is_structured_all_over() {
+            let fresh = Reference::new(&picture);
+            if fresh.fine().is_structured_all_over() {
                 *reference = fresh;
             } else {
-                let told = reference.shifts(small);
-                reference.follow(small, &told, stamp.time_s());
+                let told = reference.told(&picture);
+                reference.follow(&picture, &told, stamp.time_s());
                 record.verdict = PictureVerdict::Unknown;
                 return;
             }
         }
-        let told = reference.shifts(small);
-        let laid = laid(reference, stamp, &told, self.origin);
+        let told = reference.told(&picture);
+        let laid = laid(reference, stamp, &told.fine, self.origin);
         self.recent.push_back(laid);
         let since_s = stamp.time_s() - MEDIAN_S;
         while self.recent.len() > MEDIAN_PICTURES
@@ -185,7 +187,7 @@ impl Watcher {
                     self.averaged = (self.averaged + 1.0).min(AVERAGED);
                     self.origin += (alignment.shift - self.origin) / self.averaged;
                     if (alignment.shift).norm() < moved {
-                        reference.follow(small, &told, stamp.time_s());
+                        reference.follow(&picture, &told, stamp.time_s());
                     }
                 }
             }
@@ -193,7 +195,7 @@ impl Watcher {
                 // It began with the first of the last pictures that lies off.
                 let off = |l: &&Laid| l.displacement > 0.5 * moved;
                 let since = self.recent.iter().rev().take_while(off).last().map_or(stamp, |l| l.stamp);
-                let candidate = Candidate::new(small, stamp, since);
+                let candidate = Candidate::new(&picture, stamp, since);
                 self.suspicion = Some(Suspicion { since, candidate, left: 0, is_motion: false });
                 record.verdict = PictureVerdict::Unsettled;
             }
@@ -206,20 +208,20 @@ impl Watcher {
                 record.verdict =
                     if suspicion.is_motion { PictureVerdict::Moving } else { PictureVerdict::Unsettled };
                 let candidate = &mut suspicion.candidate;
-                let told = candidate.reference.shifts(small);
-                candidate.laid.push(self::laid(&candidate.reference, stamp, &told, Vector2::zeros()));
+                let told = candidate.reference.told(&picture);
+                candidate.laid.push(self::laid(&candidate.reference, stamp, &told.fine, Vector2::zeros()));
                 if candidate.is_left(moved) {
-                    *candidate = Candidate::new(small, stamp, stamp);
+                    *candidate = Candidate::new(&picture, stamp, stamp);
                     suspicion.left += 1;
                 } else if candidate.holds(stamp, moved) {
                     let since = if suspicion.is_motion { candidate.since } else { suspicion.since };
-                    record.moved = Some(described(reference, candidate, since, small.factor));
+                    record.moved = Some(described(reference.fine(), candidate, since, small.factor));
                     record.verdict = PictureVerdict::Rest;
-                    self.reference = Some(candidate.reference.clone());
                     (self.origin, self.averaged) = (Vector2::zeros(), 0.0);
-                    self.recent.clear();
-                    self.recent.extend(candidate.laid.iter().copied());
-                    self.suspicion = None;
+                    if let Some(Suspicion { candidate, .. }) = self.suspicion.take() {
+                        self.reference = Some(candidate.reference);
+                        self.recent = candidate.laid.into();
+                    }
                     return;
                 }
                 let lasts_s = stamp.time_s() - suspicion.since.time_s();
@@ -243,7 +245,7 @@ impl Watcher {
 /// A picture laid against a reference, from which pictures lie `origin` off on average.
 fn laid(reference: &Reference, stamp: FrameStamp, told: &[BlockShift], origin: Vector2<f64>) -> Laid {
     let alignment = Alignment::of(told);
-    let (width, height) = reference.size();
+    let (width, height) = reference.fine().size();
     let centred = |a: Alignment| Alignment { shift: a.shift - origin, ..a };
     let displacement = alignment.map_or(f64::INFINITY, |a| centred(a).displacement(width, height));
     Laid { stamp, alignment, displacement }
@@ -273,9 +275,9 @@ fn middle(laid: &[&Alignment]) -> Option<(Vector2<f64>, f64)> {
 }
 
 impl Candidate {
-    fn new(picture: &SmallGrey, stamp: FrameStamp, since: FrameStamp) -> Self {
+    fn new(picture: &Prepared, stamp: FrameStamp, since: FrameStamp) -> Self {
         let reference = Reference::new(picture);
-        let own = laid(&reference, stamp, &reference.shifts(picture), Vector2::zeros());
+        let own = laid(&reference, stamp, &reference.told(picture).fine, Vector2::zeros());
         Self { reference, since, laid: vec![own] }
     }
 
@@ -304,11 +306,11 @@ impl Candidate {
 }
 
 /// What kind of move it was, by laying the new position on the old one.
-fn described(old: &Reference, new: &Candidate, since: FrameStamp, factor: usize) -> CameraMove {
+fn described(old: &Level, new: &Candidate, since: FrameStamp, factor: usize) -> CameraMove {
     let (width, height) = old.size();
     let middle = Vector2::new(width as f64, height as f64) / 2.0;
-    let carried =
-        search(old, new.reference.values()).map(|found| refined(old, new.reference.values(), &found));
+    let values = new.reference.fine().values();
+    let carried = search(old, values).map(|found| refined(old, values, &found));
     let shift = carried.map(|s| (s.apply(&middle) - middle) * factor as f64);
     let log_scale = carried.map(|s| s.log_scale());
     let kind = match log_scale {

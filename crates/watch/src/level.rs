@@ -1,0 +1,279 @@
+//! The background at rest at one size, cut into blocks that each tell how the picture is shifted.
+//!
+//! In a block the picture is taken for the reference, shifted by d and lit differently:
+//! `I(x) = a R(x − d) + b ≈ a R − a ∇R·d + b`. Least squares over (a, b, a d) has a normal matrix of the reference alone, so a
+//! picture costs four products a pixel (Lucas & Kanade 1981, with gain and offset).
+
+use nalgebra::{Matrix4, Vector2, Vector4};
+
+use crate::SmallGrey;
+
+/// Side of a block, px of the small picture.
+pub(crate) const BLOCK: usize = 16;
+/// Least mean squared gradient along the weaker direction, grey levels² a px²: below, noise and codecs pass for structure.
+const MIN_STRUCTURE: f64 = 4.0;
+/// Blocks in every ninth of a picture that has structure all over.
+const MIN_IN_NINTH: usize = 3;
+/// Blocks that told nothing in most pictures at rest (noise, leaves, the middle of the road) have no say. Trust follows what they
+/// tell within this time, s, which is longer than something large takes to drive past; new blocks must earn it.
+const TRUST_S: f64 = 3.0;
+const TRUSTED: f64 = 0.4;
+const NEW_TRUST: f64 = 0.3;
+/// A block is the same place if shift and light explain at least this share of its variance.
+const MIN_EXPLAINED: f64 = 0.55;
+/// Largest shift that a block can tell, px: beyond, the linearisation is wrong.
+const MAX_SHIFT: f64 = 1.6;
+/// Least gain: below, the picture has lost the block's structure.
+const MIN_GAIN: f64 = 0.08;
+/// How fast the background follows the pictures, grey levels a second: it is their median over the best part of a minute.
+const FOLLOW: f64 = 2.0;
+/// Time after which gradients are worked out anew, s.
+const REFRESH_S: f64 = 2.0;
+
+/// A block with structure.
+#[derive(Clone, Debug)]
+struct Block {
+    x: usize,
+    y: usize,
+    inverse: Matrix4<f64>,
+    /// Smaller eigenvalue of the gradients' mean square.
+    structure: f64,
+    /// How often it told something, 0–1.
+    trust: f64,
+}
+
+/// What a block says of a picture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct BlockShift {
+    /// Centre of the block from the picture's middle, px.
+    pub centre: Vector2<f64>,
+    /// Shift, px; `None` where the picture is not this block's.
+    pub shift: Option<Vector2<f64>>,
+    /// It told something in most pictures so far.
+    pub has_a_say: bool,
+}
+
+/// A picture made ready to be laid on a background: grey values, and the same smoothed.
+#[derive(Clone, Debug)]
+pub(crate) struct Smoothed {
+    width: usize,
+    height: usize,
+    values: Vec<f32>,
+    smooth: Vec<f32>,
+}
+
+impl Smoothed {
+    pub(crate) fn of(picture: &SmallGrey) -> Self {
+        let values: Vec<f32> = picture.values.iter().map(|v| f32::from(*v)).collect();
+        let smooth = smoothed(&values, picture.width, picture.height);
+        Self { width: picture.width, height: picture.height, values, smooth }
+    }
+
+    /// What blocks are compared with.
+    pub(crate) fn smooth(&self) -> &[f32] {
+        &self.smooth
+    }
+}
+
+/// The background at rest at one size.
+#[derive(Clone, Debug)]
+pub(crate) struct Level {
+    width: usize,
+    height: usize,
+    /// The background's running median.
+    median: Vec<f32>,
+    /// What blocks are compared with: the median, smoothed, and its gradients.
+    smooth: Vec<f32>,
+    gradient_x: Vec<f32>,
+    gradient_y: Vec<f32>,
+    blocks: Vec<Block>,
+    followed_s: Option<f64>,
+    refreshed_s: f64,
+}
+
+impl Level {
+    /// From its first picture.
+    pub(crate) fn new(picture: &Smoothed) -> Self {
+        let mut level = Self {
+            width: picture.width,
+            height: picture.height,
+            median: picture.values.clone(),
+            smooth: Vec::new(),
+            gradient_x: Vec::new(),
+            gradient_y: Vec::new(),
+            blocks: Vec::new(),
+            followed_s: None,
+            refreshed_s: f64::NEG_INFINITY,
+        };
+        level.refresh();
+        level.blocks.iter_mut().for_each(|block| block.trust = 1.0);
+        level
+    }
+
+    /// Blocks that have a say.
+    pub(crate) fn block_count(&self) -> usize {
+        self.blocks.iter().filter(|block| block.trust >= TRUSTED).count()
+    }
+
+    /// Whether every ninth of the picture has blocks with a say.
+    pub(crate) fn is_structured_all_over(&self) -> bool {
+        let ninth = |block: &Block| 3 * block.x / self.width.max(1) + 3 * (3 * block.y / self.height.max(1));
+        let mut counts = [0; 9];
+        self.blocks.iter().filter(|block| block.trust >= TRUSTED).for_each(|block| counts[ninth(block)] += 1);
+        counts.iter().all(|count| *count >= MIN_IN_NINTH)
+    }
+
+    pub(crate) fn size(&self) -> (usize, usize) {
+        (self.width, self.height)
+    }
+
+    /// The background so far.
+    pub(crate) fn values(&self) -> &[f32] {
+        &self.smooth
+    }
+
+    /// Corners of the blocks with the most structure, at most `count`, best first.
+    pub(crate) fn best_blocks(&self, count: usize) -> Vec<(usize, usize)> {
+        let trusted = self.blocks.iter().filter(|block| block.trust >= TRUSTED);
+        trusted.take(count).map(|block| (block.x, block.y)).collect()
+    }
+
+    /// Follows a picture a little, where the camera is at rest; `told` is what [`Self::told`] said of it.
+    pub(crate) fn follow(&mut self, picture: &Smoothed, told: &[BlockShift], time_s: f64) {
+        let seconds = self.followed_s.map_or(0.0, |last| (time_s - last).clamp(0.0, 1.0));
+        self.followed_s = Some(time_s);
+        let step = (FOLLOW * seconds) as f32;
+        for (median, value) in self.median.iter_mut().zip(&picture.values) {
+            *median += (*value - *median).clamp(-step, step);
+        }
+        let share = 1.0 - (-seconds / TRUST_S).exp();
+        for (block, told) in self.blocks.iter_mut().zip(told) {
+            block.trust += share * (f64::from(u8::from(told.shift.is_some())) - block.trust);
+        }
+        if time_s - self.refreshed_s >= REFRESH_S {
+            self.refreshed_s = time_s;
+            self.refresh();
+        }
+    }
+
+    /// What each block with structure says of a smoothed picture that is shifted by about `base`, px.
+    pub(crate) fn told(&self, picture: &[f32], base: [i64; 2]) -> Vec<BlockShift> {
+        let middle = Vector2::new(self.width as f64 / 2.0, self.height as f64 / 2.0);
+        let half = BLOCK as f64 / 2.0;
+        let shifted = |at: usize, by: i64, length: usize| {
+            let at = usize::try_from(at as i64 + by).ok()?;
+            (at + BLOCK <= length).then_some(at)
+        };
+        let shift = |block: &Block| {
+            let (x, y) = (shifted(block.x, base[0], self.width)?, shifted(block.y, base[1], self.height)?);
+            Some(self.shift(block, picture, (x, y))? + Vector2::new(base[0] as f64, base[1] as f64))
+        };
+        self.blocks
+            .iter()
+            .map(|block| BlockShift {
+                centre: Vector2::new(block.x as f64 + half, block.y as f64 + half) - middle,
+                shift: shift(block),
+                has_a_say: block.trust >= TRUSTED,
+            })
+            .collect()
+    }
+
+    /// Shift of a block against the picture's at (x, y).
+    fn shift(&self, block: &Block, picture: &[f32], (x, y): (usize, usize)) -> Option<Vector2<f64>> {
+        let mut right = [0.0_f32; 4];
+        let mut squares = 0.0_f32;
+        for line in 0..BLOCK {
+            let own = (block.y + line) * self.width + block.x;
+            let other = (y + line) * self.width + x;
+            let (reference, values) = (&self.smooth[own..own + BLOCK], &picture[other..other + BLOCK]);
+            let (gx, gy) = (&self.gradient_x[own..own + BLOCK], &self.gradient_y[own..own + BLOCK]);
+            for i in 0..BLOCK {
+                let value = values[i];
+                right[0] += reference[i] * value;
+                right[1] += value;
+                right[2] -= gx[i] * value;
+                right[3] -= gy[i] * value;
+                squares += value * value;
+            }
+        }
+        let right = Vector4::from(right.map(f64::from));
+        let solution = block.inverse * right;
+        let count = (BLOCK * BLOCK) as f64;
+        let variance = f64::from(squares) - right[1] * right[1] / count;
+        let unexplained = f64::from(squares) - solution.dot(&right);
+        let gain = solution[0];
+        if gain < MIN_GAIN || unexplained > (1.0 - MIN_EXPLAINED) * variance {
+            return None;
+        }
+        let shift = Vector2::new(solution[2], solution[3]) / gain;
+        (shift.norm() < MAX_SHIFT).then_some(shift)
+    }
+
+    fn refresh(&mut self) {
+        let (width, height) = (self.width, self.height);
+        self.smooth = smoothed(&self.median, width, height);
+        let at = |x: usize, y: usize| self.smooth[y * width + x];
+        self.gradient_x = vec![0.0; width * height];
+        self.gradient_y = vec![0.0; width * height];
+        for y in 1..height.saturating_sub(1) {
+            for x in 1..width.saturating_sub(1) {
+                self.gradient_x[y * width + x] = 0.5 * (at(x + 1, y) - at(x - 1, y));
+                self.gradient_y[y * width + x] = 0.5 * (at(x, y + 1) - at(x, y - 1));
+            }
+        }
+        let starts = |length: usize| (BLOCK / 2..length.saturating_sub(BLOCK)).step_by(BLOCK);
+        let known = std::mem::take(&mut self.blocks);
+        let mut blocks: Vec<Block> = starts(height)
+            .flat_map(|y| starts(width).map(move |x| (x, y)))
+            .filter_map(|(x, y)| self.block(x, y))
+            .collect();
+        blocks.sort_by(|a, b| b.structure.total_cmp(&a.structure).then((a.y, a.x).cmp(&(b.y, b.x))));
+        for block in &mut blocks {
+            let before = known.iter().find(|k| (k.x, k.y) == (block.x, block.y));
+            block.trust = before.map_or(NEW_TRUST, |k| k.trust);
+        }
+        self.blocks = blocks;
+    }
+
+    fn block(&self, x: usize, y: usize) -> Option<Block> {
+        let mut normal = [[0.0_f32; 4]; 4];
+        for row in y..y + BLOCK {
+            for i in row * self.width + x..row * self.width + x + BLOCK {
+                let basis = [self.smooth[i], 1.0, -self.gradient_x[i], -self.gradient_y[i]];
+                for (sums, a) in normal.iter_mut().zip(basis) {
+                    for (sum, b) in sums.iter_mut().zip(basis) {
+                        *sum += a * b;
+                    }
+                }
+            }
+        }
+        let normal = Matrix4::from_fn(|r, c| f64::from(normal[r][c]));
+        let count = (BLOCK * BLOCK) as f64;
+        let (xx, xy, yy) = (normal[(2, 2)] / count, normal[(2, 3)] / count, normal[(3, 3)] / count);
+        let structure = (xx + yy) / 2.0 - ((xx - yy) / 2.0).hypot(xy);
+        if structure < MIN_STRUCTURE {
+            return None;
+        }
+        let inverse = normal.cholesky()?.inverse();
+        Some(Block { x, y, inverse, structure, trust: NEW_TRUST })
+    }
+}
+
+/// Binomial 3 × 3 smoothing, which makes pictures linear enough for shifts of a pixel. The frame's border stays as it is.
+fn smoothed(values: &[f32], width: usize, height: usize) -> Vec<f32> {
+    let mut across = values.to_vec();
+    for (out, row) in across.chunks_exact_mut(width).zip(values.chunks_exact(width)) {
+        for (out, three) in out[1..].iter_mut().zip(row.windows(3)) {
+            *out = 0.25 * three[0] + 0.5 * three[1] + 0.25 * three[2];
+        }
+    }
+    let mut out = across.clone();
+    for y in 1..height.saturating_sub(1) {
+        let (above, here, below) =
+            (&across[(y - 1) * width..], &across[y * width..], &across[(y + 1) * width..]);
+        for (x, out) in out[y * width..(y + 1) * width].iter_mut().enumerate() {
+            *out = 0.25 * above[x] + 0.5 * here[x] + 0.25 * below[x];
+        }
+    }
+    out
+}
