@@ -45,6 +45,7 @@ pub fn evaluate_attention(
         ("clip", 0),
         ("vehicles", 0),
         ("missing > 0.3 s", 0),
+        ("wavering", 0),
         ("tracks, off", 0),
         ("tracks, on", 0),
         ("focal, px, off", 0),
@@ -57,7 +58,8 @@ pub fn evaluate_attention(
     ];
     let note = format!(
         "Vehicles: boxes wider than {MIN_WIDTH_PX} px that the run without attention links from frame to frame for more than \
-         {GAP_S} s; missing: for longer than {MAX_MISSING_S} s in a row no box of the run with attention overlaps theirs. Seen: \
+         {GAP_S} s; missing: for longer than {MAX_MISSING_S} s in a row no box of the run with attention overlaps theirs; wavering: \
+         those of them that the run without attention, too, finds in no more than half of the frames of that time. Seen: \
          share of the pictures that the detector looked at, over all frames."
     );
     let mut table = Table::new(
@@ -85,7 +87,13 @@ pub fn evaluate_attention(
         let vehicles = vehicles(&off.frames);
         let found: BTreeMap<u64, &[CarRecord]> =
             on.frames.iter().map(|frame| (frame.frame, frame.cars.as_slice())).collect();
-        let missing = vehicles.iter().filter(|vehicle| longest_missing_s(vehicle, &found) > MAX_MISSING_S);
+        let times: Vec<f64> = off.frames.iter().map(|frame| frame.time_s).collect();
+        let missing: Vec<Gap> = vehicles
+            .iter()
+            .map(|vehicle| longest_missing(vehicle, &found))
+            .filter(|gap| gap.to_s - gap.from_s > MAX_MISSING_S)
+            .collect();
+        let wavering = missing.iter().filter(|gap| gap.share_found(&times) <= 0.5).count();
         let tracks = |way: &Way| {
             let mut tracks: Vec<u64> = way.run.rows.iter().map(|row| row.track).collect();
             tracks.sort_unstable();
@@ -107,7 +115,8 @@ pub fn evaluate_attention(
         };
         let numbers = [
             vehicles.len() as f64,
-            missing.count() as f64,
+            missing.len() as f64,
+            wavering as f64,
             tracks(&off),
             tracks(&on),
             off.run.camera.focal_px,
@@ -164,16 +173,38 @@ fn vehicles(frames: &[FrameRecord]) -> Vec<Boxes> {
     done
 }
 
-/// Longest time in which none of the boxes found overlaps the vehicle's, s.
-fn longest_missing_s(vehicle: &Boxes, found: &BTreeMap<u64, &[CarRecord]>) -> f64 {
-    let mut longest: f64 = 0.0;
-    let mut since_s = vehicle.first().map_or(0.0, |first| first.1);
+/// A time in which a vehicle is missing.
+#[derive(Clone, Copy, Debug, Default)]
+struct Gap {
+    from_s: f64,
+    to_s: f64,
+    /// Its boxes after `from_s`, up to `to_s`.
+    boxes: usize,
+}
+
+impl Gap {
+    /// Share of the frames at these times in which the vehicle has a box nevertheless.
+    fn share_found(&self, times_s: &[f64]) -> f64 {
+        let frames = times_s.iter().filter(|&&time_s| time_s > self.from_s && time_s <= self.to_s).count();
+        self.boxes as f64 / frames.max(1) as f64
+    }
+}
+
+/// Longest time in which none of the boxes found overlaps the vehicle's.
+fn longest_missing(vehicle: &Boxes, found: &BTreeMap<u64, &[CarRecord]>) -> Gap {
+    let mut longest = Gap::default();
+    let from_s = vehicle.first().map_or(0.0, |first| first.1);
+    let mut open = Gap { from_s, to_s: from_s, boxes: 0 };
     for (frame, time_s, bbox) in vehicle {
         let here = found.get(frame).copied().unwrap_or_default();
         if here.iter().any(|car| bbox_iou(&car.bbox_px, bbox) >= SAME) {
-            since_s = *time_s;
+            open = Gap { from_s: *time_s, to_s: *time_s, boxes: 0 };
+        } else {
+            open = Gap { to_s: *time_s, boxes: open.boxes + 1, ..open };
         }
-        longest = longest.max(time_s - since_s);
+        if open.to_s - open.from_s > longest.to_s - longest.from_s {
+            longest = open;
+        }
     }
     longest
 }
@@ -203,10 +234,22 @@ mod tests {
         assert_eq!((vehicles.len(), vehicles[0].len()), (1, 50));
         let missing = |here: fn(u64) -> bool| {
             let on = frames(50, here);
-            longest_missing_s(&vehicles[0], &on.iter().map(|f| (f.frame, f.cars.as_slice())).collect())
+            let gap =
+                longest_missing(&vehicles[0], &on.iter().map(|f| (f.frame, f.cars.as_slice())).collect());
+            gap.to_s - gap.from_s
         };
         assert!(missing(|i| i % 3 == 0) < 0.1);
         assert!((missing(|i| !(20..30).contains(&i)) - 0.4).abs() < 1e-9);
         assert!((missing(|_| false) - 49.0 * 0.04).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_vehicle_that_is_seldom_found_wavers() {
+        let off = frames(50, |i| i % 3 == 0);
+        let vehicles = vehicles(&off);
+        let times: Vec<f64> = off.iter().map(|frame| frame.time_s).collect();
+        let on = frames(50, |i| i == 0);
+        let gap = longest_missing(&vehicles[0], &on.iter().map(|f| (f.frame, f.cars.as_slice())).collect());
+        assert!((gap.share_found(&times) - 1.0 / 3.0).abs() < 1e-9, "{gap:?}");
     }
 }
