@@ -92,6 +92,8 @@ pub fn solve_clip(
     let spool = poses.with_extension("spool");
     let mut spooled = PoseLines::create(&spool)?;
     let known = known_cars(&first, atlas);
+    // A long clip's tracks are large: none is kept for longer than it is needed.
+    drop(first);
     let (mut tracks, tally) = pass.tracks(read()?, &known, |pose| Ok(spooled.write(pose)?))?;
     spooled.finish()?;
     for track in &mut tracks {
@@ -99,6 +101,7 @@ pub fn solve_clip(
         let held = sightings(track).find_map(|(key, _)| known.get(&key)).map(|(shape, _)| shape.mean);
         track.shape = atlas.clamped(&held.unwrap_or(track.shape));
     }
+    drop(known);
 
     let tracked: BTreeMap<CarRef, u64> =
         tracks.iter().flat_map(|track| sightings(track).map(|(key, _)| (key, track.id))).collect();
@@ -115,6 +118,7 @@ pub fn solve_clip(
         lines.write(&pose)?;
     }
     lines.finish()?;
+    drop(tracked);
     std::fs::remove_file(&spool)
         .map_err(|source| PipelineError::Unreadable { source, path: spool.clone() })?;
     let mut rows: Vec<TrackRow> = tracks.iter().flat_map(|track| pass.rows(track, &tally.shake_px)).collect();
