@@ -14,7 +14,7 @@
 use nalgebra::{Cholesky, Const, SMatrix, SVector};
 use roadplane_base::{ALL_MODES, BodyType, MODES, ShapeAtlas};
 
-use crate::options::{SceneOptions, ShapePrior};
+use crate::options::SceneOptions;
 
 /// Rounds of telling body types and descending with what is known of their shapes.
 pub(crate) const ROUNDS_OF_TYPES: usize = 2;
@@ -47,7 +47,7 @@ impl Gaussian<MODES> {
 
 impl Gaussian<ALL_MODES> {
     /// What is known of a car's shape, with so much `information` on each fine coefficient.
-    pub fn of_all_modes(coarse: &ShapePrior, fine_information: f64) -> Self {
+    pub fn of_all_modes(coarse: &Gaussian<MODES>, fine_information: f64) -> Self {
         let mut mean = SVector::<f64, ALL_MODES>::zeros();
         mean.fixed_rows_mut::<MODES>(0).copy_from(&coarse.mean);
         let mut information = SMatrix::<f64, ALL_MODES, ALL_MODES>::identity() * fine_information;

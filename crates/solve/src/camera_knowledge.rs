@@ -14,7 +14,12 @@ pub(crate) struct CameraKnowledge {
 }
 
 impl CameraKnowledge {
-    /// Gradient of the prior's cost.
+    /// The prior's cost.
+    pub fn cost(&self, camera: &Vector4<f64>) -> f64 {
+        0.5 * self.gradient(camera).dot(&(camera - self.mean))
+    }
+
+    /// Its gradient.
     pub fn gradient(&self, camera: &Vector4<f64>) -> Vector4<f64> {
         (camera - self.mean).component_mul(&self.information)
     }

@@ -2,16 +2,16 @@
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-/// A value with its derivatives by up to 16 unknowns.
+/// A value with its derivatives by up to 20 unknowns.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Dual {
     pub value: f64,
-    pub by: [f64; 16],
+    pub by: [f64; 20],
 }
 
 impl Dual {
     pub fn constant(value: f64) -> Self {
-        Self { value, by: [0.0; 16] }
+        Self { value, by: [0.0; 20] }
     }
 
     /// The unknown number `index`.

@@ -1,20 +1,15 @@
-//! The last steps: from the camera of six modes to that of all modes of the atlas.
+//! The last steps: from the camera of the first modes to that of all modes of the atlas.
 
 use nalgebra::{Matrix4, Vector4};
-use roadplane_base::ShapeAtlas;
+use roadplane_base::{ALL_MODES, ShapeAtlas};
 
-use crate::body_types::ROUNDS_OF_TYPES;
-use crate::fine_problem::{Eliminated, FineProblem, FineState, Linearisation};
-use crate::ground_problem::GroundProblem;
-use crate::marginal::{self, Valley};
+use crate::body_types::{BodyTypes, Gaussian, ROUNDS_OF_TYPES};
+use crate::ground_problem::{Covariances, GroundProblem};
+use crate::ground_residual::PointModes;
+use crate::lm::{LmOptions, minimise};
+use crate::marginal;
 use crate::options::SceneOptions;
 
-/// Steps at most.
-const MAX_STEPS: usize = 100;
-/// Ever smaller steps that are tried.
-const MAX_TRIES: i32 = 6;
-/// The cost falls by less than this share: the minimum.
-const COST_TOLERANCE: f64 = 1e-9;
 /// Rounds of weighing cars and descending with the new weights.
 const ROUNDS_OF_TRUST: usize = 3;
 
@@ -35,120 +30,39 @@ pub(crate) fn camera_of_all_modes(
     problem: &GroundProblem<'_>,
     options: &SceneOptions,
 ) -> Option<FineCamera> {
+    let scale = options.atlas_residual_scale;
     let known = |number: f64| number.is_finite() && number > 0.0;
-    if !known(options.atlas_residual_scale) || !known(options.shape_prior_weight) {
+    if !known(scale) || !known(options.shape_prior_weight) {
         return None;
     }
-    let mut descent = Descent::new(FineProblem::new(atlas, problem, options), FineState::of(problem));
+    let model = PointModes::of_all_modes(atlas);
+    let fine_information = options.shape_prior_weight / (scale * scale);
+    let mut all = problem.with_modes(&model, |coarse| Gaussian::of_all_modes(coarse, fine_information));
+    // It is near: steps need little damping.
+    let lm = LmOptions { initial_damping: 1e-6, ..options.lm };
+    let descend = |all: &mut GroundProblem<'_, ALL_MODES>| minimise(all, &lm).cost.is_finite().then_some(());
     // First with the wider sd of before, so that no keypoint that the fine modes explain is taken for wrong.
-    descent.here.linearise(&descent.problem)?;
-    descent.descend()?;
-    descent.problem.whiten(&descent.here.state);
-    descent.here.linearise(&descent.problem)?;
-    descent.descend()?;
+    descend(&mut all)?;
+    all.whiten(scale, 0.0);
+    descend(&mut all)?;
+    let types = BodyTypes::new(atlas, options);
     for _ in 0..ROUNDS_OF_TYPES {
-        descent.problem.tell_types(&mut descent.here.at, &descent.here.eliminated, &descent.here.state);
-        descent.descend()?;
+        all.tell_types(&types)?;
+        descend(&mut all)?;
     }
     for _ in 0..ROUNDS_OF_TRUST {
-        // What was linearised stays as it is but for the cost.
-        descent.problem.weigh(&mut descent.here.at, &descent.here.state, options.car_freedom);
-        descent.descend()?;
+        all.weigh(options.car_freedom);
+        descend(&mut all)?;
     }
-    let covariance = descent.problem.covariance(&descent.here.eliminated)?;
-    let shift = if options.marginal { marginal::change(&mut descent, &covariance) } else { None };
-    Some(FineCamera {
-        camera: descent.here.state.camera + shift.unwrap_or_default(),
-        information: descent.here.eliminated.information,
-        covariance,
-    })
-}
-
-/// A state with what belongs to it.
-#[derive(Clone, Debug)]
-struct Point {
-    state: FineState,
-    at: Linearisation,
-    eliminated: Eliminated,
-}
-
-impl Point {
-    fn linearise(&mut self, problem: &FineProblem<'_>) -> Option<()> {
-        problem.linearise(&self.state, &mut self.at)
-    }
-
-    /// After `linearise`.
-    fn eliminate(&mut self, problem: &FineProblem<'_>) -> Option<()> {
-        problem.eliminate(&self.at, &self.state, &mut self.eliminated)
-    }
-}
-
-/// On the way to the minimum.
-struct Descent<'a> {
-    problem: FineProblem<'a>,
-    here: Point,
-    trial: Point,
-}
-
-impl<'a> Descent<'a> {
-    fn new(problem: FineProblem<'a>, state: FineState) -> Self {
-        let here = Point { state, at: Linearisation::default(), eliminated: Eliminated::default() };
-        Self { problem, trial: here.clone(), here }
-    }
-
-    /// From what is linearised to the minimum, or as near as the steps lead. `None` when a car cannot be evaluated.
-    fn descend(&mut self) -> Option<()> {
-        self.here.eliminate(&self.problem)?;
-        for _ in 0..MAX_STEPS {
-            let before = self.here.at.cost;
-            if !self.step()? || before - self.here.at.cost <= COST_TOLERANCE * before {
-                break;
-            }
-        }
-        Some(())
-    }
-
-    /// The largest of ever smaller steps that lowers the cost; false when none does.
-    fn step(&mut self) -> Option<bool> {
-        let whole = self.problem.camera_step(&self.here.eliminated, &self.here.state)?;
-        for halvings in 0..MAX_TRIES {
-            let share = 0.5_f64.powi(halvings);
-            self.try_at(&(whole * share), share);
-            if self.trial.linearise(&self.problem).is_some() && self.trial.at.cost < self.here.at.cost {
-                std::mem::swap(&mut self.here, &mut self.trial);
-                self.here.eliminate(&self.problem)?;
-                return Some(true);
-            }
-        }
-        Some(false)
-    }
-
-    /// Puts the trial where `FineProblem::moved` says.
-    fn try_at(&mut self, camera: &Vector4<f64>, share: f64) {
-        let Point { state, eliminated, .. } = &self.here;
-        self.problem.moved(eliminated, state, camera, share, &mut self.trial.state);
-    }
-}
-
-impl Valley for Descent<'_> {
-    fn half_log_determinant(&self) -> Option<f64> {
-        Some(self.here.eliminated.half_log_determinant)
-    }
-
-    fn half_log_determinant_at(&mut self, change: &Vector4<f64>) -> Option<f64> {
-        self.try_at(change, 0.0);
-        self.trial.linearise(&self.problem)?;
-        self.trial.eliminate(&self.problem)?;
-        Some(self.trial.eliminated.half_log_determinant)
-    }
+    let Covariances { camera_information: information, camera: covariance } = all.covariances()?;
+    let shift = if options.marginal { marginal::change(&mut all, &covariance) } else { None };
+    Some(FineCamera { camera: all.state.camera + shift.unwrap_or_default(), information, covariance })
 }
 
 #[cfg(test)]
-pub(crate) mod tests {
+mod tests {
     use super::*;
-    use crate::fine_problem::SHARED;
-    use crate::ground_residual::{CameraFrame, PointModes, Standing};
-    use crate::lm::{LmOptions, minimise};
+    use crate::ground_residual::{CameraFrame, SHARED, Standing};
     use crate::options::CameraPrior;
     use crate::setup::{Placed, Setup};
     use crate::solution::CarView;
@@ -210,12 +124,6 @@ pub(crate) mod tests {
         let (mut problem, _) = setup.problem(camera, &placed);
         problem.whiten(options.atlas_residual_scale, 0.0);
         see(atlas, &mut problem, options);
-    }
-
-    /// Calls with the problem of a scene at the truth.
-    pub(crate) fn at_truth(seed: u64, see: impl FnOnce(&ShapeAtlas, &mut GroundProblem<'_>, &SceneOptions)) {
-        let atlas = ShapeAtlas::shipped().unwrap();
-        at(&atlas, &truth(&atlas, seed, 1.0, 40), &options(), 1, see);
     }
 
     #[test]

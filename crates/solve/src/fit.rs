@@ -5,7 +5,8 @@ use roadplane_base::{
     Camera, CameraParams, GroundPlane, GroundPose, KEYPOINTS, KeypointSet, MODES, ShapeAtlas,
 };
 
-use crate::arrow::{CAMERA, Joint, RESIDUAL, SHAPE};
+use crate::arrow::{Joint, SHAPE, camera as camera_column, residual};
+use crate::body_types::Gaussian;
 use crate::camera_knowledge::CameraKnowledge;
 use crate::cold_start::COARSE_SD_M;
 use crate::ground_problem::{GroundProblem, GroundState, Group, View};
@@ -71,8 +72,8 @@ pub fn fit_car(
     }
     let mut fits: Vec<(f64, GroundProblem<'_>)> = Vec::new();
     for standing in starts {
-        let mut problem = single_car(atlas, &model, params, found.clone(), standing, shape);
-        if let Some(cost) = refine_car(&mut problem, options) {
+        let mut problem = single_car(&model, params, found.clone(), standing, shape);
+        if let Some(cost) = refine_car(&mut problem, shape.fixed, options) {
             fits.push((cost, problem));
         }
     }
@@ -89,7 +90,6 @@ pub fn fit_car(
 }
 
 fn single_car<'a>(
-    atlas: &'a ShapeAtlas,
     model: &'a PointModes,
     params: Vector4<f64>,
     found: Vec<Observation>,
@@ -97,16 +97,15 @@ fn single_car<'a>(
     shape: &ShapePrior,
 ) -> GroundProblem<'a> {
     let views = vec![View::new(0, 0..found.len())];
-    let groups = vec![Group { views: 0..1, prior: *shape }];
+    let groups = vec![Group::new(0..1, Gaussian { mean: shape.mean, information: shape.information })];
     let knowledge = CameraKnowledge { mean: params, information: Vector4::zeros(), fixed: [true; 4] };
     let state = GroundState { camera: params, standings: vec![standing], shapes: vec![shape.mean] };
-    GroundProblem::new(atlas, model, views, groups, found, knowledge, state)
+    GroundProblem::new(model, views, groups, found, knowledge, state)
 }
 
 /// Pose first, then pose and shape, to the minimum; returns the cost.
-fn refine_car(problem: &mut GroundProblem<'_>, options: &SceneOptions) -> Option<f64> {
+fn refine_car(problem: &mut GroundProblem<'_>, shape_fixed: bool, options: &SceneOptions) -> Option<f64> {
     problem.kernel = options.kernel;
-    let shape_fixed = problem.groups.first()?.prior.fixed;
     problem.shapes_fixed = true;
     problem.whiten(options.atlas_residual_scale, COARSE_SD_M);
     minimise(problem, &LmOptions { max_iterations: 8, cost_tolerance: 1e-3, ..options.lm });
@@ -130,10 +129,11 @@ pub(crate) fn car_solution(
     let frame = StandingFrame::new(&camera, standing)?;
     let (ground, by) = frame.ground_pose(&camera, standing.heading);
     // (x, y, heading) by (anchor, heading, shape, camera)
-    let mut change = SMatrix::<f64, SHAPE, RESIDUAL>::zeros();
+    const UNKNOWNS: usize = residual(MODES);
+    let mut change = SMatrix::<f64, SHAPE, UNKNOWNS>::zeros();
     change.fixed_columns_mut::<SHAPE>(0).copy_from(&by.fixed_columns::<3>(4));
-    change.fixed_columns_mut::<4>(CAMERA).copy_from(&by.fixed_columns::<4>(0));
-    let with_all = change * joint;
+    change.fixed_columns_mut::<4>(camera_column(MODES)).copy_from(&by.fixed_columns::<4>(0));
+    let with_all = change * joint.fixed_view::<UNKNOWNS, UNKNOWNS>(0, 0);
     let ground_covariance: Matrix3<f64> = with_all * change.transpose();
     let with_shape = with_all.fixed_columns::<MODES>(SHAPE).into_owned();
     let shape_covariance: Matrix6<f64> = joint.fixed_view::<MODES, MODES>(SHAPE, SHAPE).into_owned();

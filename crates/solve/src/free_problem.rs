@@ -9,10 +9,10 @@
 use nalgebra::{Cholesky, Const, Matrix2, Matrix4, Matrix6, SMatrix, SVector, Vector4, Vector6};
 use roadplane_base::{MODES, Shape, ShapeAtlas};
 
-use crate::arrow::{MIN_INFORMATION, Row};
+use crate::arrow::MIN_INFORMATION;
 use crate::body_types::{BodyTypes, Gaussian};
 use crate::camera_knowledge::CameraKnowledge;
-use crate::free_residual::{FreeCar, FreeFrame};
+use crate::free_residual::{FreeCar, FreeFrame, Row};
 use crate::ground_residual::{CameraFrame, PointModes};
 use crate::kernel::OutlierModel;
 use crate::lm::{Problem, Trial};

@@ -14,8 +14,10 @@
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector2, Vector3};
 use roadplane_base::{MODES, Shape};
 
-use crate::arrow::Row;
 use crate::ground_residual::CameraFrame;
+
+/// Derivatives by camera, shape and pose, padded to whole SIMD registers.
+pub(crate) type Row = [f64; 16];
 
 /// Nearest depth at which a keypoint is evaluated, m.
 const MIN_DEPTH_M: f64 = 0.1;

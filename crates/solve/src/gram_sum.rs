@@ -3,21 +3,18 @@
 //! Tiles of 2 × N entries are summed in registers, lane by lane; lanes are added at the end. With AVX2 by its instructions: left
 //! to itself the compiler takes columns for lanes and shuffles. Both ways add in the same order, so bits are the same.
 
-use crate::arrow::{Gram, RESIDUAL};
+use crate::arrow::{Gram, MAX_WIDTH, residual};
 use crate::lanes::Lanes;
 
-/// Columns of a row: unknowns and residual.
-pub(crate) const WIDTH: usize = RESIDUAL + 1;
-
-/// Rows of four keypoints: both coordinates.
-pub(crate) type Rows = [[Lanes; WIDTH]; 2];
+/// Rows of four keypoints: both coordinates, with room for all modes.
+pub(crate) type Rows = [[Lanes; MAX_WIDTH]; 2];
 
 /// Sets the upper triangle.
-pub(crate) fn accumulate(packs: &[Rows], gram: &mut Gram) {
-    for (i, j, width) in TILES {
+pub(crate) fn accumulate<const M: usize>(packs: &[Rows], gram: &mut Gram<M>) {
+    for (i, j, width) in tiles(M) {
         match width {
-            4 => tile::<4>(packs, gram, i, j),
-            _ => tile::<2>(packs, gram, i, j),
+            4 => tile::<M, 4>(packs, gram, i, j),
+            _ => tile::<M, 2>(packs, gram, i, j),
         }
     }
 }
@@ -25,36 +22,23 @@ pub(crate) fn accumulate(packs: &[Rows], gram: &mut Gram) {
 /// The same.
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
-pub(crate) fn accumulate_avx2(packs: &[Rows], gram: &mut Gram) {
-    for (i, j, width) in TILES {
+pub(crate) fn accumulate_avx2<const M: usize>(packs: &[Rows], gram: &mut Gram<M>) {
+    for (i, j, width) in tiles(M) {
         match width {
-            4 => tile_avx2::<4>(packs, gram, i, j),
-            _ => tile_avx2::<2>(packs, gram, i, j),
+            4 => tile_avx2::<M, 4>(packs, gram, i, j),
+            _ => tile_avx2::<M, 2>(packs, gram, i, j),
         }
     }
 }
 
-/// First row, first column, columns.
-const TILES: [(usize, usize, usize); 16] = [
-    (0, 0, 4),
-    (0, 4, 4),
-    (0, 8, 4),
-    (0, 12, 2),
-    (2, 2, 4),
-    (2, 6, 4),
-    (2, 10, 4),
-    (4, 4, 4),
-    (4, 8, 4),
-    (4, 12, 2),
-    (6, 6, 4),
-    (6, 10, 4),
-    (8, 8, 4),
-    (8, 12, 2),
-    (10, 10, 4),
-    (12, 12, 2),
-];
+/// First row, first column and columns (4, or 2 at the right end) of the tiles that cover the upper triangle and the residual.
+fn tiles(modes: usize) -> impl Iterator<Item = (usize, usize, usize)> {
+    let width = residual(modes) + 1;
+    let of_row = move |i: usize| (i..width).step_by(4).map(move |j| (i, j, (width - j).min(4)));
+    (0..residual(modes)).step_by(2).flat_map(of_row)
+}
 
-fn tile<const N: usize>(packs: &[Rows], gram: &mut Gram, i: usize, j: usize) {
+fn tile<const M: usize, const N: usize>(packs: &[Rows], gram: &mut Gram<M>, i: usize, j: usize) {
     let mut sums = [[Lanes::default(); N]; 2];
     for row in packs.iter().flatten() {
         for (a, sums) in sums.iter_mut().enumerate() {
@@ -72,7 +56,7 @@ fn tile<const N: usize>(packs: &[Rows], gram: &mut Gram, i: usize, j: usize) {
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
-fn tile_avx2<const N: usize>(packs: &[Rows], gram: &mut Gram, i: usize, j: usize) {
+fn tile_avx2<const M: usize, const N: usize>(packs: &[Rows], gram: &mut Gram<M>, i: usize, j: usize) {
     use std::arch::x86_64::{
         _mm_add_pd, _mm_cvtsd_f64, _mm_unpackhi_pd, _mm256_add_pd, _mm256_castpd256_pd128,
         _mm256_extractf128_pd, _mm256_mul_pd, _mm256_setr_pd, _mm256_setzero_pd,
@@ -99,16 +83,16 @@ mod tests {
     use super::*;
     use roadplane_synth::Rng;
 
-    #[test]
-    fn sums_are_those_of_the_products_and_the_same_bits_both_ways() {
+    fn check<const M: usize>() {
         let mut rng = Rng::new(3);
         let packs: Vec<Rows> = (0..9)
-            .map(|_| [(); 2].map(|()| [(); WIDTH].map(|()| Lanes([(); 4].map(|()| rng.normal())))))
+            .map(|_| [(); 2].map(|()| [(); MAX_WIDTH].map(|()| Lanes([(); 4].map(|()| rng.normal())))))
             .collect();
-        let mut gram = Gram::zeros();
+        let mut gram = Gram::<M>::zeros();
         accumulate(&packs, &mut gram);
-        for i in 0..RESIDUAL {
-            for j in i..WIDTH {
+        let width = residual(M) + 1;
+        for i in 0..residual(M) {
+            for j in i..width {
                 let products = packs
                     .iter()
                     .flatten()
@@ -119,15 +103,21 @@ mod tests {
         }
         #[cfg(target_arch = "x86_64")]
         if std::arch::is_x86_feature_detected!("avx2") {
-            let mut other = Gram::zeros();
+            let mut other = Gram::<M>::zeros();
             // SAFETY: the processor has AVX2.
             #[allow(unsafe_code)]
             unsafe {
                 accumulate_avx2(&packs, &mut other);
             };
-            for i in 0..RESIDUAL {
-                assert_eq!(gram.rows[i][i..WIDTH], other.rows[i][i..WIDTH]);
+            for i in 0..residual(M) {
+                assert_eq!(gram.rows[i][i..width], other.rows[i][i..width]);
             }
         }
+    }
+
+    #[test]
+    fn sums_are_those_of_the_products_and_the_same_bits_both_ways() {
+        check::<{ roadplane_base::MODES }>();
+        check::<{ roadplane_base::ALL_MODES }>();
     }
 }

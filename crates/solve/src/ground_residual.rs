@@ -1,4 +1,4 @@
-//! Projection of a keypoint of a car that stands on the plane, and its Jacobian.
+//! Projection of a keypoint of a car that stands on the plane.
 //!
 //! ```text
 //! X_cam = G(c, a) + R(tilt, roll) Rz(ψ) X(λ)          pixel − pp = f (X_cam.x, X_cam.y) / X_cam.z
@@ -7,17 +7,21 @@
 //!
 //! The position is held by its pixel `a` relative to the principal point (the *anchor*, px), not by (x, y) in metres: when
 //! focal length or plane change, the car stays where it is seen, so the problem is far closer to linear. `R = camera_from_world`
-//! rotation with columns right, forward, up = n. Jacobian 2 × 13 with columns
-//! `[log f, tilt, roll, log h | λ_1 … λ_6 | a_u, a_v, ψ]`, px per unit. Sources: paper Eq. 1, DESIGN §3.
+//! rotation with columns right, forward, up = n. Its derivatives by camera, shape and pose are worked out four keypoints at a time
+//! (`ground_rows.rs`). Source: paper Eq. 1.
 
-use nalgebra::{Matrix3, Vector2, Vector3, Vector4};
-use roadplane_base::{GroundPose, KEYPOINTS, MODES, Shape, ShapeAtlas};
+use nalgebra::{Matrix3, SVector, Vector2, Vector3, Vector4};
+use roadplane_base::{ALL_MODES, GroundPose, KEYPOINTS, MODES, ShapeAtlas};
 
 /// Nearest depth at which a keypoint is evaluated, m.
 pub(crate) const MIN_DEPTH_M: f64 = 0.1;
 
 /// Smallest sine-like fall of a viewing ray towards the plane: below, the anchor is at the horizon.
 const MIN_FALL: f64 = 1e-6;
+
+/// Factor on the sd of what all modes leave unexplained of a keypoint: a car is off by the same on both sides and in all its
+/// views, while keypoints are taken for independent. Measured on cars of makes that the atlas had been built without.
+pub(crate) const SHARED: f64 = std::f64::consts::SQRT_2;
 
 /// What all cars share of the camera.
 #[derive(Clone, Copy, Debug)]
@@ -150,19 +154,44 @@ impl StandingFrame {
 
 /// The atlas with the modes of one keypoint side by side, as the inner loop reads them.
 #[derive(Clone, Debug)]
-pub(crate) struct PointModes {
+pub(crate) struct PointModes<const M: usize = MODES> {
     pub mean: [Vector3<f64>; KEYPOINTS],
-    pub modes: [[Vector3<f64>; MODES]; KEYPOINTS],
+    pub modes: [[Vector3<f64>; M]; KEYPOINTS],
+    /// Bounds of the coefficients.
+    pub bounds: [[f64; 2]; M],
+    /// sd of what these modes leave unexplained, m along the car's axes.
+    pub residual_sd_m: [Vector3<f64>; KEYPOINTS],
 }
 
-impl PointModes {
+impl PointModes<MODES> {
+    /// The first modes, within the atlas' bounds.
     pub fn new(atlas: &ShapeAtlas) -> Self {
-        Self { mean: atlas.mean, modes: std::array::from_fn(|i| std::array::from_fn(|j| atlas.modes[j][i])) }
+        Self {
+            mean: atlas.mean,
+            modes: std::array::from_fn(|i| std::array::from_fn(|j| atlas.modes[j][i])),
+            bounds: atlas.bounds,
+            residual_sd_m: atlas.residual_sd_m,
+        }
     }
+}
 
+impl PointModes<ALL_MODES> {
+    /// All modes, the fine ones too; their prior holds them instead of bounds.
+    pub fn of_all_modes(atlas: &ShapeAtlas) -> Self {
+        let mode = |j: usize| if j < MODES { &atlas.modes[j] } else { &atlas.fine_modes[j - MODES] };
+        Self {
+            mean: atlas.mean,
+            modes: std::array::from_fn(|i| std::array::from_fn(|j| mode(j)[i])),
+            bounds: [[f64::NEG_INFINITY, f64::INFINITY]; ALL_MODES],
+            residual_sd_m: atlas.fine_residual_sd_m.map(|sd| sd * SHARED),
+        }
+    }
+}
+
+impl<const M: usize> PointModes<M> {
     /// A keypoint of a car of this shape, car frame, m.
     #[inline]
-    pub fn point(&self, index: usize, shape: &Shape) -> Vector3<f64> {
+    pub fn point(&self, index: usize, shape: &SVector<f64, M>) -> Vector3<f64> {
         let mut point = self.mean[index];
         for (mode, coefficient) in self.modes[index].iter().zip(shape.iter()) {
             point += mode * *coefficient;
@@ -174,12 +203,11 @@ impl PointModes {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::SVector;
-    use roadplane_base::{CameraParams, wrap_angle};
+    use roadplane_base::{CameraParams, Shape, wrap_angle};
     use roadplane_synth::Rng;
 
     /// (camera, shape, anchor, heading) → pixel of a keypoint.
-    fn pixel(model: &PointModes, index: usize, x: &SVector<f64, 13>) -> Option<Vector2<f64>> {
+    fn pixel(model: &PointModes<MODES>, index: usize, x: &SVector<f64, 13>) -> Option<Vector2<f64>> {
         let camera = CameraFrame::new(&Vector4::new(x[0], x[1], x[2], x[3]));
         let standing = Standing { anchor: Vector2::new(x[10], x[11]), heading: x[12] };
         let shape = Shape::from_fn(|j, _| x[4 + j]);

@@ -1,16 +1,15 @@
 //! The inner loop: a view's keypoints, four at a time, to its cost and its normal equations.
 //!
 //! Rows of the Jacobian (see `ground_residual.rs` for the model), whitened and multiplied with the root of the keypoint's
-//! weight, have the order in which unknowns are eliminated: `[a_u, a_v, ψ | λ_1 … λ_6 | log f, tilt, roll, log h | residual]`.
+//! weight, have the order in which unknowns are eliminated: `[a_u, a_v, ψ | λ_1 … λ_M | log f, tilt, roll, log h | residual]`.
 //! With the residual as the last column, `Σ rowᵀ row` holds Hessian and gradient.
 
-use nalgebra::{Matrix3, Vector3};
-use roadplane_base::{MODES, Shape};
+use nalgebra::{Matrix3, SVector, Vector3};
 
-use crate::arrow::{Gram, RESIDUAL};
+use crate::arrow::{Gram, MAX_WIDTH, SHAPE, camera, residual};
 #[cfg(target_arch = "x86_64")]
 use crate::gram_sum::accumulate_avx2;
-use crate::gram_sum::{Rows, WIDTH, accumulate};
+use crate::gram_sum::{Rows, accumulate};
 use crate::ground_residual::{MIN_DEPTH_M, PointModes, StandingFrame};
 use crate::kernel::{OutlierModel, PreparedKernel};
 use crate::lanes::{LANES, Lanes};
@@ -19,22 +18,26 @@ use crate::observation::Observation;
 /// Packs that a view can have.
 pub(crate) const MAX_PACKS: usize = roadplane_base::KEYPOINTS.div_ceil(LANES);
 /// Rows of four keypoints that have not been worked out.
-pub(crate) const NO_ROWS: Rows = [[Lanes::splat(0.0); WIDTH]; 2];
+pub(crate) const NO_ROWS: Rows = [[Lanes::splat(0.0); MAX_WIDTH]; 2];
 
 /// Four keypoints of a view with the atlas at them. A view's last pack is filled up with copies of weight 0.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Pack {
+#[derive(Clone, Debug)]
+pub(crate) struct Pack<const M: usize> {
     pixel: [Lanes; 2],
     whitening: [Lanes; 3],
     weight: Lanes,
     mean: [Lanes; 3],
-    modes: [[Lanes; 3]; MODES],
+    modes: [[Lanes; 3]; M],
 }
 
 /// Packs of a view's keypoints, appended.
-pub(crate) fn pack(model: &PointModes, observations: &[Observation], into: &mut Vec<Pack>) {
+pub(crate) fn pack<const M: usize>(
+    model: &PointModes<M>,
+    observations: &[Observation],
+    into: &mut Vec<Pack<M>>,
+) {
     for four in observations.chunks(LANES) {
-        let mut pack = Pack::default();
+        let mut pack = Pack::empty();
         for lane in 0..LANES {
             let Some(o) = four.get(lane).or(four.last()) else { continue };
             for axis in 0..2 {
@@ -54,7 +57,7 @@ pub(crate) fn pack(model: &PointModes, observations: &[Observation], into: &mut 
 }
 
 /// Takes over the whitening of observations that were packed before.
-pub(crate) fn rewhiten(observations: &[Observation], packs: &mut [Pack]) {
+pub(crate) fn rewhiten<const M: usize>(observations: &[Observation], packs: &mut [Pack<M>]) {
     for (four, pack) in observations.chunks(LANES).zip(packs) {
         for lane in 0..LANES {
             let whitening = four[lane.min(four.len() - 1)].whitening;
@@ -67,13 +70,13 @@ pub(crate) fn rewhiten(observations: &[Observation], packs: &mut [Pack]) {
 
 /// Cost of a view's keypoints at a place and shape; sets its normal equations. `None` when a keypoint is at or behind the
 /// camera. `scratch` is for the rows in between.
-pub(crate) fn linearise(
-    packs: &[Pack],
+pub(crate) fn linearise<const M: usize>(
+    packs: &[Pack<M>],
     frame: &StandingFrame,
-    shape: &Shape,
+    shape: &SVector<f64, M>,
     kernel: &PreparedKernel,
     scratch: &mut [Rows; MAX_PACKS],
-    gram: &mut Gram,
+    gram: &mut Gram<M>,
 ) -> Option<f64> {
     #[cfg(target_arch = "x86_64")]
     if std::arch::is_x86_feature_detected!("avx2") {
@@ -87,11 +90,11 @@ pub(crate) fn linearise(
 }
 
 /// Rows of a view's keypoints one by one, each with its own weight only (no outlier model).
-pub(crate) fn plain_rows(
-    packs: &[Pack],
+pub(crate) fn plain_rows<const M: usize>(
+    packs: &[Pack<M>],
     frame: &StandingFrame,
-    shape: &Shape,
-    mut see: impl FnMut(usize, &[[f64; WIDTH]; 2]),
+    shape: &SVector<f64, M>,
+    mut see: impl FnMut(usize, &[[f64; MAX_WIDTH]; 2]),
 ) -> Option<()> {
     let kernel = PreparedKernel::new(&OutlierModel::none());
     let mut rows = NO_ROWS;
@@ -107,13 +110,13 @@ pub(crate) fn plain_rows(
 /// The same with four-lane registers.
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
-fn linearise_avx2(
-    packs: &[Pack],
+fn linearise_avx2<const M: usize>(
+    packs: &[Pack<M>],
     frame: &StandingFrame,
-    shape: &Shape,
+    shape: &SVector<f64, M>,
     kernel: &PreparedKernel,
     scratch: &mut [Rows; MAX_PACKS],
-    gram: &mut Gram,
+    gram: &mut Gram<M>,
 ) -> Option<f64> {
     let cost = all_rows(packs, frame, shape, kernel, scratch)?;
     accumulate_avx2(&scratch[..packs.len().min(MAX_PACKS)], gram);
@@ -121,10 +124,10 @@ fn linearise_avx2(
 }
 
 #[inline(always)]
-fn all_rows(
-    packs: &[Pack],
+fn all_rows<const M: usize>(
+    packs: &[Pack<M>],
     frame: &StandingFrame,
-    shape: &Shape,
+    shape: &SVector<f64, M>,
     kernel: &PreparedKernel,
     scratch: &mut [Rows; MAX_PACKS],
 ) -> Option<f64> {
@@ -159,13 +162,18 @@ fn turned(m: &Matrix3<f64>, v: &Point) -> Point {
     [row(0), row(1), row(2)]
 }
 
-impl Pack {
+impl<const M: usize> Pack<M> {
+    fn empty() -> Self {
+        let none = Lanes::default();
+        Self { pixel: [none; 2], whitening: [none; 3], weight: none, mean: [none; 3], modes: [[none; 3]; M] }
+    }
+
     /// Whitened, weighted rows; returns the keypoints' costs.
     #[inline(always)]
     fn rows(
         &self,
         frame: &StandingFrame,
-        shape: &Shape,
+        shape: &SVector<f64, M>,
         kernel: &PreparedKernel,
         rows: &mut Rows,
     ) -> Option<Lanes> {
@@ -186,8 +194,8 @@ impl Pack {
         let focal = Lanes::splat(frame.focal_px);
         let off = [focal * x - self.pixel[0], focal * y - self.pixel[1]];
         let [w00, w10, w11] = self.whitening;
-        let residual = [w00 * off[0], w10 * off[0] + w11 * off[1]];
-        let (loss, right) = kernel.evaluate(residual[0] * residual[0] + residual[1] * residual[1]);
+        let off_sds = [w00 * off[0], w10 * off[0] + w11 * off[1]];
+        let (loss, right) = kernel.evaluate(off_sds[0] * off_sds[0] + off_sds[1] * off_sds[1]);
         let root = (self.weight * right).sqrt();
         let scale = focal * inverse_depth * root;
         // Weighted whitening · ∂pixel/∂X_cam, with ∂pixel/∂X_cam = f/z [1 0 −x; 0 1 −y].
@@ -210,15 +218,15 @@ impl Pack {
             row[1] = dot(by, &splat(by_v));
             row[2] = by_car[1] * point[0] - by_car[0] * point[1];
             for (j, mode) in self.modes.iter().enumerate() {
-                row[3 + j] = dot(&by_car, mode);
+                row[SHAPE + j] = dot(&by_car, mode);
             }
-            row[9] = dot(by, &splat(by_focal)) + by[0] * p[0] + by[1] * p[1];
-            row[10] = dot(by, &by_tilt);
-            row[11] = dot(by, &by_roll);
-            row[12] = dot(by, &splat(by_height));
+            row[camera(M)] = dot(by, &splat(by_focal)) + by[0] * p[0] + by[1] * p[1];
+            row[camera(M) + 1] = dot(by, &by_tilt);
+            row[camera(M) + 2] = dot(by, &by_roll);
+            row[camera(M) + 3] = dot(by, &splat(by_height));
         }
-        rows[0][RESIDUAL] = root * residual[0];
-        rows[1][RESIDUAL] = root * residual[1];
+        rows[0][residual(M)] = root * off_sds[0];
+        rows[1][residual(M)] = root * off_sds[1];
         Some(Lanes::splat(0.5) * self.weight * loss)
     }
 }
@@ -229,33 +237,33 @@ mod tests {
     use crate::dual::{Dual, constant, dot as dual_dot, plus, relative_difference, scaled, world_axes};
     use crate::ground_residual::{CameraFrame, Standing};
     use nalgebra::{Matrix2, Vector2, Vector4};
-    use roadplane_base::{KEYPOINTS, ShapeAtlas};
+    use roadplane_base::{KEYPOINTS, MODES, ShapeAtlas};
     use roadplane_synth::Rng;
 
     /// Unknowns in the order of rows: anchor, heading, shape, camera.
-    fn random(rng: &mut Rng) -> [f64; RESIDUAL] {
-        let mut x = [0.0; RESIDUAL];
-        x[0] = rng.uniform(-900.0, 900.0);
-        x[1] = rng.uniform(-300.0, 500.0);
-        x[2] = rng.uniform(-4.0, 4.0);
-        x[3..9].fill_with(|| rng.normal());
-        x[9] = rng.uniform(600.0, 8000.0).ln();
-        x[10] = rng.uniform(0.05, 1.3);
-        x[11] = rng.uniform(-0.3, 0.3);
-        x[12] = rng.uniform(4.0, 30.0).ln();
+    fn random<const M: usize>(rng: &mut Rng) -> Vec<f64> {
+        let mut x = vec![rng.uniform(-900.0, 900.0), rng.uniform(-300.0, 500.0), rng.uniform(-4.0, 4.0)];
+        x.extend((0..M).map(|_| rng.normal()));
+        x.extend([
+            rng.uniform(600.0, 8000.0).ln(),
+            rng.uniform(0.05, 1.3),
+            rng.uniform(-0.3, 0.3),
+            rng.uniform(4.0, 30.0).ln(),
+        ]);
         x
     }
 
     /// The module's model, written once more in dual numbers: pixel relative to the principal point.
-    fn pixel(model: &PointModes, index: usize, x: &[f64; RESIDUAL]) -> [Dual; 2] {
+    fn pixel<const M: usize>(model: &PointModes<M>, index: usize, x: &[f64]) -> [Dual; 2] {
         let x: Vec<Dual> = x.iter().enumerate().map(|(i, value)| Dual::unknown(*value, i)).collect();
-        let (f, h) = (x[9].exp(), x[12].exp());
-        let [right, forward, up] = world_axes(x[10], x[11]);
+        let [log_focal, tilt, roll, log_height] = [0, 1, 2, 3].map(|i| x[camera(M) + i]);
+        let (f, h) = (log_focal.exp(), log_height.exp());
+        let [right, forward, up] = world_axes(tilt, roll);
         let ray = [x[0] / f, x[1] / f, Dual::constant(1.0)];
         let origin = scaled(ray, h / -dual_dot(up, ray));
         let mut point = constant(&model.mean[index]);
         for (j, mode) in model.modes[index].iter().enumerate() {
-            point = plus(point, scaled(constant(mode), x[3 + j]));
+            point = plus(point, scaled(constant(mode), x[SHAPE + j]));
         }
         let (sin, cos) = (x[2].sin(), x[2].cos());
         let east = cos * point[0] - sin * point[1];
@@ -265,23 +273,20 @@ mod tests {
         [f * p[0] / p[2], f * p[1] / p[2]]
     }
 
-    #[test]
-    fn rows_are_the_derivatives_to_1e_9() {
-        let atlas = ShapeAtlas::shipped().unwrap();
-        let model = PointModes::new(&atlas);
+    fn check_rows<const M: usize>(model: &PointModes<M>) {
         let kernel = PreparedKernel::new(&OutlierModel::none());
         let mut rng = Rng::new(16);
         let mut checked = 0;
         while checked < 1000 {
-            let x = random(&mut rng);
-            let camera = CameraFrame::new(&Vector4::new(x[9], x[10], x[11], x[12]));
+            let x = random::<M>(&mut rng);
+            let of_camera = CameraFrame::new(&Vector4::from_column_slice(&x[camera(M)..]));
             let standing = Standing { anchor: Vector2::new(x[0], x[1]), heading: x[2] };
-            let Some(frame) = StandingFrame::new(&camera, &standing) else { continue };
+            let Some(frame) = StandingFrame::new(&of_camera, &standing) else { continue };
             if !(3.0..300.0).contains(&frame.origin.z) {
                 continue;
             }
             let index = (rng.unit() * KEYPOINTS as f64) as usize;
-            let shape = Shape::from_column_slice(&x[3..9]);
+            let shape = SVector::<f64, M>::from_column_slice(&x[SHAPE..camera(M)]);
             let mut observation = Observation {
                 index,
                 source: index,
@@ -292,25 +297,32 @@ mod tests {
             };
             observation.whiten_with(&Matrix2::zeros());
             let mut packs = Vec::new();
-            pack(&model, &[observation], &mut packs);
+            pack(model, &[observation], &mut packs);
             let mut rows = NO_ROWS;
             if packs[0].rows(&frame, &shape, &kernel, &mut rows).is_none() {
                 continue;
             }
-            let [u, v] = pixel(&model, index, &x);
+            let [u, v] = pixel(model, index, &x);
             let root = 0.7_f64.sqrt();
             let [w00, w10, w11] = observation.whitening;
             for (row, [a, b]) in rows.iter().zip([[w00, 0.0], [w10, w11]]) {
-                let analytic: [f64; RESIDUAL] = std::array::from_fn(|i| row[i].0[0]);
-                let exact: [f64; RESIDUAL] = std::array::from_fn(|i| root * (a * u.by[i] + b * v.by[i]));
+                let analytic: Vec<f64> = (0..residual(M)).map(|i| row[i].0[0]).collect();
+                let exact: Vec<f64> = (0..residual(M)).map(|i| root * (a * u.by[i] + b * v.by[i])).collect();
                 let off = relative_difference(&exact, &analytic);
                 assert!(off < 1e-9, "{off}: {exact:?} against {analytic:?}");
-                let residual =
+                let whitened =
                     root * (a * (u.value - observation.pixel.x) + b * (v.value - observation.pixel.y));
-                assert!((row[RESIDUAL].0[0] - residual).abs() < 1e-9 * (1.0 + residual.abs()));
+                assert!((row[residual(M)].0[0] - whitened).abs() < 1e-9 * (1.0 + whitened.abs()));
             }
             checked += 1;
         }
+    }
+
+    #[test]
+    fn rows_are_the_derivatives_to_1e_9() {
+        let atlas = ShapeAtlas::shipped().unwrap();
+        check_rows(&PointModes::new(&atlas));
+        check_rows(&PointModes::of_all_modes(&atlas));
     }
 
     #[test]
@@ -334,14 +346,14 @@ mod tests {
         let camera = CameraFrame::new(&Vector4::new(7.0, 0.4, 0.02, 2.0));
         let standing = Standing { anchor: Vector2::new(20.0, 30.0), heading: 0.7 };
         let frame = StandingFrame::new(&camera, &standing).unwrap();
-        let shape = Shape::from_fn(|_, _| rng.normal());
+        let shape = roadplane_base::Shape::from_fn(|_, _| rng.normal());
         let mut scratch = [NO_ROWS; MAX_PACKS];
-        let (mut fast, mut plain) = (Gram::zeros(), Gram::zeros());
+        let (mut fast, mut plain) = (Gram::<MODES>::zeros(), Gram::<MODES>::zeros());
         let cost = linearise(&packs, &frame, &shape, &kernel, &mut scratch, &mut fast).unwrap();
         let same = all_rows(&packs, &frame, &shape, &kernel, &mut scratch).unwrap();
         accumulate(&scratch[..packs.len()], &mut plain);
         assert_eq!(cost.to_bits(), same.to_bits());
-        for i in 0..RESIDUAL {
+        for i in 0..residual(MODES) {
             assert_eq!(fast.rows[i][i..], plain.rows[i][i..]);
         }
         let exact: f64 = observations

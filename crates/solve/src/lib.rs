@@ -34,7 +34,6 @@ mod cold_start;
 #[cfg(test)]
 mod dual;
 mod fine;
-mod fine_problem;
 mod fit;
 mod free;
 mod free_problem;

@@ -15,23 +15,19 @@
 
 use nalgebra::{Matrix4, Vector4};
 
+use crate::ground_problem::GroundProblem;
+
 /// Step of the forward difference, in log units and rad.
 const STEP: f64 = 1e-5;
 /// Differentiated: log focal, tilt, log height. By symmetry roll hardly matters.
 const BY: [usize; 3] = [0, 1, 3];
 
-/// A problem at its minimum, whose cars follow when the camera changes.
-pub(crate) trait Valley {
-    /// L at the minimum.
-    fn half_log_determinant(&self) -> Option<f64>;
-
-    /// L at a changed camera, cars following.
-    fn half_log_determinant_at(&mut self, change: &Vector4<f64>) -> Option<f64>;
-}
-
 /// Change of the camera from the minimum, whose camera has this `covariance` (zero where fixed). At most one sd: where it would
-/// be more, Laplace's method is no longer good. `None` when a car cannot be evaluated.
-pub(crate) fn change(problem: &mut impl Valley, covariance: &Matrix4<f64>) -> Option<Vector4<f64>> {
+/// be more, Laplace's method is no longer good. After `covariances`. `None` when a car cannot be evaluated.
+pub(crate) fn change<const M: usize>(
+    problem: &mut GroundProblem<'_, M>,
+    covariance: &Matrix4<f64>,
+) -> Option<Vector4<f64>> {
     let here = problem.half_log_determinant()?;
     let mut gradient = Vector4::zeros();
     for i in BY.into_iter().filter(|i| covariance[(*i, *i)] > 0.0) {

@@ -1,7 +1,7 @@
 //! Keypoints as the solver uses them: relative to the principal point, whitened, weighted.
 
 use nalgebra::{Matrix2, Matrix2x3, Vector2, Vector3};
-use roadplane_base::{KEYPOINTS, Keypoint, KeypointSet, ShapeAtlas, mirror_index};
+use roadplane_base::{KEYPOINTS, Keypoint, KeypointSet, mirror_index};
 
 use crate::ground_residual::StandingFrame;
 
@@ -81,18 +81,18 @@ pub(crate) fn observations(
 }
 
 /// Whitens a view's observations with their measured covariances, what the atlas leaves unexplained at each (`scale` × `sd_m`,
-/// by keypoint) and `extra_px` in both directions.
+/// by keypoint; `mean` is where they are in the mean car) and `extra_px` in both directions.
 pub(crate) fn whiten_seen(
     observations: &mut [Observation],
     frame: &StandingFrame,
-    atlas: &ShapeAtlas,
+    mean: &[Vector3<f64>; KEYPOINTS],
     sd_m: &[Vector3<f64>; KEYPOINTS],
     scale: f64,
     extra_px: f64,
 ) {
     for observation in observations {
         let index = observation.index;
-        let mut extra = unexplained_covariance(frame, &atlas.mean[index], &(sd_m[index] * scale));
+        let mut extra = unexplained_covariance(frame, &mean[index], &(sd_m[index] * scale));
         extra[(0, 0)] += extra_px * extra_px;
         extra[(1, 1)] += extra_px * extra_px;
         observation.whiten_with(&extra);

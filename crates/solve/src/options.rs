@@ -1,6 +1,6 @@
 //! What a caller can set.
 
-use nalgebra::{Matrix6, Vector4, Vector6};
+use nalgebra::{Matrix6, Vector4};
 use roadplane_base::{CameraParams, ImageSize, Shape};
 
 use crate::kernel::OutlierModel;
@@ -92,17 +92,6 @@ impl ShapePrior {
     #[must_use]
     pub fn known(shape: Shape) -> Self {
         Self { mean: shape, information: Matrix6::identity(), fixed: true }
-    }
-
-    /// ½ (λ − mean)ᵀ information (λ − mean).
-    pub(crate) fn cost(&self, shape: &Shape) -> f64 {
-        let off = shape - self.mean;
-        0.5 * off.dot(&(self.information * off))
-    }
-
-    /// Its gradient.
-    pub(crate) fn gradient(&self, shape: &Shape) -> Vector6<f64> {
-        self.information * (shape - self.mean)
     }
 }
 

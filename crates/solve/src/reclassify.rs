@@ -14,11 +14,13 @@
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2, Vector4};
 use roadplane_base::MODES;
 
-use crate::arrow::{CAMERA, RESIDUAL, SHAPE};
+use crate::arrow::{SHAPE, camera as camera_column, residual};
 use crate::ground_problem::GroundProblem;
 use crate::lm::{LmOptions, Problem as _, minimise};
 use crate::setup::{Placed, Setup};
 
+/// Unknowns of a car before a given camera.
+const OWN: usize = camera_column(MODES);
 /// A change that promises to cost more than this is not tried.
 const DOUBT: f64 = 8.0;
 /// Tried per car and round, the most promising first.
@@ -69,14 +71,14 @@ fn placed(problem: &GroundProblem<'_>) -> Placed {
 /// Where the fit would be with one doubtful keypoint taken out or in, most promising first.
 fn starts(problem: &mut GroundProblem<'_>) -> Option<Vec<Placed>> {
     let joint = problem.only_view_covariance()?;
-    let own = joint.fixed_view::<CAMERA, CAMERA>(0, 0).into_owned();
+    let own = joint.fixed_view::<OWN, OWN>(0, 0).into_owned();
     let threshold = problem.kernel.threshold_squared;
     let here = placed(problem);
-    let bounds = problem.shape_bounds();
+    let bounds = *problem.shape_bounds();
     let mut starts: Vec<(f64, Placed)> = Vec::new();
     problem.each_row(0, |keypoint| {
-        let j = SMatrix::<f64, 2, CAMERA>::from_fn(|r, c| keypoint.rows[r][c]);
-        let r = Vector2::new(keypoint.rows[0][RESIDUAL], keypoint.rows[1][RESIDUAL]);
+        let j = SMatrix::<f64, 2, OWN>::from_fn(|r, c| keypoint.rows[r][c]);
+        let r = Vector2::new(keypoint.rows[0][residual(MODES)], keypoint.rows[1][residual(MODES)]);
         let spread = own * j.transpose();
         let sign = if keypoint.right > 0.5 { -1.0 } else { 1.0 };
         let freedom = Matrix2::identity() + (j * spread) * sign;
@@ -88,12 +90,12 @@ fn starts(problem: &mut GroundProblem<'_>) -> Option<Vec<Placed>> {
         if change > DOUBT {
             return;
         }
-        let step: SVector<f64, CAMERA> = spread * after * -sign;
+        let step: SVector<f64, OWN> = spread * after * -sign;
         let mut start = here;
         start.standing.anchor += step.fixed_rows::<2>(0);
         start.standing.heading += step[2];
-        for (m, [low, high]) in (0..MODES).zip(bounds) {
-            start.shape[m] = (start.shape[m] + step[SHAPE + m]).clamp(low, high);
+        for (m, [low, high]) in (0..MODES).zip(&bounds) {
+            start.shape[m] = (start.shape[m] + step[SHAPE + m]).clamp(*low, *high);
         }
         starts.push((change, start));
     })?;

@@ -1,14 +1,15 @@
 //! The usable part of a frame's input, and problems made of subsets of it.
 
 use nalgebra::Vector4;
-use roadplane_base::{ImageSize, Shape, ShapeAtlas};
+use roadplane_base::{ImageSize, MODES, Shape, ShapeAtlas};
 
+use crate::body_types::Gaussian;
 use crate::camera_knowledge::CameraKnowledge;
 use crate::ground_problem::{GroundProblem, GroundState, Group, View};
 use crate::ground_residual::{PointModes, Standing};
 use crate::kernel::OutlierModel;
 use crate::observation::{Observation, observations};
-use crate::options::{SceneOptions, ShapePrior};
+use crate::options::SceneOptions;
 use crate::solution::CarView;
 
 /// What keypoints of this weight together cost when none of them fits.
@@ -76,10 +77,8 @@ impl<'a> Setup<'a> {
         Self { atlas, model, options, sights, knowledge, size }
     }
 
-    fn shape_prior(&self) -> ShapePrior {
-        let mut prior = ShapePrior::default();
-        prior.information *= self.options.shape_prior_weight;
-        prior
+    fn shape_prior(&self) -> Gaussian<MODES> {
+        Gaussian::of_all_cars(self.options.shape_prior_weight)
     }
 
     /// The problem of all placed sights, with their positions in `sights`.
@@ -97,7 +96,7 @@ impl<'a> Setup<'a> {
         for (s, (sight, place)) in self.sights.iter().zip(placed).enumerate() {
             let Some(place) = place else { continue };
             if last_group != Some(sight.group) {
-                groups.push(Group { views: views.len()..views.len(), prior: self.shape_prior() });
+                groups.push(Group::new(views.len()..views.len(), self.shape_prior()));
                 state.shapes.push(place.shape);
                 last_group = Some(sight.group);
             }
@@ -110,8 +109,7 @@ impl<'a> Setup<'a> {
             state.standings.push(place.standing);
             members.push(s);
         }
-        let mut problem =
-            GroundProblem::new(self.atlas, self.model, views, groups, all, self.knowledge, state);
+        let mut problem = GroundProblem::new(self.model, views, groups, all, self.knowledge, state);
         problem.kernel = self.options.kernel;
         (problem, members)
     }
@@ -125,11 +123,10 @@ impl<'a> Setup<'a> {
     ) -> GroundProblem<'a> {
         let observations = observations.to_vec();
         let views = vec![View::new(0, 0..observations.len())];
-        let groups = vec![Group { views: 0..1, prior: self.shape_prior() }];
+        let groups = vec![Group::new(0..1, self.shape_prior())];
         let state = GroundState { camera, standings: vec![place.standing], shapes: vec![place.shape] };
         let knowledge = CameraKnowledge { mean: camera, information: Vector4::zeros(), fixed: [true; 4] };
-        let mut problem =
-            GroundProblem::new(self.atlas, self.model, views, groups, observations, knowledge, state);
+        let mut problem = GroundProblem::new(self.model, views, groups, observations, knowledge, state);
         problem.kernel = self.options.kernel;
         problem
     }

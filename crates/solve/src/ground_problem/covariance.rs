@@ -1,11 +1,9 @@
 //! What the factorisation says beside the step: covariances, and how cars follow the camera.
 
 use nalgebra::{Matrix4, Vector2, Vector4};
-use roadplane_base::MODES;
 
 use super::{GroundProblem, Linearisation, View};
 use crate::arrow::{Joint, PoseBlock, SHAPE};
-use crate::marginal::Valley;
 
 /// What is known of the camera at the current parameters.
 pub(crate) struct Covariances {
@@ -15,12 +13,12 @@ pub(crate) struct Covariances {
     pub camera: Matrix4<f64>,
 }
 
-impl GroundProblem<'_> {
+impl<const M: usize> GroundProblem<'_, M> {
     /// What is known of the camera at the current parameters, from the same elimination with damping 0. Call after `linearise`.
     /// A coefficient at its bound is not exactly known: it counts as free.
     pub fn covariances(&mut self) -> Option<Covariances> {
         for block in &mut self.group_blocks {
-            block.held = [self.shapes_fixed; MODES];
+            block.held = [self.shapes_fixed; M];
         }
         let (information, _) = self.eliminate(0.0)?;
         let camera = self.knowledge.covariance(&information)?;
@@ -30,7 +28,7 @@ impl GroundProblem<'_> {
     /// Per view the covariance of (anchor, heading, shape, camera), given that of the camera. After `covariances`.
     pub fn view_covariances(&self, camera: &Matrix4<f64>) -> Vec<Joint> {
         let shared: Vec<Joint> = self.group_blocks.iter().map(|block| block.joint(camera)).collect();
-        let joint = |(view, pose): (&View, &PoseBlock)| {
+        let joint = |(view, pose): (&View, &PoseBlock<M>)| {
             let mut joint = shared[view.group];
             pose.spread(&mut joint);
             joint
@@ -44,11 +42,12 @@ impl GroundProblem<'_> {
         self.view_covariances(&camera).pop()
     }
 
-    fn half_log_determinant_of(&self, linearisation: &Linearisation) -> Option<f64> {
+    fn half_log_determinant_of(&self, linearisation: &Linearisation<M>) -> Option<f64> {
         let mut sum = 0.0;
         for (group, block) in self.groups.iter().zip(&self.group_blocks) {
             let grams = &linearisation.grams[group.views.clone()];
-            sum += block.log_determinant(grams, &(group.prior.information * self.shape_prior_scale))?;
+            sum += block
+                .log_determinant(grams, &group.prior_terms(&group.prior.mean, self.shape_prior_scale))?;
         }
         Some(0.5 * sum)
     }
@@ -58,8 +57,8 @@ impl GroundProblem<'_> {
         self.state.camera += change;
         for (g, group) in self.groups.iter().enumerate() {
             let mut step = self.group_blocks[g].follow(change);
-            for j in 0..MODES {
-                let [low, high] = self.atlas.bounds[j];
+            for j in 0..M {
+                let [low, high] = self.model.bounds[j];
                 self.state.shapes[g][j] = (self.state.shapes[g][j] + step[SHAPE + j]).clamp(low, high);
             }
             for k in group.views.clone() {
@@ -71,12 +70,14 @@ impl GroundProblem<'_> {
     }
 }
 
-impl Valley for GroundProblem<'_> {
-    fn half_log_determinant(&self) -> Option<f64> {
+impl<const M: usize> GroundProblem<'_, M> {
+    /// L of `marginal.rs` at the current state. After `covariances`.
+    pub fn half_log_determinant(&self) -> Option<f64> {
         self.half_log_determinant_of(&self.linearisation)
     }
 
-    fn half_log_determinant_at(&mut self, change: &Vector4<f64>) -> Option<f64> {
+    /// The same at a changed camera, cars following.
+    pub fn half_log_determinant_at(&mut self, change: &Vector4<f64>) -> Option<f64> {
         self.trial.clone_from(&self.state);
         self.follow(change);
         std::mem::swap(&mut self.state, &mut self.trial);

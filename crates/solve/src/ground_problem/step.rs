@@ -1,13 +1,12 @@
 //! The step of Levenberg–Marquardt: solve the damped equations, substitute back, evaluate there.
 
 use nalgebra::{Matrix4, Vector2};
-use roadplane_base::MODES;
 
 use super::GroundProblem;
 use crate::arrow::SHAPE;
 use crate::lm::{Problem, Trial};
 
-impl Problem for GroundProblem<'_> {
+impl<const M: usize> Problem for GroundProblem<'_, M> {
     fn linearise(&mut self) -> Option<f64> {
         self.evaluate(false)?;
         Some(self.gather())
@@ -26,33 +25,30 @@ impl Problem for GroundProblem<'_> {
         let mut predicted = 0.0;
         let mut largest: f64 = 0.0;
         // ½ stepᵀ (damping · D step − g): the quadratic model's decrease for a solution of the damped equations.
-        let mut see = |step: f64, gradient: f64, diagonal: f64| {
-            predicted += 0.5 * step * (damping * diagonal * step - gradient);
+        let mut see = |weight: f64, step: f64, gradient: f64, diagonal: f64| {
+            predicted += 0.5 * weight * step * (damping * diagonal * step - gradient);
             largest = largest.max(step.abs() * diagonal.max(0.0).sqrt());
         };
         for i in (0..4).filter(|i| !self.knowledge.fixed[*i]) {
-            see(camera_step[i], self.camera_gradient[i], self.camera_diagonal[i]);
+            see(1.0, camera_step[i], self.camera_gradient[i], self.camera_diagonal[i]);
         }
         self.trial.camera = self.state.camera + camera_step;
         for (g, group) in self.groups.iter().enumerate() {
             let block = &self.group_blocks[g];
             let mut step = block.step(&camera_step);
-            for j in (0..MODES).filter(|j| !block.held[*j]) {
-                see(step[SHAPE + j], block.gradient[j], block.diagonal[j]);
-                let [low, high] = self.atlas.bounds[j];
+            for j in (0..M).filter(|j| !block.held[*j]) {
+                see(group.trust, step[SHAPE + j], block.gradient[j], block.diagonal[j]);
+                let [low, high] = self.model.bounds[j];
                 self.trial.shapes[g][j] = (self.state.shapes[g][j] + step[SHAPE + j]).clamp(low, high);
             }
-            for j in (0..MODES).filter(|j| block.held[*j]) {
+            for j in (0..M).filter(|j| block.held[*j]) {
                 self.trial.shapes[g][j] = self.state.shapes[g][j];
             }
             for k in group.views.clone() {
                 self.poses[k].substitute(&mut step);
                 for (i, step) in step[..SHAPE].iter().enumerate() {
-                    see(
-                        *step,
-                        self.linearisation.grams[k].gradient(i),
-                        self.linearisation.grams[k].diagonal(i),
-                    );
+                    let gram = &self.linearisation.grams[k];
+                    see(group.trust, *step, gram.gradient(i), gram.diagonal(i));
                 }
                 self.trial.standings[k].anchor =
                     self.state.standings[k].anchor + Vector2::new(step[0], step[1]);
