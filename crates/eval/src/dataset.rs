@@ -3,6 +3,7 @@
 mod boxes;
 mod clips;
 mod evidence;
+mod pictures;
 mod real;
 mod score;
 mod tables;
@@ -19,6 +20,8 @@ use crate::systems::System;
 use crate::tables::boxes_table;
 use crate::truth::{Kind, Truth, read_dataset, read_truth};
 use crate::{EvalError, Report};
+pub use pictures::{camera_pictures, dataset_pictures};
+
 use clips::Workplace;
 use evidence::SceneEvidence;
 use score::SystemScore;

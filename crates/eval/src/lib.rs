@@ -24,7 +24,7 @@ pub mod truth;
 pub use attention::evaluate_attention;
 pub use bootstrap::{Estimate, bootstrap, bootstrap_scenes, mean, median, quantile, share_within};
 pub use box_files::{evaluate_coco, evaluate_mot};
-pub use dataset::{DatasetOptions, evaluate_dataset};
+pub use dataset::{DatasetOptions, camera_pictures, dataset_pictures, evaluate_dataset};
 pub use error::EvalError;
 pub use kitti::{KittiOptions, evaluate_kitti};
 pub use plot::{Mark, Plot, Series};

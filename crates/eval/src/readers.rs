@@ -1,5 +1,6 @@
-//! Truth of other people's data: KITTI, MEVA cameras, KPF, COCO and MOT Challenge boxes. Malformed files give an error that names file and line.
+//! Truth of other people's data: known cameras, KITTI, MEVA cameras, KPF, COCO and MOT Challenge boxes. Malformed files give an error that names file and line.
 
+pub mod cameras;
 pub mod coco;
 pub mod kitti;
 pub mod kpf;

@@ -10,7 +10,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use roadplane_base::{Camera, MODES, ShapeAtlas};
-use roadplane_solve::{CarView, KnownScene, SceneOptions, refine_scene};
+use roadplane_solve::{CarView, KnownScene, SceneOptions, Steps, refine_scene};
 use roadplane_synth::{BenchScene, CarTruth};
 
 /// CPU seconds of this thread; the kernel counts in steps of milliseconds.
@@ -88,7 +88,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     atlas.bounds = [[f64::NEG_INFINITY, f64::INFINITY]; MODES];
     // What the atlas leaves unexplained depends on the pose where it is evaluated: left out, so that both solvers see the
     // same weights.
-    let options = SceneOptions { atlas_residual_scale: 0.0, marginal: false, ..SceneOptions::default() };
+    let steps = Steps { marginal: false, ..Steps::default() };
+    let options = SceneOptions { atlas_residual_scale: 0.0, steps, ..SceneOptions::default() };
     std::fs::write(folder.join("atlas.txt"), atlas_text(&atlas))?;
     println!("name cars milliseconds iterations cost");
     for cars in [5, 20, 50, 200] {

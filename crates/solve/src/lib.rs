@@ -12,59 +12,39 @@
 //!
 //! with keypoint `z_i`, its score `s_i`, whitening `W_i` from the keypoint's covariance and what the atlas leaves
 //! unexplained, and an outlier model `ρ` (see [`OutlierModel`]). One car couples to another through `c` only, so the
-//! normal equations are an arrow and cost is linear in cars (`arrow.rs`). The inner loop takes four keypoints at a time
-//! (`ground_rows.rs`), with AVX2 where the processor has it, to the same bits everywhere.
+//! normal equations are an arrow and cost is linear in cars.
 //!
-//! From nothing: view directions, focal lengths and planes that cars agree on (`cold_start.rs`), shapes eased in stages
-//! (`scene.rs`), second thoughts about single cars (`repair.rs`) and keypoints (`reclassify.rs`). From the minimum over
-//! everything the camera then goes on to that of all modes of the atlas (`fine.rs`, `fine_problem.rs`), and to the maximum over
-//! the camera alone (`marginal.rs`). There, and where cars are free of the plane, a car's prior is that of the body types that it
-//! may have (`body_types.rs`).
+//! The scene is found with the atlas' first 6 modes; the camera is then that of all 12, of which what the first leave over is
+//! not noise of single keypoints any more: the same problem with more modes. There, and where cars are free of the plane, a
+//! car's prior is that of the body types that it may have, and a car that fits worse than the others counts less. Last, shapes
+//! and poses are integrated out.
+//!
+//! # Contents
+//! - `linear/`: the descent ([`minimise`]), the arrow, sums of four rows at a time; knows no cars
+//! - `model/`: projection and its derivatives, keypoints, outliers, priors; `latent/`: body types, trust
+//! - `problem/`: cars on the plane (any number of modes), free cars; what a frame's input is made into
+//! - `start/`: from nothing to places where the descent may begin; the paper's Algorithm 1
+//! - `scene/`: the solves themselves, as numbered steps (`solve.rs`)
 //!
 //! # Entry points
 //! [`solve_scene`]: everything unknown. [`fit_car`]: camera and plane known. [`fit_free_car`],
 //! [`solve_free_scene`]: no plane, 6-DoF poses, or the paper's soft plane terms (Eq. 4–7) with its Algorithm 1.
 //! [`refine_scene`], [`scene_bound`]: from a known scene.
 
-mod alternation;
-mod arrow;
-mod body_types;
-mod camera_knowledge;
-mod cold_start;
-#[cfg(test)]
-mod dual;
-mod fine;
-mod fit;
-mod free;
-mod free_problem;
-mod free_residual;
-mod gram_sum;
-mod ground_problem;
-mod ground_residual;
-mod ground_rows;
-mod kernel;
-mod lanes;
-mod lm;
-mod marginal;
-mod observation;
+mod linear;
+mod model;
 mod options;
-mod reclassify;
-mod refine;
-mod repair;
+mod problem;
 mod scene;
-mod setup;
 mod solution;
-mod standing_start;
-mod trust;
-mod up_consensus;
-mod weak_perspective;
+mod start;
 
-pub use fit::{CarFit, fit_car};
-pub use free::{FreeCarFit, FreeSceneSolution, fit_free_car, solve_free_scene};
-pub use free_problem::PlaneTerms;
-pub use kernel::OutlierModel;
-pub use lm::{LmOptions, LmReport, Problem, Termination, Trial, minimise};
-pub use options::{CameraPrior, SceneOptions, ShapePrior};
-pub use refine::{KnownScene, refine_scene, scene_bound};
-pub use scene::solve_scene;
+pub use linear::lm::{LmOptions, LmReport, Problem, Termination, Trial, minimise};
+pub use model::kernel::OutlierModel;
+pub use options::{CameraPrior, SceneOptions, ShapePrior, Steps};
+pub use problem::free::PlaneTerms;
+pub use scene::fit::{CarFit, fit_car};
+pub use scene::free::{FreeCarFit, FreeSceneSolution, fit_free_car, solve_free_scene};
+pub use scene::refine::{KnownScene, refine_scene, scene_bound};
+pub use scene::solve::solve_scene;
 pub use solution::{CarSolution, CarView, SceneSolution, SceneStatus};

@@ -3,8 +3,8 @@
 use nalgebra::{Matrix6, Vector4};
 use roadplane_base::{CameraParams, ImageSize, Shape};
 
-use crate::kernel::OutlierModel;
-use crate::lm::LmOptions;
+use crate::linear::lm::LmOptions;
+use crate::model::kernel::OutlierModel;
 
 /// What is known of a surveillance camera before looking: independent Gaussians; an infinite sd says "nothing".
 /// Default: focal length log-normal around 1.2 × the longer image side, sd 0.6; tilt 25° ± 20°; roll 0° ± 6°; height
@@ -95,6 +95,47 @@ impl ShapePrior {
     }
 }
 
+/// Steps of a solve that can be switched off, all on by default: `roadplane eval solver --layers` shows what each is worth.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Steps {
+    /// Cars are tried in other headings (`scene/repair.rs`).
+    pub other_headings: bool,
+    /// Cars that fit badly are tried on a more gradual path to their shape.
+    pub slow_stages: bool,
+    /// Cars that fit badly are tried with left and right exchanged.
+    pub exchanged_sides: bool,
+    /// What does not fit as a car is left out.
+    pub rejection: bool,
+    /// Single keypoints are taken for wrong, or right, by turns (`scene/reclassify.rs`).
+    pub reclassify: bool,
+    /// The camera is that of all modes of the atlas (`scene/all_modes.rs`), which the next two belong to. Neither is done where
+    /// [`SceneOptions::atlas_residual_scale`] or [`SceneOptions::shape_prior_weight`] is 0.
+    pub all_modes: bool,
+    /// A car's prior is that of the body types that it may have (`model/latent/body_types.rs`), also of cars free of the plane.
+    pub body_types: bool,
+    /// A car that fits worse than others says less of the camera (`model/latent/trust.rs`).
+    pub trust: bool,
+    /// The camera is the most likely one with shapes and poses integrated out (Laplace's method, `scene/marginal.rs`), not that of
+    /// the most likely scene, which is exact without noise but biased by a fraction of a sd with it.
+    pub marginal: bool,
+}
+
+impl Default for Steps {
+    fn default() -> Self {
+        Self {
+            other_headings: true,
+            slow_stages: true,
+            exchanged_sides: true,
+            rejection: true,
+            reclassify: true,
+            all_modes: true,
+            body_types: true,
+            trust: true,
+            marginal: true,
+        }
+    }
+}
+
 /// How a scene or a car is solved.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SceneOptions {
@@ -108,17 +149,12 @@ pub struct SceneOptions {
     /// Weight of the shape prior; 0 switches it off.
     pub shape_prior_weight: f64,
     /// Factor on what the atlas says its six modes leave unexplained; 0 for cars that are exactly in the atlas, which also
-    /// spares the steps with the fine modes (`fine.rs`) and body types (`body_types.rs`).
+    /// spares the steps with all modes (`scene/all_modes.rs`).
     pub atlas_residual_scale: f64,
     /// Outlier model of keypoints.
     pub kernel: OutlierModel,
-    /// Degrees of freedom of the Student t of whole cars (`trust.rs`): the fewer, the less a car that fits worse than others says
-    /// of the camera. Not finite or not above 0: every car has the full say. Belongs to the steps with the fine modes, which
-    /// `atlas_residual_scale` and `shape_prior_weight` above 0 switch on.
-    pub car_freedom: f64,
-    /// Whether the camera is the most likely one with shapes and poses integrated out (Laplace's method), or that of the most
-    /// likely scene, which is the exact one without noise but biased by a fraction of a sd with it (see `marginal.rs`).
-    pub marginal: bool,
+    /// Which steps of the solve are done.
+    pub steps: Steps,
     /// Factor on the variance that the cars of [`solve_scene`](crate::solve_scene) give the camera (overdispersion, McCullagh and
     /// Nelder 1989, §4.5), finite and above 0: 1 where errors of a car's keypoints are independent and its shape is drawn from the
     /// atlas, more where they have something in common. The estimate does not depend on it, its covariance does.
@@ -143,8 +179,7 @@ impl Default for SceneOptions {
             shape_prior_weight: 1.0,
             atlas_residual_scale: 1.0,
             kernel: OutlierModel::default(),
-            car_freedom: 4.0,
-            marginal: true,
+            steps: Steps::default(),
             camera_dispersion: 1.0,
             lm: LmOptions::default(),
             min_inlier_share: 0.45,

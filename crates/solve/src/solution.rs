@@ -3,7 +3,7 @@
 use nalgebra::{Isometry3, Matrix3, Matrix4, Matrix6, Vector4};
 use roadplane_base::{CameraParams, GroundPose, KEYPOINTS, KeypointSet, Shape};
 
-use crate::lm::Termination;
+use crate::linear::lm::Termination;
 
 /// One sight of a car.
 #[derive(Clone, Copy, Debug)]

@@ -1,7 +1,7 @@
 //! Noise-free scenes come out exactly, from nothing and from a random camera.
 
 use roadplane_base::{ShapeAtlas, angle_difference};
-use roadplane_solve::{CameraPrior, CarView, LmOptions, SceneOptions, solve_scene};
+use roadplane_solve::{CameraPrior, CarView, LmOptions, SceneOptions, Steps, solve_scene};
 use roadplane_synth::{SynthOptions, random_camera, scene};
 
 #[test]
@@ -21,7 +21,7 @@ fn exact(atlas: &ShapeAtlas, random_start: bool) {
         camera_prior: CameraPrior::none(),
         atlas_residual_scale: 0.0,
         // The minimum itself: all cars of the mean shape are no sample of the population.
-        marginal: false,
+        steps: Steps { marginal: false, ..Steps::default() },
         lm: tight,
         ..SceneOptions::default()
     };

@@ -170,10 +170,22 @@ pub struct EvalKeypointsArgs {
 /// `roadplane eval solver`.
 #[derive(Debug, Args)]
 pub struct EvalSolverArgs {
+    /// Instead: what each step of the solve is worth, on synthetic scenes and, where given, on those below.
+    #[arg(long)]
+    pub layers: bool,
+    /// With --layers: folder of a data set (dataset.json), whose pictures are solved one by one.
+    #[arg(long, value_name = "DIR", requires = "layers")]
+    pub dataset: Option<PathBuf>,
+    /// With --layers: real cameras that are known (cameras.json).
+    #[arg(long, value_name = "FILE", requires = "layers")]
+    pub cameras: Option<PathBuf>,
     /// Scenes a row of the statistics; five times as many noise-free ones.
     #[arg(long, default_value_t = 200, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=100_000))]
     pub scenes: u32,
     /// Writes the tables as CSV and HTML into this folder.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub config: ConfigArgs,
 }

@@ -26,7 +26,7 @@ pub fn eval(args: &EvalArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
         EvalCommand::Tracks(args) => files(args, evaluate_mot),
         EvalCommand::Boxes(args) => files(args, evaluate_coco),
         EvalCommand::Keypoints(args) => keypoints::keypoints(args, cancel),
-        EvalCommand::Solver(args) => solver::solver(args),
+        EvalCommand::Solver(args) => solver::solver(args, cancel),
     }
 }
 

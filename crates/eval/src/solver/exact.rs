@@ -1,7 +1,7 @@
 //! Noise-free scenes must come out exactly, from nothing and from any start.
 
 use roadplane_base::{ShapeAtlas, angle_difference};
-use roadplane_solve::{LmOptions, SceneOptions, solve_scene};
+use roadplane_solve::{LmOptions, SceneOptions, Steps, solve_scene};
 use roadplane_synth::{SynthOptions, random_camera, scene};
 
 use super::scenes::{views, without_camera_prior};
@@ -54,7 +54,8 @@ fn errors_of(atlas: &ShapeAtlas, seed: usize, random_start: bool) -> [f64; 3] {
         LmOptions { max_iterations: 200, cost_tolerance: 0.0, step_tolerance: 1e-9, ..LmOptions::default() };
     let start = random_start.then(|| random_camera(truth.size, seed as u64));
     // The minimum itself: cars that are all of the mean shape are no sample of the population.
-    let options = SceneOptions { lm, start, marginal: false, ..without_camera_prior(0.0) };
+    let steps = Steps { marginal: false, ..Steps::default() };
+    let options = SceneOptions { lm, start, steps, ..without_camera_prior(0.0) };
     let found = solve_scene(atlas, truth.size, &views(&truth), &options);
     let mut angle =
         (found.params.tilt - truth.params.tilt).abs().max((found.params.roll - truth.params.roll).abs());

@@ -4,7 +4,7 @@ use roadplane_base::{GroundPose, Shape, ShapeAtlas};
 use roadplane_solve::{
     CameraPrior, CarView, KnownScene, OutlierModel, SceneOptions, SceneSolution, scene_bound,
 };
-use roadplane_synth::{CarTruth, SceneTruth};
+use roadplane_synth::{CarModel, CarTruth, SceneTruth};
 
 /// The solver's input: every car a physical car of its own.
 pub(super) fn views(truth: &SceneTruth) -> Vec<CarView<'_>> {
@@ -40,4 +40,20 @@ pub(super) fn bound(atlas: &ShapeAtlas, truth: &SceneTruth, options: &SceneOptio
     let options = SceneOptions { kernel: OutlierModel::none(), ..*options };
     let at = KnownScene { params: truth.params, poses: &poses, shapes: &shapes };
     scene_bound(atlas, truth.size, &views(&right), &at, &options)
+}
+
+/// Models that the atlas was not built on (`python -m cars.atlas --foreign`).
+pub(super) fn foreign_cars() -> Vec<CarModel> {
+    // Compiled in and checked by a test, so it cannot fail at run time.
+    CarModel::list_from_json(include_str!("../../../../tests/data/foreign_cars.json")).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_other_models_are_there() {
+        assert!(foreign_cars().len() > 10);
+    }
 }

@@ -1,7 +1,7 @@
 //! How long a solve takes on one thread, by number of cars: CPU time, whatever else the machine does.
 
 use roadplane_base::ShapeAtlas;
-use roadplane_solve::{KnownScene, SceneOptions, refine_scene, scene_bound, solve_scene};
+use roadplane_solve::{KnownScene, SceneOptions, Steps, refine_scene, scene_bound, solve_scene};
 use roadplane_synth::BenchScene;
 
 use super::scenes::views;
@@ -87,7 +87,8 @@ fn timed<T>(mut work: impl FnMut() -> T) -> (f64, T) {
 fn point(atlas: &ShapeAtlas, cars: usize) -> SpeedPoint {
     let options = SceneOptions::default();
     // The refinement of six modes, to its minimum.
-    let minimum = SceneOptions { marginal: false, atlas_residual_scale: 0.0, ..options };
+    let steps = Steps { marginal: false, ..options.steps };
+    let minimum = SceneOptions { steps, atlas_residual_scale: 0.0, ..options };
     let [mut refinement, mut around, mut iterations, mut cold] = [const { Vec::new() }; 4];
     for bench in (0..SCENES).filter_map(|seed| BenchScene::new(atlas, cars, seed)) {
         let (truth, views) = (&bench.truth, views(&bench.truth));

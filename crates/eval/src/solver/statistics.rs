@@ -6,9 +6,9 @@ use roadplane_base::{ShapeAtlas, angle_difference};
 use roadplane_solve::{
     CameraPrior, CarSolution, KnownScene, SceneOptions, SceneSolution, refine_scene, solve_scene,
 };
-use roadplane_synth::{CarModel, SceneTruth, SynthOptions, scene};
+use roadplane_synth::{SceneTruth, SynthOptions, scene};
 
-use super::scenes::{bound, known, views, without_camera_prior};
+use super::scenes::{bound, foreign_cars, known, views, without_camera_prior};
 use crate::parallel::in_parallel;
 use crate::{Cell, Column, Table, bootstrap, mean, median, share_within};
 
@@ -178,12 +178,6 @@ fn population(asked: &SynthOptions) -> CameraPrior {
     }
 }
 
-/// Models that the atlas was not built on (`python -m cars.atlas --foreign`).
-fn foreign_cars() -> Vec<CarModel> {
-    // Compiled in and checked by a test, so it cannot fail at run time.
-    CarModel::list_from_json(include_str!("../../../../tests/data/foreign_cars.json")).unwrap_or_default()
-}
-
 fn scene_errors(atlas: &ShapeAtlas, row: &Row, seed: u64) -> Option<SceneErrors> {
     let truth = scene(atlas, &row.asked, seed);
     let bound = bound(atlas, &truth, &row.options)?;
@@ -250,11 +244,6 @@ fn add_car(
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn the_other_models_are_there() {
-        assert!(foreign_cars().len() > 10);
-    }
 
     #[test]
     fn few_scenes_make_whole_tables() {

@@ -1,10 +1,12 @@
-//! `roadplane eval solver`: the joint solver on scenes with exact truth.
+//! `roadplane eval solver`: the joint solver on scenes with exact truth, and what each of its steps is worth.
 
 use roadplane_base::ShapeAtlas;
-use roadplane_eval::Report;
 use roadplane_eval::solver::{
-    ablation_tables, exact_table, fusion_table, speed, speed_plot, speed_table, statistics_tables,
+    ablation_tables, exact_table, fusion_table, layers_tables, speed, speed_plot, speed_table,
+    statistics_tables, synthetic_pictures,
 };
+use roadplane_eval::{Report, camera_pictures, dataset_pictures};
+use roadplane_pipeline::{Cancel, find_models};
 
 use crate::Outcome;
 use crate::args::eval::EvalSolverArgs;
@@ -15,7 +17,13 @@ const FRAMES: usize = 100;
 const CARS: [usize; 9] = [1, 3, 5, 10, 20, 50, 100, 200, 300];
 
 /// Prints the tables.
-pub fn solver(args: &EvalSolverArgs) -> anyhow::Result<Outcome> {
+pub fn solver(args: &EvalSolverArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
+    let report = if args.layers { layers(args, cancel)? } else { statistics(args)? };
+    super::show(&report, args.out.as_deref())?;
+    Ok(Outcome::Done)
+}
+
+fn statistics(args: &EvalSolverArgs) -> anyhow::Result<Report> {
     let atlas = ShapeAtlas::shipped()?;
     let scenes = args.scenes as usize;
     let mut tables = vec![exact_table(&atlas, 5 * scenes)];
@@ -25,6 +33,22 @@ pub fn solver(args: &EvalSolverArgs) -> anyhow::Result<Outcome> {
     let points = speed(&atlas, &CARS);
     tables.push(speed_table(&points));
     let title = "The joint solver on scenes with exact truth".to_owned();
-    super::show(&Report { title, tables, plots: vec![speed_plot(&points)] }, args.out.as_deref())?;
-    Ok(Outcome::Done)
+    Ok(Report { title, tables, plots: vec![speed_plot(&points)] })
+}
+
+fn layers(args: &EvalSolverArgs, cancel: &Cancel) -> anyhow::Result<Report> {
+    let config = super::super::config(&args.config)?;
+    let atlas = ShapeAtlas::shipped()?;
+    let mut sources = synthetic_pictures(&atlas, args.scenes as usize);
+    if args.dataset.is_some() || args.cameras.is_some() {
+        let models = find_models(config.models.folder.as_deref())?;
+        if let Some(folder) = &args.dataset {
+            sources.push(("rendered".to_owned(), dataset_pictures(folder, &models, &config, cancel)?));
+        }
+        if let Some(file) = &args.cameras {
+            sources.push(("real cameras".to_owned(), camera_pictures(file, &models, &config, cancel)?));
+        }
+    }
+    let tables = layers_tables(&atlas, &sources, &config.solve.scene_options(None));
+    Ok(Report { title: "What each step of the solve is worth".to_owned(), tables, plots: Vec::new() })
 }

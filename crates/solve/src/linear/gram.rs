@@ -1,0 +1,123 @@
+//! `Σ rowᵀ row` over a view's rows: Hessian and gradient at once, since the last column is the residual.
+//!
+//! Tiles of 2 × N entries are summed in registers, lane by lane; lanes are added at the end. With AVX2 by its instructions: left
+//! to itself the compiler takes columns for lanes and shuffles. Both ways add in the same order, so bits are the same.
+
+use crate::linear::arrow::{Gram, MAX_WIDTH, residual};
+use crate::linear::lanes::Lanes;
+
+/// Rows of four keypoints: both coordinates, with room for all modes.
+pub(crate) type Rows = [[Lanes; MAX_WIDTH]; 2];
+
+/// Sets the upper triangle.
+pub(crate) fn accumulate<const M: usize>(packs: &[Rows], gram: &mut Gram<M>) {
+    for (i, j, width) in tiles(M) {
+        match width {
+            4 => tile::<M, 4>(packs, gram, i, j),
+            _ => tile::<M, 2>(packs, gram, i, j),
+        }
+    }
+}
+
+/// The same.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+pub(crate) fn accumulate_avx2<const M: usize>(packs: &[Rows], gram: &mut Gram<M>) {
+    for (i, j, width) in tiles(M) {
+        match width {
+            4 => tile_avx2::<M, 4>(packs, gram, i, j),
+            _ => tile_avx2::<M, 2>(packs, gram, i, j),
+        }
+    }
+}
+
+/// First row, first column and columns (4, or 2 at the right end) of the tiles that cover the upper triangle and the residual.
+fn tiles(modes: usize) -> impl Iterator<Item = (usize, usize, usize)> {
+    let width = residual(modes) + 1;
+    let of_row = move |i: usize| (i..width).step_by(4).map(move |j| (i, j, (width - j).min(4)));
+    (0..residual(modes)).step_by(2).flat_map(of_row)
+}
+
+fn tile<const M: usize, const N: usize>(packs: &[Rows], gram: &mut Gram<M>, i: usize, j: usize) {
+    let mut sums = [[Lanes::default(); N]; 2];
+    for row in packs.iter().flatten() {
+        for (a, sums) in sums.iter_mut().enumerate() {
+            for (b, sum) in sums.iter_mut().enumerate() {
+                *sum += row[i + a] * row[j + b];
+            }
+        }
+    }
+    for (row, sums) in gram.rows.iter_mut().skip(i).zip(&sums) {
+        for (entry, sum) in row[j..].iter_mut().zip(sums) {
+            *entry = sum.sum();
+        }
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn tile_avx2<const M: usize, const N: usize>(packs: &[Rows], gram: &mut Gram<M>, i: usize, j: usize) {
+    use std::arch::x86_64::{
+        _mm_add_pd, _mm_cvtsd_f64, _mm_unpackhi_pd, _mm256_add_pd, _mm256_castpd256_pd128,
+        _mm256_extractf128_pd, _mm256_mul_pd, _mm256_setr_pd, _mm256_setzero_pd,
+    };
+    let mut sums = [[_mm256_setzero_pd(); N]; 2];
+    for row in packs.iter().flatten() {
+        let load = |Lanes(l): Lanes| _mm256_setr_pd(l[0], l[1], l[2], l[3]);
+        for (a, sums) in sums.iter_mut().enumerate() {
+            for (b, sum) in sums.iter_mut().enumerate() {
+                *sum = _mm256_add_pd(*sum, _mm256_mul_pd(load(row[i + a]), load(row[j + b])));
+            }
+        }
+    }
+    for (row, sums) in gram.rows.iter_mut().skip(i).zip(&sums) {
+        for (entry, sum) in row[j..].iter_mut().zip(sums) {
+            let pair = _mm_add_pd(_mm256_castpd256_pd128(*sum), _mm256_extractf128_pd::<1>(*sum));
+            *entry = _mm_cvtsd_f64(_mm_add_pd(pair, _mm_unpackhi_pd(pair, pair)));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use roadplane_synth::Rng;
+
+    fn check<const M: usize>() {
+        let mut rng = Rng::new(3);
+        let packs: Vec<Rows> = (0..9)
+            .map(|_| [(); 2].map(|()| [(); MAX_WIDTH].map(|()| Lanes([(); 4].map(|()| rng.normal())))))
+            .collect();
+        let mut gram = Gram::<M>::zeros();
+        accumulate(&packs, &mut gram);
+        let width = residual(M) + 1;
+        for i in 0..residual(M) {
+            for j in i..width {
+                let products = packs
+                    .iter()
+                    .flatten()
+                    .map(|row| row[i].0.iter().zip(row[j].0).map(|(a, b)| a * b).sum::<f64>());
+                let sum: f64 = products.sum();
+                assert!((gram.rows[i][j] - sum).abs() < 1e-12, "({i}, {j})");
+            }
+        }
+        #[cfg(target_arch = "x86_64")]
+        if std::arch::is_x86_feature_detected!("avx2") {
+            let mut other = Gram::<M>::zeros();
+            // SAFETY: the processor has AVX2.
+            #[allow(unsafe_code)]
+            unsafe {
+                accumulate_avx2(&packs, &mut other);
+            };
+            for i in 0..residual(M) {
+                assert_eq!(gram.rows[i][i..width], other.rows[i][i..width]);
+            }
+        }
+    }
+
+    #[test]
+    fn sums_are_those_of_the_products_and_the_same_bits_both_ways() {
+        check::<{ roadplane_base::MODES }>();
+        check::<{ roadplane_base::ALL_MODES }>();
+    }
+}

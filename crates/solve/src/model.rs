@@ -1,0 +1,11 @@
+//! What is measured and what explains it: projection of cars, keypoints and their errors, and what is known beforehand.
+
+pub(crate) mod camera_prior;
+#[cfg(test)]
+pub(crate) mod dual;
+pub(crate) mod free;
+pub(crate) mod ground;
+pub(crate) mod kernel;
+pub(crate) mod latent;
+pub(crate) mod observation;
+pub(crate) mod rows;

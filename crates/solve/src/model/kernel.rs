@@ -1,0 +1,98 @@
+//! Robust loss on keypoints.
+
+use crate::linear::lanes::Lanes;
+
+/// A keypoint is right with Gaussian error, or wrong and anywhere: the negative log-likelihood of that mixture,
+///
+/// ```text
+/// ρ(s) = −2 ln((e^(−s/2) + e^(−t²/2)) / (1 + e^(−t²/2)))        s = squared whitened residual
+/// ρ'(s) = 1 / (1 + e^((s − t²)/2))                              = probability that the keypoint is right
+/// ```
+///
+/// Where right and wrong are equally likely lies the threshold t (in sd). Unlike Cauchy's or Geman–McClure's loss it
+/// leaves Gaussian keypoints (nearly) full weight, so nothing is lost when there are no outliers, and unlike a truncated
+/// square it is smooth. Far outliers have no influence. Source: Hasler et al. 2003; Barfoot, State Estimation, §5.3.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct OutlierModel {
+    /// t², the square of the threshold in sd; infinite switches robustness off.
+    pub threshold_squared: f64,
+}
+
+impl Default for OutlierModel {
+    fn default() -> Self {
+        Self { threshold_squared: 14.0 }
+    }
+}
+
+impl OutlierModel {
+    /// The plain square.
+    #[must_use]
+    pub fn none() -> Self {
+        Self { threshold_squared: f64::INFINITY }
+    }
+
+    /// ρ(s).
+    #[must_use]
+    pub fn cost(&self, s: f64) -> f64 {
+        PreparedKernel::new(self).evaluate_one(s).0
+    }
+
+    /// ρ'(s), in 0…1.
+    #[must_use]
+    pub fn weight(&self, s: f64) -> f64 {
+        PreparedKernel::new(self).evaluate_one(s).1
+    }
+}
+
+/// An [`OutlierModel`] with its constant worked out, for the inner loop.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct PreparedKernel {
+    threshold_squared: f64,
+    /// 2 ln(1 + e^(−t²/2))
+    at_zero: f64,
+}
+
+impl PreparedKernel {
+    pub fn new(model: &OutlierModel) -> Self {
+        let threshold_squared = model.threshold_squared;
+        Self { threshold_squared, at_zero: 2.0 * (-threshold_squared / 2.0).exp().ln_1p() }
+    }
+
+    /// (ρ(s), ρ'(s)).
+    pub fn evaluate_one(&self, s: f64) -> (f64, f64) {
+        let (cost, weight) = self.evaluate(Lanes::splat(s));
+        (cost.0[0], weight.0[0])
+    }
+
+    /// (ρ(s), ρ'(s)) of four keypoints.
+    #[inline(always)]
+    pub fn evaluate(&self, s: Lanes) -> (Lanes, Lanes) {
+        let threshold = Lanes::splat(self.threshold_squared);
+        let one = Lanes::splat(1.0);
+        let gap = (s - threshold) * Lanes::splat(0.5);
+        // The smaller of the mixture's parts over the larger, so that nothing overflows.
+        let ratio = gap.abs().exp_of_minus();
+        let cost = s.min(threshold) - Lanes::splat(2.0) * ratio.ln_1p_to_one() + Lanes::splat(self.at_zero);
+        let weight = gap.select_below(0.0, one, ratio) / (one + ratio);
+        (cost, weight)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn weight_is_the_derivative_of_cost() {
+        for model in [OutlierModel::default(), OutlierModel { threshold_squared: 6.0 }, OutlierModel::none()]
+        {
+            assert!(model.cost(0.0).abs() < 1e-15);
+            for step in 0..400 {
+                let s = 0.1 * f64::from(step) + 1e-3;
+                let numeric = (model.cost(s + 1e-5) - model.cost(s - 1e-5)) / 2e-5;
+                assert!((numeric - model.weight(s)).abs() < 1e-6, "s = {s}");
+            }
+            assert!(model.cost(1e300).is_finite() && model.weight(1e300).is_finite());
+        }
+    }
+}

@@ -1,0 +1,365 @@
+//! The joint problem of cars standing on the plane, with shapes of M modes: parameters, cost, normal equations, step.
+//!
+//! The scene is found with the atlas' first modes, whose fine ones are noise of single keypoints there. In truth most of that is
+//! common to both sides of a car, to many keypoints and to all its views, so the last steps are done with all modes
+//! ([`GroundProblem::with_modes`]).
+
+mod covariance;
+mod step;
+
+pub(crate) use covariance::Covariances;
+
+use nalgebra::{Matrix4, SVector, Vector2, Vector4};
+use roadplane_base::MODES;
+
+use crate::linear::arrow::{
+    Gram, GroupBlock, MAX_WIDTH, PoseBlock, PriorTerms, SHAPE, camera, camera_system, residual,
+};
+use crate::linear::gram::Rows;
+use crate::model::camera_prior::CameraKnowledge;
+use crate::model::ground::{CameraFrame, PointModes, Standing, StandingFrame};
+use crate::model::kernel::{OutlierModel, PreparedKernel};
+use crate::model::latent::body_types::{BodyTypes, Gaussian};
+use crate::model::latent::trust::{Misfit, trust};
+use crate::model::observation::{Observation, whiten_seen};
+use crate::model::rows::{MAX_PACKS, NO_ROWS, Pack, linearise, pack, plain_rows, rewhiten};
+
+/// One view of a car.
+#[derive(Clone, Debug)]
+pub(crate) struct View {
+    /// Position of its group in the problem.
+    pub group: usize,
+    /// Its observations: a range in the problem's list.
+    pub observations: std::ops::Range<usize>,
+    /// The same as packs.
+    packs: std::ops::Range<usize>,
+}
+
+impl View {
+    pub fn new(group: usize, observations: std::ops::Range<usize>) -> Self {
+        Self { group, observations, packs: 0..0 }
+    }
+}
+
+/// A physical car: its views and what is known of its shape.
+#[derive(Clone, Debug)]
+pub(crate) struct Group<const M: usize = MODES> {
+    /// Its views: a range in the problem's list.
+    pub views: std::ops::Range<usize>,
+    /// What is known of its shape.
+    pub prior: Gaussian<M>,
+    /// Weight of its cost, 1 unless it fits unlike the others (`trust.rs`).
+    pub trust: f64,
+}
+
+impl<const M: usize> Group<M> {
+    /// Of full weight.
+    pub fn new(views: std::ops::Range<usize>, prior: Gaussian<M>) -> Self {
+        Self { views, prior, trust: 1.0 }
+    }
+
+    /// What the prior, times `scale`, adds to the equations of its shape.
+    fn prior_terms(&self, shape: &SVector<f64, M>, scale: f64) -> PriorTerms<M> {
+        PriorTerms {
+            information: self.prior.information * scale,
+            gradient: self.prior.gradient(shape) * scale,
+        }
+    }
+}
+
+/// Everything that is estimated.
+#[derive(Clone, Debug)]
+pub(crate) struct GroundState<const M: usize = MODES> {
+    pub camera: Vector4<f64>,
+    pub standings: Vec<Standing>,
+    pub shapes: Vec<SVector<f64, M>>,
+}
+
+/// See the module's head. `state` is current, `trial` the last step tried.
+pub(crate) struct GroundProblem<'a, const M: usize = MODES> {
+    model: &'a PointModes<M>,
+    pub views: Vec<View>,
+    pub groups: Vec<Group<M>>,
+    pub observations: Vec<Observation>,
+    pub knowledge: CameraKnowledge,
+    pub kernel: OutlierModel,
+    /// Factor on the information of shape priors.
+    pub shape_prior_scale: f64,
+    /// Shapes are held at their current values.
+    pub shapes_fixed: bool,
+    pub state: GroundState<M>,
+    trial: GroundState<M>,
+    /// Keypoints as the inner loop reads them.
+    packs: Vec<Pack<M>>,
+    linearisation: Linearisation<M>,
+    trial_linearisation: Linearisation<M>,
+    scratch: Box<[Rows; MAX_PACKS]>,
+    poses: Vec<PoseBlock<M>>,
+    group_blocks: Vec<GroupBlock<M>>,
+    camera_gradient: Vector4<f64>,
+    camera_diagonal: Vector4<f64>,
+}
+
+/// Cost and every view's normal equations at a state.
+#[derive(Clone, Debug)]
+struct Linearisation<const M: usize> {
+    cost: f64,
+    /// What the keypoints of each group cost, before it is weighed.
+    keypoints: Vec<f64>,
+    grams: Vec<Gram<M>>,
+}
+
+/// One keypoint's whitened rows and residual, with the probability that it is right.
+pub(crate) struct KeypointRows {
+    /// Unknowns and residual, in the order of `rows.rs`, times the root of the keypoint's weight.
+    pub rows: [[f64; MAX_WIDTH]; 2],
+    /// Its weight.
+    pub weight: f64,
+    /// ρ'.
+    pub right: f64,
+}
+
+impl<const M: usize> Linearisation<M> {
+    /// Sums up the cost of a state whose keypoints cost what `keypoints` says.
+    fn sum_up(
+        &mut self,
+        knowledge: &CameraKnowledge,
+        groups: &[Group<M>],
+        shape_prior_scale: f64,
+        state: &GroundState<M>,
+    ) {
+        let cars = groups.iter().zip(&state.shapes).zip(&self.keypoints);
+        let of_car = |((group, shape), keypoints): ((&Group<M>, &SVector<f64, M>), &f64)| {
+            group.trust * (keypoints + shape_prior_scale * group.prior.cost(shape))
+        };
+        self.cost = knowledge.cost(&state.camera) + cars.map(of_car).sum::<f64>();
+    }
+}
+
+impl<'a, const M: usize> GroundProblem<'a, M> {
+    /// `views`: per view its group's position and its observations; views of a group follow each other.
+    pub fn new(
+        model: &'a PointModes<M>,
+        mut views: Vec<View>,
+        groups: Vec<Group<M>>,
+        observations: Vec<Observation>,
+        knowledge: CameraKnowledge,
+        state: GroundState<M>,
+    ) -> Self {
+        let mut packs = Vec::with_capacity(observations.len() / 3);
+        for view in &mut views {
+            let first = packs.len();
+            pack(model, &observations[view.observations.clone()], &mut packs);
+            view.packs = first..packs.len();
+        }
+        let linearisation = Linearisation {
+            cost: f64::INFINITY,
+            keypoints: vec![0.0; groups.len()],
+            grams: vec![Gram::zeros(); views.len()],
+        };
+        Self {
+            model,
+            packs,
+            trial_linearisation: linearisation.clone(),
+            linearisation,
+            scratch: Box::new([NO_ROWS; MAX_PACKS]),
+            poses: vec![PoseBlock::zeros(); views.len()],
+            group_blocks: vec![GroupBlock::zeros(); groups.len()],
+            views,
+            groups,
+            observations,
+            knowledge,
+            kernel: OutlierModel::default(),
+            shape_prior_scale: 1.0,
+            shapes_fixed: false,
+            trial: state.clone(),
+            state,
+            camera_gradient: Vector4::zeros(),
+            camera_diagonal: Vector4::zeros(),
+        }
+    }
+
+    /// The same scene at its state with the N modes of another model, of which `model`'s first are these; their coefficients begin
+    /// at 0. `priors`: what is known of each car's shape.
+    pub fn with_modes<'b, const N: usize>(
+        &self,
+        model: &'b PointModes<N>,
+        priors: impl Fn(&Gaussian<M>) -> Gaussian<N>,
+    ) -> GroundProblem<'b, N> {
+        let longer = |shape: &SVector<f64, M>| SVector::from_fn(|j, _| if j < M { shape[j] } else { 0.0 });
+        let state = GroundState {
+            camera: self.state.camera,
+            standings: self.state.standings.clone(),
+            shapes: self.state.shapes.iter().map(longer).collect(),
+        };
+        let groups =
+            self.groups.iter().map(|group| Group::new(group.views.clone(), priors(&group.prior))).collect();
+        let (views, observations) = (self.views.clone(), self.observations.clone());
+        let mut problem = GroundProblem::new(model, views, groups, observations, self.knowledge, state);
+        problem.kernel = self.kernel;
+        problem
+    }
+
+    /// Weighs the cars by how they fit at the current state (`trust.rs`). After it was linearised.
+    pub fn weigh(&mut self) {
+        let misfit = |(g, group): (usize, &Group<M>)| {
+            let observations = group.views.clone().flat_map(|k| self.views[k].observations.clone());
+            let weight: f64 = observations.map(|i| self.observations[i].weight).sum();
+            let cost = self.linearisation.keypoints[g] + group.prior.cost(&self.state.shapes[g]);
+            Misfit { squared: 2.0 * cost, numbers: 2.0 * weight }
+        };
+        let misfits: Vec<Misfit> = self.groups.iter().enumerate().map(misfit).collect();
+        for (group, trust) in self.groups.iter_mut().zip(trust(&misfits)) {
+            group.trust = trust;
+        }
+    }
+
+    /// Takes for each car's prior that of the body types it may have (`body_types.rs`), by what its keypoints say of its shape at
+    /// the current state. After it was linearised. `None` when a view's pose is not determined.
+    pub fn tell_types(&mut self, types: &BodyTypes<M>) -> Option<()> {
+        for (group, shape) in self.groups.iter_mut().zip(&self.state.shapes) {
+            let told = GroupBlock::of_keypoints(&self.linearisation.grams[group.views.clone()])?;
+            types.tell(&mut group.prior, shape, &told.information, &told.gradient);
+        }
+        Some(())
+    }
+
+    /// Whitens every observation with its measured covariance, what the atlas leaves unexplained (`atlas_scale` × its sd)
+    /// and `extra_m` metres in all directions, both seen at the current pose.
+    pub fn whiten(&mut self, atlas_scale: f64, extra_m: f64) {
+        let camera = CameraFrame::new(&self.state.camera);
+        for (view, standing) in self.views.iter().zip(&self.state.standings) {
+            let Some(frame) = StandingFrame::new(&camera, standing) else { continue };
+            let extra_px = extra_m * camera.focal_px / frame.origin.z;
+            let seen = &mut self.observations[view.observations.clone()];
+            let PointModes { mean, residual_sd_m, .. } = self.model;
+            whiten_seen(seen, &frame, mean, residual_sd_m, atlas_scale, extra_px);
+            rewhiten(seen, &mut self.packs[view.packs.clone()]);
+        }
+    }
+
+    /// Bounds of the shape coefficients.
+    pub fn shape_bounds(&self) -> &[[f64; 2]; M] {
+        &self.model.bounds
+    }
+
+    /// Calls with the rows of every observation of a view. `None` when a keypoint cannot be projected.
+    pub fn each_row(&self, view: usize, mut see: impl FnMut(KeypointRows)) -> Option<()> {
+        let camera = CameraFrame::new(&self.state.camera);
+        let frame = StandingFrame::new(&camera, &self.state.standings[view])?;
+        let view = &self.views[view];
+        let observations = &self.observations[view.observations.clone()];
+        plain_rows(&self.packs[view.packs.clone()], &frame, &self.state.shapes[view.group], |i, rows| {
+            let weight = observations[i].weight;
+            let squared = (rows[0][residual(M)].powi(2) + rows[1][residual(M)].powi(2)) / weight;
+            see(KeypointRows { rows: *rows, weight, right: self.kernel.weight(squared) });
+        })
+    }
+
+    /// Calls with every observation of a view, its pixel residual (predicted − measured) and the square of the whitened one.
+    /// `None` when a keypoint cannot be projected.
+    pub fn each_residual(
+        &self,
+        view: usize,
+        mut see: impl FnMut(&Observation, Vector2<f64>, f64),
+    ) -> Option<()> {
+        let camera = CameraFrame::new(&self.state.camera);
+        let frame = StandingFrame::new(&camera, &self.state.standings[view])?;
+        let shape = &self.state.shapes[self.views[view].group];
+        for observation in &self.observations[self.views[view].observations.clone()] {
+            let point = self.model.point(observation.index, shape);
+            let off = frame.project(&point)? - observation.pixel;
+            let [rx, ry] = observation.whiten([off.x, off.y]);
+            see(observation, off, rx * rx + ry * ry);
+        }
+        Some(())
+    }
+
+    /// True cost of the current state (or the trial) and each view's normal equations; `None` when a keypoint cannot be
+    /// projected.
+    fn evaluate(&mut self, trial: bool) -> Option<f64> {
+        let (state, into) = match trial {
+            true => (&self.trial, &mut self.trial_linearisation),
+            false => (&self.state, &mut self.linearisation),
+        };
+        let camera = CameraFrame::new(&state.camera);
+        let kernel = PreparedKernel::new(&self.kernel);
+        into.keypoints.fill(0.0);
+        for ((view, standing), gram) in self.views.iter().zip(&state.standings).zip(&mut into.grams) {
+            let frame = StandingFrame::new(&camera, standing)?;
+            let shape = &state.shapes[view.group];
+            let packs = &self.packs[view.packs.clone()];
+            into.keypoints[view.group] += linearise(packs, &frame, shape, &kernel, &mut self.scratch, gram)?;
+        }
+        into.sum_up(&self.knowledge, &self.groups, self.shape_prior_scale, state);
+        into.cost.is_finite().then_some(into.cost)
+    }
+
+    /// True cost at the current parameters.
+    pub fn current_cost(&mut self) -> Option<f64> {
+        self.evaluate(false)
+    }
+
+    /// Eliminates views and shapes; returns the camera's reduced Hessian and gradient, prior not yet added.
+    fn eliminate(&mut self, damping: f64) -> Option<(Matrix4<f64>, Vector4<f64>)> {
+        let mut rows = [[0.0; MAX_WIDTH]; 4];
+        for (g, group) in self.groups.iter().enumerate() {
+            let prior = group.prior_terms(&self.state.shapes[g], self.shape_prior_scale);
+            self.group_blocks[g].eliminate(
+                &self.linearisation.grams[group.views.clone()],
+                &mut self.poses[group.views.clone()],
+                damping,
+                &prior,
+                group.trust,
+                &mut rows,
+            )?;
+        }
+        Some(camera_system::<M>(&rows))
+    }
+
+    /// Sums up gradient and diagonal of what views share, decides which coefficients are held; returns the largest scaled
+    /// gradient.
+    fn gather(&mut self) -> f64 {
+        self.camera_gradient = self.knowledge.gradient(&self.state.camera);
+        self.camera_diagonal = self.knowledge.information;
+        let mut largest: f64 = 0.0;
+        let mut see = |weight: f64, gradient: f64, diagonal: f64| {
+            if diagonal > 0.0 {
+                largest = largest.max(weight * gradient * gradient / diagonal);
+            }
+        };
+        for (g, group) in self.groups.iter().enumerate() {
+            let shape = &self.state.shapes[g];
+            let block = &mut self.group_blocks[g];
+            block.gradient = group.prior.gradient(shape) * self.shape_prior_scale;
+            block.diagonal = group.prior.information.diagonal() * self.shape_prior_scale;
+            for view in &self.linearisation.grams[group.views.clone()] {
+                for j in 0..M {
+                    block.gradient[j] += view.gradient(SHAPE + j);
+                    block.diagonal[j] += view.diagonal(SHAPE + j);
+                }
+                for i in 0..4 {
+                    self.camera_gradient[i] += group.trust * view.gradient(camera(M) + i);
+                    self.camera_diagonal[i] += group.trust * view.diagonal(camera(M) + i);
+                }
+                for i in 0..SHAPE {
+                    see(group.trust, view.gradient(i), view.diagonal(i));
+                }
+            }
+            // Projected Newton (Bertsekas 1982): a coefficient at its bound that wants to go on is held.
+            for j in 0..M {
+                let [low, high] = self.model.bounds[j];
+                let outward = (shape[j] <= low && block.gradient[j] > 0.0)
+                    || (shape[j] >= high && block.gradient[j] < 0.0);
+                block.held[j] = self.shapes_fixed || outward;
+                if !block.held[j] {
+                    see(group.trust, block.gradient[j], block.diagonal[j]);
+                }
+            }
+        }
+        for i in (0..4).filter(|i| !self.knowledge.fixed[*i]) {
+            see(1.0, self.camera_gradient[i], self.camera_diagonal[i]);
+        }
+        largest.sqrt()
+    }
+}

@@ -1,0 +1,67 @@
+//! The step of Levenberg–Marquardt: solve the damped equations, substitute back, evaluate there.
+
+use nalgebra::{Matrix4, Vector2};
+
+use super::GroundProblem;
+use crate::linear::arrow::SHAPE;
+use crate::linear::lm::{Problem, Trial};
+
+impl<const M: usize> Problem for GroundProblem<'_, M> {
+    fn linearise(&mut self) -> Option<f64> {
+        self.evaluate(false)?;
+        Some(self.gather())
+    }
+
+    fn cost(&self) -> f64 {
+        self.linearisation.cost
+    }
+
+    fn try_step(&mut self, damping: f64) -> Option<Trial> {
+        let (mut hessian, mut gradient) = self.eliminate(damping)?;
+        gradient += self.knowledge.gradient(&self.state.camera);
+        hessian += Matrix4::from_diagonal(&(self.knowledge.information + damping * self.camera_diagonal));
+        self.knowledge.hold_fixed(&mut hessian, &mut gradient);
+        let camera_step = -hessian.cholesky()?.solve(&gradient);
+        let mut predicted = 0.0;
+        let mut largest: f64 = 0.0;
+        // ½ stepᵀ (damping · D step − g): the quadratic model's decrease for a solution of the damped equations.
+        let mut see = |weight: f64, step: f64, gradient: f64, diagonal: f64| {
+            predicted += 0.5 * weight * step * (damping * diagonal * step - gradient);
+            largest = largest.max(step.abs() * diagonal.max(0.0).sqrt());
+        };
+        for i in (0..4).filter(|i| !self.knowledge.fixed[*i]) {
+            see(1.0, camera_step[i], self.camera_gradient[i], self.camera_diagonal[i]);
+        }
+        self.trial.camera = self.state.camera + camera_step;
+        for (g, group) in self.groups.iter().enumerate() {
+            let block = &self.group_blocks[g];
+            let mut step = block.step(&camera_step);
+            for j in (0..M).filter(|j| !block.held[*j]) {
+                see(group.trust, step[SHAPE + j], block.gradient[j], block.diagonal[j]);
+                let [low, high] = self.model.bounds[j];
+                self.trial.shapes[g][j] = (self.state.shapes[g][j] + step[SHAPE + j]).clamp(low, high);
+            }
+            for j in (0..M).filter(|j| block.held[*j]) {
+                self.trial.shapes[g][j] = self.state.shapes[g][j];
+            }
+            for k in group.views.clone() {
+                self.poses[k].substitute(&mut step);
+                for (i, step) in step[..SHAPE].iter().enumerate() {
+                    let gram = &self.linearisation.grams[k];
+                    see(group.trust, *step, gram.gradient(i), gram.diagonal(i));
+                }
+                self.trial.standings[k].anchor =
+                    self.state.standings[k].anchor + Vector2::new(step[0], step[1]);
+                self.trial.standings[k].heading = self.state.standings[k].heading + step[2];
+            }
+        }
+        let cost = self.evaluate(true)?;
+        Some(Trial { cost, predicted_decrease: predicted, step_size: largest })
+    }
+
+    fn accept(&mut self) -> Option<f64> {
+        std::mem::swap(&mut self.state, &mut self.trial);
+        std::mem::swap(&mut self.linearisation, &mut self.trial_linearisation);
+        Some(self.gather())
+    }
+}

@@ -1,0 +1,163 @@
+//! The whole solve of one frame, top to bottom:
+//!
+//! 1. starts: the one that is given, or a search from nothing (`start/cold_start.rs`);
+//! 2. each followed with shapes free, in stages (`approach.rs`); the lowest is kept;
+//! 3. second thoughts about cars: other headings, other paths to a shape, sides exchanged, no car at all (`repair.rs`);
+//! 4. the minimum;
+//! 5. second thoughts about keypoints (`reclassify.rs`);
+//! 6. the camera of all modes, with body types and trust (`all_modes.rs`), shapes and poses integrated out (`marginal.rs`);
+//! 7. covariances, and the cars before that camera (`read_out.rs`).
+//!
+//! [`Steps`](crate::Steps) switches steps off, to see what each is worth (`roadplane eval solver --layers`).
+
+use roadplane_base::{CameraParams, ImageSize, ShapeAtlas};
+
+use crate::linear::lm::{LmReport, minimise};
+use crate::model::ground::PointModes;
+use crate::options::SceneOptions;
+use crate::problem::ground::GroundProblem;
+use crate::problem::setup::{Placed, Setup};
+use crate::scene::approach::approach;
+use crate::scene::read_out::{read_out, unsolved};
+use crate::scene::reclassify::reclassified;
+use crate::scene::repair::{belongs, repair};
+use crate::solution::{CarView, SceneSolution, SceneStatus};
+use crate::start::cold_start::{Start, coarse, cold_starts, place_all};
+
+/// Starts that are refined with shapes.
+const FINALISTS: usize = 3;
+/// Rounds of "is another heading better?" and "does this car belong?".
+const REPAIR_ROUNDS: usize = 3;
+/// Rounds of changing one's mind about single keypoints, all cars at once.
+const RECLASSIFY_ROUNDS: usize = 4;
+/// A start nearer than this in cost per keypoint is as good as found (warm starts).
+const GOOD_COST_PER_KEYPOINT: f64 = 2.0;
+/// A start that the cars lead further away from (log focal, tilt, roll, log height) was none: the search decides.
+const WARM_REACH: [f64; 4] = [0.3, 0.1, 0.1, 0.3];
+
+/// Solves a frame for focal length, plane, poses and shapes. Never panics or hangs: what cannot be solved has a status that
+/// says so, and uncertainty that is as wide as it is.
+#[must_use]
+pub fn solve_scene(
+    atlas: &ShapeAtlas,
+    size: ImageSize,
+    views: &[CarView<'_>],
+    options: &SceneOptions,
+) -> SceneSolution {
+    let model = PointModes::new(atlas);
+    let mut setup = Setup::new(atlas, &model, size, views, options);
+    if setup.sights.is_empty() {
+        return unsolved(&setup, views.len(), SceneStatus::TooFewCars);
+    }
+    if let (Some(given), Some(start)) =
+        (options.start, warm_start(&setup).and_then(|start| best_of(&setup, vec![start])))
+    {
+        let found = finish(&mut setup, start, views);
+        let moved = (found.params.to_vector() - given.to_vector()).abs();
+        if found.status.usable() && (0..4).all(|i| moved[i] < WARM_REACH[i]) {
+            return found;
+        }
+        // What was believed of the cars before the wrong camera goes with it.
+        setup = Setup::new(atlas, &model, size, views, options);
+    }
+    let Some(start) = best_of(&setup, cold_starts(&setup, FINALISTS)) else {
+        return unsolved(&setup, views.len(), SceneStatus::Failed);
+    };
+    finish(&mut setup, start, views)
+}
+
+/// The start that leads to the lowest cost with shapes free, followed there. Cars without a place cost what they cost as
+/// outliers.
+fn best_of(setup: &Setup<'_>, starts: Vec<Start>) -> Option<Start> {
+    let mut best: Option<Start> = None;
+    for start in starts {
+        let (mut problem, members) = setup.problem(start.camera, &start.placed);
+        approach(&mut problem, setup.options);
+        let missing: f64 = (0..setup.sights.len())
+            .filter(|s| start.placed[*s].is_none())
+            .map(|s| setup.cost_of_missing(s))
+            .sum();
+        let cost = problem.current_cost().unwrap_or(f64::INFINITY) + missing;
+        if cost.is_finite() && best.as_ref().is_none_or(|best| cost < best.cost) {
+            let placed = setup.read_back(&problem, &members);
+            best = Some(Start { cost, camera: problem.state.camera, placed });
+        }
+    }
+    best
+}
+
+/// The start that the caller gives, if the cars fit there.
+fn warm_start(setup: &Setup<'_>) -> Option<Start> {
+    let mut camera = setup.options.start.map(CameraParams::to_vector)?;
+    if !camera.iter().all(|v| v.is_finite()) {
+        return None;
+    }
+    if setup.knowledge.fixed[0] {
+        camera[0] = setup.knowledge.mean[0];
+    }
+    let keypoints: usize = setup.sights.iter().map(|sight| sight.observations.len()).sum();
+    let start = coarse(setup, place_all(setup, &camera))?;
+    (start.cost < GOOD_COST_PER_KEYPOINT * keypoints as f64).then_some(start)
+}
+
+/// To the minimum.
+fn polish(problem: &mut GroundProblem<'_>, options: &SceneOptions) -> LmReport {
+    problem.shapes_fixed = false;
+    problem.whiten(options.atlas_residual_scale, 0.0);
+    minimise(problem, &options.lm)
+}
+
+/// Repairs headings, leaves out wholly wrong cars, refines to the end, reads out.
+fn finish(setup: &mut Setup<'_>, start: Start, views: &[CarView<'_>]) -> SceneSolution {
+    let options = setup.options;
+    let mut camera = start.camera;
+    let mut placed = start.placed;
+    let mut used: Vec<bool> = placed.iter().map(Option::is_some).collect();
+    for _ in 0..REPAIR_ROUNDS {
+        let repaired = repair(setup, &camera, &mut placed);
+        let (mut problem, members) = setup.problem(camera, &placed);
+        problem.whiten(options.atlas_residual_scale, 0.0);
+        let mut belong = vec![false; placed.len()];
+        for (k, s) in members.iter().enumerate() {
+            belong[*s] = !options.steps.rejection || belongs(&problem, k, options);
+        }
+        if !belong.contains(&true) {
+            belong.clone_from(&used);
+        }
+        if !repaired && belong == used {
+            break;
+        }
+        used.clone_from(&belong);
+        let chosen: Vec<Option<Placed>> = placed.iter().zip(&used).map(|(p, u)| p.filter(|_| *u)).collect();
+        let (mut problem, members) = setup.problem(camera, &chosen);
+        approach(&mut problem, options);
+        camera = problem.state.camera;
+        for (s, place) in setup.read_back(&problem, &members).into_iter().enumerate() {
+            placed[s] = place.or(placed[s]);
+        }
+    }
+    let chosen: Vec<Option<Placed>> = placed.iter().zip(&used).map(|(p, u)| p.filter(|_| *u)).collect();
+    let (mut problem, members) = setup.problem(camera, &chosen);
+    let mut report = polish(&mut problem, options);
+    let rounds = if options.steps.reclassify { RECLASSIFY_ROUNDS } else { 0 };
+    for _ in 0..rounds {
+        let camera = problem.state.camera;
+        let mut changed = setup.read_back(&problem, &members);
+        let mut any = false;
+        for s in &members {
+            let better = changed[*s].and_then(|place| reclassified(setup, &camera, *s, place));
+            any |= better.is_some();
+            changed[*s] = better.or(changed[*s]);
+        }
+        if !any {
+            break;
+        }
+        let (mut other, _) = setup.problem(camera, &changed);
+        let polished = polish(&mut other, options);
+        if polished.cost >= report.cost {
+            break;
+        }
+        (problem, report) = (other, polished);
+    }
+    read_out(setup, &mut problem, &members, &report, views)
+}

@@ -1,0 +1,97 @@
+//! Where a car of known shape may stand, camera and plane known: closed form for each of a ring of headings.
+//!
+//! With the heading given, every keypoint says on its own where the car is: its ray meets the horizontal plane at the
+//! keypoint's height, and the keypoint's place in the car is taken off. The median over keypoints survives outliers.
+
+use nalgebra::{Vector2, Vector3};
+use roadplane_base::KEYPOINTS;
+
+use crate::model::ground::{CameraFrame, Standing, StandingFrame};
+use crate::model::observation::Observation;
+
+/// Headings tried around the circle.
+const HEADINGS: usize = 32;
+
+/// sd that the unknown shape adds, m.
+const SHAPE_SD_M: f64 = 0.15;
+
+/// Most that one keypoint can cost.
+const CAP: f64 = 9.0;
+
+/// Candidates, best first; at most one per hump of the cost over heading.
+pub(crate) fn standing_candidates(
+    camera: &CameraFrame,
+    points_in_car: &[Vector3<f64>; KEYPOINTS],
+    observations: &[Observation],
+    most: usize,
+) -> Vec<(f64, Standing)> {
+    let votes: Vec<(&Observation, Vector2<f64>)> = observations
+        .iter()
+        .filter_map(|o| Some((o, meeting(camera, o, points_in_car[o.index].z)?)))
+        .collect();
+    if votes.len() < 3 {
+        return Vec::new();
+    }
+    let mut xs = vec![0.0; votes.len()];
+    let mut ys = vec![0.0; votes.len()];
+    let ring: Vec<Option<(f64, Standing)>> = (0..HEADINGS)
+        .map(|h| {
+            let heading = std::f64::consts::TAU * h as f64 / HEADINGS as f64;
+            let (sin, cos) = heading.sin_cos();
+            for (n, (o, at)) in votes.iter().enumerate() {
+                let p = &points_in_car[o.index];
+                xs[n] = at.x - (cos * p.x - sin * p.y);
+                ys[n] = at.y - (sin * p.x + cos * p.y);
+            }
+            let pose = roadplane_base::GroundPose {
+                x_m: median(&mut xs),
+                y_m: median(&mut ys),
+                heading_rad: heading,
+            };
+            let standing = Standing { anchor: camera.anchor_of(&pose)?, heading };
+            Some((rough_cost(camera, points_in_car, observations, &standing)?, standing))
+        })
+        .collect();
+    let mut humps: Vec<(f64, Standing)> = (0..HEADINGS)
+        .filter_map(|h| {
+            let here = ring[h]?;
+            let cost = |k: usize| ring[k % HEADINGS].map_or(f64::INFINITY, |r| r.0);
+            (here.0 <= cost(h + HEADINGS - 1) && here.0 < cost(h + 1)).then_some(here)
+        })
+        .collect();
+    humps.sort_by(|a, b| a.0.total_cmp(&b.0));
+    humps.truncate(most);
+    humps
+}
+
+/// Where the ray of an observation meets the horizontal plane at height `z_m`, world x and y.
+fn meeting(camera: &CameraFrame, observation: &Observation, z_m: f64) -> Option<Vector2<f64>> {
+    let f = camera.focal_px;
+    let ray =
+        camera.camera_from_world.tr_mul(&Vector3::new(observation.pixel.x / f, observation.pixel.y / f, 1.0));
+    let length = (camera.height_m - z_m) / -ray.z;
+    (ray.z < -1e-4 && length > 0.0).then(|| ray.xy() * length)
+}
+
+/// Truncated cost that forgives an unknown shape.
+pub(crate) fn rough_cost(
+    camera: &CameraFrame,
+    points_in_car: &[Vector3<f64>; KEYPOINTS],
+    observations: &[Observation],
+    standing: &Standing,
+) -> Option<f64> {
+    let frame = StandingFrame::new(camera, standing)?;
+    let shape_sd_px = SHAPE_SD_M * camera.focal_px / frame.origin.z;
+    let mut cost = 0.0;
+    for o in observations {
+        let off = frame.project(&points_in_car[o.index])? - o.pixel;
+        let variance = shape_sd_px * shape_sd_px + 0.5 * o.covariance.trace();
+        cost += 0.5 * o.weight * (off.norm_squared() / variance).min(CAP);
+    }
+    Some(cost)
+}
+
+fn median(values: &mut [f64]) -> f64 {
+    let middle = values.len() / 2;
+    *values.select_nth_unstable_by(middle, f64::total_cmp).1
+}

@@ -1,0 +1,186 @@
+//! A car's view direction without any camera: scaled orthography of the mean car, searched over a grid.
+//!
+//! Seen from afar a car looks as from a direction (azimuth α, elevation ε), turned in the image by ρ, scaled by s px/m:
+//!
+//! ```text
+//! z_i = a m_i(α, ε) + t,   a = s e^{iρ},   m_i = first two rows of R(ε) Rz(α) X_i as a complex number
+//! ```
+//!
+//! For each (α, ε) the best a and t are linear least squares in closed form. The whole sphere is searched, so no start is
+//! needed, and the two-fold flip of nearly flat views and front/back show up as separate minima. Focal length does not enter:
+//! it only says how far away the car is (paper, §4.2). Source of the closed form: Horn 1987 in the plane.
+
+use nalgebra::{Matrix3, Vector2, Vector3};
+use roadplane_base::KEYPOINTS;
+
+use crate::model::observation::Observation;
+
+const AZIMUTHS: usize = 24;
+/// Elevations of the line of sight, degrees.
+const ELEVATIONS: [f64; 7] = [3.0, 10.0, 19.0, 30.0, 43.0, 58.0, 78.0];
+/// sd that the unknown shape adds, m.
+const SHAPE_SD_M: f64 = 0.12;
+/// Most that one keypoint can cost.
+const CAP: f64 = 9.0;
+
+/// A way of seeing the car.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Appearance {
+    /// Truncated cost.
+    pub cost: f64,
+    /// Rotation from the car's frame to one whose z axis is the line of sight to the car.
+    pub sight_from_car: Matrix3<f64>,
+    /// Size, px per m.
+    pub scale: f64,
+    /// Image of the car's origin, px from the principal point.
+    pub origin: Vector2<f64>,
+}
+
+/// The rotation (row-major part that matters: 2 rows) for each direction of the grid.
+pub(crate) struct DirectionGrid {
+    rotations: Vec<Matrix3<f64>>,
+    /// Their first two rows.
+    rows: Vec<[Vector3<f64>; 2]>,
+}
+
+impl Appearance {
+    /// The car's rotation before a camera of this focal length.
+    pub fn camera_from_car(&self, focal_px: f64) -> Matrix3<f64> {
+        camera_from_sight(&self.origin, focal_px) * self.sight_from_car
+    }
+}
+
+/// The smallest rotation that takes the optical axis to the line of sight of a pixel.
+fn camera_from_sight(pixel: &Vector2<f64>, focal_px: f64) -> Matrix3<f64> {
+    let ray = Vector3::new(pixel.x, pixel.y, focal_px) / (pixel.norm_squared() + focal_px * focal_px).sqrt();
+    let axis = Vector3::new(-ray.y, ray.x, 0.0);
+    // Rodrigues for unit vectors: R = I cosθ + [axis]× + axis axisᵀ / (1 + cosθ)
+    Matrix3::identity() * ray.z + axis.cross_matrix() + axis * axis.transpose() / (1.0 + ray.z)
+}
+
+impl DirectionGrid {
+    pub fn new() -> Self {
+        let mut rows = Vec::new();
+        let mut rotations = Vec::new();
+        for elevation in ELEVATIONS.map(f64::to_radians) {
+            let (sin_e, cos_e) = elevation.sin_cos();
+            for a in 0..AZIMUTHS {
+                let (sin_a, cos_a) = (std::f64::consts::TAU * a as f64 / AZIMUTHS as f64).sin_cos();
+                let tilt = Matrix3::new(1.0, 0.0, 0.0, 0.0, -sin_e, -cos_e, 0.0, cos_e, -sin_e);
+                let turn = Matrix3::new(cos_a, -sin_a, 0.0, sin_a, cos_a, 0.0, 0.0, 0.0, 1.0);
+                let r = tilt * turn;
+                rows.push([r.row(0).transpose(), r.row(1).transpose()]);
+                rotations.push(r);
+            }
+        }
+        Self { rotations, rows }
+    }
+
+    /// Local minima of the cost over the grid, best first.
+    pub fn appearances(
+        &self,
+        points_in_car: &[Vector3<f64>; KEYPOINTS],
+        observations: &[Observation],
+        most: usize,
+    ) -> Vec<Appearance> {
+        let fits: Vec<Option<Appearance>> =
+            (0..self.rows.len()).map(|d| self.fit(d, points_in_car, observations)).collect();
+        let cost = |e: usize, a: usize| fits[e * AZIMUTHS + a % AZIMUTHS].map_or(f64::INFINITY, |f| f.cost);
+        let mut minima = Vec::new();
+        for e in 0..ELEVATIONS.len() {
+            for a in 0..AZIMUTHS {
+                let Some(here) = fits[e * AZIMUTHS + a] else { continue };
+                let sideways = cost(e, a + AZIMUTHS - 1).min(cost(e, a + 1));
+                let below = if e > 0 { cost(e - 1, a) } else { f64::INFINITY };
+                let above = if e + 1 < ELEVATIONS.len() { cost(e + 1, a) } else { f64::INFINITY };
+                if here.cost <= sideways.min(below).min(above) {
+                    minima.push(here);
+                }
+            }
+        }
+        minima.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+        minima.truncate(most);
+        minima
+    }
+
+    /// Best similarity for one direction: least squares, then once more with far-off keypoints damped.
+    fn fit(
+        &self,
+        direction: usize,
+        points_in_car: &[Vector3<f64>; KEYPOINTS],
+        observations: &[Observation],
+    ) -> Option<Appearance> {
+        let rows = &self.rows[direction];
+        let project = |o: &Observation| {
+            let p = &points_in_car[o.index];
+            Vector2::new(rows[0].dot(p), rows[1].dot(p))
+        };
+        let mut similarity: Option<(Vector2<f64>, Vector2<f64>)> = None;
+        for _ in 0..2 {
+            let mut sums = Sums::default();
+            for o in observations {
+                let m = project(o);
+                let mut weight = o.weight;
+                if let Some((a, t)) = similarity {
+                    let scale2 = a.norm_squared();
+                    let variance = SHAPE_SD_M * SHAPE_SD_M * scale2 + 0.5 * o.covariance.trace();
+                    let off = (turned(&a, &m) + t - o.pixel).norm_squared() / variance;
+                    weight /= (1.0 + off / 4.0) * (1.0 + off / 4.0);
+                }
+                sums.add(weight, &m, &o.pixel);
+            }
+            similarity = Some(sums.solve()?);
+        }
+        let (a, t) = similarity?;
+        let scale = a.norm();
+        let mut cost = 0.0;
+        for o in observations {
+            let variance = SHAPE_SD_M * SHAPE_SD_M * scale * scale + 0.5 * o.covariance.trace();
+            let off = (turned(&a, &project(o)) + t - o.pixel).norm_squared() / variance;
+            cost += 0.5 * o.weight * off.min(CAP);
+        }
+        let (cos, sin) = (a.x / scale, a.y / scale);
+        let turn = Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0);
+        let sight_from_car = turn * self.rotations[direction];
+        (scale > 1e-9 && cost.is_finite()).then_some(Appearance { cost, sight_from_car, scale, origin: t })
+    }
+}
+
+/// Complex product.
+fn turned(a: &Vector2<f64>, m: &Vector2<f64>) -> Vector2<f64> {
+    Vector2::new(a.x * m.x - a.y * m.y, a.y * m.x + a.x * m.y)
+}
+
+/// Weighted sums of the closed form.
+#[derive(Default)]
+struct Sums {
+    weight: f64,
+    model: Vector2<f64>,
+    pixel: Vector2<f64>,
+    square: f64,
+    cross: Vector2<f64>,
+}
+
+impl Sums {
+    fn add(&mut self, weight: f64, m: &Vector2<f64>, z: &Vector2<f64>) {
+        self.weight += weight;
+        self.model += m * weight;
+        self.pixel += z * weight;
+        self.square += weight * m.norm_squared();
+        // conj(m) z
+        self.cross += Vector2::new(m.x * z.x + m.y * z.y, m.x * z.y - m.y * z.x) * weight;
+    }
+
+    /// (a, t), or `None` when all model points coincide.
+    fn solve(&self) -> Option<(Vector2<f64>, Vector2<f64>)> {
+        let (mean_m, mean_z) = (self.model / self.weight, self.pixel / self.weight);
+        let spread = self.square - self.weight * mean_m.norm_squared();
+        let conjugate = Vector2::new(
+            mean_m.x * mean_z.x + mean_m.y * mean_z.y,
+            mean_m.x * mean_z.y - mean_m.y * mean_z.x,
+        );
+        let a = (self.cross - conjugate * self.weight) / spread;
+        (spread > 1e-12 * self.weight && a.iter().all(|v| v.is_finite()))
+            .then(|| (a, mean_z - turned(&a, &mean_m)))
+    }
+}
