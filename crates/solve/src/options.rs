@@ -98,13 +98,7 @@ impl ShapePrior {
 /// Steps of a solve that can be switched off, all on by default: `roadplane eval solver --layers` shows what each is worth.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Steps {
-    /// Cars are tried in other headings (`scene/repair.rs`).
-    pub other_headings: bool,
-    /// Cars that fit badly are tried on a more gradual path to their shape.
-    pub slow_stages: bool,
-    /// Cars that fit badly are tried with left and right exchanged.
-    pub exchanged_sides: bool,
-    /// What does not fit as a car is left out.
+    /// What does not fit as a car is left out (`scene/rejection.rs`).
     pub rejection: bool,
     /// Single keypoints are taken for wrong, or right, by turns (`scene/reclassify.rs`).
     pub reclassify: bool,
@@ -123,9 +117,6 @@ pub struct Steps {
 impl Default for Steps {
     fn default() -> Self {
         Self {
-            other_headings: true,
-            slow_stages: true,
-            exchanged_sides: true,
             rejection: true,
             reclassify: true,
             all_modes: true,

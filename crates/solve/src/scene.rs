@@ -9,5 +9,5 @@ mod marginal;
 mod read_out;
 mod reclassify;
 pub(crate) mod refine;
-mod repair;
+mod rejection;
 pub(crate) mod solve;

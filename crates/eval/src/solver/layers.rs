@@ -37,9 +37,6 @@ fn ways() -> Vec<(&'static str, Steps)> {
     let all = Steps::default();
     vec![
         ("all steps", all),
-        ("no other headings", Steps { other_headings: false, ..all }),
-        ("no slow stages", Steps { slow_stages: false, ..all }),
-        ("no exchanged sides", Steps { exchanged_sides: false, ..all }),
         ("no rejection of cars", Steps { rejection: false, ..all }),
         ("no reclassified keypoints", Steps { reclassify: false, ..all }),
         ("no fine modes (nor types, trust)", Steps { all_modes: false, ..all }),

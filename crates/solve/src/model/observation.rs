@@ -1,7 +1,7 @@
 //! Keypoints as the solver uses them: relative to the principal point, whitened, weighted.
 
 use nalgebra::{Matrix2, Matrix2x3, Vector2, Vector3};
-use roadplane_base::{KEYPOINTS, Keypoint, KeypointSet, mirror_index};
+use roadplane_base::{KEYPOINTS, Keypoint, KeypointSet};
 
 use crate::model::ground::StandingFrame;
 
@@ -16,8 +16,6 @@ const MIN_SD_PX: f64 = 1e-6;
 pub(crate) struct Observation {
     /// Index of the keypoint.
     pub index: usize,
-    /// Index under which it came; the other side's if left and right were confused.
-    pub source: usize,
     /// Where it is, px from the principal point.
     pub pixel: Vector2<f64>,
     /// Measured covariance, px².
@@ -29,11 +27,6 @@ pub(crate) struct Observation {
 }
 
 impl Observation {
-    /// Takes it for the same keypoint of the other side.
-    pub fn mirror(&mut self) {
-        self.index = mirror_index(self.index);
-    }
-
     /// `W v`.
     #[inline]
     pub fn whiten(&self, v: [f64; 2]) -> [f64; 2] {
@@ -69,7 +62,6 @@ pub(crate) fn observations(
         let Some(p) = keypoint.filter(usable) else { continue };
         let mut observation = Observation {
             index,
-            source: index,
             pixel: p.pixel - principal_point_px,
             covariance: p.covariance_px2,
             weight: p.score.clamp(MIN_SCORE, 1.0) * view_weight,

@@ -291,7 +291,6 @@ mod tests {
             let shape = SVector::<f64, M>::from_column_slice(&x[SHAPE..camera(M)]);
             let mut observation = Observation {
                 index,
-                source: index,
                 pixel: Vector2::new(rng.normal(), rng.normal()),
                 covariance: Matrix2::new(4.0, 1.0, 1.0, 2.0),
                 weight: 0.7,
@@ -336,7 +335,6 @@ mod tests {
         let observations: Vec<Observation> = (0..22)
             .map(|index| Observation {
                 index,
-                source: index,
                 pixel: Vector2::new(30.0 * rng.normal(), 30.0 * rng.normal()),
                 covariance: Matrix2::identity(),
                 weight: rng.unit(),

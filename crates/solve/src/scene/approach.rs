@@ -7,22 +7,13 @@ use crate::problem::ground::GroundProblem;
 /// sd that shapes not yet found add to every keypoint, m: stage by stage less, so that the keypoints of an unusual car are
 /// not taken for outliers before its shape had a chance (graduated non-convexity, Blake and Zisserman 1987).
 /// The prior on shapes is eased with them, or it would hold the shapes back while keypoints count little: (sd, prior's factor).
-pub(crate) const SHAPE_STAGES: [(f64, f64); 3] = [(0.12, 0.1), (0.05, 0.3), (0.02, 0.7)];
-
-/// Another path for cars that the first one left with keypoints to spare: wider and more gradual.
-pub(crate) const SLOW_STAGES: [(f64, f64); 5] =
-    [(0.3, 0.02), (0.2, 0.05), (0.1, 0.2), (0.05, 0.5), (0.02, 0.8)];
+const SHAPE_STAGES: [(f64, f64); 3] = [(0.12, 0.1), (0.05, 0.3), (0.02, 0.7)];
 
 /// Shapes free; whitening from forgiving to exact, taken again at the new poses. Ends near the minimum.
 pub(crate) fn approach(problem: &mut GroundProblem<'_>, options: &SceneOptions) {
-    approach_by(problem, options, &SHAPE_STAGES);
-}
-
-/// The same by other stages.
-pub(crate) fn approach_by(problem: &mut GroundProblem<'_>, options: &SceneOptions, stages: &[(f64, f64)]) {
     problem.shapes_fixed = false;
     let short = LmOptions { max_iterations: 6, cost_tolerance: 1e-2, step_tolerance: 1e-1, ..options.lm };
-    for (extra_m, prior_scale) in stages {
+    for (extra_m, prior_scale) in &SHAPE_STAGES {
         problem.shape_prior_scale = *prior_scale;
         problem.whiten(options.atlas_residual_scale, *extra_m);
         minimise(problem, &short);

@@ -35,8 +35,8 @@ pub(crate) fn car_solution(
     let mut inliers = [false; KEYPOINTS];
     let (mut sum, mut count) = (0.0, 0.0);
     problem.each_residual(k, |observation, off_px, squared| {
-        inliers[observation.source] = problem.kernel.weight(squared) > 0.5;
-        if inliers[observation.source] {
+        inliers[observation.index] = problem.kernel.weight(squared) > 0.5;
+        if inliers[observation.index] {
             sum += off_px.norm_squared();
             count += 1.0;
         }

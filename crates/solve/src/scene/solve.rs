@@ -2,7 +2,7 @@
 //!
 //! 1. starts: the one that is given, or a search from nothing (`start/cold_start.rs`);
 //! 2. each followed with shapes free, in stages (`approach.rs`); the lowest is kept;
-//! 3. second thoughts about cars: other headings, other paths to a shape, sides exchanged, no car at all (`repair.rs`);
+//! 3. what does not fit as a car is left out, and the others followed again (`rejection.rs`);
 //! 4. the minimum;
 //! 5. second thoughts about keypoints (`reclassify.rs`);
 //! 6. the camera of all modes, with body types and trust (`all_modes.rs`), shapes and poses integrated out (`marginal.rs`);
@@ -16,18 +16,18 @@ use crate::linear::lm::{LmReport, minimise};
 use crate::model::ground::PointModes;
 use crate::options::SceneOptions;
 use crate::problem::ground::GroundProblem;
-use crate::problem::setup::{Placed, Setup};
+use crate::problem::setup::Setup;
 use crate::scene::approach::approach;
 use crate::scene::read_out::{read_out, unsolved};
 use crate::scene::reclassify::reclassified;
-use crate::scene::repair::{belongs, repair};
+use crate::scene::rejection::belongs;
 use crate::solution::{CarView, SceneSolution, SceneStatus};
 use crate::start::cold_start::{Start, coarse, cold_starts, place_all};
 
 /// Starts that are refined with shapes.
 const FINALISTS: usize = 3;
-/// Rounds of "is another heading better?" and "does this car belong?".
-const REPAIR_ROUNDS: usize = 3;
+/// Rounds of "does this car belong?".
+const REJECTION_ROUNDS: usize = 3;
 /// Rounds of changing one's mind about single keypoints, all cars at once.
 const RECLASSIFY_ROUNDS: usize = 4;
 /// A start nearer than this in cost per keypoint is as good as found (warm starts).
@@ -45,25 +45,23 @@ pub fn solve_scene(
     options: &SceneOptions,
 ) -> SceneSolution {
     let model = PointModes::new(atlas);
-    let mut setup = Setup::new(atlas, &model, size, views, options);
+    let setup = Setup::new(atlas, &model, size, views, options);
     if setup.sights.is_empty() {
         return unsolved(&setup, views.len(), SceneStatus::TooFewCars);
     }
     if let (Some(given), Some(start)) =
         (options.start, warm_start(&setup).and_then(|start| best_of(&setup, vec![start])))
     {
-        let found = finish(&mut setup, start, views);
+        let found = finish(&setup, start, views);
         let moved = (found.params.to_vector() - given.to_vector()).abs();
         if found.status.usable() && (0..4).all(|i| moved[i] < WARM_REACH[i]) {
             return found;
         }
-        // What was believed of the cars before the wrong camera goes with it.
-        setup = Setup::new(atlas, &model, size, views, options);
     }
     let Some(start) = best_of(&setup, cold_starts(&setup, FINALISTS)) else {
         return unsolved(&setup, views.len(), SceneStatus::Failed);
     };
-    finish(&mut setup, start, views)
+    finish(&setup, start, views)
 }
 
 /// The start that leads to the lowest cost with shapes free, followed there. Cars without a place cost what they cost as
@@ -107,36 +105,32 @@ fn polish(problem: &mut GroundProblem<'_>, options: &SceneOptions) -> LmReport {
     minimise(problem, &options.lm)
 }
 
-/// Repairs headings, leaves out wholly wrong cars, refines to the end, reads out.
-fn finish(setup: &mut Setup<'_>, start: Start, views: &[CarView<'_>]) -> SceneSolution {
+/// Leaves out what is no car, refines to the end, reads out.
+fn finish(setup: &Setup<'_>, start: Start, views: &[CarView<'_>]) -> SceneSolution {
     let options = setup.options;
     let mut camera = start.camera;
+    let mut chosen = start.placed.clone();
     let mut placed = start.placed;
-    let mut used: Vec<bool> = placed.iter().map(Option::is_some).collect();
-    for _ in 0..REPAIR_ROUNDS {
-        let repaired = repair(setup, &camera, &mut placed);
+    let rounds = if options.steps.rejection { REJECTION_ROUNDS } else { 0 };
+    for _ in 0..rounds {
         let (mut problem, members) = setup.problem(camera, &placed);
         problem.whiten(options.atlas_residual_scale, 0.0);
-        let mut belong = vec![false; placed.len()];
+        let mut belong = vec![None; placed.len()];
         for (k, s) in members.iter().enumerate() {
-            belong[*s] = !options.steps.rejection || belongs(&problem, k, options);
+            belong[*s] = placed[*s].filter(|_| belongs(&problem, k, options));
         }
-        if !belong.contains(&true) {
-            belong.clone_from(&used);
-        }
-        if !repaired && belong == used {
+        let same = belong.iter().zip(&chosen).all(|(a, b)| a.is_some() == b.is_some());
+        if same || belong.iter().all(Option::is_none) {
             break;
         }
-        used.clone_from(&belong);
-        let chosen: Vec<Option<Placed>> = placed.iter().zip(&used).map(|(p, u)| p.filter(|_| *u)).collect();
-        let (mut problem, members) = setup.problem(camera, &chosen);
+        let (mut problem, members) = setup.problem(camera, &belong);
         approach(&mut problem, options);
         camera = problem.state.camera;
-        for (s, place) in setup.read_back(&problem, &members).into_iter().enumerate() {
-            placed[s] = place.or(placed[s]);
+        chosen = setup.read_back(&problem, &members);
+        for (place, found) in placed.iter_mut().zip(&chosen) {
+            *place = found.or(*place);
         }
     }
-    let chosen: Vec<Option<Placed>> = placed.iter().zip(&used).map(|(p, u)| p.filter(|_| *u)).collect();
     let (mut problem, members) = setup.problem(camera, &chosen);
     let mut report = polish(&mut problem, options);
     let rounds = if options.steps.reclassify { RECLASSIFY_ROUNDS } else { 0 };

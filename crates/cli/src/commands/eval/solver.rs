@@ -29,7 +29,7 @@ fn statistics(args: &EvalSolverArgs) -> anyhow::Result<Report> {
     let mut tables = vec![exact_table(&atlas, 5 * scenes)];
     tables.extend(statistics_tables(&atlas, scenes));
     tables.extend(ablation_tables(&atlas, scenes));
-    tables.push(fusion_table(&atlas, FRAMES));
+    tables.push(fusion_table(&atlas, scenes.div_ceil(4), FRAMES));
     let points = speed(&atlas, &CARS);
     tables.push(speed_table(&points));
     let title = "The joint solver on scenes with exact truth".to_owned();
