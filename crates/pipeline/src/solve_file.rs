@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use roadplane_base::{CameraEstimate, FrameRecord, ShapeAtlas};
+use roadplane_base::{CameraEstimate, CameraStatus, FrameRecord, ShapeAtlas};
 use roadplane_calibrate::AtRest;
 use roadplane_solve::{ShapePrior, fit_free_car};
 use roadplane_write::{FrameReader, PoseLines, write_camera};
@@ -23,7 +23,8 @@ pub struct SolveOptions {
     pub per_frame: bool,
 }
 
-/// Solves a frames file into a poses file, with `camera.json` beside it. True if the camera could not be estimated.
+/// Solves a frames file into a poses file, with `camera.json` beside it. Says in the log where the camera could
+/// not be estimated; its numbers are then the prior's, with the prior's sds.
 ///
 /// # Errors
 /// [`PipelineError`]; neither file then appears.
@@ -33,7 +34,7 @@ pub fn solve_file(
     options: &SolveOptions,
     config: &Config,
     cancel: &Cancel,
-) -> Result<bool, PipelineError> {
+) -> Result<(), PipelineError> {
     let atlas = ShapeAtlas::shipped()?;
     let read = || -> Result<_, PipelineError> {
         Ok(AtRest::new(FrameReader::open(frames)?.map(|record| record.map_err(PipelineError::from))))
@@ -99,6 +100,8 @@ pub fn solve_file(
         estimates = cameras.estimates().to_vec();
     }
     poses.finish()?;
-    write_camera(&out.with_file_name("camera.json"), &estimates)?;
-    Ok(false)
+    if estimates.iter().any(|estimate| estimate.status == CameraStatus::Unobservable) {
+        tracing::warn!("the camera could not be estimated everywhere: its numbers are the prior there");
+    }
+    Ok(write_camera(&out.with_file_name("camera.json"), &estimates)?)
 }

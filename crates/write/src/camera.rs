@@ -125,7 +125,10 @@ impl CameraSegment {
     #[must_use]
     pub fn plane(&self) -> GroundPlane {
         GroundPlane {
-            normal_in_camera: Vector3::from(self.plane_in_camera.normal).normalize(),
+            // A file is written with a unit vector; one that was edited to zero is taken for a level camera's.
+            normal_in_camera: Vector3::from(self.plane_in_camera.normal)
+                .try_normalize(f64::MIN_POSITIVE)
+                .unwrap_or(-Vector3::y()),
             height_m: self.plane_in_camera.offset_m,
         }
     }

@@ -1,4 +1,4 @@
-"""A pinhole camera over the ground plane, in the frames of DESIGN §3."""
+"""A pinhole camera over the ground plane, in the frames of `crates/base/src/lib.rs`."""
 
 from __future__ import annotations
 

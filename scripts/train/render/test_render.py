@@ -1,4 +1,4 @@
-"""Tests of the renderer: frames and signs of DESIGN §3, truth against the picture, shards that repeat."""
+"""Tests of the renderer: frames and signs of `crates/base`, truth against the picture, shards that repeat."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Truth files of the data sets (`roadplane.dataset/1`, `roadplane.truth/1`): the one place that writes them.
 
-Frames of DESIGN §3, SI units, radians, pixels whose (0, 0) is the centre of the top-left one. Poses are rounded to
+Frames of `crates/base/src/lib.rs`, SI units, radians, pixels whose (0, 0) is the centre of the top-left one. Poses are rounded to
 1e-6, pixels to 0.01.
 """
 

@@ -36,5 +36,6 @@ pub fn solve(args: &SolveArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     }
     let options =
         SolveOptions { focal_px: args.focal_px, use_plane: !args.no_plane, per_frame: args.per_frame };
-    Ok(outcome(solve_file(&args.frames, &args.out, &options, &config, cancel)?))
+    solve_file(&args.frames, &args.out, &options, &config, cancel)?;
+    Ok(Outcome::Done)
 }

@@ -188,7 +188,7 @@ mod tests {
         let mut positions = stretched(&plane, 1.0);
         positions.push(Vector3::new(0.0, -6.0, 20.0));
         let found = plane_through(&positions).unwrap();
-        assert!((found.normalize() - plane.normal_in_camera).norm() < 1e-4);
+        assert!((found / found.norm() - plane.normal_in_camera).norm() < 1e-4);
     }
 
     #[test]
