@@ -8,4 +8,5 @@ pub(crate) mod ground;
 pub(crate) mod kernel;
 pub(crate) mod latent;
 pub(crate) mod observation;
+pub(crate) mod pack;
 pub(crate) mod rows;

@@ -15,6 +15,8 @@
 use nalgebra::{Matrix4, SMatrix, SVector, Vector4};
 use roadplane_base::ALL_MODES;
 
+use crate::linear::gram::Gram;
+
 /// First column of the shape.
 pub(crate) const SHAPE: usize = 3;
 
@@ -36,21 +38,11 @@ pub(crate) const MAX_WIDTH: usize = (MAX_UNKNOWNS + 1).next_multiple_of(4);
 /// Information that every pose coordinate has at least: one that nobody sees gets an sd of 1e6, not a singular matrix.
 pub(crate) const MIN_INFORMATION: f64 = 1e-12;
 
-/// Diagonal entries are damped as if at least this large, so that unseen directions are held too.
-const MIN_DIAGONAL: f64 = 1e-9;
-
 /// A row with room for all modes; what lies left of the diagonal means nothing.
 pub(crate) type Row = [f64; MAX_WIDTH];
 
 /// Covariance of (pose, shape, camera), in its first rows and columns.
 pub(crate) type Joint = SMatrix<f64, MAX_UNKNOWNS, MAX_UNKNOWNS>;
-
-/// One view's share of Hessian and gradient, with M modes.
-#[derive(Clone, Debug)]
-#[repr(align(32))]
-pub(crate) struct Gram<const M: usize> {
-    pub rows: [Row; MAX_UNKNOWNS],
-}
 
 /// The camera's system: what is left when all else is eliminated.
 pub(crate) type CameraRows = [Row; 4];
@@ -77,56 +69,6 @@ pub(crate) struct GroupBlock<const M: usize> {
 #[derive(Clone, Debug)]
 pub(crate) struct PoseBlock<const M: usize> {
     rows: [Row; SHAPE],
-}
-
-impl<const M: usize> Gram<M> {
-    pub const fn zeros() -> Self {
-        Self { rows: [[0.0; MAX_WIDTH]; MAX_UNKNOWNS] }
-    }
-
-    /// Diagonal entry of the Hessian.
-    pub fn diagonal(&self, i: usize) -> f64 {
-        self.rows[i][i]
-    }
-
-    /// Entry of the gradient.
-    pub fn gradient(&self, i: usize) -> f64 {
-        self.rows[i][residual(M)]
-    }
-
-    fn damp(&mut self, i: usize, damping: f64, diagonal: f64) {
-        self.rows[i][i] += damping * diagonal.max(MIN_DIAGONAL) + MIN_INFORMATION;
-    }
-
-    /// Eliminates unknowns `from` … `to` − 1. `None` when their block is not positive definite.
-    #[inline(always)]
-    fn eliminate(&mut self, from: usize, to: usize) -> Option<()> {
-        for i in from..to {
-            let own = self.rows[i];
-            let inverse = 1.0 / own[i];
-            if !(inverse > 0.0 && inverse.is_finite()) {
-                return None;
-            }
-            for (j, row) in self.rows[..residual(M)].iter_mut().enumerate().skip(i + 1) {
-                let factor = own[j] * inverse;
-                for register in j / 4..(residual(M) + 1).div_ceil(4) {
-                    for c in 4 * register..4 * register + 4 {
-                        row[c] -= factor * own[c];
-                    }
-                }
-            }
-        }
-        Some(())
-    }
-
-    /// Adds another's rows from the shape on.
-    fn add_shape_and_camera(&mut self, other: &Self) {
-        for (sum, row) in self.rows.iter_mut().zip(&other.rows).take(residual(M)).skip(SHAPE) {
-            for (sum, entry) in sum.iter_mut().zip(row) {
-                *sum += entry;
-            }
-        }
-    }
 }
 
 /// From eliminated rows (unknowns `from` …) and the values of all later unknowns the values of these.

@@ -3,8 +3,69 @@
 //! Tiles of 2 × N entries are summed in registers, lane by lane; lanes are added at the end. With AVX2 by its instructions: left
 //! to itself the compiler takes columns for lanes and shuffles. Both ways add in the same order, so bits are the same.
 
-use crate::linear::arrow::{Gram, MAX_WIDTH, residual};
+use crate::linear::arrow::{MAX_UNKNOWNS, MAX_WIDTH, MIN_INFORMATION, Row, SHAPE, residual};
 use crate::linear::lanes::Lanes;
+
+/// Diagonal entries are damped as if at least this large, so that unseen directions are held too.
+const MIN_DIAGONAL: f64 = 1e-9;
+
+/// One view's share of Hessian and gradient, with M modes.
+#[derive(Clone, Debug)]
+#[repr(align(32))]
+pub(crate) struct Gram<const M: usize> {
+    pub rows: [Row; MAX_UNKNOWNS],
+}
+
+impl<const M: usize> Gram<M> {
+    pub const fn zeros() -> Self {
+        Self { rows: [[0.0; MAX_WIDTH]; MAX_UNKNOWNS] }
+    }
+
+    /// Diagonal entry of the Hessian.
+    pub fn diagonal(&self, i: usize) -> f64 {
+        self.rows[i][i]
+    }
+
+    /// Entry of the gradient.
+    pub fn gradient(&self, i: usize) -> f64 {
+        self.rows[i][residual(M)]
+    }
+
+    /// Damps an unknown in proportion to the diagonal that is given.
+    pub fn damp(&mut self, i: usize, damping: f64, diagonal: f64) {
+        self.rows[i][i] += damping * diagonal.max(MIN_DIAGONAL) + MIN_INFORMATION;
+    }
+
+    /// Eliminates unknowns `from` … `to` − 1. `None` when their block is not positive definite.
+    #[inline(always)]
+    pub fn eliminate(&mut self, from: usize, to: usize) -> Option<()> {
+        for i in from..to {
+            let own = self.rows[i];
+            let inverse = 1.0 / own[i];
+            if !(inverse > 0.0 && inverse.is_finite()) {
+                return None;
+            }
+            for (j, row) in self.rows[..residual(M)].iter_mut().enumerate().skip(i + 1) {
+                let factor = own[j] * inverse;
+                for register in j / 4..(residual(M) + 1).div_ceil(4) {
+                    for c in 4 * register..4 * register + 4 {
+                        row[c] -= factor * own[c];
+                    }
+                }
+            }
+        }
+        Some(())
+    }
+
+    /// Adds another's rows from the shape on.
+    pub fn add_shape_and_camera(&mut self, other: &Self) {
+        for (sum, row) in self.rows.iter_mut().zip(&other.rows).take(residual(M)).skip(SHAPE) {
+            for (sum, entry) in sum.iter_mut().zip(row) {
+                *sum += entry;
+            }
+        }
+    }
+}
 
 /// Rows of four keypoints: both coordinates, with room for all modes.
 pub(crate) type Rows = [[Lanes; MAX_WIDTH]; 2];

@@ -1,6 +1,7 @@
 //! Four numbers side by side: the inner loop works on four keypoints at a time. Plain arrays that the compiler turns into
 //! vector instructions; no fused multiply-add, so every machine computes the same bits.
 
+use nalgebra::{Matrix3, Vector3};
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub};
 
 /// Keypoints at a time.
@@ -169,6 +170,34 @@ impl AddAssign for Lanes {
     fn add_assign(&mut self, other: Self) {
         *self = *self + other;
     }
+}
+
+/// A point or direction for each lane.
+pub(crate) type Point = [Lanes; 3];
+
+/// The same in all lanes.
+#[inline(always)]
+pub(crate) fn splat(v: &Vector3<f64>) -> Point {
+    [Lanes::splat(v.x), Lanes::splat(v.y), Lanes::splat(v.z)]
+}
+
+/// `a + b`.
+#[inline(always)]
+pub(crate) fn sum(a: &Point, b: &Point) -> Point {
+    [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
+}
+
+/// `a · b`.
+#[inline(always)]
+pub(crate) fn dot(a: &Point, b: &Point) -> Lanes {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+/// `m v`.
+#[inline(always)]
+pub(crate) fn turned(m: &Matrix3<f64>, v: &Point) -> Point {
+    let row = |i: usize| dot(&[Lanes::splat(m[(i, 0)]), Lanes::splat(m[(i, 1)]), Lanes::splat(m[(i, 2)])], v);
+    [row(0), row(1), row(2)]
 }
 
 #[cfg(test)]

@@ -4,69 +4,22 @@
 //! weight, have the order in which unknowns are eliminated: `[a_u, a_v, ψ | λ_1 … λ_M | log f, tilt, roll, log h | residual]`.
 //! With the residual as the last column, `Σ rowᵀ row` holds Hessian and gradient.
 
-use nalgebra::{Matrix3, SVector, Vector3};
+use nalgebra::SVector;
 
-use crate::linear::arrow::{Gram, MAX_WIDTH, SHAPE, camera, residual};
+use crate::linear::arrow::{MAX_WIDTH, SHAPE, camera, residual};
+use crate::linear::gram::Gram;
 #[cfg(target_arch = "x86_64")]
 use crate::linear::gram::accumulate_avx2;
 use crate::linear::gram::{Rows, accumulate};
-use crate::linear::lanes::{LANES, Lanes};
-use crate::model::ground::{MIN_DEPTH_M, PointModes, StandingFrame};
+use crate::linear::lanes::{LANES, Lanes, dot, splat, sum, turned};
+use crate::model::ground::{MIN_DEPTH_M, StandingFrame};
 use crate::model::kernel::{OutlierModel, PreparedKernel};
-use crate::model::observation::Observation;
+use crate::model::pack::Pack;
 
 /// Packs that a view can have.
 pub(crate) const MAX_PACKS: usize = roadplane_base::KEYPOINTS.div_ceil(LANES);
 /// Rows of four keypoints that have not been worked out.
 pub(crate) const NO_ROWS: Rows = [[Lanes::splat(0.0); MAX_WIDTH]; 2];
-
-/// Four keypoints of a view with the atlas at them. A view's last pack is filled up with copies of weight 0.
-#[derive(Clone, Debug)]
-pub(crate) struct Pack<const M: usize> {
-    pixel: [Lanes; 2],
-    whitening: [Lanes; 3],
-    weight: Lanes,
-    mean: [Lanes; 3],
-    modes: [[Lanes; 3]; M],
-}
-
-/// Packs of a view's keypoints, appended.
-pub(crate) fn pack<const M: usize>(
-    model: &PointModes<M>,
-    observations: &[Observation],
-    into: &mut Vec<Pack<M>>,
-) {
-    for four in observations.chunks(LANES) {
-        let mut pack = Pack::empty();
-        for lane in 0..LANES {
-            let Some(o) = four.get(lane).or(four.last()) else { continue };
-            for axis in 0..2 {
-                pack.pixel[axis].0[lane] = o.pixel[axis];
-            }
-            for axis in 0..3 {
-                pack.whitening[axis].0[lane] = o.whitening[axis];
-                pack.mean[axis].0[lane] = model.mean[o.index][axis];
-                for (j, mode) in model.modes[o.index].iter().enumerate() {
-                    pack.modes[j][axis].0[lane] = mode[axis];
-                }
-            }
-            pack.weight.0[lane] = if lane < four.len() { o.weight } else { 0.0 };
-        }
-        into.push(pack);
-    }
-}
-
-/// Takes over the whitening of observations that were packed before.
-pub(crate) fn rewhiten<const M: usize>(observations: &[Observation], packs: &mut [Pack<M>]) {
-    for (four, pack) in observations.chunks(LANES).zip(packs) {
-        for lane in 0..LANES {
-            let whitening = four[lane.min(four.len() - 1)].whitening;
-            for (lanes, value) in pack.whitening.iter_mut().zip(whitening) {
-                lanes.0[lane] = value;
-            }
-        }
-    }
-}
 
 /// Cost of a view's keypoints at a place and shape; sets its normal equations. `None` when a keypoint is at or behind the
 /// camera. `scratch` is for the rows in between.
@@ -138,36 +91,7 @@ fn all_rows<const M: usize>(
     Some(cost.sum())
 }
 
-/// A point or direction for each lane.
-type Point = [Lanes; 3];
-
-#[inline(always)]
-fn splat(v: &Vector3<f64>) -> Point {
-    [Lanes::splat(v.x), Lanes::splat(v.y), Lanes::splat(v.z)]
-}
-
-#[inline(always)]
-fn sum(a: &Point, b: &Point) -> Point {
-    [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
-}
-
-#[inline(always)]
-fn dot(a: &Point, b: &Point) -> Lanes {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-#[inline(always)]
-fn turned(m: &Matrix3<f64>, v: &Point) -> Point {
-    let row = |i: usize| dot(&[Lanes::splat(m[(i, 0)]), Lanes::splat(m[(i, 1)]), Lanes::splat(m[(i, 2)])], v);
-    [row(0), row(1), row(2)]
-}
-
 impl<const M: usize> Pack<M> {
-    fn empty() -> Self {
-        let none = Lanes::default();
-        Self { pixel: [none; 2], whitening: [none; 3], weight: none, mean: [none; 3], modes: [[none; 3]; M] }
-    }
-
     /// Whitened, weighted rows; returns the keypoints' costs.
     #[inline(always)]
     fn rows(
@@ -237,7 +161,9 @@ mod tests {
     use crate::model::dual::{
         Dual, constant, dot as dual_dot, plus, relative_difference, scaled, world_axes,
     };
-    use crate::model::ground::{CameraFrame, Standing};
+    use crate::model::ground::{CameraFrame, PointModes, Standing};
+    use crate::model::observation::Observation;
+    use crate::model::pack::pack;
     use nalgebra::{Matrix2, Vector2, Vector4};
     use roadplane_base::{KEYPOINTS, MODES, ShapeAtlas};
     use roadplane_synth::Rng;

@@ -6,20 +6,19 @@
 //!
 //! Shapes have the prior of all cars, N(0, I), or that of their body types. The paper's μ₁ and μ₂ are `1/σ_p²` and `1/σ_v²` (m and rad). Cars couple through the camera alone: arrow, one level.
 
-use nalgebra::{Cholesky, Const, Matrix2, Matrix4, Matrix6, SMatrix, SVector, Vector4, Vector6};
-use roadplane_base::{MODES, Shape, ShapeAtlas};
+mod block;
 
-use crate::linear::arrow::MIN_INFORMATION;
+use nalgebra::{Matrix2, Matrix4, SMatrix, Vector4};
+use roadplane_base::{MODES, ShapeAtlas};
+
 use crate::linear::lm::{Problem, Trial};
 use crate::model::camera_prior::CameraKnowledge;
-use crate::model::free::{FreeCar, FreeFrame, Row};
+use crate::model::free::{FreeCar, FreeFrame};
 use crate::model::ground::{CameraFrame, PointModes};
 use crate::model::kernel::OutlierModel;
 use crate::model::latent::body_types::{BodyTypes, Gaussian};
 use crate::model::observation::Observation;
-
-type CarMatrix = SMatrix<f64, 12, 12>;
-type CarVector = SVector<f64, 12>;
+use block::{Block, CarMatrix, CarVector};
 
 /// How strongly cars are drawn to the plane: the sd of their distance and of their angle; `None`: not at all.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,16 +27,6 @@ pub struct PlaneTerms {
     pub distance_sd_m: f64,
     /// σ_v, rad.
     pub angle_sd: f64,
-}
-
-#[derive(Clone)]
-struct Block {
-    sum: [[f64; 16]; 16],
-    gradient: [f64; 16],
-    held: [bool; MODES],
-    gain: SMatrix<f64, 12, 4>,
-    offset: CarVector,
-    inverse: CarMatrix,
 }
 
 /// See the module's head.
@@ -197,64 +186,6 @@ impl<'a> FreeProblem<'a> {
         let camera = self.knowledge.covariance(&information)?;
         let cars = self.blocks.iter().map(|b| b.inverse + b.gain * camera * b.gain.transpose()).collect();
         Some((information, camera, cars))
-    }
-}
-
-impl Block {
-    /// Information on the shape and gradient of the cost, but for the shape's prior; pose eliminated.
-    fn of_shape(&self, prior: &Gaussian<MODES>, shape: &Shape) -> Option<(Matrix6<f64>, Vector6<f64>)> {
-        let part = |row: usize, column: usize| Matrix6::from_fn(|i, j| self.sum[row + i][column + j]);
-        let gradient = |from: usize| Vector6::from_fn(|i, _| self.gradient[from + i]);
-        let (shape_at, pose_at) = (4, 4 + MODES);
-        let pose = (part(pose_at, pose_at) + Matrix6::identity() * MIN_INFORMATION).cholesky()?;
-        let cross = part(shape_at, pose_at);
-        let information =
-            part(shape_at, shape_at) - prior.information - cross * pose.solve(&cross.transpose());
-        let gradient = gradient(shape_at) - prior.gradient(shape) - cross * pose.solve(&gradient(pose_at));
-        Some((information, gradient))
-    }
-
-    fn add(&mut self, row: &Row, residual: f64, weight: f64) {
-        for (a, sums) in self.sum.iter_mut().enumerate() {
-            let scaled = weight * row[a];
-            for (sum, entry) in sums.iter_mut().zip(row) {
-                *sum += scaled * entry;
-            }
-        }
-        for (sum, entry) in self.gradient.iter_mut().zip(row) {
-            *sum += weight * residual * entry;
-        }
-    }
-
-    fn eliminate(
-        &mut self,
-        damping: f64,
-        hessian: &mut Matrix4<f64>,
-        gradient: &mut Vector4<f64>,
-    ) -> Option<()> {
-        let mut own = CarMatrix::from_fn(|i, j| self.sum[4 + i][4 + j]);
-        let mut cross = SMatrix::<f64, 12, 4>::from_fn(|i, j| self.sum[4 + i][j]);
-        let mut reduced = CarVector::from_fn(|i, _| self.gradient[4 + i]);
-        for i in 0..12 {
-            own[(i, i)] += damping * own[(i, i)].max(1e-9) + MIN_INFORMATION;
-        }
-        for j in (0..MODES).filter(|j| self.held[*j]) {
-            own.row_mut(j).fill(0.0);
-            own.column_mut(j).fill(0.0);
-            own[(j, j)] = 1.0;
-            cross.row_mut(j).fill(0.0);
-            reduced[j] = 0.0;
-        }
-        let factor: Cholesky<f64, Const<12>> = Cholesky::new(own)?;
-        self.gain = -factor.solve(&cross);
-        self.offset = -factor.solve(&reduced);
-        self.inverse = factor.inverse();
-        for j in (0..MODES).filter(|j| self.held[*j]) {
-            self.inverse[(j, j)] = 0.0;
-        }
-        *hessian += Matrix4::from_fn(|i, j| self.sum[i][j]) + cross.tr_mul(&self.gain);
-        *gradient += Vector4::from_fn(|i, _| self.gradient[i]) + cross.tr_mul(&self.offset);
-        Some(())
     }
 }
 

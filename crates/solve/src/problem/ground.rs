@@ -5,24 +5,25 @@
 //! ([`GroundProblem::with_modes`]).
 
 mod covariance;
+mod latent;
+mod seen;
 mod step;
 
 pub(crate) use covariance::Covariances;
 
-use nalgebra::{Matrix4, SVector, Vector2, Vector4};
+use nalgebra::{Matrix4, SVector, Vector4};
 use roadplane_base::MODES;
 
-use crate::linear::arrow::{
-    Gram, GroupBlock, MAX_WIDTH, PoseBlock, PriorTerms, SHAPE, camera, camera_system, residual,
-};
+use crate::linear::arrow::{GroupBlock, MAX_WIDTH, PoseBlock, PriorTerms, SHAPE, camera, camera_system};
+use crate::linear::gram::Gram;
 use crate::linear::gram::Rows;
 use crate::model::camera_prior::CameraKnowledge;
 use crate::model::ground::{CameraFrame, PointModes, Standing, StandingFrame};
 use crate::model::kernel::{OutlierModel, PreparedKernel};
-use crate::model::latent::body_types::{BodyTypes, Gaussian};
-use crate::model::latent::trust::{Misfit, trust};
+use crate::model::latent::body_types::Gaussian;
 use crate::model::observation::{Observation, whiten_seen};
-use crate::model::rows::{MAX_PACKS, NO_ROWS, Pack, linearise, pack, plain_rows, rewhiten};
+use crate::model::pack::{Pack, pack, rewhiten};
+use crate::model::rows::{MAX_PACKS, NO_ROWS, linearise};
 
 /// One view of a car.
 #[derive(Clone, Debug)]
@@ -109,16 +110,6 @@ struct Linearisation<const M: usize> {
     grams: Vec<Gram<M>>,
 }
 
-/// One keypoint's whitened rows and residual, with the probability that it is right.
-pub(crate) struct KeypointRows {
-    /// Unknowns and residual, in the order of `rows.rs`, times the root of the keypoint's weight.
-    pub rows: [[f64; MAX_WIDTH]; 2],
-    /// Its weight.
-    pub weight: f64,
-    /// ρ'.
-    pub right: f64,
-}
-
 impl<const M: usize> Linearisation<M> {
     /// Sums up the cost of a state whose keypoints cost what `keypoints` says.
     fn sum_up(
@@ -179,51 +170,6 @@ impl<'a, const M: usize> GroundProblem<'a, M> {
         }
     }
 
-    /// The same scene at its state with the N modes of another model, of which `model`'s first are these; their coefficients begin
-    /// at 0. `priors`: what is known of each car's shape.
-    pub fn with_modes<'b, const N: usize>(
-        &self,
-        model: &'b PointModes<N>,
-        priors: impl Fn(&Gaussian<M>) -> Gaussian<N>,
-    ) -> GroundProblem<'b, N> {
-        let longer = |shape: &SVector<f64, M>| SVector::from_fn(|j, _| if j < M { shape[j] } else { 0.0 });
-        let state = GroundState {
-            camera: self.state.camera,
-            standings: self.state.standings.clone(),
-            shapes: self.state.shapes.iter().map(longer).collect(),
-        };
-        let groups =
-            self.groups.iter().map(|group| Group::new(group.views.clone(), priors(&group.prior))).collect();
-        let (views, observations) = (self.views.clone(), self.observations.clone());
-        let mut problem = GroundProblem::new(model, views, groups, observations, self.knowledge, state);
-        problem.kernel = self.kernel;
-        problem
-    }
-
-    /// Weighs the cars by how they fit at the current state (`trust.rs`). After it was linearised.
-    pub fn weigh(&mut self) {
-        let misfit = |(g, group): (usize, &Group<M>)| {
-            let observations = group.views.clone().flat_map(|k| self.views[k].observations.clone());
-            let weight: f64 = observations.map(|i| self.observations[i].weight).sum();
-            let cost = self.linearisation.keypoints[g] + group.prior.cost(&self.state.shapes[g]);
-            Misfit { squared: 2.0 * cost, numbers: 2.0 * weight }
-        };
-        let misfits: Vec<Misfit> = self.groups.iter().enumerate().map(misfit).collect();
-        for (group, trust) in self.groups.iter_mut().zip(trust(&misfits)) {
-            group.trust = trust;
-        }
-    }
-
-    /// Takes for each car's prior that of the body types it may have (`body_types.rs`), by what its keypoints say of its shape at
-    /// the current state. After it was linearised. `None` when a view's pose is not determined.
-    pub fn tell_types(&mut self, types: &BodyTypes<M>) -> Option<()> {
-        for (group, shape) in self.groups.iter_mut().zip(&self.state.shapes) {
-            let told = GroupBlock::of_keypoints(&self.linearisation.grams[group.views.clone()])?;
-            types.tell(&mut group.prior, shape, &told.information, &told.gradient);
-        }
-        Some(())
-    }
-
     /// Whitens every observation with its measured covariance, what the atlas leaves unexplained (`atlas_scale` × its sd)
     /// and `extra_m` metres in all directions, both seen at the current pose.
     pub fn whiten(&mut self, atlas_scale: f64, extra_m: f64) {
@@ -241,38 +187,6 @@ impl<'a, const M: usize> GroundProblem<'a, M> {
     /// Bounds of the shape coefficients.
     pub fn shape_bounds(&self) -> &[[f64; 2]; M] {
         &self.model.bounds
-    }
-
-    /// Calls with the rows of every observation of a view. `None` when a keypoint cannot be projected.
-    pub fn each_row(&self, view: usize, mut see: impl FnMut(KeypointRows)) -> Option<()> {
-        let camera = CameraFrame::new(&self.state.camera);
-        let frame = StandingFrame::new(&camera, &self.state.standings[view])?;
-        let view = &self.views[view];
-        let observations = &self.observations[view.observations.clone()];
-        plain_rows(&self.packs[view.packs.clone()], &frame, &self.state.shapes[view.group], |i, rows| {
-            let weight = observations[i].weight;
-            let squared = (rows[0][residual(M)].powi(2) + rows[1][residual(M)].powi(2)) / weight;
-            see(KeypointRows { rows: *rows, weight, right: self.kernel.weight(squared) });
-        })
-    }
-
-    /// Calls with every observation of a view, its pixel residual (predicted − measured) and the square of the whitened one.
-    /// `None` when a keypoint cannot be projected.
-    pub fn each_residual(
-        &self,
-        view: usize,
-        mut see: impl FnMut(&Observation, Vector2<f64>, f64),
-    ) -> Option<()> {
-        let camera = CameraFrame::new(&self.state.camera);
-        let frame = StandingFrame::new(&camera, &self.state.standings[view])?;
-        let shape = &self.state.shapes[self.views[view].group];
-        for observation in &self.observations[self.views[view].observations.clone()] {
-            let point = self.model.point(observation.index, shape);
-            let off = frame.project(&point)? - observation.pixel;
-            let [rx, ry] = observation.whiten([off.x, off.y]);
-            see(observation, off, rx * rx + ry * ry);
-        }
-        Some(())
     }
 
     /// True cost of the current state (or the trial) and each view's normal equations; `None` when a keypoint cannot be

@@ -1,0 +1,60 @@
+//! Keypoints as the inner loop reads them: four side by side.
+
+use crate::linear::lanes::{LANES, Lanes};
+use crate::model::ground::PointModes;
+use crate::model::observation::Observation;
+
+/// Four keypoints of a view with the atlas at them. A view's last pack is filled up with copies of weight 0.
+#[derive(Clone, Debug)]
+pub(crate) struct Pack<const M: usize> {
+    pub pixel: [Lanes; 2],
+    pub whitening: [Lanes; 3],
+    pub weight: Lanes,
+    pub mean: [Lanes; 3],
+    pub modes: [[Lanes; 3]; M],
+}
+
+impl<const M: usize> Pack<M> {
+    fn empty() -> Self {
+        let none = Lanes::default();
+        Self { pixel: [none; 2], whitening: [none; 3], weight: none, mean: [none; 3], modes: [[none; 3]; M] }
+    }
+}
+
+/// Packs of a view's keypoints, appended.
+pub(crate) fn pack<const M: usize>(
+    model: &PointModes<M>,
+    observations: &[Observation],
+    into: &mut Vec<Pack<M>>,
+) {
+    for four in observations.chunks(LANES) {
+        let mut pack = Pack::empty();
+        for lane in 0..LANES {
+            let Some(o) = four.get(lane).or(four.last()) else { continue };
+            for axis in 0..2 {
+                pack.pixel[axis].0[lane] = o.pixel[axis];
+            }
+            for axis in 0..3 {
+                pack.whitening[axis].0[lane] = o.whitening[axis];
+                pack.mean[axis].0[lane] = model.mean[o.index][axis];
+                for (j, mode) in model.modes[o.index].iter().enumerate() {
+                    pack.modes[j][axis].0[lane] = mode[axis];
+                }
+            }
+            pack.weight.0[lane] = if lane < four.len() { o.weight } else { 0.0 };
+        }
+        into.push(pack);
+    }
+}
+
+/// Takes over the whitening of observations that were packed before.
+pub(crate) fn rewhiten<const M: usize>(observations: &[Observation], packs: &mut [Pack<M>]) {
+    for (four, pack) in observations.chunks(LANES).zip(packs) {
+        for lane in 0..LANES {
+            let whitening = four[lane.min(four.len() - 1)].whitening;
+            for (lanes, value) in pack.whitening.iter_mut().zip(whitening) {
+                lanes.0[lane] = value;
+            }
+        }
+    }
+}
