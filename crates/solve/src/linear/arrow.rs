@@ -13,33 +13,8 @@
 //! every covariance.
 
 use nalgebra::{Matrix4, SMatrix, SVector, Vector4};
-use roadplane_base::ALL_MODES;
 
-use crate::linear::gram::Gram;
-
-/// First column of the shape.
-pub(crate) const SHAPE: usize = 3;
-
-/// First column of the camera, with so many modes.
-pub(crate) const fn camera(modes: usize) -> usize {
-    SHAPE + modes
-}
-
-/// Unknowns that a view touches, and the column of the gradient.
-pub(crate) const fn residual(modes: usize) -> usize {
-    camera(modes) + 4
-}
-
-/// Most unknowns that a view touches.
-pub(crate) const MAX_UNKNOWNS: usize = residual(ALL_MODES);
-/// Columns of a row with all modes, a multiple of what SIMD registers hold.
-pub(crate) const MAX_WIDTH: usize = (MAX_UNKNOWNS + 1).next_multiple_of(4);
-
-/// Information that every pose coordinate has at least: one that nobody sees gets an sd of 1e6, not a singular matrix.
-pub(crate) const MIN_INFORMATION: f64 = 1e-12;
-
-/// A row with room for all modes; what lies left of the diagonal means nothing.
-pub(crate) type Row = [f64; MAX_WIDTH];
+use crate::linear::gram::{Gram, MAX_UNKNOWNS, MAX_WIDTH, Row, SHAPE, camera, residual};
 
 /// Covariance of (pose, shape, camera), in its first rows and columns.
 pub(crate) type Joint = SMatrix<f64, MAX_UNKNOWNS, MAX_UNKNOWNS>;

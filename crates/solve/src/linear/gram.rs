@@ -3,8 +3,33 @@
 //! Tiles of 2 × N entries are summed in registers, lane by lane; lanes are added at the end. With AVX2 by its instructions: left
 //! to itself the compiler takes columns for lanes and shuffles. Both ways add in the same order, so bits are the same.
 
-use crate::linear::arrow::{MAX_UNKNOWNS, MAX_WIDTH, MIN_INFORMATION, Row, SHAPE, residual};
+use roadplane_base::ALL_MODES;
+
 use crate::linear::lanes::Lanes;
+
+/// First column of the shape.
+pub(crate) const SHAPE: usize = 3;
+
+/// First column of the camera, with so many modes.
+pub(crate) const fn camera(modes: usize) -> usize {
+    SHAPE + modes
+}
+
+/// Unknowns that a view touches, and the column of the gradient.
+pub(crate) const fn residual(modes: usize) -> usize {
+    camera(modes) + 4
+}
+
+/// Most unknowns that a view touches.
+pub(crate) const MAX_UNKNOWNS: usize = residual(ALL_MODES);
+/// Columns of a row with all modes, a multiple of what SIMD registers hold.
+pub(crate) const MAX_WIDTH: usize = (MAX_UNKNOWNS + 1).next_multiple_of(4);
+
+/// Information that every pose coordinate has at least: one that nobody sees gets an sd of 1e6, not a singular matrix.
+pub(crate) const MIN_INFORMATION: f64 = 1e-12;
+
+/// A row with room for all modes; what lies left of the diagonal means nothing.
+pub(crate) type Row = [f64; MAX_WIDTH];
 
 /// Diagonal entries are damped as if at least this large, so that unseen directions are held too.
 const MIN_DIAGONAL: f64 = 1e-9;

@@ -1,8 +1,9 @@
 //! Four numbers side by side: the inner loop works on four keypoints at a time. Plain arrays that the compiler turns into
 //! vector instructions; no fused multiply-add, so every machine computes the same bits.
 
-use nalgebra::{Matrix3, Vector3};
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub};
+
+use nalgebra::{Matrix3, Vector3};
 
 /// Keypoints at a time.
 pub(crate) const LANES: usize = 4;

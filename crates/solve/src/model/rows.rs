@@ -6,11 +6,8 @@
 
 use nalgebra::SVector;
 
-use crate::linear::arrow::{MAX_WIDTH, SHAPE, camera, residual};
-use crate::linear::gram::Gram;
+use crate::linear::gram::{Gram, MAX_WIDTH, Rows, SHAPE, accumulate, accumulate_avx2, camera, residual};
 #[cfg(target_arch = "x86_64")]
-use crate::linear::gram::accumulate_avx2;
-use crate::linear::gram::{Rows, accumulate};
 use crate::linear::lanes::{LANES, Lanes, dot, splat, sum, turned};
 use crate::model::ground::{MIN_DEPTH_M, StandingFrame};
 use crate::model::kernel::{OutlierModel, PreparedKernel};

@@ -14,9 +14,8 @@ pub(crate) use covariance::Covariances;
 use nalgebra::{Matrix4, SVector, Vector4};
 use roadplane_base::MODES;
 
-use crate::linear::arrow::{GroupBlock, MAX_WIDTH, PoseBlock, PriorTerms, SHAPE, camera, camera_system};
-use crate::linear::gram::Gram;
-use crate::linear::gram::Rows;
+use crate::linear::arrow::{GroupBlock, PoseBlock, PriorTerms, camera_system};
+use crate::linear::gram::{Gram, MAX_WIDTH, Rows, SHAPE, camera};
 use crate::model::camera_prior::CameraKnowledge;
 use crate::model::ground::{CameraFrame, PointModes, Standing, StandingFrame};
 use crate::model::kernel::{OutlierModel, PreparedKernel};

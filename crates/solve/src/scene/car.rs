@@ -3,7 +3,8 @@
 use nalgebra::{Isometry3, Matrix3, Matrix6, SMatrix};
 use roadplane_base::{CameraParams, KEYPOINTS, MODES};
 
-use crate::linear::arrow::{Joint, SHAPE, camera as camera_column, residual};
+use crate::linear::arrow::Joint;
+use crate::linear::gram::{SHAPE, camera as camera_column, residual};
 use crate::model::ground::{CameraFrame, StandingFrame};
 use crate::problem::ground::GroundProblem;
 use crate::solution::CarSolution;

@@ -14,7 +14,7 @@
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2, Vector4};
 use roadplane_base::MODES;
 
-use crate::linear::arrow::{SHAPE, camera as camera_column, residual};
+use crate::linear::gram::{SHAPE, camera as camera_column, residual};
 use crate::linear::lm::{LmOptions, Problem as _, minimise};
 use crate::problem::ground::GroundProblem;
 use crate::problem::setup::{Placed, Setup};

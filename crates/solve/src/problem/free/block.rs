@@ -3,7 +3,7 @@
 use nalgebra::{Cholesky, Const, Matrix4, Matrix6, SMatrix, SVector, Vector4, Vector6};
 use roadplane_base::{MODES, Shape};
 
-use crate::linear::arrow::MIN_INFORMATION;
+use crate::linear::gram::MIN_INFORMATION;
 use crate::model::free::Row;
 use crate::model::latent::body_types::Gaussian;
 

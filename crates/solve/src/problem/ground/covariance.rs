@@ -3,7 +3,8 @@
 use nalgebra::{Matrix4, Vector2, Vector4};
 
 use super::{GroundProblem, Linearisation, View};
-use crate::linear::arrow::{Joint, PoseBlock, SHAPE};
+use crate::linear::arrow::{Joint, PoseBlock};
+use crate::linear::gram::SHAPE;
 
 /// What is known of the camera at the current parameters.
 pub(crate) struct Covariances {

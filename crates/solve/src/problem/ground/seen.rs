@@ -3,7 +3,7 @@
 use nalgebra::Vector2;
 
 use super::GroundProblem;
-use crate::linear::arrow::{MAX_WIDTH, residual};
+use crate::linear::gram::{MAX_WIDTH, residual};
 use crate::model::ground::{CameraFrame, StandingFrame};
 use crate::model::observation::Observation;
 use crate::model::rows::plain_rows;

@@ -3,7 +3,7 @@
 use nalgebra::{Matrix4, Vector2};
 
 use super::GroundProblem;
-use crate::linear::arrow::SHAPE;
+use crate::linear::gram::SHAPE;
 use crate::linear::lm::{Problem, Trial};
 
 impl<const M: usize> Problem for GroundProblem<'_, M> {
