@@ -22,10 +22,11 @@ pub enum RecordError {
 }
 
 /// What kind of vehicle a detector says it is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum VehicleClass {
     /// Cars, vans, pickups, SUVs: what the atlas covers.
+    #[default]
     Car,
     /// Lorries.
     Truck,
@@ -181,6 +182,18 @@ pub struct CameraMove {
     /// Logarithm of the picture's growth, where it is known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub log_scale: Option<f64>,
+}
+
+impl VehicleClass {
+    /// Its name, as files have it.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Car => "car",
+            Self::Truck => "truck",
+            Self::Bus => "bus",
+        }
+    }
 }
 
 impl CarRecord {
@@ -457,6 +470,12 @@ pub struct TrackRow {
     pub score: f64,
     /// Seen in this frame, or filled in.
     pub observed: bool,
+    /// Kind of vehicle, one per track.
+    #[serde(default)]
+    pub class: VehicleClass,
+    /// Which of the `segments` of `camera.json` the coordinates belong to, from 0.
+    #[serde(default)]
+    pub segment: usize,
     /// Activity, where asked for.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub activity: Option<String>,

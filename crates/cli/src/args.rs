@@ -42,6 +42,8 @@ pub enum Command {
     Keypoints(KeypointsArgs),
     /// Solves camera, plane, poses and shapes from keypoints alone (no image).
     Solve(SolveArgs),
+    /// Tracks from keypoints alone (no image): the right half of `run`.
+    Track(TrackArgs),
     /// Draws a finished run into a video.
     Render(RenderArgs),
     /// Measures: nets, solver, finished runs, against truth; prints tables.
@@ -152,6 +154,25 @@ pub struct SolveArgs {
     /// Solves each frame on its own instead of one camera for the clip.
     #[arg(long)]
     pub per_frame: bool,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub config: ConfigArgs,
+}
+
+/// `roadplane track`.
+#[derive(Debug, Args)]
+pub struct TrackArgs {
+    /// Frames with keypoints, as `roadplane keypoints` writes them and `roadplane run --frames` leaves them.
+    pub frames: PathBuf,
+    /// Folder to write, as a run leaves it: camera.json, poses.jsonl, tracks.*, summary.json.
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Known focal length, px.
+    #[arg(long, value_name = "F", allow_negative_numbers = true)]
+    pub focal_px: Option<f64>,
+    /// Replaces a finished folder (once the new one is complete).
+    #[arg(long)]
+    pub overwrite: bool,
     #[command(flatten)]
     #[allow(missing_docs)]
     pub config: ConfigArgs,

@@ -73,6 +73,8 @@ mod tests {
             bbox_px,
             score: 0.9,
             observed,
+            class: roadplane_base::VehicleClass::Car,
+            segment: 0,
             activity: None,
         }
     }
