@@ -452,11 +452,11 @@ pub struct TrackRow {
     pub heading_rad: f64,
     /// Speed over ground, m/s; negative when reversing.
     pub speed_mps: f64,
-    /// sd of `x_m`.
+    /// sd of `x_m`, m: the car's own error and what all cars share, which is the camera's (`camera.json`).
     pub x_sd_m: f64,
-    /// sd of `y_m`.
+    /// sd of `y_m`, m, likewise.
     pub y_sd_m: f64,
-    /// sd of `heading_rad`.
+    /// sd of `heading_rad`, rad, likewise.
     pub heading_sd_rad: f64,
     /// Length of the car, one per track.
     pub length_m: f64,
@@ -476,6 +476,9 @@ pub struct TrackRow {
     /// Which of the `segments` of `camera.json` the coordinates belong to, from 0.
     #[serde(default)]
     pub segment: usize,
+    /// sd of `speed_mps`, m/s, likewise; 0 in files of older versions.
+    #[serde(default)]
+    pub speed_sd_mps: f64,
     /// Activity, where asked for.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub activity: Option<String>,

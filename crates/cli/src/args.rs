@@ -48,6 +48,8 @@ pub enum Command {
     Render(RenderArgs),
     /// Measures: nets, solver, finished runs, against truth; prints tables.
     Eval(eval::EvalArgs),
+    /// How far two tracks of a finished run are from each other, with its sd: errors that they share cancel.
+    Distance(DistanceArgs),
     /// Makes data sets of geometry alone: truth, and measured keypoints for `solve`.
     Synth(synth::SynthArgs),
     /// Measures what the main job costs on an input: prints one table.
@@ -176,6 +178,20 @@ pub struct TrackArgs {
     #[command(flatten)]
     #[allow(missing_docs)]
     pub config: ConfigArgs,
+}
+
+/// `roadplane distance`.
+#[derive(Debug, Args)]
+pub struct DistanceArgs {
+    /// Folder of the finished run, DIR/<stem>.
+    pub run: PathBuf,
+    /// Number of one track.
+    pub first: u64,
+    /// Number of the other.
+    pub second: u64,
+    /// Only the frame nearest to this time, s; otherwise all frames in which both have a row.
+    #[arg(long, value_name = "S")]
+    pub at: Option<f64>,
 }
 
 /// `roadplane render`.

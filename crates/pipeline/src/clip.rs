@@ -17,6 +17,7 @@ use crate::believe::{is_believable, is_vehicle, overlap_inside, projected_box};
 use crate::cameras::{CameraTrack, estimate_cameras};
 use crate::cars::{FrameCamera, HeldPoses, fit_frame, pose_record};
 use crate::ground_contact::{Body, Knowledge, body_box, cut_edges, ground_contact};
+use crate::shared_error::shared_covariance;
 use crate::{Cancel, Config, PipelineError};
 
 /// Least overlap of the box of a row that is called observed with that of the vehicle where the row has it.
@@ -299,6 +300,10 @@ impl Pass<'_> {
             let at_rest = seen_px.or(projected)?;
             let bbox_px =
                 shake_px.get(&state.stamp.index).map_or(at_rest, |shake| bbox_moved(&at_rest, shake));
+            let estimate = self.cameras.at(state.stamp.time_s())?;
+            // What all cars share belongs to each row, too.
+            let shared = shared_covariance(estimate, &state.pose);
+            let whole = |own: f64, i: usize| (own * own + shared[(i, i)]).sqrt();
             Some(TrackRow {
                 frame: state.stamp.index,
                 time_s: state.stamp.time_s(),
@@ -307,9 +312,9 @@ impl Pass<'_> {
                 y_m: state.pose.y_m,
                 heading_rad: state.pose.heading_rad,
                 speed_mps: state.speed_mps,
-                x_sd_m: state.pose_sd.x,
-                y_sd_m: state.pose_sd.y,
-                heading_sd_rad: state.pose_sd.z,
+                x_sd_m: whole(state.pose_sd.x, 0),
+                y_sd_m: whole(state.pose_sd.y, 1),
+                heading_sd_rad: whole(state.pose_sd.z, 2),
                 length_m: dims.x,
                 width_m: dims.y,
                 height_m: dims.z,
@@ -318,6 +323,7 @@ impl Pass<'_> {
                 observed: seen_px.is_some(),
                 class: track.class,
                 segment: self.cameras.segment_at(state.stamp.time_s()),
+                speed_sd_mps: state.speed_sd_mps.hypot(state.speed_mps * shared[(3, 3)].sqrt()),
                 activity: None,
             })
         };

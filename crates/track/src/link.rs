@@ -41,11 +41,13 @@ const ACCELERATION_POWER: f64 = 3.0;
 const STANDS_S: f64 = 20.0;
 const DRIVES_S: f64 = 1.2;
 const CREEPS_S: f64 = 6.0;
+/// Nobody drives unseen for longer, s: whoever is found then may be anybody.
+const MAX_DRIVES_S: f64 = 4.0;
 /// Shares of these three ways.
 const SHARES: [f64; 3] = [0.4, 0.45, 0.15];
 /// Longest way and greatest speed of creeping, m and m/s; sd of what it leaves the line by, m.
-const CREEP_M: f64 = 30.0;
-const CREEP_MPS: f64 = 6.0;
+const CREEP_M: f64 = 20.0;
+const CREEP_MPS: f64 = 2.5;
 const LINE_M: f64 = 0.6;
 /// Vehicles that appear, per m²: anywhere, and where they may: at the picture's edge, and far off, where boxes are so small, px.
 const APPEARS: f64 = 2e-5;
@@ -258,7 +260,11 @@ fn gain(end: &End, start: &End, gap_s: f64) -> f64 {
         let unseen = (-gap_s / STANDS_S).exp();
         end.stands * unseen * density(&way, &(places + eye * RESTING_M.powi(2))) * after
     };
-    let drove = (-gap_s / DRIVES_S).exp() * drive_density(end, start, gap_s);
+    let drove = if gap_s > MAX_DRIVES_S {
+        0.0
+    } else {
+        (-gap_s / DRIVES_S).exp() * drive_density(end, start, gap_s)
+    };
     let crept = (-gap_s / CREEPS_S).exp() * creep_density(end, start, &way, &places, gap_s);
     let same = SHARES[0] * stood + SHARES[1] * drove + SHARES[2] * crept;
     let appears = if start.border { ENTERS } else { APPEARS };

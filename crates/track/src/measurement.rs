@@ -105,6 +105,8 @@ pub(crate) struct Observation {
     pub car: usize,
     /// Pose and covariance are those of an earlier look.
     pub held: bool,
+    /// The pose is what the box says: it has an axis, but no front.
+    pub from_box: bool,
     /// The box reaches the edge of the picture.
     pub at_edge: bool,
 }

@@ -156,7 +156,7 @@ impl Live {
     /// The car is where its last look saw it.
     fn hold(&mut self, held: &HeldCar, frame: usize, time_s: f64) {
         let Some(last) = self.last() else { return };
-        let (pose, covariance, last_at_edge) = (last.pose, last.covariance, last.at_edge);
+        let (pose, covariance, at_edge, from_box) = (last.pose, last.covariance, last.at_edge, last.from_box);
         let HeldCar { bbox_px, score, car, .. } = *held;
         self.filter.hold(time_s);
         self.box_velocity_px_s = nalgebra::Vector2::zeros();
@@ -169,7 +169,8 @@ impl Live {
             score,
             car,
             held: true,
-            at_edge: last_at_edge,
+            from_box,
+            at_edge,
         });
         self.missed = 0;
     }
@@ -390,6 +391,7 @@ impl Tracker {
             score: car.score,
             car: car.car,
             held: false,
+            from_box: car.from_box,
             at_edge: car.at_edge,
         }
     }

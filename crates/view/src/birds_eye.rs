@@ -236,6 +236,7 @@ mod tests {
             observed: true,
             class: roadplane_base::VehicleClass::Car,
             segment: 0,
+            speed_sd_mps: 0.1,
             activity: None,
         };
         let rows: Vec<TrackRow> = (0..3).flat_map(|frame| [row(1, frame), row(2, frame)]).collect();

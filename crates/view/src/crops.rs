@@ -75,6 +75,7 @@ mod tests {
             observed,
             class: roadplane_base::VehicleClass::Car,
             segment: 0,
+            speed_sd_mps: 0.1,
             activity: None,
         }
     }

@@ -249,6 +249,7 @@ mod tests {
             observed: true,
             class: roadplane_base::VehicleClass::Car,
             segment: 0,
+            speed_sd_mps: 0.1,
             activity: None,
         };
         overlay.grid().unwrap();

@@ -29,6 +29,7 @@ const MESSAGE: &str = "message tracks {
     required group bbox_px (LIST) { repeated group list { required double element; } }
     required double score; required boolean observed; optional binary activity (UTF8);
     required binary class (UTF8); required int64 segment;
+    required double speed_sd_mps;
 }";
 
 /// Writes `tracks.parquet` (zstd).
@@ -126,7 +127,8 @@ fn write_columns(
     column::<ByteArrayType>(group, &activities, Some((&defined, None)))?;
     let classes: Vec<ByteArray> = rows.iter().map(|r| ByteArray::from(r.class.name())).collect();
     column::<ByteArrayType>(group, &classes, None)?;
-    column::<Int64Type>(group, &integers(|r| r.segment as u64), None)
+    column::<Int64Type>(group, &integers(|r| r.segment as u64), None)?;
+    column::<DoubleType>(group, &doubles(rows, |r| r.speed_sd_mps), None)
 }
 
 fn doubles(rows: &[TrackRow], of: fn(&TrackRow) -> f64) -> Vec<f64> {

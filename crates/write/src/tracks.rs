@@ -7,7 +7,7 @@ use roadplane_base::TrackRow;
 use crate::digits::{METRES, PIXELS, RADIANS, SCORE, SECONDS, not_finite, rounded_row};
 use crate::{JsonLines, OutFile, TrackParquet, WriteError};
 
-const HEADER: [&str; 22] = [
+const HEADER: [&str; 23] = [
     "frame",
     "time_s",
     "track",
@@ -30,6 +30,7 @@ const HEADER: [&str; 22] = [
     "activity",
     "class",
     "segment",
+    "speed_sd_mps",
 ];
 
 /// Writes `tracks.csv`: the box in four columns, an empty field for no activity.
@@ -85,6 +86,7 @@ impl TrackCsv {
             row.activity.unwrap_or_default(),
             row.class.name().to_owned(),
             row.segment.to_string(),
+            metres(row.speed_sd_mps),
         ])
     }
 

@@ -30,6 +30,7 @@ fn row(frame: u64, track: u64) -> TrackRow {
         observed: frame.is_multiple_of(2),
         class: roadplane_base::VehicleClass::Car,
         segment: 0,
+        speed_sd_mps: 0.1,
         activity: (track == 2).then(|| "turn_left, \"wide\"".to_owned()),
     }
 }

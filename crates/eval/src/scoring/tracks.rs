@@ -144,6 +144,7 @@ mod tests {
             observed: true,
             class: roadplane_base::VehicleClass::Car,
             segment: 0,
+            speed_sd_mps: 0.1,
             activity: None,
         };
         truth.frames.iter().flat_map(|frame| frame.cars.iter().map(move |car| row(frame, car))).collect()
