@@ -52,6 +52,8 @@ pub enum Command {
     Distance(DistanceArgs),
     /// Makes data sets of geometry alone: truth, and measured keypoints for `solve`.
     Synth(synth::SynthArgs),
+    /// Prints the JSON schemas of the files that a run leaves, or writes them into a folder.
+    Schemas(SchemasArgs),
     /// Measures what the main job costs on an input: prints one table.
     Bench(BenchArgs),
     /// Checks codecs, runtime, models, and says what to do about what is missing.
@@ -192,6 +194,17 @@ pub struct DistanceArgs {
     /// Only the frame nearest to this time, s; otherwise all frames in which both have a row.
     #[arg(long, value_name = "S")]
     pub at: Option<f64>,
+}
+
+/// `roadplane schemas`.
+#[derive(Debug, Args)]
+pub struct SchemasArgs {
+    /// Only of this file: tracks, camera, poses, frames or summary.
+    #[arg(value_name = "NAME")]
+    pub name: Option<String>,
+    /// Writes NAME.schema.json files into this folder.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
 }
 
 /// `roadplane render`.

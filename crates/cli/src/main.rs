@@ -28,6 +28,7 @@ fn main() -> ExitCode {
         Command::Detect(args) => commands::stages::detect(args, &cancel),
         Command::Keypoints(args) => commands::stages::keypoints(args, &cancel),
         Command::Solve(args) => commands::stages::solve(args, &cancel),
+        Command::Schemas(args) => commands::schemas::schemas(args),
         Command::Distance(args) => commands::distance::distance(args),
         Command::Track(args) => commands::stages::track(args, &cancel),
         Command::Eval(args) => commands::eval::eval(args, &cancel),

@@ -260,11 +260,8 @@ fn gain(end: &End, start: &End, gap_s: f64) -> f64 {
         let unseen = (-gap_s / STANDS_S).exp();
         end.stands * unseen * density(&way, &(places + eye * RESTING_M.powi(2))) * after
     };
-    let drove = if gap_s > MAX_DRIVES_S {
-        0.0
-    } else {
-        (-gap_s / DRIVES_S).exp() * drive_density(end, start, gap_s)
-    };
+    let drove =
+        if gap_s > MAX_DRIVES_S { 0.0 } else { (-gap_s / DRIVES_S).exp() * drive_density(end, start, gap_s) };
     let crept = (-gap_s / CREEPS_S).exp() * creep_density(end, start, &way, &places, gap_s);
     let same = SHARES[0] * stood + SHARES[1] * drove + SHARES[2] * crept;
     let appears = if start.border { ENTERS } else { APPEARS };

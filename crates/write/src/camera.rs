@@ -4,6 +4,7 @@ use std::path::Path;
 
 use nalgebra::{Matrix4, Vector2, Vector3};
 use roadplane_base::{Camera, CameraEstimate, CameraParams, CameraStatus, GroundPlane, ImageSize};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::digits::{METRES, RADIANS, SECONDS, decimals, significant};
@@ -21,7 +22,7 @@ const NORMAL: i32 = 8;
 pub const COVARIANCE_ORDER: [&str; 4] = ["log focal_px", "tilt_rad", "roll_rad", "log height_m"];
 
 /// The file: the numbers of the longest stretch of time, and those of each stretch.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct CameraFile {
     /// [`CAMERA_SCHEMA`].
     pub schema: String,
@@ -37,7 +38,7 @@ pub struct CameraFile {
 }
 
 /// Camera and ground over a stretch of time.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct CameraSegment {
     /// First and last presentation time that this holds for, s.
     pub span_s: [f64; 2],
@@ -74,7 +75,7 @@ pub struct CameraSegment {
 }
 
 /// `normal · X + offset = 0`, normal pointing up.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct PlaneInCamera {
     /// Unit normal, camera frame.
     pub normal: [f64; 3],

@@ -14,6 +14,7 @@ pub mod doctor;
 pub mod eval;
 pub mod render;
 pub mod run;
+pub mod schemas;
 pub mod stages;
 pub mod synth;
 
