@@ -1,12 +1,13 @@
 //! Pinhole camera with square pixels and no distortion.
 
 use nalgebra::{Vector2, Vector3};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::GroundPlane;
 
 /// Width and height in pixels.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(into = "[u32; 2]", from = "[u32; 2]")]
 pub struct ImageSize {
     /// Columns.

@@ -1,6 +1,7 @@
 //! The records that stages hand on, in the form that the files have (see `ARCHITECTURE.md`).
 
 use nalgebra::{Isometry3, Matrix2, Matrix4, Vector2};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use thiserror::Error;
@@ -22,10 +23,11 @@ pub enum RecordError {
 }
 
 /// What kind of vehicle a detector says it is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum VehicleClass {
     /// Cars, vans, pickups, SUVs: what the atlas covers.
+    #[default]
     Car,
     /// Lorries.
     Truck,
@@ -34,7 +36,7 @@ pub enum VehicleClass {
 }
 
 /// One line of a frames file: what is known of one frame so far. Fields that we do not know are kept.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct FrameRecord {
     /// Index of the frame in its input.
     pub frame: u64,
@@ -53,7 +55,7 @@ pub struct FrameRecord {
 }
 
 /// One vehicle in one frame.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(try_from = "CarFields", into = "CarFields")]
 pub struct CarRecord {
     /// Box: left, top, right, bottom, px.
@@ -73,7 +75,7 @@ pub struct CarRecord {
 }
 
 /// A car in a frame: index of the frame, place in its list of cars.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
 #[serde(from = "(u64, usize)", into = "(u64, usize)")]
 pub struct CarRef {
     /// Index of the frame.
@@ -95,7 +97,7 @@ impl From<CarRef> for (u64, usize) {
 }
 
 /// What a picture shows, as far as the camera is concerned.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum PictureVerdict {
     /// The camera is where it was, up to the shake that the offset tells.
@@ -126,7 +128,7 @@ impl PictureVerdict {
 }
 
 /// What the picture itself says, before any vehicle is looked for.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct WatchRecord {
     /// Whether this frame's picture was looked at; otherwise verdict and offset are those of the last one that was, and only
     /// vehicles that are held are listed.
@@ -153,7 +155,7 @@ fn is_zero(offset_px: &[f64; 2]) -> bool {
 }
 
 /// How the camera came to another position.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum MoveKind {
     /// It was turned: the picture is shifted.
@@ -167,7 +169,7 @@ pub enum MoveKind {
 }
 
 /// A change of the camera's position. It is told when it is known, which is later than it happened.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct CameraMove {
     /// How.
     pub kind: MoveKind,
@@ -181,6 +183,18 @@ pub struct CameraMove {
     /// Logarithm of the picture's growth, where it is known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub log_scale: Option<f64>,
+}
+
+impl VehicleClass {
+    /// Its name, as files have it.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Car => "car",
+            Self::Truck => "truck",
+            Self::Bus => "bus",
+        }
+    }
 }
 
 impl CarRecord {
@@ -261,17 +275,25 @@ impl FrameRecord {
 
 /// [`CarRecord`] as the file has it: `[x, y, score, sd_px]` a keypoint, and where the sd differs by direction the
 /// covariances `[xx, xy, yy]` (px²) in a field of their own.
-#[derive(Serialize, Deserialize)]
+#[derive(Serialize, Deserialize, JsonSchema)]
+#[schemars(rename = "Car")]
 struct CarFields {
+    /// Box: left, top, right, bottom, px.
     bbox_px: [f64; 4],
+    /// Detector's score, 0–1.
     score: f64,
+    /// Kind of vehicle.
     class: VehicleClass,
+    /// 36 keypoints `[x px, y px, score 0–1, sd px]`, null where there is none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     keypoints: Option<Vec<Option<[f64; 4]>>>,
+    /// Their covariances `[xx, xy, yy]`, px², where the sd differs by direction.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     keypoint_covariances_px2: Option<Vec<Option<[f64; 3]>>>,
+    /// The box is held: nothing changed there since the detector saw it in this frame.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     held_since: Option<u64>,
+    /// The pose is held: the keypoints of this look (frame, place in its list) still hold.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pose_from: Option<CarRef>,
     #[serde(flatten)]
@@ -342,7 +364,7 @@ impl TryFrom<CarFields> for CarRecord {
 }
 
 /// How a camera's numbers came about.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum CameraStatus {
     /// Focal length and plane both estimated from the cars.
@@ -377,7 +399,7 @@ pub struct CameraEstimate {
 }
 
 /// The full solve of one car in one frame: a line of `poses.jsonl`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct PoseRecord {
     /// Index of the frame.
     pub frame: u64,
@@ -423,7 +445,7 @@ pub fn rows_from_isometry(motion: &Isometry3<f64>) -> [[f64; 4]; 4] {
 }
 
 /// One car in one frame of the result: a row of `tracks.*`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct TrackRow {
     /// Index of the frame.
     pub frame: u64,
@@ -439,17 +461,17 @@ pub struct TrackRow {
     pub heading_rad: f64,
     /// Speed over ground, m/s; negative when reversing.
     pub speed_mps: f64,
-    /// sd of `x_m`.
+    /// sd of `x_m`, m: the car's own error and what all cars share, which is the camera's (`camera.json`).
     pub x_sd_m: f64,
-    /// sd of `y_m`.
+    /// sd of `y_m`, m, likewise.
     pub y_sd_m: f64,
-    /// sd of `heading_rad`.
+    /// sd of `heading_rad`, rad, likewise.
     pub heading_sd_rad: f64,
-    /// Length of the car, one per track.
+    /// Length of the vehicle, m, one per track.
     pub length_m: f64,
-    /// Width without mirrors, one per track.
+    /// Width without mirrors, m, one per track.
     pub width_m: f64,
-    /// Height of the car, one per track.
+    /// Height of the vehicle, m, one per track.
     pub height_m: f64,
     /// Box, px: measured, or projected where not observed.
     pub bbox_px: [f64; 4],
@@ -457,6 +479,15 @@ pub struct TrackRow {
     pub score: f64,
     /// Seen in this frame, or filled in.
     pub observed: bool,
+    /// Kind of vehicle, one per track.
+    #[serde(default)]
+    pub class: VehicleClass,
+    /// Which of the `segments` of `camera.json` the coordinates belong to, from 0.
+    #[serde(default)]
+    pub segment: usize,
+    /// sd of `speed_mps`, m/s, likewise; 0 in files of older versions.
+    #[serde(default)]
+    pub speed_sd_mps: f64,
     /// Activity, where asked for.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub activity: Option<String>,

@@ -44,6 +44,12 @@ impl Similarity {
         self.m * point + self.shift
     }
 
+    /// Its turn, counter-clockwise, rad.
+    #[must_use]
+    pub fn turn(&self) -> f64 {
+        self.m[(1, 0)].atan2(self.m[(0, 0)])
+    }
+
     /// Logarithm of the scale.
     #[must_use]
     pub fn log_scale(&self) -> f64 {

@@ -42,12 +42,18 @@ pub enum Command {
     Keypoints(KeypointsArgs),
     /// Solves camera, plane, poses and shapes from keypoints alone (no image).
     Solve(SolveArgs),
+    /// Tracks from keypoints alone (no image): the right half of `run`.
+    Track(TrackArgs),
     /// Draws a finished run into a video.
     Render(RenderArgs),
     /// Measures: nets, solver, finished runs, against truth; prints tables.
     Eval(eval::EvalArgs),
+    /// How far two tracks of a finished run are from each other, with its sd: errors that they share cancel.
+    Distance(DistanceArgs),
     /// Makes data sets of geometry alone: truth, and measured keypoints for `solve`.
     Synth(synth::SynthArgs),
+    /// Prints the JSON schemas of the files that a run leaves, or writes them into a folder.
+    Schemas(SchemasArgs),
     /// Measures what the main job costs on an input: prints one table.
     Bench(BenchArgs),
     /// Checks codecs, runtime, models, and says what to do about what is missing.
@@ -155,6 +161,50 @@ pub struct SolveArgs {
     #[command(flatten)]
     #[allow(missing_docs)]
     pub config: ConfigArgs,
+}
+
+/// `roadplane track`.
+#[derive(Debug, Args)]
+pub struct TrackArgs {
+    /// Frames with keypoints, as `roadplane keypoints` writes them and `roadplane run --frames` leaves them.
+    pub frames: PathBuf,
+    /// Folder to write, as a run leaves it: camera.json, poses.jsonl, tracks.*, summary.json.
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Known focal length, px.
+    #[arg(long, value_name = "F", allow_negative_numbers = true)]
+    pub focal_px: Option<f64>,
+    /// Replaces a finished folder (once the new one is complete).
+    #[arg(long)]
+    pub overwrite: bool,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub config: ConfigArgs,
+}
+
+/// `roadplane distance`.
+#[derive(Debug, Args)]
+pub struct DistanceArgs {
+    /// Folder of the finished run, DIR/<stem>.
+    pub run: PathBuf,
+    /// Number of one track.
+    pub first: u64,
+    /// Number of the other.
+    pub second: u64,
+    /// Only the frame nearest to this time, s; otherwise all frames in which both have a row.
+    #[arg(long, value_name = "S")]
+    pub at: Option<f64>,
+}
+
+/// `roadplane schemas`.
+#[derive(Debug, Args)]
+pub struct SchemasArgs {
+    /// Only of this file: tracks, camera, poses, frames or summary.
+    #[arg(value_name = "NAME")]
+    pub name: Option<String>,
+    /// Writes NAME.schema.json files into this folder.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
 }
 
 /// `roadplane render`.

@@ -20,6 +20,7 @@ mod table;
 pub mod tables;
 mod text_file;
 pub mod truth;
+mod vehicles;
 
 pub use attention::evaluate_attention;
 pub use bootstrap::{Estimate, bootstrap, bootstrap_scenes, mean, median, quantile, share_within};

@@ -18,6 +18,7 @@ use crate::tables::{
 };
 use crate::text_file::read_text;
 use crate::truth::{Truth, read_truth};
+use crate::vehicles::against_vehicles;
 use crate::{Cell, Column, EvalError, Report, Table};
 
 /// What KPF files call cars (VIRAT and MEVA).
@@ -80,8 +81,8 @@ impl FinishedRun {
     }
 }
 
-/// Scores a run against a truth file; against a camera alone where `truth` ends in `.krtd`; against boxes alone where it ends
-/// in `geom.yml` (KPF, with its `types.yml` beside it).
+/// Scores a run against a truth file; against a camera alone where `truth` ends in `.krtd`; against vehicles in a world of their
+/// own where it ends in `.vehicles.json`; against boxes alone where it ends in `geom.yml` (KPF, with its `types.yml` beside it).
 ///
 /// # Errors
 /// [`EvalError`] for files that cannot be read, are not of their form, or do not belong together.
@@ -91,6 +92,8 @@ pub fn evaluate_run(folder: &Path, truth: &Path, atlas: &ShapeAtlas) -> Result<R
     let file = truth.to_string_lossy();
     if file.ends_with(".krtd") {
         against_camera(&run, &read_krtd(truth)?, &name)
+    } else if file.ends_with(".vehicles.json") {
+        against_vehicles(&run, truth, &name)
     } else if let Some(stem) = file.strip_suffix("geom.yml") {
         // `boxes.geom.yml` goes with `types.yml`, `CLIP.geom.yml` with `CLIP.types.yml`.
         let own = PathBuf::from(format!("{stem}types.yml"));

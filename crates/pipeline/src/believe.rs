@@ -2,6 +2,7 @@
 
 use nalgebra::{Isometry3, Point3};
 use roadplane_base::{Camera, ImageSize, KEYPOINTS, Shape, ShapeAtlas, bbox_iou};
+use roadplane_track::{Track, TrackState};
 
 use crate::Config;
 
@@ -32,12 +33,44 @@ pub fn is_believable(
     size: ImageSize,
     config: &Config,
 ) -> bool {
-    let Some([x0, y0, x1, y1]) = projected_px else { return false };
-    let (right, bottom) = (f64::from(size.width) - 0.5, f64::from(size.height) - 0.5);
-    let inside = [x0.max(-0.5), y0.max(-0.5), x1.min(right), y1.min(bottom)];
+    let Some(projected_px) = projected_px else { return false };
     let side_px = (bbox_px[2] - bbox_px[0]).max(bbox_px[3] - bbox_px[1]);
-    bbox_iou(&inside, bbox_px) >= config.solve.min_box_overlap
+    overlap_inside(&projected_px, bbox_px, size) >= config.solve.min_box_overlap
         && reprojection_rms_px <= config.solve.max_rms_share * side_px
+}
+
+/// Overlap (intersection over union) of a projected box, as far as it lies in the picture, with a detected one.
+#[must_use]
+pub fn overlap_inside([x0, y0, x1, y1]: &[f64; 4], bbox_px: &[f64; 4], size: ImageSize) -> f64 {
+    let (right, bottom) = (f64::from(size.width) - 0.5, f64::from(size.height) - 0.5);
+    bbox_iou(&[x0.max(-0.5), y0.max(-0.5), x1.min(right), y1.min(bottom)], bbox_px)
+}
+
+/// Mean score below which a track is doubtful.
+const SURE_SCORE: f64 = 0.46;
+/// What moves so far is something that drives, m.
+const DRIVEN_M: f64 = 3.0;
+/// No car is lower, m: the lowest sports cars are 1.2 m high
+const MIN_HEIGHT_M: f64 = 1.2;
+/// A doubtful vehicle that stands must be seen for so long, s, and in this share of the frames.
+const MIN_SEEN_S: f64 = 1.0;
+const MIN_SEEN_SHARE: f64 = 0.75;
+
+/// Whether a track is of a vehicle. Hedges, arrows on the road and waiting motorcycles are found as cars again and again at one
+/// place, but with low scores, not in every look, or as cars that nobody builds; what drives is believed. `looked_at` tells
+/// how many frames were looked at in a span of time (s).
+#[must_use]
+pub fn is_vehicle(track: &Track, height_m: f64, looked_at: impl Fn(f64, f64) -> usize) -> bool {
+    let seen: Vec<&TrackState> = track.states.iter().filter(|state| state.observed).collect();
+    let (Some(first), Some(last)) = (seen.first(), seen.last()) else { return false };
+    let (from_s, to_s) = (first.stamp.time_s(), last.stamp.time_s());
+    let score = seen.iter().map(|state| state.score).sum::<f64>() / seen.len() as f64;
+    let way = (last.pose.x_m - first.pose.x_m).hypot(last.pose.y_m - first.pose.y_m);
+    if score >= SURE_SCORE || way >= DRIVEN_M {
+        return true;
+    }
+    let share = seen.len() as f64 / looked_at(from_s, to_s).max(1) as f64;
+    height_m >= MIN_HEIGHT_M && to_s - from_s >= MIN_SEEN_S && share >= MIN_SEEN_SHARE
 }
 
 #[cfg(test)]

@@ -48,11 +48,18 @@ impl CameraTrack {
     /// The estimate that holds at a time: whose stretch contains it, else the nearest.
     #[must_use]
     pub fn at(&self, time_s: f64) -> Option<&CameraEstimate> {
-        let distance = |estimate: &CameraEstimate| {
-            let [from, to] = estimate.span_s;
+        self.estimates.get(self.segment_at(time_s))
+    }
+
+    /// Place of that estimate among all, from 0.
+    #[must_use]
+    pub fn segment_at(&self, time_s: f64) -> usize {
+        let distance = |i: &usize| {
+            let [from, to] = self.estimates[*i].span_s;
             (from - time_s).max(time_s - to).max(0.0)
         };
-        self.estimates.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)))
+        let nearest = (0..self.estimates.len()).min_by(|a, b| distance(a).total_cmp(&distance(b)));
+        nearest.unwrap_or(0)
     }
 }
 

@@ -147,6 +147,10 @@ struct Pose {
 fn record_of(frame: &FrameRecord, index: usize, pose: &Pose, atlas: &ShapeAtlas) -> Option<PoseRecord> {
     let record = frame.cars.get(index)?;
     let points = record.keypoints.as_deref()?;
+    if !pose.reprojection_rms_px.is_finite() {
+        // Not one keypoint agrees: no pose, and no number that a file could hold.
+        return None;
+    }
     Some(PoseRecord {
         frame: frame.frame,
         time_s: frame.time_s,

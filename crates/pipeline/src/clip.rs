@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use nalgebra::{Matrix6, Vector2};
+use nalgebra::{Matrix6, Vector2, Vector3};
 use roadplane_base::{
     CameraEstimate, CameraStatus, CarRecord, CarRef, FrameRecord, FrameStamp, GroundPose, PoseRecord, Shape,
     ShapeAtlas, TrackRow, VehicleClass, WatchRecord, bbox_moved,
@@ -13,10 +13,19 @@ use roadplane_solve::{CarFit, SceneOptions, ShapePrior};
 use roadplane_track::{CarMeasurement, FrameMeasurements, HeldCar, Track, TrackState, Tracker};
 use roadplane_write::{FrameReader, PoseLines, read_jsonl};
 
-use crate::believe::{is_believable, projected_box};
+use crate::believe::{is_believable, is_vehicle, overlap_inside, projected_box};
 use crate::cameras::{CameraTrack, estimate_cameras};
 use crate::cars::{FrameCamera, HeldPoses, fit_frame, pose_record};
+use crate::ground_contact::{Body, Knowledge, body_box, cut_edges, ground_contact};
+use crate::shared_error::shared_covariance;
 use crate::{Cancel, Config, PipelineError};
+
+/// Least overlap of the box of a row that is called observed with that of the vehicle where the row has it.
+const MIN_ROW_OVERLAP: f64 = 0.3;
+/// How well a track's size is known to later looks at it, m.
+const KNOWN_DIMS_SD_M: f64 = 0.3;
+/// Least sd of a track's heading for the same, rad.
+const KNOWN_HEADING_SD_RAD: f64 = 0.05;
 
 /// What became of a clip.
 #[derive(Debug)]
@@ -98,7 +107,7 @@ pub fn solve_clip(
     spooled.finish()?;
     for track in &mut tracks {
         // The shape was held in this pass, so what this pass's tracks say of it is no evidence.
-        let held = sightings(track).find_map(|(key, _)| known.get(&key)).map(|(shape, _)| shape.mean);
+        let held = sightings(track).find_map(|(key, _)| known.get(&key)).map(|known| known.shape.mean);
         track.shape = atlas.clamped(&held.unwrap_or(track.shape));
     }
     drop(known);
@@ -152,13 +161,14 @@ impl Pass<'_> {
     fn tracks(
         &self,
         frames: impl Iterator<Item = Result<FrameRecord, PipelineError>>,
-        known: &BTreeMap<CarRef, (ShapePrior, GroundPose)>,
+        known: &BTreeMap<CarRef, Known>,
         mut sink: impl FnMut(&PoseRecord) -> Result<(), PipelineError>,
     ) -> Result<(Vec<Track>, Tally), PipelineError> {
         let mut tracker = Tracker::new(self.config.track.clone());
         let mut tracks = Vec::new();
         let mut tally = Tally::default();
         let mut position = None;
+        let mut looked_s = Vec::new();
         let mut looks = HeldPoses::default();
         for frame in frames {
             let frame = frame?;
@@ -176,7 +186,7 @@ impl Pass<'_> {
             }
             let view = FrameCamera::from(estimate);
             let prior = |i: usize| match known.get(&CarRef { frame: frame.frame, car: i }) {
-                Some((shape, pose)) => (*shape, Some(*pose)),
+                Some(Known { shape, pose, .. }) => (*shape, Some(*pose)),
                 None => (ShapePrior::default(), None),
             };
             let fitted = fit_frame(&frame, &view, self.atlas, &self.options, self.config, prior);
@@ -184,7 +194,7 @@ impl Pass<'_> {
             for (index, fit) in fitted.into_iter().enumerate() {
                 let record = &frame.cars[index];
                 if record.held_since.is_some() || record.pose_from.is_some() {
-                    held.extend(held_car(record, index));
+                    held.push(held_car(record, index));
                     if let Some(pose) = looks.line(&frame, index) {
                         sink(&pose)?;
                     }
@@ -194,10 +204,9 @@ impl Pass<'_> {
                 }
                 let class = format!("{:?}", record.class).to_lowercase();
                 *tally.boxes.entry(class).or_insert(0) += 1;
-                let reason = match (&fit, record.class) {
-                    (_, VehicleClass::Truck | VehicleClass::Bus) => Some("no_shape_for_class"),
-                    (None, VehicleClass::Car) => Some("no_pose"),
-                    (Some(fit), VehicleClass::Car) => {
+                let reason = match &fit {
+                    None => Some("no_pose"),
+                    Some(fit) => {
                         let car = &fit.car;
                         let projected =
                             projected_box(self.atlas, &view.camera, &car.camera_from_car, &car.shape);
@@ -206,15 +215,24 @@ impl Pass<'_> {
                         (!(car.used && believable)).then_some("keypoints_disagree")
                     }
                 };
-                if let Some(reason) = reason {
-                    *tally.rejected.entry(reason.to_owned()).or_insert(0) += 1;
+                let known = known.get(&CarRef { frame: frame.frame, car: index });
+                let at_edge = cut_edges(&record.bbox_px, frame.image_size_px).contains(&true);
+                // The net finds a car's keypoints in a truck, too.
+                let is_car = known.is_none_or(|known| known.class == VehicleClass::Car);
+                match (&fit, reason) {
+                    (Some(fit), None) if is_car => {
+                        cars.push(CarMeasurement { at_edge, ..measurement(fit, record, index) })
+                    }
+                    (_, reason) => match self.by_box(record, index, &frame, &view, known) {
+                        Some(measured) => cars.push(CarMeasurement { at_edge, ..measured }),
+                        None => {
+                            *tally.rejected.entry(reason.unwrap_or("no_pose").to_owned()).or_insert(0) += 1
+                        }
+                    },
                 }
                 let Some(fit) = fit else { continue };
-                if reason.is_none() {
-                    cars.extend(measurement(&fit, record.bbox_px, record.score, index));
-                }
                 if let Some(mut pose) = pose_record(&frame, index, &fit, self.atlas) {
-                    pose.used = reason.is_none();
+                    pose.used = reason.is_none() && is_car;
                     looks.remember(&pose);
                     sink(&pose)?;
                 }
@@ -222,19 +240,74 @@ impl Pass<'_> {
             let pts_nanos = (frame.time_s * 1e9).round() as i64;
             let stamp = FrameStamp { index: frame.frame, pts_nanos };
             let looked = frame.watch.as_ref().is_none_or(|watch| watch.looked);
+            // Where something was held it counts as looked at, too.
+            if looked || !held.is_empty() {
+                looked_s.push(frame.time_s);
+            }
             tracker.push(&FrameMeasurements { stamp, looked, cars, held });
         }
         append(&mut tracks, tracker.finish());
+        let looked_at = |from_s: f64, to_s: f64| {
+            looked_s.partition_point(|t| *t <= to_s) - looked_s.partition_point(|t| *t < from_s)
+        };
+        tracks.retain(|track| is_vehicle(track, self.dims_m(track).z, looked_at));
+        for (id, track) in (1..).zip(&mut tracks) {
+            track.id = id;
+        }
         Ok((tracks, tally))
+    }
+
+    /// The place of a vehicle of which the box says more than keypoints do.
+    fn by_box(
+        &self,
+        record: &CarRecord,
+        car: usize,
+        frame: &FrameRecord,
+        view: &FrameCamera,
+        known: Option<&Known>,
+    ) -> Option<CarMeasurement> {
+        let knowledge = match known {
+            Some(known) => Knowledge::Track {
+                body: known.body,
+                heading_rad: known.pose.heading_rad,
+                heading_sd_rad: known.heading_sd_rad.max(KNOWN_HEADING_SD_RAD),
+            },
+            None => Knowledge::Label(record.class),
+        };
+        let found = ground_contact(&record.bbox_px, frame.image_size_px, view, &knowledge)?;
+        Some(CarMeasurement {
+            pose: found.pose,
+            covariance: found.covariance,
+            bbox_px: record.bbox_px,
+            score: record.score,
+            class: record.class,
+            shape: Shape::zeros(),
+            shape_information: Matrix6::identity(),
+            car,
+            from_box: true,
+            at_edge: false,
+            dims_m: Some([found.dims_m, found.dims_sd_m]),
+        })
     }
 
     /// A track's rows; boxes are where the shaken picture has them.
     fn rows(&self, track: &Track, shake_px: &BTreeMap<u64, Vector2<f64>>) -> Vec<TrackRow> {
-        let dims = self.atlas.dims_m(&track.shape);
+        let dims = self.dims_m(track);
         let row = |state: &TrackState| {
-            let at_rest = state.bbox_px.or_else(|| self.projected_box(track, state))?;
+            // A box that is not where the track's vehicle is was another's.
+            let projected = self.projected_box(track, state);
+            let size = self.cameras.at(state.stamp.time_s())?.image_size_px;
+            let own = |seen: &[f64; 4]| {
+                projected.is_none_or(|box_px| overlap_inside(&box_px, seen, size) >= MIN_ROW_OVERLAP)
+            };
+            let seen_px = state.bbox_px.filter(own);
+            let at_rest = seen_px.or(projected)?;
             let bbox_px =
                 shake_px.get(&state.stamp.index).map_or(at_rest, |shake| bbox_moved(&at_rest, shake));
+            let estimate = self.cameras.at(state.stamp.time_s())?;
+            // What all cars share belongs to each row, too.
+            let shared = shared_covariance(estimate, &state.pose);
+            let whole = |own: f64, i: usize| (own * own + shared[(i, i)]).sqrt();
             Some(TrackRow {
                 frame: state.stamp.index,
                 time_s: state.stamp.time_s(),
@@ -243,15 +316,18 @@ impl Pass<'_> {
                 y_m: state.pose.y_m,
                 heading_rad: state.pose.heading_rad,
                 speed_mps: state.speed_mps,
-                x_sd_m: state.pose_sd.x,
-                y_sd_m: state.pose_sd.y,
-                heading_sd_rad: state.pose_sd.z,
+                x_sd_m: whole(state.pose_sd.x, 0),
+                y_sd_m: whole(state.pose_sd.y, 1),
+                heading_sd_rad: whole(state.pose_sd.z, 2),
                 length_m: dims.x,
                 width_m: dims.y,
                 height_m: dims.z,
                 bbox_px,
-                score: state.score,
-                observed: state.observed,
+                score: if seen_px.is_some() { state.score } else { 0.0 },
+                observed: seen_px.is_some(),
+                class: track.class,
+                segment: self.cameras.segment_at(state.stamp.time_s()),
+                speed_sd_mps: state.speed_sd_mps.hypot(state.speed_mps * shared[(3, 3)].sqrt()),
                 activity: None,
             })
         };
@@ -261,8 +337,16 @@ impl Pass<'_> {
     /// Box of a car that was not seen; `None` where it is not before the camera.
     fn projected_box(&self, track: &Track, state: &TrackState) -> Option<[f64; 4]> {
         let view = FrameCamera::from(self.cameras.at(state.stamp.time_s())?);
+        if let Some(dims_m) = track.dims_m {
+            return body_box(&view, &state.pose, &dims_m);
+        }
         let camera_from_car = view.plane.camera_from_world() * state.pose.world_from_car();
         projected_box(self.atlas, &view.camera, &camera_from_car, &track.shape)
+    }
+
+    /// Length, width, height of a track's vehicle.
+    fn dims_m(&self, track: &Track) -> Vector3<f64> {
+        track.dims_m.unwrap_or_else(|| self.atlas.dims_m(&self.atlas.clamped(&track.shape)))
     }
 }
 
@@ -272,24 +356,36 @@ fn append(tracks: &mut Vec<Track>, later: Vec<Track>) {
     tracks.extend(later.into_iter().map(|track| Track { id: track.id + before, ..track }));
 }
 
-fn measurement(fit: &CarFit, bbox_px: [f64; 4], score: f64, car: usize) -> Option<CarMeasurement> {
+fn measurement(fit: &CarFit, record: &CarRecord, car: usize) -> CarMeasurement {
     let shape_information: Matrix6<f64> =
         fit.car.shape_covariance.try_inverse().unwrap_or_else(Matrix6::identity);
-    Some(CarMeasurement {
+    CarMeasurement {
         pose: fit.car.ground,
         covariance: fit.car.ground_covariance,
-        bbox_px,
-        score,
+        bbox_px: record.bbox_px,
+        score: record.score,
         class: VehicleClass::Car,
         shape: fit.car.shape,
         shape_information,
         car,
-    })
+        from_box: false,
+        at_edge: false,
+        dims_m: None,
+    }
 }
 
-/// A car whose pose is held, where it has one.
-fn held_car(record: &CarRecord, car: usize) -> Option<HeldCar> {
-    Some(HeldCar { look: record.pose_from?, bbox_px: record.bbox_px, score: record.score, car })
+/// A vehicle that is where it was.
+fn held_car(record: &CarRecord, car: usize) -> HeldCar {
+    HeldCar { look: record.pose_from, bbox_px: record.bbox_px, score: record.score, car }
+}
+
+/// What a first pass over the frames tells the second of the vehicle in a box.
+struct Known {
+    shape: ShapePrior,
+    pose: GroundPose,
+    heading_sd_rad: f64,
+    body: Body,
+    class: VehicleClass,
 }
 
 /// The states in which a track was seen, with the car that it was seen as.
@@ -301,11 +397,20 @@ fn sightings(track: &Track) -> impl Iterator<Item = (CarRef, &TrackState)> {
 }
 
 /// Per tracked car and frame its track's shape, within the atlas' bounds, and its smoothed pose.
-fn known_cars(tracks: &[Track], atlas: &ShapeAtlas) -> BTreeMap<CarRef, (ShapePrior, GroundPose)> {
+fn known_cars(tracks: &[Track], atlas: &ShapeAtlas) -> BTreeMap<CarRef, Known> {
     let mut known = BTreeMap::new();
     for track in tracks {
         let shape = ShapePrior::known(atlas.clamped(&track.shape));
-        known.extend(sightings(track).map(|(key, state)| (key, (shape, state.pose))));
+        let dims_m = track.dims_m.unwrap_or_else(|| atlas.dims_m(&shape.mean));
+        let body = Body { dims_m, sd_m: Vector3::repeat(KNOWN_DIMS_SD_M) };
+        let of = |state: &TrackState| Known {
+            shape,
+            pose: state.pose,
+            heading_sd_rad: state.pose_sd.z,
+            body,
+            class: track.class,
+        };
+        known.extend(sightings(track).map(|(key, state)| (key, of(state))));
     }
     known
 }

@@ -8,8 +8,8 @@ use roadplane_base::ShapeAtlas;
 use roadplane_view::ViewError;
 use roadplane_watch::Background;
 use roadplane_write::{
-    Existing, FrameSpool, InputSummary, OutFile, OutputFolder, RunStatus, StageSeconds, Summary, TrackFiles,
-    read_summary, write_camera, write_json, write_summary,
+    Existing, FrameSpool, InputSummary, OutFile, OutputFolder, RunStatus, StageSeconds, Summary,
+    read_summary, write_json, write_summary,
 };
 use serde::{Deserialize, Serialize};
 
@@ -22,6 +22,7 @@ use crate::speed::{Looks, Meter};
 use crate::streaming::{
     Cadence, Nets, Streamed, detect_stage, keypoint_stage, open_input, stream, stretch_of, watch_stage,
 };
+use crate::track_file::write_solution;
 use crate::watched::Watched;
 use crate::{Cancel, Config, PipelineError, Progress, Silent};
 
@@ -167,12 +168,7 @@ pub fn run_input(
         let solve_s = solving.elapsed().as_secs_f64();
         meter.solved();
         progress.phase("writing");
-        write_camera(&folder.path().join("camera.json"), solution.cameras.estimates())?;
-        let mut files = TrackFiles::create(folder.path())?;
-        for row in &solution.rows {
-            files.write(row)?;
-        }
-        files.finish()?;
+        write_solution(folder.path(), &solution)?;
 
         let mut summary = summary_of(identity, &streamed, &solution, config, rejected_cars);
         summary.models = models;
@@ -311,23 +307,29 @@ fn summary_of(
     counts.frames_read = decode.decoded;
     counts.frames_lost = decode.missing;
     counts.frames_skipped = decode.decoded.saturating_sub(decode.delivered);
-    counts.boxes = solution.tally.boxes.clone();
-    counts.rejected = solution.tally.rejected.clone();
-    if rejected_cars > 0 {
-        counts.rejected.insert("keypoints_not_finite".to_owned(), rejected_cars);
-    }
-    counts.poses_used = solution.poses_used;
-    counts.tracks = solution.tracks.len() as u64;
-    counts.track_rows = solution.rows.len() as u64;
     if decode.missing > 0 {
         let (lost, places) = (decode.missing, decode.damaged_stretch_count);
         summary.warnings.push(format!("{lost} frames in {places} places could not be decoded"));
     }
-    summary.warnings.extend(solution.warnings.iter().cloned());
+    note_solution(&mut summary, solution);
+    if rejected_cars > 0 {
+        summary.counts.rejected.insert("keypoints_not_finite".to_owned(), rejected_cars);
+    }
     summary.seconds = streamed
         .times
         .iter()
         .map(|t| StageSeconds { stage: t.name.to_owned(), seconds: t.seconds })
         .collect();
     summary
+}
+
+/// Counts and warnings of a solved clip.
+pub fn note_solution(summary: &mut Summary, solution: &ClipSolution) {
+    let counts = &mut summary.counts;
+    counts.boxes = solution.tally.boxes.clone();
+    counts.rejected = solution.tally.rejected.clone();
+    counts.poses_used = solution.poses_used;
+    counts.tracks = solution.tracks.len() as u64;
+    counts.track_rows = solution.rows.len() as u64;
+    summary.warnings.extend(solution.warnings.iter().cloned());
 }

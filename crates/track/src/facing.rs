@@ -15,14 +15,27 @@ const FAST_ODDS: f64 = 6.0;
 /// Way that is told from jitter, m.
 const STEP_M: f64 = 1.0;
 
-/// Whether headings that follow the axis must be turned by π. `axes`: one per sighting, continuous. `places`: smoothed.
-pub(crate) fn is_reversed(sightings: &[Observation], axes: &[f64], places: &[Vector3<f64>]) -> bool {
-    keypoint_odds(sightings, axes) + motion_odds(sightings, axes, places) < 0.0
+/// Log odds below which nobody knows which end is the front.
+const KNOWN_ODDS: f64 = 1.0;
+
+/// Which way a track's headings point.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Facing {
+    /// Headings that follow the axis must be turned by π.
+    pub reversed: bool,
+    /// Something says so, or says that they must not.
+    pub known: bool,
+}
+
+/// By keypoints and motion. `axes`: one per sighting, continuous. `places`: smoothed.
+pub(crate) fn facing(sightings: &[Observation], axes: &[f64], places: &[Vector3<f64>]) -> Facing {
+    let odds = keypoint_odds(sightings, axes) + motion_odds(sightings, axes, places);
+    Facing { reversed: odds < 0.0, known: odds.abs() >= KNOWN_ODDS }
 }
 
 fn keypoint_odds(sightings: &[Observation], axes: &[f64]) -> f64 {
     let (mut sum, mut total) = (0.0, 0.0);
-    for (sighting, axis) in sightings.iter().zip(axes) {
+    for (sighting, axis) in sightings.iter().zip(axes).filter(|(sighting, _)| !sighting.from_box) {
         let weight = 1.0 / (sighting.covariance[(2, 2)] + 0.05);
         sum += weight * angle_difference(sighting.pose.z, *axis).cos().signum();
         total += weight;

@@ -21,6 +21,8 @@ const STILL_POWER: f64 = 4e-4;
 const STILL_M: f64 = 0.5;
 /// … for so long stands still, s.
 const STILL_S: f64 = 1.0;
+/// A car that was not seen for so long may have come from anywhere, s.
+const UNSEEN_S: f64 = 0.6;
 /// Largest share that a heading has in a squared distance: a wrong axis is no reason to lose a car.
 const MAX_HEADING_TERM: f64 = 6.0;
 
@@ -78,7 +80,8 @@ impl Filter {
         self.time_s - self.anchor_s >= STILL_S
     }
 
-    /// Squared Mahalanobis distance of a measurement, by whichever fits better of standing and driving on.
+    /// Squared Mahalanobis distance of a measurement, by whichever fits better of standing and driving on. What stood and was
+    /// then not seen for a while did not drive on unseen.
     pub(crate) fn distance(&self, pose: &Vector3<f64>, covariance: &Matrix3<f64>, time_s: f64) -> f64 {
         let to = |prediction: &Prediction| {
             let away = pose.xy() - prediction.state.xy();
@@ -88,8 +91,12 @@ impl Filter {
             let heading = turned * turned / (prediction.axis_variance + covariance[(2, 2)] + 0.01);
             position + heading.min(MAX_HEADING_TERM)
         };
-        let driving = to(&self.driving(time_s));
-        if self.is_still() { driving.min(to(&self.standing(time_s))) } else { driving }
+        let driving = || to(&self.driving(time_s));
+        match (self.is_still(), time_s - self.time_s > UNSEEN_S) {
+            (false, _) => driving(),
+            (true, false) => driving().min(to(&self.standing(time_s))),
+            (true, true) => to(&self.standing(time_s)),
+        }
     }
 
     /// Takes a measurement. One that lies beyond `gate` (matched by its box) counts less, as its pose must be bad.
@@ -101,7 +108,8 @@ impl Filter {
             let standing = self.standing(time_s);
             let away = pose.xy() - standing.state.xy();
             let spread = standing.covariance.fixed_view::<2, 2>(0, 0) + noise;
-            spread.try_inverse().is_some_and(|s| away.dot(&(s * away)) < gate)
+            time_s - self.time_s > UNSEEN_S
+                || spread.try_inverse().is_some_and(|s| away.dot(&(s * away)) < gate)
         };
         let Prediction { state, covariance: p, axis_variance } =
             if still { self.standing(time_s) } else { self.driving(time_s) };

@@ -3,8 +3,9 @@
 //!
 //! # How the pieces join
 //! ```text
-//! FrameMeasurements → Tracker   association on the ground plane, birth, coasting, death   (filter.rs, tracker.rs)
+//! FrameMeasurements → Tracker   tracklets: association beyond doubt, frame by frame         (filter.rs, tracker.rs)
 //!                   → merge_duplicates      two cars cannot share space                    (duplicates.rs)
+//!                   → link                  all continuations of tracklets, chosen jointly (link.rs)
 //!                   → find_runs             where the car stood, where it drove            (stops.rs)
 //!                   → smooth_track          one pose a stand, a vehicle model between      (parked.rs, vehicle.rs, chain.rs)
 //!                   → facing                which end is the front                         (facing.rs)
@@ -21,6 +22,7 @@ mod chain;
 mod duplicates;
 mod facing;
 mod filter;
+mod link;
 mod measurement;
 mod noise;
 mod options;

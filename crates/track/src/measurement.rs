@@ -22,11 +22,22 @@ pub struct CarMeasurement {
     pub shape_information: Matrix6<f64>,
     /// Position of the car in its frame's list.
     pub car: usize,
+    /// The pose is what the box says, not keypoints: it goes on with a track, and only what is no car begins one.
+    pub from_box: bool,
+    /// The box reaches the edge of the picture.
+    pub at_edge: bool,
+    /// Length, width, height and their sds, m, of a vehicle that the shape does not cover.
+    pub dims_m: Option<[Vector3<f64>; 2]>,
 }
 
 impl CarMeasurement {
     pub(crate) fn pose_vector(&self) -> Vector3<f64> {
         Vector3::new(self.pose.x_m, self.pose.y_m, self.pose.heading_rad)
+    }
+
+    /// Whether a track may begin with it.
+    pub(crate) fn may_begin(&self) -> bool {
+        !self.from_box || self.class != VehicleClass::Car
     }
 
     /// Finite, with a covariance and a box that can be.
@@ -50,8 +61,8 @@ impl CarMeasurement {
 /// A car that has not moved since an earlier look at it: it is seen, and measured no better.
 #[derive(Clone, Copy, Debug)]
 pub struct HeldCar {
-    /// The look.
-    pub look: CarRef,
+    /// The look, where it had keypoints.
+    pub look: Option<CarRef>,
     /// Box, px.
     pub bbox_px: [f64; 4],
     /// Detector's score, 0–1.
@@ -94,6 +105,10 @@ pub(crate) struct Observation {
     pub car: usize,
     /// Pose and covariance are those of an earlier look.
     pub held: bool,
+    /// The pose is what the box says: it has an axis, but no front.
+    pub from_box: bool,
+    /// The box reaches the edge of the picture.
+    pub at_edge: bool,
 }
 
 /// One vehicle over time.
@@ -101,8 +116,10 @@ pub(crate) struct Observation {
 pub struct Track {
     /// From 1, by first frame, then by x.
     pub id: u64,
-    /// Kind of vehicle, by majority of scores.
+    /// Kind of vehicle, by the scores of all its sightings.
     pub class: VehicleClass,
+    /// Length, width, height, m, of a vehicle that is no car.
+    pub dims_m: Option<Vector3<f64>>,
     /// A state for every frame from the first to the last in which it was seen.
     pub states: Vec<TrackState>,
     /// Shape coefficients: all views fused, the prior counted once.

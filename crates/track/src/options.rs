@@ -16,10 +16,12 @@ pub struct TrackOptions {
     pub min_observed: usize,
     /// Share of the frames of its life in which a track must be seen, unless its box stays where it was.
     pub min_duty: f64,
-    /// A driving car may be hidden for so long, s.
+    /// A driving car that was not seen for so long is only found again by what all tracks make of it together, s.
     pub max_coast_s: f64,
     /// A parked one, s.
     pub max_parked_coast_s: f64,
+    /// A car may be hidden for so long, s.
+    pub max_hidden_s: f64,
     /// Squared Mahalanobis distance (x, y, heading) of a measurement that may still be the track's.
     pub gate: f64,
     /// Least sd of a measured position, m: nobody measures better.
@@ -50,8 +52,9 @@ impl Default for TrackOptions {
             confirm_frames: 5,
             min_observed: 6,
             min_duty: 0.4,
-            max_coast_s: 2.0,
+            max_coast_s: 0.7,
             max_parked_coast_s: 60.0,
+            max_hidden_s: 60.0,
             gate: 20.0,
             min_position_sd_m: 0.02,
             min_heading_sd_rad: 0.005,

@@ -60,6 +60,16 @@ impl ShapeSum {
         }
     }
 
+    /// Adds all that another track saw of the same car.
+    pub(crate) fn append(&mut self, other: Self) {
+        for view in [other.view, std::mem::replace(&mut self.view, View::new(Vector2::zeros(), 0.0))] {
+            self.information += view.information / view.looks.max(1.0);
+            self.weighted += view.weighted / view.looks.max(1.0);
+        }
+        self.information += other.information;
+        self.weighted += other.weighted;
+    }
+
     /// Shape and information; the prior alone where the sums are no information matrix.
     pub(crate) fn fused(&self) -> (Shape, Matrix6<f64>) {
         let looks = self.view.looks.max(1.0);
@@ -88,6 +98,9 @@ mod tests {
             shape: Shape::repeat(shape),
             shape_information: Matrix6::identity() * information,
             car: 0,
+            from_box: false,
+            at_edge: false,
+            dims_m: None,
         }
     }
 

@@ -1,11 +1,13 @@
 //! Sightings of a track → its states.
 
+use std::f64::consts::FRAC_PI_2;
+
 use nalgebra::{Matrix3, Matrix5, Vector3};
 use roadplane_base::{FrameStamp, GroundPose, wrap_angle};
 
 use crate::{
     TrackOptions, TrackState,
-    facing::is_reversed,
+    facing::facing,
     filter::fold_axis,
     measurement::Observation,
     noise::Noise,
@@ -53,9 +55,8 @@ pub(crate) fn smooth_track(
 ) -> Vec<TrackState> {
     let runs = find_runs(sightings, options);
     let places = places(sightings, times_s, &runs, options);
-    let start = start(sightings, &places, options);
+    let (mut states, front_known) = start(sightings, &places, options);
     let mut noise = Noise::measured(&mut [], 0.0, 0.0, 1.0, options.bias_share);
-    let mut states = start;
     let mut covariances = Vec::new();
     for pass in 0..=NOISE_PASSES {
         let Some(solved) = solve(sightings, &places, states, noise, options) else { return Vec::new() };
@@ -66,7 +67,11 @@ pub(crate) fn smooth_track(
     }
     let mut result = Vec::new();
     for ((place, state), covariance) in places.iter().zip(&states).zip(&covariances) {
-        let smoothed = Smoothed::new(sightings, place, state, covariance, noise, options);
+        let mut smoothed = Smoothed::new(sightings, place, state, covariance, noise, options);
+        if !front_known {
+            // Either end may be the front.
+            smoothed.pose_sd.z = smoothed.pose_sd.z.hypot(FRAC_PI_2);
+        }
         for frame in place.frames.clone() {
             let own = &sightings[place.sightings.clone()];
             let seen = own.binary_search_by_key(&frame, |o| o.frame).ok().map(|i| &own[i]);
@@ -139,8 +144,8 @@ fn bridged(places: Vec<Place>) -> Vec<Place> {
 }
 
 /// Where to start from: places as seen, a little averaged; the axis by motion where there is some, else by keypoints; the
-/// front by both.
-fn start(sightings: &[Observation], places: &[Place], options: &TrackOptions) -> Vec<State> {
+/// front by both; and whether anything tells the front.
+fn start(sightings: &[Observation], places: &[Place], options: &TrackOptions) -> (Vec<State>, bool) {
     let averaged: Vec<Vector3<f64>> = (0..sightings.len())
         .map(|i| {
             let near = &sightings[i.saturating_sub(2)..(i + 3).min(sightings.len())];
@@ -162,14 +167,16 @@ fn start(sightings: &[Observation], places: &[Place], options: &TrackOptions) ->
         axes.push(before + fold_axis(axis - before));
         centres.push(centre);
     }
-    let turn = if is_reversed(sightings, &axes, &centres) { std::f64::consts::PI } else { 0.0 };
-    places
+    let facing = facing(sightings, &axes, &centres);
+    let turn = if facing.reversed { std::f64::consts::PI } else { 0.0 };
+    let states = places
         .iter()
         .map(|place| {
             let (pose, speed) = interpolated(sightings, &centres, &axes, place, turn);
             state_at(&pose, speed, options.half_wheelbase_m)
         })
-        .collect()
+        .collect();
+    (states, facing.known)
 }
 
 /// Direction of travel around a sighting where it is clear, else the axis that keypoints saw.

@@ -9,7 +9,7 @@ use roadplane_base::{
 
 use crate::{
     CarMeasurement, FrameMeasurements, HeldCar, Track, TrackOptions, duplicates::merge_duplicates,
-    filter::Filter, measurement::Observation, shape::ShapeSum, smooth::smooth_track,
+    filter::Filter, link::link, measurement::Observation, shape::ShapeSum, smooth::smooth_track,
 };
 
 /// A track before smoothing.
@@ -17,13 +17,85 @@ use crate::{
 pub(crate) struct RawTrack {
     pub observations: Vec<Observation>,
     pub shape: ShapeSum,
-    class_scores: BTreeMap<VehicleClass, f64>,
+    votes: BTreeMap<VehicleClass, f64>,
+    dims: DimsSum,
+}
+
+/// Classes that are voted for.
+pub(crate) const VOTES: usize = 3;
+/// Share of the votes that makes a car: detectors take cars for trucks more often than trucks for cars.
+const CAR_SHARE: f64 = 0.4;
+/// What is lower and shorter is a car, whatever it is called, m.
+const MAX_CAR_HEIGHT_M: f64 = 1.8;
+const MAX_CAR_LENGTH_M: f64 = 5.5;
+/// What a box that is called a car, but shows no car's keypoints, counts.
+const UNSURE_VOTE: f64 = 0.5;
+
+/// Sizes that boxes showed, weighted by their precision.
+#[derive(Clone, Copy, Debug, Default)]
+struct DimsSum {
+    weighted: Vector3<f64>,
+    precision: Vector3<f64>,
+}
+
+impl DimsSum {
+    fn add(&mut self, car: &CarMeasurement) {
+        if let Some([dims, sd]) = car.dims_m {
+            let precision = sd.map(|sd| sd.max(0.05).powi(-2));
+            self.weighted += dims.component_mul(&precision);
+            self.precision += precision;
+        }
+    }
+
+    fn mean(&self) -> Option<Vector3<f64>> {
+        (self.precision.min() > 0.0).then(|| self.weighted.component_div(&self.precision))
+    }
 }
 
 impl RawTrack {
+    fn new(car: &CarMeasurement, observation: Observation, shape: ShapeSum) -> Self {
+        let mut track =
+            Self { observations: Vec::new(), shape, votes: BTreeMap::new(), dims: DimsSum::default() };
+        track.add(car, observation);
+        track
+    }
+
+    fn add(&mut self, car: &CarMeasurement, observation: Observation) {
+        let unsure = car.from_box && car.class == VehicleClass::Car;
+        *self.votes.entry(car.class).or_default() += car.score * if unsure { UNSURE_VOTE } else { 1.0 };
+        self.dims.add(car);
+        self.observations.push(observation);
+    }
+
+    /// Goes on as another.
+    pub(crate) fn append(&mut self, later: Self) {
+        self.observations.extend(later.observations);
+        self.shape.append(later.shape);
+        for (class, votes) in later.votes {
+            *self.votes.entry(class).or_default() += votes;
+        }
+        self.dims.weighted += later.dims.weighted;
+        self.dims.precision += later.dims.precision;
+    }
+
+    /// Scores of the looks that took it for each class.
+    pub(crate) fn votes(&self) -> [f64; VOTES] {
+        use VehicleClass::{Bus, Car, Truck};
+        [Car, Truck, Bus].map(|class| self.votes.get(&class).copied().unwrap_or(0.0))
+    }
+
     fn class(&self) -> VehicleClass {
-        let best = self.class_scores.iter().reduce(|best, next| if next.1 > best.1 { next } else { best });
-        best.map_or(VehicleClass::Car, |(class, _)| *class)
+        let [car, truck, bus] = self.votes();
+        if self.dims.mean().is_some_and(|dims| dims.z < MAX_CAR_HEIGHT_M && dims.x < MAX_CAR_LENGTH_M) {
+            return VehicleClass::Car;
+        }
+        if car >= CAR_SHARE * (car + truck + bus) {
+            VehicleClass::Car
+        } else if truck >= bus {
+            VehicleClass::Truck
+        } else {
+            VehicleClass::Bus
+        }
     }
 }
 
@@ -40,11 +112,17 @@ struct Live {
 }
 
 /// A box is extrapolated for so long, s.
-const BOX_TRUST_S: f64 = 0.5;
+const BOX_TRUST_S: f64 = 1.0;
 /// Cost at which a track rather stays alone; pose and overlap make up half of 1 each.
 const ALONE: f64 = 0.9;
 /// Overlap of a box with that of a car that stands, from which on it is that car's.
 const SAME_PLACE: f64 = 0.7;
+/// The same for one that may move.
+const SAME_BOX: f64 = 0.9;
+/// Least overlap of a standing car's box with that of a sighting.
+const MIN_OVERLAP: f64 = 0.25;
+/// Rear axle to the middle of a truck or bus, as a share of its length.
+const HALF_WHEELBASE: f64 = 0.25;
 /// Overlap of boxes that makes a pair even where the pose went wrong.
 const SURE_OVERLAP: f64 = 0.5;
 
@@ -52,17 +130,15 @@ impl Live {
     fn new(car: &CarMeasurement, observation: Observation, look: CarRef, looks: usize) -> Self {
         let filter = Filter::new(&observation.pose, &observation.covariance, observation.time_s);
         let mut shape = ShapeSum::new(filter.position(), filter.axis());
-        shape.add(car, filter.position(), filter.axis());
+        if !car.from_box {
+            shape.add(car, filter.position(), filter.axis());
+        }
         Self {
             look,
             born: looks,
             missed: 0,
             box_velocity_px_s: nalgebra::Vector2::zeros(),
-            raw: RawTrack {
-                observations: vec![observation],
-                shape,
-                class_scores: BTreeMap::from([(car.class, car.score)]),
-            },
+            raw: RawTrack::new(car, observation, shape),
             filter,
         }
     }
@@ -71,16 +147,16 @@ impl Live {
         self.raw.observations.last()
     }
 
-    /// Whether this is the box of the car, which stands still.
+    /// Whether this is the box of the car, which stands still, or has not moved since it was seen.
     fn stands_in(&self, bbox_px: &[f64; 4]) -> bool {
-        self.filter.is_still()
-            && self.last().is_some_and(|last| bbox_iou(&last.bbox_px, bbox_px) > SAME_PLACE)
+        let least = if self.filter.is_still() { SAME_PLACE } else { SAME_BOX };
+        self.last().is_some_and(|last| bbox_iou(&last.bbox_px, bbox_px) > least)
     }
 
     /// The car is where its last look saw it.
     fn hold(&mut self, held: &HeldCar, frame: usize, time_s: f64) {
         let Some(last) = self.last() else { return };
-        let (pose, covariance) = (last.pose, last.covariance);
+        let (pose, covariance, at_edge, from_box) = (last.pose, last.covariance, last.at_edge, last.from_box);
         let HeldCar { bbox_px, score, car, .. } = *held;
         self.filter.hold(time_s);
         self.box_velocity_px_s = nalgebra::Vector2::zeros();
@@ -93,6 +169,8 @@ impl Live {
             score,
             car,
             held: true,
+            from_box,
+            at_edge,
         });
         self.missed = 0;
     }
@@ -108,9 +186,10 @@ impl Live {
             }
         }
         self.filter.update(&observation.pose, &observation.covariance, observation.time_s, gate);
-        self.raw.shape.add(car, self.filter.position(), self.filter.axis());
-        *self.raw.class_scores.entry(car.class).or_default() += car.score;
-        self.raw.observations.push(observation);
+        if !car.from_box {
+            self.raw.shape.add(car, self.filter.position(), self.filter.axis());
+        }
+        self.raw.add(car, observation);
         self.missed = 0;
     }
 
@@ -131,6 +210,9 @@ impl Live {
         match self.expected_box(observation.time_s) {
             Some(expected) => {
                 let overlap = bbox_iou(&expected, &observation.bbox_px);
+                if self.filter.is_still() && overlap < MIN_OVERLAP {
+                    return f64::INFINITY;
+                }
                 if distance < gate || overlap > SURE_OVERLAP {
                     0.5 * near + 0.5 * (1.0 - overlap)
                 } else {
@@ -206,7 +288,7 @@ impl Tracker {
         let mut held: Vec<bool> = vec![false; self.live.len()];
         for car in &frame.held {
             // A look that came to nothing is no track's; the car is still the one that stands there.
-            let by_look = self.live.iter().position(|live| live.look == car.look);
+            let by_look = car.look.and_then(|look| self.live.iter().position(|live| live.look == look));
             let by_place = || self.live.iter().position(|live| live.stands_in(&car.bbox_px));
             if let Some(l) = by_look.or_else(by_place).filter(|l| !held[*l]) {
                 self.live[l].hold(car, index, time_s);
@@ -232,7 +314,7 @@ impl Tracker {
             .filter_map(|(live, _)| live.last().cloned())
             .collect();
         let births: Vec<usize> = (0..cars.len())
-            .filter(|&c| !taken[c] && cars[c].score >= self.options.birth_score)
+            .filter(|&c| !taken[c] && cars[c].score >= self.options.birth_score && cars[c].may_begin())
             .filter(|&c| {
                 let same = |other: &Observation| same_car(&observations[c], other);
                 !(0..cars.len()).any(|other| taken[other] && same(&observations[other]))
@@ -253,7 +335,7 @@ impl Tracker {
         let half = looks.last().map_or(0, |looks| looks.div_ceil(2));
         let was_looked = |frame: usize| frame == 0 || looks[frame] > looks[frame - 1];
         let least = self.options.min_observed.min(half);
-        let mut raw = merge_duplicates(self.ended);
+        let mut raw = merge_duplicates(link(merge_duplicates(self.ended), self.options.max_hidden_s));
         raw.retain(|track| {
             let seen = track.observations.len();
             let life = match (track.observations.first(), track.observations.last()) {
@@ -272,8 +354,14 @@ impl Tracker {
             .iter()
             .map(|track| {
                 let (shape, shape_information) = track.shape.fused();
-                let states = smooth_track(&track.observations, &self.stamps, &self.times_s, &self.options);
-                Track { id: 0, class: track.class(), states, shape, shape_information }
+                let class = track.class();
+                let dims_m = if class == VehicleClass::Car { None } else { track.dims.mean() };
+                let mut options = self.options.clone();
+                if let Some(dims_m) = dims_m {
+                    options.half_wheelbase_m = HALF_WHEELBASE * dims_m.x;
+                }
+                let states = smooth_track(&track.observations, &self.stamps, &self.times_s, &options);
+                Track { id: 0, class, dims_m, states, shape, shape_information }
             })
             .collect();
         let key = |track: &Track| track.states.first().map(|s| (s.stamp.index, s.pose.x_m, s.pose.y_m));
@@ -303,6 +391,8 @@ impl Tracker {
             score: car.score,
             car: car.car,
             held: false,
+            from_box: car.from_box,
+            at_edge: car.at_edge,
         }
     }
 

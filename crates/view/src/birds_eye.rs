@@ -234,6 +234,9 @@ mod tests {
             bbox_px: [0.0; 4],
             score: 0.5,
             observed: true,
+            class: roadplane_base::VehicleClass::Car,
+            segment: 0,
+            speed_sd_mps: 0.1,
             activity: None,
         };
         let rows: Vec<TrackRow> = (0..3).flat_map(|frame| [row(1, frame), row(2, frame)]).collect();

@@ -73,6 +73,9 @@ mod tests {
             bbox_px,
             score: 0.9,
             observed,
+            class: roadplane_base::VehicleClass::Car,
+            segment: 0,
+            speed_sd_mps: 0.1,
             activity: None,
         }
     }

@@ -2,7 +2,9 @@
 
 use image::RgbImage;
 use nalgebra::{Isometry3, Point3, Vector2, Vector3};
-use roadplane_base::{Camera, GroundPlane, KEYPOINTS, Shape, ShapeAtlas, TrackRow, skeleton_edges};
+use roadplane_base::{
+    Camera, GroundPlane, KEYPOINTS, Shape, ShapeAtlas, TrackRow, VehicleClass, skeleton_edges,
+};
 
 use crate::ViewError;
 use crate::canvas::{Canvas, Rgb};
@@ -106,7 +108,10 @@ impl<'a> Overlay<'a> {
             self.ground_line(pair[0], pair[1], colour, self.thickness)?;
         }
         self.footprint(row, colour)?;
-        self.wireframe(row, car.shape, colour)?;
+        match row.class {
+            VehicleClass::Car => self.wireframe(row, car.shape, colour)?,
+            VehicleClass::Truck | VehicleClass::Bus => self.cuboid(row, colour)?,
+        }
         let [x0, y0, x1, y1] = row.bbox_px;
         let corners = [[x0, y0], [x1, y0], [x1, y1], [x0, y1]].map(Vector2::from);
         let faded = if row.observed { colour } else { colour.map(|c| c / 2) };
@@ -114,8 +119,14 @@ impl<'a> Overlay<'a> {
             self.canvas.line(corners[i], corners[(i + 1) % 4], faded, 1)?;
         }
         let speed = row.speed_mps.abs();
-        let label =
-            if speed < 0.3 { format!("{}", row.track) } else { format!("{} {speed:.1} m/s", row.track) };
+        let mut label = row.track.to_string();
+        if row.class != VehicleClass::Car {
+            label = format!("{label} {}", row.class.name());
+        }
+        if speed >= 0.3 {
+            // Reversing has a sign.
+            label = format!("{label} {:.1} m/s", row.speed_mps);
+        }
         let size = 0.32 + 0.1 * f64::from(self.thickness);
         self.canvas.label(&label, Vector2::new(x0, y0), colour, size)
     }
@@ -138,6 +149,30 @@ impl<'a> Overlay<'a> {
             (at(tip, 0.0), at(tip - 0.4, -0.3)),
         ] {
             self.ground_line(from, to, colour, 1)?;
+        }
+        Ok(())
+    }
+
+    /// What stands for a vehicle that the atlas has no shape for.
+    fn cuboid(&mut self, row: &TrackRow, colour: Rgb) -> Result<(), ViewError> {
+        let pose = roadplane_base::GroundPose { x_m: row.x_m, y_m: row.y_m, heading_rad: row.heading_rad };
+        let camera_from_car = self.plane.camera_from_world() * pose.world_from_car();
+        let (l, w) = (row.length_m / 2.0, row.width_m / 2.0);
+        let corner = |forward: f64, left: f64, up: f64| {
+            self.camera.pixel_from_camera(&(camera_from_car * Point3::new(forward, left, up)).coords)
+        };
+        let round = [(l, w), (l, -w), (-l, -w), (-l, w)];
+        let lines: Vec<_> = (0..4)
+            .flat_map(|i| {
+                let ((a, b), (c, d)) = (round[i], round[(i + 1) % 4]);
+                let top = row.height_m;
+                [(corner(a, b, top), corner(c, d, top)), (corner(a, b, 0.0), corner(a, b, top))]
+            })
+            .collect();
+        for line in lines {
+            if let (Some(from), Some(to)) = line {
+                self.canvas.line(from, to, colour, self.thickness)?;
+            }
         }
         Ok(())
     }
@@ -212,6 +247,9 @@ mod tests {
             bbox_px: [200.0, 150.0, 420.0, 330.0],
             score: 0.9,
             observed: true,
+            class: roadplane_base::VehicleClass::Car,
+            segment: 0,
+            speed_sd_mps: 0.1,
             activity: None,
         };
         overlay.grid().unwrap();

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use nalgebra::{Matrix4, Vector2, Vector3};
 use roadplane_base::{Camera, CameraEstimate, CameraParams, CameraStatus, GroundPlane, ImageSize};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::digits::{METRES, RADIANS, SECONDS, decimals, significant};
@@ -17,21 +18,27 @@ const SD_DIGITS: i32 = 4;
 /// Decimals of a unit normal: 1e-8 rad, so that the plane read back is the plane written.
 const NORMAL: i32 = 8;
 
-/// The file: the numbers of the longest stretch of time, and where the camera moved those of each stretch.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+/// Order and units of the rows and columns of [`CameraSegment::covariance`].
+pub const COVARIANCE_ORDER: [&str; 4] = ["log focal_px", "tilt_rad", "roll_rad", "log height_m"];
+
+/// The file: the numbers of the longest stretch of time, and those of each stretch.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct CameraFile {
     /// [`CAMERA_SCHEMA`].
     pub schema: String,
     /// The longest stretch.
     #[serde(flatten)]
     pub camera: CameraSegment,
-    /// All stretches in order of time; absent where there is only one.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    /// What the rows and columns of `covariance` are: [`COVARIANCE_ORDER`].
+    #[serde(default)]
+    pub covariance_order: Vec<String>,
+    /// All stretches in order of time, also where there is only one; absent in files of older versions with one.
+    #[serde(default)]
     pub segments: Vec<CameraSegment>,
 }
 
 /// Camera and ground over a stretch of time.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct CameraSegment {
     /// First and last presentation time that this holds for, s.
     pub span_s: [f64; 2],
@@ -68,7 +75,7 @@ pub struct CameraSegment {
 }
 
 /// `normal · X + offset = 0`, normal pointing up.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct PlaneInCamera {
     /// Unit normal, camera frame.
     pub normal: [f64; 3],
@@ -187,8 +194,8 @@ pub fn write_camera(path: &Path, estimates: &[CameraEstimate]) -> Result<(), Wri
     if !segments.iter().all(CameraSegment::is_usable) {
         return Err(WriteError::malformed(path, "a camera without a finite focal length or plane"));
     }
-    let segments = if segments.len() > 1 { segments } else { Vec::new() };
-    write_json(path, &CameraFile { schema: CAMERA_SCHEMA.to_owned(), camera, segments })
+    let covariance_order = COVARIANCE_ORDER.map(str::to_owned).to_vec();
+    write_json(path, &CameraFile { schema: CAMERA_SCHEMA.to_owned(), camera, covariance_order, segments })
 }
 
 /// Reads `camera.json`.
@@ -238,7 +245,7 @@ mod tests {
         let written = estimate([0.0, 1.5]);
         write_camera(&path, std::slice::from_ref(&written)).unwrap();
         let file = read_camera(&path).unwrap();
-        assert!(file.segments.is_empty());
+        assert_eq!((file.segments.len(), file.covariance_order.len()), (1, 4));
         let camera = &file.camera;
         assert!((camera.focal_sd_px.unwrap() - 1653.0 * 0.05).abs() < 0.01);
         assert!((camera.height_sd_m.unwrap() - 10.7 * 0.04).abs() < 1e-4);

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use nalgebra::{Point3, Vector3};
-use roadplane_base::{GroundPlane, GroundPose, TrackRow, wrap_angle};
+use roadplane_base::{GroundPlane, GroundPose, TrackRow, VehicleClass, wrap_angle};
 
 use crate::digits::not_finite;
 use crate::{OutFile, WriteError};
@@ -59,6 +59,15 @@ impl MotChallenge {
     }
 }
 
+/// What KITTI calls a class; it has no name for buses.
+fn kitti_type(class: VehicleClass) -> &'static str {
+    match class {
+        VehicleClass::Car => "Car",
+        VehicleClass::Truck => "Truck",
+        VehicleClass::Bus => "Misc",
+    }
+}
+
 /// Writes KITTI tracking lines: `frame id type truncated occluded alpha box(4) height width length x y z rotation_y score`,
 /// the position in the camera frame. KITTI knows no tilt: `rotation_y` is the heading seen in the camera's x–z plane.
 /// The car's origin between the axles stands for the centre of the bottom of its box.
@@ -91,9 +100,10 @@ impl KittiTracking {
         let alpha = wrap_angle(rotation_y - at.x.atan2(at.z));
         let [x0, y0, x1, y1] = row.bbox_px;
         let line = format!(
-            "{} {} Car -1 -1 {:.5} {:.2} {:.2} {:.2} {:.2} {:.4} {:.4} {:.4} {:.4} {:.4} {:.4} {:.5} {:.4}\n",
+            "{} {} {} -1 -1 {:.5} {:.2} {:.2} {:.2} {:.2} {:.4} {:.4} {:.4} {:.4} {:.4} {:.4} {:.5} {:.4}\n",
             row.frame,
             row.track,
+            kitti_type(row.class),
             alpha,
             x0,
             y0,

@@ -15,6 +15,7 @@ mod interchange;
 mod jsonl;
 mod lock;
 mod parquet;
+mod schema;
 mod speed;
 mod spool;
 mod summary;
@@ -28,6 +29,7 @@ pub use interchange::{KittiTracking, MotChallenge};
 pub use jsonl::{JsonLines, PoseLines, read_jsonl, write_json};
 pub use lock::FolderLock;
 pub use parquet::{TRACKS_SCHEMA, TrackParquet};
+pub use schema::{FRAMES_SCHEMA, POSES_SCHEMA, schemas};
 pub use speed::{CpuMs, Speed};
 pub use spool::{FrameReader, FrameSpool, Recovered};
 pub use summary::{

@@ -28,6 +28,8 @@ const MESSAGE: &str = "message tracks {
     required double length_m; required double width_m; required double height_m;
     required group bbox_px (LIST) { repeated group list { required double element; } }
     required double score; required boolean observed; optional binary activity (UTF8);
+    required binary class (UTF8); required int64 segment;
+    required double speed_sd_mps;
 }";
 
 /// Writes `tracks.parquet` (zstd).
@@ -122,7 +124,11 @@ fn write_columns(
     let defined: Vec<i16> = rows.iter().map(|r| i16::from(r.activity.is_some())).collect();
     let activities: Vec<ByteArray> =
         rows.iter().filter_map(|r| r.activity.as_deref().map(ByteArray::from)).collect();
-    column::<ByteArrayType>(group, &activities, Some((&defined, None)))
+    column::<ByteArrayType>(group, &activities, Some((&defined, None)))?;
+    let classes: Vec<ByteArray> = rows.iter().map(|r| ByteArray::from(r.class.name())).collect();
+    column::<ByteArrayType>(group, &classes, None)?;
+    column::<Int64Type>(group, &integers(|r| r.segment as u64), None)?;
+    column::<DoubleType>(group, &doubles(rows, |r| r.speed_sd_mps), None)
 }
 
 fn doubles(rows: &[TrackRow], of: fn(&TrackRow) -> f64) -> Vec<f64> {

@@ -1,11 +1,12 @@
 //! What a run cost, as `summary.json` has it.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::digits::decimals;
 
 /// What a run cost a frame read, and how much of the pictures its nets saw. A resumed run counts only its own work.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Speed {
     /// Frames read.
     pub frames: u64,
@@ -26,7 +27,7 @@ pub struct Speed {
 }
 
 /// Processor time a frame by stage, ms; the stages add up to the total, and nets are a part of their stages.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct CpuMs {
     /// All of it.
     pub total: f64,

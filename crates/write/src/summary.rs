@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use roadplane_base::{CameraMove, PictureVerdict};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::digits::decimals;
@@ -14,7 +15,7 @@ use crate::{WriteError, write_json};
 pub const SUMMARY_SCHEMA: &str = "roadplane.summary/1";
 
 /// How a run ended.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum RunStatus {
     /// Everything was read and written.
@@ -25,7 +26,7 @@ pub enum RunStatus {
 }
 
 /// The file.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Summary {
     /// [`SUMMARY_SCHEMA`].
     pub schema: String,
@@ -64,7 +65,7 @@ pub struct Summary {
 }
 
 /// The input.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct InputSummary {
     /// As given on the command line.
     pub path: String,
@@ -75,7 +76,7 @@ pub struct InputSummary {
 }
 
 /// A network.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ModelSummary {
     /// Name on its card.
     pub name: String,
@@ -88,7 +89,7 @@ pub struct ModelSummary {
 }
 
 /// What watching the pictures came to.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct WatchSummary {
     /// When the camera was moved, and how.
     pub moves: Vec<CameraMove>,
@@ -99,7 +100,7 @@ pub struct WatchSummary {
 }
 
 /// A stretch of time in which pictures said the same.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct WatchStretch {
     /// What they said.
     pub verdict: PictureVerdict,
@@ -110,7 +111,7 @@ pub struct WatchStretch {
 }
 
 /// Counts of everything read, lost, rejected and found.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Counts {
     /// Frames that the input says it has, where it says so.
     pub frames_expected: Option<u64>,
@@ -133,7 +134,7 @@ pub struct Counts {
 }
 
 /// Time of a stage.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct StageSeconds {
     /// Name of the stage.
     pub stage: String,

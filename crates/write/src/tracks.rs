@@ -7,7 +7,7 @@ use roadplane_base::TrackRow;
 use crate::digits::{METRES, PIXELS, RADIANS, SCORE, SECONDS, not_finite, rounded_row};
 use crate::{JsonLines, OutFile, TrackParquet, WriteError};
 
-const HEADER: [&str; 20] = [
+const HEADER: [&str; 23] = [
     "frame",
     "time_s",
     "track",
@@ -28,6 +28,9 @@ const HEADER: [&str; 20] = [
     "score",
     "observed",
     "activity",
+    "class",
+    "segment",
+    "speed_sd_mps",
 ];
 
 /// Writes `tracks.csv`: the box in four columns, an empty field for no activity.
@@ -81,6 +84,9 @@ impl TrackCsv {
             fixed(row.score, SCORE),
             row.observed.to_string(),
             row.activity.unwrap_or_default(),
+            row.class.name().to_owned(),
+            row.segment.to_string(),
+            metres(row.speed_sd_mps),
         ])
     }
 
@@ -94,7 +100,7 @@ impl TrackCsv {
         file.finish()
     }
 
-    fn record(&mut self, fields: &[String; 20]) -> Result<(), WriteError> {
+    fn record(&mut self, fields: &[String; HEADER.len()]) -> Result<(), WriteError> {
         self.writer.write_record(fields).map_err(|e| match e.into_kind() {
             csv::ErrorKind::Io(source) => WriteError::io("write", &self.path)(source),
             other => WriteError::malformed(&self.path, format!("{other:?}")),

@@ -28,6 +28,9 @@ fn row(frame: u64, track: u64) -> TrackRow {
         bbox_px: [10.0, 20.0 + t, 110.123_456, 90.0],
         score: 0.9,
         observed: frame.is_multiple_of(2),
+        class: roadplane_base::VehicleClass::Car,
+        segment: 0,
+        speed_sd_mps: 0.1,
         activity: (track == 2).then(|| "turn_left, \"wide\"".to_owned()),
     }
 }

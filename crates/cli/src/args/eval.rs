@@ -40,7 +40,8 @@ pub enum EvalCommand {
 pub struct EvalRunArgs {
     /// Folder of the finished run, DIR/<stem>.
     pub run: PathBuf,
-    /// Truth file (roadplane.truth/1), a calibrated camera (.krtd), or boxes (KPF, geom.yml with types.yml beside it).
+    /// Truth file (roadplane.truth/1), a calibrated camera (.krtd), vehicles of other sensors
+    /// (.vehicles.json), or boxes (KPF, geom.yml with types.yml beside it).
     #[arg(long, value_name = "FILE")]
     pub truth: PathBuf,
     /// Writes the tables as CSV and HTML into this folder.

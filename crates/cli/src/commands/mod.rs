@@ -9,10 +9,12 @@ use crate::Outcome;
 use crate::args::{Cli, ConfigArgs};
 
 pub mod bench;
+pub mod distance;
 pub mod doctor;
 pub mod eval;
 pub mod render;
 pub mod run;
+pub mod schemas;
 pub mod stages;
 pub mod synth;
 

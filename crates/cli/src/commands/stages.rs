@@ -1,11 +1,14 @@
-//! `roadplane detect`, `keypoints`, `solve`: one stage alone, on files.
+//! `roadplane detect`, `keypoints`, `solve`, `track`: one stage alone, on files.
+
+use std::path::Path;
 
 use roadplane_pipeline::{
-    Cancel, PipelineError, SolveOptions, detect_file, find_models, keypoints_file, solve_file,
+    Cancel, Existing, FolderLock, PipelineError, SolveOptions, detect_file, find_models, keypoints_file,
+    solve_file, track_file,
 };
 
 use crate::Outcome;
-use crate::args::{DetectArgs, KeypointsArgs, SolveArgs};
+use crate::args::{DetectArgs, KeypointsArgs, SolveArgs, TrackArgs};
 use crate::progress::Bar;
 
 fn outcome(damaged: bool) -> Outcome {
@@ -31,11 +34,34 @@ pub fn keypoints(args: &KeypointsArgs, cancel: &Cancel) -> anyhow::Result<Outcom
 /// Frames with keypoints → poses and camera.
 pub fn solve(args: &SolveArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let config = super::config(&args.config)?;
-    if args.focal_px.is_some_and(|f| !(f.is_finite() && f > 0.0)) {
-        return Err(PipelineError::usage("--focal-px must be a positive number").into());
-    }
+    check_focal(args.focal_px)?;
     let options =
         SolveOptions { focal_px: args.focal_px, use_plane: !args.no_plane, per_frame: args.per_frame };
     solve_file(&args.frames, &args.out, &options, &config, cancel)?;
     Ok(Outcome::Done)
+}
+
+/// Frames with keypoints → tracks.
+pub fn track(args: &TrackArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
+    let config = super::config(&args.config)?;
+    check_focal(args.focal_px)?;
+    let (out, stem) = (args.out.parent().unwrap_or_else(|| Path::new("")), stem_of_folder(&args.out));
+    let out = if out.as_os_str().is_empty() { Path::new(".") } else { out };
+    let _lock = FolderLock::acquire(out).map_err(PipelineError::from)?;
+    let existing = if args.overwrite { Existing::Overwrite } else { Existing::Refuse };
+    let report = track_file(&args.frames, out, &stem, args.focal_px, existing, &config, cancel)?;
+    let tracks = report.tracks.unwrap_or(0);
+    tracing::info!("{tracks} tracks, {}: {}", report.camera, report.folder.display());
+    Ok(Outcome::Done)
+}
+
+fn stem_of_folder(folder: &Path) -> String {
+    folder.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default()
+}
+
+fn check_focal(focal_px: Option<f64>) -> Result<(), PipelineError> {
+    if focal_px.is_some_and(|f| !(f.is_finite() && f > 0.0)) {
+        return Err(PipelineError::usage("--focal-px must be a positive number"));
+    }
+    Ok(())
 }

@@ -142,6 +142,9 @@ mod tests {
             bbox_px: car.bbox_px,
             score: 0.9,
             observed: true,
+            class: roadplane_base::VehicleClass::Car,
+            segment: 0,
+            speed_sd_mps: 0.1,
             activity: None,
         };
         truth.frames.iter().flat_map(|frame| frame.cars.iter().map(move |car| row(frame, car))).collect()

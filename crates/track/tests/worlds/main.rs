@@ -5,6 +5,7 @@
 mod driving;
 mod honesty;
 mod invariance;
+mod junction;
 mod parked;
 mod tangles;
 mod world;

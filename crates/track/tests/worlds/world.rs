@@ -166,6 +166,9 @@ impl World {
                     shape: Shape::repeat(0.3),
                     shape_information: Matrix6::identity() * 3.0,
                     car: cars.len(),
+                    from_box: false,
+                    at_edge: false,
+                    dims_m: None,
                 });
                 owners.push(Some(k));
             }
@@ -182,6 +185,9 @@ impl World {
                     shape: Shape::zeros(),
                     shape_information: Matrix6::identity(),
                     car: cars.len(),
+                    from_box: false,
+                    at_edge: false,
+                    dims_m: None,
                 });
                 owners.push(None);
             }

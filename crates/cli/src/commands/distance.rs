@@ -1,0 +1,19 @@
+//! `roadplane distance`: two tracks of a finished run.
+
+use std::io::{Write as _, stdout};
+
+use roadplane_pipeline::distances;
+
+use crate::Outcome;
+use crate::args::DistanceArgs;
+
+/// Prints CSV: time, distance and its sd.
+pub fn distance(args: &DistanceArgs) -> anyhow::Result<Outcome> {
+    let found = distances(&args.run, [args.first, args.second], args.at)?;
+    let mut out = stdout().lock();
+    writeln!(out, "time_s,distance_m,distance_sd_m")?;
+    for distance in found {
+        writeln!(out, "{:.3},{:.3},{:.3}", distance.time_s, distance.distance_m, distance.sd_m)?;
+    }
+    Ok(Outcome::Done)
+}

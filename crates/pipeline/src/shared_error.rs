@@ -1,0 +1,97 @@
+//! What errors of the camera do to places on the ground: all cars of a clip share them.
+//!
+//! A car is seen at a pixel; what is said of the camera lays that pixel on the ground. First order in the camera's four numbers
+//! (log focal, tilt, roll, log height; the last one holds what is not known of the scale), by central differences.
+
+use nalgebra::{Matrix4, SMatrix, Vector2, Vector4};
+use roadplane_base::{Camera, CameraEstimate, CameraParams, GroundPose};
+
+/// Step of the differences, rad or log.
+const STEP: f64 = 1e-5;
+/// A direction is that of a way so long, m.
+const WAY_M: f64 = 1.0;
+
+/// Derivatives of x, y (m), heading (rad) and log speed of what is seen at a place, by the camera's numbers (columns); `None`
+/// where it cannot be seen.
+#[must_use]
+pub fn by_camera(estimate: &CameraEstimate, pose: &GroundPose) -> Option<Matrix4<f64>> {
+    let ahead = Vector2::new(pose.heading_rad.cos(), pose.heading_rad.sin()) * WAY_M;
+    let from = Vector2::new(pose.x_m, pose.y_m);
+    let pixels = [pixel_of(estimate, &from)?, pixel_of(estimate, &(from + ahead))?];
+    let laid = |params: &CameraParams| -> Option<Vector4<f64>> {
+        let camera = Camera { focal_px: params.focal_px(), principal_point_px: estimate.principal_point_px };
+        let plane = params.plane();
+        let at = plane.world_from_pixel(&camera, &pixels[0])?;
+        let way = plane.world_from_pixel(&camera, &pixels[1])? - at;
+        // The turn against the way as it is, so that no angle wraps.
+        let turn = (ahead.x * way.y - ahead.y * way.x).atan2(ahead.dot(&way));
+        Some(Vector4::new(at.x, at.y, turn, way.norm().ln()))
+    };
+    let mut derivatives = SMatrix::<f64, 4, 4>::zeros();
+    for column in 0..4 {
+        let moved = |step: f64| {
+            let mut numbers = estimate.params.to_vector();
+            numbers[column] += step;
+            laid(&CameraParams::from_vector(&numbers))
+        };
+        derivatives.set_column(column, &((moved(STEP)? - moved(-STEP)?) / (2.0 * STEP)));
+    }
+    Some(derivatives)
+}
+
+/// Covariance of x, y, heading and log speed that the camera's errors leave; zero where they are not known.
+#[must_use]
+pub fn shared_covariance(estimate: &CameraEstimate, pose: &GroundPose) -> Matrix4<f64> {
+    if !estimate.covariance.iter().all(|v| v.is_finite()) {
+        return Matrix4::zeros();
+    }
+    by_camera(estimate, pose).map_or_else(Matrix4::zeros, |by| by * estimate.covariance * by.transpose())
+}
+
+fn pixel_of(estimate: &CameraEstimate, at: &Vector2<f64>) -> Option<Vector2<f64>> {
+    let camera =
+        Camera { focal_px: estimate.params.focal_px(), principal_point_px: estimate.principal_point_px };
+    let plane = estimate.params.plane();
+    let point = plane.camera_from_world() * nalgebra::Point3::new(at.x, at.y, 0.0);
+    camera.pixel_from_camera(&point.coords)
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use roadplane_base::{CameraStatus, ImageSize};
+
+    pub(crate) fn estimate(sd: [f64; 4]) -> CameraEstimate {
+        let size = ImageSize { width: 1280, height: 720 };
+        CameraEstimate {
+            span_s: [0.0, 9.0],
+            image_size_px: size,
+            principal_point_px: size.centre_px(),
+            params: CameraParams { log_focal: 7.0, tilt: 0.3, roll: 0.02, log_height: 2.2 },
+            covariance: Matrix4::from_diagonal(&Vector4::from(sd).map(|v| v * v)),
+            status: CameraStatus::Estimated,
+            cars_used: 9,
+            frames_used: 9,
+        }
+    }
+
+    #[test]
+    fn an_unknown_height_scales_the_world() {
+        let estimate = estimate([1e-9, 1e-9, 1e-9, 0.05]);
+        let pose = GroundPose { x_m: 6.0, y_m: 40.0, heading_rad: 1.1 };
+        let covariance = shared_covariance(&estimate, &pose);
+        let sd = |i: usize| covariance[(i, i)].sqrt();
+        // Places and speeds grow with the height, directions do not turn.
+        assert!((sd(0) - 0.05 * 6.0).abs() < 1e-4 && (sd(1) - 0.05 * 40.0).abs() < 1e-4);
+        assert!(sd(2) < 1e-6 && (sd(3) - 0.05).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_roll_moves_what_is_aside_and_far() {
+        let estimate = estimate([1e-9, 1e-9, 0.01, 1e-9]);
+        let sd = |x_m: f64, y_m: f64| {
+            shared_covariance(&estimate, &GroundPose { x_m, y_m, heading_rad: 0.0 })[(1, 1)].sqrt()
+        };
+        assert!(sd(15.0, 40.0) > 2.0 * sd(2.0, 40.0) && sd(15.0, 60.0) > sd(15.0, 30.0));
+    }
+}

@@ -1,0 +1,72 @@
+//! `roadplane track`: frames with keypoints → the folder of a finished run, no image needed.
+
+use std::path::Path;
+use std::time::Instant;
+
+use roadplane_base::ShapeAtlas;
+use roadplane_write::{
+    Existing, OutputFolder, StageSeconds, Summary, TrackFiles, write_camera, write_summary,
+};
+
+use crate::clip::{ClipSolution, solve_clip};
+use crate::identity::{file_identity, versions};
+use crate::run::{RunReport, note_solution};
+use crate::{Cancel, Config, PipelineError};
+
+/// Tracks the cars of a frames file into `out/<stem>/`: camera, poses, tracks and summary as a run leaves them. Hold the lock of
+/// `out`.
+///
+/// # Errors
+/// [`PipelineError`]; nothing then appears under the final name.
+pub fn track_file(
+    frames: &Path,
+    out: &Path,
+    stem: &str,
+    focal_px: Option<f64>,
+    existing: Existing,
+    config: &Config,
+    cancel: &Cancel,
+) -> Result<RunReport, PipelineError> {
+    let started = Instant::now();
+    let atlas = ShapeAtlas::shipped()?;
+    let mut summary = Summary {
+        versions: versions(),
+        input: file_identity(frames)?,
+        config: serde_json::to_value(config).unwrap_or_default(),
+        config_sha256: config.fingerprint(),
+        ..Summary::default()
+    };
+    let mut folder = OutputFolder::begin(out, stem, existing)?;
+    if folder.is_resumed() {
+        folder.reset()?;
+    }
+    let solved = solve_clip(frames, &folder.path().join("poses.jsonl"), &atlas, focal_px, config, cancel)
+        .and_then(|solution| write_solution(folder.path(), &solution).map(|()| solution));
+    let solution = match solved {
+        Ok(solution) => solution,
+        Err(error) => {
+            folder.discard()?;
+            return Err(error);
+        }
+    };
+    note_solution(&mut summary, &solution);
+    summary.wall_s = started.elapsed().as_secs_f64();
+    summary.seconds = vec![StageSeconds { stage: "solve".to_owned(), seconds: summary.wall_s }];
+    write_summary(&folder.path().join("summary.json"), &summary)?;
+    let tracks = Some(solution.tracks.len() as u64);
+    let camera = solution.camera_in_words();
+    Ok(RunReport { folder: folder.publish()?, tracks, camera, damaged: false })
+}
+
+/// `camera.json` and the track files.
+///
+/// # Errors
+/// [`PipelineError::Write`].
+pub fn write_solution(folder: &Path, solution: &ClipSolution) -> Result<(), PipelineError> {
+    write_camera(&folder.join("camera.json"), solution.cameras.estimates())?;
+    let mut files = TrackFiles::create(folder)?;
+    for row in &solution.rows {
+        files.write(row)?;
+    }
+    Ok(files.finish()?)
+}
