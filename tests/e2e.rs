@@ -4,6 +4,7 @@
 
 mod bad_inputs;
 mod bench;
+mod cameras;
 mod common;
 mod dataset;
 mod demo_clip;

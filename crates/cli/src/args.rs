@@ -1,5 +1,6 @@
 //! The command line.
 
+pub mod cameras;
 pub mod eval;
 pub mod synth;
 
@@ -42,6 +43,8 @@ pub enum Command {
     Keypoints(KeypointsArgs),
     /// Solves camera, plane, poses and shapes from keypoints alone (no image).
     Solve(SolveArgs),
+    /// What is remembered of cameras: lists, shows, merges, forgets.
+    Cameras(cameras::CamerasArgs),
     /// Draws a finished run into a video.
     Render(RenderArgs),
     /// Measures: nets, solver, finished runs, against truth; prints tables.
@@ -82,6 +85,13 @@ pub struct RunArgs {
     /// Known focal length, px: the plane is still estimated.
     #[arg(long, value_name = "F", allow_negative_numbers = true)]
     pub focal_px: Option<f64>,
+    /// Remembers cameras in DIR: each clip starts from what other clips said of its camera before this command, and adds what it
+    /// says itself.
+    #[arg(long, value_name = "DIR", requires = "camera_id", conflicts_with = "focal_px")]
+    pub cameras: Option<PathBuf>,
+    /// The inputs' camera; or a pattern of their names in which {} is the camera and * anything, e.g. '{}_*'.
+    #[arg(long, value_name = "ID", requires = "cameras")]
+    pub camera_id: Option<String>,
     /// Inputs worked on at the same time.
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=256))]
     pub jobs: u16,

@@ -23,6 +23,7 @@ fn main() -> ExitCode {
     let cancel = signals::watch();
     let outcome = match &cli.command {
         Command::Run(args) => commands::run::run(args, &cancel),
+        Command::Cameras(args) => commands::cameras::cameras(args),
         Command::Render(args) => commands::render::render(args, &cancel),
         Command::Bench(args) => commands::bench::bench(args, &cancel),
         Command::Detect(args) => commands::stages::detect(args, &cancel),

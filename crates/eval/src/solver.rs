@@ -5,6 +5,7 @@
 mod ablation;
 mod exact;
 mod fusion;
+mod remembered;
 mod scenes;
 mod speed;
 mod statistics;
@@ -12,5 +13,6 @@ mod statistics;
 pub use ablation::ablation_tables;
 pub use exact::exact_table;
 pub use fusion::fusion_table;
+pub use remembered::remembered_tables;
 pub use speed::{SpeedPoint, speed, speed_plot, speed_table};
 pub use statistics::statistics_tables;

@@ -9,14 +9,15 @@ use roadplane_view::ViewError;
 use roadplane_watch::Background;
 use roadplane_write::{
     Existing, FrameSpool, InputSummary, OutFile, OutputFolder, RunStatus, StageSeconds, Summary, TrackFiles,
-    read_summary, write_camera, write_json, write_summary,
+    read_summary, write_camera, write_evidence, write_json, write_summary,
 };
 use serde::{Deserialize, Serialize};
 
-use crate::clip::{ClipSolution, solve_clip};
+use crate::clip::{ClipSolution, solve_remembered_clip};
 use crate::draw::{Scene, draw_video, write_report};
 use crate::flow::Work;
 use crate::identity::{file_identity, peak_memory_bytes, versions};
+use crate::memory::{CameraMemory, EVIDENCE};
 use crate::samples::SampleFrames;
 use crate::speed::{Looks, Meter};
 use crate::streaming::{
@@ -37,6 +38,8 @@ pub struct RunOptions {
     pub models: PathBuf,
     /// Known focal length, px.
     pub focal_px: Option<f64>,
+    /// What is remembered of the cameras.
+    pub cameras: Option<CameraMemory>,
     /// What to do about a finished result of the same name.
     pub existing: Existing,
     /// Go on where a stopped run ended; leave finished results alone.
@@ -58,6 +61,7 @@ impl RunOptions {
         Self {
             models,
             focal_px: None,
+            cameras: None,
             existing: Existing::Refuse,
             resume: false,
             video: false,
@@ -158,16 +162,26 @@ pub fn run_input(
             write_background(folder.path(), background)?;
         }
         let rejected_cars = nets.keypoints.rejected();
+        let place = background.as_ref().map(Background::picture);
+        let cameras = options.cameras.as_ref();
+        let recall = cameras
+            .map(|memory| memory.recall(input_path, &identity, nets.fingerprints(), place))
+            .transpose()?;
         drop(nets);
         progress.phase("solving");
         let spool = folder.path().join(SPOOL);
         let solving = Instant::now();
+        let poses = folder.path().join("poses.jsonl");
+        let focal_px = options.focal_px;
         let solution =
-            solve_clip(&spool, &folder.path().join("poses.jsonl"), &atlas, options.focal_px, config, cancel)?;
+            solve_remembered_clip(&spool, &poses, &atlas, focal_px, recall.as_ref(), config, cancel)?;
         let solve_s = solving.elapsed().as_secs_f64();
         meter.solved();
         progress.phase("writing");
         write_camera(&folder.path().join("camera.json"), solution.cameras.estimates())?;
+        if let Some(said) = solution.cameras.said() {
+            write_evidence(&folder.path().join(EVIDENCE), said)?;
+        }
         let mut files = TrackFiles::create(folder.path())?;
         for row in &solution.rows {
             files.write(row)?;
@@ -183,7 +197,6 @@ pub fn run_input(
         summary.peak_memory_bytes = peak_memory_bytes();
         summary.speed = Some(meter.speed());
         let samples = samples.finish();
-        let place = background.as_ref().map(Background::picture);
         write_report(
             &folder.path().join("report.html"),
             &stem,

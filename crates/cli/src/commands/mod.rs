@@ -9,6 +9,7 @@ use crate::Outcome;
 use crate::args::{Cli, ConfigArgs};
 
 pub mod bench;
+pub mod cameras;
 pub mod doctor;
 pub mod eval;
 pub mod render;

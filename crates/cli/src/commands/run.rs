@@ -1,12 +1,12 @@
 //! `roadplane run`: every input to its own folder, several at a time if asked for.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
 use crossbeam_channel::bounded;
 use roadplane_pipeline::{
-    Cancel, Config, Existing, Fault, FolderLock, PipelineError, RunOptions, RunReport, find_models,
-    run_input, stem_of,
+    CameraMemory, Cancel, Config, Existing, Fault, FolderLock, PipelineError, RunOptions, RunReport,
+    find_models, run_input, stem_of,
 };
 
 use crate::Outcome;
@@ -29,9 +29,14 @@ pub fn run(args: &RunArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     }
     let models = find_models(config.models.folder.as_deref())?;
     let _lock = FolderLock::acquire(&args.out).map_err(PipelineError::from)?;
+    let cameras = match (&args.cameras, &args.camera_id) {
+        (Some(folder), Some(id)) => Some(CameraMemory::open(folder, id, &args.inputs)?),
+        _ => None,
+    };
     let options = RunOptions {
         models,
         focal_px: args.focal_px,
+        cameras,
         existing: if args.overwrite { Existing::Overwrite } else { Existing::Refuse },
         resume: args.resume,
         video: args.video,
@@ -70,6 +75,11 @@ pub fn run(args: &RunArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     if let Some(signal) = cancel.signal() {
         return Err(PipelineError::Stopped { signal }.into());
     }
+    if let Some(cameras) = &options.cameras {
+        for result in &worst.finished {
+            cameras.learn(result)?;
+        }
+    }
     match worst.error {
         Some(error) => Err(error.into()),
         None if worst.damaged => Ok(Outcome::Damaged),
@@ -93,6 +103,7 @@ fn one(
 struct Worst {
     damaged: bool,
     error: Option<PipelineError>,
+    finished: Vec<PathBuf>,
 }
 
 impl Worst {
@@ -103,6 +114,7 @@ impl Worst {
                 let camera = &report.camera;
                 tracing::info!("{}: {tracks}{camera}: {}", input.display(), report.folder.display());
                 self.damaged |= report.damaged;
+                self.finished.push(report.folder);
             }
             Err(error) => {
                 let rank = |fault: Fault| match fault {

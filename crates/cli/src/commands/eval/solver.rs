@@ -3,11 +3,12 @@
 use roadplane_base::ShapeAtlas;
 use roadplane_eval::Report;
 use roadplane_eval::solver::{
-    ablation_tables, exact_table, fusion_table, speed, speed_plot, speed_table, statistics_tables,
+    ablation_tables, exact_table, fusion_table, remembered_tables, speed, speed_plot, speed_table,
+    statistics_tables,
 };
 
 use crate::Outcome;
-use crate::args::eval::EvalSolverArgs;
+use crate::args::eval::{EvalCamerasArgs, EvalSolverArgs};
 
 /// Frames that are fused.
 const FRAMES: usize = 100;
@@ -26,5 +27,14 @@ pub fn solver(args: &EvalSolverArgs) -> anyhow::Result<Outcome> {
     tables.push(speed_table(&points));
     let title = "The joint solver on scenes with exact truth".to_owned();
     super::show(&Report { title, tables, plots: vec![speed_plot(&points)] }, args.out.as_deref())?;
+    Ok(Outcome::Done)
+}
+
+/// Prints the table of remembered cameras.
+pub fn cameras(args: &EvalCamerasArgs) -> anyhow::Result<Outcome> {
+    let atlas = ShapeAtlas::shipped()?;
+    let tables = remembered_tables(&atlas, args.cameras as usize, args.clips as usize);
+    let title = "Remembered cameras on clips with exact truth".to_owned();
+    super::show(&Report { title, tables, plots: Vec::new() }, args.out.as_deref())?;
     Ok(Outcome::Done)
 }
