@@ -10,4 +10,5 @@ mod dataset;
 mod demo_clip;
 mod eval;
 mod real_clips;
+mod reliability;
 mod synth;

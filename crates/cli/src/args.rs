@@ -55,6 +55,12 @@ pub enum Command {
     Bench(BenchArgs),
     /// Checks codecs, runtime, models, and says what to do about what is missing.
     Doctor(DoctorArgs),
+    /// Writes the manual: a page for every command.
+    Man {
+        /// Folder for roadplane.1, roadplane-run.1, …; made where it is missing.
+        #[arg(long, value_name = "DIR")]
+        out: PathBuf,
+    },
     /// Prints shell completions.
     Completions {
         /// For which shell.
@@ -111,6 +117,15 @@ pub struct RunArgs {
     /// last seen bare.
     #[arg(long)]
     pub background: bool,
+    /// Writes counts in Prometheus' text format at the end, for its textfile collector.
+    #[arg(long, value_name = "FILE")]
+    pub metrics_file: Option<PathBuf>,
+    /// Serves the same while running, http://ADDR/metrics; ADDR is of this machine alone, e.g. 127.0.0.1:9464.
+    #[arg(long, value_name = "ADDR")]
+    pub metrics: Option<std::net::SocketAddr>,
+    /// Names this run in JSON log lines and metrics; default: time and process.
+    #[arg(long, value_name = "ID")]
+    pub run_id: Option<String>,
     #[command(flatten)]
     #[allow(missing_docs)]
     pub config: ConfigArgs,

@@ -17,6 +17,7 @@ use crate::clip::{ClipSolution, solve_remembered_clip};
 use crate::draw::{Scene, draw_video, write_report};
 use crate::flow::Work;
 use crate::identity::{file_identity, peak_memory_bytes, versions};
+use crate::limits::check_memory;
 use crate::memory::{CameraMemory, EVIDENCE};
 use crate::samples::SampleFrames;
 use crate::speed::{Looks, Meter};
@@ -83,6 +84,8 @@ pub struct RunReport {
     pub camera: String,
     /// Some of the input was lost.
     pub damaged: bool,
+    /// Frames that could not be decoded.
+    pub frames_lost: u64,
 }
 
 /// Identifies the work that a spool belongs to.
@@ -121,10 +124,13 @@ pub fn run_input(
     let summary = finished.join("summary.json");
     if options.resume && summary.is_file() {
         let camera = "finished before".to_owned();
-        let damaged = read_summary(&summary)?.status == RunStatus::InputDamaged;
-        return Ok(RunReport { folder: finished, tracks: None, camera, damaged });
+        let summary = read_summary(&summary)?;
+        let damaged = summary.status == RunStatus::InputDamaged;
+        let frames_lost = summary.counts.frames_lost;
+        return Ok(RunReport { folder: finished, tracks: None, camera, damaged, frames_lost });
     }
     let input = open_input(input_path, config)?;
+    check_memory(input.size())?;
     let identity = file_identity(input_path)?;
     let mut nets = Nets::open(&options.models, config)?;
     let models = nets.summaries();
@@ -215,9 +221,9 @@ pub fn run_input(
             draw_video(input_path, &scene, &video, config, cancel, &Silent)?;
         }
         write_summary(&folder.path().join("summary.json"), &summary)?;
-        Ok((streamed.decode.is_damaged(), solution))
+        Ok((streamed.decode, solution))
     })();
-    let (damaged, solution) = match result {
+    let (decode, solution) = match result {
         Ok(done) => done,
         Err(error) => {
             // Only a stopped run leaves something to go on from.
@@ -234,7 +240,8 @@ pub fn run_input(
     }
     let tracks = Some(solution.tracks.len() as u64);
     let camera = solution.camera_in_words();
-    Ok(RunReport { folder: folder.publish()?, tracks, camera, damaged })
+    let (damaged, frames_lost) = (decode.is_damaged(), decode.missing);
+    Ok(RunReport { folder: folder.publish()?, tracks, camera, damaged, frames_lost })
 }
 
 fn read_stamp(folder: &Path) -> Option<Stamp> {

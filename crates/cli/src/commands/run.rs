@@ -5,12 +5,13 @@ use std::sync::Mutex;
 
 use crossbeam_channel::bounded;
 use roadplane_pipeline::{
-    CameraMemory, Cancel, Config, Existing, Fault, FolderLock, PipelineError, RunOptions, RunReport,
-    find_models, run_input, stem_of,
+    CameraMemory, Cancel, Existing, Fault, FolderLock, PipelineError, RunOptions, RunReport, find_models,
+    run_input, stem_of,
 };
 
 use crate::Outcome;
 use crate::args::RunArgs;
+use crate::metrics::{self, Counted, Metrics};
 use crate::progress::Bar;
 
 /// Runs all inputs; one that is lost does not keep the others from being done.
@@ -27,6 +28,12 @@ pub fn run(args: &RunArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
             return Err(PipelineError::usage(&message).into());
         }
     }
+    let run_id = args.run_id.clone().unwrap_or_else(metrics::default_run_id);
+    let metrics = Metrics::new(&run_id, args.inputs.len());
+    if let Some(address) = args.metrics {
+        metrics::serve(address, &metrics)?;
+    }
+    let run_span = tracing::info_span!(target: "roadplane_ids", "run", run_id);
     let models = find_models(config.models.folder.as_deref())?;
     let _lock = FolderLock::acquire(&args.out).map_err(PipelineError::from)?;
     let cameras = match (&args.cameras, &args.camera_id) {
@@ -54,12 +61,21 @@ pub fn run(args: &RunArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     std::thread::scope(|scope| {
         for job in 0..jobs {
             let (receiver, worst, options, config) = (receiver.clone(), &worst, &options, &config);
+            let (metrics, run_span) = (&metrics, &run_span);
             let work = move || {
+                let _run = run_span.enter();
                 for input in receiver {
                     if cancel.is_stopped() {
                         break;
                     }
-                    let result = one(input, &args.out, options, config, cancel);
+                    let camera = options.cameras.as_ref().and_then(|memory| memory.camera_of(input).ok());
+                    let name = stem_of(input);
+                    let _input =
+                        tracing::info_span!(target: "roadplane_ids", "input", clip = name, camera).entered();
+                    let progress = Counted { bar: Bar::new(&name), metrics };
+                    metrics.begin();
+                    let result = run_input(input, &args.out, options, config, cancel, &progress);
+                    metrics.end(&result);
                     if let Ok(mut worst) = worst.lock() {
                         worst.note(input, result);
                     }
@@ -72,6 +88,9 @@ pub fn run(args: &RunArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
         }
     });
     let worst = worst.into_inner().unwrap_or_default();
+    if let Some(file) = &args.metrics_file {
+        metrics.write(file)?;
+    }
     if let Some(signal) = cancel.signal() {
         return Err(PipelineError::Stopped { signal }.into());
     }
@@ -85,17 +104,6 @@ pub fn run(args: &RunArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
         None if worst.damaged => Ok(Outcome::Damaged),
         None => Ok(Outcome::Done),
     }
-}
-
-fn one(
-    input: &Path,
-    out: &Path,
-    options: &RunOptions,
-    config: &Config,
-    cancel: &Cancel,
-) -> Result<RunReport, PipelineError> {
-    let bar = Bar::new(&stem_of(input));
-    run_input(input, out, options, config, cancel, &bar)
 }
 
 /// The outcome that decides the exit code: failures of the program before refused models before lost inputs.

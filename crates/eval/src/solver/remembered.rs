@@ -6,7 +6,8 @@ use roadplane_base::{
     bbox_around,
 };
 use roadplane_calibrate::{FuseOptions, FusePrior, SameView, epochs, fuse};
-use roadplane_solve::{CameraPrior, SceneOptions, solve_scene};
+use roadplane_pipeline::Config;
+use roadplane_solve::{SceneOptions, solve_scene};
 use roadplane_synth::{Rng, SceneTruth, SynthOptions, scene};
 
 use super::scenes::{bound, views};
@@ -128,12 +129,14 @@ fn after(camera: &Camera, count: usize) -> Option<After> {
     })
 }
 
-/// The prior of a run; cars here err as their keypoints say, so nothing is widened.
+/// Those of a run.
 fn options() -> FuseOptions {
-    let prior = CameraPrior::default();
+    let run = Config::default().solve.scene_options(None);
+    let prior = run.camera_prior;
     let size = SynthOptions::default().size;
     FuseOptions {
         prior: FusePrior { params: prior.mean(size), sd: prior.information().map(|i| 1.0 / i.sqrt()) },
+        dispersion: run.camera_dispersion,
         ..FuseOptions::for_image(size)
     }
 }
