@@ -4,9 +4,11 @@
 
 mod bad_inputs;
 mod bench;
+mod cameras;
 mod common;
 mod dataset;
 mod demo_clip;
 mod eval;
 mod real_clips;
+mod reliability;
 mod synth;

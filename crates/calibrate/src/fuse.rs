@@ -242,6 +242,36 @@ struct Part<'a, 'w> {
     drift: Option<f64>,
 }
 
+/// Several windows of one camera position as one: what they say together, `dispersion` left to whoever fuses it. `None` without
+/// usable windows.
+#[must_use]
+pub fn condense(windows: &[WindowEstimate], options: &FuseOptions) -> Option<WindowEstimate> {
+    let usable: Vec<&WindowEstimate> = windows.iter().filter(|w| is_usable(w)).collect();
+    let first = *usable.first()?;
+    let options = FuseOptions { dispersion: 1.0, ..options.clone() };
+    let node = node(&usable, &shares(&usable, &options), Step::fresh(), &options);
+    // Where the windows say nothing, the weakest of priors keeps the numbers finite; it is not in the information.
+    let weak = Matrix4::from_diagonal(&options.prior.sd.map(|sd| 1e-6 / (sd * sd)));
+    let weighted = node.weighted + weak * options.prior.params.to_vector();
+    let params = (node.information + weak).cholesky()?.solve(&weighted);
+    let mut cars: Vec<CarUse> = usable.iter().flat_map(|w| w.cars.iter().copied()).collect();
+    cars.sort_by_key(|car| (car.link, !car.parked));
+    cars.dedup_by_key(|car| car.link);
+    Some(WindowEstimate {
+        span_s: [
+            usable.iter().map(|w| w.span_s[0]).fold(f64::INFINITY, f64::min),
+            usable.iter().map(|w| w.span_s[1]).fold(f64::NEG_INFINITY, f64::max),
+        ],
+        frames: usable.iter().map(|w| w.frames).sum(),
+        params: CameraParams::from_vector(&params),
+        information: node.information,
+        cars,
+        segment: first.segment,
+        start: first.start,
+        steady: true,
+    })
+}
+
 /// What best explains a group: standing, drifting, or a sudden change with what explains either side of it. Each change or
 /// drift must pay `min_gain` in log likelihood. No change is seen where parked cars witnessed a steady camera, and none off
 /// a single window: the next one must agree.

@@ -9,6 +9,7 @@
 //!                               └─ ViewSelector    one view a parked car, several of a moving one
 //!             → Window { views, … } → (joint solve of the window, elsewhere) → WindowEstimate
 //!             → fuse → CameraEstimate per stretch of time
+//! CameraEvidence of other clips → epochs → more WindowEstimates for fuse      what is remembered of the camera
 //! ```
 //!
 //! # Honest uncertainty
@@ -22,13 +23,15 @@ mod fuse;
 mod linker;
 mod moves;
 mod nodes;
+mod remember;
 mod select;
 mod stretch;
 
 pub use at_rest::AtRest;
 pub use combine::{Combined, combine};
 pub use evidence::{EvidenceBuilder, EvidenceOptions, Window};
-pub use fuse::{CarUse, FuseOptions, FusePrior, WindowEstimate, fuse};
+pub use fuse::{CarUse, FuseOptions, FusePrior, WindowEstimate, condense, fuse};
 pub use linker::{LinkId, Linker, LinkerOptions};
 pub use moves::{MoveDetector, MoveOptions, MoveState, SegmentStart};
+pub use remember::{Epoch, SameView, epochs, joins, same_vehicle};
 pub use select::{SelectOptions, View, ViewSelector};

@@ -1,5 +1,6 @@
 //! The command line.
 
+pub mod cameras;
 pub mod eval;
 pub mod synth;
 
@@ -44,6 +45,8 @@ pub enum Command {
     Solve(SolveArgs),
     /// Tracks from keypoints alone (no image): the right half of `run`.
     Track(TrackArgs),
+    /// What is remembered of cameras: lists, shows, merges, forgets.
+    Cameras(cameras::CamerasArgs),
     /// Draws a finished run into a video.
     Render(RenderArgs),
     /// Measures: nets, solver, finished runs, against truth; prints tables.
@@ -58,6 +61,12 @@ pub enum Command {
     Bench(BenchArgs),
     /// Checks codecs, runtime, models, and says what to do about what is missing.
     Doctor(DoctorArgs),
+    /// Writes the manual: a page for every command.
+    Man {
+        /// Folder for roadplane.1, roadplane-run.1, …; made where it is missing.
+        #[arg(long, value_name = "DIR")]
+        out: PathBuf,
+    },
     /// Prints shell completions.
     Completions {
         /// For which shell.
@@ -88,6 +97,13 @@ pub struct RunArgs {
     /// Known focal length, px: the plane is still estimated.
     #[arg(long, value_name = "F", allow_negative_numbers = true)]
     pub focal_px: Option<f64>,
+    /// Remembers cameras in DIR: each clip starts from what other clips said of its camera before this command, and adds what it
+    /// says itself.
+    #[arg(long, value_name = "DIR", requires = "camera_id", conflicts_with = "focal_px")]
+    pub cameras: Option<PathBuf>,
+    /// The inputs' camera; or a pattern of their names in which {} is the camera and * anything, e.g. '{}_*'.
+    #[arg(long, value_name = "ID", requires = "cameras")]
+    pub camera_id: Option<String>,
     /// Inputs worked on at the same time.
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=256))]
     pub jobs: u16,
@@ -107,6 +123,15 @@ pub struct RunArgs {
     /// last seen bare.
     #[arg(long)]
     pub background: bool,
+    /// Writes counts in Prometheus' text format at the end, for its textfile collector.
+    #[arg(long, value_name = "FILE")]
+    pub metrics_file: Option<PathBuf>,
+    /// Serves the same while running, http://ADDR/metrics; ADDR is of this machine alone, e.g. 127.0.0.1:9464.
+    #[arg(long, value_name = "ADDR")]
+    pub metrics: Option<std::net::SocketAddr>,
+    /// Names this run in JSON log lines and metrics; default: time and process.
+    #[arg(long, value_name = "ID")]
+    pub run_id: Option<String>,
     #[command(flatten)]
     #[allow(missing_docs)]
     pub config: ConfigArgs,

@@ -5,14 +5,16 @@
 mod args;
 mod commands;
 mod logging;
+mod metrics;
 mod progress;
 mod signals;
 
+use std::os::unix::process::CommandExt as _;
 use std::process::ExitCode;
 
 use clap::Parser as _;
 use roadplane_eval::EvalError;
-use roadplane_pipeline::{Fault, PipelineError};
+use roadplane_pipeline::{Fault, PipelineError, too_small_address_space};
 
 use args::{Cli, Command};
 
@@ -20,11 +22,15 @@ use args::{Cli, Command};
 const DAMAGED: u8 = 3;
 
 fn main() -> ExitCode {
+    if let Some(limit_mib) = too_small_address_space() {
+        return refuse_to_begin(limit_mib);
+    }
     let cli = Cli::parse();
     logging::start(cli.log_format, cli.verbose);
     let cancel = signals::watch();
     let outcome = match &cli.command {
         Command::Run(args) => commands::run::run(args, &cancel),
+        Command::Cameras(args) => commands::cameras::cameras(args),
         Command::Render(args) => commands::render::render(args, &cancel),
         Command::Bench(args) => commands::bench::bench(args, &cancel),
         Command::Detect(args) => commands::stages::detect(args, &cancel),
@@ -36,6 +42,7 @@ fn main() -> ExitCode {
         Command::Eval(args) => commands::eval::eval(args, &cancel),
         Command::Synth(args) => commands::synth::synth(args, &cancel),
         Command::Doctor(args) => commands::doctor::doctor(args),
+        Command::Man { out } => commands::manual(out),
         Command::Completions { shell } => commands::completions(*shell),
     };
     match outcome {
@@ -47,6 +54,16 @@ fn main() -> ExitCode {
             ExitCode::from(exit_code(&error))
         }
     }
+}
+
+/// Says that there is too little address space, without the log, which would need more of it.
+fn refuse_to_begin(limit_mib: u64) -> ExitCode {
+    eprintln!(
+        "error: too little memory: ulimit -v allows {limit_mib} MiB, at least 1.5 GiB are needed: raise it"
+    );
+    // Some library's clean-up at exit waits for ever for a thread that it had no memory to start: leave without clean-up.
+    let _only_where_it_fails = std::process::Command::new("false").exec();
+    ExitCode::FAILURE
 }
 
 /// How a command that did not fail ended.

@@ -1,15 +1,20 @@
-//! The camera of a clip: windows of views → joint solves → one estimate per stretch of time.
+//! The camera of a clip: windows of views → joint solves, what is remembered → one estimate per stretch of time.
+
+use std::collections::BTreeMap;
 
 use nalgebra::{Matrix4, Vector4};
 use roadplane_base::{
-    Camera, CameraEstimate, CameraParams, CameraStatus, FrameRecord, ImageSize, KeypointSet, ShapeAtlas,
+    Camera, CameraEstimate, CameraEvidence, CameraParams, CameraStatus, EVIDENCE_SCHEMA, FrameRecord,
+    ImageSize, KeypointSet, ParkedCar, ShapeAtlas,
 };
 use roadplane_calibrate::{
-    CarUse, EvidenceBuilder, EvidenceOptions, FuseOptions, FusePrior, View, Window, WindowEstimate, fuse,
+    CarUse, EvidenceBuilder, EvidenceOptions, FuseOptions, FusePrior, LinkId, SegmentStart, View, Window,
+    WindowEstimate, condense, epochs, fuse, joins, same_vehicle,
 };
 use roadplane_solve::{CarView, SceneOptions, SceneStatus, solve_scene};
 
 use crate::believe::{is_believable, projected_box};
+use crate::memory::{Recall, look};
 use crate::{Config, PipelineError};
 
 /// sd of log focal that stands for "given".
@@ -24,13 +29,23 @@ pub struct CameraTrack {
     estimates: Vec<CameraEstimate>,
     /// When each position of the camera after the first began, s.
     moves_s: Vec<f64>,
+    said: Option<CameraEvidence>,
 }
+
+/// Links of remembered vehicles are this and above; a clip counts its own from 0.
+const REMEMBERED: LinkId = 1 << 48;
 
 impl CameraTrack {
     /// Of estimates that were read back.
     #[must_use]
     pub fn from_estimates(estimates: Vec<CameraEstimate>) -> Self {
-        Self { estimates, moves_s: Vec::new() }
+        Self { estimates, moves_s: Vec::new(), said: None }
+    }
+
+    /// What the clip alone says of its camera, for other clips to start from; where asked for, and where it says something.
+    #[must_use]
+    pub fn said(&self) -> Option<&CameraEvidence> {
+        self.said.as_ref()
     }
 
     /// One estimate per stretch of time, in order; never empty.
@@ -69,7 +84,7 @@ pub fn usable(keypoints: &KeypointSet, config: &Config) -> KeypointSet {
     keypoints.map(|point| point.filter(|point| point.score >= config.solve.min_keypoint_score))
 }
 
-/// Estimates the camera from all frames, or says that nothing could be estimated.
+/// Estimates the camera from all frames and what is remembered of it, or says that nothing could be estimated.
 ///
 /// # Errors
 /// Whatever reading a frame failed with.
@@ -77,16 +92,18 @@ pub fn estimate_cameras(
     frames: impl Iterator<Item = Result<FrameRecord, PipelineError>>,
     atlas: &ShapeAtlas,
     known_focal_px: Option<f64>,
+    recall: Option<&Recall>,
     config: &Config,
 ) -> Result<CameraTrack, PipelineError> {
     let mut options = config.solve.scene_options(known_focal_px);
     // Windows say what each alone would; what their cars' errors have in common is counted where they are fused.
-    let dispersion = std::mem::replace(&mut options.camera_dispersion, 1.0);
+    options.camera_dispersion = 1.0;
     let mut builder = EvidenceBuilder::new(EvidenceOptions {
         window_s: config.calibrate.window_s,
         ..EvidenceOptions::default()
     });
     let mut windows = Vec::new();
+    let mut parked = BTreeMap::new();
     let mut moves_s: Vec<f64> = Vec::new();
     let mut size = None;
     let mut span_s = [f64::INFINITY, f64::NEG_INFINITY];
@@ -95,10 +112,10 @@ pub fn estimate_cameras(
         if let Some(window) = window.as_ref().filter(|window| window.segment > moves_s.len()) {
             moves_s.push(window.span_s[0]);
         }
-        if let Some(estimate) = window.and_then(|window| solve_window(&window, atlas, size, options, config))
-        {
-            options.start = Some(estimate.params);
-            windows.push(estimate);
+        if let Some(solved) = window.and_then(|window| solve_window(&window, atlas, size, options, config)) {
+            options.start = Some(solved.estimate.params);
+            parked.extend(solved.parked);
+            windows.push(solved.estimate);
         }
     };
     for frame in frames {
@@ -114,25 +131,137 @@ pub fn estimate_cameras(
         take(builder.push(frame), image_size, &mut options);
     }
     let Some(size) = size else {
-        return Ok(CameraTrack { estimates: Vec::new(), moves_s });
+        return Ok(CameraTrack { estimates: Vec::new(), moves_s, said: None });
     };
     take(builder.finish(), size, &mut options);
-    let prior = fuse_prior(&options, size);
-    let fuse_options = FuseOptions {
-        focal_given: known_focal_px.is_some(),
-        prior,
-        dispersion,
-        ..FuseOptions::for_image(size)
-    };
-    let mut estimates = fuse(&windows, &fuse_options);
-    for estimate in &mut estimates {
-        estimate.covariance[(3, 3)] += POPULATION_LOG_SD * POPULATION_LOG_SD;
-    }
+    let fuse_options = fuse_options(size, known_focal_px, config);
+    let position = moves_s.len();
+    let said = recall.and_then(|recall| {
+        let (said, links) = evidence_of(recall, &windows, position, span_s, &parked, &fuse_options)?;
+        add_remembered(&mut windows, position, recall, &said, &links, &fuse_options);
+        Some(said)
+    });
+    let mut estimates = with_size_of_cars(fuse(&windows, &fuse_options));
     if estimates.is_empty() {
         estimates.push(unobservable(&fuse_options, span_s, size));
         tracing::warn!("the camera cannot be estimated from the cars of {frame_count} frames");
     }
-    Ok(CameraTrack { estimates, moves_s })
+    Ok(CameraTrack { estimates, moves_s, said })
+}
+
+/// How windows, and clips, are joined by this configuration.
+pub(crate) fn fuse_options(size: ImageSize, known_focal_px: Option<f64>, config: &Config) -> FuseOptions {
+    let options = config.solve.scene_options(known_focal_px);
+    FuseOptions {
+        focal_given: known_focal_px.is_some(),
+        prior: fuse_prior(&options, size),
+        dispersion: options.camera_dispersion,
+        ..FuseOptions::for_image(size)
+    }
+}
+
+/// Counts the error that all cars of the place share.
+pub(crate) fn with_size_of_cars(mut estimates: Vec<CameraEstimate>) -> Vec<CameraEstimate> {
+    for estimate in &mut estimates {
+        estimate.covariance[(3, 3)] += POPULATION_LOG_SD * POPULATION_LOG_SD;
+    }
+    estimates
+}
+
+/// What the windows of the camera's last position say, the one that the picture of the place is of, with the links of its parked
+/// vehicles. `None` where the camera drifted or was moved unseen.
+fn evidence_of(
+    recall: &Recall,
+    windows: &[WindowEstimate],
+    position: usize,
+    clip_span_s: [f64; 2],
+    parked: &BTreeMap<LinkId, ParkedCar>,
+    options: &FuseOptions,
+) -> Option<(CameraEvidence, Vec<LinkId>)> {
+    let last: Vec<WindowEstimate> = windows.iter().filter(|w| w.segment == position).cloned().collect();
+    if fuse(&last, options).len() > 1 {
+        return None;
+    }
+    let together = condense(&last, options).unwrap_or_else(|| WindowEstimate {
+        span_s: clip_span_s,
+        frames: 0,
+        params: options.prior.params,
+        information: Matrix4::zeros(),
+        cars: Vec::new(),
+        segment: position,
+        start: SegmentStart::Clip,
+        steady: true,
+    });
+    let stood = together.cars.iter().filter(|car| car.parked);
+    let (links, stood): (Vec<LinkId>, Vec<ParkedCar>) =
+        stood.filter_map(|car| Some((car.link, parked.get(&car.link)?.clone()))).unzip();
+    let params = together.params.to_vector();
+    let said = CameraEvidence {
+        schema: EVIDENCE_SCHEMA.to_owned(),
+        camera: recall.camera.clone(),
+        clip: recall.clip.clone(),
+        models: recall.models.clone(),
+        image_size_px: options.image_size_px,
+        span_s: together.span_s,
+        frames: together.frames,
+        params: std::array::from_fn(|i| params[i]),
+        information: std::array::from_fn(|r| std::array::from_fn(|c| together.information[(r, c)])),
+        moving: together.cars.len() - stood.len(),
+        parked: stood,
+        place: recall.place.clone(),
+    };
+    Some((said, links))
+}
+
+/// Puts what other clips said of the camera's last position in front of this clip's windows of it, and links the vehicles that
+/// stand there as they stood before. Nothing is put where this clip begins an epoch.
+fn add_remembered(
+    windows: &mut Vec<WindowEstimate>,
+    position: usize,
+    recall: &Recall,
+    said: &CameraEvidence,
+    links: &[LinkId],
+    options: &FuseOptions,
+) {
+    let epochs = epochs(&recall.evidence, &look, options);
+    let Some(index) = joins(said, &epochs, &look, options) else {
+        if !epochs.is_empty() {
+            tracing::info!(
+                "camera {}: it was moved since it was last seen, a new epoch begins",
+                recall.camera
+            );
+        }
+        return;
+    };
+    let epoch = &epochs[index];
+    tracing::info!("camera {}: {} clips are remembered", recall.camera, epoch.clips.len());
+    let known = |car: &ParkedCar| epoch.vehicles.iter().find(|(_, known)| same_vehicle(known, car));
+    let same: BTreeMap<LinkId, LinkId> = links
+        .iter()
+        .zip(&said.parked)
+        .filter_map(|(link, car)| Some((*link, known(car)?.0 + REMEMBERED)))
+        .collect();
+    let first = windows.iter().position(|w| w.segment == position);
+    let (at, from_s, start) = first.map_or((windows.len(), said.span_s[0], SegmentStart::Clip), |at| {
+        (at, windows[at].span_s[0], windows[at].start)
+    });
+    for window in &mut windows[at..] {
+        for car in &mut window.cars {
+            car.link = same.get(&car.link).copied().unwrap_or(car.link);
+        }
+    }
+    if let Some(first) = windows.get_mut(at) {
+        first.steady = true;
+    }
+    let remembered = epoch.windows.iter().map(|window| WindowEstimate {
+        span_s: [from_s; 2],
+        frames: 0,
+        cars: window.cars.iter().map(|car| CarUse { link: car.link + REMEMBERED, ..*car }).collect(),
+        segment: position,
+        start,
+        ..window.clone()
+    });
+    windows.splice(at..at, remembered.collect::<Vec<_>>());
 }
 
 /// Solves one frame on its own.
@@ -177,13 +306,19 @@ pub fn prior_camera(options: &SceneOptions, frame: &FrameRecord) -> CameraEstima
     unobservable(&fuse_options, [frame.time_s; 2], size)
 }
 
+/// A window's estimate, and its vehicles that stood.
+struct SolvedWindow {
+    estimate: WindowEstimate,
+    parked: Vec<(LinkId, ParkedCar)>,
+}
+
 fn solve_window(
     window: &Window,
     atlas: &ShapeAtlas,
     size: ImageSize,
     options: &SceneOptions,
     config: &Config,
-) -> Option<WindowEstimate> {
+) -> Option<SolvedWindow> {
     let mut links: Vec<_> = window.views.iter().map(|view| view.link).collect();
     links.sort_unstable();
     links.dedup();
@@ -233,8 +368,9 @@ fn solve_window(
         return None;
     }
     let used = kept.iter().zip(&solution.cars).filter(|(_, car)| car.as_ref().is_some_and(|c| c.used));
+    let used: Vec<&View> = used.map(|(view, _)| *view).collect();
     let mut cars: Vec<CarUse> =
-        used.map(|(view, _)| CarUse { link: view.link, parked: view.parked }).collect();
+        used.iter().map(|view| CarUse { link: view.link, parked: view.parked }).collect();
     cars.sort_by_key(|car| car.link);
     cars.dedup_by_key(|car| car.link);
     // What the cars alone say: the solve's prior is taken out again, since it is counted once over all windows.
@@ -243,7 +379,7 @@ fn solve_window(
         .cholesky()
         .map(|information| CameraParams::from_vector(&information.solve(&solution.information_vector)))
         .filter(|params| near(params, &solution.params, &solution.covariance));
-    Some(WindowEstimate {
+    let estimate = WindowEstimate {
         span_s: window.span_s,
         frames: window.frames,
         params: alone.unwrap_or(solution.params),
@@ -252,7 +388,19 @@ fn solve_window(
         segment: window.segment,
         start: window.start,
         steady: window.steady,
-    })
+    };
+    let parked = used.iter().filter(|view| view.parked).map(|view| (view.link, parked_car(view))).collect();
+    Some(SolvedWindow { estimate, parked })
+}
+
+/// As it is remembered, to a tenth of a pixel.
+fn parked_car(view: &View) -> ParkedCar {
+    let rounded = |v: f64| (v * 10.0).round() / 10.0;
+    let pixel = |point: &roadplane_base::Keypoint| [rounded(point.pixel.x), rounded(point.pixel.y)];
+    ParkedCar {
+        bbox_px: view.bbox_px.map(rounded),
+        keypoints_px: view.keypoints.iter().map(|point| point.as_ref().map(pixel)).collect(),
+    }
 }
 
 /// Whether taking the prior out moved the estimate by no more than a linearisation bears.

@@ -17,6 +17,7 @@ use crate::believe::{is_believable, is_vehicle, overlap_inside, projected_box};
 use crate::cameras::{CameraTrack, estimate_cameras};
 use crate::cars::{FrameCamera, HeldPoses, fit_frame, pose_record};
 use crate::ground_contact::{Body, Knowledge, body_box, cut_edges, ground_contact};
+use crate::memory::Recall;
 use crate::shared_error::shared_covariance;
 use crate::{Cancel, Config, PipelineError};
 
@@ -88,13 +89,26 @@ pub fn solve_clip(
     config: &Config,
     cancel: &Cancel,
 ) -> Result<ClipSolution, PipelineError> {
+    solve_remembered_clip(frames, poses, atlas, focal_px, None, config, cancel)
+}
+
+/// The same, starting from what is remembered of the camera.
+pub(crate) fn solve_remembered_clip(
+    frames: &Path,
+    poses: &Path,
+    atlas: &ShapeAtlas,
+    focal_px: Option<f64>,
+    recall: Option<&Recall>,
+    config: &Config,
+    cancel: &Cancel,
+) -> Result<ClipSolution, PipelineError> {
     let read = || -> Result<_, PipelineError> {
         Ok(AtRest::new(FrameReader::open(frames)?.map(|record| {
             cancel.signal().map_or(Ok(()), |signal| Err(PipelineError::Stopped { signal }))?;
             Ok(record?)
         })))
     };
-    let cameras = estimate_cameras(read()?, atlas, focal_px, config)?;
+    let cameras = estimate_cameras(read()?, atlas, focal_px, recall, config)?;
     let pass = Pass { cameras: &cameras, atlas, options: config.solve.scene_options(focal_px), config };
     // First with every car's shape free in every frame; then with the one shape that its track came to.
     let (first, _) = pass.tracks(read()?, &BTreeMap::new(), |_| Ok(()))?;

@@ -77,6 +77,12 @@ pub enum PipelineError {
         /// Why.
         source: std::io::Error,
     },
+    /// Less memory is allowed than the work needs.
+    #[error("too little memory: {what}")]
+    Memory {
+        /// How much is needed and what limits it.
+        what: String,
+    },
     /// A stage panicked.
     #[error("internal error in stage {stage}: {message}")]
     Bug {
@@ -147,9 +153,12 @@ impl PipelineError {
             Self::Write(WriteError::Exists { .. } | WriteError::BadStem { .. }) => Fault::Usage,
             Self::Write(WriteError::Malformed { .. }) => Fault::Input,
             Self::Stopped { signal } => Fault::Stopped { signal: *signal },
-            Self::Write(_) | Self::View(_) | Self::Stdout { .. } | Self::Thread { .. } | Self::Bug { .. } => {
-                Fault::Internal
-            }
+            Self::Write(_)
+            | Self::View(_)
+            | Self::Stdout { .. }
+            | Self::Thread { .. }
+            | Self::Memory { .. }
+            | Self::Bug { .. } => Fault::Internal,
         }
     }
 }

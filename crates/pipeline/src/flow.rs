@@ -110,15 +110,19 @@ pub fn flow<'a>(
             }
             Ok(StageTime { name: source_name, seconds: busy.as_secs_f64(), cpu_s: thread_cpu_s() })
         };
-        let spawned = Builder::new().name(source_name.to_owned()).spawn_scoped(scope, read);
+        // Log lines of the stages tell what they belong to as the caller's do.
+        let span = tracing::Span::current();
+        let told = span.clone();
+        let spawned =
+            Builder::new().name(source_name.to_owned()).spawn_scoped(scope, move || told.in_scope(read));
         threads.push((source_name, spawned.map_err(PipelineError::thread)?));
         for stage in stages {
             let (sender, next_receiver) = bounded::<Work>(capacity);
             let input = std::mem::replace(&mut receiver, next_receiver);
             let name = stage.name;
             let spawned = Builder::new().name(name.to_owned()).spawn_scoped(scope, {
-                let stop = cancel.clone();
-                move || run_stage(stage, &input, &sender, &stop)
+                let (stop, span) = (cancel.clone(), span.clone());
+                move || span.in_scope(|| run_stage(stage, &input, &sender, &stop))
             });
             threads.push((name, spawned.map_err(PipelineError::thread)?));
         }

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::Read as _;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use roadplane_write::InputSummary;
 use sha2::{Digest as _, Sha256};
@@ -58,8 +58,5 @@ pub fn versions() -> BTreeMap<String, String> {
 /// Most memory that this process has held so far.
 #[must_use]
 pub fn peak_memory_bytes() -> Option<u64> {
-    let status = std::fs::read_to_string(PathBuf::from("/proc/self/status")).ok()?;
-    let line = status.lines().find(|line| line.starts_with("VmHWM:"))?;
-    let kib: u64 = line.split_whitespace().nth(1)?.parse().ok()?;
-    Some(kib * 1024)
+    crate::limits::status_bytes("VmHWM:")
 }

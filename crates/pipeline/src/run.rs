@@ -9,14 +9,16 @@ use roadplane_view::ViewError;
 use roadplane_watch::Background;
 use roadplane_write::{
     Existing, FrameSpool, InputSummary, OutFile, OutputFolder, RunStatus, StageSeconds, Summary,
-    read_summary, write_json, write_summary,
+    read_summary, write_evidence, write_json, write_summary,
 };
 use serde::{Deserialize, Serialize};
 
-use crate::clip::{ClipSolution, solve_clip};
+use crate::clip::{ClipSolution, solve_remembered_clip};
 use crate::draw::{Scene, draw_video, write_report};
 use crate::flow::Work;
 use crate::identity::{file_identity, peak_memory_bytes, versions};
+use crate::limits::check_memory;
+use crate::memory::{CameraMemory, EVIDENCE};
 use crate::samples::SampleFrames;
 use crate::speed::{Looks, Meter};
 use crate::streaming::{
@@ -38,6 +40,8 @@ pub struct RunOptions {
     pub models: PathBuf,
     /// Known focal length, px.
     pub focal_px: Option<f64>,
+    /// What is remembered of the cameras.
+    pub cameras: Option<CameraMemory>,
     /// What to do about a finished result of the same name.
     pub existing: Existing,
     /// Go on where a stopped run ended; leave finished results alone.
@@ -59,6 +63,7 @@ impl RunOptions {
         Self {
             models,
             focal_px: None,
+            cameras: None,
             existing: Existing::Refuse,
             resume: false,
             video: false,
@@ -80,6 +85,8 @@ pub struct RunReport {
     pub camera: String,
     /// Some of the input was lost.
     pub damaged: bool,
+    /// Frames that could not be decoded.
+    pub frames_lost: u64,
 }
 
 /// Identifies the work that a spool belongs to.
@@ -118,10 +125,13 @@ pub fn run_input(
     let summary = finished.join("summary.json");
     if options.resume && summary.is_file() {
         let camera = "finished before".to_owned();
-        let damaged = read_summary(&summary)?.status == RunStatus::InputDamaged;
-        return Ok(RunReport { folder: finished, tracks: None, camera, damaged });
+        let summary = read_summary(&summary)?;
+        let damaged = summary.status == RunStatus::InputDamaged;
+        let frames_lost = summary.counts.frames_lost;
+        return Ok(RunReport { folder: finished, tracks: None, camera, damaged, frames_lost });
     }
     let input = open_input(input_path, config)?;
+    check_memory(input.size())?;
     let identity = file_identity(input_path)?;
     let mut nets = Nets::open(&options.models, config)?;
     let models = nets.summaries();
@@ -159,16 +169,26 @@ pub fn run_input(
             write_background(folder.path(), background)?;
         }
         let rejected_cars = nets.keypoints.rejected();
+        let place = background.as_ref().map(Background::picture);
+        let cameras = options.cameras.as_ref();
+        let recall = cameras
+            .map(|memory| memory.recall(input_path, &identity, nets.fingerprints(), place))
+            .transpose()?;
         drop(nets);
         progress.phase("solving");
         let spool = folder.path().join(SPOOL);
         let solving = Instant::now();
+        let poses = folder.path().join("poses.jsonl");
+        let focal_px = options.focal_px;
         let solution =
-            solve_clip(&spool, &folder.path().join("poses.jsonl"), &atlas, options.focal_px, config, cancel)?;
+            solve_remembered_clip(&spool, &poses, &atlas, focal_px, recall.as_ref(), config, cancel)?;
         let solve_s = solving.elapsed().as_secs_f64();
         meter.solved();
         progress.phase("writing");
         write_solution(folder.path(), &solution)?;
+        if let Some(said) = solution.cameras.said() {
+            write_evidence(&folder.path().join(EVIDENCE), said)?;
+        }
 
         let mut summary = summary_of(identity, &streamed, &solution, config, rejected_cars);
         summary.models = models;
@@ -179,7 +199,6 @@ pub fn run_input(
         summary.peak_memory_bytes = peak_memory_bytes();
         summary.speed = Some(meter.speed());
         let samples = samples.finish();
-        let place = background.as_ref().map(Background::picture);
         write_report(
             &folder.path().join("report.html"),
             &stem,
@@ -198,9 +217,9 @@ pub fn run_input(
             draw_video(input_path, &scene, &video, config, cancel, &Silent)?;
         }
         write_summary(&folder.path().join("summary.json"), &summary)?;
-        Ok((streamed.decode.is_damaged(), solution))
+        Ok((streamed.decode, solution))
     })();
-    let (damaged, solution) = match result {
+    let (decode, solution) = match result {
         Ok(done) => done,
         Err(error) => {
             // Only a stopped run leaves something to go on from.
@@ -217,7 +236,8 @@ pub fn run_input(
     }
     let tracks = Some(solution.tracks.len() as u64);
     let camera = solution.camera_in_words();
-    Ok(RunReport { folder: folder.publish()?, tracks, camera, damaged })
+    let (damaged, frames_lost) = (decode.is_damaged(), decode.missing);
+    Ok(RunReport { folder: folder.publish()?, tracks, camera, damaged, frames_lost })
 }
 
 fn read_stamp(folder: &Path) -> Option<Stamp> {

@@ -90,7 +90,7 @@ pub fn solve_file(
             estimates.push(estimate);
         }
     } else {
-        let cameras = estimate_cameras(read()?, &atlas, options.focal_px, config)?;
+        let cameras = estimate_cameras(read()?, &atlas, options.focal_px, None, config)?;
         for frame in read()? {
             let frame = frame?;
             if let Some(estimate) = cameras.at(frame.time_s) {

@@ -55,7 +55,7 @@ pub fn track_file(
     write_summary(&folder.path().join("summary.json"), &summary)?;
     let tracks = Some(solution.tracks.len() as u64);
     let camera = solution.camera_in_words();
-    Ok(RunReport { folder: folder.publish()?, tracks, camera, damaged: false })
+    Ok(RunReport { folder: folder.publish()?, tracks, camera, damaged: false, frames_lost: 0 })
 }
 
 /// `camera.json` and the track files.

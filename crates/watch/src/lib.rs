@@ -10,6 +10,7 @@
 //!          → Watcher        rest, shake, move, cut, nothing to see; the new position since when   (watcher.rs, blind.rs)
 //!          → ChangeMap      cells that are not as they were when the detector last looked there   (changes.rs)
 //!          → Background     the place without what moves, full size                               (background.rs)
+//! Background → PlacePicture   was the camera moved since another clip                             (place.rs)
 //! ```
 //!
 //! Everything follows from the pictures and their times. Of what was longer ago than a minute nothing but faded traces is
@@ -20,6 +21,7 @@ mod background;
 mod blind;
 mod changes;
 mod level;
+mod place;
 mod reference;
 mod search;
 mod small;
@@ -28,6 +30,7 @@ mod watcher;
 pub use alignment::Alignment;
 pub use background::Background;
 pub use changes::{CELL_PX, Cells, ChangeMap};
+pub use place::PlacePicture;
 pub use small::SmallGrey;
 pub use watcher::{Seen, Watcher};
 

@@ -15,6 +15,11 @@ impl Prepared {
     pub(crate) fn of(picture: &SmallGrey) -> Self {
         Self { fine: Smoothed::of(picture), coarse: Smoothed::of(&picture.halved()) }
     }
+
+    /// The picture smoothed.
+    pub(crate) fn smooth(&self) -> &[f32] {
+        self.fine.smooth()
+    }
 }
 
 /// What a reference's blocks say of a picture.

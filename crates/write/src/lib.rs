@@ -9,6 +9,7 @@
 mod camera;
 mod digits;
 mod error;
+mod evidence;
 mod file;
 mod folder;
 mod interchange;
@@ -23,6 +24,7 @@ mod tracks;
 
 pub use camera::{CAMERA_SCHEMA, CameraFile, CameraSegment, read_camera, write_camera};
 pub use error::WriteError;
+pub use evidence::{EvidenceStore, is_camera_id, read_evidence, write_evidence};
 pub use file::OutFile;
 pub use folder::{Existing, OutputFolder};
 pub use interchange::{KittiTracking, MotChallenge};

@@ -7,4 +7,5 @@ mod fusing;
 mod linking;
 mod moving_camera;
 mod records;
+mod remembering;
 mod selecting;

@@ -33,6 +33,8 @@ pub enum EvalCommand {
     Keypoints(EvalKeypointsArgs),
     /// The joint solver on synthetic scenes with exact truth: accuracy against the Cramér–Rao bound, honesty, speed.
     Solver(EvalSolverArgs),
+    /// Remembered cameras on synthetic clips with exact truth: error, bound and sd after 1, 3, 10, 30 nights.
+    Cameras(EvalCamerasArgs),
 }
 
 /// `roadplane eval run`.
@@ -189,4 +191,18 @@ pub struct EvalSolverArgs {
     #[command(flatten)]
     #[allow(missing_docs)]
     pub config: ConfigArgs,
+}
+
+/// `roadplane eval cameras`.
+#[derive(Debug, Args)]
+pub struct EvalCamerasArgs {
+    /// Cameras.
+    #[arg(long, default_value_t = 200, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=100_000))]
+    pub cameras: u32,
+    /// Clips of each.
+    #[arg(long, default_value_t = 30, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=800))]
+    pub clips: u32,
+    /// Writes the table as CSV and HTML into this folder.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
 }

@@ -1,7 +1,9 @@
 //! One file a command; each turns arguments into a call of `pipeline` and prints what came of it.
 
 use std::io::stdout;
+use std::path::Path;
 
+use anyhow::Context as _;
 use clap::CommandFactory as _;
 use roadplane_pipeline::{Config, PipelineError};
 
@@ -9,6 +11,7 @@ use crate::Outcome;
 use crate::args::{Cli, ConfigArgs};
 
 pub mod bench;
+pub mod cameras;
 pub mod distance;
 pub mod doctor;
 pub mod eval;
@@ -21,6 +24,14 @@ pub mod synth;
 /// Prints completions for a shell.
 pub fn completions(shell: clap_complete::Shell) -> anyhow::Result<Outcome> {
     clap_complete::generate(shell, &mut Cli::command(), "roadplane", &mut stdout().lock());
+    Ok(Outcome::Done)
+}
+
+/// Writes the manual.
+pub fn manual(out: &Path) -> anyhow::Result<Outcome> {
+    std::fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
+    clap_mangen::generate_to(Cli::command(), out)
+        .with_context(|| format!("the manual cannot be written to {}", out.display()))?;
     Ok(Outcome::Done)
 }
 

@@ -1,16 +1,17 @@
 //! `roadplane run`: every input to its own folder, several at a time if asked for.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
 use crossbeam_channel::bounded;
 use roadplane_pipeline::{
-    Cancel, Config, Existing, Fault, FolderLock, PipelineError, RunOptions, RunReport, find_models,
+    CameraMemory, Cancel, Existing, Fault, FolderLock, PipelineError, RunOptions, RunReport, find_models,
     run_input, stem_of,
 };
 
 use crate::Outcome;
 use crate::args::RunArgs;
+use crate::metrics::{self, Counted, Metrics};
 use crate::progress::Bar;
 
 /// Runs all inputs; one that is lost does not keep the others from being done.
@@ -27,11 +28,22 @@ pub fn run(args: &RunArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
             return Err(PipelineError::usage(&message).into());
         }
     }
+    let run_id = args.run_id.clone().unwrap_or_else(metrics::default_run_id);
+    let metrics = Metrics::new(&run_id, args.inputs.len());
+    if let Some(address) = args.metrics {
+        metrics::serve(address, &metrics)?;
+    }
+    let run_span = tracing::info_span!(target: "roadplane_ids", "run", run_id);
     let models = find_models(config.models.folder.as_deref())?;
     let _lock = FolderLock::acquire(&args.out).map_err(PipelineError::from)?;
+    let cameras = match (&args.cameras, &args.camera_id) {
+        (Some(folder), Some(id)) => Some(CameraMemory::open(folder, id, &args.inputs)?),
+        _ => None,
+    };
     let options = RunOptions {
         models,
         focal_px: args.focal_px,
+        cameras,
         existing: if args.overwrite { Existing::Overwrite } else { Existing::Refuse },
         resume: args.resume,
         video: args.video,
@@ -49,12 +61,21 @@ pub fn run(args: &RunArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     std::thread::scope(|scope| {
         for job in 0..jobs {
             let (receiver, worst, options, config) = (receiver.clone(), &worst, &options, &config);
+            let (metrics, run_span) = (&metrics, &run_span);
             let work = move || {
+                let _run = run_span.enter();
                 for input in receiver {
                     if cancel.is_stopped() {
                         break;
                     }
-                    let result = one(input, &args.out, options, config, cancel);
+                    let camera = options.cameras.as_ref().and_then(|memory| memory.camera_of(input).ok());
+                    let name = stem_of(input);
+                    let _input =
+                        tracing::info_span!(target: "roadplane_ids", "input", clip = name, camera).entered();
+                    let progress = Counted { bar: Bar::new(&name), metrics };
+                    metrics.begin();
+                    let result = run_input(input, &args.out, options, config, cancel, &progress);
+                    metrics.end(&result);
                     if let Ok(mut worst) = worst.lock() {
                         worst.note(input, result);
                     }
@@ -67,8 +88,16 @@ pub fn run(args: &RunArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
         }
     });
     let worst = worst.into_inner().unwrap_or_default();
+    if let Some(file) = &args.metrics_file {
+        metrics.write(file)?;
+    }
     if let Some(signal) = cancel.signal() {
         return Err(PipelineError::Stopped { signal }.into());
+    }
+    if let Some(cameras) = &options.cameras {
+        for result in &worst.finished {
+            cameras.learn(result)?;
+        }
     }
     match worst.error {
         Some(error) => Err(error.into()),
@@ -77,22 +106,12 @@ pub fn run(args: &RunArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     }
 }
 
-fn one(
-    input: &Path,
-    out: &Path,
-    options: &RunOptions,
-    config: &Config,
-    cancel: &Cancel,
-) -> Result<RunReport, PipelineError> {
-    let bar = Bar::new(&stem_of(input));
-    run_input(input, out, options, config, cancel, &bar)
-}
-
 /// The outcome that decides the exit code: failures of the program before refused models before lost inputs.
 #[derive(Default)]
 struct Worst {
     damaged: bool,
     error: Option<PipelineError>,
+    finished: Vec<PathBuf>,
 }
 
 impl Worst {
@@ -103,6 +122,7 @@ impl Worst {
                 let camera = &report.camera;
                 tracing::info!("{}: {tracks}{camera}: {}", input.display(), report.folder.display());
                 self.damaged |= report.damaged;
+                self.finished.push(report.folder);
             }
             Err(error) => {
                 let rank = |fault: Fault| match fault {

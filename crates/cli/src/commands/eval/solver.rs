@@ -2,14 +2,14 @@
 
 use roadplane_base::ShapeAtlas;
 use roadplane_eval::solver::{
-    ablation_tables, exact_table, fusion_table, layers_tables, speed, speed_plot, speed_table,
-    statistics_tables, synthetic_pictures,
+    ablation_tables, exact_table, fusion_table, layers_tables, remembered_tables, speed, speed_plot,
+    speed_table, statistics_tables, synthetic_pictures,
 };
 use roadplane_eval::{Report, camera_pictures, dataset_pictures};
 use roadplane_pipeline::{Cancel, find_models};
 
 use crate::Outcome;
-use crate::args::eval::EvalSolverArgs;
+use crate::args::eval::{EvalCamerasArgs, EvalSolverArgs};
 
 /// Frames that are fused.
 const FRAMES: usize = 100;
@@ -51,4 +51,13 @@ fn layers(args: &EvalSolverArgs, cancel: &Cancel) -> anyhow::Result<Report> {
     }
     let tables = layers_tables(&atlas, &sources, &config.solve.scene_options(None));
     Ok(Report { title: "What each step of the solve is worth".to_owned(), tables, plots: Vec::new() })
+}
+
+/// Prints the table of remembered cameras.
+pub fn cameras(args: &EvalCamerasArgs) -> anyhow::Result<Outcome> {
+    let atlas = ShapeAtlas::shipped()?;
+    let tables = remembered_tables(&atlas, args.cameras as usize, args.clips as usize);
+    let title = "Remembered cameras on clips with exact truth".to_owned();
+    super::show(&Report { title, tables, plots: Vec::new() }, args.out.as_deref())?;
+    Ok(Outcome::Done)
 }

@@ -1,0 +1,101 @@
+//! What one clip said of its camera: the record that remembered cameras are made of.
+
+use nalgebra::{Matrix4, Vector4};
+use serde::{Deserialize, Serialize};
+
+use crate::{CameraParams, ImageSize, KEYPOINTS, RecordError};
+
+/// Schema of an evidence file.
+pub const EVIDENCE_SCHEMA: &str = "roadplane.evidence/1";
+
+/// What a clip, or its last camera position, said of the camera. Nothing in it rests on a prior or on other clips, so that any
+/// set of these can be joined, in any order.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CameraEvidence {
+    /// [`EVIDENCE_SCHEMA`].
+    pub schema: String,
+    /// Which camera.
+    pub camera: String,
+    /// Which clip.
+    pub clip: ClipIdentity,
+    /// Names and sha256 of the nets that saw the vehicles.
+    pub models: Vec<String>,
+    /// Size of the pictures.
+    pub image_size_px: ImageSize,
+    /// First and last presentation time, s.
+    pub span_s: [f64; 2],
+    /// Frames that went in.
+    pub frames: usize,
+    /// (log focal, tilt, roll, log height) that the vehicles' keypoints alone lead to.
+    pub params: [f64; 4],
+    /// Their information (inverse covariance); singular where the clip says nothing. The size of the place's cars, which all
+    /// clips share, is not in it.
+    pub information: [[f64; 4]; 4],
+    /// Vehicles that stood, which may stand there another night.
+    pub parked: Vec<ParkedCar>,
+    /// Vehicles that moved.
+    pub moving: usize,
+    /// The empty place, grey: a PNG in base64.
+    pub place: Option<String>,
+}
+
+/// A clip, whatever it is called.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub struct ClipIdentity {
+    /// When it was recorded, `2026-01-31T23:59:59`: from its name, else the file's time of modification (UTC).
+    pub recorded: String,
+    /// sha256 of its content.
+    pub sha256: String,
+    /// Its name, without extension.
+    pub name: String,
+}
+
+/// A vehicle that stood in a clip.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ParkedCar {
+    /// Its box, px.
+    pub bbox_px: [f64; 4],
+    /// Its keypoints, px; `None` where not seen.
+    pub keypoints_px: Vec<Option<[f64; 2]>>,
+}
+
+impl CameraEvidence {
+    /// The numbers of the camera.
+    #[must_use]
+    pub fn camera_params(&self) -> CameraParams {
+        CameraParams::from_vector(&Vector4::from(self.params))
+    }
+
+    /// The information as a matrix.
+    #[must_use]
+    pub fn information_matrix(&self) -> Matrix4<f64> {
+        Matrix4::from_fn(|r, c| self.information[r][c])
+    }
+
+    /// Refuses what is not of this form.
+    ///
+    /// # Errors
+    /// [`RecordError::Unsuitable`] naming what cannot be.
+    pub fn check(&self) -> Result<(), RecordError> {
+        let unsuitable = |what: String| Err(RecordError::Unsuitable { what });
+        if self.schema != EVIDENCE_SCHEMA {
+            return unsuitable(format!("schema is {:?}, expected {EVIDENCE_SCHEMA:?}", self.schema));
+        }
+        let numbers = self.params.iter().chain(self.information.as_flattened()).chain(&self.span_s);
+        let parked = self.parked.iter().flat_map(|car| {
+            car.bbox_px.iter().chain(car.keypoints_px.iter().flatten().flat_map(|pixel| pixel.iter()))
+        });
+        if !numbers.chain(parked).all(|number| number.is_finite()) {
+            return unsuitable("a number is not finite".to_owned());
+        }
+        let information = self.information_matrix();
+        let asymmetry = (information - information.transpose()).amax();
+        if information.diagonal().min() < 0.0 || asymmetry > 1e-6 * information.amax() {
+            return unsuitable("the information is no symmetric matrix of a positive diagonal".to_owned());
+        }
+        if self.parked.iter().any(|car| car.keypoints_px.len() != KEYPOINTS) {
+            return unsuitable(format!("a parked car has not {KEYPOINTS} keypoints"));
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,261 @@
+"""The long runs of the reliability tests, on the release binary.
+
+    scripts/reliability/check.py kill [COUNT]       kill -9 at random moments, then --resume: same bytes (50)
+    scripts/reliability/check.py disk [COUNT]       disk full after so many KiB, in steps over a whole run (20; root)
+    scripts/reliability/check.py readonly           output folder on a read-only file system (root)
+    scripts/reliability/check.py memory             ulimit -v from 400 MiB to 1.7 GiB
+    scripts/reliability/check.py mutate [SECONDS]   spoilt videos, images, JSON lines, configs, models, evidence (600 a kind)
+    scripts/reliability/check.py soak [COUNT]       short clips in one process: memory and open files stay (500)
+
+Each prints one line with its figure and ends with 1 where it fails. Random choices come from fixed seeds.
+"""
+
+import argparse
+import os
+import pathlib
+import random
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+BINARY = ROOT / "target/release/roadplane"
+CLIP = ROOT / "tests/data/lot.mp4"
+STILL = ROOT / "tests/data/lots/scenes/still_0000.jpg"
+ENVIRONMENT = os.environ | {
+    "ORT_DYLIB_PATH": str(ROOT / ".runtime/libonnxruntime.so"),
+    "ROADPLANE_MODELS": str(ROOT / "models"),
+}
+SHORT = ["--set", "decode.max_frames=24"]
+# What a spoilt input may lead to: read, usage, damage, model refused. Never 1, a signal, or a panic (101).
+ALLOWED = {0, 2, 3, 4}
+HANG_S = 60
+
+
+def command(*arguments, limit_kib=None):
+    """A command line of the binary, under a limit of address space where one is given."""
+    line = [str(BINARY), *map(str, arguments)]
+    return line if limit_kib is None else ["bash", "-c", f'ulimit -v {limit_kib}; exec "$0" "$@"', *line]
+
+
+def run(*arguments, limit_kib=None):
+    """Exit code and what was said; None as the code of a run that hangs."""
+    line = command(*arguments, limit_kib=limit_kib)
+    try:
+        done = subprocess.run(line, env=ENVIRONMENT, capture_output=True, timeout=HANG_S, check=False)
+    except subprocess.TimeoutExpired:
+        return None, "hangs"
+    return done.returncode, done.stderr.decode(errors="replace")
+
+
+def contents(folder):
+    """Files of a result that must not differ: all but those with times in them."""
+    names = sorted(p.name for p in folder.iterdir() if p.name not in ("summary.json", "report.html"))
+    return {name: (folder / name).read_bytes() for name in names}
+
+
+def kill(folder, count):
+    """Killed at random moments and resumed, a run ends with the bytes of an undisturbed one."""
+    chance = random.Random(1)
+    whole, cut = folder / "whole", folder / "cut"
+    begun = time.monotonic()
+    run("run", CLIP, *SHORT, "--out", whole)
+    lasts_s = time.monotonic() - begun
+    expected = contents(whole / "lot")
+    finished = same = 0
+    for _ in range(count):
+        line = command("run", CLIP, *SHORT, "--out", cut, "--resume")
+        with subprocess.Popen(line, env=ENVIRONMENT, stderr=subprocess.DEVNULL) as child:
+            time.sleep(chance.uniform(0, 1.1 * lasts_s))
+            child.kill()
+        if (cut / "lot").exists():
+            finished += 1
+            same += contents(cut / "lot") == expected
+            shutil.rmtree(cut / "lot")
+    code, text = run("run", CLIP, *SHORT, "--out", cut, "--resume")
+    last = code == 0 and contents(cut / "lot") == expected
+    clean = sorted(p.name for p in cut.iterdir()) == [".roadplane.lock", "lot"]
+    print(f"kill: {count} kills, {finished} results published on the way, {same} of them and the last same: {last}")
+    return last and clean and same == finished, text
+
+
+def disk(folder, count):
+    """A full disk is named, nothing half-written gets a final name, and the same command goes on once there is room."""
+    if os.geteuid() != 0:
+        print("disk: skipped, needs root to mount a small file system")
+        return True, ""
+    run("run", CLIP, *SHORT, "--out", folder / "whole", "--frames")
+    needs_kib = sum(p.stat().st_size for p in (folder / "whole/lot").iterdir()) // 1024 + 64
+    small = folder / "small"
+    small.mkdir()
+    named = 0
+    for i in range(count):
+        kib = 40 + needs_kib * i // count
+        subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={kib}k", "tmpfs", small], check=True)
+        try:
+            code, text = run("run", CLIP, *SHORT, "--out", small / "out", "--frames")
+            is_there = (small / "out/lot").exists()
+        finally:
+            subprocess.run(["umount", small], check=True)
+        if code == 0 and is_there:
+            named += 1
+        elif code == 1 and "no space left" in text and not is_there and "panicked" not in text:
+            named += 1
+        else:
+            print(f"disk: {kib} KiB: {code} {text}")
+    print(f"disk: {named} of {count} sizes up to {needs_kib} KiB named the file or were enough; no half result")
+    return named == count, ""
+
+
+def readonly(folder, _count):
+    """A read-only output folder is named."""
+    if os.geteuid() != 0:
+        print("readonly: skipped, needs root to mount")
+        return True, ""
+    subprocess.run(["mount", "-t", "tmpfs", "-o", "ro", "tmpfs", folder], check=True)
+    try:
+        code, text = run("run", CLIP, *SHORT, "--out", folder / "out")
+    finally:
+        subprocess.run(["umount", folder], check=True)
+    print(f"readonly: exit {code}, named: {str(folder / 'out') in text}")
+    return code == 1 and str(folder / "out") in text, text
+
+
+def memory(folder, _count):
+    """Every limit of address space leads to a result or to words."""
+    answers = {}
+    # Below 400 MiB the libraries cannot be loaded: the system's loader ends the process before it begins.
+    for mib in range(400, 1701, 50):
+        code, text = run("run", CLIP, *SHORT, "--out", folder / "out", "--overwrite", limit_kib=mib * 1024)
+        answers[mib] = code == 0 or (code == 1 and "ulimit -v" in text)
+        if not answers[mib]:
+            print(f"memory: {mib} MiB: {code} {text[-400:]}")
+    print(f"memory: {sum(answers.values())} of {len(answers)} limits answered by a result or by words")
+    return all(answers.values()), ""
+
+
+def spoilt(data, chance):
+    """Bytes flipped, cut, zeroed, doubled, or exchanged for extreme ones."""
+    data = bytearray(data)
+    for _ in range(chance.choice([1, 1, 2, 5, 20])):
+        at = chance.randrange(max(len(data), 1))
+        length = chance.choice([1, 2, 4, 8, 64, 1024])
+        match chance.randrange(6):
+            case 0:
+                data[at : at + 1] = bytes([chance.randrange(256)])
+            case 1:
+                del data[at:]
+            case 2:
+                data[at : at + length] = bytes(len(data[at : at + length]))
+            case 3:
+                data[at:at] = data[at : at + length]
+            case 4:
+                data[at : at + length] = chance.choice([b"\xff" * length, b"\x7f" + b"\xff" * 7, b"-1", b"1e999", b"NaN"])
+            case 5:
+                del data[at : at + length]
+    return bytes(data)
+
+
+def kinds(folder):
+    """For each kind of input: its sound bytes, and the command that reads the spoilt file."""
+    lines, results = folder / "sound.jsonl", folder / "sound"
+    run("run", CLIP, "--set", "decode.max_frames=4", "--out", results, "--frames", "--cameras", folder / "c", "--camera-id", "c")
+    shutil.copy(results / "lot/frames.jsonl", lines)
+    two = ["--set", "decode.max_frames=2", "--overwrite", "--out", folder / "out"]
+
+    def model(path):
+        models = folder / "models"
+        if not models.exists():
+            shutil.copytree(ROOT / "models", models)
+        shutil.copy(path, models / "hourglass.card.json")
+        return ["doctor", "--set", f"models.folder={models}"]
+
+    def evidence(path):
+        (folder / "cameras/c").mkdir(parents=True, exist_ok=True)
+        shutil.copy(path, folder / "cameras/c/clip.0.json")
+        return ["cameras", "list", folder / "cameras"]
+
+    return {
+        "video.mp4": (CLIP.read_bytes(), lambda p: ["run", p, *two]),
+        "image.jpg": (STILL.read_bytes(), lambda p: ["run", p, *two]),
+        "lines.jsonl": (lines.read_bytes(), lambda p: ["solve", p, "--out", folder / "p.jsonl"]),
+        "config.toml": ((ROOT / "configs/default.toml").read_bytes(), lambda p: ["solve", lines, "--config", p, "--out", folder / "p.jsonl"]),
+        "card.json": ((ROOT / "models/hourglass.card.json").read_bytes(), model),
+        "evidence.json": (next((folder / "c/c").iterdir()).read_bytes(), evidence),
+    }
+
+
+def mutate(folder, seconds):
+    """Spoilt inputs of each kind end in time with a code that is meant."""
+    sound = True
+    for name, (data, reads) in kinds(folder).items():
+        chance = random.Random(name)
+        path, tried, bad = folder / name, 0, 0
+        until = time.monotonic() + seconds
+        while time.monotonic() < until:
+            path.write_bytes(spoilt(data, chance))
+            code, text = run(*reads(path))
+            allowed = ALLOWED | ({1} if name == "card.json" else set())
+            if code not in allowed or "panicked" in text:
+                bad += 1
+                kept = ROOT / "target" / f"spoilt-{tried}-{name}"
+                shutil.copy(path, kept)
+                print(f"mutate: {name}: {code}, kept as {kept}: {text[-300:]}")
+            tried += 1
+        print(f"mutate: {name}: {tried} tried in {seconds} s, {bad} without a clear end")
+        sound &= bad == 0
+    return sound, ""
+
+
+def soak(folder, count):
+    """Many short clips in one process: what it holds does not grow."""
+    clips = folder / "clips"
+    clips.mkdir()
+    inputs = [clips / f"s{i:04}.jpg" for i in range(count)]
+    for path in inputs:
+        path.symlink_to(STILL)
+    held = []
+    line = command("run", *inputs, "--out", folder / "out", "--set", "output.sample_frames=0")
+    with subprocess.Popen(line, env=ENVIRONMENT, stderr=subprocess.DEVNULL) as child:
+        while child.poll() is None:
+            time.sleep(0.5)
+            try:
+                status = pathlib.Path(f"/proc/{child.pid}/status").read_text()
+                kib = int(next(line for line in status.splitlines() if line.startswith("VmRSS")).split()[1])
+                held.append((kib / 1024, len(os.listdir(f"/proc/{child.pid}/fd"))))
+            except (OSError, StopIteration):
+                break
+        code = child.wait()
+    half = held[len(held) // 4 : len(held) // 2], held[3 * len(held) // 4 :]
+    (early, early_files), (late, late_files) = ([max(v) for v in zip(*part)] for part in half)
+    done = sum(1 for path in inputs if (folder / "out" / path.stem / "summary.json").exists())
+    print(f"soak: {done} of {count}, exit {code}; {early:.0f} MiB, {early_files} files in the second quarter, "
+          f"{late:.0f} MiB, {late_files} files in the last")
+    return code == 0 and done == count and late < 1.1 * early and late_files <= early_files, ""
+
+
+CHECKS = {"kill": (kill, 50), "disk": (disk, 20), "readonly": (readonly, 0), "memory": (memory, 0),
+          "mutate": (mutate, 600), "soak": (soak, 500)}
+
+
+def main():
+    """Runs what is asked for, or everything."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("check", choices=[*CHECKS, "all"])
+    parser.add_argument("amount", type=int, nargs="?")
+    arguments = parser.parse_args()
+    failed = []
+    for name in CHECKS if arguments.check == "all" else [arguments.check]:
+        check, usual = CHECKS[name]
+        with tempfile.TemporaryDirectory() as folder:
+            sound, text = check(pathlib.Path(folder), arguments.amount or usual)
+        if not sound:
+            failed.append(name)
+            print(f"{name}: FAILED {text[-1000:]}")
+    sys.exit(1 if failed else 0)
+
+
+if __name__ == "__main__":
+    main()

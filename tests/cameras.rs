@@ -1,0 +1,126 @@
+//! Cameras that are remembered from night to night.
+
+use std::fs;
+use std::path::Path;
+
+use image::{Rgb, RgbImage};
+use roadplane_decode::{DecodeOptions, open};
+use serde_json::Value;
+
+use crate::common::{json, number, roadplane, root};
+
+/// Frames of a night.
+const FRAMES: u64 = 10;
+
+/// A night: frames of the demo clip as a folder of images, seen by the camera turned upwards by an angle.
+fn night(folder: &Path, start_s: f64, turned_rad: f64) {
+    fs::create_dir_all(folder).unwrap();
+    let options = DecodeOptions { start_s, stride: 3, max_frames: Some(FRAMES), ..DecodeOptions::default() };
+    let mut input = open(&root().join("tests/data/lot.mp4"), &options).unwrap();
+    let truth = json(&root().join("tests/data/lot.truth.json"));
+    let focal_px = number(&truth["camera"]["focal_px"]);
+    while let Some(frame) = input.next_frame().unwrap() {
+        let image = turned(&frame.image, focal_px, turned_rad);
+        image.save(folder.join(format!("f{:04}.jpg", frame.stamp.index))).unwrap();
+    }
+}
+
+/// The same picture from a camera turned upwards; what it did not see goes on as its border.
+fn turned(image: &RgbImage, focal_px: f64, angle: f64) -> RgbImage {
+    let (width, height) = image.dimensions();
+    let (cx, cy) = ((f64::from(width) - 1.0) / 2.0, (f64::from(height) - 1.0) / 2.0);
+    RgbImage::from_fn(width, height, |x, y| {
+        let (u, v) = ((f64::from(x) - cx) / focal_px, (f64::from(y) - cy) / focal_px);
+        let (v, z) = (v * angle.cos() - angle.sin(), v * angle.sin() + angle.cos());
+        let (px, py) = (cx + focal_px * u / z, cy + focal_px * v / z);
+        let (px, py) = (px.clamp(0.0, f64::from(width) - 1.001), py.clamp(0.0, f64::from(height) - 1.001));
+        let (left, top) = (px as u32, py as u32);
+        let (a, b) = (px.fract(), py.fract());
+        let pixel = |dx: u32, dy: u32| image.get_pixel(left + dx, top + dy).0;
+        Rgb(std::array::from_fn(|c| {
+            let row = |dy: u32| f64::from(pixel(0, dy)[c]) * (1.0 - a) + f64::from(pixel(1, dy)[c]) * a;
+            (row(0) * (1.0 - b) + row(1) * b).round() as u8
+        }))
+    })
+}
+
+fn run(inputs: &[&Path], out: &Path, cameras: &Path) {
+    let mut command = roadplane();
+    command.arg("run").args(inputs).arg("--out").arg(out).arg("--cameras").arg(cameras);
+    command.args(["--camera-id", "{}_*", "--set", "decode.image_fps=10"]).assert().code(0);
+}
+
+fn shown(cameras: &Path) -> Vec<Value> {
+    let output = roadplane().args(["cameras", "show", "--json"]).arg(cameras).arg("lot").output().unwrap();
+    let text = String::from_utf8(output.stdout).unwrap();
+    text.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
+}
+
+#[test]
+fn a_camera_is_known_the_next_night_and_a_turn_begins_an_epoch() {
+    let temp = tempfile::tempdir().unwrap();
+    let at = |name: &str| temp.path().join(name);
+    let nights = [at("lot_20260101T220000"), at("lot_20260102T220000"), at("lot_20260103T220000")];
+    night(&nights[0], 0.0, 0.0);
+    night(&nights[1], 2.0, 0.0);
+    let turn = 2_f64.to_radians();
+    night(&nights[2], 1.0, turn);
+    let cameras = at("cameras");
+    run(&[&nights[0]], &at("out"), &cameras);
+    run(&[&nights[1]], &at("out"), &cameras);
+    let known = shown(&cameras);
+    assert_eq!(known.len(), 1, "{known:?}");
+    assert_eq!(known[0]["clips"].as_array().unwrap().len(), 2);
+    // The same cars stand there: they count once.
+    let first = json(&at("out/lot_20260101T220000/camera.json"));
+    let second = json(&at("out/lot_20260102T220000/camera.json"));
+    let sd = |camera: &Value| number(&camera["focal_sd_px"]) / number(&camera["focal_px"]);
+    assert!(
+        sd(&second) < 1.05 * sd(&first) && sd(&second) > 0.8 * sd(&first),
+        "{} {}",
+        sd(&first),
+        sd(&second)
+    );
+
+    run(&[&nights[2]], &at("out"), &cameras);
+    let known = shown(&cameras);
+    assert_eq!(known.len(), 2, "{known:?}");
+    assert_eq!(known[1]["clips"].as_array().unwrap().len(), 1);
+    let third = json(&at("out/lot_20260103T220000/camera.json"));
+    let tilt = |value: &Value| number(&value["tilt_rad"]);
+    assert!((tilt(&third) - tilt(&known[1])).abs() < 1e-4, "the first clip of the epoch stands alone");
+    let change = tilt(&known[0]) - tilt(&known[1]);
+    assert!((change - turn).abs() < 0.6_f64.to_radians(), "{}°", change.to_degrees());
+
+    // The same evidence from the results, in another order, is the same memory to the byte.
+    let merged = at("merged");
+    roadplane().args(["cameras", "merge"]).arg(at("out")).arg("--out").arg(&merged).assert().code(0);
+    let contents = |folder: &Path| -> Vec<_> {
+        let mut files: Vec<_> =
+            fs::read_dir(folder.join("lot")).unwrap().map(|e| e.unwrap().path()).collect();
+        files.sort();
+        files.iter().map(|f| (f.file_name().unwrap().to_owned(), fs::read(f).unwrap())).collect()
+    };
+    assert_eq!(contents(&merged), contents(&cameras));
+
+    // A clip does not learn from itself: run again with all remembered, the first night rests on the second alone.
+    run(&[&nights[0]], &at("again"), &merged);
+    let again = json(&at("again/lot_20260101T220000/camera.json"));
+    assert!((number(&again["focal_px"]) / number(&second["focal_px"]) - 1.0).abs() < 0.02);
+    assert_eq!(contents(&merged).len(), 3, "the same clip says the same");
+
+    roadplane().args(["cameras", "forget"]).arg(&merged).arg("lot").assert().code(0);
+    assert!(roadplane().args(["cameras", "list"]).arg(&merged).output().unwrap().stdout.is_empty());
+    roadplane().args(["cameras", "forget"]).arg(&merged).arg("lot").assert().code(2);
+}
+
+#[test]
+fn a_camera_that_cannot_be_named_is_an_error_of_the_command_line() {
+    let temp = tempfile::tempdir().unwrap();
+    for id in ["../x", "gate_{}", ""] {
+        let mut command = roadplane();
+        command.args(["run", "tests/data/lot.mp4", "--camera-id", id, "--out"]).arg(temp.path().join("o"));
+        command.arg("--cameras").arg(temp.path().join("c")).assert().code(2);
+    }
+    assert!(!temp.path().join("c").exists());
+}
