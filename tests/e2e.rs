@@ -8,5 +8,6 @@ mod common;
 mod dataset;
 mod demo_clip;
 mod eval;
+mod export;
 mod real_clips;
 mod synth;

@@ -1,6 +1,7 @@
 //! The command line.
 
 pub mod eval;
+pub mod export;
 pub mod synth;
 
 use std::path::PathBuf;
@@ -44,6 +45,8 @@ pub enum Command {
     Solve(SolveArgs),
     /// Draws a finished run into a video.
     Render(RenderArgs),
+    /// Writes a finished run in the formats of others.
+    Export(export::ExportArgs),
     /// Measures: nets, solver, finished runs, against truth; prints tables.
     Eval(eval::EvalArgs),
     /// Makes data sets of geometry alone: truth, and measured keypoints for `solve`.

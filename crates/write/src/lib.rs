@@ -11,7 +11,6 @@ mod digits;
 mod error;
 mod file;
 mod folder;
-mod interchange;
 mod jsonl;
 mod lock;
 mod parquet;
@@ -24,7 +23,6 @@ pub use camera::{CAMERA_SCHEMA, CameraFile, CameraSegment, read_camera, write_ca
 pub use error::WriteError;
 pub use file::OutFile;
 pub use folder::{Existing, OutputFolder};
-pub use interchange::{KittiTracking, MotChallenge};
 pub use jsonl::{JsonLines, PoseLines, read_jsonl, write_json};
 pub use lock::FolderLock;
 pub use parquet::{TRACKS_SCHEMA, TrackParquet};

@@ -11,6 +11,7 @@ use crate::args::{Cli, ConfigArgs};
 pub mod bench;
 pub mod doctor;
 pub mod eval;
+pub mod export;
 pub mod render;
 pub mod run;
 pub mod stages;

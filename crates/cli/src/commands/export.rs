@@ -1,0 +1,51 @@
+//! `roadplane export`: a finished run in the formats of others.
+
+use std::io::{Write as _, stdout};
+
+use roadplane_export::{FORMATS, Format, Run, export as write};
+use roadplane_pipeline::{Existing, FolderLock, PipelineError};
+
+use crate::Outcome;
+use crate::args::export::ExportArgs;
+
+/// Formats that need more than this program, and how to get them.
+const ELSEWHERE: [(&str, &str); 1] = [(
+    "rerun",
+    "a recording for Rerun's viewer; made by scripts/export/rerun RUN FILE.rrd, which sets up Rerun's Python package",
+)];
+
+/// Writes a run in each format asked for.
+pub fn export(args: &ExportArgs) -> anyhow::Result<Outcome> {
+    if args.format.iter().any(|name| name == "list") {
+        let holds = FORMATS.iter().map(|format| (format.name, format.holds));
+        for (name, holds) in holds.chain(ELSEWHERE) {
+            writeln!(stdout(), "{name:9} {holds}")?;
+        }
+        return Ok(Outcome::Done);
+    }
+    let (Some(run), Some(out)) = (&args.run, &args.out) else {
+        return Err(PipelineError::usage("export needs the folder of a run and --out FOLDER").into());
+    };
+    let mut formats: Vec<&Format> = Vec::new();
+    for name in &args.format {
+        let format = Format::of(name).ok_or_else(|| unknown(name))?;
+        if !formats.iter().any(|known| known.name == format.name) {
+            formats.push(format);
+        }
+    }
+    let run = Run::read(run).map_err(PipelineError::from)?;
+    let _lock = FolderLock::acquire(out).map_err(PipelineError::from)?;
+    let existing = if args.overwrite { Existing::Overwrite } else { Existing::Refuse };
+    for folder in write(&run, &formats, out, existing).map_err(PipelineError::from)? {
+        tracing::info!("{}", folder.display());
+    }
+    Ok(Outcome::Done)
+}
+
+fn unknown(name: &str) -> PipelineError {
+    let elsewhere = ELSEWHERE.iter().find(|(format, _)| *format == name);
+    PipelineError::usage(&elsewhere.map_or_else(
+        || format!("there is no format {name:?}; --format list says what there is"),
+        |(_, how)| format!("{name} is not written by this command: {how}"),
+    ))
+}

@@ -1,0 +1,35 @@
+//! CSV files with a header.
+
+use std::path::Path;
+
+use roadplane_write::{OutFile, WriteError};
+
+/// Writes a table; each row has as many cells as the header.
+pub fn write_table<const N: usize>(
+    path: &Path,
+    header: &[&str; N],
+    rows: impl IntoIterator<Item = [String; N]>,
+) -> Result<(), WriteError> {
+    let failed = |error: csv::Error| match error.into_kind() {
+        csv::ErrorKind::Io(source) => WriteError::Io { doing: "write", source, path: path.to_path_buf() },
+        other => WriteError::Malformed { what: format!("{other:?}"), path: path.to_path_buf() },
+    };
+    let mut writer = csv::Writer::from_writer(OutFile::create(path)?);
+    writer.write_record(header).map_err(failed)?;
+    for row in rows {
+        writer.write_record(&row).map_err(failed)?;
+    }
+    let unwritten = |error: csv::IntoInnerError<csv::Writer<OutFile>>| WriteError::Io {
+        doing: "write",
+        source: error.into_error(),
+        path: path.to_path_buf(),
+    };
+    writer.into_inner().map_err(unwritten)?.finish()
+}
+
+/// A number with so many decimals; −0 becomes 0.
+pub fn fixed(value: f64, decimals: usize) -> String {
+    let text = format!("{value:.decimals$}");
+    let is_zero = text.starts_with('-') && text.bytes().all(|b| matches!(b, b'-' | b'0' | b'.'));
+    if is_zero { text.trim_start_matches('-').to_owned() } else { text }
+}
