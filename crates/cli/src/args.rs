@@ -1,5 +1,6 @@
 //! The command line.
 
+pub mod copy;
 pub mod eval;
 pub mod export;
 pub mod synth;
@@ -45,6 +46,8 @@ pub enum Command {
     Solve(SolveArgs),
     /// Draws a finished run into a video.
     Render(RenderArgs),
+    /// Makes a finished run a scene that plays in simulators: OpenSCENARIO, OpenDRIVE, glTF.
+    Copy(copy::CopyArgs),
     /// Writes a finished run in the formats of others.
     Export(export::ExportArgs),
     /// Measures: nets, solver, finished runs, against truth; prints tables.

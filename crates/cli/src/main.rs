@@ -24,6 +24,7 @@ fn main() -> ExitCode {
     let outcome = match &cli.command {
         Command::Run(args) => commands::run::run(args, &cancel),
         Command::Render(args) => commands::render::render(args, &cancel),
+        Command::Copy(args) => commands::copy::copy(args, &cancel),
         Command::Export(args) => commands::export::export(args),
         Command::Bench(args) => commands::bench::bench(args, &cancel),
         Command::Detect(args) => commands::stages::detect(args, &cancel),

@@ -7,6 +7,7 @@
 
 mod formats;
 mod run;
+mod xml;
 
 use std::path::{Path, PathBuf};
 
@@ -14,6 +15,7 @@ use roadplane_write::{Existing, OutputFolder, WriteError};
 
 pub use formats::{FORMATS, Format};
 pub use run::{Event, Run, Stretch, Track};
+pub use xml::{Element, fixed};
 
 /// Writes a run in each format into a folder of the format's name. Hold a [`FolderLock`](roadplane_write::FolderLock) on
 /// `out`. Gives the folders.

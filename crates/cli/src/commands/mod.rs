@@ -9,6 +9,7 @@ use crate::Outcome;
 use crate::args::{Cli, ConfigArgs};
 
 pub mod bench;
+pub mod copy;
 pub mod doctor;
 pub mod eval;
 pub mod export;

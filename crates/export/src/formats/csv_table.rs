@@ -26,10 +26,3 @@ pub fn write_table<const N: usize>(
     };
     writer.into_inner().map_err(unwritten)?.finish()
 }
-
-/// A number with so many decimals; −0 becomes 0.
-pub fn fixed(value: f64, decimals: usize) -> String {
-    let text = format!("{value:.decimals$}");
-    let is_zero = text.starts_with('-') && text.bytes().all(|b| matches!(b, b'-' | b'0' | b'.'));
-    if is_zero { text.trim_start_matches('-').to_owned() } else { text }
-}

@@ -8,8 +8,8 @@ use nalgebra::{Rotation2, Vector2};
 use roadplane_base::{TrackRow, VehicleClass};
 use roadplane_write::WriteError;
 
-use super::csv_table::{fixed, write_table};
-use crate::{Run, Stretch, Track};
+use super::csv_table::write_table;
+use crate::{Run, Stretch, Track, fixed};
 
 /// Slower than this a car does not count for the main direction, m/s.
 const DRIVING_MPS: f64 = 1.0;

@@ -7,8 +7,8 @@ use std::path::Path;
 use roadplane_base::VehicleClass;
 use roadplane_write::WriteError;
 
-use super::csv_table::{fixed, write_table};
-use crate::Run;
+use super::csv_table::write_table;
+use crate::{Run, fixed};
 
 const FEET_PER_METRE: f64 = 1.0 / 0.3048;
 

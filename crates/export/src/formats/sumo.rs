@@ -4,98 +4,63 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use quick_xml::Writer;
-use quick_xml::events::{BytesDecl, Event};
 use roadplane_base::{TrackRow, VehicleClass};
-use roadplane_write::{OutFile, WriteError};
+use roadplane_write::WriteError;
 
-use super::csv_table::fixed;
-use crate::{Run, Stretch, Track};
+use crate::{Element, Run, Stretch, Track, fixed};
 
 /// Writes both files of each stretch of time.
 pub fn write(run: &Run, folder: &Path) -> Result<(), WriteError> {
     for stretch in &run.stretches {
-        let path = folder.join(format!("{}.fcd.xml", stretch.name));
-        write_xml(&path, |xml| steps(run, stretch, xml))?;
-        let path = folder.join(format!("{}.vtypes.xml", stretch.name));
-        write_xml(&path, |xml| types(run, xml))?;
+        steps(run, stretch).write(&folder.join(format!("{}.fcd.xml", stretch.name)))?;
+        types(run).write(&folder.join(format!("{}.vtypes.xml", stretch.name)))?;
     }
     Ok(())
 }
 
-/// An XML file; `body` writes its root.
-fn write_xml(
-    path: &Path,
-    body: impl FnOnce(&mut Writer<&mut OutFile>) -> std::io::Result<()>,
-) -> Result<(), WriteError> {
-    let mut file = OutFile::create(path)?;
-    let mut xml = Writer::new_with_indent(&mut file, b' ', 2);
-    let failed = |source| WriteError::Io { doing: "write", source, path: path.to_path_buf() };
-    xml.write_event(Event::Decl(BytesDecl::new("1.0", Some("UTF-8"), None))).map_err(failed)?;
-    body(&mut xml).map_err(failed)?;
-    file.write_bytes(b"\n")?;
-    file.finish()
-}
-
-fn steps(run: &Run, stretch: &Stretch, xml: &mut Writer<&mut OutFile>) -> std::io::Result<()> {
+fn steps(run: &Run, stretch: &Stretch) -> Element {
     let mut by_frame: BTreeMap<u64, Vec<(&Track, &TrackRow)>> = BTreeMap::new();
     for (track, row) in run.rows().into_iter().filter(|(_, row)| stretch.holds(row)) {
         by_frame.entry(row.frame).or_default().push((track, row));
     }
-    xml.create_element("fcd-export")
-        .write_inner_content(|xml| {
-            for rows in by_frame.values() {
-                let time = rows.first().map_or_else(String::new, |(_, row)| fixed(row.time_s, 6));
-                xml.create_element("timestep").with_attribute(("time", time.as_str())).write_inner_content(
-                    |xml| rows.iter().try_for_each(|(track, row)| vehicle(track, row, xml)),
-                )?;
-            }
-            Ok(())
-        })
-        .map(|_| ())
+    let step = |rows: &Vec<(&Track, &TrackRow)>| {
+        let time_s = rows.first().map_or(0.0, |(_, row)| row.time_s);
+        let vehicles = rows.iter().map(|(track, row)| vehicle(track, row));
+        Element::new("timestep").with("time", fixed(time_s, 6)).holding(vehicles)
+    };
+    Element::new("fcd-export").holding(by_frame.values().map(step))
 }
 
-fn vehicle(track: &Track, row: &TrackRow, xml: &mut Writer<&mut OutFile>) -> std::io::Result<()> {
+fn vehicle(track: &Track, row: &TrackRow) -> Element {
     let front = track.front(row);
     let angle = (90.0 - row.heading_rad.to_degrees()).rem_euclid(360.0);
-    xml.create_element("vehicle")
-        .with_attributes([
-            ("id", track.id.to_string().as_str()),
-            ("x", fixed(front.x, 4).as_str()),
-            ("y", fixed(front.y, 4).as_str()),
-            ("angle", fixed(angle, 4).as_str()),
-            ("type", type_name(track).as_str()),
-            ("speed", fixed(row.speed_mps, 4).as_str()),
-        ])
-        .write_empty()
-        .map(|_| ())
+    Element::new("vehicle")
+        .with("id", track.id)
+        .with("x", fixed(front.x, 4))
+        .with("y", fixed(front.y, 4))
+        .with("angle", fixed(angle, 4))
+        .with("type", type_name(track))
+        .with("speed", fixed(row.speed_mps, 4))
 }
 
 fn type_name(track: &Track) -> String {
     format!("track_{}", track.id)
 }
 
-fn types(run: &Run, xml: &mut Writer<&mut OutFile>) -> std::io::Result<()> {
-    xml.create_element("additional")
-        .write_inner_content(|xml| {
-            for track in &run.tracks {
-                let [length, width, height] = track.dims_m().map(|v| fixed(v, 4));
-                let class = match track.class {
-                    VehicleClass::Car => "passenger",
-                    VehicleClass::Truck => "truck",
-                    VehicleClass::Bus => "bus",
-                };
-                xml.create_element("vType")
-                    .with_attributes([
-                        ("id", type_name(track).as_str()),
-                        ("vClass", class),
-                        ("length", length.as_str()),
-                        ("width", width.as_str()),
-                        ("height", height.as_str()),
-                    ])
-                    .write_empty()?;
-            }
-            Ok(())
-        })
-        .map(|_| ())
+fn types(run: &Run) -> Element {
+    let of_track = |track: &Track| {
+        let [length, width, height] = track.dims_m();
+        let class = match track.class {
+            VehicleClass::Car => "passenger",
+            VehicleClass::Truck => "truck",
+            VehicleClass::Bus => "bus",
+        };
+        Element::new("vType")
+            .with("id", type_name(track))
+            .with("vClass", class)
+            .with("length", fixed(length, 4))
+            .with("width", fixed(width, 4))
+            .with("height", fixed(height, 4))
+    };
+    Element::new("additional").holding(run.tracks.iter().map(of_track))
 }
