@@ -1,6 +1,7 @@
 //! The formats: one file each.
 
 mod actev;
+mod csv;
 mod csv_table;
 mod geojson;
 mod highd;
@@ -12,7 +13,8 @@ mod sumo;
 
 use std::path::Path;
 
-use roadplane_write::{OutFile, WriteError};
+use roadplane_base::VehicleClass;
+use roadplane_write::{OutFile, WriteError, write_json};
 
 use crate::Run;
 
@@ -27,7 +29,7 @@ pub struct Format {
 }
 
 /// All of them.
-pub const FORMATS: [Format; 8] = [
+pub const FORMATS: [Format; 9] = [
     Format { name: "mot", holds: "MOT Challenge: boxes by frame, NAME.txt; seqinfo.ini", write: mot::write },
     Format {
         name: "kitti",
@@ -43,6 +45,11 @@ pub const FORMATS: [Format; 8] = [
         name: "actev",
         holds: "NIST ActEV scorer: activities with boxes; NAME.json, file-index.json, activity-index.json",
         write: actev::write,
+    },
+    Format {
+        name: "csv",
+        holds: "the run's rows for spreadsheets, with class and, where it is known, the place on the map; NAME.csv",
+        write: csv::write,
     },
     Format {
         name: "geojson",
@@ -72,6 +79,21 @@ impl Format {
     pub fn of(name: &str) -> Option<&'static Self> {
         FORMATS.iter().find(|format| format.name == name)
     }
+}
+
+/// The name of a class in our own columns.
+fn class_name(class: VehicleClass) -> &'static str {
+    match class {
+        VehicleClass::Car => "car",
+        VehicleClass::Truck => "truck",
+        VehicleClass::Bus => "bus",
+    }
+}
+
+/// What is known of the place, beside files that rest on it.
+fn write_place(run: &Run, folder: &Path) -> Result<(), WriteError> {
+    let Some(place) = &run.place else { return Ok(()) };
+    write_json(&folder.join(format!("{}.place.json", run.name)), &place.fit)
 }
 
 /// Writes a text file.

@@ -8,6 +8,8 @@ use roadplane_base::{GroundPose, PoseRecord, Shape, ShapeAtlas, TrackRow, Vehicl
 use roadplane_write::{CameraSegment, Summary, WriteError, read_camera, read_jsonl, read_summary};
 use serde::Deserialize;
 
+use crate::{OnMap, Place};
+
 /// A finished run.
 #[derive(Debug)]
 pub struct Run {
@@ -25,6 +27,8 @@ pub struct Run {
     pub tracks: Vec<Track>,
     /// Stretches of time between which the camera was moved, in order; at least one. Each has a world frame of its own.
     pub stretches: Vec<Stretch>,
+    /// Where the camera stands on the map, if that is known; then it was not moved.
+    pub place: Option<Place>,
     /// What cars did; `None` where the run did not look for it.
     pub events: Option<Vec<Event>>,
 }
@@ -102,6 +106,7 @@ impl Run {
             stretches: stretches(&name, camera.all()),
             media: media_of(&summary),
             events,
+            place: None,
             name,
             folder: folder.to_path_buf(),
         })
@@ -114,6 +119,35 @@ impl Run {
         let mut rows: Vec<(&Track, &TrackRow)> = self.tracks.iter().flat_map(of_track).collect();
         rows.sort_by_key(|(track, row)| (row.frame, track.id));
         rows
+    }
+
+    /// Places a run whose camera was not moved on the map.
+    ///
+    /// # Errors
+    /// What `place` says, or that the camera was moved.
+    pub fn put_on_map(
+        &mut self,
+        place: impl FnOnce(&CameraSegment) -> Result<Place, String>,
+    ) -> Result<&Place, String> {
+        match self.stretches.as_slice() {
+            [only] => Ok(self.place.insert(place(&only.camera)?)),
+            more => Err(format!(
+                "the camera was moved: its {} positions have no one place on the map",
+                more.len()
+            )),
+        }
+    }
+
+    /// Where a row's car is on the map, if the run's place is known.
+    ///
+    /// # Errors
+    /// [`WriteError::Malformed`] for a row that lies nowhere on earth.
+    pub fn on_map(&self, row: &TrackRow) -> Result<Option<OnMap>, WriteError> {
+        let (Some(place), Some(stretch)) = (&self.place, self.stretches.first()) else { return Ok(None) };
+        place.of_row(row, &stretch.camera).map(Some).map_err(|what| WriteError::Malformed {
+            what: format!("track {} in frame {}: {what}", row.track, row.frame),
+            path: self.folder.clone(),
+        })
     }
 
     /// The frame nearest to a time.

@@ -45,15 +45,18 @@ pub fn write(run: &Run, folder: &Path) -> Result<(), WriteError> {
                 let front = track.front(row);
                 let class = if track.class == VehicleClass::Car { "2" } else { "3" };
                 let [x, y, none] = [feet(front.x), feet(front.y), "0".to_owned()];
+                // On the map: the zone's east and north, of the car's origin.
+                let global = run.on_map(row)?.map_or([x.clone(), y.clone()], |at| at.utm_m.map(feet));
+                let [east, north] = global;
                 lines.push([
                     track.id.to_string(),
                     row.frame.to_string(),
                     count.to_string(),
                     fixed(row.time_s * 1e3, 0),
-                    x.clone(),
-                    y.clone(),
                     x,
                     y,
+                    east,
+                    north,
                     feet(row.length_m),
                     feet(row.width_m),
                     class.to_owned(),
