@@ -9,6 +9,7 @@ mod common;
 mod dataset;
 mod demo_clip;
 mod eval;
+mod export;
 mod real_clips;
 mod reliability;
 mod synth;

@@ -1,7 +1,9 @@
 //! The command line.
 
 pub mod cameras;
+pub mod copy;
 pub mod eval;
+pub mod export;
 pub mod synth;
 
 use std::path::PathBuf;
@@ -49,6 +51,10 @@ pub enum Command {
     Cameras(cameras::CamerasArgs),
     /// Draws a finished run into a video.
     Render(RenderArgs),
+    /// Makes a finished run a scene that plays in simulators: OpenSCENARIO, OpenDRIVE, glTF.
+    Copy(copy::CopyArgs),
+    /// Writes a finished run in the formats of others.
+    Export(export::ExportArgs),
     /// Measures: nets, solver, finished runs, against truth; prints tables.
     Eval(eval::EvalArgs),
     /// How far two tracks of a finished run are from each other, with its sd: errors that they share cancel.

@@ -32,6 +32,8 @@ fn main() -> ExitCode {
         Command::Run(args) => commands::run::run(args, &cancel),
         Command::Cameras(args) => commands::cameras::cameras(args),
         Command::Render(args) => commands::render::render(args, &cancel),
+        Command::Copy(args) => commands::copy::copy(args, &cancel),
+        Command::Export(args) => commands::export::export(args),
         Command::Bench(args) => commands::bench::bench(args, &cancel),
         Command::Detect(args) => commands::stages::detect(args, &cancel),
         Command::Keypoints(args) => commands::stages::keypoints(args, &cancel),

@@ -12,9 +12,11 @@ use crate::args::{Cli, ConfigArgs};
 
 pub mod bench;
 pub mod cameras;
+pub mod copy;
 pub mod distance;
 pub mod doctor;
 pub mod eval;
+pub mod export;
 pub mod render;
 pub mod run;
 pub mod schemas;

@@ -1,0 +1,76 @@
+//! `roadplane copy`: a finished run as a scene that plays in simulators.
+
+use std::path::{Path, PathBuf};
+
+use roadplane_base::{ShapeAtlas, TrackRow};
+use roadplane_copy::{Colours, Scene, write_scene};
+use roadplane_export::Run;
+use roadplane_pipeline::{Cancel, Existing, FolderLock, PipelineError, track_colours};
+use roadplane_write::{OutputFolder, WriteError, read_summary};
+
+use crate::Outcome;
+use crate::args::copy::CopyArgs;
+use crate::progress::Bar;
+
+/// Reads the run, looks at its input for colours, writes the scene.
+pub fn copy(args: &CopyArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
+    let run = Run::read(&args.run).map_err(PipelineError::from)?;
+    let atlas = ShapeAtlas::shipped().map_err(PipelineError::from)?;
+    let colours = colours(args, &run, cancel)?;
+    let Some(scene) = Scene::of(&run, &colours, &atlas) else {
+        let what = "the run has no vehicle to copy".to_owned();
+        return Err(PipelineError::from(WriteError::Malformed { what, path: args.run.clone() }).into());
+    };
+    if run.stretches.len() > 1 {
+        tracing::warn!("the camera was moved: only {} is copied, the longest stretch of time", scene.name);
+    }
+    let (parent, name) = place(&args.out)?;
+    let existing = if args.overwrite { Existing::Overwrite } else { Existing::Refuse };
+    let _lock = FolderLock::acquire(&parent).map_err(PipelineError::from)?;
+    let mut folder = OutputFolder::begin(&parent, &name, existing).map_err(PipelineError::from)?;
+    if folder.is_resumed() {
+        folder.reset().map_err(PipelineError::from)?;
+    }
+    let written = match write_scene(&scene, folder.path()) {
+        Ok(()) => folder.publish(),
+        Err(error) => folder.discard().and(Err(error)),
+    };
+    let written = written.map_err(PipelineError::from)?;
+    let standing = scene.vehicles.iter().filter(|vehicle| vehicle.stands()).count();
+    tracing::info!(
+        "{} vehicles, {standing} of them standing, {:.1} s: {}",
+        scene.vehicles.len(),
+        scene.seconds(),
+        written.display()
+    );
+    Ok(Outcome::Done)
+}
+
+/// The folder that the scene's lies in, and its name.
+fn place(out: &Path) -> Result<(PathBuf, String), PipelineError> {
+    let name = out.file_name().and_then(|name| name.to_str());
+    let name = name.ok_or_else(|| PipelineError::usage("--out must name a folder"))?;
+    let parent = out.parent().filter(|parent| !parent.as_os_str().is_empty());
+    Ok((parent.unwrap_or_else(|| Path::new(".")).to_path_buf(), name.to_owned()))
+}
+
+fn colours(args: &CopyArgs, run: &Run, cancel: &Cancel) -> anyhow::Result<Colours> {
+    let input = match &args.input {
+        Some(input) => input.clone(),
+        None => {
+            let summary = read_summary(&args.run.join("summary.json")).map_err(PipelineError::from)?;
+            let input = PathBuf::from(summary.input.path);
+            if !input.exists() {
+                tracing::warn!(
+                    "vehicles are grey: the input is not there (--input names it): {}",
+                    input.display()
+                );
+                return Ok(Colours::new());
+            }
+            input
+        }
+    };
+    let rows: Vec<TrackRow> = run.tracks.iter().flat_map(|track| track.rows.clone()).collect();
+    let config = super::config(&args.config)?;
+    Ok(track_colours(&input, &rows, &config, cancel, &Bar::new("colours"))?)
+}

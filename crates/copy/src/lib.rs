@@ -1,0 +1,41 @@
+//! A finished run as a scene that plays elsewhere.
+//!
+//! [`Scene`] is what moves: vehicles with thinned trajectories and meshes. [`write_scene`] gives it the form that simulators
+//! read: `scenario.xosc` (ASAM OpenSCENARIO XML 1.2), `road.xodr` (ASAM OpenDRIVE 1.7), `meshes/car_N.gltf` (glTF 2.0),
+//! `camera.json`, and `scene.json`, which holds the same in one plain file.
+//!
+//! The world is that of the run: z up, origin on the ground under the camera.
+
+#![deny(missing_docs)]
+
+mod gltf;
+mod mesh;
+mod opendrive;
+mod openscenario;
+mod scene;
+mod thin;
+
+use std::path::Path;
+
+use roadplane_write::{WriteError, write_camera, write_json};
+
+pub use mesh::{CarMesh, Part};
+pub use scene::{Colours, SCENE_SCHEMA, Scene, Vehicle};
+pub use thin::{Vertex, at, thinned};
+
+/// Writes all files of a scene into a folder that is there.
+///
+/// # Errors
+/// [`WriteError::Io`], [`WriteError::DiskFull`].
+pub fn write_scene(scene: &Scene, folder: &Path) -> Result<(), WriteError> {
+    let meshes = folder.join("meshes");
+    let failed = |source| WriteError::Io { doing: "create the folder", source, path: meshes.clone() };
+    std::fs::create_dir(&meshes).map_err(failed)?;
+    for vehicle in &scene.vehicles {
+        write_json(&meshes.join(format!("{}.gltf", vehicle.name)), &gltf::document(vehicle))?;
+    }
+    opendrive::document(scene).write(&folder.join("road.xodr"))?;
+    openscenario::document(scene).write(&folder.join("scenario.xosc"))?;
+    write_camera(&folder.join("camera.json"), &[scene.camera.estimate()])?;
+    write_json(&folder.join("scene.json"), scene)
+}

@@ -1,0 +1,226 @@
+//! A car's surface from its 36 keypoints: panels between them, on both sides alike, and four wheels.
+
+use nalgebra::{Point3, Vector3};
+use roadplane_base::{KEYPOINTS, keypoint_names};
+use serde::Serialize;
+
+/// What a triangle is of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    /// Painted sheet.
+    Paint,
+    /// Windows.
+    Glass,
+    /// Tyres, underside, bumpers' lower edges.
+    Rubber,
+}
+
+/// Triangles in the car frame, m: three corners each, counter-clockwise seen from outside.
+#[derive(Clone, Debug, Default)]
+pub struct CarMesh {
+    triangles: Vec<(Part, [Point3<f64>; 3])>,
+}
+
+/// Where the wheels are.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Wheels {
+    /// From the origin to each axle, m.
+    pub half_wheelbase_m: f64,
+    /// Between the wheels' outer faces, m.
+    pub track_m: f64,
+    /// Diameter, m.
+    pub diameter_m: f64,
+}
+
+impl Wheels {
+    /// Of a car's keypoints.
+    #[must_use]
+    pub fn of(points: &[Vector3<f64>; KEYPOINTS]) -> Self {
+        let [front, rear] = [point(points, "left_wheel_front"), point(points, "left_wheel_rear")];
+        Self { half_wheelbase_m: (front.x - rear.x) / 2.0, track_m: 2.0 * front.y, diameter_m: 2.0 * front.z }
+    }
+}
+
+/// Width of a tyre, m.
+pub(crate) const TYRE_M: f64 = 0.2;
+/// Corners of a wheel's rim.
+const SPOKES: usize = 20;
+
+/// Panels of the left half, by keypoints without their side; `+` before a name is the point of the car's middle plane that
+/// lies between the two sides. Clockwise seen from outside; triangles fan out from the first.
+const PANELS: [(Part, &[&str]); 22] = [
+    (Part::Paint, &["headlight_inner", "+headlight_inner", "+windscreen_bottom", "windscreen_bottom"]),
+    (Part::Paint, &["headlight_outer", "headlight_inner", "windscreen_bottom", "side_window_front"]),
+    (Part::Rubber, &["bumper_front", "+bumper_front", "+nose", "nose"]),
+    (Part::Paint, &["nose", "+nose", "+headlight_inner", "headlight_inner"]),
+    (Part::Paint, &["nose", "headlight_inner", "headlight_outer"]),
+    (Part::Glass, &["windscreen_bottom", "+windscreen_bottom", "+windscreen_top", "windscreen_top"]),
+    (Part::Paint, &["windscreen_top", "+windscreen_top", "+roof", "rear_window_top"]),
+    (Part::Paint, &["rear_window_top", "+roof", "+rear_window_top"]),
+    (Part::Glass, &["rear_window_top", "+rear_window_top", "+rear_window_bottom", "rear_window_bottom"]),
+    (Part::Paint, &["rear_window_bottom", "+rear_window_bottom", "+taillight_inner", "taillight_inner"]),
+    (Part::Paint, &["side_window_rear", "rear_window_bottom", "taillight_inner", "taillight_outer"]),
+    (Part::Paint, &["tail", "taillight_outer", "taillight_inner", "+taillight_inner", "+tail"]),
+    (Part::Rubber, &["tail", "+tail", "+bumper_rear", "bumper_rear"]),
+    (Part::Paint, &["side_window_front", "windscreen_bottom", "windscreen_top"]),
+    (
+        Part::Glass,
+        &["b_pillar_bottom", "side_window_front", "windscreen_top", "rear_window_top", "side_window_rear"],
+    ),
+    (Part::Paint, &["side_window_rear", "rear_window_top", "rear_window_bottom"]),
+    (Part::Paint, &["sill_front", "nose", "headlight_outer", "side_window_front", "b_pillar_bottom"]),
+    (Part::Paint, &["sill_rear", "sill_front", "b_pillar_bottom"]),
+    (Part::Paint, &["tail", "sill_rear", "b_pillar_bottom", "side_window_rear", "taillight_outer"]),
+    (Part::Rubber, &["sill_front", "bumper_front", "nose"]),
+    (Part::Rubber, &["tail", "bumper_rear", "sill_rear"]),
+    (
+        Part::Rubber,
+        &["+bumper_front", "bumper_front", "sill_front", "sill_rear", "bumper_rear", "+bumper_rear"],
+    ),
+];
+
+impl CarMesh {
+    /// From a car's keypoints. Bumpers and roof bulge in the middle so that the body has its length and height.
+    #[must_use]
+    pub fn new(points: &[Vector3<f64>; KEYPOINTS], dims_m: [f64; 3], centre_m: f64, wheels: &Wheels) -> Self {
+        let mut mesh = Self::default();
+        for (part, names) in PANELS {
+            let left: Vec<Point3<f64>> =
+                names.iter().map(|name| corner(points, name, dims_m, centre_m)).collect();
+            let right: Vec<Point3<f64>> = left.iter().map(|p| Point3::new(p.x, -p.y, p.z)).collect();
+            for corners in left.windows(2).skip(1) {
+                mesh.triangles.push((part, [left[0], corners[1], corners[0]]));
+            }
+            for corners in right.windows(2).skip(1) {
+                mesh.triangles.push((part, [right[0], corners[0], corners[1]]));
+            }
+        }
+        for (ahead, side) in [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)] {
+            mesh.wheel(wheels, ahead * wheels.half_wheelbase_m, side);
+        }
+        mesh
+    }
+
+    /// Its triangles.
+    #[must_use]
+    pub fn triangles(&self) -> &[(Part, [Point3<f64>; 3])] {
+        &self.triangles
+    }
+
+    /// Lowest and highest coordinates, m.
+    #[must_use]
+    pub fn bounds(&self) -> [Point3<f64>; 2] {
+        let corners = || self.triangles.iter().flat_map(|(_, corners)| corners);
+        let fold = |pick: fn(f64, f64) -> f64, start: f64| {
+            corners().fold(Point3::new(start, start, start), |b, p| {
+                Point3::new(pick(b.x, p.x), pick(b.y, p.y), pick(b.z, p.z))
+            })
+        };
+        [fold(f64::min, f64::INFINITY), fold(f64::max, f64::NEG_INFINITY)]
+    }
+
+    fn wheel(&mut self, wheels: &Wheels, x: f64, side: f64) {
+        let radius = wheels.diameter_m / 2.0;
+        let rim = |i: usize, inward: f64| {
+            let (sin, cos) = (std::f64::consts::TAU * (i % SPOKES) as f64 / SPOKES as f64).sin_cos();
+            Point3::new(x + radius * cos, side * (wheels.track_m / 2.0 - inward), radius * (1.0 + sin))
+        };
+        let hub = Point3::new(x, side * wheels.track_m / 2.0, radius);
+        for i in 0..SPOKES {
+            let (a, b, c, d) = (rim(i, 0.0), rim(i + 1, 0.0), rim(i + 1, TYRE_M), rim(i, TYRE_M));
+            // Seen from the left, x ahead runs to the left: the rim turns clockwise there.
+            let outward = |t: [Point3<f64>; 3]| if side > 0.0 { [t[0], t[2], t[1]] } else { t };
+            for triangle in [[hub, a, b], [a, d, b], [b, d, c]] {
+                self.triangles.push((Part::Rubber, outward(triangle)));
+            }
+        }
+    }
+}
+
+fn point(points: &[Vector3<f64>; KEYPOINTS], name: &str) -> Vector3<f64> {
+    let index = keypoint_names().iter().position(|known| known == name);
+    index.map_or_else(Vector3::zeros, |i| points[i])
+}
+
+/// A corner of a panel by its name, left side; see [`PANELS`].
+fn corner(points: &[Vector3<f64>; KEYPOINTS], name: &str, dims_m: [f64; 3], centre_m: f64) -> Point3<f64> {
+    let [length, _, height] = dims_m;
+    let (in_middle, bare) = name.strip_prefix('+').map_or((false, name), |bare| (true, bare));
+    let of = |name: &str| point(points, &format!("left_{name}"));
+    let between = |a: &str, b: &str, s: f64| of(a).lerp(&of(b), s);
+    let sill = |wheel: f64| {
+        let tyre = if wheel > 0.0 { of("tyre_front") } else { of("tyre_rear") };
+        let radius = of("wheel_front").z;
+        Vector3::new(tyre.x - wheel * 1.1 * radius, tyre.y, 0.6 * radius)
+    };
+    let mut at = match bare {
+        "nose" => between("bumper_front", "headlight_outer", 0.35),
+        "tail" => between("bumper_rear", "taillight_outer", 0.35),
+        "sill_front" => sill(1.0),
+        "sill_rear" => sill(-1.0),
+        "roof" => between("windscreen_top", "rear_window_top", 0.45),
+        known => of(known),
+    };
+    if in_middle {
+        at.y = 0.0;
+        match bare {
+            "roof" => at.z = height,
+            "windscreen_top" | "rear_window_top" => at.z += 0.5 * (height - at.z).max(0.0),
+            "nose" => at.x = centre_m + length / 2.0,
+            "tail" => at.x = centre_m - length / 2.0,
+            "bumper_front" => at.x = centre_m + length / 2.0 - 0.08,
+            "bumper_rear" => at.x = centre_m - length / 2.0 + 0.08,
+            _ => {}
+        }
+    }
+    Point3::from(at)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use roadplane_base::{Shape, ShapeAtlas};
+
+    fn mesh(shape: &Shape) -> (CarMesh, [f64; 3], f64) {
+        let atlas = ShapeAtlas::shipped().unwrap();
+        let points = atlas.keypoints_in_car(shape);
+        let dims: [f64; 3] = atlas.dims_m(shape).into();
+        let x = points.map(|p| p.x);
+        let centre = x.iter().copied().fold(f64::MIN, f64::max) / 2.0
+            + x.iter().copied().fold(f64::MAX, f64::min) / 2.0;
+        (CarMesh::new(&points, dims, centre, &Wheels::of(&points)), dims, centre)
+    }
+
+    #[test]
+    fn it_has_the_cars_dimensions_and_stands_on_the_ground() {
+        for shape in [Shape::zeros(), Shape::from([1.0, -1.0, 0.5, 0.0, 0.3, 0.0]), Shape::repeat(-0.8)] {
+            let (mesh, dims, centre) = mesh(&shape);
+            let [low, high] = mesh.bounds();
+            assert!((high.x - low.x - dims[0]).abs() < 0.02 && (high.x + low.x - 2.0 * centre).abs() < 0.02);
+            assert!((high.y - low.y - dims[1]).abs() < 0.12, "{} {}", high.y - low.y, dims[1]);
+            assert!((high.z - dims[2]).abs() < 1e-9 && low.z.abs() < 1e-9, "{} {}", high.z, low.z);
+        }
+    }
+
+    #[test]
+    fn faces_look_outwards() {
+        let (mesh, dims, centre) = mesh(&Shape::zeros());
+        // Panels against the middle of the body, wheels against their own middle.
+        let body = mesh.triangles().len() - 4 * 3 * SPOKES;
+        let middle = Point3::new(centre, 0.0, dims[2] / 2.0);
+        for (part, [a, b, c]) in &mesh.triangles()[..body] {
+            let normal = (b - a).cross(&(c - a));
+            let out = Point3::from((a.coords + b.coords + c.coords) / 3.0) - middle;
+            assert!(normal.dot(&out) > 0.0, "{part:?} {a} {b} {c}");
+        }
+    }
+
+    #[test]
+    fn the_volume_is_that_of_a_car() {
+        let (mesh, dims, _) = mesh(&Shape::zeros());
+        let signed = |[a, b, c]: &[Point3<f64>; 3]| a.coords.dot(&b.coords.cross(&c.coords)) / 6.0;
+        let volume: f64 = mesh.triangles().iter().map(|(_, triangle)| signed(triangle)).sum();
+        let share = volume / (dims[0] * dims[1] * dims[2]);
+        assert!((0.45..0.85).contains(&share), "{share}");
+    }
+}

@@ -1,0 +1,144 @@
+//! Trajectories with as few vertices as keep them where they were.
+
+use nalgebra::Vector2;
+use roadplane_base::{GroundPose, wrap_angle};
+use serde::Serialize;
+
+/// Farthest that thinning moves a car at any of its rows' times, m. Players interpolate and round on top: together they
+/// stay within 2 cm.
+const POSITION_M: f64 = 0.012;
+/// Most that it turns a car, rad.
+const HEADING_RAD: f64 = 0.004;
+
+/// Where a car is at a time. Between two vertices position and heading change evenly.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Vertex {
+    /// Time from the start of the run, s.
+    pub time_s: f64,
+    /// The car's origin.
+    #[serde(flatten)]
+    pub pose: GroundPose,
+}
+
+/// The vertices that are needed (Douglas and Peucker 1973, with distance taken at equal times). Headings are unwrapped, so
+/// that players turn the short way. The rear axle, `rear_m` behind the origin, stays as near to its way as the origin.
+#[must_use]
+pub fn thinned(rows: &[Vertex], rear_m: f64) -> Vec<Vertex> {
+    let rows = unwrapped(rows);
+    if rows.len() < 2 {
+        return rows;
+    }
+    let mut keep = vec![false; rows.len()];
+    keep[0] = true;
+    keep[rows.len() - 1] = true;
+    let mut open = vec![(0, rows.len() - 1)];
+    while let Some((first, last)) = open.pop() {
+        let strays = (first + 1..last).map(|i| (i, stray(&rows[first], &rows[last], &rows[i], rear_m)));
+        let worst = strays.max_by(|a, b| a.1.total_cmp(&b.1));
+        if let Some((i, _)) = worst.filter(|(_, stray)| *stray > 1.0) {
+            keep[i] = true;
+            open.extend([(first, i), (i, last)]);
+        }
+    }
+    let kept: Vec<Vertex> = rows.iter().zip(&keep).filter(|(_, kept)| **kept).map(|(row, _)| *row).collect();
+    // A car that stands needs no second vertex.
+    let stands = kept.len() == 2 && stray(&kept[0], &kept[0], &kept[1], rear_m) <= 1.0;
+    if stands { kept[..1].to_vec() } else { kept }
+}
+
+/// Where a trajectory is at a time; before its first and after its last vertex it stands.
+#[must_use]
+pub fn at(vertices: &[Vertex], time_s: f64) -> Option<GroundPose> {
+    let next = vertices.partition_point(|vertex| vertex.time_s <= time_s);
+    match (next.checked_sub(1).and_then(|i| vertices.get(i)), vertices.get(next)) {
+        (Some(a), Some(b)) => Some(between(a, b, time_s)),
+        (Some(end), None) | (None, Some(end)) => Some(end.pose),
+        (None, None) => None,
+    }
+}
+
+fn unwrapped(rows: &[Vertex]) -> Vec<Vertex> {
+    let mut rows = rows.to_vec();
+    for i in 1..rows.len() {
+        let before = rows[i - 1].pose.heading_rad;
+        rows[i].pose.heading_rad = before + wrap_angle(rows[i].pose.heading_rad - before);
+    }
+    rows
+}
+
+fn between(a: &Vertex, b: &Vertex, time_s: f64) -> GroundPose {
+    let span = b.time_s - a.time_s;
+    let s = if span > 0.0 { ((time_s - a.time_s) / span).clamp(0.0, 1.0) } else { 0.0 };
+    let mix = |from: f64, to: f64| from + s * (to - from);
+    GroundPose {
+        x_m: mix(a.pose.x_m, b.pose.x_m),
+        y_m: mix(a.pose.y_m, b.pose.y_m),
+        heading_rad: mix(a.pose.heading_rad, b.pose.heading_rad),
+    }
+}
+
+/// How far a row lies from the straight way between two others, in units of what is allowed.
+fn stray(a: &Vertex, b: &Vertex, row: &Vertex, rear_m: f64) -> f64 {
+    let found = between(a, b, row.time_s);
+    let apart = |behind: f64| (behind_of(&found, behind) - behind_of(&row.pose, behind)).norm();
+    // Players carry the rear axle evenly, so that the rest of the car swings about it.
+    let (ra, rb) = (behind_of(&a.pose, rear_m), behind_of(&b.pose, rear_m));
+    let span = b.time_s - a.time_s;
+    let s = if span > 0.0 { (row.time_s - a.time_s) / span } else { 0.0 };
+    let rear = (ra.lerp(&rb, s) - behind_of(&row.pose, rear_m)).norm();
+    let turned = (found.heading_rad - row.pose.heading_rad).abs();
+    (apart(0.0).max(rear) / POSITION_M).max(turned / HEADING_RAD)
+}
+
+/// A point on the car's axis behind its origin.
+pub(crate) fn behind_of(pose: &GroundPose, metres: f64) -> Vector2<f64> {
+    let (sin, cos) = pose.heading_rad.sin_cos();
+    Vector2::new(pose.x_m - metres * cos, pose.y_m - metres * sin)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use roadplane_base::angle_difference;
+
+    /// Straight, then round a bend past the place where headings wrap, then at rest.
+    fn drive() -> Vec<Vertex> {
+        let pose = |t: f64| {
+            let way = 8.0 * t.min(9.0);
+            let turned = ((way - 24.0) / 12.0).clamp(0.0, 2.5);
+            let bent = 24f64.min(way);
+            let heading = 1.5 + turned;
+            let start = Vector2::new(1.5f64.cos(), 1.5f64.sin()) * bent;
+            let arc = Vector2::new(heading.sin() - 1.5f64.sin(), 1.5f64.cos() - heading.cos()) * 12.0;
+            let rest = Vector2::new(heading.cos(), heading.sin()) * (way - bent - 12.0 * turned);
+            let at = start + arc + rest;
+            GroundPose { x_m: at.x, y_m: at.y, heading_rad: wrap_angle(heading) }
+        };
+        (0..360).map(|i| f64::from(i) / 30.0).map(|t| Vertex { time_s: t, pose: pose(t) }).collect()
+    }
+
+    #[test]
+    fn a_thinned_drive_stays_within_its_bounds() {
+        let rows = drive();
+        let kept = thinned(&rows, 1.4);
+        assert!(kept.len() < rows.len() / 4, "{}", kept.len());
+        for row in &rows {
+            let found = at(&kept, row.time_s).unwrap();
+            assert!((behind_of(&found, 0.0) - behind_of(&row.pose, 0.0)).norm() <= POSITION_M);
+            assert!(angle_difference(found.heading_rad, row.pose.heading_rad).abs() <= HEADING_RAD);
+        }
+        assert!(
+            kept.windows(2).all(|w| (w[1].pose.heading_rad - w[0].pose.heading_rad).abs() < 1.0),
+            "no jump at π"
+        );
+    }
+
+    #[test]
+    fn standing_cars_have_one_vertex_and_nothing_has_none() {
+        let still: Vec<Vertex> =
+            (0..50).map(|i| Vertex { time_s: f64::from(i), pose: drive()[0].pose }).collect();
+        assert_eq!(thinned(&still, 1.4).len(), 1);
+        assert_eq!(at(&thinned(&still, 1.4), 20.0), Some(still[0].pose));
+        assert!(thinned(&[], 1.4).is_empty() && at(&[], 0.0).is_none());
+    }
+}

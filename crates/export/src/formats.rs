@@ -1,0 +1,112 @@
+//! The formats: one file each.
+
+mod actev;
+mod csv;
+mod csv_table;
+mod geojson;
+mod highd;
+mod kitti;
+mod kpf;
+mod mot;
+mod ngsim;
+mod sumo;
+
+use std::path::Path;
+
+use roadplane_base::VehicleClass;
+use roadplane_write::{OutFile, WriteError, write_json};
+
+use crate::Run;
+
+/// A format that a run can be written in.
+#[derive(Debug)]
+pub struct Format {
+    /// Its name on the command line, and of its folder.
+    pub name: &'static str,
+    /// What it holds, in a line or two.
+    pub holds: &'static str,
+    pub(crate) write: fn(&Run, &Path) -> Result<(), WriteError>,
+}
+
+/// All of them.
+pub const FORMATS: [Format; 9] = [
+    Format { name: "mot", holds: "MOT Challenge: boxes by frame, NAME.txt; seqinfo.ini", write: mot::write },
+    Format {
+        name: "kitti",
+        holds: "KITTI tracking: boxes in the picture and in 3D, label_02/NAME.txt; calib/NAME.txt",
+        write: kitti::write,
+    },
+    Format {
+        name: "kpf",
+        holds: "KWIVER packets: boxes, kinds, activities; NAME.geom.yml, NAME.types.yml, NAME.activities.yml",
+        write: kpf::write,
+    },
+    Format {
+        name: "actev",
+        holds: "NIST ActEV scorer: activities with boxes; NAME.json, file-index.json, activity-index.json",
+        write: actev::write,
+    },
+    Format {
+        name: "csv",
+        holds: "the run's rows for spreadsheets, with class and, where it is known, the place on the map; NAME.csv",
+        write: csv::write,
+    },
+    Format {
+        name: "geojson",
+        holds: "GeoJSON: a line a track, NAME.tracks.geojson; a point a row, NAME.rows.geojson",
+        write: geojson::write,
+    },
+    Format {
+        name: "sumo-fcd",
+        holds: "SUMO floating car data: front bumpers by time step, NAME.fcd.xml; the vehicles, NAME.vtypes.xml",
+        write: sumo::write,
+    },
+    Format {
+        name: "ngsim",
+        holds: "NGSIM: one table in feet and milliseconds, NAME.csv; no lanes",
+        write: ngsim::write,
+    },
+    Format {
+        name: "highd",
+        holds: "highD: NAME_tracks.csv, NAME_tracksMeta.csv, NAME_recordingMeta.csv; x along the main direction, no lanes",
+        write: highd::write,
+    },
+];
+
+impl Format {
+    /// The format of a name.
+    #[must_use]
+    pub fn of(name: &str) -> Option<&'static Self> {
+        FORMATS.iter().find(|format| format.name == name)
+    }
+}
+
+/// The name of a class in our own columns.
+fn class_name(class: VehicleClass) -> &'static str {
+    match class {
+        VehicleClass::Car => "car",
+        VehicleClass::Truck => "truck",
+        VehicleClass::Bus => "bus",
+    }
+}
+
+/// What is known of the place, beside files that rest on it.
+fn write_place(run: &Run, folder: &Path) -> Result<(), WriteError> {
+    let Some(place) = &run.place else { return Ok(()) };
+    write_json(&folder.join(format!("{}.place.json", run.name)), &place.fit)
+}
+
+/// Writes a text file.
+fn write_text(path: &Path, text: &str) -> Result<(), WriteError> {
+    let mut file = OutFile::create(path)?;
+    file.write_bytes(text.as_bytes())?;
+    file.finish()
+}
+
+/// Makes a folder inside the format's.
+fn subfolder(folder: &Path, name: &str) -> Result<std::path::PathBuf, WriteError> {
+    let path = folder.join(name);
+    let failed = |source| WriteError::Io { doing: "create the folder", source, path: path.clone() };
+    std::fs::create_dir_all(&path).map_err(failed)?;
+    Ok(path)
+}

@@ -1,0 +1,28 @@
+//! CSV files with a header.
+
+use std::path::Path;
+
+use roadplane_write::{OutFile, WriteError};
+
+/// Writes a table; each row has as many cells as the header.
+pub fn write_table<const N: usize>(
+    path: &Path,
+    header: &[&str; N],
+    rows: impl IntoIterator<Item = [String; N]>,
+) -> Result<(), WriteError> {
+    let failed = |error: csv::Error| match error.into_kind() {
+        csv::ErrorKind::Io(source) => WriteError::Io { doing: "write", source, path: path.to_path_buf() },
+        other => WriteError::Malformed { what: format!("{other:?}"), path: path.to_path_buf() },
+    };
+    let mut writer = csv::Writer::from_writer(OutFile::create(path)?);
+    writer.write_record(header).map_err(failed)?;
+    for row in rows {
+        writer.write_record(&row).map_err(failed)?;
+    }
+    let unwritten = |error: csv::IntoInnerError<csv::Writer<OutFile>>| WriteError::Io {
+        doing: "write",
+        source: error.into_error(),
+        path: path.to_path_buf(),
+    };
+    writer.into_inner().map_err(unwritten)?.finish()
+}

@@ -1,0 +1,75 @@
+//! KITTI tracking: `frame id type truncated occluded alpha box(4) height width length x y z rotation_y score`, and the camera
+//! as `calib/NAME.txt`. Positions are those of the middle of the body's underside in the camera frame. KITTI knows no tilt:
+//! `rotation_y` is the heading seen in the camera's x–z plane. A moved camera makes a sequence of its own.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use nalgebra::{Point3, Vector3};
+use roadplane_base::{VehicleClass, wrap_angle};
+use roadplane_write::WriteError;
+
+use super::{subfolder, write_text};
+use crate::run::pose_of;
+use crate::{Run, Stretch};
+
+/// Writes both folders.
+pub fn write(run: &Run, folder: &Path) -> Result<(), WriteError> {
+    let (labels, calib) = (subfolder(folder, "label_02")?, subfolder(folder, "calib")?);
+    for stretch in &run.stretches {
+        let name = format!("{}.txt", stretch.name);
+        write_text(&labels.join(&name), &label_lines(run, stretch))?;
+        write_text(&calib.join(&name), &calib_lines(stretch))?;
+    }
+    Ok(())
+}
+
+/// What KITTI calls a vehicle; it has no word for buses.
+fn kind(class: VehicleClass) -> &'static str {
+    match class {
+        VehicleClass::Car => "Car",
+        VehicleClass::Truck => "Truck",
+        VehicleClass::Bus => "Misc",
+    }
+}
+
+fn label_lines(run: &Run, stretch: &Stretch) -> String {
+    let camera_from_world = stretch.camera.plane().camera_from_world();
+    let mut text = String::new();
+    for (track, row) in run.rows().into_iter().filter(|(_, row)| stretch.holds(row)) {
+        let camera_from_car = camera_from_world * pose_of(row).world_from_car();
+        let at = camera_from_car * Point3::new(track.centre_m, 0.0, 0.0);
+        let forward = camera_from_car.rotation * Vector3::x();
+        let rotation_y = (-forward.z).atan2(forward.x);
+        let alpha = wrap_angle(rotation_y - at.x.atan2(at.z));
+        let [x0, y0, x1, y1] = row.bbox_px;
+        let _infallible = writeln!(
+            text,
+            "{} {} {} -1 -1 {alpha:.5} {x0:.2} {y0:.2} {x1:.2} {y1:.2} {:.4} {:.4} {:.4} {:.4} {:.4} {:.4} {rotation_y:.5} {:.4}",
+            row.frame,
+            row.track,
+            kind(track.class),
+            row.height_m,
+            row.width_m,
+            row.length_m,
+            at.x,
+            at.y,
+            at.z,
+            row.score
+        );
+    }
+    text
+}
+
+/// The camera in all four places of the rig; no rectification, no laser scanner, no inertial unit.
+fn calib_lines(stretch: &Stretch) -> String {
+    let f = stretch.camera.focal_px;
+    let [cx, cy] = stretch.camera.principal_point_px;
+    let projection = format!("{f:.6} 0 {cx:.6} 0 0 {f:.6} {cy:.6} 0 0 0 1 0");
+    let mut text: String = (0..4).fold(String::new(), |text, i| text + &format!("P{i}: {projection}\n"));
+    text.push_str("R_rect 1 0 0 0 1 0 0 0 1\n");
+    for name in ["Tr_velo_cam", "Tr_imu_velo"] {
+        let _infallible = writeln!(text, "{name} 1 0 0 0 0 1 0 0 0 0 1 0");
+    }
+    text
+}

@@ -1,0 +1,76 @@
+//! NGSIM (US Federal Highway Administration): one table, feet, feet a second, milliseconds. A place is that of the middle of
+//! the front bumper; `Local_X` to the right and `Local_Y` ahead as the camera looks. There are no lanes, so that all that
+//! rests on them is 0.
+
+use std::path::Path;
+
+use roadplane_base::VehicleClass;
+use roadplane_write::WriteError;
+
+use super::csv_table::write_table;
+use crate::{Run, fixed};
+
+const FEET_PER_METRE: f64 = 1.0 / 0.3048;
+
+const HEADER: [&str; 18] = [
+    "Vehicle_ID",
+    "Frame_ID",
+    "Total_Frames",
+    "Global_Time",
+    "Local_X",
+    "Local_Y",
+    "Global_X",
+    "Global_Y",
+    "v_Length",
+    "v_Width",
+    "v_Class",
+    "v_Vel",
+    "v_Acc",
+    "Lane_ID",
+    "Preceding",
+    "Following",
+    "Space_Headway",
+    "Time_Headway",
+];
+
+/// By vehicle, then frame, as NGSIM's tables are.
+pub fn write(run: &Run, folder: &Path) -> Result<(), WriteError> {
+    for stretch in &run.stretches {
+        let mut lines = Vec::new();
+        for track in &run.tracks {
+            let count = track.rows.iter().filter(|row| stretch.holds(row)).count();
+            let rows = track.rows.iter().zip(track.accelerations());
+            for (row, acceleration) in rows.filter(|(row, _)| stretch.holds(row)) {
+                let feet = |metres: f64| fixed(metres * FEET_PER_METRE, 3);
+                let front = track.front(row);
+                let class = if track.class == VehicleClass::Car { "2" } else { "3" };
+                let [x, y, none] = [feet(front.x), feet(front.y), "0".to_owned()];
+                // On the map: the zone's east and north, of the car's origin.
+                let global = run.on_map(row)?.map_or([x.clone(), y.clone()], |at| at.utm_m.map(feet));
+                let [east, north] = global;
+                lines.push([
+                    track.id.to_string(),
+                    row.frame.to_string(),
+                    count.to_string(),
+                    fixed(row.time_s * 1e3, 0),
+                    x,
+                    y,
+                    east,
+                    north,
+                    feet(row.length_m),
+                    feet(row.width_m),
+                    class.to_owned(),
+                    feet(row.speed_mps),
+                    feet(acceleration),
+                    none.clone(),
+                    none.clone(),
+                    none.clone(),
+                    none.clone(),
+                    none,
+                ]);
+            }
+        }
+        write_table(&folder.join(format!("{}.csv", stretch.name)), &HEADER, lines)?;
+    }
+    Ok(())
+}

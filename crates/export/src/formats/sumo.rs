@@ -1,0 +1,66 @@
+//! SUMO's floating car data: vehicles by time step. As there a vehicle's place is the middle of its front bumper, and its angle
+//! is in degrees clockwise from the y axis. Each vehicle has a type of its own, which holds its dimensions.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use roadplane_base::{TrackRow, VehicleClass};
+use roadplane_write::WriteError;
+
+use crate::{Element, Run, Stretch, Track, fixed};
+
+/// Writes both files of each stretch of time.
+pub fn write(run: &Run, folder: &Path) -> Result<(), WriteError> {
+    for stretch in &run.stretches {
+        steps(run, stretch).write(&folder.join(format!("{}.fcd.xml", stretch.name)))?;
+        types(run).write(&folder.join(format!("{}.vtypes.xml", stretch.name)))?;
+    }
+    Ok(())
+}
+
+fn steps(run: &Run, stretch: &Stretch) -> Element {
+    let mut by_frame: BTreeMap<u64, Vec<(&Track, &TrackRow)>> = BTreeMap::new();
+    for (track, row) in run.rows().into_iter().filter(|(_, row)| stretch.holds(row)) {
+        by_frame.entry(row.frame).or_default().push((track, row));
+    }
+    let step = |rows: &Vec<(&Track, &TrackRow)>| {
+        let time_s = rows.first().map_or(0.0, |(_, row)| row.time_s);
+        let vehicles = rows.iter().map(|(track, row)| vehicle(track, row));
+        Element::new("timestep").with("time", fixed(time_s, 6)).holding(vehicles)
+    };
+    Element::new("fcd-export").holding(by_frame.values().map(step))
+}
+
+fn vehicle(track: &Track, row: &TrackRow) -> Element {
+    let front = track.front(row);
+    let angle = (90.0 - row.heading_rad.to_degrees()).rem_euclid(360.0);
+    Element::new("vehicle")
+        .with("id", track.id)
+        .with("x", fixed(front.x, 4))
+        .with("y", fixed(front.y, 4))
+        .with("angle", fixed(angle, 4))
+        .with("type", type_name(track))
+        .with("speed", fixed(row.speed_mps, 4))
+}
+
+fn type_name(track: &Track) -> String {
+    format!("track_{}", track.id)
+}
+
+fn types(run: &Run) -> Element {
+    let of_track = |track: &Track| {
+        let [length, width, height] = track.dims_m();
+        let class = match track.class {
+            VehicleClass::Car => "passenger",
+            VehicleClass::Truck => "truck",
+            VehicleClass::Bus => "bus",
+        };
+        Element::new("vType")
+            .with("id", type_name(track))
+            .with("vClass", class)
+            .with("length", fixed(length, 4))
+            .with("width", fixed(width, 4))
+            .with("height", fixed(height, 4))
+    };
+    Element::new("additional").holding(run.tracks.iter().map(of_track))
+}

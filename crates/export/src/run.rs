@@ -1,0 +1,275 @@
+//! What a result folder holds, as formats need it: by track, with each car's class and the place of its body.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use nalgebra::Vector2;
+use roadplane_base::{GroundPose, PoseRecord, Shape, ShapeAtlas, TrackRow, VehicleClass};
+use roadplane_write::{CameraSegment, Summary, WriteError, read_camera, read_jsonl, read_summary};
+use serde::Deserialize;
+
+use crate::{OnMap, Place};
+
+/// A finished run.
+#[derive(Debug)]
+pub struct Run {
+    /// Its folder.
+    pub folder: PathBuf,
+    /// Name of the result.
+    pub name: String,
+    /// Name of the input file, without characters that other tools stumble over.
+    pub media: String,
+    /// Frames of the input, also those without cars.
+    pub frames: u64,
+    /// Frames a second.
+    pub frames_per_s: f64,
+    /// Tracks in order of their numbers.
+    pub tracks: Vec<Track>,
+    /// Stretches of time between which the camera was moved, in order; at least one. Each has a world frame of its own.
+    pub stretches: Vec<Stretch>,
+    /// Where the camera stands on the map, if that is known; then it was not moved.
+    pub place: Option<Place>,
+    /// What cars did; `None` where the run did not look for it.
+    pub events: Option<Vec<Event>>,
+}
+
+/// One vehicle.
+#[derive(Debug)]
+pub struct Track {
+    /// Its number.
+    pub id: u64,
+    /// What it is.
+    pub class: VehicleClass,
+    /// Fitted shape; the mean car's where there is none.
+    pub shape: Shape,
+    /// Centre of the body forward of the car's origin (midway between the axles), m.
+    pub centre_m: f64,
+    /// Rows in order of time.
+    pub rows: Vec<TrackRow>,
+}
+
+/// A stretch of time with one camera.
+#[derive(Debug)]
+pub struct Stretch {
+    /// Name for its files: the run's, numbered from 1 where there are several.
+    pub name: String,
+    /// The camera.
+    pub camera: CameraSegment,
+    /// Up to when it holds, s; the last one for ever.
+    until_s: f64,
+    from_s: f64,
+}
+
+/// Something a car did: a line of `activities.jsonl`.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+pub struct Event {
+    /// The car's track.
+    pub track: u64,
+    /// What it did, as in the rows' `activity`.
+    pub activity: String,
+    /// Beginning, s.
+    pub from_s: f64,
+    /// End, s.
+    pub to_s: f64,
+    /// Probability, 0–1.
+    pub confidence: f64,
+}
+
+impl Run {
+    /// Reads a result folder.
+    ///
+    /// # Errors
+    /// [`WriteError::Io`] or [`WriteError::Malformed`], with the file.
+    pub fn read(folder: &Path) -> Result<Self, WriteError> {
+        let atlas = ShapeAtlas::shipped()
+            .map_err(|e| WriteError::Malformed { what: e.to_string(), path: folder.to_path_buf() })?;
+        let summary = read_summary(&folder.join("summary.json"))?;
+        let camera = read_camera(&folder.join("camera.json"))?;
+        let mut rows: BTreeMap<u64, Vec<TrackRow>> = BTreeMap::new();
+        for row in read_jsonl::<TrackRow>(&folder.join("tracks.jsonl"))? {
+            let row = row?;
+            rows.entry(row.track).or_default().push(row);
+        }
+        let shapes = shapes_of_tracks(&folder.join("poses.jsonl"))?;
+        let events = folder.join("activities.jsonl");
+        let events =
+            if events.exists() { Some(read_jsonl(&events)?.collect::<Result<_, _>>()?) } else { None };
+        let name = name_of(folder);
+        let last_frame = rows.values().flatten().map(|row| row.frame + 1).max().unwrap_or(0);
+        Ok(Self {
+            frames: summary.counts.frames_expected.unwrap_or(summary.counts.frames_read).max(last_frame),
+            frames_per_s: frames_per_s(&rows),
+            tracks: rows
+                .into_iter()
+                .map(|(id, rows)| Track::new(id, rows, shapes.get(&id).copied(), &atlas))
+                .collect(),
+            stretches: stretches(&name, camera.all()),
+            media: media_of(&summary),
+            events,
+            place: None,
+            name,
+            folder: folder.to_path_buf(),
+        })
+    }
+
+    /// All rows with their tracks, in order of frame, then track.
+    #[must_use]
+    pub fn rows(&self) -> Vec<(&Track, &TrackRow)> {
+        let of_track = |track| -> Vec<(&Track, &TrackRow)> { Track::rows_with(track).collect() };
+        let mut rows: Vec<(&Track, &TrackRow)> = self.tracks.iter().flat_map(of_track).collect();
+        rows.sort_by_key(|(track, row)| (row.frame, track.id));
+        rows
+    }
+
+    /// Places a run whose camera was not moved on the map.
+    ///
+    /// # Errors
+    /// What `place` says, or that the camera was moved.
+    pub fn put_on_map(
+        &mut self,
+        place: impl FnOnce(&CameraSegment) -> Result<Place, String>,
+    ) -> Result<&Place, String> {
+        match self.stretches.as_slice() {
+            [only] => Ok(self.place.insert(place(&only.camera)?)),
+            more => Err(format!(
+                "the camera was moved: its {} positions have no one place on the map",
+                more.len()
+            )),
+        }
+    }
+
+    /// Where a row's car is on the map, if the run's place is known.
+    ///
+    /// # Errors
+    /// [`WriteError::Malformed`] for a row that lies nowhere on earth.
+    pub fn on_map(&self, row: &TrackRow) -> Result<Option<OnMap>, WriteError> {
+        let (Some(place), Some(stretch)) = (&self.place, self.stretches.first()) else { return Ok(None) };
+        place.of_row(row, &stretch.camera).map(Some).map_err(|what| WriteError::Malformed {
+            what: format!("track {} in frame {}: {what}", row.track, row.frame),
+            path: self.folder.clone(),
+        })
+    }
+
+    /// The frame nearest to a time.
+    #[must_use]
+    pub fn frame_at(&self, time_s: f64) -> u64 {
+        let known = self.tracks.iter().flat_map(|track| &track.rows);
+        let nearest = known.min_by(|a, b| (a.time_s - time_s).abs().total_cmp(&(b.time_s - time_s).abs()));
+        let (frame, at_s) = nearest.map_or((0, 0.0), |row| (row.frame, row.time_s));
+        let steps = ((time_s - at_s) * self.frames_per_s).round() as i64;
+        frame.saturating_add_signed(steps)
+    }
+}
+
+impl Track {
+    /// `shape`: that of its poses; trucks and buses, placed by where their boxes touch the ground, have none.
+    fn new(id: u64, rows: Vec<TrackRow>, shape: Option<Shape>, atlas: &ShapeAtlas) -> Self {
+        let class = rows.first().map_or(VehicleClass::Car, |row| row.class);
+        let is_placed_by_middle = class != VehicleClass::Car;
+        let shape = shape.unwrap_or_else(Shape::zeros);
+        let forward = atlas.keypoints_in_car(&shape).map(|point| point.x);
+        let foremost = forward.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let rearmost = forward.iter().copied().fold(f64::INFINITY, f64::min);
+        let centre_m = if is_placed_by_middle { 0.0 } else { (foremost + rearmost) / 2.0 };
+        Self { id, class, centre_m, shape, rows }
+    }
+
+    /// Length, width, height, m; those of its first row, as all are alike.
+    #[must_use]
+    pub fn dims_m(&self) -> [f64; 3] {
+        self.rows.first().map_or([0.0; 3], |row| [row.length_m, row.width_m, row.height_m])
+    }
+
+    /// Its rows, each with the track.
+    pub fn rows_with(&self) -> impl Iterator<Item = (&Self, &TrackRow)> {
+        self.rows.iter().map(move |row| (self, row))
+    }
+
+    /// Centre of the body on the ground in a row's frame, world, m.
+    #[must_use]
+    pub fn body_centre(&self, row: &TrackRow) -> Vector2<f64> {
+        ahead(row, self.centre_m)
+    }
+
+    /// Middle of the front bumper on the ground, world, m.
+    #[must_use]
+    pub fn front(&self, row: &TrackRow) -> Vector2<f64> {
+        ahead(row, self.centre_m + row.length_m / 2.0)
+    }
+
+    /// Acceleration along the car in each row, m/s²: the slope of speed between the rows before and after.
+    #[must_use]
+    pub fn accelerations(&self) -> Vec<f64> {
+        let rows = &self.rows;
+        let slope = |i: usize| {
+            let (a, b) = (&rows[i.saturating_sub(1)], &rows[(i + 1).min(rows.len() - 1)]);
+            let span = b.time_s - a.time_s;
+            if span > 1e-9 { (b.speed_mps - a.speed_mps) / span } else { 0.0 }
+        };
+        (0..rows.len()).map(slope).collect()
+    }
+}
+
+impl Stretch {
+    /// Whether a row belongs to it.
+    #[must_use]
+    pub fn holds(&self, row: &TrackRow) -> bool {
+        self.from_s <= row.time_s && row.time_s < self.until_s
+    }
+}
+
+/// Pose of a row's car.
+pub(crate) fn pose_of(row: &TrackRow) -> GroundPose {
+    GroundPose { x_m: row.x_m, y_m: row.y_m, heading_rad: row.heading_rad }
+}
+
+fn ahead(row: &TrackRow, metres: f64) -> Vector2<f64> {
+    let (sin, cos) = row.heading_rad.sin_cos();
+    Vector2::new(row.x_m + metres * cos, row.y_m + metres * sin)
+}
+
+/// The shape of each track that has poses.
+fn shapes_of_tracks(poses: &Path) -> Result<BTreeMap<u64, Shape>, WriteError> {
+    let mut shapes = BTreeMap::new();
+    for pose in read_jsonl::<PoseRecord>(poses)? {
+        let pose = pose?;
+        shapes.extend(pose.track.map(|track| (track, Shape::from(pose.shape))));
+    }
+    Ok(shapes)
+}
+
+fn stretches(name: &str, cameras: &[CameraSegment]) -> Vec<Stretch> {
+    let count = cameras.len();
+    let stretch = |(i, camera): (usize, &CameraSegment)| Stretch {
+        name: if count == 1 { name.to_owned() } else { format!("{name}_{}", i + 1) },
+        from_s: if i == 0 { f64::NEG_INFINITY } else { camera.span_s[0] },
+        until_s: cameras.get(i + 1).map_or(f64::INFINITY, |next| next.span_s[0]),
+        camera: camera.clone(),
+    };
+    cameras.iter().enumerate().map(stretch).collect()
+}
+
+/// From the two rows farthest apart; 1 where there are no two.
+fn frames_per_s(rows: &BTreeMap<u64, Vec<TrackRow>>) -> f64 {
+    let all = || rows.values().flatten();
+    let ends = all().min_by_key(|row| row.frame).zip(all().max_by_key(|row| row.frame));
+    ends.map(|(a, b)| (b.frame - a.frame) as f64 / (b.time_s - a.time_s))
+        .filter(|rate| rate.is_finite() && *rate > 0.0)
+        .unwrap_or(1.0)
+}
+
+fn name_of(folder: &Path) -> String {
+    let whole = folder.canonicalize().unwrap_or_else(|_| folder.to_path_buf());
+    plain(&whole.file_name().map_or_else(|| "run".to_owned(), |name| name.to_string_lossy().into_owned()))
+}
+
+fn media_of(summary: &Summary) -> String {
+    let name = Path::new(&summary.input.path).file_name();
+    plain(&name.map_or_else(|| "input".to_owned(), |name| name.to_string_lossy().into_owned()))
+}
+
+/// Letters, digits, `_`, `-` and `.` only.
+fn plain(name: &str) -> String {
+    let keep = |c: char| if c.is_ascii_alphanumeric() || "_-.".contains(c) { c } else { '_' };
+    name.chars().map(keep).collect()
+}

@@ -1,0 +1,110 @@
+"""A copied scene as others read it, and the run that it was copied from."""
+
+from __future__ import annotations
+
+import csv
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+STEP_S = 0.1
+
+
+@dataclass
+class Vehicle:
+    """A vehicle of scenario.xosc. Poses are x, y (m) of the middle of the rear axle and heading (rad)."""
+
+    name: str
+    track: int
+    dims_m: tuple[float, float, float]  # length, width, height
+    centre_m: float  # middle of the body forward of the rear axle
+    half_wheelbase_m: float
+    times_s: np.ndarray  # [n]
+    poses: np.ndarray  # [n, 3]
+    span_s: tuple[float, float]
+
+    def at(self, time_s: float) -> np.ndarray:
+        """Between vertices everything changes evenly, as the standard has it."""
+        return np.array([np.interp(time_s, self.times_s, self.poses[:, i]) for i in range(3)])
+
+    def ahead(self, pose: np.ndarray, metres: float) -> np.ndarray:
+        """A point forward of the rear axle."""
+        return pose[:2] + metres * np.array([np.cos(pose[2]), np.sin(pose[2])])
+
+
+def numbers(element: ET.Element, *names: str) -> list[float]:
+    """Attributes as numbers."""
+    return [float(element.attrib[name]) for name in names]
+
+
+def read_scene(folder: Path) -> tuple[list[Vehicle], float]:
+    """Vehicles and length of scenario.xosc."""
+    root = ET.parse(folder / "scenario.xosc").getroot()
+    end = float(root.find("Storyboard/StopTrigger//SimulationTimeCondition").attrib["value"])
+    first = {p.attrib["entityRef"]: p.find(".//WorldPosition") for p in root.iterfind("Storyboard/Init/Actions/Private")}
+    groups = {g.find("Actors/EntityRef").attrib["entityRef"]: g for g in root.iter("ManeuverGroup")}
+    return [_vehicle(entity, first, groups, end) for entity in root.iterfind("Entities/ScenarioObject")], end
+
+
+def _vehicle(entity: ET.Element, first: dict, groups: dict, end: float) -> Vehicle:
+    name, body = entity.attrib["name"], entity.find("Vehicle")
+    group = groups.get(name)
+    times, places, span = [0.0], [first.get(name)], [0.0, end]
+    for event in group.iter("Event") if group is not None else ():
+        begin = float(event.find("StartTrigger//SimulationTimeCondition").attrib["value"])
+        added, vertices = event.find(".//AddEntityAction//WorldPosition"), list(event.iter("Vertex"))
+        if added is not None:
+            times, places, span[0] = [begin], [added], begin
+        elif vertices:
+            times = [float(vertex.attrib["time"]) for vertex in vertices]
+            places = [vertex.find("Position/WorldPosition") for vertex in vertices]
+        else:
+            span[1] = begin
+    size, track = body.find("BoundingBox/Dimensions"), body.find("Properties/Property[@name='track']")
+    return Vehicle(name, int(track.attrib["value"]), tuple(numbers(size, "length", "width", "height")),
+                   *numbers(body.find("BoundingBox/Center"), "x"),
+                   numbers(body.find("Axles/FrontAxle"), "positionX")[0] / 2, np.array(times),
+                   np.array([numbers(place, "x", "y", "h") for place in places]), tuple(span))
+
+
+def read_run(folder: Path) -> dict[int, np.ndarray]:
+    """Time (from the first row of all), x, y and heading (unwrapped) of each row by track: [n, 4]."""
+    tracks: dict[int, list] = {}
+    with (folder / "tracks.csv").open(newline="") as table:
+        for row in csv.DictReader(table):
+            tracks.setdefault(int(row["track"]), []).append(
+                [float(row[name]) for name in ("time_s", "x_m", "y_m", "heading_rad")])
+    start = min(rows[0][0] for rows in tracks.values())
+    arrays = {track: np.array(rows) for track, rows in tracks.items()}
+    for rows in arrays.values():
+        rows[:, 0] -= start
+        rows[:, 3] = np.unwrap(rows[:, 3])
+    return arrays
+
+
+@dataclass
+class Deviations:
+    """How far a played scene is from the run, over all vehicles and steps."""
+
+    metres: list[float]
+    degrees: list[float]
+
+    @classmethod
+    def none(cls) -> Deviations:
+        """Nothing compared yet."""
+        return cls([], [])
+
+    def add(self, rows: np.ndarray, vehicle: Vehicle, time_s: float, place: np.ndarray, heading: float, ahead_m: float) -> None:
+        """Compares a place that lies so far ahead of the rear axle, and a heading, with the run's at that time."""
+        x, y, turned = (np.interp(time_s, rows[:, 0], rows[:, i]) for i in (1, 2, 3))
+        ours = np.array([x, y]) + (ahead_m - vehicle.half_wheelbase_m) * np.array([np.cos(turned), np.sin(turned)])
+        self.metres.append(float(np.linalg.norm(place - ours)))
+        self.degrees.append(float(abs(np.degrees(np.angle(np.exp(1j * (heading - turned)))))))
+
+    def report(self, name: str, vehicles: int) -> bool:
+        """Prints a line; whether the bar is met: 2 cm and 0.5° everywhere."""
+        print(f"{name}: {vehicles} vehicles, {len(self.metres)} poses, at most {100 * max(self.metres):.2f} cm "
+              f"and {max(self.degrees):.3f}° from the run")
+        return max(self.metres) <= 0.02 and max(self.degrees) <= 0.5

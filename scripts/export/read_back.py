@@ -1,0 +1,160 @@
+"""Reads exports of a run back with other people's tools and compares them with the run, row by row."""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import sumolib
+import trackeval
+from geojson_pydantic import FeatureCollection
+
+PROGRAM = Path(__file__).resolve().parents[2] / "target/release/roadplane"
+FOOT_M = 0.3048
+
+
+def close(found: np.ndarray, ours: np.ndarray, tolerance: float) -> None:
+    """As many numbers, each within the format's digits."""
+    found, ours = np.asarray(found, float), np.asarray(ours, float)
+    assert found.shape == ours.shape, f"{found.shape} against {ours.shape}"
+    worst = np.abs(found - ours).max(initial=0)
+    assert worst <= tolerance, f"off by {worst}, allowed {tolerance}"
+
+
+def by_frame(run: pd.DataFrame) -> pd.DataFrame:
+    """Rows by frame, then track."""
+    return run.sort_values(["frame", "track"], ignore_index=True)
+
+
+def by_track(run: pd.DataFrame) -> pd.DataFrame:
+    """Rows by track, then frame."""
+    return run.sort_values(["track", "frame"], ignore_index=True)
+
+
+def trackeval_rows(dataset: type, options: dict, folder: Path, name: str, frames: int) -> np.ndarray:
+    """Frame, id and box (left, top, width or right, height or bottom) of each row, as TrackEval's own loader reads them."""
+    with tempfile.TemporaryDirectory() as temporary:
+        data = Path(temporary, "trackers/ours/data")
+        data.mkdir(parents=True)
+        (data / f"{name}.txt").write_bytes((folder / f"{name}.txt").read_bytes())
+        loader = dataset.__new__(dataset)
+        loader.tracker_fol, loader.tracker_sub_fol, loader.gt_fol = str(data.parents[1]), "data", ""
+        loader.data_is_zipped, loader.seq_lengths, loader.benchmark = False, {name: frames}, "ours"
+        loader.__dict__.update(options)
+        raw = loader._load_raw_file("ours", name, is_gt=False)
+    rows = [np.column_stack([np.full(len(ids), frame), ids, boxes])
+            for frame, (ids, boxes) in enumerate(zip(raw["tracker_ids"], raw["tracker_dets"], strict=True)) if len(ids)]
+    return np.concatenate(rows)
+
+
+def check_mot(folder: Path, name: str, run: pd.DataFrame) -> int:
+    """TrackEval's loader of MOT Challenge; its frames count from 0."""
+    frames = int(next(line for line in (folder / "seqinfo.ini").read_text().splitlines()
+                      if line.startswith("seqLength=")).split("=")[1])
+    options = {"valid_class_numbers": [1], "class_name_to_class_id": {"pedestrian": 1}}
+    rows = trackeval_rows(trackeval.datasets.MotChallenge2DBox, options, folder, name, frames)
+    run = by_frame(run)
+    close(rows[:, :2], run[["frame", "track"]], 0)
+    box = run[["bbox_x0_px", "bbox_y0_px", "bbox_x1_px", "bbox_y1_px"]].to_numpy()
+    close(rows[:, 2:4], box[:, :2] + 1, 0.006)
+    close(rows[:, 4:6], box[:, 2:] - box[:, :2], 0.011)
+    return len(rows)
+
+
+def check_kitti(folder: Path, name: str, run: pd.DataFrame) -> int:
+    """TrackEval's loader of KITTI tracking; columns in 3D by the development kit's readme."""
+    frames = int(run.frame.max()) + 1
+    classes = {"car": 1, "van": 2, "truck": 3, "pedestrian": 4, "person": 5, "cyclist": 6, "tram": 7, "misc": 8,
+               "dontcare": 9, "car_2": 1}
+    options = {"class_name_to_class_id": classes, "class_list": ["car", "truck", "misc"]}
+    rows = trackeval_rows(trackeval.datasets.Kitti2DBox, options, folder / "label_02", name, frames)
+    run = by_frame(run)
+    close(rows[:, :2], run[["frame", "track"]], 0)
+    close(rows[:, 2:6], run[["bbox_x0_px", "bbox_y0_px", "bbox_x1_px", "bbox_y1_px"]], 0.006)
+    labels = pd.read_csv(folder / "label_02" / f"{name}.txt", sep=" ", header=None)
+    close(labels[[10, 11, 12]], run[["height_m", "width_m", "length_m"]], 1e-4)
+    # The middle of the underside projects into the picture where the box is, for boxes that lie inside.
+    projection = np.array((folder / "calib" / f"{name}.txt").read_text().splitlines()[2].split()[1:], float).reshape(3, 4)
+    pixel = np.column_stack([labels[[13, 14, 15]], np.ones(len(labels))]) @ projection.T
+    pixel = pixel[:, :2] / pixel[:, 2:]
+    inside = (labels[6] > 4) & (labels[7] > 4) & run.observed
+    hits = (pixel[:, 0] > labels[6]) & (pixel[:, 0] < labels[8]) & (pixel[:, 1] > labels[7]) & (pixel[:, 1] < labels[9] + 5)
+    assert hits[inside].mean() > 0.9, hits[inside].mean()
+    return len(rows)
+
+
+def check_geojson(folder: Path, name: str, run: pd.DataFrame) -> int:
+    """geojson-pydantic."""
+    points = FeatureCollection.model_validate_json((folder / f"{name}.rows.geojson").read_text())
+    close([p.geometry.coordinates[:2] for p in points.features], by_frame(run)[["x_m", "y_m"]], 1e-9)
+    lines = FeatureCollection.model_validate_json((folder / f"{name}.tracks.geojson").read_text())
+    assert len(lines.features) == run.track.nunique()
+    return len(points.features)
+
+
+def check_sumo(folder: Path, name: str, run: pd.DataFrame) -> int:
+    """sumolib."""
+    types = {t.id: t for t in sumolib.xml.parse(str(folder / f"{name}.vtypes.xml"), "vType")}
+    rows = []
+    for step in sumolib.xml.parse(str(folder / f"{name}.fcd.xml"), "timestep"):
+        rows += [(float(step.time), int(v.id), float(v.x), float(v.y), float(v.angle), float(v.speed),
+                  float(types[v.type].length)) for v in step.vehicle or []]
+    rows, run = np.array(rows), by_frame(run)
+    close(rows[:, 0], run.time_s, 1e-6)
+    close(rows[:, 1], run.track, 0)
+    heading = np.radians(90 - rows[:, 4])
+    close(np.angle(np.exp(1j * (heading - run.heading_rad.to_numpy()))), np.zeros(len(run)), 6e-6)
+    close(rows[:, 5], run.speed_mps, 1e-4)
+    close(rows[:, 6], run.length_m, 1e-4)
+    # The front is half a length ahead of the body's middle, which is one place on each car.
+    ahead = (rows[:, 2] - run.x_m) * np.cos(heading) + (rows[:, 3] - run.y_m) * np.sin(heading)
+    spread = ahead.groupby(run.track).agg(lambda values: values.max() - values.min())
+    close(spread, np.zeros(len(spread)), 4e-4)
+    return len(rows)
+
+
+def check_ngsim(folder: Path, name: str, run: pd.DataFrame) -> int:
+    """pandas."""
+    found, run = pd.read_csv(folder / f"{name}.csv"), by_track(run)
+    close(found[["Vehicle_ID", "Frame_ID"]], run[["track", "frame"]], 0)
+    close(found.v_Vel * FOOT_M, run.speed_mps, 2e-4)
+    close(found.v_Length * FOOT_M, run.length_m, 2e-4)
+    return len(found)
+
+
+def check_highd(folder: Path, name: str, run: pd.DataFrame) -> int:
+    """pandas."""
+    found, run = pd.read_csv(folder / f"{name}_tracks.csv"), by_track(run)
+    close(found[["id", "frame"]], run[["track", "frame"]], 0)
+    close(np.hypot(found.xVelocity, found.yVelocity), run.speed_mps.abs(), 2e-4)
+    meta = pd.read_csv(folder / f"{name}_tracksMeta.csv")
+    close(meta.numFrames, run.groupby("track").size(), 0)
+    return len(found)
+
+
+CHECKS: dict[str, Callable[[Path, str, pd.DataFrame], int]] = {
+    "mot": check_mot, "kitti": check_kitti, "geojson": check_geojson, "sumo-fcd": check_sumo, "ngsim": check_ngsim,
+    "highd": check_highd,
+}
+
+
+def main() -> None:
+    """Exports, reads back, prints a line a format."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("run", type=Path, help="folder of a finished run of a camera that was not moved")
+    folder = parser.parse_args().run
+    run = pd.read_csv(folder / "tracks.csv")
+    with tempfile.TemporaryDirectory() as out:
+        subprocess.run([PROGRAM, "export", folder, "--format", ",".join(CHECKS), "--out", out], check=True,
+                       stderr=subprocess.DEVNULL)
+        for name, check in CHECKS.items():
+            print(f"{name}: {check(Path(out, name), folder.name, run)} rows, as in the run")
+
+
+if __name__ == "__main__":
+    main()
