@@ -42,6 +42,8 @@ pub enum Command {
     Keypoints(KeypointsArgs),
     /// Solves camera, plane, poses and shapes from keypoints alone (no image).
     Solve(SolveArgs),
+    /// Tells what vehicles do, on anybody's tracks on the ground: a label a row, and events.
+    Activity(ActivityArgs),
     /// Draws a finished run into a video.
     Render(RenderArgs),
     /// Measures: nets, solver, finished runs, against truth; prints tables.
@@ -152,6 +154,19 @@ pub struct SolveArgs {
     /// Solves each frame on its own instead of one camera for the clip.
     #[arg(long)]
     pub per_frame: bool,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub config: ConfigArgs,
+}
+
+/// `roadplane activity`.
+#[derive(Debug, Args)]
+pub struct ActivityArgs {
+    /// Tracks (.parquet, .csv, .jsonl): columns time_s, track, x_m, y_m; heading_rad, x_sd_m, y_sd_m where they are known.
+    pub tracks: PathBuf,
+    /// The rows with activity and activity_p; the events go beside it, FILE.activities.jsonl.
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
     #[command(flatten)]
     #[allow(missing_docs)]
     pub config: ConfigArgs,

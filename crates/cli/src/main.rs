@@ -28,6 +28,7 @@ fn main() -> ExitCode {
         Command::Detect(args) => commands::stages::detect(args, &cancel),
         Command::Keypoints(args) => commands::stages::keypoints(args, &cancel),
         Command::Solve(args) => commands::stages::solve(args, &cancel),
+        Command::Activity(args) => commands::stages::activity(args, &cancel),
         Command::Eval(args) => commands::eval::eval(args, &cancel),
         Command::Synth(args) => commands::synth::synth(args, &cancel),
         Command::Doctor(args) => commands::doctor::doctor(args),

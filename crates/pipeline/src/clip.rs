@@ -249,6 +249,7 @@ impl Pass<'_> {
                 score: state.score,
                 observed: state.observed,
                 activity: None,
+                activity_p: None,
             })
         };
         track.states.iter().filter_map(row).collect()

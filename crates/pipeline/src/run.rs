@@ -13,6 +13,7 @@ use roadplane_write::{
 };
 use serde::{Deserialize, Serialize};
 
+use crate::activities::{label_rows, write_events};
 use crate::clip::{ClipSolution, solve_clip};
 use crate::draw::{Scene, draw_video, write_report};
 use crate::flow::Work;
@@ -158,12 +159,14 @@ pub fn run_input(
             write_background(folder.path(), background)?;
         }
         let rejected_cars = nets.keypoints.rejected();
+        let mut activity = nets.activity.take();
         drop(nets);
         progress.phase("solving");
         let spool = folder.path().join(SPOOL);
         let solving = Instant::now();
-        let solution =
+        let mut solution =
             solve_clip(&spool, &folder.path().join("poses.jsonl"), &atlas, options.focal_px, config, cancel)?;
+        let events = activity.as_mut().map(|net| label_rows(net, &mut solution.rows)).transpose()?;
         let solve_s = solving.elapsed().as_secs_f64();
         meter.solved();
         progress.phase("writing");
@@ -173,6 +176,9 @@ pub fn run_input(
             files.write(row)?;
         }
         files.finish()?;
+        if let Some(events) = &events {
+            write_events(&folder.path().join("activities.jsonl"), events)?;
+        }
 
         let mut summary = summary_of(identity, &streamed, &solution, config, rejected_cars);
         summary.models = models;

@@ -74,6 +74,7 @@ mod tests {
             score: 0.9,
             observed,
             activity: None,
+            activity_p: None,
         }
     }
 

@@ -5,6 +5,7 @@ use nalgebra::{Isometry3, Point3, Vector2, Vector3};
 use roadplane_base::{Camera, GroundPlane, KEYPOINTS, Shape, ShapeAtlas, TrackRow, skeleton_edges};
 
 use crate::ViewError;
+use crate::activities::{told, words};
 use crate::canvas::{Canvas, Rgb};
 
 /// Half of the keypoints are the car's left side.
@@ -114,8 +115,11 @@ impl<'a> Overlay<'a> {
             self.canvas.line(corners[i], corners[(i + 1) % 4], faded, 1)?;
         }
         let speed = row.speed_mps.abs();
-        let label =
+        let mut label =
             if speed < 0.3 { format!("{}", row.track) } else { format!("{} {speed:.1} m/s", row.track) };
+        if let Some(activity) = told(row) {
+            label = format!("{label} {}", words(activity));
+        }
         let size = 0.32 + 0.1 * f64::from(self.thickness);
         self.canvas.label(&label, Vector2::new(x0, y0), colour, size)
     }
@@ -213,6 +217,7 @@ mod tests {
             score: 0.9,
             observed: true,
             activity: None,
+            activity_p: None,
         };
         overlay.grid().unwrap();
         overlay

@@ -28,6 +28,7 @@ const MESSAGE: &str = "message tracks {
     required double length_m; required double width_m; required double height_m;
     required group bbox_px (LIST) { repeated group list { required double element; } }
     required double score; required boolean observed; optional binary activity (UTF8);
+    optional double activity_p;
 }";
 
 /// Writes `tracks.parquet` (zstd).
@@ -122,7 +123,10 @@ fn write_columns(
     let defined: Vec<i16> = rows.iter().map(|r| i16::from(r.activity.is_some())).collect();
     let activities: Vec<ByteArray> =
         rows.iter().filter_map(|r| r.activity.as_deref().map(ByteArray::from)).collect();
-    column::<ByteArrayType>(group, &activities, Some((&defined, None)))
+    column::<ByteArrayType>(group, &activities, Some((&defined, None)))?;
+    let defined: Vec<i16> = rows.iter().map(|r| i16::from(r.activity_p.is_some())).collect();
+    let probabilities: Vec<f64> = rows.iter().filter_map(|r| r.activity_p).collect();
+    column::<DoubleType>(group, &probabilities, Some((&defined, None)))
 }
 
 fn doubles(rows: &[TrackRow], of: fn(&TrackRow) -> f64) -> Vec<f64> {

@@ -7,7 +7,7 @@ use roadplane_base::TrackRow;
 use crate::digits::{METRES, PIXELS, RADIANS, SCORE, SECONDS, not_finite, rounded_row};
 use crate::{JsonLines, OutFile, TrackParquet, WriteError};
 
-const HEADER: [&str; 20] = [
+const HEADER: [&str; 21] = [
     "frame",
     "time_s",
     "track",
@@ -28,6 +28,7 @@ const HEADER: [&str; 20] = [
     "score",
     "observed",
     "activity",
+    "activity_p",
 ];
 
 /// Writes `tracks.csv`: the box in four columns, an empty field for no activity.
@@ -81,6 +82,7 @@ impl TrackCsv {
             fixed(row.score, SCORE),
             row.observed.to_string(),
             row.activity.unwrap_or_default(),
+            row.activity_p.map(|p| fixed(p, SCORE)).unwrap_or_default(),
         ])
     }
 
@@ -94,7 +96,7 @@ impl TrackCsv {
         file.finish()
     }
 
-    fn record(&mut self, fields: &[String; 20]) -> Result<(), WriteError> {
+    fn record(&mut self, fields: &[String; 21]) -> Result<(), WriteError> {
         self.writer.write_record(fields).map_err(|e| match e.into_kind() {
             csv::ErrorKind::Io(source) => WriteError::io("write", &self.path)(source),
             other => WriteError::malformed(&self.path, format!("{other:?}")),

@@ -143,6 +143,7 @@ mod tests {
             score: 0.9,
             observed: true,
             activity: None,
+            activity_p: None,
         };
         truth.frames.iter().flat_map(|frame| frame.cars.iter().map(move |car| row(frame, car))).collect()
     }
