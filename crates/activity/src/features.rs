@@ -1,18 +1,20 @@
 //! What the net sees of a motion, a row a step. `scripts/train/activity/features.py` does the same; both are held to
 //! `tests/data/activity/features.json`.
 
-use crate::motion::{Local, Motion, STEP_S, local, unwrapped};
+use crate::motion::{Local, Motion, STEP_S, local, seen_times, unwrapped};
 
 /// Numbers a step.
 pub const FEATURES: usize = 15;
+/// The last of them: time to the nearest sighting, s, up to 2.
+pub(crate) const GAP: usize = FEATURES - 1;
 /// Directions of slower motion fade out, m/s.
 const SLOW_MPS: f64 = 0.3;
 
 /// The rows of these steps. The motion must have passed [`Motion::check`].
 #[must_use]
 pub fn features(motion: &Motion, steps: &[i64]) -> Vec<[f32; FEATURES]> {
-    let headings = unwrapped(&motion.heading_rad);
-    steps.iter().map(|step| row(&local(motion, &headings, *step as f64 * STEP_S))).collect()
+    let (headings, seen_s) = (unwrapped(&motion.heading_rad), seen_times(motion));
+    steps.iter().map(|step| row(&local(motion, &headings, &seen_s, *step as f64 * STEP_S))).collect()
 }
 
 fn row(local: &Local) -> [f32; FEATURES] {

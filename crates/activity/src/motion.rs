@@ -35,6 +35,8 @@ pub struct Motion {
     pub heading_rad: Vec<f64>,
     /// sds of the positions, m; may be empty.
     pub sd_m: Vec<[f64; 2]>,
+    /// Which samples were seen and not filled in; may be empty: all.
+    pub seen: Vec<bool>,
 }
 
 /// What is wrong with a motion.
@@ -44,7 +46,7 @@ pub enum MotionError {
     #[error("a track has no samples")]
     Empty,
     /// Lists do not fit each other.
-    #[error("a track has not as many positions, headings or sds as times")]
+    #[error("a track has not as many positions, headings, sds or sightings as times")]
     Lengths,
     /// A number is not finite, or an sd is negative.
     #[error("a track holds a number that is not finite, or a negative standard deviation")]
@@ -71,7 +73,11 @@ impl Motion {
         };
         let n = self.time_s.len();
         let fits = |len: usize| len == 0 || len == n;
-        if self.xy_m.len() != n || !fits(self.heading_rad.len()) || !fits(self.sd_m.len()) {
+        if self.xy_m.len() != n
+            || !fits(self.heading_rad.len())
+            || !fits(self.sd_m.len())
+            || !fits(self.seen.len())
+        {
             return Err(MotionError::Lengths);
         }
         let plain = self.time_s.iter().chain(self.xy_m.iter().flatten()).chain(&self.heading_rad);
@@ -104,8 +110,21 @@ pub(crate) struct Local {
     pub sd_m: Vector2<f64>,
     /// Heading (rad) and its rate (rad/s).
     pub heading: Option<[f64; 2]>,
-    /// To the nearest sample, s.
+    /// To the nearest sample that was seen, s.
     pub gap_s: f64,
+}
+
+/// Times of the samples that were seen, s.
+pub(crate) fn seen_times(motion: &Motion) -> Vec<f64> {
+    let seen = |i: usize| motion.seen.get(i).copied().unwrap_or(true);
+    motion.time_s.iter().enumerate().filter(|(i, _)| seen(*i)).map(|(_, t)| *t).collect()
+}
+
+/// From a time to the nearest of these (rising), s; infinite where there is none.
+fn nearest(times: &[f64], at_s: f64) -> f64 {
+    let after = times.partition_point(|t| *t < at_s);
+    let beside = after.saturating_sub(1)..(after + 1).min(times.len());
+    times[beside].iter().map(|t| (t - at_s).abs()).fold(f64::INFINITY, f64::min)
 }
 
 /// Headings without jumps by whole turns.
@@ -121,18 +140,17 @@ pub(crate) fn unwrapped(headings: &[f64]) -> Vec<f64> {
 }
 
 /// Fits a parabola to the positions around a time, axis by axis: least squares with Gaussian weights in time, and priors on
-/// speed and acceleration that are weighed by the positions' sd. `headings` as [`unwrapped`] gives them.
-pub(crate) fn local(motion: &Motion, headings: &[f64], at_s: f64) -> Local {
+/// speed and acceleration that are weighed by the positions' sd. `headings` as [`unwrapped`] gives them, `seen_s` as
+/// [`seen_times`].
+pub(crate) fn local(motion: &Motion, headings: &[f64], seen_s: &[f64], at_s: f64) -> Local {
     let times = &motion.time_s;
-    let after = times.partition_point(|t| *t < at_s);
-    let beside = after.saturating_sub(1)..(after + 1).min(times.len());
-    let gap_s = times[beside].iter().map(|t| (t - at_s).abs()).fold(f64::INFINITY, f64::min);
+    let near_s = nearest(times, at_s);
     // In a gap the window moves to the nearest sample, or nothing would be in it.
-    let reach = gap_s + WINDOW_S;
+    let reach = near_s + WINDOW_S;
     let window = times.partition_point(|t| *t < at_s - reach)..times.partition_point(|t| *t <= at_s + reach);
     let mut weights: Vec<f64> = times[window.clone()]
         .iter()
-        .map(|t| (-0.5 * (((t - at_s).abs() - gap_s).max(0.0) / WINDOW_SD_S).powi(2)).exp())
+        .map(|t| (-0.5 * (((t - at_s).abs() - near_s).max(0.0) / WINDOW_SD_S).powi(2)).exp())
         .collect();
     let total: f64 = weights.iter().sum();
     weights.iter_mut().for_each(|weight| *weight *= WEIGHT / total);
@@ -181,7 +199,7 @@ pub(crate) fn local(motion: &Motion, headings: &[f64], at_s: f64) -> Local {
         rms_m: (x.2 + y.2).sqrt(),
         sd_m: Vector2::new(x.1, y.1),
         heading,
-        gap_s,
+        gap_s: nearest(seen_s, at_s),
     }
 }
 
@@ -200,7 +218,7 @@ mod tests {
     fn a_parabola_is_found_at_any_frame_rate() {
         for hz in [5.0, 10.0, 29.97, 60.0] {
             let motion = braking(hz);
-            let local = local(&motion, &motion.heading_rad, 3.0);
+            let local = local(&motion, &motion.heading_rad, &motion.time_s, 3.0);
             // The prior on acceleration takes some of it, the same share at every rate.
             assert!((local.velocity.x - 2.0).abs() < 0.02, "{hz} {:?}", local.velocity);
             assert!(local.acceleration.x < -0.3 && local.velocity.y.abs() < 1e-9, "{hz}");
@@ -212,12 +230,12 @@ mod tests {
     #[test]
     fn lone_samples_and_gaps_stand_still() {
         let one = Motion { time_s: vec![2.0], xy_m: vec![[1.0, 2.0]], ..Motion::default() };
-        let here = local(&one, &[], 2.0);
+        let here = local(&one, &[], &[2.0], 2.0);
         assert!(here.velocity.norm() < 1e-9 && here.gap_s == 0.0);
-        assert!((local(&one, &[], 4.0).gap_s - 2.0).abs() < 1e-12);
+        assert!((local(&one, &[], &[2.0], 4.0).gap_s - 2.0).abs() < 1e-12);
         let two =
             Motion { time_s: vec![0.0, 20.0], xy_m: vec![[0.0, 0.0], [100.0, 0.0]], ..Motion::default() };
-        assert!(local(&two, &[], 4.0).velocity.norm() < 1.0);
+        assert!(local(&two, &[], &[], 4.0).velocity.norm() < 1.0);
     }
 
     #[test]

@@ -7,7 +7,7 @@ use roadplane_infer::{Dim, InferError, NamedTensor, Session, SessionOptions};
 use thiserror::Error;
 
 use crate::decode::{Labelled, labelled};
-use crate::features::{FEATURES, features};
+use crate::features::{FEATURES, GAP, features};
 use crate::label::{LABELS, Label};
 use crate::motion::{Motion, MotionError, grid};
 
@@ -42,6 +42,8 @@ pub struct Probabilities {
     pub steps: Vec<i64>,
     /// By [`Label::index`].
     pub p: Vec<[f64; LABELS]>,
+    /// Time from each step to the nearest sighting, s, up to 2.
+    pub gap_s: Vec<f64>,
 }
 
 /// A bidirectional LSTM with its card.
@@ -106,7 +108,8 @@ impl ActivityNet {
         }
         let row = |step| std::array::from_fn(|label| f64::from(labels[[0, step, label]]));
         let p = (0..steps.len()).map(row).collect();
-        Ok(Probabilities { steps, p })
+        let gap_s = rows.iter().map(|row| f64::from(row[GAP])).collect();
+        Ok(Probabilities { steps, p, gap_s })
     }
 
     /// What a vehicle does, sample by sample, and its events.
@@ -114,7 +117,7 @@ impl ActivityNet {
     /// # Errors
     /// As [`Self::probabilities`].
     pub fn label(&mut self, motion: &Motion) -> Result<Labelled, ActivityError> {
-        Ok(labelled(&self.probabilities(motion)?, &motion.time_s))
+        Ok(labelled(&self.probabilities(motion)?, motion))
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use roadplane_activity::{ActivityNet, FEATURES, Label, Motion, features};
+use roadplane_activity::{ActivityError, ActivityNet, FEATURES, Label, Motion, features};
 use roadplane_infer::{ProviderChoice, SessionOptions, find_library};
 
 fn root() -> PathBuf {
@@ -22,6 +22,7 @@ fn features_agree_with_pythons() {
             xy_m: serde_json::from_value(read("xy_m")).unwrap(),
             heading_rad: serde_json::from_value(read("heading_rad")).unwrap(),
             sd_m: serde_json::from_value(read("sd_m")).unwrap(),
+            ..Motion::default()
         };
         motion.check().unwrap();
         let steps: Vec<i64> = serde_json::from_value(read("steps")).unwrap();
@@ -37,13 +38,13 @@ fn features_agree_with_pythons() {
     }
 }
 
-fn net() -> Option<ActivityNet> {
+fn net() -> Option<Result<ActivityNet, ActivityError>> {
     if find_library(None).is_err() {
         eprintln!("skipped: the ONNX runtime is not found");
         return None;
     }
     let options = SessionOptions { provider: ProviderChoice::Cpu, threads: 1, library: None };
-    Some(ActivityNet::open(&root().join("models/activity.card.json"), &options).unwrap())
+    Some(ActivityNet::open(&root().join("models/activity.card.json"), &options))
 }
 
 /// Rests, starts to 6 m/s, drives on, brakes to rest; `hz` samples a second.
@@ -56,12 +57,19 @@ fn drive(hz: f64) -> Motion {
     };
     let time_s: Vec<f64> = (0..(22.0 * hz) as usize).map(|i| i as f64 / hz).collect();
     let xy_m = time_s.iter().map(|t| [place(*t), 20.0]).collect();
-    Motion { heading_rad: vec![0.0; time_s.len()], sd_m: vec![[0.1, 0.2]; time_s.len()], time_s, xy_m }
+    Motion {
+        heading_rad: vec![0.0; time_s.len()],
+        sd_m: vec![[0.1, 0.2]; time_s.len()],
+        time_s,
+        xy_m,
+        ..Motion::default()
+    }
 }
 
 #[test]
 fn a_drive_from_rest_to_rest_at_any_frame_rate() {
-    let Some(mut net) = net() else { return };
+    let Some(net) = net() else { return };
+    let mut net = net.unwrap();
     let mut events = Vec::new();
     for hz in [5.0, 7.5, 10.0, 15.0, 30.0] {
         let found = net.label(&drive(hz)).unwrap();
@@ -83,7 +91,8 @@ fn a_drive_from_rest_to_rest_at_any_frame_rate() {
 
 #[test]
 fn a_shaking_parked_car_stands() {
-    let Some(mut net) = net() else { return };
+    let Some(net) = net() else { return };
+    let mut net = net.unwrap();
     let mut motion = drive(10.0);
     for (i, (xy, t)) in motion.xy_m.iter_mut().zip(&motion.time_s).enumerate() {
         let sign = if i % 2 == 0 { 1.0 } else { -1.0 };
@@ -96,7 +105,8 @@ fn a_shaking_parked_car_stands() {
 
 #[test]
 fn left_is_right_in_the_mirror() {
-    let Some(mut net) = net() else { return };
+    let Some(net) = net() else { return };
+    let mut net = net.unwrap();
     let time_s: Vec<f64> = (0..100).map(|i| f64::from(i) * 0.1).collect();
     // 5 m/s, a quarter turn to the left of radius 8 m between 3.5 and 6 s.
     let heading: Vec<f64> = time_s.iter().map(|t| (t - 3.5).clamp(0.0, 2.513) * 5.0 / 8.0).collect();
@@ -106,7 +116,7 @@ fn left_is_right_in_the_mirror() {
         xy_m.push(at);
         at = [at[0] + 0.5 * angle.cos(), at[1] + 0.5 * angle.sin()];
     }
-    let left = Motion { time_s, xy_m, heading_rad: heading, sd_m: Vec::new() };
+    let left = Motion { time_s, xy_m, heading_rad: heading, ..Motion::default() };
     let mut right = left.clone();
     right.xy_m.iter_mut().for_each(|xy| xy[1] = -xy[1]);
     right.heading_rad.iter_mut().for_each(|angle| *angle = -*angle);

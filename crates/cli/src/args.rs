@@ -162,7 +162,8 @@ pub struct SolveArgs {
 /// `roadplane activity`.
 #[derive(Debug, Args)]
 pub struct ActivityArgs {
-    /// Tracks (.parquet, .csv, .jsonl): columns time_s, track, x_m, y_m; heading_rad, x_sd_m, y_sd_m where they are known.
+    /// Tracks (.parquet, .csv, .jsonl): columns time_s, track, x_m, y_m; heading_rad, x_sd_m, y_sd_m, observed
+    /// where they are known.
     pub tracks: PathBuf,
     /// The rows with activity and activity_p; the events go beside it, FILE.activities.jsonl.
     #[arg(long, value_name = "FILE")]

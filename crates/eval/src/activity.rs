@@ -15,12 +15,28 @@ use roadplane_pipeline::{Cancel, Config, Progress, open_activity};
 
 use crate::{EvalError, Report};
 
-/// The rows' nets and names.
-const ROWS: [(&str, &str); 3] = [
-    ("activity_2d.card.json", "2D"),
-    ("activity_2d_size.card.json", "2D / size"),
-    ("activity.card.json", "3D"),
+/// How a row of the table sees motion.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Seen {
+    Picture,
+    PictureBySize,
+    Ground,
+}
+
+/// Cards of the rows' nets, within the models folder, and names.
+const ROWS: [(&str, &str, Seen); 3] = [
+    ("activity_2d.card.json", "2D", Seen::Picture),
+    ("activity_2d_size.card.json", "2D / size", Seen::PictureBySize),
+    ("activity.card.json", "3D", Seen::Ground),
 ];
+
+/// A row of the table.
+struct Row {
+    name: &'static str,
+    seen: Seen,
+    net: ActivityNet,
+}
+
 /// Square root of the area that a car's box has, m, and how many px of a picture 1080 px high stand for 1 m in the row 2D:
 /// so that the nets see numbers of the order of metres (`scripts/train/activity/data.py`).
 const SIZE_M: f64 = 2.2;
@@ -32,7 +48,7 @@ const PX_PER_M: f64 = 36.0;
 pub struct ActivityOptions {
     /// Folder of the models.
     pub models: PathBuf,
-    /// Where runs of clips stay; `None` for a folder that is removed.
+    /// Where runs of clips stay, and finished ones are used again; `None` for a folder that is removed.
     pub runs: Option<PathBuf>,
 }
 
@@ -48,26 +64,32 @@ pub fn evaluate_activity(
     cancel: &Cancel,
     progress: &dyn Progress,
 ) -> Result<Report, EvalError> {
-    let mut nets = Vec::new();
-    for (card, _) in ROWS {
-        let mut config = config.clone();
-        config.models.activity = card.into();
-        nets.push(open_activity(&options.models, &config)?);
+    let mut rows = Vec::new();
+    for (card, name, seen) in ROWS {
+        // The baselines serve nothing but this table; a models folder may come without them.
+        if seen == Seen::Ground || options.models.join(card).is_file() {
+            let mut config = config.clone();
+            config.models.activity = card.into();
+            rows.push(Row { name, seen, net: open_activity(&options.models, &config)? });
+        } else {
+            tracing::warn!("the row {name} is left out: {card} is not in the models folder");
+        }
     }
     if data.is_dir() {
-        clips::evaluate(data, &mut nets, options, config, cancel, progress)
+        clips::evaluate(data, &mut rows, options, config, cancel, progress)
     } else {
-        instances::evaluate(data, &mut nets, cancel, progress)
+        instances::evaluate(data, &mut rows, cancel, progress)
     }
 }
 
 /// The motion of boxes' middles in the picture (y up): in px, or divided by the boxes' size.
-fn picture_motion(time_s: &[f64], boxes_px: &[[f64; 4]], picture_height_px: f64, by_size: bool) -> Motion {
+fn picture_motion(time_s: &[f64], boxes_px: &[[f64; 4]], picture_height_px: f64, seen: Seen) -> Motion {
     let mut sizes: Vec<f64> =
         boxes_px.iter().map(|[x0, y0, x1, y1]| ((x1 - x0) * (y1 - y0)).max(1.0).sqrt()).collect();
     sizes.sort_by(f64::total_cmp);
     let median = sizes.get(sizes.len() / 2).copied().unwrap_or(1.0);
-    let scale = if by_size { SIZE_M / median } else { 1080.0 / picture_height_px / PX_PER_M };
+    let scale =
+        if seen == Seen::PictureBySize { SIZE_M / median } else { 1080.0 / picture_height_px / PX_PER_M };
     let middle = |[x0, y0, x1, y1]: &[f64; 4]| [scale * (x0 + x1) / 2.0, -scale * (y0 + y1) / 2.0];
     Motion { time_s: time_s.to_vec(), xy_m: boxes_px.iter().map(middle).collect(), ..Motion::default() }
 }

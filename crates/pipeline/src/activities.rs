@@ -20,21 +20,25 @@ pub fn open_activity(models: &Path, config: &Config) -> Result<ActivityNet, Pipe
     Ok(ActivityNet::open(&models.join(&config.models.activity), &options)?)
 }
 
+/// A track's motion: its rows, by time.
+#[must_use]
+pub fn track_motion<'a>(rows: impl Iterator<Item = &'a TrackRow> + Clone) -> Motion {
+    let rows = || rows.clone();
+    Motion {
+        time_s: rows().map(|row| row.time_s).collect(),
+        xy_m: rows().map(|row| [row.x_m, row.y_m]).collect(),
+        heading_rad: rows().map(|row| row.heading_rad).collect(),
+        sd_m: rows().map(|row| [row.x_sd_m, row.y_sd_m]).collect(),
+        seen: rows().map(|row| row.observed).collect(),
+    }
+}
+
 /// Fills in `activity` and `activity_p` of all rows. Gives the events, by beginning, then by track.
 pub(crate) fn label_rows(net: &mut ActivityNet, rows: &mut [TrackRow]) -> Result<Vec<Event>, PipelineError> {
-    let motion_of = |rows: &[TrackRow], places: &[usize]| {
-        let rows = || places.iter().map(|place| &rows[*place]);
-        Motion {
-            time_s: rows().map(|row| row.time_s).collect(),
-            xy_m: rows().map(|row| [row.x_m, row.y_m]).collect(),
-            heading_rad: rows().map(|row| row.heading_rad).collect(),
-            sd_m: rows().map(|row| [row.x_sd_m, row.y_sd_m]).collect(),
-        }
-    };
     let mut events = Vec::new();
     let numbers: Vec<u64> = rows.iter().map(|row| row.track).collect();
     for (track, places) in by_track(numbers) {
-        let labelled = net.label(&motion_of(rows, &places))?;
+        let labelled = net.label(&track_motion(places.iter().map(|place| &rows[*place])))?;
         for (place, (label, p)) in places.iter().zip(&labelled.samples) {
             rows[*place].activity = Some(label.name().to_owned());
             rows[*place].activity_p = Some(*p);
@@ -70,7 +74,8 @@ pub(crate) fn write_events(path: &Path, events: &[Event]) -> Result<(), Pipeline
 }
 
 /// `roadplane activity`: adds `activity` and `activity_p` to the rows of a table of tracks (`time_s`, `track`, `x_m`, `y_m`;
-/// `heading_rad`, `x_sd_m`, `y_sd_m` where given) and writes the events beside it, as `OUT` with `.activities.jsonl` for its
+/// `heading_rad`, `x_sd_m`, `y_sd_m`,
+/// `observed` where given) and writes the events beside it, as `OUT` with `.activities.jsonl` for its
 /// extension. Gives the number of events.
 ///
 /// # Errors
@@ -131,6 +136,7 @@ struct Sample {
     xy_m: [f64; 2],
     heading_rad: Option<f64>,
     sd_m: Option<[f64; 2]>,
+    seen: bool,
 }
 
 impl Sample {
@@ -152,6 +158,7 @@ impl Sample {
             xy_m: [needed("x_m")?, needed("y_m")?],
             heading_rad: given("heading_rad")?,
             sd_m: sd("x_sd_m")?.zip(sd("y_sd_m")?).map(|(x, y)| [x, y]),
+            seen: row.get("observed").and_then(Value::as_bool).unwrap_or(true),
         })
     }
 }
@@ -165,5 +172,6 @@ fn motion(samples: &[Sample]) -> Motion {
         xy_m: samples.iter().map(|s| s.xy_m).collect(),
         heading_rad: samples.iter().filter_map(|s| s.heading_rad.filter(|_| headings)).collect(),
         sd_m: samples.iter().filter_map(|s| s.sd_m.filter(|_| sds)).collect(),
+        seen: samples.iter().map(|s| s.seen).collect(),
     }
 }

@@ -25,7 +25,7 @@ mod stage_files;
 mod streaming;
 mod watched;
 
-pub use activities::{activity_file, open_activity};
+pub use activities::{activity_file, open_activity, track_motion};
 pub use bench::{DecodeCost, forget_peak_memory, measure_decoding};
 pub use cancel::Cancel;
 pub use clip::{ClipSolution, solve_clip};

@@ -32,7 +32,7 @@ def export(net_path: Path, name: str, out: Path) -> None:
     saved = torch.load(net_path)
     net = Net(saved["result"]["hidden"])
     net.load_state_dict(saved["state"])
-    both = Both(net).eval()
+    both = Both(net, saved["label_weights"]).eval()
     example = torch.tensor(made_sequences("3d", 2, 5)[0].values)[None]
     path = out / f"{name}.onnx"
     out.mkdir(parents=True, exist_ok=True)

@@ -34,17 +34,19 @@ class Net(nn.Module):
 
 
 class Both(nn.Module):
-    """Probabilities (batch, steps, LABELS): the mean of a net on a motion and on its mirror image, as logarithms."""
+    """Probabilities (batch, steps, LABELS): the mean of a net on a motion and on its mirror image, as logarithms. The weights
+    that its labels had in training are taken out again, or rare labels would be told too often."""
 
-    def __init__(self, net: Net) -> None:
+    def __init__(self, net: Net, label_weights: torch.Tensor) -> None:
         super().__init__()
         self.net = net
         sign = torch.ones(FEATURES)
         sign[list(ODD)] = -1
         self.register_buffer("sign", sign)
         self.register_buffer("swap", torch.tensor(mirrored_labels()))
+        self.register_buffer("log_weights", (label_weights + label_weights[self.swap]).div(2).log())
 
     def forward(self, values: torch.Tensor, lengths: torch.Tensor | None = None) -> torch.Tensor:
         seen = torch.log_softmax(self.net(values, lengths), 2)
         mirror = torch.log_softmax(self.net(values * self.sign, lengths), 2).index_select(2, self.swap)
-        return torch.softmax((seen + mirror) / 2, 2)
+        return torch.softmax((seen + mirror) / 2 - self.log_weights, 2)

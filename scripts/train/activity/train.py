@@ -62,7 +62,6 @@ def train(sequences: list[Sequence], epochs: int, hidden: int, seed: int, minute
     torch.manual_seed(seed)
     rng = np.random.default_rng(seed)
     net = Net(hidden)
-    both = Both(net)
     swap = torch.tensor(mirrored_labels())
     sign = torch.ones(FEATURES)
     sign[list(ODD)] = -1
@@ -97,7 +96,7 @@ def train(sequences: list[Sequence], epochs: int, hidden: int, seed: int, minute
         print(f"epoch {epoch + 1}/{epochs}  loss {total / count:.3f}  {time.monotonic() - began:.0f} s", flush=True)
         if time.monotonic() - began > 60 * minutes:
             break
-    return both.eval()
+    return Both(net, frames).eval()
 
 
 def probabilities(net: Both, sequences: list[Sequence]) -> list[np.ndarray]:
@@ -151,7 +150,7 @@ def main() -> None:
     told = np.concatenate([found.argmax(1) for found in probabilities(net, made)])
     result["made"] = scores(np.concatenate([s.labels for s in made]), told, list(range(len(LABELS))))
     options.out.parent.mkdir(parents=True, exist_ok=True)
-    torch.save({"state": net.net.state_dict(), "result": result}, options.out)
+    torch.save({"state": net.net.state_dict(), "label_weights": rarity(learn), "result": result}, options.out)
     for name in ("meva", "made"):
         print(name, result[name], flush=True)
     assert len(CLASSES) == len(INSTANCE_LABELS)

@@ -114,7 +114,7 @@ pub struct EvalActivityArgs {
     /// Folder with dataset.json: its clips are run and told per frame; or a table of labelled instances (.parquet, .csv,
     /// .jsonl), as `python -m activity.meva` writes.
     pub data: PathBuf,
-    /// Writes the tables as CSV and HTML, and the runs of the clips, into this folder.
+    /// Writes the tables as CSV and HTML into this folder, and the runs of the clips below it; finished ones are used again.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     #[command(flatten)]

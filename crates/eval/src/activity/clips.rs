@@ -3,13 +3,13 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use roadplane_activity::{ActivityNet, Label, Motion};
+use roadplane_activity::{Label, Motion};
 use roadplane_base::{TrackRow, angle_difference};
-use roadplane_pipeline::{Cancel, Config, Existing, Progress, RunOptions, Silent, run_input};
+use roadplane_pipeline::{Cancel, Config, Progress, RunOptions, Silent, run_input, track_motion};
 use roadplane_write::{WriteError, read_jsonl};
 
 use super::scores::{Case, differences, each_label, table};
-use super::{ActivityOptions, picture_motion, told};
+use super::{ActivityOptions, Row, Seen, picture_motion, told};
 use crate::scoring::{counts, pairs_by_box};
 use crate::truth::{Kind, TrueCar, Truth, read_dataset, read_truth};
 use crate::{EvalError, Report};
@@ -30,7 +30,7 @@ const PAPER: [Label; 7] = [
 /// The tables.
 pub fn evaluate(
     folder: &Path,
-    nets: &mut [ActivityNet],
+    systems: &mut [Row],
     options: &ActivityOptions,
     config: &Config,
     cancel: &Cancel,
@@ -54,14 +54,15 @@ pub fn evaluate(
     let mut cases = Vec::new();
     for truth in clips {
         let Some(media) = &truth.media else { continue };
-        let run_options =
-            RunOptions { existing: Existing::Overwrite, ..RunOptions::new(options.models.clone()) };
+        let run_options = RunOptions { resume: true, ..RunOptions::new(options.models.clone()) };
         let run = run_input(media, runs, &run_options, config, cancel, &Silent)?;
         let rows: Vec<TrackRow> = read_jsonl(&run.folder.join("tracks.jsonl"))?.collect::<Result<_, _>>()?;
-        cases.push(clip_cases(truth, &rows, nets)?);
+        cases.push(clip_cases(truth, &rows, systems)?);
         progress.frame_done();
     }
-    let systems = ["2D", "2D / size", "3D", "3D from truth"];
+    let ours = systems.len() - 1;
+    let mut systems: Vec<&str> = systems.iter().map(|system| system.name).collect();
+    systems.push("3D from truth");
     let frames: usize = cases.iter().map(Vec::len).sum();
     let title = format!("Activities of {}: {} clips, {frames} cars in frames", dataset.name, cases.len());
     let mut report = Report { title, ..Report::default() };
@@ -69,17 +70,17 @@ pub fn evaluate(
                 boxes of our own tracks.";
     report.tables.push(table("Per frame, seven labels", note, &cases, &systems, &PAPER));
     report.tables.push(table("Per frame, with reversing", "", &cases, &systems, &Label::ALL));
-    report.tables.push(differences("3D against the others, seven labels", &cases, &systems, 2, &PAPER));
-    report.tables.push(each_label("Label by label: 3D", &cases, 2));
-    report.tables.push(each_label("Label by label: 3D from truth", &cases, 3));
+    report.tables.push(differences("3D against the others, seven labels", &cases, &systems, ours, &PAPER));
+    report.tables.push(each_label("Label by label: 3D", &cases, ours));
+    report.tables.push(each_label("Label by label: 3D from truth", &cases, ours + 1));
     Ok(report)
 }
 
 /// Labels of all cars that are found and count, in all frames.
-fn clip_cases(truth: &Truth, rows: &[TrackRow], nets: &mut [ActivityNet]) -> Result<Vec<Case>, EvalError> {
+fn clip_cases(truth: &Truth, rows: &[TrackRow], systems: &mut [Row]) -> Result<Vec<Case>, EvalError> {
     let truth_labels = true_labels(truth);
-    let told_from_truth = from_truth(truth, nets)?;
-    let from_boxes = from_boxes(truth, rows, nets)?;
+    let told_from_truth = from_truth(truth, systems)?;
+    let told_from_rows = from_rows(truth, rows, systems)?;
     let mut of_frame: BTreeMap<u64, Vec<usize>> = BTreeMap::new();
     for (place, row) in rows.iter().enumerate() {
         of_frame.entry(row.frame).or_default().push(place);
@@ -93,14 +94,12 @@ fn clip_cases(truth: &Truth, rows: &[TrackRow], nets: &mut [ActivityNet]) -> Res
         for (place, car) in places.iter().zip(pairs_by_box(&boxes, &cars)) {
             let Some(car) = car.map(|c| cars[c]) else { continue };
             let key = (car.id, frame.frame);
-            let own = rows[*place].activity.as_deref().and_then(Label::named);
-            let (Some(truth), Some(true_track), Some(own)) =
-                (truth_labels.get(&key), told_from_truth.get(&key), own)
-            else {
+            let (Some(right), Some(true_track)) = (truth_labels.get(&key), told_from_truth.get(&key)) else {
                 continue;
             };
-            let [plain, by_size] = from_boxes[*place];
-            cases.push(Case { truth: truth.clone(), told: vec![plain, by_size, own, *true_track] });
+            let mut told = told_from_rows[*place].clone();
+            told.push(*true_track);
+            cases.push(Case { truth: right.clone(), told });
         }
     }
     Ok(cases)
@@ -148,9 +147,11 @@ fn true_labels(truth: &Truth) -> BTreeMap<(u64, u64), Vec<Label>> {
 }
 
 /// By car and frame what the net tells of the true track.
-fn from_truth(truth: &Truth, nets: &mut [ActivityNet]) -> Result<BTreeMap<(u64, u64), Label>, EvalError> {
+fn from_truth(truth: &Truth, systems: &mut [Row]) -> Result<BTreeMap<(u64, u64), Label>, EvalError> {
     let mut labels = BTreeMap::new();
-    let Some(net) = nets.last_mut() else { return Ok(labels) };
+    let Some(ground) = systems.iter_mut().find(|system| system.seen == Seen::Ground) else {
+        return Ok(labels);
+    };
     for (id, cars) in cars_by_id(truth) {
         let motion = Motion {
             time_s: cars.iter().map(|(_, time_s, _)| *time_s).collect(),
@@ -160,31 +161,33 @@ fn from_truth(truth: &Truth, nets: &mut [ActivityNet]) -> Result<BTreeMap<(u64, 
                 .collect(),
             heading_rad: cars.iter().map(|(_, _, car)| heading_of(car)).collect(),
             sd_m: vec![[0.0; 2]; cars.len()],
+            ..Motion::default()
         };
-        let told = told(net, &motion)?;
+        let told = told(&mut ground.net, &motion)?;
         labels.extend(cars.iter().zip(told).map(|((frame, _, _), label)| ((id, *frame), label)));
     }
     Ok(labels)
 }
 
-/// By row what the nets of the picture's motion tell of its track's boxes.
-fn from_boxes(
-    truth: &Truth,
-    rows: &[TrackRow],
-    nets: &mut [ActivityNet],
-) -> Result<Vec<[Label; 2]>, EvalError> {
+/// By row of our tracks what each system tells.
+fn from_rows(truth: &Truth, rows: &[TrackRow], systems: &mut [Row]) -> Result<Vec<Vec<Label>>, EvalError> {
     let mut of_track: BTreeMap<u64, Vec<usize>> = BTreeMap::new();
     for (place, row) in rows.iter().enumerate() {
         of_track.entry(row.track).or_default().push(place);
     }
     let height = f64::from(truth.camera.image_size_px.height);
-    let mut labels = vec![[Label::NotMoving; 2]; rows.len()];
+    let mut labels = vec![Vec::new(); rows.len()];
     for places in of_track.values() {
-        let time_s: Vec<f64> = places.iter().map(|place| rows[*place].time_s).collect();
-        let boxes: Vec<[f64; 4]> = places.iter().map(|place| rows[*place].bbox_px).collect();
-        for (which, net) in nets.iter_mut().take(2).enumerate() {
-            let told = told(net, &picture_motion(&time_s, &boxes, height, which == 1))?;
-            places.iter().zip(told).for_each(|(place, label)| labels[*place][which] = label);
+        let rows = places.iter().map(|place| &rows[*place]);
+        let time_s: Vec<f64> = rows.clone().map(|row| row.time_s).collect();
+        let boxes: Vec<[f64; 4]> = rows.clone().map(|row| row.bbox_px).collect();
+        for system in systems.iter_mut() {
+            let motion = match system.seen {
+                Seen::Ground => track_motion(rows.clone()),
+                seen => picture_motion(&time_s, &boxes, height, seen),
+            };
+            let told = told(&mut system.net, &motion)?;
+            places.iter().zip(told).for_each(|(place, label)| labels[*place].push(label));
         }
     }
     Ok(labels)

@@ -3,13 +3,13 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use roadplane_activity::{ActivityNet, Label, Motion, Probabilities};
+use roadplane_activity::{Label, Motion, Probabilities};
 use roadplane_pipeline::{Cancel, PipelineError, Progress};
 use roadplane_write::{TableRow, read_table};
 use serde_json::Value;
 
 use super::scores::{Case, differences, each_label, table};
-use super::{ROWS, picture_motion};
+use super::{Row, Seen, picture_motion};
 use crate::{EvalError, Report};
 
 /// Height of the pictures of MEVA's boxes, px.
@@ -18,7 +18,7 @@ const PICTURE_HEIGHT_PX: f64 = 1080.0;
 /// The tables.
 pub fn evaluate(
     path: &Path,
-    nets: &mut [ActivityNet],
+    systems: &mut [Row],
     cancel: &Cancel,
     progress: &dyn Progress,
 ) -> Result<Report, EvalError> {
@@ -42,19 +42,23 @@ pub fn evaluate(
         let label =
             label_of(first).ok_or_else(|| bad(path, place, "label is missing or none of roadplane's"))?;
         let mut told = Vec::new();
-        for (net, motion) in nets.iter_mut().zip(&motions(rows, path)?) {
-            told.push(most_probable(&net.probabilities(motion).map_err(PipelineError::from)?, &labels));
+        for system in systems.iter_mut() {
+            let motion = motion(rows, path, system.seen)?;
+            told.push(most_probable(
+                &system.net.probabilities(&motion).map_err(PipelineError::from)?,
+                &labels,
+            ));
         }
         let clip = first.get("clip").and_then(Value::as_str).unwrap_or_default();
         clips.entry(clip.to_owned()).or_default().push(Case { truth: vec![label], told });
         progress.frame_done();
     }
     let clips: Vec<Vec<Case>> = clips.into_values().collect();
-    let systems = ROWS.map(|(_, name)| name);
+    let systems: Vec<&str> = systems.iter().map(|system| system.name).collect();
     let count: usize = clips.iter().map(Vec::len).sum();
     let mut report = Report { title: format!("Activities, {count} instances"), ..Report::default() };
     report.tables.push(table("Instances", "", &clips, &systems, &labels));
-    report.tables.push(differences("3D against the others", &clips, &systems, 2, &labels));
+    report.tables.push(differences("3D against the others", &clips, &systems, systems.len() - 1, &labels));
     for (system, name) in systems.iter().enumerate() {
         report.tables.push(each_label(&format!("Label by label: {name}"), &clips, system));
     }
@@ -75,26 +79,22 @@ fn most_probable(found: &Probabilities, labels: &[Label]) -> Label {
     labels.iter().copied().max_by(|a, b| score(a).total_cmp(&score(b))).unwrap_or(Label::Moving)
 }
 
-/// An instance as each row of the table sees it.
-fn motions(rows: &[(usize, &TableRow)], path: &Path) -> Result<[Motion; 3], EvalError> {
+/// An instance as a row of the table sees it.
+fn motion(rows: &[(usize, &TableRow)], path: &Path, seen: Seen) -> Result<Motion, EvalError> {
     let number = |(place, row): &(usize, &TableRow), name: &str| {
         let number = row.get(name).and_then(Value::as_f64);
         number.ok_or_else(|| bad(path, *place, &format!("{name} is missing or no number")))
     };
-    let column = |name: &str| rows.iter().map(|row| number(row, name)).collect::<Result<Vec<f64>, _>>();
-    let pairs = |x: Vec<f64>, y: Vec<f64>| x.into_iter().zip(y).map(|(x, y)| [x, y]).collect::<Vec<_>>();
-    let time_s = column("time_s")?;
-    let [x0, y0, x1, y1] = ["bbox_x0_px", "bbox_y0_px", "bbox_x1_px", "bbox_y1_px"].map(column);
-    let (x0, y0, x1, y1) = (x0?, y0?, x1?, y1?);
-    let boxes: Vec<[f64; 4]> = (0..time_s.len()).map(|i| [x0[i], y0[i], x1[i], y1[i]]).collect();
-    Ok([
-        picture_motion(&time_s, &boxes, PICTURE_HEIGHT_PX, false),
-        picture_motion(&time_s, &boxes, PICTURE_HEIGHT_PX, true),
-        Motion {
-            xy_m: pairs(column("x_m")?, column("y_m")?),
-            sd_m: pairs(column("x_sd_m")?, column("y_sd_m")?),
-            time_s,
-            ..Motion::default()
-        },
-    ])
+    let time_s = rows.iter().map(|row| number(row, "time_s")).collect::<Result<Vec<f64>, _>>()?;
+    let pairs = |x, y| {
+        rows.iter().map(|row| Ok([number(row, x)?, number(row, y)?])).collect::<Result<Vec<_>, EvalError>>()
+    };
+    if seen == Seen::Ground {
+        let (xy_m, sd_m) = (pairs("x_m", "y_m")?, pairs("x_sd_m", "y_sd_m")?);
+        return Ok(Motion { time_s, xy_m, sd_m, ..Motion::default() });
+    }
+    let corners = (pairs("bbox_x0_px", "bbox_y0_px")?, pairs("bbox_x1_px", "bbox_y1_px")?);
+    let boxes: Vec<[f64; 4]> =
+        corners.0.iter().zip(corners.1).map(|([x0, y0], [x1, y1])| [*x0, *y0, x1, y1]).collect();
+    Ok(picture_motion(&time_s, &boxes, PICTURE_HEIGHT_PX, seen))
 }
