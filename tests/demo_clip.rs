@@ -21,6 +21,7 @@ fn the_demo_clip_is_solved() {
     for file in [
         "camera.json",
         "poses.jsonl",
+        "activities.jsonl",
         "report.html",
         "summary.json",
         "tracks.csv",

@@ -491,6 +491,9 @@ pub struct TrackRow {
     /// Activity, where asked for.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub activity: Option<String>,
+    /// Its probability.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub activity_p: Option<f64>,
 }
 
 #[cfg(test)]

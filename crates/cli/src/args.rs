@@ -49,6 +49,8 @@ pub enum Command {
     Track(TrackArgs),
     /// What is remembered of cameras: lists, shows, merges, forgets.
     Cameras(cameras::CamerasArgs),
+    /// Tells what vehicles do, on anybody's tracks on the ground: a label a row, and events.
+    Activity(ActivityArgs),
     /// Draws a finished run into a video.
     Render(RenderArgs),
     /// Makes a finished run a scene that plays in simulators: OpenSCENARIO, OpenDRIVE, glTF.
@@ -208,6 +210,20 @@ pub struct TrackArgs {
     /// Replaces a finished folder (once the new one is complete).
     #[arg(long)]
     pub overwrite: bool,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub config: ConfigArgs,
+}
+
+/// `roadplane activity`.
+#[derive(Debug, Args)]
+pub struct ActivityArgs {
+    /// Tracks (.parquet, .csv, .jsonl): columns time_s, track, x_m, y_m; heading_rad, x_sd_m, y_sd_m, observed
+    /// where they are known.
+    pub tracks: PathBuf,
+    /// The rows with activity and activity_p; the events go beside it, FILE.activities.jsonl.
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
     #[command(flatten)]
     #[allow(missing_docs)]
     pub config: ConfigArgs,

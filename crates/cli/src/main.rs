@@ -41,6 +41,7 @@ fn main() -> ExitCode {
         Command::Schemas(args) => commands::schemas::schemas(args),
         Command::Distance(args) => commands::distance::distance(args),
         Command::Track(args) => commands::stages::track(args, &cancel),
+        Command::Activity(args) => commands::stages::activity(args, &cancel),
         Command::Eval(args) => commands::eval::eval(args, &cancel),
         Command::Synth(args) => commands::synth::synth(args, &cancel),
         Command::Doctor(args) => commands::doctor::doctor(args),

@@ -1,5 +1,6 @@
 //! How good results are: truth files, metrics with their sources, tables with confidence intervals.
 
+mod activity;
 mod attention;
 mod bootstrap;
 mod box_files;
@@ -22,6 +23,7 @@ mod text_file;
 pub mod truth;
 mod vehicles;
 
+pub use activity::{ActivityOptions, evaluate_activity};
 pub use attention::evaluate_attention;
 pub use bootstrap::{Estimate, bootstrap, bootstrap_scenes, mean, median, quantile, share_within};
 pub use box_files::{evaluate_coco, evaluate_mot};

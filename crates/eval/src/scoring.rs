@@ -34,7 +34,7 @@ pub fn counts(car: &TrueCar, model: &Model) -> bool {
 
 /// True car of each box, by greatest overlap with its visible part or all of it (a box that was filled in encloses the
 /// whole car). Only the picture decides, so that errors in 3D cannot hide behind a missing pair.
-fn pairs_by_box(boxes_px: &[[f64; 4]], cars: &[&TrueCar]) -> Vec<Option<usize>> {
+pub(crate) fn pairs_by_box(boxes_px: &[[f64; 4]], cars: &[&TrueCar]) -> Vec<Option<usize>> {
     assign(boxes_px.len(), cars.len(), 1.0 - MIN_IOU, |i, j| {
         let overlap = |truth: &[f64; 4]| bbox_iou(&boxes_px[i], truth);
         1.0 - overlap(&cars[j].bbox_px).max(overlap(&cars[j].whole_bbox_px))

@@ -343,6 +343,7 @@ impl Pass<'_> {
                 segment: self.cameras.segment_at(state.stamp.time_s()),
                 speed_sd_mps: state.speed_sd_mps.hypot(state.speed_mps * shared[(3, 3)].sqrt()),
                 activity: None,
+                activity_p: None,
             })
         };
         track.states.iter().filter_map(row).collect()

@@ -41,6 +41,8 @@ pub struct Config {
     pub calibrate: CalibrateConfig,
     /// How cars are followed.
     pub track: TrackOptions,
+    /// What the tracks do.
+    pub activity: ActivityConfig,
     /// Threads and memory.
     pub pipeline: PipelineConfig,
     /// What is written besides the contract's files.
@@ -73,11 +75,18 @@ pub struct ModelsConfig {
     pub detector: PathBuf,
     /// Card of the keypoint net, within the folder.
     pub keypoints: PathBuf,
+    /// Card of the activity net, within the folder.
+    pub activity: PathBuf,
 }
 
 impl Default for ModelsConfig {
     fn default() -> Self {
-        Self { folder: None, detector: "detector.card.json".into(), keypoints: "hourglass.card.json".into() }
+        Self {
+            folder: None,
+            detector: "detector.card.json".into(),
+            keypoints: "hourglass.card.json".into(),
+            activity: "activity.card.json".into(),
+        }
     }
 }
 
@@ -96,6 +105,20 @@ pub struct WatchConfig {
 impl Default for WatchConfig {
     fn default() -> Self {
         Self { attention: true, look_s: 0.11, sweep_s: 4.0 }
+    }
+}
+
+/// `[activity]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ActivityConfig {
+    /// Whether tracks are told what they do.
+    pub enabled: bool,
+}
+
+impl Default for ActivityConfig {
+    fn default() -> Self {
+        Self { enabled: true }
     }
 }
 

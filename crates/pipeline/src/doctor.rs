@@ -1,8 +1,10 @@
 //! `roadplane doctor`: whether everything that a run needs is here and works.
 
 use image::RgbImage;
+use roadplane_activity::Motion;
 use roadplane_base::{Frame, FrameStamp, ShapeAtlas};
 
+use crate::activities::open_activity;
 use crate::streaming::{open_detector, open_keypoints};
 use crate::{Config, PipelineError, find_models};
 
@@ -46,6 +48,12 @@ pub fn check_up(config: &Config) -> Vec<Check> {
                 Ok(format!("{}; runs", described(net.session())))
             });
             note("keypoints", keypoints);
+            let activity = open_activity(&models, config).and_then(|mut net| {
+                let stand = Motion { time_s: vec![0.0, 1.0], xy_m: vec![[0.0; 2]; 2], ..Motion::default() };
+                net.label(&stand)?;
+                Ok(format!("{}; runs", described(net.session())))
+            });
+            note("activity", activity);
         }
     }
     checks

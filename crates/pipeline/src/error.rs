@@ -3,6 +3,7 @@
 use std::any::Any;
 use std::path::PathBuf;
 
+use roadplane_activity::ActivityError;
 use roadplane_base::AtlasError;
 use roadplane_decode::DecodeError;
 use roadplane_detect::DetectError;
@@ -56,6 +57,9 @@ pub enum PipelineError {
     /// The keypoint net cannot be used.
     #[error(transparent)]
     Keypoint(#[from] KeypointError),
+    /// The activity net cannot be used, or a track is none.
+    #[error(transparent)]
+    Activity(#[from] ActivityError),
     /// The shape atlas cannot be used.
     #[error(transparent)]
     Atlas(#[from] AtlasError),
@@ -148,7 +152,10 @@ impl PipelineError {
             Self::Watch(_) | Self::Detect(DetectError::Picture { .. }) => Fault::Internal,
             Self::Detect(DetectError::Option { .. }) => Fault::Usage,
             Self::Detect(error) => error.net().map_or(Fault::Model, net_fault),
-            Self::Keypoint(KeypointError::UnsuitableNet { .. }) => Fault::Model,
+            Self::Keypoint(KeypointError::UnsuitableNet { .. })
+            | Self::Activity(ActivityError::UnsuitableNet { .. }) => Fault::Model,
+            Self::Activity(ActivityError::Net(error)) => net_fault(error),
+            Self::Activity(ActivityError::Motion(_)) => Fault::Input,
             Self::Write(WriteError::Locked { .. }) => Fault::Locked,
             Self::Write(WriteError::Exists { .. } | WriteError::BadStem { .. }) => Fault::Usage,
             Self::Write(WriteError::Malformed { .. }) => Fault::Input,

@@ -1,6 +1,7 @@
 //! Joins the stages: threads and bounded channels for the streaming half, the clip's solve for the other, configuration,
 //! cancellation, and what each command of the binary does.
 
+mod activities;
 mod believe;
 mod bench;
 mod cameras;
@@ -31,6 +32,7 @@ mod streaming;
 mod track_file;
 mod watched;
 
+pub use activities::{activity_file, open_activity, track_motion};
 pub use bench::{DecodeCost, forget_peak_memory, measure_decoding};
 pub use cancel::Cancel;
 pub use clip::{ClipSolution, solve_clip};

@@ -13,6 +13,7 @@ use roadplane_write::{
 };
 use serde::{Deserialize, Serialize};
 
+use crate::activities::{label_rows, write_events};
 use crate::clip::{ClipSolution, solve_remembered_clip};
 use crate::draw::{Scene, draw_video, write_report};
 use crate::flow::Work;
@@ -174,20 +175,25 @@ pub fn run_input(
         let recall = cameras
             .map(|memory| memory.recall(input_path, &identity, nets.fingerprints(), place))
             .transpose()?;
+        let mut activity = nets.activity.take();
         drop(nets);
         progress.phase("solving");
         let spool = folder.path().join(SPOOL);
         let solving = Instant::now();
         let poses = folder.path().join("poses.jsonl");
         let focal_px = options.focal_px;
-        let solution =
+        let mut solution =
             solve_remembered_clip(&spool, &poses, &atlas, focal_px, recall.as_ref(), config, cancel)?;
+        let events = activity.as_mut().map(|net| label_rows(net, &mut solution.rows)).transpose()?;
         let solve_s = solving.elapsed().as_secs_f64();
         meter.solved();
         progress.phase("writing");
         write_solution(folder.path(), &solution)?;
         if let Some(said) = solution.cameras.said() {
             write_evidence(&folder.path().join(EVIDENCE), said)?;
+        }
+        if let Some(events) = &events {
+            write_events(&folder.path().join("activities.jsonl"), events)?;
         }
 
         let mut summary = summary_of(identity, &streamed, &solution, config, rejected_cars);

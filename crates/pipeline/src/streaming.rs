@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use roadplane_activity::ActivityNet;
 use roadplane_base::{FrameStamp, PictureVerdict};
 use roadplane_decode::{DecodeReport, Input, InputKind, open};
 use roadplane_detect::{Attention, Detector};
@@ -10,6 +11,7 @@ use roadplane_keypoints::{KeypointNet, Schedule};
 use roadplane_watch::{Background, Watcher};
 use roadplane_write::ModelSummary;
 
+use crate::activities::open_activity;
 use crate::flow::{Stage, StageTime, Work, flow};
 use crate::{Cancel, Config, PipelineError, Progress};
 
@@ -19,21 +21,27 @@ pub struct Nets {
     pub detector: Detector,
     /// Finds their keypoints.
     pub keypoints: KeypointNet,
+    /// Tells what tracks do; none where that is switched off.
+    pub activity: Option<ActivityNet>,
 }
 
 impl Nets {
-    /// Loads both from the models folder.
+    /// Loads all from the models folder.
     ///
     /// # Errors
     /// [`PipelineError`] when a model is refused or the runtime is missing.
     pub fn open(models: &Path, config: &Config) -> Result<Self, PipelineError> {
-        Ok(Self { detector: open_detector(models, config)?, keypoints: open_keypoints(models, config)? })
+        Ok(Self {
+            detector: open_detector(models, config)?,
+            keypoints: open_keypoints(models, config)?,
+            activity: config.activity.enabled.then(|| open_activity(models, config)).transpose()?,
+        })
     }
 
     /// What they are, for the summary.
     #[must_use]
     pub fn summaries(&self) -> Vec<ModelSummary> {
-        self.sessions().map(summary_of).to_vec()
+        self.sessions().map(summary_of).collect()
     }
 
     /// What their results depend on: weights, what computes them, and how outputs become measurements.
@@ -44,11 +52,12 @@ impl Nets {
             let calibration = serde_json::Value::Object(card.calibration.clone());
             format!("{} {} {calibration}", card.sha256, session.provider())
         };
-        self.sessions().map(of).to_vec()
+        self.sessions().map(of).collect()
     }
 
-    fn sessions(&self) -> [&Session; 2] {
-        [self.detector.session(), self.keypoints.session()]
+    fn sessions(&self) -> impl Iterator<Item = &Session> {
+        let of_pictures = [self.detector.session(), self.keypoints.session()];
+        of_pictures.into_iter().chain(self.activity.as_ref().map(ActivityNet::session))
     }
 }
 

@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 
 use roadplane_base::{Camera, ImageSize, TrackRow};
 
+use crate::activities::{SHOWN, activity_colour, stretches, words};
 use crate::overlay::track_colour;
 
 /// Width of the drawing, px.
@@ -61,6 +62,12 @@ pub fn birds_eye(rows: &[TrackRow], camera: &Camera, size: ImageSize) -> String 
     field_of_view(&mut svg, &sheet, camera, size, top);
     for (track, rows) in &tracks {
         trajectory(&mut svg, &sheet, *track, rows);
+    }
+    for rows in tracks.values() {
+        activities(&mut svg, &sheet, rows);
+    }
+    if tracks.values().any(|rows| stretches(rows).next().is_some()) {
+        legend(&mut svg);
     }
     for (track, rows) in &tracks {
         if let Some(last) = rows.last() {
@@ -160,20 +167,54 @@ fn hex([r, g, b]: [u8; 3]) -> String {
 }
 
 fn trajectory(svg: &mut String, sheet: &Sheet, track: u64, rows: &[&TrackRow]) {
-    let points: Vec<String> = rows
-        .iter()
-        .map(|row| {
-            let (x, y) = sheet.at(row.x_m, row.y_m);
-            format!("{x:.1},{y:.1}")
-        })
-        .collect();
-    let (colour, points) = (hex(track_colour(track)), points.join(" "));
+    let (colour, points) = (hex(track_colour(track)), points(sheet, rows));
     put(
         svg,
         format_args!(
             "<polyline points=\"{points}\" fill=\"none\" stroke=\"{colour}\" stroke-width=\"2\" opacity=\"0.8\"/>\n"
         ),
     );
+}
+
+/// Where a track does something: its way there in the activity's colour, a dot where it begins.
+fn activities(svg: &mut String, sheet: &Sheet, rows: &[&TrackRow]) {
+    for stretch in stretches(rows) {
+        let colour = hex(activity_colour(stretch.activity));
+        let points = points(sheet, stretch.rows);
+        let (x, y) = stretch.rows.first().map_or((0.0, 0.0), |row| sheet.at(row.x_m, row.y_m));
+        put(
+            svg,
+            format_args!(
+                "<g stroke=\"{colour}\" fill=\"none\"><title>{}</title><polyline points=\"{points}\" stroke-width=\"5\" \
+                 stroke-linecap=\"round\" opacity=\"0.75\"/><circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"4\" fill=\"{colour}\"/></g>\n",
+                stretch.in_words()
+            ),
+        );
+    }
+}
+
+fn legend(svg: &mut String) {
+    for (line, activity) in SHOWN.iter().enumerate() {
+        let y = 18.0 + 16.0 * line as f64;
+        put(
+            svg,
+            format_args!(
+                "<path d=\"M40 {y:.0}h16\" stroke=\"{}\" stroke-width=\"5\"/><text x=\"62\" y=\"{:.0}\" fill=\"#c8ced4\" \
+                 font-size=\"12\">{}</text>\n",
+                hex(activity_colour(activity)),
+                y + 4.0,
+                words(activity)
+            ),
+        );
+    }
+}
+
+fn points(sheet: &Sheet, rows: &[&TrackRow]) -> String {
+    let point = |row: &&TrackRow| {
+        let (x, y) = sheet.at(row.x_m, row.y_m);
+        format!("{x:.1},{y:.1}")
+    };
+    rows.iter().map(point).collect::<Vec<_>>().join(" ")
 }
 
 fn footprint(svg: &mut String, sheet: &Sheet, track: u64, row: &TrackRow) {
@@ -238,6 +279,7 @@ mod tests {
             segment: 0,
             speed_sd_mps: 0.1,
             activity: None,
+            activity_p: None,
         };
         let rows: Vec<TrackRow> = (0..3).flat_map(|frame| [row(1, frame), row(2, frame)]).collect();
         let size = ImageSize { width: 640, height: 480 };

@@ -77,6 +77,7 @@ mod tests {
             segment: 0,
             speed_sd_mps: 0.1,
             activity: None,
+            activity_p: None,
         }
     }
 

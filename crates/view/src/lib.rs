@@ -1,5 +1,6 @@
 //! Pictures of a result: overlays, the view from above, the report, annotated video.
 
+mod activities;
 mod birds_eye;
 mod canvas;
 mod crops;

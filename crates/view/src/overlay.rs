@@ -7,6 +7,7 @@ use roadplane_base::{
 };
 
 use crate::ViewError;
+use crate::activities::{told, words};
 use crate::canvas::{Canvas, Rgb};
 
 /// Half of the keypoints are the car's left side.
@@ -126,6 +127,9 @@ impl<'a> Overlay<'a> {
         if speed >= 0.3 {
             // Reversing has a sign.
             label = format!("{label} {:.1} m/s", row.speed_mps);
+        }
+        if let Some(activity) = told(row) {
+            label = format!("{label} {}", words(activity));
         }
         let size = 0.32 + 0.1 * f64::from(self.thickness);
         self.canvas.label(&label, Vector2::new(x0, y0), colour, size)
@@ -251,6 +255,7 @@ mod tests {
             segment: 0,
             speed_sd_mps: 0.1,
             activity: None,
+            activity_p: None,
         };
         overlay.grid().unwrap();
         overlay

@@ -9,6 +9,7 @@ use image::codecs::jpeg::JpegEncoder;
 use roadplane_base::{Camera, CameraEstimate, CameraStatus, ImageSize, TrackRow};
 
 use crate::ViewError;
+use crate::activities::stretches;
 use crate::birds_eye::birds_eye;
 use crate::crops::best_views;
 use crate::histogram::histogram;
@@ -72,6 +73,7 @@ pub fn report_html(input: &ReportInput<'_>) -> Result<String, ViewError> {
         page.push_str("<p class=\"hint\">Cars at their last place, to scale; white ellipses are 2 standard deviations.</p>\n");
     }
     tracks(&mut page, input.rows);
+    activities(&mut page, input.rows);
     cars(&mut page, input)?;
     page.push_str("<h2>In the picture</h2>\n");
     for (index, picture) in input.samples {
@@ -181,10 +183,7 @@ fn status_in_words(status: CameraStatus) -> &'static str {
 }
 
 fn tracks(page: &mut String, rows: &[TrackRow]) {
-    let mut tracks: BTreeMap<u64, Vec<&TrackRow>> = BTreeMap::new();
-    for row in rows {
-        tracks.entry(row.track).or_default().push(row);
-    }
+    let tracks = by_track(rows);
     put(page, format_args!("<h2>{} tracks</h2>\n<div class=\"scroll\"><table><thead><tr>", tracks.len()));
     for head in [
         "track",
@@ -230,6 +229,42 @@ fn tracks(page: &mut String, rows: &[TrackRow]) {
         );
     }
     page.push_str("</table></div>\n");
+}
+
+/// What each track does, besides standing and driving on.
+fn activities(page: &mut String, rows: &[TrackRow]) {
+    let mut lines = String::new();
+    for (track, rows) in by_track(rows) {
+        let told: Vec<String> = stretches(&rows).map(|stretch| stretch.in_words()).collect();
+        if !told.is_empty() {
+            let [r, g, b] = track_colour(track);
+            put(
+                &mut lines,
+                format_args!(
+                    "<tr><th><span class=\"dot\" style=\"background:rgb({r},{g},{b})\"></span>{track}</th>\
+                     <td style=\"text-align:left\">{}</td></tr>\n",
+                    escape(&told.join(" · "))
+                ),
+            );
+        }
+    }
+    if !lines.is_empty() {
+        put(
+            page,
+            format_args!(
+                "<h2>Activities</h2>\n<table>\n{lines}</table>\n<p class=\"hint\">From – to, and how probable; standing \
+                 and driving on are left out here, not in the files.</p>\n"
+            ),
+        );
+    }
+}
+
+fn by_track(rows: &[TrackRow]) -> BTreeMap<u64, Vec<&TrackRow>> {
+    let mut tracks: BTreeMap<u64, Vec<&TrackRow>> = BTreeMap::new();
+    for row in rows {
+        tracks.entry(row.track).or_default().push(row);
+    }
+    tracks
 }
 
 /// Speed over time as a small curve.

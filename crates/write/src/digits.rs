@@ -51,6 +51,7 @@ pub(crate) fn rounded_row(row: &TrackRow) -> TrackRow {
         height_m: metres(row.height_m),
         bbox_px: row.bbox_px.map(|v| decimals(v, PIXELS)),
         score: decimals(row.score, SCORE),
+        activity_p: row.activity_p.map(|p| decimals(p, SCORE)),
         ..row.clone()
     }
 }
@@ -73,6 +74,7 @@ pub(crate) fn not_finite(row: &TrackRow) -> Option<&'static str> {
         ("height_m", row.height_m),
         ("bbox_px", x0 + y0 + x1 + y1),
         ("score", row.score),
+        ("activity_p", row.activity_p.unwrap_or(0.0)),
     ];
     numbers.iter().find(|(_, value)| !value.is_finite()).map(|(name, _)| *name)
 }

@@ -70,7 +70,8 @@ impl WriteError {
         }
     }
 
-    pub(crate) fn malformed(path: &Path, what: impl ToString) -> Self {
+    /// A file's content that cannot be used.
+    pub fn malformed(path: &Path, what: impl ToString) -> Self {
         Self::Malformed { what: what.to_string(), path: path.to_path_buf() }
     }
 }

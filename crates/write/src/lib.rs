@@ -19,6 +19,7 @@ mod schema;
 mod speed;
 mod spool;
 mod summary;
+mod table;
 mod tracks;
 
 pub use camera::{CAMERA_SCHEMA, CameraFile, CameraSegment, read_camera, write_camera};
@@ -36,4 +37,5 @@ pub use summary::{
     Counts, InputSummary, ModelSummary, RunStatus, SUMMARY_SCHEMA, StageSeconds, Summary, WatchStretch,
     WatchSummary, read_summary, write_summary,
 };
+pub use table::{TableFormat, TableRow, read_table, write_table};
 pub use tracks::{TrackCsv, TrackFiles};

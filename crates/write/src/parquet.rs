@@ -30,6 +30,7 @@ const MESSAGE: &str = "message tracks {
     required double score; required boolean observed; optional binary activity (UTF8);
     required binary class (UTF8); required int64 segment;
     required double speed_sd_mps;
+    optional double activity_p;
 }";
 
 /// Writes `tracks.parquet` (zstd).
@@ -128,7 +129,10 @@ fn write_columns(
     let classes: Vec<ByteArray> = rows.iter().map(|r| ByteArray::from(r.class.name())).collect();
     column::<ByteArrayType>(group, &classes, None)?;
     column::<Int64Type>(group, &integers(|r| r.segment as u64), None)?;
-    column::<DoubleType>(group, &doubles(rows, |r| r.speed_sd_mps), None)
+    column::<DoubleType>(group, &doubles(rows, |r| r.speed_sd_mps), None)?;
+    let defined: Vec<i16> = rows.iter().map(|r| i16::from(r.activity_p.is_some())).collect();
+    let probabilities: Vec<f64> = rows.iter().filter_map(|r| r.activity_p).collect();
+    column::<DoubleType>(group, &probabilities, Some((&defined, None)))
 }
 
 fn doubles(rows: &[TrackRow], of: fn(&TrackRow) -> f64) -> Vec<f64> {

@@ -7,7 +7,7 @@ use roadplane_base::TrackRow;
 use crate::digits::{METRES, PIXELS, RADIANS, SCORE, SECONDS, not_finite, rounded_row};
 use crate::{JsonLines, OutFile, TrackParquet, WriteError};
 
-const HEADER: [&str; 23] = [
+const HEADER: [&str; 24] = [
     "frame",
     "time_s",
     "track",
@@ -31,6 +31,7 @@ const HEADER: [&str; 23] = [
     "class",
     "segment",
     "speed_sd_mps",
+    "activity_p",
 ];
 
 /// Writes `tracks.csv`: the box in four columns, an empty field for no activity.
@@ -87,6 +88,7 @@ impl TrackCsv {
             row.class.name().to_owned(),
             row.segment.to_string(),
             metres(row.speed_sd_mps),
+            row.activity_p.map(|p| fixed(p, SCORE)).unwrap_or_default(),
         ])
     }
 

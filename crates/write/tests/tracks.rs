@@ -32,6 +32,7 @@ fn row(frame: u64, track: u64) -> TrackRow {
         segment: 0,
         speed_sd_mps: 0.1,
         activity: (track == 2).then(|| "turn_left, \"wide\"".to_owned()),
+        activity_p: (track == 2).then_some(0.75),
     }
 }
 
@@ -75,6 +76,7 @@ fn the_three_files_agree_and_repeat() {
         assert_eq!(bbox.len(), 4);
         assert_eq!(found.get_bool(15).unwrap(), line.observed);
         assert_eq!(found.get_string(16).ok(), line.activity.as_ref());
+        assert_eq!(found.get_double(17).ok(), line.activity_p);
     }
 }
 

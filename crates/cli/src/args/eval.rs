@@ -23,6 +23,8 @@ pub enum EvalCommand {
     Dataset(EvalDatasetArgs),
     /// What looking only at what changes costs: clips run with attention and without, with truth where it lies beside them.
     Attention(EvalAttentionArgs),
+    /// The paper's Table 4: what vehicles do, told from 2D and from 3D motion, against truth.
+    Activity(EvalActivityArgs),
     /// The paper's Table 3 on your own copy of the KITTI object benchmark: all systems on images with more than three vehicles.
     Kitti(EvalKittiArgs),
     /// Tracks of boxes against true ones, MOT Challenge files or KITTI tracking labels: HOTA, MOTA, IDF1.
@@ -107,6 +109,20 @@ pub struct EvalDatasetArgs {
 fn share(text: &str) -> Result<f64, String> {
     let share: f64 = text.parse().map_err(|_not_a_number| "must be a number".to_owned())?;
     if (0.0..=1.0).contains(&share) { Ok(share) } else { Err("must lie between 0 and 1".to_owned()) }
+}
+
+/// `roadplane eval activity`.
+#[derive(Debug, Args)]
+pub struct EvalActivityArgs {
+    /// Folder with dataset.json: its clips are run and told per frame; or a table of labelled instances (.parquet, .csv,
+    /// .jsonl), as `python -m activity.meva` writes.
+    pub data: PathBuf,
+    /// Writes the tables as CSV and HTML into this folder, and the runs of the clips below it; finished ones are used again.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub config: ConfigArgs,
 }
 
 /// `roadplane eval kitti`.

@@ -1,5 +1,6 @@
 //! `roadplane eval`: tables on the standard output, and as files where a folder is asked for.
 
+mod activity;
 mod attention;
 mod dataset;
 mod keypoints;
@@ -22,6 +23,7 @@ pub fn eval(args: &EvalArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
         EvalCommand::Run(args) => run::run(args),
         EvalCommand::Dataset(args) => dataset::dataset(args, cancel),
         EvalCommand::Attention(args) => attention::attention(args, cancel),
+        EvalCommand::Activity(args) => activity::activity(args, cancel),
         EvalCommand::Kitti(args) => kitti::kitti(args, cancel),
         EvalCommand::Tracks(args) => files(args, evaluate_mot),
         EvalCommand::Boxes(args) => files(args, evaluate_coco),

@@ -1,14 +1,14 @@
-//! `roadplane detect`, `keypoints`, `solve`, `track`: one stage alone, on files.
+//! `roadplane detect`, `keypoints`, `solve`, `track`, `activity`: one stage alone, on files.
 
 use std::path::Path;
 
 use roadplane_pipeline::{
-    Cancel, Existing, FolderLock, PipelineError, SolveOptions, detect_file, find_models, keypoints_file,
-    solve_file, track_file,
+    Cancel, Existing, FolderLock, PipelineError, SolveOptions, activity_file, detect_file, find_models,
+    keypoints_file, solve_file, track_file,
 };
 
 use crate::Outcome;
-use crate::args::{DetectArgs, KeypointsArgs, SolveArgs, TrackArgs};
+use crate::args::{ActivityArgs, DetectArgs, KeypointsArgs, SolveArgs, TrackArgs};
 use crate::progress::Bar;
 
 fn outcome(damaged: bool) -> Outcome {
@@ -29,6 +29,15 @@ pub fn keypoints(args: &KeypointsArgs, cancel: &Cancel) -> anyhow::Result<Outcom
     let models = find_models(config.models.folder.as_deref())?;
     let bar = Bar::new("keypoints");
     Ok(outcome(keypoints_file(&args.input, &args.boxes, &args.out, &models, &config, cancel, &bar)?))
+}
+
+/// Tracks → labels and events.
+pub fn activity(args: &ActivityArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
+    let config = super::config(&args.config)?;
+    let models = find_models(config.models.folder.as_deref())?;
+    let events = activity_file(&args.tracks, &args.out, &models, &config, cancel)?;
+    tracing::info!("{events} events");
+    Ok(Outcome::Done)
 }
 
 /// Frames with keypoints → poses and camera.

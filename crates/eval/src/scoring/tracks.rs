@@ -146,6 +146,7 @@ mod tests {
             segment: 0,
             speed_sd_mps: 0.1,
             activity: None,
+            activity_p: None,
         };
         truth.frames.iter().flat_map(|frame| frame.cars.iter().map(move |car| row(frame, car))).collect()
     }

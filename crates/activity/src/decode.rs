@@ -1,0 +1,219 @@
+//! Probabilities at steps → one label a sample, and events.
+
+use serde::{Deserialize, Serialize};
+
+use crate::label::{LABELS, Label};
+use crate::motion::{Motion, STEP_S};
+use crate::net::Probabilities;
+
+/// What a change of label costs, as a logarithm of probability: labels that hold for a step or two are flicker.
+const CHANGE_COST: f64 = 3.0;
+/// Probabilities are not taken for less: the net is not that sure.
+const LEAST_P: f64 = 1e-4;
+/// Farther than this from a sighting (s) a vehicle's motion is guesswork: it stands or drives on, as far as anyone can tell,
+/// and other labels cost so much a step, as a logarithm of probability.
+const UNSEEN_S: f64 = 0.4;
+/// See [`UNSEEN_S`].
+const UNSEEN_COST: f64 = 2.0;
+/// What comes no farther than this between two stands, or from one, has stood: tracks waver so much, m.
+const MOVED_M: f64 = 1.5;
+/// Events that are less probable than their opposite are not told.
+const LEAST_CONFIDENCE: f64 = 0.5;
+
+/// A stretch in which a vehicle does one thing.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Event {
+    /// Of which track.
+    pub track: u64,
+    /// What it does.
+    pub activity: Label,
+    /// Beginning, s.
+    pub from_s: f64,
+    /// End, s.
+    pub to_s: f64,
+    /// Mean probability over its steps.
+    pub confidence: f64,
+}
+
+/// What a vehicle does.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Labelled {
+    /// Per sample its label and the net's probability of it.
+    pub samples: Vec<(Label, f64)>,
+    /// Stretches of one label, by time, of all but standing and what is told with less than even odds: label, beginning and
+    /// end (s), mean probability.
+    pub stretches: Vec<(Label, f64, f64, f64)>,
+}
+
+impl Labelled {
+    /// The stretches as events of a track.
+    pub fn events(&self, track: u64) -> impl Iterator<Item = Event> {
+        self.stretches.iter().map(move |&(activity, from_s, to_s, confidence)| Event {
+            track,
+            activity,
+            from_s,
+            to_s,
+            confidence,
+        })
+    }
+}
+
+/// The labels that are most probable together, where each change costs (Viterbi 1967).
+fn steady(found: &Probabilities) -> Vec<usize> {
+    let plain = [Label::NotMoving.index(), Label::Moving.index()];
+    let gain = |step: usize, label: usize| match found.gap_s[step] > UNSEEN_S {
+        true if plain.contains(&label) => 0.0,
+        true => -UNSEEN_COST,
+        false => found.p[step][label].max(LEAST_P).ln(),
+    };
+    let best_of =
+        |score: &[f64; LABELS]| (0..LABELS).fold(0, |best, i| if score[i] > score[best] { i } else { best });
+    if found.p.is_empty() {
+        return Vec::new();
+    }
+    let mut score: [f64; LABELS] = std::array::from_fn(|label| gain(0, label));
+    let mut came_from: Vec<[usize; LABELS]> = Vec::with_capacity(found.p.len());
+    for step in 1..found.p.len() {
+        let best = best_of(&score);
+        let from: [usize; LABELS] =
+            std::array::from_fn(|label| if score[best] - CHANGE_COST > score[label] { best } else { label });
+        let stay_or_change =
+            |label: usize| if from[label] == label { score[label] } else { score[best] - CHANGE_COST };
+        score = std::array::from_fn(|label| stay_or_change(label) + gain(step, label));
+        came_from.push(from);
+    }
+    let mut labels = vec![best_of(&score)];
+    for from in came_from.iter().rev() {
+        labels.push(from[labels[labels.len() - 1]]);
+    }
+    labels.reverse();
+    labels
+}
+
+/// Turns what does not leave its place beside a stand into standing.
+fn settle(labels: &mut [usize], steps: &[i64], motion: &Motion) {
+    let still = Label::NotMoving.index();
+    let mut from = 0;
+    let runs: Vec<(usize, usize)> = labels
+        .chunk_by(|a, b| (*a == still) == (*b == still))
+        .map(|run| {
+            let begin = from;
+            from += run.len();
+            (begin, from)
+        })
+        .collect();
+    for (begin, end) in runs {
+        let beside_a_stand = begin > 0 || end < labels.len();
+        let (from_s, to_s) = (steps[begin] as f64 * STEP_S, steps[end - 1] as f64 * STEP_S);
+        let first = motion.time_s.partition_point(|t| *t < from_s);
+        let last = motion.time_s.partition_point(|t| *t <= to_s);
+        let places = motion.xy_m.get(first..last).unwrap_or_default();
+        let stays = places.iter().all(|xy| (xy[0] - places[0][0]).hypot(xy[1] - places[0][1]) < MOVED_M);
+        if labels[begin] != still && beside_a_stand && stays {
+            labels[begin..end].fill(still);
+        }
+    }
+}
+
+/// Labels of a motion's samples, each that of the nearest step; where steps were skipped the last before holds.
+pub(crate) fn labelled(found: &Probabilities, motion: &Motion) -> Labelled {
+    let time_s = &motion.time_s;
+    let (Some(first_s), Some(last_s)) = (time_s.first(), time_s.last()) else { return Labelled::default() };
+    let mut labels = steady(found);
+    settle(&mut labels, &found.steps, motion);
+    let of_time = |t: f64| {
+        let step = (t / STEP_S).round() as i64;
+        found.steps.partition_point(|s| *s <= step).saturating_sub(1)
+    };
+    let samples = time_s
+        .iter()
+        .map(|t| {
+            let i = of_time(*t);
+            (Label::ALL[labels[i]], found.p[i][labels[i]])
+        })
+        .collect();
+    let mut stretches = Vec::new();
+    let mut from = 0;
+    for stretch in labels.chunk_by(|a, b| a == b) {
+        let to = from + stretch.len();
+        let label = stretch[0];
+        // A change lies between two steps.
+        let at = |i: usize| (found.steps[i] as f64 - 0.5) * STEP_S;
+        let begin = if from == 0 { *first_s } else { at(from) };
+        let end = if to == labels.len() { *last_s } else { at(to) };
+        let mean = found.p[from..to].iter().map(|p| p[label]).sum::<f64>() / stretch.len() as f64;
+        if Label::ALL[label] != Label::NotMoving && mean >= LEAST_CONFIDENCE {
+            stretches.push((Label::ALL[label], begin, end, mean));
+        }
+        from = to;
+    }
+    Labelled { samples, stretches }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sure(labels: &[Label]) -> Probabilities {
+        let p = labels.iter().map(|label| {
+            let mut p = [0.02; LABELS];
+            p[label.index()] = 0.86;
+            p
+        });
+        Probabilities {
+            steps: (5..).take(labels.len()).collect(),
+            p: p.collect(),
+            gap_s: vec![0.0; labels.len()],
+        }
+    }
+
+    /// At 2 m/s.
+    fn driving(times: &[f64]) -> Motion {
+        Motion {
+            time_s: times.to_vec(),
+            xy_m: times.iter().map(|t| [2.0 * t, 0.0]).collect(),
+            ..Motion::default()
+        }
+    }
+
+    #[test]
+    fn what_is_not_seen_or_stays_is_no_event() {
+        let mut told = vec![Label::NotMoving; 30];
+        told[10..20].fill(Label::Reversing);
+        let times: Vec<f64> = (0..59).map(|i| 1.0 + f64::from(i) * 0.1).collect();
+        let mut found = sure(&told);
+        assert_eq!(labelled(&found, &driving(&times)).stretches.len(), 1);
+        let mut wavering = driving(&times);
+        wavering.xy_m.iter_mut().for_each(|xy| xy[0] *= 0.25);
+        assert!(labelled(&found, &wavering).stretches.is_empty());
+        found.gap_s[10..20].fill(1.0);
+        assert!(labelled(&found, &driving(&times)).stretches.is_empty());
+    }
+
+    #[test]
+    fn flicker_goes_and_changes_stay() {
+        let (stand, start, go) = (Label::NotMoving, Label::Starting, Label::Moving);
+        let mut told = vec![stand; 10];
+        told.extend([start; 12]);
+        told.extend([go; 8]);
+        told[4] = Label::Reversing;
+        let times: Vec<f64> = (0..59).map(|i| 1.0 + f64::from(i) * 0.1).collect();
+        let labelled = labelled(&sure(&told), &driving(&times));
+        assert_eq!(labelled.samples[8].0, stand);
+        assert!((labelled.samples[8].1 - 0.02).abs() < 1e-12, "the net's own probability");
+        let events: Vec<Event> = labelled.events(7).collect();
+        assert_eq!(events.iter().map(|e| e.activity).collect::<Vec<_>>(), [start, go]);
+        assert!((events[0].from_s - 2.9).abs() < 1e-9 && (events[0].to_s - 5.3).abs() < 1e-9, "{events:?}");
+        assert!((events[1].to_s - times[58]).abs() < 1e-9 && events[0].track == 7);
+        assert!((events[0].confidence - 0.86).abs() < 1e-9);
+    }
+
+    #[test]
+    fn what_was_skipped_is_as_before() {
+        let mut found = sure(&[Label::NotMoving, Label::NotMoving, Label::Moving, Label::Moving]);
+        found.steps = vec![0, 1, 500, 505];
+        let labelled = labelled(&found, &driving(&[0.0, 50.0, 100.0, 101.0]));
+        let labels: Vec<Label> = labelled.samples.iter().map(|(label, _)| *label).collect();
+        assert_eq!(labels, [Label::NotMoving, Label::NotMoving, Label::Moving, Label::Moving]);
+    }
+}

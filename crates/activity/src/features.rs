@@ -1,0 +1,57 @@
+//! What the net sees of a motion, a row a step. `scripts/train/activity/features.py` does the same; both are held to
+//! `tests/data/activity/features.json`.
+
+use crate::motion::{Local, Motion, STEP_S, local, seen_times, unwrapped};
+
+/// Numbers a step.
+pub const FEATURES: usize = 15;
+/// The last of them: time to the nearest sighting, s, up to 2.
+pub(crate) const GAP: usize = FEATURES - 1;
+/// Directions of slower motion fade out, m/s.
+const SLOW_MPS: f64 = 0.3;
+
+/// The rows of these steps. The motion must have passed [`Motion::check`].
+#[must_use]
+pub fn features(motion: &Motion, steps: &[i64]) -> Vec<[f32; FEATURES]> {
+    let (headings, seen_s) = (unwrapped(&motion.heading_rad), seen_times(motion));
+    steps.iter().map(|step| row(&local(motion, &headings, &seen_s, *step as f64 * STEP_S))).collect()
+}
+
+fn row(local: &Local) -> [f32; FEATURES] {
+    let (v, a) = (local.velocity, local.acceleration);
+    let speed = v.norm();
+    let faded = speed.hypot(SLOW_MPS);
+    let along = v.dot(&a) / faded;
+    let across = v.perp(&a) / faded;
+    let course_rate = across / faded;
+    let (known, forward, sideways, yaw_rate) = match local.heading {
+        None => (0.0, speed, 0.0, course_rate),
+        Some([heading, rate]) => {
+            let (sin, cos) = heading.sin_cos();
+            (1.0, v.x * cos + v.y * sin, v.y * cos - v.x * sin, rate)
+        }
+    };
+    // The sd along the motion and across it; of a standing car the mean of both.
+    let standing = (SLOW_MPS / faded).powi(2) / 2.0;
+    let [x, y] = [v.x, v.y].map(|part| (part / faded).powi(2) + standing);
+    let [sx, sy] = [local.sd_m.x.powi(2), local.sd_m.y.powi(2)];
+    let sd = |square: f64| (square.sqrt().clamp(0.05, 2.0) / 0.2).ln();
+    [
+        speed / 5.0,
+        (speed / SLOW_MPS).ln_1p() / 3.0,
+        forward.tanh(),
+        sideways.clamp(-2.0, 2.0),
+        along / 2.0,
+        across / 2.0,
+        course_rate.clamp(-2.0, 2.0),
+        (across / faded.powi(2)).clamp(-1.0, 1.0) * 3.0,
+        yaw_rate.clamp(-2.0, 2.0),
+        known,
+        known * (forward / SLOW_MPS).tanh(),
+        (local.rms_m.clamp(0.005, 1.0) / 0.05).ln() / 2.0,
+        sd(x * sx + y * sy),
+        sd(y * sx + x * sy),
+        local.gap_s.min(2.0),
+    ]
+    .map(|value| value as f32)
+}

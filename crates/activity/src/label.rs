@@ -1,0 +1,116 @@
+//! The labels and their order in the net's output.
+
+use std::fmt;
+
+use roadplane_base::Activity;
+use serde::{Deserialize, Serialize};
+
+/// Number of labels.
+pub const LABELS: usize = 8;
+
+/// What a vehicle does. Exactly one holds at a time: who turns while reversing is reversing, who turns while
+/// starting is turning.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+#[allow(missing_docs)]
+pub enum Label {
+    NotMoving,
+    Moving,
+    Starting,
+    Stopping,
+    TurningLeft,
+    TurningRight,
+    UTurn,
+    Reversing,
+}
+
+impl Label {
+    /// All, in the order of the net's output.
+    pub const ALL: [Self; LABELS] = [
+        Self::NotMoving,
+        Self::Moving,
+        Self::Starting,
+        Self::Stopping,
+        Self::TurningLeft,
+        Self::TurningRight,
+        Self::UTurn,
+        Self::Reversing,
+    ];
+
+    /// As files have it.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::NotMoving => "not_moving",
+            Self::Moving => "moving",
+            Self::Starting => "starting",
+            Self::Stopping => "stopping",
+            Self::TurningLeft => "turning_left",
+            Self::TurningRight => "turning_right",
+            Self::UTurn => "u_turn",
+            Self::Reversing => "reversing",
+        }
+    }
+
+    /// The label with a name.
+    #[must_use]
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|label| label.name() == name)
+    }
+
+    /// Place in the net's output.
+    #[must_use]
+    pub fn index(self) -> usize {
+        self as usize
+    }
+
+    /// What a truth file's activity is here: `parked` is not moving; `parking` is what the car does meanwhile: reversing, or
+    /// turning where its path bends by more than a radius of 20 m, or else stopping.
+    ///
+    /// `speed_mps` is negative when reversing; `curvature` is the path's, 1/m, positive to the left.
+    #[must_use]
+    pub fn of_truth(activity: Activity, speed_mps: f64, curvature: f64) -> Self {
+        match activity {
+            Activity::Parked => Self::NotMoving,
+            Activity::Moving => Self::Moving,
+            Activity::Starting => Self::Starting,
+            Activity::Stopping => Self::Stopping,
+            Activity::TurningLeft => Self::TurningLeft,
+            Activity::TurningRight => Self::TurningRight,
+            Activity::UTurn => Self::UTurn,
+            Activity::Reversing => Self::Reversing,
+            Activity::Parking if speed_mps < 0.0 => Self::Reversing,
+            Activity::Parking if curvature > 0.05 => Self::TurningLeft,
+            Activity::Parking if curvature < -0.05 => Self::TurningRight,
+            Activity::Parking => Self::Stopping,
+        }
+    }
+}
+
+impl fmt::Display for Label {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_and_places_agree_with_the_files() {
+        for (place, label) in Label::ALL.into_iter().enumerate() {
+            assert_eq!(label.index(), place);
+            assert_eq!(Label::named(label.name()), Some(label));
+            assert_eq!(serde_json::to_value(label).unwrap(), label.name());
+        }
+        assert_eq!(Label::named("flying"), None);
+    }
+
+    #[test]
+    fn parking_is_what_the_car_does_meanwhile() {
+        assert_eq!(Label::of_truth(Activity::Parking, -1.0, 0.2), Label::Reversing);
+        assert_eq!(Label::of_truth(Activity::Parking, 1.0, -0.2), Label::TurningRight);
+        assert_eq!(Label::of_truth(Activity::Parking, 1.0, 0.01), Label::Stopping);
+    }
+}

@@ -1,0 +1,24 @@
+//! Tracks on the ground → what each vehicle does: a label with its probability for every sample, and events.
+//!
+//! ```text
+//! Motion (a track's samples)  → features   car-aligned motion, five times a second  (motion.rs, features.rs)
+//!                             → net        bidirectional LSTM → probabilities       (net.rs)
+//!                             → steady     one label a step, without flicker         (decode.rs)
+//!                             → events     stretches of one label                    (decode.rs)
+//! ```
+//!
+//! After Li et al., *Car Pose in Context*, §Activity Recognition: a bidirectional LSTM on ground-plane velocities. Here they are
+//! resampled in time, turned into the car's frame where its heading is known, and told with how far they can be trusted, so that
+//! neither the camera's place nor its frame rate matters. Training: `scripts/train/activity`.
+
+mod decode;
+mod features;
+mod label;
+mod motion;
+mod net;
+
+pub use decode::{Event, Labelled};
+pub use features::{FEATURES, features};
+pub use label::{LABELS, Label};
+pub use motion::{Motion, MotionError, STEP_S, grid};
+pub use net::{ActivityError, ActivityNet, Probabilities};

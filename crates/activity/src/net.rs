@@ -1,0 +1,164 @@
+//! The net on motions.
+
+use std::path::Path;
+
+use ndarray::Array3;
+use roadplane_infer::{Dim, InferError, NamedTensor, Session, SessionOptions};
+use thiserror::Error;
+
+use crate::decode::{Labelled, labelled};
+use crate::features::{FEATURES, GAP, features};
+use crate::label::{LABELS, Label};
+use crate::motion::{Motion, MotionError, grid};
+
+/// Steps that are looked at on each side of a motion; what stands for longer is skipped (10 s).
+const CONTEXT: i64 = 50;
+/// Positions this close to each other are one, m.
+const STILL_M: f64 = 0.01;
+
+/// What can go wrong.
+#[derive(Debug, Error)]
+pub enum ActivityError {
+    /// The net cannot be loaded or run.
+    #[error(transparent)]
+    Net(#[from] InferError),
+    /// The net does not tell these labels from these features.
+    #[error("activity net {model}: {what}")]
+    UnsuitableNet {
+        /// Name of the net.
+        model: String,
+        /// What is missing or wrong.
+        what: String,
+    },
+    /// The motion is none.
+    #[error(transparent)]
+    Motion(#[from] MotionError),
+}
+
+/// Probabilities of the labels at steps of the grid, which may skip where the vehicle stands.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Probabilities {
+    /// Steps, rising, as multiples of [`crate::STEP_S`].
+    pub steps: Vec<i64>,
+    /// By [`Label::index`].
+    pub p: Vec<[f64; LABELS]>,
+    /// Time from each step to the nearest sighting, s, up to 2.
+    pub gap_s: Vec<f64>,
+}
+
+/// A bidirectional LSTM with its card.
+#[derive(Debug)]
+pub struct ActivityNet {
+    session: Session,
+}
+
+impl ActivityNet {
+    /// Loads the net with this card.
+    ///
+    /// # Errors
+    /// [`ActivityError`] when the net is refused or tells other labels.
+    pub fn open(card: &Path, session: &SessionOptions) -> Result<Self, ActivityError> {
+        let session = Session::open(card, session)?;
+        let card = session.card();
+        let unsuitable =
+            |what: &str| ActivityError::UnsuitableNet { model: card.name.clone(), what: what.to_owned() };
+        let width_of = |shape: &[Dim]| match shape {
+            [_, _, Dim::Fixed(width)] => Some(*width),
+            _ => None,
+        };
+        if card.input("motion").and_then(|spec| width_of(&spec.shape)) != Some(FEATURES) {
+            return Err(unsuitable(&format!("motion is not [batch, steps, {FEATURES}]")));
+        }
+        if card.output("labels").and_then(|spec| width_of(&spec.shape)) != Some(LABELS) {
+            return Err(unsuitable(&format!("labels is not [batch, steps, {LABELS}]")));
+        }
+        let names = card.preprocess.get("labels").and_then(serde_json::Value::as_array);
+        let told = names.map(|names| names.iter().map(|name| name.as_str()).collect::<Vec<_>>());
+        if told != Some(Label::ALL.map(|label| Some(label.name())).to_vec()) {
+            return Err(unsuitable("preprocess.labels are not the labels in their order"));
+        }
+        Ok(Self { session })
+    }
+
+    /// The session behind it.
+    #[must_use]
+    pub fn session(&self) -> &Session {
+        &self.session
+    }
+
+    /// Probabilities at the steps of a motion.
+    ///
+    /// # Errors
+    /// [`ActivityError::Motion`] for a motion that is none, [`ActivityError::Net`] when the runtime fails.
+    pub fn probabilities(&mut self, motion: &Motion) -> Result<Probabilities, ActivityError> {
+        motion.check()?;
+        let steps = steps_to_look_at(motion);
+        let rows = features(motion, &steps);
+        let values = Array3::from_shape_fn((1, rows.len(), FEATURES), |(_, step, i)| rows[step][i]);
+        let outputs =
+            self.session.run(&[NamedTensor { name: "motion", values: values.view().into_dyn() }])?;
+        let missing = || InferError::Failed {
+            model: self.session.card().name.clone(),
+            what: "the output labels is missing or of another shape".to_owned(),
+        };
+        let labels = outputs.get("labels").ok_or_else(missing)?;
+        let labels = labels.into_dimensionality::<ndarray::Ix3>().map_err(|_other_shape| missing())?;
+        if labels.dim() != (1, steps.len(), LABELS) {
+            return Err(missing().into());
+        }
+        let row = |step| std::array::from_fn(|label| f64::from(labels[[0, step, label]]));
+        let p = (0..steps.len()).map(row).collect();
+        let gap_s = rows.iter().map(|row| f64::from(row[GAP])).collect();
+        Ok(Probabilities { steps, p, gap_s })
+    }
+
+    /// What a vehicle does, sample by sample, and its events.
+    ///
+    /// # Errors
+    /// As [`Self::probabilities`].
+    pub fn label(&mut self, motion: &Motion) -> Result<Labelled, ActivityError> {
+        Ok(labelled(&self.probabilities(motion)?, motion))
+    }
+}
+
+/// The steps of the grid, but for the middle of long stands, in which every position is the same.
+fn steps_to_look_at(motion: &Motion) -> Vec<i64> {
+    let (Some(first), Some(last)) = (motion.time_s.first(), motion.time_s.last()) else { return Vec::new() };
+    let mut steps: Vec<i64> = grid(*first, *last).collect();
+    let mut from = 0;
+    while from < motion.time_s.len() {
+        let still = |xy: &[f64; 2]| {
+            let stand = motion.xy_m[from];
+            (xy[0] - stand[0]).hypot(xy[1] - stand[1]) <= STILL_M
+        };
+        let stay = motion.xy_m[from..].iter().take_while(|xy| still(xy)).count();
+        let end = from + stay;
+        let within = grid(motion.time_s[from], motion.time_s[end - 1]);
+        let (skip_from, skip_to) = (within.start() + CONTEXT, within.end() - CONTEXT);
+        if skip_from < skip_to {
+            steps.retain(|step| *step <= skip_from || *step >= skip_to);
+        }
+        from = end;
+    }
+    steps
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_middle_of_a_long_stand_is_skipped_and_nothing_else() {
+        let time_s: Vec<f64> = (0..36_000).map(|i| f64::from(i) * 0.1).collect();
+        let drive = |t: f64| if t < 1800.0 { 0.0 } else { 5.0 * (t - 1800.0) };
+        let xy_m: Vec<[f64; 2]> = time_s.iter().map(|t| [drive(*t).min(500.0), 0.0]).collect();
+        let steps = steps_to_look_at(&Motion { time_s: time_s.clone(), xy_m, ..Motion::default() });
+        let within = |from: f64, to: f64| {
+            steps.iter().filter(|step| (from..=to).contains(&(**step as f64 * crate::STEP_S))).count()
+        };
+        assert_eq!(within(11.0, 1789.0), 0);
+        assert_eq!(within(1790.0, 1910.0), 601);
+        assert_eq!(within(1911.0, 3589.0), 0);
+        assert!(steps.is_sorted() && steps.len() < 720);
+    }
+}

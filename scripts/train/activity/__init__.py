@@ -1,0 +1,1 @@
+"""Activities of vehicles: training data, features, the net, its export."""

@@ -1,0 +1,116 @@
+"""Writes a trained net as ONNX with its card, checks that the runtime agrees, and writes the features' fixture.
+
+    python -m activity.export --net WORK/3d.pt --name activity --out models
+    python -m activity.export --fixture tests/data/activity/features.json
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from json_files import write_json
+
+from .data import made_sequences
+from .drives import LABELS, tracked, truth
+from .features import FEATURES, STEP_S, features, grid
+from .model import Both, Net
+
+ROW_TITLES = {
+    "3d": "what a vehicle does, from its motion on the ground",
+    "2d": "what a vehicle does, from its box's motion in the picture (baseline of the paper)",
+    "2d_size": "what a vehicle does, from its box's motion in the picture over the box's size (baseline)",
+}
+
+
+def export(net_path: Path, name: str, out: Path) -> None:
+    """`out/name.onnx` and `out/name.card.json`."""
+    saved = torch.load(net_path)
+    net = Net(saved["result"]["hidden"])
+    net.load_state_dict(saved["state"])
+    both = Both(net, saved["label_weights"]).eval()
+    example = torch.tensor(made_sequences("3d", 2, 5)[0].values)[None]
+    path = out / f"{name}.onnx"
+    out.mkdir(parents=True, exist_ok=True)
+    axes = {"motion": {0: "batch", 1: "steps"}, "labels": {0: "batch", 1: "steps"}}
+    names = {"input_names": ["motion"], "output_names": ["labels"]}
+    torch.onnx.export(both, (example,), str(path), **names, dynamic_axes=axes, opset_version=14)
+
+    import onnxruntime
+
+    session = onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
+    for sequence in made_sequences("3d", 6, 7):
+        ours = both(torch.tensor(sequence.values)[None]).detach().numpy()
+        theirs = session.run(None, {"motion": sequence.values[None]})[0]
+        assert np.abs(ours - theirs).max() < 1e-4, np.abs(ours - theirs).max()
+    result = saved["result"]
+    write_json(
+        out / f"{name}.card.json",
+        {
+            "schema": "roadplane.model-card/1",
+            "name": name,
+            "version": "1",
+            "file": path.name,
+            "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
+            "licence": "MIT OR Apache-2.0; trained on MEVA's annotations (CC BY 4.0)",
+            "inputs": [{"name": "motion", "dtype": "f32", "shape": ["batch", "steps", FEATURES]}],
+            "outputs": [{"name": "labels", "dtype": "f32", "shape": ["batch", "steps", len(LABELS)]}],
+            "preprocess": {"labels": list(LABELS), "step_s": STEP_S, "features": "scripts/train/activity/features.py"},
+            "calibration": {},
+            "source": ROW_TITLES[result["row"]],
+            "how_made": f"scripts/train/activity/run, row {result['row']}",
+            "metrics": {"meva, cameras not learnt from": result["meva"], "made-up drives": result["made"]},
+        },
+        indent=2,
+    )
+
+
+def fixture(path: Path) -> None:
+    """Motions with their features: with heading and sds, with gaps, without either, and a single sample."""
+    rng = np.random.default_rng(3)
+    cases = []
+    for number in range(4):
+        drive = truth(rng)
+        while len(drive.time_s) > 500:
+            drive = truth(rng)
+        time_s, xy, heading, sd = (np.round(part, 4) for part in tracked(drive, rng))
+        known, told = (heading, sd) if number < 2 else (None, None)
+        if number == 1:
+            keep = (time_s < 3) | (time_s > 8)
+            time_s, xy, known, told = time_s[keep], xy[keep], heading[keep], sd[keep]
+        if number == 3:
+            time_s, xy = time_s[:1], xy[:1]
+        at = grid(time_s)
+        cases.append(
+            {
+                "time_s": time_s.tolist(),
+                "xy_m": xy.tolist(),
+                "heading_rad": [] if known is None else known.tolist(),
+                "sd_m": [] if told is None else told.tolist(),
+                "steps": np.round(at / STEP_S).astype(int).tolist(),
+                "features": np.round(features(at, time_s, xy, known, told).astype(float), 5).tolist(),
+            }
+        )
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_json(path, {"schema": "roadplane.activity-features/1", "cases": cases})
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--net", type=Path)
+    parser.add_argument("--name", default="activity")
+    parser.add_argument("--out", type=Path)
+    parser.add_argument("--fixture", type=Path)
+    options = parser.parse_args()
+    if options.fixture:
+        fixture(options.fixture)
+    if options.net:
+        export(options.net, options.name, options.out)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,96 @@
+"""Needs NumPy alone: python -m unittest activity.test_activity"""
+
+from __future__ import annotations
+
+import json
+import unittest
+from pathlib import Path
+
+import numpy as np
+
+from .drives import LABELS, tracked, truth
+from .features import FEATURES, ODD, features, grid
+from .meva import ground_below, ground_track, undistorted
+
+FIXTURE = Path(__file__).parents[3] / "tests/data/activity/features.json"
+
+
+class Features(unittest.TestCase):
+    def test_fixture_is_of_this_code(self) -> None:
+        for case in json.loads(FIXTURE.read_text())["cases"]:
+            time_s, xy = np.array(case["time_s"]), np.array(case["xy_m"])
+            heading, sd = (np.array(case[key]) if case[key] else None for key in ("heading_rad", "sd_m"))
+            found = features(grid(time_s), time_s, xy, heading, sd)
+            np.testing.assert_allclose(found, case["features"], atol=2e-5)
+
+    def test_turning_and_moving_the_world_changes_nothing(self) -> None:
+        rng = np.random.default_rng(1)
+        time_s, xy, heading, _ = tracked(truth(rng), rng)
+        same_sd = np.full_like(xy, 0.2)
+        angle = 0.7
+        turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        before = features(grid(time_s), time_s, xy, heading, same_sd)
+        after = features(grid(time_s), time_s, xy @ turn.T + [3, 4], heading + angle, same_sd)
+        np.testing.assert_allclose(before, after, atol=1e-4)
+
+    def test_the_mirror_changes_signs(self) -> None:
+        rng = np.random.default_rng(2)
+        time_s, xy, heading, sd = tracked(truth(rng), rng)
+        sign = np.ones(FEATURES)
+        sign[list(ODD)] = -1
+        before = features(grid(time_s), time_s, xy, heading, sd)
+        after = features(grid(time_s), time_s, xy * [1, -1], -heading, sd)
+        np.testing.assert_allclose(before * sign, after, atol=1e-4)
+
+
+class Drives(unittest.TestCase):
+    def test_all_labels_come_up_and_fit_the_motion(self) -> None:
+        rng = np.random.default_rng(3)
+        seen = set()
+        for _ in range(40):
+            drive = truth(rng)
+            seen |= set(drive.label.tolist())
+            step = np.diff(drive.pose[:, :2], axis=0)
+            ahead = step[:, 0] * np.cos(drive.pose[1:, 2]) + step[:, 1] * np.sin(drive.pose[1:, 2])
+            inside = drive.label[1:] == drive.label[:-1]
+            label = drive.label[1:]
+            self.assertTrue((np.abs(ahead[inside & (label == 0)]) < 1e-6).all())
+            self.assertTrue((ahead[inside & (label == LABELS.index("reversing"))] < 1e-6).all())
+            self.assertTrue((ahead[inside & (label == LABELS.index("moving"))] > -1e-6).all())
+        self.assertEqual(seen, set(range(len(LABELS))))
+
+
+class Ground(unittest.TestCase):
+    def test_a_lens_is_undone(self) -> None:
+        lens = np.array([-0.3, 0.1, 1e-3, -2e-3, 0.0])
+        x, y = true = np.array([0.3, -0.2])
+        r2 = x * x + y * y
+        radial = 1 + lens[0] * r2 + lens[1] * r2 * r2
+        shift = [2 * lens[2] * x * y + lens[3] * (r2 + 2 * x * x), lens[2] * (r2 + 2 * y * y) + 2 * lens[3] * x * y]
+        bent = true * radial + shift
+        np.testing.assert_allclose(undistorted(bent[None], lens)[0], true, atol=1e-6)
+
+    def test_a_track_comes_back_in_metres(self) -> None:
+        """A camera 10 m up, 0.5 rad down: a box whose middle is 0.75 m above the ground and drives 10 m to the right."""
+        tilt, height, focal = 0.5, 10.0, 1500.0
+        down = np.array([0, np.cos(tilt), np.sin(tilt)])
+        forward = np.array([0, -np.sin(tilt), np.cos(tilt)])
+        k = np.array([[focal, 0, 960], [0, focal, 540], [0, 0, 1]])
+        rotation = np.stack([[1, 0, 0], forward, -down], 1)
+        camera = k, rotation, -rotation @ np.array([0, 0, height]), np.zeros(5)
+        ground = ground_below([], camera)
+        boxes = []
+        for x in np.linspace(-5, 5, 21):
+            middle = x * np.array([1, 0, 0]) + 18.3 * forward + (height - 0.75) * down
+            u, v = (k @ middle / middle[2])[:2]
+            side = 2.6 * focal / middle[2] / 2
+            boxes.append([u - side, v - side, u + side, v + side])
+        xy, _ = ground_track(np.array(boxes), camera, ground)
+        steps = np.diff(xy, axis=0)
+        self.assertLess(np.abs(steps[:, 1]).max(), 0.02)
+        self.assertLess(np.ptp(steps[:, 0]), 0.02)
+        self.assertGreater(steps[0, 0], 0.3)
+
+
+if __name__ == "__main__":
+    unittest.main()
