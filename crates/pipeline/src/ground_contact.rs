@@ -145,7 +145,10 @@ impl Seen<'_> {
     fn fit(&self, share: f64) -> Option<Fit> {
         let [x0, _, x1, y1] = *self.bbox_px;
         let foot = self.view.plane.world_from_pixel(&self.view.camera, &Vector2::new((x0 + x1) / 2.0, y1))?;
-        let behind = foot + foot.normalize() * (self.body.dims_m.x + self.body.dims_m.y) / 4.0;
+        let behind = foot
+            + foot.try_normalize(f64::MIN_POSITIVE).unwrap_or_default()
+                * (self.body.dims_m.x + self.body.dims_m.y)
+                / 4.0;
         let prior_precision = self.body.sd_m.map(|sd| sd.powi(-2));
         let dims = self.body.dims_m;
         let mut place = Place::new(behind.x, behind.y, dims.x, dims.y, dims.z);
