@@ -50,17 +50,17 @@ pub fn overlap_inside([x0, y0, x1, y1]: &[f64; 4], bbox_px: &[f64; 4], size: Ima
 const SURE_SCORE: f64 = 0.46;
 /// What moves so far is something that drives, m.
 const DRIVEN_M: f64 = 3.0;
-/// No car is lower, m: the lowest sports cars are 1.2 m high
-const MIN_HEIGHT_M: f64 = 1.2;
-/// A doubtful vehicle that stands must be seen for so long, s, and in this share of the frames.
-const MIN_SEEN_S: f64 = 1.0;
-const MIN_SEEN_SHARE: f64 = 0.75;
+/// Few cars are lower, m.
+const MIN_HEIGHT_M: f64 = 1.3;
+/// A doubtful vehicle that stands must be seen for so long, s (or half of a shorter clip), and in this share of the frames.
+const MIN_SEEN_S: f64 = 2.0;
+const MIN_SEEN_SHARE: f64 = 0.5;
 
 /// Whether a track is of a vehicle. Hedges, arrows on the road and waiting motorcycles are found as cars again and again at one
-/// place, but with low scores, not in every look, or as cars that nobody builds; what drives is believed. `looked_at` tells
-/// how many frames were looked at in a span of time (s).
+/// place, but with low scores, for a moment, in few looks, or as cars that nobody builds; what drives is believed. `looked_s`:
+/// when frames were looked at, in order, s.
 #[must_use]
-pub fn is_vehicle(track: &Track, height_m: f64, looked_at: impl Fn(f64, f64) -> usize) -> bool {
+pub fn is_vehicle(track: &Track, height_m: f64, looked_s: &[f64]) -> bool {
     let seen: Vec<&TrackState> = track.states.iter().filter(|state| state.observed).collect();
     let (Some(first), Some(last)) = (seen.first(), seen.last()) else { return false };
     let (from_s, to_s) = (first.stamp.time_s(), last.stamp.time_s());
@@ -69,15 +69,54 @@ pub fn is_vehicle(track: &Track, height_m: f64, looked_at: impl Fn(f64, f64) -> 
     if score >= SURE_SCORE || way >= DRIVEN_M {
         return true;
     }
-    let share = seen.len() as f64 / looked_at(from_s, to_s).max(1) as f64;
-    height_m >= MIN_HEIGHT_M && to_s - from_s >= MIN_SEEN_S && share >= MIN_SEEN_SHARE
+    let looks = looked_s.partition_point(|t| *t <= to_s) - looked_s.partition_point(|t| *t < from_s);
+    let share = seen.len() as f64 / looks.max(1) as f64;
+    let clip_s = looked_s.last().zip(looked_s.first()).map_or(0.0, |(last, first)| last - first);
+    height_m >= MIN_HEIGHT_M && to_s - from_s >= MIN_SEEN_S.min(clip_s / 2.0) && share >= MIN_SEEN_SHARE
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use roadplane_base::{FrameStamp, GroundPose, VehicleClass};
 
     const SIZE: ImageSize = ImageSize { width: 640, height: 480 };
+
+    /// A track of `count` sightings, 0.1 s apart, from x = 0 to `to_m`.
+    fn track(count: u64, score: f64, to_m: f64) -> Track {
+        let state = |i: u64| TrackState {
+            stamp: FrameStamp { index: i, pts_nanos: i as i64 * 100_000_000 },
+            observed: true,
+            pose: GroundPose { x_m: to_m * i as f64 / count as f64, y_m: 30.0, heading_rad: 0.0 },
+            pose_sd: nalgebra::Vector3::repeat(0.1),
+            speed_mps: 0.0,
+            speed_sd_mps: 0.1,
+            bbox_px: Some([0.0, 0.0, 40.0, 30.0]),
+            score,
+            car: Some(0),
+        };
+        Track {
+            id: 1,
+            class: VehicleClass::Car,
+            dims_m: None,
+            states: (0..count).map(state).collect(),
+            shape: Shape::zeros(),
+            shape_information: nalgebra::Matrix6::identity(),
+        }
+    }
+
+    #[test]
+    fn what_hardly_shows_and_stands_is_no_vehicle() {
+        let looked_s: Vec<f64> = (0..100).map(|i| 0.1 * f64::from(i)).collect();
+        let is = |count, score, to_m, height_m| is_vehicle(&track(count, score, to_m), height_m, &looked_s);
+        assert!(is(40, 0.4, 0.0, 1.5) && is(10, 0.6, 0.0, 1.5) && is(10, 0.4, 9.0, 1.5));
+        // For a moment; as low as no car is; in every third look.
+        assert!(!is(10, 0.4, 0.0, 1.5) && !is(40, 0.4, 0.0, 1.0));
+        let often: Vec<f64> = (0..300).map(|i| f64::from(i) / 30.0).collect();
+        assert!(!is_vehicle(&track(40, 0.4, 0.0), 1.5, &often));
+        // A still has no time to show more.
+        assert!(is_vehicle(&track(1, 0.4, 0.0), 1.5, &[0.0]));
+    }
 
     #[test]
     fn a_fit_must_fill_its_box_as_far_as_it_is_in_the_picture() {

@@ -261,10 +261,7 @@ impl Pass<'_> {
             tracker.push(&FrameMeasurements { stamp, looked, cars, held });
         }
         append(&mut tracks, tracker.finish());
-        let looked_at = |from_s: f64, to_s: f64| {
-            looked_s.partition_point(|t| *t <= to_s) - looked_s.partition_point(|t| *t < from_s)
-        };
-        tracks.retain(|track| is_vehicle(track, self.dims_m(track).z, looked_at));
+        tracks.retain(|track| is_vehicle(track, self.dims_m(track).z, &looked_s));
         for (id, track) in (1..).zip(&mut tracks) {
             track.id = id;
         }
