@@ -177,11 +177,12 @@ def kinds(folder):
         shutil.copy(path, folder / "cameras/c/clip.0.json")
         return ["cameras", "list", folder / "cameras"]
 
+    config = (ROOT / "configs/default.toml").read_bytes()
     return {
         "video.mp4": (CLIP.read_bytes(), lambda p: ["run", p, *two]),
         "image.jpg": (STILL.read_bytes(), lambda p: ["run", p, *two]),
         "lines.jsonl": (lines.read_bytes(), lambda p: ["solve", p, "--out", folder / "p.jsonl"]),
-        "config.toml": ((ROOT / "configs/default.toml").read_bytes(), lambda p: ["solve", lines, "--config", p, "--out", folder / "p.jsonl"]),
+        "config.toml": (config, lambda p: ["solve", lines, "--config", p, "--out", folder / "p.jsonl"]),
         "card.json": ((ROOT / "models/hourglass.card.json").read_bytes(), model),
         "evidence.json": (next((folder / "c/c").iterdir()).read_bytes(), evidence),
     }

@@ -66,6 +66,8 @@ impl WriteError {
         let path = path.to_path_buf();
         move |source| match source.kind() {
             io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => Self::DiskFull { path },
+            // Bytes that are no text: the file is at fault, and trying again will not help.
+            io::ErrorKind::InvalidData => Self::malformed(&path, source),
             _ => Self::Io { doing, source, path },
         }
     }

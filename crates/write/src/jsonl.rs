@@ -140,5 +140,9 @@ mod tests {
         assert_eq!(results.len(), 2);
         let error = results[1].as_ref().unwrap_err().to_string();
         assert!(error.contains("line 3") && error.ends_with("x.jsonl"), "{error}");
+        // Bytes that are no text are the file's fault, not the disk's.
+        std::fs::write(&path, b"{}\n\xff\xfe\n").unwrap();
+        let results: Vec<Result<serde_json::Value, _>> = read_jsonl(&path).unwrap().collect();
+        assert!(matches!(results[1], Err(WriteError::Malformed { .. })), "{:?}", results[1]);
     }
 }
