@@ -23,6 +23,8 @@ const CONTRADICTION_SDS: f64 = 3.0;
 const CAMERA_CHI2: f64 = 13.3;
 /// Widest prior of each of the camera's numbers, where the run knows nothing.
 const WIDE_SD: f64 = 1.0;
+/// Narrowest.
+const GIVEN_SD: f64 = 1e-5;
 const STEPS: usize = 50;
 const HALVINGS: usize = 20;
 const NO_FIT: &str =
@@ -287,7 +289,7 @@ fn start(
     Ok(params)
 }
 
-/// A step of Gauss–Newton, shortened until all points lie on the ground.
+/// A step of Gauss–Newton subtracted, shortened until all points lie on the ground.
 fn stepped(
     params: &Params,
     step: &Params,
@@ -301,9 +303,10 @@ fn stepped(
 fn prior_information(camera: &CameraSegment) -> SMatrix<f64, 4, 4> {
     let covariance = camera.estimate().covariance;
     let known = covariance.iter().all(|v| v.is_finite());
-    let wide = SMatrix::<f64, 4, 4>::identity() * WIDE_SD.powi(2);
-    let covariance = if known { covariance } else { wide };
-    covariance.try_inverse().unwrap_or_else(|| SMatrix::identity() / WIDE_SD.powi(2))
+    let identity = SMatrix::<f64, 4, 4>::identity();
+    let covariance = if known { covariance } else { identity * WIDE_SD.powi(2) };
+    // What was given has no variance.
+    (covariance + identity * GIVEN_SD.powi(2)).try_inverse().unwrap_or(identity / WIDE_SD.powi(2))
 }
 
 fn describe(

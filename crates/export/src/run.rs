@@ -115,8 +115,7 @@ impl Run {
     /// All rows with their tracks, in order of frame, then track.
     #[must_use]
     pub fn rows(&self) -> Vec<(&Track, &TrackRow)> {
-        let of_track = |track| -> Vec<(&Track, &TrackRow)> { Track::rows_with(track).collect() };
-        let mut rows: Vec<(&Track, &TrackRow)> = self.tracks.iter().flat_map(of_track).collect();
+        let mut rows: Vec<(&Track, &TrackRow)> = self.tracks.iter().flat_map(Track::rows_with).collect();
         rows.sort_by_key(|(track, row)| (row.frame, track.id));
         rows
     }

@@ -1,0 +1,169 @@
+"""`python -m render.copy SCENE OUT.mp4 --camera same|opposite|side|above|FILE`: films a scene that `roadplane copy` wrote."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from cars.builder import sample_car
+from cars.mesh import CarMesh
+
+from .camera import Camera, world_from_car
+from .frames import Canvas, Finish, VideoWriter, finished
+from .looks import Ground, sample_car_look, sample_light
+from .renderer import ENVIRONMENTS, MAX_CARS, GpuCar, Renderer
+from .scene import Floor, PlacedCar, Scene
+
+ATLAS = json.loads((Path(__file__).resolve().parents[3] / "models" / "atlas.json").read_text())
+MODELS = {"car": ("sedan", "hatchback", "wagon", "suv", "minivan", "coupe", "pickup", "van"), "truck": ("van", "pickup"),
+          "bus": ("van",)}
+PER_BODY = 4  # models to choose from
+FINISH = Finish(blur_px=0.6, noise=1.0)
+EXPOSURE = 0.22  # middle tone
+# Patched and stained: where the ground shows nothing, nobody can tell that the camera stands still.
+ASPHALT = Ground(np.full(3, 0.07), np.full(3, 0.22), (1.2, 1.0, 0.7), stains=0.7, cracks=0.8, gloss=0.0)
+
+
+@dataclass(frozen=True)
+class View:
+    """A camera, and where its world lies in that of the scene (x, y, heading): a camera stands over its world's origin."""
+
+    camera: Camera
+    foot: tuple[float, float, float]
+
+    def place(self, x: float, y: float, heading_rad: float) -> np.ndarray:
+        """World from car of a car given in the scene's world."""
+        cos, sin = np.cos(self.foot[2]), np.sin(self.foot[2])
+        dx, dy = x - self.foot[0], y - self.foot[1]
+        return world_from_car(cos * dx + sin * dy, cos * dy - sin * dx, heading_rad - self.foot[2])
+
+
+def view_of(name: str, scene: dict) -> View:
+    """The camera as it stood, one around the traffic's middle that sees as large cars, or one from a file.
+
+    A file is JSON with `image_size_px`, `focal_px`, `height_m`, `tilt_rad`, `roll_rad` and `foot` (x, y in metres and heading
+    in rad of the camera's own world in that of the scene).
+    """
+    known = scene["camera"]
+    fields = ("focal_px", "height_m", "tilt_rad", "roll_rad")
+    same = Camera(tuple(known["image_size_px"]), *(known[field] for field in fields))
+    if name == "same":
+        return View(same, (0.0, 0.0, 0.0))
+    if name not in ("opposite", "side", "above"):
+        file = json.loads(Path(name).read_text())
+        return View(Camera(tuple(file["image_size_px"]), *(file[field] for field in fields)), tuple(file["foot"]))
+    around, higher = {"opposite": (np.pi, 1.0), "side": (np.pi / 2, 1.5), "above": (0.0, 4.0)}[name]
+    middle = np.median([(v["x_m"], v["y_m"]) for car in scene["vehicles"] for v in car["trajectory"]], axis=0)
+    away = np.linalg.norm(middle)
+    heading = np.arctan2(middle[1], middle[0]) - np.pi / 2 + around
+    foot = middle - away * np.array([-np.sin(heading), np.cos(heading)])
+    height = known["height_m"] * higher
+    closer = np.hypot(away, height) / np.hypot(away, known["height_m"])
+    tilt = float(np.arctan2(height, away))
+    camera = replace(same, focal_px=same.focal_px * closer, height_m=height, tilt_rad=tilt, roll_rad=0.0)
+    return View(camera, (float(foot[0]), float(foot[1]), float(heading)))
+
+
+def fitted_keypoints(shape: list[float]) -> np.ndarray:
+    """The 36 points of a fitted shape, car frame, m."""
+    return np.array(ATLAS["mean"]) + np.tensordot(shape, np.array(ATLAS["modes"]), 1)
+
+
+class Garage:
+    """Models to drive, each stretched to a vehicle's own dimensions."""
+
+    def __init__(self, renderer: Renderer) -> None:
+        self.renderer = renderer
+        self._models: dict[tuple[str, int], CarMesh] = {}
+
+    def of(self, vehicle: dict) -> GpuCar:
+        """The model whose points come nearest to the vehicle's once it has its dimensions."""
+        wanted = fitted_keypoints(vehicle["shape"])
+        options = [self._stretched(self._model(body, i), vehicle["dims_m"])
+                   for body in MODELS[vehicle["class"]] for i in range(PER_BODY)]
+        return self.renderer.upload(min(options, key=lambda mesh: np.nanmean((mesh.keypoints - wanted) ** 2)))
+
+    def _model(self, body: str, number: int) -> CarMesh:
+        if (body, number) not in self._models:
+            self._models[body, number] = sample_car(np.random.default_rng([7, number]), body)
+        return self._models[body, number]
+
+    @staticmethod
+    def _stretched(mesh: CarMesh, dims_m: list[float]) -> CarMesh:
+        scale = np.array(dims_m) / mesh.dims
+        normals = mesh.normals / scale
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
+        return replace(mesh, vertices=(mesh.vertices * scale).astype(np.float32), normals=normals.astype(np.float32),
+                       keypoints=mesh.keypoints * scale, dims=np.array(dims_m))
+
+
+class Player:
+    """A scene at any time."""
+
+    def __init__(self, scene: dict, view: View, renderer: Renderer, seed: int) -> None:
+        rng = np.random.default_rng(seed)
+        garage = Garage(renderer)
+        self.view, self.vehicles = view, scene["vehicles"]
+        self._cars = [garage.of(vehicle) for vehicle in self.vehicles]
+        self._looks = [self._look(rng, vehicle["colour"]) for vehicle in self.vehicles]
+        self._ways = [np.array([[v["time_s"], v["x_m"], v["y_m"], v["heading_rad"]] for v in vehicle["trajectory"]])
+                      for vehicle in self.vehicles]
+        self._light = replace(sample_light(rng, ENVIRONMENTS, "overcast"), sky=np.full(3, 0.7), haze=0.0, dapple=0.0)
+        self._floor = Floor((ASPHALT, ASPHALT))
+
+    @staticmethod
+    def _look(rng: np.random.Generator, colour: list[int]) -> object:
+        paint = (np.array(colour) / 255.0) ** 2.2 * 0.8
+        return replace(sample_car_look(rng), paint=paint, metallic=0.2, dirt=0.0, headlamp=0.0, taillamp=0.0)
+
+    def there(self, time_s: float) -> list[int]:
+        """Vehicles that are there, by number."""
+        return [i for i, vehicle in enumerate(self.vehicles) if vehicle["span_s"][0] <= time_s <= vehicle["span_s"][1]]
+
+    def at(self, time_s: float) -> Scene:
+        """What there is to be seen; of more cars than the renderer takes, the nearest to the camera."""
+        cars = []
+        for i in self.there(time_s):
+            way = self._ways[i]
+            pose = [float(np.interp(time_s, way[:, 0], way[:, column])) for column in (1, 2, 3)]
+            cars.append(PlacedCar(self._cars[i], self._looks[i], self.view.place(*pose)))
+        cars.sort(key=lambda car: float(np.linalg.norm(car.world_from_car[:2, 3])))
+        middle = np.mean([car.world_from_car[:3, 3] for car in cars], axis=0) if cars else np.array([0.0, 20.0, 0.0])
+        scene = Scene(cars[:MAX_CARS], [], self._floor, self._light, middle, 60.0, 1.0)
+        scene.set_exposure(EXPOSURE)
+        return scene
+
+
+def main() -> None:
+    """Writes the clip."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("scene", type=Path, help="folder that roadplane copy wrote")
+    parser.add_argument("out", type=Path, help="video to write, .mp4")
+    parser.add_argument("--camera", default="same", help="same, opposite, side (90° around, 1.5 times as high), above, or a file")
+    parser.add_argument("--fps", type=float, help="frames a second; those of the run unless given")
+    parser.add_argument("--seconds", type=float, help="length; that of the scene unless given")
+    parser.add_argument("--seed", type=int, default=1, help="of light, ground and noise")
+    args = parser.parse_args()
+    scene = json.loads((args.scene / "scene.json").read_text())
+    view = view_of(args.camera, scene)
+    fps = args.fps or scene["frames_per_s"]
+    seconds = min(args.seconds or np.inf, scene["span_s"][1] - scene["span_s"][0])
+    renderer = Renderer()
+    player = Player(scene, view, renderer, args.seed)
+    size = view.camera.image_size_px
+    even = (size[0] // 2 * 2, size[1] // 2 * 2)
+    rng = np.random.default_rng(args.seed)
+    writer = VideoWriter(args.out, even, fps, crf=18)
+    for frame in range(int(seconds * fps + 1e-6) + 1):
+        canvas = Canvas(renderer, view.camera)
+        canvas.update(player.at(frame / fps), [])
+        writer.write(finished(rng, canvas.drawn, size, FINISH)[:even[1], :even[0]])
+    writer.finish()
+
+
+if __name__ == "__main__":
+    main()
