@@ -15,8 +15,9 @@ const LEAST_P: f64 = 1e-4;
 const UNSEEN_S: f64 = 0.4;
 /// See [`UNSEEN_S`].
 const UNSEEN_COST: f64 = 2.0;
-/// What comes no farther than this between two stands, or from one, has stood: tracks waver so much, m.
-const MOVED_M: f64 = 1.5;
+/// What comes no farther than half a car's length between two stands, or from one, has stood: tracks of hidden and far cars
+/// waver so much, m.
+const MOVED_M: f64 = 2.2;
 /// Events that are less probable than their opposite are not told.
 const LEAST_CONFIDENCE: f64 = 0.5;
 
