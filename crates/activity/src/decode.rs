@@ -212,8 +212,8 @@ mod tests {
     #[test]
     fn what_was_skipped_is_as_before() {
         let mut found = sure(&[Label::NotMoving, Label::NotMoving, Label::Moving, Label::Moving]);
-        found.steps = vec![0, 1, 500, 505];
-        let labelled = labelled(&found, &driving(&[0.0, 50.0, 100.0, 101.0]));
+        found.steps = vec![0, 1, 500, 510];
+        let labelled = labelled(&found, &driving(&[0.0, 50.0, 100.0, 102.0]));
         let labels: Vec<Label> = labelled.samples.iter().map(|(label, _)| *label).collect();
         assert_eq!(labels, [Label::NotMoving, Label::NotMoving, Label::Moving, Label::Moving]);
     }
