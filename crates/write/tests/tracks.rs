@@ -76,7 +76,7 @@ fn the_three_files_agree_and_repeat() {
         assert_eq!(bbox.len(), 4);
         assert_eq!(found.get_bool(15).unwrap(), line.observed);
         assert_eq!(found.get_string(16).ok(), line.activity.as_ref());
-        assert_eq!(found.get_double(17).ok(), line.activity_p);
+        assert_eq!(found.get_double(20).ok(), line.activity_p);
     }
 }
 
