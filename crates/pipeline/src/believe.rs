@@ -52,8 +52,10 @@ const SURE_SCORE: f64 = 0.46;
 const DRIVEN_M: f64 = 3.0;
 /// Few cars are lower, m.
 const MIN_HEIGHT_M: f64 = 1.3;
-/// A doubtful vehicle that stands must be seen for so long, s (or half of a shorter clip), and in this share of the frames.
+/// A doubtful vehicle that stands must be seen for so long, s (or for this share of a clip that is hardly longer), and in this share
+/// of the frames.
 const MIN_SEEN_S: f64 = 2.0;
+const MIN_CLIP_SHARE: f64 = 0.75;
 const MIN_SEEN_SHARE: f64 = 0.5;
 
 /// Whether a track is of a vehicle. Hedges, arrows on the road and waiting motorcycles are found as cars again and again at one
@@ -72,7 +74,9 @@ pub fn is_vehicle(track: &Track, height_m: f64, looked_s: &[f64]) -> bool {
     let looks = looked_s.partition_point(|t| *t <= to_s) - looked_s.partition_point(|t| *t < from_s);
     let share = seen.len() as f64 / looks.max(1) as f64;
     let clip_s = looked_s.last().zip(looked_s.first()).map_or(0.0, |(last, first)| last - first);
-    height_m >= MIN_HEIGHT_M && to_s - from_s >= MIN_SEEN_S.min(clip_s / 2.0) && share >= MIN_SEEN_SHARE
+    height_m >= MIN_HEIGHT_M
+        && to_s - from_s >= MIN_SEEN_S.min(MIN_CLIP_SHARE * clip_s)
+        && share >= MIN_SEEN_SHARE
 }
 
 #[cfg(test)]
@@ -114,7 +118,11 @@ mod tests {
         assert!(!is(10, 0.4, 0.0, 1.5) && !is(40, 0.4, 0.0, 1.0));
         let often: Vec<f64> = (0..300).map(|i| f64::from(i) / 30.0).collect();
         assert!(!is_vehicle(&track(40, 0.4, 0.0), 1.5, &often));
-        // A still has no time to show more.
+        // One that comes up late in a short clip; a still has no time to show more.
+        let short: Vec<f64> = (0..16).map(|i| 0.1 * f64::from(i)).collect();
+        assert!(
+            !is_vehicle(&track(9, 0.35, 0.0), 1.5, &short) && is_vehicle(&track(14, 0.35, 0.0), 1.5, &short)
+        );
         assert!(is_vehicle(&track(1, 0.4, 0.0), 1.5, &[0.0]));
     }
 
