@@ -29,7 +29,7 @@ pub struct CameraFile {
     /// The longest stretch.
     #[serde(flatten)]
     pub camera: CameraSegment,
-    /// What the rows and columns of `covariance` are: [`COVARIANCE_ORDER`].
+    /// What the rows and columns of `covariance` are: log focal_px, tilt_rad, roll_rad, log height_m.
     #[serde(default)]
     pub covariance_order: Vec<String>,
     /// All stretches in order of time, also where there is only one; absent in files of older versions with one.
