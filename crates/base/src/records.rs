@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use thiserror::Error;
 
-use crate::{CameraParams, ImageSize, KEYPOINTS, Keypoint, KeypointSet, MODES};
+use crate::{CameraParams, GroundPose, ImageSize, KEYPOINTS, Keypoint, KeypointSet, MODES};
 
 /// What is wrong with a line of a record file.
 #[derive(Debug, Error)]
@@ -494,6 +494,14 @@ pub struct TrackRow {
     /// Its probability.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub activity_p: Option<f64>,
+}
+
+impl TrackRow {
+    /// Where it stands and how it is turned, world frame.
+    #[must_use]
+    pub fn pose(&self) -> GroundPose {
+        GroundPose { x_m: self.x_m, y_m: self.y_m, heading_rad: self.heading_rad }
+    }
 }
 
 #[cfg(test)]

@@ -163,7 +163,7 @@ impl Vehicle {
 }
 
 fn vertex(row: &TrackRow, start_s: f64) -> Vertex {
-    let pose = GroundPose { x_m: row.x_m, y_m: row.y_m, heading_rad: row.heading_rad };
+    let pose = row.pose();
     Vertex { time_s: row.time_s - start_s, pose }
 }
 

@@ -13,7 +13,6 @@ mod sumo;
 
 use std::path::Path;
 
-use roadplane_base::VehicleClass;
 use roadplane_write::{OutFile, WriteError, write_json};
 
 use crate::Run;
@@ -78,15 +77,6 @@ impl Format {
     #[must_use]
     pub fn of(name: &str) -> Option<&'static Self> {
         FORMATS.iter().find(|format| format.name == name)
-    }
-}
-
-/// The name of a class in our own columns.
-fn class_name(class: VehicleClass) -> &'static str {
-    match class {
-        VehicleClass::Car => "car",
-        VehicleClass::Truck => "truck",
-        VehicleClass::Bus => "bus",
     }
 }
 

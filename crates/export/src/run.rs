@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use nalgebra::Vector2;
-use roadplane_base::{GroundPose, PoseRecord, Shape, ShapeAtlas, TrackRow, VehicleClass};
+use roadplane_base::{PoseRecord, Shape, ShapeAtlas, TrackRow, VehicleClass};
 use roadplane_write::{CameraSegment, Summary, WriteError, read_camera, read_jsonl, read_summary};
 use serde::Deserialize;
 
@@ -215,11 +215,6 @@ impl Stretch {
     pub fn holds(&self, row: &TrackRow) -> bool {
         self.from_s <= row.time_s && row.time_s < self.until_s
     }
-}
-
-/// Pose of a row's car.
-pub(crate) fn pose_of(row: &TrackRow) -> GroundPose {
-    GroundPose { x_m: row.x_m, y_m: row.y_m, heading_rad: row.heading_rad }
 }
 
 fn ahead(row: &TrackRow, metres: f64) -> Vector2<f64> {

@@ -307,7 +307,8 @@ impl Pass<'_> {
         let row = |state: &TrackState| {
             // A box that is not where the track's vehicle is was another's.
             let projected = self.projected_box(track, state);
-            let size = self.cameras.at(state.stamp.time_s())?.image_size_px;
+            let estimate = self.cameras.at(state.stamp.time_s())?;
+            let size = estimate.image_size_px;
             let own = |seen: &[f64; 4]| {
                 projected.is_none_or(|box_px| overlap_inside(&box_px, seen, size) >= MIN_ROW_OVERLAP)
             };
@@ -315,7 +316,6 @@ impl Pass<'_> {
             let at_rest = seen_px.or(projected)?;
             let bbox_px =
                 shake_px.get(&state.stamp.index).map_or(at_rest, |shake| bbox_moved(&at_rest, shake));
-            let estimate = self.cameras.at(state.stamp.time_s())?;
             // What all cars share belongs to each row, too.
             let shared = shared_covariance(estimate, &state.pose);
             let whole = |own: f64, i: usize| (own * own + shared[(i, i)]).sqrt();

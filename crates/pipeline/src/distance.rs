@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use nalgebra::{RowVector4, Vector2};
-use roadplane_base::{CameraEstimate, GroundPose, TrackRow};
+use roadplane_base::{CameraEstimate, TrackRow};
 use roadplane_write::{read_camera, read_jsonl};
 
 use crate::PipelineError;
@@ -57,17 +57,16 @@ pub fn distances(run: &Path, tracks: [u64; 2], at_s: Option<f64>) -> Result<Vec<
 
 fn between(camera: &CameraEstimate, a: &TrackRow, b: &TrackRow) -> Option<Distance> {
     let place = |row: &TrackRow| Vector2::new(row.x_m, row.y_m);
-    let pose = |row: &TrackRow| GroundPose { x_m: row.x_m, y_m: row.y_m, heading_rad: row.heading_rad };
     let way = place(b) - place(a);
     let direction = way.try_normalize(1e-9)?;
     // What a row's sd holds beside the camera's share is the car's own.
     let own = |row: &TrackRow| {
-        let shared = shared_covariance(camera, &pose(row));
+        let shared = shared_covariance(camera, &row.pose());
         let variance = |sd: f64, i: usize| (sd * sd - shared[(i, i)]).max(0.0);
         direction.x.powi(2) * variance(row.x_sd_m, 0) + direction.y.powi(2) * variance(row.y_sd_m, 1)
     };
     let along = |row: &TrackRow| -> Option<RowVector4<f64>> {
-        Some(direction.transpose() * by_camera(camera, &pose(row))?.fixed_rows::<2>(0))
+        Some(direction.transpose() * by_camera(camera, &row.pose())?.fixed_rows::<2>(0))
     };
     let by = along(b)? - along(a)?;
     let shared = (by * camera.covariance * by.transpose())[0];
@@ -79,7 +78,7 @@ fn between(camera: &CameraEstimate, a: &TrackRow, b: &TrackRow) -> Option<Distan
 mod tests {
     use super::*;
     use crate::shared_error::tests::estimate;
-    use roadplane_base::VehicleClass;
+    use roadplane_base::{GroundPose, VehicleClass};
 
     #[test]
     fn of_two_cars_side_by_side_only_the_scale_is_unsure() {

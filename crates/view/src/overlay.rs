@@ -159,7 +159,7 @@ impl<'a> Overlay<'a> {
 
     /// What stands for a vehicle that the atlas has no shape for.
     fn cuboid(&mut self, row: &TrackRow, colour: Rgb) -> Result<(), ViewError> {
-        let pose = roadplane_base::GroundPose { x_m: row.x_m, y_m: row.y_m, heading_rad: row.heading_rad };
+        let pose = row.pose();
         let camera_from_car = self.plane.camera_from_world() * pose.world_from_car();
         let (l, w) = (row.length_m / 2.0, row.width_m / 2.0);
         let corner = |forward: f64, left: f64, up: f64| {
@@ -182,7 +182,7 @@ impl<'a> Overlay<'a> {
     }
 
     fn wireframe(&mut self, row: &TrackRow, shape: &Shape, colour: Rgb) -> Result<(), ViewError> {
-        let pose = roadplane_base::GroundPose { x_m: row.x_m, y_m: row.y_m, heading_rad: row.heading_rad };
+        let pose = row.pose();
         let camera_from_car = self.plane.camera_from_world() * pose.world_from_car();
         let near_left = eye_is_left(&camera_from_car);
         let points = self.atlas.keypoints_in_car(shape);

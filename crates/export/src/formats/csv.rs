@@ -6,7 +6,7 @@ use std::path::Path;
 use roadplane_write::WriteError;
 
 use super::csv_table::write_table;
-use super::{class_name, write_place};
+use super::write_place;
 use crate::{Run, fixed};
 
 const HEADER: [&str; 29] = [
@@ -52,7 +52,7 @@ pub fn write(run: &Run, folder: &Path) -> Result<(), WriteError> {
                 row.frame.to_string(),
                 fixed(row.time_s, 6),
                 row.track.to_string(),
-                class_name(track.class).to_owned(),
+                track.class.name().to_owned(),
                 fixed(row.x_m, 4),
                 fixed(row.y_m, 4),
                 fixed(row.heading_rad, 5),

@@ -8,7 +8,7 @@ use roadplane_base::TrackRow;
 use roadplane_write::{WriteError, write_json};
 use serde_json::{Map, Value, json};
 
-use super::{class_name, write_place};
+use super::write_place;
 use crate::{OnMap, Run, Stretch, Track, digits};
 
 const METRES: &str =
@@ -72,7 +72,7 @@ fn line(rows: &[Placed<'_>]) -> Option<Value> {
         "geometry": {"type": "LineString", "coordinates": way},
         "properties": {
             "track": track.id,
-            "class": class_name(track.class),
+            "class": track.class.name(),
             "length_m": first.length_m, "width_m": first.width_m, "height_m": first.height_m,
             "from_s": first.time_s, "to_s": last.1.time_s,
             "frame": rows.iter().map(|(_, row, _)| row.frame).collect::<Vec<u64>>(),
@@ -91,7 +91,7 @@ fn point(placed: &Placed<'_>) -> Value {
         Ok(Value::Object(columns)) => columns,
         _ => Map::new(),
     };
-    properties.insert("class".to_owned(), json!(class_name(track.class)));
+    properties.insert("class".to_owned(), json!(track.class.name()));
     if let Some(OnMap { utm_m: [east, north], sd_m: [east_sd, north_sd], bearing_deg, .. }) = place {
         let columns =
             [("east_m", east), ("north_m", north), ("east_sd_m", east_sd), ("north_sd_m", north_sd)];

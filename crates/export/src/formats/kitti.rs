@@ -10,7 +10,6 @@ use roadplane_base::{VehicleClass, wrap_angle};
 use roadplane_write::WriteError;
 
 use super::{subfolder, write_text};
-use crate::run::pose_of;
 use crate::{Run, Stretch};
 
 /// Writes both folders.
@@ -37,7 +36,7 @@ fn label_lines(run: &Run, stretch: &Stretch) -> String {
     let camera_from_world = stretch.camera.plane().camera_from_world();
     let mut text = String::new();
     for (track, row) in run.rows().into_iter().filter(|(_, row)| stretch.holds(row)) {
-        let camera_from_car = camera_from_world * pose_of(row).world_from_car();
+        let camera_from_car = camera_from_world * row.pose().world_from_car();
         let at = camera_from_car * Point3::new(track.centre_m, 0.0, 0.0);
         let forward = camera_from_car.rotation * Vector3::x();
         let rotation_y = (-forward.z).atan2(forward.x);
