@@ -11,13 +11,16 @@
 //! A clip of one parked row gives the same sd whether it is cut into one window or a hundred.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
 
 use nalgebra::{Matrix4, Vector2, Vector4};
-use roadplane_base::{CameraEstimate, CameraParams, CameraStatus, ImageSize, weighted_median};
+use roadplane_base::{
+    CameraEstimate, CameraParams, CameraStatus, Clue, ClueTerms, ImageSize, weighted_median,
+};
 
 use crate::{
     LinkId, SegmentStart,
-    nodes::{Node, Step, smooth},
+    nodes::{Gaussian, Node, Step, smooth},
 };
 
 /// A car that a window's estimate rests on.
@@ -36,9 +39,11 @@ pub struct WindowEstimate {
     pub span_s: [f64; 2],
     /// Frames in the window.
     pub frames: usize,
-    /// Focal length, tilt, roll, height.
+    /// Focal length, tilt, roll, height, by the keypoints alone.
     pub params: CameraParams,
-    /// Information of the keypoints on them, without any prior on the camera; may be singular.
+    /// The solve's own answer, with all that it was told besides.
+    pub solved: CameraParams,
+    /// Information of the keypoints on `params`, without any prior on the camera; may be singular.
     pub information: Matrix4<f64>,
     /// Cars that it rests on.
     pub cars: Vec<CarUse>,
@@ -79,6 +84,8 @@ pub struct FuseOptions {
     /// Factor on the variance of what windows say together: what the errors of their cars have in common, which does not show
     /// in how windows scatter. At least 1.
     pub dispersion: f64,
+    /// What else speaks of the camera, by its position ([`WindowEstimate::segment`]); counted once.
+    pub clues: BTreeMap<usize, Arc<[Clue]>>,
     /// Gain in log likelihood that a change of the camera, or a drift, must bring to be believed.
     pub min_gain: f64,
 }
@@ -106,6 +113,7 @@ impl FuseOptions {
             parked_correlation: 1.0,
             moving_correlation: 0.3,
             dispersion: 1.0,
+            clues: BTreeMap::new(),
             min_gain: 16.0,
         }
     }
@@ -146,8 +154,52 @@ pub fn fuse(windows: &[WindowEstimate], options: &FuseOptions) -> Vec<CameraEsti
             }
         }
     }
-    let states = smooth(&nodes.iter().map(|(_, node)| node.clone()).collect::<Vec<_>>(), &options.prior);
-    nodes.iter().zip(states).map(|((group, node), state)| estimate(group, node, &state, options)).collect()
+    let (groups, nodes): (Vec<_>, Vec<_>) = nodes.into_iter().unzip();
+    let (nodes, states) = with_clues(&groups, nodes, options);
+    let pieces = groups.iter().zip(&nodes).zip(&states);
+    pieces.map(|((group, node), state)| estimate(group, node, state, options)).collect()
+}
+
+/// Rounds of following the clues, which are no Gaussians: linearised at the estimate, smoothed, linearised there.
+const CLUE_ROUNDS: usize = 10;
+
+/// The states at all nodes, clues counted, and the nodes with them: each position's in its first piece.
+fn with_clues(
+    groups: &[Vec<&WindowEstimate>],
+    cars: Vec<Node>,
+    options: &FuseOptions,
+) -> (Vec<Node>, Vec<Gaussian>) {
+    let mut states = smooth(&cars, &options.prior);
+    let firsts = groups.iter().enumerate().filter(|(i, group)| {
+        *i == 0 || groups[i - 1].first().map(|w| w.segment) != group.first().map(|w| w.segment)
+    });
+    let clues: Vec<(usize, &Arc<[Clue]>)> =
+        firsts.filter_map(|(i, group)| Some((i, options.clues.get(&group.first()?.segment)?))).collect();
+    // The windows were solved with the clues, and know where they lead.
+    let mut at: Vec<Vector4<f64>> = states.iter().map(|state| state.0).collect();
+    for (i, _) in &clues {
+        at[*i] = groups[*i].last().map_or(at[*i], |window| window.solved.to_vector());
+    }
+    let mut nodes = cars.clone();
+    for _ in 0..CLUE_ROUNDS {
+        for (i, clues) in &clues {
+            let terms = ClueTerms::of(clues, &at[*i]);
+            nodes[*i].information = cars[*i].information + terms.information;
+            nodes[*i].weighted = cars[*i].weighted + terms.information * at[*i] - terms.gradient;
+        }
+        if clues.is_empty() {
+            break;
+        }
+        states = smooth(&nodes, &options.prior);
+        let moved = clues.iter().map(|(i, _)| (states[*i].0 - at[*i]).amax()).fold(0.0, f64::max);
+        for (i, _) in &clues {
+            at[*i] = states[*i].0;
+        }
+        if moved < 1e-9 {
+            break;
+        }
+    }
+    (nodes, states)
 }
 
 fn is_usable(window: &WindowEstimate) -> bool {
@@ -264,6 +316,7 @@ pub fn condense(windows: &[WindowEstimate], options: &FuseOptions) -> Option<Win
         ],
         frames: usable.iter().map(|w| w.frames).sum(),
         params: CameraParams::from_vector(&params),
+        solved: CameraParams::from_vector(&params),
         information: node.information,
         cars,
         segment: first.segment,

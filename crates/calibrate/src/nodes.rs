@@ -30,7 +30,8 @@ pub(crate) struct Node {
     pub step: Step,
 }
 
-type Gaussian = (Vector4<f64>, Matrix4<f64>);
+/// Mean and covariance.
+pub(crate) type Gaussian = (Vector4<f64>, Matrix4<f64>);
 
 /// Mean and covariance at each node given all of them and the prior.
 pub(crate) fn smooth(nodes: &[Node], prior: &FusePrior) -> Vec<Gaussian> {

@@ -147,6 +147,7 @@ impl<'a> Epoch<'a> {
             span_s: [self.clips.len() as f64; 2],
             frames: clip.frames,
             params: clip.camera_params(),
+            solved: clip.camera_params(),
             information: clip.information_matrix(),
             cars,
             segment: 0,

@@ -186,6 +186,7 @@ fn evidence_of(
         span_s: clip_span_s,
         frames: 0,
         params: options.prior.params,
+        solved: options.prior.params,
         information: Matrix4::zeros(),
         cars: Vec::new(),
         segment: position,
@@ -356,7 +357,7 @@ fn solve_window(
             .filter(|(_, believed)| **believed)
             .map(|(view, _)| view)
             .collect();
-        let warm = SceneOptions { start: Some(solution.params), ..*options };
+        let warm = SceneOptions { start: Some(solution.params), ..options.clone() };
         solution = solve_scene(atlas, size, &views, &warm);
     }
     tracing::debug!(
@@ -383,6 +384,7 @@ fn solve_window(
         span_s: window.span_s,
         frames: window.frames,
         params: alone.unwrap_or(solution.params),
+        solved: solution.params,
         information: solution.information,
         cars,
         segment: window.segment,

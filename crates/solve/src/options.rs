@@ -1,7 +1,9 @@
 //! What a caller can set.
 
+use std::sync::Arc;
+
 use nalgebra::{Matrix6, Vector4};
-use roadplane_base::{CameraParams, ImageSize, Shape};
+use roadplane_base::{CameraParams, Clue, ImageSize, Shape};
 
 use crate::linear::lm::LmOptions;
 use crate::model::kernel::OutlierModel;
@@ -128,7 +130,7 @@ impl Default for Steps {
 }
 
 /// How a scene or a car is solved.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct SceneOptions {
     /// Focal length where it is known, px.
     pub known_focal_px: Option<f64>,
@@ -137,6 +139,8 @@ pub struct SceneOptions {
     pub start: Option<CameraParams>,
     /// What is known of the camera.
     pub camera_prior: CameraPrior,
+    /// What else speaks of it. Part of the estimate and its covariance, not of [`SceneSolution::information`](crate::SceneSolution).
+    pub clues: Arc<[Clue]>,
     /// Weight of the shape prior; 0 switches it off.
     pub shape_prior_weight: f64,
     /// Factor on what the atlas says its six modes leave unexplained; 0 for cars that are exactly in the atlas, which also
@@ -167,6 +171,7 @@ impl Default for SceneOptions {
             known_focal_px: None,
             start: None,
             camera_prior: CameraPrior::default(),
+            clues: Arc::new([]),
             shape_prior_weight: 1.0,
             atlas_residual_scale: 1.0,
             kernel: OutlierModel::default(),

@@ -38,7 +38,7 @@ fn exact(atlas: &ShapeAtlas, random_start: bool) {
             .map(|(group, car)| CarView { keypoints: &car.keypoints, group, weight: 1.0 })
             .collect();
         let start = random_start.then(|| random_camera(truth.size, seed));
-        let found = solve_scene(atlas, truth.size, &views, &SceneOptions { start, ..options });
+        let found = solve_scene(atlas, truth.size, &views, &SceneOptions { start, ..options.clone() });
         let focal = (found.params.log_focal - truth.params.log_focal).abs();
         let turn =
             (found.params.tilt - truth.params.tilt).abs().max((found.params.roll - truth.params.roll).abs());

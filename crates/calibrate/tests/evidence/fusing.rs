@@ -1,5 +1,5 @@
 use nalgebra::{Matrix4, Vector4};
-use roadplane_base::{CameraParams, CameraStatus};
+use roadplane_base::{CameraParams, CameraStatus, Clue};
 use roadplane_calibrate::{CarUse, FuseOptions, SegmentStart, WindowEstimate, fuse};
 use roadplane_synth::Rng;
 
@@ -25,6 +25,7 @@ fn window(index: usize, params: &Vector4<f64>, cars: Vec<CarUse>) -> WindowEstim
         span_s: [30.0 * index as f64, 30.0 * index as f64 + 29.0],
         frames: 900,
         params: CameraParams::from_vector(params),
+        solved: CameraParams::from_vector(params),
         information: covariance().try_inverse().unwrap(),
         cars,
         segment: 0,
@@ -232,4 +233,27 @@ fn without_evidence_the_prior_stays_and_is_said() {
     assert_eq!(fuse(&[weak], &given)[0].status, CameraStatus::FocalGiven);
     nothing.params.tilt = f64::NAN;
     assert!(fuse(&[nothing], &options()).is_empty(), "what is no number is left out");
+}
+
+#[test]
+fn clues_count_once_however_many_windows_there_are() {
+    let clue = Clue::Number { which: 0, value: truth()[0] + 0.1, sd: 0.02 };
+    for count in [1, 20] {
+        let windows: Vec<WindowEstimate> = (0..count).map(|i| window(i, &truth(), parked(0..9))).collect();
+        let options = FuseOptions { clues: [(0, [clue].into())].into(), ..options() };
+        let fused = fuse(&windows, &options);
+        // The same cars in all windows: one Gaussian of sd SD[0] at the truth, one of 0.02 at 0.1 beside it.
+        let expected = 0.1 * SD[0].powi(2) / (SD[0].powi(2) + 0.02_f64.powi(2));
+        let found = fused[0].params.log_focal - truth()[0];
+        assert!((found - expected).abs() < 2e-3, "{count}: {found}, expected {expected}");
+        let sd = fused[0].covariance[(0, 0)].sqrt();
+        assert!((sd - 0.02 * SD[0] / SD[0].hypot(0.02)).abs() < 1e-3, "{sd}");
+    }
+    let elsewhere = FuseOptions { clues: [(1, [clue].into())].into(), ..options() };
+    let one = [window(0, &truth(), parked(0..9))];
+    assert_eq!(
+        fuse(&one, &elsewhere),
+        fuse(&one, &options()),
+        "a clue on another position says nothing here"
+    );
 }

@@ -127,7 +127,7 @@ fn table(atlas: &ShapeAtlas, name: &str, pictures: &[KnownPicture], options: &Sc
     let solved: Vec<Vec<Option<Outcome>>> = ways()
         .iter()
         .map(|(_, steps)| {
-            let options = SceneOptions { steps: *steps, ..*options };
+            let options = SceneOptions { steps: *steps, ..options.clone() };
             in_parallel(pictures.len(), |i| outcome(atlas, &pictures[i], &options))
         })
         .collect();

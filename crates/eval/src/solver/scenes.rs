@@ -37,7 +37,7 @@ pub(super) fn bound(atlas: &ShapeAtlas, truth: &SceneTruth, options: &SceneOptio
         }
     }
     let (poses, shapes) = known(&right);
-    let options = SceneOptions { kernel: OutlierModel::none(), ..*options };
+    let options = SceneOptions { kernel: OutlierModel::none(), ..options.clone() };
     let at = KnownScene { params: truth.params, poses: &poses, shapes: &shapes };
     scene_bound(atlas, truth.size, &views(&right), &at, &options)
 }

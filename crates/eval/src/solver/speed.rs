@@ -88,7 +88,7 @@ fn point(atlas: &ShapeAtlas, cars: usize) -> SpeedPoint {
     let options = SceneOptions::default();
     // The refinement of six modes, to its minimum.
     let steps = Steps { marginal: false, ..options.steps };
-    let minimum = SceneOptions { steps, atlas_residual_scale: 0.0, ..options };
+    let minimum = SceneOptions { steps, atlas_residual_scale: 0.0, ..options.clone() };
     let [mut refinement, mut around, mut iterations, mut cold] = [const { Vec::new() }; 4];
     for bench in (0..SCENES).filter_map(|seed| BenchScene::new(atlas, cars, seed)) {
         let (truth, views) = (&bench.truth, views(&bench.truth));

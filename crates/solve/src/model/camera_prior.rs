@@ -1,9 +1,12 @@
-//! What is known of the camera beforehand, and what it does to the camera's equations.
+//! What is known of the camera beside the cars, and what it does to the camera's equations.
+
+use std::sync::Arc;
 
 use nalgebra::{Matrix4, Vector4};
+use roadplane_base::{Clue, ClueTerms};
 
-/// Prior of (log f, tilt, roll, log h).
-#[derive(Clone, Copy, Debug)]
+/// Prior of (log f, tilt, roll, log h), and clues.
+#[derive(Clone, Debug)]
 pub(crate) struct CameraKnowledge {
     /// Mean of the prior.
     pub mean: Vector4<f64>,
@@ -11,17 +14,29 @@ pub(crate) struct CameraKnowledge {
     pub information: Vector4<f64>,
     /// Parameters that are not estimated.
     pub fixed: [bool; 4],
+    /// What else speaks of the camera.
+    pub clues: Arc<[Clue]>,
 }
 
 impl CameraKnowledge {
-    /// The prior's cost.
-    pub fn cost(&self, camera: &Vector4<f64>) -> f64 {
-        0.5 * self.gradient(camera).dot(&(camera - self.mean))
+    /// A camera that is not estimated.
+    pub fn given(camera: Vector4<f64>) -> Self {
+        Self { mean: camera, information: Vector4::zeros(), fixed: [true; 4], clues: Arc::new([]) }
     }
 
-    /// Its gradient.
-    pub fn gradient(&self, camera: &Vector4<f64>) -> Vector4<f64> {
-        (camera - self.mean).component_mul(&self.information)
+    /// Its cost.
+    pub fn cost(&self, camera: &Vector4<f64>) -> f64 {
+        let off = camera - self.mean;
+        let clues: f64 = self.clues.iter().map(|clue| clue.cost(camera)).sum();
+        0.5 * off.component_mul(&self.information).dot(&off) + clues
+    }
+
+    /// The gradient of its cost, and the (approximate) Hessian.
+    pub fn terms(&self, camera: &Vector4<f64>) -> ClueTerms {
+        let mut terms = ClueTerms::of(&self.clues, camera);
+        terms.gradient += (camera - self.mean).component_mul(&self.information);
+        terms.information += Matrix4::from_diagonal(&self.information);
+        terms
     }
 
     /// Makes the equations' solution zero where the camera is fixed.
@@ -34,9 +49,9 @@ impl CameraKnowledge {
         }
     }
 
-    /// Covariance of the camera by what cars say of it and the prior; zero rows where fixed.
-    pub fn covariance(&self, information: &Matrix4<f64>) -> Option<Matrix4<f64>> {
-        let mut total = information + Matrix4::from_diagonal(&self.information);
+    /// Covariance of the camera by what cars say of it and this, at a camera; zero rows where fixed.
+    pub fn covariance(&self, information: &Matrix4<f64>, camera: &Vector4<f64>) -> Option<Matrix4<f64>> {
+        let mut total = information + self.terms(camera).information;
         self.hold_fixed(&mut total, &mut Vector4::zeros());
         let mut covariance = total.cholesky()?.inverse();
         for i in (0..4).filter(|i| self.fixed[*i]) {

@@ -9,7 +9,7 @@
 mod block;
 
 use nalgebra::{Matrix2, Matrix4, SMatrix, Vector4};
-use roadplane_base::{MODES, ShapeAtlas};
+use roadplane_base::{ClueTerms, MODES, ShapeAtlas};
 
 use crate::linear::lm::{Problem, Trial};
 use crate::model::camera_prior::CameraKnowledge;
@@ -46,6 +46,7 @@ pub(crate) struct FreeProblem<'a> {
     trial_camera: Vector4<f64>,
     trial_cars: Vec<FreeCar>,
     blocks: Vec<Block>,
+    known: ClueTerms,
     camera_gradient: Vector4<f64>,
     camera_diagonal: Vector4<f64>,
     cost: f64,
@@ -82,6 +83,7 @@ impl<'a> FreeProblem<'a> {
             trial_camera: camera,
             trial_cars: cars.clone(),
             cars,
+            known: ClueTerms { gradient: Vector4::zeros(), information: Matrix4::zeros() },
             camera_gradient: Vector4::zeros(),
             camera_diagonal: Vector4::zeros(),
             cost: f64::INFINITY,
@@ -128,8 +130,7 @@ impl<'a> FreeProblem<'a> {
     }
 
     fn camera_cost(&self, camera: &Vector4<f64>) -> f64 {
-        let off = camera - self.knowledge.mean;
-        0.5 * off.dot(&off.component_mul(&self.knowledge.information))
+        self.knowledge.cost(camera)
     }
 
     fn linearise_car(&mut self, camera: &CameraFrame, k: usize) -> Option<f64> {
@@ -183,7 +184,7 @@ impl<'a> FreeProblem<'a> {
     /// cars alone. After `linearise`.
     pub fn covariances(&mut self) -> Option<(Matrix4<f64>, Matrix4<f64>, Vec<CarMatrix>)> {
         let (information, _) = self.eliminate(0.0)?;
-        let camera = self.knowledge.covariance(&information)?;
+        let camera = self.knowledge.covariance(&information, &self.camera)?;
         let cars = self.blocks.iter().map(|b| b.inverse + b.gain * camera * b.gain.transpose()).collect();
         Some((information, camera, cars))
     }
@@ -197,8 +198,9 @@ impl Problem for FreeProblem<'_> {
             cost += self.linearise_car(&camera, k)?;
         }
         self.cost = cost;
-        self.camera_gradient = self.knowledge.gradient(&self.camera);
-        self.camera_diagonal = self.knowledge.information;
+        self.known = self.knowledge.terms(&self.camera);
+        self.camera_gradient = self.known.gradient;
+        self.camera_diagonal = self.known.information.diagonal();
         let mut largest: f64 = 0.0;
         for block in &self.blocks {
             self.camera_gradient += Vector4::from_fn(|i, _| block.gradient[i]);
@@ -219,9 +221,9 @@ impl Problem for FreeProblem<'_> {
 
     fn try_step(&mut self, damping: f64) -> Option<Trial> {
         let (mut hessian, mut gradient) = self.eliminate(damping)?;
-        gradient += self.knowledge.gradient(&self.camera);
+        gradient += self.known.gradient;
         let damped = self.camera_diagonal.map(|d| damping * d.max(1e-9));
-        hessian += Matrix4::from_diagonal(&(self.knowledge.information + damped));
+        hessian += self.known.information + Matrix4::from_diagonal(&damped);
         self.knowledge.hold_fixed(&mut hessian, &mut gradient);
         let camera_step = -hessian.cholesky()?.solve(&gradient);
         let (mut predicted, mut largest) = (0.0, 0.0_f64);

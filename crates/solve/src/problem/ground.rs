@@ -12,7 +12,7 @@ mod step;
 pub(crate) use covariance::Covariances;
 
 use nalgebra::{Matrix4, SVector, Vector4};
-use roadplane_base::MODES;
+use roadplane_base::{ClueTerms, MODES};
 
 use crate::linear::arrow::{GroupBlock, PoseBlock, PriorTerms, camera_system};
 use crate::linear::gram::{Gram, MAX_WIDTH, Rows, SHAPE, camera};
@@ -96,6 +96,8 @@ pub(crate) struct GroundProblem<'a, const M: usize = MODES> {
     scratch: Box<[Rows; MAX_PACKS]>,
     poses: Vec<PoseBlock<M>>,
     group_blocks: Vec<GroupBlock<M>>,
+    /// What is known of the camera beside the cars, at the current state.
+    known: ClueTerms,
     camera_gradient: Vector4<f64>,
     camera_diagonal: Vector4<f64>,
 }
@@ -164,6 +166,7 @@ impl<'a, const M: usize> GroundProblem<'a, M> {
             shapes_fixed: false,
             trial: state.clone(),
             state,
+            known: ClueTerms { gradient: Vector4::zeros(), information: Matrix4::zeros() },
             camera_gradient: Vector4::zeros(),
             camera_diagonal: Vector4::zeros(),
         }
@@ -233,8 +236,9 @@ impl<'a, const M: usize> GroundProblem<'a, M> {
     /// Sums up gradient and diagonal of what views share, decides which coefficients are held; returns the largest scaled
     /// gradient.
     fn gather(&mut self) -> f64 {
-        self.camera_gradient = self.knowledge.gradient(&self.state.camera);
-        self.camera_diagonal = self.knowledge.information;
+        self.known = self.knowledge.terms(&self.state.camera);
+        self.camera_gradient = self.known.gradient;
+        self.camera_diagonal = self.known.information.diagonal();
         let mut largest: f64 = 0.0;
         let mut see = |weight: f64, gradient: f64, diagonal: f64| {
             if diagonal > 0.0 {

@@ -1,5 +1,7 @@
 //! The usable part of a frame's input, and problems made of subsets of it.
 
+use std::sync::Arc;
+
 use nalgebra::Vector4;
 use roadplane_base::{ImageSize, MODES, Shape, ShapeAtlas};
 
@@ -73,7 +75,8 @@ impl<'a> Setup<'a> {
             mean[0] = focal_px.ln();
             information[0] = 0.0;
         }
-        let knowledge = CameraKnowledge { mean, information, fixed: [known.is_some(), false, false, false] };
+        let fixed = [known.is_some(), false, false, false];
+        let knowledge = CameraKnowledge { mean, information, fixed, clues: Arc::clone(&options.clues) };
         Self { atlas, model, options, sights, knowledge, size }
     }
 
@@ -109,7 +112,7 @@ impl<'a> Setup<'a> {
             state.standings.push(place.standing);
             members.push(s);
         }
-        let mut problem = GroundProblem::new(self.model, views, groups, all, self.knowledge, state);
+        let mut problem = GroundProblem::new(self.model, views, groups, all, self.knowledge.clone(), state);
         problem.kernel = self.options.kernel;
         (problem, members)
     }
@@ -125,8 +128,14 @@ impl<'a> Setup<'a> {
         let views = vec![View::new(0, 0..observations.len())];
         let groups = vec![Group::new(0..1, self.shape_prior())];
         let state = GroundState { camera, standings: vec![place.standing], shapes: vec![place.shape] };
-        let knowledge = CameraKnowledge { mean: camera, information: Vector4::zeros(), fixed: [true; 4] };
-        let mut problem = GroundProblem::new(self.model, views, groups, observations, knowledge, state);
+        let mut problem = GroundProblem::new(
+            self.model,
+            views,
+            groups,
+            observations,
+            CameraKnowledge::given(camera),
+            state,
+        );
         problem.kernel = self.options.kernel;
         problem
     }

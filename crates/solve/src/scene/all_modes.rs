@@ -152,7 +152,8 @@ mod tests {
                 assert!((found.covariance - known.camera).component_div(&scale).amax() < 1e-3);
                 // The integral over shapes and poses is the same one, too.
                 let shift = marginal::change(problem, &known.camera).unwrap();
-                let options = SceneOptions { steps: Steps { marginal: true, ..options.steps }, ..*options };
+                let options =
+                    SceneOptions { steps: Steps { marginal: true, ..options.steps }, ..options.clone() };
                 let shifted = camera_of_all_modes(atlas, problem, &options).unwrap();
                 let off = (shifted.camera - found.camera - shift).component_div(&sd).amax();
                 assert!(off < 1e-2, "{seed}: {off}");
@@ -211,7 +212,7 @@ mod tests {
                 let true_camera = problem.state.camera;
                 minimise(problem, &options.lm);
                 let error = |trust: bool| {
-                    let options = SceneOptions { steps: Steps { trust, ..options.steps }, ..*options };
+                    let options = SceneOptions { steps: Steps { trust, ..options.steps }, ..options.clone() };
                     let found = camera_of_all_modes(atlas, problem, &options).unwrap();
                     (found.camera[0] - true_camera[0]).abs()
                 };

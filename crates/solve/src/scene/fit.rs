@@ -96,7 +96,7 @@ fn single_car<'a>(
 ) -> GroundProblem<'a> {
     let views = vec![View::new(0, 0..found.len())];
     let groups = vec![Group::new(0..1, Gaussian { mean: shape.mean, information: shape.information })];
-    let knowledge = CameraKnowledge { mean: params, information: Vector4::zeros(), fixed: [true; 4] };
+    let knowledge = CameraKnowledge::given(params);
     let state = GroundState { camera: params, standings: vec![standing], shapes: vec![shape.mean] };
     GroundProblem::new(model, views, groups, found, knowledge, state)
 }

@@ -69,7 +69,7 @@ pub fn fit_free_car(
     if found.len() < MIN_KEYPOINTS || !known[0].is_finite() {
         return None;
     }
-    let knowledge = CameraKnowledge { mean: known, information: Vector4::zeros(), fixed: [true; 4] };
+    let knowledge = CameraKnowledge::given(known);
     let car = best_free(atlas, &model, &DirectionGrid::new(), &knowledge, &found, options)?;
     let mut problem = FreeProblem::new(atlas, &model, vec![found], knowledge, known, vec![car]);
     problem.kernel = options.kernel;
@@ -94,7 +94,7 @@ pub fn solve_free_scene(
 ) -> FreeSceneSolution {
     let model = PointModes::new(atlas);
     let setup = Setup::new(atlas, &model, size, views, options);
-    let mut knowledge = setup.knowledge;
+    let mut knowledge = setup.knowledge.clone();
     let focal_known = knowledge.fixed[0];
     let mut solution = FreeSceneSolution {
         status: SceneStatus::TooFewCars,
@@ -102,7 +102,7 @@ pub fn solve_free_scene(
         covariance: Matrix4::from_diagonal(&knowledge.information.map(|i| 1.0 / i)),
         cars: vec![None; views.len()],
     };
-    let at_start = CameraKnowledge { fixed: [true; 4], ..knowledge };
+    let at_start = CameraKnowledge { fixed: [true; 4], ..knowledge.clone() };
     let grid = DirectionGrid::new();
     let mut cars = Vec::new();
     let mut seen = Vec::new();
@@ -118,7 +118,7 @@ pub fn solve_free_scene(
     }
     let all = seen.iter().map(|sight| sight.observations.clone()).collect();
     knowledge.fixed = [focal_known || plane.is_none(), plane.is_none(), plane.is_none(), plane.is_none()];
-    let mut problem = FreeProblem::new(atlas, &model, all, knowledge, knowledge.mean, cars);
+    let mut problem = FreeProblem::new(atlas, &model, all, knowledge.clone(), knowledge.mean, cars);
     problem.priors.fill(Gaussian::of_all_cars(options.shape_prior_weight));
     problem.kernel = options.kernel;
     problem.whiten(options.atlas_residual_scale, 0.0);
@@ -167,8 +167,14 @@ fn best_free(
     let mut best: Option<(f64, FreeCar)> = None;
     for appearance in grid.appearances(&atlas.mean, found, FOLLOWED) {
         let car = free_from(&appearance, focal_px);
-        let mut problem =
-            FreeProblem::new(atlas, model, vec![found.to_vec()], *knowledge, knowledge.mean, vec![car]);
+        let mut problem = FreeProblem::new(
+            atlas,
+            model,
+            vec![found.to_vec()],
+            knowledge.clone(),
+            knowledge.mean,
+            vec![car],
+        );
         problem.kernel = options.kernel;
         problem.shapes_fixed = true;
         let short =

@@ -46,7 +46,7 @@ pub(crate) fn read_out(
     }
     let data_focal_information = 1.0 / covariance[(0, 0)] - setup.knowledge.information[0];
     let dispersed = camera_information / options.camera_dispersion;
-    let Some(covariance) = setup.knowledge.covariance(&dispersed) else {
+    let Some(covariance) = setup.knowledge.covariance(&dispersed, &problem.state.camera) else {
         return unsolved(setup, views.len(), SceneStatus::Failed);
     };
     let joints = problem.view_covariances(&covariance);
@@ -72,7 +72,7 @@ pub(crate) fn read_out(
             cars[sight.index] = fit.map(|fit| CarSolution { used: false, ..fit.car });
         }
     }
-    let pull = (problem.state.camera - setup.knowledge.mean).component_mul(&setup.knowledge.information);
+    let pull = setup.knowledge.terms(&problem.state.camera).gradient;
     let status = if !(report.termination.converged() || report.termination == Termination::NoDescent) {
         SceneStatus::NotConverged
     } else if setup.knowledge.fixed[0] {

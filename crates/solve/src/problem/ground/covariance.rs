@@ -22,7 +22,7 @@ impl<const M: usize> GroundProblem<'_, M> {
             block.held = [self.shapes_fixed; M];
         }
         let (information, _) = self.eliminate(0.0)?;
-        let camera = self.knowledge.covariance(&information)?;
+        let camera = self.knowledge.covariance(&information, &self.state.camera)?;
         Some(Covariances { camera_information: information, camera })
     }
 

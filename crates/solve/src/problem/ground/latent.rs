@@ -25,7 +25,8 @@ impl<const M: usize> GroundProblem<'_, M> {
         let groups =
             self.groups.iter().map(|group| Group::new(group.views.clone(), priors(&group.prior))).collect();
         let (views, observations) = (self.views.clone(), self.observations.clone());
-        let mut problem = GroundProblem::new(model, views, groups, observations, self.knowledge, state);
+        let mut problem =
+            GroundProblem::new(model, views, groups, observations, self.knowledge.clone(), state);
         problem.kernel = self.kernel;
         problem
     }

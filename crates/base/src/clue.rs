@@ -1,0 +1,244 @@
+//! What something other than cars says of a camera: numbers that the user knows, lengths on the ground, lines of the scene.
+//!
+//! Each clue is a cost of (log f, tilt, roll, log h), minus its log likelihood, that every solve and every join of solves adds
+//! to what the cars say. Pixels are relative to the principal point, without distortion.
+
+use nalgebra::{Matrix4, Vector2, Vector3, Vector4};
+
+use crate::{Camera, CameraParams};
+
+/// A clue on the camera. Pixels: relative to the principal point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Clue {
+    /// One of (log focal in px, tilt in rad, roll in rad, log height in m) is about this.
+    Number {
+        /// Place of the number in [`CameraParams::to_vector`].
+        which: usize,
+        /// Its value.
+        value: f64,
+        /// Its sd, above 0.
+        sd: f64,
+    },
+    /// Two pixels on the ground are this far apart.
+    Length {
+        /// The pixels.
+        ends_px: [Vector2<f64>; 2],
+        /// sd of each of their coordinates, px.
+        end_sd_px: f64,
+        /// The length, m, above 0.
+        length_m: f64,
+        /// Its sd as a share of it.
+        log_sd: f64,
+    },
+    /// A straight edge that may be vertical in the world.
+    Vertical {
+        /// Its middle.
+        middle_px: Vector2<f64>,
+        /// Its direction in the picture, unit length, either way.
+        direction: Vector2<f64>,
+        /// sd of its direction where it is vertical, rad: of finding it, and of how upright such things stand.
+        sd: f64,
+        /// Probability that it is not vertical but happens to point anywhere within [`Clue::STRAY`] of it.
+        wrong: f64,
+    },
+}
+
+/// What clues add to a cost at a camera, and to the normal equations of a step from there.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ClueTerms {
+    /// Its gradient.
+    pub gradient: Vector4<f64>,
+    /// Gauss–Newton's approximation of its Hessian.
+    pub information: Matrix4<f64>,
+}
+
+/// Step of central differences, in log units and rad.
+const STEP: f64 = 1e-5;
+/// Cost of a clue that makes no sense before a camera (ground pixels above its horizon).
+const IMPOSSIBLE: f64 = 1e3;
+
+/// Whitened residual, and what the cost has beside half its square.
+struct Misfit {
+    residual: f64,
+    /// Weight of the residual in the normal equations.
+    weight: f64,
+    cost: f64,
+}
+
+impl Clue {
+    /// Directions of stray edges are spread evenly over this angle to either side, rad.
+    pub const STRAY: f64 = 0.35;
+
+    /// Minus log likelihood before this camera, up to a constant.
+    #[must_use]
+    pub fn cost(&self, camera: &Vector4<f64>) -> f64 {
+        self.misfit(camera).map_or(IMPOSSIBLE, |misfit| misfit.cost)
+    }
+
+    /// How far off it is, in sds; `None` where it makes no sense before this camera.
+    #[must_use]
+    pub fn residual(&self, camera: &Vector4<f64>) -> Option<f64> {
+        Some(self.misfit(camera)?.residual)
+    }
+
+    /// Probability that it is what it says, before this camera: below 1 only for lines of the scene.
+    #[must_use]
+    pub fn trust(&self, camera: &Vector4<f64>) -> f64 {
+        self.misfit(camera).map_or(0.0, |misfit| misfit.weight)
+    }
+
+    fn misfit(&self, camera: &Vector4<f64>) -> Option<Misfit> {
+        match *self {
+            Self::Number { which, value, sd } => {
+                let residual = (camera.get(which)? - value) / sd;
+                Some(Misfit { residual, weight: 1.0, cost: 0.5 * residual * residual })
+            }
+            Self::Length { ends_px, end_sd_px, length_m, log_sd } => {
+                let params = CameraParams::from_vector(camera);
+                let [a, b] = [ground(&params, &ends_px[0])?, ground(&params, &ends_px[1])?];
+                let length = (a - b).norm();
+                let mut variance = log_sd * log_sd;
+                for (end, (other, here)) in ends_px.iter().zip([(b, a), (a, b)]) {
+                    for axis in [Vector2::x(), Vector2::y()] {
+                        let moved = ground(&params, &(end + axis))?;
+                        let change = (moved - here).dot(&(here - other)) / (length * length);
+                        variance += (change * end_sd_px).powi(2);
+                    }
+                }
+                let residual = (length / length_m).ln() / variance.sqrt();
+                let cost = 0.5 * (residual * residual + variance.ln());
+                cost.is_finite().then_some(Misfit { residual, weight: 1.0, cost })
+            }
+            Self::Vertical { middle_px, direction, sd, wrong } => {
+                let params = CameraParams::from_vector(camera);
+                // Where the vertical through a pixel's ray goes in the picture: d/ds of (ray + s · up) projected.
+                let up = params.plane().normal_in_camera;
+                let along = up.xy() * params.focal_px() - up.z * middle_px;
+                let angle = direction.perp(&along).atan2(direction.dot(&along));
+                let angle = angle - std::f64::consts::PI * (angle / std::f64::consts::PI).round();
+                let residual = angle / sd;
+                let upright =
+                    (1.0 - wrong) * (-0.5 * residual * residual).exp() / (sd * std::f64::consts::TAU.sqrt());
+                let stray = wrong / (2.0 * Self::STRAY);
+                let all = upright + stray;
+                Some(Misfit { residual, weight: upright / all, cost: -all.ln() })
+            }
+        }
+    }
+
+    /// What it adds at a camera.
+    #[must_use]
+    pub fn terms(&self, camera: &Vector4<f64>) -> ClueTerms {
+        let mut terms = ClueTerms { gradient: Vector4::zeros(), information: Matrix4::zeros() };
+        let Some(here) = self.misfit(camera) else { return terms };
+        let mut by = Vector4::zeros();
+        for i in 0..4 {
+            let step = Vector4::ith(i, STEP);
+            let (Some(plus), Some(minus)) = (self.misfit(&(camera + step)), self.misfit(&(camera - step)))
+            else {
+                continue;
+            };
+            terms.gradient[i] = (plus.cost - minus.cost) / (2.0 * STEP);
+            by[i] = (plus.residual - minus.residual) / (2.0 * STEP);
+        }
+        terms.information = here.weight * by * by.transpose();
+        terms
+    }
+}
+
+impl ClueTerms {
+    /// Sum over clues.
+    #[must_use]
+    pub fn of(clues: &[Clue], camera: &Vector4<f64>) -> Self {
+        let mut sum = Self { gradient: Vector4::zeros(), information: Matrix4::zeros() };
+        for clue in clues {
+            let terms = clue.terms(camera);
+            sum.gradient += terms.gradient;
+            sum.information += terms.information;
+        }
+        sum
+    }
+}
+
+/// Where a pixel's ray meets the ground, camera frame, m.
+fn ground(params: &CameraParams, pixel: &Vector2<f64>) -> Option<Vector3<f64>> {
+    let plane = params.plane();
+    let camera = Camera { focal_px: params.focal_px(), principal_point_px: Vector2::zeros() };
+    let ray = camera.ray_from_pixel(pixel);
+    let falling = -plane.normal_in_camera.dot(&ray);
+    (falling > 1e-6).then(|| ray * (plane.height_m / falling))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn camera() -> Vector4<f64> {
+        Vector4::new(1200f64.ln(), 0.3, 0.05, 8f64.ln())
+    }
+
+    fn clues() -> Vec<Clue> {
+        let params = CameraParams::from_vector(&camera());
+        let project = |x: f64, y: f64, z: f64| {
+            let point = params.plane().camera_from_world() * nalgebra::Point3::new(x, y, z);
+            1200.0 * point.coords.xy() / point.z
+        };
+        let [foot, top] = [project(3.0, 20.0, 0.0), project(3.0, 20.0, 4.0)];
+        let length = |a: Vector2<f64>, b: Vector2<f64>| Clue::Length {
+            ends_px: [a, b],
+            end_sd_px: 0.5,
+            length_m: 5.0,
+            log_sd: 0.01,
+        };
+        vec![
+            Clue::Number { which: 1, value: 0.3, sd: 0.01 },
+            length(project(-2.0, 18.0, 0.0), project(3.0, 18.0, 0.0)),
+            length(project(0.0, 15.0, 0.0), project(3.0, 19.0, 0.0)),
+            Clue::Vertical {
+                middle_px: (foot + top) / 2.0,
+                direction: (top - foot) / (top - foot).norm(),
+                sd: 0.01,
+                wrong: 0.3,
+            },
+        ]
+    }
+
+    #[test]
+    fn a_true_clue_fits_the_true_camera_and_no_other() {
+        for clue in clues() {
+            assert!(clue.residual(&camera()).unwrap().abs() < 1e-3, "{clue:?}");
+            let tilted = camera() + Vector4::new(0.0, 0.1, 0.0, 0.0);
+            assert!(clue.residual(&tilted).unwrap().abs() > 0.3, "{clue:?}");
+        }
+    }
+
+    #[test]
+    fn the_gradient_is_that_of_the_cost() {
+        let at = camera() + Vector4::new(0.01, -0.008, 0.004, 0.02);
+        for clue in clues() {
+            let step = Vector4::new(3e-4, 2e-4, -1e-4, 2e-4);
+            let change = clue.cost(&(at + step)) - clue.cost(&(at - step));
+            let told = 2.0 * clue.terms(&at).gradient.dot(&step);
+            assert!((change - told).abs() < 1e-3 * told.abs() + 1e-9, "{clue:?}: {change} {told}");
+        }
+    }
+
+    #[test]
+    fn a_stray_edge_has_no_say_and_pixels_in_the_sky_no_length() {
+        let stray = Clue::Vertical {
+            middle_px: Vector2::new(100.0, 0.0),
+            direction: Vector2::new(0.6, 0.8),
+            sd: 0.01,
+            wrong: 0.3,
+        };
+        assert!(stray.trust(&camera()) < 1e-6);
+        assert!(stray.terms(&camera()).information.norm() < 1e-3);
+        let sky = Clue::Length {
+            ends_px: [Vector2::new(0.0, -900.0), Vector2::new(50.0, -900.0)],
+            end_sd_px: 1.0,
+            length_m: 5.0,
+            log_sd: 0.01,
+        };
+        assert!(sky.residual(&camera()).is_none() && sky.terms(&camera()).gradient == Vector4::zeros());
+    }
+}
