@@ -23,6 +23,7 @@ use crate::{EvalError, Report};
 pub use pictures::{camera_pictures, dataset_pictures};
 
 use clips::Workplace;
+pub(crate) use clips::temporary_folder;
 use evidence::SceneEvidence;
 use score::SystemScore;
 

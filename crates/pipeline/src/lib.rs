@@ -34,6 +34,7 @@ mod watched;
 
 pub use activities::{activity_file, open_activity, track_motion};
 pub use bench::{DecodeCost, forget_peak_memory, measure_decoding};
+pub use cameras::usable;
 pub use cancel::Cancel;
 pub use clip::{ClipSolution, solve_clip};
 pub use colours::track_colours;

@@ -35,8 +35,10 @@ pub enum EvalCommand {
     Keypoints(EvalKeypointsArgs),
     /// The joint solver on synthetic scenes with exact truth: accuracy against the Cramér–Rao bound, honesty, speed.
     Solver(EvalSolverArgs),
-    /// Remembered cameras on synthetic clips with exact truth: error, bound and sd after 1, 3, 10, 30 nights.
+    /// Known real cameras (cameras.json): how far off the product's are, car by car and keypoint by keypoint where from.
     Cameras(EvalCamerasArgs),
+    /// Remembered cameras on synthetic clips with exact truth: error, bound and sd after 1, 3, 10, 30 nights.
+    Remembered(EvalRememberedArgs),
 }
 
 /// `roadplane eval run`.
@@ -212,6 +214,19 @@ pub struct EvalSolverArgs {
 /// `roadplane eval cameras`.
 #[derive(Debug, Args)]
 pub struct EvalCamerasArgs {
+    /// Folder with cameras.json and the pictures and clips that it names.
+    pub folder: PathBuf,
+    /// Writes the tables as CSV and HTML into this folder, and what was found in the pictures below it, which is used again.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub config: ConfigArgs,
+}
+
+/// `roadplane eval remembered`.
+#[derive(Debug, Args)]
+pub struct EvalRememberedArgs {
     /// Cameras.
     #[arg(long, default_value_t = 200, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=100_000))]
     pub cameras: u32,

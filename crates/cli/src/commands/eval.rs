@@ -2,6 +2,7 @@
 
 mod activity;
 mod attention;
+mod cameras;
 mod dataset;
 mod keypoints;
 mod kitti;
@@ -29,7 +30,8 @@ pub fn eval(args: &EvalArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
         EvalCommand::Boxes(args) => files(args, evaluate_coco),
         EvalCommand::Keypoints(args) => keypoints::keypoints(args, cancel),
         EvalCommand::Solver(args) => solver::solver(args, cancel),
-        EvalCommand::Cameras(args) => solver::cameras(args),
+        EvalCommand::Cameras(args) => cameras::cameras(args, cancel),
+        EvalCommand::Remembered(args) => solver::remembered(args),
     }
 }
 

@@ -50,7 +50,7 @@ impl Workplace {
     }
 }
 
-fn temporary_folder() -> Result<tempfile::TempDir, EvalError> {
+pub(crate) fn temporary_folder() -> Result<tempfile::TempDir, EvalError> {
     tempfile::tempdir().map_err(|source| no_folder(source, Path::new("temporary")))
 }
 

@@ -3,7 +3,7 @@
 
 use std::path::{Path, PathBuf};
 
-use nalgebra::Vector3;
+use nalgebra::{Vector2, Vector3};
 use roadplane_base::{GroundPlane, ImageSize};
 use serde::Deserialize;
 
@@ -23,6 +23,8 @@ pub struct KnownCamera {
     pub size: ImageSize,
     /// Focal length, px.
     pub focal_px: f64,
+    /// Principal point, px.
+    pub principal_point_px: Vector2<f64>,
     /// The ground.
     pub plane: GroundPlane,
     /// Radial distortion k1, k2 (OpenCV).
@@ -43,6 +45,7 @@ struct Entry {
     file: PathBuf,
     image_size_px: [u32; 2],
     focal_px: f64,
+    principal_point_px: [f64; 2],
     distortion_k1_k2: [f64; 2],
     height_m: f64,
     normal_in_camera: [f64; 3],
@@ -85,6 +88,7 @@ pub fn read_cameras(path: &Path) -> Result<Vec<KnownCamera>, EvalError> {
             id: entry.id,
             size: ImageSize { width, height },
             focal_px: entry.focal_px,
+            principal_point_px: entry.principal_point_px.into(),
             plane: GroundPlane { normal_in_camera: normal / normal.norm(), height_m: entry.height_m },
             distortion: entry.distortion_k1_k2,
             sd: [focal_share, tilt_deg.to_radians(), roll_deg.to_radians(), height_share],
@@ -104,7 +108,7 @@ mod tests {
         let text = |focal: &str, schema: &str| {
             format!(
                 r#"{{"schema": "{schema}", "cameras": [{{"id": "a/b", "file": "b.jpg", "image_size_px": [640, 360],
-                "focal_px": {focal}, "distortion_k1_k2": [-0.3, 0.1], "height_m": 8.0, "normal_in_camera": [0, -2, 0],
+                "focal_px": {focal}, "principal_point_px": [320, 180], "distortion_k1_k2": [-0.3, 0.1], "height_m": 8.0, "normal_in_camera": [0, -2, 0],
                 "sd": {{"focal_share": 0.01, "tilt_deg": 1, "roll_deg": 1, "height_share": 0.1}}, "quality": "good"}}]}}"#
             )
         };

@@ -9,7 +9,7 @@ use roadplane_eval::{Report, camera_pictures, dataset_pictures};
 use roadplane_pipeline::{Cancel, find_models};
 
 use crate::Outcome;
-use crate::args::eval::{EvalCamerasArgs, EvalSolverArgs};
+use crate::args::eval::{EvalRememberedArgs, EvalSolverArgs};
 
 /// Frames that are fused.
 const FRAMES: usize = 100;
@@ -54,7 +54,7 @@ fn layers(args: &EvalSolverArgs, cancel: &Cancel) -> anyhow::Result<Report> {
 }
 
 /// Prints the table of remembered cameras.
-pub fn cameras(args: &EvalCamerasArgs) -> anyhow::Result<Outcome> {
+pub fn remembered(args: &EvalRememberedArgs) -> anyhow::Result<Outcome> {
     let atlas = ShapeAtlas::shipped()?;
     let tables = remembered_tables(&atlas, args.cameras as usize, args.clips as usize);
     let title = "Remembered cameras on clips with exact truth".to_owned();

@@ -1,0 +1,56 @@
+//! The product's camera beside the known one.
+
+use std::path::Path;
+
+use nalgebra::Vector4;
+use roadplane_base::{CameraEstimate, CameraStatus, angle_difference};
+use roadplane_pipeline::{Cancel, Config, SolveOptions, solve_file};
+use roadplane_write::read_camera;
+
+use crate::EvalError;
+use crate::dataset::temporary_folder;
+use crate::readers::cameras::KnownCamera;
+
+/// What a run says of a known camera.
+pub(super) struct Outcome {
+    /// The estimate that holds longest.
+    pub estimate: CameraEstimate,
+    /// Errors of log focal, tilt (rad), roll (rad), log height.
+    pub errors: Vector4<f64>,
+    /// The same in sds, that of the truth counted.
+    pub in_sds: Vector4<f64>,
+    /// Horizon in the middle of the picture, found minus true, px down.
+    pub horizon_px: f64,
+}
+
+impl Outcome {
+    /// Whether the focal length is claimed to be found, to this sd of its logarithm.
+    pub fn claims(&self, log_sd: f64) -> bool {
+        self.estimate.status == CameraStatus::Estimated && self.estimate.covariance[(0, 0)].sqrt() <= log_sd
+    }
+}
+
+/// Solves the frames as `run` and `solve` do.
+pub(super) fn outcome(
+    known: &KnownCamera,
+    frames: &Path,
+    config: &Config,
+    cancel: &Cancel,
+) -> Result<Outcome, EvalError> {
+    let temporary = temporary_folder()?;
+    let poses = temporary.path().join("poses.jsonl");
+    let options = SolveOptions { use_plane: true, ..SolveOptions::default() };
+    solve_file(frames, &poses, &options, config, cancel)?;
+    let estimate = read_camera(&poses.with_file_name("camera.json"))?.camera.estimate();
+    let truth =
+        Vector4::new(known.focal_px.ln(), known.plane.tilt(), known.plane.roll(), known.plane.height_m.ln());
+    let mut errors = estimate.params.to_vector() - truth;
+    errors[2] = angle_difference(estimate.params.roll, known.plane.roll());
+    let in_sds =
+        Vector4::from_fn(|i, _| errors[i] / (estimate.covariance[(i, i)] + known.sd[i] * known.sd[i]).sqrt());
+    let horizon = |principal: f64, focal_px: f64, tilt: f64| principal - focal_px * tilt.tan();
+    let middle = estimate.principal_point_px.y;
+    let horizon_px = horizon(middle, estimate.params.focal_px(), estimate.params.tilt)
+        - horizon(known.principal_point_px.y, known.focal_px, known.plane.tilt());
+    Ok(Outcome { estimate, errors, in_sds, horizon_px })
+}
