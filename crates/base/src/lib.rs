@@ -24,6 +24,7 @@ mod plane;
 mod pose;
 mod records;
 mod robust;
+mod shared;
 mod similarity;
 
 pub use activity::Activity;
@@ -34,7 +35,7 @@ pub use atlas::{
 pub use bbox::{bbox_around, bbox_centre, bbox_covered, bbox_iou, bbox_moved, bbox_share_inside};
 pub use camera::{Camera, CameraParams, ImageSize};
 pub use clue::{Clue, ClueTerms};
-pub use evidence::{CameraEvidence, ClipIdentity, EVIDENCE_SCHEMA, ParkedCar};
+pub use evidence::{CameraEvidence, ClipIdentity, EVIDENCE_SCHEMA, ParkedCar, SharedPart};
 pub use frame::{Frame, FrameStamp};
 pub use keypoint::{KEYPOINTS, Keypoint, KeypointSet, keypoint_names, mirror_index, skeleton_edges};
 pub use plane::GroundPlane;
@@ -44,4 +45,5 @@ pub use records::{
     PoseRecord, RecordError, TrackRow, VehicleClass, WatchRecord, rows_from_isometry,
 };
 pub use robust::{median, weighted_median};
+pub use shared::{JointInformation, SharedSd};
 pub use similarity::Similarity;

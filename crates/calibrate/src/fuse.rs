@@ -1,7 +1,7 @@
 //! Estimates of windows → camera over time.
 //!
 //! Each window says `c ~ N(c_w, I_w⁻¹)` of c = (log f, tilt, roll, log h), all information in `I_w` from keypoints, none from
-//! a prior. Windows share parked cars, whose keypoint bias they share as well. So window w counts with the factor
+//! a prior, and how it depends on the errors that all cars of the place share. Windows share parked cars, whose keypoint bias they share as well. So window w counts with the factor
 //!
 //! ```text
 //! q_w = mean over its cars k of  1 / (1 + (n_k − 1) γ_k)
@@ -15,7 +15,8 @@ use std::sync::Arc;
 
 use nalgebra::{Matrix4, Vector2, Vector4};
 use roadplane_base::{
-    CameraEstimate, CameraParams, CameraStatus, Clue, ClueTerms, ImageSize, weighted_median,
+    CameraEstimate, CameraParams, CameraStatus, Clue, ClueTerms, ImageSize, JointInformation, SharedSd,
+    weighted_median,
 };
 
 use crate::{
@@ -43,8 +44,9 @@ pub struct WindowEstimate {
     pub params: CameraParams,
     /// The solve's own answer, with all that it was told besides.
     pub solved: CameraParams,
-    /// Information of the keypoints on `params`, without any prior on the camera; may be singular.
-    pub information: Matrix4<f64>,
+    /// What the keypoints say, of the errors too that the place's cars share, without any prior on the camera; may be singular.
+    /// Without such errors it leads to `params`.
+    pub joint: JointInformation,
     /// Cars that it rests on.
     pub cars: Vec<CarUse>,
     /// As in [`Window`](crate::Window).
@@ -53,6 +55,14 @@ pub struct WindowEstimate {
     pub start: SegmentStart,
     /// As in [`Window`](crate::Window).
     pub steady: bool,
+}
+
+impl WindowEstimate {
+    /// Information on `params`, were there no shared errors.
+    #[must_use]
+    pub fn information(&self) -> Matrix4<f64> {
+        self.joint.camera()
+    }
 }
 
 /// What is believed of a camera before any car was seen.
@@ -81,9 +91,8 @@ pub struct FuseOptions {
     pub parked_correlation: f64,
     /// The same for a car that moved between them.
     pub moving_correlation: f64,
-    /// Factor on the variance of what windows say together: what the errors of their cars have in common, which does not show
-    /// in how windows scatter. At least 1.
-    pub dispersion: f64,
+    /// sd of the errors that all cars of the place share, and so all windows: it does not show in how they scatter.
+    pub shared_sd: SharedSd,
     /// What else speaks of the camera, by its position ([`WindowEstimate::segment`]); counted once.
     pub clues: BTreeMap<usize, Arc<[Clue]>>,
     /// Gain in log likelihood that a change of the camera, or a drift, must bring to be believed.
@@ -112,7 +121,7 @@ impl FuseOptions {
             drift_sd: Vector4::new(1e-4, 5e-5, 5e-5, 1e-4),
             parked_correlation: 1.0,
             moving_correlation: 0.3,
-            dispersion: 1.0,
+            shared_sd: [0.0; 2],
             clues: BTreeMap::new(),
             min_gain: 16.0,
         }
@@ -203,8 +212,9 @@ fn with_clues(
 }
 
 fn is_usable(window: &WindowEstimate) -> bool {
-    let finite = window.params.to_vector().iter().chain(window.information.iter()).all(|x| x.is_finite());
-    finite && window.span_s.iter().all(|t| t.is_finite()) && window.information.diagonal().min() >= 0.0
+    let finite = window.params.to_vector().iter().chain(window.joint.vector.iter()).all(|x| x.is_finite())
+        && window.joint.information.iter().all(|x| x.is_finite());
+    finite && window.span_s.iter().all(|t| t.is_finite()) && window.joint.information.diagonal().min() >= 0.0
 }
 
 fn middle_s(windows: &[&WindowEstimate]) -> f64 {
@@ -258,13 +268,13 @@ fn constant(group: &[&WindowEstimate], shares: &[f64], options: &FuseOptions) ->
         let mut values: Vec<(f64, f64)> = group
             .iter()
             .zip(shares)
-            .map(|(w, share)| (w.params.to_vector()[i], share * w.information[(i, i)]))
+            .map(|(w, share)| (w.params.to_vector()[i], share * w.joint.information[(i, i)]))
             .collect();
         weighted_median(&mut values).unwrap_or(prior[i])
     });
     let distance = |w: &WindowEstimate, centre: &Vector4<f64>| {
         let away = w.params.to_vector() - centre;
-        (away.transpose() * w.information * away)[0].max(0.0)
+        (away.transpose() * w.information() * away)[0].max(0.0)
     };
     let mut distances = Vec::new();
     let mut weights = Vec::new();
@@ -274,8 +284,9 @@ fn constant(group: &[&WindowEstimate], shares: &[f64], options: &FuseOptions) ->
         let mut information = prior_information;
         let mut sum = prior_information * prior;
         for ((window, share), weight) in group.iter().zip(shares).zip(&weights) {
-            information += window.information * (share * weight);
-            sum += window.information * window.params.to_vector() * (share * weight);
+            let own = window.information() * (share * weight);
+            information += own;
+            sum += own * window.params.to_vector();
         }
         let Some(next) = information.cholesky().map(|c| c.solve(&sum)) else { break };
         let moved = (next - centre).norm();
@@ -294,18 +305,16 @@ struct Part<'a, 'w> {
     drift: Option<f64>,
 }
 
-/// Several windows of one camera position as one: what they say together, `dispersion` left to whoever fuses it. `None` without
-/// usable windows.
+/// Several windows of one camera position as one: what they say together. `None` without usable windows.
 #[must_use]
 pub fn condense(windows: &[WindowEstimate], options: &FuseOptions) -> Option<WindowEstimate> {
     let usable: Vec<&WindowEstimate> = windows.iter().filter(|w| is_usable(w)).collect();
     let first = *usable.first()?;
-    let options = FuseOptions { dispersion: 1.0, ..options.clone() };
-    let node = node(&usable, &shares(&usable, &options), Step::fresh(), &options);
+    let joint = together(&usable, &shares(&usable, options), options);
     // Where the windows say nothing, the weakest of priors keeps the numbers finite; it is not in the information.
     let weak = Matrix4::from_diagonal(&options.prior.sd.map(|sd| 1e-6 / (sd * sd)));
-    let weighted = node.weighted + weak * options.prior.params.to_vector();
-    let params = (node.information + weak).cholesky()?.solve(&weighted);
+    let weighted = joint.vector.fixed_rows::<4>(0) + weak * options.prior.params.to_vector();
+    let params = (joint.camera() + weak).cholesky()?.solve(&weighted);
     let mut cars: Vec<CarUse> = usable.iter().flat_map(|w| w.cars.iter().copied()).collect();
     cars.sort_by_key(|car| (car.link, !car.parked));
     cars.dedup_by_key(|car| car.link);
@@ -317,7 +326,7 @@ pub fn condense(windows: &[WindowEstimate], options: &FuseOptions) -> Option<Win
         frames: usable.iter().map(|w| w.frames).sum(),
         params: CameraParams::from_vector(&params),
         solved: CameraParams::from_vector(&params),
-        information: node.information,
+        joint,
         cars,
         segment: first.segment,
         start: first.start,
@@ -370,7 +379,7 @@ fn drift_log_likelihood(group: &[&WindowEstimate], scale: f64, options: &FuseOpt
         }
         // What a window says nothing of gets a loose, not an infinite, variance.
         let weak = Matrix4::from_diagonal(&loose.diagonal().map(|v| 1.0 / v));
-        let Some(noise) = (window.information + weak).try_inverse() else { continue };
+        let Some(noise) = (window.information() + weak).try_inverse() else { continue };
         let innovation = window.params.to_vector() - mean;
         let Some(factor) = (covariance + noise).cholesky() else { continue };
         let d2 = innovation.dot(&factor.solve(&innovation));
@@ -384,22 +393,24 @@ fn drift_log_likelihood(group: &[&WindowEstimate], scale: f64, options: &FuseOpt
     total
 }
 
-/// One piece of evidence: a group under one constant. Windows that scatter more than they claim widen it (Birge's ratio),
-/// `dispersion` at least.
+/// One piece of evidence: a group under one constant.
 fn node(group: &[&WindowEstimate], shares: &[f64], step: Step, options: &FuseOptions) -> Node {
+    let (information, weighted) = together(group, shares, options).marginal(options.shared_sd);
+    Node { information, weighted, step }
+}
+
+/// What a group says under one constant. Windows that scatter more than they claim widen it (Birge's ratio).
+fn together(group: &[&WindowEstimate], shares: &[f64], options: &FuseOptions) -> JointInformation {
     let Constant { weights, distances, .. } = constant(group, shares, options);
     let surplus = 4.0 * (group.len() as f64 - 1.0);
     let scatter: f64 = distances.iter().zip(&weights).map(|(d2, w)| d2 * w).sum();
-    let scatter = if group.len() >= 3 { scatter / surplus } else { 1.0 };
-    let widened = scatter.max(1.0).max(options.dispersion);
-    let mut node = Node { information: Matrix4::zeros(), weighted: Vector4::zeros(), step };
+    let widened = if group.len() >= 3 { (scatter / surplus).max(1.0) } else { 1.0 };
+    let mut sum = JointInformation::none();
     for ((window, share), weight) in group.iter().zip(shares).zip(&weights) {
         // Weights above 1 would claim more than the window does.
-        let factor = share * weight.min(1.0) / widened;
-        node.information += window.information * factor;
-        node.weighted += window.information * window.params.to_vector() * factor;
+        sum.add(&window.joint, share * weight.min(1.0) / widened);
     }
-    node
+    sum
 }
 
 fn estimate(

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use nalgebra::{Matrix4, Vector4};
 use roadplane_base::{
     Camera, CameraEstimate, CameraEvidence, CameraParams, CameraStatus, EVIDENCE_SCHEMA, FrameRecord,
-    ImageSize, KeypointSet, ParkedCar, ShapeAtlas,
+    ImageSize, JointInformation, KeypointSet, ParkedCar, ShapeAtlas, SharedPart,
 };
 use roadplane_calibrate::{
     CarUse, EvidenceBuilder, EvidenceOptions, FuseOptions, FusePrior, LinkId, SegmentStart, View, Window,
@@ -96,8 +96,6 @@ pub fn estimate_cameras(
     config: &Config,
 ) -> Result<CameraTrack, PipelineError> {
     let mut options = config.solve.scene_options(known_focal_px);
-    // Windows say what each alone would; what their cars' errors have in common is counted where they are fused.
-    options.camera_dispersion = 1.0;
     let mut builder = EvidenceBuilder::new(EvidenceOptions {
         window_s: config.calibrate.window_s,
         ..EvidenceOptions::default()
@@ -155,7 +153,7 @@ pub(crate) fn fuse_options(size: ImageSize, known_focal_px: Option<f64>, config:
     FuseOptions {
         focal_given: known_focal_px.is_some(),
         prior: fuse_prior(&options, size),
-        dispersion: options.camera_dispersion,
+        shared_sd: options.shared_sd(),
         ..FuseOptions::for_image(size)
     }
 }
@@ -187,7 +185,7 @@ fn evidence_of(
         frames: 0,
         params: options.prior.params,
         solved: options.prior.params,
-        information: Matrix4::zeros(),
+        joint: JointInformation::none(),
         cars: Vec::new(),
         segment: position,
         start: SegmentStart::Clip,
@@ -206,7 +204,8 @@ fn evidence_of(
         span_s: together.span_s,
         frames: together.frames,
         params: std::array::from_fn(|i| params[i]),
-        information: std::array::from_fn(|r| std::array::from_fn(|c| together.information[(r, c)])),
+        information: std::array::from_fn(|r| std::array::from_fn(|c| together.joint.information[(r, c)])),
+        shared: SharedPart::from(&together.joint),
         moving: together.cars.len() - stood.len(),
         parked: stood,
         place: recall.place.clone(),
@@ -375,17 +374,21 @@ fn solve_window(
     cars.sort_by_key(|car| car.link);
     cars.dedup_by_key(|car| car.link);
     // What the cars alone say: the solve's prior is taken out again, since it is counted once over all windows.
-    let alone = solution
-        .information
+    let mut joint = solution.information;
+    let alone = joint
+        .camera()
         .cholesky()
-        .map(|information| CameraParams::from_vector(&information.solve(&solution.information_vector)))
+        .map(|information| CameraParams::from_vector(&information.solve(&joint.vector.fixed_rows::<4>(0))))
         .filter(|params| near(params, &solution.params, &solution.covariance));
+    let params = alone.unwrap_or(solution.params);
+    let vector = joint.camera() * params.to_vector();
+    joint.vector.fixed_rows_mut::<4>(0).copy_from(&vector);
     let estimate = WindowEstimate {
         span_s: window.span_s,
         frames: window.frames,
-        params: alone.unwrap_or(solution.params),
+        params,
         solved: solution.params,
-        information: solution.information,
+        joint,
         cars,
         segment: window.segment,
         start: window.start,

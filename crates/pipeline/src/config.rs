@@ -7,17 +7,11 @@ use roadplane_decode::DecodeOptions;
 use roadplane_detect::DetectOptions;
 use roadplane_infer::ProviderChoice;
 use roadplane_keypoints::KeypointOptions;
-use roadplane_solve::{CameraPrior, OutlierModel, SceneOptions};
+use roadplane_solve::{CameraPrior, OutlierModel, SceneOptions, ViewErrors};
 use roadplane_track::TrackOptions;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 use thiserror::Error;
-
-/// Factor on the variance that cars give the camera: errors of the net on a car have something in common, and so have cars of
-/// makes that the atlas does not know. Without it focal length and tilt were off by 1.34 sds (rms) in rendered pictures and
-/// clips of cars of the training split, each with an atlas that lacked their makes. "error / sd" in `roadplane eval dataset`
-/// shows whether it still suits.
-const CAMERA_DISPERSION: f64 = 1.8;
 
 /// All settings. Sections of stages belong to their crates.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -168,6 +162,11 @@ impl Default for OutputConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SolveConfig {
+    /// How far off nets see a car's elevation (the angle at which it is seen from above) and its turn about the line of sight: sds,
+    /// degrees, above 0.
+    pub view_sd_deg: [f64; 2],
+    /// The same of what all cars of a place share, from 0.
+    pub shared_view_sd_deg: [f64; 2],
     /// Median focal length beforehand, in units of the longer image side.
     pub focal_prior_ratio: f64,
     /// sd of its logarithm.
@@ -202,6 +201,8 @@ impl Default for SolveConfig {
         let prior = scene.camera_prior;
         let deg = |rad: f64| (rad.to_degrees() * 1e9).round() / 1e9;
         Self {
+            view_sd_deg: [0.8, 0.8],
+            shared_view_sd_deg: [0.8, 0.8],
             focal_prior_ratio: prior.focal_ratio,
             focal_prior_log_sd: prior.log_focal_sd,
             tilt_prior_deg: deg(prior.tilt),
@@ -237,7 +238,10 @@ impl SolveConfig {
             kernel: OutlierModel { threshold_squared: self.outlier_sd * self.outlier_sd },
             min_inliers: self.min_inliers,
             min_inlier_share: self.min_inlier_share,
-            camera_dispersion: CAMERA_DISPERSION,
+            view_errors: Some(ViewErrors {
+                car_sd: self.view_sd_deg.map(f64::to_radians),
+                shared_sd: self.shared_view_sd_deg.map(f64::to_radians),
+            }),
             ..SceneOptions::default()
         }
     }
@@ -356,6 +360,10 @@ impl Config {
         range("watch.sweep_s", self.watch.sweep_s, 0.1, 60.0)?;
         range("keypoints.batch", self.keypoints.batch as f64, 1.0, 256.0)?;
         range("keypoints.min_box_px", self.keypoints.min_box_px, 1.0, 10_000.0)?;
+        for (car, shared) in solve.view_sd_deg.into_iter().zip(solve.shared_view_sd_deg) {
+            range("solve.view_sd_deg", car, 1e-3, 30.0)?;
+            range("solve.shared_view_sd_deg", shared, 0.0, 30.0)?;
+        }
         range("solve.focal_prior_ratio", solve.focal_prior_ratio, 0.1, 20.0)?;
         range("solve.focal_prior_log_sd", solve.focal_prior_log_sd, 0.01, 10.0)?;
         range("solve.tilt_prior_deg", solve.tilt_prior_deg, -90.0, 90.0)?;

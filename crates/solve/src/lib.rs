@@ -41,7 +41,7 @@ mod start;
 
 pub use linear::lm::{LmOptions, LmReport, Problem, Termination, Trial, minimise};
 pub use model::kernel::OutlierModel;
-pub use options::{CameraPrior, SceneOptions, ShapePrior, Steps};
+pub use options::{CameraPrior, SceneOptions, ShapePrior, Steps, ViewErrors};
 pub use problem::free::PlaneTerms;
 pub use scene::fit::{CarFit, fit_car};
 pub use scene::free::{FreeCarFit, FreeSceneSolution, fit_free_car, solve_free_scene};

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use nalgebra::{Matrix6, Vector4};
-use roadplane_base::{CameraParams, Clue, ImageSize, Shape};
+use roadplane_base::{CameraParams, Clue, ImageSize, Shape, SharedSd};
 
 use crate::linear::lm::LmOptions;
 use crate::model::kernel::OutlierModel;
@@ -129,6 +129,16 @@ impl Default for Steps {
     }
 }
 
+/// How far off the view of a car is as a whole, as nets see it: the angle at which it is seen from above, and its turn about the
+/// line of sight, sds in rad (`problem/ground/joint.rs`).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ViewErrors {
+    /// Of a single car, above 0.
+    pub car_sd: [f64; 2],
+    /// Common to all cars of a place.
+    pub shared_sd: SharedSd,
+}
+
 /// How a scene or a car is solved.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SceneOptions {
@@ -150,10 +160,8 @@ pub struct SceneOptions {
     pub kernel: OutlierModel,
     /// Which steps of the solve are done.
     pub steps: Steps,
-    /// Factor on the variance that the cars of [`solve_scene`](crate::solve_scene) give the camera (overdispersion, McCullagh and
-    /// Nelder 1989, §4.5), finite and above 0: 1 where errors of a car's keypoints are independent and its shape is drawn from the
-    /// atlas, more where they have something in common. The estimate does not depend on it, its covariance does.
-    pub camera_dispersion: f64,
+    /// What the errors of a car's keypoints, and of all cars, have in common; `None` where nothing: synthetic noise.
+    pub view_errors: Option<ViewErrors>,
     /// Stopping rules.
     pub lm: LmOptions,
     /// A car with a smaller share of right keypoints is left out.
@@ -163,6 +171,14 @@ pub struct SceneOptions {
     pub max_cost_share: f64,
     /// A car with fewer right keypoints is left out.
     pub min_inliers: usize,
+}
+
+impl SceneOptions {
+    /// sds of what cars share: 0 where their errors are independent.
+    #[must_use]
+    pub fn shared_sd(&self) -> SharedSd {
+        self.view_errors.map_or([0.0; 2], |errors| errors.shared_sd)
+    }
 }
 
 impl Default for SceneOptions {
@@ -176,7 +192,7 @@ impl Default for SceneOptions {
             atlas_residual_scale: 1.0,
             kernel: OutlierModel::default(),
             steps: Steps::default(),
-            camera_dispersion: 1.0,
+            view_errors: None,
             lm: LmOptions::default(),
             min_inlier_share: 0.45,
             max_cost_share: 0.6,

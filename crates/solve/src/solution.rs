@@ -1,7 +1,7 @@
 //! What goes in besides options, and what comes out.
 
-use nalgebra::{Isometry3, Matrix3, Matrix4, Matrix6, Vector4};
-use roadplane_base::{CameraParams, GroundPose, KEYPOINTS, KeypointSet, Shape};
+use nalgebra::{Isometry3, Matrix3, Matrix4, Matrix6};
+use roadplane_base::{CameraParams, GroundPose, JointInformation, KEYPOINTS, KeypointSet, Shape};
 
 use crate::linear::lm::Termination;
 
@@ -69,14 +69,10 @@ pub struct SceneSolution {
     pub status: SceneStatus,
     /// Focal length, tilt, roll, height.
     pub params: CameraParams,
-    /// Information on (log f, tilt, roll, log h) from the cars alone, poses and shapes marginalised: what may be added up
-    /// over independent frames. The prior is not in it.
-    pub information: Matrix4<f64>,
-    /// `information · params`, corrected for the prior's pull at the estimate, so that frames fuse as
-    /// `(Σ information + P)⁻¹ (Σ information_vector + P · prior mean)`.
-    pub information_vector: Vector4<f64>,
-    /// Covariance of (log f, tilt, roll, log h), prior counted; zero where given. The cars' part is widened by
-    /// [`SceneOptions::camera_dispersion`](crate::SceneOptions), which `information` is not.
+    /// What the cars alone say of (log f, tilt, roll, log h) and of the errors they share, poses and shapes marginalised: what may
+    /// be added up over independent frames of a place. Prior and clues are not in it.
+    pub information: JointInformation,
+    /// Covariance of (log f, tilt, roll, log h), prior, clues and shared errors counted; zero where given.
     pub covariance: Matrix4<f64>,
     /// Per view, in the order given; `None` where nothing could be fitted.
     pub cars: Vec<Option<CarSolution>>,

@@ -52,9 +52,9 @@ fn a_loose_number_changes_nothing() {
 fn what_cars_say_does_not_hold_the_clue() {
     let clue = |truth: &CameraParams| vec![Clue::Number { which: 0, value: truth.log_focal, sd: 0.01 }];
     with_and_without(&ShapeAtlas::shipped().unwrap(), clue, |[without, with], _| {
-        let counted = with.covariance.try_inverse().unwrap()[(0, 0)] - with.information[(0, 0)];
+        let counted = with.covariance.try_inverse().unwrap()[(0, 0)] - with.information.information[(0, 0)];
         let prior = 1.0 / (0.6 * 0.6);
         assert!((counted / (1e4 + prior) - 1.0).abs() < 1e-6, "{counted}");
-        assert!(with.information[(0, 0)] < 3.0 * without.information[(0, 0)]);
+        assert!(with.information.information[(0, 0)] < 3.0 * without.information.information[(0, 0)]);
     });
 }

@@ -19,7 +19,9 @@ fn solve(sets: &[KeypointSet], options: &SceneOptions) -> SceneSolution {
     let found = solve_scene(&atlas, SIZE, &views, options);
     assert!(start.elapsed().as_secs() < 10, "took {:?}", start.elapsed());
     assert!(found.params.to_vector().iter().all(|v| v.is_finite()), "{:?}", found.params);
-    assert!(found.information.iter().chain(found.information_vector.iter()).all(|v| v.is_finite()));
+    assert!(
+        found.information.information.iter().chain(found.information.vector.iter()).all(|v| v.is_finite())
+    );
     assert!(found.covariance.diagonal().iter().all(|v| *v >= 0.0), "{}", found.covariance);
     assert_eq!(found.cars.len(), sets.len());
     for car in found.cars.iter().flatten() {

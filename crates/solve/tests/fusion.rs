@@ -2,40 +2,36 @@
 
 use nalgebra::{Matrix4, Vector4};
 use roadplane_base::{CameraParams, ShapeAtlas};
-use roadplane_solve::{CameraPrior, CarView, SceneOptions, solve_scene};
+use roadplane_solve::{CameraPrior, CarView, SceneOptions, SceneSolution, ViewErrors, solve_scene};
 use roadplane_synth::{SynthOptions, scene};
 
 #[test]
-fn dispersion_widens_the_cameras_covariance_alone() {
+fn errors_of_view_widen_what_cars_say() {
     let atlas = ShapeAtlas::shipped().unwrap();
     let scene = scene(&atlas, &SynthOptions { cars: 8, noise: 0.01, ..SynthOptions::default() }, 11);
-    let views: Vec<CarView<'_>> = scene
-        .cars
-        .iter()
-        .enumerate()
-        .map(|(group, car)| CarView { keypoints: &car.keypoints, group, weight: 1.0 })
-        .collect();
-    for (camera_prior, known_focal_px) in [
-        (CameraPrior::none(), None),
-        (CameraPrior::none(), Some(scene.params.focal_px())),
-        (CameraPrior::default(), None),
-    ] {
-        let solve = |camera_dispersion: f64| {
+    let cars = scene.cars.iter().enumerate();
+    let views: Vec<CarView<'_>> =
+        cars.map(|(group, car)| CarView { keypoints: &car.keypoints, group, weight: 1.0 }).collect();
+    for known_focal_px in [None, Some(scene.params.focal_px())] {
+        let solve = |view_errors: Option<ViewErrors>| {
+            let camera_prior = CameraPrior::none();
             let options =
-                SceneOptions { camera_prior, known_focal_px, camera_dispersion, ..SceneOptions::default() };
+                SceneOptions { camera_prior, known_focal_px, view_errors, ..SceneOptions::default() };
             solve_scene(&atlas, scene.size, &views, &options)
         };
-        let (narrow, wide) = (solve(1.0), solve(4.0));
-        assert_eq!((narrow.params, narrow.information), (wide.params, wide.information));
-        assert_eq!(narrow.information_vector, wide.information_vector);
-        let ratio = wide.covariance.component_div(&narrow.covariance);
-        for i in (0..4).filter(|i| narrow.covariance[(*i, *i)] > 0.0) {
-            // What was known before is not widened.
-            let exact = camera_prior == CameraPrior::none();
-            let right = if exact { (ratio[(i, i)] - 4.0).abs() < 1e-9 } else { ratio[(i, i)] < 4.0 };
-            assert!(right && ratio[(i, i)] > 3.0, "{i}: {}", ratio[(i, i)]);
+        let errors = |car: f64, shared: f64| Some(ViewErrors { car_sd: [car; 2], shared_sd: [shared; 2] });
+        let sd = |found: &SceneSolution| found.covariance.diagonal().map(f64::sqrt);
+        let (none, tiny) = (solve(None), solve(errors(1e-7, 0.0)));
+        assert!((none.covariance - tiny.covariance).amax() < 1e-6 * none.covariance.amax());
+        assert!((none.params.to_vector() - tiny.params.to_vector()).amax() < 1e-6);
+        let (own, shared) = (sd(&solve(errors(0.02, 0.0))), sd(&solve(errors(0.02, 0.02))));
+        let none = sd(&none);
+        for i in (0..4).filter(|i| none[*i] > 0.0) {
+            assert!(none[i] < own[i] && own[i] < shared[i], "{i}: {none} {own} {shared}");
         }
-        assert_eq!(known_focal_px.is_some(), wide.covariance[(0, 0)] == 0.0);
+        // What is shared shows whole in the tilt, when the focal length is known.
+        assert!(known_focal_px.is_none() || shared[1] > 0.9 * 0.02, "{shared}");
+        assert_eq!(known_focal_px.is_some(), shared[0] == 0.0);
     }
 }
 
@@ -68,8 +64,9 @@ fn a_hundred_frames_pin_the_focal_length() {
             if frame == 0 {
                 vector = options.camera_prior.mean(scene.size).to_vector().component_mul(&prior);
             }
-            information += found.information;
-            vector += found.information_vector;
+            let (own, own_vector) = found.information.marginal([0.0; 2]);
+            information += own;
+            vector += own_vector;
             truth = Some(scene.params);
         }
         let covariance = information.cholesky().unwrap().inverse();

@@ -79,21 +79,22 @@ fn fuse(atlas: &ShapeAtlas, seed: u64, frames: usize) -> Option<Fused> {
     let solved = in_parallel(frames, |frame| {
         let truth = scene(atlas, &asked, seed * 1000 + frame as u64);
         let found = solve_scene(atlas, truth.size, &views(&truth), &options);
-        (truth.params.to_vector(), found.information, found.information_vector, found.params.to_vector())
+        (truth.params.to_vector(), found.information, found.params.to_vector())
     });
     let prior = options.camera_prior.information();
     let mut information = Matrix4::from_diagonal(&prior);
     let mut vector: Vector4<f64> = options.camera_prior.mean(asked.size).to_vector().component_mul(&prior);
-    for (_, frame_information, frame_vector, _) in &solved {
-        information += frame_information;
-        vector += frame_vector;
+    for (_, frame, _) in &solved {
+        let (own, own_vector) = frame.marginal(options.shared_sd());
+        information += own;
+        vector += own_vector;
     }
     let truth = solved.first()?.0;
     let covariance = information.cholesky()?.inverse();
     Some(Fused {
         error: covariance * vector - truth,
         sd: covariance.diagonal().map(f64::sqrt),
-        singles: solved.iter().map(|(_, _, _, found)| found - truth).collect(),
+        singles: solved.iter().map(|(_, _, found)| found - truth).collect(),
     })
 }
 

@@ -3,7 +3,7 @@
 use nalgebra::{Matrix4, Vector4};
 use roadplane_base::{
     CameraEstimate, CameraEvidence, CameraParams, ClipIdentity, EVIDENCE_SCHEMA, ParkedCar, ShapeAtlas,
-    bbox_around,
+    SharedPart, bbox_around,
 };
 use roadplane_calibrate::{FuseOptions, FusePrior, SameView, epochs, fuse};
 use roadplane_pipeline::Config;
@@ -136,7 +136,6 @@ fn options() -> FuseOptions {
     let size = SynthOptions::default().size;
     FuseOptions {
         prior: FusePrior { params: prior.mean(size), sd: prior.information().map(|i| 1.0 / i.sqrt()) },
-        dispersion: run.camera_dispersion,
         ..FuseOptions::for_image(size)
     }
 }
@@ -156,13 +155,15 @@ fn camera(atlas: &ShapeAtlas, clips: usize, seed: u64) -> Camera {
         roll: [roll; 2],
         ..SynthOptions::default()
     };
-    let solve = SceneOptions { camera_dispersion: 1.0, ..SceneOptions::default() };
+    let solve = SceneOptions::default();
     let mut truth = CameraParams::from_vector(&Vector4::zeros());
     let (mut evidence, mut bounds) = (Vec::new(), Vec::new());
     for clip in 0..clips {
         let scene = scene(atlas, &asked(tilt), seed + 1 + clip as u64);
         truth = CameraParams { log_height: height_m.ln(), ..scene.params };
-        bounds.push(bound(atlas, &scene, &solve).map_or_else(Matrix4::zeros, |bound| bound.information));
+        bounds.push(
+            bound(atlas, &scene, &solve).map_or_else(Matrix4::zeros, |bound| bound.information.camera()),
+        );
         evidence.push(evidence_of(atlas, &scene, clip, &solve));
     }
     let turned = scene(atlas, &asked(tilt + TURN), seed + 900);
@@ -186,13 +187,14 @@ fn evidence_of(
         Some(ParkedCar { bbox_px, keypoints_px })
     });
     // As in a run: what the cars alone say, where there is enough of it.
-    let alone = found.information.cholesky().map(|i| i.solve(&found.information_vector));
+    let said = &found.information;
+    let alone = said.camera().cholesky().map(|i| i.solve(&said.vector.fixed_rows::<4>(0)));
     let near = |alone: &Vector4<f64>| {
         let step = alone - found.params.to_vector();
         (0..4).all(|i| step[i].abs() <= 2.0 * found.covariance[(i, i)].max(0.0).sqrt() + 1e-9)
     };
     let params = alone.filter(near).unwrap_or_else(|| found.params.to_vector());
-    let information = if found.status.usable() { found.information } else { Matrix4::zeros() };
+    let information = if found.status.usable() { said.camera() } else { Matrix4::zeros() };
     CameraEvidence {
         schema: EVIDENCE_SCHEMA.to_owned(),
         camera: "synthetic".to_owned(),
@@ -207,6 +209,7 @@ fn evidence_of(
         frames: 1,
         params: std::array::from_fn(|i| params[i]),
         information: std::array::from_fn(|r| std::array::from_fn(|c| information[(r, c)])),
+        shared: SharedPart::default(),
         parked: parked.collect(),
         moving: 0,
         place: None,

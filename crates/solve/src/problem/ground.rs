@@ -5,11 +5,10 @@
 //! ([`GroundProblem::with_modes`]).
 
 mod covariance;
+mod joint;
 mod latent;
 mod seen;
 mod step;
-
-pub(crate) use covariance::Covariances;
 
 use nalgebra::{Matrix4, SVector, Vector4};
 use roadplane_base::{ClueTerms, MODES};

@@ -1,13 +1,13 @@
 //! The last steps: from the camera of the first modes to that of all modes of the atlas.
 
 use nalgebra::{Matrix4, Vector4};
-use roadplane_base::{ALL_MODES, ShapeAtlas};
+use roadplane_base::{ALL_MODES, JointInformation, ShapeAtlas};
 
 use crate::linear::lm::{LmOptions, minimise};
 use crate::model::ground::PointModes;
 use crate::model::latent::body_types::{BodyTypes, Gaussian, ROUNDS_OF_TYPES};
 use crate::options::SceneOptions;
-use crate::problem::ground::{Covariances, GroundProblem};
+use crate::problem::ground::GroundProblem;
 use crate::scene::marginal;
 
 /// Rounds of weighing cars and descending with the new weights.
@@ -17,8 +17,8 @@ const ROUNDS_OF_TRUST: usize = 3;
 pub(crate) struct FineCamera {
     /// Log focal, tilt, roll, log height.
     pub camera: Vector4<f64>,
-    /// Information of the cars, prior not counted.
-    pub information: Matrix4<f64>,
+    /// What the cars say, prior not counted.
+    pub information: JointInformation,
     /// Covariance, prior counted; zero rows where fixed.
     pub covariance: Matrix4<f64>,
 }
@@ -54,9 +54,33 @@ pub(crate) fn camera_of_all_modes(
         all.weigh();
         descend(&mut all)?;
     }
-    let Covariances { camera_information: information, camera: covariance } = all.covariances()?;
-    let shift = if options.steps.marginal { marginal::change(&mut all, &covariance) } else { None };
-    Some(FineCamera { camera: all.state.camera + shift.unwrap_or_default(), information, covariance })
+    told(&mut all, options)
+}
+
+/// What the cars of a problem at its minimum say of the camera: the errors that they share integrated out, and shapes and poses.
+/// `None` when a car cannot be evaluated.
+pub(crate) fn told<const M: usize>(
+    problem: &mut GroundProblem<'_, M>,
+    options: &SceneOptions,
+) -> Option<FineCamera> {
+    let (mut camera, alone) = (problem.state.camera, problem.covariances()?.camera_information);
+    let (known, shared) = (problem.knowledge.terms(&camera), options.shared_sd());
+    let information = match &options.view_errors {
+        Some(errors) => problem.joint_information(errors)?,
+        None => JointInformation::of_camera(&alone, &camera),
+    };
+    if options.view_errors.is_some() {
+        let (cars, vector) = information.marginal(shared);
+        let mut hessian = cars + known.information;
+        let mut gradient = cars * camera - vector + known.gradient;
+        problem.knowledge.hold_fixed(&mut hessian, &mut gradient);
+        camera -= hessian.cholesky()?.solve(&gradient);
+    }
+    let covariance = problem.knowledge.covariance(&information.marginal(shared).0, &camera)?;
+    if options.steps.marginal {
+        camera += marginal::change(problem, &covariance).unwrap_or_default();
+    }
+    Some(FineCamera { camera, information, covariance })
 }
 
 #[cfg(test)]

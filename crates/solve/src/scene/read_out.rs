@@ -1,16 +1,15 @@
 //! From the minimum to the answer: the camera of all modes, its covariance, and the cars before it.
 
 use nalgebra::{Matrix4, Vector4};
-use roadplane_base::CameraParams;
+use roadplane_base::{CameraParams, JointInformation};
 
 use crate::linear::lm::{LmReport, Termination, minimise};
 use crate::options::ShapePrior;
-use crate::problem::ground::{Covariances, GroundProblem};
+use crate::problem::ground::GroundProblem;
 use crate::problem::setup::Setup;
-use crate::scene::all_modes::camera_of_all_modes;
+use crate::scene::all_modes::{FineCamera, camera_of_all_modes, told};
 use crate::scene::car::car_solution;
 use crate::scene::fit::fit_car;
-use crate::scene::marginal;
 use crate::solution::{CarSolution, CarView, SceneSolution, SceneStatus};
 
 /// A data-only sd of log focal above this says that the cars do not know the focal length.
@@ -25,30 +24,26 @@ pub(crate) fn read_out(
     views: &[CarView<'_>],
 ) -> SceneSolution {
     let options = setup.options;
-    let Some(Covariances { mut camera_information, camera: mut covariance }) = problem.covariances() else {
-        return unsolved(setup, views.len(), SceneStatus::Failed);
-    };
+    let failed = || unsolved(setup, views.len(), SceneStatus::Failed);
+    let Some(mut answer) = told(problem, options) else { return failed() };
     if report.iterations > 0 {
         if let Some(fine) = camera_of_all_modes(setup.atlas, problem, options) {
-            (camera_information, covariance) = (fine.information, fine.covariance);
-            problem.follow(&(fine.camera - problem.state.camera));
+            answer = fine;
+            problem.follow(&(answer.camera - problem.state.camera));
             // Too far a way for the cars to follow exactly.
             problem.knowledge.fixed = [true; 4];
             minimise(problem, &options.lm);
             if problem.covariances().is_none() {
-                return unsolved(setup, views.len(), SceneStatus::Failed);
+                return failed();
             }
-        } else if options.steps.marginal
-            && let Some(change) = marginal::change(problem, &covariance)
-        {
-            problem.follow(&change);
+        } else {
+            problem.follow(&(answer.camera - problem.state.camera));
         }
     }
+    let FineCamera { mut information, covariance, .. } = answer;
+    let pull = setup.knowledge.terms(&problem.state.camera).gradient;
+    information.lead_to(&problem.state.camera, &pull, options.shared_sd());
     let data_focal_information = 1.0 / covariance[(0, 0)] - setup.knowledge.information[0];
-    let dispersed = camera_information / options.camera_dispersion;
-    let Some(covariance) = setup.knowledge.covariance(&dispersed, &problem.state.camera) else {
-        return unsolved(setup, views.len(), SceneStatus::Failed);
-    };
     let joints = problem.view_covariances(&covariance);
     let params = CameraParams::from_vector(&problem.state.camera);
     let mut cars: Vec<Option<CarSolution>> = vec![None; views.len()];
@@ -72,7 +67,6 @@ pub(crate) fn read_out(
             cars[sight.index] = fit.map(|fit| CarSolution { used: false, ..fit.car });
         }
     }
-    let pull = setup.knowledge.terms(&problem.state.camera).gradient;
     let status = if !(report.termination.converged() || report.termination == Termination::NoDescent) {
         SceneStatus::NotConverged
     } else if setup.knowledge.fixed[0] {
@@ -85,8 +79,7 @@ pub(crate) fn read_out(
     SceneSolution {
         status,
         params,
-        information: camera_information,
-        information_vector: camera_information * problem.state.camera + pull,
+        information,
         covariance,
         cars,
         cost: report.cost,
@@ -105,8 +98,7 @@ pub(crate) fn unsolved(setup: &Setup<'_>, views: usize, status: SceneStatus) -> 
     SceneSolution {
         status,
         params: CameraParams::from_vector(&knowledge.mean),
-        information: Matrix4::zeros(),
-        information_vector: Vector4::zeros(),
+        information: JointInformation::none(),
         covariance: Matrix4::from_diagonal(&Vector4::from_fn(|i, _| {
             variance(knowledge.information[i], knowledge.fixed[i])
         })),

@@ -1,0 +1,125 @@
+//! What the cars say of the camera when the view of each is off, and all together are off by the same.
+//!
+//! Keypoints of a car are not independent: a net sees the whole car from a little too high, or turned. So the car that they show
+//! is turned against the true one, about the horizontal across the line of sight and about the line of sight, by d_k, and these
+//! angles scatter about what all cars of the place share, b:
+//!
+//! ```text
+//! r_k = W (π(G_k + R(d_k) R X) − x)      + ½ |d_k − b|² / σ²      σ: `ViewErrors::car_sd`
+//! ```
+//!
+//! Linear in d and b, which are small, about the minimum without them; d is eliminated with poses and shapes, b stays, since
+//! pictures of a place share it (`base/src/shared.rs`).
+
+use nalgebra::{DMatrix, DVector, Matrix2x3, Matrix6, SMatrix, Vector2, Vector3, Vector6};
+use roadplane_base::JointInformation;
+
+use super::{GroundProblem, View};
+use crate::linear::gram::{MIN_INFORMATION, camera, residual};
+use crate::model::ground::{CameraFrame, StandingFrame};
+use crate::options::ViewErrors;
+
+/// Unknowns of a view: anchor, heading, elevation, turn.
+const OF_VIEW: usize = 5;
+/// Camera, and what cars share.
+const SHARED: usize = 6;
+
+impl<const M: usize> GroundProblem<'_, M> {
+    /// Information of the cars on camera and shared errors, and its gradient, at the current state (shared errors 0), with all
+    /// else eliminated. `None` when a car cannot be evaluated.
+    pub fn joint_information(&self, errors: &ViewErrors) -> Option<JointInformation> {
+        let (mut information, mut gradient) = (Matrix6::zeros(), Vector6::zeros());
+        for (g, group) in self.groups.iter().enumerate() {
+            let views = group.views.len();
+            let shape_at = OF_VIEW * views;
+            let shared_at = shape_at + M;
+            let size = shared_at + SHARED;
+            let mut sum = DMatrix::<f64>::zeros(size, size);
+            let mut down = DVector::<f64>::zeros(size);
+            let mut row = DVector::<f64>::zeros(size);
+            for (place, k) in group.views.clone().enumerate() {
+                let view_at = OF_VIEW * place;
+                let turned = self.turned(&self.views[k], k)?;
+                let mut o = 0;
+                self.each_row(k, |keypoint| {
+                    let root = keypoint.right.sqrt();
+                    for (rows, by_turn) in keypoint.rows.iter().zip(&turned[o]) {
+                        row.fill(0.0);
+                        for i in 0..3 {
+                            row[view_at + i] = rows[i];
+                        }
+                        for i in 0..2 {
+                            row[view_at + 3 + i] = by_turn[i];
+                        }
+                        for j in 0..M {
+                            row[shape_at + j] = rows[3 + j];
+                        }
+                        for i in 0..4 {
+                            row[shared_at + i] = rows[camera(M) + i];
+                        }
+                        row *= root;
+                        sum.syger(1.0, &row, &row, 1.0);
+                        down.axpy(root * rows[residual(M)], &row, 1.0);
+                    }
+                    o += 1;
+                })?;
+                for i in 0..2 {
+                    let (own, shared) = (view_at + 3 + i, shared_at + 4 + i);
+                    let weight = 1.0 / (errors.car_sd[i] * errors.car_sd[i]);
+                    sum[(own, own)] += weight;
+                    sum[(shared, shared)] += weight;
+                    sum[(shared, own)] -= weight;
+                }
+                for i in 0..3 {
+                    sum[(view_at + i, view_at + i)] += MIN_INFORMATION;
+                }
+            }
+            let prior = group.prior_terms(&self.state.shapes[g], self.shape_prior_scale);
+            for i in 0..M {
+                down[shape_at + i] += prior.gradient[i];
+                for j in 0..=i {
+                    sum[(shape_at + i, shape_at + j)] += prior.information[(i, j)];
+                }
+            }
+            // Only the lower triangle is filled.
+            sum.fill_upper_triangle_with_lower_triangle();
+            let own = sum.view((0, 0), (shared_at, shared_at)).into_owned().cholesky()?;
+            let cross = sum.view((0, shared_at), (shared_at, SHARED)).into_owned();
+            let solved = own.solve(&cross);
+            let of_shared: SMatrix<f64, SHARED, SHARED> =
+                sum.fixed_view::<SHARED, SHARED>(shared_at, shared_at) - cross.transpose() * &solved;
+            let down_shared: Vector6<f64> =
+                down.fixed_rows::<SHARED>(shared_at) - solved.transpose() * down.rows(0, shared_at);
+            information += of_shared * group.trust;
+            gradient += down_shared * group.trust;
+        }
+        let information = (information + information.transpose()) / 2.0;
+        let mut at = Vector6::zeros();
+        at.fixed_rows_mut::<4>(0).copy_from(&self.state.camera);
+        let joint = JointInformation { information, vector: information * at - gradient };
+        joint.vector.iter().all(|v| v.is_finite()).then_some(joint)
+    }
+
+    /// Per observation of a view its whitened, weighted derivative by the car's elevation and turn, 2 × 2.
+    fn turned(&self, view: &View, k: usize) -> Option<Vec<[[f64; 2]; 2]>> {
+        let camera = CameraFrame::new(&self.state.camera);
+        let frame = StandingFrame::new(&camera, &self.state.standings[k])?;
+        let sight = frame.origin.try_normalize(1e-9)?;
+        let up = camera.camera_from_world.column(2).into_owned();
+        let axes = [sight.cross(&up).try_normalize(1e-9)?, sight];
+        let shape = &self.state.shapes[view.group];
+        let of_one = |observation: &crate::model::observation::Observation| {
+            let offset: Vector3<f64> = frame.camera_from_car * self.model.point(observation.index, shape);
+            let p = frame.origin + offset;
+            let by_point =
+                Matrix2x3::new(1.0, 0.0, -p.x / p.z, 0.0, 1.0, -p.y / p.z) * (frame.focal_px / p.z);
+            let root = observation.weight.sqrt();
+            let by = axes.map(|axis| {
+                let moved: Vector2<f64> = by_point * axis.cross(&offset);
+                observation.whiten([moved.x, moved.y]).map(|v| v * root)
+            });
+            [[by[0][0], by[1][0]], [by[0][1], by[1][1]]]
+        };
+        Some(self.observations[view.observations.clone()].iter().map(of_one).collect())
+    }
+}
