@@ -24,6 +24,7 @@ mod plane;
 mod pose;
 mod records;
 mod robust;
+mod scene_line;
 mod similarity;
 
 pub use activity::Activity;
@@ -44,4 +45,5 @@ pub use records::{
     PoseRecord, RecordError, TrackRow, VehicleClass, WatchRecord, rows_from_isometry,
 };
 pub use robust::{median, weighted_median};
+pub use scene_line::SceneLine;
 pub use similarity::Similarity;
