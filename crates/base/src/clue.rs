@@ -19,6 +19,15 @@ pub enum Clue {
         /// Its sd, above 0.
         sd: f64,
     },
+    /// All four numbers, as a survey or another solve has them.
+    Camera {
+        /// They.
+        mean: Vector4<f64>,
+        /// Inverse of their covariance; may be singular.
+        information: Matrix4<f64>,
+        /// The height follows from cars of the same place, and what is not known of these cars' size is not in its sd.
+        by_cars: bool,
+    },
     /// Two pixels on the ground are this far apart.
     Length {
         /// The pixels.
@@ -87,6 +96,31 @@ impl Clue {
         self.misfit(camera).map_or(IMPOSSIBLE, |misfit| misfit.cost)
     }
 
+    /// What it says before cars of the atlas' sizes, which tell scale by themselves: nothing of lengths and heights that are the
+    /// world's. `None` where nothing is left.
+    #[must_use]
+    pub fn without_scale(&self) -> Option<Self> {
+        match *self {
+            Self::Number { which: 3, .. } | Self::Length { .. } => None,
+            Self::Camera { mean, mut information, by_cars: false } => {
+                let (of_height, column) = (information[(3, 3)], information.column(3).into_owned());
+                if of_height > 0.0 {
+                    information -= column * column.transpose() / of_height;
+                }
+                information.row_mut(3).fill(0.0);
+                information.column_mut(3).fill(0.0);
+                Some(Self::Camera { mean, information, by_cars: false })
+            }
+            clue => Some(clue),
+        }
+    }
+
+    /// Whether its scale is that of the cars, not the world's.
+    #[must_use]
+    pub fn is_by_cars(&self) -> bool {
+        matches!(self, Self::Camera { by_cars: true, .. })
+    }
+
     /// How far off it is, in sds, with the sign of what the clue says less what the camera does; `None` where it makes no sense
     /// before this camera.
     #[must_use]
@@ -96,26 +130,40 @@ impl Clue {
         Some(size.copysign(residual.x))
     }
 
+    /// How long a length is before this camera, m, and the log sd of what was told of it, that of its pixels counted; `None` for
+    /// other clues and where a pixel shows no ground.
+    #[must_use]
+    pub fn length(&self, camera: &Vector4<f64>) -> Option<(f64, f64)> {
+        let Self::Length { ends_px, end_sd_px, log_sd, .. } = self else { return None };
+        let params = CameraParams::from_vector(camera);
+        let [a, b] = [ground(&params, &ends_px[0])?, ground(&params, &ends_px[1])?];
+        let length = (a - b).norm();
+        let mut variance = log_sd * log_sd;
+        for (end, (other, here)) in ends_px.iter().zip([(b, a), (a, b)]) {
+            for axis in [Vector2::x(), Vector2::y()] {
+                let moved = ground(&params, &(end + axis))?;
+                let change = (moved - here).dot(&(here - other)) / (length * length);
+                variance += (change * end_sd_px).powi(2);
+            }
+        }
+        Some((length, variance.sqrt()))
+    }
+
     fn misfit(&self, camera: &Vector4<f64>) -> Option<Misfit> {
         match *self {
             Self::Number { which, value, sd } => {
                 let residual = (camera.get(which)? - value) / sd;
                 Some(Misfit::of_one(residual, 0.5 * residual * residual))
             }
-            Self::Length { ends_px, end_sd_px, length_m, log_sd } => {
-                let params = CameraParams::from_vector(camera);
-                let [a, b] = [ground(&params, &ends_px[0])?, ground(&params, &ends_px[1])?];
-                let length = (a - b).norm();
-                let mut variance = log_sd * log_sd;
-                for (end, (other, here)) in ends_px.iter().zip([(b, a), (a, b)]) {
-                    for axis in [Vector2::x(), Vector2::y()] {
-                        let moved = ground(&params, &(end + axis))?;
-                        let change = (moved - here).dot(&(here - other)) / (length * length);
-                        variance += (change * end_sd_px).powi(2);
-                    }
-                }
-                let residual = (length / length_m).ln() / variance.sqrt();
-                let cost = 0.5 * (residual * residual + variance.ln());
+            Self::Camera { mean, information, .. } => {
+                let off = camera - mean;
+                let square = off.dot(&(information * off)).max(0.0);
+                Some(Misfit::of_one(square.sqrt(), 0.5 * square))
+            }
+            Self::Length { length_m, .. } => {
+                let (length, log_sd) = self.length(camera)?;
+                let residual = (length / length_m).ln() / log_sd;
+                let cost = 0.5 * residual * residual + log_sd.ln();
                 cost.is_finite().then(|| Misfit::of_one(residual, cost))
             }
             Self::Upright { bend, roll, covariance } => {
@@ -142,6 +190,9 @@ impl Clue {
     /// What it adds at a camera.
     #[must_use]
     pub fn terms(&self, camera: &Vector4<f64>) -> ClueTerms {
+        if let Self::Camera { mean, information, .. } = self {
+            return ClueTerms { gradient: information * (camera - mean), information: *information };
+        }
         let mut terms = ClueTerms { gradient: Vector4::zeros(), information: Matrix4::zeros() };
         let Some(here) = self.misfit(camera) else { return terms };
         let mut by = SMatrix::<f64, 2, 4>::zeros();
@@ -162,7 +213,7 @@ impl Clue {
 impl ClueTerms {
     /// Sum over clues.
     #[must_use]
-    pub fn of(clues: &[Clue], camera: &Vector4<f64>) -> Self {
+    pub fn of<'a>(clues: impl IntoIterator<Item = &'a Clue>, camera: &Vector4<f64>) -> Self {
         let mut sum = Self { gradient: Vector4::zeros(), information: Matrix4::zeros() };
         for clue in clues {
             let terms = clue.terms(camera);
@@ -204,6 +255,7 @@ mod tests {
         };
         vec![
             Clue::Number { which: 1, value: 0.3, sd: 0.01 },
+            Clue::Camera { mean: camera(), information: correlated(), by_cars: false },
             length(project(-2.0, 18.0, 0.0), project(3.0, 18.0, 0.0)),
             length(project(0.0, 15.0, 0.0), project(3.0, 19.0, 0.0)),
             Clue::Upright {
@@ -212,6 +264,20 @@ mod tests {
                 covariance: Matrix2::new(1e-10, 1e-8, 1e-8, 1e-5),
             },
         ]
+    }
+
+    fn correlated() -> Matrix4<f64> {
+        Matrix4::from_fn(|r, c| if r == c { 900.0 } else { 200.0 })
+    }
+
+    #[test]
+    fn a_camera_without_scale_says_the_same_of_the_rest() {
+        let clue = Clue::Camera { mean: camera(), information: correlated(), by_cars: false };
+        let Some(Clue::Camera { information, .. }) = clue.without_scale() else { panic!("{clue:?}") };
+        assert!(information.row(3).norm() + information.column(3).norm() < 1e-12);
+        let marginal = correlated().try_inverse().unwrap().fixed_view::<3, 3>(0, 0).try_inverse().unwrap();
+        assert!((information.fixed_view::<3, 3>(0, 0) - marginal).norm() < 1e-9);
+        assert!(clues().iter().filter_map(Clue::without_scale).count() == 3);
     }
 
     #[test]

@@ -33,7 +33,7 @@ mod witness;
 pub use at_rest::AtRest;
 pub use combine::{Combined, combine};
 pub use evidence::{EvidenceBuilder, EvidenceOptions, Window};
-pub use fuse::{CarUse, FuseOptions, FusePrior, WindowEstimate, condense, fuse};
+pub use fuse::{CarUse, FuseOptions, FusePrior, Joined, WindowEstimate, condense, fuse, join};
 pub use linker::{LinkId, Linker, LinkerOptions};
 pub use moves::{MoveDetector, MoveOptions, MoveState, SegmentStart};
 pub use remember::{Epoch, SameView, epochs, joins, same_vehicle};
