@@ -3,7 +3,7 @@
 //! Each clue is a cost of (log f, tilt, roll, log h), minus its log likelihood, that every solve and every join of solves adds
 //! to what the cars say. Pixels are relative to the principal point, without distortion.
 
-use nalgebra::{Matrix4, Vector2, Vector3, Vector4};
+use nalgebra::{Matrix2, Matrix4, SMatrix, Vector2, Vector3, Vector4};
 
 use crate::{Camera, CameraParams};
 
@@ -19,6 +19,15 @@ pub enum Clue {
         /// Its sd, above 0.
         sd: f64,
     },
+    /// All four numbers, as a survey or another solve has them.
+    Camera {
+        /// They.
+        mean: Vector4<f64>,
+        /// Inverse of their covariance; may be singular.
+        information: Matrix4<f64>,
+        /// The height follows from cars of the same place, and what is not known of these cars' size is not in its sd.
+        by_cars: bool,
+    },
     /// Two pixels on the ground are this far apart.
     Length {
         /// The pixels.
@@ -30,16 +39,16 @@ pub enum Clue {
         /// Its sd as a share of it.
         log_sd: f64,
     },
-    /// A straight edge that may be vertical in the world.
-    Vertical {
-        /// Its middle.
-        middle_px: Vector2<f64>,
-        /// Its direction in the picture, unit length, either way.
-        direction: Vector2<f64>,
-        /// sd of its direction where it is vertical, rad: of finding it, and of how upright such things stand.
-        sd: f64,
-        /// Probability that it is not vertical but happens to point anywhere within [`Clue::STRAY`] of it.
-        wrong: f64,
+    /// Where the vertical of the scene points, by its masts and house edges. Vertical lines run in the picture along
+    /// `(sin roll, −cos roll) + bend · p` at the pixel p. The road need not be level: up of the lines is up of the cars' plane but
+    /// for [`Clue::SLOPE_SD`], now and then [`Clue::STEEP_SD`].
+    Upright {
+        /// tan(tilt) / focal, 1/px: how fast verticals turn across the picture.
+        bend: f64,
+        /// Clockwise turn of the horizon, rad.
+        roll: f64,
+        /// Covariance of (bend, roll).
+        covariance: Matrix2<f64>,
     },
 }
 
@@ -57,17 +66,29 @@ const STEP: f64 = 1e-5;
 /// Cost of a clue that makes no sense before a camera (ground pixels above its horizon).
 const IMPOSSIBLE: f64 = 1e3;
 
-/// Whitened residual, and what the cost has beside half its square.
+/// How far off a clue is.
 struct Misfit {
-    residual: f64,
-    /// Weight of the residual in the normal equations.
-    weight: f64,
+    /// In the clue's own units; the second is 0 for clues of one number.
+    residual: Vector2<f64>,
+    /// Information on it.
+    weight: Matrix2<f64>,
     cost: f64,
 }
 
+impl Misfit {
+    /// Of a clue of one number, its residual in sds.
+    fn of_one(residual: f64, cost: f64) -> Self {
+        Self { residual: Vector2::new(residual, 0.0), weight: Matrix2::new(1.0, 0.0, 0.0, 0.0), cost }
+    }
+}
+
 impl Clue {
-    /// Directions of stray edges are spread evenly over this angle to either side, rad.
-    pub const STRAY: f64 = 0.35;
+    /// Slope and crossfall of roads and lots, rad (sd): 1–2.5 % of crossfall is what roads are built with (estimate).
+    pub const SLOPE_SD: f64 = 0.0175;
+    /// The same of steep streets, rad, …
+    pub const STEEP_SD: f64 = 0.087;
+    /// … and how many there are of them, 0–1 (estimates).
+    pub const STEEP_SHARE: f64 = 0.1;
 
     /// Minus log likelihood before this camera, up to a constant.
     #[must_use]
@@ -75,53 +96,93 @@ impl Clue {
         self.misfit(camera).map_or(IMPOSSIBLE, |misfit| misfit.cost)
     }
 
-    /// How far off it is, in sds; `None` where it makes no sense before this camera.
+    /// What it says before cars of the atlas' sizes, which tell scale by themselves: nothing of lengths and heights that are the
+    /// world's. `None` where nothing is left.
     #[must_use]
-    pub fn residual(&self, camera: &Vector4<f64>) -> Option<f64> {
-        Some(self.misfit(camera)?.residual)
+    pub fn without_scale(&self) -> Option<Self> {
+        match *self {
+            Self::Number { which: 3, .. } | Self::Length { .. } => None,
+            Self::Camera { mean, mut information, by_cars: false } => {
+                let (of_height, column) = (information[(3, 3)], information.column(3).into_owned());
+                if of_height > 0.0 {
+                    information -= column * column.transpose() / of_height;
+                }
+                information.row_mut(3).fill(0.0);
+                information.column_mut(3).fill(0.0);
+                Some(Self::Camera { mean, information, by_cars: false })
+            }
+            clue => Some(clue),
+        }
     }
 
-    /// Probability that it is what it says, before this camera: below 1 only for lines of the scene.
+    /// Whether its scale is that of the cars, not the world's.
     #[must_use]
-    pub fn trust(&self, camera: &Vector4<f64>) -> f64 {
-        self.misfit(camera).map_or(0.0, |misfit| misfit.weight)
+    pub fn is_by_cars(&self) -> bool {
+        matches!(self, Self::Camera { by_cars: true, .. })
+    }
+
+    /// How far off it is, in sds, with the sign of what the clue says less what the camera does; `None` where it makes no sense
+    /// before this camera.
+    #[must_use]
+    pub fn residual(&self, camera: &Vector4<f64>) -> Option<f64> {
+        let Misfit { residual, weight, .. } = self.misfit(camera)?;
+        let size = residual.dot(&(weight * residual)).max(0.0).sqrt();
+        Some(size.copysign(residual.x))
+    }
+
+    /// How long a length is before this camera, m, and the log sd of what was told of it, that of its pixels counted; `None` for
+    /// other clues and where a pixel shows no ground.
+    #[must_use]
+    pub fn length(&self, camera: &Vector4<f64>) -> Option<(f64, f64)> {
+        let Self::Length { ends_px, end_sd_px, log_sd, .. } = self else { return None };
+        let params = CameraParams::from_vector(camera);
+        let [a, b] = [ground(&params, &ends_px[0])?, ground(&params, &ends_px[1])?];
+        let length = (a - b).norm();
+        let mut variance = log_sd * log_sd;
+        for (end, (other, here)) in ends_px.iter().zip([(b, a), (a, b)]) {
+            for axis in [Vector2::x(), Vector2::y()] {
+                let moved = ground(&params, &(end + axis))?;
+                let change = (moved - here).dot(&(here - other)) / (length * length);
+                variance += (change * end_sd_px).powi(2);
+            }
+        }
+        Some((length, variance.sqrt()))
     }
 
     fn misfit(&self, camera: &Vector4<f64>) -> Option<Misfit> {
         match *self {
             Self::Number { which, value, sd } => {
                 let residual = (camera.get(which)? - value) / sd;
-                Some(Misfit { residual, weight: 1.0, cost: 0.5 * residual * residual })
+                Some(Misfit::of_one(residual, 0.5 * residual * residual))
             }
-            Self::Length { ends_px, end_sd_px, length_m, log_sd } => {
-                let params = CameraParams::from_vector(camera);
-                let [a, b] = [ground(&params, &ends_px[0])?, ground(&params, &ends_px[1])?];
-                let length = (a - b).norm();
-                let mut variance = log_sd * log_sd;
-                for (end, (other, here)) in ends_px.iter().zip([(b, a), (a, b)]) {
-                    for axis in [Vector2::x(), Vector2::y()] {
-                        let moved = ground(&params, &(end + axis))?;
-                        let change = (moved - here).dot(&(here - other)) / (length * length);
-                        variance += (change * end_sd_px).powi(2);
-                    }
-                }
-                let residual = (length / length_m).ln() / variance.sqrt();
-                let cost = 0.5 * (residual * residual + variance.ln());
-                cost.is_finite().then_some(Misfit { residual, weight: 1.0, cost })
+            Self::Camera { mean, information, .. } => {
+                let off = camera - mean;
+                let square = off.dot(&(information * off)).max(0.0);
+                Some(Misfit::of_one(square.sqrt(), 0.5 * square))
             }
-            Self::Vertical { middle_px, direction, sd, wrong } => {
+            Self::Length { length_m, .. } => {
+                let (length, log_sd) = self.length(camera)?;
+                let residual = (length / length_m).ln() / log_sd;
+                let cost = 0.5 * residual * residual + log_sd.ln();
+                cost.is_finite().then(|| Misfit::of_one(residual, cost))
+            }
+            Self::Upright { bend, roll, covariance } => {
                 let params = CameraParams::from_vector(camera);
-                // Where the vertical through a pixel's ray goes in the picture: d/ds of (ray + s · up) projected.
-                let up = params.plane().normal_in_camera;
-                let along = up.xy() * params.focal_px() - up.z * middle_px;
-                let angle = direction.perp(&along).atan2(direction.dot(&along));
-                let angle = angle - std::f64::consts::PI * (angle / std::f64::consts::PI).round();
-                let residual = angle / sd;
-                let upright =
-                    (1.0 - wrong) * (-0.5 * residual * residual).exp() / (sd * std::f64::consts::TAU.sqrt());
-                let stray = wrong / (2.0 * Self::STRAY);
-                let all = upright + stray;
-                Some(Misfit { residual, weight: upright / all, cost: -all.ln() })
+                let (tan, cos) = (params.tilt.tan(), params.tilt.cos());
+                let residual = Vector2::new(bend - tan / params.focal_px(), roll - params.roll);
+                let density = |slope_sd: f64, share: f64| {
+                    let of_slope = Vector2::new(1.0 / (cos * cos * params.focal_px()), 1.0 / cos) * slope_sd;
+                    let all = covariance + Matrix2::from_diagonal(&of_slope.component_mul(&of_slope));
+                    let information = all.try_inverse()?;
+                    let distance = residual.dot(&(information * residual));
+                    Some((share * (-0.5 * distance).exp() / all.determinant().sqrt(), information))
+                };
+                let level = density(Self::SLOPE_SD, 1.0 - Self::STEEP_SHARE)?;
+                let steep = density(Self::STEEP_SD, Self::STEEP_SHARE)?;
+                let total = level.0 + steep.0;
+                let weight = (level.0 * level.1 + steep.0 * steep.1) / total;
+                let cost = -total.ln();
+                cost.is_finite().then_some(Misfit { residual, weight, cost })
             }
         }
     }
@@ -129,9 +190,12 @@ impl Clue {
     /// What it adds at a camera.
     #[must_use]
     pub fn terms(&self, camera: &Vector4<f64>) -> ClueTerms {
+        if let Self::Camera { mean, information, .. } = self {
+            return ClueTerms { gradient: information * (camera - mean), information: *information };
+        }
         let mut terms = ClueTerms { gradient: Vector4::zeros(), information: Matrix4::zeros() };
         let Some(here) = self.misfit(camera) else { return terms };
-        let mut by = Vector4::zeros();
+        let mut by = SMatrix::<f64, 2, 4>::zeros();
         for i in 0..4 {
             let step = Vector4::ith(i, STEP);
             let (Some(plus), Some(minus)) = (self.misfit(&(camera + step)), self.misfit(&(camera - step)))
@@ -139,9 +203,9 @@ impl Clue {
                 continue;
             };
             terms.gradient[i] = (plus.cost - minus.cost) / (2.0 * STEP);
-            by[i] = (plus.residual - minus.residual) / (2.0 * STEP);
+            by.set_column(i, &((plus.residual - minus.residual) / (2.0 * STEP)));
         }
-        terms.information = here.weight * by * by.transpose();
+        terms.information = by.transpose() * here.weight * by;
         terms
     }
 }
@@ -149,7 +213,7 @@ impl Clue {
 impl ClueTerms {
     /// Sum over clues.
     #[must_use]
-    pub fn of(clues: &[Clue], camera: &Vector4<f64>) -> Self {
+    pub fn of<'a>(clues: impl IntoIterator<Item = &'a Clue>, camera: &Vector4<f64>) -> Self {
         let mut sum = Self { gradient: Vector4::zeros(), information: Matrix4::zeros() };
         for clue in clues {
             let terms = clue.terms(camera);
@@ -183,7 +247,6 @@ mod tests {
             let point = params.plane().camera_from_world() * nalgebra::Point3::new(x, y, z);
             1200.0 * point.coords.xy() / point.z
         };
-        let [foot, top] = [project(3.0, 20.0, 0.0), project(3.0, 20.0, 4.0)];
         let length = |a: Vector2<f64>, b: Vector2<f64>| Clue::Length {
             ends_px: [a, b],
             end_sd_px: 0.5,
@@ -192,15 +255,29 @@ mod tests {
         };
         vec![
             Clue::Number { which: 1, value: 0.3, sd: 0.01 },
+            Clue::Camera { mean: camera(), information: correlated(), by_cars: false },
             length(project(-2.0, 18.0, 0.0), project(3.0, 18.0, 0.0)),
             length(project(0.0, 15.0, 0.0), project(3.0, 19.0, 0.0)),
-            Clue::Vertical {
-                middle_px: (foot + top) / 2.0,
-                direction: (top - foot) / (top - foot).norm(),
-                sd: 0.01,
-                wrong: 0.3,
+            Clue::Upright {
+                bend: 0.3f64.tan() / 1200.0,
+                roll: 0.05,
+                covariance: Matrix2::new(1e-10, 1e-8, 1e-8, 1e-5),
             },
         ]
+    }
+
+    fn correlated() -> Matrix4<f64> {
+        Matrix4::from_fn(|r, c| if r == c { 900.0 } else { 200.0 })
+    }
+
+    #[test]
+    fn a_camera_without_scale_says_the_same_of_the_rest() {
+        let clue = Clue::Camera { mean: camera(), information: correlated(), by_cars: false };
+        let Some(Clue::Camera { information, .. }) = clue.without_scale() else { panic!("{clue:?}") };
+        assert!(information.row(3).norm() + information.column(3).norm() < 1e-12);
+        let marginal = correlated().try_inverse().unwrap().fixed_view::<3, 3>(0, 0).try_inverse().unwrap();
+        assert!((information.fixed_view::<3, 3>(0, 0) - marginal).norm() < 1e-9);
+        assert!(clues().iter().filter_map(Clue::without_scale).count() == 3);
     }
 
     #[test]
@@ -224,15 +301,33 @@ mod tests {
     }
 
     #[test]
-    fn a_stray_edge_has_no_say_and_pixels_in_the_sky_no_length() {
-        let stray = Clue::Vertical {
-            middle_px: Vector2::new(100.0, 0.0),
-            direction: Vector2::new(0.6, 0.8),
-            sd: 0.01,
-            wrong: 0.3,
+    fn the_vertical_of_the_scene_is_where_masts_point() {
+        let params = CameraParams::from_vector(&camera());
+        let project = |x: f64, y: f64, z: f64| {
+            let point = params.plane().camera_from_world() * nalgebra::Point3::new(x, y, z);
+            1200.0 * point.coords.xy() / point.z
         };
-        assert!(stray.trust(&camera()) < 1e-6);
-        assert!(stray.terms(&camera()).information.norm() < 1e-3);
+        let (bend, roll) = (params.tilt.tan() / params.focal_px(), params.roll);
+        for (x, y) in [(3.0, 20.0), (-9.0, 40.0), (0.5, 15.0)] {
+            let [foot, top] = [project(x, y, 0.0), project(x, y, 4.0)];
+            let along = Vector2::new(roll.sin(), -roll.cos()) + bend * foot;
+            assert!(along.normalize().perp(&(top - foot).normalize()).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn what_contradicts_as_a_steep_street_does_pulls_little() {
+        let upright = |bend: f64| Clue::Upright {
+            bend: bend.tan() / 1200.0,
+            roll: 0.05,
+            covariance: Matrix2::new(1e-12, 0.0, 0.0, 1e-6),
+        };
+        let [level, steep] = [0.31, 0.45].map(|tilt| upright(tilt).terms(&camera()).information[(1, 1)]);
+        assert!(steep < 0.1 * level, "{steep} {level}");
+    }
+
+    #[test]
+    fn pixels_in_the_sky_have_no_length() {
         let sky = Clue::Length {
             ends_px: [Vector2::new(0.0, -900.0), Vector2::new(50.0, -900.0)],
             end_sd_px: 1.0,

@@ -24,6 +24,7 @@ mod plane;
 mod pose;
 mod records;
 mod robust;
+mod scene_line;
 mod shared;
 mod similarity;
 
@@ -45,5 +46,6 @@ pub use records::{
     PoseRecord, RecordError, TrackRow, VehicleClass, WatchRecord, rows_from_isometry,
 };
 pub use robust::{median, weighted_median};
+pub use scene_line::SceneLine;
 pub use shared::{JointInformation, SharedSd};
 pub use similarity::Similarity;

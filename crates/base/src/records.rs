@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use thiserror::Error;
 
-use crate::{CameraParams, GroundPose, ImageSize, KEYPOINTS, Keypoint, KeypointSet, MODES};
+use crate::{CameraParams, GroundPose, ImageSize, KEYPOINTS, Keypoint, KeypointSet, MODES, SceneLine};
 
 /// What is wrong with a line of a record file.
 #[derive(Debug, Error)]
@@ -47,6 +47,10 @@ pub struct FrameRecord {
     /// What the picture says of the camera and of change; absent before that stage and from other tools.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub watch: Option<WatchRecord>,
+    /// Straight edges of the place that may be vertical, `[x0, y0, x1, y1, sd]` each, as they are known from this frame on until
+    /// the camera is moved; absent where nobody looked for them anew.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scene_lines: Option<Vec<SceneLine>>,
     /// Vehicles found.
     pub cars: Vec<CarRecord>,
     /// Fields of other tools.
@@ -232,7 +236,15 @@ impl FrameRecord {
     /// A frame of which nothing is known yet.
     #[must_use]
     pub fn empty(frame: u64, time_s: f64, image_size_px: ImageSize) -> Self {
-        Self { frame, time_s, image_size_px, watch: None, cars: Vec::new(), extra: Map::new() }
+        Self {
+            frame,
+            time_s,
+            image_size_px,
+            watch: None,
+            scene_lines: None,
+            cars: Vec::new(),
+            extra: Map::new(),
+        }
     }
 
     /// Reads one line and checks its numbers: finite, boxes with an area, sd above zero.
@@ -247,6 +259,11 @@ impl FrameRecord {
         }
         if record.image_size_px.width == 0 || record.image_size_px.height == 0 {
             return fail("image_size_px must be positive".to_owned());
+        }
+        for (i, line) in record.scene_lines.iter().flatten().enumerate() {
+            if !line.is_sound() {
+                return fail(format!("scene_lines[{i}] is not finite, has no length or no positive sd"));
+            }
         }
         for (i, car) in record.cars.iter().enumerate() {
             let [x0, y0, x1, y1] = car.bbox_px;
@@ -540,5 +557,10 @@ mod tests {
         assert!(FrameRecord::from_json(&line("[10.5,20.25,0.75]")).is_err());
         assert!(FrameRecord::from_json(&line("null").replace("[1,2,30,40]", "[30,2,1,40]")).is_err());
         assert!(FrameRecord::from_json("").is_err());
+        let lines =
+            |lines: &str| line("null").replace(r#""note""#, &format!(r#""scene_lines":{lines},"note""#));
+        assert!(FrameRecord::from_json(&lines("[[1.0,2.0,1.5,40.0,0.01]]")).is_ok());
+        assert!(FrameRecord::from_json(&lines("[[1.0,2.0,1.0,2.0,0.01]]")).is_err());
+        assert!(FrameRecord::from_json(&lines("[[1.0,2.0,1.5,40.0,0.0]]")).is_err());
     }
 }

@@ -15,13 +15,12 @@ use std::sync::Arc;
 
 use nalgebra::{Matrix4, Vector2, Vector4};
 use roadplane_base::{
-    CameraEstimate, CameraParams, CameraStatus, Clue, ClueTerms, ImageSize, JointInformation, SharedSd,
-    weighted_median,
+    CameraEstimate, CameraParams, CameraStatus, Clue, ImageSize, JointInformation, SharedSd, weighted_median,
 };
 
 use crate::{
     LinkId, SegmentStart,
-    nodes::{Gaussian, Node, Step, smooth},
+    nodes::{Evidence, Gaussian, Node, Step, smooth},
 };
 
 /// A car that a window's estimate rests on.
@@ -93,13 +92,22 @@ pub struct FuseOptions {
     pub moving_correlation: f64,
     /// sd of the errors that all cars of the place share, and so all windows: it does not show in how they scatter.
     pub shared_sd: SharedSd,
-    /// What else speaks of the camera, by its position ([`WindowEstimate::segment`]); counted once.
+    /// What else speaks of the camera, by its position ([`WindowEstimate::segment`]); counted once. A number that a move keeps is
+    /// counted at the first of the positions that it holds for.
     pub clues: BTreeMap<usize, Arc<[Clue]>>,
+    /// sd of how large the place's cars are against the atlas, log: all windows share that error of scale. Clues in metres tell it.
+    pub size_of_cars_sd: f64,
     /// Gain in log likelihood that a change of the camera, or a drift, must bring to be believed.
     pub min_gain: f64,
 }
 
 impl FuseOptions {
+    /// The same for what cars alone say, in units of the atlas' cars.
+    #[must_use]
+    pub fn for_cars(&self) -> Self {
+        Self { clues: BTreeMap::new(), size_of_cars_sd: 0.0, ..self.clone() }
+    }
+
     /// For pictures of this size: focal length 0.8–2.5 times the image's width (1 sd), camera 3–18 m up, tilt 0–50°, no roll to
     /// ±6°; principal point in the middle.
     #[must_use]
@@ -123,6 +131,7 @@ impl FuseOptions {
             moving_correlation: 0.3,
             shared_sd: [0.0; 2],
             clues: BTreeMap::new(),
+            size_of_cars_sd: 0.0,
             min_gain: 16.0,
         }
     }
@@ -139,6 +148,21 @@ const DRIFTS: [f64; 4] = [1.0, 4.0, 16.0, 64.0];
 /// estimate per position, one that drifts an estimate per window. No windows, or none with finite numbers, give none.
 #[must_use]
 pub fn fuse(windows: &[WindowEstimate], options: &FuseOptions) -> Vec<CameraEstimate> {
+    join(windows, options).estimates
+}
+
+/// What windows come to.
+#[derive(Clone, Debug)]
+pub struct Joined {
+    /// The camera over time.
+    pub estimates: Vec<CameraEstimate>,
+    /// Log of how large the place's cars are against the atlas; 0 where nothing but cars tells scale.
+    pub size_of_cars: f64,
+}
+
+/// The same as [`fuse`], with what it tells of the cars.
+#[must_use]
+pub fn join(windows: &[WindowEstimate], options: &FuseOptions) -> Joined {
     let mut usable: Vec<&WindowEstimate> = windows.iter().filter(|w| is_usable(w)).collect();
     usable.sort_by(|a, b| a.span_s[0].total_cmp(&b.span_s[0]));
     let mut nodes = Vec::new();
@@ -166,7 +190,10 @@ pub fn fuse(windows: &[WindowEstimate], options: &FuseOptions) -> Vec<CameraEsti
     let (groups, nodes): (Vec<_>, Vec<_>) = nodes.into_iter().unzip();
     let (nodes, states) = with_clues(&groups, nodes, options);
     let pieces = groups.iter().zip(&nodes).zip(&states);
-    pieces.map(|((group, node), state)| estimate(group, node, state, options)).collect()
+    Joined {
+        estimates: pieces.map(|((group, node), state)| estimate(group, node, state, options)).collect(),
+        size_of_cars: states.last().map_or(0.0, Gaussian::size_of_cars),
+    }
 }
 
 /// Rounds of following the clues, which are no Gaussians: linearised at the estimate, smoothed, linearised there.
@@ -178,37 +205,47 @@ fn with_clues(
     cars: Vec<Node>,
     options: &FuseOptions,
 ) -> (Vec<Node>, Vec<Gaussian>) {
-    let mut states = smooth(&cars, &options.prior);
-    let firsts = groups.iter().enumerate().filter(|(i, group)| {
-        *i == 0 || groups[i - 1].first().map(|w| w.segment) != group.first().map(|w| w.segment)
-    });
-    let clues: Vec<(usize, &Arc<[Clue]>)> =
-        firsts.filter_map(|(i, group)| Some((i, options.clues.get(&group.first()?.segment)?))).collect();
+    let mut states = smooth(&cars, &options.prior, options.size_of_cars_sd);
+    let segment = |i: usize| groups[i].first().map(|window| window.segment);
+    let clues_of = |i: usize| {
+        let clues = options.clues.get(&segment(i)?).filter(|_| i == 0 || segment(i - 1) != segment(i))?;
+        let kept = cars[i].step.kept;
+        let told = |clue: &&Clue| matches!(clue, Clue::Number { which, .. } if i > 0 && kept[*which] > 0.0);
+        Some((i, clues.iter().filter(|clue| !told(clue)).collect::<Vec<_>>()))
+    };
+    let clues: Vec<(usize, Vec<&Clue>)> = (0..groups.len()).filter_map(clues_of).collect();
     // The windows were solved with the clues, and know where they lead.
-    let mut at: Vec<Vector4<f64>> = states.iter().map(|state| state.0).collect();
+    let mut at: Vec<[Vector4<f64>; 2]> = states.iter().map(both_scales).collect();
     for (i, _) in &clues {
-        at[*i] = groups[*i].last().map_or(at[*i], |window| window.solved.to_vector());
+        at[*i] = groups[*i].last().map_or(at[*i], |window| [window.solved.to_vector(); 2]);
     }
     let mut nodes = cars.clone();
     for _ in 0..CLUE_ROUNDS {
         for (i, clues) in &clues {
-            let terms = ClueTerms::of(clues, &at[*i]);
-            nodes[*i].information = cars[*i].information + terms.information;
-            nodes[*i].weighted = cars[*i].weighted + terms.information * at[*i] - terms.gradient;
+            let [by_cars, in_metres] = at[*i];
+            let of = |scale: bool, at| {
+                Evidence::of_clues(clues.iter().copied().filter(|clue| clue.is_by_cars() == scale), at)
+            };
+            nodes[*i].cars = cars[*i].cars.and(&of(true, &by_cars));
+            nodes[*i].metres = of(false, &in_metres);
         }
         if clues.is_empty() {
             break;
         }
-        states = smooth(&nodes, &options.prior);
-        let moved = clues.iter().map(|(i, _)| (states[*i].0 - at[*i]).amax()).fold(0.0, f64::max);
-        for (i, _) in &clues {
-            at[*i] = states[*i].0;
-        }
+        states = smooth(&nodes, &options.prior, options.size_of_cars_sd);
+        let here: Vec<[Vector4<f64>; 2]> = states.iter().map(both_scales).collect();
+        let moved = clues.iter().map(|(i, _)| (here[*i][1] - at[*i][1]).amax()).fold(0.0, f64::max);
+        at = here;
         if moved < 1e-9 {
             break;
         }
     }
     (nodes, states)
+}
+
+/// The camera by the cars' scale, and in metres.
+fn both_scales(state: &Gaussian) -> [Vector4<f64>; 2] {
+    [state.by_cars(), state.camera().0]
 }
 
 fn is_usable(window: &WindowEstimate) -> bool {
@@ -396,7 +433,7 @@ fn drift_log_likelihood(group: &[&WindowEstimate], scale: f64, options: &FuseOpt
 /// One piece of evidence: a group under one constant.
 fn node(group: &[&WindowEstimate], shares: &[f64], step: Step, options: &FuseOptions) -> Node {
     let (information, weighted) = together(group, shares, options).marginal(options.shared_sd);
-    Node { information, weighted, step }
+    Node { cars: Evidence { information, weighted }, metres: Evidence::none(), step }
 }
 
 /// What a group says under one constant. Windows that scatter more than they claim widen it (Birge's ratio).
@@ -416,15 +453,17 @@ fn together(group: &[&WindowEstimate], shares: &[f64], options: &FuseOptions) ->
 fn estimate(
     group: &[&WindowEstimate],
     node: &Node,
-    state: &(Vector4<f64>, Matrix4<f64>),
+    state: &Gaussian,
     options: &FuseOptions,
 ) -> CameraEstimate {
+    let (params, covariance) = state.camera();
+    let told = node.cars.and(&node.metres).information;
     let prior = options.prior.sd.map(|sd| 1.0 / (sd * sd));
     // Evidence on one number with the others free within the prior.
     let known = |i: usize| {
         let mut rest = prior;
         rest[i] = 0.0;
-        let with = node.information + Matrix4::from_diagonal(&rest);
+        let with = told + Matrix4::from_diagonal(&rest);
         let variance = with.try_inverse().map_or(f64::INFINITY, |inverse| inverse[(i, i)]);
         variance > 0.0 && variance < 1.0 / prior[i]
     };
@@ -445,8 +484,8 @@ fn estimate(
         ],
         image_size_px: options.image_size_px,
         principal_point_px: options.principal_point_px,
-        params: CameraParams::from_vector(&state.0),
-        covariance: state.1,
+        params: CameraParams::from_vector(&params),
+        covariance,
         status,
         cars_used: cars.len(),
         frames_used: group.iter().map(|w| w.frames).sum(),

@@ -9,6 +9,7 @@
 //!                               └─ ViewSelector    one view a parked car, several of a moving one
 //!             → Window { views, … } → (joint solve of the window, elsewhere) → WindowEstimate
 //!             → fuse → CameraEstimate per stretch of time
+//! SceneLine → verticals → Clue, and beside_a_witness(windows) → more for fuse      what the scene says of the focal length
 //! CameraEvidence of other clips → epochs → more WindowEstimates for fuse      what is remembered of the camera
 //! ```
 //!
@@ -26,12 +27,16 @@ mod nodes;
 mod remember;
 mod select;
 mod stretch;
+mod verticals;
+mod witness;
 
 pub use at_rest::AtRest;
 pub use combine::{Combined, combine};
 pub use evidence::{EvidenceBuilder, EvidenceOptions, Window};
-pub use fuse::{CarUse, FuseOptions, FusePrior, WindowEstimate, condense, fuse};
+pub use fuse::{CarUse, FuseOptions, FusePrior, Joined, WindowEstimate, condense, fuse, join};
 pub use linker::{LinkId, Linker, LinkerOptions};
 pub use moves::{MoveDetector, MoveOptions, MoveState, SegmentStart};
 pub use remember::{Epoch, SameView, epochs, joins, same_vehicle};
 pub use select::{SelectOptions, View, ViewSelector};
+pub use verticals::{Verticals, verticals};
+pub use witness::beside_a_witness;

@@ -1,6 +1,11 @@
 //! Forward and backward over pieces of evidence in time: Kalman filter in information form, Rauch–Tung–Striebel smoother.
+//!
+//! The state is (log f, tilt, roll, log h', log s): how large the place's cars are against the atlas, s, is the same at all times,
+//! and cars tell the height h' = h / s that the camera would have were they of the atlas' sizes. What tells lengths in metres tells
+//! h = h' s, and so s.
 
-use nalgebra::{Matrix4, Vector4};
+use nalgebra::{Matrix4, SMatrix, SVector, Vector4};
+use roadplane_base::{Clue, ClueTerms};
 
 use crate::FusePrior;
 
@@ -22,20 +27,78 @@ impl Step {
     }
 }
 
-/// Evidence `N(information⁻¹ · weighted, information⁻¹)`, possibly singular, and the step that leads to it.
-#[derive(Clone, Debug)]
-pub(crate) struct Node {
+/// Camera and size of the cars.
+type State = SVector<f64, 5>;
+type Square = SMatrix<f64, 5, 5>;
+
+/// Evidence `N(information⁻¹ · weighted, information⁻¹)`, possibly singular.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Evidence {
     pub information: Matrix4<f64>,
     pub weighted: Vector4<f64>,
+}
+
+impl Evidence {
+    pub(crate) fn none() -> Self {
+        Self { information: Matrix4::zeros(), weighted: Vector4::zeros() }
+    }
+
+    /// What clues say, as seen from a camera.
+    pub(crate) fn of_clues<'a>(clues: impl Iterator<Item = &'a Clue>, at: &Vector4<f64>) -> Self {
+        let ClueTerms { gradient, information } = ClueTerms::of(clues, at);
+        Self { information, weighted: information * at - gradient }
+    }
+
+    pub(crate) fn and(&self, other: &Self) -> Self {
+        Self { information: self.information + other.information, weighted: self.weighted + other.weighted }
+    }
+}
+
+/// Evidence of (log f, tilt, roll, log h') by cars and of (log f, tilt, roll, log h) by what is in metres, and the step that leads to
+/// it.
+#[derive(Clone, Debug)]
+pub(crate) struct Node {
+    pub cars: Evidence,
+    pub metres: Evidence,
     pub step: Step,
 }
 
 /// Mean and covariance.
-pub(crate) type Gaussian = (Vector4<f64>, Matrix4<f64>);
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Gaussian(State, Square);
 
-/// Mean and covariance at each node given all of them and the prior.
-pub(crate) fn smooth(nodes: &[Node], prior: &FusePrior) -> Vec<Gaussian> {
-    let start = (prior.params.to_vector(), Matrix4::from_diagonal(&prior.sd.map(|sd| sd * sd)));
+impl Gaussian {
+    /// Of (log f, tilt, roll, log h).
+    pub(crate) fn camera(&self) -> (Vector4<f64>, Matrix4<f64>) {
+        let into = into_metres();
+        (into * self.0, into * self.1 * into.transpose())
+    }
+
+    /// (log f, tilt, roll, log h'): with cars of the atlas' sizes.
+    pub(crate) fn by_cars(&self) -> Vector4<f64> {
+        self.0.fixed_rows::<4>(0).into_owned()
+    }
+
+    /// Log of how large cars are against the atlas.
+    pub(crate) fn size_of_cars(&self) -> f64 {
+        self.0[4]
+    }
+}
+
+/// Turns the state into (log f, tilt, roll, log h).
+fn into_metres() -> SMatrix<f64, 4, 5> {
+    let mut into = SMatrix::<f64, 4, 5>::identity();
+    into[(3, 4)] = 1.0;
+    into
+}
+
+/// Least variance of log s, so that matrices have inverses.
+const LEAST_VARIANCE: f64 = 1e-12;
+
+/// What is believed at each node given all of them, the prior of the camera, and the sd of log s.
+pub(crate) fn smooth(nodes: &[Node], prior: &FusePrior, size_sd: f64) -> Vec<Gaussian> {
+    let variance = prior.sd.map(|sd| sd * sd).push((size_sd * size_sd).max(LEAST_VARIANCE));
+    let start = Gaussian(prior.params.to_vector().push(0.0), Square::from_diagonal(&variance));
     let mut predicted: Vec<Gaussian> = Vec::with_capacity(nodes.len());
     let mut filtered: Vec<Gaussian> = Vec::with_capacity(nodes.len());
     for node in nodes {
@@ -46,9 +109,9 @@ pub(crate) fn smooth(nodes: &[Node], prior: &FusePrior) -> Vec<Gaussian> {
     let mut smoothed = filtered.clone();
     for i in (0..nodes.len().saturating_sub(1)).rev() {
         let Some(factor) = predicted[i + 1].1.cholesky() else { continue };
-        let kept = Matrix4::from_diagonal(&nodes[i + 1].step.kept);
+        let kept = Square::from_diagonal(&nodes[i + 1].step.kept.push(1.0));
         let gain = factor.solve(&(kept * filtered[i].1)).transpose();
-        let (mean, covariance) = smoothed[i + 1];
+        let Gaussian(mean, covariance) = smoothed[i + 1];
         smoothed[i].0 += gain * (mean - predicted[i + 1].0);
         smoothed[i].1 += gain * (covariance - predicted[i + 1].1) * gain.transpose();
         smoothed[i].1 = (smoothed[i].1 + smoothed[i].1.transpose()) / 2.0;
@@ -56,15 +119,24 @@ pub(crate) fn smooth(nodes: &[Node], prior: &FusePrior) -> Vec<Gaussian> {
     smoothed
 }
 
-fn advance((mean, covariance): &Gaussian, step: &Step, prior: &Gaussian) -> Gaussian {
-    let kept = Matrix4::from_diagonal(&step.kept);
-    let anew = Vector4::repeat(1.0) - step.kept;
-    let variance = step.variance + anew.component_mul(&prior.1.diagonal());
-    (kept * mean + anew.component_mul(&prior.0), kept * covariance * kept + Matrix4::from_diagonal(&variance))
+fn advance(Gaussian(mean, covariance): &Gaussian, step: &Step, prior: &Gaussian) -> Gaussian {
+    let kept = step.kept.push(1.0);
+    let anew = State::repeat(1.0) - kept;
+    let variance = step.variance.push(0.0) + anew.component_mul(&prior.1.diagonal());
+    let kept = Square::from_diagonal(&kept);
+    Gaussian(
+        kept * mean + anew.component_mul(&prior.0),
+        kept * covariance * kept + Square::from_diagonal(&variance),
+    )
 }
 
-fn update((mean, covariance): &Gaussian, node: &Node) -> Gaussian {
-    let Some(before) = covariance.cholesky().map(|c| c.inverse()) else { return (*mean, *covariance) };
-    let Some(factor) = (before + node.information).cholesky() else { return (*mean, *covariance) };
-    (factor.solve(&(before * mean + node.weighted)), factor.inverse())
+fn update(before: &Gaussian, Node { cars, metres, .. }: &Node) -> Gaussian {
+    let into = into_metres();
+    let Some(prior) = before.1.cholesky().map(|c| c.inverse()) else { return *before };
+    let mut information = prior + into.transpose() * metres.information * into;
+    let mut of_camera = information.fixed_view_mut::<4, 4>(0, 0);
+    of_camera += cars.information;
+    let Some(factor) = information.cholesky() else { return *before };
+    let weighted = prior * before.0 + cars.weighted.push(0.0) + into.transpose() * metres.weighted;
+    Gaussian(factor.solve(&weighted), factor.inverse())
 }

@@ -4,6 +4,7 @@ pub mod cameras;
 pub mod copy;
 pub mod eval;
 pub mod export;
+pub mod known;
 pub mod synth;
 
 use std::path::PathBuf;
@@ -102,12 +103,12 @@ pub struct RunArgs {
     /// Each input gets a folder DIR/<stem>/, complete or not there at all.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
-    /// Known focal length, px: the plane is still estimated.
-    #[arg(long, value_name = "F", allow_negative_numbers = true)]
-    pub focal_px: Option<f64>,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub known: known::KnownArgs,
     /// Remembers cameras in DIR: each clip starts from what other clips said of its camera before this command, and adds what it
     /// says itself.
-    #[arg(long, value_name = "DIR", requires = "camera_id", conflicts_with = "focal_px")]
+    #[arg(long, value_name = "DIR", requires = "camera_id")]
     pub cameras: Option<PathBuf>,
     /// The inputs' camera; or a pattern of their names in which {} is the camera and * anything, e.g. '{}_*'.
     #[arg(long, value_name = "ID", requires = "cameras")]
@@ -182,9 +183,9 @@ pub struct SolveArgs {
     /// Poses to write; camera.json goes beside it.
     #[arg(long, value_name = "P.jsonl")]
     pub out: PathBuf,
-    /// Known focal length, px.
-    #[arg(long, value_name = "F", allow_negative_numbers = true)]
-    pub focal_px: Option<f64>,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub known: known::KnownArgs,
     /// Leaves every car free in six degrees of freedom.
     #[arg(long)]
     pub no_plane: bool,
@@ -204,9 +205,9 @@ pub struct TrackArgs {
     /// Folder to write, as a run leaves it: camera.json, poses.jsonl, tracks.*, summary.json.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
-    /// Known focal length, px.
-    #[arg(long, value_name = "F", allow_negative_numbers = true)]
-    pub focal_px: Option<f64>,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub known: known::KnownArgs,
     /// Replaces a finished folder (once the new one is complete).
     #[arg(long)]
     pub overwrite: bool,
@@ -246,7 +247,7 @@ pub struct DistanceArgs {
 /// `roadplane schemas`.
 #[derive(Debug, Args)]
 pub struct SchemasArgs {
-    /// Only of this file: tracks, camera, poses, frames or summary.
+    /// Only of this file: tracks, camera, poses, frames, summary or known.
     #[arg(value_name = "NAME")]
     pub name: Option<String>,
     /// Writes NAME.schema.json files into this folder.

@@ -53,6 +53,7 @@ impl EvalError {
             Self::Unreadable { .. } | Self::Malformed { .. } => Fault::Input,
             Self::Unsuitable { .. } => Fault::Usage,
             Self::Pipeline(error) => error.fault(),
+            Self::Write(WriteError::Malformed { .. }) => Fault::Input,
             Self::Write(_) => Fault::Internal,
         }
     }

@@ -1,10 +1,9 @@
-//! Truth of other people's data: known cameras, KITTI, MEVA cameras, KPF, COCO and MOT Challenge boxes. Malformed files give an error that names file and line.
+//! Truth of other people's data: known cameras, KITTI, KPF, COCO and MOT Challenge boxes. Malformed files give an error that names file and line.
 
 pub mod cameras;
 pub mod coco;
 pub mod kitti;
 pub mod kpf;
-pub mod krtd;
 pub mod mot;
 
 use std::path::Path;

@@ -4,13 +4,12 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use roadplane_base::{GroundPlane, PoseRecord, ShapeAtlas, TrackRow};
-use roadplane_pipeline::Config;
+use roadplane_pipeline::{Config, Krtd, read_krtd};
 use roadplane_write::{CameraSegment, Summary, read_camera, read_jsonl};
 
 use crate::metrics::average_precision::{FoundBox, PictureBoxes, TrueBox};
 use crate::metrics::camera::camera_error;
 use crate::readers::kpf::{KpfBox, read_boxes, read_types};
-use crate::readers::krtd::{Krtd, read_krtd};
 use crate::scoring::{picture_boxes, score_poses, score_tracks};
 use crate::tables::{
     add_plot, add_table, boxes_table, motion_table, position_plot, position_table, tracking_table,

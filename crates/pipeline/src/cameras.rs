@@ -1,35 +1,39 @@
 //! The camera of a clip: windows of views → joint solves, what is remembered → one estimate per stretch of time.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use nalgebra::{Matrix4, Vector4};
 use roadplane_base::{
-    Camera, CameraEstimate, CameraEvidence, CameraParams, CameraStatus, EVIDENCE_SCHEMA, FrameRecord,
+    Camera, CameraEstimate, CameraEvidence, CameraParams, CameraStatus, Clue, EVIDENCE_SCHEMA, FrameRecord,
     ImageSize, JointInformation, KeypointSet, ParkedCar, ShapeAtlas, SharedPart,
 };
 use roadplane_calibrate::{
-    CarUse, EvidenceBuilder, EvidenceOptions, FuseOptions, FusePrior, LinkId, SegmentStart, View, Window,
-    WindowEstimate, condense, epochs, fuse, joins, same_vehicle,
+    CarUse, EvidenceBuilder, EvidenceOptions, FuseOptions, FusePrior, Joined, LinkId, SegmentStart, View,
+    Window, WindowEstimate, condense, epochs, fuse, join, joins, same_vehicle,
 };
-use roadplane_solve::{CarView, SceneOptions, SceneStatus, solve_scene};
+use roadplane_solve::{CarView, SceneOptions, SceneSolution, SceneStatus, solve_scene};
+use roadplane_write::KnownSummary;
 
 use crate::believe::{is_believable, projected_box};
 use crate::memory::{Recall, look};
-use crate::{Config, PipelineError};
+use crate::{Config, Known, PipelineError};
 
 /// sd of log focal that stands for "given".
 const GIVEN_LOG_FOCAL_SD: f64 = 1e-6;
 /// sd of the mean size of a place's cars against the shape atlas', log: those of the USA are some 6 % longer than Europe's,
 /// Japan's as much shorter (estimates). Every car of a clip shares it, and heights and distances scale with it.
-const POPULATION_LOG_SD: f64 = 0.04;
+pub(crate) const POPULATION_LOG_SD: f64 = 0.04;
 
 /// The camera at every time of a clip.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct CameraTrack {
     estimates: Vec<CameraEstimate>,
     /// When each position of the camera after the first began, s.
     moves_s: Vec<f64>,
     said: Option<CameraEvidence>,
+    size_of_cars: f64,
+    known: Vec<KnownSummary>,
 }
 
 /// Links of remembered vehicles are this and above; a clip counts its own from 0.
@@ -39,13 +43,31 @@ impl CameraTrack {
     /// Of estimates that were read back.
     #[must_use]
     pub fn from_estimates(estimates: Vec<CameraEstimate>) -> Self {
-        Self { estimates, moves_s: Vec::new(), said: None }
+        Self { estimates, ..Self::default() }
     }
 
     /// What the clip alone says of its camera, for other clips to start from; where asked for, and where it says something.
     #[must_use]
     pub fn said(&self) -> Option<&CameraEvidence> {
         self.said.as_ref()
+    }
+
+    /// Log of how large the place's cars are against the atlas; 0 where nothing but cars tells scale.
+    #[must_use]
+    pub fn size_of_cars(&self) -> f64 {
+        self.size_of_cars
+    }
+
+    /// What was told of the camera, against everything else.
+    #[must_use]
+    pub fn known(&self) -> &[KnownSummary] {
+        &self.known
+    }
+
+    /// How often it was moved.
+    #[must_use]
+    pub fn moves(&self) -> usize {
+        self.moves_s.len()
     }
 
     /// One estimate per stretch of time, in order; never empty.
@@ -87,15 +109,16 @@ pub fn usable(keypoints: &KeypointSet, config: &Config) -> KeypointSet {
 /// Estimates the camera from all frames and what is remembered of it, or says that nothing could be estimated.
 ///
 /// # Errors
-/// Whatever reading a frame failed with.
+/// Whatever reading a frame failed with; [`PipelineError::Usage`] where what is known is of other pictures.
 pub fn estimate_cameras(
     frames: impl Iterator<Item = Result<FrameRecord, PipelineError>>,
     atlas: &ShapeAtlas,
-    known_focal_px: Option<f64>,
+    known: &Known,
     recall: Option<&Recall>,
     config: &Config,
 ) -> Result<CameraTrack, PipelineError> {
-    let mut options = config.solve.scene_options(known_focal_px);
+    let mut known = known.clone();
+    let mut options = config.solve.scene_options(None);
     let mut builder = EvidenceBuilder::new(EvidenceOptions {
         window_s: config.calibrate.window_s,
         ..EvidenceOptions::default()
@@ -106,10 +129,11 @@ pub fn estimate_cameras(
     let mut size = None;
     let mut span_s = [f64::INFINITY, f64::NEG_INFINITY];
     let mut frame_count = 0;
-    let mut take = |window: Option<Window>, size: ImageSize, options: &mut SceneOptions| {
+    let mut take = |window: Option<Window>, size: ImageSize, known: &Known, options: &mut SceneOptions| {
         if let Some(window) = window.as_ref().filter(|window| window.segment > moves_s.len()) {
             moves_s.push(window.span_s[0]);
         }
+        options.clues = clues_of_window(&known.clues(moves_s.len(), size));
         if let Some(solved) = window.and_then(|window| solve_window(&window, atlas, size, options, config)) {
             options.start = Some(solved.estimate.params);
             parked.extend(solved.parked);
@@ -118,6 +142,10 @@ pub fn estimate_cameras(
     };
     for frame in frames {
         let mut frame = frame?;
+        if size.is_none() {
+            known = known.for_pictures(frame.image_size_px)?;
+            options.known_focal_px = known.focal_px();
+        }
         let image_size = *size.get_or_insert(frame.image_size_px);
         span_s = [span_s[0].min(frame.time_s), span_s[1].max(frame.time_s)];
         frame_count += 1;
@@ -126,44 +154,74 @@ pub fn estimate_cameras(
                 **set = usable(set, config);
             }
         }
-        take(builder.push(frame), image_size, &mut options);
+        take(builder.push(frame), image_size, &known, &mut options);
     }
     let Some(size) = size else {
-        return Ok(CameraTrack { estimates: Vec::new(), moves_s, said: None });
+        return Ok(CameraTrack { moves_s, ..CameraTrack::default() });
     };
-    take(builder.finish(), size, &mut options);
-    let fuse_options = fuse_options(size, known_focal_px, config);
+    take(builder.finish(), size, &known, &mut options);
     let position = moves_s.len();
+    let fuse_options = fuse_options(size, position, &known, config);
     let said = recall.and_then(|recall| {
-        let (said, links) = evidence_of(recall, &windows, position, span_s, &parked, &fuse_options)?;
-        add_remembered(&mut windows, position, recall, &said, &links, &fuse_options);
+        // Remembered is what cars say, not what this user does.
+        let options = fuse_options.for_cars();
+        let (said, links) = evidence_of(recall, &windows, position, span_s, &parked, &options)?;
+        add_remembered(&mut windows, position, recall, &said, &links, &options);
         Some(said)
     });
-    let mut estimates = with_size_of_cars(fuse(&windows, &fuse_options));
+    if windows.is_empty() && !known.is_silent() {
+        windows.push(nothing_seen(&fuse_options, span_s, 0));
+    }
+    let Joined { mut estimates, size_of_cars } = join(&windows, &fuse_options);
     if estimates.is_empty() {
         estimates.push(unobservable(&fuse_options, span_s, size));
         tracing::warn!("the camera cannot be estimated from the cars of {frame_count} frames");
     }
-    Ok(CameraTrack { estimates, moves_s, said })
+    let known = known.checked(size, |others| {
+        let clues = clues_by_position(size, position, others);
+        fuse(&windows, &FuseOptions { clues, ..fuse_options.clone() }).into_iter().next()
+    });
+    Ok(CameraTrack { estimates, moves_s, said, size_of_cars, known })
 }
 
-/// How windows, and clips, are joined by this configuration.
-pub(crate) fn fuse_options(size: ImageSize, known_focal_px: Option<f64>, config: &Config) -> FuseOptions {
-    let options = config.solve.scene_options(known_focal_px);
+/// How windows, and clips, are joined by this configuration, where the camera was moved so often.
+pub(crate) fn fuse_options(size: ImageSize, moves: usize, known: &Known, config: &Config) -> FuseOptions {
+    let options = config.solve.scene_options(known.focal_px());
     FuseOptions {
-        focal_given: known_focal_px.is_some(),
+        focal_given: known.focal_px().is_some(),
         prior: fuse_prior(&options, size),
         shared_sd: options.shared_sd(),
+        clues: clues_by_position(size, moves, known),
+        size_of_cars_sd: POPULATION_LOG_SD,
         ..FuseOptions::for_image(size)
     }
 }
 
-/// Counts the error that all cars of the place share.
-pub(crate) fn with_size_of_cars(mut estimates: Vec<CameraEstimate>) -> Vec<CameraEstimate> {
-    for estimate in &mut estimates {
-        estimate.covariance[(3, 3)] += POPULATION_LOG_SD * POPULATION_LOG_SD;
+/// All that speaks of the camera beside cars, by its position.
+fn clues_by_position(size: ImageSize, moves: usize, known: &Known) -> BTreeMap<usize, Arc<[Clue]>> {
+    let clues = (0..=moves).map(|position| (position, Arc::from(known.clues(position, size))));
+    clues.filter(|(_, clues): &(usize, Arc<[Clue]>)| !clues.is_empty()).collect()
+}
+
+/// What of that a window is solved with: its cars take themselves for as large as the atlas', which only many windows together can
+/// weigh against a length.
+fn clues_of_window(clues: &[Clue]) -> Arc<[Clue]> {
+    clues.iter().filter_map(Clue::without_scale).collect()
+}
+
+/// A window without cars.
+fn nothing_seen(options: &FuseOptions, span_s: [f64; 2], segment: usize) -> WindowEstimate {
+    WindowEstimate {
+        span_s,
+        frames: 0,
+        params: options.prior.params,
+        solved: options.prior.params,
+        joint: JointInformation::none(),
+        cars: Vec::new(),
+        segment,
+        start: SegmentStart::Clip,
+        steady: true,
     }
-    estimates
 }
 
 /// What the windows of the camera's last position say, the one that the picture of the place is of, with the links of its parked
@@ -180,17 +238,7 @@ fn evidence_of(
     if fuse(&last, options).len() > 1 {
         return None;
     }
-    let together = condense(&last, options).unwrap_or_else(|| WindowEstimate {
-        span_s: clip_span_s,
-        frames: 0,
-        params: options.prior.params,
-        solved: options.prior.params,
-        joint: JointInformation::none(),
-        cars: Vec::new(),
-        segment: position,
-        start: SegmentStart::Clip,
-        steady: true,
-    });
+    let together = condense(&last, options).unwrap_or_else(|| nothing_seen(options, clip_span_s, position));
     let stood = together.cars.iter().filter(|car| car.parked);
     let (links, stood): (Vec<LinkId>, Vec<ParkedCar>) =
         stood.filter_map(|car| Some((car.link, parked.get(&car.link)?.clone()))).unzip();
@@ -269,16 +317,32 @@ fn add_remembered(
 pub fn estimate_frame(
     frame: &FrameRecord,
     atlas: &ShapeAtlas,
-    options: &SceneOptions,
+    known: &Known,
     config: &Config,
 ) -> CameraEstimate {
     let size = frame.image_size_px;
+    let mut options = config.solve.scene_options(known.focal_px());
+    options.clues = clues_of_window(&known.clues(0, size));
     let sets: Vec<KeypointSet> =
         frame.cars.iter().filter_map(|car| car.keypoints.as_deref()).map(|set| usable(set, config)).collect();
     let views: Vec<CarView<'_>> =
         sets.iter().enumerate().map(|(group, keypoints)| CarView { keypoints, group, weight: 1.0 }).collect();
-    let solution = solve_scene(atlas, size, &views, options);
+    let solution = solve_scene(atlas, size, &views, &options);
     let cars_used = solution.cars.iter().flatten().filter(|car| car.used).count();
+    if !known.is_silent() {
+        let fuse_options = fuse_options(size, 0, known, config);
+        let silent = nothing_seen(&fuse_options, [frame.time_s; 2], 0);
+        let window = if solution.status.usable() {
+            let (params, joint) = by_cars_alone(&solution);
+            WindowEstimate { params, solved: solution.params, joint, ..silent }
+        } else {
+            silent
+        };
+        let frames_used = usize::from(cars_used > 0);
+        if let Some(estimate) = fuse(&[window], &fuse_options).pop() {
+            return CameraEstimate { cars_used, frames_used, ..estimate };
+        }
+    }
     let status = match solution.status {
         SceneStatus::Converged | SceneStatus::NotConverged => CameraStatus::Estimated,
         SceneStatus::FocalGiven => CameraStatus::FocalGiven,
@@ -299,11 +363,11 @@ pub fn estimate_frame(
 
 /// The camera before any car is looked at.
 #[must_use]
-pub fn prior_camera(options: &SceneOptions, frame: &FrameRecord) -> CameraEstimate {
-    let size = frame.image_size_px;
-    let prior = fuse_prior(options, size);
-    let fuse_options = FuseOptions { prior, ..FuseOptions::for_image(size) };
-    unobservable(&fuse_options, [frame.time_s; 2], size)
+pub fn prior_camera(known: &Known, frame: &FrameRecord, config: &Config) -> CameraEstimate {
+    let (size, span_s) = (frame.image_size_px, [frame.time_s; 2]);
+    let options = fuse_options(size, 0, known, config);
+    let told = (!known.is_silent()).then(|| nothing_seen(&options, span_s, 0));
+    fuse(told.as_slice(), &options).pop().unwrap_or_else(|| unobservable(&options, span_s, size))
 }
 
 /// A window's estimate, and its vehicles that stood.
@@ -373,16 +437,7 @@ fn solve_window(
         used.iter().map(|view| CarUse { link: view.link, parked: view.parked }).collect();
     cars.sort_by_key(|car| car.link);
     cars.dedup_by_key(|car| car.link);
-    // What the cars alone say: the solve's prior is taken out again, since it is counted once over all windows.
-    let mut joint = solution.information;
-    let alone = joint
-        .camera()
-        .cholesky()
-        .map(|information| CameraParams::from_vector(&information.solve(&joint.vector.fixed_rows::<4>(0))))
-        .filter(|params| near(params, &solution.params, &solution.covariance));
-    let params = alone.unwrap_or(solution.params);
-    let vector = joint.camera() * params.to_vector();
-    joint.vector.fixed_rows_mut::<4>(0).copy_from(&vector);
+    let (params, joint) = by_cars_alone(&solution);
     let estimate = WindowEstimate {
         span_s: window.span_s,
         frames: window.frames,
@@ -396,6 +451,19 @@ fn solve_window(
     };
     let parked = used.iter().filter(|view| view.parked).map(|view| (view.link, parked_car(view))).collect();
     Some(SolvedWindow { estimate, parked })
+}
+
+/// What the cars alone say: the solve's prior and clues are taken out again, since they are counted once over all windows.
+fn by_cars_alone(solution: &SceneSolution) -> (CameraParams, JointInformation) {
+    let mut joint = solution.information;
+    let information = joint.camera().cholesky();
+    let alone = information
+        .map(|information| CameraParams::from_vector(&information.solve(&joint.vector.fixed_rows::<4>(0))));
+    let alone = alone.filter(|params| near(params, &solution.params, &solution.covariance));
+    let params = alone.unwrap_or(solution.params);
+    let vector = joint.camera() * params.to_vector();
+    joint.vector.fixed_rows_mut::<4>(0).copy_from(&vector);
+    (params, joint)
 }
 
 /// As it is remembered, to a tenth of a pixel.

@@ -2,10 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, SMatrix};
 use roadplane_base::{
-    Camera, CameraEstimate, CarRef, FrameRecord, GroundPlane, GroundPose, KEYPOINTS, PoseRecord, Shape,
-    ShapeAtlas, VehicleClass, rows_from_isometry,
+    Camera, CameraEstimate, CarRef, FrameRecord, GroundPlane, GroundPose, KEYPOINTS, MODES, PoseRecord,
+    Shape, ShapeAtlas, VehicleClass, rows_from_isometry,
 };
 use roadplane_solve::{CarFit, FreeCarFit, SceneOptions, ShapePrior, fit_car};
 
@@ -28,6 +28,21 @@ impl From<&CameraEstimate> for FrameCamera {
             Camera { focal_px: estimate.params.focal_px(), principal_point_px: estimate.principal_point_px };
         Self { camera, plane: estimate.params.plane() }
     }
+}
+
+/// What is known of the shape of any car of a place whose cars are larger than the atlas' by this, log.
+#[must_use]
+pub fn any_car(atlas: &ShapeAtlas, size_of_cars: f64) -> ShapePrior {
+    // The coefficients that come nearest to the mean car made larger, least squares over its keypoints.
+    let mut normal = SMatrix::<f64, MODES, MODES>::zeros();
+    let mut right = Shape::zeros();
+    for (i, mean) in atlas.mean.iter().enumerate() {
+        let modes = SMatrix::<f64, 3, MODES>::from_fn(|axis, mode| atlas.modes[mode][i][axis]);
+        normal += modes.transpose() * modes;
+        right += modes.transpose() * mean * size_of_cars.exp_m1();
+    }
+    let mean = normal.cholesky().map_or_else(Shape::zeros, |normal| normal.solve(&right));
+    ShapePrior { mean: atlas.clamped(&mean), ..ShapePrior::default() }
 }
 
 /// Fits every car of the frame that has keypoints; `known(i)` gives what is known of car i beforehand: its shape and
@@ -172,4 +187,21 @@ fn record_of(frame: &FrameRecord, index: usize, pose: &Pose, atlas: &ShapeAtlas)
         used: pose.used,
         pose_from: None,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cars_of_a_place_are_as_large_as_it_says() {
+        let atlas = ShapeAtlas::shipped().unwrap();
+        assert_eq!(any_car(&atlas, 0.0), ShapePrior::default());
+        for log_size in [-0.05, 0.02, 0.05] {
+            let larger = atlas.dims_m(&any_car(&atlas, log_size).mean).component_div(&atlas.dims_mean);
+            for ratio in larger.iter() {
+                assert!((ratio.ln() - log_size).abs() < 0.012, "{log_size}: {larger}");
+            }
+        }
+    }
 }

@@ -15,11 +15,12 @@ use roadplane_write::{FrameReader, PoseLines, read_jsonl};
 
 use crate::believe::{is_believable, is_vehicle, overlap_inside, projected_box};
 use crate::cameras::{CameraTrack, estimate_cameras};
-use crate::cars::{FrameCamera, HeldPoses, fit_frame, pose_record};
+use crate::cars::{FrameCamera, HeldPoses, any_car, fit_frame, pose_record};
 use crate::ground_contact::{Body, Knowledge, body_box, cut_edges, ground_contact};
+use crate::known::contradiction;
 use crate::memory::Recall;
 use crate::shared_error::shared_covariance;
-use crate::{Cancel, Config, PipelineError};
+use crate::{Cancel, Config, Known, PipelineError};
 
 /// Least overlap of the box of a row that is called observed with that of the vehicle where the row has it.
 const MIN_ROW_OVERLAP: f64 = 0.3;
@@ -85,11 +86,11 @@ pub fn solve_clip(
     frames: &Path,
     poses: &Path,
     atlas: &ShapeAtlas,
-    focal_px: Option<f64>,
+    known: &Known,
     config: &Config,
     cancel: &Cancel,
 ) -> Result<ClipSolution, PipelineError> {
-    solve_remembered_clip(frames, poses, atlas, focal_px, None, config, cancel)
+    solve_remembered_clip(frames, poses, atlas, known, None, config, cancel)
 }
 
 /// The same, starting from what is remembered of the camera.
@@ -97,7 +98,7 @@ pub(crate) fn solve_remembered_clip(
     frames: &Path,
     poses: &Path,
     atlas: &ShapeAtlas,
-    focal_px: Option<f64>,
+    known: &Known,
     recall: Option<&Recall>,
     config: &Config,
     cancel: &Cancel,
@@ -108,23 +109,24 @@ pub(crate) fn solve_remembered_clip(
             Ok(record?)
         })))
     };
-    let cameras = estimate_cameras(read()?, atlas, focal_px, recall, config)?;
-    let pass = Pass { cameras: &cameras, atlas, options: config.solve.scene_options(focal_px), config };
+    let cameras = estimate_cameras(read()?, atlas, known, recall, config)?;
+    let any_car = any_car(atlas, cameras.size_of_cars());
+    let pass = Pass { cameras: &cameras, atlas, any_car, options: config.solve.scene_options(None), config };
     // First with every car's shape free in every frame; then with the one shape that its track came to.
     let (first, _) = pass.tracks(read()?, &BTreeMap::new(), |_| Ok(()))?;
     let spool = poses.with_extension("spool");
     let mut spooled = PoseLines::create(&spool)?;
-    let known = known_cars(&first, atlas);
+    let vehicles = known_cars(&first, atlas);
     // A long clip's tracks are large: none is kept for longer than it is needed.
     drop(first);
-    let (mut tracks, tally) = pass.tracks(read()?, &known, |pose| Ok(spooled.write(pose)?))?;
+    let (mut tracks, tally) = pass.tracks(read()?, &vehicles, |pose| Ok(spooled.write(pose)?))?;
     spooled.finish()?;
     for track in &mut tracks {
         // The shape was held in this pass, so what this pass's tracks say of it is no evidence.
-        let held = sightings(track).find_map(|(key, _)| known.get(&key)).map(|known| known.shape.mean);
+        let held = sightings(track).find_map(|(key, _)| vehicles.get(&key)).map(|known| known.shape.mean);
         track.shape = atlas.clamped(&held.unwrap_or(track.shape));
     }
-    drop(known);
+    drop(vehicles);
 
     let tracked: BTreeMap<CarRef, u64> =
         tracks.iter().flat_map(|track| sightings(track).map(|(key, _)| (key, track.id))).collect();
@@ -146,7 +148,11 @@ pub(crate) fn solve_remembered_clip(
         .map_err(|source| PipelineError::Unreadable { source, path: spool.clone() })?;
     let mut rows: Vec<TrackRow> = tracks.iter().flat_map(|track| pass.rows(track, &tally.shake_px)).collect();
     rows.sort_by_key(|row| (row.frame, row.track));
-    let warnings = warnings_of(&cameras);
+    let mut warnings = warnings_of(&cameras);
+    warnings.extend(known.silent_later().filter(|_| cameras.moves() > 0));
+    for warning in &warnings {
+        tracing::warn!("{warning}");
+    }
     Ok(ClipSolution { cameras, tracks, rows, reprojection_rms_px, poses_used, tally, warnings })
 }
 
@@ -165,6 +171,8 @@ pub struct Tally {
 struct Pass<'a> {
     cameras: &'a CameraTrack,
     atlas: &'a ShapeAtlas,
+    /// What is known of a car's shape before it is looked at.
+    any_car: ShapePrior,
     options: SceneOptions,
     config: &'a Config,
 }
@@ -175,7 +183,7 @@ impl Pass<'_> {
     fn tracks(
         &self,
         frames: impl Iterator<Item = Result<FrameRecord, PipelineError>>,
-        known: &BTreeMap<CarRef, Known>,
+        known: &BTreeMap<CarRef, KnownCar>,
         mut sink: impl FnMut(&PoseRecord) -> Result<(), PipelineError>,
     ) -> Result<(Vec<Track>, Tally), PipelineError> {
         let mut tracker = Tracker::new(self.config.track.clone());
@@ -200,8 +208,8 @@ impl Pass<'_> {
             }
             let view = FrameCamera::from(estimate);
             let prior = |i: usize| match known.get(&CarRef { frame: frame.frame, car: i }) {
-                Some(Known { shape, pose, .. }) => (*shape, Some(*pose)),
-                None => (ShapePrior::default(), None),
+                Some(KnownCar { shape, pose, .. }) => (*shape, Some(*pose)),
+                None => (self.any_car, None),
             };
             let fitted = fit_frame(&frame, &view, self.atlas, &self.options, self.config, prior);
             let (mut cars, mut held) = (Vec::new(), Vec::new());
@@ -275,7 +283,7 @@ impl Pass<'_> {
         car: usize,
         frame: &FrameRecord,
         view: &FrameCamera,
-        known: Option<&Known>,
+        known: Option<&KnownCar>,
     ) -> Option<CarMeasurement> {
         let knowledge = match known {
             Some(known) => Knowledge::Track {
@@ -392,7 +400,7 @@ fn held_car(record: &CarRecord, car: usize) -> HeldCar {
 }
 
 /// What a first pass over the frames tells the second of the vehicle in a box.
-struct Known {
+struct KnownCar {
     shape: ShapePrior,
     pose: GroundPose,
     heading_sd_rad: f64,
@@ -409,13 +417,13 @@ fn sightings(track: &Track) -> impl Iterator<Item = (CarRef, &TrackState)> {
 }
 
 /// Per tracked car and frame its track's shape, within the atlas' bounds, and its smoothed pose.
-fn known_cars(tracks: &[Track], atlas: &ShapeAtlas) -> BTreeMap<CarRef, Known> {
+fn known_cars(tracks: &[Track], atlas: &ShapeAtlas) -> BTreeMap<CarRef, KnownCar> {
     let mut known = BTreeMap::new();
     for track in tracks {
         let shape = ShapePrior::known(atlas.clamped(&track.shape));
         let dims_m = track.dims_m.unwrap_or_else(|| atlas.dims_m(&shape.mean));
         let body = Body { dims_m, sd_m: Vector3::repeat(KNOWN_DIMS_SD_M) };
-        let of = |state: &TrackState| Known {
+        let of = |state: &TrackState| KnownCar {
             shape,
             pose: state.pose,
             heading_sd_rad: state.pose_sd.z,
@@ -441,6 +449,7 @@ fn warnings_of(cameras: &CameraTrack) -> Vec<String> {
             warnings.push(warning.to_owned());
         }
     }
+    warnings.extend(cameras.known().iter().filter_map(contradiction));
     if cameras.estimates().is_empty() {
         warnings.push("no frame could be read".to_owned());
     }

@@ -19,8 +19,8 @@ use roadplane_view::ViewError;
 use roadplane_watch::PlacePicture;
 use roadplane_write::{EvidenceStore, InputSummary, WriteError, is_camera_id};
 
-use crate::cameras::{fuse_options, with_size_of_cars};
-use crate::{Config, PipelineError, stem_of};
+use crate::cameras::fuse_options;
+use crate::{Config, Known, PipelineError, stem_of};
 
 /// Name of a clip's evidence in its result.
 pub(crate) const EVIDENCE: &str = "evidence.json";
@@ -193,10 +193,10 @@ pub fn known_cameras(
     let evidence = sound(store.read(camera)?);
     let size = |epoch: &Epoch<'_>| epoch.clips.first().map(|clip| clip.image_size_px);
     let any = evidence.first().map_or(ImageSize { width: 1, height: 1 }, |first| first.image_size_px);
-    let epochs = epochs(&evidence, &look, &fuse_options(any, None, config));
+    let epochs = epochs(&evidence, &look, &fuse_options(any, 0, &Known::default(), config).for_cars());
     let known = |epoch: &Epoch<'_>| {
-        let options = fuse_options(size(epoch)?, None, config);
-        let estimate = with_size_of_cars(fuse(&epoch.windows, &options)).pop()?;
+        let options = fuse_options(size(epoch)?, 0, &Known::default(), config);
+        let estimate = fuse(&epoch.windows, &options).pop()?;
         Some(KnownCamera { clips: epoch.clips.iter().map(|e| e.clip.clone()).collect(), estimate })
     };
     Ok(epochs.iter().filter_map(known).collect())

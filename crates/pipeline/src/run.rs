@@ -27,7 +27,7 @@ use crate::streaming::{
 };
 use crate::track_file::write_solution;
 use crate::watched::Watched;
-use crate::{Cancel, Config, PipelineError, Progress, Silent};
+use crate::{Cancel, Config, Known, PipelineError, Progress, Silent};
 
 /// The streaming half's product within the partial folder.
 const SPOOL: &str = "frames.jsonl";
@@ -39,8 +39,8 @@ const STAMP: &str = "stamp.json";
 pub struct RunOptions {
     /// Folder of the models.
     pub models: PathBuf,
-    /// Known focal length, px.
-    pub focal_px: Option<f64>,
+    /// What is known of the camera.
+    pub known: Known,
     /// What is remembered of the cameras.
     pub cameras: Option<CameraMemory>,
     /// What to do about a finished result of the same name.
@@ -63,7 +63,7 @@ impl RunOptions {
     pub fn new(models: PathBuf) -> Self {
         Self {
             models,
-            focal_px: None,
+            known: Known::default(),
             cameras: None,
             existing: Existing::Refuse,
             resume: false,
@@ -133,6 +133,7 @@ pub fn run_input(
     }
     let input = open_input(input_path, config)?;
     check_memory(input.size())?;
+    let known = options.known.for_pictures(input.size())?;
     let identity = file_identity(input_path)?;
     let mut nets = Nets::open(&options.models, config)?;
     let models = nets.summaries();
@@ -181,9 +182,8 @@ pub fn run_input(
         let spool = folder.path().join(SPOOL);
         let solving = Instant::now();
         let poses = folder.path().join("poses.jsonl");
-        let focal_px = options.focal_px;
         let mut solution =
-            solve_remembered_clip(&spool, &poses, &atlas, focal_px, recall.as_ref(), config, cancel)?;
+            solve_remembered_clip(&spool, &poses, &atlas, &known, recall.as_ref(), config, cancel)?;
         let events = activity.as_mut().map(|net| label_rows(net, &mut solution.rows)).transpose()?;
         let solve_s = solving.elapsed().as_secs_f64();
         meter.solved();
@@ -357,5 +357,6 @@ pub fn note_solution(summary: &mut Summary, solution: &ClipSolution) {
     counts.poses_used = solution.poses_used;
     counts.tracks = solution.tracks.len() as u64;
     counts.track_rows = solution.rows.len() as u64;
+    summary.known = solution.cameras.known().to_vec();
     summary.warnings.extend(solution.warnings.iter().cloned());
 }

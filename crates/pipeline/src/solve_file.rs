@@ -8,14 +8,15 @@ use roadplane_solve::{ShapePrior, fit_free_car};
 use roadplane_write::{FrameReader, PoseLines, write_camera};
 
 use crate::cameras::{estimate_cameras, estimate_frame, prior_camera, usable};
-use crate::cars::{FrameCamera, HeldPoses, fit_frame, free_pose_record, pose_record};
-use crate::{Cancel, Config, PipelineError};
+use crate::cars::{FrameCamera, HeldPoses, any_car, fit_frame, free_pose_record, pose_record};
+use crate::known::contradiction;
+use crate::{Cancel, Config, Known, PipelineError};
 
 /// What is asked of the solver.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct SolveOptions {
-    /// Known focal length, px.
-    pub focal_px: Option<f64>,
+    /// What is known of the camera.
+    pub known: Known,
     /// Cars stand on one plane; otherwise every car is free in six degrees of freedom and the world frame is the prior's,
     /// as `camera.json` says.
     pub use_plane: bool,
@@ -39,63 +40,69 @@ pub fn solve_file(
     let read = || -> Result<_, PipelineError> {
         Ok(AtRest::new(FrameReader::open(frames)?.map(|record| record.map_err(PipelineError::from))))
     };
+    let known = &options.known;
     let mut poses = PoseLines::create(out)?;
     let mut looks = HeldPoses::default();
-    let scene = config.solve.scene_options(options.focal_px);
-    let mut write_frame = |frame: &FrameRecord, estimate: &CameraEstimate| -> Result<(), PipelineError> {
-        if let Some(signal) = cancel.signal() {
-            return Err(PipelineError::Stopped { signal });
-        }
-        let view = FrameCamera::from(estimate);
-        if !options.use_plane {
-            for (i, car) in frame.cars.iter().enumerate() {
-                let Some(keypoints) = car.keypoints.as_deref() else { continue };
-                let keypoints = usable(keypoints, config);
-                let fit = fit_free_car(&atlas, &view.camera, &keypoints, &scene);
-                let record =
-                    fit.and_then(|fit| free_pose_record(frame, i, &fit, &view.plane, &scene, &atlas));
-                if let Some(pose) = record {
+    let scene = config.solve.scene_options(None);
+    let mut write_frame =
+        |frame: &FrameRecord, estimate: &CameraEstimate, shape: ShapePrior| -> Result<(), PipelineError> {
+            if let Some(signal) = cancel.signal() {
+                return Err(PipelineError::Stopped { signal });
+            }
+            let view = FrameCamera::from(estimate);
+            if !options.use_plane {
+                for (i, car) in frame.cars.iter().enumerate() {
+                    let Some(keypoints) = car.keypoints.as_deref() else { continue };
+                    let keypoints = usable(keypoints, config);
+                    let fit = fit_free_car(&atlas, &view.camera, &keypoints, &scene);
+                    let record =
+                        fit.and_then(|fit| free_pose_record(frame, i, &fit, &view.plane, &scene, &atlas));
+                    if let Some(pose) = record {
+                        poses.write(&pose)?;
+                    }
+                }
+                return Ok(());
+            }
+            let fits = fit_frame(frame, &view, &atlas, &scene, config, |_| (shape, None));
+            for (i, fit) in fits.iter().enumerate() {
+                if let Some(pose) = fit.as_ref().and_then(|fit| pose_record(frame, i, fit, &atlas)) {
+                    looks.remember(&pose);
+                    poses.write(&pose)?;
+                } else if let Some(pose) = looks.line(frame, i) {
                     poses.write(&pose)?;
                 }
             }
-            return Ok(());
-        }
-        let fits = fit_frame(frame, &view, &atlas, &scene, config, |_| (ShapePrior::default(), None));
-        for (i, fit) in fits.iter().enumerate() {
-            if let Some(pose) = fit.as_ref().and_then(|fit| pose_record(frame, i, fit, &atlas)) {
-                looks.remember(&pose);
-                poses.write(&pose)?;
-            } else if let Some(pose) = looks.line(frame, i) {
-                poses.write(&pose)?;
-            }
-        }
-        Ok(())
-    };
+            Ok(())
+        };
     let mut estimates = Vec::new();
     if !options.use_plane {
         // Without the plane one car says next to nothing of the focal length (paper §3.4): it is given, or the prior's.
         for frame in read()? {
             let frame = frame?;
             if estimates.is_empty() {
-                estimates.push(prior_camera(&scene, &frame));
+                estimates.push(prior_camera(&known.for_pictures(frame.image_size_px)?, &frame, config));
             }
-            write_frame(&frame, &estimates[0])?;
+            write_frame(&frame, &estimates[0], ShapePrior::default())?;
             estimates[0].span_s[1] = frame.time_s;
         }
     } else if options.per_frame {
         for frame in read()? {
             let frame = frame?;
-            let estimate = estimate_frame(&frame, &atlas, &scene, config);
-            write_frame(&frame, &estimate)?;
+            let known = known.for_pictures(frame.image_size_px)?;
+            let estimate = estimate_frame(&frame, &atlas, &known, config);
+            write_frame(&frame, &estimate, ShapePrior::default())?;
             estimates.push(estimate);
         }
     } else {
-        let cameras = estimate_cameras(read()?, &atlas, options.focal_px, None, config)?;
+        let cameras = estimate_cameras(read()?, &atlas, known, None, config)?;
         for frame in read()? {
             let frame = frame?;
             if let Some(estimate) = cameras.at(frame.time_s) {
-                write_frame(&frame, estimate)?;
+                write_frame(&frame, estimate, any_car(&atlas, cameras.size_of_cars()))?;
             }
+        }
+        for warning in cameras.known().iter().filter_map(contradiction) {
+            tracing::warn!("{warning}");
         }
         estimates = cameras.estimates().to_vec();
     }

@@ -11,7 +11,7 @@ use roadplane_write::{
 use crate::clip::{ClipSolution, solve_clip};
 use crate::identity::{file_identity, versions};
 use crate::run::{RunReport, note_solution};
-use crate::{Cancel, Config, PipelineError};
+use crate::{Cancel, Config, Known, PipelineError};
 
 /// Tracks the cars of a frames file into `out/<stem>/`: camera, poses, tracks and summary as a run leaves them. Hold the lock of
 /// `out`.
@@ -22,7 +22,7 @@ pub fn track_file(
     frames: &Path,
     out: &Path,
     stem: &str,
-    focal_px: Option<f64>,
+    known: &Known,
     existing: Existing,
     config: &Config,
     cancel: &Cancel,
@@ -40,7 +40,7 @@ pub fn track_file(
     if folder.is_resumed() {
         folder.reset()?;
     }
-    let solved = solve_clip(frames, &folder.path().join("poses.jsonl"), &atlas, focal_px, config, cancel)
+    let solved = solve_clip(frames, &folder.path().join("poses.jsonl"), &atlas, known, config, cancel)
         .and_then(|solution| write_solution(folder.path(), &solution).map(|()| solution));
     let solution = match solved {
         Ok(solution) => solution,

@@ -11,6 +11,7 @@
 //!          → ChangeMap      cells that are not as they were when the detector last looked there   (changes.rs)
 //!          → Background     the place without what moves, full size                               (background.rs)
 //! Background → PlacePicture   was the camera moved since another clip                             (place.rs)
+//!            → SceneLine      straight edges that may be vertical                                 (lines.rs, edges.rs)
 //! ```
 //!
 //! Everything follows from the pictures and their times. Of what was longer ago than a minute nothing but faded traces is
@@ -20,7 +21,9 @@ mod alignment;
 mod background;
 mod blind;
 mod changes;
+mod edges;
 mod level;
+mod lines;
 mod place;
 mod reference;
 mod search;
@@ -30,6 +33,7 @@ mod watcher;
 pub use alignment::Alignment;
 pub use background::Background;
 pub use changes::{CELL_PX, Cells, ChangeMap};
+pub use lines::scene_lines;
 pub use place::PlacePicture;
 pub use small::SmallGrey;
 pub use watcher::{Seen, Watcher};

@@ -13,6 +13,7 @@ mod evidence;
 mod file;
 mod folder;
 mod jsonl;
+mod known;
 mod lock;
 mod parquet;
 mod schema;
@@ -28,14 +29,15 @@ pub use evidence::{EvidenceStore, is_camera_id, read_evidence, write_evidence};
 pub use file::OutFile;
 pub use folder::{Existing, OutputFolder};
 pub use jsonl::{JsonLines, PoseLines, read_jsonl, write_json};
+pub use known::{KNOWN_SCHEMA, KnownFile, KnownLength, read_known};
 pub use lock::FolderLock;
 pub use parquet::{TRACKS_SCHEMA, TrackParquet};
 pub use schema::{FRAMES_SCHEMA, POSES_SCHEMA, schemas};
 pub use speed::{CpuMs, Speed};
 pub use spool::{FrameReader, FrameSpool, Recovered};
 pub use summary::{
-    Counts, InputSummary, ModelSummary, RunStatus, SUMMARY_SCHEMA, StageSeconds, Summary, WatchStretch,
-    WatchSummary, read_summary, write_summary,
+    Counts, InputSummary, KnownSummary, ModelSummary, RunStatus, SUMMARY_SCHEMA, StageSeconds, Summary,
+    WatchStretch, WatchSummary, read_summary, write_summary,
 };
 pub use table::{TableFormat, TableRow, read_table, write_table};
 pub use tracks::{TrackCsv, TrackFiles};

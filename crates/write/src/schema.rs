@@ -5,6 +5,7 @@ use schemars::{JsonSchema, schema_for};
 use serde_json::{Value, json};
 
 use crate::camera::{CAMERA_SCHEMA, CameraFile};
+use crate::known::{KNOWN_SCHEMA, KnownFile};
 use crate::parquet::TRACKS_SCHEMA;
 use crate::summary::{SUMMARY_SCHEMA, Summary};
 
@@ -14,7 +15,7 @@ pub const POSES_SCHEMA: &str = "roadplane.poses/1";
 pub const FRAMES_SCHEMA: &str = "roadplane.frames/1";
 
 /// Name and schema (JSON Schema 2020-12) of every file: `tracks` for a line of `tracks.jsonl`, a row of `tracks.csv` (the box in
-/// four columns) and of `tracks.parquet`; `poses` and `frames` for a line; `camera` and `summary` for the file.
+/// four columns) and of `tracks.parquet`; `poses` and `frames` for a line; `camera` and `summary` for the file; `known` for what `--known` reads.
 #[must_use]
 pub fn schemas() -> Vec<(&'static str, Value)> {
     vec![
@@ -23,6 +24,7 @@ pub fn schemas() -> Vec<(&'static str, Value)> {
         ("poses", schema::<PoseRecord>(POSES_SCHEMA)),
         ("frames", schema::<FrameRecord>(FRAMES_SCHEMA)),
         ("summary", schema::<Summary>(SUMMARY_SCHEMA)),
+        ("known", schema::<KnownFile>(KNOWN_SCHEMA)),
     ]
 }
 

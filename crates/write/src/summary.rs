@@ -60,6 +60,9 @@ pub struct Summary {
     pub speed: Option<Speed>,
     /// Most memory that the process held, bytes.
     pub peak_memory_bytes: Option<u64>,
+    /// What was told of the camera, against what everything else says.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub known: Vec<KnownSummary>,
     /// What a reader of the results should know.
     pub warnings: Vec<String>,
 }
@@ -73,6 +76,25 @@ pub struct InputSummary {
     pub bytes: u64,
     /// sha256, hex; of a folder: of its files' contents in order.
     pub sha256: String,
+}
+
+/// Something that was told of the camera.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct KnownSummary {
+    /// What, e.g. `focal length`, `length of line 2 of bays.csv`.
+    pub what: String,
+    /// Unit of the numbers: `px`, `m` or `°`.
+    pub unit: String,
+    /// The value that was told.
+    pub given: f64,
+    /// Its standard deviation.
+    pub given_sd: f64,
+    /// The value by everything else: cars, prior, and what else was told.
+    pub by_all_else: f64,
+    /// Its standard deviation.
+    pub by_all_else_sd: f64,
+    /// How far they are apart, in standard deviations of the difference; beyond 3 there is a warning.
+    pub apart_sds: f64,
 }
 
 /// A network.

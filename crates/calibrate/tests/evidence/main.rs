@@ -9,3 +9,4 @@ mod moving_camera;
 mod records;
 mod remembering;
 mod selecting;
+mod verticals;

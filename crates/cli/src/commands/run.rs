@@ -17,9 +17,12 @@ use crate::progress::Bar;
 /// Runs all inputs; one that is lost does not keep the others from being done.
 pub fn run(args: &RunArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let config = super::config(&args.config)?;
-    let focal_ok = args.focal_px.is_none_or(|f| f.is_finite() && f > 0.0);
-    if !focal_ok {
-        return Err(PipelineError::usage("--focal-px must be a positive number").into());
+    let known = args.known.read()?;
+    if known.focal_px().is_some() && args.cameras.is_some() {
+        // Cars before a focal length that is taken as it is say nothing that could be remembered of another.
+        let what =
+            "--cameras remembers what cars say of the focal length: give it an sd, e.g. --focal-px 1500±2%";
+        return Err(PipelineError::usage(what).into());
     }
     let stems: Vec<String> = args.inputs.iter().map(|input| stem_of(input)).collect();
     for (i, stem) in stems.iter().enumerate() {
@@ -42,7 +45,7 @@ pub fn run(args: &RunArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     };
     let options = RunOptions {
         models,
-        focal_px: args.focal_px,
+        known,
         cameras,
         existing: if args.overwrite { Existing::Overwrite } else { Existing::Refuse },
         resume: args.resume,

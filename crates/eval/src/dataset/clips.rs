@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use roadplane_base::{PoseRecord, ShapeAtlas, TrackRow};
-use roadplane_pipeline::{Cancel, Config, Existing, Progress, RunOptions, Silent, run_input};
+use roadplane_pipeline::{Cancel, Config, Existing, Known, Progress, RunOptions, Silent, run_input};
 use roadplane_write::WriteError;
 
 use super::evidence::SceneEvidence;
@@ -84,7 +84,7 @@ pub(super) fn fused(
 ) -> Result<ClipScore, EvalError> {
     let folder = temporary_folder()?;
     let records: Vec<_> = scene.frames.iter().map(|frame| frame.record(&item.truth)).collect();
-    let clip = solve_fused(atlas, &records, None, folder.path(), config, cancel)?;
+    let clip = solve_fused(atlas, &records, &Known::default(), folder.path(), config, cancel)?;
     let looked_at: Vec<u64> = records.iter().map(|record| record.frame).collect();
     let sampled: Vec<u64> = scene.sample(frames).into_iter().map(|place| looked_at[place]).collect();
     Ok(score(item, clip.camera, &clip.poses, &clip.rows, &looked_at, &sampled, atlas))

@@ -3,13 +3,12 @@
 use std::path::{Path, PathBuf};
 
 use roadplane_base::CameraStatus;
-use roadplane_pipeline::{Cancel, Config, Progress, Silent};
+use roadplane_pipeline::{Cancel, Config, Progress, Silent, read_krtd};
 use roadplane_write::CameraSegment;
 
 use super::clips::Workplace;
 use super::{DatasetOptions, stopped};
 use crate::metrics::camera::{CameraError, camera_error};
-use crate::readers::krtd::read_krtd;
 use crate::{Cell, Column, EvalError, Table};
 
 /// A still, what was estimated and how far it is off.

@@ -4,7 +4,7 @@
 use std::path::Path;
 
 use roadplane_base::{FrameRecord, PoseRecord, ShapeAtlas, TrackRow};
-use roadplane_pipeline::{Cancel, Config, solve_clip};
+use roadplane_pipeline::{Cancel, Config, Known, solve_clip};
 use roadplane_write::{JsonLines, read_jsonl};
 
 use super::CameraAnswer;
@@ -28,7 +28,7 @@ pub struct FusedClip {
 pub fn solve_fused(
     atlas: &ShapeAtlas,
     frames: &[FrameRecord],
-    focal_px: Option<f64>,
+    known: &Known,
     folder: &Path,
     config: &Config,
     cancel: &Cancel,
@@ -39,7 +39,7 @@ pub fn solve_fused(
         lines.write(frame)?;
     }
     lines.finish()?;
-    let solution = solve_clip(&frames_path, &poses_path, atlas, focal_px, config, cancel)?;
+    let solution = solve_clip(&frames_path, &poses_path, atlas, known, config, cancel)?;
     let longest = solution
         .cameras
         .estimates()

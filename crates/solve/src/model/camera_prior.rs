@@ -33,7 +33,7 @@ impl CameraKnowledge {
 
     /// The gradient of its cost, and the (approximate) Hessian.
     pub fn terms(&self, camera: &Vector4<f64>) -> ClueTerms {
-        let mut terms = ClueTerms::of(&self.clues, camera);
+        let mut terms = ClueTerms::of(self.clues.iter(), camera);
         terms.gradient += (camera - self.mean).component_mul(&self.information);
         terms.information += Matrix4::from_diagonal(&self.information);
         terms

@@ -5,9 +5,7 @@ use std::path::Path;
 
 use nalgebra::{Matrix3, Vector3};
 use roadplane_base::GroundPlane;
-
-use crate::EvalError;
-use crate::text_file::read_text;
+use roadplane_write::WriteError;
 
 /// A calibrated camera.
 #[derive(Clone, Debug, PartialEq)]
@@ -45,10 +43,14 @@ impl Krtd {
 /// Reads a camera.
 ///
 /// # Errors
-/// [`EvalError::Unreadable`]; [`EvalError::Malformed`] if it is no K, R, T with a rotation, or lies under its ground.
-pub fn read_krtd(path: &Path) -> Result<Krtd, EvalError> {
-    let text = read_text(path)?;
-    let fail = |what: &str| EvalError::malformed(path, what);
+/// [`WriteError::Io`]; [`WriteError::Malformed`] if it is no K, R, T with a rotation, or lies under its ground.
+pub fn read_krtd(path: &Path) -> Result<Krtd, WriteError> {
+    let text = std::fs::read_to_string(path).map_err(|source| WriteError::Io {
+        doing: "read",
+        source,
+        path: path.to_path_buf(),
+    })?;
+    let fail = |what: &str| WriteError::malformed(path, what);
     let numbers: Vec<f64> = text
         .split_whitespace()
         .map(|text| text.parse().ok().filter(|v: &f64| v.is_finite()))

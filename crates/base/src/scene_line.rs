@@ -1,0 +1,59 @@
+//! Straight edges of a picture.
+
+use nalgebra::Vector2;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// A straight edge of the scene. In files `[x0, y0, x1, y1, sd]`, the sd in rad.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(into = "[f64; 5]", from = "[f64; 5]")]
+pub struct SceneLine {
+    /// Its ends, px of the picture.
+    pub ends_px: [Vector2<f64>; 2],
+    /// sd of its direction, rad: of finding it, not of how upright such things stand.
+    pub sd_rad: f64,
+}
+
+impl From<[f64; 5]> for SceneLine {
+    fn from([x0, y0, x1, y1, sd_rad]: [f64; 5]) -> Self {
+        Self { ends_px: [Vector2::new(x0, y0), Vector2::new(x1, y1)], sd_rad }
+    }
+}
+
+impl From<SceneLine> for [f64; 5] {
+    fn from(line: SceneLine) -> Self {
+        let [a, b] = line.ends_px;
+        [a.x, a.y, b.x, b.y, line.sd_rad]
+    }
+}
+
+impl SceneLine {
+    /// As a file keeps it: hundredths of a pixel are far below what an edge is found to.
+    #[must_use]
+    pub fn rounded(self) -> Self {
+        let rounded = |v: f64, digits: f64| (v * digits).round() / digits;
+        Self {
+            ends_px: self.ends_px.map(|end| end.map(|v| rounded(v, 100.0))),
+            sd_rad: rounded(self.sd_rad, 1e5).max(1e-5),
+        }
+    }
+
+    /// Its middle, px.
+    #[must_use]
+    pub fn middle_px(&self) -> Vector2<f64> {
+        (self.ends_px[0] + self.ends_px[1]) / 2.0
+    }
+
+    /// From the first end to the second, px.
+    #[must_use]
+    pub fn along_px(&self) -> Vector2<f64> {
+        self.ends_px[1] - self.ends_px[0]
+    }
+
+    /// Finite, with a length and a positive sd.
+    #[must_use]
+    pub fn is_sound(&self) -> bool {
+        let numbers: [f64; 5] = (*self).into();
+        numbers.iter().all(|v| v.is_finite()) && self.along_px().norm() > 1e-3 && self.sd_rad > 0.0
+    }
+}

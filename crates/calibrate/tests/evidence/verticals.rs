@@ -1,0 +1,207 @@
+use nalgebra::{Matrix4, Vector2, Vector4};
+use roadplane_base::{
+    CameraEstimate, CameraParams, CameraStatus, Clue, ImageSize, JointInformation, SceneLine,
+};
+use roadplane_calibrate::{
+    FuseOptions, SegmentStart, Verticals, WindowEstimate, beside_a_witness, fuse, verticals,
+};
+use roadplane_synth::Rng;
+
+const SIZE: ImageSize = ImageSize { width: 1920, height: 1080 };
+/// What cars claim: log focal, share of the horizon, roll, log height.
+const CLAIMED: [f64; 4] = [0.19, 0.02, 0.006, 0.05];
+
+/// A camera, the lines of its picture, and what cars say.
+struct Place {
+    /// Against the road.
+    truth: Vector4<f64>,
+    /// Against gravity.
+    bend: f64,
+    roll: f64,
+    lines: Vec<SceneLine>,
+    cars: CameraEstimate,
+}
+
+/// Things that stand (each with up to four edges), stray edges, edges of lanes.
+fn place(seed: u64, things: usize, strays: usize, lanes: usize) -> Place {
+    let mut random = Rng::new(seed);
+    let mut normal = |sd: f64| sd * random.normal();
+    let log_focal = (1920f64 * 1.2).ln() + normal(0.4).clamp(-0.7, 0.7);
+    let tilt = 0.3 + normal(0.12).clamp(-0.2, 0.3);
+    let roll = normal(0.03);
+    let upright = (tilt + normal(Clue::SLOPE_SD), roll + normal(Clue::SLOPE_SD));
+    let (focal, height) = (log_focal.exp(), 8f64);
+    let bend = upright.0.tan() / focal;
+    let lens = (960.0 / focal).powi(2) * (-0.12 + normal(0.15));
+    // Cars: off along the horizon by what they share and claim, and by a little of the horizon.
+    let seen_log_focal = log_focal + normal(CLAIMED[0]);
+    let horizon = focal * tilt.tan() * (1.0 + normal(CLAIMED[1]));
+    let params = CameraParams {
+        log_focal: seen_log_focal,
+        tilt: (horizon / seen_log_focal.exp()).atan(),
+        roll: roll + normal(CLAIMED[2]),
+        log_height: height.ln() + normal(CLAIMED[3]),
+    };
+    let along = Vector4::new(1.0, -params.tilt.sin() * params.tilt.cos(), 0.0, 0.0) * CLAIMED[0];
+    let rest = [0.0, CLAIMED[1] * params.tilt.sin() * params.tilt.cos(), CLAIMED[2], CLAIMED[3]];
+    let covariance =
+        along * along.transpose() + Matrix4::from_diagonal(&Vector4::from(rest).map(|sd| sd * sd));
+    let cars = CameraEstimate {
+        span_s: [0.0; 2],
+        image_size_px: SIZE,
+        principal_point_px: SIZE.centre_px(),
+        params,
+        covariance,
+        status: CameraStatus::Estimated,
+        cars_used: 5,
+        frames_used: 1,
+    };
+    let middle = SIZE.centre_px() + 0.02 * 1920.0 * Vector2::new(normal(1.0), normal(1.0));
+    let mut lines = Vec::new();
+    let mut add = |random: &mut Rng, at: Vector2<f64>, along: Vector2<f64>| {
+        let length = random.uniform(30.0, 160.0);
+        let sd_rad = 20.0 / (length * length);
+        let (sin, cos) = (sd_rad * random.normal()).sin_cos();
+        let along = Vector2::new(cos * along.x - sin * along.y, sin * along.x + cos * along.y).normalize();
+        // The lens moves the ends, and the middle with them.
+        let ends = [-0.5, 0.5].map(|share| at + share * length * along);
+        let bent = ends.map(|end| end * (1.0 + lens * end.norm_squared() / (960.0 * 960.0)) + middle);
+        if (along.x / along.y).abs() < 0.57 {
+            lines.push(SceneLine { ends_px: bent, sd_rad });
+        }
+    };
+    let anywhere =
+        |random: &mut Rng| Vector2::new(random.uniform(-900.0, 900.0), random.uniform(-500.0, 500.0));
+    for _ in 0..things {
+        let at = anywhere(&mut random);
+        let lean = 0.0087 * random.normal();
+        for _ in 0..1 + (random.unit() * 4.0) as usize {
+            let at = at + Vector2::new(random.uniform(-15.0, 15.0), random.uniform(-15.0, 15.0));
+            let upright = Vector2::new((upright.1 + lean).sin(), -(upright.1 + lean).cos()) + bend * at;
+            add(&mut random, at, upright);
+        }
+    }
+    for _ in 0..strays {
+        let at = anywhere(&mut random);
+        let angle = random.uniform(-0.5, 0.5);
+        add(&mut random, at, Vector2::new(angle.sin(), angle.cos()));
+    }
+    let vanishing = Vector2::new(random.uniform(-500.0, 500.0), -focal * tilt.tan());
+    for _ in 0..lanes {
+        let at = anywhere(&mut random);
+        if at.y > vanishing.y + 50.0 {
+            add(&mut random, at, at - vanishing);
+        }
+    }
+    lines.sort_by(|a, b| b.along_px().norm().total_cmp(&a.along_px().norm()));
+    lines.truncate(120);
+    Place { truth: Vector4::new(log_focal, tilt, roll, height.ln()), bend, roll: upright.1, lines, cars }
+}
+
+/// Squared error of (bend, roll) in sds.
+fn distance(place: &Place, found: &Verticals) -> f64 {
+    let Clue::Upright { bend, roll, covariance } = found.clue else { panic!("{found:?}") };
+    let off = Vector2::new(bend - place.bend, roll - place.roll);
+    off.dot(&(covariance.try_inverse().unwrap() * off))
+}
+
+#[test]
+fn masts_tell_where_up_is_and_how_well() {
+    let places: Vec<Place> = (0..60).map(|seed| place(seed, 25, 25, 12)).collect();
+    let found: Vec<(f64, &Place)> = places
+        .iter()
+        .filter_map(|place| Some((distance(place, &verticals(&place.lines, &place.cars)?), place)))
+        .collect();
+    assert!(found.len() >= 45, "{} of {} seen", found.len(), places.len());
+    let in_sds = (found.iter().map(|(d, _)| d).sum::<f64>() / (2 * found.len()) as f64).sqrt();
+    println!("{} of {} seen, error / sd {in_sds}", found.len(), places.len());
+    assert!((0.8..1.25).contains(&in_sds), "error / sd {in_sds}");
+}
+
+#[test]
+fn roads_without_anything_that_stands_say_nothing() {
+    let count = 80;
+    let spoke = (0..count)
+        .filter(|seed| {
+            let place = place(1000 + seed, 0, 5 + (seed % 8) as usize * 5, (seed % 5) as usize * 12);
+            verticals(&place.lines, &place.cars).is_some()
+        })
+        .count();
+    println!("{spoke} of {count} speak");
+    assert!(spoke <= 1, "{spoke} of {count}");
+    let place = place(7, 20, 0, 0);
+    assert_eq!(verticals(&[], &place.cars), None);
+    let unknown = CameraEstimate { covariance: Matrix4::identity(), ..place.cars };
+    assert_eq!(verticals(&place.lines, &unknown), None, "no horizon, no focal length");
+}
+
+#[test]
+fn lines_correct_the_focal_length_along_the_horizon() {
+    let (mut before, mut after, mut in_sds) = (Vec::new(), Vec::new(), Vec::new());
+    for seed in 0..60 {
+        let place = place(2000 + seed, 25, 25, 12);
+        let Some(found) = verticals(&place.lines, &place.cars) else { continue };
+        let options =
+            FuseOptions { clues: [(0, [found.clue].into())].into(), ..FuseOptions::for_image(SIZE) };
+        let cars = window(&place.cars);
+        let mut at = place.cars.params;
+        for _ in 0..6 {
+            at = fuse(&[beside_a_witness(&cars, &at)], &options)[0].params;
+        }
+        let joined = &fuse(&[beside_a_witness(&cars, &at)], &options)[0];
+        assert!((joined.params.to_vector() - at.to_vector()).amax() < 1e-3, "it settles");
+        let horizon = |params: &CameraParams| params.focal_px() * params.tilt.tan();
+        assert!((horizon(&joined.params) / horizon(&place.cars.params) - 1.0).abs() < 0.12);
+        let error = joined.params.log_focal - place.truth[0];
+        before.push((place.cars.params.log_focal - place.truth[0]).abs());
+        after.push(error.abs());
+        in_sds.push(error * error / joined.covariance[(0, 0)]);
+    }
+    let middle = |values: &mut Vec<f64>| {
+        values.sort_by(f64::total_cmp);
+        values[values.len() / 2]
+    };
+    let (before, after) = (middle(&mut before), middle(&mut after));
+    assert!(before > 0.09 && after < 0.05, "median error {before} → {after}");
+    let in_sds = (in_sds.iter().sum::<f64>() / in_sds.len() as f64).sqrt();
+    println!("median error {before} → {after}, error / sd {in_sds}");
+    assert!((0.8..1.25).contains(&in_sds), "error / sd {in_sds}");
+}
+
+fn window(cars: &CameraEstimate) -> WindowEstimate {
+    WindowEstimate {
+        span_s: [0.0; 2],
+        frames: 1,
+        params: cars.params,
+        solved: cars.params,
+        joint: JointInformation::of_camera(&cars.covariance.try_inverse().unwrap(), &cars.params.to_vector()),
+        cars: Vec::new(),
+        segment: 0,
+        start: SegmentStart::Clip,
+        steady: true,
+    }
+}
+
+#[test]
+fn a_window_says_the_same_of_the_horizon_from_wherever_it_is_looked_at() {
+    let place = place(3, 0, 0, 0);
+    let cars = window(&place.cars);
+    let here = beside_a_witness(&cars, &cars.params);
+    assert!((here.params.to_vector() - cars.params.to_vector()).amax() < 1e-9);
+    assert!((here.joint.information - cars.joint.information).amax() < 1e-6 * cars.joint.information.amax());
+    // Far away along the horizon: what is expected there keeps the horizon, and so does its sd.
+    let tilt = (0.7 * cars.params.tilt.tan()).atan();
+    let at = CameraParams { log_focal: cars.params.log_focal - 0.7_f64.ln(), tilt, ..cars.params };
+    let there = beside_a_witness(&cars, &at);
+    let horizon = |params: &CameraParams| {
+        let f = params.focal_px();
+        Vector4::new(f * params.tilt.tan(), f / params.tilt.cos().powi(2), 0.0, 0.0)
+    };
+    let sd = |window: &WindowEstimate, at: &CameraParams| {
+        let covariance = window.information().try_inverse().unwrap();
+        horizon(at).dot(&(covariance * horizon(at))).sqrt()
+    };
+    assert!((sd(&there, &at) / sd(&cars, &cars.params) - 1.0).abs() < 1e-6);
+    let nothing = WindowEstimate { joint: JointInformation::none(), ..cars };
+    assert_eq!(beside_a_witness(&nothing, &at).joint, JointInformation::none());
+}

@@ -1,0 +1,47 @@
+//! What the user knows of the camera.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use roadplane_pipeline::{Known, KnownOptions, Measured, PipelineError};
+
+/// What is known of the camera. Each counts with its sd, `V±S` or `V±P%` (`+-` does as well); contradictions are told.
+#[derive(Clone, Debug, Args)]
+#[command(next_help_heading = "What is known of the camera (V, V±S or V±P%)")]
+pub struct KnownArgs {
+    /// Focal length, px; without an sd it is taken as it is.
+    #[arg(long, value_name = "F", allow_hyphen_values = true)]
+    pub focal_px: Option<Measured>,
+    /// Optical axis below the horizontal, °; without an sd to 2°.
+    #[arg(long, value_name = "T", allow_hyphen_values = true)]
+    pub tilt_deg: Option<Measured>,
+    /// Clockwise turn of the scene's horizon, °; without an sd to 2°.
+    #[arg(long, value_name = "R", allow_hyphen_values = true)]
+    pub roll_deg: Option<Measured>,
+    /// Height of the camera above the ground, m; without an sd to 5 %.
+    #[arg(long, value_name = "H", allow_hyphen_values = true)]
+    pub height_m: Option<Measured>,
+    /// Camera that was calibrated before: camera.json of a run, OpenCV's or ROS' camera_matrix (.yml), MEVA's .krtd.
+    #[arg(long, value_name = "FILE")]
+    pub camera: Option<PathBuf>,
+    /// Lengths between pixels on the ground: CSV with x1,y1,x2,y2,length_m,sd_m[,pixel_sd][,name], or JSON (`schemas known`).
+    #[arg(long, value_name = "FILE")]
+    pub known: Option<PathBuf>,
+}
+
+impl KnownArgs {
+    /// All of it; files are read.
+    ///
+    /// # Errors
+    /// As [`Known::new`].
+    pub fn read(&self) -> Result<Known, PipelineError> {
+        Known::new(&KnownOptions {
+            focal_px: self.focal_px,
+            tilt_deg: self.tilt_deg,
+            roll_deg: self.roll_deg,
+            height_m: self.height_m,
+            camera: self.camera.as_deref(),
+            lengths: self.known.as_deref(),
+        })
+    }
+}

@@ -1,0 +1,114 @@
+//! What was told of a camera against what everything else says of it.
+
+use nalgebra::Vector4;
+use roadplane_base::{CameraEstimate, ImageSize};
+use roadplane_write::KnownSummary;
+
+use super::{Fact, Known, Number};
+
+/// Apart by more than this many sds is a contradiction.
+const CONTRADICTS: f64 = 3.0;
+/// Step of differences, log or rad.
+const STEP: f64 = 1e-5;
+/// Names and units of (log focal, tilt, roll, log height).
+const NUMBERS: [(&str, &str); 4] = [("focal length", "px"), ("tilt", "°"), ("roll", "°"), ("height", "m")];
+
+impl Known {
+    /// Compares each fact with the camera that `without(i)` finds when fact `i` is left out.
+    pub(crate) fn checked(
+        &self,
+        size: ImageSize,
+        without: impl Fn(&Known) -> Option<CameraEstimate>,
+    ) -> Vec<KnownSummary> {
+        let mut checked = Vec::new();
+        for (i, fact) in self.facts.iter().enumerate() {
+            let mut others = self.clone();
+            others.facts.remove(i);
+            if let Some(camera) = without(&others) {
+                checked.extend(fact.against(&camera, size));
+            }
+        }
+        checked
+    }
+}
+
+/// The contradiction, in words; `None` where there is none.
+pub(crate) fn contradiction(known: &KnownSummary) -> Option<String> {
+    let KnownSummary { what, unit, given, given_sd, by_all_else, by_all_else_sd, apart_sds } = known;
+    (*apart_sds > CONTRADICTS).then(|| {
+        let digits = if unit == "px" { 0 } else { 2 };
+        let space = if unit == "°" { "" } else { " " };
+        format!(
+            "the {what} is {by_all_else:.digits$} ± {by_all_else_sd:.digits$}{space}{unit} by everything else, \
+             {given:.digits$} ± {given_sd:.digits$}{space}{unit} was told: {apart_sds:.0} sd apart"
+        )
+    })
+}
+
+impl Fact {
+    fn against(&self, camera: &CameraEstimate, size: ImageSize) -> Vec<KnownSummary> {
+        let (mean, covariance) = (camera.params.to_vector(), &camera.covariance);
+        let number = |which: usize, value: f64, sd: f64, of: &str| {
+            let (name, unit) = NUMBERS[which];
+            let (else_value, else_sd) = (mean[which], covariance[(which, which)].max(0.0).sqrt());
+            // Logs by the delta method.
+            let shown = |value: f64, sd: f64| match unit {
+                "°" => [value.to_degrees(), sd.to_degrees()],
+                _ => [value.exp(), value.exp() * sd],
+            };
+            summary(
+                format!("{name}{of}"),
+                unit,
+                shown(value, sd),
+                shown(else_value, else_sd),
+                (value - else_value) / sd.hypot(else_sd),
+            )
+        };
+        match self {
+            Self::Number(Number { which, value, sd }) => vec![number(*which, *value, *sd, "")],
+            Self::Camera { file, mean, information, .. } => {
+                let variance = information.try_inverse().map(|covariance| covariance.diagonal());
+                let told = (0..4).filter_map(|which| {
+                    // A file may say nothing of a number.
+                    let variance = variance.map_or(1.0 / information[(which, which)], |v| v[which]);
+                    variance
+                        .is_finite()
+                        .then(|| number(which, mean[which], variance.sqrt(), &format!(" of {file}")))
+                });
+                told.collect()
+            }
+            Self::Length { file, length } => {
+                let clue = self.clue(size);
+                let Some((metres, log_sd)) = clue.length(&mean) else { return Vec::new() };
+                let by = Vector4::from_fn(|i, _| {
+                    let moved = |step: f64| {
+                        clue.length(&(mean + Vector4::ith(i, step))).map(|(metres, _)| metres.ln())
+                    };
+                    moved(STEP).zip(moved(-STEP)).map_or(0.0, |(plus, minus)| (plus - minus) / (2.0 * STEP))
+                });
+                let else_sd = by.dot(&(covariance * by)).max(0.0).sqrt();
+                let name = length.name.as_deref().unwrap_or_default();
+                vec![summary(
+                    format!("length of {name} of {file}"),
+                    "m",
+                    [length.length_m, length.length_m * log_sd],
+                    [metres, metres * else_sd],
+                    (metres / length.length_m).ln() / log_sd.hypot(else_sd),
+                )]
+            }
+        }
+    }
+}
+
+fn summary(what: String, unit: &str, given: [f64; 2], by_all_else: [f64; 2], apart: f64) -> KnownSummary {
+    let rounded = |value: f64| (value * 1e4).round() / 1e4;
+    KnownSummary {
+        what,
+        unit: unit.to_owned(),
+        given: rounded(given[0]),
+        given_sd: rounded(given[1]),
+        by_all_else: rounded(by_all_else[0]),
+        by_all_else_sd: rounded(by_all_else[1]),
+        apart_sds: (apart.abs() * 100.0).round() / 100.0,
+    }
+}

@@ -1,0 +1,189 @@
+//! Lengths on the ground that a user knows: a JSON file, or a CSV table.
+
+use std::path::Path;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::WriteError;
+
+/// Schema of a JSON file of known lengths.
+pub const KNOWN_SCHEMA: &str = "roadplane.known/1";
+/// Columns of a CSV file, the last two may be absent.
+const COLUMNS: &str = "x1,y1,x2,y2,length_m,sd_m[,pixel_sd][,name]";
+
+/// The file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct KnownFile {
+    /// `roadplane.known/1`.
+    pub schema: String,
+    /// What was measured.
+    pub lengths: Vec<KnownLength>,
+}
+
+/// A length between two points of the ground that are seen in the picture: the width of a bay or a lane, a wheelbase.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct KnownLength {
+    /// Where it begins in the picture: x to the right, y down, px; (0, 0) is the centre of the top left pixel.
+    pub from_px: [f64; 2],
+    /// Where it ends, likewise.
+    pub to_px: [f64; 2],
+    /// Length, m.
+    pub length_m: f64,
+    /// Its standard deviation, m.
+    pub sd_m: f64,
+    /// Standard deviation of each of the four pixel coordinates, px.
+    #[serde(default = "one_pixel")]
+    pub pixel_sd: f64,
+    /// What it is called in messages; else its number or line.
+    #[serde(default)]
+    pub name: Option<String>,
+}
+
+fn one_pixel() -> f64 {
+    1.0
+}
+
+/// A line of a CSV file.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Line {
+    x1: f64,
+    y1: f64,
+    x2: f64,
+    y2: f64,
+    length_m: f64,
+    sd_m: f64,
+    pixel_sd: Option<f64>,
+    name: Option<String>,
+}
+
+/// Reads known lengths: a table where the name ends in `.csv`, else JSON. Each has a name afterwards.
+///
+/// # Errors
+/// [`WriteError::Io`]; [`WriteError::Malformed`] naming line or field.
+pub fn read_known(path: &Path) -> Result<Vec<KnownLength>, WriteError> {
+    let bytes = std::fs::read(path).map_err(WriteError::io("read", path))?;
+    let is_table = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv"));
+    let lengths = if is_table { table(path, &bytes)? } else { json(path, &bytes)? };
+    if lengths.is_empty() {
+        return Err(WriteError::malformed(path, "holds no length"));
+    }
+    for length in &lengths {
+        check(length).map_err(|what| {
+            WriteError::malformed(path, format!("{}: {what}", length.name.as_deref().unwrap_or_default()))
+        })?;
+    }
+    Ok(lengths)
+}
+
+fn table(path: &Path, bytes: &[u8]) -> Result<Vec<KnownLength>, WriteError> {
+    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).comment(Some(b'#')).from_reader(bytes);
+    let columns = reader.headers().map_err(|e| WriteError::malformed(path, e))?.clone();
+    let mut lengths = Vec::new();
+    for record in reader.records() {
+        let record = record.map_err(|e| WriteError::malformed(path, e))?;
+        let number = record.position().map_or(0, csv::Position::line);
+        let line: Line = record.deserialize(Some(&columns)).map_err(|e| {
+            WriteError::malformed(
+                path,
+                format!("line {number} must have {COLUMNS} as the first line names them: {e}"),
+            )
+        })?;
+        lengths.push(KnownLength {
+            from_px: [line.x1, line.y1],
+            to_px: [line.x2, line.y2],
+            length_m: line.length_m,
+            sd_m: line.sd_m,
+            pixel_sd: line.pixel_sd.unwrap_or_else(one_pixel),
+            name: Some(line.name.filter(|name| !name.is_empty()).unwrap_or_else(|| format!("line {number}"))),
+        });
+    }
+    Ok(lengths)
+}
+
+fn json(path: &Path, bytes: &[u8]) -> Result<Vec<KnownLength>, WriteError> {
+    let file: KnownFile = serde_json::from_slice(bytes).map_err(|e| WriteError::malformed(path, e))?;
+    if file.schema != KNOWN_SCHEMA {
+        let what = format!("schema is {:?}, expected {KNOWN_SCHEMA:?}", file.schema);
+        return Err(WriteError::malformed(path, what));
+    }
+    let named = |(i, length): (usize, KnownLength)| {
+        let name = length.name.clone().unwrap_or_else(|| format!("length {}", i + 1));
+        KnownLength { name: Some(name), ..length }
+    };
+    Ok(file.lengths.into_iter().enumerate().map(named).collect())
+}
+
+fn check(length: &KnownLength) -> Result<(), String> {
+    let positive = |what: &str, value: f64| {
+        (value.is_finite() && value > 0.0)
+            .then_some(())
+            .ok_or_else(|| format!("{what} must be above 0, is {value}"))
+    };
+    positive("length_m", length.length_m)?;
+    positive("sd_m", length.sd_m)?;
+    positive("pixel_sd", length.pixel_sd)?;
+    if length.sd_m >= length.length_m {
+        return Err("sd_m is no less than length_m: both are in metres".to_owned());
+    }
+    if !length.from_px.iter().chain(&length.to_px).all(|v| v.is_finite()) {
+        return Err("a pixel is not finite".to_owned());
+    }
+    let apart_px = (length.from_px[0] - length.to_px[0]).hypot(length.from_px[1] - length.to_px[1]);
+    if apart_px < 1.0 {
+        return Err("its ends are the same pixel".to_owned());
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(name: &str, text: &str) -> Result<Vec<KnownLength>, String> {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join(name);
+        std::fs::write(&path, text).unwrap();
+        read_known(&path).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn tables_and_json_say_the_same() {
+        let table = "# bays of the back row\nx1,y1,x2,y2,length_m,sd_m,pixel_sd,name\n\
+                     100, 500, 180.5, 502, 2.5, 0.03, 0.5, bay\n1,2,30,4,5,0.1,,\n";
+        let json = r#"{"schema": "roadplane.known/1", "lengths": [
+            {"from_px": [100, 500], "to_px": [180.5, 502], "length_m": 2.5, "sd_m": 0.03, "pixel_sd": 0.5, "name": "bay"},
+            {"from_px": [1, 2], "to_px": [30, 4], "length_m": 5, "sd_m": 0.1, "name": "line 4"}]}"#;
+        let lengths = read("a.csv", table).unwrap();
+        assert_eq!(lengths, read("a.json", json).unwrap());
+        assert_eq!((lengths[1].pixel_sd, lengths[1].name.as_deref()), (1.0, Some("line 4")));
+        assert!(read("b.CSV", "x1,y1,x2,y2,length_m,sd_m\n1,2,30,4,5,0.1").is_ok());
+    }
+
+    #[test]
+    fn what_makes_no_sense_is_refused_with_its_place() {
+        for (name, text, words) in [
+            ("a.csv", "x1,y1,x2,y2,length_m\n1,2,30,4,5", "line 2 must have x1,y1,x2,y2,length_m,sd_m"),
+            ("a.csv", "x1,y1,x2,y2,length_m,sd_m\n1,2,30,4,5,wide", "line 2"),
+            ("a.csv", "x1,y1,x2,y2,length_m,sd_cm\n1,2,30,4,5,3", "line 2"),
+            (
+                "a.csv",
+                "x1,y1,x2,y2,length_m,sd_m\n1,2,30,4,5,0.1\n1,2,30,4,-5,0.1",
+                "line 3: length_m must be above 0",
+            ),
+            ("a.csv", "x1,y1,x2,y2,length_m,sd_m\n1,2,30,4,5,NaN", "sd_m must be above 0"),
+            ("a.csv", "x1,y1,x2,y2,length_m,sd_m\n1,2,30,4,2.5,5", "both are in metres"),
+            ("a.csv", "x1,y1,x2,y2,length_m,sd_m\n1,2,1,2,5,0.1", "the same pixel"),
+            ("a.csv", "x1,y1,x2,y2,length_m,sd_m\n", "holds no length"),
+            ("a.json", r#"{"schema": "other/1", "lengths": []}"#, "roadplane.known/1"),
+            ("a.json", r#"{"schema": "roadplane.known/1", "lengths": [{"from_px": [1, 2]}]}"#, "to_px"),
+            ("a.json", "x1,y1", "expected value"),
+        ] {
+            let error = read(name, text).unwrap_err();
+            assert!(error.contains(words) && error.ends_with(name), "{error}");
+        }
+    }
+}
