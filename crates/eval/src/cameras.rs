@@ -3,6 +3,7 @@
 mod cars;
 mod outcome;
 mod tables;
+mod view_errors;
 
 use std::path::{Path, PathBuf};
 

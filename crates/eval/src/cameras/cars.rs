@@ -62,6 +62,8 @@ pub(super) struct SeenCar {
     /// With the pose free: elevation, turn about the line of sight (positive: clockwise), rad; log of how high the camera stands
     /// above its ground.
     pub errors: [f64; 3],
+    /// Claimed sds of the first two, keypoints taken for independent, rad.
+    pub claimed: [f64; 2],
     /// With the car on the true ground.
     pub points: Vec<PointOff>,
 }
@@ -101,6 +103,10 @@ fn seen_car(
     let turn = truth.cross(&own).dot(&sight).atan2(truth.dot(&own));
     let height = -own_up.dot(&place);
     let errors = [elevation(&own_up) - elevation(&up), turn, (height / known.plane.height_m).ln()];
+    // Turns of the car about the axes that its elevation and its turn are about.
+    let turns = free.pose_covariance.fixed_view::<3, 3>(0, 0).into_owned();
+    let axes = [sight.cross(&own_up).try_normalize(1e-9)?, sight];
+    let claimed = axes.map(|axis| axis.dot(&(turns * axis)).max(0.0).sqrt());
 
     let stood = fit_car(atlas, &camera, &known.plane, keypoints, &ShapePrior::default(), None, &options)?.car;
     let pose = stood.camera_from_car;
@@ -111,6 +117,7 @@ fn seen_car(
         aspect: Aspect::of(towards.y.atan2(towards.x).abs()),
         elevation: elevation(&up),
         errors,
+        claimed,
         points,
     })
     .filter(|car| car.errors.iter().all(|error| error.is_finite()))

@@ -6,6 +6,7 @@ use roadplane_base::{KEYPOINTS, keypoint_names};
 
 use super::Measured;
 use super::cars::{Aspect, SeenCar};
+use super::view_errors;
 use crate::{
     Cell, Column, Estimate, Mark, Plot, Report, Series, Table, bootstrap, bootstrap_scenes, mean, median,
 };
@@ -36,6 +37,7 @@ pub(super) fn report(measured: &[Measured]) -> Report {
             all_cameras(&straight),
             cars_table(&straight),
             shared_table(&straight),
+            view_errors::table(&straight),
             keypoints_table(&straight, "all", |_| true),
             keypoints_table(&straight, "hidden", |visible| !visible),
         ],
@@ -140,7 +142,7 @@ fn all_cameras(measured: &[&Measured]) -> Table {
 }
 
 /// Cars that count in the tables.
-fn counted(measured: &Measured) -> impl Iterator<Item = &SeenCar> {
+pub(super) fn counted(measured: &Measured) -> impl Iterator<Item = &SeenCar> {
     measured.cars.iter().filter(|car| car.box_px >= LEAST_PX && car.errors[0].abs() < ANOTHER_VIEW)
 }
 
