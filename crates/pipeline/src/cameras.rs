@@ -17,6 +17,7 @@ use roadplane_write::KnownSummary;
 
 use crate::believe::{is_believable, projected_box};
 use crate::memory::{Recall, look};
+use crate::scene_lines::{SceneView, ToldLines, and_verticals, hear_witnesses};
 use crate::{Config, Known, PipelineError};
 
 /// sd of log focal that stands for "given".
@@ -34,6 +35,7 @@ pub struct CameraTrack {
     said: Option<CameraEvidence>,
     size_of_cars: f64,
     known: Vec<KnownSummary>,
+    scene: Vec<SceneView>,
 }
 
 /// Links of remembered vehicles are this and above; a clip counts its own from 0.
@@ -62,6 +64,12 @@ impl CameraTrack {
     #[must_use]
     pub fn known(&self) -> &[KnownSummary] {
         &self.known
+    }
+
+    /// Lines of the scene and what they came to, by the camera's position.
+    #[must_use]
+    pub fn scene(&self) -> &[SceneView] {
+        &self.scene
     }
 
     /// How often it was moved.
@@ -131,6 +139,7 @@ pub fn estimate_cameras(
     let mut size = None;
     let mut span_s = [f64::INFINITY, f64::NEG_INFINITY];
     let mut frame_count = 0;
+    let mut told = ToldLines::default();
     let mut take = |window: Option<Window>, size: ImageSize, known: &Known, options: &mut SceneOptions| {
         if let Some(window) = window.as_ref().filter(|window| window.segment > moves_s.len()) {
             moves_s.push(window.span_s[0]);
@@ -151,6 +160,7 @@ pub fn estimate_cameras(
         let image_size = *size.get_or_insert(frame.image_size_px);
         span_s = [span_s[0].min(frame.time_s), span_s[1].max(frame.time_s)];
         frame_count += 1;
+        told.take(&mut frame);
         for car in &mut frame.cars {
             if let Some(set) = &mut car.keypoints {
                 **set = usable(set, config);
@@ -163,7 +173,7 @@ pub fn estimate_cameras(
     };
     take(builder.finish(), size, &known, &mut options);
     let position = moves_s.len();
-    let fuse_options = fuse_options(size, position, &known, config);
+    let mut fuse_options = fuse_options(size, position, &known, config);
     let said = recall.and_then(|recall| {
         // Remembered is what cars say, not what this user does.
         let options = fuse_options.for_cars();
@@ -174,16 +184,22 @@ pub fn estimate_cameras(
     if windows.is_empty() && !known.is_silent() {
         windows.push(nothing_seen(&fuse_options, span_s, 0));
     }
+    let mut scene = Vec::new();
+    if config.solve.use_verticals {
+        let lines = told.by_position(|time_s| moves_s.iter().filter(|from_s| **from_s <= time_s).count());
+        scene = hear_witnesses(&mut windows, lines, &mut fuse_options);
+    }
     let Joined { mut estimates, size_of_cars } = join(&windows, &fuse_options);
     if estimates.is_empty() {
         estimates.push(unobservable(&fuse_options, span_s, size));
         tracing::warn!("the camera cannot be estimated from the cars of {frame_count} frames");
     }
     let known = known.checked(size, |others| {
-        let clues = clues_by_position(size, position, others);
+        let mut clues = clues_by_position(size, position, others);
+        and_verticals(&mut clues, &scene);
         fuse(&windows, &FuseOptions { clues, ..fuse_options.clone() }).into_iter().next()
     });
-    Ok(CameraTrack { estimates, moves_s, said, size_of_cars, known })
+    Ok(CameraTrack { estimates, moves_s, said, size_of_cars, known, scene })
 }
 
 /// How windows, and clips, are joined by this configuration, where the camera was moved so often.

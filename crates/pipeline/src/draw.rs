@@ -5,7 +5,7 @@ use std::path::Path;
 
 use image::RgbImage;
 use roadplane_base::{CameraEstimate, Shape, ShapeAtlas, TrackRow};
-use roadplane_view::{DrawnCar, Overlay, ReportInput, VideoSink, ViewError, report_html};
+use roadplane_view::{DrawnCar, Overlay, ReportInput, VideoSink, ViewError, report_html, with_lines};
 use roadplane_write::{OutFile, Summary, read_camera, read_jsonl};
 
 use crate::cameras::CameraTrack;
@@ -89,6 +89,13 @@ pub fn write_report(
         .iter()
         .map(|(frame, time_s, picture)| Ok((*frame, scene.draw(*frame, *time_s, picture)?)))
         .collect::<Result<_, ViewError>>()?;
+    // The picture of the place is of the camera's last position.
+    let lines = background.and_then(|place| {
+        let view = solution.cameras.scene().iter().find(|view| view.position == solution.cameras.moves())?;
+        let upright = &view.verticals.as_ref()?.upright;
+        Some(with_lines(place, view.lines.iter().zip(upright.iter().copied())))
+    });
+    let lines = lines.transpose()?;
     let facts = facts_of(summary);
     let page = report_html(&ReportInput {
         title,
@@ -99,6 +106,7 @@ pub fn write_report(
         facts: &facts,
         warnings: &summary.warnings,
         background,
+        scene_lines: lines.as_ref(),
         camera_notes: &in_words(&summary.watch),
     })?;
     let mut file = OutFile::create(path)?;
