@@ -140,7 +140,7 @@ pub(crate) fn hear_witnesses(
             let first = windows.iter().position(|w| w.segment == position).unwrap_or(windows.len());
             windows.retain(|w| w.segment != position);
             windows.insert(first, window);
-            *options = with_clue(options, position, found.clue);
+            add_clue(&mut options.clues, position, found.clue);
             found
         });
         views.push(SceneView { position, lines, verticals });
@@ -151,17 +151,20 @@ pub(crate) fn hear_witnesses(
 /// The options with one more clue on a position.
 fn with_clue(options: &FuseOptions, position: usize, clue: Clue) -> FuseOptions {
     let mut options = options.clone();
-    let clues = options.clues.entry(position).or_insert_with(|| Arc::new([]));
-    *clues = clues.iter().copied().chain([clue]).collect();
+    add_clue(&mut options.clues, position, clue);
     options
+}
+
+fn add_clue(clues: &mut BTreeMap<usize, Arc<[Clue]>>, position: usize, clue: Clue) {
+    let here = clues.entry(position).or_insert_with(|| Arc::new([]));
+    *here = here.iter().copied().chain([clue]).collect();
 }
 
 /// Adds the verticals that were found to other clues, by position.
 pub(crate) fn and_verticals(clues: &mut BTreeMap<usize, Arc<[Clue]>>, views: &[SceneView]) {
     for view in views {
         if let Some(found) = &view.verticals {
-            let clues = clues.entry(view.position).or_insert_with(|| Arc::new([]));
-            *clues = clues.iter().copied().chain([found.clue]).collect();
+            add_clue(clues, view.position, found.clue);
         }
     }
 }
