@@ -273,7 +273,7 @@ fn a_length_tells_scale_and_how_large_the_cars_are() {
     seen.information *= 1e4;
     let with = |clues: &[Clue], size_of_cars_sd: f64| {
         let clues = [(0, clues.into())].into();
-        join(&[seen.clone()], &FuseOptions { clues, size_of_cars_sd, ..options() })
+        join(std::slice::from_ref(&seen), &FuseOptions { clues, size_of_cars_sd, ..options() })
     };
     let (without, told) = (with(&[], 0.04), with(&[true_length(0.01)], 0.04));
     let sd = |estimates: &[roadplane_base::CameraEstimate]| estimates[0].covariance[(3, 3)].sqrt();
@@ -295,7 +295,7 @@ fn a_camera_by_cars_shares_their_error_and_a_survey_does_not() {
     let fused = |by_cars: bool| {
         let clue = Clue::Camera { mean: truth(), information: covariance().try_inverse().unwrap(), by_cars };
         fuse(
-            &[seen.clone()],
+            std::slice::from_ref(&seen),
             &FuseOptions { clues: [(0, [clue].into())].into(), size_of_cars_sd: 0.04, ..options() },
         )
     };
