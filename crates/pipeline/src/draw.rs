@@ -12,6 +12,7 @@ use crate::cameras::CameraTrack;
 use crate::cars::FrameCamera;
 use crate::clip::ClipSolution;
 use crate::flow::Work;
+use crate::known::known_in_words;
 use crate::streaming::{open_input, stream};
 use crate::watched::in_words;
 use crate::{Cancel, Config, PipelineError, Progress};
@@ -133,6 +134,7 @@ fn facts_of(summary: &Summary) -> Vec<(String, String)> {
         facts.push(("share of the picture the detector saw".to_owned(), format!("{seen:.2} %")));
         facts.push(("crops".to_owned(), speed.crops.to_string()));
     }
+    facts.extend(summary.known.iter().map(|known| (known.what.clone(), known_in_words(known))));
     facts.extend(counts.boxes.iter().map(|(class, n)| (format!("boxes: {class}"), n.to_string())));
     facts.extend(counts.rejected.iter().map(|(reason, n)| (format!("left out: {reason}"), n.to_string())));
     facts.extend(

@@ -114,16 +114,16 @@ const ROUNDS: usize = 6;
 /// position in which the camera drifts or was moved unseen has no one picture, and no witness.
 pub(crate) fn hear_witnesses(
     windows: &mut Vec<WindowEstimate>,
-    lines: BTreeMap<usize, Vec<SceneLine>>,
+    lines: &BTreeMap<usize, Vec<SceneLine>>,
     options: &mut FuseOptions,
 ) -> Vec<SceneView> {
     let mut views = Vec::new();
-    for (position, lines) in lines {
+    for (&position, lines) in lines {
         let here: Vec<WindowEstimate> = windows.iter().filter(|w| w.segment == position).cloned().collect();
         let verticals = (|| {
             let [cars] = &fuse(&here, options)[..] else { return None };
             // Who knows the focal length asks nobody.
-            let found = (!options.focal_given).then(|| verticals(&lines, cars))??;
+            let found = (!options.focal_given).then(|| verticals(lines, cars))??;
             let together = condense(&here, options)?;
             let with = with_clue(options, position, found.clue);
             let mut at = cars.params;
@@ -143,7 +143,7 @@ pub(crate) fn hear_witnesses(
             add_clue(&mut options.clues, position, found.clue);
             found
         });
-        views.push(SceneView { position, lines, verticals });
+        views.push(SceneView { position, lines: lines.clone(), verticals });
     }
     views
 }
