@@ -12,4 +12,5 @@ mod eval;
 mod export;
 mod real_clips;
 mod reliability;
+mod scene_lines;
 mod synth;

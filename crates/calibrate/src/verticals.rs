@@ -18,6 +18,8 @@ use roadplane_base::{CameraEstimate, Clue, SceneLine};
 
 use self::field::{Field, Node};
 
+/// No more edges are looked at; ours are fewer, others' files may have any number.
+const MOST_LINES: usize = 300;
 /// Log of how many times better than chance the edges must be explained: a hundred times.
 const LEAST_GAIN: f64 = 4.6;
 /// A witness that knows log focal no better than this, with the horizon given, is none.
@@ -36,7 +38,7 @@ pub struct Verticals {
     pub clue: Clue,
     /// Log of how many times better than chance it explains the edges.
     pub gain: f64,
-    /// Which of the edges are vertical.
+    /// Which of the edges are vertical; of the first ones, where there are very many.
     pub upright: Vec<bool>,
 }
 
@@ -46,7 +48,7 @@ pub struct Verticals {
 pub fn verticals(lines: &[SceneLine], cars: &CameraEstimate) -> Option<Verticals> {
     let prior = Prior::of(cars)?;
     let width = f64::from(cars.image_size_px.width);
-    let field = Field::new(lines, &cars.principal_point_px, width);
+    let field = Field::new(&lines[..lines.len().min(MOST_LINES)], &cars.principal_point_px, width);
     let (best, gain) = search(&field, &prior)?;
     if gain < LEAST_GAIN {
         return None;

@@ -17,6 +17,7 @@ use roadplane_write::KnownSummary;
 
 use crate::believe::{is_believable, projected_box};
 use crate::memory::{Recall, look};
+use crate::scene_lines::{SceneView, ToldLines, and_verticals, hear_witnesses};
 use crate::{Config, Known, PipelineError};
 
 /// sd of log focal that stands for "given".
@@ -34,6 +35,7 @@ pub struct CameraTrack {
     said: Option<CameraEvidence>,
     size_of_cars: f64,
     known: Vec<KnownSummary>,
+    scene: Vec<SceneView>,
 }
 
 /// Links of remembered vehicles are this and above; a clip counts its own from 0.
@@ -62,6 +64,12 @@ impl CameraTrack {
     #[must_use]
     pub fn known(&self) -> &[KnownSummary] {
         &self.known
+    }
+
+    /// Lines of the scene and what they came to, by the camera's position.
+    #[must_use]
+    pub fn scene(&self) -> &[SceneView] {
+        &self.scene
     }
 
     /// How often it was moved.
@@ -118,70 +126,121 @@ pub fn estimate_cameras(
     config: &Config,
 ) -> Result<CameraTrack, PipelineError> {
     let mut known = known.clone();
-    let mut options = config.solve.scene_options(None);
     let mut builder = EvidenceBuilder::new(EvidenceOptions {
         window_s: config.calibrate.window_s,
         ..EvidenceOptions::default()
     });
-    let mut windows = Vec::new();
-    let mut parked = BTreeMap::new();
+    // What is remembered, and what is held against the user, comes of solves that were not told.
+    let mut untold = Solving::new(atlas, config);
+    let mut told: Option<Solving<'_>> = None;
     let mut moves_s: Vec<f64> = Vec::new();
     let mut size = None;
     let mut span_s = [f64::INFINITY, f64::NEG_INFINITY];
     let mut frame_count = 0;
-    let mut take = |window: Option<Window>, size: ImageSize, known: &Known, options: &mut SceneOptions| {
-        if let Some(window) = window.as_ref().filter(|window| window.segment > moves_s.len()) {
+    let mut scene_lines = ToldLines::default();
+    let mut take = |window: Option<Window>, size: ImageSize, known: &Known| {
+        let Some(window) = window else { return };
+        if window.segment > moves_s.len() {
             moves_s.push(window.span_s[0]);
         }
-        options.clues = clues_of_window(&known.clues(moves_s.len(), size));
-        if let Some(solved) = window.and_then(|window| solve_window(&window, atlas, size, options, config)) {
-            options.start = Some(solved.estimate.params);
-            parked.extend(solved.parked);
-            windows.push(solved.estimate);
+        let focal_px = known.focal_px();
+        let clues = clues_of_window(&known.clues(moves_s.len(), size));
+        if told.is_none() && !clues.is_empty() {
+            told = Some(untold.clone());
+        }
+        untold.solve(&window, size, focal_px, Arc::new([]));
+        if let Some(told) = &mut told {
+            told.solve(&window, size, focal_px, clues);
         }
     };
     for frame in frames {
         let mut frame = frame?;
         if size.is_none() {
             known = known.for_pictures(frame.image_size_px)?;
-            options.known_focal_px = known.focal_px();
         }
         let image_size = *size.get_or_insert(frame.image_size_px);
         span_s = [span_s[0].min(frame.time_s), span_s[1].max(frame.time_s)];
         frame_count += 1;
+        scene_lines.take(&mut frame);
         for car in &mut frame.cars {
             if let Some(set) = &mut car.keypoints {
                 **set = usable(set, config);
             }
         }
-        take(builder.push(frame), image_size, &known, &mut options);
+        take(builder.push(frame), image_size, &known);
     }
     let Some(size) = size else {
         return Ok(CameraTrack { moves_s, ..CameraTrack::default() });
     };
-    take(builder.finish(), size, &known, &mut options);
+    take(builder.finish(), size, &known);
     let position = moves_s.len();
-    let fuse_options = fuse_options(size, position, &known, config);
+    let mut fuse_options = fuse_options(size, position, &known, config);
+    let (mut untold, parked) = (untold.windows, untold.parked);
+    let mut told = told.map(|solving| solving.windows);
     let said = recall.and_then(|recall| {
-        // Remembered is what cars say, not what this user does.
         let options = fuse_options.for_cars();
-        let (said, links) = evidence_of(recall, &windows, position, span_s, &parked, &options)?;
-        add_remembered(&mut windows, position, recall, &said, &links, &options);
+        let (said, links) = evidence_of(recall, &untold, position, span_s, &parked, &options)?;
+        for windows in told.iter_mut().chain([&mut untold]) {
+            add_remembered(windows, position, recall, &said, &links, &options);
+        }
         Some(said)
     });
-    if windows.is_empty() && !known.is_silent() {
-        windows.push(nothing_seen(&fuse_options, span_s, 0));
+    if !known.is_silent() {
+        for windows in told.iter_mut().chain([&mut untold]).filter(|windows| windows.is_empty()) {
+            windows.push(nothing_seen(&fuse_options, span_s, 0));
+        }
     }
-    let Joined { mut estimates, size_of_cars } = join(&windows, &fuse_options);
+    let mut scene = Vec::new();
+    if config.solve.use_verticals {
+        let position_at = |time_s: f64| moves_s.iter().filter(|from_s| **from_s <= time_s).count();
+        let lines = scene_lines.by_position(position_at);
+        if let Some(told) = &mut told {
+            hear_witnesses(&mut untold, &lines, &mut fuse_options.for_cars());
+            scene = hear_witnesses(told, &lines, &mut fuse_options);
+        } else {
+            scene = hear_witnesses(&mut untold, &lines, &mut fuse_options);
+        }
+    }
+    let Joined { mut estimates, size_of_cars } = join(told.as_ref().unwrap_or(&untold), &fuse_options);
     if estimates.is_empty() {
         estimates.push(unobservable(&fuse_options, span_s, size));
         tracing::warn!("the camera cannot be estimated from the cars of {frame_count} frames");
     }
     let known = known.checked(size, |others| {
-        let clues = clues_by_position(size, position, others);
-        fuse(&windows, &FuseOptions { clues, ..fuse_options.clone() }).into_iter().next()
+        let mut clues = clues_by_position(size, position, others);
+        and_verticals(&mut clues, &scene);
+        fuse(&untold, &FuseOptions { clues, ..fuse_options.clone() }).into_iter().next()
     });
-    Ok(CameraTrack { estimates, moves_s, said, size_of_cars, known })
+    Ok(CameraTrack { estimates, moves_s, said, size_of_cars, known, scene })
+}
+
+/// The windows of a clip as they are solved, each from where the one before ended.
+#[derive(Clone)]
+struct Solving<'a> {
+    atlas: &'a ShapeAtlas,
+    config: &'a Config,
+    start: Option<CameraParams>,
+    windows: Vec<WindowEstimate>,
+    parked: BTreeMap<LinkId, ParkedCar>,
+}
+
+impl<'a> Solving<'a> {
+    fn new(atlas: &'a ShapeAtlas, config: &'a Config) -> Self {
+        Self { atlas, config, start: None, windows: Vec::new(), parked: BTreeMap::new() }
+    }
+
+    fn solve(&mut self, window: &Window, size: ImageSize, focal_px: Option<f64>, clues: Arc<[Clue]>) {
+        let options = SceneOptions {
+            start: self.start,
+            clues,
+            ..self.config.solve.scene_options(focal_px)
+        };
+        if let Some(solved) = solve_window(window, self.atlas, size, &options, self.config) {
+            self.start = Some(solved.estimate.params);
+            self.parked.extend(solved.parked);
+            self.windows.push(solved.estimate);
+        }
+    }
 }
 
 /// How windows, and clips, are joined by this configuration, where the camera was moved so often.

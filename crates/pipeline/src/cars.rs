@@ -198,10 +198,10 @@ mod tests {
         let atlas = ShapeAtlas::shipped().unwrap();
         assert_eq!(any_car(&atlas, 0.0), ShapePrior::default());
         for log_size in [-0.05, 0.02, 0.05] {
-            let larger = atlas.dims_m(&any_car(&atlas, log_size).mean).component_div(&atlas.dims_mean);
-            for ratio in larger.iter() {
-                assert!((ratio.ln() - log_size).abs() < 0.012, "{log_size}: {larger}");
-            }
+            let dims_m = atlas.dims_m(&any_car(&atlas, log_size).mean);
+            // The modes of cars make width grow less than length and height.
+            let larger = dims_m.component_div(&atlas.dims_mean).map(f64::ln) / log_size;
+            assert!((larger.mean() - 1.0).abs() < 0.2 && larger.min() > 0.5, "{log_size}: {larger}");
         }
     }
 }

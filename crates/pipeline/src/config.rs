@@ -193,6 +193,8 @@ pub struct SolveConfig {
     pub min_box_overlap: f64,
     /// Cars whose keypoints are off by more than this share of the box's longer side (rms) are left out.
     pub max_rms_share: f64,
+    /// Vertical lines of the scene speak of the focal length, where it shows some.
+    pub use_verticals: bool,
 }
 
 impl Default for SolveConfig {
@@ -216,6 +218,7 @@ impl Default for SolveConfig {
             min_keypoint_score: 0.3,
             min_box_overlap: 0.5,
             max_rms_share: 0.07,
+            use_verticals: true,
         }
     }
 }

@@ -5,13 +5,14 @@ use std::path::Path;
 
 use image::RgbImage;
 use roadplane_base::{CameraEstimate, Shape, ShapeAtlas, TrackRow};
-use roadplane_view::{DrawnCar, Overlay, ReportInput, VideoSink, ViewError, report_html};
+use roadplane_view::{DrawnCar, Overlay, ReportInput, VideoSink, ViewError, report_html, with_lines};
 use roadplane_write::{OutFile, Summary, read_camera, read_jsonl};
 
 use crate::cameras::CameraTrack;
 use crate::cars::FrameCamera;
 use crate::clip::ClipSolution;
 use crate::flow::Work;
+use crate::known::known_in_words;
 use crate::streaming::{open_input, stream};
 use crate::watched::in_words;
 use crate::{Cancel, Config, PipelineError, Progress};
@@ -89,6 +90,13 @@ pub fn write_report(
         .iter()
         .map(|(frame, time_s, picture)| Ok((*frame, scene.draw(*frame, *time_s, picture)?)))
         .collect::<Result<_, ViewError>>()?;
+    // The picture of the place is of the camera's last position.
+    let lines = background.and_then(|place| {
+        let view = solution.cameras.scene().iter().find(|view| view.position == solution.cameras.moves())?;
+        let upright = &view.verticals.as_ref()?.upright;
+        Some(with_lines(place, view.lines.iter().zip(upright.iter().copied())))
+    });
+    let lines = lines.transpose()?;
     let facts = facts_of(summary);
     let page = report_html(&ReportInput {
         title,
@@ -99,6 +107,7 @@ pub fn write_report(
         facts: &facts,
         warnings: &summary.warnings,
         background,
+        scene_lines: lines.as_ref(),
         camera_notes: &in_words(&summary.watch),
     })?;
     let mut file = OutFile::create(path)?;
@@ -125,6 +134,7 @@ fn facts_of(summary: &Summary) -> Vec<(String, String)> {
         facts.push(("share of the picture the detector saw".to_owned(), format!("{seen:.2} %")));
         facts.push(("crops".to_owned(), speed.crops.to_string()));
     }
+    facts.extend(summary.known.iter().map(|known| (known.what.clone(), known_in_words(known))));
     facts.extend(counts.boxes.iter().map(|(class, n)| (format!("boxes: {class}"), n.to_string())));
     facts.extend(counts.rejected.iter().map(|(reason, n)| (format!("left out: {reason}"), n.to_string())));
     facts.extend(

@@ -10,7 +10,7 @@ use nalgebra::{Matrix4, Vector2, Vector4};
 use roadplane_base::{Clue, ImageSize};
 use roadplane_write::{KnownLength, WriteError, read_known};
 
-pub(crate) use check::contradiction;
+pub(crate) use check::{contradiction, in_words as known_in_words};
 pub use measured::Measured;
 
 use crate::PipelineError;
@@ -267,3 +267,6 @@ fn usage(error: WriteError) -> PipelineError {
         other => other.into(),
     }
 }
+
+#[cfg(test)]
+mod tests;

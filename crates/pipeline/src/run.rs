@@ -21,6 +21,7 @@ use crate::identity::{file_identity, peak_memory_bytes, versions};
 use crate::limits::check_memory;
 use crate::memory::{CameraMemory, EVIDENCE};
 use crate::samples::SampleFrames;
+use crate::scene_lines::{LineFinder, SceneView};
 use crate::speed::{Looks, Meter};
 use crate::streaming::{
     Cadence, Nets, Streamed, detect_stage, keypoint_stage, open_input, stream, stretch_of, watch_stage,
@@ -290,9 +291,11 @@ fn stream_to_spool(
     }
     let is_new = move |frame: u64| recovered.last_frame.is_none_or(|last| frame > last);
     let cadence = Cadence::of(&input, config);
+    let lines = LineFinder::new(recovered.frames > 0 || !config.solve.use_verticals);
     let stages = vec![
         watch_stage(),
-        detect_stage(&mut nets.detector, cadence, sinks.background).only(move |record| is_new(record.frame)),
+        detect_stage(&mut nets.detector, cadence, sinks.background, lines)
+            .only(move |record| is_new(record.frame)),
         keypoint_stage(&mut nets.keypoints, config.watch.attention).only(move |record| is_new(record.frame)),
     ];
     let sink = |work: Work| {
@@ -358,5 +361,6 @@ pub fn note_solution(summary: &mut Summary, solution: &ClipSolution) {
     counts.tracks = solution.tracks.len() as u64;
     counts.track_rows = solution.rows.len() as u64;
     summary.known = solution.cameras.known().to_vec();
+    summary.scene_lines = solution.cameras.scene().iter().map(SceneView::summary).collect();
     summary.warnings.extend(solution.warnings.iter().cloned());
 }

@@ -7,6 +7,7 @@ use roadplane_base::FrameRecord;
 use roadplane_write::{FrameReader, JsonLines, WriteError};
 
 use crate::flow::{Stage, Work};
+use crate::scene_lines::LineFinder;
 use crate::streaming::{
     Cadence, detect_stage, keypoint_stage, open_detector, open_input, open_keypoints, stream, watch_stage,
 };
@@ -63,7 +64,8 @@ pub fn detect_file(
     let write = |work: Work| sink.write(&work.record);
     let cadence = Cadence::of(&input, config);
     let mut background = None;
-    let stages = vec![watch_stage(), detect_stage(&mut detector, cadence, &mut background)];
+    let lines = LineFinder::new(!config.solve.use_verticals);
+    let stages = vec![watch_stage(), detect_stage(&mut detector, cadence, &mut background, lines)];
     let streamed = stream(input, cadence.chooser(), stages, write, config, cancel, progress)?;
     sink.finish()?;
     Ok(streamed.decode.is_damaged())
@@ -94,6 +96,7 @@ pub fn keypoints_file(
             let record = record?;
             if record.frame == work.record.frame {
                 work.record.watch = record.watch;
+                work.record.scene_lines = record.scene_lines;
                 work.record.cars = record.cars;
                 work.record.extra = record.extra;
             }

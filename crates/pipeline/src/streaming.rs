@@ -13,6 +13,7 @@ use roadplane_write::ModelSummary;
 
 use crate::activities::open_activity;
 use crate::flow::{Stage, StageTime, Work, flow};
+use crate::scene_lines::LineFinder;
 use crate::{Cancel, Config, PipelineError, Progress};
 
 /// The nets of a run.
@@ -187,11 +188,12 @@ pub fn watch_stage<'a>() -> Stage<'a> {
     })
 }
 
-/// The stage that finds vehicles, and learns how the place looks without them.
-pub fn detect_stage<'a>(
+/// The stage that finds vehicles, and learns how the place looks without them, and its lines.
+pub(crate) fn detect_stage<'a>(
     detector: &'a mut Detector,
     cadence: Cadence,
     background: &'a mut Option<Background>,
+    mut lines: LineFinder,
 ) -> Stage<'a> {
     let mut memory: Option<(u64, Attention)> = None;
     Stage::new("detect", move |work: &mut Work| {
@@ -216,6 +218,7 @@ pub fn detect_stage<'a>(
         if seen.record.verdict == PictureVerdict::Rest {
             background.take(image, &look.busy, work.record.time_s);
         }
+        work.record.scene_lines = lines.look(seen, background.picture(), &look.cars, work.record.time_s)?;
         work.record.cars = look.cars;
         Ok(())
     })

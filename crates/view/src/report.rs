@@ -41,6 +41,8 @@ pub struct ReportInput<'a> {
     pub warnings: &'a [String],
     /// The place without what moves.
     pub background: Option<&'a RgbImage>,
+    /// The place with the lines that tell its vertical, where there are any.
+    pub scene_lines: Option<&'a RgbImage>,
     /// What the pictures say of the camera, a line each: moves, shake, nothing to see.
     pub camera_notes: &'a [String],
 }
@@ -91,6 +93,16 @@ pub fn report_html(input: &ReportInput<'_>) -> Result<String, ViewError> {
             &mut page,
             format_args!(
                 "<figure><img alt=\"background\" src=\"{data}\"><figcaption>the place without what moved</figcaption></figure>\n"
+            ),
+        );
+    }
+    if let Some(picture) = input.scene_lines {
+        let data = data_uri(picture)?;
+        put(
+            &mut page,
+            format_args!(
+                "<figure><img alt=\"scene lines\" src=\"{data}\"><figcaption>edges of the scene: the green ones are vertical and \
+                 speak of the focal length</figcaption></figure>\n"
             ),
         );
     }
@@ -334,6 +346,7 @@ mod tests {
             facts: &[("frames".to_owned(), "5".to_owned())],
             warnings: &["a < b".to_owned()],
             background: None,
+            scene_lines: None,
             camera_notes: &["the camera was turned".to_owned()],
         };
         let page = report_html(&input).unwrap();

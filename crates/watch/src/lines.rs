@@ -159,7 +159,7 @@ mod tests {
             let at = Vector2::new(f64::from(x), f64::from(y));
             let mut value = if y > 400 { 170.0 } else { 150.0 };
             for (top, foot) in masts {
-                let along = (foot - top).normalize();
+                let along = (foot - top) / (foot - top).norm();
                 let from = at - top;
                 let length = (foot - top).norm();
                 if (0.0..length).contains(&along.dot(&from)) {
@@ -184,7 +184,8 @@ mod tests {
         assert_eq!(lines.len(), 4, "{lines:?}");
         for line in &lines {
             let (top, foot) = masts[usize::from(line.middle_px().x > 400.0)];
-            let off = (foot - top).normalize().perp(&line.along_px().normalize()).abs();
+            let (mast, found) = (foot - top, line.along_px());
+            let off = mast.perp(&found).abs() / (mast.norm() * found.norm());
             assert!(off < 0.002 && off < 4.0 * line.sd_rad && line.sd_rad < 0.003, "{off} {line:?}");
         }
     }

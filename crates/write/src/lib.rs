@@ -36,8 +36,8 @@ pub use schema::{FRAMES_SCHEMA, POSES_SCHEMA, schemas};
 pub use speed::{CpuMs, Speed};
 pub use spool::{FrameReader, FrameSpool, Recovered};
 pub use summary::{
-    Counts, InputSummary, KnownSummary, ModelSummary, RunStatus, SUMMARY_SCHEMA, StageSeconds, Summary,
-    WatchStretch, WatchSummary, read_summary, write_summary,
+    Counts, InputSummary, KnownSummary, ModelSummary, RunStatus, SUMMARY_SCHEMA, SceneLinesSummary,
+    StageSeconds, Summary, WatchStretch, WatchSummary, read_summary, write_summary,
 };
 pub use table::{TableFormat, TableRow, read_table, write_table};
 pub use tracks::{TrackCsv, TrackFiles};

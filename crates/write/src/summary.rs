@@ -63,6 +63,9 @@ pub struct Summary {
     /// What was told of the camera, against what everything else says.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub known: Vec<KnownSummary>,
+    /// Lines of the scene that were looked at for its vertical, by the camera's position.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub scene_lines: Vec<SceneLinesSummary>,
     /// What a reader of the results should know.
     pub warnings: Vec<String>,
 }
@@ -95,6 +98,19 @@ pub struct KnownSummary {
     pub by_all_else_sd: f64,
     /// How far they are apart, in standard deviations of the difference; beyond 3 there is a warning.
     pub apart_sds: f64,
+}
+
+/// Lines of the scene, and whether they spoke of the camera.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct SceneLinesSummary {
+    /// Position of the camera, from 0: 1 after its first move.
+    pub segment: usize,
+    /// Straight edges that may be vertical.
+    pub found: usize,
+    /// How many are; 0 where they do not show the vertical, and do not count.
+    pub upright: usize,
+    /// Natural log of how many times better than chance the vertical explains the edges; null where it does not count.
+    pub gain: Option<f64>,
 }
 
 /// A network.

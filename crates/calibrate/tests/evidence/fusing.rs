@@ -1,6 +1,6 @@
 use nalgebra::{Matrix4, Vector4};
 use roadplane_base::{CameraParams, CameraStatus, Clue, JointInformation};
-use roadplane_calibrate::{CarUse, FuseOptions, SegmentStart, WindowEstimate, fuse};
+use roadplane_calibrate::{CarUse, FuseOptions, SegmentStart, WindowEstimate, fuse, join};
 use roadplane_synth::Rng;
 
 use crate::records::SIZE;
@@ -280,4 +280,68 @@ fn what_the_cars_of_a_place_share_no_number_of_windows_averages_out() {
     };
     assert!(sd(0.0) < 1.05 * SD[1] / 5.0, "{}", sd(0.0));
     assert!((sd(0.03) / 0.03_f64.hypot(SD[1] / 5.0) - 1.0).abs() < 0.02, "{}", sd(0.03));
+}
+
+/// A length across the picture, as it is before the true camera.
+fn true_length(log_sd: f64) -> Clue {
+    let ends_px = [-300.0, 250.0].map(|x| nalgebra::Vector2::new(x, 40.0));
+    let clue = |length_m: f64| Clue::Length { ends_px, end_sd_px: 1e-3, length_m, log_sd };
+    clue(clue(1.0).length(&truth()).unwrap().0)
+}
+
+#[test]
+fn a_length_tells_scale_and_how_large_the_cars_are() {
+    // Many windows of cars that are 6 % larger than the atlas', so that the camera seems to hang lower.
+    let by_cars = truth() - Vector4::new(0.0, 0.0, 0.0, 0.06);
+    let mut seen = window(0, &by_cars, parked(0..9));
+    seen.joint = JointInformation::of_camera(&(seen.information() * 1e4), &by_cars);
+    let with = |clues: &[Clue], size_of_cars_sd: f64| {
+        let clues = [(0, clues.into())].into();
+        join(std::slice::from_ref(&seen), &FuseOptions { clues, size_of_cars_sd, ..options() })
+    };
+    let (without, told) = (with(&[], 0.04), with(&[true_length(0.01)], 0.04));
+    let sd = |estimates: &[roadplane_base::CameraEstimate]| estimates[0].covariance[(3, 3)].sqrt();
+    assert!((sd(&without.estimates) - 0.04).abs() < 1e-3 && without.size_of_cars == 0.0);
+    // N(0, 0.04²) of the cars' size, and 0.06 ± 0.01 told.
+    let (share, expected_sd) =
+        (0.04_f64.powi(2) / (0.04_f64.powi(2) + 0.01_f64.powi(2)), 0.04 * 0.01 / 0.04_f64.hypot(0.01));
+    assert!((told.size_of_cars - 0.06 * share).abs() < 1e-3, "{}", told.size_of_cars);
+    assert!((sd(&told.estimates) - expected_sd).abs() < 5e-4, "{}", sd(&told.estimates));
+    let height = told.estimates[0].params.log_height - truth()[3];
+    assert!((height + 0.06 * (1.0 - share)).abs() < 1e-3, "{height}");
+    // Were all cars the atlas', it would be they that know.
+    assert!(with(&[true_length(0.01)], 0.0).size_of_cars.abs() < 1e-6);
+}
+
+#[test]
+fn a_camera_by_cars_shares_their_error_and_a_survey_does_not() {
+    let seen = window(0, &truth(), parked(0..9));
+    let fused = |by_cars: bool| {
+        let clue = Clue::Camera { mean: truth(), information: covariance().try_inverse().unwrap(), by_cars };
+        fuse(
+            std::slice::from_ref(&seen),
+            &FuseOptions { clues: [(0, [clue].into())].into(), size_of_cars_sd: 0.04, ..options() },
+        )
+    };
+    let variance = |by_cars: bool| fused(by_cars)[0].covariance[(3, 3)];
+    assert!(variance(true) > 0.04_f64.powi(2) && variance(false) < variance(true), "{}", variance(true));
+    assert!((variance(true) - 0.04_f64.powi(2) - SD[3].powi(2) / 2.0).abs() < 5e-5, "{}", variance(true));
+}
+
+#[test]
+fn a_number_that_a_move_keeps_is_counted_once() {
+    let clue = Clue::Number { which: 3, value: truth()[3], sd: 0.02 };
+    let mut windows = [window(0, &truth(), parked(0..2)), window(1, &truth(), parked(2..4))];
+    for window in &mut windows {
+        let mut diagonal = window.information().diagonal();
+        diagonal[3] = 0.0;
+        window.joint = JointInformation::of_camera(&Matrix4::from_diagonal(&diagonal), &truth());
+    }
+    windows[1].segment = 1;
+    windows[1].start = SegmentStart::Moved { log_scale: 0.0 };
+    let clues = [(0, [clue].into()), (1, [clue].into())].into();
+    let fused = fuse(&windows, &FuseOptions { clues, ..options() });
+    let sd = fused[0].covariance[(3, 3)].sqrt();
+    assert!((sd - 0.02).abs() < 1e-4, "{sd}");
+    assert!(fused[1].covariance[(3, 3)].sqrt() > sd);
 }

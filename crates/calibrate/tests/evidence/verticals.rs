@@ -62,7 +62,7 @@ fn place(seed: u64, things: usize, strays: usize, lanes: usize) -> Place {
         let length = random.uniform(30.0, 160.0);
         let sd_rad = 20.0 / (length * length);
         let (sin, cos) = (sd_rad * random.normal()).sin_cos();
-        let along = Vector2::new(cos * along.x - sin * along.y, sin * along.x + cos * along.y).normalize();
+        let along = Vector2::new(cos * along.x - sin * along.y, sin * along.x + cos * along.y) / along.norm();
         // The lens moves the ends, and the middle with them.
         let ends = [-0.5, 0.5].map(|share| at + share * length * along);
         let bent = ends.map(|end| end * (1.0 + lens * end.norm_squared() / (960.0 * 960.0)) + middle);

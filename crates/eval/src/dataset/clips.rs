@@ -152,3 +152,87 @@ fn score(
         boxes: Vec::new(),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dataset::evidence::from_truth;
+    use crate::truth::{Truth, read_truth};
+    use nalgebra::{Point3, Vector2};
+    use roadplane_pipeline::{KnownOptions, solve_clip};
+    use roadplane_write::JsonLines;
+
+    /// Where a point of the ground is in the picture, px.
+    fn pixel(truth: &Truth, x_m: f64, y_m: f64) -> Vector2<f64> {
+        let point = truth.camera.plane().camera_from_world() * Point3::new(x_m, y_m, 0.0);
+        truth.camera.camera().pixel_from_camera(&point.coords).unwrap()
+    }
+
+    /// The rendered lot as it would be if everything were larger: the same pictures, other metres.
+    #[test]
+    fn one_known_length_gives_the_world_its_scale() {
+        const LARGER: f64 = 1.06;
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/lot.truth.json");
+        let truth = read_truth(&path).unwrap();
+        let (atlas, folder) = (ShapeAtlas::shipped().unwrap(), tempfile::tempdir().unwrap());
+        let scene = from_truth(&truth, 0.003, 5, 3);
+        let frames = folder.path().join("frames.jsonl");
+        let mut lines = JsonLines::create(&frames).unwrap();
+        for frame in &scene.frames {
+            lines.write(&frame.record(&truth)).unwrap();
+        }
+        lines.finish().unwrap();
+        // Amid the cars.
+        let [from, to] = [-4.0, 4.0].map(|x_m| pixel(&truth, x_m, 24.0));
+        let solve = |length_m: Option<f64>| {
+            let lengths = folder.path().join("length.csv");
+            let known = length_m.map_or_else(Known::default, |length_m| {
+                let table = format!(
+                    "x1,y1,x2,y2,length_m,sd_m,pixel_sd\n{},{},{},{},{length_m},{},0.3\n",
+                    from.x,
+                    from.y,
+                    to.x,
+                    to.y,
+                    0.01 * length_m
+                );
+                std::fs::write(&lengths, table).unwrap();
+                Known::new(&KnownOptions { lengths: Some(&lengths), ..KnownOptions::default() }).unwrap()
+            });
+            let poses = folder.path().join("poses.jsonl");
+            solve_clip(&frames, &poses, &atlas, &known, &Config::default(), &Cancel::default()).unwrap()
+        };
+        // Slope of found on true places, sideways, by the nearest true car.
+        let sideways = |rows: &[TrackRow]| {
+            let (mut products, mut squares) = (0.0, 0.0);
+            for row in rows {
+                let Some(frame) = truth.frames.iter().find(|frame| frame.frame == row.frame) else {
+                    continue;
+                };
+                let places =
+                    frame.cars.iter().map(|car| [car.world_from_car[0][3], car.world_from_car[1][3]]);
+                let off = |at: &[f64; 2]| (row.x_m / LARGER - at[0]).hypot(row.y_m / LARGER - at[1]);
+                let nearest = places.min_by(|a, b| off(a).total_cmp(&off(b))).unwrap();
+                products += row.x_m * nearest[0];
+                squares += nearest[0] * nearest[0];
+            }
+            products / squares
+        };
+        let height = |solution: &roadplane_pipeline::ClipSolution| {
+            let camera = &solution.cameras.estimates()[0];
+            (camera.params.log_height.exp() / truth.camera.height_m, camera.covariance[(3, 3)].sqrt())
+        };
+        let (without, with) = (solve(None), solve(Some(8.0 * LARGER)));
+        println!("height, sd, sideways without: {:?} {:.4}", height(&without), sideways(&without.rows));
+        println!("with one length: {:?} {:.4}", height(&with), sideways(&with.rows));
+        assert!((height(&without).0 - LARGER).abs() > 0.03, "cars alone cannot know");
+        assert!((height(&with).0 / LARGER - 1.0).abs() < 0.012 && height(&with).1 < 0.02);
+        assert!((sideways(&with.rows) / LARGER - 1.0).abs() < 0.012);
+        assert!(with.cameras.known()[0].apart_sds < 3.0 && with.warnings.is_empty());
+        let wrong = solve(Some(8.0 * 1.5));
+        assert!(
+            wrong.warnings.iter().any(|text| text.contains("length of line 2 of length.csv is")),
+            "{:?}",
+            wrong.warnings
+        );
+    }
+}

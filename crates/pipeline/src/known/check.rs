@@ -34,15 +34,19 @@ impl Known {
 
 /// The contradiction, in words; `None` where there is none.
 pub(crate) fn contradiction(known: &KnownSummary) -> Option<String> {
-    let KnownSummary { what, unit, given, given_sd, by_all_else, by_all_else_sd, apart_sds } = known;
-    (*apart_sds > CONTRADICTS).then(|| {
-        let digits = if unit == "px" { 0 } else { 2 };
-        let space = if unit == "°" { "" } else { " " };
-        format!(
-            "the {what} is {by_all_else:.digits$} ± {by_all_else_sd:.digits$}{space}{unit} by everything else, \
-             {given:.digits$} ± {given_sd:.digits$}{space}{unit} was told: {apart_sds:.0} sd apart"
-        )
-    })
+    (known.apart_sds > CONTRADICTS).then(|| format!("the {} is {}", known.what, in_words(known)))
+}
+
+/// What was told and what everything else says.
+pub(crate) fn in_words(known: &KnownSummary) -> String {
+    let KnownSummary { unit, given, given_sd, by_all_else, by_all_else_sd, apart_sds, .. } = known;
+    let digits = if unit == "px" { 0 } else { 2 };
+    let space = if unit == "°" { "" } else { " " };
+    let apart = if *apart_sds > CONTRADICTS { 0 } else { 1 };
+    format!(
+        "{by_all_else:.digits$} ± {by_all_else_sd:.digits$}{space}{unit} by everything else, \
+         {given:.digits$} ± {given_sd:.digits$}{space}{unit} was told: {apart_sds:.apart$} sd apart"
+    )
 }
 
 impl Fact {
