@@ -149,9 +149,10 @@ pub(crate) fn solve_remembered_clip(
     let mut rows: Vec<TrackRow> = tracks.iter().flat_map(|track| pass.rows(track, &tally.shake_px)).collect();
     rows.sort_by_key(|row| (row.frame, row.track));
     let mut warnings = warnings_of(&cameras);
-    warnings.extend(known.silent_later().filter(|_| cameras.moves() > 0));
-    for warning in &warnings {
+    let contradictions = cameras.known().iter().filter_map(contradiction);
+    for warning in contradictions.chain(known.silent_later().filter(|_| cameras.moves() > 0)) {
         tracing::warn!("{warning}");
+        warnings.push(warning);
     }
     Ok(ClipSolution { cameras, tracks, rows, reprojection_rms_px, poses_used, tally, warnings })
 }
@@ -449,7 +450,6 @@ fn warnings_of(cameras: &CameraTrack) -> Vec<String> {
             warnings.push(warning.to_owned());
         }
     }
-    warnings.extend(cameras.known().iter().filter_map(contradiction));
     if cameras.estimates().is_empty() {
         warnings.push("no frame could be read".to_owned());
     }
