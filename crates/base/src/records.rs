@@ -74,6 +74,8 @@ pub struct CarRecord {
     pub held_since: Option<u64>,
     /// The pose is held: the keypoints of this look still hold, as the car has not moved since.
     pub pose_from: Option<CarRef>,
+    /// It is only seen here: this look measured it so shortly before that another would tell nothing new.
+    pub seen_after: Option<CarRef>,
     /// Fields of other tools.
     pub extra: Map<String, Value>,
 }
@@ -212,6 +214,7 @@ impl CarRecord {
             keypoints: None,
             held_since: None,
             pose_from: None,
+            seen_after: None,
             extra: Map::new(),
         }
     }
@@ -313,6 +316,9 @@ struct CarFields {
     /// The pose is held: the keypoints of this look (frame, place in its list) still hold.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pose_from: Option<CarRef>,
+    /// It is only seen here: this look (frame, place in its list) measured it shortly before.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    seen_after: Option<CarRef>,
     #[serde(flatten)]
     extra: Map<String, Value>,
 }
@@ -344,6 +350,7 @@ impl From<CarRecord> for CarFields {
                 .map(|set| set.iter().map(|p| p.as_ref().map(covariance)).collect()),
             held_since: car.held_since,
             pose_from: car.pose_from,
+            seen_after: car.seen_after,
             extra: car.extra,
         }
     }
@@ -375,8 +382,8 @@ impl TryFrom<CarFields> for CarRecord {
             }
             keypoints = Some(set);
         }
-        let CarFields { bbox_px, score, class, held_since, pose_from, extra, .. } = fields;
-        Ok(Self { bbox_px, score, class, keypoints, held_since, pose_from, extra })
+        let CarFields { bbox_px, score, class, held_since, pose_from, seen_after, extra, .. } = fields;
+        Ok(Self { bbox_px, score, class, keypoints, held_since, pose_from, seen_after, extra })
     }
 }
 

@@ -23,8 +23,8 @@ const SWEEP_PX: f64 = 400.0;
 const KNOWN: f64 = 0.5;
 /// A vehicle that stands is looked at where more than this share of its box changed.
 const MUCH: f64 = 0.2;
-/// What moves and is no vehicle (people, leaves) is looked at again only so many looks later.
-const IDLE_LOOKS: u32 = 2;
+/// What moves and is no vehicle (people, leaves) is looked at again only so much later, s.
+const IDLE_S: f64 = 0.19;
 
 /// What a look came to.
 #[derive(Clone, Debug)]
@@ -49,8 +49,8 @@ pub struct Attention {
     /// Boxes that were cut by the border of what was looked at.
     cut: Vec<[f64; 4]>,
     looks: u32,
-    /// Until which look each cell may wait: what moves there was no vehicle just now.
-    idle_until: Vec<u32>,
+    /// Until when each cell may wait, s: what moves there was no vehicle just now.
+    idle_until: Vec<f64>,
     /// Shake of the last picture that was looked at, px.
     offset: Vector2<f64>,
 }
@@ -106,7 +106,7 @@ impl Attention {
         let fits = self.map.as_ref().is_some_and(|map| map.suits(&seen.small));
         let mut map = self.map.take().filter(|_| fits).unwrap_or_else(|| ChangeMap::new(&seen.small));
         let changed = map.changed(&seen.small, seen.shift, time_s);
-        self.idle_until.resize(changed.columns * changed.rows, 0);
+        self.idle_until.resize(changed.columns * changed.rows, 0.0);
         self.looks = self.looks.saturating_add(1);
 
         let sights = self.run(detector, number, time_s, image, &changed)?;
@@ -123,7 +123,7 @@ impl Attention {
             |(column, row): &(usize, usize)| looked.has(*column, *row) && !vehicles.has(*column, *row);
         for (column, row) in changed.iter().filter(is_idle) {
             for (x, y) in changed.around(column, row) {
-                self.idle_until[y * changed.columns + x] = self.looks + IDLE_LOOKS;
+                self.idle_until[y * changed.columns + x] = time_s + IDLE_S;
             }
         }
 
@@ -176,7 +176,7 @@ impl Attention {
         for (column, row) in changed.iter() {
             // At the picture's border it may be the front of a vehicle that only just comes in.
             let at_border = changed.is_at_border(column, row);
-            if at_border || self.idle_until[row * changed.columns + column] <= self.looks {
+            if at_border || self.idle_until[row * changed.columns + column] <= time_s {
                 due.insert(column, row);
             }
         }

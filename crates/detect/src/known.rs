@@ -7,17 +7,23 @@ use roadplane_base::{CarRecord, VehicleClass, bbox_around, bbox_centre, bbox_iou
 
 /// Looks in a row in which the box stayed where it was, after which nobody needs to look until something changes.
 const SETTLED_LOOKS: u32 = 5;
+/// … and time that they take at least, s.
+const SETTLED_S: f64 = 0.35;
 /// A vehicle in motion is looked at when it must have moved by this share of its box's diagonal …
 const MOVED: f64 = 0.12;
-/// … or was not seen for so long, s.
+/// … or was not seen for so long, s …
 const UNSEEN_S: f64 = 0.2;
+/// … and in every look while its score is lower: the next may not find it.
+const DOUBTFUL: f64 = 0.5;
 /// A box that overlaps its first place less (intersection over union) has moved …
 const STAYED: f64 = 0.8;
 /// … down to this where nothing changed: what drives leaves nothing as it was, it is the detector that wavers.
 const STAYED_UNCHANGED: f64 = 0.5;
 /// Looks in a row that may miss a vehicle …
 const MAX_MISSED: f64 = 2.0;
-/// … where nothing changed a miss counts so much: what stands does not leave unseen, it is the detector that wavers.
+/// … looks nearer than this to the one before err as it did and count in proportion, s …
+const ALIKE_S: f64 = 0.09;
+/// … and where nothing changed a miss counts so much: what stands does not leave unseen, it is the detector that wavers.
 const MISSED_UNCHANGED: f64 = 0.25;
 /// Share of the votes that makes a car; votes fade by a factor from look to look.
 const CAR_SHARE: f64 = 0.3;
@@ -39,6 +45,7 @@ pub(crate) struct Known {
     seen_s: f64,
     /// Where it was when it began to stay.
     anchor_px: [f64; 4],
+    anchor_s: f64,
     stayed: u32,
     /// Looks in which it was seen.
     looks: u32,
@@ -57,6 +64,7 @@ impl Known {
             seen_frame: frame,
             seen_s: time_s,
             anchor_px: found.bbox_px,
+            anchor_s: time_s,
             stayed: 1,
             looks: 1,
             missed: 0.0,
@@ -78,7 +86,12 @@ impl Known {
     /// It stands, as far as looks go: its place needs none until something changes there. A detector that wavers over it is no
     /// reason to look more often than the sweep does.
     pub(crate) fn is_settled(&self) -> bool {
-        self.stayed >= SETTLED_LOOKS && self.missed < 1.0
+        self.stands() && self.missed < 1.0
+    }
+
+    /// It stayed where it is for long enough.
+    fn stands(&self) -> bool {
+        self.stayed >= SETTLED_LOOKS && self.seen_s - self.anchor_s >= SETTLED_S
     }
 
     /// Whether a look is due: it is new or was missed, it must have moved by now so much that a look tells something, or it was
@@ -87,6 +100,7 @@ impl Known {
         let [x0, y0, x1, y1] = self.bbox_px;
         let moved = self.velocity_px_s.norm() * (time_s - self.seen_s);
         self.looks < SETTLED_LOOKS
+            || (self.score < DOUBTFUL && !self.is_held())
             || (self.missed > 0.0 && !self.is_held())
             || moved >= MOVED * (x1 - x0).hypot(y1 - y0)
             || time_s - self.looked_s >= UNSEEN_S
@@ -94,12 +108,12 @@ impl Known {
 
     /// It stood, and too few looks missed it to say that it left: it is still taken to be there.
     pub(crate) fn is_held(&self) -> bool {
-        self.stayed >= SETTLED_LOOKS && self.missed < MAX_MISSED
+        self.stands() && self.missed < MAX_MISSED
     }
 
     /// Where it is expected.
     pub(crate) fn expected(&self, time_s: f64) -> [f64; 4] {
-        if self.stayed >= SETTLED_LOOKS {
+        if self.stands() {
             return self.bbox_px;
         }
         bbox_moved(&self.bbox_px, &(self.velocity_px_s * (time_s - self.seen_s).clamp(0.0, 0.5)))
@@ -129,7 +143,7 @@ impl Known {
         if stays {
             self.stayed = self.stayed.saturating_add(1);
         } else {
-            (self.anchor_px, self.stayed) = (found.bbox_px, 1);
+            (self.anchor_px, self.anchor_s, self.stayed) = (found.bbox_px, time_s, 1);
         }
         if !keeps_box {
             self.bbox_px = found.bbox_px;
@@ -172,7 +186,8 @@ pub(crate) fn update(
     }
     for (vehicle, seen) in known.iter_mut().zip(&of_known) {
         if !seen && covers(&vehicle.expected(time_s)) {
-            vehicle.missed += if unchanged(&vehicle.bbox_px) { MISSED_UNCHANGED } else { 1.0 };
+            let miss = ((time_s - vehicle.looked_s) / ALIKE_S).min(1.0);
+            vehicle.missed += if unchanged(&vehicle.bbox_px) { MISSED_UNCHANGED * miss } else { miss };
             vehicle.looked_s = time_s;
         }
     }
@@ -226,6 +241,28 @@ mod tests {
         assert!(known.len() == 1 && !known[0].is_settled());
         assert!((known[0].expected(1.2)[0] - 240.0).abs() < 1e-6);
         assert!(!known[0].is_due(1.11) && known[0].is_due(1.2), "20 px are much of its 94 px, 2 are not");
+    }
+
+    #[test]
+    fn a_doubtful_vehicle_is_looked_for_in_every_look_and_not_given_up_sooner() {
+        let doubtful = |x: f64| CarRecord { score: 0.4, ..car(x) };
+        let mut known = Vec::new();
+        for look in 0..12_u32 {
+            let mut found = [doubtful(f64::from(look) * 20.0)];
+            update(&mut known, &mut found, look.into(), f64::from(look) * 0.1, |_| true, |_| false);
+        }
+        assert!(known[0].is_due(1.11));
+        let missed_for_s = (1..20)
+            .map(|i| f64::from(i) / 30.0)
+            .find(|gone_s| {
+                update(&mut known, &mut [], 13, 1.1 + gone_s, |_| true, |_| false);
+                known.is_empty()
+            })
+            .unwrap();
+        assert!(
+            (0.15..0.25).contains(&missed_for_s),
+            "looks 1/30 s apart are not so many chances: {missed_for_s}"
+        );
     }
 
     #[test]

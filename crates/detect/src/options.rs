@@ -50,6 +50,13 @@ impl DetectOptions {
         scales
     }
 
+    /// What the net sees of a picture of this size in all passes, px of its input.
+    #[must_use]
+    pub fn input_px(&self, width: u32, height: u32) -> f64 {
+        let scales = self.scales(width, height);
+        scales.iter().map(|scale| scale * scale * f64::from(width) * f64::from(height)).sum()
+    }
+
     /// Whether two boxes are one vehicle.
     pub(crate) fn are_one(&self, a: &[f64; 4], b: &[f64; 4]) -> bool {
         bbox_iou(a, b) >= self.nms_iou || bbox_covered(a, b) >= self.nms_covered
@@ -90,6 +97,8 @@ mod tests {
         let options = DetectOptions { pass_px: vec![1280, 960], ..DetectOptions::default() };
         assert_eq!(options.scales(1920, 1080), [0.5, 1280.0 / 1920.0]);
         assert_eq!(options.scales(640, 480), [1.0]);
+        assert!((options.input_px(640, 480) - 640.0 * 480.0).abs() < 1e-6);
+        assert!((options.input_px(1920, 1080) - 960.0 * 540.0 - 1280.0 * 720.0).abs() < 1e-6);
         assert!(DetectOptions { pass_px: vec![], ..options }.check().is_err());
         assert!(DetectOptions::default().check().is_ok());
     }

@@ -140,6 +140,7 @@ impl KeypointNet {
             match turn {
                 Turn::Look => due.push(car),
                 Turn::Hold(look) => car.pose_from = Some(look),
+                Turn::Wait(look) => car.seen_after = Some(look),
                 Turn::Pass => {}
             }
         }

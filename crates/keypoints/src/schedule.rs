@@ -1,5 +1,5 @@
-//! Which cars the net looks at: moving ones whenever they have moved enough to tell something new, standing ones until more looks
-//! would hardly improve their mean, then now and then.
+//! Which cars the net looks at: moving ones as often as their trajectory needs, standing ones until more looks would hardly improve
+//! their mean, then now and then.
 
 use nalgebra::Vector2;
 use roadplane_base::{CarRecord, CarRef, FrameRecord, WatchRecord, bbox_centre, bbox_iou, bbox_moved};
@@ -14,8 +14,10 @@ const NEXT_S: f64 = 2.0;
 const LATER_S: f64 = 5.0;
 /// A box whose centre stayed within this share of its diagonal shows a car that has not moved.
 const STILL: f64 = 0.03;
-/// Least overlap with the box of the look, intersection over union.
+/// Least overlap of a standing car with the box of the look, intersection over union …
 const SAME: f64 = 0.7;
+/// … and of a moving one with where it was found last.
+const FOLLOWS: f64 = 0.3;
 /// A place where no car was found for so long is forgotten, s.
 const FORGOTTEN_S: f64 = 3.0;
 
@@ -26,14 +28,18 @@ pub(crate) enum Turn {
     Look,
     /// Its last look still holds.
     Hold(CarRef),
-    /// It is left without a pose.
+    /// It was looked at so shortly before that another look would tell nothing new.
+    Wait(CarRef),
+    /// It is left without a pose: it is none that the net is for, or nobody looks.
     Pass,
 }
 
 /// A place where a car was looked at; px of the frame at rest.
 #[derive(Clone, Debug)]
 struct Place {
+    /// In the look, and where it was found last.
     bbox_px: [f64; 4],
+    found_px: [f64; 4],
     look: CarRef,
     look_s: f64,
     looks: u32,
@@ -41,13 +47,21 @@ struct Place {
 }
 
 /// What is remembered of cars in the frames before.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct Schedule {
+    /// A car is looked at at most once in so many frames.
+    every: u64,
     places: Vec<Place>,
 }
 
 impl Schedule {
-    /// Decides for every car of a frame that `fits`, in the order of time.
+    /// Before the first frame; a car is looked at at most once in `every` frames of the input.
+    #[must_use]
+    pub fn new(every: u64) -> Self {
+        Self { every, places: Vec::new() }
+    }
+
+    /// Decides for every car of a frame, in the order of time; the net is for those that `fits` says.
     pub(crate) fn turns(&mut self, frame: &FrameRecord, fits: impl Fn(&CarRecord) -> bool) -> Vec<Turn> {
         let time_s = frame.time_s;
         self.places.retain(|place| time_s - place.found_s <= FORGOTTEN_S);
@@ -57,54 +71,57 @@ impl Schedule {
         let mut taken = vec![false; self.places.len()];
         let mut turns = Vec::with_capacity(frame.cars.len());
         for (index, car) in frame.cars.iter().enumerate() {
-            if !fits(car) {
-                turns.push(Turn::Pass);
-                continue;
-            }
             let at_rest = bbox_moved(&car.bbox_px, &-offset);
-            let overlap = |place: &Place| bbox_iou(&place.bbox_px, &at_rest);
-            let nearest = (0..taken.len()).filter(|&p| !taken[p] && overlap(&self.places[p]) >= SAME).max_by(
-                |&a, &b| overlap(&self.places[a]).total_cmp(&overlap(&self.places[b])).then(b.cmp(&a)),
-            );
+            let overlap = |place: &Place| bbox_iou(&place.found_px, &at_rest);
+            let nearest =
+                (0..taken.len()).filter(|&p| !taken[p] && overlap(&self.places[p]) >= FOLLOWS).max_by(
+                    |&a, &b| overlap(&self.places[a]).total_cmp(&overlap(&self.places[b])).then(b.cmp(&a)),
+                );
             let [x0, y0, x1, y1] = car.bbox_px;
-            let moved = |place: &Place| {
+            let is_still = |place: &Place| {
                 let away = (bbox_centre(&place.bbox_px) - bbox_centre(&at_rest)).norm();
-                away > STILL * (x1 - x0).hypot(y1 - y0)
+                bbox_iou(&place.bbox_px, &at_rest) >= SAME && away <= STILL * (x1 - x0).hypot(y1 - y0)
             };
-            let own = CarRef { frame: frame.frame, car: index };
+            let look = CarRef { frame: frame.frame, car: index };
+            let looked = |looks: u32| Place {
+                bbox_px: at_rest,
+                found_px: at_rest,
+                look,
+                look_s: time_s,
+                looks,
+                found_s: time_s,
+            };
             let turn = match nearest {
                 Some(p) => {
                     taken[p] = true;
                     let place = &mut self.places[p];
-                    place.found_s = time_s;
-                    let still = !moved(place);
+                    (place.found_px, place.found_s) = (at_rest, time_s);
+                    let still = is_still(place);
                     let wait_s = match place.looks {
                         looks if looks < FIRST_LOOKS => 0.0,
                         looks if looks < NEXT_LOOKS => NEXT_S,
                         _ => LATER_S,
                     };
-                    if !is_looked || (still && time_s - place.look_s < wait_s) {
+                    let is_early = frame.frame < place.look.frame + self.every;
+                    if car.held_since.is_none() && is_looked && is_early {
+                        Turn::Wait(place.look)
+                    } else if !is_looked || is_early || (still && time_s - place.look_s < wait_s) {
                         Turn::Hold(place.look)
                     } else {
-                        let looks = if still { place.looks + 1 } else { 1 };
-                        *place =
-                            Place { bbox_px: at_rest, look: own, look_s: time_s, looks, found_s: time_s };
+                        *place = looked(if still { place.looks + 1 } else { 1 });
                         Turn::Look
                     }
                 }
                 None if is_looked => {
-                    self.places.push(Place {
-                        bbox_px: at_rest,
-                        look: own,
-                        look_s: time_s,
-                        looks: 1,
-                        found_s: time_s,
-                    });
+                    self.places.push(looked(1));
                     Turn::Look
                 }
                 None => Turn::Pass,
             };
-            turns.push(turn);
+            turns.push(match turn {
+                Turn::Look | Turn::Hold(_) if !fits(car) => Turn::Pass,
+                turn => turn,
+            });
         }
         turns
     }
@@ -122,13 +139,13 @@ mod tests {
     }
 
     fn looks(frames: impl Iterator<Item = FrameRecord>) -> Vec<u64> {
-        let mut schedule = Schedule::default();
+        let mut schedule = Schedule::new(1);
         let mut looks = Vec::new();
         for frame in frames {
             match schedule.turns(&frame, |_| true)[0] {
                 Turn::Look => looks.push(frame.frame),
                 Turn::Hold(look) => assert_eq!(Some(&look.frame), looks.last()),
-                Turn::Pass => panic!("frame {}", frame.frame),
+                Turn::Wait(_) | Turn::Pass => panic!("frame {}", frame.frame),
             }
         }
         looks
@@ -140,6 +157,19 @@ mod tests {
         assert_eq!(seen[..12], (0..12).collect::<Vec<_>>());
         assert!((24..40).contains(&seen.len()), "{seen:?}");
         assert!(seen.windows(2).all(|pair| pair[1] - pair[0] <= 51));
+    }
+
+    #[test]
+    fn whatever_moves_waits_between_its_looks() {
+        for fits in [true, false] {
+            let mut schedule = Schedule::new(3);
+            let turns: Vec<Turn> =
+                (0..9).flat_map(|i| schedule.turns(&frame(i, 10.0 * i as f64), |_| fits)).collect();
+            let own = if fits { Turn::Look } else { Turn::Pass };
+            let wait = |frame| Turn::Wait(CarRef { frame, car: 0 });
+            let expected = [0, 3, 6].map(|look| [own, wait(look), wait(look)]).concat();
+            assert_eq!(turns, expected);
+        }
     }
 
     #[test]

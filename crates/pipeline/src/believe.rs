@@ -2,7 +2,7 @@
 
 use nalgebra::{Isometry3, Point3};
 use roadplane_base::{Camera, ImageSize, KEYPOINTS, Shape, ShapeAtlas, bbox_iou};
-use roadplane_track::{Track, TrackState};
+use roadplane_track::{Looks, Track, TrackState};
 
 use crate::Config;
 
@@ -71,8 +71,10 @@ pub fn is_vehicle(track: &Track, height_m: f64, looked_s: &[f64]) -> bool {
     if score >= SURE_SCORE || way >= DRIVEN_M {
         return true;
     }
-    let looks = looked_s.partition_point(|t| *t <= to_s) - looked_s.partition_point(|t| *t < from_s);
-    let share = seen.len() as f64 / looks.max(1) as f64;
+    let span = looked_s.partition_point(|t| *t < from_s)..looked_s.partition_point(|t| *t <= to_s);
+    let looks = looked_s[span].iter().copied();
+    let seen = Looks::of(seen.iter().map(|state| state.stamp.time_s()));
+    let share = seen.count as f64 / Looks::of(looks).count.max(1) as f64;
     let clip_s = looked_s.last().zip(looked_s.first()).map_or(0.0, |(last, first)| last - first);
     height_m >= MIN_HEIGHT_M
         && to_s - from_s >= MIN_SEEN_S.min(MIN_CLIP_SHARE * clip_s)

@@ -216,6 +216,9 @@ impl Pass<'_> {
             let (mut cars, mut held) = (Vec::new(), Vec::new());
             for (index, fit) in fitted.into_iter().enumerate() {
                 let record = &frame.cars[index];
+                if record.seen_after.is_some() {
+                    continue;
+                }
                 if record.held_since.is_some() || record.pose_from.is_some() {
                     held.push(held_car(record, index));
                     if let Some(pose) = looks.line(&frame, index) {

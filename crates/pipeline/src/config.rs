@@ -90,7 +90,7 @@ impl Default for ModelsConfig {
 pub struct WatchConfig {
     /// Whether the nets look at what changed only, and only as often as motion needs; otherwise at everything in every frame.
     pub attention: bool,
-    /// Time from look to look, s.
+    /// Time from look to look, s; the detector looks at small pictures more often, as each look costs less.
     pub look_s: f64,
     /// Time in which the detector sweeps over the whole picture, changed or not, s.
     pub sweep_s: f64,

@@ -296,7 +296,7 @@ fn stream_to_spool(
         watch_stage(),
         detect_stage(&mut nets.detector, cadence, sinks.background, lines)
             .only(move |record| is_new(record.frame)),
-        keypoint_stage(&mut nets.keypoints, config.watch.attention).only(move |record| is_new(record.frame)),
+        keypoint_stage(&mut nets.keypoints, cadence).only(move |record| is_new(record.frame)),
     ];
     let sink = |work: Work| {
         if let Some(image) = &work.image {

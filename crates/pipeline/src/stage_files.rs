@@ -87,6 +87,7 @@ pub fn keypoints_file(
 ) -> Result<bool, PipelineError> {
     let input = open_input(input, config)?;
     let mut net = open_keypoints(models, config)?;
+    let cadence = Cadence::of(&input, config);
     let mut records = FrameReader::open(boxes)?.peekable();
     let take_boxes = move |work: &mut Work| {
         // Both come in rising order of the frame's index.
@@ -105,7 +106,7 @@ pub fn keypoints_file(
     };
     let mut sink = Sink::create(out)?;
     let write = |work: Work| sink.write(&work.record);
-    let stages = vec![Stage::new("boxes", take_boxes), keypoint_stage(&mut net, config.watch.attention)];
+    let stages = vec![Stage::new("boxes", take_boxes), keypoint_stage(&mut net, cadence)];
     let streamed = stream(input, |_| true, stages, write, config, cancel, progress)?;
     sink.finish()?;
     Ok(streamed.decode.is_damaged())

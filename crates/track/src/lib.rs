@@ -23,6 +23,7 @@ mod duplicates;
 mod facing;
 mod filter;
 mod link;
+mod looks;
 mod measurement;
 mod noise;
 mod options;
@@ -33,6 +34,7 @@ mod stops;
 mod tracker;
 mod vehicle;
 
+pub use looks::Looks;
 pub use measurement::{CarMeasurement, FrameMeasurements, HeldCar, Track, TrackState};
 pub use options::TrackOptions;
 pub use tracker::Tracker;

@@ -8,7 +8,7 @@ use roadplane_base::{
 };
 
 use crate::{
-    CarMeasurement, FrameMeasurements, HeldCar, Track, TrackOptions, duplicates::merge_duplicates,
+    CarMeasurement, FrameMeasurements, HeldCar, Looks, Track, TrackOptions, duplicates::merge_duplicates,
     filter::Filter, link::link, measurement::Observation, shape::ShapeSum, smooth::smooth_track,
 };
 
@@ -231,8 +231,9 @@ pub struct Tracker {
     stamps: Vec<FrameStamp>,
     /// From the first frame on: what a clock says at the start of a clip must not change a digit.
     times_s: Vec<f64>,
-    /// How many of the frames up to each were looked at.
-    looks: Vec<usize>,
+    /// Which of the frames were looked at.
+    looked: Vec<bool>,
+    looks: Looks,
     live: Vec<Live>,
     ended: Vec<RawTrack>,
     rejected: usize,
@@ -246,7 +247,8 @@ impl Tracker {
             options,
             stamps: Vec::new(),
             times_s: Vec::new(),
-            looks: Vec::new(),
+            looked: Vec::new(),
+            looks: Looks::default(),
             live: Vec::new(),
             ended: Vec::new(),
             rejected: 0,
@@ -266,8 +268,9 @@ impl Tracker {
         let since_first = frame.stamp.pts_nanos.saturating_sub(self.stamps[0].pts_nanos);
         let time_s = since_first as f64 * 1e-9;
         self.times_s.push(time_s);
-        let looks = self.looks.last().copied().unwrap_or(0) + usize::from(frame.looked);
-        self.looks.push(looks);
+        self.looked.push(frame.looked);
+        let is_look = frame.looked && self.looks.add(time_s);
+        let looks = self.looks.count;
         let mut cars: Vec<&CarMeasurement> = frame.cars.iter().filter(|car| car.is_usable()).collect();
         self.rejected += frame.cars.len() - cars.len();
         // An order of their own, so that the frame's order has no say.
@@ -306,7 +309,7 @@ impl Tracker {
                     live.add(cars[c], observations[c].clone(), look(c), gate);
                     taken[c] = true;
                 }
-                None => live.missed += usize::from(frame.looked && !held),
+                None => live.missed += usize::from(is_look && !held),
             }
         }
         let held: Vec<Observation> = (self.live.iter().zip(&held))
@@ -331,24 +334,22 @@ impl Tracker {
     #[must_use]
     pub fn finish(mut self) -> Vec<Track> {
         self.ended.extend(self.live.drain(..).map(|live| live.raw));
-        let looks = std::mem::take(&mut self.looks);
-        let half = looks.last().map_or(0, |looks| looks.div_ceil(2));
-        let was_looked = |frame: usize| frame == 0 || looks[frame] > looks[frame - 1];
-        let least = self.options.min_observed.min(half);
+        let least = self.options.min_observed.min(self.looks.count.div_ceil(2));
         let mut raw = merge_duplicates(link(merge_duplicates(self.ended), self.options.max_hidden_s));
         raw.retain(|track| {
-            let seen = track.observations.len();
-            let life = match (track.observations.first(), track.observations.last()) {
-                // Frames in which it could have been seen: those that were looked at, and where it was held.
-                (Some(first), Some(last)) => {
-                    let others = track.observations.iter().filter(|o| !was_looked(o.frame)).count();
-                    let before = looks[first.frame] - usize::from(was_looked(first.frame));
-                    looks[last.frame] - before + others
-                }
-                _ => return false,
-            };
-            let dense = seen as f64 >= self.options.min_duty * life as f64;
-            seen >= least && (dense || is_coherent(&track.observations))
+            let seen = Looks::of(track.observations.iter().map(|o| o.time_s));
+            // Frames in which it could have been seen: those that were looked at, and where it was held.
+            let (mut life, mut next) = (Looks::default(), 0);
+            for o in &track.observations {
+                let between = next.max(track.observations[0].frame)..o.frame;
+                between.filter(|&frame| self.looked[frame]).for_each(|frame| {
+                    life.add(self.times_s[frame]);
+                });
+                life.add(o.time_s);
+                next = o.frame + 1;
+            }
+            let dense = seen.count as f64 >= self.options.min_duty * life.count as f64;
+            track.observations.len() >= least && (dense || is_coherent(&track.observations))
         });
         let mut tracks: Vec<Track> = raw
             .iter()
