@@ -11,6 +11,7 @@ use roadplane_calibrate::{
     CarUse, EvidenceBuilder, EvidenceOptions, FuseOptions, FusePrior, LinkId, SegmentStart, View, Window,
     WindowEstimate, condense, epochs, fuse, joins, same_vehicle,
 };
+use roadplane_geo::{Place, Site};
 use roadplane_solve::{CarView, SceneOptions, SceneStatus, solve_scene};
 
 use crate::believe::{is_believable, projected_box};
@@ -64,6 +65,22 @@ impl CameraTrack {
     #[must_use]
     pub fn at(&self, time_s: f64) -> Option<&CameraEstimate> {
         self.estimates.get(self.segment_at(time_s))
+    }
+
+    /// Puts the camera on the map, which refines it where points are known.
+    ///
+    /// # Errors
+    /// What is wrong with the site; that the camera was moved.
+    pub fn put_on_map(&mut self, site: &Site) -> Result<Place, String> {
+        let [only] = self.estimates.as_mut_slice() else {
+            return Err(format!(
+                "the camera had {} positions, which have no one place",
+                self.estimates.len()
+            ));
+        };
+        let place = site.place(only)?;
+        *only = place.refined(only);
+        Ok(place)
     }
 
     /// Place of that estimate among all, from 0.
