@@ -67,7 +67,7 @@ impl CameraTrack {
         self.estimates.get(self.segment_at(time_s))
     }
 
-    /// Puts the camera on the map, which refines it where points are known.
+    /// Puts the camera on the map; points refine it.
     ///
     /// # Errors
     /// What is wrong with the site; that the camera was moved.
@@ -79,7 +79,9 @@ impl CameraTrack {
             ));
         };
         let place = site.place(only)?;
-        *only = place.refined(only);
+        if matches!(site, Site::Points(_)) {
+            *only = place.refined(only);
+        }
         Ok(place)
     }
 
