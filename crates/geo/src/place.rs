@@ -176,7 +176,8 @@ impl Place {
             Some((self.solved.place_of(&point)?, j * self.solved.covariance * j.transpose()))
         });
         through.unwrap_or_else(|| {
-            let at = Rotation2::new(self.solved.params[4]) * ground * self.fit.scale + self.solved.foot();
+            let scale = (self.solved.camera().log_height - camera.params.log_height).exp();
+            let at = Rotation2::new(self.solved.params[4]) * ground * scale + self.solved.foot();
             (at, self.solved.covariance.fixed_view::<2, 2>(5, 5).into_owned())
         })
     }
@@ -386,6 +387,10 @@ mod tests {
         let far =
             place.on_map(&GroundPose { x_m: 3.0, y_m: 20.0, heading_rad: 0.0 }, [0.0; 2], &refined).unwrap();
         let distance = (Vector2::new(far.east_m, far.north_m) - foot).norm();
+        assert!((distance - 3f64.hypot(20.0)).abs() < 1e-3, "{distance}");
+        let behind = GroundPose { x_m: 3.0, y_m: -20.0, heading_rad: 0.0 };
+        let behind = place.on_map(&behind, [0.0; 2], &refined).unwrap();
+        let distance = (Vector2::new(behind.east_m, behind.north_m) - foot).norm();
         assert!((distance - 3f64.hypot(20.0)).abs() < 1e-3, "{distance}");
     }
 
