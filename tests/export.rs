@@ -1,8 +1,12 @@
 //! `roadplane export`: what it refuses. What it writes is tested in its crate.
 
-use roadplane_export::{Place, Run, SurveyPoint, UtmZone};
+use nalgebra::Matrix4;
+use roadplane_base::{CameraEstimate, CameraParams, CameraStatus, GroundPose, ImageSize};
+use roadplane_export::Run;
+use roadplane_geo::{Place, SurveyPoint, UtmZone};
+use serde_json::Value;
 
-use crate::common::{names, roadplane, shared};
+use crate::common::{json, json_lines, names, number, roadplane, root, shared};
 
 #[test]
 fn formats_are_listed_and_unknown_ones_refused() {
@@ -36,6 +40,91 @@ fn a_folder_that_is_no_run_is_named() {
     assert_eq!(names(dir.path()), Vec::<String>::new());
 }
 
+/// Ground points of the demo clip, where they would be on the map if its camera stood there.
+fn surveyed_lot(truth: &Value) -> (Place, CameraEstimate, String) {
+    let camera = &truth["camera"];
+    let size = ImageSize::from([1280, 720]);
+    let camera = CameraEstimate {
+        span_s: [0.0, 5.0],
+        image_size_px: size,
+        principal_point_px: size.centre_px(),
+        params: CameraParams {
+            log_focal: number(&camera["focal_px"]).ln(),
+            tilt: number(&camera["tilt_rad"]),
+            roll: number(&camera["roll_rad"]),
+            log_height: number(&camera["height_m"]).ln(),
+        },
+        covariance: Matrix4::identity() * 1e-8,
+        status: CameraStatus::Estimated,
+        cars_used: 0,
+        frames_used: 0,
+    };
+    let place = Place::from_camera(&camera, [51.05, 13.74], 130.0).unwrap();
+    let line = |pixel: [f64; 2]| {
+        let (at, _) = place.utm_from_pixel(pixel).unwrap();
+        let [latitude, longitude] = place.zone.to_degrees([at.x, at.y]).unwrap();
+        format!("{},{},{latitude:.9},{longitude:.9}\n", pixel[0], pixel[1])
+    };
+    let lines = [[100.0, 650.0], [1200.0, 600.0], [200.0, 180.0], [1100.0, 150.0]].map(line);
+    (place, camera, format!("x_px,y_px,latitude,longitude\n{}", lines.concat()))
+}
+
+#[test]
+fn a_run_that_knows_its_place_has_tracks_on_the_map() {
+    let dir = tempfile::tempdir().unwrap();
+    let truth = json(&root().join("tests/data/lot.truth.json"));
+    let (place, camera, points) = surveyed_lot(&truth);
+    let file = dir.path().join("points.csv");
+    std::fs::write(&file, points).unwrap();
+    let run = |option: &str, value: &std::ffi::OsStr| {
+        let mut command = roadplane();
+        command.arg("run").arg(root().join("tests/data/lot.mp4")).arg("--out").arg(dir.path());
+        command.args(["--set", "decode.stride=3", option]).arg(value).assert()
+    };
+    run("--camera-at", "51.05,13.74".as_ref()).code(2);
+    run("--geo", file.as_os_str()).code(0);
+    let result = dir.path().join("lot");
+    // The points know the camera better than cars do.
+    let fit = json(&result.join("place.json"));
+    assert!((number(&fit["focal_px"]) / camera.params.focal_px() - 1.0).abs() < 0.01, "{fit}");
+    assert_eq!(fit["zone"], "33N");
+    let found = json(&result.join("camera.json"));
+    assert!((number(&found["focal_px"]) - number(&fit["focal_px"])).abs() < 1e-2);
+
+    let mut errors = Vec::new();
+    for row in json_lines(&result.join("tracks.jsonl")) {
+        let frame = truth["frames"].as_array().unwrap().iter().find(|frame| frame["frame"] == row["frame"]);
+        let errors_m = frame.unwrap()["cars"].as_array().unwrap().iter().map(|car| {
+            let motion = &car["world_from_car"];
+            let pose =
+                GroundPose { x_m: number(&motion[0][3]), y_m: number(&motion[1][3]), heading_rad: 0.0 };
+            let at = place.on_map(&pose, [0.0; 2], &camera).unwrap();
+            (at.east_m - number(&row["east_m"])).hypot(at.north_m - number(&row["north_m"]))
+        });
+        errors.push(errors_m.fold(f64::INFINITY, f64::min));
+    }
+    errors.sort_by(f64::total_cmp);
+    let median = errors[errors.len() / 2];
+    println!("on the map: median {median:.2} m of {} rows", errors.len());
+    assert!(errors.len() > 100 && median < 0.4, "{median}");
+
+    // The same in GeoJSON, and in what is exported without being told again.
+    let ways = json(&result.join("tracks.geojson"));
+    let out = dir.path().join("out");
+    roadplane().arg("export").arg(&result).args(["--format", "geojson", "--out"]).arg(&out).assert().code(0);
+    let exported = json(&out.join("geojson/lot.tracks.geojson"));
+    assert_eq!(ways["features"], exported["features"]);
+    let [longitude, latitude] = [0, 1].map(|i| number(&ways["features"][0]["geometry"]["coordinates"][0][i]));
+    assert!((latitude - 51.05).abs() < 1e-3 && (longitude - 13.74).abs() < 1e-3);
+    let twice = roadplane()
+        .arg("export")
+        .arg(&result)
+        .args(["--format", "csv", "--camera-at", "51.05,13.74,130", "--out"])
+        .arg(&out)
+        .output();
+    assert_eq!(twice.unwrap().status.code(), Some(2));
+}
+
 /// Five surveyed points of `road_survey.mp4`: pixel, east and north in UTM zone 32 (see the README of the clips).
 const SURVEY: [[f64; 4]; 5] = [
     [14.0, 259.0, 844_098.58, 5_673_186.10],
@@ -52,7 +141,7 @@ fn surveyed_points_that_were_not_given_are_predicted_within_their_sds() {
     let dir = tempfile::tempdir().unwrap();
     roadplane().arg("run").arg(clip).arg("--out").arg(dir.path()).assert().success();
     let run = Run::read(&dir.path().join("road_survey")).unwrap();
-    let camera = &run.stretches[0].camera;
+    let camera = &run.stretches[0].camera.estimate();
     let zone = UtmZone::numbered(32, false).unwrap();
     let points: Vec<SurveyPoint> = SURVEY
         .iter()

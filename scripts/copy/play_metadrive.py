@@ -3,9 +3,7 @@ heading at every 0.1 s with the run's."""
 
 from __future__ import annotations
 
-import argparse
 import pickle
-import sys
 import tempfile
 from pathlib import Path
 
@@ -15,7 +13,7 @@ from metadrive.envs.scenario_env import ScenarioEnv
 from metadrive.policy.replay_policy import ReplayEgoCarPolicy
 from metadrive.scenario.scenario_description import ScenarioDescription
 from metadrive.type import MetaDriveType
-from scene import STEP_S, Deviations, Vehicle, read_run, read_scene
+from scene import STEP_S, Deviations, Vehicle, compare
 
 SCENARIO = "sd_roadplane_copy.pkl"
 # Textures and meshes come from elsewhere at the first start; without pictures they are not needed.
@@ -57,7 +55,7 @@ def write_scenario(folder: Path, vehicles: list[Vehicle], steps: int) -> None:
         (folder / name).write_bytes(pickle.dumps(content))
 
 
-def play(folder: Path, vehicles: list[Vehicle], rows: dict[int, np.ndarray], steps: int) -> Deviations:
+def replay(folder: Path, vehicles: list[Vehicle], rows: dict[int, np.ndarray], steps: int) -> Deviations:
     """Step by step."""
     env = ScenarioEnv({"use_render": False, "image_observation": False, "agent_policy": ReplayEgoCarPolicy,
                        "data_directory": str(folder), "num_scenarios": 1, "horizon": steps + 1, "log_level": 50,
@@ -85,19 +83,13 @@ def play(folder: Path, vehicles: list[Vehicle], rows: dict[int, np.ndarray], ste
     return deviations
 
 
-def main() -> None:
-    """Exit code 1 where the bar is missed."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("scene", type=Path, help="folder that roadplane copy wrote")
-    parser.add_argument("run", type=Path, help="folder of the run")
-    args = parser.parse_args()
-    vehicles, end = read_scene(args.scene)
+def play(_scene: Path, vehicles: list[Vehicle], rows: dict[int, np.ndarray], end: float) -> Deviations:
+    """Records the scene in MetaDrive's form and replays it."""
     steps = int(end / STEP_S) + 1
     with tempfile.TemporaryDirectory() as folder:
         write_scenario(Path(folder), vehicles, steps)
-        deviations = play(Path(folder), vehicles, read_run(args.run), steps)
-    sys.exit(0 if deviations.report("MetaDrive", len(vehicles)) else 1)
+        return replay(Path(folder), vehicles, rows, steps)
 
 
 if __name__ == "__main__":
-    main()
+    compare("MetaDrive", play)

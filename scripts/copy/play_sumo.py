@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import argparse
 import subprocess
-import sys
 import tempfile
 from pathlib import Path
 
 import numpy as np
 import sumo
 import traci
-from scene import STEP_S, Deviations, Vehicle, read_run, read_scene
+from scene import STEP_S, Deviations, Vehicle, compare
 
 BIN = Path(sumo.SUMO_HOME) / "bin"
 
@@ -31,7 +29,7 @@ def place(vehicle: Vehicle, time_s: float, edge: str) -> None:
     traci.vehicle.moveToXY(vehicle.name, edge, 0, *front, angle=90 - np.degrees(pose[2]), keepRoute=2)
 
 
-def play(vehicles: list[Vehicle], rows: dict[int, np.ndarray], end: float) -> Deviations:
+def drive(vehicles: list[Vehicle], rows: dict[int, np.ndarray], end: float) -> Deviations:
     """Step by step."""
     edge = next(edge for edge in traci.edge.getIDList() if not edge.startswith(":"))
     traci.route.add("road", [edge])
@@ -63,23 +61,17 @@ def play(vehicles: list[Vehicle], rows: dict[int, np.ndarray], end: float) -> De
     return deviations
 
 
-def main() -> None:
-    """Exit code 1 where the bar is missed."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("scene", type=Path, help="folder that roadplane copy wrote")
-    parser.add_argument("run", type=Path, help="folder of the run")
-    args = parser.parse_args()
-    vehicles, end = read_scene(args.scene)
+def play(scene: Path, vehicles: list[Vehicle], rows: dict[int, np.ndarray], end: float) -> Deviations:
+    """Starts SUMO on the scene's road."""
     with tempfile.TemporaryDirectory() as folder:
-        net = network(args.scene, Path(folder))
+        net = network(scene, Path(folder))
         traci.start([str(BIN / "sumo"), "--net-file", str(net), "--step-length", str(STEP_S), "--no-step-log", "true",
                      "--collision.action", "none", "--time-to-teleport", "-1", "--no-warnings", "true"])
         try:
-            deviations = play(vehicles, read_run(args.run), end)
+            return drive(vehicles, rows, end)
         finally:
             traci.close()
-    sys.exit(0 if deviations.report("SUMO", len(vehicles)) else 1)
 
 
 if __name__ == "__main__":
-    main()
+    compare("SUMO", play)

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import argparse
 import csv
+import sys
 import xml.etree.ElementTree as ET
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -108,3 +111,15 @@ class Deviations:
         print(f"{name}: {vehicles} vehicles, {len(self.metres)} poses, at most {100 * max(self.metres):.2f} cm "
               f"and {max(self.degrees):.3f}° from the run")
         return max(self.metres) <= 0.02 and max(self.degrees) <= 0.5
+
+
+def compare(simulator: str, play: Callable[[Path, list[Vehicle], dict[int, np.ndarray], float], Deviations]) -> None:
+    """The command of a script that plays a scene (its folder, vehicles, the run's rows by track, seconds); exit code 1 where the
+    bar is missed."""
+    parser = argparse.ArgumentParser(description=f"Plays a copied scene in {simulator} and compares it with the run.")
+    parser.add_argument("scene", type=Path, help="folder that roadplane copy wrote")
+    parser.add_argument("run", type=Path, help="folder of the run")
+    args = parser.parse_args()
+    vehicles, end = read_scene(args.scene)
+    deviations = play(args.scene, vehicles, read_run(args.run), end)
+    sys.exit(0 if deviations.report(simulator, len(vehicles)) else 1)

@@ -10,6 +10,9 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyogrio
+import pyproj
+import shapely
 import sumolib
 import trackeval
 from geojson_pydantic import FeatureCollection
@@ -89,9 +92,22 @@ def check_kitti(folder: Path, name: str, run: pd.DataFrame) -> int:
 
 
 def check_geojson(folder: Path, name: str, run: pd.DataFrame) -> int:
-    """geojson-pydantic."""
-    points = FeatureCollection.model_validate_json((folder / f"{name}.rows.geojson").read_text())
-    close([p.geometry.coordinates[:2] for p in points.features], by_frame(run)[["x_m", "y_m"]], 1e-9)
+    """geojson-pydantic and GDAL; where the run is on the map, PROJ says where in the UTM zone its degrees are."""
+    path, rows = folder / f"{name}.rows.geojson", by_frame(run)
+    on_map = "latitude" in rows
+    places = rows[["longitude", "latitude"] if on_map else ["x_m", "y_m"]]
+    points = FeatureCollection.model_validate_json(path.read_text())
+    close([p.geometry.coordinates[:2] for p in points.features], places, 1e-9)
+    meta, _, geometry, fields = pyogrio.raw.read(path)
+    close(shapely.get_coordinates(shapely.from_wkb(geometry)), places, 1e-9)
+    columns = dict(zip(meta["fields"], fields, strict=True))
+    for column in ("frame", "track", "time_s", "heading_rad", "x_sd_m", "observed"):
+        close(columns[column], rows[column], 1e-9)
+    if on_map:
+        zone = rows.utm_zone.iloc[0]
+        utm = pyproj.CRS.from_dict({"proj": "utm", "zone": int(zone[:-1]), "south": zone[-1] == "S", "datum": "WGS84"})
+        to_utm = pyproj.Transformer.from_crs("EPSG:4326", utm, always_xy=True)
+        close(np.column_stack(to_utm.transform(rows.longitude, rows.latitude)), rows[["east_m", "north_m"]], 1e-3)
     lines = FeatureCollection.model_validate_json((folder / f"{name}.tracks.geojson").read_text())
     assert len(lines.features) == run.track.nunique()
     return len(points.features)
@@ -127,6 +143,13 @@ def check_ngsim(folder: Path, name: str, run: pd.DataFrame) -> int:
     return len(found)
 
 
+def check_csv(folder: Path, name: str, run: pd.DataFrame) -> int:
+    """pandas."""
+    found = pd.read_csv(folder / f"{name}.csv")
+    pd.testing.assert_frame_equal(found, run)
+    return len(found)
+
+
 def check_highd(folder: Path, name: str, run: pd.DataFrame) -> int:
     """pandas."""
     found, run = pd.read_csv(folder / f"{name}_tracks.csv"), by_track(run)
@@ -139,7 +162,7 @@ def check_highd(folder: Path, name: str, run: pd.DataFrame) -> int:
 
 CHECKS: dict[str, Callable[[Path, str, pd.DataFrame], int]] = {
     "mot": check_mot, "kitti": check_kitti, "geojson": check_geojson, "sumo-fcd": check_sumo, "ngsim": check_ngsim,
-    "highd": check_highd,
+    "highd": check_highd, "csv": check_csv,
 }
 
 

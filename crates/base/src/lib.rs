@@ -42,8 +42,8 @@ pub use keypoint::{KEYPOINTS, Keypoint, KeypointSet, keypoint_names, mirror_inde
 pub use plane::GroundPlane;
 pub use pose::{GroundPose, angle_difference, wrap_angle};
 pub use records::{
-    CameraEstimate, CameraMove, CameraStatus, CarRecord, CarRef, FrameRecord, MoveKind, PictureVerdict,
-    PoseRecord, RecordError, TrackRow, VehicleClass, WatchRecord, rows_from_isometry,
+    CameraEstimate, CameraMove, CameraStatus, CarRecord, CarRef, FrameRecord, MoveKind, OnMap,
+    PictureVerdict, PoseRecord, RecordError, TrackRow, VehicleClass, WatchRecord, rows_from_isometry,
 };
 pub use robust::{median, weighted_median};
 pub use scene_line::SceneLine;

@@ -518,6 +518,30 @@ pub struct TrackRow {
     /// Its probability.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub activity_p: Option<f64>,
+    /// Where it is on the map, where the camera's place was given; each field is a column.
+    #[serde(flatten, default, skip_serializing_if = "Option::is_none")]
+    pub on_map: Option<OnMap>,
+}
+
+/// Where a car's origin is on the map.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct OnMap {
+    /// Degrees, WGS 84.
+    pub latitude: f64,
+    /// Degrees, WGS 84.
+    pub longitude: f64,
+    /// UTM zone of the next four, such as `33N`; one a file.
+    pub utm_zone: String,
+    /// East in the zone, m.
+    pub east_m: f64,
+    /// North in the zone, m.
+    pub north_m: f64,
+    /// sd of `east_m`, m: the car's own error, the camera's and that of the camera's place.
+    pub east_sd_m: f64,
+    /// sd of `north_m`, m, likewise.
+    pub north_sd_m: f64,
+    /// Where the vehicle points, degrees clockwise from the zone's north.
+    pub bearing_deg: f64,
 }
 
 impl TrackRow {

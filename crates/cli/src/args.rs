@@ -5,6 +5,7 @@ pub mod copy;
 pub mod eval;
 pub mod export;
 pub mod known;
+pub mod site;
 pub mod synth;
 
 use std::path::PathBuf;
@@ -113,6 +114,9 @@ pub struct RunArgs {
     /// The inputs' camera; or a pattern of their names in which {} is the camera and * anything, e.g. '{}_*'.
     #[arg(long, value_name = "ID", requires = "cameras")]
     pub camera_id: Option<String>,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub site: site::SiteArgs,
     /// Inputs worked on at the same time.
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=256))]
     pub jobs: u16,

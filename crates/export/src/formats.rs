@@ -15,6 +15,8 @@ use std::path::Path;
 
 use roadplane_write::{OutFile, WriteError, write_json};
 
+pub use geojson::write_ways;
+
 use crate::Run;
 
 /// A format that a run can be written in.
@@ -47,7 +49,7 @@ pub const FORMATS: [Format; 9] = [
     },
     Format {
         name: "csv",
-        holds: "the run's rows for spreadsheets, with class and, where it is known, the place on the map; NAME.csv",
+        holds: "the run's rows for spreadsheets, with the place on the map where it is known; NAME.csv",
         write: csv::write,
     },
     Format {
@@ -83,7 +85,7 @@ impl Format {
 /// What is known of the place, beside files that rest on it.
 fn write_place(run: &Run, folder: &Path) -> Result<(), WriteError> {
     let Some(place) = &run.place else { return Ok(()) };
-    write_json(&folder.join(format!("{}.place.json", run.name)), &place.fit)
+    write_json(&folder.join(format!("{}.place.json", run.name)), place)
 }
 
 /// Writes a text file.

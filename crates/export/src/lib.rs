@@ -6,21 +6,15 @@
 #![deny(missing_docs)]
 
 mod formats;
-mod place;
 mod run;
-mod survey;
-mod utm;
 mod xml;
 
 use std::path::{Path, PathBuf};
 
 use roadplane_write::{Existing, OutputFolder, WriteError};
 
-pub use formats::{FORMATS, Format};
-pub use place::{Fit, OnMap, Place};
+pub use formats::{FORMATS, Format, write_ways};
 pub use run::{Event, Run, Stretch, Track};
-pub use survey::{SurveyPoint, read_points};
-pub use utm::UtmZone;
 pub use xml::{Element, fixed};
 
 /// Writes a run in each format into a folder of the format's name. Hold a [`FolderLock`](roadplane_write::FolderLock) on
@@ -46,10 +40,4 @@ pub fn export(
         }
     };
     formats.iter().map(write).collect()
-}
-
-/// The nearest number with so many decimals; −0 becomes 0.
-fn digits(value: f64, decimals: i32) -> f64 {
-    let scale = 10f64.powi(decimals);
-    (value * scale).round() / scale + 0.0
 }

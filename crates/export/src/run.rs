@@ -5,10 +5,11 @@ use std::path::{Path, PathBuf};
 
 use nalgebra::Vector2;
 use roadplane_base::{PoseRecord, Shape, ShapeAtlas, TrackRow, VehicleClass};
-use roadplane_write::{CameraSegment, Summary, WriteError, read_camera, read_jsonl, read_summary};
+use roadplane_geo::{Fit, Site};
+use roadplane_write::{
+    CameraSegment, Summary, WriteError, read_camera, read_jsonl, read_summary, rounded_row,
+};
 use serde::Deserialize;
-
-use crate::{OnMap, Place};
 
 /// A finished run.
 #[derive(Debug)]
@@ -27,8 +28,8 @@ pub struct Run {
     pub tracks: Vec<Track>,
     /// Stretches of time between which the camera was moved, in order; at least one. Each has a world frame of its own.
     pub stretches: Vec<Stretch>,
-    /// Where the camera stands on the map, if that is known; then it was not moved.
-    pub place: Option<Place>,
+    /// Where the camera stands on the map, if that is known: then it was not moved, and every row has `on_map`.
+    pub place: Option<Fit>,
     /// What cars did; `None` where the run did not look for it.
     pub events: Option<Vec<Event>>,
 }
@@ -76,11 +77,21 @@ pub struct Event {
 }
 
 impl Run {
-    /// Reads a result folder.
+    /// Reads a result folder; its name is the run's.
     ///
     /// # Errors
     /// [`WriteError::Io`] or [`WriteError::Malformed`], with the file.
     pub fn read(folder: &Path) -> Result<Self, WriteError> {
+        let whole = folder.canonicalize().unwrap_or_else(|_| folder.to_path_buf());
+        let name = whole.file_name().map_or_else(|| "run".into(), |name| name.to_string_lossy());
+        Self::read_as(folder, &name)
+    }
+
+    /// Reads a result folder, of a run that will be named so.
+    ///
+    /// # Errors
+    /// [`WriteError::Io`] or [`WriteError::Malformed`], with the file.
+    pub fn read_as(folder: &Path, name: &str) -> Result<Self, WriteError> {
         let atlas = ShapeAtlas::shipped()
             .map_err(|e| WriteError::Malformed { what: e.to_string(), path: folder.to_path_buf() })?;
         let summary = read_summary(&folder.join("summary.json"))?;
@@ -94,7 +105,9 @@ impl Run {
         let events = folder.join("activities.jsonl");
         let events =
             if events.exists() { Some(read_jsonl(&events)?.collect::<Result<_, _>>()?) } else { None };
-        let name = name_of(folder);
+        let place = folder.join("place.json");
+        let place = if place.exists() { Some(read_place(&place)?) } else { None };
+        let name = plain(name);
         let last_frame = rows.values().flatten().map(|row| row.frame + 1).max().unwrap_or(0);
         Ok(Self {
             frames: summary.counts.frames_expected.unwrap_or(summary.counts.frames_read).max(last_frame),
@@ -106,7 +119,7 @@ impl Run {
             stretches: stretches(&name, camera.all()),
             media: media_of(&summary),
             events,
-            place: None,
+            place,
             name,
             folder: folder.to_path_buf(),
         })
@@ -123,30 +136,24 @@ impl Run {
     /// Places a run whose camera was not moved on the map.
     ///
     /// # Errors
-    /// What `place` says, or that the camera was moved.
-    pub fn put_on_map(
-        &mut self,
-        place: impl FnOnce(&CameraSegment) -> Result<Place, String>,
-    ) -> Result<&Place, String> {
-        match self.stretches.as_slice() {
-            [only] => Ok(self.place.insert(place(&only.camera)?)),
-            more => Err(format!(
-                "the camera was moved: its {} positions have no one place on the map",
-                more.len()
-            )),
+    /// What is wrong with the site; that the camera was moved; that the run has its place already, which its camera knows of.
+    pub fn put_on_map(&mut self, site: &Site) -> Result<&Fit, String> {
+        if self.place.is_some() {
+            return Err("the run was given its place on the map already".to_owned());
         }
-    }
-
-    /// Where a row's car is on the map, if the run's place is known.
-    ///
-    /// # Errors
-    /// [`WriteError::Malformed`] for a row that lies nowhere on earth.
-    pub fn on_map(&self, row: &TrackRow) -> Result<Option<OnMap>, WriteError> {
-        let (Some(place), Some(stretch)) = (&self.place, self.stretches.first()) else { return Ok(None) };
-        place.of_row(row, &stretch.camera).map(Some).map_err(|what| WriteError::Malformed {
-            what: format!("track {} in frame {}: {what}", row.track, row.frame),
-            path: self.folder.clone(),
-        })
+        let [only] = self.stretches.as_slice() else {
+            let count = self.stretches.len();
+            return Err(format!("the camera was moved: its {count} positions have no one place on the map"));
+        };
+        let camera = only.camera.estimate();
+        let place = site.place(&camera)?;
+        for row in self.tracks.iter_mut().flat_map(|track| &mut track.rows) {
+            let on_map = place.of_row(row, &camera);
+            row.on_map =
+                Some(on_map.map_err(|what| format!("track {} in frame {}: {what}", row.track, row.frame))?);
+            *row = rounded_row(row);
+        }
+        Ok(self.place.insert(place.fit))
     }
 
     /// The frame nearest to a time.
@@ -222,6 +229,16 @@ fn ahead(row: &TrackRow, metres: f64) -> Vector2<f64> {
     Vector2::new(row.x_m + metres * cos, row.y_m + metres * sin)
 }
 
+fn read_place(path: &Path) -> Result<Fit, WriteError> {
+    let text = std::fs::read(path).map_err(|source| WriteError::Io {
+        doing: "read",
+        source,
+        path: path.to_path_buf(),
+    })?;
+    serde_json::from_slice(&text)
+        .map_err(|e| WriteError::Malformed { what: e.to_string(), path: path.to_path_buf() })
+}
+
 /// The shape of each track that has poses.
 fn shapes_of_tracks(poses: &Path) -> Result<BTreeMap<u64, Shape>, WriteError> {
     let mut shapes = BTreeMap::new();
@@ -250,11 +267,6 @@ fn frames_per_s(rows: &BTreeMap<u64, Vec<TrackRow>>) -> f64 {
     ends.map(|(a, b)| (b.frame - a.frame) as f64 / (b.time_s - a.time_s))
         .filter(|rate| rate.is_finite() && *rate > 0.0)
         .unwrap_or(1.0)
-}
-
-fn name_of(folder: &Path) -> String {
-    let whole = folder.canonicalize().unwrap_or_else(|_| folder.to_path_buf());
-    plain(&whole.file_name().map_or_else(|| "run".to_owned(), |name| name.to_string_lossy().into_owned()))
 }
 
 fn media_of(summary: &Summary) -> String {

@@ -17,5 +17,7 @@ mod session;
 pub use card::{CARD_SCHEMA, Dim, ModelCard, TensorSpec, Variant};
 pub use error::{InferError, Refusal};
 pub use processor::Processor;
-pub use runtime::{Provider, ProviderChoice, RUNTIME_LIBRARY, find_library, runtime_version};
+pub use runtime::{
+    Provider, ProviderChoice, RUNTIME_LIBRARY, find_library, python_packages, runtime_version,
+};
 pub use session::{NamedTensor, Outputs, Session, SessionOptions};

@@ -68,8 +68,8 @@ struct Runtime {
 
 static RUNTIME: Mutex<Option<Runtime>> = Mutex::new(None);
 
-/// The runtime's library: `explicit`, else `ORT_DYLIB_PATH`, else [`RUNTIME_LIBRARY`] in a folder above the
-/// executable, else above the current folder.
+/// The runtime's library: `explicit`, else `ORT_DYLIB_PATH`, else that of the package `onnxruntime` in [`python_packages`],
+/// else [`RUNTIME_LIBRARY`] in a folder above the executable, else above the current folder.
 ///
 /// # Errors
 /// [`InferError::RuntimeMissing`] naming what was tried.
@@ -81,15 +81,38 @@ pub fn find_library(explicit: Option<&Path>) -> Result<PathBuf, InferError> {
         return existing(Path::new(&path), "ORT_DYLIB_PATH");
     }
     let starts = [std::env::current_exe(), std::env::current_dir()];
-    starts
-        .iter()
-        .flatten()
-        .flat_map(|start| start.ancestors())
-        .map(|folder| folder.join(RUNTIME_LIBRARY))
+    let packages = starts[0].iter().flat_map(|executable| python_packages(executable));
+    let above = starts.iter().flatten().flat_map(|start| start.ancestors());
+    packages
+        .filter_map(|packages| packaged_library(&packages))
+        .chain(above.map(|folder| folder.join(RUNTIME_LIBRARY)))
         .find(|path| path.is_file())
         .ok_or_else(|| InferError::RuntimeMissing {
             what: format!("no {RUNTIME_LIBRARY} above the executable or the current folder"),
         })
+}
+
+/// Folders of Python packages that belong to an executable which `pip` installed: `PREFIX/lib/python3*/site-packages` (Debian's
+/// own Python: `dist-packages`) of `PREFIX/bin/roadplane`.
+#[must_use]
+pub fn python_packages(executable: &Path) -> Vec<PathBuf> {
+    let libraries = executable.parent().and_then(Path::parent).map(|prefix| prefix.join("lib"));
+    let pythons = libraries.map(|folder| entries(&folder, "python3")).unwrap_or_default();
+    let packages = |python: &PathBuf| ["site-packages", "dist-packages"].map(|name| python.join(name));
+    pythons.iter().flat_map(packages).filter(|folder| folder.is_dir()).collect()
+}
+
+fn packaged_library(packages: &Path) -> Option<PathBuf> {
+    entries(&packages.join("onnxruntime/capi"), "libonnxruntime.so").into_iter().next()
+}
+
+/// What a folder holds under names that begin so, by name; nothing if it cannot be read.
+fn entries(folder: &Path, beginning: &str) -> Vec<PathBuf> {
+    let named = |entry: &std::fs::DirEntry| entry.file_name().to_string_lossy().starts_with(beginning);
+    let read = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let mut found: Vec<PathBuf> = read.filter(named).map(|entry| entry.path()).collect();
+    found.sort();
+    found
 }
 
 fn existing(path: &Path, origin: &str) -> Result<PathBuf, InferError> {
@@ -252,6 +275,21 @@ mod tests {
             assert_eq!(provider_for(ProviderChoice::Cpu, processor, true), Provider::Cpu);
             assert_eq!(provider_for(ProviderChoice::Int8, processor, true), Provider::Int8);
         }
+    }
+
+    #[test]
+    fn what_pip_installed_is_found_beside_the_program() {
+        let prefix = tempfile::tempdir().unwrap();
+        let packages = prefix.path().join("lib/python3.11/site-packages");
+        let library = packages.join("onnxruntime/capi/libonnxruntime.so.1.31.1");
+        std::fs::create_dir_all(library.parent().unwrap()).unwrap();
+        std::fs::write(&library, "").unwrap();
+        std::fs::create_dir_all(prefix.path().join("lib/perl5/site-packages")).unwrap();
+        let found = python_packages(&prefix.path().join("bin/roadplane"));
+        assert_eq!(found, std::slice::from_ref(&packages));
+        assert_eq!(packaged_library(&packages), Some(library));
+        assert_eq!(packaged_library(prefix.path()), None);
+        assert_eq!(python_packages(Path::new("roadplane")), Vec::<PathBuf>::new());
     }
 
     #[test]

@@ -12,6 +12,7 @@ use roadplane_calibrate::{
     CarUse, EvidenceBuilder, EvidenceOptions, FuseOptions, FusePrior, Joined, LinkId, SegmentStart, View,
     Window, WindowEstimate, condense, epochs, fuse, join, joins, same_vehicle,
 };
+use roadplane_geo::{Place, Site};
 use roadplane_solve::{CarView, SceneOptions, SceneSolution, SceneStatus, solve_scene};
 use roadplane_write::KnownSummary;
 
@@ -94,6 +95,24 @@ impl CameraTrack {
     #[must_use]
     pub fn at(&self, time_s: f64) -> Option<&CameraEstimate> {
         self.estimates.get(self.segment_at(time_s))
+    }
+
+    /// Puts the camera on the map; points refine it.
+    ///
+    /// # Errors
+    /// What is wrong with the site; that the camera was moved.
+    pub fn put_on_map(&mut self, site: &Site) -> Result<Place, String> {
+        let [only] = self.estimates.as_mut_slice() else {
+            return Err(format!(
+                "the camera had {} positions, which have no one place",
+                self.estimates.len()
+            ));
+        };
+        let place = site.place(only)?;
+        if matches!(site, Site::Points(_)) {
+            *only = place.refined(only);
+        }
+        Ok(place)
     }
 
     /// Place of that estimate among all, from 0.
@@ -230,11 +249,7 @@ impl<'a> Solving<'a> {
     }
 
     fn solve(&mut self, window: &Window, size: ImageSize, focal_px: Option<f64>, clues: Arc<[Clue]>) {
-        let options = SceneOptions {
-            start: self.start,
-            clues,
-            ..self.config.solve.scene_options(focal_px)
-        };
+        let options = SceneOptions { start: self.start, clues, ..self.config.solve.scene_options(focal_px) };
         if let Some(solved) = solve_window(window, self.atlas, size, &options, self.config) {
             self.start = Some(solved.estimate.params);
             self.parked.extend(solved.parked);

@@ -9,6 +9,7 @@ use roadplane_base::{
     ShapeAtlas, TrackRow, VehicleClass, WatchRecord, bbox_moved,
 };
 use roadplane_calibrate::AtRest;
+use roadplane_geo::{Place, Site};
 use roadplane_solve::{CarFit, SceneOptions, ShapePrior};
 use roadplane_track::{CarMeasurement, FrameMeasurements, HeldCar, Track, TrackState, Tracker};
 use roadplane_write::{FrameReader, PoseLines, read_jsonl};
@@ -34,6 +35,8 @@ const KNOWN_HEADING_SD_RAD: f64 = 0.05;
 pub struct ClipSolution {
     /// The camera, a stretch of time each.
     pub cameras: CameraTrack,
+    /// Where it stands on the map, where that was told.
+    pub place: Option<Place>,
     /// All tracks, by number.
     pub tracks: Vec<Track>,
     /// Rows of the track files, by frame, then by track.
@@ -90,16 +93,25 @@ pub fn solve_clip(
     config: &Config,
     cancel: &Cancel,
 ) -> Result<ClipSolution, PipelineError> {
-    solve_remembered_clip(frames, poses, atlas, known, None, config, cancel)
+    solve_known_clip(frames, poses, atlas, &Given { known, recall: None, site: None }, config, cancel)
 }
 
-/// The same, starting from what is remembered of the camera.
-pub(crate) fn solve_remembered_clip(
+/// What is known of a clip's camera before it is seen.
+pub(crate) struct Given<'a> {
+    /// What the user knows.
+    pub known: &'a Known,
+    /// What is remembered.
+    pub recall: Option<&'a Recall>,
+    /// Its place on the map.
+    pub site: Option<&'a Site>,
+}
+
+/// The same, with what is known of the camera before.
+pub(crate) fn solve_known_clip(
     frames: &Path,
     poses: &Path,
     atlas: &ShapeAtlas,
-    known: &Known,
-    recall: Option<&Recall>,
+    given: &Given<'_>,
     config: &Config,
     cancel: &Cancel,
 ) -> Result<ClipSolution, PipelineError> {
@@ -109,9 +121,32 @@ pub(crate) fn solve_remembered_clip(
             Ok(record?)
         })))
     };
-    let cameras = estimate_cameras(read()?, atlas, known, recall, config)?;
+    let Given { known, recall, site } = *given;
+    let mut cameras = estimate_cameras(read()?, atlas, known, recall, config)?;
+    let mut warnings = warnings_of(&cameras);
+    let place = site.and_then(|site| {
+        let place = cameras.put_on_map(site);
+        place.map_err(|what| warnings.push(format!("not put on the map: {what}"))).ok()
+    });
+    if let Some(Place { fit, .. }) = &place {
+        tracing::info!("{fit}");
+        warnings.extend(fit.warnings.iter().cloned());
+    }
+    let contradictions = cameras.known().iter().filter_map(contradiction);
+    let told: Vec<String> =
+        contradictions.chain(known.silent_later().filter(|_| cameras.moves() > 0)).collect();
+    let on_map = if site.is_some() { &warnings[..] } else { &[] };
+    on_map.iter().chain(&told).for_each(|warning| tracing::warn!("{warning}"));
+    warnings.extend(told);
     let any_car = any_car(atlas, cameras.size_of_cars());
-    let pass = Pass { cameras: &cameras, atlas, any_car, options: config.solve.scene_options(None), config };
+    let pass = Pass {
+        cameras: &cameras,
+        place: place.as_ref(),
+        atlas,
+        any_car,
+        options: config.solve.scene_options(None),
+        config,
+    };
     // First with every car's shape free in every frame; then with the one shape that its track came to.
     let (first, _) = pass.tracks(read()?, &BTreeMap::new(), |_| Ok(()))?;
     let spool = poses.with_extension("spool");
@@ -148,13 +183,7 @@ pub(crate) fn solve_remembered_clip(
         .map_err(|source| PipelineError::Unreadable { source, path: spool.clone() })?;
     let mut rows: Vec<TrackRow> = tracks.iter().flat_map(|track| pass.rows(track, &tally.shake_px)).collect();
     rows.sort_by_key(|row| (row.frame, row.track));
-    let mut warnings = warnings_of(&cameras);
-    let contradictions = cameras.known().iter().filter_map(contradiction);
-    for warning in contradictions.chain(known.silent_later().filter(|_| cameras.moves() > 0)) {
-        tracing::warn!("{warning}");
-        warnings.push(warning);
-    }
-    Ok(ClipSolution { cameras, tracks, rows, reprojection_rms_px, poses_used, tally, warnings })
+    Ok(ClipSolution { cameras, place, tracks, rows, reprojection_rms_px, poses_used, tally, warnings })
 }
 
 /// Counts of cars (car and frame).
@@ -171,6 +200,7 @@ pub struct Tally {
 /// What a pass over the frames needs.
 struct Pass<'a> {
     cameras: &'a CameraTrack,
+    place: Option<&'a Place>,
     atlas: &'a ShapeAtlas,
     /// What is known of a car's shape before it is looked at.
     any_car: ShapePrior,
@@ -353,6 +383,9 @@ impl Pass<'_> {
                 speed_sd_mps: state.speed_sd_mps.hypot(state.speed_mps * shared[(3, 3)].sqrt()),
                 activity: None,
                 activity_p: None,
+                on_map: self.place.and_then(|place| {
+                    place.on_map(&state.pose, [state.pose_sd.x, state.pose_sd.y], estimate).ok()
+                }),
             })
         };
         track.states.iter().filter_map(row).collect()

@@ -108,6 +108,7 @@ mod tests {
                 speed_sd_mps: 0.0,
                 activity: None,
                 activity_p: None,
+                on_map: None,
             }
         };
         let near = between(&camera, &row(1.0), &row(3.0)).unwrap();

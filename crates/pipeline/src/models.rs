@@ -7,8 +7,8 @@ use crate::PipelineError;
 /// A file that every models folder has.
 const LANDMARK: &str = "keypoints.json";
 
-/// The folder with the models: as configured, else `ROADPLANE_MODELS`, else `models/` beside the executable, in a
-/// folder above it, or in the current one.
+/// The folder with the models: as configured, else `ROADPLANE_MODELS`, else that of the Python package that came with the
+/// executable, else `models/` beside the executable, in a folder above it, or in the current one.
 ///
 /// # Errors
 /// [`PipelineError::ModelsMissing`] that says where was looked.
@@ -25,8 +25,10 @@ pub fn find_models(configured: Option<&Path>) -> Result<PathBuf, PipelineError> 
     }
     let executable = std::env::current_exe().ok();
     let above = executable.iter().flat_map(|exe| exe.ancestors().skip(1));
-    above
-        .map(|folder| folder.join("models"))
+    let packages = executable.iter().flat_map(|exe| roadplane_infer::python_packages(exe));
+    packages
+        .map(|folder| folder.join("roadplane/models"))
+        .chain(above.map(|folder| folder.join("models")))
         .chain([PathBuf::from("models")])
         .find(|folder| has_models(folder))
         .ok_or_else(|| PipelineError::ModelsMissing {

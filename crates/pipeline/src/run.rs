@@ -5,6 +5,8 @@ use std::time::Instant;
 
 use image::codecs::png::PngEncoder;
 use roadplane_base::ShapeAtlas;
+use roadplane_export::{Run, write_ways};
+use roadplane_geo::Site;
 use roadplane_view::ViewError;
 use roadplane_watch::Background;
 use roadplane_write::{
@@ -14,7 +16,7 @@ use roadplane_write::{
 use serde::{Deserialize, Serialize};
 
 use crate::activities::{label_rows, write_events};
-use crate::clip::{ClipSolution, solve_remembered_clip};
+use crate::clip::{ClipSolution, Given, solve_known_clip};
 use crate::draw::{Scene, draw_video, write_report};
 use crate::flow::Work;
 use crate::identity::{file_identity, peak_memory_bytes, versions};
@@ -44,6 +46,8 @@ pub struct RunOptions {
     pub known: Known,
     /// What is remembered of the cameras.
     pub cameras: Option<CameraMemory>,
+    /// Where the camera stands on the map; one for all inputs.
+    pub site: Option<Site>,
     /// What to do about a finished result of the same name.
     pub existing: Existing,
     /// Go on where a stopped run ended; leave finished results alone.
@@ -66,6 +70,7 @@ impl RunOptions {
             models,
             known: Known::default(),
             cameras: None,
+            site: None,
             existing: Existing::Refuse,
             resume: false,
             video: false,
@@ -183,8 +188,8 @@ pub fn run_input(
         let spool = folder.path().join(SPOOL);
         let solving = Instant::now();
         let poses = folder.path().join("poses.jsonl");
-        let mut solution =
-            solve_remembered_clip(&spool, &poses, &atlas, &known, recall.as_ref(), config, cancel)?;
+        let given = Given { known: &known, recall: recall.as_ref(), site: options.site.as_ref() };
+        let mut solution = solve_known_clip(&spool, &poses, &atlas, &given, config, cancel)?;
         let events = activity.as_mut().map(|net| label_rows(net, &mut solution.rows)).transpose()?;
         let solve_s = solving.elapsed().as_secs_f64();
         meter.solved();
@@ -224,6 +229,9 @@ pub fn run_input(
             draw_video(input_path, &scene, &video, config, cancel, &Silent)?;
         }
         write_summary(&folder.path().join("summary.json"), &summary)?;
+        if solution.place.is_some() {
+            write_ways(&Run::read_as(folder.path(), &stem)?, &folder.path().join("tracks.geojson"))?;
+        }
         Ok((streamed.decode, solution))
     })();
     let (decode, solution) = match result {

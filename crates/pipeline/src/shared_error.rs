@@ -86,6 +86,44 @@ pub(crate) mod tests {
         assert!(sd(2) < 1e-6 && (sd(3) - 0.05).abs() < 1e-6);
     }
 
+    /// `scripts/python/geometry_fixture.py` made the file; the Python package is held to it, too.
+    #[test]
+    fn the_geometry_is_that_of_the_python_package() {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/data/geometry.json");
+        let fixture: serde_json::Value =
+            serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap();
+        let cases = fixture["cases"].as_array().unwrap();
+        assert_eq!(cases.len(), 4);
+        for case in cases {
+            let read = |key: &str| case[key].clone();
+            let two = |key: &str| serde_json::from_value::<Vec<Vector2<f64>>>(read(key)).unwrap();
+            let params = serde_json::from_value::<Vector4<f64>>(read("params")).unwrap();
+            let rows = serde_json::from_value::<[[f64; 4]; 4]>(read("covariance")).unwrap();
+            let estimate = CameraEstimate {
+                params: CameraParams::from_vector(&params),
+                covariance: Matrix4::from_fn(|r, c| rows[r][c]),
+                ..estimate([0.0; 4])
+            };
+            let (focal_px, plane) = (estimate.params.focal_px(), estimate.params.plane());
+            let camera = Camera { focal_px, principal_point_px: estimate.principal_point_px };
+            let (ground, sds) = (two("ground_m"), two("ground_sd_m"));
+            assert!(ground.len() >= 3);
+            for (i, pixel) in two("pixels").iter().enumerate() {
+                let at = plane.world_from_pixel(&camera, pixel).unwrap();
+                assert!((at - ground[i]).norm() < 1e-9 * at.norm(), "{at} {}", ground[i]);
+                let pose = GroundPose { x_m: at.x, y_m: at.y, heading_rad: 0.3 };
+                let covariance = shared_covariance(&estimate, &pose);
+                let sd = Vector2::new(covariance[(0, 0)].sqrt(), covariance[(1, 1)].sqrt());
+                assert!((sd - sds[i]).norm() < 1e-6 * sd.norm(), "{sd} {}", sds[i]);
+            }
+            let points = serde_json::from_value::<Vec<nalgebra::Point3<f64>>>(read("points_m")).unwrap();
+            for (point, pixel) in points.iter().zip(two("points_px")) {
+                let found = camera.pixel_from_camera(&(plane.camera_from_world() * point).coords).unwrap();
+                assert!((found - pixel).norm() < 1e-7, "{found} {pixel}");
+            }
+        }
+    }
+
     #[test]
     fn a_roll_moves_what_is_aside_and_far() {
         let estimate = estimate([1e-9, 1e-9, 0.01, 1e-9]);

@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use roadplane_base::ShapeAtlas;
 use roadplane_write::{
-    Existing, OutputFolder, StageSeconds, Summary, TrackFiles, write_camera, write_summary,
+    Existing, OutputFolder, StageSeconds, Summary, TrackFiles, write_camera, write_json, write_summary,
 };
 
 use crate::clip::{ClipSolution, solve_clip};
@@ -58,13 +58,16 @@ pub fn track_file(
     Ok(RunReport { folder: folder.publish()?, tracks, camera, damaged: false, frames_lost: 0 })
 }
 
-/// `camera.json` and the track files.
+/// `camera.json`, the track files, and `place.json` where the camera's place is known.
 ///
 /// # Errors
 /// [`PipelineError::Write`].
 pub fn write_solution(folder: &Path, solution: &ClipSolution) -> Result<(), PipelineError> {
     write_camera(&folder.join("camera.json"), solution.cameras.estimates())?;
-    let mut files = TrackFiles::create(folder)?;
+    if let Some(place) = &solution.place {
+        write_json(&folder.join("place.json"), &place.fit)?;
+    }
+    let mut files = TrackFiles::create(folder, solution.place.is_some())?;
     for row in &solution.rows {
         files.write(row)?;
     }

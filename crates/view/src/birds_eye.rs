@@ -280,6 +280,7 @@ mod tests {
             speed_sd_mps: 0.1,
             activity: None,
             activity_p: None,
+            on_map: None,
         };
         let rows: Vec<TrackRow> = (0..3).flat_map(|frame| [row(1, frame), row(2, frame)]).collect();
         let size = ImageSize { width: 640, height: 480 };

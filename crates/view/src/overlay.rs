@@ -256,6 +256,7 @@ mod tests {
             speed_sd_mps: 0.1,
             activity: None,
             activity_p: None,
+            on_map: None,
         };
         overlay.grid().unwrap();
         overlay

@@ -1,6 +1,6 @@
 //! How many digits files keep: well below any uncertainty, and no noise beyond.
 
-use roadplane_base::{PoseRecord, TrackRow};
+use roadplane_base::{OnMap, PoseRecord, TrackRow};
 
 /// Decimals of metres and metres a second.
 pub(crate) const METRES: i32 = 4;
@@ -12,11 +12,16 @@ pub(crate) const PIXELS: i32 = 2;
 pub(crate) const SCORE: i32 = 4;
 /// Decimals of seconds.
 pub(crate) const SECONDS: i32 = 6;
+/// Decimals of degrees of latitude and longitude: a tenth of a millimetre.
+pub(crate) const DEGREES: i32 = 9;
+/// Decimals of degrees of a bearing.
+pub(crate) const BEARING: i32 = 3;
 /// Decimals of the entries of rotations and motions.
 const MOTION: i32 = 6;
 
 /// The nearest number with so many decimals; −0 becomes 0.
-pub(crate) fn decimals(value: f64, digits: i32) -> f64 {
+#[must_use]
+pub fn decimals(value: f64, digits: i32) -> f64 {
     let scale = 10f64.powi(digits);
     let rounded = (value * scale).round() / scale;
     if rounded.is_finite() { rounded + 0.0 } else { value }
@@ -33,7 +38,8 @@ pub(crate) fn significant(value: f64, digits: i32) -> f64 {
 }
 
 /// A row with the files' digits.
-pub(crate) fn rounded_row(row: &TrackRow) -> TrackRow {
+#[must_use]
+pub fn rounded_row(row: &TrackRow) -> TrackRow {
     let metres = |v| decimals(v, METRES);
     let radians = |v| decimals(v, RADIANS);
     TrackRow {
@@ -52,7 +58,22 @@ pub(crate) fn rounded_row(row: &TrackRow) -> TrackRow {
         bbox_px: row.bbox_px.map(|v| decimals(v, PIXELS)),
         score: decimals(row.score, SCORE),
         activity_p: row.activity_p.map(|p| decimals(p, SCORE)),
+        on_map: row.on_map.as_ref().map(rounded_place),
         ..row.clone()
+    }
+}
+
+fn rounded_place(place: &OnMap) -> OnMap {
+    let metres = |v| decimals(v, METRES);
+    OnMap {
+        latitude: decimals(place.latitude, DEGREES),
+        longitude: decimals(place.longitude, DEGREES),
+        utm_zone: place.utm_zone.clone(),
+        east_m: metres(place.east_m),
+        north_m: metres(place.north_m),
+        east_sd_m: metres(place.east_sd_m),
+        north_sd_m: metres(place.north_sd_m),
+        bearing_deg: decimals(place.bearing_deg, BEARING),
     }
 }
 
@@ -76,7 +97,13 @@ pub(crate) fn not_finite(row: &TrackRow) -> Option<&'static str> {
         ("score", row.score),
         ("activity_p", row.activity_p.unwrap_or(0.0)),
     ];
-    numbers.iter().find(|(_, value)| !value.is_finite()).map(|(name, _)| *name)
+    let on_map = row.on_map.iter().flat_map(|at| {
+        let degrees =
+            [("latitude", at.latitude), ("longitude", at.longitude), ("bearing_deg", at.bearing_deg)];
+        let metres = [("east_m", at.east_m), ("north_m", at.north_m)];
+        degrees.into_iter().chain(metres).chain([("east_sd_m", at.east_sd_m), ("north_sd_m", at.north_sd_m)])
+    });
+    numbers.into_iter().chain(on_map).find(|(_, value)| !value.is_finite()).map(|(name, _)| name)
 }
 
 /// A pose with the files' digits; sds that are not finite become null.

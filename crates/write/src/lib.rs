@@ -24,6 +24,7 @@ mod table;
 mod tracks;
 
 pub use camera::{CAMERA_SCHEMA, CameraFile, CameraSegment, read_camera, write_camera};
+pub use digits::{decimals, rounded_row};
 pub use error::WriteError;
 pub use evidence::{EvidenceStore, is_camera_id, read_evidence, write_evidence};
 pub use file::OutFile;

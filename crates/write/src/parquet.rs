@@ -10,7 +10,7 @@ use parquet::file::metadata::KeyValue;
 use parquet::file::properties::WriterProperties;
 use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
 use parquet::schema::parser::parse_message_type;
-use roadplane_base::TrackRow;
+use roadplane_base::{OnMap, TrackRow};
 
 use crate::digits::{not_finite, rounded_row};
 use crate::{OutFile, WriteError};
@@ -21,7 +21,7 @@ pub const TRACKS_SCHEMA: &str = "roadplane.tracks/1";
 /// Rows that are kept in memory and compressed together: about 8 MB.
 const GROUP_ROWS: usize = 32_768;
 
-const MESSAGE: &str = "message tracks {
+const COLUMNS: &str = "
     required int64 frame; required double time_s; required int64 track;
     required double x_m; required double y_m; required double heading_rad; required double speed_mps;
     required double x_sd_m; required double y_sd_m; required double heading_sd_rad;
@@ -31,23 +31,31 @@ const MESSAGE: &str = "message tracks {
     required binary class (UTF8); required int64 segment;
     required double speed_sd_mps;
     optional double activity_p;
-}";
+";
+/// More of them where the camera's place is known.
+const ON_MAP_COLUMNS: &str = "
+    optional double latitude; optional double longitude; optional binary utm_zone (UTF8);
+    optional double east_m; optional double north_m; optional double east_sd_m; optional double north_sd_m;
+    optional double bearing_deg;
+";
 
 /// Writes `tracks.parquet` (zstd).
 pub struct TrackParquet {
     writer: SerializedFileWriter<OutFile>,
     rows: Vec<TrackRow>,
+    on_map: bool,
     path: std::path::PathBuf,
 }
 
 impl TrackParquet {
-    /// Starts a file.
+    /// Starts a file. `on_map`: with columns for where rows are on the map.
     ///
     /// # Errors
     /// [`WriteError::Io`], [`WriteError::DiskFull`].
-    pub fn create(path: &Path) -> Result<Self, WriteError> {
+    pub fn create(path: &Path, on_map: bool) -> Result<Self, WriteError> {
         let fail = |e| from_parquet(e, path);
-        let schema = parse_message_type(MESSAGE).map_err(fail)?;
+        let more = if on_map { ON_MAP_COLUMNS } else { "" };
+        let schema = parse_message_type(&format!("message tracks {{ {COLUMNS} {more} }}")).map_err(fail)?;
         let level = ZstdLevel::try_new(3).map_err(fail)?;
         let note = KeyValue::new("schema".to_owned(), TRACKS_SCHEMA.to_owned());
         let properties = WriterProperties::builder()
@@ -57,7 +65,7 @@ impl TrackParquet {
             .build();
         let file = OutFile::create(path)?;
         let writer = SerializedFileWriter::new(file, Arc::new(schema), Arc::new(properties)).map_err(fail)?;
-        Ok(Self { writer, rows: Vec::new(), path: path.to_path_buf() })
+        Ok(Self { writer, rows: Vec::new(), on_map, path: path.to_path_buf() })
     }
 
     /// Adds a row, with the files' digits.
@@ -87,6 +95,7 @@ impl TrackParquet {
         let rows = std::mem::take(&mut self.rows);
         let mut group = self.writer.next_row_group().map_err(|e| from_parquet(e, &self.path))?;
         write_columns(&mut group, &rows)
+            .and_then(|()| if self.on_map { write_on_map(&mut group, &rows) } else { Ok(()) })
             .and_then(|()| group.close().map(drop))
             .map_err(|e| from_parquet(e, &self.path))
     }
@@ -133,6 +142,26 @@ fn write_columns(
     let defined: Vec<i16> = rows.iter().map(|r| i16::from(r.activity_p.is_some())).collect();
     let probabilities: Vec<f64> = rows.iter().filter_map(|r| r.activity_p).collect();
     column::<DoubleType>(group, &probabilities, Some((&defined, None)))
+}
+
+fn write_on_map(
+    group: &mut SerializedRowGroupWriter<'_, OutFile>,
+    rows: &[TrackRow],
+) -> Result<(), ParquetError> {
+    let defined: Vec<i16> = rows.iter().map(|r| i16::from(r.on_map.is_some())).collect();
+    let places = || rows.iter().filter_map(|r| r.on_map.as_ref());
+    let numbers = |group: &mut SerializedRowGroupWriter<'_, OutFile>, of: &[fn(&OnMap) -> f64]| {
+        of.iter().try_for_each(|of| {
+            column::<DoubleType>(group, &places().map(of).collect::<Vec<_>>(), Some((&defined, None)))
+        })
+    };
+    numbers(group, &[|at| at.latitude, |at| at.longitude])?;
+    let zones: Vec<ByteArray> = places().map(|at| ByteArray::from(at.utm_zone.as_str())).collect();
+    column::<ByteArrayType>(group, &zones, Some((&defined, None)))?;
+    let metres: [fn(&OnMap) -> f64; 4] =
+        [|at| at.east_m, |at| at.north_m, |at| at.east_sd_m, |at| at.north_sd_m];
+    numbers(group, &metres)?;
+    numbers(group, &[|at| at.bearing_deg])
 }
 
 fn doubles(rows: &[TrackRow], of: fn(&TrackRow) -> f64) -> Vec<f64> {

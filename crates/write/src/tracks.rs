@@ -4,7 +4,7 @@ use std::path::Path;
 
 use roadplane_base::TrackRow;
 
-use crate::digits::{METRES, PIXELS, RADIANS, SCORE, SECONDS, not_finite, rounded_row};
+use crate::digits::{BEARING, DEGREES, METRES, PIXELS, RADIANS, SCORE, SECONDS, not_finite, rounded_row};
 use crate::{JsonLines, OutFile, TrackParquet, WriteError};
 
 const HEADER: [&str; 24] = [
@@ -34,21 +34,26 @@ const HEADER: [&str; 24] = [
     "activity_p",
 ];
 
+const ON_MAP_HEADER: [&str; 8] =
+    ["latitude", "longitude", "utm_zone", "east_m", "north_m", "east_sd_m", "north_sd_m", "bearing_deg"];
+
 /// Writes `tracks.csv`: the box in four columns, an empty field for no activity.
 pub struct TrackCsv {
     writer: csv::Writer<OutFile>,
+    on_map: bool,
     path: std::path::PathBuf,
 }
 
 impl TrackCsv {
-    /// Starts a file with its header.
+    /// Starts a file with its header. `on_map`: with columns for where rows are on the map.
     ///
     /// # Errors
     /// [`WriteError::Io`], [`WriteError::DiskFull`].
-    pub fn create(path: &Path) -> Result<Self, WriteError> {
+    pub fn create(path: &Path, on_map: bool) -> Result<Self, WriteError> {
         let writer = csv::Writer::from_writer(OutFile::create(path)?);
-        let mut file = Self { writer, path: path.to_path_buf() };
-        file.record(&HEADER.map(str::to_owned))?;
+        let mut file = Self { writer, on_map, path: path.to_path_buf() };
+        let more = if on_map { &ON_MAP_HEADER[..] } else { &[] };
+        file.record(HEADER.iter().chain(more).map(|name| (*name).to_owned()))?;
         Ok(file)
     }
 
@@ -64,7 +69,7 @@ impl TrackCsv {
         let fixed = |value: f64, decimals: i32| format!("{value:.*}", usize::try_from(decimals).unwrap_or(0));
         let metres = |value| fixed(value, METRES);
         let [x0, y0, x1, y1] = row.bbox_px.map(|v| fixed(v, PIXELS));
-        self.record(&[
+        let known = [
             row.frame.to_string(),
             fixed(row.time_s, SECONDS),
             row.track.to_string(),
@@ -89,7 +94,21 @@ impl TrackCsv {
             row.segment.to_string(),
             metres(row.speed_sd_mps),
             row.activity_p.map(|p| fixed(p, SCORE)).unwrap_or_default(),
-        ])
+        ];
+        let place = row.on_map.map(|at| {
+            [
+                fixed(at.latitude, DEGREES),
+                fixed(at.longitude, DEGREES),
+                at.utm_zone,
+                metres(at.east_m),
+                metres(at.north_m),
+                metres(at.east_sd_m),
+                metres(at.north_sd_m),
+                fixed(at.bearing_deg, BEARING),
+            ]
+        });
+        let place = self.on_map.then(|| place.unwrap_or_default());
+        self.record(known.into_iter().chain(place.into_iter().flatten()))
     }
 
     /// Completes the file.
@@ -97,12 +116,12 @@ impl TrackCsv {
     /// # Errors
     /// [`WriteError::Io`], [`WriteError::DiskFull`]; then the file does not appear.
     pub fn finish(self) -> Result<(), WriteError> {
-        let Self { writer, path } = self;
+        let Self { writer, path, .. } = self;
         let file = writer.into_inner().map_err(|e| WriteError::io("write", &path)(e.into_error()))?;
         file.finish()
     }
 
-    fn record(&mut self, fields: &[String; HEADER.len()]) -> Result<(), WriteError> {
+    fn record(&mut self, fields: impl Iterator<Item = String>) -> Result<(), WriteError> {
         self.writer.write_record(fields).map_err(|e| match e.into_kind() {
             csv::ErrorKind::Io(source) => WriteError::io("write", &self.path)(source),
             other => WriteError::malformed(&self.path, format!("{other:?}")),
@@ -119,15 +138,15 @@ pub struct TrackFiles {
 }
 
 impl TrackFiles {
-    /// Starts the three files in a folder.
+    /// Starts the three files in a folder. `on_map`: with columns for where rows are on the map.
     ///
     /// # Errors
     /// [`WriteError::Io`], [`WriteError::DiskFull`].
-    pub fn create(folder: &Path) -> Result<Self, WriteError> {
+    pub fn create(folder: &Path, on_map: bool) -> Result<Self, WriteError> {
         Ok(Self {
-            parquet: TrackParquet::create(&folder.join("tracks.parquet"))?,
+            parquet: TrackParquet::create(&folder.join("tracks.parquet"), on_map)?,
             jsonl: JsonLines::create(&folder.join("tracks.jsonl"))?,
-            csv: TrackCsv::create(&folder.join("tracks.csv"))?,
+            csv: TrackCsv::create(&folder.join("tracks.csv"), on_map)?,
             path: folder.to_path_buf(),
         })
     }

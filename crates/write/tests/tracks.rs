@@ -6,7 +6,7 @@ use std::process::Command;
 
 use parquet::file::reader::{FileReader as _, SerializedFileReader};
 use parquet::record::RowAccessor as _;
-use roadplane_base::TrackRow;
+use roadplane_base::{OnMap, TrackRow};
 use roadplane_write::{TrackFiles, WriteError, read_jsonl};
 
 fn row(frame: u64, track: u64) -> TrackRow {
@@ -33,6 +33,7 @@ fn row(frame: u64, track: u64) -> TrackRow {
         speed_sd_mps: 0.1,
         activity: (track == 2).then(|| "turn_left, \"wide\"".to_owned()),
         activity_p: (track == 2).then_some(0.75),
+        on_map: None,
     }
 }
 
@@ -41,7 +42,7 @@ fn rows() -> Vec<TrackRow> {
 }
 
 fn write(folder: &std::path::Path) {
-    let mut files = TrackFiles::create(folder).unwrap();
+    let mut files = TrackFiles::create(folder, false).unwrap();
     rows().iter().for_each(|row| files.write(row).unwrap());
     files.finish().unwrap();
 }
@@ -81,6 +82,45 @@ fn the_three_files_agree_and_repeat() {
 }
 
 #[test]
+fn places_on_the_map_are_columns_too() {
+    let dir = tempfile::tempdir().unwrap();
+    let on_map = OnMap {
+        latitude: 51.05,
+        longitude: 13.740_000_000_4,
+        utm_zone: "33N".to_owned(),
+        east_m: 411_000.123_46,
+        north_m: 5_656_000.5,
+        east_sd_m: 0.25,
+        north_sd_m: 0.5,
+        bearing_deg: 359.75,
+    };
+    let mut files = TrackFiles::create(dir.path(), true).unwrap();
+    files.write(&TrackRow { on_map: Some(on_map), ..row(0, 1) }).unwrap();
+    files.write(&row(1, 1)).unwrap();
+    files.finish().unwrap();
+    let lines: Vec<TrackRow> =
+        read_jsonl(&dir.path().join("tracks.jsonl")).unwrap().map(Result::unwrap).collect();
+    let found = lines[0].on_map.as_ref().unwrap();
+    assert_eq!((found.longitude, found.east_m, lines[1].on_map.as_ref()), (13.74, 411_000.123_5, None));
+
+    let mut csv = csv::Reader::from_path(dir.path().join("tracks.csv")).unwrap();
+    let header = csv.headers().unwrap().clone();
+    let records: Vec<csv::StringRecord> = csv.records().map(Result::unwrap).collect();
+    let cell = |i: usize, name: &str| records[i][header.iter().position(|h| h == name).unwrap()].to_owned();
+    assert_eq!(cell(0, "longitude"), "13.740000000");
+    assert_eq!((cell(0, "utm_zone").as_str(), cell(0, "bearing_deg").as_str()), ("33N", "359.750"));
+    assert_eq!(cell(1, "east_m"), "");
+
+    let file = std::fs::File::open(dir.path().join("tracks.parquet")).unwrap();
+    let reader = SerializedFileReader::new(file).unwrap();
+    let rows: Vec<_> = reader.get_row_iter(None).unwrap().map(Result::unwrap).collect();
+    assert_eq!(rows[0].len(), 29);
+    assert_eq!(rows[0].get_double(24).ok(), Some(411_000.123_5));
+    assert_eq!(rows[0].get_string(23).unwrap(), "33N");
+    assert!(rows[1].get_double(21).is_err(), "null");
+}
+
+#[test]
 fn golden_lines() {
     let dir = tempfile::tempdir().unwrap();
     write(dir.path());
@@ -93,7 +133,7 @@ fn golden_lines() {
 #[test]
 fn a_number_that_is_not_finite_is_refused() {
     let dir = tempfile::tempdir().unwrap();
-    let mut files = TrackFiles::create(dir.path()).unwrap();
+    let mut files = TrackFiles::create(dir.path(), false).unwrap();
     let broken = TrackRow { speed_mps: f64::NAN, ..row(7, 3) };
     let error = files.write(&broken).unwrap_err();
     assert!(
@@ -106,7 +146,7 @@ fn a_number_that_is_not_finite_is_refused() {
 #[test]
 fn no_rows_make_readable_files() {
     let dir = tempfile::tempdir().unwrap();
-    TrackFiles::create(dir.path()).unwrap().finish().unwrap();
+    TrackFiles::create(dir.path(), false).unwrap().finish().unwrap();
     let file = std::fs::File::open(dir.path().join("tracks.parquet")).unwrap();
     assert_eq!(SerializedFileReader::new(file).unwrap().metadata().file_metadata().num_rows(), 0);
     assert!(std::fs::read_to_string(dir.path().join("tracks.csv")).unwrap().starts_with("frame,time_s,"));
@@ -126,7 +166,7 @@ fn a_small_disk_fills_up_cleanly() {
         return;
     }
     let outcome = (|| {
-        let mut files = TrackFiles::create(dir.path())?;
+        let mut files = TrackFiles::create(dir.path(), false)?;
         for frame in 0..50_000 {
             files.write(&row(frame, 1))?;
         }

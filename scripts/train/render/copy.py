@@ -83,7 +83,7 @@ class Garage:
     def of(self, vehicle: dict) -> GpuCar:
         """The model whose points come nearest to the vehicle's once it has its dimensions."""
         wanted = fitted_keypoints(vehicle["shape"])
-        options = [self._stretched(self._model(body, i), vehicle["dims_m"])
+        options = [self.stretched(self._model(body, i), vehicle["dims_m"])
                    for body in MODELS[vehicle["class"]] for i in range(PER_BODY)]
         return self.renderer.upload(min(options, key=lambda mesh: np.nanmean((mesh.keypoints - wanted) ** 2)))
 
@@ -93,7 +93,8 @@ class Garage:
         return self._models[body, number]
 
     @staticmethod
-    def _stretched(mesh: CarMesh, dims_m: list[float]) -> CarMesh:
+    def stretched(mesh: CarMesh, dims_m: list[float]) -> CarMesh:
+        """The model with other dimensions."""
         scale = np.array(dims_m) / mesh.dims
         normals = mesh.normals / scale
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)

@@ -82,6 +82,20 @@ def fitted(true: np.ndarray, ours: np.ndarray) -> tuple[complex, complex]:
     return turn, w.mean() - turn * z.mean()
 
 
+def report(name: str, matched: list[tuple[int, np.ndarray, np.ndarray]]) -> None:
+    """Prints how far rows are from the truth after the fit."""
+    if not matched:
+        return
+    true, ours = (np.concatenate([pair[i] for pair in matched]) for i in (1, 2))
+    turn, shift = fitted(true[:, 1:3], ours[:, 1:3])
+    error = np.abs(turn * (ours[:, 1:3] @ [1, 1j]) + shift - true[:, 1:3] @ [1, 1j])
+    heading = np.degrees(np.abs(np.angle(np.exp(1j * (ours[:, 3] + np.angle(turn) - true[:, 3])))))
+    right = heading[heading < 90]
+    print(f"{name}: position rms {np.sqrt(np.mean(error**2)):.3f} m, median {np.median(error):.3f} m over {len(error)} rows; "
+          f"scale {abs(turn):.4f}; heading rms {np.sqrt(np.mean(right**2)):.2f}° but for {len(heading) - len(right)} rows that "
+          f"are the wrong way round")
+
+
 def main() -> None:
     """Prints one line a measure."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -100,19 +114,12 @@ def main() -> None:
     matched = pairs(true, ours, view.camera.height_m / camera["height_m"], step_s)
     if not matched:
         raise SystemExit("no track of the run is near a vehicle of the scene")
-    all_true, all_ours = (np.concatenate([pair[i] for pair in matched]) for i in (1, 2))
-    turn, shift = fitted(all_true[:, 1:3], all_ours[:, 1:3])
-    error = np.abs(turn * (all_ours[:, 1:3] @ [1, 1j]) + shift - all_true[:, 1:3] @ [1, 1j])
-    heading = np.degrees(np.abs(np.angle(np.exp(1j * (all_ours[:, 3] + np.angle(turn) - all_true[:, 3])))))
     vehicles = {pair[0] for pair in matched}
     print(f"found: {len(vehicles & seen.keys())} of {len(seen)} vehicles that are seen well; {len(ours)} tracks, "
           f"{len(matched)} of them near a vehicle; "
           f"{camera['span_s'][0]:.1f}–{camera['span_s'][1]:.1f} s of {times[-1]:.1f}")
-    print(f"position: rms {np.sqrt(np.mean(error**2)):.3f} m, median {np.median(error):.3f} m over {len(error)} rows; "
-          f"scale {abs(turn):.4f}")
-    right = heading[heading < 90]
-    print(f"heading: median {np.median(heading):.2f}°, rms {np.sqrt(np.mean(right**2)):.2f}° but for "
-          f"{len(heading) - len(right)} rows that are the wrong way round")
+    report("all rows", matched)
+    report("vehicles that are seen well", [pair for pair in matched if pair[0] in seen])
     print(f"focal length {camera['focal_px']:.0f} ± {camera['focal_sd_px'] or np.inf:.0f} px, true {view.camera.focal_px:.0f}")
 
 

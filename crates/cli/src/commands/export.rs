@@ -2,7 +2,7 @@
 
 use std::io::{Write as _, stdout};
 
-use roadplane_export::{FORMATS, Format, Place, Run, export as write, read_points};
+use roadplane_export::{FORMATS, Format, Run, export as write};
 use roadplane_pipeline::{Existing, FolderLock, PipelineError};
 
 use crate::Outcome;
@@ -34,53 +34,20 @@ pub fn export(args: &ExportArgs) -> anyhow::Result<Outcome> {
         }
     }
     let mut run = Run::read(run).map_err(PipelineError::from)?;
-    put_on_map(args, &mut run)?;
+    if let Some(site) = super::site::site(&args.site)? {
+        let fit =
+            run.put_on_map(&site).map_err(|what| PipelineError::usage(&format!("on the map: {what}")))?;
+        tracing::info!("{fit}");
+        for warning in &fit.warnings {
+            tracing::warn!("{warning}");
+        }
+    }
     let _lock = FolderLock::acquire(out).map_err(PipelineError::from)?;
     let existing = if args.overwrite { Existing::Overwrite } else { Existing::Refuse };
     for folder in write(&run, &formats, out, existing).map_err(PipelineError::from)? {
         tracing::info!("{}", folder.display());
     }
     Ok(Outcome::Done)
-}
-
-fn put_on_map(args: &ExportArgs, run: &mut Run) -> anyhow::Result<()> {
-    let refused = |what: String, option: &str| PipelineError::usage(&format!("{option}: {what}"));
-    let place = if let Some(file) = &args.geo {
-        let points = read_points(file).map_err(PipelineError::from)?;
-        run.put_on_map(|camera| Place::from_points(camera, &points)).map_err(|e| refused(e, "--geo"))?
-    } else if let Some(numbers) = args.camera_at.as_deref() {
-        let [latitude, longitude, bearing] = numbers else {
-            return Err(refused("three numbers, LAT,LON,BEARING".to_owned(), "--camera-at").into());
-        };
-        let at = [*latitude, *longitude];
-        run.put_on_map(|camera| Place::from_camera(camera, at, *bearing))
-            .map_err(|e| refused(e, "--camera-at"))?
-    } else {
-        return Ok(());
-    };
-    let fit = &place.fit;
-    let distances: Vec<String> = fit.residuals_m.iter().map(|[x, y]| format!("{:.2}", x.hypot(*y))).collect();
-    tracing::info!(
-        "the camera stands at {:.7}, {:.7} (UTM zone {}, sd {:.2} and {:.2} m) and looks {:.1}° ± {:.1}° from north; scale {:.3}, \
-         focal length {:.0} ± {:.0} px, height {:.2} ± {:.2} m; residuals [{}] m",
-        fit.camera_at[0],
-        fit.camera_at[1],
-        fit.zone,
-        fit.camera_sd_m[0],
-        fit.camera_sd_m[1],
-        fit.bearing_deg,
-        fit.bearing_sd_deg,
-        fit.scale,
-        fit.focal_px,
-        fit.focal_sd_px,
-        fit.height_m,
-        fit.height_sd_m,
-        distances.join(", ")
-    );
-    for warning in &fit.warnings {
-        tracing::warn!("{warning}");
-    }
-    Ok(())
 }
 
 fn unknown(name: &str) -> PipelineError {

@@ -20,6 +20,7 @@ pub mod export;
 pub mod render;
 pub mod run;
 pub mod schemas;
+pub mod site;
 pub mod stages;
 pub mod synth;
 

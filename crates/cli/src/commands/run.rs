@@ -37,6 +37,7 @@ pub fn run(args: &RunArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
         metrics::serve(address, &metrics)?;
     }
     let run_span = tracing::info_span!(target: "roadplane_ids", "run", run_id);
+    let site = super::site::site(&args.site)?;
     let models = find_models(config.models.folder.as_deref())?;
     let _lock = FolderLock::acquire(&args.out).map_err(PipelineError::from)?;
     let cameras = match (&args.cameras, &args.camera_id) {
@@ -47,6 +48,7 @@ pub fn run(args: &RunArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
         models,
         known,
         cameras,
+        site,
         existing: if args.overwrite { Existing::Overwrite } else { Existing::Refuse },
         resume: args.resume,
         video: args.video,

@@ -147,6 +147,7 @@ mod tests {
             speed_sd_mps: 0.1,
             activity: None,
             activity_p: None,
+            on_map: None,
         };
         truth.frames.iter().flat_map(|frame| frame.cars.iter().map(move |car| row(frame, car))).collect()
     }

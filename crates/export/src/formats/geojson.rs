@@ -9,32 +9,37 @@ use roadplane_write::{WriteError, write_json};
 use serde_json::{Map, Value, json};
 
 use super::write_place;
-use crate::{OnMap, Run, Stretch, Track, digits};
+use crate::{Run, Stretch, Track};
 
 const METRES: &str =
     "metres from the camera's foot, x to the right, y the viewing direction; NOT longitude and latitude";
 const DEGREES: &str = "longitude and latitude in degrees, WGS 84";
 
-/// A row, and where it is on the map.
-type Placed<'a> = (&'a Track, &'a TrackRow, Option<OnMap>);
-
 /// A line a track and a point a row, for each stretch of time.
 pub fn write(run: &Run, folder: &Path) -> Result<(), WriteError> {
     for stretch in &run.stretches {
         let file = |kind: &str| folder.join(format!("{}.{kind}.geojson", stretch.name));
-        let placed = |(track, row)| Ok((track, row, run.on_map(row)?));
-        let mut lines = Vec::new();
-        for track in &run.tracks {
-            let rows = track.rows_with().filter(|(_, row)| stretch.holds(row));
-            lines.extend(line(&rows.map(placed).collect::<Result<Vec<Placed<'_>>, WriteError>>()?));
-        }
-        write_json(&file("tracks"), &collection(run, stretch, lines))?;
-        let rows = run.rows().into_iter().filter(|(_, row)| stretch.holds(row)).map(placed);
-        let points =
-            rows.map(|row| row.map(|row: Placed<'_>| point(&row))).collect::<Result<_, WriteError>>()?;
+        write_json(&file("tracks"), &ways(run, stretch))?;
+        let rows = run.rows().into_iter().filter(|(_, row)| stretch.holds(row));
+        let points = rows.map(|(track, row)| point(track, row)).collect();
         write_json(&file("rows"), &collection(run, stretch, points))?;
     }
     write_place(run, folder)
+}
+
+/// Writes a run's tracks as lines, where the camera was not moved: `tracks.geojson`.
+///
+/// # Errors
+/// [`WriteError::Io`], [`WriteError::DiskFull`].
+pub fn write_ways(run: &Run, path: &Path) -> Result<(), WriteError> {
+    run.stretches.first().map_or(Ok(()), |stretch| write_json(path, &ways(run, stretch)))
+}
+
+fn ways(run: &Run, stretch: &Stretch) -> Value {
+    let of_stretch =
+        |track: &Track| track.rows.iter().filter(|row| stretch.holds(row)).cloned().collect::<Vec<_>>();
+    let lines = run.tracks.iter().filter_map(|track| line(track, &of_stretch(track))).collect();
+    collection(run, stretch, lines)
 }
 
 fn collection(run: &Run, stretch: &Stretch, features: Vec<Value>) -> Value {
@@ -43,29 +48,26 @@ fn collection(run: &Run, stretch: &Stretch, features: Vec<Value>) -> Value {
         "name": stretch.name,
         "media": run.media,
         "coordinate_system": if run.place.is_some() { DEGREES } else { METRES },
-        "utm_zone": run.place.as_ref().map(|place| place.zone.name()),
+        "utm_zone": run.place.as_ref().map(|place| place.zone.as_str()),
         "features": features,
     })
 }
 
-fn coordinates((_, row, place): &Placed<'_>) -> Value {
-    match place {
-        // Nine decimals of a degree are a tenth of a millimetre.
-        Some(OnMap { degrees: [latitude, longitude], .. }) => {
-            json!([digits(*longitude, 9), digits(*latitude, 9)])
-        }
+fn coordinates(row: &TrackRow) -> Value {
+    match &row.on_map {
+        Some(at) => json!([at.longitude, at.latitude]),
         None => json!([row.x_m, row.y_m]),
     }
 }
 
 /// A track's way; one that has a single row is a line from there to there.
-fn line(rows: &[Placed<'_>]) -> Option<Value> {
-    let ((track, first, _), last) = (rows.first()?, rows.last()?);
+fn line(track: &Track, rows: &[TrackRow]) -> Option<Value> {
+    let (first, last) = (rows.first()?, rows.last()?);
     let mut way: Vec<Value> = rows.iter().map(coordinates).collect();
     if way.len() == 1 {
         way.push(coordinates(last));
     }
-    let of = |value: fn(&TrackRow) -> f64| rows.iter().map(|(_, row, _)| value(row)).collect::<Vec<f64>>();
+    let of = |value: fn(&TrackRow) -> f64| rows.iter().map(value).collect::<Vec<f64>>();
     Some(json!({
         "type": "Feature",
         "id": track.id,
@@ -74,34 +76,26 @@ fn line(rows: &[Placed<'_>]) -> Option<Value> {
             "track": track.id,
             "class": track.class.name(),
             "length_m": first.length_m, "width_m": first.width_m, "height_m": first.height_m,
-            "from_s": first.time_s, "to_s": last.1.time_s,
-            "frame": rows.iter().map(|(_, row, _)| row.frame).collect::<Vec<u64>>(),
+            "from_s": first.time_s, "to_s": last.time_s,
+            "frame": rows.iter().map(|row| row.frame).collect::<Vec<u64>>(),
             "time_s": of(|row| row.time_s),
             "heading_rad": of(|row| row.heading_rad),
             "speed_mps": of(|row| row.speed_mps),
-            "observed": rows.iter().map(|(_, row, _)| row.observed).collect::<Vec<bool>>(),
+            "observed": rows.iter().map(|row| row.observed).collect::<Vec<bool>>(),
         },
     }))
 }
 
 /// A row with all its columns.
-fn point(placed: &Placed<'_>) -> Value {
-    let (track, row, place) = placed;
+fn point(track: &Track, row: &TrackRow) -> Value {
     let mut properties = match serde_json::to_value(row) {
         Ok(Value::Object(columns)) => columns,
         _ => Map::new(),
     };
     properties.insert("class".to_owned(), json!(track.class.name()));
-    if let Some(OnMap { utm_m: [east, north], sd_m: [east_sd, north_sd], bearing_deg, .. }) = place {
-        let columns =
-            [("east_m", east), ("north_m", north), ("east_sd_m", east_sd), ("north_sd_m", north_sd)];
-        for (name, value) in columns.into_iter().chain([("bearing_deg", bearing_deg)]) {
-            properties.insert(name.to_owned(), json!(digits(*value, 4)));
-        }
-    }
     json!({
         "type": "Feature",
-        "geometry": {"type": "Point", "coordinates": coordinates(placed)},
+        "geometry": {"type": "Point", "coordinates": coordinates(row)},
         "properties": properties,
     })
 }

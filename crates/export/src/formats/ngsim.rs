@@ -46,8 +46,10 @@ pub fn write(run: &Run, folder: &Path) -> Result<(), WriteError> {
                 let class = if track.class == VehicleClass::Car { "2" } else { "3" };
                 let [x, y, none] = [feet(front.x), feet(front.y), "0".to_owned()];
                 // On the map: the zone's east and north, of the car's origin.
-                let global = run.on_map(row)?.map_or([x.clone(), y.clone()], |at| at.utm_m.map(feet));
-                let [east, north] = global;
+                let [east, north] = match &row.on_map {
+                    Some(at) => [at.east_m, at.north_m].map(feet),
+                    None => [x.clone(), y.clone()],
+                };
                 lines.push([
                     track.id.to_string(),
                     row.frame.to_string(),

@@ -17,6 +17,13 @@ pub struct SurveyPoint {
     pub height_m: f64,
 }
 
+impl SurveyPoint {
+    /// A point of the ground that nobody surveyed.
+    pub(crate) fn on_ground(pixel: [f64; 2]) -> Self {
+        Self { pixel, latitude: 0.0, longitude: 0.0, height_m: 0.0 }
+    }
+}
+
 /// Reads a file of points; a first line of names is passed over.
 ///
 /// # Errors

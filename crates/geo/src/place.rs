@@ -1,0 +1,415 @@
+//! A camera's place on the map, and what is seen by it.
+
+use std::fmt;
+
+use nalgebra::{Matrix2, Point3, Rotation2, Vector2};
+use roadplane_base::{Camera, CameraEstimate, GroundPose, OnMap, TrackRow};
+use roadplane_write::decimals;
+use serde::{Deserialize, Serialize};
+
+use crate::solve::Solved;
+use crate::survey::SurveyPoint;
+use crate::utm::UtmZone;
+
+/// A residual beyond this many sds contradicts the others.
+const CONTRADICTION_SDS: f64 = 3.0;
+/// 99 % of χ² with four degrees of freedom: a camera that had to give way further was wrong, or the points are.
+const CAMERA_CHI2: f64 = 13.3;
+/// A vehicle's direction is that of a way so long, m.
+const WAY_M: f64 = 0.5;
+
+/// A place on the map.
+#[derive(Clone, Debug)]
+pub struct Place {
+    /// The zone of its metres.
+    pub zone: UtmZone,
+    /// What was found, for people.
+    pub fit: Fit,
+    solved: Solved,
+}
+
+/// What was found: `place.json`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Fit {
+    /// UTM zone.
+    pub zone: String,
+    /// The camera's foot: latitude and longitude, degrees.
+    pub camera_at: [f64; 2],
+    /// The same, east and north in the zone, m.
+    pub camera_utm_m: [f64; 2],
+    /// sds of that.
+    pub camera_sd_m: [f64; 2],
+    /// Where it looks, degrees clockwise from the zone's north.
+    pub bearing_deg: f64,
+    /// sd of that.
+    pub bearing_sd_deg: f64,
+    /// Focal length with the survey's evidence, px.
+    pub focal_px: f64,
+    /// sd of that.
+    pub focal_sd_px: f64,
+    /// Height with the survey's evidence, m.
+    pub height_m: f64,
+    /// sd of that.
+    pub height_sd_m: f64,
+    /// Metres on the map for a metre of the camera without the survey, at the camera's foot.
+    pub scale: f64,
+    /// East and north of each point by the fit less its survey, m.
+    pub residuals_m: Vec<[f64; 2]>,
+    /// What contradicts what.
+    pub warnings: Vec<String>,
+}
+
+impl fmt::Display for Fit {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let ([latitude, longitude], [east_sd, north_sd]) = (self.camera_at, self.camera_sd_m);
+        write!(
+            f,
+            "the camera stands at {latitude:.7}, {longitude:.7} (UTM zone {}, sd {east_sd:.2} and {north_sd:.2} m) and looks \
+             {:.1}° ± {:.1}° from north; scale {:.3}, focal length {:.0} ± {:.0} px, height {:.2} ± {:.2} m",
+            self.zone,
+            self.bearing_deg,
+            self.bearing_sd_deg,
+            self.scale,
+            self.focal_px,
+            self.focal_sd_px,
+            self.height_m,
+            self.height_sd_m,
+        )?;
+        let distances: Vec<String> =
+            self.residuals_m.iter().map(|[x, y]| format!("{:.2}", x.hypot(*y))).collect();
+        if distances.is_empty() { Ok(()) } else { write!(f, "; residuals [{}] m", distances.join(", ")) }
+    }
+}
+
+impl Place {
+    /// From three surveyed points or more.
+    ///
+    /// # Errors
+    /// What is wrong with the points.
+    pub fn from_points(camera: &CameraEstimate, points: &[SurveyPoint]) -> Result<Self, String> {
+        let first = points.first().ok_or("no points")?;
+        let zone = UtmZone::around(first.latitude, first.longitude)?;
+        let targets: Vec<Vector2<f64>> = points
+            .iter()
+            .map(|p| zone.from_degrees(p.latitude, p.longitude).map(Vector2::from))
+            .collect::<Result<_, _>>()?;
+        let solved = Solved::from_points(camera, points, &targets)?;
+        let mut place = Self { fit: describe(camera, &zone, &solved)?, zone, solved };
+        place.judge(points, &targets, camera);
+        Ok(place)
+    }
+
+    /// Of a camera that is known to stand somewhere and to look somewhere (degrees clockwise from north). Its height stays
+    /// the run's.
+    ///
+    /// # Errors
+    /// What is wrong with the place.
+    pub fn from_camera(camera: &CameraEstimate, at: [f64; 2], bearing_deg: f64) -> Result<Self, String> {
+        let zone = UtmZone::around(at[0], at[1])?;
+        let solved =
+            Solved::from_camera(camera, -bearing_deg.to_radians(), zone.from_degrees(at[0], at[1])?)?;
+        Ok(Self { fit: describe(camera, &zone, &solved)?, zone, solved })
+    }
+
+    /// A camera with what its place says of it.
+    #[must_use]
+    pub fn refined(&self, camera: &CameraEstimate) -> CameraEstimate {
+        let covariance = self.solved.covariance.fixed_view::<4, 4>(0, 0).into_owned();
+        CameraEstimate { params: self.solved.camera(), covariance, ..camera.clone() }
+    }
+
+    /// Where a pixel's ground lies: east and north, m, with their covariance from camera, place and click.
+    #[must_use]
+    pub fn utm_from_pixel(&self, pixel: [f64; 2]) -> Option<(Vector2<f64>, Matrix2<f64>)> {
+        let point = SurveyPoint::on_ground(pixel);
+        let sight = self.solved.sight(&point)?;
+        let covariance = sight.by_params * self.solved.covariance * sight.by_params.transpose();
+        Some((self.solved.place_of(&point)?, covariance + sight.click))
+    }
+
+    /// Where something is that stands on the ground of a camera's world. Its pixel is what was measured, so that it goes through
+    /// the picture: what the survey says of the camera moves it, too. `own_sd_m`: of its x and y, without the camera's share.
+    ///
+    /// # Errors
+    /// If it has no place on the map.
+    pub fn on_map(
+        &self,
+        pose: &GroundPose,
+        own_sd_m: [f64; 2],
+        camera: &CameraEstimate,
+    ) -> Result<OnMap, String> {
+        let here = Vector2::new(pose.x_m, pose.y_m);
+        let ahead = here + Vector2::new(pose.heading_rad.cos(), pose.heading_rad.sin()) * WAY_M;
+        let (at, shared) = self.of_ground(&here, camera);
+        let way = self.of_ground(&ahead, camera).0 - at;
+        let own = Matrix2::from_diagonal(&Vector2::from(own_sd_m).map(|sd| sd * sd));
+        let turn = Rotation2::new(self.solved.params[4]);
+        let covariance = shared + turn * own * turn.inverse();
+        let [latitude, longitude] = self.zone.to_degrees([at.x, at.y])?;
+        Ok(OnMap {
+            latitude,
+            longitude,
+            utm_zone: self.zone.name(),
+            east_m: at.x,
+            north_m: at.y,
+            east_sd_m: covariance[(0, 0)].sqrt(),
+            north_sd_m: covariance[(1, 1)].sqrt(),
+            bearing_deg: way.x.atan2(way.y).to_degrees().rem_euclid(360.0),
+        })
+    }
+
+    /// The same for a row of a finished run, whose sds hold the camera's share.
+    ///
+    /// # Errors
+    /// If it has no place on the map.
+    pub fn of_row(&self, row: &TrackRow, camera: &CameraEstimate) -> Result<OnMap, String> {
+        let shared = camera_share(camera, &Vector2::new(row.x_m, row.y_m));
+        let own = [row.x_sd_m.powi(2) - shared.m11, row.y_sd_m.powi(2) - shared.m22];
+        self.on_map(&row.pose(), own.map(|variance| variance.max(0.0).sqrt()), camera)
+    }
+
+    /// A ground point of the run on the map, and its covariance by camera and place. Ground that the camera cannot see goes
+    /// there by turn, scale and shift.
+    fn of_ground(&self, ground: &Vector2<f64>, camera: &CameraEstimate) -> (Vector2<f64>, Matrix2<f64>) {
+        let through = pixel_of(camera, ground).and_then(|point| {
+            let j = self.solved.sight(&point)?.by_params;
+            Some((self.solved.place_of(&point)?, j * self.solved.covariance * j.transpose()))
+        });
+        through.unwrap_or_else(|| {
+            let scale = (self.solved.camera().log_height - camera.params.log_height).exp();
+            let at = Rotation2::new(self.solved.params[4]) * ground * scale + self.solved.foot();
+            (at, self.solved.covariance.fixed_view::<2, 2>(5, 5).into_owned())
+        })
+    }
+
+    /// Residuals, and what contradicts what.
+    fn judge(&mut self, points: &[SurveyPoint], targets: &[Vector2<f64>], camera: &CameraEstimate) {
+        for (i, (point, target)) in points.iter().zip(targets).enumerate() {
+            let Some(at) = self.solved.place_of(point) else { continue };
+            let residual = at - target;
+            self.fit.residuals_m.push([decimals(residual.x, 4), decimals(residual.y, 4)]);
+            let weight = self.solved.sight(point).and_then(|sight| sight.weight());
+            let sds = weight.map_or(0.0, |weight| residual.dot(&(weight * residual)).sqrt());
+            if sds > CONTRADICTION_SDS {
+                let metres = residual.norm();
+                self.fit.warnings.push(format!(
+                    "point {} lies {metres:.2} m ({sds:.1} sd) from where the others and the camera put it",
+                    i + 1
+                ));
+            }
+        }
+        if self.solved.given_way(camera) > CAMERA_CHI2 {
+            self.fit
+                .warnings
+                .push("the points contradict the camera: check them, or their pixels".to_owned());
+        }
+    }
+}
+
+/// Where a camera sees a point of its ground; `None` behind it.
+fn pixel_of(camera: &CameraEstimate, ground: &Vector2<f64>) -> Option<SurveyPoint> {
+    let in_camera = camera.params.plane().camera_from_world() * Point3::new(ground.x, ground.y, 0.0);
+    let view = Camera { focal_px: camera.params.focal_px(), principal_point_px: camera.principal_point_px };
+    Some(SurveyPoint::on_ground(view.pixel_from_camera(&in_camera.coords)?.into()))
+}
+
+/// Covariance of a place in the run's world by what is not known of the camera; zero where that is not known.
+fn camera_share(camera: &CameraEstimate, ground: &Vector2<f64>) -> Matrix2<f64> {
+    let sight = pixel_of(camera, ground).and_then(|point| Solved::of_camera(camera).sight(&point));
+    match sight {
+        Some(sight) if camera.covariance.iter().all(|v| v.is_finite()) => {
+            let by_camera = sight.by_params.fixed_columns::<4>(0).into_owned();
+            by_camera * camera.covariance * by_camera.transpose()
+        }
+        _ => Matrix2::zeros(),
+    }
+}
+
+fn describe(camera: &CameraEstimate, zone: &UtmZone, solved: &Solved) -> Result<Fit, String> {
+    let sd = |i: usize| solved.covariance[(i, i)].sqrt();
+    let utm: [f64; 2] = solved.foot().into();
+    let (focal_px, height_m) = (solved.camera().focal_px(), solved.camera().log_height.exp());
+    let [latitude, longitude] = zone.to_degrees(utm)?;
+    Ok(Fit {
+        zone: zone.name(),
+        camera_at: [decimals(latitude, 9), decimals(longitude, 9)],
+        camera_utm_m: utm.map(|v| decimals(v, 4)),
+        camera_sd_m: [sd(5), sd(6)].map(|v| decimals(v, 4)),
+        bearing_deg: decimals((-solved.params[4]).to_degrees().rem_euclid(360.0), 5),
+        bearing_sd_deg: decimals(sd(4).to_degrees(), 5),
+        focal_px: decimals(focal_px, 3),
+        focal_sd_px: decimals(focal_px * sd(0), 3),
+        height_m: decimals(height_m, 4),
+        height_sd_m: decimals(height_m * sd(3), 4),
+        scale: decimals(height_m / camera.params.log_height.exp(), 6),
+        residuals_m: Vec::new(),
+        warnings: Vec::new(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Matrix4;
+    use roadplane_base::{CameraParams, CameraStatus, ImageSize};
+
+    use crate::Site;
+
+    const AT: [f64; 2] = [51.05, 13.74];
+    const BEARING: f64 = 130.0;
+
+    fn camera(params: CameraParams, sd: f64) -> CameraEstimate {
+        let size = ImageSize { width: 1280, height: 720 };
+        CameraEstimate {
+            span_s: [0.0, 10.0],
+            image_size_px: size,
+            principal_point_px: size.centre_px(),
+            params,
+            covariance: Matrix4::identity() * sd * sd,
+            status: CameraStatus::Estimated,
+            cars_used: 9,
+            frames_used: 90,
+        }
+    }
+
+    fn params() -> CameraParams {
+        CameraParams { log_focal: 1200f64.ln(), tilt: 0.3, roll: 0.02, log_height: 7f64.ln() }
+    }
+
+    /// Points of the ground where a true place has them.
+    fn survey(pixels: &[[f64; 2]]) -> Vec<SurveyPoint> {
+        let truth = Place::from_camera(&camera(params(), 0.01), AT, BEARING).unwrap();
+        let point = |pixel: &[f64; 2]| {
+            let (at, _) = truth.utm_from_pixel(*pixel).unwrap();
+            let [latitude, longitude] = truth.zone.to_degrees([at.x, at.y]).unwrap();
+            SurveyPoint { pixel: *pixel, latitude, longitude, height_m: 0.0 }
+        };
+        pixels.iter().map(point).collect()
+    }
+
+    const PIXELS: [[f64; 2]; 6] =
+        [[100.0, 300.0], [1200.0, 260.0], [640.0, 700.0], [200.0, 600.0], [1000.0, 420.0], [640.0, 200.0]];
+
+    #[test]
+    fn exact_points_give_the_place_and_the_bearing() {
+        let place = Place::from_points(&camera(params(), 0.02), &survey(&PIXELS[..3])).unwrap();
+        assert!((place.fit.bearing_deg - BEARING).abs() < 1e-3, "{}", place.fit.bearing_deg);
+        let [east, north] = place.zone.from_degrees(AT[0], AT[1]).unwrap();
+        let [e, n] = place.fit.camera_utm_m;
+        assert!((e - east).hypot(n - north) < 0.01 && (place.fit.scale - 1.0).abs() < 1e-3);
+        assert!(place.fit.warnings.is_empty(), "{:?}", place.fit.warnings);
+    }
+
+    #[test]
+    fn points_mend_a_camera_that_is_wrong_within_its_sds() {
+        let wrong = CameraParams { log_focal: 1290f64.ln(), tilt: 0.31, log_height: 7.4f64.ln(), ..params() };
+        let place = Place::from_points(&camera(wrong, 0.08), &survey(&PIXELS)).unwrap();
+        assert!((place.fit.focal_px - 1200.0).abs() < 12.0, "{}", place.fit.focal_px);
+        assert!((place.fit.height_m - 7.0).abs() < 0.1, "{}", place.fit.height_m);
+        assert!(place.fit.focal_sd_px < 0.08 * 1290.0 / 2.0);
+        assert!(place.fit.warnings.is_empty(), "{:?}", place.fit.warnings);
+    }
+
+    #[test]
+    fn a_swapped_point_is_named() {
+        let mut points = survey(&PIXELS);
+        points[4].latitude += 3e-5;
+        let place = Place::from_points(&camera(params(), 0.005), &points).unwrap();
+        assert!(place.fit.warnings.iter().any(|w| w.starts_with("point 5 lies")), "{:?}", place.fit.warnings);
+    }
+
+    #[test]
+    fn what_is_no_survey_is_refused() {
+        let camera = camera(params(), 0.01);
+        let two = Site::Points(survey(&PIXELS[..2]));
+        assert!(two.place(&camera).unwrap_err().contains("three or more"));
+        let mut far = survey(&PIXELS);
+        for (i, point) in far.iter_mut().enumerate() {
+            (point.latitude, point.longitude) = (AT[1] + 1e-4 * i as f64, AT[0] - 1e-4 * (i * i) as f64);
+        }
+        let odd = Place::from_points(&camera, &far);
+        assert!(
+            odd.map_or_else(
+                |error| error.starts_with("no place fits"),
+                |place| !place.fit.warnings.is_empty()
+            )
+        );
+        let mut sky = survey(&PIXELS[..3]);
+        sky[1].pixel = [600.0, -400.0];
+        assert!(
+            Place::from_points(&camera, &sky).unwrap_err().contains("point 2 lies at or above the horizon")
+        );
+        // A single point says nothing about the bearing.
+        assert!(Place::from_points(&camera, &survey(&[PIXELS[0]; 3])).is_err());
+    }
+
+    #[test]
+    fn rows_keep_distances_and_turn_with_the_camera() {
+        let camera = camera(params(), 0.01);
+        let place = Place::from_camera(&camera, AT, BEARING).unwrap();
+        let row = |x: f64, y: f64| -> TrackRow {
+            serde_json::from_value(serde_json::json!({
+                "frame": 0, "time_s": 0.0, "track": 1, "x_m": x, "y_m": y, "heading_rad": std::f64::consts::FRAC_PI_2,
+                "speed_mps": 0.0, "x_sd_m": 0.1, "y_sd_m": 0.3, "heading_sd_rad": 0.01, "length_m": 4.5, "width_m": 1.8,
+                "height_m": 1.5, "bbox_px": [0.0, 0.0, 9.0, 9.0], "score": 0.9, "observed": true,
+            }))
+            .unwrap()
+        };
+        // One in view, one behind the camera.
+        for (a, b) in [(row(3.0, 20.0), row(-4.0, 30.0)), (row(1.0, -5.0), row(2.0, -9.0))] {
+            let [at_a, at_b] = [&a, &b].map(|row| place.of_row(row, &camera).unwrap());
+            let apart = (at_a.east_m - at_b.east_m).hypot(at_a.north_m - at_b.north_m);
+            assert!((apart - (a.x_m - b.x_m).hypot(a.y_m - b.y_m)).abs() < 1e-3);
+            assert!((at_a.bearing_deg - BEARING).abs() < 1e-2, "ahead of the camera is where it looks");
+            assert!(at_a.east_sd_m > 0.05 && at_a.north_sd_m > 0.05);
+        }
+    }
+
+    #[test]
+    fn a_refined_camera_has_its_cars_where_the_map_has_them() {
+        let wrong =
+            camera(CameraParams { log_focal: 1260f64.ln(), log_height: 7.3f64.ln(), ..params() }, 0.05);
+        let place = Place::from_points(&wrong, &survey(&PIXELS)).unwrap();
+        let refined = place.refined(&wrong);
+        assert!(refined.covariance[(3, 3)] < wrong.covariance[(3, 3)] / 4.0);
+        // The same pixel, in the world of either camera.
+        let pixel = Vector2::new(700.0, 500.0);
+        let on_map = |camera: &CameraEstimate| {
+            let view =
+                Camera { focal_px: camera.params.focal_px(), principal_point_px: camera.principal_point_px };
+            let at = camera.params.plane().world_from_pixel(&view, &pixel).unwrap();
+            place.on_map(&GroundPose { x_m: at.x, y_m: at.y, heading_rad: 1.0 }, [0.0; 2], camera).unwrap()
+        };
+        let (a, b) = (on_map(&wrong), on_map(&refined));
+        assert!((a.east_m - b.east_m).hypot(a.north_m - b.north_m) < 1e-6);
+        // The refined world is the map's but for turn and shift.
+        let foot = Vector2::from(place.fit.camera_utm_m);
+        let far =
+            place.on_map(&GroundPose { x_m: 3.0, y_m: 20.0, heading_rad: 0.0 }, [0.0; 2], &refined).unwrap();
+        let distance = (Vector2::new(far.east_m, far.north_m) - foot).norm();
+        assert!((distance - 3f64.hypot(20.0)).abs() < 1e-3, "{distance}");
+        let behind = GroundPose { x_m: 3.0, y_m: -20.0, heading_rad: 0.0 };
+        let behind = place.on_map(&behind, [0.0; 2], &refined).unwrap();
+        let distance = (Vector2::new(behind.east_m, behind.north_m) - foot).norm();
+        assert!((distance - 3f64.hypot(20.0)).abs() < 1e-3, "{distance}");
+    }
+
+    #[test]
+    fn the_cameras_share_of_a_rows_sd_counts_once() {
+        let camera = camera(params(), 0.02);
+        let place = Place::from_camera(&camera, AT, 0.0).unwrap();
+        let shared = camera_share(&camera, &Vector2::new(3.0, 20.0));
+        let own = [0.05, 0.2];
+        let row: TrackRow = serde_json::from_value(serde_json::json!({
+            "frame": 0, "time_s": 0.0, "track": 1, "x_m": 3.0, "y_m": 20.0, "heading_rad": 0.0, "speed_mps": 0.0,
+            "x_sd_m": (shared.m11 + own[0] * own[0]).sqrt(), "y_sd_m": (shared.m22 + own[1] * own[1]).sqrt(),
+            "heading_sd_rad": 0.01, "length_m": 4.5, "width_m": 1.8, "height_m": 1.5,
+            "bbox_px": [0.0, 0.0, 9.0, 9.0], "score": 0.9, "observed": true,
+        }))
+        .unwrap();
+        // Looking north, x is east and y is north.
+        let at = place.of_row(&row, &camera).unwrap();
+        assert!((at.east_sd_m - row.x_sd_m).abs() < 1e-4, "{} {}", at.east_sd_m, row.x_sd_m);
+        assert!((at.north_sd_m - row.y_sd_m).abs() < 1e-4, "{} {}", at.north_sd_m, row.y_sd_m);
+    }
+}

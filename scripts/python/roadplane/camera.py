@@ -1,0 +1,199 @@
+"""A camera above its ground: pixels of places, places of pixels, and what the camera's uncertainty makes of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+# Step of the differences by the camera's numbers (rad or log), and by pixels.
+_STEP = 1e-5
+_STEP_PX = 1e-3
+# Nearer points are at or behind the camera, m; rays that fall less meet no ground.
+_NEAREST_M = 1e-3
+_LEAST_FALL = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A pinhole camera with square pixels over a plane, as it stood over a stretch of time.
+
+    Attributes:
+        span_s: first and last time that it holds for, s.
+        image_size_px: width and height.
+        principal_point_px: x and y.
+        params: [4] log focal length (px), tilt, roll (rad), log height (m). Tilt is the optical axis below the horizontal, roll
+            is positive where the horizon turns clockwise in the picture.
+        covariance: [4, 4] of `params`; infinite on its diagonal where nothing is known.
+        status: how the numbers came about, as in `camera.json`.
+    """
+
+    span_s: tuple[float, float]
+    image_size_px: tuple[int, int]
+    principal_point_px: tuple[float, float]
+    params: Array
+    covariance: Array
+    status: str
+
+    @classmethod
+    def from_json(cls, segment: Mapping[str, Any]) -> Camera:
+        """From one of the `segments` of `camera.json`."""
+        covariance = np.array(
+            [[np.nan if v is None else v for v in row] for row in segment["covariance"]], dtype=float
+        )
+        unknown = np.isnan(covariance)
+        covariance[unknown] = np.where(np.eye(4)[unknown] > 0, np.inf, 0.0)
+        params = [np.log(segment["focal_px"]), segment["tilt_rad"], segment["roll_rad"], np.log(segment["height_m"])]
+        return cls(
+            span_s=(segment["span_s"][0], segment["span_s"][1]),
+            image_size_px=(segment["image_size_px"][0], segment["image_size_px"][1]),
+            principal_point_px=(segment["principal_point_px"][0], segment["principal_point_px"][1]),
+            params=np.array(params),
+            covariance=covariance,
+            status=segment["status"],
+        )
+
+    @property
+    def focal_px(self) -> float:
+        """Focal length, px."""
+        return float(np.exp(self.params[0]))
+
+    @property
+    def focal_sd_px(self) -> float:
+        """Its standard deviation, px."""
+        return self.focal_px * self._sd(0)
+
+    @property
+    def tilt_rad(self) -> float:
+        """Optical axis below the horizontal, rad."""
+        return float(self.params[1])
+
+    @property
+    def tilt_sd_rad(self) -> float:
+        """Its standard deviation, rad."""
+        return self._sd(1)
+
+    @property
+    def roll_rad(self) -> float:
+        """Clockwise turn of the horizon in the picture, rad."""
+        return float(self.params[2])
+
+    @property
+    def roll_sd_rad(self) -> float:
+        """Its standard deviation, rad."""
+        return self._sd(2)
+
+    @property
+    def height_m(self) -> float:
+        """Above the ground, m."""
+        return float(np.exp(self.params[3]))
+
+    @property
+    def height_sd_m(self) -> float:
+        """Its standard deviation, m."""
+        return self.height_m * self._sd(3)
+
+    def project(self, points: npt.ArrayLike) -> Array:
+        """Pixels of places.
+
+        Args:
+            points: [..., 3] or, on the ground, [..., 2] in the world, m.
+
+        Returns:
+            [..., 2] px; NaN for points at or behind the camera.
+        """
+        return self._project(self.params, _points(points))
+
+    def project_sd(self, points: npt.ArrayLike) -> Array:
+        """Standard deviations of `project` by what is not known of the camera, to first order.
+
+        Args:
+            points: as for `project`, taken to be exact in the world of the true camera.
+
+        Returns:
+            [..., 2] px; infinite where the camera is not known.
+        """
+        where = _points(points)
+        return _sds(self._by_camera(lambda params: self._project(params, where)), self.covariance)
+
+    def ground_from_pixel(self, pixels: npt.ArrayLike) -> Array:
+        """Where the viewing rays of pixels meet the ground.
+
+        Args:
+            pixels: [..., 2] px.
+
+        Returns:
+            [..., 2] x and y in the world, m; NaN at or above the horizon.
+        """
+        return self._ground(self.params, np.asarray(pixels, dtype=float))
+
+    def ground_from_pixel_sd(self, pixels: npt.ArrayLike, pixel_sd: float = 0.0) -> Array:
+        """Standard deviations of `ground_from_pixel` by what is not known of the camera, to first order.
+
+        Args:
+            pixels: [..., 2] px.
+            pixel_sd: standard deviation of each pixel coordinate itself, px.
+
+        Returns:
+            [..., 2] m; infinite where the camera is not known.
+        """
+        where = np.asarray(pixels, dtype=float)
+        variance = _sds(self._by_camera(lambda params: self._ground(params, where)), self.covariance) ** 2
+        for axis in np.eye(2) * _STEP_PX:
+            by_pixel = (self._ground(self.params, where + axis) - self._ground(self.params, where - axis)) / (2 * _STEP_PX)
+            variance = variance + (by_pixel * pixel_sd) ** 2
+        return np.sqrt(variance)
+
+    def camera_from_world(self) -> Array:
+        """[4, 4] the motion that takes points of the world to the camera's frame (x right, y down, z forward)."""
+        motion = np.eye(4)
+        motion[:3, :3] = _camera_from_world(self.params)
+        motion[:3, 3] = -self.height_m * motion[:3, 2]
+        return motion
+
+    def _sd(self, i: int) -> float:
+        return float(np.sqrt(self.covariance[i, i]))
+
+    def _project(self, params: Array, points: Array) -> Array:
+        in_camera = (points - [0.0, 0.0, np.exp(params[3])]) @ _camera_from_world(params).T
+        z = in_camera[..., 2:]
+        before = np.where(z > _NEAREST_M, z, np.nan)
+        return np.asarray(self.principal_point_px + np.exp(params[0]) / before * in_camera[..., :2])
+
+    def _ground(self, params: Array, pixels: Array) -> Array:
+        slopes = (pixels - np.asarray(self.principal_point_px)) / np.exp(params[0])
+        rays = np.concatenate([slopes, np.ones_like(slopes[..., :1])], axis=-1) @ _camera_from_world(params)
+        falling = np.where(-rays[..., 2:] > _LEAST_FALL, -rays[..., 2:], np.nan)
+        return np.asarray(rays[..., :2] * (np.exp(params[3]) / falling))
+
+    def _by_camera(self, of: Callable[[Array], Array]) -> Array:
+        """[..., 4] derivatives of what `of` makes of the camera's numbers, by them; central differences."""
+        steps = np.eye(4) * _STEP
+        return np.stack([(of(self.params + step) - of(self.params - step)) / (2 * _STEP) for step in steps], axis=-1)
+
+
+def _camera_from_world(params: Array) -> Array:
+    """[3, 3] the rotation; its columns are right, forward and up."""
+    (sin_t, cos_t), (sin_r, cos_r) = ((np.sin(angle), np.cos(angle)) for angle in params[1:3])
+    up = np.array([sin_r * cos_t, -cos_r * cos_t, -sin_t])
+    # Looking straight down, the picture's up direction takes the viewing direction's place.
+    axis = np.array([0.0, 0.0, 1.0]) if np.hypot(up[0], up[1]) > 1e-9 else np.array([0.0, -1.0, 0.0])
+    laid = axis - up * (up @ axis)
+    forward = laid / np.linalg.norm(laid)
+    return np.column_stack([np.cross(forward, up), forward, up])
+
+
+def _points(points: npt.ArrayLike) -> Array:
+    array = np.asarray(points, dtype=float)
+    return np.concatenate([array, np.zeros_like(array[..., :1])], axis=-1) if array.shape[-1] == 2 else array
+
+
+def _sds(derivatives: Array, covariance: Array) -> Array:
+    if not np.isfinite(covariance).all():
+        return np.full(derivatives.shape[:-1], np.inf)
+    return np.asarray(np.sqrt(np.einsum("...i,ij,...j->...", derivatives, covariance, derivatives)))

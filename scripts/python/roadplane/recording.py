@@ -1,0 +1,89 @@
+"""A finished run as a recording for Rerun's viewer: `python -m roadplane.recording RUN FILE.rrd`."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import rerun as rr
+
+from roadplane.camera import Camera
+
+if TYPE_CHECKING:
+    from roadplane.run import Run
+
+
+def record(run: Run, path: Path) -> None:
+    """See `Run.to_rerun`."""
+    unfinished = path.with_name(f".{path.name}.tmp")
+    with rr.RecordingStream("roadplane", recording_id=run.folder.name) as recording:
+        recording.save(unfinished)
+        rr.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        rows = run.tracks()
+        # Each stretch of time has a world of its own; in the recording each begins with its camera.
+        for segment, camera in enumerate(run.cameras):
+            here = rows[rows["segment"] == segment].to_dict("records")
+            _set_time(here[0]["frame"] if here else 0, camera.span_s[0])
+            _log_camera(camera, is_static=len(run.cameras) == 1)
+            for row in here:
+                _set_time(row["frame"], row["time_s"])
+                _log_row(row)
+        for track, frame in rows.groupby("track")["frame"].max().items():
+            rr.set_time("frame", sequence=frame + 1)
+            for entity in (f"world/cars/{track}", f"world/camera/picture/{track}"):
+                rr.log(entity, rr.Clear(recursive=False))
+    os.replace(unfinished, path)
+
+
+def _set_time(frame: int, time_s: float) -> None:
+    rr.set_time("frame", sequence=frame)
+    rr.set_time("time", duration=time_s)
+
+
+def _log_camera(camera: Camera, is_static: bool) -> None:
+    world_from_camera = np.linalg.inv(camera.camera_from_world())
+    place = rr.Transform3D(translation=world_from_camera[:3, 3], mat3x3=world_from_camera[:3, :3])
+    pinhole = rr.Pinhole(focal_length=camera.focal_px, resolution=camera.image_size_px,
+                         principal_point=np.array(camera.principal_point_px) + 0.5)
+    rr.log("world/camera", place, static=is_static)
+    rr.log("world/camera/picture", pinhole, static=is_static)
+
+
+def _log_row(row: dict[Any, Any]) -> None:
+    """A car in a frame; what is filled in between looks is drawn paler."""
+    track = row["track"]
+    paint = (*_colour(track), 255 if row["observed"] else 110)
+    turn = rr.Quaternion(xyzw=[0, 0, math.sin(row["heading_rad"] / 2), math.cos(row["heading_rad"] / 2)])
+    rr.log(f"world/cars/{track}", rr.Boxes3D(centers=[[row["x_m"], row["y_m"], row["height_m"] / 2]],
+                                             sizes=[[row["length_m"], row["width_m"], row["height_m"]]],
+                                             quaternions=[turn], colors=[paint]))
+    corners = [[row[f"bbox_{corner}_px"] for corner in ("x0", "y0", "x1", "y1")]]
+    rr.log(f"world/camera/picture/{track}",
+           rr.Boxes2D(array=np.array(corners) + 0.5, array_format=rr.Box2DFormat.XYXY, colors=[paint]))
+    rr.log(f"speed_mps/{track}", rr.Scalars(row["speed_mps"]))
+
+
+def _colour(track: int) -> tuple[int, int, int]:
+    """One that neighbours do not share."""
+    hue = track * 0.618 % 1 * 2 * math.pi
+    red, green, blue = (int(155 + 95 * math.cos(hue - shift)) for shift in (0, 2.1, 4.2))
+    return red, green, blue
+
+
+def main() -> None:
+    """Writes the recording."""
+    from roadplane.run import load
+
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("run", type=Path, help="folder of the run")
+    parser.add_argument("out", type=Path, help="file to write, .rrd")
+    args = parser.parse_args()
+    record(load(args.run), args.out)
+
+
+if __name__ == "__main__":
+    main()

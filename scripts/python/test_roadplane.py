@@ -1,0 +1,134 @@
+"""The Python package on a finished run of tests/data/lot.mp4, whose folder is ROADPLANE_RUN."""
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import unittest
+from pathlib import Path
+
+import numpy as np
+import tomllib
+
+import roadplane
+from roadplane import Camera
+
+TOP = Path(__file__).parents[2]
+FIXTURE = TOP / "tests/data/geometry.json"
+SCHEMA = TOP / "docs/schemas/tracks.schema.json"
+
+
+class Geometry(unittest.TestCase):
+    """Held to the fixture, as the Rust code is."""
+
+    def test_agrees_with_rust(self) -> None:
+        fixture = json.loads(FIXTURE.read_text())
+        for case in fixture["cases"]:
+            width, height = fixture["image_size_px"]
+            middle = ((width - 1) / 2, (height - 1) / 2)
+            covariance = np.array(case["covariance"])
+            camera = Camera((0, 9), (width, height), middle, np.array(case["params"]), covariance, "estimated")
+            np.testing.assert_allclose(camera.ground_from_pixel(case["pixels"]), case["ground_m"], rtol=1e-9)
+            np.testing.assert_allclose(camera.ground_from_pixel_sd(case["pixels"]), case["ground_sd_m"], rtol=1e-6)
+            np.testing.assert_allclose(camera.project(case["points_m"]), case["points_px"], atol=1e-7)
+            np.testing.assert_allclose(camera.project(case["ground_m"]), case["pixels"], atol=1e-7)
+
+    def test_sds_are_the_spread_of_cameras(self) -> None:
+        case = json.loads(FIXTURE.read_text())["cases"][0]
+        params, covariance = np.array(case["params"]), np.array(case["covariance"]) / 100
+        camera = Camera((0, 9), (1280, 720), (639.5, 359.5), params, covariance, "estimated")
+        random = np.random.default_rng(5)
+        others = [Camera(camera.span_s, camera.image_size_px, camera.principal_point_px, p, covariance, "estimated")
+                  for p in random.multivariate_normal(params, covariance, 4000)]
+        pixels, points = np.array(case["pixels"]), np.array(case["points_m"])
+        clicked = [c.ground_from_pixel(pixels + random.normal(0, 1.5, pixels.shape)) for c in others]
+        np.testing.assert_allclose(np.std(clicked, axis=0), camera.ground_from_pixel_sd(pixels, 1.5), rtol=0.08)
+        np.testing.assert_allclose(np.std([c.project(points) for c in others], axis=0), camera.project_sd(points), rtol=0.08)
+
+    def test_what_has_no_place_is_nan(self) -> None:
+        case = json.loads(FIXTURE.read_text())["cases"][0]
+        unknown = np.diag([np.inf, 1, 1, 1])
+        camera = Camera((0, 9), (1280, 720), (639.5, 359.5), np.array(case["params"]), unknown, "unobservable")
+        self.assertTrue(np.isnan(camera.ground_from_pixel([640, -900])).all())
+        self.assertTrue(np.isnan(camera.project([0, -30, 0])).all())
+        self.assertTrue(np.isinf(camera.ground_from_pixel_sd([[640, 700]])).all())
+        self.assertEqual(camera.project([[[1, 20, 0]]]).shape, (1, 1, 2))
+
+
+class FinishedRun(unittest.TestCase):
+    """Everything that a run holds."""
+
+    def setUp(self) -> None:
+        self.run_folder = Path(os.environ["ROADPLANE_RUN"])
+        self.found = roadplane.load(self.run_folder)
+
+    def test_tracks_are_those_of_the_file(self) -> None:
+        tracks = self.found.tracks()
+        lines = [json.loads(line) for line in (self.run_folder / "tracks.jsonl").read_text().splitlines()]
+        self.assertEqual(len(tracks), len(lines))
+        for column in ("frame", "track", "x_m", "heading_rad", "x_sd_m", "observed", "class", "segment"):
+            self.assertEqual(tracks[column].tolist(), [line[column] for line in lines], column)
+        known = json.loads(SCHEMA.read_text())["properties"]
+        self.assertFalse([name for name in tracks if name not in known and not name.startswith("bbox_")])
+        polars = self.found.tracks("polars")
+        self.assertEqual(polars.columns, list(tracks))
+        self.assertEqual(polars["x_m"].to_list(), tracks["x_m"].tolist())
+
+    def test_camera_is_that_of_the_file(self) -> None:
+        camera, file = self.found.camera, json.loads((self.run_folder / "camera.json").read_text())
+        for name in ("focal_px", "height_m", "tilt_rad", "roll_rad"):
+            self.assertAlmostEqual(getattr(camera, name), file[name], places=5)
+            sd = name.replace("_px", "_sd_px").replace("_m", "_sd_m").replace("_rad", "_sd_rad")
+            self.assertAlmostEqual(getattr(camera, sd) / file[sd], 1, places=3)
+        normal = np.linalg.inv(camera.camera_from_world().T)[:3, 2]
+        np.testing.assert_allclose(normal, file["plane_in_camera"]["normal"], atol=1e-5)
+
+    def test_cars_stand_where_their_boxes_are(self) -> None:
+        rows = self.found.tracks().query("observed")
+        pixels = self.found.camera.project(rows[["x_m", "y_m"]].to_numpy())
+        inside = [(pixels[:, i] > rows[f"bbox_{a}0_px"]) & (pixels[:, i] < rows[f"bbox_{a}1_px"]) for i, a in enumerate("xy")]
+        self.assertGreater((inside[0] & inside[1]).mean(), 0.95)
+
+    def test_events(self) -> None:
+        events, lines = self.found.events(), (self.run_folder / "activities.jsonl").read_text().splitlines()
+        self.assertEqual(events.to_dict("records"), [json.loads(line) for line in lines])
+        self.assertEqual(self.found.events("polars").rows(), [tuple(json.loads(line).values()) for line in lines])
+
+    def test_birds_eye_has_every_track(self) -> None:
+        ax = self.found.plot_birds_eye()
+        self.assertEqual({text.get_text() for text in ax.texts}, {str(track) for track in self.found.tracks()["track"].unique()})
+        self.assertIs(self.found.plot_birds_eye(ax), ax)
+
+    def test_rerun_takes_the_recording(self) -> None:
+        with tempfile.TemporaryDirectory() as folder:
+            path = self.found.to_rerun(Path(folder) / "lot.rrd")
+            rerun = Path(sys.executable).with_name("rerun")
+            subprocess.run([rerun, "rrd", "verify", path], check=True, capture_output=True)
+            listed = subprocess.run([rerun, "rrd", "print", path], check=True, capture_output=True, text=True).stdout
+            for track in self.found.tracks()["track"].unique():
+                self.assertIn(f"/world/cars/{track}", listed)
+            self.assertEqual([p.name for p in Path(folder).iterdir()], ["lot.rrd"])
+
+    def test_what_is_no_run_is_named(self) -> None:
+        with self.assertRaisesRegex(FileNotFoundError, "no finished run"):
+            roadplane.load(TOP / "tests")
+
+
+class Packaging(unittest.TestCase):
+    """What is written down twice."""
+
+    def test_the_runtime_is_that_of_the_setup(self) -> None:
+        pinned = tomllib.loads((TOP / "pyproject.toml").read_text())["project"]["dependencies"]
+        setup = (TOP / "scripts/setup").read_text()
+        version = next(line.partition("=")[2] for line in setup.splitlines() if line.startswith("readonly ORT_VERSION="))
+        self.assertIn(f"onnxruntime=={version}", pinned)
+
+    def test_all_models_came_along(self) -> None:
+        installed = Path(roadplane.__file__).parent / "models"
+        self.assertNotIn(TOP / "scripts", installed.parents)
+        self.assertEqual(sorted(p.name for p in installed.iterdir()), sorted(p.name for p in (TOP / "models").iterdir()))
+
+
+if __name__ == "__main__":
+    unittest.main()
