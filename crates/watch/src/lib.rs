@@ -32,7 +32,7 @@ pub use background::Background;
 pub use changes::{CELL_PX, Cells, ChangeMap};
 pub use place::PlacePicture;
 pub use small::SmallGrey;
-pub use watcher::{Seen, Watcher};
+pub use watcher::{RENEW_S, Seen, Watcher};
 
 /// A picture that OpenCV cannot work on: a bug, or no memory left.
 #[derive(Debug, thiserror::Error)]

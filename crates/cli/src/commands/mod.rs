@@ -17,6 +17,7 @@ pub mod distance;
 pub mod doctor;
 pub mod eval;
 pub mod export;
+pub mod pieces;
 pub mod render;
 pub mod run;
 pub mod schemas;
@@ -35,6 +36,14 @@ pub fn manual(out: &Path) -> anyhow::Result<Outcome> {
     clap_mangen::generate_to(Cli::command(), out)
         .with_context(|| format!("the manual cannot be written to {}", out.display()))?;
     Ok(Outcome::Done)
+}
+
+/// A focal length given on the command line must be one.
+fn check_focal(focal_px: Option<f64>) -> Result<(), PipelineError> {
+    if focal_px.is_some_and(|f| !(f.is_finite() && f > 0.0)) {
+        return Err(PipelineError::usage("--focal-px must be a positive number"));
+    }
+    Ok(())
 }
 
 /// The configuration that the arguments ask for.

@@ -43,7 +43,7 @@ pub fn activity(args: &ActivityArgs, cancel: &Cancel) -> anyhow::Result<Outcome>
 /// Frames with keypoints → poses and camera.
 pub fn solve(args: &SolveArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let config = super::config(&args.config)?;
-    check_focal(args.focal_px)?;
+    super::check_focal(args.focal_px)?;
     let options =
         SolveOptions { focal_px: args.focal_px, use_plane: !args.no_plane, per_frame: args.per_frame };
     solve_file(&args.frames, &args.out, &options, &config, cancel)?;
@@ -53,7 +53,7 @@ pub fn solve(args: &SolveArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
 /// Frames with keypoints → tracks.
 pub fn track(args: &TrackArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let config = super::config(&args.config)?;
-    check_focal(args.focal_px)?;
+    super::check_focal(args.focal_px)?;
     let (out, stem) = (args.out.parent().unwrap_or_else(|| Path::new("")), stem_of_folder(&args.out));
     let out = if out.as_os_str().is_empty() { Path::new(".") } else { out };
     let _lock = FolderLock::acquire(out).map_err(PipelineError::from)?;
@@ -66,11 +66,4 @@ pub fn track(args: &TrackArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
 
 fn stem_of_folder(folder: &Path) -> String {
     folder.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default()
-}
-
-fn check_focal(focal_px: Option<f64>) -> Result<(), PipelineError> {
-    if focal_px.is_some_and(|f| !(f.is_finite() && f > 0.0)) {
-        return Err(PipelineError::usage("--focal-px must be a positive number"));
-    }
-    Ok(())
 }
