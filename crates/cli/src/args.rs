@@ -5,12 +5,14 @@ pub mod copy;
 pub mod eval;
 pub mod export;
 pub mod known;
+pub mod pieces;
 pub mod site;
 pub mod synth;
 
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use roadplane_pipeline::Span;
 
 /// Metric 3D tracks of cars from surveillance video of a camera that nobody calibrated.
 #[derive(Debug, Parser)]
@@ -41,6 +43,10 @@ pub enum LogFormat {
 pub enum Command {
     /// The main job: video in; camera, 3D tracks, poses and a report out.
     Run(RunArgs),
+    /// Lists the pieces in which long inputs are worked on, a JSON line each.
+    Plan(pieces::PlanArgs),
+    /// Joins the pieces of an input (`run --piece`) to the result of a run over it all.
+    Join(pieces::JoinArgs),
     /// Finds vehicles: writes one JSON line a frame.
     Detect(DetectArgs),
     /// Finds the keypoints of given boxes: writes one JSON line a frame.
@@ -117,6 +123,10 @@ pub struct RunArgs {
     #[command(flatten)]
     #[allow(missing_docs)]
     pub site: site::SiteArgs,
+    /// Works on one piece of a long input only, FROM-TO or FROM- in seconds as `roadplane plan` lists them: the frames go to
+    /// DIR/<stem>.piece-<from>/, which `roadplane join` needs.
+    #[arg(long, value_name = "FROM-TO", conflicts_with_all = ["cameras", "video", "frames", "background"])]
+    pub piece: Option<Span>,
     /// Inputs worked on at the same time.
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=256))]
     pub jobs: u16,

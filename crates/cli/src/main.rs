@@ -35,6 +35,8 @@ fn main() -> ExitCode {
         Command::Copy(args) => commands::copy::copy(args, &cancel),
         Command::Export(args) => commands::export::export(args),
         Command::Bench(args) => commands::bench::bench(args, &cancel),
+        Command::Plan(args) => commands::pieces::plan(args),
+        Command::Join(args) => commands::pieces::join(args, &cancel),
         Command::Detect(args) => commands::stages::detect(args, &cancel),
         Command::Keypoints(args) => commands::stages::keypoints(args, &cancel),
         Command::Solve(args) => commands::stages::solve(args, &cancel),

@@ -52,6 +52,23 @@ pub struct Input {
 /// # Errors
 /// [`DecodeError`] when it is no media, cannot be read, is over a limit, or gives not a single frame.
 pub fn open(path: &Path, options: &DecodeOptions) -> Result<Input, DecodeError> {
+    open_source(path, options, None)
+}
+
+/// Opens a part of a long clip, from the options' start to their end: in a video whose times show which frame is which it goes
+/// there without decoding what is before. Frames and losses are counted from `counted_from_s` on.
+///
+/// # Errors
+/// As [`open`].
+pub fn open_part(path: &Path, options: &DecodeOptions, counted_from_s: f64) -> Result<Input, DecodeError> {
+    open_source(path, options, Some(counted_from_s))
+}
+
+fn open_source(
+    path: &Path,
+    options: &DecodeOptions,
+    counted_from_s: Option<f64>,
+) -> Result<Input, DecodeError> {
     options.check()?;
     let mut report = DecodeReport::default();
     let metadata =
@@ -63,7 +80,11 @@ pub fn open(path: &Path, options: &DecodeOptions) -> Result<Input, DecodeError> 
         if content.is_image() {
             (Source::Images(Images::single(path)), InputKind::Image)
         } else {
-            (Source::Video(Box::new(Video::open(path, content, options)?)), InputKind::Video(content))
+            let mut video = Video::open(path, content, options)?;
+            if let Some(counted_from_s) = counted_from_s {
+                video.begin_part(options.start_s, counted_from_s)?;
+            }
+            (Source::Video(Box::new(video)), InputKind::Video(content))
         }
     };
     let Some(first) = source.next(options, &mut report, &mut |_| true)? else {
@@ -168,6 +189,12 @@ impl Input {
     #[must_use]
     pub fn size(&self) -> ImageSize {
         self.size
+    }
+
+    /// Whether a part was gone to without decoding what is before.
+    #[must_use]
+    pub fn is_begun_within(&self) -> bool {
+        matches!(&self.source, Source::Video(video) if video.begun_within)
     }
 
     /// Frames that the input is said to hold: an estimate for progress, not to be relied on.

@@ -20,7 +20,7 @@ mod structure;
 mod video;
 
 pub use error::DecodeError;
-pub use input::{Decoded, Input, InputKind, open};
+pub use input::{Decoded, Input, InputKind, open, open_part};
 pub use library::{backends, library_version};
 pub use options::DecodeOptions;
 pub use report::{DecodeReport, Stretch};

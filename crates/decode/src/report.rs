@@ -1,6 +1,6 @@
 //! What became of an input's frames.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// Stretches of damage that are listed one by one; later ones are only counted.
 const MAX_STRETCHES: usize = 100;
@@ -8,7 +8,7 @@ const MAX_STRETCHES: usize = 100;
 const MAX_WARNINGS: usize = 20;
 
 /// A run of consecutive frames that were lost.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Stretch {
     /// Index of the first frame lost.
     pub first_frame: u64,
@@ -19,7 +19,7 @@ pub struct Stretch {
 }
 
 /// What became of an input's frames; complete once the input is read to its end.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct DecodeReport {
     /// Frames that the input holds, or held before it was cut, as far as it was read.
     pub expected: u64,
@@ -73,6 +73,12 @@ impl DecodeReport {
             self.damaged_stretches.clear();
             self.damaged_stretch_count = 0;
         }
+    }
+
+    /// What was so far is another's to count.
+    pub(crate) fn begin_here(&mut self) {
+        let warnings = std::mem::take(&mut self.warnings);
+        *self = Self { warnings, ..Self::default() };
     }
 
     pub(crate) fn decoded_one(&mut self) {

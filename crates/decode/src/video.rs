@@ -26,6 +26,11 @@ const FALLBACK_FPS: f64 = 30.0;
 /// Most frames that a container is believed to promise: a year at 30 frames/s.
 const MAX_PROMISED: f64 = 1e9;
 
+/// Frames that come within this share of a step of where a steady rate has them are known by their times.
+const STEADY_RATE: f64 = 0.05;
+/// Decoding begins so long before a part, s: it goes on at a key frame.
+const LEAD_S: f64 = 0.5;
+
 /// Longest gap in a container without a frame count that is taken for damage and not for a pause, s.
 const MAX_GAP_S: f64 = 10.0;
 
@@ -43,6 +48,12 @@ pub(crate) struct Video {
     promised: Option<u64>,
     size: Option<(u32, u32)>,
     bgr: Mat,
+    /// Frames and losses are counted from here on, s; `None` once they are.
+    counted_from_s: Option<f64>,
+    /// Frames before the first that is counted.
+    uncounted: u64,
+    /// Reading began within the file.
+    pub(crate) begun_within: bool,
 }
 
 impl Video {
@@ -54,7 +65,7 @@ impl Video {
             .canonicalize()
             .map_err(|source| DecodeError::Unreadable { source, path: path.to_path_buf() })?;
         let name = absolute.to_str().ok_or_else(|| not_media("its path is not UTF-8"))?;
-        let capture = VideoCapture::from_file(name, CAP_FFMPEG).map_err(library)?;
+        let capture = captured(name)?;
         if !capture.is_opened().map_err(library)? {
             let what = if is_cut_short(path, content) {
                 "it ends early, before what is needed to decode it"
@@ -79,8 +90,50 @@ impl Video {
             promised: (1.0..=MAX_PROMISED).contains(&promised).then_some(promised as u64),
             size: None,
             bgr: Mat::default(),
+            counted_from_s: None,
+            uncounted: 0,
+            begun_within: false,
             capture,
         })
+    }
+
+    /// Goes on at about `start_s` where the stream's times tell which frame that is, and counts from `counted_from_s` on.
+    pub(crate) fn begin_part(&mut self, start_s: f64, counted_from_s: f64) -> Result<(), DecodeError> {
+        self.counted_from_s = Some(counted_from_s);
+        let to_s = start_s - LEAD_S;
+        if to_s <= LEAD_S {
+            return Ok(());
+        }
+        match self.jump(to_s, start_s) {
+            Some((index, millis)) => {
+                self.begun_within = true;
+                self.next_index = index + 1;
+                self.clock.tick(millis);
+            }
+            None => {
+                tracing::info!("frames do not come at a steady rate: everything before {start_s} s is read");
+                self.capture = captured(self.path.to_str().unwrap_or_default())?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Goes to a frame between two times; its index and time, ms, where they are beyond doubt.
+    fn jump(&mut self, from_s: f64, before_s: f64) -> Option<(u64, f64)> {
+        let step = 1e3 / self.fps;
+        let millis = |capture: &mut VideoCapture| {
+            let grabbed = capture.grab().ok()?;
+            capture.get(CAP_PROP_POS_MSEC).ok().filter(|_| grabbed)
+        };
+        let first = millis(&mut self.capture)?;
+        // The next frame tells whether the rate is what the container says.
+        let second = millis(&mut self.capture)?;
+        let is_steady = |steps: f64| (steps - steps.round()).abs() <= STEADY_RATE;
+        self.capture.set(CAP_PROP_POS_MSEC, 1e3 * from_s).ok()?;
+        let here = millis(&mut self.capture)?;
+        let steps = (here - first) / step;
+        let known = is_steady((second - first) / step) && is_steady(steps) && steps >= 1.0;
+        (known && here < 1e3 * before_s).then_some((steps.round() as u64, here))
     }
 
     /// Frames that the container promises: an estimate, for progress only.
@@ -113,6 +166,11 @@ impl Video {
             }
             failed = 0;
             let stamp = self.stamp(report);
+            if self.counted_from_s.is_some_and(|from_s| stamp.time_s() >= from_s) {
+                self.counted_from_s = None;
+                self.uncounted = stamp.index - self.gap.map_or(0, |(_, frames, _)| frames);
+                report.begin_here();
+            }
             match options.verdict(stamp.index, stamp.pts_nanos, report.delivered) {
                 Verdict::Over => return Ok(None),
                 Verdict::Skip => report.decoded_one(),
@@ -201,22 +259,27 @@ impl Video {
         report.cut_short = is_cut_short(&self.path, self.content);
         let packets = self.path.to_str().and_then(Packets::read).unwrap_or_default();
         report.broken_packets = packets.broken;
-        let seen = report.expected;
+        let seen = self.uncounted + report.expected;
+        let decoded = self.uncounted + report.decoded;
         // Frames that an edit list leaves out are neither shown nor lost; which they are, OpenCV does not say.
         let trimmed = self.content == Content::Mp4 && is_trimmed(&self.path);
         let held = match self.promised {
             Some(promised) if self.counts_frames() || report.cut_short => promised.max(packets.count),
             _ => packets.count,
         };
-        if self.counts_frames() && !trimmed && held < seen && held >= report.decoded {
+        if self.counts_frames() && !trimmed && held < seen && held >= decoded {
             // A variable frame rate, not damage, made the gaps.
-            report.forget_gaps(held - report.decoded);
+            report.forget_gaps(held - decoded);
         }
-        let absent = held.saturating_sub(report.expected);
+        let absent = held.saturating_sub(self.uncounted + report.expected);
         if absent > 0 && !trimmed {
             report.lost(self.next_index, absent, self.clock.last_s());
         }
     }
+}
+
+fn captured(name: &str) -> Result<VideoCapture, DecodeError> {
+    VideoCapture::from_file(name, CAP_FFMPEG).map_err(library)
 }
 
 fn library(error: opencv::Error) -> DecodeError {

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use roadplane_activity::ActivityNet;
 use roadplane_base::{FrameStamp, PictureVerdict};
-use roadplane_decode::{DecodeReport, Input, InputKind, open};
+use roadplane_decode::{DecodeReport, Input, InputKind, open, open_part};
 use roadplane_detect::{Attention, Detector};
 use roadplane_infer::{Session, SessionOptions};
 use roadplane_keypoints::{KeypointNet, Schedule};
@@ -13,6 +13,7 @@ use roadplane_write::ModelSummary;
 
 use crate::activities::open_activity;
 use crate::flow::{Stage, StageTime, Work, flow};
+use crate::piece::Span;
 use crate::scene_lines::LineFinder;
 use crate::{Cancel, Config, PipelineError, Progress};
 
@@ -109,6 +110,14 @@ pub struct Streamed {
 /// [`PipelineError::Decode`] when it cannot be used.
 pub fn open_input(input: &Path, config: &Config) -> Result<Input, PipelineError> {
     Ok(open(input, &config.decode)?)
+}
+
+/// Opens what a piece of an input needs, and counts what is its own.
+///
+/// # Errors
+/// [`PipelineError::Decode`] when it cannot be used.
+pub fn open_input_part(input: &Path, piece: &Span, config: &Config) -> Result<Input, PipelineError> {
+    Ok(open_part(input, &piece.options(&config.decode), piece.from_s as f64)?)
 }
 
 /// When pictures are looked at, and when what is remembered of them ends: by a frame's place and time in the input alone, so

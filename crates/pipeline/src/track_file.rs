@@ -9,8 +9,9 @@ use roadplane_write::{
 };
 
 use crate::clip::{ClipSolution, solve_clip};
+use crate::finish::note_solution;
 use crate::identity::{file_identity, versions};
-use crate::run::{RunReport, note_solution};
+use crate::run::RunReport;
 use crate::{Cancel, Config, Known, PipelineError};
 
 /// Tracks the cars of a frames file into `out/<stem>/`: camera, poses, tracks and summary as a run leaves them. Hold the lock of

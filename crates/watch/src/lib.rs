@@ -36,7 +36,7 @@ pub use changes::{CELL_PX, Cells, ChangeMap};
 pub use lines::scene_lines;
 pub use place::PlacePicture;
 pub use small::SmallGrey;
-pub use watcher::{Seen, Watcher};
+pub use watcher::{RENEW_S, Seen, Watcher};
 
 /// A picture that OpenCV cannot work on: a bug, or no memory left.
 #[derive(Debug, thiserror::Error)]

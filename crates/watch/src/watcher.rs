@@ -45,6 +45,11 @@ const AVERAGED: f64 = 180.0;
 /// Blocks with structure below which the picture cannot tell.
 const MIN_BLOCKS: usize = 8;
 
+/// What is remembered is at most so old, s of the input, counted from its start …
+const MINUTE_S: f64 = 60.0;
+/// … and so much when it begins to be used, s: the time over which the middle of the shake is averaged.
+pub const RENEW_S: f64 = 20.0;
+
 /// What the watcher makes of a frame.
 #[derive(Clone, Debug)]
 pub struct Seen {
@@ -85,10 +90,9 @@ struct Suspicion {
     is_motion: bool,
 }
 
-/// Watches a clip, frame by frame.
+/// A position of the camera: the background there, and how pictures lie on it.
 #[derive(Clone, Debug, Default)]
-pub struct Watcher {
-    blindness: Blindness,
+struct Position {
     reference: Option<Reference>,
     /// The last pictures against the background.
     recent: VecDeque<Laid>,
@@ -97,6 +101,15 @@ pub struct Watcher {
     /// Pictures that the average is of.
     averaged: f64,
     suspicion: Option<Suspicion>,
+}
+
+/// Watches a clip, frame by frame.
+#[derive(Clone, Debug, Default)]
+pub struct Watcher {
+    blindness: Blindness,
+    position: Position,
+    /// What will take its place, and the minute from which on.
+    next: Option<(u64, Position)>,
     last: WatchRecord,
 }
 
@@ -131,14 +144,19 @@ impl Watcher {
         if let Some(verdict) = blind {
             record.verdict = verdict;
         } else {
-            let before = self.reference.is_some();
-            self.settle(stamp, &small, &mut record);
+            self.renew(stamp.time_s());
+            let before = self.position.reference.is_some();
+            let picture = Prepared::of(&small);
+            self.position.settle(stamp, &small, &picture, &mut record);
+            if let Some((_, next)) = &mut self.next {
+                next.settle(stamp, &small, &picture, &mut WatchRecord::default());
+            }
             is_new_position = before && record.moved.is_some_and(|m| m.kind != MoveKind::Moving);
             // What is unsettled may be a slow swing, and is where it is until a move is told.
             if matches!(record.verdict, PictureVerdict::Rest | PictureVerdict::Unsettled)
-                && let Some(alignment) = self.recent.back().and_then(|laid| laid.alignment)
+                && let Some(alignment) = self.position.recent.back().and_then(|laid| laid.alignment)
             {
-                shift = alignment.shift - self.origin;
+                shift = alignment.shift - self.position.origin;
                 let offset = shift * small.factor as f64;
                 if offset.norm() >= LEAST_OFFSET_PX {
                     record.offset_px = [offset.x, offset.y].map(|v| (v * 100.0).round() / 100.0);
@@ -149,28 +167,46 @@ impl Watcher {
         Ok(Seen { record, small, shift, is_new_position })
     }
 
+    /// Begins what is to come, and lets it take over as soon as neither suspects a move.
+    fn renew(&mut self, time_s: f64) {
+        let minute = (time_s / MINUTE_S).max(0.0) as u64;
+        if let Some((from, next)) = &mut self.next
+            && minute >= *from
+            && next.reference.is_some()
+            && next.suspicion.is_none()
+            && self.position.suspicion.is_none()
+        {
+            self.position = std::mem::take(next);
+            self.next = None;
+        }
+        if self.next.is_none() && time_s - minute as f64 * MINUTE_S >= MINUTE_S - RENEW_S {
+            self.next = Some((minute + 1, Position::default()));
+        }
+    }
+}
+
+impl Position {
     /// Finds the verdict on a picture that shows something.
-    fn settle(&mut self, stamp: FrameStamp, small: &SmallGrey, record: &mut WatchRecord) {
+    fn settle(&mut self, stamp: FrameStamp, small: &SmallGrey, picture: &Prepared, record: &mut WatchRecord) {
         let moved = (MOVED_PX / small.factor as f64).max(MOVED_SMALL_PX);
-        let picture = Prepared::of(small);
         let reference = match &mut self.reference {
             Some(reference) if reference.fine().size() == (small.width, small.height) => reference,
-            slot => slot.insert(Reference::new(&picture)),
+            slot => slot.insert(Reference::new(picture)),
         };
         if reference.fine().block_count() < MIN_BLOCKS {
             // A first picture without structure (night, fog) is no background for one that has some, all over: not for a car
             // on a bare road.
-            let fresh = Reference::new(&picture);
+            let fresh = Reference::new(picture);
             if fresh.fine().is_structured_all_over() {
                 *reference = fresh;
             } else {
-                let told = reference.told(&picture);
-                reference.follow(&picture, &told, stamp.time_s());
+                let told = reference.told(picture);
+                reference.follow(picture, &told, stamp.time_s());
                 record.verdict = PictureVerdict::Unknown;
                 return;
             }
         }
-        let told = reference.told(&picture);
+        let told = reference.told(picture);
         let laid = laid(reference, stamp, &told.fine, self.origin);
         self.recent.push_back(laid);
         let since_s = stamp.time_s() - MEDIAN_S;
@@ -187,7 +223,7 @@ impl Watcher {
                     self.averaged = (self.averaged + 1.0).min(AVERAGED);
                     self.origin += (alignment.shift - self.origin) / self.averaged;
                     if (alignment.shift).norm() < moved {
-                        reference.follow(&picture, &told, stamp.time_s());
+                        reference.follow(picture, &told, stamp.time_s());
                     }
                 }
             }
@@ -195,7 +231,7 @@ impl Watcher {
                 // It began with the first of the last pictures that lies off.
                 let off = |l: &&Laid| l.displacement > 0.5 * moved;
                 let since = self.recent.iter().rev().take_while(off).last().map_or(stamp, |l| l.stamp);
-                let candidate = Candidate::new(&picture, stamp, since);
+                let candidate = Candidate::new(picture, stamp, since);
                 self.suspicion = Some(Suspicion { since, candidate, left: 0, is_motion: false });
                 record.verdict = PictureVerdict::Unsettled;
             }
@@ -208,10 +244,10 @@ impl Watcher {
                 record.verdict =
                     if suspicion.is_motion { PictureVerdict::Moving } else { PictureVerdict::Unsettled };
                 let candidate = &mut suspicion.candidate;
-                let told = candidate.reference.told(&picture);
+                let told = candidate.reference.told(picture);
                 candidate.laid.push(self::laid(&candidate.reference, stamp, &told.fine, Vector2::zeros()));
                 if candidate.is_left(moved) {
-                    *candidate = Candidate::new(&picture, stamp, stamp);
+                    *candidate = Candidate::new(picture, stamp, stamp);
                     suspicion.left += 1;
                 } else if candidate.holds(stamp, moved) {
                     let since = if suspicion.is_motion { candidate.since } else { suspicion.since };

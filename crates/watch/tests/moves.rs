@@ -5,7 +5,8 @@
 mod made;
 
 use made::{Grey, Made, Place, Played, Told, View, watched};
-use roadplane_base::{MoveKind, PictureVerdict};
+use roadplane_base::{FrameStamp, MoveKind, PictureVerdict, WatchRecord};
+use roadplane_watch::{RENEW_S, Watcher};
 
 const STRIDES: [u64; 2] = [1, 3];
 const ALL: [u64; 12] = [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12];
@@ -246,5 +247,40 @@ fn dense_traffic_is_rest() {
     for told in told {
         let verdicts = told.between(0.0, 8.0);
         assert!(verdicts.iter().all(|v| *v == PictureVerdict::Rest), "stride {}: {verdicts:?}", told.stride);
+    }
+}
+
+#[test]
+fn what_was_before_the_last_minute_does_not_matter() {
+    let place = Made::new(11);
+    // Shaken, and turned by a little in the first minute.
+    let view = |t: f64| {
+        let swing = 1.5 * (std::f64::consts::TAU * 0.7 * t).sin();
+        View::shifted(if t < 30.0 { 4.0 } else { 0.0 } + swing, 0.5 * swing)
+    };
+    let from = |from_s: f64| {
+        let mut watcher = Watcher::new();
+        let mut told = Vec::new();
+        for frame in (0..(125.0 * place.fps()) as u64).step_by(6) {
+            let time_s = frame as f64 / place.fps();
+            if time_s < from_s {
+                continue;
+            }
+            let stamp = FrameStamp { index: frame, pts_nanos: (time_s * 1e9).round() as i64 };
+            let picture = place.at(frame).seen(place.picture(), view(time_s)).noisy(frame);
+            let seen = watcher.look(stamp, &picture.rgb()).unwrap();
+            told.push((time_s, seen.record, [seen.shift.x, seen.shift.y]));
+        }
+        told
+    };
+    let whole = from(0.0);
+    assert!(whole.iter().any(|(_, record, _)| record.moved.is_some()), "the turn is told");
+    for minute_s in [60.0, 120.0] {
+        let piece = from(minute_s - RENEW_S - 1.0);
+        let after = |told: &[(f64, WatchRecord, [f64; 2])]| {
+            told.iter().filter(|(time_s, ..)| *time_s >= minute_s).cloned().collect::<Vec<_>>()
+        };
+        assert!(after(&piece).len() > 20);
+        assert_eq!(after(&piece), after(&whole), "from {minute_s} s on");
     }
 }

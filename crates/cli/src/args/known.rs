@@ -44,4 +44,18 @@ impl KnownArgs {
             lengths: self.known.as_deref(),
         })
     }
+
+    /// The same, `remembering` a camera beside it.
+    ///
+    /// # Errors
+    /// As [`Known::new`]; [`PipelineError::Usage`] for a focal length without an sd beside a remembered camera: cars before one that is
+    /// taken as it is say nothing that could be remembered of another.
+    pub fn read_beside(&self, remembering: bool) -> Result<Known, PipelineError> {
+        let known = self.read()?;
+        if remembering && known.focal_px().is_some() {
+            let what = "--cameras remembers what cars say of the focal length: give it an sd, e.g. --focal-px 1500±2%";
+            return Err(PipelineError::usage(what));
+        }
+        Ok(known)
+    }
 }

@@ -17,6 +17,7 @@ pub mod distance;
 pub mod doctor;
 pub mod eval;
 pub mod export;
+pub mod pieces;
 pub mod render;
 pub mod run;
 pub mod schemas;

@@ -6,7 +6,7 @@ use std::sync::Mutex;
 use crossbeam_channel::bounded;
 use roadplane_pipeline::{
     CameraMemory, Cancel, Existing, Fault, FolderLock, PipelineError, RunOptions, RunReport, find_models,
-    run_input, stem_of,
+    run_input, run_piece, stem_of,
 };
 
 use crate::Outcome;
@@ -17,12 +17,9 @@ use crate::progress::Bar;
 /// Runs all inputs; one that is lost does not keep the others from being done.
 pub fn run(args: &RunArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let config = super::config(&args.config)?;
-    let known = args.known.read()?;
-    if known.focal_px().is_some() && args.cameras.is_some() {
-        // Cars before a focal length that is taken as it is say nothing that could be remembered of another.
-        let what =
-            "--cameras remembers what cars say of the focal length: give it an sd, e.g. --focal-px 1500±2%";
-        return Err(PipelineError::usage(what).into());
+    let known = args.known.read_beside(args.cameras.is_some())?;
+    if args.piece.is_some() && args.inputs.len() > 1 {
+        return Err(PipelineError::usage("--piece is of one input").into());
     }
     let stems: Vec<String> = args.inputs.iter().map(|input| stem_of(input)).collect();
     for (i, stem) in stems.iter().enumerate() {
@@ -79,7 +76,10 @@ pub fn run(args: &RunArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
                         tracing::info_span!(target: "roadplane_ids", "input", clip = name, camera).entered();
                     let progress = Counted { bar: Bar::new(&name), metrics };
                     metrics.begin();
-                    let result = run_input(input, &args.out, options, config, cancel, &progress);
+                    let result = match args.piece {
+                        Some(piece) => run_piece(input, piece, &args.out, options, config, cancel, &progress),
+                        None => run_input(input, &args.out, options, config, cancel, &progress),
+                    };
                     metrics.end(&result);
                     if let Ok(mut worst) = worst.lock() {
                         worst.note(input, result);

@@ -136,7 +136,7 @@ impl Grey {
         self
     }
 
-    fn rgb(&self) -> RgbImage {
+    pub fn rgb(&self) -> RgbImage {
         let mut image = RgbImage::new(self.width as u32, self.height as u32);
         for (pixel, value) in image.chunks_exact_mut(3).zip(&self.values) {
             pixel.fill(*value);

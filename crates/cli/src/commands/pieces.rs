@@ -1,0 +1,60 @@
+//! `roadplane plan`, `roadplane join`: long inputs in pieces.
+
+use std::io::{Write as _, stdout};
+
+use roadplane_pipeline::{
+    CameraMemory, Cancel, Existing, FolderLock, PipelineError, RunOptions, find_models, inputs_of,
+    join_pieces, plan as plan_input,
+};
+
+use crate::Outcome;
+use crate::args::pieces::{JoinArgs, PlanArgs};
+use crate::progress::Bar;
+
+/// Lists the pieces of all inputs; one that is lost does not keep the others from being listed.
+pub fn plan(args: &PlanArgs) -> anyhow::Result<Outcome> {
+    let config = super::config(&args.config)?;
+    let mut lost = None;
+    for input in &args.inputs {
+        match plan_input(input, args.piece_s, &config) {
+            Ok(pieces) => {
+                for piece in pieces {
+                    writeln!(stdout(), "{}", serde_json::to_string(&piece)?)?;
+                }
+            }
+            Err(error) => {
+                if let Some(before) = lost.replace(error) {
+                    tracing::error!("{before}");
+                }
+            }
+        }
+    }
+    lost.map_or(Ok(Outcome::Done), |error| Err(error.into()))
+}
+
+/// Pieces → the result of a run over all of them.
+pub fn join(args: &JoinArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
+    let config = super::config(&args.config)?;
+    let known = args.known.read_beside(args.cameras.is_some())?;
+    let models = find_models(config.models.folder.as_deref())?;
+    let _lock = FolderLock::acquire(&args.out).map_err(PipelineError::from)?;
+    let cameras = match (&args.cameras, &args.camera_id) {
+        (Some(folder), Some(id)) => Some(CameraMemory::open(folder, id, &inputs_of(&args.pieces)?)?),
+        _ => None,
+    };
+    let options = RunOptions {
+        known,
+        cameras,
+        existing: if args.overwrite { Existing::Overwrite } else { Existing::Refuse },
+        resume: args.resume,
+        frames: args.frames,
+        ..RunOptions::new(models)
+    };
+    let report = join_pieces(&args.pieces, &args.out, &options, &config, cancel, &Bar::new("join"))?;
+    if let Some(cameras) = &options.cameras {
+        cameras.learn(&report.folder)?;
+    }
+    let tracks = report.tracks.map_or_else(String::new, |n| format!("{n} tracks, "));
+    tracing::info!("{tracks}{}: {}", report.camera, report.folder.display());
+    Ok(if report.damaged { Outcome::Damaged } else { Outcome::Done })
+}

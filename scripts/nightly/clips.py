@@ -1,0 +1,62 @@
+"""Which clips there are, whose camera they are of, and when they were recorded."""
+
+import datetime
+import json
+import re
+from pathlib import Path
+
+# Every file of the folder is somebody's clip unless its name says that it goes with one: what is no video is told on the page.
+BESIDE = {".txt", ".json", ".csv", ".md", ".xml", ".srt", ".sha256", ".part", ".tmp"}
+TIME = re.compile(r"(20\d\d)[-_.]?(\d\d)[-_.]?(\d\d)[-_.T ]?(\d\d)[-_.:]?(\d\d)[-_.:]?(\d\d)")
+
+
+def clips_in(inputs):
+    """Path of every clip by the name of its result; `inputs` is a folder, or a text file with a path a line."""
+    inputs = Path(inputs)
+    if inputs.is_dir():
+        paths = sorted(p for p in inputs.iterdir() if not p.name.startswith(".") and p.suffix.lower() not in BESIDE)
+    elif inputs.is_file():
+        lines = [line.strip() for line in inputs.read_text().splitlines()]
+        paths = [inputs.parent / line for line in lines if line and not line.startswith("#")]
+    else:
+        raise SystemExit(f"inputs={inputs}: neither a folder nor a file with a path a line")
+    clips = {}
+    for path in paths:
+        stem = path.name if path.is_dir() else path.stem
+        if stem in clips:
+            raise SystemExit(f"two clips would both be called {stem}: {clips[stem]}, {path}")
+        if not re.fullmatch(r"[\w.+@ -]+", stem) or "'" in stem:
+            raise SystemExit(f"a clip's name may have letters, digits, and - _ . + @ only: {path}")
+        clips[stem] = path
+    return clips
+
+
+def is_failed(status):
+    """Whether a step's status says that a machine failed at it."""
+    try:
+        return json.loads(status.read_text())["outcome"] == "failed"
+    except (OSError, ValueError, KeyError, TypeError):
+        return True
+
+
+def camera_of(stem, camera_id):
+    """The camera that a clip is of, as `roadplane run --camera-id` finds it; "unknown" where it finds none."""
+    if "{}" not in camera_id:
+        return camera_id or "unknown"
+    form = re.escape(camera_id).replace(r"\{\}", "(.+?)").replace(r"\*", ".*?")
+    found = re.fullmatch(form, stem)
+    return found.group(1) if found else "unknown"
+
+
+def recorded(stem, path):
+    """When a clip begins: the time in its name, else when its file was last changed (UTC)."""
+    found = TIME.search(stem)
+    if found:
+        try:
+            return datetime.datetime(*map(int, found.groups()))
+        except ValueError:
+            pass
+    try:
+        return datetime.datetime.fromtimestamp(Path(path).stat().st_mtime, datetime.UTC).replace(tzinfo=None, microsecond=0)
+    except OSError:
+        return datetime.datetime(1970, 1, 1)

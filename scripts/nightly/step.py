@@ -1,0 +1,184 @@
+"""One step of a night: calls roadplane, and says in a status file what came of it.
+
+    step.py plan   … plan.jsonl CLIP…         the pieces of all clips
+    step.py piece  … STATUS CLIP              one piece
+    step.py first  … STATUS PIECE_STATUS…     joined for what it says of its camera
+    step.py cameras … STATUS FIRST_STATUS…    what all clips say of their cameras
+    step.py result … STATUS PIECE_STATUS…     joined with what is known of its camera
+    step.py verdict night.json                1 where a machine failed for good
+
+Exit codes of roadplane decide: 0 and 3 (the input is damaged or lost) are finished work. Everything else ends with that code, so
+that the engine tries again; at the last attempt it is written down as failed, so that the night goes on without it. Each attempt
+leaves a file in log/, begun and ended: one that has no end was killed.
+"""
+
+import argparse
+import json
+import os
+import resource
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+LAST_ATTEMPT = 3
+INPUT_AT_FAULT = 3
+SAID_LINES = 20
+# Fields of camera.json that tell a camera.
+CAMERA = ("status", "focal_px", "focal_sd_px", "height_m", "height_sd_m", "tilt_rad", "tilt_sd_rad")
+
+
+def write_json(path, value):
+    """The whole file or none."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temp = path.with_name(f".{path.name}.{os.getpid()}")
+    temp.write_text(json.dumps(value, indent=1) + "\n")
+    os.replace(temp, path)
+
+
+def read_json(path):
+    return json.loads(Path(path).read_text())
+
+
+def call(roadplane, arguments, log):
+    """Runs roadplane; gives exit code, seconds, processor seconds and its last words. `log` names the attempt."""
+    begun = time.time()
+    attempt = Path("log") / f"{log}.{int(begun * 1000)}.json"
+    told = {"step": log, "begun": begun, "host": os.uname().nodename}
+    write_json(attempt, told)
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    command = [roadplane, *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, text=True, errors="replace", check=False)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    cpu_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    code = done.returncode if done.returncode >= 0 else 128 - done.returncode
+    said = done.stderr.splitlines()[-SAID_LINES:]
+    ended = {"exit": code, "seconds": round(time.time() - begun, 3), "cpu_s": round(cpu_s, 3), "said": said}
+    write_json(attempt, told | ended)
+    return ended, done.stdout
+
+
+def give_up(args, status):
+    """Ends with roadplane's exit code, so that the step is tried again; or for good."""
+    if args.attempt < LAST_ATTEMPT:
+        sys.stderr.write("\n".join(status["said"]) + "\n")
+        sys.exit(status["exit"])
+    write_json(args.status, status | {"outcome": "failed"})
+
+
+def settings(args):
+    return [word for setting in args.settings.split() for word in ("--set", setting)]
+
+
+def plan(args):
+    lines = []
+    for clip in args.of:
+        ended, lines_of_clip = call(args.roadplane, ["plan", "--piece-s", args.piece_s, *settings(args), clip], "plan")
+        if ended["exit"] not in (0, INPUT_AT_FAULT):
+            sys.stderr.write("\n".join(ended["said"]) + "\n")
+            sys.exit(ended["exit"])
+        lines += [json.loads(line) for line in lines_of_clip.splitlines()]
+        if ended["exit"] == INPUT_AT_FAULT:
+            lines.append({"input": clip, "stem": Path(clip).stem, "outcome": "lost", "said": ended["said"]})
+    temp = Path(args.status).with_suffix(".tmp")
+    temp.write_text("".join(json.dumps(line) + "\n" for line in lines))
+    os.replace(temp, args.status)
+
+
+def piece(args):
+    [clip] = args.of
+    start = Path(args.status).stem
+    stem = Path(args.status).parent.name
+    # A folder of its own: a lock belongs to a folder.
+    out = Path("pieces") / stem / start
+    command = ["run", clip, "--piece", args.piece, "--out", out, "--resume", *settings(args)]
+    ended, _ = call(args.roadplane, command, f"piece.{stem}.{start}")
+    made = sorted(str(p) for p in out.glob("*.piece-*"))
+    status = {"stem": stem, "input": clip, "piece": args.piece, "made": made, **ended}
+    if ended["exit"] not in (0, INPUT_AT_FAULT):
+        return give_up(args, status)
+    write_json(args.status, status | {"outcome": outcome(ended["exit"], made)})
+
+
+def outcome(code, made):
+    if code == 0:
+        return "done"
+    return "damaged" if made else "lost"
+
+
+def join(args):
+    """`first` and `result`: the pieces of a clip, with an empty memory or with what is known."""
+    stem = Path(args.status).stem
+    pieces = [read_json(path) for path in args.of]
+    status = {"stem": stem, "input": pieces[0]["input"]}
+    for worst in ("failed", "lost"):
+        words = [line for p in pieces if p["outcome"] == worst for line in p["said"]]
+        if any(p["outcome"] == worst for p in pieces):
+            return write_json(args.status, status | {"outcome": worst, "said": words[-SAID_LINES:]})
+    work = Path("work") / args.step / stem
+    memory = args.cameras
+    if args.step == "first":
+        memory = Path("said") / stem
+        shutil.rmtree(memory, ignore_errors=True)
+    command = ["join", *(made for p in pieces for made in p["made"]), "--out", work, "--overwrite", *settings(args)]
+    if memory:
+        command += ["--cameras", memory, "--camera-id", args.camera_id]
+    ended, _ = call(args.roadplane, command, f"{args.step}.{stem}")
+    status |= ended
+    if ended["exit"] not in (0, INPUT_AT_FAULT):
+        return give_up(args, status)
+    if args.step == "result":
+        result = Path("results") / stem
+        result.parent.mkdir(exist_ok=True)
+        shutil.rmtree(result, ignore_errors=True)
+        os.replace(work / stem, result)
+        status["made"] = str(result)
+    else:
+        # What the clip says on its own: how a camera drifts.
+        camera = read_json(work / stem / "camera.json")
+        status["alone"] = {key: camera[key] for key in CAMERA}
+    shutil.rmtree(work, ignore_errors=True)
+    damaged = ended["exit"] == INPUT_AT_FAULT
+    write_json(args.status, status | {"outcome": "damaged" if damaged else "done"})
+
+
+def cameras(args):
+    said = [Path("said") / Path(path).stem for path in args.of]
+    said = [folder for folder in said if folder.is_dir()]
+    Path(args.cameras).mkdir(parents=True, exist_ok=True)
+    status = {"outcome": "done", "clips": len(said)}
+    if said:
+        ended, _ = call(args.roadplane, ["cameras", "merge", *said, "--out", args.cameras], "cameras")
+        status |= ended
+        if ended["exit"] != 0:
+            return give_up(args, status)
+    write_json(args.status, status)
+
+
+def verdict(args):
+    failed = [clip["stem"] for clip in read_json(args.status)["clips"] if clip["outcome"] == "failed"]
+    if failed:
+        sys.exit(f"failed for good, to be tried again by the next call: {', '.join(failed)}")
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--roadplane", default="roadplane")
+    steps = {"plan": plan, "piece": piece, "first": join, "cameras": cameras, "result": join, "verdict": verdict}
+    parser.add_argument("step", choices=steps)
+    parser.add_argument("--settings", default="")
+    parser.add_argument("--attempt", type=int, default=1)
+    parser.add_argument("--piece-s", type=int, default=3600)
+    parser.add_argument("--piece")
+    parser.add_argument("--camera-id", default="")
+    parser.add_argument("--cameras")
+    parser.add_argument("status")
+    parser.add_argument("of", nargs="*")
+    args = parser.parse_args()
+    steps[args.step](args)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,100 @@
+"""What a step of a night makes of roadplane's exit codes, and what is read from clips' names."""
+
+import contextlib
+import datetime
+import io
+import json
+import os
+import sys
+import tempfile
+import unittest
+from pathlib import Path
+from unittest import mock
+
+import step
+from clips import camera_of, clips_in, is_failed, recorded
+
+# Stands for the binary: ends as the clip's name says, and leaves a piece where one is due.
+STAND_IN = """#!/usr/bin/env python3
+import os, pathlib, signal, sys
+out = pathlib.Path(sys.argv[sys.argv.index("--out") + 1])
+name = pathlib.Path(sys.argv[2]).stem
+if name != "lost":
+    (out / f"{name}.piece-000000").mkdir(parents=True, exist_ok=True)
+print("said", file=sys.stderr)
+if name == "killed":
+    os.kill(os.getpid(), signal.SIGKILL)
+sys.exit({"good": 0, "damaged": 3, "lost": 3, "full": 1}[name])
+"""
+
+
+class Steps(unittest.TestCase):
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        self.addCleanup(os.chdir, os.getcwd())
+        os.chdir(folder.name)
+        Path("binary").write_text(STAND_IN)
+        Path("binary").chmod(0o755)
+
+    def piece(self, name, attempt):
+        status = f"steps/piece/{name}/000000.json"
+        line = ["step.py", "--roadplane", "./binary", "piece", "--attempt", str(attempt), "--piece", "0-", status, f"{name}.mp4"]
+        code = 0
+        with mock.patch.object(sys, "argv", line), contextlib.redirect_stderr(io.StringIO()):
+            try:
+                step.main()
+            except SystemExit as ended:
+                code = ended.code
+        return code, json.loads(Path(status).read_text()) if Path(status).exists() else None
+
+    def test_an_input_at_fault_is_finished_work(self):
+        for name, outcome in (("good", "done"), ("damaged", "damaged"), ("lost", "lost")):
+            code, status = self.piece(name, 1)
+            self.assertEqual((code, status["outcome"], status["said"]), (0, outcome, ["said"]))
+
+    def test_a_machines_fault_is_tried_again_and_then_written_down(self):
+        for name, exit_code in (("full", 1), ("killed", 137)):
+            self.assertEqual(self.piece(name, 1), (exit_code, None))
+            code, status = self.piece(name, step.LAST_ATTEMPT)
+            self.assertEqual((code, status["outcome"], status["exit"]), (0, "failed", exit_code))
+            self.assertTrue(is_failed(Path(f"steps/piece/{name}/000000.json")))
+            attempts = [json.loads(path.read_text()) for path in Path("log").glob(f"piece.{name}.*")]
+            self.assertEqual([attempt["exit"] for attempt in attempts], [exit_code] * 2)
+
+    def test_a_clip_with_a_lost_piece_is_lost(self):
+        for name in ("good", "lost"):
+            self.piece(name, 1)
+        pieces = [f"steps/piece/{name}/000000.json" for name in ("good", "lost")]
+        with mock.patch.object(sys, "argv", ["step.py", "result", "steps/result/clip.json", *pieces]):
+            step.main()
+        self.assertEqual(json.loads(Path("steps/result/clip.json").read_text())["outcome"], "lost")
+
+    def test_clips_are_those_of_a_folder_or_a_list(self):
+        Path("in").mkdir()
+        for name in ("b.mp4", "a.mkv", ".hidden.mp4", "notes.txt"):
+            Path("in", name).touch()
+        self.assertEqual(list(clips_in("in")), ["a", "b"])
+        Path("list.txt").write_text("# two\nin/b.mp4\n\nin/a.mkv\n")
+        self.assertEqual(clips_in("list.txt"), {"b": Path("in/b.mp4"), "a": Path("in/a.mkv")})
+        for bad in ("in/b.mp4\nin/b.mov\n", "in/b'c.mp4\n"):
+            Path("list.txt").write_text(bad)
+            self.assertRaises(SystemExit, clips_in, "list.txt")
+        self.assertRaises(SystemExit, clips_in, "absent")
+
+
+class Names(unittest.TestCase):
+    def test_cameras(self):
+        self.assertEqual(camera_of("gate-3_20260131_2200", "{}_*"), "gate-3")
+        self.assertEqual(camera_of("VIRAT_S_0401_02", "VIRAT_S_{}_*"), "0401")
+        self.assertEqual([camera_of("plain", given) for given in ("{}_*", "", "gate")], ["unknown", "unknown", "gate"])
+
+    def test_times(self):
+        told = datetime.datetime(2026, 1, 31, 23, 59, 59)
+        for name in ("c_20260131T235959", "2026-01-31_23-59-59"):
+            self.assertEqual(recorded(name, "absent"), told)
+        self.assertEqual(recorded("20261331235959", "absent"), datetime.datetime(1970, 1, 1))
+
+
+if __name__ == "__main__":
+    unittest.main()

@@ -1,0 +1,80 @@
+//! A long clip in pieces: what comes of them is what comes of a run over it all, byte for byte.
+
+use std::path::Path;
+
+use crate::common::{json, json_lines, names, roadplane, root};
+use assert_cmd::assert::Assert;
+use image::imageops::{FilterType, resize};
+use roadplane_decode::{DecodeOptions, open};
+use roadplane_view::VideoSink;
+
+/// Two looks a second keep it cheap.
+const FPS: f64 = 2.0;
+
+/// The demo clip to and fro for a little more than two minutes.
+fn long_clip(path: &Path) {
+    let mut input = open(&root().join("tests/data/lot.mp4"), &DecodeOptions::default()).unwrap();
+    let mut pictures = Vec::new();
+    while let Some(frame) = input.next_frame().unwrap() {
+        pictures.push(resize(&frame.image, 640, 360, FilterType::Triangle));
+    }
+    let last = pictures.len() - 1;
+    let mut video = VideoSink::create(path, 640, 360, FPS).unwrap();
+    for i in 0..(128.0 * FPS) as usize {
+        let at = i % (2 * last);
+        video.write(&pictures[at.min(2 * last - at)]).unwrap();
+    }
+    video.finish().unwrap();
+}
+
+/// Exit code 2, and what it said.
+fn refused(command: Assert, word: &str) {
+    let said = String::from_utf8(command.code(2).get_output().stderr.clone()).unwrap();
+    assert!(said.contains(word), "{said}");
+}
+
+#[test]
+fn pieces_joined_are_the_whole_byte_for_byte() {
+    let folder = tempfile::tempdir().unwrap();
+    let clip = folder.path().join("night.mp4");
+    long_clip(&clip);
+    let at = |name: &str| folder.path().join(name);
+    let run = |arguments: &[&str], out: &str| {
+        let mut command = roadplane();
+        command.arg("run").arg(&clip).args(arguments).arg("--out").arg(at(out)).assert()
+    };
+    run(&["--frames"], "whole").code(0);
+
+    let planned = roadplane().arg("plan").arg(&clip).args(["--piece-s", "60"]).assert().code(0);
+    std::fs::write(at("plan.jsonl"), &planned.get_output().stdout).unwrap();
+    let plan = json_lines(&at("plan.jsonl"));
+    let text = |line: &serde_json::Value, key: &str| line[key].as_str().unwrap().to_owned();
+    let pieces: Vec<String> = plan.iter().map(|line| text(line, "piece")).collect();
+    assert_eq!(pieces, ["0-60", "60-120", "120-"]);
+    for line in plan.iter().rev() {
+        run(&["--piece", &text(line, "piece")], "pieces").code(0);
+    }
+    let folders: Vec<_> = plan.iter().map(|line| at("pieces").join(text(line, "folder"))).collect();
+    assert_eq!(names(&at("pieces")).len(), 3 + 1, "and the lock");
+
+    let join = |folders: &[std::path::PathBuf], arguments: &[&str]| {
+        roadplane().arg("join").args(folders).args(arguments).arg("--out").arg(at("joined")).assert()
+    };
+    refused(join(&folders[1..], &[]), "before 60 s is missing");
+    refused(join(&folders[..2], &[]), "after this one are missing");
+    refused(join(&folders, &["--set", "track.gate=9"]), "another configuration");
+    let [first, second, third] = &folders[..] else { unreachable!() };
+    join(&[third.clone(), first.clone(), second.clone()], &["--frames"]).code(0);
+    for file in ["frames.jsonl", "camera.json", "poses.jsonl", "tracks.csv", "activities.jsonl"] {
+        let of = |out: &str| std::fs::read(at(out).join("night").join(file)).unwrap();
+        assert!(!of("whole").is_empty() && of("joined") == of("whole"), "{file}");
+    }
+    let summary = |out: &str| json(&at(out).join("night/summary.json"));
+    for key in ["counts", "watch", "warnings", "input", "models", "config_sha256", "status"] {
+        assert_eq!(summary("joined")[key], summary("whole")[key], "{key}");
+    }
+
+    refused(run(&["--piece", "30-60"], "pieces"), "multiples of 60 s");
+    refused(run(&["--piece", "60-120"], "pieces"), "there is a result already");
+    run(&["--piece", "60-120", "--resume"], "pieces").code(0);
+}
