@@ -118,8 +118,12 @@ mod tests {
         assert!(is(40, 0.4, 0.0, 1.5) && is(10, 0.6, 0.0, 1.5) && is(10, 0.4, 9.0, 1.5));
         // For a moment; as low as no car is; in every third look.
         assert!(!is(10, 0.4, 0.0, 1.5) && !is(40, 0.4, 0.0, 1.0));
+        let mut seldom = track(100, 0.4, 0.0);
+        seldom.states = seldom.states.into_iter().step_by(3).collect();
+        assert!(!is_vehicle(&seldom, 1.5, &looked_s));
+        // Looks in a quick row count as one.
         let often: Vec<f64> = (0..300).map(|i| f64::from(i) / 30.0).collect();
-        assert!(!is_vehicle(&track(40, 0.4, 0.0), 1.5, &often));
+        assert!(is_vehicle(&track(40, 0.4, 0.0), 1.5, &often));
         // One that comes up late in a short clip; a still has no time to show more.
         let short: Vec<f64> = (0..16).map(|i| 0.1 * f64::from(i)).collect();
         assert!(
