@@ -1,6 +1,6 @@
 //! What one clip said of its camera: the record that remembered cameras are made of.
 
-use nalgebra::{Matrix4, Vector4};
+use nalgebra::{Matrix4, Matrix4x2, Vector4};
 use serde::{Deserialize, Serialize};
 
 use crate::{CameraParams, ImageSize, JointInformation, KEYPOINTS, RecordError};
@@ -31,36 +31,15 @@ pub struct CameraEvidence {
     /// Their information (inverse covariance); singular where the clip says nothing. The size of the place's cars, which all
     /// clips share, is not in it.
     pub information: [[f64; 4]; 4],
-    /// How it depends on the errors that the vehicles of a place share; absent from older files.
+    /// Its cross part with the errors that the vehicles of a place share ([`JointInformation::cross`]); absent from older files.
     #[serde(default)]
-    pub shared: SharedPart,
+    pub shared: [[f64; 2]; 4],
     /// Vehicles that stood, which may stand there another night.
     pub parked: Vec<ParkedCar>,
     /// Vehicles that moved.
     pub moving: usize,
     /// The empty place, grey: a PNG in base64.
     pub place: Option<String>,
-}
-
-/// The part of a [`JointInformation`] that is about the errors (elevation, turn, rad) that vehicles share.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct SharedPart {
-    /// Between `params` (rows) and errors.
-    pub cross: [[f64; 2]; 4],
-    /// Of the errors.
-    pub own: [[f64; 2]; 2],
-    /// That times their mean.
-    pub vector: [f64; 2],
-}
-
-impl From<&JointInformation> for SharedPart {
-    fn from(joint: &JointInformation) -> Self {
-        Self {
-            cross: std::array::from_fn(|r| std::array::from_fn(|c| joint.information[(r, 4 + c)])),
-            own: std::array::from_fn(|r| std::array::from_fn(|c| joint.information[(4 + r, 4 + c)])),
-            vector: std::array::from_fn(|i| joint.vector[4 + i]),
-        }
-    }
 }
 
 /// A clip, whatever it is called.
@@ -94,18 +73,8 @@ impl CameraEvidence {
     #[must_use]
     pub fn joint(&self) -> JointInformation {
         let information = Matrix4::from_fn(|r, c| self.information[r][c]);
-        let mut joint = JointInformation::of_camera(&information, &Vector4::from(self.params));
-        for shared in 0..2 {
-            for camera in 0..4 {
-                joint.information[(camera, 4 + shared)] = self.shared.cross[camera][shared];
-                joint.information[(4 + shared, camera)] = self.shared.cross[camera][shared];
-            }
-            for other in 0..2 {
-                joint.information[(4 + shared, 4 + other)] = self.shared.own[shared][other];
-            }
-            joint.vector[4 + shared] = self.shared.vector[shared];
-        }
-        joint
+        let cross = Matrix4x2::from_fn(|r, c| self.shared[r][c]);
+        JointInformation { cross, ..JointInformation::of_camera(&information, &Vector4::from(self.params)) }
     }
 
     /// Refuses what is not of this form.
@@ -117,10 +86,8 @@ impl CameraEvidence {
         if self.schema != EVIDENCE_SCHEMA {
             return unsuitable(format!("schema is {:?}, expected {EVIDENCE_SCHEMA:?}", self.schema));
         }
-        let shared = self.shared.cross.as_flattened().iter().chain(self.shared.own.as_flattened());
-        let shared = shared.chain(&self.shared.vector);
-        let numbers =
-            self.params.iter().chain(self.information.as_flattened()).chain(&self.span_s).chain(shared);
+        let matrices = self.information.as_flattened().iter().chain(self.shared.as_flattened());
+        let numbers = self.params.iter().chain(matrices).chain(&self.span_s);
         let parked = self.parked.iter().flat_map(|car| {
             car.bbox_px.iter().chain(car.keypoints_px.iter().flatten().flat_map(|pixel| pixel.iter()))
         });

@@ -36,7 +36,7 @@ pub use atlas::{
 pub use bbox::{bbox_around, bbox_centre, bbox_covered, bbox_iou, bbox_moved, bbox_share_inside};
 pub use camera::{Camera, CameraParams, ImageSize};
 pub use clue::{Clue, ClueTerms};
-pub use evidence::{CameraEvidence, ClipIdentity, EVIDENCE_SCHEMA, ParkedCar, SharedPart};
+pub use evidence::{CameraEvidence, ClipIdentity, EVIDENCE_SCHEMA, ParkedCar};
 pub use frame::{Frame, FrameStamp};
 pub use keypoint::{KEYPOINTS, Keypoint, KeypointSet, keypoint_names, mirror_index, skeleton_edges};
 pub use plane::GroundPlane;

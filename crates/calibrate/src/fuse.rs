@@ -60,7 +60,7 @@ impl WindowEstimate {
     /// Information on `params`, were there no shared errors.
     #[must_use]
     pub fn information(&self) -> Matrix4<f64> {
-        self.joint.camera()
+        self.joint.information
     }
 }
 
@@ -250,7 +250,7 @@ fn both_scales(state: &Gaussian) -> [Vector4<f64>; 2] {
 
 fn is_usable(window: &WindowEstimate) -> bool {
     let finite = window.params.to_vector().iter().chain(window.joint.vector.iter()).all(|x| x.is_finite())
-        && window.joint.information.iter().all(|x| x.is_finite());
+        && window.joint.information.iter().chain(window.joint.cross.iter()).all(|x| x.is_finite());
     finite && window.span_s.iter().all(|t| t.is_finite()) && window.joint.information.diagonal().min() >= 0.0
 }
 
@@ -350,8 +350,8 @@ pub fn condense(windows: &[WindowEstimate], options: &FuseOptions) -> Option<Win
     let joint = together(&usable, &shares(&usable, options), options);
     // Where the windows say nothing, the weakest of priors keeps the numbers finite; it is not in the information.
     let weak = Matrix4::from_diagonal(&options.prior.sd.map(|sd| 1e-6 / (sd * sd)));
-    let weighted = joint.vector.fixed_rows::<4>(0) + weak * options.prior.params.to_vector();
-    let params = (joint.camera() + weak).cholesky()?.solve(&weighted);
+    let weighted = joint.vector + weak * options.prior.params.to_vector();
+    let params = (joint.information + weak).cholesky()?.solve(&weighted);
     let mut cars: Vec<CarUse> = usable.iter().flat_map(|w| w.cars.iter().copied()).collect();
     cars.sort_by_key(|car| (car.link, !car.parked));
     cars.dedup_by_key(|car| car.link);

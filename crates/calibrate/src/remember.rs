@@ -162,7 +162,7 @@ impl<'a> Epoch<'a> {
         let known = fuse(&self.windows, options).pop()?;
         // What the clip says nothing of gets a loose, not an infinite, variance.
         let weak = Matrix4::from_diagonal(&options.prior.sd.map(|sd| 1e-4 / (sd * sd)));
-        let own = (clip.joint().camera() + weak).try_inverse()?;
+        let own = (clip.joint().information + weak).try_inverse()?;
         let factor = (own + known.covariance).cholesky()?;
         let away: Vector4<f64> = clip.camera_params().to_vector() - known.params.to_vector();
         let distance = away.dot(&factor.solve(&away));

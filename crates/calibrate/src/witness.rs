@@ -1,6 +1,6 @@
 //! What cars say of a camera where there is another witness for the focal length.
 
-use nalgebra::{Matrix4, Matrix6, Vector4, Vector6};
+use nalgebra::{Matrix4, Vector4};
 use roadplane_base::{CameraParams, JointInformation};
 
 use crate::WindowEstimate;
@@ -16,24 +16,14 @@ pub fn beside_a_witness(window: &WindowEstimate, at: &CameraParams) -> WindowEst
         return window.clone();
     };
     let params = at.to_vector() - back_at * (with_horizon(at) - with_horizon(&window.params));
-    let mut turn = Matrix6::identity();
-    turn.fixed_view_mut::<4, 4>(0, 0).copy_from(&(back * by));
+    let turn = back * by;
     let information = turn.transpose() * window.joint.information * turn;
-    let gradient = window.joint.information * on(&window.params.to_vector()) - window.joint.vector;
-    let vector = information * on(&params) - turn.transpose() * gradient;
-    WindowEstimate {
-        params: CameraParams::from_vector(&params),
-        solved: *at,
-        joint: JointInformation { information: 0.5 * (information + information.transpose()), vector },
-        ..window.clone()
-    }
-}
-
-/// A camera, shared errors 0.
-fn on(camera: &Vector4<f64>) -> Vector6<f64> {
-    let mut all = Vector6::zeros();
-    all.fixed_rows_mut::<4>(0).copy_from(camera);
-    all
+    let information = 0.5 * (information + information.transpose());
+    let joint = JointInformation {
+        cross: turn.transpose() * window.joint.cross,
+        ..JointInformation::of_camera(&information, &params)
+    };
+    WindowEstimate { params: CameraParams::from_vector(&params), solved: *at, joint, ..window.clone() }
 }
 
 /// (log focal, horizon in px, roll, log height).

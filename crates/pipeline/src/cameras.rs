@@ -6,7 +6,7 @@ use std::sync::Arc;
 use nalgebra::{Matrix4, Vector4};
 use roadplane_base::{
     Camera, CameraEstimate, CameraEvidence, CameraParams, CameraStatus, Clue, EVIDENCE_SCHEMA, FrameRecord,
-    ImageSize, JointInformation, KeypointSet, ParkedCar, ShapeAtlas, SharedPart,
+    ImageSize, JointInformation, KeypointSet, ParkedCar, ShapeAtlas,
 };
 use roadplane_calibrate::{
     CarUse, EvidenceBuilder, EvidenceOptions, FuseOptions, FusePrior, Joined, LinkId, SegmentStart, View,
@@ -327,7 +327,7 @@ fn evidence_of(
         frames: together.frames,
         params: std::array::from_fn(|i| params[i]),
         information: std::array::from_fn(|r| std::array::from_fn(|c| together.joint.information[(r, c)])),
-        shared: SharedPart::from(&together.joint),
+        shared: std::array::from_fn(|r| std::array::from_fn(|c| together.joint.cross[(r, c)])),
         moving: together.cars.len() - stood.len(),
         parked: stood,
         place: recall.place.clone(),
@@ -529,15 +529,11 @@ fn solve_window(
 
 /// What the cars alone say: the solve's prior and clues are taken out again, since they are counted once over all windows.
 fn by_cars_alone(solution: &SceneSolution) -> (CameraParams, JointInformation) {
-    let mut joint = solution.information;
-    let information = joint.camera().cholesky();
-    let alone = information
-        .map(|information| CameraParams::from_vector(&information.solve(&joint.vector.fixed_rows::<4>(0))));
+    let joint = solution.information;
+    let alone = joint.information.cholesky().map(|i| CameraParams::from_vector(&i.solve(&joint.vector)));
     let alone = alone.filter(|params| near(params, &solution.params, &solution.covariance));
     let params = alone.unwrap_or(solution.params);
-    let vector = joint.camera() * params.to_vector();
-    joint.vector.fixed_rows_mut::<4>(0).copy_from(&vector);
-    (params, joint)
+    (params, JointInformation { vector: joint.information * params.to_vector(), ..joint })
 }
 
 /// As it is remembered, to a tenth of a pixel.

@@ -204,7 +204,7 @@ mod tests {
             information: std::array::from_fn(|r| {
                 std::array::from_fn(|c| if r == c { 100.0 / 3.0 } else { 0.0 })
             }),
-            shared: roadplane_base::SharedPart::default(),
+            shared: [[0.0; 2]; 4],
             parked: Vec::new(),
             moving: 3,
             place: None,

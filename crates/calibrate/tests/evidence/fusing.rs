@@ -267,10 +267,7 @@ fn what_the_cars_of_a_place_share_no_number_of_windows_averages_out() {
             let mut w = window(i, &truth(), parked(10 * i as u64..10 * i as u64 + 10));
             let information = w.information();
             let cross = information.column(1).into_owned();
-            w.joint.information.fixed_view_mut::<4, 1>(0, 4).copy_from(&cross);
-            w.joint.information.fixed_view_mut::<1, 4>(4, 0).copy_from(&cross.transpose());
-            w.joint.information[(4, 4)] = information[(1, 1)];
-            w.joint.vector[4] = cross.dot(&truth());
+            w.joint.cross.column_mut(0).copy_from(&cross);
             w
         })
         .collect();

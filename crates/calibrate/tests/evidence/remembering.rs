@@ -1,7 +1,7 @@
 //! Clips of one camera, in any order.
 
 use nalgebra::{Matrix4, Vector2, Vector4};
-use roadplane_base::{CameraEvidence, ClipIdentity, EVIDENCE_SCHEMA, KEYPOINTS, ParkedCar, SharedPart};
+use roadplane_base::{CameraEvidence, ClipIdentity, EVIDENCE_SCHEMA, KEYPOINTS, ParkedCar};
 use roadplane_calibrate::{FuseOptions, SameView, epochs, fuse, joins, same_vehicle};
 use roadplane_synth::Rng;
 
@@ -43,7 +43,7 @@ fn clip(night: usize, at: Vector4<f64>, parked: Vec<ParkedCar>) -> CameraEvidenc
         frames: 1500,
         params: std::array::from_fn(|i| at[i]),
         information: std::array::from_fn(|r| std::array::from_fn(|c| information[(r, c)])),
-        shared: SharedPart::default(),
+        shared: [[0.0; 2]; 4],
         parked,
         moving: 2,
         place: None,

@@ -3,7 +3,7 @@
 use nalgebra::{Matrix4, Vector4};
 use roadplane_base::{
     CameraEstimate, CameraEvidence, CameraParams, ClipIdentity, EVIDENCE_SCHEMA, ParkedCar, ShapeAtlas,
-    SharedPart, bbox_around,
+    bbox_around,
 };
 use roadplane_calibrate::{FuseOptions, FusePrior, SameView, epochs, fuse};
 use roadplane_pipeline::Config;
@@ -162,7 +162,7 @@ fn camera(atlas: &ShapeAtlas, clips: usize, seed: u64) -> Camera {
         let scene = scene(atlas, &asked(tilt), seed + 1 + clip as u64);
         truth = CameraParams { log_height: height_m.ln(), ..scene.params };
         bounds.push(
-            bound(atlas, &scene, &solve).map_or_else(Matrix4::zeros, |bound| bound.information.camera()),
+            bound(atlas, &scene, &solve).map_or_else(Matrix4::zeros, |bound| bound.information.information),
         );
         evidence.push(evidence_of(atlas, &scene, clip, &solve));
     }
@@ -188,13 +188,13 @@ fn evidence_of(
     });
     // As in a run: what the cars alone say, where there is enough of it.
     let said = &found.information;
-    let alone = said.camera().cholesky().map(|i| i.solve(&said.vector.fixed_rows::<4>(0)));
+    let alone = said.information.cholesky().map(|i| i.solve(&said.vector));
     let near = |alone: &Vector4<f64>| {
         let step = alone - found.params.to_vector();
         (0..4).all(|i| step[i].abs() <= 2.0 * found.covariance[(i, i)].max(0.0).sqrt() + 1e-9)
     };
     let params = alone.filter(near).unwrap_or_else(|| found.params.to_vector());
-    let information = if found.status.usable() { said.camera() } else { Matrix4::zeros() };
+    let information = if found.status.usable() { said.information } else { Matrix4::zeros() };
     CameraEvidence {
         schema: EVIDENCE_SCHEMA.to_owned(),
         camera: "synthetic".to_owned(),
@@ -209,7 +209,7 @@ fn evidence_of(
         frames: 1,
         params: std::array::from_fn(|i| params[i]),
         information: std::array::from_fn(|r| std::array::from_fn(|c| information[(r, c)])),
-        shared: SharedPart::default(),
+        shared: [[0.0; 2]; 4],
         parked: parked.collect(),
         moving: 0,
         place: None,

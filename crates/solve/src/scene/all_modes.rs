@@ -57,25 +57,19 @@ pub(crate) fn camera_of_all_modes(
     told(&mut all, options)
 }
 
-/// What the cars of a problem at its minimum say of the camera: the errors that they share integrated out, and shapes and poses.
+/// What the cars of a problem at its minimum say of the camera: with the errors that they share in its covariance; shapes and poses
+/// integrated out.
 /// `None` when a car cannot be evaluated.
 pub(crate) fn told<const M: usize>(
     problem: &mut GroundProblem<'_, M>,
     options: &SceneOptions,
 ) -> Option<FineCamera> {
     let (mut camera, alone) = (problem.state.camera, problem.covariances()?.camera_information);
-    let (known, shared) = (problem.knowledge.terms(&camera), options.shared_sd());
     let information = match &options.view_errors {
         Some(errors) => problem.joint_information(errors)?,
         None => JointInformation::of_camera(&alone, &camera),
     };
-    if options.view_errors.is_some() {
-        let (cars, vector) = information.marginal(shared);
-        let mut hessian = cars + known.information;
-        let mut gradient = cars * camera - vector + known.gradient;
-        problem.knowledge.hold_fixed(&mut hessian, &mut gradient);
-        camera -= hessian.cholesky()?.solve(&gradient);
-    }
+    let shared = options.shared_sd();
     let covariance = problem.knowledge.covariance(&information.marginal(shared).0, &camera)?;
     if options.steps.marginal {
         camera += marginal::change(problem, &covariance).unwrap_or_default();

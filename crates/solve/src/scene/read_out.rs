@@ -40,9 +40,9 @@ pub(crate) fn read_out(
             problem.follow(&(answer.camera - problem.state.camera));
         }
     }
-    let FineCamera { mut information, covariance, .. } = answer;
+    let FineCamera { information, covariance, .. } = answer;
     let pull = setup.knowledge.terms(&problem.state.camera).gradient;
-    information.lead_to(&problem.state.camera, &pull, options.shared_sd());
+    let information = information.leading_to(&problem.state.camera, &pull, options.shared_sd());
     let data_focal_information = 1.0 / covariance[(0, 0)] - setup.knowledge.information[0];
     let joints = problem.view_covariances(&covariance);
     let params = CameraParams::from_vector(&problem.state.camera);
