@@ -204,7 +204,7 @@ impl Default for SolveConfig {
         let deg = |rad: f64| (rad.to_degrees() * 1e9).round() / 1e9;
         Self {
             view_sd_deg: [1.2, 1.2],
-            shared_view_sd_deg: [1.0, 1.4],
+            shared_view_sd_deg: [1.2, 1.7],
             focal_prior_ratio: prior.focal_ratio,
             focal_prior_log_sd: prior.log_focal_sd,
             tilt_prior_deg: deg(prior.tilt),

@@ -69,11 +69,13 @@ pub(crate) fn told<const M: usize>(
         Some(errors) => problem.joint_information(errors)?,
         None => JointInformation::of_camera(&alone, &camera),
     };
-    let shared = options.shared_sd();
-    let covariance = problem.knowledge.covariance(&information.marginal(shared).0, &camera)?;
     if options.steps.marginal {
+        // As far as the minimum moves, which errors of view do not.
+        let covariance = problem.knowledge.covariance(&alone, &camera)?;
         camera += marginal::change(problem, &covariance).unwrap_or_default();
     }
+    let (cars, _) = information.marginal(options.shared_sd());
+    let covariance = problem.knowledge.covariance(&cars, &camera)?;
     Some(FineCamera { camera, information, covariance })
 }
 
