@@ -1,7 +1,8 @@
 //! Estimates of windows → camera over time.
 //!
 //! Each window says `c ~ N(c_w, I_w⁻¹)` of c = (log f, tilt, roll, log h), all information in `I_w` from keypoints, none from
-//! a prior, and how it depends on the errors that all cars of the place share. Windows share parked cars, whose keypoint bias they share as well. So window w counts with the factor
+//! a prior, and how it depends on the errors that all cars of the place share. Windows share parked cars, whose keypoint bias they
+//! share as well. So window w counts with the factor
 //!
 //! ```text
 //! q_w = mean over its cars k of  1 / (1 + (n_k − 1) γ_k)

@@ -125,7 +125,8 @@ pub struct RunArgs {
     pub site: site::SiteArgs,
     /// Works on one piece of a long input only, FROM-TO or FROM- in seconds as `roadplane plan` lists them: the frames go to
     /// DIR/<stem>.piece-<from>/, which `roadplane join` needs.
-    #[arg(long, value_name = "FROM-TO", conflicts_with_all = ["cameras", "video", "frames", "background"])]
+    #[arg(long, value_name = "FROM-TO", conflicts_with_all = ["cameras", "video", "frames", "background", "focal_px", "tilt_deg",
+        "roll_deg", "height_m", "camera", "known", "geo", "camera_at"])]
     pub piece: Option<Span>,
     /// Inputs worked on at the same time.
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=256))]

@@ -1,6 +1,8 @@
 //! Statistics with confidence intervals by resampling whole scenes (Efron & Tibshirani 1993, §8: cluster bootstrap), because
 //! cars of one scene share a camera and err together.
 
+/// Robust sd of a normal distribution in units of its median absolute value.
+pub(crate) const SD_FROM_MEDIAN: f64 = 1.4826;
 /// Resamples.
 const RESAMPLES: usize = 1000;
 /// Seed of the resampling: the same data give the same interval.

@@ -235,8 +235,7 @@ fn read_place(path: &Path) -> Result<Fit, WriteError> {
         source,
         path: path.to_path_buf(),
     })?;
-    serde_json::from_slice(&text)
-        .map_err(|e| WriteError::Malformed { what: e.to_string(), path: path.to_path_buf() })
+    serde_json::from_slice(&text).map_err(|e| WriteError::malformed(path, e))
 }
 
 /// The shape of each track that has poses.

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use roadplane_geo::Site;
 use roadplane_write::{Existing, OutputFolder, RunStatus, read_summary};
 
 use crate::clip::ClipSolution;
@@ -14,7 +15,6 @@ use crate::memory::CameraMemory;
 use crate::speed::Meter;
 use crate::streaming::{Nets, open_input};
 use crate::{Cancel, Config, Known, PipelineError, Progress};
-use roadplane_geo::Site;
 
 /// What a caller of [`run_input`] chooses besides the configuration.
 #[derive(Clone, Debug)]

@@ -7,12 +7,11 @@ use roadplane_base::{KEYPOINTS, keypoint_names};
 use super::Measured;
 use super::cars::{Aspect, SeenCar};
 use super::view_errors;
+use crate::bootstrap::SD_FROM_MEDIAN;
 use crate::{
     Cell, Column, Estimate, Mark, Plot, Report, Series, Table, bootstrap, bootstrap_scenes, mean, median,
 };
 
-/// A lens that bends lines more (k1) is left out of all but the first table.
-const STRAIGHT: f64 = 0.05;
 /// sd of log focal up to which a focal length counts as claimed.
 const CLAIMED: f64 = 0.12;
 /// Smallest cars of the cars' tables: longer side of the box, px.
@@ -28,8 +27,7 @@ const NUMBERS: [(&str, f64); 4] = [
 ];
 
 pub(super) fn report(measured: &[Measured]) -> Report {
-    let straight: Vec<&Measured> =
-        measured.iter().filter(|m| m.camera.distortion[0].abs() <= STRAIGHT).collect();
+    let straight: Vec<&Measured> = measured.iter().filter(|m| m.camera.is_straight()).collect();
     Report {
         title: "Known cameras".to_owned(),
         tables: vec![
@@ -199,10 +197,10 @@ fn cars_table(measured: &[&Measured]) -> Table {
     table
 }
 
-/// Robust sd: 1.4826 × the median distance from the median.
+/// Robust sd: by the median distance from the median.
 fn robust_sd(values: &[f64]) -> f64 {
     let middle = median(values);
-    1.4826 * median(&values.iter().map(|value| (value - middle).abs()).collect::<Vec<_>>())
+    SD_FROM_MEDIAN * median(&values.iter().map(|value| (value - middle).abs()).collect::<Vec<_>>())
 }
 
 /// What cars of one camera have in common, by number.

@@ -14,9 +14,6 @@ use crate::readers::cameras::{KnownCamera, read_cameras};
 use crate::solver::KnownPicture;
 use crate::truth::read_dataset;
 
-/// Cameras that bend lines more (k1) are left out: the solver knows no lens yet.
-const STRAIGHT: f64 = 0.05;
-
 /// Pictures of a data set (a few frames of each clip), our net's keypoints in the true boxes.
 ///
 /// # Errors
@@ -67,7 +64,7 @@ pub fn camera_pictures(
     cancel: &Cancel,
 ) -> Result<Vec<KnownPicture>, EvalError> {
     let cameras: Vec<KnownCamera> =
-        read_cameras(cameras)?.into_iter().filter(|camera| camera.distortion[0].abs() <= STRAIGHT).collect();
+        read_cameras(cameras)?.into_iter().filter(KnownCamera::is_straight).collect();
     let open = || Ok::<_, EvalError>((open_detector(models, config)?, open_keypoints(models, config)?));
     let found = |(detector, net): &mut (Detector, KeypointNet), i: usize| {
         stopped(cancel)?;

@@ -11,6 +11,8 @@ use crate::EvalError;
 use crate::text_file::read_text;
 
 const SCHEMA: &str = "roadplane.cameras/1";
+/// Largest k1 of a lens that counts as straight.
+const STRAIGHT: f64 = 0.05;
 
 /// A known camera.
 #[derive(Clone, Debug, PartialEq)]
@@ -31,6 +33,14 @@ pub struct KnownCamera {
     pub distortion: [f64; 2],
     /// How well the truth is known: sd of log focal, tilt (rad), roll (rad), log height.
     pub sd: [f64; 4],
+}
+
+impl KnownCamera {
+    /// Whether its lens hardly bends lines: ours knows no lens yet.
+    #[must_use]
+    pub fn is_straight(&self) -> bool {
+        self.distortion[0].abs() <= STRAIGHT
+    }
 }
 
 #[derive(Deserialize)]

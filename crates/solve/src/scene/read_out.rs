@@ -25,19 +25,22 @@ pub(crate) fn read_out(
 ) -> SceneSolution {
     let options = setup.options;
     let failed = || unsolved(setup, views.len(), SceneStatus::Failed);
-    let Some(mut answer) = told(problem, options) else { return failed() };
-    if report.iterations > 0 {
-        if let Some(fine) = camera_of_all_modes(setup.atlas, problem, options) {
-            answer = fine;
-            problem.follow(&(answer.camera - problem.state.camera));
-            // Too far a way for the cars to follow exactly.
-            problem.knowledge.fixed = [true; 4];
-            minimise(problem, &options.lm);
-            if problem.covariances().is_none() {
-                return failed();
-            }
-        } else {
-            problem.follow(&(answer.camera - problem.state.camera));
+    if problem.covariances().is_none() {
+        return failed();
+    }
+    let is_followed = report.iterations > 0;
+    let fine = is_followed.then(|| camera_of_all_modes(setup.atlas, problem, options)).flatten();
+    let is_fine = fine.is_some();
+    let Some(answer) = fine.or_else(|| told(problem, options)) else { return failed() };
+    if is_followed {
+        problem.follow(&(answer.camera - problem.state.camera));
+    }
+    if is_fine {
+        // Too far a way for the cars to follow exactly.
+        problem.knowledge.fixed = [true; 4];
+        minimise(problem, &options.lm);
+        if problem.covariances().is_none() {
+            return failed();
         }
     }
     let FineCamera { information, covariance, .. } = answer;
