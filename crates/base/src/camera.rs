@@ -1,10 +1,10 @@
-//! Pinhole camera with square pixels and no distortion.
+//! Camera with square pixels: a pinhole, and what the lens does to straight lines.
 
 use nalgebra::{Vector2, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::GroundPlane;
+use crate::{GroundPlane, Lens};
 
 /// Width and height in pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -36,33 +36,43 @@ impl ImageSize {
     }
 }
 
-/// `pixel = principal_point + focal · (X/Z, Y/Z)` for a point (X, Y, Z) in the camera frame.
+/// `pixel = principal_point + lens(focal · (X/Z, Y/Z))` for a point (X, Y, Z) in the camera frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
     /// Focal length, px.
     pub focal_px: f64,
-    /// Principal point, px.
+    /// Principal point, px; the lens bends around it, too.
     pub principal_point_px: Vector2<f64>,
+    /// How the lens bends lines.
+    pub lens: Lens,
 }
 
 impl Camera {
-    /// A camera whose principal point is the middle of the image.
+    /// A camera that bends no lines.
+    #[must_use]
+    pub fn pinhole(focal_px: f64, principal_point_px: Vector2<f64>) -> Self {
+        Self { focal_px, principal_point_px, lens: Lens::STRAIGHT }
+    }
+
+    /// A camera that bends no lines and whose principal point is the middle of the image.
     #[must_use]
     pub fn centred(focal_px: f64, size: ImageSize) -> Self {
-        Self { focal_px, principal_point_px: size.centre_px() }
+        Self::pinhole(focal_px, size.centre_px())
     }
 
     /// Pixel of a point in the camera frame; `None` at or behind the camera (z ≤ 1 mm).
     #[must_use]
     pub fn pixel_from_camera(&self, point_in_camera: &Vector3<f64>) -> Option<Vector2<f64>> {
-        (point_in_camera.z > 1e-3)
-            .then(|| self.principal_point_px + self.focal_px / point_in_camera.z * point_in_camera.xy())
+        (point_in_camera.z > 1e-3).then(|| {
+            let straight = self.focal_px / point_in_camera.z * point_in_camera.xy();
+            self.principal_point_px + self.lens.bent(&straight)
+        })
     }
 
     /// Viewing ray of a pixel in the camera frame, scaled to z = 1.
     #[must_use]
     pub fn ray_from_pixel(&self, pixel: &Vector2<f64>) -> Vector3<f64> {
-        let xy = (pixel - self.principal_point_px) / self.focal_px;
+        let xy = self.lens.straightened(&(pixel - self.principal_point_px)) / self.focal_px;
         Vector3::new(xy.x, xy.y, 1.0)
     }
 }

@@ -227,7 +227,7 @@ impl ClueTerms {
 /// Where a pixel's ray meets the ground, camera frame, m.
 fn ground(params: &CameraParams, pixel: &Vector2<f64>) -> Option<Vector3<f64>> {
     let plane = params.plane();
-    let camera = Camera { focal_px: params.focal_px(), principal_point_px: Vector2::zeros() };
+    let camera = Camera::pinhole(params.focal_px(), Vector2::zeros());
     let ray = camera.ray_from_pixel(pixel);
     let falling = -plane.normal_in_camera.dot(&ray);
     (falling > 1e-6).then(|| ray * (plane.height_m / falling))

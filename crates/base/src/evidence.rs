@@ -1,9 +1,9 @@
 //! What one clip said of its camera: the record that remembered cameras are made of.
 
-use nalgebra::{Matrix4, Matrix4x2, Vector4};
-use serde::{Deserialize, Serialize};
+use nalgebra::{Matrix4, Matrix4x3, Vector4};
+use serde::{Deserialize, Deserializer, Serialize};
 
-use crate::{CameraParams, ImageSize, JointInformation, KEYPOINTS, RecordError};
+use crate::{CameraParams, ImageSize, JointInformation, KEYPOINTS, Lens, RecordError, SHARED_ERRORS};
 
 /// Schema of an evidence file.
 pub const EVIDENCE_SCHEMA: &str = "roadplane.evidence/1";
@@ -31,9 +31,13 @@ pub struct CameraEvidence {
     /// Their information (inverse covariance); singular where the clip says nothing. The size of the place's cars, which all
     /// clips share, is not in it.
     pub information: [[f64; 4]; 4],
-    /// Its cross part with the errors that the vehicles of a place share ([`JointInformation::cross`]); absent from older files.
+    /// Its cross part with the errors that the vehicles of a place share ([`JointInformation::cross`]); absent from older files, or
+    /// without the lens.
+    #[serde(default, deserialize_with = "shared_errors")]
+    pub shared: [[f64; SHARED_ERRORS]; 4],
+    /// How the lens bends lines, and the sd of that, both 1/px²; absent where the picture did not show it.
     #[serde(default)]
-    pub shared: [[f64; 2]; 4],
+    pub lens: Option<(Lens, f64)>,
     /// Vehicles that stood, which may stand there another night.
     pub parked: Vec<ParkedCar>,
     /// Vehicles that moved.
@@ -62,6 +66,17 @@ pub struct ParkedCar {
     pub keypoints_px: Vec<Option<[f64; 2]>>,
 }
 
+/// Rows of as many errors as the file's version knew.
+fn shared_errors<'de, D: Deserializer<'de>>(file: D) -> Result<[[f64; SHARED_ERRORS]; 4], D::Error> {
+    let rows = <[Vec<f64>; 4]>::deserialize(file)?;
+    if rows.iter().any(|row| row.len() > SHARED_ERRORS) {
+        return Err(serde::de::Error::custom(format!(
+            "\"shared\" has rows of more than {SHARED_ERRORS} errors"
+        )));
+    }
+    Ok(rows.map(|row| std::array::from_fn(|i| row.get(i).copied().unwrap_or(0.0))))
+}
+
 impl CameraEvidence {
     /// The numbers of the camera.
     #[must_use]
@@ -73,7 +88,7 @@ impl CameraEvidence {
     #[must_use]
     pub fn joint(&self) -> JointInformation {
         let information = Matrix4::from_fn(|r, c| self.information[r][c]);
-        let cross = Matrix4x2::from_fn(|r, c| self.shared[r][c]);
+        let cross = Matrix4x3::from_fn(|r, c| self.shared[r][c]);
         JointInformation { cross, ..JointInformation::of_camera(&information, &Vector4::from(self.params)) }
     }
 
@@ -87,7 +102,8 @@ impl CameraEvidence {
             return unsuitable(format!("schema is {:?}, expected {EVIDENCE_SCHEMA:?}", self.schema));
         }
         let matrices = self.information.as_flattened().iter().chain(self.shared.as_flattened());
-        let numbers = self.params.iter().chain(matrices).chain(&self.span_s);
+        let lens = self.lens.iter().flat_map(|(lens, sd)| [&lens.per_px2, sd]);
+        let numbers = self.params.iter().chain(matrices).chain(&self.span_s).chain(lens);
         let parked = self.parked.iter().flat_map(|car| {
             car.bbox_px.iter().chain(car.keypoints_px.iter().flatten().flat_map(|pixel| pixel.iter()))
         });

@@ -20,6 +20,7 @@ mod clue;
 mod evidence;
 mod frame;
 mod keypoint;
+mod lens;
 mod plane;
 mod pose;
 mod records;
@@ -39,6 +40,7 @@ pub use clue::{Clue, ClueTerms};
 pub use evidence::{CameraEvidence, ClipIdentity, EVIDENCE_SCHEMA, ParkedCar};
 pub use frame::{Frame, FrameStamp};
 pub use keypoint::{KEYPOINTS, Keypoint, KeypointSet, keypoint_names, mirror_index, skeleton_edges};
+pub use lens::Lens;
 pub use plane::GroundPlane;
 pub use pose::{GroundPose, angle_difference, wrap_angle};
 pub use records::{
@@ -46,6 +48,6 @@ pub use records::{
     PictureVerdict, PoseRecord, RecordError, TrackRow, VehicleClass, WatchRecord, rows_from_isometry,
 };
 pub use robust::{median, weighted_median};
-pub use scene_line::SceneLine;
-pub use shared::{JointInformation, SharedSd};
+pub use scene_line::{SceneCurve, SceneLine};
+pub use shared::{JointInformation, SHARED_ERRORS, SharedSd};
 pub use similarity::Similarity;

@@ -97,7 +97,7 @@ mod tests {
         #[test]
         fn pixel_to_ground_and_back(tilt in 0.1f64..1.4, roll in -0.3f64..0.3, x in -20.0f64..20.0, y in 5.0f64..60.0) {
             let plane = GroundPlane::from_tilt_roll_height(tilt, roll, 8.0);
-            let camera = Camera { focal_px: 1500.0, principal_point_px: Vector2::new(639.5, 359.5) };
+            let camera = Camera::pinhole(1500.0, Vector2::new(639.5, 359.5));
             let in_camera = plane.camera_from_world() * nalgebra::Point3::new(x, y, 0.0);
             prop_assume!(in_camera.z > 0.5);
             let pixel = camera.pixel_from_camera(&in_camera.coords);
@@ -111,7 +111,7 @@ mod tests {
     fn a_positive_roll_turns_the_horizon_clockwise() {
         // Far points to the right must lie lower in the image (larger y) than far points to the left.
         let plane = GroundPlane::from_tilt_roll_height(0.3, 0.1, 8.0);
-        let camera = Camera { focal_px: 1000.0, principal_point_px: Vector2::zeros() };
+        let camera = Camera::pinhole(1000.0, Vector2::zeros());
         let row = |x: f64| {
             let p = plane.camera_from_world() * nalgebra::Point3::new(x, 1e6, 0.0);
             camera.pixel_from_camera(&p.coords).map(|p| p.y)

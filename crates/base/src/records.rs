@@ -6,7 +6,10 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use thiserror::Error;
 
-use crate::{CameraParams, GroundPose, ImageSize, KEYPOINTS, Keypoint, KeypointSet, MODES, SceneLine};
+use crate::{
+    Camera, CameraParams, GroundPose, ImageSize, KEYPOINTS, Keypoint, KeypointSet, Lens, MODES, SceneCurve,
+    SceneLine,
+};
 
 /// What is wrong with a line of a record file.
 #[derive(Debug, Error)]
@@ -51,6 +54,9 @@ pub struct FrameRecord {
     /// the camera is moved; absent where nobody looked for them anew.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub scene_lines: Option<Vec<SceneLine>>,
+    /// Long edges that show how the lens bends lines, `[x0, y0, x1, y1, x2, y2, sd]` each: ends and middle; told with `scene_lines`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scene_curves: Option<Vec<SceneCurve>>,
     /// Vehicles found.
     pub cars: Vec<CarRecord>,
     /// Fields of other tools.
@@ -245,6 +251,7 @@ impl FrameRecord {
             image_size_px,
             watch: None,
             scene_lines: None,
+            scene_curves: None,
             cars: Vec::new(),
             extra: Map::new(),
         }
@@ -410,6 +417,11 @@ pub struct CameraEstimate {
     pub image_size_px: ImageSize,
     /// Principal point, px.
     pub principal_point_px: Vector2<f64>,
+    /// How the lens bends lines.
+    pub lens: Lens,
+    /// sd of its bend ([`Lens::bend`]); `None` where the picture did not show it and it is taken for straight. What it does to the
+    /// other numbers is in their covariance.
+    pub bend_sd: Option<f64>,
     /// Focal length, tilt, roll, height.
     pub params: CameraParams,
     /// Covariance of (log focal, tilt, roll, log height).
@@ -420,6 +432,18 @@ pub struct CameraEstimate {
     pub cars_used: usize,
     /// Frames that were used.
     pub frames_used: usize,
+}
+
+impl CameraEstimate {
+    /// The camera itself.
+    #[must_use]
+    pub fn camera(&self) -> Camera {
+        Camera {
+            focal_px: self.params.focal_px(),
+            principal_point_px: self.principal_point_px,
+            lens: self.lens,
+        }
+    }
 }
 
 /// The full solve of one car in one frame: a line of `poses.jsonl`.

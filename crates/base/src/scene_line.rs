@@ -1,4 +1,4 @@
-//! Straight edges of a picture.
+//! Edges of a picture, straight and nearly so.
 
 use nalgebra::Vector2;
 use schemars::JsonSchema;
@@ -55,5 +55,49 @@ impl SceneLine {
     pub fn is_sound(&self) -> bool {
         let numbers: [f64; 5] = (*self).into();
         numbers.iter().all(|v| v.is_finite()) && self.along_px().norm() > 1e-3 && self.sd_rad > 0.0
+    }
+}
+
+/// A long edge of the scene that would be straight, or gently curved, before a lens that bends no lines. In files
+/// `[x0, y0, x1, y1, x2, y2, sd]`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(into = "[f64; 7]", from = "[f64; 7]")]
+pub struct SceneCurve {
+    /// One end, the middle, the other end, px of the picture.
+    pub points_px: [Vector2<f64>; 3],
+    /// sd of how far the middle is from the ends' line, px.
+    pub sd_px: f64,
+}
+
+impl From<[f64; 7]> for SceneCurve {
+    fn from([x0, y0, x1, y1, x2, y2, sd_px]: [f64; 7]) -> Self {
+        Self { points_px: [Vector2::new(x0, y0), Vector2::new(x1, y1), Vector2::new(x2, y2)], sd_px }
+    }
+}
+
+impl From<SceneCurve> for [f64; 7] {
+    fn from(curve: SceneCurve) -> Self {
+        let [a, b, c] = curve.points_px;
+        [a.x, a.y, b.x, b.y, c.x, c.y, curve.sd_px]
+    }
+}
+
+impl SceneCurve {
+    /// As a file keeps it.
+    #[must_use]
+    pub fn rounded(self) -> Self {
+        let rounded = |v: f64| (v * 100.0).round() / 100.0;
+        Self {
+            points_px: self.points_px.map(|point| point.map(rounded)),
+            sd_px: rounded(self.sd_px).max(0.01),
+        }
+    }
+
+    /// Finite, with different ends and a positive sd.
+    #[must_use]
+    pub fn is_sound(&self) -> bool {
+        let numbers: [f64; 7] = (*self).into();
+        let chord = self.points_px[2] - self.points_px[0];
+        numbers.iter().all(|v| v.is_finite()) && chord.norm() > 1e-3 && self.sd_px > 0.0
     }
 }

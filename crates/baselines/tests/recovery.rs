@@ -108,7 +108,7 @@ fn weak_perspective_is_exact_on_its_own_images() {
 #[test]
 fn what_cannot_be_fitted_is_none() {
     let atlas = ShapeAtlas::shipped().unwrap();
-    let camera = Camera { focal_px: 1000.0, principal_point_px: Vector2::new(640.0, 360.0) };
+    let camera = Camera::pinhole(1000.0, Vector2::new(640.0, 360.0));
     let point = |x: f64| Some(Keypoint::isotropic(Vector2::new(x, 300.0), 1.0, 1.0));
     let mut few: KeypointSet = [None; KEYPOINTS];
     for (i, slot) in few.iter_mut().take(4).enumerate() {

@@ -16,7 +16,8 @@ use std::sync::Arc;
 
 use nalgebra::{Matrix4, Vector2, Vector4};
 use roadplane_base::{
-    CameraEstimate, CameraParams, CameraStatus, Clue, ImageSize, JointInformation, SharedSd, weighted_median,
+    CameraEstimate, CameraParams, CameraStatus, Clue, ImageSize, JointInformation, Lens, SHARED_ERRORS,
+    SharedSd, weighted_median,
 };
 
 use crate::{
@@ -93,6 +94,10 @@ pub struct FuseOptions {
     pub moving_correlation: f64,
     /// sd of the errors that all cars of the place share, and so all windows: it does not show in how they scatter.
     pub shared_sd: SharedSd,
+    /// How the lens bends lines: the windows were solved with it.
+    pub lens: Lens,
+    /// sd of its bend where the picture, or somebody, told it.
+    pub bend_sd: Option<f64>,
     /// What else speaks of the camera, by its position ([`WindowEstimate::segment`]); counted once. A number that a move keeps is
     /// counted at the first of the positions that it holds for.
     pub clues: BTreeMap<usize, Arc<[Clue]>>,
@@ -130,7 +135,9 @@ impl FuseOptions {
             drift_sd: Vector4::new(1e-4, 5e-5, 5e-5, 1e-4),
             parked_correlation: 1.0,
             moving_correlation: 0.3,
-            shared_sd: [0.0; 2],
+            shared_sd: [0.0; SHARED_ERRORS],
+            lens: Lens::STRAIGHT,
+            bend_sd: None,
             clues: BTreeMap::new(),
             size_of_cars_sd: 0.0,
             min_gain: 16.0,
@@ -485,6 +492,8 @@ fn estimate(
         ],
         image_size_px: options.image_size_px,
         principal_point_px: options.principal_point_px,
+        lens: options.lens,
+        bend_sd: options.bend_sd,
         params: CameraParams::from_vector(&params),
         covariance,
         status,

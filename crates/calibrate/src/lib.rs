@@ -10,6 +10,7 @@
 //!             → Window { views, … } → (joint solve of the window, elsewhere) → WindowEstimate
 //!             → fuse → CameraEstimate per stretch of time
 //! SceneLine → verticals → Clue, and beside_a_witness(windows) → more for fuse      what the scene says of the focal length
+//! SceneCurve → LensView → how the lens bends lines, and how well that is known             before anything is solved
 //! CameraEvidence of other clips → epochs → more WindowEstimates for fuse      what is remembered of the camera
 //! ```
 //!
@@ -21,6 +22,7 @@ mod at_rest;
 mod combine;
 mod evidence;
 mod fuse;
+mod lens;
 mod linker;
 mod moves;
 mod nodes;
@@ -34,6 +36,7 @@ pub use at_rest::AtRest;
 pub use combine::{Combined, combine};
 pub use evidence::{EvidenceBuilder, EvidenceOptions, Window};
 pub use fuse::{CarUse, FuseOptions, FusePrior, Joined, WindowEstimate, condense, fuse, join};
+pub use lens::{LensFound, LensView, LogFocal};
 pub use linker::{LinkId, Linker, LinkerOptions};
 pub use moves::{MoveDetector, MoveOptions, MoveState, SegmentStart};
 pub use remember::{Epoch, SameView, epochs, joins, same_vehicle};

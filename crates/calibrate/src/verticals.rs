@@ -97,7 +97,9 @@ impl Prior {
             log_focal_sd: covariance[(0, 0)].sqrt(),
             horizon,
             roll: [cars.params.roll, 1.5 * covariance[(2, 2)].sqrt()],
-            lens: [LENS[0] * wide, (LENS[1] * wide).hypot(LENS_FLOOR)],
+            lens: cars.bend_sd.map_or([LENS[0] * wide, (LENS[1] * wide).hypot(LENS_FLOOR)], |sd| {
+                [cars.lens.bend(cars.image_size_px), sd.max(LENS_FLOOR)]
+            }),
         })
     }
 

@@ -155,7 +155,7 @@ impl TrueCamera {
     /// The camera.
     #[must_use]
     pub fn camera(&self) -> Camera {
-        Camera { focal_px: self.focal_px, principal_point_px: Vector2::from(self.principal_point_px) }
+        Camera::pinhole(self.focal_px, Vector2::from(self.principal_point_px))
     }
 
     /// The ground.

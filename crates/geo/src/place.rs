@@ -3,7 +3,7 @@
 use std::fmt;
 
 use nalgebra::{Matrix2, Point3, Rotation2, Vector2};
-use roadplane_base::{Camera, CameraEstimate, GroundPose, OnMap, TrackRow};
+use roadplane_base::{CameraEstimate, GroundPose, OnMap, TrackRow};
 use roadplane_write::decimals;
 use serde::{Deserialize, Serialize};
 
@@ -209,7 +209,7 @@ impl Place {
 /// Where a camera sees a point of its ground; `None` behind it.
 fn pixel_of(camera: &CameraEstimate, ground: &Vector2<f64>) -> Option<SurveyPoint> {
     let in_camera = camera.params.plane().camera_from_world() * Point3::new(ground.x, ground.y, 0.0);
-    let view = Camera { focal_px: camera.params.focal_px(), principal_point_px: camera.principal_point_px };
+    let view = camera.camera();
     Some(SurveyPoint::on_ground(view.pixel_from_camera(&in_camera.coords)?.into()))
 }
 
@@ -264,6 +264,8 @@ mod tests {
             span_s: [0.0, 10.0],
             image_size_px: size,
             principal_point_px: size.centre_px(),
+            lens: Lens::STRAIGHT,
+            bend_sd: None,
             params,
             covariance: Matrix4::identity() * sd * sd,
             status: CameraStatus::Estimated,
@@ -375,8 +377,7 @@ mod tests {
         // The same pixel, in the world of either camera.
         let pixel = Vector2::new(700.0, 500.0);
         let on_map = |camera: &CameraEstimate| {
-            let view =
-                Camera { focal_px: camera.params.focal_px(), principal_point_px: camera.principal_point_px };
+            let view = camera.camera();
             let at = camera.params.plane().world_from_pixel(&view, &pixel).unwrap();
             place.on_map(&GroundPose { x_m: at.x, y_m: at.y, heading_rad: 1.0 }, [0.0; 2], camera).unwrap()
         };

@@ -32,7 +32,7 @@ pub(crate) type Covariance = SMatrix<f64, 7, 7>;
 pub(crate) struct Solved {
     pub params: Params,
     pub covariance: Covariance,
-    pub principal_px: Vector2<f64>,
+    pub view: Camera,
 }
 
 /// What a point is worth where it is seen.
@@ -97,7 +97,7 @@ impl Solved {
     pub fn of_camera(camera: &CameraEstimate) -> Self {
         let mut params = Params::zeros();
         params.fixed_rows_mut::<4>(0).copy_from(&camera.params.to_vector());
-        Self { params, covariance: Covariance::zeros(), principal_px: camera.principal_point_px }
+        Self { params, covariance: Covariance::zeros(), view: camera.camera() }
     }
 
     /// The camera.
@@ -152,7 +152,7 @@ impl Solved {
         let ground = camera.plane();
         // A point above the ground lies on a plane that the camera is less high above.
         let plane = GroundPlane { height_m: ground.height_m - point.height_m, ..ground };
-        let camera = Camera { focal_px: camera.focal_px(), principal_point_px: self.principal_px };
+        let camera = Camera { focal_px: camera.focal_px(), ..self.view };
         let at = plane.world_from_pixel(&camera, &Vector2::from(point.pixel));
         at.filter(|_| plane.height_m > 0.0).map(|at| Rotation2::new(params[4]) * at)
     }

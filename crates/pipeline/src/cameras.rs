@@ -6,7 +6,7 @@ use std::sync::Arc;
 use nalgebra::{Matrix4, Vector4};
 use roadplane_base::{
     Camera, CameraEstimate, CameraEvidence, CameraParams, CameraStatus, Clue, EVIDENCE_SCHEMA, FrameRecord,
-    ImageSize, JointInformation, KeypointSet, ParkedCar, ShapeAtlas,
+    ImageSize, JointInformation, KeypointSet, Lens, ParkedCar, SceneCurve, ShapeAtlas,
 };
 use roadplane_calibrate::{
     CarUse, EvidenceBuilder, EvidenceOptions, FuseOptions, FusePrior, Joined, LinkId, SegmentStart, View,
@@ -17,6 +17,7 @@ use roadplane_solve::{CarView, SceneOptions, SceneSolution, SceneStatus, solve_s
 use roadplane_write::KnownSummary;
 
 use crate::believe::{is_believable, projected_box};
+use crate::lens::LensOfClip;
 use crate::memory::{Recall, look};
 use crate::scene_lines::{SceneView, ToldLines, and_verticals, hear_witnesses};
 use crate::{Config, Known, PipelineError};
@@ -133,18 +134,20 @@ pub fn usable(keypoints: &KeypointSet, config: &Config) -> KeypointSet {
     keypoints.map(|point| point.filter(|point| point.score >= config.solve.min_keypoint_score))
 }
 
-/// Estimates the camera from all frames and what is remembered of it, or says that nothing could be estimated.
+/// Estimates the camera from all frames, long edges of the place, and what is remembered of it, or says that nothing could be estimated.
 ///
 /// # Errors
 /// Whatever reading a frame failed with; [`PipelineError::Usage`] where what is known is of other pictures.
 pub fn estimate_cameras(
     frames: impl Iterator<Item = Result<FrameRecord, PipelineError>>,
+    curves: &[SceneCurve],
     atlas: &ShapeAtlas,
     known: &Known,
     recall: Option<&Recall>,
     config: &Config,
 ) -> Result<CameraTrack, PipelineError> {
     let mut known = known.clone();
+    let mut lens: Option<LensOfClip> = None;
     let mut builder = EvidenceBuilder::new(EvidenceOptions {
         window_s: config.calibrate.window_s,
         ..EvidenceOptions::default()
@@ -157,7 +160,7 @@ pub fn estimate_cameras(
     let mut span_s = [f64::INFINITY, f64::NEG_INFINITY];
     let mut frame_count = 0;
     let mut scene_lines = ToldLines::default();
-    let mut take = |window: Option<Window>, size: ImageSize, known: &Known| {
+    let mut take = |window: Option<Window>, size: ImageSize, lens: Lens, known: &Known| {
         let Some(window) = window else { return };
         if window.segment > moves_s.len() {
             moves_s.push(window.span_s[0]);
@@ -167,9 +170,9 @@ pub fn estimate_cameras(
         if told.is_none() && !clues.is_empty() {
             told = Some(untold.clone());
         }
-        untold.solve(&window, size, focal_px, Arc::new([]));
+        untold.solve(&window, size, lens, focal_px, Arc::new([]));
         if let Some(told) = &mut told {
-            told.solve(&window, size, focal_px, clues);
+            told.solve(&window, size, lens, focal_px, clues);
         }
     };
     for frame in frames {
@@ -178,6 +181,11 @@ pub fn estimate_cameras(
             known = known.for_pictures(frame.image_size_px)?;
         }
         let image_size = *size.get_or_insert(frame.image_size_px);
+        let lens = lens.get_or_insert_with(|| {
+            let lens = LensOfClip::new(curves, image_size, &known, recall, config);
+            known = known.seen_through(lens.lens());
+            lens
+        });
         span_s = [span_s[0].min(frame.time_s), span_s[1].max(frame.time_s)];
         frame_count += 1;
         scene_lines.take(&mut frame);
@@ -186,15 +194,15 @@ pub fn estimate_cameras(
                 **set = usable(set, config);
             }
         }
-        take(builder.push(frame), image_size, &known);
+        take(builder.push(frame), image_size, lens.lens(), &known);
     }
-    let Some(size) = size else {
+    let (Some(size), Some(lens)) = (size, lens) else {
         return Ok(CameraTrack { moves_s, ..CameraTrack::default() });
     };
-    take(builder.finish(), size, &known);
+    take(builder.finish(), size, lens.lens(), &known);
     let position = moves_s.len();
-    let mut fuse_options = fuse_options(size, position, &known, config);
     let (mut untold, parked) = (untold.windows, untold.parked);
+    let mut fuse_options = lens.count(&untold, fuse_options(size, position, &known, config));
     let mut told = told.map(|solving| solving.windows);
     let said = recall.and_then(|recall| {
         let options = fuse_options.for_cars();
@@ -248,8 +256,16 @@ impl<'a> Solving<'a> {
         Self { atlas, config, start: None, windows: Vec::new(), parked: BTreeMap::new() }
     }
 
-    fn solve(&mut self, window: &Window, size: ImageSize, focal_px: Option<f64>, clues: Arc<[Clue]>) {
-        let options = SceneOptions { start: self.start, clues, ..self.config.solve.scene_options(focal_px) };
+    fn solve(
+        &mut self,
+        window: &Window,
+        size: ImageSize,
+        lens: Lens,
+        focal_px: Option<f64>,
+        clues: Arc<[Clue]>,
+    ) {
+        let options =
+            SceneOptions { start: self.start, clues, lens, ..self.config.solve.scene_options(focal_px) };
         if let Some(solved) = solve_window(window, self.atlas, size, &options, self.config) {
             self.start = Some(solved.estimate.params);
             self.parked.extend(solved.parked);
@@ -328,6 +344,7 @@ fn evidence_of(
         params: std::array::from_fn(|i| params[i]),
         information: std::array::from_fn(|r| std::array::from_fn(|c| together.joint.information[(r, c)])),
         shared: std::array::from_fn(|r| std::array::from_fn(|c| together.joint.cross[(r, c)])),
+        lens: options.bend_sd.map(|sd| (options.lens, Lens::with_bend(sd, options.image_size_px).per_px2)),
         moving: together.cars.len() - stood.len(),
         parked: stood,
         place: recall.place.clone(),
@@ -395,7 +412,11 @@ pub fn estimate_frame(
     config: &Config,
 ) -> CameraEstimate {
     let size = frame.image_size_px;
+    let curves = frame.scene_curves.as_deref().unwrap_or_default();
+    let lens = LensOfClip::new(curves, size, known, None, config);
+    let known = &known.seen_through(lens.lens());
     let mut options = config.solve.scene_options(known.focal_px());
+    options.lens = lens.lens();
     options.clues = clues_of_window(&known.clues(0, size));
     let sets: Vec<KeypointSet> =
         frame.cars.iter().filter_map(|car| car.keypoints.as_deref()).map(|set| usable(set, config)).collect();
@@ -404,7 +425,7 @@ pub fn estimate_frame(
     let solution = solve_scene(atlas, size, &views, &options);
     let cars_used = solution.cars.iter().flatten().filter(|car| car.used).count();
     if !known.is_silent() {
-        let fuse_options = fuse_options(size, 0, known, config);
+        let fuse_options = lens.count(&[], fuse_options(size, 0, known, config));
         let silent = nothing_seen(&fuse_options, [frame.time_s; 2], 0);
         let window = if solution.status.usable() {
             let (params, joint) = by_cars_alone(&solution);
@@ -427,6 +448,8 @@ pub fn estimate_frame(
         span_s: [frame.time_s; 2],
         image_size_px: size,
         principal_point_px: size.centre_px(),
+        lens: lens.lens(),
+        bend_sd: lens.bend_sd(),
         params: solution.params,
         covariance: solution.covariance,
         status,
@@ -471,7 +494,7 @@ fn solve_window(
         .collect();
     let mut solution = solve_scene(atlas, size, &views, options);
     // What the plane makes of a box that holds no car shows only once the plane is known: leave it out and solve again.
-    let camera = Camera::centred(solution.params.focal_px(), size);
+    let camera = Camera { lens: options.lens, ..Camera::centred(solution.params.focal_px(), size) };
     let believed: Vec<bool> = window
         .views
         .iter()
@@ -568,6 +591,8 @@ fn unobservable(options: &FuseOptions, span_s: [f64; 2], size: ImageSize) -> Cam
         span_s,
         image_size_px: size,
         principal_point_px: options.principal_point_px,
+        lens: options.lens,
+        bend_sd: options.bend_sd,
         params: options.prior.params,
         covariance: Matrix4::from_diagonal(&options.prior.sd.map(|sd| sd * sd)),
         status: CameraStatus::Unobservable,

@@ -24,8 +24,7 @@ pub struct FrameCamera {
 
 impl From<&CameraEstimate> for FrameCamera {
     fn from(estimate: &CameraEstimate) -> Self {
-        let camera =
-            Camera { focal_px: estimate.params.focal_px(), principal_point_px: estimate.principal_point_px };
+        let camera = estimate.camera();
         Self { camera, plane: estimate.params.plane() }
     }
 }

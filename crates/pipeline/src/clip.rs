@@ -12,7 +12,7 @@ use roadplane_calibrate::AtRest;
 use roadplane_geo::{Place, Site};
 use roadplane_solve::{CarFit, SceneOptions, ShapePrior};
 use roadplane_track::{CarMeasurement, FrameMeasurements, HeldCar, Track, TrackState, Tracker};
-use roadplane_write::{FrameReader, PoseLines, read_jsonl};
+use roadplane_write::{FrameReader, PoseLines, read_jsonl, read_scene_curves};
 
 use crate::believe::{is_believable, is_vehicle, overlap_inside, projected_box};
 use crate::cameras::{CameraTrack, estimate_cameras};
@@ -122,7 +122,7 @@ pub(crate) fn solve_known_clip(
         })))
     };
     let Given { known, recall, site } = *given;
-    let mut cameras = estimate_cameras(read()?, atlas, known, recall, config)?;
+    let mut cameras = estimate_cameras(read()?, &read_scene_curves(frames)?, atlas, known, recall, config)?;
     let mut warnings = warnings_of(&cameras);
     let place = site.and_then(|site| {
         let place = cameras.put_on_map(site);

@@ -195,6 +195,8 @@ pub struct SolveConfig {
     pub max_rms_share: f64,
     /// Vertical lines of the scene speak of the focal length, where it shows some.
     pub use_verticals: bool,
+    /// Long edges of the scene tell how the lens bends lines; otherwise pictures are taken for straight.
+    pub use_lens: bool,
 }
 
 impl Default for SolveConfig {
@@ -219,14 +221,22 @@ impl Default for SolveConfig {
             min_box_overlap: 0.5,
             max_rms_share: 0.07,
             use_verticals: true,
+            use_lens: true,
         }
     }
 }
 
 impl SolveConfig {
+    /// Whether edges of the scene are of use.
+    #[must_use]
+    pub fn reads_scene(&self) -> bool {
+        self.use_verticals || self.use_lens
+    }
+
     /// The solver's options.
     #[must_use]
     pub fn scene_options(&self, known_focal_px: Option<f64>) -> SceneOptions {
+        let [elevation, turn] = self.shared_view_sd_deg.map(f64::to_radians);
         SceneOptions {
             known_focal_px,
             camera_prior: CameraPrior {
@@ -243,7 +253,7 @@ impl SolveConfig {
             min_inlier_share: self.min_inlier_share,
             view_errors: Some(ViewErrors {
                 car_sd: self.view_sd_deg.map(f64::to_radians),
-                shared_sd: self.shared_view_sd_deg.map(f64::to_radians),
+                shared_sd: [elevation, turn, 0.0],
             }),
             ..SceneOptions::default()
         }

@@ -7,7 +7,7 @@ mod measured;
 use std::path::Path;
 
 use nalgebra::{Matrix4, Vector2, Vector4};
-use roadplane_base::{Clue, ImageSize};
+use roadplane_base::{Clue, ImageSize, Lens};
 use roadplane_write::{KnownLength, WriteError, read_known};
 
 pub(crate) use check::{contradiction, in_words as known_in_words};
@@ -30,7 +30,19 @@ const SAME_RATIO: f64 = 0.01;
 pub struct Known {
     /// Focal length that is taken as it is, and the size of the pictures that it is for where that is told.
     focal: Option<(f64, Option<ImageSize>)>,
+    lens: Option<KnownLens>,
+    /// What lens the pixels of lengths are seen through.
+    seen_through: Lens,
     facts: Vec<Fact>,
+}
+
+/// How the lens bends lines, as it was told.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum KnownLens {
+    /// OpenCV's k1 and k2, which mean something beside a focal length only.
+    Opencv([f64; 2]),
+    /// [`Lens::bend`].
+    Bend(f64),
 }
 
 /// What is said on a command line.
@@ -48,6 +60,8 @@ pub struct KnownOptions<'a> {
     pub camera: Option<&'a Path>,
     /// File of known lengths.
     pub lengths: Option<&'a Path>,
+    /// OpenCV's k1 and k2 of the lens; they need a focal length.
+    pub lens: Option<[f64; 2]>,
 }
 
 /// One thing that is known.
@@ -80,7 +94,7 @@ impl Known {
     /// A focal length, px, that is taken as it is.
     #[must_use]
     pub fn focal(focal_px: Option<f64>) -> Self {
-        Self { focal: focal_px.map(|focal_px| (focal_px, None)), facts: Vec::new() }
+        Self { focal: focal_px.map(|focal_px| (focal_px, None)), ..Self::default() }
     }
 
     /// What a command line says; files are read.
@@ -103,6 +117,19 @@ impl Known {
                 }
                 None => known.focal = Some((focal.value, None)),
                 Some(sd) => known.facts.push(Fact::Number(Number { which: 0, value, sd: sd / focal.value })),
+            }
+        }
+        if let Some(k1_k2) = options.lens {
+            if known.lens.is_some() {
+                return Err(PipelineError::usage(
+                    "the lens is given twice, by --camera and by --lens: leave one out",
+                ));
+            }
+            known.lens = Some(KnownLens::Opencv(k1_k2));
+            if known.about_focal_px().is_none() {
+                return Err(PipelineError::usage(
+                    "--lens means something beside a focal length only: give --focal-px, too",
+                ));
             }
         }
         for (which, name, angle) in [(1, "--tilt-deg", options.tilt_deg), (2, "--roll-deg", options.roll_deg)]
@@ -128,7 +155,7 @@ impl Known {
     }
 
     fn add_camera(&mut self, path: &Path) -> Result<(), PipelineError> {
-        let CameraOfFile { size, principal_point_px, focal_px, numbers, by_cars } =
+        let CameraOfFile { size, principal_point_px, focal_px, lens, numbers, by_cars } =
             camera_file::read(path).map_err(usage)?;
         let middle = size.map(|size| size.centre_px());
         if let (Some(middle), Some(point)) = (middle, principal_point_px)
@@ -140,6 +167,7 @@ impl Known {
             );
         }
         self.focal = focal_px.map(|focal_px| (focal_px, size));
+        self.lens = lens;
         if let Some((mean, information)) = numbers {
             self.facts.push(Fact::Camera { file: name_of(path), size, mean, information, by_cars });
         }
@@ -152,7 +180,30 @@ impl Known {
         self.focal.map(|(focal_px, _)| focal_px)
     }
 
-    /// Nothing is known but perhaps the focal length, exactly.
+    /// The focal length, px, as it is taken or about.
+    fn about_focal_px(&self) -> Option<f64> {
+        let number = |fact: &Fact| match fact {
+            Fact::Number(Number { which: 0, value, .. }) => Some(value.exp()),
+            _ => None,
+        };
+        self.focal_px().or_else(|| self.facts.iter().find_map(number))
+    }
+
+    /// The lens, where it is told, for pictures of this size that [`Known::for_pictures`] was asked for.
+    pub(crate) fn lens(&self, size: ImageSize) -> Option<Lens> {
+        match self.lens? {
+            KnownLens::Opencv([k1, k2]) => Some(Lens::from_opencv(k1, k2, self.about_focal_px()?, size)),
+            KnownLens::Bend(bend) => Some(Lens::with_bend(bend, size)),
+        }
+    }
+
+    /// The same with this lens, which the ends of lengths are seen through.
+    #[must_use]
+    pub(crate) fn seen_through(&self, lens: Lens) -> Self {
+        Self { seen_through: lens, ..self.clone() }
+    }
+
+    /// Nothing is known but perhaps focal length and lens, exactly.
     #[must_use]
     pub fn is_silent(&self) -> bool {
         self.facts.is_empty()
@@ -199,7 +250,7 @@ impl Known {
         self.facts
             .iter()
             .filter(|fact| position == 0 || fact.holds_everywhere())
-            .map(|fact| fact.clue(size))
+            .map(|fact| fact.clue(size, self.seen_through))
             .collect()
     }
 
@@ -218,7 +269,7 @@ impl Fact {
         matches!(self, Self::Number(Number { which: 0 | 3, .. }))
     }
 
-    fn clue(&self, size: ImageSize) -> Clue {
+    fn clue(&self, size: ImageSize, lens: Lens) -> Clue {
         match self {
             Self::Number(Number { which, value, sd }) => {
                 Clue::Number { which: *which, value: *value, sd: *sd }
@@ -227,7 +278,8 @@ impl Fact {
                 Clue::Camera { mean: *mean, information: *information, by_cars: *by_cars }
             }
             Self::Length { length, .. } => Clue::Length {
-                ends_px: [length.from_px, length.to_px].map(|end| Vector2::from(end) - size.centre_px()),
+                ends_px: [length.from_px, length.to_px]
+                    .map(|end| lens.straightened(&(Vector2::from(end) - size.centre_px()))),
                 end_sd_px: length.pixel_sd,
                 length_m: length.length_m,
                 log_sd: length.sd_m / length.length_m,

@@ -192,7 +192,7 @@ fn stream_to_spool(
     let is_due = move |record: &FrameRecord| is_own(record) && is_new(record);
     let cadence = Cadence::of(&input, config);
     let begun_before = recovered.frames > 0 || piece.is_some_and(|piece| piece.from_s > 0);
-    let lines = LineFinder::new(begun_before || !config.solve.use_verticals);
+    let lines = LineFinder::new(begun_before || !config.solve.reads_scene());
     let stages = vec![
         watch_stage(),
         detect_stage(&mut nets.detector, cadence, sinks.background, lines).only(is_due),

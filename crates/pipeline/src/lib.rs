@@ -23,6 +23,7 @@ mod join;
 mod known;
 mod krtd;
 mod left;
+mod lens;
 mod limits;
 mod memory;
 mod models;

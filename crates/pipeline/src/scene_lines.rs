@@ -4,11 +4,11 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use image::RgbImage;
-use roadplane_base::{CarRecord, Clue, FrameRecord, PictureVerdict, SceneLine};
+use roadplane_base::{CarRecord, Clue, FrameRecord, PictureVerdict, SceneCurve, SceneLine};
 use roadplane_calibrate::{
     FuseOptions, Verticals, WindowEstimate, beside_a_witness, condense, fuse, verticals,
 };
-use roadplane_watch::{Seen, scene_lines};
+use roadplane_watch::{Seen, scene_curves, scene_lines};
 use roadplane_write::SceneLinesSummary;
 
 use crate::PipelineError;
@@ -33,14 +33,14 @@ impl LineFinder {
         Self { began_s: None, looked: 0, is_done }
     }
 
-    /// Finds lines of the place in its picture, if they are due.
+    /// Finds lines and long edges of the place in its picture, if they are due.
     pub(crate) fn look(
         &mut self,
         seen: &Seen,
         place: &RgbImage,
         cars: &[CarRecord],
         time_s: f64,
-    ) -> Result<Option<Vec<SceneLine>>, PipelineError> {
+    ) -> Result<Option<(Vec<SceneLine>, Vec<SceneCurve>)>, PipelineError> {
         if seen.is_new_position {
             *self = Self::new(false);
         }
@@ -60,7 +60,7 @@ impl LineFinder {
         self.looked = due;
         self.is_done = due == AGES_S.len();
         let boxes: Vec<[f64; 4]> = cars.iter().map(|car| car.bbox_px).collect();
-        Ok(Some(scene_lines(place, &boxes)?))
+        Ok(Some((scene_lines(place, &boxes)?, scene_curves(place, &boxes)?)))
     }
 }
 

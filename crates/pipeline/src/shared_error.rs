@@ -19,7 +19,7 @@ pub fn by_camera(estimate: &CameraEstimate, pose: &GroundPose) -> Option<Matrix4
     let from = Vector2::new(pose.x_m, pose.y_m);
     let pixels = [pixel_of(estimate, &from)?, pixel_of(estimate, &(from + ahead))?];
     let laid = |params: &CameraParams| -> Option<Vector4<f64>> {
-        let camera = Camera { focal_px: params.focal_px(), principal_point_px: estimate.principal_point_px };
+        let camera = Camera { focal_px: params.focal_px(), ..estimate.camera() };
         let plane = params.plane();
         let at = plane.world_from_pixel(&camera, &pixels[0])?;
         let way = plane.world_from_pixel(&camera, &pixels[1])? - at;
@@ -49,8 +49,7 @@ pub fn shared_covariance(estimate: &CameraEstimate, pose: &GroundPose) -> Matrix
 }
 
 fn pixel_of(estimate: &CameraEstimate, at: &Vector2<f64>) -> Option<Vector2<f64>> {
-    let camera =
-        Camera { focal_px: estimate.params.focal_px(), principal_point_px: estimate.principal_point_px };
+    let camera = estimate.camera();
     let plane = estimate.params.plane();
     let point = plane.camera_from_world() * nalgebra::Point3::new(at.x, at.y, 0.0);
     camera.pixel_from_camera(&point.coords)
@@ -67,6 +66,8 @@ pub(crate) mod tests {
             span_s: [0.0, 9.0],
             image_size_px: size,
             principal_point_px: size.centre_px(),
+            lens: Lens::STRAIGHT,
+            bend_sd: None,
             params: CameraParams { log_focal: 7.0, tilt: 0.3, roll: 0.02, log_height: 2.2 },
             covariance: Matrix4::from_diagonal(&Vector4::from(sd).map(|v| v * v)),
             status: CameraStatus::Estimated,
@@ -105,7 +106,7 @@ pub(crate) mod tests {
                 ..estimate([0.0; 4])
             };
             let (focal_px, plane) = (estimate.params.focal_px(), estimate.params.plane());
-            let camera = Camera { focal_px, principal_point_px: estimate.principal_point_px };
+            let camera = Camera::pinhole(focal_px, estimate.principal_point_px);
             let (ground, sds) = (two("ground_m"), two("ground_sd_m"));
             assert!(ground.len() >= 3);
             for (i, pixel) in two("pixels").iter().enumerate() {

@@ -5,7 +5,7 @@ use std::path::Path;
 use roadplane_base::{CameraEstimate, CameraStatus, FrameRecord, ShapeAtlas};
 use roadplane_calibrate::AtRest;
 use roadplane_solve::{ShapePrior, fit_free_car};
-use roadplane_write::{FrameReader, PoseLines, write_camera};
+use roadplane_write::{FrameReader, PoseLines, read_scene_curves, write_camera};
 
 use crate::cameras::{estimate_cameras, estimate_frame, prior_camera, usable};
 use crate::cars::{FrameCamera, HeldPoses, any_car, fit_frame, free_pose_record, pose_record};
@@ -94,7 +94,7 @@ pub fn solve_file(
             estimates.push(estimate);
         }
     } else {
-        let cameras = estimate_cameras(read()?, &atlas, known, None, config)?;
+        let cameras = estimate_cameras(read()?, &read_scene_curves(frames)?, &atlas, known, None, config)?;
         for frame in read()? {
             let frame = frame?;
             if let Some(estimate) = cameras.at(frame.time_s) {

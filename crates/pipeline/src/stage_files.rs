@@ -64,7 +64,7 @@ pub fn detect_file(
     let write = |work: Work| sink.write(&work.record);
     let cadence = Cadence::of(&input, config);
     let mut background = None;
-    let lines = LineFinder::new(!config.solve.use_verticals);
+    let lines = LineFinder::new(!config.solve.reads_scene());
     let stages = vec![watch_stage(), detect_stage(&mut detector, cadence, &mut background, lines)];
     let streamed = stream(input, cadence.chooser(), stages, write, config, cancel, progress)?;
     sink.finish()?;
@@ -98,6 +98,7 @@ pub fn keypoints_file(
             if record.frame == work.record.frame {
                 work.record.watch = record.watch;
                 work.record.scene_lines = record.scene_lines;
+                work.record.scene_curves = record.scene_curves;
                 work.record.cars = record.cars;
                 work.record.extra = record.extra;
             }

@@ -241,7 +241,8 @@ pub(crate) fn detect_stage<'a>(
         if seen.record.verdict == PictureVerdict::Rest {
             background.take(image, &look.busy, work.record.time_s);
         }
-        work.record.scene_lines = lines.look(seen, background.picture(), &look.cars, work.record.time_s)?;
+        let told = lines.look(seen, background.picture(), &look.cars, work.record.time_s)?;
+        (work.record.scene_lines, work.record.scene_curves) = told.unzip();
         work.record.cars = look.cars;
         Ok(())
     })

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use nalgebra::{Matrix6, Vector4};
-use roadplane_base::{CameraParams, Clue, ImageSize, Shape, SharedSd};
+use roadplane_base::{CameraParams, Clue, ImageSize, Lens, SHARED_ERRORS, Shape, SharedSd};
 
 use crate::linear::lm::LmOptions;
 use crate::model::kernel::OutlierModel;
@@ -147,6 +147,8 @@ pub struct SceneOptions {
     /// Where to start instead of searching: the answer for the previous frame, say. Falls back to searching when the
     /// cars do not fit there.
     pub start: Option<CameraParams>,
+    /// How the lens bends lines. What is not known of it counts as an error that cars share ([`ViewErrors::shared_sd`]).
+    pub lens: Lens,
     /// What is known of the camera.
     pub camera_prior: CameraPrior,
     /// What else speaks of it. Part of the estimate and its covariance, not of [`SceneSolution::information`](crate::SceneSolution).
@@ -177,7 +179,7 @@ impl SceneOptions {
     /// sds of what cars share: 0 where their errors are independent.
     #[must_use]
     pub fn shared_sd(&self) -> SharedSd {
-        self.view_errors.map_or([0.0; 2], |errors| errors.shared_sd)
+        self.view_errors.map_or([0.0; SHARED_ERRORS], |errors| errors.shared_sd)
     }
 }
 
@@ -186,6 +188,7 @@ impl Default for SceneOptions {
         Self {
             known_focal_px: None,
             start: None,
+            lens: Lens::STRAIGHT,
             camera_prior: CameraPrior::default(),
             clues: Arc::new([]),
             shape_prior_weight: 1.0,

@@ -6,7 +6,7 @@ use std::fmt::Write as _;
 use base64::{Engine as _, engine::general_purpose::STANDARD};
 use image::RgbImage;
 use image::codecs::jpeg::JpegEncoder;
-use roadplane_base::{Camera, CameraEstimate, CameraStatus, ImageSize, TrackRow};
+use roadplane_base::{CameraEstimate, CameraStatus, ImageSize, TrackRow};
 
 use crate::ViewError;
 use crate::activities::stretches;
@@ -67,8 +67,7 @@ pub fn report_html(input: &ReportInput<'_>) -> Result<String, ViewError> {
     }
     page.push_str("</ul>\n");
     if let Some(estimate) = input.cameras.first() {
-        let camera =
-            Camera { focal_px: estimate.params.focal_px(), principal_point_px: estimate.principal_point_px };
+        let camera = estimate.camera();
         let size: ImageSize = estimate.image_size_px;
         page.push_str("<h2>From above</h2>\n");
         page.push_str(&birds_eye(input.rows, &camera, size));

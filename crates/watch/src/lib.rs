@@ -12,6 +12,7 @@
 //!          → Background     the place without what moves, full size                               (background.rs)
 //! Background → PlacePicture   was the camera moved since another clip                             (place.rs)
 //!            → SceneLine      straight edges that may be vertical                                 (lines.rs, edges.rs)
+//!            → SceneCurve     long edges that show how the lens bends lines                      (curves.rs)
 //! ```
 //!
 //! Everything follows from the pictures and their times. Of what was longer ago than a minute nothing but faded traces is
@@ -21,6 +22,7 @@ mod alignment;
 mod background;
 mod blind;
 mod changes;
+mod curves;
 mod edges;
 mod level;
 mod lines;
@@ -33,6 +35,7 @@ mod watcher;
 pub use alignment::Alignment;
 pub use background::Background;
 pub use changes::{CELL_PX, Cells, ChangeMap};
+pub use curves::scene_curves;
 pub use lines::scene_lines;
 pub use place::PlacePicture;
 pub use small::SmallGrey;

@@ -126,7 +126,8 @@ fn detected(grey: &Mat) -> Result<Vec<Piece>, WatchError> {
     Ok(found.iter().map(piece).filter(|piece| piece.length() > 1.0).collect())
 }
 
-fn is_in(bbox_px: &[f64; 4], at: &Vector2<f64>) -> bool {
+/// Whether a point is in a vehicle's box, grown a little.
+pub(crate) fn is_in(bbox_px: &[f64; 4], at: &Vector2<f64>) -> bool {
     let [x0, y0, x1, y1] = *bbox_px;
     let more = BOX_SHARE * (x1 - x0).max(y1 - y0);
     (x0 - more..x1 + more).contains(&at.x) && (y0 - more..y1 + more).contains(&at.y)

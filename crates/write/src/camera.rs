@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use nalgebra::{Matrix4, Vector2, Vector3};
-use roadplane_base::{Camera, CameraEstimate, CameraParams, CameraStatus, GroundPlane, ImageSize};
+use roadplane_base::{Camera, CameraEstimate, CameraParams, CameraStatus, GroundPlane, ImageSize, Lens};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -17,6 +17,9 @@ pub const CAMERA_SCHEMA: &str = "roadplane.camera/1";
 const SD_DIGITS: i32 = 4;
 /// Decimals of a unit normal: 1e-8 rad, so that the plane read back is the plane written.
 const NORMAL: i32 = 8;
+
+/// Decimals of what a lens does.
+const LENS: i32 = 6;
 
 /// Order and units of the rows and columns of [`CameraSegment::covariance`].
 pub const COVARIANCE_ORDER: [&str; 4] = ["log focal_px", "tilt_rad", "roll_rad", "log height_m"];
@@ -50,6 +53,9 @@ pub struct CameraSegment {
     pub focal_sd_px: Option<f64>,
     /// Principal point, px.
     pub principal_point_px: [f64; 2],
+    /// How the lens bends lines; null where nothing told that, and it is taken for straight; absent from older files.
+    #[serde(default)]
+    pub lens: Option<LensFile>,
     /// Camera above the ground, m.
     pub height_m: f64,
     /// Its sd.
@@ -72,6 +78,45 @@ pub struct CameraSegment {
     pub cars_used: usize,
     /// Frames that were used.
     pub frames_used: usize,
+}
+
+/// Radial distortion by the division model: with p a pixel from the principal point, a lens that bends no lines would show it at
+/// `p / (1 + bend · |p|² / (width / 2)²)`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct LensFile {
+    /// "division".
+    pub model: String,
+    /// The number above; negative where lines bend outwards.
+    pub bend: f64,
+    /// Its sd.
+    pub bend_sd: f64,
+    /// OpenCV's k1 at this focal length: the first term of the same.
+    pub k1: f64,
+    /// Its sd, the focal length's counted.
+    pub k1_sd: f64,
+    /// OpenCV's k2: the second term.
+    pub k2: f64,
+}
+
+impl LensFile {
+    const MODEL: &str = "division";
+
+    fn new(estimate: &CameraEstimate) -> Option<Self> {
+        let bend_sd = estimate.bend_sd?;
+        let (focal_px, size) = (estimate.params.focal_px(), estimate.image_size_px);
+        let bend = estimate.lens.bend(size);
+        let [k1, k2] = estimate.lens.opencv(focal_px);
+        let by_bend = Lens::with_bend(bend_sd, size).opencv(focal_px)[0];
+        let by_focal = 2.0 * k1 * estimate.covariance[(0, 0)].max(0.0).sqrt();
+        Some(Self {
+            model: Self::MODEL.to_owned(),
+            bend: decimals(bend, LENS),
+            bend_sd: significant(bend_sd, SD_DIGITS),
+            k1: decimals(k1, LENS),
+            k1_sd: significant(by_bend.hypot(by_focal), SD_DIGITS),
+            k2: decimals(k2, LENS),
+        })
+    }
 }
 
 /// `normal · X + offset = 0`, normal pointing up.
@@ -105,6 +150,7 @@ impl CameraSegment {
             focal_sd_px: sd(0, focal_px),
             principal_point_px: [estimate.principal_point_px.x, estimate.principal_point_px.y]
                 .map(|v| decimals(v, 3)),
+            lens: LensFile::new(estimate),
             height_m: decimals(height_m, METRES),
             height_sd_m: sd(3, height_m),
             tilt_rad: decimals(params.tilt, RADIANS + 1),
@@ -125,7 +171,7 @@ impl CameraSegment {
     /// The camera.
     #[must_use]
     pub fn camera(&self) -> Camera {
-        Camera { focal_px: self.focal_px, principal_point_px: Vector2::from(self.principal_point_px) }
+        self.estimate().camera()
     }
 
     /// The ground.
@@ -147,6 +193,11 @@ impl CameraSegment {
             span_s: self.span_s,
             image_size_px: self.image_size_px,
             principal_point_px: Vector2::from(self.principal_point_px),
+            lens: self
+                .lens
+                .as_ref()
+                .map_or(Lens::STRAIGHT, |lens| Lens::with_bend(lens.bend, self.image_size_px)),
+            bend_sd: self.lens.as_ref().map(|lens| lens.bend_sd),
             params: CameraParams {
                 log_focal: self.focal_px.ln(),
                 tilt: self.tilt_rad,
@@ -164,7 +215,9 @@ impl CameraSegment {
 
     fn is_usable(&self) -> bool {
         let normal = Vector3::from(self.plane_in_camera.normal).norm();
-        self.focal_px > 0.0
+        let lens = self.lens.as_ref();
+        lens.is_none_or(|lens| lens.model == LensFile::MODEL && lens.bend.is_finite())
+            && self.focal_px > 0.0
             && self.height_m > 0.0
             && self.plane_in_camera.offset_m > 0.0
             && (normal - 1.0).abs() < 1e-3
@@ -225,6 +278,8 @@ mod tests {
             span_s,
             image_size_px: size,
             principal_point_px: size.centre_px(),
+            lens: Lens::STRAIGHT,
+            bend_sd: None,
             params: CameraParams {
                 log_focal: 1653f64.ln(),
                 tilt: 0.42,

@@ -23,7 +23,7 @@ mod summary;
 mod table;
 mod tracks;
 
-pub use camera::{CAMERA_SCHEMA, CameraFile, CameraSegment, read_camera, write_camera};
+pub use camera::{CAMERA_SCHEMA, CameraFile, CameraSegment, LensFile, read_camera, write_camera};
 pub use digits::{decimals, rounded_row};
 pub use error::WriteError;
 pub use evidence::{EvidenceStore, is_camera_id, read_evidence, write_evidence};
@@ -35,7 +35,7 @@ pub use lock::FolderLock;
 pub use parquet::{TRACKS_SCHEMA, TrackParquet};
 pub use schema::{FRAMES_SCHEMA, POSES_SCHEMA, schemas};
 pub use speed::{CpuMs, Speed};
-pub use spool::{FrameReader, FrameSpool, Recovered};
+pub use spool::{FrameReader, FrameSpool, Recovered, read_scene_curves};
 pub use summary::{
     Counts, InputSummary, KnownSummary, ModelSummary, RunStatus, SUMMARY_SCHEMA, SceneLinesSummary,
     StageSeconds, Summary, WatchStretch, WatchSummary, read_summary, write_summary,

@@ -4,7 +4,7 @@ use std::fs::{File, OpenOptions};
 use std::io::{BufRead as _, BufReader, BufWriter, Seek as _, SeekFrom, Write as _};
 use std::path::{Path, PathBuf};
 
-use roadplane_base::FrameRecord;
+use roadplane_base::{FrameRecord, SceneCurve};
 
 use crate::jsonl::json_line;
 use crate::{JsonLines, WriteError};
@@ -127,6 +127,32 @@ impl FrameReader {
         let file = File::open(path).map_err(WriteError::io("read", path))?;
         Ok(Self { lines: BufReader::new(file).lines(), number: 0, path: path.to_path_buf() })
     }
+}
+
+/// Long edges of the place ([`FrameRecord::scene_curves`]), of the frame that tells most of them; other frames are not looked into.
+///
+/// # Errors
+/// [`WriteError::Malformed`] naming the line, [`WriteError::Io`].
+pub fn read_scene_curves(path: &Path) -> Result<Vec<SceneCurve>, WriteError> {
+    #[derive(serde::Deserialize)]
+    struct Told {
+        scene_curves: Vec<SceneCurve>,
+    }
+    let file = File::open(path).map_err(WriteError::io("read", path))?;
+    let mut most = Vec::new();
+    for (number, line) in (1..).zip(BufReader::new(file).lines()) {
+        let line = line.map_err(WriteError::io("read", path))?;
+        if !line.contains("\"scene_curves\"") {
+            continue;
+        }
+        let told: Told = serde_json::from_str(&line)
+            .map_err(|e| WriteError::malformed(path, format!("line {number}: {e}")))?;
+        if told.scene_curves.len() > most.len() {
+            most = told.scene_curves;
+        }
+    }
+    most.retain(SceneCurve::is_sound);
+    Ok(most)
 }
 
 impl Iterator for FrameReader {

@@ -50,6 +50,8 @@ fn place(seed: u64, things: usize, strays: usize, lanes: usize) -> Place {
         span_s: [0.0; 2],
         image_size_px: SIZE,
         principal_point_px: SIZE.centre_px(),
+        lens: Lens::STRAIGHT,
+        bend_sd: None,
         params,
         covariance,
         status: CameraStatus::Estimated,

@@ -24,9 +24,21 @@ pub struct KnownArgs {
     /// Camera that was calibrated before: camera.json of a run, OpenCV's or ROS' camera_matrix (.yml), MEVA's .krtd.
     #[arg(long, value_name = "FILE")]
     pub camera: Option<PathBuf>,
+    /// How the lens bends lines: OpenCV's k1 and k2; needs a focal length.
+    #[arg(long, value_name = "K1[,K2]", allow_hyphen_values = true, value_parser = k1_k2)]
+    pub lens: Option<[f64; 2]>,
     /// Lengths between pixels on the ground: CSV with x1,y1,x2,y2,length_m,sd_m[,pixel_sd][,name], or JSON (`schemas known`).
     #[arg(long, value_name = "FILE")]
     pub known: Option<PathBuf>,
+}
+
+fn k1_k2(text: &str) -> Result<[f64; 2], String> {
+    let number = |text: &str| text.trim().parse::<f64>().ok().filter(|k| k.abs() < 10.0);
+    let (k1, k2) = text.split_once(',').unwrap_or((text, "0"));
+    number(k1)
+        .zip(number(k2))
+        .map(|(k1, k2)| [k1, k2])
+        .ok_or_else(|| "must be one or two numbers, K1 or K1,K2".to_owned())
 }
 
 impl KnownArgs {
@@ -42,6 +54,7 @@ impl KnownArgs {
             height_m: self.height_m,
             camera: self.camera.as_deref(),
             lengths: self.known.as_deref(),
+            lens: self.lens,
         })
     }
 

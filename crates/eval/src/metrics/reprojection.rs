@@ -29,7 +29,7 @@ mod tests {
 
     #[test]
     fn a_shift_of_one_of_two_points() {
-        let camera = Camera { focal_px: 1000.0, principal_point_px: Vector2::new(500.0, 300.0) };
+        let camera = Camera::pinhole(1000.0, Vector2::new(500.0, 300.0));
         let pose = Isometry3::from_parts(Translation3::new(0.0, 0.0, 10.0), UnitQuaternion::identity());
         let points = [Some(Point3::origin()), Some(Point3::new(1.0, 0.0, 0.0)), None];
         // The second point falls on (600, 300), 5 px from where it truly is.

@@ -7,7 +7,7 @@ use roadplane_base::{CameraParams, CameraStatus, ImageSize};
 use roadplane_write::{WriteError, read_camera};
 use yaml_rust2::{Yaml, YamlLoader};
 
-use super::{GUESSED_HEIGHT_SHARE, GUESSED_TILT_SD_DEG};
+use super::{GUESSED_HEIGHT_SHARE, GUESSED_TILT_SD_DEG, KnownLens};
 use crate::cameras::POPULATION_LOG_SD;
 use crate::krtd::read_krtd;
 
@@ -15,8 +15,6 @@ use crate::krtd::read_krtd;
 const UNKNOWN_VARIANCE: f64 = 1e4;
 /// No number of a camera is better known than this, log or rad.
 const LEAST_SD: f64 = 1e-6;
-/// A lens bends lines visibly from this k1 on.
-const BENDS: f64 = 0.02;
 
 /// A camera as a file has it.
 pub(super) struct CameraOfFile {
@@ -26,6 +24,8 @@ pub(super) struct CameraOfFile {
     pub principal_point_px: Option<[f64; 2]>,
     /// Focal length that is given without an sd, px.
     pub focal_px: Option<f64>,
+    /// How its lens bends lines, where that is told.
+    pub lens: Option<KnownLens>,
     /// Mean and information of (log focal, tilt, roll, log height).
     pub numbers: Option<(Vector4<f64>, Matrix4<f64>)>,
     /// The height rests on how large cars are.
@@ -83,6 +83,8 @@ fn ours(path: &Path) -> Result<CameraOfFile, WriteError> {
         size: Some(camera.image_size_px),
         principal_point_px: Some(camera.principal_point_px),
         focal_px: None,
+        // What was taken for straight is not told to be.
+        lens: estimate.bend_sd.map(|_| KnownLens::Bend(estimate.lens.bend(estimate.image_size_px))),
         numbers: Some((estimate.params.to_vector(), information)),
         by_cars,
     })
@@ -91,7 +93,6 @@ fn ours(path: &Path) -> Result<CameraOfFile, WriteError> {
 /// A surveyed camera: focal length given, the plane about that of its world.
 fn krtd(path: &Path) -> Result<CameraOfFile, WriteError> {
     let camera = read_krtd(path)?;
-    note_lens(path, camera.distortion.first().copied());
     let params = CameraParams::new(camera.focal_px(), &camera.plane());
     let angle = 1.0 / GUESSED_TILT_SD_DEG.to_radians().powi(2);
     let information = Vector4::new(0.0, angle, angle, GUESSED_HEIGHT_SHARE.powi(-2));
@@ -99,6 +100,7 @@ fn krtd(path: &Path) -> Result<CameraOfFile, WriteError> {
         size: None,
         principal_point_px: Some(camera.principal_point_px),
         focal_px: Some(camera.focal_px()),
+        lens: lens(&camera.distortion),
         numbers: Some((params.to_vector(), Matrix4::from_diagonal(&information))),
         by_cars: false,
     })
@@ -126,12 +128,13 @@ fn opencv(path: &Path) -> Result<CameraOfFile, WriteError> {
     }
     let side = |name: &str| u32::try_from(document[name].as_i64()?).ok().filter(|side| *side > 0);
     let size = side("image_width").zip(side("image_height"));
-    let lens = &document["distortion_coefficients"];
-    note_lens(path, numbers(&lens["data"]).or_else(|| numbers(lens)).and_then(|k| k.first().copied()));
+    let distortion = &document["distortion_coefficients"];
+    let distortion = numbers(&distortion["data"]).or_else(|| numbers(distortion));
     Ok(CameraOfFile {
         size: size.map(|(width, height)| ImageSize { width, height }),
         principal_point_px: Some([cx, cy]),
         focal_px: Some((fx * fy).sqrt()),
+        lens: distortion.and_then(|k| lens(&k)),
         numbers: None,
         by_cars: false,
     })
@@ -149,12 +152,8 @@ fn numbers(yaml: &Yaml) -> Option<Vec<f64>> {
     Some(found)
 }
 
-/// Pictures are taken for free of distortion.
-fn note_lens(path: &Path, k1: Option<f64>) {
-    if let Some(k1) = k1.filter(|k1| k1.abs() > BENDS) {
-        tracing::warn!(
-            "{}: the lens bends lines (k1 = {k1:.3}), which is not taken into account",
-            path.display()
-        );
-    }
+/// The radial part of OpenCV's coefficients (k1, k2, p1, p2, k3).
+fn lens(coefficients: &[f64]) -> Option<KnownLens> {
+    let k1 = *coefficients.first()?;
+    Some(KnownLens::Opencv([k1, coefficients.get(1).copied().unwrap_or(0.0)]))
 }

@@ -82,7 +82,7 @@ impl Fact {
                 told.collect()
             }
             Self::Length { file, length } => {
-                let clue = self.clue(size);
+                let clue = self.clue(size, camera.lens);
                 let Some((metres, log_sd)) = clue.length(&mean) else { return Vec::new() };
                 let by = Vector4::from_fn(|i, _| {
                     let moved = |step: f64| {

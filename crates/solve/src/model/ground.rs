@@ -253,8 +253,7 @@ mod tests {
             let in_camera = params.plane().camera_from_world()
                 * pose.world_from_car()
                 * nalgebra::Point3::from(atlas.keypoint_in_car(7, &shape));
-            let base =
-                roadplane_base::Camera { focal_px: params.focal_px(), principal_point_px: Vector2::zeros() };
+            let base = roadplane_base::Camera::pinhole(params.focal_px(), Vector2::zeros());
             if let (Some(a), Some(b)) = (base.pixel_from_camera(&in_camera.coords), pixel(&model, 7, &x)) {
                 assert!((a - b).norm() < 1e-6);
             }

@@ -1,7 +1,7 @@
-//! Keypoints as the solver uses them: relative to the principal point, whitened, weighted.
+//! Keypoints as the solver uses them: where a straight lens would show them, relative to the principal point, whitened, weighted.
 
 use nalgebra::{Matrix2, Matrix2x3, Vector2, Vector3};
-use roadplane_base::{KEYPOINTS, Keypoint, KeypointSet};
+use roadplane_base::{Camera, KEYPOINTS, Keypoint, KeypointSet};
 
 use crate::model::ground::StandingFrame;
 
@@ -16,9 +16,11 @@ const MIN_SD_PX: f64 = 1e-6;
 pub(crate) struct Observation {
     /// Index of the keypoint.
     pub index: usize,
-    /// Where it is, px from the principal point.
+    /// Where a straight lens would show it, px from the principal point.
     pub pixel: Vector2<f64>,
-    /// Measured covariance, px².
+    /// Its derivative by the lens' bend (1/px²), px³.
+    pub by_lens: Vector2<f64>,
+    /// Measured covariance, straightened, px².
     pub covariance: Matrix2<f64>,
     /// The paper's `s_i` (Eq. 6): score × weight of the view.
     pub weight: f64,
@@ -44,10 +46,11 @@ impl Observation {
     }
 }
 
-/// The usable keypoints of a car: finite, with a positive definite covariance and a score in 0…1.
+/// The usable keypoints of a car: finite, with a positive definite covariance and a score in 0…1. Of the camera lens and principal
+/// point count.
 pub(crate) fn observations(
     keypoints: &KeypointSet,
-    principal_point_px: &Vector2<f64>,
+    camera: &Camera,
     view_weight: f64,
     into: &mut Vec<Observation>,
 ) {
@@ -60,10 +63,13 @@ pub(crate) fn observations(
     };
     for (index, keypoint) in keypoints.iter().enumerate() {
         let Some(p) = keypoint.filter(usable) else { continue };
+        let bent = p.pixel - camera.principal_point_px;
+        let straightening = camera.lens.straightening(&bent);
         let mut observation = Observation {
             index,
-            pixel: p.pixel - principal_point_px,
-            covariance: p.covariance_px2,
+            pixel: camera.lens.straightened(&bent),
+            by_lens: camera.lens.straightened_by_bend(&bent),
+            covariance: straightening * p.covariance_px2 * straightening.transpose(),
             weight: p.score.clamp(MIN_SCORE, 1.0) * view_weight,
             whitening: [1.0, 0.0, 1.0],
         };

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use nalgebra::Vector4;
-use roadplane_base::{ImageSize, MODES, Shape, ShapeAtlas};
+use roadplane_base::{Camera, ImageSize, MODES, Shape, ShapeAtlas};
 
 use crate::model::camera_prior::CameraKnowledge;
 use crate::model::ground::{PointModes, Standing};
@@ -58,10 +58,11 @@ impl<'a> Setup<'a> {
         options: &'a SceneOptions,
     ) -> Self {
         let mut sights: Vec<Sight> = Vec::new();
+        let camera = Camera { lens: options.lens, ..Camera::centred(1.0, size) };
         for (index, view) in views.iter().enumerate() {
             let mut found = Vec::new();
             if view.weight > 0.0 && view.weight.is_finite() {
-                observations(view.keypoints, &size.centre_px(), view.weight.min(1.0), &mut found);
+                observations(view.keypoints, &camera, view.weight.min(1.0), &mut found);
             }
             if found.len() >= MIN_KEYPOINTS {
                 sights.push(Sight { index, group: view.group, observations: found });

@@ -54,7 +54,7 @@ pub fn fit_car(
     }
     let model = PointModes::new(atlas);
     let mut found = Vec::new();
-    observations(keypoints, &camera.principal_point_px, 1.0, &mut found);
+    observations(keypoints, camera, 1.0, &mut found);
     if found.len() < MIN_KEYPOINTS {
         return None;
     }

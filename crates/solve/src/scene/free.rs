@@ -64,7 +64,7 @@ pub fn fit_free_car(
 ) -> Option<FreeCarFit> {
     let model = PointModes::new(atlas);
     let mut found = Vec::new();
-    observations(keypoints, &camera.principal_point_px, 1.0, &mut found);
+    observations(keypoints, camera, 1.0, &mut found);
     let known = Vector4::new(camera.focal_px.ln(), 0.0, 0.0, 0.0);
     if found.len() < MIN_KEYPOINTS || !known[0].is_finite() {
         return None;

@@ -1,7 +1,7 @@
 //! From the minimum to the answer: the camera of all modes, its covariance, and the cars before it.
 
 use nalgebra::{Matrix4, Vector4};
-use roadplane_base::{CameraParams, JointInformation};
+use roadplane_base::{Camera, CameraParams, JointInformation};
 
 use crate::linear::lm::{LmReport, Termination, minimise};
 use crate::options::ShapePrior;
@@ -54,7 +54,7 @@ pub(crate) fn read_out(
         let solved = car_solution(problem, k, &joints[k]);
         cars[setup.sights[*s].index] = solved.map(|(car, _)| car);
     }
-    let camera = roadplane_base::Camera::centred(params.focal_px(), setup.size);
+    let camera = Camera { lens: options.lens, ..Camera::centred(params.focal_px(), setup.size) };
     for (s, sight) in setup.sights.iter().enumerate() {
         if members.binary_search(&s).is_err() {
             let keypoints = views[sight.index].keypoints;

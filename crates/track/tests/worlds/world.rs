@@ -85,7 +85,7 @@ pub struct Seen {
 }
 
 pub fn camera() -> (Camera, GroundPlane) {
-    let camera = Camera { focal_px: 1400.0, principal_point_px: Vector2::new(959.5, 539.5) };
+    let camera = Camera::pinhole(1400.0, Vector2::new(959.5, 539.5));
     (camera, GroundPlane::from_tilt_roll_height(0.35, 0.0, 9.0))
 }
 

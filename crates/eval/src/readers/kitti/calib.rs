@@ -21,7 +21,7 @@ impl KittiCamera {
     /// From focal length and principal point (px) and the shift (m).
     #[must_use]
     pub fn new(focal_px: f64, principal_point_px: [f64; 2], shift_m: Vector3<f64>) -> Self {
-        Self { camera: Camera { focal_px, principal_point_px: Vector2::from(principal_point_px) }, shift_m }
+        Self { camera: Camera::pinhole(focal_px, Vector2::from(principal_point_px)), shift_m }
     }
 }
 

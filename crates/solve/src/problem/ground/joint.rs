@@ -2,17 +2,18 @@
 //!
 //! Keypoints of a car are not independent: a net sees the whole car from a little too high, or turned. So the car that they show
 //! is turned against the true one, about the horizontal across the line of sight and about the line of sight, by d_k, and these
-//! angles scatter about what all cars of the place share, b:
+//! angles scatter about what all cars of the place share, b. And x, a keypoint where a straight lens would show it, is off for all
+//! cars with what is wrong about the lens, λ:
 //!
 //! ```text
-//! r_k = W (π(G_k + R(d_k) R X) − x)      + ½ |d_k − b|² / σ²      σ: `ViewErrors::car_sd`
+//! r_k = W (π(G_k + R(d_k) R X) − x(λ))   + ½ |d_k − b|² / σ²      σ: `ViewErrors::car_sd`
 //! ```
 //!
-//! Linear in d and b, which are small, about the minimum without them: they are in the covariance of the camera and not in its
-//! estimate. d is eliminated with poses and shapes; b stays, since pictures of a place share it (`base/src/shared.rs`).
+//! Linear in d, b and λ, which are small, about the minimum without them: they are in the covariance of the camera and not in its
+//! estimate. d is eliminated with poses and shapes; b and λ stay, since pictures of a place share them (`base/src/shared.rs`).
 
-use nalgebra::{DMatrix, DVector, Matrix2x3, Matrix6, Vector2, Vector3};
-use roadplane_base::JointInformation;
+use nalgebra::{DMatrix, DVector, Matrix2x3, SMatrix, Vector2, Vector3};
+use roadplane_base::{JointInformation, SHARED_ERRORS};
 
 use super::{GroundProblem, View};
 use crate::linear::gram::{MIN_INFORMATION, camera};
@@ -22,13 +23,13 @@ use crate::options::ViewErrors;
 /// Unknowns of a view: anchor, heading, elevation, turn.
 const OF_VIEW: usize = 5;
 /// Camera, and what cars share.
-const SHARED: usize = 6;
+const SHARED: usize = 4 + SHARED_ERRORS;
 
 impl<const M: usize> GroundProblem<'_, M> {
     /// Information of the cars on the camera, and its cross part with the shared errors, at the minimum, which it leads to; all else
     /// eliminated. `None` when a car cannot be evaluated.
     pub fn joint_information(&self, errors: &ViewErrors) -> Option<JointInformation> {
-        let mut all = Matrix6::zeros();
+        let mut all = SMatrix::<f64, SHARED, SHARED>::zeros();
         for (g, group) in self.groups.iter().enumerate() {
             let views = group.views.len();
             let shape_at = OF_VIEW * views;
@@ -50,6 +51,7 @@ impl<const M: usize> GroundProblem<'_, M> {
                         for i in 0..2 {
                             row[view_at + 3 + i] = by_turn[i];
                         }
+                        row[shared_at + 6] = by_turn[2];
                         for j in 0..M {
                             row[shape_at + j] = rows[3 + j];
                         }
@@ -88,13 +90,13 @@ impl<const M: usize> GroundProblem<'_, M> {
         }
         let information = all.fixed_view::<4, 4>(0, 0).into_owned();
         let information = (information + information.transpose()) / 2.0;
-        let cross = all.fixed_view::<4, 2>(0, 4).into_owned();
+        let cross = all.fixed_view::<4, SHARED_ERRORS>(0, 4).into_owned();
         let joint = JointInformation { information, cross, vector: information * self.state.camera };
         joint.vector.iter().chain(cross.iter()).all(|v| v.is_finite()).then_some(joint)
     }
 
-    /// Per observation of a view its whitened, weighted derivative by the car's elevation and turn, 2 × 2.
-    fn turned(&self, view: &View, k: usize) -> Option<Vec<[[f64; 2]; 2]>> {
+    /// Per observation of a view its whitened, weighted derivative by the car's elevation and turn, and by the lens, 2 × 3.
+    fn turned(&self, view: &View, k: usize) -> Option<Vec<[[f64; 3]; 2]>> {
         let camera = CameraFrame::new(&self.state.camera);
         let frame = StandingFrame::new(&camera, &self.state.standings[k])?;
         let sight = frame.origin.try_normalize(1e-9)?;
@@ -111,7 +113,9 @@ impl<const M: usize> GroundProblem<'_, M> {
                 let moved: Vector2<f64> = by_point * axis.cross(&offset);
                 observation.whiten([moved.x, moved.y]).map(|v| v * root)
             });
-            [[by[0][0], by[1][0]], [by[0][1], by[1][1]]]
+            let by_lens =
+                observation.whiten([-observation.by_lens.x, -observation.by_lens.y]).map(|v| v * root);
+            [0, 1].map(|axis| [by[0][axis], by[1][axis], by_lens[axis]])
         };
         Some(self.observations[view.observations.clone()].iter().map(of_one).collect())
     }

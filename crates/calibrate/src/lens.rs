@@ -1,0 +1,203 @@
+//! How the lens bends lines, by long edges of the scene (plumb-line: Brown 1971; by single edges and a search over the bend, as
+//! Alemán-Flores et al., IPOL 2014).
+//!
+//! Most long edges of streets and houses are straight, some are bent, and nobody says which. Before the right lens the middle of a
+//! straight one is on its ends' line, up to `sd_px`; a bent one's is off by anything of a few pixels, to either side. The share of
+//! straight ones is not known. So each edge is a mixture, and the bend's likelihood follows on a grid.
+//!
+//! Beforehand a picture is straight (a good lens, or straightened by the camera) or bent as surveillance lenses bend it: in
+//! proportion to how wide the picture is against the focal length. The lens counts only where it explains the edges a hundred times
+//! better than a straight one (a Bayes factor); otherwise the picture is taken for straight. What then is not known of the bend is an
+//! error that all cars share.
+
+use std::f64::consts::TAU;
+
+use nalgebra::Vector2;
+use roadplane_base::{ImageSize, Lens, SceneCurve};
+
+/// No more edges are looked at; ours are fewer, others' files may have any number.
+const MOST_CURVES: usize = 300;
+/// Log of how many times better than without a bend the edges must be explained: a hundred times.
+const LEAST_GAIN: f64 = 4.6;
+/// Shares of straight edges that are weighed, evenly.
+const SHARES: [f64; 4] = [0.1, 0.25, 0.5, 0.75];
+/// The middle of an edge that is not straight is off by this on average, as a share of the picture's width.
+const STRAY_SHARE: f64 = 0.0035;
+/// The bends that are looked at, and how far apart.
+const BENDS: [f64; 2] = [-0.6, 0.2];
+const STEP: f64 = 0.0025;
+/// Share of pictures that are straight, and sd of the bend that these have nevertheless.
+const STRAIGHT_SHARE: f64 = 0.4;
+const STRAIGHT_SD: f64 = 0.005;
+/// OpenCV's k1 of the others' lenses, mean and sd: most bend lines outwards, published ones by −0.4 to 0.05.
+const K1: [f64; 2] = [-0.12, 0.15];
+
+/// What the edges of a place say of the lens.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LensView {
+    size: ImageSize,
+    /// Log likelihood over [`bends`].
+    logs: Vec<f64>,
+}
+
+/// The lens, and how sure that is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LensFound {
+    /// The lens.
+    pub lens: Lens,
+    /// sd of its bend ([`Lens::bend`]).
+    pub bend_sd: f64,
+    /// Log of how many times better than a straight one it explains the edges.
+    pub gain: f64,
+}
+
+/// What is known of the focal length before the lens: mean and sd of its logarithm, px.
+pub type LogFocal = [f64; 2];
+
+impl LensView {
+    /// Of long edges of a place.
+    #[must_use]
+    pub fn of(curves: &[SceneCurve], size: ImageSize) -> Self {
+        let curves = &curves[..curves.len().min(MOST_CURVES)];
+        let stray_px = STRAY_SHARE * f64::from(size.width);
+        let log = |bend: f64| {
+            let lens = Lens::with_bend(bend, size);
+            let mut logs = [0.0; SHARES.len()];
+            for curve in curves {
+                let off_px = off_line(curve, lens, size);
+                let stray = (-off_px.abs() / stray_px).exp() / (2.0 * stray_px);
+                let straight = (-0.5 * (off_px / curve.sd_px).powi(2)).exp() / (curve.sd_px * TAU.sqrt());
+                for (log, share) in logs.iter_mut().zip(SHARES) {
+                    *log += (share * straight + (1.0 - share) * stray).max(f64::MIN_POSITIVE).ln();
+                }
+            }
+            log_sum(logs.into_iter())
+        };
+        Self { size, logs: bends().map(log).collect() }
+    }
+
+    /// The lens, where the edges show one, before the cars are looked at.
+    #[must_use]
+    pub fn found(&self, log_focal: LogFocal) -> Option<LensFound> {
+        let bent = self.prior(log_focal, 0.0);
+        let straight = self.prior(log_focal, 1.0);
+        let explained =
+            |prior: &[f64]| log_sum(self.logs.iter().zip(prior).map(|(log, prior)| log + prior.ln()));
+        let gain = explained(&bent) - explained(&straight);
+        let [mean, sd] = self.moments(&bent)?;
+        (gain > LEAST_GAIN).then(|| LensFound { lens: Lens::with_bend(mean, self.size), bend_sd: sd, gain })
+    }
+
+    /// How far the bend may be from what it is taken for (sd), when the focal length is known.
+    #[must_use]
+    pub fn sd_about(&self, lens: Lens, log_focal: LogFocal) -> f64 {
+        let prior = self.prior(log_focal, STRAIGHT_SHARE);
+        self.moments(&prior).map_or(0.0, |[mean, sd]| (mean - lens.bend(self.size)).hypot(sd))
+    }
+
+    /// Density of each bend beforehand, over what the focal length may be.
+    fn prior(&self, [log_focal, sd]: LogFocal, straight_share: f64) -> Vec<f64> {
+        const STEPS: i32 = 10;
+        let half_width = 0.5 * f64::from(self.size.width);
+        let mut prior = vec![0.0; self.logs.len()];
+        for step in -STEPS..=STEPS {
+            let z = 2.5 * f64::from(step) / f64::from(STEPS);
+            let wide = (half_width / (log_focal + z * sd).exp()).powi(2);
+            let (mean, sd) = (K1[0] * wide, (K1[1] * wide).hypot(STRAIGHT_SD));
+            let weight = (-0.5 * z * z).exp();
+            for (density, bend) in prior.iter_mut().zip(bends()) {
+                let bent = normal((bend - mean) / sd) / sd;
+                let straight = normal(bend / STRAIGHT_SD) / STRAIGHT_SD;
+                *density += weight * ((1.0 - straight_share) * bent + straight_share * straight);
+            }
+        }
+        let sum: f64 = prior.iter().sum();
+        prior.iter().map(|density| (density / sum).max(f64::MIN_POSITIVE)).collect()
+    }
+
+    /// Mean and sd of the bend.
+    fn moments(&self, prior: &[f64]) -> Option<[f64; 2]> {
+        let most = self.logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let weights: Vec<f64> =
+            self.logs.iter().zip(prior).map(|(log, prior)| (log - most).exp() * prior).collect();
+        let sum: f64 = weights.iter().sum();
+        let mean = bends().zip(&weights).map(|(bend, weight)| bend * weight).sum::<f64>() / sum;
+        let variance =
+            bends().zip(&weights).map(|(bend, weight)| (bend - mean).powi(2) * weight).sum::<f64>() / sum;
+        (mean.is_finite() && variance.is_finite()).then(|| [mean, variance.sqrt().max(STEP)])
+    }
+}
+
+fn bends() -> impl Iterator<Item = f64> {
+    let count = ((BENDS[1] - BENDS[0]) / STEP).round() as usize;
+    (0..=count).map(|i| BENDS[0] + STEP * i as f64)
+}
+
+/// How far an edge's middle is off its ends' line before a lens that bends no lines, px as the picture has them there.
+fn off_line(curve: &SceneCurve, lens: Lens, size: ImageSize) -> f64 {
+    let from_centre: [Vector2<f64>; 3] = curve.points_px.map(|point| point - size.centre_px());
+    let [a, b, c] = from_centre.map(|point| lens.straightened(&point));
+    let stretched = (c - a).norm() / (from_centre[2] - from_centre[0]).norm();
+    (c - a).normalize().perp(&(b - a)) / stretched
+}
+
+fn normal(z: f64) -> f64 {
+    (-0.5 * z * z).exp()
+}
+
+/// Log of the sum of exponentials.
+fn log_sum(logs: impl Iterator<Item = f64> + Clone) -> f64 {
+    let most = logs.clone().fold(f64::NEG_INFINITY, f64::max);
+    most + logs.map(|log| (log - most).exp()).sum::<f64>().ln()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SIZE: ImageSize = ImageSize { width: 1920, height: 1080 };
+    /// What the solver takes for granted of cameras.
+    const ANY: LogFocal = [7.742, 0.6];
+
+    /// Edges all over the picture, every third one of a bent thing, as a lens shows them.
+    fn curves(bend: f64, count: u32) -> Vec<SceneCurve> {
+        let lens = Lens::with_bend(bend, SIZE);
+        let spread = |i: u32, k: u32| f64::from(i.wrapping_mul(k) % 97) / 97.0 - 0.5;
+        let curve = |i: u32| {
+            let middle = Vector2::new(1600.0 * spread(i, 37), 900.0 * spread(i, 53));
+            let angle = 3.1 * spread(i, 71);
+            let along = Vector2::new(angle.cos(), angle.sin()) * (100.0 + 150.0 * (spread(i, 29) + 0.5));
+            let across = Vector2::new(-angle.sin(), angle.cos());
+            let found = 0.6 * spread(i, 13) + if i % 3 == 0 { 20.0 * spread(i, 17) } else { 0.0 };
+            let ends = [middle - along, middle + along];
+            let points = [ends[0], middle + found * across, ends[1]];
+            SceneCurve { points_px: points.map(|p| lens.bent(&p) + SIZE.centre_px()), sd_px: 0.5 }
+        };
+        (0..count).map(curve).collect()
+    }
+
+    #[test]
+    fn the_lens_is_found_among_bent_things() {
+        for bend in [-0.25, -0.15, -0.05] {
+            let found = LensView::of(&curves(bend, 90), SIZE).found(ANY).unwrap();
+            let off = found.lens.bend(SIZE) - bend;
+            assert!(off.abs() < 3.0 * found.bend_sd && found.bend_sd < 0.01, "{bend}: {found:?}");
+        }
+    }
+
+    #[test]
+    fn straight_pictures_and_bare_ones_stay_straight() {
+        assert_eq!(LensView::of(&curves(0.0, 90), SIZE).found(ANY), None);
+        assert_eq!(LensView::of(&curves(-0.05, 3), SIZE).found(ANY), None);
+        assert_eq!(LensView::of(&[], SIZE).found(ANY), None);
+    }
+
+    #[test]
+    fn what_is_not_known_of_the_lens_depends_on_the_focal_length() {
+        let bare = LensView::of(&[], SIZE);
+        let sd = |focal_px: f64| bare.sd_about(Lens::STRAIGHT, [focal_px.ln(), 0.05]);
+        assert!(sd(5000.0) < 0.01 && sd(1000.0) > 0.08, "{} {}", sd(5000.0), sd(1000.0));
+        let seen = LensView::of(&curves(0.0, 90), SIZE);
+        assert!(seen.sd_about(Lens::STRAIGHT, [1000_f64.ln(), 0.05]) < 0.006);
+    }
+}
