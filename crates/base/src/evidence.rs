@@ -1,6 +1,6 @@
 //! What one clip said of its camera: the record that remembered cameras are made of.
 
-use nalgebra::{Matrix4, Matrix4x3, Vector4};
+use nalgebra::{Matrix4, Matrix4x5, Vector4};
 use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::{CameraParams, ImageSize, JointInformation, KEYPOINTS, Lens, RecordError, SHARED_ERRORS};
@@ -32,7 +32,7 @@ pub struct CameraEvidence {
     /// clips share, is not in it.
     pub information: [[f64; 4]; 4],
     /// Its cross part with the errors that the vehicles of a place share ([`JointInformation::cross`]); absent from older files, or
-    /// without the lens.
+    /// the first of them alone.
     #[serde(default, deserialize_with = "shared_errors")]
     pub shared: [[f64; SHARED_ERRORS]; 4],
     /// How the lens bends lines, and the sd of that, both 1/px²; absent where the picture did not show it.
@@ -88,7 +88,7 @@ impl CameraEvidence {
     #[must_use]
     pub fn joint(&self) -> JointInformation {
         let information = Matrix4::from_fn(|r, c| self.information[r][c]);
-        let cross = Matrix4x3::from_fn(|r, c| self.shared[r][c]);
+        let cross = Matrix4x5::from_fn(|r, c| self.shared[r][c]);
         JointInformation { cross, ..JointInformation::of_camera(&information, &Vector4::from(self.params)) }
     }
 

@@ -14,7 +14,7 @@
 mod field;
 
 use nalgebra::{Matrix2, Vector2};
-use roadplane_base::{CameraEstimate, Clue, SceneLine};
+use roadplane_base::{Camera, CameraEstimate, Clue, SceneLine};
 
 use self::field::{Field, Node};
 
@@ -28,8 +28,6 @@ const WEAKEST: f64 = 0.25;
 const LENS: [f64; 2] = [-0.12, 0.15];
 /// The same that is left where the focal length is long, of the picture's half width.
 const LENS_FLOOR: f64 = 0.005;
-/// sd of the principal point, as a share of the picture's width.
-const PRINCIPAL_POINT_SHARE: f64 = 0.02;
 
 /// The vertical of a scene.
 #[derive(Clone, Debug, PartialEq)]
@@ -55,7 +53,7 @@ pub fn verticals(lines: &[SceneLine], cars: &CameraEstimate) -> Option<Verticals
     }
     let Moments { mean, mut covariance } = moments(&field, &prior, best)?;
     // Were the principal point elsewhere, so would be the middle of the bend and of the lens.
-    let principal_point = PRINCIPAL_POINT_SHARE * width;
+    let principal_point = Camera::PRINCIPAL_POINT_SD * width;
     let of_lens = 2.0 * mean.lens / (field.half_width() * field.half_width());
     covariance[(0, 0)] += (principal_point * (mean.bend * mean.bend).hypot(of_lens)).powi(2);
     covariance[(1, 1)] += (principal_point * mean.bend).powi(2);

@@ -251,7 +251,7 @@ fn describe(camera: &CameraEstimate, zone: &UtmZone, solved: &Solved) -> Result<
 mod tests {
     use super::*;
     use nalgebra::Matrix4;
-    use roadplane_base::{CameraParams, CameraStatus, ImageSize};
+    use roadplane_base::{CameraParams, CameraStatus, ImageSize, Lens};
 
     use crate::Site;
 

@@ -253,7 +253,7 @@ impl SolveConfig {
             min_inlier_share: self.min_inlier_share,
             view_errors: Some(ViewErrors {
                 car_sd: self.view_sd_deg.map(f64::to_radians),
-                shared_sd: [elevation, turn, 0.0],
+                shared_sd: [elevation, turn, 0.0, 0.0, 0.0],
             }),
             ..SceneOptions::default()
         }

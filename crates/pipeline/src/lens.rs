@@ -1,6 +1,6 @@
 //! A clip's lens: told, remembered, or shown by long edges of the place; otherwise straight.
 
-use roadplane_base::{ImageSize, Lens, SceneCurve};
+use roadplane_base::{Camera, ImageSize, Lens, SceneCurve};
 use roadplane_calibrate::{FuseOptions, LensView, WindowEstimate, fuse};
 
 use crate::memory::Recall;
@@ -67,7 +67,7 @@ impl LensOfClip {
         self.bend_sd
     }
 
-    /// Counts what is not known of the lens as an error that cars share. Where nothing was said of it that depends on how wide the
+    /// Counts what is not known of lens and principal point as errors that cars share. Where nothing was said of it that depends on how wide the
     /// picture is, which the windows tell.
     pub(crate) fn count(&self, windows: &[WindowEstimate], options: FuseOptions) -> FuseOptions {
         let mut options = FuseOptions { lens: self.lens, bend_sd: self.bend_sd, ..options };
@@ -77,7 +77,9 @@ impl LensOfClip {
         });
         let silent = || self.view.as_ref().map_or(0.0, |view| view.sd_about(self.lens, log_focal));
         let bend_sd = self.bend_sd.unwrap_or_else(silent);
+        let point_sd_px = Camera::PRINCIPAL_POINT_SD * f64::from(self.size.width);
         options.shared_sd[2] = Lens::with_bend(bend_sd, self.size).per_px2;
+        options.shared_sd[3..].fill(point_sd_px);
         options
     }
 }

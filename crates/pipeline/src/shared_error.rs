@@ -58,7 +58,7 @@ fn pixel_of(estimate: &CameraEstimate, at: &Vector2<f64>) -> Option<Vector2<f64>
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use roadplane_base::{CameraStatus, ImageSize};
+    use roadplane_base::{CameraStatus, ImageSize, Lens};
 
     pub(crate) fn estimate(sd: [f64; 4]) -> CameraEstimate {
         let size = ImageSize { width: 1280, height: 720 };

@@ -19,8 +19,9 @@ fn errors_of_view_widen_what_cars_say() {
                 SceneOptions { camera_prior, known_focal_px, view_errors, ..SceneOptions::default() };
             solve_scene(&atlas, scene.size, &views, &options)
         };
-        let errors =
-            |car: f64, shared: f64| Some(ViewErrors { car_sd: [car; 2], shared_sd: [shared, shared, 0.0] });
+        let errors = |car: f64, shared: f64| {
+            Some(ViewErrors { car_sd: [car; 2], shared_sd: [shared, shared, 0.0, 0.0, 0.0] })
+        };
         let sd = |found: &SceneSolution| found.covariance.diagonal().map(f64::sqrt);
         let (none, tiny) = (solve(None), solve(errors(1e-7, 0.0)));
         assert!((none.covariance - tiny.covariance).amax() < 1e-6 * none.covariance.amax());

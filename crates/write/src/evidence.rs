@@ -204,7 +204,7 @@ mod tests {
             information: std::array::from_fn(|r| {
                 std::array::from_fn(|c| if r == c { 100.0 / 3.0 } else { 0.0 })
             }),
-            shared: [[0.0; 3]; 4],
+            shared: [[0.0; roadplane_base::SHARED_ERRORS]; 4],
             lens: None,
             parked: Vec::new(),
             moving: 3,

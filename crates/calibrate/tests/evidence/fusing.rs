@@ -272,7 +272,7 @@ fn what_the_cars_of_a_place_share_no_number_of_windows_averages_out() {
         })
         .collect();
     let sd = |shared: f64| {
-        let options = FuseOptions { shared_sd: [shared, 0.0, 0.0], ..options() };
+        let options = FuseOptions { shared_sd: [shared, 0.0, 0.0, 0.0, 0.0], ..options() };
         fuse(&windows, &options)[0].covariance[(1, 1)].sqrt()
     };
     assert!(sd(0.0) < 1.05 * SD[1] / 5.0, "{}", sd(0.0));

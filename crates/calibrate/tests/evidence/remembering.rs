@@ -43,7 +43,7 @@ fn clip(night: usize, at: Vector4<f64>, parked: Vec<ParkedCar>) -> CameraEvidenc
         frames: 1500,
         params: std::array::from_fn(|i| at[i]),
         information: std::array::from_fn(|r| std::array::from_fn(|c| information[(r, c)])),
-        shared: [[0.0; 3]; 4],
+        shared: [[0.0; roadplane_base::SHARED_ERRORS]; 4],
         lens: None,
         parked,
         moving: 2,

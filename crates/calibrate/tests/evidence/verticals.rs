@@ -1,6 +1,6 @@
 use nalgebra::{Matrix4, Vector2, Vector4};
 use roadplane_base::{
-    CameraEstimate, CameraParams, CameraStatus, Clue, ImageSize, JointInformation, SceneLine,
+    CameraEstimate, CameraParams, CameraStatus, Clue, ImageSize, JointInformation, Lens, SceneLine,
 };
 use roadplane_calibrate::{
     FuseOptions, SegmentStart, Verticals, WindowEstimate, beside_a_witness, fuse, verticals,

@@ -209,7 +209,7 @@ fn evidence_of(
         frames: 1,
         params: std::array::from_fn(|i| params[i]),
         information: std::array::from_fn(|r| std::array::from_fn(|c| information[(r, c)])),
-        shared: [[0.0; 3]; 4],
+        shared: [[0.0; roadplane_base::SHARED_ERRORS]; 4],
         lens: None,
         parked: parked.collect(),
         moving: 0,

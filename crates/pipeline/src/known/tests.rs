@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use nalgebra::Matrix4;
-use roadplane_base::{CameraEstimate, CameraParams, CameraStatus, GroundPlane};
+use roadplane_base::{CameraEstimate, CameraParams, CameraStatus, GroundPlane, Lens};
 use roadplane_write::write_camera;
 
 use super::*;

@@ -3,7 +3,7 @@
 //! Keypoints of a car are not independent: a net sees the whole car from a little too high, or turned. So the car that they show
 //! is turned against the true one, about the horizontal across the line of sight and about the line of sight, by d_k, and these
 //! angles scatter about what all cars of the place share, b. And x, a keypoint where a straight lens would show it, is off for all
-//! cars with what is wrong about the lens, λ:
+//! cars with what is wrong about lens and principal point, λ:
 //!
 //! ```text
 //! r_k = W (π(G_k + R(d_k) R X) − x(λ))   + ½ |d_k − b|² / σ²      σ: `ViewErrors::car_sd`
@@ -51,7 +51,9 @@ impl<const M: usize> GroundProblem<'_, M> {
                         for i in 0..2 {
                             row[view_at + 3 + i] = by_turn[i];
                         }
-                        row[shared_at + 6] = by_turn[2];
+                        for i in 2..SHARED_ERRORS {
+                            row[shared_at + 4 + i] = by_turn[i];
+                        }
                         for j in 0..M {
                             row[shape_at + j] = rows[3 + j];
                         }
@@ -95,8 +97,8 @@ impl<const M: usize> GroundProblem<'_, M> {
         joint.vector.iter().chain(cross.iter()).all(|v| v.is_finite()).then_some(joint)
     }
 
-    /// Per observation of a view its whitened, weighted derivative by the car's elevation and turn, and by the lens, 2 × 3.
-    fn turned(&self, view: &View, k: usize) -> Option<Vec<[[f64; 3]; 2]>> {
+    /// Per observation of a view its whitened, weighted derivative by the errors that are shared, 2 × 5.
+    fn turned(&self, view: &View, k: usize) -> Option<Vec<[[f64; SHARED_ERRORS]; 2]>> {
         let camera = CameraFrame::new(&self.state.camera);
         let frame = StandingFrame::new(&camera, &self.state.standings[k])?;
         let sight = frame.origin.try_normalize(1e-9)?;
@@ -106,16 +108,20 @@ impl<const M: usize> GroundProblem<'_, M> {
         let of_one = |observation: &crate::model::observation::Observation| {
             let offset: Vector3<f64> = frame.camera_from_car * self.model.point(observation.index, shape);
             let p = frame.origin + offset;
-            let by_point =
+            let projection =
                 Matrix2x3::new(1.0, 0.0, -p.x / p.z, 0.0, 1.0, -p.y / p.z) * (frame.focal_px / p.z);
             let root = observation.weight.sqrt();
+            let root_whitened = |v: Vector2<f64>| observation.whiten([v.x, v.y]).map(|v| v * root);
             let by = axes.map(|axis| {
-                let moved: Vector2<f64> = by_point * axis.cross(&offset);
-                observation.whiten([moved.x, moved.y]).map(|v| v * root)
+                let moved: Vector2<f64> = projection * axis.cross(&offset);
+                root_whitened(moved)
             });
-            let by_lens =
-                observation.whiten([-observation.by_lens.x, -observation.by_lens.y]).map(|v| v * root);
-            [0, 1].map(|axis| [by[0][axis], by[1][axis], by_lens[axis]])
+            let by_lens = root_whitened(-observation.by_lens);
+            // A shift of the principal point, and the turn of the camera that keeps the ray through the picture's middle.
+            let pixel = observation.pixel;
+            let by_point =
+                [pixel.x, pixel.y].map(|along| root_whitened(pixel * (along / frame.focal_px.powi(2))));
+            [0, 1].map(|axis| [by[0][axis], by[1][axis], by_lens[axis], by_point[0][axis], by_point[1][axis]])
         };
         Some(self.observations[view.observations.clone()].iter().map(of_one).collect())
     }
