@@ -48,6 +48,8 @@ fn surveyed_lot(truth: &Value) -> (Place, CameraEstimate, String) {
         span_s: [0.0, 5.0],
         image_size_px: size,
         principal_point_px: size.centre_px(),
+        lens: roadplane_base::Lens::STRAIGHT,
+        bend_sd: None,
         params: CameraParams {
             log_focal: number(&camera["focal_px"]).ln(),
             tilt: number(&camera["tilt_rad"]),

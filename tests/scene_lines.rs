@@ -1,4 +1,10 @@
-//! The scene's vertical lines as a witness for the focal length, from a clip to its camera.
+//! What the scene's lines tell of focal length and lens, from a clip to its camera.
+
+use std::path::Path;
+
+use nalgebra::Vector2;
+use roadplane_base::{ImageSize, Lens};
+use serde_json::Value;
 
 use crate::common::{json, json_lines, number, roadplane, root};
 
@@ -28,8 +34,68 @@ fn lines_of_the_scene_speak_of_the_focal_length() {
     assert_eq!(again["focal_px"], camera["focal_px"]);
     assert_eq!(again["covariance"], camera["covariance"]);
 
-    let silent = run("silent", &["--set", "solve.use_verticals=false"]);
+    seen_through_a_lens(&heard, number(&truth["camera"]["focal_px"]));
+
+    let silent = run("silent", &["--set", "solve.use_verticals=false", "--set", "solve.use_lens=false"]);
     assert!(json(&silent.join("summary.json")).get("scene_lines").is_none());
     assert!(json_lines(&silent.join("frames.jsonl")).iter().all(|frame| frame.get("scene_lines").is_none()));
     assert_ne!(json(&silent.join("camera.json"))["focal_px"], camera["focal_px"]);
+}
+
+/// The records of a run as a lens that bends lines would have made them, with straight edges all over the place: the lens is found, and
+/// the focal length as well as without it; taken for straight it is not.
+fn seen_through_a_lens(run: &Path, true_focal_px: f64) {
+    const BEND: f64 = -0.13;
+    let folder = tempfile::tempdir().unwrap();
+    let mut frames = json_lines(&run.join("frames.jsonl"));
+    let size: ImageSize = serde_json::from_value(frames[0]["image_size_px"].clone()).unwrap();
+    let lens = Lens::with_bend(BEND, size);
+    let bent = |x: f64, y: f64| lens.bent(&(Vector2::new(x, y) - size.centre_px())) + size.centre_px();
+    let (width, height) = (f64::from(size.width), f64::from(size.height));
+    let edge = |i: i32| {
+        let angle = f64::from(i) * 0.7;
+        let middle = Vector2::new(
+            width * (0.5 + 0.3 * (f64::from(i) * 2.1).cos()),
+            height * (0.5 + 0.3 * (f64::from(i) * 1.3).sin()),
+        );
+        let along = Vector2::new(angle.cos(), angle.sin()) * 0.15 * height;
+        let points = [middle - along, middle, middle + along].map(|p| bent(p.x, p.y));
+        let mut numbers: Vec<f64> = points.iter().flat_map(|p| [p.x, p.y]).collect();
+        numbers.push(0.5);
+        numbers
+    };
+    for frame in &mut frames {
+        frame.as_object_mut().unwrap().remove("scene_lines");
+        for car in frame["cars"].as_array_mut().unwrap() {
+            let corners: Vec<f64> = car["bbox_px"].as_array().unwrap().iter().map(number).collect();
+            let [low, high] = [bent(corners[0], corners[1]), bent(corners[2], corners[3])];
+            car["bbox_px"] = serde_json::json!([low.x, low.y, high.x, high.y]);
+            for point in
+                car["keypoints"].as_array_mut().into_iter().flatten().filter(|point| point.is_array())
+            {
+                let moved = bent(number(&point[0]), number(&point[1]));
+                (point[0], point[1]) = (moved.x.into(), moved.y.into());
+            }
+        }
+    }
+    frames[0]["scene_curves"] = (0..40).map(edge).collect();
+    let path = folder.path().join("frames.jsonl");
+    let lines: Vec<String> = frames.iter().map(ToString::to_string).collect();
+    std::fs::write(&path, lines.join("\n")).unwrap();
+    let camera = |arguments: &[&str]| {
+        let mut solve = roadplane();
+        solve.arg("solve").arg(&path).arg("--out").arg(folder.path().join("poses.jsonl")).args(arguments);
+        solve.assert().code(0);
+        json(&folder.path().join("camera.json"))
+    };
+    let off = |camera: &Value| (number(&camera["focal_px"]) / true_focal_px).ln();
+    let found = camera(&[]);
+    assert!(
+        (number(&found["lens"]["bend"]) - BEND).abs() < 3.0 * number(&found["lens"]["bend_sd"]),
+        "{found}"
+    );
+    let sd = number(&found["focal_sd_px"]) / number(&found["focal_px"]);
+    assert!(off(&found).abs() < 0.15 && off(&found).abs() < 2.5 * sd, "{} {sd}", off(&found));
+    let straight = camera(&["--set", "solve.use_lens=false"]);
+    assert!(straight["lens"].is_null() && off(&straight) > off(&found).abs() + 0.1, "{}", off(&straight));
 }

@@ -19,6 +19,11 @@ use roadplane_base::{ImageSize, Lens, SceneCurve};
 const MOST_CURVES: usize = 300;
 /// Log of how many times better than without a bend the edges must be explained: a hundred times.
 const LEAST_GAIN: f64 = 4.6;
+/// The same without the edges of any one side of the picture: kerbs and markings of a road that curves are all bent alike, and lie on
+/// one side; a lens bends those of the other side the other way. Three times.
+const LEAST_GAIN_OF_REST: f64 = 1.1;
+/// Sides: right, down, left, up.
+const SIDES: usize = 4;
 /// Shares of straight edges that are weighed, evenly.
 const SHARES: [f64; 4] = [0.1, 0.25, 0.5, 0.75];
 /// The middle of an edge that is not straight is off by this on average, as a share of the picture's width.
@@ -36,8 +41,8 @@ const K1: [f64; 2] = [-0.12, 0.15];
 #[derive(Clone, Debug, PartialEq)]
 pub struct LensView {
     size: ImageSize,
-    /// Log likelihood over [`bends`].
-    logs: Vec<f64>,
+    /// Log likelihood of the edges of each side, for each share of straight ones, over [`bends`].
+    sides: [[Vec<f64>; SHARES.len()]; SIDES],
 }
 
 /// The lens, and how sure that is.
@@ -60,20 +65,26 @@ impl LensView {
     pub fn of(curves: &[SceneCurve], size: ImageSize) -> Self {
         let curves = &curves[..curves.len().min(MOST_CURVES)];
         let stray_px = STRAY_SHARE * f64::from(size.width);
-        let log = |bend: f64| {
-            let lens = Lens::with_bend(bend, size);
-            let mut logs = [0.0; SHARES.len()];
-            for curve in curves {
-                let off_px = off_line(curve, lens, size);
+        let mut sides = std::array::from_fn(|_| std::array::from_fn(|_| vec![0.0; bends().count()]));
+        for curve in curves {
+            let side: &mut [Vec<f64>; SHARES.len()] = &mut sides[side_of(curve, size)];
+            for (i, bend) in bends().enumerate() {
+                let off_px = off_line(curve, Lens::with_bend(bend, size), size);
                 let stray = (-off_px.abs() / stray_px).exp() / (2.0 * stray_px);
-                let straight = (-0.5 * (off_px / curve.sd_px).powi(2)).exp() / (curve.sd_px * TAU.sqrt());
-                for (log, share) in logs.iter_mut().zip(SHARES) {
-                    *log += (share * straight + (1.0 - share) * stray).max(f64::MIN_POSITIVE).ln();
+                let straight = normal(off_px / curve.sd_px) / (curve.sd_px * TAU.sqrt());
+                for (logs, share) in side.iter_mut().zip(SHARES) {
+                    logs[i] += (share * straight + (1.0 - share) * stray).max(f64::MIN_POSITIVE).ln();
                 }
             }
-            log_sum(logs.into_iter())
-        };
-        Self { size, logs: bends().map(log).collect() }
+        }
+        Self { size, sides }
+    }
+
+    /// Log likelihood over [`bends`] of the edges of all sides but one.
+    fn logs(&self, but: Option<usize>) -> Vec<f64> {
+        let sides = || (0..SIDES).filter(|side| but != Some(*side)).map(|side| &self.sides[side]);
+        let of_share = |i: usize, share: usize| sides().map(|side| side[share][i]).sum::<f64>();
+        (0..bends().count()).map(|i| log_sum((0..SHARES.len()).map(|share| of_share(i, share)))).collect()
     }
 
     /// The lens, where the edges show one, before the cars are looked at.
@@ -81,11 +92,20 @@ impl LensView {
     pub fn found(&self, log_focal: LogFocal) -> Option<LensFound> {
         let bent = self.prior(log_focal, 0.0);
         let straight = self.prior(log_focal, 1.0);
-        let explained =
-            |prior: &[f64]| log_sum(self.logs.iter().zip(prior).map(|(log, prior)| log + prior.ln()));
-        let gain = explained(&bent) - explained(&straight);
+        let gain = |but: Option<usize>| {
+            let logs = self.logs(but);
+            let explained =
+                |prior: &[f64]| log_sum(logs.iter().zip(prior).map(|(log, prior)| log + prior.ln()));
+            explained(&bent) - explained(&straight)
+        };
         let [mean, sd] = self.moments(&bent)?;
-        (gain > LEAST_GAIN).then(|| LensFound { lens: Lens::with_bend(mean, self.size), bend_sd: sd, gain })
+        let of_rest = (0..SIDES).map(|side| gain(Some(side))).fold(f64::INFINITY, f64::min);
+        let gain = gain(None);
+        (gain > LEAST_GAIN && of_rest > LEAST_GAIN_OF_REST).then(|| LensFound {
+            lens: Lens::with_bend(mean, self.size),
+            bend_sd: sd,
+            gain,
+        })
     }
 
     /// How far the bend may be from what it is taken for (sd), when the focal length is known.
@@ -99,7 +119,7 @@ impl LensView {
     fn prior(&self, [log_focal, sd]: LogFocal, straight_share: f64) -> Vec<f64> {
         const STEPS: i32 = 10;
         let half_width = 0.5 * f64::from(self.size.width);
-        let mut prior = vec![0.0; self.logs.len()];
+        let mut prior = vec![0.0; bends().count()];
         for step in -STEPS..=STEPS {
             let z = 2.5 * f64::from(step) / f64::from(STEPS);
             let wide = (half_width / (log_focal + z * sd).exp()).powi(2);
@@ -117,9 +137,10 @@ impl LensView {
 
     /// Mean and sd of the bend.
     fn moments(&self, prior: &[f64]) -> Option<[f64; 2]> {
-        let most = self.logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let logs = self.logs(None);
+        let most = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         let weights: Vec<f64> =
-            self.logs.iter().zip(prior).map(|(log, prior)| (log - most).exp() * prior).collect();
+            logs.iter().zip(prior).map(|(log, prior)| (log - most).exp() * prior).collect();
         let sum: f64 = weights.iter().sum();
         let mean = bends().zip(&weights).map(|(bend, weight)| bend * weight).sum::<f64>() / sum;
         let variance =
@@ -131,6 +152,19 @@ impl LensView {
 fn bends() -> impl Iterator<Item = f64> {
     let count = ((BENDS[1] - BENDS[0]) / STEP).round() as usize;
     (0..=count).map(|i| BENDS[0] + STEP * i as f64)
+}
+
+/// On which side of the picture an edge's line passes the middle.
+fn side_of(curve: &SceneCurve, size: ImageSize) -> usize {
+    let [a, _, c] = curve.points_px.map(|point| point - size.centre_px());
+    let along = (c - a).normalize();
+    let foot = a - along * along.dot(&a);
+    match (foot.x.abs() > foot.y.abs(), foot.x > 0.0, foot.y > 0.0) {
+        (true, true, _) => 0,
+        (false, _, true) => 1,
+        (true, false, _) => 2,
+        (false, _, false) => 3,
+    }
 }
 
 /// How far an edge's middle is off its ends' line before a lens that bends no lines, px as the picture has them there.
@@ -190,6 +224,20 @@ mod tests {
         assert_eq!(LensView::of(&curves(0.0, 90), SIZE).found(ANY), None);
         assert_eq!(LensView::of(&curves(-0.05, 3), SIZE).found(ANY), None);
         assert_eq!(LensView::of(&[], SIZE).found(ANY), None);
+    }
+
+    #[test]
+    fn a_road_that_curves_is_no_lens() {
+        // Lanes to the left of the middle, all bent alike.
+        let lane = |i: i32| {
+            let x = 150.0 + 40.0 * f64::from(i);
+            let points = [[x + 300.0, 100.0], [x + 138.0, 500.0], [x, 900.0]].map(Vector2::from);
+            SceneCurve { points_px: points, sd_px: 0.5 }
+        };
+        let lanes: Vec<SceneCurve> = (0..8).map(lane).collect();
+        let with_houses = [&lanes[..], &curves(0.0, 20)].concat();
+        assert_eq!(LensView::of(&lanes, SIZE).found(ANY), None);
+        assert_eq!(LensView::of(&with_houses, SIZE).found(ANY), None);
     }
 
     #[test]

@@ -103,10 +103,10 @@ pub(crate) mod tests {
             let estimate = CameraEstimate {
                 params: CameraParams::from_vector(&params),
                 covariance: Matrix4::from_fn(|r, c| rows[r][c]),
+                lens: Lens::with_bend(case["bend"].as_f64().unwrap(), estimate([0.0; 4]).image_size_px),
                 ..estimate([0.0; 4])
             };
-            let (focal_px, plane) = (estimate.params.focal_px(), estimate.params.plane());
-            let camera = Camera::pinhole(focal_px, estimate.principal_point_px);
+            let (camera, plane) = (estimate.camera(), estimate.params.plane());
             let (ground, sds) = (two("ground_m"), two("ground_sd_m"));
             assert!(ground.len() >= 3);
             for (i, pixel) in two("pixels").iter().enumerate() {

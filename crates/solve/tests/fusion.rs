@@ -1,8 +1,8 @@
 //! What frames say of the camera adds up in information form.
 
 use nalgebra::{Matrix4, Vector4};
-use roadplane_base::{CameraParams, ShapeAtlas};
-use roadplane_solve::{CameraPrior, CarView, SceneOptions, SceneSolution, ViewErrors, solve_scene};
+use roadplane_base::{CameraParams, Lens, SHARED_ERRORS, ShapeAtlas};
+use roadplane_solve::{CameraPrior, CarView, SceneOptions, SceneSolution, Steps, ViewErrors, solve_scene};
 use roadplane_synth::{SynthOptions, scene};
 
 #[test]
@@ -37,6 +37,31 @@ fn errors_of_view_widen_what_cars_say() {
     }
 }
 
+/// The camera moves with an error of the lens as the cross information says, which the shared errors' sds rest on.
+#[test]
+fn an_error_of_the_lens_moves_the_camera_as_told() {
+    let atlas = ShapeAtlas::shipped().unwrap();
+    let scene = scene(&atlas, &SynthOptions { cars: 12, noise: 0.003, ..SynthOptions::default() }, 4);
+    let cars = scene.cars.iter().enumerate();
+    let views: Vec<CarView<'_>> =
+        cars.map(|(group, car)| CarView { keypoints: &car.keypoints, group, weight: 1.0 }).collect();
+    let steps = Steps { marginal: false, trust: false, body_types: false, ..Steps::default() };
+    let view_errors = Some(ViewErrors { car_sd: [1e-6; 2], shared_sd: [0.0; SHARED_ERRORS] });
+    let solve = |bend: f64| {
+        let lens = Lens::with_bend(bend, scene.size);
+        let camera_prior = CameraPrior::none();
+        let options = SceneOptions { camera_prior, lens, view_errors, steps, ..SceneOptions::default() };
+        solve_scene(&atlas, scene.size, &views, &options)
+    };
+    const BEND: f64 = 0.004;
+    let straight = solve(0.0);
+    let moved = (solve(BEND).params.to_vector() - solve(-BEND).params.to_vector()) / 2.0;
+    let joint = straight.information;
+    let by_lens = -joint.information.try_inverse().unwrap() * joint.cross.column(2);
+    let told = by_lens * Lens::with_bend(BEND, scene.size).per_px2;
+    assert!((moved - told).amax() < 0.15 * moved.amax() && moved.amax() > 1e-3, "{moved} {told}");
+}
+
 #[test]
 fn a_hundred_frames_pin_the_focal_length() {
     let atlas = ShapeAtlas::shipped().unwrap();
@@ -66,7 +91,7 @@ fn a_hundred_frames_pin_the_focal_length() {
             if frame == 0 {
                 vector = options.camera_prior.mean(scene.size).to_vector().component_mul(&prior);
             }
-            let (own, own_vector) = found.information.marginal([0.0; 2]);
+            let (own, own_vector) = found.information.marginal([0.0; SHARED_ERRORS]);
             information += own;
             vector += own_vector;
             truth = Some(scene.params);

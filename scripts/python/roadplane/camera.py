@@ -21,7 +21,7 @@ _LEAST_FALL = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """A pinhole camera with square pixels over a plane, as it stood over a stretch of time.
+    """A camera with square pixels over a plane, as it stood over a stretch of time.
 
     Attributes:
         span_s: first and last time that it holds for, s.
@@ -31,6 +31,9 @@ class Camera:
             is positive where the horizon turns clockwise in the picture.
         covariance: [4, 4] of `params`; infinite on its diagonal where nothing is known.
         status: how the numbers came about, as in `camera.json`.
+        bend: how the lens bends lines: with p a pixel from the principal point, a lens that bends none would show it at
+            `p / (1 + bend |p|² / (width / 2)²)`.
+        bend_sd: its standard deviation; None where nothing told it, and the lens is taken for straight.
     """
 
     span_s: tuple[float, float]
@@ -39,6 +42,8 @@ class Camera:
     params: Array
     covariance: Array
     status: str
+    bend: float = 0.0
+    bend_sd: float | None = None
 
     @classmethod
     def from_json(cls, segment: Mapping[str, Any]) -> Camera:
@@ -48,6 +53,7 @@ class Camera:
         )
         unknown = np.isnan(covariance)
         covariance[unknown] = np.where(np.eye(4)[unknown] > 0, np.inf, 0.0)
+        lens = segment.get("lens") or {"bend": 0.0, "bend_sd": None}
         params = [np.log(segment["focal_px"]), segment["tilt_rad"], segment["roll_rad"], np.log(segment["height_m"])]
         return cls(
             span_s=(segment["span_s"][0], segment["span_s"][1]),
@@ -56,6 +62,8 @@ class Camera:
             params=np.array(params),
             covariance=covariance,
             status=segment["status"],
+            bend=lens["bend"],
+            bend_sd=lens["bend_sd"],
         )
 
     @property
@@ -163,18 +171,28 @@ class Camera:
         in_camera = (points - [0.0, 0.0, np.exp(params[3])]) @ _camera_from_world(params).T
         z = in_camera[..., 2:]
         before = np.where(z > _NEAREST_M, z, np.nan)
-        return np.asarray(self.principal_point_px + np.exp(params[0]) / before * in_camera[..., :2])
+        straight = np.exp(params[0]) / before * in_camera[..., :2]
+        root = np.sqrt(np.maximum(1 - 4 * self._per_px2() * _square(straight), 0))
+        return np.asarray(self.principal_point_px + straight * (2 / (1 + root)))
 
     def _ground(self, params: Array, pixels: Array) -> Array:
-        slopes = (pixels - np.asarray(self.principal_point_px)) / np.exp(params[0])
+        bent = pixels - np.asarray(self.principal_point_px)
+        slopes = bent / (1 + self._per_px2() * _square(bent)) / np.exp(params[0])
         rays = np.concatenate([slopes, np.ones_like(slopes[..., :1])], axis=-1) @ _camera_from_world(params)
         falling = np.where(-rays[..., 2:] > _LEAST_FALL, -rays[..., 2:], np.nan)
         return np.asarray(rays[..., :2] * (np.exp(params[3]) / falling))
+
+    def _per_px2(self) -> float:
+        return self.bend / (self.image_size_px[0] / 2) ** 2
 
     def _by_camera(self, of: Callable[[Array], Array]) -> Array:
         """[..., 4] derivatives of what `of` makes of the camera's numbers, by them; central differences."""
         steps = np.eye(4) * _STEP
         return np.stack([(of(self.params + step) - of(self.params - step)) / (2 * _STEP) for step in steps], axis=-1)
+
+
+def _square(pixels: Array) -> Array:
+    return np.sum(pixels**2, axis=-1, keepdims=True)
 
 
 def _camera_from_world(params: Array) -> Array:

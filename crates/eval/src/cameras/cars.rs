@@ -90,7 +90,7 @@ fn seen_car(
     config: &Config,
 ) -> Option<SeenCar> {
     let options = config.solve.scene_options(None);
-    let camera = Camera::pinhole(known.focal_px, known.principal_point_px);
+    let camera = known.camera();
     let up = known.plane.normal_in_camera;
     let free = fit_free_car(atlas, &camera, keypoints, &options)?;
     let place = free.camera_from_car.translation.vector;

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use roadplane_base::{KEYPOINTS, keypoint_names};
+use roadplane_write::CameraSegment;
 
 use super::Measured;
 use super::cars::{Aspect, SeenCar};
@@ -51,10 +52,12 @@ fn each_camera(measured: &[Measured]) -> Table {
     let mut table = Table::new(
         "Each camera",
         "Error: estimate minus truth (of logarithms for focal length and height). In sds: the truth's own counted. Horizon: in the \
-         middle of the picture, down.",
+         middle of the picture, down. k1: of the lens, and ours with its sd where the picture showed one.",
         columns(&[
             ("camera", 0),
             ("k1", 2),
+            ("ours", 2),
+            ("sd", 2),
             ("cars", 0),
             ("status", 0),
             ("focal, px", 0),
@@ -76,9 +79,12 @@ fn each_camera(measured: &[Measured]) -> Table {
         let estimate = &outcome.estimate;
         let sd = |i: usize| estimate.covariance[(i, i)].sqrt() * NUMBERS[i].1;
         let error = |i: usize| outcome.errors[i] * NUMBERS[i].1;
+        let lens = CameraSegment::new(estimate).lens;
         let mut row: Vec<Cell> = vec![
             camera.id.as_str().into(),
             camera.distortion[0].into(),
+            lens.as_ref().map_or(f64::NAN, |lens| lens.k1).into(),
+            lens.as_ref().map_or(f64::NAN, |lens| lens.k1_sd).into(),
             (estimate.cars_used as f64).into(),
             format!("{:?}", estimate.status).into(),
             estimate.params.focal_px().into(),

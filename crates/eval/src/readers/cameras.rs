@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use nalgebra::{Vector2, Vector3};
-use roadplane_base::{GroundPlane, ImageSize};
+use roadplane_base::{Camera, GroundPlane, ImageSize, Lens};
 use serde::Deserialize;
 
 use crate::EvalError;
@@ -36,7 +36,15 @@ pub struct KnownCamera {
 }
 
 impl KnownCamera {
-    /// Whether its lens hardly bends lines: ours knows no lens yet.
+    /// The camera itself.
+    #[must_use]
+    pub fn camera(&self) -> Camera {
+        let [k1, k2] = self.distortion;
+        let lens = Lens::from_opencv(k1, k2, self.focal_px, self.size);
+        Camera { lens, ..Camera::pinhole(self.focal_px, self.principal_point_px) }
+    }
+
+    /// Whether its lens hardly bends lines.
     #[must_use]
     pub fn is_straight(&self) -> bool {
         self.distortion[0].abs() <= STRAIGHT
