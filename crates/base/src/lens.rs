@@ -16,6 +16,8 @@ pub struct Lens {
     pub per_px2: f64,
 }
 
+/// Radii at which two models are compared.
+const STEPS: i32 = 50;
 /// The division by less than this is not followed: no picture reaches so far.
 const LEAST_DIVISOR: f64 = 0.1;
 
@@ -39,7 +41,6 @@ impl Lens {
     /// half diagonal.
     #[must_use]
     pub fn from_opencv(k1: f64, k2: f64, focal_px: f64, size: ImageSize) -> Self {
-        const STEPS: i32 = 50;
         let reach = size.centre_px().norm() / focal_px;
         // Both models by what they do to a straight radius r: r_bent (1 + λ f² r_bent²)⁻¹ = r, linear in λ.
         let (mut sum, mut weight) = (0.0, 0.0);
@@ -58,11 +59,19 @@ impl Lens {
         Self { per_px2: if weight > 0.0 { sum / weight } else { 0.0 } }
     }
 
-    /// OpenCV's k1 and k2 at a focal length, px: the first two terms of this model's series.
+    /// OpenCV's k1 and k2 at a focal length, px, that bend the picture most alike, least squares along its half diagonal.
     #[must_use]
-    pub fn opencv(self, focal_px: f64) -> [f64; 2] {
-        let k1 = self.per_px2 * focal_px * focal_px;
-        [k1, 2.0 * k1 * k1]
+    pub fn opencv(self, focal_px: f64, size: ImageSize) -> [f64; 2] {
+        let reach = size.centre_px().norm();
+        let (mut normal, mut right) = (Matrix2::zeros(), Vector2::zeros());
+        for step in 1..=STEPS {
+            let bent = Vector2::new(reach * f64::from(step) / f64::from(STEPS), 0.0);
+            let straight = self.straightened(&bent).x / focal_px;
+            let by = Vector2::new(straight.powi(3), straight.powi(5));
+            normal += by * by.transpose();
+            right += by * (bent.x / focal_px - straight);
+        }
+        normal.try_inverse().map_or([0.0; 2], |inverse| (inverse * right).into())
     }
 
     /// Where a straight lens would show a pixel; both from the principal point, px.
@@ -136,7 +145,7 @@ mod tests {
     #[test]
     fn opencv_numbers_describe_the_same_lens() {
         let lens = Lens::with_bend(-0.02, SIZE);
-        let [k1, k2] = lens.opencv(1500.0);
+        let [k1, k2] = lens.opencv(1500.0, SIZE);
         let back = Lens::from_opencv(k1, k2, 1500.0, SIZE);
         assert!((back.bend(SIZE) + 0.02).abs() < 3e-4, "{}", back.bend(SIZE));
         // A camera of MEVA, whose published numbers bend lines strongly.

@@ -2,13 +2,14 @@
 //! Alemán-Flores et al., IPOL 2014).
 //!
 //! Most long edges of streets and houses are straight, some are bent, and nobody says which. Before the right lens the middle of a
-//! straight one is on its ends' line, up to `sd_px`; a bent one's is off by anything of a few pixels, to either side. The share of
-//! straight ones is not known. So each edge is a mixture, and the bend's likelihood follows on a grid.
+//! straight one is on its ends' line, up to `sd_px` and a fraction of a pixel, as nothing is quite straight; a bent one's is off by
+//! anything of a few pixels, to either side. The share of straight ones, and how straight they are, is not known. So each edge is a
+//! mixture, and the bend's likelihood follows on a grid.
 //!
 //! Beforehand a picture is straight (a good lens, or straightened by the camera) or bent as surveillance lenses bend it: in
 //! proportion to how wide the picture is against the focal length. The lens counts only where it explains the edges a hundred times
-//! better than a straight one (a Bayes factor); otherwise the picture is taken for straight. What then is not known of the bend is an
-//! error that all cars share.
+//! better than a straight one (a Bayes factor), and where no side of the picture is alone in saying so; otherwise the picture is
+//! taken for straight. What then is not known of the bend is an error that all cars share.
 
 use std::f64::consts::TAU;
 
@@ -19,13 +20,13 @@ use roadplane_base::{ImageSize, Lens, SceneCurve};
 const MOST_CURVES: usize = 300;
 /// Log of how many times better than without a bend the edges must be explained: a hundred times.
 const LEAST_GAIN: f64 = 4.6;
-/// The same without the edges of any one side of the picture: kerbs and markings of a road that curves are all bent alike, and lie on
-/// one side; a lens bends those of the other side the other way. Three times.
-const LEAST_GAIN_OF_REST: f64 = 1.1;
 /// Sides: right, down, left, up.
 const SIDES: usize = 4;
-/// Shares of straight edges that are weighed, evenly.
+/// Shares of straight edges, and how far the middle of these is off, px (sd), that are weighed, evenly.
 const SHARES: [f64; 4] = [0.1, 0.25, 0.5, 0.75];
+const CROOKED_PX: [f64; 3] = [0.15, 0.3, 0.6];
+/// All pairs of these.
+const KINDS: usize = SHARES.len() * CROOKED_PX.len();
 /// The middle of an edge that is not straight is off by this on average, as a share of the picture's width.
 const STRAY_SHARE: f64 = 0.0035;
 /// The bends that are looked at, and how far apart.
@@ -41,8 +42,8 @@ const K1: [f64; 2] = [-0.12, 0.15];
 #[derive(Clone, Debug, PartialEq)]
 pub struct LensView {
     size: ImageSize,
-    /// Log likelihood of the edges of each side, for each share of straight ones, over [`bends`].
-    sides: [[Vec<f64>; SHARES.len()]; SIDES],
+    /// Log likelihood of the edges of each side, for each of [`KINDS`], over [`bends`].
+    sides: [[Vec<f64>; KINDS]; SIDES],
 }
 
 /// The lens, and how sure that is.
@@ -67,12 +68,16 @@ impl LensView {
         let stray_px = STRAY_SHARE * f64::from(size.width);
         let mut sides = std::array::from_fn(|_| std::array::from_fn(|_| vec![0.0; bends().count()]));
         for curve in curves {
-            let side: &mut [Vec<f64>; SHARES.len()] = &mut sides[side_of(curve, size)];
+            let side: &mut [Vec<f64>; KINDS] = &mut sides[side_of(curve, size)];
             for (i, bend) in bends().enumerate() {
                 let off_px = off_line(curve, Lens::with_bend(bend, size), size);
                 let stray = (-off_px.abs() / stray_px).exp() / (2.0 * stray_px);
-                let straight = normal(off_px / curve.sd_px) / (curve.sd_px * TAU.sqrt());
-                for (logs, share) in side.iter_mut().zip(SHARES) {
+                let straight = CROOKED_PX.map(|crooked_px| {
+                    let sd_px = curve.sd_px.hypot(crooked_px);
+                    normal(off_px / sd_px) / (sd_px * TAU.sqrt())
+                });
+                let kinds = SHARES.iter().flat_map(|share| straight.iter().map(move |there| (share, there)));
+                for (logs, (share, straight)) in side.iter_mut().zip(kinds) {
                     logs[i] += (share * straight + (1.0 - share) * stray).max(f64::MIN_POSITIVE).ln();
                 }
             }
@@ -83,8 +88,8 @@ impl LensView {
     /// Log likelihood over [`bends`] of the edges of all sides but one.
     fn logs(&self, but: Option<usize>) -> Vec<f64> {
         let sides = || (0..SIDES).filter(|side| but != Some(*side)).map(|side| &self.sides[side]);
-        let of_share = |i: usize, share: usize| sides().map(|side| side[share][i]).sum::<f64>();
-        (0..bends().count()).map(|i| log_sum((0..SHARES.len()).map(|share| of_share(i, share)))).collect()
+        let of_kind = |i: usize, kind: usize| sides().map(|side| side[kind][i]).sum::<f64>();
+        (0..bends().count()).map(|i| log_sum((0..KINDS).map(|kind| of_kind(i, kind)))).collect()
     }
 
     /// The lens, where the edges show one, before the cars are looked at.
@@ -99,9 +104,11 @@ impl LensView {
             explained(&bent) - explained(&straight)
         };
         let [mean, sd] = self.moments(&bent)?;
+        // Kerbs and markings of a road that curves are all bent alike, and lie on one side of the picture; a lens bends those of the
+        // other side the other way. So the edges without those of any one side must not speak against it.
         let of_rest = (0..SIDES).map(|side| gain(Some(side))).fold(f64::INFINITY, f64::min);
         let gain = gain(None);
-        (gain > LEAST_GAIN && of_rest > LEAST_GAIN_OF_REST).then(|| LensFound {
+        (gain > LEAST_GAIN && of_rest > 0.0).then(|| LensFound {
             lens: Lens::with_bend(mean, self.size),
             bend_sd: sd,
             gain,

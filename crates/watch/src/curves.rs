@@ -31,8 +31,8 @@ const MOST_PX: f64 = 2.4;
 const MOST_BEND: f64 = 0.04;
 /// So many neighbouring points share their error.
 const SHARED_POINTS: f64 = 8.0;
-/// How straight things are, and how well their middle is found beside the scatter of points, px.
-const FLOOR_PX: f64 = 0.5;
+/// How well the middle is found beside the scatter of points, px.
+const FLOOR_PX: f64 = 0.1;
 /// Edges nearer to the rim than this share of the width may be the rim's own; those along the picture's rows and columns to this
 /// angle, rad, may be drawn into it.
 const RIM_SHARE: f64 = 0.008;

@@ -90,11 +90,11 @@ pub struct LensFile {
     pub bend: f64,
     /// Its sd.
     pub bend_sd: f64,
-    /// OpenCV's k1 at this focal length: the first term of the same.
+    /// OpenCV's k1 at this focal length: with k2 it bends the picture most alike.
     pub k1: f64,
     /// Its sd, the focal length's counted.
     pub k1_sd: f64,
-    /// OpenCV's k2: the second term.
+    /// OpenCV's k2.
     pub k2: f64,
 }
 
@@ -105,8 +105,8 @@ impl LensFile {
         let bend_sd = estimate.bend_sd?;
         let (focal_px, size) = (estimate.params.focal_px(), estimate.image_size_px);
         let bend = estimate.lens.bend(size);
-        let [k1, k2] = estimate.lens.opencv(focal_px);
-        let by_bend = Lens::with_bend(bend_sd, size).opencv(focal_px)[0];
+        let [k1, k2] = estimate.lens.opencv(focal_px, size);
+        let by_bend = Lens::with_bend(bend_sd, size).per_px2 * focal_px * focal_px;
         let by_focal = 2.0 * k1 * estimate.covariance[(0, 0)].max(0.0).sqrt();
         Some(Self {
             model: Self::MODEL.to_owned(),

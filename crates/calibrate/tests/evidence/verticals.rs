@@ -1,6 +1,6 @@
 use nalgebra::{Matrix4, Vector2, Vector4};
 use roadplane_base::{
-    CameraEstimate, CameraParams, CameraStatus, Clue, ImageSize, JointInformation, Lens, SceneLine,
+    Camera, CameraEstimate, CameraParams, CameraStatus, Clue, ImageSize, JointInformation, Lens, SceneLine,
 };
 use roadplane_calibrate::{
     FuseOptions, SegmentStart, Verticals, WindowEstimate, beside_a_witness, fuse, verticals,
@@ -58,7 +58,8 @@ fn place(seed: u64, things: usize, strays: usize, lanes: usize) -> Place {
         cars_used: 5,
         frames_used: 1,
     };
-    let middle = SIZE.centre_px() + 0.02 * 1920.0 * Vector2::new(normal(1.0), normal(1.0));
+    let middle =
+        SIZE.centre_px() + Camera::PRINCIPAL_POINT_SD * 1920.0 * Vector2::new(normal(1.0), normal(1.0));
     let mut lines = Vec::new();
     let mut add = |random: &mut Rng, at: Vector2<f64>, along: Vector2<f64>| {
         let length = random.uniform(30.0, 160.0);

@@ -215,6 +215,7 @@ mod tests {
             let mut observation = Observation {
                 index,
                 pixel: Vector2::new(rng.normal(), rng.normal()),
+                by_lens: Vector2::zeros(),
                 covariance: Matrix2::new(4.0, 1.0, 1.0, 2.0),
                 weight: 0.7,
                 whitening: [0.0; 3],
@@ -259,6 +260,7 @@ mod tests {
             .map(|index| Observation {
                 index,
                 pixel: Vector2::new(30.0 * rng.normal(), 30.0 * rng.normal()),
+                by_lens: Vector2::zeros(),
                 covariance: Matrix2::identity(),
                 weight: rng.unit(),
                 whitening: [0.1, 0.02, 0.1],
