@@ -5,12 +5,14 @@
 //! motions. The paper's video row would need video nets and is not here.
 
 mod clips;
+mod events;
 mod instances;
 mod scores;
+mod truths;
 
 use std::path::{Path, PathBuf};
 
-use roadplane_activity::{ActivityNet, Label, Motion};
+use roadplane_activity::{ActivityNet, Labelled, Motion};
 use roadplane_pipeline::{Cancel, Config, Progress, open_activity};
 
 use crate::{EvalError, Report};
@@ -94,8 +96,7 @@ fn picture_motion(time_s: &[f64], boxes_px: &[[f64; 4]], picture_height_px: f64,
     Motion { time_s: time_s.to_vec(), xy_m: boxes_px.iter().map(middle).collect(), ..Motion::default() }
 }
 
-/// Labels of a motion's samples.
-fn told(net: &mut ActivityNet, motion: &Motion) -> Result<Vec<Label>, EvalError> {
-    let labelled = net.label(motion).map_err(roadplane_pipeline::PipelineError::from)?;
-    Ok(labelled.samples.iter().map(|(label, _)| *label).collect())
+/// What a net tells of a motion.
+fn told(net: &mut ActivityNet, motion: &Motion) -> Result<Labelled, EvalError> {
+    Ok(net.label(motion).map_err(roadplane_pipeline::PipelineError::from)?)
 }

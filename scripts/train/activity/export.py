@@ -62,8 +62,8 @@ def export(net_path: Path, name: str, out: Path) -> None:
             "preprocess": {"labels": list(LABELS), "step_s": STEP_S, "features": "scripts/train/activity/features.py"},
             "calibration": {},
             "source": ROW_TITLES[result["row"]],
-            "how_made": f"scripts/train/activity/run, row {result['row']}",
-            "metrics": {"meva, cameras not learnt from": result["meva"], "made-up drives": result["made"]},
+            "how_made": f"scripts/train/activity/run, row {result['row']}, seed {result['seed']}",
+            "metrics": result["metrics"],
         },
         indent=2,
     )

@@ -3,19 +3,23 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use roadplane_activity::{Label, Motion};
-use roadplane_base::{TrackRow, angle_difference};
+use roadplane_activity::{Event, Label, Motion};
+use roadplane_base::TrackRow;
 use roadplane_pipeline::{Cancel, Config, Progress, RunOptions, Silent, run_input, track_motion};
 use roadplane_write::{WriteError, read_jsonl};
 
+use super::events::{self, ClipEvents, ToldEvent};
 use super::scores::{Case, differences, each_label, table};
+use super::truths::{car_counts, cars_by_id, heading_of, true_events, true_labels};
 use super::{ActivityOptions, Row, Seen, picture_motion, told};
-use crate::scoring::{counts, pairs_by_box};
+use crate::scoring::pairs_by_box;
 use crate::truth::{Kind, TrueCar, Truth, read_dataset, read_truth};
 use crate::{EvalError, Report};
 
-/// Within this of a change of the true label both labels are right, s: people who label agree no better.
-const FUZZY_S: f64 = 0.25;
+/// Within this of a change of the true label both labels are right, s: frames lie so far apart.
+const EDGE_S: f64 = 0.25;
+/// How far people's beginnings and ends of activities spread (1 sd, s): `python -m activity.spread`.
+const SPREAD_S: f64 = 0.7;
 /// The paper's seven labels.
 const PAPER: [Label; 7] = [
     Label::NotMoving,
@@ -25,6 +29,16 @@ const PAPER: [Label; 7] = [
     Label::TurningLeft,
     Label::TurningRight,
     Label::UTurn,
+];
+/// Labels that events have.
+const EVENTS: [Label; 7] = [
+    Label::Moving,
+    Label::Starting,
+    Label::Stopping,
+    Label::TurningLeft,
+    Label::TurningRight,
+    Label::UTurn,
+    Label::Reversing,
 ];
 
 /// The tables.
@@ -51,106 +65,178 @@ pub fn evaluate(
         path: "temporary".into(),
     })?;
     let runs = options.runs.as_deref().unwrap_or_else(|| temporary.path());
-    let mut cases = Vec::new();
+    let mut found = Vec::new();
     for truth in clips {
         let Some(media) = &truth.media else { continue };
         let run_options = RunOptions { resume: true, ..RunOptions::new(options.models.clone()) };
         let run = run_input(media, runs, &run_options, config, cancel, &Silent)?;
         let rows: Vec<TrackRow> = read_jsonl(&run.folder.join("tracks.jsonl"))?.collect::<Result<_, _>>()?;
-        cases.push(clip_cases(truth, &rows, systems)?);
+        found.push(clip_found(truth, &rows, systems)?);
         progress.frame_done();
     }
-    let ours = systems.len() - 1;
-    let mut systems: Vec<&str> = systems.iter().map(|system| system.name).collect();
-    systems.push("3D from truth");
-    let frames: usize = cases.iter().map(Vec::len).sum();
-    let title = format!("Activities of {}: {} clips, {frames} cars in frames", dataset.name, cases.len());
-    let mut report = Report { title, ..Report::default() };
-    let note = "Cars that a track's box overlaps; precision and recall are the mean over the paper's seven labels. 2D rows see the \
-                boxes of our own tracks.";
-    report.tables.push(table("Per frame, seven labels", note, &cases, &systems, &PAPER));
-    report.tables.push(table("Per frame, with reversing", "", &cases, &systems, &Label::ALL));
-    report.tables.push(differences("3D against the others, seven labels", &cases, &systems, ours, &PAPER));
-    report.tables.push(each_label("Label by label: 3D", &cases, ours));
-    report.tables.push(each_label("Label by label: 3D from truth", &cases, ours + 1));
-    Ok(report)
+    let mut names: Vec<&str> = systems.iter().map(|system| system.name).collect();
+    names.push("3D from truth");
+    Ok(report(&dataset.name, &found, &names))
 }
 
-/// Labels of all cars that are found and count, in all frames.
-fn clip_cases(truth: &Truth, rows: &[TrackRow], systems: &mut [Row]) -> Result<Vec<Case>, EvalError> {
-    let truth_labels = true_labels(truth);
-    let told_from_truth = from_truth(truth, systems)?;
-    let told_from_rows = from_rows(truth, rows, systems)?;
+/// What comes of a clip.
+struct Found {
+    /// Cars in frames, where both labels are right within [`EDGE_S`] of a change.
+    frames: Vec<Case>,
+    /// The same within [`SPREAD_S`].
+    spread: Vec<Case>,
+    /// Stretches of one label of one car.
+    stretches: Vec<Case>,
+    events: ClipEvents,
+}
+
+fn report(dataset: &str, found: &[Found], systems: &[&str]) -> Report {
+    let each = |of: fn(&Found) -> &Vec<Case>| found.iter().map(|clip| of(clip).clone()).collect::<Vec<_>>();
+    let (frames, spread) = (each(|clip| &clip.frames), each(|clip| &clip.spread));
+    let stretches = each(|clip| &clip.stretches);
+    let events: Vec<ClipEvents> = found.iter().map(|clip| clip.events.clone()).collect();
+    let count: usize = frames.iter().map(Vec::len).sum();
+    let title = format!("Activities of {dataset}: {} clips, {count} cars in frames", found.len());
+    let mut report = Report { title, ..Report::default() };
+    let note = format!(
+        "Cars that a track's box overlaps; precision and recall are the mean over the paper's seven labels. Within {EDGE_S} s of a \
+         change both labels are right. 2D rows see the boxes of our own tracks."
+    );
+    let spread_note =
+        format!("Within {SPREAD_S} s of a change both labels are right: people differ by so much.");
+    let ours = systems.len() - 2;
+    report.tables.push(table("Per frame, seven labels", &note, &frames, systems, &PAPER));
+    report.tables.push(differences("Per frame: 3D against the others", &frames, systems, ours, &PAPER));
+    report.tables.push(table("Per frame, as people would agree", &spread_note, &spread, systems, &PAPER));
+    report.tables.push(table("Per frame, with reversing", "", &frames, systems, &Label::ALL));
+    let note = "Stretches of one label of one car, each told by what most of its frames are told.";
+    report.tables.push(table("Per instance, with reversing", note, &stretches, systems, &Label::ALL));
+    report.tables.push(differences(
+        "Per instance: 3D against the others",
+        &stretches,
+        systems,
+        ours,
+        &Label::ALL,
+    ));
+    report.tables.push(events::table(&events, systems, &EVENTS));
+    for (system, name) in systems.iter().enumerate() {
+        report.tables.push(each_label(&format!("Per frame, label by label: {name}"), &frames, system));
+    }
+    for (system, name) in systems.iter().enumerate() {
+        let title = format!("Events, label by label: {name}");
+        report.tables.push(events::each_label(&title, &events, system, &EVENTS));
+    }
+    report
+}
+
+/// A row of our tracks that lies on a true car.
+struct Pair {
+    place: usize,
+    car: u64,
+    frame: u64,
+    time_s: f64,
+    /// Whether the car counts in this frame.
+    counts: bool,
+}
+
+fn pairs(truth: &Truth, rows: &[TrackRow]) -> Vec<Pair> {
     let mut of_frame: BTreeMap<u64, Vec<usize>> = BTreeMap::new();
     for (place, row) in rows.iter().enumerate() {
         of_frame.entry(row.frame).or_default().push(place);
     }
-    let mut cases = Vec::new();
+    let mut pairs = Vec::new();
     for frame in &truth.frames {
         let places = of_frame.get(&frame.frame).map_or(&[][..], Vec::as_slice);
-        let counted = |car: &&TrueCar| truth.model(car.id).is_some_and(|model| counts(car, model));
-        let cars: Vec<&TrueCar> = frame.cars.iter().filter(counted).collect();
+        let cars: Vec<&TrueCar> = frame.cars.iter().collect();
         let boxes: Vec<[f64; 4]> = places.iter().map(|place| rows[*place].bbox_px).collect();
         for (place, car) in places.iter().zip(pairs_by_box(&boxes, &cars)) {
             let Some(car) = car.map(|c| cars[c]) else { continue };
-            let key = (car.id, frame.frame);
-            let (Some(right), Some(true_track)) = (truth_labels.get(&key), told_from_truth.get(&key)) else {
-                continue;
+            let counts = car_counts(truth, car);
+            pairs.push(Pair { place: *place, car: car.id, frame: frame.frame, time_s: frame.time_s, counts });
+        }
+    }
+    pairs
+}
+
+/// Tells a clip's tracks and judges what is told.
+fn clip_found(truth: &Truth, rows: &[TrackRow], systems: &mut [Row]) -> Result<Found, EvalError> {
+    let from_truth = from_truth(truth, systems)?;
+    let from_rows = from_rows(truth, rows, systems)?;
+    let pairs = pairs(truth, rows);
+    let (edge, spread) = (true_labels(truth, EDGE_S), true_labels(truth, SPREAD_S));
+    let told = |pair: &Pair| {
+        let mut told = from_rows.labels[pair.place].clone();
+        told.extend(from_truth.labels.get(&(pair.car, pair.frame)));
+        told
+    };
+    let cases = |right: &BTreeMap<(u64, u64), Vec<Label>>| {
+        let counted = pairs.iter().filter(|pair| pair.counts);
+        let case = |pair: &Pair| {
+            let truth = right.get(&(pair.car, pair.frame))?.clone();
+            Some(Case { truth, told: told(pair) })
+        };
+        counted.filter_map(case).collect::<Vec<Case>>()
+    };
+    let truths = true_events(truth, &edge);
+    let stretches = truths
+        .iter()
+        .filter(|event| event.counts)
+        .filter_map(|event| {
+            let inside = |pair: &&Pair| {
+                pair.counts
+                    && pair.car == event.car
+                    && (event.span_s[0]..=event.span_s[1]).contains(&pair.time_s)
             };
-            let mut told = told_from_rows[*place].clone();
-            told.push(*true_track);
-            cases.push(Case { truth: right.clone(), told });
-        }
-    }
-    Ok(cases)
+            let told: Vec<Vec<Label>> = pairs.iter().filter(inside).map(told).collect();
+            let systems = told.first()?.len();
+            let most = |system| most_frequent(told.iter().map(|told| told[system]));
+            Some(Case { truth: vec![event.label], told: (0..systems).filter_map(most).collect() })
+        })
+        .collect();
+    let on_car = |event: &Event| {
+        let inside = |pair: &&Pair| {
+            rows[pair.place].track == event.track && (event.from_s..=event.to_s).contains(&pair.time_s)
+        };
+        let car = most_frequent(pairs.iter().filter(inside).map(|pair| pair.car));
+        told_event(event, car)
+    };
+    let of_system = |events: &Vec<Event>| events.iter().map(on_car).collect();
+    let mut told: Vec<Vec<ToldEvent>> = from_rows.events.iter().map(of_system).collect();
+    told.push(from_truth.events.iter().map(|event| told_event(event, Some(event.track))).collect());
+    let minutes = truth.frames.len() as f64 / truth.fps.unwrap_or(1.0) / 60.0;
+    Ok(Found {
+        frames: cases(&edge),
+        spread: cases(&spread),
+        stretches,
+        events: ClipEvents::new(minutes, &truths, told),
+    })
 }
 
-/// Times and cars of each car, by its id.
-fn cars_by_id(truth: &Truth) -> BTreeMap<u64, Vec<(u64, f64, &TrueCar)>> {
-    let mut cars: BTreeMap<u64, Vec<(u64, f64, &TrueCar)>> = BTreeMap::new();
-    for frame in &truth.frames {
-        for car in &frame.cars {
-            cars.entry(car.id).or_default().push((frame.frame, frame.time_s, car));
-        }
-    }
-    cars
+fn told_event(event: &Event, car: Option<u64>) -> ToldEvent {
+    let span_s = [event.from_s, event.to_s];
+    ToldEvent { car, label: event.activity, span_s, confidence: event.confidence }
 }
 
-fn heading_of(car: &TrueCar) -> f64 {
-    car.world_from_car[1][0].atan2(car.world_from_car[0][0])
+/// The first of the most frequent ones.
+fn most_frequent<T: Ord + Copy>(values: impl Iterator<Item = T>) -> Option<T> {
+    let mut counts: BTreeMap<T, usize> = BTreeMap::new();
+    values.for_each(|value| *counts.entry(value).or_default() += 1);
+    counts.into_iter().rev().max_by_key(|(_, count)| *count).map(|(value, _)| value)
 }
 
-/// By car and frame the labels that are right; the car's own first.
-fn true_labels(truth: &Truth) -> BTreeMap<(u64, u64), Vec<Label>> {
-    let mut labels = BTreeMap::new();
-    for (id, cars) in cars_by_id(truth) {
-        let own: Vec<Label> = (0..cars.len())
-            .map(|i| {
-                let (_, _, car) = cars[i];
-                let (before, after) = (&cars[i.saturating_sub(1)], &cars[(i + 1).min(cars.len() - 1)]);
-                let turned = angle_difference(heading_of(after.2), heading_of(before.2));
-                let way = (after.1 - before.1) * car.speed_mps;
-                let curvature = if way.abs() > 1e-3 { turned / way } else { 0.0 };
-                Label::of_truth(car.activity, car.speed_mps, curvature)
-            })
-            .collect();
-        for (i, (frame, time_s, _)) in cars.iter().enumerate() {
-            let mut right = vec![own[i]];
-            let near = |j: &usize| (cars[*j].1 - time_s).abs() <= FUZZY_S;
-            let around = (0..i).rev().take_while(near).chain((i..cars.len()).take_while(near));
-            right.extend(around.map(|j| own[j]).filter(|label| *label != own[i]));
-            right.dedup();
-            labels.insert((id, *frame), right);
-        }
-    }
-    labels
+/// What the net tells of the true tracks.
+#[derive(Default)]
+struct FromTruth {
+    /// By car and frame.
+    labels: BTreeMap<(u64, u64), Label>,
+    /// Their tracks are the cars.
+    events: Vec<Event>,
 }
 
-/// By car and frame what the net tells of the true track.
-fn from_truth(truth: &Truth, systems: &mut [Row]) -> Result<BTreeMap<(u64, u64), Label>, EvalError> {
-    let mut labels = BTreeMap::new();
+fn from_truth(truth: &Truth, systems: &mut [Row]) -> Result<FromTruth, EvalError> {
+    let mut found = FromTruth::default();
     let Some(ground) = systems.iter_mut().find(|system| system.seen == Seen::Ground) else {
-        return Ok(labels);
+        return Ok(found);
     };
     for (id, cars) in cars_by_id(truth) {
         let motion = Motion {
@@ -164,31 +250,42 @@ fn from_truth(truth: &Truth, systems: &mut [Row]) -> Result<BTreeMap<(u64, u64),
             ..Motion::default()
         };
         let told = told(&mut ground.net, &motion)?;
-        labels.extend(cars.iter().zip(told).map(|((frame, _, _), label)| ((id, *frame), label)));
+        found.events.extend(told.events(id));
+        let labels = cars.iter().zip(told.samples);
+        found.labels.extend(labels.map(|((frame, _, _), (label, _))| ((id, *frame), label)));
     }
-    Ok(labels)
+    Ok(found)
 }
 
-/// By row of our tracks what each system tells.
-fn from_rows(truth: &Truth, rows: &[TrackRow], systems: &mut [Row]) -> Result<Vec<Vec<Label>>, EvalError> {
+/// What the systems tell of our tracks.
+struct FromRows {
+    /// By row, a label a system.
+    labels: Vec<Vec<Label>>,
+    /// By system.
+    events: Vec<Vec<Event>>,
+}
+
+fn from_rows(truth: &Truth, rows: &[TrackRow], systems: &mut [Row]) -> Result<FromRows, EvalError> {
     let mut of_track: BTreeMap<u64, Vec<usize>> = BTreeMap::new();
     for (place, row) in rows.iter().enumerate() {
         of_track.entry(row.track).or_default().push(place);
     }
     let height = f64::from(truth.camera.image_size_px.height);
-    let mut labels = vec![Vec::new(); rows.len()];
-    for places in of_track.values() {
+    let mut found =
+        FromRows { labels: vec![Vec::new(); rows.len()], events: vec![Vec::new(); systems.len()] };
+    for (track, places) in &of_track {
         let rows = places.iter().map(|place| &rows[*place]);
         let time_s: Vec<f64> = rows.clone().map(|row| row.time_s).collect();
         let boxes: Vec<[f64; 4]> = rows.clone().map(|row| row.bbox_px).collect();
-        for system in systems.iter_mut() {
+        for (system, events) in systems.iter_mut().zip(&mut found.events) {
             let motion = match system.seen {
                 Seen::Ground => track_motion(rows.clone()),
                 seen => picture_motion(&time_s, &boxes, height, seen),
             };
             let told = told(&mut system.net, &motion)?;
-            places.iter().zip(told).for_each(|(place, label)| labels[*place].push(label));
+            events.extend(told.events(*track));
+            places.iter().zip(told.samples).for_each(|(place, (label, _))| found.labels[*place].push(label));
         }
     }
-    Ok(labels)
+    Ok(found)
 }

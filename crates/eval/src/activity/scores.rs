@@ -3,7 +3,7 @@
 use roadplane_activity::{LABELS, Label};
 
 use crate::bootstrap::bootstrap_scenes;
-use crate::{Cell, Column, Estimate, Table};
+use crate::{Cell, Column, Table};
 
 /// Truth, and what each system told.
 #[derive(Clone, Debug)]
@@ -14,15 +14,17 @@ pub struct Case {
     pub told: Vec<Label>,
 }
 
+/// Cases by truth, then by what was told.
+type Confusion = [[f64; LABELS]; LABELS];
+
 /// Accuracy; precision and recall, each the mean over `labels` that occur.
-pub fn measures<'a>(cases: impl Iterator<Item = &'a Case>, system: usize, labels: &[Label]) -> [f64; 3] {
-    let counts = confusion(cases, system);
+fn measures(counts: &Confusion, labels: &[Label]) -> [f64; 3] {
     let total: f64 = counts.iter().flatten().sum();
     let hits: f64 = (0..LABELS).map(|i| counts[i][i]).sum();
     let mean = |each: Vec<f64>| each.iter().sum::<f64>() / each.len() as f64;
     let there: Vec<usize> =
         labels.iter().map(|label| label.index()).filter(|i| counts[*i].iter().sum::<f64>() > 0.0).collect();
-    let of = |i: &usize| precision_recall(&counts, *i);
+    let of = |i: &usize| precision_recall(counts, *i);
     [
         hits / total,
         mean(there.iter().map(|i| of(i)[0]).collect()),
@@ -31,14 +33,13 @@ pub fn measures<'a>(cases: impl Iterator<Item = &'a Case>, system: usize, labels
 }
 
 /// Precision (0 for a label that is never told) and recall.
-fn precision_recall(counts: &[[f64; LABELS]; LABELS], i: usize) -> [f64; 2] {
+fn precision_recall(counts: &Confusion, i: usize) -> [f64; 2] {
     let told: f64 = counts.iter().map(|row| row[i]).sum();
     let true_ones: f64 = counts[i].iter().sum();
     [counts[i][i] / told.max(1.0), counts[i][i] / true_ones]
 }
 
-/// By truth, then by what was told.
-fn confusion<'a>(cases: impl Iterator<Item = &'a Case>, system: usize) -> [[f64; LABELS]; LABELS] {
+fn confusion<'a>(cases: impl Iterator<Item = &'a Case>, system: usize) -> Confusion {
     let mut counts = [[0.0; LABELS]; LABELS];
     for case in cases {
         let told = case.told[system];
@@ -48,21 +49,44 @@ fn confusion<'a>(cases: impl Iterator<Item = &'a Case>, system: usize) -> [[f64;
     counts
 }
 
+/// Of each clip the confusions of some systems.
+fn confusions<const N: usize>(clips: &[Vec<Case>], systems: [usize; N]) -> Vec<[Confusion; N]> {
+    clips.iter().map(|clip| systems.map(|system| confusion(clip.iter(), system))).collect()
+}
+
+/// Of all these clips together.
+fn pooled<const N: usize>(clips: &[&[Confusion; N]], which: usize) -> Confusion {
+    let sum = |truth: usize, told: usize| clips.iter().map(|clip| clip[which][truth][told]).sum();
+    std::array::from_fn(|truth| std::array::from_fn(|told| sum(truth, told)))
+}
+
+fn columns() -> Vec<Column> {
+    ["", "accuracy, %", "precision", "recall"]
+        .iter()
+        .enumerate()
+        .map(|(i, name)| Column::new(*name, if i == 1 { 1 } else { 3 }))
+        .collect()
+}
+
+/// A row of accuracy (as %), precision and recall, with intervals over clips.
+fn row<const N: usize>(
+    name: String,
+    clips: &[Vec<Case>],
+    systems: [usize; N],
+    statistic: impl Fn(&[&[Confusion; N]]) -> [f64; 3],
+) -> Vec<Cell> {
+    let n = clips.iter().map(Vec::len).sum();
+    let counts = confusions(clips, systems);
+    let estimate = |which: usize| bootstrap_scenes(&counts, n, |chosen| statistic(chosen)[which]);
+    vec![name.into(), estimate(0).scaled(100.0).into(), estimate(1).into(), estimate(2).into()]
+}
+
 /// Accuracy, precision, recall with intervals over clips, a row a system.
 pub fn table(title: &str, note: &str, clips: &[Vec<Case>], systems: &[&str], labels: &[Label]) -> Table {
-    let columns = ["", "accuracy, %", "precision", "recall"];
-    let columns =
-        columns.iter().enumerate().map(|(i, name)| Column::new(*name, if i == 1 { 1 } else { 3 })).collect();
-    let mut table = Table::new(title, note, columns);
+    let mut table = Table::new(title, note, columns());
     for (system, name) in systems.iter().enumerate() {
-        let estimate =
-            |which: usize| interval(clips, |cases| measures(cases.iter().copied(), system, labels)[which]);
-        table.rows.push(vec![
-            (*name).into(),
-            estimate(0).scaled(100.0).into(),
-            estimate(1).into(),
-            estimate(2).into(),
-        ]);
+        let of = |chosen: &[&[Confusion; 1]]| measures(&pooled(chosen, 0), labels);
+        table.rows.push(row((*name).to_owned(), clips, [system], of));
     }
     table
 }
@@ -75,24 +99,13 @@ pub fn differences(
     system: usize,
     labels: &[Label],
 ) -> Table {
-    let columns = ["", "accuracy, %", "precision", "recall"];
-    let columns =
-        columns.iter().enumerate().map(|(i, name)| Column::new(*name, if i == 1 { 1 } else { 3 })).collect();
-    let mut table = Table::new(title, "The same clips are drawn for both.", columns);
+    let mut table = Table::new(title, "The same clips are drawn for both.", columns());
     for (other, name) in systems.iter().enumerate().filter(|(other, _)| *other != system) {
-        let estimate = |which: usize| {
-            interval(clips, |cases| {
-                let of = |system| measures(cases.iter().copied(), system, labels)[which];
-                of(system) - of(other)
-            })
+        let of = |chosen: &[&[Confusion; 2]]| {
+            let [ours, theirs] = [0, 1].map(|which| measures(&pooled(chosen, which), labels));
+            std::array::from_fn(|i| ours[i] - theirs[i])
         };
-        let row = format!("{} − {name}", systems[system]);
-        table.rows.push(vec![
-            row.into(),
-            estimate(0).scaled(100.0).into(),
-            estimate(1).into(),
-            estimate(2).into(),
-        ]);
+        table.rows.push(row(format!("{} − {name}", systems[system]), clips, [system, other], of));
     }
     table
 }
@@ -127,14 +140,6 @@ pub fn each_label(title: &str, clips: &[Vec<Case>], system: usize) -> Table {
     table
 }
 
-fn interval(clips: &[Vec<Case>], statistic: impl Fn(&[&Case]) -> f64) -> Estimate {
-    let n = clips.iter().map(Vec::len).sum();
-    bootstrap_scenes(clips, n, |chosen: &[&Vec<Case>]| {
-        let cases: Vec<&Case> = chosen.iter().flat_map(|clip| clip.iter()).collect();
-        statistic(&cases)
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -152,11 +157,12 @@ mod tests {
             case(&[stop, go], go),
             case(&[left], go),
         ];
-        let [accuracy, precision, recall] = measures(cases.iter(), 0, &[go, stop]);
+        let counts = confusion(cases.iter(), 0);
+        let [accuracy, precision, recall] = measures(&counts, &[go, stop]);
         assert!((accuracy - 4.0 / 6.0).abs() < 1e-12);
         assert!((precision - (3.0 / 4.0 + 1.0 / 2.0) / 2.0).abs() < 1e-12);
         assert!((recall - (3.0 / 4.0 + 1.0) / 2.0).abs() < 1e-12);
         // A label that does not occur takes no part.
-        assert_eq!(measures(cases.iter(), 0, &[go, stop, Label::UTurn]), [accuracy, precision, recall]);
+        assert_eq!(measures(&counts, &[go, stop, Label::UTurn]), [accuracy, precision, recall]);
     }
 }
