@@ -18,5 +18,5 @@ pub use error::ViewError;
 pub use keypoint_sheet::{KeypointCase, keypoint_sheet};
 pub use lines::with_lines;
 pub use overlay::{DrawnCar, Overlay, track_colour};
-pub use report::{ReportInput, report_html};
+pub use report::{ReportInput, Still, TrackView, report_html};
 pub use video::VideoSink;
