@@ -283,13 +283,16 @@ pub(crate) mod tests {
         assert_eq!(data["tracks"][1]["y"].as_array().unwrap().len(), 2, "a straight way at one speed");
         assert_eq!(data["tracks"][1]["crops"][0][0], 0.1);
         // The point under the camera's sight, laid on the ground, is in the middle of the picture.
-        let p: Vec<f64> = data["segments"][0]["p"].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect();
+        let p: Vec<f64> =
+            data["segments"][0]["p"].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect();
         let y_m = 8.0 / 0.3f64.tan();
         let at = |row: usize| p[4 * row + 1] * y_m + p[4 * row + 3];
         assert!((at(0) / at(2) - 319.5).abs() < 0.1 && (at(1) / at(2) - 179.5).abs() < 0.1);
         // And without scripts.
-        let plain = page.split("<script").next().unwrap().to_owned() + parts[2].split_once("</script>").unwrap().1;
-        for said in ["2 tracks", "12 of 32 frames", "class=\"birdseye\"", "<td>zoomed</td>", "3, -4", "+5.1"] {
+        let plain =
+            page.split("<script").next().unwrap().to_owned() + parts[2].split_once("</script>").unwrap().1;
+        for said in ["2 tracks", "12 of 32 frames", "class=\"birdseye\"", "<td>zoomed</td>", "3, -4", "+5.1"]
+        {
             assert!(plain.contains(said), "{said}");
         }
     }

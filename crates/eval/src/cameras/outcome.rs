@@ -4,7 +4,7 @@ use std::path::Path;
 
 use nalgebra::Vector4;
 use roadplane_base::{CameraEstimate, CameraStatus, angle_difference};
-use roadplane_pipeline::{Cancel, Config, SolveOptions, solve_file};
+use roadplane_pipeline::{Cancel, Config, Silent, SolveOptions, solve_file};
 use roadplane_write::read_camera;
 
 use crate::EvalError;
@@ -40,7 +40,7 @@ pub(super) fn outcome(
     let temporary = temporary_folder()?;
     let poses = temporary.path().join("poses.jsonl");
     let options = SolveOptions { use_plane: true, ..SolveOptions::default() };
-    solve_file(frames, &poses, &options, config, cancel)?;
+    solve_file(frames, &poses, &options, config, cancel, &Silent)?;
     let estimate = read_camera(&poses.with_file_name("camera.json"))?.camera.estimate();
     let truth =
         Vector4::new(known.focal_px.ln(), known.plane.tilt(), known.plane.roll(), known.plane.height_m.ln());

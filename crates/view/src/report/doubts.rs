@@ -20,7 +20,8 @@ pub(super) fn doubts(rows: &[TrackRow], size: ImageSize) -> Vec<String> {
     for (track, rows) in by_track(rows) {
         let (Some(first), Some(last)) = (rows.first(), rows.last()) else { continue };
         let seen: Vec<&TrackRow> = rows.iter().copied().filter(|row| row.observed).collect();
-        let most = |is: &dyn Fn(&TrackRow) -> bool| 2 * seen.iter().filter(|row| is(row)).count() > seen.len();
+        let most =
+            |is: &dyn Fn(&TrackRow) -> bool| 2 * seen.iter().filter(|row| is(row)).count() > seen.len();
         let name = track.to_string();
         if last.time_s - first.time_s < SHORT_S {
             short.push(name.clone());

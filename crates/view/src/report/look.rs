@@ -127,7 +127,9 @@ pub(super) fn look(input: &ReportInput<'_>) -> Result<String, ViewError> {
         .map_err(|source| ViewError::Data { what: source.to_string() })?
         .replace('<', "\\u003c");
     let scripts = SCRIPTS.concat();
-    Ok(format!("{MARKUP}<script type=\"application/json\" id=\"look-data\">{json}</script>\n<script>\n{scripts}</script>\n"))
+    Ok(format!(
+        "{MARKUP}<script type=\"application/json\" id=\"look-data\">{json}</script>\n<script>\n{scripts}</script>\n"
+    ))
 }
 
 fn inlined(still: &Still) -> (Rounded<3>, String) {
@@ -167,7 +169,10 @@ fn tracks<'a>(input: &ReportInput<'a>, width_px: f64) -> Vec<TrackData<'a>> {
     tracks
         .iter()
         .zip(&vertices)
-        .map(|((track, rows), vertices)| TrackData { crops: views(*track), ..track_data(*track, rows, vertices) })
+        .map(|((track, rows), vertices)| TrackData {
+            crops: views(*track),
+            ..track_data(*track, rows, vertices)
+        })
         .collect()
 }
 
