@@ -52,6 +52,13 @@ pub fn names(folder: &Path) -> Vec<String> {
     names
 }
 
+/// What a report plays: of it the part that tells no times and speeds of the run.
+pub fn played(report: &Path) -> String {
+    let page = std::fs::read_to_string(report).unwrap();
+    let (_, from) = page.split_once("id=\"look-data\">").unwrap();
+    from.split_once("</script>").unwrap().0.to_owned()
+}
+
 /// The first row of a CSV file by column; NaN where there is no number.
 pub fn first_row(path: &Path) -> BTreeMap<String, f64> {
     let mut reader = csv::Reader::from_path(path).unwrap();

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::common::{json, json_lines, names, roadplane, root};
+use crate::common::{json, json_lines, names, played, roadplane, root};
 use assert_cmd::assert::Assert;
 use image::imageops::{FilterType, resize};
 use roadplane_decode::{DecodeOptions, open};
@@ -69,6 +69,8 @@ fn pieces_joined_are_the_whole_byte_for_byte() {
         let of = |out: &str| std::fs::read(at(out).join("night").join(file)).unwrap();
         assert!(!of("whole").is_empty() && of("joined") == of("whole"), "{file}");
     }
+    let report = |out: &str| played(&at(out).join("night/report.html"));
+    assert!(report("joined") == report("whole"), "and the reports play the same");
     let summary = |out: &str| json(&at(out).join("night/summary.json"));
     for key in ["counts", "watch", "warnings", "input", "models", "config_sha256", "status"] {
         assert_eq!(summary("joined")[key], summary("whole")[key], "{key}");

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-use crate::common::{names, roadplane, root};
+use crate::common::{names, played, roadplane, root};
 
 /// A few frames of the demo clip.
 const SHORT: [&str; 2] = ["--set", "decode.max_frames=12"];
@@ -32,7 +32,8 @@ fn said(output: &Output) -> String {
 fn contents(result: &Path) -> Vec<(String, Vec<u8>)> {
     let varies = ["summary.json", "report.html"];
     let files = names(result).into_iter().filter(|name| !varies.contains(&name.as_str()));
-    files.map(|name| (name.clone(), fs::read(result.join(name)).unwrap())).collect()
+    let played = ("what is played".to_owned(), played(&result.join("report.html")).into_bytes());
+    files.map(|name| (name.clone(), fs::read(result.join(name)).unwrap())).chain([played]).collect()
 }
 
 #[test]

@@ -134,7 +134,10 @@ impl<'a> Overlay<'a> {
         }
         self.footprint(row, colour)?;
         match row.class {
-            VehicleClass::Car => self.wireframe(row, car.shape, colour)?,
+            VehicleClass::Car => {
+                let camera_from_car = self.plane.camera_from_world() * row.pose().world_from_car();
+                self.posed(&camera_from_car, car.shape, colour)?;
+            }
             VehicleClass::Truck | VehicleClass::Bus => self.cuboid(row, colour)?,
         }
         let [x0, y0, x1, y1] = row.bbox_px;
@@ -215,10 +218,36 @@ impl<'a> Overlay<'a> {
         Ok(())
     }
 
-    fn wireframe(&mut self, row: &TrackRow, shape: &Shape, colour: Rgb) -> Result<(), ViewError> {
-        let pose = row.pose();
-        let camera_from_car = self.plane.camera_from_world() * pose.world_from_car();
-        let near_left = eye_is_left(&camera_from_car);
+    /// Where the ground ends for a camera, from edge to edge of the picture.
+    ///
+    /// # Errors
+    /// [`ViewError::Drawing`].
+    pub fn horizon(&mut self, camera: &Camera, plane: &GroundPlane, colour: Rgb) -> Result<(), ViewError> {
+        let up = plane.normal_in_camera;
+        if up.y.abs() < 1e-6 {
+            return Ok(());
+        }
+        let middle = camera.principal_point_px;
+        // Rays at right angles to the vertical.
+        let at = |x: f64| {
+            let across = (x - middle.x) / camera.focal_px;
+            Vector2::new(x, middle.y - camera.focal_px * (up.x * across + up.z) / up.y)
+        };
+        let [width, _] = self.canvas.size();
+        self.canvas.line(at(0.0), at(width), colour, self.thickness + 1)
+    }
+
+    /// A car of a shape where the camera sees it.
+    ///
+    /// # Errors
+    /// [`ViewError::Drawing`].
+    pub fn posed(
+        &mut self,
+        camera_from_car: &Isometry3<f64>,
+        shape: &Shape,
+        colour: Rgb,
+    ) -> Result<(), ViewError> {
+        let near_left = eye_is_left(camera_from_car);
         let points = self.atlas.keypoints_in_car(shape);
         let pixel =
             |i: usize| self.camera.pixel_from_camera(&(camera_from_car * Point3::from(points[i])).coords);
@@ -350,6 +379,21 @@ mod tests {
         assert_eq!(pixel(-2.5, 12.5), [0, 0, 0], "nothing stands between the lines");
         assert_ne!(pixel(-2.5, 25.0), [0, 0, 0], "the next square's edge");
         assert_eq!(pixel(-2.5, 30.0), [0, 0, 0], "nobody was here");
+    }
+
+    #[test]
+    fn the_horizon_is_where_points_far_out_are_seen() {
+        let atlas = ShapeAtlas::shipped().unwrap();
+        let camera = Camera::centred(900.0, ImageSize { width: 640, height: 480 });
+        let plane = GroundPlane::from_tilt_roll_height(0.2, 0.05, 8.0);
+        let mut overlay = Overlay::new(&RgbImage::new(640, 480), &camera, &plane, &atlas).unwrap();
+        overlay.horizon(&camera, &plane, [255, 0, 0]).unwrap();
+        let drawn = overlay.finish().unwrap();
+        for x_m in [-2e6, 0.0, 3e6] {
+            let far = plane.camera_from_world() * Point3::new(x_m, 1e7, 0.0);
+            let at = camera.pixel_from_camera(&far.coords).unwrap();
+            assert!(drawn.get_pixel(at.x.round() as u32, at.y.round() as u32).0[0] > 150, "{at}");
+        }
     }
 
     #[test]

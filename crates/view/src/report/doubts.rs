@@ -11,13 +11,15 @@ const EDGE_PX: f64 = 2.0;
 const SHORT_S: f64 = 1.0;
 /// Places known worse than this are worth a word: sd, m.
 const VAGUE_M: f64 = 2.0;
-/// Most vehicles that a sentence names.
-const NAMED: usize = 20;
+/// Most tracks that a sentence names; of more it counts them.
+const NAMED: usize = 12;
 
 /// A sentence for each kind of doubt that tracks are under.
 pub(super) fn doubts(rows: &[TrackRow], size: ImageSize) -> Vec<String> {
     let (mut short, mut cut, mut vague, mut unseen) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-    for (track, rows) in by_track(rows) {
+    let tracks = by_track(rows);
+    let count = tracks.len();
+    for (track, rows) in tracks {
         let (Some(first), Some(last)) = (rows.first(), rows.last()) else { continue };
         let seen: Vec<&TrackRow> = rows.iter().copied().filter(|row| row.observed).collect();
         let most =
@@ -40,12 +42,8 @@ pub(super) fn doubts(rows: &[TrackRow], size: ImageSize) -> Vec<String> {
     let sentence = |tracks: Vec<String>, one: &str, many: &str| match tracks.as_slice() {
         [] => None,
         [track] => Some(format!("Track {track} {one}.")),
-        tracks => {
-            let more = tracks.len().saturating_sub(NAMED);
-            let named = tracks[..tracks.len() - more].join(", ");
-            let more = if more > 0 { format!(" and {more} more") } else { String::new() };
-            Some(format!("Tracks {named}{more} {many}."))
-        }
+        tracks if tracks.len() > NAMED => Some(format!("{} of {count} tracks {many}.", tracks.len())),
+        tracks => Some(format!("Tracks {} {many}.", tracks.join(", "))),
     };
     [
         sentence(

@@ -132,6 +132,7 @@
     canvas.height = height * fine;
     const g = canvas.getContext("2d");
     g.scale(fine, fine);
+    // Under the time line's handle.
     const at = (time) => 8 + ((width - 16) * (time - first)) / Math.max(1e-6, last - first);
     data.tracks.forEach((track, i) => {
       const y = 4 + places[i] * thick;
@@ -142,7 +143,7 @@
       for (let piece = 0; piece < pieces; piece++) {
         const [a, b] = [piece, piece + 1].map((k) => from + ((to - from) * k) / pieces);
         g.fillStyle = draw.colour(track, draw.at(track, (a + b) / 2) ?? draw.at(track, from), state.by);
-        g.fillRect(at(a), y, Math.max(2, at(b) - at(a)), Math.max(1, thick - 1.5));
+        g.fillRect(at(a), y, Math.max(2, at(b) - at(a) + 0.6), Math.max(1, thick - 1.5));
       }
     });
     g.globalAlpha = 1;
@@ -167,13 +168,13 @@
       box.replaceChildren(
         element("h3", {}, dot, `${track.class} ${track.id}`),
         element("dl", {},
-          entry("there", `${clock(from)} – ${clock(to)}`),
+          entry("in view", `${clock(from)} – ${clock(to)}`),
           entry("length × width × height", `${track.dims.map((d) => d.toFixed(2)).join(" × ")} m`),
-          entry("way", `${track.path.toFixed(1)} m`),
+          entry("path", `${track.path.toFixed(1)} m`),
           entry("top speed", `${track.top.toFixed(1)} m/s`),
           entry("hidden", unseen ? `${unseen.toFixed(1)} s` : "never"),
-          entry("now at", "", "look-at"), entry("now heading", "", "look-heading"),
-          entry("now driving", "", "look-speed"), entry("now", "", "look-activity")),
+          entry("place now", "", "look-at"), entry("heading now", "", "look-heading"),
+          entry("speed now", "", "look-speed"), entry("activity now", "", "look-activity")),
         chart(track));
       if (track.crops.length) {
         box.append(element("div", { className: "views" }, ...track.crops.map(([time, jpeg]) => {
@@ -186,7 +187,7 @@
     }
     const now = draw.at(track, state.time);
     const degrees = (radians) => (radians * 180) / Math.PI;
-    $("look-at").textContent = now ? `${now.x.toFixed(1)} ± ${now.xSd.toFixed(1)}, ${now.y.toFixed(1)} ± ${now.ySd.toFixed(1)} m` : "not there";
+    $("look-at").textContent = now ? `${now.x.toFixed(1)} ± ${now.xSd.toFixed(1)}, ${now.y.toFixed(1)} ± ${now.ySd.toFixed(1)} m` : "not in view";
     $("look-heading").textContent = now ? `${(((degrees(now.heading) % 360) + 360) % 360).toFixed(0)} ± ${degrees(now.headingSd).toFixed(0)}°` : "–";
     $("look-speed").textContent = now ? `${now.speed.toFixed(1)} ± ${now.speedSd.toFixed(1)} m/s` : "–";
     $("look-activity").textContent = now ? (now.hidden ? "not seen, filled in" : (now.activity ?? "–").replaceAll("_", " ")) : "–";

@@ -85,6 +85,7 @@ const lookDraw = (data) => {
     }
     const g = canvas.getContext("2d");
     g.setTransform(fine, 0, 0, fine, 0, 0);
+    g.globalAlpha = 1;
     return { g, width, height };
   };
 
@@ -142,7 +143,7 @@ const lookDraw = (data) => {
   // From above; `lens` is { x, y, zoom }: what is in the middle, m, and how much nearer than all of it. `height` may be null.
   const above = (canvas, time, { selected, by, lens, height: asked }) => {
     const [left, right, bottom, top] = data.view;
-    const ratio = Math.min(1.3, Math.max(0.56, (top - bottom) / (right - left)));
+    const ratio = Math.min(1, Math.max(0.56, (top - bottom) / (right - left)));
     const { g, width, height } = fit(canvas, (width) => asked ?? width * ratio);
     const scale = Math.min(width / (right - left), height / (top - bottom)) * lens.zoom;
     const to = ([x, y]) => [width / 2 + (x - lens.x) * scale, height / 2 - (y - lens.y) * scale];
@@ -175,7 +176,7 @@ const lookDraw = (data) => {
     g.beginPath();
     g.arc(...to([0, 0]), 4, 0, 7);
     g.fill();
-    const feet = [];
+    const [feet, plates] = [[], []];
     for (const track of data.tracks) {
       const own = track.id === selected, state = at(track, time);
       const ink = state ? colour(track, state, by) : track.colour;
@@ -213,10 +214,14 @@ const lookDraw = (data) => {
         g.stroke();
       }
       const [px, py] = to([state.x, state.y]);
+      feet.push({ id: track.id, px, py });
+      // Numbers stand where there is room for them.
+      const isFree = plates.every(([x, y]) => Math.abs(px - x) > 18 || Math.abs(py - y) > 12);
+      if (!own && !isFree) continue;
+      plates.push([px, py]);
       g.fillStyle = own ? "#fff" : "rgba(255,255,255,.75)";
       g.font = own ? "600 13px system-ui, sans-serif" : "11px system-ui, sans-serif";
       g.fillText(String(track.id), px + 7, py - 7);
-      feet.push({ id: track.id, px, py });
     }
     return { feet, scale };
   };
