@@ -12,6 +12,13 @@ pub fn roadplane() -> Command {
     command
 }
 
+/// The binary as a process of its own, for signals and limits.
+pub fn process() -> std::process::Command {
+    let mut command = std::process::Command::new(roadplane().get_program());
+    command.current_dir(root()).env("ORT_DYLIB_PATH", root().join(".runtime/libonnxruntime.so"));
+    command
+}
+
 /// The repository's root.
 pub fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").canonicalize().unwrap()
