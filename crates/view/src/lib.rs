@@ -17,6 +17,6 @@ pub use canvas::Rgb;
 pub use error::ViewError;
 pub use keypoint_sheet::{KeypointCase, keypoint_sheet};
 pub use lines::with_lines;
-pub use overlay::{DrawnCar, GroundCells, Overlay, track_colour};
+pub use overlay::{DrawnCar, GroundCells, Overlay, horizon_y_px, track_colour};
 pub use report::{ReportInput, Still, TrackView, report_html};
 pub use video::VideoSink;

@@ -17,7 +17,7 @@ const LEFT: usize = KEYPOINTS / 2;
 /// Distance of the grid's lines, m.
 const GRID_M: f64 = 5.0;
 /// How far the grid reaches from the camera, m.
-const GRID_REACH_M: f64 = 120.0;
+const GRID_REACH_M: f64 = 300.0;
 
 /// Colours that tell neighbours apart and stay with a track's number.
 const PALETTE: [Rgb; 10] = [
@@ -223,18 +223,12 @@ impl<'a> Overlay<'a> {
     /// # Errors
     /// [`ViewError::Drawing`].
     pub fn horizon(&mut self, camera: &Camera, plane: &GroundPlane, colour: Rgb) -> Result<(), ViewError> {
-        let up = plane.normal_in_camera;
-        if up.y.abs() < 1e-6 {
-            return Ok(());
-        }
-        let middle = camera.principal_point_px;
-        // Rays at right angles to the vertical.
-        let at = |x: f64| {
-            let across = (x - middle.x) / camera.focal_px;
-            Vector2::new(x, middle.y - camera.focal_px * (up.x * across + up.z) / up.y)
-        };
         let [width, _] = self.canvas.size();
-        self.canvas.line(at(0.0), at(width), colour, self.thickness + 1)
+        let at = |x: f64| Some(Vector2::new(x, horizon_y_px(camera, plane, x)?));
+        match (at(0.0), at(width)) {
+            (Some(from), Some(to)) => self.canvas.line(from, to, colour, self.thickness + 1),
+            _ => Ok(()),
+        }
     }
 
     /// A car of a shape where the camera sees it.
@@ -314,6 +308,15 @@ fn free_place(
         let others = boxes.iter().enumerate().filter(|(i, _)| *i != own).map(|(_, other)| other);
         others.chain(placed).all(|other| apart(plate, other))
     })
+}
+
+/// Row in which a camera sees the horizon in a column, px; `None` where it is upright.
+#[must_use]
+pub fn horizon_y_px(camera: &Camera, plane: &GroundPlane, x_px: f64) -> Option<f64> {
+    // Its rays are at right angles to the vertical.
+    let (up, middle) = (plane.normal_in_camera, camera.principal_point_px);
+    let across = (x_px - middle.x) / camera.focal_px;
+    (up.y.abs() > 1e-6).then(|| middle.y - camera.focal_px * (up.x * across + up.z) / up.y)
 }
 
 /// Whether the camera looks at the car's left side.

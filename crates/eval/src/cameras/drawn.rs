@@ -1,8 +1,9 @@
 //! The cameras that are farthest off, drawn: our horizon, ground and cars against the true horizon.
 
+use image::RgbImage;
 use roadplane_base::{Camera, Shape, ShapeAtlas};
 use roadplane_pipeline::{Config, PipelineError, open_input};
-use roadplane_view::{GroundCells, Overlay, Rgb};
+use roadplane_view::{GroundCells, Overlay, Rgb, horizon_y_px};
 
 use super::Measured;
 use crate::truth::isometry_from_rows;
@@ -12,6 +13,10 @@ use crate::{EvalError, Picture};
 const WORST: usize = 6;
 /// Widest picture, px.
 const WIDTH: u32 = 1280;
+/// Free rows above the higher horizon, and most rows that are added for it, in heights of the picture.
+const MARGIN_PX: f64 = 20.0;
+/// See [`MARGIN_PX`].
+const MOST_LIFT: f64 = 0.6;
 const TRUE: Rgb = [60, 220, 90];
 const OURS: Rgb = [255, 150, 40];
 const CAR: Rgb = [64, 196, 255];
@@ -31,16 +36,28 @@ pub(super) fn worst(
 fn drawn(measured: &Measured, atlas: &ShapeAtlas, config: &Config) -> Result<Picture, EvalError> {
     let Measured { camera: known, outcome, .. } = measured;
     let estimate = &outcome.estimate;
-    let ours =
+    let mut ours =
         Camera { focal_px: estimate.params.focal_px(), principal_point_px: estimate.principal_point_px };
-    let truth = Camera { focal_px: known.focal_px, principal_point_px: known.principal_point_px };
+    let mut truth = Camera { focal_px: known.focal_px, principal_point_px: known.principal_point_px };
     let plane = estimate.params.plane();
     let mut input = open_input(&known.media, config)?;
     let frame = input.next_frame().map_err(PipelineError::from)?;
     let size = [estimate.image_size_px.width, estimate.image_size_px.height];
-    let picture = frame.map_or_else(|| image::RgbImage::new(size[0], size[1]), |frame| frame.image);
+    let picture = frame.map_or_else(|| RgbImage::new(size[0], size[1]), |frame| frame.image);
+    // Room above for horizons that the picture does not reach.
+    let highest = [(&ours, &plane), (&truth, &known.plane)]
+        .into_iter()
+        .flat_map(|(camera, plane)| [0, size[0]].map(|x| horizon_y_px(camera, plane, f64::from(x))))
+        .flatten()
+        .fold(f64::INFINITY, f64::min);
+    let lift = (MARGIN_PX - highest).clamp(0.0, f64::from(size[1]) * MOST_LIFT) as u32;
+    let mut lifted = RgbImage::from_pixel(picture.width(), picture.height() + lift, image::Rgb([60; 3]));
+    image::imageops::replace(&mut lifted, &picture, 0, i64::from(lift));
+    for camera in [&mut ours, &mut truth] {
+        camera.principal_point_px.y += f64::from(lift);
+    }
     let fail = |error| EvalError::from(PipelineError::View(error));
-    let mut overlay = Overlay::new(&picture, &ours, &plane, atlas).map_err(fail)?;
+    let mut overlay = Overlay::new(&lifted, &ours, &plane, atlas).map_err(fail)?;
     let mut cells = GroundCells::default();
     for car in &outcome.cars {
         cells.add(car.world_from_car[0][3], car.world_from_car[1][3]);
