@@ -3,6 +3,7 @@
 (() => {
   const data = JSON.parse(document.getElementById("look-data").textContent);
   const draw = lookDraw(data);
+  const STANDING = 0.3; // m/s: below, a vehicle stands
   const $ = (id) => document.getElementById(id);
   const element = (name, properties = {}, ...children) => {
     const made = Object.assign(document.createElement(name), properties);
@@ -16,8 +17,8 @@
   const state = { time: first, selected: null, by: "track", playing: false, lens: whole(), boxes: [], feet: [], scale: 1 };
 
   const clock = (time) => {
-    const minutes = Math.floor(time / 60), seconds = (time - 60 * minutes).toFixed(1).padStart(4, "0");
-    const hours = Math.floor(minutes / 60);
+    const tenths = Math.round(10 * time), minutes = Math.floor(tenths / 600), hours = Math.floor(minutes / 60);
+    const seconds = (tenths / 10 - 60 * minutes).toFixed(1).padStart(4, "0");
     return hours ? `${hours}:${String(minutes % 60).padStart(2, "0")}:${seconds}` : `${minutes}:${seconds}`;
   };
 
@@ -191,12 +192,13 @@
     $("look-heading").textContent = now ? `${(((degrees(now.heading) % 360) + 360) % 360).toFixed(0)} ± ${degrees(now.headingSd).toFixed(0)}°` : "–";
     $("look-speed").textContent = now ? `${now.speed.toFixed(1)} ± ${now.speedSd.toFixed(1)} m/s` : "–";
     $("look-activity").textContent = now ? (now.hidden ? "not seen, filled in" : (now.activity ?? "–").replaceAll("_", " ")) : "–";
-    const cursor = box.querySelector(".cursor");
-    cursor.setAttribute("transform", `translate(${box.querySelector("svg").at(state.time)} 0)`);
+    const svg = box.querySelector("svg");
+    svg?.querySelector(".cursor").setAttribute("transform", `translate(${svg.at(state.time)} 0)`);
   };
 
   // Speed over time with a band of one sd.
   const chart = (track) => {
+    if (track.top < STANDING) return element("p", { className: "hint", textContent: "It stands all the time." });
     const [width, height] = [1000, 112], [from, to] = [track.t[0], track.t[track.t.length - 1]];
     const least = Math.min(0, ...track.speed), most = Math.max(least + 1, ...track.speed);
     const x = (time) => 4 + ((width - 8) * (time - from)) / Math.max(1e-6, to - from);

@@ -219,9 +219,15 @@ const lookDraw = (data) => {
       const isFree = plates.every(([x, y]) => Math.abs(px - x) > 18 || Math.abs(py - y) > 12);
       if (!own && !isFree) continue;
       plates.push([px, py]);
-      g.fillStyle = own ? "#fff" : "rgba(255,255,255,.75)";
+      // Upon the vehicle where it is large enough, else beside it.
+      const upon = track.dims[1] * scale > 13;
+      g.textAlign = upon ? "center" : "left";
       g.font = own ? "600 13px system-ui, sans-serif" : "11px system-ui, sans-serif";
-      g.fillText(String(track.id), px + 7, py - 7);
+      g.lineWidth = 3;
+      g.strokeStyle = "rgba(20,23,27,.6)";
+      g.fillStyle = own ? "#fff" : "rgba(255,255,255,.85)";
+      for (const put of ["strokeText", "fillText"]) g[put](String(track.id), upon ? px : px + 7, upon ? py + 4 : py - 7);
+      g.textAlign = "left";
     }
     return { feet, scale };
   };
