@@ -68,6 +68,7 @@ def look_around(page: Page, shots: Path | None) -> None:
     page.click("#look-play")
     page.wait_for_timeout(1000)
     page.click("#look-play")
+    page.wait_for_selector("#look-play[aria-label=play]")
     played = clock(page)
     assert played != begin, "time goes on"
     page.wait_for_timeout(300)
