@@ -233,13 +233,16 @@ pub fn render_run(
     draw_video(input, &scene, video, config, cancel, progress)
 }
 
-/// The configuration with the run's choice of frames, as others have no rows; what the caller chooses of them himself counts.
+/// The configuration with the run's choice of frames, as others have no rows; what the caller chooses otherwise counts.
 fn as_run(run: &Path, config: &Config) -> Result<Config, PipelineError> {
-    if config.decode != DecodeOptions::default() {
-        return Ok(config.clone());
+    let of = |options: &DecodeOptions| serde_json::to_value(options).unwrap_or_default();
+    let (asked, default) = (of(&config.decode), of(&DecodeOptions::default()));
+    let mut chosen = read_summary(&run.join("summary.json"))?.config["decode"].take();
+    if let (Some(chosen), Some(asked)) = (chosen.as_object_mut(), asked.as_object()) {
+        let other = asked.iter().filter(|(option, value)| default.get(option.as_str()) != Some(value));
+        chosen.extend(other.map(|(option, value)| (option.clone(), value.clone())));
     }
-    let chosen = read_summary(&run.join("summary.json"))?.config["decode"].take();
-    let decode: DecodeOptions = serde_json::from_value(chosen).unwrap_or_default();
+    let decode = serde_json::from_value(chosen).unwrap_or_else(|_not_told| config.decode.clone());
     Ok(Config { decode, ..config.clone() })
 }
 
@@ -258,7 +261,8 @@ mod tests {
         assert_eq!(as_run(folder.path(), &Config::default()).unwrap().decode.stride, 3);
         let mut asked = Config::default();
         asked.decode.end_s = Some(5.0);
-        assert_eq!(as_run(folder.path(), &asked).unwrap(), asked);
+        let both = as_run(folder.path(), &asked).unwrap().decode;
+        assert_eq!((both.stride, both.end_s), (3, Some(5.0)));
         write_summary(&folder.path().join("summary.json"), &Summary::default()).unwrap();
         assert_eq!(as_run(folder.path(), &Config::default()).unwrap(), Config::default());
         assert!(as_run(&folder.path().join("none"), &Config::default()).is_err());

@@ -1,7 +1,5 @@
 //! Drawing a solved scene into its picture: wireframes, boxes, labels, trails, a grid on the ground.
 
-use std::collections::BTreeSet;
-
 use image::RgbImage;
 use nalgebra::{Isometry3, Point3, Vector2, Vector3};
 use roadplane_base::{
@@ -9,15 +7,12 @@ use roadplane_base::{
 };
 
 use crate::ViewError;
-use crate::activities::{told, words};
 use crate::canvas::{Canvas, Rgb};
+use crate::ground_cells::GroundCells;
+use crate::labels::{free_place, label};
 
 /// Half of the keypoints are the car's left side.
 const LEFT: usize = KEYPOINTS / 2;
-/// Distance of the grid's lines, m.
-const GRID_M: f64 = 5.0;
-/// How far the grid reaches from the camera, m.
-const GRID_REACH_M: f64 = 300.0;
 
 /// Colours that tell neighbours apart and stay with a track's number.
 const PALETTE: [Rgb; 10] = [
@@ -37,22 +32,6 @@ const PALETTE: [Rgb; 10] = [
 #[must_use]
 pub fn track_colour(track: u64) -> Rgb {
     PALETTE[(track as usize).wrapping_sub(1) % PALETTE.len()]
-}
-
-/// Squares of the ground, by their corner next to the world's origin's south west, in units of the grid.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct GroundCells(BTreeSet<(i32, i32)>);
-
-impl GroundCells {
-    /// Adds the square that a place lies in, and those around it.
-    pub fn add(&mut self, x_m: f64, y_m: f64) {
-        if x_m.hypot(y_m) > GRID_REACH_M {
-            return;
-        }
-        let cell = |v: f64| (v / GRID_M).floor() as i32;
-        let around = (-1..=1).flat_map(|i| (-1..=1).map(move |j| (i, j)));
-        self.0.extend(around.map(|(i, j)| (cell(x_m) + i, cell(y_m) + j)));
-    }
 }
 
 /// One car to draw.
@@ -103,21 +82,8 @@ impl<'a> Overlay<'a> {
     /// # Errors
     /// [`ViewError::Drawing`].
     pub fn grid(&mut self, cells: &GroundCells) -> Result<(), ViewError> {
-        let edges: BTreeSet<_> = cells
-            .0
-            .iter()
-            .flat_map(|&(i, j)| {
-                [
-                    ((i, j), (i + 1, j)),
-                    ((i, j), (i, j + 1)),
-                    ((i + 1, j), (i + 1, j + 1)),
-                    ((i, j + 1), (i + 1, j + 1)),
-                ]
-            })
-            .collect();
-        let at = |(i, j): (i32, i32)| [i, j].map(|v| f64::from(v) * GRID_M);
-        for (from, to) in edges {
-            self.ground_line(at(from), at(to), [150, 150, 150], 1)?;
+        for [from, to] in cells.edges() {
+            self.ground_line(from, to, [150, 150, 150], 1)?;
         }
         Ok(())
     }
@@ -273,43 +239,6 @@ impl<'a> Overlay<'a> {
     }
 }
 
-/// Number, class, speed, activity: what there is to say.
-fn label(row: &TrackRow) -> String {
-    let mut label = row.track.to_string();
-    if row.class != VehicleClass::Car {
-        label = format!("{label} {}", row.class.name());
-    }
-    if row.speed_mps.abs() >= 0.3 {
-        // Reversing has a sign.
-        label = format!("{label} {:.1} m/s", row.speed_mps);
-    }
-    if let Some(activity) = told(row) {
-        label = format!("{label} {}", words(activity));
-    }
-    label
-}
-
-/// A place for a label of this size beside box `own`, upon no other box and no other label: above it, below it, or within it if it
-/// fills no more than a quarter of it.
-fn free_place(
-    own: usize,
-    boxes: &[[f64; 4]],
-    placed: &[[f64; 4]],
-    [width, height]: [f64; 2],
-    [right, bottom]: [f64; 2],
-) -> Option<[f64; 4]> {
-    let [x0, y0, x1, y1] = boxes[own];
-    let inside = 4.0 * width * height <= (x1 - x0) * (y1 - y0) && width <= x1 - x0;
-    let left = x0.clamp(0.0, (right - width).max(0.0));
-    let tops = [Some(y0 - height), Some(y1), inside.then_some(y0.max(0.0))];
-    let plate = |top: f64| [left, top, left + width, top + height];
-    let apart = |a: &[f64; 4], b: &[f64; 4]| a[0] >= b[2] || b[0] >= a[2] || a[1] >= b[3] || b[1] >= a[3];
-    tops.into_iter().flatten().filter(|top| *top >= 0.0 && top + height <= bottom).map(plate).find(|plate| {
-        let others = boxes.iter().enumerate().filter(|(i, _)| *i != own).map(|(_, other)| other);
-        others.chain(placed).all(|other| apart(plate, other))
-    })
-}
-
 /// Row in which a camera sees the horizon in a column, px; `None` where it is upright.
 #[must_use]
 pub fn horizon_y_px(camera: &Camera, plane: &GroundPlane, x_px: f64) -> Option<f64> {
@@ -397,29 +326,5 @@ mod tests {
             let at = camera.pixel_from_camera(&far.coords).unwrap();
             assert!(drawn.get_pixel(at.x.round() as u32, at.y.round() as u32).0[0] > 150, "{at}");
         }
-    }
-
-    #[test]
-    fn labels_lie_upon_no_car() {
-        // Far cars behind each other, and a near one.
-        let boxes = [
-            [100.0, 100.0, 130.0, 115.0],
-            [105.0, 84.0, 135.0, 99.0],
-            [110.0, 68.0, 140.0, 83.0],
-            [300.0, 0.0, 500.0, 150.0],
-        ];
-        let size = [640.0, 360.0];
-        let mut placed: Vec<[f64; 4]> = Vec::new();
-        for own in 0..4 {
-            placed.extend(free_place(own, &boxes, &placed, [60.0, 14.0], size));
-        }
-        assert_eq!(placed.len(), 3, "{placed:?}");
-        assert!((placed[0][1] - 115.0).abs() < 1e-9, "below the nearest of the three");
-        assert!((placed[1][3] - 68.0).abs() < 1e-9, "above the farthest");
-        assert!((placed[2][1] - 150.0).abs() < 1e-9, "below the car at the upper edge");
-        assert_eq!(
-            free_place(0, &boxes[..1], &[], [60.0, 14.0], [110.0, 116.0]),
-            Some([50.0, 86.0, 110.0, 100.0])
-        );
     }
 }
