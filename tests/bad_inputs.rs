@@ -28,7 +28,8 @@ fn inputs_that_are_no_video_are_refused_by_their_content() {
     assert!(refused(&file("empty.mp4", b""), 3, &[]).contains("empty"));
     refused(&file("text.mp4", b"this is no video, whatever its name says\n"), 3, &[]);
     refused(&file("list.mp4", b"ffconcat version 1.0\nfile /etc/passwd\n"), 3, &[]);
-    refused(&folder.path().join("absent.mp4"), 3, &[]);
+    let said = refused(&folder.path().join("absent.mp4"), 2, &[]);
+    assert!(said.contains("No such file") && said.contains("absent.mp4"), "{said}");
     let no_images = folder.path().join("folder");
     fs::create_dir(&no_images).unwrap();
     fs::write(no_images.join("notes.txt"), "no image").unwrap();
@@ -94,4 +95,39 @@ fn a_folder_in_use_is_refused_at_once() {
     let _lock = roadplane_pipeline::FolderLock::acquire(out.path()).unwrap();
     let clip = root().join("tests/data/lot.mp4");
     roadplane().arg("run").arg(clip).arg("--out").arg(out.path()).assert().code(11);
+}
+
+#[test]
+fn a_file_that_is_not_there_is_a_fault_of_the_command_line() {
+    let out = tempfile::tempdir().unwrap();
+    let clip = root().join("tests/data/lot.mp4");
+    let (absent, clip, out) = ("absent.file", clip.to_str().unwrap(), out.path().join("o.jsonl"));
+    let out = out.to_str().unwrap();
+    for command in [
+        vec!["detect", absent, "--out", out],
+        vec!["keypoints", clip, "--boxes", absent, "--out", out],
+        vec!["solve", absent, "--out", out],
+        vec!["track", absent, "--out", out],
+        vec!["run", clip, "--known", absent, "--out", out],
+        vec!["render", clip, "--run", absent],
+        vec!["plan", absent],
+    ] {
+        let assert = roadplane().args(&command).assert().code(2);
+        let said = String::from_utf8(assert.get_output().stderr.clone()).unwrap();
+        assert!(said.contains(absent), "{command:?}: {said}");
+    }
+}
+
+#[test]
+fn errors_speak_plain_words() {
+    let folder = tempfile::tempdir().unwrap();
+    let clip = root().join("tests/data/lot.mp4");
+    let said = refused(&clip, 2, &["--set", "decode.start_s=1000"]);
+    assert!(said.contains("start 1000 s and stride 1 leave no frame") && !said.contains("None"), "{said}");
+    let table = folder.path().join("t.csv");
+    fs::write(&table, "time_s,track,x_m,y_m\n0,1,2.0\n").unwrap();
+    let out = folder.path().join("labels.csv");
+    let assert = roadplane().arg("activity").arg(&table).arg("--out").arg(&out).assert().code(3);
+    let said = String::from_utf8(assert.get_output().stderr.clone()).unwrap();
+    assert!(said.contains("line: 2") && !said.contains("Some("), "{said}");
 }

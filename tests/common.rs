@@ -12,6 +12,13 @@ pub fn roadplane() -> Command {
     command
 }
 
+/// The binary as a process of its own, for signals and limits.
+pub fn process() -> std::process::Command {
+    let mut command = std::process::Command::new(roadplane().get_program());
+    command.current_dir(root()).env("ORT_DYLIB_PATH", root().join(".runtime/libonnxruntime.so"));
+    command
+}
+
 /// The repository's root.
 pub fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").canonicalize().unwrap()
@@ -50,6 +57,13 @@ pub fn names(folder: &Path) -> Vec<String> {
         .collect();
     names.sort();
     names
+}
+
+/// What a report plays: of it the part that tells no times and speeds of the run.
+pub fn played(report: &Path) -> String {
+    let page = std::fs::read_to_string(report).unwrap();
+    let (_, from) = page.split_once("id=\"look-data\">").unwrap();
+    from.split_once("</script>").unwrap().0.to_owned()
 }
 
 /// The first row of a CSV file by column; NaN where there is no number.

@@ -145,3 +145,32 @@ fn a_copy_of_kitti_is_walked_through() {
     let said = String::from_utf8(refused.get_output().stderr.clone()).unwrap();
     assert!(said.contains("line 1") && said.contains("label_2/000000.txt"), "{said}");
 }
+
+#[test]
+fn known_cameras_are_measured_and_the_worst_are_drawn() {
+    let folder = tempfile::tempdir().unwrap();
+    let camera = &json(&root().join("tests/data/lot.truth.json"))["camera"];
+    let known = serde_json::json!({
+        "schema": "roadplane.cameras/1",
+        "cameras": [{
+            "id": "rendered lot",
+            "file": root().join("tests/data/lot.mp4"),
+            "image_size_px": camera["image_size_px"],
+            "focal_px": camera["focal_px"],
+            "principal_point_px": camera["principal_point_px"],
+            "distortion_k1_k2": [0.0, 0.0],
+            "height_m": camera["height_m"],
+            "normal_in_camera": camera["plane_in_camera"]["normal"],
+            "sd": { "focal_share": 0.001, "tilt_deg": 0.01, "roll_deg": 0.01, "height_share": 0.001 },
+        }],
+    });
+    std::fs::write(folder.path().join("cameras.json"), known.to_string()).unwrap();
+    let out = folder.path().join("out");
+    let mut command = roadplane();
+    command.args(["eval", "cameras"]).arg(folder.path()).arg("--out").arg(&out);
+    command.args(["--set", "decode.max_frames=12"]).assert().code(0);
+    let page = std::fs::read_to_string(out.join("report.html")).unwrap();
+    assert_eq!(page.matches("<figure>").count(), 1);
+    assert!(page.contains("rendered lot: focal length") && page.contains("truth 1360"));
+    assert!(out.join("runs/lot/frames.jsonl").is_file(), "kept for the next time");
+}

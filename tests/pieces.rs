@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::common::{json, json_lines, names, roadplane, root};
+use crate::common::{json, json_lines, names, played, process, roadplane, root};
 use assert_cmd::assert::Assert;
 use image::imageops::{FilterType, resize};
 use roadplane_decode::{DecodeOptions, open};
@@ -69,6 +69,23 @@ fn pieces_joined_are_the_whole_byte_for_byte() {
         let of = |out: &str| std::fs::read(at(out).join("night").join(file)).unwrap();
         assert!(!of("whole").is_empty() && of("joined") == of("whole"), "{file}");
     }
+    let report = |out: &str| played(&at(out).join("night/report.html"));
+    assert!(report("joined") == report("whole"), "and the reports play the same");
+
+    // Stopped in its second minute, a run goes on with what it found in the first.
+    let spool = at("stopped").join(".night.partial/frames.jsonl");
+    let lines = || std::fs::read(&spool).map_or(0, |bytes| bytes.iter().filter(|b| **b == b'\n').count());
+    let mut stopped = process().arg("run").arg(&clip).arg("--out").arg(at("stopped")).spawn().unwrap();
+    while lines() < 150 {
+        assert_eq!(stopped.try_wait().unwrap(), None, "too fast to be stopped");
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    let kill = std::process::Command::new("kill").arg(stopped.id().to_string()).status().unwrap();
+    assert!(kill.success());
+    assert_eq!(stopped.wait().unwrap().code(), Some(143));
+    run(&["--resume"], "stopped").code(0);
+    assert!(report("stopped") == report("whole"), "and plays the same");
+
     let summary = |out: &str| json(&at(out).join("night/summary.json"));
     for key in ["counts", "watch", "warnings", "input", "models", "config_sha256", "status"] {
         assert_eq!(summary("joined")[key], summary("whole")[key], "{key}");

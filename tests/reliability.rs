@@ -7,21 +7,13 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-use crate::common::{names, roadplane, root};
+use crate::common::{names, played, process, roadplane, root};
 
 /// A few frames of the demo clip.
 const SHORT: [&str; 2] = ["--set", "decode.max_frames=12"];
 
 fn clip() -> PathBuf {
     root().join("tests/data/lot.mp4")
-}
-
-/// The binary as a process of its own, for signals and limits.
-fn command() -> Command {
-    let template = roadplane();
-    let mut command = Command::new(template.get_program());
-    command.current_dir(root()).env("ORT_DYLIB_PATH", root().join(".runtime/libonnxruntime.so"));
-    command
 }
 
 fn said(output: &Output) -> String {
@@ -32,7 +24,8 @@ fn said(output: &Output) -> String {
 fn contents(result: &Path) -> Vec<(String, Vec<u8>)> {
     let varies = ["summary.json", "report.html"];
     let files = names(result).into_iter().filter(|name| !varies.contains(&name.as_str()));
-    files.map(|name| (name.clone(), fs::read(result.join(name)).unwrap())).collect()
+    let played = ("what is played".to_owned(), played(&result.join("report.html")).into_bytes());
+    files.map(|name| (name.clone(), fs::read(result.join(name)).unwrap())).chain([played]).collect()
 }
 
 #[test]
@@ -69,7 +62,7 @@ fn stopped_by_a_signal_a_run_goes_on_where_it_was() {
     let temp = tempfile::tempdir().unwrap();
     let (whole, cut) = (temp.path().join("whole"), temp.path().join("cut"));
     let run = |out: &Path| {
-        let mut run = command();
+        let mut run = process();
         run.arg("run").arg(clip()).arg("--out").arg(out).args(["--resume", "--set", "decode.max_frames=60"]);
         run.stderr(Stdio::piped());
         run
@@ -100,7 +93,7 @@ fn killed_runs_are_no_obstacle_and_change_nothing() {
     let temp = tempfile::tempdir().unwrap();
     let (whole, cut) = (temp.path().join("whole"), temp.path().join("cut"));
     let run = |out: &Path| {
-        let mut run = command();
+        let mut run = process();
         run.arg("run").arg(clip()).arg("--out").arg(out).arg("--resume").args(SHORT);
         run.stderr(Stdio::null());
         run
@@ -123,7 +116,7 @@ fn a_folder_that_cannot_be_written_is_named() {
     let file = temp.path().join("a-file");
     fs::write(&file, "no folder").unwrap();
     for out in [file.join("out"), PathBuf::from("/proc/roadplane"), PathBuf::from("/dev/null/out")] {
-        let output = command().arg("run").arg(clip()).args(SHORT).arg("--out").arg(&out).output().unwrap();
+        let output = process().arg("run").arg(clip()).args(SHORT).arg("--out").arg(&out).output().unwrap();
         assert_eq!(output.status.code(), Some(1), "{}", said(&output));
         assert!(said(&output).contains(out.to_str().unwrap()), "{}", said(&output));
     }
@@ -135,7 +128,7 @@ fn a_folder_that_cannot_be_written_is_named() {
         println!("skipped: this user may write into read-only folders (scripts/reliability mounts one)");
         return;
     }
-    let output = command().arg("run").arg(clip()).args(SHORT).arg("--out").arg(&locked).output().unwrap();
+    let output = process().arg("run").arg(clip()).args(SHORT).arg("--out").arg(&locked).output().unwrap();
     assert_eq!(output.status.code(), Some(1), "{}", said(&output));
 }
 
@@ -143,7 +136,7 @@ fn a_folder_that_cannot_be_written_is_named() {
 fn a_folder_that_vanishes_ends_the_run_with_its_name() {
     let temp = tempfile::tempdir().unwrap();
     let out = temp.path().join("out");
-    let mut run = command();
+    let mut run = process();
     run.arg("run").arg(clip()).arg("--out").arg(&out).args(["--set", "decode.max_frames=60"]);
     let child = run.stderr(Stdio::piped()).spawn().unwrap();
     while !out.join(".lot.partial/frames.jsonl").exists() {
@@ -158,7 +151,7 @@ fn a_folder_that_vanishes_ends_the_run_with_its_name() {
 #[test]
 fn the_second_of_two_runs_on_one_folder_is_refused_at_once() {
     let temp = tempfile::tempdir().unwrap();
-    let mut run = command();
+    let mut run = process();
     run.arg("run").arg(clip()).arg("--out").arg(temp.path()).args(["--set", "decode.max_frames=60"]);
     let mut first = run.stderr(Stdio::null()).spawn().unwrap();
     while !temp.path().join(".roadplane.lock").exists() {
@@ -166,7 +159,7 @@ fn the_second_of_two_runs_on_one_folder_is_refused_at_once() {
     }
     std::thread::sleep(Duration::from_millis(100));
     let since = Instant::now();
-    let output = command().arg("run").arg(clip()).arg("--out").arg(temp.path()).output().unwrap();
+    let output = process().arg("run").arg(clip()).arg("--out").arg(temp.path()).output().unwrap();
     assert_eq!(output.status.code(), Some(11), "{}", said(&output));
     // A second where nothing else runs; loading the libraries takes most of it.
     assert!(since.elapsed() < Duration::from_secs(5), "{:?}", since.elapsed());
@@ -179,7 +172,7 @@ fn a_clip_that_grows_while_it_is_read_is_damage_or_whole() {
     let whole = fs::read(clip()).unwrap();
     let growing = temp.path().join("growing.mp4");
     fs::write(&growing, &whole[..whole.len() / 3]).unwrap();
-    let mut run = command();
+    let mut run = process();
     run.arg("run").arg(&growing).args(SHORT).arg("--out").arg(temp.path().join("out"));
     let child = run.stderr(Stdio::piped()).spawn().unwrap();
     let mut file = fs::OpenOptions::new().append(true).open(&growing).unwrap();
@@ -217,7 +210,7 @@ fn playlists_addresses_and_links_lead_nowhere() {
         secret,
     ] {
         let out = temp.path().join("out");
-        let output = command().arg("run").arg(&input).arg("--out").arg(&out).output().unwrap();
+        let output = process().arg("run").arg(&input).arg("--out").arg(&out).output().unwrap();
         assert_eq!(output.status.code(), Some(3), "{}: {}", input.display(), said(&output));
         assert_eq!(names(&out), [".roadplane.lock"], "{}", input.display());
     }
@@ -229,7 +222,7 @@ fn one_bad_input_does_not_stop_the_night_and_is_counted() {
     let bad = temp.path().join("bad.mp4");
     fs::write(&bad, "no video").unwrap();
     let metrics = temp.path().join("roadplane.prom");
-    let output = command()
+    let output = process()
         .args(["--log-format", "json", "run"])
         .args([&bad, &clip()])
         .args(SHORT)
@@ -268,7 +261,7 @@ fn one_bad_input_does_not_stop_the_night_and_is_counted() {
 fn counts_are_served_while_running() {
     let temp = tempfile::tempdir().unwrap();
     let address = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
-    let mut run = command();
+    let mut run = process();
     run.arg("run").arg(clip()).args(["--set", "decode.max_frames=60", "--metrics", &address.to_string()]);
     let mut child = run.arg("--out").arg(temp.path()).stderr(Stdio::null()).spawn().unwrap();
     let mut text = String::new();
@@ -282,14 +275,14 @@ fn counts_are_served_while_running() {
     assert!(text.contains("roadplane_inputs{state=\"running\"}"), "{text}");
     assert!(child.wait().unwrap().success());
     let open =
-        command().args(["run", "x", "--out"]).arg(temp.path()).args(["--metrics", "0.0.0.0:9"]).output();
+        process().args(["run", "x", "--out"]).arg(temp.path()).args(["--metrics", "0.0.0.0:9"]).output();
     assert_eq!(open.unwrap().status.code(), Some(2));
 }
 
 #[test]
 fn a_reader_that_goes_away_ends_the_output_quietly() {
     let temp = tempfile::tempdir().unwrap();
-    let mut detect = command();
+    let mut detect = process();
     detect.arg("detect").arg(clip()).args(["--out", "-", "--set", "decode.max_frames=200"]);
     let mut child = detect.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let mut line = String::new();
@@ -312,7 +305,7 @@ fn threads_and_order_change_no_byte() {
             .enumerate()
     {
         let out = temp.path().join(i.to_string());
-        let mut run = command();
+        let mut run = process();
         run.arg("run").args(&inputs).args(["--jobs", jobs]).args(SHORT).arg("--out").arg(&out);
         assert!(run.output().unwrap().status.success());
         let all = [contents(&out.join("lot")), contents(&out.join("still_0000"))];

@@ -34,6 +34,8 @@ impl Progress for Bar {
         if let Some(frames) = frames {
             self.bar.set_length(frames);
         }
+        self.bar.set_position(0);
+        self.bar.reset_eta();
     }
 
     fn frame_done(&self) {
@@ -44,13 +46,8 @@ impl Progress for Bar {
         let Ok(mut last) = self.last_line.lock() else { return };
         if last.elapsed() >= LINE_EVERY {
             *last = Instant::now();
-            let total = self.bar.length().map_or_else(String::new, |n| format!("/{n}"));
-            tracing::info!(
-                "{}: {}{total} frames, {:.1} frames/s",
-                self.name,
-                self.bar.position(),
-                self.bar.per_sec()
-            );
+            let (done, rate) = (self.bar.position(), self.bar.per_sec());
+            tracing::info!("{}: {}", self.name, line(done, self.bar.length(), rate));
         }
     }
 
@@ -60,8 +57,36 @@ impl Progress for Bar {
     }
 }
 
+/// How far it is, in words.
+fn line(done: u64, all: Option<u64>, frames_per_s: f64) -> String {
+    let Some(all) = all.filter(|_| frames_per_s > 0.0) else {
+        return format!("{done} frames, {frames_per_s:.1} frames/s");
+    };
+    let left_s = (all.saturating_sub(done) as f64 / frames_per_s).round();
+    let left = match left_s {
+        s if s < 90.0 => format!("{s:.0} s"),
+        s if s < 5400.0 => format!("{:.0} min", s / 60.0),
+        s => format!("{:.1} h", s / 3600.0),
+    };
+    format!("{done}/{all} frames, {frames_per_s:.1} frames/s, {left} left")
+}
+
 impl Drop for Bar {
     fn drop(&mut self) {
         self.bar.finish_and_clear();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_left_is_told_where_it_is_known() {
+        assert_eq!(line(30, Some(90), 6.0), "30/90 frames, 6.0 frames/s, 10 s left");
+        assert_eq!(line(0, Some(36_000), 10.0), "0/36000 frames, 10.0 frames/s, 60 min left");
+        assert_eq!(line(0, Some(360_000), 10.0), "0/360000 frames, 10.0 frames/s, 10.0 h left");
+        assert_eq!(line(7, None, 2.0), "7 frames, 2.0 frames/s");
+        assert_eq!(line(0, Some(9), 0.0), "0 frames, 0.0 frames/s");
     }
 }

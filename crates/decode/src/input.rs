@@ -98,10 +98,8 @@ fn open_source(
 fn nothing_decoded(path: PathBuf, options: &DecodeOptions, report: &DecodeReport) -> DecodeError {
     if report.decoded > 0 {
         let DecodeOptions { start_s, end_s, stride, .. } = options;
-        let what = format!(
-            "start {start_s} s, end {end_s:?} s and stride {stride} leave no frame of {}",
-            path.display()
-        );
+        let end = end_s.map_or_else(String::new, |end_s| format!(", end {end_s} s"));
+        let what = format!("start {start_s} s{end} and stride {stride} leave no frame of {}", path.display());
         return DecodeError::Option { what };
     }
     let why = report.warnings.first().map(|warning| format!(" ({warning})")).unwrap_or_default();
@@ -204,6 +202,12 @@ impl Input {
             Source::Video(video) => video.promised(),
             Source::Images(images) => Some(images.count()),
         }
+    }
+
+    /// Frames that it will hand on, by what the options choose of [`Self::frames_hint`]: an estimate as well.
+    #[must_use]
+    pub fn frames_due(&self) -> Option<u64> {
+        Some(self.options.chosen_of(self.frames_hint()?, self.nominal_fps()))
     }
 
     /// Nominal frame rate, 1/s: for writing videos of the same pace. Times of frames are in their stamps.

@@ -57,6 +57,16 @@ impl DecodeOptions {
         Ok(())
     }
 
+    /// How many of so many frames at a steady rate are chosen.
+    pub(crate) fn chosen_of(&self, frames: u64, fps: f64) -> u64 {
+        // Frame i comes at i / fps; the float casts saturate.
+        let before = |time_s: f64| ((time_s * fps - 1e-6).ceil().max(0.0) as u64).min(frames);
+        let (from, to) = (before(self.start_s), self.end_s.map_or(frames, before));
+        let stride = u64::from(self.stride.max(1));
+        let chosen = to.div_ceil(stride).saturating_sub(from.div_ceil(stride));
+        self.max_frames.map_or(chosen, |most| chosen.min(most))
+    }
+
     /// What becomes of a frame at this place.
     pub(crate) fn verdict(&self, index: u64, pts_nanos: i64, handed_on: u64) -> Verdict {
         let time_s = pts_nanos as f64 * 1e-9;
@@ -98,6 +108,15 @@ mod tests {
         assert_eq!(options.verdict(9, 900_000_000, 0), Verdict::Skip);
         assert_eq!(options.verdict(21, 2_000_000_000, 0), Verdict::Over);
         assert_eq!(options.verdict(12, 1_200_000_000, 4), Verdict::Over);
+        for (stride, start_s, end_s) in
+            [(3, 1.0, Some(2.0)), (1, 0.0, None), (7, 2.5, None), (2, 0.3, Some(0.3))]
+        {
+            let options = DecodeOptions { stride, start_s, end_s, ..DecodeOptions::default() };
+            let taken = |i: &u64| options.verdict(*i, *i as i64 * 100_000_000, 0) == Verdict::Take;
+            assert_eq!(options.chosen_of(97, 10.0), (0..97).filter(taken).count() as u64, "{options:?}");
+        }
+        let few = DecodeOptions { max_frames: Some(2), ..options };
+        assert_eq!(few.chosen_of(97, 10.0), 2);
         assert!(DecodeOptions { stride: 0, ..DecodeOptions::default() }.check().is_err());
         assert!(DecodeOptions { image_fps: f64::NAN, ..DecodeOptions::default() }.check().is_err());
     }

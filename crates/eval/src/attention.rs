@@ -131,7 +131,7 @@ pub fn evaluate_attention(
         table.rows.push(std::iter::once(Cell::from(name)).chain(numbers.map(Cell::from)).collect());
         progress.frame_done();
     }
-    Ok(Report { title: "Attention".to_owned(), tables: vec![table], plots: Vec::new() })
+    Ok(Report { title: "Attention".to_owned(), tables: vec![table], ..Report::default() })
 }
 
 /// A vehicle's boxes: frame, time (s), box.

@@ -52,7 +52,7 @@ pub fn evaluate_mot(truth: &Path, tracks: &Path) -> Result<Report, EvalError> {
     let columns = scores.map(|(title, _)| Column::new(title, if title == "switches" { 0 } else { 2 }));
     let mut table = Table::new("Tracks of boxes", note, columns.to_vec());
     table.rows.push(scores.map(|(_, value)| Cell::from(value)).to_vec());
-    Ok(Report { title: "Tracks of boxes".to_owned(), tables: vec![table], plots: Vec::new() })
+    Ok(Report { title: "Tracks of boxes".to_owned(), tables: vec![table], ..Report::default() })
 }
 
 /// Regions that nobody is asked to look at, by frame.
@@ -88,7 +88,7 @@ pub fn evaluate_coco(truth: &Path, found: &Path) -> Result<Report, EvalError> {
         read_coco(truth, found)?.into_iter().map(|(name, pictures)| (name, [pictures])).collect();
     let rows: Vec<_> = categories.iter().map(|(name, scenes)| (name.as_str(), &scenes[..])).collect();
     let tables = vec![boxes_table("Boxes by category", &rows)];
-    Ok(Report { title: "Boxes".to_owned(), tables, plots: Vec::new() })
+    Ok(Report { title: "Boxes".to_owned(), tables, ..Report::default() })
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! Real cameras that are known: how far off the product's cameras are, car by car and keypoint by keypoint where from.
 
 mod cars;
+mod drawn;
 mod outcome;
 mod tables;
 mod view_errors;
@@ -11,8 +12,8 @@ use roadplane_base::ShapeAtlas;
 use roadplane_pipeline::{Cancel, Config, Existing, Progress, RunOptions, Silent, run_input, stem_of};
 use roadplane_write::FrameReader;
 
-use crate::dataset::temporary_folder;
 use crate::readers::cameras::{KnownCamera, read_cameras};
+use crate::workplace::Workplace;
 use crate::{EvalError, Report};
 
 use cars::{SeenCar, cars_of};
@@ -26,7 +27,7 @@ struct Measured {
 }
 
 /// Runs the pictures and clips of `folder/cameras.json`, or takes what `out` holds of earlier runs, and compares. `models` and
-/// `config` as for a run. Pictures of lenses that bend lines count in the cameras' table alone.
+/// `config` as for a run. The worst pictures are drawn. Pictures of lenses that bend lines count in the cameras' table alone.
 ///
 /// # Errors
 /// [`EvalError`] for files that cannot be read, runs that fail, or a stop.
@@ -39,10 +40,12 @@ pub fn evaluate_cameras(
     progress: &dyn Progress,
 ) -> Result<Report, EvalError> {
     let atlas = ShapeAtlas::shipped().map_err(roadplane_pipeline::PipelineError::from)?;
-    let temporary = temporary_folder()?;
-    let runs = out.unwrap_or(temporary.path()).join("runs");
+    let workplace = Workplace::new(out)?;
+    let runs = workplace.folder().join("runs");
+    let cameras = read_cameras(&folder.join("cameras.json"))?;
+    progress.expect(Some(cameras.len() as u64));
     let mut measured = Vec::new();
-    for camera in read_cameras(&folder.join("cameras.json"))? {
+    for camera in cameras {
         let frames = frames_of(&camera.media, &runs, models, config, cancel)?;
         let outcome = outcome(&camera, &frames, config, cancel)?;
         let first = FrameReader::open(&frames)?.next().transpose()?;
@@ -50,7 +53,7 @@ pub fn evaluate_cameras(
         measured.push(Measured { camera, outcome, cars });
         progress.frame_done();
     }
-    Ok(tables::report(&measured))
+    Ok(Report { pictures: drawn::worst(&measured, &atlas, config)?, ..tables::report(&measured) })
 }
 
 /// The frames file of a run of this picture or clip; one that is there is used again.

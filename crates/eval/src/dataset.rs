@@ -19,11 +19,10 @@ use crate::parallel::{in_parallel, try_in_parallel};
 use crate::systems::System;
 use crate::tables::boxes_table;
 use crate::truth::{Kind, Truth, read_dataset, read_truth};
+use crate::workplace::Workplace;
 use crate::{EvalError, Report};
 pub use pictures::{camera_pictures, dataset_pictures};
 
-use clips::Workplace;
-pub(crate) use clips::temporary_folder;
 use evidence::SceneEvidence;
 use score::SystemScore;
 

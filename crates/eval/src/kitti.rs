@@ -102,7 +102,7 @@ pub fn evaluate_kitti(
         .unwrap_or_default();
     let tables = vec![add, viewpoint_table("Viewpoint: KITTI", &rows), focal_table(&focal)];
     let plots = vec![add_plot(&rows), viewpoint_plot(&rows)];
-    Ok(Report { title: "KITTI objects".to_owned(), tables, plots })
+    Ok(Report { title: "KITTI objects".to_owned(), tables, plots, ..Report::default() })
 }
 
 fn stopped(cancel: &Cancel) -> Result<(), EvalError> {

@@ -23,6 +23,7 @@ pub mod tables;
 mod text_file;
 pub mod truth;
 mod vehicles;
+mod workplace;
 
 pub use activity::{ActivityOptions, evaluate_activity};
 pub use attention::evaluate_attention;
@@ -33,6 +34,6 @@ pub use dataset::{DatasetOptions, camera_pictures, dataset_pictures, evaluate_da
 pub use error::EvalError;
 pub use kitti::{KittiOptions, evaluate_kitti};
 pub use plot::{Mark, Plot, Series};
-pub use report::Report;
+pub use report::{Picture, Report};
 pub use run::{FinishedRun, evaluate_run};
 pub use table::{Cell, Column, Table};

@@ -2,10 +2,18 @@
 
 use std::path::Path;
 
+use base64::{Engine as _, engine::general_purpose::STANDARD};
+use image::RgbImage;
+use image::codecs::jpeg::JpegEncoder;
+use roadplane_pipeline::PipelineError;
+use roadplane_view::ViewError;
 use roadplane_write::{OutFile, WriteError};
 
 use crate::table::escape;
 use crate::{EvalError, Plot, Table};
+
+/// JPEG quality of pictures.
+const QUALITY: u8 = 85;
 
 /// What an evaluation has to say.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -16,6 +24,37 @@ pub struct Report {
     pub tables: Vec<Table>,
     /// Plots in order.
     pub plots: Vec<Plot>,
+    /// Pictures in order.
+    pub pictures: Vec<Picture>,
+}
+
+/// A picture with words below it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Picture {
+    /// What it shows.
+    pub caption: String,
+    /// The picture, a JPEG file.
+    pub jpeg: Vec<u8>,
+}
+
+impl Picture {
+    /// Of a picture's pixels.
+    ///
+    /// # Errors
+    /// [`EvalError::Pipeline`] if it cannot be compressed.
+    pub fn new(caption: String, picture: &RgbImage) -> Result<Self, EvalError> {
+        let mut jpeg = Vec::new();
+        let encoder = JpegEncoder::new_with_quality(&mut jpeg, QUALITY);
+        picture.write_with_encoder(encoder).map_err(|error| PipelineError::from(ViewError::from(error)))?;
+        Ok(Self { caption, jpeg })
+    }
+
+    fn to_html(&self) -> String {
+        let (caption, data) = (escape(&self.caption), STANDARD.encode(&self.jpeg));
+        format!(
+            "<figure><img alt=\"{caption}\" src=\"data:image/jpeg;base64,{data}\"><figcaption>{caption}</figcaption></figure>\n"
+        )
+    }
 }
 
 impl Report {
@@ -40,6 +79,10 @@ impl Report {
         let plots: String = self.plots.iter().map(Plot::to_svg).collect();
         if !plots.is_empty() {
             page.push_str(&format!("<h2>Plots</h2>\n<div class=\"plots\">\n{plots}</div>\n"));
+        }
+        if !self.pictures.is_empty() {
+            page.push_str("<h2>Pictures</h2>\n");
+            page.extend(self.pictures.iter().map(Picture::to_html));
         }
         page.push_str("</main></html>\n");
         page
@@ -82,7 +125,7 @@ table{border-collapse:collapse;background:#fff}td,th{padding:4px 10px;border-bot
 font-variant-numeric:tabular-nums;white-space:nowrap}th{text-align:left;font-weight:600}thead th{text-align:right;\
 white-space:normal;vertical-align:bottom}thead th:first-child{text-align:left}small{color:#66707a;font-size:11px}\
 .hint{color:#66707a;font-size:13px;max-width:760px}.scroll{overflow-x:auto}.plots{display:flex;flex-wrap:wrap;gap:16px}\
-.plot{max-width:100%;height:auto;border-radius:6px}";
+.plot,img{max-width:100%;height:auto;border-radius:6px}figure{margin:12px 0}figcaption{color:#66707a;font-size:13px}";
 
 #[cfg(test)]
 mod tests {
@@ -95,8 +138,12 @@ mod tests {
         let mut table = Table::new("Camera, 1 still", "", vec![Column::new("what", 0), Column::new("x", 1)]);
         table.rows.push(vec!["focal".into(), 1.25.into()]);
         let plot = Plot::new("ADD", "d", "%").with("ours", Mark::Line, vec![(0.0, 1.0), (1.0, 2.0)]);
-        let report =
-            Report { title: "lot".to_owned(), tables: vec![table.clone(), table], plots: vec![plot] };
+        let report = Report {
+            title: "lot".to_owned(),
+            tables: vec![table.clone(), table],
+            plots: vec![plot],
+            ..Report::default()
+        };
         let out = folder.path().join("new/report");
         report.write(&out).unwrap();
         let csv = std::fs::read_to_string(out.join("02-camera-1-still.csv")).unwrap();
@@ -104,5 +151,11 @@ mod tests {
         let page = std::fs::read_to_string(out.join("report.html")).unwrap();
         assert!(page.contains("<svg") && page.matches("<table").count() == 2 && !page.contains("src="));
         assert_eq!(std::fs::read_to_string(out.join("tables.txt")).unwrap(), report.to_text());
+        let picture = Picture::new("a < b".to_owned(), &RgbImage::new(8, 8)).unwrap();
+        let page = Report { pictures: vec![picture], ..report }.to_html();
+        assert!(
+            page.contains("<figcaption>a &lt; b</figcaption>")
+                && page.contains("data:image/jpeg;base64,/9j/")
+        );
     }
 }

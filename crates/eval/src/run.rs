@@ -110,7 +110,7 @@ fn against_camera(run: &FinishedRun, truth: &Krtd, name: &str) -> Result<Report,
         " Truth: focal length {:.1} × {:.1} px, ground z = 0, lens distortion {:?}.",
         truth.focal_x_px, truth.focal_y_px, truth.distortion
     );
-    Ok(Report { title: format!("Camera of run {name}"), tables: vec![table], plots: Vec::new() })
+    Ok(Report { title: format!("Camera of run {name}"), tables: vec![table], ..Report::default() })
 }
 
 fn against_truth(
@@ -143,7 +143,7 @@ fn against_truth(
         viewpoint_plot(&[(name, &poses)]),
         position_plot(&[(name, &positions)]),
     ];
-    Ok(Report { title: format!("Run {name} against truth"), tables, plots })
+    Ok(Report { title: format!("Run {name} against truth"), tables, plots, ..Report::default() })
 }
 
 /// Boxes of each frame looked at.
@@ -175,7 +175,7 @@ fn against_boxes(
     let pictures = [frames.iter().map(picture).collect()];
     let mut table = boxes_table("Boxes of cars that got a pose", &[(name, &pictures)]);
     table.note += " Truth: vehicles of the KPF file; those mostly hidden are ignored.";
-    Ok(Report { title: format!("Boxes of run {name}"), tables: vec![table], plots: Vec::new() })
+    Ok(Report { title: format!("Boxes of run {name}"), tables: vec![table], ..Report::default() })
 }
 
 fn same_size(camera: &CameraSegment, truth_px: [f64; 2]) -> Result<(), EvalError> {

@@ -143,7 +143,11 @@ pub fn against_vehicles(run: &FinishedRun, path: &Path, name: &str) -> Result<Re
         quantile(&headings, 0.5).to_degrees(),
     ];
     table.rows.push(std::iter::once(Cell::from(name)).chain(numbers.map(Cell::from)).collect());
-    Ok(Report { title: format!("Run {name} against other sensors"), tables: vec![table], plots: Vec::new() })
+    Ok(Report {
+        title: format!("Run {name} against other sensors"),
+        tables: vec![table],
+        ..Report::default()
+    })
 }
 
 /// Rows on a vehicle that does not count, small ones, and filled-in ones on nothing are left out, as `score_tracks` does.

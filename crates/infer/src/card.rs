@@ -15,13 +15,23 @@ pub const CARD_SCHEMA: &str = "roadplane.model-card/1";
 const MAX_CARD_BYTES: u64 = 1 << 20;
 
 /// One dimension of a tensor: a number, or a name for what the caller chooses.
-#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[derive(Clone, PartialEq, Eq, Deserialize)]
 #[serde(untagged)]
 pub enum Dim {
     /// Always this many.
     Fixed(usize),
     /// Chosen by the caller; equal names mean equal numbers.
     Named(String),
+}
+
+/// As the card has it.
+impl std::fmt::Debug for Dim {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Fixed(number) => write!(f, "{number}"),
+            Self::Named(name) => f.write_str(name),
+        }
+    }
 }
 
 /// One input or output.

@@ -9,8 +9,8 @@ use roadplane_base::{
     ImageSize, JointInformation, KeypointSet, Lens, ParkedCar, SceneCurve, ShapeAtlas,
 };
 use roadplane_calibrate::{
-    CarUse, EvidenceBuilder, EvidenceOptions, FuseOptions, FusePrior, Joined, LinkId, SegmentStart, View,
-    Window, WindowEstimate, condense, epochs, fuse, join, joins, same_vehicle,
+    CarUse, Epoch, EvidenceBuilder, EvidenceOptions, FuseOptions, FusePrior, Joined, LinkId, SegmentStart,
+    View, Window, WindowEstimate, condense, epochs, fuse, join, joins, same_vehicle,
 };
 use roadplane_geo::{Place, Site};
 use roadplane_solve::{CarView, SceneOptions, SceneSolution, SceneStatus, solve_scene};
@@ -207,8 +207,11 @@ pub fn estimate_cameras(
     let said = recall.and_then(|recall| {
         let options = fuse_options.for_cars();
         let (said, links) = evidence_of(recall, &untold, position, span_s, &parked, &options)?;
-        for windows in told.iter_mut().chain([&mut untold]) {
-            add_remembered(windows, position, recall, &said, &links, &options);
+        let epochs = epochs(&recall.evidence, &look, &options);
+        if let Some(epoch) = own_epoch(recall, &said, &epochs, &options) {
+            for windows in told.iter_mut().chain([&mut untold]) {
+                add_remembered(windows, position, epoch, &said, &links);
+            }
         }
         Some(said)
     });
@@ -352,28 +355,34 @@ fn evidence_of(
     Some((said, links))
 }
 
+/// The epoch that this clip belongs to; none where it begins one. Says which.
+fn own_epoch<'a, 'b>(
+    recall: &Recall,
+    said: &CameraEvidence,
+    epochs: &'b [Epoch<'a>],
+    options: &FuseOptions,
+) -> Option<&'b Epoch<'a>> {
+    let camera = &recall.camera;
+    let epoch = joins(said, epochs, &look, options).map(|index| &epochs[index]);
+    match epoch {
+        Some(epoch) => tracing::info!("camera {camera}: {} clips are remembered", epoch.clips.len()),
+        None if epochs.is_empty() => {}
+        None => {
+            tracing::info!("camera {camera}: it was moved since it was last seen, a new epoch begins");
+        }
+    }
+    epoch
+}
+
 /// Puts what other clips said of the camera's last position in front of this clip's windows of it, and links the vehicles that
-/// stand there as they stood before. Nothing is put where this clip begins an epoch.
+/// stand there as they stood before.
 fn add_remembered(
     windows: &mut Vec<WindowEstimate>,
     position: usize,
-    recall: &Recall,
+    epoch: &Epoch<'_>,
     said: &CameraEvidence,
     links: &[LinkId],
-    options: &FuseOptions,
 ) {
-    let epochs = epochs(&recall.evidence, &look, options);
-    let Some(index) = joins(said, &epochs, &look, options) else {
-        if !epochs.is_empty() {
-            tracing::info!(
-                "camera {}: it was moved since it was last seen, a new epoch begins",
-                recall.camera
-            );
-        }
-        return;
-    };
-    let epoch = &epochs[index];
-    tracing::info!("camera {}: {} clips are remembered", recall.camera, epoch.clips.len());
     let known = |car: &ParkedCar| epoch.vehicles.iter().find(|(_, known)| same_vehicle(known, car));
     let same: BTreeMap<LinkId, LinkId> = links
         .iter()

@@ -150,11 +150,13 @@ impl Default for CalibrateConfig {
 pub struct OutputConfig {
     /// Frames with overlays in the report.
     pub sample_frames: usize,
+    /// About how large the report may become, MiB: what of the pictures can be played in it. 0: none.
+    pub report_mib: f64,
 }
 
 impl Default for OutputConfig {
     fn default() -> Self {
-        Self { sample_frames: 3 }
+        Self { sample_frames: 3, report_mib: 8.0 }
     }
 }
 
@@ -410,6 +412,7 @@ impl Config {
         range("track.half_wheelbase_m", track.half_wheelbase_m, 0.1, 10.0)?;
         range("calibrate.window_s", self.calibrate.window_s, 0.1, 86_400.0)?;
         range("pipeline.buffer_mib", self.pipeline.buffer_mib as f64, 1.0, 65_536.0)?;
+        range("output.report_mib", self.output.report_mib, 0.0, 256.0)?;
         range("output.sample_frames", self.output.sample_frames as f64, 0.0, 64.0)
     }
 }

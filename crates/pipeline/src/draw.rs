@@ -5,14 +5,19 @@ use std::path::Path;
 
 use image::RgbImage;
 use roadplane_base::{CameraEstimate, Shape, ShapeAtlas, TrackRow};
-use roadplane_view::{DrawnCar, Overlay, ReportInput, VideoSink, ViewError, report_html, with_lines};
-use roadplane_write::{OutFile, Summary, read_camera, read_jsonl};
+use roadplane_decode::DecodeOptions;
+use roadplane_view::{
+    DrawnCar, GroundCells, Overlay, ReportInput, VideoSink, ViewError, report_html, with_lines,
+};
+use roadplane_write::{OutFile, Summary, read_camera, read_jsonl, read_summary};
 
 use crate::cameras::CameraTrack;
 use crate::cars::FrameCamera;
 use crate::clip::ClipSolution;
 use crate::flow::Work;
 use crate::known::known_in_words;
+use crate::losses::losses_in_words;
+use crate::stills::Stills;
 use crate::streaming::{open_input, stream};
 use crate::watched::in_words;
 use crate::{Cancel, Config, PipelineError, Progress};
@@ -27,6 +32,8 @@ pub struct Scene<'a> {
     shapes: BTreeMap<u64, Shape>,
     of_frame: BTreeMap<u64, Vec<&'a TrackRow>>,
     of_track: BTreeMap<u64, Vec<&'a TrackRow>>,
+    /// Where vehicles were, by segment.
+    ground: BTreeMap<usize, GroundCells>,
 }
 
 impl<'a> Scene<'a> {
@@ -40,11 +47,13 @@ impl<'a> Scene<'a> {
     ) -> Self {
         let mut of_frame: BTreeMap<u64, Vec<&TrackRow>> = BTreeMap::new();
         let mut of_track: BTreeMap<u64, Vec<&TrackRow>> = BTreeMap::new();
+        let mut ground: BTreeMap<usize, GroundCells> = BTreeMap::new();
         for row in rows {
+            ground.entry(row.segment).or_default().add(row.x_m, row.y_m);
             of_frame.entry(row.frame).or_default().push(row);
             of_track.entry(row.track).or_default().push(row);
         }
-        Self { cameras, atlas, shapes, of_frame, of_track }
+        Self { cameras, atlas, shapes, of_frame, of_track, ground }
     }
 
     /// The frame with everything in it.
@@ -55,8 +64,11 @@ impl<'a> Scene<'a> {
         let Some(estimate) = self.cameras.at(time_s) else { return Ok(picture.clone()) };
         let view = FrameCamera::from(estimate);
         let mut overlay = Overlay::new(picture, &view.camera, &view.plane, self.atlas)?;
-        overlay.grid()?;
-        for row in self.of_frame.get(&frame).into_iter().flatten() {
+        if let Some(ground) = self.ground.get(&self.cameras.segment_at(time_s)) {
+            overlay.grid(ground)?;
+        }
+        let rows = self.of_frame.get(&frame).map(Vec::as_slice).unwrap_or_default();
+        for row in rows {
             let shape = self.shapes.get(&row.track).copied().unwrap_or_else(Shape::zeros);
             let trail: Vec<[f64; 2]> = self
                 .of_track
@@ -68,23 +80,35 @@ impl<'a> Scene<'a> {
                 .collect();
             overlay.car(&DrawnCar { row, shape: &shape, trail: &trail })?;
         }
+        overlay.labels(rows)?;
         overlay.finish()
     }
+}
+
+/// What a report shows of the pictures.
+pub(crate) struct ReportPictures<'a> {
+    /// Frames to draw into: index, time in s, picture.
+    pub samples: &'a [(u64, f64, RgbImage)],
+    /// What it plays.
+    pub stills: &'a Stills,
+    /// The empty place.
+    pub background: Option<&'a RgbImage>,
 }
 
 /// Writes `report.html`.
 ///
 /// # Errors
 /// [`PipelineError`].
-pub fn write_report(
+pub(crate) fn write_report(
     path: &Path,
     title: &str,
     atlas: &ShapeAtlas,
     solution: &ClipSolution,
-    samples: &[(u64, f64, RgbImage)],
-    background: Option<&RgbImage>,
+    seen: &ReportPictures<'_>,
     summary: &Summary,
+    config: &Config,
 ) -> Result<(), PipelineError> {
+    let &ReportPictures { samples, stills, background } = seen;
     let scene = Scene::new(&solution.cameras, &solution.rows, solution.shapes(), atlas);
     let drawn: Vec<(u64, RgbImage)> = samples
         .iter()
@@ -103,12 +127,16 @@ pub fn write_report(
         cameras: solution.cameras.estimates(),
         rows: &solution.rows,
         samples: &drawn,
+        stills: &stills.frames(),
+        views: &stills.views(&solution.rows),
         reprojection_rms_px: &solution.reprojection_rms_px,
         facts: &facts,
         warnings: &summary.warnings,
         background,
         scene_lines: lines.as_ref(),
+        moves: &summary.watch.moves,
         camera_notes: &in_words(&summary.watch),
+        losses: &losses_in_words(&summary.counts, &solution.rows, &config.decode),
     })?;
     let mut file = OutFile::create(path)?;
     file.write_bytes(page.as_bytes())?;
@@ -189,6 +217,7 @@ pub fn render_run(
     progress: &dyn Progress,
 ) -> Result<bool, PipelineError> {
     let atlas = ShapeAtlas::shipped()?;
+    let config = &as_run(run, config)?;
     let estimates: Vec<CameraEstimate> =
         read_camera(&run.join("camera.json"))?.all().iter().map(|segment| segment.estimate()).collect();
     let cameras = CameraTrack::from_estimates(estimates);
@@ -202,4 +231,40 @@ pub fn render_run(
     }
     let scene = Scene::new(&cameras, &rows, shapes, &atlas);
     draw_video(input, &scene, video, config, cancel, progress)
+}
+
+/// The configuration with the run's choice of frames, as others have no rows; what the caller chooses otherwise counts.
+fn as_run(run: &Path, config: &Config) -> Result<Config, PipelineError> {
+    let of = |options: &DecodeOptions| serde_json::to_value(options).unwrap_or_default();
+    let (asked, default) = (of(&config.decode), of(&DecodeOptions::default()));
+    let mut chosen = read_summary(&run.join("summary.json"))?.config["decode"].take();
+    if let (Some(chosen), Some(asked)) = (chosen.as_object_mut(), asked.as_object()) {
+        let other = asked.iter().filter(|(option, value)| default.get(option.as_str()) != Some(value));
+        chosen.extend(other.map(|(option, value)| (option.clone(), value.clone())));
+    }
+    let decode = serde_json::from_value(chosen).unwrap_or_else(|_not_told| config.decode.clone());
+    Ok(Config { decode, ..config.clone() })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use roadplane_write::write_summary;
+
+    #[test]
+    fn a_run_is_drawn_with_the_frames_that_it_looked_at() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut made = Config::default();
+        made.decode.stride = 3;
+        let summary = Summary { config: serde_json::to_value(&made).unwrap(), ..Summary::default() };
+        write_summary(&folder.path().join("summary.json"), &summary).unwrap();
+        assert_eq!(as_run(folder.path(), &Config::default()).unwrap().decode.stride, 3);
+        let mut asked = Config::default();
+        asked.decode.end_s = Some(5.0);
+        let both = as_run(folder.path(), &asked).unwrap().decode;
+        assert_eq!((both.stride, both.end_s), (3, Some(5.0)));
+        write_summary(&folder.path().join("summary.json"), &Summary::default()).unwrap();
+        assert_eq!(as_run(folder.path(), &Config::default()).unwrap(), Config::default());
+        assert!(as_run(&folder.path().join("none"), &Config::default()).is_err());
+    }
 }

@@ -1,6 +1,7 @@
 //! What can end a command, by who is at fault.
 
 use std::any::Any;
+use std::io::ErrorKind;
 use std::path::PathBuf;
 
 use roadplane_activity::ActivityError;
@@ -106,7 +107,7 @@ pub enum PipelineError {
 /// Who is at fault, which decides the exit code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fault {
-    /// The command line or the configuration: 2.
+    /// The command line or the configuration, or a file that is not there: 2.
     Usage,
     /// The input is damaged or lost: 3.
     Input,
@@ -145,6 +146,13 @@ impl PipelineError {
     pub fn fault(&self) -> Fault {
         match self {
             Self::Usage { .. } | Self::Config(_) | Self::Decode(DecodeError::Option { .. }) => Fault::Usage,
+            Self::Decode(DecodeError::Unreadable { source, .. })
+            | Self::Unreadable { source, .. }
+            | Self::Write(WriteError::Io { doing: "read", source, .. })
+                if source.kind() == ErrorKind::NotFound =>
+            {
+                Fault::Usage
+            }
             Self::Decode(DecodeError::Library { .. }) => Fault::Internal,
             Self::Decode(_) | Self::Unreadable { .. } => Fault::Input,
             Self::ModelsMissing { .. } | Self::Atlas(_) => Fault::Model,

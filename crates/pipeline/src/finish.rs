@@ -10,7 +10,7 @@ use roadplane_write::{RunStatus, StageSeconds, Summary, write_evidence, write_su
 
 use crate::activities::{label_rows, write_events};
 use crate::clip::{ClipSolution, Given, solve_known_clip};
-use crate::draw::{Scene, draw_video, write_report};
+use crate::draw::{ReportPictures, Scene, draw_video, write_report};
 use crate::identity::{peak_memory_bytes, versions};
 use crate::left::{Job, Left, SPOOL};
 use crate::memory::EVIDENCE;
@@ -72,7 +72,8 @@ pub(crate) fn finish(work: Finish<'_>, job: &Job<'_>) -> Result<ClipSolution, Pi
     summary.peak_memory_bytes = peak_memory_bytes();
     summary.speed = meter.as_mut().map(Meter::speed);
     let report = folder.join("report.html");
-    write_report(&report, stem, &atlas, &solution, &left.samples, place, &summary)?;
+    let seen = ReportPictures { samples: &left.samples, stills: &left.stills, background: place };
+    write_report(&report, stem, &atlas, &solution, &seen, &summary, config)?;
     // The report cannot tell what it costs itself.
     summary.speed = meter.as_mut().map(Meter::speed);
     if options.video {

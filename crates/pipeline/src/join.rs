@@ -17,8 +17,9 @@ use roadplane_write::{FrameReader, OutFile, StageSeconds, WatchSummary};
 use crate::activities::open_activity;
 use crate::finish::{Finish, finish};
 use crate::left::{Job, Left, SPOOL, Stamp, begin_folder};
-use crate::piece::{PieceFile, read_piece};
+use crate::piece::{PieceFile, STILLS, read_piece};
 use crate::run::{RunOptions, RunReport, finished_before, publish};
+use crate::stills::Stills;
 use crate::watched::Watched;
 use crate::{Cancel, Config, PipelineError, Progress};
 
@@ -131,6 +132,7 @@ fn left_of(pieces: &[(&Path, PieceFile)], spool: &Path, config: &Config) -> Resu
     joined.finish()?;
     let first = &pieces[0].1;
     let (_, last) = &pieces[pieces.len() - 1];
+    let stills: Vec<_> = pieces.iter().map(|(folder, piece)| (folder.join(STILLS), piece.stills)).collect();
     let place = pieces.iter().rev().find_map(|(folder, piece)| Some(folder.join(piece.place.as_ref()?)));
     Ok(Left {
         input: first.input.clone(),
@@ -141,6 +143,10 @@ fn left_of(pieces: &[(&Path, PieceFile)], spool: &Path, config: &Config) -> Resu
         rejected_cars: pieces.iter().map(|(_, piece)| piece.rejected_cars).sum(),
         watch: watch_of(spool)?,
         samples: samples_of(pieces, config.output.sample_frames)?,
+        stills: Stills::read(
+            config.output.report_mib,
+            stills.iter().map(|(path, levels)| (path.as_path(), *levels)),
+        )?,
         place: place.map(|path| read_picture(&path)).transpose()?,
     })
 }

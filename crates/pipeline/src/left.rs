@@ -9,7 +9,8 @@ use roadplane_decode::{DecodeReport, Input};
 use roadplane_view::ViewError;
 use roadplane_watch::Background;
 use roadplane_write::{
-    FrameSpool, InputSummary, ModelSummary, OutFile, OutputFolder, StageSeconds, WatchSummary, write_json,
+    FrameReader, FrameSpool, InputSummary, ModelSummary, OutFile, OutputFolder, StageSeconds, WatchSummary,
+    write_json,
 };
 use serde::{Deserialize, Serialize};
 
@@ -19,6 +20,7 @@ use crate::run::RunOptions;
 use crate::samples::SampleFrames;
 use crate::scene_lines::LineFinder;
 use crate::speed::{Looks, Meter};
+use crate::stills::Stills;
 use crate::streaming::{
     Cadence, Nets, Streamed, detect_stage, keypoint_stage, stream, stretch_of, watch_stage,
 };
@@ -99,6 +101,8 @@ pub(crate) struct Left {
     pub watch: WatchSummary,
     /// Frames for the report: index, time in s, picture.
     pub samples: Vec<(u64, f64, RgbImage)>,
+    /// What the report plays.
+    pub stills: Stills,
     /// The empty place.
     pub place: Option<RgbImage>,
 }
@@ -106,6 +110,7 @@ pub(crate) struct Left {
 /// What streaming fills besides the spool.
 struct Sinks<'a> {
     samples: &'a mut SampleFrames,
+    stills: &'a mut Stills,
     watched: &'a mut Watched,
     looks: &'a mut Looks,
     background: &'a mut Option<Background>,
@@ -123,16 +128,19 @@ pub(crate) fn left_half(
 ) -> Result<Left, PipelineError> {
     let (options, config) = (job.options, job.config);
     job.progress.phase("frames");
-    let every = Cadence::of(&input, config).every();
+    let looked_at = Cadence::of(&input, config).every() / u64::from(config.decode.stride.max(1));
     let frames = match piece.and_then(|piece| Some(piece.to_s? - piece.from_s)) {
         Some(seconds) => Some((seconds as f64 * input.nominal_fps()) as u64),
-        None => input.frames_hint(),
+        None => input.frames_due(),
     };
-    let mut samples = SampleFrames::new(config.output.sample_frames, frames.map(|frames| frames / every));
+    let pictures = frames.map(|frames| frames / looked_at.max(1));
+    let mut samples = SampleFrames::new(config.output.sample_frames, pictures);
+    let mut stills = Stills::new(config.output.report_mib);
     let (mut watched, mut looks) = (Watched::default(), Looks::default());
     let mut background = None;
     let mut sinks = Sinks {
         samples: &mut samples,
+        stills: &mut stills,
         watched: &mut watched,
         looks: &mut looks,
         background: &mut background,
@@ -152,6 +160,7 @@ pub(crate) fn left_half(
         rejected_cars: nets.keypoints.rejected(),
         watch: watched.finish(),
         samples: samples.finish(),
+        stills,
         place: background.as_ref().map(|background| background.picture().clone()),
     })
 }
@@ -198,15 +207,23 @@ fn stream_to_spool(
         detect_stage(&mut nets.detector, cadence, sinks.background, lines).only(is_due),
         keypoint_stage(&mut nets.keypoints, cadence).only(is_due),
     ];
+    // What a stopped run found in the frames that it was through with.
+    let spooled = (recovered.frames > 0).then(|| FrameReader::open(&folder.join(SPOOL))).transpose()?;
+    let mut found_before = spooled.into_iter().flatten();
     let sink = |work: Work| {
         if !is_own(&work.record) {
             return Ok(());
         }
+        let is_new = is_new(&work.record);
+        let found = if is_new { None } else { found_before.next().transpose()? }
+            .filter(|found| found.frame == work.record.frame);
         if let Some(image) = &work.image {
             sinks.samples.offer(work.stamp, image);
+            if sinks.stills.offer(work.stamp, image) {
+                sinks.stills.cut(work.stamp, image, found.as_ref().unwrap_or(&work.record));
+            }
         }
         sinks.watched.push(&work.record);
-        let is_new = is_new(&work.record);
         sinks.looks.add(&work.record, is_new);
         if is_new { Ok(spool.append(&work.record)?) } else { Ok(()) }
     };

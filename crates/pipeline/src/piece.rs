@@ -21,6 +21,7 @@ use crate::left::{Job, Left, STAMP, Stamp, begin_folder, left_half};
 use crate::limits::check_memory;
 use crate::run::{RunOptions, RunReport, given_up, stem_of};
 use crate::speed::Meter;
+use crate::stills::StillLevels;
 use crate::streaming::{FORGET_S, Nets, open_input, open_input_part};
 use crate::{Cancel, Config, PipelineError, Progress};
 
@@ -165,6 +166,9 @@ pub fn plan(input_path: &Path, piece_s: u64, config: &Config) -> Result<Vec<Plan
     Ok(cuts.iter().enumerate().map(piece).collect())
 }
 
+/// What the report plays, in a piece's folder.
+pub(crate) const STILLS: &str = "stills.jsonl";
+
 /// `piece.json`: what the right half needs beside the frames.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct PieceFile {
@@ -178,6 +182,8 @@ pub(crate) struct PieceFile {
     pub rejected_cars: u64,
     /// Frames for the report: index, time in s, file.
     pub samples: Vec<(u64, f64, String)>,
+    /// How coarse the frames and cut-outs of [`STILLS`] are.
+    pub stills: StillLevels,
     /// File with the empty place.
     pub place: Option<String>,
 }
@@ -245,6 +251,7 @@ fn write_piece(folder: &Path, stem: &str, stamp: Stamp, left: Left) -> Result<De
         write_picture(&folder.join(&name), picture)?;
         samples.push((*frame, *time_s, name));
     }
+    let stills = left.stills.write(&folder.join(STILLS))?;
     let place = left.place.as_ref().map(|picture| {
         let name = "place.jpg".to_owned();
         write_picture(&folder.join(&name), picture).map(|()| name)
@@ -259,6 +266,7 @@ fn write_piece(folder: &Path, stem: &str, stamp: Stamp, left: Left) -> Result<De
         seconds: left.seconds,
         rejected_cars: left.rejected_cars,
         samples,
+        stills,
         place: place.transpose()?,
     };
     write_json(&folder.join(PIECE), &piece)?;

@@ -2,7 +2,7 @@
 
 /// Told by the run; must be cheap.
 pub trait Progress: Sync {
-    /// How many frames the input says it has, if it does.
+    /// Frames are counted from here on: so many are due, if that is known.
     fn expect(&self, frames: Option<u64>);
     /// One more frame went through all streaming stages.
     fn frame_done(&self);

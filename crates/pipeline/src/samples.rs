@@ -1,8 +1,10 @@
 //! A few frames kept for the report, spread evenly over a clip whose length nobody knows beforehand.
 
 use image::RgbImage;
-use image::codecs::jpeg::{JpegDecoder, JpegEncoder};
+use image::codecs::jpeg::JpegDecoder;
 use roadplane_base::FrameStamp;
+
+use crate::small_picture::compressed;
 
 /// JPEG quality of kept frames: no visible loss.
 const QUALITY: u8 = 92;
@@ -33,11 +35,7 @@ impl SampleFrames {
         if !due {
             return;
         }
-        let mut jpeg = Vec::new();
-        if let Err(error) = JpegEncoder::new_with_quality(&mut jpeg, QUALITY).encode_image(image) {
-            tracing::warn!("frame {} cannot be kept for the report: {error}", stamp.index);
-            return;
-        }
+        let Some(jpeg) = compressed(image, QUALITY) else { return };
         self.kept.push((stamp, jpeg));
         if self.kept.len() >= 2 * self.wanted {
             let mut place = 0;

@@ -1,5 +1,7 @@
 //! `roadplane solve`: frames with keypoints → poses and camera, no image needed.
 
+use std::fs::File;
+use std::io::{BufRead as _, BufReader};
 use std::path::Path;
 
 use roadplane_base::{CameraEstimate, CameraStatus, FrameRecord, ShapeAtlas};
@@ -10,7 +12,7 @@ use roadplane_write::{FrameReader, PoseLines, read_scene_curves, write_camera};
 use crate::cameras::{estimate_cameras, estimate_frame, prior_camera, usable};
 use crate::cars::{FrameCamera, HeldPoses, any_car, fit_frame, free_pose_record, pose_record};
 use crate::known::contradiction;
-use crate::{Cancel, Config, Known, PipelineError};
+use crate::{Cancel, Config, Known, PipelineError, Progress};
 
 /// What is asked of the solver.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -35,10 +37,17 @@ pub fn solve_file(
     options: &SolveOptions,
     config: &Config,
     cancel: &Cancel,
+    progress: &dyn Progress,
 ) -> Result<(), PipelineError> {
     let atlas = ShapeAtlas::shipped()?;
-    let read = || -> Result<_, PipelineError> {
-        Ok(AtRest::new(FrameReader::open(frames)?.map(|record| record.map_err(PipelineError::from))))
+    let count = lines(frames)?;
+    let read = |phase: &str| -> Result<_, PipelineError> {
+        progress.phase(phase);
+        progress.expect(Some(count));
+        Ok(AtRest::new(FrameReader::open(frames)?.map(|record| {
+            progress.frame_done();
+            record.map_err(PipelineError::from)
+        })))
     };
     let known = &options.known;
     let mut poses = PoseLines::create(out)?;
@@ -77,7 +86,7 @@ pub fn solve_file(
     let mut estimates = Vec::new();
     if !options.use_plane {
         // Without the plane one car says next to nothing of the focal length (paper §3.4): it is given, or the prior's.
-        for frame in read()? {
+        for frame in read("poses")? {
             let frame = frame?;
             if estimates.is_empty() {
                 estimates.push(prior_camera(&known.for_pictures(frame.image_size_px)?, &frame, config));
@@ -86,7 +95,7 @@ pub fn solve_file(
             estimates[0].span_s[1] = frame.time_s;
         }
     } else if options.per_frame {
-        for frame in read()? {
+        for frame in read("camera and poses")? {
             let frame = frame?;
             let known = known.for_pictures(frame.image_size_px)?;
             let estimate = estimate_frame(&frame, &atlas, &known, config);
@@ -94,8 +103,9 @@ pub fn solve_file(
             estimates.push(estimate);
         }
     } else {
-        let cameras = estimate_cameras(read()?, &read_scene_curves(frames)?, &atlas, known, None, config)?;
-        for frame in read()? {
+        let cameras =
+            estimate_cameras(read("camera")?, &read_scene_curves(frames)?, &atlas, known, None, config)?;
+        for frame in read("poses")? {
             let frame = frame?;
             if let Some(estimate) = cameras.at(frame.time_s) {
                 write_frame(&frame, estimate, any_car(&atlas, cameras.size_of_cars()))?;
@@ -111,4 +121,20 @@ pub fn solve_file(
         tracing::warn!("the camera could not be estimated everywhere: its numbers are the prior there");
     }
     Ok(write_camera(&out.with_file_name("camera.json"), &estimates)?)
+}
+
+/// How many lines a file has.
+fn lines(path: &Path) -> Result<u64, PipelineError> {
+    let fail = |source| PipelineError::Unreadable { source, path: path.to_path_buf() };
+    let mut reader = BufReader::with_capacity(1 << 18, File::open(path).map_err(fail)?);
+    let mut count = 0;
+    loop {
+        let bytes = reader.fill_buf().map_err(fail)?;
+        if bytes.is_empty() {
+            return Ok(count);
+        }
+        count += bytes.iter().filter(|byte| **byte == b'\n').count() as u64;
+        let used = bytes.len();
+        reader.consume(used);
+    }
 }

@@ -274,7 +274,7 @@ pub fn stream(
     cancel: &Cancel,
     progress: &dyn Progress,
 ) -> Result<Streamed, PipelineError> {
-    progress.expect(input.frames_hint());
+    progress.expect(input.frames_due());
     let size = input.size();
     let frame_bytes = 3 * u64::from(size.width) * u64::from(size.height);
     // Memory, not frames, is what is bounded: large pictures leave room for fewer between two stages.

@@ -43,21 +43,21 @@ fn is_doubt(verdict: PictureVerdict) -> bool {
     verdict != PictureVerdict::Rest
 }
 
-/// What a reader of the report should know of the pictures, a line each.
+/// What a reader of the report should know of the pictures beside the moves, a line each.
 #[must_use]
 pub fn in_words(watch: &WatchSummary) -> Vec<String> {
-    let mut lines: Vec<String> = watch.moves.iter().map(move_in_words).collect();
     let doubts = watch.stretches.iter().filter(|stretch| is_doubt(stretch.verdict));
-    lines.extend(doubts.map(|stretch| {
+    let in_words = |stretch: &WatchStretch| {
         format!("{:.1} – {:.1} s: {}", stretch.from_s, stretch.to_s, verdict_in_words(stretch.verdict))
-    }));
+    };
+    let mut lines: Vec<String> = doubts.map(in_words).collect();
     if watch.farthest_shake_px > 0.0 {
         lines.push(format!(
             "the picture shakes by up to {:.1} px, which is taken out",
             watch.farthest_shake_px
         ));
     }
-    if lines.is_empty() {
+    if lines.is_empty() && watch.moves.is_empty() {
         lines.push("the camera was at rest".to_owned());
     }
     lines
@@ -115,13 +115,11 @@ mod tests {
             let size = ImageSize { width: 640, height: 360 };
             watched.push(&FrameRecord { watch, ..FrameRecord::empty(frame, frame as f64 * 0.1, size) });
         }
-        let lines = in_words(&watched.finish());
+        let summary = watched.finish();
+        assert_eq!(in_words(&summary), ["1.0 – 1.9 s: the picture is black"]);
         assert_eq!(
-            lines,
-            [
-                "frame 22 (2.20 s): the camera was zoomed by +5.1 %, the picture lies 3, -4 px off",
-                "1.0 – 1.9 s: the picture is black"
-            ]
+            move_in_words(&summary.moves[0]),
+            "frame 22 (2.20 s): the camera was zoomed by +5.1 %, the picture lies 3, -4 px off"
         );
         assert_eq!(in_words(&WatchSummary::default()), ["the camera was at rest"]);
     }

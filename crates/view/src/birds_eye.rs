@@ -43,13 +43,7 @@ pub fn birds_eye(rows: &[TrackRow], camera: &Camera, size: ImageSize) -> String 
     }
     let reach_m = reach_m(&tracks);
     let beyond = tracks.values().filter(|rows| rows.iter().all(|row| distance_m(row) > reach_m)).count();
-    let (mut left, mut right, mut bottom, mut top) = (-MARGIN_M, MARGIN_M, -MARGIN_M / 2.0, 20.0);
-    for row in rows.iter().filter(|row| distance_m(row) <= reach_m) {
-        left = f64::min(left, row.x_m - MARGIN_M);
-        right = f64::max(right, row.x_m + MARGIN_M);
-        bottom = f64::min(bottom, row.y_m - MARGIN_M);
-        top = f64::max(top, row.y_m + MARGIN_M);
-    }
+    let [left, right, bottom, top] = bounds_within(rows, reach_m);
     let px_per_m = (WIDTH_PX / (right - left)).min(1.2 * WIDTH_PX / (top - bottom));
     let sheet = Sheet { left_m: left, top_m: top, px_per_m };
     let (width, height) = ((right - left) * px_per_m, (top - bottom) * px_per_m);
@@ -86,6 +80,26 @@ pub fn birds_eye(rows: &[TrackRow], camera: &Camera, size: ImageSize) -> String 
     }
     svg.push_str("</svg>\n");
     svg
+}
+
+/// Left, right, bottom, top of what is drawn, m.
+pub(crate) fn bounds(rows: &[TrackRow]) -> [f64; 4] {
+    let mut tracks: BTreeMap<u64, Vec<&TrackRow>> = BTreeMap::new();
+    for row in rows {
+        tracks.entry(row.track).or_default().push(row);
+    }
+    bounds_within(rows, reach_m(&tracks))
+}
+
+fn bounds_within(rows: &[TrackRow], reach_m: f64) -> [f64; 4] {
+    let (mut left, mut right, mut bottom, mut top) = (-MARGIN_M, MARGIN_M, -MARGIN_M / 2.0, 20.0);
+    for row in rows.iter().filter(|row| distance_m(row) <= reach_m) {
+        left = f64::min(left, row.x_m - MARGIN_M);
+        right = f64::max(right, row.x_m + MARGIN_M);
+        bottom = f64::min(bottom, row.y_m - MARGIN_M);
+        top = f64::max(top, row.y_m + MARGIN_M);
+    }
+    [left, right, bottom, top]
 }
 
 /// From the point under the camera.
@@ -162,7 +176,7 @@ fn field_of_view(svg: &mut String, sheet: &Sheet, camera: &Camera, size: ImageSi
     );
 }
 
-fn hex([r, g, b]: [u8; 3]) -> String {
+pub(crate) fn hex([r, g, b]: [u8; 3]) -> String {
     format!("#{r:02x}{g:02x}{b:02x}")
 }
 
@@ -214,7 +228,13 @@ fn points(sheet: &Sheet, rows: &[&TrackRow]) -> String {
         let (x, y) = sheet.at(row.x_m, row.y_m);
         format!("{x:.1},{y:.1}")
     };
-    rows.iter().map(point).collect::<Vec<_>>().join(" ")
+    let mut points: Vec<String> = rows.iter().map(point).collect();
+    // A car that stands for hours is one point.
+    points.dedup();
+    if points.len() == 1 {
+        points.push(points[0].clone());
+    }
+    points.join(" ")
 }
 
 fn footprint(svg: &mut String, sheet: &Sheet, track: u64, row: &TrackRow) {

@@ -9,6 +9,7 @@ use crate::ViewError;
 
 /// Lines are drawn to 1/16 px.
 const SUB_PIXEL_BITS: i32 = 4;
+const FONT: i32 = imgproc::FONT_HERSHEY_SIMPLEX;
 
 /// A colour as OpenCV draws it here: RGB.
 pub type Rgb = [u8; 3];
@@ -53,12 +54,19 @@ impl Canvas {
         Ok(())
     }
 
+    /// Width and height of the picture, px.
+    pub fn size(&self) -> [f64; 2] {
+        [f64::from(self.0.cols()), f64::from(self.0.rows())]
+    }
+
+    /// Width and height of a label's plate, px.
+    pub fn label_size(&self, text: &str, size: f64) -> Result<[f64; 2], ViewError> {
+        Ok(label_extent(text, size)?.map(f64::from))
+    }
+
     /// Black text on a plate of a colour, its lower left corner at `at` but inside the picture.
     pub fn label(&mut self, text: &str, at: Vector2<f64>, colour: Rgb, size: f64) -> Result<(), ViewError> {
-        let font = imgproc::FONT_HERSHEY_SIMPLEX;
-        let mut descent = 0;
-        let extent = imgproc::get_text_size(text, font, size, 1, &mut descent)?;
-        let (width, height) = (extent.width + 5, extent.height + 6);
+        let [width, height] = label_extent(text, size)?;
         let inside = |v: f64, low: i32, high: i32| f64::from(low).max(v.min(f64::from(high)));
         let place =
             Vector2::new(inside(at.x, 0, self.0.cols() - width), inside(at.y, height, self.0.rows() - 1));
@@ -67,9 +75,15 @@ impl Canvas {
         imgproc::rectangle(&mut self.0, plate, scalar(colour), imgproc::FILLED, imgproc::LINE_8, 0)?;
         let origin = Point::new(at.x + 2, at.y - 3);
         let black = scalar([0; 3]);
-        imgproc::put_text(&mut self.0, text, origin, font, size, black, 1, imgproc::LINE_AA, false)?;
+        imgproc::put_text(&mut self.0, text, origin, FONT, size, black, 1, imgproc::LINE_AA, false)?;
         Ok(())
     }
+}
+
+fn label_extent(text: &str, size: f64) -> Result<[i32; 2], ViewError> {
+    let mut descent = 0;
+    let extent = imgproc::get_text_size(text, FONT, size, 1, &mut descent)?;
+    Ok([extent.width + 5, extent.height + 6])
 }
 
 fn scalar([r, g, b]: Rgb) -> Scalar {

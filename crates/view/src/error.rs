@@ -13,6 +13,12 @@ pub enum ViewError {
     /// A picture cannot be compressed.
     #[error("compressing a picture: {0}")]
     Compressing(#[from] image::ImageError),
+    /// What a page plays cannot be written down.
+    #[error("the page's data: {what}")]
+    Data {
+        /// Why.
+        what: String,
+    },
     /// No codec for the video.
     #[error("no codec to write the video with: {}", path.display())]
     NoCodec {

@@ -7,15 +7,12 @@ use roadplane_base::{
 };
 
 use crate::ViewError;
-use crate::activities::{told, words};
 use crate::canvas::{Canvas, Rgb};
+use crate::ground_cells::GroundCells;
+use crate::labels::{free_place, label};
 
 /// Half of the keypoints are the car's left side.
 const LEFT: usize = KEYPOINTS / 2;
-/// Distance of the grid's lines, m.
-const GRID_M: f64 = 5.0;
-/// How far the grid reaches, m.
-const GRID_REACH_M: f64 = 60.0;
 
 /// Colours that tell neighbours apart and stay with a track's number.
 const PALETTE: [Rgb; 10] = [
@@ -80,25 +77,18 @@ impl<'a> Overlay<'a> {
         self.canvas.finish()
     }
 
-    /// Lines on the ground every 5 m, faint.
+    /// Lines on the ground every 5 m, faint, around these squares.
     ///
     /// # Errors
     /// [`ViewError::Drawing`].
-    pub fn grid(&mut self) -> Result<(), ViewError> {
-        let steps = (GRID_REACH_M / GRID_M) as i32;
-        let colour = [150, 150, 150];
-        for i in -steps..=steps {
-            let at = f64::from(i) * GRID_M;
-            for j in -steps..steps {
-                let (from, to) = (f64::from(j) * GRID_M, f64::from(j + 1) * GRID_M);
-                self.ground_line([at, from + GRID_REACH_M], [at, to + GRID_REACH_M], colour, 1)?;
-                self.ground_line([from, at + GRID_REACH_M], [to, at + GRID_REACH_M], colour, 1)?;
-            }
+    pub fn grid(&mut self, cells: &GroundCells) -> Result<(), ViewError> {
+        for [from, to] in cells.edges() {
+            self.ground_line(from, to, [150, 150, 150], 1)?;
         }
         Ok(())
     }
 
-    /// Wireframe, box, trail and label of a car.
+    /// Wireframe, box and trail of a car.
     ///
     /// # Errors
     /// [`ViewError::Drawing`].
@@ -110,7 +100,10 @@ impl<'a> Overlay<'a> {
         }
         self.footprint(row, colour)?;
         match row.class {
-            VehicleClass::Car => self.wireframe(row, car.shape, colour)?,
+            VehicleClass::Car => {
+                let camera_from_car = self.plane.camera_from_world() * row.pose().world_from_car();
+                self.posed(&camera_from_car, car.shape, colour)?;
+            }
             VehicleClass::Truck | VehicleClass::Bus => self.cuboid(row, colour)?,
         }
         let [x0, y0, x1, y1] = row.bbox_px;
@@ -119,20 +112,30 @@ impl<'a> Overlay<'a> {
         for i in 0..4 {
             self.canvas.line(corners[i], corners[(i + 1) % 4], faded, 1)?;
         }
-        let speed = row.speed_mps.abs();
-        let mut label = row.track.to_string();
-        if row.class != VehicleClass::Car {
-            label = format!("{label} {}", row.class.name());
-        }
-        if speed >= 0.3 {
-            // Reversing has a sign.
-            label = format!("{label} {:.1} m/s", row.speed_mps);
-        }
-        if let Some(activity) = told(row) {
-            label = format!("{label} {}", words(activity));
-        }
+        Ok(())
+    }
+
+    /// Says of each car which it is and what it does, where there is room for it: never upon another car.
+    ///
+    /// # Errors
+    /// [`ViewError::Drawing`].
+    pub fn labels(&mut self, rows: &[&TrackRow]) -> Result<(), ViewError> {
         let size = 0.32 + 0.1 * f64::from(self.thickness);
-        self.canvas.label(&label, Vector2::new(x0, y0), colour, size)
+        let boxes: Vec<[f64; 4]> = rows.iter().map(|row| row.bbox_px).collect();
+        let mut placed = Vec::new();
+        for (i, row) in rows.iter().enumerate() {
+            // The whole label, else the number alone, else nothing.
+            for text in [label(row), row.track.to_string()] {
+                let extent = self.canvas.label_size(&text, size)?;
+                let Some(plate) = free_place(i, &boxes, &placed, extent, self.canvas.size()) else {
+                    continue;
+                };
+                self.canvas.label(&text, Vector2::new(plate[0], plate[3]), track_colour(row.track), size)?;
+                placed.push(plate);
+                break;
+            }
+        }
+        Ok(())
     }
 
     /// The car's outline on the ground and an arrow ahead of it.
@@ -181,10 +184,35 @@ impl<'a> Overlay<'a> {
         Ok(())
     }
 
-    fn wireframe(&mut self, row: &TrackRow, shape: &Shape, colour: Rgb) -> Result<(), ViewError> {
-        let pose = row.pose();
-        let camera_from_car = self.plane.camera_from_world() * pose.world_from_car();
-        let near_left = eye_is_left(&camera_from_car);
+    /// Where the ground ends for a camera, from edge to edge of the picture.
+    ///
+    /// # Errors
+    /// [`ViewError::Drawing`].
+    pub fn horizon(&mut self, camera: &Camera, plane: &GroundPlane, colour: Rgb) -> Result<(), ViewError> {
+        let [width, _] = self.canvas.size();
+        let at = |x: f64| Some(Vector2::new(x, horizon_y_px(camera, plane, x)?));
+        // Before a lens that bends lines it is bent.
+        const PIECES: u32 = 16;
+        let x = |piece: u32| width * f64::from(piece) / f64::from(PIECES);
+        for piece in 0..PIECES {
+            if let (Some(from), Some(to)) = (at(x(piece)), at(x(piece + 1))) {
+                self.canvas.line(from, to, colour, self.thickness + 1)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// A car of a shape where the camera sees it.
+    ///
+    /// # Errors
+    /// [`ViewError::Drawing`].
+    pub fn posed(
+        &mut self,
+        camera_from_car: &Isometry3<f64>,
+        shape: &Shape,
+        colour: Rgb,
+    ) -> Result<(), ViewError> {
+        let near_left = eye_is_left(camera_from_car);
         let points = self.atlas.keypoints_in_car(shape);
         let pixel =
             |i: usize| self.camera.pixel_from_camera(&(camera_from_car * Point3::from(points[i])).coords);
@@ -214,6 +242,21 @@ impl<'a> Overlay<'a> {
             _ => Ok(()),
         }
     }
+}
+
+/// Row in which a camera sees the horizon in a column, px; `None` where it is upright.
+#[must_use]
+pub fn horizon_y_px(camera: &Camera, plane: &GroundPlane, x_px: f64) -> Option<f64> {
+    // Its rays are at right angles to the vertical. A few rounds are enough for any lens' bend.
+    const ROUNDS: usize = 12;
+    let up = plane.normal_in_camera;
+    let mut y_px = camera.principal_point_px.y;
+    for _ in 0..ROUNDS {
+        let ray = camera.ray_from_pixel(&Vector2::new(x_px, y_px));
+        let below = camera.ray_from_pixel(&Vector2::new(x_px, y_px + 1.0)) - ray;
+        y_px -= up.dot(&ray) / up.dot(&below);
+    }
+    (up.y.abs() > 1e-6 && y_px.is_finite()).then_some(y_px)
 }
 
 /// Whether the camera looks at the car's left side.
@@ -258,7 +301,9 @@ mod tests {
             activity_p: None,
             on_map: None,
         };
-        overlay.grid().unwrap();
+        let mut cells = GroundCells::default();
+        cells.add(0.0, 18.0);
+        overlay.grid(&cells).unwrap();
         overlay
             .car(&DrawnCar { row: &row, shape: &Shape::zeros(), trail: &[[0.0, 15.0], [0.0, 18.0]] })
             .unwrap();
@@ -269,8 +314,28 @@ mod tests {
             drawn.get_pixel((at.x as i32 + dx) as u32, (at.y as i32 + dy) as u32).0 != [0, 0, 0]
         });
         assert!(lit, "nothing at {at}");
-        let between_lines = plane.camera_from_world() * Point3::new(-2.5, 12.5, 0.0);
-        let at = camera.pixel_from_camera(&between_lines.coords).unwrap();
-        assert_eq!(drawn.get_pixel(at.x as u32, at.y as u32).0, [0, 0, 0], "nothing stands at {at}");
+        let pixel = |x: f64, y: f64| {
+            let at = camera.pixel_from_camera(&(plane.camera_from_world() * Point3::new(x, y, 0.0)).coords);
+            let at = at.unwrap();
+            drawn.get_pixel(at.x.round() as u32, at.y.round() as u32).0
+        };
+        assert_eq!(pixel(-2.5, 12.5), [0, 0, 0], "nothing stands between the lines");
+        assert_ne!(pixel(-2.5, 25.0), [0, 0, 0], "the next square's edge");
+        assert_eq!(pixel(-2.5, 30.0), [0, 0, 0], "nobody was here");
+    }
+
+    #[test]
+    fn the_horizon_is_where_points_far_out_are_seen() {
+        let atlas = ShapeAtlas::shipped().unwrap();
+        let camera = Camera::centred(900.0, ImageSize { width: 640, height: 480 });
+        let plane = GroundPlane::from_tilt_roll_height(0.2, 0.05, 8.0);
+        let mut overlay = Overlay::new(&RgbImage::new(640, 480), &camera, &plane, &atlas).unwrap();
+        overlay.horizon(&camera, &plane, [255, 0, 0]).unwrap();
+        let drawn = overlay.finish().unwrap();
+        for x_m in [-2e6, 0.0, 3e6] {
+            let far = plane.camera_from_world() * Point3::new(x_m, 1e7, 0.0);
+            let at = camera.pixel_from_camera(&far.coords).unwrap();
+            assert!(drawn.get_pixel(at.x.round() as u32, at.y.round() as u32).0[0] > 150, "{at}");
+        }
     }
 }

@@ -1,26 +1,26 @@
-//! `report.html`: one file to look at, without scripts or outside parts.
+//! `report.html`: one file to look at, without outside parts. What it says stands in it as text; scripts only play it.
+
+mod camera;
+mod doubts;
+mod look;
+mod pictures;
+mod thin;
+mod tracks;
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
-use base64::{Engine as _, engine::general_purpose::STANDARD};
 use image::RgbImage;
-use image::codecs::jpeg::JpegEncoder;
-use roadplane_base::{CameraEstimate, CameraStatus, ImageSize, TrackRow};
+use roadplane_base::{CameraEstimate, CameraMove, TrackRow};
 
+pub use self::look::{Still, TrackView};
+
+use self::pictures::figure;
 use crate::ViewError;
-use crate::activities::stretches;
 use crate::birds_eye::birds_eye;
-use crate::crops::best_views;
 use crate::histogram::histogram;
-use crate::overlay::track_colour;
 
-/// JPEG quality of the pictures in the page.
-const QUALITY: u8 = 82;
-/// Widest picture in the page, px.
-const MAX_WIDTH: u32 = 1280;
-/// Speeds below this are a standing car's, m/s.
-const STANDING_MPS: f64 = 0.3;
+const STYLE: &str = include_str!("report/page.css");
 
 /// What a report shows.
 #[derive(Debug)]
@@ -33,6 +33,10 @@ pub struct ReportInput<'a> {
     pub rows: &'a [TrackRow],
     /// Frames with overlays already drawn, by index.
     pub samples: &'a [(u64, RgbImage)],
+    /// Small frames to play, by time; none for a page that holds none.
+    pub stills: &'a [Still],
+    /// Cut-outs of tracks over their lives, by time.
+    pub views: &'a [TrackView],
     /// Reprojection errors of the tracked poses, px.
     pub reprojection_rms_px: &'a [f64],
     /// Lines of name and value: counts, times, versions.
@@ -43,85 +47,66 @@ pub struct ReportInput<'a> {
     pub background: Option<&'a RgbImage>,
     /// The place with the lines that tell its vertical, where there are any.
     pub scene_lines: Option<&'a RgbImage>,
-    /// What the pictures say of the camera, a line each: moves, shake, nothing to see.
+    /// When the camera was moved.
+    pub moves: &'a [CameraMove],
+    /// What else the pictures say of the camera, a line each: shake, nothing to see.
     pub camera_notes: &'a [String],
+    /// What was lost, left out or never looked at, a sentence each.
+    pub losses: &'a [String],
 }
 
 /// The page.
 ///
 /// # Errors
-/// [`ViewError::Compressing`].
+/// [`ViewError::Compressing`], [`ViewError::Data`].
 pub fn report_html(input: &ReportInput<'_>) -> Result<String, ViewError> {
     let mut page = format!(
-        "<!doctype html>\n<html lang=\"en\"><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\">\n\
-         <title>{0} · roadplane</title>\n<style>{STYLE}</style>\n<main>\n<h1>{0}</h1>\n",
+        "<!doctype html>\n<html lang=\"en\"><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
+         <title>{0} · roadplane</title>\n<style>\n{STYLE}</style>\n<main>\n<h1>{0}</h1>\n",
         escape(input.title)
     );
     for warning in input.warnings {
         put(&mut page, format_args!("<p class=\"warning\">{}</p>\n", escape(warning)));
     }
-    cameras(&mut page, input.cameras);
-    page.push_str("<ul>\n");
-    for note in input.camera_notes {
-        put(&mut page, format_args!("<li>{}</li>\n", escape(note)));
-    }
-    page.push_str("</ul>\n");
+    page.push_str(&look::look(input)?);
+    camera::cameras(&mut page, input.cameras);
+    camera::moves(&mut page, input.moves);
+    sentences(&mut page, input.camera_notes);
     if let Some(estimate) = input.cameras.first() {
         let camera = estimate.camera();
-        let size: ImageSize = estimate.image_size_px;
         page.push_str("<h2>From above</h2>\n");
-        page.push_str(&birds_eye(input.rows, &camera, size));
+        page.push_str(&birds_eye(input.rows, &camera, estimate.image_size_px));
         page.push_str("<p class=\"hint\">Cars at their last place, to scale; white ellipses are 2 standard deviations.</p>\n");
+        let mut told = input.losses.to_vec();
+        told.extend(doubts::doubts(input.rows, estimate.image_size_px));
+        if !told.is_empty() {
+            page.push_str("<h2>Lost, left out, half seen</h2>\n");
+            sentences(&mut page, &told);
+        }
     }
-    tracks(&mut page, input.rows);
-    activities(&mut page, input.rows);
-    cars(&mut page, input)?;
+    tracks::tracks(&mut page, input.rows);
+    tracks::activities(&mut page, input.rows);
+    tracks::cars(&mut page, input)?;
     page.push_str("<h2>In the picture</h2>\n");
     for (index, picture) in input.samples {
-        let data = data_uri(picture)?;
-        put(
-            &mut page,
-            format_args!(
-                "<figure><img alt=\"frame {index}\" src=\"{data}\"><figcaption>frame {index}</figcaption></figure>\n"
-            ),
-        );
+        let name = format!("frame {index}");
+        figure(&mut page, picture, &name, &name)?;
     }
     if let Some(background) = input.background {
-        let data = data_uri(background)?;
-        put(
-            &mut page,
-            format_args!(
-                "<figure><img alt=\"background\" src=\"{data}\"><figcaption>the place without what moved</figcaption></figure>\n"
-            ),
-        );
+        figure(&mut page, background, "background", "the place without what moved")?;
     }
     if let Some(picture) = input.scene_lines {
-        let data = data_uri(picture)?;
-        put(
-            &mut page,
-            format_args!(
-                "<figure><img alt=\"scene lines\" src=\"{data}\"><figcaption>edges of the scene: the green ones are vertical and \
-                 speak of the focal length</figcaption></figure>\n"
-            ),
-        );
+        let caption = "edges of the scene: the green ones are vertical and speak of the focal length";
+        figure(&mut page, picture, "scene lines", caption)?;
     }
     quality(&mut page, input.reprojection_rms_px);
-    page.push_str("<h2>Run</h2>\n<table>\n");
+    page.push_str("<h2>Run</h2>\n<table class=\"facts\">\n");
     for (name, value) in input.facts {
         put(&mut page, format_args!("<tr><th>{}</th><td>{}</td></tr>\n", escape(name), escape(value)));
     }
     page.push_str("</table>\n</main></html>\n");
     Ok(page)
 }
-
-const STYLE: &str = "body{font:15px/1.45 system-ui,sans-serif;margin:0;background:#f5f6f7;color:#1c2126}\
-main{max-width:1000px;margin:0 auto;padding:24px}h1{font-size:24px}h2{font-size:18px;margin-top:32px}\
-table{border-collapse:collapse;background:#fff}td,th{padding:4px 10px;border-bottom:1px solid #e3e6e9;text-align:right;\
-font-variant-numeric:tabular-nums}th{text-align:left;font-weight:600}thead th{text-align:right}svg.birdseye,img{max-width:100%;\
-height:auto;border-radius:6px}figure{margin:12px 0}figcaption,.hint{color:#66707a;font-size:13px}.warning{background:#fff3cd;\
-border-left:4px solid #e0a800;padding:8px 12px}.dot{display:inline-block;width:10px;height:10px;border-radius:5px;\
-margin-right:6px}.scroll{overflow-x:auto}.scroll td{white-space:nowrap}.cars{display:grid;grid-template-columns:repeat(auto-fill,minmax(220px,1fr));gap:12px}\
-.cars figure{margin:0}.cars img{width:100%}";
 
 /// Writing to a string cannot fail.
 fn put(page: &mut String, text: std::fmt::Arguments<'_>) {
@@ -133,141 +118,15 @@ fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
-fn cameras(page: &mut String, cameras: &[CameraEstimate]) {
-    page.push_str("<h2>Camera</h2>\n<div class=\"scroll\"><table><thead><tr><th>from – to, s</th><th>focal length, px</th><th>height, m</th><th>tilt, °</th><th>roll, °</th><th>cars</th><th>frames</th><th>status</th></tr></thead>\n");
-    for camera in cameras {
-        let sd = |i: usize| camera.covariance[(i, i)].max(0.0).sqrt();
-        let params = &camera.params;
-        let (focal, height) = (params.focal_px(), params.log_height.exp());
-        put(
-            page,
-            format_args!(
-                "<tr><td>{:.1} – {:.1}</td><td>{focal:.0} ± {:.0}</td><td>{height:.2} ± {:.2}</td><td>{:.2} ± {:.2}</td>\
-                 <td>{:.2} ± {:.2}</td><td>{}</td><td>{}</td><td>{}</td></tr>\n",
-                camera.span_s[0],
-                camera.span_s[1],
-                focal * sd(0),
-                height * sd(3),
-                params.tilt.to_degrees(),
-                sd(1).to_degrees(),
-                params.roll.to_degrees(),
-                sd(2).to_degrees(),
-                camera.cars_used,
-                camera.frames_used,
-                status_in_words(camera.status),
-            ),
-        );
+fn sentences(page: &mut String, lines: &[String]) {
+    if lines.is_empty() {
+        return;
     }
-    page.push_str("</table></div>\n");
-}
-
-/// Each track's best view, enlarged: whether the wireframe sits on the car is seen at a glance.
-fn cars(page: &mut String, input: &ReportInput<'_>) -> Result<(), ViewError> {
-    let crops = best_views(input.rows, input.samples);
-    if crops.is_empty() {
-        return Ok(());
+    page.push_str("<ul>\n");
+    for line in lines {
+        put(page, format_args!("<li>{}</li>\n", escape(line)));
     }
-    page.push_str("<h2>Car by car</h2>\n<div class=\"cars\">\n");
-    for crop in crops {
-        let ([r, g, b], data) = (track_colour(crop.track), data_uri(&crop.picture)?);
-        put(
-            page,
-            format_args!(
-                "<figure><img alt=\"track {0}\" src=\"{data}\"><figcaption><span class=\"dot\" \
-                 style=\"background:rgb({r},{g},{b})\"></span>track {0}, frame {1}</figcaption></figure>\n",
-                crop.track, crop.frame
-            ),
-        );
-    }
-    page.push_str("</div>\n");
-    Ok(())
-}
-
-/// How the camera's numbers came about, in words.
-fn status_in_words(status: CameraStatus) -> &'static str {
-    match status {
-        CameraStatus::Estimated => "estimated from the cars",
-        CameraStatus::FocalGiven => "focal length given",
-        CameraStatus::FocalFromPrior => "focal length from the prior",
-        CameraStatus::Unobservable => "not observable: priors only",
-    }
-}
-
-fn tracks(page: &mut String, rows: &[TrackRow]) {
-    let tracks = by_track(rows);
-    put(page, format_args!("<h2>{} tracks</h2>\n<div class=\"scroll\"><table><thead><tr>", tracks.len()));
-    for head in [
-        "track",
-        "from – to, s",
-        "seen",
-        "length × width × height, m",
-        "path, m",
-        "top speed, m/s",
-        "heading, °",
-        "sd x, y, m",
-        "sd heading, °",
-        "speed over time",
-    ] {
-        put(page, format_args!("<th>{head}</th>"));
-    }
-    page.push_str("</tr></thead>\n");
-    for (track, rows) in &tracks {
-        let (Some(first), Some(last)) = (rows.first(), rows.last()) else { continue };
-        let seen = rows.iter().filter(|row| row.observed).count();
-        // + 0.0: the sum of nothing is −0.
-        let path =
-            0.0 + rows.windows(2).map(|w| (w[1].x_m - w[0].x_m).hypot(w[1].y_m - w[0].y_m)).sum::<f64>();
-        let top = rows.iter().map(|row| row.speed_mps.abs()).fold(0.0, f64::max);
-        let [r, g, b] = track_colour(*track);
-        put(
-            page,
-            format_args!(
-                "<tr><th><span class=\"dot\" style=\"background:rgb({r},{g},{b})\"></span>{track}</th><td>{:.1} – {:.1}</td>\
-                 <td>{:.0} %</td><td>{:.2} × {:.2} × {:.2}</td><td>{path:.1}</td><td>{top:.1}</td><td>{:.0}</td>\
-                 <td>{:.2}, {:.2}</td><td>{:.1}</td><td>{}</td></tr>\n",
-                first.time_s,
-                last.time_s,
-                100.0 * seen as f64 / rows.len() as f64,
-                last.length_m,
-                last.width_m,
-                last.height_m,
-                last.heading_rad.to_degrees(),
-                last.x_sd_m,
-                last.y_sd_m,
-                last.heading_sd_rad.to_degrees(),
-                if top < STANDING_MPS { "stands".to_owned() } else { sparkline(rows, top) },
-            ),
-        );
-    }
-    page.push_str("</table></div>\n");
-}
-
-/// What each track does, besides standing and driving on.
-fn activities(page: &mut String, rows: &[TrackRow]) {
-    let mut lines = String::new();
-    for (track, rows) in by_track(rows) {
-        let told: Vec<String> = stretches(&rows).map(|stretch| stretch.in_words()).collect();
-        if !told.is_empty() {
-            let [r, g, b] = track_colour(track);
-            put(
-                &mut lines,
-                format_args!(
-                    "<tr><th><span class=\"dot\" style=\"background:rgb({r},{g},{b})\"></span>{track}</th>\
-                     <td style=\"text-align:left\">{}</td></tr>\n",
-                    escape(&told.join(" · "))
-                ),
-            );
-        }
-    }
-    if !lines.is_empty() {
-        put(
-            page,
-            format_args!(
-                "<h2>Activities</h2>\n<table>\n{lines}</table>\n<p class=\"hint\">From – to, and how probable; standing \
-                 and driving on are left out here, not in the files.</p>\n"
-            ),
-        );
-    }
+    page.push_str("</ul>\n");
 }
 
 fn by_track(rows: &[TrackRow]) -> BTreeMap<u64, Vec<&TrackRow>> {
@@ -276,22 +135,6 @@ fn by_track(rows: &[TrackRow]) -> BTreeMap<u64, Vec<&TrackRow>> {
         tracks.entry(row.track).or_default().push(row);
     }
     tracks
-}
-
-/// Speed over time as a small curve.
-fn sparkline(rows: &[&TrackRow], top_mps: f64) -> String {
-    let span = rows.last().map_or(0.0, |row| row.time_s) - rows.first().map_or(0.0, |row| row.time_s);
-    let points: Vec<String> = rows
-        .iter()
-        .map(|row| {
-            let t = if span > 0.0 { (row.time_s - rows[0].time_s) / span } else { 0.0 };
-            format!("{:.1},{:.1}", 1.0 + 98.0 * t, 23.0 - 22.0 * row.speed_mps.abs() / top_mps)
-        })
-        .collect();
-    format!(
-        "<svg width=\"100\" height=\"24\"><polyline points=\"{}\" fill=\"none\" stroke=\"#2a6fb0\" stroke-width=\"1.5\"/></svg>",
-        points.join(" ")
-    )
 }
 
 fn quality(page: &mut String, rms_px: &[f64]) {
@@ -315,43 +158,141 @@ fn quality(page: &mut String, rms_px: &[f64]) {
     page.push_str(&histogram(&sorted, "px"));
 }
 
-fn data_uri(picture: &RgbImage) -> Result<String, ViewError> {
-    let mut jpeg = Vec::new();
-    let encoder = JpegEncoder::new_with_quality(&mut jpeg, QUALITY);
-    if picture.width() > MAX_WIDTH {
-        let height = u64::from(picture.height()) * u64::from(MAX_WIDTH) / u64::from(picture.width());
-        let filter = image::imageops::FilterType::Triangle;
-        image::imageops::resize(picture, MAX_WIDTH, height.max(1) as u32, filter)
-            .write_with_encoder(encoder)?;
-    } else {
-        picture.write_with_encoder(encoder)?;
-    }
-    Ok(format!("data:image/jpeg;base64,{}", STANDARD.encode(&jpeg)))
-}
-
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
+    use nalgebra::Matrix4;
+    use roadplane_base::{CameraParams, CameraStatus, ImageSize, MoveKind};
+
+    /// A car that stands.
+    pub(crate) fn row(track: u64, frame: u64, time_s: f64) -> TrackRow {
+        TrackRow {
+            frame,
+            time_s,
+            track,
+            x_m: 0.0,
+            y_m: 20.0,
+            heading_rad: 0.0,
+            speed_mps: 0.0,
+            x_sd_m: 0.1,
+            y_sd_m: 0.2,
+            heading_sd_rad: 0.02,
+            length_m: 4.5,
+            width_m: 1.8,
+            height_m: 1.5,
+            bbox_px: [100.0, 100.0, 160.0, 140.0],
+            score: 0.9,
+            observed: true,
+            class: roadplane_base::VehicleClass::Car,
+            segment: 0,
+            speed_sd_mps: 0.1,
+            activity: None,
+            activity_p: None,
+            on_map: None,
+        }
+    }
+
+    fn camera() -> CameraEstimate {
+        let size = ImageSize { width: 640, height: 360 };
+        CameraEstimate {
+            span_s: [0.0, 2.0],
+            image_size_px: size,
+            principal_point_px: size.centre_px(),
+            params: CameraParams { log_focal: 700f64.ln(), tilt: 0.3, roll: 0.0, log_height: 8f64.ln() },
+            covariance: Matrix4::identity() * 1e-3,
+            status: CameraStatus::Estimated,
+            cars_used: 1,
+            frames_used: 20,
+        }
+    }
+
+    fn empty() -> ReportInput<'static> {
+        ReportInput {
+            title: "<b>lot</b>",
+            cameras: &[],
+            rows: &[],
+            samples: &[],
+            stills: &[],
+            views: &[],
+            reprojection_rms_px: &[1.0, 2.0],
+            facts: &[],
+            warnings: &[],
+            background: None,
+            scene_lines: None,
+            moves: &[],
+            camera_notes: &[],
+            losses: &[],
+        }
+    }
 
     #[test]
     fn the_page_stands_alone_and_escapes_names() {
         let samples = [(3, RgbImage::new(1600, 900))];
         let input = ReportInput {
-            title: "<b>lot</b>",
-            cameras: &[],
-            rows: &[],
             samples: &samples,
-            reprojection_rms_px: &[1.0, 2.0],
             facts: &[("frames".to_owned(), "5".to_owned())],
             warnings: &["a < b".to_owned()],
-            background: None,
-            scene_lines: None,
             camera_notes: &["the camera was turned".to_owned()],
+            ..empty()
         };
         let page = report_html(&input).unwrap();
         assert!(page.contains("&lt;b&gt;lot&lt;/b&gt;") && page.contains("a &lt; b"));
-        assert!(!page.contains("http") && !page.contains("<script"));
+        assert!(!page.contains("http") && !page.contains("<script"), "nothing to play");
         assert!(page.contains("data:image/jpeg;base64,"));
         assert!(page.contains("histogram") && !page.contains("Car by car"));
+    }
+
+    #[test]
+    fn what_is_played_is_in_the_page_and_what_it_says_stands_there_without_it() {
+        let rows: Vec<TrackRow> = (0..20_u64)
+            .flat_map(|i| {
+                let t = 0.1 * i as f64;
+                let driving = TrackRow { y_m: 12.0 + 3.0 * t, speed_mps: 3.0, ..row(2, i, t) };
+                [TrackRow { activity: Some("a</script>b".to_owned()), ..row(1, i, t) }, driving]
+            })
+            .collect();
+        let still = |time_ms: i64| Still { time_ms, jpeg: vec![0xff, 0xd8, 1, 2, 3] };
+        let (cameras, stills) = ([camera()], [still(0), still(333)]);
+        let views = [TrackView { track: 2, still: still(100) }];
+        let moved = CameraMove {
+            kind: MoveKind::Zoomed,
+            since_frame: 12,
+            since_s: 1.2,
+            shift_px: Some([3.0, -4.0]),
+            log_scale: Some(0.05),
+        };
+        let input = ReportInput {
+            cameras: &cameras,
+            rows: &rows,
+            stills: &stills,
+            views: &views,
+            moves: &[moved],
+            losses: &["12 of 32 frames could not be decoded.".to_owned()],
+            ..empty()
+        };
+        let page = report_html(&input).unwrap();
+        assert!(!page.contains("http"), "nothing from outside");
+        let parts: Vec<&str> = page.split("<script").collect();
+        assert_eq!(parts.len(), 3, "data and program");
+        let json = parts[1].split_once('>').unwrap().1.split_once("</script>").unwrap().0;
+        let data: serde_json::Value = serde_json::from_str(json).unwrap();
+        assert_eq!(data["frames"].as_array().unwrap().len(), 2);
+        assert_eq!(data["frames"][1][0], 0.333);
+        assert_eq!(data["tracks"][0]["activity"][0], "a</script>b");
+        assert_eq!(data["tracks"][1]["y"].as_array().unwrap().len(), 2, "a straight way at one speed");
+        assert_eq!(data["tracks"][1]["crops"][0][0], 0.1);
+        // The point under the camera's sight, laid on the ground, is in the middle of the picture.
+        let p: Vec<f64> =
+            data["segments"][0]["p"].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect();
+        let y_m = 8.0 / 0.3f64.tan();
+        let at = |row: usize| p[4 * row + 1] * y_m + p[4 * row + 3];
+        assert!((at(0) / at(2) - 319.5).abs() < 0.1 && (at(1) / at(2) - 179.5).abs() < 0.1);
+        // And without scripts.
+        let plain =
+            page.split("<script").next().unwrap().to_owned() + parts[2].split_once("</script>").unwrap().1;
+        for said in ["2 tracks", "12 of 32 frames", "class=\"birdseye\"", "<td>zoomed</td>", "3, -4", "+5.1"]
+        {
+            assert!(plain.contains(said), "{said}");
+        }
     }
 }

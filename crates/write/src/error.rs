@@ -72,6 +72,18 @@ impl WriteError {
         }
     }
 
+    /// Turns an error of a CSV file into the variant by fault.
+    pub fn csv(doing: &'static str, path: &Path) -> impl Fn(csv::Error) -> Self + use<> {
+        let path = path.to_path_buf();
+        move |error| {
+            let what = error.to_string();
+            match error.into_kind() {
+                csv::ErrorKind::Io(source) => Self::io(doing, &path)(source),
+                _ => Self::malformed(&path, what),
+            }
+        }
+    }
+
     /// A file's content that cannot be used.
     pub fn malformed(path: &Path, what: impl ToString) -> Self {
         Self::Malformed { what: what.to_string(), path: path.to_path_buf() }

@@ -93,14 +93,11 @@ fn columns(rows: &[TableRow]) -> Vec<&str> {
 }
 
 fn read_csv(path: &Path) -> Result<Vec<TableRow>, WriteError> {
-    let fail = |e: csv::Error| match e.into_kind() {
-        csv::ErrorKind::Io(source) => WriteError::io("read", path)(source),
-        other => WriteError::malformed(path, format!("{other:?}")),
-    };
-    let mut reader = csv::Reader::from_path(path).map_err(fail)?;
-    let names: Vec<String> = reader.headers().map_err(fail)?.iter().map(str::to_owned).collect();
+    let fail = WriteError::csv("read", path);
+    let mut reader = csv::Reader::from_path(path).map_err(&fail)?;
+    let names: Vec<String> = reader.headers().map_err(&fail)?.iter().map(str::to_owned).collect();
     let row = |record: Result<csv::StringRecord, csv::Error>| {
-        Ok(names.iter().cloned().zip(record.map_err(fail)?.iter().map(csv_value)).collect())
+        Ok(names.iter().cloned().zip(record.map_err(&fail)?.iter().map(csv_value)).collect())
     };
     reader.records().map(row).collect()
 }
@@ -120,19 +117,16 @@ fn csv_value(text: &str) -> Value {
 
 fn write_csv(path: &Path, rows: &[TableRow]) -> Result<(), WriteError> {
     let names = columns(rows);
-    let fail = |e: csv::Error| match e.into_kind() {
-        csv::ErrorKind::Io(source) => WriteError::io("write", path)(source),
-        other => WriteError::malformed(path, format!("{other:?}")),
-    };
+    let fail = WriteError::csv("write", path);
     let mut writer = csv::Writer::from_writer(OutFile::create(path)?);
-    writer.write_record(&names).map_err(fail)?;
+    writer.write_record(&names).map_err(&fail)?;
     for row in rows {
         let text = |name: &&str| match row.get(*name) {
             None | Some(Value::Null) => String::new(),
             Some(Value::String(text)) => text.clone(),
             Some(value) => value.to_string(),
         };
-        writer.write_record(names.iter().map(text)).map_err(fail)?;
+        writer.write_record(names.iter().map(text)).map_err(&fail)?;
     }
     writer.into_inner().map_err(|e| WriteError::io("write", path)(e.into_error()))?.finish()
 }

@@ -122,10 +122,7 @@ impl TrackCsv {
     }
 
     fn record(&mut self, fields: impl Iterator<Item = String>) -> Result<(), WriteError> {
-        self.writer.write_record(fields).map_err(|e| match e.into_kind() {
-            csv::ErrorKind::Io(source) => WriteError::io("write", &self.path)(source),
-            other => WriteError::malformed(&self.path, format!("{other:?}")),
-        })
+        self.writer.write_record(fields).map_err(WriteError::csv("write", &self.path))
     }
 }
 

@@ -45,7 +45,7 @@ pub fn solve(args: &SolveArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let config = super::config(&args.config)?;
     let known = args.known.read()?;
     let options = SolveOptions { known, use_plane: !args.no_plane, per_frame: args.per_frame };
-    solve_file(&args.frames, &args.out, &options, &config, cancel)?;
+    solve_file(&args.frames, &args.out, &options, &config, cancel, &Bar::new("solve"))?;
     Ok(Outcome::Done)
 }
 

@@ -3,13 +3,13 @@
 use std::path::Path;
 
 use nalgebra::Vector4;
-use roadplane_base::{CameraEstimate, CameraStatus, angle_difference};
-use roadplane_pipeline::{Cancel, Config, SolveOptions, solve_file};
-use roadplane_write::read_camera;
+use roadplane_base::{CameraEstimate, CameraStatus, PoseRecord, angle_difference};
+use roadplane_pipeline::{Cancel, Config, Silent, SolveOptions, solve_file};
+use roadplane_write::{read_camera, read_jsonl};
 
 use crate::EvalError;
-use crate::dataset::temporary_folder;
 use crate::readers::cameras::KnownCamera;
+use crate::workplace::Workplace;
 
 /// What a run says of a known camera.
 pub(super) struct Outcome {
@@ -21,6 +21,8 @@ pub(super) struct Outcome {
     pub in_sds: Vector4<f64>,
     /// Horizon in the middle of the picture, found minus true, px down.
     pub horizon_px: f64,
+    /// Cars of the first frame as the estimate has them.
+    pub cars: Vec<PoseRecord>,
 }
 
 impl Outcome {
@@ -37,10 +39,18 @@ pub(super) fn outcome(
     config: &Config,
     cancel: &Cancel,
 ) -> Result<Outcome, EvalError> {
-    let temporary = temporary_folder()?;
-    let poses = temporary.path().join("poses.jsonl");
+    let place = Workplace::new(None)?;
+    let poses = place.folder().join("poses.jsonl");
     let options = SolveOptions { use_plane: true, ..SolveOptions::default() };
-    solve_file(frames, &poses, &options, config, cancel)?;
+    solve_file(frames, &poses, &options, config, cancel, &Silent)?;
+    let mut cars: Vec<PoseRecord> = Vec::new();
+    for pose in read_jsonl::<PoseRecord>(&poses)? {
+        let pose = pose?;
+        if cars.first().is_some_and(|first| first.frame != pose.frame) {
+            break;
+        }
+        cars.push(pose);
+    }
     let estimate = read_camera(&poses.with_file_name("camera.json"))?.camera.estimate();
     let truth =
         Vector4::new(known.focal_px.ln(), known.plane.tilt(), known.plane.roll(), known.plane.height_m.ln());
@@ -52,5 +62,5 @@ pub(super) fn outcome(
     let middle = estimate.principal_point_px.y;
     let horizon_px = horizon(middle, estimate.params.focal_px(), estimate.params.tilt)
         - horizon(known.principal_point_px.y, known.focal_px, known.plane.tilt());
-    Ok(Outcome { estimate, errors, in_sds, horizon_px })
+    Ok(Outcome { estimate, errors, in_sds, horizon_px, cars })
 }

@@ -41,6 +41,7 @@ pub(super) fn report(measured: &[Measured]) -> Report {
             keypoints_table(&straight, "hidden", |visible| !visible),
         ],
         plots: plots(&straight),
+        ..Report::default()
     }
 }
 

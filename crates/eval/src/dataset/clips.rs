@@ -4,7 +4,6 @@ use std::path::{Path, PathBuf};
 
 use roadplane_base::{PoseRecord, ShapeAtlas, TrackRow};
 use roadplane_pipeline::{Cancel, Config, Existing, Known, Progress, RunOptions, Silent, run_input};
-use roadplane_write::WriteError;
 
 use super::evidence::SceneEvidence;
 use super::{DatasetOptions, Item, stopped};
@@ -16,46 +15,20 @@ use crate::run::{FinishedRun, pictures};
 use crate::scoring::{PoseScore, TrackScore, score_poses, score_tracks};
 use crate::systems::{CameraAnswer, solve_fused};
 use crate::truth::Kind;
+use crate::workplace::Workplace;
 
-/// Where files of runs lie while they are needed, or for good.
-pub(super) struct Workplace {
-    folder: PathBuf,
-    /// Removes the folder at the end.
-    _temporary: Option<tempfile::TempDir>,
-}
-
-impl Workplace {
-    /// In `keep`, else somewhere for the time being.
-    pub fn new(keep: Option<&Path>) -> Result<Self, EvalError> {
-        if let Some(keep) = keep {
-            std::fs::create_dir_all(keep).map_err(|source| no_folder(source, keep))?;
-            return Ok(Self { folder: keep.to_path_buf(), _temporary: None });
-        }
-        let temporary = temporary_folder()?;
-        Ok(Self { folder: temporary.path().to_path_buf(), _temporary: Some(temporary) })
-    }
-
-    /// A run of one input, made anew.
-    pub fn run(
-        &self,
-        input: &Path,
-        options: &DatasetOptions,
-        config: &Config,
-        cancel: &Cancel,
-        progress: &dyn Progress,
-    ) -> Result<FinishedRun, EvalError> {
-        let options = RunOptions { existing: Existing::Overwrite, ..RunOptions::new(options.models.clone()) };
-        let report = run_input(input, &self.folder, &options, config, cancel, progress)?;
-        FinishedRun::read(&report.folder)
-    }
-}
-
-pub(crate) fn temporary_folder() -> Result<tempfile::TempDir, EvalError> {
-    tempfile::tempdir().map_err(|source| no_folder(source, Path::new("temporary")))
-}
-
-fn no_folder(source: std::io::Error, path: &Path) -> EvalError {
-    EvalError::from(WriteError::Io { doing: "make the folder", source, path: path.to_path_buf() })
+/// A run of one input, made anew.
+pub(super) fn run(
+    input: &Path,
+    workplace: &Workplace,
+    options: &DatasetOptions,
+    config: &Config,
+    cancel: &Cancel,
+    progress: &dyn Progress,
+) -> Result<FinishedRun, EvalError> {
+    let options = RunOptions { existing: Existing::Overwrite, ..RunOptions::new(options.models.clone()) };
+    let report = run_input(input, workplace.folder(), &options, config, cancel, progress)?;
+    FinishedRun::read(&report.folder)
 }
 
 /// What a clip came to.
@@ -82,9 +55,9 @@ pub(super) fn fused(
     config: &Config,
     cancel: &Cancel,
 ) -> Result<ClipScore, EvalError> {
-    let folder = temporary_folder()?;
+    let folder = Workplace::new(None)?;
     let records: Vec<_> = scene.frames.iter().map(|frame| frame.record(&item.truth)).collect();
-    let clip = solve_fused(atlas, &records, &Known::default(), folder.path(), config, cancel)?;
+    let clip = solve_fused(atlas, &records, &Known::default(), folder.folder(), config, cancel)?;
     let looked_at: Vec<u64> = records.iter().map(|record| record.frame).collect();
     let sampled: Vec<u64> = scene.sample(frames).into_iter().map(|place| looked_at[place]).collect();
     Ok(score(item, clip.camera, &clip.poses, &clip.rows, &looked_at, &sampled, atlas))
@@ -116,7 +89,7 @@ pub(super) fn run_all(
     let run = |(): &mut (), i: usize| {
         stopped(cancel)?;
         let (item, media) = clips[i];
-        let run = workplace.run(media, options, config, cancel, &Silent)?;
+        let run = run(media, workplace, options, config, cancel, &Silent)?;
         tracing::info!("{}: focal {:.0} px", item.name, run.camera.focal_px);
         let frames = run.analysed(&item.truth);
         let looked_at: Vec<u64> = frames.iter().copied().collect();

@@ -6,9 +6,10 @@ use roadplane_base::CameraStatus;
 use roadplane_pipeline::{Cancel, Config, Progress, Silent, read_krtd};
 use roadplane_write::CameraSegment;
 
-use super::clips::Workplace;
+use super::clips::run;
 use super::{DatasetOptions, stopped};
 use crate::metrics::camera::{CameraError, camera_error};
+use crate::workplace::Workplace;
 use crate::{Cell, Column, EvalError, Table};
 
 /// A still, what was estimated and how far it is off.
@@ -53,7 +54,7 @@ pub(super) fn evaluate(
     for [picture, camera] in pairs {
         stopped(cancel)?;
         let truth = read_krtd(camera)?;
-        let run = workplace.run(picture, options, config, cancel, &Silent)?;
+        let run = run(picture, workplace, options, config, cancel, &Silent)?;
         let error = camera_error(run.camera.focal_px, &run.camera.plane(), truth.focal_px(), &truth.plane());
         let name = picture.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let distortion = truth.distortion.first().copied().unwrap_or(0.0);

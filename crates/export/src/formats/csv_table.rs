@@ -10,14 +10,11 @@ pub fn write_table<const N: usize>(
     header: &[&str; N],
     rows: impl IntoIterator<Item = [String; N]>,
 ) -> Result<(), WriteError> {
-    let failed = |error: csv::Error| match error.into_kind() {
-        csv::ErrorKind::Io(source) => WriteError::Io { doing: "write", source, path: path.to_path_buf() },
-        other => WriteError::Malformed { what: format!("{other:?}"), path: path.to_path_buf() },
-    };
+    let failed = WriteError::csv("write", path);
     let mut writer = csv::Writer::from_writer(OutFile::create(path)?);
-    writer.write_record(header).map_err(failed)?;
+    writer.write_record(header).map_err(&failed)?;
     for row in rows {
-        writer.write_record(&row).map_err(failed)?;
+        writer.write_record(&row).map_err(&failed)?;
     }
     let unwritten = |error: csv::IntoInnerError<csv::Writer<OutFile>>| WriteError::Io {
         doing: "write",

@@ -64,7 +64,7 @@ pub fn keypoints(args: &EvalKeypointsArgs, cancel: &Cancel) -> anyhow::Result<Ou
     if let (Some(overall), 1..) = (tables.first_mut(), without) {
         overall.note += &format!(" {without} cars were not found, or are too small for the net: in no row.");
     }
-    let report = Report { title: "Keypoints on labelled images".to_owned(), tables, plots: Vec::new() };
+    let report = Report { title: "Keypoints on labelled images".to_owned(), tables, ..Report::default() };
     super::show(&report, args.out.as_deref())?;
     if let Some(folder) = &args.out {
         write_picture(&folder.join("worst.png"), &worst(&measured, &pictures, args.worst)?)?;

@@ -33,7 +33,7 @@ fn statistics(args: &EvalSolverArgs) -> anyhow::Result<Report> {
     let points = speed(&atlas, &CARS);
     tables.push(speed_table(&points));
     let title = "The joint solver on scenes with exact truth".to_owned();
-    Ok(Report { title, tables, plots: vec![speed_plot(&points)] })
+    Ok(Report { title, tables, plots: vec![speed_plot(&points)], ..Report::default() })
 }
 
 fn layers(args: &EvalSolverArgs, cancel: &Cancel) -> anyhow::Result<Report> {
@@ -50,7 +50,7 @@ fn layers(args: &EvalSolverArgs, cancel: &Cancel) -> anyhow::Result<Report> {
         }
     }
     let tables = layers_tables(&atlas, &sources, &config.solve.scene_options(None));
-    Ok(Report { title: "What each step of the solve is worth".to_owned(), tables, plots: Vec::new() })
+    Ok(Report { title: "What each step of the solve is worth".to_owned(), tables, ..Report::default() })
 }
 
 /// Prints the table of remembered cameras.
@@ -58,6 +58,6 @@ pub fn remembered(args: &EvalRememberedArgs) -> anyhow::Result<Outcome> {
     let atlas = ShapeAtlas::shipped()?;
     let tables = remembered_tables(&atlas, args.cameras as usize, args.clips as usize);
     let title = "Remembered cameras on clips with exact truth".to_owned();
-    super::show(&Report { title, tables, plots: Vec::new() }, args.out.as_deref())?;
+    super::show(&Report { title, tables, ..Report::default() }, args.out.as_deref())?;
     Ok(Outcome::Done)
 }

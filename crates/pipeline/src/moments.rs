@@ -1,0 +1,93 @@
+//! Things kept by time, as many as there is room for.
+
+/// One thing in each slot of time: the first that was offered in it. When there are too many, slots become twice as long.
+///
+/// Slots lie at whole multiples of their length from the start of the input, so a longer one begins where one half as long does, and
+/// what is the first in it is the first in that one, too: what is kept in the end does not depend on where streaming began, nor on
+/// when slots grew.
+#[derive(Debug)]
+pub(crate) struct Moments<T> {
+    slot_s: f64,
+    room: u64,
+    level: u32,
+    bytes: u64,
+    /// Number of the shortest slot, size, thing.
+    kept: Vec<(u64, u64, T)>,
+}
+
+impl<T> Moments<T> {
+    /// With slots of `slot_s` seconds at first, and room for so many bytes.
+    pub(crate) fn new(slot_s: f64, room: u64) -> Self {
+        Self { slot_s, room, level: 0, bytes: 0, kept: Vec::new() }
+    }
+
+    /// Slots are longer than at first by two to the power of this.
+    pub(crate) fn level(&self) -> u32 {
+        self.level
+    }
+
+    /// Makes slots at least so long, see [`Self::level`].
+    pub(crate) fn coarsen(&mut self, level: u32) {
+        if level > self.level {
+            self.level = level;
+            self.thin();
+        }
+    }
+
+    /// Whether something of this time, later than all that is kept, would be kept.
+    pub(crate) fn is_due(&self, time_s: f64) -> bool {
+        let slot = self.slot(time_s) >> self.level;
+        self.room > 0 && self.kept.last().is_none_or(|(last, ..)| last >> self.level != slot)
+    }
+
+    /// Keeps something that is due.
+    pub(crate) fn keep(&mut self, time_s: f64, bytes: u64, thing: T) {
+        self.kept.push((self.slot(time_s), bytes, thing));
+        self.bytes += bytes;
+        // A slot of all time holds one thing, which is kept whatever its size.
+        while self.bytes > self.room && self.kept.len() > 1 {
+            self.level += 1;
+            self.thin();
+        }
+    }
+
+    /// What is kept, by time.
+    pub(crate) fn items(&self) -> impl Iterator<Item = &T> {
+        self.kept.iter().map(|(.., thing)| thing)
+    }
+
+    fn slot(&self, time_s: f64) -> u64 {
+        // Whole milliseconds, as files have times.
+        ((time_s * 1e3).round() / (self.slot_s * 1e3)).max(0.0) as u64
+    }
+
+    fn thin(&mut self) {
+        let (level, mut last) = (self.level, None);
+        self.kept.retain(|(slot, ..)| last.replace(slot >> level) != Some(slot >> level));
+        self.bytes = self.kept.iter().map(|(_, bytes, _)| bytes).sum();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_kept_fits_and_is_spread_whatever_the_length() {
+        for length in [1_u64, 10, 1000, 100_000] {
+            let mut moments = Moments::new(0.25, 640);
+            for i in 0..length {
+                let time_s = 0.1 * i as f64;
+                if moments.is_due(time_s) {
+                    moments.keep(time_s, 10, time_s);
+                }
+            }
+            let kept: Vec<f64> = moments.items().copied().collect();
+            assert!(kept.len() <= 64 && kept.len() as u64 >= (length / 3).clamp(1, 30), "{}", kept.len());
+            let gaps = kept.windows(2).map(|pair| pair[1] - pair[0]);
+            let slot_s = 0.25 * f64::from(1 << moments.level());
+            assert!(kept[0] < 1e-9 && gaps.fold(0.0, f64::max) <= 2.0 * slot_s);
+        }
+        assert!(!Moments::<()>::new(0.25, 0).is_due(3.0));
+    }
+}

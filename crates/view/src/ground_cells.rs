@@ -1,0 +1,58 @@
+//! The part of the ground that a grid is drawn upon.
+
+use std::collections::BTreeSet;
+
+/// Distance of the grid's lines, m.
+const GRID_M: f64 = 5.0;
+/// How far the grid reaches from the camera, m.
+const REACH_M: f64 = 300.0;
+
+/// Squares of the ground, each by its corner of least x and y in units of the grid.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct GroundCells(BTreeSet<(i32, i32)>);
+
+impl GroundCells {
+    /// Adds the square that a place lies in, and those around it.
+    pub fn add(&mut self, x_m: f64, y_m: f64) {
+        if x_m.hypot(y_m) > REACH_M {
+            return;
+        }
+        let cell = |v: f64| (v / GRID_M).floor() as i32;
+        let around = (-1..=1).flat_map(|i| (-1..=1).map(move |j| (i, j)));
+        self.0.extend(around.map(|(i, j)| (cell(x_m) + i, cell(y_m) + j)));
+    }
+
+    /// The squares' edges, each once: ends in world x and y, m.
+    pub(crate) fn edges(&self) -> Vec<[[f64; 2]; 2]> {
+        let around = |&(i, j): &(i32, i32)| {
+            let corners = [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)];
+            [
+                (corners[0], corners[1]),
+                (corners[0], corners[3]),
+                (corners[1], corners[2]),
+                (corners[3], corners[2]),
+            ]
+        };
+        let edges: BTreeSet<_> = self.0.iter().flat_map(around).collect();
+        let at = |(i, j): (i32, i32)| [i, j].map(|v| f64::from(v) * GRID_M);
+        edges.into_iter().map(|(from, to)| [at(from), at(to)]).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn neighbours_share_their_edges() {
+        let mut cells = GroundCells::default();
+        cells.add(2.0, 12.0);
+        assert_eq!(cells.edges().len(), 24, "three by three squares");
+        cells.add(1.0, 13.0);
+        assert_eq!(cells.edges().len(), 24);
+        cells.add(7.0, 12.0);
+        assert_eq!(cells.edges().len(), 31);
+        cells.add(0.0, 4000.0);
+        assert_eq!(cells.edges().len(), 31);
+    }
+}

@@ -1,0 +1,71 @@
+//! What is written beside vehicles, and where there is room for it.
+
+use roadplane_base::{TrackRow, VehicleClass};
+
+use crate::activities::{told, words};
+
+/// Number, class, speed, activity: what there is to say.
+pub(crate) fn label(row: &TrackRow) -> String {
+    let mut label = row.track.to_string();
+    if row.class != VehicleClass::Car {
+        label = format!("{label} {}", row.class.name());
+    }
+    if row.speed_mps.abs() >= 0.3 {
+        // Reversing has a sign.
+        label = format!("{label} {:.1} m/s", row.speed_mps);
+    }
+    if let Some(activity) = told(row) {
+        label = format!("{label} {}", words(activity));
+    }
+    label
+}
+
+/// A place for a label of this size beside box `own`, upon no other box and no other label: above it, below it, or within it if it
+/// fills no more than a quarter of it.
+pub(crate) fn free_place(
+    own: usize,
+    boxes: &[[f64; 4]],
+    placed: &[[f64; 4]],
+    [width, height]: [f64; 2],
+    [right, bottom]: [f64; 2],
+) -> Option<[f64; 4]> {
+    let [x0, y0, x1, y1] = boxes[own];
+    let inside = 4.0 * width * height <= (x1 - x0) * (y1 - y0) && width <= x1 - x0;
+    let left = x0.clamp(0.0, (right - width).max(0.0));
+    let tops = [Some(y0 - height), Some(y1), inside.then_some(y0.max(0.0))];
+    let plate = |top: f64| [left, top, left + width, top + height];
+    let apart = |a: &[f64; 4], b: &[f64; 4]| a[0] >= b[2] || b[0] >= a[2] || a[1] >= b[3] || b[1] >= a[3];
+    tops.into_iter().flatten().filter(|top| *top >= 0.0 && top + height <= bottom).map(plate).find(|plate| {
+        let others = boxes.iter().enumerate().filter(|(i, _)| *i != own).map(|(_, other)| other);
+        others.chain(placed).all(|other| apart(plate, other))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn labels_lie_upon_no_car() {
+        // Far cars behind each other, and a near one.
+        let boxes = [
+            [100.0, 100.0, 130.0, 115.0],
+            [105.0, 84.0, 135.0, 99.0],
+            [110.0, 68.0, 140.0, 83.0],
+            [300.0, 0.0, 500.0, 150.0],
+        ];
+        let size = [640.0, 360.0];
+        let mut placed: Vec<[f64; 4]> = Vec::new();
+        for own in 0..4 {
+            placed.extend(free_place(own, &boxes, &placed, [60.0, 14.0], size));
+        }
+        assert_eq!(placed.len(), 3, "{placed:?}");
+        assert!((placed[0][1] - 115.0).abs() < 1e-9, "below the nearest of the three");
+        assert!((placed[1][3] - 68.0).abs() < 1e-9, "above the farthest");
+        assert!((placed[2][1] - 150.0).abs() < 1e-9, "below the car at the upper edge");
+        assert_eq!(
+            free_place(0, &boxes[..1], &[], [60.0, 14.0], [110.0, 116.0]),
+            Some([50.0, 86.0, 110.0, 100.0])
+        );
+    }
+}

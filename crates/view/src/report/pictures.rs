@@ -1,0 +1,45 @@
+//! Pictures in the page.
+
+use base64::{Engine as _, engine::general_purpose::STANDARD};
+use image::RgbImage;
+use image::codecs::jpeg::JpegEncoder;
+
+use super::put;
+use crate::ViewError;
+
+/// JPEG quality of the pictures in the page.
+const QUALITY: u8 = 82;
+/// Widest picture in the page, px.
+const MAX_WIDTH: u32 = 1280;
+
+/// A picture with words below it.
+pub(super) fn figure(
+    page: &mut String,
+    picture: &RgbImage,
+    name: &str,
+    caption: &str,
+) -> Result<(), ViewError> {
+    let data = data_uri(picture)?;
+    put(
+        page,
+        format_args!(
+            "<figure><img alt=\"{name}\" src=\"{data}\"><figcaption>{caption}</figcaption></figure>\n"
+        ),
+    );
+    Ok(())
+}
+
+/// A picture as an address that holds it, no wider than the page shows it.
+pub(super) fn data_uri(picture: &RgbImage) -> Result<String, ViewError> {
+    let mut jpeg = Vec::new();
+    let encoder = JpegEncoder::new_with_quality(&mut jpeg, QUALITY);
+    if picture.width() > MAX_WIDTH {
+        let height = u64::from(picture.height()) * u64::from(MAX_WIDTH) / u64::from(picture.width());
+        let filter = image::imageops::FilterType::Triangle;
+        image::imageops::resize(picture, MAX_WIDTH, height.max(1) as u32, filter)
+            .write_with_encoder(encoder)?;
+    } else {
+        picture.write_with_encoder(encoder)?;
+    }
+    Ok(format!("data:image/jpeg;base64,{}", STANDARD.encode(&jpeg)))
+}

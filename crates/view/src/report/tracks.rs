@@ -1,0 +1,148 @@
+//! Vehicles in the page: a row each, what they do, their best views.
+
+use roadplane_base::TrackRow;
+
+use super::pictures::data_uri;
+use super::{ReportInput, by_track, escape, put};
+use crate::ViewError;
+use crate::activities::stretches;
+use crate::crops::best_views;
+use crate::overlay::track_colour;
+
+/// Speeds below this are a standing car's, m/s.
+const STANDING_MPS: f64 = 0.3;
+/// Most points of a small curve.
+const CURVE_POINTS: usize = 200;
+
+/// A row for each.
+pub(super) fn tracks(page: &mut String, rows: &[TrackRow]) {
+    let tracks = by_track(rows);
+    put(page, format_args!("<h2>{} tracks</h2>\n<div class=\"scroll\"><table><thead><tr>", tracks.len()));
+    for head in [
+        "track",
+        "class",
+        "from – to, s",
+        "seen",
+        "length × width × height, m",
+        "path, m",
+        "top speed, m/s",
+        "heading, °",
+        "sd x, y, m",
+        "sd heading, °",
+        "speed over time",
+    ] {
+        put(page, format_args!("<th>{head}</th>"));
+    }
+    page.push_str("</tr></thead>\n");
+    for (track, rows) in &tracks {
+        let (Some(first), Some(last)) = (rows.first(), rows.last()) else { continue };
+        let seen = rows.iter().filter(|row| row.observed).count();
+        let top = top_mps(rows);
+        put(
+            page,
+            format_args!(
+                "<tr><th>{}{track}</th><td>{}</td><td>{:.1} – {:.1}</td><td>{:.0} %</td><td>{:.2} × {:.2} × {:.2}</td>\
+                 <td>{:.1}</td><td>{top:.1}</td><td>{:.0}</td><td>{:.2}, {:.2}</td><td>{:.1}</td><td>{}</td></tr>\n",
+                dot(*track),
+                last.class.name(),
+                first.time_s,
+                last.time_s,
+                100.0 * seen as f64 / rows.len() as f64,
+                last.length_m,
+                last.width_m,
+                last.height_m,
+                path_m(rows),
+                last.heading_rad.to_degrees(),
+                last.x_sd_m,
+                last.y_sd_m,
+                last.heading_sd_rad.to_degrees(),
+                if top < STANDING_MPS { "stands".to_owned() } else { sparkline(rows, top) },
+            ),
+        );
+    }
+    page.push_str("</table></div>\n");
+}
+
+/// Length of a track's way, m.
+pub(super) fn path_m(rows: &[&TrackRow]) -> f64 {
+    // + 0.0: the sum of nothing is −0.
+    0.0 + rows.windows(2).map(|w| (w[1].x_m - w[0].x_m).hypot(w[1].y_m - w[0].y_m)).sum::<f64>()
+}
+
+/// Highest speed, m/s.
+pub(super) fn top_mps(rows: &[&TrackRow]) -> f64 {
+    rows.iter().map(|row| row.speed_mps.abs()).fold(0.0, f64::max)
+}
+
+/// What each track does, besides standing and driving on.
+pub(super) fn activities(page: &mut String, rows: &[TrackRow]) {
+    let mut lines = String::new();
+    for (track, rows) in by_track(rows) {
+        let told: Vec<String> = stretches(&rows).map(|stretch| stretch.in_words()).collect();
+        if !told.is_empty() {
+            put(
+                &mut lines,
+                format_args!(
+                    "<tr><th>{}{track}</th><td class=\"words\">{}</td></tr>\n",
+                    dot(track),
+                    escape(&told.join(" · "))
+                ),
+            );
+        }
+    }
+    if !lines.is_empty() {
+        put(
+            page,
+            format_args!(
+                "<h2>Activities</h2>\n<table>\n{lines}</table>\n<p class=\"hint\">From – to, and how probable; standing \
+                 and driving on are left out here, not in the files.</p>\n"
+            ),
+        );
+    }
+}
+
+/// Each track's best view, enlarged: whether the wireframe sits on the car is seen at a glance.
+pub(super) fn cars(page: &mut String, input: &ReportInput<'_>) -> Result<(), ViewError> {
+    let crops = best_views(input.rows, input.samples);
+    if crops.is_empty() {
+        return Ok(());
+    }
+    page.push_str("<h2>Car by car</h2>\n<div class=\"cars\">\n");
+    for crop in crops {
+        put(
+            page,
+            format_args!(
+                "<figure><img alt=\"track {0}\" src=\"{1}\"><figcaption>{2}track {0}, frame {3}</figcaption></figure>\n",
+                crop.track,
+                data_uri(&crop.picture)?,
+                dot(crop.track),
+                crop.frame
+            ),
+        );
+    }
+    page.push_str("</div>\n");
+    Ok(())
+}
+
+/// A dot in the track's colour.
+fn dot(track: u64) -> String {
+    let [r, g, b] = track_colour(track);
+    format!("<span class=\"dot\" style=\"background:rgb({r},{g},{b})\"></span>")
+}
+
+/// Speed over time as a small curve.
+fn sparkline(rows: &[&TrackRow], top_mps: f64) -> String {
+    let span = rows.last().map_or(0.0, |row| row.time_s) - rows.first().map_or(0.0, |row| row.time_s);
+    let points: Vec<String> = rows
+        .iter()
+        .step_by(rows.len().div_ceil(CURVE_POINTS).max(1))
+        .map(|row| {
+            let t = if span > 0.0 { (row.time_s - rows[0].time_s) / span } else { 0.0 };
+            format!("{:.1},{:.1}", 1.0 + 98.0 * t, 23.0 - 22.0 * row.speed_mps.abs() / top_mps)
+        })
+        .collect();
+    format!(
+        "<svg width=\"100\" height=\"24\"><polyline points=\"{}\" fill=\"none\" stroke=\"#2a6fb0\" stroke-width=\"1.5\"/></svg>",
+        points.join(" ")
+    )
+}

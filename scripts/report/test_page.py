@@ -1,0 +1,174 @@
+"""Looks around in a report in a browser: it plays, is clicked in, follows keys, fits a phone, and stands without scripts.
+
+    test_page.py REPORT.html [--shots FOLDER]
+
+Needs Chromium; without one it says so and ends well, as this machine cannot tell.
+"""
+
+import argparse
+import shutil
+import sys
+from pathlib import Path
+
+from playwright.sync_api import Page, sync_playwright
+
+BROWSERS = ["chromium", "chromium-headless-shell", "chromium-browser", "google-chrome"]
+
+
+def painted(page: Page, selector: str) -> int:
+    """How many different colours a canvas shows, of every 53rd pixel."""
+    return page.evaluate(
+        """(selector) => {
+            const canvas = document.querySelector(selector);
+            const pixels = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
+            const seen = new Set();
+            for (let i = 0; i < pixels.length; i += 4 * 53) seen.add((pixels[i] << 16) | (pixels[i + 1] << 8) | pixels[i + 2]);
+            return seen.size;
+        }""",
+        selector,
+    )
+
+
+def clock(page: Page) -> str:
+    page.wait_for_timeout(150)
+    return page.inner_text("#look-clock")
+
+
+def seek(page: Page, time: float) -> None:
+    page.evaluate(
+        """(time) => {
+            const slider = document.getElementById("look-time");
+            slider.value = time;
+            slider.dispatchEvent(new Event("input"));
+        }""",
+        time,
+    )
+    page.wait_for_timeout(300)
+
+
+def chosen(page: Page) -> str | None:
+    page.wait_for_timeout(150)
+    return page.inner_text("#look-detail h3") if page.is_visible("#look-detail") else None
+
+
+def look_around(page: Page, shots: Path | None) -> None:
+    def shot(name: str) -> None:
+        if shots:
+            page.screenshot(path=shots / f"{name}.png")
+
+    data = page.evaluate("JSON.parse(document.getElementById('look-data').textContent)")
+    assert data["tracks"] and data["frames"], "a report of a clip with vehicles is wanted"
+    page.wait_for_timeout(500)
+    assert painted(page, "#look-picture canvas") > 200, "the picture is there"
+    assert painted(page, "#look-above canvas") > 5, "and the view from above"
+    shot("begin")
+
+    # Play, and stop.
+    begin = clock(page)
+    page.click("#look-play")
+    page.wait_for_timeout(1000)
+    page.click("#look-play")
+    page.wait_for_selector("#look-play[aria-label=play]")
+    played = clock(page)
+    assert played != begin, "time goes on"
+    page.wait_for_timeout(300)
+    assert clock(page) == played, "and stands still"
+
+    # Scrub.
+    middle = data["frames"][len(data["frames"]) // 2][0]
+    seek(page, middle)
+    before = clock(page)
+    page.keyboard.press("ArrowRight")
+    assert clock(page) != before, "the next picture"
+    page.keyboard.press("ArrowLeft")
+
+    # The list, keys, the way back.
+    page.click("#look-list button")
+    first = chosen(page)
+    assert first and first.endswith(str(data["tracks"][0]["id"]))
+    drives = data["tracks"][0]["top"] >= 0.3
+    assert page.locator("#look-detail svg polyline").count() == (1 if drives else 0), "its speed, if it has one"
+    assert page.locator("#look-detail .views img").count() == len(data["tracks"][0]["crops"]), "its cut-outs"
+    page.keyboard.press("Escape")
+    assert chosen(page) is None
+
+    # A click on a vehicle in the picture; where two boxes overlap, on the smaller one.
+    at = data["frames"][0][0]
+    there = [t for t in data["tracks"] if t["t"][0] <= at + 0.02]
+    track = max(there, key=lambda t: (t["bbox"][0][2] - t["bbox"][0][0]) * (t["bbox"][0][3] - t["bbox"][0][1]))
+    seek(page, at)
+    page.locator("#look-picture canvas").scroll_into_view_if_needed()
+    box = page.locator("#look-picture canvas").bounding_box()
+    scale = box["width"] / data["size"][0]
+    x0, y0, x1, y1 = track["bbox"][0]
+    page.mouse.click(box["x"] + scale * (x0 + x1) / 2, box["y"] + scale * (y0 + y1) / 2)
+    assert chosen(page), "a click in the picture chooses"
+    shot("chosen")
+    page.keyboard.press("Escape")
+    page.keyboard.press("n")
+    assert chosen(page) == first
+    page.keyboard.press("n")
+    if len(data["tracks"]) > 1:
+        assert chosen(page) != first
+
+    # Colours.
+    for by in ["class", "speed", "activity"]:
+        page.select_option("#look-colour", by)
+        page.wait_for_timeout(150)
+        assert page.locator("#look-legend .dot").count() >= 3, by
+    shot("activity")
+
+    # Zoom and the whole again.
+    page.click("#look-above [data-zoom='1.4']")
+    page.click("#look-above [data-zoom='0']")
+
+    assert "track=" in page.evaluate("location.hash"), "the address can be passed on"
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("report", type=Path)
+    parser.add_argument("--shots", type=Path, help="leave pictures of the page here")
+    args = parser.parse_args()
+    browser_path = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if browser_path is None:
+        print(f"skipped: none of {', '.join(BROWSERS)} is installed")
+        return 0
+    if args.shots:
+        args.shots.mkdir(parents=True, exist_ok=True)
+    address = args.report.resolve().as_uri()
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=browser_path, args=["--no-sandbox"])
+        for name, width, height in [("desk", 1280, 1000), ("phone", 390, 844)]:
+            context = browser.new_context(viewport={"width": width, "height": height})
+            page = context.new_page()
+            wrong: list[str] = []
+            page.on("pageerror", lambda error: wrong.append(str(error)))
+            page.on("console", lambda message: wrong.append(message.text) if message.type == "error" else None)
+            asked: list[str] = []
+            page.on("request", lambda request: asked.append(request.url))
+            page.goto(address)
+            look_around(page, args.shots / name if args.shots else None)
+            over = page.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth")
+            assert over <= 0, f"{over} px too wide for a {name}"
+            assert not wrong, wrong
+            outside = [url for url in asked if not url.startswith(("file:", "data:"))]
+            assert not outside, f"the page asks the network: {outside}"
+            track = page.evaluate("JSON.parse(document.getElementById('look-data').textContent).tracks.at(-1)")
+            linked = context.new_page()
+            linked.goto(f"{address}#t={track['t'][0]}&track={track['id']}")
+            assert chosen(linked) == f"{track['class']} {track['id']}", "an address leads to a vehicle at a time"
+            context.close()
+        plain = browser.new_context(java_script_enabled=False).new_page()
+        plain.goto(address)
+        assert not plain.is_visible("#look"), "nothing that does not work is shown"
+        said = plain.inner_text("main")
+        for heading in ["Camera", "From above", "tracks", "Run"]:
+            assert heading in said, heading
+        browser.close()
+    print("the report plays, is chosen in, fits a phone and stands without scripts")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
