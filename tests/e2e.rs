@@ -10,6 +10,7 @@ mod dataset;
 mod demo_clip;
 mod eval;
 mod export;
+mod golden_chain;
 mod pieces;
 mod real_clips;
 mod reliability;

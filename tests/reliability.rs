@@ -217,6 +217,27 @@ fn playlists_addresses_and_links_lead_nowhere() {
 }
 
 #[test]
+fn links_that_lead_out_of_a_folder_of_pictures_are_not_followed() {
+    let temp = tempfile::tempdir().unwrap();
+    let scenes = root().join("tests/data/lots/scenes");
+    let folder = temp.path().join("pictures");
+    fs::create_dir(&folder).unwrap();
+    fs::copy(scenes.join("still_0000.jpg"), folder.join("a.jpg")).unwrap();
+    std::os::unix::fs::symlink(folder.join("a.jpg"), folder.join("b.jpg")).unwrap();
+    std::os::unix::fs::symlink(scenes.join("still_0001.jpg"), folder.join("c.jpg")).unwrap();
+    let out = temp.path().join("out");
+    let output = command().arg("run").arg(&folder).arg("--out").arg(&out).output().unwrap();
+    if out.join("pictures/summary.json").is_file() && output.status.success() {
+        println!("skipped: this kernel has no Landlock");
+        return;
+    }
+    assert_eq!(output.status.code(), Some(3), "{}", said(&output));
+    assert!(said(&output).contains("c.jpg") && !out.join("pictures").exists(), "{}", said(&output));
+    fs::remove_file(folder.join("c.jpg")).unwrap();
+    assert!(command().arg("run").arg(&folder).arg("--out").arg(&out).output().unwrap().status.success());
+}
+
+#[test]
 fn one_bad_input_does_not_stop_the_night_and_is_counted() {
     let temp = tempfile::tempdir().unwrap();
     let bad = temp.path().join("bad.mp4");

@@ -262,7 +262,7 @@ pub struct DistanceArgs {
 /// `roadplane schemas`.
 #[derive(Debug, Args)]
 pub struct SchemasArgs {
-    /// Only of this file: tracks, camera, poses, frames, summary or known.
+    /// Only of this file: tracks, camera, poses, frames, summary, known, piece or plan.
     #[arg(value_name = "NAME")]
     pub name: Option<String>,
     /// Writes NAME.schema.json files into this folder.

@@ -7,6 +7,7 @@ mod commands;
 mod logging;
 mod metrics;
 mod progress;
+mod sandbox;
 mod signals;
 
 use std::os::unix::process::CommandExt as _;

@@ -1,5 +1,6 @@
 //! What became of an input's frames.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// Stretches of damage that are listed one by one; later ones are only counted.
@@ -8,7 +9,7 @@ const MAX_STRETCHES: usize = 100;
 const MAX_WARNINGS: usize = 20;
 
 /// A run of consecutive frames that were lost.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Stretch {
     /// Index of the first frame lost.
     pub first_frame: u64,
@@ -19,7 +20,7 @@ pub struct Stretch {
 }
 
 /// What became of an input's frames; complete once the input is read to its end.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct DecodeReport {
     /// Frames that the input holds, or held before it was cut, as far as it was read.
     pub expected: u64,

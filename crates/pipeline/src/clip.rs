@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::path::Path;
+use std::sync::Arc;
 
 use nalgebra::{Matrix6, Vector2, Vector3};
 use roadplane_base::{
@@ -158,7 +159,8 @@ pub(crate) fn solve_known_clip(
     spooled.finish()?;
     for track in &mut tracks {
         // The shape was held in this pass, so what this pass's tracks say of it is no evidence.
-        let held = sightings(track).find_map(|(key, _)| vehicles.get(&key)).map(|known| known.shape.mean);
+        let held = sightings(track).find_map(|(key, _)| vehicles.get(&key));
+        let held = held.map(|known| known.vehicle.shape.mean);
         track.shape = atlas.clamped(&held.unwrap_or(track.shape));
     }
     drop(vehicles);
@@ -239,7 +241,7 @@ impl Pass<'_> {
             }
             let view = FrameCamera::from(estimate);
             let prior = |i: usize| match known.get(&CarRef { frame: frame.frame, car: i }) {
-                Some(KnownCar { shape, pose, .. }) => (*shape, Some(*pose)),
+                Some(known) => (known.vehicle.shape, Some(known.pose)),
                 None => (self.any_car, None),
             };
             let fitted = fit_frame(&frame, &view, self.atlas, &self.options, self.config, prior);
@@ -274,7 +276,7 @@ impl Pass<'_> {
                 let known = known.get(&CarRef { frame: frame.frame, car: index });
                 let at_edge = cut_edges(&record.bbox_px, frame.image_size_px).contains(&true);
                 // The net finds a car's keypoints in a truck, too.
-                let is_car = known.is_none_or(|known| known.class == VehicleClass::Car);
+                let is_car = known.is_none_or(|known| known.vehicle.class == VehicleClass::Car);
                 match (&fit, reason) {
                     (Some(fit), None) if is_car => {
                         cars.push(CarMeasurement { at_edge, ..measurement(fit, record, index) })
@@ -321,7 +323,7 @@ impl Pass<'_> {
     ) -> Option<CarMeasurement> {
         let knowledge = match known {
             Some(known) => Knowledge::Track {
-                body: known.body,
+                body: known.vehicle.body,
                 heading_rad: known.pose.heading_rad,
                 heading_sd_rad: known.heading_sd_rad.max(KNOWN_HEADING_SD_RAD),
             },
@@ -438,9 +440,14 @@ fn held_car(record: &CarRecord, car: usize) -> HeldCar {
 
 /// What a first pass over the frames tells the second of the vehicle in a box.
 struct KnownCar {
-    shape: ShapePrior,
+    vehicle: Arc<KnownVehicle>,
     pose: GroundPose,
     heading_sd_rad: f64,
+}
+
+/// The same for all its boxes.
+struct KnownVehicle {
+    shape: ShapePrior,
     body: Body,
     class: VehicleClass,
 }
@@ -460,12 +467,11 @@ fn known_cars(tracks: &[Track], atlas: &ShapeAtlas) -> BTreeMap<CarRef, KnownCar
         let shape = ShapePrior::known(atlas.clamped(&track.shape));
         let dims_m = track.dims_m.unwrap_or_else(|| atlas.dims_m(&shape.mean));
         let body = Body { dims_m, sd_m: Vector3::repeat(KNOWN_DIMS_SD_M) };
+        let vehicle = Arc::new(KnownVehicle { shape, body, class: track.class });
         let of = |state: &TrackState| KnownCar {
-            shape,
+            vehicle: Arc::clone(&vehicle),
             pose: state.pose,
             heading_sd_rad: state.pose_sd.z,
-            body,
-            class: track.class,
         };
         known.extend(sightings(track).map(|(key, state)| (key, of(state))));
     }

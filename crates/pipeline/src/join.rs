@@ -15,10 +15,9 @@ use roadplane_view::ViewError;
 use roadplane_write::{FrameReader, OutFile, StageSeconds, WatchSummary};
 
 use crate::activities::open_activity;
-use crate::finish::{Finish, finish};
 use crate::left::{Job, Left, SPOOL, Stamp, begin_folder};
 use crate::piece::{PieceFile, STILLS, read_piece};
-use crate::run::{RunOptions, RunReport, finished_before, publish};
+use crate::run::{RunOptions, RunReport, complete, finished_before};
 use crate::stills::Stills;
 use crate::watched::Watched;
 use crate::{Cancel, Config, PipelineError, Progress};
@@ -59,16 +58,13 @@ pub fn join_pieces(
     }
     let stamp = Stamp { piece: None, ..first.stamp.clone() };
     let folder = begin_folder(out, &stem, &stamp, options)?;
-    let path = folder.path().to_path_buf();
     progress.phase("frames");
     let job = Job { options, config, cancel, progress };
-    let result = left_of(&pieces, &path.join(SPOOL), config).and_then(|left| {
+    let left = left_of(&pieces, &folder.path().join(SPOOL), config).and_then(|left| {
         let activity = config.activity.enabled.then(|| open_activity(&options.models, config)).transpose()?;
-        let work = Finish { folder: &path, stem: &stem, left: &left, activity, started, meter: None };
-        let solution = finish(work, &job)?;
-        Ok((left, solution))
+        Ok((left, activity))
     });
-    publish(folder, result, options)
+    complete(folder, left, &stem, started, None, &job)
 }
 
 /// That the pieces, in order, are one input without a gap.

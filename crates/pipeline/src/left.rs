@@ -4,6 +4,7 @@ use std::path::Path;
 
 use image::RgbImage;
 use image::codecs::png::PngEncoder;
+use roadplane_activity::ActivityNet;
 use roadplane_base::FrameRecord;
 use roadplane_decode::{DecodeReport, Input};
 use roadplane_view::ViewError;
@@ -12,9 +13,12 @@ use roadplane_write::{
     FrameReader, FrameSpool, InputSummary, ModelSummary, OutFile, OutputFolder, StageSeconds, WatchSummary,
     write_json,
 };
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::flow::Work;
+use crate::identity::file_identity;
+use crate::limits::check_memory;
 use crate::piece::Span;
 use crate::run::RunOptions;
 use crate::samples::SampleFrames;
@@ -33,12 +37,17 @@ pub(crate) const SPOOL: &str = "frames.jsonl";
 pub(crate) const STAMP: &str = "stamp.json";
 
 /// Identifies the work that a spool belongs to.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub(crate) struct Stamp {
+    /// Version of the program.
     pub version: String,
+    /// sha256 of the whole input, hex.
     pub input_sha256: String,
+    /// sha256 of the configuration, hex.
     pub config_sha256: String,
+    /// What the nets' results depend on: weights, what computed them, calibration.
     pub models: Vec<String>,
+    /// Which piece of the input; absent: all of it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub piece: Option<Span>,
 }
@@ -107,6 +116,20 @@ pub(crate) struct Left {
     pub place: Option<RgbImage>,
 }
 
+/// The left half of a run, in its partial folder.
+pub(crate) struct LeftHalf {
+    /// The partial folder.
+    pub folder: OutputFolder,
+    /// What it is of.
+    pub stamp: Stamp,
+    /// What streaming left beside the spool there, or why it ended.
+    pub left: Result<Left, PipelineError>,
+    /// For the right half.
+    pub activity: Option<ActivityNet>,
+    /// Counts on.
+    pub meter: Meter,
+}
+
 /// What streaming fills besides the spool.
 struct Sinks<'a> {
     samples: &'a mut SampleFrames,
@@ -116,8 +139,29 @@ struct Sinks<'a> {
     background: &'a mut Option<Background>,
 }
 
-/// Streams an input into a folder's spool.
+/// Streams an input that was opened, or a piece of it, into the spool of the partial folder of a `result`. An error: nothing was
+/// begun; one in [`LeftHalf::left`] leaves the folder.
 pub(crate) fn left_half(
+    input_path: &Path,
+    input: Input,
+    piece: Option<Span>,
+    result: (&Path, &str),
+    mut meter: Meter,
+    job: &Job<'_>,
+) -> Result<LeftHalf, PipelineError> {
+    check_memory(input.size())?;
+    job.options.known.for_pictures(input.size())?;
+    let identity = file_identity(input_path)?;
+    let mut nets = Nets::open(&job.options.models, job.config)?;
+    let stamp = Stamp::new(&identity, job.config, &nets, piece);
+    let (out, name) = result;
+    let folder = begin_folder(out, name, &stamp, job.options)?;
+    meter.opened(1.0 / input.nominal_fps().max(1e-3));
+    let left = stream_input(identity, input, &mut nets, folder.path(), piece, &mut meter, job);
+    Ok(LeftHalf { folder, stamp, left, activity: nets.activity.take(), meter })
+}
+
+fn stream_input(
     identity: InputSummary,
     input: Input,
     nets: &mut Nets,

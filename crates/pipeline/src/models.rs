@@ -35,3 +35,11 @@ pub fn find_models(configured: Option<&Path>) -> Result<PathBuf, PipelineError> 
             tried: "models/ beside the executable, above it, and in the current folder".to_owned(),
         })
 }
+
+/// The library of the ONNX runtime.
+///
+/// # Errors
+/// [`PipelineError::Infer`] that says where was looked.
+pub fn find_runtime() -> Result<PathBuf, PipelineError> {
+    Ok(roadplane_infer::find_library(None)?)
+}

@@ -13,18 +13,20 @@ use image::codecs::jpeg::JpegEncoder;
 use roadplane_decode::{DecodeOptions, DecodeReport, InputKind};
 use roadplane_view::ViewError;
 use roadplane_watch::RENEW_S;
-use roadplane_write::{InputSummary, ModelSummary, OutFile, StageSeconds, write_json};
+use roadplane_write::{InputSummary, ModelSummary, OutFile, StageSeconds, schema, write_json};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
-use crate::identity::file_identity;
-use crate::left::{Job, Left, STAMP, Stamp, begin_folder, left_half};
-use crate::limits::check_memory;
+use crate::left::{Job, Left, LeftHalf, STAMP, Stamp, left_half};
 use crate::run::{RunOptions, RunReport, given_up, stem_of};
 use crate::speed::Meter;
 use crate::stills::StillLevels;
-use crate::streaming::{FORGET_S, Nets, open_input, open_input_part};
+use crate::streaming::{FORGET_S, open_input, open_input_part};
 use crate::{Cancel, Config, PipelineError, Progress};
 
+/// Schema of a line of `roadplane plan`.
+const PLAN_SCHEMA: &str = "roadplane.plan/1";
 /// Schema of `piece.json`.
 pub(crate) const PIECE_SCHEMA: &str = "roadplane.piece/1";
 /// File that says what a piece is.
@@ -37,8 +39,9 @@ const STEP_S: u64 = FORGET_S as u64;
 const QUALITY: u8 = 95;
 
 /// A stretch of an input from one full minute to another, or to the end.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(try_from = "String", into = "String")]
+#[schemars(with = "String")]
 pub struct Span {
     /// Its first second.
     pub from_s: u64,
@@ -102,13 +105,13 @@ impl FromStr for Span {
 }
 
 /// A line of `roadplane plan`.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct PlannedPiece {
     /// The input, as given.
     pub input: PathBuf,
     /// Name of its result.
     pub stem: String,
-    /// For `run --piece`.
+    /// For `run --piece`: `FROM-TO` or `FROM-`, s.
     pub piece: Span,
     /// Folder that the piece gets in the output folder.
     pub folder: String,
@@ -116,6 +119,15 @@ pub struct PlannedPiece {
     pub number: u64,
     /// How many the input has.
     pub pieces: u64,
+}
+
+/// Name and schema of every file: those of a result, `piece` for a piece's `piece.json`, `plan` for a line of `roadplane plan`.
+#[must_use]
+pub fn schemas() -> Vec<(&'static str, Value)> {
+    let mut all = roadplane_write::schemas();
+    all.push(("piece", schema::<PieceFile>(PIECE_SCHEMA)));
+    all.push(("plan", schema::<PlannedPiece>(PLAN_SCHEMA)));
+    all
 }
 
 /// Cuts an input into pieces of `piece_s`, a multiple of 60 s. What cannot be begun in its middle (pictures, a video whose frames do
@@ -170,15 +182,23 @@ pub fn plan(input_path: &Path, piece_s: u64, config: &Config) -> Result<Vec<Plan
 pub(crate) const STILLS: &str = "stills.jsonl";
 
 /// `piece.json`: what the right half needs beside the frames.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub(crate) struct PieceFile {
+    /// `roadplane.piece/1`.
     pub schema: String,
+    /// Name of the input's result.
     pub stem: String,
+    /// What it was made of; pieces of other makes are not joined with it.
     pub stamp: Stamp,
+    /// The whole input.
     pub input: InputSummary,
+    /// The nets.
     pub models: Vec<ModelSummary>,
+    /// What became of the piece's frames.
     pub decode: DecodeReport,
+    /// Work of each stage.
     pub seconds: Vec<StageSeconds>,
+    /// Cars whose keypoints were not finite.
     pub rejected_cars: u64,
     /// Frames for the report: index, time in s, file.
     pub samples: Vec<(u64, f64, String)>,
@@ -207,18 +227,12 @@ pub fn run_piece(
     if options.resume && finished.join(PIECE).is_file() {
         return Ok(report(finished.clone(), &read_piece(&finished)?.decode));
     }
+    let meter = Meter::start(options.alone);
     let input = open_input_part(input_path, &piece, config)?;
-    check_memory(input.size())?;
-    let identity = file_identity(input_path)?;
-    let mut nets = Nets::open(&options.models, config)?;
-    let stamp = Stamp::new(&identity, config, &nets, Some(piece));
-    let folder = begin_folder(out, &name, &stamp, options)?;
     let job = Job { options, config, cancel, progress };
-    let mut meter = Meter::start(options.alone);
-    let path = folder.path();
-    let result = left_half(identity, input, &mut nets, path, Some(piece), &mut meter, &job)
-        .and_then(|left| write_piece(path, &stem, stamp, left));
-    let decode = match result {
+    let LeftHalf { folder, stamp, left, .. } =
+        left_half(input_path, input, Some(piece), (out, &name), meter, &job)?;
+    let decode = match left.and_then(|left| write_piece(folder.path(), &stem, stamp, left)) {
         Ok(decode) => decode,
         Err(error) => return Err(given_up(folder, error)),
     };

@@ -3,17 +3,16 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use roadplane_activity::ActivityNet;
 use roadplane_geo::Site;
 use roadplane_write::{Existing, OutputFolder, RunStatus, read_summary};
 
 use crate::clip::ClipSolution;
 use crate::finish::{Finish, finish};
-use crate::identity::file_identity;
-use crate::left::{Job, Left, SPOOL, STAMP, Stamp, begin_folder, left_half};
-use crate::limits::check_memory;
+use crate::left::{Job, Left, LeftHalf, SPOOL, STAMP, left_half};
 use crate::memory::CameraMemory;
 use crate::speed::Meter;
-use crate::streaming::{Nets, open_input};
+use crate::streaming::open_input;
 use crate::{Cancel, Config, Known, PipelineError, Progress};
 
 /// What a caller of [`run_input`] chooses besides the configuration.
@@ -96,29 +95,34 @@ pub fn run_input(
     progress: &dyn Progress,
 ) -> Result<RunReport, PipelineError> {
     let started = Instant::now();
-    let mut meter = Meter::start(options.alone);
+    let meter = Meter::start(options.alone);
     let stem = stem_of(input_path);
     if let Some(report) = finished_before(&out.join(&stem), options)? {
         return Ok(report);
     }
     let input = open_input(input_path, config)?;
-    check_memory(input.size())?;
-    options.known.for_pictures(input.size())?;
-    let identity = file_identity(input_path)?;
-    let mut nets = Nets::open(&options.models, config)?;
-    let folder = begin_folder(out, &stem, &Stamp::new(&identity, config, &nets, None), options)?;
-    meter.opened(1.0 / input.nominal_fps().max(1e-3));
-    let path = folder.path().to_path_buf();
     let job = Job { options, config, cancel, progress };
-    let left = left_half(identity, input, &mut nets, &path, None, &mut meter, &job);
-    let result = left.and_then(|left| {
-        let activity = nets.activity.take();
-        drop(nets);
-        let work = Finish { folder: &path, stem: &stem, left: &left, activity, started, meter: Some(meter) };
-        let solution = finish(work, &job)?;
+    let LeftHalf { folder, left, activity, meter, .. } =
+        left_half(input_path, input, None, (out, &stem), meter, &job)?;
+    complete(folder, left.map(|left| (left, activity)), &stem, started, Some(meter), &job)
+}
+
+/// The right half of a run over what the left one left, and the result's name.
+pub(crate) fn complete(
+    folder: OutputFolder,
+    left: Result<(Left, Option<ActivityNet>), PipelineError>,
+    stem: &str,
+    started: Instant,
+    meter: Option<Meter>,
+    job: &Job<'_>,
+) -> Result<RunReport, PipelineError> {
+    let path = folder.path().to_path_buf();
+    let result = left.and_then(|(left, activity)| {
+        let work = Finish { folder: &path, stem, left: &left, activity, started, meter };
+        let solution = finish(work, job)?;
         Ok((left, solution))
     });
-    publish(folder, result, options)
+    publish(folder, result, job.options)
 }
 
 /// What a run with `resume` finds done.
@@ -149,7 +153,7 @@ pub(crate) fn given_up(folder: OutputFolder, error: PipelineError) -> PipelineEr
 }
 
 /// Gives a result its name, without its work files.
-pub(crate) fn publish(
+fn publish(
     folder: OutputFolder,
     result: Result<(Left, ClipSolution), PipelineError>,
     options: &RunOptions,

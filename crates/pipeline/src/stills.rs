@@ -9,6 +9,7 @@ use image::RgbImage;
 use roadplane_base::{FrameRecord, FrameStamp, TrackRow, bbox_iou};
 use roadplane_view::{Still, TrackView};
 use roadplane_write::{JsonLines, read_jsonl};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::PipelineError;
@@ -60,9 +61,11 @@ pub(crate) struct Stills {
 }
 
 /// How coarse what a piece kept is, see [`Moments::level`].
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub(crate) struct StillLevels {
+    /// Of frames.
     frames: u32,
+    /// Of cut-outs.
     crops: u32,
 }
 

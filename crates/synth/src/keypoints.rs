@@ -1,6 +1,6 @@
 //! Measured keypoints: which are seen, with what noise, which are wrong.
 
-use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector2, Vector3};
+use nalgebra::{Isometry3, Point3, Unit, UnitQuaternion, Vector2, Vector3};
 use roadplane_base::{Camera, KEYPOINTS, Keypoint, mirror_index};
 
 use crate::Rng;
@@ -26,7 +26,7 @@ pub(crate) fn measure(truth: &mut SceneTruth, options: &SynthOptions, rng: &mut 
         let pose = if car.wrong && kind == Wrong::OtherPose {
             other_pose(&camera_from_car, rng)
         } else {
-            camera_from_car
+            off_view(&camera_from_car, &(camera_from_world * Vector3::z()), options, rng)
         };
         let origin = camera.pixel_from_camera(&(camera_from_car * Point3::new(0.0, 0.0, 0.7)).coords);
         for index in seen {
@@ -65,6 +65,28 @@ pub(crate) fn seen_indices(
     let mut indices: Vec<usize> = facing.into_iter().take(count).map(|(_, i)| i).collect();
     indices.sort_unstable();
     indices
+}
+
+/// The car as a net sees it whose view of it is off (`solve`, `problem/ground/joint.rs`). `up`: in the camera's frame.
+fn off_view(
+    camera_from_car: &Isometry3<f64>,
+    up: &Vector3<f64>,
+    options: &SynthOptions,
+    rng: &mut Rng,
+) -> Isometry3<f64> {
+    if options.view_off == [0.0; 2] && options.view_sd == [0.0; 2] {
+        return *camera_from_car;
+    }
+    let sight = camera_from_car.translation.vector;
+    let axes = [sight.cross(up), sight];
+    let mut pose = *camera_from_car;
+    for ((axis, off), sd) in axes.iter().zip(options.view_off).zip(options.view_sd) {
+        let angle = off + sd * rng.normal();
+        if let Some(axis) = Unit::try_new(*axis, 1e-9) {
+            pose.rotation = UnitQuaternion::from_axis_angle(&axis, angle) * pose.rotation;
+        }
+    }
+    pose
 }
 
 /// About the same place in the image, but turned any way and at another distance.
@@ -108,6 +130,23 @@ mod tests {
             assert_eq!(again.cars[3].keypoints, truth.cars[3].keypoints);
         }
         assert!((square / count - 1.0_f64).abs() < 0.05, "{}", square / count);
+    }
+
+    #[test]
+    fn a_view_that_is_off_shows_cars_from_another_elevation() {
+        let atlas = ShapeAtlas::shipped().unwrap();
+        let asked = |view_off| SynthOptions { noise: 0.0, cars: 4, view_off, ..SynthOptions::default() };
+        let [right, off] = [[0.0, 0.0], [0.05, 0.0]].map(|view_off| scene(&atlas, &asked(view_off), 5));
+        for (car, seen) in right.cars.iter().zip(&off.cars) {
+            assert_eq!(car.pose, seen.pose);
+            let height = |of: &crate::CarTruth| {
+                let ys = of.keypoints.iter().flatten().map(|k| k.pixel.y);
+                let (low, high) = ys.fold((f64::MAX, f64::MIN), |(l, h), y| (l.min(y), h.max(y)));
+                high - low
+            };
+            let change = (height(seen) / height(car) - 1.0).abs();
+            assert!(change > 1e-3 && change < 0.3, "{change}");
+        }
     }
 
     #[test]

@@ -69,6 +69,11 @@ pub struct SynthOptions {
     pub wrong_cars: f64,
     /// How they are wrong; `None`: each kind in turn.
     pub wrong: Option<Wrong>,
+    /// How far off a net sees all cars: as if each were turned by so much about the horizontal across the line of sight (seen from
+    /// another elevation), and about the line of sight, rad.
+    pub view_off: [f64; 2],
+    /// How cars scatter about that, sds, rad.
+    pub view_sd: [f64; 2],
 }
 
 impl Default for SynthOptions {
@@ -90,6 +95,8 @@ impl Default for SynthOptions {
             outliers: 0.0,
             wrong_cars: 0.0,
             wrong: None,
+            view_off: [0.0; 2],
+            view_sd: [0.0; 2],
         }
     }
 }

@@ -33,7 +33,7 @@ pub use jsonl::{JsonLines, PoseLines, read_jsonl, write_json};
 pub use known::{KNOWN_SCHEMA, KnownFile, KnownLength, read_known};
 pub use lock::FolderLock;
 pub use parquet::{TRACKS_SCHEMA, TrackParquet};
-pub use schema::{FRAMES_SCHEMA, POSES_SCHEMA, schemas};
+pub use schema::{FRAMES_SCHEMA, POSES_SCHEMA, schema, schemas};
 pub use speed::{CpuMs, Speed};
 pub use spool::{FrameReader, FrameSpool, Recovered, read_scene_curves};
 pub use summary::{

@@ -14,7 +14,7 @@ pub const POSES_SCHEMA: &str = "roadplane.poses/1";
 /// Schema of a line of `frames.jsonl`.
 pub const FRAMES_SCHEMA: &str = "roadplane.frames/1";
 
-/// Name and schema (JSON Schema 2020-12) of every file: `tracks` for a line of `tracks.jsonl`, a row of `tracks.csv` (the box in
+/// Name and schema (JSON Schema 2020-12) of every file of a result: `tracks` for a line of `tracks.jsonl`, a row of `tracks.csv` (the box in
 /// four columns) and of `tracks.parquet`; `poses` and `frames` for a line; `camera` and `summary` for the file; `known` for what `--known` reads.
 #[must_use]
 pub fn schemas() -> Vec<(&'static str, Value)> {
@@ -28,7 +28,9 @@ pub fn schemas() -> Vec<(&'static str, Value)> {
     ]
 }
 
-fn schema<T: JsonSchema>(id: &str) -> Value {
+/// The schema of a type, under a name.
+#[must_use]
+pub fn schema<T: JsonSchema>(id: &str) -> Value {
     let mut schema = schema_for!(T).to_value();
     if let Some(object) = schema.as_object_mut() {
         object.insert("$id".to_owned(), json!(id));

@@ -32,6 +32,9 @@ pub struct JoinArgs {
     #[command(flatten)]
     #[allow(missing_docs)]
     pub known: super::known::KnownArgs,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub site: super::site::SiteArgs,
     /// Remembers cameras in DIR, as in `run`.
     #[arg(long, value_name = "DIR", requires = "camera_id")]
     pub cameras: Option<PathBuf>,

@@ -36,6 +36,7 @@ pub fn plan(args: &PlanArgs) -> anyhow::Result<Outcome> {
 pub fn join(args: &JoinArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let config = super::config(&args.config)?;
     let known = args.known.read_beside(args.cameras.is_some())?;
+    let site = super::site::site(&args.site)?;
     let models = find_models(config.models.folder.as_deref())?;
     let _lock = FolderLock::acquire(&args.out).map_err(PipelineError::from)?;
     let cameras = match (&args.cameras, &args.camera_id) {
@@ -45,6 +46,7 @@ pub fn join(args: &JoinArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let options = RunOptions {
         known,
         cameras,
+        site,
         existing: if args.overwrite { Existing::Overwrite } else { Existing::Refuse },
         resume: args.resume,
         frames: args.frames,

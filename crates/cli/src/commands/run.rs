@@ -5,14 +5,15 @@ use std::sync::Mutex;
 
 use crossbeam_channel::bounded;
 use roadplane_pipeline::{
-    CameraMemory, Cancel, Existing, Fault, FolderLock, PipelineError, RunOptions, RunReport, find_models,
-    run_input, run_piece, stem_of,
+    CameraMemory, Cancel, Config, Existing, Fault, FolderLock, PipelineError, RunOptions, RunReport,
+    find_models, run_input, run_piece, stem_of,
 };
 
 use crate::Outcome;
 use crate::args::RunArgs;
 use crate::metrics::{self, Counted, Metrics};
 use crate::progress::Bar;
+use crate::sandbox::{self, Needs};
 
 /// Runs all inputs; one that is lost does not keep the others from being done.
 pub fn run(args: &RunArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
@@ -30,13 +31,14 @@ pub fn run(args: &RunArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     }
     let run_id = args.run_id.clone().unwrap_or_else(metrics::default_run_id);
     let metrics = Metrics::new(&run_id, args.inputs.len());
-    if let Some(address) = args.metrics {
-        metrics::serve(address, &metrics)?;
-    }
     let run_span = tracing::info_span!(target: "roadplane_ids", "run", run_id);
     let site = super::site::site(&args.site)?;
     let models = find_models(config.models.folder.as_deref())?;
     let _lock = FolderLock::acquire(&args.out).map_err(PipelineError::from)?;
+    sandbox::enter(&needs(args, &config));
+    if let Some(address) = args.metrics {
+        metrics::serve(address, &metrics)?;
+    }
     let cameras = match (&args.cameras, &args.camera_id) {
         (Some(folder), Some(id)) => Some(CameraMemory::open(folder, id, &args.inputs)?),
         _ => None,
@@ -109,6 +111,14 @@ pub fn run(args: &RunArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
         None if worst.damaged => Ok(Outcome::Damaged),
         None => Ok(Outcome::Done),
     }
+}
+
+/// What a run may touch.
+fn needs(args: &RunArgs, config: &Config) -> Needs {
+    let mut needs = Needs::of_nets(config.models.folder.as_deref()).reading(&args.inputs).writing(&args.out);
+    needs.serves = args.metrics;
+    let needs = args.cameras.iter().fold(needs, |needs, folder| needs.writing(folder));
+    args.metrics_file.iter().fold(needs, |needs, file| needs.writing_file(file))
 }
 
 /// The outcome that decides the exit code: failures of the program before refused models before lost inputs.

@@ -2,8 +2,8 @@
 
 use std::io::{Write as _, stdout};
 
-use roadplane_pipeline::PipelineError;
-use roadplane_write::{schemas as all_schemas, write_json};
+use roadplane_pipeline::{PipelineError, schemas as all_schemas};
+use roadplane_write::write_json;
 
 use crate::Outcome;
 use crate::args::SchemasArgs;

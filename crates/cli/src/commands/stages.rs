@@ -10,6 +10,7 @@ use roadplane_pipeline::{
 use crate::Outcome;
 use crate::args::{ActivityArgs, DetectArgs, KeypointsArgs, SolveArgs, TrackArgs};
 use crate::progress::Bar;
+use crate::sandbox::{self, Needs};
 
 fn outcome(damaged: bool) -> Outcome {
     if damaged { Outcome::Damaged } else { Outcome::Done }
@@ -19,6 +20,9 @@ fn outcome(damaged: bool) -> Outcome {
 pub fn detect(args: &DetectArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let config = super::config(&args.config)?;
     let models = find_models(config.models.folder.as_deref())?;
+    sandbox::enter(
+        &Needs::of_nets(config.models.folder.as_deref()).reading([&args.input]).writing_file(&args.out),
+    );
     let bar = Bar::new("detect");
     Ok(outcome(detect_file(&args.input, &args.out, &models, &config, cancel, &bar)?))
 }
@@ -27,6 +31,8 @@ pub fn detect(args: &DetectArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
 pub fn keypoints(args: &KeypointsArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let config = super::config(&args.config)?;
     let models = find_models(config.models.folder.as_deref())?;
+    let reads = [&args.input, &args.boxes];
+    sandbox::enter(&Needs::of_nets(config.models.folder.as_deref()).reading(reads).writing_file(&args.out));
     let bar = Bar::new("keypoints");
     Ok(outcome(keypoints_file(&args.input, &args.boxes, &args.out, &models, &config, cancel, &bar)?))
 }

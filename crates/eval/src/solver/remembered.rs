@@ -2,8 +2,8 @@
 
 use nalgebra::{Matrix4, Vector4};
 use roadplane_base::{
-    CameraEstimate, CameraEvidence, CameraParams, ClipIdentity, EVIDENCE_SCHEMA, ParkedCar, ShapeAtlas,
-    bbox_around,
+    CameraEstimate, CameraEvidence, CameraParams, ClipIdentity, EVIDENCE_SCHEMA, JointInformation, ParkedCar,
+    ShapeAtlas, bbox_around,
 };
 use roadplane_calibrate::{FuseOptions, FusePrior, SameView, epochs, fuse};
 use roadplane_pipeline::Config;
@@ -14,7 +14,8 @@ use super::scenes::{bound, views};
 use crate::parallel::in_parallel;
 use crate::{Column, Table};
 
-/// sd of the log size that the cars of one place share.
+/// sd of the log size that the cars of one place share. Its cars also share how far off nets see them: by as much as a run assumes
+/// (`solve.shared_view_sd_deg`), and single cars scatter about that (`solve.view_sd_deg`).
 const PLACE_LOG_SD: f64 = 0.04;
 /// Turn between two nights, rad.
 const TURN: f64 = 2.0 * std::f64::consts::PI / 180.0;
@@ -26,7 +27,7 @@ struct Camera {
     /// Size of the place's cars, log.
     place: f64,
     evidence: Vec<CameraEvidence>,
-    bounds: Vec<Matrix4<f64>>,
+    bounds: Vec<JointInformation>,
     /// A clip after the camera was turned.
     turned: CameraEvidence,
 }
@@ -35,14 +36,18 @@ struct Camera {
 /// epoch where no picture tells.
 #[must_use]
 pub fn remembered_tables(atlas: &ShapeAtlas, cameras: usize, clips: usize) -> Vec<Table> {
+    let shared_sd = solve_options().shared_sd();
     let all = in_parallel(cameras, |i| camera(atlas, clips, SEED + 1000 * i as u64));
     let counts: Vec<usize> = [1, 3, 10, 30, 100].into_iter().filter(|n| *n < clips).chain([clips]).collect();
     let mut known = Table::new(
         format!("{cameras} remembered cameras, ten other cars in each clip"),
         format!(
-            "Sizes of a place's cars share an error of {:.0} % (1 sd), which heights keep. Bound: of all keypoints, with that error. \
-             Turned: the camera by 2° after so many clips, no pictures compared.",
-            100.0 * PLACE_LOG_SD
+            "Sizes of a place's cars share an error of {:.0} % (1 sd), which heights keep; nets see all of them off by {:.1}° in \
+             elevation and {:.1}° in turn (1 sd). Bound: of all keypoints, with those errors. Turned: the camera by 2° after so many \
+             clips, no pictures compared.",
+            100.0 * PLACE_LOG_SD,
+            shared_sd[0].to_degrees(),
+            shared_sd[1].to_degrees(),
         ),
         [
             ("clips", 0),
@@ -112,7 +117,9 @@ fn after(camera: &Camera, count: usize) -> Option<After> {
     let estimate: CameraEstimate = fuse(&now.windows, &options).pop()?;
     let off = estimate.params.to_vector() - camera.truth.to_vector();
     let prior = Matrix4::from_diagonal(&options.prior.sd.map(|sd| 1.0 / (sd * sd)));
-    let bound: Matrix4<f64> = prior + camera.bounds[..count].iter().sum::<Matrix4<f64>>();
+    let mut bound = JointInformation::none();
+    camera.bounds[..count].iter().for_each(|clip| bound.add(clip, 1.0));
+    let bound = prior + bound.marginal(options.shared_sd).0;
     let mut turned = evidence.to_vec();
     turned.push(camera.turned.clone());
     let with_turned = epochs(&turned, &no_picture, &options);
@@ -130,12 +137,18 @@ fn after(camera: &Camera, count: usize) -> Option<After> {
 }
 
 /// Those of a run.
+fn solve_options() -> SceneOptions {
+    Config::default().solve.scene_options(None)
+}
+
+/// Those of a run.
 fn options() -> FuseOptions {
-    let run = Config::default().solve.scene_options(None);
+    let run = solve_options();
     let prior = run.camera_prior;
     let size = SynthOptions::default().size;
     FuseOptions {
         prior: FusePrior { params: prior.mean(size), sd: prior.information().map(|i| 1.0 / i.sqrt()) },
+        shared_sd: run.shared_sd(),
         ..FuseOptions::for_image(size)
     }
 }
@@ -146,6 +159,9 @@ fn camera(atlas: &ShapeAtlas, clips: usize, seed: u64) -> Camera {
     let ratio = random.uniform(0.7_f64.ln(), 2.5_f64.ln()).exp();
     let height_m = random.uniform(4.5_f64.ln(), 16_f64.ln()).exp();
     let (tilt, roll) = (random.uniform(0.2, 0.6), random.uniform(-0.05, 0.05));
+    let solve = solve_options();
+    let [elevation_sd, turn_sd, ..] = solve.shared_sd();
+    let view_off = [elevation_sd, turn_sd].map(|sd| sd * random.normal());
     // Cars larger by a factor under a camera of height h make the picture of cars as they are under one of h / factor.
     let asked = |tilt: f64| SynthOptions {
         noise: 0.02,
@@ -153,16 +169,17 @@ fn camera(atlas: &ShapeAtlas, clips: usize, seed: u64) -> Camera {
         height_m: [height_m * (-place).exp(); 2],
         tilt: [tilt; 2],
         roll: [roll; 2],
+        view_off,
+        view_sd: solve.view_errors.map_or([0.0; 2], |errors| errors.car_sd),
         ..SynthOptions::default()
     };
-    let solve = SceneOptions::default();
     let mut truth = CameraParams::from_vector(&Vector4::zeros());
     let (mut evidence, mut bounds) = (Vec::new(), Vec::new());
     for clip in 0..clips {
         let scene = scene(atlas, &asked(tilt), seed + 1 + clip as u64);
         truth = CameraParams { log_height: height_m.ln(), ..scene.params };
         bounds.push(
-            bound(atlas, &scene, &solve).map_or_else(Matrix4::zeros, |bound| bound.information.information),
+            bound(atlas, &scene, &solve).map_or_else(JointInformation::none, |bound| bound.information),
         );
         evidence.push(evidence_of(atlas, &scene, clip, &solve));
     }
@@ -194,7 +211,7 @@ fn evidence_of(
         (0..4).all(|i| step[i].abs() <= 2.0 * found.covariance[(i, i)].max(0.0).sqrt() + 1e-9)
     };
     let params = alone.filter(near).unwrap_or_else(|| found.params.to_vector());
-    let information = if found.status.usable() { said.information } else { Matrix4::zeros() };
+    let said = if found.status.usable() { *said } else { JointInformation::none() };
     CameraEvidence {
         schema: EVIDENCE_SCHEMA.to_owned(),
         camera: "synthetic".to_owned(),
@@ -208,8 +225,8 @@ fn evidence_of(
         span_s: [0.0, 60.0],
         frames: 1,
         params: std::array::from_fn(|i| params[i]),
-        information: std::array::from_fn(|r| std::array::from_fn(|c| information[(r, c)])),
-        shared: [[0.0; roadplane_base::SHARED_ERRORS]; 4],
+        information: std::array::from_fn(|r| std::array::from_fn(|c| said.information[(r, c)])),
+        shared: std::array::from_fn(|r| std::array::from_fn(|c| said.cross[(r, c)])),
         lens: None,
         parked: parked.collect(),
         moving: 0,

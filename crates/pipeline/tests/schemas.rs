@@ -4,7 +4,7 @@
 
 use std::path::Path;
 
-use roadplane_write::schemas;
+use roadplane_pipeline::schemas;
 use serde_json::Value;
 
 fn committed(name: &str) -> Value {
@@ -47,7 +47,7 @@ fn every_field_says_what_it_is() {
 #[test]
 fn the_columns_of_tracks_are_in_the_schema() {
     let (_, schema) = schemas().into_iter().find(|(name, _)| *name == "tracks").unwrap();
-    let header = include_str!("golden/tracks.csv").lines().next().unwrap();
+    let header = include_str!("../../write/tests/golden/tracks.csv").lines().next().unwrap();
     for column in header.split(',').filter(|column| !column.starts_with("bbox_")) {
         assert!(schema["properties"][column]["description"].is_string(), "{column}");
     }

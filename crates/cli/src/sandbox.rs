@@ -1,0 +1,146 @@
+//! What a run may touch: its inputs, models and libraries to read, its output to write, no network. Should a codec be taken over by
+//! the file that it decodes, there is little that it can do.
+//!
+//! Linux' Landlock (5.13; networks from 6.7) holds for the calling thread and all that it begins later, for good. Where the kernel
+//! has none, or less of it, a run goes on with what there is.
+
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+
+use landlock::{
+    ABI, Access as _, AccessFs, AccessNet, NetPort, PathBeneath, PathFd, Ruleset, RulesetAttr as _,
+    RulesetCreatedAttr as _, RulesetError, RulesetStatus, path_beneath_rules,
+};
+use roadplane_pipeline::{find_models, find_runtime};
+
+/// What the kernel is asked for.
+const WANTED: ABI = ABI::V5;
+/// What libraries look up: code and data of the system, and what processor and memory there are.
+const SYSTEM: [&str; 11] = [
+    "/usr",
+    "/lib",
+    "/lib64",
+    "/etc/ld.so.cache",
+    "/etc/localtime",
+    "/dev/urandom",
+    "/sys",
+    "/proc/self",
+    "/proc/cpuinfo",
+    "/proc/meminfo",
+    "/proc/stat",
+];
+
+/// What a command needs beside [`SYSTEM`].
+#[derive(Clone, Debug, Default)]
+pub struct Needs {
+    /// Files and folders that are read; what is not there is passed over.
+    pub reads: Vec<PathBuf>,
+    /// Folders that are written.
+    pub writes: Vec<PathBuf>,
+    /// Where counts are served.
+    pub serves: Option<SocketAddr>,
+}
+
+impl Needs {
+    /// Models, in the configured folder, and runtime.
+    pub fn of_nets(models: Option<&Path>) -> Self {
+        let runtime = find_runtime().ok().and_then(|library| Some(library.parent()?.to_path_buf()));
+        Self { reads: find_models(models).ok().into_iter().chain(runtime).collect(), ..Self::default() }
+    }
+
+    /// Adds what is read.
+    #[must_use]
+    pub fn reading<'a>(mut self, paths: impl IntoIterator<Item = &'a PathBuf>) -> Self {
+        self.reads.extend(paths.into_iter().cloned());
+        self
+    }
+
+    /// Adds a folder that is written, and makes it; where that fails, who writes there will tell.
+    #[must_use]
+    pub fn writing(mut self, folder: &Path) -> Self {
+        let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+        let _told_later = std::fs::create_dir_all(folder);
+        self.writes.push(folder.to_path_buf());
+        self
+    }
+
+    /// Adds the folder of a file that is written.
+    #[must_use]
+    pub fn writing_file(self, file: &Path) -> Self {
+        self.writing(file.parent().unwrap_or(Path::new("")))
+    }
+}
+
+/// Gives up everything else, for this thread and all that it begins. To be called before any other thread is.
+pub fn enter(needs: &Needs) {
+    match restrict(needs) {
+        Ok(RulesetStatus::FullyEnforced) => tracing::debug!("in a sandbox"),
+        Ok(RulesetStatus::PartiallyEnforced) => tracing::debug!("in a sandbox, as far as this kernel goes"),
+        Ok(RulesetStatus::NotEnforced) => tracing::debug!("no sandbox: this kernel has no Landlock"),
+        Err(error) => tracing::warn!("no sandbox: {error}"),
+    }
+}
+
+fn restrict(needs: &Needs) -> Result<RulesetStatus, RulesetError> {
+    let read = AccessFs::from_read(WANTED);
+    let mut rules = Ruleset::default()
+        .handle_access(AccessFs::from_all(WANTED))?
+        .handle_access(AccessNet::from_all(WANTED))?
+        .create()?
+        .add_rules(path_beneath_rules(SYSTEM, read))?
+        .add_rules(path_beneath_rules(&needs.reads, read))?
+        .add_rules(path_beneath_rules(&needs.writes, AccessFs::from_all(WANTED)))?;
+    if let Ok(null) = PathFd::new("/dev/null") {
+        rules = rules.add_rule(PathBeneath::new(null, AccessFs::ReadFile | AccessFs::WriteFile))?;
+    }
+    if let Some(address) = needs.serves {
+        rules = rules.add_rule(NetPort::new(address.port(), AccessNet::BindTcp))?;
+    }
+    Ok(rules.restrict_self()?.ruleset)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fs;
+    use std::io::ErrorKind::PermissionDenied;
+    use std::net::{TcpListener, TcpStream};
+
+    #[test]
+    fn nothing_else_can_be_read_written_or_reached() {
+        let temp = tempfile::tempdir().unwrap();
+        let [input, other, out] = ["input", "other", "out"].map(|name| temp.path().join(name));
+        fs::write(&input, "a clip").unwrap();
+        fs::write(&other, "a secret").unwrap();
+        std::os::unix::fs::symlink(&other, temp.path().join("link")).unwrap();
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let address = listener.local_addr().unwrap();
+        let needs = Needs::default().reading([&input]).writing(&out);
+        // A thread of its own: there is no way back.
+        let inside = std::thread::Builder::new().spawn(move || {
+            let status = restrict(&needs).unwrap();
+            if status == RulesetStatus::NotEnforced {
+                println!("skipped: this kernel has no Landlock");
+                return;
+            }
+            let denied = |result: std::io::Result<()>| result.unwrap_err().kind() == PermissionDenied;
+            assert_eq!(fs::read_to_string(&input).unwrap(), "a clip");
+            fs::write(out.join("made"), "here").unwrap();
+            fs::rename(out.join("made"), out.join("kept")).unwrap();
+            assert!(denied(fs::read("/etc/passwd").map(drop)));
+            assert!(denied(fs::read(&other).map(drop)));
+            assert!(denied(fs::read(input.with_file_name("link")).map(drop)));
+            assert!(denied(fs::write(&input, "")));
+            assert!(denied(fs::write(input.with_file_name("new"), "")));
+            assert!(denied(fs::read_dir("/root").map(drop)));
+            if status == RulesetStatus::FullyEnforced {
+                assert!(denied(TcpStream::connect(address).map(drop)));
+                assert!(denied(TcpListener::bind("127.0.0.1:0").map(drop)));
+            } else {
+                println!("skipped: this kernel's Landlock knows no networks");
+            }
+        });
+        inside.unwrap().join().unwrap();
+        assert!(TcpStream::connect(address).is_ok(), "other threads are as they were");
+    }
+}
