@@ -25,6 +25,7 @@ pub use pictures::{camera_pictures, dataset_pictures};
 use clips::Workplace;
 pub(crate) use clips::temporary_folder;
 use evidence::SceneEvidence;
+pub(crate) use evidence::noisy_keypoints;
 use score::SystemScore;
 
 /// Frames of a clip that the systems for single frames solve, at most: its cars stay much the same, and stills should

@@ -21,6 +21,7 @@ pub mod systems;
 mod table;
 pub mod tables;
 mod text_file;
+mod tracker;
 pub mod truth;
 mod vehicles;
 
@@ -36,3 +37,4 @@ pub use plot::{Mark, Plot, Series};
 pub use report::Report;
 pub use run::{FinishedRun, evaluate_run};
 pub use table::{Cell, Column, Table};
+pub use tracker::{Noise, TrackerOptions, evaluate_tracker};
