@@ -67,7 +67,7 @@ impl LensView {
         let curves = &curves[..curves.len().min(MOST_CURVES)];
         let stray_px = STRAY_SHARE * f64::from(size.width);
         let mut sides = std::array::from_fn(|_| std::array::from_fn(|_| vec![0.0; bends().count()]));
-        for curve in curves {
+        for curve in curves.iter().filter(|curve| curve.is_sound()) {
             let side: &mut [Vec<f64>; KINDS] = &mut sides[side_of(curve, size)];
             for (i, bend) in bends().enumerate() {
                 let off_px = off_line(curve, Lens::with_bend(bend, size), size);
@@ -164,7 +164,7 @@ fn bends() -> impl Iterator<Item = f64> {
 /// On which side of the picture an edge's line passes the middle.
 fn side_of(curve: &SceneCurve, size: ImageSize) -> usize {
     let [a, _, c] = curve.points_px.map(|point| point - size.centre_px());
-    let along = (c - a).normalize();
+    let along = (c - a) / (c - a).norm();
     let foot = a - along * along.dot(&a);
     match (foot.x.abs() > foot.y.abs(), foot.x > 0.0, foot.y > 0.0) {
         (true, true, _) => 0,
@@ -179,7 +179,7 @@ fn off_line(curve: &SceneCurve, lens: Lens, size: ImageSize) -> f64 {
     let from_centre: [Vector2<f64>; 3] = curve.points_px.map(|point| point - size.centre_px());
     let [a, b, c] = from_centre.map(|point| lens.straightened(&point));
     let stretched = (c - a).norm() / (from_centre[2] - from_centre[0]).norm();
-    (c - a).normalize().perp(&(b - a)) / stretched
+    (c - a).perp(&(b - a)) / ((c - a).norm() * stretched)
 }
 
 fn normal(z: f64) -> f64 {

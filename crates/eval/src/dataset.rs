@@ -24,6 +24,7 @@ use crate::{EvalError, Report};
 pub use pictures::{camera_pictures, dataset_pictures};
 
 use evidence::SceneEvidence;
+pub(crate) use evidence::noisy_keypoints;
 use score::SystemScore;
 
 /// Frames of a clip that the systems for single frames solve, at most: its cars stay much the same, and stills should

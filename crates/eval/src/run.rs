@@ -12,8 +12,8 @@ use crate::metrics::camera::camera_error;
 use crate::readers::kpf::{KpfBox, read_boxes, read_types};
 use crate::scoring::{picture_boxes, score_poses, score_tracks};
 use crate::tables::{
-    add_plot, add_table, boxes_table, motion_table, position_plot, position_table, tracking_table,
-    viewpoint_plot, viewpoint_table,
+    add_plot, add_table, boxes_table, honesty_table, motion_table, position_plot, position_table,
+    tracking_table, viewpoint_plot, viewpoint_table,
 };
 use crate::text_file::read_text;
 use crate::truth::{Truth, read_truth};
@@ -133,6 +133,7 @@ fn against_truth(
         camera_table(&run.camera, truth.camera.focal_px, &truth.camera.plane()),
         tracking_table("Tracks on the ground", &[(name, &tracks)]),
         position_table("Position", &[(name, &positions)]),
+        honesty_table("Position against its sd", &[(name, &tracks)]),
         motion_table("Motion", &[(name, &tracks)]),
         add_table("Poses: ADD", &[(name, &poses)]),
         viewpoint_table("Poses: viewpoint", &[(name, &poses)]),

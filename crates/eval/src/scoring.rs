@@ -26,10 +26,14 @@ const MIN_IOU: f64 = 0.5;
 /// Whether a true car counts. The others are neither missed nor wrongly found.
 #[must_use]
 pub fn counts(car: &TrueCar, model: &Model) -> bool {
-    let [x0, y0, x1, y1] = car.bbox_px;
-    model.class == VehicleClass::Car
-        && car.visible_share >= MIN_VISIBLE_SHARE
-        && (x1 - x0).max(y1 - y0) >= MIN_SIDE_PX
+    model.class == VehicleClass::Car && is_seen(car)
+}
+
+/// Whether enough of a vehicle of any class is seen for it to be found.
+#[must_use]
+pub fn is_seen(vehicle: &TrueCar) -> bool {
+    let [x0, y0, x1, y1] = vehicle.bbox_px;
+    vehicle.visible_share >= MIN_VISIBLE_SHARE && (x1 - x0).max(y1 - y0) >= MIN_SIDE_PX
 }
 
 /// True car of each box, by greatest overlap with its visible part or all of it (a box that was filled in encloses the

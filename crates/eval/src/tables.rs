@@ -4,7 +4,7 @@ mod poses;
 mod tracks;
 
 pub use poses::{add_plot, add_table, camera_table, steps_table, viewpoint_plot, viewpoint_table};
-pub use tracks::{boxes_table, motion_table, position_plot, position_table, tracking_table};
+pub use tracks::{boxes_table, honesty_table, motion_table, position_plot, position_table, tracking_table};
 
 use crate::{Cell, bootstrap};
 

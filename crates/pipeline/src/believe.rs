@@ -53,10 +53,12 @@ const DRIVEN_M: f64 = 3.0;
 /// Few cars are lower, m.
 const MIN_HEIGHT_M: f64 = 1.3;
 /// A doubtful vehicle that stands must be seen for so long, s (or for this share of a clip that is hardly longer), and in this share
-/// of the frames.
+/// of the looks at it; where it is held nobody looks.
 const MIN_SEEN_S: f64 = 2.0;
 const MIN_CLIP_SHARE: f64 = 0.75;
 const MIN_SEEN_SHARE: f64 = 0.5;
+/// Times nearer than this are those of one frame, s: stamps are rounded.
+const SAME_TIME_S: f64 = 1e-6;
 
 /// Whether a track is of a vehicle. Hedges, arrows on the road and waiting motorcycles are found as cars again and again at one
 /// place, but with low scores, for a moment, in few looks, or as cars that nobody builds; what drives is believed. `looked_s`:
@@ -72,8 +74,13 @@ pub fn is_vehicle(track: &Track, height_m: f64, looked_s: &[f64]) -> bool {
         return true;
     }
     let span = looked_s.partition_point(|t| *t < from_s)..looked_s.partition_point(|t| *t <= to_s);
-    let looks = looked_s[span].iter().copied();
-    let seen = Looks::of(seen.iter().map(|state| state.stamp.time_s()));
+    let (held, looked): (Vec<&TrackState>, Vec<&TrackState>) = seen.iter().partition(|state| state.held);
+    let is_held = |time_s: &f64| {
+        let after = held.partition_point(|state| state.stamp.time_s() < time_s - SAME_TIME_S);
+        held.get(after).is_some_and(|state| state.stamp.time_s() < time_s + SAME_TIME_S)
+    };
+    let looks = looked_s[span].iter().copied().filter(|time_s| !is_held(time_s));
+    let seen = Looks::of(looked.iter().map(|state| state.stamp.time_s()));
     let share = seen.count as f64 / Looks::of(looks).count.max(1) as f64;
     let clip_s = looked_s.last().zip(looked_s.first()).map_or(0.0, |(last, first)| last - first);
     height_m >= MIN_HEIGHT_M
@@ -93,6 +100,7 @@ mod tests {
         let state = |i: u64| TrackState {
             stamp: FrameStamp { index: i, pts_nanos: i as i64 * 100_000_000 },
             observed: true,
+            held: false,
             pose: GroundPose { x_m: to_m * i as f64 / count as f64, y_m: 30.0, heading_rad: 0.0 },
             pose_sd: nalgebra::Vector3::repeat(0.1),
             speed_mps: 0.0,
@@ -121,6 +129,14 @@ mod tests {
         let mut seldom = track(100, 0.4, 0.0);
         seldom.states = seldom.states.into_iter().step_by(3).collect();
         assert!(!is_vehicle(&seldom, 1.5, &looked_s));
+        // Held between a few looks of many that found it.
+        let mut held = track(100, 0.4, 0.0);
+        for state in &mut held.states[10..80] {
+            state.held = true;
+        }
+        assert!(is_vehicle(&held, 1.5, &looked_s));
+        held.states.retain(|state| state.held || state.stamp.index.is_multiple_of(3));
+        assert!(!is_vehicle(&held, 1.5, &looked_s));
         // Looks in a quick row count as one.
         let often: Vec<f64> = (0..300).map(|i| f64::from(i) / 30.0).collect();
         assert!(is_vehicle(&track(40, 0.4, 0.0), 1.5, &often));

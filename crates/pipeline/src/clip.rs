@@ -19,6 +19,7 @@ use crate::believe::{is_believable, is_vehicle, overlap_inside, projected_box};
 use crate::cameras::{CameraTrack, estimate_cameras};
 use crate::cars::{FrameCamera, HeldPoses, any_car, fit_frame, pose_record};
 use crate::ground_contact::{Body, Knowledge, body_box, cut_edges, ground_contact};
+use crate::hidden::{hidden_edges, part_seen};
 use crate::known::contradiction;
 use crate::memory::Recall;
 use crate::shared_error::shared_covariance;
@@ -260,6 +261,8 @@ impl Pass<'_> {
                         continue;
                     }
                 }
+                let others = frame.cars.iter().enumerate().filter(|(other, _)| *other != index);
+                let hidden = hidden_edges(&record.bbox_px, others.map(|(_, other)| &other.bbox_px));
                 let class = format!("{:?}", record.class).to_lowercase();
                 *tally.boxes.entry(class).or_insert(0) += 1;
                 let reason = match &fit {
@@ -267,7 +270,8 @@ impl Pass<'_> {
                     Some(fit) => {
                         let car = &fit.car;
                         let projected =
-                            projected_box(self.atlas, &view.camera, &car.camera_from_car, &car.shape);
+                            projected_box(self.atlas, &view.camera, &car.camera_from_car, &car.shape)
+                                .map(|whole| part_seen(&whole, &record.bbox_px, hidden));
                         let (rms, size) = (car.reprojection_rms_px, frame.image_size_px);
                         let believable = is_believable(projected, &record.bbox_px, rms, size, self.config);
                         (!(car.used && believable)).then_some("keypoints_disagree")
@@ -275,14 +279,19 @@ impl Pass<'_> {
                 };
                 let known = known.get(&CarRef { frame: frame.frame, car: index });
                 let at_edge = cut_edges(&record.bbox_px, frame.image_size_px).contains(&true);
+                let is_hidden = hidden.contains(&true);
                 // The net finds a car's keypoints in a truck, too.
                 let is_car = known.is_none_or(|known| known.vehicle.class == VehicleClass::Car);
                 match (&fit, reason) {
-                    (Some(fit), None) if is_car => {
-                        cars.push(CarMeasurement { at_edge, ..measurement(fit, record, index) })
-                    }
-                    (_, reason) => match self.by_box(record, index, &frame, &view, known) {
-                        Some(measured) => cars.push(CarMeasurement { at_edge, ..measured }),
+                    (Some(fit), None) if is_car => cars.push(CarMeasurement {
+                        at_edge,
+                        hidden: is_hidden,
+                        ..measurement(fit, record, index)
+                    }),
+                    (_, reason) => match self.by_box(record, index, &frame, hidden, &view, known) {
+                        Some(measured) => {
+                            cars.push(CarMeasurement { at_edge, hidden: is_hidden, ..measured })
+                        }
                         None => {
                             *tally.rejected.entry(reason.unwrap_or("no_pose").to_owned()).or_insert(0) += 1
                         }
@@ -318,6 +327,7 @@ impl Pass<'_> {
         record: &CarRecord,
         car: usize,
         frame: &FrameRecord,
+        hidden: [bool; 4],
         view: &FrameCamera,
         known: Option<&KnownCar>,
     ) -> Option<CarMeasurement> {
@@ -329,7 +339,7 @@ impl Pass<'_> {
             },
             None => Knowledge::Label(record.class),
         };
-        let found = ground_contact(&record.bbox_px, frame.image_size_px, view, &knowledge)?;
+        let found = ground_contact(&record.bbox_px, frame.image_size_px, hidden, view, &knowledge)?;
         Some(CarMeasurement {
             pose: found.pose,
             covariance: found.covariance,
@@ -341,6 +351,7 @@ impl Pass<'_> {
             car,
             from_box: true,
             at_edge: false,
+            hidden: false,
             dims_m: Some([found.dims_m, found.dims_sd_m]),
         })
     }
@@ -429,6 +440,7 @@ fn measurement(fit: &CarFit, record: &CarRecord, car: usize) -> CarMeasurement {
         car,
         from_box: false,
         at_edge: false,
+        hidden: false,
         dims_m: None,
     }
 }

@@ -19,6 +19,8 @@ const EDGE_SD_PX: f64 = 1.0;
 const EDGE_SD_SHARE: f64 = 0.05;
 /// Vehicles stand in front of each other: what is seen of the lower edge is less sure.
 const BOTTOM_FACTOR: f64 = 2.0;
+/// The same of an edge that is where another vehicle begins.
+const HIDDEN_FACTOR: f64 = 10.0;
 /// An edge nearer than this to the picture's is where the picture ends, not the vehicle, px.
 const CUT_PX: f64 = 2.0;
 /// Least size of a body, m.
@@ -91,11 +93,13 @@ pub fn cut_edges([x0, y0, x1, y1]: &[f64; 4], size: ImageSize) -> [bool; 4] {
     [*x0 < CUT_PX, *y0 < CUT_PX, *x1 > right - CUT_PX, *y1 > bottom - CUT_PX]
 }
 
-/// `None` where the box's lower edge is cut off, or lies above the horizon.
+/// `None` where the box's lower edge is cut off, or lies above the horizon. `hidden`: edges before which another vehicle stands, which
+/// say little of where this one ends.
 #[must_use]
 pub fn ground_contact(
     bbox_px: &[f64; 4],
     size: ImageSize,
+    hidden: [bool; 4],
     view: &FrameCamera,
     knowledge: &Knowledge,
 ) -> Option<GroundContact> {
@@ -117,7 +121,7 @@ pub fn ground_contact(
     };
     let fits: Vec<Fit> = bodies
         .into_iter()
-        .filter_map(|(body, heading, share)| Seen { bbox_px, cut, view, body, heading }.fit(share))
+        .filter_map(|(body, heading, share)| Seen { bbox_px, cut, hidden, view, body, heading }.fit(share))
         .collect();
     mixture(&fits)
 }
@@ -136,6 +140,7 @@ struct Fit {
 struct Seen<'a> {
     bbox_px: &'a [f64; 4],
     cut: [bool; 4],
+    hidden: [bool; 4],
     view: &'a FrameCamera,
     body: Body,
     heading: f64,
@@ -192,7 +197,12 @@ impl Seen<'_> {
             }
         }
         for edge in (0..4).filter(|edge| !self.cut[*edge]) {
-            let sd = edge_sd * if edge == 3 { BOTTOM_FACTOR } else { 1.0 };
+            let sd = edge_sd
+                * match (self.hidden[edge], edge == 3) {
+                    (true, _) => HIDDEN_FACTOR,
+                    (false, true) => BOTTOM_FACTOR,
+                    (false, false) => 1.0,
+                };
             let row = Place::from(derivatives[edge]) / sd;
             let residual = (at[edge] - self.bbox_px[edge]) / sd;
             information += row * row.transpose();
@@ -289,7 +299,8 @@ mod tests {
             for (x_m, y_m, heading_rad) in [(-5.0, 30.0, 0.2), (3.0, 45.0, 1.5), (0.0, 25.0, 2.3)] {
                 let pose = GroundPose { x_m, y_m, heading_rad };
                 let bbox = body_box(&view(), &pose, &body_of(class).dims_m).unwrap();
-                let found = ground_contact(&bbox, SIZE, &view(), &Knowledge::Label(label)).unwrap();
+                let found =
+                    ground_contact(&bbox, SIZE, [false; 4], &view(), &Knowledge::Label(label)).unwrap();
                 let off = Vector2::new(found.pose.x_m - x_m, found.pose.y_m - y_m);
                 let spread = found.covariance.fixed_view::<2, 2>(0, 0).into_owned();
                 let square = off.dot(&(spread.try_inverse().unwrap() * off));
@@ -304,15 +315,32 @@ mod tests {
         let body = Body { sd_m: Vector3::repeat(0.2), ..body_of(VehicleClass::Bus) };
         let bbox = body_box(&view(), &pose, &body.dims_m).unwrap();
         let known = Knowledge::Track { body, heading_rad: 1.2, heading_sd_rad: 0.05 };
-        let found = ground_contact(&bbox, SIZE, &view(), &known).unwrap();
+        let found = ground_contact(&bbox, SIZE, [false; 4], &view(), &known).unwrap();
         assert!((found.pose.x_m - pose.x_m).hypot(found.pose.y_m - pose.y_m) < 0.2, "{found:?}");
         assert!(found.covariance[(0, 0)].sqrt() < 1.0);
     }
 
     #[test]
+    fn a_hidden_lower_edge_is_not_where_the_vehicle_stands() {
+        let pose = GroundPose { x_m: 2.0, y_m: 40.0, heading_rad: 1.4 };
+        let body = body_of(VehicleClass::Car);
+        let [x0, y0, x1, y1] = body_box(&view(), &pose, &body.dims_m).unwrap();
+        let bbox = [x0, y0, x1, y0 + 0.6 * (y1 - y0)];
+        let label = Knowledge::Track { body, heading_rad: 1.4, heading_sd_rad: 0.05 };
+        let off = |hidden| {
+            let found = ground_contact(&bbox, SIZE, hidden, &view(), &label).unwrap();
+            let off = Vector2::new(found.pose.x_m - pose.x_m, found.pose.y_m - pose.y_m);
+            let spread = found.covariance.fixed_view::<2, 2>(0, 0).into_owned();
+            (off.norm(), off.dot(&(spread.try_inverse().unwrap() * off)))
+        };
+        let (taken, told) = (off([false; 4]), off([false, false, false, true]));
+        assert!(told.0 < 0.3 * taken.0 && told.1 < 4.0, "{taken:?} {told:?}");
+    }
+
+    #[test]
     fn what_is_cut_off_below_or_lies_above_the_horizon_says_nothing() {
         let label = Knowledge::Label(VehicleClass::Truck);
-        assert!(ground_contact(&[100.0, 600.0, 300.0, 719.0], SIZE, &view(), &label).is_none());
-        assert!(ground_contact(&[100.0, 0.0, 300.0, 4.0], SIZE, &view(), &label).is_none());
+        assert!(ground_contact(&[100.0, 600.0, 300.0, 719.0], SIZE, [false; 4], &view(), &label).is_none());
+        assert!(ground_contact(&[100.0, 0.0, 300.0, 4.0], SIZE, [false; 4], &view(), &label).is_none());
     }
 }

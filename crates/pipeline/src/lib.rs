@@ -18,6 +18,7 @@ mod error;
 mod finish;
 mod flow;
 mod ground_contact;
+mod hidden;
 mod identity;
 mod join;
 mod known;

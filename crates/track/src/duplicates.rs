@@ -5,12 +5,13 @@ use crate::{
     tracker::{RawTrack, same_car},
 };
 
-/// Share of the weaker track's sightings that must coincide with the stronger one.
+/// Of the sightings that the weaker track has while the stronger one lives, so many, and this share, must coincide with its own.
+const FEWEST_SHARED: usize = 3;
 const MIN_SHARED: f64 = 0.5;
 /// Sightings of the two tracks that are farther apart in time are not compared, s.
 const NEAR_S: f64 = 0.5;
 
-/// Keeps the stronger of two tracks of one car and fills its gaps from the weaker.
+/// Keeps the stronger of two tracks of one car, fills its gaps from the weaker, and takes what that saw before and after.
 pub(crate) fn merge_duplicates(mut tracks: Vec<RawTrack>) -> Vec<RawTrack> {
     let strength = |track: &RawTrack| track.observations.iter().map(|o| o.score.max(0.01)).sum::<f64>();
     let first = |track: &RawTrack| track.observations.first().map(|o| (o.frame, o.pose.x, o.pose.y));
@@ -30,9 +31,15 @@ pub(crate) fn merge_duplicates(mut tracks: Vec<RawTrack>) -> Vec<RawTrack> {
 }
 
 fn coincide(strong: &RawTrack, weak: &RawTrack) -> bool {
-    let shared =
-        weak.observations.iter().filter(|o| at(strong, o).is_some_and(|near| same_car(near, o))).count();
-    shared as f64 > MIN_SHARED * weak.observations.len() as f64
+    let together: Vec<&Observation> = weak.observations.iter().filter(|o| lives(strong, o.time_s)).collect();
+    let shared = together.iter().filter(|o| at(strong, o).is_some_and(|near| same_car(near, o))).count();
+    shared >= FEWEST_SHARED.min(weak.observations.len()) && shared as f64 > MIN_SHARED * together.len() as f64
+}
+
+/// Whether a time lies between a track's first and last sighting, or near them.
+fn lives(track: &RawTrack, time_s: f64) -> bool {
+    let ends = track.observations.first().zip(track.observations.last());
+    ends.is_some_and(|(first, last)| first.time_s - NEAR_S < time_s && time_s < last.time_s + NEAR_S)
 }
 
 /// The sighting nearest in time to another track's.
@@ -45,9 +52,13 @@ fn at<'a>(track: &'a RawTrack, other: &Observation) -> Option<&'a Observation> {
 }
 
 fn fill(strong: &mut RawTrack, weak: RawTrack) {
+    let ends = strong.observations.first().zip(strong.observations.last()).map(|(a, b)| [a.frame, b.frame]);
+    let before_or_after =
+        |o: &Observation| ends.is_some_and(|[first, last]| o.frame < first || o.frame > last);
     for observation in weak.observations {
         if let Err(place) = strong.observations.binary_search_by_key(&observation.frame, |o| o.frame)
-            && at(strong, &observation).is_some_and(|near| same_car(near, &observation))
+            && (before_or_after(&observation)
+                || at(strong, &observation).is_some_and(|near| same_car(near, &observation)))
         {
             strong.observations.insert(place, observation);
         }

@@ -77,7 +77,12 @@ impl Filter {
     }
 
     pub(crate) fn is_still(&self) -> bool {
-        self.time_s - self.anchor_s >= STILL_S
+        self.stood_s() >= STILL_S
+    }
+
+    /// How long it has been about where it is, s.
+    pub(crate) fn stood_s(&self) -> f64 {
+        self.time_s - self.anchor_s
     }
 
     /// Squared Mahalanobis distance of a measurement, by whichever fits better of standing and driving on. What stood and was

@@ -41,8 +41,9 @@ const ACCELERATION_POWER: f64 = 3.0;
 const STANDS_S: f64 = 20.0;
 const DRIVES_S: f64 = 1.2;
 const CREEPS_S: f64 = 6.0;
-/// Nobody drives unseen for longer, s: whoever is found then may be anybody.
+/// Nobody drives, or creeps, unseen for longer, s: whoever is found then may be anybody.
 const MAX_DRIVES_S: f64 = 4.0;
+const MAX_CREEPS_S: f64 = 10.0;
 /// Shares of these three ways.
 const SHARES: [f64; 3] = [0.4, 0.45, 0.15];
 /// Longest way and greatest speed of creeping, m and m/s; sd of what it leaves the line by, m.
@@ -52,6 +53,8 @@ const LINE_M: f64 = 0.6;
 /// Vehicles that appear, per m²: anywhere, and where they may: at the picture's edge, and far off, where boxes are so small, px.
 const APPEARS: f64 = 2e-5;
 const ENTERS: f64 = 5e-4;
+/// The same where the picture cuts the vehicle: they all come and go in the same few places.
+const ENTERS_AT_EDGE: f64 = 1e-2;
 const SMALL_PX: f64 = 28.0;
 /// How much likelier it is that a vehicle is gone for good where it can leave the picture (log).
 const LEAVES: f64 = 2.0;
@@ -157,6 +160,8 @@ struct End {
     stands: f64,
     /// It may enter or leave here.
     border: bool,
+    /// The picture cuts it off.
+    at_edge: bool,
     /// Logarithm of its size: diagonal of the box times the distance.
     log_size: f64,
     votes: [f64; VOTES],
@@ -197,6 +202,7 @@ impl End {
             axis: axis.y.atan2(axis.x) / 2.0,
             axis_variance: (part.len() as f64 / weights.max(1e-9)).min(1.0),
             stands: if edge.held { 1.0 } else { still / (still + moving).max(1e-300) },
+            at_edge: edge.at_edge,
             border: edge.at_edge || side(&edge.bbox_px) < SMALL_PX,
             log_size: sizes[sizes.len() / 2],
             votes: track.votes(),
@@ -262,9 +268,17 @@ fn gain(end: &End, start: &End, gap_s: f64) -> f64 {
     };
     let drove =
         if gap_s > MAX_DRIVES_S { 0.0 } else { (-gap_s / DRIVES_S).exp() * drive_density(end, start, gap_s) };
-    let crept = (-gap_s / CREEPS_S).exp() * creep_density(end, start, &way, &places, gap_s);
+    let crept = if gap_s > MAX_CREEPS_S {
+        0.0
+    } else {
+        (-gap_s / CREEPS_S).exp() * creep_density(end, start, &way, &places, gap_s)
+    };
     let same = SHARES[0] * stood + SHARES[1] * drove + SHARES[2] * crept;
-    let appears = if start.border { ENTERS } else { APPEARS };
+    let appears = match (start.at_edge && end.at_edge, start.border) {
+        (true, _) => ENTERS_AT_EDGE,
+        (false, true) => ENTERS,
+        (false, false) => APPEARS,
+    };
     let new = appears * density(&start.velocity(), &(start.velocity_covariance() + eye * DRIVING_SD.powi(2)));
     let gone = if end.border { LEAVES } else { 0.0 };
     (same.max(1e-300) / new.max(1e-300)).ln() - gone + class_gain(end, start) + size_gain(end, start)

@@ -26,6 +26,8 @@ pub struct CarMeasurement {
     pub from_box: bool,
     /// The box reaches the edge of the picture.
     pub at_edge: bool,
+    /// Another vehicle hides a part of it.
+    pub hidden: bool,
     /// Length, width, height and their sds, m, of a vehicle that the shape does not cover.
     pub dims_m: Option<[Vector3<f64>; 2]>,
 }
@@ -109,6 +111,8 @@ pub(crate) struct Observation {
     pub from_box: bool,
     /// The box reaches the edge of the picture.
     pub at_edge: bool,
+    /// Another vehicle hides a part of it.
+    pub hidden: bool,
 }
 
 /// One vehicle over time.
@@ -135,6 +139,8 @@ pub struct TrackState {
     pub stamp: FrameStamp,
     /// Seen in this frame, or filled in.
     pub observed: bool,
+    /// Seen only in that nothing changed there since an earlier look.
+    pub held: bool,
     /// Smoothed pose.
     pub pose: GroundPose,
     /// sd of x, y (m) and heading (rad).

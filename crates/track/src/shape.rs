@@ -100,6 +100,7 @@ mod tests {
             car: 0,
             from_box: false,
             at_edge: false,
+            hidden: false,
             dims_m: None,
         }
     }

@@ -324,6 +324,7 @@ impl Smoothed {
         TrackState {
             stamp,
             observed: seen.is_some(),
+            held: seen.is_some_and(|o| o.held),
             pose: self.pose,
             pose_sd: self.pose_sd,
             speed_mps: self.speed_mps,

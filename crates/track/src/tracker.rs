@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use nalgebra::{Matrix3, Vector3};
 use roadplane_base::{
     CarRef, FrameStamp, VehicleClass, assign, bbox_centre, bbox_covered, bbox_iou, bbox_moved,
+    bbox_share_inside,
 };
 
 use crate::{
@@ -109,6 +110,8 @@ struct Live {
     born: usize,
     missed: usize,
     box_velocity_px_s: nalgebra::Vector2<f64>,
+    /// Box of all of it while it stands, whatever hides a part of it.
+    rest_px: [f64; 4],
 }
 
 /// A box is extrapolated for so long, s.
@@ -123,6 +126,19 @@ const SAME_BOX: f64 = 0.9;
 const MIN_OVERLAP: f64 = 0.25;
 /// Rear axle to the middle of a truck or bus, as a share of its length.
 const HALF_WHEELBASE: f64 = 0.25;
+/// A vehicle that stood may be hidden for so many times as long, until tracks as a whole are looked at.
+const STANDS_ON: f64 = 3.0;
+/// How much a look moves the edges of a standing car's box.
+const OUTWARD: f64 = 0.3;
+const INWARD: f64 = 0.1;
+/// A box that lies within that of a standing car counts as if it overlapped it so much.
+const HIDDEN_OVERLAP: f64 = 0.6;
+/// Two vehicles' middles are never nearer than this, m; overlap of boxes with which it holds for measurements.
+const NEVER_NEARER_M: f64 = 1.0;
+const LEAST_OVERLAP: f64 = 0.2;
+/// A place whose sd is larger says little, m: the boxes must overlap, too.
+const VAGUE_M: f64 = 1.5;
+const TOUCHING: f64 = 0.05;
 /// Overlap of boxes that makes a pair even where the pose went wrong.
 const SURE_OVERLAP: f64 = 0.5;
 
@@ -138,6 +154,7 @@ impl Live {
             born: looks,
             missed: 0,
             box_velocity_px_s: nalgebra::Vector2::zeros(),
+            rest_px: car.bbox_px,
             raw: RawTrack::new(car, observation, shape),
             filter,
         }
@@ -156,7 +173,7 @@ impl Live {
     /// The car is where its last look saw it.
     fn hold(&mut self, held: &HeldCar, frame: usize, time_s: f64) {
         let Some(last) = self.last() else { return };
-        let (pose, covariance, at_edge, from_box) = (last.pose, last.covariance, last.at_edge, last.from_box);
+        let Observation { pose, covariance, at_edge, hidden, from_box, .. } = *last;
         let HeldCar { bbox_px, score, car, .. } = *held;
         self.filter.hold(time_s);
         self.box_velocity_px_s = nalgebra::Vector2::zeros();
@@ -171,6 +188,7 @@ impl Live {
             held: true,
             from_box,
             at_edge,
+            hidden,
         });
         self.missed = 0;
     }
@@ -189,6 +207,16 @@ impl Live {
         if !car.from_box {
             self.raw.shape.add(car, self.filter.position(), self.filter.axis());
         }
+        self.rest_px = std::array::from_fn(|i| {
+            let (known, seen) = (self.rest_px[i], observation.bbox_px[i]);
+            let outward = (seen < known) == (i < 2);
+            match (self.filter.is_still(), outward) {
+                (false, _) => seen,
+                (true, true) => known + OUTWARD * (seen - known),
+                (true, false) if observation.hidden => known,
+                (true, false) => known + INWARD * (seen - known),
+            }
+        });
         self.raw.add(car, observation);
         self.missed = 0;
     }
@@ -197,7 +225,7 @@ impl Live {
     fn expected_box(&self, time_s: f64) -> Option<[f64; 4]> {
         let last = self.last()?;
         if self.filter.is_still() {
-            return Some(last.bbox_px);
+            return Some(self.rest_px);
         }
         let gap_s = time_s - last.time_s;
         (gap_s <= BOX_TRUST_S).then(|| bbox_moved(&last.bbox_px, &(self.box_velocity_px_s * gap_s)))
@@ -209,11 +237,21 @@ impl Live {
         let near = (distance / gate).min(1.0);
         match self.expected_box(observation.time_s) {
             Some(expected) => {
-                let overlap = bbox_iou(&expected, &observation.bbox_px);
+                let mut overlap = bbox_iou(&expected, &observation.bbox_px);
+                if self.filter.is_still() && observation.hidden {
+                    // What is left to see of a car that is being hidden.
+                    let within = bbox_share_inside(&observation.bbox_px, &expected);
+                    overlap = overlap.max(HIDDEN_OVERLAP * within.powi(2));
+                }
                 if self.filter.is_still() && overlap < MIN_OVERLAP {
                     return f64::INFINITY;
                 }
-                if distance < gate || overlap > SURE_OVERLAP {
+                let away = (observation.pose.xy() - self.filter.position()).norm();
+                let in_place = self.filter.is_still() && away < NEVER_NEARER_M;
+                // What may be anywhere is near to everything.
+                let spread = observation.covariance.fixed_view::<2, 2>(0, 0).trace().sqrt();
+                let is_near = distance < gate && (spread < VAGUE_M || overlap > TOUCHING);
+                if is_near || overlap > SURE_OVERLAP || in_place {
                     0.5 * near + 0.5 * (1.0 - overlap)
                 } else {
                     f64::INFINITY
@@ -333,7 +371,10 @@ impl Tracker {
     /// All tracks, by first frame, then by x.
     #[must_use]
     pub fn finish(mut self) -> Vec<Track> {
-        self.ended.extend(self.live.drain(..).map(|live| live.raw));
+        let options = &self.options;
+        let is_short = self.looks.count <= options.confirm_frames;
+        let confirmed = |live: &Live| is_short || live.raw.observations.len() >= options.confirm_hits;
+        self.ended.extend(self.live.drain(..).filter(confirmed).map(|live| live.raw));
         let least = self.options.min_observed.min(self.looks.count.div_ceil(2));
         let mut raw = merge_duplicates(link(merge_duplicates(self.ended), self.options.max_hidden_s));
         raw.retain(|track| {
@@ -394,6 +435,7 @@ impl Tracker {
             held: false,
             from_box: car.from_box,
             at_edge: car.at_edge,
+            hidden: car.hidden,
         }
     }
 
@@ -406,8 +448,9 @@ impl Tracker {
                 return looks + 1 - live.born >= options.confirm_frames
                     || live.missed + options.confirm_hits > options.confirm_frames;
             }
-            let coast_s =
-                if live.filter.is_still() { options.max_parked_coast_s } else { options.max_coast_s };
+            // Whoever stood for a while goes on standing for about as long.
+            let parked_s = options.max_parked_coast_s.min(STANDS_ON * live.filter.stood_s());
+            let coast_s = if live.filter.is_still() { parked_s } else { 0.0 }.max(options.max_coast_s);
             live.last().is_none_or(|last| time_s - last.time_s > coast_s)
         });
         self.live = live;
@@ -427,8 +470,10 @@ fn is_coherent(sightings: &[Observation]) -> bool {
 
 /// Two measurements of one car: boxes that overlap much, at about the same place.
 pub(crate) fn same_car(a: &Observation, b: &Observation) -> bool {
-    let overlap = bbox_iou(&a.bbox_px, &b.bbox_px) > 0.5 || bbox_covered(&a.bbox_px, &b.bbox_px) > 0.8;
-    overlap && share_space(a, b)
+    let iou = bbox_iou(&a.bbox_px, &b.bbox_px);
+    let overlap = iou > 0.5 || bbox_covered(&a.bbox_px, &b.bbox_px) > 0.8;
+    let in_one_place = iou > LEAST_OVERLAP && (a.pose.xy() - b.pose.xy()).norm() < NEVER_NEARER_M;
+    in_one_place || (overlap && share_space(a, b))
 }
 
 /// Whether the two could not stand there side by side: nearer than a car is wide, or not told apart by their covariances.

@@ -54,7 +54,7 @@ pub fn scene_curves(image: &RgbImage, boxes: &[[f64; 4]]) -> Result<Vec<SceneCur
         points.chains(least).into_iter().flat_map(|chain| pieces(&chain, least)).collect();
     pieces.retain(|curve| {
         let [a, _, c] = curve.points_px;
-        (c - a).normalize().abs().min() > DRAWN_RAD
+        ((c - a) / (c - a).norm()).abs().min() > DRAWN_RAD
             && !boxes.iter().any(|b| curve.points_px.iter().any(|p| is_in(b, p)))
     });
     let length = |curve: &SceneCurve| (curve.points_px[2] - curve.points_px[0]).norm();
@@ -191,7 +191,8 @@ impl EdgePoints {
             let pixel = here.pixel.wrapping_add_signed(dy * self.width.cast_signed() + dx);
             let found = self.at_pixel.get(pixel).copied().unwrap_or(0) as usize;
             let Some(there) = found.checked_sub(1).filter(|there| !taken[*there]) else { continue };
-            let step = Vector2::new(dx as f32, dy as f32).normalize();
+            let step = Vector2::new(dx as f32, dy as f32);
+            let step = step / step.norm();
             let (onward, alike) = (along.dot(&step), here.across.dot(&self.points[there].across));
             if onward > 0.5 && alike > TURN {
                 let strength = (self.points[there].change / here.change).min(1.0);
@@ -278,7 +279,7 @@ mod tests {
 
     /// A dark band along a line of the scene, as a lens shows it.
     fn drawn(lens: Lens, from: Vector2<f64>, to: Vector2<f64>) -> RgbImage {
-        let along = (to - from).normalize();
+        let along = (to - from) / (to - from).norm();
         RgbImage::from_fn(SIZE.width, SIZE.height, |x, y| {
             let bent = Vector2::new(f64::from(x), f64::from(y)) - SIZE.centre_px();
             let off = along.perp(&(lens.straightened(&bent) - from)).abs();
@@ -297,12 +298,12 @@ mod tests {
             assert!(found.len() >= 2, "{bend}: {found:?}");
             for curve in &found {
                 let [a, b, c] = curve.points_px.map(|p| lens.straightened(&(p - SIZE.centre_px())));
-                let off = (c - a).normalize().perp(&(b - a));
+                let off = (c - a).perp(&(b - a)) / (c - a).norm();
                 assert!(off.abs() < 0.3, "{bend}: the middle of {curve:?} is {off} px off");
                 let bent = curve.points_px[1] - curve.points_px[0];
                 let chord = curve.points_px[2] - curve.points_px[0];
                 let is_long = chord.norm() > 700.0;
-                assert!(bend == 0.0 || !is_long || chord.normalize().perp(&bent).abs() > 10.0);
+                assert!(bend == 0.0 || !is_long || chord.perp(&bent).abs() > 10.0 * chord.norm());
             }
         }
     }
@@ -317,7 +318,7 @@ mod tests {
         // Pieces of a circle are seen as bent lines, none as straight.
         for curve in &found {
             let [a, b, c] = curve.points_px;
-            assert!((c - a).normalize().perp(&(b - a)).abs() > 3.0 * curve.sd_px, "{curve:?}");
+            assert!((c - a).perp(&(b - a)).abs() > 3.0 * curve.sd_px * (c - a).norm(), "{curve:?}");
         }
         let line = drawn(Lens::STRAIGHT, Vector2::new(-420.0, -190.0), Vector2::new(430.0, -160.0));
         assert!(scene_curves(&line, &[[0.0, 50.0, 960.0, 150.0]]).unwrap().is_empty());

@@ -34,7 +34,8 @@ def camera_record(camera: Camera) -> dict:
 def model_record(number: int, mesh: CarMesh) -> dict:
     """One physical car: its shape, car frame, metres."""
     return {
-        "id": number, "class": "car", "body": mesh.body, "model": mesh.name, "dims_m": _rounded(mesh.dims, 4),
+        "id": number, "class": mesh.body if mesh.body in ("truck", "bus") else "car", "body": mesh.body, "model": mesh.name,
+        "dims_m": _rounded(mesh.dims, 4),
         "keypoints_in_car": [_rounded(p, 6) if np.isfinite(p).all() else None for p in mesh.keypoints],
     }
 

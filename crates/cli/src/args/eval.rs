@@ -29,6 +29,8 @@ pub enum EvalCommand {
     Kitti(EvalKittiArgs),
     /// Tracks of boxes against true ones, MOT Challenge files or KITTI tracking labels: HOTA, MOTA, IDF1.
     Tracks(EvalFilesArgs),
+    /// The tracker alone, on what detector and keypoint net might measure of clips with truth: misses, false boxes, wrong labels.
+    Tracker(EvalTrackerArgs),
     /// Detections against true boxes, both as COCO files: average precision by size.
     Boxes(EvalFilesArgs),
     /// The keypoint net on labelled images: errors per keypoint, size and body type, and the worst cars drawn.
@@ -154,6 +156,41 @@ pub struct EvalFilesArgs {
     /// Writes the tables as CSV and HTML into this folder.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+}
+
+/// `roadplane eval tracker`.
+#[derive(Debug, Args)]
+pub struct EvalTrackerArgs {
+    /// Truth files of clips (NAME.truth.json, gzipped or not; no video is needed), or folders with dataset.json.
+    #[arg(required = true, value_name = "CLIP")]
+    pub clips: Vec<PathBuf>,
+    /// Standard deviation of keypoints and of boxes' edges, as a share of the box's longer side.
+    #[arg(long, default_value_t = 0.02, value_name = "SHARE", value_parser = share)]
+    pub noise: f64,
+    /// Share of the vehicles that have no box in a frame.
+    #[arg(long, default_value_t = 0.1, value_name = "SHARE", value_parser = share)]
+    pub misses: f64,
+    /// Boxes of nothing, as a share of the vehicles.
+    #[arg(long, default_value_t = 0.05, value_name = "SHARE", value_parser = share)]
+    pub false_boxes: f64,
+    /// Share of the boxes that are called another class.
+    #[arg(long, default_value_t = 0.05, value_name = "SHARE", value_parser = share)]
+    pub flips: f64,
+    /// Share of the boxes that get keypoints of a vehicle that they overlap with.
+    #[arg(long, default_value_t = 0.05, value_name = "SHARE", value_parser = share)]
+    pub swaps: f64,
+    /// Every n-th frame is measured.
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub stride: u32,
+    /// Another number, other errors.
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    pub seed: u64,
+    /// Writes the tables as CSV and HTML into this folder.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub config: ConfigArgs,
 }
 
 /// In which boxes keypoints are looked for.

@@ -8,6 +8,7 @@ mod keypoints;
 mod kitti;
 mod run;
 mod solver;
+mod tracker;
 
 use std::io::Write as _;
 use std::path::Path;
@@ -27,6 +28,7 @@ pub fn eval(args: &EvalArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
         EvalCommand::Activity(args) => activity::activity(args, cancel),
         EvalCommand::Kitti(args) => kitti::kitti(args, cancel),
         EvalCommand::Tracks(args) => files(args, evaluate_mot),
+        EvalCommand::Tracker(args) => tracker::tracker(args, cancel),
         EvalCommand::Boxes(args) => files(args, evaluate_coco),
         EvalCommand::Keypoints(args) => keypoints::keypoints(args, cancel),
         EvalCommand::Solver(args) => solver::solver(args, cancel),

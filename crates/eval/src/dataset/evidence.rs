@@ -135,13 +135,15 @@ pub(super) fn from_truth(truth: &Truth, noise: f64, seed: u64, stride: u32) -> S
             continue;
         }
         let cars = counted(truth, frame);
-        let keypoints = cars.iter().map(|c| noisy(&frame.cars[*c], noise, size, &mut rng)).collect();
+        let keypoints =
+            cars.iter().map(|c| noisy_keypoints(&frame.cars[*c], noise, size, &mut rng)).collect();
         scene.frames.push(FrameEvidence { index, cars, keypoints });
     }
     scene
 }
 
-fn noisy(car: &TrueCar, noise: f64, size: ImageSize, rng: &mut Rng) -> KeypointSet {
+/// True keypoints of a car with noise of this sd as a share of its box's longer side.
+pub(crate) fn noisy_keypoints(car: &TrueCar, noise: f64, size: ImageSize, rng: &mut Rng) -> KeypointSet {
     let [x0, y0, x1, y1] = car.bbox_px;
     let side_px = (x1 - x0).max(y1 - y0);
     let sd_px = noise.max(MIN_SD_SHARE) * side_px;

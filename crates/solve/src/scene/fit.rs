@@ -83,7 +83,9 @@ pub fn fit_car(
     };
     let margin = fits.iter().find(|(_, p)| elsewhere(p)).map_or(f64::INFINITY, |(other, _)| other - cost);
     let joint = problem.only_view_covariance()?;
-    let (car, covariance) = car_solution(&problem, 0, &joint)?;
+    let (mut car, covariance) = car_solution(&problem, 0, &joint)?;
+    let right = car.inliers.iter().filter(|inlier| **inlier).count();
+    car.used = right >= options.min_inliers && right as f64 >= options.min_inlier_share * found.len() as f64;
     Some(CarFit { car, covariance, cost, margin })
 }
 

@@ -85,3 +85,27 @@ fn a_single_picture_gives_tracks_of_one_state() {
     let order: Vec<f64> = tracks.iter().map(|t| t.states[0].pose.x_m).collect();
     assert!(order.is_sorted() && tracks.iter().map(|t| t.id).eq(1..=9));
 }
+
+#[test]
+fn a_car_that_is_hidden_half_by_half_is_one_car() {
+    let cars = vec![parked(2.0, 24.0, 0.4)];
+    let mut seen = World::new(cars, Seeing { missed: 0.0, ..Seeing::usual() }, times(12.0, 10.0), 4).see();
+    // Something passes before it: first its left half is hidden, then all of it, then its right half.
+    for frame in &mut seen.frames {
+        let time_s = frame.stamp.time_s();
+        frame.cars.retain(|_| !(5.0..7.0).contains(&time_s));
+        for car in &mut frame.cars {
+            let [x0, _, x1, _] = car.bbox_px;
+            let middle = (x0 + x1) / 2.0;
+            car.hidden = (4.0..8.0).contains(&time_s);
+            if (4.0..5.0).contains(&time_s) {
+                car.bbox_px[0] = middle;
+            } else if (7.0..8.0).contains(&time_s) {
+                car.bbox_px[2] = middle;
+            }
+        }
+    }
+    let tracks = track(&seen.frames);
+    assert_eq!(tracks.len(), 1);
+    assert_eq!(tracks[0].states.last().map(|state| state.stamp.index), Some(119));
+}

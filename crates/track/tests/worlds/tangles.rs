@@ -5,7 +5,7 @@ use roadplane_track::{TrackOptions, Tracker};
 
 use crate::{
     parked::lot,
-    world::{Seeing, World, assert_one_track_each, parked, pose, straight, times, track},
+    world::{Path, Seeing, World, assert_one_track_each, owners, parked, pose, straight, times, track},
 };
 
 #[test]
@@ -95,4 +95,28 @@ fn nonsense_is_counted_and_left_out() {
     assert_eq!(tracker.rejected(), 30);
     assert_eq!(tracker.finish().len(), 8);
     assert!(Tracker::new(TrackOptions::default()).finish().is_empty());
+}
+
+#[test]
+fn a_vehicle_whose_place_is_vague_takes_nobody_elses_track() {
+    // A car drives off and is gone; a truck appears elsewhere of which only the box is known.
+    let cars = vec![
+        straight(pose(-6.0, 22.0, 0.3), 6.0),
+        Box::new(|t: f64| (t > 1.6).then(|| pose(-8.0, 30.0 - 1.5 * t, -1.2))) as Path,
+    ];
+    let mut seen = World::new(cars, Seeing { missed: 0.0, ..Seeing::usual() }, times(5.0, 10.0), 2).see();
+    for (frame, owners) in seen.frames.iter_mut().zip(&seen.owners) {
+        let gone = frame.stamp.time_s() > 1.5;
+        for (car, owner) in frame.cars.iter_mut().zip(owners.iter()) {
+            if *owner == Some(1) {
+                car.class = roadplane_base::VehicleClass::Truck;
+                car.from_box = true;
+                car.covariance = Matrix3::from_diagonal(&nalgebra::Vector3::new(16.0, 64.0, 0.3));
+            }
+        }
+        let first = owners.iter().position(|owner| *owner == Some(0));
+        frame.cars.retain(|car| !(gone && first == Some(car.car)));
+    }
+    let tracks = track(&seen.frames);
+    assert_eq!(tracks.len(), 2, "{:?}", owners(&tracks, &seen));
 }

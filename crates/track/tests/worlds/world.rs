@@ -168,6 +168,7 @@ impl World {
                     car: cars.len(),
                     from_box: false,
                     at_edge: false,
+                    hidden: false,
                     dims_m: None,
                 });
                 owners.push(Some(k));
@@ -187,6 +188,7 @@ impl World {
                     car: cars.len(),
                     from_box: false,
                     at_edge: false,
+                    hidden: false,
                     dims_m: None,
                 });
                 owners.push(None);

@@ -1,0 +1,24 @@
+//! `roadplane eval tracker`: tracks from noisy measurements of clips with truth.
+
+use roadplane_eval::{Noise, TrackerOptions, evaluate_tracker};
+use roadplane_pipeline::Cancel;
+
+use crate::Outcome;
+use crate::args::eval::EvalTrackerArgs;
+use crate::progress::Bar;
+
+/// Prints the tables.
+pub fn tracker(args: &EvalTrackerArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
+    let config = super::super::config(&args.config)?;
+    let noise = Noise {
+        keypoints: args.noise,
+        misses: args.misses,
+        false_boxes: args.false_boxes,
+        flips: args.flips,
+        swaps: args.swaps,
+    };
+    let options = TrackerOptions { noise, stride: args.stride, seed: args.seed };
+    let report = evaluate_tracker(&args.clips, &options, &config, cancel, &Bar::new("eval"))?;
+    super::show(&report, args.out.as_deref())?;
+    Ok(Outcome::Done)
+}

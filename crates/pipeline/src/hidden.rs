@@ -1,0 +1,53 @@
+//! Which edges of a vehicle's box are its own, and which are where another vehicle stands before it.
+
+/// Boxes that come so near touch, px and as a share of the shorter side.
+const TOUCH_PX: f64 = 2.0;
+const TOUCH_SHARE: f64 = 0.05;
+/// So much of an edge must be hidden.
+const HIDDEN_SHARE: f64 = 0.5;
+
+/// Left, top, right, bottom: whether the edge is where something nearer begins. On the ground, what reaches lower in the picture is
+/// nearer.
+#[must_use]
+pub fn hidden_edges<'a>(bbox_px: &[f64; 4], others: impl Iterator<Item = &'a [f64; 4]>) -> [bool; 4] {
+    let [x0, y0, x1, y1] = *bbox_px;
+    let touch = TOUCH_PX + TOUCH_SHARE * (x1 - x0).min(y1 - y0);
+    let mut hidden = [false; 4];
+    for [a0, b0, a1, b1] in others.copied().filter(|other| other[3] > y1 + touch) {
+        let wide = a1.min(x1) - a0.max(x0) > HIDDEN_SHARE * (x1 - x0);
+        let high = b1.min(y1) - b0.max(y0) > HIDDEN_SHARE * (y1 - y0);
+        hidden[0] |= high && a0 < x0 - touch && a1 > x0 - touch && a1 < x1;
+        hidden[2] |= high && a1 > x1 + touch && a0 < x1 + touch && a0 > x0;
+        hidden[3] |= wide && b0 < y1 + touch && b0 > y0;
+    }
+    hidden
+}
+
+/// The part of a vehicle's whole box that can be seen where these edges of the box seen are hidden.
+#[must_use]
+pub fn part_seen(whole_px: &[f64; 4], bbox_px: &[f64; 4], hidden: [bool; 4]) -> [f64; 4] {
+    std::array::from_fn(|i| match (hidden[i], i < 2) {
+        (false, _) => whole_px[i],
+        (true, true) => whole_px[i].max(bbox_px[i]),
+        (true, false) => whole_px[i].min(bbox_px[i]),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_stands_before_a_box_hides_its_edges() {
+        let car = [100.0, 100.0, 180.0, 140.0];
+        let edges = |other: [f64; 4]| hidden_edges(&car, [other].iter());
+        // A bus before its lower half, one before its left side, one behind it, one far away, one just beside it.
+        assert_eq!(edges([80.0, 138.0, 220.0, 260.0]), [false, false, false, true]);
+        assert_eq!(edges([20.0, 40.0, 101.0, 180.0]), [true, false, false, false]);
+        assert_eq!(edges([120.0, 40.0, 260.0, 120.0]), [false; 4]);
+        assert_eq!(edges([400.0, 40.0, 560.0, 320.0]), [false; 4]);
+        assert_eq!(edges([10.0, 90.0, 90.0, 160.0]), [false; 4]);
+        let whole = [60.0, 98.0, 182.0, 170.0];
+        assert_eq!(part_seen(&whole, &car, [true, false, false, true]), [100.0, 98.0, 182.0, 140.0]);
+    }
+}

@@ -1,0 +1,157 @@
+"""Clips of busy streets with truth: `python -m render.busy --out DIR`, in seconds without pictures, with `--pixels` as videos.
+
+A street with a junction: a queue at the light, lanes with overtaking, lorries and buses that hide cars, cars that leave their
+bays and others that take them. What is seen of whom is worked out by `outlines` either way. Files: `truth.py`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+
+import numpy as np
+
+from cars.builder import sample_car
+from cars.heavy import sample_heavy
+from cars.mesh import CarMesh
+from json_files import write_json
+
+from .camera import Camera
+from .dataset import TRUTH
+from .frames import VideoWriter, draw, finished, sample_finish
+from .junction import Junction, Vehicle, touching
+from .looks import sample_car_look
+from .outlines import Outlines
+from .places import Site, make_street
+from .stills import WEATHERS, sample_weather, set_exposure, wheelbase
+from .truth import SMALLEST_SHARE, car_record, dataset_record, item_record
+
+MODELS = {"car": 24, "truck": 4, "bus": 2}
+IN_VIEW = (18, 45)  # vehicles in the picture, on average
+LEAST_PX = 20.0  # longer side of what counts for that
+
+
+def sample_camera(rng: np.random.Generator, size: tuple[int, int]) -> Camera:
+    """Above the street, or beside it: 6–12 m high, a street's length in view."""
+    return Camera(size, size[0] * rng.uniform(0.9, 1.5), rng.uniform(6, 12), np.radians(rng.uniform(9, 17)),
+                  float(np.clip(rng.normal(0, 0.015), -0.04, 0.04)))
+
+
+def sample_street(rng: np.random.Generator, camera: Camera, wet: bool) -> Site:
+    """A street that leads away from the camera, straight or at an angle, its junction in the picture's middle."""
+    middle = camera.ground_from_pixel(np.array(camera.principal_point_px) + [0, 0.1 * camera.image_size_px[1]])
+    ahead = np.array([0.0, min(float(middle[1]) if middle is not None else 45.0, 55.0)])
+    turn = np.pi / 2 + rng.choice([-1, 1]) * (rng.uniform(0.05, 0.3) if rng.random() < 0.6 else rng.uniform(0.5, 1.0))
+    across = np.array([-np.sin(turn), np.cos(turn)])
+    return make_street(rng, ahead + across * rng.uniform(-6, 6), turn, wet, 4, rng.uniform(-4, 8))
+
+
+def sample_busy(rng: np.random.Generator, split: str, seconds: float, fps: float, size: tuple[int, int]
+                ) -> tuple[Camera, Site, list[Vehicle], list[list[dict]], np.random.Generator]:
+    """A scene in which nobody touches another and enough is seen, with the cars of its frames."""
+    meshes = {kind: [sample_car(rng, split=split) if kind == "car" else sample_heavy(rng, kind) for _ in range(count)]
+              for kind, count in MODELS.items()}
+    wheelbases = {id(mesh): wheelbase(mesh) if kind == "car" else 0.55 * float(mesh.dims[0])
+                  for kind, many in meshes.items() for mesh in many}
+    while True:
+        camera = sample_camera(rng, size)
+        site = sample_street(rng, camera, False)
+        site.props = [prop for prop in site.props if np.linalg.norm(prop.world_from_prop[:2, 3]) > 9]
+        vehicles = Junction(rng, site, seconds, meshes, rng.uniform(3.5, 6.0), wheelbases).run()
+        if _in_view(camera, vehicles, seconds) and not touching(vehicles, seconds):
+            return camera, site, vehicles, frames_of(camera, site, vehicles, seconds, fps), rng
+
+
+def _in_view(camera: Camera, vehicles: list[Vehicle], seconds: float) -> bool:
+    counts = []
+    for time_s in np.linspace(0, seconds, 6):
+        places = np.array([m.world_from_car[:3, 3] for v in vehicles if (m := v.at(time_s)) is not None])
+        pixels, depth = camera.pixel_from_world(places + [0, 0, 0.7])
+        large = camera.focal_px * 4.3 / depth > LEAST_PX
+        counts.append((((pixels > 0) & (pixels < camera.image_size_px)).all(1) & large & (depth > 5)).sum())
+    return IN_VIEW[0] <= np.mean(counts) <= IN_VIEW[1]
+
+
+def frames_of(camera: Camera, site: Site, vehicles: list[Vehicle], seconds: float, fps: float) -> list[list[dict]]:
+    """The vehicles of each frame that are seen well enough."""
+    outlines = Outlines(camera, site.props)
+    frames = []
+    for number in range(round(seconds * fps)):
+        there = [(i, v, m) for i, v in enumerate(vehicles) if (m := v.at(number / fps)) is not None]
+        sights = outlines.sights([(i, v.mesh, m.world_from_car) for i, v, m in there])
+        shown = [(i, m) for i, _, m in there if i in sights and sights[i].seen_share >= SMALLEST_SHARE]
+        frames.append([car_record(i, m, sights[i]) for i, m in shown])
+    return frames
+
+
+def film(rng: np.random.Generator, path: Path, camera: Camera, site: Site, vehicles: list[Vehicle], weather: str, seconds: float,
+         fps: float) -> None:
+    """The video."""
+    from .renderer import Renderer
+    from .scene import PlacedCar, Scene
+
+    renderer = Renderer(shadow_size=4096)
+    gpu = {id(mesh): renderer.upload(mesh) for mesh in {id(v.mesh): v.mesh for v in vehicles}.values()}
+    looks = [sample_car_look(rng) for _ in vehicles]
+    _, light = sample_weather(rng, weather)
+    finish, centre = sample_finish(rng, weather == "dusk"), np.append(site.origin, 0.0)
+    video = VideoWriter(path, camera.image_size_px, fps, 23)
+    exposure, start, frames = None, time.monotonic(), round(seconds * fps)
+    for number in range(frames):
+        cars = [PlacedCar(gpu[id(v.mesh)], look, m.world_from_car) for v, look in zip(vehicles, looks, strict=True)
+                if (m := v.at(number / fps)) is not None]
+        cars.sort(key=lambda car: np.linalg.norm(car.world_from_car[:2, 3]))
+        scene = Scene(cars, site.props, site.floor, light, centre, 70.0, 4.0)
+        if exposure is None:
+            set_exposure(rng, scene, weather)
+            exposure = light.exposure
+        drawn = draw(renderer, scene, camera, (0, 0, *camera.image_size_px))
+        video.write(finished(rng, drawn, camera.image_size_px, finish))
+        if number % 50 == 49:
+            left = (time.monotonic() - start) / (number + 1) * (frames - number - 1)
+            print(f"{path.stem}: frame {number + 1} of {frames}, {left / 60:.1f} min left", flush=True)
+    video.finish()
+
+
+def make(out: Path, options: argparse.Namespace) -> None:
+    """Clips that are not there yet, then `dataset.json`."""
+    folder = out / "scenes"
+    folder.mkdir(parents=True, exist_ok=True)
+    items = []
+    for number in range(options.clips):
+        stem = f"busy_{number:04d}"
+        items.append(f"scenes/{stem}{TRUTH}")
+        if (folder / f"{stem}{TRUTH}").exists():
+            continue
+        rng = np.random.default_rng([options.seed, 3, number])
+        weather = list(WEATHERS)[number % len(WEATHERS)]
+        camera, site, vehicles, frames, rng = sample_busy(rng, options.split, options.seconds, options.fps, options.size)
+        media = f"{stem}.mp4" if options.pixels else None
+        if options.pixels:
+            film(rng, folder / media, camera, site, vehicles, weather, options.seconds, options.fps)
+        meshes: dict[int, CarMesh] = {i: vehicle.mesh for i, vehicle in enumerate(vehicles)}
+        record = item_record(media, options.fps, {"layout": "junction", "weather": weather}, camera, meshes, frames)
+        write_json(folder / f"{stem}{TRUTH}", record)
+        seen = sum(map(len, frames)) / len(frames)
+        print(f"{stem}: {len(record['models'])} vehicles, {seen:.0f} seen at a time", flush=True)
+    write_json(out / "dataset.json", dataset_record("busy", options.split, options.seed, items), indent=1)
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--clips", type=int, default=3)
+    parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--fps", type=float, default=10.0)
+    parser.add_argument("--size", type=lambda text: tuple(map(int, text.split("x"))), default=(1280, 720), metavar="WIDTHxHEIGHT")
+    parser.add_argument("--split", choices=("train", "eval"), default="eval")
+    parser.add_argument("--seed", type=int, default=6)
+    parser.add_argument("--pixels", action="store_true", help="renders the videos, too")
+    options = parser.parse_args()
+    make(options.out, options)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,69 @@
+"""Tests of busy streets: who hides whom, and how vehicles follow each other."""
+
+from __future__ import annotations
+
+import unittest
+
+import numpy as np
+
+from cars.heavy import sample_heavy
+from cars.mesh import KEYPOINT_NAMES, CarMesh
+
+from .camera import Camera, world_from_car
+from .junction import WARM_S, Junction, touching
+from .outlines import Outlines
+from .places import make_street
+
+
+def block(length: float = 4.4) -> CarMesh:
+    """A car as a plain box with its corners for keypoints."""
+    corners = np.array([(x, y, z) for x in (-length / 2, length / 2) for y in (-0.9, 0.9) for z in (0.0, 1.5)])
+    points = np.full((len(KEYPOINT_NAMES), 3), np.nan)
+    points[:8] = corners * [1, 1, 0.8]
+    normals, faces, materials = np.zeros((8, 3), np.float32), np.zeros((0, 3), np.int32), np.zeros(0, np.uint8)
+    dims = np.array([length, 1.8, 1.5])
+    return CarMesh("block", "wagon", corners.astype(np.float32), normals, faces, materials, points, dims)
+
+
+class Busy(unittest.TestCase):
+    def test_a_bus_hides_the_car_behind_it(self) -> None:
+        camera = Camera((1280, 720), 1200.0, 6.0, 0.2, 0.0)
+        outlines = Outlines(camera, [])
+        bus, car = sample_heavy(np.random.default_rng(1), "bus"), block()
+        cars = [(1, car, world_from_car(0.0, 40.0, 0.0)), (2, car, world_from_car(14.0, 40.0, 0.0))]
+        alone = outlines.sights(cars)
+        self.assertGreater(alone[1].seen_share, 0.9)
+        behind = outlines.sights([(0, bus, world_from_car(-4.0, 34.0, 0.0)), *cars])
+        self.assertLess(behind[1].seen_share if 1 in behind else 0.0, 0.4)
+        self.assertAlmostEqual(behind[2].seen_share, alone[2].seen_share, places=2)
+        # Of a car seen from the front the far corners are hidden by itself.
+        visible = alone[2].visible[:8]
+        self.assertTrue(0 < visible.sum() < 8)
+
+    def test_heavy_vehicles_are_as_large_as_they_say(self) -> None:
+        for kind in ("truck", "bus"):
+            mesh = sample_heavy(np.random.default_rng(2), kind)
+            size = mesh.vertices.max(0) - mesh.vertices.min(0)
+            self.assertTrue((np.abs(size - mesh.dims) < [0.15, 0.05, 0.05]).all(), f"{size} {mesh.dims}")
+            middles = mesh.vertices[mesh.faces].mean(1)
+            sides = np.abs(mesh.normals[mesh.faces[:, 0], 1]) > 0.9
+            outer = sides & (np.abs(middles[:, 1]) > 0.49 * mesh.dims[1])
+            self.assertTrue((mesh.normals[mesh.faces[outer, 0], 1] * middles[outer, 1] > 0).all())
+
+    def test_nobody_drives_through_another_and_bays_change_hands(self) -> None:
+        rng = np.random.default_rng(5)
+        site = make_street(rng, np.array([0.0, 45.0]), np.pi / 2, False, 4, 0.0)
+        mesh = block()
+        vehicles = Junction(rng, site, 30.0, {"car": [mesh], "truck": [mesh], "bus": [mesh]}, 5.0, {id(mesh): 2.7}).run()
+        self.assertLess(touching(vehicles, 30.0), 3)
+        driven = [v for v in vehicles if v.track and v.track[-1][0] - v.track[0][0] > 5]
+        self.assertGreater(len(driven), 20)
+        self.assertTrue(any(v.leaves_s is not None and v.shifts for v in vehicles))
+        for vehicle in driven:
+            steps = np.diff([s for s, _ in vehicle.track])
+            self.assertTrue((steps >= 0).all() and steps.max() < 2.0)
+        self.assertEqual(vehicles[0].from_step, -round(WARM_S * 10))
+
+
+if __name__ == "__main__":
+    unittest.main()
