@@ -2,9 +2,10 @@
 
     python scripts/eval/lenses.py [DATASET] [--program target/release/roadplane] [--work FOLDER]
 
-Every clip of the data set (default tests/data/lots) is bent by OpenCV's k1 of -0.4 to 0.05, drawn evenly with a fixed seed (k2 = 0.3 k1²,
-as published lenses have it), run, and compared with its truth. The picture is magnified so that no rim without picture shows; the true
-focal length grows with it. Prints one line a clip and the medians. Needs numpy, OpenCV and the ffmpeg command.
+Every clip of the data set (default tests/data/lots) is bent by OpenCV's k1 of -0.4 to 0.05, drawn evenly with a fixed seed
+(k2 = 0.3 k1², as published lenses have it), run, and compared with its truth. The picture is magnified so that no rim without
+picture shows; the true focal length grows with it. Prints one line a clip and the medians. FOLDER must not hold older runs. Needs
+numpy, OpenCV and the ffmpeg command.
 """
 
 import argparse
@@ -34,7 +35,8 @@ def bend(frames: list[np.ndarray], focal_px: float, k1: float) -> tuple[list[np.
         return straight_px * (1 + k1 * square + k2 * square**2)
 
     # Before the lens turns back.
-    rising = radii[: 1 + int(np.argmax(np.diff(bent(radii)) <= 0)) or len(radii)] if (np.diff(bent(radii)) <= 0).any() else radii
+    falls = np.flatnonzero(np.diff(bent(radii)) <= 0)
+    rising = radii[: falls[0] + 1] if len(falls) else radii
     # How much larger the picture must be for its corners, or the middles of its sides, to show something.
     reach = np.array([math.hypot(*middle), middle[0], middle[1]])
     scale = max(1.0, max(r / bent(np.array(r)) for r in reach))

@@ -209,7 +209,7 @@ mod tests {
             let angle = 3.1 * spread(i, 71);
             let along = Vector2::new(angle.cos(), angle.sin()) * (100.0 + 150.0 * (spread(i, 29) + 0.5));
             let across = Vector2::new(-angle.sin(), angle.cos());
-            let found = 0.6 * spread(i, 13) + if i % 3 == 0 { 20.0 * spread(i, 17) } else { 0.0 };
+            let found = 0.6 * spread(i, 13) + if i.is_multiple_of(3) { 20.0 * spread(i, 17) } else { 0.0 };
             let ends = [middle - along, middle + along];
             let points = [ends[0], middle + found * across, ends[1]];
             SceneCurve { points_px: points.map(|p| lens.bent(&p) + SIZE.centre_px()), sd_px: 0.5 }

@@ -17,6 +17,9 @@ use crate::streaming::stretch_of;
 /// Ages of a position of the camera at which lines are looked for, s: at once, and when ever more of the place was seen bare.
 const AGES_S: [f64; 3] = [0.0, 4.0, 30.0];
 
+/// Lines that may be vertical, and long edges.
+type SceneEdges = (Vec<SceneLine>, Vec<SceneCurve>);
+
 /// Looks for lines when they are due. Only within the minute of the input in which a position began, so that a resumed run,
 /// which goes on at a full minute, finds the same.
 #[derive(Debug)]
@@ -40,7 +43,7 @@ impl LineFinder {
         place: &RgbImage,
         cars: &[CarRecord],
         time_s: f64,
-    ) -> Result<Option<(Vec<SceneLine>, Vec<SceneCurve>)>, PipelineError> {
+    ) -> Result<Option<SceneEdges>, PipelineError> {
         if seen.is_new_position {
             *self = Self::new(false);
         }

@@ -198,6 +198,8 @@ pub(crate) mod tests {
             span_s: [0.0, 2.0],
             image_size_px: size,
             principal_point_px: size.centre_px(),
+            lens: roadplane_base::Lens::STRAIGHT,
+            bend_sd: None,
             params: CameraParams { log_focal: 700f64.ln(), tilt: 0.3, roll: 0.0, log_height: 8f64.ln() },
             covariance: Matrix4::identity() * 1e-3,
             status: CameraStatus::Estimated,
