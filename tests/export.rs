@@ -35,7 +35,7 @@ fn a_folder_that_is_no_run_is_named() {
     let failed =
         roadplane().arg("export").arg(dir.path()).args(["--format", "mot", "--out"]).arg(&out).output();
     let failed = failed.unwrap();
-    assert_eq!(failed.status.code(), Some(1));
+    assert_eq!(failed.status.code(), Some(2));
     assert!(String::from_utf8_lossy(&failed.stderr).contains("summary.json"));
     assert_eq!(names(dir.path()), Vec::<String>::new());
 }

@@ -371,10 +371,7 @@ impl Tracker {
     /// All tracks, by first frame, then by x.
     #[must_use]
     pub fn finish(mut self) -> Vec<Track> {
-        let options = &self.options;
-        let is_short = self.looks.count <= options.confirm_frames;
-        let confirmed = |live: &Live| is_short || live.raw.observations.len() >= options.confirm_hits;
-        self.ended.extend(self.live.drain(..).filter(confirmed).map(|live| live.raw));
+        self.ended.extend(self.live.drain(..).map(|live| live.raw));
         let least = self.options.min_observed.min(self.looks.count.div_ceil(2));
         let mut raw = merge_duplicates(link(merge_duplicates(self.ended), self.options.max_hidden_s));
         raw.retain(|track| {

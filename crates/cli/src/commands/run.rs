@@ -34,15 +34,15 @@ pub fn run(args: &RunArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let run_span = tracing::info_span!(target: "roadplane_ids", "run", run_id);
     let site = super::site::site(&args.site)?;
     let models = find_models(config.models.folder.as_deref())?;
+    let cameras = match (&args.cameras, &args.camera_id) {
+        (Some(folder), Some(id)) => Some(CameraMemory::open(folder, id, &args.inputs)?),
+        _ => None,
+    };
     let _lock = FolderLock::acquire(&args.out).map_err(PipelineError::from)?;
     sandbox::enter(&needs(args, &config));
     if let Some(address) = args.metrics {
         metrics::serve(address, &metrics)?;
     }
-    let cameras = match (&args.cameras, &args.camera_id) {
-        (Some(folder), Some(id)) => Some(CameraMemory::open(folder, id, &args.inputs)?),
-        _ => None,
-    };
     let options = RunOptions {
         models,
         known,
