@@ -92,13 +92,13 @@ fn the_demo_clip_is_solved() {
     let tracks = table("02-tracks-on-the-ground.csv");
     assert!(tracks["HOTA, %"] > 70.0 && tracks["MOTA, %"] > 88.0, "{tracks:?}");
     assert_eq!(tracks["switches"], 0.0, "{tracks:?}");
-    let motion = table("04-motion.csv");
+    let motion = table("05-motion.csv");
     assert!(motion["found, %"] > 80.0 && motion["heading, median °"] < 5.0, "{motion:?}");
     assert!(motion["jitter, median m"] < 0.05, "parked cars stand still: {motion:?}");
-    let poses = table("05-poses-add.csv");
+    let poses = table("06-poses-add.csv");
     assert!(poses["cars"] > 100.0 && poses["0.8 d, %"] > 80.0, "{poses:?}");
-    assert!(table("06-poses-viewpoint.csv")["0.14 rad, %"] > 75.0);
-    assert!(table("07-boxes-of-cars-that-got-a.csv")["AP50, %"] > 75.0);
+    assert!(table("07-poses-viewpoint.csv")["0.14 rad, %"] > 75.0);
+    assert!(table("08-boxes-of-cars-that-got-a.csv")["AP50, %"] > 75.0);
     let page = std::fs::read_to_string(tables.join("report.html")).unwrap();
     assert_eq!(page.matches("<svg").count(), 3);
 
