@@ -192,7 +192,7 @@ class Camera:
 
 
 def _square(pixels: Array) -> Array:
-    return np.sum(pixels**2, axis=-1, keepdims=True)
+    return np.asarray(np.sum(pixels**2, axis=-1, keepdims=True))
 
 
 def _camera_from_world(params: Array) -> Array:
