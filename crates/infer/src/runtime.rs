@@ -2,7 +2,7 @@
 
 use std::fmt;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use ort::device::Device;
 use ort::environment::Environment;
@@ -67,6 +67,8 @@ struct Runtime {
 }
 
 static RUNTIME: Mutex<Option<Runtime>> = Mutex::new(None);
+/// The library that was searched for and found: a process that has shut itself in cannot look through folders again.
+static FOUND: OnceLock<PathBuf> = OnceLock::new();
 
 /// The runtime's library: `explicit`, else `ORT_DYLIB_PATH`, else that of the package `onnxruntime` in [`python_packages`],
 /// else [`RUNTIME_LIBRARY`] in a folder above the executable, else above the current folder.
@@ -80,6 +82,9 @@ pub fn find_library(explicit: Option<&Path>) -> Result<PathBuf, InferError> {
     if let Some(path) = std::env::var_os("ORT_DYLIB_PATH").filter(|path| !path.is_empty()) {
         return existing(Path::new(&path), "ORT_DYLIB_PATH");
     }
+    if let Some(path) = FOUND.get() {
+        return Ok(path.clone());
+    }
     let starts = [std::env::current_exe(), std::env::current_dir()];
     let packages = starts[0].iter().flat_map(|executable| python_packages(executable));
     let above = starts.iter().flatten().flat_map(|start| start.ancestors());
@@ -87,6 +92,7 @@ pub fn find_library(explicit: Option<&Path>) -> Result<PathBuf, InferError> {
         .filter_map(|packages| packaged_library(&packages))
         .chain(above.map(|folder| folder.join(RUNTIME_LIBRARY)))
         .find(|path| path.is_file())
+        .map(|path| FOUND.get_or_init(|| path).clone())
         .ok_or_else(|| InferError::RuntimeMissing {
             what: format!("no {RUNTIME_LIBRARY} above the executable or the current folder"),
         })
