@@ -3,8 +3,9 @@
 //! A net sees the cars of one place from a little too high or too low, all of them alike: no number of cars averages that out. So
 //! beside the information on x = (log f, tilt, roll, log h) that evidence holds were cars' errors independent, it is kept how the
 //! camera it leads to moves with the errors s that all cars of a place share: of the angle at which they are seen from above, of
-//! their turn about the line of sight (rad), of what is known of the lens (1/px²), and of the principal point (px). Evidence of several pictures of a place adds up; only then is s taken for what it is, an
-//! error of known sd: `Σ = I⁻¹ + G S Gᵀ`, with `G = −I⁻¹ C` of the information I and its cross part C between x and s.
+//! their turn about the line of sight (rad), of what is known of the lens (1/px²), and of the principal point (px). Evidence of
+//! several pictures of a place adds up; only then is s taken for what it is, an error of known sd: `Σ = I⁻¹ + G S Gᵀ`, with
+//! `G = −I⁻¹ C` of the information I and its cross part C between x and s.
 
 use nalgebra::{Matrix4, Matrix4x5, Matrix5, Vector4, Vector5};
 

@@ -34,7 +34,7 @@ const BENDS: [f64; 2] = [-0.6, 0.2];
 const STEP: f64 = 0.0025;
 /// Share of pictures that are straight, and sd of the bend that these have nevertheless.
 const STRAIGHT_SHARE: f64 = 0.4;
-const STRAIGHT_SD: f64 = 0.005;
+pub(crate) const STRAIGHT_SD: f64 = 0.005;
 /// OpenCV's k1 of the others' lenses, mean and sd: most bend lines outwards, published ones by −0.4 to 0.05.
 const K1: [f64; 2] = [-0.12, 0.15];
 
@@ -42,6 +42,8 @@ const K1: [f64; 2] = [-0.12, 0.15];
 #[derive(Clone, Debug, PartialEq)]
 pub struct LensView {
     size: ImageSize,
+    /// No edges.
+    is_bare: bool,
     /// Log likelihood of the edges of each side, for each of [`KINDS`], over [`bends`].
     sides: [[Vec<f64>; KINDS]; SIDES],
 }
@@ -82,7 +84,7 @@ impl LensView {
                 }
             }
         }
-        Self { size, sides }
+        Self { size, is_bare: curves.is_empty(), sides }
     }
 
     /// Log likelihood over [`bends`] of the edges of all sides but one.
@@ -95,6 +97,9 @@ impl LensView {
     /// The lens, where the edges show one, before the cars are looked at.
     #[must_use]
     pub fn found(&self, log_focal: LogFocal) -> Option<LensFound> {
+        if self.is_bare {
+            return None;
+        }
         let bent = self.prior(log_focal, 0.0);
         let straight = self.prior(log_focal, 1.0);
         let gain = |but: Option<usize>| {
@@ -125,12 +130,10 @@ impl LensView {
     /// Density of each bend beforehand, over what the focal length may be.
     fn prior(&self, [log_focal, sd]: LogFocal, straight_share: f64) -> Vec<f64> {
         const STEPS: i32 = 10;
-        let half_width = 0.5 * f64::from(self.size.width);
         let mut prior = vec![0.0; bends().count()];
         for step in -STEPS..=STEPS {
             let z = 2.5 * f64::from(step) / f64::from(STEPS);
-            let wide = (half_width / (log_focal + z * sd).exp()).powi(2);
-            let (mean, sd) = (K1[0] * wide, (K1[1] * wide).hypot(STRAIGHT_SD));
+            let [mean, sd] = bend_of_lenses((log_focal + z * sd).exp(), self.size);
             let weight = (-0.5 * z * z).exp();
             for (density, bend) in prior.iter_mut().zip(bends()) {
                 let bent = normal((bend - mean) / sd) / sd;
@@ -154,6 +157,12 @@ impl LensView {
             bends().zip(&weights).map(|(bend, weight)| (bend - mean).powi(2) * weight).sum::<f64>() / sum;
         (mean.is_finite() && variance.is_finite()).then(|| [mean, variance.sqrt().max(STEP)])
     }
+}
+
+/// Mean and sd of the bend of lenses of a focal length, px, where pictures were not straightened.
+pub(crate) fn bend_of_lenses(focal_px: f64, size: ImageSize) -> [f64; 2] {
+    let wide = (0.5 * f64::from(size.width) / focal_px).powi(2);
+    [K1[0] * wide, (K1[1] * wide).hypot(STRAIGHT_SD)]
 }
 
 fn bends() -> impl Iterator<Item = f64> {

@@ -17,6 +17,7 @@ use nalgebra::{Matrix2, Vector2};
 use roadplane_base::{Camera, CameraEstimate, Clue, SceneLine};
 
 use self::field::{Field, Node};
+use crate::lens::{STRAIGHT_SD, bend_of_lenses};
 
 /// No more edges are looked at; ours are fewer, others' files may have any number.
 const MOST_LINES: usize = 300;
@@ -24,10 +25,6 @@ const MOST_LINES: usize = 300;
 const LEAST_GAIN: f64 = 4.6;
 /// A witness that knows log focal no better than this, with the horizon given, is none.
 const WEAKEST: f64 = 0.25;
-/// Radial distortion of surveillance lenses (k1, mean and sd): most bend lines outwards, published ones by −0.4 to 0.05.
-const LENS: [f64; 2] = [-0.12, 0.15];
-/// The same that is left where the focal length is long, of the picture's half width.
-const LENS_FLOOR: f64 = 0.005;
 
 /// The vertical of a scene.
 #[derive(Clone, Debug, PartialEq)]
@@ -89,15 +86,15 @@ impl Prior {
         if !(horizon[0] > 2.0 * horizon[1] && horizon[1].is_finite()) {
             return None;
         }
-        let wide = (0.5 * f64::from(cars.image_size_px.width) / focal_px).powi(2);
         Some(Self {
             focal_px,
             log_focal_sd: covariance[(0, 0)].sqrt(),
             horizon,
             roll: [cars.params.roll, 1.5 * covariance[(2, 2)].sqrt()],
-            lens: cars.bend_sd.map_or([LENS[0] * wide, (LENS[1] * wide).hypot(LENS_FLOOR)], |sd| {
-                [cars.lens.bend(cars.image_size_px), sd.max(LENS_FLOOR)]
-            }),
+            lens: cars.bend_sd.map_or_else(
+                || bend_of_lenses(focal_px, cars.image_size_px),
+                |sd| [cars.lens.bend(cars.image_size_px), sd.max(STRAIGHT_SD)],
+            ),
         })
     }
 
