@@ -48,12 +48,15 @@ pub fn overlap_inside([x0, y0, x1, y1]: &[f64; 4], bbox_px: &[f64; 4], size: Ima
 
 /// Mean score below which a track is doubtful.
 const SURE_SCORE: f64 = 0.46;
-/// What moves so far is something that drives, m.
+/// What moves so far while it is seen is something that drives, m, if its box leaves its place, too: far off, places jitter by as
+/// much. Between sightings farther apart than this, s, nobody saw it move.
 const DRIVEN_M: f64 = 3.0;
+const LEFT_OVERLAP: f64 = 0.5;
+const SEEN_MOVING_S: f64 = 1.0;
 /// Few cars are lower, m.
 const MIN_HEIGHT_M: f64 = 1.3;
-/// A doubtful vehicle that stands must be seen for so long, s (or for this share of a clip that is hardly longer), and in this share
-/// of the looks at it; where it is held nobody looks.
+/// A doubtful vehicle must be seen in this share of the looks at it (where it is held nobody looks), one that stands for so long, s,
+/// or for this share of a clip that is hardly longer.
 const MIN_SEEN_S: f64 = 2.0;
 const MIN_CLIP_SHARE: f64 = 0.75;
 const MIN_SEEN_SHARE: f64 = 0.5;
@@ -69,10 +72,11 @@ pub fn is_vehicle(track: &Track, height_m: f64, looked_s: &[f64]) -> bool {
     let (Some(first), Some(last)) = (seen.first(), seen.last()) else { return false };
     let (from_s, to_s) = (first.stamp.time_s(), last.stamp.time_s());
     let score = seen.iter().map(|state| state.score).sum::<f64>() / seen.len() as f64;
-    let way = (last.pose.x_m - first.pose.x_m).hypot(last.pose.y_m - first.pose.y_m);
-    if score >= SURE_SCORE || way >= DRIVEN_M {
+    let near = |a: &&TrackState, b: &&TrackState| b.stamp.time_s() - a.stamp.time_s() <= SEEN_MOVING_S;
+    if score >= SURE_SCORE {
         return true;
     }
+    let drives = seen.chunk_by(near).any(drives);
     let span = looked_s.partition_point(|t| *t < from_s)..looked_s.partition_point(|t| *t <= to_s);
     let (held, looked): (Vec<&TrackState>, Vec<&TrackState>) = seen.iter().partition(|state| state.held);
     let is_held = |time_s: &f64| {
@@ -83,9 +87,16 @@ pub fn is_vehicle(track: &Track, height_m: f64, looked_s: &[f64]) -> bool {
     let seen = Looks::of(looked.iter().map(|state| state.stamp.time_s()));
     let share = seen.count as f64 / Looks::of(looks).count.max(1) as f64;
     let clip_s = looked_s.last().zip(looked_s.first()).map_or(0.0, |(last, first)| last - first);
-    height_m >= MIN_HEIGHT_M
-        && to_s - from_s >= MIN_SEEN_S.min(MIN_CLIP_SHARE * clip_s)
-        && share >= MIN_SEEN_SHARE
+    let stands = height_m >= MIN_HEIGHT_M && to_s - from_s >= MIN_SEEN_S.min(MIN_CLIP_SHARE * clip_s);
+    share >= MIN_SEEN_SHARE && (drives || stands)
+}
+
+/// Whether a vehicle went somewhere else while it was seen.
+fn drives(seen: &[&TrackState]) -> bool {
+    let (Some(first), Some(last)) = (seen.first(), seen.last()) else { return false };
+    let way = (last.pose.x_m - first.pose.x_m).hypot(last.pose.y_m - first.pose.y_m);
+    let left = first.bbox_px.zip(last.bbox_px).is_none_or(|(a, b)| bbox_iou(&a, &b) < LEFT_OVERLAP);
+    way >= DRIVEN_M && left
 }
 
 #[cfg(test)]
@@ -97,15 +108,16 @@ mod tests {
 
     /// A track of `count` sightings, 0.1 s apart, from x = 0 to `to_m`.
     fn track(count: u64, score: f64, to_m: f64) -> Track {
+        let way = |i: u64| to_m * i as f64 / count as f64;
         let state = |i: u64| TrackState {
             stamp: FrameStamp { index: i, pts_nanos: i as i64 * 100_000_000 },
             observed: true,
             held: false,
-            pose: GroundPose { x_m: to_m * i as f64 / count as f64, y_m: 30.0, heading_rad: 0.0 },
+            pose: GroundPose { x_m: way(i), y_m: 30.0, heading_rad: 0.0 },
             pose_sd: nalgebra::Vector3::repeat(0.1),
             speed_mps: 0.0,
             speed_sd_mps: 0.1,
-            bbox_px: Some([0.0, 0.0, 40.0, 30.0]),
+            bbox_px: Some([10.0 * way(i), 0.0, 40.0 + 10.0 * way(i), 30.0]),
             score,
             car: Some(0),
         };
@@ -129,6 +141,18 @@ mod tests {
         let mut seldom = track(100, 0.4, 0.0);
         seldom.states = seldom.states.into_iter().step_by(3).collect();
         assert!(!is_vehicle(&seldom, 1.5, &looked_s));
+        // Places wander, the box stays; found here and, after a while, there.
+        let mut wanders = track(10, 0.4, 9.0);
+        wanders.states.iter_mut().for_each(|state| state.bbox_px = Some([0.0, 0.0, 40.0, 30.0]));
+        assert!(!is_vehicle(&wanders, 1.5, &looked_s));
+        let mut jumps = track(10, 0.4, 9.0);
+        for state in &mut jumps.states[5..] {
+            state.stamp.pts_nanos += 950_000_000;
+        }
+        for (i, state) in jumps.states.iter_mut().enumerate() {
+            state.pose.x_m = if i < 5 { 0.0 } else { 9.0 };
+        }
+        assert!(!is_vehicle(&jumps, 1.5, &looked_s));
         // Held between a few looks of many that found it.
         let mut held = track(100, 0.4, 0.0);
         for state in &mut held.states[10..80] {

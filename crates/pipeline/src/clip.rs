@@ -6,13 +6,13 @@ use std::sync::Arc;
 
 use nalgebra::{Matrix6, Vector2, Vector3};
 use roadplane_base::{
-    CameraEstimate, CameraStatus, CarRecord, CarRef, FrameRecord, FrameStamp, GroundPose, PoseRecord, Shape,
-    ShapeAtlas, TrackRow, VehicleClass, WatchRecord, bbox_moved,
+    CameraEstimate, CameraStatus, CarRecord, CarRef, FrameRecord, FrameStamp, GroundPose, ImageSize,
+    PoseRecord, Shape, ShapeAtlas, TrackRow, VehicleClass, WatchRecord, bbox_moved,
 };
 use roadplane_calibrate::AtRest;
 use roadplane_geo::{Place, Site};
 use roadplane_solve::{CarFit, SceneOptions, ShapePrior};
-use roadplane_track::{CarMeasurement, FrameMeasurements, HeldCar, Track, TrackState, Tracker};
+use roadplane_track::{CarMeasurement, FrameMeasurements, HeldCar, SeenAgain, Track, TrackState, Tracker};
 use roadplane_write::{FrameReader, PoseLines, read_jsonl, read_scene_curves};
 
 use crate::believe::{is_believable, is_vehicle, overlap_inside, projected_box};
@@ -165,6 +165,10 @@ pub(crate) fn solve_known_clip(
         track.shape = atlas.clamped(&held.unwrap_or(track.shape));
     }
     drop(vehicles);
+    tracks.retain(|track| pass.is_where_it_is_seen(track));
+    for (id, track) in (1..).zip(&mut tracks) {
+        track.id = id;
+    }
 
     let tracked: BTreeMap<CarRef, u64> =
         tracks.iter().flat_map(|track| sightings(track).map(|(key, _)| (key, track.id))).collect();
@@ -246,10 +250,11 @@ impl Pass<'_> {
                 None => (self.any_car, None),
             };
             let fitted = fit_frame(&frame, &view, self.atlas, &self.options, self.config, prior);
-            let (mut cars, mut held) = (Vec::new(), Vec::new());
+            let (mut cars, mut held, mut seen_again) = (Vec::new(), Vec::new(), Vec::new());
             for (index, fit) in fitted.into_iter().enumerate() {
                 let record = &frame.cars[index];
-                if record.seen_after.is_some() {
+                if let Some(look) = record.seen_after {
+                    seen_again.push(SeenAgain { look, bbox_px: record.bbox_px });
                     continue;
                 }
                 if record.held_since.is_some() || record.pose_from.is_some() {
@@ -311,13 +316,10 @@ impl Pass<'_> {
             if looked || !held.is_empty() {
                 looked_s.push(frame.time_s);
             }
-            tracker.push(&FrameMeasurements { stamp, looked, cars, held });
+            tracker.push(&FrameMeasurements { stamp, looked, cars, held, seen_again });
         }
         append(&mut tracks, tracker.finish());
         tracks.retain(|track| is_vehicle(track, self.dims_m(track).z, &looked_s));
-        for (id, track) in (1..).zip(&mut tracks) {
-            track.id = id;
-        }
         Ok((tracks, tally))
     }
 
@@ -356,18 +358,33 @@ impl Pass<'_> {
         })
     }
 
+    /// Box of a sighting that is where the track has its vehicle then: another one was another's.
+    fn own_box(&self, state: &TrackState, projected: Option<&[f64; 4]>, size: ImageSize) -> Option<[f64; 4]> {
+        let fits = |seen: &[f64; 4]| {
+            projected.is_none_or(|drawn| overlap_inside(drawn, seen, size) >= MIN_ROW_OVERLAP)
+        };
+        state.bbox_px.filter(fits)
+    }
+
+    /// Whether most of a track's sightings are of a vehicle at its place.
+    fn is_where_it_is_seen(&self, track: &Track) -> bool {
+        let (mut own, mut sightings) = (0, 0);
+        for state in track.states.iter().filter(|state| state.observed) {
+            let Some(estimate) = self.cameras.at(state.stamp.time_s()) else { continue };
+            let projected = self.projected_box(track, state);
+            sightings += 1;
+            own += usize::from(self.own_box(state, projected.as_ref(), estimate.image_size_px).is_some());
+        }
+        2 * own >= sightings
+    }
+
     /// A track's rows; boxes are where the shaken picture has them.
     fn rows(&self, track: &Track, shake_px: &BTreeMap<u64, Vector2<f64>>) -> Vec<TrackRow> {
         let dims = self.dims_m(track);
         let row = |state: &TrackState| {
-            // A box that is not where the track's vehicle is was another's.
             let projected = self.projected_box(track, state);
             let estimate = self.cameras.at(state.stamp.time_s())?;
-            let size = estimate.image_size_px;
-            let own = |seen: &[f64; 4]| {
-                projected.is_none_or(|box_px| overlap_inside(&box_px, seen, size) >= MIN_ROW_OVERLAP)
-            };
-            let seen_px = state.bbox_px.filter(own);
+            let seen_px = self.own_box(state, projected.as_ref(), estimate.image_size_px);
             let at_rest = seen_px.or(projected)?;
             let bbox_px =
                 shake_px.get(&state.stamp.index).map_or(at_rest, |shake| bbox_moved(&at_rest, shake));

@@ -1,8 +1,12 @@
 //! Two tracks of one car become one: two cars cannot share space.
 
+use nalgebra::Vector2;
+use roadplane_base::bbox_iou;
+
 use crate::{
+    TrackState,
     measurement::Observation,
-    tracker::{RawTrack, same_car},
+    tracker::{LEAST_OVERLAP, NEVER_NEARER_M, RawTrack, same_car},
 };
 
 /// Of the sightings that the weaker track has while the stronger one lives, so many, and this share, must coincide with its own.
@@ -12,17 +16,10 @@ const MIN_SHARED: f64 = 0.5;
 const NEAR_S: f64 = 0.5;
 
 /// Keeps the stronger of two tracks of one car, fills its gaps from the weaker, and takes what that saw before and after.
-pub(crate) fn merge_duplicates(mut tracks: Vec<RawTrack>) -> Vec<RawTrack> {
-    let strength = |track: &RawTrack| track.observations.iter().map(|o| o.score.max(0.01)).sum::<f64>();
-    let first = |track: &RawTrack| track.observations.first().map(|o| (o.frame, o.pose.x, o.pose.y));
-    tracks.sort_by(|a, b| {
-        let (fa, fb) = (first(a).unwrap_or_default(), first(b).unwrap_or_default());
-        let by_place = fa.0.cmp(&fb.0).then(fa.1.total_cmp(&fb.1)).then(fa.2.total_cmp(&fb.2));
-        strength(b).total_cmp(&strength(a)).then(by_place)
-    });
+pub(crate) fn merge_duplicates(tracks: Vec<RawTrack>) -> Vec<RawTrack> {
     let mut kept: Vec<RawTrack> = Vec::new();
-    for track in tracks {
-        match kept.iter().position(|strong| coincide(strong, &track)) {
+    for track in by_strength(tracks) {
+        match kept.iter().position(|strong| coincide(strong, &track, same_car)) {
             Some(index) => fill(&mut kept[index], track),
             None => kept.push(track),
         }
@@ -30,9 +27,55 @@ pub(crate) fn merge_duplicates(mut tracks: Vec<RawTrack>) -> Vec<RawTrack> {
     kept
 }
 
-fn coincide(strong: &RawTrack, weak: &RawTrack) -> bool {
+/// The same once places are smoothed: what single looks scatter too much to show.
+pub(crate) fn merge_smoothed(
+    tracks: Vec<RawTrack>,
+    smooth: impl Fn(&RawTrack) -> Vec<TrackState>,
+) -> Vec<(RawTrack, Vec<TrackState>)> {
+    let mut kept: Vec<(RawTrack, Vec<TrackState>)> = Vec::new();
+    for track in by_strength(tracks) {
+        let states = smooth(&track);
+        let strong = kept.iter().position(|(strong, strong_states)| {
+            coincide(strong, &track, |near, own| {
+                let places = place(strong, strong_states, near).zip(place(&track, &states, own));
+                places.is_some_and(|(a, b)| (a - b).norm() < NEVER_NEARER_M)
+                    && bbox_iou(&near.bbox_px, &own.bbox_px) > LEAST_OVERLAP
+            })
+        });
+        match strong.map(|index| &mut kept[index]) {
+            Some((strong, strong_states)) => {
+                fill(strong, track);
+                *strong_states = smooth(strong);
+            }
+            None => kept.push((track, states)),
+        }
+    }
+    kept
+}
+
+/// Where a track, smoothed, has a sighting's vehicle, m. States begin with the first sighting, one a frame.
+fn place(track: &RawTrack, states: &[TrackState], sighting: &Observation) -> Option<Vector2<f64>> {
+    let first = track.observations.first()?.frame;
+    let state = states.get(sighting.frame.checked_sub(first)?)?;
+    Some(Vector2::new(state.pose.x_m, state.pose.y_m))
+}
+
+/// Strongest first.
+fn by_strength(mut tracks: Vec<RawTrack>) -> Vec<RawTrack> {
+    let strength = |track: &RawTrack| track.observations.iter().map(|o| o.score.max(0.01)).sum::<f64>();
+    let first = |track: &RawTrack| track.observations.first().map(|o| (o.frame, o.pose.x, o.pose.y));
+    tracks.sort_by(|a, b| {
+        let (fa, fb) = (first(a).unwrap_or_default(), first(b).unwrap_or_default());
+        let by_place = fa.0.cmp(&fb.0).then(fa.1.total_cmp(&fb.1)).then(fa.2.total_cmp(&fb.2));
+        strength(b).total_cmp(&strength(a)).then(by_place)
+    });
+    tracks
+}
+
+/// `same` compares a sighting of the stronger track with one of the weaker.
+fn coincide(strong: &RawTrack, weak: &RawTrack, same: impl Fn(&Observation, &Observation) -> bool) -> bool {
     let together: Vec<&Observation> = weak.observations.iter().filter(|o| lives(strong, o.time_s)).collect();
-    let shared = together.iter().filter(|o| at(strong, o).is_some_and(|near| same_car(near, o))).count();
+    let shared = together.iter().filter(|o| at(strong, o).is_some_and(|near| same(near, o))).count();
     shared >= FEWEST_SHARED.min(weak.observations.len()) && shared as f64 > MIN_SHARED * together.len() as f64
 }
 

@@ -35,6 +35,6 @@ mod tracker;
 mod vehicle;
 
 pub use looks::Looks;
-pub use measurement::{CarMeasurement, FrameMeasurements, HeldCar, Track, TrackState};
+pub use measurement::{CarMeasurement, FrameMeasurements, HeldCar, SeenAgain, Track, TrackState};
 pub use options::TrackOptions;
 pub use tracker::Tracker;

@@ -73,6 +73,15 @@ pub struct HeldCar {
     pub car: usize,
 }
 
+/// A car that is seen again, and measured no better.
+#[derive(Clone, Copy, Debug)]
+pub struct SeenAgain {
+    /// The last look that measured it.
+    pub look: CarRef,
+    /// Box, px.
+    pub bbox_px: [f64; 4],
+}
+
 /// All cars fitted in one frame; a frame without cars is one too.
 #[derive(Clone, Debug)]
 pub struct FrameMeasurements {
@@ -84,13 +93,15 @@ pub struct FrameMeasurements {
     pub cars: Vec<CarMeasurement>,
     /// Those that are held.
     pub held: Vec<HeldCar>,
+    /// Those that were seen again so soon after a look that nobody measured them: their tracks want no other box.
+    pub seen_again: Vec<SeenAgain>,
 }
 
 impl FrameMeasurements {
     /// A frame that was looked at, in which nothing is held.
     #[must_use]
     pub fn seen(stamp: FrameStamp, cars: Vec<CarMeasurement>) -> Self {
-        Self { stamp, looked: true, cars, held: Vec::new() }
+        Self { stamp, looked: true, cars, held: Vec::new(), seen_again: Vec::new() }
     }
 }
 

@@ -166,12 +166,12 @@ fn runs(moving: &[bool]) -> Vec<Run> {
     found
 }
 
-/// Turns stands between two drives into driving where they are shorter than `least_s`.
+/// Turns stands between drives, or before or after one, into driving where they are shorter than `least_s`: at an end of the track
+/// a moment's stand cannot be told from driving that has hardly been seen.
 fn close_gaps(moving: &mut [bool], sightings: &[Observation], least_s: f64) {
     let found = runs(moving);
-    for (i, run) in found.iter().enumerate() {
-        let inner = i > 0 && i + 1 < found.len();
-        if run.parked && inner && seconds(&sightings[run.sightings.clone()]) < least_s {
+    for run in found.iter().filter(|_| found.len() > 1) {
+        if run.parked && seconds(&sightings[run.sightings.clone()]) < least_s {
             moving[run.sightings.clone()].fill(true);
         }
     }

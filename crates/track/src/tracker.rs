@@ -9,8 +9,13 @@ use roadplane_base::{
 };
 
 use crate::{
-    CarMeasurement, FrameMeasurements, HeldCar, Looks, Track, TrackOptions, duplicates::merge_duplicates,
-    filter::Filter, link::link, measurement::Observation, shape::ShapeSum, smooth::smooth_track,
+    CarMeasurement, FrameMeasurements, HeldCar, Looks, Track, TrackOptions,
+    duplicates::{merge_duplicates, merge_smoothed},
+    filter::Filter,
+    link::link,
+    measurement::Observation,
+    shape::ShapeSum,
+    smooth::smooth_track,
 };
 
 /// A track before smoothing.
@@ -85,6 +90,11 @@ impl RawTrack {
         [Car, Truck, Bus].map(|class| self.votes.get(&class).copied().unwrap_or(0.0))
     }
 
+    /// Size of a vehicle that is no car, m.
+    fn dims_m(&self) -> Option<Vector3<f64>> {
+        if self.class() == VehicleClass::Car { None } else { self.dims.mean() }
+    }
+
     fn class(&self) -> VehicleClass {
         let [car, truck, bus] = self.votes();
         if self.dims.mean().is_some_and(|dims| dims.z < MAX_CAR_HEIGHT_M && dims.x < MAX_CAR_LENGTH_M) {
@@ -134,8 +144,8 @@ const INWARD: f64 = 0.1;
 /// A box that lies within that of a standing car counts as if it overlapped it so much.
 const HIDDEN_OVERLAP: f64 = 0.6;
 /// Two vehicles' middles are never nearer than this, m; overlap of boxes with which it holds for measurements.
-const NEVER_NEARER_M: f64 = 1.0;
-const LEAST_OVERLAP: f64 = 0.2;
+pub(crate) const NEVER_NEARER_M: f64 = 1.0;
+pub(crate) const LEAST_OVERLAP: f64 = 0.2;
 /// A place whose sd is larger says little, m: the boxes must overlap, too.
 const VAGUE_M: f64 = 1.5;
 const TOUCHING: f64 = 0.05;
@@ -336,30 +346,41 @@ impl Tracker {
                 held[l] = true;
             }
         }
+        // Neither takes another's box.
+        let has_own: Vec<bool> = self
+            .live
+            .iter()
+            .zip(&held)
+            .map(|(live, held)| *held || frame.seen_again.iter().any(|car| car.look == live.look))
+            .collect();
         let pairs = assign(self.live.len(), cars.len(), ALONE, |l, c| {
-            if held[l] { f64::INFINITY } else { self.live[l].cost(&observations[c], gate) }
+            if has_own[l] { f64::INFINITY } else { self.live[l].cost(&observations[c], gate) }
         });
         let look = |c: usize| CarRef { frame: frame.stamp.index, car: cars[c].car };
         let mut taken = vec![false; cars.len()];
-        for ((live, pair), held) in self.live.iter_mut().zip(&pairs).zip(&held) {
+        for ((live, pair), has_own) in self.live.iter_mut().zip(&pairs).zip(&has_own) {
             match *pair {
                 Some(c) => {
                     live.add(cars[c], observations[c].clone(), look(c), gate);
                     taken[c] = true;
                 }
-                None => live.missed += usize::from(is_look && !held),
+                None => live.missed += usize::from(is_look && !has_own),
             }
         }
-        let held: Vec<Observation> = (self.live.iter().zip(&held))
-            .filter(|(_, held)| **held)
-            .filter_map(|(live, _)| live.last().cloned())
+        let own: Vec<Observation> = (self.live.iter().zip(&has_own))
+            .filter(|(_, has_own)| **has_own)
+            .filter_map(|(live, _)| {
+                let again = frame.seen_again.iter().find(|car| car.look == live.look);
+                let last = live.last()?;
+                Some(Observation { bbox_px: again.map_or(last.bbox_px, |car| car.bbox_px), ..last.clone() })
+            })
             .collect();
         let births: Vec<usize> = (0..cars.len())
             .filter(|&c| !taken[c] && cars[c].score >= self.options.birth_score && cars[c].may_begin())
             .filter(|&c| {
                 let same = |other: &Observation| same_car(&observations[c], other);
                 !(0..cars.len()).any(|other| taken[other] && same(&observations[other]))
-                    && !held.iter().any(same)
+                    && !own.iter().any(same)
             })
             .collect();
         self.bury(looks, time_s);
@@ -389,18 +410,25 @@ impl Tracker {
             let dense = seen.count as f64 >= self.options.min_duty * life.count as f64;
             track.observations.len() >= least && (dense || is_coherent(&track.observations))
         });
-        let mut tracks: Vec<Track> = raw
-            .iter()
-            .map(|track| {
+        let smooth = |track: &RawTrack| {
+            let mut options = self.options.clone();
+            if let Some(dims_m) = track.dims_m() {
+                options.half_wheelbase_m = HALF_WHEELBASE * dims_m.x;
+            }
+            smooth_track(&track.observations, &self.stamps, &self.times_s, &options)
+        };
+        let mut tracks: Vec<Track> = merge_smoothed(raw, smooth)
+            .into_iter()
+            .map(|(track, states)| {
                 let (shape, shape_information) = track.shape.fused();
-                let class = track.class();
-                let dims_m = if class == VehicleClass::Car { None } else { track.dims.mean() };
-                let mut options = self.options.clone();
-                if let Some(dims_m) = dims_m {
-                    options.half_wheelbase_m = HALF_WHEELBASE * dims_m.x;
+                Track {
+                    id: 0,
+                    class: track.class(),
+                    dims_m: track.dims_m(),
+                    states,
+                    shape,
+                    shape_information,
                 }
-                let states = smooth_track(&track.observations, &self.stamps, &self.times_s, &options);
-                Track { id: 0, class, dims_m, states, shape, shape_information }
             })
             .collect();
         let key = |track: &Track| track.states.first().map(|s| (s.stamp.index, s.pose.x_m, s.pose.y_m));

@@ -1,7 +1,8 @@
 //! What can go wrong: crossings, duplicates, gaps, nonsense.
 
-use nalgebra::Matrix3;
-use roadplane_track::{TrackOptions, Tracker};
+use nalgebra::{Matrix3, Vector3};
+use roadplane_base::CarRef;
+use roadplane_track::{SeenAgain, TrackOptions, Tracker};
 
 use crate::{
     parked::lot,
@@ -39,6 +40,67 @@ fn a_second_box_on_a_car_makes_no_second_track() {
     }
     let tracks = track(&seen.frames);
     assert_eq!(tracks.len(), 9);
+}
+
+#[test]
+fn a_second_box_whose_place_scatters_makes_no_second_track() {
+    let mut seen = World::new(
+        vec![straight(pose(-9.0, 22.0, 0.0), 4.0)],
+        Seeing { false_alarms: 0.0, ..Seeing::usual() },
+        times(4.0, 10.0),
+        3,
+    )
+    .see();
+    for (i, (frame, owners)) in seen.frames.iter_mut().zip(&mut seen.owners).enumerate() {
+        for car in 0..frame.cars.len() {
+            let mut double = frame.cars[car].clone();
+            let [x0, _, x1, _] = double.bbox_px;
+            double.bbox_px[0] += 0.4 * (x1 - x0);
+            double.bbox_px[2] += 0.4 * (x1 - x0);
+            // No two looks put it at one place; on average it is where the car is.
+            double.pose.y_m += if i % 2 == 0 { 1.8 } else { -1.8 };
+            double.covariance *= 4.0;
+            double.score = 0.4;
+            double.car = frame.cars.len();
+            frame.cars.push(double);
+            owners.push(Some(0));
+        }
+    }
+    assert_eq!(track(&seen.frames).len(), 1);
+}
+
+#[test]
+fn a_car_that_is_seen_again_takes_no_other_box() {
+    // In a queue the car behind comes up after a while, half hidden, and is measured in the frames in which the one in front is only
+    // seen.
+    let cars = vec![straight(pose(0.0, 40.0, -1.57), 5.0), straight(pose(0.6, 43.5, -1.57), 5.0)];
+    let mut seen = World::new(cars, Seeing { missed: 0.0, ..Seeing::perfect() }, times(3.0, 30.0), 5).see();
+    let mut look = None;
+    for (i, (frame, owners)) in seen.frames.iter_mut().zip(&seen.owners).enumerate() {
+        let measured = usize::from(i % 3 != 0);
+        let index = |owner: usize| owners.iter().position(|o| *o == Some(owner));
+        match (index(0), look) {
+            (Some(front), _) if measured == 0 => {
+                look = Some(CarRef { frame: frame.stamp.index, car: frame.cars[front].car });
+            }
+            (Some(front), Some(look)) => {
+                frame.seen_again.push(SeenAgain { look, bbox_px: frame.cars[front].bbox_px });
+            }
+            _ => {}
+        }
+        let kept: Vec<bool> = owners.iter().map(|owner| *owner == Some(measured)).collect();
+        let mut keep = kept.iter();
+        frame.cars.retain(|_| *keep.next().unwrap() && (measured == 0 || frame.stamp.time_s() > 1.0));
+        for car in frame.cars.iter_mut().filter(|_| measured == 1) {
+            car.covariance = Matrix3::from_diagonal(&Vector3::new(0.5, 1.5, 0.01));
+        }
+    }
+    let tracks = track(&seen.frames);
+    let of = assert_one_track_each(&tracks, &seen, 2);
+    for state in &tracks[of[0]].states {
+        let truth = 40.0 - 5.0 * state.stamp.time_s();
+        assert!((state.pose.y_m - truth).abs() < 0.5, "{} for {truth}", state.pose.y_m);
+    }
 }
 
 #[test]
