@@ -1,5 +1,6 @@
 //! Probabilities at steps → one label a sample, and events.
 
+use roadplane_base::angle_difference;
 use serde::{Deserialize, Serialize};
 
 use crate::label::{LABELS, Label};
@@ -18,6 +19,10 @@ const UNSEEN_COST: f64 = 2.0;
 /// What comes no farther than half a car's length between two stands, or from one, has stood: tracks of hidden and far cars
 /// waver so much, m.
 const MOVED_M: f64 = 2.2;
+/// A stretch whose way bends by less is no turn, rad (12°: lanes that swing, boxes cut by the picture's edge) …
+const TURNED_RAD: f64 = 0.21;
+/// … and one that bends by less no U-turn (130°, between the sharpest turns and half turns).
+const U_TURN_RAD: f64 = 2.27;
 /// Events that are less probable than their opposite are not told.
 const LEAST_CONFIDENCE: f64 = 0.5;
 
@@ -116,12 +121,51 @@ fn settle(labels: &mut [usize], steps: &[i64], motion: &Motion) {
     }
 }
 
+/// Turns have to bend the way of the vehicle, and U-turns bend it far; the net sees but a part of a long stretch.
+fn bend(labels: &mut [usize], steps: &[i64], motion: &Motion) {
+    let turns = [Label::TurningLeft, Label::TurningRight, Label::UTurn].map(Label::index);
+    let mut from = 0;
+    for run in labels.chunk_by_mut(|a, b| a == b) {
+        let (begin, end) = (from, from + run.len());
+        from = end;
+        if !turns.contains(&run[0]) {
+            continue;
+        }
+        let (from_s, to_s) = (steps[begin] as f64 * STEP_S, steps[end - 1] as f64 * STEP_S);
+        let first = motion.time_s.partition_point(|t| *t < from_s);
+        let last = motion.time_s.partition_point(|t| *t <= to_s);
+        let Some(turned_rad) = motion.xy_m.get(first..last).and_then(turned) else { continue };
+        if turned_rad.abs() < TURNED_RAD {
+            run.fill(Label::Moving.index());
+        } else if run[0] == Label::UTurn.index() && turned_rad.abs() < U_TURN_RAD {
+            let side = if turned_rad > 0.0 { Label::TurningLeft } else { Label::TurningRight };
+            run.fill(side.index());
+        }
+    }
+}
+
+/// By how much a way bends, to the left, rad: twice the angle between its halves' chords, which for an arc is all of it.
+fn turned(places: &[[f64; 2]]) -> Option<f64> {
+    let (first, last) = (places.first()?, places.last()?);
+    let steps = places.windows(2).map(|p| (p[1][0] - p[0][0]).hypot(p[1][1] - p[0][1]));
+    let way: Vec<f64> = steps
+        .scan(0.0, |way, step| {
+            *way += step;
+            Some(*way)
+        })
+        .collect();
+    let middle = places.get(way.partition_point(|to| *to < way.last().unwrap_or(&0.0) / 2.0))?;
+    let chord = |a: &[f64; 2], b: &[f64; 2]| (b[1] - a[1]).atan2(b[0] - a[0]);
+    Some(2.0 * angle_difference(chord(middle, last), chord(first, middle)))
+}
+
 /// Labels of a motion's samples, each that of the nearest step; where steps were skipped the last before holds.
 pub(crate) fn labelled(found: &Probabilities, motion: &Motion) -> Labelled {
     let time_s = &motion.time_s;
     let (Some(first_s), Some(last_s)) = (time_s.first(), time_s.last()) else { return Labelled::default() };
     let mut labels = steady(found);
     settle(&mut labels, &found.steps, motion);
+    bend(&mut labels, &found.steps, motion);
     let of_time = |t: f64| {
         let step = (t / STEP_S).round() as i64;
         found.steps.partition_point(|s| *s <= step).saturating_sub(1)
@@ -207,6 +251,30 @@ mod tests {
         assert!((events[0].from_s - 2.9).abs() < 1e-9 && (events[0].to_s - 5.3).abs() < 1e-9, "{events:?}");
         assert!((events[1].to_s - times[58]).abs() < 1e-9 && events[0].track == 7);
         assert!((events[0].confidence - 0.86).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_turn_bends_the_way_and_a_u_turn_bends_it_far() {
+        let times: Vec<f64> = (0..79).map(|i| 1.0 + f64::from(i) * 0.1).collect();
+        let label_of = |told: Label, turned_deg: f64| {
+            let mut labels = vec![Label::Moving; 40];
+            labels[10..30].fill(told);
+            let mut motion = driving(&times);
+            // An arc over the middle four seconds.
+            let (mut at, mut heading) = ([0.0_f64; 2], 0.0_f64);
+            for (time_s, xy) in times.iter().zip(&mut motion.xy_m) {
+                heading += if (3.0..7.0).contains(time_s) { turned_deg.to_radians() / 40.0 } else { 0.0 };
+                at = [at[0] + 0.4 * heading.cos(), at[1] + 0.4 * heading.sin()];
+                *xy = at;
+            }
+            labelled(&sure(&labels), &motion).samples[40].0
+        };
+        assert_eq!(label_of(Label::UTurn, 170.0), Label::UTurn);
+        assert_eq!(label_of(Label::UTurn, 90.0), Label::TurningLeft);
+        assert_eq!(label_of(Label::UTurn, -90.0), Label::TurningRight);
+        assert_eq!(label_of(Label::TurningLeft, 40.0), Label::TurningLeft);
+        assert_eq!(label_of(Label::TurningLeft, 5.0), Label::Moving);
+        assert_eq!(label_of(Label::UTurn, -5.0), Label::Moving);
     }
 
     #[test]
