@@ -159,6 +159,13 @@ impl Input {
         Ok(frame)
     }
 
+    /// Takes a picture back that nobody needs any more: the next one gets its memory, so that a long video allocates none.
+    pub fn reuse(&mut self, image: RgbImage) {
+        if let Source::Video(video) = &mut self.source {
+            video.reuse(image);
+        }
+    }
+
     fn tell_what_was_lost(&mut self) {
         let made_up = self.report.times_made_up;
         if made_up > 0 {

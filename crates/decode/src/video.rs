@@ -48,6 +48,8 @@ pub(crate) struct Video {
     promised: Option<u64>,
     size: Option<(u32, u32)>,
     bgr: Mat,
+    /// Pictures that nobody needs any more.
+    spare: Vec<RgbImage>,
     /// Frames and losses are counted from here on, s; `None` once they are.
     counted_from_s: Option<f64>,
     /// Frames before the first that is counted.
@@ -90,6 +92,7 @@ impl Video {
             promised: (1.0..=MAX_PROMISED).contains(&promised).then_some(promised as u64),
             size: None,
             bgr: Mat::default(),
+            spare: Vec::new(),
             counted_from_s: None,
             uncounted: 0,
             begun_within: false,
@@ -139,6 +142,11 @@ impl Video {
     /// Frames that the container promises: an estimate, for progress only.
     pub(crate) fn promised(&self) -> Option<u64> {
         self.promised
+    }
+
+    /// Takes a picture back, whose memory the next one gets.
+    pub(crate) fn reuse(&mut self, image: RgbImage) {
+        self.spare.push(image);
     }
 
     /// Nominal frame rate, 1/s.
@@ -244,7 +252,8 @@ impl Video {
             return Err("its pixels are not 8-bit colour".to_owned());
         }
         // Straight into the picture's own memory.
-        let mut image = RgbImage::new(width, height);
+        let spare = self.spare.pop().filter(|image| image.dimensions() == (width, height));
+        let mut image = spare.unwrap_or_else(|| RgbImage::new(width, height));
         let pixels: &mut [u8] = &mut image;
         let mut rgb = Mat::new_rows_cols_with_bytes_mut::<Vec3b>(self.bgr.rows(), self.bgr.cols(), pixels)
             .map_err(text)?;

@@ -75,6 +75,24 @@ fn whole_clips_are_whole_with_times_of_the_stream() {
 }
 
 #[test]
+fn memory_that_is_given_back_is_filled_anew() {
+    let (_folder, paths) = clips();
+    let (mut fresh, mut reused) = {
+        let input = || open(&paths[0], &DecodeOptions::default()).unwrap();
+        (input(), input())
+    };
+    // Of another size: of no use, and let go.
+    reused.reuse(image::RgbImage::new(3, 2));
+    let mut places = std::collections::BTreeSet::new();
+    while let Some(frame) = reused.next_frame().unwrap() {
+        assert_eq!(Some(&frame.image), fresh.next_frame().unwrap().map(|other| other.image).as_ref());
+        places.insert(frame.image.as_ptr());
+        reused.reuse(frame.image);
+    }
+    assert!(places.len() <= 2, "the first picture, and what came for the odd one: {}", places.len());
+}
+
+#[test]
 fn pixels_are_rgb_in_their_place() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("colours.png");

@@ -46,7 +46,7 @@ pub fn track_colours(
     }
     let frames: BTreeSet<u64> = of_frame.keys().copied().collect();
     let mut pixels: BTreeMap<u64, Vec<[u8; 3]>> = BTreeMap::new();
-    let look = |work: crate::flow::Work| {
+    let look = |work: &crate::flow::Work| {
         if let Some(image) = &work.image {
             for row in of_frame.get(&work.stamp.index).into_iter().flatten() {
                 pixels.entry(row.track).or_default().extend(body_pixels(image, row));

@@ -195,7 +195,7 @@ pub fn draw_video(
     let size = input.size();
     let frames_per_s = input.nominal_fps() / f64::from(config.decode.stride.max(1));
     let mut sink = VideoSink::create(video, size.width, size.height, frames_per_s)?;
-    let draw = |work: Work| {
+    let draw = |work: &Work| {
         let Some(image) = &work.image else { return Ok(()) };
         Ok(sink.write(&scene.draw(work.stamp.index, work.stamp.time_s(), image)?)?)
     };

@@ -254,7 +254,7 @@ fn stream_to_spool(
     // What a stopped run found in the frames that it was through with.
     let spooled = (recovered.frames > 0).then(|| FrameReader::open(&folder.join(SPOOL))).transpose()?;
     let mut found_before = spooled.into_iter().flatten();
-    let sink = |work: Work| {
+    let sink = |work: &Work| {
         if !is_own(&work.record) {
             return Ok(());
         }

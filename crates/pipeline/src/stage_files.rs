@@ -61,7 +61,7 @@ pub fn detect_file(
     let input = open_input(input, config)?;
     let mut detector = open_detector(models, config)?;
     let mut sink = Sink::create(out)?;
-    let write = |work: Work| sink.write(&work.record);
+    let write = |work: &Work| sink.write(&work.record);
     let cadence = Cadence::of(&input, config);
     let mut background = None;
     let lines = LineFinder::new(!config.solve.reads_scene());
@@ -106,7 +106,7 @@ pub fn keypoints_file(
         Ok(())
     };
     let mut sink = Sink::create(out)?;
-    let write = |work: Work| sink.write(&work.record);
+    let write = |work: &Work| sink.write(&work.record);
     let stages = vec![Stage::new("boxes", take_boxes), keypoint_stage(&mut net, cadence)];
     let streamed = stream(input, |_| true, stages, write, config, cancel, progress)?;
     sink.finish()?;

@@ -269,7 +269,7 @@ pub fn stream(
     mut input: Input,
     mut wanted: impl FnMut(&FrameStamp) -> bool + Send,
     stages: Vec<Stage<'_>>,
-    mut sink: impl FnMut(Work) -> Result<(), PipelineError>,
+    mut sink: impl FnMut(&Work) -> Result<(), PipelineError>,
     config: &Config,
     cancel: &Cancel,
     progress: &dyn Progress,
@@ -281,9 +281,18 @@ pub fn stream(
     let budget = config.pipeline.buffer_mib * (1 << 20) / (stages.len() as u64 + 1);
     let capacity = (budget / frame_bytes.max(1)).clamp(1, 64) as usize;
     let source_input = &mut input;
-    let source = move || Ok(source_input.next_where(&mut wanted)?.map(|decoded| Work::new(decoded, size)));
+    // Pictures go round: what the sink is through with, the decoder fills again.
+    let (used, to_fill) = crossbeam_channel::bounded(capacity);
+    let source = move || {
+        to_fill.try_iter().for_each(|image| source_input.reuse(image));
+        Ok(source_input.next_where(&mut wanted)?.map(|decoded| Work::new(decoded, size)))
+    };
     let counted = |work: Work| {
-        sink(work)?;
+        sink(&work)?;
+        if let Some(image) = work.image {
+            // What the decoder has no use for is let go.
+            used.try_send(image).ok();
+        }
         progress.frame_done();
         Ok(())
     };

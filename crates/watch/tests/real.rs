@@ -8,7 +8,7 @@ use roadplane_base::PictureVerdict;
 use roadplane_decode::{DecodeOptions, open};
 use roadplane_watch::Watcher;
 
-const STRIDES: [u64; 5] = [1, 2, 3, 6, 12];
+const STRIDES: std::ops::RangeInclusive<u64> = 1..=12;
 
 /// Videos of a folder of the developers' data; says so where it is absent.
 fn clips(folder: &str) -> Vec<PathBuf> {
@@ -26,7 +26,7 @@ fn clips(folder: &str) -> Vec<PathBuf> {
 /// Watches a clip at all strides at once. No move is told, and until some time there is one verdict.
 fn stays(clip: &Path, expected: PictureVerdict, until_s: f64) {
     let mut input = open(clip, &DecodeOptions::default()).unwrap();
-    let mut watchers = STRIDES.map(|stride| (stride, Watcher::new(), Vec::new()));
+    let mut watchers: Vec<_> = STRIDES.map(|stride| (stride, Watcher::new(), Vec::new())).collect();
     let mut frame_number = 0;
     while let Some(frame) = input.next_frame().unwrap() {
         for (stride, watcher, verdicts) in &mut watchers {
