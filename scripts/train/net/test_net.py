@@ -162,9 +162,7 @@ class Confusion(unittest.TestCase):
     def test_exchanged_names_are_told_apart(self):
         points = np.random.default_rng(3).uniform(10, 118, (36, 2))
         everything = np.ones(36, bool)
-        crop = Crop(
-            np.zeros((128, 128, 3), np.uint8), points, everything, ~everything, 100, 100, "sedan", "t"
-        )
+        crop = Crop(np.zeros((128, 128, 3), np.uint8), points, everything, ~everything, 100, 100, "sedan", "t")
         self.assertIsNone(confusion_of(points, crop))
         self.assertEqual(confusion_of(points[MIRROR], crop), "left/right")
         self.assertEqual(confusion_of(points[FRONT_BACK], crop), "front/back")
@@ -270,9 +268,7 @@ class Net(unittest.TestCase):
             net = Deployed(StackedHourglass(2, 16), work_px).eval()
             with tempfile.TemporaryDirectory() as folder:
                 export_onnx(net, Path(folder) / "net.onnx")
-                session = onnxruntime.InferenceSession(
-                    f"{folder}/net.onnx", providers=["CPUExecutionProvider"]
-                )
+                session = onnxruntime.InferenceSession(f"{folder}/net.onnx", providers=["CPUExecutionProvider"])
             for count in (1, 3):
                 image = torch.rand(count, 3, INPUT_PX, INPUT_PX)
                 with torch.no_grad():
