@@ -113,13 +113,6 @@ class Decoding(unittest.TestCase):
         self.assertAlmostEqual(a, 0.15, delta=0.01)
         self.assertAlmostEqual(b, 1.0, delta=0.3)
 
-    def test_rust_measures_the_same(self):
-        # The same numbers stand in crates/keypoints/src/heatmap.rs.
-        calibration = Calibration(0.2, 0.5, (63.0, 60.0), (32.0, 19.0))
-        location, covariance = calibration.measurement(np.array([80.0, 30.0]), np.array([[20.0, 6.0], [6.0, 11.0]]))
-        found = [*location, covariance[0, 0], covariance[0, 1], covariance[1, 1]]
-        np.testing.assert_allclose(found, [79.66069, 29.57062, 18.1627, 7.71145, 6.70736], atol=1e-4)
-
     def test_a_measurement_holds_no_prior(self):
         # Locations drawn from the prior, seen with noise; the posterior mean regresses, the measurement does not.
         rng = np.random.default_rng(3)
