@@ -14,8 +14,9 @@ from cars.mesh import CarMesh
 
 from .camera import Camera, world_from_car
 from .frames import Canvas, Finish, VideoWriter, finished
+from .gpu_car import GpuCar
 from .looks import Ground, sample_car_look, sample_light
-from .renderer import ENVIRONMENTS, MAX_CARS, GpuCar, Renderer
+from .renderer import ENVIRONMENTS, MAX_CARS, Renderer
 from .scene import Floor, PlacedCar, Scene
 
 ATLAS = json.loads((Path(__file__).resolve().parents[3] / "models" / "atlas.json").read_text())

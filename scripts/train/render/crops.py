@@ -19,7 +19,8 @@ from cars.meshes import MissingFurnitureError, load_meshes
 
 from .camera import Camera
 from .degrade import degrade
-from .renderer import ENVIRONMENTS, GpuCar, Renderer
+from .gpu_car import GpuCar
+from .renderer import ENVIRONMENTS, Renderer
 from .scene import Scene, SceneSampler
 
 SHARD = 512

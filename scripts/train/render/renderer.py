@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
 from pathlib import Path
 
 import moderngl
@@ -12,6 +11,7 @@ import numpy as np
 from cars.mesh import MATERIALS, CarMesh
 
 from .camera import Camera
+from .gpu_car import GpuCar
 from .looks import CarLook
 from .props import SHAPES, unit_shape
 from .scene import PlacedCar, Scene
@@ -25,25 +25,6 @@ DARKENED_M, DARKENED_HIGH_M = 6.6, 1.3  # open_sky of common.glsl: from here on 
 GROUND_REACH_M = 1500.0
 SHADOW_CLUSTER_M = 0.09  # shadows are thrown by a coarser mesh
 NEAR_SHARE = 0.02  # near plane as a share of the depth of the nearest car, or of the scene's `nearest_m`
-
-
-@dataclass
-class GpuCar:
-    """A car mesh in GPU buffers; glass comes last so that it can be blended."""
-
-    mesh: CarMesh
-    colour: moderngl.VertexArray
-    truth: moderngl.VertexArray
-    shadow: moderngl.VertexArray
-    solid_indices: int
-    all_indices: int
-    buffers: tuple[moderngl.Buffer, ...]
-    bounds: tuple[np.ndarray, np.ndarray]
-
-    def release(self) -> None:
-        """Frees the GPU memory."""
-        for item in (self.colour, self.truth, self.shadow, *self.buffers):
-            item.release()
 
 
 class Renderer:

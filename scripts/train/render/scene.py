@@ -12,7 +12,7 @@ from .looks import CarLook, Ground, Light, sample_car_look, sample_ground, sampl
 from .props import Prop, placed
 
 if TYPE_CHECKING:
-    from .renderer import GpuCar
+    from .gpu_car import GpuCar
 
 FRAME_SIZES = ((1280, 720), (1920, 1080), (1280, 960), (720, 576), (640, 480), (2560, 1440), (1280, 720))
 

@@ -11,9 +11,10 @@ from cars.mesh import KEYPOINT_NAMES, CarMesh
 
 from .camera import Camera, world_from_car
 from .frames import Finish, sample_finish
+from .gpu_car import GpuCar
 from .looks import Light, sample_car_look, sample_light
 from .places import Site, Spot, make_lot, make_street
-from .renderer import ENVIRONMENTS, GpuCar, Renderer
+from .renderer import ENVIRONMENTS, Renderer
 from .scene import PlacedCar, Scene, _clear
 
 SIZE = (1280, 720)
