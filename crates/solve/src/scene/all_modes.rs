@@ -83,10 +83,10 @@ pub(crate) fn told<const M: usize>(
 mod tests {
     use super::*;
     use crate::model::ground::{CameraFrame, SHARED, Standing};
-    use crate::options::{CameraPrior, Steps};
+    use crate::options::Steps;
     use crate::problem::setup::{Placed, Setup};
     use crate::solution::CarView;
-    use roadplane_base::FINE_MODES;
+    use roadplane_base::{CameraPrior, FINE_MODES};
     use roadplane_synth::{CarModel, Rng, SceneTruth, SynthOptions, draw_shape, scene};
 
     fn options() -> SceneOptions {
