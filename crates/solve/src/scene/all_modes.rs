@@ -182,6 +182,22 @@ mod tests {
     }
 
     #[test]
+    fn integrating_out_goes_where_shapes_and_poses_are_freer() {
+        let atlas = ShapeAtlas::shipped().unwrap();
+        for seed in 0..6 {
+            let truth = truth(&atlas, seed, 1.0, 40);
+            at(&atlas, &truth, &options(), 1, |_, problem, options| {
+                minimise(problem, &options.lm);
+                let covariance = problem.covariances().unwrap().camera;
+                let here = problem.half_log_determinant().unwrap();
+                let change = marginal::change(problem, &covariance).unwrap();
+                let there = problem.half_log_determinant_at(&(change * 0.1)).unwrap();
+                assert!(change.amax() > 1e-5 && there < here, "{seed}: {change} {there} {here}");
+            });
+        }
+    }
+
+    #[test]
     fn cars_of_all_modes_tell_the_camera_better() {
         let atlas = ShapeAtlas { body_types: Vec::new(), ..ShapeAtlas::shipped().unwrap() };
         let (mut six, mut all) = (0.0, 0.0);
