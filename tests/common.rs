@@ -24,14 +24,11 @@ pub fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").canonicalize().unwrap()
 }
 
-/// A file of the data that only developers have; says so and gives `None` where it is absent.
-pub fn shared(path: &str) -> Option<PathBuf> {
+/// A file of the data beside the repository. Tests that read it are marked as ignored.
+pub fn shared(path: &str) -> PathBuf {
     let path = root().join("../shared/data").join(path);
-    if path.exists() {
-        return Some(path);
-    }
-    println!("skipped: {} is absent", path.display());
-    None
+    assert!(path.exists(), "{} is absent", path.display());
+    path
 }
 
 /// A JSON file.

@@ -23,8 +23,12 @@ def issues(file: Path, program: str, bundle: str) -> list[str]:
         ET.SubElement(root, "Param", name="InputFile", value=str(file.resolve()))
         ET.SubElement(ET.SubElement(root, "CheckerBundle", application=bundle), "Param", name="resultFile", value=str(result))
         ET.ElementTree(root).write(config)
-        subprocess.run([Path(sys.executable).parent / program, "-c", config], check=True, stdout=subprocess.DEVNULL,
-                       stderr=subprocess.DEVNULL)
+        subprocess.run(
+            [Path(sys.executable).parent / program, "-c", config],
+            check=True,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
         checks = list(ET.parse(result).getroot().iter("Checker"))
     found = [f"{c.attrib['checkerId']}: {i.attrib['description']}" for c in checks for i in c.iter("Issue")]
     # Skipped ones are about later versions of the standard.

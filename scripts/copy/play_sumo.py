@@ -17,8 +17,20 @@ BIN = Path(sumo.SUMO_HOME) / "bin"
 def network(scene: Path, folder: Path) -> Path:
     """The OpenDRIVE road as SUMO's own network, where it lies."""
     out = folder / "road.net.xml"
-    subprocess.run([BIN / "netconvert", "--opendrive-files", scene / "road.xodr", "--output-file", out,
-                    "--offset.disable-normalization", "true", "--no-warnings"], check=True, stdout=subprocess.DEVNULL)
+    subprocess.run(
+        [
+            BIN / "netconvert",
+            "--opendrive-files",
+            scene / "road.xodr",
+            "--output-file",
+            out,
+            "--offset.disable-normalization",
+            "true",
+            "--no-warnings",
+        ],
+        check=True,
+        stdout=subprocess.DEVNULL,
+    )
     return out
 
 
@@ -65,8 +77,23 @@ def play(scene: Path, vehicles: list[Vehicle], rows: dict[int, np.ndarray], end:
     """Starts SUMO on the scene's road."""
     with tempfile.TemporaryDirectory() as folder:
         net = network(scene, Path(folder))
-        traci.start([str(BIN / "sumo"), "--net-file", str(net), "--step-length", str(STEP_S), "--no-step-log", "true",
-                     "--collision.action", "none", "--time-to-teleport", "-1", "--no-warnings", "true"])
+        traci.start(
+            [
+                str(BIN / "sumo"),
+                "--net-file",
+                str(net),
+                "--step-length",
+                str(STEP_S),
+                "--no-step-log",
+                "true",
+                "--collision.action",
+                "none",
+                "--time-to-teleport",
+                "-1",
+                "--no-warnings",
+                "true",
+            ]
+        )
         try:
             return drive(vehicles, rows, end)
         finally:

@@ -66,10 +66,16 @@ def _vehicle(entity: ET.Element, first: dict, groups: dict, end: float) -> Vehic
         else:
             span[1] = begin
     size, track = body.find("BoundingBox/Dimensions"), body.find("Properties/Property[@name='track']")
-    return Vehicle(name, int(track.attrib["value"]), tuple(numbers(size, "length", "width", "height")),
-                   *numbers(body.find("BoundingBox/Center"), "x"),
-                   numbers(body.find("Axles/FrontAxle"), "positionX")[0] / 2, np.array(times),
-                   np.array([numbers(place, "x", "y", "h") for place in places]), tuple(span))
+    return Vehicle(
+        name,
+        int(track.attrib["value"]),
+        tuple(numbers(size, "length", "width", "height")),
+        *numbers(body.find("BoundingBox/Center"), "x"),
+        numbers(body.find("Axles/FrontAxle"), "positionX")[0] / 2,
+        np.array(times),
+        np.array([numbers(place, "x", "y", "h") for place in places]),
+        tuple(span),
+    )
 
 
 def read_run(folder: Path) -> dict[int, np.ndarray]:
@@ -78,7 +84,8 @@ def read_run(folder: Path) -> dict[int, np.ndarray]:
     with (folder / "tracks.csv").open(newline="") as table:
         for row in csv.DictReader(table):
             tracks.setdefault(int(row["track"]), []).append(
-                [float(row[name]) for name in ("time_s", "x_m", "y_m", "heading_rad")])
+                [float(row[name]) for name in ("time_s", "x_m", "y_m", "heading_rad")]
+            )
     start = min(rows[0][0] for rows in tracks.values())
     arrays = {track: np.array(rows) for track, rows in tracks.items()}
     for rows in arrays.values():
@@ -108,8 +115,10 @@ class Deviations:
 
     def report(self, name: str, vehicles: int) -> bool:
         """Prints a line; whether the bar is met: 2 cm and 0.5° everywhere."""
-        print(f"{name}: {vehicles} vehicles, {len(self.metres)} poses, at most {100 * max(self.metres):.2f} cm "
-              f"and {max(self.degrees):.3f}° from the run")
+        print(
+            f"{name}: {vehicles} vehicles, {len(self.metres)} poses, at most {100 * max(self.metres):.2f} cm "
+            f"and {max(self.degrees):.3f}° from the run"
+        )
         return max(self.metres) <= 0.02 and max(self.degrees) <= 0.5
 
 

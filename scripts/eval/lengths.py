@@ -30,8 +30,10 @@ def read(path: Path) -> list[tuple[str, np.ndarray, float, float, float]]:
     if rows and "east_m" in rows[0]:
         points = [[float(row[key]) for key in ("x_px", "y_px", "east_m", "north_m")] for row in rows]
         pairs = itertools.combinations(enumerate(points, 1), 2)
-        return [(f"{i}-{j}", np.array([a[:2], b[:2]]), float(np.hypot(a[2] - b[2], a[3] - b[3])), SURVEY_SD_M, PIXEL_SD)
-                for (i, a), (j, b) in pairs]
+        return [
+            (f"{i}-{j}", np.array([a[:2], b[:2]]), float(np.hypot(a[2] - b[2], a[3] - b[3])), SURVEY_SD_M, PIXEL_SD)
+            for (i, a), (j, b) in pairs
+        ]
     lengths = []
     for k, row in enumerate(rows, 1):
         ends = np.array([[float(row["x1"]), float(row["y1"])], [float(row["x2"]), float(row["y2"])]])
@@ -48,6 +50,7 @@ def length(camera: roadplane.Camera, params: np.ndarray, ends: np.ndarray) -> fl
 
 def gradients(camera: roadplane.Camera, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Of the length's logarithm by the camera's four numbers, and by the pixels' four."""
+
     def slope(by: str, i: int, step: float) -> float:
         ways = []
         for sign in (1, -1):

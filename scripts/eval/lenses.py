@@ -46,8 +46,9 @@ def bend(frames: list[np.ndarray], focal_px: float, k1: float) -> tuple[list[np.
     straight = np.interp(distance, bent(rising), rising)
     where = from_middle * (straight / np.maximum(distance, 1e-9))[..., None] + middle
     maps = where.astype(np.float32)
-    return [cv2.remap(frame, maps[..., 0], maps[..., 1], cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REPLICATE)
-            for frame in frames], focal_px * scale
+    return [
+        cv2.remap(frame, maps[..., 0], maps[..., 1], cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REPLICATE) for frame in frames
+    ], focal_px * scale
 
 
 def read(clip: Path) -> list[np.ndarray]:
@@ -64,15 +65,39 @@ def read(clip: Path) -> list[np.ndarray]:
 def write(frames: list[np.ndarray], path: Path, rate: float) -> None:
     """A clip, hardly compressed."""
     height, width = frames[0].shape[:2]
-    command = ["ffmpeg", "-loglevel", "error", "-y", "-f", "rawvideo", "-pix_fmt", "bgr24", "-s", f"{width}x{height}",
-               "-r", f"{rate}", "-i", "-", "-c:v", "libx264", "-crf", "17", "-pix_fmt", "yuv420p", str(path)]
+    command = [
+        "ffmpeg",
+        "-loglevel",
+        "error",
+        "-y",
+        "-f",
+        "rawvideo",
+        "-pix_fmt",
+        "bgr24",
+        "-s",
+        f"{width}x{height}",
+        "-r",
+        f"{rate}",
+        "-i",
+        "-",
+        "-c:v",
+        "libx264",
+        "-crf",
+        "17",
+        "-pix_fmt",
+        "yuv420p",
+        str(path),
+    ]
     subprocess.run(command, input=b"".join(frame.tobytes() for frame in frames), check=True)
 
 
 def camera_of(program: Path, clip: Path, out: Path) -> dict:
     """What a run says of the camera."""
-    subprocess.run([str(program), "run", str(clip), "--out", str(out), "--set", "activity.enabled=false"], check=True,
-                   stderr=subprocess.DEVNULL)
+    subprocess.run(
+        [str(program), "run", str(clip), "--out", str(out), "--set", "activity.enabled=false"],
+        check=True,
+        stderr=subprocess.DEVNULL,
+    )
     return json.loads((out / clip.stem / "camera.json").read_text())
 
 
@@ -113,8 +138,10 @@ def main() -> None:
         print(line, flush=True)
     for name, found in errors.items():
         sizes, in_sds = np.abs([e for e, _ in found]), np.array([s for _, s in found])
-        print(f"{name}: median focal error {100 * np.median(sizes):.2f} %, rms {100 * np.sqrt(np.mean(sizes**2)):.2f} %, "
-              f"error / sd {np.sqrt(np.mean(in_sds**2)):.2f}, {len(found)} clips")
+        print(
+            f"{name}: median focal error {100 * np.median(sizes):.2f} %, rms {100 * np.sqrt(np.mean(sizes**2)):.2f} %, "
+            f"error / sd {np.sqrt(np.mean(in_sds**2)):.2f}, {len(found)} clips"
+        )
 
 
 if __name__ == "__main__":

@@ -120,9 +120,7 @@ def random_boxes(rng: np.random.Generator) -> tuple[dict, list]:
     # More than the hundred that count in one picture.
     for _ in range(130):
         results.append((images[0]["id"], 3, np.concatenate([rng.uniform(0, 900, 2), rng.uniform(8, 250, 2)]), rng.random()))
-    found = [
-        {"image_id": i, "category_id": c, "bbox": box.tolist(), "score": float(s)} for i, c, box, s in results
-    ]
+    found = [{"image_id": i, "category_id": c, "bbox": box.tolist(), "score": float(s)} for i, c, box, s in results]
     return {"images": images, "annotations": annotations, "categories": categories}, found
 
 

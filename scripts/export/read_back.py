@@ -50,15 +50,19 @@ def trackeval_rows(dataset: type, options: dict, folder: Path, name: str, frames
         loader.data_is_zipped, loader.seq_lengths, loader.benchmark = False, {name: frames}, "ours"
         loader.__dict__.update(options)
         raw = loader._load_raw_file("ours", name, is_gt=False)
-    rows = [np.column_stack([np.full(len(ids), frame), ids, boxes])
-            for frame, (ids, boxes) in enumerate(zip(raw["tracker_ids"], raw["tracker_dets"], strict=True)) if len(ids)]
+    rows = [
+        np.column_stack([np.full(len(ids), frame), ids, boxes])
+        for frame, (ids, boxes) in enumerate(zip(raw["tracker_ids"], raw["tracker_dets"], strict=True))
+        if len(ids)
+    ]
     return np.concatenate(rows)
 
 
 def check_mot(folder: Path, name: str, run: pd.DataFrame) -> int:
     """TrackEval's loader of MOT Challenge; its frames count from 0."""
-    frames = int(next(line for line in (folder / "seqinfo.ini").read_text().splitlines()
-                      if line.startswith("seqLength=")).split("=")[1])
+    frames = int(
+        next(line for line in (folder / "seqinfo.ini").read_text().splitlines() if line.startswith("seqLength=")).split("=")[1]
+    )
     options = {"valid_class_numbers": [1], "class_name_to_class_id": {"pedestrian": 1}}
     rows = trackeval_rows(trackeval.datasets.MotChallenge2DBox, options, folder, name, frames)
     run = by_frame(run)
@@ -72,8 +76,18 @@ def check_mot(folder: Path, name: str, run: pd.DataFrame) -> int:
 def check_kitti(folder: Path, name: str, run: pd.DataFrame) -> int:
     """TrackEval's loader of KITTI tracking; columns in 3D by the development kit's readme."""
     frames = int(run.frame.max()) + 1
-    classes = {"car": 1, "van": 2, "truck": 3, "pedestrian": 4, "person": 5, "cyclist": 6, "tram": 7, "misc": 8,
-               "dontcare": 9, "car_2": 1}
+    classes = {
+        "car": 1,
+        "van": 2,
+        "truck": 3,
+        "pedestrian": 4,
+        "person": 5,
+        "cyclist": 6,
+        "tram": 7,
+        "misc": 8,
+        "dontcare": 9,
+        "car_2": 1,
+    }
     options = {"class_name_to_class_id": classes, "class_list": ["car", "truck", "misc"]}
     rows = trackeval_rows(trackeval.datasets.Kitti2DBox, options, folder / "label_02", name, frames)
     run = by_frame(run)
@@ -118,8 +132,10 @@ def check_sumo(folder: Path, name: str, run: pd.DataFrame) -> int:
     types = {t.id: t for t in sumolib.xml.parse(str(folder / f"{name}.vtypes.xml"), "vType")}
     rows = []
     for step in sumolib.xml.parse(str(folder / f"{name}.fcd.xml"), "timestep"):
-        rows += [(float(step.time), int(v.id), float(v.x), float(v.y), float(v.angle), float(v.speed),
-                  float(types[v.type].length)) for v in step.vehicle or []]
+        rows += [
+            (float(step.time), int(v.id), float(v.x), float(v.y), float(v.angle), float(v.speed), float(types[v.type].length))
+            for v in step.vehicle or []
+        ]
     rows, run = np.array(rows), by_frame(run)
     close(rows[:, 0], run.time_s, 1e-6)
     close(rows[:, 1], run.track, 0)
@@ -161,8 +177,13 @@ def check_highd(folder: Path, name: str, run: pd.DataFrame) -> int:
 
 
 CHECKS: dict[str, Callable[[Path, str, pd.DataFrame], int]] = {
-    "mot": check_mot, "kitti": check_kitti, "geojson": check_geojson, "sumo-fcd": check_sumo, "ngsim": check_ngsim,
-    "highd": check_highd, "csv": check_csv,
+    "mot": check_mot,
+    "kitti": check_kitti,
+    "geojson": check_geojson,
+    "sumo-fcd": check_sumo,
+    "ngsim": check_ngsim,
+    "highd": check_highd,
+    "csv": check_csv,
 }
 
 
@@ -173,8 +194,9 @@ def main() -> None:
     folder = parser.parse_args().run
     run = pd.read_csv(folder / "tracks.csv")
     with tempfile.TemporaryDirectory() as out:
-        subprocess.run([PROGRAM, "export", folder, "--format", ",".join(CHECKS), "--out", out], check=True,
-                       stderr=subprocess.DEVNULL)
+        subprocess.run(
+            [PROGRAM, "export", folder, "--format", ",".join(CHECKS), "--out", out], check=True, stderr=subprocess.DEVNULL
+        )
         for name, check in CHECKS.items():
             print(f"{name}: {check(Path(out, name), folder.name, run)} rows, as in the run")
 

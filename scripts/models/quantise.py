@@ -125,8 +125,19 @@ def pools_as_convolutions(graph: onnx.GraphProto, channels: int) -> None:
     for pool in [n for n in graph.node if n.op_type == "AveragePool"]:
         kernel = np.full((channels, 1, 2, 2), 0.25, np.float32)
         graph.initializer.append(numpy_helper.from_array(kernel, f"{pool.name}.kernel"))
-        swap(graph, pool, helper.make_node("Conv", [pool.input[0], f"{pool.name}.kernel"], list(pool.output), pool.name,
-                                           group=channels, kernel_shape=[2, 2], strides=[2, 2]))
+        swap(
+            graph,
+            pool,
+            helper.make_node(
+                "Conv",
+                [pool.input[0], f"{pool.name}.kernel"],
+                list(pool.output),
+                pool.name,
+                group=channels,
+                kernel_shape=[2, 2],
+                strides=[2, 2],
+            ),
+        )
 
 
 def fold_gains(graph: onnx.GraphProto) -> None:
@@ -252,8 +263,13 @@ def main() -> None:
     path = args.models / f"{args.net}.card.json"
     text = path.read_text()
     card = json.loads(text)
-    variant = {"precision": "int8", "file": file, "sha256": hashlib.sha256(data).hexdigest(), "licence": card["licence"],
-               "how_made": how_made}
+    variant = {
+        "precision": "int8",
+        "file": file,
+        "sha256": hashlib.sha256(data).hexdigest(),
+        "licence": card["licence"],
+        "how_made": how_made,
+    }
     others = card.get("variants", [])
     # Measurements are those of this very file or of none.
     variant |= {"metrics": v["metrics"] for v in others if v["sha256"] == variant["sha256"] and "metrics" in v}

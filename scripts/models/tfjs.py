@@ -114,9 +114,7 @@ def _resize_bilinear(node: Node, x: np.ndarray, size: np.ndarray) -> np.ndarray:
     return x
 
 
-def _sparse_to_dense(
-    node: Node, indices: np.ndarray, shape: np.ndarray, values: np.ndarray, default: np.ndarray
-) -> np.ndarray:
+def _sparse_to_dense(node: Node, indices: np.ndarray, shape: np.ndarray, values: np.ndarray, default: np.ndarray) -> np.ndarray:
     if indices.size or values.size:
         raise ValueError(f"{node.name}: only the empty case is known")
     return np.full(shape, default)

@@ -1,6 +1,6 @@
 """One page over all cameras and nights: what ran, what failed, what was lost, how the cameras drift, vehicles by hour.
 
-    page.py [--roadplane BINARY] [--cameras FOLDER] [--camera-id ID] index.html night.json
+page.py [--roadplane BINARY] [--cameras FOLDER] [--camera-id ID] index.html night.json
 """
 
 import argparse
@@ -20,8 +20,14 @@ FINISHED = (0, 3)
 def clip_of(planned, camera_id):
     """What became of a clip, for a line of the table."""
     stem = planned["stem"]
-    clip = {"stem": stem, "input": planned["input"], "recorded": str(recorded(stem, planned["input"])),
-            "camera": camera_of(stem, camera_id), "outcome": planned.get("outcome", "not done"), "said": planned.get("said", [])}
+    clip = {
+        "stem": stem,
+        "input": planned["input"],
+        "recorded": str(recorded(stem, planned["input"])),
+        "camera": camera_of(stem, camera_id),
+        "outcome": planned.get("outcome", "not done"),
+        "said": planned.get("said", []),
+    }
     status = Path(f"steps/result/{stem}.json")
     if status.is_file():
         clip |= {key: value for key, value in read_json(status).items() if key in ("outcome", "said", "made")}
@@ -30,8 +36,13 @@ def clip_of(planned, camera_id):
     result = Path(clip["made"])
     summary, camera = read_json(result / "summary.json"), read_json(result / "camera.json")
     counts = summary["counts"]
-    clip |= {"frames": counts["frames_read"], "frames_lost": counts["frames_lost"], "tracks": counts["tracks"],
-             "warnings": summary["warnings"], "moves": len(summary["watch"]["moves"])}
+    clip |= {
+        "frames": counts["frames_read"],
+        "frames_lost": counts["frames_lost"],
+        "tracks": counts["tracks"],
+        "warnings": summary["warnings"],
+        "moves": len(summary["watch"]["moves"]),
+    }
     return clip | {"known": {key: camera[key] for key in CAMERA}, "alone": read_alone(stem)}
 
 
@@ -85,8 +96,10 @@ def drift(clips, key, sd_key):
     def y(value):
         return 100 - 100 * (value - low) / max(high - low, 1e-9)
 
-    points = [{"y": y(value), "top": y(value + 2 * sd), "bottom": y(value - 2 * sd), "name": f"{stem}: {value:.4g} ± {sd:.2g}"}
-              for stem, value, sd in told]
+    points = [
+        {"y": y(value), "top": y(value + 2 * sd), "bottom": y(value - 2 * sd), "name": f"{stem}: {value:.4g} ± {sd:.2g}"}
+        for stem, value, sd in told
+    ]
     return {"low": low, "high": high, "points": points}
 
 
@@ -105,18 +118,27 @@ def main():
     clips = [clip_of(piece, args.camera_id) for piece in planned.values()]
     clips.sort(key=lambda clip: (clip["camera"], clip["recorded"], clip["stem"]))
     outcomes = {o: sum(clip["outcome"] == o for clip in clips) for o in ("done", "damaged", "lost", "failed", "not done")}
-    night = {"clips": clips, "outcomes": outcomes, "attempts": attempts(), "work": work(), "hours": vehicles_by_hour(),
-             "cameras": epochs(args.roadplane, args.cameras)}
+    night = {
+        "clips": clips,
+        "outcomes": outcomes,
+        "attempts": attempts(),
+        "work": work(),
+        "hours": vehicles_by_hour(),
+        "cameras": epochs(args.roadplane, args.cameras),
+    }
     drifts = {}
     for name in sorted({clip["camera"] for clip in clips if clip.get("alone")}):
         own = [clip for clip in clips if clip["camera"] == name and clip.get("alone")]
         own = [clip for clip in own if clip["alone"]["status"] != "unobservable"]
         if own:
-            drifts[name] = [("focal length, px", drift(own, "focal_px", "focal_sd_px")),
-                            ("height, m", drift(own, "height_m", "height_sd_m")),
-                            ("tilt, rad", drift(own, "tilt_rad", "tilt_sd_rad"))]
+            drifts[name] = [
+                ("focal length, px", drift(own, "focal_px", "focal_sd_px")),
+                ("height, m", drift(own, "height_m", "height_sd_m")),
+                ("tilt, rad", drift(own, "tilt_rad", "tilt_sd_rad")),
+            ]
     template = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True).from_string(
-        (Path(__file__).parent / "page.html").read_text())
+        (Path(__file__).parent / "page.html").read_text()
+    )
     page = template.render(night=night, drifts=drifts, most=max([h["vehicles"] for h in night["hours"]], default=1))
     temp = Path(args.page).with_suffix(".tmp")
     temp.write_text(page)

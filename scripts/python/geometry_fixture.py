@@ -1,6 +1,6 @@
 """Makes tests/data/geometry.json, to which the geometry in Rust and in Python is held.
 
-    PYTHONPATH=scripts/python python scripts/python/geometry_fixture.py > tests/data/geometry.json
+PYTHONPATH=scripts/python python scripts/python/geometry_fixture.py > tests/data/geometry.json
 """
 
 import json
@@ -24,10 +24,18 @@ def main() -> None:
         camera = Camera((0.0, 9.0), (1280, 720), (639.5, 359.5), np.array(params), spread @ spread.T, "estimated", bend)
         pixels = [pixel for pixel in PIXELS if np.isfinite(camera.ground_from_pixel(pixel)).all()]
         above = np.column_stack([camera.ground_from_pixel(pixels), np.linspace(0, 1.5, len(pixels))])
-        cases.append({"params": params, "bend": bend, "covariance": camera.covariance.tolist(), "pixels": pixels,
-                      "ground_m": camera.ground_from_pixel(pixels).tolist(),
-                      "ground_sd_m": camera.ground_from_pixel_sd(pixels).tolist(),
-                      "points_m": above.tolist(), "points_px": camera.project(above).tolist()})
+        cases.append(
+            {
+                "params": params,
+                "bend": bend,
+                "covariance": camera.covariance.tolist(),
+                "pixels": pixels,
+                "ground_m": camera.ground_from_pixel(pixels).tolist(),
+                "ground_sd_m": camera.ground_from_pixel_sd(pixels).tolist(),
+                "points_m": above.tolist(),
+                "points_px": camera.project(above).tolist(),
+            }
+        )
     print(json.dumps({"image_size_px": [1280, 720], "cases": cases}))
 
 

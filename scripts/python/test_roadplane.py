@@ -28,8 +28,7 @@ class Geometry(unittest.TestCase):
             width, height = fixture["image_size_px"]
             middle = ((width - 1) / 2, (height - 1) / 2)
             covariance = np.array(case["covariance"])
-            camera = Camera((0, 9), (width, height), middle, np.array(case["params"]), covariance, "estimated",
-                            case["bend"])
+            camera = Camera((0, 9), (width, height), middle, np.array(case["params"]), covariance, "estimated", case["bend"])
             np.testing.assert_allclose(camera.ground_from_pixel(case["pixels"]), case["ground_m"], rtol=1e-9)
             np.testing.assert_allclose(camera.ground_from_pixel_sd(case["pixels"]), case["ground_sd_m"], rtol=1e-6)
             np.testing.assert_allclose(camera.project(case["points_m"]), case["points_px"], atol=1e-7)
@@ -40,8 +39,10 @@ class Geometry(unittest.TestCase):
         params, covariance = np.array(case["params"]), np.array(case["covariance"]) / 100
         camera = Camera((0, 9), (1280, 720), (639.5, 359.5), params, covariance, "estimated")
         random = np.random.default_rng(5)
-        others = [Camera(camera.span_s, camera.image_size_px, camera.principal_point_px, p, covariance, "estimated")
-                  for p in random.multivariate_normal(params, covariance, 4000)]
+        others = [
+            Camera(camera.span_s, camera.image_size_px, camera.principal_point_px, p, covariance, "estimated")
+            for p in random.multivariate_normal(params, covariance, 4000)
+        ]
         pixels, points = np.array(case["pixels"]), np.array(case["points_m"])
         clicked = [c.ground_from_pixel(pixels + random.normal(0, 1.5, pixels.shape)) for c in others]
         np.testing.assert_allclose(np.std(clicked, axis=0), camera.ground_from_pixel_sd(pixels, 1.5), rtol=0.08)

@@ -232,13 +232,21 @@ def soak(folder, count):
     half = held[len(held) // 4 : len(held) // 2], held[3 * len(held) // 4 :]
     (early, early_files), (late, late_files) = ([max(v) for v in zip(*part)] for part in half)
     done = sum(1 for path in inputs if (folder / "out" / path.stem / "summary.json").exists())
-    print(f"soak: {done} of {count}, exit {code}; {early:.0f} MiB, {early_files} files in the second quarter, "
-          f"{late:.0f} MiB, {late_files} files in the last")
+    print(
+        f"soak: {done} of {count}, exit {code}; {early:.0f} MiB, {early_files} files in the second quarter, "
+        f"{late:.0f} MiB, {late_files} files in the last"
+    )
     return code == 0 and done == count and late < 1.1 * early and late_files <= early_files, ""
 
 
-CHECKS = {"kill": (kill, 50), "disk": (disk, 20), "readonly": (readonly, 0), "memory": (memory, 0),
-          "mutate": (mutate, 600), "soak": (soak, 500)}
+CHECKS = {
+    "kill": (kill, 50),
+    "disk": (disk, 20),
+    "readonly": (readonly, 0),
+    "memory": (memory, 0),
+    "mutate": (mutate, 600),
+    "soak": (soak, 500),
+}
 
 
 def main():

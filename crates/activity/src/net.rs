@@ -89,7 +89,7 @@ impl ActivityNet {
     /// Probabilities at the steps of a motion.
     ///
     /// # Errors
-    /// [`ActivityError::Motion`] for a motion that is none, [`ActivityError::Net`] when the runtime fails.
+    /// [`ActivityError::Motion`] for a motion that is not a valid one, [`ActivityError::Net`] when the runtime fails.
     pub fn probabilities(&mut self, motion: &Motion) -> Result<Probabilities, ActivityError> {
         motion.check()?;
         let steps = steps_to_look_at(motion);

@@ -8,6 +8,9 @@ use serde::Deserialize;
 /// How many keypoints a car has: 18 on its own left side, then the same 18 on its right.
 pub const KEYPOINTS: usize = 36;
 
+/// Usable ones that a car needs at least: place, heading or turn, and something to check them by.
+pub const MIN_KEYPOINTS: usize = 5;
+
 /// A located keypoint.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Keypoint {

@@ -10,12 +10,37 @@
 //! | car | x forward, y left, z up | on the ground midway between the axles |
 //!
 //! Transforms are named `target_from_source`. SI units and radians; suffixes where a unit is not obvious.
+//!
+//! # Contents
+//! - the camera: [`Camera`], [`Lens`], [`GroundPlane`], [`CameraParams`]; what is believed of it beforehand ([`CameraPrior`]), what
+//!   speaks of it beside cars ([`Clue`]), and evidence that adds up ([`JointInformation`])
+//! - cars: [`ShapeAtlas`], [`GroundPose`], the 36 keypoints ([`KeypointSet`]), boxes (`bbox_…`), [`Activity`]
+//! - what stages hand on, in the form that files have: `records.rs`, [`CameraEvidence`], [`SceneLine`]
+//! - small tools: [`assign`], [`median`], [`StudentT`], [`Similarity`]
+//!
+//! # Example
+//! Where the front left wheel of a mean car is seen:
+//! ```
+//! use nalgebra::Point3;
+//! use roadplane_base::{Camera, GroundPlane, GroundPose, ImageSize, ShapeAtlas, keypoint_names};
+//!
+//! let atlas = ShapeAtlas::shipped()?;
+//! let camera = Camera::centred(1400.0, ImageSize { width: 1920, height: 1080 });
+//! let plane = GroundPlane::from_tilt_roll_height(0.4, 0.0, 8.0);
+//! let car = GroundPose { x_m: 2.0, y_m: 18.0, heading_rad: 0.3 };
+//! let wheel = keypoint_names().iter().position(|name| *name == "left_wheel_front").unwrap_or(0);
+//! let in_camera = plane.camera_from_world() * car.world_from_car() * Point3::from(atlas.mean[wheel]);
+//! let pixel = camera.pixel_from_camera(&in_camera.coords);
+//! assert!(pixel.is_some_and(|pixel| pixel.x > 960.0));
+//! # Ok::<(), roadplane_base::AtlasError>(())
+//! ```
 
 mod activity;
 mod assign;
 mod atlas;
 mod bbox;
 mod camera;
+mod camera_prior;
 mod clue;
 mod evidence;
 mod frame;
@@ -36,10 +61,13 @@ pub use atlas::{
 };
 pub use bbox::{bbox_around, bbox_centre, bbox_covered, bbox_iou, bbox_moved, bbox_share_inside};
 pub use camera::{Camera, CameraParams, ImageSize};
+pub use camera_prior::{CameraPrior, is_told};
 pub use clue::{Clue, ClueTerms};
 pub use evidence::{CameraEvidence, ClipIdentity, EVIDENCE_SCHEMA, ParkedCar};
 pub use frame::{Frame, FrameStamp};
-pub use keypoint::{KEYPOINTS, Keypoint, KeypointSet, keypoint_names, mirror_index, skeleton_edges};
+pub use keypoint::{
+    KEYPOINTS, Keypoint, KeypointSet, MIN_KEYPOINTS, keypoint_names, mirror_index, skeleton_edges,
+};
 pub use lens::Lens;
 pub use plane::GroundPlane;
 pub use pose::{GroundPose, angle_difference, wrap_angle};
@@ -47,7 +75,7 @@ pub use records::{
     CameraEstimate, CameraMove, CameraStatus, CarRecord, CarRef, FrameRecord, MoveKind, OnMap,
     PictureVerdict, PoseRecord, RecordError, TrackRow, VehicleClass, WatchRecord, rows_from_isometry,
 };
-pub use robust::{median, weighted_median};
+pub use robust::{StudentT, median, weighted_median};
 pub use scene_line::{SceneCurve, SceneLine};
 pub use shared::{JointInformation, SHARED_ERRORS, SharedSd};
 pub use similarity::Similarity;

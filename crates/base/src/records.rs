@@ -311,7 +311,8 @@ struct CarFields {
     score: f64,
     /// Kind of vehicle.
     class: VehicleClass,
-    /// 36 keypoints `[x px, y px, score 0–1, sd px]`, null where there is none.
+    /// 36 keypoints `[x px, y px, score 0–1, sd px]`, null where there is none. The sd counts where
+    /// `keypoint_covariances_px2` is absent or null.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     keypoints: Option<Vec<Option<[f64; 4]>>>,
     /// Their covariances `[xx, xy, yy]`, px², where the sd differs by direction.
@@ -468,7 +469,7 @@ pub struct PoseRecord {
     pub world_from_car: [[f64; 4]; 4],
     /// 4 × 4 rigid motion, rows.
     pub camera_from_car: [[f64; 4]; 4],
-    /// Shape coefficients, sd.
+    /// Shape coefficients, each in units of its sd over all cars.
     pub shape: [f64; MODES],
     /// Length, width, height, m.
     pub dims_m: [f64; 3],

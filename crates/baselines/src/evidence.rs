@@ -1,10 +1,7 @@
 //! A car's keypoints as both baselines use them: viewing rays with a confidence each.
 
 use nalgebra::{Vector2, Vector3};
-use roadplane_base::{Camera, KeypointSet};
-
-/// Keypoints that a pose needs at least: six unknowns and some to check them.
-pub(crate) const MIN_KEYPOINTS: usize = 5;
+use roadplane_base::{Camera, KeypointSet, MIN_KEYPOINTS};
 
 /// One keypoint.
 #[derive(Clone, Copy, Debug)]

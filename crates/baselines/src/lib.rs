@@ -23,6 +23,6 @@ pub use pavlakos::{WeakPerspective, pavlakos, weak_perspective};
 pub struct CarFit {
     /// Rigid motion from the car's to the camera's frame.
     pub camera_from_car: Isometry3<f64>,
-    /// Shape coefficients, sd.
+    /// Shape coefficients, each in units of its sd over all cars.
     pub shape: Shape,
 }

@@ -11,7 +11,7 @@
 //! frame to the next. `r` above 1 says that C was too small, and widens it.
 
 use nalgebra::{Matrix2, Vector2};
-use roadplane_base::{KEYPOINTS, Keypoint, KeypointSet, median};
+use roadplane_base::{KEYPOINTS, Keypoint, KeypointSet, StudentT, median};
 
 /// One set out of many.
 #[derive(Clone, Debug)]
@@ -27,8 +27,8 @@ pub struct Combined {
 const MIN_FRAMES: usize = 3;
 /// A keypoint seen in a smaller share of the frames is left out.
 const MIN_PRESENCE: f64 = 0.3;
-/// Student-t's degrees of freedom of the scatter, which is measured by its median.
-const NU: f64 = 4.0;
+/// How a keypoint's looks scatter; how far is measured by their median.
+const SCATTER: StudentT = StudentT { dimensions: 2.0 };
 /// A look farther off counts as this far in the scatter, sd.
 const MAX_SD: f64 = 3.0;
 /// How many frames' worth the car's mean scatter ratio counts in each keypoint's own.
@@ -93,7 +93,7 @@ fn mean_of(looks: &[&KeypointSet], index: usize) -> Option<Mean> {
         let mut sum = Vector2::zeros();
         let mut information = Matrix2::zeros();
         for ((point, inverse), distance) in seen.iter().zip(&away) {
-            let weight = (NU + 2.0) / (NU + (distance / sd).powi(2));
+            let weight = SCATTER.weight((distance / sd).powi(2));
             information += inverse * weight;
             sum += inverse * weight * point.pixel;
         }

@@ -16,8 +16,8 @@ use std::sync::Arc;
 
 use nalgebra::{Matrix4, Vector2, Vector4};
 use roadplane_base::{
-    CameraEstimate, CameraParams, CameraStatus, Clue, ImageSize, JointInformation, Lens, SHARED_ERRORS,
-    SharedSd, weighted_median,
+    CameraEstimate, CameraParams, CameraPrior, CameraStatus, Clue, ImageSize, JointInformation, Lens,
+    SHARED_ERRORS, SharedSd, StudentT, is_told, weighted_median,
 };
 
 use crate::{
@@ -114,24 +114,15 @@ impl FuseOptions {
         Self { clues: BTreeMap::new(), size_of_cars_sd: 0.0, ..self.clone() }
     }
 
-    /// For pictures of this size: focal length 0.8–2.5 times the image's width (1 sd), camera 3–18 m up, tilt 0–50°, no roll to
-    /// ±6°; principal point in the middle.
+    /// For pictures of this size: the default [`CameraPrior`], principal point in the middle.
     #[must_use]
     pub fn for_image(image_size_px: ImageSize) -> Self {
-        let width = f64::from(image_size_px.width);
+        let prior = CameraPrior::default();
         Self {
             image_size_px,
             principal_point_px: image_size_px.centre_px(),
             focal_given: false,
-            prior: FusePrior {
-                params: CameraParams {
-                    log_focal: (1.4 * width).ln(),
-                    tilt: 0.44,
-                    roll: 0.0,
-                    log_height: 7.5f64.ln(),
-                },
-                sd: Vector4::new(0.6, 0.44, 0.1, 0.9),
-            },
+            prior: FusePrior { params: prior.mean(image_size_px), sd: prior.sd() },
             drift_sd: Vector4::new(1e-4, 5e-5, 5e-5, 1e-4),
             parked_correlation: 1.0,
             moving_correlation: 0.3,
@@ -145,8 +136,8 @@ impl FuseOptions {
     }
 }
 
-/// Degrees of freedom of the Student-t that windows are taken to scatter by: a window with a wrong minimum counts little.
-const NU: f64 = 4.0;
+/// How windows are taken to scatter: one with a wrong minimum counts little.
+const SCATTER: StudentT = StudentT { dimensions: 4.0 };
 /// A zoom of more than this between two camera positions says that the focal length changed, log.
 const ZOOM: f64 = 0.03;
 /// Multiples of `drift_sd` that are tried.
@@ -325,7 +316,7 @@ fn constant(group: &[&WindowEstimate], shares: &[f64], options: &FuseOptions) ->
     let mut weights = Vec::new();
     for _ in 0..30 {
         distances = group.iter().map(|w| distance(w, &centre)).collect();
-        weights = distances.iter().map(|d2: &f64| (NU + 4.0) / (NU + d2)).collect();
+        weights = distances.iter().map(|d2| SCATTER.weight(*d2)).collect();
         let mut information = prior_information;
         let mut sum = prior_information * prior;
         for ((window, share), weight) in group.iter().zip(shares).zip(&weights) {
@@ -340,7 +331,7 @@ fn constant(group: &[&WindowEstimate], shares: &[f64], options: &FuseOptions) ->
             break;
         }
     }
-    let cost = distances.iter().map(|d2| 0.5 * (NU + 4.0) * (d2 / NU).ln_1p()).sum();
+    let cost = distances.iter().map(|d2| SCATTER.cost(*d2)).sum();
     Constant { weights, distances, cost }
 }
 
@@ -428,8 +419,8 @@ fn drift_log_likelihood(group: &[&WindowEstimate], scale: f64, options: &FuseOpt
         let innovation = window.params.to_vector() - mean;
         let Some(factor) = (covariance + noise).cholesky() else { continue };
         let d2 = innovation.dot(&factor.solve(&innovation));
-        total -= 0.5 * (NU + 4.0) * (d2 / NU).ln_1p() + 0.5 * factor.determinant().ln();
-        let Some(factor) = (covariance + noise * ((NU + d2) / (NU + 4.0))).cholesky() else { continue };
+        total -= SCATTER.cost(d2) + 0.5 * factor.determinant().ln();
+        let Some(factor) = (covariance + noise / SCATTER.weight(d2)).cholesky() else { continue };
         let gain = factor.solve(&covariance).transpose();
         mean += gain * innovation;
         covariance -= gain * covariance;
@@ -467,14 +458,7 @@ fn estimate(
     let (params, covariance) = state.camera();
     let told = node.cars.and(&node.metres).information;
     let prior = options.prior.sd.map(|sd| 1.0 / (sd * sd));
-    // Evidence on one number with the others free within the prior.
-    let known = |i: usize| {
-        let mut rest = prior;
-        rest[i] = 0.0;
-        let with = told + Matrix4::from_diagonal(&rest);
-        let variance = with.try_inverse().map_or(f64::INFINITY, |inverse| inverse[(i, i)]);
-        variance > 0.0 && variance < 1.0 / prior[i]
-    };
+    let known = |number: usize| is_told(number, &told, &prior);
     let status = if !(known(1) && known(3)) {
         CameraStatus::Unobservable
     } else if options.focal_given {

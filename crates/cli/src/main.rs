@@ -1,4 +1,7 @@
 //! The `roadplane` binary: parses the command line, runs one command, turns its outcome into an exit code.
+//!
+//! Contents: `args/` what can be asked, `commands/` a file a command, `logging.rs`, `progress.rs`, `metrics.rs`, `signals.rs`,
+//! `sandbox.rs`.
 // Doc comments of arguments are their help texts, where <stem> is no tag and [,height_m] no link.
 #![allow(rustdoc::invalid_html_tags, rustdoc::broken_intra_doc_links)]
 

@@ -5,6 +5,9 @@
 //! `camera.json`, and `scene.json`, which holds the same in one plain file.
 //!
 //! The world is that of the run: z up, origin on the ground under the camera.
+//!
+//! # Contents
+//! `scene.rs` what is copied, `thin.rs` trajectories, `mesh.rs` surfaces; a form each: `openscenario.rs`, `opendrive.rs`, `gltf.rs`.
 
 #![deny(missing_docs)]
 

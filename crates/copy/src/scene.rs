@@ -55,7 +55,7 @@ pub struct Vehicle {
     pub centre_m: f64,
     /// Its wheels.
     pub wheels: Wheels,
-    /// Shape coefficients, sd.
+    /// Shape coefficients, each in units of its sd over all cars.
     pub shape: [f64; 6],
     /// Paint, RGB.
     pub colour: [u8; 3],

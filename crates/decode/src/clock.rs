@@ -115,7 +115,7 @@ mod tests {
         let mut clock = Clock::new(25.0);
         run(&mut clock, &(0..10).map(|i| i as f64 * 40.0).collect::<Vec<_>>());
         assert_eq!(clock.tick(520.0).skipped, 3, "may be a loss");
-        assert!(!clock.tick(680.0).usual, "was none");
+        assert!(!clock.tick(680.0).usual, "no loss");
         let (_, skipped, _) = run(&mut clock, &(1..20).map(|i| 680.0 + i as f64 * 160.0).collect::<Vec<_>>());
         assert_eq!(skipped, 0);
     }

@@ -5,6 +5,22 @@
 //! frames that the container promises or holds and the decoder does not give, gaps in a steady stream's times, slices
 //! that contradict themselves, a file shorter than its own structure. What stays unseen is damage inside a packet whose
 //! headers are sound, which FFmpeg conceals in the picture.
+//!
+//! # Contents
+//! - the way in: [`open`] (`input.rs`), by content (`sniff.rs`), a kind each: `video.rs`, `still.rs`, `folder.rs`
+//! - what was lost: `packets.rs`, `structure.rs`, `clock.rs` → [`DecodeReport`]
+//!
+//! # Example
+//! ```no_run
+//! use roadplane_decode::{DecodeOptions, open};
+//!
+//! let mut input = open("lot.mp4".as_ref(), &DecodeOptions::default())?;
+//! while let Some(frame) = input.next_frame()? {
+//!     println!("{:.2} s, {} wide", frame.stamp.time_s(), frame.size().width);
+//! }
+//! println!("{} frames lost", input.report().missing);
+//! # Ok::<(), roadplane_decode::DecodeError>(())
+//! ```
 
 mod clock;
 mod error;

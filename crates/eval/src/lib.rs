@@ -1,4 +1,14 @@
 //! How good results are: truth files, metrics with their sources, tables with confidence intervals.
+//!
+//! # Contents
+//! ```text
+//! commands      dataset, cameras, solver, keypoints, activity, attention, kitti, box_files, run, vehicles, tracker: one `evaluate_…` or
+//!               `…_tables` each, called by `roadplane eval …`
+//! truth         truth.rs (our own files), readers/ (those of others)
+//! estimates     systems/ (the paper's table: which system makes poses of keypoints)
+//! comparison    scoring/ (which estimate belongs to which truth), metrics/ (one file each, with its source)
+//! presentation  tables/, table.rs, plot.rs, report.rs; intervals: bootstrap.rs
+//! ```
 
 mod activity;
 mod attention;

@@ -15,7 +15,7 @@ use crate::text_file::read_text;
 /// Field `index` of a line as a value.
 fn field<T: FromStr>(fields: &[&str], index: usize, name: &str) -> Result<T, String> {
     let text = fields.get(index).ok_or_else(|| format!("{name} is missing"))?;
-    text.parse().ok().ok_or_else(|| format!("{name} {text:?} is no such value"))
+    text.parse().ok().ok_or_else(|| format!("{name} {text:?} is not a valid value"))
 }
 
 /// Like [`field`] for finite numbers.

@@ -2,6 +2,10 @@
 //!
 //! [`Run`] is what a result folder holds, by track. [`export`] writes it in any of [`FORMATS`], a folder each, complete or not
 //! there at all.
+//!
+//! # Contents
+//! `run.rs` a result folder by track; `formats/` a file each, listed in [`FORMATS`] (`formats.rs`); `xml.rs`. A new format is a file
+//! there and a line in the list.
 
 #![deny(missing_docs)]
 

@@ -6,6 +6,10 @@
 //!
 //! A card may name its net in int8 as well ([`Variant`]). [`ProviderChoice::Auto`] takes what is fastest on the processor
 //! at hand among what keeps the net's accuracy, and says once in the log what that is.
+//!
+//! # Contents
+//! `card.rs` what a net takes and gives; `external_data.rs` what is refused; `session.rs` a loaded net; `runtime.rs`, `processor.rs`
+//! how it is computed.
 
 mod card;
 mod error;

@@ -175,21 +175,48 @@ mod tests {
         assert_eq!(&serde_json::from_str::<Calibration>(&whole).unwrap(), sound);
     }
 
-    /// The same numbers stand in `scripts/train/net/test_net.py`.
+    /// What `tests/data/decoding.json` holds of a heatmap, which the Python side is held to, too.
+    #[derive(Deserialize)]
+    struct Case {
+        name: String,
+        logits: Vec<f32>,
+        mean_crop_px: [f64; 2],
+        variance_crop_px2: [f64; 3],
+        location_crop_px: [f64; 2],
+        covariance_crop_px2: [f64; 3],
+    }
+
+    #[derive(Deserialize)]
+    struct Fixture {
+        cells: usize,
+        stride_px: f64,
+        calibration: Calibration,
+        cases: Vec<Case>,
+    }
+
     #[test]
-    fn the_python_reference_measures_the_same() {
-        let peak =
-            DECODER.calibration.measurement(Vector2::new(80.0, 30.0), Matrix2::new(20.0, 6.0, 6.0, 11.0));
-        let expected = [79.66069, 29.57062, 18.1627, 7.71145, 6.70736];
-        let found = [
-            peak.crop_px.x,
-            peak.crop_px.y,
-            peak.covariance[(0, 0)],
-            peak.covariance[(0, 1)],
-            peak.covariance[(1, 1)],
-        ];
-        for (found, expected) in found.iter().zip(expected) {
-            assert!((found - expected).abs() < 1e-4, "{found} {expected}");
+    fn what_rust_and_python_measure_is_the_same() {
+        let Fixture { cells, stride_px, calibration, cases } =
+            serde_json::from_str(include_str!("../../../tests/data/decoding.json")).unwrap();
+        let decoder = HeatmapDecoder { cells, stride_px, calibration };
+        assert!(cases.len() >= 4);
+        for case in cases {
+            let mut logits = vec![-20.0; cells * cells];
+            for entry in case.logits.chunks_exact(3) {
+                logits[entry[0] as usize * cells + entry[1] as usize] = entry[2];
+            }
+            let (mean, variance) = decoder.moments(&logits).unwrap();
+            let peak = decoder.decode(&logits).unwrap();
+            let near =
+                |what: &str, (x, y): (f64, f64), matrix: Matrix2<f64>, at: [f64; 2], spread: [f64; 3]| {
+                    let found = [x, y, matrix[(0, 0)], matrix[(0, 1)], matrix[(1, 1)]];
+                    for (found, expected) in found.iter().zip(at.iter().chain(&spread)) {
+                        assert!((found - expected).abs() < 1e-4, "{}, {what}: {found} {expected}", case.name);
+                    }
+                };
+            near("softmax", (mean.x, mean.y), variance, case.mean_crop_px, case.variance_crop_px2);
+            let at = (peak.crop_px.x, peak.crop_px.y);
+            near("keypoint", at, peak.covariance, case.location_crop_px, case.covariance_crop_px2);
         }
     }
 

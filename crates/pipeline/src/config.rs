@@ -216,7 +216,7 @@ impl Default for SolveConfig {
             roll_prior_sd_deg: deg(prior.roll_sd),
             height_prior_m: prior.height_m,
             height_prior_log_sd: prior.log_height_sd,
-            outlier_sd: 3.75,
+            outlier_sd: scene.kernel.threshold_squared.sqrt(),
             min_inliers: scene.min_inliers,
             min_inlier_share: scene.min_inlier_share,
             min_keypoint_score: 0.3,

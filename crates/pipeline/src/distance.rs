@@ -78,7 +78,7 @@ fn between(camera: &CameraEstimate, a: &TrackRow, b: &TrackRow) -> Option<Distan
 mod tests {
     use super::*;
     use crate::shared_error::tests::estimate;
-    use roadplane_base::{GroundPose, VehicleClass};
+    use roadplane_base::GroundPose;
 
     #[test]
     fn of_two_cars_side_by_side_only_the_scale_is_unsure() {
@@ -87,28 +87,12 @@ mod tests {
             let pose = GroundPose { x_m, y_m: 40.0, heading_rad: 1.5 };
             let shared = shared_covariance(&camera, &pose);
             TrackRow {
-                frame: 0,
-                time_s: 0.0,
-                track: 1,
                 x_m,
                 y_m: 40.0,
                 heading_rad: 1.5,
-                speed_mps: 0.0,
                 x_sd_m: (0.01 + shared[(0, 0)]).sqrt(),
                 y_sd_m: (0.01 + shared[(1, 1)]).sqrt(),
-                heading_sd_rad: 0.1,
-                length_m: 4.5,
-                width_m: 1.8,
-                height_m: 1.5,
-                bbox_px: [0.0, 0.0, 1.0, 1.0],
-                score: 1.0,
-                observed: true,
-                class: VehicleClass::Car,
-                segment: 0,
-                speed_sd_mps: 0.0,
-                activity: None,
-                activity_p: None,
-                on_map: None,
+                ..roadplane_synth::standing(1, 0, 0.0)
             }
         };
         let near = between(&camera, &row(1.0), &row(3.0)).unwrap();

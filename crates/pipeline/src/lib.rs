@@ -1,5 +1,16 @@
 //! Joins the stages: threads and bounded channels for the streaming half, the clip's solve for the other, configuration,
 //! cancellation, and what each command of the binary does.
+//!
+//! # Contents
+//! ```text
+//! streaming half   streaming.rs over flow.rs (a thread a stage), with watched.rs, scene_lines.rs, stills.rs, samples.rs, speed.rs
+//!                  → left.rs: frames.jsonl and what the other half needs
+//! solving half     clip.rs: cameras.rs (windows → joint solves → one camera a stretch of time; lens.rs, known.rs, memory.rs)
+//!                  → cars.rs, ground_contact.rs, hidden.rs, believe.rs → tracks → finish.rs: files and report (draw.rs, losses.rs)
+//! commands         run.rs, piece.rs and join.rs, stage_files.rs, solve_file.rs, track_file.rs, activities.rs, distance.rs, bench.rs,
+//!                  doctor.rs
+//! around           config.rs, models.rs, identity.rs, limits.rs, progress.rs, cancel.rs, error.rs
+//! ```
 
 mod activities;
 mod believe;

@@ -308,28 +308,8 @@ mod tests {
         let mut stills = Stills::new(4.0);
         stream(&mut stills, 0..400);
         let row = |track: u64, index: u64, left: f64| TrackRow {
-            frame: index,
-            time_s: index as f64 * 0.0999,
-            track,
-            x_m: 0.0,
-            y_m: 20.0,
-            heading_rad: 0.0,
-            speed_mps: 0.0,
-            x_sd_m: 0.1,
-            y_sd_m: 0.1,
-            heading_sd_rad: 0.1,
-            length_m: 4.5,
-            width_m: 1.8,
-            height_m: 1.5,
             bbox_px: [left, 60.0, left + 60.0, 100.0],
-            score: 0.9,
-            observed: true,
-            class: roadplane_base::VehicleClass::Car,
-            segment: 0,
-            speed_sd_mps: 0.1,
-            activity: None,
-            activity_p: None,
-            on_map: None,
+            ..roadplane_synth::standing(track, index, index as f64 * 0.0999)
         };
         let rows: Vec<TrackRow> = (0..400).flat_map(|i| [row(1, i, 20.0), row(2, i, 104.0)]).collect();
         let views = stills.views(&rows);

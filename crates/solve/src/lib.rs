@@ -30,6 +30,24 @@
 //! [`solve_scene`]: everything unknown. [`fit_car`]: camera and plane known. [`fit_free_car`],
 //! [`solve_free_scene`]: no plane, 6-DoF poses, or the paper's soft plane terms (Eq. 4–7) with its Algorithm 1.
 //! [`refine_scene`], [`scene_bound`]: from a known scene.
+//!
+//! # Example
+//! ```
+//! use roadplane_base::ShapeAtlas;
+//! use roadplane_solve::{CarView, SceneOptions, solve_scene};
+//! use roadplane_synth::{SynthOptions, scene};
+//!
+//! let atlas = ShapeAtlas::shipped()?;
+//! let truth = scene(&atlas, &SynthOptions { cars: 10, noise: 0.005, ..SynthOptions::default() }, 1);
+//! let views: Vec<CarView<'_>> =
+//!     truth.cars.iter().enumerate().map(|(group, car)| CarView { keypoints: &car.keypoints, group, weight: 1.0 }).collect();
+//! let found = solve_scene(&atlas, truth.size, &views, &SceneOptions::default());
+//! assert!(found.status.usable());
+//! assert!((found.params.focal_px() / truth.params.focal_px()).ln().abs() < 4.0 * found.covariance[(0, 0)].sqrt());
+//! # Ok::<(), roadplane_base::AtlasError>(())
+//! ```
+
+pub use roadplane_base::CameraPrior;
 
 mod linear;
 mod model;
@@ -41,7 +59,7 @@ mod start;
 
 pub use linear::lm::{LmOptions, LmReport, Problem, Termination, Trial, minimise};
 pub use model::kernel::OutlierModel;
-pub use options::{CameraPrior, SceneOptions, ShapePrior, Steps, ViewErrors};
+pub use options::{SceneOptions, ShapePrior, Steps, ViewErrors};
 pub use problem::free::PlaneTerms;
 pub use scene::fit::{CarFit, fit_car};
 pub use scene::free::{FreeCarFit, FreeSceneSolution, fit_free_car, solve_free_scene};

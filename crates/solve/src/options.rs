@@ -2,74 +2,11 @@
 
 use std::sync::Arc;
 
-use nalgebra::{Matrix6, Vector4};
-use roadplane_base::{CameraParams, Clue, ImageSize, Lens, SHARED_ERRORS, Shape, SharedSd};
+use nalgebra::Matrix6;
+use roadplane_base::{CameraParams, CameraPrior, Clue, Lens, SHARED_ERRORS, Shape, SharedSd};
 
 use crate::linear::lm::LmOptions;
 use crate::model::kernel::OutlierModel;
-
-/// What is known of a surveillance camera before looking: independent Gaussians; an infinite sd says "nothing".
-/// Default: focal length log-normal around 1.2 × the longer image side, sd 0.6; tilt 25° ± 20°; roll 0° ± 6°; height
-/// log-normal around 7 m, sd 0.8.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct CameraPrior {
-    /// Median focal length in units of the longer image side.
-    pub focal_ratio: f64,
-    /// sd of log focal.
-    pub log_focal_sd: f64,
-    /// Mean tilt, rad.
-    pub tilt: f64,
-    /// sd of tilt, rad.
-    pub tilt_sd: f64,
-    /// sd of roll around 0, rad.
-    pub roll_sd: f64,
-    /// Median height, m.
-    pub height_m: f64,
-    /// sd of log height.
-    pub log_height_sd: f64,
-}
-
-impl Default for CameraPrior {
-    fn default() -> Self {
-        Self {
-            focal_ratio: 1.2,
-            log_focal_sd: 0.6,
-            tilt: 25_f64.to_radians(),
-            tilt_sd: 20_f64.to_radians(),
-            roll_sd: 6_f64.to_radians(),
-            height_m: 7.0,
-            log_height_sd: 0.8,
-        }
-    }
-}
-
-impl CameraPrior {
-    /// No prior at all.
-    #[must_use]
-    pub fn none() -> Self {
-        let none = f64::INFINITY;
-        Self { log_focal_sd: none, tilt_sd: none, roll_sd: none, log_height_sd: none, ..Self::default() }
-    }
-
-    /// Mean of (log f, tilt, roll, log h) for an image of this size.
-    #[must_use]
-    pub fn mean(&self, size: ImageSize) -> CameraParams {
-        let longer = f64::from(size.width.max(size.height).max(1));
-        CameraParams {
-            log_focal: (self.focal_ratio * longer).ln(),
-            tilt: self.tilt,
-            roll: 0.0,
-            log_height: self.height_m.ln(),
-        }
-    }
-
-    /// 1/sd² of (log f, tilt, roll, log h).
-    #[must_use]
-    pub fn information(&self) -> Vector4<f64> {
-        Vector4::new(self.log_focal_sd, self.tilt_sd, self.roll_sd, self.log_height_sd)
-            .map(|sd| 1.0 / (sd * sd))
-    }
-}
 
 /// What is known of a car's shape: a Gaussian on its coefficients.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -169,7 +106,7 @@ pub struct SceneOptions {
     /// A car with a smaller share of right keypoints is left out.
     pub min_inlier_share: f64,
     /// A car whose fit costs more than this share of what it would cost were all its keypoints wrong is left out: half the
-    /// keypoints of a car that is none may be fitted, but not well and not with a likely shape.
+    /// keypoints of a false detection may be fitted, but not well and not with a likely shape.
     pub max_cost_share: f64,
     /// A car with fewer right keypoints is left out.
     pub min_inliers: usize,

@@ -5,7 +5,7 @@ use roadplane_base::{CameraParams, GroundPose, JointInformation, KEYPOINTS, Keyp
 
 use crate::linear::lm::Termination;
 
-/// One sight of a car.
+/// One car in one frame.
 #[derive(Clone, Copy, Debug)]
 pub struct CarView<'a> {
     /// What was found of it.
@@ -23,9 +23,9 @@ pub enum SceneStatus {
     Converged,
     /// Focal length was given; the plane comes from the cars.
     FocalGiven,
-    /// The cars say too little about the focal length: it rests on the prior, and its sd says so.
+    /// The cars say too little about the focal length: it rests on the prior and is as uncertain as that.
     FocalFromPrior,
-    /// At a minimum of sorts, but the loop ran out of iterations.
+    /// The loop ran out of iterations before it reached the minimum.
     NotConverged,
     /// No car could be used; the numbers are the prior.
     TooFewCars,
@@ -48,9 +48,10 @@ pub struct CarSolution {
     pub camera_from_car: Isometry3<f64>,
     /// Where it stands in the world frame.
     pub ground: GroundPose,
-    /// Covariance of (x m, y m, heading rad), the camera's uncertainty counted.
+    /// Covariance of (x m, y m, heading rad): with the camera's uncertainty where that is estimated, too
+    /// ([`solve_scene`](crate::solve_scene)), without where it is given ([`fit_car`](crate::fit_car)).
     pub ground_covariance: Matrix3<f64>,
-    /// Shape coefficients, sd.
+    /// Shape coefficients, each in units of its sd over all cars.
     pub shape: Shape,
     /// Their covariance.
     pub shape_covariance: Matrix6<f64>,

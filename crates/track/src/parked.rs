@@ -1,11 +1,12 @@
 //! The one pose of a car that stands: robust, information-weighted mean of its sightings.
 
 use nalgebra::{Matrix3, Vector3};
+use roadplane_base::StudentT;
 
 use crate::{filter::fold_axis, measurement::Observation, noise::Noise};
 
-/// Student-t's degrees of freedom: half-hidden cars give poses far off.
-const NU: f64 = 4.0;
+/// How poses scatter: half-hidden cars give some that are far off.
+const SCATTER: StudentT = StudentT { dimensions: 3.0 };
 const ROUNDS: usize = 20;
 
 /// Where a car stood.
@@ -35,7 +36,7 @@ pub(crate) fn stand(all: &[Observation], bias_share: f64) -> Option<Stand> {
         information = Matrix3::zeros();
         let mut step = Vector3::zeros();
         for ((d, inverse), square) in away.iter().zip(&inverses).zip(&squares) {
-            let weight = (NU + 3.0) / (NU + square / ratio);
+            let weight = SCATTER.weight(square / ratio);
             information += inverse * weight;
             step += inverse * d * weight;
         }

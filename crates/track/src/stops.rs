@@ -23,9 +23,9 @@ const MIN_SIGHTINGS: usize = 5;
 const MIN_BOX_MOTION: f64 = 0.02;
 /// Significance, sd.
 const SIGNIFICANT: f64 = 3.0;
-/// Shorter interruptions are none, s.
+/// Shorter interruptions are ignored, s.
 const BLINK_S: f64 = 0.5;
-/// Shorter stands are none, s.
+/// Shorter stands are ignored, s.
 const MIN_STAND_S: f64 = 1.0;
 /// A car has been rolling for this long before its motion shows, s.
 const ONSET_S: f64 = 0.3;

@@ -11,13 +11,14 @@
 //! which is measured, lies half a wheelbase ahead: `(x, y) + l (cos θ, sin θ)`.
 
 use nalgebra::{Matrix3, Matrix3x5, Matrix5, Vector3, Vector5};
+use roadplane_base::StudentT;
 
 use crate::{TrackOptions, chain::Blocks, filter::fold_axis};
 
 pub(crate) type State = Vector5<f64>;
 
-/// Student-t's degrees of freedom for measurements.
-const NU: f64 = 4.0;
+/// How measurements scatter.
+const SCATTER: StudentT = StudentT { dimensions: 3.0 };
 /// Least sd of a step, in the state's units: a straight drive is not exactly straight.
 const STEP_FLOOR: [f64; 5] = [1e-3, 1e-3, 1e-4, 1e-3, 1e-4];
 /// Turning that the path does not explain, rad within 1 s.
@@ -117,7 +118,7 @@ impl Vehicle<'_> {
         for (node, state) in self.nodes.iter().zip(states) {
             if let Some((measured, information)) = &node.measured {
                 let d = residual(state, measured, self.options.half_wheelbase_m);
-                total += 0.5 * (NU + 3.0) * (d.dot(&(information * d)) / NU).ln_1p();
+                total += SCATTER.cost(d.dot(&(information * d)));
             }
             let precision = self.prior(node);
             total += 0.5 * state.component_mul(state).dot(&precision);
@@ -136,7 +137,7 @@ impl Vehicle<'_> {
             if let Some((measured, information)) = &node.measured {
                 let (_, jacobian) = origin(state, self.options.half_wheelbase_m);
                 let d = residual(state, measured, self.options.half_wheelbase_m);
-                let weight = (NU + 3.0) / (NU + d.dot(&(information * d)));
+                let weight = SCATTER.weight(d.dot(&(information * d)));
                 let weighted = jacobian.transpose() * information * weight;
                 blocks.diagonal[i] += weighted * jacobian;
                 blocks.gradient[i] -= weighted * d;

@@ -279,28 +279,11 @@ mod tests {
     #[test]
     fn every_track_is_drawn_and_the_text_is_always_the_same() {
         let row = |track: u64, frame: u64| TrackRow {
-            frame,
-            time_s: 0.1 * frame as f64,
-            track,
             x_m: track as f64 * 3.0,
             y_m: 20.0 + frame as f64,
             heading_rad: 1.0,
             speed_mps: 1.0,
-            x_sd_m: 0.1,
-            y_sd_m: 0.2,
-            heading_sd_rad: 0.02,
-            length_m: 4.5,
-            width_m: 1.8,
-            height_m: 1.5,
-            bbox_px: [0.0; 4],
-            score: 0.5,
-            observed: true,
-            class: roadplane_base::VehicleClass::Car,
-            segment: 0,
-            speed_sd_mps: 0.1,
-            activity: None,
-            activity_p: None,
-            on_map: None,
+            ..roadplane_synth::standing(track, frame, 0.1 * frame as f64)
         };
         let rows: Vec<TrackRow> = (0..3).flat_map(|frame| [row(1, frame), row(2, frame)]).collect();
         let size = ImageSize { width: 640, height: 480 };

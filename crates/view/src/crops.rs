@@ -56,30 +56,7 @@ mod tests {
     use image::Rgb;
 
     fn row(track: u64, frame: u64, bbox_px: [f64; 4], observed: bool) -> TrackRow {
-        TrackRow {
-            frame,
-            time_s: 0.0,
-            track,
-            x_m: 0.0,
-            y_m: 20.0,
-            heading_rad: 0.0,
-            speed_mps: 0.0,
-            x_sd_m: 0.1,
-            y_sd_m: 0.1,
-            heading_sd_rad: 0.1,
-            length_m: 4.5,
-            width_m: 1.8,
-            height_m: 1.5,
-            bbox_px,
-            score: 0.9,
-            observed,
-            class: roadplane_base::VehicleClass::Car,
-            segment: 0,
-            speed_sd_mps: 0.1,
-            activity: None,
-            activity_p: None,
-            on_map: None,
-        }
+        TrackRow { bbox_px, observed, ..roadplane_synth::standing(track, frame, 0.0) }
     }
 
     #[test]

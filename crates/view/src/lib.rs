@@ -1,4 +1,8 @@
 //! Pictures of a result: overlays, the view from above, the report, annotated video.
+//!
+//! # Contents
+//! `overlay.rs`, `video.rs` into the picture (`labels.rs`, `canvas.rs`, `ground_cells.rs`); `birds_eye.rs` from above; `report.rs` and
+//! `report/` the page, with `crops.rs`, `histogram.rs`; `keypoint_sheet.rs`, `lines.rs` for looking into keypoints and edges.
 
 mod activities;
 mod birds_eye;

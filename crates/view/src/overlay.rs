@@ -278,28 +278,12 @@ mod tests {
         let mut overlay = Overlay::new(&black, &camera, &plane, &atlas).unwrap();
         let pose = GroundPose { x_m: 0.0, y_m: 18.0, heading_rad: 0.7 };
         let row = TrackRow {
-            frame: 0,
-            time_s: 0.0,
-            track: 1,
             x_m: pose.x_m,
             y_m: pose.y_m,
             heading_rad: pose.heading_rad,
             speed_mps: 4.0,
-            x_sd_m: 0.1,
-            y_sd_m: 0.1,
-            heading_sd_rad: 0.1,
-            length_m: 4.5,
-            width_m: 1.8,
-            height_m: 1.5,
             bbox_px: [200.0, 150.0, 420.0, 330.0],
-            score: 0.9,
-            observed: true,
-            class: roadplane_base::VehicleClass::Car,
-            segment: 0,
-            speed_sd_mps: 0.1,
-            activity: None,
-            activity_p: None,
-            on_map: None,
+            ..roadplane_synth::standing(1, 0, 0.0)
         };
         let mut cells = GroundCells::default();
         cells.add(0.0, 18.0);

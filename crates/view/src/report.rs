@@ -163,34 +163,7 @@ pub(crate) mod tests {
     use super::*;
     use nalgebra::Matrix4;
     use roadplane_base::{CameraParams, CameraStatus, ImageSize, MoveKind};
-
-    /// A car that stands.
-    pub(crate) fn row(track: u64, frame: u64, time_s: f64) -> TrackRow {
-        TrackRow {
-            frame,
-            time_s,
-            track,
-            x_m: 0.0,
-            y_m: 20.0,
-            heading_rad: 0.0,
-            speed_mps: 0.0,
-            x_sd_m: 0.1,
-            y_sd_m: 0.2,
-            heading_sd_rad: 0.02,
-            length_m: 4.5,
-            width_m: 1.8,
-            height_m: 1.5,
-            bbox_px: [100.0, 100.0, 160.0, 140.0],
-            score: 0.9,
-            observed: true,
-            class: roadplane_base::VehicleClass::Car,
-            segment: 0,
-            speed_sd_mps: 0.1,
-            activity: None,
-            activity_p: None,
-            on_map: None,
-        }
-    }
+    use roadplane_synth::standing as row;
 
     fn camera() -> CameraEstimate {
         let size = ImageSize { width: 640, height: 360 };

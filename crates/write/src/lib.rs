@@ -3,6 +3,11 @@
 //! Every file appears under its name complete and on disk, or not at all ([`OutFile`]); a result folder likewise
 //! ([`OutputFolder`]). Equal input gives equal bytes: numbers are rounded to fixed digits (0.1 mm, 1e-5 rad, 0.01 px,
 //! 1 µs) and nothing depends on hash order, time of day or machine.
+//!
+//! # Contents
+//! - how: `file.rs`, `folder.rs`, `lock.rs`, `spool.rs` (a run in progress), `digits.rs`, `schema.rs`
+//! - what: `tracks.rs` (`parquet.rs`), `jsonl.rs` (poses, frames), `camera.rs`, `summary.rs` (`speed.rs`), `evidence.rs`
+//! - what users bring: `known.rs`, `table.rs`
 
 #![deny(missing_docs)]
 

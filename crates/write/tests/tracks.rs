@@ -12,28 +12,17 @@ use roadplane_write::{TrackFiles, WriteError, read_jsonl};
 fn row(frame: u64, track: u64) -> TrackRow {
     let t = frame as f64 / 30.0;
     TrackRow {
-        frame,
-        time_s: t,
-        track,
         x_m: 1.0 / 3.0 + track as f64,
         y_m: 20.0 + 5.0 * t,
         heading_rad: std::f64::consts::FRAC_PI_2,
         speed_mps: 5.0,
         x_sd_m: 0.0123,
-        y_sd_m: 0.2,
         heading_sd_rad: 0.001_234_5,
-        length_m: 4.5,
-        width_m: 1.8,
-        height_m: 1.5,
         bbox_px: [10.0, 20.0 + t, 110.123_456, 90.0],
-        score: 0.9,
         observed: frame.is_multiple_of(2),
-        class: roadplane_base::VehicleClass::Car,
-        segment: 0,
-        speed_sd_mps: 0.1,
         activity: (track == 2).then(|| "turn_left, \"wide\"".to_owned()),
         activity_p: (track == 2).then_some(0.75),
-        on_map: None,
+        ..roadplane_synth::standing(track, frame, t)
     }
 }
 

@@ -48,9 +48,7 @@ class Camera:
     @classmethod
     def from_json(cls, segment: Mapping[str, Any]) -> Camera:
         """From one of the `segments` of `camera.json`."""
-        covariance = np.array(
-            [[np.nan if v is None else v for v in row] for row in segment["covariance"]], dtype=float
-        )
+        covariance = np.array([[np.nan if v is None else v for v in row] for row in segment["covariance"]], dtype=float)
         unknown = np.isnan(covariance)
         covariance[unknown] = np.where(np.eye(4)[unknown] > 0, np.inf, 0.0)
         lens = segment.get("lens") or {"bend": 0.0, "bend_sd": None}

@@ -47,8 +47,9 @@ def _set_time(frame: int, time_s: float) -> None:
 def _log_camera(camera: Camera, is_static: bool) -> None:
     world_from_camera = np.linalg.inv(camera.camera_from_world())
     place = rr.Transform3D(translation=world_from_camera[:3, 3], mat3x3=world_from_camera[:3, :3])
-    pinhole = rr.Pinhole(focal_length=camera.focal_px, resolution=camera.image_size_px,
-                         principal_point=np.array(camera.principal_point_px) + 0.5)
+    pinhole = rr.Pinhole(
+        focal_length=camera.focal_px, resolution=camera.image_size_px, principal_point=np.array(camera.principal_point_px) + 0.5
+    )
     rr.log("world/camera", place, static=is_static)
     rr.log("world/camera/picture", pinhole, static=is_static)
 
@@ -58,12 +59,20 @@ def _log_row(row: dict[Any, Any]) -> None:
     track = row["track"]
     paint = (*_colour(track), 255 if row["observed"] else 110)
     turn = rr.Quaternion(xyzw=[0, 0, math.sin(row["heading_rad"] / 2), math.cos(row["heading_rad"] / 2)])
-    rr.log(f"world/cars/{track}", rr.Boxes3D(centers=[[row["x_m"], row["y_m"], row["height_m"] / 2]],
-                                             sizes=[[row["length_m"], row["width_m"], row["height_m"]]],
-                                             quaternions=[turn], colors=[paint]))
+    rr.log(
+        f"world/cars/{track}",
+        rr.Boxes3D(
+            centers=[[row["x_m"], row["y_m"], row["height_m"] / 2]],
+            sizes=[[row["length_m"], row["width_m"], row["height_m"]]],
+            quaternions=[turn],
+            colors=[paint],
+        ),
+    )
     corners = [[row[f"bbox_{corner}_px"] for corner in ("x0", "y0", "x1", "y1")]]
-    rr.log(f"world/camera/picture/{track}",
-           rr.Boxes2D(array=np.array(corners) + 0.5, array_format=rr.Box2DFormat.XYXY, colors=[paint]))
+    rr.log(
+        f"world/camera/picture/{track}",
+        rr.Boxes2D(array=np.array(corners) + 0.5, array_format=rr.Box2DFormat.XYXY, colors=[paint]),
+    )
     rr.log(f"speed_mps/{track}", rr.Scalars(row["speed_mps"]))
 
 

@@ -1,7 +1,7 @@
 """Writes a trained net as ONNX with its card, checks that the runtime agrees, and writes the features' fixture.
 
-    python -m activity.export --net WORK/3d.pt --name activity --out models
-    python -m activity.export --fixture tests/data/activity/features.json
+python -m activity.export --net WORK/3d.pt --name activity --out models
+python -m activity.export --fixture tests/data/activity/features.json
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Trains a net for one row of the table and says how good it is on cameras that it has not learnt from.
 
-    python -m activity.train --meva DIR --row 3d --out WORK/3d.pt
+python -m activity.train --meva DIR --row 3d --out WORK/3d.pt
 """
 
 from __future__ import annotations

@@ -82,14 +82,9 @@ def population_in_traffic(split: str, variants: int = 8, seed: int = 7) -> Popul
         share = TRAFFIC_SHARE[spec.body] / models_of[spec.body] / variants
         for _ in range(variants):
             style = vary(model_style(spec), rng)
-            rows.append(
-                (keypoints_of(style, rng), (style.length, style.width, style.height), share, spec.name, spec.body)
-            )
+            rows.append((keypoints_of(style, rng), (style.length, style.width, style.height), share, spec.name, spec.body))
     for mesh in meshes:
-        left = {
-            name: np.full(3, np.nan) if point is None else np.array(point)
-            for name, point in mesh["keypoints"].items()
-        }
+        left = {name: np.full(3, np.nan) if point is None else np.array(point) for name, point in mesh["keypoints"].items()}
         share = TRAFFIC_SHARE[mesh["body"]] / models_of[mesh["body"]] * MESH_WEIGHT
         rows.append((both_sides(left), mesh["dims"], share, mesh["name"], mesh["body"]))
     return Population(*(np.array(column) for column in zip(*rows)))
@@ -242,7 +237,9 @@ def to_json(
         "fine_residual_sd_m": both(fine_residual_sd),
         "body_types": [
             {
-                "name": body.name, "share": round(body.share, 5), "mean": np.round(body.mean, 5).tolist(),
+                "name": body.name,
+                "share": round(body.share, 5),
+                "mean": np.round(body.mean, 5).tolist(),
                 "covariance": np.round(body.covariance, 6).tolist(),
             }
             for body in types
@@ -278,10 +275,7 @@ def report(
         ("cars of the eval split", foreign),
     ):
         whole = 1000 * np.sqrt((values[:54] ** 2).reshape(18, 3).sum(1).mean())
-        lines.append(
-            f"  all keypoints, {name}: 3-D RMS {whole:.0f} mm; "
-            f"length, width, height {np.round(1000 * values[54:])} mm"
-        )
+        lines.append(f"  all keypoints, {name}: 3-D RMS {whole:.0f} mm; length, width, height {np.round(1000 * values[54:])} mm")
     return "\n".join(lines)
 
 

@@ -70,9 +70,7 @@ class Body:
         self._front = PchipInterpolator((0, 0.18, 0.36, 0.55, 0.8, 1), front)
         self._rear = PchipInterpolator((0, 0.18, 0.36, 0.5, 0.75, 1), rear)
         shoulder = s.belt_y + 0.45 * (1 - s.belt_y)
-        self._side = PchipInterpolator(
-            (0, 0.08, 0.3, 0.55, 0.8, 0.93, 1), (0.925, 0.962, 0.995, 1.0, 0.988, 0.968, shoulder)
-        )
+        self._side = PchipInterpolator((0, 0.08, 0.3, 0.55, 0.8, 0.93, 1), (0.925, 0.962, 0.995, 1.0, 0.988, 0.968, shoulder))
         self.tub_corners = Corners(
             (s.front_round, 0.75 * s.front_round),
             (s.rear_round, 0.85 * s.rear_round),
@@ -185,9 +183,7 @@ class Body:
         h = self.style.height
         x = [xt, xt + 0.3 * (xh - xt), xt + 0.65 * (xh - xt), xh]
         side = (1 - self.style.roof_crown) * h
-        return PchipInterpolator(
-            x, [zt - 0.03, max(side - 0.008, zt - 0.02), max(side, zh - 0.02), zh - 0.03]
-        )
+        return PchipInterpolator(x, [zt - 0.03, max(side - 0.008, zt - 0.02), max(side, zh - 0.02), zh - 0.03])
 
     @cached_property
     def roof_centre_z(self) -> PchipInterpolator:

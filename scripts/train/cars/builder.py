@@ -109,9 +109,7 @@ class _Assembly:
             places.append(max(self.place.quarter_x + 0.2, -self.place.axle + 0.3))
         material = str(self.rng.choice(["paint", "paint", "chrome", "plastic"]))
         half = np.array([0.10, 0.022, 0.018])
-        return [
-            rounded_box(np.array([x, self.place.side_y(x, z), z]), half, material, 3.0, 5) for x in places
-        ]
+        return [rounded_box(np.array([x, self.place.side_y(x, z), z]), half, material, 3.0, 5) for x in places]
 
     def _rails(self) -> list[Shell]:
         """Roof rail."""
@@ -135,9 +133,7 @@ class _Assembly:
             return [rounded_box(np.array([xt + 0.02, 0.0, zt + 0.005]), half, "paint", 4.0, 5)]
         if s.body in ("sedan", "coupe") and rng.random() < 0.15:
             x, z = s.x_rear + 0.17, s.tail_z * s.height + 0.09
-            wing = rounded_box(
-                np.array([x, 0.0, z]), np.array([0.10, 0.62 * body.half_width, 0.018]), "paint", 4.0, 5
-            )
+            wing = rounded_box(np.array([x, 0.0, z]), np.array([0.10, 0.62 * body.half_width, 0.018]), "paint", 4.0, 5)
             foot_y, half = 0.5 * body.half_width, np.array([0.04, 0.03, 0.06])
             feet = [rounded_box(np.array([x, y, z - 0.05]), half, "paint", 4.0, 5) for y in (-foot_y, foot_y)]
             return [wing, *feet]
@@ -157,11 +153,7 @@ class _Assembly:
         high = rng.random() < 0.6
         x, _, z = body.tub(1.0, 0.68 if high else 0.36)
         shells.append(details.plate(float(x) - 0.02, float(z), size, False))
-        rows = (
-            1
-            if self.place.panel_van or (s.body == "pickup" and self.place.two_doors)
-            else (3 if s.body == "minivan" else 2)
-        )
+        rows = 1 if self.place.panel_van or (s.body == "pickup" and self.place.two_doors) else (3 if s.body == "minivan" else 2)
         dash = body.cowl[0] - s.screen_bow - 0.25
         rear = body.backlight[0] + 0.15 if s.body != "van" else -self.place.axle
         width = s.belt_y * body.half_width - 0.1

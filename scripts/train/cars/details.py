@@ -20,9 +20,7 @@ def wheel(centre: np.ndarray, radius: float, width: float, spokes: int, rim_shar
                      (radius, -0.01), (0.975 * radius, 0.01), (0.9 * radius, 0.015),
                      (rim, 0.004)])  # fmt: skip
     shells = [_revolve(tyre, turns, "tyre")]
-    face = np.array(
-        [(rim, 0.004), (0.95 * rim, -0.008), (0.90 * rim, -0.02), (0.32 * rim, -0.008), (0.2 * rim, 0.0)]
-    )
+    face = np.array([(rim, 0.004), (0.95 * rim, -0.008), (0.90 * rim, -0.02), (0.32 * rim, -0.008), (0.2 * rim, 0.0)])
     disc = _revolve(face, turns, "rim")
     if spokes:
         # holes between the spokes: dark faces of the disc's middle ring
@@ -55,9 +53,7 @@ def mirror(foot: np.ndarray, tip_y: float, size: float, material: str) -> tuple[
     glass.faces = glass.faces if glass.normals[0, 0] < 0 else glass.faces[:, ::-1].copy()
     glass.normals = np.tile([-1.0, 0.0, 0.0], (4, 1))
     arm_half = np.array([0.05, 0.5 * (centre[1] - foot[1]) + 0.03, 0.03])
-    arm = rounded_box(
-        np.array([centre[0] + 0.02, 0.5 * (centre[1] + foot[1]), foot[2] + 0.02]), arm_half, "plastic", 3.0, 5
-    )
+    arm = rounded_box(np.array([centre[0] + 0.02, 0.5 * (centre[1] + foot[1]), foot[2] + 0.02]), arm_half, "plastic", 3.0, 5)
     return join([housing, glass, arm]), np.array([centre[0], tip_y, centre[2]])
 
 
@@ -73,9 +69,7 @@ def plate(x: float, z: float, size: tuple[float, float], front: bool) -> Shell:
     return join(shells)
 
 
-def interior(
-    dash_x: float, rear_x: float, half_width: float, floor_z: float, belt_z: float, roof_z: float, rows: int
-) -> Shell:
+def interior(dash_x: float, rear_x: float, half_width: float, floor_z: float, belt_z: float, roof_z: float, rows: int) -> Shell:
     """Dashboard, steering wheel, seats and floor: enough to be seen through the glass."""
     shells = []
     seat_z = belt_z - 0.38
@@ -84,16 +78,8 @@ def interior(
         (rear_x, -half_width, floor_z), (dash_x + 0.3, -half_width, floor_z),
         (dash_x + 0.3, half_width, floor_z),
         (rear_x, half_width, floor_z)]), "interior"))  # fmt: skip
-    shells.append(
-        rounded_box(
-            np.array([dash_x + 0.12, 0, belt_z - 0.16]), np.array([0.34, half_width, 0.15]), "interior"
-        )
-    )
-    shells.append(
-        rounded_box(
-            np.array([dash_x - 0.32, 0.38, belt_z - 0.05]), np.array([0.04, 0.17, 0.15]), "interior", 2.3
-        )
-    )
+    shells.append(rounded_box(np.array([dash_x + 0.12, 0, belt_z - 0.16]), np.array([0.34, half_width, 0.15]), "interior"))
+    shells.append(rounded_box(np.array([dash_x - 0.32, 0.38, belt_z - 0.05]), np.array([0.04, 0.17, 0.15]), "interior", 2.3))
     first = dash_x - 0.95
     top = min(belt_z + 0.14, roof_z - 0.28)
     for row in range(rows):
@@ -105,15 +91,7 @@ def interior(
                 y *= (half_width - wide) / abs(y)
             back_half = np.array([0.08, wide, 0.5 * (top - seat_z)])
             shells.append(rounded_box(np.array([x, y, 0.5 * (top + seat_z)]), back_half, "interior", 4, 5))
-            shells.append(
-                rounded_box(
-                    np.array([x - 0.02, y, top + 0.09]), np.array([0.05, 0.13, 0.085]), "interior", 3, 5
-                )
-            )
+            shells.append(rounded_box(np.array([x - 0.02, y, top + 0.09]), np.array([0.05, 0.13, 0.085]), "interior", 3, 5))
             if row == 0:
-                shells.append(
-                    rounded_box(
-                        np.array([x + 0.25, y, seat_z + 0.05]), np.array([0.27, wide, 0.09]), "interior", 4, 5
-                    )
-                )
+                shells.append(rounded_box(np.array([x + 0.25, y, seat_z + 0.05]), np.array([0.27, wide, 0.09]), "interior", 4, 5))
     return join(shells)

@@ -85,6 +85,8 @@ def _wheel(x: float, y: float) -> Shell:
     angles = np.linspace(0, 2 * np.pi, WHEEL_SIDES, endpoint=False)
     ring = np.stack([x + WHEEL_M / 2 * np.cos(angles), np.zeros(WHEEL_SIDES), WHEEL_M / 2 * (1 + np.sin(angles))], 1)
     inner, outer = ring + [0, y - 0.14, 0], ring + [0, y + 0.14, 0]
-    around = [flat_polygon(np.array([inner[i], outer[i], outer[j], inner[j]]), "tyre")
-              for i, j in ((i, (i + 1) % WHEEL_SIDES) for i in range(WHEEL_SIDES))]
+    around = [
+        flat_polygon(np.array([inner[i], outer[i], outer[j], inner[j]]), "tyre")
+        for i, j in ((i, (i + 1) % WHEEL_SIDES) for i in range(WHEEL_SIDES))
+    ]
     return join([*around, flat_polygon(outer[::-1], "tyre"), flat_polygon(inner, "tyre")])

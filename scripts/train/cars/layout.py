@@ -76,9 +76,7 @@ class Layout:
             (outer, v_at(outer, gap + 0.7 * tall)), (outer, v_at(outer, gap + 0.2 * tall)),
         ]  # fmt: skip
         inner = self._tub_u(0.9, y=s.tail_inner_y * half, rear=True)
-        outer = self._tub_u(
-            0.9, x=float(body.tub(1.0, 0.9)[0]) + max(s.tail_forward, s.rear_bow + 0.03), rear=True
-        )
+        outer = self._tub_u(0.9, x=float(body.tub(1.0, 0.9)[0]) + max(s.tail_forward, s.rear_bow + 0.03), rear=True)
         gap, tall = s.tail_drop, s.tail_height
         self.tail_lamp = [
             (inner, v_at(inner, gap)), (inner, v_at(inner, gap + 0.85 * tall)),

@@ -15,7 +15,18 @@ MIRROR: list[int] = KEYPOINTS["mirror"]
 
 # What a face is made of; the renderer decides how each looks.
 MATERIALS = (
-    "paint", "glass", "tyre", "rim", "headlamp", "taillamp", "chrome", "plastic", "plate", "underbody", "interior", "gap",
+    "paint",
+    "glass",
+    "tyre",
+    "rim",
+    "headlamp",
+    "taillamp",
+    "chrome",
+    "plastic",
+    "plate",
+    "underbody",
+    "interior",
+    "gap",
 )
 
 BODY_TYPES = ("sedan", "hatchback", "wagon", "suv", "minivan", "van", "pickup", "coupe")

@@ -84,8 +84,7 @@ def keypoint_types(basis: Basis, types: list[BodyType], residual_sd: np.ndarray)
     modes = np.concatenate([basis.modes, basis.fine_modes])[:, :54]
     noise = np.diag(residual_sd**2 + NOISE_M**2)
     return [
-        KeypointType(body.share, basis.mean[:54] + body.mean @ modes, modes.T @ body.covariance @ modes + noise)
-        for body in types
+        KeypointType(body.share, basis.mean[:54] + body.mean @ modes, modes.T @ body.covariance @ modes + noise) for body in types
     ]
 
 

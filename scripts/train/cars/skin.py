@@ -113,9 +113,7 @@ class Skin:
         s, body = self.style, self.body
         cowl = body.cowl[0]
         edge = 2 - 0.86  # v of the bonnet's shut line
-        tub.paint(
-            "gap", *v_between(edge, edge + 0.012), *x_between(cowl - 0.2, s.x_front - s.front_bow - 0.12)
-        )
+        tub.paint("gap", *v_between(edge, edge + 0.012), *x_between(cowl - 0.2, s.x_front - s.front_bow - 0.12))
         # cowl: dark strip ahead of the windscreen
         bow, half = s.screen_bow, s.belt_y * body.half_width
         tub.paint(
@@ -134,9 +132,7 @@ class Skin:
         )
         if s.body in ("sedan", "coupe"):
             tub.paint("gap", *v_between(1.2, 1.213), *x_between(s.x_rear + 0.1, body.backlight[0] + 0.02))
-            tub.paint(
-                "gap", *x_between(body.backlight[0] - 0.055, body.backlight[0] - 0.046), *v_between(1.2, 3)
-            )
+            tub.paint("gap", *x_between(body.backlight[0] - 0.055, body.backlight[0] - 0.046), *v_between(1.2, 3))
         if s.body == "pickup":
             x0, x1, y = self.place.bed
             tub.cut(*x_between(x0, x1), lambda p, uv: y - p[:, 1], *v_between(1.0, 3))
@@ -155,13 +151,9 @@ class Skin:
         cabin.paint("glass", pane(SCREEN_U, GLASS_V, 1), *v_between(low, high))
         if s.body in ("hatchback", "wagon", "suv", "minivan") and rng.random() < 0.3:
             # lamps run up beside the window
-            cabin.paint(
-                "taillamp", *u_between(0.735, BACK_U[1] - 0.01), *v_between(-1, rng.uniform(0.35, 0.9))
-            )
+            cabin.paint("taillamp", *u_between(0.735, BACK_U[1] - 0.01), *v_between(-1, rng.uniform(0.35, 0.9)))
         if not (place.panel_van and rng.random() < 0.5):
-            cabin.paint(
-                "plastic", pane(BACK_U, BACK_V, -1, 0.004), *v_between(BACK_V[0] - 0.03, BACK_V[1] + 0.01)
-            )
+            cabin.paint("plastic", pane(BACK_U, BACK_V, -1, 0.004), *v_between(BACK_V[0] - 0.03, BACK_V[1] + 0.01))
             cabin.paint("glass", pane(BACK_U, BACK_V, -1), *v_between(*BACK_V))
         else:  # two doors
             cabin.paint("glass", pane(BACK_U, BACK_V, -1), *u_between(-1, 0.985), *v_between(*BACK_V))
@@ -172,9 +164,7 @@ class Skin:
         rear_edge = left_of(b, a)  # positive ahead of the glass's rear edge
         if s.body != "pickup" and rng.random() < 0.2:  # sunroof
             x = body.header[0]
-            cabin.paint(
-                "glass", *x_between(x - 0.75, x - 0.28), lambda p, uv: 0.4 - p[:, 1], *v_between(1.1, 3)
-            )
+            cabin.paint("glass", *x_between(x - 0.75, x - 0.28), lambda p, uv: 0.4 - p[:, 1], *v_between(1.1, 3))
         frame = [*u_between(SIDE_U[0] - 0.004, SIDE_U[1] + 0.004), *v_between(low - 0.02, high - 0.03)]
         cabin.paint(trim, *frame, left_of(b, a, 0.012))
         cabin.paint("glass", *u_between(*SIDE_U), *v_between(low, high - 0.05), rear_edge)

@@ -56,9 +56,7 @@ class Shell:
                 inside = whole
         return inside
 
-    def _split(
-        self, which: np.ndarray, value: np.ndarray, positive: np.ndarray, lone_in: np.ndarray
-    ) -> np.ndarray:
+    def _split(self, which: np.ndarray, value: np.ndarray, positive: np.ndarray, lone_in: np.ndarray) -> np.ndarray:
         """Cut faces in a tip and a rest of two along value = 0; indices of the parts on the positive side."""
         lone = np.where(lone_in, positive.argmax(1), (~positive).argmax(1))
         rows = np.arange(len(which))
@@ -69,9 +67,7 @@ class Shell:
         t = (value[near] / (value[near] - value[far]))[:, None]
         normal = self.normals[near] + t * (self.normals[far] - self.normals[near])
         normal /= np.sqrt((normal**2).sum(1, keepdims=True)).clip(1e-9)
-        self.points = np.concatenate(
-            [self.points, self.points[near] + t * (self.points[far] - self.points[near])]
-        )
+        self.points = np.concatenate([self.points, self.points[near] + t * (self.points[far] - self.points[near])])
         self.normals = np.concatenate([self.normals, normal])
         self.uv = np.concatenate([self.uv, self.uv[near] + t * (self.uv[far] - self.uv[near])])
         ab, ac = start + rows, start + len(which) + rows
@@ -95,9 +91,7 @@ class Shell:
 
     def moved(self, offset: tuple[float, float, float]) -> Shell:
         """Shifted by `offset`."""
-        return Shell(
-            self.points + np.array(offset), self.normals, self.uv, self.faces.copy(), self.materials.copy()
-        )
+        return Shell(self.points + np.array(offset), self.normals, self.uv, self.faces.copy(), self.materials.copy())
 
 
 def join(shells: list[Shell]) -> Shell:
@@ -123,9 +117,7 @@ def grid(points: np.ndarray, uv: np.ndarray, material: str, symmetric: bool = Fa
     faces = np.concatenate([np.stack([p00, p10, p11], 1), np.stack([p00, p11, p01], 1)])
     flat = points.reshape(-1, 3)
     cross = np.cross(flat[faces[:, 1]] - flat[faces[:, 0]], flat[faces[:, 2]] - flat[faces[:, 0]])
-    normals = np.stack(
-        [np.bincount(faces.ravel(), np.repeat(cross[:, axis], 3), len(flat)) for axis in range(3)], axis=1
-    )
+    normals = np.stack([np.bincount(faces.ravel(), np.repeat(cross[:, axis], 3), len(flat)) for axis in range(3)], axis=1)
     if symmetric:
         normals[np.abs(flat[:, 1]) < 1e-9, 1] = 0.0
     normals /= np.linalg.norm(normals, axis=1, keepdims=True).clip(1e-12)
@@ -145,9 +137,7 @@ def flat_polygon(corners: np.ndarray, material: str) -> Shell:
     return Shell(corners, np.tile(normal, (n, 1)), np.zeros((n, 2)), faces, code)
 
 
-def rounded_box(
-    centre: np.ndarray, half: np.ndarray, material: str, power: float = 4.0, steps: int = 6
-) -> Shell:
+def rounded_box(centre: np.ndarray, half: np.ndarray, material: str, power: float = 4.0, steps: int = 6) -> Shell:
     """Superellipsoid: a sphere for power 2, a box with soft edges above."""
     unit = _unit_box(power, steps)
     normal = unit.normals / half

@@ -123,12 +123,8 @@ class Atlas(unittest.TestCase):
             shape, *_ = np.linalg.lstsq(design, (car.keypoints - mean)[seen].ravel(), rcond=None)
             low, high = np.array(self.atlas["bounds"]).T
             shape = shape.clip(low, high)
-            errors.append(
-                np.linalg.norm((mean + np.tensordot(shape, modes, 1) - car.keypoints)[seen], axis=1)
-            )
-            size_errors.append(
-                self.atlas["dims_mean"] + shape @ np.array(self.atlas["dims_modes"]) - car.dims
-            )
+            errors.append(np.linalg.norm((mean + np.tensordot(shape, modes, 1) - car.keypoints)[seen], axis=1))
+            size_errors.append(self.atlas["dims_mean"] + shape @ np.array(self.atlas["dims_modes"]) - car.dims)
         self.assertLess(np.sqrt(np.mean(np.concatenate(errors) ** 2)), 0.10)
         self.assertLess(np.abs(size_errors).max(), 0.30)
 
@@ -147,9 +143,7 @@ class Atlas(unittest.TestCase):
         for car in cars:
             seen = np.isfinite(car.keypoints[:, 0])
             design = modes[:, seen].reshape(12, -1).T
-            shape, *_ = np.linalg.lstsq(
-                design, (car.keypoints - np.array(self.atlas["mean"]))[seen].ravel(), rcond=None
-            )
+            shape, *_ = np.linalg.lstsq(design, (car.keypoints - np.array(self.atlas["mean"]))[seen].ravel(), rcond=None)
 
             def log_likelihood(body: dict, shape: np.ndarray = shape) -> float:
                 off, covariance = shape - body["mean"], np.array(body["covariance"])

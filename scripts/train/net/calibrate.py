@@ -22,10 +22,7 @@ def binned(variance: np.ndarray, error: np.ndarray) -> list[tuple[float, float, 
     """(mean variance, robust sd of the error, count) of equally filled bins of the variance."""
     order = np.argsort(variance)
     parts = np.array_split(order, min(BINS, max(1, len(order) // FEWEST)))
-    return [
-        (float(variance[p].mean()), robust_sd(error[p]), len(p))
-        for p in parts
-    ]
+    return [(float(variance[p].mean()), robust_sd(error[p]), len(p)) for p in parts]
 
 
 def fit_sd(groups: list[tuple[np.ndarray, np.ndarray]]) -> tuple[float, float]:

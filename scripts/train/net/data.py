@@ -152,9 +152,7 @@ def _degrade(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Lower resolution, blur, noise and JPEG, for real crops (rendered ones come degraded)."""
     if rng.random() < 0.5:
         small = int(INPUT_PX * rng.uniform(0.3, 0.9))
-        image = cv2.resize(
-            cv2.resize(image, (small, small), interpolation=cv2.INTER_AREA), (INPUT_PX, INPUT_PX)
-        )
+        image = cv2.resize(cv2.resize(image, (small, small), interpolation=cv2.INTER_AREA), (INPUT_PX, INPUT_PX))
     if rng.random() < 0.3:
         image = cv2.GaussianBlur(image, (0, 0), rng.uniform(0.3, 1.3))
     if rng.random() < 0.4:
@@ -224,10 +222,7 @@ class Sampler:
         rng = self.rng
         car = self.real[int(rng.integers(len(self.real)))]
         size = (car.box[2:] - car.box[:2]).max()
-        jitter = (
-            np.tile(rng.normal(0, 0.05, 2) * size, 2)
-            + np.array([-1, -1, 1, 1]) * rng.uniform(-0.06, 0.1) * size
-        )
+        jitter = np.tile(rng.normal(0, 0.05, 2) * size, 2) + np.array([-1, -1, 1, 1]) * rng.uniform(-0.06, 0.1) * size
         matrix = crop_from_box(car.box + jitter, rng.normal(0, 0.12))
         image = _degrade(warp(car.patch, matrix), rng)
         points = apply(matrix, car.points)

@@ -53,8 +53,6 @@ def decode(logits: np.ndarray, input_px: int = 128) -> tuple[np.ndarray, np.ndar
         x, y = (p.sum(0) * xs).sum(), (p.sum(1) * ys).sum()
         dx, dy = xs - x, ys - y
         xy = (p * dy[:, None] * dx[None, :]).sum()
-        covariances[i] = (
-            np.array([[(p.sum(0) * dx**2).sum(), xy], [xy, (p.sum(1) * dy**2).sum()]]) * stride**2
-        )
+        covariances[i] = np.array([[(p.sum(0) * dx**2).sum(), xy], [xy, (p.sum(1) * dy**2).sum()]]) * stride**2
         means[i] = np.array([x, y]) * stride + (stride - 1) / 2
     return means.reshape(*logits.shape[:-2], 2), covariances.reshape(*logits.shape[:-2], 2, 2)

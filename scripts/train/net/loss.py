@@ -63,9 +63,7 @@ def loss_of(net: nn.Module, batch: Batch) -> tuple[torch.Tensor, dict[str, float
         parts.append((entropy * located).sum() / count)
     off = (peak_distance(heatmaps[-1], points) * located).sum() / count
     judged = torch.from_numpy(batch.judged).float()
-    seen = nn.functional.binary_cross_entropy_with_logits(
-        visibility, torch.from_numpy(batch.visible).float(), reduction="none"
-    )
+    seen = nn.functional.binary_cross_entropy_with_logits(visibility, torch.from_numpy(batch.visible).float(), reduction="none")
     visible = (seen * judged).sum() / judged.sum().clamp(min=1)
     loss = sum(parts[:-1], start=torch.tensor(0.0)) * 0.5 + parts[-1] + DISTANCE_WEIGHT * off + visible
     return loss, {"heat": float(parts[-1]), "off": float(off), "visible": float(visible)}

@@ -87,9 +87,7 @@ class StackedHourglass(nn.Module):
         )
         self.hourglasses = nn.ModuleList(Hourglass(channels, 3) for _ in range(stacks))
         self.features = nn.ModuleList(
-            nn.Sequential(
-                Residual(channels, channels // 2), nn.ReLU(), conv(channels, channels, 1), nn.ReLU()
-            )
+            nn.Sequential(Residual(channels, channels // 2), nn.ReLU(), conv(channels, channels, 1), nn.ReLU())
             for _ in range(stacks)
         )
         self.heads = nn.ModuleList(nn.Conv2d(channels, KEYPOINTS, 1) for _ in range(stacks))

@@ -113,13 +113,6 @@ class Decoding(unittest.TestCase):
         self.assertAlmostEqual(a, 0.15, delta=0.01)
         self.assertAlmostEqual(b, 1.0, delta=0.3)
 
-    def test_rust_measures_the_same(self):
-        # The same numbers stand in crates/keypoints/src/heatmap.rs.
-        calibration = Calibration(0.2, 0.5, (63.0, 60.0), (32.0, 19.0))
-        location, covariance = calibration.measurement(np.array([80.0, 30.0]), np.array([[20.0, 6.0], [6.0, 11.0]]))
-        found = [*location, covariance[0, 0], covariance[0, 1], covariance[1, 1]]
-        np.testing.assert_allclose(found, [79.66069, 29.57062, 18.1627, 7.71145, 6.70736], atol=1e-4)
-
     def test_a_measurement_holds_no_prior(self):
         # Locations drawn from the prior, seen with noise; the posterior mean regresses, the measurement does not.
         rng = np.random.default_rng(3)
@@ -162,9 +155,7 @@ class Confusion(unittest.TestCase):
     def test_exchanged_names_are_told_apart(self):
         points = np.random.default_rng(3).uniform(10, 118, (36, 2))
         everything = np.ones(36, bool)
-        crop = Crop(
-            np.zeros((128, 128, 3), np.uint8), points, everything, ~everything, 100, 100, "sedan", "t"
-        )
+        crop = Crop(np.zeros((128, 128, 3), np.uint8), points, everything, ~everything, 100, 100, "sedan", "t")
         self.assertIsNone(confusion_of(points, crop))
         self.assertEqual(confusion_of(points[MIRROR], crop), "left/right")
         self.assertEqual(confusion_of(points[FRONT_BACK], crop), "front/back")
@@ -270,9 +261,7 @@ class Net(unittest.TestCase):
             net = Deployed(StackedHourglass(2, 16), work_px).eval()
             with tempfile.TemporaryDirectory() as folder:
                 export_onnx(net, Path(folder) / "net.onnx")
-                session = onnxruntime.InferenceSession(
-                    f"{folder}/net.onnx", providers=["CPUExecutionProvider"]
-                )
+                session = onnxruntime.InferenceSession(f"{folder}/net.onnx", providers=["CPUExecutionProvider"])
             for count in (1, 3):
                 image = torch.rand(count, 3, INPUT_PX, INPUT_PX)
                 with torch.no_grad():

@@ -195,9 +195,7 @@ def parse_options(arguments: list[str] | None = None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--crops", type=Path, default=Path(".work/crops"))
     parser.add_argument("--real", type=Path, help="folder of hand-labelled cars (*.json and pictures)")
-    parser.add_argument(
-        "--hold-out", nargs="*", default=["pklot_ufpr04", "cnd5"], help="real images not learnt from"
-    )
+    parser.add_argument("--hold-out", nargs="*", default=["pklot_ufpr04", "cnd5"], help="real images not learnt from")
     parser.add_argument("--real-share", type=float, default=0.12)
     parser.add_argument("--run", default="hourglass")
     parser.add_argument("--runs", type=Path, default=Path(".work/runs"))
@@ -232,9 +230,7 @@ def train(options: argparse.Namespace, worker: int) -> None:
     training.read_crops()
     if options.workers > 1:
         meeting = (training.folder / "meeting").resolve()
-        distributed.init_process_group(
-            "gloo", init_method=f"file://{meeting}", rank=worker, world_size=options.workers
-        )
+        distributed.init_process_group("gloo", init_method=f"file://{meeting}", rank=worker, world_size=options.workers)
     if worker > 0:
         while training.step < options.steps:
             training.advance()

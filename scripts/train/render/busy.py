@@ -34,8 +34,13 @@ LEAST_PX = 20.0  # longer side of what counts for that
 
 def sample_camera(rng: np.random.Generator, size: tuple[int, int]) -> Camera:
     """Above the street, or beside it: 6–12 m high, a street's length in view."""
-    return Camera(size, size[0] * rng.uniform(0.9, 1.5), rng.uniform(6, 12), np.radians(rng.uniform(9, 17)),
-                  float(np.clip(rng.normal(0, 0.015), -0.04, 0.04)))
+    return Camera(
+        size,
+        size[0] * rng.uniform(0.9, 1.5),
+        rng.uniform(6, 12),
+        np.radians(rng.uniform(9, 17)),
+        float(np.clip(rng.normal(0, 0.015), -0.04, 0.04)),
+    )
 
 
 def sample_street(rng: np.random.Generator, camera: Camera, wet: bool) -> Site:
@@ -47,13 +52,19 @@ def sample_street(rng: np.random.Generator, camera: Camera, wet: bool) -> Site:
     return make_street(rng, ahead + across * rng.uniform(-6, 6), turn, wet, 4, rng.uniform(-4, 8))
 
 
-def sample_busy(rng: np.random.Generator, split: str, seconds: float, fps: float, size: tuple[int, int]
-                ) -> tuple[Camera, Site, list[Vehicle], list[list[dict]], np.random.Generator]:
+def sample_busy(
+    rng: np.random.Generator, split: str, seconds: float, fps: float, size: tuple[int, int]
+) -> tuple[Camera, Site, list[Vehicle], list[list[dict]], np.random.Generator]:
     """A scene in which nobody touches another and enough is seen, with the cars of its frames."""
-    meshes = {kind: [sample_car(rng, split=split) if kind == "car" else sample_heavy(rng, kind) for _ in range(count)]
-              for kind, count in MODELS.items()}
-    wheelbases = {id(mesh): wheelbase(mesh) if kind == "car" else 0.55 * float(mesh.dims[0])
-                  for kind, many in meshes.items() for mesh in many}
+    meshes = {
+        kind: [sample_car(rng, split=split) if kind == "car" else sample_heavy(rng, kind) for _ in range(count)]
+        for kind, count in MODELS.items()
+    }
+    wheelbases = {
+        id(mesh): wheelbase(mesh) if kind == "car" else 0.55 * float(mesh.dims[0])
+        for kind, many in meshes.items()
+        for mesh in many
+    }
     while True:
         camera = sample_camera(rng, size)
         site = sample_street(rng, camera, False)
@@ -85,8 +96,16 @@ def frames_of(camera: Camera, site: Site, vehicles: list[Vehicle], seconds: floa
     return frames
 
 
-def film(rng: np.random.Generator, path: Path, camera: Camera, site: Site, vehicles: list[Vehicle], weather: str, seconds: float,
-         fps: float) -> None:
+def film(
+    rng: np.random.Generator,
+    path: Path,
+    camera: Camera,
+    site: Site,
+    vehicles: list[Vehicle],
+    weather: str,
+    seconds: float,
+    fps: float,
+) -> None:
     """The video."""
     from .renderer import Renderer
     from .scene import PlacedCar, Scene
@@ -99,8 +118,11 @@ def film(rng: np.random.Generator, path: Path, camera: Camera, site: Site, vehic
     video = VideoWriter(path, camera.image_size_px, fps, 23)
     exposure, start, frames = None, time.monotonic(), round(seconds * fps)
     for number in range(frames):
-        cars = [PlacedCar(gpu[id(v.mesh)], look, m.world_from_car) for v, look in zip(vehicles, looks, strict=True)
-                if (m := v.at(number / fps)) is not None]
+        cars = [
+            PlacedCar(gpu[id(v.mesh)], look, m.world_from_car)
+            for v, look in zip(vehicles, looks, strict=True)
+            if (m := v.at(number / fps)) is not None
+        ]
         cars.sort(key=lambda car: np.linalg.norm(car.world_from_car[:2, 3]))
         scene = Scene(cars, site.props, site.floor, light, centre, 70.0, 4.0)
         if exposure is None:

@@ -63,12 +63,14 @@ class Camera:
         """
         left, top, width, height = window
         cx, cy = self.principal_point_px
-        projection = np.array([
-            [2 * self.focal_px / width, 0, 2 * (cx - left) / width - 1, 0],
-            [0, 2 * self.focal_px / height, 2 * (cy - top) / height - 1, 0],
-            [0, 0, (far + near) / (far - near), -2 * far * near / (far - near)],
-            [0, 0, 1, 0],
-        ])
+        projection = np.array(
+            [
+                [2 * self.focal_px / width, 0, 2 * (cx - left) / width - 1, 0],
+                [0, 2 * self.focal_px / height, 2 * (cy - top) / height - 1, 0],
+                [0, 0, (far + near) / (far - near), -2 * far * near / (far - near)],
+                [0, 0, 1, 0],
+            ]
+        )
         return projection @ self.camera_from_world
 
 

@@ -59,8 +59,13 @@ def write_card(folder: Path, recipe: str) -> None:
     names = {model["model"]: model["body"] for item in items for model in item["models"]}
     real = {entry["name"]: entry["credit"] for entry in catalogue() if entry["name"] in names}
     bodies = ", ".join(f"{count} {body}" for body, count in sorted(Counter(names.values()).items()))
-    credits = "Car meshes: " + "; ".join(f"`{name}`: {credit}" for name, credit in sorted(real.items())) + \
-        "; changes and licences: `models/CREDITS.md`." if real else "No works of others are in it."
+    credits = (
+        "Car meshes: "
+        + "; ".join(f"`{name}`: {credit}" for name, credit in sorted(real.items()))
+        + "; changes and licences: `models/CREDITS.md`."
+        if real
+        else "No works of others are in it."
+    )
     spent: defaultdict[str, float] = defaultdict(float)
     for item in items:
         for frame in item["frames"] if item["fps"] else []:
@@ -68,10 +73,20 @@ def write_card(folder: Path, recipe: str) -> None:
                 spent[car["activity"]] += 1 / item["fps"]
     kinds = Counter(item["kind"] for item in items)
     text = TEXT.format(
-        name=index["name"], stills=kinds["still"], clips=kinds["clip"], size=items[0]["camera"]["image_size_px"],
-        split=index["split"], seed=index["seed"], recipe=recipe, models=len(names), bodies=bodies, table=_table(items),
+        name=index["name"],
+        stills=kinds["still"],
+        clips=kinds["clip"],
+        size=items[0]["camera"]["image_size_px"],
+        split=index["split"],
+        seed=index["seed"],
+        recipe=recipe,
+        models=len(names),
+        bodies=bodies,
+        table=_table(items),
         activities=", ".join(f"{name} {seconds:.0f}" for name, seconds in sorted(spent.items())) or "none",
-        meshes=len(real), credits=credits)
+        meshes=len(real),
+        credits=credits,
+    )
     part = folder / "README.md.part"
     part.write_text(text)
     part.rename(folder / "README.md")
@@ -84,10 +99,13 @@ def _table(items: list[dict]) -> str:
         "cars in a frame": [_range([len(f["cars"]) for i in c for f in i["frames"]], "{:.0f}") for c in columns],
         "longer side of the visible box, px": [_shares([_side(car) for car in _cars(c)], SIZES_PX, "{:.0f}") for c in columns],
         "visible share": [_shares([car["visible_share"] for car in _cars(c)], SHARES, "{:.2f}") for c in columns],
-        "distance, m": [_range([np.hypot(car["world_from_car"][0][3], car["world_from_car"][1][3]) for car in _cars(c)], "{:.0f}")
-                        for c in columns],
-        "focal length, widths": [_range([i["camera"]["focal_px"] / i["camera"]["image_size_px"][0] for i in c], "{:.2f}")
-                                 for c in columns],
+        "distance, m": [
+            _range([np.hypot(car["world_from_car"][0][3], car["world_from_car"][1][3]) for car in _cars(c)], "{:.0f}")
+            for c in columns
+        ],
+        "focal length, widths": [
+            _range([i["camera"]["focal_px"] / i["camera"]["image_size_px"][0] for i in c], "{:.2f}") for c in columns
+        ],
         "height, m": [_range([i["camera"]["height_m"] for i in c], "{:.1f}") for c in columns],
         "tilt, °": [_range([np.degrees(i["camera"]["tilt_rad"]) for i in c], "{:.1f}") for c in columns],
         "roll, °": [_range([np.degrees(i["camera"]["roll_rad"]) for i in c], "{:.1f}") for c in columns],

@@ -43,8 +43,10 @@ class Clip:
 
     def at(self, time_s: float) -> Scene:
         """The scene at a time."""
-        cars = [PlacedCar(car.gpu, car.look, motion.world_from_car)
-                for car, motion in zip(self.scene.cars, self.motions(time_s), strict=True)]
+        cars = [
+            PlacedCar(car.gpu, car.look, motion.world_from_car)
+            for car, motion in zip(self.scene.cars, self.motions(time_s), strict=True)
+        ]
         props = list(self.scene.props)
         for parts, velocity in self.walkers:
             for part in parts:
@@ -86,8 +88,9 @@ class Clip:
         return [r for r in changed if r is not None], [r for r in hiding if r is not None]
 
 
-def camera_over(rng: np.random.Generator, least_m: float, most_m: float, size: tuple[int, int] = SIZE
-                ) -> tuple[Camera, np.ndarray]:
+def camera_over(
+    rng: np.random.Generator, least_m: float, most_m: float, size: tuple[int, int] = SIZE
+) -> tuple[Camera, np.ndarray]:
     """A camera that sees so many metres of ground across, and the ground point of its picture's middle."""
     while True:
         camera = sample_camera(rng, (size[0] * CAR_M / most_m, size[0] * CAR_M / least_m), (9, 38), size)
@@ -106,18 +109,35 @@ def lot_in_view(rng: np.random.Generator, middle: np.ndarray, wet: bool) -> Site
 def _manoeuvres(rng: np.random.Generator, traffic: Traffic, spots: list[Spot]) -> list[Callable[[float], Drive | None]]:
     """What cars shall do, the rarer things first."""
     site = traffic.site
+
     def near(kind: str, row_low: int, row_high: int) -> list[Spot]:
         found = [s for s in spots if s.kind == kind and row_low <= s.row <= row_high]
         return [found[i] for i in rng.permutation(len(found))]
+
     if site.layout == "lot":
         bays = near("bay", 0, 2)  # aisle 0 on both sides, aisle 1 on the near one
         plan = [traffic.leave(b) for b in bays[:3]] + [traffic.park(b) for b in bays[3:6]]
         plan = [plan[i] for i in rng.permutation(len(plan))[:4]]
-        return [plan[0], traffic.out_of_aisle, *plan[1:2], traffic.into_aisle, *plan[2:], partial(traffic.through, halt=True),
-                traffic.through, traffic.out_of_aisle]
+        return [
+            plan[0],
+            traffic.out_of_aisle,
+            *plan[1:2],
+            traffic.into_aisle,
+            *plan[2:],
+            partial(traffic.through, halt=True),
+            traffic.through,
+            traffic.out_of_aisle,
+        ]
     kerbs = near("kerb", -1, 1)
-    return [traffic.u_turn, traffic.pull_in(kerbs[0]), traffic.into_driveway, traffic.pull_out(kerbs[1]),
-            partial(traffic.through, halt=True), traffic.through, traffic.through]
+    return [
+        traffic.u_turn,
+        traffic.pull_in(kerbs[0]),
+        traffic.into_driveway,
+        traffic.pull_out(kerbs[1]),
+        partial(traffic.through, halt=True),
+        traffic.through,
+        traffic.through,
+    ]
 
 
 def parked(rng: np.random.Generator, pool: CarPool, traffic: Traffic, spots: list[Spot], count: int) -> list[PlacedCar]:

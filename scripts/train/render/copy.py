@@ -14,13 +14,17 @@ from cars.mesh import CarMesh
 
 from .camera import Camera, world_from_car
 from .frames import Canvas, Finish, VideoWriter, finished
+from .gpu_car import GpuCar
 from .looks import Ground, sample_car_look, sample_light
-from .renderer import ENVIRONMENTS, MAX_CARS, GpuCar, Renderer
+from .renderer import ENVIRONMENTS, MAX_CARS, Renderer
 from .scene import Floor, PlacedCar, Scene
 
 ATLAS = json.loads((Path(__file__).resolve().parents[3] / "models" / "atlas.json").read_text())
-MODELS = {"car": ("sedan", "hatchback", "wagon", "suv", "minivan", "coupe", "pickup", "van"), "truck": ("van", "pickup"),
-          "bus": ("van",)}
+MODELS = {
+    "car": ("sedan", "hatchback", "wagon", "suv", "minivan", "coupe", "pickup", "van"),
+    "truck": ("van", "pickup"),
+    "bus": ("van",),
+}
 PER_BODY = 4  # models to choose from
 FINISH = Finish(blur_px=0.6, noise=1.0)
 EXPOSURE = 0.22  # middle tone
@@ -83,8 +87,9 @@ class Garage:
     def of(self, vehicle: dict) -> GpuCar:
         """The model whose points come nearest to the vehicle's once it has its dimensions."""
         wanted = fitted_keypoints(vehicle["shape"])
-        options = [self.stretched(self._model(body, i), vehicle["dims_m"])
-                   for body in MODELS[vehicle["class"]] for i in range(PER_BODY)]
+        options = [
+            self.stretched(self._model(body, i), vehicle["dims_m"]) for body in MODELS[vehicle["class"]] for i in range(PER_BODY)
+        ]
         return self.renderer.upload(min(options, key=lambda mesh: np.nanmean((mesh.keypoints - wanted) ** 2)))
 
     def _model(self, body: str, number: int) -> CarMesh:
@@ -98,8 +103,13 @@ class Garage:
         scale = np.array(dims_m) / mesh.dims
         normals = mesh.normals / scale
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
-        return replace(mesh, vertices=(mesh.vertices * scale).astype(np.float32), normals=normals.astype(np.float32),
-                       keypoints=mesh.keypoints * scale, dims=np.array(dims_m))
+        return replace(
+            mesh,
+            vertices=(mesh.vertices * scale).astype(np.float32),
+            normals=normals.astype(np.float32),
+            keypoints=mesh.keypoints * scale,
+            dims=np.array(dims_m),
+        )
 
 
 class Player:
@@ -111,8 +121,10 @@ class Player:
         self.view, self.vehicles = view, scene["vehicles"]
         self._cars = [garage.of(vehicle) for vehicle in self.vehicles]
         self._looks = [self._look(rng, vehicle["colour"]) for vehicle in self.vehicles]
-        self._ways = [np.array([[v["time_s"], v["x_m"], v["y_m"], v["heading_rad"]] for v in vehicle["trajectory"]])
-                      for vehicle in self.vehicles]
+        self._ways = [
+            np.array([[v["time_s"], v["x_m"], v["y_m"], v["heading_rad"]] for v in vehicle["trajectory"]])
+            for vehicle in self.vehicles
+        ]
         self._light = replace(sample_light(rng, ENVIRONMENTS, "overcast"), sky=np.full(3, 0.7), haze=0.0, dapple=0.0)
         self._floor = Floor((ASPHALT, ASPHALT))
 
@@ -162,7 +174,7 @@ def main() -> None:
     for frame in range(int(seconds * fps + 1e-6) + 1):
         canvas = Canvas(renderer, view.camera)
         canvas.update(player.at(frame / fps), [])
-        writer.write(finished(rng, canvas.drawn, size, FINISH)[:even[1], :even[0]])
+        writer.write(finished(rng, canvas.drawn, size, FINISH)[: even[1], : even[0]])
     writer.finish()
 
 

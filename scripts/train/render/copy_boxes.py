@@ -40,8 +40,10 @@ def main() -> None:
     scene = json.loads((args.scene / "scene.json").read_text())
     view, garage = view_of("same", scene), Garage(Meshes())
     vertices = {vehicle["track"]: garage.of(vehicle).vertices[::EVERY] for vehicle in scene["vehicles"]}
-    ways = {vehicle["track"]: np.array([[v["time_s"], v["x_m"], v["y_m"], v["heading_rad"]] for v in vehicle["trajectory"]])
-            for vehicle in scene["vehicles"]}
+    ways = {
+        vehicle["track"]: np.array([[v["time_s"], v["x_m"], v["y_m"], v["heading_rad"]] for v in vehicle["trajectory"]])
+        for vehicle in scene["vehicles"]
+    }
     last = np.array(view.camera.image_size_px) - 1 - EDGE_PX
     overlaps = []
     with (args.run / "tracks.csv").open(newline="") as table:
@@ -53,8 +55,10 @@ def main() -> None:
             pose = view.place(*(float(np.interp(time_s, way[:, 0], way[:, i])) for i in (1, 2, 3)))
             pixels, _ = view.camera.pixel_from_world(vertices[int(row["track"])] @ pose[:3, :3].T + pose[:3, 3])
             overlaps.append(overlap(np.r_[pixels.min(0), pixels.max(0)], box))
-    print(f"{len(overlaps)} boxes: overlap {np.median(overlaps):.3f} in the median, "
-          f"below {np.quantile(overlaps, 0.1):.3f} for one in ten")
+    print(
+        f"{len(overlaps)} boxes: overlap {np.median(overlaps):.3f} in the median, "
+        f"below {np.quantile(overlaps, 0.1):.3f} for one in ten"
+    )
 
 
 if __name__ == "__main__":

@@ -52,7 +52,8 @@ def found(run: Path, span_s: tuple[float, float]) -> Rows:
         for row in csv.DictReader(table):
             if row["observed"] == "true" and span_s[0] <= float(row["time_s"]) <= span_s[1]:
                 tracks.setdefault(int(row["track"]), []).append(
-                    [float(row[name]) for name in ("time_s", "x_m", "y_m", "heading_rad")])
+                    [float(row[name]) for name in ("time_s", "x_m", "y_m", "heading_rad")]
+                )
     return {track: np.array(rows) for track, rows in tracks.items()}
 
 
@@ -91,9 +92,11 @@ def report(name: str, matched: list[tuple[int, np.ndarray, np.ndarray]]) -> None
     error = np.abs(turn * (ours[:, 1:3] @ [1, 1j]) + shift - true[:, 1:3] @ [1, 1j])
     heading = np.degrees(np.abs(np.angle(np.exp(1j * (ours[:, 3] + np.angle(turn) - true[:, 3])))))
     right = heading[heading < 90]
-    print(f"{name}: position rms {np.sqrt(np.mean(error**2)):.3f} m, median {np.median(error):.3f} m over {len(error)} rows; "
-          f"scale {abs(turn):.4f}; heading rms {np.sqrt(np.mean(right**2)):.2f}° but for {len(heading) - len(right)} rows that "
-          f"are the wrong way round")
+    print(
+        f"{name}: position rms {np.sqrt(np.mean(error**2)):.3f} m, median {np.median(error):.3f} m over {len(error)} rows; "
+        f"scale {abs(turn):.4f}; heading rms {np.sqrt(np.mean(right**2)):.2f}° but for {len(heading) - len(right)} rows that "
+        f"are the wrong way round"
+    )
 
 
 def main() -> None:
@@ -115,9 +118,11 @@ def main() -> None:
     if not matched:
         raise SystemExit("no track of the run is near a vehicle of the scene")
     vehicles = {pair[0] for pair in matched}
-    print(f"found: {len(vehicles & seen.keys())} of {len(seen)} vehicles that are seen well; {len(ours)} tracks, "
-          f"{len(matched)} of them near a vehicle; "
-          f"{camera['span_s'][0]:.1f}–{camera['span_s'][1]:.1f} s of {times[-1]:.1f}")
+    print(
+        f"found: {len(vehicles & seen.keys())} of {len(seen)} vehicles that are seen well; {len(ours)} tracks, "
+        f"{len(matched)} of them near a vehicle; "
+        f"{camera['span_s'][0]:.1f}–{camera['span_s'][1]:.1f} s of {times[-1]:.1f}"
+    )
     report("all rows", matched)
     report("vehicles that are seen well", [pair for pair in matched if pair[0] in seen])
     print(f"focal length {camera['focal_px']:.0f} ± {camera['focal_sd_px'] or np.inf:.0f} px, true {view.camera.focal_px:.0f}")

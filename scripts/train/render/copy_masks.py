@@ -38,8 +38,7 @@ def mask(camera: Camera, mesh: CarMesh, world_from_car: np.ndarray) -> np.ndarra
 def true_meshes(truth: dict) -> dict[int, CarMesh]:
     """The cars of a truth file by number."""
     models = {mesh.name: mesh for split in {spec.split for spec in SPECS} for mesh in named_cars(split)}
-    return {car["id"]: Garage.stretched(models[car["model"]], car["dims_m"])
-            for car in truth["models"] if car["model"] in models}
+    return {car["id"]: Garage.stretched(models[car["model"]], car["dims_m"]) for car in truth["models"] if car["model"] in models}
 
 
 def main() -> None:
@@ -53,23 +52,32 @@ def main() -> None:
     camera = Camera(tuple(known["image_size_px"]), *(known[f] for f in ("focal_px", "height_m", "tilt_rad", "roll_rad")))
     view, garage = view_of("same", scene), Garage(Meshes())
     copies = [(vehicle, garage.of(vehicle)) for vehicle in scene["vehicles"]]
-    ways = [np.array([[v["time_s"], v["x_m"], v["y_m"], v["heading_rad"]] for v in vehicle["trajectory"]])
-            for vehicle in scene["vehicles"]]
+    ways = [
+        np.array([[v["time_s"], v["x_m"], v["y_m"], v["heading_rad"]] for v in vehicle["trajectory"]])
+        for vehicle in scene["vehicles"]
+    ]
     originals = true_meshes(truth)
     overlaps = []
     for frame in truth["frames"][:: max(1, round(EVERY_S * truth["fps"]))]:
         time_s = frame["time_s"] - scene["span_s"][0]
-        there = [(mesh, way) for (vehicle, mesh), way in zip(copies, ways, strict=True)
-                 if vehicle["span_s"][0] <= time_s <= vehicle["span_s"][1]]
-        copied = [mask(view.camera, mesh, view.place(*(float(np.interp(time_s, way[:, 0], way[:, i])) for i in (1, 2, 3))))
-                  for mesh, way in there]
+        there = [
+            (mesh, way)
+            for (vehicle, mesh), way in zip(copies, ways, strict=True)
+            if vehicle["span_s"][0] <= time_s <= vehicle["span_s"][1]
+        ]
+        copied = [
+            mask(view.camera, mesh, view.place(*(float(np.interp(time_s, way[:, 0], way[:, i])) for i in (1, 2, 3))))
+            for mesh, way in there
+        ]
         for car in frame["cars"]:
             if car["visible_share"] < LEAST_SHARE or car["id"] not in originals:
                 continue
             original = mask(camera, originals[car["id"]], np.array(car["world_from_car"]))
             overlaps.append(max(((original & other).sum() / (original | other).sum() for other in copied), default=0.0))
-    print(f"{len(overlaps)} masks: overlap {np.median(overlaps):.3f} in the median, "
-          f"below {np.quantile(overlaps, 0.1):.3f} for one in ten")
+    print(
+        f"{len(overlaps)} masks: overlap {np.median(overlaps):.3f} in the median, "
+        f"below {np.quantile(overlaps, 0.1):.3f} for one in ten"
+    )
 
 
 if __name__ == "__main__":

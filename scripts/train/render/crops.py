@@ -19,7 +19,8 @@ from cars.meshes import MissingFurnitureError, load_meshes
 
 from .camera import Camera
 from .degrade import degrade
-from .renderer import ENVIRONMENTS, GpuCar, Renderer
+from .gpu_car import GpuCar
+from .renderer import ENVIRONMENTS, Renderer
 from .scene import Scene, SceneSampler
 
 SHARD = 512
@@ -82,8 +83,9 @@ def sight(renderer: Renderer, scene: Scene, camera: Camera, index: int, least_in
     size = (TRUTH_PX, TRUTH_PX)
     whole_mask, seen, away = renderer.truth(scene, camera, window, size, first=index)
     centres = (np.arange(TRUTH_PX) + 0.5) / TRUTH_PX * side
-    in_frame = (((top + centres > -0.5) & (top + centres < frame[1]))[:, None]
-                & ((left + centres > -0.5) & (left + centres < frame[0]))[None])
+    in_frame = ((top + centres > -0.5) & (top + centres < frame[1]))[:, None] & (
+        (left + centres > -0.5) & (left + centres < frame[0])
+    )[None]
     mask = seen == index + 1
     share = mask.sum() / max(whole_mask.sum(), 1)
     shown = mask & in_frame
@@ -101,7 +103,7 @@ def sight(renderer: Renderer, scene: Scene, camera: Camera, index: int, least_in
         if not (-0.5 <= x <= frame[0] and -0.5 <= y <= frame[1]):
             continue
         column, row = int((x - left) / side * TRUTH_PX), int((y - top) / side * TRUTH_PX)
-        near = away[max(row - 1, 0):row + 2, max(column - 1, 0):column + 2] >= point_depth[k] - DEPTH_TOLERANCE_M
+        near = away[max(row - 1, 0) : row + 2, max(column - 1, 0) : column + 2] >= point_depth[k] - DEPTH_TOLERANCE_M
         visible[k] = near.sum() >= 3
     extent = np.concatenate([low, high])
     seen_share = float(shown.sum() / max(whole_mask.sum(), 1))
@@ -131,8 +133,9 @@ def make_crop(renderer: Renderer, scene: Scene, camera: Camera, seen: Sight, rng
     scale = step / finer
     shift = (centre - side / 2 - corner) * reduced + 0.5 * scale - 0.5
     matrix = np.array([[scale, 0, shift[0]], [0, scale, shift[1]]])
-    image = cv2.warpAffine(patch, matrix, (CROP_PX * finer,) * 2, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-                           borderMode=cv2.BORDER_REPLICATE)
+    image = cv2.warpAffine(
+        patch, matrix, (CROP_PX * finer,) * 2, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, borderMode=cv2.BORDER_REPLICATE
+    )
     if finer == 2:
         image = cv2.resize(image, (CROP_PX, CROP_PX), interpolation=cv2.INTER_AREA)
     keypoints = ((seen.keypoints - centre) / side + 0.5) * CROP_PX - 0.5

@@ -126,7 +126,7 @@ class Canvas:
         regions = [r for r in regions if not any(r != o and _inside(r, o) for o in regions)]
         for region in regions:
             x, y, w, h = (n * SUPERSAMPLING for n in region)
-            self.drawn[y:y + h, x:x + w] = draw(self.renderer, scene, self.camera, region)
+            self.drawn[y : y + h, x : x + w] = draw(self.renderer, scene, self.camera, region)
         self._stale = moving
         return regions
 
@@ -168,8 +168,12 @@ def _around(a: Region, b: Region) -> Region:
 
 
 def _inside(inner: Region, outer: Region) -> bool:
-    return (outer[0] <= inner[0] and outer[1] <= inner[1] and inner[0] + inner[2] <= outer[0] + outer[2]
-            and inner[1] + inner[3] <= outer[1] + outer[3])
+    return (
+        outer[0] <= inner[0]
+        and outer[1] <= inner[1]
+        and inner[0] + inner[2] <= outer[0] + outer[2]
+        and inner[1] + inner[3] <= outer[1] + outer[3]
+    )
 
 
 class VideoWriter:
@@ -181,10 +185,38 @@ class VideoWriter:
         quality = ["-crf", str(crf)]
         if mbit is not None:
             quality = ["-b:v", f"{mbit}M", "-maxrate", f"{mbit}M", "-bufsize", f"{2 * mbit}M", "-g", str(round(2 * fps))]
-        command = ["ffmpeg", "-y", "-v", "error", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{size[0]}x{size[1]}",
-                   "-r", str(fps), "-i", "-", "-c:v", "libx264", "-preset", "slow", "-threads", "1", *quality,
-                   "-pix_fmt", "yuv420p", "-movflags", "+faststart", "-fflags", "+bitexact", "-flags:v", "+bitexact",
-                   str(self._part)]
+        command = [
+            "ffmpeg",
+            "-y",
+            "-v",
+            "error",
+            "-f",
+            "rawvideo",
+            "-pix_fmt",
+            "rgb24",
+            "-s",
+            f"{size[0]}x{size[1]}",
+            "-r",
+            str(fps),
+            "-i",
+            "-",
+            "-c:v",
+            "libx264",
+            "-preset",
+            "slow",
+            "-threads",
+            "1",
+            *quality,
+            "-pix_fmt",
+            "yuv420p",
+            "-movflags",
+            "+faststart",
+            "-fflags",
+            "+bitexact",
+            "-flags:v",
+            "+bitexact",
+            str(self._part),
+        ]
         self._encoder = subprocess.Popen(command, stdin=subprocess.PIPE)
 
     def write(self, image: np.ndarray) -> None:

@@ -117,26 +117,42 @@ class Vehicle:
 class Junction:
     """A street with a road across it at `site.driveway_e`."""
 
-    def __init__(self, rng: np.random.Generator, site: Site, seconds: float, meshes: dict[str, list[CarMesh]], headway_s: float,
-                 wheelbases: dict[int, float]) -> None:
+    def __init__(
+        self,
+        rng: np.random.Generator,
+        site: Site,
+        seconds: float,
+        meshes: dict[str, list[CarMesh]],
+        headway_s: float,
+        wheelbases: dict[int, float],
+    ) -> None:
         self.rng, self.site, self.meshes, self.headway_s, self.wheelbases = rng, site, meshes, headway_s, wheelbases
         self.offset_s = rng.uniform(0, CYCLE_S)
         self.steps = round((WARM_S + seconds) / STEP_S) + 1
         e = site.driveway_e
         corner = site.place(e, 0.0)
         along, across = site.turn_rad, site.turn_rad + np.pi / 2
-        self.lines = [Line(site.origin, along, e - STOP_M, False), Line(site.origin, along + np.pi, -e - STOP_M, False),
-                      Line(corner, across, -site.aisle_m - 1.5, True), Line(corner, across + np.pi, -site.aisle_m - 1.5, True)]
+        self.lines = [
+            Line(site.origin, along, e - STOP_M, False),
+            Line(site.origin, along + np.pi, -e - STOP_M, False),
+            Line(corner, across, -site.aisle_m - 1.5, True),
+            Line(corner, across + np.pi, -site.aisle_m - 1.5, True),
+        ]
         self.vehicles: list[Vehicle] = []
-        self.bays = {side: sorted((spot for spot in site.spots if spot.kind == "kerb" and spot.row == side),
-                                  key=lambda spot: spot.e * -side) for side in (-1, 1)}
+        self.bays = {
+            side: sorted(
+                (spot for spot in site.spots if spot.kind == "kerb" and spot.row == side), key=lambda spot: spot.e * -side
+            )
+            for side in (-1, 1)
+        }
         self.wanted: list[tuple[float, int, float]] = []  # from when a bay is free for whom: time, line, s
         self._park()
 
     def run(self) -> list[Vehicle]:
         """Everybody who was there, at times from WARM_S before the first frame on; none touched another."""
-        next_s = {(i, lane): self.rng.exponential(self.headway_s) for i, line in enumerate(self.lines)
-                  for lane in self._lanes(line)}
+        next_s = {
+            (i, lane): self.rng.exponential(self.headway_s) for i, line in enumerate(self.lines) for lane in self._lanes(line)
+        }
         for step in range(self.steps):
             time_s = step * STEP_S
             for (i, lane), due in next_s.items():
@@ -269,8 +285,9 @@ class Junction:
             desired = min(desired, 3.0 if to_bay < 18 else desired, max(np.sqrt(2 * 0.9 * to_bay), 0.3))
         elif ahead is not None and gap < 30:
             self._overtake(vehicle, ahead)
-        wanted = GAP_M + max(vehicle.speed * GAP_S + vehicle.speed * (vehicle.speed - leader)
-                             / (2 * np.sqrt(ACCELERATION * BRAKING)), 0.0)
+        wanted = GAP_M + max(
+            vehicle.speed * GAP_S + vehicle.speed * (vehicle.speed - leader) / (2 * np.sqrt(ACCELERATION * BRAKING)), 0.0
+        )
         gain = ACCELERATION * (1 - (vehicle.speed / desired) ** 4 - (wanted / max(gap, 0.1)) ** 2)
         return float(np.clip(gain, -7.0, ACCELERATION))
 
@@ -296,7 +313,7 @@ def touching(vehicles: list[Vehicle], seconds: float) -> int:
         there = [(i, v, m) for i, v in enumerate(vehicles) if (m := v.at(time_s)) is not None]
         places = np.array([m.world_from_car[:2, 3] for _, _, m in there])
         for a in range(len(there)):
-            for b in np.nonzero(np.linalg.norm(places[a + 1:] - places[a], axis=1) < 13)[0] + a + 1:
+            for b in np.nonzero(np.linalg.norm(places[a + 1 :] - places[a], axis=1) < 13)[0] + a + 1:
                 if _touch(there[a][1], there[a][2], there[b][1], there[b][2]):
                     pairs.add((there[a][0], there[b][0]))
     return len(pairs)

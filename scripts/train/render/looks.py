@@ -60,8 +60,12 @@ def sample_car_look(rng: np.random.Generator) -> CarLook:
     lower = np.ones(3) * rng.uniform(0.01, 0.06) if rng.random() < 0.8 else paint * rng.uniform(0.7, 1)
     rim = np.ones(3) * (rng.uniform(0.25, 0.6) if rng.random() < 0.75 else rng.uniform(0.01, 0.1))
     return CarLook(
-        paint=paint, metallic=metallic, lower=lower, glass=rng.choice([rng.uniform(0.05, 0.3), rng.uniform(0.3, 0.8)]),
-        glass_reflection=rng.uniform(0.7, 1.3), rim=rim,
+        paint=paint,
+        metallic=metallic,
+        lower=lower,
+        glass=rng.choice([rng.uniform(0.05, 0.3), rng.uniform(0.3, 0.8)]),
+        glass_reflection=rng.uniform(0.7, 1.3),
+        rim=rim,
         dirt=max(0, rng.normal(0.05, 0.25)),
         dirt_colour=_linear(*(np.array([130, 118, 98]) * rng.uniform(0.7, 1.3) + rng.normal(0, 5, 3))),
         plate=_linear(*(np.ones(3) * rng.uniform(170, 235) + rng.normal(0, 6, 3) if rng.random() < 0.8 else (225, 190, 60))),
@@ -91,25 +95,48 @@ def sample_ground(rng: np.random.Generator, kind: str) -> Ground:
         level = np.exp(rng.uniform(np.log(0.03), np.log(0.18)))
         wet = rng.uniform(0.2, 1) if rng.random() < 0.15 else 0.0
         low, high = level * rng.uniform(0.65, 0.95), level * rng.uniform(1.05, 1.4)
-        return Ground(low * tint, high * tint, (rng.uniform(0.3, 1.2), rng.uniform(0.2, 1), rng.uniform(0.1, 0.7)),
-                      rng.uniform(0, 0.7), rng.uniform(0, 0.8) * (rng.random() < 0.6), wet)
+        return Ground(
+            low * tint,
+            high * tint,
+            (rng.uniform(0.3, 1.2), rng.uniform(0.2, 1), rng.uniform(0.1, 0.7)),
+            rng.uniform(0, 0.7),
+            rng.uniform(0, 0.8) * (rng.random() < 0.6),
+            wet,
+        )
     if kind == "concrete":
         level = rng.uniform(0.2, 0.45)
         warm = np.array([1.04, 1, rng.uniform(0.82, 1)])
-        return Ground(level * 0.85 * warm * tint, level * 1.15 * warm * tint,
-                      (rng.uniform(0.3, 1), rng.uniform(0.2, 1), rng.uniform(0.1, 0.5)),
-                      rng.uniform(0, 0.5), rng.uniform(0, 0.6), 0.0)
+        return Ground(
+            level * 0.85 * warm * tint,
+            level * 1.15 * warm * tint,
+            (rng.uniform(0.3, 1), rng.uniform(0.2, 1), rng.uniform(0.1, 0.5)),
+            rng.uniform(0, 0.5),
+            rng.uniform(0, 0.6),
+            0.0,
+        )
     if kind == "gravel":
         level = rng.uniform(0.12, 0.35)
         warm = np.array([1.1, 1, rng.uniform(0.7, 0.95)])
-        return Ground(level * 0.6 * warm * tint, level * 1.3 * warm * tint,
-                      (rng.uniform(0.2, 0.8), rng.uniform(0.4, 1.2), rng.uniform(0.8, 1.6)), rng.uniform(0, 0.3), 0.0, 0.0)
+        return Ground(
+            level * 0.6 * warm * tint,
+            level * 1.3 * warm * tint,
+            (rng.uniform(0.2, 0.8), rng.uniform(0.4, 1.2), rng.uniform(0.8, 1.6)),
+            rng.uniform(0, 0.3),
+            0.0,
+            0.0,
+        )
     green = _linear(*rng.uniform([55, 70, 30], [110, 115, 60]))
     dry = _linear(*rng.uniform([110, 100, 60], [160, 145, 95]))
     mix = rng.uniform(0, 1) ** 2
     low = green * (1 - mix) + dry * mix
-    return Ground(low * 0.7, (low * rng.uniform(1.1, 1.6) * 0.6 + dry * 0.25),
-                  (rng.uniform(0.4, 1), rng.uniform(0.6, 1.4), rng.uniform(0.8, 1.8)), 0.0, 0.0, 0.0)
+    return Ground(
+        low * 0.7,
+        (low * rng.uniform(1.1, 1.6) * 0.6 + dry * 0.25),
+        (rng.uniform(0.4, 1), rng.uniform(0.6, 1.4), rng.uniform(0.8, 1.8)),
+        0.0,
+        0.0,
+        0.0,
+    )
 
 
 @dataclass
@@ -153,7 +180,14 @@ def sample_light(rng: np.random.Generator, environments: int, sky: str | None = 
         sun, above = warm * 0.0, (1 + rng.normal(0, 0.04, 3)) * rng.uniform(0.4, 0.8)
     else:  # open shade, dusk
         sun, above = warm * 0.0, (0.6 * blue + 0.4) * rng.uniform(0.3, 0.5)
-    return Light(to_sun, sun, above, softness_m=rng.uniform(0.02, 0.12) if kind == 0 else rng.uniform(0.08, 0.4),
-                 dapple=rng.uniform(0.5, 1) if rng.random() < 0.08 else 0.0,
-                 haze=rng.exponential(0.0006), environment=int(rng.integers(environments)), exposure=1.0,
-                 sun_mirror=rng.uniform(5, 60) if kind == 0 else rng.uniform(0, 5) * (kind == 1))
+    return Light(
+        to_sun,
+        sun,
+        above,
+        softness_m=rng.uniform(0.02, 0.12) if kind == 0 else rng.uniform(0.08, 0.4),
+        dapple=rng.uniform(0.5, 1) if rng.random() < 0.08 else 0.0,
+        haze=rng.exponential(0.0006),
+        environment=int(rng.integers(environments)),
+        exposure=1.0,
+        sun_mirror=rng.uniform(5, 60) if kind == 0 else rng.uniform(0, 5) * (kind == 1),
+    )

@@ -32,7 +32,7 @@ def montage(shard: dict[str, np.ndarray], first: int = 0, rows: int = 8, scale: 
         tiles.append(tile)
     blank = np.zeros_like(tiles[0])
     tiles += [blank] * (-len(tiles) % rows)
-    return np.vstack([np.hstack(tiles[i:i + rows]) for i in range(0, len(tiles), rows)])
+    return np.vstack([np.hstack(tiles[i : i + rows]) for i in range(0, len(tiles), rows)])
 
 
 def main() -> None:

@@ -31,8 +31,10 @@ def body_boxes(mesh: CarMesh) -> list[np.ndarray]:
     length, middle = high[0] - low[0], (high[0] + low[0]) / 2
     if mesh.body in ("wagon", "suv", "minivan", "hatchback"):
         rear = -0.47
-    return [_corners((low[0], -half, 0.2), (high[0], half, waist * high[2])),
-            _corners((middle + rear * length, -width * half, waist * high[2]), (middle + front * length, width * half, high[2]))]
+    return [
+        _corners((low[0], -half, 0.2), (high[0], half, waist * high[2])),
+        _corners((middle + rear * length, -width * half, waist * high[2]), (middle + front * length, width * half, high[2])),
+    ]
 
 
 def prop_box(prop: Prop) -> np.ndarray:
@@ -103,7 +105,7 @@ class Outlines:
             if np.isfinite(x) and -0.5 <= x <= frame[0] and -0.5 <= y <= frame[1]:
                 # Bodies are rounder than boxes: next to the edge another pixel may be nobody's.
                 column, row = round(float(x)), round(float(y))
-                near = self._near[max(row - 1, 0):row + 2, max(column - 1, 0):column + 2]
+                near = self._near[max(row - 1, 0) : row + 2, max(column - 1, 0) : column + 2]
                 visible[k] = (near <= 1 / max(point_depth[k] - TOLERANCE_M, 0.5)).sum() >= 3
         return Sight(box, inside, np.concatenate([low, high]), share, share, points, visible)
 
@@ -118,7 +120,7 @@ class Outlines:
             return 0
         mask = np.zeros((size[1], size[0]), np.uint8)
         for k in range(len(boxes)):
-            hull = cv2.convexHull((pixels[8 * k:8 * k + 8] - low).astype(np.float32))
+            hull = cv2.convexHull((pixels[8 * k : 8 * k + 8] - low).astype(np.float32))
             cv2.fillConvexPoly(mask, np.round(hull).astype(np.int32), 1)
         return int(mask.sum())
 
@@ -147,7 +149,7 @@ class Outlines:
             cv2.fillConvexPoly(mask, np.round(corner - low).astype(np.int32), 1)
             x, y = np.arange(low[0], high[0] + 1), np.arange(low[1], high[1] + 1)
             near = (linear[0] * x[None] + linear[1] * y[:, None] + linear[2]).astype(np.float32)
-            region = np.s_[low[1]:high[1] + 1, low[0]:high[0] + 1]
+            region = np.s_[low[1] : high[1] + 1, low[0] : high[0] + 1]
             nearer = (mask > 0) & (near > self._near[region])
             self._near[region][nearer] = near[nearer]
             self._who[region][nearer] = number

@@ -100,8 +100,14 @@ def make_lot(rng: np.random.Generator, origin: np.ndarray, turn_rad: float, wet:
                     nose = side * np.pi / 2 + np.pi * (rng.random() < 0.3)
                     site.spots.append(Spot(e, n, nose, "bay", 2 * aisle_number + (side > 0), k))
     for _ in range(rng.integers(0, 7)):
-        site.spots.append(Spot(rng.uniform(-25, min(25, site.end_e)), rng.integers(-1, last + 1) * period
-                               + rng.choice([-1, 1]) * rng.uniform(1.2, 1.7), rng.choice([0, np.pi]), "lane"))
+        site.spots.append(
+            Spot(
+                rng.uniform(-25, min(25, site.end_e)),
+                rng.integers(-1, last + 1) * period + rng.choice([-1, 1]) * rng.uniform(1.2, 1.7),
+                rng.choice([0, np.pi]),
+                "lane",
+            )
+        )
     _lot_props(rng, site, pitch, far)
     return site
 
@@ -146,12 +152,20 @@ def _lot_props(rng: np.random.Generator, site: Site, pitch: float, far: float) -
                 if np.hypot(*at) > 12:
                     site.props += tree(rng, at) if rng.random() < 0.35 else pole(rng, at)
     for _ in range(rng.integers(0, 5)):
-        site.props += person(rng, tuple(site.place(rng.uniform(-18, min(18, site.end_e)), rng.choice([-1, 1])
-                                                   * (site.aisle_m / 2 - 0.5) + rng.integers(-1, 1) * site.period_m)))
+        site.props += person(
+            rng,
+            tuple(
+                site.place(
+                    rng.uniform(-18, min(18, site.end_e)),
+                    rng.choice([-1, 1]) * (site.aisle_m / 2 - 0.5) + rng.integers(-1, 1) * site.period_m,
+                )
+            ),
+        )
 
 
-def make_street(rng: np.random.Generator, origin: np.ndarray, turn_rad: float, wet: bool, lanes: int,
-                driveway_e: float = np.inf) -> Site:
+def make_street(
+    rng: np.random.Generator, origin: np.ndarray, turn_rad: float, wet: bool, lanes: int, driveway_e: float = np.inf
+) -> Site:
     """A road with two or four lanes, cars parked along both kerbs, pavements, trees and houses; traffic keeps right.
 
     With `driveway_e`, drives lead off it there on both sides.
@@ -210,10 +224,26 @@ def _building(rng: np.random.Generator, site: Site, e: float, n: float, side: in
     """A block from e on whose front, with rows of windows, stands at n."""
     depth, height = rng.uniform(8, 14), rng.choice([4.0, 7.0, 10.0])
     wall = np.array([0.42, 0.37, 0.31]) * rng.uniform(0.5, 1.4) + rng.normal(0, 0.02, 3)
-    site.props.append(placed("box", tuple(site.place(e + length / 2, side * (n + depth / 2))), (length, depth, height),
-                             wall.clip(0.05, 0.8), site.turn_rad, texture=0.15))
+    site.props.append(
+        placed(
+            "box",
+            tuple(site.place(e + length / 2, side * (n + depth / 2))),
+            (length, depth, height),
+            wall.clip(0.05, 0.8),
+            site.turn_rad,
+            texture=0.15,
+        )
+    )
     pane = np.array([0.03, 0.035, 0.045])
     for bottom in np.arange(1.0, height - 2, 3.1):
         for at in np.arange(2.0, length - 1.5, 3.6):
-            site.props.append(placed("box", tuple(site.place(e + at, side * (n - 0.02))), (1.5, 0.1, 1.5), pane,
-                                     site.turn_rad, bottom_m=float(bottom)))
+            site.props.append(
+                placed(
+                    "box",
+                    tuple(site.place(e + at, side * (n - 0.02))),
+                    (1.5, 0.1, 1.5),
+                    pane,
+                    site.turn_rad,
+                    bottom_m=float(bottom),
+                )
+            )

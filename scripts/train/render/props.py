@@ -20,12 +20,25 @@ class Prop:
     texture: float = 0.3
 
 
-def placed(shape: str, centre: tuple[float, float], size: tuple[float, float, float], colour: np.ndarray,
-           heading_rad: float = 0.0, bottom_m: float = 0.0, **style: float) -> Prop:
+def placed(
+    shape: str,
+    centre: tuple[float, float],
+    size: tuple[float, float, float],
+    colour: np.ndarray,
+    heading_rad: float = 0.0,
+    bottom_m: float = 0.0,
+    **style: float,
+) -> Prop:
     """A prop of a size (x, y, z in metres) on the ground or `bottom_m` above it."""
     cos, sin = np.cos(heading_rad), np.sin(heading_rad)
-    pose = np.array([[cos * size[0], -sin * size[1], 0, centre[0]], [sin * size[0], cos * size[1], 0, centre[1]],
-                     [0, 0, size[2], bottom_m], [0, 0, 0, 1.0]])
+    pose = np.array(
+        [
+            [cos * size[0], -sin * size[1], 0, centre[0]],
+            [sin * size[0], cos * size[1], 0, centre[1]],
+            [0, 0, size[2], bottom_m],
+            [0, 0, 0, 1.0],
+        ]
+    )
     return Prop(shape, pose, np.asarray(colour, float), **style)
 
 
@@ -54,8 +67,9 @@ def _revolved(rows: np.ndarray, columns: int) -> tuple[np.ndarray, np.ndarray]:
     """Surface of revolution about z from (height, radius of 0.5 units) rows."""
     angles = np.linspace(0, 2 * np.pi, columns + 1)
     ring = np.stack([np.cos(angles), np.sin(angles)], axis=1) * 0.5
-    grid = np.concatenate([ring[None] * rows[:, 1, None, None],
-                           np.broadcast_to(rows[:, 0, None, None], (len(rows), columns + 1, 1))], axis=2)
+    grid = np.concatenate(
+        [ring[None] * rows[:, 1, None, None], np.broadcast_to(rows[:, 0, None, None], (len(rows), columns + 1, 1))], axis=2
+    )
     a, b, c, d = grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]
     positions = np.stack([a, b, c, a, c, d], axis=2).reshape(-1, 3)
     around = rows[:, 1].max() == rows[:, 1].min()

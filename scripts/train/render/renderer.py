@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
 from pathlib import Path
 
 import moderngl
@@ -12,6 +11,7 @@ import numpy as np
 from cars.mesh import MATERIALS, CarMesh
 
 from .camera import Camera
+from .gpu_car import GpuCar
 from .looks import CarLook
 from .props import SHAPES, unit_shape
 from .scene import PlacedCar, Scene
@@ -25,25 +25,6 @@ DARKENED_M, DARKENED_HIGH_M = 6.6, 1.3  # open_sky of common.glsl: from here on 
 GROUND_REACH_M = 1500.0
 SHADOW_CLUSTER_M = 0.09  # shadows are thrown by a coarser mesh
 NEAR_SHARE = 0.02  # near plane as a share of the depth of the nearest car, or of the scene's `nearest_m`
-
-
-@dataclass
-class GpuCar:
-    """A car mesh in GPU buffers; glass comes last so that it can be blended."""
-
-    mesh: CarMesh
-    colour: moderngl.VertexArray
-    truth: moderngl.VertexArray
-    shadow: moderngl.VertexArray
-    solid_indices: int
-    all_indices: int
-    buffers: tuple[moderngl.Buffer, ...]
-    bounds: tuple[np.ndarray, np.ndarray]
-
-    def release(self) -> None:
-        """Frees the GPU memory."""
-        for item in (self.colour, self.truth, self.shadow, *self.buffers):
-            item.release()
 
 
 class Renderer:
@@ -83,13 +64,20 @@ class Renderer:
         layout = [(shape[0], "3f", "in_position") for shape in self._shapes]
         self._prop_arrays = []
         for index in range(len(SHAPES)):
-            self._prop_arrays.append({
-                program: self.context.vertex_array(program, [
-                    layout[index], (self._shapes[index][1], "3f", "in_normal"),
-                    (self._instances[index], "16f 4f 1f /i", "in_world_from_prop", "in_colour", "in_leaves"),
-                ], skip_errors=True)
-                for program in (self._prop, self._prop_truth, self._prop_shadow)
-            })
+            self._prop_arrays.append(
+                {
+                    program: self.context.vertex_array(
+                        program,
+                        [
+                            layout[index],
+                            (self._shapes[index][1], "3f", "in_normal"),
+                            (self._instances[index], "16f 4f 1f /i", "in_world_from_prop", "in_colour", "in_leaves"),
+                        ],
+                        skip_errors=True,
+                    )
+                    for program in (self._prop, self._prop_truth, self._prop_shadow)
+                }
+            )
 
     # Resources
 
@@ -131,14 +119,21 @@ class Renderer:
         vertices = self.context.buffer(data.tobytes())
         indices = self.context.buffer(index.astype(np.int32).tobytes())
         layout = [(vertices, "3f 3f 1f", "in_position", "in_normal", "in_material")]
-        arrays = [self.context.vertex_array(program, layout, indices, skip_errors=True)
-                  for program in (self._car, self._car_truth)]
+        arrays = [
+            self.context.vertex_array(program, layout, indices, skip_errors=True) for program in (self._car, self._car_truth)
+        ]
         coarse_vertices, coarse_faces = clustered(mesh.vertices, mesh.faces, SHADOW_CLUSTER_M)
         coarse = self.context.buffer(coarse_vertices.tobytes()), self.context.buffer(coarse_faces.tobytes())
         shadow = self.context.vertex_array(self._car_shadow, [(coarse[0], "3f", "in_position")], coarse[1])
-        return GpuCar(mesh, *arrays, shadow, solid_indices=3 * int((~glass).sum()), all_indices=3 * len(faces),
-                      buffers=(vertices, indices, *coarse),
-                      bounds=(mesh.vertices.min(0), mesh.vertices.max(0)))
+        return GpuCar(
+            mesh,
+            *arrays,
+            shadow,
+            solid_indices=3 * int((~glass).sum()),
+            all_indices=3 * len(faces),
+            buffers=(vertices, indices, *coarse),
+            bounds=(mesh.vertices.min(0), mesh.vertices.max(0)),
+        )
 
     def _target(self, kind: str, width: int, height: int) -> tuple:
         """Frame buffers by kind and size. No multisampling: llvmpipe pays four times for it; callers supersample."""
@@ -146,17 +141,22 @@ class Renderer:
         if key not in self._targets:
             size = (width, height)
             if kind == "truth":
-                self._targets[key] = (self.context.framebuffer(
-                    [self.context.renderbuffer(size, 2, dtype="f4")], self.context.depth_renderbuffer(size)),)
+                self._targets[key] = (
+                    self.context.framebuffer(
+                        [self.context.renderbuffer(size, 2, dtype="f4")], self.context.depth_renderbuffer(size)
+                    ),
+                )
             else:
-                self._targets[key] = (self.context.framebuffer(
-                    [self.context.renderbuffer(size, 4)], self.context.depth_renderbuffer(size)),)
+                self._targets[key] = (
+                    self.context.framebuffer([self.context.renderbuffer(size, 4)], self.context.depth_renderbuffer(size)),
+                )
         return self._targets[key]
 
     # Drawing
 
-    def colour(self, scene: Scene, camera: Camera, window: tuple[float, float, float, float],
-               size: tuple[int, int]) -> np.ndarray:
+    def colour(
+        self, scene: Scene, camera: Camera, window: tuple[float, float, float, float], size: tuple[int, int]
+    ) -> np.ndarray:
         """RGB uint8 (height, width, 3) of a window of the camera's image, resampled to `size` (width, height)."""
         rounded = tuple(-(-n // 64) * 64 for n in size)
         (drawn,) = self._target("colour", *rounded)
@@ -170,8 +170,14 @@ class Renderer:
         data = drawn.read(viewport=(0, 0, *size), components=3, alignment=1)
         return np.frombuffer(data, np.uint8).reshape(size[1], size[0], 3)
 
-    def redraw(self, image: np.ndarray, scene: Scene, camera: Camera, window: tuple[float, float, float, float],
-               parts: list[tuple[int, int, int, int]]) -> None:
+    def redraw(
+        self,
+        image: np.ndarray,
+        scene: Scene,
+        camera: Camera,
+        window: tuple[float, float, float, float],
+        parts: list[tuple[int, int, int, int]],
+    ) -> None:
         """Draws parts (x, y, width, height in pixels of `image`) of what `colour` gives for the window and the image's size.
 
         The same bits, as the rasteriser's coordinates are those of the whole picture; only its scissors differ.
@@ -193,7 +199,7 @@ class Renderer:
             self._set_cars(scene, _darkening(scene, camera, place))
             self._paint(drawn, scene, camera, self._clip(scene, camera, place))
             data = drawn.read(viewport=(x, y, width, height), components=3, alignment=1)
-            image[y:y + height, x:x + width] = np.frombuffer(data, np.uint8).reshape(height, width, 3)
+            image[y : y + height, x : x + width] = np.frombuffer(data, np.uint8).reshape(height, width, 3)
         drawn.scissor = None
 
     def _paint(self, drawn: moderngl.Framebuffer, scene: Scene, camera: Camera, clip_from_world: np.ndarray) -> None:
@@ -220,8 +226,9 @@ class Renderer:
         drawn.depth_mask = True
         self.context.disable(moderngl.BLEND)
 
-    def truth(self, scene: Scene, camera: Camera, window: tuple[float, float, float, float], size: tuple[int, int],
-              first: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def truth(
+        self, scene: Scene, camera: Camera, window: tuple[float, float, float, float], size: tuple[int, int], first: int = 0
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Whole silhouette of one car (bool), object per pixel (0 nothing, i + 1 car i, −1 prop; int) and depth along
         the optical axis (m; inf for nothing), each (height, width).
 
@@ -271,8 +278,11 @@ class Renderer:
     def _fill_instances(self, scene: Scene) -> None:
         self._counts = []
         for shape, buffer in zip(SHAPES, self._instances, strict=True):
-            rows = [np.concatenate([p.world_from_prop.T.ravel(), p.colour, [p.texture, p.leaves]])
-                    for p in scene.props if p.shape == shape][:INSTANCES]
+            rows = [
+                np.concatenate([p.world_from_prop.T.ravel(), p.colour, [p.texture, p.leaves]])
+                for p in scene.props
+                if p.shape == shape
+            ][:INSTANCES]
             self._counts.append(len(rows))
             if rows:
                 buffer.write(np.array(rows, np.float32).tobytes())
@@ -309,14 +319,25 @@ class Renderer:
         self._environments[light.environment].use(1)
         self._shadow_map.use(2)
         values = {
-            "camera_position": (0.0, 0.0, camera.height_m), "to_sun": tuple(light.to_sun), "sun": tuple(light.sun),
-            "sky": tuple(light.sky), "ground_radiance": tuple(scene.ground_radiance), "sun_mirror": light.sun_mirror,
-            "dapple": light.dapple, "haze": light.haze, "exposure": light.exposure,
+            "camera_position": (0.0, 0.0, camera.height_m),
+            "to_sun": tuple(light.to_sun),
+            "sun": tuple(light.sun),
+            "sky": tuple(light.sky),
+            "ground_radiance": tuple(scene.ground_radiance),
+            "sun_mirror": light.sun_mirror,
+            "dapple": light.dapple,
+            "haze": light.haze,
+            "exposure": light.exposure,
             "shadow_softness": light.softness_m / (2 * scene.shadow_reach_m),
-            "noise": 0, "environment": 1, "shadow_map": 2,
+            "noise": 0,
+            "environment": 1,
+            "shadow_map": 2,
         }
-        raw = {"clip_from_world": _gl(clip), "shadow_from_world": _gl(shadow_from_world),
-               "world_from_clip": _gl(np.linalg.inv(clip))}
+        raw = {
+            "clip_from_world": _gl(clip),
+            "shadow_from_world": _gl(shadow_from_world),
+            "world_from_clip": _gl(np.linalg.inv(clip)),
+        }
         for program in (self._car, self._ground, self._prop, self._sky):
             for name, value in values.items():
                 if name in program:

@@ -12,7 +12,7 @@ from .looks import CarLook, Ground, Light, sample_car_look, sample_ground, sampl
 from .props import Prop, placed
 
 if TYPE_CHECKING:
-    from .renderer import GpuCar
+    from .gpu_car import GpuCar
 
 FRAME_SIZES = ((1280, 720), (1920, 1080), (1280, 960), (720, 576), (640, 480), (2560, 1440), (1280, 720))
 
@@ -254,12 +254,26 @@ class SceneSampler:
             side = np.array(floor.frame[2:])
             ahead = np.array([side[1], -side[0]])
             at = place[:2] + ahead * rng.choice([-1, 1]) * rng.uniform(3.6, 5)
-            props.append(placed("box", tuple(at), (rng.uniform(3, 20), rng.uniform(0.1, 0.3), rng.uniform(0.15, 0.9)),
-                                np.ones(3) * rng.uniform(0.15, 0.6), np.arctan2(side[1], side[0])))
+            props.append(
+                placed(
+                    "box",
+                    tuple(at),
+                    (rng.uniform(3, 20), rng.uniform(0.1, 0.3), rng.uniform(0.15, 0.9)),
+                    np.ones(3) * rng.uniform(0.15, 0.6),
+                    np.arctan2(side[1], side[0]),
+                )
+            )
         return props
 
-    def _occlude(self, rng: np.random.Generator, camera: Camera, place: np.ndarray, azimuth: float,
-                 cars: list[PlacedCar], props: list[Prop]) -> None:
+    def _occlude(
+        self,
+        rng: np.random.Generator,
+        camera: Camera,
+        place: np.ndarray,
+        azimuth: float,
+        cars: list[PlacedCar],
+        props: list[Prop],
+    ) -> None:
         """Puts something between the camera and the target."""
         toward = -np.array([np.cos(azimuth), np.sin(azimuth)])
         across = np.array([-toward[1], toward[0]])
@@ -277,8 +291,15 @@ class SceneSampler:
         elif kind == "person":
             props += person(rng, tuple(aside + toward * max(low, 1.5)))
         elif kind == "wall":
-            props.append(placed("box", tuple(aside + toward * max(low, 2.8)), (rng.uniform(1, 5), 0.25, rng.uniform(0.6, 1.4)),
-                                np.ones(3) * rng.uniform(0.1, 0.5), np.arctan2(across[1], across[0]) + rng.normal(0, 0.2)))
+            props.append(
+                placed(
+                    "box",
+                    tuple(aside + toward * max(low, 2.8)),
+                    (rng.uniform(1, 5), 0.25, rng.uniform(0.6, 1.4)),
+                    np.ones(3) * rng.uniform(0.1, 0.5),
+                    np.arctan2(across[1], across[0]) + rng.normal(0, 0.2),
+                )
+            )
         else:
             for _ in range(8):
                 at = aside + toward * rng.uniform(2.0, max(2.4, min(6.5, 1.0 / slope + 2.5)))
@@ -298,16 +319,35 @@ def tree(rng: np.random.Generator, at: tuple[float, float]) -> list[Prop]:
     for _ in range(rng.integers(2, 6)):
         centre = np.array(at) + rng.normal(0, crown * 0.25, 2)
         size = crown * rng.uniform(0.5, 1)
-        parts.append(placed("blob", tuple(centre), (size, size, size * rng.uniform(0.6, 1.1)), green,
-                            bottom_m=height * rng.uniform(0.35, 0.7), leaves=rng.uniform(0.45, 1), texture=0.5))
+        parts.append(
+            placed(
+                "blob",
+                tuple(centre),
+                (size, size, size * rng.uniform(0.6, 1.1)),
+                green,
+                bottom_m=height * rng.uniform(0.35, 0.7),
+                leaves=rng.uniform(0.45, 1),
+                texture=0.5,
+            )
+        )
     return parts
 
 
 def bush(rng: np.random.Generator, at: tuple[float, float], size: float) -> list[Prop]:
     """A few leafy blobs on the ground."""
     green = np.array([rng.uniform(0.03, 0.12), rng.uniform(0.06, 0.15), rng.uniform(0.015, 0.06)])
-    return [placed("blob", tuple(np.array(at) + rng.normal(0, size * 0.3, 2)), (size, size, size * rng.uniform(0.5, 1)), green,
-                   bottom_m=-0.15 * size, leaves=rng.uniform(0.4, 0.9), texture=0.5) for _ in range(rng.integers(1, 4))]
+    return [
+        placed(
+            "blob",
+            tuple(np.array(at) + rng.normal(0, size * 0.3, 2)),
+            (size, size, size * rng.uniform(0.5, 1)),
+            green,
+            bottom_m=-0.15 * size,
+            leaves=rng.uniform(0.4, 0.9),
+            texture=0.5,
+        )
+        for _ in range(rng.integers(1, 4))
+    ]
 
 
 def pole(rng: np.random.Generator, at: tuple[float, float]) -> list[Prop]:

@@ -11,9 +11,10 @@ from cars.mesh import KEYPOINT_NAMES, CarMesh
 
 from .camera import Camera, world_from_car
 from .frames import Finish, sample_finish
+from .gpu_car import GpuCar
 from .looks import Light, sample_car_look, sample_light
 from .places import Site, Spot, make_lot, make_street
-from .renderer import ENVIRONMENTS, GpuCar, Renderer
+from .renderer import ENVIRONMENTS, Renderer
 from .scene import PlacedCar, Scene, _clear
 
 SIZE = (1280, 720)
@@ -36,8 +37,11 @@ class CarPool:
         if rng.random() < MESH_SHARE and self.meshes:
             number = self.size + number % len(self.meshes)
         if number not in self._built:
-            mesh = (self.meshes[number - self.size] if number >= self.size
-                    else sample_car(np.random.default_rng([self.seed, 2, number]), split=self.split))
+            mesh = (
+                self.meshes[number - self.size]
+                if number >= self.size
+                else sample_car(np.random.default_rng([self.seed, 2, number]), split=self.split)
+            )
             self._built[number] = self.renderer.upload(mesh)
         return self._built[number]
 
@@ -57,8 +61,9 @@ def wheelbase(mesh: CarMesh) -> float:
     return float(mesh.keypoints[FRONT, 0] - mesh.keypoints[REAR, 0])
 
 
-def sample_camera(rng: np.random.Generator, car_px: tuple[float, float], tilt_deg: tuple[float, float] = (5, 40),
-                  size: tuple[int, int] = SIZE) -> Camera:
+def sample_camera(
+    rng: np.random.Generator, car_px: tuple[float, float], tilt_deg: tuple[float, float] = (5, 40), size: tuple[int, int] = SIZE
+) -> Camera:
     """4–20 m high, focal 0.7–3 widths, roll within 3°, cars about `car_px` long in the middle of the picture."""
     while True:
         height, tilt = np.exp(rng.uniform(np.log(4), np.log(20))), np.radians(rng.uniform(*tilt_deg))

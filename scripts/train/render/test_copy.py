@@ -13,12 +13,17 @@ CAMERA = {"image_size_px": [1280, 720], "focal_px": 1400.0, "height_m": 8.0, "ti
 
 def scene() -> dict:
     """A car that drives past one that stands."""
-    way = [{"time_s": 0.0, "x_m": -6.0, "y_m": 24.0, "heading_rad": 0.2},
-           {"time_s": 5.0, "x_m": 6.0, "y_m": 27.0, "heading_rad": 0.2}]
+    way = [
+        {"time_s": 0.0, "x_m": -6.0, "y_m": 24.0, "heading_rad": 0.2},
+        {"time_s": 5.0, "x_m": 6.0, "y_m": 27.0, "heading_rad": 0.2},
+    ]
     stands = [{"time_s": 0.0, "x_m": 1.0, "y_m": 31.0, "heading_rad": 1.5}]
     car = {"class": "car", "dims_m": [4.6, 1.8, 1.5], "shape": [0.3, 0, 0, 0, 0, 0], "span_s": [0.0, 5.0], "colour": [90, 20, 20]}
-    return {"camera": CAMERA, "span_s": [0.0, 5.0],
-            "vehicles": [{"track": 1, "trajectory": way, **car}, {"track": 2, "trajectory": stands, **car}]}
+    return {
+        "camera": CAMERA,
+        "span_s": [0.0, 5.0],
+        "vehicles": [{"track": 1, "trajectory": way, **car}, {"track": 2, "trajectory": stands, **car}],
+    }
 
 
 class CopyTest(unittest.TestCase):

@@ -22,8 +22,10 @@ DRIVES = {
     "u-turn": [Leg([straight(15), turn_across(180, 10.2), straight(12)], 7.0)],
     "halt": [Leg([straight(25)], 7.0, to_rest=True, rest_s=1.5), Leg([straight(30)], 7.0, from_rest=True)],
     "park": [Leg([straight(12), turn(-90, 4.5, 2.0), straight(1)], 3.0, to_rest=True, parking_from=1)],
-    "leave": [Leg([straight(3), turn(90, 4.5, 2.0)], 1.8, backwards=True, from_rest=True, to_rest=True, rest_s=1.0),
-              Leg([straight(20)], 4.0, from_rest=True)],
+    "leave": [
+        Leg([straight(3), turn(90, 4.5, 2.0)], 1.8, backwards=True, from_rest=True, to_rest=True, rest_s=1.0),
+        Leg([straight(20)], 4.0, from_rest=True),
+    ],
 }
 
 

@@ -93,8 +93,12 @@ class PictureTest(unittest.TestCase):
     def test_picture_shows_the_car_where_truth_says(self) -> None:
         empty, scene = self.scene(), self.scene((self.car, 0.0, 28.0, 0.5))
         window, size = (-0.5, -0.5, 1280, 720), (640, 360)
-        change = np.abs(self.renderer.colour(scene, CAMERA, window, size).astype(int)
-                        - self.renderer.colour(empty, CAMERA, window, size)).max(2) > 8
+        change = (
+            np.abs(
+                self.renderer.colour(scene, CAMERA, window, size).astype(int) - self.renderer.colour(empty, CAMERA, window, size)
+            ).max(2)
+            > 8
+        )
         _, seen, _ = self.renderer.truth(scene, CAMERA, window, size)
         self.assertGreater(change[seen == 1].mean(), 0.85)
         self.assertLess(change[:, :150].mean(), 0.01)

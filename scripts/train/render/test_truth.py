@@ -55,12 +55,14 @@ class TruthTest(unittest.TestCase):
     def test_keypoints_are_the_projected_model(self) -> None:
         for name, item in self.items.items():
             record = item["camera"]
-            camera = Camera(tuple(record["image_size_px"]), record["focal_px"], record["height_m"], record["tilt_rad"],
-                            record["roll_rad"])
+            camera = Camera(
+                tuple(record["image_size_px"]), record["focal_px"], record["height_m"], record["tilt_rad"], record["roll_rad"]
+            )
             np.testing.assert_allclose(camera.camera_from_world, record["camera_from_world"], atol=1e-9)
             normal, offset = camera.plane_in_camera
-            np.testing.assert_allclose([*normal, offset], [*record["plane_in_camera"]["normal"],
-                                                           record["plane_in_camera"]["offset_m"]], atol=1e-9)
+            np.testing.assert_allclose(
+                [*normal, offset], [*record["plane_in_camera"]["normal"], record["plane_in_camera"]["offset_m"]], atol=1e-9
+            )
             models = {m["id"]: points(m["keypoints_in_car"]) for m in item["models"]}
             for car in (car for frame in item["frames"] for car in frame["cars"]):
                 pose = np.array(car["world_from_car"])
@@ -112,8 +114,10 @@ class TruthTest(unittest.TestCase):
                         self.assertGreater(turned, -1e-5)
                     if activity == "turning_right":
                         self.assertLess(turned, 1e-5)
-        self.assertLessEqual({"parked", "moving", "turning_left", "turning_right", "u_turn", "stopping", "starting",
-                              "reversing", "parking"}, activities)
+        self.assertLessEqual(
+            {"parked", "moving", "turning_left", "turning_right", "u_turn", "stopping", "starting", "reversing", "parking"},
+            activities,
+        )
 
     def test_every_still_has_five_large_cars(self) -> None:
         for name, item in self.items.items():

@@ -87,8 +87,13 @@ class Traffic:
         self.movers: list[Mover] = []
         self.begin_s, self.span_s = 0.0, seconds
 
-    def add(self, car: Mover, manoeuvre: Callable[[float], Drive | None], tries: int = TRIES,
-            suits: Callable[[Mover], bool] = lambda _: True) -> bool:
+    def add(
+        self,
+        car: Mover,
+        manoeuvre: Callable[[float], Drive | None],
+        tries: int = TRIES,
+        suits: Callable[[Mover], bool] = lambda _: True,
+    ) -> bool:
         """Lets a car drive a manoeuvre (made for its wheelbase) if some choice of it suits and stays clear of all others."""
         for _ in range(tries):
             drive = manoeuvre(car.wheelbase_m)
@@ -121,8 +126,10 @@ class Traffic:
         before, after = 45.0 + rng.uniform(-6, 6), 55.0
         legs = [Leg([straight(before + after)], cruise)]
         if halt:
-            legs = [Leg([straight(before)], cruise, to_rest=True, rest_s=rng.uniform(1.5, 3.0)),
-                    Leg([straight(after)], cruise, from_rest=True)]
+            legs = [
+                Leg([straight(before)], cruise, to_rest=True, rest_s=rng.uniform(1.5, 3.0)),
+                Leg([straight(after)], cruise, from_rest=True),
+            ]
         drive = Drive(legs, wheelbase_m).placed(site.pose(self.middle_e - way * before, n, 0.0 if way > 0 else np.pi))
         return self._passing(drive, before / cruise + (1.0 if halt else 0.0))
 
@@ -177,6 +184,7 @@ class Traffic:
 
     def park(self, spot: Spot) -> Callable[[float], Drive | None]:
         """Into a bay: forwards, or past it and backwards, as the spot's heading asks for."""
+
         def manoeuvre(wheelbase_m: float) -> Drive | None:
             rng = self.rng
             way = rng.choice([-1, 1])
@@ -189,18 +197,22 @@ class Traffic:
             cruise, before = rng.uniform(2.6, 3.6), rng.uniform(25, 35)
             if backwards:  # the heading turns from `way` to the bay's, away from `toward`
                 bend = Piece(bend.length_m, -way * toward * np.pi / 2, bend.ramp_m)
-                legs = [Leg([straight(before)], cruise, to_rest=True, rest_s=rng.uniform(0.6, 1.2)),
-                        Leg([bend, straight(rest)], 1.7, backwards=True, from_rest=True, to_rest=True, parking_from=0)]
+                legs = [
+                    Leg([straight(before)], cruise, to_rest=True, rest_s=rng.uniform(0.6, 1.2)),
+                    Leg([bend, straight(rest)], 1.7, backwards=True, from_rest=True, to_rest=True, parking_from=0),
+                ]
             else:
                 bend = Piece(bend.length_m, way * toward * np.pi / 2, bend.ramp_m)
                 legs = [Leg([straight(before), bend, straight(rest)], cruise, to_rest=True, parking_from=1)]
             drive = Drive(legs, wheelbase_m).placed(self.site.pose(spot.e, spot.n, spot.heading_rad), at_end=True)
             drive.start_s = self.begin_s + rng.uniform(0.72, 0.95) * self.span_s - drive.length_s
             return drive
+
         return manoeuvre
 
     def leave(self, spot: Spot) -> Callable[[float], Drive | None]:
         """Out of a bay: backwards and away, or straight out forwards, as the spot's heading asks for."""
+
         def manoeuvre(wheelbase_m: float) -> Drive | None:
             rng = self.rng
             way = rng.choice([-1, 1])  # in which it drives away
@@ -214,14 +226,17 @@ class Traffic:
             if nose_in:
                 bend = Piece(bend.length_m, -way * toward * np.pi / 2, bend.ramp_m)
                 pause = rng.uniform(0.6, 1.2)
-                legs = [Leg([straight(rest), bend], 1.7, backwards=True, from_rest=True, to_rest=True, rest_s=pause),
-                        Leg([straight(60)], cruise, from_rest=True)]
+                legs = [
+                    Leg([straight(rest), bend], 1.7, backwards=True, from_rest=True, to_rest=True, rest_s=pause),
+                    Leg([straight(60)], cruise, from_rest=True),
+                ]
             else:
                 bend = Piece(bend.length_m, way * toward * np.pi / 2, bend.ramp_m)
                 legs = [Leg([straight(rest), bend, straight(60)], cruise, from_rest=True)]
             drive = Drive(legs, wheelbase_m).placed(self.site.pose(spot.e, spot.n, spot.heading_rad))
             drive.start_s = self.begin_s + rng.uniform(0.08, 0.4) * self.span_s
             return drive
+
         return manoeuvre
 
     # Streets
@@ -258,6 +273,7 @@ class Traffic:
 
     def pull_in(self, spot: Spot) -> Callable[[float], Drive | None]:
         """From the lane to the kerb."""
+
         def manoeuvre(wheelbase_m: float) -> Drive:
             rng = self.rng
             pieces = [straight(rng.uniform(30, 45)), *self._to_kerb(spot), straight(1.0)]
@@ -265,16 +281,21 @@ class Traffic:
             drive = Drive(legs, wheelbase_m).placed(self.site.pose(spot.e, spot.n, spot.heading_rad), at_end=True)
             drive.start_s = self.begin_s + rng.uniform(0.6, 0.95) * self.span_s - drive.length_s
             return drive
+
         return manoeuvre
 
     def pull_out(self, spot: Spot, room_m: float = 2.5) -> Callable[[float], Drive | None]:
         """Back a little, as one does who is parked in, then out into the lane."""
+
         def manoeuvre(wheelbase_m: float) -> Drive:
             rng = self.rng
             bends = self._to_kerb(spot)
-            legs = [Leg([straight(room_m)], 1.4, backwards=True, from_rest=True, to_rest=True, rest_s=rng.uniform(0.5, 1.0)),
-                    Leg([bends[1], bends[0], straight(60)], rng.uniform(6, 8), from_rest=True)]
+            legs = [
+                Leg([straight(room_m)], 1.4, backwards=True, from_rest=True, to_rest=True, rest_s=rng.uniform(0.5, 1.0)),
+                Leg([bends[1], bends[0], straight(60)], rng.uniform(6, 8), from_rest=True),
+            ]
             drive = Drive(legs, wheelbase_m).placed(self.site.pose(spot.e, spot.n, spot.heading_rad))
             drive.start_s = self.begin_s + rng.uniform(0.05, 0.4) * self.span_s
             return drive
+
         return manoeuvre

@@ -23,9 +23,12 @@ def camera_record(camera: Camera) -> dict:
     """The camera, in the words of `camera.json`."""
     normal, offset = camera.plane_in_camera
     return {
-        "image_size_px": list(camera.image_size_px), "focal_px": float(camera.focal_px),
-        "principal_point_px": list(camera.principal_point_px), "height_m": float(camera.height_m),
-        "tilt_rad": float(camera.tilt_rad), "roll_rad": float(camera.roll_rad),
+        "image_size_px": list(camera.image_size_px),
+        "focal_px": float(camera.focal_px),
+        "principal_point_px": list(camera.principal_point_px),
+        "height_m": float(camera.height_m),
+        "tilt_rad": float(camera.tilt_rad),
+        "roll_rad": float(camera.roll_rad),
         "plane_in_camera": {"normal": normal.tolist(), "offset_m": float(offset)},
         "camera_from_world": camera.camera_from_world.tolist(),
     }
@@ -34,7 +37,10 @@ def camera_record(camera: Camera) -> dict:
 def model_record(number: int, mesh: CarMesh) -> dict:
     """One physical car: its shape, car frame, metres."""
     return {
-        "id": number, "class": mesh.body if mesh.body in ("truck", "bus") else "car", "body": mesh.body, "model": mesh.name,
+        "id": number,
+        "class": mesh.body if mesh.body in ("truck", "bus") else "car",
+        "body": mesh.body,
+        "model": mesh.name,
         "dims_m": _rounded(mesh.dims, 4),
         "keypoints_in_car": [_rounded(p, 6) if np.isfinite(p).all() else None for p in mesh.keypoints],
     }
@@ -42,22 +48,40 @@ def model_record(number: int, mesh: CarMesh) -> dict:
 
 def car_record(number: int, motion: Motion, seen: Sight) -> dict:
     """One car in one frame."""
-    points = [[*_rounded(p, 2), int(v)] if np.isfinite(p).all() else None
-              for p, v in zip(seen.keypoints, seen.visible, strict=True)]
+    points = [
+        [*_rounded(p, 2), int(v)] if np.isfinite(p).all() else None for p, v in zip(seen.keypoints, seen.visible, strict=True)
+    ]
     return {
-        "id": number, "world_from_car": [_rounded(row, 6) for row in motion.world_from_car],
-        "speed_mps": round(float(motion.speed_mps), 4), "activity": motion.activity, "box": _rounded(seen.box, 2),
-        "whole_box": _rounded(seen.extent, 2), "visible_share": round(seen.seen_share, 3), "keypoints_px": points,
+        "id": number,
+        "world_from_car": [_rounded(row, 6) for row in motion.world_from_car],
+        "speed_mps": round(float(motion.speed_mps), 4),
+        "activity": motion.activity,
+        "box": _rounded(seen.box, 2),
+        "whole_box": _rounded(seen.extent, 2),
+        "visible_share": round(seen.seen_share, 3),
+        "keypoints_px": points,
     }
 
 
-def item_record(media: str, fps: float | None, conditions: dict[str, str], camera: Camera, meshes: dict[int, CarMesh],
-                frames: list[list[dict]]) -> dict:
+def item_record(
+    media: str,
+    fps: float | None,
+    conditions: dict[str, str],
+    camera: Camera,
+    meshes: dict[int, CarMesh],
+    frames: list[list[dict]],
+) -> dict:
     """A still (`fps` none) or a clip; `frames` holds each frame's cars, `meshes` the cars by id."""
     appear = sorted({car["id"] for cars in frames for car in cars})
     return {
-        "schema": TRUTH_SCHEMA, "media": media, "kind": "still" if fps is None else "clip", "fps": fps, "real": False,
-        "conditions": conditions, "camera": camera_record(camera), "models": [model_record(i, meshes[i]) for i in appear],
+        "schema": TRUTH_SCHEMA,
+        "media": media,
+        "kind": "still" if fps is None else "clip",
+        "fps": fps,
+        "real": False,
+        "conditions": conditions,
+        "camera": camera_record(camera),
+        "models": [model_record(i, meshes[i]) for i in appear],
         "frames": [{"frame": k, "time_s": round(k / fps, 6) if fps else 0.0, "cars": cars} for k, cars in enumerate(frames)],
     }
 

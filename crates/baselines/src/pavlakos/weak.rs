@@ -16,7 +16,7 @@ pub struct WeakPerspective {
     pub scale: f64,
     /// Image of the weighted mean of the points before a camera of focal length 1.
     pub centre: Vector2<f64>,
-    /// Shape coefficients, sd.
+    /// Shape coefficients, each in units of its sd over all cars.
     pub shape: Shape,
 }
 

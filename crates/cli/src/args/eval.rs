@@ -150,7 +150,7 @@ pub struct EvalKittiArgs {
 pub struct EvalFilesArgs {
     /// What was found.
     pub found: PathBuf,
-    /// What is there.
+    /// Ground-truth file.
     #[arg(long, value_name = "FILE")]
     pub truth: PathBuf,
     /// Writes the tables as CSV and HTML into this folder.

@@ -18,7 +18,7 @@ use crate::truth::{TrueCar, TrueFrame, Truth};
 const SCORES: [f64; 2] = [0.1, 0.95];
 /// No keypoint claims to be better than this share of its box.
 const MIN_SD_SHARE: f64 = 0.002;
-/// Measured boxes that overlap a true one less are none of its.
+/// Measured boxes that overlap a true one less are not taken for its.
 const MIN_IOU: f64 = 0.5;
 
 /// Keypoints of the frames of an item that are looked at.
@@ -125,7 +125,7 @@ fn from_file(truth: &Truth, path: &Path, stride: u32) -> Result<SceneEvidence, E
 }
 
 /// The true keypoints with Gaussian noise, sd a share of the longer side of the visible part's box. Those outside the
-/// picture are none, as no net could see them.
+/// picture are left out, as no net could see them.
 pub(super) fn from_truth(truth: &Truth, noise: f64, seed: u64, stride: u32) -> SceneEvidence {
     let mut rng = Rng::new(seed);
     let size = truth.camera.image_size_px;

@@ -43,7 +43,7 @@ pub struct FoundBox {
 /// Boxes of one picture.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PictureBoxes {
-    /// What is there.
+    /// What the ground truth holds.
     pub truth: Vec<TrueBox>,
     /// What was found.
     pub found: Vec<FoundBox>,

@@ -172,28 +172,14 @@ mod tests {
     /// Rows that say what is true, `dx` m to the right of it.
     fn rows(truth: &Truth, dx: f64) -> Vec<TrackRow> {
         let row = |frame: &crate::truth::TrueFrame, car: &TrueCar| TrackRow {
-            frame: frame.frame,
-            time_s: frame.time_s,
-            track: car.id + 1,
             x_m: true_place(car).x + dx,
             y_m: true_place(car).y,
             heading_rad: car.world_from_car[1][0].atan2(car.world_from_car[0][0]),
             speed_mps: car.speed_mps + 0.25,
-            x_sd_m: 0.1,
             y_sd_m: 0.1,
             heading_sd_rad: 0.1,
-            length_m: 4.5,
-            width_m: 1.8,
-            height_m: 1.5,
             bbox_px: car.bbox_px,
-            score: 0.9,
-            observed: true,
-            class: roadplane_base::VehicleClass::Car,
-            segment: 0,
-            speed_sd_mps: 0.1,
-            activity: None,
-            activity_p: None,
-            on_map: None,
+            ..roadplane_synth::standing(car.id + 1, frame.frame, frame.time_s)
         };
         truth.frames.iter().flat_map(|frame| frame.cars.iter().map(move |car| row(frame, car))).collect()
     }

@@ -28,8 +28,7 @@ pub fn fusion_table(atlas: &ShapeAtlas, cameras: usize, frames: usize) -> Table 
             Column::new("error / sd", 2),
         ],
     );
-    let fused: Vec<Fused> =
-        (0..cameras).filter_map(|camera| fuse(atlas, SEED + camera as u64, frames)).collect();
+    let fused: Vec<Fused> = (SEED..).filter_map(|seed| fuse(atlas, seed, frames)).take(cameras).collect();
     for (name, number, unit) in
         [("focal, %", 0, 100.0), ("tilt, °", 1, 1f64.to_degrees()), ("height, %", 3, 100.0)]
     {
@@ -60,7 +59,7 @@ struct Fused {
     singles: Vec<Vector4<f64>>,
 }
 
-/// `None` where the frames together leave the camera open.
+/// `None` before a camera that no car of the asked sizes can be seen by, of which the frames say nothing.
 fn fuse(atlas: &ShapeAtlas, seed: u64, frames: usize) -> Option<Fused> {
     let options = SceneOptions::default();
     let mut rng = Rng::new(seed);
@@ -81,6 +80,9 @@ fn fuse(atlas: &ShapeAtlas, seed: u64, frames: usize) -> Option<Fused> {
         let found = solve_scene(atlas, truth.size, &views(&truth), &options);
         (truth.params.to_vector(), found.information, found.params.to_vector())
     });
+    if solved.iter().all(|(_, found, _)| found.information == Matrix4::zeros()) {
+        return None;
+    }
     let prior = options.camera_prior.information();
     let mut information = Matrix4::from_diagonal(&prior);
     let mut vector: Vector4<f64> = options.camera_prior.mean(asked.size).to_vector().component_mul(&prior);

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use nalgebra::{Matrix4, Vector4};
-use roadplane_base::{Clue, ClueTerms};
+use roadplane_base::{Clue, ClueTerms, is_told};
 
 /// Prior of (log f, tilt, roll, log h), and clues.
 #[derive(Clone, Debug)]
@@ -37,6 +37,12 @@ impl CameraKnowledge {
         terms.gradient += (camera - self.mean).component_mul(&self.information);
         terms.information += Matrix4::from_diagonal(&self.information);
         terms
+    }
+
+    /// Whether cars that say this and clues tell the focal length better than the prior does.
+    pub fn is_focal_told(&self, cars: &Matrix4<f64>, camera: &Vector4<f64>) -> bool {
+        let clues = ClueTerms::of(self.clues.iter(), camera).information;
+        is_told(0, &(cars + clues), &self.information)
     }
 
     /// Makes the equations' solution zero where the camera is fixed.

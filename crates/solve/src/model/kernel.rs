@@ -20,7 +20,7 @@ pub struct OutlierModel {
 
 impl Default for OutlierModel {
     fn default() -> Self {
-        Self { threshold_squared: 14.0 }
+        Self { threshold_squared: 3.75 * 3.75 }
     }
 }
 
@@ -29,6 +29,12 @@ impl OutlierModel {
     #[must_use]
     pub fn none() -> Self {
         Self { threshold_squared: f64::INFINITY }
+    }
+
+    /// What a wrong keypoint costs, t²: ρ(∞) but for a vanishing constant; infinite without robustness.
+    #[must_use]
+    pub fn cost_of_wrong(&self) -> f64 {
+        self.threshold_squared
     }
 
     /// ρ(s).
@@ -93,6 +99,8 @@ mod tests {
                 assert!((numeric - model.weight(s)).abs() < 1e-6, "s = {s}");
             }
             assert!(model.cost(1e300).is_finite() && model.weight(1e300).is_finite());
+            let most = model.cost_of_wrong();
+            assert!(most.is_infinite() || (model.cost(1e3) / most - 1.0).abs() < 0.02);
         }
     }
 }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use nalgebra::Vector4;
-use roadplane_base::{Camera, ImageSize, MODES, Shape, ShapeAtlas};
+use roadplane_base::{Camera, ImageSize, MIN_KEYPOINTS, MODES, Shape, ShapeAtlas};
 
 use crate::model::camera_prior::CameraKnowledge;
 use crate::model::ground::{PointModes, Standing};
@@ -14,13 +14,10 @@ use crate::options::SceneOptions;
 use crate::problem::ground::{GroundProblem, GroundState, Group, View};
 use crate::solution::CarView;
 
-/// What keypoints of this weight together cost when none of them fits.
+/// What keypoints of this weight together cost when none of them fits; finite without robustness, too.
 pub(crate) fn cost_of_missing(kernel: &OutlierModel, weight: f64) -> f64 {
-    0.5 * weight * kernel.threshold_squared.min(50.0)
+    0.5 * weight * kernel.cost_of_wrong().min(50.0)
 }
-
-/// Keypoints that a car needs to take part.
-pub(crate) const MIN_KEYPOINTS: usize = 5;
 
 /// A view with enough keypoints.
 pub(crate) struct Sight {

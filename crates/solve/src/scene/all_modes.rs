@@ -83,10 +83,10 @@ pub(crate) fn told<const M: usize>(
 mod tests {
     use super::*;
     use crate::model::ground::{CameraFrame, SHARED, Standing};
-    use crate::options::{CameraPrior, Steps};
+    use crate::options::Steps;
     use crate::problem::setup::{Placed, Setup};
     use crate::solution::CarView;
-    use roadplane_base::FINE_MODES;
+    use roadplane_base::{CameraPrior, FINE_MODES};
     use roadplane_synth::{CarModel, Rng, SceneTruth, SynthOptions, draw_shape, scene};
 
     fn options() -> SceneOptions {
@@ -177,6 +177,22 @@ mod tests {
                 let shifted = camera_of_all_modes(atlas, problem, &options).unwrap();
                 let off = (shifted.camera - found.camera - shift).component_div(&sd).amax();
                 assert!(off < 1e-2, "{seed}: {off}");
+            });
+        }
+    }
+
+    #[test]
+    fn integrating_out_goes_where_shapes_and_poses_are_freer() {
+        let atlas = ShapeAtlas::shipped().unwrap();
+        for seed in 0..6 {
+            let truth = truth(&atlas, seed, 1.0, 40);
+            at(&atlas, &truth, &options(), 1, |_, problem, options| {
+                minimise(problem, &options.lm);
+                let covariance = problem.covariances().unwrap().camera;
+                let here = problem.half_log_determinant().unwrap();
+                let change = marginal::change(problem, &covariance).unwrap();
+                let there = problem.half_log_determinant_at(&(change * 0.1)).unwrap();
+                assert!(change.amax() > 1e-5 && there < here, "{seed}: {change} {there} {here}");
             });
         }
     }

@@ -1,7 +1,7 @@
 //! One car on a known plane before a known camera.
 
 use nalgebra::{SMatrix, Vector4};
-use roadplane_base::{Camera, CameraParams, GroundPlane, GroundPose, KeypointSet, ShapeAtlas};
+use roadplane_base::{Camera, CameraParams, GroundPlane, GroundPose, KeypointSet, MIN_KEYPOINTS, ShapeAtlas};
 
 use crate::linear::lm::{LmOptions, minimise};
 use crate::model::camera_prior::CameraKnowledge;
@@ -19,9 +19,6 @@ use crate::start::standing::standing_candidates;
 /// Headings that are followed to their minimum.
 const FOLLOWED: usize = 4;
 
-/// Keypoints that a fit needs at least: position, heading and one to check them.
-const MIN_KEYPOINTS: usize = 4;
-
 /// A fitted car.
 #[derive(Clone, Debug)]
 pub struct CarFit {
@@ -36,7 +33,7 @@ pub struct CarFit {
 }
 
 /// Fits pose and shape of one car. `start` is tried beside the ring of headings, so front and back are told apart by the
-/// evidence every time. `None` when fewer than four keypoints are usable, no pose can be evaluated, or camera and plane
+/// evidence every time. `None` when fewer than [`MIN_KEYPOINTS`] are usable, no pose can be evaluated, or camera and plane
 /// are not finite.
 #[must_use]
 pub fn fit_car(

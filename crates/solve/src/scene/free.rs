@@ -3,7 +3,9 @@
 use nalgebra::{
     Isometry3, Matrix3, Matrix4, Matrix6, Rotation3, SMatrix, Translation3, UnitQuaternion, Vector4,
 };
-use roadplane_base::{Camera, CameraParams, ImageSize, KEYPOINTS, KeypointSet, Shape, ShapeAtlas};
+use roadplane_base::{
+    Camera, CameraParams, ImageSize, KEYPOINTS, KeypointSet, MIN_KEYPOINTS, Shape, ShapeAtlas, is_told,
+};
 
 use crate::linear::lm::{LmOptions, LmReport, Problem as _, minimise};
 use crate::model::camera_prior::CameraKnowledge;
@@ -13,7 +15,7 @@ use crate::model::latent::body_types::{BodyTypes, Gaussian, ROUNDS_OF_TYPES};
 use crate::model::observation::{Observation, observations};
 use crate::options::SceneOptions;
 use crate::problem::free::{FreeProblem, PlaneTerms};
-use crate::problem::setup::{MIN_KEYPOINTS, Setup};
+use crate::problem::setup::Setup;
 use crate::solution::{CarView, SceneStatus};
 use crate::start::alternation::{LAST_TERMS, alternate};
 use crate::start::weak_perspective::{Appearance, DirectionGrid};
@@ -30,7 +32,7 @@ pub struct FreeCarFit {
     pub camera_from_car: Isometry3<f64>,
     /// Covariance of (ω rad: turn about the camera's axes; translation m).
     pub pose_covariance: Matrix6<f64>,
-    /// Shape coefficients, sd.
+    /// Shape coefficients, each in units of its sd over all cars.
     pub shape: Shape,
     /// Keypoints that are more likely right than wrong.
     pub inliers: [bool; KEYPOINTS],
@@ -54,7 +56,7 @@ pub struct FreeSceneSolution {
 }
 
 /// Pose and shape of one car before a known camera, nothing known of the ground. All view directions are tried, so front and
-/// back and the flip of flat views are decided by the evidence. `None` with fewer than five usable keypoints.
+/// back and the flip of flat views are decided by the evidence. `None` with fewer than [`MIN_KEYPOINTS`] usable ones.
 #[must_use]
 pub fn fit_free_car(
     atlas: &ShapeAtlas,
@@ -143,7 +145,7 @@ pub fn solve_free_scene(
         SceneStatus::NotConverged
     } else if focal_known {
         SceneStatus::FocalGiven
-    } else if plane.is_none() || information[(0, 0)] < 1.0 {
+    } else if plane.is_none() || !is_told(0, &information, &options.camera_prior.information()) {
         SceneStatus::FocalFromPrior
     } else {
         SceneStatus::Converged

@@ -12,9 +12,6 @@ use crate::scene::car::car_solution;
 use crate::scene::fit::fit_car;
 use crate::solution::{CarSolution, CarView, SceneSolution, SceneStatus};
 
-/// A data-only sd of log focal above this says that the cars do not know the focal length.
-const FOCAL_UNKNOWN_SD: f64 = 0.3;
-
 /// The answer of a problem at its minimum, whose views are the sights `members`; other sights are fitted before the camera found.
 pub(crate) fn read_out(
     setup: &Setup<'_>,
@@ -46,7 +43,7 @@ pub(crate) fn read_out(
     let FineCamera { information, covariance, .. } = answer;
     let pull = setup.knowledge.terms(&problem.state.camera).gradient;
     let information = information.leading_to(&problem.state.camera, &pull, options.shared_sd());
-    let data_focal_information = 1.0 / covariance[(0, 0)] - setup.knowledge.information[0];
+    let (cars_say, _) = information.marginal(options.shared_sd());
     let joints = problem.view_covariances(&covariance);
     let params = CameraParams::from_vector(&problem.state.camera);
     let mut cars: Vec<Option<CarSolution>> = vec![None; views.len()];
@@ -74,7 +71,7 @@ pub(crate) fn read_out(
         SceneStatus::NotConverged
     } else if setup.knowledge.fixed[0] {
         SceneStatus::FocalGiven
-    } else if data_focal_information < 1.0 / (FOCAL_UNKNOWN_SD * FOCAL_UNKNOWN_SD) {
+    } else if !setup.knowledge.is_focal_told(&cars_say, &problem.state.camera) {
         SceneStatus::FocalFromPrior
     } else {
         SceneStatus::Converged

@@ -72,7 +72,7 @@ fn placed(problem: &GroundProblem<'_>) -> Placed {
 fn starts(problem: &mut GroundProblem<'_>) -> Option<Vec<Placed>> {
     let joint = problem.only_view_covariance()?;
     let own = joint.fixed_view::<OWN, OWN>(0, 0).into_owned();
-    let threshold = problem.kernel.threshold_squared;
+    let wrong = problem.kernel.cost_of_wrong();
     let here = placed(problem);
     let bounds = *problem.shape_bounds();
     let mut starts: Vec<(f64, Placed)> = Vec::new();
@@ -86,7 +86,7 @@ fn starts(problem: &mut GroundProblem<'_>) -> Option<Vec<Placed>> {
             return;
         }
         let Some(after) = freedom.try_inverse().map(|inverse| inverse * r) else { return };
-        let change = 0.5 * sign * (r.dot(&after) - keypoint.weight * threshold);
+        let change = 0.5 * sign * (r.dot(&after) - keypoint.weight * wrong);
         if change > DOUBT {
             return;
         }

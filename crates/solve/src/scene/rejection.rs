@@ -1,8 +1,10 @@
 //! Whether what was called a car is one.
 
+use roadplane_base::MIN_KEYPOINTS;
+
 use crate::options::SceneOptions;
 use crate::problem::ground::GroundProblem;
-use crate::problem::setup::{MIN_KEYPOINTS, cost_of_missing};
+use crate::problem::setup::cost_of_missing;
 
 /// Whether a view is of a car on this plane: enough of its keypoints fit, and they fit well enough with a shape that is
 /// likely enough to explain much more than "all keypoints are wrong" does.

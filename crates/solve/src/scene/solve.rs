@@ -32,7 +32,7 @@ const REJECTION_ROUNDS: usize = 3;
 const RECLASSIFY_ROUNDS: usize = 4;
 /// A start nearer than this in cost per keypoint is as good as found (warm starts).
 const GOOD_COST_PER_KEYPOINT: f64 = 2.0;
-/// A start that the cars lead further away from (log focal, tilt, roll, log height) was none: the search decides.
+/// A start that the cars lead further away from (log focal, tilt, roll, log height) is rejected: the search decides.
 const WARM_REACH: [f64; 4] = [0.3, 0.1, 0.1, 0.3];
 
 /// Solves a frame for focal length, plane, poses and shapes. Never panics or hangs: what cannot be solved has a status that

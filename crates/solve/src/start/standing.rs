@@ -4,7 +4,7 @@
 //! keypoint's height, and the keypoint's place in the car is taken off. The median over keypoints survives outliers.
 
 use nalgebra::{Vector2, Vector3};
-use roadplane_base::KEYPOINTS;
+use roadplane_base::{KEYPOINTS, median};
 
 use crate::model::ground::{CameraFrame, Standing, StandingFrame};
 use crate::model::observation::Observation;
@@ -44,8 +44,8 @@ pub(crate) fn standing_candidates(
                 ys[n] = at.y - (sin * p.x + cos * p.y);
             }
             let pose = roadplane_base::GroundPose {
-                x_m: median(&mut xs),
-                y_m: median(&mut ys),
+                x_m: median(&mut xs)?,
+                y_m: median(&mut ys)?,
                 heading_rad: heading,
             };
             let standing = Standing { anchor: camera.anchor_of(&pose)?, heading };
@@ -89,9 +89,4 @@ pub(crate) fn rough_cost(
         cost += 0.5 * o.weight * (off.norm_squared() / variance).min(CAP);
     }
     Some(cost)
-}
-
-fn median(values: &mut [f64]) -> f64 {
-    let middle = values.len() / 2;
-    *values.select_nth_unstable_by(middle, f64::total_cmp).1
 }

@@ -77,7 +77,7 @@ fn is_cut(row: &TrackRow, size: ImageSize) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::tests::row;
+    use roadplane_synth::standing as row;
 
     #[test]
     fn each_doubt_is_told_of_those_it_is_about() {

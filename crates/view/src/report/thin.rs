@@ -67,7 +67,7 @@ fn stray(a: &Vertex<'_>, b: &Vertex<'_>, at: &Vertex<'_>, width_px: f64) -> f64 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::tests::row;
+    use roadplane_synth::standing as row;
 
     #[test]
     fn few_vertices_hold_all_that_can_be_seen() {

@@ -14,10 +14,8 @@
 //! 1, all cars count less. Only what the cars say of the camera is weighed: the sds of a car's own pose and shape are given the
 //! camera and as its keypoints claim.
 
-use roadplane_base::median;
+use roadplane_base::{StudentT, median};
 
-/// ν: the fewer, the less a car that fits worse than the others says of the camera.
-const FREEDOM: f64 = 4.0;
 /// ε: differences between fits much closer than this are not counted.
 const CLOSE: f64 = 0.05;
 
@@ -35,7 +33,7 @@ pub(crate) fn trust(cars: &[Misfit]) -> Vec<f64> {
     let ratios: Vec<f64> = cars.iter().map(|car| car.squared / car.numbers.max(1.0)).collect();
     let unit = median(&mut ratios.clone()).unwrap_or(1.0).min(1.0) + CLOSE;
     let weight = |(car, ratio): (&Misfit, &f64)| {
-        (FREEDOM + car.numbers) / (FREEDOM + car.numbers * (ratio + CLOSE) / unit)
+        StudentT { dimensions: car.numbers }.weight(car.numbers * (ratio + CLOSE) / unit)
     };
     cars.iter().zip(&ratios).map(weight).collect()
 }

@@ -1,0 +1,32 @@
+//! Rows of results, to test what reads them.
+
+use roadplane_base::{TrackRow, VehicleClass};
+
+/// An ordinary row of a car that stands 20 m ahead. A test says what differs: `TrackRow { x_m: 3.0, ..standing(1, 0, 0.0) }`.
+#[must_use]
+pub fn standing(track: u64, frame: u64, time_s: f64) -> TrackRow {
+    TrackRow {
+        frame,
+        time_s,
+        track,
+        x_m: 0.0,
+        y_m: 20.0,
+        heading_rad: 0.0,
+        speed_mps: 0.0,
+        x_sd_m: 0.1,
+        y_sd_m: 0.2,
+        heading_sd_rad: 0.02,
+        length_m: 4.5,
+        width_m: 1.8,
+        height_m: 1.5,
+        bbox_px: [100.0, 100.0, 160.0, 140.0],
+        score: 0.9,
+        observed: true,
+        class: VehicleClass::Car,
+        segment: 0,
+        speed_sd_mps: 0.1,
+        activity: None,
+        activity_p: None,
+        on_map: None,
+    }
+}
