@@ -1,4 +1,4 @@
-"""`python -m render.copy SCENE OUT.mp4 --camera same|opposite|side|above|FILE`: films a scene that `roadplane copy` wrote."""
+"""`python -m render.copy SCENE [OUT.mp4] --camera same|opposite|side|above|FILE`: films a scene that `roadplane copy` wrote."""
 
 from __future__ import annotations
 
@@ -73,6 +73,12 @@ def fitted_keypoints(shape: list[float]) -> np.ndarray:
     return np.array(ATLAS["mean"]) + np.tensordot(shape, np.array(ATLAS["modes"]), 1)
 
 
+def rolled(way: np.ndarray) -> np.ndarray:
+    """How far a car has driven forwards at each vertex [n] of its way (time, x, y, heading; [n, 4]), m."""
+    steps, turned = np.diff(way[:, 1:3], axis=0), (way[1:, 3] + way[:-1, 3]) / 2
+    return np.concatenate([[0.0], np.cumsum(steps[:, 0] * np.cos(turned) + steps[:, 1] * np.sin(turned))])
+
+
 class Garage:
     """Models to drive, each stretched to a vehicle's own dimensions."""
 
@@ -113,6 +119,7 @@ class Player:
         self._looks = [self._look(rng, vehicle["colour"]) for vehicle in self.vehicles]
         self._ways = [np.array([[v["time_s"], v["x_m"], v["y_m"], v["heading_rad"]] for v in vehicle["trajectory"]])
                       for vehicle in self.vehicles]
+        self._rolled = [rolled(way) for way in self._ways]
         self._light = replace(sample_light(rng, ENVIRONMENTS, "overcast"), sky=np.full(3, 0.7), haze=0.0, dapple=0.0)
         self._floor = Floor((ASPHALT, ASPHALT))
 
@@ -131,7 +138,8 @@ class Player:
         for i in self.there(time_s):
             way = self._ways[i]
             pose = [float(np.interp(time_s, way[:, 0], way[:, column])) for column in (1, 2, 3)]
-            cars.append(PlacedCar(self._cars[i], self._looks[i], self.view.place(*pose)))
+            driven = float(np.interp(time_s, way[:, 0], self._rolled[i]))
+            cars.append(PlacedCar(self._cars[i], self._looks[i], self.view.place(*pose), driven))
         cars.sort(key=lambda car: float(np.linalg.norm(car.world_from_car[:2, 3])))
         middle = np.mean([car.world_from_car[:3, 3] for car in cars], axis=0) if cars else np.array([0.0, 20.0, 0.0])
         scene = Scene(cars[:MAX_CARS], [], self._floor, self._light, middle, 60.0, 1.0)
@@ -143,7 +151,7 @@ def main() -> None:
     """Writes the clip."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("scene", type=Path, help="folder that roadplane copy wrote")
-    parser.add_argument("out", type=Path, help="video to write, .mp4")
+    parser.add_argument("out", type=Path, nargs="?", help="video to write, .mp4; SCENE/CAMERA.mp4 unless given")
     parser.add_argument("--camera", default="same", help="same, opposite, side (90° around, 1.5 times as high), above, or a file")
     parser.add_argument("--fps", type=float, help="frames a second; those of the run unless given")
     parser.add_argument("--seconds", type=float, help="length; that of the scene unless given")
@@ -158,7 +166,7 @@ def main() -> None:
     size = view.camera.image_size_px
     even = (size[0] // 2 * 2, size[1] // 2 * 2)
     rng = np.random.default_rng(args.seed)
-    writer = VideoWriter(args.out, even, fps, crf=18)
+    writer = VideoWriter(args.out or args.scene / f"{Path(args.camera).stem}.mp4", even, fps, crf=18)
     for frame in range(int(seconds * fps + 1e-6) + 1):
         canvas = Canvas(renderer, view.camera)
         canvas.update(player.at(frame / fps), [])

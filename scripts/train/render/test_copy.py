@@ -4,7 +4,7 @@ import unittest
 
 import numpy as np
 
-from .copy import Garage, fitted_keypoints, view_of
+from .copy import Garage, fitted_keypoints, rolled, view_of
 from .copy_boxes import Meshes, overlap
 from .copy_loop import fitted, pairs, truth
 
@@ -53,6 +53,10 @@ class CopyTest(unittest.TestCase):
         self.assertEqual([pair[0] for pair in matched], [1, 2])
         again = fitted(*(np.concatenate([pair[i] for pair in matched])[:, 1:3] for i in (1, 2)))
         np.testing.assert_allclose(again, (turn, shift), atol=1e-9)
+
+    def test_wheels_roll_as_far_as_the_car_drives_and_back(self) -> None:
+        way = np.array([[0, 0, 0, 1.5], [1, 3 * np.cos(1.5), 3 * np.sin(1.5), 1.5], [2, np.cos(1.5), np.sin(1.5), 1.5]])
+        np.testing.assert_allclose(rolled(way), [0, 3, 1], atol=1e-12)
 
     def test_overlap(self) -> None:
         self.assertAlmostEqual(overlap(np.array([0, 0, 2, 2.0]), np.array([1, 0, 3, 2.0])), 1 / 3)
