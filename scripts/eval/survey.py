@@ -24,7 +24,8 @@ LONGEST_STEP = 0.05  # of log focal length and angles: far points stay below the
 CLICK_PX, SURVEY_M = 1.5, 0.15  # what the program takes points for
 BAR_M = 0.30
 # sd of focal length (share), tilt, roll (degrees), height (share).
-KNOWN = {"exactly": (1e-6, 1e-6, 1e-6, 1e-6), "1 %, 0.1°, 2 %": (0.01, 0.1, 0.1, 0.02), "3 %, 0.3°, 4 %": (0.03, 0.3, 0.3, 0.04)}
+KNOWN = {"exactly": (1e-6, 1e-6, 1e-6, 1e-6), "1 %, 0.1°, 2 %": (0.01, 0.1, 0.1, 0.02),
+         "3 %, 0.3°, 4 %": (0.03, 0.3, 0.3, 0.04)}
 
 
 def ground(params: np.ndarray, pixels: np.ndarray) -> np.ndarray:
@@ -49,7 +50,8 @@ def by_params(params: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     return np.stack([(ground(params + s, pixels) - ground(params - s, pixels)) / 2e-6 for s in steps], -1)
 
 
-def solved(prior: np.ndarray, information: np.ndarray, pixels: np.ndarray, targets: np.ndarray, weights: np.ndarray) -> np.ndarray:
+def solved(prior: np.ndarray, information: np.ndarray, pixels: np.ndarray, targets: np.ndarray,
+           weights: np.ndarray) -> np.ndarray:
     """Camera and place [n, 7] of targets [n, k, 2] that count by weights [k, 2, 2], and cameras [n, 4] that are known beforehand
     to an information [4, 4]; Gauss-Newton, as the program does it."""
     params = np.concatenate([prior, np.zeros((len(prior), 3))], 1)
@@ -88,7 +90,8 @@ def click_weights(params: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     return np.linalg.inv(slopes @ slopes.transpose(0, 2, 1) * CLICK_PX**2 + np.eye(2) * SURVEY_M**2)
 
 
-def predicted(prior: np.ndarray, information: np.ndarray, pixels: np.ndarray, targets: np.ndarray, weights: np.ndarray) -> np.ndarray:
+def predicted(prior: np.ndarray, information: np.ndarray, pixels: np.ndarray, targets: np.ndarray,
+              weights: np.ndarray) -> np.ndarray:
     """Errors [n, predictions] of points that were not given, over all choices, m."""
     errors = []
     for given, other in choices(len(pixels), GIVEN):
@@ -158,7 +161,8 @@ def main() -> None:
     for name, error in other_fits(start, free, pixels, targets).items():
         print(f"  {error:.2f}  {name}")
 
-    print(f"\nsimulated, {DRAWS} draws: camera known beforehand, survey exact or with its errors: median rms (m), {BAR_M} m or better")
+    print(f"\nsimulated, {DRAWS} draws: camera known beforehand, survey exact or with its errors: median of the rms (m), "
+          f"share of {BAR_M} m or better")
     random, truth = np.random.default_rng(22), ground(free, pixels)
     known = {name: np.diag(np.square([s[0], *np.radians(s[1:3]), s[3]])) for name, s in KNOWN.items()} | {"as here": covariance}
     for name, sds in known.items():
