@@ -45,8 +45,8 @@ class View:
 def view_of(name: str, scene: dict) -> View:
     """The camera as it stood, one around the traffic's middle that sees as large cars, or one from a file.
 
-    A file is JSON with `image_size_px`, `focal_px`, `height_m`, `tilt_rad`, `roll_rad` and `foot` (x, y in metres and heading
-    in rad of the camera's own world in that of the scene).
+    A file is JSON with `image_size_px`, `focal_px`, `height_m`, `tilt_rad`, `roll_rad`, as in `camera.json`, and `foot` (x, y in
+    metres and heading in rad of the camera's own world in that of the scene; the scene's own where it is left out).
     """
     known = scene["camera"]
     fields = ("focal_px", "height_m", "tilt_rad", "roll_rad")
@@ -55,7 +55,8 @@ def view_of(name: str, scene: dict) -> View:
         return View(same, (0.0, 0.0, 0.0))
     if name not in ("opposite", "side", "above"):
         file = json.loads(Path(name).read_text())
-        return View(Camera(tuple(file["image_size_px"]), *(file[field] for field in fields)), tuple(file["foot"]))
+        foot = tuple(file.get("foot", (0.0, 0.0, 0.0)))
+        return View(Camera(tuple(file["image_size_px"]), *(file[field] for field in fields)), foot)
     around, higher = {"opposite": (np.pi, 1.0), "side": (np.pi / 2, 1.5), "above": (0.0, 4.0)}[name]
     middle = np.median([(v["x_m"], v["y_m"]) for car in scene["vehicles"] for v in car["trajectory"]], axis=0)
     away = np.linalg.norm(middle)

@@ -1,6 +1,9 @@
 """Cameras around a copied scene, models that fit, and a run that gives back what was filmed. Draws nothing."""
 
+import json
+import tempfile
 import unittest
+from pathlib import Path
 
 import numpy as np
 
@@ -31,6 +34,12 @@ class CopyTest(unittest.TestCase):
             self.assertLess(np.abs(pixel[0] - view.camera.principal_point_px).max(), 1e-6, name)
             self.assertGreater(depth[0], 20)
         self.assertAlmostEqual(view_of("side", scene()).camera.height_m, 12.0)
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder, "camera.json")
+            file.write_text(json.dumps({**CAMERA, "height_m": 5.0, "foot": [3, 4, 0.5]}))
+            self.assertEqual(view_of(str(file), scene()).foot, (3, 4, 0.5))
+            file.write_text(json.dumps(CAMERA))
+            self.assertEqual(view_of(str(file), scene()), view_of("same", scene()))
         same = view_of("same", scene())
         np.testing.assert_allclose(same.place(3, 20, 0.7)[:2, 3], [3, 20])
 
