@@ -128,13 +128,14 @@ fn a_run_that_knows_its_place_has_tracks_on_the_map() {
 }
 
 /// Five surveyed points of `road_survey.mp4`: pixel, east and north in UTM zone 32 (see the README of the clips).
-const SURVEY: [[f64; 4]; 5] = [
-    [14.0, 259.0, 844_098.58, 5_673_186.10],
-    [652.0, 136.0, 844_079.00, 5_673_195.83],
-    [641.0, 297.0, 844_095.60, 5_673_198.49],
-    [305.0, 129.0, 844_080.05, 5_673_179.59],
-    [353.0, 192.0, 844_091.24, 5_673_189.84],
-];
+fn survey() -> Vec<[f64; 4]> {
+    let table = include_str!("data/road_survey.csv");
+    let point = |line: &str| -> [f64; 4] {
+        let numbers: Vec<f64> = line.split(',').map(|number| number.parse().unwrap()).collect();
+        numbers.try_into().unwrap()
+    };
+    table.lines().skip(1).map(point).collect()
+}
 
 /// Three points place the camera, the other two are predicted, in all ten ways.
 #[test]
@@ -146,9 +147,9 @@ fn surveyed_points_that_were_not_given_are_predicted_within_their_sds() {
     let run = Run::read(&dir.path().join("road_survey")).unwrap();
     let camera = &run.stretches[0].camera.estimate();
     let zone = UtmZone::numbered(32, false).unwrap();
-    let points: Vec<SurveyPoint> = SURVEY
-        .iter()
-        .map(|&[x, y, east, north]| {
+    let points: Vec<SurveyPoint> = survey()
+        .into_iter()
+        .map(|[x, y, east, north]| {
             let [latitude, longitude] = zone.to_degrees([east, north]).unwrap();
             SurveyPoint { pixel: [x, y], latitude, longitude, height_m: 0.0 }
         })

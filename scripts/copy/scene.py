@@ -7,7 +7,7 @@ import csv
 import sys
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -78,6 +78,26 @@ def _vehicle(entity: ET.Element, first: dict, groups: dict, end: float) -> Vehic
     )
 
 
+def read_fcd(file: Path, vehicles: list[Vehicle]) -> list[Vehicle]:
+    """The same vehicles with the ways of SUMO's floating car data: front bumpers, angles clockwise from north."""
+    rows: dict[int, list] = {}
+    for step in ET.parse(file).getroot():
+        for seen in step:
+            x, y, angle = numbers(seen, "x", "y", "angle")
+            rows.setdefault(int(seen.attrib["id"]), []).append((float(step.attrib["time"]), x, y, np.radians(90 - angle)))
+    start = min(way[0][0] for way in rows.values())
+    played = []
+    for vehicle in vehicles:
+        way = np.array(rows[vehicle.track])
+        way[:, 0], way[:, 3] = way[:, 0] - start, np.unwrap(way[:, 3])
+        front = vehicle.centre_m + vehicle.dims_m[0] / 2
+        rear = way[:, 1:3] - front * np.column_stack([np.cos(way[:, 3]), np.sin(way[:, 3])])
+        played.append(
+            replace(vehicle, times_s=way[:, 0], poses=np.column_stack([rear, way[:, 3]]), span_s=(way[0, 0], way[-1, 0]))
+        )
+    return played
+
+
 def read_run(folder: Path) -> dict[int, np.ndarray]:
     """Time (from the first row of all), x, y and heading (unwrapped) of each row by track: [n, 4]."""
     tracks: dict[int, list] = {}
@@ -128,7 +148,11 @@ def compare(simulator: str, play: Callable[[Path, list[Vehicle], dict[int, np.nd
     parser = argparse.ArgumentParser(description=f"Plays a copied scene in {simulator} and compares it with the run.")
     parser.add_argument("scene", type=Path, help="folder that roadplane copy wrote")
     parser.add_argument("run", type=Path, help="folder of the run")
+    parser.add_argument("--fcd", type=Path, metavar="FILE", help="play this floating car data of the run, not the scene's ways")
     args = parser.parse_args()
     vehicles, end = read_scene(args.scene)
+    if args.fcd:
+        simulator += ", floating car data"
+        vehicles = read_fcd(args.fcd, vehicles)
     deviations = play(args.scene, vehicles, read_run(args.run), end)
     sys.exit(0 if deviations.report(simulator, len(vehicles)) else 1)

@@ -1,9 +1,14 @@
-"""Reads exports of a run back with other people's tools and compares them with the run, row by row."""
+"""Reads exports of a run back with other people's tools and compares them with the run, row by row.
+
+With a clone of NIST's ActEV_Scorer, that scores what was exported for it, too, against itself.
+"""
 
 from __future__ import annotations
 
 import argparse
+import json
 import subprocess
+import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -15,10 +20,12 @@ import pyproj
 import shapely
 import sumolib
 import trackeval
+import yaml
 from geojson_pydantic import FeatureCollection
 
 PROGRAM = Path(__file__).resolve().parents[2] / "target/release/roadplane"
 FOOT_M = 0.3048
+BOX = ["bbox_x0_px", "bbox_y0_px", "bbox_x1_px", "bbox_y1_px"]
 
 
 def close(found: np.ndarray, ours: np.ndarray, tolerance: float) -> None:
@@ -67,7 +74,7 @@ def check_mot(folder: Path, name: str, run: pd.DataFrame) -> int:
     rows = trackeval_rows(trackeval.datasets.MotChallenge2DBox, options, folder, name, frames)
     run = by_frame(run)
     close(rows[:, :2], run[["frame", "track"]], 0)
-    box = run[["bbox_x0_px", "bbox_y0_px", "bbox_x1_px", "bbox_y1_px"]].to_numpy()
+    box = run[BOX].to_numpy()
     close(rows[:, 2:4], box[:, :2] + 1, 0.006)
     close(rows[:, 4:6], box[:, 2:] - box[:, :2], 0.011)
     return len(rows)
@@ -92,7 +99,7 @@ def check_kitti(folder: Path, name: str, run: pd.DataFrame) -> int:
     rows = trackeval_rows(trackeval.datasets.Kitti2DBox, options, folder / "label_02", name, frames)
     run = by_frame(run)
     close(rows[:, :2], run[["frame", "track"]], 0)
-    close(rows[:, 2:6], run[["bbox_x0_px", "bbox_y0_px", "bbox_x1_px", "bbox_y1_px"]], 0.006)
+    close(rows[:, 2:6], run[BOX], 0.006)
     labels = pd.read_csv(folder / "label_02" / f"{name}.txt", sep=" ", header=None)
     close(labels[[10, 11, 12]], run[["height_m", "width_m", "length_m"]], 1e-4)
     # The middle of the underside projects into the picture where the box is, for boxes that lie inside.
@@ -103,6 +110,67 @@ def check_kitti(folder: Path, name: str, run: pd.DataFrame) -> int:
     hits = (pixel[:, 0] > labels[6]) & (pixel[:, 0] < labels[8]) & (pixel[:, 1] > labels[7]) & (pixel[:, 1] < labels[9] + 5)
     assert hits[inside].mean() > 0.9, hits[inside].mean()
     return len(rows)
+
+
+def check_kpf(folder: Path, name: str, run: pd.DataFrame) -> int:
+    """PyYAML, as the scripts of VIRAT and MEVA."""
+    packets = {
+        kind: yaml.load((folder / f"{name}.{kind}.yml").read_text(), yaml.CSafeLoader) for kind in ("geom", "types", "activities")
+    }
+    boxes, run = [packet["geom"] for packet in packets["geom"] if "geom" in packet], by_frame(run)
+    close([[box["ts0"], box["id1"]] for box in boxes], run[["frame", "track"]], 0)
+    close([box["ts1"] for box in boxes], run.time_s, 1e-6)
+    close([[float(v) for v in box["g0"].split()] for box in boxes], run[BOX], 0.006)
+    close([box["conf0"] for box in boxes], run.score, 1e-4)
+    kinds = {packet["types"]["id1"] for packet in packets["types"] if "types" in packet}
+    assert kinds == set(run.track), kinds
+    acts = [packet["act"] for packet in packets["activities"] if "act" in packet]
+    for act in acts:
+        first, last = act["timespan"][0]["tsr0"]
+        assert 0 <= first <= last <= run.frame.max(), act
+        assert act["actors"][0]["id1"] in kinds, act
+    return len(boxes)
+
+
+def check_actev(folder: Path, name: str, run: pd.DataFrame) -> int:
+    """Boxes against the run; the scorer itself is another command."""
+    boxes = run.set_index(["track", "frame"])[BOX].round()
+    count = 0
+    for instance in json.loads((folder / f"{name}.json").read_text())["activities"]:
+        for thing in instance["objects"]:
+            for frame, there in next(iter(thing["localization"].values())).items():
+                if there:
+                    x, y, w, h = (there["boundingBox"][key] for key in "xywh")
+                    close([x, y, x + w, y + h], boxes.loc[(thing["objectID"], int(frame) - 1)], 1)
+                    count += 1
+    return count
+
+
+def score_actev(scorer: Path, folder: Path, name: str) -> None:
+    """NIST's scorer takes the file for valid, and finds every instance that it holds when it is scored against itself."""
+    output = folder / f"{name}.json"
+    count = len(json.loads(output.read_text())["activities"])
+    with tempfile.TemporaryDirectory() as out:
+        command = [
+            sys.executable,
+            scorer / "ActEV_Scorer.py",
+            "ActEV_SDL_V2",
+            "-d",
+            "-s",
+            output,
+            "-r",
+            output,
+            "-a",
+            folder / "activity-index.json",
+            "-f",
+            folder / "file-index.json",
+            "-o",
+            out,
+        ]
+        subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+        aligned = pd.read_csv(Path(out, "alignment.csv"), sep="|")
+    assert len(aligned) == count and (aligned.alignment == "CD").all(), aligned
+    print(f"actev: {count} instances, by NIST's scorer")
 
 
 def check_geojson(folder: Path, name: str, run: pd.DataFrame) -> int:
@@ -127,6 +195,15 @@ def check_geojson(folder: Path, name: str, run: pd.DataFrame) -> int:
     return len(points.features)
 
 
+def on_the_axis(places: np.ndarray, run: pd.DataFrame, tolerance: float) -> None:
+    """Fronts and middles of bodies lie ahead of the run's place, on each car as far in every row."""
+    apart = places - run[["x_m", "y_m"]].to_numpy()
+    cos, sin = np.cos(run.heading_rad.to_numpy()), np.sin(run.heading_rad.to_numpy())
+    close(apart[:, 1] * cos - apart[:, 0] * sin, np.zeros(len(run)), tolerance)
+    ahead = pd.Series(apart[:, 0] * cos + apart[:, 1] * sin).groupby(run.track).agg(np.ptp)
+    close(ahead, np.zeros(len(ahead)), tolerance)
+
+
 def check_sumo(folder: Path, name: str, run: pd.DataFrame) -> int:
     """sumolib."""
     types = {t.id: t for t in sumolib.xml.parse(str(folder / f"{name}.vtypes.xml"), "vType")}
@@ -143,10 +220,7 @@ def check_sumo(folder: Path, name: str, run: pd.DataFrame) -> int:
     close(np.angle(np.exp(1j * (heading - run.heading_rad.to_numpy()))), np.zeros(len(run)), 6e-6)
     close(rows[:, 5], run.speed_mps, 1e-4)
     close(rows[:, 6], run.length_m, 1e-4)
-    # The front is half a length ahead of the body's middle, which is one place on each car.
-    ahead = (rows[:, 2] - run.x_m) * np.cos(heading) + (rows[:, 3] - run.y_m) * np.sin(heading)
-    spread = ahead.groupby(run.track).agg(lambda values: values.max() - values.min())
-    close(spread, np.zeros(len(spread)), 4e-4)
+    on_the_axis(rows[:, 2:4], run, 4e-4)
     return len(rows)
 
 
@@ -156,6 +230,7 @@ def check_ngsim(folder: Path, name: str, run: pd.DataFrame) -> int:
     close(found[["Vehicle_ID", "Frame_ID"]], run[["track", "frame"]], 0)
     close(found.v_Vel * FOOT_M, run.speed_mps, 2e-4)
     close(found.v_Length * FOOT_M, run.length_m, 2e-4)
+    on_the_axis(found[["Local_X", "Local_Y"]].to_numpy() * FOOT_M, run, 4e-4)
     return len(found)
 
 
@@ -171,6 +246,11 @@ def check_highd(folder: Path, name: str, run: pd.DataFrame) -> int:
     found, run = pd.read_csv(folder / f"{name}_tracks.csv"), by_track(run)
     close(found[["id", "frame"]], run[["track", "frame"]], 0)
     close(np.hypot(found.xVelocity, found.yVelocity), run.speed_mps.abs(), 2e-4)
+    # Their y axis points to the right; x and y are the upper left corner of a box along the axes.
+    axis = pd.read_csv(folder / f"{name}_recordingMeta.csv").xAxisHeading[0]
+    middle = np.column_stack([found.x + found.width / 2, -(found.y + found.height / 2)])
+    turn = np.array([[np.cos(axis), np.sin(axis)], [-np.sin(axis), np.cos(axis)]])
+    on_the_axis(middle @ turn, run, 1e-3)
     meta = pd.read_csv(folder / f"{name}_tracksMeta.csv")
     close(meta.numFrames, run.groupby("track").size(), 0)
     return len(found)
@@ -179,6 +259,8 @@ def check_highd(folder: Path, name: str, run: pd.DataFrame) -> int:
 CHECKS: dict[str, Callable[[Path, str, pd.DataFrame], int]] = {
     "mot": check_mot,
     "kitti": check_kitti,
+    "kpf": check_kpf,
+    "actev": check_actev,
     "geojson": check_geojson,
     "sumo-fcd": check_sumo,
     "ngsim": check_ngsim,
@@ -191,7 +273,9 @@ def main() -> None:
     """Exports, reads back, prints a line a format."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("run", type=Path, help="folder of a finished run of a camera that was not moved")
-    folder = parser.parse_args().run
+    parser.add_argument("scorer", type=Path, nargs="?", help="a clone of NIST's ActEV_Scorer")
+    args = parser.parse_args()
+    folder = args.run
     run = pd.read_csv(folder / "tracks.csv")
     with tempfile.TemporaryDirectory() as out:
         subprocess.run(
@@ -199,6 +283,8 @@ def main() -> None:
         )
         for name, check in CHECKS.items():
             print(f"{name}: {check(Path(out, name), folder.name, run)} rows, as in the run")
+        if args.scorer:
+            score_actev(args.scorer.resolve(), Path(out, "actev"), folder.name)
 
 
 if __name__ == "__main__":

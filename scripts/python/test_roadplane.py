@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import tomllib
+from rerun.experimental import RrdReader
 
 import roadplane
 from roadplane import Camera
@@ -111,6 +112,26 @@ class FinishedRun(unittest.TestCase):
             for track in self.found.tracks()["track"].unique():
                 self.assertIn(f"/world/cars/{track}", listed)
             self.assertEqual([p.name for p in Path(folder).iterdir()], ["lot.rrd"])
+            self._is_read_back(path)
+
+    def _is_read_back(self, path: Path) -> None:
+        """Every row's place, box and speed, by Rerun's own reader."""
+        of = {"world/cars": "Boxes3D:centers", "world/camera/picture": "Boxes2D:centers", "speed_mps": "Scalars:scalars"}
+        found: dict[str, dict] = {folder: {} for folder in of}
+        for chunk in RrdReader(path).stream().to_chunks():
+            folder, _, track = chunk.entity_path.lstrip("/").rpartition("/")
+            batch = chunk.to_record_batch()
+            if of.get(folder) in batch.schema.names:
+                values = zip(batch["frame"].to_pylist(), batch[of[folder]].to_pylist(), strict=True)
+                found[folder] |= {(int(track), frame): value for frame, value in values if value is not None}
+        rows = self.found.tracks().set_index(["track", "frame"])
+        for folder, values in found.items():
+            self.assertEqual(set(values), set(rows.index), folder)
+        for key, row in rows.iterrows():
+            np.testing.assert_allclose(found["world/cars"][key], [[row.x_m, row.y_m, row.height_m / 2]], atol=1e-5)
+            middle = [(row.bbox_x0_px + row.bbox_x1_px + 1) / 2, (row.bbox_y0_px + row.bbox_y1_px + 1) / 2]
+            np.testing.assert_allclose(found["world/camera/picture"][key], [middle], atol=1e-3)
+            self.assertAlmostEqual(found["speed_mps"][key][0], row.speed_mps, places=9)
 
     def test_what_is_no_run_is_named(self) -> None:
         with self.assertRaisesRegex(FileNotFoundError, "no finished run"):

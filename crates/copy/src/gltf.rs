@@ -1,63 +1,109 @@
 //! A vehicle's mesh as glTF 2.0 in one JSON file, its numbers inside as a data URI.
 //!
 //! glTF has y up and a thing's front towards +z: (x, y, z) there is (left, up, forward) of the car frame. The origin is the
-//! car's: on the ground, midway between the axles.
+//! car's: on the ground, midway between the axles. Body and wheels are nodes of their own; a wheel rolls forwards when its node
+//! turns about +x.
 
 use base64::{Engine as _, engine::general_purpose::STANDARD};
+use nalgebra::{Point3, Vector3};
 use serde_json::{Value, json};
 
+use crate::mesh::Triangle;
 use crate::{Part, Vehicle};
 
-const PARTS: [Part; 3] = [Part::Paint, Part::Glass, Part::Rubber];
+const PARTS: [Part; 4] = [Part::Paint, Part::Glass, Part::Rubber, Part::Rim];
 const FLOAT: u32 = 5126;
 const ARRAY_BUFFER: u32 = 34962;
 
 /// The document.
 pub fn document(vehicle: &Vehicle) -> Value {
-    let mut bytes: Vec<u8> = Vec::new();
-    let (mut views, mut accessors, mut primitives) = (Vec::new(), Vec::new(), Vec::new());
-    let mut add = |numbers: &[[f32; 3]], bytes: &mut Vec<u8>| -> usize {
-        let start = bytes.len();
-        bytes.extend(numbers.iter().flatten().flat_map(|v| v.to_le_bytes()));
-        views.push(json!({"buffer": 0, "byteOffset": start, "byteLength": bytes.len() - start, "target": ARRAY_BUFFER}));
-        let ends = |pick: fn(f32, f32) -> f32, from: f32| -> Vec<f32> {
-            (0..3).map(|i| numbers.iter().map(|v| v[i]).fold(from, pick)).collect()
-        };
-        accessors.push(json!({
-            "bufferView": views.len() - 1, "componentType": FLOAT, "count": numbers.len(), "type": "VEC3",
-            "min": ends(f32::min, f32::INFINITY), "max": ends(f32::max, f32::NEG_INFINITY),
-        }));
-        accessors.len() - 1
-    };
-    for (material, part) in PARTS.iter().enumerate() {
-        let (mut corners, mut normals) = (Vec::new(), Vec::new());
-        for (_, triangle) in vehicle.mesh.triangles().iter().filter(|(of, _)| of == part) {
-            let [a, b, c] = triangle;
-            let normal = (b - a).cross(&(c - a)).try_normalize(1e-12).unwrap_or_else(nalgebra::Vector3::z);
-            corners.extend(triangle.map(|p| [p.y as f32, p.z as f32, p.x as f32]));
-            normals.extend([[normal.y as f32, normal.z as f32, normal.x as f32]; 3]);
-        }
-        let (position, normal) = (add(&corners, &mut bytes), add(&normals, &mut bytes));
-        primitives.push(
-            json!({"attributes": {"POSITION": position, "NORMAL": normal}, "material": material, "mode": 4}),
-        );
-    }
-    let uri = format!("data:application/octet-stream;base64,{}", STANDARD.encode(&bytes));
+    let mut numbers = Numbers::default();
+    let wheels = &vehicle.wheels;
+    let meshes = [
+        numbers.mesh("body", vehicle.mesh.triangles()),
+        numbers.mesh("wheel_left", &wheels.triangles(1.0)),
+        numbers.mesh("wheel_right", &wheels.triangles(-1.0)),
+    ];
+    let hubs = wheels.hubs();
+    let wheel = hubs.map(|(name, hub)| {
+        let mesh = if hub.y > 0.0 { 1 } else { 2 };
+        json!({"mesh": mesh, "name": name, "translation": axes(&hub.coords)})
+    });
+    let mut nodes = vec![
+        json!({"name": vehicle.name, "children": (1..=1 + hubs.len()).collect::<Vec<_>>()}),
+        json!({"mesh": 0, "name": "body"}),
+    ];
+    nodes.extend(wheel);
+    let uri = format!("data:application/octet-stream;base64,{}", STANDARD.encode(&numbers.bytes));
     json!({
         "asset": {"version": "2.0", "generator": "roadplane"},
         "scene": 0,
         "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0, "name": vehicle.name}],
-        "meshes": [{"name": vehicle.name, "primitives": primitives}],
+        "nodes": nodes,
+        "meshes": meshes,
         "materials": [
             material("paint", vehicle.colour, 0.3, 0.5),
             material("glass", [24, 28, 34], 0.0, 0.1),
             material("rubber", [22, 22, 22], 0.0, 0.9),
+            material("rim", [168, 168, 172], 0.8, 0.4),
         ],
-        "buffers": [{"byteLength": bytes.len(), "uri": uri}],
-        "bufferViews": views,
-        "accessors": accessors,
+        "buffers": [{"byteLength": numbers.bytes.len(), "uri": uri}],
+        "bufferViews": numbers.views,
+        "accessors": numbers.accessors,
     })
+}
+
+/// The buffer, and what lies where in it.
+#[derive(Default)]
+struct Numbers {
+    bytes: Vec<u8>,
+    views: Vec<Value>,
+    accessors: Vec<Value>,
+}
+
+impl Numbers {
+    /// A mesh with a primitive for each part that it has.
+    fn mesh(&mut self, name: &str, triangles: &[Triangle]) -> Value {
+        let mut primitives = Vec::new();
+        for (material, part) in PARTS.iter().enumerate() {
+            let (mut corners, mut normals) = (Vec::new(), Vec::new());
+            for (_, [a, b, c]) in triangles.iter().filter(|(of, _)| of == part) {
+                let normal = (b - a).cross(&(c - a)).try_normalize(1e-12).unwrap_or_else(Vector3::z);
+                corners.extend([a, b, c].map(|p: &Point3<f64>| axes(&p.coords)));
+                normals.extend([axes(&normal); 3]);
+            }
+            if corners.is_empty() {
+                continue;
+            }
+            let (position, normal) = (self.vectors(&corners), self.vectors(&normals));
+            primitives.push(
+                json!({"attributes": {"POSITION": position, "NORMAL": normal}, "material": material, "mode": 4}),
+            );
+        }
+        json!({"name": name, "primitives": primitives})
+    }
+
+    /// Adds vectors. Gives the number of their accessor.
+    fn vectors(&mut self, vectors: &[[f32; 3]]) -> usize {
+        let start = self.bytes.len();
+        self.bytes.extend(vectors.iter().flatten().flat_map(|v| v.to_le_bytes()));
+        let length = self.bytes.len() - start;
+        self.views
+            .push(json!({"buffer": 0, "byteOffset": start, "byteLength": length, "target": ARRAY_BUFFER}));
+        let ends = |pick: fn(f32, f32) -> f32, from: f32| -> Vec<f32> {
+            (0..3).map(|i| vectors.iter().map(|v| v[i]).fold(from, pick)).collect()
+        };
+        self.accessors.push(json!({
+            "bufferView": self.views.len() - 1, "componentType": FLOAT, "count": vectors.len(), "type": "VEC3",
+            "min": ends(f32::min, f32::INFINITY), "max": ends(f32::max, f32::NEG_INFINITY),
+        }));
+        self.accessors.len() - 1
+    }
+}
+
+/// From the car frame to glTF's axes.
+fn axes(v: &Vector3<f64>) -> [f32; 3] {
+    [v.y as f32, v.z as f32, v.x as f32]
 }
 
 /// Colours of pictures are sRGB, those of glTF linear.

@@ -17,14 +17,16 @@ mod opendrive;
 mod openscenario;
 mod scene;
 mod thin;
+mod wheels;
 
 use std::path::Path;
 
 use roadplane_write::{WriteError, write_camera, write_json};
 
-pub use mesh::{CarMesh, Part};
+pub use mesh::{CarMesh, Part, Triangle};
 pub use scene::{Colours, SCENE_SCHEMA, Scene, Vehicle};
-pub use thin::{Vertex, at, thinned};
+pub use thin::{Body, Vertex, at, thinned};
+pub use wheels::Wheels;
 
 /// Writes all files of a scene into a folder that is there.
 ///

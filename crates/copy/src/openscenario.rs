@@ -4,8 +4,8 @@
 use roadplane_base::{GroundPose, VehicleClass};
 use roadplane_export::{Element, fixed};
 
-use crate::mesh::TYRE_M;
-use crate::thin::behind_of;
+use crate::thin::ahead_of;
+use crate::wheels::TYRE_M;
 use crate::{Scene, Vehicle};
 
 /// Nothing moves faster than this, m/s; it must be said.
@@ -61,7 +61,7 @@ fn metres(value: f64) -> String {
 
 /// Where the middle of the rear axle is.
 fn position(vehicle: &Vehicle, pose: &GroundPose) -> Element {
-    let rear = behind_of(pose, vehicle.wheels.half_wheelbase_m);
+    let rear = ahead_of(pose, -vehicle.wheels.half_wheelbase_m);
     let place = Element::new("WorldPosition")
         .with("x", metres(rear.x))
         .with("y", metres(rear.y))

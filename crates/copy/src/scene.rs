@@ -2,13 +2,15 @@
 
 use std::collections::BTreeMap;
 
-use roadplane_base::{GroundPose, KEYPOINTS, ShapeAtlas, TrackRow, VehicleClass};
+use nalgebra::Vector3;
+use roadplane_base::{GroundPose, KEYPOINTS, MODES, Shape, ShapeAtlas, TrackRow, VehicleClass};
 use roadplane_export::{Run, Stretch, Track};
 use roadplane_write::CameraSegment;
 use serde::Serialize;
 
-use crate::mesh::{CarMesh, Wheels};
-use crate::thin::{Vertex, thinned};
+use crate::mesh::CarMesh;
+use crate::thin::{Body, Vertex, thinned};
+use crate::wheels::Wheels;
 
 /// Schema of `scene.json`.
 pub const SCENE_SCHEMA: &str = "roadplane.scene/1";
@@ -55,7 +57,8 @@ pub struct Vehicle {
     pub centre_m: f64,
     /// Its wheels.
     pub wheels: Wheels,
-    /// Shape coefficients, each in units of its sd over all cars.
+    /// Shape coefficients, each in units of its sd over all cars; those of a van for trucks and buses, which is stretched to their
+    /// dimensions.
     pub shape: [f64; 6],
     /// Paint, RGB.
     pub colour: [u8; 3],
@@ -123,10 +126,16 @@ impl Vehicle {
         colour: Option<[u8; 3]>,
         atlas: &ShapeAtlas,
     ) -> Self {
-        let points: [_; KEYPOINTS] = atlas.keypoints_in_car(&track.shape);
+        let dims_m = track.dims_m();
+        let (shape, points) = match track.class {
+            VehicleClass::Car => (track.shape, atlas.keypoints_in_car(&track.shape)),
+            VehicleClass::Truck | VehicleClass::Bus => stretched_van(atlas, dims_m),
+        };
         let wheels = Wheels::of(&points);
+        let ends_m = [-0.5, 0.5].map(|share| track.centre_m + share * dims_m[0]);
+        let body = Body { rear_axle_m: -wheels.half_wheelbase_m, ends_m };
         let way: Vec<Vertex> = rows.iter().map(|row| vertex(row, start_s)).collect();
-        let trajectory = thinned(&way, wheels.half_wheelbase_m)
+        let trajectory = thinned(&way, &body)
             .into_iter()
             .map(|Vertex { time_s, pose: p }| Vertex {
                 time_s: digits(time_s),
@@ -137,7 +146,6 @@ impl Vehicle {
                 },
             })
             .collect();
-        let dims_m = track.dims_m();
         Self {
             name: format!("car_{}", track.id),
             track: track.id,
@@ -145,13 +153,13 @@ impl Vehicle {
             dims_m,
             centre_m: digits(track.centre_m),
             wheels,
-            shape: track.shape.into(),
+            shape: shape.into(),
             colour: colour.unwrap_or(UNSEEN),
             span_s: [way.first(), way.last()].map(|end| end.map_or(0.0, |vertex| digits(vertex.time_s))),
             fastest_mps: digits(rows.iter().map(|row| row.speed_mps.abs()).fold(0.0, f64::max)),
             trajectory,
             invented_s: invented(rows, start_s),
-            mesh: CarMesh::new(&points, dims_m, track.centre_m, &wheels),
+            mesh: CarMesh::new(&points, dims_m, track.centre_m),
         }
     }
 
@@ -160,6 +168,19 @@ impl Vehicle {
     pub fn stands(&self) -> bool {
         self.trajectory.len() < 2
     }
+}
+
+/// Trucks and buses have no fitted shape: a mean van's, with their dimensions, the middle of its body at the origin.
+fn stretched_van(atlas: &ShapeAtlas, dims_m: [f64; 3]) -> (Shape, [Vector3<f64>; KEYPOINTS]) {
+    let van = atlas.body_types.iter().find(|body| body.name == "van");
+    let shape =
+        van.map_or_else(Shape::zeros, |van| atlas.clamped(&van.mean.fixed_rows::<MODES>(0).into_owned()));
+    let points = atlas.keypoints_in_car(&shape);
+    let [foremost, rearmost] =
+        [f64::max, f64::min].map(|pick| points.iter().map(|p| p.x).reduce(pick).unwrap_or(0.0));
+    let middle = Vector3::new(f64::midpoint(foremost, rearmost), 0.0, 0.0);
+    let scale = Vector3::from(dims_m).component_div(&atlas.dims_m(&shape));
+    (shape, points.map(|point| (point - middle).component_mul(&scale)))
 }
 
 fn vertex(row: &TrackRow, start_s: f64) -> Vertex {

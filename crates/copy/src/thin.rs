@@ -4,7 +4,7 @@ use nalgebra::Vector2;
 use roadplane_base::{GroundPose, wrap_angle};
 use serde::Serialize;
 
-/// Farthest that thinning moves a car at any of its rows' times, m. Players interpolate and round on top: together they
+/// Farthest that thinning moves any part of a car at any of its rows' times, m. Players round and step on top: together they
 /// stay within 2 cm.
 const POSITION_M: f64 = 0.012;
 /// Most that it turns a car, rad.
@@ -20,10 +20,20 @@ pub struct Vertex {
     pub pose: GroundPose,
 }
 
+/// Where on its axis a car is held to its way, m forward of the origin.
+#[derive(Clone, Copy, Debug)]
+pub struct Body {
+    /// Its rear axle, which players carry.
+    pub rear_axle_m: f64,
+    /// Its rear and front ends: what lies between them is off by no more than they are.
+    pub ends_m: [f64; 2],
+}
+
 /// The vertices that are needed (Douglas and Peucker 1973, with distance taken at equal times). Headings are unwrapped, so
-/// that players turn the short way. The rear axle, `rear_m` behind the origin, stays as near to its way as the origin.
+/// that players turn the short way. Both ends of the body stay near their ways, whether a player carries the car by its origin
+/// or by its rear axle.
 #[must_use]
-pub fn thinned(rows: &[Vertex], rear_m: f64) -> Vec<Vertex> {
+pub fn thinned(rows: &[Vertex], body: &Body) -> Vec<Vertex> {
     let rows = unwrapped(rows);
     if rows.len() < 2 {
         return rows;
@@ -33,7 +43,7 @@ pub fn thinned(rows: &[Vertex], rear_m: f64) -> Vec<Vertex> {
     keep[rows.len() - 1] = true;
     let mut open = vec![(0, rows.len() - 1)];
     while let Some((first, last)) = open.pop() {
-        let strays = (first + 1..last).map(|i| (i, stray(&rows[first], &rows[last], &rows[i], rear_m)));
+        let strays = (first + 1..last).map(|i| (i, stray(&rows[first], &rows[last], &rows[i], body)));
         let worst = strays.max_by(|a, b| a.1.total_cmp(&b.1));
         if let Some((i, _)) = worst.filter(|(_, stray)| *stray > 1.0) {
             keep[i] = true;
@@ -42,7 +52,7 @@ pub fn thinned(rows: &[Vertex], rear_m: f64) -> Vec<Vertex> {
     }
     let kept: Vec<Vertex> = rows.iter().zip(&keep).filter(|(_, kept)| **kept).map(|(row, _)| *row).collect();
     // A car that stands needs no second vertex.
-    let stands = kept.len() == 2 && stray(&kept[0], &kept[0], &kept[1], rear_m) <= 1.0;
+    let stands = kept.len() == 2 && stray(&kept[0], &kept[0], &kept[1], body) <= 1.0;
     if stands { kept[..1].to_vec() } else { kept }
 }
 
@@ -78,28 +88,33 @@ fn between(a: &Vertex, b: &Vertex, time_s: f64) -> GroundPose {
 }
 
 /// How far a row lies from the straight way between two others, in units of what is allowed.
-fn stray(a: &Vertex, b: &Vertex, row: &Vertex, rear_m: f64) -> f64 {
+fn stray(a: &Vertex, b: &Vertex, row: &Vertex, body: &Body) -> f64 {
     let found = between(a, b, row.time_s);
-    let apart = |behind: f64| (behind_of(&found, behind) - behind_of(&row.pose, behind)).norm();
-    // Players carry the rear axle evenly, so that the rest of the car swings about it.
-    let (ra, rb) = (behind_of(&a.pose, rear_m), behind_of(&b.pose, rear_m));
+    // A player that carries the rear axle evenly has the whole car that much elsewhere in a bend.
     let span = b.time_s - a.time_s;
     let s = if span > 0.0 { (row.time_s - a.time_s) / span } else { 0.0 };
-    let rear = (ra.lerp(&rb, s) - behind_of(&row.pose, rear_m)).norm();
+    let rear = ahead_of(&a.pose, body.rear_axle_m).lerp(&ahead_of(&b.pose, body.rear_axle_m), s);
+    let elsewhere = rear - ahead_of(&found, body.rear_axle_m);
+    let apart = body.ends_m.map(|end| {
+        let apart = ahead_of(&found, end) - ahead_of(&row.pose, end);
+        apart.norm().max((apart + elsewhere).norm())
+    });
     let turned = (found.heading_rad - row.pose.heading_rad).abs();
-    (apart(0.0).max(rear) / POSITION_M).max(turned / HEADING_RAD)
+    (apart[0].max(apart[1]) / POSITION_M).max(turned / HEADING_RAD)
 }
 
-/// A point on the car's axis behind its origin.
-pub(crate) fn behind_of(pose: &GroundPose, metres: f64) -> Vector2<f64> {
+/// A point on the car's axis forward of its origin.
+pub(crate) fn ahead_of(pose: &GroundPose, metres: f64) -> Vector2<f64> {
     let (sin, cos) = pose.heading_rad.sin_cos();
-    Vector2::new(pose.x_m - metres * cos, pose.y_m - metres * sin)
+    Vector2::new(pose.x_m + metres * cos, pose.y_m + metres * sin)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use roadplane_base::angle_difference;
+
+    const BODY: Body = Body { rear_axle_m: -1.4, ends_m: [-2.3, 2.4] };
 
     /// Straight, then round a bend past the place where headings wrap, then at rest.
     fn drive() -> Vec<Vertex> {
@@ -120,11 +135,13 @@ mod tests {
     #[test]
     fn a_thinned_drive_stays_within_its_bounds() {
         let rows = drive();
-        let kept = thinned(&rows, 1.4);
+        let kept = thinned(&rows, &BODY);
         assert!(kept.len() < rows.len() / 4, "{}", kept.len());
         for row in &rows {
             let found = at(&kept, row.time_s).unwrap();
-            assert!((behind_of(&found, 0.0) - behind_of(&row.pose, 0.0)).norm() <= POSITION_M);
+            for part_m in [-2.3, 0.0, 2.4] {
+                assert!((ahead_of(&found, part_m) - ahead_of(&row.pose, part_m)).norm() <= POSITION_M);
+            }
             assert!(angle_difference(found.heading_rad, row.pose.heading_rad).abs() <= HEADING_RAD);
         }
         assert!(
@@ -137,8 +154,8 @@ mod tests {
     fn standing_cars_have_one_vertex_and_nothing_has_none() {
         let still: Vec<Vertex> =
             (0..50).map(|i| Vertex { time_s: f64::from(i), pose: drive()[0].pose }).collect();
-        assert_eq!(thinned(&still, 1.4).len(), 1);
-        assert_eq!(at(&thinned(&still, 1.4), 20.0), Some(still[0].pose));
-        assert!(thinned(&[], 1.4).is_empty() && at(&[], 0.0).is_none());
+        assert_eq!(thinned(&still, &BODY).len(), 1);
+        assert_eq!(at(&thinned(&still, &BODY), 20.0), Some(still[0].pose));
+        assert!(thinned(&[], &BODY).is_empty() && at(&[], 0.0).is_none());
     }
 }

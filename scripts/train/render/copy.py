@@ -1,4 +1,4 @@
-"""`python -m render.copy SCENE OUT.mp4 --camera same|opposite|side|above|FILE`: films a scene that `roadplane copy` wrote."""
+"""`python -m render.copy SCENE [OUT.mp4] --camera same|opposite|side|above|FILE`: films a scene that `roadplane copy` wrote."""
 
 from __future__ import annotations
 
@@ -49,8 +49,8 @@ class View:
 def view_of(name: str, scene: dict) -> View:
     """The camera as it stood, one around the traffic's middle that sees as large cars, or one from a file.
 
-    A file is JSON with `image_size_px`, `focal_px`, `height_m`, `tilt_rad`, `roll_rad` and `foot` (x, y in metres and heading
-    in rad of the camera's own world in that of the scene).
+    A file is JSON with `image_size_px`, `focal_px`, `height_m`, `tilt_rad`, `roll_rad`, as in `camera.json`, and `foot` (x, y in
+    metres and heading in rad of the camera's own world in that of the scene; the scene's own where it is left out).
     """
     known = scene["camera"]
     fields = ("focal_px", "height_m", "tilt_rad", "roll_rad")
@@ -59,7 +59,8 @@ def view_of(name: str, scene: dict) -> View:
         return View(same, (0.0, 0.0, 0.0))
     if name not in ("opposite", "side", "above"):
         file = json.loads(Path(name).read_text())
-        return View(Camera(tuple(file["image_size_px"]), *(file[field] for field in fields)), tuple(file["foot"]))
+        foot = tuple(file.get("foot", (0.0, 0.0, 0.0)))
+        return View(Camera(tuple(file["image_size_px"]), *(file[field] for field in fields)), foot)
     around, higher = {"opposite": (np.pi, 1.0), "side": (np.pi / 2, 1.5), "above": (0.0, 4.0)}[name]
     middle = np.median([(v["x_m"], v["y_m"]) for car in scene["vehicles"] for v in car["trajectory"]], axis=0)
     away = np.linalg.norm(middle)
@@ -75,6 +76,12 @@ def view_of(name: str, scene: dict) -> View:
 def fitted_keypoints(shape: list[float]) -> np.ndarray:
     """The 36 points of a fitted shape, car frame, m."""
     return np.array(ATLAS["mean"]) + np.tensordot(shape, np.array(ATLAS["modes"]), 1)
+
+
+def rolled(way: np.ndarray) -> np.ndarray:
+    """How far a car has driven forwards at each vertex [n] of its way (time, x, y, heading; [n, 4]), m."""
+    steps, turned = np.diff(way[:, 1:3], axis=0), (way[1:, 3] + way[:-1, 3]) / 2
+    return np.concatenate([[0.0], np.cumsum(steps[:, 0] * np.cos(turned) + steps[:, 1] * np.sin(turned))])
 
 
 class Garage:
@@ -125,6 +132,7 @@ class Player:
             np.array([[v["time_s"], v["x_m"], v["y_m"], v["heading_rad"]] for v in vehicle["trajectory"]])
             for vehicle in self.vehicles
         ]
+        self._rolled = [rolled(way) for way in self._ways]
         self._light = replace(sample_light(rng, ENVIRONMENTS, "overcast"), sky=np.full(3, 0.7), haze=0.0, dapple=0.0)
         self._floor = Floor((ASPHALT, ASPHALT))
 
@@ -143,7 +151,8 @@ class Player:
         for i in self.there(time_s):
             way = self._ways[i]
             pose = [float(np.interp(time_s, way[:, 0], way[:, column])) for column in (1, 2, 3)]
-            cars.append(PlacedCar(self._cars[i], self._looks[i], self.view.place(*pose)))
+            driven = float(np.interp(time_s, way[:, 0], self._rolled[i]))
+            cars.append(PlacedCar(self._cars[i], self._looks[i], self.view.place(*pose), driven))
         cars.sort(key=lambda car: float(np.linalg.norm(car.world_from_car[:2, 3])))
         middle = np.mean([car.world_from_car[:3, 3] for car in cars], axis=0) if cars else np.array([0.0, 20.0, 0.0])
         scene = Scene(cars[:MAX_CARS], [], self._floor, self._light, middle, 60.0, 1.0)
@@ -155,7 +164,7 @@ def main() -> None:
     """Writes the clip."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("scene", type=Path, help="folder that roadplane copy wrote")
-    parser.add_argument("out", type=Path, help="video to write, .mp4")
+    parser.add_argument("out", type=Path, nargs="?", help="video to write, .mp4; SCENE/CAMERA.mp4 unless given")
     parser.add_argument("--camera", default="same", help="same, opposite, side (90° around, 1.5 times as high), above, or a file")
     parser.add_argument("--fps", type=float, help="frames a second; those of the run unless given")
     parser.add_argument("--seconds", type=float, help="length; that of the scene unless given")
@@ -170,7 +179,7 @@ def main() -> None:
     size = view.camera.image_size_px
     even = (size[0] // 2 * 2, size[1] // 2 * 2)
     rng = np.random.default_rng(args.seed)
-    writer = VideoWriter(args.out, even, fps, crf=18)
+    writer = VideoWriter(args.out or args.scene / f"{Path(args.camera).stem}.mp4", even, fps, crf=18)
     for frame in range(int(seconds * fps + 1e-6) + 1):
         canvas = Canvas(renderer, view.camera)
         canvas.update(player.at(frame / fps), [])

@@ -22,6 +22,7 @@ class GpuCar:
     all_indices: int
     buffers: tuple[moderngl.Buffer, ...]
     bounds: tuple[np.ndarray, np.ndarray]
+    wheels: tuple[float, float, float, float]  # see car.vert
 
     def release(self) -> None:
         """Frees the GPU memory."""

@@ -133,6 +133,7 @@ class Renderer:
             all_indices=3 * len(faces),
             buffers=(vertices, indices, *coarse),
             bounds=(mesh.vertices.min(0), mesh.vertices.max(0)),
+            wheels=_wheels(mesh),
         )
 
     def _target(self, kind: str, width: int, height: int) -> tuple:
@@ -392,11 +393,20 @@ class Renderer:
         program["glass"].value = (car.look.glass, car.look.glass_reflection, car.look.seed, 0.0)
         program["lamps"].value = (car.look.headlamp, car.look.taillamp)
         program["own"].value = self._rows.get(int(index), -1)
+        program["wheels"].value = car.gpu.wheels
+        program["rolled"].value = car.rolled_m / car.gpu.wheels[2]
         gpu = car.gpu
         if part == 0:
             gpu.colour.render(moderngl.TRIANGLES, vertices=gpu.solid_indices)
         elif gpu.all_indices > gpu.solid_indices:
             gpu.colour.render(moderngl.TRIANGLES, vertices=gpu.all_indices - gpu.solid_indices, first=gpu.solid_indices)
+
+
+def _wheels(mesh: CarMesh) -> tuple[float, float, float, float]:
+    """What car.vert turns: hubs and radius of a mesh that may have been stretched."""
+    front, rear = mesh.keypoints[:2]
+    reach = np.ptp(mesh.vertices[np.unique(mesh.material_faces("tyre")), 0]) - (front[0] - rear[0])
+    return float(front[0]), float(rear[0]), float(front[2]), float(reach / (2 * front[2]))
 
 
 def clustered(vertices: np.ndarray, faces: np.ndarray, cell_m: float) -> tuple[np.ndarray, np.ndarray]:

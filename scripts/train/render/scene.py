@@ -24,6 +24,7 @@ class PlacedCar:
     gpu: GpuCar
     look: CarLook
     world_from_car: np.ndarray
+    rolled_m: float = 0.0  # how far its wheels have rolled forwards
 
 
 @dataclass

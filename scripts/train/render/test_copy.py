@@ -1,10 +1,13 @@
 """Cameras around a copied scene, models that fit, and a run that gives back what was filmed. Draws nothing."""
 
+import json
+import tempfile
 import unittest
+from pathlib import Path
 
 import numpy as np
 
-from .copy import Garage, fitted_keypoints, view_of
+from .copy import Garage, fitted_keypoints, rolled, view_of
 from .copy_boxes import Meshes, overlap
 from .copy_loop import fitted, pairs, truth
 
@@ -36,6 +39,12 @@ class CopyTest(unittest.TestCase):
             self.assertLess(np.abs(pixel[0] - view.camera.principal_point_px).max(), 1e-6, name)
             self.assertGreater(depth[0], 20)
         self.assertAlmostEqual(view_of("side", scene()).camera.height_m, 12.0)
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder, "camera.json")
+            file.write_text(json.dumps({**CAMERA, "height_m": 5.0, "foot": [3, 4, 0.5]}))
+            self.assertEqual(view_of(str(file), scene()).foot, (3, 4, 0.5))
+            file.write_text(json.dumps(CAMERA))
+            self.assertEqual(view_of(str(file), scene()), view_of("same", scene()))
         same = view_of("same", scene())
         np.testing.assert_allclose(same.place(3, 20, 0.7)[:2, 3], [3, 20])
 
@@ -58,6 +67,10 @@ class CopyTest(unittest.TestCase):
         self.assertEqual([pair[0] for pair in matched], [1, 2])
         again = fitted(*(np.concatenate([pair[i] for pair in matched])[:, 1:3] for i in (1, 2)))
         np.testing.assert_allclose(again, (turn, shift), atol=1e-9)
+
+    def test_wheels_roll_as_far_as_the_car_drives_and_back(self) -> None:
+        way = np.array([[0, 0, 0, 1.5], [1, 3 * np.cos(1.5), 3 * np.sin(1.5), 1.5], [2, np.cos(1.5), np.sin(1.5), 1.5]])
+        np.testing.assert_allclose(rolled(way), [0, 3, 1], atol=1e-12)
 
     def test_overlap(self) -> None:
         self.assertAlmostEqual(overlap(np.array([0, 0, 2, 2.0]), np.array([1, 0, 3, 2.0])), 1 / 3)
