@@ -29,7 +29,8 @@ pub(crate) struct Stretch {
 }
 
 impl Stretch {
-    const ALL: Self = Self { from_s: f64::NEG_INFINITY, to_s: f64::INFINITY };
+    /// A clip that is one stretch.
+    pub(crate) const ALL: Self = Self { from_s: f64::NEG_INFINITY, to_s: f64::INFINITY };
 
     /// Whether it is the one that a time belongs to.
     pub(crate) fn holds(&self, time_s: f64) -> bool {

@@ -64,7 +64,7 @@ impl RowSink for TrackRows<'_> {
             files.write(row)?;
         }
         let count = rows.len() as u64;
-        self.shown.add(rows);
+        self.shown.add(rows, stretch);
         Ok(count)
     }
 }
@@ -78,7 +78,7 @@ pub(crate) struct ShownRows {
     all: bool,
     /// All rows of these frames are kept.
     frames: BTreeSet<u64>,
-    stretches: usize,
+    is_thinned: bool,
 }
 
 impl ShownRows {
@@ -89,15 +89,12 @@ impl ShownRows {
 
     /// Whether some are left out.
     pub(crate) fn is_thinned(&self) -> bool {
-        !self.all && self.stretches > 1
+        self.is_thinned
     }
 
-    fn add(&mut self, mut rows: Vec<TrackRow>) {
-        self.stretches += 1;
-        if self.is_thinned() {
-            if self.stretches == 2 {
-                thin(&mut self.rows, &self.frames);
-            }
+    fn add(&mut self, mut rows: Vec<TrackRow>, stretch: Stretch) {
+        if !self.all && stretch != Stretch::ALL {
+            self.is_thinned = true;
             thin(&mut rows, &self.frames);
         }
         if self.rows.is_empty() {
@@ -159,19 +156,25 @@ mod tests {
     #[test]
     fn of_long_clips_some_rows_are_kept_and_of_short_ones_all() {
         let of = |frames: std::ops::Range<u64>| frames.map(|frame| row(frame, 1)).collect::<Vec<_>>();
-        let mut shown = ShownRows::new(false, BTreeSet::from([131]));
-        shown.add(of(0..100));
-        assert_eq!((shown.rows.len(), shown.is_thinned()), (100, false));
-        shown.add(of(100..199));
+        let mut short = ShownRows::new(false, BTreeSet::new());
+        short.add(of(0..100), Stretch::ALL);
+        assert_eq!((short.rows.len(), short.is_thinned()), (100, false));
+        let seam_s = 10.0;
+        let parts = [Stretch { to_s: seam_s, ..Stretch::ALL }, Stretch { from_s: seam_s, ..Stretch::ALL }];
+        let filled = |all: bool, frames: BTreeSet<u64>| {
+            let mut shown = ShownRows::new(all, frames);
+            shown.add(of(0..100), parts[0]);
+            shown.add(of(100..199), parts[1]);
+            shown
+        };
+        let shown = filled(false, BTreeSet::from([131]));
         let kept: Vec<u64> = shown.rows.iter().map(|row| row.frame).collect();
         assert!(shown.is_thinned() && kept.is_sorted() && (22..40).contains(&kept.len()), "{kept:?}");
         assert!([0, 99, 100, 131, 198].iter().all(|frame| kept.contains(frame)), "{kept:?}");
         // A track that is seen does not look as if it had been hidden.
         let seen: Vec<u64> = kept.iter().copied().filter(|frame| frame % 4 == 0).collect();
         assert!(seen.windows(2).all(|pair| pair[1] - pair[0] <= 12), "{seen:?}");
-        let mut all = ShownRows::new(true, BTreeSet::new());
-        all.add(of(0..100));
-        all.add(of(100..199));
+        let all = filled(true, BTreeSet::new());
         assert_eq!((all.rows.len(), all.is_thinned()), (199, false));
     }
 
