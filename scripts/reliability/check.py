@@ -210,31 +210,44 @@ def mutate(folder, seconds):
     return sound, ""
 
 
+def slope(values):
+    """Change from one value to the next, by least squares."""
+    middle = (len(values) - 1) / 2
+    spread = sum((i - middle) ** 2 for i in range(len(values)))
+    return sum((i - middle) * value for i, value in enumerate(values)) / max(spread, 1)
+
+
 def soak(folder, count):
     """Many short clips in one process: what it holds does not grow."""
     clips = folder / "clips"
     clips.mkdir()
-    inputs = [clips / f"s{i:04}.jpg" for i in range(count)]
+    inputs = [clips / f"s{i:04}.mp4" for i in range(count)]
     for path in inputs:
-        path.symlink_to(STILL)
+        path.symlink_to(CLIP)
+    # Memory and open files as each result appears.
     held = []
-    line = command("run", *inputs, "--out", folder / "out", "--set", "output.sample_frames=0")
+    settings = ["--set", "decode.max_frames=2", "--set", "output.sample_frames=0", "--set", "output.report_mib=0"]
+    line = command("run", *inputs, "--out", folder / "out", *settings)
     with subprocess.Popen(line, env=ENVIRONMENT, stderr=subprocess.DEVNULL) as child:
         while child.poll() is None:
-            time.sleep(0.5)
-            try:
-                status = pathlib.Path(f"/proc/{child.pid}/status").read_text()
-                kib = int(next(line for line in status.splitlines() if line.startswith("VmRSS")).split()[1])
-                held.append((kib / 1024, len(os.listdir(f"/proc/{child.pid}/fd"))))
-            except (OSError, StopIteration):
-                break
+            time.sleep(0.05)
+            if len(held) < count and (folder / "out" / inputs[len(held)].stem).exists():
+                try:
+                    status = pathlib.Path(f"/proc/{child.pid}/status").read_text()
+                    kib = int(next(line for line in status.splitlines() if line.startswith("VmRSS")).split()[1])
+                    held.append((kib / 1024, len(os.listdir(f"/proc/{child.pid}/fd"))))
+                except (OSError, StopIteration):
+                    break
         code = child.wait()
-    half = held[len(held) // 4 : len(held) // 2], held[3 * len(held) // 4 :]
-    (early, early_files), (late, late_files) = ([max(v) for v in zip(*part)] for part in half)
     done = sum(1 for path in inputs if (folder / "out" / path.stem / "summary.json").exists())
+    memory_mib, files = zip(*held)
+    quarter = len(held) // 4
+    early, late = max(memory_mib[quarter : 2 * quarter]), max(memory_mib[3 * quarter :])
+    early_files, late_files = max(files[quarter : 2 * quarter]), max(files[3 * quarter :])
+    grows_kib = 1024 * slope(memory_mib[quarter:])
     print(
-        f"soak: {done} of {count}, exit {code}; {early:.0f} MiB, {early_files} files in the second quarter, "
-        f"{late:.0f} MiB, {late_files} files in the last"
+        f"soak: {done} of {count}, exit {code}; {early:.0f} MiB, {early_files} files in the second quarter, {late:.0f} MiB, "
+        f"{late_files} files in the last; {grows_kib:+.1f} KiB a clip after the first quarter"
     )
     return code == 0 and done == count and late < 1.1 * early and late_files <= early_files, ""
 

@@ -9,6 +9,7 @@ use roadplane_infer::{ProviderChoice, SessionOptions};
 use roadplane_write::{JsonLines, TableFormat, TableRow, WriteError, read_table, write_table};
 use serde_json::Value;
 
+use crate::stretch::Stretch;
 use crate::{Cancel, Config, PipelineError};
 
 /// The activity net. It is so small that the plain runtime is the fastest.
@@ -33,7 +34,7 @@ pub fn track_motion<'a>(rows: impl Iterator<Item = &'a TrackRow> + Clone) -> Mot
     }
 }
 
-/// Fills in `activity` and `activity_p` of all rows. Gives the events, by beginning, then by track.
+/// Fills in `activity` and `activity_p` of all rows. Gives the events.
 pub(crate) fn label_rows(net: &mut ActivityNet, rows: &mut [TrackRow]) -> Result<Vec<Event>, PipelineError> {
     let mut events = Vec::new();
     let numbers: Vec<u64> = rows.iter().map(|row| row.track).collect();
@@ -45,8 +46,31 @@ pub(crate) fn label_rows(net: &mut ActivityNet, rows: &mut [TrackRow]) -> Result
         }
         events.extend(labelled.events(track));
     }
-    sort(&mut events);
     Ok(events)
+}
+
+/// Adds what is told of a stretch's tracks, of the stretch's own time; what goes on over its beginning is one event.
+pub(crate) fn add_events(events: &mut Vec<Event>, told: Vec<Event>, stretch: Stretch) {
+    let duration_s = |event: &Event| event.to_s - event.from_s;
+    for event in told {
+        let own =
+            Event { from_s: event.from_s.max(stretch.from_s), to_s: event.to_s.min(stretch.to_s), ..event };
+        if own.from_s > own.to_s || (own.from_s == own.to_s && own.to_s == stretch.to_s) {
+            continue;
+        }
+        let goes_on = |before: &&mut Event| {
+            (before.track, before.activity, before.to_s) == (own.track, own.activity, stretch.from_s)
+        };
+        let before = if own.from_s == stretch.from_s { events.iter_mut().find(goes_on) } else { None };
+        match before {
+            Some(before) => {
+                let (a, b) = (duration_s(before), duration_s(&own));
+                before.confidence = (a * before.confidence + b * own.confidence) / (a + b).max(f64::EPSILON);
+                before.to_s = own.to_s;
+            }
+            None => events.push(own),
+        }
+    }
 }
 
 /// Places of each track's rows, in their order.
@@ -58,17 +82,14 @@ fn by_track<T: Ord>(tracks: impl IntoIterator<Item = T>) -> BTreeMap<T, Vec<usiz
     places
 }
 
-fn sort(events: &mut [Event]) {
+/// Writes `activities.jsonl`, by beginning, then by track, times to the millisecond.
+pub(crate) fn write_events(path: &Path, mut events: Vec<Event>) -> Result<(), PipelineError> {
     events.sort_by(|a, b| a.from_s.total_cmp(&b.from_s).then(a.track.cmp(&b.track)));
-}
-
-/// Writes `activities.jsonl`, times to the millisecond.
-pub(crate) fn write_events(path: &Path, events: &[Event]) -> Result<(), PipelineError> {
     let rounded = |value: f64| (value * 1e3).round() / 1e3;
     let mut lines = JsonLines::create(path)?;
     for event in events {
         let (from_s, to_s) = (rounded(event.from_s), rounded(event.to_s));
-        lines.write(&Event { from_s, to_s, confidence: rounded(event.confidence), ..event.clone() })?;
+        lines.write(&Event { from_s, to_s, confidence: rounded(event.confidence), ..event })?;
     }
     Ok(lines.finish()?)
 }
@@ -118,10 +139,10 @@ pub fn activity_file(
         }
         events.extend(labelled.events(track));
     }
-    sort(&mut events);
+    let count = events.len();
     write_table(out, &rows)?;
-    write_events(&events_beside(out), &events)?;
-    Ok(events.len())
+    write_events(&events_beside(out), events)?;
+    Ok(count)
 }
 
 /// Where the events of a table go.

@@ -2,35 +2,20 @@
 
 use std::collections::BTreeMap;
 use std::path::Path;
-use std::sync::Arc;
 
-use nalgebra::{Matrix6, Vector2, Vector3};
-use roadplane_base::{
-    CameraEstimate, CameraStatus, CarRecord, CarRef, FrameRecord, FrameStamp, GroundPose, ImageSize,
-    PoseRecord, Shape, ShapeAtlas, TrackRow, VehicleClass, WatchRecord, bbox_moved,
-};
+use roadplane_base::{CameraEstimate, CameraStatus, CarRef, PoseRecord, Shape, ShapeAtlas, TrackRow};
 use roadplane_calibrate::AtRest;
 use roadplane_geo::{Place, Site};
-use roadplane_solve::{CarFit, SceneOptions, ShapePrior};
-use roadplane_track::{CarMeasurement, FrameMeasurements, HeldCar, SeenAgain, Track, TrackState, Tracker};
+use roadplane_track::Track;
 use roadplane_write::{FrameReader, PoseLines, read_jsonl, read_scene_curves};
 
-use crate::believe::{is_believable, is_vehicle, overlap_inside, projected_box};
 use crate::cameras::{CameraTrack, estimate_cameras};
-use crate::cars::{FrameCamera, HeldPoses, any_car, fit_frame, pose_record};
-use crate::ground_contact::{Body, Knowledge, body_box, cut_edges, ground_contact};
-use crate::hidden::{hidden_edges, part_seen};
+use crate::cars::any_car;
 use crate::known::contradiction;
 use crate::memory::Recall;
-use crate::shared_error::shared_covariance;
+use crate::pass::{Pass, Tally, known_cars};
+use crate::stretch::{Load, MOST_ROWS, Numbers, Replay, Stretch, sightings};
 use crate::{Cancel, Config, Known, PipelineError};
-
-/// Least overlap of the box of a row that is called observed with that of the vehicle where the row has it.
-const MIN_ROW_OVERLAP: f64 = 0.3;
-/// How well a track's size is known to later looks at it, m.
-const KNOWN_DIMS_SD_M: f64 = 0.3;
-/// Least sd of a track's heading for the same, rad.
-const KNOWN_HEADING_SD_RAD: f64 = 0.05;
 
 /// What became of a clip.
 #[derive(Debug)]
@@ -39,10 +24,12 @@ pub struct ClipSolution {
     pub cameras: CameraTrack,
     /// Where it stands on the map, where that was told.
     pub place: Option<Place>,
-    /// All tracks, by number.
-    pub tracks: Vec<Track>,
-    /// Rows of the track files, by frame, then by track.
+    /// Shape of each track, by number.
+    pub shapes: BTreeMap<u64, Shape>,
+    /// Rows of the track files, by frame, then by track: those that are kept to be drawn.
     pub rows: Vec<TrackRow>,
+    /// Number of all rows.
+    pub row_count: u64,
     /// Root mean square reprojection errors of the tracked poses, px.
     pub reprojection_rms_px: Vec<f64>,
     /// Cars (car and frame) with a pose that is used.
@@ -54,12 +41,6 @@ pub struct ClipSolution {
 }
 
 impl ClipSolution {
-    /// Shape of each track.
-    #[must_use]
-    pub fn shapes(&self) -> BTreeMap<u64, Shape> {
-        self.tracks.iter().map(|track| (track.id, track.shape)).collect()
-    }
-
     /// The camera in words, for a log line.
     #[must_use]
     pub fn camera_in_words(&self) -> String {
@@ -83,7 +64,32 @@ impl ClipSolution {
     }
 }
 
-/// Solves a clip from its frames file and writes `poses.jsonl`. Every pass streams over the file.
+/// What becomes of a clip's rows.
+pub(crate) trait RowSink {
+    /// Takes those of a stretch's tracks, by frame, then by track: also rows around the stretch, which are known better by its
+    /// neighbours. Gives the number of its own.
+    fn take(
+        &mut self,
+        rows: Vec<TrackRow>,
+        stretch: Stretch,
+        place: Option<&Place>,
+    ) -> Result<u64, PipelineError>;
+}
+
+impl RowSink for Vec<TrackRow> {
+    fn take(
+        &mut self,
+        rows: Vec<TrackRow>,
+        stretch: Stretch,
+        _place: Option<&Place>,
+    ) -> Result<u64, PipelineError> {
+        let before = self.len();
+        self.extend(rows.into_iter().filter(|row| stretch.holds(row.time_s)));
+        Ok((self.len() - before) as u64)
+    }
+}
+
+/// Solves a clip from its frames file and writes `poses.jsonl`. Every pass streams over the file; all rows are kept.
 ///
 /// # Errors
 /// [`PipelineError`]; the poses file then does not appear.
@@ -95,7 +101,9 @@ pub fn solve_clip(
     config: &Config,
     cancel: &Cancel,
 ) -> Result<ClipSolution, PipelineError> {
-    solve_known_clip(frames, poses, atlas, &Given { known, recall: None, site: None }, config, cancel)
+    let mut rows = Vec::new();
+    let solution = solve_known_clip(frames, poses, atlas, &Given::new(known), &mut rows, config, cancel)?;
+    Ok(ClipSolution { rows, ..solution })
 }
 
 /// What is known of a clip's camera before it is seen.
@@ -106,14 +114,24 @@ pub(crate) struct Given<'a> {
     pub recall: Option<&'a Recall>,
     /// Its place on the map.
     pub site: Option<&'a Site>,
+    /// About so many rows are worked on at a time.
+    pub most_rows: u64,
 }
 
-/// The same, with what is known of the camera before.
+impl<'a> Given<'a> {
+    /// By the user alone.
+    pub(crate) fn new(known: &'a Known) -> Self {
+        Self { known, recall: None, site: None, most_rows: MOST_ROWS }
+    }
+}
+
+/// The same, with what is known of the camera before; rows go to a sink.
 pub(crate) fn solve_known_clip(
     frames: &Path,
     poses: &Path,
     atlas: &ShapeAtlas,
     given: &Given<'_>,
+    sink: &mut dyn RowSink,
     config: &Config,
     cancel: &Cancel,
 ) -> Result<ClipSolution, PipelineError> {
@@ -123,8 +141,10 @@ pub(crate) fn solve_known_clip(
             Ok(record?)
         })))
     };
-    let Given { known, recall, site } = *given;
-    let mut cameras = estimate_cameras(read()?, &read_scene_curves(frames)?, atlas, known, recall, config)?;
+    let Given { known, recall, site, most_rows } = *given;
+    let mut load = Load::default();
+    let counted = read()?.inspect(|frame| frame.iter().for_each(|frame| load.add(frame)));
+    let mut cameras = estimate_cameras(counted, &read_scene_curves(frames)?, atlas, known, recall, config)?;
     let mut warnings = warnings_of(&cameras);
     let place = site.and_then(|site| {
         let place = cameras.put_on_map(site);
@@ -149,362 +169,81 @@ pub(crate) fn solve_known_clip(
         options: config.solve.scene_options(None),
         config,
     };
-    // First with every car's shape free in every frame; then with the one shape that its track came to.
-    let (first, _) = pass.tracks(read()?, &BTreeMap::new(), |_| Ok(()))?;
+    let (mut first, mut second) = (Replay::new(read()?), Replay::new(read()?));
     let spool = poses.with_extension("spool");
-    let mut spooled = PoseLines::create(&spool)?;
-    let vehicles = known_cars(&first, atlas);
-    // A long clip's tracks are large: none is kept for longer than it is needed.
-    drop(first);
-    let (mut tracks, tally) = pass.tracks(read()?, &vehicles, |pose| Ok(spooled.write(pose)?))?;
-    spooled.finish()?;
-    for track in &mut tracks {
-        // The shape was held in this pass, so what this pass's tracks say of it is no evidence.
-        let held = sightings(track).find_map(|(key, _)| vehicles.get(&key));
-        let held = held.map(|known| known.vehicle.shape.mean);
-        track.shape = atlas.clamped(&held.unwrap_or(track.shape));
-    }
-    drop(vehicles);
-    tracks.retain(|track| pass.is_where_it_is_seen(track));
-    for (id, track) in (1..).zip(&mut tracks) {
-        track.id = id;
-    }
-
-    let tracked: BTreeMap<CarRef, u64> =
-        tracks.iter().flat_map(|track| sightings(track).map(|(key, _)| (key, track.id))).collect();
-    let mut lines = PoseLines::create(poses)?;
-    let mut reprojection_rms_px = Vec::new();
-    let mut poses_used = 0;
-    for pose in read_jsonl::<PoseRecord>(&spool)? {
-        let mut pose = pose?;
-        pose.track = tracked.get(&CarRef { frame: pose.frame, car: pose.car }).copied();
-        poses_used += u64::from(pose.used);
-        if pose.track.is_some() && pose.pose_from.is_none() {
-            reprojection_rms_px.push(pose.reprojection_rms_px);
+    let mut poses = Poses { lines: PoseLines::create(poses)?, reprojection_rms_px: Vec::new(), used: 0 };
+    let (mut tally, mut numbers) = (Tally::default(), Numbers::default());
+    let (mut shapes, mut row_count) = (BTreeMap::new(), 0);
+    for stretch in load.stretches(most_rows) {
+        // First with every car's shape free in every frame; then with the one shape that its track came to.
+        let seen = first.seen_by(stretch);
+        let (found, _) = pass.tracks(seen, stretch, &BTreeMap::new(), &mut Tally::default(), |_| Ok(()))?;
+        let vehicles = known_cars(&found, atlas);
+        // A stretch's tracks are large: none is kept for longer than it is needed.
+        drop(found);
+        let mut spooled = PoseLines::create(&spool)?;
+        let seen = second.seen_by(stretch);
+        let (mut tracks, shake_px) =
+            pass.tracks(seen, stretch, &vehicles, &mut tally, |pose| Ok(spooled.write(pose)?))?;
+        spooled.finish()?;
+        for track in &mut tracks {
+            // The shape was held in this pass, so what this pass's tracks say of it is no evidence.
+            let held = sightings(track).find_map(|(key, _)| vehicles.get(&key));
+            let held = held.map(|known| known.vehicle.shape.mean);
+            track.shape = atlas.clamped(&held.unwrap_or(track.shape));
         }
-        lines.write(&pose)?;
+        drop(vehicles);
+        tracks.retain(|track| pass.is_where_it_is_seen(track));
+        let tracks = numbers.give(tracks, stretch);
+        poses.tell_tracks(&spool, &tracks)?;
+        shapes.extend(tracks.iter().map(|track| (track.id, track.shape)));
+        let mut rows = Vec::with_capacity(tracks.iter().map(|track| track.states.len()).sum());
+        for track in tracks {
+            rows.extend(pass.rows(&track, &shake_px));
+        }
+        rows.sort_unstable_by_key(|row: &TrackRow| (row.frame, row.track));
+        row_count += sink.take(rows, stretch, place.as_ref())?;
     }
-    lines.finish()?;
-    drop(tracked);
     std::fs::remove_file(&spool)
         .map_err(|source| PipelineError::Unreadable { source, path: spool.clone() })?;
-    let mut rows: Vec<TrackRow> = tracks.iter().flat_map(|track| pass.rows(track, &tally.shake_px)).collect();
-    rows.sort_by_key(|row| (row.frame, row.track));
-    Ok(ClipSolution { cameras, place, tracks, rows, reprojection_rms_px, poses_used, tally, warnings })
+    let Poses { lines, reprojection_rms_px, used: poses_used } = poses;
+    lines.finish()?;
+    Ok(ClipSolution {
+        cameras,
+        place,
+        shapes,
+        rows: Vec::new(),
+        row_count,
+        reprojection_rms_px,
+        poses_used,
+        tally,
+        warnings,
+    })
 }
 
-/// Counts of cars (car and frame).
-#[derive(Debug, Default)]
-pub struct Tally {
-    /// Boxes by class.
-    pub boxes: BTreeMap<String, u64>,
-    /// Cars dropped, by reason.
-    pub rejected: BTreeMap<String, u64>,
-    /// Offset of the picture in frames in which it was shaken, px.
-    pub shake_px: BTreeMap<u64, Vector2<f64>>,
+/// `poses.jsonl` as it grows.
+struct Poses {
+    lines: PoseLines,
+    reprojection_rms_px: Vec<f64>,
+    used: u64,
 }
 
-/// What a pass over the frames needs.
-struct Pass<'a> {
-    cameras: &'a CameraTrack,
-    place: Option<&'a Place>,
-    atlas: &'a ShapeAtlas,
-    /// What is known of a car's shape before it is looked at.
-    any_car: ShapePrior,
-    options: SceneOptions,
-    config: &'a Config,
-}
-
-impl Pass<'_> {
-    /// Fits all cars of all frames and tracks them; cars in `known` have that shape and about that pose. Gives the tracks
-    /// and counts of what was found and dropped.
-    fn tracks(
-        &self,
-        frames: impl Iterator<Item = Result<FrameRecord, PipelineError>>,
-        known: &BTreeMap<CarRef, KnownCar>,
-        mut sink: impl FnMut(&PoseRecord) -> Result<(), PipelineError>,
-    ) -> Result<(Vec<Track>, Tally), PipelineError> {
-        let mut tracker = Tracker::new(self.config.track.clone());
-        let mut tracks = Vec::new();
-        let mut tally = Tally::default();
-        let mut position = None;
-        let mut looked_s = Vec::new();
-        let mut looks = HeldPoses::default();
-        for frame in frames {
-            let frame = frame?;
-            let Some(estimate) = self.cameras.at(frame.time_s) else { continue };
-            // Coordinates of one camera position mean nothing in another: tracks end where the camera was moved.
-            let here = self.cameras.position_at(frame.time_s);
-            if position.replace(here).is_some_and(|before| before != here) {
-                let ended = std::mem::replace(&mut tracker, Tracker::new(self.config.track.clone()));
-                append(&mut tracks, ended.finish());
+impl Poses {
+    /// Adds the poses of a stretch, which say now whose they are.
+    fn tell_tracks(&mut self, spool: &Path, tracks: &[Track]) -> Result<(), PipelineError> {
+        let tracked: BTreeMap<CarRef, u64> =
+            tracks.iter().flat_map(|track| sightings(track).map(|(key, _)| (key, track.id))).collect();
+        for pose in read_jsonl::<PoseRecord>(spool)? {
+            let mut pose = pose?;
+            pose.track = tracked.get(&CarRef { frame: pose.frame, car: pose.car }).copied();
+            self.used += u64::from(pose.used);
+            if pose.track.is_some() && pose.pose_from.is_none() {
+                self.reprojection_rms_px.push(pose.reprojection_rms_px);
             }
-            if let Some(shake) =
-                frame.watch.as_ref().map(WatchRecord::offset).filter(|shake| shake.norm() > 0.0)
-            {
-                tally.shake_px.insert(frame.frame, shake);
-            }
-            let view = FrameCamera::from(estimate);
-            let prior = |i: usize| match known.get(&CarRef { frame: frame.frame, car: i }) {
-                Some(known) => (known.vehicle.shape, Some(known.pose)),
-                None => (self.any_car, None),
-            };
-            let fitted = fit_frame(&frame, &view, self.atlas, &self.options, self.config, prior);
-            let (mut cars, mut held, mut seen_again) = (Vec::new(), Vec::new(), Vec::new());
-            for (index, fit) in fitted.into_iter().enumerate() {
-                let record = &frame.cars[index];
-                if let Some(look) = record.seen_after {
-                    seen_again.push(SeenAgain { look, bbox_px: record.bbox_px });
-                    continue;
-                }
-                if record.held_since.is_some() || record.pose_from.is_some() {
-                    held.push(held_car(record, index));
-                    if let Some(pose) = looks.line(&frame, index) {
-                        sink(&pose)?;
-                    }
-                    if record.keypoints.is_none() {
-                        continue;
-                    }
-                }
-                let others = frame.cars.iter().enumerate().filter(|(other, _)| *other != index);
-                let hidden = hidden_edges(&record.bbox_px, others.map(|(_, other)| &other.bbox_px));
-                let class = format!("{:?}", record.class).to_lowercase();
-                *tally.boxes.entry(class).or_insert(0) += 1;
-                let reason = match &fit {
-                    None => Some("no_pose"),
-                    Some(fit) => {
-                        let car = &fit.car;
-                        let projected =
-                            projected_box(self.atlas, &view.camera, &car.camera_from_car, &car.shape)
-                                .map(|whole| part_seen(&whole, &record.bbox_px, hidden));
-                        let (rms, size) = (car.reprojection_rms_px, frame.image_size_px);
-                        let believable = is_believable(projected, &record.bbox_px, rms, size, self.config);
-                        (!(car.used && believable)).then_some("keypoints_disagree")
-                    }
-                };
-                let known = known.get(&CarRef { frame: frame.frame, car: index });
-                let at_edge = cut_edges(&record.bbox_px, frame.image_size_px).contains(&true);
-                let is_hidden = hidden.contains(&true);
-                // The net finds a car's keypoints in a truck, too.
-                let is_car = known.is_none_or(|known| known.vehicle.class == VehicleClass::Car);
-                match (&fit, reason) {
-                    (Some(fit), None) if is_car => cars.push(CarMeasurement {
-                        at_edge,
-                        hidden: is_hidden,
-                        ..measurement(fit, record, index)
-                    }),
-                    (_, reason) => match self.by_box(record, index, &frame, hidden, &view, known) {
-                        Some(measured) => {
-                            cars.push(CarMeasurement { at_edge, hidden: is_hidden, ..measured })
-                        }
-                        None => {
-                            *tally.rejected.entry(reason.unwrap_or("no_pose").to_owned()).or_insert(0) += 1
-                        }
-                    },
-                }
-                let Some(fit) = fit else { continue };
-                if let Some(mut pose) = pose_record(&frame, index, &fit, self.atlas) {
-                    pose.used = reason.is_none() && is_car;
-                    looks.remember(&pose);
-                    sink(&pose)?;
-                }
-            }
-            let pts_nanos = (frame.time_s * 1e9).round() as i64;
-            let stamp = FrameStamp { index: frame.frame, pts_nanos };
-            let looked = frame.watch.as_ref().is_none_or(|watch| watch.looked);
-            // Where something was held it counts as looked at, too.
-            if looked || !held.is_empty() {
-                looked_s.push(frame.time_s);
-            }
-            tracker.push(&FrameMeasurements { stamp, looked, cars, held, seen_again });
+            self.lines.write(&pose)?;
         }
-        append(&mut tracks, tracker.finish());
-        tracks.retain(|track| is_vehicle(track, self.dims_m(track).z, &looked_s));
-        Ok((tracks, tally))
+        Ok(())
     }
-
-    /// The place of a vehicle of which the box says more than keypoints do.
-    fn by_box(
-        &self,
-        record: &CarRecord,
-        car: usize,
-        frame: &FrameRecord,
-        hidden: [bool; 4],
-        view: &FrameCamera,
-        known: Option<&KnownCar>,
-    ) -> Option<CarMeasurement> {
-        let knowledge = match known {
-            Some(known) => Knowledge::Track {
-                body: known.vehicle.body,
-                heading_rad: known.pose.heading_rad,
-                heading_sd_rad: known.heading_sd_rad.max(KNOWN_HEADING_SD_RAD),
-            },
-            None => Knowledge::Label(record.class),
-        };
-        let found = ground_contact(&record.bbox_px, frame.image_size_px, hidden, view, &knowledge)?;
-        Some(CarMeasurement {
-            pose: found.pose,
-            covariance: found.covariance,
-            bbox_px: record.bbox_px,
-            score: record.score,
-            class: record.class,
-            shape: Shape::zeros(),
-            shape_information: Matrix6::identity(),
-            car,
-            from_box: true,
-            at_edge: false,
-            hidden: false,
-            dims_m: Some([found.dims_m, found.dims_sd_m]),
-        })
-    }
-
-    /// Box of a sighting that is where the track has its vehicle then: another one was another's.
-    fn own_box(&self, state: &TrackState, projected: Option<&[f64; 4]>, size: ImageSize) -> Option<[f64; 4]> {
-        let fits = |seen: &[f64; 4]| {
-            projected.is_none_or(|drawn| overlap_inside(drawn, seen, size) >= MIN_ROW_OVERLAP)
-        };
-        state.bbox_px.filter(fits)
-    }
-
-    /// Whether most of a track's sightings are of a vehicle at its place.
-    fn is_where_it_is_seen(&self, track: &Track) -> bool {
-        let (mut own, mut sightings) = (0, 0);
-        for state in track.states.iter().filter(|state| state.observed) {
-            let Some(estimate) = self.cameras.at(state.stamp.time_s()) else { continue };
-            let projected = self.projected_box(track, state);
-            sightings += 1;
-            own += usize::from(self.own_box(state, projected.as_ref(), estimate.image_size_px).is_some());
-        }
-        2 * own >= sightings
-    }
-
-    /// A track's rows; boxes are where the shaken picture has them.
-    fn rows(&self, track: &Track, shake_px: &BTreeMap<u64, Vector2<f64>>) -> Vec<TrackRow> {
-        let dims = self.dims_m(track);
-        let row = |state: &TrackState| {
-            let projected = self.projected_box(track, state);
-            let estimate = self.cameras.at(state.stamp.time_s())?;
-            let seen_px = self.own_box(state, projected.as_ref(), estimate.image_size_px);
-            let at_rest = seen_px.or(projected)?;
-            let bbox_px =
-                shake_px.get(&state.stamp.index).map_or(at_rest, |shake| bbox_moved(&at_rest, shake));
-            // What all cars share belongs to each row, too.
-            let shared = shared_covariance(estimate, &state.pose);
-            let whole = |own: f64, i: usize| (own * own + shared[(i, i)]).sqrt();
-            Some(TrackRow {
-                frame: state.stamp.index,
-                time_s: state.stamp.time_s(),
-                track: track.id,
-                x_m: state.pose.x_m,
-                y_m: state.pose.y_m,
-                heading_rad: state.pose.heading_rad,
-                speed_mps: state.speed_mps,
-                x_sd_m: whole(state.pose_sd.x, 0),
-                y_sd_m: whole(state.pose_sd.y, 1),
-                heading_sd_rad: whole(state.pose_sd.z, 2),
-                length_m: dims.x,
-                width_m: dims.y,
-                height_m: dims.z,
-                bbox_px,
-                score: if seen_px.is_some() { state.score } else { 0.0 },
-                observed: seen_px.is_some(),
-                class: track.class,
-                segment: self.cameras.segment_at(state.stamp.time_s()),
-                speed_sd_mps: state.speed_sd_mps.hypot(state.speed_mps * shared[(3, 3)].sqrt()),
-                activity: None,
-                activity_p: None,
-                on_map: self.place.and_then(|place| {
-                    place.on_map(&state.pose, [state.pose_sd.x, state.pose_sd.y], estimate).ok()
-                }),
-            })
-        };
-        track.states.iter().filter_map(row).collect()
-    }
-
-    /// Box of a car that was not seen; `None` where it is not before the camera.
-    fn projected_box(&self, track: &Track, state: &TrackState) -> Option<[f64; 4]> {
-        let view = FrameCamera::from(self.cameras.at(state.stamp.time_s())?);
-        if let Some(dims_m) = track.dims_m {
-            return body_box(&view, &state.pose, &dims_m);
-        }
-        let camera_from_car = view.plane.camera_from_world() * state.pose.world_from_car();
-        projected_box(self.atlas, &view.camera, &camera_from_car, &track.shape)
-    }
-
-    /// Length, width, height of a track's vehicle.
-    fn dims_m(&self, track: &Track) -> Vector3<f64> {
-        track.dims_m.unwrap_or_else(|| self.atlas.dims_m(&self.atlas.clamped(&track.shape)))
-    }
-}
-
-/// Adds tracks of a later camera position; their numbers go on.
-fn append(tracks: &mut Vec<Track>, later: Vec<Track>) {
-    let before = tracks.iter().map(|track| track.id).max().unwrap_or(0);
-    tracks.extend(later.into_iter().map(|track| Track { id: track.id + before, ..track }));
-}
-
-fn measurement(fit: &CarFit, record: &CarRecord, car: usize) -> CarMeasurement {
-    let shape_information: Matrix6<f64> =
-        fit.car.shape_covariance.try_inverse().unwrap_or_else(Matrix6::identity);
-    CarMeasurement {
-        pose: fit.car.ground,
-        covariance: fit.car.ground_covariance,
-        bbox_px: record.bbox_px,
-        score: record.score,
-        class: VehicleClass::Car,
-        shape: fit.car.shape,
-        shape_information,
-        car,
-        from_box: false,
-        at_edge: false,
-        hidden: false,
-        dims_m: None,
-    }
-}
-
-/// A vehicle that is where it was.
-fn held_car(record: &CarRecord, car: usize) -> HeldCar {
-    HeldCar { look: record.pose_from, bbox_px: record.bbox_px, score: record.score, car }
-}
-
-/// What a first pass over the frames tells the second of the vehicle in a box.
-struct KnownCar {
-    vehicle: Arc<KnownVehicle>,
-    pose: GroundPose,
-    heading_sd_rad: f64,
-}
-
-/// The same for all its boxes.
-struct KnownVehicle {
-    shape: ShapePrior,
-    body: Body,
-    class: VehicleClass,
-}
-
-/// The states in which a track was seen, with the car that it was seen as.
-fn sightings(track: &Track) -> impl Iterator<Item = (CarRef, &TrackState)> {
-    track
-        .states
-        .iter()
-        .filter_map(|state| Some((CarRef { frame: state.stamp.index, car: state.car? }, state)))
-}
-
-/// Per tracked car and frame its track's shape, within the atlas' bounds, and its smoothed pose.
-fn known_cars(tracks: &[Track], atlas: &ShapeAtlas) -> BTreeMap<CarRef, KnownCar> {
-    let mut known = BTreeMap::new();
-    for track in tracks {
-        let shape = ShapePrior::known(atlas.clamped(&track.shape));
-        let dims_m = track.dims_m.unwrap_or_else(|| atlas.dims_m(&shape.mean));
-        let body = Body { dims_m, sd_m: Vector3::repeat(KNOWN_DIMS_SD_M) };
-        let vehicle = Arc::new(KnownVehicle { shape, body, class: track.class });
-        let of = |state: &TrackState| KnownCar {
-            vehicle: Arc::clone(&vehicle),
-            pose: state.pose,
-            heading_sd_rad: state.pose_sd.z,
-        };
-        known.extend(sightings(track).map(|(key, state)| (key, of(state))));
-    }
-    known
 }
 
 fn warnings_of(cameras: &CameraTrack) -> Vec<String> {
@@ -525,4 +264,101 @@ fn warnings_of(cameras: &CameraTrack) -> Vec<String> {
         warnings.push("no frame could be read".to_owned());
     }
     warnings
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Point3, Vector2};
+    use roadplane_base::{Camera, CameraParams, CarRecord, FrameRecord, GroundPose, ImageSize, Keypoint};
+    use roadplane_write::JsonLines;
+
+    const SIZE: ImageSize = ImageSize { width: 1280, height: 720 };
+    /// Two seams of stretches that are as short as they may be.
+    const SECONDS: u64 = 11 * 60;
+    const FPS: u64 = 2;
+
+    /// A vehicle of the mean shape, as a net with an error of half a pixel sees it.
+    fn seen(atlas: &ShapeAtlas, pose: &GroundPose, frame: u64) -> CarRecord {
+        let params = CameraParams { log_focal: 1400f64.ln(), tilt: 0.35, roll: 0.02, log_height: 9f64.ln() };
+        let camera = Camera::centred(params.focal_px(), SIZE);
+        let camera_from_car = params.plane().camera_from_world() * pose.world_from_car();
+        let noise = |i: usize, phase: f64| 0.5 * (frame as f64 * 12.9898 + i as f64 * 78.233 + phase).sin();
+        let pixels = atlas
+            .mean
+            .map(|point| camera.pixel_from_camera(&(camera_from_car * Point3::from(point)).coords).unwrap());
+        let edge = |of: fn(f64, f64) -> f64, axis: usize, from: f64| {
+            pixels.iter().map(|pixel| pixel[axis]).fold(from, of)
+        };
+        let (low, high) = (f64::INFINITY, f64::NEG_INFINITY);
+        let bbox_px = [
+            edge(f64::min, 0, low),
+            edge(f64::min, 1, low),
+            edge(f64::max, 0, high),
+            edge(f64::max, 1, high),
+        ];
+        let keypoints = std::array::from_fn(|i| {
+            let pixel = pixels[i] + Vector2::new(noise(i, pose.x_m), noise(i, 1.0 + pose.y_m));
+            Some(Keypoint::isotropic(pixel, 0.9, 0.5))
+        });
+        CarRecord { keypoints: Some(Box::new(keypoints)), ..CarRecord::boxed(bbox_px) }
+    }
+
+    /// Four vehicles that stand, of which one is gone for half a minute around the first seam, and one that drives by every 25 s:
+    /// at both seams, too.
+    fn frames(path: &Path, atlas: &ShapeAtlas) {
+        let mut lines = JsonLines::create(path).unwrap();
+        for frame in 0..SECONDS * FPS {
+            let time_s = frame as f64 / FPS as f64;
+            let mut poses: Vec<GroundPose> =
+                [(-7.0, 22.0, 0.3), (-2.0, 30.0, 1.5), (6.0, 26.0, 2.2), (2.0, 18.0, 0.1)]
+                    .map(|(x_m, y_m, heading_rad)| GroundPose { x_m, y_m, heading_rad })
+                    .to_vec();
+            if (285.0..315.0).contains(&time_s) {
+                poses.remove(2);
+            }
+            let way_m = 8.0 * (time_s % 25.0) - 16.0;
+            if way_m < 12.0 {
+                poses.push(GroundPose { x_m: way_m, y_m: 40.0, heading_rad: 0.0 });
+            }
+            let cars = poses.iter().map(|pose| seen(atlas, pose, frame)).collect();
+            lines.write(&FrameRecord { cars, ..FrameRecord::empty(frame, time_s, SIZE) }).unwrap();
+        }
+        lines.finish().unwrap();
+    }
+
+    #[test]
+    fn stretches_tell_what_the_whole_tells() {
+        let (folder, atlas) = (tempfile::tempdir().unwrap(), ShapeAtlas::shipped().unwrap());
+        let (path, known) = (folder.path().join("frames.jsonl"), Known::default());
+        frames(&path, &atlas);
+        let solve = |most_rows: u64| {
+            let (mut rows, poses) = (Vec::new(), folder.path().join("poses.jsonl"));
+            let given = Given { most_rows, ..Given::new(&known) };
+            let (config, cancel) = (Config::default(), Cancel::default());
+            let solved =
+                solve_known_clip(&path, &poses, &atlas, &given, &mut rows, &config, &cancel).unwrap();
+            let poses: Vec<PoseRecord> = read_jsonl(&poses).unwrap().map(Result::unwrap).collect();
+            (solved, rows, poses)
+        };
+        let (whole, whole_rows, whole_poses) = solve(MOST_ROWS);
+        let (parts, part_rows, part_poses) = solve(1);
+        assert_eq!(whole.shapes.len() as u64, 4 + SECONDS.div_ceil(25));
+        assert_eq!(parts.shapes.len(), whole.shapes.len());
+        let key = |row: &TrackRow| (row.frame, row.track);
+        assert_eq!(
+            part_rows.iter().map(key).collect::<Vec<_>>(),
+            whole_rows.iter().map(key).collect::<Vec<_>>()
+        );
+        let apart = |(a, b): (&TrackRow, &TrackRow)| (a.x_m - b.x_m).hypot(a.y_m - b.y_m);
+        let worst = part_rows.iter().zip(&whole_rows).map(apart).fold(0.0, f64::max);
+        assert!(worst < 0.02, "{worst} m");
+        assert_eq!((parts.row_count, parts.poses_used), (part_rows.len() as u64, whole.poses_used));
+        assert_eq!((parts.tally.boxes, parts.tally.rejected), (whole.tally.boxes, whole.tally.rejected));
+        let key = |pose: &PoseRecord| (pose.frame, pose.car, pose.track);
+        assert_eq!(
+            part_poses.iter().map(key).collect::<Vec<_>>(),
+            whole_poses.iter().map(key).collect::<Vec<_>>()
+        );
+    }
 }

@@ -29,7 +29,7 @@ const TRAIL_S: f64 = 10.0;
 pub struct Scene<'a> {
     cameras: &'a CameraTrack,
     atlas: &'a ShapeAtlas,
-    shapes: BTreeMap<u64, Shape>,
+    shapes: &'a BTreeMap<u64, Shape>,
     of_frame: BTreeMap<u64, Vec<&'a TrackRow>>,
     of_track: BTreeMap<u64, Vec<&'a TrackRow>>,
     /// Where vehicles were, by segment.
@@ -42,7 +42,7 @@ impl<'a> Scene<'a> {
     pub fn new(
         cameras: &'a CameraTrack,
         rows: &'a [TrackRow],
-        shapes: BTreeMap<u64, Shape>,
+        shapes: &'a BTreeMap<u64, Shape>,
         atlas: &'a ShapeAtlas,
     ) -> Self {
         let mut of_frame: BTreeMap<u64, Vec<&TrackRow>> = BTreeMap::new();
@@ -93,6 +93,8 @@ pub(crate) struct ReportPictures<'a> {
     pub stills: &'a Stills,
     /// The empty place.
     pub background: Option<&'a RgbImage>,
+    /// Of long clips only some rows are drawn.
+    pub is_thinned: bool,
 }
 
 /// Writes `report.html`.
@@ -108,8 +110,8 @@ pub(crate) fn write_report(
     summary: &Summary,
     config: &Config,
 ) -> Result<(), PipelineError> {
-    let &ReportPictures { samples, stills, background } = seen;
-    let scene = Scene::new(&solution.cameras, &solution.rows, solution.shapes(), atlas);
+    let &ReportPictures { samples, stills, background, is_thinned } = seen;
+    let scene = Scene::new(&solution.cameras, &solution.rows, &solution.shapes, atlas);
     let drawn: Vec<(u64, RgbImage)> = samples
         .iter()
         .map(|(frame, time_s, picture)| Ok((*frame, scene.draw(*frame, *time_s, picture)?)))
@@ -122,6 +124,13 @@ pub(crate) fn write_report(
     });
     let lines = lines.transpose()?;
     let facts = facts_of(summary);
+    let mut losses = losses_in_words(&summary.counts, &solution.rows, &config.decode);
+    if is_thinned {
+        losses.push(
+            "This clip is long: the page shows one or two rows of a track a second, the files have all."
+                .to_owned(),
+        );
+    }
     let page = report_html(&ReportInput {
         title,
         cameras: solution.cameras.estimates(),
@@ -136,7 +145,7 @@ pub(crate) fn write_report(
         scene_lines: lines.as_ref(),
         moves: &summary.watch.moves,
         camera_notes: &in_words(&summary.watch),
-        losses: &losses_in_words(&summary.counts, &solution.rows, &config.decode),
+        losses: &losses,
     })?;
     let mut file = OutFile::create(path)?;
     file.write_bytes(page.as_bytes())?;
@@ -229,7 +238,7 @@ pub fn render_run(
             shapes.insert(track, Shape::from(pose.shape));
         }
     }
-    let scene = Scene::new(&cameras, &rows, shapes, &atlas);
+    let scene = Scene::new(&cameras, &rows, &shapes, &atlas);
     draw_video(input, &scene, video, config, cancel, progress)
 }
 

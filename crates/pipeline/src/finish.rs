@@ -8,7 +8,6 @@ use roadplane_base::ShapeAtlas;
 use roadplane_export::{Run, write_ways};
 use roadplane_write::{RunStatus, StageSeconds, Summary, write_evidence, write_summary};
 
-use crate::activities::{label_rows, write_events};
 use crate::clip::{ClipSolution, Given, solve_known_clip};
 use crate::draw::{ReportPictures, Scene, draw_video, write_report};
 use crate::identity::{peak_memory_bytes, versions};
@@ -16,7 +15,8 @@ use crate::left::{Job, Left, SPOOL};
 use crate::memory::EVIDENCE;
 use crate::scene_lines::SceneView;
 use crate::speed::Meter;
-use crate::track_file::write_solution;
+use crate::track_file::write_camera_and_place;
+use crate::track_rows::{ShownRows, TrackRows};
 use crate::{Config, PipelineError, Silent};
 
 /// What the right half begins with.
@@ -38,7 +38,7 @@ pub(crate) struct Finish<'a> {
 /// Solves the clip and writes all files of its result.
 pub(crate) fn finish(work: Finish<'_>, job: &Job<'_>) -> Result<ClipSolution, PipelineError> {
     let &Job { options, config, cancel, progress } = job;
-    let Finish { folder, stem, left, mut activity, started, mut meter } = work;
+    let Finish { folder, stem, left, activity, started, mut meter } = work;
     let input = Path::new(&left.input.path);
     let place = left.place.as_ref();
     let atlas = ShapeAtlas::shipped()?;
@@ -50,20 +50,21 @@ pub(crate) fn finish(work: Finish<'_>, job: &Job<'_>) -> Result<ClipSolution, Pi
     progress.phase("solving");
     let solving = Instant::now();
     let (spool, poses) = (folder.join(SPOOL), folder.join("poses.jsonl"));
-    let given = Given { known: &options.known, recall: recall.as_ref(), site: options.site.as_ref() };
-    let mut solution = solve_known_clip(&spool, &poses, &atlas, &given, config, cancel)?;
-    let events = activity.as_mut().map(|net| label_rows(net, &mut solution.rows)).transpose()?;
+    let given = Given { recall: recall.as_ref(), site: options.site.as_ref(), ..Given::new(&options.known) };
+    let drawn = left.samples.iter().map(|(frame, ..)| *frame).chain(left.stills.crop_frames());
+    let mut rows = TrackRows::new(folder, activity, ShownRows::new(options.video, drawn.collect()));
+    let mut solution = solve_known_clip(&spool, &poses, &atlas, &given, &mut rows, config, cancel)?;
+    let shown = rows.finish()?;
+    let is_thinned = shown.is_thinned();
+    solution.rows = shown.rows;
     let solve_s = solving.elapsed().as_secs_f64();
     if let Some(meter) = &mut meter {
         meter.solved();
     }
     progress.phase("writing");
-    write_solution(folder, &solution)?;
+    write_camera_and_place(folder, &solution)?;
     if let Some(said) = solution.cameras.said() {
         write_evidence(&folder.join(EVIDENCE), said)?;
-    }
-    if let Some(events) = &events {
-        write_events(&folder.join("activities.jsonl"), events)?;
     }
     let mut summary = summary_of(left, &solution, config);
     summary.seconds.push(StageSeconds { stage: "solve".to_owned(), seconds: solve_s });
@@ -72,13 +73,13 @@ pub(crate) fn finish(work: Finish<'_>, job: &Job<'_>) -> Result<ClipSolution, Pi
     summary.peak_memory_bytes = peak_memory_bytes();
     summary.speed = meter.as_mut().map(Meter::speed);
     let report = folder.join("report.html");
-    let seen = ReportPictures { samples: &left.samples, stills: &left.stills, background: place };
+    let seen = ReportPictures { samples: &left.samples, stills: &left.stills, background: place, is_thinned };
     write_report(&report, stem, &atlas, &solution, &seen, &summary, config)?;
     // The report cannot tell what it costs itself.
     summary.speed = meter.as_mut().map(Meter::speed);
     if options.video {
         progress.phase("drawing");
-        let scene = Scene::new(&solution.cameras, &solution.rows, solution.shapes(), &atlas);
+        let scene = Scene::new(&solution.cameras, &solution.rows, &solution.shapes, &atlas);
         draw_video(input, &scene, &folder.join("annotated.mp4"), config, cancel, &Silent)?;
     }
     write_summary(&folder.join("summary.json"), &summary)?;
@@ -125,8 +126,8 @@ pub fn note_solution(summary: &mut Summary, solution: &ClipSolution) {
     counts.boxes = solution.tally.boxes.clone();
     counts.rejected = solution.tally.rejected.clone();
     counts.poses_used = solution.poses_used;
-    counts.tracks = solution.tracks.len() as u64;
-    counts.track_rows = solution.rows.len() as u64;
+    counts.tracks = solution.shapes.len() as u64;
+    counts.track_rows = solution.row_count;
     summary.known = solution.cameras.known().to_vec();
     summary.scene_lines = solution.cameras.scene().iter().map(SceneView::summary).collect();
     summary.warnings.extend(solution.warnings.iter().cloned());

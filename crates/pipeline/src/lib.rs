@@ -41,6 +41,7 @@ mod losses;
 mod memory;
 mod models;
 mod moments;
+mod pass;
 mod piece;
 mod progress;
 mod run;
@@ -53,7 +54,9 @@ mod speed;
 mod stage_files;
 mod stills;
 mod streaming;
+mod stretch;
 mod track_file;
+mod track_rows;
 mod watched;
 
 pub use activities::{activity_file, open_activity, track_motion};

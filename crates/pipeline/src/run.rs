@@ -169,7 +169,7 @@ fn publish(
     }
     Ok(RunReport {
         folder: folder.publish()?,
-        tracks: Some(solution.tracks.len() as u64),
+        tracks: Some(solution.shapes.len() as u64),
         camera: solution.camera_in_words(),
         damaged: decode.is_damaged(),
         frames_lost: decode.missing,

@@ -117,6 +117,11 @@ impl Stills {
         self.frames.items().cloned().collect()
     }
 
+    /// Frames that cut-outs are of.
+    pub(crate) fn crop_frames(&self) -> impl Iterator<Item = u64> {
+        self.crops.items().flatten().map(|crop| crop.frame)
+    }
+
     /// The cut-outs by the tracks that they are of, by track and time.
     pub(crate) fn views(&self, rows: &[TrackRow]) -> Vec<TrackView> {
         let mut of_track: BTreeMap<u64, Vec<&Crop>> = BTreeMap::new();

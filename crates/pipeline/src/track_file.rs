@@ -5,13 +5,14 @@ use std::time::Instant;
 
 use roadplane_base::ShapeAtlas;
 use roadplane_write::{
-    Existing, OutputFolder, StageSeconds, Summary, TrackFiles, write_camera, write_json, write_summary,
+    Existing, OutputFolder, StageSeconds, Summary, write_camera, write_json, write_summary,
 };
 
-use crate::clip::{ClipSolution, solve_clip};
+use crate::clip::{ClipSolution, Given, solve_known_clip};
 use crate::finish::note_solution;
 use crate::identity::{file_identity, versions};
 use crate::run::RunReport;
+use crate::track_rows::{ShownRows, TrackRows};
 use crate::{Cancel, Config, Known, PipelineError};
 
 /// Tracks the cars of a frames file into `out/<stem>/`: camera, poses, tracks and summary as a run leaves them. Hold the lock of
@@ -41,8 +42,14 @@ pub fn track_file(
     if folder.is_resumed() {
         folder.reset()?;
     }
-    let solved = solve_clip(frames, &folder.path().join("poses.jsonl"), &atlas, known, config, cancel)
-        .and_then(|solution| write_solution(folder.path(), &solution).map(|()| solution));
+    let mut rows = TrackRows::new(folder.path(), None, ShownRows::default());
+    let poses = folder.path().join("poses.jsonl");
+    let solved = solve_known_clip(frames, &poses, &atlas, &Given::new(known), &mut rows, config, cancel)
+        .and_then(|solution| {
+            rows.finish()?;
+            write_camera_and_place(folder.path(), &solution)?;
+            Ok(solution)
+        });
     let solution = match solved {
         Ok(solution) => solution,
         Err(error) => {
@@ -54,23 +61,16 @@ pub fn track_file(
     summary.wall_s = started.elapsed().as_secs_f64();
     summary.seconds = vec![StageSeconds { stage: "solve".to_owned(), seconds: summary.wall_s }];
     write_summary(&folder.path().join("summary.json"), &summary)?;
-    let tracks = Some(solution.tracks.len() as u64);
+    let tracks = Some(solution.shapes.len() as u64);
     let camera = solution.camera_in_words();
     Ok(RunReport { folder: folder.publish()?, tracks, camera, damaged: false, frames_lost: 0 })
 }
 
-/// `camera.json`, the track files, and `place.json` where the camera's place is known.
-///
-/// # Errors
-/// [`PipelineError::Write`].
-pub fn write_solution(folder: &Path, solution: &ClipSolution) -> Result<(), PipelineError> {
+/// `camera.json`, and `place.json` where the camera's place is known.
+pub(crate) fn write_camera_and_place(folder: &Path, solution: &ClipSolution) -> Result<(), PipelineError> {
     write_camera(&folder.join("camera.json"), solution.cameras.estimates())?;
     if let Some(place) = &solution.place {
         write_json(&folder.join("place.json"), &place.fit)?;
     }
-    let mut files = TrackFiles::create(folder, solution.place.is_some())?;
-    for row in &solution.rows {
-        files.write(row)?;
-    }
-    Ok(files.finish()?)
+    Ok(())
 }
