@@ -106,7 +106,7 @@ mod tests {
     #[test]
     fn what_a_nearer_vehicle_covers_does_not_count_unless_it_is_all_there_is() {
         // White, with the right half of the box behind something black.
-        let image = RgbImage::from_fn(100, 100, |x, _| if x < 40 { Rgb([240; 3]) } else { Rgb([10; 3]) });
+        let image = RgbImage::from_fn(100, 100, |x, _| if x < 38 { Rgb([240; 3]) } else { Rgb([10; 3]) });
         let bbox = [0.0, 20.0, 80.0, 60.0];
         let nearer = [40.0, 30.0, 99.0, 90.0];
         let colour = |there: &[[f64; 4]]| median(body_pixels(&image, &bbox, there));
