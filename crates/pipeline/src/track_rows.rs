@@ -124,33 +124,11 @@ fn thin(rows: &mut Vec<TrackRow>, frames: &BTreeSet<u64>) {
 mod tests {
     use super::*;
     use roadplane_activity::Label;
-    use roadplane_base::VehicleClass;
+    use roadplane_synth::standing;
 
     fn row(frame: u64, track: u64) -> TrackRow {
-        TrackRow {
-            frame,
-            time_s: frame as f64 / 10.0,
-            track,
-            x_m: 0.0,
-            y_m: 20.0,
-            heading_rad: 0.0,
-            speed_mps: 0.0,
-            x_sd_m: 0.1,
-            y_sd_m: 0.2,
-            heading_sd_rad: 0.02,
-            length_m: 4.5,
-            width_m: 1.8,
-            height_m: 1.5,
-            bbox_px: [100.0, 100.0, 160.0, 140.0],
-            score: 0.9,
-            observed: frame.is_multiple_of(4),
-            class: VehicleClass::Car,
-            segment: 0,
-            speed_sd_mps: 0.1,
-            activity: None,
-            activity_p: None,
-            on_map: None,
-        }
+        let row = standing(track, frame, frame as f64 / 10.0);
+        TrackRow { observed: frame.is_multiple_of(4), ..row }
     }
 
     #[test]

@@ -10,7 +10,7 @@ const KEYPOINT_ODDS: f64 = 4.0;
 /// Log odds of driving ahead, per metre: some reverse for ten metres, hardly anybody for fifty.
 const ODDS_PER_M: f64 = 0.4;
 /// Nobody reverses faster than this, m/s.
-const MAX_REVERSE_MPS: f64 = 6.0;
+const MAX_REVERSE_MPS: f64 = 4.0;
 const FAST_ODDS: f64 = 6.0;
 /// Way that is told from jitter, m.
 const STEP_M: f64 = 1.0;
