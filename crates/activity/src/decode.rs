@@ -96,6 +96,14 @@ fn steady(found: &Probabilities) -> Vec<usize> {
     labels
 }
 
+/// Where a motion is in a stretch of steps, m.
+fn places<'a>(motion: &'a Motion, stretch: &[i64]) -> &'a [[f64; 2]] {
+    let (Some(from), Some(to)) = (stretch.first(), stretch.last()) else { return &[] };
+    let first = motion.time_s.partition_point(|t| *t < *from as f64 * STEP_S);
+    let last = motion.time_s.partition_point(|t| *t <= *to as f64 * STEP_S);
+    motion.xy_m.get(first..last).unwrap_or_default()
+}
+
 /// Turns what does not leave its place beside a stand into standing.
 fn settle(labels: &mut [usize], steps: &[i64], motion: &Motion) {
     let still = Label::NotMoving.index();
@@ -110,10 +118,7 @@ fn settle(labels: &mut [usize], steps: &[i64], motion: &Motion) {
         .collect();
     for (begin, end) in runs {
         let beside_a_stand = begin > 0 || end < labels.len();
-        let (from_s, to_s) = (steps[begin] as f64 * STEP_S, steps[end - 1] as f64 * STEP_S);
-        let first = motion.time_s.partition_point(|t| *t < from_s);
-        let last = motion.time_s.partition_point(|t| *t <= to_s);
-        let places = motion.xy_m.get(first..last).unwrap_or_default();
+        let places = places(motion, &steps[begin..end]);
         let stays = places.iter().all(|xy| (xy[0] - places[0][0]).hypot(xy[1] - places[0][1]) < MOVED_M);
         if labels[begin] != still && beside_a_stand && stays {
             labels[begin..end].fill(still);
@@ -131,10 +136,7 @@ fn bend(labels: &mut [usize], steps: &[i64], motion: &Motion) {
         if !turns.contains(&run[0]) {
             continue;
         }
-        let (from_s, to_s) = (steps[begin] as f64 * STEP_S, steps[end - 1] as f64 * STEP_S);
-        let first = motion.time_s.partition_point(|t| *t < from_s);
-        let last = motion.time_s.partition_point(|t| *t <= to_s);
-        let Some(turned_rad) = motion.xy_m.get(first..last).and_then(turned) else { continue };
+        let Some(turned_rad) = turned(places(motion, &steps[begin..end])) else { continue };
         if turned_rad.abs() < TURNED_RAD {
             run.fill(Label::Moving.index());
         } else if run[0] == Label::UTurn.index() && turned_rad.abs() < U_TURN_RAD {

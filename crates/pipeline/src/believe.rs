@@ -64,7 +64,7 @@ const MIN_SEEN_SHARE: f64 = 0.5;
 const SAME_TIME_S: f64 = 1e-6;
 
 /// Whether a track is of a vehicle. Hedges, arrows on the road and waiting motorcycles are found as cars again and again at one
-/// place, but with low scores, for a moment, in few looks, or as cars that nobody builds; what drives is believed. `looked_s`:
+/// place, but with low scores, for a moment, in few looks, or as cars that nobody builds; what is seen to drive need not be there long. `looked_s`:
 /// when frames were looked at, in order, s.
 #[must_use]
 pub fn is_vehicle(track: &Track, height_m: f64, looked_s: &[f64]) -> bool {

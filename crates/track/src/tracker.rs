@@ -9,7 +9,7 @@ use roadplane_base::{
 };
 
 use crate::{
-    CarMeasurement, FrameMeasurements, HeldCar, Looks, Track, TrackOptions,
+    CarMeasurement, FrameMeasurements, HeldCar, Looks, SeenAgain, Track, TrackOptions,
     duplicates::{merge_duplicates, merge_smoothed},
     filter::Filter,
     link::link,
@@ -346,13 +346,12 @@ impl Tracker {
                 held[l] = true;
             }
         }
-        // Neither takes another's box.
-        let has_own: Vec<bool> = self
-            .live
-            .iter()
-            .zip(&held)
-            .map(|(live, held)| *held || frame.seen_again.iter().any(|car| car.look == live.look))
+        let again: Vec<Option<&SeenAgain>> = (self.live.iter())
+            .map(|live| frame.seen_again.iter().find(|car| car.look == live.look))
             .collect();
+        // Neither takes another's box.
+        let has_own: Vec<bool> =
+            held.iter().zip(&again).map(|(held, again)| *held || again.is_some()).collect();
         let pairs = assign(self.live.len(), cars.len(), ALONE, |l, c| {
             if has_own[l] { f64::INFINITY } else { self.live[l].cost(&observations[c], gate) }
         });
@@ -367,10 +366,9 @@ impl Tracker {
                 None => live.missed += usize::from(is_look && !has_own),
             }
         }
-        let own: Vec<Observation> = (self.live.iter().zip(&has_own))
+        let own: Vec<Observation> = (self.live.iter().zip(&again).zip(&has_own))
             .filter(|(_, has_own)| **has_own)
-            .filter_map(|(live, _)| {
-                let again = frame.seen_again.iter().find(|car| car.look == live.look);
+            .filter_map(|((live, again), _)| {
                 let last = live.last()?;
                 Some(Observation { bbox_px: again.map_or(last.bbox_px, |car| car.bbox_px), ..last.clone() })
             })
