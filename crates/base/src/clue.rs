@@ -66,6 +66,26 @@ const STEP: f64 = 1e-5;
 /// Cost of a clue that makes no sense before a camera (ground pixels above its horizon).
 const IMPOSSIBLE: f64 = 1e3;
 
+/// One of the things that a clue may mean: that its residual is N(0, covariance).
+#[derive(Clone, Copy, Debug)]
+pub struct Reading {
+    /// Prior probability, 0–1.
+    pub share: f64,
+    /// What the clue says less what the camera does, the clue's units.
+    pub residual: Vector2<f64>,
+    /// Its covariance.
+    pub covariance: Matrix2<f64>,
+}
+
+impl Reading {
+    /// Density of the residual times the share, and the information on it.
+    fn density(&self) -> Option<(f64, Matrix2<f64>)> {
+        let information = self.covariance.try_inverse()?;
+        let distance = self.residual.dot(&(information * self.residual));
+        Some((self.share * (-0.5 * distance).exp() / self.covariance.determinant().sqrt(), information))
+    }
+}
+
 /// How far off a clue is.
 struct Misfit {
     /// In the clue's own units; the second is 0 for clues of one number.
@@ -167,25 +187,45 @@ impl Clue {
                 let cost = 0.5 * residual * residual + log_sd.ln();
                 cost.is_finite().then(|| Misfit::of_one(residual, cost))
             }
-            Self::Upright { bend, roll, covariance } => {
-                let params = CameraParams::from_vector(camera);
-                let (tan, cos) = (params.tilt.tan(), params.tilt.cos());
-                let residual = Vector2::new(bend - tan / params.focal_px(), roll - params.roll);
-                let density = |slope_sd: f64, share: f64| {
-                    let of_slope = Vector2::new(1.0 / (cos * cos * params.focal_px()), 1.0 / cos) * slope_sd;
-                    let all = covariance + Matrix2::from_diagonal(&of_slope.component_mul(&of_slope));
-                    let information = all.try_inverse()?;
-                    let distance = residual.dot(&(information * residual));
-                    Some((share * (-0.5 * distance).exp() / all.determinant().sqrt(), information))
-                };
-                let level = density(Self::SLOPE_SD, 1.0 - Self::STEEP_SHARE)?;
-                let steep = density(Self::STEEP_SD, Self::STEEP_SHARE)?;
-                let total = level.0 + steep.0;
-                let weight = (level.0 * level.1 + steep.0 * steep.1) / total;
+            Self::Upright { .. } => {
+                let [level, steep] = self.readings(camera)?;
+                let (of_level, of_steep) = (level.density()?, steep.density()?);
+                let total = of_level.0 + of_steep.0;
+                let weight = (of_level.0 * of_level.1 + of_steep.0 * of_steep.1) / total;
                 let cost = -total.ln();
-                cost.is_finite().then_some(Misfit { residual, weight, cost })
+                cost.is_finite().then_some(Misfit { residual: level.residual, weight, cost })
             }
         }
+    }
+
+    /// What a clue may mean before a camera: a level street, a steep one. `None` of clues that mean one thing.
+    #[must_use]
+    pub fn readings(&self, camera: &Vector4<f64>) -> Option<[Reading; 2]> {
+        let Self::Upright { bend, roll, covariance } = *self else { return None };
+        let params = CameraParams::from_vector(camera);
+        let (tan, cos) = (params.tilt.tan(), params.tilt.cos());
+        let residual = Vector2::new(bend - tan / params.focal_px(), roll - params.roll);
+        let sloped = |slope_sd: f64, share: f64| {
+            let of_slope = Vector2::new(1.0 / (cos * cos * params.focal_px()), 1.0 / cos) * slope_sd;
+            let covariance = covariance + Matrix2::from_diagonal(&of_slope.component_mul(&of_slope));
+            Reading { share, residual, covariance }
+        };
+        let steep = Self::STEEP_SHARE;
+        Some([sloped(Self::SLOPE_SD, 1.0 - steep), sloped(Self::STEEP_SD, steep)])
+    }
+
+    /// Derivative of its residual by the camera; 0 where it makes no sense.
+    #[must_use]
+    pub fn residual_by_camera(&self, camera: &Vector4<f64>) -> SMatrix<f64, 2, 4> {
+        let mut by = SMatrix::<f64, 2, 4>::zeros();
+        for i in 0..4 {
+            let step = Vector4::ith(i, STEP);
+            if let (Some(plus), Some(minus)) = (self.misfit(&(camera + step)), self.misfit(&(camera - step)))
+            {
+                by.set_column(i, &((plus.residual - minus.residual) / (2.0 * STEP)));
+            }
+        }
+        by
     }
 
     /// What it adds at a camera.
@@ -196,16 +236,14 @@ impl Clue {
         }
         let mut terms = ClueTerms { gradient: Vector4::zeros(), information: Matrix4::zeros() };
         let Some(here) = self.misfit(camera) else { return terms };
-        let mut by = SMatrix::<f64, 2, 4>::zeros();
         for i in 0..4 {
             let step = Vector4::ith(i, STEP);
-            let (Some(plus), Some(minus)) = (self.misfit(&(camera + step)), self.misfit(&(camera - step)))
-            else {
-                continue;
-            };
-            terms.gradient[i] = (plus.cost - minus.cost) / (2.0 * STEP);
-            by.set_column(i, &((plus.residual - minus.residual) / (2.0 * STEP)));
+            if let (Some(plus), Some(minus)) = (self.misfit(&(camera + step)), self.misfit(&(camera - step)))
+            {
+                terms.gradient[i] = (plus.cost - minus.cost) / (2.0 * STEP);
+            }
         }
+        let by = self.residual_by_camera(camera);
         terms.information = by.transpose() * here.weight * by;
         terms
     }

@@ -62,7 +62,7 @@ pub use atlas::{
 pub use bbox::{bbox_around, bbox_centre, bbox_covered, bbox_iou, bbox_moved, bbox_share_inside};
 pub use camera::{Camera, CameraParams, ImageSize};
 pub use camera_prior::{CameraPrior, is_told};
-pub use clue::{Clue, ClueTerms};
+pub use clue::{Clue, ClueTerms, Reading};
 pub use evidence::{CameraEvidence, ClipIdentity, EVIDENCE_SCHEMA, ParkedCar};
 pub use frame::{Frame, FrameStamp};
 pub use keypoint::{

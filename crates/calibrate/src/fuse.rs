@@ -218,15 +218,25 @@ fn with_clues(
     for (i, _) in &clues {
         at[*i] = groups[*i].last().map_or(at[*i], |window| [window.solved.to_vector(); 2]);
     }
+    let mut told: Vec<Vec<Evidence>> =
+        clues.iter().map(|(_, clues)| vec![Evidence::none(); clues.len()]).collect();
     let mut nodes = cars.clone();
     for _ in 0..CLUE_ROUNDS {
-        for (i, clues) in &clues {
+        for ((i, clues), told) in clues.iter().zip(&mut told) {
             let [by_cars, in_metres] = at[*i];
-            let of = |scale: bool, at| {
-                Evidence::of_clues(clues.iter().copied().filter(|clue| clue.is_by_cars() == scale), at)
-            };
-            nodes[*i].cars = cars[*i].cars.and(&of(true, &by_cars));
-            nodes[*i].metres = of(false, &in_metres);
+            let known = states[*i].evidence();
+            nodes[*i] = cars[*i].clone();
+            for (clue, told) in clues.iter().zip(told) {
+                let node = &mut nodes[*i];
+                if clue.is_by_cars() {
+                    *told = Evidence::of_clue(clue, &by_cars, None);
+                    node.cars = node.cars.and(told);
+                } else {
+                    *told =
+                        Evidence::of_clue(clue, &in_metres, known.map(|known| known.without(told)).as_ref());
+                    node.metres = node.metres.and(told);
+                }
+            }
         }
         if clues.is_empty() {
             break;

@@ -5,7 +5,7 @@
 //! h = h' s, and so s.
 
 use nalgebra::{Matrix4, SMatrix, SVector, Vector4};
-use roadplane_base::{Clue, ClueTerms};
+use roadplane_base::{Clue, ClueTerms, Reading};
 
 use crate::FusePrior;
 
@@ -43,10 +43,52 @@ impl Evidence {
         Self { information: Matrix4::zeros(), weighted: Vector4::zeros() }
     }
 
-    /// What clues say, as seen from a camera.
-    pub(crate) fn of_clues<'a>(clues: impl Iterator<Item = &'a Clue>, at: &Vector4<f64>) -> Self {
-        let ClueTerms { gradient, information } = ClueTerms::of(clues, at);
-        Self { information, weighted: information * at - gradient }
+    /// What a clue says beside all else that is known of the camera (mean and covariance), linearised at a camera.
+    ///
+    /// One that may mean two things leaves two Gaussians; it says what makes one of them, of their mean and covariance
+    /// (expectation propagation, Minka 2001).
+    pub(crate) fn of_clue(clue: &Clue, at: &Vector4<f64>, rest: Option<&Self>) -> Self {
+        let ClueTerms { gradient, information } = ClueTerms::of([clue], at);
+        let linear = Self { information, weighted: information * at - gradient };
+        let Some((readings, rest)) = clue.readings(at).zip(rest) else { return linear };
+        Self::of_readings(&readings, &clue.residual_by_camera(at), at, rest).unwrap_or(linear)
+    }
+
+    fn of_readings(
+        readings: &[Reading],
+        by: &SMatrix<f64, 2, 4>,
+        at: &Vector4<f64>,
+        rest: &Self,
+    ) -> Option<Self> {
+        let (expected, spread) = rest.moments()?;
+        let mut told: Vec<(f64, Vector4<f64>, Matrix4<f64>)> = Vec::with_capacity(readings.len());
+        for reading in readings {
+            let surprise = reading.residual + by * (expected - at);
+            let innovation = (reading.covariance + by * spread * by.transpose()).cholesky()?;
+            let weight = reading.share * (-0.5 * surprise.dot(&innovation.solve(&surprise))).exp()
+                / innovation.determinant().sqrt();
+            let gain = -spread * by.transpose() * innovation.inverse();
+            told.push((weight, expected + gain * surprise, spread + gain * by * spread));
+        }
+        let total: f64 = told.iter().map(|(weight, ..)| weight).sum();
+        let mean = told.iter().map(|(weight, mean, _)| mean * (weight / total)).sum::<Vector4<f64>>();
+        let covariance = told.iter().map(|(weight, own, covariance)| {
+            let off = own - mean;
+            (covariance + off * off.transpose()) * (weight / total)
+        });
+        let covariance = covariance.sum::<Matrix4<f64>>();
+        let information = ((covariance + covariance.transpose()) / 2.0).cholesky()?.inverse();
+        Some(Self { information, weighted: information * mean }.without(rest))
+    }
+
+    /// As one Gaussian; `None` where it does not say all.
+    fn moments(&self) -> Option<(Vector4<f64>, Matrix4<f64>)> {
+        let factor = self.information.cholesky()?;
+        Some((factor.solve(&self.weighted), factor.inverse()))
+    }
+
+    pub(crate) fn without(&self, other: &Self) -> Self {
+        Self { information: self.information - other.information, weighted: self.weighted - other.weighted }
     }
 
     pub(crate) fn and(&self, other: &Self) -> Self {
@@ -72,6 +114,13 @@ impl Gaussian {
     pub(crate) fn camera(&self) -> (Vector4<f64>, Matrix4<f64>) {
         let into = into_metres();
         (into * self.0, into * self.1 * into.transpose())
+    }
+
+    /// All that is known of (log f, tilt, roll, log h).
+    pub(crate) fn evidence(&self) -> Option<Evidence> {
+        let (mean, covariance) = self.camera();
+        let information = covariance.cholesky()?.inverse();
+        Some(Evidence { information, weighted: information * mean })
     }
 
     /// (log f, tilt, roll, log h'): with cars of the atlas' sizes.

@@ -1,4 +1,4 @@
-use nalgebra::{Matrix4, Vector2, Vector4};
+use nalgebra::{Matrix2, Matrix4, Vector2, Vector4};
 use roadplane_base::{
     Camera, CameraEstimate, CameraParams, CameraStatus, Clue, ImageSize, JointInformation, Lens, SceneLine,
 };
@@ -207,4 +207,42 @@ fn a_window_says_the_same_of_the_horizon_from_wherever_it_is_looked_at() {
     assert!((sd(&there, &at) / sd(&cars, &cars.params) - 1.0).abs() < 1e-6);
     let nothing = WindowEstimate { joint: JointInformation::none(), ..cars };
     assert_eq!(beside_a_witness(&nothing, &at).joint, JointInformation::none());
+}
+
+#[test]
+fn a_street_that_may_be_steep_leaves_mean_and_covariance_of_both() {
+    let sd = Vector4::new(0.06, 0.02, 0.012, 0.05);
+    let truth = Vector4::new(1500f64.ln(), 0.25, 0.02, 8f64.ln());
+    let information = Matrix4::from_diagonal(&sd.map(|sd| 1.0 / (sd * sd)));
+    let cars = WindowEstimate {
+        params: CameraParams::from_vector(&truth),
+        solved: CameraParams::from_vector(&truth),
+        joint: JointInformation::of_camera(&information, &truth),
+        ..window(&CameraEstimate { covariance: Matrix4::identity(), ..place(3, 0, 0, 0).cars })
+    };
+    // About as likely on a level street as on a steep one.
+    let bend = (truth[1] + 0.12).tan() / 1500.0;
+    let clue = Clue::Upright { bend, roll: 0.02, covariance: Matrix2::new(1e-12, 0.0, 0.0, 1e-6) };
+    let options = FuseOptions { clues: [(0, [clue].into())].into(), ..FuseOptions::for_image(SIZE) };
+    let joined = &fuse(&[cars], &options)[0];
+    let (mut total, mut sum, mut squares) = (0.0, Vector4::zeros(), Matrix4::zeros());
+    let steps = 24;
+    let at = |i: i32, number: usize| 4.5 * f64::from(i) / f64::from(steps) * sd[number];
+    for (i, j, k) in (-steps..=steps)
+        .flat_map(|i| (-steps..=steps).flat_map(move |j| (-steps..=steps).map(move |k| (i, j, k))))
+    {
+        let off = Vector4::new(at(i, 0), at(j, 1), at(k, 2), 0.0);
+        let weight = (-0.5 * off.dot(&(information * off)) - clue.cost(&(truth + off))).exp();
+        total += weight;
+        sum += weight * off;
+        squares += weight * off * off.transpose();
+    }
+    let mean = sum / total;
+    let covariance = squares / total - mean * mean.transpose();
+    for number in 0..3 {
+        let found = joined.params.to_vector()[number] - truth[number];
+        let (own, exact) = (joined.covariance[(number, number)].sqrt(), covariance[(number, number)].sqrt());
+        assert!((found - mean[number]).abs() < 0.3 * exact, "{number}: {found}, exactly {}", mean[number]);
+        assert!((own / exact - 1.0).abs() < 0.05, "{number}: sd {own}, exactly {exact}");
+    }
 }
