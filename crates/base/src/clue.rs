@@ -19,6 +19,13 @@ pub enum Clue {
         /// Its sd, above 0.
         sd: f64,
     },
+    /// One over the focal length, as rays to cars that are parallel tell it.
+    InverseFocal {
+        /// Its value, 1/px.
+        per_px: f64,
+        /// Its sd, above 0.
+        sd: f64,
+    },
     /// All four numbers, as a survey or another solve has them.
     Camera {
         /// They.
@@ -176,6 +183,10 @@ impl Clue {
                 let residual = (camera.get(which)? - value) / sd;
                 Some(Misfit::of_one(residual, 0.5 * residual * residual))
             }
+            Self::InverseFocal { per_px, sd } => {
+                let residual = (per_px - (-camera[0]).exp()) / sd;
+                Some(Misfit::of_one(residual, 0.5 * residual * residual))
+            }
             Self::Camera { mean, information, .. } => {
                 let off = camera - mean;
                 let square = off.dot(&(information * off)).max(0.0);
@@ -294,6 +305,7 @@ mod tests {
         };
         vec![
             Clue::Number { which: 1, value: 0.3, sd: 0.01 },
+            Clue::InverseFocal { per_px: 1.0 / 1200.0, sd: 5e-6 },
             Clue::Camera { mean: camera(), information: correlated(), by_cars: false },
             length(project(-2.0, 18.0, 0.0), project(3.0, 18.0, 0.0)),
             length(project(0.0, 15.0, 0.0), project(3.0, 19.0, 0.0)),
@@ -316,7 +328,7 @@ mod tests {
         assert!(information.row(3).norm() + information.column(3).norm() < 1e-12);
         let marginal = correlated().try_inverse().unwrap().fixed_view::<3, 3>(0, 0).try_inverse().unwrap();
         assert!((information.fixed_view::<3, 3>(0, 0) - marginal).norm() < 1e-9);
-        assert!(clues().iter().filter_map(Clue::without_scale).count() == 3);
+        assert!(clues().iter().filter_map(Clue::without_scale).count() == 4);
     }
 
     #[test]

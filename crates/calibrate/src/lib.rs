@@ -10,6 +10,7 @@
 //!             → Window { views, … } → (joint solve of the window, elsewhere) → WindowEstimate
 //!             → fuse → CameraEstimate per stretch of time
 //! SceneLine → verticals → Clue, and beside_a_witness(windows) → more for fuse      what the scene says of the focal length
+//! CarHeading → parallel → Clue                                                    what parallel cars say of it
 //! SceneCurve → LensView → how the lens bends lines, and how well that is known             before anything is solved
 //! CameraEvidence of other clips → epochs → more WindowEstimates for fuse      what is remembered of the camera
 //! ```
@@ -26,6 +27,7 @@ mod lens;
 mod linker;
 mod moves;
 mod nodes;
+mod parallel;
 mod remember;
 mod select;
 mod stretch;
@@ -39,6 +41,7 @@ pub use fuse::{CarUse, FuseOptions, FusePrior, Joined, WindowEstimate, condense,
 pub use lens::{LensFound, LensView, LogFocal};
 pub use linker::{LinkId, Linker, LinkerOptions};
 pub use moves::{MoveDetector, MoveOptions, MoveState, SegmentStart};
+pub use parallel::{CarHeading, Parallel, parallel};
 pub use remember::{Epoch, SameView, epochs, joins, same_vehicle};
 pub use select::{SelectOptions, View, ViewSelector};
 pub use verticals::{Verticals, verticals};

@@ -9,19 +9,23 @@ use roadplane_base::{
     ImageSize, JointInformation, KeypointSet, Lens, ParkedCar, SceneCurve, ShapeAtlas,
 };
 use roadplane_calibrate::{
-    CarUse, Epoch, EvidenceBuilder, EvidenceOptions, FuseOptions, FusePrior, Joined, LinkId, SegmentStart,
-    View, Window, WindowEstimate, condense, epochs, fuse, join, joins, same_vehicle,
+    CarHeading, CarUse, Epoch, EvidenceBuilder, EvidenceOptions, FuseOptions, FusePrior, Joined, LinkId,
+    SegmentStart, View, Window, WindowEstimate, condense, epochs, fuse, join, joins, same_vehicle,
 };
 use roadplane_geo::{Place, Site};
-use roadplane_solve::{CarView, SceneOptions, SceneSolution, SceneStatus, solve_scene};
+use roadplane_solve::{
+    CarSolution, CarView, SceneOptions, SceneSolution, SceneStatus, ShapePrior, fit_car, solve_scene,
+};
 use roadplane_write::KnownSummary;
 
 use crate::believe::{is_believable, projected_box};
 use crate::lens::LensOfClip;
 use crate::memory::{Recall, look};
-use crate::scene_lines::{SceneView, ToldLines, and_verticals, hear_witnesses};
+use crate::scene_lines::{Heard, SceneView, ToldLines, and_witnesses, hear_witnesses};
 use crate::{Config, Known, PipelineError};
 
+/// Longer side of a box whose car's turn is of use, px.
+const LEAST_TURNED_PX: f64 = 40.0;
 /// sd of log focal that stands for "given".
 const GIVEN_LOG_FOCAL_SD: f64 = 1e-6;
 /// sd of the mean size of a place's cars against the shape atlas', log: those of the USA are some 6 % longer than Europe's,
@@ -201,9 +205,9 @@ pub fn estimate_cameras(
     };
     take(builder.finish(), size, lens.lens(), &known);
     let position = moves_s.len();
-    let (mut untold, parked) = (untold.windows, untold.parked);
+    let (mut untold, parked, headings) = (untold.windows, untold.parked, untold.headings);
     let mut fuse_options = lens.count(&untold, fuse_options(size, position, &known, config));
-    let mut told = told.map(|solving| solving.windows);
+    let (mut told, told_headings) = told.map(|told| (told.windows, told.headings)).unzip();
     let said = recall.and_then(|recall| {
         let options = fuse_options.for_cars();
         let (said, links) = evidence_of(recall, &untold, position, span_s, &parked, &options)?;
@@ -220,17 +224,17 @@ pub fn estimate_cameras(
             windows.push(nothing_seen(&fuse_options, span_s, 0));
         }
     }
-    let mut scene = Vec::new();
-    if config.solve.use_verticals {
-        let position_at = |time_s: f64| moves_s.iter().filter(|from_s| **from_s <= time_s).count();
-        let lines = scene_lines.by_position(position_at);
-        if let Some(told) = &mut told {
-            hear_witnesses(&mut untold, &lines, &mut fuse_options.for_cars());
-            scene = hear_witnesses(told, &lines, &mut fuse_options);
-        } else {
-            scene = hear_witnesses(&mut untold, &lines, &mut fuse_options);
-        }
-    }
+    let position_at = |time_s: f64| moves_s.iter().filter(|from_s| **from_s <= time_s).count();
+    let lines =
+        if config.solve.use_verticals { scene_lines.by_position(position_at) } else { BTreeMap::new() };
+    let mut heard = Heard { lines, headings };
+    let scene = if let Some(told) = &mut told {
+        hear_witnesses(&mut untold, &heard, &mut fuse_options.for_cars());
+        heard.headings = told_headings.unwrap_or_default();
+        hear_witnesses(told, &heard, &mut fuse_options)
+    } else {
+        hear_witnesses(&mut untold, &heard, &mut fuse_options)
+    };
     let Joined { mut estimates, size_of_cars } = join(told.as_ref().unwrap_or(&untold), &fuse_options);
     if estimates.is_empty() {
         estimates.push(unobservable(&fuse_options, span_s, size));
@@ -238,7 +242,7 @@ pub fn estimate_cameras(
     }
     let known = known.checked(size, |others| {
         let mut clues = clues_by_position(size, position, others);
-        and_verticals(&mut clues, &scene);
+        and_witnesses(&mut clues, &scene);
         fuse(&untold, &FuseOptions { clues, ..fuse_options.clone() }).into_iter().next()
     });
     Ok(CameraTrack { estimates, moves_s, said, size_of_cars, known, scene })
@@ -252,11 +256,20 @@ struct Solving<'a> {
     start: Option<CameraParams>,
     windows: Vec<WindowEstimate>,
     parked: BTreeMap<LinkId, ParkedCar>,
+    /// How cars are turned, by the camera's position.
+    headings: BTreeMap<usize, Vec<CarHeading>>,
 }
 
 impl<'a> Solving<'a> {
     fn new(atlas: &'a ShapeAtlas, config: &'a Config) -> Self {
-        Self { atlas, config, start: None, windows: Vec::new(), parked: BTreeMap::new() }
+        Self {
+            atlas,
+            config,
+            start: None,
+            windows: Vec::new(),
+            parked: BTreeMap::new(),
+            headings: BTreeMap::new(),
+        }
     }
 
     fn solve(
@@ -272,6 +285,9 @@ impl<'a> Solving<'a> {
         if let Some(solved) = solve_window(window, self.atlas, size, &options, self.config) {
             self.start = Some(solved.estimate.params);
             self.parked.extend(solved.parked);
+            if !solved.headings.is_empty() {
+                self.headings.entry(window.segment).or_default().extend(solved.headings);
+            }
             self.windows.push(solved.estimate);
         }
     }
@@ -480,6 +496,7 @@ pub fn prior_camera(known: &Known, frame: &FrameRecord, config: &Config) -> Came
 struct SolvedWindow {
     estimate: WindowEstimate,
     parked: Vec<(LinkId, ParkedCar)>,
+    headings: Vec<CarHeading>,
 }
 
 fn solve_window(
@@ -538,6 +555,13 @@ fn solve_window(
         return None;
     }
     let used = kept.iter().zip(&solution.cars).filter(|(_, car)| car.as_ref().is_some_and(|c| c.used));
+    let headings: Vec<CarHeading> = if config.solve.use_parallel {
+        used.clone()
+            .filter_map(|(view, car)| heading(view, car.as_ref()?, &solution, atlas, &camera, options))
+            .collect()
+    } else {
+        Vec::new()
+    };
     let used: Vec<&View> = used.map(|(view, _)| *view).collect();
     let mut cars: Vec<CarUse> =
         used.iter().map(|view| CarUse { link: view.link, parked: view.parked }).collect();
@@ -556,7 +580,28 @@ fn solve_window(
         steady: window.steady,
     };
     let parked = used.iter().filter(|view| view.parked).map(|view| (view.link, parked_car(view))).collect();
-    Some(SolvedWindow { estimate, parked })
+    Some(SolvedWindow { estimate, parked, headings })
+}
+
+/// How a view's car is turned before the camera that was found; `None` of cars so small that the net sees little of it.
+fn heading(
+    view: &View,
+    car: &CarSolution,
+    solution: &SceneSolution,
+    atlas: &ShapeAtlas,
+    camera: &Camera,
+    options: &SceneOptions,
+) -> Option<CarHeading> {
+    let [x0, y0, x1, y1] = view.bbox_px;
+    if (x1 - x0).max(y1 - y0) < LEAST_TURNED_PX {
+        return None;
+    }
+    let camera = Camera { focal_px: solution.params.focal_px(), ..*camera };
+    let plane = solution.params.plane();
+    let prior = ShapePrior::default();
+    let fit = fit_car(atlas, &camera, &plane, &view.keypoints, &prior, Some(&car.ground), options)?;
+    let sd = fit.car.ground_covariance[(2, 2)].sqrt();
+    CarHeading::new(view.link, &solution.params, &fit.car.ground, sd)
 }
 
 /// What the cars alone say: the solve's prior and clues are taken out again, since they are counted once over all windows.

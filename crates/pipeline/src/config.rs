@@ -197,6 +197,8 @@ pub struct SolveConfig {
     pub max_rms_share: f64,
     /// Vertical lines of the scene speak of the focal length, where it shows some.
     pub use_verticals: bool,
+    /// Cars that point the same way are parallel, which speaks of the focal length.
+    pub use_parallel: bool,
     /// Long edges of the scene tell how the lens bends lines; otherwise pictures are taken for straight.
     pub use_lens: bool,
 }
@@ -223,6 +225,7 @@ impl Default for SolveConfig {
             min_box_overlap: 0.5,
             max_rms_share: 0.07,
             use_verticals: true,
+            use_parallel: true,
             use_lens: true,
         }
     }

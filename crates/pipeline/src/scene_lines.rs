@@ -1,12 +1,14 @@
-//! The scene's own lines as a witness beside the cars: when they are looked for, and what they do to a clip's camera.
+//! Witnesses beside the cars' poses: the scene's own lines, when they are looked for, and cars that are parallel; what they do to
+//! a clip's camera.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use image::RgbImage;
-use roadplane_base::{CarRecord, Clue, FrameRecord, PictureVerdict, SceneCurve, SceneLine};
+use roadplane_base::{CameraEstimate, CarRecord, Clue, FrameRecord, PictureVerdict, SceneCurve, SceneLine};
 use roadplane_calibrate::{
-    FuseOptions, Verticals, WindowEstimate, beside_a_witness, condense, fuse, verticals,
+    CarHeading, FuseOptions, Parallel, Verticals, WindowEstimate, beside_a_witness, condense, fuse, parallel,
+    verticals,
 };
 use roadplane_watch::{Seen, scene_curves, scene_lines};
 use roadplane_write::SceneLinesSummary;
@@ -85,7 +87,16 @@ impl ToldLines {
     }
 }
 
-/// Lines of a position of the camera, and what they came to.
+/// What may speak of the focal length beside the cars' poses, by the camera's position.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Heard {
+    /// Lines of the scene.
+    pub lines: BTreeMap<usize, Vec<SceneLine>>,
+    /// How cars are turned.
+    pub headings: BTreeMap<usize, Vec<CarHeading>>,
+}
+
+/// Witnesses of a position of the camera, and what they came to.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SceneView {
     /// Position of the camera, from 0.
@@ -94,6 +105,8 @@ pub struct SceneView {
     pub lines: Vec<SceneLine>,
     /// The vertical that they show; `None` where they do not.
     pub verticals: Option<Verticals>,
+    /// What cars say that are parallel; `None` where they tell the focal length less well than their poses do.
+    pub parallel: Option<Parallel>,
 }
 
 impl SceneView {
@@ -106,6 +119,7 @@ impl SceneView {
             found: self.lines.len(),
             upright: upright.count(),
             gain: self.verticals.as_ref().map(|found| (10.0 * found.gain).round() / 10.0),
+            parallel_cars: self.parallel.map_or(0, |found| found.cars),
         }
     }
 }
@@ -113,48 +127,60 @@ impl SceneView {
 /// Rounds of following a witness: cars are linearised where the join leads.
 const ROUNDS: usize = 6;
 
-/// Where the lines of a position show the vertical, its windows become one that is joined beside it, and it becomes a clue. A
-/// position in which the camera drifts or was moved unseen has no one picture, and no witness.
+/// Where lines of a position show the vertical, or cars are parallel, its windows become one that is joined beside these clues. A
+/// position in which the camera drifts or was moved unseen has no one picture, and no witness; who knows the focal length asks
+/// none.
 pub(crate) fn hear_witnesses(
     windows: &mut Vec<WindowEstimate>,
-    lines: &BTreeMap<usize, Vec<SceneLine>>,
+    heard: &Heard,
     options: &mut FuseOptions,
 ) -> Vec<SceneView> {
     let mut views = Vec::new();
-    for (&position, lines) in lines {
+    let positions: BTreeSet<usize> = heard.lines.keys().chain(heard.headings.keys()).copied().collect();
+    for position in positions {
+        let lines = heard.lines.get(&position).cloned().unwrap_or_default();
+        let headings = heard.headings.get(&position).map_or(&[][..], Vec::as_slice);
         let here: Vec<WindowEstimate> = windows.iter().filter(|w| w.segment == position).cloned().collect();
-        let verticals = (|| {
-            let [cars] = &fuse(&here, options)[..] else { return None };
-            // Who knows the focal length asks nobody.
-            let found = (!options.focal_given).then(|| verticals(lines, cars))??;
-            let together = condense(&here, options)?;
-            let with = with_clue(options, position, found.clue);
-            let mut at = cars.params;
-            for _ in 0..ROUNDS {
-                let [joined] = &fuse(&[beside_a_witness(&together, &at)], &with)[..] else {
-                    return None;
-                };
-                at = joined.params;
+        let mut view = SceneView { position, lines, verticals: None, parallel: None };
+        if let (false, [cars], Some(together)) =
+            (options.focal_given, &fuse(&here, options)[..], condense(&here, options))
+        {
+            let mut beside = together.clone();
+            let mut cars = cars.clone();
+            view.parallel = parallel(headings, cars.covariance[(0, 0)].sqrt());
+            if let Some(found) = view.parallel {
+                add_clue(&mut options.clues, position, found.clue);
+                (cars, beside) = beside_clues(&together, cars, options);
             }
-            Some((found, beside_a_witness(&together, &at)))
-        })();
-        let verticals = verticals.map(|(found, window)| {
-            let first = windows.iter().position(|w| w.segment == position).unwrap_or(windows.len());
-            windows.retain(|w| w.segment != position);
-            windows.insert(first, window);
-            add_clue(&mut options.clues, position, found.clue);
-            found
-        });
-        views.push(SceneView { position, lines: lines.clone(), verticals });
+            view.verticals = verticals(&view.lines, &cars);
+            if let Some(found) = &view.verticals {
+                add_clue(&mut options.clues, position, found.clue);
+                (_, beside) = beside_clues(&together, cars, options);
+            }
+            if view.parallel.is_some() || view.verticals.is_some() {
+                let first = windows.iter().position(|w| w.segment == position).unwrap_or(windows.len());
+                windows.retain(|w| w.segment != position);
+                windows.insert(first, beside);
+            }
+        }
+        views.push(view);
     }
     views
 }
 
-/// The options with one more clue on a position.
-fn with_clue(options: &FuseOptions, position: usize, clue: Clue) -> FuseOptions {
-    let mut options = options.clone();
-    add_clue(&mut options.clues, position, clue);
-    options
+/// The camera that a window and the clues on its position come to, and the window as it is to be joined there.
+fn beside_clues(
+    window: &WindowEstimate,
+    mut camera: CameraEstimate,
+    options: &FuseOptions,
+) -> (CameraEstimate, WindowEstimate) {
+    for _ in 0..ROUNDS {
+        if let Some(joined) = fuse(&[beside_a_witness(window, &camera.params)], options).pop() {
+            camera = joined;
+        }
+    }
+    let window = beside_a_witness(window, &camera.params);
+    (camera, window)
 }
 
 fn add_clue(clues: &mut BTreeMap<usize, Arc<[Clue]>>, position: usize, clue: Clue) {
@@ -162,11 +188,13 @@ fn add_clue(clues: &mut BTreeMap<usize, Arc<[Clue]>>, position: usize, clue: Clu
     *here = here.iter().copied().chain([clue]).collect();
 }
 
-/// Adds the verticals that were found to other clues, by position.
-pub(crate) fn and_verticals(clues: &mut BTreeMap<usize, Arc<[Clue]>>, views: &[SceneView]) {
+/// Adds what witnesses said to other clues, by position.
+pub(crate) fn and_witnesses(clues: &mut BTreeMap<usize, Arc<[Clue]>>, views: &[SceneView]) {
     for view in views {
-        if let Some(found) = &view.verticals {
-            add_clue(clues, view.position, found.clue);
+        let of_cars = view.parallel.map(|found| found.clue);
+        let of_lines = view.verticals.as_ref().map(|found| found.clue);
+        for clue in of_cars.into_iter().chain(of_lines) {
+            add_clue(clues, view.position, clue);
         }
     }
 }

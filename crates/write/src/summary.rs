@@ -100,7 +100,7 @@ pub struct KnownSummary {
     pub apart_sds: f64,
 }
 
-/// Lines of the scene, and whether they spoke of the camera.
+/// Lines of the scene and parallel cars, and whether they spoke of the camera.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct SceneLinesSummary {
     /// Position of the camera, from 0: 1 after its first move.
@@ -111,6 +111,9 @@ pub struct SceneLinesSummary {
     pub upright: usize,
     /// Natural log of how many times better than chance the vertical explains the edges; null where it does not count.
     pub gain: Option<f64>,
+    /// Cars whose being parallel speaks of the focal length; 0 where too few are.
+    #[serde(default)]
+    pub parallel_cars: usize,
 }
 
 /// A network.
