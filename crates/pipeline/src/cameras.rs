@@ -1,5 +1,10 @@
 //! The camera of a clip: windows of views → joint solves, what is remembered → one estimate per stretch of time.
 
+pub(crate) mod known;
+pub(crate) mod krtd;
+pub(crate) mod lens;
+pub(crate) mod memory;
+
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -16,10 +21,10 @@ use roadplane_geo::{Place, Site};
 use roadplane_solve::{CarView, SceneOptions, SceneSolution, SceneStatus, solve_scene};
 use roadplane_write::KnownSummary;
 
-use crate::believe::{is_believable, projected_box};
-use crate::lens::LensOfClip;
-use crate::memory::{Recall, look};
-use crate::scene_lines::{SceneView, ToldLines, and_verticals, hear_witnesses};
+use crate::cameras::lens::LensOfClip;
+use crate::cameras::memory::{Recall, look};
+use crate::stream::scene_lines::{SceneView, ToldLines, and_verticals, hear_witnesses};
+use crate::tracks::believe::{is_believable, projected_box};
 use crate::{Config, Known, PipelineError};
 
 /// sd of log focal that stands for "given".
