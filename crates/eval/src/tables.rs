@@ -6,7 +6,7 @@ mod tracks;
 pub use poses::{add_plot, add_table, camera_table, steps_table, viewpoint_plot, viewpoint_table};
 pub use tracks::{boxes_table, honesty_table, motion_table, position_plot, position_table, tracking_table};
 
-use crate::{Cell, bootstrap};
+use roadplane_tables::{Cell, bootstrap};
 
 /// Scores of a system: its name and what it did in each scene.
 pub type Scored<'a, T> = (&'a str, &'a [Vec<T>]);

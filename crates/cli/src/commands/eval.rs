@@ -13,8 +13,9 @@ mod tracker;
 use std::io::Write as _;
 use std::path::Path;
 
-use roadplane_eval::{EvalError, Report, evaluate_coco, evaluate_mot};
+use roadplane_eval::{EvalError, evaluate_coco, evaluate_mot};
 use roadplane_pipeline::Cancel;
+use roadplane_tables::Report;
 
 use crate::Outcome;
 use crate::args::eval::{EvalArgs, EvalCommand, EvalFilesArgs};
@@ -49,7 +50,7 @@ fn files(
 /// Prints a report's tables; writes them with the plots where a folder is given.
 fn show(report: &Report, out: Option<&Path>) -> anyhow::Result<()> {
     if let Some(folder) = out {
-        report.write(folder)?;
+        report.write(folder).map_err(EvalError::from)?;
     }
     Ok(std::io::stdout().lock().write_all(report.to_text().as_bytes())?)
 }

@@ -15,7 +15,8 @@ use std::path::{Path, PathBuf};
 use roadplane_activity::{ActivityNet, Labelled, Motion};
 use roadplane_pipeline::{Cancel, Config, Progress, open_activity};
 
-use crate::{EvalError, Report};
+use crate::EvalError;
+use roadplane_tables::Report;
 
 /// How a row of the table sees motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -10,9 +10,10 @@ use roadplane_base::{CarRecord, FrameRecord, ShapeAtlas};
 use roadplane_pipeline::{Cancel, Config, Existing, PipelineError, Progress, RunOptions, Silent, run_input};
 use roadplane_write::{FrameReader, WriteError};
 
+use crate::EvalError;
 use crate::commands::run::FinishedRun;
 use crate::truth::read_truth;
-use crate::{Cell, Column, EvalError, Report, Table};
+use roadplane_tables::{Cell, Column, Report, Table};
 use scores::ClipScore;
 use vehicles::{GAP_S, Gap, MIN_WIDTH_PX, longest_missing, vehicles};
 

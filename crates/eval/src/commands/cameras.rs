@@ -12,9 +12,10 @@ use roadplane_base::ShapeAtlas;
 use roadplane_pipeline::{Cancel, Config, Existing, Progress, RunOptions, Silent, run_input, stem_of};
 use roadplane_write::FrameReader;
 
+use crate::EvalError;
 use crate::readers::cameras::{KnownCamera, read_cameras};
 use crate::workplace::Workplace;
-use crate::{EvalError, Report};
+use roadplane_tables::Report;
 
 use cars::{SeenCar, cars_of};
 use outcome::{Outcome, outcome};

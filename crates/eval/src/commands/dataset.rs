@@ -15,13 +15,14 @@ use roadplane_detect::Detector;
 use roadplane_keypoints::KeypointNet;
 use roadplane_pipeline::{Cancel, Config, PipelineError, Progress, open_detector, open_keypoints};
 
+use crate::EvalError;
 use crate::parallel::{in_parallel, try_in_parallel};
 use crate::systems::System;
 use crate::tables::boxes_table;
 use crate::truth::{Kind, Truth, read_dataset, read_truth};
 use crate::workplace::Workplace;
-use crate::{EvalError, Report};
 pub use pictures::{camera_pictures, dataset_pictures};
+use roadplane_tables::Report;
 
 use evidence::SceneEvidence;
 pub(crate) use evidence::noisy_keypoints;

@@ -7,6 +7,7 @@ use roadplane_base::{GroundPlane, PoseRecord, ShapeAtlas, TrackRow};
 use roadplane_pipeline::{Config, Krtd, read_krtd};
 use roadplane_write::{CameraSegment, Summary, read_camera, read_jsonl};
 
+use crate::EvalError;
 use crate::commands::vehicles::against_vehicles;
 use crate::metrics::average_precision::{FoundBox, PictureBoxes, TrueBox};
 use crate::metrics::camera::camera_error;
@@ -18,7 +19,7 @@ use crate::tables::{
 };
 use crate::text_file::read_text;
 use crate::truth::{Truth, read_truth};
-use crate::{Cell, Column, EvalError, Report, Table};
+use roadplane_tables::{Cell, Column, Report, Table};
 
 /// What KPF files call cars (VIRAT and MEVA).
 const VEHICLES: [&str; 3] = ["Vehicle", "vehicle", "Car"];

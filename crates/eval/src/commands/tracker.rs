@@ -11,13 +11,14 @@ use roadplane_pipeline::{Cancel, Config, Known, PipelineError, Progress};
 
 pub use noise::Noise;
 
+use crate::EvalError;
 use crate::parallel::try_in_parallel;
 use crate::scoring::{TrackScore, score_tracks};
 use crate::systems::solve_fused;
 use crate::tables::{honesty_table, motion_table, position_table, tracking_table};
 use crate::truth::{Kind, Truth, read_dataset, read_truth};
 use crate::workplace::Workplace;
-use crate::{EvalError, Report};
+use roadplane_tables::Report;
 
 /// What is evaluated, and how.
 #[derive(Clone, Debug)]

@@ -2,8 +2,8 @@
 
 use std::io::Write as _;
 
-use roadplane_eval::{Cell, Column, Table};
 use roadplane_pipeline::DecodeCost;
+use roadplane_tables::{Cell, Column, Table};
 use serde_json::{Value, json};
 
 use super::{Measured, over_decoding, rest_share};

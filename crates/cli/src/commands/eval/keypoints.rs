@@ -5,13 +5,13 @@ use std::path::Path;
 
 use image::{ImageFormat, RgbImage};
 use roadplane_base::KeypointSet;
-use roadplane_eval::Report;
 use roadplane_eval::keypoints::{
     CarErrors, LabelledCar, LabelledImage, keypoint_tables, measure, predict, worst_first,
 };
 use roadplane_pipeline::{
     Cancel, Config, PipelineError, find_models, open_detector, open_input, open_keypoints,
 };
+use roadplane_tables::Report;
 use roadplane_view::{KeypointCase, keypoint_sheet};
 use roadplane_write::OutFile;
 

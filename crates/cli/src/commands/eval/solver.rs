@@ -5,8 +5,9 @@ use roadplane_eval::solver::{
     ablation_tables, exact_table, fusion_table, layers_tables, remembered_tables, speed, speed_plot,
     speed_table, statistics_tables, synthetic_pictures,
 };
-use roadplane_eval::{Report, camera_pictures, dataset_pictures};
+use roadplane_eval::{camera_pictures, dataset_pictures};
 use roadplane_pipeline::{Cancel, find_models};
+use roadplane_tables::Report;
 
 use crate::Outcome;
 use crate::args::eval::{EvalRememberedArgs, EvalSolverArgs};

@@ -12,9 +12,10 @@ use super::events::{self, ClipEvents, ToldEvent};
 use super::scores::{Case, differences, each_label, table};
 use super::truths::{car_counts, cars_by_id, heading_of, true_events, true_labels};
 use super::{ActivityOptions, Row, Seen, picture_motion, told};
+use crate::EvalError;
 use crate::scoring::pairs_by_box;
 use crate::truth::{Kind, TrueCar, Truth, read_dataset, read_truth};
-use crate::{EvalError, Report};
+use roadplane_tables::Report;
 
 /// Within this of a change of the true label both labels are right, s: frames lie so far apart.
 const EDGE_S: f64 = 0.25;

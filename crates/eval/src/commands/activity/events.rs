@@ -6,8 +6,8 @@
 
 use roadplane_activity::{LABELS, Label};
 
-use crate::bootstrap::bootstrap_scenes;
-use crate::{Column, Estimate, Table};
+use roadplane_tables::bootstrap_scenes;
+use roadplane_tables::{Column, Estimate, Table};
 
 /// False alarms that are let through, of each label in a minute of video. ActEV asks at 0.15, which is none in clips of seconds.
 const ALARMS_PER_MIN: [f64; 3] = [0.15, 1.0, 4.0];

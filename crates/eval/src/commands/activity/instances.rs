@@ -10,7 +10,8 @@ use serde_json::Value;
 
 use super::scores::{Case, differences, each_label, table};
 use super::{Row, Seen, picture_motion};
-use crate::{EvalError, Report};
+use crate::EvalError;
+use roadplane_tables::Report;
 
 /// Height of the pictures of MEVA's boxes, px.
 const PICTURE_HEIGHT_PX: f64 = 1080.0;

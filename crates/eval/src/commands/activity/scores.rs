@@ -2,8 +2,8 @@
 
 use roadplane_activity::{LABELS, Label};
 
-use crate::bootstrap::bootstrap_scenes;
-use crate::{Cell, Column, Table};
+use roadplane_tables::bootstrap_scenes;
+use roadplane_tables::{Cell, Column, Table};
 
 /// Truth, and what each system told.
 #[derive(Clone, Debug)]

@@ -7,7 +7,7 @@ use crate::metrics::hota::HotaCounts;
 use crate::metrics::identity::Identity;
 use crate::scoring::{PoseScore, score_poses, score_tracks};
 use crate::truth::Truth;
-use crate::{Cell, Column, Table, bootstrap_scenes, median, share_within};
+use roadplane_tables::{Cell, Column, Table, bootstrap_scenes, median, share_within};
 
 /// A clip run in one way, against its truth.
 pub(super) struct ClipScore {

@@ -6,8 +6,9 @@ use roadplane_pipeline::{Config, PipelineError, open_input};
 use roadplane_view::{GroundCells, Overlay, Rgb, horizon_y_px};
 
 use super::Measured;
+use crate::EvalError;
 use crate::truth::isometry_from_rows;
-use crate::{EvalError, Picture};
+use roadplane_tables::Picture;
 
 /// How many are drawn.
 const WORST: usize = 6;
@@ -73,7 +74,7 @@ fn drawn(measured: &Measured, atlas: &ShapeAtlas, config: &Config) -> Result<Pic
         let height = (picture.height() * WIDTH / picture.width()).max(1);
         picture = image::imageops::resize(&picture, WIDTH, height, image::imageops::FilterType::Triangle);
     }
-    Picture::new(caption(measured), &picture)
+    Ok(Picture::new(caption(measured), &picture)?)
 }
 
 fn caption(measured: &Measured) -> String {

@@ -8,8 +8,8 @@ use roadplane_write::CameraSegment;
 use super::Measured;
 use super::cars::{Aspect, SeenCar};
 use super::view_errors;
-use crate::bootstrap::SD_FROM_MEDIAN;
-use crate::{
+use roadplane_tables::SD_FROM_MEDIAN;
+use roadplane_tables::{
     Cell, Column, Estimate, Mark, Plot, Report, Series, Table, bootstrap, bootstrap_scenes, mean, median,
 };
 

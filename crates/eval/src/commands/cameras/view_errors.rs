@@ -6,7 +6,7 @@
 
 use super::Measured;
 use super::tables::counted;
-use crate::{Column, Table, bootstrap_scenes};
+use roadplane_tables::{Column, Table, bootstrap_scenes};
 
 /// Steps of the grid, degrees, and how many.
 const STEP_DEG: f64 = 0.1;

@@ -8,9 +8,10 @@ use roadplane_write::CameraSegment;
 
 use super::clips::run;
 use super::{DatasetOptions, stopped};
+use crate::EvalError;
 use crate::metrics::camera::{CameraError, camera_error};
 use crate::workplace::Workplace;
-use crate::{Cell, Column, EvalError, Table};
+use roadplane_tables::{Cell, Column, Table};
 
 /// A still, what was estimated and how far it is off.
 pub(super) struct RealStill {

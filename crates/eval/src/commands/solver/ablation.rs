@@ -8,7 +8,7 @@ use roadplane_synth::{SceneTruth, SynthOptions, scene};
 use super::scenes::views;
 use crate::metrics::{add, viewpoint};
 use crate::parallel::in_parallel;
-use crate::{Column, Table, bootstrap, median, quantile, share_within};
+use roadplane_tables::{Column, Table, bootstrap, median, quantile, share_within};
 
 const SEED: u64 = 2_000_000;
 /// How far cars stand from a common plane: kerbs, springs, loads.
@@ -66,7 +66,7 @@ pub fn ablation_tables(atlas: &ShapeAtlas, scenes: usize) -> Vec<Table> {
         let errors = in_parallel(scenes, |i| errors_of(atlas, way, known_focal, SEED + i as u64));
         let all: Vec<Vec<f64>> = errors.iter().map(|e| e.add_diameters.clone()).collect();
         let within = |values: &[Vec<f64>], limit: f64| {
-            crate::Cell::from(bootstrap(values, |v| share_within(v, limit)).scaled(100.0))
+            roadplane_tables::Cell::from(bootstrap(values, |v| share_within(v, limit)).scaled(100.0))
         };
         let mut row = vec![name.into()];
         row.extend(add::THRESHOLDS.map(|limit| within(&all, limit)));

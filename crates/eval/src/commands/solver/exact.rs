@@ -6,7 +6,7 @@ use roadplane_synth::{SynthOptions, random_camera, scene};
 
 use super::scenes::{views, without_camera_prior};
 use crate::parallel::in_parallel;
-use crate::{Column, Table};
+use roadplane_tables::{Column, Table};
 
 /// Numbers of cars, in turn.
 const CARS: [usize; 3] = [3, 5, 10];

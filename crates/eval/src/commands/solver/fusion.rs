@@ -7,7 +7,7 @@ use roadplane_synth::{Rng, SynthOptions, scene};
 
 use super::scenes::views;
 use crate::parallel::in_parallel;
-use crate::{Cell, Column, Table, bootstrap, median};
+use roadplane_tables::{Cell, Column, Table, bootstrap, median};
 
 const SEED: u64 = 5_000_000;
 const CARS: usize = 10;
@@ -39,13 +39,14 @@ pub fn fusion_table(atlas: &ShapeAtlas, cameras: usize, frames: usize) -> Table 
             .iter()
             .flat_map(|camera| camera.singles.iter().map(move |single| unit * single[number].abs()))
             .collect();
-        let rms = |values: &[f64]| crate::mean(&values.iter().map(|v| v * v).collect::<Vec<_>>()).sqrt();
+        let rms =
+            |values: &[f64]| roadplane_tables::mean(&values.iter().map(|v| v * v).collect::<Vec<_>>()).sqrt();
         table.rows.push(vec![
             name.into(),
             median(&singles).into(),
             Cell::from(bootstrap(&each(&|camera| unit * camera.error[number].abs()), median)),
             median(&fused.iter().map(|camera| unit * camera.sd[number]).collect::<Vec<_>>()).into(),
-            Cell::from(bootstrap(&each(&|camera| unit * camera.error[number]), crate::mean)),
+            Cell::from(bootstrap(&each(&|camera| unit * camera.error[number]), roadplane_tables::mean)),
             Cell::from(bootstrap(&each(&|camera| camera.error[number] / camera.sd[number]), rms)),
         ]);
     }

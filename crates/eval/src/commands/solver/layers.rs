@@ -8,7 +8,7 @@ use roadplane_synth::{CarModel, SynthOptions, scene};
 
 use super::scenes::foreign_cars;
 use crate::parallel::in_parallel;
-use crate::{Cell, Column, Estimate, Table, bootstrap, bootstrap_scenes, mean, median};
+use roadplane_tables::{Cell, Column, Estimate, Table, bootstrap, bootstrap_scenes, mean, median};
 
 /// First seed of the synthetic scenes.
 const SEED: u64 = 3_000_000;

@@ -12,7 +12,7 @@ use roadplane_synth::{Rng, SceneTruth, SynthOptions, scene};
 
 use super::scenes::{bound, views};
 use crate::parallel::in_parallel;
-use crate::{Column, Table};
+use roadplane_tables::{Column, Table};
 
 /// sd of the log size that the cars of one place share. Its cars also share how far off nets see them: by as much as a run assumes
 /// (`solve.shared_view_sd_deg`), and single cars scatter about that (`solve.view_sd_deg`).

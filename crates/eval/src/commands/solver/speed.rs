@@ -5,7 +5,7 @@ use roadplane_solve::{KnownScene, SceneOptions, Steps, refine_scene, scene_bound
 use roadplane_synth::BenchScene;
 
 use super::scenes::views;
-use crate::{Column, Mark, Plot, Table, median};
+use roadplane_tables::{Column, Mark, Plot, Table, median};
 
 /// Scenes a number of cars.
 const SCENES: u64 = 5;

@@ -1,6 +1,7 @@
 //! Tables as aligned text, CSV and HTML.
 
-use crate::{Estimate, EvalError};
+use crate::html::escape;
+use crate::{Estimate, TableError};
 
 /// A table of results.
 #[derive(Clone, Debug, PartialEq)]
@@ -145,11 +146,10 @@ impl Table {
     /// CSV: columns that hold a number get three more, `… low`, `… high`, `… n`. Full digits; NaN is an empty field.
     ///
     /// # Errors
-    /// [`EvalError::Unsuitable`] if a field cannot be written, which text in memory never causes.
-    pub fn to_csv(&self) -> Result<String, EvalError> {
+    /// [`TableError::Csv`].
+    pub fn to_csv(&self) -> Result<String, TableError> {
         let is_number = |i: usize| self.rows.iter().any(|row| matches!(row.get(i), Some(Cell::Number(_))));
         let mut writer = csv::Writer::from_writer(Vec::new());
-        let failed = |e: csv::Error| EvalError::Unsuitable { what: format!("CSV: {e}") };
         let mut head = Vec::new();
         for (i, column) in self.columns.iter().enumerate() {
             head.push(column.title.clone());
@@ -157,7 +157,7 @@ impl Table {
                 head.extend(["low", "high", "n"].map(|part| format!("{} {part}", column.title)));
             }
         }
-        writer.write_record(&head).map_err(failed)?;
+        writer.write_record(&head)?;
         for row in &self.rows {
             let mut fields = Vec::new();
             for i in 0..self.columns.len() {
@@ -175,9 +175,9 @@ impl Table {
                     None => fields.extend(std::iter::repeat_n(String::new(), empty)),
                 }
             }
-            writer.write_record(&fields).map_err(failed)?;
+            writer.write_record(&fields)?;
         }
-        let bytes = writer.into_inner().map_err(|e| failed(e.into_error().into()))?;
+        let bytes = writer.into_inner().map_err(|e| csv::Error::from(e.into_error()))?;
         Ok(String::from_utf8_lossy(&bytes).into_owned())
     }
 
@@ -206,11 +206,6 @@ impl Table {
         }
         page
     }
-}
-
-/// Text as HTML and SVG show it.
-pub(crate) fn escape(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
 #[cfg(test)]

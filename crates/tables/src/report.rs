@@ -5,12 +5,10 @@ use std::path::Path;
 use base64::{Engine as _, engine::general_purpose::STANDARD};
 use image::RgbImage;
 use image::codecs::jpeg::JpegEncoder;
-use roadplane_pipeline::PipelineError;
-use roadplane_view::ViewError;
 use roadplane_write::{OutFile, WriteError};
 
-use crate::table::escape;
-use crate::{EvalError, Plot, Table};
+use crate::html::escape;
+use crate::{Plot, Table, TableError};
 
 /// JPEG quality of pictures.
 const QUALITY: u8 = 85;
@@ -41,11 +39,11 @@ impl Picture {
     /// Of a picture's pixels.
     ///
     /// # Errors
-    /// [`EvalError::Pipeline`] if it cannot be compressed.
-    pub fn new(caption: String, picture: &RgbImage) -> Result<Self, EvalError> {
+    /// [`TableError::Picture`] if it cannot be compressed.
+    pub fn new(caption: String, picture: &RgbImage) -> Result<Self, TableError> {
         let mut jpeg = Vec::new();
         let encoder = JpegEncoder::new_with_quality(&mut jpeg, QUALITY);
-        picture.write_with_encoder(encoder).map_err(|error| PipelineError::from(ViewError::from(error)))?;
+        picture.write_with_encoder(encoder)?;
         Ok(Self { caption, jpeg })
     }
 
@@ -91,8 +89,8 @@ impl Report {
     /// Writes `report.html`, `tables.txt` and a CSV file a table (`01-title.csv`) into a folder, which is made if need be.
     ///
     /// # Errors
-    /// [`EvalError::Write`].
-    pub fn write(&self, folder: &Path) -> Result<(), EvalError> {
+    /// [`TableError::Write`].
+    pub fn write(&self, folder: &Path) -> Result<(), TableError> {
         std::fs::create_dir_all(folder).map_err(|source| WriteError::Io {
             doing: "make the folder",
             source,
@@ -107,7 +105,7 @@ impl Report {
     }
 }
 
-fn write_text(path: &Path, text: &str) -> Result<(), EvalError> {
+fn write_text(path: &Path, text: &str) -> Result<(), TableError> {
     let mut file = OutFile::create(path)?;
     file.write_bytes(text.as_bytes())?;
     Ok(file.finish()?)

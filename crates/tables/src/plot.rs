@@ -1,6 +1,6 @@
 //! Plots as plain SVG text: deterministic, no fonts or scripts from elsewhere.
 
-use crate::table::escape;
+use crate::html::escape;
 
 /// Size of a plot, px.
 const SIZE: (f64, f64) = (520.0, 340.0);
