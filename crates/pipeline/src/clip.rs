@@ -9,9 +9,10 @@ use roadplane_geo::{Place, Site};
 use roadplane_track::Track;
 use roadplane_write::{FrameReader, PoseLines, read_jsonl, read_scene_curves};
 
+use crate::cameras::camera_track::CameraTrack;
+use crate::cameras::estimate::estimate_cameras;
 use crate::cameras::known::contradiction;
 use crate::cameras::memory::Recall;
-use crate::cameras::{CameraTrack, estimate_cameras};
 use crate::tracks::cars::any_car;
 use crate::tracks::pass::{Pass, Tally, known_cars};
 use crate::tracks::stretch::{Load, MOST_ROWS, Numbers, Replay, Stretch, sightings};

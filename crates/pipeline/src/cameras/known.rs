@@ -14,12 +14,9 @@ pub(crate) use check::{contradiction, in_words as known_in_words};
 pub use measured::Measured;
 
 use crate::PipelineError;
-use camera_file::CameraOfFile;
+use camera_file::{CameraOfFile, KnownLens};
+use measured::{GUESSED_HEIGHT_SHARE, GUESSED_TILT_SD_DEG};
 
-/// sd of a height that is given without one, as a share of it.
-pub(crate) const GUESSED_HEIGHT_SHARE: f64 = 0.05;
-/// sd of a tilt or roll that is given without one, °.
-pub(crate) const GUESSED_TILT_SD_DEG: f64 = 2.0;
 /// A principal point that is farther from the middle, as a share of the picture's width, is worth a word.
 const OFF_CENTRE: f64 = 0.02;
 /// Pictures of the same camera in another size have the same ratio of sides, to this share.
@@ -34,15 +31,6 @@ pub struct Known {
     /// What lens the pixels of lengths are seen through.
     seen_through: Lens,
     facts: Vec<Fact>,
-}
-
-/// How the lens bends lines, as it was told.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum KnownLens {
-    /// OpenCV's k1 and k2, which mean something beside a focal length only.
-    Opencv([f64; 2]),
-    /// [`Lens::bend`].
-    Bend(f64),
 }
 
 /// What is said on a command line.

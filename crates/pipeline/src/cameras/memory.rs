@@ -19,7 +19,7 @@ use roadplane_view::ViewError;
 use roadplane_watch::PlacePicture;
 use roadplane_write::{EvidenceStore, InputSummary, WriteError, is_camera_id};
 
-use crate::cameras::fuse_options;
+use crate::cameras::joining::fuse_options;
 use crate::{Config, Known, PipelineError, stem_of};
 
 /// Name of a clip's evidence in its result.

@@ -4,8 +4,8 @@ use image::RgbImage;
 use roadplane_activity::Motion;
 use roadplane_base::{Frame, FrameStamp, ShapeAtlas};
 
-use crate::stream::streaming::{open_detector, open_keypoints};
-use crate::tracks::activities::open_activity;
+use crate::stream::nets::open_activity;
+use crate::stream::nets::{open_detector, open_keypoints};
 use crate::{Config, PipelineError, find_models};
 
 /// One thing that was looked at.

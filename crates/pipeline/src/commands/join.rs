@@ -15,11 +15,12 @@ use roadplane_view::ViewError;
 use roadplane_write::{FrameReader, OutFile, StageSeconds, WatchSummary};
 
 use crate::commands::piece::{PieceFile, STILLS, read_piece};
-use crate::commands::run::{RunOptions, RunReport, complete, finished_before};
+use crate::commands::run::{complete, finished_before};
+use crate::options::{RunOptions, RunReport};
 use crate::stream::left::{Job, Left, SPOOL, Stamp, begin_folder};
+use crate::stream::nets::open_activity;
 use crate::stream::stills::Stills;
 use crate::stream::watched::Watched;
-use crate::tracks::activities::open_activity;
 use crate::{Cancel, Config, PipelineError, Progress};
 
 /// The inputs that pieces are of, as they were given.

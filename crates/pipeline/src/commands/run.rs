@@ -1,86 +1,19 @@
 //! `roadplane run` for one input: stream it, solve the clip, write and draw the result.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Instant;
 
 use roadplane_activity::ActivityNet;
-use roadplane_geo::Site;
-use roadplane_write::{Existing, OutputFolder, RunStatus, read_summary};
+use roadplane_write::{OutputFolder, RunStatus, read_summary};
 
-use crate::cameras::memory::CameraMemory;
 use crate::clip::ClipSolution;
+use crate::identity::stem_of;
+use crate::options::{RunOptions, RunReport};
 use crate::output::finish::{Finish, finish};
 use crate::stream::left::{Job, Left, LeftHalf, SPOOL, STAMP, left_half};
 use crate::stream::speed::Meter;
 use crate::stream::streaming::open_input;
-use crate::{Cancel, Config, Known, PipelineError, Progress};
-
-/// What a caller of [`run_input`] chooses besides the configuration.
-#[derive(Clone, Debug)]
-pub struct RunOptions {
-    /// Folder of the models.
-    pub models: PathBuf,
-    /// What is known of the camera.
-    pub known: Known,
-    /// What is remembered of the cameras.
-    pub cameras: Option<CameraMemory>,
-    /// Where the camera stands on the map; one for all inputs.
-    pub site: Option<Site>,
-    /// What to do about a finished result of the same name.
-    pub existing: Existing,
-    /// Go on where a stopped run ended; leave finished results alone.
-    pub resume: bool,
-    /// Also write the annotated video.
-    pub video: bool,
-    /// Also write the empty place as a picture.
-    pub background: bool,
-    /// Leave what the streaming half found, frame by frame, in the result: `frames.jsonl`.
-    pub frames: bool,
-    /// No other input is worked on in this process at the same time: its processor time is this run's.
-    pub alone: bool,
-}
-
-impl RunOptions {
-    /// Nothing asked for beside the results, which must not be there yet.
-    #[must_use]
-    pub fn new(models: PathBuf) -> Self {
-        Self {
-            models,
-            known: Known::default(),
-            cameras: None,
-            site: None,
-            existing: Existing::Refuse,
-            resume: false,
-            video: false,
-            background: false,
-            frames: false,
-            alone: false,
-        }
-    }
-}
-
-/// What came of one input.
-#[derive(Clone, Debug)]
-pub struct RunReport {
-    /// The result.
-    pub folder: PathBuf,
-    /// Tracks in it; `None` for a result that was there before.
-    pub tracks: Option<u64>,
-    /// The camera in words.
-    pub camera: String,
-    /// Some of the input was lost.
-    pub damaged: bool,
-    /// Frames that could not be decoded.
-    pub frames_lost: u64,
-}
-
-/// Name of an input's result folder: its file name without extension, or the folder's name.
-#[must_use]
-pub fn stem_of(input: &Path) -> String {
-    let absolute = std::path::absolute(input).unwrap_or_else(|_unresolvable| input.to_path_buf());
-    let name = if absolute.is_dir() { absolute.file_name() } else { absolute.file_stem() };
-    name.map(|name| name.to_string_lossy().into_owned()).unwrap_or_default()
-}
+use crate::{Cancel, Config, PipelineError, Progress};
 
 /// Runs one input into `out/<stem>/`. Hold the lock of `out`.
 ///

@@ -9,8 +9,10 @@ use roadplane_calibrate::AtRest;
 use roadplane_solve::{ShapePrior, fit_free_car};
 use roadplane_write::{FrameReader, PoseLines, read_scene_curves, write_camera};
 
+use crate::cameras::estimate::{estimate_cameras, prior_camera};
+use crate::cameras::frame::estimate_frame;
 use crate::cameras::known::contradiction;
-use crate::cameras::{estimate_cameras, estimate_frame, prior_camera, usable};
+use crate::tracks::believe::usable;
 use crate::tracks::cars::{FrameCamera, HeldPoses, any_car, fit_frame, free_pose_record, pose_record};
 use crate::{Cancel, Config, Known, PipelineError, Progress};
 

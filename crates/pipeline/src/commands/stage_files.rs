@@ -6,11 +6,12 @@ use std::path::Path;
 use roadplane_base::FrameRecord;
 use roadplane_write::{FrameReader, JsonLines, WriteError};
 
+use crate::stream::cadence::Cadence;
 use crate::stream::flow::{Stage, Work};
+use crate::stream::nets::{open_detector, open_keypoints};
 use crate::stream::scene_lines::LineFinder;
-use crate::stream::streaming::{
-    Cadence, detect_stage, keypoint_stage, open_detector, open_input, open_keypoints, stream, watch_stage,
-};
+use crate::stream::stages::{detect_stage, keypoint_stage, watch_stage};
+use crate::stream::streaming::{open_input, stream};
 use crate::{Cancel, Config, PipelineError, Progress};
 
 /// A frames file under its final name once it is whole, or standard output (`-`).

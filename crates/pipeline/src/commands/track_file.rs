@@ -4,14 +4,12 @@ use std::path::Path;
 use std::time::Instant;
 
 use roadplane_base::ShapeAtlas;
-use roadplane_write::{
-    Existing, OutputFolder, StageSeconds, Summary, write_camera, write_json, write_summary,
-};
+use roadplane_write::{Existing, OutputFolder, StageSeconds, Summary, write_summary};
 
-use crate::clip::{ClipSolution, Given, solve_known_clip};
-use crate::commands::run::RunReport;
+use crate::clip::{Given, solve_known_clip};
 use crate::identity::{file_identity, versions};
-use crate::output::finish::note_solution;
+use crate::options::RunReport;
+use crate::output::finish::{note_solution, write_camera_and_place};
 use crate::output::track_rows::{ShownRows, TrackRows};
 use crate::{Cancel, Config, Known, PipelineError};
 
@@ -64,13 +62,4 @@ pub fn track_file(
     let tracks = Some(solution.shapes.len() as u64);
     let camera = solution.camera_in_words();
     Ok(RunReport { folder: folder.publish()?, tracks, camera, damaged: false, frames_lost: 0 })
-}
-
-/// `camera.json`, and `place.json` where the camera's place is known.
-pub(crate) fn write_camera_and_place(folder: &Path, solution: &ClipSolution) -> Result<(), PipelineError> {
-    write_camera(&folder.join("camera.json"), solution.cameras.estimates())?;
-    if let Some(place) = &solution.place {
-        write_json(&folder.join("place.json"), &place.fit)?;
-    }
-    Ok(())
 }

@@ -11,7 +11,7 @@ use roadplane_view::{
 };
 use roadplane_write::{OutFile, Summary, read_camera, read_jsonl, read_summary};
 
-use crate::cameras::CameraTrack;
+use crate::cameras::camera_track::CameraTrack;
 use crate::cameras::known::known_in_words;
 use crate::clip::ClipSolution;
 use crate::output::losses::losses_in_words;

@@ -6,16 +6,17 @@ use std::time::Instant;
 use roadplane_activity::ActivityNet;
 use roadplane_base::ShapeAtlas;
 use roadplane_export::{Run, write_ways};
-use roadplane_write::{RunStatus, StageSeconds, Summary, write_evidence, write_summary};
+use roadplane_write::{
+    RunStatus, StageSeconds, Summary, write_camera, write_evidence, write_json, write_summary,
+};
 
 use crate::cameras::memory::EVIDENCE;
+use crate::cameras::witnesses::SceneView;
 use crate::clip::{ClipSolution, Given, solve_known_clip};
-use crate::commands::track_file::write_camera_and_place;
 use crate::identity::{peak_memory_bytes, versions};
 use crate::output::draw::{ReportPictures, Scene, draw_video, write_report};
 use crate::output::track_rows::{ShownRows, TrackRows};
 use crate::stream::left::{Job, Left, SPOOL};
-use crate::stream::scene_lines::SceneView;
 use crate::stream::speed::Meter;
 use crate::{Config, PipelineError, Silent};
 
@@ -131,4 +132,13 @@ pub fn note_solution(summary: &mut Summary, solution: &ClipSolution) {
     summary.known = solution.cameras.known().to_vec();
     summary.scene_lines = solution.cameras.scene().iter().map(SceneView::summary).collect();
     summary.warnings.extend(solution.warnings.iter().cloned());
+}
+
+/// `camera.json`, and `place.json` where the camera's place is known.
+pub(crate) fn write_camera_and_place(folder: &Path, solution: &ClipSolution) -> Result<(), PipelineError> {
+    write_camera(&folder.join("camera.json"), solution.cameras.estimates())?;
+    if let Some(place) = &solution.place {
+        write_json(&folder.join("place.json"), &place.fit)?;
+    }
+    Ok(())
 }

@@ -16,18 +16,19 @@ use roadplane_write::{
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::commands::piece::Span;
-use crate::commands::run::RunOptions;
 use crate::identity::file_identity;
 use crate::limits::check_memory;
+use crate::options::RunOptions;
+use crate::stream::cadence::{Cadence, stretch_of};
 use crate::stream::flow::Work;
+use crate::stream::nets::Nets;
 use crate::stream::samples::SampleFrames;
 use crate::stream::scene_lines::LineFinder;
+use crate::stream::span::Span;
 use crate::stream::speed::{Looks, Meter};
+use crate::stream::stages::{detect_stage, keypoint_stage, watch_stage};
 use crate::stream::stills::Stills;
-use crate::stream::streaming::{
-    Cadence, Nets, Streamed, detect_stage, keypoint_stage, stream, stretch_of, watch_stage,
-};
+use crate::stream::streaming::{Streamed, stream};
 use crate::stream::watched::Watched;
 use crate::{Cancel, Config, PipelineError, Progress};
 

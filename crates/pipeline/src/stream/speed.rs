@@ -6,7 +6,8 @@ use roadplane_base::FrameRecord;
 use roadplane_write::{CpuMs, Speed};
 
 use crate::stream::cpu::Laps;
-use crate::stream::streaming::{Nets, Streamed};
+use crate::stream::nets::Nets;
+use crate::stream::streaming::Streamed;
 
 /// What the detector saw, frame by frame.
 #[derive(Debug, Default)]

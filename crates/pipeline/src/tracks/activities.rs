@@ -5,21 +5,12 @@ use std::path::{Path, PathBuf};
 
 use roadplane_activity::{ActivityNet, Event, Motion};
 use roadplane_base::TrackRow;
-use roadplane_infer::{ProviderChoice, SessionOptions};
 use roadplane_write::{JsonLines, TableFormat, TableRow, WriteError, read_table, write_table};
 use serde_json::Value;
 
+use crate::stream::nets::open_activity;
 use crate::tracks::stretch::Stretch;
 use crate::{Cancel, Config, PipelineError};
-
-/// The activity net. It is so small that the plain runtime is the fastest.
-///
-/// # Errors
-/// [`PipelineError`] when the model is refused or the runtime is missing.
-pub fn open_activity(models: &Path, config: &Config) -> Result<ActivityNet, PipelineError> {
-    let options = SessionOptions { provider: ProviderChoice::Cpu, threads: 1, library: None };
-    Ok(ActivityNet::open(&models.join(&config.models.activity), &options)?)
-}
 
 /// A track's motion: its rows, by time.
 #[must_use]

@@ -1,10 +1,16 @@
-//! Whether a fitted car is the car in its box: nets find keypoints in anything, and a solver fits a car to them.
+//! Which keypoints are sure enough, and whether a fitted car is the car in its box: nets find keypoints in anything, and a solver fits a car to them.
 
 use nalgebra::{Isometry3, Point3};
-use roadplane_base::{Camera, ImageSize, KEYPOINTS, Shape, ShapeAtlas, bbox_iou};
+use roadplane_base::{Camera, ImageSize, KEYPOINTS, KeypointSet, Shape, ShapeAtlas, bbox_iou};
 use roadplane_track::{Looks, Track, TrackState};
 
 use crate::Config;
+
+/// The keypoints that are sure enough to be used.
+#[must_use]
+pub fn usable(keypoints: &KeypointSet, config: &Config) -> KeypointSet {
+    keypoints.map(|point| point.filter(|point| point.score >= config.solve.min_keypoint_score))
+}
 
 /// Box around the keypoints of a car in the picture, px; `None` if part of it is not before the camera.
 #[must_use]

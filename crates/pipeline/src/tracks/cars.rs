@@ -10,8 +10,8 @@ use roadplane_base::{
 use roadplane_solve::{CarFit, FreeCarFit, SceneOptions, ShapePrior, fit_car};
 
 use crate::Config;
-use crate::cameras::usable;
-use crate::stream::streaming::FORGET_S;
+use crate::stream::cadence::FORGET_S;
+use crate::tracks::believe::usable;
 
 /// A frame's camera, ready to use.
 #[derive(Clone, Copy, Debug)]

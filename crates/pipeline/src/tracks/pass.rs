@@ -12,7 +12,7 @@ use roadplane_geo::Place;
 use roadplane_solve::{CarFit, SceneOptions, ShapePrior};
 use roadplane_track::{CarMeasurement, FrameMeasurements, HeldCar, SeenAgain, Track, TrackState, Tracker};
 
-use crate::cameras::CameraTrack;
+use crate::cameras::camera_track::CameraTrack;
 use crate::tracks::believe::{is_believable, is_vehicle, overlap_inside, projected_box};
 use crate::tracks::cars::{FrameCamera, HeldPoses, fit_frame, pose_record};
 use crate::tracks::ground_contact::{Body, Knowledge, body_box, cut_edges, ground_contact};

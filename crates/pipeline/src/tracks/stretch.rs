@@ -10,7 +10,7 @@ use nalgebra::Vector3;
 use roadplane_base::{CarRef, FrameRecord, Shape, VehicleClass};
 use roadplane_track::{Track, TrackState};
 
-use crate::stream::streaming::{FORGET_S, stretch_of};
+use crate::stream::cadence::{FORGET_S, stretch_of};
 
 /// About so many rows a stretch has at most: each takes some 500 bytes while it is worked on.
 pub(crate) const MOST_ROWS: u64 = 1_000_000;

@@ -7,14 +7,23 @@ use roadplane_base::{CameraParams, CameraStatus, ImageSize};
 use roadplane_write::{WriteError, read_camera};
 use yaml_rust2::{Yaml, YamlLoader};
 
-use super::{GUESSED_HEIGHT_SHARE, GUESSED_TILT_SD_DEG, KnownLens};
-use crate::cameras::POPULATION_LOG_SD;
+use super::measured::{GUESSED_HEIGHT_SHARE, GUESSED_TILT_SD_DEG};
 use crate::cameras::krtd::read_krtd;
+use crate::cameras::population::POPULATION_LOG_SD;
 
 /// What stands in for an sd that a file says nothing of.
 const UNKNOWN_VARIANCE: f64 = 1e4;
 /// No number of a camera is better known than this, log or rad.
 const LEAST_SD: f64 = 1e-6;
+
+/// How the lens bends lines, as it was told.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum KnownLens {
+    /// OpenCV's k1 and k2, which mean something beside a focal length only.
+    Opencv([f64; 2]),
+    /// [`Lens::bend`].
+    Bend(f64),
+}
 
 /// A camera as a file has it.
 pub(super) struct CameraOfFile {

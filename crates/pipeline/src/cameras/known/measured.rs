@@ -2,6 +2,11 @@
 
 use std::str::FromStr;
 
+/// sd of a height that is given without one, as a share of it.
+pub(crate) const GUESSED_HEIGHT_SHARE: f64 = 0.05;
+/// sd of a tilt or roll that is given without one, °.
+pub(crate) const GUESSED_TILT_SD_DEG: f64 = 2.0;
+
 /// A number, with its sd where one was given.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Measured {
