@@ -17,8 +17,8 @@ mod label;
 mod motion;
 mod net;
 
-pub use decode::{Event, Labelled};
+pub use decode::{Event, Labelled, Probabilities};
 pub use features::{FEATURES, features};
 pub use label::{LABELS, Label};
 pub use motion::{Motion, MotionError, STEP_S, grid};
-pub use net::{ActivityError, ActivityNet, Probabilities};
+pub use net::{ActivityError, ActivityNet};

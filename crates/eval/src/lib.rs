@@ -9,11 +9,12 @@
 //! scoring/    which estimate belongs to which truth
 //! metrics/    one file each, with its source
 //! tables/     scores as tables and plots with intervals (crate `tables`)
-//! around      error.rs, parallel.rs, text_file.rs, workplace.rs
+//! around      error.rs, finished_run.rs, parallel.rs, text_file.rs, workplace.rs
 //! ```
 
 mod commands;
 mod error;
+mod finished_run;
 pub mod metrics;
 mod parallel;
 pub mod readers;
@@ -30,7 +31,8 @@ pub use commands::box_files::{evaluate_coco, evaluate_mot};
 pub use commands::cameras::evaluate_cameras;
 pub use commands::dataset::{DatasetOptions, camera_pictures, dataset_pictures, evaluate_dataset};
 pub use commands::kitti::{KittiOptions, evaluate_kitti};
-pub use commands::run::{FinishedRun, evaluate_run};
+pub use commands::run::evaluate_run;
 pub use commands::tracker::{Noise, TrackerOptions, evaluate_tracker};
 pub use commands::{keypoints, solver};
 pub use error::EvalError;
+pub use finished_run::FinishedRun;

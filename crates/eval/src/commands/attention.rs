@@ -11,7 +11,7 @@ use roadplane_pipeline::{Cancel, Config, Existing, PipelineError, Progress, RunO
 use roadplane_write::{FrameReader, WriteError};
 
 use crate::EvalError;
-use crate::commands::run::FinishedRun;
+use crate::finished_run::FinishedRun;
 use crate::truth::read_truth;
 use roadplane_tables::{Cell, Column, Report, Table};
 use scores::ClipScore;

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use roadplane_base::bbox_iou;
+use roadplane_tables::{Cell, Column, Report, Table};
 
 use crate::EvalError;
 use crate::metrics::clear::{self, Clear};
@@ -14,7 +15,6 @@ use crate::readers::kitti::{KittiTracked, read_tracked};
 use crate::readers::mot::{MotFrames, read_mot, sequence_of_boxes};
 use crate::tables::boxes_table;
 use crate::text_file::read_text;
-use roadplane_tables::{Cell, Column, Report, Table};
 
 /// Tracks of boxes against true ones, alike by IoU: MOT Challenge files (commas between fields) or labels of KITTI's tracking
 /// benchmark (spaces), where cars and vans count and tracks on other objects and `DontCare` regions are ignored.

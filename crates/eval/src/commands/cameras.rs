@@ -2,6 +2,7 @@
 
 mod cars;
 mod drawn;
+mod measured;
 mod outcome;
 mod tables;
 mod view_errors;
@@ -10,22 +11,16 @@ use std::path::{Path, PathBuf};
 
 use roadplane_base::ShapeAtlas;
 use roadplane_pipeline::{Cancel, Config, Existing, Progress, RunOptions, Silent, run_input, stem_of};
+use roadplane_tables::Report;
 use roadplane_write::FrameReader;
 
 use crate::EvalError;
-use crate::readers::cameras::{KnownCamera, read_cameras};
+use crate::readers::cameras::read_cameras;
 use crate::workplace::Workplace;
-use roadplane_tables::Report;
 
-use cars::{SeenCar, cars_of};
-use outcome::{Outcome, outcome};
-
-/// A known camera, what came of it, and what its cars say.
-struct Measured {
-    camera: KnownCamera,
-    outcome: Outcome,
-    cars: Vec<SeenCar>,
-}
+use cars::cars_of;
+use measured::Measured;
+use outcome::outcome;
 
 /// Runs the pictures and clips of `folder/cameras.json`, or takes what `out` holds of earlier runs, and compares. `models` and
 /// `config` as for a run. The worst pictures are drawn. Pictures of lenses that bend lines count in the cameras' table alone.

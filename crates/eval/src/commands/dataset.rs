@@ -3,61 +3,34 @@
 mod boxes;
 mod clips;
 mod evidence;
+mod items;
 mod pictures;
 mod real;
 mod score;
 mod tables;
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use roadplane_base::ShapeAtlas;
 use roadplane_detect::Detector;
 use roadplane_keypoints::KeypointNet;
 use roadplane_pipeline::{Cancel, Config, PipelineError, Progress, open_detector, open_keypoints};
+use roadplane_tables::Report;
 
 use crate::EvalError;
 use crate::parallel::{in_parallel, try_in_parallel};
 use crate::systems::System;
 use crate::tables::boxes_table;
-use crate::truth::{Kind, Truth, read_dataset, read_truth};
+use crate::truth::{Kind, read_dataset};
 use crate::workplace::Workplace;
+
+pub(crate) use evidence::noisy_keypoints;
+pub use items::DatasetOptions;
 pub use pictures::{camera_pictures, dataset_pictures};
-use roadplane_tables::Report;
 
 use evidence::SceneEvidence;
-pub(crate) use evidence::noisy_keypoints;
+use items::{FRAMES_OF_CLIP, Item, item, stopped};
 use score::SystemScore;
-
-/// Frames of a clip that the systems for single frames solve, at most: its cars stay much the same, and stills should
-/// outweigh them.
-const FRAMES_OF_CLIP: usize = 5;
-
-/// What is evaluated, and how.
-#[derive(Clone, Debug)]
-pub struct DatasetOptions {
-    /// Share of the items; 0.1 takes every tenth.
-    pub part: f64,
-    /// Keypoints of our net, in the true boxes.
-    pub net: bool,
-    /// True keypoints with noise of this sd as a share of the box's longer side.
-    pub noise: Option<f64>,
-    /// Every n-th frame of a clip is looked at.
-    pub stride: u32,
-    /// Folder of real stills with calibrated cameras beside them (`NAME.png` or `.jpg`, `NAME.krtd`).
-    pub real: Option<PathBuf>,
-    /// Folder of the models.
-    pub models: PathBuf,
-    /// Where finished runs of clips stay; without it they are thrown away. As many run at once as there are cores, so their
-    /// `summary.json` says less than their speed alone.
-    pub runs: Option<PathBuf>,
-}
-
-/// An item with its truth.
-struct Item {
-    name: String,
-    path: PathBuf,
-    truth: Truth,
-}
 
 /// Evaluates all systems on a data set's folder.
 ///
@@ -131,21 +104,6 @@ pub fn evaluate_dataset(
     Ok(report)
 }
 
-fn item(path: &Path) -> Result<Item, EvalError> {
-    Ok(Item { name: item_name(path), path: path.to_path_buf(), truth: read_truth(path)? })
-}
-
-/// `clip_0000` of `scenes/clip_0000.truth.json.gz`.
-fn item_name(truth: &Path) -> String {
-    let name = truth.file_name().unwrap_or(truth.as_os_str()).to_string_lossy();
-    let plain = name.strip_suffix(".gz").unwrap_or(&name);
-    plain.strip_suffix(".truth.json").unwrap_or(plain).to_owned()
-}
-
-fn stopped(cancel: &Cancel) -> Result<(), EvalError> {
-    cancel.signal().map_or(Ok(()), |signal| Err(PipelineError::Stopped { signal }.into()))
-}
-
 /// All systems on one kind of keypoints; adds the tables.
 #[expect(clippy::too_many_arguments)]
 fn tables_of(
@@ -191,16 +149,4 @@ fn tables_of(
         tables::add_clips(report, what, &named(true), &fused);
     }
     Ok(())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn items_are_named_by_their_truth_files() {
-        for file in ["clip_0001.truth.json.gz", "clip_0001.truth.json", "clip_0001"] {
-            assert_eq!(item_name(&Path::new("scenes").join(file)), "clip_0001");
-        }
-    }
 }

@@ -7,6 +7,7 @@ use nalgebra::Vector2;
 use roadplane_base::{CarRecord, GroundPlane, ImageSize, KEYPOINTS, Keypoint, KeypointSet, ShapeAtlas};
 use roadplane_keypoints::KeypointNet;
 use roadplane_pipeline::{Cancel, Config, PipelineError, Progress, open_input, open_keypoints};
+use roadplane_tables::{Cell, Column, Report, Table, bootstrap, median, quantile};
 
 use crate::EvalError;
 use crate::parallel::in_parallel;
@@ -14,7 +15,6 @@ use crate::readers::kitti::{KittiCamera, KittiItem, KittiObject, object_items};
 use crate::scoring::{PoseScore, score_box};
 use crate::systems::{FrameInput, System};
 use crate::tables::{add_plot, add_table, viewpoint_plot, viewpoint_table};
-use roadplane_tables::{Cell, Column, Report, Table, bootstrap, median, quantile};
 
 /// The systems that know nothing of the ground, which KITTI does not label.
 const SYSTEMS: [System; 5] =

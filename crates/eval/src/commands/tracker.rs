@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 
 use roadplane_base::ShapeAtlas;
 use roadplane_pipeline::{Cancel, Config, Known, PipelineError, Progress};
+use roadplane_tables::Report;
 
 pub use noise::Noise;
 
@@ -18,7 +19,6 @@ use crate::systems::solve_fused;
 use crate::tables::{honesty_table, motion_table, position_table, tracking_table};
 use crate::truth::{Kind, Truth, read_dataset, read_truth};
 use crate::workplace::Workplace;
-use roadplane_tables::Report;
 
 /// What is evaluated, and how.
 #[derive(Clone, Debug)]

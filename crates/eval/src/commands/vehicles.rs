@@ -6,16 +6,16 @@ use std::path::Path;
 
 use nalgebra::Vector2;
 use roadplane_base::{Similarity, TrackRow, angle_difference, assign, bbox_iou};
+use roadplane_tables::{Cell, Column, Report, Table, quantile};
 use serde::Deserialize;
 
 use crate::EvalError;
-use crate::commands::run::FinishedRun;
+use crate::finished_run::FinishedRun;
 use crate::metrics::clear::Clear;
 use crate::metrics::hota::HotaCounts;
 use crate::metrics::identity::Identity;
 use crate::metrics::sequence::{Sequence, SequenceFrame};
 use crate::text_file::read_text;
-use roadplane_tables::{Cell, Column, Report, Table, quantile};
 
 const SCHEMA: &str = "roadplane.vehicles/1";
 /// Smaller vehicles (longer side of the box, px) neither have to be found nor count where they are.

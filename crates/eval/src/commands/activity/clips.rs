@@ -6,16 +6,16 @@ use std::path::Path;
 use roadplane_activity::{Event, Label, Motion};
 use roadplane_base::TrackRow;
 use roadplane_pipeline::{Cancel, Config, Progress, RunOptions, Silent, run_input, track_motion};
+use roadplane_tables::Report;
 use roadplane_write::{WriteError, read_jsonl};
 
 use super::events::{self, ClipEvents, ToldEvent};
+use super::rows::{ActivityOptions, Row, Seen, picture_motion, told};
 use super::scores::{Case, differences, each_label, table};
 use super::truths::{car_counts, cars_by_id, heading_of, true_events, true_labels};
-use super::{ActivityOptions, Row, Seen, picture_motion, told};
 use crate::EvalError;
 use crate::scoring::pairs_by_box;
 use crate::truth::{Kind, TrueCar, Truth, read_dataset, read_truth};
-use roadplane_tables::Report;
 
 /// Within this of a change of the true label both labels are right, s: frames lie so far apart.
 const EDGE_S: f64 = 0.25;

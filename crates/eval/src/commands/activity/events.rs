@@ -5,7 +5,6 @@
 //! second, or by half of it if that is less; the most confident event takes it.
 
 use roadplane_activity::{LABELS, Label};
-
 use roadplane_tables::bootstrap_scenes;
 use roadplane_tables::{Column, Estimate, Table};
 

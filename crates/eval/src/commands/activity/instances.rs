@@ -5,13 +5,13 @@ use std::path::Path;
 
 use roadplane_activity::{Label, Motion, Probabilities};
 use roadplane_pipeline::{Cancel, PipelineError, Progress};
+use roadplane_tables::Report;
 use roadplane_write::{TableRow, read_table};
 use serde_json::Value;
 
+use super::rows::{Row, Seen, picture_motion};
 use super::scores::{Case, differences, each_label, table};
-use super::{Row, Seen, picture_motion};
 use crate::EvalError;
-use roadplane_tables::Report;
 
 /// Height of the pictures of MEVA's boxes, px.
 const PICTURE_HEIGHT_PX: f64 = 1080.0;

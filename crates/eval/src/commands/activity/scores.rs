@@ -1,7 +1,6 @@
 //! Accuracy, precision and recall of labels, averaged over labels as in the paper.
 
 use roadplane_activity::{LABELS, Label};
-
 use roadplane_tables::bootstrap_scenes;
 use roadplane_tables::{Cell, Column, Table};
 

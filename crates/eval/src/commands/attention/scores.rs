@@ -1,13 +1,13 @@
 //! The same clips against their truth, with attention and without: what `eval dataset` says of clips run from their video.
 
 use roadplane_base::ShapeAtlas;
+use roadplane_tables::{Cell, Column, Table, bootstrap_scenes, median, share_within};
 
-use crate::commands::run::FinishedRun;
+use crate::finished_run::FinishedRun;
 use crate::metrics::hota::HotaCounts;
 use crate::metrics::identity::Identity;
 use crate::scoring::{PoseScore, score_poses, score_tracks};
 use crate::truth::Truth;
-use roadplane_tables::{Cell, Column, Table, bootstrap_scenes, median, share_within};
 
 /// A clip run in one way, against its truth.
 pub(super) struct ClipScore {

@@ -3,12 +3,12 @@
 use image::RgbImage;
 use roadplane_base::{Shape, ShapeAtlas};
 use roadplane_pipeline::{Config, PipelineError, open_input};
+use roadplane_tables::Picture;
 use roadplane_view::{GroundCells, Overlay, Rgb, horizon_y_px};
 
-use super::Measured;
+use super::measured::Measured;
 use crate::EvalError;
 use crate::truth::isometry_from_rows;
-use roadplane_tables::Picture;
 
 /// How many are drawn.
 const WORST: usize = 6;

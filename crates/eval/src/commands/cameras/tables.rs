@@ -3,22 +3,18 @@
 use std::collections::BTreeMap;
 
 use roadplane_base::{KEYPOINTS, keypoint_names};
-use roadplane_write::CameraSegment;
-
-use super::Measured;
-use super::cars::{Aspect, SeenCar};
-use super::view_errors;
 use roadplane_tables::SD_FROM_MEDIAN;
 use roadplane_tables::{
     Cell, Column, Estimate, Mark, Plot, Report, Series, Table, bootstrap, bootstrap_scenes, mean, median,
 };
+use roadplane_write::CameraSegment;
+
+use super::cars::{Aspect, SeenCar};
+use super::measured::{ANOTHER_VIEW, LEAST_PX, Measured, counted};
+use super::view_errors;
 
 /// sd of log focal up to which a focal length counts as claimed.
 const CLAIMED: f64 = 0.12;
-/// Smallest cars of the cars' tables: longer side of the box, px.
-const LEAST_PX: f64 = 40.0;
-/// An elevation that is off by more is another view of the car, rad.
-const ANOTHER_VIEW: f64 = 0.35;
 /// Names and units of the camera's numbers.
 const NUMBERS: [(&str, f64); 4] = [
     ("focal, %", 100.0),
@@ -144,11 +140,6 @@ fn all_cameras(measured: &[&Measured]) -> Table {
     );
     add("all".to_owned(), measured.iter().collect());
     table
-}
-
-/// Cars that count in the tables.
-pub(super) fn counted(measured: &Measured) -> impl Iterator<Item = &SeenCar> {
-    measured.cars.iter().filter(|car| car.box_px >= LEAST_PX && car.errors[0].abs() < ANOTHER_VIEW)
 }
 
 fn cars_table(measured: &[&Measured]) -> Table {

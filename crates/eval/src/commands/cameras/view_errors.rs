@@ -4,9 +4,9 @@
 //! Error of car k before camera c: `e = b_c + d_k + n_k`, with n_k as claimed, d_k ~ N(0, σ²), b_c ~ N(0, s² + that of the truth).
 //! σ and s are the most likely ones, by going through all of a grid.
 
-use super::Measured;
-use super::tables::counted;
 use roadplane_tables::{Column, Table, bootstrap_scenes};
+
+use super::measured::{Measured, counted};
 
 /// Steps of the grid, degrees, and how many.
 const STEP_DEG: f64 = 0.1;

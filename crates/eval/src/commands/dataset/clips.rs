@@ -6,9 +6,9 @@ use roadplane_base::{PoseRecord, ShapeAtlas, TrackRow};
 use roadplane_pipeline::{Cancel, Config, Existing, Known, Progress, RunOptions, Silent, run_input};
 
 use super::evidence::SceneEvidence;
-use super::{DatasetOptions, Item, stopped};
+use super::items::{DatasetOptions, Item, stopped};
 use crate::EvalError;
-use crate::commands::run::{FinishedRun, pictures};
+use crate::finished_run::{FinishedRun, pictures};
 use crate::metrics::average_precision::PictureBoxes;
 use crate::metrics::camera::CameraError;
 use crate::parallel::try_in_parallel;

@@ -9,7 +9,7 @@ use roadplane_pipeline::{Config, PipelineError, open_input};
 use roadplane_synth::Rng;
 use roadplane_write::FrameReader;
 
-use super::item_name;
+use super::items::item_name;
 use crate::EvalError;
 use crate::scoring::counts;
 use crate::truth::{TrueCar, TrueFrame, Truth};

@@ -7,7 +7,8 @@ use roadplane_detect::Detector;
 use roadplane_keypoints::KeypointNet;
 use roadplane_pipeline::{Cancel, Config, PipelineError, open_detector, open_input, open_keypoints};
 
-use super::{FRAMES_OF_CLIP, evidence, item, stopped};
+use super::evidence;
+use super::items::{FRAMES_OF_CLIP, item, stopped};
 use crate::EvalError;
 use crate::commands::solver::KnownPicture;
 use crate::parallel::try_in_parallel;

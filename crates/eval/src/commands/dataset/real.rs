@@ -4,14 +4,14 @@ use std::path::{Path, PathBuf};
 
 use roadplane_base::CameraStatus;
 use roadplane_pipeline::{Cancel, Config, Progress, Silent, read_krtd};
+use roadplane_tables::{Cell, Column, Table};
 use roadplane_write::CameraSegment;
 
 use super::clips::run;
-use super::{DatasetOptions, stopped};
+use super::items::{DatasetOptions, stopped};
 use crate::EvalError;
 use crate::metrics::camera::{CameraError, camera_error};
 use crate::workplace::Workplace;
-use roadplane_tables::{Cell, Column, Table};
 
 /// A still, what was estimated and how far it is off.
 pub(super) struct RealStill {

@@ -1,5 +1,7 @@
 //! The tables of a data set, and where row 4 errs.
 
+use roadplane_tables::{Cell, Column, Report, Table, bootstrap, median, quantile, share_within};
+
 use super::clips::ClipScore;
 use super::score::{CarScore, PictureScore, SystemScore};
 use crate::metrics::average_precision::PictureBoxes;
@@ -11,7 +13,6 @@ use crate::tables::{
     Scored, add_plot, add_table, boxes_table, camera_table, motion_table, position_plot, position_table,
     steps_table, tracking_table, viewpoint_plot, viewpoint_table,
 };
-use roadplane_tables::{Cell, Column, Report, Table, bootstrap, median, quantile, share_within};
 
 /// Cars from which on a single picture is expected to give the focal length.
 const MANY_CARS: usize = 5;

@@ -2,9 +2,9 @@
 
 use nalgebra::Vector2;
 use roadplane_base::{KEYPOINTS, KeypointSet, mirror_index};
+use roadplane_tables::median;
 
 use super::labels::LabelledCar;
-use roadplane_tables::median;
 
 /// Index of the keypoint at the other end of the car, of the 18 of a side; mirror and B-pillar have none and stay.
 const OTHER_END: [usize; KEYPOINTS / 2] = [1, 0, 3, 2, 6, 7, 4, 5, 9, 8, 13, 12, 11, 10, 14, 16, 15, 17];

@@ -3,10 +3,10 @@
 use std::collections::BTreeMap;
 
 use roadplane_base::{KEYPOINTS, keypoint_names};
-
-use super::measure::{CarErrors, Confusion, auc};
 use roadplane_tables::SD_FROM_MEDIAN;
 use roadplane_tables::{Cell, Column, Estimate, Table, bootstrap, bootstrap_scenes, median, share_within};
+
+use super::measure::{CarErrors, Confusion, auc};
 
 /// Limits of the sizes of cars (longer side of the box), px.
 const SIZES_PX: [f64; 6] = [0.0, 40.0, 60.0, 100.0, 200.0, f64::INFINITY];

@@ -4,11 +4,11 @@ use nalgebra::{Isometry3, Point3};
 use roadplane_base::ShapeAtlas;
 use roadplane_solve::{PlaneTerms, SceneOptions, solve_free_scene, solve_scene};
 use roadplane_synth::{SceneTruth, SynthOptions, scene};
+use roadplane_tables::{Column, Table, bootstrap, median, quantile, share_within};
 
 use super::scenes::views;
 use crate::metrics::{add, viewpoint};
 use crate::parallel::in_parallel;
-use roadplane_tables::{Column, Table, bootstrap, median, quantile, share_within};
 
 const SEED: u64 = 2_000_000;
 /// How far cars stand from a common plane: kerbs, springs, loads.

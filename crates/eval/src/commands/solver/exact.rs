@@ -3,10 +3,10 @@
 use roadplane_base::{ShapeAtlas, angle_difference};
 use roadplane_solve::{LmOptions, SceneOptions, Steps, solve_scene};
 use roadplane_synth::{SynthOptions, random_camera, scene};
+use roadplane_tables::{Column, Table};
 
 use super::scenes::{views, without_camera_prior};
 use crate::parallel::in_parallel;
-use roadplane_tables::{Column, Table};
 
 /// Numbers of cars, in turn.
 const CARS: [usize; 3] = [3, 5, 10];

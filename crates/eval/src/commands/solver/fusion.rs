@@ -4,10 +4,10 @@ use nalgebra::{Matrix4, Vector4};
 use roadplane_base::ShapeAtlas;
 use roadplane_solve::{SceneOptions, solve_scene};
 use roadplane_synth::{Rng, SynthOptions, scene};
+use roadplane_tables::{Cell, Column, Table, bootstrap, median};
 
 use super::scenes::views;
 use crate::parallel::in_parallel;
-use roadplane_tables::{Cell, Column, Table, bootstrap, median};
 
 const SEED: u64 = 5_000_000;
 const CARS: usize = 10;

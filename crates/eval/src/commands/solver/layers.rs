@@ -5,10 +5,10 @@ use std::time::Instant;
 use roadplane_base::{GroundPlane, ImageSize, KeypointSet, ShapeAtlas, angle_difference};
 use roadplane_solve::{CarView, SceneOptions, SceneStatus, Steps, solve_scene};
 use roadplane_synth::{CarModel, SynthOptions, scene};
+use roadplane_tables::{Cell, Column, Estimate, Table, bootstrap, bootstrap_scenes, mean, median};
 
 use super::scenes::foreign_cars;
 use crate::parallel::in_parallel;
-use roadplane_tables::{Cell, Column, Estimate, Table, bootstrap, bootstrap_scenes, mean, median};
 
 /// First seed of the synthetic scenes.
 const SEED: u64 = 3_000_000;

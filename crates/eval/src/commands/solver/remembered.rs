@@ -9,10 +9,10 @@ use roadplane_calibrate::{FuseOptions, FusePrior, SameView, epochs, fuse};
 use roadplane_pipeline::Config;
 use roadplane_solve::{SceneOptions, solve_scene};
 use roadplane_synth::{Rng, SceneTruth, SynthOptions, scene};
+use roadplane_tables::{Column, Table};
 
 use super::scenes::{bound, views};
 use crate::parallel::in_parallel;
-use roadplane_tables::{Column, Table};
 
 /// sd of the log size that the cars of one place share. Its cars also share how far off nets see them: by as much as a run assumes
 /// (`solve.shared_view_sd_deg`), and single cars scatter about that (`solve.view_sd_deg`).

@@ -3,9 +3,9 @@
 use roadplane_base::ShapeAtlas;
 use roadplane_solve::{KnownScene, SceneOptions, Steps, refine_scene, scene_bound, solve_scene};
 use roadplane_synth::BenchScene;
+use roadplane_tables::{Column, Mark, Plot, Table, median};
 
 use super::scenes::views;
-use roadplane_tables::{Column, Mark, Plot, Table, median};
 
 /// Scenes a number of cars.
 const SCENES: u64 = 5;

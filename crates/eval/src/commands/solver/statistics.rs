@@ -7,10 +7,10 @@ use roadplane_solve::{
     CameraPrior, CarSolution, KnownScene, SceneOptions, SceneSolution, refine_scene, solve_scene,
 };
 use roadplane_synth::{SceneTruth, SynthOptions, scene};
+use roadplane_tables::{Cell, Column, Table, bootstrap, mean, median, share_within};
 
 use super::scenes::{bound, foreign_cars, known, views, without_camera_prior};
 use crate::parallel::in_parallel;
-use roadplane_tables::{Cell, Column, Table, bootstrap, mean, median, share_within};
 
 /// First seed.
 const SEED: u64 = 1_000_000;
