@@ -1,5 +1,6 @@
 //! Tracks on the ground → what each vehicle does: a label with its probability for every sample, and events.
 //!
+//! # Contents
 //! ```text
 //! Motion (a track's samples)  → features   car-aligned motion, five times a second  (motion.rs, features.rs)
 //!                             → net        bidirectional LSTM → probabilities       (net.rs)

@@ -15,7 +15,7 @@
 //! - the camera: [`Camera`], [`Lens`], [`GroundPlane`], [`CameraParams`]; what is believed of it beforehand ([`CameraPrior`]), what
 //!   speaks of it beside cars ([`Clue`]), and evidence that adds up ([`JointInformation`])
 //! - cars: [`ShapeAtlas`], [`GroundPose`], the 36 keypoints ([`KeypointSet`]), boxes (`bbox_…`), [`Activity`]
-//! - what stages hand on, in the form that files have: `records.rs`, [`CameraEvidence`], [`SceneLine`]
+//! - what stages hand on, in the form that files have: `records/`, [`CameraEvidence`], [`SceneLine`]
 //! - small tools: [`assign`], [`median`], [`StudentT`], [`Similarity`]
 //!
 //! # Example
