@@ -5,7 +5,6 @@ use serde::{Deserialize, Serialize};
 
 use crate::label::{LABELS, Label};
 use crate::motion::{Motion, STEP_S};
-use crate::net::Probabilities;
 
 /// What a change of label costs, as a logarithm of probability: labels that hold for a step or two are flicker.
 const CHANGE_COST: f64 = 3.0;
@@ -25,6 +24,17 @@ const TURNED_RAD: f64 = 0.21;
 const U_TURN_RAD: f64 = 2.27;
 /// Events that are less probable than their opposite are not told.
 const LEAST_CONFIDENCE: f64 = 0.5;
+
+/// Probabilities of the labels at steps of the grid, which may skip where the vehicle stands.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Probabilities {
+    /// Steps, rising, as multiples of [`crate::STEP_S`].
+    pub steps: Vec<i64>,
+    /// By [`Label::index`].
+    pub p: Vec<[f64; LABELS]>,
+    /// Time from each step to the nearest sighting, s, up to 2.
+    pub gap_s: Vec<f64>,
+}
 
 /// A stretch in which a vehicle does one thing.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -1,5 +1,6 @@
 //! Tracks on the ground → what each vehicle does: a label with its probability for every sample, and events.
 //!
+//! # Contents
 //! ```text
 //! Motion (a track's samples)  → features   car-aligned motion, five times a second  (motion.rs, features.rs)
 //!                             → net        bidirectional LSTM → probabilities       (net.rs)
@@ -17,8 +18,8 @@ mod label;
 mod motion;
 mod net;
 
-pub use decode::{Event, Labelled};
+pub use decode::{Event, Labelled, Probabilities};
 pub use features::{FEATURES, features};
 pub use label::{LABELS, Label};
 pub use motion::{Motion, MotionError, STEP_S, grid};
-pub use net::{ActivityError, ActivityNet, Probabilities};
+pub use net::{ActivityError, ActivityNet};

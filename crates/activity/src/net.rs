@@ -6,7 +6,7 @@ use ndarray::Array3;
 use roadplane_infer::{Dim, InferError, NamedTensor, Session, SessionOptions};
 use thiserror::Error;
 
-use crate::decode::{Labelled, labelled};
+use crate::decode::{Labelled, Probabilities, labelled};
 use crate::features::{FEATURES, GAP, features};
 use crate::label::{LABELS, Label};
 use crate::motion::{Motion, MotionError, grid};
@@ -33,17 +33,6 @@ pub enum ActivityError {
     /// The motion is none.
     #[error(transparent)]
     Motion(#[from] MotionError),
-}
-
-/// Probabilities of the labels at steps of the grid, which may skip where the vehicle stands.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Probabilities {
-    /// Steps, rising, as multiples of [`crate::STEP_S`].
-    pub steps: Vec<i64>,
-    /// By [`Label::index`].
-    pub p: Vec<[f64; LABELS]>,
-    /// Time from each step to the nearest sighting, s, up to 2.
-    pub gap_s: Vec<f64>,
 }
 
 /// A bidirectional LSTM with its card.

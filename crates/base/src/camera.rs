@@ -1,40 +1,8 @@
 //! Camera with square pixels: a pinhole, and what the lens does to straight lines.
 
 use nalgebra::{Vector2, Vector3};
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
 
-use crate::{GroundPlane, Lens};
-
-/// Width and height in pixels.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(into = "[u32; 2]", from = "[u32; 2]")]
-pub struct ImageSize {
-    /// Columns.
-    pub width: u32,
-    /// Rows.
-    pub height: u32,
-}
-
-impl From<[u32; 2]> for ImageSize {
-    fn from([width, height]: [u32; 2]) -> Self {
-        Self { width, height }
-    }
-}
-
-impl From<ImageSize> for [u32; 2] {
-    fn from(size: ImageSize) -> Self {
-        [size.width, size.height]
-    }
-}
-
-impl ImageSize {
-    /// Middle of the image, px: where the principal point is taken to be when nobody knows it.
-    #[must_use]
-    pub fn centre_px(self) -> Vector2<f64> {
-        Vector2::new((f64::from(self.width) - 1.0) / 2.0, (f64::from(self.height) - 1.0) / 2.0)
-    }
-}
+use crate::{ImageSize, Lens};
 
 /// `pixel = principal_point + lens(focal · (X/Z, Y/Z))` for a point (X, Y, Z) in the camera frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -78,56 +46,5 @@ impl Camera {
     pub fn ray_from_pixel(&self, pixel: &Vector2<f64>) -> Vector3<f64> {
         let xy = self.lens.straightened(&(pixel - self.principal_point_px)) / self.focal_px;
         Vector3::new(xy.x, xy.y, 1.0)
-    }
-}
-
-/// Camera and plane in the four numbers that a clip's evidence is about, in this order:
-/// log focal (px), tilt, roll (rad), log height (m).
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct CameraParams {
-    /// Natural logarithm of the focal length in px.
-    pub log_focal: f64,
-    /// Optical axis below the horizontal, rad.
-    pub tilt: f64,
-    /// Clockwise turn of the horizon in the image, rad.
-    pub roll: f64,
-    /// Natural logarithm of the camera's height above the plane in m.
-    pub log_height: f64,
-}
-
-impl CameraParams {
-    /// As a vector (log focal, tilt, roll, log height).
-    #[must_use]
-    pub fn to_vector(self) -> nalgebra::Vector4<f64> {
-        nalgebra::Vector4::new(self.log_focal, self.tilt, self.roll, self.log_height)
-    }
-
-    /// From a vector (log focal, tilt, roll, log height).
-    #[must_use]
-    pub fn from_vector(v: &nalgebra::Vector4<f64>) -> Self {
-        Self { log_focal: v[0], tilt: v[1], roll: v[2], log_height: v[3] }
-    }
-
-    /// Focal length, px.
-    #[must_use]
-    pub fn focal_px(&self) -> f64 {
-        self.log_focal.exp()
-    }
-
-    /// The plane part.
-    #[must_use]
-    pub fn plane(&self) -> GroundPlane {
-        GroundPlane::from_tilt_roll_height(self.tilt, self.roll, self.log_height.exp())
-    }
-
-    /// Joins a focal length and a plane.
-    #[must_use]
-    pub fn new(focal_px: f64, plane: &GroundPlane) -> Self {
-        Self {
-            log_focal: focal_px.ln(),
-            tilt: plane.tilt(),
-            roll: plane.roll(),
-            log_height: plane.height_m.ln(),
-        }
     }
 }

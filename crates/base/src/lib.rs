@@ -15,7 +15,7 @@
 //! - the camera: [`Camera`], [`Lens`], [`GroundPlane`], [`CameraParams`]; what is believed of it beforehand ([`CameraPrior`]), what
 //!   speaks of it beside cars ([`Clue`]), and evidence that adds up ([`JointInformation`])
 //! - cars: [`ShapeAtlas`], [`GroundPose`], the 36 keypoints ([`KeypointSet`]), boxes (`bbox_…`), [`Activity`]
-//! - what stages hand on, in the form that files have: `records.rs`, [`CameraEvidence`], [`SceneLine`]
+//! - what stages hand on, in the form that files have: `records/`, [`CameraEvidence`], [`SceneLine`]
 //! - small tools: [`assign`], [`median`], [`StudentT`], [`Similarity`]
 //!
 //! # Example
@@ -40,10 +40,12 @@ mod assign;
 mod atlas;
 mod bbox;
 mod camera;
+mod camera_params;
 mod camera_prior;
 mod clue;
 mod evidence;
 mod frame;
+mod image_size;
 mod keypoint;
 mod lens;
 mod plane;
@@ -60,11 +62,13 @@ pub use atlas::{
     ALL_MODES, ATLAS_SCHEMA, AtlasError, BodyType, FINE_MODES, FullShape, MODES, Shape, ShapeAtlas,
 };
 pub use bbox::{bbox_around, bbox_centre, bbox_covered, bbox_iou, bbox_moved, bbox_share_inside};
-pub use camera::{Camera, CameraParams, ImageSize};
+pub use camera::Camera;
+pub use camera_params::CameraParams;
 pub use camera_prior::{CameraPrior, is_told};
 pub use clue::{Clue, ClueTerms, Reading};
 pub use evidence::{CameraEvidence, ClipIdentity, EVIDENCE_SCHEMA, ParkedCar};
 pub use frame::{Frame, FrameStamp};
+pub use image_size::ImageSize;
 pub use keypoint::{
     KEYPOINTS, Keypoint, KeypointSet, MIN_KEYPOINTS, keypoint_names, mirror_index, skeleton_edges,
 };

@@ -2,10 +2,11 @@
 //! known of the ground. Both get our shape atlas as their shape basis and our keypoints' scores as their confidences, so
 //! that a table compares methods and nothing else. Pure maths in f64, deterministic.
 //!
-//! | function | paper |
-//! |---|---|
-//! | [`pavlakos`] | Pavlakos, Zhou, Chan, Derpanis, Daniilidis: 6-DoF Object Pose from Semantic Keypoints, ICRA 2017 |
-//! | [`krishna_murthy`] | Krishna Murthy, Krishna, Chhaya, Krishna: Reconstructing Vehicles from a Single Image, ICRA 2017 |
+//! # Contents
+//! | function | files | paper |
+//! |---|---|---|
+//! | [`pavlakos`] | `pavlakos/`: relaxation, weak, then full perspective | Pavlakos, Zhou, Chan, Derpanis, Daniilidis: 6-DoF Object Pose from Semantic Keypoints, ICRA 2017 |
+//! | [`krishna_murthy`] | `krishna_murthy.rs`, `reprojection.rs` | Krishna Murthy, Krishna, Chhaya, Krishna: Reconstructing Vehicles from a Single Image, ICRA 2017 |
 
 mod evidence;
 mod krishna_murthy;

@@ -20,10 +20,9 @@ use roadplane_base::{
     SHARED_ERRORS, SharedSd, StudentT, is_told, weighted_median,
 };
 
-use crate::{
-    LinkId, SegmentStart,
-    nodes::{Evidence, Gaussian, Node, Step, smooth},
-};
+use crate::nodes::{Evidence, Gaussian, Node, Step, smooth};
+use crate::prior::FusePrior;
+use crate::{LinkId, SegmentStart};
 
 /// A car that a window's estimate rests on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -64,15 +63,6 @@ impl WindowEstimate {
     pub fn information(&self) -> Matrix4<f64> {
         self.joint.information
     }
-}
-
-/// What is believed of a camera before any car was seen.
-#[derive(Clone, Copy, Debug)]
-pub struct FusePrior {
-    /// Middle.
-    pub params: CameraParams,
-    /// sd of log focal, tilt, roll, log height.
-    pub sd: Vector4<f64>,
 }
 
 /// How windows are joined.

@@ -7,7 +7,7 @@
 use nalgebra::{Matrix4, SMatrix, SVector, Vector4};
 use roadplane_base::{Clue, ClueTerms, Reading};
 
-use crate::FusePrior;
+use crate::prior::FusePrior;
 
 /// What happens to the camera before a piece of evidence, number by number: kept ones (1) gain `variance`, others (0) start
 /// again from the prior.

@@ -1,6 +1,7 @@
 //! The command line.
 
 pub mod cameras;
+pub mod config;
 pub mod copy;
 pub mod eval;
 pub mod export;
@@ -13,6 +14,8 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use roadplane_pipeline::Span;
+
+use config::ConfigArgs;
 
 /// Metric 3D tracks of cars from surveillance video of a camera that nobody calibrated.
 #[derive(Debug, Parser)]
@@ -88,17 +91,6 @@ pub enum Command {
         /// For which shell.
         shell: clap_complete::Shell,
     },
-}
-
-/// Where configuration comes from.
-#[derive(Clone, Debug, Args)]
-pub struct ConfigArgs {
-    /// TOML file; configs/default.toml documents every field.
-    #[arg(long, value_name = "FILE")]
-    pub config: Option<PathBuf>,
-    /// Overrides one field, e.g. --set detect.min_score=0.4 (repeatable).
-    #[arg(long = "set", value_name = "KEY=VALUE")]
-    pub settings: Vec<String>,
 }
 
 /// `roadplane run`.

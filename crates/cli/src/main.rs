@@ -1,6 +1,6 @@
 //! The `roadplane` binary: parses the command line, runs one command, turns its outcome into an exit code.
 //!
-//! Contents: `args/` what can be asked, `commands/` a file a command, `logging.rs`, `progress.rs`, `metrics.rs`, `signals.rs`,
+//! Contents: `args/` what can be asked, `commands/` a file a command, `logging.rs`, `outcome.rs`, `progress.rs`, `metrics.rs`, `signals.rs`,
 //! `sandbox.rs`.
 // Doc comments of arguments are their help texts, where <stem> is no tag and [,height_m] no link.
 #![allow(rustdoc::invalid_html_tags, rustdoc::broken_intra_doc_links)]
@@ -9,6 +9,7 @@ mod args;
 mod commands;
 mod logging;
 mod metrics;
+mod outcome;
 mod progress;
 mod sandbox;
 mod signals;
@@ -21,6 +22,7 @@ use roadplane_eval::EvalError;
 use roadplane_pipeline::{Fault, PipelineError, too_small_address_space};
 
 use args::{Cli, Command};
+use outcome::Outcome;
 
 /// All inputs done, but some were damaged or lost.
 const DAMAGED: u8 = 3;
@@ -73,15 +75,6 @@ fn refuse_to_begin(limit_mib: u64) -> ExitCode {
     // Some library's clean-up at exit waits for ever for a thread that it had no memory to start: leave without clean-up.
     let _only_where_it_fails = std::process::Command::new("false").exec();
     ExitCode::FAILURE
-}
-
-/// How a command that did not fail ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Outcome {
-    /// Everything was read and written.
-    Done,
-    /// Some input was damaged or lost; what could be read is written and counted.
-    Damaged,
 }
 
 fn exit_code(error: &anyhow::Error) -> u8 {

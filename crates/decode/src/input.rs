@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use image::RgbImage;
 use roadplane_base::{Frame, FrameStamp, ImageSize};
 
+use crate::decoded::Decoded;
 use crate::folder::Images;
 use crate::sniff::sniff;
 use crate::video::Video;
@@ -19,15 +20,6 @@ pub enum InputKind {
     Image,
     /// A folder of images.
     Folder,
-}
-
-/// A frame's place, and its pixels where they were asked for.
-#[derive(Clone, Debug)]
-pub struct Decoded {
-    /// Which frame.
-    pub stamp: FrameStamp,
-    /// The pixels, RGB; turning them into RGB costs a third of decoding a frame, so it is left out where nobody looks.
-    pub image: Option<RgbImage>,
 }
 
 enum Source {

@@ -23,6 +23,7 @@
 //! ```
 
 mod clock;
+mod decoded;
 mod error;
 mod folder;
 mod input;
@@ -35,8 +36,9 @@ mod still;
 mod structure;
 mod video;
 
+pub use decoded::Decoded;
 pub use error::DecodeError;
-pub use input::{Decoded, Input, InputKind, open, open_part};
+pub use input::{Input, InputKind, open, open_part};
 pub use library::{backends, library_version};
 pub use options::DecodeOptions;
 pub use report::{DecodeReport, Stretch};

@@ -6,6 +6,7 @@
 //!
 //! In a clip it need not look everywhere all the time: [`Attention`] says where.
 //!
+//! # Contents
 //! ```text
 //! Seen (watch) → Attention   what changed, who does not stand, the sweep      (attention.rs, known.rs, sights.rs)
 //!              → regions     parts of the picture that are worth a run        (regions.rs)

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use roadplane_pipeline::{Fault, PipelineError};
+use roadplane_tables::TableError;
 use roadplane_write::WriteError;
 use thiserror::Error;
 
@@ -34,7 +35,10 @@ pub enum EvalError {
     /// A net or a run of the pipeline failed.
     #[error(transparent)]
     Pipeline(#[from] PipelineError),
-    /// Tables cannot be written, or a result cannot be read back.
+    /// A report cannot be made or written.
+    #[error(transparent)]
+    Tables(#[from] TableError),
+    /// A folder cannot be made, or a result cannot be read back.
     #[error(transparent)]
     Write(#[from] WriteError),
 }
@@ -54,7 +58,7 @@ impl EvalError {
             Self::Unsuitable { .. } => Fault::Usage,
             Self::Pipeline(error) => error.fault(),
             Self::Write(WriteError::Malformed { .. }) => Fault::Input,
-            Self::Write(_) => Fault::Internal,
+            Self::Tables(_) | Self::Write(_) => Fault::Internal,
         }
     }
 }

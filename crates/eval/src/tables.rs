@@ -1,12 +1,12 @@
 //! Tables and plots of scores, one row a system, with intervals over scenes.
 
+use roadplane_tables::{Cell, bootstrap};
+
 mod poses;
 mod tracks;
 
 pub use poses::{add_plot, add_table, camera_table, steps_table, viewpoint_plot, viewpoint_table};
 pub use tracks::{boxes_table, honesty_table, motion_table, position_plot, position_table, tracking_table};
-
-use crate::{Cell, bootstrap};
 
 /// Scores of a system: its name and what it did in each scene.
 pub type Scored<'a, T> = (&'a str, &'a [Vec<T>]);

@@ -3,6 +3,7 @@
 mod actev;
 mod csv;
 mod csv_table;
+mod files;
 mod geojson;
 mod highd;
 mod kitti;
@@ -13,7 +14,7 @@ mod sumo;
 
 use std::path::Path;
 
-use roadplane_write::{OutFile, WriteError, write_json};
+use roadplane_write::WriteError;
 
 pub use geojson::write_ways;
 
@@ -80,25 +81,4 @@ impl Format {
     pub fn of(name: &str) -> Option<&'static Self> {
         FORMATS.iter().find(|format| format.name == name)
     }
-}
-
-/// What is known of the place, beside files that rest on it.
-fn write_place(run: &Run, folder: &Path) -> Result<(), WriteError> {
-    let Some(place) = &run.place else { return Ok(()) };
-    write_json(&folder.join(format!("{}.place.json", run.name)), place)
-}
-
-/// Writes a text file.
-fn write_text(path: &Path, text: &str) -> Result<(), WriteError> {
-    let mut file = OutFile::create(path)?;
-    file.write_bytes(text.as_bytes())?;
-    file.finish()
-}
-
-/// Makes a folder inside the format's.
-fn subfolder(folder: &Path, name: &str) -> Result<std::path::PathBuf, WriteError> {
-    let path = folder.join(name);
-    let failed = |source| WriteError::Io { doing: "create the folder", source, path: path.clone() };
-    std::fs::create_dir_all(&path).map_err(failed)?;
-    Ok(path)
 }

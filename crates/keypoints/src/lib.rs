@@ -1,5 +1,6 @@
 //! Frame + boxes → 36 keypoints a car, each with score and covariance, by a stacked hourglass (`models/hourglass.md`).
 //!
+//! # Contents
 //! ```text
 //! Schedule       which cars are due                                              (schedule.rs)
 //! → SquareCrop   the part of the picture that the net sees, and the way back     (crop.rs)

@@ -9,12 +9,13 @@ use roadplane_geo::{Place, Site};
 use roadplane_track::Track;
 use roadplane_write::{FrameReader, PoseLines, read_jsonl, read_scene_curves};
 
-use crate::cameras::{CameraTrack, estimate_cameras};
-use crate::cars::any_car;
-use crate::known::contradiction;
-use crate::memory::Recall;
-use crate::pass::{Pass, Tally, known_cars};
-use crate::stretch::{Load, MOST_ROWS, Numbers, Replay, Stretch, sightings};
+use crate::cameras::camera_track::CameraTrack;
+use crate::cameras::estimate::estimate_cameras;
+use crate::cameras::known::contradiction;
+use crate::cameras::memory::Recall;
+use crate::tracks::cars::any_car;
+use crate::tracks::pass::{Pass, Tally, known_cars};
+use crate::tracks::stretch::{Load, MOST_ROWS, Numbers, Replay, Stretch, sightings};
 use crate::{Cancel, Config, Known, PipelineError};
 
 /// What became of a clip.

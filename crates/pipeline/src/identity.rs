@@ -11,6 +11,14 @@ use sha2::{Digest as _, Sha256};
 use crate::PipelineError;
 use crate::config::hex;
 
+/// Name of an input's result folder: its file name without extension, or the folder's name.
+#[must_use]
+pub fn stem_of(input: &Path) -> String {
+    let absolute = std::path::absolute(input).unwrap_or_else(|_unresolvable| input.to_path_buf());
+    let name = if absolute.is_dir() { absolute.file_name() } else { absolute.file_stem() };
+    name.map(|name| name.to_string_lossy().into_owned()).unwrap_or_default()
+}
+
 /// Size and sha256 of a file, or of a folder's files one after the other in order of their names.
 ///
 /// # Errors

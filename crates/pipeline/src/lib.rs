@@ -2,86 +2,62 @@
 //! cancellation, and what each command of the binary does.
 //!
 //! # Contents
+//! Data flows from top to bottom.
 //! ```text
-//! streaming half   streaming.rs over flow.rs (a thread a stage), with watched.rs, scene_lines.rs, stills.rs, samples.rs, speed.rs
-//!                  → left.rs: frames.jsonl and what the other half needs
-//! solving half     clip.rs: cameras.rs (windows → joint solves → one camera a stretch of time; lens.rs, known.rs, memory.rs)
-//!                  → cars.rs, ground_contact.rs, hidden.rs, believe.rs → tracks → finish.rs: files and report (draw.rs, losses.rs)
-//! commands         run.rs, piece.rs and join.rs, stage_files.rs, solve_file.rs, track_file.rs, activities.rs, distance.rs, bench.rs,
-//!                  doctor.rs
-//! around           config.rs, models.rs, identity.rs, limits.rs, progress.rs, cancel.rs, error.rs
+//! stream/     pictures → frames.jsonl: nets.rs, stages.rs in the order of cadence.rs, streaming.rs over flow.rs (a thread a stage);
+//!             with watched.rs, scene_lines.rs, stills.rs, samples.rs, speed.rs; left.rs writes all that is needed further on
+//! cameras/    frames → the camera at every time (estimate.rs): windows solved (window.rs), lines of the scene (witnesses.rs), what
+//!             is known.rs and remembered (memory.rs, remembered.rs), the lens.rs, all joined (joining.rs)
+//! tracks/     frames and camera → tracks: each car (cars.rs, ground_contact.rs, hidden.rs), what is believed (believe.rs), a pass
+//!             over a stretch (pass.rs, stretch.rs), what tracks do (activities.rs)
+//! clip.rs     cameras, then tracks, of a whole clip
+//! output/     the solved clip → files (finish.rs, track_rows.rs), report and video (draw.rs, losses.rs)
+//! commands/   run.rs, piece.rs and join.rs, stage_files.rs, solve_file.rs, track_file.rs, colours.rs, distance.rs, bench.rs, doctor.rs
+//! around      config.rs, options.rs, models.rs, identity.rs, limits.rs, progress.rs, cancel.rs, error.rs
 //! ```
 
-mod activities;
-mod believe;
-mod bench;
 mod cameras;
 mod cancel;
-mod cars;
 mod clip;
-mod colours;
+mod commands;
 mod config;
-mod cpu;
-mod distance;
-mod doctor;
-mod draw;
 mod error;
-mod finish;
-mod flow;
-mod ground_contact;
-mod hidden;
 mod identity;
-mod join;
-mod known;
-mod krtd;
-mod left;
-mod lens;
 mod limits;
-mod losses;
-mod memory;
 mod models;
-mod moments;
-mod pass;
-mod piece;
+mod options;
+mod output;
 mod progress;
-mod run;
-mod samples;
-mod scene_lines;
-mod shared_error;
-mod small_picture;
-mod solve_file;
-mod speed;
-mod stage_files;
-mod stills;
-mod streaming;
-mod stretch;
-mod track_file;
-mod track_rows;
-mod watched;
+mod stream;
+mod tracks;
 
-pub use activities::{activity_file, open_activity, track_motion};
-pub use bench::{DecodeCost, forget_peak_memory, measure_decoding};
-pub use cameras::usable;
+pub use cameras::known::{Known, KnownOptions, Measured};
+pub use cameras::krtd::{Krtd, read_krtd};
+pub use cameras::memory::{CameraMemory, KnownCamera, known_cameras, merge_cameras};
+pub use cameras::witnesses::SceneView;
 pub use cancel::Cancel;
 pub use clip::{ClipSolution, solve_clip};
-pub use colours::track_colours;
+pub use commands::bench::{DecodeCost, forget_peak_memory, measure_decoding};
+pub use commands::colours::track_colours;
+pub use commands::distance::{Distance, distances};
+pub use commands::doctor::{Check, check_up};
+pub use commands::join::{inputs_of, join_pieces};
+pub use commands::piece::{PlannedPiece, plan, run_piece, schemas};
+pub use commands::run::run_input;
+pub use commands::solve_file::{SolveOptions, solve_file};
+pub use commands::stage_files::{detect_file, keypoints_file};
+pub use commands::track_file::track_file;
 pub use config::{Config, ConfigError};
-pub use distance::{Distance, distances};
-pub use doctor::{Check, check_up};
-pub use draw::render_run;
 pub use error::{Fault, PipelineError};
-pub use join::{inputs_of, join_pieces};
-pub use known::{Known, KnownOptions, Measured};
-pub use krtd::{Krtd, read_krtd};
+pub use identity::stem_of;
 pub use limits::too_small_address_space;
-pub use memory::{CameraMemory, KnownCamera, known_cameras, merge_cameras};
 pub use models::{find_models, find_runtime};
-pub use piece::{PlannedPiece, Span, plan, run_piece, schemas};
+pub use options::{RunOptions, RunReport};
+pub use output::draw::render_run;
 pub use progress::{Progress, Silent};
 pub use roadplane_write::{EvidenceStore, Existing, FolderLock, WriteError};
-pub use run::{RunOptions, RunReport, run_input, stem_of};
-pub use scene_lines::SceneView;
-pub use solve_file::{SolveOptions, solve_file};
-pub use stage_files::{detect_file, keypoints_file};
-pub use streaming::{Nets, open_detector, open_input, open_keypoints};
-pub use track_file::track_file;
+pub use stream::nets::{Nets, open_activity, open_detector, open_keypoints};
+pub use stream::span::Span;
+pub use stream::streaming::open_input;
+pub use tracks::activities::{activity_file, track_motion};
+pub use tracks::believe::usable;

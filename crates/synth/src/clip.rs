@@ -9,9 +9,10 @@ use crate::Rng;
 use crate::item::{Item, ItemCar, Sighting, projected};
 use crate::keypoints::{CLAIMED_NOISE, seen_indices};
 use crate::models::move_off_atlas;
-use crate::scene::{SynthOptions, body};
+use crate::scene::body;
 use crate::traffic::{Aisle, Bay, Manoeuvre, drive, touch};
 use crate::trajectory::{CarState, Drive};
+use crate::truth::SynthOptions;
 
 /// Length of a car in the middle of the picture, px.
 const CAR_PX: [f64; 2] = [50.0, 120.0];

@@ -3,8 +3,9 @@
 use nalgebra::{Isometry3, Point3, Vector2, Vector3};
 use roadplane_base::{Camera, CameraParams, ImageSize, KEYPOINTS, KeypointSet, ShapeAtlas};
 
-use crate::scene::{SynthOptions, scene};
+use crate::scene::scene;
 use crate::trajectory::CarState;
+use crate::truth::SynthOptions;
 
 /// A still or a clip.
 #[derive(Clone, Debug)]

@@ -4,7 +4,7 @@ use nalgebra::{Isometry3, Point3, Unit, UnitQuaternion, Vector2, Vector3};
 use roadplane_base::{Camera, KEYPOINTS, Keypoint, mirror_index};
 
 use crate::Rng;
-use crate::scene::{SceneTruth, SynthOptions, Wrong};
+use crate::truth::{SceneTruth, SynthOptions, Wrong};
 
 /// Smallest noise sd that a keypoint claims, as a share of its box: noise-free keypoints claim this.
 pub(crate) const CLAIMED_NOISE: f64 = 0.01;

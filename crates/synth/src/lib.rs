@@ -28,6 +28,7 @@ mod row;
 mod scene;
 mod traffic;
 pub mod trajectory;
+mod truth;
 
 pub use bench::{BenchScene, random_camera};
 pub use clip::{ClipOptions, clip_item};
@@ -35,4 +36,5 @@ pub use item::{Item, ItemCar, Sighting, still_item};
 pub use models::{CarModel, draw_shape};
 pub use rng::Rng;
 pub use row::standing;
-pub use scene::{CarTruth, Layout, SceneTruth, SynthOptions, Wrong, scene};
+pub use scene::scene;
+pub use truth::{CarTruth, Layout, SceneTruth, SynthOptions, Wrong};

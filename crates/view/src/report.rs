@@ -2,58 +2,22 @@
 
 mod camera;
 mod doubts;
+mod html;
+mod input;
 mod look;
 mod pictures;
 mod thin;
 mod tracks;
 
-use std::collections::BTreeMap;
-use std::fmt::Write as _;
+pub use self::input::{ReportInput, Still, TrackView};
 
-use image::RgbImage;
-use roadplane_base::{CameraEstimate, CameraMove, TrackRow};
-
-pub use self::look::{Still, TrackView};
-
+use self::html::{escape, put};
 use self::pictures::figure;
 use crate::ViewError;
 use crate::birds_eye::birds_eye;
 use crate::histogram::histogram;
 
 const STYLE: &str = include_str!("report/page.css");
-
-/// What a report shows.
-#[derive(Debug)]
-pub struct ReportInput<'a> {
-    /// Name of the input.
-    pub title: &'a str,
-    /// The camera, per stretch of time.
-    pub cameras: &'a [CameraEstimate],
-    /// All rows, by frame, then by track.
-    pub rows: &'a [TrackRow],
-    /// Frames with overlays already drawn, by index.
-    pub samples: &'a [(u64, RgbImage)],
-    /// Small frames to play, by time; none for a page that holds none.
-    pub stills: &'a [Still],
-    /// Cut-outs of tracks over their lives, by time.
-    pub views: &'a [TrackView],
-    /// Reprojection errors of the tracked poses, px.
-    pub reprojection_rms_px: &'a [f64],
-    /// Lines of name and value: counts, times, versions.
-    pub facts: &'a [(String, String)],
-    /// What a reader should know.
-    pub warnings: &'a [String],
-    /// The place without what moves.
-    pub background: Option<&'a RgbImage>,
-    /// The place with the lines that tell its vertical, where there are any.
-    pub scene_lines: Option<&'a RgbImage>,
-    /// When the camera was moved.
-    pub moves: &'a [CameraMove],
-    /// What else the pictures say of the camera, a line each: shake, nothing to see.
-    pub camera_notes: &'a [String],
-    /// What was lost, left out or never looked at, a sentence each.
-    pub losses: &'a [String],
-}
 
 /// The page.
 ///
@@ -108,16 +72,6 @@ pub fn report_html(input: &ReportInput<'_>) -> Result<String, ViewError> {
     Ok(page)
 }
 
-/// Writing to a string cannot fail.
-fn put(page: &mut String, text: std::fmt::Arguments<'_>) {
-    let _infallible = page.write_fmt(text);
-}
-
-/// Text as HTML shows it.
-fn escape(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
-}
-
 fn sentences(page: &mut String, lines: &[String]) {
     if lines.is_empty() {
         return;
@@ -127,14 +81,6 @@ fn sentences(page: &mut String, lines: &[String]) {
         put(page, format_args!("<li>{}</li>\n", escape(line)));
     }
     page.push_str("</ul>\n");
-}
-
-fn by_track(rows: &[TrackRow]) -> BTreeMap<u64, Vec<&TrackRow>> {
-    let mut tracks: BTreeMap<u64, Vec<&TrackRow>> = BTreeMap::new();
-    for row in rows {
-        tracks.entry(row.track).or_default().push(row);
-    }
-    tracks
 }
 
 fn quality(page: &mut String, rms_px: &[f64]) {
@@ -161,8 +107,11 @@ fn quality(page: &mut String, rms_px: &[f64]) {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
+    use image::RgbImage;
     use nalgebra::Matrix4;
-    use roadplane_base::{CameraParams, CameraStatus, ImageSize, MoveKind};
+    use roadplane_base::{
+        CameraEstimate, CameraMove, CameraParams, CameraStatus, ImageSize, MoveKind, TrackRow,
+    };
     use roadplane_synth::standing as row;
 
     fn camera() -> CameraEstimate {

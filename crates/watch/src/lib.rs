@@ -1,7 +1,7 @@
 //! What the pictures themselves say, before any vehicle is looked for: whether the camera is at rest, what changed, and how the
 //! empty place looks.
 //!
-//! # How the pieces join
+//! # Contents
 //! ```text
 //! RgbImage → SmallGrey      grey, halved until its longer side is at most 480 px                  (small.rs)
 //!          → Level          the background's blocks at one size; each tells a shift and a gain     (level.rs)

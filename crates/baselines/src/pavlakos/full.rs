@@ -8,9 +8,8 @@
 use nalgebra::{Isometry3, Matrix3, Matrix6, Rotation3, Translation3, UnitQuaternion, Vector3};
 use roadplane_base::{MODES, Shape};
 
-use super::{
-    Basis, COST_TOLERANCE, KEYPOINT_SD_M, MAX_ROUNDS, WeakPerspective, nearest_rotation, weighted_mean,
-};
+use super::basis::{Basis, COST_TOLERANCE, KEYPOINT_SD_M, MAX_ROUNDS, nearest_rotation, weighted_mean};
+use super::weak::WeakPerspective;
 use crate::CarFit;
 use crate::evidence::Sight;
 

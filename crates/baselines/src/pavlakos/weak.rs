@@ -3,8 +3,8 @@
 use nalgebra::{Matrix2x3, Matrix3, Matrix6, Vector2, Vector3};
 use roadplane_base::{MODES, Shape};
 
+use super::basis::{Basis, COST_TOLERANCE, KEYPOINT_SD_M, MAX_ROUNDS, nearest_rotation, weighted_mean};
 use super::relaxation::{nearest_scaled_rows, relaxed_motion};
-use super::{Basis, COST_TOLERANCE, KEYPOINT_SD_M, MAX_ROUNDS, nearest_rotation, weighted_mean};
 use crate::evidence::Sight;
 
 /// A car as seen from afar.

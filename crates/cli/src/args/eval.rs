@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Subcommand, ValueEnum};
 
-use super::ConfigArgs;
+use super::config::ConfigArgs;
 
 /// `roadplane eval`.
 #[derive(Debug, Args)]

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::ConfigArgs;
+use super::config::ConfigArgs;
 
 /// `roadplane plan`.
 #[derive(Debug, Args)]

@@ -1,32 +1,25 @@
 //! `roadplane bench`: what the main job costs on an input, beside what decoding alone costs.
 
+mod measured;
 mod table;
 
 use std::path::Path;
 
 use roadplane_pipeline::{
-    Cancel, Config, DecodeCost, FolderLock, PipelineError, RunOptions, find_models, forget_peak_memory,
-    measure_decoding, run_input,
+    Cancel, Config, FolderLock, PipelineError, RunOptions, find_models, forget_peak_memory, measure_decoding,
+    run_input,
 };
-use roadplane_write::{Speed, Summary, read_summary};
+use roadplane_write::{Summary, read_summary};
 
-use crate::Outcome;
 use crate::args::BenchArgs;
+use crate::commands::config::config;
+use crate::outcome::Outcome;
 use crate::progress::Bar;
-
-/// What was measured of a configuration.
-pub struct Measured {
-    /// Name of the configuration.
-    name: &'static str,
-    /// Costs as `summary.json` has them.
-    speed: Speed,
-    /// Most memory held, bytes.
-    peak_memory_bytes: Option<u64>,
-}
+use measured::Measured;
 
 /// Runs the input in one or two configurations, decodes it alone, prints the table.
 pub fn bench(args: &BenchArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
-    let config = super::config(&args.config)?;
+    let config = config(&args.config)?;
     let mut kept = None;
     let temporary;
     let out = match &args.out {
@@ -74,15 +67,4 @@ fn one(input: &Path, out: &Path, config: &Config, cancel: &Cancel) -> anyhow::Re
     let summary = read_summary(&report.folder.join("summary.json")).map_err(PipelineError::from)?;
     let speed = summary.speed.clone().unwrap_or_default();
     Ok((Measured { name, speed, peak_memory_bytes: summary.peak_memory_bytes }, summary))
-}
-
-/// Total over what decoding alone costs.
-fn over_decoding(run: &Measured, decoding: &DecodeCost) -> f64 {
-    run.speed.cpu_ms_per_frame.total / decoding.cpu_ms_per_frame().max(1e-9)
-}
-
-/// Share of the total that the left half costs beyond decoding and nets.
-fn rest_share(run: &Measured) -> f64 {
-    let ms = &run.speed.cpu_ms_per_frame;
-    ms.left_half_rest() / ms.total.max(1e-9)
 }

@@ -5,8 +5,8 @@ use std::io::{Write as _, stdout};
 use roadplane_pipeline::{Config, EvidenceStore, KnownCamera, PipelineError, known_cameras, merge_cameras};
 use serde_json::json;
 
-use crate::Outcome;
 use crate::args::cameras::{CamerasArgs, CamerasCommand};
+use crate::outcome::Outcome;
 
 /// Does what is asked.
 pub fn cameras(args: &CamerasArgs) -> anyhow::Result<Outcome> {

@@ -8,8 +8,9 @@ use roadplane_export::Run;
 use roadplane_pipeline::{Cancel, Existing, FolderLock, PipelineError, track_colours};
 use roadplane_write::{OutputFolder, WriteError, read_summary};
 
-use crate::Outcome;
 use crate::args::copy::CopyArgs;
+use crate::commands::config::config;
+use crate::outcome::Outcome;
 use crate::progress::Bar;
 
 /// Reads the run, looks at its input for colours, writes the scene.
@@ -71,6 +72,6 @@ fn colours(args: &CopyArgs, run: &Run, cancel: &Cancel) -> anyhow::Result<Colour
         }
     };
     let rows: Vec<TrackRow> = run.tracks.iter().flat_map(|track| track.rows.clone()).collect();
-    let config = super::config(&args.config)?;
+    let config = config(&args.config)?;
     Ok(track_colours(&input, &rows, &config, cancel, &Bar::new("colours"))?)
 }

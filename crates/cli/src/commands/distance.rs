@@ -4,8 +4,8 @@ use std::io::{Write as _, stdout};
 
 use roadplane_pipeline::distances;
 
-use crate::Outcome;
 use crate::args::DistanceArgs;
+use crate::outcome::Outcome;
 
 /// Prints CSV: time, distance and its sd.
 pub fn distance(args: &DistanceArgs) -> anyhow::Result<Outcome> {

@@ -7,17 +7,19 @@ mod dataset;
 mod keypoints;
 mod kitti;
 mod run;
+mod show;
 mod solver;
 mod tracker;
 
-use std::io::Write as _;
 use std::path::Path;
 
-use roadplane_eval::{EvalError, Report, evaluate_coco, evaluate_mot};
+use roadplane_eval::{EvalError, evaluate_coco, evaluate_mot};
 use roadplane_pipeline::Cancel;
+use roadplane_tables::Report;
 
-use crate::Outcome;
 use crate::args::eval::{EvalArgs, EvalCommand, EvalFilesArgs};
+use crate::outcome::Outcome;
+use show::show;
 
 /// Evaluates what is asked for.
 pub fn eval(args: &EvalArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
@@ -44,12 +46,4 @@ fn files(
 ) -> anyhow::Result<Outcome> {
     show(&evaluate(&args.truth, &args.found)?, args.out.as_deref())?;
     Ok(Outcome::Done)
-}
-
-/// Prints a report's tables; writes them with the plots where a folder is given.
-fn show(report: &Report, out: Option<&Path>) -> anyhow::Result<()> {
-    if let Some(folder) = out {
-        report.write(folder)?;
-    }
-    Ok(std::io::stdout().lock().write_all(report.to_text().as_bytes())?)
 }

@@ -5,8 +5,8 @@ use std::io::{Write as _, stdout};
 use roadplane_export::{FORMATS, Format, Run, export as write};
 use roadplane_pipeline::{Existing, FolderLock, PipelineError};
 
-use crate::Outcome;
 use crate::args::export::ExportArgs;
+use crate::outcome::Outcome;
 
 /// Formats that need more than this program, and how to get them.
 const ELSEWHERE: [(&str, &str); 1] = [(

@@ -5,13 +5,13 @@ use std::path::Path;
 
 use anyhow::Context as _;
 use clap::CommandFactory as _;
-use roadplane_pipeline::{Config, PipelineError};
 
-use crate::Outcome;
-use crate::args::{Cli, ConfigArgs};
+use crate::args::Cli;
+use crate::outcome::Outcome;
 
 pub mod bench;
 pub mod cameras;
+mod config;
 pub mod copy;
 pub mod distance;
 pub mod doctor;
@@ -37,9 +37,4 @@ pub fn manual(out: &Path) -> anyhow::Result<Outcome> {
     clap_mangen::generate_to(Cli::command(), out)
         .with_context(|| format!("the manual cannot be written to {}", out.display()))?;
     Ok(Outcome::Done)
-}
-
-/// The configuration that the arguments ask for.
-fn config(args: &ConfigArgs) -> Result<Config, PipelineError> {
-    Config::load(args.config.as_deref(), &args.settings).map_err(PipelineError::from)
 }

@@ -7,13 +7,14 @@ use roadplane_pipeline::{
     join_pieces, plan as plan_input,
 };
 
-use crate::Outcome;
 use crate::args::pieces::{JoinArgs, PlanArgs};
+use crate::commands::config::config;
+use crate::outcome::Outcome;
 use crate::progress::Bar;
 
 /// Lists the pieces of all inputs; one that is lost does not keep the others from being listed.
 pub fn plan(args: &PlanArgs) -> anyhow::Result<Outcome> {
-    let config = super::config(&args.config)?;
+    let config = config(&args.config)?;
     let mut lost = None;
     for input in &args.inputs {
         match plan_input(input, args.piece_s, &config) {
@@ -34,7 +35,7 @@ pub fn plan(args: &PlanArgs) -> anyhow::Result<Outcome> {
 
 /// Pieces → the result of a run over all of them.
 pub fn join(args: &JoinArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
-    let config = super::config(&args.config)?;
+    let config = config(&args.config)?;
     let known = args.known.read_beside(args.cameras.is_some())?;
     let site = super::site::site(&args.site)?;
     let models = find_models(config.models.folder.as_deref())?;

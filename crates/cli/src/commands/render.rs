@@ -2,13 +2,14 @@
 
 use roadplane_pipeline::{Cancel, render_run};
 
-use crate::Outcome;
 use crate::args::RenderArgs;
+use crate::commands::config::config;
+use crate::outcome::Outcome;
 use crate::progress::Bar;
 
 /// Draws boxes, wireframes, tracks and the bird's-eye view of a run into a video.
 pub fn render(args: &RenderArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
-    let config = super::config(&args.config)?;
+    let config = config(&args.config)?;
     let out = args.out.clone().unwrap_or_else(|| args.run.join("annotated.mp4"));
     let damaged = render_run(&args.input, &args.run, &out, &config, cancel, &Bar::new("render"))?;
     Ok(if damaged { Outcome::Damaged } else { Outcome::Done })

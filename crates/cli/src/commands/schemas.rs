@@ -5,8 +5,8 @@ use std::io::{Write as _, stdout};
 use roadplane_pipeline::{PipelineError, schemas as all_schemas};
 use roadplane_write::write_json;
 
-use crate::Outcome;
 use crate::args::SchemasArgs;
+use crate::outcome::Outcome;
 
 /// Prints or writes them.
 pub fn schemas(args: &SchemasArgs) -> anyhow::Result<Outcome> {

@@ -7,8 +7,9 @@ use roadplane_pipeline::{
     keypoints_file, solve_file, track_file,
 };
 
-use crate::Outcome;
 use crate::args::{ActivityArgs, DetectArgs, KeypointsArgs, SolveArgs, TrackArgs};
+use crate::commands::config::config;
+use crate::outcome::Outcome;
 use crate::progress::Bar;
 use crate::sandbox::{self, Needs};
 
@@ -18,7 +19,7 @@ fn outcome(damaged: bool) -> Outcome {
 
 /// Input → frames with boxes.
 pub fn detect(args: &DetectArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
-    let config = super::config(&args.config)?;
+    let config = config(&args.config)?;
     let models = find_models(config.models.folder.as_deref())?;
     sandbox::enter(
         &Needs::of_nets(config.models.folder.as_deref()).reading([&args.input]).writing_file(&args.out),
@@ -29,7 +30,7 @@ pub fn detect(args: &DetectArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
 
 /// Input and boxes → frames with keypoints.
 pub fn keypoints(args: &KeypointsArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
-    let config = super::config(&args.config)?;
+    let config = config(&args.config)?;
     let models = find_models(config.models.folder.as_deref())?;
     let reads = [&args.input, &args.boxes];
     sandbox::enter(&Needs::of_nets(config.models.folder.as_deref()).reading(reads).writing_file(&args.out));
@@ -39,7 +40,7 @@ pub fn keypoints(args: &KeypointsArgs, cancel: &Cancel) -> anyhow::Result<Outcom
 
 /// Tracks → labels and events.
 pub fn activity(args: &ActivityArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
-    let config = super::config(&args.config)?;
+    let config = config(&args.config)?;
     let models = find_models(config.models.folder.as_deref())?;
     let events = activity_file(&args.tracks, &args.out, &models, &config, cancel)?;
     tracing::info!("{events} events");
@@ -48,7 +49,7 @@ pub fn activity(args: &ActivityArgs, cancel: &Cancel) -> anyhow::Result<Outcome>
 
 /// Frames with keypoints → poses and camera.
 pub fn solve(args: &SolveArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
-    let config = super::config(&args.config)?;
+    let config = config(&args.config)?;
     let known = args.known.read()?;
     let options = SolveOptions { known, use_plane: !args.no_plane, per_frame: args.per_frame };
     solve_file(&args.frames, &args.out, &options, &config, cancel, &Bar::new("solve"))?;
@@ -57,7 +58,7 @@ pub fn solve(args: &SolveArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
 
 /// Frames with keypoints → tracks.
 pub fn track(args: &TrackArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
-    let config = super::config(&args.config)?;
+    let config = config(&args.config)?;
     let known = args.known.read()?;
     let (out, stem) = (args.out.parent().unwrap_or_else(|| Path::new("")), stem_of_folder(&args.out));
     let out = if out.as_os_str().is_empty() { Path::new(".") } else { out };

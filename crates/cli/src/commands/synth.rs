@@ -11,8 +11,8 @@ use roadplane_pipeline::{Cancel, FolderLock, PipelineError, Progress as _};
 use roadplane_synth::{ClipOptions, Item, Layout, Rng, SynthOptions, clip_item, still_item};
 use roadplane_write::{JsonLines, OutFile, WriteError, write_json};
 
-use crate::Outcome;
 use crate::args::synth::SynthArgs;
+use crate::outcome::Outcome;
 use crate::progress::Bar;
 
 /// Where items lie in the folder.

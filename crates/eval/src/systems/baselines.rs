@@ -3,7 +3,7 @@
 use roadplane_base::{Camera, KeypointSet, ShapeAtlas};
 use roadplane_baselines::CarFit;
 
-use super::{CarAnswer, FrameAnswer, FrameInput};
+use super::answer::{CarAnswer, FrameAnswer, FrameInput};
 
 /// Each car on its own.
 pub(super) fn solve(

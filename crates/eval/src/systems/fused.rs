@@ -7,7 +7,7 @@ use roadplane_base::{FrameRecord, PoseRecord, ShapeAtlas, TrackRow};
 use roadplane_pipeline::{Cancel, Config, Known, solve_clip};
 use roadplane_write::{JsonLines, read_jsonl};
 
-use super::CameraAnswer;
+use super::answer::CameraAnswer;
 use crate::EvalError;
 
 /// What came of a clip.

@@ -5,7 +5,7 @@ use roadplane_base::{Camera, KeypointSet, ShapeAtlas};
 use roadplane_pipeline::Config;
 use roadplane_solve::{CarSolution, CarView, SceneStatus, ShapePrior, fit_car, solve_scene};
 
-use super::{CameraAnswer, CarAnswer, FrameAnswer, FrameInput};
+use super::answer::{CameraAnswer, CarAnswer, FrameAnswer, FrameInput};
 
 /// Every car a physical car of its own.
 pub(super) fn views<'a>(input: &FrameInput<'a>) -> Vec<CarView<'a>> {

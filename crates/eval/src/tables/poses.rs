@@ -1,10 +1,11 @@
 //! Poses and cameras: the paper's Tables 1 and 2, and focal length and plane.
 
+use roadplane_tables::{Cell, Column, Mark, Plot, Table, bootstrap, mean, median, quantile, share_within};
+
 use super::{Scored, cell};
 use crate::metrics::camera::CameraError;
 use crate::metrics::{add, viewpoint};
 use crate::scoring::PoseScore;
-use crate::{Cell, Column, Mark, Plot, Table, bootstrap, mean, median, quantile, share_within};
 
 /// Points of the curves in the plots.
 const CURVE: usize = 60;

@@ -1,5 +1,7 @@
 //! Tracks on the ground and boxes in the picture.
 
+use roadplane_tables::{Cell, Column, Mark, Plot, Table, bootstrap_scenes, median, quantile, share_within};
+
 use super::{Scored, cell};
 use crate::metrics::average_precision::{
     AveragePrecision, PictureBoxes, PictureMatch, Size, average_precision,
@@ -10,7 +12,6 @@ use crate::metrics::identity::Identity;
 use crate::metrics::position::{PositionError, RANGES_M, in_range, range_name};
 use crate::metrics::sequence::ZERO_DISTANCE_M;
 use crate::scoring::TrackScore;
-use crate::{Cell, Column, Mark, Plot, Table, bootstrap_scenes, median, quantile, share_within};
 
 /// Headings further off than this are those of a car that was taken for its mirror image, rad.
 const TURNED_RAD: f64 = std::f64::consts::FRAC_PI_2;
@@ -124,7 +125,7 @@ pub fn honesty_table(title: &str, systems: &[(&str, &[TrackScore])]) -> Table {
             if cars == 0 {
                 continue;
             }
-            let rms = |values: &[f64]| crate::mean(values).sqrt();
+            let rms = |values: &[f64]| roadplane_tables::mean(values).sqrt();
             table.rows.push(vec![
                 Cell::from(*name),
                 range_name(range).into(),

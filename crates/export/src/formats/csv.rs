@@ -5,7 +5,7 @@ use std::path::Path;
 
 use roadplane_write::{TrackCsv, WriteError};
 
-use super::write_place;
+use super::files::write_place;
 use crate::Run;
 
 /// By frame, then track; a file for each stretch of time.

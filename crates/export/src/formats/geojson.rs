@@ -8,7 +8,7 @@ use roadplane_base::TrackRow;
 use roadplane_write::{WriteError, write_json};
 use serde_json::{Map, Value, json};
 
-use super::write_place;
+use super::files::write_place;
 use crate::{Run, Stretch, Track};
 
 const METRES: &str =

@@ -9,7 +9,7 @@ use nalgebra::{Point3, Vector3};
 use roadplane_base::{VehicleClass, wrap_angle};
 use roadplane_write::WriteError;
 
-use super::{subfolder, write_text};
+use super::files::{subfolder, write_text};
 use crate::{Run, Stretch};
 
 /// Writes both folders.

@@ -7,7 +7,7 @@ use std::path::Path;
 use roadplane_write::WriteError;
 
 use super::actev::activity_name;
-use super::write_text;
+use super::files::write_text;
 use crate::Run;
 
 /// `src` of everything.

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use roadplane_write::WriteError;
 
-use super::write_text;
+use super::files::write_text;
 use crate::Run;
 
 /// All rows; those that are filled in between looks have confidence 0.

@@ -2,7 +2,7 @@
 
 use roadplane_base::{CameraEstimate, CameraMove, CameraStatus, MoveKind};
 
-use super::put;
+use super::html::put;
 
 /// A row for each stretch of time.
 pub(super) fn cameras(page: &mut String, cameras: &[CameraEstimate]) {

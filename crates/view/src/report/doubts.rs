@@ -2,7 +2,7 @@
 
 use roadplane_base::{ImageSize, TrackRow};
 
-use super::by_track;
+use super::input::by_track;
 use super::look::hidden;
 
 /// A box so near the picture's edge is cut by it, px.

@@ -5,9 +5,9 @@ use nalgebra::Matrix3x4;
 use roadplane_base::{CameraEstimate, TrackRow};
 use serde::{Serialize, Serializer};
 
+use super::input::{ReportInput, Still, by_track};
 use super::thin::{Vertex, thinned};
 use super::tracks::{path_m, top_mps};
-use super::{ReportInput, by_track};
 use crate::ViewError;
 use crate::activities::{SHOWN, activity_colour, words};
 use crate::birds_eye::{bounds, hex};
@@ -22,24 +22,6 @@ pub(super) const HIDDEN_S: f64 = 1.0;
 
 const MARKUP: &str = include_str!("look.html");
 const SCRIPTS: [&str; 2] = [include_str!("look_draw.js"), include_str!("look.js")];
-
-/// A small frame to look at while playing.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Still {
-    /// Presentation time, ms.
-    pub time_ms: i64,
-    /// The picture.
-    pub jpeg: Vec<u8>,
-}
-
-/// A track's cut-out at some time of its life.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct TrackView {
-    /// The track.
-    pub track: u64,
-    /// What was seen of it, and when.
-    pub still: Still,
-}
 
 #[derive(Serialize)]
 struct Data<'a> {

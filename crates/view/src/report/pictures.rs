@@ -4,7 +4,7 @@ use base64::{Engine as _, engine::general_purpose::STANDARD};
 use image::RgbImage;
 use image::codecs::jpeg::JpegEncoder;
 
-use super::put;
+use super::html::put;
 use crate::ViewError;
 
 /// JPEG quality of the pictures in the page.

@@ -2,8 +2,10 @@
 
 use roadplane_base::TrackRow;
 
+use super::html::{escape, put};
+use super::input::{ReportInput, by_track};
 use super::pictures::data_uri;
-use super::{ReportInput, by_track, escape, put};
+
 use crate::ViewError;
 use crate::activities::stretches;
 use crate::crops::best_views;

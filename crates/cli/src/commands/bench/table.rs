@@ -2,11 +2,11 @@
 
 use std::io::Write as _;
 
-use roadplane_eval::{Cell, Column, Table};
 use roadplane_pipeline::DecodeCost;
+use roadplane_tables::{Cell, Column, Table};
 use serde_json::{Value, json};
 
-use super::{Measured, over_decoding, rest_share};
+use super::measured::{Measured, over_decoding, rest_share};
 
 /// How to read the table.
 const NOTE: &str = "CPU: user and system time of all threads over frames read. A stage is its thread; decode also has what no \

@@ -3,16 +3,18 @@
 use roadplane_eval::{ActivityOptions, evaluate_activity};
 use roadplane_pipeline::{Cancel, find_models};
 
-use crate::Outcome;
 use crate::args::eval::EvalActivityArgs;
+use crate::commands::config::config;
+use crate::commands::eval::show::show;
+use crate::outcome::Outcome;
 use crate::progress::Bar;
 
 /// Prints the tables.
 pub fn activity(args: &EvalActivityArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
-    let config = super::super::config(&args.config)?;
+    let config = config(&args.config)?;
     let models = find_models(config.models.folder.as_deref())?;
     let options = ActivityOptions { models, runs: args.out.as_ref().map(|out| out.join("runs")) };
     let report = evaluate_activity(&args.data, &options, &config, cancel, &Bar::new("eval"))?;
-    super::show(&report, args.out.as_deref())?;
+    show(&report, args.out.as_deref())?;
     Ok(Outcome::Done)
 }

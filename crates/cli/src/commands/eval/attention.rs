@@ -3,17 +3,19 @@
 use roadplane_eval::evaluate_attention;
 use roadplane_pipeline::{Cancel, find_models};
 
-use crate::Outcome;
 use crate::args::eval::EvalAttentionArgs;
+use crate::commands::config::config;
+use crate::commands::eval::show::show;
+use crate::outcome::Outcome;
 use crate::progress::Bar;
 
 /// Prints the table.
 pub fn attention(args: &EvalAttentionArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
-    let config = super::super::config(&args.config)?;
+    let config = config(&args.config)?;
     let models = find_models(config.models.folder.as_deref())?;
     let temporary = tempfile::tempdir()?;
     let work = args.out.as_ref().map_or_else(|| temporary.path().to_path_buf(), |out| out.join("runs"));
     let report = evaluate_attention(&args.clips, &models, &work, &config, cancel, &Bar::new("eval"))?;
-    super::show(&report, args.out.as_deref())?;
+    show(&report, args.out.as_deref())?;
     Ok(Outcome::Done)
 }

@@ -3,13 +3,15 @@
 use roadplane_eval::{DatasetOptions, evaluate_dataset};
 use roadplane_pipeline::{Cancel, find_models};
 
-use crate::Outcome;
 use crate::args::eval::{EvalDatasetArgs, Keypoints};
+use crate::commands::config::config;
+use crate::commands::eval::show::show;
+use crate::outcome::Outcome;
 use crate::progress::Bar;
 
 /// Prints the tables.
 pub fn dataset(args: &EvalDatasetArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
-    let config = super::super::config(&args.config)?;
+    let config = config(&args.config)?;
     let options = DatasetOptions {
         part: args.part,
         net: args.keypoints != Keypoints::Noise,
@@ -20,6 +22,6 @@ pub fn dataset(args: &EvalDatasetArgs, cancel: &Cancel) -> anyhow::Result<Outcom
         runs: args.out.as_ref().map(|out| out.join("runs")),
     };
     let report = evaluate_dataset(&args.folder, &options, &config, cancel, &Bar::new("eval"))?;
-    super::show(&report, args.out.as_deref())?;
+    show(&report, args.out.as_deref())?;
     Ok(Outcome::Done)
 }

@@ -5,18 +5,20 @@ use std::path::Path;
 
 use image::{ImageFormat, RgbImage};
 use roadplane_base::KeypointSet;
-use roadplane_eval::Report;
 use roadplane_eval::keypoints::{
     CarErrors, LabelledCar, LabelledImage, keypoint_tables, measure, predict, worst_first,
 };
 use roadplane_pipeline::{
     Cancel, Config, PipelineError, find_models, open_detector, open_input, open_keypoints,
 };
+use roadplane_tables::Report;
 use roadplane_view::{KeypointCase, keypoint_sheet};
 use roadplane_write::OutFile;
 
-use crate::Outcome;
 use crate::args::eval::{Boxes, EvalKeypointsArgs};
+use crate::commands::config::config;
+use crate::commands::eval::show::show;
+use crate::outcome::Outcome;
 
 /// A labelled car with what the net made of it.
 struct Measured {
@@ -28,7 +30,7 @@ struct Measured {
 
 /// Prints the tables; draws the worst cars where a folder is given.
 pub fn keypoints(args: &EvalKeypointsArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
-    let config = super::super::config(&args.config)?;
+    let config = config(&args.config)?;
     let models = find_models(config.models.folder.as_deref())?;
     let mut net = open_keypoints(&models, &config)?;
     let mut detector = match args.boxes {
@@ -65,7 +67,7 @@ pub fn keypoints(args: &EvalKeypointsArgs, cancel: &Cancel) -> anyhow::Result<Ou
         overall.note += &format!(" {without} cars were not found, or are too small for the net: in no row.");
     }
     let report = Report { title: "Keypoints on labelled images".to_owned(), tables, ..Report::default() };
-    super::show(&report, args.out.as_deref())?;
+    show(&report, args.out.as_deref())?;
     if let Some(folder) = &args.out {
         write_picture(&folder.join("worst.png"), &worst(&measured, &pictures, args.worst)?)?;
     }

@@ -3,16 +3,18 @@
 use roadplane_eval::{KittiOptions, evaluate_kitti};
 use roadplane_pipeline::{Cancel, find_models};
 
-use crate::Outcome;
 use crate::args::eval::EvalKittiArgs;
+use crate::commands::config::config;
+use crate::commands::eval::show::show;
+use crate::outcome::Outcome;
 use crate::progress::Bar;
 
 /// Prints the tables.
 pub fn kitti(args: &EvalKittiArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
-    let config = super::super::config(&args.config)?;
+    let config = config(&args.config)?;
     let models = find_models(config.models.folder.as_deref())?;
     let options = KittiOptions { part: args.part, models };
     let report = evaluate_kitti(&args.folder, &options, &config, cancel, &Bar::new("eval"))?;
-    super::show(&report, args.out.as_deref())?;
+    show(&report, args.out.as_deref())?;
     Ok(Outcome::Done)
 }

@@ -3,12 +3,13 @@
 use roadplane_base::ShapeAtlas;
 use roadplane_eval::evaluate_run;
 
-use crate::Outcome;
 use crate::args::eval::EvalRunArgs;
+use crate::commands::eval::show::show;
+use crate::outcome::Outcome;
 
 /// Prints the tables.
 pub fn run(args: &EvalRunArgs) -> anyhow::Result<Outcome> {
     let report = evaluate_run(&args.run, &args.truth, &ShapeAtlas::shipped()?)?;
-    super::show(&report, args.out.as_deref())?;
+    show(&report, args.out.as_deref())?;
     Ok(Outcome::Done)
 }

@@ -5,11 +5,14 @@ use roadplane_eval::solver::{
     ablation_tables, exact_table, fusion_table, layers_tables, remembered_tables, speed, speed_plot,
     speed_table, statistics_tables, synthetic_pictures,
 };
-use roadplane_eval::{Report, camera_pictures, dataset_pictures};
+use roadplane_eval::{camera_pictures, dataset_pictures};
 use roadplane_pipeline::{Cancel, find_models};
+use roadplane_tables::Report;
 
-use crate::Outcome;
 use crate::args::eval::{EvalRememberedArgs, EvalSolverArgs};
+use crate::commands::config::config;
+use crate::commands::eval::show::show;
+use crate::outcome::Outcome;
 
 /// Frames that are fused.
 const FRAMES: usize = 100;
@@ -19,7 +22,7 @@ const CARS: [usize; 9] = [1, 3, 5, 10, 20, 50, 100, 200, 300];
 /// Prints the tables.
 pub fn solver(args: &EvalSolverArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let report = if args.layers { layers(args, cancel)? } else { statistics(args)? };
-    super::show(&report, args.out.as_deref())?;
+    show(&report, args.out.as_deref())?;
     Ok(Outcome::Done)
 }
 
@@ -37,7 +40,7 @@ fn statistics(args: &EvalSolverArgs) -> anyhow::Result<Report> {
 }
 
 fn layers(args: &EvalSolverArgs, cancel: &Cancel) -> anyhow::Result<Report> {
-    let config = super::super::config(&args.config)?;
+    let config = config(&args.config)?;
     let atlas = ShapeAtlas::shipped()?;
     let mut sources = synthetic_pictures(&atlas, args.scenes as usize);
     if args.dataset.is_some() || args.cameras.is_some() {
@@ -58,6 +61,6 @@ pub fn remembered(args: &EvalRememberedArgs) -> anyhow::Result<Outcome> {
     let atlas = ShapeAtlas::shipped()?;
     let tables = remembered_tables(&atlas, args.cameras as usize, args.clips as usize);
     let title = "Remembered cameras on clips with exact truth".to_owned();
-    super::show(&Report { title, tables, ..Report::default() }, args.out.as_deref())?;
+    show(&Report { title, tables, ..Report::default() }, args.out.as_deref())?;
     Ok(Outcome::Done)
 }

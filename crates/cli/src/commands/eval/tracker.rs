@@ -3,13 +3,15 @@
 use roadplane_eval::{Noise, TrackerOptions, evaluate_tracker};
 use roadplane_pipeline::Cancel;
 
-use crate::Outcome;
 use crate::args::eval::EvalTrackerArgs;
+use crate::commands::config::config;
+use crate::commands::eval::show::show;
+use crate::outcome::Outcome;
 use crate::progress::Bar;
 
 /// Prints the tables.
 pub fn tracker(args: &EvalTrackerArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
-    let config = super::super::config(&args.config)?;
+    let config = config(&args.config)?;
     let noise = Noise {
         keypoints: args.noise,
         misses: args.misses,
@@ -19,6 +21,6 @@ pub fn tracker(args: &EvalTrackerArgs, cancel: &Cancel) -> anyhow::Result<Outcom
     };
     let options = TrackerOptions { noise, stride: args.stride, seed: args.seed };
     let report = evaluate_tracker(&args.clips, &options, &config, cancel, &Bar::new("eval"))?;
-    super::show(&report, args.out.as_deref())?;
+    show(&report, args.out.as_deref())?;
     Ok(Outcome::Done)
 }

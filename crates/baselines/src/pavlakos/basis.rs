@@ -1,0 +1,62 @@
+//! What both halves are made of: the shape basis, means by confidence, the nearest rotation, when descent ends.
+
+use nalgebra::{Matrix3, Vector3};
+use roadplane_base::{MODES, Shape, ShapeAtlas};
+
+use crate::evidence::Sight;
+
+/// sd of a keypoint on the car, m: about 3 % of a car's length.
+pub(super) const KEYPOINT_SD_M: f64 = 0.13;
+/// Most rounds of block coordinate descent; their code has as many.
+pub(super) const MAX_ROUNDS: usize = 1000;
+/// Descent ends when a round lowers the cost by a smaller share.
+pub(super) const COST_TOLERANCE: f64 = 1e-9;
+
+/// The shape basis at the keypoints that were seen, car frame, m.
+pub(super) struct Basis {
+    /// B₀ by sight.
+    pub mean: Vec<Vector3<f64>>,
+    /// B_i by sight.
+    pub modes: [Vec<Vector3<f64>>; MODES],
+}
+
+impl Basis {
+    pub fn new(atlas: &ShapeAtlas, sights: &[Sight]) -> Self {
+        Self {
+            mean: sights.iter().map(|s| atlas.mean[s.index]).collect(),
+            modes: std::array::from_fn(|j| sights.iter().map(|s| atlas.modes[j][s.index]).collect()),
+        }
+    }
+
+    /// S.
+    pub fn shape(&self, c: &Shape) -> Vec<Vector3<f64>> {
+        let point = |i: usize| (0..MODES).fold(self.mean[i], |point, j| point + self.modes[j][i] * c[j]);
+        (0..self.mean.len()).map(point).collect()
+    }
+
+    /// The basis with the weighted mean of every member taken out: what is left when the best translation is put in.
+    pub fn centred(&self, sights: &[Sight]) -> Self {
+        let centred = |points: &[Vector3<f64>]| {
+            let mean = weighted_mean(points, sights);
+            points.iter().map(|point| point - mean).collect()
+        };
+        Self { mean: centred(&self.mean), modes: self.modes.each_ref().map(|mode| centred(mode)) }
+    }
+}
+
+/// Mean of points by the sights' confidences.
+pub(super) fn weighted_mean(points: &[Vector3<f64>], sights: &[Sight]) -> Vector3<f64> {
+    let total: f64 = sights.iter().map(|s| s.weight).sum();
+    points.iter().zip(sights).map(|(point, s)| point * s.weight).sum::<Vector3<f64>>() / total
+}
+
+/// The rotation nearest to a matrix: `argmax tr(Rᵀ M)` (Procrustes; Umeyama 1991). `None` if M is not finite.
+pub(super) fn nearest_rotation(m: &Matrix3<f64>) -> Option<Matrix3<f64>> {
+    if !m.iter().all(|v| v.is_finite()) {
+        return None;
+    }
+    let svd = m.try_svd(true, true, f64::EPSILON, 200)?;
+    let (u, v_t) = (svd.u?, svd.v_t?);
+    let sign = (u * v_t).determinant().signum();
+    Some(u * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, sign)) * v_t)
+}

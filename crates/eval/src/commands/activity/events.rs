@@ -1,0 +1,255 @@
+//! Events against true ones, as NIST scores activities in video (ActEV): the share of true events that is missed while so many
+//! false alarms are let through, and how well hits lie in time.
+//!
+//! Stricter than there, an event must be told of the right car. An event hits when it overlaps a true one of its label by a
+//! second, or by half of it if that is less; the most confident event takes it.
+
+use roadplane_activity::{LABELS, Label};
+use roadplane_tables::bootstrap_scenes;
+use roadplane_tables::{Column, Estimate, Table};
+
+/// False alarms that are let through, of each label in a minute of video. ActEV asks at 0.15, which is none in clips of seconds.
+const ALARMS_PER_MIN: [f64; 3] = [0.15, 1.0, 4.0];
+/// An overlap that is enough, s.
+const ENOUGH_S: f64 = 1.0;
+
+/// What a car really does for a while.
+#[derive(Clone, Debug)]
+pub struct TrueEvent {
+    /// Which car.
+    pub car: u64,
+    /// What it does.
+    pub label: Label,
+    /// Beginning and end, s.
+    pub span_s: [f64; 2],
+    /// Whether it must be found; others are neither missed nor false alarms.
+    pub counts: bool,
+}
+
+/// What a system tells.
+#[derive(Clone, Debug)]
+pub struct ToldEvent {
+    /// Of which car; none if it lies on none.
+    pub car: Option<u64>,
+    /// What it does.
+    pub label: Label,
+    /// Beginning and end, s.
+    pub span_s: [f64; 2],
+    /// 0–1.
+    pub confidence: f64,
+}
+
+/// Hits and false alarms of a clip.
+#[derive(Clone, Debug)]
+pub struct ClipEvents {
+    minutes: f64,
+    truths: [usize; LABELS],
+    /// A list a system, the most confident first.
+    told: Vec<Vec<Judged>>,
+}
+
+/// A told event: a hit with its temporal intersection over union, or a false alarm.
+#[derive(Clone, Copy, Debug)]
+struct Judged {
+    label: usize,
+    confidence: f64,
+    hit: Option<f64>,
+}
+
+impl ClipEvents {
+    /// Of a clip so long, what each system told.
+    pub fn new(minutes: f64, truths: &[TrueEvent], told: Vec<Vec<ToldEvent>>) -> Self {
+        let mut counted = [0; LABELS];
+        truths.iter().filter(|event| event.counts).for_each(|event| counted[event.label.index()] += 1);
+        Self { minutes, truths: counted, told: told.into_iter().map(|told| judged(truths, told)).collect() }
+    }
+}
+
+/// Length of what two spans share, s.
+fn shared(a: [f64; 2], b: [f64; 2]) -> f64 {
+    (a[1].min(b[1]) - a[0].max(b[0])).max(0.0)
+}
+
+/// The most confident take what they hit first.
+fn judged(truths: &[TrueEvent], mut told: Vec<ToldEvent>) -> Vec<Judged> {
+    told.sort_by(|a, b| b.confidence.total_cmp(&a.confidence));
+    let mut free = vec![true; truths.len()];
+    let mut judged = Vec::new();
+    for event in told {
+        let overlap = |i: &usize| shared(truths[*i].span_s, event.span_s);
+        let fits = |i: &usize| {
+            let truth = &truths[*i];
+            let length_s = truth.span_s[1] - truth.span_s[0];
+            let same = event.car == Some(truth.car) && event.label == truth.label;
+            // What need not be found may be told in pieces.
+            same && (free[*i] || !truth.counts) && overlap(i) >= ENOUGH_S.min(length_s / 2.0)
+        };
+        let best = (0..truths.len()).filter(fits).max_by(|a, b| overlap(a).total_cmp(&overlap(b)));
+        if best.is_some_and(|i| !truths[i].counts) {
+            continue;
+        }
+        let hit = best.map(|i| {
+            free[i] = false;
+            let [a, b] = [truths[i].span_s, event.span_s];
+            overlap(&i) / (a[1].max(b[1]) - a[0].min(b[0])).max(1e-9)
+        });
+        judged.push(Judged { label: event.label.index(), confidence: event.confidence, hit });
+    }
+    judged
+}
+
+/// What a system makes of one label in some clips.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct OfLabel {
+    /// Share of true events that is missed: at [`ALARMS_PER_MIN`], then with all that is told.
+    missed: [f64; 4],
+    /// With all that is told, a minute.
+    alarms_per_min: f64,
+    /// Mean temporal intersection over union of hits; NaN without any.
+    overlap: f64,
+}
+
+fn of_label(clips: &[&ClipEvents], system: usize, label: usize) -> Option<OfLabel> {
+    let truths: usize = clips.iter().map(|clip| clip.truths[label]).sum();
+    if truths == 0 {
+        return None;
+    }
+    let minutes: f64 = clips.iter().map(|clip| clip.minutes).sum();
+    let mut told: Vec<Judged> = clips
+        .iter()
+        .flat_map(|clip| &clip.told[system])
+        .filter(|event| event.label == label)
+        .copied()
+        .collect();
+    told.sort_by(|a, b| b.confidence.total_cmp(&a.confidence));
+    let missed_at = |per_min: f64| {
+        let (mut hits, mut alarms) = (0_usize, 0_usize);
+        for event in &told {
+            if event.hit.is_some() {
+                hits += 1;
+            } else {
+                alarms += 1;
+                if alarms as f64 > per_min * minutes {
+                    break;
+                }
+            }
+        }
+        1.0 - hits as f64 / truths as f64
+    };
+    let overlaps: Vec<f64> = told.iter().filter_map(|event| event.hit).collect();
+    let [few, some, many] = ALARMS_PER_MIN;
+    Some(OfLabel {
+        missed: [few, some, many, f64::INFINITY].map(missed_at),
+        alarms_per_min: (told.len() - overlaps.len()) as f64 / minutes,
+        overlap: overlaps.iter().sum::<f64>() / overlaps.len() as f64,
+    })
+}
+
+/// The numbers of a row, by column; overlaps are averaged over the labels that have hits.
+fn numbers(each: &[OfLabel]) -> [f64; 6] {
+    let mean = |of: &dyn Fn(&OfLabel) -> f64| {
+        let values: Vec<f64> = each.iter().map(of).filter(|value| !value.is_nan()).collect();
+        values.iter().sum::<f64>() / values.len() as f64
+    };
+    let missed = |i: usize| mean(&move |label: &OfLabel| label.missed[i]);
+    [
+        missed(0),
+        missed(1),
+        missed(2),
+        missed(3),
+        mean(&|label| label.alarms_per_min),
+        mean(&|label| label.overlap),
+    ]
+}
+
+fn columns(first: &[&str]) -> Vec<Column> {
+    let at = ALARMS_PER_MIN.map(|rate| format!("missed at {rate} alarms/min"));
+    let rest = ["missed", "alarms/min", "temporal IoU of hits"];
+    let names = at.iter().map(String::as_str).chain(rest).map(|name| Column::new(name, 2));
+    first.iter().map(|name| Column::new(*name, 0)).chain(names).collect()
+}
+
+/// All systems: means over these labels, with intervals over clips.
+pub fn table(clips: &[ClipEvents], systems: &[&str], labels: &[Label]) -> Table {
+    let note = "Means over labels. An event hits that is told of the right car and overlaps a true one of its label by 1 s, or by \
+                half of it; alarms are counted label by label.";
+    let mut table = Table::new("Events", note, columns(&[""]));
+    for (system, name) in systems.iter().enumerate() {
+        let row = |clips: &[&ClipEvents]| {
+            let each: Vec<OfLabel> =
+                labels.iter().filter_map(|label| of_label(clips, system, label.index())).collect();
+            numbers(&each)
+        };
+        let estimates = estimates(clips, row);
+        table.rows.push(std::iter::once((*name).into()).chain(estimates.map(Into::into)).collect());
+    }
+    table
+}
+
+/// One system, label by label.
+pub fn each_label(title: &str, clips: &[ClipEvents], system: usize, labels: &[Label]) -> Table {
+    let mut table = Table::new(title, "", columns(&["", "true events"]));
+    let all: Vec<&ClipEvents> = clips.iter().collect();
+    for label in labels {
+        let Some(found) = of_label(&all, system, label.index()) else { continue };
+        let truths: usize = clips.iter().map(|clip| clip.truths[label.index()]).sum();
+        let head = [label.name().into(), (truths as f64).into()];
+        table.rows.push(head.into_iter().chain(numbers(&[found]).map(Into::into)).collect());
+    }
+    table
+}
+
+fn estimates(clips: &[ClipEvents], row: impl Fn(&[&ClipEvents]) -> [f64; 6]) -> [Estimate; 6] {
+    let n = clips.iter().flat_map(|clip| clip.truths).sum();
+    std::array::from_fn(|i| bootstrap_scenes(clips, n, |chosen| row(chosen)[i]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn truth(car: u64, label: Label, span_s: [f64; 2]) -> TrueEvent {
+        TrueEvent { car, label, span_s, counts: true }
+    }
+
+    fn told(car: u64, label: Label, span_s: [f64; 2], confidence: f64) -> ToldEvent {
+        ToldEvent { car: Some(car), label, span_s, confidence }
+    }
+
+    #[test]
+    fn hits_alarms_and_overlap_by_hand() {
+        let (start, left) = (Label::Starting, Label::TurningLeft);
+        let truths = [truth(1, start, [0.0, 4.0]), truth(2, start, [10.0, 11.0]), truth(1, left, [4.0, 8.0])];
+        let events = vec![
+            told(1, start, [2.0, 6.0], 0.9),   // a hit: 2 s of 6
+            told(1, start, [0.0, 4.0], 0.8),   // taken already
+            told(3, start, [0.0, 4.0], 0.7),   // another car
+            told(2, start, [10.4, 11.0], 0.6), // more than half of it
+            told(1, left, [7.5, 9.0], 0.9),    // too little of it
+        ];
+        let clip = ClipEvents::new(2.0, &truths, vec![events]);
+        let found = of_label(&[&clip], 0, start.index()).unwrap();
+        assert_eq!(found.missed, [0.5, 0.0, 0.0, 0.0], "two alarms pass at one a minute, none at 0.15");
+        assert!((found.alarms_per_min - 1.0).abs() < 1e-12);
+        assert!((found.overlap - (2.0 / 6.0 + 0.6) / 2.0).abs() < 1e-12);
+        let turn = of_label(&[&clip], 0, left.index()).unwrap();
+        assert_eq!(turn.missed, [1.0; 4]);
+        assert!(turn.overlap.is_nan());
+        assert_eq!(of_label(&[&clip], 0, Label::UTurn.index()), None);
+    }
+
+    #[test]
+    fn what_need_not_be_found_is_neither_missed_nor_an_alarm() {
+        let mut hidden = truth(1, Label::Starting, [0.0, 4.0]);
+        hidden.counts = false;
+        let seen = truth(2, Label::Starting, [0.0, 4.0]);
+        let events = vec![
+            told(1, Label::Starting, [0.0, 2.0], 0.9),
+            told(1, Label::Starting, [2.0, 4.0], 0.9),
+            told(2, Label::Starting, [0.0, 4.0], 0.5),
+        ];
+        let clip = ClipEvents::new(1.0, &[hidden, seen], vec![events]);
+        let found = of_label(&[&clip], 0, Label::Starting.index()).unwrap();
+        assert_eq!((found.missed, found.alarms_per_min), ([0.0; 4], 0.0));
+    }
+}

@@ -1,0 +1,216 @@
+//! Errors of one car's keypoints, exchanged names, and how well the score tells visible from hidden.
+
+use nalgebra::Vector2;
+use roadplane_base::{KEYPOINTS, KeypointSet, mirror_index};
+use roadplane_tables::median;
+
+use super::labels::LabelledCar;
+
+/// Index of the keypoint at the other end of the car, of the 18 of a side; mirror and B-pillar have none and stay.
+const OTHER_END: [usize; KEYPOINTS / 2] = [1, 0, 3, 2, 6, 7, 4, 5, 9, 8, 13, 12, 11, 10, 14, 16, 15, 17];
+/// Clear keypoints that a car needs before its names can be said to be exchanged.
+const MIN_CLEAR: usize = 4;
+
+/// Which names a net has exchanged.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Confusion {
+    /// Left for right.
+    LeftRight,
+    /// Front for back.
+    FrontBack,
+    /// Both: the car is seen turned round.
+    TurnedRound,
+}
+
+impl Confusion {
+    /// All kinds.
+    pub const ALL: [Self; 3] = [Self::LeftRight, Self::FrontBack, Self::TurnedRound];
+
+    fn exchanged(self, index: usize) -> usize {
+        let half = KEYPOINTS / 2;
+        let other_end = |i: usize| OTHER_END[i % half] + i / half * half;
+        match self {
+            Self::LeftRight => mirror_index(index),
+            Self::FrontBack => other_end(index),
+            Self::TurnedRound => mirror_index(other_end(index)),
+        }
+    }
+}
+
+/// A clear keypoint's error.
+#[derive(Clone, Copy, Debug)]
+pub struct PointError {
+    /// Which keypoint.
+    pub index: usize,
+    /// Distance in units of the box's longer side.
+    pub of_box: f64,
+    /// (predicted − true) over the predicted sd, x and y.
+    pub normalised: [f64; 2],
+    /// Predicted score.
+    pub score: f64,
+}
+
+/// What a car's keypoints came to.
+#[derive(Clone, Debug, Default)]
+pub struct CarErrors {
+    /// Longer side of its true box, px.
+    pub box_px: f64,
+    /// Body type.
+    pub body: String,
+    /// Clear keypoints that the net placed.
+    pub points: Vec<PointError>,
+    /// Scores of keypoints labelled as hidden or blurred.
+    pub hidden_scores: Vec<f64>,
+    /// Exchanged names, if the prediction fits better with them exchanged.
+    pub confusion: Option<Confusion>,
+}
+
+impl CarErrors {
+    /// Median error in units of the box's longer side; NaN without clear keypoints.
+    #[must_use]
+    pub fn median(&self) -> f64 {
+        median(&self.points.iter().map(|p| p.of_box).collect::<Vec<_>>())
+    }
+}
+
+/// Compares a car's keypoints with its labels. Labels whose keypoint was not found count as infinitely far off.
+#[must_use]
+pub fn measure(car: &LabelledCar, found: &KeypointSet) -> CarErrors {
+    let [x0, y0, x1, y1] = car.bbox_px;
+    let mut errors = CarErrors {
+        box_px: (x1 - x0).max(y1 - y0),
+        body: car.body.clone(),
+        confusion: confusion(car, found),
+        ..CarErrors::default()
+    };
+    for (index, (label, found)) in car.labels.iter().zip(found).enumerate() {
+        let Some(label) = label else { continue };
+        match (label.clear, found) {
+            (true, Some(found)) => {
+                let off = found.pixel - label.pixel;
+                let sd = |i: usize| found.covariance_px2[(i, i)].sqrt();
+                errors.points.push(PointError {
+                    index,
+                    of_box: off.norm() / errors.box_px,
+                    normalised: [off.x / sd(0), off.y / sd(1)],
+                    score: found.score,
+                });
+            }
+            (true, None) => errors.points.push(PointError {
+                index,
+                of_box: f64::INFINITY,
+                normalised: [f64::INFINITY; 2],
+                score: 0.0,
+            }),
+            (false, found) => errors.hidden_scores.push(found.map_or(0.0, |f| f.score)),
+        }
+    }
+    errors
+}
+
+/// The exchange of names with which the prediction's median error is smallest, if smaller than without.
+#[must_use]
+pub fn confusion(car: &LabelledCar, found: &KeypointSet) -> Option<Confusion> {
+    let clear: Vec<(usize, Vector2<f64>)> = car
+        .labels
+        .iter()
+        .enumerate()
+        .filter_map(|(i, label)| label.filter(|l| l.clear).map(|l| (i, l.pixel)))
+        .collect();
+    if clear.len() < MIN_CLEAR {
+        return None;
+    }
+    let misfit = |name: &dyn Fn(usize) -> usize| {
+        let off = |(i, true_place): &(usize, Vector2<f64>)| {
+            found[name(*i)].map_or(f64::INFINITY, |f| (f.pixel - true_place).norm())
+        };
+        median(&clear.iter().map(off).collect::<Vec<_>>())
+    };
+    let kinds = Confusion::ALL.map(|kind| (misfit(&|i| kind.exchanged(i)), kind));
+    let (least, kind) = kinds.into_iter().min_by(|a, b| a.0.total_cmp(&b.0))?;
+    (least < misfit(&|i| i)).then_some(kind)
+}
+
+/// Probability that one of `above` is larger than one of `below`, ties counted half (area under the ROC curve; Fawcett 2006);
+/// NaN if either is empty.
+#[must_use]
+pub fn auc(above: &[f64], below: &[f64]) -> f64 {
+    let mut sorted = below.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let beaten = |score: &f64| {
+        let less = sorted.partition_point(|b| b < score);
+        let no_more = sorted.partition_point(|b| b <= score);
+        (less + no_more) as f64 / 2.0
+    };
+    above.iter().map(beaten).sum::<f64>() / (above.len() as f64 * below.len() as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::labels::Label;
+    use super::*;
+    use roadplane_base::{Keypoint, keypoint_names};
+
+    /// A car whose keypoints stand on a 6 × 6 grid of 10 px.
+    fn car() -> LabelledCar {
+        let labels = std::array::from_fn(|i| {
+            let pixel = Vector2::new((i % 6) as f64 * 10.0, (i / 6) as f64 * 10.0);
+            Some(Label { pixel, clear: i % 3 != 0 })
+        });
+        LabelledCar { bbox_px: [0.0, 0.0, 100.0, 60.0], body: "sedan".to_owned(), labels }
+    }
+
+    fn prediction(name: impl Fn(usize) -> usize) -> KeypointSet {
+        let car = car();
+        std::array::from_fn(|i| {
+            let label = car.labels[name(i)].unwrap();
+            Some(Keypoint::isotropic(label.pixel + Vector2::new(3.0, -4.0), 0.5, 2.0))
+        })
+    }
+
+    #[test]
+    fn errors_are_in_units_of_the_box_and_of_the_sd() {
+        let errors = measure(&car(), &prediction(|i| i));
+        assert_eq!((errors.points.len(), errors.hidden_scores.len()), (24, 12));
+        assert!((errors.median() - 0.05).abs() < 1e-12);
+        assert_eq!(errors.points[0].normalised, [1.5, -2.0]);
+        assert_eq!(errors.confusion, None);
+    }
+
+    #[test]
+    fn exchanged_names_are_recognised() {
+        for kind in Confusion::ALL {
+            let errors = measure(&car(), &prediction(|i| kind.exchanged(i)));
+            assert_eq!(errors.confusion, Some(kind));
+        }
+        let names = keypoint_names();
+        for (i, name) in names.iter().enumerate() {
+            let other = &names[Confusion::FrontBack.exchanged(i)];
+            let swapped = name
+                .replace("front", "•")
+                .replace("rear", "front")
+                .replace('•', "rear")
+                .replace("headlight", "•")
+                .replace("taillight", "headlight")
+                .replace('•', "taillight")
+                .replace("windscreen", "•")
+                .replace("front_window", "windscreen")
+                .replace('•', "rear_window");
+            assert_eq!(*other, swapped, "the other end of {name}");
+        }
+    }
+
+    #[test]
+    fn a_missing_keypoint_counts_as_wrong() {
+        let mut found = prediction(|i| i);
+        found[1] = None;
+        assert!(measure(&car(), &found).points[0].of_box.is_infinite());
+    }
+
+    #[test]
+    fn auc_counts_pairs() {
+        assert_eq!(auc(&[0.9, 0.8], &[0.1, 0.2]), 1.0);
+        assert_eq!(auc(&[0.5, 0.9], &[0.5, 0.7]), (0.5 + 0.0 + 1.0 + 1.0) / 4.0);
+        assert!(auc(&[], &[0.5]).is_nan());
+    }
+}

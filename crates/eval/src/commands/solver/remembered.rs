@@ -1,0 +1,235 @@
+//! What a camera's clips say of it together: error, bound and reported sd after 1, 3, 10, 30 nights.
+
+use nalgebra::{Matrix4, Vector4};
+use roadplane_base::{
+    CameraEstimate, CameraEvidence, CameraParams, ClipIdentity, EVIDENCE_SCHEMA, JointInformation, ParkedCar,
+    ShapeAtlas, bbox_around,
+};
+use roadplane_calibrate::{FuseOptions, FusePrior, SameView, epochs, fuse};
+use roadplane_pipeline::Config;
+use roadplane_solve::{SceneOptions, solve_scene};
+use roadplane_synth::{Rng, SceneTruth, SynthOptions, scene};
+use roadplane_tables::{Column, Table};
+
+use super::scenes::{bound, views};
+use crate::parallel::in_parallel;
+
+/// sd of the log size that the cars of one place share. Its cars also share how far off nets see them: by as much as a run assumes
+/// (`solve.shared_view_sd_deg`), and single cars scatter about that (`solve.view_sd_deg`).
+const PLACE_LOG_SD: f64 = 0.04;
+/// Turn between two nights, rad.
+const TURN: f64 = 2.0 * std::f64::consts::PI / 180.0;
+const SEED: u64 = 7_000_000;
+
+/// One camera and its clips.
+struct Camera {
+    truth: CameraParams,
+    /// Size of the place's cars, log.
+    place: f64,
+    evidence: Vec<CameraEvidence>,
+    bounds: Vec<JointInformation>,
+    /// A clip after the camera was turned.
+    turned: CameraEvidence,
+}
+
+/// A table over `cameras` cameras of `clips` clips each: what is known after some of them, and whether a turn by 2° begins an
+/// epoch where no picture tells.
+#[must_use]
+pub fn remembered_tables(atlas: &ShapeAtlas, cameras: usize, clips: usize) -> Vec<Table> {
+    let shared_sd = solve_options().shared_sd();
+    let all = in_parallel(cameras, |i| camera(atlas, clips, SEED + 1000 * i as u64));
+    let counts: Vec<usize> = [1, 3, 10, 30, 100].into_iter().filter(|n| *n < clips).chain([clips]).collect();
+    let mut known = Table::new(
+        format!("{cameras} remembered cameras, ten other cars in each clip"),
+        format!(
+            "Sizes of a place's cars share an error of {:.0} % (1 sd), which heights keep; nets see all of them off by {:.1}° in \
+             elevation and {:.1}° in turn (1 sd). Bound: of all keypoints, with those errors. Turned: the camera by 2° after so many \
+             clips, no pictures compared.",
+            100.0 * PLACE_LOG_SD,
+            shared_sd[0].to_degrees(),
+            shared_sd[1].to_degrees(),
+        ),
+        [
+            ("clips", 0),
+            ("focal error, % rms", 2),
+            ("focal bound, %", 2),
+            ("focal error / sd, rms", 2),
+            ("height error, % rms", 2),
+            ("height bound, %", 2),
+            ("height error / sd, rms", 2),
+            ("without the place's share: height error / sd", 2),
+            ("tilt error, ° rms", 3),
+            ("tilt error / sd, rms", 2),
+            ("all clips in one epoch, % of cameras", 1),
+            ("a turn by 2° noticed in its first clip, %", 1),
+        ]
+        .map(|(title, digits)| Column::new(title, digits))
+        .to_vec(),
+    );
+    for count in counts {
+        let rows = in_parallel(all.len(), |i| after(&all[i], count));
+        let rows: Vec<&After> = rows.iter().flatten().collect();
+        let rms = |value: &dyn Fn(&After) -> f64| {
+            (rows.iter().map(|row| value(row).powi(2)).sum::<f64>() / rows.len().max(1) as f64).sqrt()
+        };
+        let share = |is: &dyn Fn(&After) -> bool| {
+            100.0 * rows.iter().filter(|row| is(row)).count() as f64 / rows.len().max(1) as f64
+        };
+        let row = [
+            count as f64,
+            100.0 * rms(&|a| a.off[0]),
+            100.0 * rms(&|a| a.bound_sd[0]),
+            rms(&|a| a.off[0] / a.sd[0]),
+            100.0 * rms(&|a| a.off[3]),
+            100.0 * rms(&|a| a.bound_sd[3]),
+            rms(&|a| a.off[3] / a.sd[3]),
+            rms(&|a| a.height_off_in_place / a.height_sd_in_place),
+            rms(&|a| a.off[1].to_degrees()),
+            rms(&|a| a.off[1] / a.sd[1]),
+            share(&|a| a.epochs == 1),
+            share(&|a| a.turn_noticed),
+        ];
+        known.rows.push(row.map(Into::into).to_vec());
+    }
+    vec![known]
+}
+
+/// What is known after some clips.
+struct After {
+    off: Vector4<f64>,
+    sd: Vector4<f64>,
+    bound_sd: Vector4<f64>,
+    height_off_in_place: f64,
+    height_sd_in_place: f64,
+    epochs: usize,
+    turn_noticed: bool,
+}
+
+fn after(camera: &Camera, count: usize) -> Option<After> {
+    let evidence = &camera.evidence[..count];
+    let options = options();
+    let no_picture = |_: &CameraEvidence, _: &CameraEvidence| SameView::Unknown;
+    let known = epochs(evidence, &no_picture, &options);
+    let place = Matrix4::from_diagonal(&Vector4::new(0.0, 0.0, 0.0, PLACE_LOG_SD * PLACE_LOG_SD));
+    let sd_of = |covariance: Matrix4<f64>| (covariance + place).diagonal().map(f64::sqrt);
+    let last = &evidence.last()?.clip;
+    let now = known.iter().find(|epoch| epoch.clips.iter().any(|clip| clip.clip == *last))?;
+    let estimate: CameraEstimate = fuse(&now.windows, &options).pop()?;
+    let off = estimate.params.to_vector() - camera.truth.to_vector();
+    let prior = Matrix4::from_diagonal(&options.prior.sd.map(|sd| 1.0 / (sd * sd)));
+    let mut bound = JointInformation::none();
+    camera.bounds[..count].iter().for_each(|clip| bound.add(clip, 1.0));
+    let bound = prior + bound.marginal(options.shared_sd).0;
+    let mut turned = evidence.to_vec();
+    turned.push(camera.turned.clone());
+    let with_turned = epochs(&turned, &no_picture, &options);
+    Some(After {
+        off,
+        sd: sd_of(estimate.covariance),
+        bound_sd: sd_of(bound.cholesky()?.inverse()),
+        height_off_in_place: off[3] + camera.place,
+        height_sd_in_place: estimate.covariance[(3, 3)].sqrt(),
+        epochs: known.len(),
+        turn_noticed: with_turned
+            .iter()
+            .any(|epoch| epoch.clips.len() == 1 && epoch.clips[0].clip == camera.turned.clip),
+    })
+}
+
+/// Those of a run.
+fn solve_options() -> SceneOptions {
+    Config::default().solve.scene_options(None)
+}
+
+/// Those of a run.
+fn options() -> FuseOptions {
+    let run = solve_options();
+    let prior = run.camera_prior;
+    let size = SynthOptions::default().size;
+    FuseOptions {
+        prior: FusePrior { params: prior.mean(size), sd: prior.information().map(|i| 1.0 / i.sqrt()) },
+        shared_sd: run.shared_sd(),
+        ..FuseOptions::for_image(size)
+    }
+}
+
+fn camera(atlas: &ShapeAtlas, clips: usize, seed: u64) -> Camera {
+    let mut random = Rng::new(seed);
+    let place = PLACE_LOG_SD * random.normal();
+    let ratio = random.uniform(0.7_f64.ln(), 2.5_f64.ln()).exp();
+    let height_m = random.uniform(4.5_f64.ln(), 16_f64.ln()).exp();
+    let (tilt, roll) = (random.uniform(0.2, 0.6), random.uniform(-0.05, 0.05));
+    let solve = solve_options();
+    let [elevation_sd, turn_sd, ..] = solve.shared_sd();
+    let view_off = [elevation_sd, turn_sd].map(|sd| sd * random.normal());
+    // Cars larger by a factor under a camera of height h make the picture of cars as they are under one of h / factor.
+    let asked = |tilt: f64| SynthOptions {
+        noise: 0.02,
+        focal_ratio: [ratio; 2],
+        height_m: [height_m * (-place).exp(); 2],
+        tilt: [tilt; 2],
+        roll: [roll; 2],
+        view_off,
+        view_sd: solve.view_errors.map_or([0.0; 2], |errors| errors.car_sd),
+        ..SynthOptions::default()
+    };
+    let mut truth = CameraParams::from_vector(&Vector4::zeros());
+    let (mut evidence, mut bounds) = (Vec::new(), Vec::new());
+    for clip in 0..clips {
+        let scene = scene(atlas, &asked(tilt), seed + 1 + clip as u64);
+        truth = CameraParams { log_height: height_m.ln(), ..scene.params };
+        bounds.push(
+            bound(atlas, &scene, &solve).map_or_else(JointInformation::none, |bound| bound.information),
+        );
+        evidence.push(evidence_of(atlas, &scene, clip, &solve));
+    }
+    let turned = scene(atlas, &asked(tilt + TURN), seed + 900);
+    let turned = evidence_of(atlas, &turned, clips, &solve);
+    Camera { truth, place, evidence, bounds, turned }
+}
+
+fn evidence_of(
+    atlas: &ShapeAtlas,
+    truth: &SceneTruth,
+    clip: usize,
+    options: &SceneOptions,
+) -> CameraEvidence {
+    let found = solve_scene(atlas, truth.size, &views(truth), options);
+    let used = truth.cars.iter().zip(&found.cars).filter(|(_, car)| car.as_ref().is_some_and(|c| c.used));
+    let parked = used.filter_map(|(car, _)| {
+        let keypoints_px: Vec<Option<[f64; 2]>> =
+            car.keypoints.iter().map(|point| point.as_ref().map(|p| [p.pixel.x, p.pixel.y])).collect();
+        let points = keypoints_px.iter().flatten().map(|[x, y]| [*x, *y, *x, *y]);
+        let bbox_px = points.reduce(|a, b| bbox_around(&a, &b))?;
+        Some(ParkedCar { bbox_px, keypoints_px })
+    });
+    // As in a run: what the cars alone say, where there is enough of it.
+    let said = &found.information;
+    let alone = said.information.cholesky().map(|i| i.solve(&said.vector));
+    let near = |alone: &Vector4<f64>| {
+        let step = alone - found.params.to_vector();
+        (0..4).all(|i| step[i].abs() <= 2.0 * found.covariance[(i, i)].max(0.0).sqrt() + 1e-9)
+    };
+    let params = alone.filter(near).unwrap_or_else(|| found.params.to_vector());
+    let said = if found.status.usable() { *said } else { JointInformation::none() };
+    CameraEvidence {
+        schema: EVIDENCE_SCHEMA.to_owned(),
+        camera: "synthetic".to_owned(),
+        clip: ClipIdentity {
+            recorded: format!("{clip:04}"),
+            sha256: format!("{clip:04}"),
+            name: format!("clip_{clip:04}"),
+        },
+        models: Vec::new(),
+        image_size_px: truth.size,
+        span_s: [0.0, 60.0],
+        frames: 1,
+        params: std::array::from_fn(|i| params[i]),
+        information: std::array::from_fn(|r| std::array::from_fn(|c| said.information[(r, c)])),
+        shared: std::array::from_fn(|r| std::array::from_fn(|c| said.cross[(r, c)])),
+        lens: None,
+        parked: parked.collect(),
+        moving: 0,
+        place: None,
+    }
+}

@@ -1,0 +1,111 @@
+//! How long a solve takes on one thread, by number of cars: CPU time, whatever else the machine does.
+
+use roadplane_base::ShapeAtlas;
+use roadplane_solve::{KnownScene, SceneOptions, Steps, refine_scene, scene_bound, solve_scene};
+use roadplane_synth::BenchScene;
+use roadplane_tables::{Column, Mark, Plot, Table, median};
+
+use super::scenes::views;
+
+/// Scenes a number of cars.
+const SCENES: u64 = 5;
+/// CPU time spent on each figure at least, s.
+const LEAST_S: f64 = 0.06;
+
+/// Times of one number of cars, medians over scenes.
+#[derive(Clone, Copy, Debug)]
+pub struct SpeedPoint {
+    /// Cars in the scene.
+    pub cars: usize,
+    /// One joint refinement from a near start, ms.
+    pub refinement_ms: f64,
+    /// What goes before and after it in a call: set-up, covariances, ms.
+    pub around_ms: f64,
+    /// Its linearisations.
+    pub iterations: f64,
+    /// From nothing, ms.
+    pub cold_start_ms: f64,
+}
+
+/// Measures refinement and cold start.
+#[must_use]
+pub fn speed(atlas: &ShapeAtlas, cars: &[usize]) -> Vec<SpeedPoint> {
+    cars.iter().map(|cars| point(atlas, *cars)).collect()
+}
+
+/// The figures as a table.
+#[must_use]
+pub fn speed_table(points: &[SpeedPoint]) -> Table {
+    let mut table = Table::new(
+        "Speed on one thread",
+        "CPU time, median of five scenes, 2 % noise. Refinement: from 1 % off in focal length and height, 0.1° in tilt, cars 1 % of their box. \
+         Cold start: from nothing.",
+        vec![
+            Column::new("cars", 0),
+            Column::new("refinement, ms", 3),
+            Column::new("a car and iteration, µs", 2),
+            Column::new("iterations", 0),
+            Column::new("set-up and covariances, ms", 3),
+            Column::new("cold start, ms", 2),
+        ],
+    );
+    for p in points {
+        let a_car = 1e3 * p.refinement_ms / (p.cars as f64 * p.iterations);
+        let numbers = [p.cars as f64, p.refinement_ms, a_car, p.iterations, p.around_ms, p.cold_start_ms];
+        table.rows.push(numbers.map(Into::into).to_vec());
+    }
+    table
+}
+
+/// Times against the number of cars: straight lines, since cost is linear in cars.
+#[must_use]
+pub fn speed_plot(points: &[SpeedPoint]) -> Plot {
+    let line = |value: fn(&SpeedPoint) -> f64| points.iter().map(|p| (p.cars as f64, value(p))).collect();
+    Plot::new("CPU time on one thread", "cars", "ms")
+        .with("cold start", Mark::Line, line(|p| p.cold_start_ms))
+        .with("refinement", Mark::Line, line(|p| p.refinement_ms))
+}
+
+/// CPU seconds of this thread; the kernel counts in steps of milliseconds.
+fn cpu_seconds() -> f64 {
+    let text = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
+    text.split_whitespace().next().and_then(|n| n.parse::<f64>().ok()).unwrap_or(f64::NAN) * 1e-9
+}
+
+/// CPU milliseconds that one run takes, from as many as fill [`LEAST_S`], and the last one's result.
+fn timed<T>(mut work: impl FnMut() -> T) -> (f64, T) {
+    let mut runs = 1.0;
+    let start = cpu_seconds();
+    let mut result = work();
+    while cpu_seconds() - start < LEAST_S {
+        result = work();
+        runs += 1.0;
+    }
+    (1e3 * (cpu_seconds() - start) / runs, result)
+}
+
+fn point(atlas: &ShapeAtlas, cars: usize) -> SpeedPoint {
+    let options = SceneOptions::default();
+    // The refinement of six modes, to its minimum.
+    let steps = Steps { marginal: false, ..options.steps };
+    let minimum = SceneOptions { steps, atlas_residual_scale: 0.0, ..options.clone() };
+    let [mut refinement, mut around, mut iterations, mut cold] = [const { Vec::new() }; 4];
+    for bench in (0..SCENES).filter_map(|seed| BenchScene::new(atlas, cars, seed)) {
+        let (truth, views) = (&bench.truth, views(&bench.truth));
+        let from = KnownScene { params: bench.params, poses: &bench.poses, shapes: &bench.shapes };
+        let (whole_ms, found) = timed(|| refine_scene(atlas, truth.size, &views, &from, &minimum));
+        // The same call without the refinement.
+        let (around_ms, _) = timed(|| scene_bound(atlas, truth.size, &views, &from, &minimum));
+        refinement.push(whole_ms - around_ms);
+        around.push(around_ms);
+        iterations.push(found.map_or(f64::NAN, |found| found.iterations as f64));
+        cold.push(timed(|| solve_scene(atlas, truth.size, &views, &options)).0);
+    }
+    SpeedPoint {
+        cars,
+        refinement_ms: median(&refinement),
+        around_ms: median(&around),
+        iterations: median(&iterations),
+        cold_start_ms: median(&cold),
+    }
+}

@@ -1,0 +1,28 @@
+//! Files that several formats write.
+
+use std::path::{Path, PathBuf};
+
+use roadplane_write::{OutFile, WriteError, write_json};
+
+use crate::Run;
+
+/// What is known of the place, beside files that rest on it.
+pub(super) fn write_place(run: &Run, folder: &Path) -> Result<(), WriteError> {
+    let Some(place) = &run.place else { return Ok(()) };
+    write_json(&folder.join(format!("{}.place.json", run.name)), place)
+}
+
+/// Writes a text file.
+pub(super) fn write_text(path: &Path, text: &str) -> Result<(), WriteError> {
+    let mut file = OutFile::create(path)?;
+    file.write_bytes(text.as_bytes())?;
+    file.finish()
+}
+
+/// Makes a folder inside the format's.
+pub(super) fn subfolder(folder: &Path, name: &str) -> Result<PathBuf, WriteError> {
+    let path = folder.join(name);
+    let failed = |source| WriteError::Io { doing: "create the folder", source, path: path.clone() };
+    std::fs::create_dir_all(&path).map_err(failed)?;
+    Ok(path)
+}

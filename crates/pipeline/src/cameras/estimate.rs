@@ -1,0 +1,139 @@
+//! The camera of a clip from all its frames.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use roadplane_base::{CameraEstimate, FrameRecord, ImageSize, Lens, SceneCurve, ShapeAtlas};
+use roadplane_calibrate::{
+    EvidenceBuilder, EvidenceOptions, FuseOptions, Joined, Window, epochs, fuse, join,
+};
+
+use crate::cameras::camera_track::CameraTrack;
+use crate::cameras::joining::{clues_by_position, clues_of_window, fuse_options, nothing_seen, unobservable};
+use crate::cameras::known::Known;
+use crate::cameras::lens::LensOfClip;
+use crate::cameras::memory::{Recall, look};
+use crate::cameras::remembered::{add_remembered, evidence_of, own_epoch};
+use crate::cameras::window::Solving;
+use crate::cameras::witnesses::{Heard, ToldLines, and_witnesses, hear_witnesses};
+use crate::tracks::believe::usable;
+use crate::{Config, PipelineError};
+
+/// Estimates the camera from all frames, long edges of the place, and what is remembered of it, or says that nothing could be estimated.
+///
+/// # Errors
+/// Whatever reading a frame failed with; [`PipelineError::Usage`] where what is known is of other pictures.
+pub fn estimate_cameras(
+    frames: impl Iterator<Item = Result<FrameRecord, PipelineError>>,
+    curves: &[SceneCurve],
+    atlas: &ShapeAtlas,
+    known: &Known,
+    recall: Option<&Recall>,
+    config: &Config,
+) -> Result<CameraTrack, PipelineError> {
+    let mut known = known.clone();
+    let mut lens: Option<LensOfClip> = None;
+    let mut builder = EvidenceBuilder::new(EvidenceOptions {
+        window_s: config.calibrate.window_s,
+        ..EvidenceOptions::default()
+    });
+    // What is remembered, and what is held against the user, comes of solves that were not told.
+    let mut untold = Solving::new(atlas, config);
+    let mut told: Option<Solving<'_>> = None;
+    let mut moves_s: Vec<f64> = Vec::new();
+    let mut size = None;
+    let mut span_s = [f64::INFINITY, f64::NEG_INFINITY];
+    let mut frame_count = 0;
+    let mut scene_lines = ToldLines::default();
+    let mut take = |window: Option<Window>, size: ImageSize, lens: Lens, known: &Known| {
+        let Some(window) = window else { return };
+        if window.segment > moves_s.len() {
+            moves_s.push(window.span_s[0]);
+        }
+        let focal_px = known.focal_px();
+        let clues = clues_of_window(&known.clues(moves_s.len(), size));
+        if told.is_none() && !clues.is_empty() {
+            told = Some(untold.clone());
+        }
+        untold.solve(&window, size, lens, focal_px, Arc::new([]));
+        if let Some(told) = &mut told {
+            told.solve(&window, size, lens, focal_px, clues);
+        }
+    };
+    for frame in frames {
+        let mut frame = frame?;
+        if size.is_none() {
+            known = known.for_pictures(frame.image_size_px)?;
+        }
+        let image_size = *size.get_or_insert(frame.image_size_px);
+        let lens = lens.get_or_insert_with(|| {
+            let lens = LensOfClip::new(curves, image_size, &known, recall, config);
+            known = known.seen_through(lens.lens());
+            lens
+        });
+        span_s = [span_s[0].min(frame.time_s), span_s[1].max(frame.time_s)];
+        frame_count += 1;
+        scene_lines.take(&mut frame);
+        for car in &mut frame.cars {
+            if let Some(set) = &mut car.keypoints {
+                **set = usable(set, config);
+            }
+        }
+        take(builder.push(frame), image_size, lens.lens(), &known);
+    }
+    let (Some(size), Some(lens)) = (size, lens) else {
+        return Ok(CameraTrack { moves_s, ..CameraTrack::default() });
+    };
+    take(builder.finish(), size, lens.lens(), &known);
+    let position = moves_s.len();
+    let (mut untold, parked, headings) = (untold.windows, untold.parked, untold.headings);
+    let mut fuse_options = lens.count(&untold, fuse_options(size, position, &known, config));
+    let (mut told, told_headings) = told.map(|told| (told.windows, told.headings)).unzip();
+    let said = recall.and_then(|recall| {
+        let options = fuse_options.for_cars();
+        let (said, links) = evidence_of(recall, &untold, position, span_s, &parked, &options)?;
+        let epochs = epochs(&recall.evidence, &look, &options);
+        if let Some(epoch) = own_epoch(recall, &said, &epochs, &options) {
+            for windows in told.iter_mut().chain([&mut untold]) {
+                add_remembered(windows, position, epoch, &said, &links);
+            }
+        }
+        Some(said)
+    });
+    if !known.is_silent() {
+        for windows in told.iter_mut().chain([&mut untold]).filter(|windows| windows.is_empty()) {
+            windows.push(nothing_seen(&fuse_options, span_s, 0));
+        }
+    }
+    let position_at = |time_s: f64| moves_s.iter().filter(|from_s| **from_s <= time_s).count();
+    let lines =
+        if config.solve.use_verticals { scene_lines.by_position(position_at) } else { BTreeMap::new() };
+    let mut heard = Heard { lines, headings };
+    let scene = if let Some(told) = &mut told {
+        hear_witnesses(&mut untold, &heard, &mut fuse_options.for_cars());
+        heard.headings = told_headings.unwrap_or_default();
+        hear_witnesses(told, &heard, &mut fuse_options)
+    } else {
+        hear_witnesses(&mut untold, &heard, &mut fuse_options)
+    };
+    let Joined { mut estimates, size_of_cars } = join(told.as_ref().unwrap_or(&untold), &fuse_options);
+    if estimates.is_empty() {
+        estimates.push(unobservable(&fuse_options, span_s, size));
+        tracing::warn!("the camera cannot be estimated from the cars of {frame_count} frames");
+    }
+    let known = known.checked(size, |others| {
+        let mut clues = clues_by_position(size, position, others);
+        and_witnesses(&mut clues, &scene);
+        fuse(&untold, &FuseOptions { clues, ..fuse_options.clone() }).into_iter().next()
+    });
+    Ok(CameraTrack { estimates, moves_s, said, size_of_cars, known, scene })
+}
+
+/// The camera before any car is looked at.
+#[must_use]
+pub fn prior_camera(known: &Known, frame: &FrameRecord, config: &Config) -> CameraEstimate {
+    let (size, span_s) = (frame.image_size_px, [frame.time_s; 2]);
+    let options = fuse_options(size, 0, known, config);
+    let told = (!known.is_silent()).then(|| nothing_seen(&options, span_s, 0));
+    fuse(told.as_slice(), &options).pop().unwrap_or_else(|| unobservable(&options, span_s, size))
+}

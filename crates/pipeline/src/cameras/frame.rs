@@ -1,0 +1,67 @@
+//! The camera of one frame on its own.
+
+use roadplane_base::{CameraEstimate, CameraStatus, FrameRecord, KeypointSet, ShapeAtlas};
+use roadplane_calibrate::{WindowEstimate, fuse};
+use roadplane_solve::{CarView, SceneStatus, solve_scene};
+
+use crate::Config;
+use crate::cameras::joining::{clues_of_window, fuse_options, nothing_seen};
+use crate::cameras::known::Known;
+use crate::cameras::lens::LensOfClip;
+use crate::cameras::window::by_cars_alone;
+use crate::tracks::believe::usable;
+
+/// Solves one frame on its own.
+#[must_use]
+pub fn estimate_frame(
+    frame: &FrameRecord,
+    atlas: &ShapeAtlas,
+    known: &Known,
+    config: &Config,
+) -> CameraEstimate {
+    let size = frame.image_size_px;
+    let curves = frame.scene_curves.as_deref().unwrap_or_default();
+    let lens = LensOfClip::new(curves, size, known, None, config);
+    let known = &known.seen_through(lens.lens());
+    let mut options = config.solve.scene_options(known.focal_px());
+    options.lens = lens.lens();
+    options.clues = clues_of_window(&known.clues(0, size));
+    let sets: Vec<KeypointSet> =
+        frame.cars.iter().filter_map(|car| car.keypoints.as_deref()).map(|set| usable(set, config)).collect();
+    let views: Vec<CarView<'_>> =
+        sets.iter().enumerate().map(|(group, keypoints)| CarView { keypoints, group, weight: 1.0 }).collect();
+    let solution = solve_scene(atlas, size, &views, &options);
+    let cars_used = solution.cars.iter().flatten().filter(|car| car.used).count();
+    if !known.is_silent() {
+        let fuse_options = lens.count(&[], fuse_options(size, 0, known, config));
+        let silent = nothing_seen(&fuse_options, [frame.time_s; 2], 0);
+        let window = if solution.status.usable() {
+            let (params, joint) = by_cars_alone(&solution);
+            WindowEstimate { params, solved: solution.params, joint, ..silent }
+        } else {
+            silent
+        };
+        let frames_used = usize::from(cars_used > 0);
+        if let Some(estimate) = fuse(&[window], &fuse_options).pop() {
+            return CameraEstimate { cars_used, frames_used, ..estimate };
+        }
+    }
+    let status = match solution.status {
+        SceneStatus::Converged | SceneStatus::NotConverged => CameraStatus::Estimated,
+        SceneStatus::FocalGiven => CameraStatus::FocalGiven,
+        SceneStatus::FocalFromPrior => CameraStatus::FocalFromPrior,
+        SceneStatus::TooFewCars | SceneStatus::Failed => CameraStatus::Unobservable,
+    };
+    CameraEstimate {
+        span_s: [frame.time_s; 2],
+        image_size_px: size,
+        principal_point_px: size.centre_px(),
+        lens: lens.lens(),
+        bend_sd: lens.bend_sd(),
+        params: solution.params,
+        covariance: solution.covariance,
+        status,
+        cars_used,
+        frames_used: usize::from(cars_used > 0),
+    }
+}

@@ -1,0 +1,168 @@
+//! `--camera FILE`: a camera that was calibrated before, or that an earlier run found.
+
+use std::path::Path;
+
+use nalgebra::{Matrix4, Vector4};
+use roadplane_base::{CameraParams, CameraStatus, ImageSize};
+use roadplane_write::{WriteError, read_camera};
+use yaml_rust2::{Yaml, YamlLoader};
+
+use super::measured::{GUESSED_HEIGHT_SHARE, GUESSED_TILT_SD_DEG};
+use crate::cameras::krtd::read_krtd;
+use crate::cameras::population::POPULATION_LOG_SD;
+
+/// What stands in for an sd that a file says nothing of.
+const UNKNOWN_VARIANCE: f64 = 1e4;
+/// No number of a camera is better known than this, log or rad.
+const LEAST_SD: f64 = 1e-6;
+
+/// How the lens bends lines, as it was told.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum KnownLens {
+    /// OpenCV's k1 and k2, which mean something beside a focal length only.
+    Opencv([f64; 2]),
+    /// [`Lens::bend`].
+    Bend(f64),
+}
+
+/// A camera as a file has it.
+pub(super) struct CameraOfFile {
+    /// Size of its pictures, where it is told.
+    pub size: Option<ImageSize>,
+    /// Principal point, where it is told, px.
+    pub principal_point_px: Option<[f64; 2]>,
+    /// Focal length that is given without an sd, px.
+    pub focal_px: Option<f64>,
+    /// How its lens bends lines, where that is told.
+    pub lens: Option<KnownLens>,
+    /// Mean and information of (log focal, tilt, roll, log height).
+    pub numbers: Option<(Vector4<f64>, Matrix4<f64>)>,
+    /// The height rests on how large cars are.
+    pub by_cars: bool,
+}
+
+/// Reads a camera by what the name ends in: `.json` (ours), `.krtd` (MEVA), `.yml`, `.yaml` (OpenCV, ROS).
+///
+/// # Errors
+/// [`WriteError::Io`], [`WriteError::Malformed`].
+pub(super) fn read(path: &Path) -> Result<CameraOfFile, WriteError> {
+    let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
+    match extension.as_str() {
+        "json" => ours(path),
+        "krtd" => krtd(path),
+        "yml" | "yaml" => opencv(path),
+        _ => Err(WriteError::malformed(
+            path,
+            "its name must end in .json (camera.json), .krtd, .yml or .yaml (OpenCV's camera_matrix)",
+        )),
+    }
+}
+
+/// `camera.json` of a run. Without anything in metres its height is as uncertain as cars are large, which the next run's cars
+/// share.
+fn ours(path: &Path) -> Result<CameraOfFile, WriteError> {
+    let camera = read_camera(path)?.camera;
+    if camera.status == CameraStatus::Unobservable {
+        return Err(WriteError::malformed(
+            path,
+            "this camera could not be estimated: there is nothing in it",
+        ));
+    }
+    let estimate = camera.estimate();
+    let population = POPULATION_LOG_SD * POPULATION_LOG_SD;
+    // The file's numbers are rounded.
+    let by_cars = estimate.covariance[(3, 3)] >= 0.999 * population;
+    let mut covariance = estimate.covariance;
+    if by_cars {
+        covariance[(3, 3)] -= population;
+    }
+    for i in 0..4 {
+        if !covariance[(i, i)].is_finite() {
+            covariance.row_mut(i).fill(0.0);
+            covariance.column_mut(i).fill(0.0);
+            covariance[(i, i)] = UNKNOWN_VARIANCE;
+        }
+        covariance[(i, i)] = covariance[(i, i)].max(0.0) + LEAST_SD * LEAST_SD;
+    }
+    let information = covariance
+        .cholesky()
+        .ok_or_else(|| WriteError::malformed(path, "covariance is none: not positive"))?
+        .inverse();
+    Ok(CameraOfFile {
+        size: Some(camera.image_size_px),
+        principal_point_px: Some(camera.principal_point_px),
+        focal_px: None,
+        // What was taken for straight is not told to be.
+        lens: estimate.bend_sd.map(|_| KnownLens::Bend(estimate.lens.bend(estimate.image_size_px))),
+        numbers: Some((estimate.params.to_vector(), information)),
+        by_cars,
+    })
+}
+
+/// A surveyed camera: focal length given, the plane about that of its world.
+fn krtd(path: &Path) -> Result<CameraOfFile, WriteError> {
+    let camera = read_krtd(path)?;
+    let params = CameraParams::new(camera.focal_px(), &camera.plane());
+    let angle = 1.0 / GUESSED_TILT_SD_DEG.to_radians().powi(2);
+    let information = Vector4::new(0.0, angle, angle, GUESSED_HEIGHT_SHARE.powi(-2));
+    Ok(CameraOfFile {
+        size: None,
+        principal_point_px: Some(camera.principal_point_px),
+        focal_px: Some(camera.focal_px()),
+        lens: lens(&camera.distortion),
+        numbers: Some((params.to_vector(), Matrix4::from_diagonal(&information))),
+        by_cars: false,
+    })
+}
+
+/// `camera_matrix` of a calibration by OpenCV or ROS; the focal length is given.
+fn opencv(path: &Path) -> Result<CameraOfFile, WriteError> {
+    let text = std::fs::read_to_string(path).map_err(|source| WriteError::Io {
+        doing: "read",
+        source,
+        path: path.to_path_buf(),
+    })?;
+    // OpenCV's first line, `%YAML:1.0`, is no YAML.
+    let body = text.strip_prefix("%YAML:1.0").unwrap_or(&text);
+    let documents = YamlLoader::load_from_str(body).map_err(|e| WriteError::malformed(path, e))?;
+    let fail = |what: &str| WriteError::malformed(path, what);
+    let document = documents.first().ok_or_else(|| fail("is empty"))?;
+    let matrix = numbers(&document["camera_matrix"]["data"])
+        .or_else(|| numbers(&document["camera_matrix"]))
+        .ok_or_else(|| fail("camera_matrix.data must be nine numbers"))?;
+    let [fx, _, cx, _, fy, cy, _, _, one] =
+        <[f64; 9]>::try_from(matrix).map_err(|_other| fail("camera_matrix.data must be nine numbers"))?;
+    if !(fx > 0.0 && fy > 0.0 && (one - 1.0).abs() < 1e-9) {
+        return Err(fail("camera_matrix: no pinhole camera"));
+    }
+    let side = |name: &str| u32::try_from(document[name].as_i64()?).ok().filter(|side| *side > 0);
+    let size = side("image_width").zip(side("image_height"));
+    let distortion = &document["distortion_coefficients"];
+    let distortion = numbers(&distortion["data"]).or_else(|| numbers(distortion));
+    Ok(CameraOfFile {
+        size: size.map(|(width, height)| ImageSize { width, height }),
+        principal_point_px: Some([cx, cy]),
+        focal_px: Some((fx * fy).sqrt()),
+        lens: distortion.and_then(|k| lens(&k)),
+        numbers: None,
+        by_cars: false,
+    })
+}
+
+/// A list of finite numbers, of lists of them as well.
+fn numbers(yaml: &Yaml) -> Option<Vec<f64>> {
+    let mut found = Vec::new();
+    for item in yaml.as_vec()? {
+        match item.as_f64().or_else(|| item.as_i64().map(|v| v as f64)) {
+            Some(number) if number.is_finite() => found.push(number),
+            _ => found.extend(numbers(item)?),
+        }
+    }
+    Some(found)
+}
+
+/// The radial part of OpenCV's coefficients (k1, k2, p1, p2, k3).
+fn lens(coefficients: &[f64]) -> Option<KnownLens> {
+    let k1 = *coefficients.first()?;
+    Some(KnownLens::Opencv([k1, coefficients.get(1).copied().unwrap_or(0.0)]))
+}

@@ -1,0 +1,293 @@
+//! `--cameras`: what other clips said of a clip's camera, as it was when the command began, and what this one says.
+//!
+//! Every clip of a command starts from the same memory, however many are worked on at the same time and however often the
+//! command was stopped; what the clips say lies in their results (`evidence.json`) and is remembered when the command ends.
+
+use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
+use std::path::{Path, PathBuf};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
+use image::codecs::png::PngEncoder;
+use image::{ImageFormat, RgbImage};
+use regex::Regex;
+use roadplane_base::{CameraEstimate, CameraEvidence, ClipIdentity, ImageSize};
+use roadplane_calibrate::{Epoch, SameView, epochs, fuse};
+use roadplane_view::ViewError;
+use roadplane_watch::PlacePicture;
+use roadplane_write::{EvidenceStore, InputSummary, WriteError, is_camera_id};
+
+use crate::cameras::joining::fuse_options;
+use crate::{Config, Known, PipelineError, stem_of};
+
+/// Name of a clip's evidence in its result.
+pub(crate) const EVIDENCE: &str = "evidence.json";
+/// A place that lies off by less than this share of the picture's width is where it was; a camera of 60° sees a turn by 0.2°.
+const SAME_PLACE: f64 = 0.003;
+
+/// The cameras of a command's inputs.
+#[derive(Clone, Debug)]
+pub struct CameraMemory {
+    store: EvidenceStore,
+    id: CameraId,
+    known: BTreeMap<String, Vec<CameraEvidence>>,
+}
+
+/// Which camera an input is of: a name, or a pattern of file names in which `{}` is the name and `*` anything.
+#[derive(Clone, Debug)]
+struct CameraId {
+    text: String,
+    pattern: Option<Regex>,
+}
+
+impl CameraId {
+    fn new(text: &str) -> Result<Self, PipelineError> {
+        if !text.contains("{}") {
+            return if is_camera_id(text) {
+                Ok(Self { text: text.to_owned(), pattern: None })
+            } else {
+                Err(PipelineError::usage(&format!("--camera-id {text:?} cannot name a camera")))
+            };
+        }
+        let form = regex::escape(text).replace(r"\{\}", "(.+?)").replace(r"\*", ".*?");
+        let pattern = Regex::new(&format!("^(?s:{form})$"))
+            .ok()
+            .filter(|pattern| pattern.captures_len() == 2)
+            .ok_or_else(|| PipelineError::usage(&format!("--camera-id {text:?}: write {{}} once")))?;
+        Ok(Self { text: text.to_owned(), pattern: Some(pattern) })
+    }
+
+    fn of(&self, input: &Path) -> Result<String, PipelineError> {
+        let Some(pattern) = &self.pattern else { return Ok(self.text.clone()) };
+        let stem = stem_of(input);
+        let id = pattern.captures(&stem).and_then(|found| Some(found.get(1)?.as_str().to_owned()));
+        id.filter(|id| is_camera_id(id)).ok_or_else(|| {
+            let text = &self.text;
+            PipelineError::usage(&format!("--camera-id {text:?} finds no camera in the name {stem:?}"))
+        })
+    }
+}
+
+impl CameraMemory {
+    /// Reads what is known of the inputs' cameras. Damaged files are told in the log and left alone.
+    ///
+    /// # Errors
+    /// [`PipelineError::Usage`] where an input has no camera, [`PipelineError::Write`] where the folder cannot be read.
+    pub fn open(folder: &Path, id: &str, inputs: &[impl AsRef<Path>]) -> Result<Self, PipelineError> {
+        let (store, id) = (EvidenceStore::new(folder), CameraId::new(id)?);
+        let mut known = BTreeMap::new();
+        for input in inputs {
+            let camera = id.of(input.as_ref())?;
+            if let Entry::Vacant(unread) = known.entry(camera) {
+                let evidence = sound(store.read(unread.key())?);
+                unread.insert(evidence);
+            }
+        }
+        Ok(Self { store, id, known })
+    }
+
+    /// The camera of an input.
+    ///
+    /// # Errors
+    /// [`PipelineError::Usage`].
+    pub fn camera_of(&self, input: &Path) -> Result<String, PipelineError> {
+        self.id.of(input)
+    }
+
+    /// What an input starts from: what all clips but itself said of its camera.
+    pub(crate) fn recall(
+        &self,
+        input: &Path,
+        identity: &InputSummary,
+        models: Vec<String>,
+        place: Option<&RgbImage>,
+    ) -> Result<Recall, PipelineError> {
+        let camera = self.id.of(input)?;
+        let name = stem_of(input);
+        let recorded = time_in_name(&name).unwrap_or_else(|| modified(input));
+        let clip = ClipIdentity { recorded, sha256: identity.sha256.clone(), name };
+        let known = self.known.get(&camera).map(Vec::as_slice).unwrap_or_default();
+        let evidence = known.iter().filter(|e| e.clip.sha256 != clip.sha256).cloned().collect();
+        let place = place.map(|place| packed(&PlacePicture::of(place)?)).transpose()?;
+        Ok(Recall { camera, clip, models, place, evidence })
+    }
+
+    /// Remembers what a finished result says of its camera; nothing where it says nothing.
+    ///
+    /// # Errors
+    /// [`PipelineError::Write`].
+    pub fn learn(&self, result: &Path) -> Result<(), PipelineError> {
+        let path = result.join(EVIDENCE);
+        if path.is_file() && self.store.add(&path)? {
+            tracing::debug!("remembered: {}", path.display());
+        }
+        Ok(())
+    }
+}
+
+/// Leaves out what cannot be read, and says so.
+pub(crate) fn sound(read: Vec<Result<CameraEvidence, WriteError>>) -> Vec<CameraEvidence> {
+    let told = |error: &WriteError| tracing::error!("left out of what is remembered: {error}");
+    read.into_iter().filter_map(|evidence| evidence.inspect_err(told).ok()).collect()
+}
+
+/// What a clip starts from, and who it is.
+#[derive(Clone, Debug)]
+pub(crate) struct Recall {
+    pub camera: String,
+    pub clip: ClipIdentity,
+    pub models: Vec<String>,
+    pub place: Option<String>,
+    pub evidence: Vec<CameraEvidence>,
+}
+
+/// Compares the places of two clips.
+pub(crate) fn look(a: &CameraEvidence, b: &CameraEvidence) -> SameView {
+    let displacement = || {
+        let (a, b) = (unpacked(a.place.as_ref()?)?, unpacked(b.place.as_ref()?)?);
+        a.displacement(&b)
+    };
+    match displacement() {
+        Some(off) if off <= SAME_PLACE => SameView::Same,
+        Some(_) => SameView::Moved,
+        None => SameView::Unknown,
+    }
+}
+
+fn packed(place: &PlacePicture) -> Result<String, PipelineError> {
+    let mut png = Vec::new();
+    place.to_grey().write_with_encoder(PngEncoder::new(&mut png)).map_err(ViewError::from)?;
+    Ok(STANDARD.encode(png))
+}
+
+/// `None` for what is no picture, or a large one: files from elsewhere are not trusted.
+fn unpacked(text: &str) -> Option<PlacePicture> {
+    let mut reader = image::ImageReader::new(std::io::Cursor::new(STANDARD.decode(text).ok()?));
+    reader.set_format(ImageFormat::Png);
+    let mut limits = image::Limits::default();
+    (limits.max_image_width, limits.max_image_height) = (Some(1024), Some(1024));
+    reader.limits(limits);
+    Some(PlacePicture::from_grey(&reader.decode().ok()?.into_luma8()))
+}
+
+/// A camera over an epoch, as it is known.
+#[derive(Clone, Debug)]
+pub struct KnownCamera {
+    /// Names of the clips, in order.
+    pub clips: Vec<ClipIdentity>,
+    /// The numbers, the size of the place's cars counted.
+    pub estimate: CameraEstimate,
+}
+
+/// Epochs of a camera, in order, and what is known of it in each.
+///
+/// # Errors
+/// [`PipelineError::Write`] where the folder cannot be read.
+pub fn known_cameras(
+    store: &EvidenceStore,
+    camera: &str,
+    config: &Config,
+) -> Result<Vec<KnownCamera>, PipelineError> {
+    let evidence = sound(store.read(camera)?);
+    let size = |epoch: &Epoch<'_>| epoch.clips.first().map(|clip| clip.image_size_px);
+    let any = evidence.first().map_or(ImageSize { width: 1, height: 1 }, |first| first.image_size_px);
+    let epochs = epochs(&evidence, &look, &fuse_options(any, 0, &Known::default(), config).for_cars());
+    let known = |epoch: &Epoch<'_>| {
+        let options = fuse_options(size(epoch)?, 0, &Known::default(), config);
+        let estimate = fuse(&epoch.windows, &options).pop()?;
+        Some(KnownCamera { clips: epoch.clips.iter().map(|e| e.clip.clone()).collect(), estimate })
+    };
+    Ok(epochs.iter().filter_map(known).collect())
+}
+
+/// Joins folders of remembered cameras, and output folders of runs, into one. Gives the number of clips that were new.
+///
+/// # Errors
+/// [`PipelineError::Write`]: a damaged file ends it, since what it held would be missing.
+pub fn merge_cameras(from: &[PathBuf], out: &Path) -> Result<usize, PipelineError> {
+    let out = EvidenceStore::new(out);
+    let mut added = 0;
+    for folder in from {
+        for camera in EvidenceStore::new(folder).cameras()? {
+            // The name of a folder of a run is a clip's, and what lies there is its result.
+            let result = folder.join(&camera).join(EVIDENCE);
+            let files = if result.is_file() {
+                vec![result]
+            } else if folder.join(&camera).join("summary.json").is_file() {
+                Vec::new()
+            } else {
+                EvidenceStore::new(folder).files(&camera)?
+            };
+            for file in files {
+                added += usize::from(out.add(&file)?);
+            }
+        }
+    }
+    Ok(added)
+}
+
+/// A time in a file's name, however it is written: `20260131T235959`, `2026-01-31_23-59-59`.
+fn time_in_name(name: &str) -> Option<String> {
+    let form = r"(20\d\d)[-_.]?(\d\d)[-_.]?(\d\d)[-_.T ]?(\d\d)[-_.:]?(\d\d)[-_.:]?(\d\d)";
+    let found = Regex::new(form).ok()?.captures(name)?;
+    let part = |i: usize| found.get(i).and_then(|m| m.as_str().parse::<u32>().ok());
+    let within = |i: usize, range: std::ops::RangeInclusive<u32>| part(i).filter(|v| range.contains(v));
+    let (year, month, day) = (part(1)?, within(2, 1..=12)?, within(3, 1..=31)?);
+    let (hour, minute, second) = (within(4, 0..=23)?, within(5, 0..=59)?, within(6, 0..=60)?);
+    Some(format!("{year:04}-{month:02}-{day:02}T{hour:02}:{minute:02}:{second:02}"))
+}
+
+/// When a file was last changed, UTC.
+fn modified(input: &Path) -> String {
+    let changed = input.metadata().and_then(|metadata| metadata.modified()).unwrap_or(UNIX_EPOCH);
+    time_in_words(changed)
+}
+
+/// Civil time of the proleptic Gregorian calendar, UTC (H. Hinnant, "chrono-compatible low-level date algorithms").
+fn time_in_words(time: SystemTime) -> String {
+    let seconds = time.duration_since(UNIX_EPOCH).unwrap_or_default().as_secs();
+    let (days, rest) = (seconds / 86_400 + 719_468, seconds % 86_400);
+    let (era, day_of_era) = (days / 146_097, days % 146_097);
+    let year_of_era = (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
+    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
+    let shifted = (5 * day_of_year + 2) / 153;
+    let day = day_of_year - (153 * shifted + 2) / 5 + 1;
+    let month = if shifted < 10 { shifted + 3 } else { shifted - 9 };
+    let year = year_of_era + era * 400 + u64::from(month <= 2);
+    format!("{year:04}-{month:02}-{day:02}T{:02}:{:02}:{:02}", rest / 3600, rest / 60 % 60, rest % 60)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::time::Duration;
+
+    #[test]
+    fn a_camera_is_named_or_found_in_the_files_name() {
+        let of = |id: &str, file: &str| CameraId::new(id).and_then(|id| id.of(Path::new(file)));
+        assert_eq!(of("gate-3", "a.mp4").unwrap(), "gate-3");
+        assert_eq!(of("{}_*", "/x/gate-3_20260131_2200.mp4").unwrap(), "gate-3");
+        assert_eq!(of("VIRAT_S_{}_*", "VIRAT_S_0401_02.mp4").unwrap(), "0401");
+        assert_eq!(of("*.{}", "2026.c1.mp4").unwrap(), "c1");
+        for (id, file) in [("", "a"), ("a/b", "a"), ("..", "a"), ("{}_*", "plain.mp4"), ("{}_{}", "a_b.mp4")]
+        {
+            assert!(matches!(of(id, file), Err(PipelineError::Usage { .. })), "{id} {file}");
+        }
+    }
+
+    #[test]
+    fn times_are_read_from_names_or_the_clock_of_the_file() {
+        let told = Some("2026-01-31T23:59:59".to_owned());
+        for name in ["c_20260131T235959", "2026-01-31_23-59-59", "x20260131235959y"] {
+            assert_eq!(time_in_name(name), told, "{name}");
+        }
+        assert_eq!(time_in_name("20261331235959"), None);
+        assert_eq!(time_in_name("VIRAT_S_040100"), None);
+        let at = |seconds| time_in_words(UNIX_EPOCH + Duration::from_secs(seconds));
+        assert_eq!(at(0), "1970-01-01T00:00:00");
+        assert_eq!(at(951_782_400 + 86_399), "2000-02-29T23:59:59");
+        assert_eq!(at(1_769_903_999), "2026-01-31T23:59:59");
+    }
+}

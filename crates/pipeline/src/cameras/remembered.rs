@@ -1,0 +1,109 @@
+//! What a clip says of its camera to be remembered, and what is remembered of it.
+
+use std::collections::BTreeMap;
+
+use roadplane_base::{CameraEvidence, EVIDENCE_SCHEMA, Lens, ParkedCar};
+use roadplane_calibrate::{
+    CarUse, Epoch, FuseOptions, LinkId, SegmentStart, WindowEstimate, condense, fuse, joins, same_vehicle,
+};
+
+use crate::cameras::joining::nothing_seen;
+use crate::cameras::memory::{Recall, look};
+
+/// Links of remembered vehicles are this and above; a clip counts its own from 0.
+const REMEMBERED: LinkId = 1 << 48;
+
+/// What the windows of the camera's last position say, the one that the picture of the place is of, with the links of its parked
+/// vehicles. `None` where the camera drifted or was moved unseen.
+pub(crate) fn evidence_of(
+    recall: &Recall,
+    windows: &[WindowEstimate],
+    position: usize,
+    clip_span_s: [f64; 2],
+    parked: &BTreeMap<LinkId, ParkedCar>,
+    options: &FuseOptions,
+) -> Option<(CameraEvidence, Vec<LinkId>)> {
+    let last: Vec<WindowEstimate> = windows.iter().filter(|w| w.segment == position).cloned().collect();
+    if fuse(&last, options).len() > 1 {
+        return None;
+    }
+    let together = condense(&last, options).unwrap_or_else(|| nothing_seen(options, clip_span_s, position));
+    let stood = together.cars.iter().filter(|car| car.parked);
+    let (links, stood): (Vec<LinkId>, Vec<ParkedCar>) =
+        stood.filter_map(|car| Some((car.link, parked.get(&car.link)?.clone()))).unzip();
+    let params = together.params.to_vector();
+    let said = CameraEvidence {
+        schema: EVIDENCE_SCHEMA.to_owned(),
+        camera: recall.camera.clone(),
+        clip: recall.clip.clone(),
+        models: recall.models.clone(),
+        image_size_px: options.image_size_px,
+        span_s: together.span_s,
+        frames: together.frames,
+        params: std::array::from_fn(|i| params[i]),
+        information: std::array::from_fn(|r| std::array::from_fn(|c| together.joint.information[(r, c)])),
+        shared: std::array::from_fn(|r| std::array::from_fn(|c| together.joint.cross[(r, c)])),
+        lens: options.bend_sd.map(|sd| (options.lens, Lens::with_bend(sd, options.image_size_px).per_px2)),
+        moving: together.cars.len() - stood.len(),
+        parked: stood,
+        place: recall.place.clone(),
+    };
+    Some((said, links))
+}
+
+/// The epoch that this clip belongs to; none where it begins one. Says which.
+pub(crate) fn own_epoch<'a, 'b>(
+    recall: &Recall,
+    said: &CameraEvidence,
+    epochs: &'b [Epoch<'a>],
+    options: &FuseOptions,
+) -> Option<&'b Epoch<'a>> {
+    let camera = &recall.camera;
+    let epoch = joins(said, epochs, &look, options).map(|index| &epochs[index]);
+    match epoch {
+        Some(epoch) => tracing::info!("camera {camera}: {} clips are remembered", epoch.clips.len()),
+        None if epochs.is_empty() => {}
+        None => {
+            tracing::info!("camera {camera}: it was moved since it was last seen, a new epoch begins");
+        }
+    }
+    epoch
+}
+
+/// Puts what other clips said of the camera's last position in front of this clip's windows of it, and links the vehicles that
+/// stand there as they stood before.
+pub(crate) fn add_remembered(
+    windows: &mut Vec<WindowEstimate>,
+    position: usize,
+    epoch: &Epoch<'_>,
+    said: &CameraEvidence,
+    links: &[LinkId],
+) {
+    let known = |car: &ParkedCar| epoch.vehicles.iter().find(|(_, known)| same_vehicle(known, car));
+    let same: BTreeMap<LinkId, LinkId> = links
+        .iter()
+        .zip(&said.parked)
+        .filter_map(|(link, car)| Some((*link, known(car)?.0 + REMEMBERED)))
+        .collect();
+    let first = windows.iter().position(|w| w.segment == position);
+    let (at, from_s, start) = first.map_or((windows.len(), said.span_s[0], SegmentStart::Clip), |at| {
+        (at, windows[at].span_s[0], windows[at].start)
+    });
+    for window in &mut windows[at..] {
+        for car in &mut window.cars {
+            car.link = same.get(&car.link).copied().unwrap_or(car.link);
+        }
+    }
+    if let Some(first) = windows.get_mut(at) {
+        first.steady = true;
+    }
+    let remembered = epoch.windows.iter().map(|window| WindowEstimate {
+        span_s: [from_s; 2],
+        frames: 0,
+        cars: window.cars.iter().map(|car| CarUse { link: car.link + REMEMBERED, ..*car }).collect(),
+        segment: position,
+        start,
+        ..window.clone()
+    });
+    windows.splice(at..at, remembered.collect::<Vec<_>>());
+}

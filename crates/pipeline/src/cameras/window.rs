@@ -1,0 +1,192 @@
+//! The cars of a window, or of a frame, solved for the camera.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use nalgebra::Matrix4;
+use roadplane_base::{
+    Camera, CameraParams, Clue, ImageSize, JointInformation, Keypoint, Lens, ParkedCar, ShapeAtlas,
+};
+use roadplane_calibrate::{CarHeading, CarUse, LinkId, View, Window, WindowEstimate};
+use roadplane_solve::{CarSolution, CarView, SceneOptions, SceneSolution, ShapePrior, fit_car, solve_scene};
+
+use crate::Config;
+use crate::tracks::believe::{is_believable, projected_box};
+
+/// Longer side of a box whose car's turn is of use, px.
+const LEAST_TURNED_PX: f64 = 40.0;
+
+/// The windows of a clip as they are solved, each from where the one before ended.
+#[derive(Clone)]
+pub(crate) struct Solving<'a> {
+    atlas: &'a ShapeAtlas,
+    config: &'a Config,
+    start: Option<CameraParams>,
+    pub windows: Vec<WindowEstimate>,
+    pub parked: BTreeMap<LinkId, ParkedCar>,
+    /// How cars are turned, by the camera's position.
+    pub headings: BTreeMap<usize, Vec<CarHeading>>,
+}
+
+impl<'a> Solving<'a> {
+    pub fn new(atlas: &'a ShapeAtlas, config: &'a Config) -> Self {
+        let (windows, parked, headings) = Default::default();
+        Self { atlas, config, start: None, windows, parked, headings }
+    }
+
+    pub fn solve(
+        &mut self,
+        window: &Window,
+        size: ImageSize,
+        lens: Lens,
+        focal_px: Option<f64>,
+        clues: Arc<[Clue]>,
+    ) {
+        let options =
+            SceneOptions { start: self.start, clues, lens, ..self.config.solve.scene_options(focal_px) };
+        if let Some(solved) = solve_window(window, self.atlas, size, &options, self.config) {
+            self.start = Some(solved.estimate.params);
+            self.parked.extend(solved.parked);
+            if !solved.headings.is_empty() {
+                self.headings.entry(window.segment).or_default().extend(solved.headings);
+            }
+            self.windows.push(solved.estimate);
+        }
+    }
+}
+
+/// A window's estimate, and its vehicles that stood.
+struct SolvedWindow {
+    estimate: WindowEstimate,
+    parked: Vec<(LinkId, ParkedCar)>,
+    headings: Vec<CarHeading>,
+}
+
+fn solve_window(
+    window: &Window,
+    atlas: &ShapeAtlas,
+    size: ImageSize,
+    options: &SceneOptions,
+    config: &Config,
+) -> Option<SolvedWindow> {
+    let mut links: Vec<_> = window.views.iter().map(|view| view.link).collect();
+    links.sort_unstable();
+    links.dedup();
+    let mut views: Vec<CarView<'_>> = window
+        .views
+        .iter()
+        .map(|view| CarView {
+            keypoints: &view.keypoints,
+            group: links.binary_search(&view.link).unwrap_or(0),
+            weight: view.weight,
+        })
+        .collect();
+    let mut solution = solve_scene(atlas, size, &views, options);
+    // What the plane makes of a box that holds no car shows only once the plane is known: leave it out and solve again.
+    let camera = Camera { lens: options.lens, ..Camera::centred(solution.params.focal_px(), size) };
+    let believed: Vec<bool> = window
+        .views
+        .iter()
+        .zip(&solution.cars)
+        .map(|(view, car)| {
+            car.as_ref().is_some_and(|car| {
+                let projected = projected_box(atlas, &camera, &car.camera_from_car, &car.shape);
+                is_believable(projected, &view.bbox_px, car.reprojection_rms_px, size, config)
+            })
+        })
+        .collect();
+    let mut kept: Vec<&View> = window.views.iter().collect();
+    if solution.status.usable() && believed.contains(&false) && believed.contains(&true) {
+        let mut flags = believed.iter();
+        views.retain(|_| flags.next() == Some(&true));
+        kept = window
+            .views
+            .iter()
+            .zip(&believed)
+            .filter(|(_, believed)| **believed)
+            .map(|(view, _)| view)
+            .collect();
+        let warm = SceneOptions { start: Some(solution.params), ..options.clone() };
+        solution = solve_scene(atlas, size, &views, &warm);
+    }
+    tracing::debug!(
+        status = ?solution.status, views = views.len(), cars = links.len(),
+        focal_px = solution.params.focal_px(), tilt_deg = solution.params.tilt.to_degrees(),
+        height_m = solution.params.log_height.exp(), "window solved"
+    );
+    if !solution.status.usable() {
+        return None;
+    }
+    let used = kept.iter().zip(&solution.cars).filter(|(_, car)| car.as_ref().is_some_and(|c| c.used));
+    let headings: Vec<CarHeading> = if config.solve.use_parallel {
+        let heading = |view, car| heading(view, car, &solution, atlas, &camera, options);
+        used.clone().filter_map(|(view, car)| heading(view, car.as_ref()?)).collect()
+    } else {
+        Vec::new()
+    };
+    let used: Vec<&View> = used.map(|(view, _)| *view).collect();
+    let mut cars: Vec<CarUse> =
+        used.iter().map(|view| CarUse { link: view.link, parked: view.parked }).collect();
+    cars.sort_by_key(|car| car.link);
+    cars.dedup_by_key(|car| car.link);
+    let (params, joint) = by_cars_alone(&solution);
+    let estimate = WindowEstimate {
+        span_s: window.span_s,
+        frames: window.frames,
+        params,
+        solved: solution.params,
+        joint,
+        cars,
+        segment: window.segment,
+        start: window.start,
+        steady: window.steady,
+    };
+    let parked = used.iter().filter(|view| view.parked).map(|view| (view.link, parked_car(view))).collect();
+    Some(SolvedWindow { estimate, parked, headings })
+}
+
+/// How a view's car is turned before the camera that was found; `None` of cars so small that the net sees little of it.
+fn heading(
+    view: &View,
+    car: &CarSolution,
+    solution: &SceneSolution,
+    atlas: &ShapeAtlas,
+    camera: &Camera,
+    options: &SceneOptions,
+) -> Option<CarHeading> {
+    let [x0, y0, x1, y1] = view.bbox_px;
+    if (x1 - x0).max(y1 - y0) < LEAST_TURNED_PX {
+        return None;
+    }
+    let camera = Camera { focal_px: solution.params.focal_px(), ..*camera };
+    let plane = solution.params.plane();
+    let prior = ShapePrior::default();
+    let fit = fit_car(atlas, &camera, &plane, &view.keypoints, &prior, Some(&car.ground), options)?;
+    let sd = fit.car.ground_covariance[(2, 2)].sqrt();
+    CarHeading::new(view.link, &solution.params, &fit.car.ground, sd)
+}
+
+/// What the cars alone say: the solve's prior and clues are taken out again, since they are counted once over all windows.
+pub(crate) fn by_cars_alone(solution: &SceneSolution) -> (CameraParams, JointInformation) {
+    let joint = solution.information;
+    let alone = joint.information.cholesky().map(|i| CameraParams::from_vector(&i.solve(&joint.vector)));
+    let alone = alone.filter(|params| near(params, &solution.params, &solution.covariance));
+    let params = alone.unwrap_or(solution.params);
+    (params, JointInformation { vector: joint.information * params.to_vector(), ..joint })
+}
+
+/// As it is remembered, to a tenth of a pixel.
+fn parked_car(view: &View) -> ParkedCar {
+    let rounded = |v: f64| (v * 10.0).round() / 10.0;
+    let pixel = |point: &Keypoint| [rounded(point.pixel.x), rounded(point.pixel.y)];
+    ParkedCar {
+        bbox_px: view.bbox_px.map(rounded),
+        keypoints_px: view.keypoints.iter().map(|point| point.as_ref().map(pixel)).collect(),
+    }
+}
+
+/// Whether taking the prior out moved the estimate by no more than a linearisation bears.
+fn near(a: &CameraParams, b: &CameraParams, covariance: &Matrix4<f64>) -> bool {
+    let step = a.to_vector() - b.to_vector();
+    (0..4).all(|i| step[i].is_finite() && step[i].abs() <= 2.0 * covariance[(i, i)].max(0.0).sqrt() + 1e-9)
+}

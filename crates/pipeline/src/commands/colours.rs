@@ -1,0 +1,121 @@
+//! What colour tracked vehicles have in the picture.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+use image::RgbImage;
+use roadplane_base::TrackRow;
+
+use crate::stream::streaming::{open_input, stream};
+use crate::{Cancel, Config, PipelineError, Progress};
+
+/// Looks at each vehicle: its largest.
+const LOOKS: usize = 5;
+/// The part of a box that shows sheet metal rather than windows, road or the next car: left, top, right, bottom, as shares.
+const BODY: [f64; 4] = [0.25, 0.45, 0.75, 0.75];
+
+/// The colour of each track, RGB: the median over the middle of its largest boxes, but for what the boxes of nearer vehicles
+/// cover; whole boxes go before those that the picture's edge cuts. Tracks that were never looked at have none.
+///
+/// # Errors
+/// [`PipelineError`] where the input cannot be read.
+pub fn track_colours(
+    input: &Path,
+    rows: &[TrackRow],
+    config: &Config,
+    cancel: &Cancel,
+    progress: &dyn Progress,
+) -> Result<BTreeMap<u64, [u8; 3]>, PipelineError> {
+    let input = open_input(input, config)?;
+    let size = input.size();
+    let is_cut = |row: &TrackRow| {
+        let [x0, y0, x1, y1] = row.bbox_px;
+        let (right, bottom) = (f64::from(size.width) - 2.0, f64::from(size.height) - 2.0);
+        x0 <= 1.0 || y0 <= 1.0 || x1 >= right || y1 >= bottom
+    };
+    let mut boxes: BTreeMap<u64, Vec<[f64; 4]>> = BTreeMap::new();
+    let mut of_track: BTreeMap<u64, Vec<&TrackRow>> = BTreeMap::new();
+    for row in rows {
+        boxes.entry(row.frame).or_default().push(row.bbox_px);
+        if row.observed {
+            of_track.entry(row.track).or_default().push(row);
+        }
+    }
+    for looks in of_track.values_mut() {
+        let largest = |a: &TrackRow, b: &TrackRow| area(b).total_cmp(&area(a)).then(a.frame.cmp(&b.frame));
+        looks.sort_by(|a, b| is_cut(a).cmp(&is_cut(b)).then_with(|| largest(a, b)));
+        looks.truncate(LOOKS);
+    }
+    let mut of_frame: BTreeMap<u64, Vec<&TrackRow>> = BTreeMap::new();
+    for row in of_track.values().flatten() {
+        of_frame.entry(row.frame).or_default().push(row);
+    }
+    let frames: BTreeSet<u64> = of_frame.keys().copied().collect();
+    let mut pixels: BTreeMap<u64, Vec<[u8; 3]>> = BTreeMap::new();
+    let look = |work: &crate::stream::flow::Work| {
+        if let Some(image) = &work.image {
+            for row in of_frame.get(&work.stamp.index).into_iter().flatten() {
+                let there = boxes.get(&row.frame).map_or(&[][..], Vec::as_slice);
+                pixels.entry(row.track).or_default().extend(body_pixels(image, &row.bbox_px, there));
+            }
+        }
+        Ok(())
+    };
+    stream(input, |stamp| frames.contains(&stamp.index), Vec::new(), look, config, cancel, progress)?;
+    Ok(pixels.into_iter().filter_map(|(track, pixels)| Some((track, median(pixels)?))).collect())
+}
+
+fn area(row: &TrackRow) -> f64 {
+    let [x0, y0, x1, y1] = row.bbox_px;
+    (x1 - x0) * (y1 - y0)
+}
+
+/// Pixels of the body in a box; of those that are hidden by others only where all are.
+fn body_pixels(image: &RgbImage, bbox: &[f64; 4], there: &[[f64; 4]]) -> Vec<[u8; 3]> {
+    let [x0, y0, x1, y1] = *bbox;
+    let at = |low: f64, high: f64, share: f64| (low + share * (high - low)).round().max(0.0) as u32;
+    let columns = at(x0, x1, BODY[0])..at(x0, x1, BODY[2]).min(image.width());
+    let lines = at(y0, y1, BODY[1])..at(y0, y1, BODY[3]).min(image.height());
+    let body: Vec<(u32, u32)> = lines.flat_map(|y| columns.clone().map(move |x| (x, y))).collect();
+    // What stands nearer to the camera reaches farther down in the picture.
+    let nearer: Vec<&[f64; 4]> = there.iter().filter(|other| other[3] > y1).collect();
+    let hidden = |&(x, y): &(u32, u32)| {
+        let (x, y) = (f64::from(x), f64::from(y));
+        nearer.iter().any(|[left, top, right, bottom]| x >= *left && x <= *right && y >= *top && y <= *bottom)
+    };
+    let free: Vec<(u32, u32)> = body.iter().copied().filter(|pixel| !hidden(pixel)).collect();
+    let seen = if free.is_empty() { body } else { free };
+    seen.into_iter().map(|(x, y)| image.get_pixel(x, y).0).collect()
+}
+
+/// Channel by channel.
+fn median(pixels: Vec<[u8; 3]>) -> Option<[u8; 3]> {
+    let channel = |i: usize| {
+        let mut values: Vec<u8> = pixels.iter().map(|pixel| pixel[i]).collect();
+        values.sort_unstable();
+        values.get(values.len() / 2).copied()
+    };
+    Some([channel(0)?, channel(1)?, channel(2)?])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use image::Rgb;
+
+    #[test]
+    fn what_a_nearer_vehicle_covers_does_not_count_unless_it_is_all_there_is() {
+        // White, with the right half of the box behind something black.
+        let image = RgbImage::from_fn(100, 100, |x, _| if x < 38 { Rgb([240; 3]) } else { Rgb([10; 3]) });
+        let bbox = [0.0, 20.0, 80.0, 60.0];
+        let nearer = [40.0, 30.0, 99.0, 90.0];
+        let colour = |there: &[[f64; 4]]| median(body_pixels(&image, &bbox, there));
+        assert_eq!(colour(&[bbox, nearer]), Some([240; 3]));
+        assert_eq!(
+            colour(&[bbox, [40.0, 0.0, 99.0, 50.0]]),
+            Some([10; 3]),
+            "farther away, it covers nothing"
+        );
+        assert_eq!(colour(&[bbox, [0.0, 0.0, 99.0, 99.0]]), Some([10; 3]));
+    }
+}

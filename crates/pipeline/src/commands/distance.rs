@@ -1,0 +1,103 @@
+//! `roadplane distance`: how far two cars of a finished run are from each other, with what their errors have in common.
+
+use std::path::Path;
+
+use nalgebra::{RowVector4, Vector2};
+use roadplane_base::{CameraEstimate, TrackRow};
+use roadplane_write::{read_camera, read_jsonl};
+
+use crate::PipelineError;
+use crate::tracks::shared_error::{by_camera, shared_covariance};
+
+/// Two cars at a time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Distance {
+    /// Presentation time of the rows, s.
+    pub time_s: f64,
+    /// From origin to origin, m.
+    pub distance_m: f64,
+    /// Its sd, m: errors of the camera that move both alike cancel.
+    pub sd_m: f64,
+}
+
+/// Distances of two tracks in all frames in which both have a row; `at_s` keeps the frame nearest to that time.
+///
+/// # Errors
+/// [`PipelineError::Usage`] where they never meet; [`PipelineError::Write`] for files that cannot be read.
+pub fn distances(run: &Path, tracks: [u64; 2], at_s: Option<f64>) -> Result<Vec<Distance>, PipelineError> {
+    let cameras: Vec<CameraEstimate> =
+        read_camera(&run.join("camera.json"))?.all().iter().map(|segment| segment.estimate()).collect();
+    let (mut first, mut second) = (Vec::new(), Vec::new());
+    for row in read_jsonl::<TrackRow>(&run.join("tracks.jsonl"))? {
+        let row = row?;
+        match row.track {
+            track if track == tracks[0] => first.push(row),
+            track if track == tracks[1] => second.push(row),
+            _ => {}
+        }
+    }
+    let mut found: Vec<Distance> = first
+        .iter()
+        .filter_map(|a| {
+            let b = second.binary_search_by_key(&a.frame, |row| row.frame).ok().map(|i| &second[i])?;
+            (a.segment == b.segment).then(|| between(cameras.get(a.segment)?, a, b)).flatten()
+        })
+        .collect();
+    if let Some(at_s) = at_s {
+        let away = |d: &Distance| (d.time_s - at_s).abs();
+        let nearest = found.iter().copied().min_by(|a, b| away(a).total_cmp(&away(b)));
+        found = nearest.into_iter().collect();
+    }
+    if found.is_empty() {
+        let what = format!("tracks {} and {} have no frame in common", tracks[0], tracks[1]);
+        return Err(PipelineError::usage(&what));
+    }
+    Ok(found)
+}
+
+fn between(camera: &CameraEstimate, a: &TrackRow, b: &TrackRow) -> Option<Distance> {
+    let place = |row: &TrackRow| Vector2::new(row.x_m, row.y_m);
+    let way = place(b) - place(a);
+    let direction = way.try_normalize(1e-9)?;
+    // What a row's sd holds beside the camera's share is the car's own.
+    let own = |row: &TrackRow| {
+        let shared = shared_covariance(camera, &row.pose());
+        let variance = |sd: f64, i: usize| (sd * sd - shared[(i, i)]).max(0.0);
+        direction.x.powi(2) * variance(row.x_sd_m, 0) + direction.y.powi(2) * variance(row.y_sd_m, 1)
+    };
+    let along = |row: &TrackRow| -> Option<RowVector4<f64>> {
+        Some(direction.transpose() * by_camera(camera, &row.pose())?.fixed_rows::<2>(0))
+    };
+    let by = along(b)? - along(a)?;
+    let shared = (by * camera.covariance * by.transpose())[0];
+    let sd_m = (own(a) + own(b) + shared).sqrt();
+    Some(Distance { time_s: a.time_s, distance_m: way.norm(), sd_m })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tracks::shared_error::tests::estimate;
+    use roadplane_base::GroundPose;
+
+    #[test]
+    fn of_two_cars_side_by_side_only_the_scale_is_unsure() {
+        let camera = estimate([0.03, 0.01, 0.01, 0.04]);
+        let row = |x_m: f64| {
+            let pose = GroundPose { x_m, y_m: 40.0, heading_rad: 1.5 };
+            let shared = shared_covariance(&camera, &pose);
+            TrackRow {
+                x_m,
+                y_m: 40.0,
+                heading_rad: 1.5,
+                x_sd_m: (0.01 + shared[(0, 0)]).sqrt(),
+                y_sd_m: (0.01 + shared[(1, 1)]).sqrt(),
+                ..roadplane_synth::standing(1, 0, 0.0)
+            }
+        };
+        let near = between(&camera, &row(1.0), &row(3.0)).unwrap();
+        assert!((near.distance_m - 2.0).abs() < 1e-12);
+        // Each place is off by metres, their distance by what the two measure themselves and a little scale.
+        assert!(row(1.0).y_sd_m > 1.0 && (0.14..0.25).contains(&near.sd_m), "{near:?}");
+    }
+}

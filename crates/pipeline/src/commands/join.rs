@@ -1,0 +1,217 @@
+//! `roadplane join`: pieces of an input, worked on anywhere, become the result that one run over it all gives.
+//!
+//! Their frames follow each other without overlap; camera, poses and tracks are then solved over all of them, so that nothing needs
+//! to be put together across seams.
+
+use std::fs::File;
+use std::io::{BufReader, Read as _};
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use image::RgbImage;
+use roadplane_base::FrameRecord;
+use roadplane_decode::DecodeReport;
+use roadplane_view::ViewError;
+use roadplane_write::{FrameReader, OutFile, StageSeconds, WatchSummary};
+
+use crate::commands::piece::{PieceFile, STILLS, read_piece};
+use crate::commands::run::{complete, finished_before};
+use crate::options::{RunOptions, RunReport};
+use crate::stream::left::{Job, Left, SPOOL, Stamp, begin_folder};
+use crate::stream::nets::open_activity;
+use crate::stream::stills::Stills;
+use crate::stream::watched::Watched;
+use crate::{Cancel, Config, PipelineError, Progress};
+
+/// The inputs that pieces are of, as they were given.
+///
+/// # Errors
+/// [`PipelineError::Usage`] for a folder that is no piece.
+pub fn inputs_of(pieces: &[PathBuf]) -> Result<Vec<PathBuf>, PipelineError> {
+    pieces.iter().map(|folder| Ok(PathBuf::from(read_piece(folder)?.input.path))).collect()
+}
+
+/// Joins the pieces of one input into `out/<stem>/`. Hold the lock of `out`.
+///
+/// # Errors
+/// [`PipelineError::Usage`] where they are not all of one input, worked on alike; nothing then appears under the final name.
+pub fn join_pieces(
+    folders: &[PathBuf],
+    out: &Path,
+    options: &RunOptions,
+    config: &Config,
+    cancel: &Cancel,
+    progress: &dyn Progress,
+) -> Result<RunReport, PipelineError> {
+    let started = Instant::now();
+    let mut pieces = Vec::new();
+    for folder in folders {
+        pieces.push((folder.as_path(), read_piece(folder)?));
+    }
+    pieces.sort_by_key(|(_, piece)| piece.stamp.piece.map(|span| span.from_s));
+    check(&pieces, config)?;
+    let Some((_, first)) = pieces.first() else {
+        return Err(PipelineError::usage("no piece is given"));
+    };
+    let stem = first.stem.clone();
+    if let Some(report) = finished_before(&out.join(&stem), options)? {
+        return Ok(report);
+    }
+    let stamp = Stamp { piece: None, ..first.stamp.clone() };
+    let folder = begin_folder(out, &stem, &stamp, options)?;
+    progress.phase("frames");
+    let job = Job { options, config, cancel, progress };
+    let left = left_of(&pieces, &folder.path().join(SPOOL), config).and_then(|left| {
+        let activity = config.activity.enabled.then(|| open_activity(&options.models, config)).transpose()?;
+        Ok((left, activity))
+    });
+    complete(folder, left, &stem, started, None, &job)
+}
+
+/// That the pieces, in order, are one input without a gap.
+fn check(pieces: &[(&Path, PieceFile)], config: &Config) -> Result<(), PipelineError> {
+    let fail =
+        |folder: &Path, what: &str| Err(PipelineError::usage(&format!("{what}: {}", folder.display())));
+    let mut reached_s = None;
+    for (i, (folder, piece)) in pieces.iter().enumerate() {
+        let Some(span) = piece.stamp.piece else { return fail(folder, "it does not say which piece it is") };
+        let first = &pieces[0].1;
+        let alike =
+            Stamp { piece: None, ..piece.stamp.clone() } == Stamp { piece: None, ..first.stamp.clone() };
+        if !alike || piece.stem != first.stem {
+            return fail(
+                folder,
+                "a piece of another input, or made with other models, configuration or version",
+            );
+        }
+        if piece.stamp.config_sha256 != config.fingerprint() {
+            return fail(
+                folder,
+                "the piece was made with another configuration: give the same --config and --set",
+            );
+        }
+        match reached_s {
+            None if i == 0 && span.from_s as f64 <= config.decode.start_s => {}
+            Some(to_s) if to_s == span.from_s => {}
+            _ => {
+                return fail(
+                    folder,
+                    &format!("the piece before {} s is missing, or there twice", span.from_s),
+                );
+            }
+        }
+        match (span.to_s, i + 1 == pieces.len()) {
+            (Some(to_s), false) => reached_s = Some(to_s),
+            (Some(to_s), true) if config.decode.end_s.is_some_and(|end_s| end_s <= to_s as f64) => {}
+            (None, true) => {}
+            _ => return fail(folder, "the pieces after this one are missing, or it overlaps them"),
+        }
+    }
+    Ok(())
+}
+
+/// What the left half of a run over the whole input leaves.
+fn left_of(pieces: &[(&Path, PieceFile)], spool: &Path, config: &Config) -> Result<Left, PipelineError> {
+    let mut joined = OutFile::create(spool)?;
+    for (folder, _) in pieces {
+        let path = folder.join(SPOOL);
+        let unreadable = |source| PipelineError::Unreadable { source, path: path.clone() };
+        let mut reader = BufReader::new(File::open(&path).map_err(unreadable)?);
+        let mut buffer = vec![0; 1 << 18];
+        loop {
+            let read = reader.read(&mut buffer).map_err(unreadable)?;
+            if read == 0 {
+                break;
+            }
+            joined.write_bytes(&buffer[..read])?;
+        }
+    }
+    joined.finish()?;
+    let first = &pieces[0].1;
+    let (_, last) = &pieces[pieces.len() - 1];
+    let stills: Vec<_> = pieces.iter().map(|(folder, piece)| (folder.join(STILLS), piece.stills)).collect();
+    let place = pieces.iter().rev().find_map(|(folder, piece)| Some(folder.join(piece.place.as_ref()?)));
+    Ok(Left {
+        input: first.input.clone(),
+        models: first.models.clone(),
+        fingerprints: first.stamp.models.clone(),
+        decode: decode_of(pieces.iter().map(|(_, piece)| &piece.decode), &last.decode),
+        seconds: seconds_of(pieces),
+        rejected_cars: pieces.iter().map(|(_, piece)| piece.rejected_cars).sum(),
+        watch: watch_of(spool)?,
+        samples: samples_of(pieces, config.output.sample_frames)?,
+        stills: Stills::read(
+            config.output.report_mib,
+            stills.iter().map(|(path, levels)| (path.as_path(), *levels)),
+        )?,
+        place: place.map(|path| read_picture(&path)).transpose()?,
+    })
+}
+
+/// Losses of all pieces; what only the end of a file tells is told by the last.
+fn decode_of<'a>(reports: impl Iterator<Item = &'a DecodeReport>, last: &DecodeReport) -> DecodeReport {
+    let mut all = DecodeReport { cut_short: last.cut_short, ..DecodeReport::default() };
+    for report in reports {
+        all.expected += report.expected;
+        all.decoded += report.decoded;
+        all.delivered += report.delivered;
+        all.missing += report.missing;
+        all.damaged_stretches.extend(report.damaged_stretches.iter().cloned());
+        all.damaged_stretch_count += report.damaged_stretch_count;
+        all.broken_packets += report.broken_packets;
+        all.times_made_up += report.times_made_up;
+        for warning in &report.warnings {
+            if !all.warnings.contains(warning) {
+                all.warnings.push(warning.clone());
+            }
+        }
+    }
+    all
+}
+
+fn seconds_of(pieces: &[(&Path, PieceFile)]) -> Vec<StageSeconds> {
+    let mut all: Vec<StageSeconds> = Vec::new();
+    for stage in pieces.iter().flat_map(|(_, piece)| &piece.seconds) {
+        match all.iter_mut().find(|known| known.stage == stage.stage) {
+            Some(known) => known.seconds += stage.seconds,
+            None => all.push(stage.clone()),
+        }
+    }
+    all
+}
+
+fn watch_of(spool: &Path) -> Result<WatchSummary, PipelineError> {
+    let mut watched = Watched::default();
+    for record in FrameReader::open(spool)? {
+        let record: FrameRecord = record?;
+        watched.push(&record);
+    }
+    Ok(watched.finish())
+}
+
+/// As many of the pieces' frames as a report shows, spread over all of them.
+fn samples_of(
+    pieces: &[(&Path, PieceFile)],
+    wanted: usize,
+) -> Result<Vec<(u64, f64, RgbImage)>, PipelineError> {
+    let of_piece = |(folder, piece): &(&Path, PieceFile)| {
+        let folder = folder.to_path_buf();
+        piece.samples.clone().into_iter().map(move |(frame, time_s, name)| {
+            (frame, time_s, folder.join(Path::new(&name).file_name().unwrap_or_default()))
+        })
+    };
+    let all: Vec<(u64, f64, PathBuf)> = pieces.iter().flat_map(of_piece).collect();
+    let chosen = wanted.min(all.len());
+    let at = |i: usize| if chosen > 1 { i * (all.len() - 1) / (chosen - 1) } else { 0 };
+    (0..chosen)
+        .map(|i| &all[at(i)])
+        .map(|(frame, time_s, path)| Ok((*frame, *time_s, read_picture(path)?)))
+        .collect()
+}
+
+fn read_picture(path: &Path) -> Result<RgbImage, PipelineError> {
+    let bytes = std::fs::read(path)
+        .map_err(|source| PipelineError::Unreadable { source, path: path.to_path_buf() })?;
+    let picture = image::load_from_memory_with_format(&bytes, image::ImageFormat::Jpeg);
+    Ok(picture.map_err(ViewError::from)?.into_rgb8())
+}

@@ -1,0 +1,115 @@
+//! One streaming stage alone, from files to a file: `roadplane detect` and `roadplane keypoints`.
+
+use std::io::Write as _;
+use std::path::Path;
+
+use roadplane_base::FrameRecord;
+use roadplane_write::{FrameReader, JsonLines, WriteError};
+
+use crate::stream::cadence::Cadence;
+use crate::stream::flow::{Stage, Work};
+use crate::stream::nets::{open_detector, open_keypoints};
+use crate::stream::scene_lines::LineFinder;
+use crate::stream::stages::{detect_stage, keypoint_stage, watch_stage};
+use crate::stream::streaming::{open_input, stream};
+use crate::{Cancel, Config, PipelineError, Progress};
+
+/// A frames file under its final name once it is whole, or standard output (`-`).
+enum Sink {
+    File(JsonLines),
+    Stdout(std::io::StdoutLock<'static>),
+}
+
+impl Sink {
+    fn create(path: &Path) -> Result<Self, PipelineError> {
+        if path == Path::new("-") {
+            return Ok(Self::Stdout(std::io::stdout().lock()));
+        }
+        Ok(Self::File(JsonLines::create(path)?))
+    }
+
+    fn write(&mut self, record: &FrameRecord) -> Result<(), PipelineError> {
+        match self {
+            Self::File(lines) => Ok(lines.write_frame(record)?),
+            Self::Stdout(out) => {
+                let line = serde_json::to_string(record).map_err(std::io::Error::from);
+                let written = line.and_then(|line| writeln!(out, "{line}"));
+                written.map_err(|source| PipelineError::Stdout { source })
+            }
+        }
+    }
+
+    fn finish(self) -> Result<(), WriteError> {
+        match self {
+            Self::File(lines) => lines.finish(),
+            Self::Stdout(_) => Ok(()),
+        }
+    }
+}
+
+/// Input → frames with boxes. True if some of the input was lost.
+///
+/// # Errors
+/// [`PipelineError`]; the file then does not appear.
+pub fn detect_file(
+    input: &Path,
+    out: &Path,
+    models: &Path,
+    config: &Config,
+    cancel: &Cancel,
+    progress: &dyn Progress,
+) -> Result<bool, PipelineError> {
+    let input = open_input(input, config)?;
+    let mut detector = open_detector(models, config)?;
+    let mut sink = Sink::create(out)?;
+    let write = |work: &Work| sink.write(&work.record);
+    let cadence = Cadence::of(&input, config);
+    let mut background = None;
+    let lines = LineFinder::new(!config.solve.reads_scene());
+    let stages = vec![watch_stage(), detect_stage(&mut detector, cadence, &mut background, lines)];
+    let streamed = stream(input, cadence.chooser(), stages, write, config, cancel, progress)?;
+    sink.finish()?;
+    Ok(streamed.decode.is_damaged())
+}
+
+/// Input and its boxes → frames with keypoints; frames without boxes are written without cars. True if some of the input
+/// was lost.
+///
+/// # Errors
+/// [`PipelineError`]; the file then does not appear.
+pub fn keypoints_file(
+    input: &Path,
+    boxes: &Path,
+    out: &Path,
+    models: &Path,
+    config: &Config,
+    cancel: &Cancel,
+    progress: &dyn Progress,
+) -> Result<bool, PipelineError> {
+    let input = open_input(input, config)?;
+    let mut net = open_keypoints(models, config)?;
+    let cadence = Cadence::of(&input, config);
+    let mut records = FrameReader::open(boxes)?.peekable();
+    let take_boxes = move |work: &mut Work| {
+        // Both come in rising order of the frame's index.
+        while let Some(record) =
+            records.next_if(|r| r.as_ref().map_or(true, |r| r.frame <= work.record.frame))
+        {
+            let record = record?;
+            if record.frame == work.record.frame {
+                work.record.watch = record.watch;
+                work.record.scene_lines = record.scene_lines;
+                work.record.scene_curves = record.scene_curves;
+                work.record.cars = record.cars;
+                work.record.extra = record.extra;
+            }
+        }
+        Ok(())
+    };
+    let mut sink = Sink::create(out)?;
+    let write = |work: &Work| sink.write(&work.record);
+    let stages = vec![Stage::new("boxes", take_boxes), keypoint_stage(&mut net, cadence)];
+    let streamed = stream(input, |_| true, stages, write, config, cancel, progress)?;
+    sink.finish()?;
+    Ok(streamed.decode.is_damaged())
+}

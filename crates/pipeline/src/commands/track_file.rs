@@ -1,0 +1,65 @@
+//! `roadplane track`: frames with keypoints → the folder of a finished run, no image needed.
+
+use std::path::Path;
+use std::time::Instant;
+
+use roadplane_base::ShapeAtlas;
+use roadplane_write::{Existing, OutputFolder, StageSeconds, Summary, write_summary};
+
+use crate::clip::{Given, solve_known_clip};
+use crate::identity::{file_identity, versions};
+use crate::options::RunReport;
+use crate::output::finish::{note_solution, write_camera_and_place};
+use crate::output::track_rows::{ShownRows, TrackRows};
+use crate::{Cancel, Config, Known, PipelineError};
+
+/// Tracks the cars of a frames file into `out/<stem>/`: camera, poses, tracks and summary as a run leaves them. Hold the lock of
+/// `out`.
+///
+/// # Errors
+/// [`PipelineError`]; nothing then appears under the final name.
+pub fn track_file(
+    frames: &Path,
+    out: &Path,
+    stem: &str,
+    known: &Known,
+    existing: Existing,
+    config: &Config,
+    cancel: &Cancel,
+) -> Result<RunReport, PipelineError> {
+    let started = Instant::now();
+    let atlas = ShapeAtlas::shipped()?;
+    let mut summary = Summary {
+        versions: versions(),
+        input: file_identity(frames)?,
+        config: serde_json::to_value(config).unwrap_or_default(),
+        config_sha256: config.fingerprint(),
+        ..Summary::default()
+    };
+    let mut folder = OutputFolder::begin(out, stem, existing)?;
+    if folder.is_resumed() {
+        folder.reset()?;
+    }
+    let mut rows = TrackRows::new(folder.path(), None, ShownRows::default());
+    let poses = folder.path().join("poses.jsonl");
+    let solved = solve_known_clip(frames, &poses, &atlas, &Given::new(known), &mut rows, config, cancel)
+        .and_then(|solution| {
+            rows.finish()?;
+            write_camera_and_place(folder.path(), &solution)?;
+            Ok(solution)
+        });
+    let solution = match solved {
+        Ok(solution) => solution,
+        Err(error) => {
+            folder.discard()?;
+            return Err(error);
+        }
+    };
+    note_solution(&mut summary, &solution);
+    summary.wall_s = started.elapsed().as_secs_f64();
+    summary.seconds = vec![StageSeconds { stage: "solve".to_owned(), seconds: summary.wall_s }];
+    write_summary(&folder.path().join("summary.json"), &summary)?;
+    let tracks = Some(solution.shapes.len() as u64);
+    let camera = solution.camera_in_words();
+    Ok(RunReport { folder: folder.publish()?, tracks, camera, damaged: false, frames_lost: 0 })
+}

@@ -1,0 +1,6 @@
+//! What the solved clip becomes: files, report, video.
+
+pub(crate) mod draw;
+pub(crate) mod finish;
+pub(crate) mod losses;
+pub(crate) mod track_rows;

@@ -1,0 +1,279 @@
+//! A clip's result drawn into its frames, for the report and for annotated videos.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use image::RgbImage;
+use roadplane_base::{CameraEstimate, Shape, ShapeAtlas, TrackRow};
+use roadplane_decode::DecodeOptions;
+use roadplane_view::{
+    DrawnCar, GroundCells, Overlay, ReportInput, VideoSink, ViewError, report_html, with_lines,
+};
+use roadplane_write::{OutFile, Summary, read_camera, read_jsonl, read_summary};
+
+use crate::cameras::camera_track::CameraTrack;
+use crate::cameras::known::known_in_words;
+use crate::clip::ClipSolution;
+use crate::output::losses::losses_in_words;
+use crate::stream::flow::Work;
+use crate::stream::stills::Stills;
+use crate::stream::streaming::{open_input, stream};
+use crate::stream::watched::in_words;
+use crate::tracks::cars::FrameCamera;
+use crate::{Cancel, Config, PipelineError, Progress};
+
+/// Time that trails reach back, s.
+const TRAIL_S: f64 = 10.0;
+
+/// What is drawn: rows of all frames, shapes of all tracks, cameras.
+pub struct Scene<'a> {
+    cameras: &'a CameraTrack,
+    atlas: &'a ShapeAtlas,
+    shapes: &'a BTreeMap<u64, Shape>,
+    of_frame: BTreeMap<u64, Vec<&'a TrackRow>>,
+    of_track: BTreeMap<u64, Vec<&'a TrackRow>>,
+    /// Where vehicles were, by segment.
+    ground: BTreeMap<usize, GroundCells>,
+}
+
+impl<'a> Scene<'a> {
+    /// Of a clip's rows and the shapes of its tracks.
+    #[must_use]
+    pub fn new(
+        cameras: &'a CameraTrack,
+        rows: &'a [TrackRow],
+        shapes: &'a BTreeMap<u64, Shape>,
+        atlas: &'a ShapeAtlas,
+    ) -> Self {
+        let mut of_frame: BTreeMap<u64, Vec<&TrackRow>> = BTreeMap::new();
+        let mut of_track: BTreeMap<u64, Vec<&TrackRow>> = BTreeMap::new();
+        let mut ground: BTreeMap<usize, GroundCells> = BTreeMap::new();
+        for row in rows {
+            ground.entry(row.segment).or_default().add(row.x_m, row.y_m);
+            of_frame.entry(row.frame).or_default().push(row);
+            of_track.entry(row.track).or_default().push(row);
+        }
+        Self { cameras, atlas, shapes, of_frame, of_track, ground }
+    }
+
+    /// The frame with everything in it.
+    ///
+    /// # Errors
+    /// [`ViewError`].
+    pub fn draw(&self, frame: u64, time_s: f64, picture: &RgbImage) -> Result<RgbImage, ViewError> {
+        let Some(estimate) = self.cameras.at(time_s) else { return Ok(picture.clone()) };
+        let view = FrameCamera::from(estimate);
+        let mut overlay = Overlay::new(picture, &view.camera, &view.plane, self.atlas)?;
+        if let Some(ground) = self.ground.get(&self.cameras.segment_at(time_s)) {
+            overlay.grid(ground)?;
+        }
+        let rows = self.of_frame.get(&frame).map(Vec::as_slice).unwrap_or_default();
+        for row in rows {
+            let shape = self.shapes.get(&row.track).copied().unwrap_or_else(Shape::zeros);
+            let trail: Vec<[f64; 2]> = self
+                .of_track
+                .get(&row.track)
+                .into_iter()
+                .flatten()
+                .filter(|past| past.frame <= frame && past.time_s >= time_s - TRAIL_S)
+                .map(|past| [past.x_m, past.y_m])
+                .collect();
+            overlay.car(&DrawnCar { row, shape: &shape, trail: &trail })?;
+        }
+        overlay.labels(rows)?;
+        overlay.finish()
+    }
+}
+
+/// What a report shows of the pictures.
+pub(crate) struct ReportPictures<'a> {
+    /// Frames to draw into: index, time in s, picture.
+    pub samples: &'a [(u64, f64, RgbImage)],
+    /// What it plays.
+    pub stills: &'a Stills,
+    /// The empty place.
+    pub background: Option<&'a RgbImage>,
+    /// Of long clips only some rows are drawn.
+    pub is_thinned: bool,
+}
+
+/// Writes `report.html`.
+///
+/// # Errors
+/// [`PipelineError`].
+pub(crate) fn write_report(
+    path: &Path,
+    title: &str,
+    atlas: &ShapeAtlas,
+    solution: &ClipSolution,
+    seen: &ReportPictures<'_>,
+    summary: &Summary,
+    config: &Config,
+) -> Result<(), PipelineError> {
+    let &ReportPictures { samples, stills, background, is_thinned } = seen;
+    let scene = Scene::new(&solution.cameras, &solution.rows, &solution.shapes, atlas);
+    let drawn: Vec<(u64, RgbImage)> = samples
+        .iter()
+        .map(|(frame, time_s, picture)| Ok((*frame, scene.draw(*frame, *time_s, picture)?)))
+        .collect::<Result<_, ViewError>>()?;
+    // The picture of the place is of the camera's last position.
+    let lines = background.and_then(|place| {
+        let view = solution.cameras.scene().iter().find(|view| view.position == solution.cameras.moves())?;
+        let upright = &view.verticals.as_ref()?.upright;
+        Some(with_lines(place, view.lines.iter().zip(upright.iter().copied())))
+    });
+    let lines = lines.transpose()?;
+    let facts = facts_of(summary);
+    let mut losses = losses_in_words(&summary.counts, &solution.rows, &config.decode);
+    if is_thinned {
+        losses.push(
+            "This clip is long: the page shows one or two rows of a track a second, the files have all."
+                .to_owned(),
+        );
+    }
+    let page = report_html(&ReportInput {
+        title,
+        cameras: solution.cameras.estimates(),
+        rows: &solution.rows,
+        samples: &drawn,
+        stills: &stills.frames(),
+        views: &stills.views(&solution.rows),
+        reprojection_rms_px: &solution.reprojection_rms_px,
+        facts: &facts,
+        warnings: &summary.warnings,
+        background,
+        scene_lines: lines.as_ref(),
+        moves: &summary.watch.moves,
+        camera_notes: &in_words(&summary.watch),
+        losses: &losses,
+    })?;
+    let mut file = OutFile::create(path)?;
+    file.write_bytes(page.as_bytes())?;
+    Ok(file.finish()?)
+}
+
+fn facts_of(summary: &Summary) -> Vec<(String, String)> {
+    let counts = &summary.counts;
+    let mut facts = vec![
+        ("input".to_owned(), summary.input.path.clone()),
+        ("frames read".to_owned(), counts.frames_read.to_string()),
+        ("frames lost".to_owned(), counts.frames_lost.to_string()),
+        ("frames left out on purpose".to_owned(), counts.frames_skipped.to_string()),
+        ("frames a second".to_owned(), format!("{:.2}", summary.frames_per_s)),
+    ];
+    if let Some(speed) = &summary.speed {
+        let (ms, seen) = (&speed.cpu_ms_per_frame, 100.0 * speed.seen_share);
+        let cpu = format!(
+            "{:.1}: decode {:.1}, watch {:.1}, detect {:.1}, keypoints {:.1}, solve {:.1}",
+            ms.total, ms.decode, ms.watch, ms.detect, ms.keypoints, ms.solve
+        );
+        facts.push(("CPU ms a frame".to_owned(), cpu));
+        facts.push(("share of the picture the detector saw".to_owned(), format!("{seen:.2} %")));
+        facts.push(("crops".to_owned(), speed.crops.to_string()));
+    }
+    facts.extend(summary.known.iter().map(|known| (known.what.clone(), known_in_words(known))));
+    facts.extend(counts.boxes.iter().map(|(class, n)| (format!("boxes: {class}"), n.to_string())));
+    facts.extend(counts.rejected.iter().map(|(reason, n)| (format!("left out: {reason}"), n.to_string())));
+    facts.extend(
+        summary.seconds.iter().map(|t| (format!("seconds in {}", t.stage), format!("{:.1}", t.seconds))),
+    );
+    facts.extend(
+        summary
+            .models
+            .iter()
+            .map(|model| (model.name.clone(), format!("version {}, on {}", model.version, model.provider))),
+    );
+    facts.extend(summary.versions.iter().map(|(name, version)| (name.clone(), version.clone())));
+    facts.push(("configuration".to_owned(), format!("sha256 {}", summary.config_sha256)));
+    facts
+}
+
+/// Draws every frame of an input into a video. True if some of the input was lost.
+///
+/// # Errors
+/// [`PipelineError`]; the video then does not appear.
+pub fn draw_video(
+    input: &Path,
+    scene: &Scene<'_>,
+    video: &Path,
+    config: &Config,
+    cancel: &Cancel,
+    progress: &dyn Progress,
+) -> Result<bool, PipelineError> {
+    let input = open_input(input, config)?;
+    let size = input.size();
+    let frames_per_s = input.nominal_fps() / f64::from(config.decode.stride.max(1));
+    let mut sink = VideoSink::create(video, size.width, size.height, frames_per_s)?;
+    let draw = |work: &Work| {
+        let Some(image) = &work.image else { return Ok(()) };
+        Ok(sink.write(&scene.draw(work.stamp.index, work.stamp.time_s(), image)?)?)
+    };
+    let streamed = stream(input, |_| true, Vec::new(), draw, config, cancel, progress)?;
+    sink.finish()?;
+    Ok(streamed.decode.is_damaged())
+}
+
+/// `roadplane render`: draws a finished run's folder into a video of its input. True if some of the input was lost.
+///
+/// # Errors
+/// [`PipelineError`]; the video then does not appear.
+pub fn render_run(
+    input: &Path,
+    run: &Path,
+    video: &Path,
+    config: &Config,
+    cancel: &Cancel,
+    progress: &dyn Progress,
+) -> Result<bool, PipelineError> {
+    let atlas = ShapeAtlas::shipped()?;
+    let config = &as_run(run, config)?;
+    let estimates: Vec<CameraEstimate> =
+        read_camera(&run.join("camera.json"))?.all().iter().map(|segment| segment.estimate()).collect();
+    let cameras = CameraTrack::from_estimates(estimates);
+    let rows: Vec<TrackRow> = read_jsonl(&run.join("tracks.jsonl"))?.collect::<Result<_, _>>()?;
+    let mut shapes = BTreeMap::new();
+    for pose in read_jsonl::<roadplane_base::PoseRecord>(&run.join("poses.jsonl"))? {
+        let pose = pose?;
+        if let Some(track) = pose.track {
+            shapes.insert(track, Shape::from(pose.shape));
+        }
+    }
+    let scene = Scene::new(&cameras, &rows, &shapes, &atlas);
+    draw_video(input, &scene, video, config, cancel, progress)
+}
+
+/// The configuration with the run's choice of frames, as others have no rows; what the caller chooses otherwise counts.
+fn as_run(run: &Path, config: &Config) -> Result<Config, PipelineError> {
+    let of = |options: &DecodeOptions| serde_json::to_value(options).unwrap_or_default();
+    let (asked, default) = (of(&config.decode), of(&DecodeOptions::default()));
+    let mut chosen = read_summary(&run.join("summary.json"))?.config["decode"].take();
+    if let (Some(chosen), Some(asked)) = (chosen.as_object_mut(), asked.as_object()) {
+        let other = asked.iter().filter(|(option, value)| default.get(option.as_str()) != Some(value));
+        chosen.extend(other.map(|(option, value)| (option.clone(), value.clone())));
+    }
+    let decode = serde_json::from_value(chosen).unwrap_or_else(|_not_told| config.decode.clone());
+    Ok(Config { decode, ..config.clone() })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use roadplane_write::write_summary;
+
+    #[test]
+    fn a_run_is_drawn_with_the_frames_that_it_looked_at() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut made = Config::default();
+        made.decode.stride = 3;
+        let summary = Summary { config: serde_json::to_value(&made).unwrap(), ..Summary::default() };
+        write_summary(&folder.path().join("summary.json"), &summary).unwrap();
+        assert_eq!(as_run(folder.path(), &Config::default()).unwrap().decode.stride, 3);
+        let mut asked = Config::default();
+        asked.decode.end_s = Some(5.0);
+        let both = as_run(folder.path(), &asked).unwrap().decode;
+        assert_eq!((both.stride, both.end_s), (3, Some(5.0)));
+        write_summary(&folder.path().join("summary.json"), &Summary::default()).unwrap();
+        assert_eq!(as_run(folder.path(), &Config::default()).unwrap(), Config::default());
+        assert!(as_run(&folder.path().join("none"), &Config::default()).is_err());
+    }
+}

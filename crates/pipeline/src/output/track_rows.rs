@@ -1,0 +1,176 @@
+//! A result's track files, filled as rows come, and what is kept of the rows to be drawn.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+use roadplane_activity::{ActivityNet, Event};
+use roadplane_base::TrackRow;
+use roadplane_geo::Place;
+use roadplane_write::TrackFiles;
+
+use crate::PipelineError;
+use crate::clip::RowSink;
+use crate::tracks::activities::{add_events, label_rows, write_events};
+use crate::tracks::stretch::Stretch;
+
+/// Of a clip of more than one stretch a row is kept to be drawn so long after the last of its track, s, if its vehicle is seen in it …
+const NEXT_SEEN_S: f64 = 0.6;
+/// … and in any case so long after it.
+const NEXT_S: f64 = 0.9;
+
+/// Writes rows, with what vehicles do where there is a net that tells it.
+pub(crate) struct TrackRows<'a> {
+    folder: &'a Path,
+    activity: Option<ActivityNet>,
+    files: Option<TrackFiles>,
+    events: Vec<Event>,
+    shown: ShownRows,
+}
+
+impl<'a> TrackRows<'a> {
+    /// Into a result's folder; `shown` says what is kept.
+    pub(crate) fn new(folder: &'a Path, activity: Option<ActivityNet>, shown: ShownRows) -> Self {
+        Self { folder, activity, files: None, events: Vec::new(), shown }
+    }
+
+    /// Completes the files. Gives what was kept.
+    pub(crate) fn finish(self) -> Result<ShownRows, PipelineError> {
+        if let Some(files) = self.files {
+            files.finish()?;
+        }
+        if self.activity.is_some() {
+            write_events(&self.folder.join("activities.jsonl"), self.events)?;
+        }
+        Ok(self.shown)
+    }
+}
+
+impl RowSink for TrackRows<'_> {
+    fn take(
+        &mut self,
+        mut rows: Vec<TrackRow>,
+        stretch: Stretch,
+        place: Option<&Place>,
+    ) -> Result<u64, PipelineError> {
+        if let Some(net) = &mut self.activity {
+            add_events(&mut self.events, label_rows(net, &mut rows)?, stretch);
+        }
+        rows.retain(|row| stretch.holds(row.time_s));
+        let files = match &mut self.files {
+            Some(files) => files,
+            none => none.insert(TrackFiles::create(self.folder, place.is_some())?),
+        };
+        for row in &rows {
+            files.write(row)?;
+        }
+        let count = rows.len() as u64;
+        self.shown.add(rows, stretch);
+        Ok(count)
+    }
+}
+
+/// Rows that are kept to be drawn: of a clip of one stretch all of them, of a longer one as many as a page can show.
+#[derive(Debug, Default)]
+pub(crate) struct ShownRows {
+    /// By frame, then by track.
+    pub rows: Vec<TrackRow>,
+    /// Nothing is left out.
+    all: bool,
+    /// All rows of these frames are kept.
+    frames: BTreeSet<u64>,
+    is_thinned: bool,
+}
+
+impl ShownRows {
+    /// All, or of long clips all of `frames` and some of others.
+    pub(crate) fn new(all: bool, frames: BTreeSet<u64>) -> Self {
+        Self { all, frames, ..Self::default() }
+    }
+
+    /// Whether some are left out.
+    pub(crate) fn is_thinned(&self) -> bool {
+        self.is_thinned
+    }
+
+    fn add(&mut self, mut rows: Vec<TrackRow>, stretch: Stretch) {
+        if !self.all && stretch != Stretch::ALL {
+            self.is_thinned = true;
+            thin(&mut rows, &self.frames);
+        }
+        if self.rows.is_empty() {
+            self.rows = rows;
+        } else {
+            self.rows.append(&mut rows);
+        }
+    }
+}
+
+/// Keeps each track's first and last row, those of `frames`, and some between.
+fn thin(rows: &mut Vec<TrackRow>, frames: &BTreeSet<u64>) {
+    let last: BTreeMap<u64, u64> = rows.iter().map(|row| (row.track, row.frame)).collect();
+    let mut kept_s: BTreeMap<u64, f64> = BTreeMap::new();
+    rows.retain(|row| {
+        let least_s = if row.observed { NEXT_SEEN_S } else { NEXT_S };
+        let is_next = kept_s.get(&row.track).is_none_or(|kept_s| row.time_s - kept_s >= least_s);
+        if is_next {
+            kept_s.insert(row.track, row.time_s);
+        }
+        is_next || last.get(&row.track) == Some(&row.frame) || frames.contains(&row.frame)
+    });
+    rows.shrink_to_fit();
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use roadplane_activity::Label;
+    use roadplane_synth::standing;
+
+    fn row(frame: u64, track: u64) -> TrackRow {
+        let row = standing(track, frame, frame as f64 / 10.0);
+        TrackRow { observed: frame.is_multiple_of(4), ..row }
+    }
+
+    #[test]
+    fn of_long_clips_some_rows_are_kept_and_of_short_ones_all() {
+        let of = |frames: std::ops::Range<u64>| frames.map(|frame| row(frame, 1)).collect::<Vec<_>>();
+        let mut short = ShownRows::new(false, BTreeSet::new());
+        short.add(of(0..100), Stretch::ALL);
+        assert_eq!((short.rows.len(), short.is_thinned()), (100, false));
+        let seam_s = 10.0;
+        let parts = [Stretch { to_s: seam_s, ..Stretch::ALL }, Stretch { from_s: seam_s, ..Stretch::ALL }];
+        let filled = |all: bool, frames: BTreeSet<u64>| {
+            let mut shown = ShownRows::new(all, frames);
+            shown.add(of(0..100), parts[0]);
+            shown.add(of(100..199), parts[1]);
+            shown
+        };
+        let shown = filled(false, BTreeSet::from([131]));
+        let kept: Vec<u64> = shown.rows.iter().map(|row| row.frame).collect();
+        assert!(shown.is_thinned() && kept.is_sorted() && (22..40).contains(&kept.len()), "{kept:?}");
+        assert!([0, 99, 100, 131, 198].iter().all(|frame| kept.contains(frame)), "{kept:?}");
+        // A track that is seen does not look as if it had been hidden.
+        let seen: Vec<u64> = kept.iter().copied().filter(|frame| frame % 4 == 0).collect();
+        assert!(seen.windows(2).all(|pair| pair[1] - pair[0] <= 12), "{seen:?}");
+        let all = filled(true, BTreeSet::new());
+        assert_eq!((all.rows.len(), all.is_thinned()), (199, false));
+    }
+
+    #[test]
+    fn what_goes_on_over_a_seam_is_one_event() {
+        let event = |track: u64, from_s: f64, to_s: f64, confidence: f64| Event {
+            track,
+            activity: Label::Moving,
+            from_s,
+            to_s,
+            confidence,
+        };
+        let seam_s = 300.0;
+        let (before, after) = (f64::NEG_INFINITY..seam_s, seam_s..f64::INFINITY);
+        let [before, after] = [before, after].map(|s| Stretch { from_s: s.start, to_s: s.end });
+        let mut events = Vec::new();
+        add_events(&mut events, vec![event(1, 290.0, 305.0, 0.9), event(2, 310.0, 320.0, 0.8)], before);
+        add_events(&mut events, vec![event(1, 280.0, 310.0, 0.6), event(2, 310.0, 320.0, 0.8)], after);
+        assert_eq!(events, [event(1, 290.0, 310.0, 0.75), event(2, 310.0, 320.0, 0.8)]);
+    }
+}

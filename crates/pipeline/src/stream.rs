@@ -1,0 +1,17 @@
+//! The streaming half: pictures in, one JSON line a frame out, a thread a stage.
+
+pub(crate) mod cadence;
+pub(crate) mod cpu;
+pub(crate) mod flow;
+pub(crate) mod left;
+pub(crate) mod moments;
+pub(crate) mod nets;
+pub(crate) mod samples;
+pub(crate) mod scene_lines;
+pub(crate) mod small_picture;
+pub(crate) mod span;
+pub(crate) mod speed;
+pub(crate) mod stages;
+pub(crate) mod stills;
+pub(crate) mod streaming;
+pub(crate) mod watched;

@@ -1,0 +1,89 @@
+//! A few frames kept for the report, spread evenly over a clip whose length nobody knows beforehand.
+
+use image::RgbImage;
+use image::codecs::jpeg::JpegDecoder;
+use roadplane_base::FrameStamp;
+
+use crate::stream::small_picture::compressed;
+
+/// JPEG quality of kept frames: no visible loss.
+const QUALITY: u8 = 92;
+
+/// Keeps every s-th frame, compressed; whenever there are twice as many as wanted, every other one is dropped and s
+/// doubles.
+#[derive(Debug)]
+pub struct SampleFrames {
+    wanted: usize,
+    stride: u64,
+    seen: u64,
+    kept: Vec<(FrameStamp, Vec<u8>)>,
+}
+
+impl SampleFrames {
+    /// Will keep about `wanted` to twice as many pictures; `expected` is how many will be offered, where somebody knows: the
+    /// fewer are compressed in vain.
+    #[must_use]
+    pub fn new(wanted: usize, expected: Option<u64>) -> Self {
+        let stride = expected.map_or(1, |count| count / (2 * wanted.max(1) as u64)).max(1);
+        Self { wanted, stride, seen: 0, kept: Vec::new() }
+    }
+
+    /// Takes the next picture of the clip into account.
+    pub fn offer(&mut self, stamp: FrameStamp, image: &RgbImage) {
+        let due = self.wanted > 0 && self.seen.is_multiple_of(self.stride);
+        self.seen += 1;
+        if !due {
+            return;
+        }
+        let Some(jpeg) = compressed(image, QUALITY) else { return };
+        self.kept.push((stamp, jpeg));
+        if self.kept.len() >= 2 * self.wanted {
+            let mut place = 0;
+            self.kept.retain(|_| {
+                place += 1;
+                place % 2 == 1
+            });
+            self.stride *= 2;
+        }
+    }
+
+    /// At most `wanted` frames, spread over what was seen, with index and time in s.
+    #[must_use]
+    pub fn finish(self) -> Vec<(u64, f64, RgbImage)> {
+        let count = self.kept.len();
+        let chosen = self.wanted.min(count);
+        (0..chosen)
+            .filter_map(|i| {
+                let at = if chosen > 1 { i * (count - 1) / (chosen - 1) } else { 0 };
+                let (stamp, jpeg) = &self.kept[at];
+                let decoder = JpegDecoder::new(std::io::Cursor::new(jpeg)).ok()?;
+                Some((
+                    stamp.index,
+                    stamp.time_s(),
+                    image::DynamicImage::from_decoder(decoder).ok()?.into_rgb8(),
+                ))
+            })
+            .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn samples_are_few_and_spread_whatever_the_length() {
+        for length in [1u64, 2, 5, 37, 1000] {
+            let mut samples = SampleFrames::new(4, (length % 2 == 0).then_some(length));
+            for index in 0..length {
+                let stamp = FrameStamp { index, pts_nanos: 0 };
+                samples.offer(stamp, &RgbImage::new(8, 8));
+                assert!(samples.kept.len() <= 8);
+            }
+            let indices: Vec<u64> = samples.finish().iter().map(|s| s.0).collect();
+            assert_eq!(indices.len() as u64, length.min(4));
+            assert_eq!(indices[0], 0);
+            assert!(indices[indices.len() - 1] >= length / 2, "{indices:?} of {length}");
+        }
+    }
+}

@@ -1,0 +1,325 @@
+//! Small frames, and cut-outs of vehicles, kept while a clip streams, for the report to play: bounded in bytes, and the same
+//! however the run was cut into pieces or stopped in between.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use base64::{Engine as _, engine::general_purpose::STANDARD};
+use image::RgbImage;
+use roadplane_base::{FrameRecord, FrameStamp, TrackRow, bbox_iou};
+use roadplane_view::{Still, TrackView};
+use roadplane_write::{JsonLines, read_jsonl};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::PipelineError;
+use crate::stream::moments::Moments;
+use crate::stream::small_picture::{compressed, shrunk};
+
+/// Time between two frames of a short clip, s.
+const FRAME_SLOT_S: f64 = 1.0 / 3.0;
+/// Time between two cut-outs of a vehicle of a short clip, s.
+const CROP_SLOT_S: f64 = 2.0 / 3.0;
+/// Frames are about so wide, cut-outs at most so long, px.
+const FRAME_PX: u32 = 640;
+/// See [`FRAME_PX`].
+const CROP_PX: u32 = 160;
+/// JPEG quality of both.
+const FRAME_QUALITY: u8 = 55;
+/// See [`FRAME_QUALITY`].
+const CROP_QUALITY: u8 = 70;
+/// How much more than a vehicle's box a cut-out shows.
+const AROUND: f64 = 1.2;
+/// What the page holds of it: shares of `output.report_mib`. The rest is for what does not move.
+const FRAMES_SHARE: f64 = 0.55;
+/// See [`FRAMES_SHARE`].
+const CROPS_SHARE: f64 = 0.15;
+/// Bytes as characters of the page.
+const INLINED: f64 = 4.0 / 3.0;
+/// Cut-outs that wait for their tracks may take more, by so much.
+const WAITING: f64 = 16.0;
+/// Most cut-outs of a track.
+const VIEWS: usize = 12;
+/// Least overlap of a cut-out's box with that of the track that it is of.
+const MIN_OVERLAP: f64 = 0.5;
+
+/// A vehicle cut out of a frame.
+#[derive(Clone, Debug, PartialEq)]
+struct Crop {
+    frame: u64,
+    time_ms: i64,
+    bbox_px: [f64; 4],
+    jpeg: Vec<u8>,
+}
+
+/// What is kept.
+#[derive(Debug)]
+pub(crate) struct Stills {
+    frames: Moments<Still>,
+    crops: Moments<Vec<Crop>>,
+    views_bytes: u64,
+}
+
+/// How coarse what a piece kept is, see [`Moments::level`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub(crate) struct StillLevels {
+    /// Of frames.
+    frames: u32,
+    /// Of cut-outs.
+    crops: u32,
+}
+
+impl Stills {
+    /// For a page of about so many MiB; 0 keeps nothing.
+    pub(crate) fn new(report_mib: f64) -> Self {
+        let bytes = |share: f64| (share * report_mib * f64::from(1 << 20) / INLINED) as u64;
+        Self {
+            frames: Moments::new(FRAME_SLOT_S, bytes(FRAMES_SHARE)),
+            crops: Moments::new(CROP_SLOT_S, bytes(CROPS_SHARE * WAITING)),
+            views_bytes: bytes(CROPS_SHARE),
+        }
+    }
+
+    /// Takes the next picture of the clip, and what was found in it, into account; true if the vehicles of it are wanted.
+    pub(crate) fn offer(&mut self, stamp: FrameStamp, image: &RgbImage) -> bool {
+        if self.frames.is_due(stamp.time_s()) {
+            let factor = (f64::from(image.width()) / f64::from(FRAME_PX)).round().max(1.0) as u32;
+            let small = shrunk(image, [0, 0, image.width(), image.height()], factor);
+            if let Some(jpeg) = compressed(&small, FRAME_QUALITY) {
+                let still = Still { time_ms: time_ms(stamp), jpeg };
+                self.frames.keep(stamp.time_s(), still.jpeg.len() as u64, still);
+            }
+        }
+        self.crops.is_due(stamp.time_s())
+    }
+
+    /// Cuts out the vehicles that were measured in this frame; those that stand as they stood are known already.
+    pub(crate) fn cut(&mut self, stamp: FrameStamp, image: &RgbImage, record: &FrameRecord) {
+        let looked = record.cars.iter().filter(|car| car.keypoints.is_some() && car.pose_from.is_none());
+        let crop = |bbox_px: [f64; 4]| {
+            let region = around(bbox_px, image)?;
+            let factor = region[2].max(region[3]).div_ceil(CROP_PX);
+            let jpeg = compressed(&shrunk(image, region, factor), CROP_QUALITY)?;
+            Some(Crop { frame: stamp.index, time_ms: time_ms(stamp), bbox_px, jpeg })
+        };
+        let crops: Vec<Crop> = looked.filter_map(|car| crop(car.bbox_px)).collect();
+        self.keep_crops(stamp.time_s(), crops);
+    }
+
+    fn keep_crops(&mut self, time_s: f64, crops: Vec<Crop>) {
+        if !crops.is_empty() {
+            self.crops.keep(time_s, crops.iter().map(|crop| crop.jpeg.len() as u64).sum(), crops);
+        }
+    }
+
+    /// The frames, by time.
+    pub(crate) fn frames(&self) -> Vec<Still> {
+        self.frames.items().cloned().collect()
+    }
+
+    /// Frames that cut-outs are of.
+    pub(crate) fn crop_frames(&self) -> impl Iterator<Item = u64> {
+        self.crops.items().flatten().map(|crop| crop.frame)
+    }
+
+    /// The cut-outs by the tracks that they are of, by track and time.
+    pub(crate) fn views(&self, rows: &[TrackRow]) -> Vec<TrackView> {
+        let mut of_track: BTreeMap<u64, Vec<&Crop>> = BTreeMap::new();
+        for crop in self.crops.items().flatten() {
+            let from = rows.partition_point(|row| row.frame < crop.frame);
+            let here = rows[from..].iter().take_while(|row| row.frame == crop.frame);
+            let overlap = |row: &TrackRow| bbox_iou(&row.bbox_px, &crop.bbox_px);
+            let own = here.filter(|row| row.observed).max_by(|a, b| overlap(a).total_cmp(&overlap(b)));
+            if let Some(row) = own.filter(|row| overlap(row) >= MIN_OVERLAP) {
+                of_track.entry(row.track).or_default().push(crop);
+            }
+        }
+        // As many of each as there is room for; of very many tracks the first have one.
+        let chosen =
+            |most: usize| of_track.iter().flat_map(move |(track, crops)| spread(*track, crops, most));
+        let bytes = |most: usize| chosen(most).map(|(_, crop)| crop.jpeg.len() as u64).sum::<u64>();
+        let most = (1..=VIEWS).rev().find(|most| bytes(*most) <= self.views_bytes).unwrap_or(1);
+        let mut left = self.views_bytes;
+        let fitting = chosen(most).map_while(|(track, crop)| {
+            left = left.checked_sub(crop.jpeg.len() as u64)?;
+            Some(TrackView { track, still: Still { time_ms: crop.time_ms, jpeg: crop.jpeg.clone() } })
+        });
+        fitting.collect()
+    }
+
+    /// Writes what was kept, for [`Self::read`].
+    pub(crate) fn write(&self, path: &Path) -> Result<StillLevels, PipelineError> {
+        let mut lines = JsonLines::create(path)?;
+        for still in self.frames.items() {
+            lines.write(&Line { time_ms: still.time_ms, of: None, jpeg: STANDARD.encode(&still.jpeg) })?;
+        }
+        for Crop { frame, time_ms, bbox_px, jpeg } in self.crops.items().flatten() {
+            lines.write(&Line {
+                time_ms: *time_ms,
+                of: Some((*frame, *bbox_px)),
+                jpeg: STANDARD.encode(jpeg),
+            })?;
+        }
+        lines.finish()?;
+        Ok(StillLevels { frames: self.frames.level(), crops: self.crops.level() })
+    }
+
+    /// What pieces kept, in their order, becomes what a run over all of it keeps.
+    pub(crate) fn read<'a>(
+        report_mib: f64,
+        pieces: impl Iterator<Item = (&'a Path, StillLevels)> + Clone,
+    ) -> Result<Self, PipelineError> {
+        let mut all = Self::new(report_mib);
+        for (_, levels) in pieces.clone() {
+            all.frames.coarsen(levels.frames);
+            all.crops.coarsen(levels.crops);
+        }
+        for (path, _) in pieces {
+            let mut moment: Vec<Crop> = Vec::new();
+            for line in read_jsonl::<Line>(path)? {
+                let Line { time_ms, of, jpeg } = line?;
+                let jpeg = STANDARD
+                    .decode(jpeg)
+                    .map_err(|error| roadplane_write::WriteError::malformed(path, error))?;
+                let Some((frame, bbox_px)) = of else {
+                    all.keep_frame(Still { time_ms, jpeg });
+                    continue;
+                };
+                if moment.last().is_some_and(|last| last.frame != frame) {
+                    all.keep_moment(std::mem::take(&mut moment));
+                }
+                moment.push(Crop { frame, time_ms, bbox_px, jpeg });
+            }
+            all.keep_moment(moment);
+        }
+        Ok(all)
+    }
+
+    fn keep_frame(&mut self, still: Still) {
+        let time_s = still.time_ms as f64 * 1e-3;
+        if self.frames.is_due(time_s) {
+            self.frames.keep(time_s, still.jpeg.len() as u64, still);
+        }
+    }
+
+    fn keep_moment(&mut self, crops: Vec<Crop>) {
+        let time_s = crops.first().map_or(0.0, |crop| crop.time_ms as f64 * 1e-3);
+        if self.crops.is_due(time_s) {
+            self.keep_crops(time_s, crops);
+        }
+    }
+}
+
+/// A picture in the file of a piece: of what it is cut (frame, box, px) where it is.
+#[derive(Serialize, Deserialize)]
+struct Line {
+    time_ms: i64,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    of: Option<(u64, [f64; 4])>,
+    jpeg: String,
+}
+
+/// Times are kept as they are written, so that slots are the same afterwards.
+fn time_ms(stamp: FrameStamp) -> i64 {
+    (stamp.time_s() * 1e3).round() as i64
+}
+
+/// At most so many of a track's cut-outs, spread over its life.
+fn spread<'a>(
+    track: u64,
+    crops: &'a [&'a Crop],
+    most: usize,
+) -> impl Iterator<Item = (u64, &'a Crop)> + use<'a> {
+    let count = crops.len().min(most);
+    let at = move |i: usize| if count > 1 { i * (crops.len() - 1) / (count - 1) } else { crops.len() / 2 };
+    (0..count).map(move |i| (track, crops[at(i)]))
+}
+
+/// Left, top, width, height of what a cut-out shows.
+fn around([x0, y0, x1, y1]: [f64; 4], image: &RgbImage) -> Option<[u32; 4]> {
+    let (more_x, more_y) = ((AROUND - 1.0) / 2.0 * (x1 - x0), (AROUND - 1.0) / 2.0 * (y1 - y0));
+    let inside = |v: f64, most: u32| v.clamp(0.0, f64::from(most)) as u32;
+    let (left, right) = (inside(x0 - more_x, image.width()), inside(x1 + more_x, image.width()));
+    let (top, bottom) = (inside(y0 - more_y, image.height()), inside(y1 + more_y, image.height()));
+    (right > left + 3 && bottom > top + 3).then(|| [left, top, right - left, bottom - top])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use roadplane_base::{CarRecord, ImageSize, Keypoint};
+
+    /// Pictures that all differ, with one vehicle in each.
+    fn picture(index: u64) -> RgbImage {
+        RgbImage::from_fn(320, 180, |x, y| {
+            let noise =
+                (u64::from(x) * 7919 + u64::from(y) * 104_729 + index * 31).wrapping_mul(2_654_435_761);
+            image::Rgb([(noise >> 8) as u8, (noise >> 16) as u8, (noise >> 24) as u8])
+        })
+    }
+
+    fn record(stamp: FrameStamp) -> FrameRecord {
+        let mut car = CarRecord::boxed([100.0, 60.0, 160.0, 100.0]);
+        car.keypoints = Some(Box::new(std::array::from_fn(|_| {
+            Some(Keypoint::isotropic(nalgebra::Vector2::new(120.0, 80.0), 0.9, 1.0))
+        })));
+        let size = ImageSize { width: 320, height: 180 };
+        FrameRecord { cars: vec![car], ..FrameRecord::empty(stamp.index, stamp.time_s(), size) }
+    }
+
+    fn stream(stills: &mut Stills, frames: std::ops::Range<u64>) {
+        for index in frames {
+            // 10.01 frames a second: slots and frames do not march in step.
+            let stamp = FrameStamp { index, pts_nanos: (index * 99_900_000) as i64 };
+            let image = picture(index);
+            if stills.offer(stamp, &image) {
+                stills.cut(stamp, &image, &record(stamp));
+            }
+        }
+    }
+
+    fn kept(stills: &Stills) -> (Vec<Still>, Vec<Crop>) {
+        (stills.frames(), stills.crops.items().flatten().cloned().collect())
+    }
+
+    #[test]
+    fn pieces_keep_together_what_the_whole_keeps_within_its_bounds() {
+        let folder = tempfile::tempdir().unwrap();
+        for mib in [0.0, 0.2, 16.0] {
+            let mut whole = Stills::new(mib);
+            stream(&mut whole, 0..400);
+            let cuts = [0..70, 70..301, 301..400];
+            let mut pieces = Vec::new();
+            for (i, frames) in cuts.into_iter().enumerate() {
+                let mut piece = Stills::new(mib);
+                stream(&mut piece, frames);
+                let path = folder.path().join(format!("{mib}-{i}.jsonl"));
+                pieces.push((path.clone(), piece.write(&path).unwrap()));
+            }
+            let joined =
+                Stills::read(mib, pieces.iter().map(|(path, levels)| (path.as_path(), *levels))).unwrap();
+            assert_eq!(kept(&joined), kept(&whole));
+            let bytes: usize = whole.frames().iter().map(|still| still.jpeg.len()).sum();
+            assert!(bytes as f64 <= FRAMES_SHARE * mib * 1048576.0 / INLINED);
+            assert_eq!(whole.frames().is_empty(), mib < 0.1);
+            if mib > 1.0 {
+                assert_eq!(whole.frames().len(), 120, "three a second");
+            }
+        }
+    }
+
+    #[test]
+    fn cut_outs_find_their_tracks_and_are_spread_over_their_lives() {
+        let mut stills = Stills::new(4.0);
+        stream(&mut stills, 0..400);
+        let row = |track: u64, index: u64, left: f64| TrackRow {
+            bbox_px: [left, 60.0, left + 60.0, 100.0],
+            ..roadplane_synth::standing(track, index, index as f64 * 0.0999)
+        };
+        let rows: Vec<TrackRow> = (0..400).flat_map(|i| [row(1, i, 20.0), row(2, i, 104.0)]).collect();
+        let views = stills.views(&rows);
+        assert_eq!(views.len(), VIEWS);
+        assert!(views.iter().all(|view| view.track == 2));
+        assert!(views[0].still.time_ms < 1000 && views[VIEWS - 1].still.time_ms > 38_000);
+    }
+}

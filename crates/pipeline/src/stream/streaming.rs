@@ -1,0 +1,74 @@
+//! Every frame of an input through the stages.
+
+use std::path::Path;
+
+use roadplane_base::FrameStamp;
+use roadplane_decode::{DecodeReport, Input, open, open_part};
+
+use crate::stream::flow::{Stage, StageTime, Work, flow};
+use crate::stream::span::Span;
+use crate::{Cancel, Config, PipelineError, Progress};
+
+/// What streaming an input came to.
+#[derive(Debug)]
+pub struct Streamed {
+    /// What became of the frames.
+    pub decode: DecodeReport,
+    /// Work of each stage.
+    pub times: Vec<StageTime>,
+}
+
+/// Opens an input as the configuration says.
+///
+/// # Errors
+/// [`PipelineError::Decode`] when it cannot be used.
+pub fn open_input(input: &Path, config: &Config) -> Result<Input, PipelineError> {
+    Ok(open(input, &config.decode)?)
+}
+
+/// Opens what a piece of an input needs, and counts what is its own.
+///
+/// # Errors
+/// [`PipelineError::Decode`] when it cannot be used.
+pub fn open_input_part(input: &Path, piece: &Span, config: &Config) -> Result<Input, PipelineError> {
+    Ok(open_part(input, &piece.options(&config.decode), piece.from_s as f64)?)
+}
+
+/// Sends every frame of `input` through the stages into `sink`; `wanted` says which have their pictures.
+///
+/// # Errors
+/// The first stage's error, or [`PipelineError::Stopped`].
+pub fn stream(
+    mut input: Input,
+    mut wanted: impl FnMut(&FrameStamp) -> bool + Send,
+    stages: Vec<Stage<'_>>,
+    mut sink: impl FnMut(&Work) -> Result<(), PipelineError>,
+    config: &Config,
+    cancel: &Cancel,
+    progress: &dyn Progress,
+) -> Result<Streamed, PipelineError> {
+    progress.expect(input.frames_due());
+    let size = input.size();
+    let frame_bytes = 3 * u64::from(size.width) * u64::from(size.height);
+    // Memory, not frames, is what is bounded: large pictures leave room for fewer between two stages.
+    let budget = config.pipeline.buffer_mib * (1 << 20) / (stages.len() as u64 + 1);
+    let capacity = (budget / frame_bytes.max(1)).clamp(1, 64) as usize;
+    let source_input = &mut input;
+    // Pictures go round: what the sink is through with, the decoder fills again.
+    let (used, to_fill) = crossbeam_channel::bounded(capacity);
+    let source = move || {
+        to_fill.try_iter().for_each(|image| source_input.reuse(image));
+        Ok(source_input.next_where(&mut wanted)?.map(|decoded| Work::new(decoded, size)))
+    };
+    let counted = |work: Work| {
+        sink(&work)?;
+        if let Some(image) = work.image {
+            // What the decoder has no use for is let go.
+            used.try_send(image).ok();
+        }
+        progress.frame_done();
+        Ok(())
+    };
+    let times = flow("decode", source, stages, counted, capacity, cancel)?;
+    Ok(Streamed { decode: input.report().clone(), times })
+}

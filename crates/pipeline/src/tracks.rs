@@ -1,0 +1,10 @@
+//! Cars before the known camera, followed over the clip.
+
+pub(crate) mod activities;
+pub(crate) mod believe;
+pub(crate) mod cars;
+pub(crate) mod ground_contact;
+pub(crate) mod hidden;
+pub(crate) mod pass;
+pub(crate) mod shared_error;
+pub(crate) mod stretch;

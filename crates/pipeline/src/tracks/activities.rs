@@ -1,0 +1,189 @@
+//! What tracks do: in a run's rows, and alone on files of tracks.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use roadplane_activity::{ActivityNet, Event, Motion};
+use roadplane_base::TrackRow;
+use roadplane_write::{JsonLines, TableFormat, TableRow, WriteError, read_table, write_table};
+use serde_json::Value;
+
+use crate::stream::nets::open_activity;
+use crate::tracks::stretch::Stretch;
+use crate::{Cancel, Config, PipelineError};
+
+/// A track's motion: its rows, by time.
+#[must_use]
+pub fn track_motion<'a>(rows: impl Iterator<Item = &'a TrackRow> + Clone) -> Motion {
+    let rows = || rows.clone();
+    Motion {
+        time_s: rows().map(|row| row.time_s).collect(),
+        xy_m: rows().map(|row| [row.x_m, row.y_m]).collect(),
+        heading_rad: rows().map(|row| row.heading_rad).collect(),
+        sd_m: rows().map(|row| [row.x_sd_m, row.y_sd_m]).collect(),
+        seen: rows().map(|row| row.observed).collect(),
+    }
+}
+
+/// Fills in `activity` and `activity_p` of all rows. Gives the events.
+pub(crate) fn label_rows(net: &mut ActivityNet, rows: &mut [TrackRow]) -> Result<Vec<Event>, PipelineError> {
+    let mut events = Vec::new();
+    let numbers: Vec<u64> = rows.iter().map(|row| row.track).collect();
+    for (track, places) in by_track(numbers) {
+        let labelled = net.label(&track_motion(places.iter().map(|place| &rows[*place])))?;
+        for (place, (label, p)) in places.iter().zip(&labelled.samples) {
+            rows[*place].activity = Some(label.name().to_owned());
+            rows[*place].activity_p = Some(*p);
+        }
+        events.extend(labelled.events(track));
+    }
+    Ok(events)
+}
+
+/// Adds what is told of a stretch's tracks, of the stretch's own time; what goes on over its beginning is one event.
+pub(crate) fn add_events(events: &mut Vec<Event>, told: Vec<Event>, stretch: Stretch) {
+    let duration_s = |event: &Event| event.to_s - event.from_s;
+    for event in told {
+        let own =
+            Event { from_s: event.from_s.max(stretch.from_s), to_s: event.to_s.min(stretch.to_s), ..event };
+        if own.from_s > own.to_s || (own.from_s == own.to_s && own.to_s == stretch.to_s) {
+            continue;
+        }
+        let goes_on = |before: &&mut Event| {
+            (before.track, before.activity, before.to_s) == (own.track, own.activity, stretch.from_s)
+        };
+        let before = if own.from_s == stretch.from_s { events.iter_mut().find(goes_on) } else { None };
+        match before {
+            Some(before) => {
+                let (a, b) = (duration_s(before), duration_s(&own));
+                before.confidence = (a * before.confidence + b * own.confidence) / (a + b).max(f64::EPSILON);
+                before.to_s = own.to_s;
+            }
+            None => events.push(own),
+        }
+    }
+}
+
+/// Places of each track's rows, in their order.
+fn by_track<T: Ord>(tracks: impl IntoIterator<Item = T>) -> BTreeMap<T, Vec<usize>> {
+    let mut places: BTreeMap<T, Vec<usize>> = BTreeMap::new();
+    for (place, track) in tracks.into_iter().enumerate() {
+        places.entry(track).or_default().push(place);
+    }
+    places
+}
+
+/// Writes `activities.jsonl`, by beginning, then by track, times to the millisecond.
+pub(crate) fn write_events(path: &Path, mut events: Vec<Event>) -> Result<(), PipelineError> {
+    events.sort_by(|a, b| a.from_s.total_cmp(&b.from_s).then(a.track.cmp(&b.track)));
+    let rounded = |value: f64| (value * 1e3).round() / 1e3;
+    let mut lines = JsonLines::create(path)?;
+    for event in events {
+        let (from_s, to_s) = (rounded(event.from_s), rounded(event.to_s));
+        lines.write(&Event { from_s, to_s, confidence: rounded(event.confidence), ..event })?;
+    }
+    Ok(lines.finish()?)
+}
+
+/// `roadplane activity`: adds `activity` and `activity_p` to the rows of a table of tracks (`time_s`, `track`, `x_m`, `y_m`;
+/// `heading_rad`, `x_sd_m`, `y_sd_m`,
+/// `observed` where given) and writes the events beside it, as `OUT` with `.activities.jsonl` for its
+/// extension. Gives the number of events.
+///
+/// # Errors
+/// [`PipelineError`]; neither file then appears.
+pub fn activity_file(
+    tracks: &Path,
+    out: &Path,
+    models: &Path,
+    config: &Config,
+    cancel: &Cancel,
+) -> Result<usize, PipelineError> {
+    TableFormat::of(out)?;
+    let mut rows = read_table(tracks)?;
+    let mut net = open_activity(models, config)?;
+    let bad = |place: usize, what: String| {
+        PipelineError::from(WriteError::malformed(tracks, format!("row {}: {what}", place + 1)))
+    };
+    let mut numbers = Vec::with_capacity(rows.len());
+    for (place, row) in rows.iter().enumerate() {
+        let track = row.get("track").and_then(Value::as_u64);
+        numbers.push(track.ok_or_else(|| bad(place, "track is missing or no whole number".to_owned()))?);
+    }
+    let mut events = Vec::new();
+    for (track, mut places) in by_track(numbers) {
+        if let Some(signal) = cancel.signal() {
+            return Err(PipelineError::Stopped { signal });
+        }
+        let mut samples = Vec::with_capacity(places.len());
+        for place in &places {
+            samples.push(Sample::of(&rows[*place]).map_err(|what| bad(*place, what))?);
+        }
+        let mut order: Vec<usize> = (0..places.len()).collect();
+        order.sort_by(|a, b| samples[*a].time_s.total_cmp(&samples[*b].time_s));
+        places = order.iter().map(|i| places[*i]).collect();
+        let samples: Vec<Sample> = order.iter().map(|i| samples[*i]).collect();
+        let labelled = net.label(&motion(&samples))?;
+        for (place, (label, p)) in places.iter().zip(&labelled.samples) {
+            rows[*place].insert("activity".to_owned(), label.name().into());
+            rows[*place].insert("activity_p".to_owned(), ((p * 1e4).round() / 1e4).into());
+        }
+        events.extend(labelled.events(track));
+    }
+    let count = events.len();
+    write_table(out, &rows)?;
+    write_events(&events_beside(out), events)?;
+    Ok(count)
+}
+
+/// Where the events of a table go.
+fn events_beside(out: &Path) -> PathBuf {
+    out.with_extension("activities.jsonl")
+}
+
+/// A row of a table of tracks.
+#[derive(Clone, Copy, Debug)]
+struct Sample {
+    time_s: f64,
+    xy_m: [f64; 2],
+    heading_rad: Option<f64>,
+    sd_m: Option<[f64; 2]>,
+    seen: bool,
+}
+
+impl Sample {
+    fn of(row: &TableRow) -> Result<Self, String> {
+        let given = |name: &str| match row.get(name) {
+            None | Some(Value::Null) => Ok(None),
+            Some(value) => match value.as_f64().filter(|number| number.is_finite()) {
+                Some(number) => Ok(Some(number)),
+                None => Err(format!("{name} is no finite number")),
+            },
+        };
+        let needed = |name: &str| given(name)?.ok_or_else(|| format!("{name} is missing"));
+        let sd = |name: &str| match given(name)? {
+            Some(sd) if sd < 0.0 => Err(format!("{name} is negative")),
+            sd => Ok(sd),
+        };
+        Ok(Self {
+            time_s: needed("time_s")?,
+            xy_m: [needed("x_m")?, needed("y_m")?],
+            heading_rad: given("heading_rad")?,
+            sd_m: sd("x_sd_m")?.zip(sd("y_sd_m")?).map(|(x, y)| [x, y]),
+            seen: row.get("observed").and_then(Value::as_bool).unwrap_or(true),
+        })
+    }
+}
+
+/// A track's motion; headings and sds count only where all of its rows have them.
+fn motion(samples: &[Sample]) -> Motion {
+    let all = |there: fn(&Sample) -> bool| samples.iter().all(there);
+    let (headings, sds) = (all(|s| s.heading_rad.is_some()), all(|s| s.sd_m.is_some()));
+    Motion {
+        time_s: samples.iter().map(|s| s.time_s).collect(),
+        xy_m: samples.iter().map(|s| s.xy_m).collect(),
+        heading_rad: samples.iter().filter_map(|s| s.heading_rad.filter(|_| headings)).collect(),
+        sd_m: samples.iter().filter_map(|s| s.sd_m.filter(|_| sds)).collect(),
+        seen: samples.iter().map(|s| s.seen).collect(),
+    }
+}

@@ -1,0 +1,193 @@
+//! Which keypoints are sure enough, and whether a fitted car is the car in its box: nets find keypoints in anything, and a solver fits a car to them.
+
+use nalgebra::{Isometry3, Point3};
+use roadplane_base::{Camera, ImageSize, KEYPOINTS, KeypointSet, Shape, ShapeAtlas, bbox_iou};
+use roadplane_track::{Looks, Track, TrackState};
+
+use crate::Config;
+
+/// The keypoints that are sure enough to be used.
+#[must_use]
+pub fn usable(keypoints: &KeypointSet, config: &Config) -> KeypointSet {
+    keypoints.map(|point| point.filter(|point| point.score >= config.solve.min_keypoint_score))
+}
+
+/// Box around the keypoints of a car in the picture, px; `None` if part of it is not before the camera.
+#[must_use]
+pub fn projected_box(
+    atlas: &ShapeAtlas,
+    camera: &Camera,
+    camera_from_car: &Isometry3<f64>,
+    shape: &Shape,
+) -> Option<[f64; 4]> {
+    let mut bbox = [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY];
+    for index in 0..KEYPOINTS {
+        let point = Point3::from(atlas.keypoint_in_car(index, shape));
+        let pixel = camera.pixel_from_camera(&(camera_from_car * point).coords)?;
+        bbox = [bbox[0].min(pixel.x), bbox[1].min(pixel.y), bbox[2].max(pixel.x), bbox[3].max(pixel.y)];
+    }
+    Some(bbox)
+}
+
+/// Believes a fit whose keypoints are near their projections and whose projected box, as far as it lies in the picture,
+/// is about the detected one.
+#[must_use]
+pub fn is_believable(
+    projected_px: Option<[f64; 4]>,
+    bbox_px: &[f64; 4],
+    reprojection_rms_px: f64,
+    size: ImageSize,
+    config: &Config,
+) -> bool {
+    let Some(projected_px) = projected_px else { return false };
+    let side_px = (bbox_px[2] - bbox_px[0]).max(bbox_px[3] - bbox_px[1]);
+    overlap_inside(&projected_px, bbox_px, size) >= config.solve.min_box_overlap
+        && reprojection_rms_px <= config.solve.max_rms_share * side_px
+}
+
+/// Overlap (intersection over union) of a projected box, as far as it lies in the picture, with a detected one.
+#[must_use]
+pub fn overlap_inside([x0, y0, x1, y1]: &[f64; 4], bbox_px: &[f64; 4], size: ImageSize) -> f64 {
+    let (right, bottom) = (f64::from(size.width) - 0.5, f64::from(size.height) - 0.5);
+    bbox_iou(&[x0.max(-0.5), y0.max(-0.5), x1.min(right), y1.min(bottom)], bbox_px)
+}
+
+/// Mean score below which a track is doubtful.
+const SURE_SCORE: f64 = 0.46;
+/// What moves so far while it is seen is something that drives, m, if its box leaves its place, too: far off, places jitter by as
+/// much. Between sightings farther apart than this, s, nobody saw it move.
+const DRIVEN_M: f64 = 3.0;
+const LEFT_OVERLAP: f64 = 0.5;
+const SEEN_MOVING_S: f64 = 1.0;
+/// Few cars are lower, m.
+const MIN_HEIGHT_M: f64 = 1.3;
+/// A doubtful vehicle must be seen in this share of the looks at it (where it is held nobody looks), one that stands for so long, s,
+/// or for this share of a clip that is hardly longer.
+const MIN_SEEN_S: f64 = 2.0;
+const MIN_CLIP_SHARE: f64 = 0.75;
+const MIN_SEEN_SHARE: f64 = 0.5;
+/// Times nearer than this are those of one frame, s: stamps are rounded.
+const SAME_TIME_S: f64 = 1e-6;
+
+/// Whether a track is of a vehicle. Hedges, arrows on the road and waiting motorcycles are found as cars again and again at one
+/// place, but with low scores, for a moment, in few looks, or as cars that nobody builds; what is seen to drive need not be there long. `looked_s`:
+/// when frames were looked at, in order, s.
+#[must_use]
+pub fn is_vehicle(track: &Track, height_m: f64, looked_s: &[f64]) -> bool {
+    let seen: Vec<&TrackState> = track.states.iter().filter(|state| state.observed).collect();
+    let (Some(first), Some(last)) = (seen.first(), seen.last()) else { return false };
+    let (from_s, to_s) = (first.stamp.time_s(), last.stamp.time_s());
+    let score = seen.iter().map(|state| state.score).sum::<f64>() / seen.len() as f64;
+    let near = |a: &&TrackState, b: &&TrackState| b.stamp.time_s() - a.stamp.time_s() <= SEEN_MOVING_S;
+    if score >= SURE_SCORE {
+        return true;
+    }
+    let drives = seen.chunk_by(near).any(drives);
+    let span = looked_s.partition_point(|t| *t < from_s)..looked_s.partition_point(|t| *t <= to_s);
+    let (held, looked): (Vec<&TrackState>, Vec<&TrackState>) = seen.iter().partition(|state| state.held);
+    let is_held = |time_s: &f64| {
+        let after = held.partition_point(|state| state.stamp.time_s() < time_s - SAME_TIME_S);
+        held.get(after).is_some_and(|state| state.stamp.time_s() < time_s + SAME_TIME_S)
+    };
+    let looks = looked_s[span].iter().copied().filter(|time_s| !is_held(time_s));
+    let seen = Looks::of(looked.iter().map(|state| state.stamp.time_s()));
+    let share = seen.count as f64 / Looks::of(looks).count.max(1) as f64;
+    let clip_s = looked_s.last().zip(looked_s.first()).map_or(0.0, |(last, first)| last - first);
+    let stands = height_m >= MIN_HEIGHT_M && to_s - from_s >= MIN_SEEN_S.min(MIN_CLIP_SHARE * clip_s);
+    share >= MIN_SEEN_SHARE && (drives || stands)
+}
+
+/// Whether a vehicle went somewhere else while it was seen.
+fn drives(seen: &[&TrackState]) -> bool {
+    let (Some(first), Some(last)) = (seen.first(), seen.last()) else { return false };
+    let way = (last.pose.x_m - first.pose.x_m).hypot(last.pose.y_m - first.pose.y_m);
+    let left = first.bbox_px.zip(last.bbox_px).is_none_or(|(a, b)| bbox_iou(&a, &b) < LEFT_OVERLAP);
+    way >= DRIVEN_M && left
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use roadplane_base::{FrameStamp, GroundPose, VehicleClass};
+
+    const SIZE: ImageSize = ImageSize { width: 640, height: 480 };
+
+    /// A track of `count` sightings, 0.1 s apart, from x = 0 to `to_m`.
+    fn track(count: u64, score: f64, to_m: f64) -> Track {
+        let way = |i: u64| to_m * i as f64 / count as f64;
+        let state = |i: u64| TrackState {
+            stamp: FrameStamp { index: i, pts_nanos: i as i64 * 100_000_000 },
+            observed: true,
+            held: false,
+            pose: GroundPose { x_m: way(i), y_m: 30.0, heading_rad: 0.0 },
+            pose_sd: nalgebra::Vector3::repeat(0.1),
+            speed_mps: 0.0,
+            speed_sd_mps: 0.1,
+            bbox_px: Some([10.0 * way(i), 0.0, 40.0 + 10.0 * way(i), 30.0]),
+            score,
+            car: Some(0),
+        };
+        Track {
+            id: 1,
+            class: VehicleClass::Car,
+            dims_m: None,
+            states: (0..count).map(state).collect(),
+            shape: Shape::zeros(),
+            shape_information: nalgebra::Matrix6::identity(),
+        }
+    }
+
+    #[test]
+    fn what_hardly_shows_and_stands_is_no_vehicle() {
+        let looked_s: Vec<f64> = (0..100).map(|i| 0.1 * f64::from(i)).collect();
+        let is = |count, score, to_m, height_m| is_vehicle(&track(count, score, to_m), height_m, &looked_s);
+        assert!(is(40, 0.4, 0.0, 1.5) && is(10, 0.6, 0.0, 1.5) && is(10, 0.4, 9.0, 1.5));
+        // For a moment; as low as no car is; in every third look.
+        assert!(!is(10, 0.4, 0.0, 1.5) && !is(40, 0.4, 0.0, 1.0));
+        let mut seldom = track(100, 0.4, 0.0);
+        seldom.states = seldom.states.into_iter().step_by(3).collect();
+        assert!(!is_vehicle(&seldom, 1.5, &looked_s));
+        // Places wander, the box stays; found here and, after a while, there.
+        let mut wanders = track(10, 0.4, 9.0);
+        wanders.states.iter_mut().for_each(|state| state.bbox_px = Some([0.0, 0.0, 40.0, 30.0]));
+        assert!(!is_vehicle(&wanders, 1.5, &looked_s));
+        let mut jumps = track(10, 0.4, 9.0);
+        for state in &mut jumps.states[5..] {
+            state.stamp.pts_nanos += 950_000_000;
+        }
+        for (i, state) in jumps.states.iter_mut().enumerate() {
+            state.pose.x_m = if i < 5 { 0.0 } else { 9.0 };
+        }
+        assert!(!is_vehicle(&jumps, 1.5, &looked_s));
+        // Held between a few looks of many that found it.
+        let mut held = track(100, 0.4, 0.0);
+        for state in &mut held.states[10..80] {
+            state.held = true;
+        }
+        assert!(is_vehicle(&held, 1.5, &looked_s));
+        held.states.retain(|state| state.held || state.stamp.index.is_multiple_of(3));
+        assert!(!is_vehicle(&held, 1.5, &looked_s));
+        // Looks in a quick row count as one.
+        let often: Vec<f64> = (0..300).map(|i| f64::from(i) / 30.0).collect();
+        assert!(is_vehicle(&track(40, 0.4, 0.0), 1.5, &often));
+        // One that comes up late in a short clip; a still has no time to show more.
+        let short: Vec<f64> = (0..16).map(|i| 0.1 * f64::from(i)).collect();
+        assert!(
+            !is_vehicle(&track(9, 0.35, 0.0), 1.5, &short) && is_vehicle(&track(14, 0.35, 0.0), 1.5, &short)
+        );
+        assert!(is_vehicle(&track(1, 0.4, 0.0), 1.5, &[0.0]));
+    }
+
+    #[test]
+    fn a_fit_must_fill_its_box_as_far_as_it_is_in_the_picture() {
+        let config = Config::default();
+        let believable = |projected, bbox: [f64; 4], rms| is_believable(projected, &bbox, rms, SIZE, &config);
+        let whole = [100.0, 100.0, 200.0, 160.0];
+        assert!(believable(Some(whole), whole, 2.0));
+        assert!(!believable(Some(whole), whole, 20.0));
+        assert!(!believable(Some([100.0, 100.0, 140.0, 130.0]), whole, 2.0));
+        assert!(!believable(None, whole, 2.0));
+        // Half of the car is cut off by the frame's left edge.
+        assert!(believable(Some([-100.0, 100.0, 100.0, 200.0]), [0.0, 100.0, 100.0, 200.0], 2.0));
+    }
+}

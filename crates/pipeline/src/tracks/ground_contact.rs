@@ -1,0 +1,346 @@
+//! A vehicle's place from its box alone: where a body of its class touches the ground, so that the body's box is the one seen.
+//!
+//! Nothing but the box says how the vehicle is turned and how long it is, so bodies of all classes and headings are tried. Each is
+//! fitted by least squares over place and size (x, y, length, width, height; sizes with their class' prior); what comes out are the
+//! moments of their mixture, weighted by Laplace's approximation of each one's evidence (MacKay 2003, chapter 27).
+
+use std::f64::consts::PI;
+
+use nalgebra::{Matrix2, Matrix3, Point3, SMatrix, SVector, Vector2, Vector3};
+use roadplane_base::{GroundPose, ImageSize, VehicleClass};
+
+use crate::tracks::cars::FrameCamera;
+
+/// Headings that are tried in half a turn.
+const HEADINGS: usize = 8;
+const ROUNDS: usize = 8;
+/// sd of an edge of the box: px, and as a share of the box's shorter side.
+const EDGE_SD_PX: f64 = 1.0;
+const EDGE_SD_SHARE: f64 = 0.05;
+/// Vehicles stand in front of each other: what is seen of the lower edge is less sure.
+const BOTTOM_FACTOR: f64 = 2.0;
+/// The same of an edge that is where another vehicle begins.
+const HIDDEN_FACTOR: f64 = 10.0;
+/// An edge nearer than this to the picture's is where the picture ends, not the vehicle, px.
+const CUT_PX: f64 = 2.0;
+/// Least size of a body, m.
+const LEAST_M: f64 = 1.0;
+
+/// Sizes of a class: mean and sd of length, width, height, m.
+#[derive(Clone, Copy, Debug)]
+pub struct Body {
+    /// Mean.
+    pub dims_m: Vector3<f64>,
+    /// sd.
+    pub sd_m: Vector3<f64>,
+}
+
+/// How long, wide and high vehicles of a class are (types of road vehicles, EU; width without mirrors).
+#[must_use]
+pub fn body_of(class: VehicleClass) -> Body {
+    let (dims, sd) = match class {
+        VehicleClass::Car => ([4.5, 1.8, 1.55], [0.4, 0.1, 0.15]),
+        VehicleClass::Truck => ([7.5, 2.4, 3.0], [2.5, 0.2, 0.6]),
+        VehicleClass::Bus => ([11.0, 2.5, 3.1], [2.0, 0.1, 0.25]),
+    };
+    Body { dims_m: Vector3::from(dims), sd_m: Vector3::from(sd) }
+}
+
+/// How often a box of a label holds what: detectors take cars for trucks more often than the other way round.
+fn prior(label: VehicleClass) -> [(VehicleClass, f64); 3] {
+    use VehicleClass::{Bus, Car, Truck};
+    let shares = match label {
+        Car => [0.9, 0.08, 0.02],
+        Truck => [0.35, 0.6, 0.05],
+        Bus => [0.1, 0.2, 0.7],
+    };
+    [(Car, shares[0]), (Truck, shares[1]), (Bus, shares[2])]
+}
+
+/// What is known beforehand of the vehicle in a box.
+#[derive(Clone, Copy, Debug)]
+pub enum Knowledge {
+    /// What the detector calls it.
+    Label(VehicleClass),
+    /// Its track's size and heading (rad) with its sd.
+    Track {
+        /// Size.
+        body: Body,
+        /// Heading, rad.
+        heading_rad: f64,
+        /// Its sd.
+        heading_sd_rad: f64,
+    },
+}
+
+/// Where a vehicle stands, by its box.
+#[derive(Clone, Debug)]
+pub struct GroundContact {
+    /// Its pose; the heading may be turned by π.
+    pub pose: GroundPose,
+    /// Covariance of (x, y, heading), m and rad.
+    pub covariance: Matrix3<f64>,
+    /// Length, width, height, m.
+    pub dims_m: Vector3<f64>,
+    /// Their sds.
+    pub dims_sd_m: Vector3<f64>,
+}
+
+/// Whether a box reaches an edge of the picture: left, top, right, bottom.
+#[must_use]
+pub fn cut_edges([x0, y0, x1, y1]: &[f64; 4], size: ImageSize) -> [bool; 4] {
+    let (right, bottom) = (f64::from(size.width) - 1.0, f64::from(size.height) - 1.0);
+    [*x0 < CUT_PX, *y0 < CUT_PX, *x1 > right - CUT_PX, *y1 > bottom - CUT_PX]
+}
+
+/// `None` where the box's lower edge is cut off, or lies above the horizon. `hidden`: edges before which another vehicle stands, which
+/// say little of where this one ends.
+#[must_use]
+pub fn ground_contact(
+    bbox_px: &[f64; 4],
+    size: ImageSize,
+    hidden: [bool; 4],
+    view: &FrameCamera,
+    knowledge: &Knowledge,
+) -> Option<GroundContact> {
+    let cut = cut_edges(bbox_px, size);
+    if cut[3] || (cut[0] && cut[2]) {
+        return None;
+    }
+    let bodies: Vec<(Body, f64, f64)> = match knowledge {
+        Knowledge::Label(label) => (prior(*label).iter())
+            .flat_map(|&(class, share)| {
+                let heading = |i: usize| PI * i as f64 / HEADINGS as f64;
+                (0..HEADINGS).map(move |i| (body_of(class), heading(i), share))
+            })
+            .collect(),
+        Knowledge::Track { body, heading_rad, heading_sd_rad } => {
+            let share = |steps: f64| (-0.5 * steps * steps).exp();
+            [-1.5, 0.0, 1.5].map(|s| (*body, heading_rad + s * heading_sd_rad, share(s))).to_vec()
+        }
+    };
+    let fits: Vec<Fit> = bodies
+        .into_iter()
+        .filter_map(|(body, heading, share)| Seen { bbox_px, cut, hidden, view, body, heading }.fit(share))
+        .collect();
+    mixture(&fits)
+}
+
+/// x, y, length, width, height.
+type Place = SVector<f64, 5>;
+
+struct Fit {
+    place: Place,
+    covariance: SMatrix<f64, 5, 5>,
+    heading: f64,
+    log_weight: f64,
+}
+
+/// A box, and the body that it is tried with.
+struct Seen<'a> {
+    bbox_px: &'a [f64; 4],
+    cut: [bool; 4],
+    hidden: [bool; 4],
+    view: &'a FrameCamera,
+    body: Body,
+    heading: f64,
+}
+
+impl Seen<'_> {
+    fn fit(&self, share: f64) -> Option<Fit> {
+        let [x0, _, x1, y1] = *self.bbox_px;
+        let foot = self.view.plane.world_from_pixel(&self.view.camera, &Vector2::new((x0 + x1) / 2.0, y1))?;
+        let behind = foot
+            + foot.try_normalize(f64::MIN_POSITIVE).unwrap_or_default()
+                * (self.body.dims_m.x + self.body.dims_m.y)
+                / 4.0;
+        let prior_precision = self.body.sd_m.map(|sd| sd.powi(-2));
+        let dims = self.body.dims_m;
+        let mut place = Place::new(behind.x, behind.y, dims.x, dims.y, dims.z);
+        let (mut cost, mut information) = self.linear(&place)?.0;
+        for _ in 0..ROUNDS {
+            let (_, gradient) = self.linear(&place)?;
+            let step = information.cholesky()?.solve(&gradient);
+            let mut trial = place - step;
+            for i in 2..5 {
+                trial[i] = trial[i].max(LEAST_M);
+            }
+            let Some(((reached, next), _)) = self.linear(&trial) else { break };
+            let gained = cost - reached;
+            if gained.is_nan() || gained < 1e-3 {
+                break;
+            }
+            (place, cost, information) = (trial, reached, next);
+        }
+        let factor = information.cholesky()?;
+        let log_det = 2.0 * factor.l().diagonal().iter().map(|v| v.ln()).sum::<f64>();
+        let log_prior = 0.5 * prior_precision.iter().map(|v| v.ln()).sum::<f64>();
+        let log_weight = share.ln() - 0.5 * cost + log_prior - 0.5 * log_det;
+        Some(Fit { place, covariance: factor.inverse(), heading: self.heading, log_weight })
+    }
+
+    /// Cost and information, and the gradient, at a place.
+    fn linear(&self, place: &Place) -> Option<((f64, SMatrix<f64, 5, 5>), Place)> {
+        let at = self.projected(place)?;
+        let [x0, y0, x1, y1] = *self.bbox_px;
+        let edge_sd = EDGE_SD_PX + EDGE_SD_SHARE * (x1 - x0).min(y1 - y0);
+        let mut information = SMatrix::<f64, 5, 5>::zeros();
+        let mut gradient = Place::zeros();
+        let mut cost = 0.0;
+        let mut derivatives = [[0.0; 5]; 4];
+        for p in 0..5 {
+            let mut moved = *place;
+            moved[p] += 1e-3;
+            let there = self.projected(&moved)?;
+            for edge in 0..4 {
+                derivatives[edge][p] = (there[edge] - at[edge]) / 1e-3;
+            }
+        }
+        for edge in (0..4).filter(|edge| !self.cut[*edge]) {
+            let sd = edge_sd
+                * match (self.hidden[edge], edge == 3) {
+                    (true, _) => HIDDEN_FACTOR,
+                    (false, true) => BOTTOM_FACTOR,
+                    (false, false) => 1.0,
+                };
+            let row = Place::from(derivatives[edge]) / sd;
+            let residual = (at[edge] - self.bbox_px[edge]) / sd;
+            information += row * row.transpose();
+            gradient += row * residual;
+            cost += residual * residual;
+        }
+        for i in 0..3 {
+            let (off, sd) = (place[i + 2] - self.body.dims_m[i], self.body.sd_m[i]);
+            information[(i + 2, i + 2)] += sd.powi(-2);
+            gradient[i + 2] += off / (sd * sd);
+            cost += (off / sd).powi(2);
+        }
+        // Nobody stands farther off than a look can tell anything.
+        information[(0, 0)] += 1e-6;
+        information[(1, 1)] += 1e-6;
+        Some(((cost, information), gradient))
+    }
+
+    /// Box of the body in the picture, px.
+    fn projected(&self, place: &Place) -> Option<[f64; 4]> {
+        let pose = GroundPose { x_m: place[0], y_m: place[1], heading_rad: self.heading };
+        body_box(self.view, &pose, &Vector3::new(place[2], place[3], place[4]))
+    }
+}
+
+/// Box in the picture of a cuboid that stands there, px; `None` if a corner is not before the camera.
+#[must_use]
+pub fn body_box(view: &FrameCamera, pose: &GroundPose, dims_m: &Vector3<f64>) -> Option<[f64; 4]> {
+    let camera_from_car = view.plane.camera_from_world() * pose.world_from_car();
+    let mut bbox = [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY];
+    for corner in 0..8 {
+        let bit = |i: u32| f64::from(corner >> i & 1);
+        let point = Point3::new(dims_m.x * (bit(0) - 0.5), dims_m.y * (bit(1) - 0.5), dims_m.z * bit(2));
+        let pixel = view.camera.pixel_from_camera(&(camera_from_car * point).coords)?;
+        bbox = [bbox[0].min(pixel.x), bbox[1].min(pixel.y), bbox[2].max(pixel.x), bbox[3].max(pixel.y)];
+    }
+    Some(bbox)
+}
+
+fn mixture(fits: &[Fit]) -> Option<GroundContact> {
+    let most = fits.iter().map(|fit| fit.log_weight).fold(f64::NEG_INFINITY, f64::max);
+    let weights: Vec<f64> = fits.iter().map(|fit| (fit.log_weight - most).exp()).collect();
+    let total: f64 = weights.iter().sum();
+    if !(total.is_finite() && total > 0.0) {
+        return None;
+    }
+    let mut mean = Place::zeros();
+    let mut axis = Vector2::zeros();
+    for (fit, weight) in fits.iter().zip(&weights) {
+        mean += fit.place * (weight / total);
+        axis += Vector2::new((2.0 * fit.heading).cos(), (2.0 * fit.heading).sin()) * (weight / total);
+    }
+    let mut spread = SMatrix::<f64, 5, 5>::zeros();
+    for (fit, weight) in fits.iter().zip(&weights) {
+        let off = fit.place - mean;
+        spread += (fit.covariance + off * off.transpose()) * (weight / total);
+    }
+    // Variance of the axis from the mean of doubled angles (Mardia & Jupp 2000, wrapped normal), and that of one step's width.
+    let step = PI / HEADINGS as f64;
+    let axis_variance = -2.0 * axis.norm().clamp(1e-3, 1.0).ln() / 4.0 + step * step / 12.0;
+    let mut covariance = Matrix3::zeros();
+    let position: Matrix2<f64> = spread.fixed_view::<2, 2>(0, 0).into_owned();
+    covariance.fixed_view_mut::<2, 2>(0, 0).copy_from(&position);
+    covariance[(2, 2)] = axis_variance;
+    Some(GroundContact {
+        pose: GroundPose { x_m: mean[0], y_m: mean[1], heading_rad: axis.y.atan2(axis.x) / 2.0 },
+        covariance,
+        dims_m: Vector3::new(mean[2], mean[3], mean[4]),
+        dims_sd_m: Vector3::new(spread[(2, 2)], spread[(3, 3)], spread[(4, 4)]).map(f64::sqrt),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use roadplane_base::{Camera, GroundPlane};
+
+    const SIZE: ImageSize = ImageSize { width: 1280, height: 720 };
+
+    fn view() -> FrameCamera {
+        FrameCamera {
+            camera: Camera::centred(1100.0, SIZE),
+            plane: GroundPlane::from_tilt_roll_height(0.3, 0.0, 9.0),
+        }
+    }
+
+    #[test]
+    fn a_body_is_found_where_it_stands_within_what_is_claimed() {
+        for (class, label) in [
+            (VehicleClass::Truck, VehicleClass::Truck),
+            (VehicleClass::Bus, VehicleClass::Bus),
+            (VehicleClass::Car, VehicleClass::Truck),
+        ] {
+            for (x_m, y_m, heading_rad) in [(-5.0, 30.0, 0.2), (3.0, 45.0, 1.5), (0.0, 25.0, 2.3)] {
+                let pose = GroundPose { x_m, y_m, heading_rad };
+                let bbox = body_box(&view(), &pose, &body_of(class).dims_m).unwrap();
+                let found =
+                    ground_contact(&bbox, SIZE, [false; 4], &view(), &Knowledge::Label(label)).unwrap();
+                let off = Vector2::new(found.pose.x_m - x_m, found.pose.y_m - y_m);
+                let spread = found.covariance.fixed_view::<2, 2>(0, 0).into_owned();
+                let square = off.dot(&(spread.try_inverse().unwrap() * off));
+                assert!(square < 9.0 && off.norm() < 4.0, "{class:?} as {label:?}: {off:?}, {spread:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_known_body_is_found_sharply() {
+        let pose = GroundPose { x_m: -4.0, y_m: 35.0, heading_rad: 1.2 };
+        let body = Body { sd_m: Vector3::repeat(0.2), ..body_of(VehicleClass::Bus) };
+        let bbox = body_box(&view(), &pose, &body.dims_m).unwrap();
+        let known = Knowledge::Track { body, heading_rad: 1.2, heading_sd_rad: 0.05 };
+        let found = ground_contact(&bbox, SIZE, [false; 4], &view(), &known).unwrap();
+        assert!((found.pose.x_m - pose.x_m).hypot(found.pose.y_m - pose.y_m) < 0.2, "{found:?}");
+        assert!(found.covariance[(0, 0)].sqrt() < 1.0);
+    }
+
+    #[test]
+    fn a_hidden_lower_edge_is_not_where_the_vehicle_stands() {
+        let pose = GroundPose { x_m: 2.0, y_m: 40.0, heading_rad: 1.4 };
+        let body = body_of(VehicleClass::Car);
+        let [x0, y0, x1, y1] = body_box(&view(), &pose, &body.dims_m).unwrap();
+        let bbox = [x0, y0, x1, y0 + 0.6 * (y1 - y0)];
+        let label = Knowledge::Track { body, heading_rad: 1.4, heading_sd_rad: 0.05 };
+        let off = |hidden| {
+            let found = ground_contact(&bbox, SIZE, hidden, &view(), &label).unwrap();
+            let off = Vector2::new(found.pose.x_m - pose.x_m, found.pose.y_m - pose.y_m);
+            let spread = found.covariance.fixed_view::<2, 2>(0, 0).into_owned();
+            (off.norm(), off.dot(&(spread.try_inverse().unwrap() * off)))
+        };
+        let (taken, told) = (off([false; 4]), off([false, false, false, true]));
+        assert!(told.0 < 0.3 * taken.0 && told.1 < 4.0, "{taken:?} {told:?}");
+    }
+
+    #[test]
+    fn what_is_cut_off_below_or_lies_above_the_horizon_says_nothing() {
+        let label = Knowledge::Label(VehicleClass::Truck);
+        assert!(ground_contact(&[100.0, 600.0, 300.0, 719.0], SIZE, [false; 4], &view(), &label).is_none());
+        assert!(ground_contact(&[100.0, 0.0, 300.0, 4.0], SIZE, [false; 4], &view(), &label).is_none());
+    }
+}

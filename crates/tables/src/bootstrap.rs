@@ -1,0 +1,98 @@
+//! Statistics with confidence intervals by resampling whole scenes (Efron & Tibshirani 1993, §8: cluster bootstrap), because
+//! cars of one scene share a camera and err together.
+
+use crate::statistics::sorted_quantile;
+
+/// Resamples.
+const RESAMPLES: usize = 1000;
+/// Seed of the resampling: the same data give the same interval.
+const SEED: u64 = 0x5eed;
+
+/// A statistic with its 95 % interval.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Estimate {
+    /// The statistic of the data; NaN where there are none.
+    pub value: f64,
+    /// 2.5 % quantile of the resampled statistic.
+    pub low: f64,
+    /// 97.5 % quantile of the resampled statistic.
+    pub high: f64,
+    /// Values that went in (not scenes).
+    pub n: usize,
+}
+
+impl Estimate {
+    /// The same in another unit, e.g. a share as per cent.
+    #[must_use]
+    pub fn scaled(self, factor: f64) -> Self {
+        Self { value: self.value * factor, low: self.low * factor, high: self.high * factor, n: self.n }
+    }
+}
+
+/// A statistic of all values of all scenes, with its interval over resampled scenes. Infinite values (cars that were
+/// missed) are values like any other.
+#[must_use]
+pub fn bootstrap(scenes: &[Vec<f64>], statistic: impl Fn(&[f64]) -> f64) -> Estimate {
+    let n = scenes.iter().map(Vec::len).sum();
+    bootstrap_scenes(scenes, n, |chosen| {
+        let values: Vec<f64> = chosen.iter().flat_map(|scene| scene.iter().copied()).collect();
+        statistic(&values)
+    })
+}
+
+/// Any statistic of scenes with its interval over resampled scenes. One scene alone has no interval: low and high are NaN.
+#[must_use]
+pub fn bootstrap_scenes<T>(scenes: &[T], n: usize, statistic: impl Fn(&[&T]) -> f64) -> Estimate {
+    let all: Vec<&T> = scenes.iter().collect();
+    let value = statistic(&all);
+    if scenes.len() < 2 {
+        return Estimate { value, low: f64::NAN, high: f64::NAN, n };
+    }
+    let mut state = SEED;
+    let mut resampled: Vec<f64> = (0..RESAMPLES)
+        .map(|_| {
+            let chosen: Vec<&T> = all.iter().map(|_| all[below(&mut state, all.len())]).collect();
+            statistic(&chosen)
+        })
+        .filter(|value| !value.is_nan())
+        .collect();
+    resampled.sort_by(f64::total_cmp);
+    Estimate { value, low: sorted_quantile(&resampled, 0.025), high: sorted_quantile(&resampled, 0.975), n }
+}
+
+/// A number in 0..n by SplitMix64 (Steele et al. 2014); n is far below 2³², so the bias of the product is far below 1e-9.
+fn below(state: &mut u64, n: usize) -> usize {
+    *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+    let mut z = *state;
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^= z >> 31;
+    ((u128::from(z) * n as u128) >> 64) as usize
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{mean, median};
+
+    #[test]
+    fn the_interval_of_a_mean_has_the_width_theory_gives() {
+        // 400 scenes with one value each, alternating 0 and 1: sd of the mean is 0.5 / √400 = 0.025.
+        let scenes: Vec<Vec<f64>> = (0..400).map(|i| vec![f64::from(i % 2)]).collect();
+        let estimate = bootstrap(&scenes, mean);
+        assert_eq!((estimate.value, estimate.n), (0.5, 400));
+        assert!((estimate.high - estimate.low - 2.0 * 1.96 * 0.025).abs() < 0.01, "{estimate:?}");
+        assert_eq!(bootstrap(&scenes, mean), estimate);
+        // Ten copies of each value in its scene say nothing new.
+        let copied: Vec<Vec<f64>> = scenes.iter().map(|scene| vec![scene[0]; 10]).collect();
+        let same = bootstrap(&copied, mean);
+        assert_eq!((same.low, same.high), (estimate.low, estimate.high));
+    }
+
+    #[test]
+    fn one_scene_has_no_interval() {
+        let estimate = bootstrap(&[vec![1.0, 2.0, 3.0]], median);
+        assert_eq!(estimate.value, 2.0);
+        assert!(estimate.low.is_nan() && estimate.high.is_nan());
+    }
+}

@@ -1,0 +1,13 @@
+//! Text within the page.
+
+use std::fmt::Write as _;
+
+/// Writing to a string cannot fail.
+pub(super) fn put(page: &mut String, text: std::fmt::Arguments<'_>) {
+    let _infallible = page.write_fmt(text);
+}
+
+/// Text as HTML shows it.
+pub(super) fn escape(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
