@@ -49,7 +49,7 @@ class Value:
 class Converter:
     """Rebuilds the graph node by node."""
 
-    def __init__(self, nodes: list[tfjs.Node], constants: dict[str, np.ndarray]):
+    def __init__(self, nodes: list[tfjs.Node], constants: dict[str, np.ndarray]) -> None:
         self.nodes, self.constants = nodes, constants
         self.values: dict[str, Value] = {}
         self.onnx_nodes: list[onnx.NodeProto] = []

@@ -110,7 +110,7 @@ def ranges(model: onnx.ModelProto, tensors: list[str], feeds: list[Feed], slopes
 class Quantiser:
     """Which nodes of a graph compute in integers, and how."""
 
-    def __init__(self, model: onnx.ModelProto, nodes: Iterable[str]):
+    def __init__(self, model: onnx.ModelProto, nodes: Iterable[str]) -> None:
         self.model, self.chosen = model, set(nodes)
         self.constants, self.readers = initializers(model.graph), consumers(model.graph)
         self.outputs = {o.name for o in model.graph.output}
@@ -196,7 +196,7 @@ def raw(tensor: str) -> str:
 class Graph:
     """An int8 graph in the making."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.nodes: list[onnx.NodeProto] = []
         self.constants: dict[str, np.ndarray] = {}
         self.twins: dict[str, str] = {}  # tensor → the same after it was a u8

@@ -10,7 +10,7 @@ BESIDE = {".txt", ".json", ".csv", ".md", ".xml", ".srt", ".sha256", ".part", ".
 TIME = re.compile(r"(20\d\d)[-_.]?(\d\d)[-_.]?(\d\d)[-_.T ]?(\d\d)[-_.:]?(\d\d)[-_.:]?(\d\d)")
 
 
-def clips_in(inputs):
+def clips_in(inputs: str | Path) -> dict[str, Path]:
     """Path of every clip by the name of its result; `inputs` is a folder, or a text file with a path a line."""
     inputs = Path(inputs)
     if inputs.is_dir():
@@ -20,7 +20,7 @@ def clips_in(inputs):
         paths = [inputs.parent / line for line in lines if line and not line.startswith("#")]
     else:
         raise SystemExit(f"inputs={inputs}: neither a folder nor a file with a path a line")
-    clips = {}
+    clips: dict[str, Path] = {}
     for path in paths:
         stem = path.name if path.is_dir() else path.stem
         if stem in clips:
@@ -31,15 +31,15 @@ def clips_in(inputs):
     return clips
 
 
-def is_failed(status):
+def is_failed(status: Path) -> bool:
     """Whether a step's status says that a machine failed at it."""
     try:
-        return json.loads(status.read_text())["outcome"] == "failed"
+        return bool(json.loads(status.read_text())["outcome"] == "failed")
     except (OSError, ValueError, KeyError, TypeError):
         return True
 
 
-def camera_of(stem, camera_id):
+def camera_of(stem: str, camera_id: str) -> str:
     """The camera that a clip is of, as `roadplane run --camera-id` finds it; "unknown" where it finds none."""
     if "{}" not in camera_id:
         return camera_id or "unknown"
@@ -48,12 +48,13 @@ def camera_of(stem, camera_id):
     return found.group(1) if found else "unknown"
 
 
-def recorded(stem, path):
+def recorded(stem: str, path: str | Path) -> datetime.datetime:
     """When a clip begins: the time in its name, else when its file was last changed (UTC)."""
     found = TIME.search(stem)
     if found:
         try:
-            return datetime.datetime(*map(int, found.groups()))
+            year, month, day, hour, minute, second = map(int, found.groups())
+            return datetime.datetime(year, month, day, hour, minute, second)
         except ValueError:
             pass
     try:

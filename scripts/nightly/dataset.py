@@ -20,7 +20,7 @@ from step import read_json, write_json
 ROOT = Path("dataset")
 
 
-def add(tracks, stem, begun, to):
+def add(tracks: Path, stem: str, begun: datetime.datetime, to: Path) -> int:
     """Writes a clip's rows, a part at a time; gives their number."""
     to.parent.mkdir(parents=True, exist_ok=True)
     temp = to.with_name(f".{to.name}")
@@ -38,13 +38,14 @@ def add(tracks, stem, begun, to):
     return rows
 
 
-def main():
+def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--camera-id", default="")
     parser.add_argument("status")
     parser.add_argument("results", nargs="*")
     args = parser.parse_args()
-    wanted, rows = set(), {}
+    wanted: set[Path] = set()
+    rows: dict[str, int] = {}
     for path in args.results:
         result = read_json(path)
         if "made" not in result:

@@ -12,15 +12,15 @@ from pathlib import Path
 import duckdb
 import jinja2
 from clips import camera_of, recorded
-from step import CAMERA, read_json, write_json
+from step import CAMERA, Json, read_json, write_json
 
 FINISHED = (0, 3)
 
 
-def clip_of(planned, camera_id):
+def clip_of(planned: Json, camera_id: str) -> Json:
     """What became of a clip, for a line of the table."""
     stem = planned["stem"]
-    clip = {
+    clip: Json = {
         "stem": stem,
         "input": planned["input"],
         "recorded": str(recorded(stem, planned["input"])),
@@ -46,25 +46,25 @@ def clip_of(planned, camera_id):
     return clip | {"known": {key: camera[key] for key in CAMERA}, "alone": read_alone(stem)}
 
 
-def read_alone(stem):
+def read_alone(stem: str) -> Json | None:
     """What a clip says of its camera on its own; nothing where no camera is remembered."""
     first = Path(f"steps/first/{stem}.json")
     return read_json(first).get("alone") if first.is_file() else None
 
 
-def attempts():
+def attempts() -> list[Json]:
     """Attempts that a machine spoilt; one that has no end was killed."""
     told = [read_json(path) for path in sorted(Path("log").glob("*.json"))]
     return [attempt for attempt in told if attempt.get("exit", "killed") not in FINISHED]
 
 
-def work():
+def work() -> dict[str, float]:
     """Seconds, and processor seconds, of all attempts that were not killed."""
     told = [read_json(path) for path in Path("log").glob("*.json")]
     return {key: round(sum(attempt.get(key, 0) for attempt in told), 1) for key in ("seconds", "cpu_s")}
 
 
-def vehicles_by_hour():
+def vehicles_by_hour() -> list[Json]:
     """Tracks that are seen within each hour, by camera and day."""
     if not any(Path("dataset").glob("camera=*/day=*/*.parquet")):
         return []
@@ -75,25 +75,25 @@ def vehicles_by_hour():
     return [dict(zip(("camera", "day", "hour", "vehicles", "driving"), row, strict=True)) for row in rows]
 
 
-def epochs(roadplane, folder):
+def epochs(roadplane: str, folder: str | Path) -> list[Json]:
     """What is known of each camera, an epoch each."""
     folder = Path(folder)
     cameras = sorted(p.name for p in folder.iterdir() if p.is_dir()) if folder.is_dir() else []
-    lines = []
+    lines: list[Json] = []
     for camera in cameras:
-        command = [roadplane, "cameras", "show", folder, camera, "--json"]
+        command = [roadplane, "cameras", "show", str(folder), camera, "--json"]
         shown = subprocess.run(command, capture_output=True, text=True, check=True)
         lines += [json.loads(line) for line in shown.stdout.splitlines()]
     return lines
 
 
-def drift(clips, key, sd_key):
+def drift(clips: list[Json], key: str, sd_key: str) -> Json:
     """What a camera's clips say of it as points of a drawing 100 high: where a value lies, ± 2 sd; and its least and most."""
-    told = [(clip["stem"], clip["alone"][key], clip["alone"][sd_key]) for clip in clips]
+    told: list[tuple[str, float, float]] = [(clip["stem"], clip["alone"][key], clip["alone"][sd_key]) for clip in clips]
     low = min(value - 2 * sd for _, value, sd in told)
     high = max(value + 2 * sd for _, value, sd in told)
 
-    def y(value):
+    def y(value: float) -> float:
         return 100 - 100 * (value - low) / max(high - low, 1e-9)
 
     points = [
@@ -103,7 +103,7 @@ def drift(clips, key, sd_key):
     return {"low": low, "high": high, "points": points}
 
 
-def main():
+def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--roadplane", default="roadplane")
     parser.add_argument("--cameras", default="cameras")
@@ -111,14 +111,14 @@ def main():
     parser.add_argument("page")
     parser.add_argument("night")
     args = parser.parse_args()
-    planned = {}
+    planned: dict[str, Json] = {}
     for line in Path("steps/plan.jsonl").read_text().splitlines():
         piece = json.loads(line)
         planned.setdefault(piece["stem"], piece)
     clips = [clip_of(piece, args.camera_id) for piece in planned.values()]
     clips.sort(key=lambda clip: (clip["camera"], clip["recorded"], clip["stem"]))
     outcomes = {o: sum(clip["outcome"] == o for clip in clips) for o in ("done", "damaged", "lost", "failed", "not done")}
-    night = {
+    night: Json = {
         "clips": clips,
         "outcomes": outcomes,
         "attempts": attempts(),
@@ -126,7 +126,7 @@ def main():
         "hours": vehicles_by_hour(),
         "cameras": epochs(args.roadplane, args.cameras),
     }
-    drifts = {}
+    drifts: dict[str, list[tuple[str, Json]]] = {}
     for name in sorted({clip["camera"] for clip in clips if clip.get("alone")}):
         own = [clip for clip in clips if clip["camera"] == name and clip.get("alone")]
         own = [clip for clip in own if clip["alone"]["status"] != "unobservable"]

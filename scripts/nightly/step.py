@@ -20,7 +20,12 @@ import shutil
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
+
+# An object of a JSON file.
+Json = dict[str, Any]
 
 LAST_ATTEMPT = 3
 INPUT_AT_FAULT = 3
@@ -29,7 +34,7 @@ SAID_LINES = 20
 CAMERA = ("status", "focal_px", "focal_sd_px", "height_m", "height_sd_m", "tilt_rad", "tilt_sd_rad")
 
 
-def write_json(path, value):
+def write_json(path: str | Path, value: Json) -> None:
     """The whole file or none."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -38,11 +43,12 @@ def write_json(path, value):
     os.replace(temp, path)
 
 
-def read_json(path):
-    return json.loads(Path(path).read_text())
+def read_json(path: str | Path) -> Json:
+    value: Json = json.loads(Path(path).read_text())
+    return value
 
 
-def call(roadplane, arguments, log):
+def call(roadplane: str, arguments: Sequence[object], log: str) -> tuple[Json, str]:
     """Runs roadplane; gives exit code, seconds, processor seconds and its last words. `log` names the attempt."""
     begun = time.time()
     attempt = Path("log") / f"{log}.{int(begun * 1000)}.json"
@@ -60,7 +66,7 @@ def call(roadplane, arguments, log):
     return ended, done.stdout
 
 
-def give_up(args, status):
+def give_up(args: argparse.Namespace, status: Json) -> None:
     """Ends with roadplane's exit code, so that the step is tried again; or for good."""
     if args.attempt < LAST_ATTEMPT:
         sys.stderr.write("\n".join(status["said"]) + "\n")
@@ -68,11 +74,11 @@ def give_up(args, status):
     write_json(args.status, status | {"outcome": "failed"})
 
 
-def settings(args):
+def settings(args: argparse.Namespace) -> list[str]:
     return [word for setting in args.settings.split() for word in ("--set", setting)]
 
 
-def plan(args):
+def plan(args: argparse.Namespace) -> None:
     lines = []
     for clip in args.of:
         ended, lines_of_clip = call(args.roadplane, ["plan", "--piece-s", args.piece_s, *settings(args), clip], "plan")
@@ -87,7 +93,7 @@ def plan(args):
     os.replace(temp, args.status)
 
 
-def piece(args):
+def piece(args: argparse.Namespace) -> None:
     [clip] = args.of
     start = Path(args.status).stem
     stem = Path(args.status).parent.name
@@ -102,13 +108,13 @@ def piece(args):
     write_json(args.status, status | {"outcome": outcome(ended["exit"], made)})
 
 
-def outcome(code, made):
+def outcome(code: int, made: list[str]) -> str:
     if code == 0:
         return "done"
     return "damaged" if made else "lost"
 
 
-def join(args):
+def join(args: argparse.Namespace) -> None:
     """`first` and `result`: the pieces of a clip, with an empty memory or with what is known."""
     stem = Path(args.status).stem
     pieces = [read_json(path) for path in args.of]
@@ -144,7 +150,7 @@ def join(args):
     write_json(args.status, status | {"outcome": "damaged" if damaged else "done"})
 
 
-def cameras(args):
+def cameras(args: argparse.Namespace) -> None:
     said = [Path("said") / Path(path).stem for path in args.of]
     said = [folder for folder in said if folder.is_dir()]
     Path(args.cameras).mkdir(parents=True, exist_ok=True)
@@ -157,13 +163,13 @@ def cameras(args):
     write_json(args.status, status)
 
 
-def verdict(args):
+def verdict(args: argparse.Namespace) -> None:
     failed = [clip["stem"] for clip in read_json(args.status)["clips"] if clip["outcome"] == "failed"]
     if failed:
         sys.exit(f"failed for good, to be tried again by the next call: {', '.join(failed)}")
 
 
-def main():
+def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--roadplane", default="roadplane")
     steps = {"plan": plan, "piece": piece, "first": join, "cameras": cameras, "result": join, "verdict": verdict}

@@ -29,7 +29,7 @@ sys.exit({"good": 0, "damaged": 3, "lost": 3, "full": 1}[name])
 
 
 class Steps(unittest.TestCase):
-    def setUp(self):
+    def setUp(self) -> None:
         folder = tempfile.TemporaryDirectory()
         self.addCleanup(folder.cleanup)
         self.addCleanup(os.chdir, os.getcwd())
@@ -37,32 +37,32 @@ class Steps(unittest.TestCase):
         Path("binary").write_text(STAND_IN)
         Path("binary").chmod(0o755)
 
-    def piece(self, name, attempt):
+    def piece(self, name: str, attempt: int) -> tuple[object, step.Json]:
         status = f"steps/piece/{name}/000000.json"
         line = ["step.py", "--roadplane", "./binary", "piece", "--attempt", str(attempt), "--piece", "0-", status, f"{name}.mp4"]
-        code = 0
+        code: object = 0
         with mock.patch.object(sys, "argv", line), contextlib.redirect_stderr(io.StringIO()):
             try:
                 step.main()
             except SystemExit as ended:
                 code = ended.code
-        return code, json.loads(Path(status).read_text()) if Path(status).exists() else None
+        return code, json.loads(Path(status).read_text()) if Path(status).exists() else {}
 
-    def test_an_input_at_fault_is_finished_work(self):
+    def test_an_input_at_fault_is_finished_work(self) -> None:
         for name, outcome in (("good", "done"), ("damaged", "damaged"), ("lost", "lost")):
             code, status = self.piece(name, 1)
             self.assertEqual((code, status["outcome"], status["said"]), (0, outcome, ["said"]))
 
-    def test_a_machines_fault_is_tried_again_and_then_written_down(self):
+    def test_a_machines_fault_is_tried_again_and_then_written_down(self) -> None:
         for name, exit_code in (("full", 1), ("killed", 137)):
-            self.assertEqual(self.piece(name, 1), (exit_code, None))
+            self.assertEqual(self.piece(name, 1), (exit_code, {}))
             code, status = self.piece(name, step.LAST_ATTEMPT)
             self.assertEqual((code, status["outcome"], status["exit"]), (0, "failed", exit_code))
             self.assertTrue(is_failed(Path(f"steps/piece/{name}/000000.json")))
             attempts = [json.loads(path.read_text()) for path in Path("log").glob(f"piece.{name}.*")]
             self.assertEqual([attempt["exit"] for attempt in attempts], [exit_code] * 2)
 
-    def test_a_clip_with_a_lost_piece_is_lost(self):
+    def test_a_clip_with_a_lost_piece_is_lost(self) -> None:
         for name in ("good", "lost"):
             self.piece(name, 1)
         pieces = [f"steps/piece/{name}/000000.json" for name in ("good", "lost")]
@@ -70,7 +70,7 @@ class Steps(unittest.TestCase):
             step.main()
         self.assertEqual(json.loads(Path("steps/result/clip.json").read_text())["outcome"], "lost")
 
-    def test_clips_are_those_of_a_folder_or_a_list(self):
+    def test_clips_are_those_of_a_folder_or_a_list(self) -> None:
         Path("in").mkdir()
         for name in ("b.mp4", "a.mkv", ".hidden.mp4", "notes.txt"):
             Path("in", name).touch()
@@ -84,12 +84,12 @@ class Steps(unittest.TestCase):
 
 
 class Names(unittest.TestCase):
-    def test_cameras(self):
+    def test_cameras(self) -> None:
         self.assertEqual(camera_of("gate-3_20260131_2200", "{}_*"), "gate-3")
         self.assertEqual(camera_of("VIRAT_S_0401_02", "VIRAT_S_{}_*"), "0401")
         self.assertEqual([camera_of("plain", given) for given in ("{}_*", "", "gate")], ["unknown", "unknown", "gate"])
 
-    def test_times(self):
+    def test_times(self) -> None:
         told = datetime.datetime(2026, 1, 31, 23, 59, 59)
         for name in ("c_20260131T235959", "2026-01-31_23-59-59"):
             self.assertEqual(recorded(name, "absent"), told)

@@ -19,6 +19,10 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable, Sequence
+
+# Whether a check passed, and what its last command said.
+Result = tuple[bool, str]
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 BINARY = ROOT / "target/release/roadplane"
@@ -34,13 +38,13 @@ ALLOWED = {0, 2, 3, 4}
 HANG_S = 60
 
 
-def command(*arguments, limit_kib=None):
+def command(*arguments: object, limit_kib: int | None = None) -> list[str]:
     """A command line of the binary, under a limit of address space where one is given."""
     line = [str(BINARY), *map(str, arguments)]
     return line if limit_kib is None else ["bash", "-c", f'ulimit -v {limit_kib}; exec "$0" "$@"', *line]
 
 
-def run(*arguments, limit_kib=None):
+def run(*arguments: object, limit_kib: int | None = None) -> tuple[int | None, str]:
     """Exit code and what was said; None as the code of a run that hangs."""
     line = command(*arguments, limit_kib=limit_kib)
     try:
@@ -50,13 +54,13 @@ def run(*arguments, limit_kib=None):
     return done.returncode, done.stderr.decode(errors="replace")
 
 
-def contents(folder):
+def contents(folder: pathlib.Path) -> dict[str, bytes]:
     """Files of a result that must not differ: all but those with times in them."""
     names = sorted(p.name for p in folder.iterdir() if p.name not in ("summary.json", "report.html"))
     return {name: (folder / name).read_bytes() for name in names}
 
 
-def kill(folder, count):
+def kill(folder: pathlib.Path, count: int) -> Result:
     """Killed at random moments and resumed, a run ends with the bytes of an undisturbed one."""
     chance = random.Random(1)
     whole, cut = folder / "whole", folder / "cut"
@@ -81,7 +85,7 @@ def kill(folder, count):
     return last and clean and same == finished, text
 
 
-def disk(folder, count):
+def disk(folder: pathlib.Path, count: int) -> Result:
     """A full disk is named, nothing half-written gets a final name, and the same command goes on once there is room."""
     if os.geteuid() != 0:
         print("disk: skipped, needs root to mount a small file system")
@@ -109,7 +113,7 @@ def disk(folder, count):
     return named == count, ""
 
 
-def readonly(folder, _count):
+def readonly(folder: pathlib.Path, _count: int) -> Result:
     """A read-only output folder is named."""
     if os.geteuid() != 0:
         print("readonly: skipped, needs root to mount")
@@ -123,7 +127,7 @@ def readonly(folder, _count):
     return code == 1 and str(folder / "out") in text, text
 
 
-def memory(folder, _count):
+def memory(folder: pathlib.Path, _count: int) -> Result:
     """Every limit of address space leads to a result or to words."""
     answers = {}
     # Below 400 MiB the libraries cannot be loaded: the system's loader ends the process before it begins.
@@ -136,9 +140,9 @@ def memory(folder, _count):
     return all(answers.values()), ""
 
 
-def spoilt(data, chance):
+def spoilt(sound: bytes, chance: random.Random) -> bytes:
     """Bytes flipped, cut, zeroed, doubled, or exchanged for extreme ones."""
-    data = bytearray(data)
+    data = bytearray(sound)
     for _ in range(chance.choice([1, 1, 2, 5, 20])):
         at = chance.randrange(max(len(data), 1))
         length = chance.choice([1, 2, 4, 8, 64, 1024])
@@ -158,21 +162,21 @@ def spoilt(data, chance):
     return bytes(data)
 
 
-def kinds(folder):
+def kinds(folder: pathlib.Path) -> dict[str, tuple[bytes, Callable[[pathlib.Path], Sequence[object]]]]:
     """For each kind of input: its sound bytes, and the command that reads the spoilt file."""
     lines, results = folder / "sound.jsonl", folder / "sound"
     run("run", CLIP, "--set", "decode.max_frames=4", "--out", results, "--frames", "--cameras", folder / "c", "--camera-id", "c")
     shutil.copy(results / "lot/frames.jsonl", lines)
     two = ["--set", "decode.max_frames=2", "--overwrite", "--out", folder / "out"]
 
-    def model(path):
+    def model(path: pathlib.Path) -> list[object]:
         models = folder / "models"
         if not models.exists():
             shutil.copytree(ROOT / "models", models)
         shutil.copy(path, models / "hourglass.card.json")
         return ["doctor", "--set", f"models.folder={models}"]
 
-    def evidence(path):
+    def evidence(path: pathlib.Path) -> list[object]:
         (folder / "cameras/c").mkdir(parents=True, exist_ok=True)
         shutil.copy(path, folder / "cameras/c/clip.0.json")
         return ["cameras", "list", folder / "cameras"]
@@ -188,7 +192,7 @@ def kinds(folder):
     }
 
 
-def mutate(folder, seconds):
+def mutate(folder: pathlib.Path, seconds: int) -> Result:
     """Spoilt inputs of each kind end in time with a code that is meant."""
     sound = True
     for name, (data, reads) in kinds(folder).items():
@@ -210,14 +214,14 @@ def mutate(folder, seconds):
     return sound, ""
 
 
-def slope(values):
+def slope(values: Sequence[float]) -> float:
     """Change from one value to the next, by least squares."""
     middle = (len(values) - 1) / 2
     spread = sum((i - middle) ** 2 for i in range(len(values)))
     return sum((i - middle) * value for i, value in enumerate(values)) / max(spread, 1)
 
 
-def soak(folder, count):
+def soak(folder: pathlib.Path, count: int) -> Result:
     """Many short clips in one process: what it holds does not grow."""
     clips = folder / "clips"
     clips.mkdir()
@@ -225,7 +229,7 @@ def soak(folder, count):
     for path in inputs:
         path.symlink_to(CLIP)
     # Memory and open files as each result appears.
-    held = []
+    held: list[tuple[float, int]] = []
     settings = ["--set", "decode.max_frames=2", "--set", "output.sample_frames=0", "--set", "output.report_mib=0"]
     line = command("run", *inputs, "--out", folder / "out", *settings)
     with subprocess.Popen(line, env=ENVIRONMENT, stderr=subprocess.DEVNULL) as child:
@@ -252,7 +256,7 @@ def soak(folder, count):
     return code == 0 and done == count and late < 1.1 * early and late_files <= early_files, ""
 
 
-CHECKS = {
+CHECKS: dict[str, tuple[Callable[[pathlib.Path, int], Result], int]] = {
     "kill": (kill, 50),
     "disk": (disk, 20),
     "readonly": (readonly, 0),
@@ -262,7 +266,7 @@ CHECKS = {
 }
 
 
-def main():
+def main() -> None:
     """Runs what is asked for, or everything."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("check", choices=[*CHECKS, "all"])

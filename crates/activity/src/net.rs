@@ -30,7 +30,7 @@ pub enum ActivityError {
         /// What is missing or wrong.
         what: String,
     },
-    /// The motion is none.
+    /// The motion is not a valid one.
     #[error(transparent)]
     Motion(#[from] MotionError),
 }

@@ -79,7 +79,7 @@ pub use records::{
     CameraEstimate, CameraMove, CameraStatus, CarRecord, CarRef, FrameRecord, MoveKind, OnMap,
     PictureVerdict, PoseRecord, RecordError, TrackRow, VehicleClass, WatchRecord, rows_from_isometry,
 };
-pub use robust::{StudentT, median, weighted_median};
+pub use robust::{StudentT, median, upper_median, weighted_median};
 pub use scene_line::{SceneCurve, SceneLine};
 pub use shared::{JointInformation, SHARED_ERRORS, SharedSd};
 pub use similarity::Similarity;

@@ -1,11 +1,21 @@
 //! What a few bad values cannot spoil: medians, Student t.
 
+use std::cmp::Ordering;
+
 /// Median of finite numbers; `None` of none. Sorts its input.
 #[must_use]
 pub fn median(values: &mut [f64]) -> Option<f64> {
     values.sort_by(f64::total_cmp);
     let n = values.len();
     (n > 0).then(|| 0.5 * (values[(n - 1) / 2] + values[n / 2]))
+}
+
+/// The value in the middle in this order, the upper one of two; `None` of none. It is one of the values, where [`median`] may lie
+/// between two. Sorts its input.
+#[must_use]
+pub fn upper_median<T: Copy>(values: &mut [T], order: impl FnMut(&T, &T) -> Ordering) -> Option<T> {
+    values.sort_by(order);
+    values.get(values.len() / 2).copied()
 }
 
 /// Value below which half of the weight lies; `None` without positive weight. Sorts its input of (value, weight).
@@ -66,6 +76,8 @@ mod tests {
         assert_eq!(median(&mut [3.0, 1.0, 1e9]), Some(3.0));
         assert_eq!(median(&mut [1.0, 2.0]), Some(1.5));
         assert_eq!(median(&mut []), None);
+        assert_eq!(upper_median(&mut [2_u8, 9, 1, 4], u8::cmp), Some(4));
+        assert_eq!(upper_median(&mut [], f64::total_cmp), None);
         assert_eq!(weighted_median(&mut [(5.0, 1.0), (1.0, 1.0), (9.0, 10.0)]), Some(9.0));
         assert_eq!(weighted_median(&mut [(5.0, 0.0)]), None);
     }

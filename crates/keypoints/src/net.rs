@@ -21,7 +21,7 @@ pub enum KeypointError {
     /// The net cannot be loaded or run.
     #[error(transparent)]
     Net(#[from] InferError),
-    /// The net is none for 36 keypoints, or its card lacks the calibration.
+    /// The net does not tell 36 keypoints, or its card lacks the calibration.
     #[error("keypoint net {model}: {what}")]
     UnsuitableNet {
         /// Name of the net.

@@ -58,7 +58,7 @@ pub enum PipelineError {
     /// The keypoint net cannot be used.
     #[error(transparent)]
     Keypoint(#[from] KeypointError),
-    /// The activity net cannot be used, or a track is none.
+    /// The activity net cannot be used, or a track is not a valid one.
     #[error(transparent)]
     Activity(#[from] ActivityError),
     /// The shape atlas cannot be used.

@@ -17,7 +17,7 @@
 use std::{collections::BTreeMap, f64::consts::PI, ops::AddAssign as _};
 
 use nalgebra::{Matrix2, Matrix4, Vector2, Vector4};
-use roadplane_base::assign;
+use roadplane_base::{assign, upper_median};
 
 use crate::{
     filter::fold_axis,
@@ -194,7 +194,6 @@ impl End {
             ((x1 - x0).hypot(y1 - y0) * o.pose.xy().norm().max(1.0)).ln()
         };
         let mut sizes: Vec<f64> = part.iter().map(|o| log_size(o)).collect();
-        sizes.sort_by(f64::total_cmp);
         Self {
             time_s: edge.time_s,
             state,
@@ -204,7 +203,7 @@ impl End {
             stands: if edge.held { 1.0 } else { still / (still + moving).max(1e-300) },
             at_edge: edge.at_edge,
             border: edge.at_edge || side(&edge.bbox_px) < SMALL_PX,
-            log_size: sizes[sizes.len() / 2],
+            log_size: upper_median(&mut sizes, f64::total_cmp).unwrap_or_default(),
             votes: track.votes(),
         }
     }

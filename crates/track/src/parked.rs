@@ -1,7 +1,7 @@
 //! The one pose of a car that stands: robust, information-weighted mean of its sightings.
 
 use nalgebra::{Matrix3, Vector3};
-use roadplane_base::StudentT;
+use roadplane_base::{StudentT, upper_median};
 
 use crate::{filter::fold_axis, measurement::Observation, noise::Noise};
 
@@ -55,9 +55,7 @@ pub(crate) fn stand(all: &[Observation], bias_share: f64) -> Option<Stand> {
 /// Medians of the position, and the axis that most sightings agree with (mean of doubled angles).
 fn start(sightings: &[Observation]) -> Option<Vector3<f64>> {
     let median = |axis: usize| {
-        let mut values: Vec<f64> = sightings.iter().map(|o| o.pose[axis]).collect();
-        values.sort_by(f64::total_cmp);
-        values.get(values.len() / 2).copied()
+        upper_median(&mut sightings.iter().map(|o| o.pose[axis]).collect::<Vec<_>>(), f64::total_cmp)
     };
     let (sin, cos) = sightings.iter().fold((0.0, 0.0), |(s, c), o| {
         let weight = 1.0 / o.covariance[(2, 2)].max(1e-6);

@@ -4,7 +4,7 @@
 use std::ops::Range;
 
 use nalgebra::Vector2;
-use roadplane_base::bbox_centre;
+use roadplane_base::{bbox_centre, upper_median};
 
 use crate::{TrackOptions, measurement::Observation};
 
@@ -90,8 +90,7 @@ fn moves(part: &[Observation], min_m: f64, min_box: f64) -> bool {
     }
     let mut diagonals: Vec<f64> =
         part.iter().map(|o| (o.bbox_px[2] - o.bbox_px[0]).hypot(o.bbox_px[3] - o.bbox_px[1])).collect();
-    diagonals.sort_by(f64::total_cmp);
-    let diagonal = diagonals[diagonals.len() / 2];
+    let Some(diagonal) = upper_median(&mut diagonals, f64::total_cmp) else { return false };
     // Driving along the line of sight a box stays and grows, so corners are looked at, not only the centre.
     let corner = |x: usize, y: usize| -> Vec<(f64, Vector2<f64>)> {
         part.iter().map(|o| (o.time_s, Vector2::new(o.bbox_px[x], o.bbox_px[y]))).collect()
@@ -124,9 +123,7 @@ fn line(points: &[(f64, Vector2<f64>)]) -> Option<(Vector2<f64>, f64, f64)> {
         return None;
     }
     let (_, _, residuals) = fit(points);
-    let mut sorted = residuals.clone();
-    sorted.sort_by(f64::total_cmp);
-    let bound = 4.0 * sorted[sorted.len() / 2] + 1e-9;
+    let bound = 4.0 * upper_median(&mut residuals.clone(), f64::total_cmp)? + 1e-9;
     let trimmed: Vec<(f64, Vector2<f64>)> =
         points.iter().zip(&residuals).filter(|(_, r)| **r <= bound).map(|(p, _)| *p).collect();
     if trimmed.len() < 4 {

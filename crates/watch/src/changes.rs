@@ -5,6 +5,7 @@
 //! frames of the codec, rain, headlights' glare): both fade within a minute.
 
 use nalgebra::Vector2;
+use roadplane_base::upper_median;
 
 use crate::SmallGrey;
 
@@ -239,7 +240,7 @@ impl ChangeMap {
         self.last_s = Some(time_s);
         self.learn_noise(small);
         self.compare(small, shift);
-        let most = MOST_NOISE * median(&self.noise);
+        let most = MOST_NOISE * upper_median(&mut self.noise.clone(), f32::total_cmp).unwrap_or(0.0);
         let mut cells = self.no_cells();
         for cell in 0..self.change.len() {
             self.nuisance[cell] *= fade;
@@ -328,10 +329,4 @@ fn cell_means(a: &[u8], b: &[u8], width: usize, columns: usize, rows: usize) -> 
         }
     }
     sums.iter().zip(&counts).map(|(sum, count)| *sum as f32 / (*count).max(1) as f32).collect()
-}
-
-fn median(values: &[f32]) -> f32 {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f32::total_cmp);
-    sorted.get(sorted.len() / 2).copied().unwrap_or(0.0)
 }

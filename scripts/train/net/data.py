@@ -32,10 +32,14 @@ class Batch:
     judged: np.ndarray  # weight of the visibility loss
 
 
+# One car of it, the fields in that order.
+Sample = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+
+
 class Shards:
     """Rendered crops in memory, with more around the car than the net gets to see: room to turn and shift them."""
 
-    def __init__(self, folder: Path, limit: int | None = None):
+    def __init__(self, folder: Path, limit: int | None = None) -> None:
         self.images: list[np.ndarray] = []
         self.points: list[np.ndarray] = []
         self.visible: list[np.ndarray] = []
@@ -176,7 +180,7 @@ class Sampler:
         seed: list[int],
         first: int = 0,
         augment: bool = True,
-    ):
+    ) -> None:
         self.shards, self.real, self.batch = shards, real, batch
         self.real_count = round(batch * real_share) if real else 0
         self.seed, self.number, self.augment = seed, first, augment
@@ -206,7 +210,7 @@ class Sampler:
         samples += [self._rendered() for _ in range(self.batch - self.real_count)]
         return Batch(*(np.stack(column) for column in zip(*samples)))
 
-    def _rendered(self):
+    def _rendered(self) -> Sample:
         rng = self.rng
         i = int(rng.integers(len(self.shards)))
         image, points, seen = self.shards.images[i], self.shards.points[i], self.shards.visible[i] > 0
@@ -218,7 +222,7 @@ class Sampler:
         matrix = crop_from_rendered(rng.normal(0, 0.1), np.exp(rng.uniform(-0.15, 0.1)), rng.uniform(-5, 5, 2))
         return self._finish(warp(image, matrix), apply(matrix, points), *truth)
 
-    def _real(self):
+    def _real(self) -> Sample:
         rng = self.rng
         car = self.real[int(rng.integers(len(self.real)))]
         size = (car.box[2:] - car.box[:2]).max()
@@ -229,7 +233,9 @@ class Sampler:
         known = np.select([car.flag == 2, car.flag == 1], [1.0, 0.4], 0.0)
         return self._finish(image, points, known, (car.flag == 2) * 1.0, (car.flag == 2) * 1.0)
 
-    def _finish(self, image, points, located, visible, judged):
+    def _finish(
+        self, image: np.ndarray, points: np.ndarray, located: np.ndarray, visible: np.ndarray, judged: np.ndarray
+    ) -> Sample:
         if self.rng.random() < 0.5:
             image = image[:, ::-1]
             points = points[MIRROR] * [-1, 1] + [INPUT_PX - 1, 0]
@@ -237,7 +243,7 @@ class Sampler:
         return self._labelled(_recolour(image, self.rng), points, located, visible, judged)
 
     @staticmethod
-    def _labelled(image, points, located, visible, judged):
+    def _labelled(image: np.ndarray, points: np.ndarray, located: np.ndarray, visible: np.ndarray, judged: np.ndarray) -> Sample:
         points = np.nan_to_num(points, nan=-1e3)
         inside = ((points > -0.5) & (points < INPUT_PX - 0.5)).all(1)
         return image, points.astype(np.float32), located * inside, visible * inside, judged

@@ -28,7 +28,7 @@ def _initialised(layer: nn.Conv2d) -> nn.Conv2d:
 class Residual(nn.Module):
     """x + g · branch(x), with g starting at a tenth."""
 
-    def __init__(self, channels: int, middle: int | None = None):
+    def __init__(self, channels: int, middle: int | None = None) -> None:
         super().__init__()
         if middle is None:
             layers = [nn.ReLU(), conv(channels, channels, 3), nn.ReLU(), conv(channels, channels, 3)]
@@ -45,7 +45,7 @@ class Residual(nn.Module):
 class Halving(nn.Conv2d):
     """To half the size: a convolution with stride, plus two that find finer edges first, which start at nothing."""
 
-    def __init__(self, inputs: int, outputs: int):
+    def __init__(self, inputs: int, outputs: int) -> None:
         super().__init__(inputs, outputs, 3, 2, 1)
         _initialised(self)
         self.fine = nn.Sequential(conv(inputs, outputs // 2, 3), nn.ReLU(), conv(outputs // 2, outputs, 3, 2))
@@ -58,7 +58,7 @@ class Halving(nn.Conv2d):
 class Hourglass(nn.Module):
     """Down to 4 × 4 and up again, with a skip at each size (Newell et al. 2016)."""
 
-    def __init__(self, channels: int, depth: int, outermost: bool = True):
+    def __init__(self, channels: int, depth: int, outermost: bool = True) -> None:
         super().__init__()
         self.skip = Residual(channels, channels // 2) if outermost else nn.Identity()
         self.down = Residual(channels)
@@ -76,7 +76,7 @@ class StackedHourglass(nn.Module):
     n = 128, or any multiple of 32 while training.
     """
 
-    def __init__(self, stacks: int = 2, channels: int = 64):
+    def __init__(self, stacks: int = 2, channels: int = 64) -> None:
         super().__init__()
         # Pixels of 2 × 2 blocks become channels first: a convolution of 3 channels wastes a CPU.
         self.stem = nn.Sequential(
@@ -120,7 +120,7 @@ class Deployed(nn.Module):
     A net trained at `work_px` < 128 sees the picture reduced to that; its logits are brought back to 32 × 32.
     """
 
-    def __init__(self, net: StackedHourglass, work_px: int = INPUT_PX):
+    def __init__(self, net: StackedHourglass, work_px: int = INPUT_PX) -> None:
         super().__init__()
         self.net, self.work_px = net, work_px
 

@@ -14,7 +14,7 @@ FIXTURE = REPOSITORY / "tests/data/decoding.json"
 
 
 class Decoding(unittest.TestCase):
-    def test_what_rust_and_python_measure_is_the_same(self):
+    def test_what_rust_and_python_measure_is_the_same(self) -> None:
         fixture = json.loads(FIXTURE.read_text())
         calibration = Calibration(**fixture["calibration"])
         cells = fixture["cells"]

@@ -39,7 +39,7 @@ def labelled_car(rng: np.random.Generator) -> RealCar:
 
 
 class Data(unittest.TestCase):
-    def test_a_crop_shows_the_picture_where_the_contract_says(self):
+    def test_a_crop_shows_the_picture_where_the_contract_says(self) -> None:
         box = np.array([100.0, 60.0, 180.0, 120.0])  # centre (140, 90)
         matrix = crop_from_box(box)
         crop_px = np.array([[63.5, 63.5], [0.0, 127.0]])
@@ -49,7 +49,7 @@ class Data(unittest.TestCase):
         )
         np.testing.assert_allclose(apply(matrix, np.stack(picture, 1)), crop_px, atol=1e-9)
 
-    def test_shrinking_keeps_things_in_place(self):
+    def test_shrinking_keeps_things_in_place(self) -> None:
         picture = np.zeros((600, 600, 3), np.uint8)
         picture[297:304, 197:204] = 255  # centred on (200, 300)
         matrix = crop_from_box(np.array([100.0, 100.0, 500.0, 500.0]))
@@ -58,7 +58,7 @@ class Data(unittest.TestCase):
         seen = [(xs * weights).sum() / weights.sum(), (ys * weights).sum() / weights.sum()]
         np.testing.assert_allclose(seen, apply(matrix, np.array([[200.0, 300.0]]))[0], atol=0.1)
 
-    def test_augmented_labels_stay_on_their_dots(self):
+    def test_augmented_labels_stay_on_their_dots(self) -> None:
         rng = np.random.default_rng(0)
         with tempfile.TemporaryDirectory() as empty:
             sampler = Sampler(Shards(Path(empty)), [labelled_car(rng)], 24, 1.0, seed=[1])
@@ -73,7 +73,7 @@ class Data(unittest.TestCase):
         self.assertGreater(np.median(contrast), 40)
         self.assertEqual(sides, {False, True}, "flips must exchange the sides")
 
-    def test_real_labels_lie_in_their_crops(self):
+    def test_real_labels_lie_in_their_crops(self) -> None:
         if not LABELS.exists():
             print("skipped: no hand-labelled real cars beside the project")
             return
@@ -84,14 +84,14 @@ class Data(unittest.TestCase):
 
 
 class Decoding(unittest.TestCase):
-    def test_a_gaussian_is_found_between_cells(self):
+    def test_a_gaussian_is_found_between_cells(self) -> None:
         at = np.array([[[41.3, 62.9], [77.7, 30.2]]])
         logits = torch.log(targets(torch.tensor(at, dtype=torch.float32), 32) + 1e-12).reshape(1, 2, 32, 32)
         mean, covariance = decode(logits.numpy())
         np.testing.assert_allclose(mean, at, atol=0.08)
         np.testing.assert_allclose(np.diagonal(covariance, axis1=2, axis2=3), 2.4**2, rtol=0.15)
 
-    def test_the_distance_to_learn_from_is_that_of_the_decoded_peak(self):
+    def test_the_distance_to_learn_from_is_that_of_the_decoded_peak(self) -> None:
         rng = np.random.default_rng(6)
         logits = torch.tensor(rng.normal(0, 3, (2, 36, 32, 32)), dtype=torch.float32, requires_grad=True)
         points, _ = decode(logits.detach().numpy())
@@ -104,7 +104,7 @@ class Decoding(unittest.TestCase):
         self.assertTrue((logits.grad[0].abs().amax((1, 2)) > 0).all())
         self.assertTrue((logits.grad[1] == 0).all())
 
-    def test_calibration_finds_the_law_that_made_the_errors(self):
+    def test_calibration_finds_the_law_that_made_the_errors(self) -> None:
         rng = np.random.default_rng(2)
         variance = rng.uniform(4, 40, 20_000)
         error = rng.normal(0, np.hypot(0.15 * variance, 1.0))
@@ -113,7 +113,7 @@ class Decoding(unittest.TestCase):
         self.assertAlmostEqual(a, 0.15, delta=0.01)
         self.assertAlmostEqual(b, 1.0, delta=0.3)
 
-    def test_a_measurement_holds_no_prior(self):
+    def test_a_measurement_holds_no_prior(self) -> None:
         # Locations drawn from the prior, seen with noise; the posterior mean regresses, the measurement does not.
         rng = np.random.default_rng(3)
         calibration = Calibration(0.2, 0.0, (60.0, 70.0), (30.0, 20.0))
@@ -152,7 +152,7 @@ def worker_gradient(meeting: str, worker: int) -> torch.Tensor:
 
 
 class Confusion(unittest.TestCase):
-    def test_exchanged_names_are_told_apart(self):
+    def test_exchanged_names_are_told_apart(self) -> None:
         points = np.random.default_rng(3).uniform(10, 118, (36, 2))
         everything = np.ones(36, bool)
         crop = Crop(np.zeros((128, 128, 3), np.uint8), points, everything, ~everything, 100, 100, "sedan", "t")
@@ -163,12 +163,12 @@ class Confusion(unittest.TestCase):
 
 
 class Net(unittest.TestCase):
-    def test_operations_are_counted(self):
+    def test_operations_are_counted(self) -> None:
         # 8 filters of 3 × 3 × 3 at 64 × 64 places, a multiply-add counts two.
         self.assertAlmostEqual(gflop(torch.nn.Conv2d(3, 8, 3, 2, 1)), 2 * 8 * 27 * 64 * 64 / 1e9)
         self.assertGreater(gflop(Deployed(StackedHourglass(2, 48))), gflop(Deployed(StackedHourglass(1, 48))))
 
-    def test_it_can_learn_one_car_by_heart(self):
+    def test_it_can_learn_one_car_by_heart(self) -> None:
         torch.manual_seed(0)
         rng = np.random.default_rng(4)
         with tempfile.TemporaryDirectory() as empty:
@@ -184,7 +184,7 @@ class Net(unittest.TestCase):
             losses.append(float(loss))
         self.assertLess(losses[-1], 0.75 * losses[0])
 
-    def test_a_wider_net_starts_with_what_the_narrow_one_knows(self):
+    def test_a_wider_net_starts_with_what_the_narrow_one_knows(self) -> None:
         torch.manual_seed(2)
         narrow, wide, image = StackedHourglass(2, 16), StackedHourglass(2, 24), torch.rand(2, 3, 128, 128)
         for parameter in narrow.parameters():  # equal ones would be stored once
@@ -198,7 +198,7 @@ class Net(unittest.TestCase):
         for a, b in zip([*expected, seen], [*found, seen_too]):
             np.testing.assert_allclose(a.numpy(), b.numpy(), atol=1e-4)
 
-    def test_a_net_of_more_stacks_starts_with_what_the_smaller_knows(self):
+    def test_a_net_of_more_stacks_starts_with_what_the_smaller_knows(self) -> None:
         torch.manual_seed(4)
         small, large, image = StackedHourglass(1, 16), StackedHourglass(3, 16), torch.rand(2, 3, 128, 128)
         start(large, small.state_dict())
@@ -208,7 +208,7 @@ class Net(unittest.TestCase):
             torch.testing.assert_close(heatmaps, expected)
         torch.testing.assert_close(seen_too, seen)
 
-    def test_a_net_without_the_fine_part_can_be_started_from(self):
+    def test_a_net_without_the_fine_part_can_be_started_from(self) -> None:
         torch.manual_seed(3)
         before, after, image = StackedHourglass(1, 16), StackedHourglass(1, 16), torch.rand(2, 3, 128, 128)
         start(after, {name: w for name, w in before.state_dict().items() if ".fine." not in name})
@@ -217,7 +217,7 @@ class Net(unittest.TestCase):
         with self.assertRaisesRegex(ValueError, "other parts: back.0.bias"):
             start(after, StackedHourglass(2, 16).state_dict())
 
-    def test_a_killed_training_goes_on_as_if_it_had_not_been(self):
+    def test_a_killed_training_goes_on_as_if_it_had_not_been(self) -> None:
         with tempfile.TemporaryDirectory() as folder:
             common = tiny_training(Path(folder))
 
@@ -235,7 +235,7 @@ class Net(unittest.TestCase):
         for name, value in whole.average.weights.items():
             np.testing.assert_array_equal(value.numpy(), resumed.average.weights[name].numpy(), name)
 
-    def test_workers_share_a_batch_and_come_to_the_same_bits_again(self):
+    def test_workers_share_a_batch_and_come_to_the_same_bits_again(self) -> None:
         with tempfile.TemporaryDirectory() as folder:
             common = [*tiny_training(Path(folder)), "--workers", "2", "--steps", "3"]
             states = []
@@ -246,7 +246,7 @@ class Net(unittest.TestCase):
         for name, value in states[0]["net"].items():
             np.testing.assert_array_equal(value.numpy(), states[1]["net"][name].numpy(), name)
 
-    def test_gradients_are_the_mean_of_the_workers(self):
+    def test_gradients_are_the_mean_of_the_workers(self) -> None:
         with tempfile.TemporaryDirectory() as folder:
             spawn, meeting = multiprocessing.get_context("spawn"), f"file://{folder}/meeting"
             other = spawn.Process(target=worker_gradient, args=(meeting, 1))
@@ -255,7 +255,7 @@ class Net(unittest.TestCase):
             other.join()
         np.testing.assert_allclose(mean.numpy(), np.full((2, 3), 1.5))
 
-    def test_onnx_gives_what_pytorch_gives_at_any_batch(self):
+    def test_onnx_gives_what_pytorch_gives_at_any_batch(self) -> None:
         torch.manual_seed(1)
         for work_px in (64, 128):
             net = Deployed(StackedHourglass(2, 16), work_px).eval()

@@ -40,7 +40,7 @@ def shrunk(batch: Batch, size: int) -> Batch:
 class Average:
     """Exponential moving average of the weights: what is evaluated and exported."""
 
-    def __init__(self, net: nn.Module, decay: float = 0.998):
+    def __init__(self, net: nn.Module, decay: float = 0.998) -> None:
         self.decay, self.steps = decay, 0
         self.weights = {k: v.detach().clone() for k, v in net.state_dict().items()}
 
@@ -78,7 +78,7 @@ def average_gradients(net: nn.Module) -> None:
 class Training:
     """A net on its way; its checkpoint `last.pt` holds all that the next steps depend on but crops and options."""
 
-    def __init__(self, options: argparse.Namespace, worker: int = 0):
+    def __init__(self, options: argparse.Namespace, worker: int = 0) -> None:
         self.options, self.worker = options, worker
         torch.set_num_threads(1)
         torch.manual_seed(options.seed)

@@ -128,7 +128,11 @@ fn rigid(rows: &Rows) -> Result<(), &'static str> {
         return Err("is no rigid motion");
     }
     let off = (r * r.transpose() - Matrix3::identity()).norm();
-    if off > ROUNDING || r.determinant() < 0.0 { Err("its rotation is none") } else { Ok(()) }
+    if off > ROUNDING || r.determinant() < 0.0 {
+        Err("its rotation is no rotation: not orthonormal, or mirrored")
+    } else {
+        Ok(())
+    }
 }
 
 #[cfg(test)]

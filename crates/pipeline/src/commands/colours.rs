@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use image::RgbImage;
-use roadplane_base::TrackRow;
+use roadplane_base::{TrackRow, upper_median};
 
 use crate::stream::streaming::{open_input, stream};
 use crate::{Cancel, Config, PipelineError, Progress};
@@ -90,11 +90,8 @@ fn body_pixels(image: &RgbImage, bbox: &[f64; 4], there: &[[f64; 4]]) -> Vec<[u8
 
 /// Channel by channel.
 fn median(pixels: Vec<[u8; 3]>) -> Option<[u8; 3]> {
-    let channel = |i: usize| {
-        let mut values: Vec<u8> = pixels.iter().map(|pixel| pixel[i]).collect();
-        values.sort_unstable();
-        values.get(values.len() / 2).copied()
-    };
+    let channel =
+        |i: usize| upper_median(&mut pixels.iter().map(|pixel| pixel[i]).collect::<Vec<_>>(), u8::cmp);
     Some([channel(0)?, channel(1)?, channel(2)?])
 }
 

@@ -86,7 +86,7 @@ fn ours(path: &Path) -> Result<CameraOfFile, WriteError> {
     }
     let information = covariance
         .cholesky()
-        .ok_or_else(|| WriteError::malformed(path, "covariance is none: not positive"))?
+        .ok_or_else(|| WriteError::malformed(path, "covariance is not positive definite"))?
         .inverse();
     Ok(CameraOfFile {
         size: Some(camera.image_size_px),
