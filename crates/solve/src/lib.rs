@@ -22,7 +22,7 @@
 //! # Contents
 //! - `linear/`: the descent ([`minimise`]), the arrow, sums of four rows at a time; knows no cars
 //! - `model/`: projection and its derivatives, keypoints, outliers, priors; `latent/`: body types, trust
-//! - `problem/`: cars on the plane (any number of modes), free cars; what a frame's input is made into
+//! - `problem/`: cars on the plane (any number of modes) or free, as one problem; what a frame's input is made into
 //! - `start/`: from nothing to places where the descent may begin; the paper's Algorithm 1
 //! - `scene/`: the solves themselves, as numbered steps (`solve.rs`)
 //!
@@ -58,9 +58,9 @@ mod solution;
 mod start;
 
 pub use linear::lm::{LmOptions, LmReport, Problem, Termination, Trial, minimise};
+pub use model::free::PlaneTerms;
 pub use model::kernel::OutlierModel;
 pub use options::{SceneOptions, ShapePrior, Steps, ViewErrors};
-pub use problem::free::PlaneTerms;
 pub use scene::fit::{CarFit, fit_car};
 pub use scene::free::{FreeCarFit, FreeSceneSolution, fit_free_car, solve_free_scene};
 pub use scene::refine::{KnownScene, refine_scene, scene_bound};

@@ -2,11 +2,13 @@
 
 pub(crate) mod camera_prior;
 #[cfg(test)]
-pub(crate) mod dual;
+mod derivatives;
 pub(crate) mod free;
-pub(crate) mod ground;
 pub(crate) mod kernel;
 pub(crate) mod latent;
 pub(crate) mod observation;
 pub(crate) mod pack;
+pub(crate) mod points;
+pub(crate) mod pose;
 pub(crate) mod rows;
+pub(crate) mod standing;

@@ -67,7 +67,7 @@ impl Default for Steps {
 }
 
 /// How far off the view of a car is as a whole, as nets see it: the angle at which it is seen from above, and its turn about the
-/// line of sight, sds in rad (`problem/ground/joint.rs`).
+/// line of sight, sds in rad (`problem/cars/joint.rs`).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ViewErrors {
     /// Of a single car, above 0.

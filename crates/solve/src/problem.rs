@@ -1,5 +1,4 @@
-//! Problems for the descent: cars on a common plane, and cars whose poses are free.
+//! The problem for the descent: cars on a common plane, or with free poses; and what a frame's input is made into.
 
-pub(crate) mod free;
-pub(crate) mod ground;
+pub(crate) mod cars;
 pub(crate) mod setup;

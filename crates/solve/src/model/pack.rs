@@ -1,8 +1,8 @@
 //! Keypoints as the inner loop reads them: four side by side.
 
 use crate::linear::lanes::{LANES, Lanes};
-use crate::model::ground::PointModes;
 use crate::model::observation::Observation;
+use crate::model::points::PointModes;
 
 /// Four keypoints of a view with the atlas at them. A view's last pack is filled up with copies of weight 0.
 #[derive(Clone, Debug)]

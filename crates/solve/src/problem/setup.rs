@@ -3,15 +3,16 @@
 use std::sync::Arc;
 
 use nalgebra::Vector4;
-use roadplane_base::{Camera, ImageSize, MIN_KEYPOINTS, MODES, Shape, ShapeAtlas};
+use roadplane_base::{Camera, ImageSize, MODES, Shape, ShapeAtlas};
 
 use crate::model::camera_prior::CameraKnowledge;
-use crate::model::ground::{PointModes, Standing};
 use crate::model::kernel::OutlierModel;
 use crate::model::latent::body_types::Gaussian;
 use crate::model::observation::{Observation, observations};
+use crate::model::points::PointModes;
+use crate::model::pose::Pose;
 use crate::options::SceneOptions;
-use crate::problem::ground::{GroundProblem, GroundState, Group, View};
+use crate::problem::cars::{CarsProblem, Group, State, View};
 use crate::solution::CarView;
 
 /// What keypoints of this weight together cost when none of them fits; finite without robustness, too.
@@ -29,10 +30,10 @@ pub(crate) struct Sight {
     pub observations: Vec<Observation>,
 }
 
-/// Where a sight's car stands, and its shape.
+/// Where a sight's car is, and its shape.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Placed {
-    pub standing: Standing,
+pub(crate) struct Placed<P> {
+    pub pose: P,
     pub shape: Shape,
 }
 
@@ -54,17 +55,13 @@ impl<'a> Setup<'a> {
         views: &[CarView<'_>],
         options: &'a SceneOptions,
     ) -> Self {
-        let mut sights: Vec<Sight> = Vec::new();
         let camera = Camera { lens: options.lens, ..Camera::centred(1.0, size) };
-        for (index, view) in views.iter().enumerate() {
-            let mut found = Vec::new();
-            if view.weight > 0.0 && view.weight.is_finite() {
-                observations(view.keypoints, &camera, view.weight.min(1.0), &mut found);
-            }
-            if found.len() >= MIN_KEYPOINTS {
-                sights.push(Sight { index, group: view.group, observations: found });
-            }
-        }
+        let sight = |(index, view): (usize, &CarView<'_>)| {
+            let is_weighed = view.weight > 0.0 && view.weight.is_finite();
+            let found = is_weighed.then(|| observations(view.keypoints, &camera, view.weight.min(1.0)))??;
+            Some(Sight { index, group: view.group, observations: found })
+        };
+        let mut sights: Vec<Sight> = views.iter().enumerate().filter_map(sight).collect();
         sights.sort_by_key(|sight| sight.group);
         let mut mean = options.camera_prior.mean(size).to_vector();
         let mut information = options.camera_prior.information();
@@ -78,26 +75,23 @@ impl<'a> Setup<'a> {
         Self { atlas, model, options, sights, knowledge, size }
     }
 
-    fn shape_prior(&self) -> Gaussian<MODES> {
-        Gaussian::of_all_cars(self.options.shape_prior_weight)
-    }
-
     /// The problem of all placed sights, with their positions in `sights`.
-    pub fn problem(
+    pub fn problem<P: Pose<N>, const N: usize>(
         &self,
         camera: Vector4<f64>,
-        placed: &[Option<Placed>],
-    ) -> (GroundProblem<'a>, Vec<usize>) {
+        placed: &[Option<Placed<P>>],
+    ) -> (CarsProblem<'a, P, N, MODES>, Vec<usize>) {
         let mut views: Vec<View> = Vec::new();
-        let mut groups: Vec<Group> = Vec::new();
+        let mut groups: Vec<Group<MODES>> = Vec::new();
         let mut all = Vec::new();
-        let mut state = GroundState { camera, standings: Vec::new(), shapes: Vec::new() };
+        let mut state = State { camera, poses: Vec::new(), shapes: Vec::new() };
         let mut members = Vec::new();
         let mut last_group = None;
         for (s, (sight, place)) in self.sights.iter().zip(placed).enumerate() {
             let Some(place) = place else { continue };
             if last_group != Some(sight.group) {
-                groups.push(Group::new(views.len()..views.len(), self.shape_prior()));
+                let prior = Gaussian::of_all_cars(self.options.shape_prior_weight);
+                groups.push(Group::new(views.len()..views.len(), prior));
                 state.shapes.push(place.shape);
                 last_group = Some(sight.group);
             }
@@ -107,51 +101,62 @@ impl<'a> Setup<'a> {
             if let Some(group) = groups.last_mut() {
                 group.views.end = views.len();
             }
-            state.standings.push(place.standing);
+            state.poses.push(place.pose);
             members.push(s);
         }
-        let mut problem = GroundProblem::new(self.model, views, groups, all, self.knowledge.clone(), state);
+        let mut problem = CarsProblem::new(self.model, views, groups, all, self.knowledge.clone(), state);
         problem.kernel = self.options.kernel;
         (problem, members)
     }
 
-    /// The problem of one view before a known camera.
-    pub fn problem_alone(
-        &self,
-        camera: Vector4<f64>,
-        observations: &[Observation],
-        place: Placed,
-    ) -> GroundProblem<'a> {
-        let observations = observations.to_vec();
-        let views = vec![View::new(0, 0..observations.len())];
-        let groups = vec![Group::new(0..1, self.shape_prior())];
-        let state = GroundState { camera, standings: vec![place.standing], shapes: vec![place.shape] };
-        let mut problem = GroundProblem::new(
-            self.model,
-            views,
-            groups,
-            observations,
-            CameraKnowledge::given(camera),
-            state,
-        );
-        problem.kernel = self.options.kernel;
-        problem
-    }
-
-    /// What all keypoints of a sight cost when none of them fits.
-    pub fn cost_of_missing(&self, sight: usize) -> f64 {
-        cost_of_missing(&self.options.kernel, self.sights[sight].observations.iter().map(|o| o.weight).sum())
+    /// What the keypoints of all sights without a place cost: none of them fits.
+    pub fn cost_of_missing<P>(&self, placed: &[Option<Placed<P>>]) -> f64 {
+        let missing = self.sights.iter().zip(placed).filter(|(_, place)| place.is_none());
+        let cost = |sight: &Sight| {
+            cost_of_missing(&self.options.kernel, sight.observations.iter().map(|o| o.weight).sum())
+        };
+        missing.map(|(sight, _)| cost(sight)).sum()
     }
 
     /// Reads back where the cars of a problem are.
-    pub fn read_back(&self, problem: &GroundProblem<'_>, members: &[usize]) -> Vec<Option<Placed>> {
+    pub fn read_back<P: Pose<N>, const N: usize>(
+        &self,
+        problem: &CarsProblem<'_, P, N, MODES>,
+        members: &[usize],
+    ) -> Vec<Option<Placed<P>>> {
         let mut placed = vec![None; self.sights.len()];
         for (k, s) in members.iter().enumerate() {
-            placed[*s] = Some(Placed {
-                standing: problem.state.standings[k],
-                shape: problem.state.shapes[problem.views[k].group],
-            });
+            placed[*s] = Some(problem.placed(k));
         }
         placed
+    }
+}
+
+impl<'a, P: Pose<N>, const N: usize> CarsProblem<'a, P, N, MODES> {
+    /// The problem of one view before a known camera.
+    pub fn alone(
+        model: &'a PointModes,
+        camera: Vector4<f64>,
+        observations: &[Observation],
+        prior: Gaussian<MODES>,
+        place: Placed<P>,
+        kernel: OutlierModel,
+    ) -> Self {
+        let views = vec![View::new(0, 0..observations.len())];
+        let state = State { camera, poses: vec![place.pose], shapes: vec![place.shape] };
+        let (groups, knowledge) = (vec![Group::new(0..1, prior)], CameraKnowledge::given(camera));
+        let mut problem = Self::new(model, views, groups, observations.to_vec(), knowledge, state);
+        problem.kernel = kernel;
+        problem
+    }
+
+    /// Takes the car of a problem of one view elsewhere.
+    pub fn place(&mut self, place: Placed<P>) {
+        (self.state.poses[0], self.state.shapes[0]) = (place.pose, place.shape);
+    }
+
+    /// Where a view's car is now.
+    pub fn placed(&self, view: usize) -> Placed<P> {
+        Placed { pose: self.state.poses[view], shape: self.state.shapes[self.views[view].group] }
     }
 }

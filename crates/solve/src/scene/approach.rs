@@ -1,8 +1,9 @@
 //! From a start towards the minimum: shapes are freed in stages.
 
 use crate::linear::lm::{LmOptions, minimise};
+use crate::model::pose::Pose;
 use crate::options::SceneOptions;
-use crate::problem::ground::GroundProblem;
+use crate::problem::cars::CarsProblem;
 
 /// sd that shapes not yet found add to every keypoint, m: stage by stage less, so that the keypoints of an unusual car are
 /// not taken for outliers before its shape had a chance (graduated non-convexity, Blake and Zisserman 1987).
@@ -10,7 +11,10 @@ use crate::problem::ground::GroundProblem;
 const SHAPE_STAGES: [(f64, f64); 3] = [(0.12, 0.1), (0.05, 0.3), (0.02, 0.7)];
 
 /// Shapes free; whitening from forgiving to exact, taken again at the new poses. Ends near the minimum.
-pub(crate) fn approach(problem: &mut GroundProblem<'_>, options: &SceneOptions) {
+pub(crate) fn approach<P: Pose<N>, const N: usize, const M: usize>(
+    problem: &mut CarsProblem<'_, P, N, M>,
+    options: &SceneOptions,
+) {
     problem.shapes_fixed = false;
     let short = LmOptions { max_iterations: 6, cost_tolerance: 1e-2, step_tolerance: 1e-1, ..options.lm };
     for (extra_m, prior_scale) in &SHAPE_STAGES {

@@ -1,47 +1,40 @@
 //! A car as the caller gets it.
 
 use nalgebra::{Isometry3, Matrix3, Matrix6, SMatrix};
-use roadplane_base::{CameraParams, KEYPOINTS, MODES};
+use roadplane_base::{CameraParams, MODES};
 
 use crate::linear::arrow::Joint;
-use crate::linear::gram::{SHAPE, camera as camera_column, residual};
-use crate::model::ground::{CameraFrame, StandingFrame};
-use crate::problem::ground::GroundProblem;
+use crate::linear::gram::Gram;
+use crate::model::pose::{CameraFrame, Pose as _};
+use crate::model::standing::STANDING;
+use crate::problem::cars::GroundProblem;
 use crate::solution::CarSolution;
 
 /// A view's solution, and the joint covariance of (x, y, heading, shape).
 pub(crate) fn car_solution(
-    problem: &GroundProblem<'_>,
+    problem: &GroundProblem<'_, MODES>,
     k: usize,
     joint: &Joint,
 ) -> Option<(CarSolution, SMatrix<f64, 9, 9>)> {
+    const CAMERA: usize = Gram::<STANDING, MODES>::CAMERA;
+    const UNKNOWNS: usize = Gram::<STANDING, MODES>::RESIDUAL;
     let camera = CameraFrame::new(&problem.state.camera);
-    let standing = &problem.state.standings[k];
-    let frame = StandingFrame::new(&camera, standing)?;
-    let (ground, by) = frame.ground_pose(&camera, standing.heading);
+    let standing = &problem.state.poses[k];
+    let (ground, by) = standing.on_ground(&standing.frame(&camera)?, &camera);
     // (x, y, heading) by (anchor, heading, shape, camera)
-    const UNKNOWNS: usize = residual(MODES);
-    let mut change = SMatrix::<f64, SHAPE, UNKNOWNS>::zeros();
-    change.fixed_columns_mut::<SHAPE>(0).copy_from(&by.fixed_columns::<3>(4));
-    change.fixed_columns_mut::<4>(camera_column(MODES)).copy_from(&by.fixed_columns::<4>(0));
+    let mut change = SMatrix::<f64, STANDING, UNKNOWNS>::zeros();
+    change.fixed_columns_mut::<STANDING>(0).copy_from(&by.fixed_columns::<STANDING>(0));
+    change.fixed_columns_mut::<4>(CAMERA).copy_from(&by.fixed_columns::<4>(STANDING));
     let with_all = change * joint.fixed_view::<UNKNOWNS, UNKNOWNS>(0, 0);
     let ground_covariance: Matrix3<f64> = with_all * change.transpose();
-    let with_shape = with_all.fixed_columns::<MODES>(SHAPE).into_owned();
-    let shape_covariance: Matrix6<f64> = joint.fixed_view::<MODES, MODES>(SHAPE, SHAPE).into_owned();
+    let with_shape = with_all.fixed_columns::<MODES>(STANDING).into_owned();
+    let shape_covariance: Matrix6<f64> = joint.fixed_view::<MODES, MODES>(STANDING, STANDING).into_owned();
     let mut covariance = SMatrix::<f64, 9, 9>::zeros();
     covariance.fixed_view_mut::<3, 3>(0, 0).copy_from(&ground_covariance);
     covariance.fixed_view_mut::<3, MODES>(0, 3).copy_from(&with_shape);
     covariance.fixed_view_mut::<MODES, 3>(3, 0).copy_from(&with_shape.transpose());
     covariance.fixed_view_mut::<MODES, MODES>(3, 3).copy_from(&shape_covariance);
-    let mut inliers = [false; KEYPOINTS];
-    let (mut sum, mut count) = (0.0, 0.0);
-    problem.each_residual(k, |observation, off_px, squared| {
-        inliers[observation.index] = problem.kernel.weight(squared) > 0.5;
-        if inliers[observation.index] {
-            sum += off_px.norm_squared();
-            count += 1.0;
-        }
-    })?;
+    let fit = problem.fit_of(k)?;
     let params = CameraParams::from_vector(&problem.state.camera);
     let camera_from_car: Isometry3<f64> = params.plane().camera_from_world() * ground.world_from_car();
     let car = CarSolution {
@@ -50,8 +43,8 @@ pub(crate) fn car_solution(
         ground_covariance,
         shape: problem.state.shapes[problem.views[k].group],
         shape_covariance,
-        inliers,
-        reprojection_rms_px: if count > 0.0 { f64::sqrt(sum / count) } else { f64::INFINITY },
+        inliers: fit.inliers,
+        reprojection_rms_px: fit.rms_px,
         used: true,
     };
     Some((car, covariance))

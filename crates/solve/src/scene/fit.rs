@@ -1,15 +1,17 @@
 //! One car on a known plane before a known camera.
 
 use nalgebra::{SMatrix, Vector4};
-use roadplane_base::{Camera, CameraParams, GroundPlane, GroundPose, KeypointSet, MIN_KEYPOINTS, ShapeAtlas};
+use roadplane_base::{Camera, CameraParams, GroundPlane, GroundPose, KeypointSet, MODES, ShapeAtlas};
 
 use crate::linear::lm::{LmOptions, minimise};
-use crate::model::camera_prior::CameraKnowledge;
-use crate::model::ground::{CameraFrame, PointModes, Standing};
 use crate::model::latent::body_types::Gaussian;
 use crate::model::observation::{Observation, observations};
+use crate::model::points::PointModes;
+use crate::model::pose::{CameraFrame, Pose};
+use crate::model::standing::Standing;
 use crate::options::{SceneOptions, ShapePrior};
-use crate::problem::ground::{GroundProblem, GroundState, Group, View};
+use crate::problem::cars::{CarsProblem, GroundProblem};
+use crate::problem::setup::Placed;
 use crate::scene::approach::approach;
 use crate::scene::car::car_solution;
 use crate::solution::CarSolution;
@@ -33,7 +35,7 @@ pub struct CarFit {
 }
 
 /// Fits pose and shape of one car. `start` is tried beside the ring of headings, so front and back are told apart by the
-/// evidence every time. `None` when fewer than [`MIN_KEYPOINTS`] are usable, no pose can be evaluated, or camera and plane
+/// evidence every time. `None` when fewer than [`MIN_KEYPOINTS`](roadplane_base::MIN_KEYPOINTS) are usable, no pose can be evaluated, or camera and plane
 /// are not finite.
 #[must_use]
 pub fn fit_car(
@@ -50,33 +52,17 @@ pub fn fit_car(
         return None;
     }
     let model = PointModes::new(atlas);
-    let mut found = Vec::new();
-    observations(keypoints, camera, 1.0, &mut found);
-    if found.len() < MIN_KEYPOINTS {
-        return None;
-    }
+    let found = observations(keypoints, camera, 1.0)?;
     let frame = CameraFrame::new(&params);
     let points = atlas.keypoints_in_car(&shape.mean);
-    let mut starts: Vec<Standing> = standing_candidates(&frame, &points, &found, FOLLOWED)
-        .into_iter()
-        .map(|(_, standing)| standing)
-        .collect();
-    if let Some(pose) = start {
-        let anchor = frame.anchor_of(pose);
-        starts.extend(anchor.map(|anchor| Standing { anchor, heading: pose.heading_rad }));
-    }
-    let mut fits: Vec<(f64, GroundProblem<'_>)> = Vec::new();
-    for standing in starts {
-        let mut problem = single_car(&model, params, found.clone(), standing, shape);
-        if let Some(cost) = refine_car(&mut problem, shape.fixed, options) {
-            fits.push((cost, problem));
-        }
-    }
-    fits.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let candidates = standing_candidates(&frame, &points, &found, FOLLOWED);
+    let given = start.and_then(|pose| Standing::of(pose, &frame));
+    let starts = candidates.into_iter().map(|(_, standing)| standing).chain(given);
+    let mut fits = fits_from(&model, params, &found, shape, starts, options);
     let (cost, mut problem) = if fits.is_empty() { return None } else { fits.remove(0) };
-    let heading = problem.state.standings[0].heading;
-    let elsewhere = |other: &GroundProblem<'_>| {
-        roadplane_base::angle_difference(other.state.standings[0].heading, heading).abs() > 0.5
+    let heading = problem.state.poses[0].heading;
+    let elsewhere = |other: &GroundProblem<'_, MODES>| {
+        roadplane_base::angle_difference(other.state.poses[0].heading, heading).abs() > 0.5
     };
     let margin = fits.iter().find(|(_, p)| elsewhere(p)).map_or(f64::INFINITY, |(other, _)| other - cost);
     let joint = problem.only_view_covariance()?;
@@ -86,31 +72,30 @@ pub fn fit_car(
     Some(CarFit { car, covariance, cost, margin })
 }
 
-fn single_car<'a>(
+/// A car before a known camera, followed from each start to its minimum, lowest cost first: pose first, then pose and shape.
+pub(crate) fn fits_from<'a, P: Pose<N>, const N: usize>(
     model: &'a PointModes,
-    params: Vector4<f64>,
-    found: Vec<Observation>,
-    standing: Standing,
+    camera: Vector4<f64>,
+    found: &[Observation],
     shape: &ShapePrior,
-) -> GroundProblem<'a> {
-    let views = vec![View::new(0, 0..found.len())];
-    let groups = vec![Group::new(0..1, Gaussian { mean: shape.mean, information: shape.information })];
-    let knowledge = CameraKnowledge::given(params);
-    let state = GroundState { camera: params, standings: vec![standing], shapes: vec![shape.mean] };
-    GroundProblem::new(model, views, groups, found, knowledge, state)
-}
-
-/// Pose first, then pose and shape, to the minimum; returns the cost.
-fn refine_car(problem: &mut GroundProblem<'_>, shape_fixed: bool, options: &SceneOptions) -> Option<f64> {
-    problem.kernel = options.kernel;
-    problem.shapes_fixed = true;
-    problem.whiten(options.atlas_residual_scale, COARSE_SD_M);
-    minimise(problem, &LmOptions { max_iterations: 8, cost_tolerance: 1e-3, ..options.lm });
-    if !shape_fixed {
-        approach(problem, options);
-    }
-    problem.shapes_fixed = shape_fixed;
-    problem.whiten(options.atlas_residual_scale, 0.0);
-    let report = minimise(problem, &options.lm);
-    report.cost.is_finite().then_some(report.cost)
+    starts: impl Iterator<Item = P>,
+    options: &SceneOptions,
+) -> Vec<(f64, CarsProblem<'a, P, N, MODES>)> {
+    let fit = |pose: P| {
+        let prior = Gaussian { mean: shape.mean, information: shape.information };
+        let place = Placed { pose, shape: shape.mean };
+        let mut problem = CarsProblem::alone(model, camera, found, prior, place, options.kernel);
+        problem.shapes_fixed = true;
+        problem.whiten(options.atlas_residual_scale, COARSE_SD_M);
+        minimise(&mut problem, &LmOptions { max_iterations: 8, cost_tolerance: 1e-3, ..options.lm });
+        if !shape.fixed {
+            approach(&mut problem, options);
+        }
+        problem.whiten(options.atlas_residual_scale, 0.0);
+        let cost = minimise(&mut problem, &options.lm).cost;
+        cost.is_finite().then_some((cost, problem))
+    };
+    let mut fits: Vec<_> = starts.filter_map(fit).collect();
+    fits.sort_by(|a, b| a.0.total_cmp(&b.0));
+    fits
 }

@@ -1,29 +1,28 @@
 //! Cars without being told that they stand on a plane: the paper's own path, and the ablation of the joint solver.
 
-use nalgebra::{
-    Isometry3, Matrix3, Matrix4, Matrix6, Rotation3, SMatrix, Translation3, UnitQuaternion, Vector4,
-};
+use nalgebra::{Isometry3, Matrix4, Matrix6, Rotation3, SMatrix, Translation3, UnitQuaternion, Vector4};
 use roadplane_base::{
-    Camera, CameraParams, ImageSize, KEYPOINTS, KeypointSet, MIN_KEYPOINTS, Shape, ShapeAtlas, is_told,
+    Camera, CameraParams, ImageSize, KEYPOINTS, KeypointSet, MODES, Shape, ShapeAtlas, is_told,
 };
 
-use crate::linear::lm::{LmOptions, LmReport, Problem as _, minimise};
-use crate::model::camera_prior::CameraKnowledge;
-use crate::model::free::{FreeCar, FreeFrame};
-use crate::model::ground::PointModes;
-use crate::model::latent::body_types::{BodyTypes, Gaussian, ROUNDS_OF_TYPES};
+use crate::linear::arrow::Joint;
+use crate::linear::gram::Gram;
+use crate::linear::lm::{LmOptions, LmReport, minimise};
+use crate::model::free::{FREE, FreePose, PlaneTerms};
+use crate::model::latent::body_types::{BodyTypes, ROUNDS_OF_TYPES};
 use crate::model::observation::{Observation, observations};
-use crate::options::SceneOptions;
-use crate::problem::free::{FreeProblem, PlaneTerms};
+use crate::model::points::PointModes;
+use crate::model::pose::{CameraFrame, Pose as _};
+use crate::options::{SceneOptions, ShapePrior};
+use crate::problem::cars::FreeProblem;
 use crate::problem::setup::Setup;
+use crate::scene::fit::fits_from;
 use crate::solution::{CarView, SceneStatus};
 use crate::start::alternation::{LAST_TERMS, alternate};
 use crate::start::weak_perspective::{Appearance, DirectionGrid};
 
 /// Views of a car that are followed to their minimum.
 const FOLLOWED: usize = 4;
-/// As in the joint solver: sd that shapes not yet found add, and the easing of their prior.
-const STAGES: [(f64, f64); 3] = [(0.12, 0.1), (0.04, 0.4), (0.0, 1.0)];
 
 /// A car with a free pose.
 #[derive(Clone, Debug)]
@@ -56,7 +55,8 @@ pub struct FreeSceneSolution {
 }
 
 /// Pose and shape of one car before a known camera, nothing known of the ground. All view directions are tried, so front and
-/// back and the flip of flat views are decided by the evidence. `None` with fewer than [`MIN_KEYPOINTS`] usable ones.
+/// back and the flip of flat views are decided by the evidence. `None` with fewer than
+/// [`MIN_KEYPOINTS`](roadplane_base::MIN_KEYPOINTS) usable ones.
 #[must_use]
 pub fn fit_free_car(
     atlas: &ShapeAtlas,
@@ -65,21 +65,15 @@ pub fn fit_free_car(
     options: &SceneOptions,
 ) -> Option<FreeCarFit> {
     let model = PointModes::new(atlas);
-    let mut found = Vec::new();
-    observations(keypoints, camera, 1.0, &mut found);
+    let found = observations(keypoints, camera, 1.0)?;
     let known = Vector4::new(camera.focal_px.ln(), 0.0, 0.0, 0.0);
-    if found.len() < MIN_KEYPOINTS || !known[0].is_finite() {
+    if !known[0].is_finite() {
         return None;
     }
-    let knowledge = CameraKnowledge::given(known);
-    let car = best_free(atlas, &model, &DirectionGrid::new(), &knowledge, &found, options)?;
-    let mut problem = FreeProblem::new(atlas, &model, vec![found], knowledge, known, vec![car]);
-    problem.kernel = options.kernel;
-    problem.priors.fill(Gaussian::of_all_cars(options.shape_prior_weight));
-    problem.whiten(options.atlas_residual_scale, 0.0);
-    minimise_with_types(atlas, &mut problem, options);
-    let (_, _, covariances) = problem.covariances()?;
-    read_car(&problem, &model, 0, covariances.first()?, options)
+    let mut problem = best_free(atlas, &model, &DirectionGrid::new(), known, &found, options)?;
+    minimise_with_types(atlas, &mut problem, options)?;
+    let joint = problem.only_view_covariance()?;
+    read_car(&problem, 0, &joint)
 }
 
 /// Free poses of all cars of a frame. With `plane`, cars are drawn to a common plane with these sd (the paper's Eq. 7, solved
@@ -95,34 +89,27 @@ pub fn solve_free_scene(
     options: &SceneOptions,
 ) -> FreeSceneSolution {
     let model = PointModes::new(atlas);
-    let setup = Setup::new(atlas, &model, size, views, options);
-    let mut knowledge = setup.knowledge.clone();
-    let focal_known = knowledge.fixed[0];
+    let mut setup = Setup::new(atlas, &model, size, views, options);
+    for sight in &mut setup.sights {
+        sight.group = sight.index;
+    }
+    let focal_known = setup.knowledge.fixed[0];
+    let mean = setup.knowledge.mean;
     let mut solution = FreeSceneSolution {
         status: SceneStatus::TooFewCars,
-        params: CameraParams::from_vector(&knowledge.mean),
-        covariance: Matrix4::from_diagonal(&knowledge.information.map(|i| 1.0 / i)),
+        params: CameraParams::from_vector(&mean),
+        covariance: Matrix4::from_diagonal(&setup.knowledge.information.map(|i| 1.0 / i)),
         cars: vec![None; views.len()],
     };
-    let at_start = CameraKnowledge { fixed: [true; 4], ..knowledge.clone() };
     let grid = DirectionGrid::new();
-    let mut cars = Vec::new();
-    let mut seen = Vec::new();
-    for sight in &setup.sights {
-        let found = &sight.observations;
-        if let Some(car) = best_free(atlas, &model, &grid, &at_start, found, options) {
-            cars.push(car);
-            seen.push(sight);
-        }
-    }
-    if cars.is_empty() {
+    let best = |found| best_free(atlas, &model, &grid, mean, found, options).map(|best| best.placed(0));
+    let placed: Vec<_> = setup.sights.iter().map(|sight| best(&sight.observations)).collect();
+    let (mut problem, members) = setup.problem(mean, &placed);
+    if members.is_empty() {
         return solution;
     }
-    let all = seen.iter().map(|sight| sight.observations.clone()).collect();
-    knowledge.fixed = [focal_known || plane.is_none(), plane.is_none(), plane.is_none(), plane.is_none()];
-    let mut problem = FreeProblem::new(atlas, &model, all, knowledge.clone(), knowledge.mean, cars);
-    problem.priors.fill(Gaussian::of_all_cars(options.shape_prior_weight));
-    problem.kernel = options.kernel;
+    problem.knowledge.fixed =
+        [focal_known || plane.is_none(), plane.is_none(), plane.is_none(), plane.is_none()];
     problem.whiten(options.atlas_residual_scale, 0.0);
     if let Some(terms) = plane {
         if !alternate(&mut problem, &options.lm) {
@@ -134,66 +121,40 @@ pub fn solve_free_scene(
         problem.plane = Some(terms);
         problem.whiten(options.atlas_residual_scale, 0.0);
     }
-    let report = minimise_with_types(atlas, &mut problem, options);
-    let Some((information, camera, covariances)) = problem.covariances() else {
-        solution.status = SceneStatus::Failed;
-        return solution;
-    };
-    solution.params = CameraParams::from_vector(&problem.camera);
-    solution.covariance = camera;
+    solution.status = SceneStatus::Failed;
+    let Some(report) = minimise_with_types(atlas, &mut problem, options) else { return solution };
+    let Some(known) = problem.covariances() else { return solution };
+    solution.params = CameraParams::from_vector(&problem.state.camera);
+    solution.covariance = known.camera;
     solution.status = if !report.termination.converged() {
         SceneStatus::NotConverged
     } else if focal_known {
         SceneStatus::FocalGiven
-    } else if plane.is_none() || !is_told(0, &information, &options.camera_prior.information()) {
+    } else if plane.is_none() || !is_told(0, &known.camera_information, &options.camera_prior.information()) {
         SceneStatus::FocalFromPrior
     } else {
         SceneStatus::Converged
     };
-    for (k, sight) in seen.iter().enumerate() {
-        solution.cars[sight.index] = read_car(&problem, &model, k, &covariances[k], options);
+    for (k, (s, joint)) in members.iter().zip(problem.view_covariances(&known.camera)).enumerate() {
+        solution.cars[setup.sights[*s].index] = read_car(&problem, k, &joint);
     }
     solution
 }
 
-/// The best of a car's possible views, refined with shape; camera fixed.
-fn best_free(
+/// The best of a car's possible views, followed to its minimum before a known camera.
+fn best_free<'a>(
     atlas: &ShapeAtlas,
-    model: &PointModes,
+    model: &'a PointModes,
     grid: &DirectionGrid,
-    knowledge: &CameraKnowledge,
+    camera: Vector4<f64>,
     found: &[Observation],
     options: &SceneOptions,
-) -> Option<FreeCar> {
-    let focal_px = knowledge.mean[0].exp();
-    let mut best: Option<(f64, FreeCar)> = None;
-    for appearance in grid.appearances(&atlas.mean, found, FOLLOWED) {
-        let car = free_from(&appearance, focal_px);
-        let mut problem = FreeProblem::new(
-            atlas,
-            model,
-            vec![found.to_vec()],
-            knowledge.clone(),
-            knowledge.mean,
-            vec![car],
-        );
-        problem.kernel = options.kernel;
-        problem.shapes_fixed = true;
-        let short =
-            LmOptions { max_iterations: 10, cost_tolerance: 1e-3, step_tolerance: 1e-2, ..options.lm };
-        problem.whiten(options.atlas_residual_scale, 0.12);
-        minimise(&mut problem, &short);
-        for (extra_m, ease) in STAGES {
-            problem.shapes_fixed = false;
-            problem.priors.fill(Gaussian::of_all_cars(options.shape_prior_weight * ease));
-            problem.whiten(options.atlas_residual_scale, extra_m);
-            minimise(&mut problem, &short);
-        }
-        if problem.linearise().is_some() && best.as_ref().is_none_or(|(lowest, _)| problem.cost() < *lowest) {
-            best = Some((problem.cost(), problem.cars[0]));
-        }
-    }
-    best.map(|(_, car)| car)
+) -> Option<FreeProblem<'a>> {
+    let appearances = grid.appearances(&atlas.mean, found, FOLLOWED);
+    let starts = appearances.iter().map(|appearance| free_from(appearance, camera[0].exp()));
+    let any_car = ShapePrior::default();
+    let prior = ShapePrior { information: any_car.information * options.shape_prior_weight, ..any_car };
+    fits_from(model, camera, found, &prior, starts, options).into_iter().map(|(_, problem)| problem).next()
 }
 
 /// To the minimum, each car with the prior of the body types that it may have, unless cars are exactly in the atlas.
@@ -201,73 +162,47 @@ fn minimise_with_types(
     atlas: &ShapeAtlas,
     problem: &mut FreeProblem<'_>,
     options: &SceneOptions,
-) -> LmReport {
+) -> Option<LmReport> {
     let mut report = minimise(problem, &options.lm);
     if options.atlas_residual_scale > 0.0 {
         let types = BodyTypes::new(atlas, options);
         for _ in 0..ROUNDS_OF_TYPES {
-            problem.tell_types(&types);
+            problem.tell_types(&types)?;
             report = minimise(problem, &options.lm);
         }
     }
-    report
+    Some(report)
 }
 
-fn free_from(appearance: &Appearance, focal_px: f64) -> FreeCar {
+fn free_from(appearance: &Appearance, focal_px: f64) -> FreePose {
     let rotation = Rotation3::from_matrix_unchecked(appearance.camera_from_car(focal_px));
     // s px/m means a depth of f/s, that is e^ρ = 1/s.
-    FreeCar {
+    FreePose {
         camera_from_car: UnitQuaternion::from_rotation_matrix(&rotation),
         anchor: appearance.origin,
         log_depth_ratio: -appearance.scale.ln(),
-        shape: Shape::zeros(),
     }
 }
 
-fn read_car(
-    problem: &FreeProblem<'_>,
-    model: &PointModes,
-    k: usize,
-    covariance: &SMatrix<f64, 12, 12>,
-    options: &SceneOptions,
-) -> Option<FreeCarFit> {
-    let car = problem.cars.get(k)?;
-    let frame = FreeFrame::new(problem.camera[0].exp(), car);
-    let mut inliers = [false; KEYPOINTS];
-    let (mut sum, mut count, mut cost) = (0.0, 0.0, 0.0);
-    for o in &problem.observations[k] {
-        let off = frame.project(&model.point(o.index, &car.shape))? - o.pixel;
-        let [rx, ry] = o.whiten([off.x, off.y]);
-        let squared = rx * rx + ry * ry;
-        cost += 0.5 * o.weight * options.kernel.cost(squared);
-        inliers[o.index] = options.kernel.weight(squared) > 0.5;
-        if inliers[o.index] {
-            sum += off.norm_squared();
-            count += 1.0;
-        }
+fn read_car(problem: &FreeProblem<'_>, k: usize, joint: &Joint) -> Option<FreeCarFit> {
+    const UNKNOWNS: usize = Gram::<FREE, MODES>::RESIDUAL;
+    let (place, fit) = (problem.placed(k), problem.fit_of(k)?);
+    let frame = place.pose.frame(&CameraFrame::new(&problem.state.camera))?;
+    // (ω, T) by all unknowns
+    let mut change = SMatrix::<f64, 6, UNKNOWNS>::zeros();
+    let by_pose = frame.by_pose.iter().enumerate();
+    let by_camera =
+        frame.by_camera.iter().enumerate().map(|(i, twist)| (Gram::<FREE, MODES>::CAMERA + i, twist));
+    for (column, twist) in by_pose.chain(by_camera) {
+        change.fixed_view_mut::<3, 1>(0, column).copy_from(&twist.turn);
+        change.fixed_view_mut::<3, 1>(3, column).copy_from(&twist.shift);
     }
-    // (ω, u, v, ρ) → (ω, T)
-    let ratio = car.log_depth_ratio.exp();
-    let mut by = Matrix6::identity();
-    let position = Matrix3::new(
-        ratio,
-        0.0,
-        frame.origin.x, //
-        0.0,
-        ratio,
-        frame.origin.y, //
-        0.0,
-        0.0,
-        frame.origin.z,
-    );
-    by.fixed_view_mut::<3, 3>(3, 3).copy_from(&position);
-    let pose: Matrix6<f64> = covariance.fixed_view::<6, 6>(6, 6).into_owned();
     Some(FreeCarFit {
-        camera_from_car: Isometry3::from_parts(Translation3::from(frame.origin), car.camera_from_car),
-        pose_covariance: by * pose * by.transpose(),
-        shape: car.shape,
-        inliers,
-        reprojection_rms_px: if count > 0.0 { f64::sqrt(sum / count) } else { f64::INFINITY },
-        cost,
+        camera_from_car: Isometry3::from_parts(Translation3::from(frame.origin), place.pose.camera_from_car),
+        pose_covariance: change * joint.fixed_view::<UNKNOWNS, UNKNOWNS>(0, 0) * change.transpose(),
+        shape: place.shape,
+        inliers: fit.inliers,
+        reprojection_rms_px: fit.rms_px,
+        cost: fit.cost,
     })
 }

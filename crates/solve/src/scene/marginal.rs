@@ -15,7 +15,7 @@
 
 use nalgebra::{Matrix4, Vector4};
 
-use crate::problem::ground::GroundProblem;
+use crate::problem::cars::GroundProblem;
 
 /// Step of the forward difference, in log units and rad.
 const STEP: f64 = 1e-5;

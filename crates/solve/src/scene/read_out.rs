@@ -1,11 +1,11 @@
 //! From the minimum to the answer: the camera of all modes, its covariance, and the cars before it.
 
 use nalgebra::{Matrix4, Vector4};
-use roadplane_base::{Camera, CameraParams, JointInformation};
+use roadplane_base::{Camera, CameraParams, JointInformation, MODES};
 
 use crate::linear::lm::{LmReport, Termination, minimise};
 use crate::options::ShapePrior;
-use crate::problem::ground::GroundProblem;
+use crate::problem::cars::GroundProblem;
 use crate::problem::setup::Setup;
 use crate::scene::all_modes::{FineCamera, camera_of_all_modes, told};
 use crate::scene::car::car_solution;
@@ -15,7 +15,7 @@ use crate::solution::{CarSolution, CarView, SceneSolution, SceneStatus};
 /// The answer of a problem at its minimum, whose views are the sights `members`; other sights are fitted before the camera found.
 pub(crate) fn read_out(
     setup: &Setup<'_>,
-    problem: &mut GroundProblem<'_>,
+    problem: &mut GroundProblem<'_, MODES>,
     members: &[usize],
     report: &LmReport,
     views: &[CarView<'_>],

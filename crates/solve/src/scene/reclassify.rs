@@ -14,13 +14,18 @@
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2, Vector4};
 use roadplane_base::MODES;
 
-use crate::linear::gram::{SHAPE, camera as camera_column, residual};
+use crate::linear::gram::Gram;
 use crate::linear::lm::{LmOptions, Problem as _, minimise};
-use crate::problem::ground::GroundProblem;
+use crate::model::latent::body_types::Gaussian;
+use crate::model::pose::Pose as _;
+use crate::model::standing::{STANDING, Standing};
+use crate::problem::cars::{CarsProblem, GroundProblem};
 use crate::problem::setup::{Placed, Setup};
 
 /// Unknowns of a car before a given camera.
-const OWN: usize = camera_column(MODES);
+const OWN: usize = Gram::<STANDING, MODES>::CAMERA;
+/// Column of the residual.
+const RESIDUAL: usize = Gram::<STANDING, MODES>::RESIDUAL;
 /// A change that promises to cost more than this is not tried.
 const DOUBT: f64 = 8.0;
 /// Tried per car and round, the most promising first.
@@ -37,48 +42,44 @@ pub(crate) fn reclassified(
     setup: &Setup<'_>,
     camera: &Vector4<f64>,
     sight: usize,
-    place: Placed,
-) -> Option<Placed> {
+    place: Placed<Standing>,
+) -> Option<Placed<Standing>> {
     let options = setup.options;
-    let mut problem = setup.problem_alone(*camera, &setup.sights[sight].observations, place);
+    let observations = &setup.sights[sight].observations;
+    let prior = Gaussian::of_all_cars(options.shape_prior_weight);
+    let mut problem = CarsProblem::alone(setup.model, *camera, observations, prior, place, options.kernel);
     problem.whiten(options.atlas_residual_scale, 0.0);
     let before = minimise(&mut problem, &options.lm).cost;
-    let mut lowest = (before, placed(&problem));
+    let mut lowest = (before, problem.placed(0));
     for _ in 0..ROUNDS {
         let mut better = None;
         for start in starts(&mut problem)? {
-            problem.state.standings[0] = start.standing;
-            problem.state.shapes[0] = start.shape;
+            problem.place(start);
             let quick = LmOptions { initial_damping: 1e-2, ..options.lm };
             let cost = minimise(&mut problem, &quick).cost;
             if cost < better.map_or(lowest.0, |(cost, _)| cost) - MIN_GAIN {
-                better = Some((cost, placed(&problem)));
+                better = Some((cost, problem.placed(0)));
             }
         }
         let Some((cost, place)) = better else { break };
         lowest = (cost, place);
-        problem.state.standings[0] = place.standing;
-        problem.state.shapes[0] = place.shape;
+        problem.place(place);
         problem.linearise()?;
     }
     (lowest.0 < before - MIN_GAIN).then_some(lowest.1)
 }
 
-fn placed(problem: &GroundProblem<'_>) -> Placed {
-    Placed { standing: problem.state.standings[0], shape: problem.state.shapes[0] }
-}
-
 /// Where the fit would be with one doubtful keypoint taken out or in, most promising first.
-fn starts(problem: &mut GroundProblem<'_>) -> Option<Vec<Placed>> {
+fn starts(problem: &mut GroundProblem<'_, MODES>) -> Option<Vec<Placed<Standing>>> {
     let joint = problem.only_view_covariance()?;
     let own = joint.fixed_view::<OWN, OWN>(0, 0).into_owned();
     let wrong = problem.kernel.cost_of_wrong();
-    let here = placed(problem);
-    let bounds = *problem.shape_bounds();
-    let mut starts: Vec<(f64, Placed)> = Vec::new();
+    let here = problem.placed(0);
+    let bounds = problem.model.bounds;
+    let mut starts: Vec<(f64, Placed<Standing>)> = Vec::new();
     problem.each_row(0, |keypoint| {
         let j = SMatrix::<f64, 2, OWN>::from_fn(|r, c| keypoint.rows[r][c]);
-        let r = Vector2::new(keypoint.rows[0][residual(MODES)], keypoint.rows[1][residual(MODES)]);
+        let r = Vector2::new(keypoint.rows[0][RESIDUAL], keypoint.rows[1][RESIDUAL]);
         let spread = own * j.transpose();
         let sign = if keypoint.right > 0.5 { -1.0 } else { 1.0 };
         let freedom = Matrix2::identity() + (j * spread) * sign;
@@ -92,10 +93,9 @@ fn starts(problem: &mut GroundProblem<'_>) -> Option<Vec<Placed>> {
         }
         let step: SVector<f64, OWN> = spread * after * -sign;
         let mut start = here;
-        start.standing.anchor += step.fixed_rows::<2>(0);
-        start.standing.heading += step[2];
+        start.pose = here.pose.moved(step.as_slice());
         for (m, [low, high]) in (0..MODES).zip(&bounds) {
-            start.shape[m] = (start.shape[m] + step[SHAPE + m]).clamp(*low, *high);
+            start.shape[m] = (start.shape[m] + step[STANDING + m]).clamp(*low, *high);
         }
         starts.push((change, start));
     })?;

@@ -3,7 +3,9 @@
 use roadplane_base::{CameraParams, GroundPose, ImageSize, Shape, ShapeAtlas};
 
 use crate::linear::lm::{LmReport, Problem as _, Termination, minimise};
-use crate::model::ground::{CameraFrame, PointModes, Standing};
+use crate::model::points::PointModes;
+use crate::model::pose::CameraFrame;
+use crate::model::standing::Standing;
 use crate::options::SceneOptions;
 use crate::problem::setup::{Placed, Setup};
 use crate::scene::read_out::read_out;
@@ -62,11 +64,9 @@ fn known(
     let camera = scene.params.to_vector();
     let frame = CameraFrame::new(&camera);
     let place = |index: usize| {
-        let pose = &scene.poses[index];
-        let standing = Standing { anchor: frame.anchor_of(pose)?, heading: pose.heading_rad };
-        Some(Placed { standing, shape: scene.shapes[index] })
+        Some(Placed { pose: Standing::of(&scene.poses[index], &frame)?, shape: scene.shapes[index] })
     };
-    let placed: Vec<Option<Placed>> = setup.sights.iter().map(|sight| place(sight.index)).collect();
+    let placed: Vec<_> = setup.sights.iter().map(|sight| place(sight.index)).collect();
     let (mut problem, members) = setup.problem(camera, &placed);
     problem.whiten(options.atlas_residual_scale, 0.0);
     let report = if refined {

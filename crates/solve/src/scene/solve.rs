@@ -10,12 +10,12 @@
 //!
 //! [`Steps`](crate::Steps) switches steps off, to see what each is worth (`roadplane eval solver --layers`).
 
-use roadplane_base::{CameraParams, ImageSize, ShapeAtlas};
+use roadplane_base::{CameraParams, ImageSize, MODES, ShapeAtlas};
 
 use crate::linear::lm::{LmReport, minimise};
-use crate::model::ground::PointModes;
+use crate::model::points::PointModes;
 use crate::options::SceneOptions;
-use crate::problem::ground::GroundProblem;
+use crate::problem::cars::GroundProblem;
 use crate::problem::setup::Setup;
 use crate::scene::approach::approach;
 use crate::scene::read_out::{read_out, unsolved};
@@ -71,11 +71,7 @@ fn best_of(setup: &Setup<'_>, starts: Vec<Start>) -> Option<Start> {
     for start in starts {
         let (mut problem, members) = setup.problem(start.camera, &start.placed);
         approach(&mut problem, setup.options);
-        let missing: f64 = (0..setup.sights.len())
-            .filter(|s| start.placed[*s].is_none())
-            .map(|s| setup.cost_of_missing(s))
-            .sum();
-        let cost = problem.current_cost().unwrap_or(f64::INFINITY) + missing;
+        let cost = problem.current_cost().unwrap_or(f64::INFINITY) + setup.cost_of_missing(&start.placed);
         if cost.is_finite() && best.as_ref().is_none_or(|best| cost < best.cost) {
             let placed = setup.read_back(&problem, &members);
             best = Some(Start { cost, camera: problem.state.camera, placed });
@@ -99,7 +95,7 @@ fn warm_start(setup: &Setup<'_>) -> Option<Start> {
 }
 
 /// To the minimum.
-fn polish(problem: &mut GroundProblem<'_>, options: &SceneOptions) -> LmReport {
+fn polish(problem: &mut GroundProblem<'_, MODES>, options: &SceneOptions) -> LmReport {
     problem.shapes_fixed = false;
     problem.whiten(options.atlas_residual_scale, 0.0);
     minimise(problem, &options.lm)

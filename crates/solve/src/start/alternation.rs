@@ -12,10 +12,12 @@
 //! Scaled to the same (a, b), the third components give `λ = v²_c / v¹_c`, hence `f = f' / λ = f' · v¹_c / v²_c`. The paper
 //! prints the inverse, which moves away from the truth; and normalising to unit length would mix λ into (a, b).
 
-use nalgebra::{Matrix3, Vector3, Vector4};
+use nalgebra::{Matrix3, Vector3};
 
 use crate::linear::lm::{LmOptions, minimise};
-use crate::problem::free::{FreeProblem, PlaneTerms};
+use crate::model::free::PlaneTerms;
+use crate::problem::cars::FreeProblem;
+use crate::start::up_consensus::camera_on;
 
 /// Rounds of the alternation.
 const ROUNDS: usize = 8;
@@ -107,15 +109,6 @@ pub(crate) fn common_up(ups: &[Vector3<f64>]) -> Option<Vector3<f64>> {
     sum.try_normalize(1e-9)
 }
 
-/// Camera (log f, tilt, roll, log h) for a normal and the cars' positions: the height is their median.
-fn camera_on(focal_px: f64, up: &Vector3<f64>, positions: &[Vector3<f64>]) -> Option<Vector4<f64>> {
-    let mut heights: Vec<f64> = positions.iter().map(|p| -up.dot(p)).filter(|h| *h > 0.1).collect();
-    heights.sort_by(f64::total_cmp);
-    let height = heights.get(heights.len() / 2)?;
-    let tilt = (-up.z).clamp(-1.0, 1.0).asin();
-    Some(Vector4::new(focal_px.ln(), tilt, up.x.atan2(-up.y), height.ln()))
-}
-
 /// Algorithm 1, in place: poses minimised at the current camera, planes from positions and from orientations, focal update,
 /// poses drawn to the plane with growing weight. `false` when the cars define no plane.
 pub(crate) fn alternate(problem: &mut FreeProblem<'_>, lm: &LmOptions) -> bool {
@@ -125,17 +118,17 @@ pub(crate) fn alternate(problem: &mut FreeProblem<'_>, lm: &LmOptions) -> bool {
     let short = LmOptions { max_iterations: 8, cost_tolerance: 1e-3, step_tolerance: 1e-2, ..*lm };
     let mut ok = false;
     for round in 0..ROUNDS {
-        let focal_px = problem.camera[0].exp();
-        let ups: Vec<Vector3<f64>> =
-            problem.cars.iter().map(|car| car.camera_from_car * Vector3::z()).collect();
-        let positions: Vec<Vector3<f64>> = problem.cars.iter().map(|car| car.origin(focal_px)).collect();
+        let focal_px = problem.state.camera[0].exp();
+        let cars = &problem.state.poses;
+        let ups: Vec<Vector3<f64>> = cars.iter().map(|car| car.camera_from_car * Vector3::z()).collect();
+        let positions: Vec<Vector3<f64>> = cars.iter().map(|car| car.origin(focal_px)).collect();
         let Some(up) = common_up(&ups) else { break };
         let factor = plane_through(&positions).and_then(|plane| focal_factor(&plane, &up));
         let focal_px = if focal_known { focal_px } else { focal_px * factor.unwrap_or(1.0) };
         // (u, v, ρ) stay: the cars move to (x, y, λ z), as the update assumes.
-        let positions: Vec<Vector3<f64>> = problem.cars.iter().map(|car| car.origin(focal_px)).collect();
-        let Some(camera) = camera_on(focal_px, &up, &positions) else { break };
-        problem.camera = camera;
+        let positions = cars.iter().map(|car| car.origin(focal_px));
+        let Some(camera) = camera_on(focal_px, &up, positions) else { break };
+        problem.state.camera = camera;
         let share = round as f64 / (ROUNDS - 1) as f64;
         let between = |first: f64, last: f64| first * (last / first).powf(share);
         problem.plane = Some(PlaneTerms {

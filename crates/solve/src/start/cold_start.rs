@@ -10,8 +10,9 @@ use nalgebra::Vector4;
 use roadplane_base::Shape;
 
 use crate::linear::lm::{LmOptions, minimise};
-use crate::model::ground::CameraFrame;
-use crate::problem::setup::{Placed, Setup};
+use crate::model::pose::CameraFrame;
+use crate::model::standing::Standing;
+use crate::problem::setup::{Placed, Setup, Sight};
 use crate::start::standing::standing_candidates;
 use crate::start::up_consensus::planes_for_focal;
 use crate::start::weak_perspective::DirectionGrid;
@@ -34,7 +35,7 @@ pub(crate) const COARSE_SD_M: f64 = 0.12;
 pub(crate) struct Start {
     pub cost: f64,
     pub camera: Vector4<f64>,
-    pub placed: Vec<Option<Placed>>,
+    pub placed: Vec<Option<Placed<Standing>>>,
 }
 
 /// Starts, best first.
@@ -75,9 +76,7 @@ pub(crate) fn cold_starts(setup: &Setup<'_>, most: usize) -> Vec<Start> {
 /// Whether two refined starts have run into the same minimum.
 fn same_minimum(a: &Start, b: &Start) -> bool {
     let poses = a.placed.iter().zip(&b.placed).all(|(a, b)| match (a, b) {
-        (Some(a), Some(b)) => {
-            roadplane_base::angle_difference(a.standing.heading, b.standing.heading).abs() < 0.1
-        }
+        (Some(a), Some(b)) => roadplane_base::angle_difference(a.pose.heading, b.pose.heading).abs() < 0.1,
         (None, None) => true,
         _ => false,
     });
@@ -88,15 +87,12 @@ fn same_minimum(a: &Start, b: &Start) -> bool {
 pub(crate) fn place_all(setup: &Setup<'_>, camera: &Vector4<f64>) -> Start {
     let frame = CameraFrame::new(camera);
     let points = setup.atlas.keypoints_in_car(&Shape::zeros());
-    let mut start = Start { cost: 0.0, camera: *camera, placed: Vec::new() };
-    for (s, sight) in setup.sights.iter().enumerate() {
-        let best = standing_candidates(&frame, &points, &sight.observations, 1);
-        start.cost += best.first().map_or_else(|| setup.cost_of_missing(s), |(cost, _)| *cost);
-        start
-            .placed
-            .push(best.first().map(|(_, standing)| Placed { standing: *standing, shape: Shape::zeros() }));
-    }
-    start
+    let best = |sight: &Sight| standing_candidates(&frame, &points, &sight.observations, 1).first().copied();
+    let found: Vec<Option<(f64, Standing)>> = setup.sights.iter().map(best).collect();
+    let placed: Vec<_> =
+        found.iter().map(|best| best.map(|(_, pose)| Placed { pose, shape: Shape::zeros() })).collect();
+    let cost = found.iter().flatten().map(|(cost, _)| cost).sum::<f64>() + setup.cost_of_missing(&placed);
+    Start { cost, camera: *camera, placed }
 }
 
 /// A short refinement of camera and poses; `None` when no car could be placed.
@@ -111,9 +107,7 @@ pub(crate) fn coarse(setup: &Setup<'_>, sketch: Start) -> Option<Start> {
         LmOptions { max_iterations: 10, cost_tolerance: 3e-3, step_tolerance: 3e-2, ..setup.options.lm };
     problem.whiten(setup.options.atlas_residual_scale, COARSE_SD_M);
     let report = minimise(&mut problem, &quick);
-    let missing: f64 =
-        (0..setup.sights.len()).filter(|s| placed[*s].is_none()).map(|s| setup.cost_of_missing(s)).sum();
-    let cost = report.cost + missing;
+    let cost = report.cost + setup.cost_of_missing(&placed);
     cost.is_finite().then(|| Start {
         cost,
         camera: problem.state.camera,

@@ -6,8 +6,9 @@
 use nalgebra::{Vector2, Vector3};
 use roadplane_base::{KEYPOINTS, median};
 
-use crate::model::ground::{CameraFrame, Standing, StandingFrame};
 use crate::model::observation::Observation;
+use crate::model::pose::{CameraFrame, Pose as _};
+use crate::model::standing::Standing;
 
 /// Headings tried around the circle.
 const HEADINGS: usize = 32;
@@ -48,7 +49,7 @@ pub(crate) fn standing_candidates(
                 y_m: median(&mut ys)?,
                 heading_rad: heading,
             };
-            let standing = Standing { anchor: camera.anchor_of(&pose)?, heading };
+            let standing = Standing::of(&pose, camera)?;
             Some((rough_cost(camera, points_in_car, observations, &standing)?, standing))
         })
         .collect();
@@ -80,7 +81,7 @@ pub(crate) fn rough_cost(
     observations: &[Observation],
     standing: &Standing,
 ) -> Option<f64> {
-    let frame = StandingFrame::new(camera, standing)?;
+    let frame = standing.frame(camera)?;
     let shape_sd_px = SHAPE_SD_M * camera.focal_px / frame.origin.z;
     let mut cost = 0.0;
     for o in observations {

@@ -4,6 +4,7 @@
 //! Size says depth: a car seen with s px/m is at z = f/s, so `n · T + h = 0` reads `s = −(n_x u + n_y v + n_z f) / h`.
 
 use nalgebra::{Vector3, Vector4};
+use roadplane_base::GroundPlane;
 
 use crate::start::weak_perspective::Appearance;
 
@@ -15,6 +16,10 @@ const COST_SCALE: f64 = 0.35;
 const MIN_SUPPORT: f64 = 0.5;
 /// Steepest and shallowest tilt of a hypothesis, rad.
 const TILT_RANGE: [f64; 2] = [-0.05, 1.5];
+/// Its largest roll, rad.
+const MAX_ROLL: f64 = 0.8;
+/// Its least height, m.
+const MIN_HEIGHT_M: f64 = 0.3;
 
 /// Cameras (log f, tilt, roll, log h) that the cars agree on at this focal length, best supported first.
 pub(crate) fn planes_for_focal(cars: &[Vec<Appearance>], focal_px: f64, most: usize) -> Vec<Vector4<f64>> {
@@ -71,20 +76,22 @@ fn camera_from_up(
         }
     }
     let up = sum.try_normalize(1e-12)?;
+    let position = |a: &Appearance| Vector3::new(a.origin.x, a.origin.y, focal_px) / a.scale;
+    let chosen = chosen.iter().zip(cars).filter_map(|(choice, car)| car.get(choice.as_ref()?.1));
+    camera_on(focal_px, &up, chosen.map(position))
+}
+
+/// Camera (log f, tilt, roll, log h) with this direction up over cars at these positions: the height is their median.
+pub(crate) fn camera_on(
+    focal_px: f64,
+    up: &Vector3<f64>,
+    positions: impl Iterator<Item = Vector3<f64>>,
+) -> Option<Vector4<f64>> {
     let tilt = (-up.z).clamp(-1.0, 1.0).asin().clamp(TILT_RANGE[0], TILT_RANGE[1]);
     let roll = up.x.atan2(-up.y);
-    if roll.abs() > 0.8 {
-        return None;
-    }
-    let up = roadplane_base::GroundPlane::from_tilt_roll_height(tilt, roll, 1.0).normal_in_camera;
-    let mut heights: Vec<f64> = chosen
-        .iter()
-        .zip(cars)
-        .filter_map(|(choice, appearances)| appearances.get(choice.as_ref()?.1))
-        .map(|a| -up.dot(&Vector3::new(a.origin.x, a.origin.y, focal_px)) / a.scale)
-        .filter(|h| *h > 0.3)
-        .collect();
+    let up = GroundPlane::from_tilt_roll_height(tilt, roll, 1.0).normal_in_camera;
+    let mut heights: Vec<f64> = positions.map(|p| -up.dot(&p)).filter(|h| *h > MIN_HEIGHT_M).collect();
     heights.sort_by(f64::total_cmp);
     let height = heights.get(heights.len() / 2)?;
-    Some(Vector4::new(focal_px.ln(), tilt, roll, height.ln()))
+    (roll.abs() <= MAX_ROLL).then(|| Vector4::new(focal_px.ln(), tilt, roll, height.ln()))
 }

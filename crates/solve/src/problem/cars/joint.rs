@@ -16,8 +16,9 @@ use nalgebra::{DMatrix, DVector, Matrix2x3, SMatrix, Vector2, Vector3};
 use roadplane_base::{JointInformation, SHARED_ERRORS};
 
 use super::{GroundProblem, View};
-use crate::linear::gram::{MIN_INFORMATION, camera};
-use crate::model::ground::{CameraFrame, StandingFrame};
+use crate::linear::gram::MIN_INFORMATION;
+use crate::model::observation::Observation;
+use crate::model::pose::{CameraFrame, Pose as _};
 use crate::options::ViewErrors;
 
 /// Unknowns of a view: anchor, heading, elevation, turn.
@@ -45,21 +46,10 @@ impl<const M: usize> GroundProblem<'_, M> {
                     let root = keypoint.right.sqrt();
                     for (rows, by_turn) in keypoint.rows.iter().zip(&turned[o]) {
                         row.fill(0.0);
-                        for i in 0..3 {
-                            row[view_at + i] = rows[i];
-                        }
-                        for i in 0..2 {
-                            row[view_at + 3 + i] = by_turn[i];
-                        }
-                        for i in 2..SHARED_ERRORS {
-                            row[shared_at + 4 + i] = by_turn[i];
-                        }
-                        for j in 0..M {
-                            row[shape_at + j] = rows[3 + j];
-                        }
-                        for i in 0..4 {
-                            row[shared_at + i] = rows[camera(M) + i];
-                        }
+                        row.rows_mut(view_at, 3).copy_from_slice(&rows[..3]);
+                        row.rows_mut(view_at + 3, 2).copy_from_slice(&by_turn[..2]);
+                        row.rows_mut(shape_at, M + 4).copy_from_slice(&rows[3..3 + M + 4]);
+                        row.rows_mut(shared_at + 6, SHARED_ERRORS - 2).copy_from_slice(&by_turn[2..]);
                         row *= root;
                         sum.syger(1.0, &row, &row, 1.0);
                     }
@@ -100,12 +90,11 @@ impl<const M: usize> GroundProblem<'_, M> {
     /// Per observation of a view its whitened, weighted derivative by the errors that are shared, 2 × 5.
     fn turned(&self, view: &View, k: usize) -> Option<Vec<[[f64; SHARED_ERRORS]; 2]>> {
         let camera = CameraFrame::new(&self.state.camera);
-        let frame = StandingFrame::new(&camera, &self.state.standings[k])?;
+        let frame = self.state.poses[k].frame(&camera)?;
         let sight = frame.origin.try_normalize(1e-9)?;
-        let up = camera.camera_from_world.column(2).into_owned();
-        let axes = [sight.cross(&up).try_normalize(1e-9)?, sight];
+        let axes = [sight.cross(&camera.up()).try_normalize(1e-9)?, sight];
         let shape = &self.state.shapes[view.group];
-        let of_one = |observation: &crate::model::observation::Observation| {
+        let of_one = |observation: &Observation| {
             let offset: Vector3<f64> = frame.camera_from_car * self.model.point(observation.index, shape);
             let p = frame.origin + offset;
             let projection =

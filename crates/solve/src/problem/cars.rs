@@ -1,8 +1,9 @@
-//! The joint problem of cars standing on the plane, with shapes of M modes: parameters, cost, normal equations, step.
+//! The joint problem of cars before one camera, with shapes of M modes: parameters, cost, normal equations, step. Cars stand on the
+//! plane (N = 3), or are anywhere (N = 6) and may be drawn to it by the paper's terms.
 //!
 //! The scene is found with the atlas' first modes, whose fine ones are noise of single keypoints there. In truth most of that is
 //! common to both sides of a car, to many keypoints and to all its views, so the last steps are done with all modes
-//! ([`GroundProblem::with_modes`]).
+//! ([`CarsProblem::with_modes`]).
 
 mod covariance;
 mod joint;
@@ -14,14 +15,17 @@ use nalgebra::{Matrix4, SVector, Vector4};
 use roadplane_base::{ClueTerms, MODES};
 
 use crate::linear::arrow::{GroupBlock, PoseBlock, PriorTerms, camera_system};
-use crate::linear::gram::{Gram, MAX_WIDTH, Rows, SHAPE, camera};
+use crate::linear::gram::{Gram, MAX_WIDTH, Rows};
 use crate::model::camera_prior::CameraKnowledge;
-use crate::model::ground::{CameraFrame, PointModes, Standing, StandingFrame};
+use crate::model::free::{FREE, FreePose, PlaneTerms};
 use crate::model::kernel::{OutlierModel, PreparedKernel};
 use crate::model::latent::body_types::Gaussian;
 use crate::model::observation::{Observation, whiten_seen};
 use crate::model::pack::{Pack, pack, rewhiten};
+use crate::model::points::PointModes;
+use crate::model::pose::{CameraFrame, Pose};
 use crate::model::rows::{MAX_PACKS, NO_ROWS, linearise};
+use crate::model::standing::{STANDING, Standing};
 
 /// One view of a car.
 #[derive(Clone, Debug)]
@@ -42,7 +46,7 @@ impl View {
 
 /// A physical car: its views and what is known of its shape.
 #[derive(Clone, Debug)]
-pub(crate) struct Group<const M: usize = MODES> {
+pub(crate) struct Group<const M: usize> {
     /// Its views: a range in the problem's list.
     pub views: std::ops::Range<usize>,
     /// What is known of its shape.
@@ -68,66 +72,56 @@ impl<const M: usize> Group<M> {
 
 /// Everything that is estimated.
 #[derive(Clone, Debug)]
-pub(crate) struct GroundState<const M: usize = MODES> {
+pub(crate) struct State<P, const M: usize> {
     pub camera: Vector4<f64>,
-    pub standings: Vec<Standing>,
+    pub poses: Vec<P>,
     pub shapes: Vec<SVector<f64, M>>,
 }
 
 /// See the module's head. `state` is current, `trial` the last step tried.
-pub(crate) struct GroundProblem<'a, const M: usize = MODES> {
-    model: &'a PointModes<M>,
+pub(crate) struct CarsProblem<'a, P, const N: usize, const M: usize> {
+    pub model: &'a PointModes<M>,
     pub views: Vec<View>,
     pub groups: Vec<Group<M>>,
     pub observations: Vec<Observation>,
     pub knowledge: CameraKnowledge,
     pub kernel: OutlierModel,
+    /// How free cars are drawn to the plane.
+    pub plane: Option<PlaneTerms>,
     /// Factor on the information of shape priors.
     pub shape_prior_scale: f64,
     /// Shapes are held at their current values.
     pub shapes_fixed: bool,
-    pub state: GroundState<M>,
-    trial: GroundState<M>,
+    pub state: State<P, M>,
+    trial: State<P, M>,
     /// Keypoints as the inner loop reads them.
     packs: Vec<Pack<M>>,
-    linearisation: Linearisation<M>,
-    trial_linearisation: Linearisation<M>,
+    linearisation: Linearisation<N, M>,
+    trial_linearisation: Linearisation<N, M>,
     scratch: Box<[Rows; MAX_PACKS]>,
-    poses: Vec<PoseBlock<M>>,
-    group_blocks: Vec<GroupBlock<M>>,
+    pose_blocks: Vec<PoseBlock<N, M>>,
+    group_blocks: Vec<GroupBlock<N, M>>,
     /// What is known of the camera beside the cars, at the current state.
     known: ClueTerms,
     camera_gradient: Vector4<f64>,
     camera_diagonal: Vector4<f64>,
 }
 
+/// Cars on the plane.
+pub(crate) type GroundProblem<'a, const M: usize> = CarsProblem<'a, Standing, STANDING, M>;
+/// Cars anywhere.
+pub(crate) type FreeProblem<'a> = CarsProblem<'a, FreePose, FREE, MODES>;
+
 /// Cost and every view's normal equations at a state.
 #[derive(Clone, Debug)]
-struct Linearisation<const M: usize> {
+struct Linearisation<const N: usize, const M: usize> {
     cost: f64,
     /// What the keypoints of each group cost, before it is weighed.
     keypoints: Vec<f64>,
-    grams: Vec<Gram<M>>,
+    grams: Vec<Gram<N, M>>,
 }
 
-impl<const M: usize> Linearisation<M> {
-    /// Sums up the cost of a state whose keypoints cost what `keypoints` says.
-    fn sum_up(
-        &mut self,
-        knowledge: &CameraKnowledge,
-        groups: &[Group<M>],
-        shape_prior_scale: f64,
-        state: &GroundState<M>,
-    ) {
-        let cars = groups.iter().zip(&state.shapes).zip(&self.keypoints);
-        let of_car = |((group, shape), keypoints): ((&Group<M>, &SVector<f64, M>), &f64)| {
-            group.trust * (keypoints + shape_prior_scale * group.prior.cost(shape))
-        };
-        self.cost = knowledge.cost(&state.camera) + cars.map(of_car).sum::<f64>();
-    }
-}
-
-impl<'a, const M: usize> GroundProblem<'a, M> {
+impl<'a, P: Pose<N>, const N: usize, const M: usize> CarsProblem<'a, P, N, M> {
     /// `views`: per view its group's position and its observations; views of a group follow each other.
     pub fn new(
         model: &'a PointModes<M>,
@@ -135,7 +129,7 @@ impl<'a, const M: usize> GroundProblem<'a, M> {
         groups: Vec<Group<M>>,
         observations: Vec<Observation>,
         knowledge: CameraKnowledge,
-        state: GroundState<M>,
+        state: State<P, M>,
     ) -> Self {
         let mut packs = Vec::with_capacity(observations.len() / 3);
         for view in &mut views {
@@ -154,13 +148,14 @@ impl<'a, const M: usize> GroundProblem<'a, M> {
             trial_linearisation: linearisation.clone(),
             linearisation,
             scratch: Box::new([NO_ROWS; MAX_PACKS]),
-            poses: vec![PoseBlock::zeros(); views.len()],
+            pose_blocks: vec![PoseBlock::zeros(); views.len()],
             group_blocks: vec![GroupBlock::zeros(); groups.len()],
             views,
             groups,
             observations,
             knowledge,
             kernel: OutlierModel::default(),
+            plane: None,
             shape_prior_scale: 1.0,
             shapes_fixed: false,
             trial: state.clone(),
@@ -175,19 +170,14 @@ impl<'a, const M: usize> GroundProblem<'a, M> {
     /// and `extra_m` metres in all directions, both seen at the current pose.
     pub fn whiten(&mut self, atlas_scale: f64, extra_m: f64) {
         let camera = CameraFrame::new(&self.state.camera);
-        for (view, standing) in self.views.iter().zip(&self.state.standings) {
-            let Some(frame) = StandingFrame::new(&camera, standing) else { continue };
+        for (view, pose) in self.views.iter().zip(&self.state.poses) {
+            let Some(frame) = pose.frame(&camera) else { continue };
             let extra_px = extra_m * camera.focal_px / frame.origin.z;
             let seen = &mut self.observations[view.observations.clone()];
             let PointModes { mean, residual_sd_m, .. } = self.model;
             whiten_seen(seen, &frame, mean, residual_sd_m, atlas_scale, extra_px);
             rewhiten(seen, &mut self.packs[view.packs.clone()]);
         }
-    }
-
-    /// Bounds of the shape coefficients.
-    pub fn shape_bounds(&self) -> &[[f64; 2]; M] {
-        &self.model.bounds
     }
 
     /// True cost of the current state (or the trial) and each view's normal equations; `None` when a keypoint cannot be
@@ -200,13 +190,21 @@ impl<'a, const M: usize> GroundProblem<'a, M> {
         let camera = CameraFrame::new(&state.camera);
         let kernel = PreparedKernel::new(&self.kernel);
         into.keypoints.fill(0.0);
-        for ((view, standing), gram) in self.views.iter().zip(&state.standings).zip(&mut into.grams) {
-            let frame = StandingFrame::new(&camera, standing)?;
+        for ((view, pose), gram) in self.views.iter().zip(&state.poses).zip(&mut into.grams) {
+            let frame = pose.frame(&camera)?;
             let shape = &state.shapes[view.group];
             let packs = &self.packs[view.packs.clone()];
             into.keypoints[view.group] += linearise(packs, &frame, shape, &kernel, &mut self.scratch, gram)?;
+            for row in self.plane.iter().flat_map(|terms| terms.rows::<N, M>(&camera, &frame)) {
+                into.keypoints[view.group] += 0.5 * row[Gram::<N, M>::RESIDUAL].powi(2);
+                gram.add(&row);
+            }
         }
-        into.sum_up(&self.knowledge, &self.groups, self.shape_prior_scale, state);
+        let cars = self.groups.iter().zip(&state.shapes).zip(&into.keypoints);
+        let of_car = |((group, shape), keypoints): ((&Group<M>, &SVector<f64, M>), &f64)| {
+            group.trust * (keypoints + self.shape_prior_scale * group.prior.cost(shape))
+        };
+        into.cost = self.knowledge.cost(&state.camera) + cars.map(of_car).sum::<f64>();
         into.cost.is_finite().then_some(into.cost)
     }
 
@@ -222,14 +220,14 @@ impl<'a, const M: usize> GroundProblem<'a, M> {
             let prior = group.prior_terms(&self.state.shapes[g], self.shape_prior_scale);
             self.group_blocks[g].eliminate(
                 &self.linearisation.grams[group.views.clone()],
-                &mut self.poses[group.views.clone()],
+                &mut self.pose_blocks[group.views.clone()],
                 damping,
                 &prior,
                 group.trust,
                 &mut rows,
             )?;
         }
-        Some(camera_system::<M>(&rows))
+        Some(camera_system::<N, M>(&rows))
     }
 
     /// Sums up gradient and diagonal of what views share, decides which coefficients are held; returns the largest scaled
@@ -251,14 +249,14 @@ impl<'a, const M: usize> GroundProblem<'a, M> {
             block.diagonal = group.prior.information.diagonal() * self.shape_prior_scale;
             for view in &self.linearisation.grams[group.views.clone()] {
                 for j in 0..M {
-                    block.gradient[j] += view.gradient(SHAPE + j);
-                    block.diagonal[j] += view.diagonal(SHAPE + j);
+                    block.gradient[j] += view.gradient(N + j);
+                    block.diagonal[j] += view.diagonal(N + j);
                 }
                 for i in 0..4 {
-                    self.camera_gradient[i] += group.trust * view.gradient(camera(M) + i);
-                    self.camera_diagonal[i] += group.trust * view.diagonal(camera(M) + i);
+                    self.camera_gradient[i] += group.trust * view.gradient(Gram::<N, M>::CAMERA + i);
+                    self.camera_diagonal[i] += group.trust * view.diagonal(Gram::<N, M>::CAMERA + i);
                 }
-                for i in 0..SHAPE {
+                for i in 0..N {
                     see(group.trust, view.gradient(i), view.diagonal(i));
                 }
             }

@@ -2,31 +2,31 @@
 
 use nalgebra::SVector;
 
-use super::{GroundProblem, GroundState, Group};
+use super::{CarsProblem, Group, State};
 use crate::linear::arrow::GroupBlock;
-use crate::model::ground::PointModes;
 use crate::model::latent::body_types::{BodyTypes, Gaussian};
 use crate::model::latent::trust::{Misfit, trust};
+use crate::model::points::PointModes;
+use crate::model::pose::Pose;
 
-impl<const M: usize> GroundProblem<'_, M> {
-    /// The same scene at its state with the N modes of another model, of which `model`'s first are these; their coefficients begin
+impl<P: Pose<N>, const N: usize, const M: usize> CarsProblem<'_, P, N, M> {
+    /// The same scene at its state with the K modes of another model, of which `model`'s first are these; their coefficients begin
     /// at 0. `priors`: what is known of each car's shape.
-    pub fn with_modes<'b, const N: usize>(
+    pub fn with_modes<'b, const K: usize>(
         &self,
-        model: &'b PointModes<N>,
-        priors: impl Fn(&Gaussian<M>) -> Gaussian<N>,
-    ) -> GroundProblem<'b, N> {
+        model: &'b PointModes<K>,
+        priors: impl Fn(&Gaussian<M>) -> Gaussian<K>,
+    ) -> CarsProblem<'b, P, N, K> {
         let longer = |shape: &SVector<f64, M>| SVector::from_fn(|j, _| if j < M { shape[j] } else { 0.0 });
-        let state = GroundState {
+        let state = State {
             camera: self.state.camera,
-            standings: self.state.standings.clone(),
+            poses: self.state.poses.clone(),
             shapes: self.state.shapes.iter().map(longer).collect(),
         };
         let groups =
             self.groups.iter().map(|group| Group::new(group.views.clone(), priors(&group.prior))).collect();
         let (views, observations) = (self.views.clone(), self.observations.clone());
-        let mut problem =
-            GroundProblem::new(model, views, groups, observations, self.knowledge.clone(), state);
+        let mut problem = CarsProblem::new(model, views, groups, observations, self.knowledge.clone(), state);
         problem.kernel = self.kernel;
         problem
     }

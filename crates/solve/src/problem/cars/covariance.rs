@@ -1,10 +1,10 @@
 //! What the factorisation says beside the step: covariances, and how cars follow the camera.
 
-use nalgebra::{Matrix4, Vector2, Vector4};
+use nalgebra::{Matrix4, Vector4};
 
-use super::{GroundProblem, Linearisation, View};
+use super::{CarsProblem, Linearisation, View};
 use crate::linear::arrow::{Joint, PoseBlock};
-use crate::linear::gram::SHAPE;
+use crate::model::pose::Pose;
 
 /// What is known of the camera at the current parameters.
 pub(crate) struct Covariances {
@@ -14,7 +14,7 @@ pub(crate) struct Covariances {
     pub camera: Matrix4<f64>,
 }
 
-impl<const M: usize> GroundProblem<'_, M> {
+impl<P: Pose<N>, const N: usize, const M: usize> CarsProblem<'_, P, N, M> {
     /// What is known of the camera at the current parameters, from the same elimination with damping 0. Call after `linearise`.
     /// A coefficient at its bound is not exactly known: it counts as free.
     pub fn covariances(&mut self) -> Option<Covariances> {
@@ -29,12 +29,12 @@ impl<const M: usize> GroundProblem<'_, M> {
     /// Per view the covariance of (anchor, heading, shape, camera), given that of the camera. After `covariances`.
     pub fn view_covariances(&self, camera: &Matrix4<f64>) -> Vec<Joint> {
         let shared: Vec<Joint> = self.group_blocks.iter().map(|block| block.joint(camera)).collect();
-        let joint = |(view, pose): (&View, &PoseBlock<M>)| {
+        let joint = |(view, pose): (&View, &PoseBlock<N, M>)| {
             let mut joint = shared[view.group];
             pose.spread(&mut joint);
             joint
         };
-        self.views.iter().zip(&self.poses).map(joint).collect()
+        self.views.iter().zip(&self.pose_blocks).map(joint).collect()
     }
 
     /// That of a problem of one view, the camera's own covariance counted.
@@ -43,12 +43,12 @@ impl<const M: usize> GroundProblem<'_, M> {
         self.view_covariances(&camera).pop()
     }
 
-    fn half_log_determinant_of(&self, linearisation: &Linearisation<M>) -> Option<f64> {
+    fn half_log_determinant_of(&self, linearisation: &Linearisation<N, M>) -> Option<f64> {
         let mut sum = 0.0;
         for (group, block) in self.groups.iter().zip(&self.group_blocks) {
             let grams = &linearisation.grams[group.views.clone()];
-            sum += block
-                .log_determinant(grams, &group.prior_terms(&group.prior.mean, self.shape_prior_scale))?;
+            let prior = group.prior_terms(&group.prior.mean, self.shape_prior_scale);
+            sum += block.log_determinant(grams, &prior)?;
         }
         Some(0.5 * sum)
     }
@@ -57,21 +57,18 @@ impl<const M: usize> GroundProblem<'_, M> {
     pub fn follow(&mut self, change: &Vector4<f64>) {
         self.state.camera += change;
         for (g, group) in self.groups.iter().enumerate() {
-            let mut step = self.group_blocks[g].follow(change);
+            let mut step = self.group_blocks[g].step(change, 0.0);
             for j in 0..M {
                 let [low, high] = self.model.bounds[j];
-                self.state.shapes[g][j] = (self.state.shapes[g][j] + step[SHAPE + j]).clamp(low, high);
+                self.state.shapes[g][j] = (self.state.shapes[g][j] + step[N + j]).clamp(low, high);
             }
             for k in group.views.clone() {
-                self.poses[k].substitute(&mut step);
-                self.state.standings[k].anchor += Vector2::new(step[0], step[1]);
-                self.state.standings[k].heading += step[2];
+                self.pose_blocks[k].substitute(&mut step);
+                self.state.poses[k] = self.state.poses[k].moved(&step);
             }
         }
     }
-}
 
-impl<const M: usize> GroundProblem<'_, M> {
     /// L of `marginal.rs` at the current state. After `covariances`.
     pub fn half_log_determinant(&self) -> Option<f64> {
         self.half_log_determinant_of(&self.linearisation)

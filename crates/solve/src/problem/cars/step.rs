@@ -1,12 +1,12 @@
 //! The step of Levenberg–Marquardt: solve the damped equations, substitute back, evaluate there.
 
-use nalgebra::{Matrix4, Vector2};
+use nalgebra::Matrix4;
 
-use super::GroundProblem;
-use crate::linear::gram::SHAPE;
+use super::CarsProblem;
 use crate::linear::lm::{Problem, Trial};
+use crate::model::pose::Pose;
 
-impl<const M: usize> Problem for GroundProblem<'_, M> {
+impl<P: Pose<N>, const N: usize, const M: usize> Problem for CarsProblem<'_, P, N, M> {
     fn linearise(&mut self) -> Option<f64> {
         self.evaluate(false)?;
         Some(self.gather())
@@ -35,24 +35,22 @@ impl<const M: usize> Problem for GroundProblem<'_, M> {
         self.trial.camera = self.state.camera + camera_step;
         for (g, group) in self.groups.iter().enumerate() {
             let block = &self.group_blocks[g];
-            let mut step = block.step(&camera_step);
+            let mut step = block.step(&camera_step, 1.0);
             for j in (0..M).filter(|j| !block.held[*j]) {
-                see(group.trust, step[SHAPE + j], block.gradient[j], block.diagonal[j]);
+                see(group.trust, step[N + j], block.gradient[j], block.diagonal[j]);
                 let [low, high] = self.model.bounds[j];
-                self.trial.shapes[g][j] = (self.state.shapes[g][j] + step[SHAPE + j]).clamp(low, high);
+                self.trial.shapes[g][j] = (self.state.shapes[g][j] + step[N + j]).clamp(low, high);
             }
             for j in (0..M).filter(|j| block.held[*j]) {
                 self.trial.shapes[g][j] = self.state.shapes[g][j];
             }
             for k in group.views.clone() {
-                self.poses[k].substitute(&mut step);
-                for (i, step) in step[..SHAPE].iter().enumerate() {
+                self.pose_blocks[k].substitute(&mut step);
+                for (i, step) in step[..N].iter().enumerate() {
                     let gram = &self.linearisation.grams[k];
                     see(group.trust, *step, gram.gradient(i), gram.diagonal(i));
                 }
-                self.trial.standings[k].anchor =
-                    self.state.standings[k].anchor + Vector2::new(step[0], step[1]);
-                self.trial.standings[k].heading = self.state.standings[k].heading + step[2];
+                self.trial.poses[k] = self.state.poses[k].moved(&step);
             }
         }
         let cost = self.evaluate(true)?;

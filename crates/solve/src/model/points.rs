@@ -1,0 +1,56 @@
+//! The atlas as the inner loop reads it: the modes of one keypoint side by side.
+
+use nalgebra::{SVector, Vector3};
+use roadplane_base::{ALL_MODES, KEYPOINTS, MODES, ShapeAtlas};
+
+/// Factor on the sd of what all modes leave unexplained of a keypoint: a car is off by the same on both sides and in all its
+/// views, while keypoints are taken for independent. Measured on cars of makes that the atlas had been built without.
+const SHARED: f64 = std::f64::consts::SQRT_2;
+
+/// Keypoints of cars with shapes of M modes.
+#[derive(Clone, Debug)]
+pub(crate) struct PointModes<const M: usize = MODES> {
+    pub mean: [Vector3<f64>; KEYPOINTS],
+    pub modes: [[Vector3<f64>; M]; KEYPOINTS],
+    /// Bounds of the coefficients.
+    pub bounds: [[f64; 2]; M],
+    /// sd of what these modes leave unexplained, m along the car's axes.
+    pub residual_sd_m: [Vector3<f64>; KEYPOINTS],
+}
+
+impl PointModes<MODES> {
+    /// The first modes, within the atlas' bounds.
+    pub fn new(atlas: &ShapeAtlas) -> Self {
+        Self {
+            mean: atlas.mean,
+            modes: std::array::from_fn(|i| std::array::from_fn(|j| atlas.modes[j][i])),
+            bounds: atlas.bounds,
+            residual_sd_m: atlas.residual_sd_m,
+        }
+    }
+}
+
+impl PointModes<ALL_MODES> {
+    /// All modes, the fine ones too; their prior holds them instead of bounds.
+    pub fn of_all_modes(atlas: &ShapeAtlas) -> Self {
+        let mode = |j: usize| if j < MODES { &atlas.modes[j] } else { &atlas.fine_modes[j - MODES] };
+        Self {
+            mean: atlas.mean,
+            modes: std::array::from_fn(|i| std::array::from_fn(|j| mode(j)[i])),
+            bounds: [[f64::NEG_INFINITY, f64::INFINITY]; ALL_MODES],
+            residual_sd_m: atlas.fine_residual_sd_m.map(|sd| sd * SHARED),
+        }
+    }
+}
+
+impl<const M: usize> PointModes<M> {
+    /// A keypoint of a car of this shape, car frame, m.
+    #[inline]
+    pub fn point(&self, index: usize, shape: &SVector<f64, M>) -> Vector3<f64> {
+        let mut point = self.mean[index];
+        for (mode, coefficient) in self.modes[index].iter().zip(shape.iter()) {
+            point += mode * *coefficient;
+        }
+        point
+    }
+}

@@ -1,0 +1,71 @@
+//! What single keypoints say at the current state.
+
+use roadplane_base::KEYPOINTS;
+
+use super::CarsProblem;
+use crate::linear::gram::{Gram, MAX_WIDTH};
+use crate::model::pose::{CameraFrame, Pose};
+use crate::model::rows::plain_rows;
+
+/// One keypoint's whitened rows and residual, with the probability that it is right.
+pub(crate) struct KeypointRows {
+    /// Unknowns and residual, in the order of `rows.rs`, times the root of the keypoint's weight.
+    pub rows: [[f64; MAX_WIDTH]; 2],
+    /// Its weight.
+    pub weight: f64,
+    /// ρ'.
+    pub right: f64,
+}
+
+/// How the keypoints of a view fit.
+pub(crate) struct ViewFit {
+    /// Keypoints that are more likely right than wrong.
+    pub inliers: [bool; KEYPOINTS],
+    /// Root mean square distance of these from their projections, px.
+    pub rms_px: f64,
+    /// Weight of all keypoints.
+    pub weight: f64,
+    /// The same, each times the probability that it is right.
+    pub right_weight: f64,
+    /// What the keypoints cost.
+    pub cost: f64,
+}
+
+impl<P: Pose<N>, const N: usize, const M: usize> CarsProblem<'_, P, N, M> {
+    /// Calls with the rows of every observation of a view. `None` when a keypoint cannot be projected.
+    pub fn each_row(&self, view: usize, mut see: impl FnMut(KeypointRows)) -> Option<()> {
+        let frame = self.state.poses[view].frame(&CameraFrame::new(&self.state.camera))?;
+        let view = &self.views[view];
+        let observations = &self.observations[view.observations.clone()];
+        plain_rows(&self.packs[view.packs.clone()], &frame, &self.state.shapes[view.group], |i, rows| {
+            let weight = observations[i].weight;
+            let off = |axis: usize| rows[axis][Gram::<N, M>::RESIDUAL];
+            let squared = (off(0).powi(2) + off(1).powi(2)) / weight;
+            see(KeypointRows { rows: *rows, weight, right: self.kernel.weight(squared) });
+        })
+    }
+
+    /// How a view fits. `None` when a keypoint cannot be projected.
+    pub fn fit_of(&self, view: usize) -> Option<ViewFit> {
+        let frame = self.state.poses[view].frame(&CameraFrame::new(&self.state.camera))?;
+        let shape = &self.state.shapes[self.views[view].group];
+        let mut inliers = [false; KEYPOINTS];
+        let [mut weight, mut right_weight, mut cost, mut sum, mut count] = [0.0; 5];
+        for o in &self.observations[self.views[view].observations.clone()] {
+            let off = frame.project(&self.model.point(o.index, shape))? - o.pixel;
+            let [x, y] = o.whiten([off.x, off.y]);
+            let squared = x * x + y * y;
+            let probability = self.kernel.weight(squared);
+            weight += o.weight;
+            right_weight += o.weight * probability;
+            cost += 0.5 * o.weight * self.kernel.cost(squared);
+            if probability > 0.5 {
+                inliers[o.index] = true;
+                sum += off.norm_squared();
+                count += 1.0;
+            }
+        }
+        let rms_px = if count > 0.0 { f64::sqrt(sum / count) } else { f64::INFINITY };
+        Some(ViewFit { inliers, rms_px, weight, right_weight, cost })
+    }
+}
