@@ -3,9 +3,9 @@
 
     python scripts/eval/strides.py RUN/tracks.csv [--strides 1 2 3 4 5 6] [--within 0.3]
 
-Runs `roadplane activity` on each. A vehicle was seen in a frame that is kept if it was in any of those that the frame stands for:
-at a lower rate the run would have looked there. An event agrees when one of the same track and activity begins and ends within so many
-seconds of it; the frame rates that the strides come to are told besides.
+Runs `roadplane activity` on each. A vehicle was seen in a frame that is kept if it was in any of those that the frame stands
+for: at a lower rate the run would have looked there. An event agrees when one of the same track and activity begins and ends
+within so many seconds of it; the frame rates that the strides come to are told besides.
 """
 
 from __future__ import annotations
