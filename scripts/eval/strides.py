@@ -3,8 +3,9 @@
 
     python scripts/eval/strides.py RUN/tracks.csv [--strides 1 2 3 4 5 6] [--within 0.3]
 
-Runs `roadplane activity` on each. An event agrees when one of the same track and activity begins and ends within so many
-seconds of it; the frame rates that the strides come to are told besides.
+Runs `roadplane activity` on each. A vehicle was seen in a frame that is kept if it was in any of those that the frame stands
+for: at a lower rate the run would have looked there. An event agrees when one of the same track and activity begins and ends
+within so many seconds of it; the frame rates that the strides come to are told besides.
 """
 
 from __future__ import annotations
@@ -27,6 +28,17 @@ def events_of(rows: list[dict[str, str]], program: str, folder: Path) -> list[di
         writer.writerows(rows)
     subprocess.run([program, "activity", thin, "--out", out], check=True, capture_output=True)
     return [json.loads(line) for line in out.with_suffix(".activities.jsonl").read_text().splitlines()]
+
+
+def thinned(rows: list[dict[str, str]], stride: int) -> list[dict[str, str]]:
+    """Every `stride`-th frame's rows; each was seen if the vehicle was in that frame or in those left out around it."""
+    seen: dict[tuple[str, int], bool] = {}
+    for row in rows:
+        nearest = row["track"], round(int(row["frame"]) / stride)
+        seen[nearest] = seen.get(nearest, False) or row["observed"] == "true"
+    kept = [row for row in rows if int(row["frame"]) % stride == 0]
+    told = {True: "true", False: "false"}
+    return [{**row, "observed": told[seen[row["track"], int(row["frame"]) // stride]]} for row in kept]
 
 
 def agreeing(events: list[dict], others: list[dict], within_s: float) -> int:
@@ -61,8 +73,7 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as folder:
             events = events_of(rows, options.program, Path(folder))
             for stride in options.strides:
-                thin = [row for row in rows if int(row["frame"]) % stride == 0]
-                others = events_of(thin, options.program, Path(folder))
+                others = events_of(thinned(rows, stride), options.program, Path(folder))
                 agree = agreeing(events, others, options.within)
                 found, whole = found + agree, whole + max(len(events), len(others))
                 told = f"{agree} of {len(events)} events agree, {len(others) - agree} are others"
