@@ -15,6 +15,7 @@
 mod activities;
 mod believe;
 mod bench;
+mod body;
 mod cameras;
 mod cancel;
 mod cars;
