@@ -166,4 +166,6 @@ pub struct TrackState {
     pub score: f64,
     /// Position of the car in its frame's list, where observed.
     pub car: Option<usize>,
+    /// Another vehicle hides a part of it.
+    pub hidden: bool,
 }

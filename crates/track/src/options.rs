@@ -52,7 +52,7 @@ impl Default for TrackOptions {
             confirm_frames: 5,
             min_observed: 6,
             min_duty: 0.4,
-            max_coast_s: 0.7,
+            max_coast_s: 0.4,
             max_parked_coast_s: 60.0,
             max_hidden_s: 60.0,
             gate: 20.0,

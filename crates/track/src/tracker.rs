@@ -474,7 +474,8 @@ impl Tracker {
             // Whoever stood for a while goes on standing for about as long.
             let parked_s = options.max_parked_coast_s.min(STANDS_ON * live.filter.stood_s());
             let coast_s = if live.filter.is_still() { parked_s } else { 0.0 }.max(options.max_coast_s);
-            live.last().is_none_or(|last| time_s - last.time_s > coast_s)
+            // Looks may be rare: it may be missed in one of them.
+            live.missed > 1 && live.last().is_none_or(|last| time_s - last.time_s > coast_s)
         });
         self.live = live;
         // What was never confirmed is forgotten, unless the clip itself is that short.

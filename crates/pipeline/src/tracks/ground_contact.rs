@@ -23,6 +23,9 @@ const BOTTOM_FACTOR: f64 = 2.0;
 const HIDDEN_FACTOR: f64 = 10.0;
 /// An edge nearer than this to the picture's is where the picture ends, not the vehicle, px.
 const CUT_PX: f64 = 2.0;
+/// Bumpers end so high above the ground, m; axles are so far from the middle, in lengths.
+const CLEARANCE_M: f64 = 0.3;
+const WHEELS: f64 = 0.3;
 /// Least size of a body, m.
 const LEAST_M: f64 = 1.0;
 
@@ -124,6 +127,37 @@ pub fn ground_contact(
         .filter_map(|(body, heading, share)| Seen { bbox_px, cut, hidden, view, body, heading }.fit(share))
         .collect();
     mixture(&fits)
+}
+
+/// What a box says of a body's length, width and height beyond what is known of its class, where the body is turned like this:
+/// information, and information times sizes. `None` as for [`ground_contact`], or where the body does not fit.
+#[must_use]
+pub fn size_seen(
+    bbox_px: &[f64; 4],
+    size: ImageSize,
+    view: &FrameCamera,
+    body: &Body,
+    [heading_rad, heading_sd_rad]: [f64; 2],
+) -> Option<(Matrix3<f64>, Vector3<f64>)> {
+    let cut = cut_edges(bbox_px, size);
+    if cut[3] || (cut[0] && cut[2]) {
+        return None;
+    }
+    let turned = |by: f64| {
+        let heading = heading_rad + by * heading_sd_rad;
+        Seen { bbox_px, cut, hidden: [false; 4], view, body: *body, heading }.fit(1.0)
+    };
+    let dims = |fit: &Fit| fit.place.fixed_rows::<3>(2).into_owned();
+    let (fit, left, right) = (turned(0.0)?, turned(-1.0)?, turned(1.0)?);
+    let by_heading = (dims(&right) - dims(&left)) / 2.0;
+    let spread = fit.covariance.fixed_view::<3, 3>(2, 2).into_owned() + by_heading * by_heading.transpose();
+    let whole = spread.try_inverse()?;
+    let prior = Matrix3::from_diagonal(&body.sd_m.map(|sd| sd.powi(-2)));
+    let information = whole - prior;
+    // Less than the prior is no information.
+    (information + Matrix3::identity() * 1e-9)
+        .cholesky()
+        .map(|_| (information, whole * dims(&fit) - prior * body.dims_m))
 }
 
 /// x, y, length, width, height.
@@ -228,16 +262,18 @@ impl Seen<'_> {
     }
 }
 
-/// Box in the picture of a cuboid that stands there, px; `None` if a corner is not before the camera.
+/// Box in the picture of a body that stands there, px: its roof, its bumpers, and its wheels, which alone touch the ground and stand
+/// within its length; `None` if a corner is not before the camera.
 #[must_use]
 pub fn body_box(view: &FrameCamera, pose: &GroundPose, dims_m: &Vector3<f64>) -> Option<[f64; 4]> {
     let camera_from_car = view.plane.camera_from_world() * pose.world_from_car();
     let mut bbox = [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY];
-    for corner in 0..8 {
-        let bit = |i: u32| f64::from(corner >> i & 1);
-        let point = Point3::new(dims_m.x * (bit(0) - 0.5), dims_m.y * (bit(1) - 0.5), dims_m.z * bit(2));
-        let pixel = view.camera.pixel_from_camera(&(camera_from_car * point).coords)?;
-        bbox = [bbox[0].min(pixel.x), bbox[1].min(pixel.y), bbox[2].max(pixel.x), bbox[3].max(pixel.y)];
+    for (half_length, z) in [(0.5, dims_m.z), (0.5, CLEARANCE_M), (WHEELS, 0.0)] {
+        for (ahead, left) in [(-1.0, -0.5), (-1.0, 0.5), (1.0, -0.5), (1.0, 0.5)] {
+            let point = Point3::new(ahead * half_length * dims_m.x, left * dims_m.y, z);
+            let pixel = view.camera.pixel_from_camera(&(camera_from_car * point).coords)?;
+            bbox = [bbox[0].min(pixel.x), bbox[1].min(pixel.y), bbox[2].max(pixel.x), bbox[3].max(pixel.y)];
+        }
     }
     Some(bbox)
 }

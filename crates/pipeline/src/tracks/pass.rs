@@ -14,6 +14,7 @@ use roadplane_track::{CarMeasurement, FrameMeasurements, HeldCar, SeenAgain, Tra
 
 use crate::cameras::camera_track::CameraTrack;
 use crate::tracks::believe::{is_believable, is_vehicle, overlap_inside, projected_box};
+use crate::tracks::body::body_of_track;
 use crate::tracks::cars::{FrameCamera, HeldPoses, fit_frame, pose_record};
 use crate::tracks::ground_contact::{Body, Knowledge, body_box, cut_edges, ground_contact};
 use crate::tracks::hidden::{hidden_edges, part_seen};
@@ -327,12 +328,19 @@ pub(crate) struct KnownVehicle {
 }
 
 /// Per tracked car and frame its track's shape, within the atlas' bounds, and its smoothed pose.
-pub(crate) fn known_cars(tracks: &[Track], atlas: &ShapeAtlas) -> BTreeMap<CarRef, KnownCar> {
+pub(crate) fn known_cars(
+    tracks: &[Track],
+    atlas: &ShapeAtlas,
+    cameras: &CameraTrack,
+) -> BTreeMap<CarRef, KnownCar> {
     let mut known = BTreeMap::new();
     for track in tracks {
         let shape = ShapePrior::known(atlas.clamped(&track.shape));
-        let dims_m = track.dims_m.unwrap_or_else(|| atlas.dims_m(&shape.mean));
-        let body = Body { dims_m, sd_m: Vector3::repeat(KNOWN_DIMS_SD_M) };
+        let body = match track.dims_m {
+            Some(_) => body_of_track(track, cameras),
+            None => Body { dims_m: atlas.dims_m(&shape.mean), sd_m: Vector3::zeros() },
+        };
+        let body = Body { sd_m: body.sd_m.map(|sd| sd.max(KNOWN_DIMS_SD_M)), ..body };
         let vehicle = Arc::new(KnownVehicle { shape, body, class: track.class });
         let of = |state: &TrackState| KnownCar {
             vehicle: Arc::clone(&vehicle),
