@@ -84,20 +84,24 @@ impl Run {
     pub fn read(folder: &Path) -> Result<Self, WriteError> {
         let whole = folder.canonicalize().unwrap_or_else(|_| folder.to_path_buf());
         let name = whole.file_name().map_or_else(|| "run".into(), |name| name.to_string_lossy());
-        Self::read_as(folder, &name)
+        Self::with_rows(folder, &name, read_jsonl(&folder.join("tracks.jsonl"))?)
     }
 
-    /// Reads a result folder, of a run that will be named so.
+    /// Reads a result folder, of a run that will be named so, but for its rows, by frame: these are given.
     ///
     /// # Errors
-    /// [`WriteError::Io`] or [`WriteError::Malformed`], with the file.
-    pub fn read_as(folder: &Path, name: &str) -> Result<Self, WriteError> {
+    /// [`WriteError::Io`] or [`WriteError::Malformed`], with the file, and those of the rows.
+    pub fn with_rows(
+        folder: &Path,
+        name: &str,
+        of_run: impl IntoIterator<Item = Result<TrackRow, WriteError>>,
+    ) -> Result<Self, WriteError> {
         let atlas = ShapeAtlas::shipped()
             .map_err(|e| WriteError::Malformed { what: e.to_string(), path: folder.to_path_buf() })?;
         let summary = read_summary(&folder.join("summary.json"))?;
         let camera = read_camera(&folder.join("camera.json"))?;
         let mut rows: BTreeMap<u64, Vec<TrackRow>> = BTreeMap::new();
-        for row in read_jsonl::<TrackRow>(&folder.join("tracks.jsonl"))? {
+        for row in of_run {
             let row = row?;
             rows.entry(row.track).or_default().push(row);
         }

@@ -1,14 +1,13 @@
 //! A clip's result drawn into its frames, for the report and for annotated videos.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
+use std::iter::Peekable;
 use std::path::Path;
 
 use image::RgbImage;
 use roadplane_base::{CameraEstimate, Shape, ShapeAtlas, TrackRow};
 use roadplane_decode::DecodeOptions;
-use roadplane_view::{
-    DrawnCar, GroundCells, Overlay, ReportInput, VideoSink, ViewError, report_html, with_lines,
-};
+use roadplane_view::{DrawnCar, GroundCells, Overlay, ReportInput, VideoSink, report_html, with_lines};
 use roadplane_write::{OutFile, Summary, read_camera, read_jsonl, read_summary};
 
 use crate::cameras::camera_track::CameraTrack;
@@ -25,63 +24,81 @@ use crate::{Cancel, Config, PipelineError, Progress};
 /// Time that trails reach back, s.
 const TRAIL_S: f64 = 10.0;
 
-/// What is drawn: rows of all frames, shapes of all tracks, cameras.
-pub struct Scene<'a> {
+/// Draws a run's rows, which come in the order of frames: what trails no longer reach is let go of.
+pub(crate) struct Scene<'a, R: Iterator<Item = Result<TrackRow, PipelineError>>> {
     cameras: &'a CameraTrack,
     atlas: &'a ShapeAtlas,
     shapes: &'a BTreeMap<u64, Shape>,
-    of_frame: BTreeMap<u64, Vec<&'a TrackRow>>,
-    of_track: BTreeMap<u64, Vec<&'a TrackRow>>,
-    /// Where vehicles were, by segment.
-    ground: BTreeMap<usize, GroundCells>,
+    ground: Ground,
+    coming: Peekable<R>,
+    /// Rows of the last [`TRAIL_S`].
+    recent: VecDeque<TrackRow>,
 }
 
-impl<'a> Scene<'a> {
+/// Where vehicles were, by segment.
+pub(crate) type Ground = BTreeMap<usize, GroundCells>;
+
+/// Where a run's vehicles were.
+pub(crate) fn ground_of(
+    rows: impl Iterator<Item = Result<TrackRow, PipelineError>>,
+) -> Result<Ground, PipelineError> {
+    let mut ground = Ground::new();
+    for row in rows {
+        let row = row?;
+        ground.entry(row.segment).or_default().add(row.x_m, row.y_m);
+    }
+    Ok(ground)
+}
+
+impl<'a, R: Iterator<Item = Result<TrackRow, PipelineError>>> Scene<'a, R> {
     /// Of a clip's rows and the shapes of its tracks.
-    #[must_use]
-    pub fn new(
+    pub(crate) fn new(
         cameras: &'a CameraTrack,
-        rows: &'a [TrackRow],
+        rows: R,
         shapes: &'a BTreeMap<u64, Shape>,
+        ground: Ground,
         atlas: &'a ShapeAtlas,
     ) -> Self {
-        let mut of_frame: BTreeMap<u64, Vec<&TrackRow>> = BTreeMap::new();
-        let mut of_track: BTreeMap<u64, Vec<&TrackRow>> = BTreeMap::new();
-        let mut ground: BTreeMap<usize, GroundCells> = BTreeMap::new();
-        for row in rows {
-            ground.entry(row.segment).or_default().add(row.x_m, row.y_m);
-            of_frame.entry(row.frame).or_default().push(row);
-            of_track.entry(row.track).or_default().push(row);
-        }
-        Self { cameras, atlas, shapes, of_frame, of_track, ground }
+        Self { cameras, atlas, shapes, ground, coming: rows.peekable(), recent: VecDeque::new() }
     }
 
-    /// The frame with everything in it.
+    /// The frame with everything in it. Ask for frames in their order.
     ///
     /// # Errors
-    /// [`ViewError`].
-    pub fn draw(&self, frame: u64, time_s: f64, picture: &RgbImage) -> Result<RgbImage, ViewError> {
+    /// [`PipelineError`]: of drawing, or of reading the rows.
+    pub(crate) fn draw(
+        &mut self,
+        frame: u64,
+        time_s: f64,
+        picture: &RgbImage,
+    ) -> Result<RgbImage, PipelineError> {
+        while let Some(row) = self.coming.next_if(|row| row.as_ref().map_or(true, |row| row.frame <= frame)) {
+            let row = row?;
+            if row.time_s >= time_s - TRAIL_S {
+                self.recent.push_back(row);
+            }
+        }
+        while self.recent.front().is_some_and(|row| row.time_s < time_s - TRAIL_S) {
+            self.recent.pop_front();
+        }
         let Some(estimate) = self.cameras.at(time_s) else { return Ok(picture.clone()) };
         let view = FrameCamera::from(estimate);
         let mut overlay = Overlay::new(picture, &view.camera, &view.plane, self.atlas)?;
         if let Some(ground) = self.ground.get(&self.cameras.segment_at(time_s)) {
             overlay.grid(ground)?;
         }
-        let rows = self.of_frame.get(&frame).map(Vec::as_slice).unwrap_or_default();
-        for row in rows {
-            let shape = self.shapes.get(&row.track).copied().unwrap_or_else(Shape::zeros);
-            let trail: Vec<[f64; 2]> = self
-                .of_track
-                .get(&row.track)
-                .into_iter()
-                .flatten()
-                .filter(|past| past.frame <= frame && past.time_s >= time_s - TRAIL_S)
-                .map(|past| [past.x_m, past.y_m])
-                .collect();
-            overlay.car(&DrawnCar { row, shape: &shape, trail: &trail })?;
+        let mut trails: BTreeMap<u64, Vec<[f64; 2]>> = BTreeMap::new();
+        for row in &self.recent {
+            trails.entry(row.track).or_default().push([row.x_m, row.y_m]);
         }
-        overlay.labels(rows)?;
-        overlay.finish()
+        let rows: Vec<&TrackRow> = self.recent.iter().filter(|row| row.frame == frame).collect();
+        for row in &rows {
+            let shape = self.shapes.get(&row.track).copied().unwrap_or_else(Shape::zeros);
+            let trail = trails.get(&row.track).map(Vec::as_slice).unwrap_or_default();
+            overlay.car(&DrawnCar { row, shape: &shape, trail })?;
+        }
+        overlay.labels(&rows)?;
+        Ok(overlay.finish()?)
     }
 }
 
@@ -111,11 +128,12 @@ pub(crate) fn write_report(
     config: &Config,
 ) -> Result<(), PipelineError> {
     let &ReportPictures { samples, stills, background, is_thinned } = seen;
-    let scene = Scene::new(&solution.cameras, &solution.rows, &solution.shapes, atlas);
+    let rows = || solution.rows.iter().cloned().map(Ok);
+    let mut scene = Scene::new(&solution.cameras, rows(), &solution.shapes, ground_of(rows())?, atlas);
     let drawn: Vec<(u64, RgbImage)> = samples
         .iter()
         .map(|(frame, time_s, picture)| Ok((*frame, scene.draw(*frame, *time_s, picture)?)))
-        .collect::<Result<_, ViewError>>()?;
+        .collect::<Result<_, PipelineError>>()?;
     // The picture of the place is of the camera's last position.
     let lines = background.and_then(|place| {
         let view = solution.cameras.scene().iter().find(|view| view.position == solution.cameras.moves())?;
@@ -188,18 +206,24 @@ fn facts_of(summary: &Summary) -> Vec<(String, String)> {
     facts
 }
 
-/// Draws every frame of an input into a video. True if some of the input was lost.
+/// Draws every frame of an input into a video, with the rows of a run's folder. True if some of the input was lost.
 ///
 /// # Errors
 /// [`PipelineError`]; the video then does not appear.
-pub fn draw_video(
+pub(crate) fn draw_video(
     input: &Path,
-    scene: &Scene<'_>,
+    run: &Path,
+    (cameras, shapes): (&CameraTrack, &BTreeMap<u64, Shape>),
     video: &Path,
     config: &Config,
     cancel: &Cancel,
     progress: &dyn Progress,
 ) -> Result<bool, PipelineError> {
+    let rows = || -> Result<_, PipelineError> {
+        Ok(read_jsonl::<TrackRow>(&run.join("tracks.jsonl"))?.map(|row| Ok(row?)))
+    };
+    let atlas = ShapeAtlas::shipped()?;
+    let mut scene = Scene::new(cameras, rows()?, shapes, ground_of(rows()?)?, &atlas);
     let input = open_input(input, config)?;
     let size = input.size();
     let frames_per_s = input.nominal_fps() / f64::from(config.decode.stride.max(1));
@@ -225,12 +249,10 @@ pub fn render_run(
     cancel: &Cancel,
     progress: &dyn Progress,
 ) -> Result<bool, PipelineError> {
-    let atlas = ShapeAtlas::shipped()?;
     let config = &as_run(run, config)?;
     let estimates: Vec<CameraEstimate> =
         read_camera(&run.join("camera.json"))?.all().iter().map(|segment| segment.estimate()).collect();
     let cameras = CameraTrack::from_estimates(estimates);
-    let rows: Vec<TrackRow> = read_jsonl(&run.join("tracks.jsonl"))?.collect::<Result<_, _>>()?;
     let mut shapes = BTreeMap::new();
     for pose in read_jsonl::<roadplane_base::PoseRecord>(&run.join("poses.jsonl"))? {
         let pose = pose?;
@@ -238,8 +260,7 @@ pub fn render_run(
             shapes.insert(track, Shape::from(pose.shape));
         }
     }
-    let scene = Scene::new(&cameras, &rows, &shapes, &atlas);
-    draw_video(input, &scene, video, config, cancel, progress)
+    draw_video(input, run, (&cameras, &shapes), video, config, cancel, progress)
 }
 
 /// The configuration with the run's choice of frames, as others have no rows; what the caller chooses otherwise counts.
@@ -258,7 +279,36 @@ fn as_run(run: &Path, config: &Config) -> Result<Config, PipelineError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::tracks::shared_error::tests::estimate;
+    use roadplane_synth::standing;
     use roadplane_write::write_summary;
+
+    #[test]
+    fn rows_are_held_as_long_as_they_are_drawn() {
+        let row = |frame: u64| TrackRow {
+            x_m: 0.02 * frame as f64 - 6.0,
+            ..standing(1, frame, frame as f64 / 10.0)
+        };
+        let rows: Vec<TrackRow> = (0..600).map(row).collect();
+        let ground = || ground_of(rows.iter().cloned().map(Ok)).unwrap();
+        let (atlas, shapes) = (ShapeAtlas::shipped().unwrap(), BTreeMap::new());
+        let cameras = CameraTrack::from_estimates(vec![estimate([0.01; 4])]);
+        let scene = |from: usize| {
+            let rows = rows[from..].iter().cloned().map(Ok);
+            Scene::new(&cameras, rows, &shapes, ground(), &atlas)
+        };
+        let empty = RgbImage::new(1280, 720);
+        let (mut whole, mut last) = (scene(0), empty.clone());
+        for frame in 0..=500 {
+            if frame % 50 == 0 {
+                last = whole.draw(frame, frame as f64 / 10.0, &empty).unwrap();
+            }
+            assert!(whole.recent.len() <= 101, "{}", whole.recent.len());
+        }
+        // A trail's rows and no more: what was before changes nothing, the last second does.
+        let [trail, second] = [400, 490].map(|from| scene(from).draw(500, 50.0, &empty).unwrap());
+        assert!(last == trail && last != second && second != empty);
+    }
 
     #[test]
     fn a_run_is_drawn_with_the_frames_that_it_looked_at() {

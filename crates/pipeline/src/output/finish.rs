@@ -7,14 +7,14 @@ use roadplane_activity::ActivityNet;
 use roadplane_base::ShapeAtlas;
 use roadplane_export::{Run, write_ways};
 use roadplane_write::{
-    RunStatus, StageSeconds, Summary, write_camera, write_evidence, write_json, write_summary,
+    RunStatus, StageSeconds, Summary, rounded_row, write_camera, write_evidence, write_json, write_summary,
 };
 
 use crate::cameras::memory::EVIDENCE;
 use crate::cameras::witnesses::SceneView;
 use crate::clip::{ClipSolution, Given, solve_known_clip};
 use crate::identity::{peak_memory_bytes, versions};
-use crate::output::draw::{ReportPictures, Scene, draw_video, write_report};
+use crate::output::draw::{ReportPictures, draw_video, write_report};
 use crate::output::track_rows::{ShownRows, TrackRows};
 use crate::stream::left::{Job, Left, SPOOL};
 use crate::stream::speed::Meter;
@@ -53,7 +53,7 @@ pub(crate) fn finish(work: Finish<'_>, job: &Job<'_>) -> Result<ClipSolution, Pi
     let (spool, poses) = (folder.join(SPOOL), folder.join("poses.jsonl"));
     let given = Given { recall: recall.as_ref(), site: options.site.as_ref(), ..Given::new(&options.known) };
     let drawn = left.samples.iter().map(|(frame, ..)| *frame).chain(left.stills.crop_frames());
-    let mut rows = TrackRows::new(folder, activity, ShownRows::new(options.video, drawn.collect()));
+    let mut rows = TrackRows::new(folder, activity, ShownRows::of(drawn.collect()));
     let mut solution = solve_known_clip(&spool, &poses, &atlas, &given, &mut rows, config, cancel)?;
     let shown = rows.finish()?;
     let is_thinned = shown.is_thinned();
@@ -80,12 +80,17 @@ pub(crate) fn finish(work: Finish<'_>, job: &Job<'_>) -> Result<ClipSolution, Pi
     summary.speed = meter.as_mut().map(Meter::speed);
     if options.video {
         progress.phase("drawing");
-        let scene = Scene::new(&solution.cameras, &solution.rows, &solution.shapes, &atlas);
-        draw_video(input, &scene, &folder.join("annotated.mp4"), config, cancel, &Silent)?;
+        let (told, video) = ((&solution.cameras, &solution.shapes), folder.join("annotated.mp4"));
+        draw_video(input, folder, told, &video, config, cancel, &Silent)?;
     }
     write_summary(&folder.join("summary.json"), &summary)?;
     if solution.place.is_some() {
-        write_ways(&Run::read_as(folder, stem)?, &folder.join("tracks.geojson"))?;
+        // Of long clips as many rows as the report shows.
+        let rows = std::mem::take(&mut solution.rows);
+        write_ways(
+            &Run::with_rows(folder, stem, rows.iter().map(rounded_row).map(Ok))?,
+            &folder.join("tracks.geojson"),
+        )?;
     }
     Ok(solution)
 }

@@ -74,17 +74,15 @@ impl RowSink for TrackRows<'_> {
 pub(crate) struct ShownRows {
     /// By frame, then by track.
     pub rows: Vec<TrackRow>,
-    /// Nothing is left out.
-    all: bool,
     /// All rows of these frames are kept.
     frames: BTreeSet<u64>,
     is_thinned: bool,
 }
 
 impl ShownRows {
-    /// All, or of long clips all of `frames` and some of others.
-    pub(crate) fn new(all: bool, frames: BTreeSet<u64>) -> Self {
-        Self { all, frames, ..Self::default() }
+    /// Of long clips all of `frames` and some of others.
+    pub(crate) fn of(frames: BTreeSet<u64>) -> Self {
+        Self { frames, ..Self::default() }
     }
 
     /// Whether some are left out.
@@ -93,7 +91,7 @@ impl ShownRows {
     }
 
     fn add(&mut self, mut rows: Vec<TrackRow>, stretch: Stretch) {
-        if !self.all && stretch != Stretch::ALL {
+        if stretch != Stretch::ALL {
             self.is_thinned = true;
             thin(&mut rows, &self.frames);
         }
@@ -134,26 +132,20 @@ mod tests {
     #[test]
     fn of_long_clips_some_rows_are_kept_and_of_short_ones_all() {
         let of = |frames: std::ops::Range<u64>| frames.map(|frame| row(frame, 1)).collect::<Vec<_>>();
-        let mut short = ShownRows::new(false, BTreeSet::new());
+        let mut short = ShownRows::default();
         short.add(of(0..100), Stretch::ALL);
         assert_eq!((short.rows.len(), short.is_thinned()), (100, false));
         let seam_s = 10.0;
         let parts = [Stretch { to_s: seam_s, ..Stretch::ALL }, Stretch { from_s: seam_s, ..Stretch::ALL }];
-        let filled = |all: bool, frames: BTreeSet<u64>| {
-            let mut shown = ShownRows::new(all, frames);
-            shown.add(of(0..100), parts[0]);
-            shown.add(of(100..199), parts[1]);
-            shown
-        };
-        let shown = filled(false, BTreeSet::from([131]));
+        let mut shown = ShownRows::of(BTreeSet::from([131]));
+        shown.add(of(0..100), parts[0]);
+        shown.add(of(100..199), parts[1]);
         let kept: Vec<u64> = shown.rows.iter().map(|row| row.frame).collect();
         assert!(shown.is_thinned() && kept.is_sorted() && (22..40).contains(&kept.len()), "{kept:?}");
         assert!([0, 99, 100, 131, 198].iter().all(|frame| kept.contains(frame)), "{kept:?}");
         // A track that is seen does not look as if it had been hidden.
         let seen: Vec<u64> = kept.iter().copied().filter(|frame| frame % 4 == 0).collect();
         assert!(seen.windows(2).all(|pair| pair[1] - pair[0] <= 12), "{seen:?}");
-        let all = filled(true, BTreeSet::new());
-        assert_eq!((all.rows.len(), all.is_thinned()), (199, false));
     }
 
     #[test]
