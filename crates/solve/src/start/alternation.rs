@@ -64,11 +64,7 @@ pub(crate) fn plane_through(positions: &[Vector3<f64>]) -> Option<Vector3<f64>> 
                 if turn % stride != 0 {
                     continue;
                 }
-                let rows = Matrix3::from_rows(&[
-                    positions[i].transpose(),
-                    positions[j].transpose(),
-                    positions[k].transpose(),
-                ]);
+                let rows = Matrix3::from_columns(&[i, j, k].map(|car| positions[car])).transpose();
                 let Some(inverse) = rows.try_inverse() else { continue };
                 let plane = -(inverse * Vector3::repeat(1.0));
                 let score: f64 = positions.iter().map(|p| agreement(&plane, p)).sum();
