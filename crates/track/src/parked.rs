@@ -20,15 +20,6 @@ pub(crate) struct Stand {
     pub bias: Matrix3<f64>,
 }
 
-impl Stand {
-    /// Covariance beside drives before and after: ways tell the heading, too, so that its bias is not shared with them.
-    pub(crate) fn in_chain(&self) -> Matrix3<f64> {
-        let mut covariance = self.white;
-        covariance[(2, 2)] += self.bias[(2, 2)];
-        covariance
-    }
-}
-
 /// `None` of no sightings. Held ones repeat what a look said, and say nothing themselves.
 pub(crate) fn stand(all: &[Observation], bias_share: f64) -> Option<Stand> {
     let looks: Vec<Observation> = all.iter().filter(|o| !o.held).cloned().collect();

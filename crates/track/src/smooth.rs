@@ -221,7 +221,7 @@ fn solve(
     options: &TrackOptions,
 ) -> Option<(Vec<State>, Vec<Matrix5<f64>>)> {
     let measured = |place: &Place| match (&place.stand, place.look(sightings)) {
-        (Some(stand), _) => Some((stand.pose, stand.in_chain().try_inverse()?)),
+        (Some(stand), _) => Some((stand.pose, stand.white.try_inverse()?)),
         (None, Some(seen)) => Some((seen.pose, white(sightings, place, seen, noise).try_inverse()?)),
         (None, None) => None,
     };
@@ -301,13 +301,15 @@ impl Smoothed {
     ) -> Self {
         let (pose, jacobian) = origin(state, options.half_wheelbase_m);
         let white = jacobian * covariance * jacobian.transpose();
-        // That of the heading is in the chain.
-        let mut bias = match &place.stand {
+        let bias = match &place.stand {
             Some(stand) => stand.bias,
-            None => sightings[place.nearest].covariance * noise.bias(),
+            None => {
+                let mut shared = sightings[place.nearest].covariance * noise.bias();
+                shared.fill_row(2, 0.0);
+                shared.fill_column(2, 0.0);
+                shared
+            }
         };
-        bias.fill_row(2, 0.0);
-        bias.fill_column(2, 0.0);
         let total: Matrix3<f64> = white + bias;
         let standing = place.stand.is_some();
         Self {
