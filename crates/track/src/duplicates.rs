@@ -6,7 +6,7 @@ use roadplane_base::bbox_iou;
 use crate::{
     TrackState,
     measurement::Observation,
-    tracker::{LEAST_OVERLAP, NEVER_NEARER_M, RawTrack, same_car},
+    raw_track::{LEAST_OVERLAP, NEVER_NEARER_M, RawTrack, same_car},
 };
 
 /// Of the sightings that the weaker track has while the stronger one lives, so many, and this share, must coincide with its own.

@@ -3,7 +3,7 @@
 //!
 //! # How the pieces join
 //! ```text
-//! FrameMeasurements → Tracker   tracklets: association beyond doubt, frame by frame         (filter.rs, tracker.rs)
+//! FrameMeasurements → Tracker   tracklets: association beyond doubt, frame by frame         (filter.rs, tracker.rs, raw_track.rs)
 //!                   → merge_duplicates      two cars cannot share space                    (duplicates.rs)
 //!                   → link                  all continuations of tracklets, chosen jointly (link.rs)
 //!                   → find_runs             where the car stood, where it drove            (stops.rs)
@@ -28,6 +28,7 @@ mod measurement;
 mod noise;
 mod options;
 mod parked;
+mod raw_track;
 mod shape;
 mod smooth;
 mod stops;

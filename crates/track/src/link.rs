@@ -22,7 +22,7 @@ use roadplane_base::{assign, upper_median};
 use crate::{
     filter::fold_axis,
     measurement::Observation,
-    tracker::{RawTrack, VOTES},
+    raw_track::{RawTrack, VOTES},
 };
 
 /// Sightings of an end that tell how the vehicle moved there: of so long, s, at most so many.
