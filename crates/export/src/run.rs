@@ -84,7 +84,12 @@ impl Run {
     pub fn read(folder: &Path) -> Result<Self, WriteError> {
         let whole = folder.canonicalize().unwrap_or_else(|_| folder.to_path_buf());
         let name = whole.file_name().map_or_else(|| "run".into(), |name| name.to_string_lossy());
-        Self::with_rows(folder, &name, read_jsonl(&folder.join("tracks.jsonl"))?)
+        // What is no run is told by its summary, which is read first.
+        let rows: Box<dyn Iterator<Item = _>> = match read_jsonl(&folder.join("tracks.jsonl")) {
+            Ok(rows) => Box::new(rows),
+            Err(error) => Box::new(std::iter::once(Err(error))),
+        };
+        Self::with_rows(folder, &name, rows)
     }
 
     /// Reads a result folder, of a run that will be named so, but for its rows, by frame: these are given.

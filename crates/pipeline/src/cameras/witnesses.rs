@@ -104,7 +104,9 @@ pub(crate) fn hear_witnesses(
                 windows.insert(first, beside);
             }
         }
-        views.push(view);
+        if heard.lines.contains_key(&position) || view.parallel.is_some() {
+            views.push(view);
+        }
     }
     views
 }
