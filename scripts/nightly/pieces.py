@@ -35,12 +35,16 @@ LEAST_TRACKS_KEPT = 0.98
 NEAR_M = 1
 
 
-def film(clips, path, seconds):
+# Processor time, s; time, s; greatest memory, MiB.
+Taken = tuple[float, float, float]
+
+
+def film(clips: list[Path], path: Path, seconds: float) -> None:
     """The clips as one file of so many seconds, 640 × 360 at 25 frames/s."""
     turn_s = min(TURN_S, seconds / len(clips))
     parts = [path.with_name(f"{path.stem}.{i}.mp4") for i in range(len(clips))]
     for clip, part in zip(clips, parts, strict=True):
-        looped = ["-stream_loop", "-1", "-i", clip, "-t", str(turn_s), "-vf", "scale=640:360,fps=25", "-an"]
+        looped: list[str | Path] = ["-stream_loop", "-1", "-i", clip, "-t", str(turn_s), "-vf", "scale=640:360,fps=25", "-an"]
         ffmpeg(*looped, "-c:v", "libx264", "-preset", "ultrafast", "-crf", "22", "-g", "100", part)
     names = path.with_suffix(".txt")
     turns = round(seconds / turn_s)
@@ -50,12 +54,12 @@ def film(clips, path, seconds):
         made.unlink()
 
 
-def ffmpeg(*arguments):
+def ffmpeg(*arguments: str | Path) -> None:
     """Ends where it fails."""
     subprocess.run(["ffmpeg", "-loglevel", "error", "-y", *map(str, arguments)], check=True)
 
 
-def run(*words):
+def run(*words: str | int | Path) -> tuple[str, Taken]:
     """What a command prints, and the processor time (s), time (s) and greatest memory (MiB) that it takes."""
     line = [str(word) for word in words]
     begun = time.monotonic()
@@ -71,7 +75,7 @@ def run(*words):
         return said.read().decode(), taken
 
 
-def tables(whole, joined):
+def tables(whole: Path, joined: Path) -> duckdb.DuckDBPyConnection:
     """A database of the rows of both results."""
     database = duckdb.connect()
     database.execute("SET memory_limit = '3GB'")
@@ -80,22 +84,27 @@ def tables(whole, joined):
     return database
 
 
-def rows_kept(database, where):
+def rows_kept(database: duckdb.DuckDBPyConnection, where: str) -> tuple[int, int]:
     """Rows of the result that has most, and how many of the whole's the joined one has, too."""
     types = {name: kind for name, kind, *_ in database.execute("DESCRIBE whole").fetchall()}
 
-    def alike(name):
+    def alike(name: str) -> str:
         same = f"a.{name} IS NOT DISTINCT FROM b.{name}"
         return f"({same} OR abs(a.{name} - b.{name}) <= {SAME})" if types[name] in ("DOUBLE", "FLOAT") else same
 
     conditions = " AND ".join(["a.frame = b.frame", *(alike(name) for name in types if name not in ("frame", "track"))])
     whole, joined = (f"(SELECT * FROM {name} WHERE {where})" for name in ("whole", "joined"))
-    most = max(database.execute(f"SELECT count(*) FROM {rows}").fetchone()[0] for rows in (whole, joined))
-    (kept,) = database.execute(f"SELECT count(*) FROM {whole} a SEMI JOIN {joined} b ON {conditions}").fetchone()
-    return most, kept
+    most = max(count(database, rows) for rows in (whole, joined))
+    return most, count(database, f"{whole} a SEMI JOIN {joined} b ON {conditions}")
 
 
-def tracks_kept(database, seam_s):
+def count(database: duckdb.DuckDBPyConnection, rows: str) -> int:
+    """How many."""
+    [(number,)] = database.execute(f"SELECT count(*) FROM {rows}").fetchall()
+    return int(number)
+
+
+def tracks_kept(database: duckdb.DuckDBPyConnection, seam_s: int) -> tuple[int, int]:
     """Tracks with rows on both sides of a seam, and those of them that are one track in the joined result, too."""
     apart = "sqrt((b.x_m - a.x_m) ** 2 + (b.y_m - a.y_m) ** 2)"
     pairs = database.execute(
@@ -117,7 +126,7 @@ def tracks_kept(database, seam_s):
     return len(pairs), sum(before is not None and before == after for before, after in pairs)
 
 
-def compare(whole, joined, seams_s):
+def compare(whole: Path, joined: Path, seams_s: list[int]) -> bool:
     """Prints what is the same in two results; whether it is enough."""
     database = tables(whole, joined)
     rows, same = rows_kept(database, "true")
@@ -128,10 +137,10 @@ def compare(whole, joined, seams_s):
     for name in ("tracks.csv", "poses.jsonl"):
         same_bytes = (whole / name).read_bytes() == (joined / name).read_bytes()
         print(f"{name}: {'the same bytes' if same_bytes else 'other bytes'}")
-    return 0 < away == away_same and 0 < LEAST_TRACKS_KEPT * tracks <= kept
+    return bool(0 < away == away_same and 0 < LEAST_TRACKS_KEPT * tracks <= kept)
 
 
-def main():
+def main() -> None:
     """Films, runs, joins, compares."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("clips", type=Path, nargs="*")
@@ -151,7 +160,7 @@ def main():
         film(arguments.clips, source, 60 * arguments.minutes)
     settings = [word for setting in arguments.settings for word in ("--set", setting)]
 
-    def roadplane(*words):
+    def roadplane(*words: str | int | Path) -> tuple[str, Taken]:
         return run(arguments.roadplane, *words, *settings)
 
     planned, _ = roadplane("plan", source, "--piece-s", round(60 * arguments.minutes / arguments.pieces))
@@ -159,8 +168,8 @@ def main():
     print("| | processor time, s | time, s | memory, MiB |\n|---|---|---|---|")
     _, taken = roadplane("run", source, "--out", out / "one", "--overwrite")
     print("| in one piece | {:.0f} | {:.0f} | {:.0f} |".format(*taken), flush=True)
-    taken = [roadplane("run", source, "--piece", p["piece"], "--out", out / "pieces", "--overwrite")[1] for p in pieces]
-    cpu_s, time_s, memory_mib = zip(*taken, strict=True)
+    each = [roadplane("run", source, "--piece", p["piece"], "--out", out / "pieces", "--overwrite")[1] for p in pieces]
+    cpu_s, time_s, memory_mib = zip(*each, strict=True)
     print(f"| {len(pieces)} pieces | {sum(cpu_s):.0f} | {sum(time_s):.0f} | {max(memory_mib):.0f} |", flush=True)
     folders = [out / "pieces" / piece["folder"] for piece in pieces]
     _, taken = roadplane("join", *folders, "--out", out / "joined", "--overwrite")
