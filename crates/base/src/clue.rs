@@ -85,8 +85,9 @@ pub struct Reading {
 }
 
 impl Reading {
-    /// Density of the residual times the share, and the information on it.
-    fn density(&self) -> Option<(f64, Matrix2<f64>)> {
+    /// Density of the residual times the share, up to a constant, and the information on it; `None` of a covariance that is none.
+    #[must_use]
+    pub fn density(&self) -> Option<(f64, Matrix2<f64>)> {
         let information = self.covariance.try_inverse()?;
         let distance = self.residual.dot(&(information * self.residual));
         Some((self.share * (-0.5 * distance).exp() / self.covariance.determinant().sqrt(), information))
@@ -228,15 +229,21 @@ impl Clue {
     /// Derivative of its residual by the camera; 0 where it makes no sense.
     #[must_use]
     pub fn residual_by_camera(&self, camera: &Vector4<f64>) -> SMatrix<f64, 2, 4> {
-        let mut by = SMatrix::<f64, 2, 4>::zeros();
+        self.derivatives(camera).1
+    }
+
+    /// Of cost and residual by the camera, by central differences.
+    fn derivatives(&self, camera: &Vector4<f64>) -> (Vector4<f64>, SMatrix<f64, 2, 4>) {
+        let (mut gradient, mut by) = (Vector4::zeros(), SMatrix::<f64, 2, 4>::zeros());
         for i in 0..4 {
             let step = Vector4::ith(i, STEP);
             if let (Some(plus), Some(minus)) = (self.misfit(&(camera + step)), self.misfit(&(camera - step)))
             {
+                gradient[i] = (plus.cost - minus.cost) / (2.0 * STEP);
                 by.set_column(i, &((plus.residual - minus.residual) / (2.0 * STEP)));
             }
         }
-        by
+        (gradient, by)
     }
 
     /// What it adds at a camera.
@@ -245,18 +252,11 @@ impl Clue {
         if let Self::Camera { mean, information, .. } = self {
             return ClueTerms { gradient: information * (camera - mean), information: *information };
         }
-        let mut terms = ClueTerms { gradient: Vector4::zeros(), information: Matrix4::zeros() };
-        let Some(here) = self.misfit(camera) else { return terms };
-        for i in 0..4 {
-            let step = Vector4::ith(i, STEP);
-            if let (Some(plus), Some(minus)) = (self.misfit(&(camera + step)), self.misfit(&(camera - step)))
-            {
-                terms.gradient[i] = (plus.cost - minus.cost) / (2.0 * STEP);
-            }
-        }
-        let by = self.residual_by_camera(camera);
-        terms.information = by.transpose() * here.weight * by;
-        terms
+        let Some(here) = self.misfit(camera) else {
+            return ClueTerms { gradient: Vector4::zeros(), information: Matrix4::zeros() };
+        };
+        let (gradient, by) = self.derivatives(camera);
+        ClueTerms { gradient, information: by.transpose() * here.weight * by }
     }
 }
 

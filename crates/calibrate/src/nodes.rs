@@ -64,10 +64,9 @@ impl Evidence {
         let mut told: Vec<(f64, Vector4<f64>, Matrix4<f64>)> = Vec::with_capacity(readings.len());
         for reading in readings {
             let surprise = reading.residual + by * (expected - at);
-            let innovation = (reading.covariance + by * spread * by.transpose()).cholesky()?;
-            let weight = reading.share * (-0.5 * surprise.dot(&innovation.solve(&surprise))).exp()
-                / innovation.determinant().sqrt();
-            let gain = -spread * by.transpose() * innovation.inverse();
+            let covariance = reading.covariance + by * spread * by.transpose();
+            let (weight, information) = Reading { residual: surprise, covariance, ..*reading }.density()?;
+            let gain = -spread * by.transpose() * information;
             told.push((weight, expected + gain * surprise, spread + gain * by * spread));
         }
         let total: f64 = told.iter().map(|(weight, ..)| weight).sum();
