@@ -164,10 +164,10 @@ impl Default for OutputConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SolveConfig {
-    /// How far off nets see a car's elevation (the angle at which it is seen from above) and its turn about the line of sight: sds,
-    /// degrees, above 0.
-    pub view_sd_deg: [f64; 2],
-    /// The same of what all cars of a place share, from 0.
+    /// So many keypoints of a car are off together as one, from 1.
+    pub keypoints_as_one: f64,
+    /// How far off nets see all cars of a place: their elevation (the angle at which they are seen from above) and their turn about
+    /// the line of sight, sds, degrees, from 0.
     pub shared_view_sd_deg: [f64; 2],
     /// Median focal length beforehand, in units of the longer image side.
     pub focal_prior_ratio: f64,
@@ -209,8 +209,8 @@ impl Default for SolveConfig {
         let prior = scene.camera_prior;
         let deg = |rad: f64| (rad.to_degrees() * 1e9).round() / 1e9;
         Self {
-            view_sd_deg: [1.2, 1.2],
-            shared_view_sd_deg: [1.2, 1.7],
+            keypoints_as_one: 6.0,
+            shared_view_sd_deg: [0.9, 1.4],
             focal_prior_ratio: prior.focal_ratio,
             focal_prior_log_sd: prior.log_focal_sd,
             tilt_prior_deg: deg(prior.tilt),
@@ -257,7 +257,7 @@ impl SolveConfig {
             min_inliers: self.min_inliers,
             min_inlier_share: self.min_inlier_share,
             view_errors: Some(ViewErrors {
-                car_sd: self.view_sd_deg.map(f64::to_radians),
+                keypoints_as_one: self.keypoints_as_one,
                 shared_sd: [elevation, turn, 0.0, 0.0, 0.0],
             }),
             ..SceneOptions::default()
@@ -378,8 +378,8 @@ impl Config {
         range("watch.sweep_s", self.watch.sweep_s, 0.1, 60.0)?;
         range("keypoints.batch", self.keypoints.batch as f64, 1.0, 256.0)?;
         range("keypoints.min_box_px", self.keypoints.min_box_px, 1.0, 10_000.0)?;
-        for (car, shared) in solve.view_sd_deg.into_iter().zip(solve.shared_view_sd_deg) {
-            range("solve.view_sd_deg", car, 1e-3, 30.0)?;
+        range("solve.keypoints_as_one", solve.keypoints_as_one, 1.0, 36.0)?;
+        for shared in solve.shared_view_sd_deg {
             range("solve.shared_view_sd_deg", shared, 0.0, 30.0)?;
         }
         range("solve.focal_prior_ratio", solve.focal_prior_ratio, 0.1, 20.0)?;

@@ -66,13 +66,13 @@ impl Default for Steps {
     }
 }
 
-/// How far off the view of a car is as a whole, as nets see it: the angle at which it is seen from above, and its turn about the
-/// line of sight, sds in rad (`problem/cars/joint.rs`).
+/// What the errors of keypoints have in common, as nets make them (`problem/cars/joint.rs`).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ViewErrors {
-    /// Of a single car, above 0.
-    pub car_sd: [f64; 2],
-    /// Common to all cars of a place.
+    /// So many keypoints of a car are off together as one: 1 where each is off by itself.
+    pub keypoints_as_one: f64,
+    /// What is common to all cars of a place: sds of the angle at which they are seen from above and of their turn about the line of
+    /// sight (rad), then of lens and principal point.
     pub shared_sd: SharedSd,
 }
 

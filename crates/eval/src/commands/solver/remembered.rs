@@ -15,8 +15,10 @@ use super::scenes::{bound, views};
 use crate::parallel::in_parallel;
 
 /// sd of the log size that the cars of one place share. Its cars also share how far off nets see them: by as much as a run assumes
-/// (`solve.shared_view_sd_deg`), and single cars scatter about that (`solve.view_sd_deg`).
+/// (`solve.shared_view_sd_deg`).
 const PLACE_LOG_SD: f64 = 0.04;
+/// How elevation and turn of single cars scatter about that beside what their keypoints claim, rad.
+const VIEW_SD: [f64; 2] = [0.02; 2];
 /// Turn between two nights, rad.
 const TURN: f64 = 2.0 * std::f64::consts::PI / 180.0;
 const SEED: u64 = 7_000_000;
@@ -170,7 +172,7 @@ fn camera(atlas: &ShapeAtlas, clips: usize, seed: u64) -> Camera {
         tilt: [tilt; 2],
         roll: [roll; 2],
         view_off,
-        view_sd: solve.view_errors.map_or([0.0; 2], |errors| errors.car_sd),
+        view_sd: VIEW_SD,
         ..SynthOptions::default()
     };
     let mut truth = CameraParams::from_vector(&Vector4::zeros());

@@ -28,6 +28,13 @@ pub(crate) struct Misfit {
     pub numbers: f64,
 }
 
+impl Misfit {
+    /// w of a car whose sds are believed (q = d²/n): what its keypoints are worth.
+    pub fn worth(&self) -> f64 {
+        StudentT { dimensions: self.numbers }.weight(self.squared)
+    }
+}
+
 /// The weight of each car.
 pub(crate) fn trust(cars: &[Misfit]) -> Vec<f64> {
     let ratios: Vec<f64> = cars.iter().map(|car| car.squared / car.numbers.max(1.0)).collect();

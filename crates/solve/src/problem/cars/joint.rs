@@ -1,16 +1,17 @@
-//! What the cars say of the camera when the view of each is off, and all together are off by the same.
+//! What the cars say of the camera when the keypoints of each are off together, and all cars are off by the same.
 //!
-//! Keypoints of a car are not independent: a net sees the whole car from a little too high, or turned. So the car that they show
-//! is turned against the true one, about the horizontal across the line of sight and about the line of sight, by d_k, and these
-//! angles scatter about what all cars of the place share, b. And x, a keypoint where a straight lens would show it, is off for all
-//! cars with what is wrong about lens and principal point, λ:
+//! Keypoints of a car are not independent, and of one car they are worse than of another, which its misfit shows. So m of them count
+//! as one, with a variance factor of the car's own: the cost of its keypoints is worth w / m, w as in `trust.rs` for the sds as
+//! they are claimed. And a net sees all cars of a place from a little too high, or turned: turned against the true ones, about the
+//! horizontal across the line of sight and about the line of sight, by b. And x, a keypoint where a straight lens would show it, is
+//! off for all cars with what is wrong about lens and principal point, λ:
 //!
 //! ```text
-//! r_k = W (π(G_k + R(d_k) R X) − x(λ))   + ½ |d_k − b|² / σ²      σ: `ViewErrors::car_sd`
+//! cost_k = w_k / m · ½ |W (π(G_k + R(b) R X) − x(λ))|²      m: `ViewErrors::keypoints_as_one`
 //! ```
 //!
-//! Linear in d, b and λ, which are small, about the minimum without them: they are in the covariance of the camera and not in its
-//! estimate. d is eliminated with poses and shapes; b and λ stay, since pictures of a place share them (`base/src/shared.rs`).
+//! Linear in b and λ, which are small, about the minimum without them: they are in the covariance of the camera and not in its
+//! estimate. They are not eliminated with poses and shapes, since pictures of a place share them (`base/src/shared.rs`).
 
 use nalgebra::{DMatrix, DVector, Matrix2x3, SMatrix, Vector2, Vector3};
 use roadplane_base::{JointInformation, SHARED_ERRORS};
@@ -19,10 +20,9 @@ use super::{GroundProblem, View};
 use crate::linear::gram::MIN_INFORMATION;
 use crate::model::observation::Observation;
 use crate::model::pose::{CameraFrame, Pose as _};
+use crate::model::standing::STANDING;
 use crate::options::ViewErrors;
 
-/// Unknowns of a view: anchor, heading, elevation, turn.
-const OF_VIEW: usize = 5;
 /// Camera, and what cars share.
 const SHARED: usize = 4 + SHARED_ERRORS;
 
@@ -33,36 +33,29 @@ impl<const M: usize> GroundProblem<'_, M> {
         let mut all = SMatrix::<f64, SHARED, SHARED>::zeros();
         for (g, group) in self.groups.iter().enumerate() {
             let views = group.views.len();
-            let shape_at = OF_VIEW * views;
+            let worth = self.misfit(g, group).worth() / errors.keypoints_as_one;
+            let shape_at = STANDING * views;
             let shared_at = shape_at + M;
             let size = shared_at + SHARED;
             let mut sum = DMatrix::<f64>::zeros(size, size);
             let mut row = DVector::<f64>::zeros(size);
             for (place, k) in group.views.clone().enumerate() {
-                let view_at = OF_VIEW * place;
+                let view_at = STANDING * place;
                 let turned = self.turned(&self.views[k], k)?;
                 let mut o = 0;
                 self.each_row(k, |keypoint| {
-                    let root = keypoint.right.sqrt();
+                    let root = (keypoint.right * worth).sqrt();
                     for (rows, by_turn) in keypoint.rows.iter().zip(&turned[o]) {
                         row.fill(0.0);
                         row.rows_mut(view_at, 3).copy_from_slice(&rows[..3]);
-                        row.rows_mut(view_at + 3, 2).copy_from_slice(&by_turn[..2]);
                         row.rows_mut(shape_at, M + 4).copy_from_slice(&rows[3..3 + M + 4]);
-                        row.rows_mut(shared_at + 6, SHARED_ERRORS - 2).copy_from_slice(&by_turn[2..]);
+                        row.rows_mut(shared_at + 4, SHARED_ERRORS).copy_from_slice(by_turn);
                         row *= root;
                         sum.syger(1.0, &row, &row, 1.0);
                     }
                     o += 1;
                 })?;
-                for i in 0..2 {
-                    let (own, shared) = (view_at + 3 + i, shared_at + 4 + i);
-                    let weight = 1.0 / (errors.car_sd[i] * errors.car_sd[i]);
-                    sum[(own, own)] += weight;
-                    sum[(shared, shared)] += weight;
-                    sum[(shared, own)] -= weight;
-                }
-                for i in 0..3 {
+                for i in 0..STANDING {
                     sum[(view_at + i, view_at + i)] += MIN_INFORMATION;
                 }
             }
@@ -78,7 +71,7 @@ impl<const M: usize> GroundProblem<'_, M> {
             let cross = sum.view((0, shared_at), (shared_at, SHARED)).into_owned();
             let of_shared = sum.fixed_view::<SHARED, SHARED>(shared_at, shared_at)
                 - cross.transpose() * own.solve(&cross);
-            all += of_shared * group.trust;
+            all += of_shared;
         }
         let information = all.fixed_view::<4, 4>(0, 0).into_owned();
         let information = (information + information.transpose()) / 2.0;

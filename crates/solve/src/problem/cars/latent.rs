@@ -31,15 +31,18 @@ impl<P: Pose<N>, const N: usize, const M: usize> CarsProblem<'_, P, N, M> {
         problem
     }
 
+    /// How well the car of the g-th group fits at the current state. After it was linearised.
+    pub(super) fn misfit(&self, g: usize, group: &Group<M>) -> Misfit {
+        let observations = group.views.clone().flat_map(|k| self.views[k].observations.clone());
+        let weight: f64 = observations.map(|i| self.observations[i].weight).sum();
+        let cost = self.linearisation.keypoints[g] + group.prior.cost(&self.state.shapes[g]);
+        Misfit { squared: 2.0 * cost, numbers: 2.0 * weight }
+    }
+
     /// Weighs the cars by how they fit at the current state (`trust.rs`). After it was linearised.
     pub fn weigh(&mut self) {
-        let misfit = |(g, group): (usize, &Group<M>)| {
-            let observations = group.views.clone().flat_map(|k| self.views[k].observations.clone());
-            let weight: f64 = observations.map(|i| self.observations[i].weight).sum();
-            let cost = self.linearisation.keypoints[g] + group.prior.cost(&self.state.shapes[g]);
-            Misfit { squared: 2.0 * cost, numbers: 2.0 * weight }
-        };
-        let misfits: Vec<Misfit> = self.groups.iter().enumerate().map(misfit).collect();
+        let misfits: Vec<Misfit> =
+            self.groups.iter().enumerate().map(|(g, group)| self.misfit(g, group)).collect();
         for (group, trust) in self.groups.iter_mut().zip(trust(&misfits)) {
             group.trust = trust;
         }
