@@ -47,9 +47,6 @@ const BEND_SD: f64 = 0.002;
 /// How much of a fan the net makes of parallel cars by itself, as a share of what it sees (sd): it has that in common for all cars of a
 /// place (estimate; on calibrated cameras 7 % ± 6 %).
 const SHARED_FAN: f64 = 0.05;
-/// Poses that tell log focal to better than this are left alone (sd): on rendered clips, whose poses are better than they claim, hearing
-/// parallel cars as well doubled the error of the focal length.
-const POSES_TELL: f64 = 0.15;
 /// Rounds of weighing cars by how well they fit.
 const ROUNDS: usize = 20;
 const SCATTER: StudentT = StudentT { dimensions: 1.0 };
@@ -79,7 +76,7 @@ impl CarHeading {
 }
 
 /// What cars of a place that point the same way say of the focal length; `None` where they are few or beside each other, or where the
-/// cars' poses tell its logarithm to `log_focal_sd` already and that is better, or good.
+/// cars' poses tell its logarithm to `log_focal_sd` already and that is better: both are of the same keypoints.
 #[must_use]
 pub fn parallel(headings: &[CarHeading], log_focal_sd: f64) -> Option<Parallel> {
     let mut open = of_each_car(headings);
@@ -94,7 +91,7 @@ pub fn parallel(headings: &[CarHeading], log_focal_sd: f64) -> Option<Parallel> 
     }
     let [inverse_focal, sd] = system.solve()?;
     let sd = sd.hypot(SHARED_FAN * inverse_focal);
-    let is_told = log_focal_sd > POSES_TELL && inverse_focal > 0.0 && sd < log_focal_sd * inverse_focal;
+    let is_told = inverse_focal > 0.0 && sd < log_focal_sd * inverse_focal;
     is_told.then_some(Parallel {
         clue: Clue::InverseFocal { per_px: inverse_focal, sd },
         cars: system.rows.len(),

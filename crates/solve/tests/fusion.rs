@@ -40,11 +40,11 @@ fn errors_of_view_widen_what_cars_say() {
 #[test]
 fn an_error_of_the_lens_moves_the_camera_as_told() {
     let atlas = ShapeAtlas::shipped().unwrap();
-    let scene = scene(&atlas, &SynthOptions { cars: 12, noise: 0.003, ..SynthOptions::default() }, 4);
+    let scene = scene(&atlas, &SynthOptions { cars: 12, noise: 0.02, ..SynthOptions::default() }, 4);
     let cars = scene.cars.iter().enumerate();
     let views: Vec<CarView<'_>> =
         cars.map(|(group, car)| CarView { keypoints: &car.keypoints, group, weight: 1.0 }).collect();
-    let steps = Steps { marginal: false, trust: false, body_types: false, ..Steps::default() };
+    let steps = Steps { marginal: false, body_types: false, ..Steps::default() };
     let view_errors = Some(ViewErrors { keypoints_as_one: 1.0, shared_sd: [0.0; SHARED_ERRORS] });
     let solve = |bend: f64| {
         let lens = Lens::with_bend(bend, scene.size);

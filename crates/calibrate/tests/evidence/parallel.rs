@@ -105,7 +105,6 @@ fn poses_that_tell_more_are_left_alone() {
     let [focal_px, sd_px] = told(&parallel(&few, POSES).unwrap());
     assert!(parallel(&few, 1.01 * sd_px / focal_px).is_some());
     assert_eq!(parallel(&few, 0.99 * sd_px / focal_px), None);
-    assert_eq!(parallel(&street(4, 12, 1.0, 1.4, 0.0, 0.0), 0.14), None, "they tell it well");
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! Single cars before a known camera: the view of them that is fitted against the true one, and where their keypoints lie.
 
 use nalgebra::{Isometry3, Vector2, Vector3};
-use roadplane_base::{Camera, FrameRecord, KEYPOINTS, KeypointSet, ShapeAtlas};
+use roadplane_base::{Camera, FrameRecord, KEYPOINTS, KeypointSet, ShapeAtlas, StudentT};
 use roadplane_pipeline::{Config, usable};
 use roadplane_solve::{ShapePrior, fit_car, fit_free_car};
 
@@ -62,7 +62,7 @@ pub(super) struct SeenCar {
     /// With the pose free: elevation, turn about the line of sight (positive: clockwise), rad; log of how high the camera stands
     /// above its ground.
     pub errors: [f64; 3],
-    /// Claimed sds of the first two, keypoints taken for independent, rad.
+    /// sds of the first two, keypoints taken for independent, how they fit the car on the ground counted, rad.
     pub claimed: [f64; 2],
     /// With the car on the true ground.
     pub points: Vec<PointOff>,
@@ -106,9 +106,12 @@ fn seen_car(
     // Turns of the car about the axes that its elevation and its turn are about.
     let turns = free.pose_covariance.fixed_view::<3, 3>(0, 0).into_owned();
     let axes = [sight.cross(&own_up).try_normalize(1e-9)?, sight];
-    let claimed = axes.map(|axis| axis.dot(&(turns * axis)).max(0.0).sqrt());
 
-    let stood = fit_car(atlas, &camera, &known.plane, keypoints, &ShapePrior::default(), None, &options)?.car;
+    let fit = fit_car(atlas, &camera, &known.plane, keypoints, &ShapePrior::default(), None, &options)?;
+    let numbers = 2.0 * keypoints.iter().flatten().count() as f64;
+    let worth = StudentT { dimensions: numbers }.weight(2.0 * fit.cost);
+    let claimed = axes.map(|axis| (axis.dot(&(turns * axis)).max(0.0) / worth).sqrt());
+    let stood = fit.car;
     let pose = stood.camera_from_car;
     let towards = pose.inverse().translation.vector.xy();
     let points = points_off(&camera, &pose, keypoints, box_px, |i| atlas.keypoint_in_car(i, &stood.shape));
