@@ -210,7 +210,8 @@ impl Clue {
         }
     }
 
-    /// What a clue may mean before a camera: a level street, a steep one. `None` of clues that mean one thing.
+    /// The two Gaussians that a clue may mean before a camera: a level street, a steep one. `None` of clues that mean one thing. The
+    /// join takes them by expectation propagation.
     #[must_use]
     pub fn readings(&self, camera: &Vector4<f64>) -> Option<[Reading; 2]> {
         let Self::Upright { bend, roll, covariance } = *self else { return None };

@@ -25,7 +25,7 @@ pub use xml::{Element, fixed};
 /// `out`. Gives the folders.
 ///
 /// # Errors
-/// [`WriteError::Malformed`] where the run lacks what a format holds, [`WriteError::Exists`], [`WriteError::Io`],
+/// [`WriteError::Lacks`] where the run lacks what a format holds, [`WriteError::Exists`], [`WriteError::Io`],
 /// [`WriteError::DiskFull`]; folders of formats that were finished before stay.
 pub fn export(
     run: &Run,

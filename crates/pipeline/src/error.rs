@@ -165,7 +165,9 @@ impl PipelineError {
             Self::Activity(ActivityError::Net(error)) => net_fault(error),
             Self::Activity(ActivityError::Motion(_)) => Fault::Input,
             Self::Write(WriteError::Locked { .. }) => Fault::Locked,
-            Self::Write(WriteError::Exists { .. } | WriteError::BadStem { .. }) => Fault::Usage,
+            Self::Write(
+                WriteError::Exists { .. } | WriteError::BadStem { .. } | WriteError::Lacks { .. },
+            ) => Fault::Usage,
             Self::Write(WriteError::Malformed { .. }) => Fault::Input,
             Self::Stopped { signal } => Fault::Stopped { signal: *signal },
             Self::Write(_)

@@ -50,6 +50,14 @@ pub enum WriteError {
         /// The file.
         path: PathBuf,
     },
+    /// A result holds nothing of what is asked of it.
+    #[error("{what}: {path}")]
+    Lacks {
+        /// What is not there, and what would help.
+        what: String,
+        /// The result.
+        path: PathBuf,
+    },
     /// A file that we read back is not of the documented form.
     #[error("{what}: {path}")]
     Malformed {

@@ -27,7 +27,7 @@ pub fn activity_name(ours: &str) -> String {
 /// Writes system output, file index and activity index.
 pub fn write(run: &Run, folder: &Path) -> Result<(), WriteError> {
     let Some(events) = &run.events else {
-        return Err(WriteError::Malformed {
+        return Err(WriteError::Lacks {
             what: "actev holds activities, and the run has none to tell (no activities.jsonl)".to_owned(),
             path: run.folder.clone(),
         });

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use nalgebra::{Matrix4, Vector4};
+use nalgebra::Matrix4;
 use roadplane_base::{CameraEstimate, CameraStatus, Clue, ImageSize, JointInformation};
 use roadplane_calibrate::{FuseOptions, FusePrior, SegmentStart, WindowEstimate};
 use roadplane_solve::SceneOptions;
@@ -62,7 +62,7 @@ pub(crate) fn nothing_seen(options: &FuseOptions, span_s: [f64; 2], segment: usi
 fn fuse_prior(options: &SceneOptions, size: ImageSize) -> FusePrior {
     let prior = &options.camera_prior;
     let mut params = prior.mean(size);
-    let mut sd = Vector4::new(prior.log_focal_sd, prior.tilt_sd, prior.roll_sd, prior.log_height_sd);
+    let mut sd = prior.sd();
     if let Some(focal_px) = options.known_focal_px {
         params.log_focal = focal_px.ln();
         sd[0] = GIVEN_LOG_FOCAL_SD;

@@ -6,7 +6,7 @@ use roadplane_eval::solver::{
     speed_table, statistics_tables, synthetic_pictures,
 };
 use roadplane_eval::{camera_pictures, dataset_pictures};
-use roadplane_pipeline::{Cancel, find_models};
+use roadplane_pipeline::{Cancel, PipelineError, find_models};
 use roadplane_tables::Report;
 
 use crate::args::eval::{EvalRememberedArgs, EvalSolverArgs};
@@ -21,6 +21,13 @@ const CARS: [usize; 9] = [1, 3, 5, 10, 20, 50, 100, 200, 300];
 
 /// Prints the tables.
 pub fn solver(args: &EvalSolverArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
+    let settings = &args.config;
+    if !args.layers && (settings.config.is_some() || !settings.settings.is_empty()) {
+        return Err(PipelineError::usage(
+            "--config and --set are for --layers: the statistics are of the solver's own defaults",
+        )
+        .into());
+    }
     let report = if args.layers { layers(args, cancel)? } else { statistics(args)? };
     show(&report, args.out.as_deref())?;
     Ok(Outcome::Done)

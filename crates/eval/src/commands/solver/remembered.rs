@@ -149,7 +149,7 @@ fn options() -> FuseOptions {
     let prior = run.camera_prior;
     let size = SynthOptions::default().size;
     FuseOptions {
-        prior: FusePrior { params: prior.mean(size), sd: prior.information().map(|i| 1.0 / i.sqrt()) },
+        prior: FusePrior { params: prior.mean(size), sd: prior.sd() },
         shared_sd: run.shared_sd(),
         ..FuseOptions::for_image(size)
     }

@@ -13,7 +13,7 @@ pub(crate) struct KeypointRows {
     pub rows: [[f64; MAX_WIDTH]; 2],
     /// Its weight.
     pub weight: f64,
-    /// ρ'.
+    /// ρ', the probability that it is right.
     pub right: f64,
 }
 
