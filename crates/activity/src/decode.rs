@@ -1,8 +1,8 @@
-//! Probabilities at steps → one label a sample, and events.
+//! Probabilities at steps → one label a sample.
 
 use roadplane_base::angle_difference;
-use serde::{Deserialize, Serialize};
 
+use crate::events::{Labelled, stretches};
 use crate::label::{LABELS, Label};
 use crate::motion::{Motion, STEP_S};
 
@@ -22,9 +22,6 @@ const MOVED_M: f64 = 2.2;
 const TURNED_RAD: f64 = 0.21;
 /// … and one that bends by less no U-turn (130°, between the sharpest turns and half turns).
 const U_TURN_RAD: f64 = 2.27;
-/// Events that are less probable than their opposite are not told.
-const LEAST_CONFIDENCE: f64 = 0.5;
-
 /// Probabilities of the labels at steps of the grid, which may skip where the vehicle stands.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Probabilities {
@@ -34,44 +31,8 @@ pub struct Probabilities {
     pub p: Vec<[f64; LABELS]>,
     /// Time from each step to the nearest sighting, s, up to 2.
     pub gap_s: Vec<f64>,
-}
-
-/// A stretch in which a vehicle does one thing.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Event {
-    /// Of which track.
-    pub track: u64,
-    /// What it does.
-    pub activity: Label,
-    /// Beginning, s.
-    pub from_s: f64,
-    /// End, s.
-    pub to_s: f64,
-    /// Mean probability over its steps.
-    pub confidence: f64,
-}
-
-/// What a vehicle does.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Labelled {
-    /// Per sample its label and the net's probability of it.
-    pub samples: Vec<(Label, f64)>,
-    /// Stretches of one label, by time, of all but standing and what is told with less than even odds: label, beginning and
-    /// end (s), mean probability.
-    pub stretches: Vec<(Label, f64, f64, f64)>,
-}
-
-impl Labelled {
-    /// The stretches as events of a track.
-    pub fn events(&self, track: u64) -> impl Iterator<Item = Event> {
-        self.stretches.iter().map(move |&(activity, from_s, to_s, confidence)| Event {
-            track,
-            activity,
-            from_s,
-            to_s,
-            confidence,
-        })
-    }
+    /// Speed at each step, m/s.
+    pub speed_mps: Vec<f64>,
 }
 
 /// The labels that are most probable together, where each change costs (Viterbi 1967).
@@ -189,22 +150,7 @@ pub(crate) fn labelled(found: &Probabilities, motion: &Motion) -> Labelled {
             (Label::ALL[labels[i]], found.p[i][labels[i]])
         })
         .collect();
-    let mut stretches = Vec::new();
-    let mut from = 0;
-    for stretch in labels.chunk_by(|a, b| a == b) {
-        let to = from + stretch.len();
-        let label = stretch[0];
-        // A change lies between two steps.
-        let at = |i: usize| (found.steps[i] as f64 - 0.5) * STEP_S;
-        let begin = if from == 0 { *first_s } else { at(from) };
-        let end = if to == labels.len() { *last_s } else { at(to) };
-        let mean = found.p[from..to].iter().map(|p| p[label]).sum::<f64>() / stretch.len() as f64;
-        if Label::ALL[label] != Label::NotMoving && mean >= LEAST_CONFIDENCE {
-            stretches.push((Label::ALL[label], begin, end, mean));
-        }
-        from = to;
-    }
-    Labelled { samples, stretches }
+    Labelled { samples, stretches: stretches(found, &labels, *first_s, *last_s) }
 }
 
 #[cfg(test)]
@@ -221,6 +167,7 @@ mod tests {
             steps: (5..).take(labels.len()).collect(),
             p: p.collect(),
             gap_s: vec![0.0; labels.len()],
+            speed_mps: vec![2.0; labels.len()],
         }
     }
 
@@ -258,7 +205,7 @@ mod tests {
         let labelled = labelled(&sure(&told), &driving(&times));
         assert_eq!(labelled.samples[8].0, stand);
         assert!((labelled.samples[8].1 - 0.02).abs() < 1e-12, "the net's own probability");
-        let events: Vec<Event> = labelled.events(7).collect();
+        let events: Vec<crate::Event> = labelled.events(7).collect();
         assert_eq!(events.iter().map(|e| e.activity).collect::<Vec<_>>(), [start, go]);
         assert!((events[0].from_s - 2.9).abs() < 1e-9 && (events[0].to_s - 5.3).abs() < 1e-9, "{events:?}");
         assert!((events[1].to_s - times[58]).abs() < 1e-9 && events[0].track == 7);
