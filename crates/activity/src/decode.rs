@@ -1,5 +1,7 @@
 //! Probabilities at steps → one label a sample.
 
+use std::ops::Range;
+
 use roadplane_base::angle_difference;
 
 use crate::events::{Labelled, stretches};
@@ -15,6 +17,8 @@ const LEAST_P: f64 = 1e-4;
 const UNSEEN_S: f64 = 0.4;
 /// See [`UNSEEN_S`].
 const UNSEEN_COST: f64 = 2.0;
+/// A stand that was not seen this close to a start or stop (s) is guesswork, too: the vehicle drives on, as far as anyone can tell.
+const SEEN_STAND_S: f64 = 1.0;
 /// What comes no farther than half a car's length between two stands, or from one, has stood: tracks of hidden and far cars
 /// waver so much, m.
 const MOVED_M: f64 = 2.2;
@@ -22,6 +26,9 @@ const MOVED_M: f64 = 2.2;
 const TURNED_RAD: f64 = 0.21;
 /// … and one that bends by less no U-turn (130°, between the sharpest turns and half turns).
 const U_TURN_RAD: f64 = 2.27;
+/// No vehicle drives a tighter circle, m (cars need 4 to 6): what a way bends beyond is noise, as of a few samples beside each
+/// other.
+const LEAST_RADIUS_M: f64 = 3.0;
 /// Probabilities of the labels at steps of the grid, which may skip where the vehicle stands.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Probabilities {
@@ -97,6 +104,31 @@ fn settle(labels: &mut [usize], steps: &[i64], motion: &Motion) {
     }
 }
 
+/// Turns starts from stands, and stops to stands, that nobody saw into driving on.
+fn drive_on(labels: &mut [usize], found: &Probabilities) {
+    let mut to = 0;
+    let run = |run: &[usize]| {
+        to += run.len();
+        to - run.len()..to
+    };
+    let runs: Vec<Range<usize>> = labels.chunk_by(|a, b| a == b).map(run).collect();
+    for (i, run) in runs.iter().enumerate() {
+        let (stand, change) = match Label::ALL[labels[run.start]] {
+            Label::Starting => (i.checked_sub(1), run.start),
+            Label::Stopping => (Some(i + 1), run.end - 1),
+            _ => continue,
+        };
+        let is_stand = |run: &&Range<usize>| labels[run.start] == Label::NotMoving.index();
+        let Some(stand) = stand.and_then(|i| runs.get(i)).filter(is_stand) else { continue };
+        let near = |step: usize| {
+            (found.steps[step] - found.steps[change]).abs() as f64 * STEP_S <= SEEN_STAND_S + 1e-6
+        };
+        if !stand.clone().any(|step| near(step) && found.gap_s[step] <= STEP_S / 2.0) {
+            labels[run.clone()].fill(Label::Moving.index());
+        }
+    }
+}
+
 /// Turns have to bend the way of the vehicle, and U-turns bend it far; the net sees but a part of a long stretch.
 fn bend(labels: &mut [usize], steps: &[i64], motion: &Motion) {
     let turns = [Label::TurningLeft, Label::TurningRight, Label::UTurn].map(Label::index);
@@ -117,7 +149,8 @@ fn bend(labels: &mut [usize], steps: &[i64], motion: &Motion) {
     }
 }
 
-/// By how much a way bends, to the left, rad: twice the angle between its halves' chords, which for an arc is all of it.
+/// By how much a way bends, to the left, rad: twice the angle between its halves' chords, which for an arc is all of it, and no
+/// more than a vehicle can.
 fn turned(places: &[[f64; 2]]) -> Option<f64> {
     let (first, last) = (places.first()?, places.last()?);
     let steps = places.windows(2).map(|p| (p[1][0] - p[0][0]).hypot(p[1][1] - p[0][1]));
@@ -127,9 +160,11 @@ fn turned(places: &[[f64; 2]]) -> Option<f64> {
             Some(*way)
         })
         .collect();
-    let middle = places.get(way.partition_point(|to| *to < way.last().unwrap_or(&0.0) / 2.0))?;
+    let length_m = way.last().copied().unwrap_or(0.0);
+    let middle = places.get(way.partition_point(|to| *to < length_m / 2.0))?;
     let chord = |a: &[f64; 2], b: &[f64; 2]| (b[1] - a[1]).atan2(b[0] - a[0]);
-    Some(2.0 * angle_difference(chord(middle, last), chord(first, middle)))
+    let most_rad = length_m / LEAST_RADIUS_M;
+    Some((2.0 * angle_difference(chord(middle, last), chord(first, middle))).clamp(-most_rad, most_rad))
 }
 
 /// Labels of a motion's samples, each that of the nearest step; where steps were skipped the last before holds.
@@ -139,6 +174,7 @@ pub(crate) fn labelled(found: &Probabilities, motion: &Motion) -> Labelled {
     let mut labels = steady(found);
     settle(&mut labels, &found.steps, motion);
     bend(&mut labels, &found.steps, motion);
+    drive_on(&mut labels, found);
     let of_time = |t: f64| {
         let step = (t / STEP_S).round() as i64;
         found.steps.partition_point(|s| *s <= step).saturating_sub(1)
@@ -213,6 +249,24 @@ mod tests {
     }
 
     #[test]
+    fn who_was_not_seen_to_stand_drives_on() {
+        let mut told = vec![Label::Moving; 10];
+        told.extend([Label::Stopping; 10]);
+        told.extend([Label::NotMoving; 20]);
+        let times: Vec<f64> = (0..79).map(|i| 1.0 + f64::from(i) * 0.1).collect();
+        let mut motion = driving(&times);
+        motion.xy_m.iter_mut().for_each(|xy| xy[0] = xy[0].min(10.0));
+        let mut found = sure(&told);
+        let label_at_3_s = |found: &Probabilities| labelled(found, &motion).samples[20].0;
+        assert_eq!(label_at_3_s(&found), Label::Stopping);
+        found.gap_s[20..].iter_mut().enumerate().for_each(|(i, gap)| *gap = 0.2 * (i + 1) as f64);
+        assert_eq!(label_at_3_s(&found), Label::Moving);
+        // Seen at its end alone, long after.
+        found.gap_s[39] = 0.0;
+        assert_eq!(label_at_3_s(&found), Label::Moving);
+    }
+
+    #[test]
     fn a_turn_bends_the_way_and_a_u_turn_bends_it_far() {
         let times: Vec<f64> = (0..79).map(|i| 1.0 + f64::from(i) * 0.1).collect();
         let label_of = |told: Label, turned_deg: f64| {
@@ -234,6 +288,8 @@ mod tests {
         assert_eq!(label_of(Label::TurningLeft, 40.0), Label::TurningLeft);
         assert_eq!(label_of(Label::TurningLeft, 5.0), Label::Moving);
         assert_eq!(label_of(Label::UTurn, -5.0), Label::Moving);
+        // Three samples beside each other bend by chance.
+        assert!(turned(&[[0.0, 0.0], [0.2, 0.0], [0.1, 0.15]]).unwrap().abs() < 0.2);
     }
 
     #[test]
