@@ -19,9 +19,10 @@ const UNSEEN_S: f64 = 0.4;
 const UNSEEN_COST: f64 = 2.0;
 /// A stand that was not seen this close to a start or stop (s) is guesswork, too: the vehicle drives on, as far as anyone can tell.
 const SEEN_STAND_S: f64 = 1.0;
-/// What comes no farther than half a car's length between two stands, or from one, has stood: tracks of hidden and far cars
-/// waver so much, m.
+/// What comes no farther than half a car's length between two stands has stood: tracks of hidden and far cars waver so much, m.
 const MOVED_M: f64 = 2.2;
+/// The same of what begins or ends with its track, and has but one stand, m: nobody knows how far it would have come.
+const LEFT_M: f64 = 1.0;
 /// A stretch whose way bends by less is no turn, rad (12°: lanes that swing, boxes cut by the picture's edge) …
 const TURNED_RAD: f64 = 0.21;
 /// … and one that bends by less no U-turn (130°, between the sharpest turns and half turns).
@@ -95,10 +96,14 @@ fn settle(labels: &mut [usize], steps: &[i64], motion: &Motion) {
         })
         .collect();
     for (begin, end) in runs {
-        let beside_a_stand = begin > 0 || end < labels.len();
+        let least_m = match (begin > 0, end < labels.len()) {
+            (true, true) => MOVED_M,
+            (false, false) => continue,
+            _ => LEFT_M,
+        };
         let places = places(motion, &steps[begin..end]);
-        let stays = places.iter().all(|xy| (xy[0] - places[0][0]).hypot(xy[1] - places[0][1]) < MOVED_M);
-        if labels[begin] != still && beside_a_stand && stays {
+        let stays = places.iter().all(|xy| (xy[0] - places[0][0]).hypot(xy[1] - places[0][1]) < least_m);
+        if labels[begin] != still && stays {
             labels[begin..end].fill(still);
         }
     }
@@ -228,6 +233,21 @@ mod tests {
         assert!(labelled(&found, &wavering).stretches.is_empty());
         found.gap_s[10..20].fill(1.0);
         assert!(labelled(&found, &driving(&times)).stretches.is_empty());
+    }
+
+    #[test]
+    fn who_leaves_as_the_track_ends_has_left_its_place() {
+        let mut told = vec![Label::NotMoving; 30];
+        told[22..].fill(Label::Starting);
+        let times: Vec<f64> = (0..59).map(|i| 1.0 + f64::from(i) * 0.1).collect();
+        let label_at_the_end = |speed: f64| {
+            let mut motion = driving(&times);
+            motion.xy_m.iter_mut().for_each(|xy| xy[0] *= speed / 2.0);
+            labelled(&sure(&told), &motion).samples[58].0
+        };
+        // Within 1.4 s.
+        assert_eq!(label_at_the_end(1.2), Label::Starting);
+        assert_eq!(label_at_the_end(0.3), Label::NotMoving);
     }
 
     #[test]
