@@ -4,7 +4,7 @@
 //! ```text
 //! Motion (a track's samples)  → features   car-aligned motion, five times a second  (motion.rs, features.rs)
 //!                             → net        bidirectional LSTM → probabilities       (net.rs)
-//!                             → steady     one label a step, without flicker         (decode.rs)
+//!                             → steady     one label a step, without flicker         (decode.rs, rules.rs)
 //!                             → events     stretches of one label                    (events.rs), and starts and stops
 //!                                          that are turns, too                       (spans.rs)
 //! ```
@@ -19,6 +19,7 @@ mod features;
 mod label;
 mod motion;
 mod net;
+mod rules;
 mod spans;
 
 pub use decode::Probabilities;
