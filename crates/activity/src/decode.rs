@@ -1,10 +1,9 @@
-//! Probabilities at steps → one label a sample, and events.
+//! Probabilities at steps → one label a sample: the steadiest labels, then the rules.
 
-use roadplane_base::angle_difference;
-use serde::{Deserialize, Serialize};
-
+use crate::events::{Labelled, stretches};
 use crate::label::{LABELS, Label};
 use crate::motion::{Motion, STEP_S};
+use crate::rules::{bend, drive_on, settle};
 
 /// What a change of label costs, as a logarithm of probability: labels that hold for a step or two are flicker.
 const CHANGE_COST: f64 = 3.0;
@@ -15,16 +14,6 @@ const LEAST_P: f64 = 1e-4;
 const UNSEEN_S: f64 = 0.4;
 /// See [`UNSEEN_S`].
 const UNSEEN_COST: f64 = 2.0;
-/// What comes no farther than half a car's length between two stands, or from one, has stood: tracks of hidden and far cars
-/// waver so much, m.
-const MOVED_M: f64 = 2.2;
-/// A stretch whose way bends by less is no turn, rad (12°: lanes that swing, boxes cut by the picture's edge) …
-const TURNED_RAD: f64 = 0.21;
-/// … and one that bends by less no U-turn (130°, between the sharpest turns and half turns).
-const U_TURN_RAD: f64 = 2.27;
-/// Events that are less probable than their opposite are not told.
-const LEAST_CONFIDENCE: f64 = 0.5;
-
 /// Probabilities of the labels at steps of the grid, which may skip where the vehicle stands.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Probabilities {
@@ -34,44 +23,8 @@ pub struct Probabilities {
     pub p: Vec<[f64; LABELS]>,
     /// Time from each step to the nearest sighting, s, up to 2.
     pub gap_s: Vec<f64>,
-}
-
-/// A stretch in which a vehicle does one thing.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Event {
-    /// Of which track.
-    pub track: u64,
-    /// What it does.
-    pub activity: Label,
-    /// Beginning, s.
-    pub from_s: f64,
-    /// End, s.
-    pub to_s: f64,
-    /// Mean probability over its steps.
-    pub confidence: f64,
-}
-
-/// What a vehicle does.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Labelled {
-    /// Per sample its label and the net's probability of it.
-    pub samples: Vec<(Label, f64)>,
-    /// Stretches of one label, by time, of all but standing and what is told with less than even odds: label, beginning and
-    /// end (s), mean probability.
-    pub stretches: Vec<(Label, f64, f64, f64)>,
-}
-
-impl Labelled {
-    /// The stretches as events of a track.
-    pub fn events(&self, track: u64) -> impl Iterator<Item = Event> {
-        self.stretches.iter().map(move |&(activity, from_s, to_s, confidence)| Event {
-            track,
-            activity,
-            from_s,
-            to_s,
-            confidence,
-        })
-    }
+    /// Speed at each step, m/s.
+    pub speed_mps: Vec<f64>,
 }
 
 /// The labels that are most probable together, where each change costs (Viterbi 1967).
@@ -106,71 +59,6 @@ fn steady(found: &Probabilities) -> Vec<usize> {
     labels
 }
 
-/// Where a motion is in a stretch of steps, m.
-fn places<'a>(motion: &'a Motion, stretch: &[i64]) -> &'a [[f64; 2]] {
-    let (Some(from), Some(to)) = (stretch.first(), stretch.last()) else { return &[] };
-    let first = motion.time_s.partition_point(|t| *t < *from as f64 * STEP_S);
-    let last = motion.time_s.partition_point(|t| *t <= *to as f64 * STEP_S);
-    motion.xy_m.get(first..last).unwrap_or_default()
-}
-
-/// Turns what does not leave its place beside a stand into standing.
-fn settle(labels: &mut [usize], steps: &[i64], motion: &Motion) {
-    let still = Label::NotMoving.index();
-    let mut from = 0;
-    let runs: Vec<(usize, usize)> = labels
-        .chunk_by(|a, b| (*a == still) == (*b == still))
-        .map(|run| {
-            let begin = from;
-            from += run.len();
-            (begin, from)
-        })
-        .collect();
-    for (begin, end) in runs {
-        let beside_a_stand = begin > 0 || end < labels.len();
-        let places = places(motion, &steps[begin..end]);
-        let stays = places.iter().all(|xy| (xy[0] - places[0][0]).hypot(xy[1] - places[0][1]) < MOVED_M);
-        if labels[begin] != still && beside_a_stand && stays {
-            labels[begin..end].fill(still);
-        }
-    }
-}
-
-/// Turns have to bend the way of the vehicle, and U-turns bend it far; the net sees but a part of a long stretch.
-fn bend(labels: &mut [usize], steps: &[i64], motion: &Motion) {
-    let turns = [Label::TurningLeft, Label::TurningRight, Label::UTurn].map(Label::index);
-    let mut from = 0;
-    for run in labels.chunk_by_mut(|a, b| a == b) {
-        let (begin, end) = (from, from + run.len());
-        from = end;
-        if !turns.contains(&run[0]) {
-            continue;
-        }
-        let Some(turned_rad) = turned(places(motion, &steps[begin..end])) else { continue };
-        if turned_rad.abs() < TURNED_RAD {
-            run.fill(Label::Moving.index());
-        } else if run[0] == Label::UTurn.index() && turned_rad.abs() < U_TURN_RAD {
-            let side = if turned_rad > 0.0 { Label::TurningLeft } else { Label::TurningRight };
-            run.fill(side.index());
-        }
-    }
-}
-
-/// By how much a way bends, to the left, rad: twice the angle between its halves' chords, which for an arc is all of it.
-fn turned(places: &[[f64; 2]]) -> Option<f64> {
-    let (first, last) = (places.first()?, places.last()?);
-    let steps = places.windows(2).map(|p| (p[1][0] - p[0][0]).hypot(p[1][1] - p[0][1]));
-    let way: Vec<f64> = steps
-        .scan(0.0, |way, step| {
-            *way += step;
-            Some(*way)
-        })
-        .collect();
-    let middle = places.get(way.partition_point(|to| *to < way.last().unwrap_or(&0.0) / 2.0))?;
-    let chord = |a: &[f64; 2], b: &[f64; 2]| (b[1] - a[1]).atan2(b[0] - a[0]);
-    Some(2.0 * angle_difference(chord(middle, last), chord(first, middle)))
-}
-
 /// Labels of a motion's samples, each that of the nearest step; where steps were skipped the last before holds.
 pub(crate) fn labelled(found: &Probabilities, motion: &Motion) -> Labelled {
     let time_s = &motion.time_s;
@@ -178,6 +66,7 @@ pub(crate) fn labelled(found: &Probabilities, motion: &Motion) -> Labelled {
     let mut labels = steady(found);
     settle(&mut labels, &found.steps, motion);
     bend(&mut labels, &found.steps, motion);
+    drive_on(&mut labels, found);
     let of_time = |t: f64| {
         let step = (t / STEP_S).round() as i64;
         found.steps.partition_point(|s| *s <= step).saturating_sub(1)
@@ -189,27 +78,13 @@ pub(crate) fn labelled(found: &Probabilities, motion: &Motion) -> Labelled {
             (Label::ALL[labels[i]], found.p[i][labels[i]])
         })
         .collect();
-    let mut stretches = Vec::new();
-    let mut from = 0;
-    for stretch in labels.chunk_by(|a, b| a == b) {
-        let to = from + stretch.len();
-        let label = stretch[0];
-        // A change lies between two steps.
-        let at = |i: usize| (found.steps[i] as f64 - 0.5) * STEP_S;
-        let begin = if from == 0 { *first_s } else { at(from) };
-        let end = if to == labels.len() { *last_s } else { at(to) };
-        let mean = found.p[from..to].iter().map(|p| p[label]).sum::<f64>() / stretch.len() as f64;
-        if Label::ALL[label] != Label::NotMoving && mean >= LEAST_CONFIDENCE {
-            stretches.push((Label::ALL[label], begin, end, mean));
-        }
-        from = to;
-    }
-    Labelled { samples, stretches }
+    Labelled { samples, stretches: stretches(found, &labels, *first_s, *last_s) }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::rules::turned;
 
     fn sure(labels: &[Label]) -> Probabilities {
         let p = labels.iter().map(|label| {
@@ -221,6 +96,7 @@ mod tests {
             steps: (5..).take(labels.len()).collect(),
             p: p.collect(),
             gap_s: vec![0.0; labels.len()],
+            speed_mps: vec![2.0; labels.len()],
         }
     }
 
@@ -248,6 +124,21 @@ mod tests {
     }
 
     #[test]
+    fn who_leaves_as_the_track_ends_has_left_its_place() {
+        let mut told = vec![Label::NotMoving; 30];
+        told[22..].fill(Label::Starting);
+        let times: Vec<f64> = (0..59).map(|i| 1.0 + f64::from(i) * 0.1).collect();
+        let label_at_the_end = |speed: f64| {
+            let mut motion = driving(&times);
+            motion.xy_m.iter_mut().for_each(|xy| xy[0] *= speed / 2.0);
+            labelled(&sure(&told), &motion).samples[58].0
+        };
+        // Within 1.4 s.
+        assert_eq!(label_at_the_end(1.2), Label::Starting);
+        assert_eq!(label_at_the_end(0.3), Label::NotMoving);
+    }
+
+    #[test]
     fn flicker_goes_and_changes_stay() {
         let (stand, start, go) = (Label::NotMoving, Label::Starting, Label::Moving);
         let mut told = vec![stand; 10];
@@ -258,11 +149,29 @@ mod tests {
         let labelled = labelled(&sure(&told), &driving(&times));
         assert_eq!(labelled.samples[8].0, stand);
         assert!((labelled.samples[8].1 - 0.02).abs() < 1e-12, "the net's own probability");
-        let events: Vec<Event> = labelled.events(7).collect();
+        let events: Vec<crate::Event> = labelled.events(7).collect();
         assert_eq!(events.iter().map(|e| e.activity).collect::<Vec<_>>(), [start, go]);
         assert!((events[0].from_s - 2.9).abs() < 1e-9 && (events[0].to_s - 5.3).abs() < 1e-9, "{events:?}");
         assert!((events[1].to_s - times[58]).abs() < 1e-9 && events[0].track == 7);
         assert!((events[0].confidence - 0.86).abs() < 1e-9);
+    }
+
+    #[test]
+    fn who_was_not_seen_to_stand_drives_on() {
+        let mut told = vec![Label::Moving; 10];
+        told.extend([Label::Stopping; 10]);
+        told.extend([Label::NotMoving; 20]);
+        let times: Vec<f64> = (0..79).map(|i| 1.0 + f64::from(i) * 0.1).collect();
+        let mut motion = driving(&times);
+        motion.xy_m.iter_mut().for_each(|xy| xy[0] = xy[0].min(10.0));
+        let mut found = sure(&told);
+        let label_at_3_s = |found: &Probabilities| labelled(found, &motion).samples[20].0;
+        assert_eq!(label_at_3_s(&found), Label::Stopping);
+        found.gap_s[20..].iter_mut().enumerate().for_each(|(i, gap)| *gap = 0.2 * (i + 1) as f64);
+        assert_eq!(label_at_3_s(&found), Label::Moving);
+        // Seen at its end alone, long after.
+        found.gap_s[39] = 0.0;
+        assert_eq!(label_at_3_s(&found), Label::Moving);
     }
 
     #[test]
@@ -287,6 +196,8 @@ mod tests {
         assert_eq!(label_of(Label::TurningLeft, 40.0), Label::TurningLeft);
         assert_eq!(label_of(Label::TurningLeft, 5.0), Label::Moving);
         assert_eq!(label_of(Label::UTurn, -5.0), Label::Moving);
+        // Three samples beside each other bend by chance.
+        assert!(turned(&[[0.0, 0.0], [0.2, 0.0], [0.1, 0.15]]).unwrap().abs() < 0.2);
     }
 
     #[test]

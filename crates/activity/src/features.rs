@@ -7,6 +7,8 @@ use crate::motion::{Local, Motion, STEP_S, local, seen_times, unwrapped};
 pub const FEATURES: usize = 15;
 /// The last of them: time to the nearest sighting, s, up to 2.
 pub(crate) const GAP: usize = FEATURES - 1;
+/// The first of them is speed over this, m/s.
+const SPEED_MPS: f64 = 5.0;
 /// Directions of slower motion fade out, m/s.
 const SLOW_MPS: f64 = 0.3;
 
@@ -15,6 +17,11 @@ const SLOW_MPS: f64 = 0.3;
 pub fn features(motion: &Motion, steps: &[i64]) -> Vec<[f32; FEATURES]> {
     let (headings, seen_s) = (unwrapped(&motion.heading_rad), seen_times(motion));
     steps.iter().map(|step| row(&local(motion, &headings, &seen_s, *step as f64 * STEP_S))).collect()
+}
+
+/// Speed at the step of a row, m/s.
+pub(crate) fn speed_mps(row: &[f32; FEATURES]) -> f64 {
+    f64::from(row[0]) * SPEED_MPS
 }
 
 fn row(local: &Local) -> [f32; FEATURES] {
@@ -37,7 +44,7 @@ fn row(local: &Local) -> [f32; FEATURES] {
     let [sx, sy] = [local.sd_m.x.powi(2), local.sd_m.y.powi(2)];
     let sd = |square: f64| (square.sqrt().clamp(0.05, 2.0) / 0.2).ln();
     [
-        speed / 5.0,
+        speed / SPEED_MPS,
         (speed / SLOW_MPS).ln_1p() / 3.0,
         forward.tanh(),
         sideways.clamp(-2.0, 2.0),

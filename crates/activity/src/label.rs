@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 pub const LABELS: usize = 8;
 
 /// What a vehicle does. Exactly one holds at a time: who turns while reversing is reversing, who turns while
-/// starting is turning.
+/// starting is turning (its events are both: [`crate::event_spans`]).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[allow(missing_docs)]

@@ -6,8 +6,9 @@ use ndarray::Array3;
 use roadplane_infer::{Dim, InferError, NamedTensor, Session, SessionOptions};
 use thiserror::Error;
 
-use crate::decode::{Labelled, Probabilities, labelled};
-use crate::features::{FEATURES, GAP, features};
+use crate::decode::{Probabilities, labelled};
+use crate::events::Labelled;
+use crate::features::{FEATURES, GAP, features, speed_mps};
 use crate::label::{LABELS, Label};
 use crate::motion::{Motion, MotionError, grid};
 
@@ -98,7 +99,8 @@ impl ActivityNet {
         let row = |step| std::array::from_fn(|label| f64::from(labels[[0, step, label]]));
         let p = (0..steps.len()).map(row).collect();
         let gap_s = rows.iter().map(|row| f64::from(row[GAP])).collect();
-        Ok(Probabilities { steps, p, gap_s })
+        let speed_mps = rows.iter().map(speed_mps).collect();
+        Ok(Probabilities { steps, p, gap_s, speed_mps })
     }
 
     /// What a vehicle does, sample by sample, and its events.

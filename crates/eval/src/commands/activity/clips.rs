@@ -12,7 +12,7 @@ use roadplane_write::{WriteError, read_jsonl};
 use super::events::{self, ClipEvents, ToldEvent};
 use super::rows::{ActivityOptions, Row, Seen, picture_motion, told};
 use super::scores::{Case, differences, each_label, table};
-use super::truths::{car_counts, cars_by_id, heading_of, true_events, true_labels};
+use super::truths::{car_counts, cars_by_id, heading_of, true_events, true_labels, true_stretches};
 use crate::EvalError;
 use crate::scoring::pairs_by_box;
 use crate::truth::{Kind, TrueCar, Truth, read_dataset, read_truth};
@@ -178,8 +178,7 @@ fn clip_found(truth: &Truth, rows: &[TrackRow], systems: &mut [Row]) -> Result<F
         };
         counted.filter_map(case).collect::<Vec<Case>>()
     };
-    let truths = true_events(truth, &edge);
-    let stretches = truths
+    let stretches = true_stretches(truth, &edge)
         .iter()
         .filter(|event| event.counts)
         .filter_map(|event| {
@@ -209,7 +208,7 @@ fn clip_found(truth: &Truth, rows: &[TrackRow], systems: &mut [Row]) -> Result<F
         frames: cases(&edge),
         spread: cases(&spread),
         stretches,
-        events: ClipEvents::new(minutes, &truths, told),
+        events: ClipEvents::new(minutes, &true_events(truth, &edge), told),
     })
 }
 

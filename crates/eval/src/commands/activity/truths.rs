@@ -1,8 +1,9 @@
 //! What cars of a clip with truth really do.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 
-use roadplane_activity::Label;
+use roadplane_activity::{Label, event_spans, stretch_spans};
 use roadplane_base::angle_difference;
 
 use super::events::TrueEvent;
@@ -18,8 +19,8 @@ pub fn car_counts(truth: &Truth, car: &TrueCar) -> bool {
 }
 
 /// Times and cars of each car, by its id.
-pub fn cars_by_id(truth: &Truth) -> BTreeMap<u64, Vec<(u64, f64, &TrueCar)>> {
-    let mut cars: BTreeMap<u64, Vec<(u64, f64, &TrueCar)>> = BTreeMap::new();
+pub fn cars_by_id(truth: &Truth) -> BTreeMap<u64, Vec<Seen<'_>>> {
+    let mut cars: BTreeMap<u64, Vec<Seen<'_>>> = BTreeMap::new();
     for frame in &truth.frames {
         for car in &frame.cars {
             cars.entry(car.id).or_default().push((frame.frame, frame.time_s, car));
@@ -59,17 +60,41 @@ pub fn true_labels(truth: &Truth, fuzzy_s: f64) -> BTreeMap<(u64, u64), Vec<Labe
 }
 
 /// Stretches of one label, but standing, of cars that are seen all the while. They count where the car does in most frames.
+pub fn true_stretches(truth: &Truth, labels: &BTreeMap<(u64, u64), Vec<Label>>) -> Vec<TrueEvent> {
+    while_seen(truth, labels, |named, _| stretch_spans(named))
+}
+
+/// [`true_stretches`], and starts and stops within turns.
 pub fn true_events(truth: &Truth, labels: &BTreeMap<(u64, u64), Vec<Label>>) -> Vec<TrueEvent> {
+    while_seen(truth, labels, |named, seen| {
+        let time_s: Vec<f64> = seen.iter().map(|(_, time_s, _)| *time_s).collect();
+        let speed_mps: Vec<f64> = seen.iter().map(|(_, _, car)| car.speed_mps).collect();
+        event_spans(named, &time_s, &speed_mps)
+    })
+}
+
+/// A car in a frame: the frame's number, its time (s), the car.
+type Seen<'a> = (u64, f64, &'a TrueCar);
+
+/// Events with these spans of each car, between frames in which it is not seen.
+fn while_seen(
+    truth: &Truth,
+    labels: &BTreeMap<(u64, u64), Vec<Label>>,
+    spans: impl Fn(&[Label], &[Seen<'_>]) -> Vec<(Label, Range<usize>)>,
+) -> Vec<TrueEvent> {
     let mut events = Vec::new();
     for (id, cars) in cars_by_id(truth) {
         let label = |frame: u64| labels.get(&(id, frame)).map_or(Label::NotMoving, |right| right[0]);
-        for stretch in cars.chunk_by(|a, b| b.0 == a.0 + 1 && label(a.0) == label(b.0)) {
-            let counted = stretch.iter().filter(|(_, _, car)| car_counts(truth, car)).count();
-            let span_s = [stretch[0].1, stretch[stretch.len() - 1].1];
-            let counts = 2 * counted > stretch.len() && span_s[1] - span_s[0] >= LEAST_EVENT_S;
-            events.push(TrueEvent { car: id, label: label(stretch[0].0), span_s, counts });
+        for seen in cars.chunk_by(|a, b| b.0 == a.0 + 1) {
+            let named: Vec<Label> = seen.iter().map(|(frame, _, _)| label(*frame)).collect();
+            events.extend(spans(&named, seen).into_iter().map(|(label, span)| {
+                let part = &seen[span];
+                let counted = part.iter().filter(|(_, _, car)| car_counts(truth, car)).count();
+                let span_s = [part[0].1, part[part.len() - 1].1];
+                let counts = 2 * counted > part.len() && span_s[1] - span_s[0] >= LEAST_EVENT_S;
+                TrueEvent { car: id, label, span_s, counts }
+            }));
         }
     }
-    events.retain(|event| event.label != Label::NotMoving);
     events
 }
