@@ -1,12 +1,11 @@
 //! Two tracks of one car become one: two cars cannot share space.
 
-use nalgebra::Vector2;
-use roadplane_base::bbox_iou;
+use nalgebra::Vector3;
 
 use crate::{
     TrackState,
     measurement::Observation,
-    raw_track::{LEAST_OVERLAP, NEVER_NEARER_M, RawTrack, same_car},
+    raw_track::{RawTrack, in_one_place, same_car},
 };
 
 /// Of the sightings that the weaker track has while the stronger one lives, so many, and this share, must coincide with its own.
@@ -37,9 +36,8 @@ pub(crate) fn merge_smoothed(
         let states = smooth(&track);
         let strong = kept.iter().position(|(strong, strong_states)| {
             coincide(strong, &track, |near, own| {
-                let places = place(strong, strong_states, near).zip(place(&track, &states, own));
-                places.is_some_and(|(a, b)| (a - b).norm() < NEVER_NEARER_M)
-                    && bbox_iou(&near.bbox_px, &own.bbox_px) > LEAST_OVERLAP
+                let poses = pose(strong, strong_states, near).zip(pose(&track, &states, own));
+                poses.is_some_and(|(a, b)| in_one_place(&a, &near.bbox_px, &b, &own.bbox_px))
             })
         });
         match strong.map(|index| &mut kept[index]) {
@@ -53,11 +51,11 @@ pub(crate) fn merge_smoothed(
     kept
 }
 
-/// Where a track, smoothed, has a sighting's vehicle, m. States begin with the first sighting, one a frame.
-fn place(track: &RawTrack, states: &[TrackState], sighting: &Observation) -> Option<Vector2<f64>> {
+/// Pose (x, y, heading) in which a track, smoothed, has a sighting's vehicle. States begin with the first sighting, one a frame.
+fn pose(track: &RawTrack, states: &[TrackState], sighting: &Observation) -> Option<Vector3<f64>> {
     let first = track.observations.first()?.frame;
-    let state = states.get(sighting.frame.checked_sub(first)?)?;
-    Some(Vector2::new(state.pose.x_m, state.pose.y_m))
+    let pose = states.get(sighting.frame.checked_sub(first)?)?.pose;
+    Some(Vector3::new(pose.x_m, pose.y_m, pose.heading_rad))
 }
 
 /// Strongest first.

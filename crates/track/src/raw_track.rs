@@ -7,9 +7,12 @@ use roadplane_base::{VehicleClass, bbox_covered, bbox_iou};
 
 use crate::{CarMeasurement, measurement::Observation, shape::ShapeSum};
 
-/// Two vehicles' middles are never nearer than this, m; overlap of boxes with which it holds for measurements.
-pub(crate) const NEVER_NEARER_M: f64 = 1.0;
-pub(crate) const LEAST_OVERLAP: f64 = 0.2;
+/// Length and width of the ground that a car takes up, m.
+const CAR_M: [f64; 2] = [4.4, 1.8];
+/// Share of it that measurements of two cars have in common at most: of two side by side whose middles seem to be 1 m apart, or of
+/// two in a row that seem to be half in each other. Overlap of boxes from which on a place is one.
+const MAX_SHARED_GROUND: f64 = 1.0 - 1.0 / CAR_M[1];
+const LEAST_OVERLAP: f64 = 0.2;
 
 /// A track before smoothing.
 #[derive(Clone, Debug)]
@@ -107,8 +110,21 @@ impl RawTrack {
 pub(crate) fn same_car(a: &Observation, b: &Observation) -> bool {
     let iou = bbox_iou(&a.bbox_px, &b.bbox_px);
     let overlap = iou > 0.5 || bbox_covered(&a.bbox_px, &b.bbox_px) > 0.8;
-    let in_one_place = iou > LEAST_OVERLAP && (a.pose.xy() - b.pose.xy()).norm() < NEVER_NEARER_M;
-    in_one_place || (overlap && share_space(a, b))
+    in_one_place(&a.pose, &a.bbox_px, &b.pose, &b.bbox_px) || (overlap && share_space(a, b))
+}
+
+/// Whether vehicles in two poses (x, y, heading) would stand on the same ground, and look like it.
+pub(crate) fn in_one_place(a: &Vector3<f64>, a_px: &[f64; 4], b: &Vector3<f64>, b_px: &[f64; 4]) -> bool {
+    // Which way either of them is turned may be wrong.
+    let shared = covered_ground(a, b).min(covered_ground(b, a));
+    shared > MAX_SHARED_GROUND && bbox_iou(a_px, b_px) > LEAST_OVERLAP
+}
+
+/// Share of a car's ground that another one would cover that is turned the same way, 0–1.
+fn covered_ground(car: &Vector3<f64>, other: &Vector3<f64>) -> f64 {
+    let (away, (sin, cos)) = (other.xy() - car.xy(), car.z.sin_cos());
+    let [ahead, aside] = [away.x * cos + away.y * sin, away.y * cos - away.x * sin];
+    (1.0 - ahead.abs() / CAR_M[0]).max(0.0) * (1.0 - aside.abs() / CAR_M[1]).max(0.0)
 }
 
 /// Whether the two could not stand there side by side: nearer than a car is wide, or not told apart by their covariances.
@@ -116,4 +132,30 @@ pub(crate) fn share_space(a: &Observation, b: &Observation) -> bool {
     let away = a.pose.xy() - b.pose.xy();
     let spread = (a.covariance + b.covariance).fixed_view::<2, 2>(0, 0).into_owned();
     away.norm() < 1.6 || spread.try_inverse().is_some_and(|s| away.dot(&(s * away)) < 4.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::f64::consts::{FRAC_PI_2, PI};
+
+    #[test]
+    fn cars_share_a_place_lengthwise_from_farther_apart_than_sideways() {
+        let box_px = [100.0, 100.0, 160.0, 140.0];
+        let one = |away: [f64; 2], turned: f64, axis: f64| {
+            let (sin, cos) = axis.sin_cos();
+            let place = [3.0 + away[0] * cos - away[1] * sin, 20.0 + away[0] * sin + away[1] * cos];
+            let (a, b) = (Vector3::new(3.0, 20.0, axis), Vector3::new(place[0], place[1], axis + turned));
+            let shared = in_one_place(&a, &box_px, &b, &box_px);
+            assert_eq!(shared, in_one_place(&b, &box_px, &a, &box_px));
+            let elsewhere_px = [150.0, 100.0, 210.0, 140.0];
+            assert!(!in_one_place(&a, &box_px, &b, &elsewhere_px));
+            shared
+        };
+        for axis in [0.0, 0.7, 2.0] {
+            assert!(one([2.3, 0.0], 0.0, axis) && !one([2.6, 0.0], 0.0, axis), "lengthwise");
+            assert!(one([0.0, 0.9], PI, axis) && !one([0.0, 1.1], PI, axis), "sideways");
+            assert!(one([0.9, 0.0], FRAC_PI_2, axis) && !one([2.3, 0.0], FRAC_PI_2, axis), "across");
+        }
+    }
 }

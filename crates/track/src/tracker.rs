@@ -9,7 +9,7 @@ use crate::{
     filter::Filter,
     link::link,
     measurement::Observation,
-    raw_track::{NEVER_NEARER_M, RawTrack, same_car},
+    raw_track::{RawTrack, same_car},
     shape::ShapeSum,
     smooth::smooth_track,
 };
@@ -36,6 +36,8 @@ const ALONE: f64 = 0.9;
 const SAME_PLACE: f64 = 0.7;
 /// The same for one that may move.
 const SAME_BOX: f64 = 0.9;
+/// A sighting so near to a standing car is of that car, m.
+const NEVER_NEARER_M: f64 = 1.0;
 /// Least overlap of a standing car's box with that of a sighting.
 const MIN_OVERLAP: f64 = 0.25;
 /// Rear axle to the middle of a truck or bus, as a share of its length.

@@ -181,3 +181,35 @@ fn a_rarely_seen_drive_is_no_stand() {
         assert!(position < 0.3 && heading < 0.05 && speed < 0.5, "{position} m, {heading} rad, {speed} m/s");
     }
 }
+
+#[test]
+fn a_car_that_waits_behind_a_mast_drives_off_as_one() {
+    let mut seen = World::new(
+        vec![stop_and_go(8.0)],
+        Seeing { false_alarms: 0.0, ..Seeing::usual() },
+        times(20.0, 10.0),
+        5,
+    )
+    .see();
+    for (i, (frame, owners)) in seen.frames.iter_mut().zip(&mut seen.owners).enumerate() {
+        let waits = frame.stamp.time_s() < 8.5;
+        for car in 0..frame.cars.len() {
+            // What is right of the mast looks like a car that stands farther ahead.
+            let mut part = frame.cars[car].clone();
+            let width = part.bbox_px[2] - part.bbox_px[0];
+            part.bbox_px[0] += 0.45 * width;
+            part.bbox_px[2] += 0.15 * width;
+            part.pose.x_m += 1.9;
+            part.score = 0.45;
+            part.car = frame.cars.len();
+            if waits && i % 3 > 0 {
+                frame.cars.push(part);
+                owners.push(Some(0));
+            }
+        }
+    }
+    let tracks = track(&seen.frames);
+    assert_one_track_each(&tracks, &seen, 1);
+    let last = tracks[0].states.last().unwrap();
+    assert!(last.stamp.time_s() > 19.0 && (last.pose.x_m - 6.0).abs() < 0.5);
+}
