@@ -18,7 +18,7 @@ use crate::parallel::in_parallel;
 /// (`solve.shared_view_sd_deg`).
 const PLACE_LOG_SD: f64 = 0.04;
 /// How elevation and turn of single cars scatter about that beside what their keypoints claim, rad.
-const VIEW_SD: [f64; 2] = [0.02; 2];
+const VIEW_SD: [f64; 2] = [0.035; 2];
 /// Turn between two nights, rad.
 const TURN: f64 = 2.0 * std::f64::consts::PI / 180.0;
 const SEED: u64 = 7_000_000;
