@@ -1,6 +1,6 @@
 """What a night on Snakemake costs beside the runs themselves: processor time, and time in which no run is at work.
 
-    scripts/nightly/overhead.py INPUTS --out FOLDER [--cores 2] [--roadplane target/release/roadplane] [KEY=VALUE …]
+    scripts/nightly/overhead.py INPUTS --out FOLDER [--cores 2] [--roadplane BINARY] [--config KEY=VALUE …]
 
 INPUTS is what the Snakefile takes as `inputs`, KEY=VALUE more of its configuration; FOLDER must not be there yet. Runs are what
 `step.py` calls, by the files that it leaves in `log`; everything else is Snakemake, its jobs, the dataset and the page. Ends with
@@ -37,14 +37,14 @@ def at_work_s(runs: list[Json]) -> float:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("inputs", type=Path)
-    parser.add_argument("settings", nargs="*", metavar="KEY=VALUE")
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--cores", type=int, default=2)
     parser.add_argument("--roadplane", type=Path, default=ROOT / "target/release/roadplane")
+    parser.add_argument("--config", nargs="*", default=[], metavar="KEY=VALUE")
     arguments = parser.parse_args()
     if arguments.out.exists():
         parser.error(f"there is a night already, of which nothing would be done again: {arguments.out}")
-    config = [f"inputs={arguments.inputs}", f"out={arguments.out}", f"roadplane={arguments.roadplane}", *arguments.settings]
+    config = [f"inputs={arguments.inputs}", f"out={arguments.out}", f"roadplane={arguments.roadplane}", *arguments.config]
     line = [Path(sys.executable).with_name("snakemake"), "-s", ROOT / "scripts/nightly/Snakefile", "-c", arguments.cores]
     begun = time.monotonic()
     subprocess.run([*map(str, line), "--config", *config], env=ENVIRONMENT, check=True)
