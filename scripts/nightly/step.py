@@ -50,7 +50,8 @@ def read_json(path: str | Path) -> Json:
 
 def call(roadplane: str, arguments: Sequence[object], log: str) -> tuple[Json, str]:
     """Runs roadplane; gives exit code, seconds, processor seconds and its last words. `log` names the attempt."""
-    begun = time.time()
+    # The clock tells when; how long is counted apart, as a clock may be set.
+    begun, since = time.time(), time.monotonic()
     attempt = Path("log") / f"{log}.{int(begun * 1000)}.json"
     told = {"step": log, "begun": begun, "host": os.uname().nodename}
     write_json(attempt, told)
@@ -61,7 +62,7 @@ def call(roadplane: str, arguments: Sequence[object], log: str) -> tuple[Json, s
     cpu_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     code = done.returncode if done.returncode >= 0 else 128 - done.returncode
     said = done.stderr.splitlines()[-SAID_LINES:]
-    ended = {"exit": code, "seconds": round(time.time() - begun, 3), "cpu_s": round(cpu_s, 3), "said": said}
+    ended = {"exit": code, "seconds": round(time.monotonic() - since, 3), "cpu_s": round(cpu_s, 3), "said": said}
     write_json(attempt, told | ended)
     return ended, done.stdout
 

@@ -13,6 +13,7 @@ from unittest import mock
 
 import step
 from clips import camera_of, clips_in, is_failed, recorded
+from overhead import at_work_s
 
 # Stands for the binary: ends as the clip's name says, and leaves a piece where one is due.
 STAND_IN = """#!/usr/bin/env python3
@@ -94,6 +95,13 @@ class Names(unittest.TestCase):
         for name in ("c_20260131T235959", "2026-01-31_23-59-59"):
             self.assertEqual(recorded(name, "absent"), told)
         self.assertEqual(recorded("20261331235959", "absent"), datetime.datetime(1970, 1, 1))
+
+
+class Overhead(unittest.TestCase):
+    def test_runs_at_the_same_time_count_once(self) -> None:
+        spans = [(100.0, 10.0), (102.0, 3.0), (108.0, 4.0), (120.0, 1.0)]
+        self.assertEqual(at_work_s([{"begun": begun, "seconds": seconds} for begun, seconds in spans]), 13.0)
+        self.assertEqual(at_work_s([]), 0.0)
 
 
 if __name__ == "__main__":

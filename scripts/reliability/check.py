@@ -4,6 +4,8 @@
     scripts/reliability/check.py disk [COUNT]       disk full after so many KiB, in steps over a whole run (20; root)
     scripts/reliability/check.py readonly           output folder on a read-only file system (root)
     scripts/reliability/check.py memory             ulimit -v from 400 MiB to 1.7 GiB
+    scripts/reliability/check.py cgroup             a control group's limit from 100 MiB to 700 MiB (root)
+    scripts/reliability/check.py clock              a clock that jumps by an hour whenever it is asked (Debian's libfaketime)
     scripts/reliability/check.py mutate [SECONDS]   spoilt videos, images, JSON lines, configs, models, evidence (600 a kind)
     scripts/reliability/check.py soak [COUNT]       short clips in one process: memory and open files stay (500)
 
@@ -11,6 +13,7 @@ Each prints one line with its figure and ends with 1 where it fails. Random choi
 """
 
 import argparse
+import json
 import os
 import pathlib
 import random
@@ -140,6 +143,72 @@ def memory(folder: pathlib.Path, _count: int) -> Result:
     return all(answers.values()), ""
 
 
+def control_group() -> tuple[pathlib.Path, str] | None:
+    """A control group of our own and its file for a limit of memory; None where none can be made. Version 2 takes groups with
+    limits below one that holds processes only at the top; version 1 keeps ours within the limits of this process."""
+    groups = [line.split(":", 2) for line in pathlib.Path("/proc/self/cgroup").read_text().splitlines()]
+    own = next((path for _, controllers, path in groups if "memory" in controllers.split(",")), None)
+    top = pathlib.Path("/sys/fs/cgroup")
+    above, limit = (top, "memory.max") if own is None else (top / "memory" / own.lstrip("/"), "memory.limit_in_bytes")
+    group = above / f"roadplane-check-{os.getpid()}"
+    try:
+        group.mkdir()
+    except OSError:
+        return None
+    if (group / limit).exists():
+        return group, limit
+    group.rmdir()
+    return None
+
+
+def cgroup(folder: pathlib.Path, _count: int) -> Result:
+    """Every limit of a control group leads to a result or to words."""
+    made = control_group()
+    if made is None:
+        print("cgroup: skipped, no control group with a limit of memory can be made here")
+        return True, ""
+    group, limit = made
+    answers = {}
+    try:
+        for mib in range(100, 701, 50):
+            (group / limit).write_text(str(mib << 20))
+            line = command("run", CLIP, *SHORT, "--out", folder / "out", "--overwrite")
+            within = ["bash", "-c", f'echo $$ > {group}/cgroup.procs; exec "$0" "$@"', *line]
+            done = subprocess.run(within, env=ENVIRONMENT, capture_output=True, timeout=HANG_S, check=False)
+            text = done.stderr.decode(errors="replace")
+            answers[mib] = done.returncode == 0 or (done.returncode == 1 and "control group" in text)
+            if not answers[mib]:
+                print(f"cgroup: {mib} MiB: {done.returncode} {text[-400:]}")
+    finally:
+        group.rmdir()
+    print(f"cgroup: {sum(answers.values())} of {len(answers)} limits answered by a result or by words")
+    return all(answers.values()), ""
+
+
+def clock(folder: pathlib.Path, _count: int) -> Result:
+    """A clock that jumps changes no byte, and no time that a run is said to have taken."""
+    library = next(pathlib.Path("/usr/lib").glob("*/faketime/libfaketime.so.1"), None)
+    if library is None:
+        print("clock: skipped, needs libfaketime (apt-get install libfaketime)")
+        return True, ""
+    run("run", CLIP, *SHORT, "--out", folder / "whole")
+    expected = contents(folder / "whole/lot")
+    for jump_s in (3600, -3600):
+        out = folder / f"jump{jump_s}"
+        jumps = {"LD_PRELOAD": str(library), "FAKETIME": f"+0 i{jump_s}", "DONT_FAKE_MONOTONIC": "1", "NO_FAKE_STAT": "1"}
+        begun = time.monotonic()
+        line = command("run", CLIP, *SHORT, "--out", out)
+        done = subprocess.run(line, env=ENVIRONMENT | jumps, capture_output=True, timeout=HANG_S, check=False)
+        lasted_s = time.monotonic() - begun
+        text = done.stderr.decode(errors="replace")
+        same = done.returncode == 0 and contents(out / "lot") == expected
+        told_s = json.loads((out / "lot/summary.json").read_text())["wall_s"] if same else float("nan")
+        print(f"clock: jumps of {jump_s} s: exit {done.returncode}, same bytes: {same}, {told_s} s told of {lasted_s:.1f}")
+        if not (same and 0 < told_s <= lasted_s):
+            return False, text
+    return True, ""
+
+
 def spoilt(sound: bytes, chance: random.Random) -> bytes:
     """Bytes flipped, cut, zeroed, doubled, or exchanged for extreme ones."""
     data = bytearray(sound)
@@ -261,6 +330,8 @@ CHECKS: dict[str, tuple[Callable[[pathlib.Path, int], Result], int]] = {
     "disk": (disk, 20),
     "readonly": (readonly, 0),
     "memory": (memory, 0),
+    "cgroup": (cgroup, 0),
+    "clock": (clock, 0),
     "mutate": (mutate, 600),
     "soak": (soak, 500),
 }

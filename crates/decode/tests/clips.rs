@@ -197,7 +197,15 @@ fn disguised_and_foreign_files_are_refused() {
     let script = format!("ffconcat version 1.0\nfile {}\n", paths[0].display());
     let playlist = format!("#EXTM3U\n#EXTINF:2,\n{}\n", paths[3].display());
     let video = std::fs::read(&paths[0]).unwrap();
+    // Archives with a sound video in them, stored as it is.
+    let zip = [b"PK\x03\x04\x14\0".as_slice(), &[0; 24], &video].concat();
+    let tar = [b"lot.mp4".as_slice(), &[0; 250], b"ustar\0", &[0; 249], &video].concat();
     for path in [
+        put("night.zip", &zip),
+        put("zipped.mp4", &zip),
+        put("night.tar", &tar),
+        put("tarred.mp4", &tar),
+        put("packed.mp4", b"\x1f\x8b\x08\0\0\0\0\0\0\x03"),
         put("empty.mp4", b""),
         put("script.mp4", script.as_bytes()),
         put("list.mp4", playlist.as_bytes()),

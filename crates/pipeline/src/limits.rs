@@ -35,8 +35,10 @@ pub(crate) fn check_memory(size: ImageSize) -> Result<(), PipelineError> {
         let limit = getrlimit(Resource::As).current?;
         Some(("ulimit -v", limit, used))
     });
-    let memory = cgroup_limit(Path::new("/sys/fs/cgroup"))
-        .and_then(|limit| Some(("memory.max of the control group", limit, status_bytes("VmRSS:")?)));
+    let memory = std::fs::read_to_string("/proc/self/cgroup").ok().and_then(|groups| {
+        let (name, limit) = cgroup_limit(Path::new("/sys/fs/cgroup"), &groups)?;
+        Some((name, limit, status_bytes("VmRSS:")?))
+    });
     let needs =
         [(space, RUN_SPACE + SPACE_BY_PIXEL * pixels), (memory, RUN_MEMORY + MEMORY_BY_PIXEL * pixels)];
     for (limit, need) in needs {
@@ -54,14 +56,26 @@ pub(crate) fn check_memory(size: ImageSize) -> Result<(), PipelineError> {
     Ok(())
 }
 
-/// The tightest limit of this process's control group and those above it (version 2).
-fn cgroup_limit(root: &Path) -> Option<u64> {
-    let groups = std::fs::read_to_string("/proc/self/cgroup").ok()?;
-    let own = groups.lines().find_map(|line| line.strip_prefix("0::/"))?;
-    let folder = root.join(own);
-    let within = folder.ancestors().take_while(|folder| folder.starts_with(root));
-    let limit = |folder: &Path| std::fs::read_to_string(folder.join("memory.max")).ok()?.trim().parse().ok();
-    within.filter_map(limit).min()
+/// The tightest limit of a process's control groups and those above them, bytes, and what it is called. `groups` is the process's
+/// `/proc/self/cgroup`. Version 2 is one tree; version 1 has one of its own for memory.
+fn cgroup_limit(root: &Path, groups: &str) -> Option<(&'static str, u64)> {
+    let limits = groups.lines().filter_map(|line| {
+        let mut fields = line.splitn(3, ':').skip(1);
+        let (controllers, own) = (fields.next()?, fields.next()?.trim_start_matches('/'));
+        let (tree, file, name) = match controllers {
+            "" => (root.to_path_buf(), "memory.max", "memory.max of the control group"),
+            _ if controllers.split(',').any(|controller| controller == "memory") => {
+                let name = "memory.limit_in_bytes of the control group";
+                (root.join("memory"), "memory.limit_in_bytes", name)
+            }
+            _ => return None,
+        };
+        let folder = tree.join(own);
+        let within = folder.ancestors().take_while(|folder| folder.starts_with(&tree));
+        let limit = |folder: &Path| std::fs::read_to_string(folder.join(file)).ok()?.trim().parse().ok();
+        within.filter_map(limit).min().map(|limit: u64| (name, limit))
+    });
+    limits.min_by_key(|(_, limit)| *limit)
 }
 
 /// A line of `/proc/self/status`, bytes.
@@ -81,5 +95,29 @@ mod tests {
         assert!(too_small_address_space().is_none());
         check_memory(ImageSize { width: 1920, height: 1080 }).unwrap();
         assert!(status_bytes("VmSize:").unwrap() > MIB);
+    }
+
+    #[test]
+    fn the_tightest_limit_of_all_control_groups_counts() {
+        let root = tempfile::tempdir().unwrap();
+        let put = |file: &str, text: &str| {
+            let path = root.path().join(file);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(path, text).unwrap();
+        };
+        let found = |groups: &str| cgroup_limit(root.path(), groups).map(|(_, limit)| limit);
+        put("night/clip/memory.max", "max\n");
+        assert_eq!(found("0::/night/clip\n"), None);
+        put("night/memory.max", "2000\n");
+        assert_eq!(found("0::/night/clip\n"), Some(2000));
+        assert_eq!(found("0::/other\n"), None);
+        // Version 1; within a container its own group is the top of the tree, whatever it is called outside.
+        put("memory/memory.limit_in_bytes", "1500\n");
+        put("memory/night/memory.limit_in_bytes", "9223372036854771712\n");
+        let first = "12:cpuset:/\n4:cpu,memory:/night\n";
+        assert_eq!(found(first), Some(1500));
+        assert_eq!(found("4:memory:/outside/of/it\n"), Some(1500));
+        assert_eq!(found(&format!("{first}0::/night\n")), Some(1500));
+        assert_eq!(found("4:memory\nnonsense\n\n"), None);
     }
 }

@@ -236,6 +236,34 @@ mod tests {
     }
 
     #[test]
+    fn frames_that_cannot_be_are_named_by_their_line() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("frames.jsonl");
+        let line = |i| serde_json::to_string(&record(i)).unwrap();
+        std::fs::write(&path, format!("{}\n\n{{}}\n{}\n", line(0), line(1))).unwrap();
+        let read: Vec<_> = FrameReader::open(&path).unwrap().collect();
+        assert_eq!(read.iter().flatten().map(|record| record.frame).collect::<Vec<_>>(), [0, 1]);
+        let error = read[1].as_ref().unwrap_err().to_string();
+        assert!(error.starts_with("line 3") && error.ends_with("frames.jsonl"), "{error}");
+    }
+
+    #[test]
+    fn edges_come_from_the_frame_that_tells_most() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("frames.jsonl");
+        let curve = |x: f64, sd_px: f64| SceneCurve::from([x, 5.0, 300.0, 2.5, 600.0, 5.0, sd_px]);
+        let told = |curves: &[SceneCurve]| FrameRecord { scene_curves: Some(curves.to_vec()), ..record(0) };
+        // The last has no sd.
+        let most = [curve(1.0, 0.5), curve(2.0, 0.5), curve(3.0, 0.0)];
+        let lines = [told(&most), record(1), told(&most[..1])].map(|r| serde_json::to_string(&r).unwrap());
+        std::fs::write(&path, lines.join("\n")).unwrap();
+        assert_eq!(read_scene_curves(&path).unwrap(), most[..2]);
+        std::fs::write(&path, "{}\n{\"scene_curves\": 3}\n").unwrap();
+        let error = read_scene_curves(&path).unwrap_err().to_string();
+        assert!(error.starts_with("line 2"), "{error}");
+    }
+
+    #[test]
     fn a_full_disk_is_named() {
         // /dev/full reads as zeros: nothing whole in it, and every write fails.
         let Ok(file) = OpenOptions::new().write(true).open("/dev/full") else { return };
