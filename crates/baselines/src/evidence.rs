@@ -5,7 +5,7 @@ use roadplane_base::{Camera, KeypointSet, MIN_KEYPOINTS};
 
 /// One keypoint.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Sight {
+pub(crate) struct Observation {
     /// Index of the keypoint.
     pub index: usize,
     /// Viewing ray, camera frame, z = 1.
@@ -14,7 +14,7 @@ pub(crate) struct Sight {
     pub weight: f64,
 }
 
-impl Sight {
+impl Observation {
     /// Image coordinates before a camera of focal length 1.
     pub fn xy(&self) -> Vector2<f64> {
         self.ray.xy()
@@ -23,7 +23,7 @@ impl Sight {
 
 /// The usable keypoints: finite, with a confidence above zero. `None` of fewer than [`MIN_KEYPOINTS`], or if the camera is
 /// none.
-pub(crate) fn sights(camera: &Camera, keypoints: &KeypointSet) -> Option<Vec<Sight>> {
+pub(crate) fn observations(camera: &Camera, keypoints: &KeypointSet) -> Option<Vec<Observation>> {
     if !(camera.focal_px.is_finite() && camera.focal_px > 0.0) {
         return None;
     }
@@ -32,8 +32,8 @@ pub(crate) fn sights(camera: &Camera, keypoints: &KeypointSet) -> Option<Vec<Sig
         let weight = keypoint.score.min(1.0);
         let ray = camera.ray_from_pixel(&keypoint.pixel);
         let finite = ray.iter().all(|v| v.is_finite() && v.abs() < 1e6);
-        (finite && weight > 0.0).then_some(Sight { index, ray, weight })
+        (finite && weight > 0.0).then_some(Observation { index, ray, weight })
     });
-    let sights: Vec<Sight> = usable.collect();
-    (sights.len() >= MIN_KEYPOINTS).then_some(sights)
+    let observations: Vec<Observation> = usable.collect();
+    (observations.len() >= MIN_KEYPOINTS).then_some(observations)
 }

@@ -16,7 +16,7 @@ use roadplane_base::{Camera, KeypointSet, Shape, ShapeAtlas};
 use roadplane_solve::{LmOptions, minimise};
 
 use crate::CarFit;
-use crate::evidence::{Sight, sights};
+use crate::evidence::{Observation, observations};
 use crate::reprojection::{Reprojection, State};
 
 /// Headings that are tried.
@@ -36,10 +36,11 @@ const COST_TOLERANCE: f64 = 1e-6;
 /// evaluated.
 #[must_use]
 pub fn krishna_murthy(atlas: &ShapeAtlas, camera: &Camera, keypoints: &KeypointSet) -> Option<CarFit> {
-    let sights = sights(camera, keypoints)?;
-    let (low, high) = sights
-        .iter()
-        .fold((sights[0].xy(), sights[0].xy()), |(low, high), s| (low.inf(&s.xy()), high.sup(&s.xy())));
+    let observations = observations(camera, keypoints)?;
+    let (low, high) =
+        observations.iter().fold((observations[0].xy(), observations[0].xy()), |(low, high), s| {
+            (low.inf(&s.xy()), high.sup(&s.xy()))
+        });
     let sigma = SD_SHARE * (high - low).max();
     if !(sigma.is_finite() && sigma > 0.0) {
         return None;
@@ -48,18 +49,18 @@ pub fn krishna_murthy(atlas: &ShapeAtlas, camera: &Camera, keypoints: &KeypointS
     for tilt in TILTS {
         for a in 0..AZIMUTHS {
             let azimuth = std::f64::consts::TAU * a as f64 / AZIMUTHS as f64;
-            let start = start(atlas, &sights, [low, high], azimuth, tilt);
-            let mut problem = Reprojection::new(atlas, &sights, sigma, start);
-            if let Some(cost) = adjust(&mut problem, &sights)
+            let start = start(atlas, &observations, [low, high], azimuth, tilt);
+            let mut problem = Reprojection::new(atlas, &observations, sigma, start);
+            if let Some(cost) = adjust(&mut problem, &observations)
                 && best.is_none_or(|(lowest, _)| cost < lowest)
             {
                 best = Some((cost, problem.state));
             }
         }
     }
-    let mut problem = Reprojection::new(atlas, &sights, sigma, best?.1);
+    let mut problem = Reprojection::new(atlas, &observations, sigma, best?.1);
     problem.shape_free = true;
-    adjust(&mut problem, &sights)?;
+    adjust(&mut problem, &observations)?;
     let State { camera_from_car, translation, shape } = problem.state;
     let camera_from_car = Isometry3::from_parts(Translation3::from(translation), camera_from_car);
     Some(CarFit { camera_from_car, shape })
@@ -68,7 +69,7 @@ pub fn krishna_murthy(atlas: &ShapeAtlas, camera: &Camera, keypoints: &KeypointS
 /// The mean car upright before a camera with this tilt, as large as the box and in its middle.
 fn start(
     atlas: &ShapeAtlas,
-    sights: &[Sight],
+    observations: &[Observation],
     [low, high]: [Vector2<f64>; 2],
     azimuth: f64,
     tilt: f64,
@@ -79,8 +80,10 @@ fn start(
     let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), azimuth);
     let look_down = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), tilt);
     let camera_from_car = look_down * level * turn;
-    let points: Vec<Vector3<f64>> =
-        sights.iter().map(|s| camera_from_car * atlas.keypoint_in_car(s.index, &Shape::zeros())).collect();
+    let points: Vec<Vector3<f64>> = observations
+        .iter()
+        .map(|s| camera_from_car * atlas.keypoint_in_car(s.index, &Shape::zeros()))
+        .collect();
     let (first, last) =
         points.iter().fold((points[0], points[0]), |(a, b), point| (a.inf(point), b.sup(point)));
     let depth = (last - first).xy().norm() / (high - low).norm();
@@ -90,14 +93,14 @@ fn start(
 }
 
 /// Iteratively reweighted least squares to a standstill; gives the robust cost.
-fn adjust(problem: &mut Reprojection<'_>, sights: &[Sight]) -> Option<f64> {
+fn adjust(problem: &mut Reprojection<'_>, observations: &[Observation]) -> Option<f64> {
     let options = LmOptions { max_iterations: 30, cost_tolerance: 1e-7, ..LmOptions::default() };
     let mut last_cost = f64::INFINITY;
     for _ in 0..REWEIGHTINGS {
         minimise(problem, &options);
         let mut cost = 0.5 * problem.state.shape.norm_squared();
         for ((residual, s), weight) in
-            problem.residuals(&problem.state)?.iter().zip(sights).zip(&mut problem.weights)
+            problem.residuals(&problem.state)?.iter().zip(observations).zip(&mut problem.weights)
         {
             let off = residual.norm();
             let (robust, share) = huber(off);

@@ -20,7 +20,7 @@ mod weak;
 use roadplane_base::{Camera, KeypointSet, ShapeAtlas};
 
 use crate::CarFit;
-use crate::evidence::sights;
+use crate::evidence::observations;
 use basis::Basis;
 
 pub use weak::WeakPerspective;
@@ -29,10 +29,10 @@ pub use weak::WeakPerspective;
 /// pose (all on a line, say).
 #[must_use]
 pub fn pavlakos(atlas: &ShapeAtlas, camera: &Camera, keypoints: &KeypointSet) -> Option<CarFit> {
-    let sights = sights(camera, keypoints)?;
-    let basis = Basis::new(atlas, &sights);
-    let start = weak::solve(&basis, &sights)?;
-    full::solve(&basis, &sights, &start)
+    let observations = observations(camera, keypoints)?;
+    let basis = Basis::new(atlas, &observations);
+    let start = weak::solve(&basis, &observations)?;
+    full::solve(&basis, &observations, &start)
 }
 
 /// Its first half alone: rotation, scale and shape under weak perspective. `None` as in [`pavlakos`].
@@ -42,6 +42,6 @@ pub fn weak_perspective(
     camera: &Camera,
     keypoints: &KeypointSet,
 ) -> Option<WeakPerspective> {
-    let sights = sights(camera, keypoints)?;
-    weak::solve(&Basis::new(atlas, &sights), &sights)
+    let observations = observations(camera, keypoints)?;
+    weak::solve(&Basis::new(atlas, &observations), &observations)
 }

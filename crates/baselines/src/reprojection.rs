@@ -11,7 +11,7 @@ use nalgebra::{Matrix2x3, SMatrix, SVector, UnitQuaternion, Vector2, Vector3};
 use roadplane_base::{MODES, Shape, ShapeAtlas};
 use roadplane_solve::{Problem, Trial};
 
-use crate::evidence::Sight;
+use crate::evidence::Observation;
 
 /// ω, T, c.
 const UNKNOWNS: usize = 6 + MODES;
@@ -29,7 +29,7 @@ pub(crate) struct State {
 /// The problem; it owns its state.
 pub(crate) struct Reprojection<'a> {
     atlas: &'a ShapeAtlas,
-    sights: &'a [Sight],
+    observations: &'a [Observation],
     /// w_i, which the caller may change between runs of the loop.
     pub weights: Vec<f64>,
     /// σ, in units of the focal length.
@@ -44,11 +44,11 @@ pub(crate) struct Reprojection<'a> {
 }
 
 impl<'a> Reprojection<'a> {
-    pub fn new(atlas: &'a ShapeAtlas, sights: &'a [Sight], sigma: f64, state: State) -> Self {
+    pub fn new(atlas: &'a ShapeAtlas, observations: &'a [Observation], sigma: f64, state: State) -> Self {
         Self {
             atlas,
-            sights,
-            weights: sights.iter().map(|s| s.weight).collect(),
+            observations,
+            weights: observations.iter().map(|s| s.weight).collect(),
             sigma,
             shape_free: false,
             state,
@@ -59,14 +59,14 @@ impl<'a> Reprojection<'a> {
         }
     }
 
-    /// Unweighted residual of each sight in σ; `None` if one lies behind the camera.
+    /// Unweighted residual of each observation in σ; `None` if one lies behind the camera.
     pub fn residuals(&self, state: &State) -> Option<Vec<Vector2<f64>>> {
-        let residual = |s: &Sight| {
+        let residual = |s: &Observation| {
             let x =
                 state.camera_from_car * self.atlas.keypoint_in_car(s.index, &state.shape) + state.translation;
             (x.z > MIN_DEPTH_M).then(|| (x.xy() / x.z - s.xy()) / self.sigma)
         };
-        self.sights.iter().map(residual).collect()
+        self.observations.iter().map(residual).collect()
     }
 
     fn cost_at(&self, state: &State) -> Option<f64> {
@@ -83,7 +83,7 @@ impl Problem for Reprojection<'_> {
         self.normal.fill(0.0);
         self.gradient.fill(0.0);
         let state = &self.state;
-        for (s, weight) in self.sights.iter().zip(&self.weights) {
+        for (s, weight) in self.observations.iter().zip(&self.weights) {
             let turned = state.camera_from_car * self.atlas.keypoint_in_car(s.index, &state.shape);
             let x = turned + state.translation;
             let projected = x.xy() / x.z;
@@ -152,13 +152,13 @@ mod tests {
             translation: Vector3::new(1.0, -0.5, 14.0),
             shape: Shape::new(0.5, -1.0, 0.2, 0.0, 1.5, -0.3),
         };
-        let sight = |index: usize| Sight {
+        let observation = |index: usize| Observation {
             index,
             ray: Vector3::new(0.01 * index as f64, 0.2 - 0.005 * index as f64, 1.0),
             weight: 0.3 + 0.02 * index as f64,
         };
-        let sights: Vec<Sight> = (0..20).map(sight).collect();
-        let mut problem = Reprojection::new(&atlas, &sights, 0.01, state);
+        let observations: Vec<Observation> = (0..20).map(observation).collect();
+        let mut problem = Reprojection::new(&atlas, &observations, 0.01, state);
         problem.shape_free = true;
         problem.linearise().unwrap();
         for i in 0..UNKNOWNS {

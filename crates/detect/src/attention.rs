@@ -7,10 +7,10 @@ use nalgebra::Vector2;
 use roadplane_base::{CarRecord, FrameStamp, bbox_around, bbox_centre, bbox_covered, bbox_moved};
 use roadplane_watch::{Cells, ChangeMap, Seen};
 
+use crate::frame_detections::FrameDetections;
 use crate::known::{Known, update};
 use crate::regions::regions;
 use crate::resample::Part;
-use crate::sights::Sights;
 use crate::{DetectError, Detector};
 
 /// Looks at everything in the beginning: a vehicle that the first misses is found by the next.
@@ -109,11 +109,11 @@ impl Attention {
         self.idle_until.resize(changed.columns * changed.rows, 0.0);
         self.looks = self.looks.saturating_add(1);
 
-        let sights = self.run(detector, number, time_s, image, &changed)?;
-        let mut at_rest: Vec<CarRecord> = sights.found.iter().map(|car| moved(car, &-offset)).collect();
+        let detections = self.run(detector, number, time_s, image, &changed)?;
+        let mut at_rest: Vec<CarRecord> = detections.found.iter().map(|car| moved(car, &-offset)).collect();
         let unchanged = |bbox: &[f64; 4]| changed.share_of(&bbox_moved(bbox, &offset)) <= 0.0;
-        update(&mut self.known, &mut at_rest, stamp.index, time_s, |bbox| sights.cover(bbox), unchanged);
-        let Sights { looked, mut vehicles, .. } = sights;
+        update(&mut self.known, &mut at_rest, stamp.index, time_s, |bbox| detections.cover(bbox), unchanged);
+        let FrameDetections { looked, mut vehicles, .. } = detections;
         for vehicle in &self.known {
             vehicles.insert_box(&vehicle.place(time_s));
         }
@@ -148,7 +148,7 @@ impl Attention {
         time_s: f64,
         image: &image::RgbImage,
         changed: &Cells,
-    ) -> Result<Sights, DetectError> {
+    ) -> Result<FrameDetections, DetectError> {
         let whole = Part::whole(image);
         let (width, height) = (whole.width as f64, whole.height as f64);
         let scales = detector.options().scales(image.width(), image.height());
@@ -158,16 +158,16 @@ impl Attention {
             let finest = scales.last().copied().unwrap_or(1.0);
             self.places(changed, time_s, sweep_part(number, self.looks_a_sweep, width, height, finest))
         };
-        let mut sights = Sights::new(detector.options(), changed);
+        let mut detections = FrameDetections::new(detector.options(), changed);
         for region in regions(&places, whole, &scales) {
-            sights.add(detector.look(image, region.part, WEAK_SCORE)?, region.cores, (width, height));
+            detections.add(detector.look(image, region.part, WEAK_SCORE)?, region.cores, (width, height));
         }
         // What was cut is looked at as a whole next time, unless it is a vehicle that stands beside what was looked at.
         let is_held = |bbox: &[f64; 4]| {
             self.known.iter().any(|vehicle| vehicle.is_held() && bbox_covered(&vehicle.bbox_px, bbox) > KNOWN)
         };
-        self.cut = sights.cut.iter().filter(|cut| !is_held(cut)).copied().collect();
-        Ok(sights)
+        self.cut = detections.cut.iter().filter(|cut| !is_held(cut)).copied().collect();
+        Ok(detections)
     }
 
     /// What wants a look.

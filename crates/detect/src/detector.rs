@@ -19,7 +19,7 @@ const NEAR_BORDER_PX: f64 = 4.0;
 const MIN_CANDIDATE_SCORE: f64 = 0.1;
 
 /// What is seen in a part of a picture.
-pub(crate) struct Sight {
+pub(crate) struct Detections {
     /// Vehicles.
     pub found: Vec<Found>,
     /// Boxes, not merged, that the border of the part inside the picture probably cuts.
@@ -82,8 +82,8 @@ impl Detector {
     /// [`DetectError::Net`] when the net fails or returns numbers that are not finite.
     pub fn detect(&mut self, frame: &Frame) -> Result<Vec<CarRecord>, DetectError> {
         let (width, height) = (f64::from(frame.image.width()), f64::from(frame.image.height()));
-        let sight = self.look(&frame.image, Part::whole(&frame.image), self.options.min_score)?;
-        Ok(sight.found.into_iter().filter_map(|f| record(f, width, height)).collect())
+        let detections = self.look(&frame.image, Part::whole(&frame.image), self.options.min_score)?;
+        Ok(detections.found.into_iter().filter_map(|f| record(f, width, height)).collect())
     }
 
     /// The options.
@@ -97,7 +97,7 @@ impl Detector {
         image: &RgbImage,
         part: Part,
         min_score: f64,
-    ) -> Result<Sight, DetectError> {
+    ) -> Result<Detections, DetectError> {
         let scales = self.options.scales(image.width(), image.height());
         let (mut found, mut cut) = (Vec::new(), Vec::new());
         for (pass, scale) in scales.iter().enumerate() {
@@ -122,7 +122,7 @@ impl Detector {
                 }
             }
         }
-        Ok(Sight { found: merge(found, &scales, &self.options, min_score), cut })
+        Ok(Detections { found: merge(found, &scales, &self.options, min_score), cut })
     }
 
     fn run(&mut self, image: &Array4<f32>, pass: usize) -> Result<Vec<Candidate>, DetectError> {

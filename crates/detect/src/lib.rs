@@ -8,7 +8,7 @@
 //!
 //! # Contents
 //! ```text
-//! Seen (watch) → Attention   what changed, who does not stand, the sweep      (attention.rs, known.rs, sights.rs)
+//! Seen (watch) → Attention   what changed, who does not stand, the sweep      (attention.rs, known.rs, frame_detections.rs)
 //!              → regions     parts of the picture that are worth a run        (regions.rs)
 //!              → Detector    passes → boxes → one list                        (detector.rs, resample.rs, decode.rs, merge.rs)
 //! ```
@@ -17,12 +17,12 @@ mod attention;
 mod decode;
 mod detector;
 mod error;
+mod frame_detections;
 mod known;
 mod merge;
 mod options;
 mod regions;
 mod resample;
-mod sights;
 mod tiles;
 
 pub use attention::{Attention, Look};

@@ -122,9 +122,9 @@ impl Place {
     #[must_use]
     pub fn utm_from_pixel(&self, pixel: [f64; 2]) -> Option<(Vector2<f64>, Matrix2<f64>)> {
         let point = SurveyPoint::on_ground(pixel);
-        let sight = self.solved.sight(&point)?;
-        let covariance = sight.by_params * self.solved.covariance * sight.by_params.transpose();
-        Some((self.solved.place_of(&point)?, covariance + sight.click))
+        let seen = self.solved.seen_point(&point)?;
+        let covariance = seen.by_params * self.solved.covariance * seen.by_params.transpose();
+        Some((self.solved.place_of(&point)?, covariance + seen.click))
     }
 
     /// Where something is that stands on the ground of a camera's world. Its pixel is what was measured, so that it goes through
@@ -172,7 +172,7 @@ impl Place {
     /// there by turn, scale and shift.
     fn of_ground(&self, ground: &Vector2<f64>, camera: &CameraEstimate) -> (Vector2<f64>, Matrix2<f64>) {
         let through = pixel_of(camera, ground).and_then(|point| {
-            let j = self.solved.sight(&point)?.by_params;
+            let j = self.solved.seen_point(&point)?.by_params;
             Some((self.solved.place_of(&point)?, j * self.solved.covariance * j.transpose()))
         });
         through.unwrap_or_else(|| {
@@ -188,7 +188,7 @@ impl Place {
             let Some(at) = self.solved.place_of(point) else { continue };
             let residual = at - target;
             self.fit.residuals_m.push([decimals(residual.x, 4), decimals(residual.y, 4)]);
-            let weight = self.solved.sight(point).and_then(|sight| sight.weight());
+            let weight = self.solved.seen_point(point).and_then(|seen| seen.weight());
             let sds = weight.map_or(0.0, |weight| residual.dot(&(weight * residual)).sqrt());
             if sds > CONTRADICTION_SDS {
                 let metres = residual.norm();
@@ -215,10 +215,10 @@ fn pixel_of(camera: &CameraEstimate, ground: &Vector2<f64>) -> Option<SurveyPoin
 
 /// Covariance of a place in the run's world by what is not known of the camera; zero where that is not known.
 fn camera_share(camera: &CameraEstimate, ground: &Vector2<f64>) -> Matrix2<f64> {
-    let sight = pixel_of(camera, ground).and_then(|point| Solved::of_camera(camera).sight(&point));
-    match sight {
-        Some(sight) if camera.covariance.iter().all(|v| v.is_finite()) => {
-            let by_camera = sight.by_params.fixed_columns::<4>(0).into_owned();
+    let seen = pixel_of(camera, ground).and_then(|point| Solved::of_camera(camera).seen_point(&point));
+    match seen {
+        Some(seen) if camera.covariance.iter().all(|v| v.is_finite()) => {
+            let by_camera = seen.by_params.fixed_columns::<4>(0).into_owned();
             by_camera * camera.covariance * by_camera.transpose()
         }
         _ => Matrix2::zeros(),

@@ -36,14 +36,14 @@ pub(crate) struct Solved {
 }
 
 /// What a point is worth where it is seen.
-pub(crate) struct Sight {
+pub(crate) struct SeenPoint {
     /// Derivatives of its place by the parameters.
     pub by_params: SMatrix<f64, 2, 7>,
     /// Covariance of its place by the click, m².
     pub click: Matrix2<f64>,
 }
 
-impl Sight {
+impl SeenPoint {
     /// Inverse covariance of click and survey.
     pub fn weight(&self) -> Option<Matrix2<f64>> {
         (self.click + Matrix2::identity() * SURVEY_SD_M.powi(2)).try_inverse()
@@ -69,10 +69,10 @@ impl Solved {
             gradient.fixed_rows_mut::<4>(0).copy_from(&(information * away));
             for (point, target) in points.iter().zip(targets) {
                 let error = solved.place_of(point).ok_or(NO_FIT)? - target;
-                let sight = solved.sight(point).ok_or(NO_FIT)?;
-                let weight = sight.weight().ok_or(NO_FIT)?;
-                gradient += sight.by_params.transpose() * weight * error;
-                normal += sight.by_params.transpose() * weight * sight.by_params;
+                let seen = solved.seen_point(point).ok_or(NO_FIT)?;
+                let weight = seen.weight().ok_or(NO_FIT)?;
+                gradient += seen.by_params.transpose() * weight * error;
+                normal += seen.by_params.transpose() * weight * seen.by_params;
             }
             let step = normal.cholesky().ok_or(NO_FIT)?.solve(&gradient);
             solved.params = solved.stepped(&step, points).ok_or(NO_FIT)?;
@@ -116,7 +116,7 @@ impl Solved {
     }
 
     /// What a point is worth where it is seen; `None` at or above the horizon.
-    pub fn sight(&self, point: &SurveyPoint) -> Option<Sight> {
+    pub fn seen_point(&self, point: &SurveyPoint) -> Option<SeenPoint> {
         let mut by_params = SMatrix::<f64, 2, 7>::zeros();
         for i in 0..5 {
             let moved = |step: f64| {
@@ -137,7 +137,7 @@ impl Solved {
             };
             by_pixel.set_column(i, &((moved(1e-3)? - moved(-1e-3)?) / 2e-3));
         }
-        Some(Sight { by_params, click: by_pixel * by_pixel.transpose() * PIXEL_SD.powi(2) })
+        Some(SeenPoint { by_params, click: by_pixel * by_pixel.transpose() * PIXEL_SD.powi(2) })
     }
 
     /// χ² of what the camera had to give way, four degrees of freedom.
@@ -162,7 +162,7 @@ impl Solved {
         let candidates = (0..HALVINGS).map(|i| self.params - step / f64::from(1u32 << i));
         let all_seen = |params: Params| {
             let there = Self { params, ..self.clone() };
-            points.iter().all(|point| there.sight(point).is_some())
+            points.iter().all(|point| there.seen_point(point).is_some())
         };
         candidates.into_iter().find(|params| all_seen(*params))
     }

@@ -11,7 +11,7 @@ use std::path::Path;
 
 use roadplane_base::{Camera, MODES, ShapeAtlas};
 use roadplane_solve::{CarView, KnownScene, SceneOptions, Steps, refine_scene};
-use roadplane_synth::{BenchScene, CarTruth};
+use roadplane_synth::BenchScene;
 
 /// CPU seconds of this thread; the kernel counts in steps of milliseconds.
 fn cpu_seconds() -> f64 {
@@ -29,15 +29,6 @@ fn timed<T>(mut work: impl FnMut() -> T) -> (f64, T) {
         runs += 1.0;
     }
     ((cpu_seconds() - start) / runs, result)
-}
-
-/// The solver's input.
-fn views(scene: &BenchScene) -> Vec<CarView<'_>> {
-    let view = |(group, car)| {
-        let car: &CarTruth = car;
-        CarView { keypoints: &car.keypoints, group, weight: 1.0 }
-    };
-    scene.truth.cars.iter().enumerate().map(view).collect()
 }
 
 /// Where to start.
@@ -88,7 +79,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     atlas.bounds = [[f64::NEG_INFINITY, f64::INFINITY]; MODES];
     // What the atlas leaves unexplained depends on the pose where it is evaluated: left out, so that both solvers see the
     // same weights.
-    let steps = Steps { marginal: false, ..Steps::default() };
+    let steps = Steps { bias: false, ..Steps::default() };
     let options = SceneOptions { atlas_residual_scale: 0.0, steps, ..SceneOptions::default() };
     std::fs::write(folder.join("atlas.txt"), atlas_text(&atlas))?;
     println!("name cars milliseconds iterations cost");
@@ -97,7 +88,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             let scene = BenchScene::new(&atlas, cars, seed).ok_or("no such start")?;
             let name = format!("{cars:03}_{seed}");
             std::fs::write(folder.join(format!("{name}.txt")), problem_text(&scene, &options)?)?;
-            let (views, start) = (views(&scene), start(&scene));
+            let (views, start) = (CarView::each(scene.truth.keypoints()), start(&scene));
             let (seconds, found) = timed(|| refine_scene(&atlas, scene.truth.size, &views, &start, &options));
             let found = found.ok_or("the refinement failed")?;
             println!(

@@ -16,8 +16,8 @@
 //!
 //! The scene is found with the atlas' first 6 modes; the camera is then that of all 12, of which what the first leave over is
 //! not noise of single keypoints any more: the same problem with more modes. There, and where cars are free of the plane, a
-//! car's prior is that of the body types that it may have, and a car that fits worse than the others counts less. Last, shapes
-//! and poses are integrated out.
+//! car's prior is that of the body types that it may have, and a car that fits worse than the others counts less. Last, the
+//! bias of the minimum is taken away.
 //!
 //! # Contents
 //! - `linear/`: the descent ([`minimise`]), the arrow, sums of four rows at a time; knows no cars
@@ -39,8 +39,7 @@
 //!
 //! let atlas = ShapeAtlas::shipped()?;
 //! let truth = scene(&atlas, &SynthOptions { cars: 10, noise: 0.005, ..SynthOptions::default() }, 1);
-//! let views: Vec<CarView<'_>> =
-//!     truth.cars.iter().enumerate().map(|(group, car)| CarView { keypoints: &car.keypoints, group, weight: 1.0 }).collect();
+//! let views = CarView::each(truth.keypoints());
 //! let found = solve_scene(&atlas, truth.size, &views, &SceneOptions::default());
 //! assert!(found.status.usable());
 //! assert!((found.params.focal_px() / truth.params.focal_px()).ln().abs() < 4.0 * found.covariance[(0, 0)].sqrt());

@@ -42,27 +42,19 @@ pub struct Steps {
     /// Single keypoints are taken for wrong, or right, by turns (`scene/reclassify.rs`).
     pub reclassify: bool,
     /// The camera is that of all modes of the atlas (`scene/all_modes.rs`), which the next two belong to. Neither is done where
-    /// [`SceneOptions::atlas_residual_scale`] or [`SceneOptions::shape_prior_weight`] is 0.
+    /// [`SceneOptions::atlas_residual_scale`] is 0.
     pub all_modes: bool,
     /// A car's prior is that of the body types that it may have (`model/latent/body_types.rs`), also of cars free of the plane.
     pub body_types: bool,
     /// A car that fits worse than others says less of the camera (`model/latent/trust.rs`).
     pub trust: bool,
-    /// The camera is the most likely one with shapes and poses integrated out (Laplace's method, `scene/marginal.rs`), not that of
-    /// the most likely scene, which is exact without noise but biased by a fraction of a sd with it.
-    pub marginal: bool,
+    /// The bias of the minimum is taken from the camera (`problem/cars/bias.rs`): 0 without noise, a fraction of a sd with it.
+    pub bias: bool,
 }
 
 impl Default for Steps {
     fn default() -> Self {
-        Self {
-            rejection: true,
-            reclassify: true,
-            all_modes: true,
-            body_types: true,
-            trust: true,
-            marginal: true,
-        }
+        Self { rejection: true, reclassify: true, all_modes: true, body_types: true, trust: true, bias: true }
     }
 }
 
@@ -90,8 +82,6 @@ pub struct SceneOptions {
     pub camera_prior: CameraPrior,
     /// What else speaks of it. Part of the estimate and its covariance, not of [`SceneSolution::information`](crate::SceneSolution).
     pub clues: Arc<[Clue]>,
-    /// Weight of the shape prior; 0 switches it off.
-    pub shape_prior_weight: f64,
     /// Factor on what the atlas says its six modes leave unexplained; 0 for cars that are exactly in the atlas, which also
     /// spares the steps with all modes (`scene/all_modes.rs`).
     pub atlas_residual_scale: f64,
@@ -128,7 +118,6 @@ impl Default for SceneOptions {
             lens: Lens::STRAIGHT,
             camera_prior: CameraPrior::default(),
             clues: Arc::new([]),
-            shape_prior_weight: 1.0,
             atlas_residual_scale: 1.0,
             kernel: OutlierModel::default(),
             steps: Steps::default(),

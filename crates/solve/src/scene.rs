@@ -5,7 +5,6 @@ mod approach;
 mod car;
 pub(crate) mod fit;
 pub(crate) mod free;
-mod marginal;
 mod read_out;
 mod reclassify;
 pub(crate) mod refine;

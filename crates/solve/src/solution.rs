@@ -16,6 +16,14 @@ pub struct CarView<'a> {
     pub weight: f64,
 }
 
+impl<'a> CarView<'a> {
+    /// Views of as many different cars, in this order, each of full weight.
+    pub fn each(cars: impl IntoIterator<Item = &'a KeypointSet>) -> Vec<Self> {
+        let view = |(group, keypoints)| Self { keypoints, group, weight: 1.0 };
+        cars.into_iter().enumerate().map(view).collect()
+    }
+}
+
 /// How a solve ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SceneStatus {
@@ -34,6 +42,16 @@ pub enum SceneStatus {
 }
 
 impl SceneStatus {
+    /// Of a solve that stopped so, its focal length given, or told by the cars.
+    pub(crate) fn of(termination: Termination, is_given: bool, is_told: bool) -> Self {
+        match (termination.converged() || termination == Termination::NoDescent, is_given, is_told) {
+            (false, ..) => Self::NotConverged,
+            (_, true, _) => Self::FocalGiven,
+            (.., true) => Self::Converged,
+            (.., false) => Self::FocalFromPrior,
+        }
+    }
+
     /// Whether camera and cars can be used (with their covariances).
     #[must_use]
     pub fn usable(self) -> bool {

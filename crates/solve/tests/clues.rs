@@ -15,9 +15,7 @@ fn with_and_without(
     for seed in 0..6 {
         let asked = SynthOptions { cars: 5, noise: 0.02, ..SynthOptions::default() };
         let truth = scene(atlas, &asked, seed);
-        let cars = truth.cars.iter().enumerate();
-        let views: Vec<CarView<'_>> =
-            cars.map(|(group, car)| CarView { keypoints: &car.keypoints, group, weight: 1.0 }).collect();
+        let views = CarView::each(truth.keypoints());
         let solve = |clues| {
             solve_scene(atlas, truth.size, &views, &SceneOptions { clues, ..SceneOptions::default() })
         };

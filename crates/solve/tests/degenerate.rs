@@ -13,8 +13,7 @@ const SIZE: ImageSize = ImageSize { width: 1920, height: 1080 };
 
 fn solve(sets: &[KeypointSet], options: &SceneOptions) -> SceneSolution {
     let atlas = ShapeAtlas::shipped().unwrap();
-    let views: Vec<CarView<'_>> =
-        sets.iter().enumerate().map(|(group, keypoints)| CarView { keypoints, group, weight: 1.0 }).collect();
+    let views = CarView::each(sets);
     let start = Instant::now();
     let found = solve_scene(&atlas, SIZE, &views, options);
     assert!(start.elapsed().as_secs() < 10, "took {:?}", start.elapsed());

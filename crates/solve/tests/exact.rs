@@ -21,7 +21,7 @@ fn exact(atlas: &ShapeAtlas, random_start: bool) {
         camera_prior: CameraPrior::none(),
         atlas_residual_scale: 0.0,
         // The minimum itself: all cars of the mean shape are no sample of the population.
-        steps: Steps { marginal: false, ..Steps::default() },
+        steps: Steps { bias: false, ..Steps::default() },
         lm: tight,
         ..SceneOptions::default()
     };
@@ -31,12 +31,7 @@ fn exact(atlas: &ShapeAtlas, random_start: bool) {
         let cars = [3, 5, 10][seed as usize % 3];
         let asked = SynthOptions { cars, shape_sd: 0.0, noise: 0.0, ..SynthOptions::default() };
         let truth = scene(atlas, &asked, seed);
-        let views: Vec<CarView<'_>> = truth
-            .cars
-            .iter()
-            .enumerate()
-            .map(|(group, car)| CarView { keypoints: &car.keypoints, group, weight: 1.0 })
-            .collect();
+        let views = CarView::each(truth.keypoints());
         let start = random_start.then(|| random_camera(truth.size, seed));
         let found = solve_scene(atlas, truth.size, &views, &SceneOptions { start, ..options.clone() });
         let focal = (found.params.log_focal - truth.params.log_focal).abs();

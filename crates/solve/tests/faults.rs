@@ -7,12 +7,7 @@ use roadplane_solve::{CameraPrior, CarView, SceneOptions, SceneSolution, Steps, 
 use roadplane_synth::{SceneTruth, SynthOptions, Wrong, scene};
 
 fn solve(atlas: &ShapeAtlas, truth: &SceneTruth, steps: Steps) -> SceneSolution {
-    let views: Vec<CarView<'_>> = truth
-        .cars
-        .iter()
-        .enumerate()
-        .map(|(group, car)| CarView { keypoints: &car.keypoints, group, weight: 1.0 })
-        .collect();
+    let views = CarView::each(truth.keypoints());
     let options = SceneOptions {
         camera_prior: CameraPrior::none(),
         atlas_residual_scale: 0.0,

@@ -6,12 +6,7 @@ use roadplane_base::{Camera, ShapeAtlas, median};
 use roadplane_solve::{
     CameraPrior, CarView, PlaneTerms, SceneOptions, SceneStatus, fit_free_car, solve_free_scene,
 };
-use roadplane_synth::{SceneTruth, SynthOptions, scene};
-
-fn views(truth: &SceneTruth) -> Vec<CarView<'_>> {
-    let cars = truth.cars.iter().enumerate();
-    cars.map(|(group, car)| CarView { keypoints: &car.keypoints, group, weight: 1.0 }).collect()
-}
+use roadplane_synth::{SynthOptions, scene};
 
 #[test]
 fn one_free_car_comes_out_exactly() {
@@ -72,7 +67,8 @@ fn plane_terms_find_the_focal_length_from_far_off() {
             let camera_prior =
                 CameraPrior { focal_ratio: ratio, log_focal_sd: 2.0, ..CameraPrior::default() };
             let options = SceneOptions { camera_prior, ..SceneOptions::default() };
-            let found = solve_free_scene(&atlas, truth.size, &views(&truth), terms, &options);
+            let found =
+                solve_free_scene(&atlas, truth.size, &CarView::each(truth.keypoints()), terms, &options);
             count += 1;
             close += usize::from((found.params.log_focal - truth.params.log_focal).abs() < 0.25);
         }
@@ -85,10 +81,16 @@ fn plane_terms_find_the_focal_length_from_far_off() {
 fn without_plane_and_focal_length_the_status_says_so() {
     let atlas = ShapeAtlas::shipped().unwrap();
     let truth = scene(&atlas, &SynthOptions { cars: 4, ..SynthOptions::default() }, 2);
-    let found = solve_free_scene(&atlas, truth.size, &views(&truth), None, &SceneOptions::default());
+    let found = solve_free_scene(
+        &atlas,
+        truth.size,
+        &CarView::each(truth.keypoints()),
+        None,
+        &SceneOptions::default(),
+    );
     assert_eq!(found.status, SceneStatus::FocalFromPrior);
     let known = SceneOptions { known_focal_px: Some(truth.params.focal_px()), ..SceneOptions::default() };
-    let found = solve_free_scene(&atlas, truth.size, &views(&truth), None, &known);
+    let found = solve_free_scene(&atlas, truth.size, &CarView::each(truth.keypoints()), None, &known);
     assert_eq!(found.status, SceneStatus::FocalGiven);
     assert!(found.cars.iter().all(Option::is_some));
     let nothing = solve_free_scene(&atlas, truth.size, &[], None, &known);

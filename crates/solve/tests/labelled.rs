@@ -31,8 +31,7 @@ fn labels() -> Vec<KeypointSet> {
 fn the_parking_lot_makes_sense() {
     let cars = labels();
     let atlas = ShapeAtlas::shipped().unwrap();
-    let views: Vec<CarView<'_>> =
-        cars.iter().enumerate().map(|(group, keypoints)| CarView { keypoints, group, weight: 1.0 }).collect();
+    let views = CarView::each(&cars);
     let size = ImageSize { width: 1920, height: 1080 };
     let start = std::time::Instant::now();
     let scene = solve_scene(&atlas, size, &views, &SceneOptions::default());

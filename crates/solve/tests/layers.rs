@@ -10,14 +10,8 @@ use roadplane_solve::{
 };
 use roadplane_synth::{CarModel, Rng, SceneTruth, SynthOptions, draw_shape, scene};
 
-const ALL: Steps = Steps {
-    rejection: true,
-    reclassify: true,
-    all_modes: true,
-    body_types: true,
-    trust: false,
-    marginal: false,
-};
+const ALL: Steps =
+    Steps { rejection: true, reclassify: true, all_modes: true, body_types: true, trust: false, bias: false };
 
 /// Cars of so many models of all modes, their coefficients of an sd for each model, with noise of 0.3 % of their boxes.
 fn truth(atlas: &ShapeAtlas, seed: u64, models: usize, shape_sd: impl Fn(usize) -> f64) -> SceneTruth {
@@ -92,8 +86,8 @@ fn without_fine_modes_nothing_changes() {
         let scale = sd * sd.transpose();
         assert!((all.covariance - found.covariance).component_div(&scale).amax() < 1e-3);
         // The integral over shapes and poses is the same one, too.
-        let six = refine(Some(&found), Steps { marginal: true, ..six });
-        let all = refine(Some(&found), Steps { marginal: true, ..ALL });
+        let six = refine(Some(&found), Steps { bias: true, ..six });
+        let all = refine(Some(&found), Steps { bias: true, ..ALL });
         assert!(off(&six, &all) < 1e-2 && off(&six, &found) > 1e-2, "{seed}: {}", off(&six, &all));
     }
 }
@@ -104,7 +98,7 @@ fn integrating_out_makes_the_world_larger() {
     let atlas = ShapeAtlas::shipped().unwrap();
     for seed in 0..12 {
         let truth = truth(&atlas, seed, 40, |_| 1.0);
-        let height = |marginal| error(&atlas, &truth, Steps { marginal, ..ALL }, 3);
+        let height = |bias| error(&atlas, &truth, Steps { bias, ..ALL }, 3);
         let change = height(true) - height(false);
         assert!((1e-4..0.03).contains(&change), "{seed}: {change}");
     }

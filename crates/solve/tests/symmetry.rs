@@ -17,9 +17,7 @@ fn options() -> SceneOptions {
 }
 
 fn solved(atlas: &ShapeAtlas, size: ImageSize, sets: &[KeypointSet]) -> SceneSolution {
-    let view = |(group, keypoints)| CarView { keypoints, group, weight: 1.0 };
-    let views: Vec<CarView<'_>> = sets.iter().enumerate().map(view).collect();
-    solve_scene(atlas, size, &views, &options())
+    solve_scene(atlas, size, &CarView::each(sets), &options())
 }
 
 fn sets(truth: &SceneTruth) -> Vec<KeypointSet> {

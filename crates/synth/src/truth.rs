@@ -126,3 +126,10 @@ pub struct SceneTruth {
     /// Cars.
     pub cars: Vec<CarTruth>,
 }
+
+impl SceneTruth {
+    /// The measured keypoints, car by car.
+    pub fn keypoints(&self) -> impl Iterator<Item = &KeypointSet> {
+        self.cars.iter().map(|car| &car.keypoints)
+    }
+}

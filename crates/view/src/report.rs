@@ -9,7 +9,7 @@ mod pictures;
 mod thin;
 mod tracks;
 
-pub use self::input::{ReportInput, Still, TrackView};
+pub use self::input::{ReportInput, Still, TrackStill};
 
 use self::html::{escape, put};
 use self::pictures::figure;
@@ -177,7 +177,7 @@ pub(crate) mod tests {
             .collect();
         let still = |time_ms: i64| Still { time_ms, jpeg: vec![0xff, 0xd8, 1, 2, 3] };
         let (cameras, stills) = ([camera()], [still(0), still(333)]);
-        let views = [TrackView { track: 2, still: still(100) }];
+        let views = [TrackStill { track: 2, still: still(100) }];
         let moved = CameraMove {
             kind: MoveKind::Zoomed,
             since_frame: 12,

@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Vector3};
 use roadplane_base::{MODES, Shape, ShapeAtlas};
 
-use crate::evidence::Sight;
+use crate::evidence::Observation;
 
 /// sd of a keypoint on the car, m: about 3 % of a car's length.
 pub(super) const KEYPOINT_SD_M: f64 = 0.13;
@@ -14,17 +14,17 @@ pub(super) const COST_TOLERANCE: f64 = 1e-9;
 
 /// The shape basis at the keypoints that were seen, car frame, m.
 pub(super) struct Basis {
-    /// B₀ by sight.
+    /// B₀ by observation.
     pub mean: Vec<Vector3<f64>>,
-    /// B_i by sight.
+    /// B_i by observation.
     pub modes: [Vec<Vector3<f64>>; MODES],
 }
 
 impl Basis {
-    pub fn new(atlas: &ShapeAtlas, sights: &[Sight]) -> Self {
+    pub fn new(atlas: &ShapeAtlas, observations: &[Observation]) -> Self {
         Self {
-            mean: sights.iter().map(|s| atlas.mean[s.index]).collect(),
-            modes: std::array::from_fn(|j| sights.iter().map(|s| atlas.modes[j][s.index]).collect()),
+            mean: observations.iter().map(|s| atlas.mean[s.index]).collect(),
+            modes: std::array::from_fn(|j| observations.iter().map(|s| atlas.modes[j][s.index]).collect()),
         }
     }
 
@@ -35,19 +35,19 @@ impl Basis {
     }
 
     /// The basis with the weighted mean of every member taken out: what is left when the best translation is put in.
-    pub fn centred(&self, sights: &[Sight]) -> Self {
+    pub fn centred(&self, observations: &[Observation]) -> Self {
         let centred = |points: &[Vector3<f64>]| {
-            let mean = weighted_mean(points, sights);
+            let mean = weighted_mean(points, observations);
             points.iter().map(|point| point - mean).collect()
         };
         Self { mean: centred(&self.mean), modes: self.modes.each_ref().map(|mode| centred(mode)) }
     }
 }
 
-/// Mean of points by the sights' confidences.
-pub(super) fn weighted_mean(points: &[Vector3<f64>], sights: &[Sight]) -> Vector3<f64> {
-    let total: f64 = sights.iter().map(|s| s.weight).sum();
-    points.iter().zip(sights).map(|(point, s)| point * s.weight).sum::<Vector3<f64>>() / total
+/// Mean of points by the observations' confidences.
+pub(super) fn weighted_mean(points: &[Vector3<f64>], observations: &[Observation]) -> Vector3<f64> {
+    let total: f64 = observations.iter().map(|s| s.weight).sum();
+    points.iter().zip(observations).map(|(point, s)| point * s.weight).sum::<Vector3<f64>>() / total
 }
 
 /// The rotation nearest to a matrix: `argmax tr(Rᵀ M)` (Procrustes; Umeyama 1991). `None` if M is not finite.

@@ -1,6 +1,6 @@
 //! Full perspective: `min ½ ‖(W̃ Z − R S(c) − T 1ᵀ) D^½‖² + λ/2 ‖c‖²` by block coordinate descent.
 //!
-//! The best depth of a sight is its point's foot on the viewing ray, so with `P_i = I − w_i w_iᵀ / w_iᵀ w_i` the cost is
+//! The best depth of a observation is its point's foot on the viewing ray, so with `P_i = I − w_i w_iᵀ / w_iᵀ w_i` the cost is
 //! `½ Σ d_i ‖P_i (R S_i + T)‖²`: the distance of the points from their rays. Depths and translation are therefore put in
 //! together in closed form (Lu, Hager, Mjolsness 2000, Eq. 20) where their code steps from one to the other: the same
 //! minimum in far fewer rounds.
@@ -11,10 +11,10 @@ use roadplane_base::{MODES, Shape};
 use super::basis::{Basis, COST_TOLERANCE, KEYPOINT_SD_M, MAX_ROUNDS, nearest_rotation, weighted_mean};
 use super::weak::WeakPerspective;
 use crate::CarFit;
-use crate::evidence::Sight;
+use crate::evidence::Observation;
 
-pub(super) fn solve(basis: &Basis, sights: &[Sight], start: &WeakPerspective) -> Option<CarFit> {
-    let across: Vec<Matrix3<f64>> = sights
+pub(super) fn solve(basis: &Basis, observations: &[Observation], start: &WeakPerspective) -> Option<CarFit> {
+    let across: Vec<Matrix3<f64>> = observations
         .iter()
         .map(|s| Matrix3::identity() - s.ray * s.ray.transpose() / s.ray.norm_squared())
         .collect();
@@ -22,17 +22,18 @@ pub(super) fn solve(basis: &Basis, sights: &[Sight], start: &WeakPerspective) ->
     let mut shape = start.shape;
     let mut points = basis.shape(&shape);
     // Depth from the scale of weak perspective.
-    let mut translation = start.centre.push(1.0) / start.scale - rotation * weighted_mean(&points, sights);
+    let mut translation =
+        start.centre.push(1.0) / start.scale - rotation * weighted_mean(&points, observations);
     let mut last_cost = f64::INFINITY;
     for _ in 0..MAX_ROUNDS {
-        rotation = turned(&rotation, &translation, &points, &across, sights)?;
-        translation = best_translation(&rotation, &points, &across, sights)?;
-        shape = best_shape(basis, &rotation, &translation, &across, sights)?;
+        rotation = turned(&rotation, &translation, &points, &across, observations)?;
+        translation = best_translation(&rotation, &points, &across, observations)?;
+        shape = best_shape(basis, &rotation, &translation, &across, observations)?;
         points = basis.shape(&shape);
-        let off = |((x, p), s): ((&Vector3<f64>, &Matrix3<f64>), &Sight)| {
+        let off = |((x, p), s): ((&Vector3<f64>, &Matrix3<f64>), &Observation)| {
             s.weight * (p * (rotation * x + translation)).norm_squared()
         };
-        let data: f64 = points.iter().zip(&across).zip(sights).map(off).sum();
+        let data: f64 = points.iter().zip(&across).zip(observations).map(off).sum();
         let cost = 0.5 * data + 0.5 * KEYPOINT_SD_M.powi(2) * shape.norm_squared();
         if last_cost - cost <= COST_TOLERANCE * cost {
             break;
@@ -54,16 +55,16 @@ fn turned(
     translation: &Vector3<f64>,
     points: &[Vector3<f64>],
     across: &[Matrix3<f64>],
-    sights: &[Sight],
+    observations: &[Observation],
 ) -> Option<Matrix3<f64>> {
     let foot = |(x, p): (&Vector3<f64>, &Matrix3<f64>)| {
         let here = rotation * x + translation;
         here - p * here
     };
     let feet: Vec<Vector3<f64>> = points.iter().zip(across).map(foot).collect();
-    let (mean, mean_foot) = (weighted_mean(points, sights), weighted_mean(&feet, sights));
+    let (mean, mean_foot) = (weighted_mean(points, observations), weighted_mean(&feet, observations));
     let mut cross = Matrix3::zeros();
-    for ((x, foot), s) in points.iter().zip(&feet).zip(sights) {
+    for ((x, foot), s) in points.iter().zip(&feet).zip(observations) {
         cross += (foot - mean_foot) * (x - mean).transpose() * s.weight;
     }
     nearest_rotation(&cross)
@@ -73,10 +74,10 @@ fn best_translation(
     rotation: &Matrix3<f64>,
     points: &[Vector3<f64>],
     across: &[Matrix3<f64>],
-    sights: &[Sight],
+    observations: &[Observation],
 ) -> Option<Vector3<f64>> {
     let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
-    for ((x, p), s) in points.iter().zip(across).zip(sights) {
+    for ((x, p), s) in points.iter().zip(across).zip(observations) {
         normal += p * s.weight;
         right -= p * (rotation * x) * s.weight;
     }
@@ -89,11 +90,11 @@ fn best_shape(
     rotation: &Matrix3<f64>,
     translation: &Vector3<f64>,
     across: &[Matrix3<f64>],
-    sights: &[Sight],
+    observations: &[Observation],
 ) -> Option<Shape> {
     let mut normal = Matrix6::identity() * KEYPOINT_SD_M.powi(2);
     let mut right = Shape::zeros();
-    for (i, s) in sights.iter().enumerate() {
+    for (i, s) in observations.iter().enumerate() {
         let columns: [Vector3<f64>; MODES] =
             std::array::from_fn(|j| across[i] * (rotation * basis.modes[j][i]));
         let off = across[i] * (rotation * basis.mean[i] + translation);

@@ -5,7 +5,7 @@ use roadplane_base::{MODES, Shape};
 
 use super::basis::{Basis, COST_TOLERANCE, KEYPOINT_SD_M, MAX_ROUNDS, nearest_rotation, weighted_mean};
 use super::relaxation::{nearest_scaled_rows, relaxed_motion};
-use crate::evidence::Sight;
+use crate::evidence::Observation;
 
 /// A car as seen from afar.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -20,14 +20,14 @@ pub struct WeakPerspective {
     pub shape: Shape,
 }
 
-pub(super) fn solve(basis: &Basis, sights: &[Sight]) -> Option<WeakPerspective> {
+pub(super) fn solve(basis: &Basis, observations: &[Observation]) -> Option<WeakPerspective> {
     // The best translation is put in by centring everything.
-    let centre = weighted_mean(&sights.iter().map(|s| s.ray).collect::<Vec<_>>(), sights).xy();
-    let image: Vec<Vector2<f64>> = sights.iter().map(|s| s.xy() - centre).collect();
-    let basis = basis.centred(sights);
+    let centre = weighted_mean(&observations.iter().map(|s| s.ray).collect::<Vec<_>>(), observations).xy();
+    let image: Vec<Vector2<f64>> = observations.iter().map(|s| s.xy() - centre).collect();
+    let basis = basis.centred(observations);
     let mut points = basis.mean.clone();
     let (mut square, mut cross) = (Matrix3::zeros(), Matrix2x3::zeros());
-    for ((x, w), s) in points.iter().zip(&image).zip(sights) {
+    for ((x, w), s) in points.iter().zip(&image).zip(observations) {
         square += x * x.transpose() * s.weight;
         cross += w * x.transpose() * s.weight;
     }
@@ -38,11 +38,11 @@ pub(super) fn solve(basis: &Basis, sights: &[Sight]) -> Option<WeakPerspective> 
     let mut shape = Shape::zeros();
     let mut last_cost = f64::INFINITY;
     for _ in 0..MAX_ROUNDS {
-        scale = best_scale(&rotation, &points, &image, sights)?;
-        rotation = turned(&rotation, scale, &points, &image, sights)?;
-        shape = best_shape(&basis, &rotation, scale, &image, sights)?;
+        scale = best_scale(&rotation, &points, &image, observations)?;
+        rotation = turned(&rotation, scale, &points, &image, observations)?;
+        shape = best_shape(&basis, &rotation, scale, &image, observations)?;
         points = basis.shape(&shape);
-        let cost = cost(&rotation, scale, &points, &image, sights, &shape);
+        let cost = cost(&rotation, scale, &points, &image, observations, &shape);
         if last_cost - cost <= COST_TOLERANCE * cost {
             break;
         }
@@ -61,10 +61,10 @@ fn best_scale(
     rotation: &Matrix3<f64>,
     points: &[Vector3<f64>],
     image: &[Vector2<f64>],
-    sights: &[Sight],
+    observations: &[Observation],
 ) -> Option<f64> {
     let (mut cross, mut square) = (0.0, 0.0);
-    for ((x, w), s) in points.iter().zip(image).zip(sights) {
+    for ((x, w), s) in points.iter().zip(image).zip(observations) {
         let seen = (rotation * x).xy();
         cross += s.weight * seen.dot(w);
         square += s.weight * seen.norm_squared();
@@ -81,10 +81,10 @@ fn turned(
     scale: f64,
     points: &[Vector3<f64>],
     image: &[Vector2<f64>],
-    sights: &[Sight],
+    observations: &[Observation],
 ) -> Option<Matrix3<f64>> {
     let mut cross = Matrix3::zeros();
-    for ((x, w), s) in points.iter().zip(image).zip(sights) {
+    for ((x, w), s) in points.iter().zip(image).zip(observations) {
         let depth = scale * (rotation * x).z;
         cross += Vector3::new(w.x, w.y, depth) * x.transpose() * s.weight;
     }
@@ -97,11 +97,11 @@ fn best_shape(
     rotation: &Matrix3<f64>,
     scale: f64,
     image: &[Vector2<f64>],
-    sights: &[Sight],
+    observations: &[Observation],
 ) -> Option<Shape> {
     let mut normal = Matrix6::identity() * (KEYPOINT_SD_M * scale).powi(2);
     let mut right = Shape::zeros();
-    for (i, s) in sights.iter().enumerate() {
+    for (i, s) in observations.iter().enumerate() {
         let columns: [Vector2<f64>; MODES] =
             std::array::from_fn(|j| (rotation * basis.modes[j][i]).xy() * scale);
         let off = image[i] - (rotation * basis.mean[i]).xy() * scale;
@@ -120,12 +120,12 @@ fn cost(
     scale: f64,
     points: &[Vector3<f64>],
     image: &[Vector2<f64>],
-    sights: &[Sight],
+    observations: &[Observation],
     shape: &Shape,
 ) -> f64 {
-    let off = |((x, w), s): ((&Vector3<f64>, &Vector2<f64>), &Sight)| {
+    let off = |((x, w), s): ((&Vector3<f64>, &Vector2<f64>), &Observation)| {
         s.weight * (w - (rotation * x).xy() * scale).norm_squared()
     };
-    let data: f64 = points.iter().zip(image).zip(sights).map(off).sum();
+    let data: f64 = points.iter().zip(image).zip(observations).map(off).sum();
     0.5 * data + 0.5 * (KEYPOINT_SD_M * scale).powi(2) * shape.norm_squared()
 }

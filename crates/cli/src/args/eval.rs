@@ -231,6 +231,9 @@ pub struct EvalSolverArgs {
     /// Instead: what each step of the solve is worth, on synthetic scenes and, where given, on those below.
     #[arg(long)]
     pub layers: bool,
+    /// Instead: only what frames of one camera add up to (fused error / sd).
+    #[arg(long, conflicts_with = "layers")]
+    pub fused: bool,
     /// With --layers: folder of a data set (dataset.json), whose pictures are solved one by one.
     #[arg(long, value_name = "DIR", requires = "layers")]
     pub dataset: Option<PathBuf>,

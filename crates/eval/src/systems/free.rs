@@ -2,14 +2,13 @@
 
 use roadplane_base::ShapeAtlas;
 use roadplane_pipeline::Config;
-use roadplane_solve::solve_free_scene;
+use roadplane_solve::{CarView, solve_free_scene};
 
 use super::answer::{CarAnswer, FrameAnswer, FrameInput};
-use super::plane::views;
 
 pub(super) fn solve(atlas: &ShapeAtlas, input: &FrameInput<'_>, config: &Config) -> FrameAnswer {
     let options = config.solve.scene_options(Some(input.focal_px));
-    let solution = solve_free_scene(atlas, input.size, &views(input), None, &options);
+    let solution = solve_free_scene(atlas, input.size, &CarView::each(input.cars), None, &options);
     let answer = |car: &Option<roadplane_solve::FreeCarFit>| {
         car.as_ref().map(|car| CarAnswer { camera_from_car: car.camera_from_car, shape: car.shape })
     };

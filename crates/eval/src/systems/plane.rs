@@ -7,12 +7,6 @@ use roadplane_solve::{CarSolution, CarView, SceneStatus, ShapePrior, fit_car, so
 
 use super::answer::{CameraAnswer, CarAnswer, FrameAnswer, FrameInput};
 
-/// Every car a physical car of its own.
-pub(super) fn views<'a>(input: &FrameInput<'a>) -> Vec<CarView<'a>> {
-    let view = |(group, keypoints)| CarView { keypoints, group, weight: 1.0 };
-    input.cars.iter().enumerate().map(view).collect()
-}
-
 pub(super) fn solve(
     atlas: &ShapeAtlas,
     input: &FrameInput<'_>,
@@ -20,7 +14,7 @@ pub(super) fn solve(
     config: &Config,
 ) -> FrameAnswer {
     let options = config.solve.scene_options(focal_px);
-    let solution = solve_scene(atlas, input.size, &views(input), &options);
+    let solution = solve_scene(atlas, input.size, &CarView::each(input.cars), &options);
     let answer = |car: &Option<CarSolution>| {
         car.as_ref().map(|car| CarAnswer { camera_from_car: car.camera_from_car, shape: car.shape })
     };

@@ -28,9 +28,7 @@ pub fn estimate_frame(
     options.clues = clues_of_window(&known.clues(0, size));
     let sets: Vec<KeypointSet> =
         frame.cars.iter().filter_map(|car| car.keypoints.as_deref()).map(|set| usable(set, config)).collect();
-    let views: Vec<CarView<'_>> =
-        sets.iter().enumerate().map(|(group, keypoints)| CarView { keypoints, group, weight: 1.0 }).collect();
-    let solution = solve_scene(atlas, size, &views, &options);
+    let solution = solve_scene(atlas, size, &CarView::each(&sets), &options);
     let cars_used = solution.cars.iter().flatten().filter(|car| car.used).count();
     if !known.is_silent() {
         let fuse_options = lens.count(&[], fuse_options(size, 0, known, config));

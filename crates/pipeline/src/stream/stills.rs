@@ -7,7 +7,7 @@ use std::path::Path;
 use base64::{Engine as _, engine::general_purpose::STANDARD};
 use image::RgbImage;
 use roadplane_base::{FrameRecord, FrameStamp, TrackRow, bbox_iou};
-use roadplane_view::{Still, TrackView};
+use roadplane_view::{Still, TrackStill};
 use roadplane_write::{JsonLines, read_jsonl};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -123,7 +123,7 @@ impl Stills {
     }
 
     /// The cut-outs by the tracks that they are of, by track and time.
-    pub(crate) fn views(&self, rows: &[TrackRow]) -> Vec<TrackView> {
+    pub(crate) fn views(&self, rows: &[TrackRow]) -> Vec<TrackStill> {
         let mut of_track: BTreeMap<u64, Vec<&Crop>> = BTreeMap::new();
         for crop in self.crops.items().flatten() {
             let from = rows.partition_point(|row| row.frame < crop.frame);
@@ -142,7 +142,7 @@ impl Stills {
         let mut left = self.views_bytes;
         let fitting = chosen(most).map_while(|(track, crop)| {
             left = left.checked_sub(crop.jpeg.len() as u64)?;
-            Some(TrackView { track, still: Still { time_ms: crop.time_ms, jpeg: crop.jpeg.clone() } })
+            Some(TrackStill { track, still: Still { time_ms: crop.time_ms, jpeg: crop.jpeg.clone() } })
         });
         fitting.collect()
     }

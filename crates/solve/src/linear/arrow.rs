@@ -182,14 +182,6 @@ impl<const N: usize, const M: usize> GroupBlock<N, M> {
         })
     }
 
-    /// `log det` of the Hessian of the group's shape and poses, nothing damped.
-    pub fn log_determinant(&self, views: &[Gram<N, M>], prior: &PriorTerms<M>) -> Option<f64> {
-        let mut sum = 0.0;
-        let mut see = |_: usize, view: &Gram<N, M>| sum += (0..N).map(|i| view.rows[i][i].ln()).sum::<f64>();
-        let system = self.shape_system(views, 0.0, prior, &mut see)?;
-        Some(sum + (N..Self::CAMERA).map(|i| system.rows[i][i].ln()).sum::<f64>())
-    }
-
     /// Step of (shape, camera) that belongs to a camera step; the place of the pose is open. With so much of the gradient: 0 from a
     /// minimum, where shapes (and poses) follow the camera whatever is left of it.
     pub fn step(&self, camera_step: &Vector4<f64>, gradient: f64) -> Row {
@@ -197,6 +189,18 @@ impl<const N: usize, const M: usize> GroupBlock<N, M> {
         step[Self::CAMERA..Self::RESIDUAL].copy_from_slice(camera_step.as_slice());
         step[Self::RESIDUAL] = gradient;
         substitute(Self::RESIDUAL, N, &self.rows, &mut step);
+        step
+    }
+
+    /// Column d of U, where U Uᵀ is the covariance of (pose, shape) given the camera.
+    pub fn column(&self, pose: &PoseBlock<N, M>, d: usize) -> Row {
+        let mut step = [0.0; MAX_WIDTH];
+        let (from, rows) = if d < N { (0, &pose.rows[..]) } else { (N, &self.rows[..]) };
+        step[d] = 1.0 / rows[d - from][d].sqrt();
+        substitute(Self::RESIDUAL, from, &rows[..d - from], &mut step);
+        if from == N {
+            pose.substitute(&mut step);
+        }
         step
     }
 

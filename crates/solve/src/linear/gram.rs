@@ -48,6 +48,13 @@ impl<const N: usize, const M: usize> Gram<N, M> {
         self.rows[i][Self::RESIDUAL]
     }
 
+    /// Hessian times x.
+    pub fn times(&self, x: &[f64]) -> Row {
+        let entry = |i: usize, j: usize| self.rows[i.min(j)][i.max(j)];
+        let row = |i: usize| x[..Self::RESIDUAL].iter().enumerate().map(|(j, x)| entry(i, j) * x).sum();
+        std::array::from_fn(|i| if i < Self::RESIDUAL { row(i) } else { 0.0 })
+    }
+
     /// Damps an unknown in proportion to the diagonal that is given.
     pub fn damp(&mut self, i: usize, damping: f64, diagonal: f64) {
         self.rows[i][i] += damping * diagonal.max(MIN_DIAGONAL) + MIN_INFORMATION;

@@ -5,6 +5,7 @@
 //! common to both sides of a car, to many keypoints and to all its views, so the last steps are done with all modes
 //! ([`CarsProblem::with_modes`]).
 
+mod bias;
 mod covariance;
 mod joint;
 mod latent;
@@ -206,11 +207,6 @@ impl<'a, P: Pose<N>, const N: usize, const M: usize> CarsProblem<'a, P, N, M> {
         };
         into.cost = self.knowledge.cost(&state.camera) + cars.map(of_car).sum::<f64>();
         into.cost.is_finite().then_some(into.cost)
-    }
-
-    /// True cost at the current parameters.
-    pub fn current_cost(&mut self) -> Option<f64> {
-        self.evaluate(false)
     }
 
     /// Eliminates views and shapes; returns the camera's reduced Hessian and gradient, prior not yet added.

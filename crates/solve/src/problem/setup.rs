@@ -90,8 +90,7 @@ impl<'a> Setup<'a> {
         for (s, (sight, place)) in self.sights.iter().zip(placed).enumerate() {
             let Some(place) = place else { continue };
             if last_group != Some(sight.group) {
-                let prior = Gaussian::of_all_cars(self.options.shape_prior_weight);
-                groups.push(Group::new(views.len()..views.len(), prior));
+                groups.push(Group::new(views.len()..views.len(), Gaussian::of_all_cars()));
                 state.shapes.push(place.shape);
                 last_group = Some(sight.group);
             }

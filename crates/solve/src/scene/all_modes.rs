@@ -8,7 +8,6 @@ use crate::model::latent::body_types::{BodyTypes, Gaussian, ROUNDS_OF_TYPES};
 use crate::model::points::PointModes;
 use crate::options::SceneOptions;
 use crate::problem::cars::GroundProblem;
-use crate::scene::marginal;
 
 /// Rounds of weighing cars and descending with the new weights.
 const ROUNDS_OF_TRUST: usize = 3;
@@ -23,21 +22,18 @@ pub(crate) struct FineCamera {
     pub covariance: Matrix4<f64>,
 }
 
-/// Goes on from the minimum of `problem`. `None` where nothing is unexplained, shapes have no prior, or a car
-/// cannot be evaluated.
+/// Goes on from the minimum of `problem`. `None` where nothing is unexplained, or a car cannot be evaluated.
 pub(crate) fn camera_of_all_modes(
     atlas: &ShapeAtlas,
     problem: &GroundProblem<'_, MODES>,
     options: &SceneOptions,
 ) -> Option<FineCamera> {
     let scale = options.atlas_residual_scale;
-    let known = |number: f64| number.is_finite() && number > 0.0;
-    if !options.steps.all_modes || !known(scale) || !known(options.shape_prior_weight) {
+    if !(options.steps.all_modes && scale.is_finite() && scale > 0.0) {
         return None;
     }
     let model = PointModes::of_all_modes(atlas);
-    let fine_information = options.shape_prior_weight / (scale * scale);
-    let mut all = problem.with_modes(&model, |coarse| Gaussian::of_all_modes(coarse, fine_information));
+    let mut all = problem.with_modes(&model, |coarse| Gaussian::of_all_modes(coarse, scale.powi(-2)));
     // It is near: steps need little damping.
     let lm = LmOptions { initial_damping: 1e-6, ..options.lm };
     let descend = |all: &mut GroundProblem<'_, ALL_MODES>| minimise(all, &lm).cost.is_finite().then_some(());
@@ -57,22 +53,21 @@ pub(crate) fn camera_of_all_modes(
     told(&mut all, options)
 }
 
-/// What the cars of a problem at its minimum say of the camera: with the errors that they share in its covariance; shapes and poses
-/// integrated out.
+/// What the cars of a problem at its minimum say of the camera: with the errors that they share in its covariance, its bias taken away.
 /// `None` when a car cannot be evaluated.
 pub(crate) fn told<const M: usize>(
     problem: &mut GroundProblem<'_, M>,
     options: &SceneOptions,
 ) -> Option<FineCamera> {
-    let (mut camera, alone) = (problem.state.camera, problem.covariances()?.camera_information);
+    let (mut camera, alone) = (problem.state.camera, problem.information()?);
     let information = match &options.view_errors {
         Some(errors) => problem.joint_information(errors)?,
         None => JointInformation::of_camera(&alone, &camera),
     };
-    if options.steps.marginal {
+    if options.steps.bias {
         // As far as the minimum moves, which errors of view do not.
         let covariance = problem.knowledge.covariance(&alone, &camera)?;
-        camera += marginal::change(problem, &covariance).unwrap_or_default();
+        camera += problem.bias_correction(&covariance).unwrap_or_default();
     }
     let (cars, _) = information.marginal(options.shared_sd());
     let covariance = problem.knowledge.covariance(&cars, &camera)?;

@@ -10,11 +10,11 @@ use crate::problem::cars::CarsProblem;
 /// The prior on shapes is eased with them, or it would hold the shapes back while keypoints count little: (sd, prior's factor).
 const SHAPE_STAGES: [(f64, f64); 3] = [(0.12, 0.1), (0.05, 0.3), (0.02, 0.7)];
 
-/// Shapes free; whitening from forgiving to exact, taken again at the new poses. Ends near the minimum.
+/// Shapes free; whitening from forgiving to exact, taken again at the new poses. Ends near the minimum, with its cost.
 pub(crate) fn approach<P: Pose<N>, const N: usize, const M: usize>(
     problem: &mut CarsProblem<'_, P, N, M>,
     options: &SceneOptions,
-) {
+) -> f64 {
     problem.shapes_fixed = false;
     let short = LmOptions { max_iterations: 6, cost_tolerance: 1e-2, step_tolerance: 1e-1, ..options.lm };
     for (extra_m, prior_scale) in &SHAPE_STAGES {
@@ -24,8 +24,6 @@ pub(crate) fn approach<P: Pose<N>, const N: usize, const M: usize>(
     }
     problem.shape_prior_scale = 1.0;
     problem.whiten(options.atlas_residual_scale, 0.0);
-    minimise(
-        problem,
-        &LmOptions { max_iterations: 12, cost_tolerance: 1e-3, step_tolerance: 1e-2, ..options.lm },
-    );
+    let last = LmOptions { max_iterations: 12, cost_tolerance: 1e-3, step_tolerance: 1e-2, ..options.lm };
+    minimise(problem, &last).cost
 }

@@ -1,9 +1,7 @@
 //! Cars without being told that they stand on a plane: the paper's own path, and the ablation of the joint solver.
 
 use nalgebra::{Isometry3, Matrix4, Matrix6, Rotation3, SMatrix, Translation3, UnitQuaternion, Vector4};
-use roadplane_base::{
-    Camera, CameraParams, ImageSize, KEYPOINTS, KeypointSet, MODES, Shape, ShapeAtlas, is_told,
-};
+use roadplane_base::{Camera, CameraParams, ImageSize, KEYPOINTS, KeypointSet, MODES, Shape, ShapeAtlas};
 
 use crate::linear::arrow::Joint;
 use crate::linear::gram::Gram;
@@ -123,19 +121,13 @@ pub fn solve_free_scene(
     }
     solution.status = SceneStatus::Failed;
     let Some(report) = minimise_with_types(atlas, &mut problem, options) else { return solution };
-    let Some(known) = problem.covariances() else { return solution };
-    solution.params = CameraParams::from_vector(&problem.state.camera);
-    solution.covariance = known.camera;
-    solution.status = if !report.termination.converged() {
-        SceneStatus::NotConverged
-    } else if focal_known {
-        SceneStatus::FocalGiven
-    } else if plane.is_none() || !is_told(0, &known.camera_information, &options.camera_prior.information()) {
-        SceneStatus::FocalFromPrior
-    } else {
-        SceneStatus::Converged
-    };
-    for (k, (s, joint)) in members.iter().zip(problem.view_covariances(&known.camera)).enumerate() {
+    let Some(information) = problem.information() else { return solution };
+    let camera = problem.state.camera;
+    let Some(covariance) = problem.knowledge.covariance(&information, &camera) else { return solution };
+    (solution.params, solution.covariance) = (CameraParams::from_vector(&camera), covariance);
+    let is_told = plane.is_some() && setup.knowledge.is_focal_told(&information, &camera);
+    solution.status = SceneStatus::of(report.termination, focal_known, is_told);
+    for (k, (s, joint)) in members.iter().zip(problem.view_covariances(&covariance)).enumerate() {
         solution.cars[setup.sights[*s].index] = read_car(&problem, k, &joint);
     }
     solution
@@ -152,9 +144,8 @@ fn best_free<'a>(
 ) -> Option<FreeProblem<'a>> {
     let appearances = grid.appearances(&atlas.mean, found, FOLLOWED);
     let starts = appearances.iter().map(|appearance| free_from(appearance, camera[0].exp()));
-    let any_car = ShapePrior::default();
-    let prior = ShapePrior { information: any_car.information * options.shape_prior_weight, ..any_car };
-    fits_from(model, camera, found, &prior, starts, options).into_iter().map(|(_, problem)| problem).next()
+    let fits = fits_from(model, camera, found, &ShapePrior::default(), starts, options);
+    fits.into_iter().map(|(_, problem)| problem).next()
 }
 
 /// To the minimum, each car with the prior of the body types that it may have, unless cars are exactly in the atlas.

@@ -22,7 +22,7 @@ pub(crate) fn read_out(
 ) -> SceneSolution {
     let options = setup.options;
     let failed = || unsolved(setup, views.len(), SceneStatus::Failed);
-    if problem.covariances().is_none() {
+    if problem.information().is_none() {
         return failed();
     }
     let is_followed = report.iterations > 0;
@@ -36,7 +36,7 @@ pub(crate) fn read_out(
         // Too far a way for the cars to follow exactly.
         problem.knowledge.fixed = [true; 4];
         minimise(problem, &options.lm);
-        if problem.covariances().is_none() {
+        if problem.information().is_none() {
             return failed();
         }
     }
@@ -55,27 +55,13 @@ pub(crate) fn read_out(
     for (s, sight) in setup.sights.iter().enumerate() {
         if members.binary_search(&s).is_err() {
             let keypoints = views[sight.index].keypoints;
-            let fit = fit_car(
-                setup.atlas,
-                &camera,
-                &params.plane(),
-                keypoints,
-                &ShapePrior::default(),
-                None,
-                options,
-            );
+            let any = ShapePrior::default();
+            let fit = fit_car(setup.atlas, &camera, &params.plane(), keypoints, &any, None, options);
             cars[sight.index] = fit.map(|fit| CarSolution { used: false, ..fit.car });
         }
     }
-    let status = if !(report.termination.converged() || report.termination == Termination::NoDescent) {
-        SceneStatus::NotConverged
-    } else if setup.knowledge.fixed[0] {
-        SceneStatus::FocalGiven
-    } else if !setup.knowledge.is_focal_told(&cars_say, &problem.state.camera) {
-        SceneStatus::FocalFromPrior
-    } else {
-        SceneStatus::Converged
-    };
+    let is_told = setup.knowledge.is_focal_told(&cars_say, &problem.state.camera);
+    let status = SceneStatus::of(report.termination, setup.knowledge.fixed[0], is_told);
     SceneSolution {
         status,
         params,
@@ -90,18 +76,13 @@ pub(crate) fn read_out(
 
 /// The prior, as an answer.
 pub(crate) fn unsolved(setup: &Setup<'_>, views: usize, status: SceneStatus) -> SceneSolution {
-    let variance = |information: f64, fixed: bool| match fixed {
-        true => 0.0,
-        false => 1.0 / information,
-    };
     let knowledge = &setup.knowledge;
+    let variance = |i, _| if knowledge.fixed[i] { 0.0 } else { 1.0 / knowledge.information[i] };
     SceneSolution {
         status,
         params: CameraParams::from_vector(&knowledge.mean),
         information: JointInformation::none(),
-        covariance: Matrix4::from_diagonal(&Vector4::from_fn(|i, _| {
-            variance(knowledge.information[i], knowledge.fixed[i])
-        })),
+        covariance: Matrix4::from_diagonal(&Vector4::from_fn(variance)),
         cars: vec![None; views],
         cost: f64::INFINITY,
         iterations: 0,

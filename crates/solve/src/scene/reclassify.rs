@@ -46,7 +46,7 @@ pub(crate) fn reclassified(
 ) -> Option<Placed<Standing>> {
     let options = setup.options;
     let observations = &setup.sights[sight].observations;
-    let prior = Gaussian::of_all_cars(options.shape_prior_weight);
+    let prior = Gaussian::of_all_cars();
     let mut problem = CarsProblem::alone(setup.model, *camera, observations, prior, place, options.kernel);
     problem.whiten(options.atlas_residual_scale, 0.0);
     let before = minimise(&mut problem, &options.lm).cost;

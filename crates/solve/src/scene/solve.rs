@@ -5,7 +5,7 @@
 //! 3. what does not fit as a car is left out, and the others followed again (`rejection.rs`);
 //! 4. the minimum;
 //! 5. second thoughts about keypoints (`reclassify.rs`);
-//! 6. the camera of all modes, with body types and trust (`all_modes.rs`), shapes and poses integrated out (`marginal.rs`);
+//! 6. the camera of all modes, with body types and trust (`all_modes.rs`), its bias taken away (`problem/cars/bias.rs`);
 //! 7. covariances, and the cars before that camera (`read_out.rs`).
 //!
 //! [`Steps`](crate::Steps) switches steps off, to see what each is worth (`roadplane eval solver --layers`).
@@ -70,8 +70,7 @@ fn best_of(setup: &Setup<'_>, starts: Vec<Start>) -> Option<Start> {
     let mut best: Option<Start> = None;
     for start in starts {
         let (mut problem, members) = setup.problem(start.camera, &start.placed);
-        approach(&mut problem, setup.options);
-        let cost = problem.current_cost().unwrap_or(f64::INFINITY) + setup.cost_of_missing(&start.placed);
+        let cost = approach(&mut problem, setup.options) + setup.cost_of_missing(&start.placed);
         if cost.is_finite() && best.as_ref().is_none_or(|best| cost < best.cost) {
             let placed = setup.read_back(&problem, &members);
             best = Some(Start { cost, camera: problem.state.camera, placed });

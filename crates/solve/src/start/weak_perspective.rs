@@ -10,7 +10,7 @@
 //! needed, and the two-fold flip of nearly flat views and front/back show up as separate minima. Focal length does not enter:
 //! it only says how far away the car is (paper, §4.2). Source of the closed form: Horn 1987 in the plane.
 
-use nalgebra::{Matrix3, Vector2, Vector3};
+use nalgebra::{Complex, Matrix3, Vector2, Vector3};
 use roadplane_base::KEYPOINTS;
 
 use crate::model::observation::Observation;
@@ -113,74 +113,57 @@ impl DirectionGrid {
         let rows = &self.rows[direction];
         let project = |o: &Observation| {
             let p = &points_in_car[o.index];
-            Vector2::new(rows[0].dot(p), rows[1].dot(p))
+            Complex::new(rows[0].dot(p), rows[1].dot(p))
         };
-        let mut similarity: Option<(Vector2<f64>, Vector2<f64>)> = None;
+        let pixel = |o: &Observation| Complex::new(o.pixel.x, o.pixel.y);
+        let off = |o: &Observation, a: Complex<f64>, t: Complex<f64>| {
+            let variance = SHAPE_SD_M * SHAPE_SD_M * a.norm_sqr() + 0.5 * o.covariance.trace();
+            (a * project(o) + t - pixel(o)).norm_sqr() / variance
+        };
+        let mut similarity: Option<(Complex<f64>, Complex<f64>)> = None;
         for _ in 0..2 {
             let mut sums = Sums::default();
             for o in observations {
-                let m = project(o);
-                let mut weight = o.weight;
-                if let Some((a, t)) = similarity {
-                    let scale2 = a.norm_squared();
-                    let variance = SHAPE_SD_M * SHAPE_SD_M * scale2 + 0.5 * o.covariance.trace();
-                    let off = (turned(&a, &m) + t - o.pixel).norm_squared() / variance;
-                    weight /= (1.0 + off / 4.0) * (1.0 + off / 4.0);
-                }
-                sums.add(weight, &m, &o.pixel);
+                let damping = similarity.map_or(1.0, |(a, t)| 1.0 + off(o, a, t) / 4.0);
+                sums.add(o.weight / (damping * damping), project(o), pixel(o));
             }
             similarity = Some(sums.solve()?);
         }
         let (a, t) = similarity?;
         let scale = a.norm();
-        let mut cost = 0.0;
-        for o in observations {
-            let variance = SHAPE_SD_M * SHAPE_SD_M * scale * scale + 0.5 * o.covariance.trace();
-            let off = (turned(&a, &project(o)) + t - o.pixel).norm_squared() / variance;
-            cost += 0.5 * o.weight * off.min(CAP);
-        }
-        let (cos, sin) = (a.x / scale, a.y / scale);
+        let cost: f64 = observations.iter().map(|o| 0.5 * o.weight * off(o, a, t).min(CAP)).sum();
+        let (cos, sin) = (a.re / scale, a.im / scale);
         let turn = Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0);
         let sight_from_car = turn * self.rotations[direction];
-        (scale > 1e-9 && cost.is_finite()).then_some(Appearance { cost, sight_from_car, scale, origin: t })
+        let origin = Vector2::new(t.re, t.im);
+        (scale > 1e-9 && cost.is_finite()).then_some(Appearance { cost, sight_from_car, scale, origin })
     }
-}
-
-/// Complex product.
-fn turned(a: &Vector2<f64>, m: &Vector2<f64>) -> Vector2<f64> {
-    Vector2::new(a.x * m.x - a.y * m.y, a.y * m.x + a.x * m.y)
 }
 
 /// Weighted sums of the closed form.
 #[derive(Default)]
 struct Sums {
     weight: f64,
-    model: Vector2<f64>,
-    pixel: Vector2<f64>,
+    model: Complex<f64>,
+    pixel: Complex<f64>,
     square: f64,
-    cross: Vector2<f64>,
+    cross: Complex<f64>,
 }
 
 impl Sums {
-    fn add(&mut self, weight: f64, m: &Vector2<f64>, z: &Vector2<f64>) {
+    fn add(&mut self, weight: f64, m: Complex<f64>, z: Complex<f64>) {
         self.weight += weight;
         self.model += m * weight;
         self.pixel += z * weight;
-        self.square += weight * m.norm_squared();
-        // conj(m) z
-        self.cross += Vector2::new(m.x * z.x + m.y * z.y, m.x * z.y - m.y * z.x) * weight;
+        self.square += weight * m.norm_sqr();
+        self.cross += m.conj() * z * weight;
     }
 
     /// (a, t), or `None` when all model points coincide.
-    fn solve(&self) -> Option<(Vector2<f64>, Vector2<f64>)> {
+    fn solve(&self) -> Option<(Complex<f64>, Complex<f64>)> {
         let (mean_m, mean_z) = (self.model / self.weight, self.pixel / self.weight);
-        let spread = self.square - self.weight * mean_m.norm_squared();
-        let conjugate = Vector2::new(
-            mean_m.x * mean_z.x + mean_m.y * mean_z.y,
-            mean_m.x * mean_z.y - mean_m.y * mean_z.x,
-        );
-        let a = (self.cross - conjugate * self.weight) / spread;
-        (spread > 1e-12 * self.weight && a.iter().all(|v| v.is_finite()))
-            .then(|| (a, mean_z - turned(&a, &mean_m)))
+        let spread = self.square - self.weight * mean_m.norm_sqr();
+        let a = (self.cross - mean_m.conj() * mean_z * self.weight) / spread;
+        (spread > 1e-12 * self.weight && a.is_finite()).then(|| (a, mean_z - a * mean_m))
     }
 }

@@ -19,7 +19,7 @@ pub struct ReportInput<'a> {
     /// Small frames to play, by time; none for a page that holds none.
     pub stills: &'a [Still],
     /// Cut-outs of tracks over their lives, by time.
-    pub views: &'a [TrackView],
+    pub views: &'a [TrackStill],
     /// Reprojection errors of the tracked poses, px.
     pub reprojection_rms_px: &'a [f64],
     /// Lines of name and value: counts, times, versions.
@@ -49,7 +49,7 @@ pub struct Still {
 
 /// A track's cut-out at some time of its life.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct TrackView {
+pub struct TrackStill {
     /// The track.
     pub track: u64,
     /// What was seen of it, and when.

@@ -28,7 +28,11 @@ pub fn solver(args: &EvalSolverArgs, cancel: &Cancel) -> anyhow::Result<Outcome>
         )
         .into());
     }
-    let report = if args.layers { layers(args, cancel)? } else { statistics(args)? };
+    let report = match (args.layers, args.fused) {
+        (true, _) => layers(args, cancel)?,
+        (_, true) => fused(args)?,
+        _ => statistics(args)?,
+    };
     show(&report, args.out.as_deref())?;
     Ok(Outcome::Done)
 }
@@ -44,6 +48,11 @@ fn statistics(args: &EvalSolverArgs) -> anyhow::Result<Report> {
     tables.push(speed_table(&points));
     let title = "The joint solver on scenes with exact truth".to_owned();
     Ok(Report { title, tables, plots: vec![speed_plot(&points)], ..Report::default() })
+}
+
+fn fused(args: &EvalSolverArgs) -> anyhow::Result<Report> {
+    let tables = vec![fusion_table(&ShapeAtlas::shipped()?, (args.scenes as usize).div_ceil(4), FRAMES)];
+    Ok(Report { title: "Frames of one camera, added up".to_owned(), tables, ..Report::default() })
 }
 
 fn layers(args: &EvalSolverArgs, cancel: &Cancel) -> anyhow::Result<Report> {

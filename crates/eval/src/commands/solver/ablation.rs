@@ -2,11 +2,10 @@
 
 use nalgebra::{Isometry3, Point3};
 use roadplane_base::ShapeAtlas;
-use roadplane_solve::{PlaneTerms, SceneOptions, solve_free_scene, solve_scene};
+use roadplane_solve::{CarView, PlaneTerms, SceneOptions, solve_free_scene, solve_scene};
 use roadplane_synth::{SceneTruth, SynthOptions, scene};
 use roadplane_tables::{Column, Table, bootstrap, median, quantile, share_within};
 
-use super::scenes::views;
 use crate::metrics::{add, viewpoint};
 use crate::parallel::in_parallel;
 
@@ -91,7 +90,7 @@ fn errors_of(atlas: &ShapeAtlas, way: Way, known_focal: bool, seed: u64) -> Erro
         known_focal_px: known_focal.then(|| truth.params.focal_px()),
         ..SceneOptions::default()
     };
-    let views = views(&truth);
+    let views = CarView::each(truth.keypoints());
     let free = |plane| {
         let found = solve_free_scene(atlas, truth.size, &views, plane, &options);
         let poses = found.cars.iter().map(|car| car.as_ref().map(|car| car.camera_from_car));

@@ -1,11 +1,11 @@
 //! Noise-free scenes must come out exactly, from nothing and from any start.
 
 use roadplane_base::{ShapeAtlas, angle_difference};
-use roadplane_solve::{LmOptions, SceneOptions, Steps, solve_scene};
+use roadplane_solve::{CarView, LmOptions, SceneOptions, Steps, solve_scene};
 use roadplane_synth::{SynthOptions, random_camera, scene};
 use roadplane_tables::{Column, Table};
 
-use super::scenes::{views, without_camera_prior};
+use super::scenes::without_camera_prior;
 use crate::parallel::in_parallel;
 
 /// Numbers of cars, in turn.
@@ -54,9 +54,9 @@ fn errors_of(atlas: &ShapeAtlas, seed: usize, random_start: bool) -> [f64; 3] {
         LmOptions { max_iterations: 200, cost_tolerance: 0.0, step_tolerance: 1e-9, ..LmOptions::default() };
     let start = random_start.then(|| random_camera(truth.size, seed as u64));
     // The minimum itself: cars that are all of the mean shape are no sample of the population.
-    let steps = Steps { marginal: false, ..Steps::default() };
+    let steps = Steps { bias: false, ..Steps::default() };
     let options = SceneOptions { lm, start, steps, ..without_camera_prior(0.0) };
-    let found = solve_scene(atlas, truth.size, &views(&truth), &options);
+    let found = solve_scene(atlas, truth.size, &CarView::each(truth.keypoints()), &options);
     let mut angle =
         (found.params.tilt - truth.params.tilt).abs().max((found.params.roll - truth.params.roll).abs());
     let mut position: f64 = 0.0;

@@ -2,11 +2,10 @@
 
 use nalgebra::{Matrix4, Vector4};
 use roadplane_base::ShapeAtlas;
-use roadplane_solve::{SceneOptions, solve_scene};
+use roadplane_solve::{CarView, SceneOptions, solve_scene};
 use roadplane_synth::{Rng, SynthOptions, scene};
 use roadplane_tables::{Cell, Column, Table, bootstrap, median};
 
-use super::scenes::views;
 use crate::parallel::in_parallel;
 
 const SEED: u64 = 5_000_000;
@@ -76,14 +75,14 @@ fn fuse(atlas: &ShapeAtlas, seed: u64, frames: usize) -> Option<Fused> {
         roll: drawn(any.roll),
         ..any
     };
-    let solved = in_parallel(frames, |frame| {
-        let truth = scene(atlas, &asked, seed * 1000 + frame as u64);
-        let found = solve_scene(atlas, truth.size, &views(&truth), &options);
-        (truth.params.to_vector(), found.information, found.params.to_vector())
-    });
-    if solved.iter().all(|(_, found, _)| found.information == Matrix4::zeros()) {
+    if scene(atlas, &asked, seed * 1000).cars.is_empty() {
         return None;
     }
+    let solved = in_parallel(frames, |frame| {
+        let truth = scene(atlas, &asked, seed * 1000 + frame as u64);
+        let found = solve_scene(atlas, truth.size, &CarView::each(truth.keypoints()), &options);
+        (truth.params.to_vector(), found.information, found.params.to_vector())
+    });
     let prior = options.camera_prior.information();
     let mut information = Matrix4::from_diagonal(&prior);
     let mut vector: Vector4<f64> = options.camera_prior.mean(asked.size).to_vector().component_mul(&prior);

@@ -42,7 +42,7 @@ fn ways() -> Vec<(&'static str, Steps)> {
         ("no fine modes (nor types, trust)", Steps { all_modes: false, ..all }),
         ("no body types", Steps { body_types: false, ..all }),
         ("no trust", Steps { trust: false, ..all }),
-        ("not marginal", Steps { marginal: false, ..all }),
+        ("bias left in", Steps { bias: false, ..all }),
     ]
 }
 
@@ -165,8 +165,7 @@ fn honesty(pairs: &[(&Outcome, &Outcome)], number: usize) -> Estimate {
 
 /// `None` where too few cars could be solved.
 fn outcome(atlas: &ShapeAtlas, picture: &KnownPicture, options: &SceneOptions) -> Option<Outcome> {
-    let view = |(group, keypoints)| CarView { keypoints, group, weight: 1.0 };
-    let views: Vec<CarView<'_>> = picture.cars.iter().enumerate().map(view).collect();
+    let views = CarView::each(&picture.cars);
     let started = Instant::now();
     let found = solve_scene(atlas, picture.size, &views, options);
     let milliseconds = 1e3 * started.elapsed().as_secs_f64();

@@ -7,11 +7,11 @@ use roadplane_base::{
 };
 use roadplane_calibrate::{FuseOptions, FusePrior, SameView, epochs, fuse};
 use roadplane_pipeline::Config;
-use roadplane_solve::{SceneOptions, solve_scene};
+use roadplane_solve::{CarView, SceneOptions, solve_scene};
 use roadplane_synth::{Rng, SceneTruth, SynthOptions, scene};
 use roadplane_tables::{Column, Table};
 
-use super::scenes::{bound, views};
+use super::scenes::bound;
 use crate::parallel::in_parallel;
 
 /// sd of the log size that the cars of one place share. Its cars also share how far off nets see them: by as much as a run assumes
@@ -196,7 +196,7 @@ fn evidence_of(
     clip: usize,
     options: &SceneOptions,
 ) -> CameraEvidence {
-    let found = solve_scene(atlas, truth.size, &views(truth), options);
+    let found = solve_scene(atlas, truth.size, &CarView::each(truth.keypoints()), options);
     let used = truth.cars.iter().zip(&found.cars).filter(|(_, car)| car.as_ref().is_some_and(|c| c.used));
     let parked = used.filter_map(|(car, _)| {
         let keypoints_px: Vec<Option<[f64; 2]>> =

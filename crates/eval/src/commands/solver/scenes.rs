@@ -4,16 +4,7 @@ use roadplane_base::{GroundPose, Shape, ShapeAtlas};
 use roadplane_solve::{
     CameraPrior, CarView, KnownScene, OutlierModel, SceneOptions, SceneSolution, scene_bound,
 };
-use roadplane_synth::{CarModel, CarTruth, SceneTruth};
-
-/// The solver's input: every car a physical car of its own.
-pub(super) fn views(truth: &SceneTruth) -> Vec<CarView<'_>> {
-    let view = |(group, car)| {
-        let car: &CarTruth = car;
-        CarView { keypoints: &car.keypoints, group, weight: 1.0 }
-    };
-    truth.cars.iter().enumerate().map(view).collect()
-}
+use roadplane_synth::{CarModel, SceneTruth};
 
 /// True poses and shapes.
 pub(super) fn known(truth: &SceneTruth) -> (Vec<GroundPose>, Vec<Shape>) {
@@ -39,7 +30,7 @@ pub(super) fn bound(atlas: &ShapeAtlas, truth: &SceneTruth, options: &SceneOptio
     let (poses, shapes) = known(&right);
     let options = SceneOptions { kernel: OutlierModel::none(), ..options.clone() };
     let at = KnownScene { params: truth.params, poses: &poses, shapes: &shapes };
-    scene_bound(atlas, truth.size, &views(&right), &at, &options)
+    scene_bound(atlas, truth.size, &CarView::each(right.keypoints()), &at, &options)
 }
 
 /// Models that the atlas was not built on (`python -m cars.atlas --foreign`).

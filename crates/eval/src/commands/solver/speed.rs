@@ -1,11 +1,9 @@
 //! How long a solve takes on one thread, by number of cars: CPU time, whatever else the machine does.
 
 use roadplane_base::ShapeAtlas;
-use roadplane_solve::{KnownScene, SceneOptions, Steps, refine_scene, scene_bound, solve_scene};
+use roadplane_solve::{CarView, KnownScene, SceneOptions, Steps, refine_scene, scene_bound, solve_scene};
 use roadplane_synth::BenchScene;
 use roadplane_tables::{Column, Mark, Plot, Table, median};
-
-use super::scenes::views;
 
 /// Scenes a number of cars.
 const SCENES: u64 = 5;
@@ -87,11 +85,11 @@ fn timed<T>(mut work: impl FnMut() -> T) -> (f64, T) {
 fn point(atlas: &ShapeAtlas, cars: usize) -> SpeedPoint {
     let options = SceneOptions::default();
     // The refinement of six modes, to its minimum.
-    let steps = Steps { marginal: false, ..options.steps };
+    let steps = Steps { bias: false, ..options.steps };
     let minimum = SceneOptions { steps, atlas_residual_scale: 0.0, ..options.clone() };
     let [mut refinement, mut around, mut iterations, mut cold] = [const { Vec::new() }; 4];
     for bench in (0..SCENES).filter_map(|seed| BenchScene::new(atlas, cars, seed)) {
-        let (truth, views) = (&bench.truth, views(&bench.truth));
+        let (truth, views) = (&bench.truth, CarView::each(bench.truth.keypoints()));
         let from = KnownScene { params: bench.params, poses: &bench.poses, shapes: &bench.shapes };
         let (whole_ms, found) = timed(|| refine_scene(atlas, truth.size, &views, &from, &minimum));
         // The same call without the refinement.

@@ -4,12 +4,12 @@ use std::time::Instant;
 
 use roadplane_base::{ShapeAtlas, angle_difference};
 use roadplane_solve::{
-    CameraPrior, CarSolution, KnownScene, SceneOptions, SceneSolution, refine_scene, solve_scene,
+    CameraPrior, CarSolution, CarView, KnownScene, SceneOptions, SceneSolution, refine_scene, solve_scene,
 };
 use roadplane_synth::{SceneTruth, SynthOptions, scene};
 use roadplane_tables::{Cell, Column, Table, bootstrap, mean, median, share_within};
 
-use super::scenes::{bound, foreign_cars, known, views, without_camera_prior};
+use super::scenes::{bound, foreign_cars, known, without_camera_prior};
 use crate::parallel::in_parallel;
 
 /// First seed.
@@ -181,7 +181,7 @@ fn population(asked: &SynthOptions) -> CameraPrior {
 fn scene_errors(atlas: &ShapeAtlas, row: &Row, seed: u64) -> Option<SceneErrors> {
     let truth = scene(atlas, &row.asked, seed);
     let bound = bound(atlas, &truth, &row.options)?;
-    let views = views(&truth);
+    let views = CarView::each(truth.keypoints());
     let start = Instant::now();
     let found = solve_scene(atlas, truth.size, &views, &row.options);
     let mut errors =

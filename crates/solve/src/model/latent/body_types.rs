@@ -39,9 +39,9 @@ impl<const N: usize> Gaussian<N> {
 }
 
 impl Gaussian<MODES> {
-    /// What is known of a car of which nothing is known: N(0, I), so much `weight` on it.
-    pub fn of_all_cars(weight: f64) -> Self {
-        Self { mean: SVector::zeros(), information: SMatrix::identity() * weight }
+    /// What is known of a car of which nothing is known: N(0, I).
+    pub fn of_all_cars() -> Self {
+        Self { mean: SVector::zeros(), information: SMatrix::identity() }
     }
 }
 
@@ -70,17 +70,15 @@ struct Component<const N: usize> {
 pub(crate) struct BodyTypes<const N: usize>(Vec<Component<N>>);
 
 impl<const N: usize> BodyTypes<N> {
-    /// Those of the atlas, as `options` weigh them; none where they switch the prior off.
+    /// Those of the atlas, as `options` weigh them; none where they are switched off.
     pub fn new(atlas: &ShapeAtlas, options: &SceneOptions) -> Self {
-        if !options.steps.body_types || options.shape_prior_weight <= 0.0 {
+        if !options.steps.body_types {
             return Self(Vec::new());
         }
         let fine = options.atlas_residual_scale;
         let sd = SVector::<f64, N>::from_fn(|j, _| if j < MODES { 1.0 } else { fine });
         let component = |body: &BodyType| {
-            let covariance = SMatrix::<f64, N, N>::from_fn(|i, j| {
-                sd[i] * sd[j] * body.covariance[(i, j)] / options.shape_prior_weight
-            });
+            let covariance = SMatrix::<f64, N, N>::from_fn(|i, j| sd[i] * sd[j] * body.covariance[(i, j)]);
             let mean = SVector::<f64, N>::from_fn(|j, _| sd[j] * body.mean[j]);
             let factor = covariance.cholesky()?;
             let gaussian = Gaussian { mean, information: factor.inverse() };

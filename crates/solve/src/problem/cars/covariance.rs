@@ -1,32 +1,23 @@
 //! What the factorisation says beside the step: covariances, and how cars follow the camera.
 
-use nalgebra::{Matrix4, Vector4};
+use nalgebra::{Matrix4, SVector, Vector4};
 
-use super::{CarsProblem, Linearisation, View};
+use super::{CarsProblem, View};
 use crate::linear::arrow::{Joint, PoseBlock};
+use crate::linear::gram::{Gram, MAX_WIDTH, Row};
 use crate::model::pose::Pose;
 
-/// What is known of the camera at the current parameters.
-pub(crate) struct Covariances {
-    /// Information on the camera from the cars alone, without the camera prior.
-    pub camera_information: Matrix4<f64>,
-    /// Covariance of the camera, prior counted; zero rows where fixed.
-    pub camera: Matrix4<f64>,
-}
-
 impl<P: Pose<N>, const N: usize, const M: usize> CarsProblem<'_, P, N, M> {
-    /// What is known of the camera at the current parameters, from the same elimination with damping 0. Call after `linearise`.
-    /// A coefficient at its bound is not exactly known: it counts as free.
-    pub fn covariances(&mut self) -> Option<Covariances> {
+    /// Information of the cars on the camera at the current parameters, without what else is known of it, from the same elimination
+    /// with damping 0. Call after `linearise`. A coefficient at its bound is not exactly known: it counts as free.
+    pub fn information(&mut self) -> Option<Matrix4<f64>> {
         for block in &mut self.group_blocks {
             block.held = [self.shapes_fixed; M];
         }
-        let (information, _) = self.eliminate(0.0)?;
-        let camera = self.knowledge.covariance(&information, &self.state.camera)?;
-        Some(Covariances { camera_information: information, camera })
+        self.eliminate(0.0).map(|(information, _)| information)
     }
 
-    /// Per view the covariance of (anchor, heading, shape, camera), given that of the camera. After `covariances`.
+    /// Per view the covariance of (anchor, heading, shape, camera), given that of the camera. After `information`.
     pub fn view_covariances(&self, camera: &Matrix4<f64>) -> Vec<Joint> {
         let shared: Vec<Joint> = self.group_blocks.iter().map(|block| block.joint(camera)).collect();
         let joint = |(view, pose): (&View, &PoseBlock<N, M>)| {
@@ -39,47 +30,56 @@ impl<P: Pose<N>, const N: usize, const M: usize> CarsProblem<'_, P, N, M> {
 
     /// That of a problem of one view, the camera's own covariance counted.
     pub fn only_view_covariance(&mut self) -> Option<Joint> {
-        let camera = self.covariances()?.camera;
+        let information = self.information()?;
+        let camera = self.knowledge.covariance(&information, &self.state.camera)?;
         self.view_covariances(&camera).pop()
     }
 
-    fn half_log_determinant_of(&self, linearisation: &Linearisation<N, M>) -> Option<f64> {
-        let mut sum = 0.0;
-        for (group, block) in self.groups.iter().zip(&self.group_blocks) {
-            let grams = &linearisation.grams[group.views.clone()];
-            let prior = group.prior_terms(&group.prior.mean, self.shape_prior_scale);
-            sum += block.log_determinant(grams, &prior)?;
-        }
-        Some(0.5 * sum)
-    }
-
-    /// Moves the camera, and cars along the valley of the minimum. After `covariances`.
+    /// Moves the camera, and cars along the valley of the minimum. After `information`.
     pub fn follow(&mut self, change: &Vector4<f64>) {
-        self.state.camera += change;
-        for (g, group) in self.groups.iter().enumerate() {
-            let mut step = self.group_blocks[g].step(change, 0.0);
-            for j in 0..M {
-                let [low, high] = self.model.bounds[j];
-                self.state.shapes[g][j] = (self.state.shapes[g][j] + step[N + j]).clamp(low, high);
-            }
-            for k in group.views.clone() {
-                self.pose_blocks[k].substitute(&mut step);
-                self.state.poses[k] = self.state.poses[k].moved(&step);
+        self.move_trial(&self.following(change).concat(), 1.0);
+        std::mem::swap(&mut self.state, &mut self.trial);
+        for shape in &mut self.state.shapes {
+            for (coefficient, [low, high]) in shape.iter_mut().zip(&self.model.bounds) {
+                *coefficient = coefficient.clamp(*low, *high);
             }
         }
     }
 
-    /// L of `marginal.rs` at the current state. After `covariances`.
-    pub fn half_log_determinant(&self) -> Option<f64> {
-        self.half_log_determinant_of(&self.linearisation)
+    /// Per view how (pose, shape, camera) change with the camera. After `information`.
+    pub(super) fn following(&self, camera: &Vector4<f64>) -> Vec<Row> {
+        let step = |(view, pose): (&View, &PoseBlock<N, M>)| {
+            let mut step = self.group_blocks[view.group].step(camera, 0.0);
+            pose.substitute(&mut step);
+            step
+        };
+        self.views.iter().zip(&self.pose_blocks).map(step).collect()
     }
 
-    /// The same at a changed camera, cars following.
-    pub fn half_log_determinant_at(&mut self, change: &Vector4<f64>) -> Option<f64> {
+    /// Per view column d of U, where U Uᵀ is the posterior's covariance of (pose, shape) given the camera.
+    pub(super) fn own_column(&self, d: usize) -> Vec<Row> {
+        let step = |(view, pose): (&View, &PoseBlock<N, M>)| {
+            let root = self.groups[view.group].trust.sqrt();
+            self.group_blocks[view.group].column(pose, d).map(|entry| entry / root)
+        };
+        self.views.iter().zip(&self.pose_blocks).map(step).collect()
+    }
+
+    /// Linearises the trial, views moved by so much of `steps`, `MAX_WIDTH` numbers each; those of a group agree on its shape.
+    pub(super) fn evaluate_at(&mut self, steps: &[f64], length: f64) -> Option<f64> {
+        self.move_trial(steps, length);
+        self.evaluate(true)
+    }
+
+    fn move_trial(&mut self, steps: &[f64], length: f64) {
         self.trial.clone_from(&self.state);
-        self.follow(change);
-        std::mem::swap(&mut self.state, &mut self.trial);
-        self.evaluate(true)?;
-        self.half_log_determinant_of(&self.trial_linearisation)
+        for (k, (view, step)) in self.views.iter().zip(steps.chunks_exact(MAX_WIDTH)).enumerate() {
+            let step: Row = std::array::from_fn(|i| length * step[i]);
+            let camera = Gram::<N, M>::CAMERA;
+            self.trial.camera = self.state.camera + Vector4::from_column_slice(&step[camera..camera + 4]);
+            self.trial.shapes[view.group] =
+                self.state.shapes[view.group] + SVector::from_column_slice(&step[N..camera]);
+            self.trial.poses[k] = self.state.poses[k].moved(&step);
+        }
     }
 }

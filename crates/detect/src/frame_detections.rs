@@ -4,14 +4,14 @@ use roadplane_base::{CarRecord, bbox_centre, bbox_share_inside};
 use roadplane_watch::Cells;
 
 use crate::DetectOptions;
-use crate::detector::{Sight, record};
+use crate::detector::{Detections, record};
 
 /// A core must hold this share of a box to have looked at it as a whole.
 const HELD: f64 = 0.9;
 
 /// Boxes in px of the frame.
 #[derive(Debug)]
-pub(crate) struct Sights {
+pub(crate) struct FrameDetections {
     options: DetectOptions,
     cores: Vec<[f64; 4]>,
     /// What the cores cover.
@@ -24,7 +24,7 @@ pub(crate) struct Sights {
     pub cut: Vec<[f64; 4]>,
 }
 
-impl Sights {
+impl FrameDetections {
     /// Before anything was looked at, in this grid.
     pub(crate) fn new(options: &DetectOptions, grid: &Cells) -> Self {
         let (looked, vehicles) = (grid.emptied(), grid.emptied());
@@ -39,12 +39,12 @@ impl Sights {
     }
 
     /// What the net saw in a part of a picture of this width and height; `cores` are what of the part counts as looked at.
-    pub(crate) fn add(&mut self, sight: Sight, cores: Vec<[f64; 4]>, (width, height): (f64, f64)) {
+    pub(crate) fn add(&mut self, detections: Detections, cores: Vec<[f64; 4]>, (width, height): (f64, f64)) {
         cores.iter().for_each(|core| self.looked.insert_box(core));
         self.cores.extend(cores);
         let min_score = self.options.min_score;
-        self.cut.extend(sight.cut.iter().filter(|cut| cut.score >= min_score).map(|cut| cut.bbox));
-        for one in sight.found {
+        self.cut.extend(detections.cut.iter().filter(|cut| cut.score >= min_score).map(|cut| cut.bbox));
+        for one in detections.found {
             self.vehicles.insert_box(&one.bbox);
             if one.score >= min_score
                 && let Some(record) = record(one, width, height)
