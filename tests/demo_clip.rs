@@ -140,6 +140,14 @@ fn stages_alone_give_what_they_document() {
     free().code(0);
     assert!(!json_lines(&at("free/p.jsonl")).is_empty());
     assert!((number(&json(&at("free/camera.json"))["focal_px"]) - 1360.0).abs() < 1e-6);
+    std::fs::create_dir(at("paper")).unwrap();
+    let mut command = roadplane();
+    command.arg("solve").arg(at("k.jsonl")).args(["--method", "paper", "--out"]).arg(at("paper/p.jsonl"));
+    command.assert().code(0);
+    let poses = json_lines(&at("paper/p.jsonl"));
+    assert!(poses.len() > 10 && poses.iter().all(|pose| number(&pose["world_from_car"][2][3]).abs() < 0.5));
+    let focal_px = number(&json(&at("paper/camera.json"))["focal_px"]);
+    assert!((focal_px / 1360.0).ln().abs() < 0.4, "{focal_px}");
     let broken = at("broken.jsonl");
     std::fs::write(&broken, "{\"frame\": 0}\n").unwrap();
     let assert = roadplane().arg("solve").arg(&broken).arg("--out").arg(at("q.jsonl")).assert().code(3);

@@ -13,7 +13,7 @@ use mutatis::{Candidates, Context, Mutate, Session};
 use roadplane_decode::{DecodeOptions, open};
 use roadplane_infer::{Session as Net, SessionOptions};
 use roadplane_pipeline::{
-    Cancel, Config, EvidenceStore, Silent, SolveOptions, inputs_of, known_cameras, solve_file,
+    Cancel, Config, EvidenceStore, Silent, SolveMethod, SolveOptions, inputs_of, known_cameras, solve_file,
 };
 use roadplane_write::read_known;
 use serde_json::{Value, json};
@@ -206,7 +206,15 @@ fn frames() {
     let config = Config::default();
     mutate("frames.jsonl", &files(&["tests/data/mutations/frames.jsonl"]), 60, |path| {
         let out = path.with_file_name("poses.jsonl");
-        solve_file(path, &out, &SolveOptions::default(), &config, &Cancel::default(), &Silent).is_ok()
+        solve_file(
+            path,
+            &out,
+            &SolveOptions { method: SolveMethod::Free, ..SolveOptions::default() },
+            &config,
+            &Cancel::default(),
+            &Silent,
+        )
+        .is_ok()
     });
 }
 

@@ -193,8 +193,12 @@ pub struct SolveArgs {
     #[command(flatten)]
     #[allow(missing_docs)]
     pub known: known::KnownArgs,
+    /// joint: one camera for the clip, cars stand on its plane. paper: each frame by itself, free cars drawn to a plane by the
+    /// paper's Algorithm 1.
+    #[arg(long, value_enum, default_value_t = MethodArg::Joint)]
+    pub method: MethodArg,
     /// Leaves every car free in six degrees of freedom.
-    #[arg(long)]
+    #[arg(long, conflicts_with = "per_frame")]
     pub no_plane: bool,
     /// Solves each frame on its own instead of one camera for the clip.
     #[arg(long)]
@@ -202,6 +206,15 @@ pub struct SolveArgs {
     #[command(flatten)]
     #[allow(missing_docs)]
     pub config: ConfigArgs,
+}
+
+/// Ways of solving frames.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum MethodArg {
+    /// One model of camera and cars.
+    Joint,
+    /// The paper's alternation.
+    Paper,
 }
 
 /// `roadplane track`.

@@ -31,6 +31,7 @@ mod progress;
 mod stream;
 mod tracks;
 
+pub use cameras::frame::PLANE_TERMS;
 pub use cameras::known::{Known, KnownOptions, Measured};
 pub use cameras::krtd::{Krtd, read_krtd};
 pub use cameras::memory::{CameraMemory, KnownCamera, known_cameras, merge_cameras};
@@ -44,7 +45,7 @@ pub use commands::doctor::{Check, check_up};
 pub use commands::join::{inputs_of, join_pieces};
 pub use commands::piece::{PlannedPiece, plan, run_piece, schemas};
 pub use commands::run::run_input;
-pub use commands::solve_file::{SolveOptions, solve_file};
+pub use commands::solve_file::{SolveMethod, SolveOptions, solve_file};
 pub use commands::stage_files::{detect_file, keypoints_file};
 pub use commands::track_file::track_file;
 pub use config::{Config, ConfigError};

@@ -3,11 +3,11 @@
 use std::path::Path;
 
 use roadplane_pipeline::{
-    Cancel, Existing, FolderLock, PipelineError, SolveOptions, activity_file, detect_file, find_models,
-    keypoints_file, solve_file, track_file,
+    Cancel, Existing, FolderLock, PipelineError, SolveMethod, SolveOptions, activity_file, detect_file,
+    find_models, keypoints_file, solve_file, track_file,
 };
 
-use crate::args::{ActivityArgs, DetectArgs, KeypointsArgs, SolveArgs, TrackArgs};
+use crate::args::{ActivityArgs, DetectArgs, KeypointsArgs, MethodArg, SolveArgs, TrackArgs};
 use crate::commands::config::config;
 use crate::outcome::Outcome;
 use crate::progress::Bar;
@@ -51,7 +51,18 @@ pub fn activity(args: &ActivityArgs, cancel: &Cancel) -> anyhow::Result<Outcome>
 pub fn solve(args: &SolveArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let config = config(&args.config)?;
     let known = args.known.read()?;
-    let options = SolveOptions { known, use_plane: !args.no_plane, per_frame: args.per_frame };
+    let method = match args.method {
+        MethodArg::Paper if args.no_plane => {
+            return Err(
+                PipelineError::usage("--method paper draws cars to a plane: leave out --no-plane").into()
+            );
+        }
+        MethodArg::Paper => SolveMethod::Paper,
+        MethodArg::Joint if args.no_plane => SolveMethod::Free,
+        MethodArg::Joint if args.per_frame => SolveMethod::PerFrame,
+        MethodArg::Joint => SolveMethod::Joint,
+    };
+    let options = SolveOptions { known, method };
     solve_file(&args.frames, &args.out, &options, &config, cancel, &Bar::new("solve"))?;
     Ok(Outcome::Done)
 }

@@ -1,8 +1,11 @@
-//! The camera of one frame on its own.
+//! The camera of one frame on its own: as the product solves it, and by the paper's Algorithm 1.
 
-use roadplane_base::{CameraEstimate, CameraStatus, FrameRecord, KeypointSet, ShapeAtlas};
+use nalgebra::Matrix4;
+use roadplane_base::{
+    CameraEstimate, CameraParams, CameraStatus, FrameRecord, KEYPOINTS, KeypointSet, ShapeAtlas,
+};
 use roadplane_calibrate::{WindowEstimate, fuse};
-use roadplane_solve::{CarView, SceneStatus, solve_scene};
+use roadplane_solve::{CarView, FreeCarFit, PlaneTerms, SceneStatus, solve_free_scene, solve_scene};
 
 use crate::Config;
 use crate::cameras::joining::{clues_of_window, fuse_options, nothing_seen};
@@ -44,7 +47,49 @@ pub fn estimate_frame(
             return CameraEstimate { cars_used, frames_used, ..estimate };
         }
     }
-    let status = match solution.status {
+    let frames_used = usize::from(cars_used > 0);
+    let estimate = of_solution(frame, &lens, solution.status, solution.params, solution.covariance);
+    CameraEstimate { cars_used, frames_used, ..estimate }
+}
+
+/// How far cars stand from a common plane, in [`estimate_frame_as_paper`]: kerbs, springs, loads.
+pub const PLANE_TERMS: PlaneTerms = PlaneTerms { distance_sd_m: 0.05, angle_sd: 0.02 };
+
+/// Solves one frame on its own by the paper's Algorithm 1: the camera, and each car's free pose (one a car; `None` where nothing could be
+/// fitted). Of what is known of the camera its numbers count; nothing else of the scene does.
+#[must_use]
+pub fn estimate_frame_as_paper(
+    frame: &FrameRecord,
+    atlas: &ShapeAtlas,
+    known: &Known,
+    config: &Config,
+) -> (CameraEstimate, Vec<Option<FreeCarFit>>) {
+    let size = frame.image_size_px;
+    let lens = LensOfClip::new(&[], size, known, None, config);
+    let mut options = config.solve.scene_options(known.focal_px());
+    options.lens = lens.lens();
+    options.clues = clues_of_window(&known.clues(0, size));
+    let unseen: KeypointSet = [None; KEYPOINTS];
+    let sets: Vec<KeypointSet> = frame
+        .cars
+        .iter()
+        .map(|car| car.keypoints.as_deref().map_or(unseen, |set| usable(set, config)))
+        .collect();
+    let solution = solve_free_scene(atlas, size, &CarView::each(&sets), Some(PLANE_TERMS), &options);
+    let cars_used = solution.cars.iter().flatten().count();
+    let estimate = of_solution(frame, &lens, solution.status, solution.params, solution.covariance);
+    (CameraEstimate { cars_used, frames_used: usize::from(cars_used > 0), ..estimate }, solution.cars)
+}
+
+/// A frame's camera as a solve has it.
+fn of_solution(
+    frame: &FrameRecord,
+    lens: &LensOfClip,
+    status: SceneStatus,
+    params: CameraParams,
+    covariance: Matrix4<f64>,
+) -> CameraEstimate {
+    let status = match status {
         SceneStatus::Converged | SceneStatus::NotConverged => CameraStatus::Estimated,
         SceneStatus::FocalGiven => CameraStatus::FocalGiven,
         SceneStatus::FocalFromPrior => CameraStatus::FocalFromPrior,
@@ -52,14 +97,14 @@ pub fn estimate_frame(
     };
     CameraEstimate {
         span_s: [frame.time_s; 2],
-        image_size_px: size,
-        principal_point_px: size.centre_px(),
+        image_size_px: frame.image_size_px,
+        principal_point_px: frame.image_size_px.centre_px(),
         lens: lens.lens(),
         bend_sd: lens.bend_sd(),
-        params: solution.params,
-        covariance: solution.covariance,
+        params,
+        covariance,
         status,
-        cars_used,
-        frames_used: usize::from(cars_used > 0),
+        cars_used: 0,
+        frames_used: 0,
     }
 }

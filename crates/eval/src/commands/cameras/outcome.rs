@@ -41,7 +41,7 @@ pub(super) fn outcome(
 ) -> Result<Outcome, EvalError> {
     let place = Workplace::new(None)?;
     let poses = place.folder().join("poses.jsonl");
-    let options = SolveOptions { use_plane: true, ..SolveOptions::default() };
+    let options = SolveOptions::default();
     solve_file(frames, &poses, &options, config, cancel, &Silent)?;
     let mut cars: Vec<PoseRecord> = Vec::new();
     for pose in read_jsonl::<PoseRecord>(&poses)? {

@@ -2,7 +2,8 @@
 
 use nalgebra::{Isometry3, Point3};
 use roadplane_base::ShapeAtlas;
-use roadplane_solve::{CarView, PlaneTerms, SceneOptions, solve_free_scene, solve_scene};
+use roadplane_pipeline::PLANE_TERMS;
+use roadplane_solve::{CarView, SceneOptions, solve_free_scene, solve_scene};
 use roadplane_synth::{SceneTruth, SynthOptions, scene};
 use roadplane_tables::{Column, Table, bootstrap, median, quantile, share_within};
 
@@ -10,8 +11,6 @@ use crate::metrics::{add, viewpoint};
 use crate::parallel::in_parallel;
 
 const SEED: u64 = 2_000_000;
-/// How far cars stand from a common plane: kerbs, springs, loads.
-const PLANE_TERMS: PlaneTerms = PlaneTerms { distance_sd_m: 0.05, angle_sd: 0.02 };
 
 /// How a scene is solved.
 #[derive(Clone, Copy)]

@@ -10,8 +10,8 @@
 //! cost_k = w_k / m · ½ |W (π(G_k + R(b) R X) − x(λ))|²      m: `ViewErrors::keypoints_as_one`
 //! ```
 //!
-//! Linear in b and λ, which are small, about the minimum without them: they are in the covariance of the camera and not in its
-//! estimate. They are not eliminated with poses and shapes, since pictures of a place share them (`base/src/shared.rs`).
+//! Linear in b and λ about the minimum without them: they are in the camera's covariance, not in its estimate, and are not eliminated
+//! with poses and shapes, since pictures of a place share them (`base/src/shared.rs`).
 
 use nalgebra::{DMatrix, DVector, Matrix2x3, SMatrix, Vector2, Vector3};
 use roadplane_base::{JointInformation, SHARED_ERRORS};
@@ -27,14 +27,12 @@ use crate::options::ViewErrors;
 const SHARED: usize = 4 + SHARED_ERRORS;
 
 impl<const M: usize> GroundProblem<'_, M> {
-    /// Information of the cars on the camera, and its cross part with the shared errors, at the minimum, which it leads to; all else
-    /// eliminated. `None` when a car cannot be evaluated.
+    /// Information of the cars on the camera and its cross part with the shared errors, at the minimum. `None` when it cannot be had.
     pub fn joint_information(&self, errors: &ViewErrors) -> Option<JointInformation> {
         let mut all = SMatrix::<f64, SHARED, SHARED>::zeros();
         for (g, group) in self.groups.iter().enumerate() {
-            let views = group.views.len();
             let worth = self.misfit(g, group).worth() / errors.keypoints_as_one;
-            let shape_at = STANDING * views;
+            let shape_at = STANDING * group.views.len();
             let shared_at = shape_at + M;
             let size = shared_at + SHARED;
             let mut sum = DMatrix::<f64>::zeros(size, size);
