@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use crate::{
     TrackState,
-    measurement::Observation,
+    measurement::Sighting,
     raw_track::{RawTrack, in_one_place, same_car},
 };
 
@@ -52,7 +52,7 @@ pub(crate) fn merge_smoothed(
 }
 
 /// Pose (x, y, heading) in which a track, smoothed, has a sighting's vehicle. States begin with the first sighting, one a frame.
-fn pose(track: &RawTrack, states: &[TrackState], sighting: &Observation) -> Option<Vector3<f64>> {
+fn pose(track: &RawTrack, states: &[TrackState], sighting: &Sighting) -> Option<Vector3<f64>> {
     let first = track.observations.first()?.frame;
     let pose = states.get(sighting.frame.checked_sub(first)?)?.pose;
     Some(Vector3::new(pose.x_m, pose.y_m, pose.heading_rad))
@@ -71,8 +71,8 @@ fn by_strength(mut tracks: Vec<RawTrack>) -> Vec<RawTrack> {
 }
 
 /// `same` compares a sighting of the stronger track with one of the weaker.
-fn coincide(strong: &RawTrack, weak: &RawTrack, same: impl Fn(&Observation, &Observation) -> bool) -> bool {
-    let together: Vec<&Observation> = weak.observations.iter().filter(|o| lives(strong, o.time_s)).collect();
+fn coincide(strong: &RawTrack, weak: &RawTrack, same: impl Fn(&Sighting, &Sighting) -> bool) -> bool {
+    let together: Vec<&Sighting> = weak.observations.iter().filter(|o| lives(strong, o.time_s)).collect();
     let shared = together.iter().filter(|o| at(strong, o).is_some_and(|near| same(near, o))).count();
     shared >= FEWEST_SHARED.min(weak.observations.len()) && shared as f64 > MIN_SHARED * together.len() as f64
 }
@@ -84,18 +84,17 @@ fn lives(track: &RawTrack, time_s: f64) -> bool {
 }
 
 /// The sighting nearest in time to another track's.
-fn at<'a>(track: &'a RawTrack, other: &Observation) -> Option<&'a Observation> {
+fn at<'a>(track: &'a RawTrack, other: &Sighting) -> Option<&'a Sighting> {
     let after = track.observations.partition_point(|o| o.frame < other.frame);
     let around = [after.checked_sub(1), Some(after)].into_iter().flatten();
     let near = around.filter_map(|i| track.observations.get(i));
-    let gap_s = |o: &Observation| (o.time_s - other.time_s).abs();
+    let gap_s = |o: &Sighting| (o.time_s - other.time_s).abs();
     near.min_by(|a, b| gap_s(a).total_cmp(&gap_s(b))).filter(|o| gap_s(o) <= NEAR_S)
 }
 
 fn fill(strong: &mut RawTrack, weak: RawTrack) {
     let ends = strong.observations.first().zip(strong.observations.last()).map(|(a, b)| [a.frame, b.frame]);
-    let before_or_after =
-        |o: &Observation| ends.is_some_and(|[first, last]| o.frame < first || o.frame > last);
+    let before_or_after = |o: &Sighting| ends.is_some_and(|[first, last]| o.frame < first || o.frame > last);
     for observation in weak.observations {
         if let Err(place) = strong.observations.binary_search_by_key(&observation.frame, |o| o.frame)
             && (before_or_after(&observation)

@@ -3,7 +3,7 @@
 use nalgebra::{Vector2, Vector3};
 use roadplane_base::angle_difference;
 
-use crate::measurement::Observation;
+use crate::measurement::Sighting;
 
 /// Log odds that unanimous keypoints give: all frames of one view can be wrong together.
 const KEYPOINT_ODDS: f64 = 4.0;
@@ -28,12 +28,12 @@ pub(crate) struct Facing {
 }
 
 /// By keypoints and motion. `axes`: one per sighting, continuous. `places`: smoothed.
-pub(crate) fn facing(sightings: &[Observation], axes: &[f64], places: &[Vector3<f64>]) -> Facing {
+pub(crate) fn facing(sightings: &[Sighting], axes: &[f64], places: &[Vector3<f64>]) -> Facing {
     let odds = keypoint_odds(sightings, axes) + motion_odds(sightings, axes, places);
     Facing { reversed: odds < 0.0, known: odds.abs() >= KNOWN_ODDS }
 }
 
-fn keypoint_odds(sightings: &[Observation], axes: &[f64]) -> f64 {
+fn keypoint_odds(sightings: &[Sighting], axes: &[f64]) -> f64 {
     let (mut sum, mut total) = (0.0, 0.0);
     for (sighting, axis) in sightings.iter().zip(axes).filter(|(sighting, _)| !sighting.from_box) {
         let weight = 1.0 / (sighting.covariance[(2, 2)] + 0.05);
@@ -43,7 +43,7 @@ fn keypoint_odds(sightings: &[Observation], axes: &[f64]) -> f64 {
     if total > 0.0 { KEYPOINT_ODDS * sum / total } else { 0.0 }
 }
 
-fn motion_odds(sightings: &[Observation], axes: &[f64], places: &[Vector3<f64>]) -> f64 {
+fn motion_odds(sightings: &[Sighting], axes: &[f64], places: &[Vector3<f64>]) -> f64 {
     let mut odds = 0.0;
     let mut fastest: f64 = 0.0;
     let mut from = 0;

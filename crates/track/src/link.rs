@@ -21,7 +21,7 @@ use roadplane_base::{assign, upper_median};
 
 use crate::{
     filter::fold_axis,
-    measurement::Observation,
+    measurement::Sighting,
     raw_track::{RawTrack, VOTES},
 };
 
@@ -171,8 +171,8 @@ impl End {
     fn of(track: &RawTrack, last: bool) -> Self {
         let all = &track.observations;
         let edge = if last { &all[all.len() - 1] } else { &all[0] };
-        let near = |o: &&Observation| (o.time_s - edge.time_s).abs() <= END_S;
-        let part: Vec<&Observation> = if last {
+        let near = |o: &&Sighting| (o.time_s - edge.time_s).abs() <= END_S;
+        let part: Vec<&Sighting> = if last {
             all.iter().rev().take(END_SIGHTINGS).filter(near).collect()
         } else {
             all.iter().take(END_SIGHTINGS).filter(near).collect()
@@ -189,7 +189,7 @@ impl End {
         let still = density(&velocity, &(spread + Matrix2::identity() * STANDING_SD.powi(2)));
         let moving = density(&velocity, &(spread + Matrix2::identity() * DRIVING_SD.powi(2)));
         let side = |b: &[f64; 4]| (b[2] - b[0]).max(b[3] - b[1]);
-        let log_size = |o: &Observation| {
+        let log_size = |o: &Sighting| {
             let [x0, y0, x1, y1] = o.bbox_px;
             ((x1 - x0).hypot(y1 - y0) * o.pose.xy().norm().max(1.0)).ln()
         };
@@ -223,7 +223,7 @@ impl End {
 
 /// Place and velocity at a time by a straight line through sightings, each with what it does not share with its neighbours as
 /// noise.
-fn motion(part: &[&Observation], time_s: f64) -> (Vector4<f64>, Matrix4<f64>) {
+fn motion(part: &[&Sighting], time_s: f64) -> (Vector4<f64>, Matrix4<f64>) {
     let mut information = Matrix4::zeros();
     information.fixed_view_mut::<2, 2>(2, 2).fill_diagonal((1.5 * DRIVING_SD).powi(-2));
     let mut weighted = Vector4::zeros();

@@ -107,7 +107,7 @@ impl FrameMeasurements {
 
 /// A measurement as a track keeps it.
 #[derive(Clone, Debug)]
-pub(crate) struct Observation {
+pub(crate) struct Sighting {
     /// Counts the frames that the tracker was given.
     pub frame: usize,
     pub time_s: f64,

@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Vector3};
 use roadplane_base::{StudentT, upper_median};
 
-use crate::{filter::fold_axis, measurement::Observation, noise::Noise};
+use crate::{filter::fold_axis, measurement::Sighting, noise::Noise};
 
 /// How poses scatter: half-hidden cars give some that are far off.
 const SCATTER: StudentT = StudentT { dimensions: 3.0 };
@@ -21,8 +21,8 @@ pub(crate) struct Stand {
 }
 
 /// `None` of no sightings. Held ones repeat what a look said, and say nothing themselves.
-pub(crate) fn stand(all: &[Observation], bias_share: f64) -> Option<Stand> {
-    let looks: Vec<Observation> = all.iter().filter(|o| !o.held).cloned().collect();
+pub(crate) fn stand(all: &[Sighting], bias_share: f64) -> Option<Stand> {
+    let looks: Vec<Sighting> = all.iter().filter(|o| !o.held).cloned().collect();
     let sightings = if looks.is_empty() { all.get(..1)? } else { &looks };
     let inverses: Vec<Matrix3<f64>> =
         sightings.iter().map(|o| o.covariance.try_inverse().unwrap_or_else(Matrix3::zeros)).collect();
@@ -53,7 +53,7 @@ pub(crate) fn stand(all: &[Observation], bias_share: f64) -> Option<Stand> {
 }
 
 /// Medians of the position, and the axis that most sightings agree with (mean of doubled angles).
-fn start(sightings: &[Observation]) -> Option<Vector3<f64>> {
+fn start(sightings: &[Sighting]) -> Option<Vector3<f64>> {
     let median = |axis: usize| {
         upper_median(&mut sightings.iter().map(|o| o.pose[axis]).collect::<Vec<_>>(), f64::total_cmp)
     };
@@ -65,13 +65,13 @@ fn start(sightings: &[Observation]) -> Option<Vector3<f64>> {
     Some(Vector3::new(median(0)?, median(1)?, sin.atan2(cos) / 2.0))
 }
 
-fn residual(sighting: &Observation, pose: &Vector3<f64>) -> Vector3<f64> {
+fn residual(sighting: &Sighting, pose: &Vector3<f64>) -> Vector3<f64> {
     let d = sighting.pose - pose;
     Vector3::new(d.x, d.y, fold_axis(d.z))
 }
 
 fn noise_around(
-    sightings: &[Observation],
+    sightings: &[Sighting],
     inverses: &[Matrix3<f64>],
     pose: &Vector3<f64>,
     bias_share: f64,

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use nalgebra::Vector3;
 use roadplane_base::{VehicleClass, bbox_covered, bbox_iou};
 
-use crate::{CarMeasurement, measurement::Observation, shape::ShapeSum};
+use crate::{CarMeasurement, measurement::Sighting, shape::ShapeSum};
 
 /// Length and width of the ground that a car takes up, m.
 const CAR_M: [f64; 2] = [4.4, 1.8];
@@ -17,7 +17,7 @@ const LEAST_OVERLAP: f64 = 0.2;
 /// A track before smoothing.
 #[derive(Clone, Debug)]
 pub(crate) struct RawTrack {
-    pub observations: Vec<Observation>,
+    pub observations: Vec<Sighting>,
     pub shape: ShapeSum,
     votes: BTreeMap<VehicleClass, f64>,
     dims: DimsSum,
@@ -55,14 +55,14 @@ impl DimsSum {
 }
 
 impl RawTrack {
-    pub(crate) fn new(car: &CarMeasurement, observation: Observation, shape: ShapeSum) -> Self {
+    pub(crate) fn new(car: &CarMeasurement, observation: Sighting, shape: ShapeSum) -> Self {
         let mut track =
             Self { observations: Vec::new(), shape, votes: BTreeMap::new(), dims: DimsSum::default() };
         track.add(car, observation);
         track
     }
 
-    pub(crate) fn add(&mut self, car: &CarMeasurement, observation: Observation) {
+    pub(crate) fn add(&mut self, car: &CarMeasurement, observation: Sighting) {
         let unsure = car.from_box && car.class == VehicleClass::Car;
         *self.votes.entry(car.class).or_default() += car.score * if unsure { UNSURE_VOTE } else { 1.0 };
         self.dims.add(car);
@@ -107,7 +107,7 @@ impl RawTrack {
 }
 
 /// Two measurements of one car: boxes that overlap much, at about the same place.
-pub(crate) fn same_car(a: &Observation, b: &Observation) -> bool {
+pub(crate) fn same_car(a: &Sighting, b: &Sighting) -> bool {
     let iou = bbox_iou(&a.bbox_px, &b.bbox_px);
     let overlap = iou > 0.5 || bbox_covered(&a.bbox_px, &b.bbox_px) > 0.8;
     in_one_place(&a.pose, &a.bbox_px, &b.pose, &b.bbox_px) || (overlap && share_space(a, b))
@@ -128,7 +128,7 @@ fn covered_ground(car: &Vector3<f64>, other: &Vector3<f64>) -> f64 {
 }
 
 /// Whether the two could not stand there side by side: nearer than a car is wide, or not told apart by their covariances.
-pub(crate) fn share_space(a: &Observation, b: &Observation) -> bool {
+pub(crate) fn share_space(a: &Sighting, b: &Sighting) -> bool {
     let away = a.pose.xy() - b.pose.xy();
     let spread = (a.covariance + b.covariance).fixed_view::<2, 2>(0, 0).into_owned();
     away.norm() < 1.6 || spread.try_inverse().is_some_and(|s| away.dot(&(s * away)) < 4.0)

@@ -9,7 +9,7 @@ use crate::{
     TrackOptions, TrackState,
     facing::facing,
     filter::fold_axis,
-    measurement::Observation,
+    measurement::Sighting,
     noise::Noise,
     parked::{Stand, stand},
     stops::{Run, find_runs},
@@ -41,14 +41,14 @@ struct Place {
 
 impl Place {
     /// The look at a driving car in this frame, if it was measured in it.
-    fn look<'a>(&self, sightings: &'a [Observation]) -> Option<&'a Observation> {
+    fn look<'a>(&self, sightings: &'a [Sighting]) -> Option<&'a Sighting> {
         sightings[self.sightings.clone()].first().filter(|seen| !seen.held)
     }
 }
 
 /// States for every frame from the first sighting to the last.
 pub(crate) fn smooth_track(
-    sightings: &[Observation],
+    sightings: &[Sighting],
     stamps: &[FrameStamp],
     times_s: &[f64],
     options: &TrackOptions,
@@ -82,7 +82,7 @@ pub(crate) fn smooth_track(
 }
 
 /// Nodes of a track, in the order of time.
-fn places(sightings: &[Observation], times_s: &[f64], runs: &[Run], options: &TrackOptions) -> Vec<Place> {
+fn places(sightings: &[Sighting], times_s: &[f64], runs: &[Run], options: &TrackOptions) -> Vec<Place> {
     let mut found: Vec<Place> = Vec::new();
     for run in runs {
         let part = &sightings[run.sightings.clone()];
@@ -118,7 +118,7 @@ fn places(sightings: &[Observation], times_s: &[f64], runs: &[Run], options: &Tr
     bridged(found)
 }
 
-fn nearest(sightings: &[Observation], after: usize, time_s: f64) -> usize {
+fn nearest(sightings: &[Sighting], after: usize, time_s: f64) -> usize {
     let gap_s = |i: usize| sightings.get(i).map_or(f64::INFINITY, |o| (o.time_s - time_s).abs());
     let before = after.saturating_sub(1);
     if gap_s(before) < gap_s(after) { before } else { after }
@@ -145,7 +145,7 @@ fn bridged(places: Vec<Place>) -> Vec<Place> {
 
 /// Where to start from: places as seen, a little averaged; the axis by motion where there is some, else by keypoints; the
 /// front by both; and whether anything tells the front.
-fn start(sightings: &[Observation], places: &[Place], options: &TrackOptions) -> (Vec<State>, bool) {
+fn start(sightings: &[Sighting], places: &[Place], options: &TrackOptions) -> (Vec<State>, bool) {
     let averaged: Vec<Vector3<f64>> = (0..sightings.len())
         .map(|i| {
             let near = &sightings[i.saturating_sub(2)..(i + 3).min(sightings.len())];
@@ -180,7 +180,7 @@ fn start(sightings: &[Observation], places: &[Place], options: &TrackOptions) ->
 }
 
 /// Direction of travel around a sighting where it is clear, else the axis that keypoints saw.
-fn axis_at(sightings: &[Observation], averaged: &[Vector3<f64>], i: usize) -> f64 {
+fn axis_at(sightings: &[Sighting], averaged: &[Vector3<f64>], i: usize) -> f64 {
     let time_s = sightings[i].time_s;
     let from = sightings.partition_point(|o| o.time_s < time_s - 0.5).min(i);
     let to = sightings.partition_point(|o| o.time_s <= time_s + 0.5).max(i + 1) - 1;
@@ -191,7 +191,7 @@ fn axis_at(sightings: &[Observation], averaged: &[Vector3<f64>], i: usize) -> f6
 
 /// Pose and speed for a node, on the straight line between the sightings around it.
 fn interpolated(
-    sightings: &[Observation],
+    sightings: &[Sighting],
     centres: &[Vector3<f64>],
     axes: &[f64],
     place: &Place,
@@ -214,7 +214,7 @@ fn interpolated(
 }
 
 fn solve(
-    sightings: &[Observation],
+    sightings: &[Sighting],
     places: &[Place],
     start: Vec<State>,
     noise: Noise,
@@ -233,7 +233,7 @@ fn solve(
 }
 
 /// Covariance of a driving car's sighting in an estimator that takes sightings for independent.
-fn white(sightings: &[Observation], place: &Place, seen: &Observation, noise: Noise) -> Matrix3<f64> {
+fn white(sightings: &[Sighting], place: &Place, seen: &Sighting, noise: Noise) -> Matrix3<f64> {
     let mut covariance = seen.covariance * noise.white();
     // A bias of the heading contradicts the path, so a driving car's keypoints count once per view, not per frame.
     covariance[(2, 2)] += seen.covariance[(2, 2)] * noise.bias() * per_view(sightings, place.nearest);
@@ -241,7 +241,7 @@ fn white(sightings: &[Observation], place: &Place, seen: &Observation, noise: No
 }
 
 /// Sightings that share a driving car's keypoint bias.
-fn per_view(sightings: &[Observation], index: usize) -> f64 {
+fn per_view(sightings: &[Sighting], index: usize) -> f64 {
     let time_s = sightings[index].time_s;
     let from = sightings.partition_point(|o| o.time_s < time_s - BIAS_S / 2.0);
     let to = sightings.partition_point(|o| o.time_s <= time_s + BIAS_S / 2.0);
@@ -251,7 +251,7 @@ fn per_view(sightings: &[Observation], index: usize) -> f64 {
 /// Scatter of the driven part around its smoothed path. The path bends towards its sightings, so their residuals are
 /// smaller than their errors: by the share of the degrees of freedom that the path takes up (the sum of leverages).
 fn driving_noise(
-    sightings: &[Observation],
+    sightings: &[Sighting],
     places: &[Place],
     states: &[State],
     covariances: &[Matrix5<f64>],
@@ -292,7 +292,7 @@ struct Smoothed {
 
 impl Smoothed {
     fn new(
-        sightings: &[Observation],
+        sightings: &[Sighting],
         place: &Place,
         state: &State,
         covariance: &Matrix5<f64>,
@@ -320,7 +320,7 @@ impl Smoothed {
         }
     }
 
-    fn at(&self, stamp: FrameStamp, seen: Option<&Observation>) -> TrackState {
+    fn at(&self, stamp: FrameStamp, seen: Option<&Sighting>) -> TrackState {
         TrackState {
             stamp,
             observed: seen.is_some(),

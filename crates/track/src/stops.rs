@@ -6,7 +6,7 @@ use std::ops::Range;
 use nalgebra::Vector2;
 use roadplane_base::{bbox_centre, upper_median};
 
-use crate::{TrackOptions, measurement::Observation};
+use crate::{TrackOptions, measurement::Sighting};
 
 /// Consecutive sightings of one kind.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -31,7 +31,7 @@ const MIN_STAND_S: f64 = 1.0;
 const ONSET_S: f64 = 0.3;
 
 /// Divides a track's sightings, in the order of time. A track in which no motion shows is one stand.
-pub(crate) fn find_runs(sightings: &[Observation], options: &TrackOptions) -> Vec<Run> {
+pub(crate) fn find_runs(sightings: &[Sighting], options: &TrackOptions) -> Vec<Run> {
     let n = sightings.len();
     if n == 0 {
         return Vec::new();
@@ -60,7 +60,7 @@ pub(crate) fn find_runs(sightings: &[Observation], options: &TrackOptions) -> Ve
 }
 
 /// The sightings within [`HALF_S`] of one, with the nearest in time beyond where these are too few.
-fn window(sightings: &[Observation], middle: usize) -> &[Observation] {
+fn window(sightings: &[Sighting], middle: usize) -> &[Sighting] {
     let time_s = sightings[middle].time_s;
     let mut from = sightings.partition_point(|o| o.time_s < time_s - HALF_S);
     let mut to = sightings.partition_point(|o| o.time_s <= time_s + HALF_S);
@@ -75,7 +75,7 @@ fn window(sightings: &[Observation], middle: usize) -> &[Observation] {
     &sightings[from..to]
 }
 
-fn seconds(part: &[Observation]) -> f64 {
+fn seconds(part: &[Sighting]) -> f64 {
     match (part.first(), part.last()) {
         (Some(first), Some(last)) => last.time_s - first.time_s,
         _ => 0.0,
@@ -83,7 +83,7 @@ fn seconds(part: &[Observation]) -> f64 {
 }
 
 /// Whether a straight line through the sightings goes farther than least and than chance, on the ground and in the image.
-fn moves(part: &[Observation], min_m: f64, min_box: f64) -> bool {
+fn moves(part: &[Sighting], min_m: f64, min_box: f64) -> bool {
     let ground: Vec<(f64, Vector2<f64>)> = part.iter().map(|o| (o.time_s, o.pose.xy())).collect();
     if !goes(&ground, min_m) {
         return false;
@@ -136,8 +136,8 @@ fn line(points: &[(f64, Vector2<f64>)]) -> Option<(Vector2<f64>, f64, f64)> {
 }
 
 /// Distance between where the car was before a run and after it, medians of up to five sightings.
-fn travelled(part: &[Observation], all: &[Observation]) -> f64 {
-    let middle = |some: &[Observation]| {
+fn travelled(part: &[Sighting], all: &[Sighting]) -> f64 {
+    let middle = |some: &[Sighting]| {
         let axis = |axis: usize| {
             let mut values: Vec<f64> = some.iter().map(|o| o.pose[axis]).collect();
             values.sort_by(f64::total_cmp);
@@ -165,7 +165,7 @@ fn runs(moving: &[bool]) -> Vec<Run> {
 
 /// Turns stands between drives, or before or after one, into driving where they are shorter than `least_s`: at an end of the track
 /// a moment's stand cannot be told from driving that has hardly been seen.
-fn close_gaps(moving: &mut [bool], sightings: &[Observation], least_s: f64) {
+fn close_gaps(moving: &mut [bool], sightings: &[Sighting], least_s: f64) {
     let found = runs(moving);
     for run in found.iter().filter(|_| found.len() > 1) {
         if run.parked && seconds(&sightings[run.sightings.clone()]) < least_s {
@@ -174,7 +174,7 @@ fn close_gaps(moving: &mut [bool], sightings: &[Observation], least_s: f64) {
     }
 }
 
-fn widen(moving: &mut [bool], sightings: &[Observation]) {
+fn widen(moving: &mut [bool], sightings: &[Sighting]) {
     for run in runs(moving).into_iter().filter(|run| !run.parked) {
         let from_s = sightings[run.sightings.start].time_s - ONSET_S;
         let to_s = sightings[run.sightings.end - 1].time_s + ONSET_S;

@@ -8,7 +8,7 @@ use crate::{
     duplicates::{merge_duplicates, merge_smoothed},
     filter::Filter,
     link::link,
-    measurement::Observation,
+    measurement::Sighting,
     raw_track::{RawTrack, same_car},
     shape::ShapeSum,
     smooth::smooth_track,
@@ -56,7 +56,7 @@ const TOUCHING: f64 = 0.05;
 const SURE_OVERLAP: f64 = 0.5;
 
 impl Live {
-    fn new(car: &CarMeasurement, observation: Observation, look: CarRef, looks: usize) -> Self {
+    fn new(car: &CarMeasurement, observation: Sighting, look: CarRef, looks: usize) -> Self {
         let filter = Filter::new(&observation.pose, &observation.covariance, observation.time_s);
         let mut shape = ShapeSum::new(filter.position(), filter.axis());
         if !car.from_box {
@@ -73,7 +73,7 @@ impl Live {
         }
     }
 
-    fn last(&self) -> Option<&Observation> {
+    fn last(&self) -> Option<&Sighting> {
         self.raw.observations.last()
     }
 
@@ -86,11 +86,11 @@ impl Live {
     /// The car is where its last look saw it.
     fn hold(&mut self, held: &HeldCar, frame: usize, time_s: f64) {
         let Some(last) = self.last() else { return };
-        let Observation { pose, covariance, at_edge, hidden, from_box, .. } = *last;
+        let Sighting { pose, covariance, at_edge, hidden, from_box, .. } = *last;
         let HeldCar { bbox_px, score, car, .. } = *held;
         self.filter.hold(time_s);
         self.box_velocity_px_s = nalgebra::Vector2::zeros();
-        self.raw.observations.push(Observation {
+        self.raw.observations.push(Sighting {
             frame,
             time_s,
             pose,
@@ -106,7 +106,7 @@ impl Live {
         self.missed = 0;
     }
 
-    fn add(&mut self, car: &CarMeasurement, observation: Observation, look: CarRef, gate: f64) {
+    fn add(&mut self, car: &CarMeasurement, observation: Sighting, look: CarRef, gate: f64) {
         self.look = look;
         if let Some(last) = self.last() {
             let gap_s = observation.time_s - last.time_s;
@@ -145,7 +145,7 @@ impl Live {
     }
 
     /// 0 for a perfect match; [`ALONE`] and above for none.
-    fn cost(&self, observation: &Observation, gate: f64) -> f64 {
+    fn cost(&self, observation: &Sighting, gate: f64) -> f64 {
         let distance = self.filter.distance(&observation.pose, &observation.covariance, observation.time_s);
         let near = (distance / gate).min(1.0);
         match self.expected_box(observation.time_s) {
@@ -236,7 +236,7 @@ impl Tracker {
                 .find(|o| o.is_ne())
                 .unwrap_or(a.car.cmp(&b.car))
         });
-        let observations: Vec<Observation> =
+        let observations: Vec<Sighting> =
             cars.iter().map(|car| self.observation(car, index, time_s)).collect();
         let gate = self.options.gate;
         let mut held: Vec<bool> = vec![false; self.live.len()];
@@ -269,17 +269,17 @@ impl Tracker {
                 None => live.missed += usize::from(is_look && !has_own),
             }
         }
-        let own: Vec<Observation> = (self.live.iter().zip(&again).zip(&has_own))
+        let own: Vec<Sighting> = (self.live.iter().zip(&again).zip(&has_own))
             .filter(|(_, has_own)| **has_own)
             .filter_map(|((live, again), _)| {
                 let last = live.last()?;
-                Some(Observation { bbox_px: again.map_or(last.bbox_px, |car| car.bbox_px), ..last.clone() })
+                Some(Sighting { bbox_px: again.map_or(last.bbox_px, |car| car.bbox_px), ..last.clone() })
             })
             .collect();
         let births: Vec<usize> = (0..cars.len())
             .filter(|&c| !taken[c] && cars[c].score >= self.options.birth_score && cars[c].may_begin())
             .filter(|&c| {
-                let same = |other: &Observation| same_car(&observations[c], other);
+                let same = |other: &Sighting| same_car(&observations[c], other);
                 !(0..cars.len()).any(|other| taken[other] && same(&observations[other]))
                     && !own.iter().any(same)
             })
@@ -343,14 +343,14 @@ impl Tracker {
         tracks
     }
 
-    fn observation(&self, car: &CarMeasurement, frame: usize, time_s: f64) -> Observation {
+    fn observation(&self, car: &CarMeasurement, frame: usize, time_s: f64) -> Sighting {
         let floor = Vector3::new(
             self.options.min_position_sd_m,
             self.options.min_position_sd_m,
             self.options.min_heading_sd_rad,
         );
         let covariance = car.covariance + Matrix3::from_diagonal(&floor.component_mul(&floor));
-        Observation {
+        Sighting {
             frame,
             time_s,
             pose: car.pose_vector(),
@@ -389,7 +389,7 @@ impl Tracker {
 
 /// Whether the box is mostly where it was at the sighting before, as of a parked car that is often hidden; false alarms
 /// strung together jump.
-fn is_coherent(sightings: &[Observation]) -> bool {
+fn is_coherent(sightings: &[Sighting]) -> bool {
     let stays =
         sightings.windows(2).filter(|pair| bbox_iou(&pair[0].bbox_px, &pair[1].bbox_px) > 0.3).count();
     2 * stays + 1 > sightings.len()
