@@ -52,7 +52,7 @@ pub fn estimate_frame(
     CameraEstimate { cars_used, frames_used, ..estimate }
 }
 
-/// How far cars stand from a common plane, in [`estimate_frame_as_paper`]: kerbs, springs, loads.
+/// How far cars stand from a common plane where they are drawn to it, as by the paper: kerbs, springs, loads.
 pub const PLANE_TERMS: PlaneTerms = PlaneTerms { distance_sd_m: 0.05, angle_sd: 0.02 };
 
 /// Solves one frame on its own by the paper's Algorithm 1: the camera, and each car's free pose (one a car; `None` where nothing could be
