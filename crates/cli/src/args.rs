@@ -198,7 +198,7 @@ pub struct SolveArgs {
     #[arg(long, value_enum, default_value_t = MethodArg::Joint)]
     pub method: MethodArg,
     /// Leaves every car free in six degrees of freedom.
-    #[arg(long, conflicts_with = "per_frame")]
+    #[arg(long)]
     pub no_plane: bool,
     /// Solves each frame on its own instead of one camera for the clip.
     #[arg(long)]
