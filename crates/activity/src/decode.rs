@@ -14,6 +14,7 @@ const LEAST_P: f64 = 1e-4;
 const UNSEEN_S: f64 = 0.4;
 /// See [`UNSEEN_S`].
 const UNSEEN_COST: f64 = 2.0;
+
 /// Probabilities of the labels at steps of the grid, which may skip where the vehicle stands.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Probabilities {

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 use thiserror::Error;
 
-/// All settings. Sections of stages belong to their crates; `[solve]` and `[calibrate]` are here, as theirs read no files.
+/// All settings. Sections of stages belong to their crates; `[solve]` and `[calibrate]` are here, as theirs know no serde.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Config {

@@ -2,10 +2,13 @@
 
 use nalgebra::Matrix4;
 use roadplane_base::{
-    CameraEstimate, CameraParams, CameraStatus, FrameRecord, KEYPOINTS, KeypointSet, ShapeAtlas,
+    CameraEstimate, CameraParams, CameraStatus, FrameRecord, ImageSize, KEYPOINTS, KeypointSet, SceneCurve,
+    ShapeAtlas,
 };
 use roadplane_calibrate::{WindowEstimate, fuse};
-use roadplane_solve::{CarView, FreeCarFit, PlaneTerms, SceneStatus, solve_free_scene, solve_scene};
+use roadplane_solve::{
+    CarView, FreeCarFit, PlaneTerms, SceneOptions, SceneStatus, solve_free_scene, solve_scene,
+};
 
 use crate::Config;
 use crate::cameras::joining::{clues_of_window, fuse_options, nothing_seen};
@@ -24,17 +27,13 @@ pub fn estimate_frame(
 ) -> CameraEstimate {
     let size = frame.image_size_px;
     let curves = frame.scene_curves.as_deref().unwrap_or_default();
-    let lens = LensOfClip::new(curves, size, known, None, config);
-    let known = &known.seen_through(lens.lens());
-    let mut options = config.solve.scene_options(known.focal_px());
-    options.lens = lens.lens();
-    options.clues = clues_of_window(&known.clues(0, size));
+    let (lens, known, options) = before_cars(curves, size, known, config);
     let sets: Vec<KeypointSet> =
         frame.cars.iter().filter_map(|car| car.keypoints.as_deref()).map(|set| usable(set, config)).collect();
     let solution = solve_scene(atlas, size, &CarView::each(&sets), &options);
     let cars_used = solution.cars.iter().flatten().filter(|car| car.used).count();
     if !known.is_silent() {
-        let fuse_options = lens.count(&[], fuse_options(size, 0, known, config));
+        let fuse_options = lens.count(&[], fuse_options(size, 0, &known, config));
         let silent = nothing_seen(&fuse_options, [frame.time_s; 2], 0);
         let window = if solution.status.usable() {
             let (params, joint) = by_cars_alone(&solution);
@@ -42,14 +41,11 @@ pub fn estimate_frame(
         } else {
             silent
         };
-        let frames_used = usize::from(cars_used > 0);
         if let Some(estimate) = fuse(&[window], &fuse_options).pop() {
-            return CameraEstimate { cars_used, frames_used, ..estimate };
+            return CameraEstimate { cars_used, frames_used: usize::from(cars_used > 0), ..estimate };
         }
     }
-    let frames_used = usize::from(cars_used > 0);
-    let estimate = of_solution(frame, &lens, solution.status, solution.params, solution.covariance);
-    CameraEstimate { cars_used, frames_used, ..estimate }
+    of_solution(frame, &lens, solution.status, (solution.params, solution.covariance), cars_used)
 }
 
 /// How far cars stand from a common plane where they are drawn to it, as by the paper: kerbs, springs, loads.
@@ -65,10 +61,7 @@ pub fn estimate_frame_as_paper(
     config: &Config,
 ) -> (CameraEstimate, Vec<Option<FreeCarFit>>) {
     let size = frame.image_size_px;
-    let lens = LensOfClip::new(&[], size, known, None, config);
-    let mut options = config.solve.scene_options(known.focal_px());
-    options.lens = lens.lens();
-    options.clues = clues_of_window(&known.clues(0, size));
+    let (lens, _, options) = before_cars(&[], size, known, config);
     let unseen: KeypointSet = [None; KEYPOINTS];
     let sets: Vec<KeypointSet> = frame
         .cars
@@ -77,17 +70,32 @@ pub fn estimate_frame_as_paper(
         .collect();
     let solution = solve_free_scene(atlas, size, &CarView::each(&sets), Some(PLANE_TERMS), &options);
     let cars_used = solution.cars.iter().flatten().count();
-    let estimate = of_solution(frame, &lens, solution.status, solution.params, solution.covariance);
-    (CameraEstimate { cars_used, frames_used: usize::from(cars_used > 0), ..estimate }, solution.cars)
+    let camera = (solution.params, solution.covariance);
+    (of_solution(frame, &lens, solution.status, camera, cars_used), solution.cars)
 }
 
-/// A frame's camera as a solve has it.
+/// What stands before any car is looked at: the lens, what is known of the camera seen through it, and the solver's options.
+fn before_cars(
+    curves: &[SceneCurve],
+    size: ImageSize,
+    known: &Known,
+    config: &Config,
+) -> (LensOfClip, Known, SceneOptions) {
+    let lens = LensOfClip::new(curves, size, known, None, config);
+    let known = known.seen_through(lens.lens());
+    let mut options = config.solve.scene_options(known.focal_px());
+    options.lens = lens.lens();
+    options.clues = clues_of_window(&known.clues(0, size));
+    (lens, known, options)
+}
+
+/// A frame's camera as a solve has it, by so many cars.
 fn of_solution(
     frame: &FrameRecord,
     lens: &LensOfClip,
     status: SceneStatus,
-    params: CameraParams,
-    covariance: Matrix4<f64>,
+    (params, covariance): (CameraParams, Matrix4<f64>),
+    cars_used: usize,
 ) -> CameraEstimate {
     let status = match status {
         SceneStatus::Converged | SceneStatus::NotConverged => CameraStatus::Estimated,
@@ -104,7 +112,7 @@ fn of_solution(
         params,
         covariance,
         status,
-        cars_used: 0,
-        frames_used: 0,
+        cars_used,
+        frames_used: usize::from(cars_used > 0),
     }
 }
