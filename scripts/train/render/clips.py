@@ -19,6 +19,7 @@ from .traffic import Mover, Traffic, collide, mover
 
 MOVERS = 6  # wanted
 FEWEST_MOVERS = 4
+ATTEMPTS = 1000
 CROWDS = {"quiet": (3, 12), "busy": (9, 40), "full": (22, 40)}  # fewest parked cars, most cars in all
 PERSON = np.array([[-0.4, -0.4, 0.0], [0.4, 0.4, 1.8]])  # bounds, whatever the direction
 SEEN_M = {"quiet": (28, 52), "busy": (28, 52), "full": (45, 75)}  # ground across the picture's middle
@@ -161,16 +162,26 @@ def parked(rng: np.random.Generator, pool: CarPool, traffic: Traffic, spots: lis
 
 
 def sample_clip(
-    rng: np.random.Generator, pool: CarPool, layout: str, weather: str, crowd: str, seconds: float, fps: float
+    rng: np.random.Generator,
+    pool: CarPool,
+    layout: str,
+    weather: str,
+    crowd: str,
+    seconds: float,
+    fps: float,
+    place_seed: list[int] | None = None,
 ) -> Clip:
     """A clip of FEWEST_MOVERS or more that drive and of cars that stand: as many as CROWDS says, fewer where there is no
-    room, but for a full lot."""
+    room, but for a full lot. Clips of one `place_seed` have camera and place in common."""
     fewest, most = CROWDS[crowd]
-    while True:
-        camera, middle = camera_over(rng, *SEEN_M[crowd])
+    for _ in range(ATTEMPTS):
+        place = rng if place_seed is None else np.random.default_rng(place_seed)
+        camera, middle = camera_over(place, *SEEN_M[crowd])
         _, light = sample_weather(rng, weather)
-        wet, turn = weather == "wet", rng.uniform(-1.2, 1.2)
-        site = lot_in_view(rng, middle, wet) if layout == "lot" else make_street(rng, middle, turn, wet, 4, rng.uniform(-6, 6))
+        wet, turn = weather == "wet", place.uniform(-1.2, 1.2)
+        site = (
+            lot_in_view(place, middle, wet) if layout == "lot" else make_street(place, middle, turn, wet, 4, place.uniform(-6, 6))
+        )
         spots = [spot for spot, _ in seen_spots(camera, site, 36, -40)]
         if sum(spot.kind != "lane" for spot in spots) < 10:
             continue
@@ -197,3 +208,4 @@ def sample_clip(
         finish = sample_finish(rng, weather == "dusk")
         conditions = {"layout": layout, "weather": weather}
         return Clip(camera, scene, traffic.movers, walkers, fps, round(fps * seconds), finish, conditions)
+    raise RuntimeError(f"no place with room for {FEWEST_MOVERS} drivers in {ATTEMPTS} attempts: another seed may have one")

@@ -46,6 +46,7 @@ class Preset:
     cars: int = 20  # in view at a time, in long clips
     drivers: int | None = None  # of these; none: no long clips but those of a few movers, as the crowd has them
     mbit: float | None = None  # a second at most, of clips; none: constant quality
+    one_camera: bool = False  # all clips from one place, in other weather and with other cars
 
 
 PRESETS = {
@@ -101,6 +102,8 @@ def clip_of(rng: np.random.Generator, pool: CarPool, number: int, plan: Preset) 
     weather = list(WEATHERS)[number % len(WEATHERS)]
     if plan.drivers is not None:
         return sample_long_clip(rng, pool, weather, plan.size, plan.seconds, plan.fps, plan.cars, plan.drivers)
+    if plan.one_camera:
+        return sample_clip(rng, pool, "lot", weather, "busy", plan.seconds, plan.fps, [plan.seed])
     crowd = CROWD_OF_CLIP[number % len(CROWD_OF_CLIP)]
     layout = "lot" if crowd == "full" else ("lot", "street", "lot")[number % 3]
     return sample_clip(rng, pool, layout, weather, crowd, plan.seconds, plan.fps)
@@ -213,6 +216,13 @@ def _size(text: str) -> tuple[int, int]:
     return int(width), int(height)
 
 
+def _word(key: str, value: object) -> str:
+    """An option as it was typed."""
+    if value is True:
+        return f"--{key.replace('_', '-')}"
+    return f"--{key} {value[0]}x{value[1]}" if isinstance(value, tuple) else f"--{key} {value}"
+
+
 def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -228,15 +238,18 @@ def main() -> None:
     parser.add_argument("--cars", type=int, help="cars in view at a time, in long clips")
     parser.add_argument("--mbit", type=float, help="at most, of a clip's video (else of constant quality)")
     parser.add_argument("--seed", type=int)
+    parser.add_argument("--one-camera", action="store_true", default=None, help="clips of one place on other days")
     parser.add_argument("--name", default="lots")
     options = parser.parse_args()
-    names = ("split", "stills", "clips", "seconds", "fps", "size", "drivers", "cars", "mbit", "seed")
+    names = ("split", "stills", "clips", "seconds", "fps", "size", "drivers", "cars", "mbit", "seed", "one_camera")
     given = {name: getattr(options, name) for name in names if getattr(options, name) is not None}
     plan = Preset(**{**PRESETS[options.preset].__dict__, **given})
     if plan.drivers is None and plan.size != SIZE:
         parser.error("--size needs --drivers")
+    if plan.one_camera and plan.drivers is not None:
+        parser.error("--one-camera and --drivers exclude each other")
     words = [f"--preset {options.preset}"]
-    words += [f"--{key} {value[0]}x{value[1]}" if key == "size" else f"--{key} {value}" for key, value in given.items()]
+    words += [_word(key, value) for key, value in given.items()]
     make(options.out, plan, options.name, f"PYTHONPATH=scripts/train python -m render.dataset --out DIR {' '.join(words)}")
 
 

@@ -54,6 +54,16 @@ class DatasetTest(unittest.TestCase):
         self.assertLess((np.abs(canvas.drawn.astype(int) - expected) > 6).mean(), 0.002)
         self.assertGreater((np.abs(before.astype(int) - expected) > 6).mean(), 0.002)
 
+    def test_clips_of_one_camera_have_place_in_common_and_other_cars(self) -> None:
+        pool, cameras, cars = CarPool(self.renderer, "eval", 9, []), [], []
+        for number, weather in enumerate(("sun", "wet")):
+            rng = np.random.default_rng([9, 1, number])
+            clip = sample_clip(rng, pool, "lot", weather, "busy", 4.0, 5.0, [9])
+            cameras.append(clip.camera.camera_from_world)
+            cars.append([car.gpu.mesh.name for car in clip.scene.cars])
+        np.testing.assert_array_equal(*cameras)
+        self.assertNotEqual(*cars)
+
     def test_long_clip_goes_on_as_if_every_frame_were_drawn_whole(self) -> None:
         clip = self.long_clip()
         canvas, whole = ExactCanvas(self.renderer, clip.camera), (0, 0, *LONG_SIZE)
