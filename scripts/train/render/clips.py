@@ -172,13 +172,14 @@ def sample_clip(
     place_seed: list[int] | None = None,
 ) -> Clip:
     """A clip of FEWEST_MOVERS or more that drive and of cars that stand: as many as CROWDS says, fewer where there is no
-    room, but for a full lot. Clips of one `place_seed` have camera and place in common."""
+    room, but for a full lot. Clips of one `place_seed` have camera and place in common; its ground is dry, as a wet one is
+    drawn otherwise."""
     fewest, most = CROWDS[crowd]
     for _ in range(ATTEMPTS):
         place = rng if place_seed is None else np.random.default_rng(place_seed)
         camera, middle = camera_over(place, *SEEN_M[crowd])
         _, light = sample_weather(rng, weather)
-        wet, turn = weather == "wet", place.uniform(-1.2, 1.2)
+        wet, turn = weather == "wet" and place_seed is None, place.uniform(-1.2, 1.2)
         site = (
             lot_in_view(place, middle, wet) if layout == "lot" else make_street(place, middle, turn, wet, 4, place.uniform(-6, 6))
         )

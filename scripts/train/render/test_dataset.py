@@ -55,13 +55,14 @@ class DatasetTest(unittest.TestCase):
         self.assertGreater((np.abs(before.astype(int) - expected) > 6).mean(), 0.002)
 
     def test_clips_of_one_camera_have_place_in_common_and_other_cars(self) -> None:
-        pool, cameras, cars = CarPool(self.renderer, "eval", 9, []), [], []
+        pool, places, cars = CarPool(self.renderer, "eval", 9, []), [], []
         for number, weather in enumerate(("sun", "wet")):
             rng = np.random.default_rng([9, 1, number])
             clip = sample_clip(rng, pool, "lot", weather, "busy", 4.0, 5.0, [9])
-            cameras.append(clip.camera.camera_from_world)
+            poses = [clip.camera.camera_from_world, *(prop.world_from_prop for prop in clip.scene.props)]
+            places.append(np.array(poses))
             cars.append([car.gpu.mesh.name for car in clip.scene.cars])
-        np.testing.assert_array_equal(*cameras)
+        np.testing.assert_array_equal(*places)
         self.assertNotEqual(*cars)
 
     def test_long_clip_goes_on_as_if_every_frame_were_drawn_whole(self) -> None:
