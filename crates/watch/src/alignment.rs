@@ -1,7 +1,7 @@
 //! One similarity of the picture that most blocks agree on.
 
 use nalgebra::{Matrix4, Vector2, Vector4};
-use roadplane_base::median;
+use roadplane_base::{Similarity, median};
 
 use crate::level::BlockShift;
 
@@ -63,6 +63,22 @@ impl Alignment {
         }
         let agreeing = told.iter().filter(|(p, d)| (d - displaced(&model, p)).norm() <= AGREES).count();
         (agreeing >= enough).then(|| Self { shift: model.xy(), log_scale: model[2], roll: model[3] })
+    }
+
+    /// Of a similarity between the pixels of pictures of this size.
+    pub(crate) fn from_similarity(carried: &Similarity, width: usize, height: usize) -> Self {
+        let middle = Vector2::new(width as f64, height as f64) / 2.0;
+        let shift = carried.apply(&middle) - middle;
+        Self { shift, log_scale: carried.log_scale(), roll: carried.turn() }
+    }
+
+    /// This one, and then another; to first order.
+    pub(crate) fn then(&self, next: &Self) -> Self {
+        Self {
+            shift: self.shift + next.at(&self.shift),
+            log_scale: self.log_scale + next.log_scale,
+            roll: self.roll + next.roll,
+        }
     }
 
     /// Displacement of what was at a point, px from the picture's middle.

@@ -37,7 +37,7 @@ pub use background::Background;
 pub use changes::{CELL_PX, Cells, ChangeMap};
 pub use curves::scene_curves;
 pub use lines::scene_lines;
-pub use place::PlacePicture;
+pub use place::{Displacement, PlacePicture};
 pub use small::SmallGrey;
 pub use watcher::{RENEW_S, Seen, Watcher};
 

@@ -1,7 +1,6 @@
 //! The empty place as a small picture, to tell from another clip's whether the camera hangs as it did.
 
 use image::{GrayImage, RgbImage};
-use nalgebra::Vector2;
 
 use crate::alignment::Alignment;
 use crate::reference::{Prepared, Reference};
@@ -14,6 +13,16 @@ const LONGEST: usize = 240;
 const MIN_SHARE: f64 = 0.25;
 /// A block goes along within this, px.
 const NEAR: f64 = 0.7;
+
+/// How far a place lies off, root mean square over the picture, as shares of its width.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Displacement {
+    /// How far.
+    pub share: f64,
+    /// What the comparison errs by: how far from its beginning the way into the other picture and back ends. Other light and
+    /// other vehicles seldom deceive both ways alike. Infinite where only one way was found.
+    pub error: f64,
+}
 
 /// A picture of the empty place.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -45,32 +54,90 @@ impl PlacePicture {
         })
     }
 
-    /// How far what is in this picture lies off in another, root mean square over the picture, as a share of its width. `None`
-    /// where they cannot be laid on each other: another light, another place, another size.
+    /// How far what is in this picture lies off in another. `None` where they cannot be laid on each other: another light, another
+    /// place, another size.
     #[must_use]
-    pub fn displacement(&self, other: &Self) -> Option<f64> {
+    pub fn displacement(&self, other: &Self) -> Option<Displacement> {
+        let size = |way: &Alignment| way.displacement(self.0.width, self.0.height) / self.0.width as f64;
+        match (self.alignment(other), other.alignment(self)) {
+            (Some(there), Some(back)) => {
+                let (share, error) = (size(&there).min(size(&back)), size(&there.then(&back)));
+                Some(Displacement { share, error })
+            }
+            (Some(only), None) | (None, Some(only)) => {
+                Some(Displacement { share: size(&only), error: f64::INFINITY })
+            }
+            (None, None) => None,
+        }
+    }
+
+    /// How another picture lies against this one.
+    fn alignment(&self, other: &Self) -> Option<Alignment> {
         if !self.0.same_size(&other.0) || self.0.width < 32 || self.0.height < 32 {
             return None;
         }
-        let (width, height) = (self.0.width as f64, self.0.height as f64);
         let reference = Reference::new(&Prepared::of(&self.0));
         let picture = Prepared::of(&other.0);
         let told = reference.told(&picture).fine;
-        if let Some(alignment) = Alignment::of(&told) {
+        let alignment = Alignment::of(&told).filter(|alignment| {
             let along = told.iter().filter(|block| {
                 block.shift.is_some_and(|shift| (shift - alignment.at(&block.centre)).norm() < NEAR)
             });
-            if along.count() as f64 >= MIN_SHARE * told.len() as f64 {
-                return Some(alignment.displacement(self.0.width, self.0.height) / width);
+            along.count() as f64 >= MIN_SHARE * told.len() as f64
+        });
+        alignment.or_else(|| {
+            let found = search(reference.fine(), picture.smooth())?;
+            let carried = refined(reference.fine(), picture.smooth(), &found);
+            Some(Alignment::from_similarity(&carried, self.0.width, self.0.height))
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// 0–1, as if drawn.
+    fn drawn(night: u64, what: u64) -> f64 {
+        let mut hash = (night * 100_000 + what + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+        hash = (hash ^ (hash >> 32)).wrapping_mul(0xD6E8_FEB8_6659_FD93);
+        ((hash ^ (hash >> 32)) % 10_000) as f64 / 1e4
+    }
+
+    /// A lot: lines and trees of so many grey levels, bays of which half have a car, another half each night, seen by a camera that
+    /// is turned by so many px.
+    fn lot(night: u64, contrast: f64, turned_px: f64) -> PlacePicture {
+        let mut picture = GrayImage::from_fn(240, 135, |column, row| {
+            let (x, y) = (f64::from(column) + turned_px, f64::from(row));
+            let line = (x + 0.4 * y).rem_euclid(16.0) < 1.5 && row % 40 > 20;
+            let tree = (x.rem_euclid(37.0) - 12.0).hypot(y - 8.0) < 5.0;
+            let noise = 3.0 * drawn(night, u64::from(row * 240 + column));
+            let value = 120.0 + contrast * (f64::from(u8::from(line)) - f64::from(u8::from(tree))) + noise;
+            image::Luma([value as u8])
+        });
+        for bay in 0..42_u32 {
+            let drawn = |what: u64| drawn(night, 50_000 + 10 * u64::from(bay) + what);
+            let x = f64::from(bay % 14) * 16.0 + 12.0 - turned_px + 4.0 * drawn(0);
+            let y = bay / 14 * 40 + 24 + (4.0 * drawn(1)) as u32;
+            if drawn(2) < 0.5 && (0.0..228.0).contains(&x) {
+                let grey = image::Luma([60 + (160.0 * drawn(3)) as u8]);
+                (0..88).for_each(|i| picture.put_pixel(x as u32 + i % 11, y + i / 11, grey));
             }
         }
-        let found = search(reference.fine(), picture.smooth())?;
-        let carried = refined(reference.fine(), picture.smooth(), &found);
-        let corners = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)];
-        let squares = corners.map(|(u, v)| {
-            let corner = Vector2::new(u * width, v * height);
-            (carried.apply(&corner) - corner).norm_squared()
-        });
-        Some((squares.iter().sum::<f64>() / 4.0).sqrt() / width)
+        PlacePicture::from_grey(&picture)
+    }
+
+    #[test]
+    fn other_cars_in_the_bays_are_no_turned_camera() {
+        // In haze the cars are what is seen best.
+        for (contrast, least) in [(22.0, 3), (40.0, 30)] {
+            let nights: Vec<PlacePicture> = (0..12).map(|night| lot(night, contrast, 0.0)).collect();
+            let pairs = nights.iter().enumerate().flat_map(|(i, a)| nights[..i].iter().map(move |b| (a, b)));
+            let compared: Vec<Displacement> = pairs.filter_map(|(a, b)| a.displacement(b)).collect();
+            assert!(compared.len() >= least, "{contrast}: {}", compared.len());
+            assert!(compared.iter().all(|d| d.share - d.error <= 0.003), "{contrast}: {compared:?}");
+        }
+        let Displacement { share, error } = lot(0, 40.0, 0.0).displacement(&lot(0, 40.0, 9.0)).unwrap();
+        assert!((share - 9.0 / 240.0).abs() < 0.004 && error < 0.004, "{share} {error}");
     }
 }

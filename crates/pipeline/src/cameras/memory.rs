@@ -150,9 +150,9 @@ pub(crate) fn look(a: &CameraEvidence, b: &CameraEvidence) -> SameView {
         a.displacement(&b)
     };
     match displacement() {
-        Some(off) if off <= SAME_PLACE => SameView::Same,
-        Some(_) => SameView::Moved,
-        None => SameView::Unknown,
+        Some(off) if off.share <= SAME_PLACE => SameView::Same,
+        Some(off) if off.share - off.error > SAME_PLACE => SameView::Moved,
+        _ => SameView::Unknown,
     }
 }
 
