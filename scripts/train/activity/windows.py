@@ -110,4 +110,5 @@ def fixture(path: Path) -> None:
     for box in ([40.25, 20.5, 61.75, 33.0], [1.0, 2.0, 3.5, 3.0], [70.0, 30.0, 110.0, 75.5]):
         crop = cut(picture, square_around(np.array(box)))[::5, ::5]
         cases.append({"box": box, "crop": crop.reshape(-1, 3).tolist()})
+    path.parent.mkdir(parents=True, exist_ok=True)
     write_json(path, {"schema": "roadplane.activity-windows/1", "size_px": [width, height], "cases": cases})
