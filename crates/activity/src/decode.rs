@@ -60,14 +60,30 @@ fn steady(found: &Probabilities) -> Vec<usize> {
     labels
 }
 
-/// Labels of a motion's samples, each that of the nearest step; where steps were skipped the last before holds.
+impl Probabilities {
+    /// The steadiest labels at samples' times (s, rising), without the rules, which look at motion: for nets that see
+    /// something else.
+    #[must_use]
+    pub fn steady(&self, time_s: &[f64]) -> Labelled {
+        at_samples(self, &steady(self), time_s)
+    }
+}
+
+/// Labels of a motion's samples.
 pub(crate) fn labelled(found: &Probabilities, motion: &Motion) -> Labelled {
-    let time_s = &motion.time_s;
-    let (Some(first_s), Some(last_s)) = (time_s.first(), time_s.last()) else { return Labelled::default() };
     let mut labels = steady(found);
     settle(&mut labels, &found.steps, motion);
     bend(&mut labels, &found.steps, motion);
     drive_on(&mut labels, found);
+    at_samples(found, &labels, &motion.time_s)
+}
+
+/// Each sample has the label of the nearest step; where steps were skipped the last before holds.
+fn at_samples(found: &Probabilities, labels: &[usize], time_s: &[f64]) -> Labelled {
+    let (Some(first_s), Some(last_s)) = (time_s.first(), time_s.last()) else { return Labelled::default() };
+    if labels.is_empty() {
+        return Labelled::default();
+    }
     let of_time = |t: f64| {
         let step = (t / STEP_S).round() as i64;
         found.steps.partition_point(|s| *s <= step).saturating_sub(1)
@@ -79,7 +95,7 @@ pub(crate) fn labelled(found: &Probabilities, motion: &Motion) -> Labelled {
             (Label::ALL[labels[i]], found.p[i][labels[i]])
         })
         .collect();
-    Labelled { samples, stretches: stretches(found, &labels, *first_s, *last_s) }
+    Labelled { samples, stretches: stretches(found, labels, *first_s, *last_s) }
 }
 
 #[cfg(test)]
@@ -199,6 +215,20 @@ mod tests {
         assert_eq!(label_of(Label::UTurn, -5.0), Label::Moving);
         // Three samples beside each other bend by chance.
         assert!(turned(&[[0.0, 0.0], [0.2, 0.0], [0.1, 0.15]]).unwrap().abs() < 0.2);
+    }
+
+    #[test]
+    fn without_motion_the_steadiest_labels_are_told() {
+        let mut told = vec![Label::Moving; 30];
+        told[10..20].fill(Label::UTurn);
+        told[25] = Label::Stopping;
+        let times: Vec<f64> = (0..59).map(|i| 1.0 + f64::from(i) * 0.1).collect();
+        // The rules take a U-turn on a straight way back; here nothing is known of the way.
+        assert_eq!(labelled(&sure(&told), &driving(&times)).samples[25].0, Label::Moving);
+        let labelled = sure(&told).steady(&times);
+        assert_eq!(labelled.samples[25].0, Label::UTurn);
+        assert_eq!(labelled.samples[40].0, Label::Moving);
+        assert!(sure(&told).steady(&[]).samples.is_empty() && sure(&[]).steady(&times).samples.is_empty());
     }
 
     #[test]

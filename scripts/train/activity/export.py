@@ -1,7 +1,7 @@
-"""Writes a trained net as ONNX with its card, checks that the runtime agrees, and writes the features' fixture.
+"""Writes a trained net as ONNX with its card, checks that the runtime agrees, and writes the fixtures.
 
 python -m activity.export --net WORK/3d.pt --name activity --out models
-python -m activity.export --fixture tests/data/activity/features.json
+python -m activity.export --fixture tests/data/activity/features.json --windows tests/data/activity/windows.json
 """
 
 from __future__ import annotations
@@ -12,9 +12,11 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from torch import nn
 
 from json_files import write_json
 
+from . import windows
 from .data import made_sequences
 from .drives import LABELS, tracked, truth
 from .features import FEATURES, STEP_S, features, grid
@@ -27,45 +29,58 @@ ROW_TITLES = {
 }
 
 
+def write_net(net: nn.Module, path: Path, inputs: dict, outputs: dict, examples: list[np.ndarray], about: dict) -> None:
+    """`path` and its card beside it, which goes on with `about`; the runtime must agree on the examples. Of the one input and
+    the one output shapes are given by name; where these have names they may vary."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    shapes = {**inputs, **outputs}
+    axes = {name: {i: size for i, size in enumerate(shape) if isinstance(size, str)} for name, shape in shapes.items()}
+    names = {"input_names": list(inputs), "output_names": list(outputs)}
+    torch.onnx.export(net, (torch.tensor(examples[0]),), str(path), **names, dynamic_axes=axes, opset_version=14)
+
+    import onnxruntime
+
+    session = onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
+    for example in examples:
+        ours = net(torch.tensor(example)).detach().numpy()
+        theirs = session.run(None, {next(iter(inputs)): example})[0]
+        assert np.abs(ours - theirs).max() < 1e-4, np.abs(ours - theirs).max()
+    write_json(
+        path.with_suffix(".card.json"),
+        {
+            "schema": "roadplane.model-card/1",
+            "name": path.stem,
+            "version": "1",
+            "file": path.name,
+            "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
+            "inputs": [{"name": name, "dtype": "f32", "shape": shape} for name, shape in inputs.items()],
+            "outputs": [{"name": name, "dtype": "f32", "shape": shape} for name, shape in outputs.items()],
+            "calibration": {},
+            **about,
+        },
+        indent=2,
+    )
+
+
 def export(net_path: Path, name: str, out: Path) -> None:
     """`out/name.onnx` and `out/name.card.json`."""
     saved = torch.load(net_path)
     net = Net(saved["result"]["hidden"])
     net.load_state_dict(saved["state"])
-    both = Both(net, saved["label_weights"]).eval()
-    example = torch.tensor(made_sequences("3d", 2, 5)[0].values)[None]
-    path = out / f"{name}.onnx"
-    out.mkdir(parents=True, exist_ok=True)
-    axes = {"motion": {0: "batch", 1: "steps"}, "labels": {0: "batch", 1: "steps"}}
-    names = {"input_names": ["motion"], "output_names": ["labels"]}
-    torch.onnx.export(both, (example,), str(path), **names, dynamic_axes=axes, opset_version=14)
-
-    import onnxruntime
-
-    session = onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
-    for sequence in made_sequences("3d", 6, 7):
-        ours = both(torch.tensor(sequence.values)[None]).detach().numpy()
-        theirs = session.run(None, {"motion": sequence.values[None]})[0]
-        assert np.abs(ours - theirs).max() < 1e-4, np.abs(ours - theirs).max()
     result = saved["result"]
-    write_json(
-        out / f"{name}.card.json",
+    write_net(
+        Both(net, saved["label_weights"]).eval(),
+        out / f"{name}.onnx",
+        {"motion": ["batch", "steps", FEATURES]},
+        {"labels": ["batch", "steps", len(LABELS)]},
+        [sequence.values[None] for sequence in made_sequences("3d", 6, 7)],
         {
-            "schema": "roadplane.model-card/1",
-            "name": name,
-            "version": "1",
-            "file": path.name,
-            "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
             "licence": "MIT OR Apache-2.0; trained on MEVA's annotations (CC BY 4.0)",
-            "inputs": [{"name": "motion", "dtype": "f32", "shape": ["batch", "steps", FEATURES]}],
-            "outputs": [{"name": "labels", "dtype": "f32", "shape": ["batch", "steps", len(LABELS)]}],
             "preprocess": {"labels": list(LABELS), "step_s": STEP_S, "features": "scripts/train/activity/features.py"},
-            "calibration": {},
             "source": ROW_TITLES[result["row"]],
             "how_made": f"scripts/train/activity/run, row {result['row']}, seed {result['seed']}",
             "metrics": result["metrics"],
         },
-        indent=2,
     )
 
 
@@ -105,9 +120,12 @@ def main() -> None:
     parser.add_argument("--name", default="activity")
     parser.add_argument("--out", type=Path)
     parser.add_argument("--fixture", type=Path)
+    parser.add_argument("--windows", type=Path, help="the fixture of the video row's windows")
     options = parser.parse_args()
     if options.fixture:
         fixture(options.fixture)
+    if options.windows:
+        windows.fixture(options.windows)
     if options.net:
         export(options.net, options.name, options.out)
 

@@ -5,14 +5,17 @@ from __future__ import annotations
 import json
 import unittest
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
 from .drives import LABELS, tracked, truth
 from .features import FEATURES, ODD, features, grid
 from .meva import ground_below, ground_track, undistorted
+from .windows import REACH, SIDE_PX, STEPS, cut, fixture, square_around, window
 
-FIXTURE = Path(__file__).parents[3] / "tests/data/activity/features.json"
+FIXTURES = Path(__file__).parents[3] / "tests/data/activity"
+FIXTURE = FIXTURES / "features.json"
 
 
 class Features(unittest.TestCase):
@@ -58,6 +61,30 @@ class Drives(unittest.TestCase):
             self.assertTrue((ahead[inside & (label == LABELS.index("reversing"))] < 1e-6).all())
             self.assertTrue((ahead[inside & (label == LABELS.index("moving"))] > -1e-6).all())
         self.assertEqual(seen, set(range(len(LABELS))))
+
+
+class Windows(unittest.TestCase):
+    def test_fixture_is_of_this_code(self) -> None:
+        with TemporaryDirectory() as folder:
+            fixture(Path(folder) / "windows.json")
+            self.assertEqual((Path(folder) / "windows.json").read_text(), (FIXTURES / "windows.json").read_text())
+
+    def test_a_window_shows_its_square_step_by_step(self) -> None:
+        """Pictures as bright as their number, with a dark box in the middle of each."""
+        pictures = np.repeat(np.arange(100, 110, dtype=np.uint8), 40 * 60 * 3).reshape(10, 40, 60, 3).copy()
+        pictures[:, 16:24, 25:35] = 0
+        square = square_around(np.array([25.0, 16.0, 34.0, 23.0]) + [-0.5, -0.5, 0.5, 0.5])
+        self.assertEqual(square.tolist(), [17.0, 7.0, 25.0])
+        seen = window(pictures, 3, square)
+        self.assertEqual(seen.shape, (STEPS, SIDE_PX, SIDE_PX, 3))
+        self.assertEqual(seen[:, 0, 0, 0].tolist(), [100] * 6 + list(range(101, 110)) + [109])
+        dark = (seen[0, :, :, 0] == 0).sum(0).max() / SIDE_PX, (seen[0, :, :, 0] == 0).sum(1).max() / SIDE_PX
+        np.testing.assert_allclose(dark, [8 / 25, 10 / (10 * REACH)], atol=2.5 / SIDE_PX)
+
+    def test_beyond_the_edge_it_goes_on(self) -> None:
+        picture = np.arange(30, dtype=np.uint8)[None, :, None].repeat(20, 0).repeat(3, 2)
+        crop = cut(picture, np.array([-24.0, -2.0, 24.0]))
+        self.assertEqual(crop[:, :47].max(), 0)
 
 
 class Ground(unittest.TestCase):

@@ -12,6 +12,15 @@ use crate::stream::nets::open_activity;
 use crate::tracks::stretch::Stretch;
 use crate::{Cancel, Config, PipelineError};
 
+/// Rows' sds hold what all vehicles share, too: the camera's part, metres far off, which moves a whole track and nothing along
+/// it. The net learnt from what a tracker errs by itself, which is hardly more than this, m.
+const OWN_SD_M: f64 = 1.0;
+
+/// How far a row's position is off by itself, at most, from its sds, m.
+fn own_sd(sd_m: [f64; 2]) -> [f64; 2] {
+    sd_m.map(|sd| sd.min(OWN_SD_M))
+}
+
 /// A track's motion: its rows, by time.
 #[must_use]
 pub fn track_motion<'a>(rows: impl Iterator<Item = &'a TrackRow> + Clone) -> Motion {
@@ -20,7 +29,7 @@ pub fn track_motion<'a>(rows: impl Iterator<Item = &'a TrackRow> + Clone) -> Mot
         time_s: rows().map(|row| row.time_s).collect(),
         xy_m: rows().map(|row| [row.x_m, row.y_m]).collect(),
         heading_rad: rows().map(|row| row.heading_rad).collect(),
-        sd_m: rows().map(|row| [row.x_sd_m, row.y_sd_m]).collect(),
+        sd_m: rows().map(|row| own_sd([row.x_sd_m, row.y_sd_m])).collect(),
         seen: rows().map(|row| row.observed).collect(),
     }
 }
@@ -183,7 +192,44 @@ fn motion(samples: &[Sample]) -> Motion {
         time_s: samples.iter().map(|s| s.time_s).collect(),
         xy_m: samples.iter().map(|s| s.xy_m).collect(),
         heading_rad: samples.iter().filter_map(|s| s.heading_rad.filter(|_| headings)).collect(),
-        sd_m: samples.iter().filter_map(|s| s.sd_m.filter(|_| sds)).collect(),
+        sd_m: samples.iter().filter_map(|s| s.sd_m.filter(|_| sds).map(own_sd)).collect(),
         seen: samples.iter().map(|s| s.seen).collect(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Stands at 60 m, starts after 5 s and drives off, away from the camera.
+    fn table(along_sd_m: f64) -> String {
+        let mut table = "time_s,track,x_m,y_m,x_sd_m,y_sd_m\n".to_owned();
+        for i in 0..120 {
+            let time_s = f64::from(i) / 10.0;
+            let y_m = 60.0 + 0.6 * (time_s - 5.0).max(0.0).powi(2);
+            table += &format!("{time_s},1,0.0,{y_m},0.3,{along_sd_m}\n");
+        }
+        table
+    }
+
+    #[test]
+    fn how_far_off_the_camera_is_hides_no_start() {
+        if roadplane_infer::find_library(None).is_err() {
+            eprintln!("skipped: the ONNX runtime is not found");
+            return;
+        }
+        let models = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../models");
+        let folder = tempfile::tempdir().unwrap();
+        let labels = |along_sd_m: f64| -> Vec<String> {
+            let (tracks, out) = (folder.path().join("tracks.csv"), folder.path().join("out.csv"));
+            std::fs::write(&tracks, table(along_sd_m)).unwrap();
+            activity_file(&tracks, &out, &models, &Config::default(), &Cancel::default()).unwrap();
+            let label = |row: &TableRow| row["activity"].as_str().unwrap_or_default().to_owned();
+            read_table(&out).unwrap().iter().map(label).collect()
+        };
+        let near = labels(1.0);
+        assert_eq!(near[20], "not_moving");
+        assert_eq!(near[70], "starting");
+        assert_eq!(labels(12.0), near);
     }
 }

@@ -10,7 +10,7 @@ use roadplane_tables::Report;
 use roadplane_write::{WriteError, read_jsonl};
 
 use super::events::{self, ClipEvents, ToldEvent};
-use super::rows::{ActivityOptions, Row, Seen, picture_motion, told};
+use super::rows::{ActivityOptions, Row, Rows, Seen, VIDEO, picture_motion, told};
 use super::scores::{Case, differences, each_label, table};
 use super::truths::{car_counts, cars_by_id, heading_of, true_events, true_labels, true_stretches};
 use crate::EvalError;
@@ -45,7 +45,7 @@ const EVENTS: [Label; 7] = [
 /// The tables.
 pub fn evaluate(
     folder: &Path,
-    systems: &mut [Row],
+    systems: &mut Rows,
     options: &ActivityOptions,
     config: &Config,
     cancel: &Cancel,
@@ -75,7 +75,10 @@ pub fn evaluate(
         found.push(clip_found(truth, &rows, systems)?);
         progress.frame_done();
     }
-    let mut names: Vec<&str> = systems.iter().map(|system| system.name).collect();
+    let mut names: Vec<&str> = systems.motion.iter().map(|system| system.name).collect();
+    if systems.video.is_some() {
+        names.insert(names.len() - 1, VIDEO);
+    }
     names.push("3D from truth");
     Ok(report(&dataset.name, &found, &names))
 }
@@ -101,7 +104,12 @@ fn report(dataset: &str, found: &[Found], systems: &[&str]) -> Report {
     let mut report = Report { title, ..Report::default() };
     let note = format!(
         "Cars that a track's box overlaps; precision and recall are the mean over the paper's seven labels. Within {EDGE_S} s of a \
-         change both labels are right. 2D rows see the boxes of our own tracks."
+         change both labels are right. 2D rows and video see the boxes of our own tracks.{}",
+        if systems.contains(&VIDEO) {
+            ""
+        } else {
+            " Video: not measured, as its net is not in the models folder."
+        }
     );
     let spread_note =
         format!("Within {SPREAD_S} s of a change both labels are right: people differ by so much.");
@@ -160,8 +168,8 @@ fn pairs(truth: &Truth, rows: &[TrackRow]) -> Vec<Pair> {
 }
 
 /// Tells a clip's tracks and judges what is told.
-fn clip_found(truth: &Truth, rows: &[TrackRow], systems: &mut [Row]) -> Result<Found, EvalError> {
-    let from_truth = from_truth(truth, systems)?;
+fn clip_found(truth: &Truth, rows: &[TrackRow], systems: &mut Rows) -> Result<Found, EvalError> {
+    let from_truth = from_truth(truth, &mut systems.motion)?;
     let from_rows = from_rows(truth, rows, systems)?;
     let pairs = pairs(truth, rows);
     let (edge, spread) = (true_labels(truth, EDGE_S), true_labels(truth, SPREAD_S));
@@ -265,24 +273,38 @@ struct FromRows {
     events: Vec<Vec<Event>>,
 }
 
-fn from_rows(truth: &Truth, rows: &[TrackRow], systems: &mut [Row]) -> Result<FromRows, EvalError> {
+fn from_rows(truth: &Truth, rows: &[TrackRow], systems: &mut Rows) -> Result<FromRows, EvalError> {
     let mut of_track: BTreeMap<u64, Vec<usize>> = BTreeMap::new();
     for (place, row) in rows.iter().enumerate() {
         of_track.entry(row.track).or_default().push(place);
     }
+    let by_video = match (&mut systems.video, &truth.media) {
+        (Some(net), Some(media)) => {
+            let box_of = |place: &usize| (rows[*place].time_s, rows[*place].bbox_px);
+            let tracks = of_track.iter().map(|(track, places)| (*track, places.iter().map(box_of).collect()));
+            Some(net.tell(media, &tracks.collect())?)
+        }
+        _ => None,
+    };
     let height = f64::from(truth.camera.image_size_px.height);
-    let mut found =
-        FromRows { labels: vec![Vec::new(); rows.len()], events: vec![Vec::new(); systems.len()] };
+    let count = systems.motion.len() + usize::from(by_video.is_some());
+    let mut found = FromRows { labels: vec![Vec::new(); rows.len()], events: vec![Vec::new(); count] };
     for (track, places) in &of_track {
         let rows = places.iter().map(|place| &rows[*place]);
         let time_s: Vec<f64> = rows.clone().map(|row| row.time_s).collect();
         let boxes: Vec<[f64; 4]> = rows.clone().map(|row| row.bbox_px).collect();
-        for (system, events) in systems.iter_mut().zip(&mut found.events) {
+        let mut by_system = Vec::with_capacity(count);
+        for system in &mut systems.motion {
             let motion = match system.seen {
                 Seen::Ground => track_motion(rows.clone()),
                 seen => picture_motion(&time_s, &boxes, height, seen),
             };
-            let told = told(&mut system.net, &motion)?;
+            by_system.push(told(&mut system.net, &motion)?);
+        }
+        if let Some(by_video) = &by_video {
+            by_system.insert(by_system.len() - 1, by_video.get(track).cloned().unwrap_or_default());
+        }
+        for (told, events) in by_system.into_iter().zip(&mut found.events) {
             events.extend(told.events(*track));
             places.iter().zip(told.samples).for_each(|(place, (label, _))| found.labels[*place].push(label));
         }

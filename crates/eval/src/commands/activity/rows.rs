@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use roadplane_activity::{ActivityNet, Labelled, Motion};
 use roadplane_base::median;
 
+use super::video::VideoNet;
 use crate::EvalError;
 
 /// How a row of the table sees motion.
@@ -15,12 +16,22 @@ pub(super) enum Seen {
     Ground,
 }
 
-/// A row of the table.
+/// A row of the table that sees motion.
 pub(super) struct Row {
     pub name: &'static str,
     pub seen: Seen,
     pub net: ActivityNet,
 }
+
+/// The rows of the table, as they stand in it: the video before the last, which is ours.
+pub(super) struct Rows {
+    pub motion: Vec<Row>,
+    /// None without its net.
+    pub video: Option<VideoNet>,
+}
+
+/// Name of the row on pixels.
+pub(super) const VIDEO: &str = "video";
 
 /// Square root of the area that a car's box has, m, and how many px of a picture 1080 px high stand for 1 m in the row 2D:
 /// so that the nets see numbers of the order of metres (`scripts/train/activity/data.py`).
