@@ -21,13 +21,15 @@ from .camera import Camera
 from .dataset import TRUTH
 from .frames import VideoWriter, draw, finished, sample_finish
 from .junction import Junction, Vehicle, touching
-from .looks import sample_car_look
+from .looks import sample_car_look, sample_heavy_look
 from .outlines import Outlines
 from .places import Site, make_street
+from .renderer import Renderer
+from .scene import PlacedCar, Scene
 from .stills import WEATHERS, sample_weather, set_exposure, wheelbase
 from .truth import SMALLEST_SHARE, car_record, dataset_record, item_record
 
-MODELS = {"car": 24, "truck": 4, "bus": 2}
+MODELS = {"car": 24, "truck": 8, "bus": 4}
 IN_VIEW = (18, 45)  # vehicles in the picture, on average
 LEAST_PX = 20.0  # longer side of what counts for that
 
@@ -97,6 +99,7 @@ def frames_of(camera: Camera, site: Site, vehicles: list[Vehicle], seconds: floa
 
 
 def film(
+    renderer: Renderer,
     rng: np.random.Generator,
     path: Path,
     camera: Camera,
@@ -107,12 +110,8 @@ def film(
     fps: float,
 ) -> None:
     """The video."""
-    from .renderer import Renderer
-    from .scene import PlacedCar, Scene
-
-    renderer = Renderer(shadow_size=4096)
     gpu = {id(mesh): renderer.upload(mesh) for mesh in {id(v.mesh): v.mesh for v in vehicles}.values()}
-    looks = [sample_car_look(rng) for _ in vehicles]
+    looks = [sample_car_look(rng) if vehicle.kind == "car" else sample_heavy_look(rng) for vehicle in vehicles]
     _, light = sample_weather(rng, weather)
     finish, centre = sample_finish(rng, weather == "dusk"), np.append(site.origin, 0.0)
     video = VideoWriter(path, camera.image_size_px, fps, 23)
@@ -134,13 +133,15 @@ def film(
             left = (time.monotonic() - start) / (number + 1) * (frames - number - 1)
             print(f"{path.stem}: frame {number + 1} of {frames}, {left / 60:.1f} min left", flush=True)
     video.finish()
+    for car in gpu.values():
+        car.release()
 
 
 def make(out: Path, options: argparse.Namespace) -> None:
     """Clips that are not there yet, then `dataset.json`."""
     folder = out / "scenes"
     folder.mkdir(parents=True, exist_ok=True)
-    items = []
+    items, renderer = [], None
     for number in range(options.clips):
         stem = f"busy_{number:04d}"
         items.append(f"scenes/{stem}{TRUTH}")
@@ -151,7 +152,8 @@ def make(out: Path, options: argparse.Namespace) -> None:
         camera, site, vehicles, frames, rng = sample_busy(rng, options.split, options.seconds, options.fps, options.size)
         media = f"{stem}.mp4" if options.pixels else None
         if options.pixels:
-            film(rng, folder / media, camera, site, vehicles, weather, options.seconds, options.fps)
+            renderer = renderer or Renderer(shadow_size=4096)
+            film(renderer, rng, folder / media, camera, site, vehicles, weather, options.seconds, options.fps)
         meshes: dict[int, CarMesh] = {i: vehicle.mesh for i, vehicle in enumerate(vehicles)}
         record = item_record(media, options.fps, {"layout": "junction", "weather": weather}, camera, meshes, frames)
         write_json(folder / f"{stem}{TRUTH}", record)
