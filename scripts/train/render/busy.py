@@ -19,9 +19,9 @@ from json_files import write_json
 
 from .camera import Camera
 from .dataset import TRUTH
-from .frames import VideoWriter, draw, finished, sample_finish
+from .frames import ExactCanvas, Region, VideoWriter, finished, reached_region, sample_finish
 from .junction import Junction, Vehicle, touching
-from .looks import sample_car_look, sample_heavy_look
+from .looks import Light, sample_car_look, sample_heavy_look
 from .outlines import Outlines
 from .places import Site, make_street
 from .renderer import Renderer
@@ -109,32 +109,47 @@ def film(
     seconds: float,
     fps: float,
 ) -> None:
-    """The video."""
+    """The video. Each frame is the one before with what changed drawn again, within a grey level as if it were drawn whole."""
     gpu = {id(mesh): renderer.upload(mesh) for mesh in {id(v.mesh): v.mesh for v in vehicles}.values()}
     looks = [sample_car_look(rng) if vehicle.kind == "car" else sample_heavy_look(rng) for vehicle in vehicles]
     _, light = sample_weather(rng, weather)
     finish, centre = sample_finish(rng, weather == "dusk"), np.append(site.origin, 0.0)
     video = VideoWriter(path, camera.image_size_px, fps, 23)
-    exposure, start, frames = None, time.monotonic(), round(seconds * fps)
+    canvas, changed = ExactCanvas(renderer, camera), [(0, 0, *camera.image_size_px)]
+    exposure, start, frames, before = None, time.monotonic(), round(seconds * fps), {}
     for number in range(frames):
-        cars = [
-            PlacedCar(gpu[id(v.mesh)], look, m.world_from_car)
-            for v, look in zip(vehicles, looks, strict=True)
-            if (m := v.at(number / fps)) is not None
-        ]
+        poses = {i: m.world_from_car for i, v in enumerate(vehicles) if (m := v.at(number / fps)) is not None}
+        cars = [PlacedCar(gpu[id(vehicles[i].mesh)], looks[i], pose) for i, pose in poses.items()]
         cars.sort(key=lambda car: np.linalg.norm(car.world_from_car[:2, 3]))
         scene = Scene(cars, site.props, site.floor, light, centre, 70.0, 4.0)
         if exposure is None:
             set_exposure(rng, scene, weather)
             exposure = light.exposure
-        drawn = draw(renderer, scene, camera, (0, 0, *camera.image_size_px))
-        video.write(finished(rng, drawn, camera.image_size_px, finish))
+        if number:
+            bounds = {i: gpu[id(vehicles[i].mesh)].bounds for i in before.keys() | poses.keys()}
+            changed = changed_regions(camera, light, bounds, before, poses)
+        canvas.update(scene, changed)
+        before = poses
+        video.write(finished(rng, canvas.drawn, camera.image_size_px, finish))
         if number % 50 == 49:
             left = (time.monotonic() - start) / (number + 1) * (frames - number - 1)
             print(f"{path.stem}: frame {number + 1} of {frames}, {left / 60:.1f} min left", flush=True)
     video.finish()
     for car in gpu.values():
         car.release()
+
+
+def changed_regions(
+    camera: Camera,
+    light: Light,
+    bounds: dict[int, tuple[np.ndarray, np.ndarray]],
+    before: dict[int, np.ndarray],
+    now: dict[int, np.ndarray],
+) -> list[Region]:
+    """Where two frames differ, of the vehicles' poses in them."""
+    moved = [i for i in bounds if i not in before or i not in now or not np.array_equal(before[i], now[i])]
+    reached = [reached_region(camera, light, poses[i], bounds[i]) for i in moved for poses in (before, now) if i in poses]
+    return [region for region in reached if region is not None]
 
 
 def make(out: Path, options: argparse.Namespace) -> None:
