@@ -32,6 +32,7 @@ from .truth import SMALLEST_SHARE, car_record, dataset_record, item_record
 MODELS = {"car": 24, "truck": 8, "bus": 4}
 IN_VIEW = (18, 45)  # vehicles in the picture, on average
 LEAST_PX = 20.0  # longer side of what counts for that
+OPEN_SKY = 0.5  # higher than the skylines that mirrors show
 
 
 def sample_camera(rng: np.random.Generator, size: tuple[int, int]) -> Camera:
@@ -121,7 +122,7 @@ def film(
         poses = {i: m.world_from_car for i, v in enumerate(vehicles) if (m := v.at(number / fps)) is not None}
         cars = [PlacedCar(gpu[id(vehicles[i].mesh)], looks[i], pose) for i, pose in poses.items()]
         cars.sort(key=lambda car: np.linalg.norm(car.world_from_car[:2, 3]))
-        scene = Scene(cars, site.props, site.floor, light, centre, 70.0, 4.0)
+        scene = Scene(cars, site.props, site.floor, light, centre, 70.0, 4.0, OPEN_SKY)
         if exposure is None:
             set_exposure(rng, scene, weather)
             exposure = light.exposure

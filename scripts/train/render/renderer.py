@@ -329,6 +329,7 @@ class Renderer:
             "dapple": light.dapple,
             "haze": light.haze,
             "exposure": light.exposure,
+            "least_rise": scene.least_rise,
             "shadow_softness": light.softness_m / (2 * scene.shadow_reach_m),
             "noise": 0,
             "environment": 1,
