@@ -28,6 +28,7 @@ class Bus:
         self.axles = [self.front - rng.uniform(2.6, 2.8), self.rear + rng.uniform(3.1, 3.4)]
         if kind == "coach" and self.length > 12.6:
             self.axles.append(self.axles[1] - 1.3)
+        self.windscreen = (self.front, 1.3), (self.front - (0.12 if kind == "city" else 0.3), self.roof)  # and what is above it
         # city buses: low panes; coaches: seats over the luggage
         self.panes: Span = (1.15, 2.3) if kind == "city" else (1.75, self.roof - 0.42)
 
@@ -39,31 +40,27 @@ class Bus:
         """One block above the arches and one between each two of them, which lean towards the wheels."""
         half, low = self.half, SKIRT_M
         shells = []
-        edges = [self.front, *(side for x in self.axles for side in (x + 0.62, x - 0.62)), self.rear]
-        for k in range(0, len(edges), 2):
-            b, a = edges[k], edges[k + 1]
-            if b - a > 0.2:
-                top = (a - (0.22 if k + 2 < len(edges) else 0.0), b + (0.22 if k else 0.0))
-                outline = [(a, low), (b, low), (top[1], ARCH_M + 0.2), (top[0], ARCH_M + 0.2)]
+        fronts, rears = [self.front, *(x - 0.62 for x in self.axles)], [*(x + 0.62 for x in self.axles), self.rear]
+        for front, rear in zip(fronts, rears, strict=True):
+            if front - rear > 0.2:
+                top = front + 0.22 * (front < self.front), rear - 0.22 * (rear > self.rear)
+                outline = [(rear, low), (front, low), (top[0], ARCH_M + 0.2), (top[1], ARCH_M + 0.2)]
                 shells.append(prism(outline, (-half, half), "paint", 0.03))
-        rake = 0.12 if self.kind == "city" else 0.3
-        front, back = self.front, self.rear
-        upper = [(back, ARCH_M), (front, ARCH_M), (front, 1.3), (front - rake, self.roof), (back + 0.1, self.roof)]
+        upper = [(self.rear, ARCH_M), (self.front, ARCH_M), *self.windscreen, (self.rear + 0.1, self.roof)]
         shells.append(prism(upper, (-half, half), "paint", BODY_RADIUS_M))
         inside = (self.rear + 0.4, self.front - 0.4), (0.35 - half, half - 0.35), (low + 0.03, ARCH_M + 0.1)
         shells.append(box(*inside, "underbody"))
         for k, x in enumerate(self.axles):
             shells += wheels(x, half - 0.03, WHEEL_M, k == 1)
-        self.front_line = (front, 1.3), (front - rake, self.roof)
         return shells
 
     def _face(self) -> list[Shell]:
         """Windscreen, where it goes, lamps, bumper, mirrors."""
-        x, half, rng, line = self.front, self.half, self.rng, self.front_line
+        x, half, rng, line = self.front, self.half, self.rng, self.windscreen
         low = rng.uniform(0.85, 1.0) if self.kind == "city" else rng.uniform(1.15, 1.25)
         sign = along(*line, 0.8 if self.kind == "city" else 0.86)
         wide = half - 0.12
-        shells = [*windscreen(line[0], sign, wide), *plates(x, self.rear, 0.5, half)]
+        shells = [*windscreen(line[0], sign, wide), *plates(x + 0.03, self.rear - 0.03, 0.5, half)]
         shells.append(on_end((x, low), line[0], (-wide, wide), "gap"))
         shells.append(on_end((x, low + 0.06), line[0], (0.05 - wide, wide - 0.05), "glass", 2))
         if self.kind == "city" or rng.random() < 0.5:  # where it goes
@@ -94,7 +91,8 @@ class Bus:
         half, rng, (low, high) = self.half, self.rng, self.panes
         back, fore = self.rear + 0.35, self.front - (0.45 if self.kind == "city" else 0.6)
         shells = both(on_side(half, (back, fore), (low - 0.06, high + 0.06), "gap", 1, 0.1))
-        step, count = (fore - back) / (n := round((fore - back) / rng.uniform(1.4, 1.8))), n
+        count = round((fore - back) / rng.uniform(1.4, 1.8))
+        step = (fore - back) / count
         for k in range(count):
             pane = (back + k * step + 0.05, back + (k + 1) * step - 0.05)
             shells += both(on_side(half, pane, (low, high), "glass", 2))

@@ -91,7 +91,7 @@ FLEET_PAINTS = (
 
 
 def sample_heavy_look(rng: np.random.Generator) -> CarLook:
-    """A random finish of a lorry or a bus: solid paints, and a second one that is as likely white as any."""
+    """A random finish of a lorry or a bus: solid paints, the second one often white."""
 
     def paint(kind: int) -> np.ndarray:
         middle, spread, _ = FLEET_PAINTS[kind]
