@@ -27,6 +27,8 @@ MATERIALS = (
     "underbody",
     "interior",
     "gap",
+    "livery",  # a second paint, of lorries and buses
+    "indicator",
 )
 
 BODY_TYPES = ("sedan", "hatchback", "wagon", "suv", "minivan", "van", "pickup", "coupe")
@@ -37,7 +39,7 @@ class CarMesh:
     """Metres, car frame: x forward, y left, z up, origin on the ground midway between the axles."""
 
     name: str
-    body: str  # one of BODY_TYPES
+    body: str  # one of BODY_TYPES, or truck or bus
     vertices: np.ndarray  # (V, 3) float32
     normals: np.ndarray  # (V, 3) float32, unit, outward; vertices are split where the surface has a crease
     faces: np.ndarray  # (F, 3) int32, counter-clockwise seen from outside

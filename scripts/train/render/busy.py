@@ -19,17 +19,20 @@ from json_files import write_json
 
 from .camera import Camera
 from .dataset import TRUTH
-from .frames import VideoWriter, draw, finished, sample_finish
+from .frames import ExactCanvas, Region, VideoWriter, finished, reached_region, sample_finish
 from .junction import Junction, Vehicle, touching
-from .looks import sample_car_look
+from .looks import Light, sample_car_look, sample_heavy_look
 from .outlines import Outlines
 from .places import Site, make_street
+from .renderer import Renderer
+from .scene import PlacedCar, Scene
 from .stills import WEATHERS, sample_weather, set_exposure, wheelbase
 from .truth import SMALLEST_SHARE, car_record, dataset_record, item_record
 
-MODELS = {"car": 24, "truck": 4, "bus": 2}
+MODELS = {"car": 24, "truck": 8, "bus": 4}
 IN_VIEW = (18, 45)  # vehicles in the picture, on average
 LEAST_PX = 20.0  # longer side of what counts for that
+OPEN_SKY = 0.5  # higher than the skylines that mirrors show
 
 
 def sample_camera(rng: np.random.Generator, size: tuple[int, int]) -> Camera:
@@ -97,6 +100,7 @@ def frames_of(camera: Camera, site: Site, vehicles: list[Vehicle], seconds: floa
 
 
 def film(
+    renderer: Renderer,
     rng: np.random.Generator,
     path: Path,
     camera: Camera,
@@ -106,41 +110,54 @@ def film(
     seconds: float,
     fps: float,
 ) -> None:
-    """The video."""
-    from .renderer import Renderer
-    from .scene import PlacedCar, Scene
-
-    renderer = Renderer(shadow_size=4096)
+    """The video. Each frame is the one before with what changed drawn again, within a grey level as if it were drawn whole."""
     gpu = {id(mesh): renderer.upload(mesh) for mesh in {id(v.mesh): v.mesh for v in vehicles}.values()}
-    looks = [sample_car_look(rng) for _ in vehicles]
+    looks = [sample_car_look(rng) if vehicle.kind == "car" else sample_heavy_look(rng) for vehicle in vehicles]
     _, light = sample_weather(rng, weather)
     finish, centre = sample_finish(rng, weather == "dusk"), np.append(site.origin, 0.0)
     video = VideoWriter(path, camera.image_size_px, fps, 23)
-    exposure, start, frames = None, time.monotonic(), round(seconds * fps)
+    canvas, changed = ExactCanvas(renderer, camera), [(0, 0, *camera.image_size_px)]
+    exposure, start, frames, before = None, time.monotonic(), round(seconds * fps), {}
     for number in range(frames):
-        cars = [
-            PlacedCar(gpu[id(v.mesh)], look, m.world_from_car)
-            for v, look in zip(vehicles, looks, strict=True)
-            if (m := v.at(number / fps)) is not None
-        ]
+        poses = {i: m.world_from_car for i, v in enumerate(vehicles) if (m := v.at(number / fps)) is not None}
+        cars = [PlacedCar(gpu[id(vehicles[i].mesh)], looks[i], pose) for i, pose in poses.items()]
         cars.sort(key=lambda car: np.linalg.norm(car.world_from_car[:2, 3]))
-        scene = Scene(cars, site.props, site.floor, light, centre, 70.0, 4.0)
+        scene = Scene(cars, site.props, site.floor, light, centre, 70.0, 4.0, OPEN_SKY)
         if exposure is None:
             set_exposure(rng, scene, weather)
             exposure = light.exposure
-        drawn = draw(renderer, scene, camera, (0, 0, *camera.image_size_px))
-        video.write(finished(rng, drawn, camera.image_size_px, finish))
+        if number:
+            bounds = {i: gpu[id(vehicles[i].mesh)].bounds for i in before.keys() | poses.keys()}
+            changed = changed_regions(camera, light, bounds, before, poses)
+        canvas.update(scene, changed)
+        before = poses
+        video.write(finished(rng, canvas.drawn, camera.image_size_px, finish))
         if number % 50 == 49:
             left = (time.monotonic() - start) / (number + 1) * (frames - number - 1)
             print(f"{path.stem}: frame {number + 1} of {frames}, {left / 60:.1f} min left", flush=True)
     video.finish()
+    for car in gpu.values():
+        car.release()
+
+
+def changed_regions(
+    camera: Camera,
+    light: Light,
+    bounds: dict[int, tuple[np.ndarray, np.ndarray]],
+    before: dict[int, np.ndarray],
+    now: dict[int, np.ndarray],
+) -> list[Region]:
+    """Where two frames differ, of the vehicles' poses in them."""
+    moved = [i for i in bounds if i not in before or i not in now or not np.array_equal(before[i], now[i])]
+    reached = [reached_region(camera, light, poses[i], bounds[i]) for i in moved for poses in (before, now) if i in poses]
+    return [region for region in reached if region is not None]
 
 
 def make(out: Path, options: argparse.Namespace) -> None:
     """Clips that are not there yet, then `dataset.json`."""
     folder = out / "scenes"
     folder.mkdir(parents=True, exist_ok=True)
-    items = []
+    items, renderer = [], None
     for number in range(options.clips):
         stem = f"busy_{number:04d}"
         items.append(f"scenes/{stem}{TRUTH}")
@@ -151,7 +168,8 @@ def make(out: Path, options: argparse.Namespace) -> None:
         camera, site, vehicles, frames, rng = sample_busy(rng, options.split, options.seconds, options.fps, options.size)
         media = f"{stem}.mp4" if options.pixels else None
         if options.pixels:
-            film(rng, folder / media, camera, site, vehicles, weather, options.seconds, options.fps)
+            renderer = renderer or Renderer(shadow_size=4096)
+            film(renderer, rng, folder / media, camera, site, vehicles, weather, options.seconds, options.fps)
         meshes: dict[int, CarMesh] = {i: vehicle.mesh for i, vehicle in enumerate(vehicles)}
         record = item_record(media, options.fps, {"layout": "junction", "weather": weather}, camera, meshes, frames)
         write_json(folder / f"{stem}{TRUTH}", record)

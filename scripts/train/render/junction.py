@@ -313,7 +313,7 @@ def touching(vehicles: list[Vehicle], seconds: float) -> int:
         there = [(i, v, m) for i, v in enumerate(vehicles) if (m := v.at(time_s)) is not None]
         places = np.array([m.world_from_car[:2, 3] for _, _, m in there])
         for a in range(len(there)):
-            for b in np.nonzero(np.linalg.norm(places[a + 1 :] - places[a], axis=1) < 13)[0] + a + 1:
+            for b in np.nonzero(np.linalg.norm(places[a + 1 :] - places[a], axis=1) < 17)[0] + a + 1:
                 if _touch(there[a][1], there[a][2], there[b][1], there[b][2]):
                     pairs.add((there[a][0], there[b][0]))
     return len(pairs)

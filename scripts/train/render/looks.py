@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import colorsys
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -25,6 +25,7 @@ class CarLook:
     headlamp: float
     interior: np.ndarray
     seed: float
+    livery: np.ndarray = field(default_factory=lambda: np.full(3, 0.7))  # second paint
 
 
 def _linear(*rgb: float) -> np.ndarray:
@@ -73,6 +74,40 @@ def sample_car_look(rng: np.random.Generator) -> CarLook:
         headlamp=rng.uniform(1, 6) if rng.random() < 0.08 else 0.0,
         interior=np.exp(rng.uniform(np.log(0.015), np.log(0.15))) * (1 + rng.normal(0, 0.1, 3)).clip(0.7, 1.3),
         seed=rng.uniform(0, 50),
+    )
+
+
+# Paints of lorries and buses: sRGB of the middle, spread, share; estimates.
+FLEET_PAINTS = (
+    ((232, 232, 230), 12, 0.42),  # white
+    ((170, 172, 176), 20, 0.1),  # silver
+    ((190, 28, 30), 18, 0.12),  # red
+    ((30, 80, 160), 22, 0.13),  # blue
+    ((240, 190, 30), 15, 0.08),  # yellow
+    ((40, 130, 70), 20, 0.06),  # green
+    ((225, 105, 30), 15, 0.04),  # orange
+    ((45, 47, 52), 12, 0.05),  # anthracite
+)
+
+
+def sample_heavy_look(rng: np.random.Generator) -> CarLook:
+    """A random finish of a lorry or a bus: solid paints, the second one often white."""
+
+    def paint(kind: int) -> np.ndarray:
+        middle, spread, _ = FLEET_PAINTS[kind]
+        return _linear(*(np.array(middle) + rng.normal(0, spread) + rng.normal(0, spread / 4, 3)).clip(12, 245))
+
+    first, second = rng.choice(len(FLEET_PAINTS), 2, p=[share for *_, share in FLEET_PAINTS])
+    livery = paint(0 if rng.random() < 0.4 else int(second))
+    return replace(
+        sample_car_look(rng),
+        paint=paint(int(first)),
+        metallic=0.0,
+        lower=np.ones(3) * rng.uniform(0.015, 0.08),
+        glass=0.0,  # there is nothing behind their panes
+        glass_reflection=rng.uniform(0.3, 0.9),
+        rim=np.ones(3) * rng.uniform(0.3, 0.65),
+        livery=livery,
     )
 
 

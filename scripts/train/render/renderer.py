@@ -329,6 +329,7 @@ class Renderer:
             "dapple": light.dapple,
             "haze": light.haze,
             "exposure": light.exposure,
+            "least_rise": scene.least_rise,
             "shadow_softness": light.softness_m / (2 * scene.shadow_reach_m),
             "noise": 0,
             "environment": 1,
@@ -403,7 +404,9 @@ class Renderer:
 
 
 def _wheels(mesh: CarMesh) -> tuple[float, float, float, float]:
-    """What car.vert turns: hubs and radius of a mesh that may have been stretched."""
+    """What car.vert turns: hubs and radius of a mesh that may have been stretched; nothing where keypoints do not tell."""
+    if not np.isfinite(mesh.keypoints[:2]).all():
+        return 0.0, 0.0, -1.0, 1.0
     front, rear = mesh.keypoints[:2]
     reach = np.ptp(mesh.vertices[np.unique(mesh.material_faces("tyre")), 0]) - (front[0] - rear[0])
     return float(front[0]), float(rear[0]), float(front[2]), float(reach / (2 * front[2]))
@@ -451,7 +454,7 @@ def _darkening(scene: Scene, camera: Camera, window: tuple[float, float, float, 
 
 
 def material_tables(look: CarLook) -> tuple[np.ndarray, np.ndarray]:
-    """Uniforms `surface` and `mirror` of car.frag, each (12, 4) float32, rows as in MATERIALS."""
+    """Uniforms `surface` and `mirror` of car.frag, each (14, 4) float32, rows as in MATERIALS."""
     tint = look.paint / max(look.paint.max(), 1e-3)
     level = min(0.05 + look.paint.max(), 0.6)
     flakes = tint * level * 0.75 * look.metallic
@@ -468,6 +471,8 @@ def material_tables(look: CarLook) -> tuple[np.ndarray, np.ndarray]:
         "interior": ((*look.interior, 0.0), (0, 0, 0, 0)),
         "gap": ((0.006, 0.006, 0.006, 0.0), (0, 0, 0, 0)),
         "glass": ((0.01, 0.01, 0.01, 0.0), (0, 0, 0, 0)),
+        "livery": ((*look.livery, 0.6), (0, 0, 0, 0)),
+        "indicator": ((0.55, 0.16, 0.01, 1.0), (0.08, 0.03, 0.004, 2.0)),
     }
     table = np.array([rows[name] for name in MATERIALS], np.float32)
     return np.ascontiguousarray(table[:, 0]), np.ascontiguousarray(table[:, 1])

@@ -52,6 +52,7 @@ class Scene:
     centre: np.ndarray  # middle of the shadow map, world
     shadow_reach_m: float
     nearest_m: float | None = None  # least depth of what the picture shows; none: that of the nearest car
+    least_rise: float = -1.0  # sky seen lower than this (sine) looks as it does there: above the blurred skyline of mirrors
 
     @property
     def ground_radiance(self) -> np.ndarray:

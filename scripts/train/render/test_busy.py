@@ -9,10 +9,13 @@ import numpy as np
 from cars.heavy import sample_heavy
 from cars.mesh import KEYPOINT_NAMES, CarMesh
 
+from .busy import changed_regions
 from .camera import Camera, world_from_car
+from .crops import in_world
 from .junction import WARM_S, Junction, touching
 from .outlines import Outlines
 from .places import make_street
+from .stills import sample_weather
 
 
 def block(length: float = 4.4) -> CarMesh:
@@ -40,15 +43,20 @@ class Busy(unittest.TestCase):
         visible = alone[2].visible[:8]
         self.assertTrue(0 < visible.sum() < 8)
 
-    def test_heavy_vehicles_are_as_large_as_they_say(self) -> None:
-        for kind in ("truck", "bus"):
-            mesh = sample_heavy(np.random.default_rng(2), kind)
-            size = mesh.vertices.max(0) - mesh.vertices.min(0)
-            self.assertTrue((np.abs(size - mesh.dims) < [0.15, 0.05, 0.05]).all(), f"{size} {mesh.dims}")
-            middles = mesh.vertices[mesh.faces].mean(1)
-            sides = np.abs(mesh.normals[mesh.faces[:, 0], 1]) > 0.9
-            outer = sides & (np.abs(middles[:, 1]) > 0.49 * mesh.dims[1])
-            self.assertTrue((mesh.normals[mesh.faces[outer, 0], 1] * middles[outer, 1] > 0).all())
+    def test_only_what_moved_is_drawn_again(self) -> None:
+        camera, bus = Camera((1280, 720), 1200.0, 6.0, 0.2, 0.0), sample_heavy(np.random.default_rng(1), "bus")
+        _, light = sample_weather(np.random.default_rng(2), "sun")
+        bounds = dict.fromkeys(range(4), (bus.vertices.min(0), bus.vertices.max(0)))
+        stands, goes, comes = (world_from_car(x, 40.0, 0.0) for x in (-14.0, 0.0, 14.0))
+        before, now = {0: stands, 1: goes, 2: goes}, {0: stands, 1: world_from_car(1.0, 40.0, 0.0), 3: comes}
+        regions = changed_regions(camera, light, bounds, before, now)
+        self.assertEqual(len(regions), 4)  # where one was, where it is, who left, who came
+        for pose in (goes, now[1], comes):
+            pixels, _ = camera.pixel_from_world(in_world(bus.vertices, pose))
+            low, high = pixels.min(0).clip(0), np.minimum(pixels.max(0), (1279, 719))
+            around = [x <= low[0] and y <= low[1] and x + w > high[0] and y + h > high[1] for x, y, w, h in regions]
+            self.assertTrue(any(around))
+        self.assertEqual(changed_regions(camera, light, bounds, {0: stands}, {0: stands}), [])
 
     def test_nobody_drives_through_another_and_bays_change_hands(self) -> None:
         rng = np.random.default_rng(5)

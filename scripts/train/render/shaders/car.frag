@@ -1,7 +1,7 @@
 // Materials as in cars.mesh.MATERIALS: 0 paint, 1 glass, 2 tyre, 3 rim, 4 headlamp, 5 taillamp, 6 chrome, 7 plastic,
-// 8 plate, 9 underbody, 10 interior, 11 gap.
-uniform vec4 surface[12];  // linear RGB albedo, gloss (strength of the clear coat)
-uniform vec4 mirror[12];   // F0 RGB of the metal under the coat, blur of its mirror image
+// 8 plate, 9 underbody, 10 interior, 11 gap, 12 livery, 13 indicator.
+uniform vec4 surface[14];  // linear RGB albedo, gloss (strength of the clear coat)
+uniform vec4 mirror[14];   // F0 RGB of the metal under the coat, blur of its mirror image
 uniform vec4 dirt;         // colour, amount
 uniform vec4 glass;        // transmittance, strength of the mirror image, seed of the noise, unused
 uniform vec2 lamps;        // light of head and tail lamps
