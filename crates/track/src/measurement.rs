@@ -82,6 +82,34 @@ pub struct SeenAgain {
     pub bbox_px: [f64; 4],
 }
 
+/// A box that is too weak to say that something is a vehicle. Where one that is known is expected it may be it.
+#[derive(Clone, Copy, Debug)]
+pub struct WeakSighting {
+    /// Box, px.
+    pub bbox_px: [f64; 4],
+    /// Detector's score, 0–1.
+    pub score: f64,
+    /// The box reaches the edge of the picture.
+    pub at_edge: bool,
+    /// Left, top, right, bottom: another vehicle begins there.
+    pub hidden: [bool; 4],
+}
+
+/// What is known of a vehicle that is expected somewhere.
+#[derive(Clone, Copy, Debug)]
+pub struct ExpectedVehicle {
+    /// Kind of vehicle.
+    pub class: VehicleClass,
+    /// Length, width, height, m, of a vehicle that is no car.
+    pub dims_m: Option<Vector3<f64>>,
+    /// Shape coefficients of a car.
+    pub shape: Shape,
+    /// Its heading, or that turned by π, rad.
+    pub heading_rad: f64,
+    /// Its sd, rad.
+    pub heading_sd_rad: f64,
+}
+
 /// All cars fitted in one frame; a frame without cars is one too.
 #[derive(Clone, Debug)]
 pub struct FrameMeasurements {
@@ -95,13 +123,15 @@ pub struct FrameMeasurements {
     pub held: Vec<HeldCar>,
     /// Those that were seen again so soon after a look that nobody measured them: their tracks want no other box.
     pub seen_again: Vec<SeenAgain>,
+    /// Boxes that may be vehicles.
+    pub weak: Vec<WeakSighting>,
 }
 
 impl FrameMeasurements {
     /// A frame that was looked at, in which nothing is held.
     #[must_use]
     pub fn seen(stamp: FrameStamp, cars: Vec<CarMeasurement>) -> Self {
-        Self { stamp, looked: true, cars, held: Vec::new(), seen_again: Vec::new() }
+        Self { stamp, looked: true, cars, held: Vec::new(), seen_again: Vec::new(), weak: Vec::new() }
     }
 }
 
@@ -124,6 +154,33 @@ pub(crate) struct Sighting {
     pub at_edge: bool,
     /// Another vehicle hides a part of it.
     pub hidden: bool,
+    /// A box that would be no vehicle's were it not where this one is expected: it is in no list of cars.
+    pub weak: bool,
+}
+
+impl Sighting {
+    pub(crate) fn weak(
+        weak: &WeakSighting,
+        pose: &GroundPose,
+        covariance: Matrix3<f64>,
+        frame: usize,
+        time_s: f64,
+    ) -> Self {
+        Self {
+            frame,
+            time_s,
+            pose: Vector3::new(pose.x_m, pose.y_m, pose.heading_rad),
+            covariance,
+            bbox_px: weak.bbox_px,
+            score: weak.score,
+            car: 0,
+            held: false,
+            from_box: true,
+            at_edge: weak.at_edge,
+            hidden: weak.hidden.contains(&true),
+            weak: true,
+        }
+    }
 }
 
 /// One vehicle over time.
@@ -164,7 +221,7 @@ pub struct TrackState {
     pub bbox_px: Option<[f64; 4]>,
     /// Detector's score; 0 where not observed.
     pub score: f64,
-    /// Position of the car in its frame's list, where observed.
+    /// Position of the car in its frame's list, where observed; none where a weak box showed it.
     pub car: Option<usize>,
     /// Another vehicle hides a part of it.
     pub hidden: bool,
