@@ -82,7 +82,8 @@ pub struct SeenAgain {
     pub bbox_px: [f64; 4],
 }
 
-/// A box that is too weak to say that something is a vehicle. Where one that is known is expected it may be it.
+/// A box that is too weak to say that something is a vehicle, or of what is called a car and shows none. Where a vehicle that is
+/// known is expected it may be it.
 #[derive(Clone, Copy, Debug)]
 pub struct WeakSighting {
     /// Box, px.
@@ -93,6 +94,8 @@ pub struct WeakSighting {
     pub at_edge: bool,
     /// Left, top, right, bottom: another vehicle begins there.
     pub hidden: [bool; 4],
+    /// Position in its frame's list of cars, where it is in it.
+    pub car: Option<usize>,
 }
 
 /// What is known of a vehicle that is expected somewhere.
@@ -145,7 +148,8 @@ pub(crate) struct Sighting {
     pub covariance: Matrix3<f64>,
     pub bbox_px: [f64; 4],
     pub score: f64,
-    pub car: usize,
+    /// Position in its frame's list of cars; none of a weak box.
+    pub car: Option<usize>,
     /// Pose and covariance are those of an earlier look.
     pub held: bool,
     /// The pose is what the box says: it has an axis, but no front.
@@ -154,8 +158,6 @@ pub(crate) struct Sighting {
     pub at_edge: bool,
     /// Another vehicle hides a part of it.
     pub hidden: bool,
-    /// A box that would be no vehicle's were it not where this one is expected: it is in no list of cars.
-    pub weak: bool,
 }
 
 impl Sighting {
@@ -173,12 +175,11 @@ impl Sighting {
             covariance,
             bbox_px: weak.bbox_px,
             score: weak.score,
-            car: 0,
+            car: weak.car,
             held: false,
             from_box: true,
             at_edge: weak.at_edge,
             hidden: weak.hidden.contains(&true),
-            weak: true,
         }
     }
 }

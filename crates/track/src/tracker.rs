@@ -57,6 +57,7 @@ impl Live {
         let Some(last) = self.last().cloned() else { return };
         let HeldCar { bbox_px, score, car, .. } = *held;
         self.expected.hold(bbox_px, time_s);
+        let car = Some(car);
         self.raw.observations.push(Sighting { frame, time_s, bbox_px, score, car, held: true, ..last });
         self.missed = 0;
     }
@@ -107,9 +108,6 @@ impl Tracker {
     /// Takes the next frame, in the order of time; frames without cars as well.
     pub fn push(&mut self, frame: &FrameMeasurements) {
         let (index, time_s) = self.frames.push(frame.stamp, frame.looked);
-        if !frame.weak.is_empty() {
-            self.weak.insert(index, frame.weak.clone());
-        }
         let is_look = frame.looked && self.looks.add(time_s);
         let looks = self.looks.count;
         let mut cars: Vec<&CarMeasurement> = frame.cars.iter().filter(|car| car.is_usable()).collect();
@@ -174,6 +172,13 @@ impl Tracker {
                     && !own.iter().any(same)
             })
             .collect();
+        let is_free = |weak: &&WeakSighting| {
+            weak.car.is_none_or(|car| !(0..cars.len()).any(|c| taken[c] && cars[c].car == car))
+        };
+        let weak: Vec<WeakSighting> = frame.weak.iter().filter(is_free).copied().collect();
+        if !weak.is_empty() {
+            self.weak.insert(index, weak);
+        }
         self.bury(looks, time_s);
         for c in births {
             self.live.push(Live::new(cars[c], observations[c].clone(), look(c), looks));
@@ -202,12 +207,11 @@ impl Tracker {
             covariance: (covariance + covariance.transpose()) / 2.0,
             bbox_px: car.bbox_px,
             score: car.score,
-            car: car.car,
+            car: Some(car.car),
             held: false,
             from_box: car.from_box,
             at_edge: car.at_edge,
             hidden: car.hidden,
-            weak: false,
         }
     }
 

@@ -93,7 +93,8 @@ impl Pass<'_> {
                 None => (self.any_car, None),
             };
             let fitted = fit_frame(&frame, &view, self.atlas, &self.options, self.config, prior);
-            let (mut cars, mut held, mut seen_again) = (Vec::new(), Vec::new(), Vec::new());
+            let (mut cars, mut held, mut seen_again, mut weak) =
+                (Vec::new(), Vec::new(), Vec::new(), Vec::new());
             for (index, fit) in fitted.into_iter().enumerate() {
                 let record = &frame.cars[index];
                 if let Some(look) = record.seen_after {
@@ -138,7 +139,11 @@ impl Pass<'_> {
                     }),
                     (_, reason) => match self.by_box(record, index, &frame, hidden, &view, known) {
                         Some(measured) => {
-                            cars.push(CarMeasurement { at_edge, hidden: is_hidden, ..measured })
+                            cars.push(CarMeasurement { at_edge, hidden: is_hidden, ..measured });
+                            if record.class == VehicleClass::Car {
+                                let &CarRecord { bbox_px, score, .. } = record;
+                                weak.push(WeakSighting { bbox_px, score, at_edge, hidden, car: Some(index) });
+                            }
                         }
                         None => {
                             *tally.rejected.entry(reason.unwrap_or("no_pose").to_owned()).or_insert(0) +=
@@ -162,8 +167,11 @@ impl Pass<'_> {
             if looked || !held.is_empty() {
                 looked_s.push(frame.time_s);
             }
-            // Before anything is known nothing is expected.
-            let weak = if known.is_empty() { Vec::new() } else { weak_sightings(&frame) };
+            weak.extend(weak_sightings(&frame));
+            if known.is_empty() {
+                // Before anything is known nothing is expected.
+                weak.clear();
+            }
             tracker.push(&FrameMeasurements { stamp, looked, cars, held, seen_again, weak });
         }
         append(&mut tracks, tracker.finish(&Looked { pass: self, looked_s: &looked_s }));
@@ -350,6 +358,7 @@ fn weak_sightings(frame: &FrameRecord) -> Vec<WeakSighting> {
         score: weak.score,
         at_edge: cut_edges(&weak.bbox_px, frame.image_size_px).contains(&true),
         hidden: hidden_edges(&weak.bbox_px, frame.cars.iter().map(|car| &car.bbox_px)),
+        car: None,
     };
     frame.weak.iter().map(sighting).collect()
 }

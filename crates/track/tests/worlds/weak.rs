@@ -8,7 +8,7 @@ use roadplane_track::{
 
 use crate::world::{Path, Seeing, World, box_of, camera, parked, pose, straight, times};
 
-/// Places are where the boxes' lower edges are, half a car's length behind.
+/// A vehicle stands a metre behind the middle of its box's lower edge.
 struct OnTheGround;
 
 impl Scene for OnTheGround {
@@ -26,7 +26,7 @@ impl Scene for OnTheGround {
         let (camera, plane) = camera();
         let [x0, _, x1, y1] = weak.bbox_px;
         let foot = plane.world_from_pixel(&camera, &Vector2::new((x0 + x1) / 2.0, y1))?;
-        let middle = foot + foot.normalize() * 1.0;
+        let middle = foot * (1.0 + 1.0 / foot.norm());
         let covariance = Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, vehicle.heading_sd_rad.powi(2)));
         Some((pose(middle.x, middle.y, vehicle.heading_rad), covariance))
     }
@@ -36,7 +36,8 @@ impl Scene for OnTheGround {
 fn unsure(cars: Vec<Path>) -> Vec<FrameMeasurements> {
     let mut frames = World::new(cars, Seeing::perfect(), times(6.0, 10.0), 3).see().frames;
     for (i, frame) in frames.iter_mut().enumerate() {
-        let weak = |bbox_px| WeakSighting { bbox_px, score: 0.2, at_edge: false, hidden: [false; 4] };
+        let weak =
+            |bbox_px| WeakSighting { bbox_px, score: 0.2, at_edge: false, hidden: [false; 4], car: None };
         if !(20..40).contains(&i) {
             frame.weak = frame.cars.drain(..).map(|car| weak(car.bbox_px)).collect();
         }
@@ -89,4 +90,27 @@ fn a_weak_box_elsewhere_or_of_another_size_is_nobody() {
     }
     let tracks = follow(&frames, &OnTheGround);
     assert_eq!(tracks.iter().map(|track| track.states.len()).collect::<Vec<_>>(), [20]);
+}
+
+#[test]
+fn a_car_that_shows_no_keypoints_at_first_is_the_one_that_does_later() {
+    let world = World::new(vec![parked(4.0, 22.0, 1.2)], Seeing::perfect(), times(6.0, 10.0), 3);
+    let mut frames = world.see().frames;
+    for frame in &mut frames[..20] {
+        let car = &mut frame.cars[0];
+        car.from_box = true;
+        let bbox_px = car.bbox_px;
+        frame.weak.push(WeakSighting {
+            bbox_px,
+            score: car.score,
+            at_edge: false,
+            hidden: [false; 4],
+            car: Some(car.car),
+        });
+    }
+    assert_eq!(follow(&frames, &())[0].states.len(), 40);
+    let tracks = follow(&frames, &OnTheGround);
+    assert_eq!(tracks.len(), 1);
+    assert_eq!(tracks[0].states.len(), 60);
+    assert!(tracks[0].states.iter().all(|state| state.observed && state.car.is_some()));
 }
