@@ -1,6 +1,7 @@
 //! Weak boxes go on with tracks: a detector that is not sure of a box is believed where a vehicle that is known is expected
 //! (the second association of Zhang et al. 2022, "ByteTrack"). From a track's last sighting on forwards, and from its first
-//! backwards, for as long as such boxes follow each other. They begin no track, and tell nothing but places.
+//! backwards, for as long as such boxes follow each other. They begin no track, and tell nothing but places. Boxes of cars whose
+//! keypoints tell nothing, and which no track took, are weak in this sense, too.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -124,6 +125,9 @@ fn find(
                 sightings.insert((r, w), Sighting::weak(weak, &pose, covariance, frame, time_s));
             }
         }
+    }
+    if sightings.is_empty() {
+        return;
     }
     let pairs = assign(open.len(), boxes.len(), ALONE, |r, w| {
         let sighting = sightings.get(&(r, w));
