@@ -77,7 +77,8 @@ pub use plane::GroundPlane;
 pub use pose::{GroundPose, angle_difference, wrap_angle};
 pub use records::{
     CameraEstimate, CameraMove, CameraStatus, CarRecord, CarRef, FrameRecord, MoveKind, OnMap,
-    PictureVerdict, PoseRecord, RecordError, TrackRow, VehicleClass, WatchRecord, rows_from_isometry,
+    PictureVerdict, PoseRecord, RecordError, TrackRow, VehicleClass, WatchRecord, WeakBox,
+    rows_from_isometry,
 };
 pub use robust::{StudentT, median, upper_median, weighted_median};
 pub use scene_line::{SceneCurve, SceneLine};

@@ -10,7 +10,7 @@ mod vehicle_class;
 mod watch;
 
 pub use camera::{CameraEstimate, CameraStatus};
-pub use car::{CarRecord, CarRef};
+pub use car::{CarRecord, CarRef, WeakBox};
 pub use error::RecordError;
 pub use frame::FrameRecord;
 pub use pose::{PoseRecord, rows_from_isometry};

@@ -9,7 +9,7 @@ use roadplane_base::{
     CameraEstimate, CameraEvidence, CameraMove, CameraParams, CameraPrior, CameraStatus, CarRecord, CarRef,
     ClipIdentity, EVIDENCE_SCHEMA, Frame, FrameRecord, FrameStamp, ImageSize, KEYPOINTS, Lens, MoveKind,
     ParkedCar, PictureVerdict, RecordError, SceneCurve, SceneLine, TrackRow, VehicleClass, WatchRecord,
-    rows_from_isometry,
+    WeakBox, rows_from_isometry,
 };
 use serde_json::{Value, json};
 
@@ -45,6 +45,7 @@ fn frame() -> FrameRecord {
         scene_lines: Some(vec![line.into()]),
         scene_curves: Some(vec![curve.into()]),
         cars: vec![CarRecord::boxed([1.0, 2.0, 31.0, 22.0]), held],
+        weak: vec![WeakBox { bbox_px: [51.0, 2.0, 81.0, 22.0], score: 0.2 }],
         ..FrameRecord::empty(7, 0.28, SIZE)
     }
 }

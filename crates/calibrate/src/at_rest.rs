@@ -61,7 +61,7 @@ where
             .as_ref()
             .is_some_and(|watch| watch.verdict.is_blind() || watch.verdict == PictureVerdict::Moving);
         if self.is_moving || shows_no_rest {
-            frame.cars.clear();
+            leave_out_vehicles(&mut frame);
         }
         settle(&mut frame);
         Some(Ok(frame))
@@ -100,9 +100,14 @@ impl<I> AtRest<I> {
             frame.watch.as_ref().is_some_and(|w| w.verdict == PictureVerdict::Unsettled)
         };
         for frame in self.held_back.iter_mut().rev().take_while(|frame| unsettled(frame)) {
-            frame.cars.clear();
+            leave_out_vehicles(frame);
         }
     }
+}
+
+fn leave_out_vehicles(frame: &mut FrameRecord) {
+    frame.cars.clear();
+    frame.weak.clear();
 }
 
 /// Takes the shake out of boxes and keypoints.
@@ -117,18 +122,22 @@ fn settle(frame: &mut FrameRecord) {
             point.pixel -= offset;
         }
     }
+    for weak in &mut frame.weak {
+        weak.bbox_px = bbox_moved(&weak.bbox_px, &-offset);
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use roadplane_base::{CameraMove, CarRecord, ImageSize};
+    use roadplane_base::{CameraMove, CarRecord, ImageSize, WeakBox};
 
     fn frame(index: u64, verdict: PictureVerdict) -> FrameRecord {
         let watch = Some(WatchRecord { looked: true, verdict, ..WatchRecord::default() });
         let cars = vec![CarRecord::boxed([10.0, 10.0, 50.0, 40.0])];
         let size = ImageSize { width: 640, height: 360 };
-        FrameRecord { watch, cars, ..FrameRecord::empty(index, index as f64 * 0.1, size) }
+        let weak = vec![WeakBox { bbox_px: [60.0, 10.0, 90.0, 40.0], score: 0.2 }];
+        FrameRecord { watch, cars, weak, ..FrameRecord::empty(index, index as f64 * 0.1, size) }
     }
 
     fn moved(index: u64, kind: MoveKind, since_frame: u64) -> FrameRecord {
@@ -171,14 +180,18 @@ mod tests {
         for unsettled in (150..153).chain(195..200) {
             frames[unsettled] = frame(unsettled as u64, PictureVerdict::Unsettled);
         }
-        let empty: Vec<u64> = settled(frames).iter().filter(|f| f.cars.is_empty()).map(|f| f.frame).collect();
+        let empty: Vec<u64> =
+            settled(frames.clone()).iter().filter(|f| f.cars.is_empty()).map(|f| f.frame).collect();
         assert_eq!(empty, (50..110).chain(195..200).collect::<Vec<_>>());
+        assert!(settled(frames).iter().all(|f| f.weak.len() == f.cars.len()));
     }
 
     #[test]
     fn shake_is_taken_out() {
         let mut shaken = frame(0, PictureVerdict::Rest);
         shaken.watch.as_mut().unwrap().offset_px = [2.0, -1.0];
-        assert_eq!(settled(vec![shaken])[0].cars[0].bbox_px, [8.0, 11.0, 48.0, 41.0]);
+        let settled = settled(vec![shaken]);
+        assert_eq!(settled[0].cars[0].bbox_px, [8.0, 11.0, 48.0, 41.0]);
+        assert_eq!(settled[0].weak[0].bbox_px, [58.0, 11.0, 88.0, 41.0]);
     }
 }

@@ -4,7 +4,7 @@
 //! follows from the pictures, their times and their places in the input.
 
 use nalgebra::Vector2;
-use roadplane_base::{CarRecord, FrameStamp, bbox_around, bbox_centre, bbox_covered, bbox_moved};
+use roadplane_base::{CarRecord, FrameStamp, WeakBox, bbox_around, bbox_centre, bbox_covered, bbox_moved};
 use roadplane_watch::{Cells, ChangeMap, Seen};
 
 use crate::frame_detections::FrameDetections;
@@ -15,7 +15,7 @@ use crate::{DetectError, Detector};
 
 /// Looks at everything in the beginning: a vehicle that the first misses is found by the next.
 const FIRST_LOOKS: u32 = 3;
-/// Score from which on a box says that what changed was a vehicle, whether it counts or not.
+/// Score from which on a box says that what changed was a vehicle, and may be one that is known, whether it counts or not.
 const WEAK_SCORE: f64 = 0.12;
 /// Side of a part of the sweep, px of the net's input in the finest pass.
 const SWEEP_PX: f64 = 400.0;
@@ -31,6 +31,8 @@ const IDLE_S: f64 = 0.19;
 pub struct Look {
     /// Vehicles: seen in this look, and held.
     pub cars: Vec<CarRecord>,
+    /// Boxes of which the detector is not sure, beside those.
+    pub weak: Vec<WeakBox>,
     /// Share of the picture that changed since it was looked at, 0–1.
     pub changed: f64,
     /// Share of the picture that was looked at, 0–1.
@@ -95,7 +97,7 @@ impl Attention {
         let time_s = stamp.time_s();
         if seen.record.verdict.is_blind() {
             let busy = ChangeMap::new(&seen.small).all_cells();
-            return Ok(Look { cars: Vec::new(), changed: 1.0, seen: 0.0, busy });
+            return Ok(Look { cars: Vec::new(), weak: Vec::new(), changed: 1.0, seen: 0.0, busy });
         }
         if seen.is_new_position {
             self.known.clear();
@@ -113,11 +115,11 @@ impl Attention {
         let mut at_rest: Vec<CarRecord> = detections.found.iter().map(|car| moved(car, &-offset)).collect();
         let unchanged = |bbox: &[f64; 4]| changed.share_of(&bbox_moved(bbox, &offset)) <= 0.0;
         update(&mut self.known, &mut at_rest, stamp.index, time_s, |bbox| detections.cover(bbox), unchanged);
-        let FrameDetections { looked, mut vehicles, .. } = detections;
+        let (looked, mut vehicles) = (&detections.looked, detections.vehicles.clone());
         for vehicle in &self.known {
             vehicles.insert_box(&vehicle.place(time_s));
         }
-        map.looked(&seen.small, seen.shift, &looked, &vehicles);
+        map.looked(&seen.small, seen.shift, looked, &vehicles);
         self.map = Some(map);
         let is_idle =
             |(column, row): &(usize, usize)| looked.has(*column, *row) && !vehicles.has(*column, *row);
@@ -135,9 +137,11 @@ impl Attention {
                 cars.push(record);
             }
         }
+        let weak = detections.weak_beside(&cars);
+        let seen = looked.share();
         let mut busy = vehicles;
         changed.iter().for_each(|(column, row)| busy.insert(column, row));
-        Ok(Look { cars, changed: changed.share(), seen: looked.share(), busy })
+        Ok(Look { cars, weak, changed: changed.share(), seen, busy })
     }
 
     /// Runs the net on the parts of the picture that want a look.

@@ -1,6 +1,6 @@
 //! What one look came to, over all the parts of the picture that the net ran on.
 
-use roadplane_base::{CarRecord, bbox_centre, bbox_share_inside};
+use roadplane_base::{CarRecord, WeakBox, bbox_centre, bbox_share_inside};
 use roadplane_watch::Cells;
 
 use crate::DetectOptions;
@@ -8,6 +8,8 @@ use crate::detector::{Detections, record};
 
 /// A core must hold this share of a box to have looked at it as a whole.
 const HELD: f64 = 0.9;
+/// A weak box of which more than this share lies within a vehicle shows that vehicle.
+const MOSTLY: f64 = 0.5;
 
 /// Boxes in px of the frame.
 #[derive(Debug)]
@@ -20,6 +22,8 @@ pub(crate) struct FrameDetections {
     pub vehicles: Cells,
     /// Vehicles that count, each once.
     pub found: Vec<CarRecord>,
+    /// Boxes of lower scores.
+    weak: Vec<WeakBox>,
     /// Boxes that the border of what was looked at cut.
     pub cut: Vec<[f64; 4]>,
 }
@@ -34,6 +38,7 @@ impl FrameDetections {
             looked,
             vehicles,
             found: Vec::new(),
+            weak: Vec::new(),
             cut: Vec::new(),
         }
     }
@@ -46,13 +51,18 @@ impl FrameDetections {
         self.cut.extend(detections.cut.iter().filter(|cut| cut.score >= min_score).map(|cut| cut.bbox));
         for one in detections.found {
             self.vehicles.insert_box(&one.bbox);
-            if one.score >= min_score
-                && let Some(record) = record(one, width, height)
-                && !self.has(&record.bbox_px)
-            {
+            let Some(record) = record(one, width, height) else { continue };
+            if one.score < min_score {
+                self.weak.push(WeakBox { bbox_px: record.bbox_px, score: record.score });
+            } else if !self.has(&record.bbox_px) {
                 self.found.push(record);
             }
         }
+    }
+
+    /// Weak boxes beside these vehicles.
+    pub(crate) fn weak_beside(&self, cars: &[CarRecord]) -> Vec<WeakBox> {
+        weak_beside(&self.weak, cars, &self.options)
     }
 
     /// Whether a vehicle was found there.
@@ -69,5 +79,40 @@ impl FrameDetections {
                 && (y0..=y1).contains(&centre.y)
                 && bbox_share_inside(bbox, core) >= HELD
         })
+    }
+}
+
+/// Weak boxes, each once, that show none of these vehicles, nor mostly a part of one.
+fn weak_beside(weak: &[WeakBox], cars: &[CarRecord], options: &DetectOptions) -> Vec<WeakBox> {
+    let mut beside: Vec<WeakBox> = Vec::new();
+    for weak in weak {
+        let is_one = |other: &[f64; 4]| options.are_one(other, &weak.bbox_px);
+        let is_car =
+            |car: &CarRecord| is_one(&car.bbox_px) || bbox_share_inside(&weak.bbox_px, &car.bbox_px) > MOSTLY;
+        if !cars.iter().any(is_car) && !beside.iter().any(|other| is_one(&other.bbox_px)) {
+            beside.push(*weak);
+        }
+    }
+    beside
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn weak_boxes_show_other_things_than_the_vehicles_found() {
+        let weak = |x0: f64, x1: f64| WeakBox { bbox_px: [x0, 100.0, x1, 150.0], score: 0.2 };
+        // One thing twice; the vehicle, more than half of it; a vehicle that it hides a little of.
+        let all = [
+            weak(400.0, 480.0),
+            weak(410.0, 490.0),
+            weak(105.0, 190.0),
+            weak(60.0, 145.0),
+            weak(30.0, 120.0),
+        ];
+        let found = [CarRecord::boxed([100.0, 90.0, 180.0, 160.0])];
+        let beside = weak_beside(&all, &found, &DetectOptions::default());
+        assert_eq!(beside, [weak(400.0, 480.0), weak(30.0, 120.0)]);
     }
 }

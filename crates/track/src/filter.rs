@@ -76,6 +76,10 @@ impl Filter {
         self.axis
     }
 
+    pub(crate) fn axis_sd(&self) -> f64 {
+        self.axis_variance.sqrt()
+    }
+
     pub(crate) fn is_still(&self) -> bool {
         self.stood_s() >= STILL_S
     }

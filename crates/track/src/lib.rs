@@ -3,13 +3,14 @@
 //!
 //! # How the pieces join
 //! ```text
-//! FrameMeasurements → Tracker   tracklets: association beyond doubt, frame by frame         (filter.rs, tracker.rs, raw_track.rs)
+//! FrameMeasurements → Tracker   tracklets: association beyond doubt, frame by frame         (expected.rs, filter.rs, tracker.rs, raw_track.rs)
 //!                   → merge_duplicates      two cars cannot share space                    (duplicates.rs)
 //!                   → link                  all continuations of tracklets, chosen jointly (link.rs)
 //!                   → find_runs             where the car stood, where it drove            (stops.rs)
 //!                   → smooth_track          one pose a stand, a vehicle model between      (parked.rs, vehicle.rs, chain.rs)
 //!                   → facing                which end is the front                         (facing.rs)
-//!                   → Track
+//!                   → extend                weak boxes where a vehicle is expected         (extend.rs, expected.rs)
+//!                   → Track                                                              (complete.rs)
 //! ```
 //!
 //! A car that is held ([`HeldCar`]) is seen where it was: it keeps its track alive and its box, and adds nothing to its pose.
@@ -19,7 +20,10 @@
 //! keeps for ever: `R = r R + max(1 − r, β²) R`, r being the scatter that the track really shows (`noise.rs`).
 
 mod chain;
+mod complete;
 mod duplicates;
+mod expected;
+mod extend;
 mod facing;
 mod filter;
 mod link;
@@ -35,7 +39,10 @@ mod stops;
 mod tracker;
 mod vehicle;
 
+pub use complete::Scene;
 pub use looks::Looks;
-pub use measurement::{CarMeasurement, FrameMeasurements, HeldCar, SeenAgain, Track, TrackState};
+pub use measurement::{
+    CarMeasurement, ExpectedVehicle, FrameMeasurements, HeldCar, SeenAgain, Track, TrackState, WeakSighting,
+};
 pub use options::TrackOptions;
 pub use tracker::Tracker;

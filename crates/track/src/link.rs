@@ -12,17 +12,18 @@
 //! log Σ_mode P(mode, Δt) p(place, velocity after | before, mode) − log λ p(velocity) + what class and size say
 //! ```
 //!
-//! with three ways to be unseen: it stood, it drove on, it crept on in a queue.
+//! with three ways to be unseen: it stood, it drove on, it crept on in a queue. Tracklets that overlap for a moment, as parts of one
+//! vehicle do where something begins to hide it, are such a pair, too: the earlier one then counts up to where the later begins.
 
 use std::{collections::BTreeMap, f64::consts::PI, ops::AddAssign as _};
 
 use nalgebra::{Matrix2, Matrix4, Vector2, Vector4};
-use roadplane_base::{assign, upper_median};
+use roadplane_base::{assign, bbox_iou, upper_median};
 
 use crate::{
     filter::fold_axis,
     measurement::Sighting,
-    raw_track::{RawTrack, VOTES},
+    raw_track::{RawTrack, VOTES, share_space},
 };
 
 /// Sightings of an end that tell how the vehicle moved there: of so long, s, at most so many.
@@ -41,6 +42,8 @@ const ACCELERATION_POWER: f64 = 3.0;
 const STANDS_S: f64 = 20.0;
 const DRIVES_S: f64 = 1.2;
 const CREEPS_S: f64 = 6.0;
+/// A vehicle that something hides in part may be two tracklets for so long, s.
+const MAX_TOGETHER_S: f64 = 0.5;
 /// Nobody drives, or creeps, unseen for longer, s: whoever is found then may be anybody.
 const MAX_DRIVES_S: f64 = 4.0;
 const MAX_CREEPS_S: f64 = 10.0;
@@ -72,22 +75,42 @@ const VOTE: f64 = 0.5;
 /// Joins tracklets into tracks.
 pub(crate) fn link(mut tracklets: Vec<RawTrack>, horizon_s: f64) -> Vec<RawTrack> {
     tracklets.retain(|track| !track.observations.is_empty());
-    let starts: Vec<End> = tracklets.iter().map(|track| End::of(track, false)).collect();
-    let ends: Vec<End> = tracklets.iter().map(|track| End::of(track, true)).collect();
+    let starts: Vec<End> = tracklets.iter().map(|track| End::of(track, &track.observations, false)).collect();
+    let ends: Vec<End> = tracklets.iter().map(|track| End::of(track, &track.observations, true)).collect();
     let mut gains: Vec<(usize, usize, f64)> = Vec::new();
     for (i, end) in ends.iter().enumerate() {
         for (j, start) in starts.iter().enumerate().filter(|(j, _)| *j != i) {
             let gap_s = start.time_s - end.time_s;
-            if gap_s > 0.0 && gap_s <= horizon_s {
-                let gain = gain(end, start, gap_s);
-                if gain > 0.0 {
-                    gains.push((i, j, gain));
-                }
+            if gap_s > horizon_s || gap_s < -MAX_TOGETHER_S {
+                continue;
+            }
+            let gain = if gap_s > 0.0 {
+                Some(gain(end, start, gap_s))
+            } else {
+                let before = before(&tracklets[i], &tracklets[j]);
+                before.map(|end| gain(&end, start, start.time_s - end.time_s))
+            };
+            if let Some(gain) = gain.filter(|gain| *gain > 0.0) {
+                gains.push((i, j, gain));
             }
         }
     }
     let next = choose(tracklets.len(), &gains);
     chains(tracklets, &next)
+}
+
+/// Where a tracklet was before another began, if for a moment both of them may be parts of one vehicle, and the other goes on.
+fn before(track: &RawTrack, later: &RawTrack) -> Option<End> {
+    let (first, last) = later.observations.first().zip(later.observations.last())?;
+    let (alone, together) =
+        track.observations.split_at(track.observations.partition_point(|o| o.frame < first.frame));
+    let goes_on = track.observations.last().is_some_and(|end| end.frame < last.frame);
+    let is_apart = |o: &Sighting| {
+        let other = later.observations.binary_search_by_key(&o.frame, |other| other.frame);
+        let other = other.ok().map(|i| &later.observations[i]);
+        other.is_some_and(|other| bbox_iou(&o.bbox_px, &other.bbox_px) <= 0.0 || !share_space(o, other))
+    };
+    (goes_on && !alone.is_empty() && !together.iter().any(is_apart)).then(|| End::of(track, alone, true))
 }
 
 /// For each tracklet the one that it goes on as.
@@ -140,6 +163,8 @@ fn chains(tracklets: Vec<RawTrack>, next: &[Option<usize>]) -> Vec<RawTrack> {
         let mut at = first;
         while let Some(then) = next[at] {
             let Some(later) = left[then].take() else { break };
+            let begins = later.observations.first().map_or(usize::MAX, |first| first.frame);
+            track.observations.retain(|o| o.frame < begins);
             track.append(later);
             at = then;
         }
@@ -168,8 +193,8 @@ struct End {
 }
 
 impl End {
-    fn of(track: &RawTrack, last: bool) -> Self {
-        let all = &track.observations;
+    /// Of these of a track's sightings.
+    fn of(track: &RawTrack, all: &[Sighting], last: bool) -> Self {
         let edge = if last { &all[all.len() - 1] } else { &all[0] };
         let near = |o: &&Sighting| (o.time_s - edge.time_s).abs() <= END_S;
         let part: Vec<&Sighting> = if last {

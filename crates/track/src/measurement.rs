@@ -82,6 +82,37 @@ pub struct SeenAgain {
     pub bbox_px: [f64; 4],
 }
 
+/// A box that is too weak to say that something is a vehicle, or of what is called a car and shows none. Where a vehicle that is
+/// known is expected it may be it.
+#[derive(Clone, Copy, Debug)]
+pub struct WeakSighting {
+    /// Box, px.
+    pub bbox_px: [f64; 4],
+    /// Detector's score, 0–1.
+    pub score: f64,
+    /// The box reaches the edge of the picture.
+    pub at_edge: bool,
+    /// Left, top, right, bottom: another vehicle begins there.
+    pub hidden: [bool; 4],
+    /// Position in its frame's list of cars, where it is in it.
+    pub car: Option<usize>,
+}
+
+/// What is known of a vehicle that is expected somewhere.
+#[derive(Clone, Copy, Debug)]
+pub struct ExpectedVehicle {
+    /// Kind of vehicle.
+    pub class: VehicleClass,
+    /// Length, width, height, m, of a vehicle that is no car.
+    pub dims_m: Option<Vector3<f64>>,
+    /// Shape coefficients of a car.
+    pub shape: Shape,
+    /// Its heading, or that turned by π, rad.
+    pub heading_rad: f64,
+    /// Its sd, rad.
+    pub heading_sd_rad: f64,
+}
+
 /// All cars fitted in one frame; a frame without cars is one too.
 #[derive(Clone, Debug)]
 pub struct FrameMeasurements {
@@ -95,13 +126,15 @@ pub struct FrameMeasurements {
     pub held: Vec<HeldCar>,
     /// Those that were seen again so soon after a look that nobody measured them: their tracks want no other box.
     pub seen_again: Vec<SeenAgain>,
+    /// Boxes that may be vehicles.
+    pub weak: Vec<WeakSighting>,
 }
 
 impl FrameMeasurements {
     /// A frame that was looked at, in which nothing is held.
     #[must_use]
     pub fn seen(stamp: FrameStamp, cars: Vec<CarMeasurement>) -> Self {
-        Self { stamp, looked: true, cars, held: Vec::new(), seen_again: Vec::new() }
+        Self { stamp, looked: true, cars, held: Vec::new(), seen_again: Vec::new(), weak: Vec::new() }
     }
 }
 
@@ -115,7 +148,8 @@ pub(crate) struct Sighting {
     pub covariance: Matrix3<f64>,
     pub bbox_px: [f64; 4],
     pub score: f64,
-    pub car: usize,
+    /// Position in its frame's list of cars; none of a weak box.
+    pub car: Option<usize>,
     /// Pose and covariance are those of an earlier look.
     pub held: bool,
     /// The pose is what the box says: it has an axis, but no front.
@@ -124,6 +158,30 @@ pub(crate) struct Sighting {
     pub at_edge: bool,
     /// Another vehicle hides a part of it.
     pub hidden: bool,
+}
+
+impl Sighting {
+    pub(crate) fn weak(
+        weak: &WeakSighting,
+        pose: &GroundPose,
+        covariance: Matrix3<f64>,
+        frame: usize,
+        time_s: f64,
+    ) -> Self {
+        Self {
+            frame,
+            time_s,
+            pose: Vector3::new(pose.x_m, pose.y_m, pose.heading_rad),
+            covariance,
+            bbox_px: weak.bbox_px,
+            score: weak.score,
+            car: weak.car,
+            held: false,
+            from_box: true,
+            at_edge: weak.at_edge,
+            hidden: weak.hidden.contains(&true),
+        }
+    }
 }
 
 /// One vehicle over time.
@@ -164,7 +222,7 @@ pub struct TrackState {
     pub bbox_px: Option<[f64; 4]>,
     /// Detector's score; 0 where not observed.
     pub score: f64,
-    /// Position of the car in its frame's list, where observed.
+    /// Position of the car in its frame's list, where observed; none where a weak box showed it.
     pub car: Option<usize>,
     /// Another vehicle hides a part of it.
     pub hidden: bool,

@@ -331,7 +331,7 @@ impl Smoothed {
             speed_sd_mps: self.speed_sd_mps,
             bbox_px: seen.map(|o| o.bbox_px),
             score: seen.map_or(0.0, |o| o.score),
-            car: seen.map(|o| o.car),
+            car: seen.and_then(|o| o.car),
             hidden: seen.is_some_and(|o| o.hidden),
         }
     }

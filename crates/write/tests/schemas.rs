@@ -7,7 +7,7 @@ use std::path::Path;
 use nalgebra::{Isometry3, Matrix4};
 use roadplane_base::{
     CameraEstimate, CameraParams, CameraStatus, CarRecord, FrameRecord, ImageSize, KEYPOINTS, Lens, MODES,
-    OnMap, PoseRecord, TrackRow, VehicleClass, WatchRecord, rows_from_isometry,
+    OnMap, PoseRecord, TrackRow, VehicleClass, WatchRecord, WeakBox, rows_from_isometry,
 };
 use roadplane_write::{
     CpuMs, FRAMES_SCHEMA, FrameSpool, POSES_SCHEMA, PoseLines, SUMMARY_SCHEMA, Speed, StageSeconds, Summary,
@@ -84,6 +84,7 @@ fn write_all(folder: &Path) {
         scene_lines: Some(Vec::new()),
         scene_curves: Some(Vec::new()),
         cars: vec![CarRecord::boxed([1.0, 2.0, 31.0, 22.0])],
+        weak: vec![WeakBox { bbox_px: [51.0, 2.0, 81.0, 22.0], score: 0.2 }],
         ..FrameRecord::empty(3, 0.12, SIZE)
     };
     frames.append(&frame).unwrap();

@@ -31,6 +31,15 @@ pub struct CarRecord {
     pub extra: Map<String, Value>,
 }
 
+/// A box of which the detector is not sure: `weak` of a frames file.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct WeakBox {
+    /// Left, top, right, bottom, px.
+    pub bbox_px: [f64; 4],
+    /// Detector's score, 0–1: less than what counts as a vehicle.
+    pub score: f64,
+}
+
 /// A car in a frame: index of the frame, place in its list of cars.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
 #[serde(from = "(u64, usize)", into = "(u64, usize)")]

@@ -4,7 +4,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use super::car::CarRecord;
+use super::car::{CarRecord, WeakBox};
 use super::error::RecordError;
 use super::watch::WatchRecord;
 use crate::{ImageSize, SceneCurve, SceneLine};
@@ -30,6 +30,9 @@ pub struct FrameRecord {
     pub scene_curves: Option<Vec<SceneCurve>>,
     /// Vehicles found.
     pub cars: Vec<CarRecord>,
+    /// Boxes of too low a score to say that something is a vehicle: where one that is known is expected, it may be it.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub weak: Vec<WeakBox>,
     /// Fields of other tools.
     #[serde(flatten)]
     pub extra: Map<String, Value>,
@@ -47,6 +50,7 @@ impl FrameRecord {
             scene_lines: None,
             scene_curves: None,
             cars: Vec::new(),
+            weak: Vec::new(),
             extra: Map::new(),
         }
     }
@@ -70,8 +74,7 @@ impl FrameRecord {
             }
         }
         for (i, car) in record.cars.iter().enumerate() {
-            let [x0, y0, x1, y1] = car.bbox_px;
-            if !(car.bbox_px.iter().all(|v| v.is_finite()) && x1 > x0 && y1 > y0) {
+            if !is_box(&car.bbox_px) {
                 return fail(format!("cars[{i}].bbox_px {:?} is no box", car.bbox_px));
             }
             if !car.score.is_finite() {
@@ -90,8 +93,18 @@ impl FrameRecord {
                 }
             }
         }
+        for (i, weak) in record.weak.iter().enumerate() {
+            if !(is_box(&weak.bbox_px) && weak.score.is_finite()) {
+                return fail(format!("weak[{i}] is no box {:?} with a score", weak.bbox_px));
+            }
+        }
         Ok(record)
     }
+}
+
+fn is_box(bbox_px: &[f64; 4]) -> bool {
+    let [x0, y0, x1, y1] = *bbox_px;
+    bbox_px.iter().all(|v| v.is_finite()) && x1 > x0 && y1 > y0
 }
 
 #[cfg(test)]

@@ -37,7 +37,7 @@ pub struct TrackRow {
     pub height_m: f64,
     /// Box, px: measured, or projected where not observed.
     pub bbox_px: [f64; 4],
-    /// Detector's score; 0 where not observed.
+    /// Detector's score; less than makes a vehicle where a weak box shows one that is expected, 0 where not observed.
     pub score: f64,
     /// Seen in this frame, or filled in.
     pub observed: bool,

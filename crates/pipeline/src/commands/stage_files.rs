@@ -101,6 +101,7 @@ pub fn keypoints_file(
                 work.record.scene_lines = record.scene_lines;
                 work.record.scene_curves = record.scene_curves;
                 work.record.cars = record.cars;
+                work.record.weak = record.weak;
                 work.record.extra = record.extra;
             }
         }

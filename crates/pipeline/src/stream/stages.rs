@@ -56,7 +56,7 @@ pub(crate) fn detect_stage<'a>(
         }
         let told = lines.look(seen, background.picture(), &look.cars, work.record.time_s)?;
         (work.record.scene_lines, work.record.scene_curves) = told.unzip();
-        work.record.cars = look.cars;
+        (work.record.cars, work.record.weak) = (look.cars, look.weak);
         Ok(())
     })
 }

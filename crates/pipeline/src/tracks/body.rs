@@ -19,7 +19,7 @@ pub(crate) fn body_of_track(track: &Track, cameras: &CameraTrack) -> Body {
     let prior = body_of(track.class);
     let mut precision = Matrix3::from_diagonal(&prior.sd_m.map(|sd| sd.powi(-2)));
     let mut weighted = precision * prior.dims_m;
-    let looks = || track.states.iter().filter(|state| state.observed && !state.held);
+    let looks = || track.states.iter().filter(|state| state.car.is_some() && !state.held);
     let any_whole = looks().any(|state| !state.hidden);
     let mut views: Vec<View> = Vec::new();
     for state in looks().filter(|state| !(any_whole && state.hidden)) {

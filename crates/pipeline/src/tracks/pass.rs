@@ -3,20 +3,23 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use nalgebra::{Matrix6, Vector2, Vector3};
+use nalgebra::{Matrix3, Matrix6, Vector2, Vector3};
 use roadplane_base::{
     CarRecord, CarRef, FrameRecord, FrameStamp, GroundPose, ImageSize, PoseRecord, Shape, ShapeAtlas,
-    TrackRow, VehicleClass, WatchRecord, bbox_moved,
+    TrackRow, VehicleClass, WatchRecord, WeakBox, bbox_moved,
 };
 use roadplane_geo::Place;
 use roadplane_solve::{CarFit, SceneOptions, ShapePrior};
-use roadplane_track::{CarMeasurement, FrameMeasurements, HeldCar, SeenAgain, Track, TrackState, Tracker};
+use roadplane_track::{
+    CarMeasurement, ExpectedVehicle, FrameMeasurements, HeldCar, Scene, SeenAgain, Track, TrackState,
+    Tracker, WeakSighting,
+};
 
 use crate::cameras::camera_track::CameraTrack;
 use crate::tracks::believe::{is_believable, is_vehicle, overlap_inside, projected_box};
 use crate::tracks::body::body_of_track;
 use crate::tracks::cars::{FrameCamera, HeldPoses, fit_frame, pose_record};
-use crate::tracks::ground_contact::{Body, Knowledge, body_box, cut_edges, ground_contact};
+use crate::tracks::ground_contact::{Body, Knowledge, body_box, body_of, cut_edges, ground_contact};
 use crate::tracks::hidden::{hidden_edges, part_seen};
 use crate::tracks::shared_error::shared_covariance;
 use crate::tracks::stretch::{Stretch, sightings};
@@ -77,7 +80,7 @@ impl Pass<'_> {
             let here = self.cameras.position_at(frame.time_s);
             if position.replace(here).is_some_and(|before| before != here) {
                 let ended = std::mem::replace(&mut tracker, Tracker::new(self.config.track.clone()));
-                append(&mut tracks, ended.finish());
+                append(&mut tracks, ended.finish(&Looked { pass: self, looked_s: &looked_s }));
             }
             if let Some(shake) =
                 frame.watch.as_ref().map(WatchRecord::offset).filter(|shake| shake.norm() > 0.0)
@@ -90,7 +93,8 @@ impl Pass<'_> {
                 None => (self.any_car, None),
             };
             let fitted = fit_frame(&frame, &view, self.atlas, &self.options, self.config, prior);
-            let (mut cars, mut held, mut seen_again) = (Vec::new(), Vec::new(), Vec::new());
+            let (mut cars, mut held, mut seen_again, mut weak) =
+                (Vec::new(), Vec::new(), Vec::new(), Vec::new());
             for (index, fit) in fitted.into_iter().enumerate() {
                 let record = &frame.cars[index];
                 if let Some(look) = record.seen_after {
@@ -135,7 +139,11 @@ impl Pass<'_> {
                     }),
                     (_, reason) => match self.by_box(record, index, &frame, hidden, &view, known) {
                         Some(measured) => {
-                            cars.push(CarMeasurement { at_edge, hidden: is_hidden, ..measured })
+                            cars.push(CarMeasurement { at_edge, hidden: is_hidden, ..measured });
+                            if record.class == VehicleClass::Car {
+                                let &CarRecord { bbox_px, score, .. } = record;
+                                weak.push(WeakSighting { bbox_px, score, at_edge, hidden, car: Some(index) });
+                            }
                         }
                         None => {
                             *tally.rejected.entry(reason.unwrap_or("no_pose").to_owned()).or_insert(0) +=
@@ -159,10 +167,14 @@ impl Pass<'_> {
             if looked || !held.is_empty() {
                 looked_s.push(frame.time_s);
             }
-            tracker.push(&FrameMeasurements { stamp, looked, cars, held, seen_again });
+            weak.extend(weak_sightings(&frame));
+            if known.is_empty() {
+                // Before anything is known nothing is expected.
+                weak.clear();
+            }
+            tracker.push(&FrameMeasurements { stamp, looked, cars, held, seen_again, weak });
         }
-        append(&mut tracks, tracker.finish());
-        tracks.retain(|track| is_vehicle(track, self.dims_m(track).z, &looked_s));
+        append(&mut tracks, tracker.finish(&Looked { pass: self, looked_s: &looked_s }));
         for (id, track) in (1..).zip(&mut tracks) {
             track.id = id;
         }
@@ -215,7 +227,7 @@ impl Pass<'_> {
     /// Whether most of a track's sightings are of a vehicle at its place.
     pub(crate) fn is_where_it_is_seen(&self, track: &Track) -> bool {
         let (mut own, mut sightings) = (0, 0);
-        for state in track.states.iter().filter(|state| state.observed) {
+        for state in track.states.iter().filter(|state| state.car.is_some()) {
             let Some(estimate) = self.cameras.at(state.stamp.time_s()) else { continue };
             let projected = self.projected_box(track, state);
             sightings += 1;
@@ -283,6 +295,37 @@ impl Pass<'_> {
     }
 }
 
+/// What tracks are held against.
+struct Looked<'a> {
+    pass: &'a Pass<'a>,
+    looked_s: &'a [f64],
+}
+
+impl Scene for Looked<'_> {
+    fn is_vehicle(&self, track: &Track) -> bool {
+        is_vehicle(track, self.pass.dims_m(track).z, self.looked_s)
+    }
+
+    fn place(
+        &self,
+        stamp: &FrameStamp,
+        weak: &WeakSighting,
+        vehicle: &ExpectedVehicle,
+    ) -> Option<(GroundPose, Matrix3<f64>)> {
+        let Pass { cameras, atlas, .. } = self.pass;
+        let estimate = cameras.at(stamp.time_s())?;
+        let dims_m = vehicle.dims_m.unwrap_or_else(|| atlas.dims_m(&atlas.clamped(&vehicle.shape)));
+        let knowledge = Knowledge::Track {
+            body: Body { dims_m, ..body_of(vehicle.class) },
+            heading_rad: vehicle.heading_rad,
+            heading_sd_rad: vehicle.heading_sd_rad.max(KNOWN_HEADING_SD_RAD),
+        };
+        let (size, view) = (estimate.image_size_px, FrameCamera::from(estimate));
+        let found = ground_contact(&weak.bbox_px, size, weak.hidden, &view, &knowledge)?;
+        Some((found.pose, found.covariance))
+    }
+}
+
 /// Adds tracks of a later camera position; their numbers go on.
 fn append(tracks: &mut Vec<Track>, later: Vec<Track>) {
     let before = tracks.iter().map(|track| track.id).max().unwrap_or(0);
@@ -306,6 +349,18 @@ fn measurement(fit: &CarFit, record: &CarRecord, car: usize) -> CarMeasurement {
         hidden: false,
         dims_m: None,
     }
+}
+
+/// Boxes of a frame that may be vehicles.
+fn weak_sightings(frame: &FrameRecord) -> Vec<WeakSighting> {
+    let sighting = |weak: &WeakBox| WeakSighting {
+        bbox_px: weak.bbox_px,
+        score: weak.score,
+        at_edge: cut_edges(&weak.bbox_px, frame.image_size_px).contains(&true),
+        hidden: hidden_edges(&weak.bbox_px, frame.cars.iter().map(|car| &car.bbox_px)),
+        car: None,
+    };
+    frame.weak.iter().map(sighting).collect()
 }
 
 /// A vehicle that is where it was.

@@ -8,4 +8,5 @@ mod invariance;
 mod junction;
 mod parked;
 mod tangles;
+mod weak;
 mod world;

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 use roadplane_base::CarRef;
-use roadplane_track::{SeenAgain, TrackOptions, Tracker};
+use roadplane_track::{CarMeasurement, SeenAgain, TrackOptions, Tracker};
 
 use crate::{
     parked::lot,
@@ -155,8 +155,8 @@ fn nonsense_is_counted_and_left_out() {
         tracker.push(&frame);
     }
     assert_eq!(tracker.rejected(), 30);
-    assert_eq!(tracker.finish().len(), 8);
-    assert!(Tracker::new(TrackOptions::default()).finish().is_empty());
+    assert_eq!(tracker.finish(&()).len(), 8);
+    assert!(Tracker::new(TrackOptions::default()).finish(&()).is_empty());
 }
 
 #[test]
@@ -181,4 +181,34 @@ fn a_vehicle_whose_place_is_vague_takes_nobody_elses_track() {
     }
     let tracks = track(&seen.frames);
     assert_eq!(tracks.len(), 2, "{:?}", owners(&tracks, &seen));
+}
+
+#[test]
+fn parts_of_one_car_are_one_and_cars_in_a_row_are_two() {
+    let seeing = Seeing { missed: 0.0, false_alarms: 0.0, ..Seeing::usual() };
+    let drive = |ahead_m: f64| straight(pose(-8.0 + ahead_m, 26.0, 0.0), 3.0);
+    // Something comes between: from 2.4 s on the front half is found, and up to 2.6 s the rear half.
+    let world = World::new(vec![drive(0.0)], seeing.clone(), times(5.0, 10.0), 8);
+    let mut frames = world.see().frames;
+    for (i, frame) in frames.iter_mut().enumerate() {
+        let whole = frame.cars[0].clone();
+        let [x0, y0, x1, y1] = whole.bbox_px;
+        let middle = (x0 + x1) / 2.0;
+        let rear = CarMeasurement { bbox_px: [x0, y0, middle + 3.0, y1], ..whole.clone() };
+        let front = CarMeasurement { bbox_px: [middle - 3.0, y0, x1, y1], car: 1, ..whole };
+        frame.cars = match i {
+            0..24 => vec![rear],
+            24..26 => vec![rear, front],
+            _ => vec![front],
+        };
+    }
+    let tracks = track(&frames);
+    assert_eq!(tracks.iter().map(|track| track.states.len()).collect::<Vec<_>>(), [50]);
+    // One leaves as the other comes, a car's length and a gap behind.
+    let world = World::new(vec![drive(0.0), drive(-6.0)], seeing, times(5.0, 10.0), 8);
+    let mut frames = world.see().frames;
+    for (i, frame) in frames.iter_mut().enumerate() {
+        frame.cars.retain(|car| if i < 24 { car.car == 0 } else { i < 26 || car.car == 1 });
+    }
+    assert_eq!(track(&frames).len(), 2);
 }

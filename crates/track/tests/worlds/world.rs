@@ -214,7 +214,7 @@ fn share_covered(own: &[f64; 4], other: &[f64; 4]) -> f64 {
 pub fn track(frames: &[FrameMeasurements]) -> Vec<Track> {
     let mut tracker = Tracker::new(TrackOptions::default());
     frames.iter().for_each(|frame| tracker.push(frame));
-    tracker.finish()
+    tracker.finish(&())
 }
 
 /// The car that each track follows, where one car makes up nine tenths of its sightings.

@@ -1,0 +1,137 @@
+//! From tracklets to tracks, once all frames were seen.
+
+use nalgebra::Matrix3;
+use roadplane_base::{FrameStamp, GroundPose, bbox_iou};
+
+use crate::{
+    ExpectedVehicle, Looks, Track, TrackOptions, TrackState, WeakSighting,
+    duplicates::{merge_duplicates, merge_smoothed},
+    extend::{WeakBoxes, extend},
+    link::link,
+    measurement::Sighting,
+    raw_track::RawTrack,
+    smooth::smooth_track,
+};
+
+/// Rear axle to the middle of a truck or bus, as a share of its length.
+const HALF_WHEELBASE: f64 = 0.25;
+
+/// What tracks are held against, beyond what sightings say of themselves.
+pub trait Scene {
+    /// Whether a track is of a vehicle; others are left out.
+    fn is_vehicle(&self, track: &Track) -> bool;
+
+    /// Where a vehicle would stand, with the covariance of (x, y, heading), m and rad, if a weak box in this frame were its own.
+    fn place(
+        &self,
+        stamp: &FrameStamp,
+        weak: &WeakSighting,
+        vehicle: &ExpectedVehicle,
+    ) -> Option<(GroundPose, Matrix3<f64>)>;
+}
+
+/// Nothing is known of the scene: all tracks are taken for vehicles, and weak boxes for nothing.
+impl Scene for () {
+    fn is_vehicle(&self, _: &Track) -> bool {
+        true
+    }
+
+    fn place(
+        &self,
+        _: &FrameStamp,
+        _: &WeakSighting,
+        _: &ExpectedVehicle,
+    ) -> Option<(GroundPose, Matrix3<f64>)> {
+        None
+    }
+}
+
+/// The frames that a tracker was given, in the order of time.
+#[derive(Default)]
+pub(crate) struct Frames {
+    pub stamps: Vec<FrameStamp>,
+    /// From the first frame on: what a clock says at the start of a clip must not change a digit.
+    pub times_s: Vec<f64>,
+    /// Which of them were looked at.
+    pub looked: Vec<bool>,
+}
+
+impl Frames {
+    /// Number and time of the next one.
+    pub(crate) fn push(&mut self, stamp: FrameStamp, looked: bool) -> (usize, f64) {
+        self.stamps.push(stamp);
+        let since_first = stamp.pts_nanos.saturating_sub(self.stamps[0].pts_nanos);
+        let time_s = since_first as f64 * 1e-9;
+        self.times_s.push(time_s);
+        self.looked.push(looked);
+        (self.stamps.len() - 1, time_s)
+    }
+}
+
+/// All tracks, by first frame, then by x. Weak boxes come last: they lengthen tracks of vehicles that need none to be believed.
+pub(crate) fn complete(
+    tracklets: Vec<RawTrack>,
+    weak: WeakBoxes,
+    frames: &Frames,
+    looks: Looks,
+    options: &TrackOptions,
+    scene: &impl Scene,
+) -> Vec<Track> {
+    let least = options.min_observed.min(looks.count.div_ceil(2));
+    let mut raw = merge_duplicates(link(merge_duplicates(tracklets), options.max_hidden_s));
+    raw.retain(|track| {
+        let seen = Looks::of(track.observations.iter().map(|o| o.time_s));
+        // Frames in which it could have been seen: those that were looked at, and where it was held.
+        let (mut life, mut next) = (Looks::default(), 0);
+        for o in &track.observations {
+            let between = next.max(track.observations[0].frame)..o.frame;
+            between.filter(|&frame| frames.looked[frame]).for_each(|frame| {
+                life.add(frames.times_s[frame]);
+            });
+            life.add(o.time_s);
+            next = o.frame + 1;
+        }
+        let dense = seen.count as f64 >= options.min_duty * life.count as f64;
+        track.observations.len() >= least && (dense || is_coherent(&track.observations))
+    });
+    let smooth = |track: &RawTrack| {
+        let mut options = options.clone();
+        if let Some(dims_m) = track.dims_m() {
+            options.half_wheelbase_m = HALF_WHEELBASE * dims_m.x;
+        }
+        smooth_track(&track.observations, &frames.stamps, &frames.times_s, &options)
+    };
+    let (mut raw, mut tracks): (Vec<RawTrack>, Vec<Track>) = merge_smoothed(raw, smooth)
+        .into_iter()
+        .map(|(raw, states)| {
+            let track = smoothed(&raw, states);
+            (raw, track)
+        })
+        .filter(|(_, track)| scene.is_vehicle(track))
+        .unzip();
+    for lengthened in extend(&mut raw, weak, frames, options, scene) {
+        tracks[lengthened].states = smooth(&raw[lengthened]);
+    }
+    let key = |track: &Track| track.states.first().map(|s| (s.stamp.index, s.pose.x_m, s.pose.y_m));
+    tracks.sort_by(|a, b| match (key(a), key(b)) {
+        (Some(a), Some(b)) => a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)).then(a.2.total_cmp(&b.2)),
+        (a, b) => a.is_some().cmp(&b.is_some()),
+    });
+    for (id, track) in (1..).zip(&mut tracks) {
+        track.id = id;
+    }
+    tracks
+}
+
+fn smoothed(raw: &RawTrack, states: Vec<TrackState>) -> Track {
+    let (shape, shape_information) = raw.shape.fused();
+    Track { id: 0, class: raw.class(), dims_m: raw.dims_m(), states, shape, shape_information }
+}
+
+/// Whether the box is mostly where it was at the sighting before, as of a parked car that is often hidden; false alarms
+/// strung together jump.
+fn is_coherent(sightings: &[Sighting]) -> bool {
+    let stays =
+        sightings.windows(2).filter(|pair| bbox_iou(&pair[0].bbox_px, &pair[1].bbox_px) > 0.3).count();
+    2 * stays + 1 > sightings.len()
+}

@@ -1,0 +1,163 @@
+//! Where a vehicle that was seen is expected next, on the ground and in the picture, and what a sighting costs that may be of it.
+
+use nalgebra::Vector2;
+use roadplane_base::{bbox_centre, bbox_iou, bbox_moved, bbox_share_inside};
+
+use crate::{TrackOptions, filter::Filter, measurement::Sighting};
+
+/// Cost at which a vehicle rather is not seen; pose and overlap make up half of 1 each.
+pub(crate) const ALONE: f64 = 0.9;
+/// A box is extrapolated for so long, s.
+const BOX_TRUST_S: f64 = 1.0;
+/// A sighting so near to a standing car is of that car, m.
+const NEVER_NEARER_M: f64 = 1.0;
+/// Least overlap of a standing car's box with that of a sighting.
+const MIN_OVERLAP: f64 = 0.25;
+/// A vehicle that stood may be hidden for so many times as long, until tracks as a whole are looked at.
+const STANDS_ON: f64 = 3.0;
+/// How much a look moves the edges of a standing car's box.
+const OUTWARD: f64 = 0.3;
+const INWARD: f64 = 0.1;
+/// A box that lies within that of a standing car counts as if it overlapped it so much.
+const HIDDEN_OVERLAP: f64 = 0.6;
+/// A place whose sd is larger says little, m: the boxes must overlap, too.
+const VAGUE_M: f64 = 1.5;
+const TOUCHING: f64 = 0.05;
+/// Overlap of boxes that makes a pair even where the pose went wrong.
+pub(crate) const SURE_OVERLAP: f64 = 0.5;
+
+/// A vehicle by what was seen of it, in the order of time.
+#[derive(Clone, Debug)]
+pub(crate) struct Expected {
+    pub filter: Filter,
+    seen: usize,
+    last_px: [f64; 4],
+    last_s: f64,
+    velocity_px_s: Vector2<f64>,
+    /// Box of all of it while it stands, whatever hides a part of it.
+    rest_px: [f64; 4],
+}
+
+impl Expected {
+    pub(crate) fn new(first: &Sighting) -> Self {
+        Self {
+            filter: Filter::new(&first.pose, &first.covariance, first.time_s),
+            seen: 1,
+            last_px: first.bbox_px,
+            last_s: first.time_s,
+            velocity_px_s: Vector2::zeros(),
+            rest_px: first.bbox_px,
+        }
+    }
+
+    /// It is seen again.
+    pub(crate) fn add(&mut self, sighting: &Sighting, gate: f64) {
+        let &Sighting { bbox_px, time_s, .. } = sighting;
+        let gap_s = time_s - self.last_s;
+        if gap_s > 0.0 {
+            let velocity = (bbox_centre(&bbox_px) - bbox_centre(&self.last_px)) / gap_s;
+            let share = if self.seen < 2 { 1.0 } else { 1.0 - (-gap_s / 0.15).exp() };
+            self.velocity_px_s += share * (velocity - self.velocity_px_s);
+        }
+        self.filter.update(&sighting.pose, &sighting.covariance, time_s, gate);
+        self.rest_px = std::array::from_fn(|i| {
+            let (known, seen) = (self.rest_px[i], bbox_px[i]);
+            let outward = (seen < known) == (i < 2);
+            match (self.filter.is_still(), outward) {
+                (false, _) => seen,
+                (true, true) => known + OUTWARD * (seen - known),
+                (true, false) if sighting.hidden => known,
+                (true, false) => known + INWARD * (seen - known),
+            }
+        });
+        (self.last_px, self.last_s) = (bbox_px, time_s);
+        self.seen += 1;
+    }
+
+    /// It is seen again in a weak box, which says where it is and not how large: that is as before, and as far as it is.
+    pub(crate) fn add_weak(&mut self, sighting: &Sighting, gate: f64) {
+        let (rest_px, [x0, y0, x1, y1], distance_m) =
+            (self.rest_px, self.last_px, self.filter.position().norm());
+        self.add(sighting, gate);
+        let nearer = distance_m / self.filter.position().norm().max(1.0);
+        let (centre, half) =
+            (bbox_centre(&sighting.bbox_px), Vector2::new(x1 - x0, y1 - y0) * (nearer / 2.0));
+        let (low, high) = (centre - half, centre + half);
+        self.last_px = [low.x, low.y, high.x, high.y];
+        self.rest_px = if self.filter.is_still() { rest_px } else { self.last_px };
+    }
+
+    /// It is where it was, in this box.
+    pub(crate) fn hold(&mut self, bbox_px: [f64; 4], time_s: f64) {
+        self.filter.hold(time_s);
+        self.velocity_px_s = Vector2::zeros();
+        (self.last_px, self.last_s) = (bbox_px, time_s);
+        self.seen += 1;
+    }
+
+    /// Box in which it was seen last, px.
+    pub(crate) fn last_px(&self) -> &[f64; 4] {
+        &self.last_px
+    }
+
+    /// Whether it was not seen for so long that somebody else may be there.
+    pub(crate) fn is_lost(&self, time_s: f64, options: &TrackOptions) -> bool {
+        // Whoever stood for a while goes on standing for about as long.
+        let parked_s = options.max_parked_coast_s.min(STANDS_ON * self.filter.stood_s());
+        let coast_s = if self.filter.is_still() { parked_s } else { 0.0 }.max(options.max_coast_s);
+        time_s - self.last_s > coast_s
+    }
+
+    /// Where the box should be; `None` when it was seen too long ago.
+    pub(crate) fn box_px(&self, time_s: f64) -> Option<[f64; 4]> {
+        if self.filter.is_still() {
+            return Some(self.rest_px);
+        }
+        let gap_s = time_s - self.last_s;
+        (gap_s <= BOX_TRUST_S).then(|| bbox_moved(&self.last_px, &(self.velocity_px_s * gap_s)))
+    }
+
+    /// 0 for a perfect match; [`ALONE`] and above for none.
+    pub(crate) fn cost(&self, sighting: &Sighting, gate: f64) -> f64 {
+        let distance = self.filter.distance(&sighting.pose, &sighting.covariance, sighting.time_s);
+        let near = (distance / gate).min(1.0);
+        let Some(expected) = self.box_px(sighting.time_s) else {
+            return if distance < gate { 0.25 + 0.65 * near } else { f64::INFINITY };
+        };
+        let mut overlap = bbox_iou(&expected, &sighting.bbox_px);
+        if self.filter.is_still() && sighting.hidden {
+            // What is left to see of a car that is being hidden.
+            let within = bbox_share_inside(&sighting.bbox_px, &expected);
+            overlap = overlap.max(HIDDEN_OVERLAP * within.powi(2));
+        }
+        if self.filter.is_still() && overlap < MIN_OVERLAP {
+            return f64::INFINITY;
+        }
+        let away = (sighting.pose.xy() - self.filter.position()).norm();
+        let in_place = self.filter.is_still() && away < NEVER_NEARER_M;
+        // What may be anywhere is near to everything.
+        let spread = sighting.covariance.fixed_view::<2, 2>(0, 0).trace().sqrt();
+        let is_near = distance < gate && (spread < VAGUE_M || overlap > TOUCHING);
+        if is_near || overlap > SURE_OVERLAP || in_place {
+            0.5 * near + 0.5 * (1.0 - overlap)
+        } else {
+            f64::INFINITY
+        }
+    }
+
+    /// The same of a box that may be no vehicle at all: box and place must both be where they are expected.
+    pub(crate) fn weak_cost(&self, sighting: &Sighting, gate: f64) -> f64 {
+        let overlap = self.overlap(&sighting.bbox_px, sighting.time_s);
+        let distance = self.filter.distance(&sighting.pose, &sighting.covariance, sighting.time_s);
+        if overlap > SURE_OVERLAP && distance < gate {
+            0.5 * distance / gate + 0.5 * (1.0 - overlap)
+        } else {
+            f64::INFINITY
+        }
+    }
+
+    /// Overlap of a box with where the vehicle's is expected.
+    pub(crate) fn overlap(&self, bbox_px: &[f64; 4], time_s: f64) -> f64 {
+        self.box_px(time_s).map_or(0.0, |expected| bbox_iou(&expected, bbox_px))
+    }
+}

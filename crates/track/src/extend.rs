@@ -1,0 +1,175 @@
+//! Weak boxes go on with tracks: a detector that is not sure of a box is believed where a vehicle that is known is expected
+//! (the second association of Zhang et al. 2022, "ByteTrack"). From a track's last sighting on forwards, and from its first
+//! backwards, for as long as such boxes follow each other. They begin no track, and tell nothing but places. Boxes of cars whose
+//! keypoints tell nothing, and which no track took, are weak in this sense, too.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use roadplane_base::{assign, wrap_angle};
+
+use crate::{
+    ExpectedVehicle, Scene, TrackOptions, WeakSighting,
+    complete::Frames,
+    expected::{ALONE, Expected, SURE_OVERLAP},
+    measurement::Sighting,
+    raw_track::RawTrack,
+};
+
+/// By the frame's number.
+pub(crate) type WeakBoxes = BTreeMap<usize, Vec<WeakSighting>>;
+
+/// A track beyond its end.
+struct Reach {
+    track: usize,
+    vehicle: ExpectedVehicle,
+    expected: Expected,
+    missed: usize,
+    found: Vec<Sighting>,
+}
+
+/// Lengthens tracks at both ends, and says which. A box goes to one of them at most.
+pub(crate) fn extend(
+    tracks: &mut [RawTrack],
+    mut weak: WeakBoxes,
+    frames: &Frames,
+    options: &TrackOptions,
+    scene: &impl Scene,
+) -> BTreeSet<usize> {
+    let mut lengthened = BTreeSet::new();
+    for forwards in [true, false] {
+        for Reach { track, mut found, .. } in reach(tracks, forwards, &mut weak, frames, options, scene) {
+            if found.is_empty() {
+                continue;
+            }
+            lengthened.insert(track);
+            let all = &mut tracks[track].observations;
+            if forwards {
+                all.append(&mut found);
+            } else {
+                found.reverse();
+                found.append(all);
+                *all = found;
+            }
+        }
+    }
+    lengthened
+}
+
+/// All tracks beyond one of their ends.
+fn reach(
+    tracks: &[RawTrack],
+    forwards: bool,
+    weak: &mut WeakBoxes,
+    frames: &Frames,
+    options: &TrackOptions,
+    scene: &impl Scene,
+) -> Vec<Reach> {
+    // Before the first sighting time runs backwards.
+    let sign = if forwards { 1.0 } else { -1.0 };
+    let mut edges: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+    for (i, track) in tracks.iter().enumerate() {
+        let edge = if forwards { track.observations.last() } else { track.observations.first() };
+        if let Some(edge) = edge {
+            edges.entry(edge.frame).or_default().push(i);
+        }
+    }
+    let (mut open, mut done): (Vec<Reach>, Vec<Reach>) = (Vec::new(), Vec::new());
+    let count = frames.stamps.len();
+    for step in 0..count {
+        let frame = if forwards { step } else { count - 1 - step };
+        let time_s = sign * frames.times_s[frame];
+        if frames.looked[frame] && !open.is_empty() {
+            open.iter_mut().for_each(|reach| reach.missed += 1);
+            if let Some(boxes) = weak.get_mut(&frame) {
+                find(&mut open, boxes, (frame, sign), frames, options, scene);
+            }
+            let lost = |reach: &mut Reach| reach.missed > 1 && reach.expected.is_lost(time_s, options);
+            done.extend(open.extract_if(.., lost));
+        }
+        for &track in edges.get(&frame).into_iter().flatten() {
+            let expected = replayed(&tracks[track].observations, sign, options.gate);
+            let vehicle = vehicle(&tracks[track]);
+            open.extend(expected.map(|expected| Reach {
+                track,
+                vehicle,
+                expected,
+                missed: 0,
+                found: Vec::new(),
+            }));
+        }
+    }
+    done.extend(open);
+    done
+}
+
+/// Gives boxes of a frame to the vehicles that are expected there; `sign` as time runs.
+fn find(
+    open: &mut [Reach],
+    boxes: &mut Vec<WeakSighting>,
+    (frame, sign): (usize, f64),
+    frames: &Frames,
+    options: &TrackOptions,
+    scene: &impl Scene,
+) {
+    let time_s = sign * frames.times_s[frame];
+    let mut sightings: BTreeMap<(usize, usize), Sighting> = BTreeMap::new();
+    for (r, reach) in open.iter_mut().enumerate() {
+        reach.vehicle.heading_rad = wrap_angle(reach.expected.filter.axis());
+        reach.vehicle.heading_sd_rad = reach.expected.filter.axis_sd();
+        for (w, weak) in boxes.iter().enumerate() {
+            // Where the picture says no, nobody needs to know where it would stand.
+            if reach.expected.overlap(&weak.bbox_px, time_s) > SURE_OVERLAP
+                && let Some((pose, covariance)) = scene.place(&frames.stamps[frame], weak, &reach.vehicle)
+                && covariance.cholesky().is_some()
+            {
+                sightings.insert((r, w), Sighting::weak(weak, &pose, covariance, frame, time_s));
+            }
+        }
+    }
+    if sightings.is_empty() {
+        return;
+    }
+    let pairs = assign(open.len(), boxes.len(), ALONE, |r, w| {
+        let sighting = sightings.get(&(r, w));
+        sighting.map_or(f64::INFINITY, |sighting| open[r].expected.weak_cost(sighting, options.gate))
+    });
+    let mut taken = BTreeSet::new();
+    for (r, (reach, w)) in open.iter_mut().zip(pairs).enumerate() {
+        let Some((w, sighting)) = w.and_then(|w| Some((w, sightings.remove(&(r, w))?))) else { continue };
+        reach.expected.add_weak(&sighting, options.gate);
+        reach.missed = 0;
+        reach.found.push(Sighting { time_s: frames.times_s[frame], ..sighting });
+        taken.insert(w);
+    }
+    let mut index = 0..;
+    boxes.retain(|_| index.next().is_none_or(|w| !taken.contains(&w)));
+}
+
+/// What is known of a vehicle after all its sightings, the last of them last; with time running backwards the first.
+fn replayed(sightings: &[Sighting], sign: f64, gate: f64) -> Option<Expected> {
+    let mut expected: Option<Expected> = None;
+    let mut take = |sighting: &Sighting| {
+        let sighting = Sighting { time_s: sign * sighting.time_s, ..sighting.clone() };
+        match &mut expected {
+            None => expected = Some(Expected::new(&sighting)),
+            Some(expected) if sighting.held => expected.hold(sighting.bbox_px, sighting.time_s),
+            Some(expected) => expected.add(&sighting, gate),
+        }
+    };
+    if sign > 0.0 {
+        sightings.iter().for_each(&mut take)
+    } else {
+        sightings.iter().rev().for_each(&mut take)
+    }
+    expected
+}
+
+fn vehicle(track: &RawTrack) -> ExpectedVehicle {
+    ExpectedVehicle {
+        class: track.class(),
+        dims_m: track.dims_m(),
+        shape: track.shape.fused().0,
+        heading_rad: 0.0,
+        heading_sd_rad: 0.0,
+    }
+}

@@ -1,0 +1,116 @@
+//! Weak boxes: a detector that is not sure.
+
+use nalgebra::{Matrix3, Vector2, Vector3};
+use roadplane_base::{FrameStamp, GroundPose};
+use roadplane_track::{
+    ExpectedVehicle, FrameMeasurements, Scene, Track, TrackOptions, Tracker, WeakSighting,
+};
+
+use crate::world::{Path, Seeing, World, box_of, camera, parked, pose, straight, times};
+
+/// A vehicle stands a metre behind the middle of its box's lower edge.
+struct OnTheGround;
+
+impl Scene for OnTheGround {
+    fn is_vehicle(&self, track: &Track) -> bool {
+        // What weak boxes show must not matter here.
+        track.states.iter().filter(|state| state.observed).all(|state| state.car.is_some())
+    }
+
+    fn place(
+        &self,
+        _: &FrameStamp,
+        weak: &WeakSighting,
+        vehicle: &ExpectedVehicle,
+    ) -> Option<(GroundPose, Matrix3<f64>)> {
+        let (camera, plane) = camera();
+        let [x0, _, x1, y1] = weak.bbox_px;
+        let foot = plane.world_from_pixel(&camera, &Vector2::new((x0 + x1) / 2.0, y1))?;
+        let middle = foot * (1.0 + 1.0 / foot.norm());
+        let covariance = Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, vehicle.heading_sd_rad.powi(2)));
+        Some((pose(middle.x, middle.y, vehicle.heading_rad), covariance))
+    }
+}
+
+/// Frames of a world whose cars the detector is sure of from 2 s to 4 s only, with clutter that stays and clutter that jumps.
+fn unsure(cars: Vec<Path>) -> Vec<FrameMeasurements> {
+    let mut frames = World::new(cars, Seeing::perfect(), times(6.0, 10.0), 3).see().frames;
+    for (i, frame) in frames.iter_mut().enumerate() {
+        let weak =
+            |bbox_px| WeakSighting { bbox_px, score: 0.2, at_edge: false, hidden: [false; 4], car: None };
+        if !(20..40).contains(&i) {
+            frame.weak = frame.cars.drain(..).map(|car| weak(car.bbox_px)).collect();
+        }
+        let jump = 37.0 * (i % 11) as f64;
+        frame.weak.push(weak([100.0 + jump, 400.0, 220.0 + jump, 480.0]));
+        frame.weak.push(weak([1500.0, 300.0, 1580.0, 350.0]));
+    }
+    frames
+}
+
+fn follow(frames: &[FrameMeasurements], scene: &impl Scene) -> Vec<Track> {
+    let mut tracker = Tracker::new(TrackOptions::default());
+    frames.iter().for_each(|frame| tracker.push(frame));
+    tracker.finish(scene)
+}
+
+#[test]
+fn weak_boxes_lengthen_tracks_at_both_ends_and_begin_none() {
+    let drive = || straight(pose(-8.0, 26.0, 0.1), 3.0);
+    let frames = unsure(vec![drive(), parked(4.0, 22.0, 1.2)]);
+    let alone = follow(&frames, &());
+    assert_eq!(alone.iter().map(|track| track.states.len()).collect::<Vec<_>>(), [20, 20]);
+    let tracks = follow(&frames, &OnTheGround);
+    assert_eq!(tracks.len(), 2);
+    for track in &tracks {
+        assert_eq!(track.states.len(), 60);
+        for (i, state) in track.states.iter().enumerate() {
+            assert!(state.observed && state.car.is_some() == (20..40).contains(&i), "frame {i}");
+            let at = |path: Path| path(0.1 * i as f64).unwrap();
+            let off = |pose: GroundPose| (state.pose.x_m - pose.x_m).hypot(state.pose.y_m - pose.y_m);
+            let off_m = off(at(drive())).min(off(pose(4.0, 22.0, 1.2)));
+            assert!(off_m < 1.5, "frame {i}: {off_m} m");
+        }
+    }
+}
+
+#[test]
+fn a_weak_box_elsewhere_or_of_another_size_is_nobody() {
+    let mut frames = unsure(vec![straight(pose(-8.0, 26.0, 0.1), 3.0)]);
+    let true_box = |i: usize| box_of(&straight(pose(-8.0, 26.0, 0.1), 3.0)(0.1 * i as f64).unwrap()).unwrap();
+    for (i, frame) in frames.iter_mut().enumerate().filter(|(i, _)| !(20..40).contains(i)) {
+        let [x0, y0, x1, y1] = true_box(i);
+        let (width, height) = (x1 - x0, y1 - y0);
+        // Twice as wide and high; a box's width to the side.
+        frame.weak[0].bbox_px = if i < 20 {
+            [x0 - width / 2.0, y0 - height, x1 + width / 2.0, y1]
+        } else {
+            [x0 + width, y0, x1 + width, y1]
+        };
+    }
+    let tracks = follow(&frames, &OnTheGround);
+    assert_eq!(tracks.iter().map(|track| track.states.len()).collect::<Vec<_>>(), [20]);
+}
+
+#[test]
+fn a_car_that_shows_no_keypoints_at_first_is_the_one_that_does_later() {
+    let world = World::new(vec![parked(4.0, 22.0, 1.2)], Seeing::perfect(), times(6.0, 10.0), 3);
+    let mut frames = world.see().frames;
+    for frame in &mut frames[..20] {
+        let car = &mut frame.cars[0];
+        car.from_box = true;
+        let bbox_px = car.bbox_px;
+        frame.weak.push(WeakSighting {
+            bbox_px,
+            score: car.score,
+            at_edge: false,
+            hidden: [false; 4],
+            car: Some(car.car),
+        });
+    }
+    assert_eq!(follow(&frames, &())[0].states.len(), 40);
+    let tracks = follow(&frames, &OnTheGround);
+    assert_eq!(tracks.len(), 1);
+    assert_eq!(tracks[0].states.len(), 60);
+    assert!(tracks[0].states.iter().all(|state| state.observed && state.car.is_some()));
+}
