@@ -37,6 +37,8 @@ const STRAIGHT_SHARE: f64 = 0.4;
 pub(crate) const STRAIGHT_SD: f64 = 0.005;
 /// OpenCV's k1 of the others' lenses, mean and sd: most bend lines outwards, published ones by −0.4 to 0.05.
 const K1: [f64; 2] = [-0.12, 0.15];
+/// And the greatest of them.
+const GREATEST_K1: f64 = 0.05;
 
 /// What the edges of a place say of the lens.
 #[derive(Clone, Debug, PartialEq)]
@@ -159,9 +161,19 @@ impl LensView {
     }
 }
 
+/// What a k1 of 1 bends lines by, for lenses of a focal length, px.
+fn bend_of_one(focal_px: f64, size: ImageSize) -> f64 {
+    (0.5 * f64::from(size.width) / focal_px).powi(2)
+}
+
+/// Bend of the lens of a focal length, px, that bends lines inwards most.
+pub(crate) fn greatest_bend(focal_px: f64, size: ImageSize) -> f64 {
+    GREATEST_K1 * bend_of_one(focal_px, size)
+}
+
 /// Mean and sd of the bend of lenses of a focal length, px, where pictures were not straightened.
 pub(crate) fn bend_of_lenses(focal_px: f64, size: ImageSize) -> [f64; 2] {
-    let wide = (0.5 * f64::from(size.width) / focal_px).powi(2);
+    let wide = bend_of_one(focal_px, size);
     [K1[0] * wide, (K1[1] * wide).hypot(STRAIGHT_SD)]
 }
 

@@ -17,7 +17,7 @@ use nalgebra::{Matrix2, Vector2};
 use roadplane_base::{Camera, CameraEstimate, Clue, SceneLine};
 
 use self::field::{Field, Node};
-use crate::lens::{STRAIGHT_SD, bend_of_lenses};
+use crate::lens::{STRAIGHT_SD, bend_of_lenses, greatest_bend};
 
 /// No more edges are looked at; ours are fewer, others' files may have any number.
 const MOST_LINES: usize = 300;
@@ -74,6 +74,8 @@ struct Prior {
     roll: [f64; 2],
     /// Mean and sd of the lens' bend: share by which the half width is drawn in.
     lens: [f64; 2],
+    /// Above this it is none, to [`STRAIGHT_SD`]: else lanes below the picture's middle pass for walls that such a lens bends.
+    greatest_lens: f64,
 }
 
 impl Prior {
@@ -95,6 +97,10 @@ impl Prior {
                 || bend_of_lenses(focal_px, cars.image_size_px),
                 |sd| [cars.lens.bend(cars.image_size_px), sd.max(STRAIGHT_SD)],
             ),
+            greatest_lens: match cars.bend_sd {
+                None => greatest_bend(focal_px, cars.image_size_px),
+                Some(_) => f64::INFINITY,
+            },
         })
     }
 
@@ -118,7 +124,8 @@ impl Prior {
     }
 
     fn of_lens(&self, lens: f64) -> f64 {
-        (-0.5 * ((lens - self.lens[0]) / self.lens[1]).powi(2)).exp()
+        let beyond = (lens - self.greatest_lens).max(0.0) / STRAIGHT_SD;
+        (-0.5 * (((lens - self.lens[0]) / self.lens[1]).powi(2) + beyond * beyond)).exp()
     }
 }
 
