@@ -7,7 +7,7 @@ use nalgebra::Vector2;
 use roadplane_base::{CarRecord, FrameStamp, WeakBox, bbox_around, bbox_centre, bbox_covered, bbox_moved};
 use roadplane_watch::{Cells, ChangeMap, Seen};
 
-use crate::frame_detections::FrameDetections;
+use crate::frame_detections::{FrameDetections, weak_beside};
 use crate::known::{Known, update};
 use crate::regions::regions;
 use crate::resample::Part;
@@ -115,11 +115,11 @@ impl Attention {
         let mut at_rest: Vec<CarRecord> = detections.found.iter().map(|car| moved(car, &-offset)).collect();
         let unchanged = |bbox: &[f64; 4]| changed.share_of(&bbox_moved(bbox, &offset)) <= 0.0;
         update(&mut self.known, &mut at_rest, stamp.index, time_s, |bbox| detections.cover(bbox), unchanged);
-        let (looked, mut vehicles) = (&detections.looked, detections.vehicles.clone());
+        let FrameDetections { looked, mut vehicles, weak, .. } = detections;
         for vehicle in &self.known {
             vehicles.insert_box(&vehicle.place(time_s));
         }
-        map.looked(&seen.small, seen.shift, looked, &vehicles);
+        map.looked(&seen.small, seen.shift, &looked, &vehicles);
         self.map = Some(map);
         let is_idle =
             |(column, row): &(usize, usize)| looked.has(*column, *row) && !vehicles.has(*column, *row);
@@ -137,11 +137,10 @@ impl Attention {
                 cars.push(record);
             }
         }
-        let weak = detections.weak_beside(&cars);
-        let seen = looked.share();
+        let weak = weak_beside(&weak, &cars, detector.options());
         let mut busy = vehicles;
         changed.iter().for_each(|(column, row)| busy.insert(column, row));
-        Ok(Look { cars, weak, changed: changed.share(), seen, busy })
+        Ok(Look { cars, weak, changed: changed.share(), seen: looked.share(), busy })
     }
 
     /// Runs the net on the parts of the picture that want a look.

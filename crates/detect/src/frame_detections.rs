@@ -23,7 +23,7 @@ pub(crate) struct FrameDetections {
     /// Vehicles that count, each once.
     pub found: Vec<CarRecord>,
     /// Boxes of lower scores.
-    weak: Vec<WeakBox>,
+    pub weak: Vec<WeakBox>,
     /// Boxes that the border of what was looked at cut.
     pub cut: Vec<[f64; 4]>,
 }
@@ -60,11 +60,6 @@ impl FrameDetections {
         }
     }
 
-    /// Weak boxes beside these vehicles.
-    pub(crate) fn weak_beside(&self, cars: &[CarRecord]) -> Vec<WeakBox> {
-        weak_beside(&self.weak, cars, &self.options)
-    }
-
     /// Whether a vehicle was found there.
     fn has(&self, bbox: &[f64; 4]) -> bool {
         self.found.iter().any(|other| self.options.are_one(&other.bbox_px, bbox))
@@ -83,7 +78,7 @@ impl FrameDetections {
 }
 
 /// Weak boxes, each once, that show none of these vehicles, nor mostly a part of one.
-fn weak_beside(weak: &[WeakBox], cars: &[CarRecord], options: &DetectOptions) -> Vec<WeakBox> {
+pub(crate) fn weak_beside(weak: &[WeakBox], cars: &[CarRecord], options: &DetectOptions) -> Vec<WeakBox> {
     let mut beside: Vec<WeakBox> = Vec::new();
     for weak in weak {
         let is_one = |other: &[f64; 4]| options.are_one(other, &weak.bbox_px);

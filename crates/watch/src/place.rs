@@ -58,8 +58,12 @@ impl PlacePicture {
     /// place, another size.
     #[must_use]
     pub fn displacement(&self, other: &Self) -> Option<Displacement> {
+        if !self.0.same_size(&other.0) || self.0.width < 32 || self.0.height < 32 {
+            return None;
+        }
+        let (here, there) = (Prepared::of(&self.0), Prepared::of(&other.0));
         let size = |way: &Alignment| way.displacement(self.0.width, self.0.height) / self.0.width as f64;
-        match (self.alignment(other), other.alignment(self)) {
+        match (self.alignment(&here, &there), self.alignment(&there, &here)) {
             (Some(there), Some(back)) => {
                 let (share, error) = (size(&there).min(size(&back)), size(&there.then(&back)));
                 Some(Displacement { share, error })
@@ -71,14 +75,10 @@ impl PlacePicture {
         }
     }
 
-    /// How another picture lies against this one.
-    fn alignment(&self, other: &Self) -> Option<Alignment> {
-        if !self.0.same_size(&other.0) || self.0.width < 32 || self.0.height < 32 {
-            return None;
-        }
-        let reference = Reference::new(&Prepared::of(&self.0));
-        let picture = Prepared::of(&other.0);
-        let told = reference.told(&picture).fine;
+    /// How a picture lies against another, both of this one's size.
+    fn alignment(&self, from: &Prepared, picture: &Prepared) -> Option<Alignment> {
+        let reference = Reference::new(from);
+        let told = reference.told(picture).fine;
         let alignment = Alignment::of(&told).filter(|alignment| {
             let along = told.iter().filter(|block| {
                 block.shift.is_some_and(|shift| (shift - alignment.at(&block.centre)).norm() < NEAR)

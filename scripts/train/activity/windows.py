@@ -16,8 +16,8 @@ import numpy as np
 from json_files import read_json, write_json
 
 from .drives import LABELS
+from .features import STEP_S
 
-STEP_S = 0.2
 STEPS, BEFORE = 16, 8  # of a window; before its own step
 TOLD, TOLD_BEFORE = 4, 2  # steps that it tells; before its own step
 SIDE_PX = 48

@@ -93,6 +93,8 @@ impl Pass<'_> {
                 None => (self.any_car, None),
             };
             let fitted = fit_frame(&frame, &view, self.atlas, &self.options, self.config, prior);
+            // Before, nothing is expected anywhere that a weak box could show.
+            let is_anything_known = !known.is_empty();
             let (mut cars, mut held, mut seen_again, mut weak) =
                 (Vec::new(), Vec::new(), Vec::new(), Vec::new());
             for (index, fit) in fitted.into_iter().enumerate() {
@@ -140,7 +142,7 @@ impl Pass<'_> {
                     (_, reason) => match self.by_box(record, index, &frame, hidden, &view, known) {
                         Some(measured) => {
                             cars.push(CarMeasurement { at_edge, hidden: is_hidden, ..measured });
-                            if record.class == VehicleClass::Car {
+                            if is_anything_known && record.class == VehicleClass::Car {
                                 let &CarRecord { bbox_px, score, .. } = record;
                                 weak.push(WeakSighting { bbox_px, score, at_edge, hidden, car: Some(index) });
                             }
@@ -167,10 +169,8 @@ impl Pass<'_> {
             if looked || !held.is_empty() {
                 looked_s.push(frame.time_s);
             }
-            weak.extend(weak_sightings(&frame));
-            if known.is_empty() {
-                // Before anything is known nothing is expected.
-                weak.clear();
+            if is_anything_known {
+                weak.extend(weak_sightings(&frame));
             }
             tracker.push(&FrameMeasurements { stamp, looked, cars, held, seen_again, weak });
         }
