@@ -60,6 +60,8 @@ impl Default for SelectOptions {
 
 /// Longer side at which more pixels stop making a view better, px.
 const FULL_SIDE_PX: f64 = 150.0;
+/// What was found once only may be nothing: it is left out where so many cars were found again.
+const ENOUGH_CARS: usize = 10;
 /// Cells per axis of the grid over which views are spread.
 const GRID: f64 = 4.0;
 
@@ -74,6 +76,8 @@ pub struct ViewSelector {
     options: SelectOptions,
     open: BTreeMap<LinkId, Stretch>,
     candidates: Vec<Candidate>,
+    /// Looks that found each car in this window.
+    seen: BTreeMap<LinkId, usize>,
     image: Option<ImageSize>,
 }
 
@@ -81,7 +85,7 @@ impl ViewSelector {
     /// With these options.
     #[must_use]
     pub fn new(options: SelectOptions) -> Self {
-        Self { options, open: BTreeMap::new(), candidates: Vec::new(), image: None }
+        Self { options, open: BTreeMap::new(), candidates: Vec::new(), seen: BTreeMap::new(), image: None }
     }
 
     /// Takes the next frame with the names of its cars (see [`Linker`](crate::Linker)).
@@ -89,6 +93,7 @@ impl ViewSelector {
         self.image = Some(frame.image_size_px);
         for (car, &link) in frame.cars.iter().zip(links) {
             let Some(look) = self.look(frame, car) else { continue };
+            *self.seen.entry(link).or_default() += 1;
             match self.open.get_mut(&link) {
                 Some(stretch) if !stretch.is_left_by(car) => stretch.push(look),
                 _ => {
@@ -108,6 +113,10 @@ impl ViewSelector {
     pub fn take(&mut self) -> Vec<View> {
         for (link, stretch) in std::mem::take(&mut self.open) {
             self.close(link, &stretch);
+        }
+        let seen = std::mem::take(&mut self.seen);
+        if seen.values().filter(|looks| **looks > 1).count() >= ENOUGH_CARS {
+            self.candidates.retain(|candidate| seen[&candidate.link] > 1);
         }
         let chosen = self.best(self.options.max_views);
         self.candidates.clear();

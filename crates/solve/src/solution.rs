@@ -33,7 +33,7 @@ pub enum SceneStatus {
     FocalGiven,
     /// The cars say too little about the focal length: it rests on the prior and is as uncertain as that.
     FocalFromPrior,
-    /// The loop ran out of iterations before it reached the minimum.
+    /// The loop ran out of iterations before it came near the minimum.
     NotConverged,
     /// No car could be used; the numbers are the prior.
     TooFewCars,
@@ -44,7 +44,8 @@ pub enum SceneStatus {
 impl SceneStatus {
     /// Of a solve that stopped so, its focal length given, or told by the cars.
     pub(crate) fn of(termination: Termination, is_given: bool, is_told: bool) -> Self {
-        match (termination.converged() || termination == Termination::NoDescent, is_given, is_told) {
+        let near = matches!(termination, Termination::NoDescent | Termination::Near);
+        match (termination.converged() || near, is_given, is_told) {
             (false, ..) => Self::NotConverged,
             (_, true, _) => Self::FocalGiven,
             (.., true) => Self::Converged,

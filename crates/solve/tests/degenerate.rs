@@ -6,7 +6,10 @@ use std::time::Instant;
 
 use nalgebra::{Matrix2, Vector2};
 use roadplane_base::{CameraParams, ImageSize, KEYPOINTS, Keypoint, KeypointSet, ShapeAtlas};
-use roadplane_solve::{CarView, SceneOptions, SceneSolution, SceneStatus, solve_scene};
+use roadplane_solve::{
+    CarView, KnownScene, LmOptions, SceneOptions, SceneSolution, SceneStatus, Termination, refine_scene,
+    solve_scene,
+};
 use roadplane_synth::{Layout, Rng, SceneTruth, SynthOptions, scene};
 
 const SIZE: ImageSize = ImageSize { width: 1920, height: 1080 };
@@ -185,4 +188,28 @@ fn order_of_cars_does_not_matter() {
         let again = solve(&sets(&truth), &SceneOptions::default());
         assert_eq!(again.params, forward.params, "same input, same bits");
     }
+}
+
+#[test]
+fn who_runs_out_of_iterations_next_to_the_minimum_can_be_used() {
+    let atlas = ShapeAtlas::shipped().unwrap();
+    let truth = scene(&atlas, &SynthOptions { cars: 6, noise: 0.02, ..SynthOptions::default() }, 3);
+    let sets = sets(&truth);
+    let poses: Vec<_> = truth.cars.iter().map(|car| car.pose).collect();
+    let shapes: Vec<_> = truth.cars.iter().map(|car| car.shape).collect();
+    let refined = |max_iterations, further| {
+        let mut params = truth.params;
+        params.log_focal += further;
+        let from = KnownScene { params, poses: &poses, shapes: &shapes };
+        let lm =
+            LmOptions { max_iterations, cost_tolerance: 0.0, step_tolerance: 0.0, ..LmOptions::default() };
+        let options = SceneOptions { lm, ..SceneOptions::default() };
+        refine_scene(&atlas, truth.size, &CarView::each(&sets), &from, &options).unwrap()
+    };
+    let far = refined(1, 0.3);
+    assert_eq!((far.termination, far.status), (Termination::MaxIterations, SceneStatus::NotConverged));
+    let near = refined(10, 0.0);
+    assert_eq!((near.termination, near.status), (Termination::Near, SceneStatus::Converged));
+    let (found, exact) = (near.params.log_focal, refined(200, 0.0).params.log_focal);
+    assert!((found - exact).abs() < 0.1 * near.covariance[(0, 0)].sqrt(), "{found} and {exact}");
 }

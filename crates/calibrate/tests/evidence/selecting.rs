@@ -3,7 +3,7 @@ use std::collections::BTreeMap;
 use roadplane_calibrate::{Linker, LinkerOptions, SelectOptions, View, ViewSelector};
 use roadplane_synth::Rng;
 
-use crate::records::{Moving, frame, rows};
+use crate::records::{Moving, frame, rows, still};
 
 fn views(cars: &[Moving], frames: u64, rate: f64, options: SelectOptions) -> Vec<View> {
     let mut linker = Linker::new(LinkerOptions::default());
@@ -63,4 +63,22 @@ fn small_and_empty_cars_are_no_views() {
     let views = selector.take();
     assert_eq!(views.iter().map(|v| v.link).collect::<Vec<_>>(), [3]);
     assert!(selector.take().is_empty());
+}
+
+#[test]
+fn what_is_found_once_is_left_out_where_enough_cars_are_found_again() {
+    let once = still(1600.0, 100.0, 200.0);
+    for (row, left_out) in [(5, true), (4, false)] {
+        let mut linker = Linker::new(LinkerOptions::default());
+        let mut selector = ViewSelector::new(SelectOptions::default());
+        let mut random = Rng::new(1);
+        for i in 0..30 {
+            let mut cars = rows(row);
+            cars.extend((i == 15).then_some(once));
+            let record = frame(i, i as f64 / 10.0, &cars, 2.0, 0.5, &mut random);
+            let names = linker.push(&record);
+            selector.push(&record, &names);
+        }
+        assert_eq!(selector.take().len(), 2 * row + usize::from(!left_out));
+    }
 }

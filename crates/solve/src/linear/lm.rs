@@ -28,6 +28,9 @@ pub struct Trial {
     pub step_size: f64,
 }
 
+/// A decrease that is no more than noise where costs are negative log probabilities: what half a standard deviation costs.
+const NEAR: f64 = 0.125;
+
 /// When to stop.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LmOptions {
@@ -69,6 +72,8 @@ pub enum Termination {
     Step,
     /// No damping gives a lower cost: at the limit of the arithmetic, or at the edge of what can be evaluated.
     NoDescent,
+    /// `max_iterations` used up, by steps that matter no more: they promise less than [`NEAR`].
+    Near,
     /// `max_iterations` used up.
     MaxIterations,
     /// The start cannot be evaluated; parameters untouched.
@@ -76,7 +81,7 @@ pub enum Termination {
 }
 
 impl Termination {
-    /// Whether the parameters are a minimum.
+    /// Whether the parameters are a minimum, as exactly as was asked for.
     #[must_use]
     pub fn converged(self) -> bool {
         matches!(self, Self::Gradient | Self::Cost | Self::Step)
@@ -123,7 +128,8 @@ pub fn minimise<P: Problem>(problem: &mut P, options: &LmOptions) -> LmReport {
             } else if trial.step_size <= options.step_tolerance {
                 Some(Termination::Step)
             } else if iterations >= options.max_iterations {
-                Some(Termination::MaxIterations)
+                let near = trial.predicted_decrease < NEAR;
+                Some(if near { Termination::Near } else { Termination::MaxIterations })
             } else {
                 None
             };

@@ -3,7 +3,10 @@
 use std::fmt;
 
 use nalgebra::Vector2;
-use roadplane_base::{CarRecord, FrameRecord, ImageSize, KEYPOINTS, KeypointSet, VehicleClass, bbox_iou};
+use roadplane_base::{
+    CarRecord, FrameRecord, ImageSize, KEYPOINTS, KeypointSet, PictureVerdict, VehicleClass, WatchRecord,
+    bbox_iou,
+};
 use roadplane_synth::Rng;
 
 use crate::commands::dataset::noisy_keypoints;
@@ -83,7 +86,10 @@ impl Noise {
                 cars.extend(self.false_car(car, size, rng));
             }
         }
-        FrameRecord { cars, ..FrameRecord::empty(frame.frame, frame.time_s, size) }
+        // The camera stands still, and whoever had the pictures would know.
+        let watch =
+            Some(WatchRecord { looked: true, verdict: PictureVerdict::Rest, ..WatchRecord::default() });
+        FrameRecord { cars, watch, ..FrameRecord::empty(frame.frame, frame.time_s, size) }
     }
 
     /// The car's box with noise; edges that the picture cuts stay where they are.
