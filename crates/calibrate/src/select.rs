@@ -60,7 +60,7 @@ impl Default for SelectOptions {
 
 /// Longer side at which more pixels stop making a view better, px.
 const FULL_SIDE_PX: f64 = 150.0;
-/// What was found once only may be nothing: it is left out where so many cars were found again.
+/// What was found once only may be nothing: where so many cars were found again, all that was found once counts as one car.
 const ENOUGH_CARS: usize = 10;
 /// Cells per axis of the grid over which views are spread.
 const GRID: f64 = 4.0;
@@ -76,7 +76,7 @@ pub struct ViewSelector {
     options: SelectOptions,
     open: BTreeMap<LinkId, Stretch>,
     candidates: Vec<Candidate>,
-    /// Looks that found each car in this window.
+    /// In how many frames of this window each car was found, or held.
     seen: BTreeMap<LinkId, usize>,
     image: Option<ImageSize>,
 }
@@ -92,8 +92,8 @@ impl ViewSelector {
     pub fn push(&mut self, frame: &FrameRecord, links: &[LinkId]) {
         self.image = Some(frame.image_size_px);
         for (car, &link) in frame.cars.iter().zip(links) {
-            let Some(look) = self.look(frame, car) else { continue };
             *self.seen.entry(link).or_default() += 1;
+            let Some(look) = self.look(frame, car) else { continue };
             match self.open.get_mut(&link) {
                 Some(stretch) if !stretch.is_left_by(car) => stretch.push(look),
                 _ => {
@@ -114,12 +114,9 @@ impl ViewSelector {
         for (link, stretch) in std::mem::take(&mut self.open) {
             self.close(link, &stretch);
         }
-        let seen = std::mem::take(&mut self.seen);
-        if seen.values().filter(|looks| **looks > 1).count() >= ENOUGH_CARS {
-            self.candidates.retain(|candidate| seen[&candidate.link] > 1);
-        }
         let chosen = self.best(self.options.max_views);
         self.candidates.clear();
+        self.seen.clear();
         let mut of_link: BTreeMap<LinkId, f64> = BTreeMap::new();
         for candidate in &chosen {
             *of_link.entry(candidate.link).or_default() += 1.0;
@@ -175,12 +172,15 @@ impl ViewSelector {
     fn best(&mut self, count: usize) -> Vec<Candidate> {
         let mut left = std::mem::take(&mut self.candidates);
         left.sort_by_key(|c| (c.link, c.view.look.frame));
+        let is_found_again = |link: &LinkId| self.seen[link] > 1;
+        let enough = self.seen.keys().filter(|link| is_found_again(link)).count() >= ENOUGH_CARS;
+        let car_of = |c: &Candidate| (!enough || is_found_again(&c.link)).then_some(c.link);
         let mut chosen: Vec<Candidate> = Vec::new();
-        let mut of_link: BTreeMap<LinkId, usize> = BTreeMap::new();
+        let mut of_car: BTreeMap<Option<LinkId>, usize> = BTreeMap::new();
         let mut of_cell: BTreeMap<(u8, u8), usize> = BTreeMap::new();
         while chosen.len() < count {
             let worth = |c: &Candidate| {
-                let same_car = of_link.get(&c.link).copied().unwrap_or(0);
+                let same_car = of_car.get(&car_of(c)).copied().unwrap_or(0);
                 let same_cell = of_cell.get(&c.cell).copied().unwrap_or(0);
                 let allowed = same_car < self.options.max_views_per_car;
                 allowed
@@ -193,7 +193,7 @@ impl ViewSelector {
                 break;
             };
             let candidate = left.remove(index);
-            *of_link.entry(candidate.link).or_default() += 1;
+            *of_car.entry(car_of(&candidate)).or_default() += 1;
             *of_cell.entry(candidate.cell).or_default() += 1;
             chosen.push(candidate);
         }

@@ -66,19 +66,20 @@ fn small_and_empty_cars_are_no_views() {
 }
 
 #[test]
-fn what_is_found_once_is_left_out_where_enough_cars_are_found_again() {
-    let once = still(1600.0, 100.0, 200.0);
-    for (row, left_out) in [(5, true), (4, false)] {
+fn all_that_is_found_once_is_one_car_where_enough_are_found_again() {
+    let many = SelectOptions::default().max_views_per_car;
+    for (row, at_most) in [(5, many), (4, 12)] {
         let mut linker = Linker::new(LinkerOptions::default());
         let mut selector = ViewSelector::new(SelectOptions::default());
         let mut random = Rng::new(1);
-        for i in 0..30 {
+        for i in 0..36 {
             let mut cars = rows(row);
-            cars.extend((i == 15).then_some(once));
-            let record = frame(i, i as f64 / 10.0, &cars, 2.0, 0.5, &mut random);
+            let elsewhere = still(250.0 * (i / 3 % 6) as f64, 10.0 + 800.0 * (i / 18) as f64, 200.0);
+            cars.extend((i % 3 == 1).then_some(elsewhere));
+            let record = frame(i, i as f64, &cars, 2.0, 0.5, &mut random);
             let names = linker.push(&record);
             selector.push(&record, &names);
         }
-        assert_eq!(selector.take().len(), 2 * row + usize::from(!left_out));
+        assert_eq!(selector.take().len(), 2 * row + at_most);
     }
 }
