@@ -28,6 +28,8 @@ pub struct CarMeasurement {
     pub at_edge: bool,
     /// Another vehicle hides a part of it.
     pub hidden: bool,
+    /// An earlier pass over the frames had it on a track.
+    pub known: bool,
     /// Length, width, height and their sds, m, of a vehicle that the shape does not cover.
     pub dims_m: Option<[Vector3<f64>; 2]>,
 }

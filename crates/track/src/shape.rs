@@ -101,6 +101,7 @@ mod tests {
             from_box: false,
             at_edge: false,
             hidden: false,
+            known: false,
             dims_m: None,
         }
     }

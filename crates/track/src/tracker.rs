@@ -24,6 +24,8 @@ struct Live {
     /// Counts looks, not frames.
     born: usize,
     missed: usize,
+    /// It was on a track before.
+    known: bool,
 }
 
 /// Overlap of a box with that of a car that stands, from which on it is that car's.
@@ -39,11 +41,17 @@ impl Live {
         if !car.from_box {
             shape.add(car, position, axis);
         }
-        Self { expected, raw: RawTrack::new(car, observation, shape), look, born: looks, missed: 0 }
+        let raw = RawTrack::new(car, observation, shape);
+        Self { expected, raw, look, born: looks, missed: 0, known: car.known }
     }
 
     fn last(&self) -> Option<&Sighting> {
         self.raw.observations.last()
+    }
+
+    /// Whether it was seen often enough not to be a false alarm.
+    fn is_confirmed(&self, options: &TrackOptions) -> bool {
+        self.known || self.raw.observations.len() >= options.confirm_hits
     }
 
     /// Whether this is the box of the car, which stands still, or has not moved since it was seen.
@@ -69,6 +77,7 @@ impl Live {
             self.raw.shape.add(car, self.expected.filter.position(), self.expected.filter.axis());
         }
         self.raw.add(car, observation);
+        self.known |= car.known;
         self.missed = 0;
     }
 }
@@ -219,8 +228,8 @@ impl Tracker {
     fn bury(&mut self, looks: usize, time_s: f64) {
         let options = &self.options;
         let (dead, live) = std::mem::take(&mut self.live).into_iter().partition(|live: &Live| {
-            let hits = live.raw.observations.len();
-            if hits < options.confirm_hits {
+            if !live.is_confirmed(options) {
+                let hits = live.raw.observations.len();
                 return looks + 1 - live.born >= options.confirm_frames
                     || live.missed + options.confirm_hits > options.confirm_frames;
             }
@@ -229,7 +238,7 @@ impl Tracker {
         });
         self.live = live;
         // What was never confirmed is forgotten, unless the clip itself is that short.
-        let confirmed = |live: &Live| live.raw.observations.len() >= options.confirm_hits;
-        self.ended.extend(Vec::into_iter(dead).filter(confirmed).map(|live| live.raw));
+        let confirmed = Vec::into_iter(dead).filter(|live| live.is_confirmed(options));
+        self.ended.extend(confirmed.map(|live| live.raw));
     }
 }

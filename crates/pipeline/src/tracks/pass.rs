@@ -137,11 +137,17 @@ impl Pass<'_> {
                     (Some(fit), None) if is_car => cars.push(CarMeasurement {
                         at_edge,
                         hidden: is_hidden,
+                        known: known.is_some(),
                         ..measurement(fit, record, index)
                     }),
                     (_, reason) => match self.by_box(record, index, &frame, hidden, &view, known) {
                         Some(measured) => {
-                            cars.push(CarMeasurement { at_edge, hidden: is_hidden, ..measured });
+                            cars.push(CarMeasurement {
+                                at_edge,
+                                hidden: is_hidden,
+                                known: known.is_some(),
+                                ..measured
+                            });
                             if is_anything_known && record.class == VehicleClass::Car {
                                 let &CarRecord { bbox_px, score, .. } = record;
                                 weak.push(WeakSighting { bbox_px, score, at_edge, hidden, car: Some(index) });
@@ -212,6 +218,7 @@ impl Pass<'_> {
             from_box: true,
             at_edge: false,
             hidden: false,
+            known: false,
             dims_m: Some([found.dims_m, found.dims_sd_m]),
         })
     }
@@ -347,6 +354,7 @@ fn measurement(fit: &CarFit, record: &CarRecord, car: usize) -> CarMeasurement {
         from_box: false,
         at_edge: false,
         hidden: false,
+        known: false,
         dims_m: None,
     }
 }

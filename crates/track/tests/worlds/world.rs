@@ -169,6 +169,7 @@ impl World {
                     from_box: false,
                     at_edge: false,
                     hidden: false,
+                    known: false,
                     dims_m: None,
                 });
                 owners.push(Some(k));
@@ -189,6 +190,7 @@ impl World {
                     from_box: false,
                     at_edge: false,
                     hidden: false,
+                    known: false,
                     dims_m: None,
                 });
                 owners.push(None);
