@@ -19,7 +19,7 @@ from json_files import write_json
 
 from .camera import Camera
 from .dataset import TRUTH
-from .frames import ExactCanvas, Region, VideoWriter, finished, reached_region, sample_finish
+from .frames import ExactCanvas, Region, VideoWriter, ffmpeg, finished, reached_region, sample_finish
 from .junction import Junction, Vehicle, touching
 from .looks import Light, sample_car_look, sample_heavy_look
 from .outlines import Outlines
@@ -158,6 +158,8 @@ def make(out: Path, options: argparse.Namespace) -> None:
     folder = out / "scenes"
     folder.mkdir(parents=True, exist_ok=True)
     items, renderer = [], None
+    if options.pixels:
+        ffmpeg()  # not after minutes of drawing lots
     for number in range(options.clips):
         stem = f"busy_{number:04d}"
         items.append(f"scenes/{stem}{TRUTH}")

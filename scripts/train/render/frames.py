@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import subprocess
 from dataclasses import dataclass
 from pathlib import Path
@@ -176,6 +177,14 @@ def _inside(inner: Region, outer: Region) -> bool:
     )
 
 
+def ffmpeg() -> str:
+    """The command that writes videos; ends the program with what to do where it is missing."""
+    found = shutil.which("ffmpeg")
+    if found is None:
+        raise SystemExit("ffmpeg is missing, which writes the videos: apt-get install ffmpeg")
+    return found
+
+
 class VideoWriter:
     """An H.264 file that is there complete or not at all; the same frames give the same bytes."""
 
@@ -186,7 +195,7 @@ class VideoWriter:
         if mbit is not None:
             quality = ["-b:v", f"{mbit}M", "-maxrate", f"{mbit}M", "-bufsize", f"{2 * mbit}M", "-g", str(round(2 * fps))]
         command = [
-            "ffmpeg",
+            ffmpeg(),
             "-y",
             "-v",
             "error",
