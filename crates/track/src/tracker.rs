@@ -229,7 +229,6 @@ impl Tracker {
         let options = &self.options;
         let (dead, live) = std::mem::take(&mut self.live).into_iter().partition(|live: &Live| {
             if !live.is_confirmed(options) {
-                let hits = live.raw.observations.len();
                 return looks + 1 - live.born >= options.confirm_frames
                     || live.missed + options.confirm_hits > options.confirm_frames;
             }

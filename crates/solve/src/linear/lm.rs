@@ -28,7 +28,7 @@ pub struct Trial {
     pub step_size: f64,
 }
 
-/// A decrease that is no more than noise where costs are negative log probabilities: what half a standard deviation costs.
+/// What half a standard deviation costs, costs being negative log probabilities.
 const NEAR: f64 = 0.125;
 
 /// When to stop.
@@ -72,7 +72,7 @@ pub enum Termination {
     Step,
     /// No damping gives a lower cost: at the limit of the arithmetic, or at the edge of what can be evaluated.
     NoDescent,
-    /// `max_iterations` used up, by steps that matter no more: they promise less than [`NEAR`].
+    /// `max_iterations` used up, by steps that matter no more: they promise less than half a standard deviation costs.
     Near,
     /// `max_iterations` used up.
     MaxIterations,
