@@ -182,6 +182,24 @@ fn a_rarely_seen_drive_is_no_stand() {
     }
 }
 
+/// Two sightings in five looks begin no track, but where a first pass had them on one.
+#[test]
+fn a_drive_known_from_before_begins_with_its_first_sighting() {
+    let drive = straight(pose(-9.0, 26.0, 0.0), 6.0);
+    let world = World::new(vec![drive], Seeing::perfect(), times(3.0, 10.0), 1);
+    let begins = |known: bool| {
+        let mut seen = world.see();
+        for (i, frame) in seen.frames.iter_mut().enumerate() {
+            frame.cars.iter_mut().for_each(|car| car.known = known);
+            if [1, 2, 4, 5].contains(&i) {
+                frame.cars.clear();
+            }
+        }
+        track(&seen.frames)[0].states[0].stamp.index
+    };
+    assert_eq!((begins(true), begins(false)), (0, 6));
+}
+
 #[test]
 fn a_car_that_waits_behind_a_mast_drives_off_as_one() {
     let mut seen = World::new(
