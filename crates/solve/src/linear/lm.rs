@@ -28,8 +28,8 @@ pub struct Trial {
     pub step_size: f64,
 }
 
-/// What half a standard deviation costs, costs being negative log probabilities.
-const NEAR: f64 = 0.125;
+/// What one standard deviation costs, costs being negative log probabilities.
+const NEAR: f64 = 0.5;
 
 /// When to stop.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -72,7 +72,7 @@ pub enum Termination {
     Step,
     /// No damping gives a lower cost: at the limit of the arithmetic, or at the edge of what can be evaluated.
     NoDescent,
-    /// `max_iterations` used up, by steps that matter no more: they promise less than half a standard deviation costs.
+    /// `max_iterations` used up, by steps that matter no more: they promise less than one standard deviation costs.
     Near,
     /// `max_iterations` used up.
     MaxIterations,
