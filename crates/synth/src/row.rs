@@ -27,6 +27,8 @@ pub fn standing(track: u64, frame: u64, time_s: f64) -> TrackRow {
         speed_sd_mps: 0.1,
         activity: None,
         activity_p: None,
+        x_own_sd_m: None,
+        y_own_sd_m: None,
         on_map: None,
     }
 }

@@ -58,6 +58,8 @@ pub fn rounded_row(row: &TrackRow) -> TrackRow {
         bbox_px: row.bbox_px.map(|v| decimals(v, PIXELS)),
         score: decimals(row.score, SCORE),
         activity_p: row.activity_p.map(|p| decimals(p, SCORE)),
+        x_own_sd_m: row.x_own_sd_m.map(metres),
+        y_own_sd_m: row.y_own_sd_m.map(metres),
         on_map: row.on_map.as_ref().map(rounded_place),
         ..row.clone()
     }
@@ -96,6 +98,8 @@ pub(crate) fn not_finite(row: &TrackRow) -> Option<&'static str> {
         ("bbox_px", x0 + y0 + x1 + y1),
         ("score", row.score),
         ("activity_p", row.activity_p.unwrap_or(0.0)),
+        ("x_own_sd_m", row.x_own_sd_m.unwrap_or(0.0)),
+        ("y_own_sd_m", row.y_own_sd_m.unwrap_or(0.0)),
     ];
     let on_map = row.on_map.iter().flat_map(|at| {
         let degrees =

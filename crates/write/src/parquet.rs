@@ -30,7 +30,7 @@ const COLUMNS: &str = "
     required double score; required boolean observed; optional binary activity (UTF8);
     required binary class (UTF8); required int64 segment;
     required double speed_sd_mps;
-    optional double activity_p;
+    optional double activity_p; optional double x_own_sd_m; optional double y_own_sd_m;
 ";
 /// More of them where the camera's place is known.
 const ON_MAP_COLUMNS: &str = "
@@ -139,9 +139,13 @@ fn write_columns(
     column::<ByteArrayType>(group, &classes, None)?;
     column::<Int64Type>(group, &integers(|r| r.segment as u64), None)?;
     column::<DoubleType>(group, &doubles(rows, |r| r.speed_sd_mps), None)?;
-    let defined: Vec<i16> = rows.iter().map(|r| i16::from(r.activity_p.is_some())).collect();
-    let probabilities: Vec<f64> = rows.iter().filter_map(|r| r.activity_p).collect();
-    column::<DoubleType>(group, &probabilities, Some((&defined, None)))
+    let optional: [fn(&TrackRow) -> Option<f64>; 3] = [|r| r.activity_p, |r| r.x_own_sd_m, |r| r.y_own_sd_m];
+    for of in optional {
+        let defined: Vec<i16> = rows.iter().map(|r| i16::from(of(r).is_some())).collect();
+        let values: Vec<f64> = rows.iter().filter_map(of).collect();
+        column::<DoubleType>(group, &values, Some((&defined, None)))?;
+    }
+    Ok(())
 }
 
 fn write_on_map(

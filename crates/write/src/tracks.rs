@@ -7,7 +7,7 @@ use roadplane_base::TrackRow;
 use crate::digits::{BEARING, DEGREES, METRES, PIXELS, RADIANS, SCORE, SECONDS, not_finite, rounded_row};
 use crate::{JsonLines, OutFile, TrackParquet, WriteError};
 
-const HEADER: [&str; 24] = [
+const HEADER: [&str; 26] = [
     "frame",
     "time_s",
     "track",
@@ -32,6 +32,8 @@ const HEADER: [&str; 24] = [
     "segment",
     "speed_sd_mps",
     "activity_p",
+    "x_own_sd_m",
+    "y_own_sd_m",
 ];
 
 const ON_MAP_HEADER: [&str; 8] =
@@ -94,6 +96,8 @@ impl TrackCsv {
             row.segment.to_string(),
             metres(row.speed_sd_mps),
             row.activity_p.map(|p| fixed(p, SCORE)).unwrap_or_default(),
+            row.x_own_sd_m.map(metres).unwrap_or_default(),
+            row.y_own_sd_m.map(metres).unwrap_or_default(),
         ];
         let place = row.on_map.map(|at| {
             [

@@ -170,10 +170,11 @@ fn rows_name_the_number_that_is_not_finite() {
     let mut files = TrackFiles::create(folder.path(), true).unwrap();
     let row = TrackRow { on_map: Some(on_map()), ..roadplane_synth::standing(2, 3, 0.12) };
     type Spoil = fn(&mut TrackRow);
-    let spoilt: [(Spoil, &str); 4] = [
+    let spoilt: [(Spoil, &str); 5] = [
         (|row| row.x_m = f64::NAN, "x_m"),
         (|row| row.bbox_px[3] = f64::INFINITY, "bbox_px"),
         (|row| row.activity_p = Some(f64::NAN), "activity_p"),
+        (|row| row.y_own_sd_m = Some(f64::NAN), "y_own_sd_m"),
         (|row| row.on_map.as_mut().unwrap().north_sd_m = f64::INFINITY, "north_sd_m"),
     ];
     for (spoil, name) in spoilt {

@@ -22,6 +22,8 @@ fn row(frame: u64, track: u64) -> TrackRow {
         observed: frame.is_multiple_of(2),
         activity: (track == 2).then(|| "turn_left, \"wide\"".to_owned()),
         activity_p: (track == 2).then_some(0.75),
+        x_own_sd_m: (track == 2).then_some(0.012_34),
+        y_own_sd_m: (track == 2).then_some(0.05),
         ..roadplane_synth::standing(track, frame, t)
     }
 }
@@ -67,6 +69,10 @@ fn the_three_files_agree_and_repeat() {
         assert_eq!(found.get_bool(15).unwrap(), line.observed);
         assert_eq!(found.get_string(16).ok(), line.activity.as_ref());
         assert_eq!(found.get_double(20).ok(), line.activity_p);
+        assert_eq!(
+            (found.get_double(21).ok(), found.get_double(22).ok()),
+            (line.x_own_sd_m, line.y_own_sd_m)
+        );
     }
 }
 
@@ -103,10 +109,10 @@ fn places_on_the_map_are_columns_too() {
     let file = std::fs::File::open(dir.path().join("tracks.parquet")).unwrap();
     let reader = SerializedFileReader::new(file).unwrap();
     let rows: Vec<_> = reader.get_row_iter(None).unwrap().map(Result::unwrap).collect();
-    assert_eq!(rows[0].len(), 29);
-    assert_eq!(rows[0].get_double(24).ok(), Some(411_000.123_5));
-    assert_eq!(rows[0].get_string(23).unwrap(), "33N");
-    assert!(rows[1].get_double(21).is_err(), "null");
+    assert_eq!(rows[0].len(), 31);
+    assert_eq!(rows[0].get_double(26).ok(), Some(411_000.123_5));
+    assert_eq!(rows[0].get_string(25).unwrap(), "33N");
+    assert!(rows[1].get_double(23).is_err(), "null");
 }
 
 #[test]

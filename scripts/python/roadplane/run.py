@@ -50,8 +50,9 @@ class Run:
 
         Columns, SI units (all of them: `roadplane schemas tracks`): `frame`, `time_s`, `track`; `x_m`, `y_m`, `heading_rad` (0
         along +x, counter-clockwise) and `speed_mps` (negative when reversing) on the ground, their sds `x_sd_m`, `y_sd_m`,
-        `heading_sd_rad`, `speed_sd_mps`; `length_m`, `width_m`, `height_m`; `bbox_x0_px` … `bbox_y1_px`; `score`, `observed`
-        (False: filled in between looks), `class`, `segment`, `activity`, `activity_p`.
+        `heading_sd_rad`, `speed_sd_mps`, and of these the track's own part, `x_own_sd_m`, `y_own_sd_m`; `length_m`,
+        `width_m`, `height_m`; `bbox_x0_px` … `bbox_y1_px`; `score`, `observed` (False: filled in between looks), `class`,
+        `segment`, `activity`, `activity_p`.
 
         Args:
             library: whose data frame; polars is an extra, `pip install 'roadplane[polars]'`.

@@ -56,6 +56,12 @@ pub struct TrackRow {
     /// Its probability.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub activity_p: Option<f64>,
+    /// The part of `x_sd_m` that is the track's own, m: how far its places are off against each other, whatever the camera is off by.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub x_own_sd_m: Option<f64>,
+    /// The same of `y_sd_m`, m.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub y_own_sd_m: Option<f64>,
     /// Where it is on the map, where the camera's place was given; each field is a column.
     #[serde(flatten, default, skip_serializing_if = "Option::is_none")]
     pub on_map: Option<OnMap>,

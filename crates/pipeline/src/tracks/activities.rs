@@ -12,13 +12,12 @@ use crate::stream::nets::open_activity;
 use crate::tracks::stretch::Stretch;
 use crate::{Cancel, Config, PipelineError};
 
-/// Rows' sds hold what all vehicles share, too: the camera's part, metres far off, which moves a whole track and nothing along
-/// it. The net learnt from what a tracker errs by itself, which is hardly more than this, m.
+/// How far a row's position is off by itself, m, which is what the net learnt from. The sds of a table that does not say may hold the
+/// camera's part, metres far off, which moves a whole track and nothing along it; a tracker by itself is hardly off by more than this.
 const OWN_SD_M: f64 = 1.0;
 
-/// How far a row's position is off by itself, at most, from its sds, m.
-fn own_sd(sd_m: [f64; 2]) -> [f64; 2] {
-    sd_m.map(|sd| sd.min(OWN_SD_M))
+fn own_sd(sd_m: f64, own_sd_m: Option<f64>) -> f64 {
+    own_sd_m.unwrap_or(sd_m.min(OWN_SD_M))
 }
 
 /// A track's motion: its rows, by time.
@@ -29,7 +28,9 @@ pub fn track_motion<'a>(rows: impl Iterator<Item = &'a TrackRow> + Clone) -> Mot
         time_s: rows().map(|row| row.time_s).collect(),
         xy_m: rows().map(|row| [row.x_m, row.y_m]).collect(),
         heading_rad: rows().map(|row| row.heading_rad).collect(),
-        sd_m: rows().map(|row| own_sd([row.x_sd_m, row.y_sd_m])).collect(),
+        sd_m: rows()
+            .map(|row| [own_sd(row.x_sd_m, row.x_own_sd_m), own_sd(row.y_sd_m, row.y_own_sd_m)])
+            .collect(),
         seen: rows().map(|row| row.observed).collect(),
     }
 }
@@ -95,8 +96,7 @@ pub(crate) fn write_events(path: &Path, mut events: Vec<Event>) -> Result<(), Pi
 }
 
 /// `roadplane activity`: adds `activity` and `activity_p` to the rows of a table of tracks (`time_s`, `track`, `x_m`, `y_m`;
-/// `heading_rad`, `x_sd_m`, `y_sd_m`,
-/// `observed` where given) and writes the events beside it, as `OUT` with `.activities.jsonl` for its
+/// `heading_rad`, `x_sd_m`, `y_sd_m`, `x_own_sd_m`, `y_own_sd_m`, `observed` where given) and writes the events beside it, as `OUT` with `.activities.jsonl` for its
 /// extension. Gives the number of events.
 ///
 /// # Errors
@@ -170,15 +170,19 @@ impl Sample {
             },
         };
         let needed = |name: &str| given(name)?.ok_or_else(|| format!("{name} is missing"));
-        let sd = |name: &str| match given(name)? {
+        let given_sd = |name: &str| match given(name)? {
             Some(sd) if sd < 0.0 => Err(format!("{name} is negative")),
             sd => Ok(sd),
+        };
+        let sd = |whole: &str, own: &str| -> Result<Option<f64>, String> {
+            let (whole, own) = (given_sd(whole)?, given_sd(own)?);
+            Ok(whole.map(|whole| own_sd(whole, own)).or(own))
         };
         Ok(Self {
             time_s: needed("time_s")?,
             xy_m: [needed("x_m")?, needed("y_m")?],
             heading_rad: given("heading_rad")?,
-            sd_m: sd("x_sd_m")?.zip(sd("y_sd_m")?).map(|(x, y)| [x, y]),
+            sd_m: sd("x_sd_m", "x_own_sd_m")?.zip(sd("y_sd_m", "y_own_sd_m")?).map(|(x, y)| [x, y]),
             seen: row.get("observed").and_then(Value::as_bool).unwrap_or(true),
         })
     }
@@ -192,7 +196,7 @@ fn motion(samples: &[Sample]) -> Motion {
         time_s: samples.iter().map(|s| s.time_s).collect(),
         xy_m: samples.iter().map(|s| s.xy_m).collect(),
         heading_rad: samples.iter().filter_map(|s| s.heading_rad.filter(|_| headings)).collect(),
-        sd_m: samples.iter().filter_map(|s| s.sd_m.filter(|_| sds).map(own_sd)).collect(),
+        sd_m: samples.iter().filter_map(|s| s.sd_m.filter(|_| sds)).collect(),
         seen: samples.iter().map(|s| s.seen).collect(),
     }
 }

@@ -278,6 +278,8 @@ impl Pass<'_> {
                 speed_sd_mps: state.speed_sd_mps.hypot(state.speed_mps * shared[(3, 3)].sqrt()),
                 activity: None,
                 activity_p: None,
+                x_own_sd_m: Some(state.pose_sd.x),
+                y_own_sd_m: Some(state.pose_sd.y),
                 on_map: self.place.and_then(|place| {
                     place.on_map(&state.pose, [state.pose_sd.x, state.pose_sd.y], estimate).ok()
                 }),
