@@ -44,8 +44,7 @@ pub enum SceneStatus {
 impl SceneStatus {
     /// Of a solve that stopped so, its focal length given, or told by the cars.
     pub(crate) fn of(termination: Termination, is_given: bool, is_told: bool) -> Self {
-        let near = matches!(termination, Termination::NoDescent | Termination::Near);
-        match (termination.converged() || near, is_given, is_told) {
+        match (termination.converged(), is_given, is_told) {
             (false, ..) => Self::NotConverged,
             (_, true, _) => Self::FocalGiven,
             (.., true) => Self::Converged,

@@ -19,7 +19,7 @@ from json_files import write_json
 from .card import write_card
 from .clips import Clip, sample_clip
 from .crops import Sight, real_meshes, sight
-from .frames import Canvas, ExactCanvas, VideoWriter, draw, finished, overlap
+from .frames import Canvas, ExactCanvas, VideoWriter, draw, ffmpeg, finished, overlap
 from .long_clips import sample_long_clip
 from .paths import Motion
 from .renderer import Renderer
@@ -185,6 +185,8 @@ def make(out: Path, plan: Preset, name: str, recipe: str) -> None:
     stems = [("still", k) for k in range(plan.stills)] + [("clip", k) for k in range(plan.clips)]
     paths = {item: folder / f"{item[0]}_{item[1]:04d}{TRUTH}" for item in stems}
     missing = [item for item in stems if not paths[item].exists()]
+    if any(kind == "clip" for kind, _ in missing):
+        ffmpeg()  # not after minutes of stills
     renderer = Renderer(shadow_size=4096) if missing else None
     pool = CarPool(renderer, plan.split, plan.seed, real_meshes(plan.split)) if renderer else None
     start = time.monotonic()

@@ -16,8 +16,8 @@ use crate::{Cancel, Config, PipelineError};
 /// camera's part, metres far off, which moves a whole track and nothing along it; a tracker by itself is hardly off by more than this.
 const OWN_SD_M: f64 = 1.0;
 
-fn own_sd(sd_m: f64, own_sd_m: Option<f64>) -> f64 {
-    own_sd_m.unwrap_or(sd_m.min(OWN_SD_M))
+fn own_at_most(sd_m: f64) -> f64 {
+    sd_m.min(OWN_SD_M)
 }
 
 /// A track's motion: its rows, by time.
@@ -29,7 +29,8 @@ pub fn track_motion<'a>(rows: impl Iterator<Item = &'a TrackRow> + Clone) -> Mot
         xy_m: rows().map(|row| [row.x_m, row.y_m]).collect(),
         heading_rad: rows().map(|row| row.heading_rad).collect(),
         sd_m: rows()
-            .map(|row| [own_sd(row.x_sd_m, row.x_own_sd_m), own_sd(row.y_sd_m, row.y_own_sd_m)])
+            .map(|row| [(row.x_own_sd_m, row.x_sd_m), (row.y_own_sd_m, row.y_sd_m)])
+            .map(|sds| sds.map(|(own, whole)| own.unwrap_or(own_at_most(whole))))
             .collect(),
         seen: rows().map(|row| row.observed).collect(),
     }
@@ -175,8 +176,8 @@ impl Sample {
             sd => Ok(sd),
         };
         let sd = |whole: &str, own: &str| -> Result<Option<f64>, String> {
-            let (whole, own) = (given_sd(whole)?, given_sd(own)?);
-            Ok(whole.map(|whole| own_sd(whole, own)).or(own))
+            let whole = given_sd(whole)?;
+            Ok(given_sd(own)?.or(whole.map(own_at_most)))
         };
         Ok(Self {
             time_s: needed("time_s")?,

@@ -133,31 +133,23 @@ impl Pass<'_> {
                 let is_hidden = hidden.contains(&true);
                 // The net finds a car's keypoints in a truck, too.
                 let is_car = known.is_none_or(|known| known.vehicle.class == VehicleClass::Car);
-                match (&fit, reason) {
-                    (Some(fit), None) if is_car => cars.push(CarMeasurement {
-                        at_edge,
-                        hidden: is_hidden,
-                        known: known.is_some(),
-                        ..measurement(fit, record, index)
-                    }),
-                    (_, reason) => match self.by_box(record, index, &frame, hidden, &view, known) {
-                        Some(measured) => {
-                            cars.push(CarMeasurement {
-                                at_edge,
-                                hidden: is_hidden,
-                                known: known.is_some(),
-                                ..measured
-                            });
-                            if is_anything_known && record.class == VehicleClass::Car {
-                                let &CarRecord { bbox_px, score, .. } = record;
-                                weak.push(WeakSighting { bbox_px, score, at_edge, hidden, car: Some(index) });
-                            }
+                let by_keypoints = fit.as_ref().filter(|_| reason.is_none() && is_car);
+                let measured = by_keypoints
+                    .map(|fit| measurement(fit, record, index))
+                    .or_else(|| self.by_box(record, index, &frame, hidden, &view, known));
+                match measured {
+                    Some(measured) => {
+                        if measured.from_box && is_anything_known && record.class == VehicleClass::Car {
+                            let &CarRecord { bbox_px, score, .. } = record;
+                            weak.push(WeakSighting { bbox_px, score, at_edge, hidden, car: Some(index) });
                         }
-                        None => {
-                            *tally.rejected.entry(reason.unwrap_or("no_pose").to_owned()).or_insert(0) +=
-                                u64::from(own)
-                        }
-                    },
+                        let known = known.is_some();
+                        cars.push(CarMeasurement { at_edge, hidden: is_hidden, known, ..measured });
+                    }
+                    None => {
+                        *tally.rejected.entry(reason.unwrap_or("no_pose").to_owned()).or_insert(0) +=
+                            u64::from(own)
+                    }
                 }
                 let Some(fit) = fit else { continue };
                 if let Some(mut pose) = pose_record(&frame, index, &fit, self.atlas) {

@@ -81,10 +81,10 @@ pub enum Termination {
 }
 
 impl Termination {
-    /// Whether the parameters are a minimum, as exactly as was asked for.
+    /// Whether the parameters are a minimum, or so near one that it does not matter.
     #[must_use]
     pub fn converged(self) -> bool {
-        matches!(self, Self::Gradient | Self::Cost | Self::Step)
+        !matches!(self, Self::MaxIterations | Self::Failed)
     }
 }
 
