@@ -27,6 +27,17 @@ pub fn bbox_share_inside(bbox: &[f64; 4], outer: &[f64; 4]) -> f64 {
     intersection(bbox, outer) / area(bbox).max(1e-9)
 }
 
+/// The part of a vehicle's whole box that can be seen, where these edges (left, top, right, bottom) of the box seen are those of
+/// something before it.
+#[must_use]
+pub fn bbox_part_seen(whole_px: &[f64; 4], seen_px: &[f64; 4], hidden: [bool; 4]) -> [f64; 4] {
+    std::array::from_fn(|i| match (hidden[i], i < 2) {
+        (false, _) => whole_px[i],
+        (true, true) => whole_px[i].max(seen_px[i]),
+        (true, false) => whole_px[i].min(seen_px[i]),
+    })
+}
+
 /// Intersection over union, 0–1; 0 where a box has no area.
 #[must_use]
 pub fn bbox_iou(a: &[f64; 4], b: &[f64; 4]) -> f64 {
@@ -64,6 +75,8 @@ mod tests {
         assert!(bbox_iou(&a, &[20.0, 20.0, 30.0, 30.0]) < 1e-12);
         assert!(bbox_iou(&[1.0; 4], &[1.0; 4]) < 1e-12);
         assert_eq!(bbox_centre(&b), Vector2::new(10.0, 5.0));
+        let (whole, seen) = ([60.0, 98.0, 182.0, 170.0], [100.0, 100.0, 180.0, 140.0]);
+        assert_eq!(bbox_part_seen(&whole, &seen, [true, false, false, true]), [100.0, 98.0, 182.0, 140.0]);
         assert!((bbox_share_inside(&b, &[0.0, 0.0, 10.0, 100.0]) - 0.5).abs() < 1e-12);
         assert!(bbox_share_inside(&[1.0; 4], &a) < 1e-12);
         assert_eq!(bbox_moved(&a, &Vector2::new(5.0, 0.0)), b);

@@ -61,7 +61,9 @@ pub use assign::assign;
 pub use atlas::{
     ALL_MODES, ATLAS_SCHEMA, AtlasError, BodyType, FINE_MODES, FullShape, MODES, Shape, ShapeAtlas,
 };
-pub use bbox::{bbox_around, bbox_centre, bbox_covered, bbox_iou, bbox_moved, bbox_share_inside};
+pub use bbox::{
+    bbox_around, bbox_centre, bbox_covered, bbox_iou, bbox_moved, bbox_part_seen, bbox_share_inside,
+};
 pub use camera::Camera;
 pub use camera_params::CameraParams;
 pub use camera_prior::{CameraPrior, is_told};

@@ -1,7 +1,7 @@
 //! Where a vehicle that was seen is expected next, on the ground and in the picture, and what a sighting costs that may be of it.
 
 use nalgebra::Vector2;
-use roadplane_base::{bbox_centre, bbox_iou, bbox_moved, bbox_share_inside};
+use roadplane_base::{bbox_centre, bbox_iou, bbox_moved, bbox_part_seen};
 
 use crate::{TrackOptions, filter::Filter, measurement::Sighting};
 
@@ -18,8 +18,6 @@ const STANDS_ON: f64 = 3.0;
 /// How much a look moves the edges of a standing car's box.
 const OUTWARD: f64 = 0.3;
 const INWARD: f64 = 0.1;
-/// A box that lies within that of a standing car counts as if it overlapped it so much.
-const HIDDEN_OVERLAP: f64 = 0.6;
 /// A place whose sd is larger says little, m: the boxes must overlap, too.
 const VAGUE_M: f64 = 1.5;
 const TOUCHING: f64 = 0.05;
@@ -66,7 +64,7 @@ impl Expected {
             match (self.filter.is_still(), outward) {
                 (false, _) => seen,
                 (true, true) => known + OUTWARD * (seen - known),
-                (true, false) if sighting.hidden => known,
+                (true, false) if sighting.hidden[i] => known,
                 (true, false) => known + INWARD * (seen - known),
             }
         });
@@ -124,12 +122,12 @@ impl Expected {
         let Some(expected) = self.box_px(sighting.time_s) else {
             return if distance < gate { 0.25 + 0.65 * near } else { f64::INFINITY };
         };
-        let mut overlap = bbox_iou(&expected, &sighting.bbox_px);
-        if self.filter.is_still() && sighting.hidden {
+        let overlap = if self.filter.is_still() {
             // What is left to see of a car that is being hidden.
-            let within = bbox_share_inside(&sighting.bbox_px, &expected);
-            overlap = overlap.max(HIDDEN_OVERLAP * within.powi(2));
-        }
+            bbox_iou(&bbox_part_seen(&expected, &sighting.bbox_px, sighting.hidden), &sighting.bbox_px)
+        } else {
+            bbox_iou(&expected, &sighting.bbox_px)
+        };
         if self.filter.is_still() && overlap < MIN_OVERLAP {
             return f64::INFINITY;
         }

@@ -26,8 +26,8 @@ pub struct CarMeasurement {
     pub from_box: bool,
     /// The box reaches the edge of the picture.
     pub at_edge: bool,
-    /// Another vehicle hides a part of it.
-    pub hidden: bool,
+    /// Left, top, right, bottom: another vehicle begins there.
+    pub hidden: [bool; 4],
     /// An earlier pass over the frames had it on a track.
     pub known: bool,
     /// Length, width, height and their sds, m, of a vehicle that the shape does not cover.
@@ -158,8 +158,8 @@ pub(crate) struct Sighting {
     pub from_box: bool,
     /// The box reaches the edge of the picture.
     pub at_edge: bool,
-    /// Another vehicle hides a part of it.
-    pub hidden: bool,
+    /// Left, top, right, bottom: another vehicle begins there.
+    pub hidden: [bool; 4],
 }
 
 impl Sighting {
@@ -181,7 +181,7 @@ impl Sighting {
             held: false,
             from_box: true,
             at_edge: weak.at_edge,
-            hidden: weak.hidden.contains(&true),
+            hidden: weak.hidden,
         }
     }
 }

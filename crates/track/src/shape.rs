@@ -100,7 +100,7 @@ mod tests {
             car: 0,
             from_box: false,
             at_edge: false,
-            hidden: false,
+            hidden: [false; 4],
             known: false,
             dims_m: None,
         }

@@ -23,16 +23,6 @@ pub fn hidden_edges<'a>(bbox_px: &[f64; 4], others: impl Iterator<Item = &'a [f6
     hidden
 }
 
-/// The part of a vehicle's whole box that can be seen where these edges of the box seen are hidden.
-#[must_use]
-pub fn part_seen(whole_px: &[f64; 4], bbox_px: &[f64; 4], hidden: [bool; 4]) -> [f64; 4] {
-    std::array::from_fn(|i| match (hidden[i], i < 2) {
-        (false, _) => whole_px[i],
-        (true, true) => whole_px[i].max(bbox_px[i]),
-        (true, false) => whole_px[i].min(bbox_px[i]),
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -47,7 +37,5 @@ mod tests {
         assert_eq!(edges([120.0, 40.0, 260.0, 120.0]), [false; 4]);
         assert_eq!(edges([400.0, 40.0, 560.0, 320.0]), [false; 4]);
         assert_eq!(edges([10.0, 90.0, 90.0, 160.0]), [false; 4]);
-        let whole = [60.0, 98.0, 182.0, 170.0];
-        assert_eq!(part_seen(&whole, &car, [true, false, false, true]), [100.0, 98.0, 182.0, 140.0]);
     }
 }

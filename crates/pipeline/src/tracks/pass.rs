@@ -6,7 +6,7 @@ use std::sync::Arc;
 use nalgebra::{Matrix3, Matrix6, Vector2, Vector3};
 use roadplane_base::{
     CarRecord, CarRef, FrameRecord, FrameStamp, GroundPose, ImageSize, PoseRecord, Shape, ShapeAtlas,
-    TrackRow, VehicleClass, WatchRecord, WeakBox, bbox_moved,
+    TrackRow, VehicleClass, WatchRecord, WeakBox, bbox_moved, bbox_part_seen,
 };
 use roadplane_geo::Place;
 use roadplane_solve::{CarFit, SceneOptions, ShapePrior};
@@ -20,7 +20,7 @@ use crate::tracks::believe::{is_believable, is_vehicle, overlap_inside, projecte
 use crate::tracks::body::body_of_track;
 use crate::tracks::cars::{FrameCamera, HeldPoses, fit_frame, pose_record};
 use crate::tracks::ground_contact::{Body, Knowledge, body_box, body_of, cut_edges, ground_contact};
-use crate::tracks::hidden::{hidden_edges, part_seen};
+use crate::tracks::hidden::hidden_edges;
 use crate::tracks::shared_error::shared_covariance;
 use crate::tracks::stretch::{Stretch, sightings};
 use crate::{Config, PipelineError};
@@ -122,7 +122,7 @@ impl Pass<'_> {
                         let car = &fit.car;
                         let projected =
                             projected_box(self.atlas, &view.camera, &car.camera_from_car, &car.shape)
-                                .map(|whole| part_seen(&whole, &record.bbox_px, hidden));
+                                .map(|whole| bbox_part_seen(&whole, &record.bbox_px, hidden));
                         let (rms, size) = (car.reprojection_rms_px, frame.image_size_px);
                         let believable = is_believable(projected, &record.bbox_px, rms, size, self.config);
                         (!(car.used && believable)).then_some("keypoints_disagree")
@@ -130,7 +130,6 @@ impl Pass<'_> {
                 };
                 let known = known.get(&CarRef { frame: frame.frame, car: index });
                 let at_edge = cut_edges(&record.bbox_px, frame.image_size_px).contains(&true);
-                let is_hidden = hidden.contains(&true);
                 // The net finds a car's keypoints in a truck, too.
                 let is_car = known.is_none_or(|known| known.vehicle.class == VehicleClass::Car);
                 let by_keypoints = fit.as_ref().filter(|_| reason.is_none() && is_car);
@@ -144,7 +143,7 @@ impl Pass<'_> {
                             weak.push(WeakSighting { bbox_px, score, at_edge, hidden, car: Some(index) });
                         }
                         let known = known.is_some();
-                        cars.push(CarMeasurement { at_edge, hidden: is_hidden, known, ..measured });
+                        cars.push(CarMeasurement { at_edge, hidden, known, ..measured });
                     }
                     None => {
                         *tally.rejected.entry(reason.unwrap_or("no_pose").to_owned()).or_insert(0) +=
@@ -209,7 +208,7 @@ impl Pass<'_> {
             car,
             from_box: true,
             at_edge: false,
-            hidden: false,
+            hidden: [false; 4],
             known: false,
             dims_m: Some([found.dims_m, found.dims_sd_m]),
         })
@@ -347,7 +346,7 @@ fn measurement(fit: &CarFit, record: &CarRecord, car: usize) -> CarMeasurement {
         car,
         from_box: false,
         at_edge: false,
-        hidden: false,
+        hidden: [false; 4],
         known: false,
         dims_m: None,
     }

@@ -168,7 +168,7 @@ impl World {
                     car: cars.len(),
                     from_box: false,
                     at_edge: false,
-                    hidden: false,
+                    hidden: [false; 4],
                     known: false,
                     dims_m: None,
                 });
@@ -189,7 +189,7 @@ impl World {
                     car: cars.len(),
                     from_box: false,
                     at_edge: false,
-                    hidden: false,
+                    hidden: [false; 4],
                     known: false,
                     dims_m: None,
                 });
