@@ -122,12 +122,8 @@ impl Expected {
         let Some(expected) = self.box_px(sighting.time_s) else {
             return if distance < gate { 0.25 + 0.65 * near } else { f64::INFINITY };
         };
-        let overlap = if self.filter.is_still() {
-            // What is left to see of a car that is being hidden.
-            bbox_iou(&bbox_part_seen(&expected, &sighting.bbox_px, sighting.hidden), &sighting.bbox_px)
-        } else {
-            bbox_iou(&expected, &sighting.bbox_px)
-        };
+        // Of a vehicle that is being hidden less is left to see.
+        let overlap = bbox_iou(&bbox_part_seen(&expected, &sighting.bbox_px, sighting.hidden), &sighting.bbox_px);
         if self.filter.is_still() && overlap < MIN_OVERLAP {
             return f64::INFINITY;
         }
