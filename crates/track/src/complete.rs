@@ -18,8 +18,8 @@ const HALF_WHEELBASE: f64 = 0.25;
 
 /// What tracks are held against, beyond what sightings say of themselves.
 pub trait Scene {
-    /// Whether a track is of a vehicle; others are left out.
-    fn is_vehicle(&self, track: &Track) -> bool;
+    /// From when to when a track is of a vehicle, s; what it has before and after is left out, and all of it where it is of none.
+    fn vehicle_s(&self, track: &Track) -> Option<[f64; 2]>;
 
     /// Where a vehicle would stand, with the covariance of (x, y, heading), m and rad, if a weak box in this frame were its own.
     fn place(
@@ -32,8 +32,8 @@ pub trait Scene {
 
 /// Nothing is known of the scene: all tracks are taken for vehicles, and weak boxes for nothing.
 impl Scene for () {
-    fn is_vehicle(&self, _: &Track) -> bool {
-        true
+    fn vehicle_s(&self, _: &Track) -> Option<[f64; 2]> {
+        Some([f64::NEG_INFINITY, f64::INFINITY])
     }
 
     fn place(
@@ -103,11 +103,17 @@ pub(crate) fn complete(
     };
     let (mut raw, mut tracks): (Vec<RawTrack>, Vec<Track>) = merge_smoothed(raw, smooth)
         .into_iter()
-        .map(|(raw, states)| {
-            let track = smoothed(&raw, states);
-            (raw, track)
+        .filter_map(|(mut raw, states)| {
+            let mut track = smoothed(&raw, states);
+            let [from_s, to_s] = scene.vehicle_s(&track)?;
+            let all = raw.observations.len();
+            raw.observations.retain(|o| (from_s..=to_s).contains(&frames.stamps[o.frame].time_s()));
+            if raw.observations.len() < all {
+                track.states = smooth(&raw);
+            }
+            Some((raw, track))
         })
-        .filter(|(_, track)| scene.is_vehicle(track))
+        .filter(|(_, track)| !track.states.is_empty())
         .unzip();
     for lengthened in extend(&mut raw, weak, frames, options, scene) {
         tracks[lengthened].states = smooth(&raw[lengthened]);

@@ -123,7 +123,8 @@ impl Expected {
             return if distance < gate { 0.25 + 0.65 * near } else { f64::INFINITY };
         };
         // Of a vehicle that is being hidden less is left to see.
-        let overlap = bbox_iou(&bbox_part_seen(&expected, &sighting.bbox_px, sighting.hidden), &sighting.bbox_px);
+        let overlap =
+            bbox_iou(&bbox_part_seen(&expected, &sighting.bbox_px, sighting.hidden), &sighting.bbox_px);
         if self.filter.is_still() && overlap < MIN_OVERLAP {
             return f64::INFINITY;
         }

@@ -73,28 +73,61 @@ const SAME_TIME_S: f64 = 1e-6;
 /// place, but with low scores, for a moment, in few looks, or as cars that nobody builds; what is seen to drive need not be there long. `looked_s`:
 /// when frames were looked at, in order, s.
 #[must_use]
-pub fn is_vehicle(track: &Track, height_m: f64, looked_s: &[f64]) -> bool {
+pub fn vehicle_s(track: &Track, height_m: f64, looked_s: &[f64]) -> Option<[f64; 2]> {
+    let whole = Some([f64::NEG_INFINITY, f64::INFINITY]);
     let seen: Vec<&TrackState> = track.states.iter().filter(|state| state.observed).collect();
-    let (Some(first), Some(last)) = (seen.first(), seen.last()) else { return false };
+    let (Some(first), Some(last)) = (seen.first(), seen.last()) else { return None };
     let (from_s, to_s) = (first.stamp.time_s(), last.stamp.time_s());
     let score = seen.iter().map(|state| state.score).sum::<f64>() / seen.len() as f64;
     let near = |a: &&TrackState, b: &&TrackState| b.stamp.time_s() - a.stamp.time_s() <= SEEN_MOVING_S;
     if score >= SURE_SCORE {
-        return true;
+        return whole;
     }
-    let drives = seen.chunk_by(near).any(drives);
-    let span = looked_s.partition_point(|t| *t < from_s)..looked_s.partition_point(|t| *t <= to_s);
     let (held, looked): (Vec<&TrackState>, Vec<&TrackState>) = seen.iter().partition(|state| state.held);
-    let is_held = |time_s: &f64| {
-        let after = held.partition_point(|state| state.stamp.time_s() < time_s - SAME_TIME_S);
-        held.get(after).is_some_and(|state| state.stamp.time_s() < time_s + SAME_TIME_S)
-    };
-    let looks = looked_s[span].iter().copied().filter(|time_s| !is_held(time_s));
-    let seen = Looks::of(looked.iter().map(|state| state.stamp.time_s()));
-    let share = seen.count as f64 / Looks::of(looks).count.max(1) as f64;
+    let span = looked_s.partition_point(|t| *t < from_s)..looked_s.partition_point(|t| *t <= to_s);
+    let looks = Looks::of(looked_s[span].iter().copied().filter(|time_s| !has(&held, *time_s)));
+    let share =
+        Looks::of(looked.iter().map(|state| state.stamp.time_s())).count as f64 / looks.count.max(1) as f64;
     let clip_s = looked_s.last().zip(looked_s.first()).map_or(0.0, |(last, first)| last - first);
     let stands = height_m >= MIN_HEIGHT_M && to_s - from_s >= MIN_SEEN_S.min(MIN_CLIP_SHARE * clip_s);
-    share >= MIN_SEEN_SHARE && (drives || stands)
+    if share >= MIN_SEEN_SHARE && (stands || seen.chunk_by(near).any(drives)) {
+        return whole;
+    }
+    let [from_s, to_s] = mostly_seen(&seen, looked_s);
+    let then = |state: &&&TrackState| (from_s..=to_s).contains(&state.stamp.time_s());
+    let seen: Vec<&TrackState> = seen.iter().filter(then).copied().collect();
+    seen.chunk_by(near).any(drives).then_some([from_s, to_s])
+}
+
+fn has(states: &[&TrackState], time_s: f64) -> bool {
+    let after = states.partition_point(|state| state.stamp.time_s() < time_s - SAME_TIME_S);
+    states.get(after).is_some_and(|state| state.stamp.time_s() < time_s + SAME_TIME_S)
+}
+
+/// From when to when a vehicle was seen in most looks: the stretch in which looks that saw it outnumber the others by most.
+fn mostly_seen(seen: &[&TrackState], looked_s: &[f64]) -> [f64; 2] {
+    let mut apart = Looks::default();
+    // What one look tells: from when to when, and whether it saw the vehicle.
+    let mut looks: Vec<(f64, f64, bool)> = Vec::new();
+    for &time_s in looked_s {
+        let is_seen = has(seen, time_s);
+        match looks.last_mut().filter(|_| !apart.add(time_s)) {
+            Some(look) => *look = (look.0, time_s, look.2 || is_seen),
+            None => looks.push((time_s, time_s, is_seen)),
+        }
+    }
+    let (mut best, mut best_s, mut sum, mut since_s) =
+        (0_i64, [f64::INFINITY, f64::NEG_INFINITY], 0_i64, 0.0);
+    for (from_s, to_s, is_seen) in looks {
+        if sum <= 0 {
+            (sum, since_s) = (0, from_s);
+        }
+        sum += if is_seen { 1 } else { -1 };
+        if sum > best {
+            (best, best_s) = (sum, [since_s - SAME_TIME_S, to_s + SAME_TIME_S]);
+        }
+    }
+    best_s
 }
 
 /// Whether a vehicle went somewhere else while it was seen.
@@ -111,6 +144,10 @@ mod tests {
     use roadplane_base::{FrameStamp, GroundPose, VehicleClass};
 
     const SIZE: ImageSize = ImageSize { width: 640, height: 480 };
+
+    fn is_vehicle(track: &Track, height_m: f64, looked_s: &[f64]) -> bool {
+        vehicle_s(track, height_m, looked_s).is_some()
+    }
 
     /// A track of `count` sightings, 0.1 s apart, from x = 0 to `to_m`.
     fn track(count: u64, score: f64, to_m: f64) -> Track {

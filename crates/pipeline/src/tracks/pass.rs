@@ -16,7 +16,7 @@ use roadplane_track::{
 };
 
 use crate::cameras::camera_track::CameraTrack;
-use crate::tracks::believe::{is_believable, is_vehicle, overlap_inside, projected_box};
+use crate::tracks::believe::{is_believable, overlap_inside, projected_box, vehicle_s};
 use crate::tracks::body::body_of_track;
 use crate::tracks::cars::{FrameCamera, HeldPoses, fit_frame, pose_record};
 use crate::tracks::ground_contact::{Body, Knowledge, body_box, body_of, cut_edges, ground_contact};
@@ -302,8 +302,8 @@ struct Looked<'a> {
 }
 
 impl Scene for Looked<'_> {
-    fn is_vehicle(&self, track: &Track) -> bool {
-        is_vehicle(track, self.pass.dims_m(track).z, self.looked_s)
+    fn vehicle_s(&self, track: &Track) -> Option<[f64; 2]> {
+        vehicle_s(track, self.pass.dims_m(track).z, self.looked_s)
     }
 
     fn place(
