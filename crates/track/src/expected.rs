@@ -58,13 +58,14 @@ impl Expected {
             self.velocity_px_s += share * (velocity - self.velocity_px_s);
         }
         self.filter.update(&sighting.pose, &sighting.covariance, time_s, gate);
+        let goes_on = sighting.goes_on();
         self.rest_px = std::array::from_fn(|i| {
             let (known, seen) = (self.rest_px[i], bbox_px[i]);
             let outward = (seen < known) == (i < 2);
             match (self.filter.is_still(), outward) {
                 (false, _) => seen,
                 (true, true) => known + OUTWARD * (seen - known),
-                (true, false) if sighting.hidden[i] => known,
+                (true, false) if goes_on[i] => known,
                 (true, false) => known + INWARD * (seen - known),
             }
         });
@@ -78,10 +79,17 @@ impl Expected {
             (self.rest_px, self.last_px, self.filter.position().norm());
         self.add(sighting, gate);
         let nearer = distance_m / self.filter.position().norm().max(1.0);
-        let (centre, half) =
-            (bbox_centre(&sighting.bbox_px), Vector2::new(x1 - x0, y1 - y0) * (nearer / 2.0));
-        let (low, high) = (centre - half, centre + half);
-        self.last_px = [low.x, low.y, high.x, high.y];
+        let goes_on = sighting.goes_on();
+        let span = |i: usize, size: f64| {
+            let (low, high) = (sighting.bbox_px[i], sighting.bbox_px[i + 2]);
+            match (goes_on[i], goes_on[i + 2]) {
+                (true, false) => [high - size, high],
+                (false, true) => [low, low + size],
+                _ => [(low + high - size) / 2.0, (low + high + size) / 2.0],
+            }
+        };
+        let ([left, right], [top, bottom]) = (span(0, (x1 - x0) * nearer), span(1, (y1 - y0) * nearer));
+        self.last_px = [left, top, right, bottom];
         self.rest_px = if self.filter.is_still() { rest_px } else { self.last_px };
     }
 
@@ -124,7 +132,7 @@ impl Expected {
         };
         // Of a vehicle that is being hidden less is left to see.
         let overlap =
-            bbox_iou(&bbox_part_seen(&expected, &sighting.bbox_px, sighting.hidden), &sighting.bbox_px);
+            bbox_iou(&bbox_part_seen(&expected, &sighting.bbox_px, sighting.goes_on()), &sighting.bbox_px);
         if self.filter.is_still() && overlap < MIN_OVERLAP {
             return f64::INFINITY;
         }
@@ -142,7 +150,7 @@ impl Expected {
 
     /// The same of a box that may be no vehicle at all: box and place must both be where they are expected.
     pub(crate) fn weak_cost(&self, sighting: &Sighting, gate: f64) -> f64 {
-        let overlap = self.overlap(&sighting.bbox_px, sighting.time_s);
+        let overlap = self.overlap(&sighting.bbox_px, sighting.goes_on(), sighting.time_s);
         let distance = self.filter.distance(&sighting.pose, &sighting.covariance, sighting.time_s);
         if overlap > SURE_OVERLAP && distance < gate {
             0.5 * distance / gate + 0.5 * (1.0 - overlap)
@@ -151,8 +159,9 @@ impl Expected {
         }
     }
 
-    /// Overlap of a box with where the vehicle's is expected.
-    pub(crate) fn overlap(&self, bbox_px: &[f64; 4], time_s: f64) -> f64 {
-        self.box_px(time_s).map_or(0.0, |expected| bbox_iou(&expected, bbox_px))
+    /// Overlap of a box with what can be seen of the vehicle where it is expected; the vehicle goes on beyond these of its edges.
+    pub(crate) fn overlap(&self, bbox_px: &[f64; 4], goes_on: [bool; 4], time_s: f64) -> f64 {
+        let expected = self.box_px(time_s);
+        expected.map_or(0.0, |expected| bbox_iou(&bbox_part_seen(&expected, bbox_px, goes_on), bbox_px))
     }
 }

@@ -118,7 +118,7 @@ fn find(
         reach.vehicle.heading_sd_rad = reach.expected.filter.axis_sd();
         for (w, weak) in boxes.iter().enumerate() {
             // Where the picture says no, nobody needs to know where it would stand.
-            if reach.expected.overlap(&weak.bbox_px, time_s) > SURE_OVERLAP
+            if reach.expected.overlap(&weak.bbox_px, weak.goes_on(), time_s) > SURE_OVERLAP
                 && let Some((pose, covariance)) = scene.place(&frames.stamps[frame], weak, &reach.vehicle)
                 && covariance.cholesky().is_some()
             {

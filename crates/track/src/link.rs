@@ -226,8 +226,8 @@ impl End {
             axis: axis.y.atan2(axis.x) / 2.0,
             axis_variance: (part.len() as f64 / weights.max(1e-9)).min(1.0),
             stands: if edge.held { 1.0 } else { still / (still + moving).max(1e-300) },
-            at_edge: edge.at_edge,
-            border: edge.at_edge || side(&edge.bbox_px) < SMALL_PX,
+            at_edge: edge.cut.contains(&true),
+            border: edge.cut.contains(&true) || side(&edge.bbox_px) < SMALL_PX,
             log_size: upper_median(&mut sizes, f64::total_cmp).unwrap_or_default(),
             votes: track.votes(),
         }

@@ -24,8 +24,8 @@ pub struct CarMeasurement {
     pub car: usize,
     /// The pose is what the box says, not keypoints: it goes on with a track, and only what is no car begins one.
     pub from_box: bool,
-    /// The box reaches the edge of the picture.
-    pub at_edge: bool,
+    /// Left, top, right, bottom: the picture ends there.
+    pub cut: [bool; 4],
     /// Left, top, right, bottom: another vehicle begins there.
     pub hidden: [bool; 4],
     /// An earlier pass over the frames had it on a track.
@@ -92,12 +92,19 @@ pub struct WeakSighting {
     pub bbox_px: [f64; 4],
     /// Detector's score, 0–1.
     pub score: f64,
-    /// The box reaches the edge of the picture.
-    pub at_edge: bool,
+    /// Left, top, right, bottom: the picture ends there.
+    pub cut: [bool; 4],
     /// Left, top, right, bottom: another vehicle begins there.
     pub hidden: [bool; 4],
     /// Position in its frame's list of cars, where it is in it.
     pub car: Option<usize>,
+}
+
+impl WeakSighting {
+    /// Left, top, right, bottom: the box ends there and what it shows does not.
+    pub(crate) fn goes_on(&self) -> [bool; 4] {
+        std::array::from_fn(|i| self.cut[i] || self.hidden[i])
+    }
 }
 
 /// What is known of a vehicle that is expected somewhere.
@@ -156,13 +163,18 @@ pub(crate) struct Sighting {
     pub held: bool,
     /// The pose is what the box says: it has an axis, but no front.
     pub from_box: bool,
-    /// The box reaches the edge of the picture.
-    pub at_edge: bool,
+    /// Left, top, right, bottom: the picture ends there.
+    pub cut: [bool; 4],
     /// Left, top, right, bottom: another vehicle begins there.
     pub hidden: [bool; 4],
 }
 
 impl Sighting {
+    /// Left, top, right, bottom: the box ends there and the vehicle does not.
+    pub(crate) fn goes_on(&self) -> [bool; 4] {
+        std::array::from_fn(|i| self.cut[i] || self.hidden[i])
+    }
+
     pub(crate) fn weak(
         weak: &WeakSighting,
         pose: &GroundPose,
@@ -180,7 +192,7 @@ impl Sighting {
             car: weak.car,
             held: false,
             from_box: true,
-            at_edge: weak.at_edge,
+            cut: weak.cut,
             hidden: weak.hidden,
         }
     }

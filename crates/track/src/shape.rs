@@ -99,7 +99,7 @@ mod tests {
             shape_information: Matrix6::identity() * information,
             car: 0,
             from_box: false,
-            at_edge: false,
+            cut: [false; 4],
             hidden: [false; 4],
             known: false,
             dims_m: None,

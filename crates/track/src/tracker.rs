@@ -219,7 +219,7 @@ impl Tracker {
             car: Some(car.car),
             held: false,
             from_box: car.from_box,
-            at_edge: car.at_edge,
+            cut: car.cut,
             hidden: car.hidden,
         }
     }

@@ -96,7 +96,7 @@ pub fn cut_edges([x0, y0, x1, y1]: &[f64; 4], size: ImageSize) -> [bool; 4] {
     [*x0 < CUT_PX, *y0 < CUT_PX, *x1 > right - CUT_PX, *y1 > bottom - CUT_PX]
 }
 
-/// `None` where the box's lower edge is cut off, or lies above the horizon. `hidden`: edges before which another vehicle stands, which
+/// `None` where the box's lower edge lies above the horizon, or is cut off and nothing but a label is known of the vehicle. `hidden`: edges before which another vehicle stands, which
 /// say little of where this one ends.
 #[must_use]
 pub fn ground_contact(
@@ -107,7 +107,8 @@ pub fn ground_contact(
     knowledge: &Knowledge,
 ) -> Option<GroundContact> {
     let cut = cut_edges(bbox_px, size);
-    if cut[3] || (cut[0] && cut[2]) {
+    let is_known = matches!(knowledge, Knowledge::Track { .. });
+    if (cut[0] && cut[2]) || (cut[3] && (cut[1] || !is_known)) {
         return None;
     }
     let bodies: Vec<(Body, f64, f64)> = match knowledge {
@@ -230,7 +231,9 @@ impl Seen<'_> {
                 derivatives[edge][p] = (there[edge] - at[edge]) / 1e-3;
             }
         }
-        for edge in (0..4).filter(|edge| !self.cut[*edge]) {
+        // Where the picture cuts it the body goes on, nobody knows how far.
+        let is_beyond = |edge: usize| (at[edge] < self.bbox_px[edge]) == (edge < 2);
+        for edge in (0..4).filter(|edge| !(self.cut[*edge] && is_beyond(*edge))) {
             let sd = edge_sd
                 * match (self.hidden[edge], edge == 3) {
                     (true, _) => HIDDEN_FACTOR,

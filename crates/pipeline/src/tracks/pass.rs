@@ -129,21 +129,23 @@ impl Pass<'_> {
                     }
                 };
                 let known = known.get(&CarRef { frame: frame.frame, car: index });
-                let at_edge = cut_edges(&record.bbox_px, frame.image_size_px).contains(&true);
+                let cut = cut_edges(&record.bbox_px, frame.image_size_px);
                 // The net finds a car's keypoints in a truck, too.
                 let is_car = known.is_none_or(|known| known.vehicle.class == VehicleClass::Car);
                 let by_keypoints = fit.as_ref().filter(|_| reason.is_none() && is_car);
                 let measured = by_keypoints
                     .map(|fit| measurement(fit, record, index))
                     .or_else(|| self.by_box(record, index, &frame, hidden, &view, known));
+                let is_vague =
+                    |measured: &CarMeasurement| measured.from_box && record.class == VehicleClass::Car;
+                if is_anything_known && measured.as_ref().is_none_or(is_vague) {
+                    let &CarRecord { bbox_px, score, .. } = record;
+                    weak.push(WeakSighting { bbox_px, score, cut, hidden, car: Some(index) });
+                }
                 match measured {
                     Some(measured) => {
-                        if measured.from_box && is_anything_known && record.class == VehicleClass::Car {
-                            let &CarRecord { bbox_px, score, .. } = record;
-                            weak.push(WeakSighting { bbox_px, score, at_edge, hidden, car: Some(index) });
-                        }
                         let known = known.is_some();
-                        cars.push(CarMeasurement { at_edge, hidden, known, ..measured });
+                        cars.push(CarMeasurement { cut, hidden, known, ..measured });
                     }
                     None => {
                         *tally.rejected.entry(reason.unwrap_or("no_pose").to_owned()).or_insert(0) +=
@@ -207,7 +209,7 @@ impl Pass<'_> {
             shape_information: Matrix6::identity(),
             car,
             from_box: true,
-            at_edge: false,
+            cut: [false; 4],
             hidden: [false; 4],
             known: false,
             dims_m: Some([found.dims_m, found.dims_sd_m]),
@@ -345,7 +347,7 @@ fn measurement(fit: &CarFit, record: &CarRecord, car: usize) -> CarMeasurement {
         shape_information,
         car,
         from_box: false,
-        at_edge: false,
+        cut: [false; 4],
         hidden: [false; 4],
         known: false,
         dims_m: None,
@@ -357,7 +359,7 @@ fn weak_sightings(frame: &FrameRecord) -> Vec<WeakSighting> {
     let sighting = |weak: &WeakBox| WeakSighting {
         bbox_px: weak.bbox_px,
         score: weak.score,
-        at_edge: cut_edges(&weak.bbox_px, frame.image_size_px).contains(&true),
+        cut: cut_edges(&weak.bbox_px, frame.image_size_px),
         hidden: hidden_edges(&weak.bbox_px, frame.cars.iter().map(|car| &car.bbox_px)),
         car: None,
     };

@@ -38,7 +38,7 @@ fn unsure(cars: Vec<Path>) -> Vec<FrameMeasurements> {
     let mut frames = World::new(cars, Seeing::perfect(), times(6.0, 10.0), 3).see().frames;
     for (i, frame) in frames.iter_mut().enumerate() {
         let weak =
-            |bbox_px| WeakSighting { bbox_px, score: 0.2, at_edge: false, hidden: [false; 4], car: None };
+            |bbox_px| WeakSighting { bbox_px, score: 0.2, cut: [false; 4], hidden: [false; 4], car: None };
         if !(20..40).contains(&i) {
             frame.weak = frame.cars.drain(..).map(|car| weak(car.bbox_px)).collect();
         }
@@ -104,7 +104,7 @@ fn a_car_that_shows_no_keypoints_at_first_is_the_one_that_does_later() {
         frame.weak.push(WeakSighting {
             bbox_px,
             score: car.score,
-            at_edge: false,
+            cut: [false; 4],
             hidden: [false; 4],
             car: Some(car.car),
         });
