@@ -50,17 +50,10 @@ impl Expected {
 
     /// It is seen again.
     pub(crate) fn add(&mut self, sighting: &Sighting, gate: f64) {
-        let &Sighting { bbox_px, time_s, .. } = sighting;
-        let gap_s = time_s - self.last_s;
-        if gap_s > 0.0 {
-            let velocity = (bbox_centre(&bbox_px) - bbox_centre(&self.last_px)) / gap_s;
-            let share = if self.seen < 2 { 1.0 } else { 1.0 - (-gap_s / 0.15).exp() };
-            self.velocity_px_s += share * (velocity - self.velocity_px_s);
-        }
-        self.filter.update(&sighting.pose, &sighting.covariance, time_s, gate);
-        let goes_on = sighting.goes_on();
+        self.filter.update(&sighting.pose, &sighting.covariance, sighting.time_s, gate);
+        let (known_px, seen_px, goes_on) = (self.rest_px, sighting.bbox_px, sighting.goes_on());
         self.rest_px = std::array::from_fn(|i| {
-            let (known, seen) = (self.rest_px[i], bbox_px[i]);
+            let (known, seen) = (known_px[i], seen_px[i]);
             let outward = (seen < known) == (i < 2);
             match (self.filter.is_still(), outward) {
                 (false, _) => seen,
@@ -69,28 +62,42 @@ impl Expected {
                 (true, false) => known + INWARD * (seen - known),
             }
         });
-        (self.last_px, self.last_s) = (bbox_px, time_s);
-        self.seen += 1;
+        self.see(seen_px, sighting.time_s);
     }
 
     /// It is seen again in a weak box, which says where it is and not how large: that is as before, and as far as it is.
     pub(crate) fn add_weak(&mut self, sighting: &Sighting, gate: f64) {
-        let (rest_px, [x0, y0, x1, y1], distance_m) =
-            (self.rest_px, self.last_px, self.filter.position().norm());
-        self.add(sighting, gate);
+        let distance_m = self.filter.position().norm();
+        self.filter.update(&sighting.pose, &sighting.covariance, sighting.time_s, gate);
         let nearer = distance_m / self.filter.position().norm().max(1.0);
-        let goes_on = sighting.goes_on();
-        let span = |i: usize, size: f64| {
-            let (low, high) = (sighting.bbox_px[i], sighting.bbox_px[i + 2]);
+        let (last_px, seen_px, goes_on) = (self.last_px, sighting.bbox_px, sighting.goes_on());
+        // By the edges that are its own; low and high of one axis.
+        let span = |i: usize| {
+            let size = (last_px[i + 2] - last_px[i]) * nearer;
+            let (low, high) = (seen_px[i], seen_px[i + 2]);
             match (goes_on[i], goes_on[i + 2]) {
                 (true, false) => [high - size, high],
                 (false, true) => [low, low + size],
                 _ => [(low + high - size) / 2.0, (low + high + size) / 2.0],
             }
         };
-        let ([left, right], [top, bottom]) = (span(0, (x1 - x0) * nearer), span(1, (y1 - y0) * nearer));
-        self.last_px = [left, top, right, bottom];
-        self.rest_px = if self.filter.is_still() { rest_px } else { self.last_px };
+        let ([left, right], [top, bottom]) = (span(0), span(1));
+        let bbox_px = [left, top, right, bottom];
+        if !self.filter.is_still() {
+            self.rest_px = bbox_px;
+        }
+        self.see(bbox_px, sighting.time_s);
+    }
+
+    fn see(&mut self, bbox_px: [f64; 4], time_s: f64) {
+        let gap_s = time_s - self.last_s;
+        if gap_s > 0.0 {
+            let velocity = (bbox_centre(&bbox_px) - bbox_centre(&self.last_px)) / gap_s;
+            let share = if self.seen < 2 { 1.0 } else { 1.0 - (-gap_s / 0.15).exp() };
+            self.velocity_px_s += share * (velocity - self.velocity_px_s);
+        }
+        (self.last_px, self.last_s) = (bbox_px, time_s);
+        self.seen += 1;
     }
 
     /// It is where it was, in this box.
