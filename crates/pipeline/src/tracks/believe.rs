@@ -66,65 +66,79 @@ const MIN_HEIGHT_M: f64 = 1.3;
 const MIN_SEEN_S: f64 = 2.0;
 const MIN_CLIP_SHARE: f64 = 0.75;
 const MIN_SEEN_SHARE: f64 = 0.5;
+/// The same for one of which only a part of its track is like this: of many parts one may be by chance.
+const MIN_PART_S: f64 = 5.0;
 /// Times nearer than this are those of one frame, s: stamps are rounded.
 const SAME_TIME_S: f64 = 1e-6;
 
-/// Whether a track is of a vehicle. Hedges, arrows on the road and waiting motorcycles are found as cars again and again at one
-/// place, but with low scores, for a moment, in few looks, or as cars that nobody builds; what is seen to drive need not be there long. `looked_s`:
-/// when frames were looked at, in order, s.
+/// From when to when a track is of a vehicle, s; `None` if it never is. Hedges, arrows on the road and waiting motorcycles are found
+/// as cars again and again at one place, but with low scores, for a moment, in few looks, or as cars that nobody builds; what is seen
+/// to drive need not be there long. A vehicle that is seldom found far off, or while others hide it, is believed for as long as most
+/// looks find it. `looked_s`: when frames were looked at, in order, s.
 #[must_use]
 pub fn vehicle_s(track: &Track, height_m: f64, looked_s: &[f64]) -> Option<[f64; 2]> {
-    let whole = Some([f64::NEG_INFINITY, f64::INFINITY]);
+    let whole_s = [f64::NEG_INFINITY, f64::INFINITY];
     let seen: Vec<&TrackState> = track.states.iter().filter(|state| state.observed).collect();
-    let (Some(first), Some(last)) = (seen.first(), seen.last()) else { return None };
-    let (from_s, to_s) = (first.stamp.time_s(), last.stamp.time_s());
+    let (first, last) = seen.first().zip(seen.last())?;
     let score = seen.iter().map(|state| state.score).sum::<f64>() / seen.len() as f64;
-    let near = |a: &&TrackState, b: &&TrackState| b.stamp.time_s() - a.stamp.time_s() <= SEEN_MOVING_S;
     if score >= SURE_SCORE {
-        return whole;
+        return Some(whole_s);
     }
-    let (held, looked): (Vec<&TrackState>, Vec<&TrackState>) = seen.iter().partition(|state| state.held);
-    let span = looked_s.partition_point(|t| *t < from_s)..looked_s.partition_point(|t| *t <= to_s);
-    let looks = Looks::of(looked_s[span].iter().copied().filter(|time_s| !has(&held, *time_s)));
-    let share =
-        Looks::of(looked.iter().map(|state| state.stamp.time_s())).count as f64 / looks.count.max(1) as f64;
+    let life_s = [first.stamp.time_s(), last.stamp.time_s()];
+    let looks = looks_at(&seen, life_s, looked_s);
+    let share = looks.iter().filter(|look| look.is_seen).count() as f64 / looks.len().max(1) as f64;
+    let is_whole = share >= MIN_SEEN_SHARE;
+    let [from_s, to_s] = if is_whole { life_s } else { mostly_seen_s(&looks) };
+    let seen: Vec<&TrackState> =
+        seen.into_iter().filter(|state| (from_s..=to_s).contains(&state.stamp.time_s())).collect();
+    let near = |a: &&TrackState, b: &&TrackState| b.stamp.time_s() - a.stamp.time_s() <= SEEN_MOVING_S;
     let clip_s = looked_s.last().zip(looked_s.first()).map_or(0.0, |(last, first)| last - first);
-    let stands = height_m >= MIN_HEIGHT_M && to_s - from_s >= MIN_SEEN_S.min(MIN_CLIP_SHARE * clip_s);
-    if share >= MIN_SEEN_SHARE && (stands || seen.chunk_by(near).any(drives)) {
-        return whole;
-    }
-    let [from_s, to_s] = mostly_seen(&seen, looked_s);
-    let then = |state: &&&TrackState| (from_s..=to_s).contains(&state.stamp.time_s());
-    let seen: Vec<&TrackState> = seen.iter().filter(then).copied().collect();
-    seen.chunk_by(near).any(drives).then_some([from_s, to_s])
+    let least_s = if is_whole { MIN_SEEN_S.min(MIN_CLIP_SHARE * clip_s) } else { MIN_PART_S };
+    let stands = height_m >= MIN_HEIGHT_M && to_s - from_s >= least_s;
+    (stands || seen.chunk_by(near).any(drives)).then_some(if is_whole { whole_s } else { [from_s, to_s] })
 }
 
-fn has(states: &[&TrackState], time_s: f64) -> bool {
-    let after = states.partition_point(|state| state.stamp.time_s() < time_s - SAME_TIME_S);
-    states.get(after).is_some_and(|state| state.stamp.time_s() < time_s + SAME_TIME_S)
+/// A look, or a few in a quick row, s, and whether the vehicle was seen.
+struct LookAt {
+    from_s: f64,
+    to_s: f64,
+    is_seen: bool,
 }
 
-/// From when to when a vehicle was seen in most looks: the stretch in which looks that saw it outnumber the others by most.
-fn mostly_seen(seen: &[&TrackState], looked_s: &[f64]) -> [f64; 2] {
+/// Looks at a vehicle while it lived, but where it is held: there nobody looked.
+fn looks_at(seen: &[&TrackState], [from_s, to_s]: [f64; 2], looked_s: &[f64]) -> Vec<LookAt> {
+    let mut states = seen.iter().peekable();
     let mut apart = Looks::default();
-    // What one look tells: from when to when, and whether it saw the vehicle.
-    let mut looks: Vec<(f64, f64, bool)> = Vec::new();
-    for &time_s in looked_s {
-        let is_seen = has(seen, time_s);
+    let mut looks: Vec<LookAt> = Vec::new();
+    for &time_s in
+        looked_s.iter().filter(|time_s| (from_s - SAME_TIME_S..=to_s + SAME_TIME_S).contains(*time_s))
+    {
+        while states.next_if(|state| state.stamp.time_s() < time_s - SAME_TIME_S).is_some() {}
+        let then = states.peek().filter(|state| state.stamp.time_s() < time_s + SAME_TIME_S);
+        if then.is_some_and(|state| state.held) {
+            continue;
+        }
+        let is_seen = then.is_some();
         match looks.last_mut().filter(|_| !apart.add(time_s)) {
-            Some(look) => *look = (look.0, time_s, look.2 || is_seen),
-            None => looks.push((time_s, time_s, is_seen)),
+            Some(look) => *look = LookAt { to_s: time_s, is_seen: look.is_seen || is_seen, ..*look },
+            None => looks.push(LookAt { from_s: time_s, to_s: time_s, is_seen }),
         }
     }
+    looks
+}
+
+/// From when to when a vehicle was seen in most looks, s: the stretch in which those that saw it outnumber the others by most
+/// (Kadane's maximum subarray).
+fn mostly_seen_s(looks: &[LookAt]) -> [f64; 2] {
     let (mut best, mut best_s, mut sum, mut since_s) =
         (0_i64, [f64::INFINITY, f64::NEG_INFINITY], 0_i64, 0.0);
-    for (from_s, to_s, is_seen) in looks {
+    for look in looks {
         if sum <= 0 {
-            (sum, since_s) = (0, from_s);
+            (sum, since_s) = (0, look.from_s);
         }
-        sum += if is_seen { 1 } else { -1 };
+        sum += if look.is_seen { 1 } else { -1 };
         if sum > best {
-            (best, best_s) = (sum, [since_s - SAME_TIME_S, to_s + SAME_TIME_S]);
+            (best, best_s) = (sum, [since_s - SAME_TIME_S, look.to_s + SAME_TIME_S]);
         }
     }
     best_s
@@ -205,6 +219,15 @@ mod tests {
         assert!(is_vehicle(&held, 1.5, &looked_s));
         held.states.retain(|state| state.held || state.stamp.index.is_multiple_of(3));
         assert!(!is_vehicle(&held, 1.5, &looked_s));
+        // Seldom at first, then for long enough; where it moves there it need not be long.
+        let long_s: Vec<f64> = (0..200).map(|i| 0.1 * f64::from(i)).collect();
+        let of_part = |last: u64, to_m: f64| {
+            let mut later = track(200, 0.4, to_m);
+            later.states.retain(|s| s.stamp.index >= 200 - last || s.stamp.index.is_multiple_of(5));
+            vehicle_s(&later, 1.5, &long_s).map(|[from_s, to_s]| (from_s.round(), to_s.round()))
+        };
+        assert_eq!((of_part(60, 0.0), of_part(40, 0.0)), (Some((14.0, 20.0)), None));
+        assert_eq!((of_part(40, 20.0), of_part(40, 8.0)), (Some((16.0, 20.0)), None));
         // Looks in a quick row count as one.
         let often: Vec<f64> = (0..300).map(|i| f64::from(i) / 30.0).collect();
         assert!(is_vehicle(&track(40, 0.4, 0.0), 1.5, &often));

@@ -2,7 +2,8 @@
 
 use std::f64::consts::FRAC_PI_2;
 
-use roadplane_base::angle_difference;
+use nalgebra::{Matrix3, Vector3};
+use roadplane_base::{VehicleClass, angle_difference};
 
 use crate::world::{Path, Seeing, World, assert_one_track_each, parked, times, track};
 
@@ -97,15 +98,40 @@ fn a_car_that_is_hidden_half_by_half_is_one_car() {
         for car in &mut frame.cars {
             let [x0, _, x1, _] = car.bbox_px;
             let middle = (x0 + x1) / 2.0;
-            car.hidden = (4.0..8.0).contains(&time_s);
             if (4.0..5.0).contains(&time_s) {
                 car.bbox_px[0] = middle;
+                car.hidden[0] = true;
             } else if (7.0..8.0).contains(&time_s) {
                 car.bbox_px[2] = middle;
+                car.hidden[2] = true;
             }
         }
     }
     let tracks = track(&seen.frames);
     assert_eq!(tracks.len(), 1);
     assert_eq!(tracks[0].states.last().map(|state| state.stamp.index), Some(119));
+}
+
+#[test]
+fn what_shows_where_a_lorry_stood_is_not_the_lorry() {
+    let mut seen = World::new(vec![parked(2.0, 24.0, 0.4)], Seeing::perfect(), times(12.0, 10.0), 4).see();
+    // The lorry leaves at 5 s. A car behind it, of which a third one hides the left half, is found a second later: it stands as near
+    // as a lorry's place is known.
+    for frame in &mut seen.frames {
+        let time_s = frame.stamp.time_s();
+        frame.cars.retain(|_| !(5.0..6.0).contains(&time_s));
+        for car in &mut frame.cars {
+            let [x0, y0, x1, y1] = car.bbox_px;
+            car.covariance = Matrix3::from_diagonal(&Vector3::new(3.0, 3.0, 0.1));
+            (car.from_box, car.class) = (true, VehicleClass::Truck);
+            if time_s >= 6.0 {
+                car.bbox_px =
+                    [x0 + 0.6 * (x1 - x0), y0 + 0.4 * (y1 - y0), x0 + 0.8 * (x1 - x0), y0 + 0.8 * (y1 - y0)];
+                car.hidden[0] = true;
+            }
+        }
+    }
+    let tracks = track(&seen.frames);
+    let ends: Vec<u64> = tracks.iter().filter_map(|track| Some(track.states.last()?.stamp.index)).collect();
+    assert_eq!(ends, [49, 119]);
 }
