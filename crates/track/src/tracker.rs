@@ -1,6 +1,6 @@
 //! Which measurement belongs to which car, frame by frame.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::{Matrix3, Vector3};
 use roadplane_base::{CarRef, assign, bbox_iou};
@@ -137,6 +137,8 @@ impl Tracker {
             cars.iter().map(|car| self.observation(car, index, time_s)).collect();
         let gate = self.options.gate;
         let mut held: Vec<bool> = vec![false; self.live.len()];
+        // Cars of the frame that are some track's.
+        let mut owned = BTreeSet::new();
         for car in &frame.held {
             // A look that came to nothing is no track's; the car is still the one that stands there.
             let by_look = car.look.and_then(|look| self.live.iter().position(|live| live.look == look));
@@ -144,6 +146,7 @@ impl Tracker {
             if let Some(l) = by_look.or_else(by_place).filter(|l| !held[*l]) {
                 self.live[l].hold(car, index, time_s);
                 held[l] = true;
+                owned.insert(car.car);
             }
         }
         let again: Vec<Option<&SeenAgain>> = (self.live.iter())
@@ -162,6 +165,7 @@ impl Tracker {
                 Some(c) => {
                     live.add(cars[c], observations[c].clone(), look(c), gate);
                     taken[c] = true;
+                    owned.insert(cars[c].car);
                 }
                 None => live.missed += usize::from(is_look && !has_own),
             }
@@ -181,9 +185,7 @@ impl Tracker {
                     && !own.iter().any(same)
             })
             .collect();
-        let is_free = |weak: &&WeakSighting| {
-            weak.car.is_none_or(|car| !(0..cars.len()).any(|c| taken[c] && cars[c].car == car))
-        };
+        let is_free = |weak: &&WeakSighting| weak.car.is_none_or(|car| !owned.contains(&car));
         let weak: Vec<WeakSighting> = frame.weak.iter().filter(is_free).copied().collect();
         if !weak.is_empty() {
             self.weak.insert(index, weak);

@@ -103,17 +103,21 @@ impl Pass<'_> {
                     seen_again.push(SeenAgain { look, bbox_px: record.bbox_px });
                     continue;
                 }
+                let others = frame.cars.iter().enumerate().filter(|(other, _)| *other != index);
+                let hidden = hidden_edges(&record.bbox_px, others.map(|(_, other)| &other.bbox_px));
+                let cut = cut_edges(&record.bbox_px, frame.image_size_px);
+                let &CarRecord { bbox_px, score, .. } = record;
+                let vague = WeakSighting { bbox_px, score, cut, hidden, car: Some(index) };
                 if record.held_since.is_some() || record.pose_from.is_some() {
                     held.push(held_car(record, index));
                     if let Some(pose) = looks.line(&frame, index).filter(|_| own) {
                         sink(&pose)?;
                     }
                     if record.keypoints.is_none() {
+                        weak.extend(is_anything_known.then_some(vague));
                         continue;
                     }
                 }
-                let others = frame.cars.iter().enumerate().filter(|(other, _)| *other != index);
-                let hidden = hidden_edges(&record.bbox_px, others.map(|(_, other)| &other.bbox_px));
                 let class = format!("{:?}", record.class).to_lowercase();
                 *tally.boxes.entry(class).or_insert(0) += u64::from(own);
                 let reason = match &fit {
@@ -129,7 +133,6 @@ impl Pass<'_> {
                     }
                 };
                 let known = known.get(&CarRef { frame: frame.frame, car: index });
-                let cut = cut_edges(&record.bbox_px, frame.image_size_px);
                 // The net finds a car's keypoints in a truck, too.
                 let is_car = known.is_none_or(|known| known.vehicle.class == VehicleClass::Car);
                 let by_keypoints = fit.as_ref().filter(|_| reason.is_none() && is_car);
@@ -138,10 +141,7 @@ impl Pass<'_> {
                     .or_else(|| self.by_box(record, index, &frame, hidden, &view, known));
                 let is_vague =
                     |measured: &CarMeasurement| measured.from_box && record.class == VehicleClass::Car;
-                if is_anything_known && measured.as_ref().is_none_or(is_vague) {
-                    let &CarRecord { bbox_px, score, .. } = record;
-                    weak.push(WeakSighting { bbox_px, score, cut, hidden, car: Some(index) });
-                }
+                weak.extend((is_anything_known && measured.as_ref().is_none_or(is_vague)).then_some(vague));
                 match measured {
                     Some(measured) => {
                         let known = known.is_some();
