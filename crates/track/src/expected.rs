@@ -113,12 +113,17 @@ impl Expected {
         &self.last_px
     }
 
+    /// For how long it was not seen.
+    pub(crate) fn unseen_s(&self, time_s: f64) -> f64 {
+        time_s - self.last_s
+    }
+
     /// Whether it was not seen for so long that somebody else may be there.
     pub(crate) fn is_lost(&self, time_s: f64, options: &TrackOptions) -> bool {
         // Whoever stood for a while goes on standing for about as long.
         let parked_s = options.max_parked_coast_s.min(STANDS_ON * self.filter.stood_s());
         let coast_s = if self.filter.is_still() { parked_s } else { 0.0 }.max(options.max_coast_s);
-        time_s - self.last_s > coast_s
+        self.unseen_s(time_s) > coast_s
     }
 
     /// Where the box should be; `None` when it was seen too long ago.

@@ -15,6 +15,9 @@ use crate::{
     raw_track::RawTrack,
 };
 
+/// A weak box that follows the last one later is not of the same vehicle for that, s, even where it stood: others pass there.
+const MAX_GAP_S: f64 = 3.0;
+
 /// By the frame's number.
 pub(crate) type WeakBoxes = BTreeMap<usize, Vec<WeakSighting>>;
 
@@ -83,7 +86,10 @@ fn reach(
             if let Some(boxes) = weak.get_mut(&frame) {
                 find(&mut open, boxes, (frame, sign), frames, options, scene);
             }
-            let lost = |reach: &mut Reach| reach.missed > 1 && reach.expected.is_lost(time_s, options);
+            let lost = |reach: &mut Reach| {
+                let is_long_ago = reach.expected.unseen_s(time_s) > MAX_GAP_S;
+                reach.missed > 1 && (is_long_ago || reach.expected.is_lost(time_s, options))
+            };
             done.extend(open.extract_if(.., lost));
         }
         for &track in edges.get(&frame).into_iter().flatten() {

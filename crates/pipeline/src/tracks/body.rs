@@ -43,6 +43,7 @@ pub(crate) fn body_of_track(track: &Track, cameras: &CameraTrack) -> Body {
     }
     match precision.try_inverse() {
         Some(covariance) => Body {
+            class: track.class,
             dims_m: covariance * weighted,
             sd_m: covariance.diagonal().map(|variance| variance.max(0.0).sqrt()),
         },

@@ -23,15 +23,25 @@ const BOTTOM_FACTOR: f64 = 2.0;
 const HIDDEN_FACTOR: f64 = 10.0;
 /// An edge nearer than this to the picture's is where the picture ends, not the vehicle, px.
 const CUT_PX: f64 = 2.0;
-/// Bumpers end so high above the ground, m; axles are so far from the middle, in lengths.
+/// Bumpers end so high above the ground, m.
 const CLEARANCE_M: f64 = 0.3;
-const WHEELS: f64 = 0.3;
 /// Least size of a body, m.
 const LEAST_M: f64 = 1.0;
+
+/// Outline of a body: half its length and width, in lengths and widths, at what share of its height above the bumpers' lower edge
+/// (`None`: on the ground, where only wheels are).
+type Outline = [(f64, f64, Option<f64>)];
+/// A box with wheels.
+const BOX: &Outline = &[(0.5, 0.5, Some(1.0)), (0.5, 0.5, Some(0.0)), (0.3, 0.5, None)];
+/// A roof, bonnet and boot, bumpers, wheels: the atlas' mean car, of which front and rear are the same, as a box does not tell them.
+const SALOON: &Outline =
+    &[(0.2, 0.35, Some(1.0)), (0.45, 0.45, Some(0.47)), (0.5, 0.4, Some(0.0)), (0.3, 0.5, None)];
 
 /// Sizes of a class: mean and sd of length, width, height, m.
 #[derive(Clone, Copy, Debug)]
 pub struct Body {
+    /// Kind of vehicle.
+    pub class: VehicleClass,
     /// Mean.
     pub dims_m: Vector3<f64>,
     /// sd.
@@ -46,7 +56,7 @@ pub fn body_of(class: VehicleClass) -> Body {
         VehicleClass::Truck => ([7.5, 2.4, 3.0], [2.5, 0.2, 0.6]),
         VehicleClass::Bus => ([11.0, 2.5, 3.1], [2.0, 0.1, 0.25]),
     };
-    Body { dims_m: Vector3::from(dims), sd_m: Vector3::from(sd) }
+    Body { class, dims_m: Vector3::from(dims), sd_m: Vector3::from(sd) }
 }
 
 /// How often a box of a label holds what: detectors take cars for trucks more often than the other way round.
@@ -261,19 +271,25 @@ impl Seen<'_> {
     /// Box of the body in the picture, px.
     fn projected(&self, place: &Place) -> Option<[f64; 4]> {
         let pose = GroundPose { x_m: place[0], y_m: place[1], heading_rad: self.heading };
-        body_box(self.view, &pose, &Vector3::new(place[2], place[3], place[4]))
+        body_box(self.view, &pose, self.body.class, &Vector3::new(place[2], place[3], place[4]))
     }
 }
 
-/// Box in the picture of a body that stands there, px: its roof, its bumpers, and its wheels, which alone touch the ground and stand
-/// within its length; `None` if a corner is not before the camera.
+/// Box in the picture of a body that stands there, px; `None` if a corner of its outline is not before the camera.
 #[must_use]
-pub fn body_box(view: &FrameCamera, pose: &GroundPose, dims_m: &Vector3<f64>) -> Option<[f64; 4]> {
+pub fn body_box(
+    view: &FrameCamera,
+    pose: &GroundPose,
+    class: VehicleClass,
+    dims_m: &Vector3<f64>,
+) -> Option<[f64; 4]> {
     let camera_from_car = view.plane.camera_from_world() * pose.world_from_car();
+    let outline = if class == VehicleClass::Car { SALOON } else { BOX };
     let mut bbox = [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY];
-    for (half_length, z) in [(0.5, dims_m.z), (0.5, CLEARANCE_M), (WHEELS, 0.0)] {
-        for (ahead, left) in [(-1.0, -0.5), (-1.0, 0.5), (1.0, -0.5), (1.0, 0.5)] {
-            let point = Point3::new(ahead * half_length * dims_m.x, left * dims_m.y, z);
+    for &(half_length, half_width, height) in outline {
+        let z = height.map_or(0.0, |share| CLEARANCE_M + share * (dims_m.z - CLEARANCE_M));
+        for (ahead, left) in [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)] {
+            let point = Point3::new(ahead * half_length * dims_m.x, left * half_width * dims_m.y, z);
             let pixel = view.camera.pixel_from_camera(&(camera_from_car * point).coords)?;
             bbox = [bbox[0].min(pixel.x), bbox[1].min(pixel.y), bbox[2].max(pixel.x), bbox[3].max(pixel.y)];
         }
@@ -337,7 +353,7 @@ mod tests {
         ] {
             for (x_m, y_m, heading_rad) in [(-5.0, 30.0, 0.2), (3.0, 45.0, 1.5), (0.0, 25.0, 2.3)] {
                 let pose = GroundPose { x_m, y_m, heading_rad };
-                let bbox = body_box(&view(), &pose, &body_of(class).dims_m).unwrap();
+                let bbox = body_box(&view(), &pose, class, &body_of(class).dims_m).unwrap();
                 let found =
                     ground_contact(&bbox, SIZE, [false; 4], &view(), &Knowledge::Label(label)).unwrap();
                 let off = Vector2::new(found.pose.x_m - x_m, found.pose.y_m - y_m);

@@ -285,7 +285,7 @@ impl Pass<'_> {
     fn projected_box(&self, track: &Track, state: &TrackState) -> Option<[f64; 4]> {
         let view = FrameCamera::from(self.cameras.at(state.stamp.time_s())?);
         if let Some(dims_m) = track.dims_m {
-            return body_box(&view, &state.pose, &dims_m);
+            return body_box(&view, &state.pose, track.class, &dims_m);
         }
         let camera_from_car = view.plane.camera_from_world() * state.pose.world_from_car();
         projected_box(self.atlas, &view.camera, &camera_from_car, &track.shape)
@@ -396,7 +396,9 @@ pub(crate) fn known_cars(
         let shape = ShapePrior::known(atlas.clamped(&track.shape));
         let body = match track.dims_m {
             Some(_) => body_of_track(track, cameras),
-            None => Body { dims_m: atlas.dims_m(&shape.mean), sd_m: Vector3::zeros() },
+            None => {
+                Body { class: VehicleClass::Car, dims_m: atlas.dims_m(&shape.mean), sd_m: Vector3::zeros() }
+            }
         };
         let body = Body { sd_m: body.sd_m.map(|sd| sd.max(KNOWN_DIMS_SD_M)), ..body };
         let vehicle = Arc::new(KnownVehicle { shape, body, class: track.class });
