@@ -49,7 +49,8 @@ fn motion_odds(sightings: &[Sighting], axes: &[f64], places: &[Vector3<f64>]) ->
     let mut from = 0;
     for to in 1..places.len().min(axes.len()) {
         let way = places[to].xy() - places[from].xy();
-        if way.norm() < STEP_M {
+        let sd = |i: usize| sightings[i].covariance.fixed_view::<2, 2>(0, 0).trace().sqrt();
+        if way.norm() < STEP_M + sd(from).hypot(sd(to)) {
             continue;
         }
         let axis = (axes[from] + axes[to]) / 2.0;
