@@ -26,7 +26,6 @@ struct Reach {
     track: usize,
     vehicle: ExpectedVehicle,
     expected: Expected,
-    missed: usize,
     found: Vec<Sighting>,
 }
 
@@ -82,26 +81,18 @@ fn reach(
         let frame = if forwards { step } else { count - 1 - step };
         let time_s = sign * frames.times_s[frame];
         if frames.looked[frame] && !open.is_empty() {
-            open.iter_mut().for_each(|reach| reach.missed += 1);
+            let lost = |reach: &mut Reach| {
+                reach.expected.unseen_s(time_s) > MAX_GAP_S || reach.expected.is_lost(time_s, options)
+            };
+            done.extend(open.extract_if(.., lost));
             if let Some(boxes) = weak.get_mut(&frame) {
                 find(&mut open, boxes, (frame, sign), frames, options, scene);
             }
-            let lost = |reach: &mut Reach| {
-                let is_long_ago = reach.expected.unseen_s(time_s) > MAX_GAP_S;
-                reach.missed > 1 && (is_long_ago || reach.expected.is_lost(time_s, options))
-            };
-            done.extend(open.extract_if(.., lost));
         }
         for &track in edges.get(&frame).into_iter().flatten() {
             let expected = replayed(&tracks[track].observations, sign, options.gate);
             let vehicle = vehicle(&tracks[track]);
-            open.extend(expected.map(|expected| Reach {
-                track,
-                vehicle,
-                expected,
-                missed: 0,
-                found: Vec::new(),
-            }));
+            open.extend(expected.map(|expected| Reach { track, vehicle, expected, found: Vec::new() }));
         }
     }
     done.extend(open);
@@ -143,7 +134,6 @@ fn find(
     for (r, (reach, w)) in open.iter_mut().zip(pairs).enumerate() {
         let Some((w, sighting)) = w.and_then(|w| Some((w, sightings.remove(&(r, w))?))) else { continue };
         reach.expected.add_weak(&sighting, options.gate);
-        reach.missed = 0;
         reach.found.push(Sighting { time_s: frames.times_s[frame], ..sighting });
         taken.insert(w);
     }
