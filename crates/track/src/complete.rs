@@ -1,7 +1,7 @@
 //! From tracklets to tracks, once all frames were seen.
 
 use nalgebra::Matrix3;
-use roadplane_base::{FrameStamp, GroundPose, bbox_iou};
+use roadplane_base::{FrameStamp, GroundPose, angle_difference, bbox_iou};
 
 use crate::{
     ExpectedVehicle, Looks, Track, TrackOptions, TrackState, WeakSighting,
@@ -12,6 +12,9 @@ use crate::{
     raw_track::RawTrack,
     smooth::smooth_track,
 };
+
+/// Acceleration towards the middle of a bend that no driver asks of a car, m/s².
+const MAX_SIDEWAYS: f64 = 7.0;
 
 /// Rear axle to the middle of a truck or bus, as a share of its length.
 const HALF_WHEELBASE: f64 = 0.25;
@@ -115,8 +118,18 @@ pub(crate) fn complete(
         })
         .filter(|(_, track)| !track.states.is_empty())
         .unzip();
+    let sure: Vec<[usize; 2]> =
+        raw.iter().filter_map(|track| Some([track.first_frame()?, track.last_frame()?])).collect();
     for lengthened in extend(&mut raw, weak, frames, options, scene) {
-        tracks[lengthened].states = smooth(&raw[lengthened]);
+        let (raw, states) = (&mut raw[lengthened], &mut tracks[lengthened].states);
+        *states = smooth(raw);
+        // Weak boxes lie everywhere in a crowd and lead astray.
+        while let Some(first) = raw.first_frame()
+            && let Some([from, to]) = drivable(states, first, sure[lengthened])
+        {
+            raw.observations.retain(|o| (from..=to).contains(&o.frame));
+            *states = smooth(raw);
+        }
     }
     let key = |track: &Track| track.states.first().map(|s| (s.stamp.index, s.pose.x_m, s.pose.y_m));
     tracks.sort_by(|a, b| match (key(a), key(b)) {
@@ -127,6 +140,28 @@ pub(crate) fn complete(
         track.id = id;
     }
     tracks
+}
+
+/// If a vehicle cannot go like this beyond the frames that are sure: from which to which frame it can. States begin with `first`, one a
+/// frame.
+fn drivable(states: &[TrackState], first: usize, sure: [usize; 2]) -> Option<[usize; 2]> {
+    let whole = [first, first + states.len().saturating_sub(1)];
+    let mut kept = whole;
+    for (i, pair) in states.windows(2).enumerate() {
+        let seconds = pair[1].stamp.time_s() - pair[0].stamp.time_s();
+        let turned = angle_difference(pair[1].pose.heading_rad, pair[0].pose.heading_rad).abs();
+        let sideways = turned * (pair[0].speed_mps + pair[1].speed_mps).abs() / 2.0;
+        if sideways <= MAX_SIDEWAYS * seconds {
+            continue;
+        }
+        let [before, after] = [first + i, first + i + 1];
+        if after <= sure[0] {
+            kept[0] = kept[0].max(after);
+        } else if before >= sure[1] {
+            kept[1] = kept[1].min(before);
+        }
+    }
+    (kept != whole).then_some(kept)
 }
 
 fn smoothed(raw: &RawTrack, states: Vec<TrackState>) -> Track {
