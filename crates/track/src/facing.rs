@@ -44,13 +44,15 @@ fn keypoint_odds(sightings: &[Sighting], axes: &[f64]) -> f64 {
 }
 
 fn motion_odds(sightings: &[Sighting], axes: &[f64], places: &[Vector3<f64>]) -> f64 {
+    // From a place by keypoints to one by the box is no motion: those count that are more.
+    let by_box = 2 * sightings.iter().filter(|sighting| sighting.from_box).count() > sightings.len();
+    let mut alike = (0..places.len()).filter(|i| sightings[*i].from_box == by_box);
+    let Some(mut from) = alike.next() else { return 0.0 };
     let mut odds = 0.0;
     let mut fastest: f64 = 0.0;
-    let mut from = 0;
-    for to in 1..places.len().min(axes.len()) {
+    for to in alike {
         let way = places[to].xy() - places[from].xy();
-        let sd = |i: usize| sightings[i].covariance.fixed_view::<2, 2>(0, 0).trace().sqrt();
-        if way.norm() < STEP_M + sd(from).hypot(sd(to)) {
+        if way.norm() < STEP_M {
             continue;
         }
         let axis = (axes[from] + axes[to]) / 2.0;
