@@ -368,7 +368,7 @@ mod tests {
     fn a_known_body_is_found_sharply() {
         let pose = GroundPose { x_m: -4.0, y_m: 35.0, heading_rad: 1.2 };
         let body = Body { sd_m: Vector3::repeat(0.2), ..body_of(VehicleClass::Bus) };
-        let bbox = body_box(&view(), &pose, &body.dims_m).unwrap();
+        let bbox = body_box(&view(), &pose, body.class, &body.dims_m).unwrap();
         let known = Knowledge::Track { body, heading_rad: 1.2, heading_sd_rad: 0.05 };
         let found = ground_contact(&bbox, SIZE, [false; 4], &view(), &known).unwrap();
         assert!((found.pose.x_m - pose.x_m).hypot(found.pose.y_m - pose.y_m) < 0.2, "{found:?}");
@@ -379,7 +379,7 @@ mod tests {
     fn a_hidden_lower_edge_is_not_where_the_vehicle_stands() {
         let pose = GroundPose { x_m: 2.0, y_m: 40.0, heading_rad: 1.4 };
         let body = body_of(VehicleClass::Car);
-        let [x0, y0, x1, y1] = body_box(&view(), &pose, &body.dims_m).unwrap();
+        let [x0, y0, x1, y1] = body_box(&view(), &pose, body.class, &body.dims_m).unwrap();
         let bbox = [x0, y0, x1, y0 + 0.6 * (y1 - y0)];
         let label = Knowledge::Track { body, heading_rad: 1.4, heading_sd_rad: 0.05 };
         let off = |hidden| {
@@ -390,6 +390,22 @@ mod tests {
         };
         let (taken, told) = (off([false; 4]), off([false, false, false, true]));
         assert!(told.0 < 0.3 * taken.0 && told.1 < 4.0, "{taken:?} {told:?}");
+    }
+
+    #[test]
+    fn a_known_body_goes_on_below_the_picture() {
+        let pose = GroundPose { x_m: -3.0, y_m: 14.0, heading_rad: 1.4 };
+        let body = body_of(VehicleClass::Truck);
+        let whole = body_box(&view(), &pose, body.class, &body.dims_m).unwrap();
+        assert!(whole[3] > f64::from(SIZE.height) + 20.0, "{whole:?}");
+        let bbox = [whole[0], whole[1], whole[2], f64::from(SIZE.height) - 1.0];
+        let known = Knowledge::Track {
+            body: Body { sd_m: Vector3::repeat(0.2), ..body },
+            heading_rad: 1.4,
+            heading_sd_rad: 0.05,
+        };
+        let found = ground_contact(&bbox, SIZE, [false; 4], &view(), &known).unwrap();
+        assert!((found.pose.x_m - pose.x_m).hypot(found.pose.y_m - pose.y_m) < 1.0, "{found:?}");
     }
 
     #[test]
