@@ -5,7 +5,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use roadplane_base::{assign, wrap_angle};
+use roadplane_base::{assign, bbox_iou, wrap_angle};
 
 use crate::{
     ExpectedVehicle, Scene, TrackOptions, WeakSighting,
@@ -17,6 +17,13 @@ use crate::{
 
 /// A weak box that follows the last one later is not of the same vehicle for that, s, even where it stood: others pass there.
 const MAX_GAP_S: f64 = 3.0;
+
+/// What drives faster than this, m/s, is not in a box that is there for so long before and after, s, but for the time in which it
+/// passes, s; overlap of such boxes.
+const DRIVES_MPS: f64 = 3.5;
+const STANDS_S: f64 = 2.0;
+const PASSES_S: f64 = 0.5;
+const SAME_PLACE: f64 = 0.6;
 
 /// By the frame's number.
 pub(crate) type WeakBoxes = BTreeMap<usize, Vec<WeakSighting>>;
@@ -85,8 +92,10 @@ fn reach(
                 reach.expected.unseen_s(time_s) > MAX_GAP_S || reach.expected.is_lost(time_s, options)
             };
             done.extend(open.extract_if(.., lost));
+            let taken = find(&mut open, weak, (frame, sign), frames, options, scene);
             if let Some(boxes) = weak.get_mut(&frame) {
-                find(&mut open, boxes, (frame, sign), frames, options, scene);
+                let mut index = 0..;
+                boxes.retain(|_| index.next().is_none_or(|w| !taken.contains(&w)));
             }
         }
         for &track in edges.get(&frame).into_iter().flatten() {
@@ -99,32 +108,35 @@ fn reach(
     done
 }
 
-/// Gives boxes of a frame to the vehicles that are expected there; `sign` as time runs.
+/// Gives boxes of a frame to the vehicles that are expected there, and says which; `sign` as time runs.
 fn find(
     open: &mut [Reach],
-    boxes: &mut Vec<WeakSighting>,
+    weak: &WeakBoxes,
     (frame, sign): (usize, f64),
     frames: &Frames,
     options: &TrackOptions,
     scene: &impl Scene,
-) {
+) -> BTreeSet<usize> {
+    let Some(boxes) = weak.get(&frame) else { return BTreeSet::new() };
     let time_s = sign * frames.times_s[frame];
     let mut sightings: BTreeMap<(usize, usize), Sighting> = BTreeMap::new();
     for (r, reach) in open.iter_mut().enumerate() {
         reach.vehicle.heading_rad = wrap_angle(reach.expected.filter.axis());
         reach.vehicle.heading_sd_rad = reach.expected.filter.axis_sd();
-        for (w, weak) in boxes.iter().enumerate() {
+        for (w, weak_box) in boxes.iter().enumerate() {
             // Where the picture says no, nobody needs to know where it would stand.
-            if reach.expected.overlap(&weak.bbox_px, weak.goes_on(), time_s) > SURE_OVERLAP
-                && let Some((pose, covariance)) = scene.place(&frames.stamps[frame], weak, &reach.vehicle)
+            if reach.expected.overlap(&weak_box.bbox_px, weak_box.goes_on(), time_s) > SURE_OVERLAP
+                && let Some((pose, covariance)) = scene.place(&frames.stamps[frame], weak_box, &reach.vehicle)
                 && covariance.cholesky().is_some()
+                && !(reach.expected.filter.speed() > DRIVES_MPS
+                    && stands(&weak_box.bbox_px, frame, weak, frames))
             {
-                sightings.insert((r, w), Sighting::weak(weak, &pose, covariance, frame, time_s));
+                sightings.insert((r, w), Sighting::weak(weak_box, &pose, covariance, frame, time_s));
             }
         }
     }
     if sightings.is_empty() {
-        return;
+        return BTreeSet::new();
     }
     let pairs = assign(open.len(), boxes.len(), ALONE, |r, w| {
         let sighting = sightings.get(&(r, w));
@@ -137,8 +149,25 @@ fn find(
         reach.found.push(Sighting { time_s: frames.times_s[frame], ..sighting });
         taken.insert(w);
     }
-    let mut index = 0..;
-    boxes.retain(|_| index.next().is_none_or(|w| !taken.contains(&w)));
+    taken
+}
+
+/// Whether there is a weak box in this place before and after, too, as of what stands.
+fn stands(bbox_px: &[f64; 4], frame: usize, weak: &WeakBoxes, frames: &Frames) -> bool {
+    let (mut looks, mut found) = (0, 0);
+    let from = frames.times_s.partition_point(|t| *t < frames.times_s[frame] - STANDS_S);
+    for other in (from..frames.times_s.len()).filter(|f| frames.looked[*f]) {
+        let away_s = (frames.times_s[other] - frames.times_s[frame]).abs();
+        if away_s > STANDS_S {
+            break;
+        }
+        if away_s >= PASSES_S {
+            looks += 1;
+            let boxes = weak.get(&other).into_iter().flatten();
+            found += usize::from(boxes.into_iter().any(|b| bbox_iou(&b.bbox_px, bbox_px) > SAME_PLACE));
+        }
+    }
+    looks > 0 && 2 * found > looks
 }
 
 /// What is known of a vehicle after all its sightings, the last of them last; with time running backwards the first.

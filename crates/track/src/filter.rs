@@ -72,6 +72,11 @@ impl Filter {
         self.state.xy()
     }
 
+    /// m/s.
+    pub(crate) fn speed(&self) -> f64 {
+        self.state[2].hypot(self.state[3])
+    }
+
     pub(crate) fn axis(&self) -> f64 {
         self.axis
     }
