@@ -94,6 +94,25 @@ fn a_weak_box_elsewhere_or_of_another_size_is_nobody() {
 }
 
 #[test]
+fn what_drives_past_is_not_in_a_weak_box_that_stands() {
+    let drive = || straight(pose(-14.0, 30.0, 0.0), 6.0);
+    let mut frames = unsure(vec![drive()]);
+    let passed = box_of(&drive()(1.8).unwrap()).unwrap();
+    // Where it drove a moment before the detector was sure there is a weak box all the time, and it has none of its own.
+    frames.iter_mut().for_each(|frame| frame.weak[0].bbox_px = passed);
+    let begins = |frames: &[FrameMeasurements]| {
+        let tracks = follow(frames, &OnTheGround);
+        assert_eq!(tracks.len(), 1);
+        tracks[0].states[0].stamp.index
+    };
+    assert_eq!(begins(&frames), 20);
+    for (_, frame) in frames.iter_mut().enumerate().filter(|(i, _)| *i != 18) {
+        frame.weak.remove(0);
+    }
+    assert_eq!(begins(&frames), 18);
+}
+
+#[test]
 fn a_car_that_shows_no_keypoints_at_first_is_the_one_that_does_later() {
     let world = World::new(vec![parked(4.0, 22.0, 1.2)], Seeing::perfect(), times(6.0, 10.0), 3);
     let mut frames = world.see().frames;
