@@ -9,8 +9,9 @@ use crate::measurement::Sighting;
 const KEYPOINT_ODDS: f64 = 4.0;
 /// Log odds of driving ahead, per metre: some reverse for ten metres, hardly anybody for fifty.
 const ODDS_PER_M: f64 = 0.4;
-/// Nobody reverses faster than this, m/s.
+/// Nobody reverses faster than this, m/s, for so long, s: over shorter times places jitter by as much.
 const MAX_REVERSE_MPS: f64 = 4.0;
+const FAST_S: f64 = 0.5;
 const FAST_ODDS: f64 = 6.0;
 /// Way that is told from jitter, m.
 const STEP_M: f64 = 1.0;
@@ -48,22 +49,25 @@ fn motion_odds(sightings: &[Sighting], axes: &[f64], places: &[Vector3<f64>]) ->
     let by_box = 2 * sightings.iter().filter(|sighting| sighting.from_box).count() > sightings.len();
     let mut alike = (0..places.len()).filter(|i| sightings[*i].from_box == by_box);
     let Some(mut from) = alike.next() else { return 0.0 };
-    let mut odds = 0.0;
-    let mut fastest: f64 = 0.0;
-    for to in alike {
-        let way = places[to].xy() - places[from].xy();
-        if way.norm() < STEP_M {
-            continue;
-        }
+    let ahead = |from: usize, to: usize| {
         let axis = (axes[from] + axes[to]) / 2.0;
-        let ahead = way.dot(&Vector2::new(axis.cos(), axis.sin()));
-        odds += ODDS_PER_M * ahead;
-        let seconds = sightings[to].time_s - sightings[from].time_s;
-        let speed = ahead / seconds.max(1e-3);
-        if seconds > 0.15 && speed.abs() > fastest.abs() {
-            fastest = speed;
+        (places[to].xy() - places[from].xy()).dot(&Vector2::new(axis.cos(), axis.sin()))
+    };
+    let (mut odds, mut fastest): (f64, f64) = (0.0, 0.0);
+    let mut since = from;
+    for to in alike {
+        let seconds = sightings[to].time_s - sightings[since].time_s;
+        if seconds >= FAST_S {
+            let speed = ahead(since, to) / seconds;
+            if speed.abs() > fastest.abs() {
+                fastest = speed;
+            }
+            since = to;
         }
-        from = to;
+        if (places[to].xy() - places[from].xy()).norm() >= STEP_M {
+            odds += ODDS_PER_M * ahead(from, to);
+            from = to;
+        }
     }
     odds + if fastest.abs() > MAX_REVERSE_MPS { FAST_ODDS * fastest.signum() } else { 0.0 }
 }
