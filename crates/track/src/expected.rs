@@ -142,9 +142,13 @@ impl Expected {
         let Some(expected) = self.box_px(sighting.time_s) else {
             return if distance < gate { 0.25 + 0.65 * near } else { f64::INFINITY };
         };
-        // Of a vehicle that is being hidden less is left to see.
-        let overlap =
-            bbox_iou(&bbox_part_seen(&expected, &sighting.bbox_px, sighting.goes_on()), &sighting.bbox_px);
+        let overlap = if self.filter.is_still() {
+            // Of a vehicle that is being hidden less is left to see.
+            self.overlap(&sighting.bbox_px, sighting.goes_on(), sighting.time_s)
+        } else {
+            // One that drives must not take the half-hidden box of another that it passes.
+            bbox_iou(&expected, &sighting.bbox_px)
+        };
         if self.filter.is_still() && overlap < MIN_OVERLAP {
             return f64::INFINITY;
         }
