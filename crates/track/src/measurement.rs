@@ -84,8 +84,8 @@ pub struct SeenAgain {
     pub bbox_px: [f64; 4],
 }
 
-/// A box that is too weak to say that something is a vehicle, or of what is called a car and shows none. Where a vehicle that is
-/// known is expected it may be it.
+/// A box that is too weak to say that something is a vehicle, or that shows no pose, or is held and was no track's yet. Where a vehicle
+/// that is known is expected it may be it.
 #[derive(Clone, Copy, Debug)]
 pub struct WeakSighting {
     /// Box, px.

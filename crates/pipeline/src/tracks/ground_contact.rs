@@ -106,8 +106,8 @@ pub fn cut_edges([x0, y0, x1, y1]: &[f64; 4], size: ImageSize) -> [bool; 4] {
     [*x0 < CUT_PX, *y0 < CUT_PX, *x1 > right - CUT_PX, *y1 > bottom - CUT_PX]
 }
 
-/// `None` where the box's lower edge lies above the horizon, or is cut off and nothing but a label is known of the vehicle. `hidden`: edges before which another vehicle stands, which
-/// say little of where this one ends.
+/// `None` where the box's lower edge lies above the horizon, or is cut off and nothing but a label is known of the vehicle. `hidden`:
+/// edges before which another vehicle stands, which say little of where this one ends.
 #[must_use]
 pub fn ground_contact(
     bbox_px: &[f64; 4],
@@ -141,7 +141,7 @@ pub fn ground_contact(
 }
 
 /// What a box says of a body's length, width and height beyond what is known of its class, where the body is turned like this:
-/// information, and information times sizes. `None` as for [`ground_contact`], or where the body does not fit.
+/// information, and information times sizes. `None` where the lower edge is cut off or above the horizon, or where the body does not fit.
 #[must_use]
 pub fn size_seen(
     bbox_px: &[f64; 4],
