@@ -118,14 +118,12 @@ pub(crate) fn complete(
         })
         .filter(|(_, track)| !track.states.is_empty())
         .unzip();
-    let sure: Vec<[usize; 2]> =
-        raw.iter().filter_map(|track| Some([track.first_frame()?, track.last_frame()?])).collect();
-    for lengthened in extend(&mut raw, weak, frames, options, scene) {
+    for (lengthened, sure) in extend(&mut raw, weak, frames, options, scene) {
         let (raw, states) = (&mut raw[lengthened], &mut tracks[lengthened].states);
         *states = smooth(raw);
         // Weak boxes lie everywhere in a crowd and lead astray.
-        while let Some(first) = raw.first_frame()
-            && let Some([from, to]) = drivable(states, first, sure[lengthened])
+        while let Some(first) = raw.observations.first()
+            && let Some([from, to]) = drivable(states, first.frame, sure)
         {
             raw.observations.retain(|o| (from..=to).contains(&o.frame));
             *states = smooth(raw);

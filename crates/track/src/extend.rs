@@ -23,7 +23,7 @@ const MAX_GAP_S: f64 = 3.0;
 const DRIVES_MPS: f64 = 3.5;
 const STANDS_S: f64 = 2.0;
 const PASSES_S: f64 = 0.5;
-const SAME_PLACE: f64 = 0.6;
+const STANDS_OVERLAP: f64 = 0.6;
 
 /// By the frame's number.
 pub(crate) type WeakBoxes = BTreeMap<usize, Vec<WeakSighting>>;
@@ -36,22 +36,25 @@ struct Reach {
     found: Vec<Sighting>,
 }
 
-/// Lengthens tracks at both ends, and says which. A box goes to one of them at most.
+/// Lengthens tracks at both ends, and says which, with the frames of the first and the last sighting that they had. A box goes to one of
+/// them at most.
 pub(crate) fn extend(
     tracks: &mut [RawTrack],
     mut weak: WeakBoxes,
     frames: &Frames,
     options: &TrackOptions,
     scene: &impl Scene,
-) -> BTreeSet<usize> {
-    let mut lengthened = BTreeSet::new();
+) -> BTreeMap<usize, [usize; 2]> {
+    let mut lengthened = BTreeMap::new();
     for forwards in [true, false] {
         for Reach { track, mut found, .. } in reach(tracks, forwards, &mut weak, frames, options, scene) {
             if found.is_empty() {
                 continue;
             }
-            lengthened.insert(track);
             let all = &mut tracks[track].observations;
+            if let (Some(first), Some(last)) = (all.first(), all.last()) {
+                lengthened.entry(track).or_insert([first.frame, last.frame]);
+            }
             if forwards {
                 all.append(&mut found);
             } else {
@@ -164,7 +167,7 @@ fn stands(bbox_px: &[f64; 4], frame: usize, weak: &WeakBoxes, frames: &Frames) -
         if away_s >= PASSES_S {
             looks += 1;
             let boxes = weak.get(&other).into_iter().flatten();
-            found += usize::from(boxes.into_iter().any(|b| bbox_iou(&b.bbox_px, bbox_px) > SAME_PLACE));
+            found += usize::from(boxes.into_iter().any(|b| bbox_iou(&b.bbox_px, bbox_px) > STANDS_OVERLAP));
         }
     }
     looks > 0 && 2 * found > looks

@@ -213,6 +213,7 @@ impl End {
         let spread = covariance.fixed_view::<2, 2>(2, 2).into_owned();
         let still = density(&velocity, &(spread + Matrix2::identity() * STANDING_SD.powi(2)));
         let moving = density(&velocity, &(spread + Matrix2::identity() * DRIVING_SD.powi(2)));
+        let at_edge = edge.cut.contains(&true);
         let side = |b: &[f64; 4]| (b[2] - b[0]).max(b[3] - b[1]);
         let log_size = |o: &Sighting| {
             let [x0, y0, x1, y1] = o.bbox_px;
@@ -226,8 +227,8 @@ impl End {
             axis: axis.y.atan2(axis.x) / 2.0,
             axis_variance: (part.len() as f64 / weights.max(1e-9)).min(1.0),
             stands: if edge.held { 1.0 } else { still / (still + moving).max(1e-300) },
-            at_edge: edge.cut.contains(&true),
-            border: edge.cut.contains(&true) || side(&edge.bbox_px) < SMALL_PX,
+            at_edge,
+            border: at_edge || side(&edge.bbox_px) < SMALL_PX,
             log_size: upper_median(&mut sizes, f64::total_cmp).unwrap_or_default(),
             votes: track.votes(),
         }

@@ -103,8 +103,12 @@ pub struct WeakSighting {
 impl WeakSighting {
     /// Left, top, right, bottom: the box ends there and what it shows does not.
     pub(crate) fn goes_on(&self) -> [bool; 4] {
-        std::array::from_fn(|i| self.cut[i] || self.hidden[i])
+        either(self.cut, self.hidden)
     }
+}
+
+fn either(a: [bool; 4], b: [bool; 4]) -> [bool; 4] {
+    std::array::from_fn(|i| a[i] || b[i])
 }
 
 /// What is known of a vehicle that is expected somewhere.
@@ -172,7 +176,7 @@ pub(crate) struct Sighting {
 impl Sighting {
     /// Left, top, right, bottom: the box ends there and the vehicle does not.
     pub(crate) fn goes_on(&self) -> [bool; 4] {
-        std::array::from_fn(|i| self.cut[i] || self.hidden[i])
+        either(self.cut, self.hidden)
     }
 
     pub(crate) fn weak(

@@ -69,14 +69,6 @@ impl RawTrack {
         self.observations.push(observation);
     }
 
-    pub(crate) fn first_frame(&self) -> Option<usize> {
-        self.observations.first().map(|o| o.frame)
-    }
-
-    pub(crate) fn last_frame(&self) -> Option<usize> {
-        self.observations.last().map(|o| o.frame)
-    }
-
     /// Goes on as another.
     pub(crate) fn append(&mut self, later: Self) {
         self.observations.extend(later.observations);

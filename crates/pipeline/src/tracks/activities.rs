@@ -97,8 +97,8 @@ pub(crate) fn write_events(path: &Path, mut events: Vec<Event>) -> Result<(), Pi
 }
 
 /// `roadplane activity`: adds `activity` and `activity_p` to the rows of a table of tracks (`time_s`, `track`, `x_m`, `y_m`;
-/// `heading_rad`, `x_sd_m`, `y_sd_m`, `x_own_sd_m`, `y_own_sd_m`, `observed` where given) and writes the events beside it, as `OUT` with `.activities.jsonl` for its
-/// extension. Gives the number of events.
+/// `heading_rad`, `x_sd_m`, `y_sd_m`, `x_own_sd_m`, `y_own_sd_m`, `observed` where given) and writes the events beside it, as `OUT` with
+/// `.activities.jsonl` for its extension. Gives the number of events.
 ///
 /// # Errors
 /// [`PipelineError`]; neither file then appears.

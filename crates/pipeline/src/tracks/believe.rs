@@ -77,14 +77,13 @@ const SAME_TIME_S: f64 = 1e-6;
 /// looks find it. `looked_s`: when frames were looked at, in order, s.
 #[must_use]
 pub fn vehicle_s(track: &Track, height_m: f64, looked_s: &[f64]) -> Option<[f64; 2]> {
-    let whole_s = [f64::NEG_INFINITY, f64::INFINITY];
     let seen: Vec<&TrackState> = track.states.iter().filter(|state| state.observed).collect();
     let (first, last) = seen.first().zip(seen.last())?;
+    let life_s = [first.stamp.time_s(), last.stamp.time_s()];
     let score = seen.iter().map(|state| state.score).sum::<f64>() / seen.len() as f64;
     if score >= SURE_SCORE {
-        return Some(whole_s);
+        return Some(life_s);
     }
-    let life_s = [first.stamp.time_s(), last.stamp.time_s()];
     let looks = looks_at(&seen, life_s, looked_s);
     let share = looks.iter().filter(|look| look.is_seen).count() as f64 / looks.len().max(1) as f64;
     let is_whole = share >= MIN_SEEN_SHARE;
@@ -95,7 +94,7 @@ pub fn vehicle_s(track: &Track, height_m: f64, looked_s: &[f64]) -> Option<[f64;
     let clip_s = looked_s.last().zip(looked_s.first()).map_or(0.0, |(last, first)| last - first);
     let least_s = if is_whole { MIN_SEEN_S.min(MIN_CLIP_SHARE * clip_s) } else { MIN_PART_S };
     let stands = height_m >= MIN_HEIGHT_M && to_s - from_s >= least_s;
-    (stands || seen.chunk_by(near).any(drives)).then_some(if is_whole { whole_s } else { [from_s, to_s] })
+    (stands || seen.chunk_by(near).any(drives)).then_some([from_s, to_s])
 }
 
 /// A look, or a few in a quick row, s, and whether the vehicle was seen.

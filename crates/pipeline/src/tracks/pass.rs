@@ -6,7 +6,7 @@ use std::sync::Arc;
 use nalgebra::{Matrix3, Matrix6, Vector2, Vector3};
 use roadplane_base::{
     CarRecord, CarRef, FrameRecord, FrameStamp, GroundPose, ImageSize, PoseRecord, Shape, ShapeAtlas,
-    TrackRow, VehicleClass, WatchRecord, WeakBox, bbox_moved, bbox_part_seen,
+    TrackRow, VehicleClass, WatchRecord, bbox_moved, bbox_part_seen,
 };
 use roadplane_geo::Place;
 use roadplane_solve::{CarFit, SceneOptions, ShapePrior};
@@ -103,21 +103,19 @@ impl Pass<'_> {
                     seen_again.push(SeenAgain { look, bbox_px: record.bbox_px });
                     continue;
                 }
-                let others = frame.cars.iter().enumerate().filter(|(other, _)| *other != index);
-                let hidden = hidden_edges(&record.bbox_px, others.map(|(_, other)| &other.bbox_px));
-                let cut = cut_edges(&record.bbox_px, frame.image_size_px);
-                let &CarRecord { bbox_px, score, .. } = record;
-                let vague = WeakSighting { bbox_px, score, cut, hidden, car: Some(index) };
+                let vague = || weak_sighting(&frame, record.bbox_px, record.score, Some(index));
                 if record.held_since.is_some() || record.pose_from.is_some() {
                     held.push(held_car(record, index));
                     if let Some(pose) = looks.line(&frame, index).filter(|_| own) {
                         sink(&pose)?;
                     }
                     if record.keypoints.is_none() {
-                        weak.extend(is_anything_known.then_some(vague));
+                        weak.extend(is_anything_known.then(vague));
                         continue;
                     }
                 }
+                let vague = vague();
+                let WeakSighting { cut, hidden, .. } = vague;
                 let class = format!("{:?}", record.class).to_lowercase();
                 *tally.boxes.entry(class).or_insert(0) += u64::from(own);
                 let reason = match &fit {
@@ -169,7 +167,9 @@ impl Pass<'_> {
                 looked_s.push(frame.time_s);
             }
             if is_anything_known {
-                weak.extend(weak_sightings(&frame));
+                weak.extend(
+                    frame.weak.iter().map(|weak| weak_sighting(&frame, weak.bbox_px, weak.score, None)),
+                );
             }
             tracker.push(&FrameMeasurements { stamp, looked, cars, held, seen_again, weak });
         }
@@ -354,16 +354,11 @@ fn measurement(fit: &CarFit, record: &CarRecord, car: usize) -> CarMeasurement {
     }
 }
 
-/// Boxes of a frame that may be vehicles.
-fn weak_sightings(frame: &FrameRecord) -> Vec<WeakSighting> {
-    let sighting = |weak: &WeakBox| WeakSighting {
-        bbox_px: weak.bbox_px,
-        score: weak.score,
-        cut: cut_edges(&weak.bbox_px, frame.image_size_px),
-        hidden: hidden_edges(&weak.bbox_px, frame.cars.iter().map(|car| &car.bbox_px)),
-        car: None,
-    };
-    frame.weak.iter().map(sighting).collect()
+/// A box of a frame, in its list of cars or beside it, that may be a vehicle.
+fn weak_sighting(frame: &FrameRecord, bbox_px: [f64; 4], score: f64, car: Option<usize>) -> WeakSighting {
+    let others = frame.cars.iter().enumerate().filter(|(other, _)| Some(*other) != car);
+    let hidden = hidden_edges(&bbox_px, others.map(|(_, other)| &other.bbox_px));
+    WeakSighting { bbox_px, score, cut: cut_edges(&bbox_px, frame.image_size_px), hidden, car }
 }
 
 /// A vehicle that is where it was.
