@@ -178,14 +178,14 @@ pub(crate) fn solve_known_clip(
     for stretch in load.stretches(most_rows) {
         // First with every car's shape free in every frame; then with the one shape that its track came to.
         let seen = first.seen_by(stretch);
-        let (found, _) = pass.tracks(seen, stretch, &BTreeMap::new(), &mut Tally::default(), |_| Ok(()))?;
+        let (found, _) = pass.tracks(seen, stretch, None, &mut Tally::default(), |_| Ok(()))?;
         let vehicles = known_cars(&found, atlas, &cameras);
         // A stretch's tracks are large: none is kept for longer than it is needed.
         drop(found);
         let mut spooled = PoseLines::create(&spool)?;
         let seen = second.seen_by(stretch);
         let (mut tracks, shake_px) =
-            pass.tracks(seen, stretch, &vehicles, &mut tally, |pose| Ok(spooled.write(pose)?))?;
+            pass.tracks(seen, stretch, Some(&vehicles), &mut tally, |pose| Ok(spooled.write(pose)?))?;
         spooled.finish()?;
         for track in &mut tracks {
             // The shape was held in this pass, so what this pass's tracks say of it is no evidence.

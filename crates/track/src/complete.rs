@@ -1,12 +1,14 @@
 //! From tracklets to tracks, once all frames were seen.
 
-use nalgebra::Matrix3;
-use roadplane_base::{FrameStamp, GroundPose, angle_difference, bbox_iou};
+use std::collections::BTreeSet;
+
+use roadplane_base::{FrameStamp, angle_difference, bbox_iou};
 
 use crate::{
-    ExpectedVehicle, Looks, Track, TrackOptions, TrackState, WeakSighting,
+    BoxSighting, ExpectedVehicle, Looks, Placed, Track, TrackOptions, TrackState,
+    begin::begin,
     duplicates::{merge_duplicates, merge_smoothed},
-    extend::{WeakBoxes, extend},
+    extend::{BoxesByFrame, extend},
     link::link,
     measurement::Sighting,
     raw_track::RawTrack,
@@ -16,6 +18,9 @@ use crate::{
 /// Acceleration towards the middle of a bend that no driver asks of a car, m/s².
 const MAX_SIDEWAYS: f64 = 7.0;
 
+/// Tracks that weak boxes bring so near to each other, s, may be one: far off their places say too little for more.
+const LENGTHENED_HIDDEN_S: f64 = 2.0;
+
 /// Rear axle to the middle of a truck or bus, as a share of its length.
 const HALF_WHEELBASE: f64 = 0.25;
 
@@ -24,27 +29,17 @@ pub trait Scene {
     /// From when to when a track is of a vehicle, s; what it has before and after is left out, and all of it where it is of none.
     fn vehicle_s(&self, track: &Track) -> Option<[f64; 2]>;
 
-    /// Where a vehicle would stand, with the covariance of (x, y, heading), m and rad, if a weak box in this frame were its own.
-    fn place(
-        &self,
-        stamp: &FrameStamp,
-        weak: &WeakSighting,
-        vehicle: &ExpectedVehicle,
-    ) -> Option<(GroundPose, Matrix3<f64>)>;
+    /// Where a vehicle would stand if a box of this frame were its own.
+    fn place(&self, stamp: &FrameStamp, seen: &BoxSighting, vehicle: &ExpectedVehicle) -> Option<Placed>;
 }
 
-/// Nothing is known of the scene: all tracks are taken for vehicles, and weak boxes for nothing.
+/// Nothing is known of the scene: all tracks are taken for vehicles, and boxes for nothing.
 impl Scene for () {
     fn vehicle_s(&self, _: &Track) -> Option<[f64; 2]> {
         Some([f64::NEG_INFINITY, f64::INFINITY])
     }
 
-    fn place(
-        &self,
-        _: &FrameStamp,
-        _: &WeakSighting,
-        _: &ExpectedVehicle,
-    ) -> Option<(GroundPose, Matrix3<f64>)> {
+    fn place(&self, _: &FrameStamp, _: &BoxSighting, _: &ExpectedVehicle) -> Option<Placed> {
         None
     }
 }
@@ -71,32 +66,16 @@ impl Frames {
     }
 }
 
-/// All tracks, by first frame, then by x. Weak boxes come last: they lengthen tracks of vehicles that need none to be believed.
+/// All tracks, by first frame, then by x. Weak boxes come last, once it is known which tracks need none to be believed: they lengthen those,
+/// and begin others, which may be parts of one vehicle.
 pub(crate) fn complete(
     tracklets: Vec<RawTrack>,
-    weak: WeakBoxes,
+    mut free: BoxesByFrame,
     frames: &Frames,
     looks: Looks,
     options: &TrackOptions,
     scene: &impl Scene,
 ) -> Vec<Track> {
-    let least = options.min_observed.min(looks.count.div_ceil(2));
-    let mut raw = merge_duplicates(link(merge_duplicates(tracklets), options.max_hidden_s));
-    raw.retain(|track| {
-        let seen = Looks::of(track.observations.iter().map(|o| o.time_s));
-        // Frames in which it could have been seen: those that were looked at, and where it was held.
-        let (mut life, mut next) = (Looks::default(), 0);
-        for o in &track.observations {
-            let between = next.max(track.observations[0].frame)..o.frame;
-            between.filter(|&frame| frames.looked[frame]).for_each(|frame| {
-                life.add(frames.times_s[frame]);
-            });
-            life.add(o.time_s);
-            next = o.frame + 1;
-        }
-        let dense = seen.count as f64 >= options.min_duty * life.count as f64;
-        track.observations.len() >= least && (dense || is_coherent(&track.observations))
-    });
     let smooth = |track: &RawTrack| {
         let mut options = options.clone();
         if let Some(dims_m) = track.dims_m() {
@@ -104,31 +83,21 @@ pub(crate) fn complete(
         }
         smooth_track(&track.observations, &frames.stamps, &frames.times_s, &options)
     };
-    let (mut raw, mut tracks): (Vec<RawTrack>, Vec<Track>) = merge_smoothed(raw, smooth)
-        .into_iter()
-        .filter_map(|(mut raw, states)| {
-            let mut track = smoothed(&raw, states);
-            let [from_s, to_s] = scene.vehicle_s(&track)?;
-            let all = raw.observations.len();
-            raw.observations.retain(|o| (from_s..=to_s).contains(&frames.stamps[o.frame].time_s()));
-            if raw.observations.len() < all {
-                track.states = smooth(&raw);
-            }
-            Some((raw, track))
-        })
-        .filter(|(_, track)| !track.states.is_empty())
-        .unzip();
-    for (lengthened, sure) in extend(&mut raw, weak, frames, options, scene) {
-        let (raw, states) = (&mut raw[lengthened], &mut tracks[lengthened].states);
-        *states = smooth(raw);
-        // Weak boxes lie everywhere in a crowd and lead astray.
-        while let Some(first) = raw.observations.first()
-            && let Some([from, to]) = drivable(states, first.frame, sure)
-        {
-            raw.observations.retain(|o| (from..=to).contains(&o.frame));
-            *states = smooth(raw);
+    let least = options.min_observed.min(looks.count.div_ceil(2));
+    let mut raw = merge_duplicates(link(merge_duplicates(tracklets), options.max_hidden_s));
+    raw.retain(|track| is_seen_enough(track, least, frames, options));
+    let mut whole = believed(merge_smoothed(raw, smooth), frames, scene, smooth);
+    if !free.is_empty() {
+        let mut raw: Vec<RawTrack> = whole.into_iter().map(|(raw, _)| raw).collect();
+        leave_out(&mut free, &raw);
+        for (lengthened, sure) in extend(&mut raw, &mut free, frames, options, scene) {
+            keep_drivable(&mut raw[lengthened], sure, smooth);
         }
+        raw.extend(begin(&free, &raw, frames, scene));
+        whole = merge_smoothed(link(raw, LENGTHENED_HIDDEN_S.min(options.max_hidden_s)), smooth);
     }
+    let mut tracks: Vec<Track> = whole.into_iter().map(|(raw, states)| smoothed(&raw, states)).collect();
+    tracks.retain(|track| !track.states.is_empty());
     let key = |track: &Track| track.states.first().map(|s| (s.stamp.index, s.pose.x_m, s.pose.y_m));
     tracks.sort_by(|a, b| match (key(a), key(b)) {
         (Some(a), Some(b)) => a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)).then(a.2.total_cmp(&b.2)),
@@ -138,6 +107,59 @@ pub(crate) fn complete(
         track.id = id;
     }
     tracks
+}
+
+/// Whether a track was seen in enough of the frames in which it could have been: those that were looked at, and where it was held.
+fn is_seen_enough(track: &RawTrack, least: usize, frames: &Frames, options: &TrackOptions) -> bool {
+    let seen = Looks::of(track.observations.iter().map(|o| o.time_s));
+    let (mut life, mut next) = (Looks::default(), 0);
+    for o in &track.observations {
+        let between = next.max(track.observations[0].frame)..o.frame;
+        between.filter(|&frame| frames.looked[frame]).for_each(|frame| {
+            life.add(frames.times_s[frame]);
+        });
+        life.add(o.time_s);
+        next = o.frame + 1;
+    }
+    let dense = seen.count as f64 >= options.min_duty * life.count as f64;
+    track.observations.len() >= least && (dense || is_coherent(&track.observations))
+}
+
+/// Tracks that are of vehicles, for as long as they are, with their states.
+fn believed(
+    tracks: Vec<(RawTrack, Vec<TrackState>)>,
+    frames: &Frames,
+    scene: &impl Scene,
+    smooth: impl Fn(&RawTrack) -> Vec<TrackState>,
+) -> Vec<(RawTrack, Vec<TrackState>)> {
+    let of_vehicle = |(mut raw, states): (RawTrack, Vec<TrackState>)| {
+        let track = smoothed(&raw, states);
+        let [from_s, to_s] = scene.vehicle_s(&track)?;
+        let all = raw.observations.len();
+        raw.observations.retain(|o| (from_s..=to_s).contains(&frames.stamps[o.frame].time_s()));
+        let states = if raw.observations.len() < all { smooth(&raw) } else { track.states };
+        (!states.is_empty()).then_some((raw, states))
+    };
+    tracks.into_iter().filter_map(of_vehicle).collect()
+}
+
+/// Takes from a track that was lengthened beyond the frames that are sure what no vehicle can drive: weak boxes lie everywhere in a crowd
+/// and lead astray.
+fn keep_drivable(track: &mut RawTrack, sure: [usize; 2], smooth: impl Fn(&RawTrack) -> Vec<TrackState>) {
+    while let Some(first) = track.observations.first()
+        && let Some([from, to]) = drivable(&smooth(track), first.frame, sure)
+    {
+        track.observations.retain(|o| (from..=to).contains(&o.frame));
+    }
+}
+
+/// Boxes that tracks have are nobody else's.
+fn leave_out(free: &mut BoxesByFrame, tracks: &[RawTrack]) {
+    let seen = tracks.iter().flat_map(|track| &track.observations);
+    let owned: BTreeSet<(usize, usize)> = seen.filter_map(|seen| Some((seen.frame, seen.car?))).collect();
+    for (frame, boxes) in free {
+        boxes.retain(|seen| seen.car.is_none_or(|car| !owned.contains(&(*frame, car))));
+    }
 }
 
 /// If a vehicle cannot go like this beyond the frames that are sure: from which to which frame it can. States begin with `first`, one a

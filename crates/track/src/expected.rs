@@ -65,8 +65,8 @@ impl Expected {
         self.see(seen_px, sighting.time_s);
     }
 
-    /// It is seen again in a weak box, which says where it is and not how large: that is as before, and as far as it is.
-    pub(crate) fn add_weak(&mut self, sighting: &Sighting, gate: f64) {
+    /// It is seen again in a box that may be weak, which says where it is and not how large: that is as before, and as far as it is.
+    pub(crate) fn add_box(&mut self, sighting: &Sighting, gate: f64) {
         let distance_m = self.filter.position().norm();
         self.filter.update(&sighting.pose, &sighting.covariance, sighting.time_s, gate);
         let nearer = distance_m / self.filter.position().norm().max(1.0);
@@ -165,7 +165,7 @@ impl Expected {
     }
 
     /// The same of a box that may be no vehicle at all: box and place must both be where they are expected.
-    pub(crate) fn weak_cost(&self, sighting: &Sighting, gate: f64) -> f64 {
+    pub(crate) fn box_cost(&self, sighting: &Sighting, gate: f64) -> f64 {
         let overlap = self.overlap(&sighting.bbox_px, sighting.goes_on(), sighting.time_s);
         let distance = self.filter.distance(&sighting.pose, &sighting.covariance, sighting.time_s);
         if overlap > SURE_OVERLAP && distance < gate {

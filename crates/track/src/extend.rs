@@ -1,14 +1,13 @@
-//! Weak boxes go on with tracks: a detector that is not sure of a box is believed where a vehicle that is known is expected
-//! (the second association of Zhang et al. 2022, "ByteTrack"). From a track's last sighting on forwards, and from its first
-//! backwards, for as long as such boxes follow each other. They begin no track, and tell nothing but places. Boxes of cars whose
-//! keypoints tell nothing, and which no track took, are weak in this sense, too.
+//! Boxes that no track has, most of them weak, go on with tracks: a detector that is not sure of a box is believed where a vehicle
+//! that is known is expected (the second association of Zhang et al. 2022, "ByteTrack"). From a track's last sighting on forwards,
+//! and from its first backwards, for as long as such boxes follow each other. They tell nothing but places.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use roadplane_base::{assign, bbox_iou, wrap_angle};
 
 use crate::{
-    ExpectedVehicle, Scene, TrackOptions, WeakSighting,
+    BoxSighting, ExpectedVehicle, Scene, TrackOptions,
     complete::Frames,
     expected::{ALONE, Expected, SURE_OVERLAP},
     measurement::Sighting,
@@ -26,7 +25,7 @@ const PASSES_S: f64 = 0.5;
 const STANDS_OVERLAP: f64 = 0.6;
 
 /// By the frame's number.
-pub(crate) type WeakBoxes = BTreeMap<usize, Vec<WeakSighting>>;
+pub(crate) type BoxesByFrame = BTreeMap<usize, Vec<BoxSighting>>;
 
 /// A track beyond its end.
 struct Reach {
@@ -40,14 +39,14 @@ struct Reach {
 /// them at most.
 pub(crate) fn extend(
     tracks: &mut [RawTrack],
-    mut weak: WeakBoxes,
+    free: &mut BoxesByFrame,
     frames: &Frames,
     options: &TrackOptions,
     scene: &impl Scene,
 ) -> BTreeMap<usize, [usize; 2]> {
     let mut lengthened = BTreeMap::new();
     for forwards in [true, false] {
-        for Reach { track, mut found, .. } in reach(tracks, forwards, &mut weak, frames, options, scene) {
+        for Reach { track, mut found, .. } in reach(tracks, forwards, free, frames, options, scene) {
             if found.is_empty() {
                 continue;
             }
@@ -71,7 +70,7 @@ pub(crate) fn extend(
 fn reach(
     tracks: &[RawTrack],
     forwards: bool,
-    weak: &mut WeakBoxes,
+    free: &mut BoxesByFrame,
     frames: &Frames,
     options: &TrackOptions,
     scene: &impl Scene,
@@ -95,8 +94,8 @@ fn reach(
                 reach.expected.unseen_s(time_s) > MAX_GAP_S || reach.expected.is_lost(time_s, options)
             };
             done.extend(open.extract_if(.., lost));
-            let taken = find(&mut open, weak, (frame, sign), frames, options, scene);
-            if let Some(boxes) = weak.get_mut(&frame) {
+            let taken = find(&mut open, free, (frame, sign), frames, options, scene);
+            if let Some(boxes) = free.get_mut(&frame) {
                 let mut index = 0..;
                 boxes.retain(|_| index.next().is_none_or(|w| !taken.contains(&w)));
             }
@@ -114,27 +113,26 @@ fn reach(
 /// Gives boxes of a frame to the vehicles that are expected there, and says which; `sign` as time runs.
 fn find(
     open: &mut [Reach],
-    weak: &WeakBoxes,
+    free: &BoxesByFrame,
     (frame, sign): (usize, f64),
     frames: &Frames,
     options: &TrackOptions,
     scene: &impl Scene,
 ) -> BTreeSet<usize> {
-    let Some(boxes) = weak.get(&frame) else { return BTreeSet::new() };
+    let Some(boxes) = free.get(&frame) else { return BTreeSet::new() };
     let time_s = sign * frames.times_s[frame];
     let mut sightings: BTreeMap<(usize, usize), Sighting> = BTreeMap::new();
     for (r, reach) in open.iter_mut().enumerate() {
         reach.vehicle.heading_rad = wrap_angle(reach.expected.filter.axis());
         reach.vehicle.heading_sd_rad = reach.expected.filter.axis_sd();
-        for (w, weak_box) in boxes.iter().enumerate() {
+        for (w, seen) in boxes.iter().enumerate() {
             // Where the picture says no, nobody needs to know where it would stand.
-            if reach.expected.overlap(&weak_box.bbox_px, weak_box.goes_on(), time_s) > SURE_OVERLAP
-                && let Some((pose, covariance)) = scene.place(&frames.stamps[frame], weak_box, &reach.vehicle)
-                && covariance.cholesky().is_some()
-                && !(reach.expected.filter.speed() > DRIVES_MPS
-                    && stands(&weak_box.bbox_px, frame, weak, frames))
+            if reach.expected.overlap(&seen.bbox_px, seen.goes_on(), time_s) > SURE_OVERLAP
+                && let Some(placed) = scene.place(&frames.stamps[frame], seen, &reach.vehicle)
+                && placed.covariance.cholesky().is_some()
+                && !(reach.expected.filter.speed() > DRIVES_MPS && stands(&seen.bbox_px, frame, free, frames))
             {
-                sightings.insert((r, w), Sighting::weak(weak_box, &pose, covariance, frame, time_s));
+                sightings.insert((r, w), Sighting::by_box(seen, &placed, frame, time_s));
             }
         }
     }
@@ -143,20 +141,20 @@ fn find(
     }
     let pairs = assign(open.len(), boxes.len(), ALONE, |r, w| {
         let sighting = sightings.get(&(r, w));
-        sighting.map_or(f64::INFINITY, |sighting| open[r].expected.weak_cost(sighting, options.gate))
+        sighting.map_or(f64::INFINITY, |sighting| open[r].expected.box_cost(sighting, options.gate))
     });
     let mut taken = BTreeSet::new();
     for (r, (reach, w)) in open.iter_mut().zip(pairs).enumerate() {
         let Some((w, sighting)) = w.and_then(|w| Some((w, sightings.remove(&(r, w))?))) else { continue };
-        reach.expected.add_weak(&sighting, options.gate);
+        reach.expected.add_box(&sighting, options.gate);
         reach.found.push(Sighting { time_s: frames.times_s[frame], ..sighting });
         taken.insert(w);
     }
     taken
 }
 
-/// Whether there is a weak box in this place before and after, too, as of what stands.
-fn stands(bbox_px: &[f64; 4], frame: usize, weak: &WeakBoxes, frames: &Frames) -> bool {
+/// Whether there is such a box in this place before and after, too, as of what stands.
+fn stands(bbox_px: &[f64; 4], frame: usize, free: &BoxesByFrame, frames: &Frames) -> bool {
     let (mut looks, mut found) = (0, 0);
     let from = frames.times_s.partition_point(|t| *t < frames.times_s[frame] - STANDS_S);
     for other in (from..frames.times_s.len()).filter(|f| frames.looked[*f]) {
@@ -166,7 +164,7 @@ fn stands(bbox_px: &[f64; 4], frame: usize, weak: &WeakBoxes, frames: &Frames) -
         }
         if away_s >= PASSES_S {
             looks += 1;
-            let boxes = weak.get(&other).into_iter().flatten();
+            let boxes = free.get(&other).into_iter().flatten();
             found += usize::from(boxes.into_iter().any(|b| bbox_iou(&b.bbox_px, bbox_px) > STANDS_OVERLAP));
         }
     }

@@ -9,7 +9,8 @@
 //!                   → find_runs             where the car stood, where it drove            (stops.rs)
 //!                   → smooth_track          one pose a stand, a vehicle model between      (parked.rs, vehicle.rs, chain.rs)
 //!                   → facing                which end is the front                         (facing.rs)
-//!                   → extend                weak boxes where a vehicle is expected         (extend.rs, expected.rs)
+//!                   → extend                boxes where a vehicle is expected              (extend.rs, expected.rs)
+//!                   → begin                 boxes that drive together                      (begin.rs)
 //!                   → Track                                                              (complete.rs)
 //! ```
 //!
@@ -19,6 +20,7 @@
 //! A measurement's covariance R is split into a white share, which averages out over frames, and a bias, which a parked car
 //! keeps for ever: `R = r R + max(1 − r, β²) R`, r being the scatter that the track really shows (`noise.rs`).
 
+mod begin;
 mod chain;
 mod complete;
 mod duplicates;
@@ -42,7 +44,8 @@ mod vehicle;
 pub use complete::Scene;
 pub use looks::Looks;
 pub use measurement::{
-    CarMeasurement, ExpectedVehicle, FrameMeasurements, HeldCar, SeenAgain, Track, TrackState, WeakSighting,
+    BoxSighting, CarMeasurement, ExpectedVehicle, FrameMeasurements, HeldCar, Placed, SeenAgain, Track,
+    TrackState,
 };
 pub use options::TrackOptions;
 pub use tracker::Tracker;

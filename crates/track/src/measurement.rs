@@ -84,23 +84,29 @@ pub struct SeenAgain {
     pub bbox_px: [f64; 4],
 }
 
-/// A box that is too weak to say that something is a vehicle, or that shows no pose, or is held and was no track's yet. Where a vehicle
-/// that is known is expected it may be it.
+/// A box, however weak. Where a vehicle that is known is expected it may be it, if no track has it.
 #[derive(Clone, Copy, Debug)]
-pub struct WeakSighting {
+pub struct BoxSighting {
     /// Box, px.
     pub bbox_px: [f64; 4],
     /// Detector's score, 0–1.
     pub score: f64,
+    /// What the detector calls it.
+    pub class: VehicleClass,
     /// Left, top, right, bottom: the picture ends there.
     pub cut: [bool; 4],
     /// Left, top, right, bottom: another vehicle begins there.
     pub hidden: [bool; 4],
-    /// Position in its frame's list of cars, where it is in it.
+    /// Position in its frame's list of cars; none of a box that is too weak to say that something is a vehicle.
     pub car: Option<usize>,
 }
 
-impl WeakSighting {
+impl BoxSighting {
+    /// Whether the detector is sure of it.
+    pub(crate) fn is_sure(&self) -> bool {
+        self.car.is_some()
+    }
+
     /// Left, top, right, bottom: the box ends there and what it shows does not.
     pub(crate) fn goes_on(&self) -> [bool; 4] {
         either(self.cut, self.hidden)
@@ -109,6 +115,17 @@ impl WeakSighting {
 
 fn either(a: [bool; 4], b: [bool; 4]) -> [bool; 4] {
     std::array::from_fn(|i| a[i] || b[i])
+}
+
+/// A vehicle on the ground, by its box.
+#[derive(Clone, Copy, Debug)]
+pub struct Placed {
+    /// Where it stands; the heading may be turned by π.
+    pub pose: GroundPose,
+    /// Covariance of (x, y, heading), m and rad.
+    pub covariance: Matrix3<f64>,
+    /// Length, width, height and their sds, m.
+    pub dims_m: [Vector3<f64>; 2],
 }
 
 /// What is known of a vehicle that is expected somewhere.
@@ -122,7 +139,7 @@ pub struct ExpectedVehicle {
     pub shape: Shape,
     /// Its heading, or that turned by π, rad.
     pub heading_rad: f64,
-    /// Its sd, rad.
+    /// Its sd, rad; π/2 where nothing is known of it, nor of its size.
     pub heading_sd_rad: f64,
 }
 
@@ -139,15 +156,15 @@ pub struct FrameMeasurements {
     pub held: Vec<HeldCar>,
     /// Those that were seen again so soon after a look that nobody measured them: their tracks want no other box.
     pub seen_again: Vec<SeenAgain>,
-    /// Boxes that may be vehicles.
-    pub weak: Vec<WeakSighting>,
+    /// All its boxes, those of too low a score to count among them; none where nothing is known of any vehicle yet.
+    pub boxes: Vec<BoxSighting>,
 }
 
 impl FrameMeasurements {
     /// A frame that was looked at, in which nothing is held.
     #[must_use]
     pub fn seen(stamp: FrameStamp, cars: Vec<CarMeasurement>) -> Self {
-        Self { stamp, looked: true, cars, held: Vec::new(), seen_again: Vec::new(), weak: Vec::new() }
+        Self { stamp, looked: true, cars, held: Vec::new(), seen_again: Vec::new(), boxes: Vec::new() }
     }
 }
 
@@ -179,25 +196,20 @@ impl Sighting {
         either(self.cut, self.hidden)
     }
 
-    pub(crate) fn weak(
-        weak: &WeakSighting,
-        pose: &GroundPose,
-        covariance: Matrix3<f64>,
-        frame: usize,
-        time_s: f64,
-    ) -> Self {
+    pub(crate) fn by_box(seen: &BoxSighting, placed: &Placed, frame: usize, time_s: f64) -> Self {
+        let Placed { pose, covariance, .. } = *placed;
         Self {
             frame,
             time_s,
             pose: Vector3::new(pose.x_m, pose.y_m, pose.heading_rad),
             covariance,
-            bbox_px: weak.bbox_px,
-            score: weak.score,
-            car: weak.car,
+            bbox_px: seen.bbox_px,
+            score: seen.score,
+            car: seen.car,
             held: false,
             from_box: true,
-            cut: weak.cut,
-            hidden: weak.hidden,
+            cut: seen.cut,
+            hidden: seen.hidden,
         }
     }
 }

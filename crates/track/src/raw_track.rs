@@ -41,12 +41,16 @@ struct DimsSum {
 }
 
 impl DimsSum {
-    fn add(&mut self, car: &CarMeasurement) {
-        if let Some([dims, sd]) = car.dims_m {
-            let precision = sd.map(|sd| sd.max(0.05).powi(-2));
-            self.weighted += dims.component_mul(&precision);
-            self.precision += precision;
-        }
+    fn of(all: &[[Vector3<f64>; 2]]) -> Self {
+        let mut sum = Self::default();
+        all.iter().for_each(|dims| sum.add(dims));
+        sum
+    }
+
+    fn add(&mut self, [dims, sd]: &[Vector3<f64>; 2]) {
+        let precision = sd.map(|sd| sd.max(0.05).powi(-2));
+        self.weighted += dims.component_mul(&precision);
+        self.precision += precision;
     }
 
     fn mean(&self) -> Option<Vector3<f64>> {
@@ -62,10 +66,29 @@ impl RawTrack {
         track
     }
 
+    /// A vehicle of which only boxes were seen, called so, of about this size; `None` without any.
+    pub(crate) fn by_boxes(
+        observations: Vec<Sighting>,
+        class: VehicleClass,
+        dims_m: &[[Vector3<f64>; 2]],
+    ) -> Option<Self> {
+        let first = observations.first()?;
+        let shape = ShapeSum::new(first.pose.xy(), first.pose.z);
+        let votes = BTreeMap::from([(class, observations.iter().map(|seen| seen.score).sum())]);
+        Some(Self { observations, shape, votes, dims: DimsSum::of(dims_m) })
+    }
+
+    /// Mean of sizes with their sds, m.
+    pub(crate) fn mean_dims_m(dims_m: &[[Vector3<f64>; 2]]) -> Option<Vector3<f64>> {
+        DimsSum::of(dims_m).mean()
+    }
+
     pub(crate) fn add(&mut self, car: &CarMeasurement, observation: Sighting) {
         let unsure = car.from_box && car.class == VehicleClass::Car;
         *self.votes.entry(car.class).or_default() += car.score * if unsure { UNSURE_VOTE } else { 1.0 };
-        self.dims.add(car);
+        if let Some(dims) = &car.dims_m {
+            self.dims.add(dims);
+        }
         self.observations.push(observation);
     }
 

@@ -1,14 +1,13 @@
 //! Which measurement belongs to which car, frame by frame.
 
-use std::collections::{BTreeMap, BTreeSet};
-
 use nalgebra::{Matrix3, Vector3};
 use roadplane_base::{CarRef, assign, bbox_iou};
 
 use crate::{
-    CarMeasurement, FrameMeasurements, HeldCar, Looks, Scene, SeenAgain, Track, TrackOptions, WeakSighting,
+    CarMeasurement, FrameMeasurements, HeldCar, Looks, Scene, SeenAgain, Track, TrackOptions,
     complete::{Frames, complete},
     expected::{ALONE, Expected},
+    extend::BoxesByFrame,
     measurement::Sighting,
     raw_track::{RawTrack, same_car},
     shape::ShapeSum,
@@ -89,7 +88,7 @@ pub struct Tracker {
     looks: Looks,
     live: Vec<Live>,
     ended: Vec<RawTrack>,
-    weak: BTreeMap<usize, Vec<WeakSighting>>,
+    boxes: BoxesByFrame,
     rejected: usize,
 }
 
@@ -103,7 +102,7 @@ impl Tracker {
             looks: Looks::default(),
             live: Vec::new(),
             ended: Vec::new(),
-            weak: BTreeMap::new(),
+            boxes: BoxesByFrame::new(),
             rejected: 0,
         }
     }
@@ -137,8 +136,6 @@ impl Tracker {
             cars.iter().map(|car| self.observation(car, index, time_s)).collect();
         let gate = self.options.gate;
         let mut held: Vec<bool> = vec![false; self.live.len()];
-        // Cars of the frame that are some track's.
-        let mut owned = BTreeSet::new();
         for car in &frame.held {
             // A look that came to nothing is no track's; the car is still the one that stands there.
             let by_look = car.look.and_then(|look| self.live.iter().position(|live| live.look == look));
@@ -146,7 +143,6 @@ impl Tracker {
             if let Some(l) = by_look.or_else(by_place).filter(|l| !held[*l]) {
                 self.live[l].hold(car, index, time_s);
                 held[l] = true;
-                owned.insert(car.car);
             }
         }
         let again: Vec<Option<&SeenAgain>> = (self.live.iter())
@@ -165,7 +161,6 @@ impl Tracker {
                 Some(c) => {
                     live.add(cars[c], observations[c].clone(), look(c), gate);
                     taken[c] = true;
-                    owned.insert(cars[c].car);
                 }
                 None => live.missed += usize::from(is_look && !has_own),
             }
@@ -185,10 +180,8 @@ impl Tracker {
                     && !own.iter().any(same)
             })
             .collect();
-        let is_free = |weak: &&WeakSighting| weak.car.is_none_or(|car| !owned.contains(&car));
-        let weak: Vec<WeakSighting> = frame.weak.iter().filter(is_free).copied().collect();
-        if !weak.is_empty() {
-            self.weak.insert(index, weak);
+        if !frame.boxes.is_empty() {
+            self.boxes.insert(index, frame.boxes.clone());
         }
         self.bury(looks, time_s);
         for c in births {
@@ -200,8 +193,8 @@ impl Tracker {
     #[must_use]
     pub fn finish(mut self, scene: &impl Scene) -> Vec<Track> {
         self.ended.extend(self.live.drain(..).map(|live| live.raw));
-        let Self { options, frames, looks, ended, weak, .. } = self;
-        complete(ended, weak, &frames, looks, &options, scene)
+        let Self { options, frames, looks, ended, boxes, .. } = self;
+        complete(ended, boxes, &frames, looks, &options, scene)
     }
 
     fn observation(&self, car: &CarMeasurement, frame: usize, time_s: f64) -> Sighting {

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use nalgebra::{Matrix3, Matrix6, Vector2, Vector3};
+use nalgebra::{Matrix6, Vector2, Vector3};
 use roadplane_base::{
     CarRecord, CarRef, FrameRecord, FrameStamp, GroundPose, ImageSize, PoseRecord, Shape, ShapeAtlas,
     TrackRow, VehicleClass, WatchRecord, bbox_moved, bbox_part_seen,
@@ -11,8 +11,8 @@ use roadplane_base::{
 use roadplane_geo::Place;
 use roadplane_solve::{CarFit, SceneOptions, ShapePrior};
 use roadplane_track::{
-    CarMeasurement, ExpectedVehicle, FrameMeasurements, HeldCar, Scene, SeenAgain, Track, TrackState,
-    Tracker, WeakSighting,
+    BoxSighting, CarMeasurement, ExpectedVehicle, FrameMeasurements, HeldCar, Placed, Scene, SeenAgain,
+    Track, TrackState, Tracker,
 };
 
 use crate::cameras::camera_track::CameraTrack;
@@ -31,6 +31,8 @@ const MIN_ROW_OVERLAP: f64 = 0.3;
 const KNOWN_DIMS_SD_M: f64 = 0.3;
 /// Least sd of a track's heading for the same, rad.
 const KNOWN_HEADING_SD_RAD: f64 = 0.05;
+/// A heading whose sd is no less says nothing, rad.
+const UNKNOWN_HEADING_SD_RAD: f64 = 1.5;
 
 /// Counts of cars (car and frame).
 #[derive(Debug, Default)]
@@ -56,13 +58,14 @@ pub(crate) struct Pass<'a> {
 }
 
 impl Pass<'_> {
-    /// Fits all cars of all frames that the stretch sees and tracks them; cars in `known` have that shape and about that pose. Gives
+    /// Fits all cars of all frames that the stretch sees and tracks them; cars in `known`, which an earlier pass found out, have that
+    /// shape and about that pose, and only then boxes that are no vehicle's yet have a say. Gives
     /// the tracks and the shake. Poses go to the sink, and cars into the tally, of the frames that are the stretch's own.
     pub(crate) fn tracks(
         &self,
         frames: impl Iterator<Item = Result<FrameRecord, PipelineError>>,
         stretch: Stretch,
-        known: &BTreeMap<CarRef, KnownCar>,
+        known: Option<&BTreeMap<CarRef, KnownCar>>,
         tally: &mut Tally,
         mut sink: impl FnMut(&PoseRecord) -> Result<(), PipelineError>,
     ) -> Result<(Vec<Track>, Shake), PipelineError> {
@@ -88,14 +91,13 @@ impl Pass<'_> {
                 shake_px.insert(frame.frame, shake);
             }
             let view = FrameCamera::from(estimate);
-            let prior = |i: usize| match known.get(&CarRef { frame: frame.frame, car: i }) {
-                Some(known) => (known.vehicle.shape, Some(known.pose)),
-                None => (self.any_car, None),
-            };
+            let prior =
+                |i: usize| match known.and_then(|known| known.get(&CarRef { frame: frame.frame, car: i })) {
+                    Some(known) => (known.vehicle.shape, Some(known.pose)),
+                    None => (self.any_car, None),
+                };
             let fitted = fit_frame(&frame, &view, self.atlas, &self.options, self.config, prior);
-            // Before, nothing is expected anywhere that a weak box could show.
-            let is_anything_known = !known.is_empty();
-            let (mut cars, mut held, mut seen_again, mut weak) =
+            let (mut cars, mut held, mut seen_again, mut boxes) =
                 (Vec::new(), Vec::new(), Vec::new(), Vec::new());
             for (index, fit) in fitted.into_iter().enumerate() {
                 let record = &frame.cars[index];
@@ -103,19 +105,18 @@ impl Pass<'_> {
                     seen_again.push(SeenAgain { look, bbox_px: record.bbox_px });
                     continue;
                 }
-                let vague = || weak_sighting(&frame, record.bbox_px, record.score, Some(index));
+                let seen = box_sighting(&frame, record.bbox_px, record.score, Some(index));
+                boxes.extend(known.map(|_| seen));
                 if record.held_since.is_some() || record.pose_from.is_some() {
                     held.push(held_car(record, index));
                     if let Some(pose) = looks.line(&frame, index).filter(|_| own) {
                         sink(&pose)?;
                     }
                     if record.keypoints.is_none() {
-                        weak.extend(is_anything_known.then(vague));
                         continue;
                     }
                 }
-                let vague = vague();
-                let WeakSighting { cut, hidden, .. } = vague;
+                let BoxSighting { cut, hidden, .. } = seen;
                 let class = format!("{:?}", record.class).to_lowercase();
                 *tally.boxes.entry(class).or_insert(0) += u64::from(own);
                 let reason = match &fit {
@@ -130,16 +131,13 @@ impl Pass<'_> {
                         (!(car.used && believable)).then_some("keypoints_disagree")
                     }
                 };
-                let known = known.get(&CarRef { frame: frame.frame, car: index });
+                let known = known.and_then(|known| known.get(&CarRef { frame: frame.frame, car: index }));
                 // The net finds a car's keypoints in a truck, too.
                 let is_car = known.is_none_or(|known| known.vehicle.class == VehicleClass::Car);
                 let by_keypoints = fit.as_ref().filter(|_| reason.is_none() && is_car);
                 let measured = by_keypoints
                     .map(|fit| measurement(fit, record, index))
                     .or_else(|| self.by_box(record, index, &frame, hidden, &view, known));
-                let is_vague =
-                    |measured: &CarMeasurement| measured.from_box && record.class == VehicleClass::Car;
-                weak.extend((is_anything_known && measured.as_ref().is_none_or(is_vague)).then_some(vague));
                 match measured {
                     Some(measured) => {
                         let known = known.is_some();
@@ -166,12 +164,12 @@ impl Pass<'_> {
             if looked || !held.is_empty() {
                 looked_s.push(frame.time_s);
             }
-            if is_anything_known {
-                weak.extend(
-                    frame.weak.iter().map(|weak| weak_sighting(&frame, weak.bbox_px, weak.score, None)),
+            if known.is_some() {
+                boxes.extend(
+                    frame.weak.iter().map(|weak| box_sighting(&frame, weak.bbox_px, weak.score, None)),
                 );
             }
-            tracker.push(&FrameMeasurements { stamp, looked, cars, held, seen_again, weak });
+            tracker.push(&FrameMeasurements { stamp, looked, cars, held, seen_again, boxes });
         }
         append(&mut tracks, tracker.finish(&Looked { pass: self, looked_s: &looked_s }));
         for (id, track) in (1..).zip(&mut tracks) {
@@ -308,23 +306,25 @@ impl Scene for Looked<'_> {
         vehicle_s(track, self.pass.dims_m(track).z, self.looked_s)
     }
 
-    fn place(
-        &self,
-        stamp: &FrameStamp,
-        weak: &WeakSighting,
-        vehicle: &ExpectedVehicle,
-    ) -> Option<(GroundPose, Matrix3<f64>)> {
+    fn place(&self, stamp: &FrameStamp, seen: &BoxSighting, vehicle: &ExpectedVehicle) -> Option<Placed> {
         let Pass { cameras, atlas, .. } = self.pass;
         let estimate = cameras.at(stamp.time_s())?;
         let dims_m = vehicle.dims_m.unwrap_or_else(|| atlas.dims_m(&atlas.clamped(&vehicle.shape)));
-        let knowledge = Knowledge::Track {
-            body: Body { dims_m, ..body_of(vehicle.class) },
-            heading_rad: vehicle.heading_rad,
-            heading_sd_rad: vehicle.heading_sd_rad.max(KNOWN_HEADING_SD_RAD),
+        let knowledge = match vehicle.heading_sd_rad < UNKNOWN_HEADING_SD_RAD {
+            true => Knowledge::Track {
+                body: Body { dims_m, ..body_of(vehicle.class) },
+                heading_rad: vehicle.heading_rad,
+                heading_sd_rad: vehicle.heading_sd_rad.max(KNOWN_HEADING_SD_RAD),
+            },
+            false => Knowledge::Label(vehicle.class),
         };
         let (size, view) = (estimate.image_size_px, FrameCamera::from(estimate));
-        let found = ground_contact(&weak.bbox_px, size, weak.hidden, &view, &knowledge)?;
-        Some((found.pose, found.covariance))
+        let found = ground_contact(&seen.bbox_px, size, seen.hidden, &view, &knowledge)?;
+        Some(Placed {
+            pose: found.pose,
+            covariance: found.covariance,
+            dims_m: [found.dims_m, found.dims_sd_m],
+        })
     }
 }
 
@@ -355,10 +355,11 @@ fn measurement(fit: &CarFit, record: &CarRecord, car: usize) -> CarMeasurement {
 }
 
 /// A box of a frame, in its list of cars or beside it, that may be a vehicle.
-fn weak_sighting(frame: &FrameRecord, bbox_px: [f64; 4], score: f64, car: Option<usize>) -> WeakSighting {
+fn box_sighting(frame: &FrameRecord, bbox_px: [f64; 4], score: f64, car: Option<usize>) -> BoxSighting {
+    let class = car.map_or(VehicleClass::Car, |car| frame.cars[car].class);
     let others = frame.cars.iter().enumerate().filter(|(other, _)| Some(*other) != car);
     let hidden = hidden_edges(&bbox_px, others.map(|(_, other)| &other.bbox_px));
-    WeakSighting { bbox_px, score, cut: cut_edges(&bbox_px, frame.image_size_px), hidden, car }
+    BoxSighting { bbox_px, score, class, cut: cut_edges(&bbox_px, frame.image_size_px), hidden, car }
 }
 
 /// A vehicle that is where it was.

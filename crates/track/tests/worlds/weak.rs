@@ -1,9 +1,9 @@
 //! Weak boxes: a detector that is not sure.
 
 use nalgebra::{Matrix3, Vector2, Vector3};
-use roadplane_base::{FrameStamp, GroundPose};
+use roadplane_base::{FrameStamp, GroundPose, VehicleClass};
 use roadplane_track::{
-    ExpectedVehicle, FrameMeasurements, Scene, Track, TrackOptions, Tracker, WeakSighting,
+    BoxSighting, ExpectedVehicle, FrameMeasurements, Placed, Scene, Track, TrackOptions, Tracker,
 };
 
 use crate::world::{Path, Seeing, World, box_of, camera, parked, pose, straight, times};
@@ -18,33 +18,34 @@ impl Scene for OnTheGround {
         all.then_some([f64::NEG_INFINITY, f64::INFINITY])
     }
 
-    fn place(
-        &self,
-        _: &FrameStamp,
-        weak: &WeakSighting,
-        vehicle: &ExpectedVehicle,
-    ) -> Option<(GroundPose, Matrix3<f64>)> {
+    fn place(&self, _: &FrameStamp, seen: &BoxSighting, vehicle: &ExpectedVehicle) -> Option<Placed> {
         let (camera, plane) = camera();
-        let [x0, _, x1, y1] = weak.bbox_px;
+        let [x0, _, x1, y1] = seen.bbox_px;
         let foot = plane.world_from_pixel(&camera, &Vector2::new((x0 + x1) / 2.0, y1))?;
         let middle = foot * (1.0 + 1.0 / foot.norm());
         let covariance = Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, vehicle.heading_sd_rad.powi(2)));
-        Some((pose(middle.x, middle.y, vehicle.heading_rad), covariance))
+        let dims_m = [Vector3::new(4.5, 1.8, 1.5), Vector3::repeat(0.3)];
+        Some(Placed { pose: pose(middle.x, middle.y, vehicle.heading_rad), covariance, dims_m })
     }
+}
+
+/// A box of the detector, `car` in the frame's list where it is sure.
+fn seen(bbox_px: [f64; 4], car: Option<usize>) -> BoxSighting {
+    let score = if car.is_some() { 0.4 } else { 0.2 };
+    BoxSighting { bbox_px, score, class: VehicleClass::Car, cut: [false; 4], hidden: [false; 4], car }
 }
 
 /// Frames of a world whose cars the detector is sure of from 2 s to 4 s only, with clutter that stays and clutter that jumps.
 fn unsure(cars: Vec<Path>) -> Vec<FrameMeasurements> {
     let mut frames = World::new(cars, Seeing::perfect(), times(6.0, 10.0), 3).see().frames;
     for (i, frame) in frames.iter_mut().enumerate() {
-        let weak =
-            |bbox_px| WeakSighting { bbox_px, score: 0.2, cut: [false; 4], hidden: [false; 4], car: None };
+        let weak = |bbox_px| seen(bbox_px, None);
         if !(20..40).contains(&i) {
-            frame.weak = frame.cars.drain(..).map(|car| weak(car.bbox_px)).collect();
+            frame.boxes = frame.cars.drain(..).map(|car| weak(car.bbox_px)).collect();
         }
         let jump = 37.0 * (i % 11) as f64;
-        frame.weak.push(weak([100.0 + jump, 400.0, 220.0 + jump, 480.0]));
-        frame.weak.push(weak([1500.0, 300.0, 1580.0, 350.0]));
+        frame.boxes.push(weak([100.0 + jump, 400.0, 220.0 + jump, 480.0]));
+        frame.boxes.push(weak([1500.0, 300.0, 1580.0, 350.0]));
     }
     frames
 }
@@ -83,7 +84,7 @@ fn a_weak_box_elsewhere_or_of_another_size_is_nobody() {
         let [x0, y0, x1, y1] = true_box(i);
         let (width, height) = (x1 - x0, y1 - y0);
         // Twice as wide and high; a box's width to the side.
-        frame.weak[0].bbox_px = if i < 20 {
+        frame.boxes[0].bbox_px = if i < 20 {
             [x0 - width / 2.0, y0 - height, x1 + width / 2.0, y1]
         } else {
             [x0 + width, y0, x1 + width, y1]
@@ -99,7 +100,7 @@ fn what_drives_past_is_not_in_a_weak_box_that_stands() {
     let mut frames = unsure(vec![drive()]);
     let passed = box_of(&drive()(1.8).unwrap()).unwrap();
     // Where it drove a moment before the detector was sure there is a weak box all the time, and it has none of its own.
-    frames.iter_mut().for_each(|frame| frame.weak[0].bbox_px = passed);
+    frames.iter_mut().for_each(|frame| frame.boxes[0].bbox_px = passed);
     let begins = |frames: &[FrameMeasurements]| {
         let tracks = follow(frames, &OnTheGround);
         assert_eq!(tracks.len(), 1);
@@ -107,7 +108,7 @@ fn what_drives_past_is_not_in_a_weak_box_that_stands() {
     };
     assert_eq!(begins(&frames), 20);
     for (_, frame) in frames.iter_mut().enumerate().filter(|(i, _)| *i != 18) {
-        frame.weak.remove(0);
+        frame.boxes.remove(0);
     }
     assert_eq!(begins(&frames), 18);
 }
@@ -120,17 +121,63 @@ fn a_car_that_shows_no_keypoints_at_first_is_the_one_that_does_later() {
         let car = &mut frame.cars[0];
         car.from_box = true;
         let bbox_px = car.bbox_px;
-        frame.weak.push(WeakSighting {
-            bbox_px,
-            score: car.score,
-            cut: [false; 4],
-            hidden: [false; 4],
-            car: Some(car.car),
-        });
+        frame.boxes.push(seen(bbox_px, Some(car.car)));
     }
     assert_eq!(follow(&frames, &())[0].states.len(), 40);
     let tracks = follow(&frames, &OnTheGround);
     assert_eq!(tracks.len(), 1);
     assert_eq!(tracks[0].states.len(), 60);
     assert!(tracks[0].states.iter().all(|state| state.observed && state.car.is_some()));
+}
+
+/// Frames of a car of which the detector is sure in every `nth` look at it.
+fn sure_now_and_then(car: Path, nth: usize) -> Vec<FrameMeasurements> {
+    let mut frames = World::new(vec![car], Seeing::perfect(), times(6.0, 10.0), 3).see().frames;
+    for (i, frame) in frames.iter_mut().enumerate() {
+        let is_sure = i % nth == 0;
+        frame.boxes = frame.cars.iter().map(|car| seen(car.bbox_px, is_sure.then_some(car.car))).collect();
+        frame.cars.retain(|_| is_sure);
+    }
+    frames
+}
+
+#[test]
+fn what_drives_and_is_sure_now_and_then_is_a_vehicle() {
+    let drive = || straight(pose(-8.0, 26.0, 0.1), 3.0);
+    let frames = sure_now_and_then(drive(), 6);
+    assert!(follow(&frames, &()).is_empty());
+    let tracks = follow(&frames, &OnTheGround);
+    assert_eq!(tracks.len(), 1);
+    assert_eq!(tracks[0].states.len(), 60);
+    for (i, state) in tracks[0].states.iter().enumerate() {
+        let at = drive()(0.1 * i as f64).unwrap();
+        let off_m = (state.pose.x_m - at.x_m).hypot(state.pose.y_m - at.y_m);
+        assert!(state.observed && off_m < 1.5, "frame {i}: {off_m} m");
+        // By the way it goes, as boxes have no front.
+        assert!((state.pose.heading_rad - at.heading_rad).abs() < 0.2 && (state.speed_mps - 3.0).abs() < 0.6);
+    }
+    // What stands, is never sure, or is found in every other look only.
+    assert!(follow(&sure_now_and_then(parked(4.0, 22.0, 1.2), 6), &OnTheGround).is_empty());
+    assert!(follow(&sure_now_and_then(drive(), 100), &OnTheGround).is_empty());
+    let mut seldom = frames;
+    seldom.iter_mut().skip(1).step_by(2).for_each(|frame| frame.boxes.clear());
+    assert!(follow(&seldom, &OnTheGround).is_empty());
+}
+
+#[test]
+fn a_part_of_a_vehicle_that_goes_along_with_it_is_no_vehicle() {
+    let drive = || straight(pose(-8.0, 26.0, 0.1), 3.0);
+    let mut frames = World::new(vec![drive()], Seeing::perfect(), times(6.0, 10.0), 3).see().frames;
+    let behind = |frames: &mut [FrameMeasurements], gap_px: f64| {
+        for (i, frame) in frames.iter_mut().enumerate() {
+            let [x0, y0, x1, y1] = frame.cars[0].bbox_px;
+            let part = [2.0 * x0 - x1 - gap_px, y0, x0 - gap_px, y1];
+            let sure = (i % 6 == 0).then_some(1);
+            frame.boxes = vec![seen([x0, y0, x1, y1], Some(frame.cars[0].car)), seen(part, sure)];
+        }
+    };
+    behind(&mut frames, -5.0);
+    assert_eq!(follow(&frames, &OnTheGround).len(), 1);
+    behind(&mut frames, 20.0);
+    assert_eq!(follow(&frames, &OnTheGround).len(), 2);
 }

@@ -1,0 +1,245 @@
+//! Tracks that the detector is never sure of for long enough: boxes, weak and strong, that no track took and that drive together.
+//!
+//! A car seen from high above, or half in the dark, is found in nearly every look, and is sure in few of them. What stands like this
+//! may be a hedge, and motorcycles are weak boxes that drive; but what is found in most looks, is now and then a vehicle beyond doubt
+//! and goes on steadily for longer than its box is large is one. Such boxes are chained in the picture, where nothing has to be known
+//! of the vehicle, and placed on the ground once the chain says which way it drives.
+
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    f64::consts::FRAC_PI_2,
+};
+
+use nalgebra::{Matrix2, Vector2, Vector3};
+use roadplane_base::{Shape, VehicleClass, bbox_centre, bbox_iou, bbox_moved, bbox_share_inside};
+
+use crate::{
+    BoxSighting, ExpectedVehicle, Looks, Placed, Scene, complete::Frames, expected::SURE_OVERLAP,
+    extend::BoxesByFrame, measurement::Sighting, raw_track::RawTrack,
+};
+
+/// A chain ends where its vehicle is not found for so long, s.
+const LOST_S: f64 = 0.6;
+/// Time over which its motion in the picture is taken, s.
+const MOTION_S: f64 = 0.25;
+/// A box that covers a track's so much, or lies in it so far, is of that track's vehicle.
+const SAME_BOX: f64 = 0.4;
+const INSIDE: f64 = 0.7;
+/// What touches the boxes of one track in so many of its own is a part of that vehicle, as a lorry's cab is.
+const PART: f64 = 0.8;
+/// Least share of the looks in which it is found, of those in which the detector is sure, and how often that is.
+const MIN_FOUND: f64 = 0.75;
+const MIN_SURE_SHARE: f64 = 0.1;
+const MIN_SURE: usize = 3;
+/// Ways are taken in steps of so many box sizes; so many are left behind at least, and consecutive ones turn little: mean cosine.
+const STEP_SIZES: f64 = 0.5;
+const MIN_STEPS: usize = 3;
+const MIN_COSINE: f64 = 0.8;
+/// Positions of so long to both sides say which way it drives, s, where it is faster than this, m/s.
+const HEADING_S: f64 = 1.0;
+const DRIVES_MPS: f64 = 1.0;
+/// sd of a heading that is known like this, rad.
+const DRIVEN_HEADING_SD: f64 = 0.15;
+
+/// Boxes of what may be one vehicle, one a frame.
+struct Chain {
+    boxes: Vec<(usize, BoxSighting)>,
+    velocity_px_s: Vector2<f64>,
+    last_s: f64,
+}
+
+impl Chain {
+    fn new(frame: usize, first: BoxSighting, time_s: f64) -> Self {
+        Self { boxes: vec![(frame, first)], velocity_px_s: Vector2::zeros(), last_s: time_s }
+    }
+
+    /// Overlap of a box with where this one is expected.
+    fn overlap(&self, bbox_px: &[f64; 4], time_s: f64) -> f64 {
+        let moved =
+            |last: &BoxSighting| bbox_moved(&last.bbox_px, &(self.velocity_px_s * (time_s - self.last_s)));
+        self.boxes.last().map_or(0.0, |(_, last)| bbox_iou(&moved(last), bbox_px))
+    }
+
+    fn add(&mut self, frame: usize, seen: BoxSighting, time_s: f64) {
+        let gap_s = time_s - self.last_s;
+        if let Some((_, last)) = self.boxes.last()
+            && gap_s > 0.0
+        {
+            let velocity = (bbox_centre(&seen.bbox_px) - bbox_centre(&last.bbox_px)) / gap_s;
+            let share = if self.boxes.len() < 2 { 1.0 } else { 1.0 - (-gap_s / MOTION_S).exp() };
+            self.velocity_px_s += share * (velocity - self.velocity_px_s);
+        }
+        self.boxes.push((frame, seen));
+        self.last_s = time_s;
+    }
+
+    /// Whether it is found, and sure, often enough, and leaves its place as what drives does.
+    fn is_vehicle(&self, frames: &Frames) -> bool {
+        let (Some((first, _)), Some((last, _))) = (self.boxes.first(), self.boxes.last()) else {
+            return false;
+        };
+        let looked = (*first..=*last).filter(|frame| frames.looked[*frame]);
+        let looks = Looks::of(looked.map(|frame| frames.times_s[frame])).count as f64;
+        let found = Looks::of(self.boxes.iter().map(|(frame, _)| frames.times_s[*frame])).count as f64;
+        let sure = self.boxes.iter().filter(|(_, seen)| seen.is_sure()).count();
+        let is_found = found >= MIN_FOUND * looks;
+        let is_sure = sure >= MIN_SURE && sure as f64 >= MIN_SURE_SHARE * self.boxes.len() as f64;
+        is_found && is_sure && self.goes_on()
+    }
+
+    fn goes_on(&self) -> bool {
+        let size = |px: &[f64; 4]| ((px[2] - px[0]) * (px[3] - px[1])).sqrt();
+        let mut places = self.boxes.iter().map(|(_, seen)| (bbox_centre(&seen.bbox_px), size(&seen.bbox_px)));
+        let Some((mut from, _)) = places.next() else { return false };
+        let mut steps: Vec<Vector2<f64>> = Vec::new();
+        for (to, size) in places {
+            if (to - from).norm() >= STEP_SIZES * size {
+                steps.push((to - from).normalize());
+                from = to;
+            }
+        }
+        let turns = steps.windows(2).map(|pair| pair[0].dot(&pair[1]));
+        steps.len() >= MIN_STEPS && turns.sum::<f64>() >= MIN_COSINE * (steps.len() - 1) as f64
+    }
+}
+
+/// Tracks of what is in none of these, and drives.
+pub(crate) fn begin(
+    free: &BoxesByFrame,
+    tracks: &[RawTrack],
+    frames: &Frames,
+    scene: &impl Scene,
+) -> Vec<RawTrack> {
+    let taken = boxes_of(tracks, frames);
+    let none = Vec::new();
+    let of_frame = |frame: usize| taken.get(&frame).unwrap_or(&none);
+    chains(free, frames, |frame, bbox_px| {
+        let is_same = |(_, other): &(usize, [f64; 4])| {
+            bbox_iou(bbox_px, other) > SAME_BOX || bbox_share_inside(bbox_px, other) > INSIDE
+        };
+        !of_frame(frame).iter().any(is_same)
+    })
+    .into_iter()
+    .filter(|chain| chain.is_vehicle(frames) && !is_part(chain, of_frame))
+    .filter_map(|chain| on_ground(&chain.boxes, frames, scene))
+    .collect()
+}
+
+/// Boxes of the tracks in each frame of their lives, where they were not seen by those before and after.
+fn boxes_of(tracks: &[RawTrack], frames: &Frames) -> BTreeMap<usize, Vec<(usize, [f64; 4])>> {
+    let mut boxes: BTreeMap<usize, Vec<(usize, [f64; 4])>> = BTreeMap::new();
+    for (t, track) in tracks.iter().enumerate() {
+        for pair in track.observations.windows(2) {
+            let span_s = (pair[1].time_s - pair[0].time_s).max(f64::MIN_POSITIVE);
+            for frame in (pair[0].frame..pair[1].frame).filter(|frame| frames.looked[*frame]) {
+                let share = (frames.times_s[frame] - pair[0].time_s) / span_s;
+                let between =
+                    |i: usize| pair[0].bbox_px[i] + share * (pair[1].bbox_px[i] - pair[0].bbox_px[i]);
+                boxes.entry(frame).or_default().push((t, std::array::from_fn(between)));
+            }
+        }
+        if let Some(last) = track.observations.last() {
+            boxes.entry(last.frame).or_default().push((t, last.bbox_px));
+        }
+    }
+    boxes
+}
+
+/// Free boxes that follow each other, best overlaps first.
+fn chains(free: &BoxesByFrame, frames: &Frames, is_free: impl Fn(usize, &[f64; 4]) -> bool) -> Vec<Chain> {
+    let (mut open, mut done): (Vec<Chain>, Vec<Chain>) = (Vec::new(), Vec::new());
+    for (&frame, boxes) in free {
+        let time_s = frames.times_s[frame];
+        done.extend(open.extract_if(.., |chain| time_s - chain.last_s > LOST_S));
+        let boxes: Vec<&BoxSighting> = boxes.iter().filter(|seen| is_free(frame, &seen.bbox_px)).collect();
+        let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
+        for (c, chain) in open.iter().enumerate() {
+            for (b, seen) in boxes.iter().enumerate() {
+                let overlap = chain.overlap(&seen.bbox_px, time_s);
+                if overlap > SURE_OVERLAP {
+                    pairs.push((overlap, c, b));
+                }
+            }
+        }
+        pairs.sort_by(|a, b| b.0.total_cmp(&a.0).then((a.1, a.2).cmp(&(b.1, b.2))));
+        let (mut went_on, mut used) = (BTreeSet::new(), BTreeSet::new());
+        for (_, c, b) in pairs {
+            if !went_on.contains(&c) && !used.contains(&b) {
+                open[c].add(frame, *boxes[b], time_s);
+                went_on.insert(c);
+                used.insert(b);
+            }
+        }
+        let new = boxes.iter().enumerate().filter(|(b, _)| !used.contains(b));
+        open.extend(new.map(|(_, seen)| Chain::new(frame, **seen, time_s)));
+    }
+    done.extend(open);
+    done
+}
+
+/// Whether what a chain shows goes along with a track's vehicle all the time, and touches it.
+fn is_part<'a>(chain: &Chain, of_frame: impl Fn(usize) -> &'a Vec<(usize, [f64; 4])>) -> bool {
+    let mut touched: BTreeMap<usize, usize> = BTreeMap::new();
+    for (frame, seen) in &chain.boxes {
+        for (track, other) in of_frame(*frame) {
+            *touched.entry(*track).or_default() += usize::from(bbox_share_inside(&seen.bbox_px, other) > 0.0);
+        }
+    }
+    touched.values().any(|touches| *touches as f64 >= PART * chain.boxes.len() as f64)
+}
+
+/// A chain's vehicle on the ground; `None` where the camera does not see it there.
+fn on_ground(boxes: &[(usize, BoxSighting)], frames: &Frames, scene: &impl Scene) -> Option<RawTrack> {
+    let mut vehicle = ExpectedVehicle {
+        class: class(boxes),
+        dims_m: None,
+        shape: Shape::zeros(),
+        heading_rad: 0.0,
+        heading_sd_rad: FRAC_PI_2,
+    };
+    let time_s = |frame: usize| frames.times_s[frame];
+    let placed = |(frame, seen): &(usize, BoxSighting), vehicle: &ExpectedVehicle| {
+        let placed = scene.place(&frames.stamps[*frame], seen, vehicle)?;
+        placed.covariance.cholesky().is_some().then_some((*frame, placed))
+    };
+    let about: Vec<(usize, Placed)> = boxes.iter().filter_map(|one| placed(one, &vehicle)).collect();
+    let places: Vec<[f64; 3]> =
+        about.iter().map(|(frame, at)| [time_s(*frame), at.pose.x_m, at.pose.y_m]).collect();
+    let ways: Vec<[f64; 2]> = places.iter().filter_map(|at| Some([at[0], way(&places, at[0])?])).collect();
+    let dims: Vec<[Vector3<f64>; 2]> = about.iter().map(|(_, at)| at.dims_m).collect();
+    if vehicle.class != VehicleClass::Car {
+        vehicle.dims_m = RawTrack::mean_dims_m(&dims);
+    }
+    vehicle.heading_sd_rad = DRIVEN_HEADING_SD;
+    let mut sightings = Vec::new();
+    for (frame, seen) in boxes {
+        let away_s = |way: &&[f64; 2]| (way[0] - time_s(*frame)).abs();
+        vehicle.heading_rad = ways.iter().min_by(|a, b| away_s(a).total_cmp(&away_s(b)))?[1];
+        let found = placed(&(*frame, *seen), &vehicle);
+        sightings.extend(found.map(|(_, placed)| Sighting::by_box(seen, &placed, *frame, time_s(*frame))));
+    }
+    RawTrack::by_boxes(sightings, vehicle.class, &dims)
+}
+
+/// What the detector calls it where it is sure.
+fn class(boxes: &[(usize, BoxSighting)]) -> VehicleClass {
+    let mut votes: BTreeMap<VehicleClass, f64> = BTreeMap::new();
+    for (_, seen) in boxes.iter().filter(|(_, seen)| seen.is_sure()) {
+        *votes.entry(seen.class).or_default() += seen.score;
+    }
+    votes.into_iter().max_by(|a, b| a.1.total_cmp(&b.1)).map_or(VehicleClass::Car, |(class, _)| class)
+}
+
+/// Which way a vehicle drives at a time, rad: by the line through its places (time, x, y) around it.
+fn way(places: &[[f64; 3]], at_s: f64) -> Option<f64> {
+    let (mut normal, mut right) = (Matrix2::zeros(), [Vector2::zeros(), Vector2::zeros()]);
+    for [time_s, x, y] in places.iter().filter(|place| (place[0] - at_s).abs() <= HEADING_S) {
+        let basis = Vector2::new(1.0, time_s - at_s);
+        normal += basis * basis.transpose();
+        right[0] += basis * *x;
+        right[1] += basis * *y;
+    }
+    let line = normal.cholesky()?;
+    let [x, y] = right.map(|right| line.solve(&right).y);
+    (x.hypot(y) > DRIVES_MPS).then(|| y.atan2(x))
+}
