@@ -93,8 +93,8 @@ impl Chain {
         let Some((mut from, _)) = places.next() else { return false };
         let mut steps: Vec<Vector2<f64>> = Vec::new();
         for (to, size) in places {
-            if (to - from).norm() >= STEP_SIZES * size {
-                steps.push((to - from).normalize());
+            if let Some(direction) = (to - from).try_normalize(STEP_SIZES * size) {
+                steps.push(direction);
                 from = to;
             }
         }
