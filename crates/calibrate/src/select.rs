@@ -60,8 +60,8 @@ impl Default for SelectOptions {
 
 /// Longer side at which more pixels stop making a view better, px.
 const FULL_SIDE_PX: f64 = 150.0;
-/// What was found once only may be nothing: where so many cars were found again, all that was found once counts as one car.
-const ENOUGH_CARS: usize = 10;
+/// What was found in fewer frames may be nothing, and is wanted so much less.
+const SURELY_A_CAR: usize = 10;
 /// Cells per axis of the grid over which views are spread.
 const GRID: f64 = 4.0;
 
@@ -172,19 +172,17 @@ impl ViewSelector {
     fn best(&mut self, count: usize) -> Vec<Candidate> {
         let mut left = std::mem::take(&mut self.candidates);
         left.sort_by_key(|c| (c.link, c.view.look.frame));
-        let is_found_again = |link: &LinkId| self.seen[link] > 1;
-        let enough = self.seen.keys().filter(|link| is_found_again(link)).count() >= ENOUGH_CARS;
-        let car_of = |c: &Candidate| (!enough || is_found_again(&c.link)).then_some(c.link);
+        let is_car = |link: &LinkId| self.seen[link].min(SURELY_A_CAR) as f64 / SURELY_A_CAR as f64;
         let mut chosen: Vec<Candidate> = Vec::new();
-        let mut of_car: BTreeMap<Option<LinkId>, usize> = BTreeMap::new();
+        let mut of_car: BTreeMap<LinkId, usize> = BTreeMap::new();
         let mut of_cell: BTreeMap<(u8, u8), usize> = BTreeMap::new();
         while chosen.len() < count {
             let worth = |c: &Candidate| {
-                let same_car = of_car.get(&car_of(c)).copied().unwrap_or(0);
+                let same_car = of_car.get(&c.link).copied().unwrap_or(0);
                 let same_cell = of_cell.get(&c.cell).copied().unwrap_or(0);
                 let allowed = same_car < self.options.max_views_per_car;
-                allowed
-                    .then(|| c.view.look.quality / ((1 + same_car) as f64 * (1.0 + 0.3 * same_cell as f64)))
+                let crowded = (1 + same_car) as f64 * (1.0 + 0.3 * same_cell as f64);
+                allowed.then(|| is_car(&c.link) * c.view.look.quality / crowded)
             };
             let ranked = left.iter().enumerate().filter_map(|(i, c)| Some((i, worth(c)?)));
             // The first of equals, by car and frame.
@@ -193,7 +191,7 @@ impl ViewSelector {
                 break;
             };
             let candidate = left.remove(index);
-            *of_car.entry(car_of(&candidate)).or_default() += 1;
+            *of_car.entry(candidate.link).or_default() += 1;
             *of_cell.entry(candidate.cell).or_default() += 1;
             chosen.push(candidate);
         }
