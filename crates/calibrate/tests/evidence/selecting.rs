@@ -81,7 +81,7 @@ fn what_is_found_once_is_wanted_less_than_what_is_found_again() {
             cars.extend((i % 3 == 1).then_some(elsewhere));
             let record = frame(i, i as f64, &cars, 2.0, 0.5, &mut random);
             let names = linker.push(&record);
-            found_once.extend(names.iter().skip(2 * row as usize));
+            found_once.extend(names.iter().skip(2 * row));
             selector.push(&record, &names);
         }
         let views = selector.take();
