@@ -120,7 +120,7 @@ pub(crate) fn begin(
         !of_frame(frame).iter().any(is_same)
     })
     .into_iter()
-    .filter(|chain| chain.is_vehicle(frames) && !is_part(chain, of_frame))
+    .filter(|chain| !is_part(chain, of_frame))
     .filter_map(|chain| on_ground(&chain.boxes, frames, scene))
     .collect()
 }
@@ -145,12 +145,13 @@ fn boxes_of(tracks: &[RawTrack], frames: &Frames) -> BTreeMap<usize, Vec<(usize,
     boxes
 }
 
-/// Free boxes that follow each other, best overlaps first.
+/// Free boxes that follow each other, best overlaps first, as those of vehicles do.
 fn chains(free: &BoxesByFrame, frames: &Frames, is_free: impl Fn(usize, &[f64; 4]) -> bool) -> Vec<Chain> {
     let (mut open, mut done): (Vec<Chain>, Vec<Chain>) = (Vec::new(), Vec::new());
     for (&frame, boxes) in free {
         let time_s = frames.times_s[frame];
-        done.extend(open.extract_if(.., |chain| time_s - chain.last_s > LOST_S));
+        let ended = open.extract_if(.., |chain| time_s - chain.last_s > LOST_S);
+        done.extend(ended.filter(|chain| chain.is_vehicle(frames)));
         let boxes: Vec<&BoxSighting> = boxes.iter().filter(|seen| is_free(frame, &seen.bbox_px)).collect();
         let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
         for (c, chain) in open.iter().enumerate() {
@@ -173,7 +174,7 @@ fn chains(free: &BoxesByFrame, frames: &Frames, is_free: impl Fn(usize, &[f64; 4
         let new = boxes.iter().enumerate().filter(|(b, _)| !used.contains(b));
         open.extend(new.map(|(_, seen)| Chain::new(frame, **seen, time_s)));
     }
-    done.extend(open);
+    done.extend(open.into_iter().filter(|chain| chain.is_vehicle(frames)));
     done
 }
 
