@@ -30,6 +30,8 @@ const CAR_SHARE: f64 = 0.4;
 /// What is lower and shorter is a car, whatever it is called, m.
 const MAX_CAR_HEIGHT_M: f64 = 1.8;
 const MAX_CAR_LENGTH_M: f64 = 5.5;
+/// The same of what is called a bus, of which no one is so low: from high above cars are taken for buses, m.
+const MIN_BUS_HEIGHT_M: f64 = 2.2;
 /// What a box that is called a car, but shows no car's keypoints, counts.
 const UNSURE_VOTE: f64 = 0.5;
 
@@ -116,7 +118,8 @@ impl RawTrack {
 
     pub(crate) fn class(&self) -> VehicleClass {
         let [car, truck, bus] = self.votes();
-        if self.dims.mean().is_some_and(|dims| dims.z < MAX_CAR_HEIGHT_M && dims.x < MAX_CAR_LENGTH_M) {
+        let height_m = if bus > truck { MIN_BUS_HEIGHT_M } else { MAX_CAR_HEIGHT_M };
+        if self.dims.mean().is_some_and(|dims| dims.z < height_m && dims.x < MAX_CAR_LENGTH_M) {
             return VehicleClass::Car;
         }
         if car >= CAR_SHARE * (car + truck + bus) {
@@ -160,6 +163,9 @@ pub(crate) fn share_space(a: &Sighting, b: &Sighting) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::{BoxSighting, Placed};
+    use nalgebra::Matrix3;
+    use roadplane_base::GroundPose;
     use std::f64::consts::{FRAC_PI_2, PI};
 
     #[test]
@@ -180,5 +186,24 @@ mod tests {
             assert!(one([0.0, 0.9], PI, axis) && !one([0.0, 1.1], PI, axis), "sideways");
             assert!(one([0.9, 0.0], FRAC_PI_2, axis) && !one([2.3, 0.0], FRAC_PI_2, axis), "across");
         }
+    }
+
+    #[test]
+    fn what_is_small_is_a_car_whatever_it_is_called() {
+        let class = |called, dims_m: [f64; 3]| {
+            let bbox_px = [100.0, 100.0, 160.0, 140.0];
+            let (cut, hidden) = ([false; 4], [false; 4]);
+            let seen = BoxSighting { bbox_px, score: 0.5, class: called, cut, hidden, car: Some(0) };
+            let dims_m = [Vector3::from(dims_m), Vector3::repeat(0.3)];
+            let pose = GroundPose { x_m: 3.0, y_m: 20.0, heading_rad: 0.0 };
+            let placed = Placed { pose, covariance: Matrix3::identity(), dims_m };
+            let sighting = Sighting::by_box(&seen, &placed, 0, 0.0);
+            RawTrack::by_boxes(vec![sighting], called, &[dims_m]).unwrap().class()
+        };
+        use VehicleClass::{Bus, Car, Truck};
+        assert_eq!([Truck, Bus].map(|called| class(called, [4.6, 1.8, 1.6])), [Car, Car]);
+        // A van with a box, or a car seen from high above.
+        assert_eq!([Truck, Bus].map(|called| class(called, [5.1, 1.9, 2.0])), [Truck, Car]);
+        assert_eq!([Truck, Bus].map(|called| class(called, [6.5, 2.1, 2.6])), [Truck, Bus]);
     }
 }
