@@ -11,11 +11,11 @@ use std::{
 };
 
 use nalgebra::{Matrix2, Vector2, Vector3};
-use roadplane_base::{Shape, VehicleClass, bbox_centre, bbox_iou, bbox_moved, bbox_share_inside};
+use roadplane_base::{Shape, VehicleClass, bbox_centre, bbox_iou, bbox_share_inside};
 
 use crate::{
-    BoxSighting, ExpectedVehicle, Looks, Placed, Scene, complete::Frames, expected::SURE_OVERLAP,
-    extend::BoxesByFrame, measurement::Sighting, raw_track::RawTrack,
+    BoxSighting, ExpectedVehicle, Looks, Placed, Scene, box_motion::BoxMotion, complete::Frames,
+    expected::SURE_OVERLAP, extend::BoxesByFrame, measurement::Sighting, raw_track::RawTrack,
 };
 
 /// A chain ends where its vehicle is not found for so long, s.
@@ -44,33 +44,17 @@ const DRIVEN_HEADING_SD: f64 = 0.15;
 /// Boxes of what may be one vehicle, one a frame.
 struct Chain {
     boxes: Vec<(usize, BoxSighting)>,
-    velocity_px_s: Vector2<f64>,
-    last_s: f64,
+    motion: BoxMotion,
 }
 
 impl Chain {
     fn new(frame: usize, first: BoxSighting, time_s: f64) -> Self {
-        Self { boxes: vec![(frame, first)], velocity_px_s: Vector2::zeros(), last_s: time_s }
-    }
-
-    /// Overlap of a box with where this one is expected.
-    fn overlap(&self, bbox_px: &[f64; 4], time_s: f64) -> f64 {
-        let moved =
-            |last: &BoxSighting| bbox_moved(&last.bbox_px, &(self.velocity_px_s * (time_s - self.last_s)));
-        self.boxes.last().map_or(0.0, |(_, last)| bbox_iou(&moved(last), bbox_px))
+        Self { boxes: vec![(frame, first)], motion: BoxMotion::new(first.bbox_px, time_s, MOTION_S) }
     }
 
     fn add(&mut self, frame: usize, seen: BoxSighting, time_s: f64) {
-        let gap_s = time_s - self.last_s;
-        if let Some((_, last)) = self.boxes.last()
-            && gap_s > 0.0
-        {
-            let velocity = (bbox_centre(&seen.bbox_px) - bbox_centre(&last.bbox_px)) / gap_s;
-            let share = if self.boxes.len() < 2 { 1.0 } else { 1.0 - (-gap_s / MOTION_S).exp() };
-            self.velocity_px_s += share * (velocity - self.velocity_px_s);
-        }
+        self.motion.see(seen.bbox_px, time_s);
         self.boxes.push((frame, seen));
-        self.last_s = time_s;
     }
 
     /// Whether it is found, and sure, often enough, and leaves its place as what drives does.
@@ -150,13 +134,14 @@ fn chains(free: &BoxesByFrame, frames: &Frames, is_free: impl Fn(usize, &[f64; 4
     let (mut open, mut done): (Vec<Chain>, Vec<Chain>) = (Vec::new(), Vec::new());
     for (&frame, boxes) in free {
         let time_s = frames.times_s[frame];
-        let ended = open.extract_if(.., |chain| time_s - chain.last_s > LOST_S);
+        let ended = open.extract_if(.., |chain| chain.motion.unseen_s(time_s) > LOST_S);
         done.extend(ended.filter(|chain| chain.is_vehicle(frames)));
         let boxes: Vec<&BoxSighting> = boxes.iter().filter(|seen| is_free(frame, &seen.bbox_px)).collect();
         let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
         for (c, chain) in open.iter().enumerate() {
+            let expected_px = chain.motion.at(time_s);
             for (b, seen) in boxes.iter().enumerate() {
-                let overlap = chain.overlap(&seen.bbox_px, time_s);
+                let overlap = bbox_iou(&expected_px, &seen.bbox_px);
                 if overlap > SURE_OVERLAP {
                     pairs.push((overlap, c, b));
                 }

@@ -1,12 +1,13 @@
 //! Where a vehicle that was seen is expected next, on the ground and in the picture, and what a sighting costs that may be of it.
 
-use nalgebra::Vector2;
-use roadplane_base::{bbox_centre, bbox_iou, bbox_moved, bbox_part_seen};
+use roadplane_base::{bbox_iou, bbox_part_seen};
 
-use crate::{TrackOptions, filter::Filter, measurement::Sighting};
+use crate::{TrackOptions, box_motion::BoxMotion, filter::Filter, measurement::Sighting};
 
 /// Cost at which a vehicle rather is not seen; pose and overlap make up half of 1 each.
 pub(crate) const ALONE: f64 = 0.9;
+/// Time over which its motion in the picture is taken, s.
+const MOTION_S: f64 = 0.15;
 /// A box is extrapolated for so long, s.
 const BOX_TRUST_S: f64 = 1.0;
 /// A sighting so near to a standing car is of that car, m.
@@ -28,10 +29,7 @@ pub(crate) const SURE_OVERLAP: f64 = 0.5;
 #[derive(Clone, Debug)]
 pub(crate) struct Expected {
     pub filter: Filter,
-    seen: usize,
-    last_px: [f64; 4],
-    last_s: f64,
-    velocity_px_s: Vector2<f64>,
+    motion: BoxMotion,
     /// Box of all of it while it stands, whatever hides a part of it.
     rest_px: [f64; 4],
 }
@@ -40,10 +38,7 @@ impl Expected {
     pub(crate) fn new(first: &Sighting) -> Self {
         Self {
             filter: Filter::new(&first.pose, &first.covariance, first.time_s),
-            seen: 1,
-            last_px: first.bbox_px,
-            last_s: first.time_s,
-            velocity_px_s: Vector2::zeros(),
+            motion: BoxMotion::new(first.bbox_px, first.time_s, MOTION_S),
             rest_px: first.bbox_px,
         }
     }
@@ -62,7 +57,7 @@ impl Expected {
                 (true, false) => known + INWARD * (seen - known),
             }
         });
-        self.see(seen_px, sighting.time_s);
+        self.motion.see(seen_px, sighting.time_s);
     }
 
     /// It is seen again in a box that may be weak, which says where it is and not how large: that is as before, and as far as it is.
@@ -70,7 +65,7 @@ impl Expected {
         let distance_m = self.filter.position().norm();
         self.filter.update(&sighting.pose, &sighting.covariance, sighting.time_s, gate);
         let nearer = distance_m / self.filter.position().norm().max(1.0);
-        let (last_px, seen_px, goes_on) = (self.last_px, sighting.bbox_px, sighting.goes_on());
+        let (last_px, seen_px, goes_on) = (*self.last_px(), sighting.bbox_px, sighting.goes_on());
         // By the edges that are its own; low and high of one axis.
         let span = |i: usize| {
             let size = (last_px[i + 2] - last_px[i]) * nearer;
@@ -86,36 +81,23 @@ impl Expected {
         if !self.filter.is_still() {
             self.rest_px = bbox_px;
         }
-        self.see(bbox_px, sighting.time_s);
-    }
-
-    fn see(&mut self, bbox_px: [f64; 4], time_s: f64) {
-        let gap_s = time_s - self.last_s;
-        if gap_s > 0.0 {
-            let velocity = (bbox_centre(&bbox_px) - bbox_centre(&self.last_px)) / gap_s;
-            let share = if self.seen < 2 { 1.0 } else { 1.0 - (-gap_s / 0.15).exp() };
-            self.velocity_px_s += share * (velocity - self.velocity_px_s);
-        }
-        (self.last_px, self.last_s) = (bbox_px, time_s);
-        self.seen += 1;
+        self.motion.see(bbox_px, sighting.time_s);
     }
 
     /// It is where it was, in this box.
     pub(crate) fn hold(&mut self, bbox_px: [f64; 4], time_s: f64) {
         self.filter.hold(time_s);
-        self.velocity_px_s = Vector2::zeros();
-        (self.last_px, self.last_s) = (bbox_px, time_s);
-        self.seen += 1;
+        self.motion.stand(bbox_px, time_s);
     }
 
     /// Box in which it was seen last, px.
     pub(crate) fn last_px(&self) -> &[f64; 4] {
-        &self.last_px
+        self.motion.last_px()
     }
 
     /// For how long it was not seen.
     pub(crate) fn unseen_s(&self, time_s: f64) -> f64 {
-        time_s - self.last_s
+        self.motion.unseen_s(time_s)
     }
 
     /// Whether it was not seen for so long that somebody else may be there.
@@ -131,8 +113,7 @@ impl Expected {
         if self.filter.is_still() {
             return Some(self.rest_px);
         }
-        let gap_s = time_s - self.last_s;
-        (gap_s <= BOX_TRUST_S).then(|| bbox_moved(&self.last_px, &(self.velocity_px_s * gap_s)))
+        (self.unseen_s(time_s) <= BOX_TRUST_S).then(|| self.motion.at(time_s))
     }
 
     /// 0 for a perfect match; [`ALONE`] and above for none.

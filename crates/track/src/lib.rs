@@ -21,6 +21,7 @@
 //! keeps for ever: `R = r R + max(1 − r, β²) R`, r being the scatter that the track really shows (`noise.rs`).
 
 mod begin;
+mod box_motion;
 mod chain;
 mod complete;
 mod duplicates;

@@ -105,17 +105,19 @@ impl Pass<'_> {
                     seen_again.push(SeenAgain { look, bbox_px: record.bbox_px });
                     continue;
                 }
-                let seen = box_sighting(&frame, record.bbox_px, record.score, Some(index));
-                boxes.extend(known.map(|_| seen));
+                let seen = || box_sighting(&frame, record.bbox_px, record.score, Some(index));
                 if record.held_since.is_some() || record.pose_from.is_some() {
                     held.push(held_car(record, index));
                     if let Some(pose) = looks.line(&frame, index).filter(|_| own) {
                         sink(&pose)?;
                     }
                     if record.keypoints.is_none() {
+                        boxes.extend(known.map(|_| seen()));
                         continue;
                     }
                 }
+                let seen = seen();
+                boxes.extend(known.map(|_| seen));
                 let BoxSighting { cut, hidden, .. } = seen;
                 let class = format!("{:?}", record.class).to_lowercase();
                 *tally.boxes.entry(class).or_insert(0) += u64::from(own);
