@@ -76,7 +76,7 @@ pub use keypoint::{
 };
 pub use lens::Lens;
 pub use plane::GroundPlane;
-pub use pose::{GroundPose, angle_difference, wrap_angle};
+pub use pose::{GroundPose, angle_difference, fold_axis, wrap_angle};
 pub use records::{
     CameraEstimate, CameraMove, CameraStatus, CarRecord, CarRef, FrameRecord, MoveKind, OnMap,
     PictureVerdict, PoseRecord, RecordError, TrackRow, VehicleClass, WatchRecord, WeakBox,

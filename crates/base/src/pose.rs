@@ -1,5 +1,7 @@
 //! Poses of cars that stand on the ground.
 
+use std::f64::consts::{PI, TAU};
+
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -36,8 +38,15 @@ impl GroundPose {
 /// The same angle in (−π, π].
 #[must_use]
 pub fn wrap_angle(angle_rad: f64) -> f64 {
-    let turned = angle_rad.rem_euclid(std::f64::consts::TAU);
-    if turned > std::f64::consts::PI { turned - std::f64::consts::TAU } else { turned }
+    let turned = angle_rad.rem_euclid(TAU);
+    if turned > PI { turned - TAU } else { turned }
+}
+
+/// The same axis, turned by less than π/2: in (−π/2, π/2].
+#[must_use]
+pub fn fold_axis(angle_rad: f64) -> f64 {
+    let folded = angle_rad.rem_euclid(PI);
+    if folded > PI / 2.0 { folded - PI } else { folded }
 }
 
 /// The shortest turn from `b` to `a`, in (−π, π].
@@ -63,9 +72,9 @@ mod tests {
         #[test]
         fn wrapped_angles_differ_by_whole_turns(angle in -100.0f64..100.0) {
             let wrapped = wrap_angle(angle);
-            prop_assert!(wrapped > -std::f64::consts::PI - 1e-12 && wrapped <= std::f64::consts::PI + 1e-12);
-            prop_assert!(((angle - wrapped) / std::f64::consts::TAU).fract().abs() < 1e-9
-                || (1.0 - ((angle - wrapped) / std::f64::consts::TAU).fract().abs()) < 1e-9);
+            prop_assert!(wrapped > -PI - 1e-12 && wrapped <= PI + 1e-12);
+            prop_assert!(((angle - wrapped) / TAU).fract().abs() < 1e-9
+                || (1.0 - ((angle - wrapped) / TAU).fract().abs()) < 1e-9);
         }
     }
 }

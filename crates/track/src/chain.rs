@@ -1,7 +1,10 @@
 //! Least squares over a chain of states, each tied to its neighbours only: block-tridiagonal normal equations, linear in the
 //! chain's length.
 
-use nalgebra::{Matrix5, Vector5};
+use nalgebra::{Matrix5, SMatrix, Vector5};
+
+/// Columns of a right side, rows of one state.
+pub(crate) type Columns<const COLUMNS: usize> = SMatrix<f64, 5, COLUMNS>;
 
 /// `½ δᵀ H δ + gᵀ δ` with H's diagonal and upper blocks.
 #[derive(Clone, Debug)]
@@ -36,14 +39,22 @@ impl Blocks {
 
     /// The step `−H⁻¹ g`, with the diagonal grown by the share `damping`.
     pub(crate) fn step(&self, damping: f64) -> Option<Vec<Vector5<f64>>> {
+        self.solve(damping, self.gradient.iter().map(|g| -g).collect())
+    }
+
+    /// `H⁻¹ r` of a right side of so many columns, block by block, with the diagonal grown by the share `damping`.
+    pub(crate) fn solve<const COLUMNS: usize>(
+        &self,
+        damping: f64,
+        mut right: Vec<Columns<COLUMNS>>,
+    ) -> Option<Vec<Columns<COLUMNS>>> {
         let inverses = self.inverse_pivots(damping)?;
-        let mut right: Vec<Vector5<f64>> = self.gradient.iter().map(|g| -g).collect();
         for i in 1..right.len() {
             let carried = self.upper[i - 1].transpose() * inverses[i - 1] * right[i - 1];
             right[i] -= carried;
         }
         for i in (0..right.len()).rev() {
-            let coupled = right.get(i + 1).map_or_else(Vector5::zeros, |next| self.upper[i] * next);
+            let coupled = right.get(i + 1).map_or_else(Columns::zeros, |next| self.upper[i] * next);
             right[i] = inverses[i] * (right[i] - coupled);
         }
         right.iter().all(|step| step.iter().all(|x| x.is_finite())).then_some(right)

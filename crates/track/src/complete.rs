@@ -2,7 +2,8 @@
 
 use std::collections::BTreeSet;
 
-use roadplane_base::{FrameStamp, angle_difference, bbox_iou};
+use nalgebra::{Matrix3, Vector3};
+use roadplane_base::{FrameStamp, GroundPose, VehicleClass, angle_difference, bbox_iou};
 
 use crate::{
     BoxSighting, ExpectedVehicle, Looks, Placed, Track, TrackOptions, TrackState,
@@ -12,7 +13,7 @@ use crate::{
     link::link,
     measurement::Sighting,
     raw_track::RawTrack,
-    smooth::smooth_track,
+    smooth::{smooth_by_boxes, smooth_track},
 };
 
 /// Acceleration towards the middle of a bend that no driver asks of a car, m/s².
@@ -29,6 +30,13 @@ pub trait Scene {
     /// From when to when a track is of a vehicle, s; what it has before and after is left out, and all of it where it is of none.
     fn vehicle_s(&self, track: &Track) -> Option<[f64; 2]>;
 
+    /// Length, width, height of vehicles of a class, mean (m) and covariance.
+    fn size(&self, class: VehicleClass) -> (Vector3<f64>, Matrix3<f64>);
+
+    /// The box in which such a vehicle would be seen, px; `None` where it is not before the camera.
+    fn body_px(&self, stamp: &FrameStamp, pose: &GroundPose, class: VehicleClass, dims_m: &Vector3<f64>)
+    -> Option<[f64; 4]>;
+
     /// Where a vehicle would stand if a box of this frame were its own.
     fn place(&self, stamp: &FrameStamp, seen: &BoxSighting, vehicle: &ExpectedVehicle) -> Option<Placed>;
 }
@@ -37,6 +45,14 @@ pub trait Scene {
 impl Scene for () {
     fn vehicle_s(&self, _: &Track) -> Option<[f64; 2]> {
         Some([f64::NEG_INFINITY, f64::INFINITY])
+    }
+
+    fn size(&self, _: VehicleClass) -> (Vector3<f64>, Matrix3<f64>) {
+        (Vector3::zeros(), Matrix3::identity())
+    }
+
+    fn body_px(&self, _: &FrameStamp, _: &GroundPose, _: VehicleClass, _: &Vector3<f64>) -> Option<[f64; 4]> {
+        None
     }
 
     fn place(&self, _: &FrameStamp, _: &BoxSighting, _: &ExpectedVehicle) -> Option<Placed> {
@@ -76,12 +92,15 @@ pub(crate) fn complete(
     options: &TrackOptions,
     scene: &impl Scene,
 ) -> Vec<Track> {
-    let smooth = |track: &RawTrack| {
+    let of = |track: &RawTrack| {
         let mut options = options.clone();
         if let Some(dims_m) = track.dims_m() {
             options.half_wheelbase_m = HALF_WHEELBASE * dims_m.x;
         }
-        smooth_track(&track.observations, &frames.stamps, &frames.times_s, &options)
+        options
+    };
+    let smooth = |track: &RawTrack| {
+        smooth_track(&track.observations, &frames.stamps, &frames.times_s, &of(track))
     };
     let least = options.min_observed.min(looks.count.div_ceil(2));
     let mut raw = merge_duplicates(link(merge_duplicates(tracklets), options.max_hidden_s));
@@ -96,7 +115,18 @@ pub(crate) fn complete(
         raw.extend(begin(&free, &raw, frames, scene));
         whole = merge_smoothed(link(raw, LENGTHENED_HIDDEN_S.min(options.max_hidden_s)), smooth);
     }
-    let mut tracks: Vec<Track> = whole.into_iter().map(|(raw, states)| smoothed(&raw, states)).collect();
+    let by_boxes = |raw: &RawTrack| {
+        let body = (raw.class(), raw.dims_m()?);
+        smooth_by_boxes(&raw.observations, &frames.stamps, &frames.times_s, &of(raw), body, scene)
+    };
+    let mut tracks: Vec<Track> = (whole.into_iter())
+        .map(|(raw, states)| match by_boxes(&raw) {
+            Some((states, [dims_m, dims_sd_m])) => {
+                Track { dims_m: Some(dims_m), dims_sd_m: Some(dims_sd_m), ..smoothed(&raw, states) }
+            }
+            None => smoothed(&raw, states),
+        })
+        .collect();
     tracks.retain(|track| !track.states.is_empty());
     let key = |track: &Track| track.states.first().map(|s| (s.stamp.index, s.pose.x_m, s.pose.y_m));
     tracks.sort_by(|a, b| match (key(a), key(b)) {
@@ -186,7 +216,7 @@ fn drivable(states: &[TrackState], first: usize, sure: [usize; 2]) -> Option<[us
 
 fn smoothed(raw: &RawTrack, states: Vec<TrackState>) -> Track {
     let (shape, shape_information) = raw.shape.fused();
-    Track { id: 0, class: raw.class(), dims_m: raw.dims_m(), states, shape, shape_information }
+    Track { id: 0, class: raw.class(), dims_m: raw.dims_m(), dims_sd_m: None, states, shape, shape_information }
 }
 
 /// Whether the box is mostly where it was at the sighting before, as of a parked car that is often hidden; false alarms

@@ -26,12 +26,14 @@ pub(crate) struct Facing {
     pub reversed: bool,
     /// Something says so, or says that they must not.
     pub known: bool,
+    /// Its way shows how it was turned.
+    pub drove: bool,
 }
 
 /// By keypoints and motion. `axes`: one per sighting, continuous. `places`: smoothed.
 pub(crate) fn facing(sightings: &[Sighting], axes: &[f64], places: &[Vector3<f64>]) -> Facing {
     let odds = keypoint_odds(sightings, axes) + motion_odds(sightings, axes, places);
-    Facing { reversed: odds < 0.0, known: odds.abs() >= KNOWN_ODDS }
+    Facing { reversed: odds < 0.0, known: odds.abs() >= KNOWN_ODDS, drove: false }
 }
 
 fn keypoint_odds(sightings: &[Sighting], axes: &[f64]) -> f64 {

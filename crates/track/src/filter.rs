@@ -3,9 +3,8 @@
 //! Position and velocity: constant velocity with white acceleration. The heading is kept apart and modulo π, so that a
 //! measurement that mistakes front for back neither kills nor turns a track.
 
-use std::f64::consts::PI;
-
 use nalgebra::{Matrix2, Matrix2x4, Matrix3, Matrix4, Vector2, Vector3, Vector4};
+use roadplane_base::fold_axis;
 
 /// Power of the white acceleration, m²/s³.
 const ACCELERATION_POWER: f64 = 4.0;
@@ -25,12 +24,6 @@ const STILL_S: f64 = 1.0;
 const UNSEEN_S: f64 = 0.6;
 /// Largest share that a heading has in a squared distance: a wrong axis is no reason to lose a car.
 const MAX_HEADING_TERM: f64 = 6.0;
-
-/// The same axis, turned by less than π/2: in (−π/2, π/2].
-pub(crate) fn fold_axis(angle: f64) -> f64 {
-    let folded = angle.rem_euclid(PI);
-    if folded > PI / 2.0 { folded - PI } else { folded }
-}
 
 #[derive(Clone, Debug)]
 pub(crate) struct Filter {

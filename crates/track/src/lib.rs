@@ -22,6 +22,7 @@
 
 mod begin;
 mod box_motion;
+mod by_boxes;
 mod chain;
 mod complete;
 mod duplicates;

@@ -18,10 +18,9 @@
 use std::{collections::BTreeMap, f64::consts::PI, ops::AddAssign as _};
 
 use nalgebra::{Matrix2, Matrix4, Vector2, Vector4};
-use roadplane_base::{assign, bbox_iou, upper_median};
+use roadplane_base::{assign, bbox_iou, upper_median, fold_axis};
 
 use crate::{
-    filter::fold_axis,
     measurement::Sighting,
     raw_track::{RawTrack, VOTES, share_space},
 };

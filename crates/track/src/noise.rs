@@ -1,5 +1,7 @@
 //! How much of a measurement's covariance shows over time, and how much is bias.
 
+use nalgebra::Matrix3;
+
 /// The split of R for one track (or one stand).
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Noise {
@@ -37,4 +39,13 @@ impl Noise {
     pub(crate) fn bias(&self) -> f64 {
         (1.0 - self.ratio).max(self.bias_share * self.bias_share)
     }
+}
+
+/// Covariance of (x, y, heading) where the heading is known otherwise: that of the place given the heading, and none of the heading.
+pub(crate) fn given_heading(covariance: &Matrix3<f64>) -> Matrix3<f64> {
+    let by_heading = covariance.column(2);
+    let mut rest = covariance - by_heading * by_heading.transpose() / covariance[(2, 2)].max(f64::MIN_POSITIVE);
+    rest.fill_row(2, 0.0);
+    rest.fill_column(2, 0.0);
+    rest
 }

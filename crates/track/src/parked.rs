@@ -1,9 +1,12 @@
 //! The one pose of a car that stands: robust, information-weighted mean of its sightings.
 
 use nalgebra::{Matrix3, Vector3};
-use roadplane_base::{StudentT, upper_median};
+use roadplane_base::{StudentT, fold_axis, upper_median};
 
-use crate::{filter::fold_axis, measurement::Sighting, noise::Noise};
+use crate::{
+    measurement::Sighting,
+    noise::{Noise, given_heading},
+};
 
 /// How poses scatter: half-hidden cars give some that are far off.
 const SCATTER: StudentT = StudentT { dimensions: 3.0 };
@@ -49,7 +52,13 @@ pub(crate) fn stand(all: &[Sighting], bias_share: f64) -> Option<Stand> {
     let noise = noise_around(sightings, &inverses, &pose, bias_share);
     let typical = information.cholesky()?.inverse() * sightings.len() as f64;
     let independent = (sightings.len() as f64 * noise.ratio / noise.white().max(1e-12)).max(1.0);
-    Some(Stand { pose, white: typical * (noise.ratio / independent), bias: typical * noise.bias() })
+    let white = noise.ratio / independent;
+    if 2 * sightings.iter().filter(|o| o.from_box).count() > sightings.len() {
+        // How it is turned a box says once, however often it is seen, and the drive that led there may say it better.
+        let place = given_heading(&typical);
+        return Some(Stand { pose, white: typical - place * (1.0 - white).max(0.0), bias: place * noise.bias() });
+    }
+    Some(Stand { pose, white: typical * white, bias: typical * noise.bias() })
 }
 
 /// Medians of the position, and the axis that most sightings agree with (mean of doubled angles).

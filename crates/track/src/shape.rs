@@ -6,9 +6,9 @@
 //! ```
 
 use nalgebra::{Matrix6, Vector2};
-use roadplane_base::Shape;
+use roadplane_base::{Shape, fold_axis};
 
-use crate::{CarMeasurement, filter::fold_axis};
+use crate::CarMeasurement;
 
 /// A view ends when the car moved so far, m …
 const VIEW_M: f64 = 2.0;

@@ -3,14 +3,14 @@
 use std::f64::consts::FRAC_PI_2;
 
 use nalgebra::{Matrix3, Matrix5, Vector3};
-use roadplane_base::{FrameStamp, GroundPose, wrap_angle};
+use roadplane_base::{FrameStamp, GroundPose, VehicleClass, fold_axis, wrap_angle};
 
 use crate::{
-    TrackOptions, TrackState,
-    facing::facing,
-    filter::fold_axis,
+    Scene, TrackOptions, TrackState,
+    by_boxes::{ByBoxes, Look, Solved},
+    facing::{Facing, facing},
     measurement::Sighting,
-    noise::Noise,
+    noise::{Noise, given_heading},
     parked::{Stand, stand},
     stops::{Run, find_runs},
     vehicle::{Node, State, Vehicle, origin, residual, state_at},
@@ -26,6 +26,10 @@ const NEIGHBOURS_S: f64 = 0.4;
 
 /// Times that the noise is measured anew around the smoothed path.
 const NOISE_PASSES: usize = 3;
+
+/// Half of the time over which a way is taken for straight, s; longer for what only its box places, as that says less of its axis.
+const WAY_S: f64 = 0.5;
+const BOX_WAY_S: f64 = 2.0;
 
 /// What a node stands for.
 struct Place {
@@ -53,32 +57,84 @@ pub(crate) fn smooth_track(
     times_s: &[f64],
     options: &TrackOptions,
 ) -> Vec<TrackState> {
-    let runs = find_runs(sightings, options);
-    let places = places(sightings, times_s, &runs, options);
-    let (mut states, front_known) = start(sightings, &places, options);
-    let mut noise = Noise::measured(&mut [], 0.0, 0.0, 1.0, options.bias_share);
-    let mut covariances = Vec::new();
-    for pass in 0..=NOISE_PASSES {
-        let Some(solved) = solve(sightings, &places, states, noise, options) else { return Vec::new() };
-        (states, covariances) = solved;
-        if pass < NOISE_PASSES {
-            noise = driving_noise(sightings, &places, &states, &covariances, noise, options);
+    let Some(way) = Way::by_poses(sightings, times_s, options) else { return Vec::new() };
+    way.states(sightings, stamps, options, |place| match &place.stand {
+        Some(stand) => stand.bias,
+        None => given_heading(&sightings[place.nearest].covariance) * way.noise.bias(),
+    })
+}
+
+/// The same of a vehicle of this class that only its boxes place, with its length, width and height and their sds, m. `None` where it
+/// did not drive, or where boxes and way do not go together.
+pub(crate) fn smooth_by_boxes(
+    sightings: &[Sighting],
+    stamps: &[FrameStamp],
+    times_s: &[f64],
+    options: &TrackOptions,
+    (class, dims_m): (VehicleClass, Vector3<f64>),
+    scene: &impl Scene,
+) -> Option<(Vec<TrackState>, [Vector3<f64>; 2])> {
+    let way = Way::by_poses(sightings, times_s, options).filter(|way| way.facing.drove)?;
+    let looks: Vec<Option<Look>> = (way.places.iter())
+        .map(|place| Look::of(&sightings[place.sightings.clone()], |seen| stamps[seen.frame]))
+        .collect();
+    let unmeasured = |place: &Place| Node { span_s: place.span_s, measured: None, parked: place.stand.is_some() };
+    let nodes: Vec<Node> = way.places.iter().map(unmeasured).collect();
+    let Solved { states, covariances, dims_m, dims_covariance } =
+        ByBoxes { nodes: &nodes, looks: &looks, class, scene, options }.solve(way.nodes, dims_m)?;
+    let way = Way { nodes: states, covariances, ..way };
+    let dims_sd_m = dims_covariance.diagonal().map(|variance| variance.max(0.0).sqrt());
+    Some((way.states(sightings, stamps, options, |_| Matrix3::zeros()), [dims_m, dims_sd_m]))
+}
+
+/// How a vehicle went.
+struct Way {
+    places: Vec<Place>,
+    nodes: Vec<State>,
+    covariances: Vec<Matrix5<f64>>,
+    noise: Noise,
+    facing: Facing,
+}
+
+impl Way {
+    fn by_poses(sightings: &[Sighting], times_s: &[f64], options: &TrackOptions) -> Option<Self> {
+        let runs = find_runs(sightings, options);
+        let places = places(sightings, times_s, &runs, options);
+        let (mut nodes, facing) = start(sightings, &places, options);
+        let mut noise = Noise::measured(&mut [], 0.0, 0.0, 1.0, options.bias_share);
+        let mut covariances = Vec::new();
+        for pass in 0..=NOISE_PASSES {
+            (nodes, covariances) = solve(sightings, &places, nodes, noise, options)?;
+            if pass < NOISE_PASSES {
+                noise = driving_noise(sightings, &places, &nodes, &covariances, noise, options);
+            }
         }
+        Some(Self { places, nodes, covariances, noise, facing })
     }
-    let mut result = Vec::new();
-    for ((place, state), covariance) in places.iter().zip(&states).zip(&covariances) {
-        let mut smoothed = Smoothed::new(sightings, place, state, covariance, noise, options);
-        if !front_known {
-            // Either end may be the front.
-            smoothed.pose_sd.z = smoothed.pose_sd.z.hypot(FRAC_PI_2);
+
+    /// For every frame. `bias`: what errors of a place its states share, which their covariances leave out.
+    fn states(
+        &self,
+        sightings: &[Sighting],
+        stamps: &[FrameStamp],
+        options: &TrackOptions,
+        bias: impl Fn(&Place) -> Matrix3<f64>,
+    ) -> Vec<TrackState> {
+        let mut result = Vec::new();
+        for ((place, state), covariance) in self.places.iter().zip(&self.nodes).zip(&self.covariances) {
+            let mut smoothed = Smoothed::new(place, state, covariance, &bias(place), options);
+            if !self.facing.known {
+                // Either end may be the front.
+                smoothed.pose_sd.z = smoothed.pose_sd.z.hypot(FRAC_PI_2);
+            }
+            for frame in place.frames.clone() {
+                let own = &sightings[place.sightings.clone()];
+                let seen = own.binary_search_by_key(&frame, |o| o.frame).ok().map(|i| &own[i]);
+                result.push(smoothed.at(stamps[frame], seen));
+            }
         }
-        for frame in place.frames.clone() {
-            let own = &sightings[place.sightings.clone()];
-            let seen = own.binary_search_by_key(&frame, |o| o.frame).ok().map(|i| &own[i]);
-            result.push(smoothed.at(stamps[frame], seen));
-        }
+        result
     }
-    result
 }
 
 /// Nodes of a track, in the order of time.
@@ -144,8 +200,8 @@ fn bridged(places: Vec<Place>) -> Vec<Place> {
 }
 
 /// Where to start from: places as seen, a little averaged; the axis by motion where there is some, else by keypoints; the
-/// front by both; and whether anything tells the front.
-fn start(sightings: &[Sighting], places: &[Place], options: &TrackOptions) -> (Vec<State>, bool) {
+/// front by both; and what told it.
+fn start(sightings: &[Sighting], places: &[Place], options: &TrackOptions) -> (Vec<State>, Facing) {
     let averaged: Vec<Vector3<f64>> = (0..sightings.len())
         .map(|i| {
             let near = &sightings[i.saturating_sub(2)..(i + 3).min(sightings.len())];
@@ -156,18 +212,10 @@ fn start(sightings: &[Sighting], places: &[Place], options: &TrackOptions) -> (V
     for place in places {
         stands[place.sightings.clone()].fill(place.stand);
     }
-    let mut axes: Vec<f64> = Vec::with_capacity(sightings.len());
-    let mut centres: Vec<Vector3<f64>> = Vec::with_capacity(sightings.len());
-    for i in 0..sightings.len() {
-        let (centre, axis) = match stands[i] {
-            Some(stand) => (stand.pose, stand.pose.z),
-            None => (averaged[i], axis_at(sightings, &averaged, i)),
-        };
-        let before = axes.last().copied().unwrap_or(axis);
-        axes.push(before + fold_axis(axis - before));
-        centres.push(centre);
-    }
-    let facing = facing(sightings, &axes, &centres);
+    let centres: Vec<Vector3<f64>> =
+        stands.iter().zip(&averaged).map(|(stand, seen)| stand.map_or(*seen, |stand| stand.pose)).collect();
+    let (axes, drove) = axes(sightings, &averaged, &stands);
+    let facing = Facing { drove, ..facing(sightings, &axes, &centres) };
     let turn = if facing.reversed { std::f64::consts::PI } else { 0.0 };
     let states = places
         .iter()
@@ -176,17 +224,46 @@ fn start(sightings: &[Sighting], places: &[Place], options: &TrackOptions) -> (V
             state_at(&pose, speed, options.half_wheelbase_m)
         })
         .collect();
-    (states, facing.known)
+    (states, facing)
 }
 
-/// Direction of travel around a sighting where it is clear, else the axis that keypoints saw.
-fn axis_at(sightings: &[Sighting], averaged: &[Vector3<f64>], i: usize) -> f64 {
+/// An axis for each sighting, turned by less than π/2 from the one before: the way where there is one, else what was seen. What was
+/// seen by its box only, which says little of it, has that of the way nearest in time.
+fn axes(sightings: &[Sighting], averaged: &[Vector3<f64>], stands: &[Option<Stand>]) -> (Vec<f64>, bool) {
+    let ways: Vec<Option<f64>> = (0..sightings.len())
+        .map(|i| if stands[i].is_none() { way_at(sightings, averaged, i) } else { None })
+        .collect();
+    let nearest_way = |i: usize| {
+        let away_s = |k: usize| (sightings[k].time_s - sightings[i].time_s).abs();
+        let told = (0..ways.len()).filter(|k| ways[*k].is_some());
+        told.min_by(|a, b| away_s(*a).total_cmp(&away_s(*b))).and_then(|k| ways[k])
+    };
+    let mut axes: Vec<f64> = Vec::with_capacity(sightings.len());
+    for (i, seen) in sightings.iter().enumerate() {
+        let by_box = || if seen.from_box { nearest_way(i) } else { None };
+        let axis = ways[i].or_else(by_box).unwrap_or(stands[i].map_or(seen.pose.z, |stand| stand.pose.z));
+        let before = axes.last().copied().unwrap_or(axis);
+        axes.push(before + fold_axis(axis - before));
+    }
+    (axes, ways.iter().any(Option::is_some))
+}
+
+/// Direction of travel around a sighting where it is clear.
+fn way_at(sightings: &[Sighting], averaged: &[Vector3<f64>], i: usize) -> Option<f64> {
     let time_s = sightings[i].time_s;
-    let from = sightings.partition_point(|o| o.time_s < time_s - 0.5).min(i);
-    let to = sightings.partition_point(|o| o.time_s <= time_s + 0.5).max(i + 1) - 1;
-    let way = averaged[to].xy() - averaged[from].xy();
     let sd = sightings[i].covariance.fixed_view::<2, 2>(0, 0).trace().sqrt();
-    if way.norm() > 1.0 + sd { way.y.atan2(way.x) } else { sightings[i].pose.z }
+    let longest_s = if sightings[i].from_box { BOX_WAY_S } else { WAY_S };
+    let mut within_s = WAY_S;
+    while within_s <= longest_s {
+        let from = sightings.partition_point(|o| o.time_s < time_s - within_s).min(i);
+        let to = sightings.partition_point(|o| o.time_s <= time_s + within_s).max(i + 1) - 1;
+        let way = averaged[to].xy() - averaged[from].xy();
+        if way.norm() > 1.0 + sd {
+            return Some(way.y.atan2(way.x));
+        }
+        within_s *= 2.0;
+    }
+    None
 }
 
 /// Pose and speed for a node, on the straight line between the sightings around it.
@@ -292,24 +369,14 @@ struct Smoothed {
 
 impl Smoothed {
     fn new(
-        sightings: &[Sighting],
         place: &Place,
         state: &State,
         covariance: &Matrix5<f64>,
-        noise: Noise,
+        bias: &Matrix3<f64>,
         options: &TrackOptions,
     ) -> Self {
         let (pose, jacobian) = origin(state, options.half_wheelbase_m);
         let white = jacobian * covariance * jacobian.transpose();
-        let bias = match &place.stand {
-            Some(stand) => stand.bias,
-            None => {
-                let mut shared = sightings[place.nearest].covariance * noise.bias();
-                shared.fill_row(2, 0.0);
-                shared.fill_column(2, 0.0);
-                shared
-            }
-        };
         let total: Matrix3<f64> = white + bias;
         let standing = place.stand.is_some();
         Self {

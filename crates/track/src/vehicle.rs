@@ -11,9 +11,9 @@
 //! which is measured, lies half a wheelbase ahead: `(x, y) + l (cos θ, sin θ)`.
 
 use nalgebra::{Matrix3, Matrix3x5, Matrix5, Vector3, Vector5};
-use roadplane_base::StudentT;
+use roadplane_base::{StudentT, fold_axis};
 
-use crate::{TrackOptions, chain::Blocks, filter::fold_axis};
+use crate::{TrackOptions, chain::Blocks};
 
 pub(crate) type State = Vector5<f64>;
 
@@ -113,7 +113,8 @@ impl Vehicle<'_> {
         Some((states, covariances))
     }
 
-    fn cost(&self, states: &[State]) -> f64 {
+    /// Negative log posterior of states, up to a constant.
+    pub(crate) fn cost(&self, states: &[State]) -> f64 {
         let mut total = 0.0;
         for (node, state) in self.nodes.iter().zip(states) {
             if let Some((measured, information)) = &node.measured {
@@ -131,7 +132,8 @@ impl Vehicle<'_> {
         total
     }
 
-    fn blocks(&self, states: &[State]) -> Blocks {
+    /// The same to second order about them.
+    pub(crate) fn blocks(&self, states: &[State]) -> Blocks {
         let mut blocks = Blocks::zeros(states.len());
         for (i, (node, state)) in self.nodes.iter().zip(states).enumerate() {
             if let Some((measured, information)) = &node.measured {

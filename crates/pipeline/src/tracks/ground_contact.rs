@@ -7,7 +7,7 @@
 use std::f64::consts::PI;
 
 use nalgebra::{Matrix2, Matrix3, Point3, SMatrix, SVector, Vector2, Vector3};
-use roadplane_base::{GroundPose, ImageSize, VehicleClass};
+use roadplane_base::{GroundPose, ImageSize, VehicleClass, fold_axis};
 
 use crate::tracks::cars::FrameCamera;
 
@@ -310,10 +310,15 @@ fn mixture(fits: &[Fit]) -> Option<GroundContact> {
         mean += fit.place * (weight / total);
         axis += Vector2::new((2.0 * fit.heading).cos(), (2.0 * fit.heading).sin()) * (weight / total);
     }
+    let heading_rad = axis.y.atan2(axis.x) / 2.0;
     let mut spread = SMatrix::<f64, 5, 5>::zeros();
+    let (mut by_heading, mut turned_square) = (Vector2::zeros(), 0.0);
     for (fit, weight) in fits.iter().zip(&weights) {
         let off = fit.place - mean;
         spread += (fit.covariance + off * off.transpose()) * (weight / total);
+        let turned = fold_axis(fit.heading - heading_rad);
+        by_heading += off.fixed_rows::<2>(0) * (turned * weight / total);
+        turned_square += turned * turned * weight / total;
     }
     // Variance of the axis from the mean of doubled angles (Mardia & Jupp 2000, wrapped normal), and that of one step's width.
     let step = PI / HEADINGS as f64;
@@ -321,9 +326,11 @@ fn mixture(fits: &[Fit]) -> Option<GroundContact> {
     let mut covariance = Matrix3::zeros();
     let position: Matrix2<f64> = spread.fixed_view::<2, 2>(0, 0).into_owned();
     covariance.fixed_view_mut::<2, 2>(0, 0).copy_from(&position);
-    covariance[(2, 2)] = axis_variance;
+    covariance[(2, 2)] = axis_variance.max(turned_square);
+    covariance.fixed_view_mut::<2, 1>(0, 2).copy_from(&by_heading);
+    covariance.fixed_view_mut::<1, 2>(2, 0).copy_from(&by_heading.transpose());
     Some(GroundContact {
-        pose: GroundPose { x_m: mean[0], y_m: mean[1], heading_rad: axis.y.atan2(axis.x) / 2.0 },
+        pose: GroundPose { x_m: mean[0], y_m: mean[1], heading_rad },
         covariance,
         dims_m: Vector3::new(mean[2], mean[3], mean[4]),
         dims_sd_m: Vector3::new(spread[(2, 2)], spread[(3, 3)], spread[(4, 4)]).map(f64::sqrt),

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use nalgebra::{Matrix6, Vector2, Vector3};
+use nalgebra::{Matrix3, Matrix6, Vector2, Vector3};
 use roadplane_base::{
     CarRecord, CarRef, FrameRecord, FrameStamp, GroundPose, ImageSize, PoseRecord, Shape, ShapeAtlas,
     TrackRow, VehicleClass, WatchRecord, bbox_moved, bbox_part_seen,
@@ -17,7 +17,6 @@ use roadplane_track::{
 
 use crate::cameras::camera_track::CameraTrack;
 use crate::tracks::believe::{is_believable, overlap_inside, projected_box, vehicle_s};
-use crate::tracks::body::body_of_track;
 use crate::tracks::cars::{FrameCamera, HeldPoses, fit_frame, pose_record};
 use crate::tracks::ground_contact::{Body, Knowledge, body_box, body_of, cut_edges, ground_contact};
 use crate::tracks::hidden::hidden_edges;
@@ -308,6 +307,21 @@ impl Scene for Looked<'_> {
         vehicle_s(track, self.pass.dims_m(track).z, self.looked_s)
     }
 
+    fn size(&self, class: VehicleClass) -> (Vector3<f64>, Matrix3<f64>) {
+        let body = body_of(class);
+        (body.dims_m, Matrix3::from_diagonal(&body.sd_m.map(|sd| sd * sd)))
+    }
+
+    fn body_px(
+        &self,
+        stamp: &FrameStamp,
+        pose: &GroundPose,
+        class: VehicleClass,
+        dims_m: &Vector3<f64>,
+    ) -> Option<[f64; 4]> {
+        body_box(&FrameCamera::from(self.pass.cameras.at(stamp.time_s())?), pose, class, dims_m)
+    }
+
     fn place(&self, stamp: &FrameStamp, seen: &BoxSighting, vehicle: &ExpectedVehicle) -> Option<Placed> {
         let Pass { cameras, atlas, .. } = self.pass;
         let estimate = cameras.at(stamp.time_s())?;
@@ -393,7 +407,10 @@ pub(crate) fn known_cars(
     for track in tracks {
         let shape = ShapePrior::known(atlas.clamped(&track.shape));
         let body = match track.dims_m {
-            Some(_) => body_of_track(track, cameras),
+            Some(dims_m) => {
+                let class = body_of(track.class);
+                Body { dims_m, sd_m: track.dims_sd_m.unwrap_or(class.sd_m), ..class }
+            }
             None => {
                 Body { class: VehicleClass::Car, dims_m: atlas.dims_m(&shape.mean), sd_m: Vector3::zeros() }
             }
