@@ -179,7 +179,7 @@ pub(crate) fn solve_known_clip(
         // First with every car's shape free in every frame; then with the one shape that its track came to.
         let seen = first.seen_by(stretch);
         let (found, _) = pass.tracks(seen, stretch, None, &mut Tally::default(), |_| Ok(()))?;
-        let vehicles = known_cars(&found, atlas, &cameras);
+        let vehicles = known_cars(&found, atlas);
         // A stretch's tracks are large: none is kept for longer than it is needed.
         drop(found);
         let mut spooled = PoseLines::create(&spool)?;

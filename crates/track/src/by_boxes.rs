@@ -25,6 +25,8 @@ const EDGE_SD_PX: f64 = 1.0;
 const EDGE_SD_SHARE: f64 = 0.03;
 /// sd of what an edge is off in all looks: bodies are no boxes.
 const OUTLINE_SD: f64 = 0.04;
+/// Correlation of that between looks from about one place, which so count as fewer (design effect: Kish 1965, "Survey Sampling").
+const CORRELATION: f64 = 0.5;
 /// Vehicles stand in front of each other: what is seen of the lower edge is less sure.
 const BOTTOM_FACTOR: f64 = 2.0;
 /// The same of an edge that is where another vehicle begins.
@@ -51,8 +53,13 @@ pub(crate) struct Look {
 }
 
 impl Look {
-    /// Of the sightings of a node: one, or all those of a stand, edge by edge by those that show it.
-    pub(crate) fn of(sightings: &[Sighting], stamp: impl Fn(&Sighting) -> FrameStamp) -> Option<Self> {
+    /// Of the sightings of a node: one, or all those of a stand, edge by edge by those that show it. So many looks `together` are from
+    /// about its place.
+    pub(crate) fn of(
+        sightings: &[Sighting],
+        together: f64,
+        stamp: impl Fn(&Sighting) -> FrameStamp,
+    ) -> Option<Self> {
         let looks: Vec<&Sighting> = sightings.iter().filter(|o| !o.held).collect();
         let first = *looks.first()?;
         let edge = |i: usize| {
@@ -64,14 +71,15 @@ impl Look {
             (upper_median(&mut own, f64::total_cmp).unwrap_or(first.bbox_px[i]), own.len() as f64, is_own)
         };
         let edges: [_; 4] = std::array::from_fn(edge);
+        let design_effect = 1.0 + (together - 1.0).max(0.0) * CORRELATION;
         let bbox_px = edges.map(|(place, _, _)| place);
         let side_px = (bbox_px[2] - bbox_px[0]).min(bbox_px[3] - bbox_px[1]);
         let cut = std::array::from_fn(|i| !edges[i].2 && looks.iter().any(|o| o.cut[i]));
         let sd_px = std::array::from_fn(|i| {
             let (_, count, is_own) = edges[i];
-            let one = (EDGE_SD_PX + EDGE_SD_SHARE * side_px) / count.sqrt();
+            let one = (EDGE_SD_PX + EDGE_SD_SHARE * side_px) * (design_effect / count).sqrt();
             one * match (is_own || cut[i], i == 3) {
-                (false, _) => HIDDEN_FACTOR * count.sqrt(),
+                (false, _) => HIDDEN_FACTOR,
                 (true, true) => BOTTOM_FACTOR,
                 (true, false) => 1.0,
             }
@@ -122,7 +130,8 @@ impl<S: Scene> ByBoxes<'_, S> {
                     let trial: Vec<State> = states.iter().zip(&step).map(|(s, d)| s + d).collect();
                     let mut trial_shared = shared + shared_step;
                     (0..3).for_each(|i| trial_shared[i] = trial_shared[i].max(LEAST_M));
-                    if let Some(reached) = self.cost(&trial, &trial_shared).filter(|reached| *reached <= cost) {
+                    if let Some(reached) = self.cost(&trial, &trial_shared).filter(|reached| *reached <= cost)
+                    {
                         gained = Some(cost - reached);
                         (states, shared, cost) = (trial, trial_shared, reached);
                         damping = (damping * 0.1).max(1e-9);
@@ -211,7 +220,8 @@ impl<S: Scene> ByBoxes<'_, S> {
                     false => (there[edge] - edges[edge]) / (STEP * look.sd_px[edge]),
                 })
             };
-            let (mut by_pose, mut by_shared) = (SMatrix::<f64, 4, 3>::zeros(), SMatrix::<f64, 4, SHARED>::zeros());
+            let (mut by_pose, mut by_shared) =
+                (SMatrix::<f64, 4, 3>::zeros(), SMatrix::<f64, 4, SHARED>::zeros());
             for p in 0..3 {
                 let mut moved = pose;
                 moved[p] += STEP;

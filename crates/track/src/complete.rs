@@ -34,8 +34,13 @@ pub trait Scene {
     fn size(&self, class: VehicleClass) -> (Vector3<f64>, Matrix3<f64>);
 
     /// The box in which such a vehicle would be seen, px; `None` where it is not before the camera.
-    fn body_px(&self, stamp: &FrameStamp, pose: &GroundPose, class: VehicleClass, dims_m: &Vector3<f64>)
-    -> Option<[f64; 4]>;
+    fn body_px(
+        &self,
+        stamp: &FrameStamp,
+        pose: &GroundPose,
+        class: VehicleClass,
+        dims_m: &Vector3<f64>,
+    ) -> Option<[f64; 4]>;
 
     /// Where a vehicle would stand if a box of this frame were its own.
     fn place(&self, stamp: &FrameStamp, seen: &BoxSighting, vehicle: &ExpectedVehicle) -> Option<Placed>;
@@ -99,9 +104,8 @@ pub(crate) fn complete(
         }
         options
     };
-    let smooth = |track: &RawTrack| {
-        smooth_track(&track.observations, &frames.stamps, &frames.times_s, &of(track))
-    };
+    let smooth =
+        |track: &RawTrack| smooth_track(&track.observations, &frames.stamps, &frames.times_s, &of(track));
     let least = options.min_observed.min(looks.count.div_ceil(2));
     let mut raw = merge_duplicates(link(merge_duplicates(tracklets), options.max_hidden_s));
     raw.retain(|track| is_seen_enough(track, least, frames, options));
@@ -121,8 +125,8 @@ pub(crate) fn complete(
     };
     let mut tracks: Vec<Track> = (whole.into_iter())
         .map(|(raw, states)| match by_boxes(&raw) {
-            Some((states, [dims_m, dims_sd_m])) => {
-                Track { dims_m: Some(dims_m), dims_sd_m: Some(dims_sd_m), ..smoothed(&raw, states) }
+            Some((states, dims_m, covariance)) => {
+                Track { dims_m: Some(dims_m), dims_covariance: Some(covariance), ..smoothed(&raw, states) }
             }
             None => smoothed(&raw, states),
         })
@@ -216,7 +220,15 @@ fn drivable(states: &[TrackState], first: usize, sure: [usize; 2]) -> Option<[us
 
 fn smoothed(raw: &RawTrack, states: Vec<TrackState>) -> Track {
     let (shape, shape_information) = raw.shape.fused();
-    Track { id: 0, class: raw.class(), dims_m: raw.dims_m(), dims_sd_m: None, states, shape, shape_information }
+    Track {
+        id: 0,
+        class: raw.class(),
+        dims_m: raw.dims_m(),
+        dims_covariance: None,
+        states,
+        shape,
+        shape_information,
+    }
 }
 
 /// Whether the box is mostly where it was at the sighting before, as of a parked car that is often hidden; false alarms

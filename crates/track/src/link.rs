@@ -18,7 +18,7 @@
 use std::{collections::BTreeMap, f64::consts::PI, ops::AddAssign as _};
 
 use nalgebra::{Matrix2, Matrix4, Vector2, Vector4};
-use roadplane_base::{assign, bbox_iou, upper_median, fold_axis};
+use roadplane_base::{assign, bbox_iou, fold_axis, upper_median};
 
 use crate::{
     measurement::Sighting,

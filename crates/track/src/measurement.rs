@@ -223,8 +223,8 @@ pub struct Track {
     pub class: VehicleClass,
     /// Length, width, height, m, of a vehicle that is no car.
     pub dims_m: Option<Vector3<f64>>,
-    /// Their sds, where its way and its boxes tell them, m.
-    pub dims_sd_m: Option<Vector3<f64>>,
+    /// Their covariance, where its way and its boxes tell it.
+    pub dims_covariance: Option<Matrix3<f64>>,
     /// A state for every frame from the first to the last in which it was seen.
     pub states: Vec<TrackState>,
     /// Shape coefficients: all views fused, the prior counted once.

@@ -44,7 +44,8 @@ impl Noise {
 /// Covariance of (x, y, heading) where the heading is known otherwise: that of the place given the heading, and none of the heading.
 pub(crate) fn given_heading(covariance: &Matrix3<f64>) -> Matrix3<f64> {
     let by_heading = covariance.column(2);
-    let mut rest = covariance - by_heading * by_heading.transpose() / covariance[(2, 2)].max(f64::MIN_POSITIVE);
+    let mut rest =
+        covariance - by_heading * by_heading.transpose() / covariance[(2, 2)].max(f64::MIN_POSITIVE);
     rest.fill_row(2, 0.0);
     rest.fill_column(2, 0.0);
     rest

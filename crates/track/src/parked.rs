@@ -56,7 +56,11 @@ pub(crate) fn stand(all: &[Sighting], bias_share: f64) -> Option<Stand> {
     if 2 * sightings.iter().filter(|o| o.from_box).count() > sightings.len() {
         // How it is turned a box says once, however often it is seen, and the drive that led there may say it better.
         let place = given_heading(&typical);
-        return Some(Stand { pose, white: typical - place * (1.0 - white).max(0.0), bias: place * noise.bias() });
+        return Some(Stand {
+            pose,
+            white: typical - place * (1.0 - white).max(0.0),
+            bias: place * noise.bias(),
+        });
     }
     Some(Stand { pose, white: typical * white, bias: typical * noise.bias() })
 }

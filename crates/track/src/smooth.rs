@@ -64,7 +64,7 @@ pub(crate) fn smooth_track(
     })
 }
 
-/// The same of a vehicle of this class that only its boxes place, with its length, width and height and their sds, m. `None` where it
+/// The same of a vehicle of this class that only its boxes place, with its length, width and height, m, and their covariance. `None` where it
 /// did not drive, or where boxes and way do not go together.
 pub(crate) fn smooth_by_boxes(
     sightings: &[Sighting],
@@ -73,18 +73,22 @@ pub(crate) fn smooth_by_boxes(
     options: &TrackOptions,
     (class, dims_m): (VehicleClass, Vector3<f64>),
     scene: &impl Scene,
-) -> Option<(Vec<TrackState>, [Vector3<f64>; 2])> {
+) -> Option<(Vec<TrackState>, Vector3<f64>, Matrix3<f64>)> {
     let way = Way::by_poses(sightings, times_s, options).filter(|way| way.facing.drove)?;
     let looks: Vec<Option<Look>> = (way.places.iter())
-        .map(|place| Look::of(&sightings[place.sightings.clone()], |seen| stamps[seen.frame]))
+        .map(|place| {
+            Look::of(&sightings[place.sightings.clone()], per_view(sightings, place.nearest), |seen| {
+                stamps[seen.frame]
+            })
+        })
         .collect();
-    let unmeasured = |place: &Place| Node { span_s: place.span_s, measured: None, parked: place.stand.is_some() };
+    let unmeasured =
+        |place: &Place| Node { span_s: place.span_s, measured: None, parked: place.stand.is_some() };
     let nodes: Vec<Node> = way.places.iter().map(unmeasured).collect();
     let Solved { states, covariances, dims_m, dims_covariance } =
         ByBoxes { nodes: &nodes, looks: &looks, class, scene, options }.solve(way.nodes, dims_m)?;
     let way = Way { nodes: states, covariances, ..way };
-    let dims_sd_m = dims_covariance.diagonal().map(|variance| variance.max(0.0).sqrt());
-    Some((way.states(sightings, stamps, options, |_| Matrix3::zeros()), [dims_m, dims_sd_m]))
+    Some((way.states(sightings, stamps, options, |_| Matrix3::zeros()), dims_m, dims_covariance))
 }
 
 /// How a vehicle went.

@@ -182,7 +182,7 @@ mod tests {
             id: 1,
             class: VehicleClass::Car,
             dims_m: None,
-            dims_sd_m: None,
+            dims_covariance: None,
             states: (0..count).map(state).collect(),
             shape: Shape::zeros(),
             shape_information: nalgebra::Matrix6::identity(),

@@ -9,6 +9,7 @@ use std::f64::consts::PI;
 use nalgebra::{Matrix2, Matrix3, Point3, SMatrix, SVector, Vector2, Vector3};
 use roadplane_base::{GroundPose, ImageSize, VehicleClass, fold_axis};
 
+use crate::tracks::body::{Body, body_of};
 use crate::tracks::cars::FrameCamera;
 
 /// Headings that are tried in half a turn.
@@ -36,28 +37,6 @@ const BOX: &Outline = &[(0.5, 0.5, Some(1.0)), (0.5, 0.5, Some(0.0)), (0.3, 0.5,
 /// A roof, bonnet and boot, bumpers, wheels: the atlas' mean car, of which front and rear are the same, as a box does not tell them.
 const SALOON: &Outline =
     &[(0.2, 0.35, Some(1.0)), (0.45, 0.45, Some(0.47)), (0.5, 0.4, Some(0.0)), (0.3, 0.5, None)];
-
-/// Sizes of a class: mean and sd of length, width, height, m.
-#[derive(Clone, Copy, Debug)]
-pub struct Body {
-    /// Kind of vehicle.
-    pub class: VehicleClass,
-    /// Mean.
-    pub dims_m: Vector3<f64>,
-    /// sd.
-    pub sd_m: Vector3<f64>,
-}
-
-/// How long, wide and high vehicles of a class are (types of road vehicles, EU; width without mirrors).
-#[must_use]
-pub fn body_of(class: VehicleClass) -> Body {
-    let (dims, sd) = match class {
-        VehicleClass::Car => ([4.5, 1.8, 1.55], [0.4, 0.1, 0.15]),
-        VehicleClass::Truck => ([7.5, 2.4, 3.0], [2.5, 0.2, 0.6]),
-        VehicleClass::Bus => ([11.0, 2.5, 3.1], [2.0, 0.1, 0.25]),
-    };
-    Body { class, dims_m: Vector3::from(dims), sd_m: Vector3::from(sd) }
-}
 
 /// How often a box of a label holds what: detectors take cars for trucks more often than the other way round.
 fn prior(label: VehicleClass) -> [(VehicleClass, f64); 3] {
@@ -140,37 +119,6 @@ pub fn ground_contact(
     mixture(&fits)
 }
 
-/// What a box says of a body's length, width and height beyond what is known of its class, where the body is turned like this:
-/// information, and information times sizes. `None` where the lower edge is cut off or above the horizon, or where the body does not fit.
-#[must_use]
-pub fn size_seen(
-    bbox_px: &[f64; 4],
-    size: ImageSize,
-    view: &FrameCamera,
-    body: &Body,
-    [heading_rad, heading_sd_rad]: [f64; 2],
-) -> Option<(Matrix3<f64>, Vector3<f64>)> {
-    let cut = cut_edges(bbox_px, size);
-    if cut[3] || (cut[0] && cut[2]) {
-        return None;
-    }
-    let turned = |by: f64| {
-        let heading = heading_rad + by * heading_sd_rad;
-        Seen { bbox_px, cut, hidden: [false; 4], view, body: *body, heading }.fit(1.0)
-    };
-    let dims = |fit: &Fit| fit.place.fixed_rows::<3>(2).into_owned();
-    let (fit, left, right) = (turned(0.0)?, turned(-1.0)?, turned(1.0)?);
-    let by_heading = (dims(&right) - dims(&left)) / 2.0;
-    let spread = fit.covariance.fixed_view::<3, 3>(2, 2).into_owned() + by_heading * by_heading.transpose();
-    let whole = spread.try_inverse()?;
-    let prior = Matrix3::from_diagonal(&body.sd_m.map(|sd| sd.powi(-2)));
-    let information = whole - prior;
-    // Less than the prior is no information.
-    (information + Matrix3::identity() * 1e-9)
-        .cholesky()
-        .map(|_| (information, whole * dims(&fit) - prior * body.dims_m))
-}
-
 /// x, y, length, width, height.
 type Place = SVector<f64, 5>;
 
@@ -199,18 +147,18 @@ impl Seen<'_> {
             + foot.try_normalize(f64::MIN_POSITIVE).unwrap_or_default()
                 * (self.body.dims_m.x + self.body.dims_m.y)
                 / 4.0;
-        let prior_precision = self.body.sd_m.map(|sd| sd.powi(-2));
+        let precision = self.body.covariance.try_inverse()?;
         let dims = self.body.dims_m;
         let mut place = Place::new(behind.x, behind.y, dims.x, dims.y, dims.z);
-        let (mut cost, mut information) = self.linear(&place)?.0;
+        let (mut cost, mut information) = self.linear(&place, &precision)?.0;
         for _ in 0..ROUNDS {
-            let (_, gradient) = self.linear(&place)?;
+            let (_, gradient) = self.linear(&place, &precision)?;
             let step = information.cholesky()?.solve(&gradient);
             let mut trial = place - step;
             for i in 2..5 {
                 trial[i] = trial[i].max(LEAST_M);
             }
-            let Some(((reached, next), _)) = self.linear(&trial) else { break };
+            let Some(((reached, next), _)) = self.linear(&trial, &precision) else { break };
             let gained = cost - reached;
             if gained.is_nan() || gained < 1e-3 {
                 break;
@@ -219,13 +167,13 @@ impl Seen<'_> {
         }
         let factor = information.cholesky()?;
         let log_det = 2.0 * factor.l().diagonal().iter().map(|v| v.ln()).sum::<f64>();
-        let log_prior = 0.5 * prior_precision.iter().map(|v| v.ln()).sum::<f64>();
+        let log_prior = 0.5 * precision.determinant().ln();
         let log_weight = share.ln() - 0.5 * cost + log_prior - 0.5 * log_det;
         Some(Fit { place, covariance: factor.inverse(), heading: self.heading, log_weight })
     }
 
     /// Cost and information, and the gradient, at a place.
-    fn linear(&self, place: &Place) -> Option<((f64, SMatrix<f64, 5, 5>), Place)> {
+    fn linear(&self, place: &Place, precision: &Matrix3<f64>) -> Option<((f64, SMatrix<f64, 5, 5>), Place)> {
         let at = self.projected(place)?;
         let [x0, y0, x1, y1] = *self.bbox_px;
         let edge_sd = EDGE_SD_PX + EDGE_SD_SHARE * (x1 - x0).min(y1 - y0);
@@ -256,12 +204,12 @@ impl Seen<'_> {
             gradient += row * residual;
             cost += residual * residual;
         }
-        for i in 0..3 {
-            let (off, sd) = (place[i + 2] - self.body.dims_m[i], self.body.sd_m[i]);
-            information[(i + 2, i + 2)] += sd.powi(-2);
-            gradient[i + 2] += off / (sd * sd);
-            cost += (off / sd).powi(2);
-        }
+        let off = place.fixed_rows::<3>(2) - self.body.dims_m;
+        let mut sizes = information.fixed_view_mut::<3, 3>(2, 2);
+        sizes += precision;
+        let mut pull = gradient.fixed_rows_mut::<3>(2);
+        pull += precision * off;
+        cost += off.dot(&(precision * off));
         // Nobody stands farther off than a look can tell anything.
         information[(0, 0)] += 1e-6;
         information[(1, 1)] += 1e-6;
@@ -374,7 +322,7 @@ mod tests {
     #[test]
     fn a_known_body_is_found_sharply() {
         let pose = GroundPose { x_m: -4.0, y_m: 35.0, heading_rad: 1.2 };
-        let body = Body { sd_m: Vector3::repeat(0.2), ..body_of(VehicleClass::Bus) };
+        let body = Body { covariance: Matrix3::identity() * 0.04, ..body_of(VehicleClass::Bus) };
         let bbox = body_box(&view(), &pose, body.class, &body.dims_m).unwrap();
         let known = Knowledge::Track { body, heading_rad: 1.2, heading_sd_rad: 0.05 };
         let found = ground_contact(&bbox, SIZE, [false; 4], &view(), &known).unwrap();
@@ -407,7 +355,7 @@ mod tests {
         assert!(whole[3] > f64::from(SIZE.height) + 20.0, "{whole:?}");
         let bbox = [whole[0], whole[1], whole[2], f64::from(SIZE.height) - 1.0];
         let known = Knowledge::Track {
-            body: Body { sd_m: Vector3::repeat(0.2), ..body },
+            body: Body { covariance: Matrix3::identity() * 0.04, ..body },
             heading_rad: 1.4,
             heading_sd_rad: 0.05,
         };

@@ -17,8 +17,9 @@ use roadplane_track::{
 
 use crate::cameras::camera_track::CameraTrack;
 use crate::tracks::believe::{is_believable, overlap_inside, projected_box, vehicle_s};
+use crate::tracks::body::{Body, body_of};
 use crate::tracks::cars::{FrameCamera, HeldPoses, fit_frame, pose_record};
-use crate::tracks::ground_contact::{Body, Knowledge, body_box, body_of, cut_edges, ground_contact};
+use crate::tracks::ground_contact::{Knowledge, body_box, cut_edges, ground_contact};
 use crate::tracks::hidden::hidden_edges;
 use crate::tracks::shared_error::shared_covariance;
 use crate::tracks::stretch::{Stretch, sightings};
@@ -309,7 +310,7 @@ impl Scene for Looked<'_> {
 
     fn size(&self, class: VehicleClass) -> (Vector3<f64>, Matrix3<f64>) {
         let body = body_of(class);
-        (body.dims_m, Matrix3::from_diagonal(&body.sd_m.map(|sd| sd * sd)))
+        (body.dims_m, body.covariance)
     }
 
     fn body_px(
@@ -398,24 +399,22 @@ pub(crate) struct KnownVehicle {
 }
 
 /// Per tracked car and frame its track's shape, within the atlas' bounds, and its smoothed pose.
-pub(crate) fn known_cars(
-    tracks: &[Track],
-    atlas: &ShapeAtlas,
-    cameras: &CameraTrack,
-) -> BTreeMap<CarRef, KnownCar> {
+pub(crate) fn known_cars(tracks: &[Track], atlas: &ShapeAtlas) -> BTreeMap<CarRef, KnownCar> {
     let mut known = BTreeMap::new();
     for track in tracks {
         let shape = ShapePrior::known(atlas.clamped(&track.shape));
         let body = match track.dims_m {
             Some(dims_m) => {
                 let class = body_of(track.class);
-                Body { dims_m, sd_m: track.dims_sd_m.unwrap_or(class.sd_m), ..class }
+                Body { dims_m, covariance: track.dims_covariance.unwrap_or(class.covariance), ..class }
             }
-            None => {
-                Body { class: VehicleClass::Car, dims_m: atlas.dims_m(&shape.mean), sd_m: Vector3::zeros() }
-            }
-        };
-        let body = Body { sd_m: body.sd_m.map(|sd| sd.max(KNOWN_DIMS_SD_M)), ..body };
+            None => Body {
+                class: VehicleClass::Car,
+                dims_m: atlas.dims_m(&shape.mean),
+                covariance: Matrix3::zeros(),
+            },
+        }
+        .at_best(KNOWN_DIMS_SD_M);
         let vehicle = Arc::new(KnownVehicle { shape, body, class: track.class });
         let of = |state: &TrackState| KnownCar {
             vehicle: Arc::clone(&vehicle),

@@ -227,7 +227,7 @@ mod tests {
             id: 0,
             class: VehicleClass::Car,
             dims_m: None,
-            dims_sd_m: None,
+            dims_covariance: None,
             states: seconds.map(state).collect(),
             shape: Shape::zeros(),
             shape_information: nalgebra::Matrix6::identity(),
