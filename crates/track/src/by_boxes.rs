@@ -6,11 +6,12 @@
 //! body's box before the camera, scattered, and sizes are about those of the class. What all boxes share borders the chain of
 //! states (Schur complement).
 
-use nalgebra::{Matrix3, Matrix5, SMatrix, SVector, Vector3, Vector5};
-use roadplane_base::{FrameStamp, GroundPose, StudentT, VehicleClass, upper_median};
+use nalgebra::{Matrix3, Matrix5, SMatrix, SVector, Vector3, Vector4, Vector5};
+use roadplane_base::{FrameStamp, GroundPose, VehicleClass, upper_median};
 
 use crate::{
     Scene, TrackOptions,
+    edge::Edge,
     measurement::Sighting,
     vehicle::{Node, State, Vehicle, origin},
 };
@@ -27,29 +28,27 @@ const EDGE_SD_SHARE: f64 = 0.03;
 const OUTLINE_SD: f64 = 0.04;
 /// Correlation of that between looks from about one place, which so count as fewer (design effect: Kish 1965, "Survey Sampling").
 const CORRELATION: f64 = 0.5;
-/// Vehicles stand in front of each other: what is seen of the lower edge is less sure.
-const BOTTOM_FACTOR: f64 = 2.0;
-/// The same of an edge that is where another vehicle begins.
-const HIDDEN_FACTOR: f64 = 10.0;
-/// How looks scatter.
-const SCATTER: StudentT = StudentT { dimensions: 4.0 };
+/// What is hidden of a body is at most so much, in shorter sides of what is seen of it.
+const REACH: f64 = 2.0;
+/// Edges are first taken for so much less sure, so that what is hidden shows before it misleads (Blake and Zisserman 1987).
+const EASED: [f64; 3] = [8.0, 3.0, 1.0];
+/// Which way is out at a box's left, top, right, bottom edge.
+const OUTWARD: [f64; 4] = [-1.0, -1.0, 1.0, 1.0];
 /// Least size of a body, m.
 const LEAST_M: f64 = 1.0;
 /// Steps of derivatives, m and rad.
 const STEP: f64 = 1e-3;
 const MAX_ROUNDS: usize = 30;
+/// A descent is through where a step gains less.
+const LEAST_GAIN: f64 = 1e-4;
 
 /// What a node's boxes say.
 pub(crate) struct Look {
     stamp: FrameStamp,
-    bbox_px: [f64; 4],
-    sd_px: [f64; 4],
-    /// The picture ends there, and the vehicle may go on.
-    cut: [bool; 4],
+    /// Left, top, right, bottom.
+    edges: [Edge; 4],
     /// Shorter side, px.
     side_px: f64,
-    /// A stand's is the middle of many.
-    stands: bool,
 }
 
 impl Look {
@@ -63,28 +62,39 @@ impl Look {
         let looks: Vec<&Sighting> = sightings.iter().filter(|o| !o.held).collect();
         let first = *looks.first()?;
         let edge = |i: usize| {
-            let mut own: Vec<f64> = looks.iter().filter(|o| !o.goes_on()[i]).map(|o| o.bbox_px[i]).collect();
+            let of = |own: bool| {
+                looks.iter().filter(move |o| !own || !o.goes_on()[i]).map(|o| o.bbox_px[i]).collect()
+            };
+            let mut own: Vec<f64> = of(true);
             let is_own = !own.is_empty();
             if !is_own {
-                own = looks.iter().map(|o| o.bbox_px[i]).collect();
+                own = of(false);
             }
             (upper_median(&mut own, f64::total_cmp).unwrap_or(first.bbox_px[i]), own.len() as f64, is_own)
         };
         let edges: [_; 4] = std::array::from_fn(edge);
-        let design_effect = 1.0 + (together - 1.0).max(0.0) * CORRELATION;
-        let bbox_px = edges.map(|(place, _, _)| place);
-        let side_px = (bbox_px[2] - bbox_px[0]).min(bbox_px[3] - bbox_px[1]);
-        let cut = std::array::from_fn(|i| !edges[i].2 && looks.iter().any(|o| o.cut[i]));
-        let sd_px = std::array::from_fn(|i| {
-            let (_, count, is_own) = edges[i];
-            let one = (EDGE_SD_PX + EDGE_SD_SHARE * side_px) * (design_effect / count).sqrt();
-            one * match (is_own || cut[i], i == 3) {
-                (false, _) => HIDDEN_FACTOR,
-                (true, true) => BOTTOM_FACTOR,
-                (true, false) => 1.0,
+        let width_px = edges[2].0 - edges[0].0;
+        let height_px = edges[3].0 - edges[1].0;
+        let side_px = width_px.min(height_px).max(1.0);
+        let edges = std::array::from_fn(|i| {
+            let (seen_px, count, is_own) = edges[i];
+            let is_cut = !is_own && looks.iter().any(|o| o.cut[i]);
+            Edge {
+                seen_px,
+                sd_px: EDGE_SD_PX + EDGE_SD_SHARE * side_px,
+                hidden: Edge::hidden(is_cut, !is_own),
+                reach_px: REACH * side_px,
+                looks: count / (1.0 + (together.max(count) - 1.0) * CORRELATION),
             }
         });
-        Some(Self { stamp: stamp(first), bbox_px, sd_px, cut, side_px, stands: looks.len() > 1 })
+        Some(Self { stamp: stamp(first), edges, side_px })
+    }
+
+    /// How far each edge lies inside the body's, in sds.
+    fn inside(&self, body_px: &Vector4<f64>, ease: f64) -> Vector4<f64> {
+        Vector4::from_fn(|i, _| {
+            OUTWARD[i] * (body_px[i] - self.edges[i].seen_px) / (ease * self.edges[i].sd_px)
+        })
     }
 }
 
@@ -120,18 +130,31 @@ impl<S: Scene> ByBoxes<'_, S> {
         let mut states = start;
         let mut shared = Shared::zeros();
         shared.fixed_rows_mut::<3>(0).copy_from(&dims_m);
-        let mut cost = self.cost(&states, &shared)?;
+        for ease in EASED {
+            (states, shared) = self.descend(states, shared, ease)?;
+        }
+        let (covariances, shared_covariance) = self.system(&states, &shared, 1.0)?.covariances()?;
+        Some(Solved {
+            states,
+            covariances,
+            dims_m: shared.fixed_rows::<3>(0).into_owned(),
+            dims_covariance: shared_covariance.fixed_view::<3, 3>(0, 0).into_owned(),
+        })
+    }
+
+    fn descend(&self, mut states: Vec<State>, mut shared: Shared, ease: f64) -> Option<(Vec<State>, Shared)> {
+        let mut cost = self.cost(&states, &shared, ease)?;
         let mut damping = 1e-4;
         for _ in 0..MAX_ROUNDS {
-            let system = self.system(&states, &shared)?;
+            let system = self.system(&states, &shared, ease)?;
             let mut gained = None;
             while damping < 1e9 {
                 if let Some((step, shared_step)) = system.step(damping) {
                     let trial: Vec<State> = states.iter().zip(&step).map(|(s, d)| s + d).collect();
                     let mut trial_shared = shared + shared_step;
                     (0..3).for_each(|i| trial_shared[i] = trial_shared[i].max(LEAST_M));
-                    if let Some(reached) = self.cost(&trial, &trial_shared).filter(|reached| *reached <= cost)
-                    {
+                    let reached = self.cost(&trial, &trial_shared, ease);
+                    if let Some(reached) = reached.filter(|reached| *reached <= cost) {
                         gained = Some(cost - reached);
                         (states, shared, cost) = (trial, trial_shared, reached);
                         damping = (damping * 0.1).max(1e-9);
@@ -140,18 +163,11 @@ impl<S: Scene> ByBoxes<'_, S> {
                 }
                 damping *= 10.0;
             }
-            match gained {
-                Some(gain) if gain > 1e-4 => {}
-                _ => break,
+            if gained.is_none_or(|gain| gain < LEAST_GAIN) {
+                break;
             }
         }
-        let (covariances, shared_covariance) = self.system(&states, &shared)?.covariances()?;
-        Some(Solved {
-            states,
-            covariances,
-            dims_m: shared.fixed_rows::<3>(0).into_owned(),
-            dims_covariance: shared_covariance.fixed_view::<3, 3>(0, 0).into_owned(),
-        })
+        Some((states, shared))
     }
 
     fn vehicle(&self) -> Vehicle<'_> {
@@ -168,39 +184,29 @@ impl<S: Scene> ByBoxes<'_, S> {
         Some((about, precision))
     }
 
-    fn cost(&self, states: &[State], shared: &Shared) -> Option<f64> {
+    fn cost(&self, states: &[State], shared: &Shared, ease: f64) -> Option<f64> {
         let (about, precision) = self.prior()?;
         let off = shared - about;
         let mut total = self.vehicle().cost(states) + 0.5 * off.dot(&(precision * off));
         for (state, look) in states.iter().zip(self.looks) {
             let Some(look) = look else { continue };
             let pose = origin(state, self.options.half_wheelbase_m).0;
-            let square = self.residual(look, &self.edges(look, &pose, shared)?).norm_squared();
-            total += if look.stands { 0.5 * square } else { SCATTER.cost(square) };
+            let inside = look.inside(&self.body_px(look, &pose, shared)?, ease);
+            total +=
+                look.edges.iter().zip(&inside).map(|(edge, by)| edge.cost_and_weight(*by).0).sum::<f64>();
         }
         total.is_finite().then_some(total)
     }
 
-    /// The edges of the box where the body is expected to be seen.
-    fn edges(&self, look: &Look, pose: &Vector3<f64>, shared: &Shared) -> Option<SVector<f64, 4>> {
+    /// The box in which all of the body would be seen.
+    fn body_px(&self, look: &Look, pose: &Vector3<f64>, shared: &Shared) -> Option<Vector4<f64>> {
         let pose = GroundPose { x_m: pose.x, y_m: pose.y, heading_rad: pose.z };
         let dims_m = shared.fixed_rows::<3>(0).into_owned();
         let body = self.scene.body_px(&look.stamp, &pose, self.class, &dims_m)?;
-        Some(SVector::from_fn(|i, _| {
-            let outward = if i < 2 { -1.0 } else { 1.0 };
-            body[i] + outward * shared[3 + i] * look.side_px
-        }))
+        Some(Vector4::from_fn(|i, _| body[i] + OUTWARD[i] * shared[3 + i] * look.side_px))
     }
 
-    /// In units of their sds; none of an edge beyond which the vehicle may go on.
-    fn residual(&self, look: &Look, edges: &SVector<f64, 4>) -> SVector<f64, 4> {
-        SVector::from_fn(|i, _| {
-            let is_beyond = (edges[i] < look.bbox_px[i]) == (i < 2);
-            if look.cut[i] && is_beyond { 0.0 } else { (edges[i] - look.bbox_px[i]) / look.sd_px[i] }
-        })
-    }
-
-    fn system(&self, states: &[State], shared: &Shared) -> Option<Bordered> {
+    fn system(&self, states: &[State], shared: &Shared, ease: f64) -> Option<Bordered> {
         let (about, precision) = self.prior()?;
         let mut system = Bordered {
             blocks: self.vehicle().blocks(states),
@@ -211,33 +217,29 @@ impl<S: Scene> ByBoxes<'_, S> {
         for (i, (state, look)) in states.iter().zip(self.looks).enumerate() {
             let Some(look) = look else { continue };
             let (pose, by_state) = origin(state, self.options.half_wheelbase_m);
-            let edges = self.edges(look, &pose, shared)?;
-            let residual = self.residual(look, &edges);
-            let weight = if look.stands { 1.0 } else { SCATTER.weight(residual.norm_squared()) };
-            let derivative = |there: SVector<f64, 4>| {
-                SVector::<f64, 4>::from_fn(|edge, _| match residual[edge] == 0.0 {
-                    true => 0.0,
-                    false => (there[edge] - edges[edge]) / (STEP * look.sd_px[edge]),
-                })
-            };
+            let inside = |pose: &_, shared: &_| Some(look.inside(&self.body_px(look, pose, shared)?, ease));
+            let here = inside(&pose, shared)?;
+            let weights = Vector4::from_fn(|i, _| look.edges[i].cost_and_weight(here[i]).1);
             let (mut by_pose, mut by_shared) =
                 (SMatrix::<f64, 4, 3>::zeros(), SMatrix::<f64, 4, SHARED>::zeros());
             for p in 0..3 {
                 let mut moved = pose;
                 moved[p] += STEP;
-                by_pose.set_column(p, &derivative(self.edges(look, &moved, shared)?));
+                by_pose.set_column(p, &((inside(&moved, shared)? - here) / STEP));
             }
             for p in 0..SHARED {
                 let mut moved = *shared;
                 moved[p] += STEP;
-                by_shared.set_column(p, &derivative(self.edges(look, &pose, &moved)?));
+                by_shared.set_column(p, &((inside(&pose, &moved)? - here) / STEP));
             }
             let by_state: SMatrix<f64, 4, 5> = by_pose * by_state;
-            system.blocks.diagonal[i] += by_state.transpose() * by_state * weight;
-            system.blocks.gradient[i] += by_state.transpose() * residual * weight;
-            system.border[i] += by_state.transpose() * by_shared * weight;
-            system.shared += by_shared.transpose() * by_shared * weight;
-            system.gradient += by_shared.transpose() * residual * weight;
+            let weighted = by_state.transpose() * SMatrix::from_diagonal(&weights);
+            let weighted_shared = by_shared.transpose() * SMatrix::from_diagonal(&weights);
+            system.blocks.diagonal[i] += weighted * by_state;
+            system.blocks.gradient[i] += weighted * here;
+            system.border[i] += weighted * by_shared;
+            system.shared += weighted_shared * by_shared;
+            system.gradient += weighted_shared * here;
         }
         Some(system)
     }

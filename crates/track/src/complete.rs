@@ -100,7 +100,12 @@ pub(crate) fn complete(
     let of = |track: &RawTrack| {
         let mut options = options.clone();
         if let Some(dims_m) = track.dims_m() {
-            options.half_wheelbase_m = HALF_WHEELBASE * dims_m.x;
+            let half_wheelbase_m = HALF_WHEELBASE * dims_m.x;
+            // Wheels are turned alike, which bends a long vehicle's way less.
+            let bend = options.half_wheelbase_m / half_wheelbase_m;
+            options.curvature_sd *= bend;
+            options.curvature_change *= bend;
+            options.half_wheelbase_m = half_wheelbase_m;
         }
         options
     };

@@ -26,6 +26,7 @@ mod by_boxes;
 mod chain;
 mod complete;
 mod duplicates;
+mod edge;
 mod expected;
 mod extend;
 mod facing;

@@ -7,7 +7,7 @@ use roadplane_base::{FrameStamp, GroundPose, VehicleClass, fold_axis, wrap_angle
 
 use crate::{
     Scene, TrackOptions, TrackState,
-    by_boxes::{ByBoxes, Look, Solved},
+    by_boxes::{ByBoxes, Look},
     facing::{Facing, facing},
     measurement::Sighting,
     noise::{Noise, given_heading},
@@ -30,6 +30,10 @@ const NOISE_PASSES: usize = 3;
 /// Half of the time over which a way is taken for straight, s; longer for what only its box places, as that says less of its axis.
 const WAY_S: f64 = 0.5;
 const BOX_WAY_S: f64 = 2.0;
+
+/// Slower than this a vehicle that is placed by its boxes stands, m/s; for shorter it does not, s.
+const STANDING_MPS: f64 = 0.3;
+const MIN_STAND_S: f64 = 1.0;
 
 /// What a node stands for.
 struct Place {
@@ -74,21 +78,60 @@ pub(crate) fn smooth_by_boxes(
     (class, dims_m): (VehicleClass, Vector3<f64>),
     scene: &impl Scene,
 ) -> Option<(Vec<TrackState>, Vector3<f64>, Matrix3<f64>)> {
-    let way = Way::by_poses(sightings, times_s, options).filter(|way| way.facing.drove)?;
-    let looks: Vec<Option<Look>> = (way.places.iter())
-        .map(|place| {
-            Look::of(&sightings[place.sightings.clone()], per_view(sightings, place.nearest), |seen| {
-                stamps[seen.frame]
-            })
-        })
-        .collect();
-    let unmeasured =
-        |place: &Place| Node { span_s: place.span_s, measured: None, parked: place.stand.is_some() };
-    let nodes: Vec<Node> = way.places.iter().map(unmeasured).collect();
-    let Solved { states, covariances, dims_m, dims_covariance } =
-        ByBoxes { nodes: &nodes, looks: &looks, class, scene, options }.solve(way.nodes, dims_m)?;
-    let way = Way { nodes: states, covariances, ..way };
-    Some((way.states(sightings, stamps, options, |_| Matrix3::zeros()), dims_m, dims_covariance))
+    let by_poses = Way::by_poses(sightings, times_s, options).filter(|way| way.facing.drove)?;
+    let solve = |before: &Way, stands: &[bool], dims_m: Vector3<f64>| {
+        let places = places(sightings, times_s, &runs(stands), options);
+        let look = |place: &Place| {
+            let together = per_view(sightings, place.nearest);
+            Look::of(&sightings[place.sightings.clone()], together, |seen| stamps[seen.frame])
+        };
+        let looks: Vec<Option<Look>> = places.iter().map(look).collect();
+        let node =
+            |place: &Place| Node { span_s: place.span_s, measured: None, parked: place.stand.is_some() };
+        let nodes: Vec<Node> = places.iter().map(node).collect();
+        let start =
+            places.iter().map(|place| before.state_at(place.span_s[0])).collect::<Option<Vec<_>>>()?;
+        let solved = ByBoxes { nodes: &nodes, looks: &looks, class, scene, options }.solve(start, dims_m)?;
+        let way = Way {
+            places,
+            nodes: solved.states,
+            covariances: solved.covariances,
+            noise: before.noise,
+            facing: before.facing,
+        };
+        Some((way, solved.dims_m, solved.dims_covariance))
+    };
+    // First as if it drove wherever its box was looked at: what the whole way says of speeds is more than what a second of it does.
+    let mut stands: Vec<bool> = sightings.iter().map(|seen| seen.held).collect();
+    drop_short(&mut stands, sightings);
+    let (drive, dims_m, _) = solve(&by_poses, &stands, dims_m)?;
+    for (seen, stands) in sightings.iter().zip(&mut stands) {
+        *stands |= drive.state_at(seen.time_s)?[3].abs() < STANDING_MPS;
+    }
+    drop_short(&mut stands, sightings);
+    let (way, dims_m, covariance) = solve(&drive, &stands, dims_m)?;
+    Some((way.states(sightings, stamps, options, |_| Matrix3::zeros()), dims_m, covariance))
+}
+
+/// Stands too short to be some are none.
+fn drop_short(stands: &mut [bool], sightings: &[Sighting]) {
+    for run in runs(stands) {
+        let part = &sightings[run.sightings.clone()];
+        if part[part.len() - 1].time_s - part[0].time_s < MIN_STAND_S {
+            stands[run.sightings].fill(false);
+        }
+    }
+}
+
+/// Runs of what stands and what does not.
+fn runs(stands: &[bool]) -> Vec<Run> {
+    let mut from = 0;
+    let mut run = |part: &[bool]| {
+        let sightings = from..from + part.len();
+        from = sightings.end;
+        Run { sightings, parked: part[0] }
+    };
+    stands.chunk_by(|a, b| a == b).map(&mut run).collect()
 }
 
 /// How a vehicle went.
@@ -114,6 +157,14 @@ impl Way {
             }
         }
         Some(Self { places, nodes, covariances, noise, facing })
+    }
+
+    /// Of the node that lasts at a time, or that nearest to it.
+    fn state_at(&self, time_s: f64) -> Option<State> {
+        let next = self.places.partition_point(|place| place.span_s[1] < time_s);
+        let away_s = |i: &usize| (self.places[*i].span_s[0] - time_s).max(time_s - self.places[*i].span_s[1]);
+        let near = [next.saturating_sub(1), next.min(self.places.len() - 1)];
+        near.into_iter().min_by(|a, b| away_s(a).total_cmp(&away_s(b))).map(|i| self.nodes[i])
     }
 
     /// For every frame. `bias`: what errors of a place its states share, which their covariances leave out.
