@@ -1,7 +1,7 @@
 //! Which keypoints are sure enough, and whether a fitted car is the car in its box: nets find keypoints in anything, and a solver fits a car to them.
 
 use nalgebra::{Isometry3, Point3};
-use roadplane_base::{Camera, ImageSize, KEYPOINTS, KeypointSet, Shape, ShapeAtlas, bbox_iou};
+use roadplane_base::{Camera, ImageSize, KEYPOINTS, KeypointSet, Shape, ShapeAtlas, VehicleClass, bbox_iou};
 use roadplane_track::{Looks, Track, TrackState};
 
 use crate::Config;
@@ -47,9 +47,21 @@ pub fn is_believable(
 
 /// Overlap (intersection over union) of a projected box, as far as it lies in the picture, with a detected one.
 #[must_use]
-pub fn overlap_inside([x0, y0, x1, y1]: &[f64; 4], bbox_px: &[f64; 4], size: ImageSize) -> f64 {
+pub fn overlap_inside(projected_px: &[f64; 4], bbox_px: &[f64; 4], size: ImageSize) -> f64 {
+    bbox_iou(&inside(projected_px, size), bbox_px)
+}
+
+/// How much of a projected box lies in the picture.
+#[must_use]
+pub fn share_inside(projected_px: &[f64; 4], size: ImageSize) -> f64 {
+    let area = |[x0, y0, x1, y1]: [f64; 4]| (x1 - x0).max(0.0) * (y1 - y0).max(0.0);
+    area(inside(projected_px, size)) / area(*projected_px).max(f64::MIN_POSITIVE)
+}
+
+/// The part of a box that lies in the picture.
+fn inside([x0, y0, x1, y1]: &[f64; 4], size: ImageSize) -> [f64; 4] {
     let (right, bottom) = (f64::from(size.width) - 0.5, f64::from(size.height) - 0.5);
-    bbox_iou(&[x0.max(-0.5), y0.max(-0.5), x1.min(right), y1.min(bottom)], bbox_px)
+    [x0.max(-0.5), y0.max(-0.5), x1.min(right), y1.min(bottom)]
 }
 
 /// Mean score below which a track is doubtful.
@@ -93,7 +105,9 @@ pub fn vehicle_s(track: &Track, height_m: f64, looked_s: &[f64]) -> Option<[f64;
     let near = |a: &&TrackState, b: &&TrackState| b.stamp.time_s() - a.stamp.time_s() <= SEEN_MOVING_S;
     let clip_s = looked_s.last().zip(looked_s.first()).map_or(0.0, |(last, first)| last - first);
     let least_s = if is_whole { MIN_SEEN_S.min(MIN_CLIP_SHARE * clip_s) } else { MIN_PART_S };
-    let stands = height_m >= MIN_HEIGHT_M && to_s - from_s >= least_s;
+    // Keypoints tell a car from what looks like one; nothing but driving, if there is time for it, tells a bus from a shelter.
+    let is_told = track.class == VehicleClass::Car || clip_s < MIN_PART_S;
+    let stands = is_told && height_m >= MIN_HEIGHT_M && to_s - from_s >= least_s;
     (stands || seen.chunk_by(near).any(drives)).then_some([from_s, to_s])
 }
 
@@ -154,7 +168,7 @@ fn drives(seen: &[&TrackState]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use roadplane_base::{FrameStamp, GroundPose, VehicleClass};
+    use roadplane_base::{FrameStamp, GroundPose};
 
     const SIZE: ImageSize = ImageSize { width: 640, height: 480 };
 
@@ -237,6 +251,18 @@ mod tests {
             !is_vehicle(&track(9, 0.35, 0.0), 1.5, &short) && is_vehicle(&track(14, 0.35, 0.0), 1.5, &short)
         );
         assert!(is_vehicle(&track(1, 0.4, 0.0), 1.5, &[0.0]));
+    }
+
+    #[test]
+    fn a_doubtful_bus_must_drive_unless_the_clip_is_too_short_for_it() {
+        let looked_s = |frames: u32| -> Vec<f64> { (0..frames).map(|i| 0.1 * f64::from(i)).collect() };
+        let bus = |score, to_m| Track { class: VehicleClass::Bus, ..track(40, score, to_m) };
+        assert!(!is_vehicle(&bus(0.4, 0.0), 3.0, &looked_s(100)));
+        assert!(
+            is_vehicle(&bus(0.4, 9.0), 3.0, &looked_s(100))
+                && is_vehicle(&bus(0.6, 0.0), 3.0, &looked_s(100))
+        );
+        assert!(is_vehicle(&bus(0.4, 0.0), 3.0, &looked_s(40)));
     }
 
     #[test]

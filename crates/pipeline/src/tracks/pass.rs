@@ -16,7 +16,7 @@ use roadplane_track::{
 };
 
 use crate::cameras::camera_track::CameraTrack;
-use crate::tracks::believe::{is_believable, overlap_inside, projected_box, vehicle_s};
+use crate::tracks::believe::{is_believable, overlap_inside, projected_box, share_inside, vehicle_s};
 use crate::tracks::body::{Body, body_of};
 use crate::tracks::cars::{FrameCamera, HeldPoses, fit_frame, pose_record};
 use crate::tracks::ground_contact::{Knowledge, body_box, cut_edges, ground_contact};
@@ -27,6 +27,8 @@ use crate::{Config, PipelineError};
 
 /// Least overlap of the box of a row that is called observed with that of the vehicle where the row has it.
 const MIN_ROW_OVERLAP: f64 = 0.3;
+/// Less of an unseen vehicle's box than this is in the picture: it is not there.
+const IN_VIEW_SHARE: f64 = 0.15;
 /// How well a track's size is known to later looks at it, m.
 const KNOWN_DIMS_SD_M: f64 = 0.3;
 /// Least sd of a track's heading for the same, rad.
@@ -236,14 +238,15 @@ impl Pass<'_> {
         2 * own >= sightings
     }
 
-    /// A track's rows; boxes are where the shaken picture has them.
+    /// A track's rows, one for each frame in which its vehicle is in the picture; boxes are where the shaken picture has them.
     pub(crate) fn rows(&self, track: &Track, shake_px: &Shake) -> Vec<TrackRow> {
         let dims = self.dims_m(track);
         let row = |state: &TrackState| {
             let projected = self.projected_box(track, state);
             let estimate = self.cameras.at(state.stamp.time_s())?;
             let seen_px = self.own_box(state, projected.as_ref(), estimate.image_size_px);
-            let at_rest = seen_px.or(projected)?;
+            let in_view = |drawn: &[f64; 4]| share_inside(drawn, estimate.image_size_px) >= IN_VIEW_SHARE;
+            let at_rest = seen_px.or(projected.filter(in_view))?;
             let bbox_px =
                 shake_px.get(&state.stamp.index).map_or(at_rest, |shake| bbox_moved(&at_rest, shake));
             // What all cars share belongs to each row, too.
