@@ -98,11 +98,20 @@ impl Look {
     }
 }
 
+/// A vehicle's body as far as it is known beforehand.
+pub(crate) struct Body {
+    pub class: VehicleClass,
+    /// Length, width, height, mean (m) and covariance.
+    pub known: (Vector3<f64>, Matrix3<f64>),
+    /// Where to start from, m.
+    pub start_m: Vector3<f64>,
+}
+
 /// A vehicle's nodes, and what was seen at them.
 pub(crate) struct ByBoxes<'a, S> {
     pub nodes: &'a [Node],
     pub looks: &'a [Option<Look>],
-    pub class: VehicleClass,
+    pub body: &'a Body,
     pub scene: &'a S,
     pub options: &'a TrackOptions,
 }
@@ -125,11 +134,11 @@ struct Bordered {
 }
 
 impl<S: Scene> ByBoxes<'_, S> {
-    /// Levenberg–Marquardt from a way and the class' sizes; `None` where boxes and way do not go together.
-    pub(crate) fn solve(&self, start: Vec<State>, dims_m: Vector3<f64>) -> Option<Solved> {
+    /// Levenberg–Marquardt from a way; `None` where boxes and way do not go together.
+    pub(crate) fn solve(&self, start: Vec<State>) -> Option<Solved> {
         let mut states = start;
         let mut shared = Shared::zeros();
-        shared.fixed_rows_mut::<3>(0).copy_from(&dims_m);
+        shared.fixed_rows_mut::<3>(0).copy_from(&self.body.start_m);
         for ease in EASED {
             (states, shared) = self.descend(states, shared, ease)?;
         }
@@ -176,9 +185,9 @@ impl<S: Scene> ByBoxes<'_, S> {
 
     /// Precision of what is known of the shared unknowns beforehand, and about what.
     fn prior(&self) -> Option<(Shared, SMatrix<f64, SHARED, SHARED>)> {
-        let (mean, covariance) = self.scene.size(self.class);
+        let (mean, covariance) = &self.body.known;
         let mut about = Shared::zeros();
-        about.fixed_rows_mut::<3>(0).copy_from(&mean);
+        about.fixed_rows_mut::<3>(0).copy_from(mean);
         let mut precision = SMatrix::<f64, SHARED, SHARED>::from_diagonal_element(OUTLINE_SD.powi(-2));
         precision.fixed_view_mut::<3, 3>(0, 0).copy_from(&covariance.try_inverse()?);
         Some((about, precision))
@@ -202,7 +211,7 @@ impl<S: Scene> ByBoxes<'_, S> {
     fn body_px(&self, look: &Look, pose: &Vector3<f64>, shared: &Shared) -> Option<Vector4<f64>> {
         let pose = GroundPose { x_m: pose.x, y_m: pose.y, heading_rad: pose.z };
         let dims_m = shared.fixed_rows::<3>(0).into_owned();
-        let body = self.scene.body_px(&look.stamp, &pose, self.class, &dims_m)?;
+        let body = self.scene.body_px(&look.stamp, &pose, self.body.class, &dims_m)?;
         Some(Vector4::from_fn(|i, _| body[i] + OUTWARD[i] * shared[3 + i] * look.side_px))
     }
 

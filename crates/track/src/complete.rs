@@ -3,11 +3,12 @@
 use std::collections::BTreeSet;
 
 use nalgebra::{Matrix3, Vector3};
-use roadplane_base::{FrameStamp, GroundPose, VehicleClass, angle_difference, bbox_iou};
+use roadplane_base::{FrameStamp, GroundPose, Shape, VehicleClass, angle_difference, bbox_iou};
 
 use crate::{
     BoxSighting, ExpectedVehicle, Looks, Placed, Track, TrackOptions, TrackState,
     begin::begin,
+    by_boxes::Body,
     duplicates::{merge_duplicates, merge_smoothed},
     extend::{BoxesByFrame, extend},
     link::link,
@@ -30,17 +31,22 @@ pub trait Scene {
     /// From when to when a track is of a vehicle, s; what it has before and after is left out, and all of it where it is of none.
     fn vehicle_s(&self, track: &Track) -> Option<[f64; 2]>;
 
-    /// Length, width, height of vehicles of a class, mean (m) and covariance.
-    fn size(&self, class: VehicleClass) -> (Vector3<f64>, Matrix3<f64>);
+    /// Length, width, height of vehicles of a class, of cars those of this shape: mean (m) and covariance; `None` where nothing is known
+    /// of bodies.
+    fn size(&self, _class: VehicleClass, _shape: &Shape) -> Option<(Vector3<f64>, Matrix3<f64>)> {
+        None
+    }
 
     /// The box in which such a vehicle would be seen, px; `None` where it is not before the camera.
     fn body_px(
         &self,
-        stamp: &FrameStamp,
-        pose: &GroundPose,
-        class: VehicleClass,
-        dims_m: &Vector3<f64>,
-    ) -> Option<[f64; 4]>;
+        _stamp: &FrameStamp,
+        _pose: &GroundPose,
+        _class: VehicleClass,
+        _dims_m: &Vector3<f64>,
+    ) -> Option<[f64; 4]> {
+        None
+    }
 
     /// Where a vehicle would stand if a box of this frame were its own.
     fn place(&self, stamp: &FrameStamp, seen: &BoxSighting, vehicle: &ExpectedVehicle) -> Option<Placed>;
@@ -50,14 +56,6 @@ pub trait Scene {
 impl Scene for () {
     fn vehicle_s(&self, _: &Track) -> Option<[f64; 2]> {
         Some([f64::NEG_INFINITY, f64::INFINITY])
-    }
-
-    fn size(&self, _: VehicleClass) -> (Vector3<f64>, Matrix3<f64>) {
-        (Vector3::zeros(), Matrix3::identity())
-    }
-
-    fn body_px(&self, _: &FrameStamp, _: &GroundPose, _: VehicleClass, _: &Vector3<f64>) -> Option<[f64; 4]> {
-        None
     }
 
     fn place(&self, _: &FrameStamp, _: &BoxSighting, _: &ExpectedVehicle) -> Option<Placed> {
@@ -124,18 +122,24 @@ pub(crate) fn complete(
         raw.extend(begin(&free, &raw, frames, scene));
         whole = merge_smoothed(link(raw, LENGTHENED_HIDDEN_S.min(options.max_hidden_s)), smooth);
     }
-    let by_boxes = |raw: &RawTrack| {
-        let body = (raw.class(), raw.dims_m()?);
-        smooth_by_boxes(&raw.observations, &frames.stamps, &frames.times_s, &of(raw), body, scene)
+    let finished = |(raw, states): (RawTrack, Vec<TrackState>)| {
+        let track = smoothed(&raw, states);
+        let size = scene.size(track.class, &track.shape);
+        let by_boxes = size.and_then(|size| {
+            let body = Body { class: track.class, known: size, start_m: track.dims_m.unwrap_or(size.0) };
+            smooth_by_boxes(&raw.observations, &frames.stamps, &frames.times_s, &of(&raw), &body, scene)
+        });
+        match by_boxes {
+            Some((states, (dims_m, covariance))) => Track {
+                dims_m: track.dims_m.map(|_| dims_m),
+                dims_covariance: track.dims_m.map(|_| covariance),
+                states,
+                ..track
+            },
+            None => track,
+        }
     };
-    let mut tracks: Vec<Track> = (whole.into_iter())
-        .map(|(raw, states)| match by_boxes(&raw) {
-            Some((states, dims_m, covariance)) => {
-                Track { dims_m: Some(dims_m), dims_covariance: Some(covariance), ..smoothed(&raw, states) }
-            }
-            None => smoothed(&raw, states),
-        })
-        .collect();
+    let mut tracks: Vec<Track> = whole.into_iter().map(finished).collect();
     tracks.retain(|track| !track.states.is_empty());
     let key = |track: &Track| track.states.first().map(|s| (s.stamp.index, s.pose.x_m, s.pose.y_m));
     tracks.sort_by(|a, b| match (key(a), key(b)) {

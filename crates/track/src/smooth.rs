@@ -7,7 +7,7 @@ use roadplane_base::{FrameStamp, GroundPose, VehicleClass, fold_axis, wrap_angle
 
 use crate::{
     Scene, TrackOptions, TrackState,
-    by_boxes::{ByBoxes, Look},
+    by_boxes::{Body, ByBoxes, Look},
     facing::{Facing, facing},
     measurement::Sighting,
     noise::{Noise, given_heading},
@@ -52,6 +52,23 @@ impl Place {
     fn look<'a>(&self, sightings: &'a [Sighting]) -> Option<&'a Sighting> {
         sightings[self.sightings.clone()].first().filter(|seen| !seen.held)
     }
+
+    /// Origin and heading as they were seen, with the inverse of their covariance.
+    fn measured(&self, sightings: &[Sighting], noise: Noise) -> Option<(Vector3<f64>, Matrix3<f64>)> {
+        match (&self.stand, self.look(sightings)) {
+            (Some(stand), _) => Some((stand.pose, stand.white.try_inverse()?)),
+            (None, Some(seen)) => Some((seen.pose, white(sightings, self, seen, noise).try_inverse()?)),
+            (None, None) => None,
+        }
+    }
+
+    /// What errors of it are shared by all looks.
+    fn bias(&self, sightings: &[Sighting], noise: Noise) -> Matrix3<f64> {
+        match &self.stand {
+            Some(stand) => stand.bias,
+            None => given_heading(&sightings[self.nearest].covariance) * noise.bias(),
+        }
+    }
 }
 
 /// States for every frame from the first sighting to the last.
@@ -62,55 +79,72 @@ pub(crate) fn smooth_track(
     options: &TrackOptions,
 ) -> Vec<TrackState> {
     let Some(way) = Way::by_poses(sightings, times_s, options) else { return Vec::new() };
-    way.states(sightings, stamps, options, |place| match &place.stand {
-        Some(stand) => stand.bias,
-        None => given_heading(&sightings[place.nearest].covariance) * way.noise.bias(),
-    })
+    way.states(sightings, stamps, options, |place| place.bias(sightings, way.noise))
 }
 
-/// The same of a vehicle of this class that only its boxes place, with its length, width and height, m, and their covariance. `None` where it
-/// did not drive, or where boxes and way do not go together.
+/// The same of a vehicle that boxes place where keypoints do not, always if it is no car, with its length, width and height (m), and their
+/// covariance. `None` where nothing is left to boxes, or they do not say how it was turned as it did not drive, or do not go together with its way.
 pub(crate) fn smooth_by_boxes(
     sightings: &[Sighting],
     stamps: &[FrameStamp],
     times_s: &[f64],
     options: &TrackOptions,
-    (class, dims_m): (VehicleClass, Vector3<f64>),
+    body: &Body,
     scene: &impl Scene,
-) -> Option<(Vec<TrackState>, Vector3<f64>, Matrix3<f64>)> {
-    let by_poses = Way::by_poses(sightings, times_s, options).filter(|way| way.facing.drove)?;
-    let solve = |before: &Way, stands: &[bool], dims_m: Vector3<f64>| {
-        let places = places(sightings, times_s, &runs(stands), options);
-        let look = |place: &Place| {
-            let together = per_view(sightings, place.nearest);
-            Look::of(&sightings[place.sightings.clone()], together, |seen| stamps[seen.frame])
+) -> Option<(Vec<TrackState>, (Vector3<f64>, Matrix3<f64>))> {
+    let by_box = |seen: &Sighting| seen.from_box || body.class != VehicleClass::Car;
+    let (boxes, poses): (Vec<&Sighting>, Vec<&Sighting>) =
+        sightings.iter().filter(|seen| !seen.held).partition(|seen| by_box(seen));
+    let by_poses = Way::by_poses(sightings, times_s, options)
+        .filter(|way| !boxes.is_empty() && (way.facing.drove || !poses.is_empty()))?;
+    let solve = |before: &Way, stands: &[bool], start_m: Vector3<f64>| {
+        let mut places = places(sightings, times_s, &runs(stands), options);
+        let measured = |place: &mut Place| {
+            let seen = &sightings[place.sightings.clone()];
+            let poses: Vec<Sighting> =
+                seen.iter().filter(|seen| !seen.held && !by_box(seen)).cloned().collect();
+            if poses.is_empty() {
+                return None;
+            }
+            if place.stand.is_some() {
+                place.stand = stand(&poses, options.bias_share);
+            }
+            place.measured(sightings, by_poses.noise)
         };
-        let looks: Vec<Option<Look>> = places.iter().map(look).collect();
-        let node =
-            |place: &Place| Node { span_s: place.span_s, measured: None, parked: place.stand.is_some() };
-        let nodes: Vec<Node> = places.iter().map(node).collect();
+        let measured: Vec<_> = places.iter_mut().map(measured).collect();
+        let look = |(place, measured): (&Place, &Option<_>)| {
+            let together = per_view(sightings, place.nearest);
+            let seen = Look::of(&sightings[place.sightings.clone()], together, |seen| stamps[seen.frame]);
+            seen.filter(|_| measured.is_none())
+        };
+        let looks: Vec<Option<Look>> = places.iter().zip(&measured).map(look).collect();
+        let node = |(place, measured): (&Place, _)| Node {
+            span_s: place.span_s,
+            measured,
+            parked: place.stand.is_some(),
+        };
+        let nodes: Vec<Node> = places.iter().zip(measured).map(node).collect();
         let start =
             places.iter().map(|place| before.state_at(place.span_s[0])).collect::<Option<Vec<_>>>()?;
-        let solved = ByBoxes { nodes: &nodes, looks: &looks, class, scene, options }.solve(start, dims_m)?;
-        let way = Way {
-            places,
-            nodes: solved.states,
-            covariances: solved.covariances,
-            noise: before.noise,
-            facing: before.facing,
-        };
+        let body = Body { start_m, ..*body };
+        let solved = ByBoxes { nodes: &nodes, looks: &looks, body: &body, scene, options }.solve(start)?;
+        let way = Way { places, nodes: solved.states, covariances: solved.covariances, ..*before };
         Some((way, solved.dims_m, solved.dims_covariance))
     };
-    // First as if it drove wherever its box was looked at: what the whole way says of speeds is more than what a second of it does.
+    // First as if it drove wherever it was looked at: what the whole way says of speeds is more than what a second of it does.
     let mut stands: Vec<bool> = sightings.iter().map(|seen| seen.held).collect();
     drop_short(&mut stands, sightings);
-    let (drive, dims_m, _) = solve(&by_poses, &stands, dims_m)?;
+    let (drive, dims_m, _) = solve(&by_poses, &stands, body.start_m)?;
     for (seen, stands) in sightings.iter().zip(&mut stands) {
         *stands |= drive.state_at(seen.time_s)?[3].abs() < STANDING_MPS;
     }
     drop_short(&mut stands, sightings);
     let (way, dims_m, covariance) = solve(&drive, &stands, dims_m)?;
-    Some((way.states(sightings, stamps, options, |_| Matrix3::zeros()), dims_m, covariance))
+    let states = way.states(sightings, stamps, options, |place| {
+        let is_measured = sightings[place.sightings.clone()].iter().any(|seen| !seen.held && !by_box(seen));
+        if is_measured { place.bias(sightings, way.noise) } else { Matrix3::zeros() }
+    });
+    Some((states, (dims_m, covariance)))
 }
 
 /// Stands too short to be some are none.
@@ -352,14 +386,13 @@ fn solve(
     noise: Noise,
     options: &TrackOptions,
 ) -> Option<(Vec<State>, Vec<Matrix5<f64>>)> {
-    let measured = |place: &Place| match (&place.stand, place.look(sightings)) {
-        (Some(stand), _) => Some((stand.pose, stand.white.try_inverse()?)),
-        (None, Some(seen)) => Some((seen.pose, white(sightings, place, seen, noise).try_inverse()?)),
-        (None, None) => None,
-    };
     let nodes: Vec<Node> = places
         .iter()
-        .map(|place| Node { span_s: place.span_s, measured: measured(place), parked: place.stand.is_some() })
+        .map(|place| Node {
+            span_s: place.span_s,
+            measured: place.measured(sightings, noise),
+            parked: place.stand.is_some(),
+        })
         .collect();
     Vehicle { nodes: &nodes, options }.solve(start)
 }

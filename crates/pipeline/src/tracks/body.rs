@@ -1,7 +1,10 @@
 //! How large vehicles are.
 
 use nalgebra::{Matrix3, Vector3};
-use roadplane_base::VehicleClass;
+use roadplane_base::{Shape, ShapeAtlas, VehicleClass};
+
+/// How well a track's size is known to other looks at it, m.
+const AT_BEST_SD_M: f64 = 0.3;
 
 /// Correlation of length and height: vans are short and low, lorries and coaches long and high.
 const LENGTH_HEIGHT: f64 = 0.5;
@@ -34,11 +37,18 @@ pub fn body_of(class: VehicleClass) -> Body {
     Body { class, dims_m: Vector3::from(dims), covariance: sd * correlation * sd }
 }
 
+/// How large a car of this shape is.
+#[must_use]
+pub fn car_body(atlas: &ShapeAtlas, shape: &Shape) -> Body {
+    let dims_m = atlas.dims_m(&atlas.clamped(shape));
+    Body { class: VehicleClass::Car, dims_m, covariance: Matrix3::zeros() }
+}
+
 impl Body {
-    /// The same, known no better than this, m.
+    /// As other looks at the same vehicle may take it: no track knows sizes better.
     #[must_use]
-    pub fn at_best(self, sd_m: f64) -> Self {
-        let more = self.covariance.diagonal().map(|variance| (sd_m * sd_m - variance).max(0.0));
+    pub fn at_best(self) -> Self {
+        let more = self.covariance.diagonal().map(|variance| (AT_BEST_SD_M.powi(2) - variance).max(0.0));
         Self { covariance: self.covariance + Matrix3::from_diagonal(&more), ..self }
     }
 }

@@ -17,7 +17,7 @@ use roadplane_track::{
 
 use crate::cameras::camera_track::CameraTrack;
 use crate::tracks::believe::{is_believable, overlap_inside, projected_box, share_inside, vehicle_s};
-use crate::tracks::body::{Body, body_of};
+use crate::tracks::body::{Body, body_of, car_body};
 use crate::tracks::cars::{FrameCamera, HeldPoses, fit_frame, pose_record};
 use crate::tracks::ground_contact::{Knowledge, body_box, cut_edges, ground_contact};
 use crate::tracks::hidden::hidden_edges;
@@ -29,8 +29,6 @@ use crate::{Config, PipelineError};
 const MIN_ROW_OVERLAP: f64 = 0.3;
 /// Less of an unseen vehicle's box than this is in the picture: it is not there.
 const IN_VIEW_SHARE: f64 = 0.15;
-/// How well a track's size is known to later looks at it, m.
-const KNOWN_DIMS_SD_M: f64 = 0.3;
 /// Least sd of a track's heading for the same, rad.
 const KNOWN_HEADING_SD_RAD: f64 = 0.05;
 /// A heading whose sd is no less says nothing, rad.
@@ -311,9 +309,12 @@ impl Scene for Looked<'_> {
         vehicle_s(track, self.pass.dims_m(track).z, self.looked_s)
     }
 
-    fn size(&self, class: VehicleClass) -> (Vector3<f64>, Matrix3<f64>) {
-        let body = body_of(class);
-        (body.dims_m, body.covariance)
+    fn size(&self, class: VehicleClass, shape: &Shape) -> Option<(Vector3<f64>, Matrix3<f64>)> {
+        let body = match class {
+            VehicleClass::Car => car_body(self.pass.atlas, shape).at_best(),
+            class => body_of(class),
+        };
+        Some((body.dims_m, body.covariance))
     }
 
     fn body_px(
@@ -411,13 +412,9 @@ pub(crate) fn known_cars(tracks: &[Track], atlas: &ShapeAtlas) -> BTreeMap<CarRe
                 let class = body_of(track.class);
                 Body { dims_m, covariance: track.dims_covariance.unwrap_or(class.covariance), ..class }
             }
-            None => Body {
-                class: VehicleClass::Car,
-                dims_m: atlas.dims_m(&shape.mean),
-                covariance: Matrix3::zeros(),
-            },
+            None => car_body(atlas, &track.shape),
         }
-        .at_best(KNOWN_DIMS_SD_M);
+        .at_best();
         let vehicle = Arc::new(KnownVehicle { shape, body, class: track.class });
         let of = |state: &TrackState| KnownCar {
             vehicle: Arc::clone(&vehicle),
