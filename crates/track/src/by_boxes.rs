@@ -49,6 +49,8 @@ pub(crate) struct Look {
     edges: [Edge; 4],
     /// Shorter side, px.
     side_px: f64,
+    /// How many it is.
+    count: f64,
 }
 
 impl Look {
@@ -87,7 +89,7 @@ impl Look {
                 looks: count / (1.0 + (together.max(count) - 1.0) * CORRELATION),
             }
         });
-        Some(Self { stamp: stamp(first), edges, side_px })
+        Some(Self { stamp: stamp(first), edges, side_px, count: looks.len() as f64 })
     }
 
     /// How far each edge lies inside the body's, in sds.
@@ -142,6 +144,9 @@ impl<S: Scene> ByBoxes<'_, S> {
         for ease in EASED {
             (states, shared) = self.descend(states, shared, ease)?;
         }
+        if !self.is_seen(&states, &shared)? {
+            return None;
+        }
         let (covariances, shared_covariance) = self.system(&states, &shared, 1.0)?.covariances()?;
         Some(Solved {
             states,
@@ -177,6 +182,21 @@ impl<S: Scene> ByBoxes<'_, S> {
             }
         }
         Some((states, shared))
+    }
+
+    /// Whether most looks show all of the body but what something known is before: what is smaller than a vehicle of its kind in most
+    /// looks is none, but a motorcycle, or a part of something.
+    fn is_seen(&self, states: &[State], shared: &Shared) -> Option<bool> {
+        let (mut seen, mut all) = (0.0, 0.0);
+        for (state, look) in states.iter().zip(self.looks) {
+            let Some(look) = look else { continue };
+            let pose = origin(state, self.options.half_wheelbase_m).0;
+            let inside = look.inside(&self.body_px(look, &pose, shared)?, 1.0);
+            let is_own = |(edge, by): (&Edge, &f64)| edge.is_own(*by) || edge.is_hidden();
+            all += look.count;
+            seen += if look.edges.iter().zip(&inside).all(is_own) { look.count } else { 0.0 };
+        }
+        Some(2.0 * seen >= all)
     }
 
     fn vehicle(&self) -> Vehicle<'_> {

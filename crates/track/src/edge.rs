@@ -42,6 +42,16 @@ impl Edge {
         }
     }
 
+    /// Whether something that is known is before the body there, or the picture ends.
+    pub(crate) fn is_hidden(&self) -> bool {
+        self.hidden > HIDDEN
+    }
+
+    /// Whether the edge, `inside` the body's own by so many sds, is rather the body's own than not.
+    pub(crate) fn is_own(&self, inside: f64) -> bool {
+        self.cost_and_weight(inside).1 > 0.5 * self.looks
+    }
+
     /// Negative log density at an edge that lies `inside` the body's own by so many sds, up to a constant; and what share of it is of
     /// terms that pull.
     pub(crate) fn cost_and_weight(&self, inside: f64) -> (f64, f64) {
