@@ -6,13 +6,13 @@
 //! body's box before the camera, scattered, and sizes are about those of the class. What all boxes share borders the chain of
 //! states (Schur complement).
 
-use nalgebra::{Matrix3, Matrix5, SMatrix, SVector, Vector3, Vector4, Vector5};
+use nalgebra::{Matrix5, SMatrix, SVector, Vector3, Vector4, Vector5};
 use roadplane_base::{FrameStamp, GroundPose, VehicleClass, upper_median};
 
 use crate::{
     Scene, TrackOptions,
     edge::Edge,
-    measurement::Sighting,
+    measurement::{Sighting, Size},
     vehicle::{Node, State, Vehicle, origin},
 };
 
@@ -103,8 +103,7 @@ impl Look {
 /// A vehicle's body as far as it is known beforehand.
 pub(crate) struct Body {
     pub class: VehicleClass,
-    /// Length, width, height, mean (m) and covariance.
-    pub known: (Vector3<f64>, Matrix3<f64>),
+    pub known: Size,
     /// Where to start from, m.
     pub start_m: Vector3<f64>,
 }
@@ -122,10 +121,7 @@ pub(crate) struct ByBoxes<'a, S> {
 pub(crate) struct Solved {
     pub states: Vec<State>,
     pub covariances: Vec<Matrix5<f64>>,
-    /// Length, width, height, m.
-    pub dims_m: Vector3<f64>,
-    /// Their covariance.
-    pub dims_covariance: Matrix3<f64>,
+    pub size: Size,
 }
 
 struct Bordered {
@@ -151,8 +147,10 @@ impl<S: Scene> ByBoxes<'_, S> {
         Some(Solved {
             states,
             covariances,
-            dims_m: shared.fixed_rows::<3>(0).into_owned(),
-            dims_covariance: shared_covariance.fixed_view::<3, 3>(0, 0).into_owned(),
+            size: Size {
+                dims_m: shared.fixed_rows::<3>(0).into_owned(),
+                covariance: shared_covariance.fixed_view::<3, 3>(0, 0).into_owned(),
+            },
         })
     }
 
@@ -205,9 +203,9 @@ impl<S: Scene> ByBoxes<'_, S> {
 
     /// Precision of what is known of the shared unknowns beforehand, and about what.
     fn prior(&self) -> Option<(Shared, SMatrix<f64, SHARED, SHARED>)> {
-        let (mean, covariance) = &self.body.known;
+        let Size { dims_m, covariance } = &self.body.known;
         let mut about = Shared::zeros();
-        about.fixed_rows_mut::<3>(0).copy_from(mean);
+        about.fixed_rows_mut::<3>(0).copy_from(dims_m);
         let mut precision = SMatrix::<f64, SHARED, SHARED>::from_diagonal_element(OUTLINE_SD.powi(-2));
         precision.fixed_view_mut::<3, 3>(0, 0).copy_from(&covariance.try_inverse()?);
         Some((about, precision))

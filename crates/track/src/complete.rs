@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 use roadplane_base::{FrameStamp, GroundPose, Shape, VehicleClass, angle_difference, bbox_iou};
 
 use crate::{
@@ -12,9 +12,10 @@ use crate::{
     duplicates::{merge_duplicates, merge_smoothed},
     extend::{BoxesByFrame, extend},
     link::link,
-    measurement::Sighting,
+    measurement::{Sighting, Size},
     raw_track::RawTrack,
-    smooth::{smooth_by_boxes, smooth_track},
+    smooth::smooth_track,
+    smooth_boxes::smooth_by_boxes,
 };
 
 /// Acceleration towards the middle of a bend that no driver asks of a car, m/s².
@@ -31,9 +32,8 @@ pub trait Scene {
     /// From when to when a track is of a vehicle, s; what it has before and after is left out, and all of it where it is of none.
     fn vehicle_s(&self, track: &Track) -> Option<[f64; 2]>;
 
-    /// Length, width, height of vehicles of a class, of cars those of this shape: mean (m) and covariance; `None` where nothing is known
-    /// of bodies.
-    fn size(&self, _class: VehicleClass, _shape: &Shape) -> Option<(Vector3<f64>, Matrix3<f64>)> {
+    /// How large vehicles of a class are, cars those of this shape; `None` where nothing is known of bodies.
+    fn size(&self, _class: VehicleClass, _shape: &Shape) -> Option<Size> {
         None
     }
 
@@ -126,13 +126,13 @@ pub(crate) fn complete(
         let track = smoothed(&raw, states);
         let size = scene.size(track.class, &track.shape);
         let by_boxes = size.and_then(|size| {
-            let body = Body { class: track.class, known: size, start_m: track.dims_m.unwrap_or(size.0) };
+            let body = Body { class: track.class, known: size, start_m: track.dims_m.unwrap_or(size.dims_m) };
             smooth_by_boxes(&raw.observations, &frames.stamps, &frames.times_s, &of(&raw), &body, scene)
         });
         match by_boxes {
-            Some((states, (dims_m, covariance))) => Track {
-                dims_m: track.dims_m.map(|_| dims_m),
-                dims_covariance: track.dims_m.map(|_| covariance),
+            Some((states, size)) => Track {
+                dims_m: track.dims_m.map(|_| size.dims_m),
+                dims_covariance: track.dims_m.map(|_| size.covariance),
                 states,
                 ..track
             },

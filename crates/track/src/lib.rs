@@ -7,10 +7,11 @@
 //!                   → merge_duplicates      two cars cannot share space                    (duplicates.rs)
 //!                   → link                  all continuations of tracklets, chosen jointly (link.rs)
 //!                   → find_runs             where the car stood, where it drove            (stops.rs)
-//!                   → smooth_track          one pose a stand, a vehicle model between      (parked.rs, vehicle.rs, chain.rs)
+//!                   → smooth_track          one pose a stand, a vehicle model between      (way.rs, start.rs, parked.rs, vehicle.rs, chain.rs)
 //!                   → facing                which end is the front                         (facing.rs)
 //!                   → extend                boxes where a vehicle is expected              (extend.rs, expected.rs)
 //!                   → begin                 boxes that drive together                      (begin.rs)
+//!                   → smooth_by_boxes       where only boxes tell: way and size at once    (smooth_boxes.rs, by_boxes.rs, edge.rs)
 //!                   → Track                                                              (complete.rs)
 //! ```
 //!
@@ -40,14 +41,17 @@ mod parked;
 mod raw_track;
 mod shape;
 mod smooth;
+mod smooth_boxes;
+mod start;
 mod stops;
 mod tracker;
 mod vehicle;
+mod way;
 
 pub use complete::Scene;
 pub use looks::Looks;
 pub use measurement::{
-    BoxSighting, CarMeasurement, ExpectedVehicle, FrameMeasurements, HeldCar, Placed, SeenAgain, Track,
+    BoxSighting, CarMeasurement, ExpectedVehicle, FrameMeasurements, HeldCar, Placed, SeenAgain, Size, Track,
     TrackState,
 };
 pub use options::TrackOptions;

@@ -117,6 +117,15 @@ fn either(a: [bool; 4], b: [bool; 4]) -> [bool; 4] {
     std::array::from_fn(|i| a[i] || b[i])
 }
 
+/// How large a vehicle is.
+#[derive(Clone, Copy, Debug)]
+pub struct Size {
+    /// Length, width, height, m.
+    pub dims_m: Vector3<f64>,
+    /// Their covariance.
+    pub covariance: Matrix3<f64>,
+}
+
 /// A vehicle on the ground, by its box.
 #[derive(Clone, Copy, Debug)]
 pub struct Placed {

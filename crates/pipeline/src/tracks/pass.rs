@@ -11,7 +11,7 @@ use roadplane_base::{
 use roadplane_geo::Place;
 use roadplane_solve::{CarFit, SceneOptions, ShapePrior};
 use roadplane_track::{
-    BoxSighting, CarMeasurement, ExpectedVehicle, FrameMeasurements, HeldCar, Placed, Scene, SeenAgain,
+    BoxSighting, CarMeasurement, ExpectedVehicle, FrameMeasurements, HeldCar, Placed, Scene, SeenAgain, Size,
     Track, TrackState, Tracker,
 };
 
@@ -309,12 +309,12 @@ impl Scene for Looked<'_> {
         vehicle_s(track, self.pass.dims_m(track).z, self.looked_s)
     }
 
-    fn size(&self, class: VehicleClass, shape: &Shape) -> Option<(Vector3<f64>, Matrix3<f64>)> {
+    fn size(&self, class: VehicleClass, shape: &Shape) -> Option<Size> {
         let body = match class {
             VehicleClass::Car => car_body(self.pass.atlas, shape).at_best(),
             class => body_of(class),
         };
-        Some((body.dims_m, body.covariance))
+        Some(Size { dims_m: body.dims_m, covariance: body.covariance })
     }
 
     fn body_px(

@@ -2,6 +2,7 @@
 
 #![allow(missing_docs, clippy::unwrap_used, clippy::panic)]
 
+mod boxes;
 mod driving;
 mod honesty;
 mod invariance;

@@ -96,15 +96,21 @@ pub fn times(seconds: f64, rate: f64) -> Vec<f64> {
 
 /// Box of a car of 4.5 × 1.8 × 1.5 m; `None` outside the picture.
 pub fn box_of(car: &GroundPose) -> Option<[f64; 4]> {
+    body_box(car, &Vector3::new(4.5, 1.8, 1.5))
+        .filter(|[x0, y0, x1, y1]| *x0 > 0.0 && *y0 > 0.0 && *x1 < 1920.0 && *y1 < 1080.0)
+}
+
+/// Box of a body of this length, width and height, as far as the picture would go on.
+pub fn body_box(car: &GroundPose, dims_m: &Vector3<f64>) -> Option<[f64; 4]> {
     let (camera, plane) = camera();
     let camera_from_car = plane.camera_from_world() * car.world_from_car();
     let mut bbox = [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY];
     for (x, y, z) in (0..8).map(|i| (f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2))) {
-        let corner = camera_from_car * Point3::new(4.5 * (x - 0.5), 1.8 * (y - 0.5), 1.5 * z);
+        let corner = camera_from_car * Point3::from(Vector3::new(x - 0.5, y - 0.5, z).component_mul(dims_m));
         let pixel = camera.pixel_from_camera(&corner.coords)?;
         bbox = [bbox[0].min(pixel.x), bbox[1].min(pixel.y), bbox[2].max(pixel.x), bbox[3].max(pixel.y)];
     }
-    (bbox[0] > 0.0 && bbox[1] > 0.0 && bbox[2] < 1920.0 && bbox[3] < 1080.0).then_some(bbox)
+    Some(bbox)
 }
 
 /// Square root of the covariance of (x, y, heading) at a place.

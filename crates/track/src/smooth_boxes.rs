@@ -1,0 +1,103 @@
+//! Sightings of a vehicle that boxes place → its states: where it stood and drove follows from the whole way.
+
+use nalgebra::{Matrix3, Vector3};
+use roadplane_base::{FrameStamp, VehicleClass};
+
+use crate::{
+    Scene, TrackOptions, TrackState,
+    by_boxes::{Body, ByBoxes, Look},
+    measurement::{Sighting, Size},
+    parked::stand,
+    stops::Run,
+    vehicle::Node,
+    way::{Place, Way, per_view, places},
+};
+
+/// Slower than this a vehicle that is placed by its boxes stands, m/s; for shorter it does not, s.
+const STANDING_MPS: f64 = 0.3;
+const MIN_STAND_S: f64 = 1.0;
+
+/// States of a vehicle that boxes place where keypoints do not, always if it is no car, and its size. `None` where nothing is left to boxes, or they do not say how it was turned as it did not drive, or do not go together with its way.
+pub(crate) fn smooth_by_boxes(
+    sightings: &[Sighting],
+    stamps: &[FrameStamp],
+    times_s: &[f64],
+    options: &TrackOptions,
+    body: &Body,
+    scene: &impl Scene,
+) -> Option<(Vec<TrackState>, Size)> {
+    let by_box = |seen: &Sighting| seen.from_box || body.class != VehicleClass::Car;
+    let (boxes, poses): (Vec<&Sighting>, Vec<&Sighting>) =
+        sightings.iter().filter(|seen| !seen.held).partition(|seen| by_box(seen));
+    let by_poses = Way::by_poses(sightings, times_s, options)
+        .filter(|way| !boxes.is_empty() && (way.facing.drove || !poses.is_empty()))?;
+    let solve = |before: &Way, stands: &[bool], start_m: Vector3<f64>| {
+        let mut places = places(sightings, times_s, &runs(stands), options);
+        let measured = |place: &mut Place| {
+            let seen = &sightings[place.sightings.clone()];
+            let poses: Vec<Sighting> =
+                seen.iter().filter(|seen| !seen.held && !by_box(seen)).cloned().collect();
+            if poses.is_empty() {
+                return None;
+            }
+            if place.stand.is_some() {
+                place.stand = stand(&poses, options.bias_share);
+            }
+            place.measured(sightings, by_poses.noise)
+        };
+        let measured: Vec<_> = places.iter_mut().map(measured).collect();
+        let look = |(place, measured): (&Place, &Option<_>)| {
+            let together = per_view(sightings, place.nearest);
+            let seen = Look::of(&sightings[place.sightings.clone()], together, |seen| stamps[seen.frame]);
+            seen.filter(|_| measured.is_none())
+        };
+        let looks: Vec<Option<Look>> = places.iter().zip(&measured).map(look).collect();
+        let node = |(place, measured): (&Place, _)| Node {
+            span_s: place.span_s,
+            measured,
+            parked: place.stand.is_some(),
+        };
+        let nodes: Vec<Node> = places.iter().zip(measured).map(node).collect();
+        let start =
+            places.iter().map(|place| before.state_at(place.span_s[0])).collect::<Option<Vec<_>>>()?;
+        let body = Body { start_m, ..*body };
+        let solved = ByBoxes { nodes: &nodes, looks: &looks, body: &body, scene, options }.solve(start)?;
+        let way = Way { places, nodes: solved.states, covariances: solved.covariances, ..*before };
+        Some((way, solved.size))
+    };
+    // First as if it drove wherever it was looked at: what the whole way says of speeds is more than what a second of it does.
+    let mut stands: Vec<bool> = sightings.iter().map(|seen| seen.held).collect();
+    drop_short(&mut stands, sightings);
+    let (drive, size) = solve(&by_poses, &stands, body.start_m)?;
+    for (seen, stands) in sightings.iter().zip(&mut stands) {
+        *stands |= drive.state_at(seen.time_s)?[3].abs() < STANDING_MPS;
+    }
+    drop_short(&mut stands, sightings);
+    let (way, size) = solve(&drive, &stands, size.dims_m)?;
+    let states = way.states(sightings, stamps, options, |place| {
+        let is_measured = sightings[place.sightings.clone()].iter().any(|seen| !seen.held && !by_box(seen));
+        if is_measured { place.bias(sightings, way.noise) } else { Matrix3::zeros() }
+    });
+    Some((states, size))
+}
+
+/// Stands too short to be some are none.
+fn drop_short(stands: &mut [bool], sightings: &[Sighting]) {
+    for run in runs(stands) {
+        let part = &sightings[run.sightings.clone()];
+        if part[part.len() - 1].time_s - part[0].time_s < MIN_STAND_S {
+            stands[run.sightings].fill(false);
+        }
+    }
+}
+
+/// Runs of what stands and what does not.
+fn runs(stands: &[bool]) -> Vec<Run> {
+    let mut from = 0;
+    let mut run = |part: &[bool]| {
+        let sightings = from..from + part.len();
+        from = sightings.end;
+        Run { sightings, parked: part[0] }
+    };
+    stands.chunk_by(|a, b| a == b).map(&mut run).collect()
+}

@@ -1,0 +1,112 @@
+//! Where the least squares of a way start from.
+
+use nalgebra::Vector3;
+use roadplane_base::fold_axis;
+
+use crate::{
+    TrackOptions,
+    facing::{Facing, facing},
+    measurement::Sighting,
+    parked::Stand,
+    vehicle::{State, state_at},
+    way::Place,
+};
+
+/// Half of the time over which a way is taken for straight, s; longer for what only its box places, as that says less of its axis.
+const WAY_S: f64 = 0.5;
+const BOX_WAY_S: f64 = 2.0;
+
+/// Where to start from: places as seen, a little averaged; the axis by motion where there is some, else by keypoints; the
+/// front by both; and what told it.
+pub(crate) fn start(
+    sightings: &[Sighting],
+    places: &[Place],
+    options: &TrackOptions,
+) -> (Vec<State>, Facing) {
+    let averaged: Vec<Vector3<f64>> = (0..sightings.len())
+        .map(|i| {
+            let near = &sightings[i.saturating_sub(2)..(i + 3).min(sightings.len())];
+            near.iter().map(|o| o.pose).sum::<Vector3<f64>>() / near.len() as f64
+        })
+        .collect();
+    let mut stands: Vec<Option<Stand>> = vec![None; sightings.len()];
+    for place in places {
+        stands[place.sightings.clone()].fill(place.stand);
+    }
+    let centres: Vec<Vector3<f64>> =
+        stands.iter().zip(&averaged).map(|(stand, seen)| stand.map_or(*seen, |stand| stand.pose)).collect();
+    let (axes, drove) = axes(sightings, &averaged, &stands);
+    let facing = Facing { drove, ..facing(sightings, &axes, &centres) };
+    let turn = if facing.reversed { std::f64::consts::PI } else { 0.0 };
+    let states = places
+        .iter()
+        .map(|place| {
+            let (pose, speed) = interpolated(sightings, &centres, &axes, place, turn);
+            state_at(&pose, speed, options.half_wheelbase_m)
+        })
+        .collect();
+    (states, facing)
+}
+
+/// An axis for each sighting, turned by less than π/2 from the one before: the way where there is one, else what was seen. What was
+/// seen by its box only, which says little of it, has that of the way nearest in time.
+fn axes(sightings: &[Sighting], averaged: &[Vector3<f64>], stands: &[Option<Stand>]) -> (Vec<f64>, bool) {
+    let ways: Vec<Option<f64>> = (0..sightings.len())
+        .map(|i| if stands[i].is_none() { way_at(sightings, averaged, i) } else { None })
+        .collect();
+    let nearest_way = |i: usize| {
+        let away_s = |k: usize| (sightings[k].time_s - sightings[i].time_s).abs();
+        let told = (0..ways.len()).filter(|k| ways[*k].is_some());
+        told.min_by(|a, b| away_s(*a).total_cmp(&away_s(*b))).and_then(|k| ways[k])
+    };
+    let mut axes: Vec<f64> = Vec::with_capacity(sightings.len());
+    for (i, seen) in sightings.iter().enumerate() {
+        let by_box = || if seen.from_box { nearest_way(i) } else { None };
+        let axis = ways[i].or_else(by_box).unwrap_or(stands[i].map_or(seen.pose.z, |stand| stand.pose.z));
+        let before = axes.last().copied().unwrap_or(axis);
+        axes.push(before + fold_axis(axis - before));
+    }
+    (axes, ways.iter().any(Option::is_some))
+}
+
+/// Direction of travel around a sighting where it is clear.
+fn way_at(sightings: &[Sighting], averaged: &[Vector3<f64>], i: usize) -> Option<f64> {
+    let time_s = sightings[i].time_s;
+    let sd = sightings[i].covariance.fixed_view::<2, 2>(0, 0).trace().sqrt();
+    let longest_s = if sightings[i].from_box { BOX_WAY_S } else { WAY_S };
+    let mut within_s = WAY_S;
+    while within_s <= longest_s {
+        let from = sightings.partition_point(|o| o.time_s < time_s - within_s).min(i);
+        let to = sightings.partition_point(|o| o.time_s <= time_s + within_s).max(i + 1) - 1;
+        let way = averaged[to].xy() - averaged[from].xy();
+        if way.norm() > 1.0 + sd {
+            return Some(way.y.atan2(way.x));
+        }
+        within_s *= 2.0;
+    }
+    None
+}
+
+/// Pose and speed for a node, on the straight line between the sightings around it.
+fn interpolated(
+    sightings: &[Sighting],
+    centres: &[Vector3<f64>],
+    axes: &[f64],
+    place: &Place,
+    turn: f64,
+) -> (Vector3<f64>, f64) {
+    let time_s = place.span_s[0];
+    let last = sightings.len() - 1;
+    let to = sightings.partition_point(|o| o.time_s < time_s).min(last);
+    let from = to.saturating_sub(1);
+    let gap_s = sightings[to].time_s - sightings[from].time_s;
+    let share = if gap_s > 0.0 { ((time_s - sightings[from].time_s) / gap_s).clamp(0.0, 1.0) } else { 1.0 };
+    let centre = centres[from] + share * (centres[to] - centres[from]);
+    let heading = axes[from] + share * (axes[to] - axes[from]) + turn;
+    let (near, far) = (from.saturating_sub(3), (to + 3).min(last));
+    let long_s = sightings[far].time_s - sightings[near].time_s;
+    let way = centres[far].xy() - centres[near].xy();
+    let ahead = way.dot(&nalgebra::Vector2::new(heading.cos(), heading.sin()));
+    let speed = if place.stand.is_some() || long_s <= 0.0 { 0.0 } else { ahead / long_s };
+    (Vector3::new(centre.x, centre.y, heading), speed)
+}

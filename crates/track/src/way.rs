@@ -1,0 +1,234 @@
+//! How a vehicle went: nodes in the order of time, and states that explain what was seen there.
+
+use nalgebra::{Matrix3, Matrix5, Vector3};
+
+use crate::{
+    TrackOptions,
+    facing::Facing,
+    measurement::Sighting,
+    noise::{Noise, given_heading},
+    parked::{Stand, stand},
+    start::start,
+    stops::{Run, find_runs},
+    vehicle::{Node, State, Vehicle, origin, residual},
+};
+
+/// Longest step of the vehicle model, s; longer gaps get nodes in between.
+const MAX_STEP_S: f64 = 0.25;
+/// Time over which a driving car's keypoint bias stays the same, s: until it is seen from elsewhere.
+const BIAS_S: f64 = 2.0;
+
+/// Sightings farther apart than this have no common error that shows from one to the next, s.
+const NEIGHBOURS_S: f64 = 0.4;
+
+/// Times that the noise is measured anew around the smoothed path.
+const NOISE_PASSES: usize = 3;
+
+/// What a node stands for.
+pub(crate) struct Place {
+    /// Frames, counted as the tracker does; empty for nodes that only bridge a gap in time.
+    pub frames: std::ops::Range<usize>,
+    /// Sightings.
+    pub sightings: std::ops::Range<usize>,
+    /// Sighting nearest in time.
+    pub nearest: usize,
+    pub stand: Option<Stand>,
+    pub span_s: [f64; 2],
+}
+
+impl Place {
+    /// The look at a driving car in this frame, if it was measured in it.
+    pub(crate) fn look<'a>(&self, sightings: &'a [Sighting]) -> Option<&'a Sighting> {
+        sightings[self.sightings.clone()].first().filter(|seen| !seen.held)
+    }
+
+    /// Origin and heading as they were seen, with the inverse of their covariance.
+    pub(crate) fn measured(
+        &self,
+        sightings: &[Sighting],
+        noise: Noise,
+    ) -> Option<(Vector3<f64>, Matrix3<f64>)> {
+        match (&self.stand, self.look(sightings)) {
+            (Some(stand), _) => Some((stand.pose, stand.white.try_inverse()?)),
+            (None, Some(seen)) => Some((seen.pose, white(sightings, self, seen, noise).try_inverse()?)),
+            (None, None) => None,
+        }
+    }
+
+    /// What errors of it are shared by all looks.
+    pub(crate) fn bias(&self, sightings: &[Sighting], noise: Noise) -> Matrix3<f64> {
+        match &self.stand {
+            Some(stand) => stand.bias,
+            None => given_heading(&sightings[self.nearest].covariance) * noise.bias(),
+        }
+    }
+}
+
+/// How a vehicle went.
+pub(crate) struct Way {
+    pub places: Vec<Place>,
+    pub nodes: Vec<State>,
+    pub covariances: Vec<Matrix5<f64>>,
+    pub noise: Noise,
+    pub facing: Facing,
+}
+
+impl Way {
+    pub(crate) fn by_poses(sightings: &[Sighting], times_s: &[f64], options: &TrackOptions) -> Option<Self> {
+        let runs = find_runs(sightings, options);
+        let places = places(sightings, times_s, &runs, options);
+        let (mut nodes, facing) = start(sightings, &places, options);
+        let mut noise = Noise::measured(&mut [], 0.0, 0.0, 1.0, options.bias_share);
+        let mut covariances = Vec::new();
+        for pass in 0..=NOISE_PASSES {
+            (nodes, covariances) = solve(sightings, &places, nodes, noise, options)?;
+            if pass < NOISE_PASSES {
+                noise = driving_noise(sightings, &places, &nodes, &covariances, noise, options);
+            }
+        }
+        Some(Self { places, nodes, covariances, noise, facing })
+    }
+
+    /// Of the node that lasts at a time, or that nearest to it.
+    pub(crate) fn state_at(&self, time_s: f64) -> Option<State> {
+        let next = self.places.partition_point(|place| place.span_s[1] < time_s);
+        let away_s = |i: &usize| (self.places[*i].span_s[0] - time_s).max(time_s - self.places[*i].span_s[1]);
+        let near = [next.saturating_sub(1), next.min(self.places.len() - 1)];
+        near.into_iter().min_by(|a, b| away_s(a).total_cmp(&away_s(b))).map(|i| self.nodes[i])
+    }
+}
+
+/// Nodes of a track, in the order of time.
+pub(crate) fn places(
+    sightings: &[Sighting],
+    times_s: &[f64],
+    runs: &[Run],
+    options: &TrackOptions,
+) -> Vec<Place> {
+    let mut found: Vec<Place> = Vec::new();
+    for run in runs {
+        let part = &sightings[run.sightings.clone()];
+        let (Some(first), Some(last)) = (part.first(), part.last()) else { continue };
+        // Frames since the run before, in which the car was not seen.
+        let from = found.last().map_or(first.frame, |place| place.frames.end);
+        let stand = if run.parked { stand(part, options.bias_share) } else { None };
+        let mut index = run.sightings.start;
+        for (frame, &time_s) in times_s.iter().enumerate().take(last.frame + 1).skip(from) {
+            if frame >= first.frame && stand.is_some() {
+                break;
+            }
+            let seen = sightings.get(index).is_some_and(|o| o.frame == frame);
+            found.push(Place {
+                frames: frame..frame + 1,
+                sightings: if seen { index..index + 1 } else { index..index },
+                nearest: nearest(sightings, index, time_s),
+                stand: None,
+                span_s: [time_s, time_s],
+            });
+            index += usize::from(seen);
+        }
+        if stand.is_some() {
+            found.push(Place {
+                frames: first.frame..last.frame + 1,
+                sightings: run.sightings.clone(),
+                nearest: run.sightings.start,
+                stand,
+                span_s: [first.time_s, last.time_s],
+            });
+        }
+    }
+    bridged(found)
+}
+
+fn nearest(sightings: &[Sighting], after: usize, time_s: f64) -> usize {
+    let gap_s = |i: usize| sightings.get(i).map_or(f64::INFINITY, |o| (o.time_s - time_s).abs());
+    let before = after.saturating_sub(1);
+    if gap_s(before) < gap_s(after) { before } else { after }
+}
+
+/// Puts nodes without frames into long gaps.
+fn bridged(places: Vec<Place>) -> Vec<Place> {
+    let mut result: Vec<Place> = Vec::with_capacity(places.len());
+    for place in places {
+        if let Some(before) = result.last() {
+            let (from_s, gap_s) = (before.span_s[1], place.span_s[0] - before.span_s[1]);
+            let steps = (gap_s / MAX_STEP_S).ceil().clamp(1.0, 1000.0) as usize;
+            let (frame, index, nearest) = (place.frames.start, place.sightings.start, place.nearest);
+            result.extend((1..steps).map(|i| {
+                let time_s = from_s + gap_s * i as f64 / steps as f64;
+                let span_s = [time_s, time_s];
+                Place { frames: frame..frame, sightings: index..index, nearest, stand: None, span_s }
+            }));
+        }
+        result.push(place);
+    }
+    result
+}
+
+fn solve(
+    sightings: &[Sighting],
+    places: &[Place],
+    start: Vec<State>,
+    noise: Noise,
+    options: &TrackOptions,
+) -> Option<(Vec<State>, Vec<Matrix5<f64>>)> {
+    let nodes: Vec<Node> = places
+        .iter()
+        .map(|place| Node {
+            span_s: place.span_s,
+            measured: place.measured(sightings, noise),
+            parked: place.stand.is_some(),
+        })
+        .collect();
+    Vehicle { nodes: &nodes, options }.solve(start)
+}
+
+/// Covariance of a driving car's sighting in an estimator that takes sightings for independent.
+fn white(sightings: &[Sighting], place: &Place, seen: &Sighting, noise: Noise) -> Matrix3<f64> {
+    let mut covariance = seen.covariance * noise.white();
+    // A bias of the heading contradicts the path, so a driving car's keypoints count once per view, not per frame.
+    covariance[(2, 2)] += seen.covariance[(2, 2)] * noise.bias() * per_view(sightings, place.nearest);
+    covariance
+}
+
+/// Sightings that share a driving car's keypoint bias.
+pub(crate) fn per_view(sightings: &[Sighting], index: usize) -> f64 {
+    let time_s = sightings[index].time_s;
+    let from = sightings.partition_point(|o| o.time_s < time_s - BIAS_S / 2.0);
+    let to = sightings.partition_point(|o| o.time_s <= time_s + BIAS_S / 2.0);
+    sightings[from..to].iter().filter(|o| !o.held).count().max(1) as f64
+}
+
+/// Scatter of the driven part around its smoothed path. The path bends towards its sightings, so their residuals are
+/// smaller than their errors: by the share of the degrees of freedom that the path takes up (the sum of leverages).
+fn driving_noise(
+    sightings: &[Sighting],
+    places: &[Place],
+    states: &[State],
+    covariances: &[Matrix5<f64>],
+    used: Noise,
+    options: &TrackOptions,
+) -> Noise {
+    let mut squares = Vec::new();
+    let (mut own, mut lagged, mut leverage) = (0.0, 0.0, 0.0);
+    let mut before: Option<(f64, Vector3<f64>)> = None;
+    for ((place, state), covariance) in places.iter().zip(states).zip(covariances) {
+        // Sightings are neighbours across frames that nobody looked at, not across a stand or a gap.
+        before =
+            before.filter(|(time_s, _)| place.stand.is_none() && place.span_s[0] - time_s <= NEIGHBOURS_S);
+        let (None, Some(seen)) = (&place.stand, place.look(sightings)) else { continue };
+        let weight = white(sightings, place, seen, used).try_inverse();
+        let (Some(inverse), Some(weight)) = (seen.covariance.try_inverse(), weight) else { continue };
+        let (_, jacobian) = origin(state, options.half_wheelbase_m);
+        leverage += (weight * jacobian * covariance * jacobian.transpose()).trace();
+        let away = residual(state, &seen.pose, options.half_wheelbase_m);
+        let square = away.dot(&(inverse * away));
+        squares.push(square);
+        own += square;
+        lagged += before.map_or(0.0, |(_, b)| b.dot(&(inverse * away)));
+        before = Some((seen.time_s, away));
+    }
+    let all = 3.0 * squares.len() as f64;
+    let free = (1.0 - leverage / all.max(1.0)).clamp(0.2, 1.0);
+    Noise::measured(&mut squares, own, lagged, free, options.bias_share)
+}

@@ -1,0 +1,145 @@
+//! Vehicles of which there are boxes alone.
+
+use nalgebra::{Matrix3, Vector2, Vector3};
+use roadplane_base::{FrameStamp, GroundPose, Shape, VehicleClass};
+use roadplane_synth::Rng;
+use roadplane_track::{
+    BoxSighting, CarMeasurement, ExpectedVehicle, FrameMeasurements, Placed, Scene, Size, Track,
+    TrackOptions, Tracker,
+};
+
+use crate::world::{Path, body_box, camera, pose, times};
+
+const LORRY_M: Vector3<f64> = Vector3::new(9.5, 2.5, 3.4);
+
+/// Bodies are boxes, and lorries about as large as lorries are.
+struct Bodies;
+
+impl Scene for Bodies {
+    fn vehicle_s(&self, _: &Track) -> Option<[f64; 2]> {
+        Some([f64::NEG_INFINITY, f64::INFINITY])
+    }
+
+    fn size(&self, class: VehicleClass, _: &Shape) -> Option<Size> {
+        let (dims_m, sd) = match class {
+            VehicleClass::Car => (Vector3::new(4.5, 1.8, 1.5), Vector3::repeat(0.3)),
+            _ => (Vector3::new(7.5, 2.4, 3.0), Vector3::new(2.5, 0.2, 0.6)),
+        };
+        Some(Size { dims_m, covariance: Matrix3::from_diagonal(&sd.component_mul(&sd)) })
+    }
+
+    fn body_px(
+        &self,
+        _: &FrameStamp,
+        pose: &GroundPose,
+        _: VehicleClass,
+        dims_m: &Vector3<f64>,
+    ) -> Option<[f64; 4]> {
+        body_box(pose, dims_m)
+    }
+
+    fn place(&self, _: &FrameStamp, _: &BoxSighting, _: &ExpectedVehicle) -> Option<Placed> {
+        None
+    }
+}
+
+/// What one box says by itself: a vehicle stands somewhere behind the middle of its lower edge.
+fn sighting(class: VehicleClass, bbox_px: [f64; 4], axis_rad: f64) -> CarMeasurement {
+    let (camera, plane) = camera();
+    let [x0, _, x1, y1] = bbox_px;
+    let foot = plane.world_from_pixel(&camera, &Vector2::new((x0 + x1) / 2.0, y1)).unwrap();
+    let middle = foot * (1.0 + 2.0 / foot.norm());
+    CarMeasurement {
+        pose: pose(middle.x, middle.y, axis_rad),
+        covariance: Matrix3::from_diagonal(&Vector3::new(1.0, 4.0, 1.0)),
+        bbox_px,
+        score: 0.7,
+        class,
+        shape: Shape::zeros(),
+        shape_information: nalgebra::Matrix6::identity(),
+        car: 0,
+        from_box: true,
+        cut: [false; 4],
+        hidden: [false; 4],
+        known: false,
+        dims_m: Some([Vector3::new(7.5, 2.4, 3.0), Vector3::new(2.5, 0.2, 0.6)]),
+    }
+}
+
+/// Drives slantwise away, brakes, stands from 5 s to 8 s, drives on.
+fn lorry() -> Path {
+    let (sin, cos) = 1.1f64.sin_cos();
+    Box::new(move |t| {
+        let (brakes, starts) = ((t - 2.0).clamp(0.0, 3.0), (t - 8.0).max(0.0));
+        let metres = 6.0 * t.min(2.0) + 6.0 * brakes - brakes * brakes + starts * starts;
+        Some(pose(-12.0 + metres * cos, 20.0 + metres * sin, 1.1))
+    })
+}
+
+/// Tracks of boxes of a path whose edges jitter by 2 px and that `hide` changes.
+fn follow(path: &Path, hide: impl Fn(f64, &mut [f64; 4])) -> Vec<Track> {
+    let mut random = Rng::new(5);
+    let mut tracker = Tracker::new(TrackOptions::default());
+    for (index, time_s) in times(11.0, 8.0).into_iter().enumerate() {
+        let mut bbox_px = body_box(&path(time_s).unwrap(), &LORRY_M).unwrap();
+        hide(time_s, &mut bbox_px);
+        let bbox_px = bbox_px.map(|edge| edge + 2.0 * random.normal());
+        let stamp = FrameStamp { index: index as u64, pts_nanos: (time_s * 1e9).round() as i64 };
+        let axis_rad = 1.1 + 0.5 * random.normal();
+        tracker.push(&FrameMeasurements::seen(stamp, vec![sighting(VehicleClass::Truck, bbox_px, axis_rad)]));
+    }
+    tracker.finish(&Bodies)
+}
+
+/// The one track, the largest error of its places, m, and its states' speeds between 5.5 and 7.5 s.
+fn one(tracks: &[Track], path: &Path) -> (Track, f64, Vec<f64>) {
+    assert_eq!(tracks.len(), 1, "{tracks:?}");
+    let track = tracks[0].clone();
+    let off = |state: &roadplane_track::TrackState| {
+        let there = path(state.stamp.time_s()).unwrap();
+        (state.pose.x_m - there.x_m).hypot(state.pose.y_m - there.y_m)
+    };
+    let worst = track.states.iter().map(off).fold(0.0, f64::max);
+    let stands = track.states.iter().filter(|state| (5.5..7.5).contains(&state.stamp.time_s()));
+    let speeds = stands.map(|state| state.speed_mps).collect();
+    (track, worst, speeds)
+}
+
+#[test]
+fn boxes_of_a_whole_way_tell_where_a_lorry_is_and_how_long() {
+    let (track, worst, speeds) = one(&follow(&lorry(), |_, _| {}), &lorry());
+    let (dims_m, covariance) = (track.dims_m.unwrap(), track.dims_covariance.unwrap());
+    println!("{worst:.2} m, {dims_m:?} ± {:.2} m", covariance[(0, 0)].sqrt());
+    assert!(worst < 1.0);
+    assert!(
+        (dims_m.x - LORRY_M.x).abs() < 3.0 * covariance[(0, 0)].sqrt() && (dims_m.x - LORRY_M.x).abs() < 1.0
+    );
+    assert!(speeds.iter().all(|speed| *speed == 0.0), "{speeds:?}");
+    for state in &track.states {
+        assert!((state.pose.heading_rad - 1.1).abs() < 0.1, "{state:?}");
+    }
+}
+
+#[test]
+fn a_mast_before_a_lorry_moves_it_nowhere() {
+    // For a while, and while it stands, half of it is hidden, and nothing says so.
+    let hide = |time_s: f64, [x0, _, x1, _]: &mut [f64; 4]| {
+        if (1.0..1.6).contains(&time_s) || (5.5..7.5).contains(&time_s) {
+            *x0 += 0.5 * (*x1 - *x0);
+        }
+    };
+    let (_, worst, speeds) = one(&follow(&lorry(), hide), &lorry());
+    println!("{worst:.2} m");
+    assert!(worst < 1.0);
+    assert!(speeds.iter().all(|speed| *speed == 0.0), "{speeds:?}");
+}
+
+#[test]
+fn boxes_that_hardly_ever_show_such_a_body_do_not_place_one() {
+    // A motorcycle: a third as wide as what it is called.
+    let narrow = |_: f64, [x0, y0, x1, y1]: &mut [f64; 4]| {
+        (*x1, *y0) = (*x0 + 0.2 * (*x1 - *x0), *y1 - 0.3 * (*y1 - *y0));
+    };
+    let tracks = follow(&lorry(), narrow);
+    assert!(tracks.iter().all(|track| track.dims_covariance.is_none()), "{tracks:?}");
+}
