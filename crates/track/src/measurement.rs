@@ -265,6 +265,4 @@ pub struct TrackState {
     pub score: f64,
     /// Position of the car in its frame's list, where observed; none where a weak box showed it.
     pub car: Option<usize>,
-    /// Another vehicle hides a part of it.
-    pub hidden: bool,
 }

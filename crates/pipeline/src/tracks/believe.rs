@@ -190,7 +190,6 @@ mod tests {
             bbox_px: Some([10.0 * way(i), 0.0, 40.0 + 10.0 * way(i), 30.0]),
             score,
             car: Some(0),
-            hidden: false,
         };
         Track {
             id: 1,

@@ -221,7 +221,6 @@ mod tests {
             bbox_px: None,
             score: 1.0,
             car: Some(car),
-            hidden: false,
         };
         Track {
             id: 0,
