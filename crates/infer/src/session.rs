@@ -18,6 +18,8 @@ use crate::error::{InferError, Refusal};
 use crate::external_data::refuse_external_data;
 use crate::runtime::{OPENVINO_NAME, Provider, ProviderChoice, openvino_cpu, prepare};
 
+/// The runtime's own provider.
+const CPU_NAME: &str = "CPUExecutionProvider";
 /// Largest model file, bytes.
 const MAX_MODEL_BYTES: u64 = 512 << 20;
 
@@ -262,6 +264,12 @@ fn commit(
     match provider {
         Provider::Cpu | Provider::Int8 => {
             let mut builder = builder;
+            // Unless told which device to use, sessions give work to every provider that the process has registered.
+            if let Some(device) =
+                environment.devices().find(|device| device.ep().is_ok_and(|ep| ep == CPU_NAME))
+            {
+                builder = builder.with_devices([device], None).map_err(|e| model(&e))?;
+            }
             builder.commit_from_memory(bytes).map_err(|e| model(&e))
         }
         Provider::OpenvinoBf16 => {
