@@ -25,8 +25,10 @@ const MOTION_S: f64 = 0.25;
 /// A box that covers a track's so much, or lies in it so far, is of that track's vehicle.
 const SAME_BOX: f64 = 0.4;
 const INSIDE: f64 = 0.7;
-/// What touches the boxes of one track in so many of its own is a part of that vehicle, as a lorry's cab is.
+/// What touches the boxes of one track in so many of its own is a part of that vehicle, as a lorry's cab is; boxes of lorries and buses
+/// may end so far before it, in shorter sides of its own.
 const PART: f64 = 0.8;
+const APART: f64 = 1.2;
 /// Least share of the looks in which it is found, of those in which the detector is sure, and how often that is.
 const MIN_FOUND: f64 = 0.75;
 const MIN_SURE_SHARE: f64 = 0.1;
@@ -95,6 +97,8 @@ pub(crate) fn begin(
     scene: &impl Scene,
 ) -> Vec<RawTrack> {
     let taken = boxes_of(tracks, frames);
+    let apart: Vec<f64> =
+        tracks.iter().map(|track| if track.class() == VehicleClass::Car { 0.0 } else { APART }).collect();
     let none = Vec::new();
     let of_frame = |frame: usize| taken.get(&frame).unwrap_or(&none);
     chains(free, frames, |frame, bbox_px| {
@@ -104,7 +108,7 @@ pub(crate) fn begin(
         !of_frame(frame).iter().any(is_same)
     })
     .into_iter()
-    .filter(|chain| !is_part(chain, of_frame))
+    .filter(|chain| !is_part(chain, of_frame, &apart))
     .filter_map(|chain| on_ground(&chain.boxes, frames, scene))
     .collect()
 }
@@ -163,12 +167,16 @@ fn chains(free: &BoxesByFrame, frames: &Frames, is_free: impl Fn(usize, &[f64; 4
     done
 }
 
-/// Whether what a chain shows goes along with a track's vehicle all the time, and touches it.
-fn is_part<'a>(chain: &Chain, of_frame: impl Fn(usize) -> &'a Vec<(usize, [f64; 4])>) -> bool {
+/// Whether what a chain shows goes along with a track's vehicle all the time, and touches it, or is no farther from it than `apart` of
+/// the track, in shorter sides.
+fn is_part<'a>(chain: &Chain, of_frame: impl Fn(usize) -> &'a Vec<(usize, [f64; 4])>, apart: &[f64]) -> bool {
     let mut touched: BTreeMap<usize, usize> = BTreeMap::new();
     for (frame, seen) in &chain.boxes {
+        let [x0, y0, x1, y1] = seen.bbox_px;
         for (track, other) in of_frame(*frame) {
-            *touched.entry(*track).or_default() += usize::from(bbox_share_inside(&seen.bbox_px, other) > 0.0);
+            let reach = apart[*track] * (x1 - x0).min(y1 - y0);
+            let reached_px = [x0 - reach, y0 - reach, x1 + reach, y1 + reach];
+            *touched.entry(*track).or_default() += usize::from(bbox_share_inside(&reached_px, other) > 0.0);
         }
     }
     touched.values().any(|touches| *touches as f64 >= PART * chain.boxes.len() as f64)
