@@ -2,15 +2,16 @@
 //!
 //! A box alone says little: the same one shows a short lorry that stands across and a long one that stands along the line of sight. The
 //! way that the vehicle drives says how it is turned, and boxes from several places how long it is. So the states of the way
-//! (`vehicle.rs`), length, width and height, and what its outline is off in all boxes alike, are one least-squares problem: each box's edges are those of the
-//! body's box before the camera, scattered, and sizes are about those of the class. What all boxes share borders the chain of
-//! states (Schur complement).
+//! (`vehicle.rs`), length, width and height, and what its outline is off in all boxes alike, are one least-squares problem: each
+//! box's edges are those of the body's box before the camera, scattered or hidden (`edge.rs`), and sizes are about those of the class.
+//! What all boxes share borders the chain of states (Schur complement).
 
 use nalgebra::{Matrix5, SMatrix, SVector, Vector3, Vector4, Vector5};
 use roadplane_base::{FrameStamp, GroundPose, VehicleClass, upper_median};
 
 use crate::{
     Scene, TrackOptions,
+    chain::Blocks,
     edge::Edge,
     measurement::{Sighting, Size},
     vehicle::{Node, State, Vehicle, origin},
@@ -125,7 +126,7 @@ pub(crate) struct Solved {
 }
 
 struct Bordered {
-    blocks: crate::chain::Blocks,
+    blocks: Blocks,
     border: Vec<Border>,
     shared: SMatrix<f64, SHARED, SHARED>,
     gradient: Shared,

@@ -8,16 +8,16 @@ use crate::{
     by_boxes::{Body, ByBoxes, Look},
     measurement::{Sighting, Size},
     parked::stand,
-    stops::Run,
+    stops::{MIN_STAND_S, close_gaps, runs},
     vehicle::Node,
     way::{Place, Way, per_view, places},
 };
 
-/// Slower than this a vehicle that is placed by its boxes stands, m/s; for shorter it does not, s.
+/// Slower than this a vehicle that is placed by its boxes stands, m/s.
 const STANDING_MPS: f64 = 0.3;
-const MIN_STAND_S: f64 = 1.0;
 
-/// States of a vehicle that boxes place where keypoints do not, always if it is no car, and its size. `None` where nothing is left to boxes, or they do not say how it was turned as it did not drive, or do not go together with its way.
+/// States of a vehicle that boxes place where keypoints do not, always if it is no car, and its size. `None` where nothing is left to
+/// boxes, or they do not say how it was turned as it did not drive, or do not go together with its way.
 pub(crate) fn smooth_by_boxes(
     sightings: &[Sighting],
     stamps: &[FrameStamp],
@@ -31,8 +31,8 @@ pub(crate) fn smooth_by_boxes(
         sightings.iter().filter(|seen| !seen.held).partition(|seen| by_box(seen));
     let by_poses = Way::by_poses(sightings, times_s, options)
         .filter(|way| !boxes.is_empty() && (way.facing.drove || !poses.is_empty()))?;
-    let solve = |before: &Way, stands: &[bool], start_m: Vector3<f64>| {
-        let mut places = places(sightings, times_s, &runs(stands), options);
+    let solve = |before: &Way, moving: &[bool], start_m: Vector3<f64>| {
+        let mut places = places(sightings, times_s, &runs(moving), options);
         let measured = |place: &mut Place| {
             let seen = &sightings[place.sightings.clone()];
             let poses: Vec<Sighting> =
@@ -66,38 +66,17 @@ pub(crate) fn smooth_by_boxes(
         Some((way, solved.size))
     };
     // First as if it drove wherever it was looked at: what the whole way says of speeds is more than what a second of it does.
-    let mut stands: Vec<bool> = sightings.iter().map(|seen| seen.held).collect();
-    drop_short(&mut stands, sightings);
-    let (drive, size) = solve(&by_poses, &stands, body.start_m)?;
-    for (seen, stands) in sightings.iter().zip(&mut stands) {
-        *stands |= drive.state_at(seen.time_s)?[3].abs() < STANDING_MPS;
+    let mut moving: Vec<bool> = sightings.iter().map(|seen| !seen.held).collect();
+    close_gaps(&mut moving, sightings, MIN_STAND_S);
+    let (drive, size) = solve(&by_poses, &moving, body.start_m)?;
+    for (seen, moving) in sightings.iter().zip(&mut moving) {
+        *moving &= drive.state_at(seen.time_s)?[3].abs() >= STANDING_MPS;
     }
-    drop_short(&mut stands, sightings);
-    let (way, size) = solve(&drive, &stands, size.dims_m)?;
+    close_gaps(&mut moving, sightings, MIN_STAND_S);
+    let (way, size) = solve(&drive, &moving, size.dims_m)?;
     let states = way.states(sightings, stamps, options, |place| {
         let is_measured = sightings[place.sightings.clone()].iter().any(|seen| !seen.held && !by_box(seen));
         if is_measured { place.bias(sightings, way.noise) } else { Matrix3::zeros() }
     });
     Some((states, size))
-}
-
-/// Stands too short to be some are none.
-fn drop_short(stands: &mut [bool], sightings: &[Sighting]) {
-    for run in runs(stands) {
-        let part = &sightings[run.sightings.clone()];
-        if part[part.len() - 1].time_s - part[0].time_s < MIN_STAND_S {
-            stands[run.sightings].fill(false);
-        }
-    }
-}
-
-/// Runs of what stands and what does not.
-fn runs(stands: &[bool]) -> Vec<Run> {
-    let mut from = 0;
-    let mut run = |part: &[bool]| {
-        let sightings = from..from + part.len();
-        from = sightings.end;
-        Run { sightings, parked: part[0] }
-    };
-    stands.chunk_by(|a, b| a == b).map(&mut run).collect()
 }

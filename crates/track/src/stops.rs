@@ -26,7 +26,7 @@ const SIGNIFICANT: f64 = 3.0;
 /// Shorter interruptions are ignored, s.
 const BLINK_S: f64 = 0.5;
 /// Shorter stands are ignored, s.
-const MIN_STAND_S: f64 = 1.0;
+pub(crate) const MIN_STAND_S: f64 = 1.0;
 /// A car has been rolling for this long before its motion shows, s.
 const ONSET_S: f64 = 0.3;
 
@@ -153,7 +153,8 @@ fn travelled(part: &[Sighting], all: &[Sighting]) -> f64 {
     (middle(after) - middle(before)).norm()
 }
 
-fn runs(moving: &[bool]) -> Vec<Run> {
+/// Sightings that move, and those that do not, in runs.
+pub(crate) fn runs(moving: &[bool]) -> Vec<Run> {
     let mut found = Vec::new();
     let mut from = 0;
     for chunk in moving.chunk_by(|a, b| a == b) {
@@ -165,7 +166,7 @@ fn runs(moving: &[bool]) -> Vec<Run> {
 
 /// Turns stands between drives, or before or after one, into driving where they are shorter than `least_s`: at an end of the track
 /// a moment's stand cannot be told from driving that has hardly been seen.
-fn close_gaps(moving: &mut [bool], sightings: &[Sighting], least_s: f64) {
+pub(crate) fn close_gaps(moving: &mut [bool], sightings: &[Sighting], least_s: f64) {
     let found = runs(moving);
     for run in found.iter().filter(|_| found.len() > 1) {
         if run.parked && seconds(&sightings[run.sightings.clone()]) < least_s {
