@@ -255,10 +255,13 @@ impl<S: Scene> ByBoxes<'_, S> {
                 moved[p] += STEP;
                 by_pose.set_column(p, &((inside(&moved, shared)? - here) / STEP));
             }
-            for p in 0..SHARED {
+            for p in 0..3 {
                 let mut moved = *shared;
                 moved[p] += STEP;
                 by_shared.set_column(p, &((inside(&pose, &moved)? - here) / STEP));
+            }
+            for (p, edge) in look.edges.iter().enumerate() {
+                by_shared[(p, 3 + p)] = look.side_px / (ease * edge.sd_px);
             }
             let by_state: SMatrix<f64, 4, 5> = by_pose * by_state;
             let weighted = by_state.transpose() * SMatrix::from_diagonal(&weights);

@@ -26,17 +26,18 @@ pub(crate) fn smooth_by_boxes(
     body: &Body,
     scene: &impl Scene,
 ) -> Option<(Vec<TrackState>, Size)> {
-    let by_box = |seen: &Sighting| seen.from_box || body.class != VehicleClass::Car;
-    let (boxes, poses): (Vec<&Sighting>, Vec<&Sighting>) =
-        sightings.iter().filter(|seen| !seen.held).partition(|seen| by_box(seen));
+    let by_box = |seen: &Sighting| !seen.held && (seen.from_box || body.class != VehicleClass::Car);
+    let by_pose = |seen: &Sighting| !seen.held && !by_box(seen);
+    if !sightings.iter().any(by_box) {
+        return None;
+    }
     let by_poses = Way::by_poses(sightings, times_s, options)
-        .filter(|way| !boxes.is_empty() && (way.facing.drove || !poses.is_empty()))?;
+        .filter(|way| way.facing.drove || sightings.iter().any(by_pose))?;
     let solve = |before: &Way, moving: &[bool], start_m: Vector3<f64>| {
         let mut places = places(sightings, times_s, &runs(moving), options);
         let measured = |place: &mut Place| {
             let seen = &sightings[place.sightings.clone()];
-            let poses: Vec<Sighting> =
-                seen.iter().filter(|seen| !seen.held && !by_box(seen)).cloned().collect();
+            let poses: Vec<Sighting> = seen.iter().filter(|seen| by_pose(seen)).cloned().collect();
             if poses.is_empty() {
                 return None;
             }
@@ -75,7 +76,7 @@ pub(crate) fn smooth_by_boxes(
     close_gaps(&mut moving, sightings, MIN_STAND_S);
     let (way, size) = solve(&drive, &moving, size.dims_m)?;
     let states = way.states(sightings, stamps, options, |place| {
-        let is_measured = sightings[place.sightings.clone()].iter().any(|seen| !seen.held && !by_box(seen));
+        let is_measured = sightings[place.sightings.clone()].iter().any(by_pose);
         if is_measured { place.bias(sightings, way.noise) } else { Matrix3::zeros() }
     });
     Some((states, size))

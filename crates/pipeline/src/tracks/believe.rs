@@ -47,21 +47,15 @@ pub fn is_believable(
 
 /// Overlap (intersection over union) of a projected box, as far as it lies in the picture, with a detected one.
 #[must_use]
-pub fn overlap_inside(projected_px: &[f64; 4], bbox_px: &[f64; 4], size: ImageSize) -> f64 {
-    bbox_iou(&inside(projected_px, size), bbox_px)
+pub fn overlap_inside([x0, y0, x1, y1]: &[f64; 4], bbox_px: &[f64; 4], size: ImageSize) -> f64 {
+    let [left, top, right, bottom] = picture_px(size);
+    bbox_iou(&[x0.max(left), y0.max(top), x1.min(right), y1.min(bottom)], bbox_px)
 }
 
-/// How much of a projected box lies in the picture.
+/// The picture as a box.
 #[must_use]
-pub fn share_inside(projected_px: &[f64; 4], size: ImageSize) -> f64 {
-    let area = |[x0, y0, x1, y1]: [f64; 4]| (x1 - x0).max(0.0) * (y1 - y0).max(0.0);
-    area(inside(projected_px, size)) / area(*projected_px).max(f64::MIN_POSITIVE)
-}
-
-/// The part of a box that lies in the picture.
-fn inside([x0, y0, x1, y1]: &[f64; 4], size: ImageSize) -> [f64; 4] {
-    let (right, bottom) = (f64::from(size.width) - 0.5, f64::from(size.height) - 0.5);
-    [x0.max(-0.5), y0.max(-0.5), x1.min(right), y1.min(bottom)]
+pub fn picture_px(size: ImageSize) -> [f64; 4] {
+    [-0.5, -0.5, f64::from(size.width) - 0.5, f64::from(size.height) - 0.5]
 }
 
 /// Mean score below which a track is doubtful.

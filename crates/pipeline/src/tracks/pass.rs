@@ -6,7 +6,7 @@ use std::sync::Arc;
 use nalgebra::{Matrix6, Vector2, Vector3};
 use roadplane_base::{
     CarRecord, CarRef, FrameRecord, FrameStamp, GroundPose, ImageSize, PoseRecord, Shape, ShapeAtlas,
-    TrackRow, VehicleClass, WatchRecord, bbox_moved, bbox_part_seen,
+    TrackRow, VehicleClass, WatchRecord, bbox_moved, bbox_part_seen, bbox_share_inside,
 };
 use roadplane_geo::Place;
 use roadplane_solve::{CarFit, SceneOptions, ShapePrior};
@@ -16,7 +16,7 @@ use roadplane_track::{
 };
 
 use crate::cameras::camera_track::CameraTrack;
-use crate::tracks::believe::{is_believable, overlap_inside, projected_box, share_inside, vehicle_s};
+use crate::tracks::believe::{is_believable, overlap_inside, picture_px, projected_box, vehicle_s};
 use crate::tracks::body::{Body, body_of, car_body};
 use crate::tracks::cars::{FrameCamera, HeldPoses, fit_frame, pose_record};
 use crate::tracks::ground_contact::{Knowledge, body_box, cut_edges, ground_contact};
@@ -243,7 +243,8 @@ impl Pass<'_> {
             let projected = self.projected_box(track, state);
             let estimate = self.cameras.at(state.stamp.time_s())?;
             let seen_px = self.own_box(state, projected.as_ref(), estimate.image_size_px);
-            let in_view = |drawn: &[f64; 4]| share_inside(drawn, estimate.image_size_px) >= IN_VIEW_SHARE;
+            let picture_px = picture_px(estimate.image_size_px);
+            let in_view = |drawn: &[f64; 4]| bbox_share_inside(drawn, &picture_px) >= IN_VIEW_SHARE;
             let at_rest = seen_px.or(projected.filter(in_view))?;
             let bbox_px =
                 shake_px.get(&state.stamp.index).map_or(at_rest, |shake| bbox_moved(&at_rest, shake));
