@@ -33,6 +33,8 @@ pub struct View {
 pub struct SelectOptions {
     /// Views in a window.
     pub max_views: usize,
+    /// Views that are enough: more are taken of what surely is a car only.
+    pub enough_views: usize,
     /// Views of one car in a window.
     pub max_views_per_car: usize,
     /// Longer side of the box, px.
@@ -48,8 +50,9 @@ pub struct SelectOptions {
 impl Default for SelectOptions {
     fn default() -> Self {
         Self {
-            max_views: 60,
-            max_views_per_car: 8,
+            max_views: 400,
+            enough_views: 60,
+            max_views_per_car: 12,
             min_side_px: 30.0,
             min_keypoints: 6.0,
             bias_share: 0.6,
@@ -104,8 +107,9 @@ impl ViewSelector {
             }
         }
         // Only the best can be chosen, so the rest need not be kept.
-        if self.candidates.len() > 8 * self.options.max_views {
-            self.candidates = self.best(4 * self.options.max_views);
+        if self.candidates.len() > 4 * self.options.max_views {
+            let kept = 2 * self.options.max_views;
+            self.candidates = self.best(kept, kept);
         }
     }
 
@@ -114,7 +118,7 @@ impl ViewSelector {
         for (link, stretch) in std::mem::take(&mut self.open) {
             self.close(link, &stretch);
         }
-        let chosen = self.best(self.options.max_views);
+        let chosen = self.best(self.options.max_views, self.options.enough_views);
         self.candidates.clear();
         self.seen.clear();
         let mut of_link: BTreeMap<LinkId, f64> = BTreeMap::new();
@@ -168,11 +172,11 @@ impl ViewSelector {
         self.candidates.push(Candidate { link, view, cell });
     }
 
-    /// Takes the best, one after the other: each view makes others of its car and of its place in the image less wanted.
-    fn best(&mut self, count: usize) -> Vec<Candidate> {
+    /// Takes the best, one after the other: each view makes others of its car and of its place in the image less wanted. Cars
+    /// that are found too seldom to be sure of come after all others, and only as long as there are not `enough`.
+    fn best(&mut self, count: usize, enough: usize) -> Vec<Candidate> {
         let mut left = std::mem::take(&mut self.candidates);
         left.sort_by_key(|c| (c.link, c.view.look.frame));
-        let is_car = |link: &LinkId| self.seen[link].min(SURELY_A_CAR) as f64 / SURELY_A_CAR as f64;
         let mut chosen: Vec<Candidate> = Vec::new();
         let mut of_car: BTreeMap<LinkId, usize> = BTreeMap::new();
         let mut of_cell: BTreeMap<(u8, u8), usize> = BTreeMap::new();
@@ -180,9 +184,11 @@ impl ViewSelector {
             let worth = |c: &Candidate| {
                 let same_car = of_car.get(&c.link).copied().unwrap_or(0);
                 let same_cell = of_cell.get(&c.cell).copied().unwrap_or(0);
-                let allowed = same_car < self.options.max_views_per_car;
+                let seen = self.seen[&c.link].min(SURELY_A_CAR);
+                let sure = seen == SURELY_A_CAR;
+                let allowed = same_car < self.options.max_views_per_car && (sure || chosen.len() < enough);
                 let crowded = (1 + same_car) as f64 * (1.0 + 0.3 * same_cell as f64);
-                allowed.then(|| is_car(&c.link) * c.view.look.quality / crowded)
+                allowed.then(|| (sure, seen as f64 * c.view.look.quality / crowded))
             };
             let ranked = left.iter().enumerate().filter_map(|(i, c)| Some((i, worth(c)?)));
             // The first of equals, by car and frame.
