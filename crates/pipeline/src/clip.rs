@@ -188,10 +188,7 @@ pub(crate) fn solve_known_clip(
             pass.tracks(seen, stretch, Some(&vehicles), &mut tally, |pose| Ok(spooled.write(pose)?))?;
         spooled.finish()?;
         for track in &mut tracks {
-            // The shape was held in this pass, so what this pass's tracks say of it is no evidence.
-            let held = sightings(track).find_map(|(key, _)| vehicles.get(&key));
-            let held = held.map(|known| known.vehicle.shape.mean);
-            track.shape = atlas.clamped(&held.unwrap_or(track.shape));
+            track.shape = atlas.clamped(&track.shape);
         }
         drop(vehicles);
         tracks.retain(|track| pass.is_where_it_is_seen(track));

@@ -31,6 +31,8 @@ const MIN_ROW_OVERLAP: f64 = 0.3;
 const IN_VIEW_SHARE: f64 = 0.15;
 /// Least sd of a track's heading for the same, rad.
 const KNOWN_HEADING_SD_RAD: f64 = 0.05;
+/// Information on the coefficients of a shape that is held: looks say nothing more of it.
+const HELD_INFORMATION: f64 = 1e6;
 /// A heading whose sd is no less says nothing, rad.
 const UNKNOWN_HEADING_SD_RAD: f64 = 1.5;
 
@@ -138,7 +140,7 @@ impl Pass<'_> {
                 let is_car = known.is_none_or(|known| known.vehicle.class == VehicleClass::Car);
                 let by_keypoints = fit.as_ref().filter(|_| reason.is_none() && is_car);
                 let measured = by_keypoints
-                    .map(|fit| measurement(fit, record, index))
+                    .map(|fit| measurement(fit, record, index, known.is_some()))
                     .or_else(|| self.by_box(record, index, &frame, hidden, &view, known));
                 match measured {
                     Some(measured) => {
@@ -356,9 +358,13 @@ fn append(tracks: &mut Vec<Track>, later: Vec<Track>) {
     tracks.extend(later.into_iter().map(|track| Track { id: track.id + before, ..track }));
 }
 
-fn measurement(fit: &CarFit, record: &CarRecord, car: usize) -> CarMeasurement {
-    let shape_information: Matrix6<f64> =
-        fit.car.shape_covariance.try_inverse().unwrap_or_else(Matrix6::identity);
+/// What keypoints say of a car; `held`: its shape was known beforehand.
+fn measurement(fit: &CarFit, record: &CarRecord, car: usize, held: bool) -> CarMeasurement {
+    let shape_information = match fit.car.shape_covariance.try_inverse() {
+        _ if held => Matrix6::identity() * HELD_INFORMATION,
+        Some(information) => information,
+        None => Matrix6::identity(),
+    };
     CarMeasurement {
         pose: fit.car.ground,
         covariance: fit.car.ground_covariance,
