@@ -17,6 +17,8 @@ use crate::{
 /// A weak box that follows the last one later is not of the same vehicle for that, s, even where it stood: others pass there.
 const MAX_GAP_S: f64 = 3.0;
 
+/// What is slower than this, m/s, is about to stand, or just sets off: for as long it is where it was.
+const CREEPS_MPS: f64 = 1.0;
 /// What drives faster than this, m/s, is not in a box that is there for so long before and after, s, but for the time in which it
 /// passes, s; overlap of such boxes.
 const DRIVES_MPS: f64 = 3.5;
@@ -91,7 +93,9 @@ fn reach(
         let time_s = sign * frames.times_s[frame];
         if frames.looked[frame] && !open.is_empty() {
             let lost = |reach: &mut Reach| {
-                reach.expected.unseen_s(time_s) > MAX_GAP_S || reach.expected.is_lost(time_s, options)
+                let creeps = reach.expected.filter.speed() < CREEPS_MPS;
+                reach.expected.unseen_s(time_s) > MAX_GAP_S
+                    || !creeps && reach.expected.is_lost(time_s, options)
             };
             done.extend(open.extract_if(.., lost));
             let taken = find(&mut open, free, (frame, sign), frames, options, scene);
