@@ -126,4 +126,11 @@ mod tests {
         (0..9).for_each(|_| sum.add(&look(3.0, 0.01), at, 0.0));
         assert!(sum.fused().0.norm() < 1e-12);
     }
+
+    #[test]
+    fn a_shape_that_is_held_stays_what_it_is() {
+        let mut sum = ShapeSum::new(Vector2::new(0.0, 20.0), 0.0);
+        (0..10).for_each(|i| sum.add(&look(1.5, 1e6), Vector2::new(0.0, 20.0 + 5.0 * f64::from(i)), 0.0));
+        assert!((sum.fused().0 - Shape::repeat(1.5)).norm() < 1e-5);
+    }
 }
