@@ -52,7 +52,7 @@ impl Default for SelectOptions {
         Self {
             max_views: 400,
             enough_views: 60,
-            max_views_per_car: 8,
+            max_views_per_car: 6,
             min_side_px: 30.0,
             min_keypoints: 6.0,
             bias_share: 0.6,
