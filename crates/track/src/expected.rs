@@ -135,8 +135,13 @@ impl Expected {
         }
         let away = (sighting.pose.xy() - self.filter.position()).norm();
         let in_place = self.filter.is_still() && away < NEVER_NEARER_M;
-        // What may be anywhere is near to everything.
         let spread = sighting.covariance.fixed_view::<2, 2>(0, 0).trace().sqrt();
+        // A sliver of something in a standing vehicle's box may be of anything that passes.
+        let is_sliver = self.filter.is_still() && bbox_iou(&expected, &sighting.bbox_px) < MIN_OVERLAP;
+        if is_sliver && away > NEVER_NEARER_M.max(spread) {
+            return f64::INFINITY;
+        }
+        // What may be anywhere is near to everything.
         let is_near = distance < gate && (spread < VAGUE_M || overlap > TOUCHING);
         if is_near || overlap > SURE_OVERLAP || in_place {
             0.5 * near + 0.5 * (1.0 - overlap)
@@ -160,5 +165,43 @@ impl Expected {
     pub(crate) fn overlap(&self, bbox_px: &[f64; 4], goes_on: [bool; 4], time_s: f64) -> f64 {
         let expected = self.box_px(time_s);
         expected.map_or(0.0, |expected| bbox_iou(&bbox_part_seen(&expected, bbox_px, goes_on), bbox_px))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Matrix3, Vector3};
+
+    /// A place, sd of 0.3 m or what is given, and a box of which something hides top and right.
+    fn sighting(y_m: f64, sd_m: f64, bbox_px: [f64; 4], time_s: f64) -> Sighting {
+        Sighting {
+            frame: 0,
+            time_s,
+            pose: Vector3::new(30.0, y_m, 0.0),
+            covariance: Matrix3::from_diagonal_element(sd_m * sd_m),
+            bbox_px,
+            score: 0.8,
+            car: Some(0),
+            held: false,
+            from_box: false,
+            cut: [false; 4],
+            hidden: [false, true, true, false],
+        }
+    }
+
+    #[test]
+    fn a_sliver_in_a_standing_cars_box_is_the_cars_only_at_its_place() {
+        const WHOLE: [f64; 4] = [100.0, 200.0, 150.0, 230.0];
+        const SLIVER: [f64; 4] = [100.0, 215.0, 118.0, 232.0];
+        const GATE: f64 = 16.0;
+        let mut car = Expected::new(&sighting(90.0, 0.3, WHOLE, 0.0));
+        (1..30).for_each(|i| car.add(&sighting(90.0, 0.3, WHOLE, 0.1 * f64::from(i)), GATE));
+        let cost =
+            |y_m: f64, sd_m: f64, bbox_px: [f64; 4]| car.cost(&sighting(y_m, sd_m, bbox_px, 3.0), GATE);
+        // Half hidden, wherever its keypoints are thought to be; a sliver in its place, and one of what passes before it.
+        assert!(cost(84.0, 2.0, [100.0, 200.0, 125.0, 230.0]) < ALONE);
+        assert!(cost(90.5, 0.5, SLIVER) < ALONE && cost(88.0, 3.0, SLIVER) < ALONE);
+        assert!(cost(84.0, 2.0, SLIVER) >= ALONE);
     }
 }
