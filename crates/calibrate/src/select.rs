@@ -33,7 +33,7 @@ pub struct View {
 pub struct SelectOptions {
     /// Views in a window.
     pub max_views: usize,
-    /// Views that are enough: more are taken of what surely is a car only.
+    /// Beyond so many views only those of what surely is a car are taken.
     pub enough_views: usize,
     /// Views of one car in a window.
     pub max_views_per_car: usize,
@@ -63,7 +63,7 @@ impl Default for SelectOptions {
 
 /// Longer side at which more pixels stop making a view better, px.
 const FULL_SIDE_PX: f64 = 150.0;
-/// What was found in fewer frames may be nothing, and is wanted so much less.
+/// What was found in fewer frames may be nothing: it comes after all others, and only until there are enough views.
 const SURELY_A_CAR: usize = 10;
 /// Cells per axis of the grid over which views are spread.
 const GRID: f64 = 4.0;

@@ -173,7 +173,7 @@ mod tests {
     use super::*;
     use nalgebra::{Matrix3, Vector3};
 
-    /// A place, sd of 0.3 m or what is given, and a box of which something hides top and right.
+    /// A place with its sd, and a box of which something hides top and right.
     fn sighting(y_m: f64, sd_m: f64, bbox_px: [f64; 4], time_s: f64) -> Sighting {
         Sighting {
             frame: 0,
@@ -199,7 +199,8 @@ mod tests {
         (1..30).for_each(|i| car.add(&sighting(90.0, 0.3, WHOLE, 0.1 * f64::from(i)), GATE));
         let cost =
             |y_m: f64, sd_m: f64, bbox_px: [f64; 4]| car.cost(&sighting(y_m, sd_m, bbox_px, 3.0), GATE);
-        // Half hidden, wherever its keypoints are thought to be; a sliver in its place, and one of what passes before it.
+        // Half hidden, wherever its keypoints are thought to be; slivers near its place, as well as theirs is known; one of what
+        // passes before it.
         assert!(cost(84.0, 2.0, [100.0, 200.0, 125.0, 230.0]) < ALONE);
         assert!(cost(90.5, 0.5, SLIVER) < ALONE && cost(88.0, 3.0, SLIVER) < ALONE);
         assert!(cost(84.0, 2.0, SLIVER) >= ALONE);

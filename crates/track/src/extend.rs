@@ -17,7 +17,7 @@ use crate::{
 /// A weak box that follows the last one later is not of the same vehicle for that, s, even where it stood: others pass there.
 const MAX_GAP_S: f64 = 3.0;
 
-/// What is slower than this, m/s, is about to stand, or just sets off: for as long it is where it was.
+/// What is slower than this, m/s, is about to stand, or just sets off: it is looked for as long as its box can be told.
 const CREEPS_MPS: f64 = 1.0;
 /// What drives faster than this, m/s, is not in a box that is there for so long before and after, s, but for the time in which it
 /// passes, s; overlap of such boxes.

@@ -33,6 +33,8 @@ const SHARED: f64 = 0.5;
 /// sd of the velocity of vehicles that drive, and of those that stand, m/s.
 const DRIVING_SD: f64 = 8.0;
 const STANDING_SD: f64 = 0.2;
+/// Share of vehicles that stand where they are first found.
+const STANDING_SHARE: f64 = 0.1;
 /// Wandering of a standing vehicle's estimates, m.
 const RESTING_M: f64 = 0.2;
 /// White acceleration of a vehicle that drives unseen, m²/s³.
@@ -285,8 +287,9 @@ fn gain(end: &End, start: &End, gap_s: f64) -> f64 {
     }
     let places = end.place_covariance() + start.place_covariance();
     let eye = Matrix2::identity();
+    let velocity = |sd: f64| density(&start.velocity(), &(start.velocity_covariance() + eye * sd.powi(2)));
     let stood = {
-        let after = density(&start.velocity(), &(start.velocity_covariance() + eye * STANDING_SD.powi(2)));
+        let after = velocity(STANDING_SD);
         let unseen = (-gap_s / STANDS_S).exp();
         end.stands * unseen * density(&way, &(places + eye * RESTING_M.powi(2))) * after
     };
@@ -303,7 +306,8 @@ fn gain(end: &End, start: &End, gap_s: f64) -> f64 {
         (false, true) => ENTERS,
         (false, false) => APPEARS,
     };
-    let new = appears * density(&start.velocity(), &(start.velocity_covariance() + eye * DRIVING_SD.powi(2)));
+    let new =
+        appears * (STANDING_SHARE * velocity(STANDING_SD) + (1.0 - STANDING_SHARE) * velocity(DRIVING_SD));
     let gone = if end.border { LEAVES } else { 0.0 };
     (same.max(1e-300) / new.max(1e-300)).ln() - gone + class_gain(end, start) + size_gain(end, start)
 }

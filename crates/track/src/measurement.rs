@@ -18,7 +18,8 @@ pub struct CarMeasurement {
     pub class: VehicleClass,
     /// Shape coefficients of the fit.
     pub shape: Shape,
-    /// Information on them, the atlas' prior N(0, I) included; the identity says nothing beyond it.
+    /// Information on them, the atlas' prior N(0, I) included; the identity says nothing beyond it, and where the shape was known
+    /// beforehand there is as much as outweighs everything.
     pub shape_information: Matrix6<f64>,
     /// Position of the car in its frame's list.
     pub car: usize,

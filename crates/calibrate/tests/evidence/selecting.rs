@@ -69,7 +69,7 @@ fn small_and_empty_cars_are_no_views() {
 
 #[test]
 fn what_is_found_once_comes_after_what_is_found_again_and_only_until_there_is_enough() {
-    // Cars a row and views that are enough; views of cars, and of what was found once, which was twelve things.
+    // Twelve things are found once. Cars a row, views that are enough, and how many are of cars and of those things.
     for (row, enough_views, (of_cars, of_others)) in [(5, 60, (10, 10)), (10, 60, (20, 0)), (5, 12, (10, 2))]
     {
         let options = SelectOptions { max_views: 20, enough_views, ..SelectOptions::default() };

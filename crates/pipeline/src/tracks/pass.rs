@@ -31,10 +31,10 @@ const MIN_ROW_OVERLAP: f64 = 0.3;
 const IN_VIEW_SHARE: f64 = 0.15;
 /// Least sd of a track's heading for the same, rad.
 const KNOWN_HEADING_SD_RAD: f64 = 0.05;
-/// Information on the coefficients of a shape that is held: looks say nothing more of it.
-const HELD_INFORMATION: f64 = 1e6;
 /// A heading whose sd is no less says nothing, rad.
 const UNKNOWN_HEADING_SD_RAD: f64 = 1.5;
+/// Information on the coefficients of a shape that is held: looks say nothing more of it.
+const HELD_INFORMATION: f64 = 1e6;
 
 /// Counts of cars (car and frame).
 #[derive(Debug, Default)]
@@ -360,10 +360,10 @@ fn append(tracks: &mut Vec<Track>, later: Vec<Track>) {
 
 /// What keypoints say of a car; `held`: its shape was known beforehand.
 fn measurement(fit: &CarFit, record: &CarRecord, car: usize, held: bool) -> CarMeasurement {
-    let shape_information = match fit.car.shape_covariance.try_inverse() {
-        _ if held => Matrix6::identity() * HELD_INFORMATION,
-        Some(information) => information,
-        None => Matrix6::identity(),
+    let shape_information = if held {
+        Matrix6::identity() * HELD_INFORMATION
+    } else {
+        fit.car.shape_covariance.try_inverse().unwrap_or_else(Matrix6::identity)
     };
     CarMeasurement {
         pose: fit.car.ground,

@@ -127,6 +127,19 @@ fn a_hole_in_time_is_bridged() {
 }
 
 #[test]
+fn who_is_found_standing_did_not_drive_there_unseen_from_another_stand() {
+    let between = |from_s: f64, to_s: f64, path: Path| -> Path {
+        Box::new(move |time_s| path(time_s).filter(|_| (from_s..to_s).contains(&time_s)))
+    };
+    for seed in 0..10 {
+        let cars =
+            vec![between(0.0, 1.5, parked(-4.0, 26.0, -0.4)), between(5.2, 9.0, parked(5.7, 28.1, 2.8))];
+        let seen = World::new(cars, Seeing::perfect(), times(9.0, 10.0), seed).see();
+        assert_one_track_each(&track(&seen.frames), &seen, 2);
+    }
+}
+
+#[test]
 fn any_frame_rate_will_do() {
     for (rate, seconds) in [(2.0, 8.0), (5.0, 8.0), (12.5, 4.0), (60.0, 3.0)] {
         let cars = vec![straight(pose(-8.0, 24.0, 0.0), 2.0), parked(2.0, 30.0, 1.5), parked(4.8, 30.0, 1.5)];

@@ -95,6 +95,19 @@ fn a_weak_box_elsewhere_or_of_another_size_is_nobody() {
 }
 
 #[test]
+fn what_creeps_is_looked_for_longer_than_what_drives() {
+    // No boxes from 4 s to 4.8 s.
+    let begins_and_ends = |speed_mps: f64| {
+        let mut frames = unsure(vec![straight(pose(-3.0, 26.0, 0.1), speed_mps)]);
+        frames[40..48].iter_mut().for_each(|frame| drop(frame.boxes.remove(0)));
+        let tracks = follow(&frames, &OnTheGround);
+        assert_eq!(tracks.len(), 1);
+        (tracks[0].states[0].stamp.index, tracks[0].states.last().unwrap().stamp.index)
+    };
+    assert_eq!((begins_and_ends(0.8), begins_and_ends(2.5)), ((0, 59), (0, 39)));
+}
+
+#[test]
 fn what_drives_past_is_not_in_a_weak_box_that_stands() {
     let drive = || straight(pose(-14.0, 30.0, 0.0), 6.0);
     let mut frames = unsure(vec![drive()]);
