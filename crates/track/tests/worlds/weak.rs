@@ -99,7 +99,9 @@ fn what_creeps_is_looked_for_longer_than_what_drives() {
     // No boxes from 4 s to 4.8 s.
     let begins_and_ends = |speed_mps: f64| {
         let mut frames = unsure(vec![straight(pose(-3.0, 26.0, 0.1), speed_mps)]);
-        frames[40..48].iter_mut().for_each(|frame| drop(frame.boxes.remove(0)));
+        for frame in &mut frames[40..48] {
+            frame.boxes.remove(0);
+        }
         let tracks = follow(&frames, &OnTheGround);
         assert_eq!(tracks.len(), 1);
         (tracks[0].states[0].stamp.index, tracks[0].states.last().unwrap().stamp.index)
