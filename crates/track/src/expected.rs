@@ -123,22 +123,20 @@ impl Expected {
         let Some(expected) = self.box_px(sighting.time_s) else {
             return if distance < gate { 0.25 + 0.65 * near } else { f64::INFINITY };
         };
-        let overlap = if self.filter.is_still() {
+        let (is_still, plain) = (self.filter.is_still(), bbox_iou(&expected, &sighting.bbox_px));
+        let overlap = if is_still {
             // Of a vehicle that is being hidden less is left to see.
             self.overlap(&sighting.bbox_px, sighting.goes_on(), sighting.time_s)
         } else {
             // One that drives must not take the half-hidden box of another that it passes.
-            bbox_iou(&expected, &sighting.bbox_px)
+            plain
         };
-        if self.filter.is_still() && overlap < MIN_OVERLAP {
-            return f64::INFINITY;
-        }
         let away = (sighting.pose.xy() - self.filter.position()).norm();
-        let in_place = self.filter.is_still() && away < NEVER_NEARER_M;
+        let in_place = is_still && away < NEVER_NEARER_M;
         let spread = sighting.covariance.fixed_view::<2, 2>(0, 0).trace().sqrt();
         // A sliver of something in a standing vehicle's box may be of anything that passes.
-        let is_sliver = self.filter.is_still() && bbox_iou(&expected, &sighting.bbox_px) < MIN_OVERLAP;
-        if is_sliver && away > NEVER_NEARER_M.max(spread) {
+        let is_another = plain < MIN_OVERLAP && away > NEVER_NEARER_M.max(spread);
+        if is_still && (overlap < MIN_OVERLAP || is_another) {
             return f64::INFINITY;
         }
         // What may be anywhere is near to everything.

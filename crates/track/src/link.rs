@@ -184,6 +184,9 @@ struct End {
     axis_variance: f64,
     /// How likely it stands, 0–1.
     stands: f64,
+    /// Density of its velocity among vehicles that stand, and among those that drive, (m/s)⁻².
+    standing: f64,
+    driving: f64,
     /// It may enter or leave here.
     border: bool,
     /// The picture cuts it off.
@@ -212,8 +215,8 @@ impl End {
         }
         let velocity = state.fixed_rows::<2>(2).into_owned();
         let spread = covariance.fixed_view::<2, 2>(2, 2).into_owned();
-        let still = density(&velocity, &(spread + Matrix2::identity() * STANDING_SD.powi(2)));
-        let moving = density(&velocity, &(spread + Matrix2::identity() * DRIVING_SD.powi(2)));
+        let [standing, driving] = [STANDING_SD, DRIVING_SD]
+            .map(|sd| density(&velocity, &(spread + Matrix2::identity() * sd.powi(2))));
         let at_edge = edge.cut.contains(&true);
         let side = |b: &[f64; 4]| (b[2] - b[0]).max(b[3] - b[1]);
         let log_size = |o: &Sighting| {
@@ -227,7 +230,9 @@ impl End {
             covariance,
             axis: axis.y.atan2(axis.x) / 2.0,
             axis_variance: (part.len() as f64 / weights.max(1e-9)).min(1.0),
-            stands: if edge.held { 1.0 } else { still / (still + moving).max(1e-300) },
+            stands: if edge.held { 1.0 } else { standing / (standing + driving).max(1e-300) },
+            standing,
+            driving,
             at_edge,
             border: at_edge || side(&edge.bbox_px) < SMALL_PX,
             log_size: upper_median(&mut sizes, f64::total_cmp).unwrap_or_default(),
@@ -287,11 +292,9 @@ fn gain(end: &End, start: &End, gap_s: f64) -> f64 {
     }
     let places = end.place_covariance() + start.place_covariance();
     let eye = Matrix2::identity();
-    let velocity = |sd: f64| density(&start.velocity(), &(start.velocity_covariance() + eye * sd.powi(2)));
     let stood = {
-        let after = velocity(STANDING_SD);
         let unseen = (-gap_s / STANDS_S).exp();
-        end.stands * unseen * density(&way, &(places + eye * RESTING_M.powi(2))) * after
+        end.stands * unseen * density(&way, &(places + eye * RESTING_M.powi(2))) * start.standing
     };
     let drove =
         if gap_s > MAX_DRIVES_S { 0.0 } else { (-gap_s / DRIVES_S).exp() * drive_density(end, start, gap_s) };
@@ -306,8 +309,7 @@ fn gain(end: &End, start: &End, gap_s: f64) -> f64 {
         (false, true) => ENTERS,
         (false, false) => APPEARS,
     };
-    let new =
-        appears * (STANDING_SHARE * velocity(STANDING_SD) + (1.0 - STANDING_SHARE) * velocity(DRIVING_SD));
+    let new = appears * (STANDING_SHARE * start.standing + (1.0 - STANDING_SHARE) * start.driving);
     let gone = if end.border { LEAVES } else { 0.0 };
     (same.max(1e-300) / new.max(1e-300)).ln() - gone + class_gain(end, start) + size_gain(end, start)
 }
