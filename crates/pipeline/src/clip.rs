@@ -188,13 +188,13 @@ pub(crate) fn solve_known_clip(
             pass.tracks(seen, stretch, Some(&vehicles), &mut tally, |pose| Ok(spooled.write(pose)?))?;
         spooled.finish()?;
         for track in &mut tracks {
-            track.shape = atlas.clamped(&track.shape);
+            track.shape.mean = atlas.clamped(&track.shape.mean);
         }
         drop(vehicles);
         tracks.retain(|track| pass.is_where_it_is_seen(track));
         let tracks = numbers.give(tracks, stretch);
         poses.tell_tracks(&spool, &tracks)?;
-        shapes.extend(tracks.iter().map(|track| (track.id, track.shape)));
+        shapes.extend(tracks.iter().map(|track| (track.id, track.shape.mean)));
         let mut rows = Vec::with_capacity(tracks.iter().map(|track| track.states.len()).sum());
         for track in tracks {
             rows.extend(pass.rows(&track, &shake_px));

@@ -124,7 +124,7 @@ pub(crate) fn complete(
     }
     let finished = |(raw, states): (RawTrack, Vec<TrackState>)| {
         let track = smoothed(&raw, states);
-        let size = scene.size(track.class, &track.shape);
+        let size = scene.size(track.class, &track.shape.mean);
         let by_boxes = size.and_then(|size| {
             let body = Body { class: track.class, known: size, start_m: track.dims_m.unwrap_or(size.dims_m) };
             smooth_by_boxes(&raw.observations, &frames.stamps, &frames.times_s, &of(&raw), &body, scene)
@@ -228,15 +228,13 @@ fn drivable(states: &[TrackState], first: usize, sure: [usize; 2]) -> Option<[us
 }
 
 fn smoothed(raw: &RawTrack, states: Vec<TrackState>) -> Track {
-    let (shape, shape_information) = raw.shape.fused();
     Track {
         id: 0,
         class: raw.class(),
         dims_m: raw.dims_m(),
         dims_covariance: None,
         states,
-        shape,
-        shape_information,
+        shape: raw.shape.fused(),
     }
 }
 

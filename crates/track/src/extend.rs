@@ -198,7 +198,7 @@ fn vehicle(track: &RawTrack) -> ExpectedVehicle {
     ExpectedVehicle {
         class: track.class(),
         dims_m: track.dims_m(),
-        shape: track.shape.fused().0,
+        shape: track.shape.fused().mean,
         heading_rad: 0.0,
         heading_sd_rad: 0.0,
     }

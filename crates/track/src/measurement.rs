@@ -3,6 +3,28 @@
 use nalgebra::{Matrix3, Matrix6, Vector3};
 use roadplane_base::{CarRef, FrameStamp, GroundPose, Shape, VehicleClass};
 
+/// What is known of a car's shape: a Gaussian on its coefficients.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ShapeBelief {
+    /// Mean coefficients.
+    pub mean: Shape,
+    /// Inverse covariance.
+    pub information: Matrix6<f64>,
+}
+
+impl Default for ShapeBelief {
+    /// Of any car: the atlas' N(0, I).
+    fn default() -> Self {
+        Self { mean: Shape::zeros(), information: Matrix6::identity() }
+    }
+}
+
+impl ShapeBelief {
+    fn numbers(&self) -> impl Iterator<Item = &f64> {
+        self.mean.iter().chain(self.information.iter())
+    }
+}
+
 /// A car fitted in one frame.
 #[derive(Clone, Debug)]
 pub struct CarMeasurement {
@@ -16,11 +38,10 @@ pub struct CarMeasurement {
     pub score: f64,
     /// Kind of vehicle.
     pub class: VehicleClass,
-    /// Shape coefficients of the fit.
-    pub shape: Shape,
-    /// Information on them, the atlas' prior N(0, I) included; the identity says nothing beyond it, and where the shape was known
-    /// beforehand there is as much as outweighs everything.
-    pub shape_information: Matrix6<f64>,
+    /// What was known of its shape before the look …
+    pub shape_before: ShapeBelief,
+    /// … and after it; the same where the shape is held.
+    pub shape: ShapeBelief,
     /// Position of the car in its frame's list.
     pub car: usize,
     /// The pose is what the box says, not keypoints: it goes on with a track, and only what is no car begins one.
@@ -53,8 +74,8 @@ impl CarMeasurement {
             .iter()
             .chain(self.covariance.iter())
             .chain(self.bbox_px.iter())
-            .chain(self.shape.iter())
-            .chain(self.shape_information.iter());
+            .chain(self.shape_before.numbers())
+            .chain(self.shape.numbers());
         finite.copied().all(f64::is_finite)
             && self.score.is_finite()
             && x1 > x0
@@ -237,10 +258,8 @@ pub struct Track {
     pub dims_covariance: Option<Matrix3<f64>>,
     /// A state for every frame from the first to the last in which it was seen.
     pub states: Vec<TrackState>,
-    /// Shape coefficients: all views fused, the prior counted once.
-    pub shape: Shape,
-    /// Information on them, the prior included.
-    pub shape_information: Matrix6<f64>,
+    /// Its shape: all views fused, what was known before counted once.
+    pub shape: ShapeBelief,
 }
 
 /// A track at one frame.

@@ -163,6 +163,7 @@ fn drives(seen: &[&TrackState]) -> bool {
 mod tests {
     use super::*;
     use roadplane_base::{FrameStamp, GroundPose};
+    use roadplane_track::ShapeBelief;
 
     const SIZE: ImageSize = ImageSize { width: 640, height: 480 };
 
@@ -191,8 +192,7 @@ mod tests {
             dims_m: None,
             dims_covariance: None,
             states: (0..count).map(state).collect(),
-            shape: Shape::zeros(),
-            shape_information: nalgebra::Matrix6::identity(),
+            shape: ShapeBelief::default(),
         }
     }
 

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use nalgebra::{Matrix6, Vector2, Vector3};
+use nalgebra::{Vector2, Vector3};
 use roadplane_base::{
     CarRecord, CarRef, FrameRecord, FrameStamp, GroundPose, ImageSize, PoseRecord, Shape, ShapeAtlas,
     TrackRow, VehicleClass, WatchRecord, bbox_moved, bbox_part_seen, bbox_share_inside,
@@ -11,8 +11,8 @@ use roadplane_base::{
 use roadplane_geo::Place;
 use roadplane_solve::{CarFit, SceneOptions, ShapePrior};
 use roadplane_track::{
-    BoxSighting, CarMeasurement, ExpectedVehicle, FrameMeasurements, HeldCar, Placed, Scene, SeenAgain, Size,
-    Track, TrackState, Tracker,
+    BoxSighting, CarMeasurement, ExpectedVehicle, FrameMeasurements, HeldCar, Placed, Scene, SeenAgain,
+    ShapeBelief, Size, Track, TrackState, Tracker,
 };
 
 use crate::cameras::camera_track::CameraTrack;
@@ -33,8 +33,6 @@ const IN_VIEW_SHARE: f64 = 0.15;
 const KNOWN_HEADING_SD_RAD: f64 = 0.05;
 /// A heading whose sd is no less says nothing, rad.
 const UNKNOWN_HEADING_SD_RAD: f64 = 1.5;
-/// Information on the coefficients of a shape that is held: looks say nothing more of it.
-const HELD_INFORMATION: f64 = 1e6;
 
 /// Counts of cars (car and frame).
 #[derive(Debug, Default)]
@@ -95,7 +93,7 @@ impl Pass<'_> {
             let view = FrameCamera::from(estimate);
             let prior =
                 |i: usize| match known.and_then(|known| known.get(&CarRef { frame: frame.frame, car: i })) {
-                    Some(known) => (known.vehicle.shape, Some(known.pose)),
+                    Some(known) => (ShapePrior::known(known.vehicle.shape.mean), Some(known.pose)),
                     None => (self.any_car, None),
                 };
             let fitted = fit_frame(&frame, &view, self.atlas, &self.options, self.config, prior);
@@ -140,7 +138,7 @@ impl Pass<'_> {
                 let is_car = known.is_none_or(|known| known.vehicle.class == VehicleClass::Car);
                 let by_keypoints = fit.as_ref().filter(|_| reason.is_none() && is_car);
                 let measured = by_keypoints
-                    .map(|fit| measurement(fit, record, index, known.is_some()))
+                    .map(|fit| measurement(fit, record, index, self.any_car, known))
                     .or_else(|| self.by_box(record, index, &frame, hidden, &view, known));
                 match measured {
                     Some(measured) => {
@@ -207,8 +205,8 @@ impl Pass<'_> {
             bbox_px: record.bbox_px,
             score: record.score,
             class: record.class,
-            shape: Shape::zeros(),
-            shape_information: Matrix6::identity(),
+            shape_before: ShapeBelief::default(),
+            shape: ShapeBelief::default(),
             car,
             from_box: true,
             cut: [false; 4],
@@ -292,12 +290,12 @@ impl Pass<'_> {
             return body_box(&view, &state.pose, track.class, &dims_m);
         }
         let camera_from_car = view.plane.camera_from_world() * state.pose.world_from_car();
-        projected_box(self.atlas, &view.camera, &camera_from_car, &track.shape)
+        projected_box(self.atlas, &view.camera, &camera_from_car, &track.shape.mean)
     }
 
     /// Length, width, height of a track's vehicle.
     fn dims_m(&self, track: &Track) -> Vector3<f64> {
-        track.dims_m.unwrap_or_else(|| self.atlas.dims_m(&self.atlas.clamped(&track.shape)))
+        track.dims_m.unwrap_or_else(|| self.atlas.dims_m(&self.atlas.clamped(&track.shape.mean)))
     }
 }
 
@@ -358,12 +356,21 @@ fn append(tracks: &mut Vec<Track>, later: Vec<Track>) {
     tracks.extend(later.into_iter().map(|track| Track { id: track.id + before, ..track }));
 }
 
-/// What keypoints say of a car; `held`: its shape was known beforehand.
-fn measurement(fit: &CarFit, record: &CarRecord, car: usize, held: bool) -> CarMeasurement {
-    let shape_information = if held {
-        Matrix6::identity() * HELD_INFORMATION
-    } else {
-        fit.car.shape_covariance.try_inverse().unwrap_or_else(Matrix6::identity)
+/// What keypoints say of a car; the shape of a known one was held.
+fn measurement(
+    fit: &CarFit,
+    record: &CarRecord,
+    car: usize,
+    any_car: ShapePrior,
+    known: Option<&KnownCar>,
+) -> CarMeasurement {
+    let (shape_before, shape) = match known {
+        Some(known) => (known.vehicle.shape, known.vehicle.shape),
+        None => {
+            let before = ShapeBelief { mean: any_car.mean, information: any_car.information };
+            let after = |information| ShapeBelief { mean: fit.car.shape, information };
+            (before, fit.car.shape_covariance.try_inverse().map_or(before, after))
+        }
     };
     CarMeasurement {
         pose: fit.car.ground,
@@ -371,8 +378,8 @@ fn measurement(fit: &CarFit, record: &CarRecord, car: usize, held: bool) -> CarM
         bbox_px: record.bbox_px,
         score: record.score,
         class: VehicleClass::Car,
-        shape: fit.car.shape,
-        shape_information,
+        shape_before,
+        shape,
         car,
         from_box: false,
         cut: [false; 4],
@@ -404,7 +411,7 @@ pub(crate) struct KnownCar {
 
 /// The same for all its boxes.
 pub(crate) struct KnownVehicle {
-    pub shape: ShapePrior,
+    pub shape: ShapeBelief,
     body: Body,
     class: VehicleClass,
 }
@@ -413,13 +420,13 @@ pub(crate) struct KnownVehicle {
 pub(crate) fn known_cars(tracks: &[Track], atlas: &ShapeAtlas) -> BTreeMap<CarRef, KnownCar> {
     let mut known = BTreeMap::new();
     for track in tracks {
-        let shape = ShapePrior::known(atlas.clamped(&track.shape));
+        let shape = ShapeBelief { mean: atlas.clamped(&track.shape.mean), ..track.shape };
         let body = match track.dims_m {
             Some(dims_m) => {
                 let class = body_of(track.class);
                 Body { dims_m, covariance: track.dims_covariance.unwrap_or(class.covariance), ..class }
             }
-            None => car_body(atlas, &track.shape),
+            None => car_body(atlas, &track.shape.mean),
         }
         .at_best();
         let vehicle = Arc::new(KnownVehicle { shape, body, class: track.class });

@@ -7,8 +7,8 @@
 use std::collections::{BTreeMap, VecDeque};
 
 use nalgebra::Vector3;
-use roadplane_base::{CarRef, FrameRecord, Shape, VehicleClass};
-use roadplane_track::{Track, TrackState};
+use roadplane_base::{CarRef, FrameRecord, VehicleClass};
+use roadplane_track::{ShapeBelief, Track, TrackState};
 
 use crate::stream::cadence::{FORGET_S, stretch_of};
 
@@ -144,7 +144,7 @@ pub(crate) struct Numbers {
 struct Vehicle {
     class: VehicleClass,
     dims_m: Option<Vector3<f64>>,
-    shape: Shape,
+    shape: ShapeBelief,
 }
 
 impl Numbers {
@@ -228,8 +228,7 @@ mod tests {
             dims_m: None,
             dims_covariance: None,
             states: seconds.map(state).collect(),
-            shape: Shape::zeros(),
-            shape_information: nalgebra::Matrix6::identity(),
+            shape: ShapeBelief::default(),
         }
     }
 

@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Vector2, Vector3};
 use roadplane_base::{FrameStamp, GroundPose, Shape, VehicleClass};
 use roadplane_synth::Rng;
 use roadplane_track::{
-    BoxSighting, CarMeasurement, ExpectedVehicle, FrameMeasurements, Placed, Scene, Size, Track,
+    BoxSighting, CarMeasurement, ExpectedVehicle, FrameMeasurements, Placed, Scene, ShapeBelief, Size, Track,
     TrackOptions, Tracker,
 };
 
@@ -55,8 +55,8 @@ fn sighting(class: VehicleClass, bbox_px: [f64; 4], axis_rad: f64) -> CarMeasure
         bbox_px,
         score: 0.7,
         class,
-        shape: Shape::zeros(),
-        shape_information: nalgebra::Matrix6::identity(),
+        shape_before: ShapeBelief::default(),
+        shape: ShapeBelief::default(),
         car: 0,
         from_box: true,
         cut: [false; 4],

@@ -163,7 +163,7 @@ fn nonsense_is_counted_and_left_out() {
             0 => car.pose.x_m = f64::NAN,
             1 => car.covariance = Matrix3::zeros(),
             2 => car.bbox_px = [5.0, 5.0, 5.0, 9.0],
-            _ => car.shape_information[(0, 0)] = f64::INFINITY,
+            _ => car.shape.information[(0, 0)] = f64::INFINITY,
         }
         tracker.push(&frame);
     }

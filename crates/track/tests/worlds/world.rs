@@ -3,7 +3,7 @@
 use nalgebra::{Matrix2, Matrix3, Matrix6, Point3, Vector2, Vector3};
 use roadplane_base::{Camera, FrameStamp, GroundPlane, GroundPose, Shape, VehicleClass};
 use roadplane_synth::Rng;
-use roadplane_track::{CarMeasurement, FrameMeasurements, Track, TrackOptions, Tracker};
+use roadplane_track::{CarMeasurement, FrameMeasurements, ShapeBelief, Track, TrackOptions, Tracker};
 
 /// Pose of a car at a time (s); `None` while it is not there.
 pub type Path = Box<dyn Fn(f64) -> Option<GroundPose>>;
@@ -169,8 +169,8 @@ impl World {
                     bbox_px: std::array::from_fn(|i| bbox[i] + jitter[i]),
                     score: 0.8,
                     class: VehicleClass::Car,
-                    shape: Shape::repeat(0.3),
-                    shape_information: Matrix6::identity() * 3.0,
+                    shape_before: ShapeBelief::default(),
+                    shape: ShapeBelief { mean: Shape::repeat(0.3), information: Matrix6::identity() * 3.0 },
                     car: cars.len(),
                     from_box: false,
                     cut: [false; 4],
@@ -190,8 +190,8 @@ impl World {
                     bbox_px,
                     score: 0.4,
                     class: VehicleClass::Car,
-                    shape: Shape::zeros(),
-                    shape_information: Matrix6::identity(),
+                    shape_before: ShapeBelief::default(),
+                    shape: ShapeBelief::default(),
                     car: cars.len(),
                     from_box: false,
                     cut: [false; 4],
