@@ -66,6 +66,11 @@ impl CarMeasurement {
         !self.from_box || self.class != VehicleClass::Car
     }
 
+    /// Called a car, while its keypoints are not those of one.
+    pub(crate) fn is_contradicted(&self) -> bool {
+        self.from_box && self.class == VehicleClass::Car
+    }
+
     /// Finite, with a covariance and a box that can be.
     pub(crate) fn is_usable(&self) -> bool {
         let [x0, y0, x1, y1] = self.bbox_px;
@@ -215,6 +220,8 @@ pub(crate) struct Sighting {
     pub held: bool,
     /// The pose is what the box says: it has an axis, but no front.
     pub from_box: bool,
+    /// Called a car, while its keypoints are not those of one.
+    pub contradicted: bool,
     /// Left, top, right, bottom: the picture ends there.
     pub cut: [bool; 4],
     /// Left, top, right, bottom: another vehicle begins there.
@@ -239,6 +246,7 @@ impl Sighting {
             car: seen.car,
             held: false,
             from_box: true,
+            contradicted: false,
             cut: seen.cut,
             hidden: seen.hidden,
         }
@@ -285,4 +293,6 @@ pub struct TrackState {
     pub score: f64,
     /// Position of the car in its frame's list, where observed; none where a weak box showed it.
     pub car: Option<usize>,
+    /// Called a car, while its keypoints are not those of one.
+    pub contradicted: bool,
 }

@@ -86,8 +86,8 @@ impl RawTrack {
     }
 
     pub(crate) fn add(&mut self, car: &CarMeasurement, observation: Sighting) {
-        let unsure = car.from_box && car.class == VehicleClass::Car;
-        *self.votes.entry(car.class).or_default() += car.score * if unsure { UNSURE_VOTE } else { 1.0 };
+        let weight = if car.is_contradicted() { UNSURE_VOTE } else { 1.0 };
+        *self.votes.entry(car.class).or_default() += car.score * weight;
         if let Some(dims) = &car.dims_m {
             self.dims.add(dims);
         }

@@ -100,7 +100,10 @@ pub fn vehicle_s(track: &Track, height_m: f64, looked_s: &[f64]) -> Option<[f64;
     let clip_s = looked_s.last().zip(looked_s.first()).map_or(0.0, |(last, first)| last - first);
     let least_s = if is_whole { MIN_SEEN_S.min(MIN_CLIP_SHARE * clip_s) } else { MIN_PART_S };
     // Keypoints tell a car from what looks like one; nothing but driving, if there is time for it, tells a bus from a shelter.
-    let is_told = track.class == VehicleClass::Car || clip_s < MIN_PART_S;
+    let is_told = match track.class {
+        VehicleClass::Car => 2 * seen.iter().filter(|state| state.contradicted).count() <= seen.len(),
+        _ => clip_s < MIN_PART_S,
+    };
     let stands = is_told && height_m >= MIN_HEIGHT_M && to_s - from_s >= least_s;
     (stands || seen.chunk_by(near).any(drives)).then_some([from_s, to_s])
 }
@@ -185,6 +188,7 @@ mod tests {
             bbox_px: Some([10.0 * way(i), 0.0, 40.0 + 10.0 * way(i), 30.0]),
             score,
             car: Some(0),
+            contradicted: false,
         };
         Track {
             id: 1,
@@ -244,6 +248,19 @@ mod tests {
             !is_vehicle(&track(9, 0.35, 0.0), 1.5, &short) && is_vehicle(&track(14, 0.35, 0.0), 1.5, &short)
         );
         assert!(is_vehicle(&track(1, 0.4, 0.0), 1.5, &[0.0]));
+    }
+
+    #[test]
+    fn a_doubtful_car_that_stands_must_have_the_keypoints_of_one() {
+        let looked_s: Vec<f64> = (0..100).map(|i| 0.1 * f64::from(i)).collect();
+        let contradicted = |count: usize, score, to_m| {
+            let mut track = track(40, score, to_m);
+            track.states.iter_mut().take(count).for_each(|state| state.contradicted = true);
+            track
+        };
+        let is = |count, score, to_m| is_vehicle(&contradicted(count, score, to_m), 1.5, &looked_s);
+        assert!(is(20, 0.4, 0.0) && !is(21, 0.4, 0.0));
+        assert!(is(40, 0.6, 0.0) && is(40, 0.4, 9.0), "sure of it; seen to drive");
     }
 
     #[test]
