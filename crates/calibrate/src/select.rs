@@ -24,8 +24,6 @@ pub struct View {
     pub parked: bool,
     /// Frames that went in, in order; of long stretches a sample.
     pub frames: Vec<u64>,
-    /// See [`Combined::scatter_ratio`](crate::Combined).
-    pub scatter_ratio: Option<f64>,
 }
 
 /// What makes a good view, and how many are taken.
@@ -138,7 +136,6 @@ impl ViewSelector {
                 weight: weight(link),
                 parked: view.parked,
                 frames: view.frames,
-                scatter_ratio: view.scatter_ratio,
             })
             .collect()
     }

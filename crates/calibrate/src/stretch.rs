@@ -26,7 +26,6 @@ pub(crate) struct StretchView {
     pub look: Look,
     pub frames: Vec<u64>,
     pub parked: bool,
-    pub scatter_ratio: Option<f64>,
 }
 
 /// Looks that are kept.
@@ -87,12 +86,12 @@ impl Stretch {
         };
         if still.len() < 3 || 2 * still.len() < self.looks.len() {
             let look = best(&self.looks.iter().collect::<Vec<_>>())?;
-            return Some(StretchView { frames: vec![look.frame], look, parked: false, scatter_ratio: None });
+            return Some(StretchView { frames: vec![look.frame], look, parked: false });
         }
         let sets: Vec<&KeypointSet> = still.iter().map(|look| look.keypoints.as_ref()).collect();
         let combined = combine(&sets, bias_share);
         let look = Look { keypoints: combined.keypoints, ..best(&still)? };
         let frames = still.iter().map(|look| look.frame).collect();
-        Some(StretchView { look, frames, parked: true, scatter_ratio: combined.scatter_ratio })
+        Some(StretchView { look, frames, parked: true })
     }
 }

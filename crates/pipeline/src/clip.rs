@@ -14,7 +14,8 @@ use crate::cameras::estimate::estimate_cameras;
 use crate::cameras::known::contradiction;
 use crate::cameras::memory::Recall;
 use crate::tracks::cars::any_car;
-use crate::tracks::pass::{Pass, Tally, known_cars};
+use crate::tracks::known::known_cars;
+use crate::tracks::pass::{Pass, Tally};
 use crate::tracks::stretch::{Load, MOST_ROWS, Numbers, Replay, Stretch, sightings};
 use crate::{Cancel, Config, Known, PipelineError};
 

@@ -9,7 +9,7 @@
 //! cameras/    frames → the camera at every time (estimate.rs): windows solved (window.rs), lines of the scene (witnesses.rs), what
 //!             is known.rs and remembered (memory.rs, remembered.rs), the lens.rs, all joined (joining.rs)
 //! tracks/     frames and camera → tracks: each car (cars.rs, ground_contact.rs, hidden.rs), what is believed (believe.rs), a pass
-//!             over a stretch (pass.rs, stretch.rs), what tracks do (activities.rs)
+//!             over a stretch (pass.rs, known.rs, scene.rs, stretch.rs), rows.rs, what tracks do (activities.rs)
 //! clip.rs     cameras, then tracks, of a whole clip
 //! output/     the solved clip → files (finish.rs, track_rows.rs), report and video (draw.rs, losses.rs)
 //! commands/   run.rs, piece.rs and join.rs, stage_files.rs, solve_file.rs, track_file.rs, colours.rs, distance.rs, bench.rs, doctor.rs

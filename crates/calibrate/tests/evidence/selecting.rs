@@ -25,8 +25,6 @@ fn a_parked_car_is_one_view_however_long() {
         let views = views(&rows(5), frames, 30.0, SelectOptions::default());
         assert_eq!(views.len(), 10);
         assert!(views.iter().all(|v| v.parked && (v.weight - 1.0).abs() < 1e-12 && v.frames.len() >= 30));
-        let ratio = views[0].scatter_ratio.unwrap();
-        assert!((0.1..0.5).contains(&ratio), "{ratio}");
     }
 }
 

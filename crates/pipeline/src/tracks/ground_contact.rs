@@ -49,6 +49,9 @@ fn prior(label: VehicleClass) -> [(VehicleClass, f64); 3] {
     [(Car, shares[0]), (Truck, shares[1]), (Bus, shares[2])]
 }
 
+/// A track's heading is known no better at one moment, rad.
+const LEAST_HEADING_SD_RAD: f64 = 0.05;
+
 /// What is known beforehand of the vehicle in a box.
 #[derive(Clone, Copy, Debug)]
 pub enum Knowledge {
@@ -109,7 +112,8 @@ pub fn ground_contact(
             .collect(),
         Knowledge::Track { body, heading_rad, heading_sd_rad } => {
             let share = |steps: f64| (-0.5 * steps * steps).exp();
-            [-1.5, 0.0, 1.5].map(|s| (*body, heading_rad + s * heading_sd_rad, share(s))).to_vec()
+            let sd_rad = heading_sd_rad.max(LEAST_HEADING_SD_RAD);
+            [-1.5, 0.0, 1.5].map(|s| (*body, heading_rad + s * sd_rad, share(s))).to_vec()
         }
     };
     let fits: Vec<Fit> = bodies

@@ -1,38 +1,27 @@
 //! One pass over a stretch's frames: every car fitted, all of them followed.
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
 
-use nalgebra::{Vector2, Vector3};
+use nalgebra::Vector2;
 use roadplane_base::{
-    CarRecord, CarRef, FrameRecord, FrameStamp, GroundPose, ImageSize, PoseRecord, Shape, ShapeAtlas,
-    TrackRow, VehicleClass, WatchRecord, bbox_moved, bbox_part_seen, bbox_share_inside,
+    CarRecord, CarRef, FrameRecord, FrameStamp, PoseRecord, ShapeAtlas, VehicleClass, WatchRecord,
+    bbox_part_seen,
 };
 use roadplane_geo::Place;
 use roadplane_solve::{CarFit, SceneOptions, ShapePrior};
 use roadplane_track::{
-    BoxSighting, CarMeasurement, ExpectedVehicle, FrameMeasurements, HeldCar, Placed, Scene, SeenAgain,
-    ShapeBelief, Size, Track, TrackState, Tracker,
+    BoxSighting, CarMeasurement, FrameMeasurements, HeldCar, SeenAgain, ShapeBelief, Track, Tracker,
 };
 
 use crate::cameras::camera_track::CameraTrack;
-use crate::tracks::believe::{is_believable, overlap_inside, picture_px, projected_box, vehicle_s};
-use crate::tracks::body::{Body, body_of, car_body};
+use crate::tracks::believe::{is_believable, projected_box};
 use crate::tracks::cars::{FrameCamera, HeldPoses, fit_frame, pose_record};
-use crate::tracks::ground_contact::{Knowledge, body_box, cut_edges, ground_contact};
+use crate::tracks::ground_contact::{Knowledge, cut_edges, ground_contact};
 use crate::tracks::hidden::hidden_edges;
-use crate::tracks::shared_error::shared_covariance;
-use crate::tracks::stretch::{Stretch, sightings};
+use crate::tracks::known::KnownCar;
+use crate::tracks::scene::Looked;
+use crate::tracks::stretch::Stretch;
 use crate::{Config, PipelineError};
-
-/// Least overlap of the box of a row that is called observed with that of the vehicle where the row has it.
-const MIN_ROW_OVERLAP: f64 = 0.3;
-/// Less of an unseen vehicle's box than this is in the picture: it is not there.
-const IN_VIEW_SHARE: f64 = 0.15;
-/// Least sd of a track's heading for the same, rad.
-const KNOWN_HEADING_SD_RAD: f64 = 0.05;
-/// A heading whose sd is no less says nothing, rad.
-const UNKNOWN_HEADING_SD_RAD: f64 = 1.5;
 
 /// Counts of cars (car and frame).
 #[derive(Debug, Default)]
@@ -194,7 +183,7 @@ impl Pass<'_> {
             Some(known) => Knowledge::Track {
                 body: known.vehicle.body,
                 heading_rad: known.pose.heading_rad,
-                heading_sd_rad: known.heading_sd_rad.max(KNOWN_HEADING_SD_RAD),
+                heading_sd_rad: known.heading_sd_rad,
             },
             None => Knowledge::Label(record.class),
         };
@@ -213,139 +202,6 @@ impl Pass<'_> {
             hidden: [false; 4],
             known: false,
             dims_m: Some([found.dims_m, found.dims_sd_m]),
-        })
-    }
-
-    /// Box of a sighting that is where the track has its vehicle then: another one was another's.
-    fn own_box(&self, state: &TrackState, projected: Option<&[f64; 4]>, size: ImageSize) -> Option<[f64; 4]> {
-        let fits = |seen: &[f64; 4]| {
-            projected.is_none_or(|drawn| overlap_inside(drawn, seen, size) >= MIN_ROW_OVERLAP)
-        };
-        state.bbox_px.filter(fits)
-    }
-
-    /// Whether most of a track's sightings are of a vehicle at its place.
-    pub(crate) fn is_where_it_is_seen(&self, track: &Track) -> bool {
-        let (mut own, mut sightings) = (0, 0);
-        for state in track.states.iter().filter(|state| state.car.is_some()) {
-            let Some(estimate) = self.cameras.at(state.stamp.time_s()) else { continue };
-            let projected = self.projected_box(track, state);
-            sightings += 1;
-            own += usize::from(self.own_box(state, projected.as_ref(), estimate.image_size_px).is_some());
-        }
-        2 * own >= sightings
-    }
-
-    /// A track's rows, one for each frame in which its vehicle is in the picture; boxes are where the shaken picture has them.
-    pub(crate) fn rows(&self, track: &Track, shake_px: &Shake) -> Vec<TrackRow> {
-        let dims = self.dims_m(track);
-        let row = |state: &TrackState| {
-            let projected = self.projected_box(track, state);
-            let estimate = self.cameras.at(state.stamp.time_s())?;
-            let seen_px = self.own_box(state, projected.as_ref(), estimate.image_size_px);
-            let picture_px = picture_px(estimate.image_size_px);
-            let in_view = |drawn: &[f64; 4]| bbox_share_inside(drawn, &picture_px) >= IN_VIEW_SHARE;
-            let at_rest = seen_px.or(projected.filter(in_view))?;
-            let bbox_px =
-                shake_px.get(&state.stamp.index).map_or(at_rest, |shake| bbox_moved(&at_rest, shake));
-            // What all cars share belongs to each row, too.
-            let shared = shared_covariance(estimate, &state.pose);
-            let whole = |own: f64, i: usize| (own * own + shared[(i, i)]).sqrt();
-            Some(TrackRow {
-                frame: state.stamp.index,
-                time_s: state.stamp.time_s(),
-                track: track.id,
-                x_m: state.pose.x_m,
-                y_m: state.pose.y_m,
-                heading_rad: state.pose.heading_rad,
-                speed_mps: state.speed_mps,
-                x_sd_m: whole(state.pose_sd.x, 0),
-                y_sd_m: whole(state.pose_sd.y, 1),
-                heading_sd_rad: whole(state.pose_sd.z, 2),
-                length_m: dims.x,
-                width_m: dims.y,
-                height_m: dims.z,
-                bbox_px,
-                score: if seen_px.is_some() { state.score } else { 0.0 },
-                observed: seen_px.is_some(),
-                class: track.class,
-                segment: self.cameras.segment_at(state.stamp.time_s()),
-                speed_sd_mps: state.speed_sd_mps.hypot(state.speed_mps * shared[(3, 3)].sqrt()),
-                activity: None,
-                activity_p: None,
-                x_own_sd_m: Some(state.pose_sd.x),
-                y_own_sd_m: Some(state.pose_sd.y),
-                on_map: self.place.and_then(|place| {
-                    place.on_map(&state.pose, [state.pose_sd.x, state.pose_sd.y], estimate).ok()
-                }),
-            })
-        };
-        track.states.iter().filter_map(row).collect()
-    }
-
-    /// Box of a car that was not seen; `None` where it is not before the camera.
-    fn projected_box(&self, track: &Track, state: &TrackState) -> Option<[f64; 4]> {
-        let view = FrameCamera::from(self.cameras.at(state.stamp.time_s())?);
-        if let Some(dims_m) = track.dims_m {
-            return body_box(&view, &state.pose, track.class, &dims_m);
-        }
-        let camera_from_car = view.plane.camera_from_world() * state.pose.world_from_car();
-        projected_box(self.atlas, &view.camera, &camera_from_car, &track.shape.mean)
-    }
-
-    /// Length, width, height of a track's vehicle.
-    fn dims_m(&self, track: &Track) -> Vector3<f64> {
-        track.dims_m.unwrap_or_else(|| self.atlas.dims_m(&self.atlas.clamped(&track.shape.mean)))
-    }
-}
-
-/// What tracks are held against.
-struct Looked<'a> {
-    pass: &'a Pass<'a>,
-    looked_s: &'a [f64],
-}
-
-impl Scene for Looked<'_> {
-    fn vehicle_s(&self, track: &Track) -> Option<[f64; 2]> {
-        vehicle_s(track, self.pass.dims_m(track).z, self.looked_s)
-    }
-
-    fn size(&self, class: VehicleClass, shape: &Shape) -> Option<Size> {
-        let body = match class {
-            VehicleClass::Car => car_body(self.pass.atlas, shape).at_best(),
-            class => body_of(class),
-        };
-        Some(Size { dims_m: body.dims_m, covariance: body.covariance })
-    }
-
-    fn body_px(
-        &self,
-        stamp: &FrameStamp,
-        pose: &GroundPose,
-        class: VehicleClass,
-        dims_m: &Vector3<f64>,
-    ) -> Option<[f64; 4]> {
-        body_box(&FrameCamera::from(self.pass.cameras.at(stamp.time_s())?), pose, class, dims_m)
-    }
-
-    fn place(&self, stamp: &FrameStamp, seen: &BoxSighting, vehicle: &ExpectedVehicle) -> Option<Placed> {
-        let Pass { cameras, atlas, .. } = self.pass;
-        let estimate = cameras.at(stamp.time_s())?;
-        let dims_m = vehicle.dims_m.unwrap_or_else(|| atlas.dims_m(&atlas.clamped(&vehicle.shape)));
-        let knowledge = match vehicle.heading_sd_rad < UNKNOWN_HEADING_SD_RAD {
-            true => Knowledge::Track {
-                body: Body { dims_m, ..body_of(vehicle.class) },
-                heading_rad: vehicle.heading_rad,
-                heading_sd_rad: vehicle.heading_sd_rad.max(KNOWN_HEADING_SD_RAD),
-            },
-            false => Knowledge::Label(vehicle.class),
-        };
-        let (size, view) = (estimate.image_size_px, FrameCamera::from(estimate));
-        let found = ground_contact(&seen.bbox_px, size, seen.hidden, &view, &knowledge)?;
-        Some(Placed {
-            pose: found.pose,
-            covariance: found.covariance,
-            dims_m: [found.dims_m, found.dims_sd_m],
         })
     }
 }
@@ -400,42 +256,4 @@ fn box_sighting(frame: &FrameRecord, bbox_px: [f64; 4], score: f64, car: Option<
 /// A vehicle that is where it was.
 fn held_car(record: &CarRecord, car: usize) -> HeldCar {
     HeldCar { look: record.pose_from, bbox_px: record.bbox_px, score: record.score, car }
-}
-
-/// What a first pass over the frames tells the second of the vehicle in a box.
-pub(crate) struct KnownCar {
-    pub vehicle: Arc<KnownVehicle>,
-    pose: GroundPose,
-    heading_sd_rad: f64,
-}
-
-/// The same for all its boxes.
-pub(crate) struct KnownVehicle {
-    pub shape: ShapeBelief,
-    body: Body,
-    class: VehicleClass,
-}
-
-/// Per tracked car and frame its track's shape, within the atlas' bounds, and its smoothed pose.
-pub(crate) fn known_cars(tracks: &[Track], atlas: &ShapeAtlas) -> BTreeMap<CarRef, KnownCar> {
-    let mut known = BTreeMap::new();
-    for track in tracks {
-        let shape = ShapeBelief { mean: atlas.clamped(&track.shape.mean), ..track.shape };
-        let body = match track.dims_m {
-            Some(dims_m) => {
-                let class = body_of(track.class);
-                Body { dims_m, covariance: track.dims_covariance.unwrap_or(class.covariance), ..class }
-            }
-            None => car_body(atlas, &track.shape.mean),
-        }
-        .at_best();
-        let vehicle = Arc::new(KnownVehicle { shape, body, class: track.class });
-        let of = |state: &TrackState| KnownCar {
-            vehicle: Arc::clone(&vehicle),
-            pose: state.pose,
-            heading_sd_rad: state.pose_sd.z,
-        };
-        known.extend(sightings(track).map(|(key, state)| (key, of(state))));
-    }
-    known
 }

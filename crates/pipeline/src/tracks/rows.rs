@@ -1,0 +1,100 @@
+//! A track → its rows.
+
+use nalgebra::Vector3;
+use roadplane_base::{ImageSize, TrackRow, bbox_moved, bbox_share_inside};
+use roadplane_track::{Track, TrackState};
+
+use crate::tracks::believe::{overlap_inside, picture_px, projected_box};
+use crate::tracks::cars::FrameCamera;
+use crate::tracks::ground_contact::body_box;
+use crate::tracks::pass::{Pass, Shake};
+use crate::tracks::shared_error::shared_covariance;
+
+/// Least overlap of the box of a row that is called observed with that of the vehicle where the row has it.
+const MIN_ROW_OVERLAP: f64 = 0.3;
+/// Less of an unseen vehicle's box than this is in the picture: it is not there.
+const IN_VIEW_SHARE: f64 = 0.15;
+
+impl Pass<'_> {
+    /// Box of a sighting that is where the track has its vehicle then: another one was another's.
+    fn own_box(&self, state: &TrackState, projected: Option<&[f64; 4]>, size: ImageSize) -> Option<[f64; 4]> {
+        let fits = |seen: &[f64; 4]| {
+            projected.is_none_or(|drawn| overlap_inside(drawn, seen, size) >= MIN_ROW_OVERLAP)
+        };
+        state.bbox_px.filter(fits)
+    }
+
+    /// Whether most of a track's sightings are of a vehicle at its place.
+    pub(crate) fn is_where_it_is_seen(&self, track: &Track) -> bool {
+        let (mut own, mut sightings) = (0, 0);
+        for state in track.states.iter().filter(|state| state.car.is_some()) {
+            let Some(estimate) = self.cameras.at(state.stamp.time_s()) else { continue };
+            let projected = self.projected_box(track, state);
+            sightings += 1;
+            own += usize::from(self.own_box(state, projected.as_ref(), estimate.image_size_px).is_some());
+        }
+        2 * own >= sightings
+    }
+
+    /// A track's rows, one for each frame in which its vehicle is in the picture; boxes are where the shaken picture has them.
+    pub(crate) fn rows(&self, track: &Track, shake_px: &Shake) -> Vec<TrackRow> {
+        let dims = self.dims_m(track);
+        let row = |state: &TrackState| {
+            let projected = self.projected_box(track, state);
+            let estimate = self.cameras.at(state.stamp.time_s())?;
+            let seen_px = self.own_box(state, projected.as_ref(), estimate.image_size_px);
+            let picture_px = picture_px(estimate.image_size_px);
+            let in_view = |drawn: &[f64; 4]| bbox_share_inside(drawn, &picture_px) >= IN_VIEW_SHARE;
+            let at_rest = seen_px.or(projected.filter(in_view))?;
+            let bbox_px =
+                shake_px.get(&state.stamp.index).map_or(at_rest, |shake| bbox_moved(&at_rest, shake));
+            // What all cars share belongs to each row, too.
+            let shared = shared_covariance(estimate, &state.pose);
+            let whole = |own: f64, i: usize| (own * own + shared[(i, i)]).sqrt();
+            Some(TrackRow {
+                frame: state.stamp.index,
+                time_s: state.stamp.time_s(),
+                track: track.id,
+                x_m: state.pose.x_m,
+                y_m: state.pose.y_m,
+                heading_rad: state.pose.heading_rad,
+                speed_mps: state.speed_mps,
+                x_sd_m: whole(state.pose_sd.x, 0),
+                y_sd_m: whole(state.pose_sd.y, 1),
+                heading_sd_rad: whole(state.pose_sd.z, 2),
+                length_m: dims.x,
+                width_m: dims.y,
+                height_m: dims.z,
+                bbox_px,
+                score: if seen_px.is_some() { state.score } else { 0.0 },
+                observed: seen_px.is_some(),
+                class: track.class,
+                segment: self.cameras.segment_at(state.stamp.time_s()),
+                speed_sd_mps: state.speed_sd_mps.hypot(state.speed_mps * shared[(3, 3)].sqrt()),
+                activity: None,
+                activity_p: None,
+                x_own_sd_m: Some(state.pose_sd.x),
+                y_own_sd_m: Some(state.pose_sd.y),
+                on_map: self.place.and_then(|place| {
+                    place.on_map(&state.pose, [state.pose_sd.x, state.pose_sd.y], estimate).ok()
+                }),
+            })
+        };
+        track.states.iter().filter_map(row).collect()
+    }
+
+    /// Box of a car that was not seen; `None` where it is not before the camera.
+    fn projected_box(&self, track: &Track, state: &TrackState) -> Option<[f64; 4]> {
+        let view = FrameCamera::from(self.cameras.at(state.stamp.time_s())?);
+        if let Some(dims_m) = track.dims_m {
+            return body_box(&view, &state.pose, track.class, &dims_m);
+        }
+        let camera_from_car = view.plane.camera_from_world() * state.pose.world_from_car();
+        projected_box(self.atlas, &view.camera, &camera_from_car, &track.shape.mean)
+    }
+
+    /// Length, width, height of a track's vehicle.
+    pub(super) fn dims_m(&self, track: &Track) -> Vector3<f64> {
+        track.dims_m.unwrap_or_else(|| self.atlas.dims_m(&self.atlas.clamped(&track.shape.mean)))
+    }
+}

@@ -1,0 +1,65 @@
+//! What the tracker asks of the place: sizes, boxes of bodies, places of boxes.
+
+use nalgebra::Vector3;
+use roadplane_base::{FrameStamp, GroundPose, Shape, VehicleClass};
+use roadplane_track::{BoxSighting, ExpectedVehicle, Placed, Scene, Size, Track};
+
+use crate::tracks::believe::vehicle_s;
+use crate::tracks::body::{Body, body_of, car_body};
+use crate::tracks::cars::FrameCamera;
+use crate::tracks::ground_contact::{Knowledge, body_box, ground_contact};
+use crate::tracks::pass::Pass;
+
+/// A heading whose sd is no less says nothing, rad.
+const UNKNOWN_HEADING_SD_RAD: f64 = 1.5;
+
+/// What tracks are held against: the place, and when somebody looked, in order, s.
+pub(super) struct Looked<'a> {
+    pub pass: &'a Pass<'a>,
+    pub looked_s: &'a [f64],
+}
+
+impl Scene for Looked<'_> {
+    fn vehicle_s(&self, track: &Track) -> Option<[f64; 2]> {
+        vehicle_s(track, self.pass.dims_m(track).z, self.looked_s)
+    }
+
+    fn size(&self, class: VehicleClass, shape: &Shape) -> Option<Size> {
+        let body = match class {
+            VehicleClass::Car => car_body(self.pass.atlas, shape).at_best(),
+            class => body_of(class),
+        };
+        Some(Size { dims_m: body.dims_m, covariance: body.covariance })
+    }
+
+    fn body_px(
+        &self,
+        stamp: &FrameStamp,
+        pose: &GroundPose,
+        class: VehicleClass,
+        dims_m: &Vector3<f64>,
+    ) -> Option<[f64; 4]> {
+        body_box(&FrameCamera::from(self.pass.cameras.at(stamp.time_s())?), pose, class, dims_m)
+    }
+
+    fn place(&self, stamp: &FrameStamp, seen: &BoxSighting, vehicle: &ExpectedVehicle) -> Option<Placed> {
+        let Pass { cameras, atlas, .. } = self.pass;
+        let estimate = cameras.at(stamp.time_s())?;
+        let dims_m = vehicle.dims_m.unwrap_or_else(|| atlas.dims_m(&atlas.clamped(&vehicle.shape)));
+        let knowledge = match vehicle.heading_sd_rad < UNKNOWN_HEADING_SD_RAD {
+            true => Knowledge::Track {
+                body: Body { dims_m, ..body_of(vehicle.class) },
+                heading_rad: vehicle.heading_rad,
+                heading_sd_rad: vehicle.heading_sd_rad,
+            },
+            false => Knowledge::Label(vehicle.class),
+        };
+        let (size, view) = (estimate.image_size_px, FrameCamera::from(estimate));
+        let found = ground_contact(&seen.bbox_px, size, seen.hidden, &view, &knowledge)?;
+        Some(Placed {
+            pose: found.pose,
+            covariance: found.covariance,
+            dims_m: [found.dims_m, found.dims_sd_m],
+        })
+    }
+}
