@@ -1,9 +1,10 @@
-//! Tracks that the detector is never sure of for long enough: boxes, weak and strong, that no track took and that drive together.
+//! Tracks of which only boxes tell: boxes, weak and strong, that no track took and that drive together, or stand and are beyond doubt.
 //!
 //! A car seen from high above, or half in the dark, is found in nearly every look, and is sure in few of them. What stands like this
 //! may be a hedge, and motorcycles are weak boxes that drive; but what is found in most looks, is now and then a vehicle beyond doubt
 //! and goes on steadily for longer than its box is large is one. Such boxes are chained in the picture, where nothing has to be known
-//! of the vehicle, and placed on the ground once the chain says which way it drives.
+//! of the vehicle, and placed on the ground once the chain says which way it drives. A car that stands needs no keypoints, either,
+//! where the detector is as sure of it as of few hedges: at the picture's rim its lens may bend them so that they fit no car.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -14,8 +15,13 @@ use nalgebra::{Matrix2, Vector2, Vector3};
 use roadplane_base::{Shape, VehicleClass, bbox_centre, bbox_iou, bbox_share_inside};
 
 use crate::{
-    BoxSighting, ExpectedVehicle, Looks, Placed, Scene, box_motion::BoxMotion, complete::Frames,
-    expected::SURE_OVERLAP, extend::BoxesByFrame, measurement::Sighting, raw_track::RawTrack,
+    BoxSighting, ExpectedVehicle, Looks, Placed, Scene,
+    box_motion::BoxMotion,
+    complete::Frames,
+    expected::SURE_OVERLAP,
+    extend::BoxesByFrame,
+    measurement::{SURE_SCORE, Sighting},
+    raw_track::RawTrack,
 };
 
 /// A chain ends where its vehicle is not found for so long, s.
@@ -33,6 +39,9 @@ const APART: f64 = 1.2;
 const MIN_FOUND: f64 = 0.75;
 const MIN_SURE_SHARE: f64 = 0.1;
 const MIN_SURE: usize = 3;
+/// What stands so long, s, its boxes overlapping so much, is a car if the detector is sure of it on the whole ([`SURE_SCORE`]).
+const STANDS_S: f64 = 2.0;
+const STANDS_OVERLAP: f64 = 0.5;
 /// Ways are taken in steps of so many box sizes; so many are left behind at least, and consecutive ones turn little: mean cosine.
 const STEP_SIZES: f64 = 0.5;
 const MIN_STEPS: usize = 3;
@@ -59,7 +68,7 @@ impl Chain {
         self.boxes.push((frame, seen));
     }
 
-    /// Whether it is found, and sure, often enough, and leaves its place as what drives does.
+    /// Whether it is found, and sure, often enough, and leaves its place as what drives does, or stands and is beyond doubt.
     fn is_vehicle(&self, frames: &Frames) -> bool {
         let (Some((first, _)), Some((last, _))) = (self.boxes.first(), self.boxes.last()) else {
             return false;
@@ -70,7 +79,18 @@ impl Chain {
         let sure = self.boxes.iter().filter(|(_, seen)| seen.is_sure()).count();
         let is_found = found >= MIN_FOUND * looks;
         let is_sure = sure >= MIN_SURE && sure as f64 >= MIN_SURE_SHARE * self.boxes.len() as f64;
-        is_found && is_sure && self.goes_on()
+        is_found && is_sure && (self.goes_on() || self.stands_surely(frames))
+    }
+
+    fn stands_surely(&self, frames: &Frames) -> bool {
+        let (Some((first, at)), Some((last, _))) = (self.boxes.first(), self.boxes.last()) else {
+            return false;
+        };
+        let score = self.boxes.iter().map(|(_, seen)| seen.score).sum::<f64>() / self.boxes.len() as f64;
+        class(&self.boxes) == VehicleClass::Car
+            && score >= SURE_SCORE
+            && frames.times_s[*last] - frames.times_s[*first] >= STANDS_S
+            && self.boxes.iter().all(|(_, seen)| bbox_iou(&at.bbox_px, &seen.bbox_px) > STANDS_OVERLAP)
     }
 
     fn goes_on(&self) -> bool {
@@ -89,7 +109,7 @@ impl Chain {
     }
 }
 
-/// Tracks of what is in none of these, and drives.
+/// Tracks of what is in none of these.
 pub(crate) fn begin(
     free: &BoxesByFrame,
     tracks: &[RawTrack],
@@ -204,11 +224,13 @@ fn on_ground(boxes: &[(usize, BoxSighting)], frames: &Frames, scene: &impl Scene
     if vehicle.class != VehicleClass::Car {
         vehicle.dims_m = RawTrack::mean_dims_m(&dims);
     }
-    vehicle.heading_sd_rad = DRIVEN_HEADING_SD;
     let mut sightings = Vec::new();
     for (frame, seen) in boxes {
         let away_s = |way: &&[f64; 2]| (way[0] - time_s(*frame)).abs();
-        vehicle.heading_rad = ways.iter().min_by(|a, b| away_s(a).total_cmp(&away_s(b)))?[1];
+        // How a car that stands is turned its box says, if little.
+        if let Some([_, heading_rad]) = ways.iter().min_by(|a, b| away_s(a).total_cmp(&away_s(b))) {
+            (vehicle.heading_rad, vehicle.heading_sd_rad) = (*heading_rad, DRIVEN_HEADING_SD);
+        }
         let found = placed(&(*frame, *seen), &vehicle);
         sightings.extend(found.map(|(_, placed)| Sighting::by_box(seen, &placed, *frame, time_s(*frame))));
     }

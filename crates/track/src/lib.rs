@@ -51,8 +51,8 @@ mod way;
 pub use complete::Scene;
 pub use looks::Looks;
 pub use measurement::{
-    BoxSighting, CarMeasurement, ExpectedVehicle, FrameMeasurements, HeldCar, Placed, SeenAgain, ShapeBelief,
-    Size, Track, TrackState,
+    BoxSighting, CarMeasurement, ExpectedVehicle, FrameMeasurements, HeldCar, Placed, SURE_SCORE, SeenAgain,
+    ShapeBelief, Size, Track, TrackState,
 };
 pub use options::TrackOptions;
 pub use tracker::Tracker;

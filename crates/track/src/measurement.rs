@@ -3,6 +3,9 @@
 use nalgebra::{Matrix3, Matrix6, Vector3};
 use roadplane_base::{CarRef, FrameStamp, GroundPose, Shape, VehicleClass};
 
+/// Mean score of its sightings below which a track is doubtful.
+pub const SURE_SCORE: f64 = 0.46;
+
 /// What is known of a car's shape: a Gaussian on its coefficients.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ShapeBelief {

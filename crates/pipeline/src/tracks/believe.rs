@@ -2,7 +2,7 @@
 
 use nalgebra::{Isometry3, Point3};
 use roadplane_base::{Camera, ImageSize, KEYPOINTS, KeypointSet, Shape, ShapeAtlas, VehicleClass, bbox_iou};
-use roadplane_track::{Looks, Track, TrackState};
+use roadplane_track::{Looks, SURE_SCORE, Track, TrackState};
 
 use crate::Config;
 
@@ -58,8 +58,6 @@ pub fn picture_px(size: ImageSize) -> [f64; 4] {
     [-0.5, -0.5, f64::from(size.width) - 0.5, f64::from(size.height) - 0.5]
 }
 
-/// Mean score below which a track is doubtful.
-const SURE_SCORE: f64 = 0.46;
 /// What moves so far while it is seen is something that drives, m, if its box leaves its place, too: far off, places jitter by as
 /// much. Between sightings farther apart than this, s, nobody saw it move.
 const DRIVEN_M: f64 = 3.0;

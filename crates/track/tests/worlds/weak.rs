@@ -180,6 +180,24 @@ fn what_drives_and_is_sure_now_and_then_is_a_vehicle() {
 }
 
 #[test]
+fn what_stands_and_is_beyond_doubt_is_a_car_without_keypoints() {
+    let bbox_px = box_of(&pose(4.0, 22.0, 1.2)).unwrap();
+    let tracks = |score: f64, found: fn(u64) -> bool| {
+        let stamp = |i: u64| FrameStamp { index: i, pts_nanos: i as i64 * 100_000_000 };
+        let boxes = |i| Vec::from_iter(found(i).then(|| BoxSighting { score, ..seen(bbox_px, Some(0)) }));
+        let frame = |i| FrameMeasurements { boxes: boxes(i), ..FrameMeasurements::seen(stamp(i), vec![]) };
+        follow(&(0..60).map(frame).collect::<Vec<_>>(), &OnTheGround)
+    };
+    let found = tracks(0.6, |_| true);
+    assert_eq!((found.len(), found[0].states.len()), (1, 60));
+    let at = found[0].states[30].pose;
+    assert!((at.x_m - 4.0).hypot(at.y_m - 22.0) < 2.0 && found[0].states[30].speed_mps == 0.0);
+    // Doubtful; for a moment; in half of the looks.
+    assert!(tracks(0.4, |_| true).is_empty() && tracks(0.6, |i| i < 18).is_empty());
+    assert!(tracks(0.6, |i| i % 2 == 0).is_empty());
+}
+
+#[test]
 fn a_part_of_a_vehicle_that_goes_along_with_it_is_no_vehicle() {
     let drive = || straight(pose(-8.0, 26.0, 0.1), 3.0);
     let mut frames = World::new(vec![drive()], Seeing::perfect(), times(6.0, 10.0), 3).see().frames;
