@@ -40,8 +40,8 @@ const MIN_FOUND: f64 = 0.75;
 const MIN_SURE_SHARE: f64 = 0.1;
 const MIN_SURE: usize = 3;
 /// What stands so long, s, its boxes overlapping so much, is a car if the detector is sure of it on the whole ([`SURE_SCORE`]).
-const STANDS_S: f64 = 2.0;
-const STANDS_OVERLAP: f64 = 0.5;
+const SURE_STAND_S: f64 = 2.0;
+const SURE_STAND_OVERLAP: f64 = 0.5;
 /// Ways are taken in steps of so many box sizes; so many are left behind at least, and consecutive ones turn little: mean cosine.
 const STEP_SIZES: f64 = 0.5;
 const MIN_STEPS: usize = 3;
@@ -68,29 +68,33 @@ impl Chain {
         self.boxes.push((frame, seen));
     }
 
-    /// Whether it is found, and sure, often enough, and leaves its place as what drives does, or stands and is beyond doubt.
+    /// Whether it is found, and sure, often enough, and leaves its place as what drives does, or stands and is beyond doubt. Where it
+    /// is held nobody looks.
     fn is_vehicle(&self, frames: &Frames) -> bool {
         let (Some((first, _)), Some((last, _))) = (self.boxes.first(), self.boxes.last()) else {
             return false;
         };
-        let looked = (*first..=*last).filter(|frame| frames.looked[*frame]);
+        let held: BTreeSet<usize> =
+            self.boxes.iter().filter(|(_, seen)| seen.held).map(|(frame, _)| *frame).collect();
+        let looked = (*first..=*last).filter(|frame| frames.looked[*frame] && !held.contains(frame));
         let looks = Looks::of(looked.map(|frame| frames.times_s[frame])).count as f64;
-        let found = Looks::of(self.boxes.iter().map(|(frame, _)| frames.times_s[*frame])).count as f64;
-        let sure = self.boxes.iter().filter(|(_, seen)| seen.is_sure()).count();
+        let seen: Vec<&(usize, BoxSighting)> = self.boxes.iter().filter(|(_, seen)| !seen.held).collect();
+        let found = Looks::of(seen.iter().map(|(frame, _)| frames.times_s[*frame])).count as f64;
+        let sure = seen.iter().filter(|(_, seen)| seen.is_sure()).count();
+        let score = seen.iter().map(|(_, seen)| seen.score).sum::<f64>() / seen.len().max(1) as f64;
         let is_found = found >= MIN_FOUND * looks;
-        let is_sure = sure >= MIN_SURE && sure as f64 >= MIN_SURE_SHARE * self.boxes.len() as f64;
-        is_found && is_sure && (self.goes_on() || self.stands_surely(frames))
+        let is_sure = sure >= MIN_SURE && sure as f64 >= MIN_SURE_SHARE * seen.len() as f64;
+        is_found && is_sure && (self.goes_on() || score >= SURE_SCORE && self.is_car_that_stands(frames))
     }
 
-    fn stands_surely(&self, frames: &Frames) -> bool {
+    fn is_car_that_stands(&self, frames: &Frames) -> bool {
         let (Some((first, at)), Some((last, _))) = (self.boxes.first(), self.boxes.last()) else {
             return false;
         };
-        let score = self.boxes.iter().map(|(_, seen)| seen.score).sum::<f64>() / self.boxes.len() as f64;
+        let stays = |seen: &BoxSighting| bbox_iou(&at.bbox_px, &seen.bbox_px) > SURE_STAND_OVERLAP;
         class(&self.boxes) == VehicleClass::Car
-            && score >= SURE_SCORE
-            && frames.times_s[*last] - frames.times_s[*first] >= STANDS_S
-            && self.boxes.iter().all(|(_, seen)| bbox_iou(&at.bbox_px, &seen.bbox_px) > STANDS_OVERLAP)
+            && frames.times_s[*last] - frames.times_s[*first] >= SURE_STAND_S
+            && self.boxes.iter().all(|(_, seen)| stays(seen))
     }
 
     fn goes_on(&self) -> bool {
@@ -129,7 +133,7 @@ pub(crate) fn begin(
     })
     .into_iter()
     .filter(|chain| !is_part(chain, of_frame, &apart))
-    .filter_map(|chain| on_ground(&chain.boxes, frames, scene))
+    .filter_map(|chain| on_ground(&chain, frames, scene))
     .collect()
 }
 
@@ -203,7 +207,8 @@ fn is_part<'a>(chain: &Chain, of_frame: impl Fn(usize) -> &'a Vec<(usize, [f64; 
 }
 
 /// A chain's vehicle on the ground; `None` where the camera does not see it there.
-fn on_ground(boxes: &[(usize, BoxSighting)], frames: &Frames, scene: &impl Scene) -> Option<RawTrack> {
+fn on_ground(chain: &Chain, frames: &Frames, scene: &impl Scene) -> Option<RawTrack> {
+    let (boxes, drives) = (&chain.boxes, chain.goes_on());
     let mut vehicle = ExpectedVehicle {
         class: class(boxes),
         dims_m: None,
@@ -228,8 +233,9 @@ fn on_ground(boxes: &[(usize, BoxSighting)], frames: &Frames, scene: &impl Scene
     for (frame, seen) in boxes {
         let away_s = |way: &&[f64; 2]| (way[0] - time_s(*frame)).abs();
         // How a car that stands is turned its box says, if little.
-        if let Some([_, heading_rad]) = ways.iter().min_by(|a, b| away_s(a).total_cmp(&away_s(b))) {
-            (vehicle.heading_rad, vehicle.heading_sd_rad) = (*heading_rad, DRIVEN_HEADING_SD);
+        if drives {
+            vehicle.heading_rad = ways.iter().min_by(|a, b| away_s(a).total_cmp(&away_s(b)))?[1];
+            vehicle.heading_sd_rad = DRIVEN_HEADING_SD;
         }
         let found = placed(&(*frame, *seen), &vehicle);
         sightings.extend(found.map(|(_, placed)| Sighting::by_box(seen, &placed, *frame, time_s(*frame))));

@@ -183,7 +183,7 @@ mod tests {
             car: Some(0),
             held: false,
             from_box: false,
-            contradicted: false,
+            lacks_keypoints: false,
             cut: [false; 4],
             hidden: [false, true, true, false],
         }

@@ -66,11 +66,11 @@ impl CarMeasurement {
 
     /// Whether a track may begin with it.
     pub(crate) fn may_begin(&self) -> bool {
-        !self.from_box || self.class != VehicleClass::Car
+        !self.lacks_keypoints()
     }
 
-    /// Called a car, while its keypoints are not those of one.
-    pub(crate) fn is_contradicted(&self) -> bool {
+    /// Called a car, without the keypoints of one.
+    pub(crate) fn lacks_keypoints(&self) -> bool {
         self.from_box && self.class == VehicleClass::Car
     }
 
@@ -129,6 +129,8 @@ pub struct BoxSighting {
     pub hidden: [bool; 4],
     /// Position in its frame's list of cars; none of a box that is too weak to say that something is a vehicle.
     pub car: Option<usize>,
+    /// Nobody looked: it is where it was.
+    pub held: bool,
 }
 
 impl BoxSighting {
@@ -223,8 +225,8 @@ pub(crate) struct Sighting {
     pub held: bool,
     /// The pose is what the box says: it has an axis, but no front.
     pub from_box: bool,
-    /// Called a car, while its keypoints are not those of one.
-    pub contradicted: bool,
+    /// Called a car, without the keypoints of one.
+    pub lacks_keypoints: bool,
     /// Left, top, right, bottom: the picture ends there.
     pub cut: [bool; 4],
     /// Left, top, right, bottom: another vehicle begins there.
@@ -249,7 +251,7 @@ impl Sighting {
             car: seen.car,
             held: false,
             from_box: true,
-            contradicted: false,
+            lacks_keypoints: false,
             cut: seen.cut,
             hidden: seen.hidden,
         }
@@ -296,6 +298,6 @@ pub struct TrackState {
     pub score: f64,
     /// Position of the car in its frame's list, where observed; none where a weak box showed it.
     pub car: Option<usize>,
-    /// Called a car, while its keypoints are not those of one.
-    pub contradicted: bool,
+    /// Called a car, without the keypoints of one.
+    pub lacks_keypoints: bool,
 }

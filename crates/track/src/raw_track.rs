@@ -86,7 +86,7 @@ impl RawTrack {
     }
 
     pub(crate) fn add(&mut self, car: &CarMeasurement, observation: Sighting) {
-        let weight = if car.is_contradicted() { UNSURE_VOTE } else { 1.0 };
+        let weight = if car.lacks_keypoints() { UNSURE_VOTE } else { 1.0 };
         *self.votes.entry(car.class).or_default() += car.score * weight;
         if let Some(dims) = &car.dims_m {
             self.dims.add(dims);
@@ -193,7 +193,8 @@ mod tests {
         let class = |called, dims_m: [f64; 3]| {
             let bbox_px = [100.0, 100.0, 160.0, 140.0];
             let (cut, hidden) = ([false; 4], [false; 4]);
-            let seen = BoxSighting { bbox_px, score: 0.5, class: called, cut, hidden, car: Some(0) };
+            let seen =
+                BoxSighting { bbox_px, score: 0.5, class: called, cut, hidden, car: Some(0), held: false };
             let dims_m = [Vector3::from(dims_m), Vector3::repeat(0.3)];
             let pose = GroundPose { x_m: 3.0, y_m: 20.0, heading_rad: 0.0 };
             let placed = Placed { pose, covariance: Matrix3::identity(), dims_m };

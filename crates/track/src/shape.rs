@@ -1,9 +1,11 @@
 //! One shape per track. Looks from the same place share their bias and count as one view together; views add up, and what
-//! was known before the looks, N(m_i, Λ_i⁻¹), is counted once:
+//! was known before the looks, N(m, Λ⁻¹), is counted once. Each look tells what it adds to what it began from, N(m_i, Λ_i⁻¹):
 //!
 //! ```text
-//! I = mean(Λ_i) + Σ_views mean(I_i − Λ_i),    I λ = mean(Λ_i m_i) + Σ_views mean(I_i λ_i − Λ_i m_i)
+//! I = Λ + Σ_views mean(I_i − Λ_i),    I λ = Λ m + Σ_views mean(I_i λ_i − Λ_i m_i)
 //! ```
+//!
+//! Where looks began from different beliefs, as where a first pass knew the car in some of them, the best informed is N(m, Λ⁻¹).
 
 use nalgebra::{Matrix6, Vector2};
 use roadplane_base::{Shape, fold_axis};
@@ -18,19 +20,19 @@ const VIEW_TURN: f64 = 0.175;
 /// Running sums of a track's evidence on its shape; memory does not grow with its length.
 #[derive(Clone, Debug)]
 pub(crate) struct ShapeSum {
-    before: Mean,
-    ended: Told,
+    before: Option<ShapeBelief>,
+    ended: Canonical,
     view: View,
 }
 
-/// Of a Gaussian: information, and information times mean.
+/// A Gaussian in canonical form: information, and information times mean.
 #[derive(Clone, Copy, Debug)]
-struct Told {
+struct Canonical {
     information: Matrix6<f64>,
     vector: Shape,
 }
 
-impl Told {
+impl Canonical {
     fn nothing() -> Self {
         Self { information: Matrix6::zeros(), vector: Shape::zeros() }
     }
@@ -45,82 +47,73 @@ impl Told {
     }
 }
 
-/// Mean of what looks told.
-#[derive(Clone, Copy, Debug)]
-struct Mean {
-    sum: Told,
-    looks: f64,
-}
-
-impl Mean {
-    fn of_none() -> Self {
-        Self { sum: Told::nothing(), looks: 0.0 }
-    }
-
-    fn add(&mut self, told: &Told) {
-        self.sum.add(told, 1.0);
-        self.looks += 1.0;
-    }
-
-    fn append(&mut self, other: &Self) {
-        self.sum.add(&other.sum, 1.0);
-        self.looks += other.looks;
-    }
-
-    fn add_to(&self, told: &mut Told) {
-        told.add(&self.sum, 1.0 / self.looks.max(1.0));
-    }
-}
-
 #[derive(Clone, Debug)]
 struct View {
     position: Vector2<f64>,
     axis: f64,
-    evidence: Mean,
+    evidence: Canonical,
+    looks: f64,
 }
 
 impl View {
     fn new(position: Vector2<f64>, axis: f64) -> Self {
-        Self { position, axis, evidence: Mean::of_none() }
+        Self { position, axis, evidence: Canonical::nothing(), looks: 0.0 }
+    }
+
+    /// Adds the mean of its looks.
+    fn add_to(&self, sum: &mut Canonical) {
+        sum.add(&self.evidence, 1.0 / self.looks.max(1.0));
     }
 }
 
 impl ShapeSum {
     pub(crate) fn new(position: Vector2<f64>, axis: f64) -> Self {
-        Self { before: Mean::of_none(), ended: Told::nothing(), view: View::new(position, axis) }
+        Self { before: None, ended: Canonical::nothing(), view: View::new(position, axis) }
     }
 
     /// Adds a look from where the track's filter says that the car is.
     pub(crate) fn add(&mut self, car: &CarMeasurement, position: Vector2<f64>, axis: f64) {
+        self.know(car.shape_before);
+        if car.shape == car.shape_before {
+            return;
+        }
         let turned = fold_axis(axis - self.view.axis).abs();
         if (position - self.view.position).norm() > VIEW_M || turned > VIEW_TURN {
-            self.view.evidence.add_to(&mut self.ended);
+            self.view.add_to(&mut self.ended);
             self.view = View::new(position, axis);
         }
-        let before = Told::of(&car.shape_before);
-        self.before.add(&before);
-        let mut evidence = Told::of(&car.shape);
-        evidence.add(&before, -1.0);
+        let mut evidence = Canonical::of(&car.shape);
+        evidence.add(&Canonical::of(&car.shape_before), -1.0);
         // Less than nothing is no evidence; added up it would blow the shape up instead of holding it.
         if (evidence.information + Matrix6::identity() * 1e-6).cholesky().is_some() {
-            self.view.evidence.add(&evidence);
+            self.view.evidence.add(&evidence, 1.0);
+            self.view.looks += 1.0;
         }
     }
 
     /// Adds all that another track saw of the same car.
     pub(crate) fn append(&mut self, other: Self) {
-        self.before.append(&other.before);
-        self.view.evidence.add_to(&mut self.ended);
-        other.view.evidence.add_to(&mut self.ended);
+        if let Some(before) = other.before {
+            self.know(before);
+        }
+        for view in [other.view, std::mem::replace(&mut self.view, View::new(Vector2::zeros(), 0.0))] {
+            view.add_to(&mut self.ended);
+        }
         self.ended.add(&other.ended, 1.0);
-        self.view.evidence = Mean::of_none();
     }
 
-    /// All views together; any car's shape where there were none, or the sums are no information matrix.
+    fn know(&mut self, before: ShapeBelief) {
+        let is_less = |known: &ShapeBelief| known.information.trace() < before.information.trace();
+        if self.before.as_ref().is_none_or(is_less) {
+            self.before = Some(before);
+        }
+    }
+
+    /// All views together; the atlas' mean car where there were no looks, or the sums are no information matrix.
     pub(crate) fn fused(&self) -> ShapeBelief {
-        let mut sum = self.ended;
-        self.before.add_to(&mut sum);
-        self.view.evidence.add_to(&mut sum);
+        let mut sum = Canonical::of(&self.before.unwrap_or_default());
+        sum.add(&self.ended, 1.0);
+        self.view.add_to(&mut sum);
         let information = (sum.information + sum.information.transpose()) / 2.0;
         match information.cholesky() {
             Some(factor) => ShapeBelief { mean: factor.solve(&sum.vector), information },
@@ -186,13 +179,28 @@ mod tests {
 
     #[test]
     fn what_is_known_of_all_cars_is_counted_once() {
-        // A place's cars are larger, and every look tells a little and finds what was thought beforehand.
+        // A place's cars are larger, N(0.8, 1); from each of ten places as much evidence of 1.6, which one look alone makes 1.2.
         let before = ShapeBelief { mean: Shape::repeat(0.8), ..ShapeBelief::default() };
-        let after = ShapeBelief { information: Matrix6::identity() * 1.5, ..before };
+        let after = ShapeBelief { mean: Shape::repeat(1.2), information: Matrix6::identity() * 2.0 };
         let look = CarMeasurement { shape_before: before, shape: after, ..look(0.0, 1.0) };
         let mut sum = ShapeSum::new(Vector2::new(0.0, 20.0), 0.0);
         (0..10).for_each(|i| sum.add(&look, Vector2::new(0.0, 20.0 + 5.0 * f64::from(i)), 0.0));
-        assert!((sum.fused().mean - before.mean).norm() < 1e-12);
-        assert!((sum.fused().information[(0, 0)] - 6.0).abs() < 1e-12);
+        assert!((sum.fused().mean[0] - (0.8 + 10.0 * 1.6) / 11.0).abs() < 1e-12);
+        assert!((sum.fused().information[(0, 0)] - 11.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_known_shape_stays_known_beside_looks_that_knew_nothing() {
+        let held = ShapeBelief { mean: Shape::repeat(1.5), information: Matrix6::identity() * 20.0 };
+        let known = CarMeasurement { shape_before: held, shape: held, ..look(0.0, 1.0) };
+        let at = Vector2::new(0.0, 20.0);
+        let [mut some, mut others] = [ShapeSum::new(at, 0.0), ShapeSum::new(at, 0.0)];
+        (0..10).for_each(|_| some.add(&known, at, 0.0));
+        (0..90).for_each(|_| others.add(&look(0.5, 2.0), at, 0.0));
+        for [mut first, second] in [[some.clone(), others.clone()], [others, some]] {
+            first.append(second);
+            // One view of evidence 1 for 1.
+            assert!((first.fused().mean[0] - (20.0 * 1.5 + 1.0) / 21.0).abs() < 1e-12);
+        }
     }
 }

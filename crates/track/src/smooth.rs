@@ -89,7 +89,7 @@ impl Smoothed {
             bbox_px: seen.map(|o| o.bbox_px),
             score: seen.map_or(0.0, |o| o.score),
             car: seen.and_then(|o| o.car),
-            contradicted: seen.is_some_and(|o| o.contradicted),
+            lacks_keypoints: seen.is_some_and(|o| o.lacks_keypoints),
         }
     }
 }

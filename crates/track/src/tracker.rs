@@ -214,7 +214,7 @@ impl Tracker {
             car: Some(car.car),
             held: false,
             from_box: car.from_box,
-            contradicted: car.is_contradicted(),
+            lacks_keypoints: car.lacks_keypoints(),
             cut: car.cut,
             hidden: car.hidden,
         }

@@ -76,7 +76,7 @@ const MIN_PART_S: f64 = 5.0;
 const SAME_TIME_S: f64 = 1e-6;
 
 /// From when to when a track is of a vehicle, s; `None` if it never is. Hedges, arrows on the road and waiting motorcycles are found
-/// as cars again and again at one place, but with low scores, for a moment, in few looks, or as cars that nobody builds; what is seen
+/// as cars again and again at one place, but with low scores, for a moment, in few looks, without keypoints, or as cars that nobody builds; what is seen
 /// to drive need not be there long. A vehicle that is seldom found far off, or while others hide it, is believed for as long as most
 /// looks find it. `looked_s`: when frames were looked at, in order, s.
 #[must_use]
@@ -99,7 +99,10 @@ pub fn vehicle_s(track: &Track, height_m: f64, looked_s: &[f64]) -> Option<[f64;
     let least_s = if is_whole { MIN_SEEN_S.min(MIN_CLIP_SHARE * clip_s) } else { MIN_PART_S };
     // Keypoints tell a car from what looks like one; nothing but driving, if there is time for it, tells a bus from a shelter.
     let is_told = match track.class {
-        VehicleClass::Car => 2 * seen.iter().filter(|state| state.contradicted).count() <= seen.len(),
+        VehicleClass::Car => {
+            let looks = || seen.iter().filter(|state| !state.held);
+            2 * looks().filter(|state| state.lacks_keypoints).count() <= looks().count()
+        }
         _ => clip_s < MIN_PART_S,
     };
     let stands = is_told && height_m >= MIN_HEIGHT_M && to_s - from_s >= least_s;
@@ -186,7 +189,7 @@ mod tests {
             bbox_px: Some([10.0 * way(i), 0.0, 40.0 + 10.0 * way(i), 30.0]),
             score,
             car: Some(0),
-            contradicted: false,
+            lacks_keypoints: false,
         };
         Track {
             id: 1,
@@ -251,14 +254,23 @@ mod tests {
     #[test]
     fn a_doubtful_car_that_stands_must_have_the_keypoints_of_one() {
         let looked_s: Vec<f64> = (0..100).map(|i| 0.1 * f64::from(i)).collect();
-        let contradicted = |count: usize, score, to_m| {
+        let lacking = |count: usize, score, to_m| {
             let mut track = track(40, score, to_m);
-            track.states.iter_mut().take(count).for_each(|state| state.contradicted = true);
+            track.states.iter_mut().take(count).for_each(|state| state.lacks_keypoints = true);
             track
         };
-        let is = |count, score, to_m| is_vehicle(&contradicted(count, score, to_m), 1.5, &looked_s);
+        let is = |count, score, to_m| is_vehicle(&lacking(count, score, to_m), 1.5, &looked_s);
         assert!(is(20, 0.4, 0.0) && !is(21, 0.4, 0.0));
         assert!(is(40, 0.6, 0.0) && is(40, 0.4, 9.0), "sure of it; seen to drive");
+        // Held from its tenth look on, whose keypoints were none, or a car's.
+        let held = |last_lacks: bool| {
+            let mut track = lacking(0, 0.4, 0.0);
+            for (i, state) in track.states.iter_mut().enumerate() {
+                (state.held, state.lacks_keypoints) = (i > 9, (i >= 9) == last_lacks);
+            }
+            is_vehicle(&track, 1.5, &looked_s)
+        };
+        assert!(held(true) && !held(false));
     }
 
     #[test]

@@ -250,7 +250,8 @@ fn box_sighting(frame: &FrameRecord, bbox_px: [f64; 4], score: f64, car: Option<
     let class = car.map_or(VehicleClass::Car, |car| frame.cars[car].class);
     let others = frame.cars.iter().enumerate().filter(|(other, _)| Some(*other) != car);
     let hidden = hidden_edges(&bbox_px, others.map(|(_, other)| &other.bbox_px));
-    BoxSighting { bbox_px, score, class, cut: cut_edges(&bbox_px, frame.image_size_px), hidden, car }
+    let held = car.is_some_and(|car| frame.cars[car].held_since.is_some());
+    BoxSighting { bbox_px, score, class, cut: cut_edges(&bbox_px, frame.image_size_px), hidden, car, held }
 }
 
 /// A vehicle that is where it was.

@@ -1,4 +1,4 @@
-//! A track → its rows.
+//! A track → its rows: places, boxes of what was seen or is drawn, and whether the two agree.
 
 use nalgebra::Vector3;
 use roadplane_base::{ImageSize, TrackRow, bbox_moved, bbox_share_inside};

@@ -221,7 +221,7 @@ mod tests {
             bbox_px: None,
             score: 1.0,
             car: Some(car),
-            contradicted: false,
+            lacks_keypoints: false,
         };
         Track {
             id: 0,
