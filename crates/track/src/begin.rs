@@ -208,7 +208,7 @@ fn is_part<'a>(chain: &Chain, of_frame: impl Fn(usize) -> &'a Vec<(usize, [f64; 
 
 /// A chain's vehicle on the ground; `None` where the camera does not see it there.
 fn on_ground(chain: &Chain, frames: &Frames, scene: &impl Scene) -> Option<RawTrack> {
-    let (boxes, drives) = (&chain.boxes, chain.goes_on());
+    let boxes = &chain.boxes;
     let mut vehicle = ExpectedVehicle {
         class: class(boxes),
         dims_m: None,
@@ -224,7 +224,9 @@ fn on_ground(chain: &Chain, frames: &Frames, scene: &impl Scene) -> Option<RawTr
     let about: Vec<(usize, Placed)> = boxes.iter().filter_map(|one| placed(one, &vehicle)).collect();
     let places: Vec<[f64; 3]> =
         about.iter().map(|(frame, at)| [time_s(*frame), at.pose.x_m, at.pose.y_m]).collect();
-    let ways: Vec<[f64; 2]> = places.iter().filter_map(|at| Some([at[0], way(&places, at[0])?])).collect();
+    // How a car that stands is turned its box says, if little; jittering places are no way.
+    let way_at = |at: &[f64; 3]| Some([at[0], way(&places, at[0])?]);
+    let ways = chain.goes_on().then(|| places.iter().filter_map(way_at).collect::<Vec<[f64; 2]>>());
     let dims: Vec<[Vector3<f64>; 2]> = about.iter().map(|(_, at)| at.dims_m).collect();
     if vehicle.class != VehicleClass::Car {
         vehicle.dims_m = RawTrack::mean_dims_m(&dims);
@@ -232,8 +234,7 @@ fn on_ground(chain: &Chain, frames: &Frames, scene: &impl Scene) -> Option<RawTr
     let mut sightings = Vec::new();
     for (frame, seen) in boxes {
         let away_s = |way: &&[f64; 2]| (way[0] - time_s(*frame)).abs();
-        // How a car that stands is turned its box says, if little.
-        if drives {
+        if let Some(ways) = &ways {
             vehicle.heading_rad = ways.iter().min_by(|a, b| away_s(a).total_cmp(&away_s(b)))?[1];
             vehicle.heading_sd_rad = DRIVEN_HEADING_SD;
         }

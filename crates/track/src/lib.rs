@@ -10,7 +10,7 @@
 //!                   → smooth_track          one pose a stand, a vehicle model between      (way.rs, start.rs, parked.rs, vehicle.rs, chain.rs)
 //!                   → facing                which end is the front                         (facing.rs)
 //!                   → extend                boxes where a vehicle is expected              (extend.rs, expected.rs)
-//!                   → begin                 boxes that drive, or surely stand      (begin.rs)
+//!                   → begin                 boxes that drive, or surely stand              (begin.rs)
 //!                   → smooth_by_boxes       where only boxes tell: way and size at once    (smooth_boxes.rs, by_boxes.rs, edge.rs)
 //!                   → Track                                                              (complete.rs)
 //! ```

@@ -64,12 +64,7 @@ impl CarMeasurement {
         Vector3::new(self.pose.x_m, self.pose.y_m, self.pose.heading_rad)
     }
 
-    /// Whether a track may begin with it.
-    pub(crate) fn may_begin(&self) -> bool {
-        !self.lacks_keypoints()
-    }
-
-    /// Called a car, without the keypoints of one.
+    /// Called a car, without the keypoints of one: no track begins with it.
     pub(crate) fn lacks_keypoints(&self) -> bool {
         self.from_box && self.class == VehicleClass::Car
     }

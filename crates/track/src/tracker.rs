@@ -173,7 +173,7 @@ impl Tracker {
             })
             .collect();
         let births: Vec<usize> = (0..cars.len())
-            .filter(|&c| !taken[c] && cars[c].score >= self.options.birth_score && cars[c].may_begin())
+            .filter(|&c| !taken[c] && cars[c].score >= self.options.birth_score && !cars[c].lacks_keypoints())
             .filter(|&c| {
                 let same = |other: &Sighting| same_car(&observations[c], other);
                 !(0..cars.len()).any(|other| taken[other] && same(&observations[other]))

@@ -25,6 +25,10 @@ fn a_parked_car_is_one_view_however_long() {
         let views = views(&rows(5), frames, 30.0, SelectOptions::default());
         assert_eq!(views.len(), 10);
         assert!(views.iter().all(|v| v.parked && (v.weight - 1.0).abs() < 1e-12 && v.frames.len() >= 30));
+        // Of 2 px that its keypoints claim a quarter of the variance is white, and averages out.
+        let sds = views[0].keypoints.iter().flatten().map(|point| point.sd_px()).collect::<Vec<_>>();
+        let share = sds.iter().map(|sd| (sd / 2.0).powi(2)).sum::<f64>() / sds.len() as f64;
+        assert!((0.5..0.9).contains(&share), "{share}");
     }
 }
 

@@ -76,9 +76,9 @@ const MIN_PART_S: f64 = 5.0;
 const SAME_TIME_S: f64 = 1e-6;
 
 /// From when to when a track is of a vehicle, s; `None` if it never is. Hedges, arrows on the road and waiting motorcycles are found
-/// as cars again and again at one place, but with low scores, for a moment, in few looks, without keypoints, or as cars that nobody builds; what is seen
-/// to drive need not be there long. A vehicle that is seldom found far off, or while others hide it, is believed for as long as most
-/// looks find it. `looked_s`: when frames were looked at, in order, s.
+/// as cars again and again at one place, but with low scores, for a moment, in few looks, without keypoints, or as cars that nobody
+/// builds; what is seen to drive need not be there long. A vehicle that is seldom found far off, or while others hide it, is believed
+/// for as long as most looks find it. `looked_s`: when frames were looked at, in order, s.
 #[must_use]
 pub fn vehicle_s(track: &Track, height_m: f64, looked_s: &[f64]) -> Option<[f64; 2]> {
     let seen: Vec<&TrackState> = track.states.iter().filter(|state| state.observed).collect();
