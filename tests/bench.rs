@@ -1,13 +1,13 @@
 //! `roadplane bench`: every row is there, every number makes sense. Nothing is said of how fast anything is.
 
-use crate::common::{names, number, roadplane, root};
+use crate::common::{lab, names, number, root};
 
 #[test]
 fn a_bench_tells_what_each_stage_costs() {
     let here = tempfile::tempdir().unwrap();
     let clip = root().join("tests/data/lot.mp4");
     let bench = |arguments: &[&str]| {
-        let mut command = roadplane();
+        let mut command = lab();
         command.current_dir(here.path()).args(["bench", "--set", "decode.end_s=2"]).arg(&clip);
         command.args(["--set", &format!("models.folder={:?}", root().join("models"))]);
         let done = command.args(arguments).assert().code(0);

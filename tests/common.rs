@@ -1,13 +1,24 @@
-//! What the end-to-end tests share.
+//! Helpers that the end-to-end tests share.
+
+#![allow(dead_code, reason = "each test binary uses a part of this file")]
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use assert_cmd::Command;
 
-/// The binary, run from the repository's root.
+/// The program `roadplane`, run from the repository's root.
 pub fn roadplane() -> Command {
-    let mut command = Command::cargo_bin("roadplane").unwrap();
+    program("roadplane")
+}
+
+/// The program `roadplane-lab`, run from the repository's root.
+pub fn lab() -> Command {
+    program("roadplane-lab")
+}
+
+fn program(name: &str) -> Command {
+    let mut command = Command::cargo_bin(name).unwrap();
     command.current_dir(root()).env("ORT_DYLIB_PATH", root().join(".runtime/libonnxruntime.so"));
     command
 }

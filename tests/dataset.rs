@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use crate::common::{names, roadplane, root};
+use crate::common::{lab, names, root};
 
 type Rows = BTreeMap<String, BTreeMap<String, f64>>;
 
@@ -22,7 +22,7 @@ fn rows(path: &Path) -> Rows {
 #[test]
 fn a_tenth_of_the_data_set_gives_the_papers_tables() {
     let out = tempfile::tempdir().unwrap();
-    let command = roadplane()
+    let command = lab()
         .args(["eval", "dataset", "tests/data/lots", "--part", "0.1", "--out"])
         .arg(out.path())
         .assert()
@@ -65,10 +65,10 @@ fn a_tenth_of_the_data_set_gives_the_papers_tables() {
 #[test]
 fn a_folder_that_is_no_data_set_is_named() {
     let empty = tempfile::tempdir().unwrap();
-    let command = roadplane().args(["eval", "dataset"]).arg(empty.path()).assert().code(3);
+    let command = lab().args(["eval", "dataset"]).arg(empty.path()).assert().code(3);
     let said = String::from_utf8(command.get_output().stderr.clone()).unwrap();
     assert!(said.contains("dataset.json"), "{said}");
-    let command = roadplane().args(["eval", "dataset", "tests/data/lots", "--part", "2"]).assert().code(2);
+    let command = lab().args(["eval", "dataset", "tests/data/lots", "--part", "2"]).assert().code(2);
     let said = String::from_utf8(command.get_output().stderr.clone()).unwrap();
     assert!(said.contains("between 0 and 1"), "{said}");
 }

@@ -3,16 +3,12 @@
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
 mod bad_inputs;
-mod bench;
 mod cameras;
 mod common;
-mod dataset;
 mod demo_clip;
-mod eval;
 mod export;
 mod golden_chain;
 mod pieces;
 mod real_clips;
 mod reliability;
 mod scene_lines;
-mod synth;

@@ -1,6 +1,6 @@
 //! `roadplane eval`: its tables are printed, written, and say what is so.
 
-use crate::common::{first_row, json, names, roadplane, root, shared};
+use crate::common::{first_row, json, lab, names, roadplane, root, shared};
 
 #[test]
 #[ignore = "reads ../shared/data, which not everybody has; scripts/test runs it where it is"]
@@ -9,7 +9,7 @@ fn the_keypoint_net_holds_on_labelled_real_cars() {
     let out = tempfile::tempdir().unwrap();
     for boxes in ["true", "detected"] {
         let labels = folder.join("virat_0401.json");
-        let command = roadplane()
+        let command = lab()
             .args(["eval", "keypoints", "--boxes", boxes, "--truth"])
             .arg(labels)
             .arg("--images")
@@ -32,8 +32,7 @@ fn the_keypoint_net_holds_on_labelled_real_cars() {
 #[test]
 fn the_solvers_tables_are_printed_and_honest() {
     let out = tempfile::tempdir().unwrap();
-    let command =
-        roadplane().args(["eval", "solver", "--scenes", "6", "--out"]).arg(out.path()).assert().code(0);
+    let command = lab().args(["eval", "solver", "--scenes", "6", "--out"]).arg(out.path()).assert().code(0);
     let printed = String::from_utf8(command.get_output().stdout.clone()).unwrap();
     for title in ["Noise-free scenes", "Cramér–Rao", "Ablation: ADD", "Fused over 100 frames", "Speed"] {
         assert!(printed.contains(title), "{title}");
@@ -50,7 +49,7 @@ fn what_cannot_be_evaluated_is_named() {
     let labels = folder.path().join("labels.json");
     std::fs::write(&labels, r#"{"image": "a.png", "cars": [{"box": [0, 0, 0, 9], "keypoints": {}}]}"#)
         .unwrap();
-    let command = roadplane()
+    let command = lab()
         .args(["eval", "keypoints", "--truth"])
         .arg(&labels)
         .arg("--images")
@@ -89,7 +88,7 @@ fn a_run_is_compared_with_a_camera_or_with_boxes_alone() {
     std::fs::write(at("right.krtd"), camera(639.5, 359.5)).unwrap();
     std::fs::write(at("wrong.krtd"), camera(959.5, 539.5)).unwrap();
     let eval = |truth: &str| {
-        let mut command = roadplane();
+        let mut command = lab();
         command.args(["eval", "run"]).arg(at("lot")).arg("--truth").arg(at(truth));
         command.arg("--out").arg(at("tables")).assert()
     };
@@ -134,7 +133,7 @@ fn a_copy_of_kitti_is_walked_through() {
             .unwrap();
     }
     let eval = |folder: &std::path::Path| {
-        roadplane().args(["eval", "kitti"]).arg(folder).arg("--out").arg(folder.join("out")).assert()
+        lab().args(["eval", "kitti"]).arg(folder).arg("--out").arg(folder.join("out")).assert()
     };
     eval(folder.path()).code(0);
     // Five cars of the one image with more than three; a grey picture holds nothing to find them by.
@@ -167,7 +166,7 @@ fn known_cameras_are_measured_and_the_worst_are_drawn() {
     });
     std::fs::write(folder.path().join("cameras.json"), known.to_string()).unwrap();
     let out = folder.path().join("out");
-    let mut command = roadplane();
+    let mut command = lab();
     command.args(["eval", "cameras"]).arg(folder.path()).arg("--out").arg(&out);
     command.args(["--set", "decode.max_frames=12"]).assert().code(0);
     let page = std::fs::read_to_string(out.join("report.html")).unwrap();

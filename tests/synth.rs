@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
-use crate::common::{json, json_lines, names, number, roadplane};
+use crate::common::{json, json_lines, lab, names, number, roadplane};
 
 fn synth(out: &Path, stills: u32, clips: u32, more: &[&str]) -> assert_cmd::assert::Assert {
-    let mut command = roadplane();
+    let mut command = lab();
     command.arg("synth").arg("--out").arg(out);
     command.args(["--stills", &stills.to_string(), "--clips", &clips.to_string()]);
     command.args(["--seconds", "2", "--fps", "5", "--cars", "14"]).args(more).assert()

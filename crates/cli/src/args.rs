@@ -1,96 +1,145 @@
 //! The command line.
 
 pub mod cameras;
-pub mod config;
+pub mod constraints;
 pub mod copy;
-pub mod eval;
 pub mod export;
-pub mod known;
 pub mod pieces;
 pub mod site;
-pub mod synth;
+pub mod stage;
 
+use std::ffi::OsString;
 use std::path::PathBuf;
 
-use clap::{Args, Parser, Subcommand, ValueEnum};
+use clap::{Args, CommandFactory as _, Parser, Subcommand};
 use roadplane_pipeline::Span;
+use roadplane_terminal::help::{Group, grouped};
+use roadplane_terminal::{CommonArgs, ConfigArgs};
 
-use config::ConfigArgs;
+use stage::{ActivityArgs, DetectArgs, KeypointsArgs, SolveArgs, StageArgs, TrackArgs};
 
-/// Metric 3D tracks of cars from surveillance video of a camera that nobody calibrated.
+/// The commands that `roadplane --help` shows, by group, each with an example.
+const GROUPS: &[Group] = &[
+    (
+        "Track vehicles",
+        &[
+            ("run", "roadplane run lot.mp4 --out results"),
+            ("render", "roadplane render lot.mp4 --run results/lot"),
+            ("distance", "roadplane distance results/lot 3 7 --at 12.5"),
+        ],
+    ),
+    (
+        "Many clips, long inputs",
+        &[
+            ("cameras", "roadplane cameras list cameras"),
+            ("plan", "roadplane plan day.mp4 --piece-s 3600"),
+            ("join", "roadplane join pieces/day.piece-* --out results"),
+        ],
+    ),
+    (
+        "Results in other tools",
+        &[
+            ("export", "roadplane export results/lot --format mot,geojson --out exported"),
+            ("copy", "roadplane copy results/lot --out scene"),
+            ("schemas", "roadplane schemas tracks"),
+        ],
+    ),
+    (
+        "Parts and checks",
+        &[("stage", "roadplane stage detect lot.mp4 --out boxes.jsonl"), ("doctor", "roadplane doctor")],
+    ),
+];
+
+/// Metric 3D tracks of vehicles from surveillance video of an uncalibrated camera.
 #[derive(Debug, Parser)]
 #[command(name = "roadplane", version, about, propagate_version = true, max_term_width = 110)]
 pub struct Cli {
-    /// Form of the log on stderr.
-    #[arg(long, global = true, value_enum, default_value_t = LogFormat::Text)]
-    pub log_format: LogFormat,
-    /// Say more (-v: every stage, -vv: every frame).
-    #[arg(short, long, global = true, action = clap::ArgAction::Count)]
-    pub verbose: u8,
-    /// What to do.
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub common: CommonArgs,
+    /// The command.
     #[command(subcommand)]
     pub command: Command,
 }
 
-/// Form of the log.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum LogFormat {
-    /// Lines for people.
-    Text,
-    /// One JSON object a line.
-    Json,
+impl Cli {
+    /// Returns the command line with its grouped help.
+    pub fn described() -> clap::Command {
+        grouped(Self::command(), GROUPS)
+    }
 }
 
 /// The commands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// The main job: video in; camera, 3D tracks, poses and a report out.
+    /// Track the vehicles of videos: camera, 3D tracks, poses and a report.
     Run(RunArgs),
-    /// Lists the pieces in which long inputs are worked on, a JSON line each.
-    Plan(pieces::PlanArgs),
-    /// Joins the pieces of an input (`run --piece`) to the result of a run over it all.
-    Join(pieces::JoinArgs),
-    /// Finds vehicles: writes one JSON line a frame.
-    Detect(DetectArgs),
-    /// Finds the keypoints of given boxes: writes one JSON line a frame.
-    Keypoints(KeypointsArgs),
-    /// Solves camera, plane, poses and shapes from keypoints alone (no image).
-    Solve(SolveArgs),
-    /// Tracks from keypoints alone (no image): the right half of `run`.
-    Track(TrackArgs),
-    /// What is remembered of cameras: lists, shows, merges, forgets.
-    Cameras(cameras::CamerasArgs),
-    /// Tells what vehicles do, on anybody's tracks on the ground: a label a row, and events.
-    Activity(ActivityArgs),
-    /// Draws a finished run into a video.
+    /// Draw a finished run into its video.
     Render(RenderArgs),
-    /// Makes a finished run a scene that plays in simulators: OpenSCENARIO, OpenDRIVE, glTF.
-    Copy(copy::CopyArgs),
-    /// Writes a finished run in the formats of others.
-    Export(export::ExportArgs),
-    /// Measures: nets, solver, finished runs, against truth; prints tables.
-    Eval(eval::EvalArgs),
-    /// How far two tracks of a finished run are from each other, with its sd: errors that they share cancel.
+    /// Measure the distance between two tracks, with its standard deviation.
     Distance(DistanceArgs),
-    /// Makes data sets of geometry alone: truth, and measured keypoints for `solve`.
-    Synth(synth::SynthArgs),
-    /// Prints the JSON schemas of the files that a run leaves, or writes them into a folder.
+    /// List, show, merge or remove the cameras of a camera database.
+    Cameras(cameras::CamerasArgs),
+    /// List the pieces in which a long input can be processed.
+    Plan(pieces::PlanArgs),
+    /// Join the pieces of an input into the result of one run.
+    Join(pieces::JoinArgs),
+    /// Write a finished run in the formats of other tools.
+    Export(export::ExportArgs),
+    /// Turn a finished run into a scene for simulators.
+    Copy(copy::CopyArgs),
+    /// Print the JSON schemas of the files in a result.
     Schemas(SchemasArgs),
-    /// Measures what the main job costs on an input: prints one table.
-    Bench(BenchArgs),
-    /// Checks codecs, runtime, models, and says what to do about what is missing.
+    /// Run one stage alone: detect, keypoints, solve, track or activity.
+    Stage(StageArgs),
+    /// Check codecs, runtime and models; say how to mend each fault.
     Doctor(DoctorArgs),
-    /// Writes the manual: a page for every command.
+
+    /// Same as `stage detect`.
+    #[command(hide = true)]
+    Detect(DetectArgs),
+    /// Same as `stage keypoints`.
+    #[command(hide = true)]
+    Keypoints(KeypointsArgs),
+    /// Same as `stage solve`.
+    #[command(hide = true)]
+    Solve(SolveArgs),
+    /// Same as `stage track`.
+    #[command(hide = true)]
+    Track(TrackArgs),
+    /// Same as `stage activity`.
+    #[command(hide = true)]
+    Activity(ActivityArgs),
+    /// Same as `roadplane-lab eval`.
+    #[command(hide = true, disable_help_flag = true, disable_version_flag = true)]
+    Eval(LabArgs),
+    /// Same as `roadplane-lab bench`.
+    #[command(hide = true, disable_help_flag = true, disable_version_flag = true)]
+    Bench(LabArgs),
+    /// Same as `roadplane-lab synth`.
+    #[command(hide = true, disable_help_flag = true, disable_version_flag = true)]
+    Synth(LabArgs),
+    /// Write the manual: a page for each command.
+    #[command(hide = true)]
     Man {
-        /// Folder for roadplane.1, roadplane-run.1, …; made where it is missing.
+        /// Folder for roadplane.1, roadplane-run.1, …; made if it is missing.
         #[arg(long, value_name = "DIR")]
         out: PathBuf,
     },
-    /// Prints shell completions.
+    /// Print shell completions.
+    #[command(hide = true)]
     Completions {
-        /// For which shell.
+        /// The shell.
         shell: clap_complete::Shell,
     },
+}
+
+/// Arguments that `roadplane-lab` reads.
+#[derive(Debug, Args)]
+pub struct LabArgs {
+    /// Arguments of the command.
+    #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+    pub arguments: Vec<OsString>,
 }
 
 /// `roadplane run`.
@@ -104,7 +153,7 @@ pub struct RunArgs {
     pub out: PathBuf,
     #[command(flatten)]
     #[allow(missing_docs)]
-    pub known: known::KnownArgs,
+    pub known: constraints::ConstraintArgs,
     /// Remembers cameras in DIR: each clip starts from what other clips said of its camera before this command, and adds what it
     /// says itself.
     #[arg(long, value_name = "DIR", requires = "camera_id")]
@@ -153,103 +202,6 @@ pub struct RunArgs {
     pub config: ConfigArgs,
 }
 
-/// `roadplane detect`.
-#[derive(Debug, Args)]
-pub struct DetectArgs {
-    /// Video, image, or folder of images.
-    pub input: PathBuf,
-    /// File to write, `-` for standard output.
-    #[arg(long, value_name = "F.jsonl")]
-    pub out: PathBuf,
-    #[command(flatten)]
-    #[allow(missing_docs)]
-    pub config: ConfigArgs,
-}
-
-/// `roadplane keypoints`.
-#[derive(Debug, Args)]
-pub struct KeypointsArgs {
-    /// Video, image, or folder of images.
-    pub input: PathBuf,
-    /// Frames with boxes, as `roadplane detect` writes them.
-    #[arg(long, value_name = "F.jsonl")]
-    pub boxes: PathBuf,
-    /// File to write, `-` for standard output.
-    #[arg(long, value_name = "G.jsonl")]
-    pub out: PathBuf,
-    #[command(flatten)]
-    #[allow(missing_docs)]
-    pub config: ConfigArgs,
-}
-
-/// `roadplane solve`.
-#[derive(Debug, Args)]
-pub struct SolveArgs {
-    /// Frames with keypoints, as `roadplane keypoints` writes them.
-    pub frames: PathBuf,
-    /// Poses to write; camera.json goes beside it.
-    #[arg(long, value_name = "P.jsonl")]
-    pub out: PathBuf,
-    #[command(flatten)]
-    #[allow(missing_docs)]
-    pub known: known::KnownArgs,
-    /// joint: one camera for the clip, cars stand on its plane. paper: each frame by itself, free cars drawn to a plane by the
-    /// paper's Algorithm 1.
-    #[arg(long, value_enum, default_value_t = MethodArg::Joint)]
-    pub method: MethodArg,
-    /// Leaves every car free in six degrees of freedom.
-    #[arg(long)]
-    pub no_plane: bool,
-    /// Solves each frame on its own instead of one camera for the clip.
-    #[arg(long)]
-    pub per_frame: bool,
-    #[command(flatten)]
-    #[allow(missing_docs)]
-    pub config: ConfigArgs,
-}
-
-/// Ways of solving frames.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum MethodArg {
-    /// One model of camera and cars.
-    Joint,
-    /// The paper's alternation.
-    Paper,
-}
-
-/// `roadplane track`.
-#[derive(Debug, Args)]
-pub struct TrackArgs {
-    /// Frames with keypoints, as `roadplane keypoints` writes them and `roadplane run --frames` leaves them.
-    pub frames: PathBuf,
-    /// Folder to write, as a run leaves it: camera.json, poses.jsonl, tracks.*, summary.json.
-    #[arg(long, value_name = "DIR")]
-    pub out: PathBuf,
-    #[command(flatten)]
-    #[allow(missing_docs)]
-    pub known: known::KnownArgs,
-    /// Replaces a finished folder (once the new one is complete).
-    #[arg(long)]
-    pub overwrite: bool,
-    #[command(flatten)]
-    #[allow(missing_docs)]
-    pub config: ConfigArgs,
-}
-
-/// `roadplane activity`.
-#[derive(Debug, Args)]
-pub struct ActivityArgs {
-    /// Tracks (.parquet, .csv, .jsonl): columns time_s, track, x_m, y_m; heading_rad, x_sd_m, y_sd_m, observed
-    /// where they are known.
-    pub tracks: PathBuf,
-    /// The rows with activity and activity_p; the events go beside it, FILE.activities.jsonl.
-    #[arg(long, value_name = "FILE")]
-    pub out: PathBuf,
-    #[command(flatten)]
-    #[allow(missing_docs)]
-    pub config: ConfigArgs,
-}
-
 /// `roadplane distance`.
 #[derive(Debug, Args)]
 pub struct DistanceArgs {
@@ -285,25 +237,6 @@ pub struct RenderArgs {
     pub run: PathBuf,
     /// Video to write; default: annotated.mp4 in the run's folder.
     #[arg(long, value_name = "FILE")]
-    pub out: Option<PathBuf>,
-    #[command(flatten)]
-    #[allow(missing_docs)]
-    pub config: ConfigArgs,
-}
-
-/// `roadplane bench`.
-#[derive(Debug, Args)]
-pub struct BenchArgs {
-    /// Video, image, or folder of images.
-    pub input: PathBuf,
-    /// Also measures the run that looks at everything (watch.attention=false).
-    #[arg(long)]
-    pub full: bool,
-    /// Prints one JSON object instead of the table.
-    #[arg(long)]
-    pub json: bool,
-    /// Keeps the runs' results in DIR/<attention or full>/<stem>/; default: a folder here that is removed at the end.
-    #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     #[command(flatten)]
     #[allow(missing_docs)]

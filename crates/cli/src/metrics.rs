@@ -12,7 +12,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use roadplane_pipeline::{Fault, PipelineError, Progress, RunReport, WriteError};
 use roadplane_write::OutFile;
 
-use crate::progress::Bar;
+use roadplane_terminal::Bar;
 
 /// How long a reader may take to ask.
 const PATIENCE: Duration = Duration::from_secs(2);

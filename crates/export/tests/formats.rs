@@ -10,8 +10,8 @@ use std::path::{Path, PathBuf};
 use nalgebra::{Point3, Vector2};
 use quick_xml::events::Event;
 use roadplane_base::angle_difference;
-use roadplane_eval::readers::{kitti, kpf, mot};
 use roadplane_export::{FORMATS, Format, Run, Track, export};
+use roadplane_metrics::readers::{kitti, kpf, mot};
 use roadplane_write::{Existing, WriteError};
 use serde_json::Value;
 

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::config::ConfigArgs;
+use roadplane_terminal::ConfigArgs;
 
 /// `roadplane copy`.
 #[derive(Debug, Args)]

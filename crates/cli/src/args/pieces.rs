@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::config::ConfigArgs;
+use roadplane_terminal::ConfigArgs;
 
 /// `roadplane plan`.
 #[derive(Debug, Args)]
@@ -31,7 +31,7 @@ pub struct JoinArgs {
     pub out: PathBuf,
     #[command(flatten)]
     #[allow(missing_docs)]
-    pub known: super::known::KnownArgs,
+    pub known: super::constraints::ConstraintArgs,
     #[command(flatten)]
     #[allow(missing_docs)]
     pub site: super::site::SiteArgs,

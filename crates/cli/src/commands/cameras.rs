@@ -6,7 +6,7 @@ use roadplane_pipeline::{Config, EvidenceStore, KnownCamera, PipelineError, know
 use serde_json::json;
 
 use crate::args::cameras::{CamerasArgs, CamerasCommand};
-use crate::outcome::Outcome;
+use roadplane_terminal::Outcome;
 
 /// Does what is asked.
 pub fn cameras(args: &CamerasArgs) -> anyhow::Result<Outcome> {

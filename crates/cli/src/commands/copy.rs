@@ -9,9 +9,8 @@ use roadplane_pipeline::{Cancel, Existing, FolderLock, PipelineError, track_colo
 use roadplane_write::{OutputFolder, WriteError, read_summary};
 
 use crate::args::copy::CopyArgs;
-use crate::commands::config::config;
-use crate::outcome::Outcome;
-use crate::progress::Bar;
+use roadplane_terminal::Bar;
+use roadplane_terminal::Outcome;
 
 /// Reads the run, looks at its input for colours, writes the scene.
 pub fn copy(args: &CopyArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
@@ -72,6 +71,6 @@ fn colours(args: &CopyArgs, run: &Run, cancel: &Cancel) -> anyhow::Result<Colour
         }
     };
     let rows: Vec<TrackRow> = run.tracks.iter().flat_map(|track| track.rows.clone()).collect();
-    let config = config(&args.config)?;
+    let config = args.config.load()?;
     Ok(track_colours(&input, &rows, &config, cancel, &Bar::new("colours"))?)
 }

@@ -5,7 +5,7 @@ use std::io::{Write as _, stdout};
 use roadplane_pipeline::distances;
 
 use crate::args::DistanceArgs;
-use crate::outcome::Outcome;
+use roadplane_terminal::Outcome;
 
 /// Prints CSV: time, distance and its sd.
 pub fn distance(args: &DistanceArgs) -> anyhow::Result<Outcome> {

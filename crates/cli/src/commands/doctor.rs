@@ -5,12 +5,11 @@ use std::io::Write as _;
 use roadplane_pipeline::{PipelineError, check_up};
 
 use crate::args::DoctorArgs;
-use crate::commands::config::config;
-use crate::outcome::Outcome;
+use roadplane_terminal::Outcome;
 
 /// Prints one line a check and fails if any did.
 pub fn doctor(args: &DoctorArgs) -> anyhow::Result<Outcome> {
-    let config = config(&args.config)?;
+    let config = args.config.load()?;
     let mut out = std::io::stdout().lock();
     let mut first_failure: Option<PipelineError> = None;
     for check in check_up(&config) {

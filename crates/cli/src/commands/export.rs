@@ -6,7 +6,7 @@ use roadplane_export::{FORMATS, Format, Run, export as write};
 use roadplane_pipeline::{Existing, FolderLock, PipelineError};
 
 use crate::args::export::ExportArgs;
-use crate::outcome::Outcome;
+use roadplane_terminal::Outcome;
 
 /// Formats that need more than this program, and how to get them.
 const ELSEWHERE: [(&str, &str); 1] = [(

@@ -8,13 +8,12 @@ use roadplane_pipeline::{
 };
 
 use crate::args::pieces::{JoinArgs, PlanArgs};
-use crate::commands::config::config;
-use crate::outcome::Outcome;
-use crate::progress::Bar;
+use roadplane_terminal::Bar;
+use roadplane_terminal::Outcome;
 
 /// Lists the pieces of all inputs; one that is lost does not keep the others from being listed.
 pub fn plan(args: &PlanArgs) -> anyhow::Result<Outcome> {
-    let config = config(&args.config)?;
+    let config = args.config.load()?;
     let mut lost = None;
     for input in &args.inputs {
         match plan_input(input, args.piece_s, &config) {
@@ -35,7 +34,7 @@ pub fn plan(args: &PlanArgs) -> anyhow::Result<Outcome> {
 
 /// Pieces → the result of a run over all of them.
 pub fn join(args: &JoinArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
-    let config = config(&args.config)?;
+    let config = args.config.load()?;
     let known = args.known.read_beside(args.cameras.is_some())?;
     let site = super::site::site(&args.site)?;
     let models = find_models(config.models.folder.as_deref())?;

@@ -3,13 +3,12 @@
 use roadplane_pipeline::{Cancel, render_run};
 
 use crate::args::RenderArgs;
-use crate::commands::config::config;
-use crate::outcome::Outcome;
-use crate::progress::Bar;
+use roadplane_terminal::Bar;
+use roadplane_terminal::Outcome;
 
 /// Draws boxes, wireframes, tracks and the bird's-eye view of a run into a video.
 pub fn render(args: &RenderArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
-    let config = config(&args.config)?;
+    let config = args.config.load()?;
     let out = args.out.clone().unwrap_or_else(|| args.run.join("annotated.mp4"));
     let damaged = render_run(&args.input, &args.run, &out, &config, cancel, &Bar::new("render"))?;
     Ok(if damaged { Outcome::Damaged } else { Outcome::Done })

@@ -10,15 +10,14 @@ use roadplane_pipeline::{
 };
 
 use crate::args::RunArgs;
-use crate::commands::config::config;
 use crate::metrics::{self, Counted, Metrics};
-use crate::outcome::Outcome;
-use crate::progress::Bar;
 use crate::sandbox::{self, Needs};
+use roadplane_terminal::Bar;
+use roadplane_terminal::Outcome;
 
 /// Runs all inputs; one that is lost does not keep the others from being done.
 pub fn run(args: &RunArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
-    let config = config(&args.config)?;
+    let config = args.config.load()?;
     let known = args.known.read_beside(args.cameras.is_some())?;
     if args.piece.is_some() && args.inputs.len() > 1 {
         return Err(PipelineError::usage("--piece is of one input").into());

@@ -6,7 +6,7 @@ use roadplane_pipeline::{PipelineError, schemas as all_schemas};
 use roadplane_write::write_json;
 
 use crate::args::SchemasArgs;
-use crate::outcome::Outcome;
+use roadplane_terminal::Outcome;
 
 /// Prints or writes them.
 pub fn schemas(args: &SchemasArgs) -> anyhow::Result<Outcome> {

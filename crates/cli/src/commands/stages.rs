@@ -7,11 +7,10 @@ use roadplane_pipeline::{
     find_models, keypoints_file, solve_file, track_file,
 };
 
-use crate::args::{ActivityArgs, DetectArgs, KeypointsArgs, MethodArg, SolveArgs, TrackArgs};
-use crate::commands::config::config;
-use crate::outcome::Outcome;
-use crate::progress::Bar;
+use crate::args::stage::{ActivityArgs, DetectArgs, KeypointsArgs, MethodArg, SolveArgs, TrackArgs};
 use crate::sandbox::{self, Needs};
+use roadplane_terminal::Bar;
+use roadplane_terminal::Outcome;
 
 fn outcome(damaged: bool) -> Outcome {
     if damaged { Outcome::Damaged } else { Outcome::Done }
@@ -19,7 +18,7 @@ fn outcome(damaged: bool) -> Outcome {
 
 /// Input → frames with boxes.
 pub fn detect(args: &DetectArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
-    let config = config(&args.config)?;
+    let config = args.config.load()?;
     let models = find_models(config.models.folder.as_deref())?;
     sandbox::enter(
         &Needs::of_nets(config.models.folder.as_deref()).reading([&args.input]).writing_file(&args.out),
@@ -30,7 +29,7 @@ pub fn detect(args: &DetectArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
 
 /// Input and boxes → frames with keypoints.
 pub fn keypoints(args: &KeypointsArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
-    let config = config(&args.config)?;
+    let config = args.config.load()?;
     let models = find_models(config.models.folder.as_deref())?;
     let reads = [&args.input, &args.boxes];
     sandbox::enter(&Needs::of_nets(config.models.folder.as_deref()).reading(reads).writing_file(&args.out));
@@ -40,7 +39,7 @@ pub fn keypoints(args: &KeypointsArgs, cancel: &Cancel) -> anyhow::Result<Outcom
 
 /// Tracks → labels and events.
 pub fn activity(args: &ActivityArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
-    let config = config(&args.config)?;
+    let config = args.config.load()?;
     let models = find_models(config.models.folder.as_deref())?;
     let events = activity_file(&args.tracks, &args.out, &models, &config, cancel)?;
     tracing::info!("{events} events");
@@ -49,7 +48,7 @@ pub fn activity(args: &ActivityArgs, cancel: &Cancel) -> anyhow::Result<Outcome>
 
 /// Frames with keypoints → poses and camera.
 pub fn solve(args: &SolveArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
-    let config = config(&args.config)?;
+    let config = args.config.load()?;
     let known = args.known.read()?;
     let method = match args.method {
         MethodArg::Paper if args.no_plane => {
@@ -69,7 +68,7 @@ pub fn solve(args: &SolveArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
 
 /// Frames with keypoints → tracks.
 pub fn track(args: &TrackArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
-    let config = config(&args.config)?;
+    let config = args.config.load()?;
     let known = args.known.read()?;
     let (out, stem) = (args.out.parent().unwrap_or_else(|| Path::new("")), stem_of_folder(&args.out));
     let out = if out.as_os_str().is_empty() { Path::new(".") } else { out };

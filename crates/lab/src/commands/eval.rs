@@ -1,0 +1,49 @@
+//! `roadplane eval`: tables on the standard output, and as files where a folder is asked for.
+
+mod activity;
+mod attention;
+mod cameras;
+mod dataset;
+mod keypoints;
+mod kitti;
+mod run;
+mod show;
+mod solver;
+mod tracker;
+
+use std::path::Path;
+
+use roadplane_lab::{LabError, evaluate_coco, evaluate_mot};
+use roadplane_pipeline::Cancel;
+use roadplane_tables::Report;
+
+use crate::args::eval::{EvalArgs, EvalCommand, EvalFilesArgs};
+use roadplane_terminal::Outcome;
+use show::show;
+
+/// Evaluates what is asked for.
+pub fn eval(args: &EvalArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
+    match &args.command {
+        EvalCommand::Run(args) => run::run(args),
+        EvalCommand::Dataset(args) => dataset::dataset(args, cancel),
+        EvalCommand::Attention(args) => attention::attention(args, cancel),
+        EvalCommand::Activity(args) => activity::activity(args, cancel),
+        EvalCommand::Kitti(args) => kitti::kitti(args, cancel),
+        EvalCommand::Tracks(args) => files(args, evaluate_mot),
+        EvalCommand::Tracker(args) => tracker::tracker(args, cancel),
+        EvalCommand::Boxes(args) => files(args, evaluate_coco),
+        EvalCommand::Keypoints(args) => keypoints::keypoints(args, cancel),
+        EvalCommand::Solver(args) => solver::solver(args, cancel),
+        EvalCommand::Cameras(args) => cameras::cameras(args, cancel),
+        EvalCommand::Remembered(args) => solver::remembered(args),
+    }
+}
+
+/// Compares two files.
+fn files(
+    args: &EvalFilesArgs,
+    evaluate: impl Fn(&Path, &Path) -> Result<Report, LabError>,
+) -> anyhow::Result<Outcome> {
+    show(&evaluate(&args.truth, &args.found)?, args.out.as_deref())?;
+    Ok(Outcome::Done)
+}

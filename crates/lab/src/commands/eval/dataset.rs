@@ -1,0 +1,26 @@
+//! `roadplane eval dataset`: the paper's tables.
+
+use roadplane_lab::{DatasetOptions, evaluate_dataset};
+use roadplane_pipeline::{Cancel, find_models};
+
+use crate::args::eval::{EvalDatasetArgs, Keypoints};
+use crate::commands::eval::show::show;
+use roadplane_terminal::Bar;
+use roadplane_terminal::Outcome;
+
+/// Prints the tables.
+pub fn dataset(args: &EvalDatasetArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
+    let config = args.config.load()?;
+    let options = DatasetOptions {
+        part: args.part,
+        net: args.keypoints != Keypoints::Noise,
+        noise: (args.keypoints != Keypoints::Net).then_some(args.noise),
+        stride: args.stride,
+        real: args.real.clone(),
+        models: find_models(config.models.folder.as_deref())?,
+        runs: args.out.as_ref().map(|out| out.join("runs")),
+    };
+    let report = evaluate_dataset(&args.folder, &options, &config, cancel, &Bar::new("eval"))?;
+    show(&report, args.out.as_deref())?;
+    Ok(Outcome::Done)
+}

@@ -1,0 +1,81 @@
+//! `roadplane eval solver`: the joint solver on scenes with exact truth, and what each of its steps is worth.
+
+use roadplane_base::ShapeAtlas;
+use roadplane_lab::solver::{
+    ablation_tables, exact_table, fusion_table, layers_tables, remembered_tables, speed, speed_plot,
+    speed_table, statistics_tables, synthetic_pictures,
+};
+use roadplane_lab::{camera_pictures, dataset_pictures};
+use roadplane_pipeline::{Cancel, PipelineError, find_models};
+use roadplane_tables::Report;
+
+use crate::args::eval::{EvalRememberedArgs, EvalSolverArgs};
+use crate::commands::eval::show::show;
+use roadplane_terminal::Outcome;
+
+/// Frames that are fused.
+const FRAMES: usize = 100;
+/// Numbers of cars whose solves are timed.
+const CARS: [usize; 9] = [1, 3, 5, 10, 20, 50, 100, 200, 300];
+
+/// Prints the tables.
+pub fn solver(args: &EvalSolverArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
+    let settings = &args.config;
+    if !args.layers && (settings.config.is_some() || !settings.settings.is_empty()) {
+        return Err(PipelineError::usage(
+            "--config and --set are for --layers: the statistics are of the solver's own defaults",
+        )
+        .into());
+    }
+    let report = match (args.layers, args.fused) {
+        (true, _) => layers(args, cancel)?,
+        (_, true) => fused(args)?,
+        _ => statistics(args)?,
+    };
+    show(&report, args.out.as_deref())?;
+    Ok(Outcome::Done)
+}
+
+fn statistics(args: &EvalSolverArgs) -> anyhow::Result<Report> {
+    let atlas = ShapeAtlas::shipped()?;
+    let scenes = args.scenes as usize;
+    let mut tables = vec![exact_table(&atlas, 5 * scenes)];
+    tables.extend(statistics_tables(&atlas, scenes));
+    tables.extend(ablation_tables(&atlas, scenes));
+    tables.push(fusion_table(&atlas, scenes.div_ceil(4), FRAMES));
+    let points = speed(&atlas, &CARS);
+    tables.push(speed_table(&points));
+    let title = "The joint solver on scenes with exact truth".to_owned();
+    Ok(Report { title, tables, plots: vec![speed_plot(&points)], ..Report::default() })
+}
+
+fn fused(args: &EvalSolverArgs) -> anyhow::Result<Report> {
+    let tables = vec![fusion_table(&ShapeAtlas::shipped()?, (args.scenes as usize).div_ceil(4), FRAMES)];
+    Ok(Report { title: "Frames of one camera, added up".to_owned(), tables, ..Report::default() })
+}
+
+fn layers(args: &EvalSolverArgs, cancel: &Cancel) -> anyhow::Result<Report> {
+    let config = args.config.load()?;
+    let atlas = ShapeAtlas::shipped()?;
+    let mut sources = synthetic_pictures(&atlas, args.scenes as usize);
+    if args.dataset.is_some() || args.cameras.is_some() {
+        let models = find_models(config.models.folder.as_deref())?;
+        if let Some(folder) = &args.dataset {
+            sources.push(("rendered".to_owned(), dataset_pictures(folder, &models, &config, cancel)?));
+        }
+        if let Some(file) = &args.cameras {
+            sources.push(("real cameras".to_owned(), camera_pictures(file, &models, &config, cancel)?));
+        }
+    }
+    let tables = layers_tables(&atlas, &sources, &config.solve.scene_options(None));
+    Ok(Report { title: "What each step of the solve is worth".to_owned(), tables, ..Report::default() })
+}
+
+/// Prints the table of remembered cameras.
+pub fn remembered(args: &EvalRememberedArgs) -> anyhow::Result<Outcome> {
+    let atlas = ShapeAtlas::shipped()?;
+    let tables = remembered_tables(&atlas, args.cameras as usize, args.clips as usize);
+    let title = "Remembered cameras on clips with exact truth".to_owned();
+    show(&Report { title, tables, ..Report::default() }, args.out.as_deref())?;
+    Ok(Outcome::Done)
+}

@@ -1,0 +1,60 @@
+//! Errors of the laboratory, by who can mend them. The path comes last in each message.
+
+use std::path::Path;
+
+use roadplane_metrics::MetricsError;
+use roadplane_pipeline::{Fault, PipelineError};
+use roadplane_tables::TableError;
+use roadplane_write::WriteError;
+use thiserror::Error;
+
+/// Why an evaluation fails.
+#[derive(Debug, Error)]
+pub enum LabError {
+    /// A truth file or a file of others cannot be read or compared.
+    #[error(transparent)]
+    Metrics(#[from] MetricsError),
+    /// A net or a run of the pipeline failed.
+    #[error(transparent)]
+    Pipeline(#[from] PipelineError),
+    /// A report cannot be made or written.
+    #[error(transparent)]
+    Tables(#[from] TableError),
+    /// A folder cannot be made, or a result cannot be read back.
+    #[error(transparent)]
+    Write(#[from] WriteError),
+}
+
+impl LabError {
+    /// Returns the error for a file that is not of its documented form.
+    #[must_use]
+    pub fn malformed(path: &Path, what: impl ToString) -> Self {
+        MetricsError::malformed(path, what).into()
+    }
+
+    /// Returns the error for files that do not belong together, or that hold too little to compare.
+    #[must_use]
+    pub fn unsuitable(what: impl ToString) -> Self {
+        MetricsError::Unsuitable { what: what.to_string() }.into()
+    }
+
+    /// Returns who can mend it.
+    #[must_use]
+    pub fn fault(&self) -> Fault {
+        match self {
+            Self::Metrics(error) => Self::fault_of_metrics(error),
+            Self::Write(WriteError::Malformed { .. }) => Fault::Input,
+            Self::Pipeline(error) => error.fault(),
+            Self::Tables(_) | Self::Write(_) => Fault::Internal,
+        }
+    }
+
+    /// Returns who can mend an error of the metrics.
+    #[must_use]
+    pub fn fault_of_metrics(error: &MetricsError) -> Fault {
+        match error {
+            MetricsError::Unsuitable { .. } => Fault::Usage,
+            MetricsError::Unreadable { .. } | MetricsError::Malformed { .. } => Fault::Input,
+        }
+    }
+}

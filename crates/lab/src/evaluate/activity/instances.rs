@@ -1,0 +1,101 @@
+//! Labelled tracks, each one instance of one activity, as MEVA's (`python -m activity.meva` makes the table).
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use roadplane_activity::{Label, Motion, Probabilities};
+use roadplane_pipeline::{Cancel, PipelineError, Progress};
+use roadplane_tables::Report;
+use roadplane_write::{TableRow, read_table};
+use serde_json::Value;
+
+use super::rows::{Row, Seen, picture_motion};
+use super::scores::{Case, differences, each_label, table};
+use crate::LabError;
+
+/// Height of the pictures of MEVA's boxes, px.
+const PICTURE_HEIGHT_PX: f64 = 1080.0;
+
+/// The tables.
+pub fn evaluate(
+    path: &Path,
+    systems: &mut [Row],
+    cancel: &Cancel,
+    progress: &dyn Progress,
+) -> Result<Report, LabError> {
+    let rows = read_table(path)?;
+    let mut instances: BTreeMap<u64, Vec<(usize, &TableRow)>> = BTreeMap::new();
+    for (place, row) in rows.iter().enumerate() {
+        let track = row.get("track").and_then(Value::as_u64);
+        let track = track.ok_or_else(|| bad(path, place, "track is missing or no whole number"))?;
+        instances.entry(track).or_default().push((place, row));
+    }
+    progress.expect(Some(instances.len() as u64));
+    let mut clips: BTreeMap<String, Vec<Case>> = BTreeMap::new();
+    let mut labels: Vec<Label> = instances.values().filter_map(|rows| label_of(rows[0].1)).collect();
+    labels.sort();
+    labels.dedup();
+    for rows in instances.values() {
+        if let Some(signal) = cancel.signal() {
+            return Err(PipelineError::Stopped { signal }.into());
+        }
+        let (place, first) = rows[0];
+        let label =
+            label_of(first).ok_or_else(|| bad(path, place, "label is missing or none of roadplane's"))?;
+        let mut told = Vec::new();
+        for system in systems.iter_mut() {
+            let motion = motion(rows, path, system.seen)?;
+            told.push(most_probable(
+                &system.net.probabilities(&motion).map_err(PipelineError::from)?,
+                &labels,
+            ));
+        }
+        let clip = first.get("clip").and_then(Value::as_str).unwrap_or_default();
+        clips.entry(clip.to_owned()).or_default().push(Case { truth: vec![label], told });
+        progress.frame_done();
+    }
+    let clips: Vec<Vec<Case>> = clips.into_values().collect();
+    let systems: Vec<&str> = systems.iter().map(|system| system.name).collect();
+    let count: usize = clips.iter().map(Vec::len).sum();
+    let mut report = Report { title: format!("Activities, {count} instances"), ..Report::default() };
+    report.tables.push(table("Instances", "", &clips, &systems, &labels));
+    report.tables.push(differences("3D against the others", &clips, &systems, systems.len() - 1, &labels));
+    for (system, name) in systems.iter().enumerate() {
+        report.tables.push(each_label(&format!("Label by label: {name}"), &clips, system));
+    }
+    Ok(report)
+}
+
+fn bad(path: &Path, place: usize, what: &str) -> LabError {
+    LabError::malformed(path, format!("row {}: {what}", place + 1))
+}
+
+fn label_of(row: &TableRow) -> Option<Label> {
+    row.get("label").and_then(Value::as_str).and_then(Label::named)
+}
+
+/// The label of a whole instance: that of the greatest mean log probability, among those that instances have.
+fn most_probable(found: &Probabilities, labels: &[Label]) -> Label {
+    let score = |label: &Label| found.p.iter().map(|p| p[label.index()].max(1e-9).ln()).sum::<f64>();
+    labels.iter().copied().max_by(|a, b| score(a).total_cmp(&score(b))).unwrap_or(Label::Moving)
+}
+
+/// An instance as a row of the table sees it.
+fn motion(rows: &[(usize, &TableRow)], path: &Path, seen: Seen) -> Result<Motion, LabError> {
+    let number = |(place, row): &(usize, &TableRow), name: &str| {
+        let number = row.get(name).and_then(Value::as_f64);
+        number.ok_or_else(|| bad(path, *place, &format!("{name} is missing or no number")))
+    };
+    let time_s = rows.iter().map(|row| number(row, "time_s")).collect::<Result<Vec<f64>, _>>()?;
+    let pairs = |x, y| {
+        rows.iter().map(|row| Ok([number(row, x)?, number(row, y)?])).collect::<Result<Vec<_>, LabError>>()
+    };
+    if seen == Seen::Ground {
+        let (xy_m, sd_m) = (pairs("x_m", "y_m")?, pairs("x_sd_m", "y_sd_m")?);
+        return Ok(Motion { time_s, xy_m, sd_m, ..Motion::default() });
+    }
+    let corners = (pairs("bbox_x0_px", "bbox_y0_px")?, pairs("bbox_x1_px", "bbox_y1_px")?);
+    let boxes: Vec<[f64; 4]> =
+        corners.0.iter().zip(corners.1).map(|([x0, y0], [x1, y1])| [*x0, *y0, x1, y1]).collect();
+    Ok(picture_motion(&time_s, &boxes, PICTURE_HEIGHT_PX, seen))
+}

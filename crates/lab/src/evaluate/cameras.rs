@@ -1,0 +1,73 @@
+//! Real cameras that are known: how far off the product's cameras are, car by car and keypoint by keypoint where from.
+
+mod cars;
+mod drawn;
+mod measured;
+mod outcome;
+mod tables;
+mod view_errors;
+
+use std::path::{Path, PathBuf};
+
+use roadplane_base::ShapeAtlas;
+use roadplane_pipeline::{Cancel, Config, Existing, Progress, RunOptions, Silent, run_input, stem_of};
+use roadplane_tables::Report;
+use roadplane_write::FrameReader;
+
+use crate::LabError;
+use crate::workplace::Workplace;
+use roadplane_metrics::readers::cameras::read_cameras;
+
+use cars::cars_of;
+use measured::Measured;
+use outcome::outcome;
+
+/// Runs the pictures and clips of `folder/cameras.json`, or takes what `out` holds of earlier runs, and compares. `models` and
+/// `config` as for a run. The worst pictures are drawn. Pictures of lenses that bend lines count in the cameras' table alone.
+///
+/// # Errors
+/// [`LabError`] for files that cannot be read, runs that fail, or a stop.
+pub fn evaluate_cameras(
+    folder: &Path,
+    out: Option<&Path>,
+    models: &Path,
+    config: &Config,
+    cancel: &Cancel,
+    progress: &dyn Progress,
+) -> Result<Report, LabError> {
+    let atlas = ShapeAtlas::shipped().map_err(roadplane_pipeline::PipelineError::from)?;
+    let workplace = Workplace::new(out)?;
+    let runs = workplace.folder().join("runs");
+    let cameras = read_cameras(&folder.join("cameras.json"))?;
+    progress.expect(Some(cameras.len() as u64));
+    let mut measured = Vec::new();
+    for camera in cameras {
+        let frames = frames_of(&camera.media, &runs, models, config, cancel)?;
+        let outcome = outcome(&camera, &frames, config, cancel)?;
+        let first = FrameReader::open(&frames)?.next().transpose()?;
+        let cars = first.map(|frame| cars_of(&camera, &frame, &atlas, config)).unwrap_or_default();
+        measured.push(Measured { camera, outcome, cars });
+        progress.frame_done();
+    }
+    Ok(Report { pictures: drawn::worst(&measured, &atlas, config)?, ..tables::report(&measured) })
+}
+
+/// The frames file of a run of this picture or clip; one that is there is used again.
+fn frames_of(
+    media: &Path,
+    runs: &Path,
+    models: &Path,
+    config: &Config,
+    cancel: &Cancel,
+) -> Result<PathBuf, LabError> {
+    let frames = runs.join(stem_of(media)).join("frames.jsonl");
+    if !frames.is_file() {
+        let wanted = RunOptions {
+            existing: Existing::Overwrite,
+            frames: true,
+            ..RunOptions::new(models.to_path_buf())
+        };
+        run_input(media, runs, &wanted, config, cancel, &Silent)?;
+    }
+    Ok(frames)
+}

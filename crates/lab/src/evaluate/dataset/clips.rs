@@ -1,0 +1,211 @@
+//! Clips: fused from the same keypoints as the other rows, and run from the video alone.
+
+use std::path::{Path, PathBuf};
+
+use roadplane_base::{PoseRecord, ShapeAtlas, TrackRow};
+use roadplane_pipeline::{Cancel, Config, Existing, Known, Progress, RunOptions, Silent, run_input};
+
+use super::evidence::SceneEvidence;
+use super::items::{DatasetOptions, Item, stopped};
+use crate::LabError;
+use crate::finished_run::{FinishedRun, pictures};
+use crate::parallel::try_in_parallel;
+use crate::systems::{CameraAnswer, solve_fused};
+use crate::workplace::Workplace;
+use roadplane_metrics::average_precision::PictureBoxes;
+use roadplane_metrics::camera::CameraError;
+use roadplane_metrics::scoring::{PoseScore, TrackScore, score_poses, score_tracks};
+use roadplane_metrics::truth::Kind;
+
+/// A run of one input, made anew.
+pub(super) fn run(
+    input: &Path,
+    workplace: &Workplace,
+    options: &DatasetOptions,
+    config: &Config,
+    cancel: &Cancel,
+    progress: &dyn Progress,
+) -> Result<FinishedRun, LabError> {
+    let options = RunOptions { existing: Existing::Overwrite, ..RunOptions::new(options.models.clone()) };
+    let report = run_input(input, workplace.folder(), &options, config, cancel, progress)?;
+    FinishedRun::read(&report.folder)
+}
+
+/// What a clip came to.
+#[derive(Clone, Debug)]
+pub(super) struct ClipScore {
+    pub name: String,
+    /// How many cars appear in it.
+    pub cars: usize,
+    /// Cars of the frames that the other systems solve too.
+    pub poses: Vec<PoseScore>,
+    /// All frames that were looked at.
+    pub tracks: TrackScore,
+    pub camera: Option<CameraError>,
+    /// Boxes of every frame; empty where they were given.
+    pub boxes: Vec<PictureBoxes>,
+}
+
+/// Row 6 from given keypoints.
+pub(super) fn fused(
+    item: &Item,
+    scene: &SceneEvidence,
+    frames: usize,
+    atlas: &ShapeAtlas,
+    config: &Config,
+    cancel: &Cancel,
+) -> Result<ClipScore, LabError> {
+    let folder = Workplace::new(None)?;
+    let records: Vec<_> = scene.frames.iter().map(|frame| frame.record(&item.truth)).collect();
+    let clip = solve_fused(atlas, &records, &Known::default(), folder.folder(), config, cancel)?;
+    let looked_at: Vec<u64> = records.iter().map(|record| record.frame).collect();
+    let sampled: Vec<u64> = scene.sample(frames).into_iter().map(|place| looked_at[place]).collect();
+    Ok(score(item, clip.camera, &clip.poses, &clip.rows, &looked_at, &sampled, atlas))
+}
+
+/// Row 6 from the video alone: our boxes, our keypoints, nothing known. For each clip that has a video.
+pub(super) fn run_all(
+    items: &[Item],
+    atlas: &ShapeAtlas,
+    workplace: &Workplace,
+    options: &DatasetOptions,
+    config: &Config,
+    cancel: &Cancel,
+    progress: &dyn Progress,
+) -> Result<Vec<ClipScore>, LabError> {
+    let clips: Vec<(&Item, &PathBuf)> = items
+        .iter()
+        .filter(|item| item.truth.kind == Kind::Clip)
+        .filter_map(|item| Some((item, item.truth.media.as_ref()?)))
+        .collect();
+    let mut names: Vec<_> = clips.iter().map(|(_, media)| media.file_stem()).collect();
+    names.sort();
+    if let Some(twice) = names.windows(2).find(|pair| pair[0] == pair[1]) {
+        let name = twice[0].unwrap_or_default().to_string_lossy();
+        return Err(LabError::unsuitable(format!("two clips have a video named {name}: rename one")));
+    }
+    let run = |(): &mut (), i: usize| {
+        stopped(cancel)?;
+        let (item, media) = clips[i];
+        let run = run(media, workplace, options, config, cancel, &Silent)?;
+        tracing::info!("{}: focal {:.0} px", item.name, run.camera.focal_px);
+        let frames = run.analysed(&item.truth);
+        let looked_at: Vec<u64> = frames.iter().copied().collect();
+        let camera = CameraAnswer {
+            focal_px: run.camera.focal_px,
+            plane: run.camera.plane(),
+            covariance: run.camera.estimate().covariance,
+        };
+        let mut clip = score(item, Some(camera), &run.poses, &run.rows, &looked_at, &looked_at, atlas);
+        clip.boxes = pictures(&run, &item.truth, &frames);
+        progress.frame_done();
+        Ok(clip)
+    };
+    try_in_parallel(clips.len(), || Ok(()), run)
+}
+
+fn score(
+    item: &Item,
+    camera: Option<CameraAnswer>,
+    poses: &[PoseRecord],
+    rows: &[TrackRow],
+    looked_at: &[u64],
+    sampled: &[u64],
+    atlas: &ShapeAtlas,
+) -> ClipScore {
+    let truth = &item.truth;
+    ClipScore {
+        name: item.name.clone(),
+        cars: truth.models.len(),
+        poses: score_poses(truth, poses, atlas, |frame, _| sampled.contains(&frame)),
+        tracks: score_tracks(truth, rows, |frame, _| looked_at.contains(&frame)),
+        camera: camera.map(|camera| camera.error(truth.camera.focal_px, &truth.camera.plane())),
+        boxes: Vec::new(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::evaluate::dataset::evidence::from_truth;
+    use nalgebra::{Point3, Vector2};
+    use roadplane_metrics::truth::{Truth, read_truth};
+    use roadplane_pipeline::{KnownOptions, solve_clip};
+    use roadplane_write::JsonLines;
+
+    /// Where a point of the ground is in the picture, px.
+    fn pixel(truth: &Truth, x_m: f64, y_m: f64) -> Vector2<f64> {
+        let point = truth.camera.plane().camera_from_world() * Point3::new(x_m, y_m, 0.0);
+        truth.camera.camera().pixel_from_camera(&point.coords).unwrap()
+    }
+
+    /// The rendered lot as it would be if everything were larger: the same pictures, other metres.
+    #[test]
+    fn one_known_length_gives_the_world_its_scale() {
+        const LARGER: f64 = 1.06;
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/lot.truth.json");
+        let truth = read_truth(&path).unwrap();
+        let (atlas, folder) = (ShapeAtlas::shipped().unwrap(), tempfile::tempdir().unwrap());
+        let scene = from_truth(&truth, 0.003, 5, 3);
+        let frames = folder.path().join("frames.jsonl");
+        let mut lines = JsonLines::create(&frames).unwrap();
+        for frame in &scene.frames {
+            lines.write(&frame.record(&truth)).unwrap();
+        }
+        lines.finish().unwrap();
+        // Amid the cars.
+        let [from, to] = [-4.0, 4.0].map(|x_m| pixel(&truth, x_m, 24.0));
+        let solve = |length_m: Option<f64>| {
+            let lengths = folder.path().join("length.csv");
+            let known = length_m.map_or_else(Known::default, |length_m| {
+                let table = format!(
+                    "x1,y1,x2,y2,length_m,sd_m,pixel_sd\n{},{},{},{},{length_m},{},0.3\n",
+                    from.x,
+                    from.y,
+                    to.x,
+                    to.y,
+                    0.01 * length_m
+                );
+                std::fs::write(&lengths, table).unwrap();
+                Known::new(&KnownOptions { lengths: Some(&lengths), ..KnownOptions::default() }).unwrap()
+            });
+            let poses = folder.path().join("poses.jsonl");
+            solve_clip(&frames, &poses, &atlas, &known, &Config::default(), &Cancel::default()).unwrap()
+        };
+        // Slope of found on true places, sideways, by the nearest true car.
+        let sideways = |rows: &[TrackRow]| {
+            let (mut products, mut squares) = (0.0, 0.0);
+            for row in rows {
+                let Some(frame) = truth.frames.iter().find(|frame| frame.frame == row.frame) else {
+                    continue;
+                };
+                let places =
+                    frame.cars.iter().map(|car| [car.world_from_car[0][3], car.world_from_car[1][3]]);
+                let off = |at: &[f64; 2]| (row.x_m / LARGER - at[0]).hypot(row.y_m / LARGER - at[1]);
+                let nearest = places.min_by(|a, b| off(a).total_cmp(&off(b))).unwrap();
+                products += row.x_m * nearest[0];
+                squares += nearest[0] * nearest[0];
+            }
+            products / squares
+        };
+        let height = |solution: &roadplane_pipeline::ClipSolution| {
+            let camera = &solution.cameras.estimates()[0];
+            (camera.params.log_height.exp() / truth.camera.height_m, camera.covariance[(3, 3)].sqrt())
+        };
+        let (without, with) = (solve(None), solve(Some(8.0 * LARGER)));
+        let (alone, told) = (height(&without), height(&with));
+        println!("without: {alone:?}, sideways {:.4}", sideways(&without.rows));
+        println!("with one length: {told:?}, sideways {:.4}", sideways(&with.rows));
+        assert!((sideways(&without.rows) - 1.0).abs() < 0.02, "cars alone cannot know");
+        assert!((sideways(&with.rows) / LARGER - 1.0).abs() < 0.012);
+        // The height is that of the horizon over the length, and so no better than the horizon.
+        assert!((told.0 / LARGER).ln().abs() < 2.0 * told.1 && told.1 < 0.85 * alone.1);
+        assert!(with.cameras.known()[0].apart_sds < 3.0 && with.warnings.is_empty());
+        let wrong = solve(Some(8.0 * 1.5));
+        assert!(
+            wrong.warnings.iter().any(|text| text.contains("length of line 2 of length.csv is")),
+            "{:?}",
+            wrong.warnings
+        );
+    }
+}

@@ -1,0 +1,94 @@
+//! Single pictures with a known camera and what our nets find in them, for the tables of the solver's steps.
+
+use std::path::Path;
+
+use roadplane_base::CarRecord;
+use roadplane_detect::Detector;
+use roadplane_keypoints::KeypointNet;
+use roadplane_pipeline::{Cancel, Config, PipelineError, open_detector, open_input, open_keypoints};
+
+use super::evidence;
+use super::items::{FRAMES_OF_CLIP, item, stopped};
+use crate::LabError;
+use crate::evaluate::solver::KnownPicture;
+use crate::parallel::try_in_parallel;
+use roadplane_metrics::readers::cameras::{KnownCamera, read_cameras};
+use roadplane_metrics::truth::read_dataset;
+
+/// Pictures of a data set (a few frames of each clip), our net's keypoints in the true boxes.
+///
+/// # Errors
+/// [`LabError`] for files that cannot be read, nets that fail, or a stop.
+pub fn dataset_pictures(
+    folder: &Path,
+    models: &Path,
+    config: &Config,
+    cancel: &Cancel,
+) -> Result<Vec<KnownPicture>, LabError> {
+    let dataset = read_dataset(folder)?;
+    let open = || open_keypoints(models, config).map_err(LabError::from);
+    let found = |net: &mut KeypointNet, i: usize| {
+        stopped(cancel)?;
+        let item = item(&dataset.items[i])?;
+        let scene = evidence::from_net(&item.truth, &item.path, net, config)?;
+        let camera = &item.truth.camera;
+        let picture = |index: usize| {
+            let frame = &scene.frames[index];
+            let truth = &item.truth.frames[frame.index];
+            let heading = |car: &usize| {
+                let rows = &truth.cars[*car].world_from_car;
+                Some(rows[1][0].atan2(rows[0][0]))
+            };
+            KnownPicture {
+                size: camera.image_size_px,
+                cars: frame.usable(config),
+                focal_px: camera.focal_px,
+                plane: camera.plane(),
+                sd: [0.0; 4],
+                headings: frame.cars.iter().map(heading).collect(),
+            }
+        };
+        Ok(scene.sample(FRAMES_OF_CLIP).into_iter().map(picture).collect::<Vec<_>>())
+    };
+    let pictures: Vec<Vec<KnownPicture>> = try_in_parallel(dataset.items.len(), open, found)?;
+    Ok(pictures.into_iter().flatten().collect())
+}
+
+/// Real cameras without lens distortion (`cameras.json`): the cars that our nets find in the picture, or in a clip's first.
+///
+/// # Errors
+/// As [`dataset_pictures`].
+pub fn camera_pictures(
+    cameras: &Path,
+    models: &Path,
+    config: &Config,
+    cancel: &Cancel,
+) -> Result<Vec<KnownPicture>, LabError> {
+    let cameras: Vec<KnownCamera> =
+        read_cameras(cameras)?.into_iter().filter(KnownCamera::is_straight).collect();
+    let open = || Ok::<_, LabError>((open_detector(models, config)?, open_keypoints(models, config)?));
+    let found = |(detector, net): &mut (Detector, KeypointNet), i: usize| {
+        stopped(cancel)?;
+        let camera = &cameras[i];
+        let mut input = open_input(&camera.media, config)?;
+        let frame = input.next_frame().map_err(PipelineError::from)?;
+        let frame = frame.ok_or_else(|| LabError::malformed(&camera.media, "no picture"))?;
+        let mut cars = detector.detect(&frame).map_err(PipelineError::from)?;
+        net.locate(&frame, &mut cars).map_err(PipelineError::from)?;
+        let least = config.solve.min_keypoint_score;
+        let sure = |car: CarRecord| {
+            let set = car.keypoints?;
+            Some(set.map(|point| point.filter(|point| point.score >= least)))
+        };
+        let cars: Vec<_> = cars.into_iter().filter_map(sure).collect();
+        Ok(KnownPicture {
+            size: camera.size,
+            headings: vec![None; cars.len()],
+            cars,
+            focal_px: camera.focal_px,
+            plane: camera.plane,
+            sd: camera.sd,
+        })
+    };
+    try_in_parallel(cameras.len(), open, found)
+}

@@ -1,0 +1,115 @@
+//! CLEAR MOT (Bernardin & Stiefelhagen 2008, "Evaluating Multiple Object Tracking Performance"), computed as in TrackEval:
+//! matches of the frame before are kept while they pass the threshold, the rest by greatest similarity.
+
+use std::collections::BTreeMap;
+
+use super::sequence::{EPSILON, SequenceFrame};
+
+/// A pair below this similarity is no match (on the ground: 2 m).
+pub const THRESHOLD: f64 = 0.5;
+
+/// What CLEAR MOT is made of; those of several clips add up.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Clear {
+    /// Matches.
+    pub hits: u64,
+    /// Truths without a match.
+    pub misses: u64,
+    /// Found ones without a match.
+    pub false_alarms: u64,
+    /// Times that a true track goes on under another id.
+    pub switches: u64,
+    /// Sum of the matches' similarities.
+    pub similarity: f64,
+}
+
+impl Clear {
+    /// Those of one clip.
+    #[must_use]
+    pub fn of(clip: &[SequenceFrame]) -> Self {
+        let mut last_of: BTreeMap<u64, u64> = BTreeMap::new();
+        let mut in_frame_before: BTreeMap<u64, u64> = BTreeMap::new();
+        let mut counts = Self::default();
+        for frame in clip {
+            // As in the reference, a frame without one side is no frame in between.
+            if frame.truth.is_empty() || frame.found.is_empty() {
+                counts.misses += frame.truth.len() as u64;
+                counts.false_alarms += frame.found.len() as u64;
+                continue;
+            }
+            let score = |i: usize, j: usize| {
+                let similarity = frame.similarity[i][j];
+                let kept = in_frame_before.get(&frame.truth[i]) == Some(&frame.found[j]);
+                let bonus = if kept { 1000.0 } else { 0.0 };
+                if similarity < THRESHOLD - EPSILON { 0.0 } else { bonus + similarity }
+            };
+            let pairs = frame.pairs(score);
+            counts.hits += pairs.len() as u64;
+            counts.misses += (frame.truth.len() - pairs.len()) as u64;
+            counts.false_alarms += (frame.found.len() - pairs.len()) as u64;
+            in_frame_before.clear();
+            for (i, j) in pairs {
+                let (truth, found) = (frame.truth[i], frame.found[j]);
+                counts.similarity += frame.similarity[i][j];
+                let before = last_of.insert(truth, found);
+                counts.switches += u64::from(before.is_some_and(|id| id != found));
+                in_frame_before.insert(truth, found);
+            }
+        }
+        counts
+    }
+
+    /// Several clips as one.
+    #[must_use]
+    pub fn sum<'a>(clips: impl IntoIterator<Item = &'a Self>) -> Self {
+        clips.into_iter().fold(Self::default(), |sum, clip| Self {
+            hits: sum.hits + clip.hits,
+            misses: sum.misses + clip.misses,
+            false_alarms: sum.false_alarms + clip.false_alarms,
+            switches: sum.switches + clip.switches,
+            similarity: sum.similarity + clip.similarity,
+        })
+    }
+
+    /// 1 − (misses + false alarms + switches) / truths; below 0 where there are more errors than truths.
+    #[must_use]
+    pub fn mota(&self) -> f64 {
+        let truths = (self.hits + self.misses).max(1) as f64;
+        (self.hits as f64 - self.false_alarms as f64 - self.switches as f64) / truths
+    }
+
+    /// Mean similarity of the matches.
+    #[must_use]
+    pub fn motp(&self) -> f64 {
+        self.similarity / self.hits.max(1) as f64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sequence::frame;
+
+    #[test]
+    fn misses_false_alarms_and_switches_are_counted() {
+        let sequence = [
+            frame(&[1, 2], &[7, 8], &[&[0.9, 0.0], &[0.0, 0.8]]),
+            // Track 1 goes on as 9; 8 is too far from 2: a miss and a false alarm.
+            frame(&[1, 2], &[9, 8], &[&[0.7, 0.0], &[0.0, 0.4]]),
+            frame(&[1], &[], &[&[]]),
+            // Back to 7: another switch.
+            frame(&[1], &[7], &[&[0.6]]),
+        ];
+        let score = Clear::of(&sequence);
+        assert_eq!((score.hits, score.misses, score.false_alarms, score.switches), (4, 2, 1, 2));
+        assert!((score.mota() - (4.0 - 1.0 - 2.0) / 6.0).abs() < 1e-12);
+        assert!((score.motp() - (0.9 + 0.8 + 0.7 + 0.6) / 4.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_match_is_kept_although_another_is_nearer() {
+        let sequence = [frame(&[1], &[7], &[&[0.9]]), frame(&[1], &[7, 8], &[&[0.55, 0.95]])];
+        let score = Clear::of(&sequence);
+        assert_eq!((score.hits, score.false_alarms, score.switches), (2, 1, 0));
+    }
+}

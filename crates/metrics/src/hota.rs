@@ -1,0 +1,186 @@
+//! HOTA (Luiten et al. 2021, "HOTA: A Higher Order Metric for Evaluating Multi-Object Tracking"), computed as in TrackEval:
+//! one assignment a frame by global alignment times similarity, then 19 localisation thresholds.
+
+use std::collections::BTreeMap;
+
+use super::sequence::{EPSILON, SequenceFrame, lengths};
+
+/// Localisation thresholds 0.05, 0.10 … 0.95.
+pub const THRESHOLDS: usize = 19;
+
+/// Means over the thresholds, 0–1.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hota {
+    /// √(DetA · AssA) at each threshold, averaged (Eq. 15, 17).
+    pub hota: f64,
+    /// Detection accuracy: TP / (TP + FN + FP) (Eq. 18).
+    pub det_a: f64,
+    /// Association accuracy: mean over TP of TPA / (TPA + FNA + FPA) (Eq. 16).
+    pub ass_a: f64,
+    /// Localisation accuracy: mean similarity of TP (Eq. 21).
+    pub loc_a: f64,
+}
+
+/// What HOTA is made of; those of several clips add up.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct HotaCounts {
+    /// True cars (car and frame).
+    pub truths: f64,
+    /// Found cars (car and frame).
+    pub founds: f64,
+    /// At each threshold: TP, the sum over TP of TPA / (TPA + FNA + FPA), the sum over TP of the similarity.
+    pub at: [[f64; 3]; THRESHOLDS],
+}
+
+impl HotaCounts {
+    /// Those of one clip.
+    #[must_use]
+    pub fn of(clip: &[SequenceFrame]) -> Self {
+        let truth_frames = lengths(clip, |frame| &frame.truth);
+        let found_frames = lengths(clip, |frame| &frame.found);
+        let alignment = global_alignment(clip, &truth_frames, &found_frames);
+        // Matched pairs with their similarity, one assignment for all thresholds.
+        let mut matches: Vec<((u64, u64), f64)> = Vec::new();
+        for frame in clip {
+            let score = |i: usize, j: usize| {
+                let of_pair = alignment.get(&(frame.truth[i], frame.found[j]));
+                of_pair.copied().unwrap_or(0.0) * frame.similarity[i][j]
+            };
+            let pairs = frame.pairs(score).into_iter();
+            matches.extend(pairs.map(|(i, j)| ((frame.truth[i], frame.found[j]), frame.similarity[i][j])));
+        }
+        let at = std::array::from_fn(|step| {
+            let threshold = 0.05 * (step + 1) as f64;
+            let mut of_pair: BTreeMap<(u64, u64), f64> = BTreeMap::new();
+            let (mut hits, mut similarity_sum) = (0.0, 0.0);
+            for (pair, similarity) in &matches {
+                if *similarity >= threshold - EPSILON {
+                    *of_pair.entry(*pair).or_insert(0.0) += 1.0;
+                    hits += 1.0;
+                    similarity_sum += similarity;
+                }
+            }
+            let association = |(pair, count): (&(u64, u64), &f64)| {
+                count * count / (truth_frames[&pair.0] + found_frames[&pair.1] - count).max(1.0)
+            };
+            [hits, of_pair.iter().map(association).sum(), similarity_sum]
+        });
+        Self { truths: truth_frames.values().sum(), founds: found_frames.values().sum(), at }
+    }
+
+    /// Several clips as one, as the reference combines sequences.
+    #[must_use]
+    pub fn sum<'a>(clips: impl IntoIterator<Item = &'a Self>) -> Self {
+        clips.into_iter().fold(Self::default(), |mut sum, clip| {
+            sum.truths += clip.truths;
+            sum.founds += clip.founds;
+            for (sum, part) in sum.at.iter_mut().flatten().zip(clip.at.iter().flatten()) {
+                *sum += part;
+            }
+            sum
+        })
+    }
+
+    /// The scores.
+    #[must_use]
+    pub fn score(&self) -> Hota {
+        let mut sums = Hota { hota: 0.0, det_a: 0.0, ass_a: 0.0, loc_a: 0.0 };
+        for [hits, association, similarity] in self.at {
+            let det_a = hits / (self.truths + self.founds - hits).max(1.0);
+            let ass_a = association / hits.max(1.0);
+            sums.det_a += det_a;
+            sums.ass_a += ass_a;
+            sums.hota += (det_a * ass_a).sqrt();
+            // Nothing matched is perfectly located, as the reference has it.
+            sums.loc_a += if hits > 0.0 { similarity / hits } else { 1.0 };
+        }
+        let mean = |sum: f64| sum / THRESHOLDS as f64;
+        Hota {
+            hota: mean(sums.hota),
+            det_a: mean(sums.det_a),
+            ass_a: mean(sums.ass_a),
+            loc_a: mean(sums.loc_a),
+        }
+    }
+}
+
+/// How well two tracks go together over the whole sequence (Jaccard index of soft matches), which keeps identities together
+/// where several pairings of a frame are alike.
+fn global_alignment(
+    sequence: &[SequenceFrame],
+    truth_frames: &BTreeMap<u64, f64>,
+    found_frames: &BTreeMap<u64, f64>,
+) -> BTreeMap<(u64, u64), f64> {
+    let mut potential: BTreeMap<(u64, u64), f64> = BTreeMap::new();
+    for frame in sequence {
+        let of_truth: Vec<f64> = frame.similarity.iter().map(|row| row.iter().sum()).collect();
+        let of_found: Vec<f64> =
+            (0..frame.found.len()).map(|j| frame.similarity.iter().map(|row| row[j]).sum()).collect();
+        for (i, truth) in frame.truth.iter().enumerate() {
+            for (j, found) in frame.found.iter().enumerate() {
+                let similarity = frame.similarity[i][j];
+                let union = of_truth[i] + of_found[j] - similarity;
+                if union > EPSILON {
+                    *potential.entry((*truth, *found)).or_insert(0.0) += similarity / union;
+                }
+            }
+        }
+    }
+    let jaccard = |(pair, count): ((u64, u64), f64)| {
+        (pair, count / (truth_frames[&pair.0] + found_frames[&pair.1] - count))
+    };
+    potential.into_iter().map(jaccard).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sequence::frame;
+
+    fn score(clip: &[SequenceFrame]) -> Hota {
+        HotaCounts::of(clip).score()
+    }
+
+    #[test]
+    fn a_perfect_track_scores_one() {
+        let score = score(&[frame(&[1], &[7], &[&[1.0]]), frame(&[1], &[7], &[&[1.0]])]);
+        for value in [score.hota, score.det_a, score.ass_a, score.loc_a] {
+            assert!((value - 1.0).abs() < 1e-12, "{score:?}");
+        }
+    }
+
+    #[test]
+    fn a_track_cut_in_two_loses_association_only() {
+        // Four frames, ids 7, 7, 8, 8: DetA 1; each match has TPA 2, FNA 2, FPA 0, so AssA = 1/2.
+        let sequence: Vec<_> = [7, 7, 8, 8].iter().map(|id| frame(&[1], &[*id], &[&[1.0]])).collect();
+        let score = score(&sequence);
+        assert!((score.det_a - 1.0).abs() < 1e-12 && (score.ass_a - 0.5).abs() < 1e-12, "{score:?}");
+        assert!((score.hota - 0.5f64.sqrt()).abs() < 1e-12);
+    }
+
+    #[test]
+    fn poor_places_count_at_low_thresholds_only() {
+        // Similarity 0.5 passes ten of the 19 thresholds; one false track in one of two frames.
+        let sequence = [frame(&[1], &[7], &[&[0.5]]), frame(&[1], &[7, 9], &[&[0.5, 0.0]])];
+        let score = score(&sequence);
+        assert!((score.det_a - 10.0 / 19.0 * (2.0 / 3.0)).abs() < 1e-12, "{score:?}");
+        assert!((score.ass_a - 10.0 / 19.0).abs() < 1e-12);
+        assert!((score.loc_a - (10.0 * 0.5 + 9.0) / 19.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn clips_add_up_as_one_long_clip_with_ids_of_its_own() {
+        let clip: Vec<_> = [7, 7, 8].iter().map(|id| frame(&[1], &[*id], &[&[0.7]])).collect();
+        let other = vec![frame(&[1, 2], &[7], &[&[0.2], &[0.6]])];
+        let renamed = vec![frame(&[11, 12], &[17], &[&[0.2], &[0.6]])];
+        let sum = HotaCounts::sum([&HotaCounts::of(&clip), &HotaCounts::of(&other)]).score();
+        let joined = score(&[clip, renamed].concat());
+        assert!((sum.hota - joined.hota).abs() < 1e-12 && (sum.ass_a - joined.ass_a).abs() < 1e-12);
+    }
+
+    #[test]
+    fn nothing_found_and_nothing_there() {
+        assert!(score(&[frame(&[1], &[], &[&[]])]).hota.abs() < 1e-12);
+        assert!(score(&[]).hota.abs() < 1e-12);
+    }
+}

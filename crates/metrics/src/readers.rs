@@ -1,0 +1,39 @@
+//! Truth of other people's data: known cameras, KITTI, KPF, COCO and MOT Challenge boxes. Malformed files give an error that names file and line.
+
+pub mod cameras;
+pub mod coco;
+pub mod kitti;
+pub mod kpf;
+pub mod mot;
+
+use std::path::Path;
+use std::str::FromStr;
+
+use crate::MetricsError;
+use crate::text_file::read_text;
+
+/// Field `index` of a line as a value.
+fn field<T: FromStr>(fields: &[&str], index: usize, name: &str) -> Result<T, String> {
+    let text = fields.get(index).ok_or_else(|| format!("{name} is missing"))?;
+    text.parse().ok().ok_or_else(|| format!("{name} {text:?} is not a valid value"))
+}
+
+/// Like [`field`] for finite numbers.
+fn number(fields: &[&str], index: usize, name: &str) -> Result<f64, String> {
+    let value: f64 = field(fields, index, name)?;
+    if value.is_finite() { Ok(value) } else { Err(format!("{name} is not finite")) }
+}
+
+/// Every line that is not empty, by a function of the fields that `split` finds in it; errors name the line.
+fn lines<T>(
+    path: &Path,
+    split: impl Fn(&str) -> Vec<&str>,
+    read: impl Fn(&[&str]) -> Result<T, String>,
+) -> Result<Vec<T>, MetricsError> {
+    let text = read_text(path)?;
+    let lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
+    let values = lines.map(|(i, line)| {
+        read(&split(line)).map_err(|what| MetricsError::malformed(path, format!("line {}: {what}", i + 1)))
+    });
+    values.collect()
+}

@@ -1,0 +1,142 @@
+//! Real cameras that are known: `cameras.json` (schema `roadplane.cameras/1`), pictures or clips with focal length, ground and lens,
+//! and how well these are known.
+
+use std::path::{Path, PathBuf};
+
+use nalgebra::{Vector2, Vector3};
+use roadplane_base::{Camera, GroundPlane, ImageSize, Lens};
+use serde::Deserialize;
+
+use crate::MetricsError;
+use crate::text_file::read_text;
+
+const SCHEMA: &str = "roadplane.cameras/1";
+/// Largest k1 of a lens that counts as straight.
+const STRAIGHT: f64 = 0.05;
+
+/// A known camera.
+#[derive(Clone, Debug, PartialEq)]
+pub struct KnownCamera {
+    /// Source and name.
+    pub id: String,
+    /// Its picture or clip.
+    pub media: PathBuf,
+    /// Size of the picture.
+    pub size: ImageSize,
+    /// Focal length, px.
+    pub focal_px: f64,
+    /// Principal point, px.
+    pub principal_point_px: Vector2<f64>,
+    /// The ground.
+    pub plane: GroundPlane,
+    /// Radial distortion k1, k2 (OpenCV).
+    pub distortion: [f64; 2],
+    /// How well the truth is known: sd of log focal, tilt (rad), roll (rad), log height.
+    pub sd: [f64; 4],
+}
+
+impl KnownCamera {
+    /// The camera itself.
+    #[must_use]
+    pub fn camera(&self) -> Camera {
+        let [k1, k2] = self.distortion;
+        let lens = Lens::from_opencv(k1, k2, self.focal_px, self.size);
+        Camera { lens, ..Camera::pinhole(self.focal_px, self.principal_point_px) }
+    }
+
+    /// Whether its lens hardly bends lines.
+    #[must_use]
+    pub fn is_straight(&self) -> bool {
+        self.distortion[0].abs() <= STRAIGHT
+    }
+}
+
+#[derive(Deserialize)]
+struct File {
+    schema: String,
+    cameras: Vec<Entry>,
+}
+
+#[derive(Deserialize)]
+struct Entry {
+    id: String,
+    file: PathBuf,
+    image_size_px: [u32; 2],
+    focal_px: f64,
+    principal_point_px: [f64; 2],
+    distortion_k1_k2: [f64; 2],
+    height_m: f64,
+    normal_in_camera: [f64; 3],
+    sd: Sd,
+}
+
+#[derive(Deserialize)]
+struct Sd {
+    focal_share: f64,
+    tilt_deg: f64,
+    roll_deg: f64,
+    height_share: f64,
+}
+
+/// Reads `cameras.json`; media are named relative to it.
+///
+/// # Errors
+/// [`MetricsError::Unreadable`]; [`MetricsError::Malformed`] if it is of another schema, or a camera's numbers make no sense.
+pub fn read_cameras(path: &Path) -> Result<Vec<KnownCamera>, MetricsError> {
+    let text = read_text(path)?;
+    let file: File =
+        serde_json::from_str(&text).map_err(|error| MetricsError::malformed(path, error.to_string()))?;
+    if file.schema != SCHEMA {
+        return Err(MetricsError::malformed(path, format!("schema {:?}, expected {SCHEMA:?}", file.schema)));
+    }
+    let folder = path.parent().unwrap_or_else(|| Path::new(""));
+    let camera = |entry: Entry| {
+        let normal = Vector3::from(entry.normal_in_camera);
+        let numbers = [entry.focal_px, entry.height_m, normal.norm()];
+        if !numbers.iter().all(|number| number.is_finite() && *number > 0.0) {
+            return Err(MetricsError::malformed(
+                path,
+                format!("{}: focal_px, height_m and normal_in_camera must be finite, above 0", entry.id),
+            ));
+        }
+        let [width, height] = entry.image_size_px;
+        let Sd { focal_share, tilt_deg, roll_deg, height_share } = entry.sd;
+        Ok(KnownCamera {
+            media: folder.join(entry.file),
+            id: entry.id,
+            size: ImageSize { width, height },
+            focal_px: entry.focal_px,
+            principal_point_px: entry.principal_point_px.into(),
+            plane: GroundPlane { normal_in_camera: normal / normal.norm(), height_m: entry.height_m },
+            distortion: entry.distortion_k1_k2,
+            sd: [focal_share, tilt_deg.to_radians(), roll_deg.to_radians(), height_share],
+        })
+    };
+    file.cameras.into_iter().map(camera).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cameras_are_read_and_nonsense_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("cameras.json");
+        let text = |focal: &str, schema: &str| {
+            format!(
+                r#"{{"schema": "{schema}", "cameras": [{{"id": "a/b", "file": "b.jpg", "image_size_px": [640, 360],
+                "focal_px": {focal}, "principal_point_px": [320, 180], "distortion_k1_k2": [-0.3, 0.1], "height_m": 8.0, "normal_in_camera": [0, -2, 0],
+                "sd": {{"focal_share": 0.01, "tilt_deg": 1, "roll_deg": 1, "height_share": 0.1}}, "quality": "good"}}]}}"#
+            )
+        };
+        std::fs::write(&path, text("700", SCHEMA)).unwrap();
+        let cameras = read_cameras(&path).unwrap();
+        assert_eq!(cameras[0].media, folder.path().join("b.jpg"));
+        assert!((cameras[0].plane.normal_in_camera.y + 1.0).abs() < 1e-12);
+        for broken in [text("-1", SCHEMA), text("700", "other/1"), "{".to_owned()] {
+            std::fs::write(&path, broken).unwrap();
+            assert!(matches!(read_cameras(&path), Err(MetricsError::Malformed { .. })));
+        }
+    }
+}

@@ -1,0 +1,35 @@
+//! Arguments that every command takes.
+
+use clap::{Args, ValueEnum};
+use roadplane_pipeline::Cancel;
+
+use crate::{logging, signals};
+
+/// Arguments that every command takes.
+#[derive(Debug, Args)]
+pub struct CommonArgs {
+    /// Form of the log on stderr.
+    #[arg(long, global = true, value_enum, default_value_t = LogFormat::Text)]
+    pub log_format: LogFormat,
+    /// Log more (-v: every stage, -vv: every frame).
+    #[arg(short, long, global = true, action = clap::ArgAction::Count)]
+    pub verbose: u8,
+}
+
+impl CommonArgs {
+    /// Starts the log and the signal handlers; returns the stop request that the signals raise.
+    #[must_use]
+    pub fn start(&self) -> Cancel {
+        logging::start(self.log_format, self.verbose);
+        signals::watch()
+    }
+}
+
+/// Form of the log.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum LogFormat {
+    /// Lines for people.
+    Text,
+    /// One JSON object per line.
+    Json,
+}

@@ -1,0 +1,27 @@
+//! Arguments of the configuration.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use roadplane_pipeline::{Config, PipelineError};
+
+/// The configuration's file and single settings.
+#[derive(Clone, Debug, Args)]
+pub struct ConfigArgs {
+    /// TOML file with settings; configs/default.toml documents every setting.
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Override one setting, for example --set detect.min_score=0.4 (repeatable).
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub settings: Vec<String>,
+}
+
+impl ConfigArgs {
+    /// Returns the configuration that the arguments ask for.
+    ///
+    /// # Errors
+    /// [`PipelineError`] for a file that cannot be read, and for a setting that is unknown or out of range.
+    pub fn load(&self) -> Result<Config, PipelineError> {
+        Config::load(self.config.as_deref(), &self.settings).map_err(PipelineError::from)
+    }
+}

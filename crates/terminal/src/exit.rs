@@ -1,0 +1,58 @@
+//! Exit codes, as documented in the book's chapter "When it fails".
+
+use std::os::unix::process::CommandExt as _;
+use std::process::ExitCode;
+
+use roadplane_pipeline::{Fault, too_small_address_space};
+
+use crate::Outcome;
+
+/// Some input was damaged or lost; everything that could be read is written and counted.
+const DAMAGED: u8 = 3;
+
+/// Turns the outcome of a command into an exit code and logs its error; `fault_of` says who can mend an error.
+pub fn exit_code(
+    outcome: anyhow::Result<Outcome>,
+    fault_of: impl Fn(&anyhow::Error) -> Option<Fault>,
+) -> ExitCode {
+    match outcome {
+        Ok(Outcome::Done) => ExitCode::SUCCESS,
+        Ok(Outcome::Damaged) => ExitCode::from(DAMAGED),
+        Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
+        Err(error) => {
+            tracing::error!("{error:#}");
+            ExitCode::from(code(fault_of(&error)))
+        }
+    }
+}
+
+fn code(fault: Option<Fault>) -> u8 {
+    match fault {
+        Some(Fault::Usage) => 2,
+        Some(Fault::Input) => DAMAGED,
+        Some(Fault::Model) => 4,
+        Some(Fault::Locked) => 11,
+        Some(Fault::Stopped { signal }) => u8::try_from(128 + signal).unwrap_or(1),
+        Some(Fault::Internal) | None => 1,
+    }
+}
+
+/// Whether the reader of our output has gone, as in `roadplane … --out - | head`. That is no failure.
+fn is_broken_pipe(error: &anyhow::Error) -> bool {
+    error
+        .chain()
+        .filter_map(|cause| cause.downcast_ref::<std::io::Error>())
+        .any(|io| io.kind() == std::io::ErrorKind::BrokenPipe)
+}
+
+/// Returns the exit code for a process with too little address space, after a message without the log, which needs more of it.
+#[must_use]
+pub fn refuse_small_address_space() -> Option<ExitCode> {
+    let limit_mib = too_small_address_space()?;
+    eprintln!(
+        "error: too little memory: ulimit -v allows {limit_mib} MiB, at least 1.5 GiB are needed: raise it"
+    );
+    // The clean-up of some library waits for ever for a thread that had no memory to start: leave without clean-up.
+    let _only_where_it_fails = std::process::Command::new("false").exec();
+    Some(ExitCode::FAILURE)
+}

@@ -1,0 +1,58 @@
+//! Grouped help with an example for each command, the manual, and completions.
+
+use std::fmt::Write as _;
+use std::io::stdout;
+use std::path::Path;
+
+use anyhow::Context as _;
+use clap::Command;
+
+use crate::Outcome;
+
+/// Commands of one subject: a title, then each command with an example of its use.
+pub type Group = (&'static str, &'static [(&'static str, &'static str)]);
+
+/// Gives a command line the help that lists its commands by group, and each command its example.
+#[must_use]
+pub fn grouped(command: Command, groups: &[Group]) -> Command {
+    let mut list = String::new();
+    for (title, commands) in groups {
+        let _infallible = writeln!(list, "{title}:");
+        for (name, example) in *commands {
+            let about = command.find_subcommand(name).and_then(|found| found.get_about());
+            let about = about.map(ToString::to_string).unwrap_or_default();
+            let _infallible = writeln!(list, "  {name:<9} {about}\n              {example}");
+        }
+        list.push('\n');
+    }
+    let template = format!(
+        "{{about-with-newline}}\n{{usage-heading}} {{usage}}\n\n{list}Options:\n{{options}}\n\n\
+         '{} COMMAND --help' explains a command.\n",
+        command.get_name()
+    );
+    let examples = groups.iter().flat_map(|(_, commands)| commands.iter());
+    examples.fold(command.help_template(template), |command, (name, example)| {
+        command.mut_subcommand(name, |found| found.after_help(format!("Example:\n  {example}")))
+    })
+}
+
+/// Writes the manual: a page for each command that the help shows.
+///
+/// # Errors
+/// Fails where the folder or a page cannot be written.
+pub fn manual(command: Command, out: &Path) -> anyhow::Result<Outcome> {
+    std::fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
+    clap_mangen::generate_to(command, out)
+        .with_context(|| format!("the manual cannot be written to {}", out.display()))?;
+    Ok(Outcome::Done)
+}
+
+/// Prints completions for a shell.
+///
+/// # Errors
+/// None today; the type is that of all commands.
+pub fn completions(mut command: Command, shell: clap_complete::Shell) -> anyhow::Result<Outcome> {
+    let name = command.get_name().to_owned();
+    clap_complete::generate(shell, &mut command, name, &mut stdout().lock());
+    Ok(Outcome::Done)
+}

@@ -1,0 +1,9 @@
+//! End-to-end tests of the laboratory: `roadplane-lab` on given, rendered and made data.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
+
+mod bench;
+mod common;
+mod dataset;
+mod eval;
+mod synth;
