@@ -13,9 +13,9 @@ use mutatis::{Candidates, Context, Mutate, Session};
 use roadplane_decode::{DecodeOptions, open};
 use roadplane_infer::{Session as Net, SessionOptions};
 use roadplane_pipeline::{
-    Cancel, Config, EvidenceStore, Silent, SolveMethod, SolveOptions, inputs_of, known_cameras, solve_file,
+    Cancel, Config, EvidenceStore, Silent, SolveMethod, SolveOptions, inputs_of, solve_file, stored_cameras,
 };
-use roadplane_write::read_known;
+use roadplane_write::read_constraints;
 use serde_json::{Value, json};
 
 /// An input may take so long.
@@ -259,10 +259,10 @@ fn small_files_of_ours() {
         for name in ["a.0.json", "b.0.json"] {
             fs::copy(path, cameras.join("gate").join(name)).unwrap();
         }
-        known_cameras(&EvidenceStore::new(&cameras), "gate", &config).is_ok_and(|known| !known.is_empty())
+        stored_cameras(&EvidenceStore::new(&cameras), "gate", &config).is_ok_and(|known| !known.is_empty())
     });
     let known = [b"x1,y1,x2,y2,length_m,sd_m,pixel_sd,name\n412,688,655,691,5.00,0.03,1,two bays\n".to_vec()];
-    mutate("known.csv", &known, 1000, |path| read_known(path).is_ok());
+    mutate("known.csv", &known, 1000, |path| read_constraints(path).is_ok());
     let points =
         [b"x_px,y_px,latitude,longitude,height_m\n14, 259, 51.05, 13.9, 0.5\n1,2,51,13,0\n".to_vec()];
     mutate("points.csv", &points, 1000, |path| roadplane_geo::read_points(path).is_ok());

@@ -75,7 +75,7 @@ impl CameraPrior {
 /// Whether evidence on (log f, tilt, roll, log h) tells one of them, by its place, better than the prior (1/sd²) does, the others
 /// being as free as the prior leaves them. A focal length that is not told is one that rests on the prior.
 #[must_use]
-pub fn is_told(number: usize, evidence: &Matrix4<f64>, prior: &Vector4<f64>) -> bool {
+pub fn is_determined(number: usize, evidence: &Matrix4<f64>, prior: &Vector4<f64>) -> bool {
     let mut others = *prior;
     others[number] = 0.0;
     let with = evidence + Matrix4::from_diagonal(&others);
@@ -90,12 +90,12 @@ mod tests {
     #[test]
     fn evidence_tells_what_it_knows_better_than_the_prior() {
         let prior = Vector4::new(4.0, 25.0, 100.0, 1.0);
-        assert!(!is_told(0, &Matrix4::zeros(), &prior));
-        assert!(is_told(0, &Matrix4::from_diagonal(&Vector4::new(5.0, 0.0, 0.0, 0.0)), &prior));
-        assert!(!is_told(0, &Matrix4::from_diagonal(&Vector4::new(3.0, 9e9, 9e9, 9e9)), &prior));
+        assert!(!is_determined(0, &Matrix4::zeros(), &prior));
+        assert!(is_determined(0, &Matrix4::from_diagonal(&Vector4::new(5.0, 0.0, 0.0, 0.0)), &prior));
+        assert!(!is_determined(0, &Matrix4::from_diagonal(&Vector4::new(3.0, 9e9, 9e9, 9e9)), &prior));
         // The sum of two numbers says of each what is known of the other.
         let direction = Vector4::new(1.0, 1.0, 0.0, 0.0) * 1e6;
         let sum = direction * direction.transpose();
-        assert!(is_told(0, &sum, &prior) && !is_told(1, &sum, &prior));
+        assert!(is_determined(0, &sum, &prior) && !is_determined(1, &sum, &prior));
     }
 }

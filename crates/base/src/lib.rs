@@ -13,7 +13,7 @@
 //!
 //! # Contents
 //! - the camera: [`Camera`], [`Lens`], [`GroundPlane`], [`CameraParams`]; what is believed of it beforehand ([`CameraPrior`]), what
-//!   speaks of it beside cars ([`Clue`]), and evidence that adds up ([`JointInformation`])
+//!   speaks of it beside cars ([`Factor`]), and evidence that adds up ([`JointInformation`])
 //! - cars: [`ShapeAtlas`], [`GroundPose`], the 36 keypoints ([`KeypointSet`]), boxes (`bbox_…`), [`Activity`]
 //! - what stages hand on, in the form that files have: `records/`, [`CameraEvidence`], [`SceneLine`]
 //! - small tools: [`assign`], [`median`], [`StudentT`], [`Similarity`]
@@ -42,8 +42,8 @@ mod bbox;
 mod camera;
 mod camera_params;
 mod camera_prior;
-mod clue;
 mod evidence;
+mod factor;
 mod frame;
 mod image_size;
 mod keypoint;
@@ -66,9 +66,9 @@ pub use bbox::{
 };
 pub use camera::Camera;
 pub use camera_params::CameraParams;
-pub use camera_prior::{CameraPrior, is_told};
-pub use clue::{Clue, ClueTerms, Reading};
+pub use camera_prior::{CameraPrior, is_determined};
 pub use evidence::{CameraEvidence, ClipIdentity, EVIDENCE_SCHEMA, ParkedCar};
+pub use factor::{Factor, FactorTerms, Reading};
 pub use frame::{Frame, FrameStamp};
 pub use image_size::ImageSize;
 pub use keypoint::{

@@ -16,8 +16,8 @@ use std::sync::Arc;
 
 use nalgebra::{Matrix4, Vector2, Vector4};
 use roadplane_base::{
-    CameraEstimate, CameraParams, CameraPrior, CameraStatus, Clue, ImageSize, JointInformation, Lens,
-    SHARED_ERRORS, SharedSd, StudentT, is_told, weighted_median,
+    CameraEstimate, CameraParams, CameraPrior, CameraStatus, Factor, ImageSize, JointInformation, Lens,
+    SHARED_ERRORS, SharedSd, StudentT, is_determined, weighted_median,
 };
 
 use crate::nodes::{Evidence, Gaussian, Node, Step, smooth};
@@ -90,7 +90,7 @@ pub struct FuseOptions {
     pub bend_sd: Option<f64>,
     /// What else speaks of the camera, by its position ([`WindowEstimate::segment`]); counted once. A number that a move keeps is
     /// counted at the first of the positions that it holds for.
-    pub clues: BTreeMap<usize, Arc<[Clue]>>,
+    pub factors: BTreeMap<usize, Arc<[Factor]>>,
     /// sd of how large the place's cars are against the atlas, log: all windows share that error of scale. Clues in metres tell it.
     pub size_of_cars_sd: f64,
     /// Gain in log likelihood that a change of the camera, or a drift, must bring to be believed.
@@ -101,7 +101,7 @@ impl FuseOptions {
     /// The same for what cars alone say, in units of the atlas' cars.
     #[must_use]
     pub fn for_cars(&self) -> Self {
-        Self { clues: BTreeMap::new(), size_of_cars_sd: 0.0, ..self.clone() }
+        Self { factors: BTreeMap::new(), size_of_cars_sd: 0.0, ..self.clone() }
     }
 
     /// For pictures of this size: the default [`CameraPrior`], principal point in the middle.
@@ -119,7 +119,7 @@ impl FuseOptions {
             shared_sd: [0.0; SHARED_ERRORS],
             lens: Lens::STRAIGHT,
             bend_sd: None,
-            clues: BTreeMap::new(),
+            factors: BTreeMap::new(),
             size_of_cars_sd: 0.0,
             min_gain: 16.0,
         }
@@ -185,10 +185,10 @@ pub fn join(windows: &[WindowEstimate], options: &FuseOptions) -> Joined {
     }
 }
 
-/// Rounds of following the clues, which are no Gaussians: linearised at the estimate, smoothed, linearised there.
+/// Rounds of following the factors, which are no Gaussians: linearised at the estimate, smoothed, linearised there.
 const CLUE_ROUNDS: usize = 10;
 
-/// The states at all nodes, clues counted, and the nodes with them: each position's in its first piece.
+/// The states at all nodes, factors counted, and the nodes with them: each position's in its first piece.
 fn with_clues(
     groups: &[Vec<&WindowEstimate>],
     cars: Vec<Node>,
@@ -197,43 +197,47 @@ fn with_clues(
     let mut states = smooth(&cars, &options.prior, options.size_of_cars_sd);
     let segment = |i: usize| groups[i].first().map(|window| window.segment);
     let clues_of = |i: usize| {
-        let clues = options.clues.get(&segment(i)?).filter(|_| i == 0 || segment(i - 1) != segment(i))?;
+        let factors = options.factors.get(&segment(i)?).filter(|_| i == 0 || segment(i - 1) != segment(i))?;
         let kept = cars[i].step.kept;
-        let told = |clue: &&Clue| matches!(clue, Clue::Number { which, .. } if i > 0 && kept[*which] > 0.0);
-        Some((i, clues.iter().filter(|clue| !told(clue)).collect::<Vec<_>>()))
+        let told =
+            |factor: &&Factor| matches!(factor, Factor::Number { which, .. } if i > 0 && kept[*which] > 0.0);
+        Some((i, factors.iter().filter(|factor| !told(factor)).collect::<Vec<_>>()))
     };
-    let clues: Vec<(usize, Vec<&Clue>)> = (0..groups.len()).filter_map(clues_of).collect();
-    // The windows were solved with the clues, and know where they lead.
+    let factors: Vec<(usize, Vec<&Factor>)> = (0..groups.len()).filter_map(clues_of).collect();
+    // The windows were solved with the factors, and know where they lead.
     let mut at: Vec<[Vector4<f64>; 2]> = states.iter().map(both_scales).collect();
-    for (i, _) in &clues {
+    for (i, _) in &factors {
         at[*i] = groups[*i].last().map_or(at[*i], |window| [window.solved.to_vector(); 2]);
     }
     let mut told: Vec<Vec<Evidence>> =
-        clues.iter().map(|(_, clues)| vec![Evidence::none(); clues.len()]).collect();
+        factors.iter().map(|(_, factors)| vec![Evidence::none(); factors.len()]).collect();
     let mut nodes = cars.clone();
     for _ in 0..CLUE_ROUNDS {
-        for ((i, clues), told) in clues.iter().zip(&mut told) {
+        for ((i, factors), told) in factors.iter().zip(&mut told) {
             let [by_cars, in_metres] = at[*i];
             let known = states[*i].evidence();
             nodes[*i] = cars[*i].clone();
-            for (clue, told) in clues.iter().zip(told) {
+            for (factor, told) in factors.iter().zip(told) {
                 let node = &mut nodes[*i];
-                if clue.is_by_cars() {
-                    *told = Evidence::of_clue(clue, &by_cars, None);
+                if factor.is_by_cars() {
+                    *told = Evidence::of_factor(factor, &by_cars, None);
                     node.cars = node.cars.and(told);
                 } else {
-                    *told =
-                        Evidence::of_clue(clue, &in_metres, known.map(|known| known.without(told)).as_ref());
+                    *told = Evidence::of_factor(
+                        factor,
+                        &in_metres,
+                        known.map(|known| known.without(told)).as_ref(),
+                    );
                     node.metres = node.metres.and(told);
                 }
             }
         }
-        if clues.is_empty() {
+        if factors.is_empty() {
             break;
         }
         states = smooth(&nodes, &options.prior, options.size_of_cars_sd);
         let here: Vec<[Vector4<f64>; 2]> = states.iter().map(both_scales).collect();
-        let moved = clues.iter().map(|(i, _)| (here[*i][1] - at[*i][1]).amax()).fold(0.0, f64::max);
+        let moved = factors.iter().map(|(i, _)| (here[*i][1] - at[*i][1]).amax()).fold(0.0, f64::max);
         at = here;
         if moved < 1e-9 {
             break;
@@ -458,7 +462,7 @@ fn estimate(
     let (params, covariance) = state.camera();
     let told = node.cars.and(&node.metres).information;
     let prior = options.prior.sd.map(|sd| 1.0 / (sd * sd));
-    let known = |number: usize| is_told(number, &told, &prior);
+    let known = |number: usize| is_determined(number, &told, &prior);
     let status = if !(known(1) && known(3)) {
         CameraStatus::Unobservable
     } else if options.focal_given {

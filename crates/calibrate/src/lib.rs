@@ -9,8 +9,8 @@
 //!                               └─ ViewSelector    one view a parked car, several of a moving one
 //!             → Window { views, … } → (joint solve of the window, elsewhere) → WindowEstimate
 //!             → fuse → CameraEstimate per stretch of time
-//! SceneLine → verticals → Clue, and beside_a_witness(windows) → more for fuse      what the scene says of the focal length
-//! CarHeading → parallel → Clue                                                    what parallel cars say of it
+//! SceneLine → verticals → Factor, and beside_a_witness(windows) → more for fuse      what the scene says of the focal length
+//! CarHeading → parallel → Factor                                                    what parallel cars say of it
 //! SceneCurve → LensView → how the lens bends lines, and how well that is known             before anything is solved
 //! CameraEvidence of other clips → epochs → more WindowEstimates for fuse      what is remembered of the camera
 //! ```

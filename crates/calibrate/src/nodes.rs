@@ -5,7 +5,7 @@
 //! h = h' s, and so s.
 
 use nalgebra::{Matrix4, SMatrix, SVector, Vector4};
-use roadplane_base::{Clue, ClueTerms, Reading};
+use roadplane_base::{Factor, FactorTerms, Reading};
 
 use crate::prior::FusePrior;
 
@@ -43,15 +43,15 @@ impl Evidence {
         Self { information: Matrix4::zeros(), weighted: Vector4::zeros() }
     }
 
-    /// What a clue says beside all else that is known of the camera (mean and covariance), linearised at a camera.
+    /// What a factor says beside all else that is known of the camera (mean and covariance), linearised at a camera.
     ///
     /// One that may mean two things leaves two Gaussians; it says what makes one of them, of their mean and covariance
     /// (expectation propagation, Minka 2001).
-    pub(crate) fn of_clue(clue: &Clue, at: &Vector4<f64>, rest: Option<&Self>) -> Self {
-        let ClueTerms { gradient, information } = ClueTerms::of([clue], at);
+    pub(crate) fn of_factor(factor: &Factor, at: &Vector4<f64>, rest: Option<&Self>) -> Self {
+        let FactorTerms { gradient, information } = FactorTerms::of([factor], at);
         let linear = Self { information, weighted: information * at - gradient };
-        let Some((readings, rest)) = clue.readings(at).zip(rest) else { return linear };
-        Self::of_readings(&readings, &clue.residual_by_camera(at), at, rest).unwrap_or(linear)
+        let Some((readings, rest)) = factor.readings(at).zip(rest) else { return linear };
+        Self::of_readings(&readings, &factor.residual_by_camera(at), at, rest).unwrap_or(linear)
     }
 
     fn of_readings(

@@ -6,7 +6,7 @@
 //! count for themselves, so what all cars of one aspect are wrong by together does no harm.
 
 use nalgebra::{DMatrix, DVector};
-use roadplane_base::{CameraParams, Clue, GroundPose, StudentT};
+use roadplane_base::{CameraParams, Factor, GroundPose, StudentT};
 
 use crate::LinkId;
 
@@ -31,7 +31,7 @@ pub struct CarHeading {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Parallel {
     /// Of the camera.
-    pub clue: Clue,
+    pub factor: Factor,
     /// Cars that it rests on.
     pub cars: usize,
 }
@@ -91,9 +91,9 @@ pub fn parallel(headings: &[CarHeading], log_focal_sd: f64) -> Option<Parallel> 
     }
     let [inverse_focal, sd] = system.solve()?;
     let sd = sd.hypot(SHARED_FAN * inverse_focal);
-    let is_told = inverse_focal > 0.0 && sd < log_focal_sd * inverse_focal;
-    is_told.then_some(Parallel {
-        clue: Clue::InverseFocal { per_px: inverse_focal, sd },
+    let is_determined = inverse_focal > 0.0 && sd < log_focal_sd * inverse_focal;
+    is_determined.then_some(Parallel {
+        factor: Factor::InverseFocal { per_px: inverse_focal, sd },
         cars: system.rows.len(),
     })
 }

@@ -14,7 +14,7 @@
 mod field;
 
 use nalgebra::{Matrix2, Vector2};
-use roadplane_base::{Camera, CameraEstimate, Clue, SceneLine};
+use roadplane_base::{Camera, CameraEstimate, Factor, SceneLine};
 
 use self::field::{Field, Node};
 use crate::lens::{STRAIGHT_SD, bend_of_lenses, greatest_bend};
@@ -30,7 +30,7 @@ const WEAKEST: f64 = 0.25;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Verticals {
     /// What it says of the camera.
-    pub clue: Clue,
+    pub factor: Factor,
     /// Log of how many times better than chance it explains the edges.
     pub gain: f64,
     /// Which of the edges are vertical; of the first ones, where there are very many.
@@ -56,13 +56,17 @@ pub fn verticals(lines: &[SceneLine], cars: &CameraEstimate) -> Option<Verticals
     covariance[(1, 1)] += (principal_point * mean.bend).powi(2);
     // log focal = (log horizon − log bend) / 2, and a slope of the road turns the bend but not the cars' horizon.
     let tilt = (mean.bend * prior.focal_px).atan();
-    let slope = Clue::SLOPE_SD / (tilt.sin() * tilt.cos());
+    let slope = Factor::SLOPE_SD / (tilt.sin() * tilt.cos());
     let log_focal_sd = 0.5 * (covariance[(0, 0)].sqrt() / mean.bend).hypot(slope);
     if !(mean.bend > 0.0 && log_focal_sd < WEAKEST) {
         return None;
     }
     let upright = field.trust(&mean).into_iter().map(|trust| trust > 0.5).collect();
-    Some(Verticals { clue: Clue::Upright { bend: mean.bend, roll: mean.roll, covariance }, gain, upright })
+    Some(Verticals {
+        factor: Factor::Upright { bend: mean.bend, roll: mean.roll, covariance },
+        gain,
+        upright,
+    })
 }
 
 /// What the cars leave possible.
@@ -135,7 +139,7 @@ fn sloped(angle: f64, sd: f64) -> f64 {
         let sd = sd.hypot(slope_sd);
         (-0.5 * (angle / sd).powi(2)).exp() / sd
     };
-    (1.0 - Clue::STEEP_SHARE) * normal(Clue::SLOPE_SD) + Clue::STEEP_SHARE * normal(Clue::STEEP_SD)
+    (1.0 - Factor::STEEP_SHARE) * normal(Factor::SLOPE_SD) + Factor::STEEP_SHARE * normal(Factor::STEEP_SD)
 }
 
 /// Step of the search, rad: of the roll, and of what a bend does at the picture's side.

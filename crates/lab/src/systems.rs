@@ -26,7 +26,7 @@ pub enum System {
     /// Ours with the plane; focal length estimated.
     PlaneFocal,
     /// Ours, each car on the true plane before the true camera: no competitor, but what is left once the camera is right.
-    KnownGround,
+    ConstrainedGround,
 }
 
 impl System {
@@ -37,7 +37,7 @@ impl System {
         Self::FreePoses,
         Self::Plane,
         Self::PlaneFocal,
-        Self::KnownGround,
+        Self::ConstrainedGround,
     ];
 
     /// Its row's name.
@@ -49,7 +49,7 @@ impl System {
             Self::FreePoses => "3 ours without the plane",
             Self::Plane => "4 ours with the plane",
             Self::PlaneFocal => "5 ours, focal estimated",
-            Self::KnownGround => "(true ground given)",
+            Self::ConstrainedGround => "(true ground given)",
         }
     }
 
@@ -68,7 +68,7 @@ impl System {
             Self::FreePoses => free::solve(atlas, input, config),
             Self::Plane => plane::solve(atlas, input, Some(input.focal_px), config),
             Self::PlaneFocal => plane::solve(atlas, input, None, config),
-            Self::KnownGround => plane::solve_on(atlas, input, config),
+            Self::ConstrainedGround => plane::solve_on(atlas, input, config),
         }
     }
 }

@@ -240,10 +240,10 @@ impl SolveConfig {
 
     /// The solver's options.
     #[must_use]
-    pub fn scene_options(&self, known_focal_px: Option<f64>) -> SceneOptions {
+    pub fn scene_options(&self, given_focal_px: Option<f64>) -> SceneOptions {
         let [elevation, turn] = self.shared_view_sd_deg.map(f64::to_radians);
         SceneOptions {
-            known_focal_px,
+            given_focal_px,
             camera_prior: CameraPrior {
                 focal_ratio: self.focal_prior_ratio,
                 log_focal_sd: self.focal_prior_log_sd,

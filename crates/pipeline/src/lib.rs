@@ -18,10 +18,10 @@
 
 mod cameras;
 mod cancel;
-mod clip;
 mod commands;
 mod config;
 mod error;
+mod estimation;
 mod identity;
 mod limits;
 mod models;
@@ -32,12 +32,11 @@ mod stream;
 mod tracks;
 
 pub use cameras::frame::PLANE_TERMS;
-pub use cameras::known::{Known, KnownOptions, Measured};
+pub use cameras::known::{CameraConstraints, ConstraintOptions, Measured};
 pub use cameras::krtd::{Krtd, read_krtd};
-pub use cameras::memory::{CameraMemory, KnownCamera, known_cameras, merge_cameras};
+pub use cameras::memory::{CameraDatabase, StoredCamera, merge_cameras, stored_cameras};
 pub use cameras::witnesses::SceneView;
 pub use cancel::Cancel;
-pub use clip::{ClipSolution, solve_clip};
 pub use commands::bench::{DecodeCost, forget_peak_memory, measure_decoding};
 pub use commands::colours::track_colours;
 pub use commands::distance::{Distance, distances};
@@ -50,6 +49,7 @@ pub use commands::stage_files::{detect_file, keypoints_file};
 pub use commands::track_file::track_file;
 pub use config::{Config, ConfigError};
 pub use error::{Fault, PipelineError};
+pub use estimation::{ClipSolution, solve_clip};
 pub use identity::stem_of;
 pub use limits::too_small_address_space;
 pub use models::{find_models, find_runtime};

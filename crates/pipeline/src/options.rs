@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use roadplane_geo::Site;
 use roadplane_write::Existing;
 
-use crate::Known;
-use crate::cameras::memory::CameraMemory;
+use crate::CameraConstraints;
+use crate::cameras::memory::CameraDatabase;
 
 /// What a caller of [`run_input`](crate::run_input) chooses besides the configuration.
 #[derive(Clone, Debug)]
@@ -14,9 +14,9 @@ pub struct RunOptions {
     /// Folder of the models.
     pub models: PathBuf,
     /// What is known of the camera.
-    pub known: Known,
+    pub known: CameraConstraints,
     /// What is remembered of the cameras.
-    pub cameras: Option<CameraMemory>,
+    pub cameras: Option<CameraDatabase>,
     /// Where the camera stands on the map; one for all inputs.
     pub site: Option<Site>,
     /// What to do about a finished result of the same name.
@@ -39,7 +39,7 @@ impl RunOptions {
     pub fn new(models: PathBuf) -> Self {
         Self {
             models,
-            known: Known::default(),
+            known: CameraConstraints::default(),
             cameras: None,
             site: None,
             existing: Existing::Refuse,

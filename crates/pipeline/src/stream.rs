@@ -3,9 +3,9 @@
 pub(crate) mod cadence;
 pub(crate) mod cpu;
 pub(crate) mod flow;
-pub(crate) mod left;
 pub(crate) mod moments;
 pub(crate) mod nets;
+pub(crate) mod perception;
 pub(crate) mod samples;
 pub(crate) mod scene_lines;
 pub(crate) mod small_picture;

@@ -10,7 +10,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use roadplane_base::{Camera, MODES, ShapeAtlas};
-use roadplane_solve::{CarView, KnownScene, SceneOptions, Steps, refine_scene};
+use roadplane_solve::{CarView, GivenScene, SceneOptions, Steps, refine_scene};
 use roadplane_synth::BenchScene;
 
 /// CPU seconds of this thread; the kernel counts in steps of milliseconds.
@@ -32,8 +32,8 @@ fn timed<T>(mut work: impl FnMut() -> T) -> (f64, T) {
 }
 
 /// Where to start.
-fn start(scene: &BenchScene) -> KnownScene<'_> {
-    KnownScene { params: scene.params, poses: &scene.poses, shapes: &scene.shapes }
+fn start(scene: &BenchScene) -> GivenScene<'_> {
+    GivenScene { params: scene.params, poses: &scene.poses, shapes: &scene.shapes }
 }
 
 fn atlas_text(atlas: &ShapeAtlas) -> String {

@@ -62,6 +62,6 @@ pub use model::kernel::OutlierModel;
 pub use options::{SceneOptions, ShapePrior, Steps, ViewErrors};
 pub use scene::fit::{CarFit, fit_car};
 pub use scene::free::{FreeCarFit, FreeSceneSolution, fit_free_car, solve_free_scene};
-pub use scene::refine::{KnownScene, refine_scene, scene_bound};
+pub use scene::refine::{GivenScene, refine_scene, scene_bound};
 pub use scene::solve::solve_scene;
 pub use solution::{CarSolution, CarView, SceneSolution, SceneStatus};

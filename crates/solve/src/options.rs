@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use nalgebra::Matrix6;
-use roadplane_base::{CameraParams, CameraPrior, Clue, Lens, SHARED_ERRORS, Shape, SharedSd};
+use roadplane_base::{CameraParams, CameraPrior, Factor, Lens, SHARED_ERRORS, Shape, SharedSd};
 
 use crate::linear::lm::LmOptions;
 use crate::model::kernel::OutlierModel;
@@ -72,7 +72,7 @@ pub struct ViewErrors {
 #[derive(Clone, Debug, PartialEq)]
 pub struct SceneOptions {
     /// Focal length where it is known, px.
-    pub known_focal_px: Option<f64>,
+    pub given_focal_px: Option<f64>,
     /// Where to start instead of searching: the answer for the previous frame, say. Falls back to searching when the
     /// cars do not fit there.
     pub start: Option<CameraParams>,
@@ -81,7 +81,7 @@ pub struct SceneOptions {
     /// What is known of the camera.
     pub camera_prior: CameraPrior,
     /// What else speaks of it. Part of the estimate and its covariance, not of [`SceneSolution::information`](crate::SceneSolution).
-    pub clues: Arc<[Clue]>,
+    pub factors: Arc<[Factor]>,
     /// Factor on what the atlas says its six modes leave unexplained; 0 for cars that are exactly in the atlas, which also
     /// spares the steps with all modes (`scene/all_modes.rs`).
     pub atlas_residual_scale: f64,
@@ -113,11 +113,11 @@ impl SceneOptions {
 impl Default for SceneOptions {
     fn default() -> Self {
         Self {
-            known_focal_px: None,
+            given_focal_px: None,
             start: None,
             lens: Lens::STRAIGHT,
             camera_prior: CameraPrior::default(),
-            clues: Arc::new([]),
+            factors: Arc::new([]),
             atlas_residual_scale: 1.0,
             kernel: OutlierModel::default(),
             steps: Steps::default(),

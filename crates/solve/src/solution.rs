@@ -43,8 +43,8 @@ pub enum SceneStatus {
 
 impl SceneStatus {
     /// Of a solve that stopped so, its focal length given, or told by the cars.
-    pub(crate) fn of(termination: Termination, is_given: bool, is_told: bool) -> Self {
-        match (termination.converged(), is_given, is_told) {
+    pub(crate) fn of(termination: Termination, is_given: bool, is_determined: bool) -> Self {
+        match (termination.converged(), is_given, is_determined) {
             (false, ..) => Self::NotConverged,
             (_, true, _) => Self::FocalGiven,
             (.., true) => Self::Converged,
@@ -89,9 +89,9 @@ pub struct SceneSolution {
     /// Focal length, tilt, roll, height.
     pub params: CameraParams,
     /// What the cars alone say of (log f, tilt, roll, log h) and of the errors they share, poses and shapes marginalised: what may
-    /// be added up over independent frames of a place. Prior and clues are not in it.
+    /// be added up over independent frames of a place. Prior and factors are not in it.
     pub information: JointInformation,
-    /// Covariance of (log f, tilt, roll, log h), prior, clues and shared errors counted; zero where given.
+    /// Covariance of (log f, tilt, roll, log h), prior, factors and shared errors counted; zero where given.
     pub covariance: Matrix4<f64>,
     /// Per view, in the order given; `None` where nothing could be fitted.
     pub cars: Vec<Option<CarSolution>>,

@@ -7,7 +7,7 @@ use std::time::Instant;
 use nalgebra::{Matrix2, Vector2};
 use roadplane_base::{CameraParams, ImageSize, KEYPOINTS, Keypoint, KeypointSet, ShapeAtlas};
 use roadplane_solve::{
-    CarView, KnownScene, LmOptions, SceneOptions, SceneSolution, SceneStatus, Termination, refine_scene,
+    CarView, GivenScene, LmOptions, SceneOptions, SceneSolution, SceneStatus, Termination, refine_scene,
     solve_scene,
 };
 use roadplane_synth::{Layout, Rng, SceneTruth, SynthOptions, scene};
@@ -94,7 +94,7 @@ fn numbers_that_are_none() {
         let whole = [[Some(Keypoint::isotropic(Vector2::new(value, value), value, value)); KEYPOINTS]; 3];
         assert_eq!(solve(&whole, &SceneOptions::default()).status, SceneStatus::TooFewCars);
         let options = SceneOptions {
-            known_focal_px: Some(value),
+            given_focal_px: Some(value),
             start: Some(CameraParams { log_focal: value, tilt: value, roll: 0.0, log_height: 1.0 }),
             ..SceneOptions::default()
         };
@@ -200,7 +200,7 @@ fn who_runs_out_of_iterations_next_to_the_minimum_can_be_used() {
     let refined = |max_iterations, further| {
         let mut params = truth.params;
         params.log_focal += further;
-        let from = KnownScene { params, poses: &poses, shapes: &shapes };
+        let from = GivenScene { params, poses: &poses, shapes: &shapes };
         let lm =
             LmOptions { max_iterations, cost_tolerance: 0.0, step_tolerance: 0.0, ..LmOptions::default() };
         let options = SceneOptions { lm, ..SceneOptions::default() };

@@ -89,7 +89,7 @@ fn without_plane_and_focal_length_the_status_says_so() {
         &SceneOptions::default(),
     );
     assert_eq!(found.status, SceneStatus::FocalFromPrior);
-    let known = SceneOptions { known_focal_px: Some(truth.params.focal_px()), ..SceneOptions::default() };
+    let known = SceneOptions { given_focal_px: Some(truth.params.focal_px()), ..SceneOptions::default() };
     let found = solve_free_scene(&atlas, truth.size, &CarView::each(truth.keypoints()), None, &known);
     assert_eq!(found.status, SceneStatus::FocalGiven);
     assert!(found.cars.iter().all(Option::is_some));

@@ -3,7 +3,7 @@
 use nalgebra::{Matrix4, Point3, Vector3, Vector4};
 use roadplane_base::{Camera, CameraParams, Keypoint, Lens, SHARED_ERRORS, ShapeAtlas};
 use roadplane_solve::{
-    CameraPrior, CarView, KnownScene, OutlierModel, SceneOptions, SceneSolution, Steps, ViewErrors,
+    CameraPrior, CarView, GivenScene, OutlierModel, SceneOptions, SceneSolution, Steps, ViewErrors,
     refine_scene, solve_scene,
 };
 use roadplane_synth::{SceneTruth, SynthOptions, scene};
@@ -13,11 +13,11 @@ fn errors_of_view_widen_what_cars_say() {
     let atlas = ShapeAtlas::shipped().unwrap();
     let scene = scene(&atlas, &SynthOptions { cars: 8, noise: 0.01, ..SynthOptions::default() }, 11);
     let views = CarView::each(scene.keypoints());
-    for known_focal_px in [None, Some(scene.params.focal_px())] {
+    for given_focal_px in [None, Some(scene.params.focal_px())] {
         let solve = |view_errors: Option<ViewErrors>| {
             let camera_prior = CameraPrior::none();
             let options =
-                SceneOptions { camera_prior, known_focal_px, view_errors, ..SceneOptions::default() };
+                SceneOptions { camera_prior, given_focal_px, view_errors, ..SceneOptions::default() };
             solve_scene(&atlas, scene.size, &views, &options)
         };
         let errors = |keypoints_as_one: f64, shared: f64| {
@@ -32,8 +32,8 @@ fn errors_of_view_widen_what_cars_say() {
             assert!(none[i] < own[i] && own[i] < shared[i], "{i}: {none} {own} {shared}");
         }
         // What is shared shows whole in the tilt, when the focal length is known.
-        assert!(known_focal_px.is_none() || shared[1] > 0.9 * 0.02, "{shared}");
-        assert_eq!(known_focal_px.is_some(), shared[0] == 0.0);
+        assert!(given_focal_px.is_none() || shared[1] > 0.9 * 0.02, "{shared}");
+        assert_eq!(given_focal_px.is_some(), shared[0] == 0.0);
     }
 }
 
@@ -159,7 +159,7 @@ fn frames_add_up_without_bias() {
                 for scene in mirrored(&atlas, &scene(&atlas, &asked, 700 + seed)) {
                     let (poses, shapes): (Vec<_>, Vec<_>) =
                         scene.cars.iter().map(|car| (car.pose, car.shape)).unzip();
-                    let from = KnownScene { params: scene.params, poses: &poses, shapes: &shapes };
+                    let from = GivenScene { params: scene.params, poses: &poses, shapes: &shapes };
                     let views = CarView::each(scene.keypoints());
                     let found = refine_scene(&atlas, scene.size, &views, &from, &options).unwrap();
                     let (own, own_vector) = found.information.marginal(options.shared_sd());

@@ -6,7 +6,7 @@
 use nalgebra::Vector3;
 use roadplane_base::{FINE_MODES, ShapeAtlas};
 use roadplane_solve::{
-    CameraPrior, CarView, KnownScene, LmOptions, SceneOptions, SceneSolution, Steps, refine_scene,
+    CameraPrior, CarView, GivenScene, LmOptions, SceneOptions, SceneSolution, Steps, refine_scene,
 };
 use roadplane_synth::{CarModel, Rng, SceneTruth, SynthOptions, draw_shape, scene};
 
@@ -32,7 +32,7 @@ fn refine(
     views_per_car: usize,
     from: Option<&SceneSolution>,
     steps: Steps,
-    known_focal_px: Option<f64>,
+    given_focal_px: Option<f64>,
 ) -> SceneSolution {
     let cars = truth.cars.iter().enumerate();
     let views: Vec<CarView<'_>> = cars
@@ -44,8 +44,8 @@ fn refine(
     };
     let lm = LmOptions { cost_tolerance: 1e-13, ..LmOptions::default() };
     let camera_prior = CameraPrior::none();
-    let options = SceneOptions { camera_prior, steps, lm, known_focal_px, ..SceneOptions::default() };
-    refine_scene(atlas, truth.size, &views, &KnownScene { params, poses: &poses, shapes: &shapes }, &options)
+    let options = SceneOptions { camera_prior, steps, lm, given_focal_px, ..SceneOptions::default() };
+    refine_scene(atlas, truth.size, &views, &GivenScene { params, poses: &poses, shapes: &shapes }, &options)
         .unwrap()
 }
 
@@ -68,10 +68,10 @@ fn without_fine_modes_nothing_changes() {
         // Every other scene has cars all alike, two of which are taken for views of one.
         let (models, views_per_car) = if seed % 2 == 0 { (40, 1) } else { (1, 2) };
         let truth = truth(&shipped, seed, models, |_| 0.3);
-        let known_focal_px = (seed % 3 == 0).then(|| truth.params.focal_px());
+        let given_focal_px = (seed % 3 == 0).then(|| truth.params.focal_px());
         let six = Steps { all_modes: false, ..ALL };
         let refine =
-            |from: Option<&_>, steps| refine(&atlas, &truth, views_per_car, from, steps, known_focal_px);
+            |from: Option<&_>, steps| refine(&atlas, &truth, views_per_car, from, steps, given_focal_px);
         // Until keypoints are whitened where the cars are in the end.
         let mut found = refine(None, six);
         for _ in 0..3 {

@@ -6,7 +6,7 @@ use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
 use roadplane_base::ShapeAtlas;
-use roadplane_solve::{CarView, KnownScene, LmOptions, SceneOptions, refine_scene};
+use roadplane_solve::{CarView, GivenScene, LmOptions, SceneOptions, refine_scene};
 use roadplane_synth::{SynthOptions, scene};
 
 /// The system's allocator with a counter.
@@ -54,7 +54,7 @@ fn iterations_do_not_allocate() {
     params.log_focal += 0.02;
     let poses: Vec<_> = truth.cars.iter().map(|car| car.pose).collect();
     let shapes: Vec<_> = truth.cars.iter().map(|car| car.shape.map(|c| c + 0.5)).collect();
-    let from = KnownScene { params, poses: &poses, shapes: &shapes };
+    let from = GivenScene { params, poses: &poses, shapes: &shapes };
     let run = |max_iterations: usize| {
         let lm =
             LmOptions { max_iterations, cost_tolerance: 0.0, step_tolerance: 0.0, ..LmOptions::default() };

@@ -12,13 +12,13 @@
 #![deny(missing_docs)]
 
 mod camera;
+mod constraints;
 mod digits;
 mod error;
 mod evidence;
 mod file;
 mod folder;
 mod jsonl;
-mod known;
 mod lock;
 mod parquet;
 mod schema;
@@ -29,20 +29,20 @@ mod table;
 mod tracks;
 
 pub use camera::{CAMERA_SCHEMA, CameraFile, CameraSegment, LensFile, read_camera, write_camera};
+pub use constraints::{CONSTRAINTS_SCHEMA, ConstraintsFile, LengthConstraint, read_constraints};
 pub use digits::{decimals, rounded_row};
 pub use error::WriteError;
 pub use evidence::{EvidenceStore, is_camera_id, read_evidence, write_evidence};
 pub use file::OutFile;
 pub use folder::{Existing, OutputFolder};
 pub use jsonl::{JsonLines, PoseLines, read_jsonl, write_json};
-pub use known::{KNOWN_SCHEMA, KnownFile, KnownLength, read_known};
 pub use lock::FolderLock;
 pub use parquet::{TRACKS_SCHEMA, TrackParquet};
 pub use schema::{FRAMES_SCHEMA, POSES_SCHEMA, schema, schemas};
 pub use speed::{CpuMs, Speed};
 pub use spool::{FrameReader, FrameSpool, Recovered, read_scene_curves};
 pub use summary::{
-    Counts, InputSummary, KnownSummary, ModelSummary, RunStatus, SUMMARY_SCHEMA, SceneLinesSummary,
+    ConstraintSummary, Counts, InputSummary, ModelSummary, RunStatus, SUMMARY_SCHEMA, SceneLinesSummary,
     StageSeconds, Summary, WatchStretch, WatchSummary, read_summary, write_summary,
 };
 pub use table::{TableFormat, TableRow, read_table, write_table};

@@ -5,7 +5,7 @@ use schemars::{JsonSchema, schema_for};
 use serde_json::{Value, json};
 
 use crate::camera::{CAMERA_SCHEMA, CameraFile};
-use crate::known::{KNOWN_SCHEMA, KnownFile};
+use crate::constraints::{CONSTRAINTS_SCHEMA, ConstraintsFile};
 use crate::parquet::TRACKS_SCHEMA;
 use crate::summary::{SUMMARY_SCHEMA, Summary};
 
@@ -24,7 +24,7 @@ pub fn schemas() -> Vec<(&'static str, Value)> {
         ("poses", schema::<PoseRecord>(POSES_SCHEMA)),
         ("frames", schema::<FrameRecord>(FRAMES_SCHEMA)),
         ("summary", schema::<Summary>(SUMMARY_SCHEMA)),
-        ("known", schema::<KnownFile>(KNOWN_SCHEMA)),
+        ("known", schema::<ConstraintsFile>(CONSTRAINTS_SCHEMA)),
     ]
 }
 

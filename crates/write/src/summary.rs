@@ -62,7 +62,7 @@ pub struct Summary {
     pub peak_memory_bytes: Option<u64>,
     /// What was told of the camera, against what everything else says.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub known: Vec<KnownSummary>,
+    pub known: Vec<ConstraintSummary>,
     /// Lines of the scene that were looked at for its vertical, by the camera's position.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub scene_lines: Vec<SceneLinesSummary>,
@@ -83,7 +83,7 @@ pub struct InputSummary {
 
 /// Something that was told of the camera.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct KnownSummary {
+pub struct ConstraintSummary {
     /// What, e.g. `focal length`, `length of line 2 of bays.csv`.
     pub what: String,
     /// Unit of the numbers: `px`, `m` or `°`.

@@ -1,5 +1,5 @@
 use nalgebra::{Matrix4, Vector4};
-use roadplane_base::{CameraParams, CameraStatus, Clue, JointInformation};
+use roadplane_base::{CameraParams, CameraStatus, Factor, JointInformation};
 use roadplane_calibrate::{CarUse, FuseOptions, SegmentStart, WindowEstimate, fuse, join};
 use roadplane_synth::Rng;
 
@@ -238,10 +238,10 @@ fn without_evidence_the_prior_stays_and_is_said() {
 
 #[test]
 fn clues_count_once_however_many_windows_there_are() {
-    let clue = Clue::Number { which: 0, value: truth()[0] + 0.1, sd: 0.02 };
+    let factor = Factor::Number { which: 0, value: truth()[0] + 0.1, sd: 0.02 };
     for count in [1, 20] {
         let windows: Vec<WindowEstimate> = (0..count).map(|i| window(i, &truth(), parked(0..9))).collect();
-        let options = FuseOptions { clues: [(0, [clue].into())].into(), ..options() };
+        let options = FuseOptions { factors: [(0, [factor].into())].into(), ..options() };
         let fused = fuse(&windows, &options);
         // The same cars in all windows: one Gaussian of sd SD[0] at the truth, one of 0.02 at 0.1 beside it.
         let expected = 0.1 * SD[0].powi(2) / (SD[0].powi(2) + 0.02_f64.powi(2));
@@ -250,12 +250,12 @@ fn clues_count_once_however_many_windows_there_are() {
         let sd = fused[0].covariance[(0, 0)].sqrt();
         assert!((sd - 0.02 * SD[0] / SD[0].hypot(0.02)).abs() < 1e-3, "{sd}");
     }
-    let elsewhere = FuseOptions { clues: [(1, [clue].into())].into(), ..options() };
+    let elsewhere = FuseOptions { factors: [(1, [factor].into())].into(), ..options() };
     let one = [window(0, &truth(), parked(0..9))];
     assert_eq!(
         fuse(&one, &elsewhere),
         fuse(&one, &options()),
-        "a clue on another position says nothing here"
+        "a factor on another position says nothing here"
     );
 }
 
@@ -280,10 +280,10 @@ fn what_the_cars_of_a_place_share_no_number_of_windows_averages_out() {
 }
 
 /// A length across the picture, as it is before the true camera.
-fn true_length(log_sd: f64) -> Clue {
+fn true_length(log_sd: f64) -> Factor {
     let ends_px = [-300.0, 250.0].map(|x| nalgebra::Vector2::new(x, 40.0));
-    let clue = |length_m: f64| Clue::Length { ends_px, end_sd_px: 1e-3, length_m, log_sd };
-    clue(clue(1.0).length(&truth()).unwrap().0)
+    let factor = |length_m: f64| Factor::Length { ends_px, end_sd_px: 1e-3, length_m, log_sd };
+    factor(factor(1.0).length(&truth()).unwrap().0)
 }
 
 #[test]
@@ -292,9 +292,9 @@ fn a_length_tells_scale_and_how_large_the_cars_are() {
     let by_cars = truth() - Vector4::new(0.0, 0.0, 0.0, 0.06);
     let mut seen = window(0, &by_cars, parked(0..9));
     seen.joint = JointInformation::of_camera(&(seen.information() * 1e4), &by_cars);
-    let with = |clues: &[Clue], size_of_cars_sd: f64| {
-        let clues = [(0, clues.into())].into();
-        join(std::slice::from_ref(&seen), &FuseOptions { clues, size_of_cars_sd, ..options() })
+    let with = |factors: &[Factor], size_of_cars_sd: f64| {
+        let factors = [(0, factors.into())].into();
+        join(std::slice::from_ref(&seen), &FuseOptions { factors, size_of_cars_sd, ..options() })
     };
     let (without, told) = (with(&[], 0.04), with(&[true_length(0.01)], 0.04));
     let sd = |estimates: &[roadplane_base::CameraEstimate]| estimates[0].covariance[(3, 3)].sqrt();
@@ -314,10 +314,11 @@ fn a_length_tells_scale_and_how_large_the_cars_are() {
 fn a_camera_by_cars_shares_their_error_and_a_survey_does_not() {
     let seen = window(0, &truth(), parked(0..9));
     let fused = |by_cars: bool| {
-        let clue = Clue::Camera { mean: truth(), information: covariance().try_inverse().unwrap(), by_cars };
+        let factor =
+            Factor::Camera { mean: truth(), information: covariance().try_inverse().unwrap(), by_cars };
         fuse(
             std::slice::from_ref(&seen),
-            &FuseOptions { clues: [(0, [clue].into())].into(), size_of_cars_sd: 0.04, ..options() },
+            &FuseOptions { factors: [(0, [factor].into())].into(), size_of_cars_sd: 0.04, ..options() },
         )
     };
     let variance = |by_cars: bool| fused(by_cars)[0].covariance[(3, 3)];
@@ -327,7 +328,7 @@ fn a_camera_by_cars_shares_their_error_and_a_survey_does_not() {
 
 #[test]
 fn a_number_that_a_move_keeps_is_counted_once() {
-    let clue = Clue::Number { which: 3, value: truth()[3], sd: 0.02 };
+    let factor = Factor::Number { which: 3, value: truth()[3], sd: 0.02 };
     let mut windows = [window(0, &truth(), parked(0..2)), window(1, &truth(), parked(2..4))];
     for window in &mut windows {
         let mut diagonal = window.information().diagonal();
@@ -336,8 +337,8 @@ fn a_number_that_a_move_keeps_is_counted_once() {
     }
     windows[1].segment = 1;
     windows[1].start = SegmentStart::Moved { log_scale: 0.0 };
-    let clues = [(0, [clue].into()), (1, [clue].into())].into();
-    let fused = fuse(&windows, &FuseOptions { clues, ..options() });
+    let factors = [(0, [factor].into()), (1, [factor].into())].into();
+    let fused = fuse(&windows, &FuseOptions { factors, ..options() });
     let sd = fused[0].covariance[(3, 3)].sqrt();
     assert!((sd - 0.02).abs() < 1e-4, "{sd}");
     assert!(fused[1].covariance[(3, 3)].sqrt() > sd);

@@ -1,5 +1,5 @@
 use nalgebra::Point3;
-use roadplane_base::{Camera, CameraParams, Clue, GroundPose};
+use roadplane_base::{Camera, CameraParams, Factor, GroundPose};
 use roadplane_calibrate::{CarHeading, Parallel, parallel};
 use roadplane_synth::Rng;
 
@@ -35,7 +35,7 @@ fn named(mut car: CarHeading, link: u64) -> CarHeading {
 
 /// Focal length and its sd, px.
 fn told(found: &Parallel) -> [f64; 2] {
-    let Clue::InverseFocal { per_px, sd } = found.clue else { panic!("{found:?}") };
+    let Factor::InverseFocal { per_px, sd } = found.factor else { panic!("{found:?}") };
     [1.0 / per_px, sd / per_px / per_px]
 }
 
@@ -79,7 +79,7 @@ fn they_know_how_well_they_tell_it() {
     for seed in 0..count {
         let bend = 0.002 * Rng::new(900 + seed).normal();
         let found = parallel(&street(seed, 10, 1.0, 1.5, bend, noise), POSES).unwrap();
-        let Clue::InverseFocal { per_px, sd } = found.clue else { panic!("{found:?}") };
+        let Factor::InverseFocal { per_px, sd } = found.factor else { panic!("{found:?}") };
         squares += ((per_px - 1.0 / FOCAL_PX) / sd).powi(2);
     }
     let in_sds = (squares / count as f64).sqrt();

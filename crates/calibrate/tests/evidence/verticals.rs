@@ -1,6 +1,6 @@
 use nalgebra::{Matrix2, Matrix4, Vector2, Vector4};
 use roadplane_base::{
-    Camera, CameraEstimate, CameraParams, CameraStatus, Clue, ImageSize, JointInformation, Lens, SceneLine,
+    Camera, CameraEstimate, CameraParams, CameraStatus, Factor, ImageSize, JointInformation, Lens, SceneLine,
 };
 use roadplane_calibrate::{
     FuseOptions, SegmentStart, Verticals, WindowEstimate, beside_a_witness, fuse, verticals,
@@ -29,7 +29,7 @@ fn place(seed: u64, things: usize, strays: usize, lanes: usize) -> Place {
     let log_focal = (1920f64 * 1.2).ln() + normal(0.4).clamp(-0.7, 0.7);
     let tilt = 0.3 + normal(0.12).clamp(-0.2, 0.3);
     let roll = normal(0.03);
-    let upright = (tilt + normal(Clue::SLOPE_SD), roll + normal(Clue::SLOPE_SD));
+    let upright = (tilt + normal(Factor::SLOPE_SD), roll + normal(Factor::SLOPE_SD));
     let (focal, height) = (log_focal.exp(), 8f64);
     let bend = upright.0.tan() / focal;
     let lens = (960.0 / focal).powi(2) * (-0.12 + normal(0.15));
@@ -103,7 +103,7 @@ fn place(seed: u64, things: usize, strays: usize, lanes: usize) -> Place {
 
 /// Squared error of (bend, roll) in sds.
 fn distance(place: &Place, found: &Verticals) -> f64 {
-    let Clue::Upright { bend, roll, covariance } = found.clue else { panic!("{found:?}") };
+    let Factor::Upright { bend, roll, covariance } = found.factor else { panic!("{found:?}") };
     let off = Vector2::new(bend - place.bend, roll - place.roll);
     off.dot(&(covariance.try_inverse().unwrap() * off))
 }
@@ -145,7 +145,7 @@ fn lines_correct_the_focal_length_along_the_horizon() {
         let place = place(2000 + seed, 25, 25, 12);
         let Some(found) = verticals(&place.lines, &place.cars) else { continue };
         let options =
-            FuseOptions { clues: [(0, [found.clue].into())].into(), ..FuseOptions::for_image(SIZE) };
+            FuseOptions { factors: [(0, [found.factor].into())].into(), ..FuseOptions::for_image(SIZE) };
         let cars = window(&place.cars);
         let mut at = place.cars.params;
         for _ in 0..6 {
@@ -222,8 +222,8 @@ fn a_street_that_may_be_steep_leaves_mean_and_covariance_of_both() {
     };
     // About as likely on a level street as on a steep one.
     let bend = (truth[1] + 0.12).tan() / 1500.0;
-    let clue = Clue::Upright { bend, roll: 0.02, covariance: Matrix2::new(1e-12, 0.0, 0.0, 1e-6) };
-    let options = FuseOptions { clues: [(0, [clue].into())].into(), ..FuseOptions::for_image(SIZE) };
+    let factor = Factor::Upright { bend, roll: 0.02, covariance: Matrix2::new(1e-12, 0.0, 0.0, 1e-6) };
+    let options = FuseOptions { factors: [(0, [factor].into())].into(), ..FuseOptions::for_image(SIZE) };
     let joined = &fuse(&[cars], &options)[0];
     let (mut total, mut sum, mut squares) = (0.0, Vector4::zeros(), Matrix4::zeros());
     let steps = 24;
@@ -232,7 +232,7 @@ fn a_street_that_may_be_steep_leaves_mean_and_covariance_of_both() {
         .flat_map(|i| (-steps..=steps).flat_map(move |j| (-steps..=steps).map(move |k| (i, j, k))))
     {
         let off = Vector4::new(at(i, 0), at(j, 1), at(k, 2), 0.0);
-        let weight = (-0.5 * off.dot(&(information * off)) - clue.cost(&(truth + off))).exp();
+        let weight = (-0.5 * off.dot(&(information * off)) - factor.cost(&(truth + off))).exp();
         total += weight;
         sum += weight * off;
         squares += weight * off * off.transpose();

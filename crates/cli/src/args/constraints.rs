@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use roadplane_pipeline::{Known, KnownOptions, Measured, PipelineError};
+use roadplane_pipeline::{CameraConstraints, ConstraintOptions, Measured, PipelineError};
 
 /// What is known of the camera. Each counts with its sd, `V±S` or `V±P%` (`+-` does as well); contradictions are told.
 #[derive(Clone, Debug, Args)]
@@ -45,9 +45,9 @@ impl ConstraintArgs {
     /// All of it; files are read.
     ///
     /// # Errors
-    /// As [`Known::new`].
-    pub fn read(&self) -> Result<Known, PipelineError> {
-        Known::new(&KnownOptions {
+    /// As [`CameraConstraints::new`].
+    pub fn read(&self) -> Result<CameraConstraints, PipelineError> {
+        CameraConstraints::new(&ConstraintOptions {
             focal_px: self.focal_px,
             tilt_deg: self.tilt_deg,
             roll_deg: self.roll_deg,
@@ -61,9 +61,9 @@ impl ConstraintArgs {
     /// The same, `remembering` a camera beside it.
     ///
     /// # Errors
-    /// As [`Known::new`]; [`PipelineError::Usage`] for a focal length without an sd beside a remembered camera: cars before one that is
+    /// As [`CameraConstraints::new`]; [`PipelineError::Usage`] for a focal length without an sd beside a remembered camera: cars before one that is
     /// taken as it is say nothing that could be remembered of another.
-    pub fn read_beside(&self, remembering: bool) -> Result<Known, PipelineError> {
+    pub fn read_beside(&self, remembering: bool) -> Result<CameraConstraints, PipelineError> {
         let known = self.read()?;
         if remembering && known.focal_px().is_some() {
             let what = "--cameras remembers what cars say of the focal length: give it an sd, e.g. --focal-px 1500±2%";

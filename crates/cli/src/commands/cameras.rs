@@ -2,7 +2,7 @@
 
 use std::io::{Write as _, stdout};
 
-use roadplane_pipeline::{Config, EvidenceStore, KnownCamera, PipelineError, known_cameras, merge_cameras};
+use roadplane_pipeline::{Config, EvidenceStore, PipelineError, StoredCamera, merge_cameras, stored_cameras};
 use serde_json::json;
 
 use crate::args::cameras::{CamerasArgs, CamerasCommand};
@@ -15,7 +15,7 @@ pub fn cameras(args: &CamerasArgs) -> anyhow::Result<Outcome> {
             let store = EvidenceStore::new(&args.folder);
             let cameras = store.cameras().map_err(PipelineError::from)?;
             for camera in &cameras {
-                let known = known_cameras(&store, camera, &Config::default())?;
+                let known = stored_cameras(&store, camera, &Config::default())?;
                 if let Some(last) = known.last() {
                     print(camera, known.len(), last, args.json)?;
                 }
@@ -26,7 +26,7 @@ pub fn cameras(args: &CamerasArgs) -> anyhow::Result<Outcome> {
         }
         CamerasCommand::Show(args) => {
             let store = EvidenceStore::new(&args.folder);
-            let known = known_cameras(&store, &args.camera, &Config::default())?;
+            let known = stored_cameras(&store, &args.camera, &Config::default())?;
             if known.is_empty() {
                 return Err(unknown(&args.camera, store.folder()).into());
             }
@@ -56,7 +56,7 @@ fn unknown(camera: &str, folder: &std::path::Path) -> PipelineError {
 }
 
 /// A line, or a JSON object, of an epoch.
-fn print(camera: &str, epoch: usize, known: &KnownCamera, as_json: bool) -> anyhow::Result<()> {
+fn print(camera: &str, epoch: usize, known: &StoredCamera, as_json: bool) -> anyhow::Result<()> {
     let params = &known.estimate.params;
     let sd = |i: usize| known.estimate.covariance[(i, i)].max(0.0).sqrt();
     let (focal_px, height_m) = (params.focal_px(), params.log_height.exp());

@@ -3,7 +3,7 @@
 use std::io::{Write as _, stdout};
 
 use roadplane_pipeline::{
-    CameraMemory, Cancel, Existing, FolderLock, PipelineError, RunOptions, find_models, inputs_of,
+    CameraDatabase, Cancel, Existing, FolderLock, PipelineError, RunOptions, find_models, inputs_of,
     join_pieces, plan as plan_input,
 };
 
@@ -40,7 +40,7 @@ pub fn join(args: &JoinArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let models = find_models(config.models.folder.as_deref())?;
     let _lock = FolderLock::acquire(&args.out).map_err(PipelineError::from)?;
     let cameras = match (&args.cameras, &args.camera_id) {
-        (Some(folder), Some(id)) => Some(CameraMemory::open(folder, id, &inputs_of(&args.pieces)?)?),
+        (Some(folder), Some(id)) => Some(CameraDatabase::open(folder, id, &inputs_of(&args.pieces)?)?),
         _ => None,
     };
     let options = RunOptions {

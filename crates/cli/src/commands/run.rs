@@ -5,7 +5,7 @@ use std::sync::Mutex;
 
 use crossbeam_channel::bounded;
 use roadplane_pipeline::{
-    CameraMemory, Cancel, Config, Existing, Fault, FolderLock, PipelineError, RunOptions, RunReport,
+    CameraDatabase, Cancel, Config, Existing, Fault, FolderLock, PipelineError, RunOptions, RunReport,
     find_models, run_input, run_piece, stem_of,
 };
 
@@ -35,7 +35,7 @@ pub fn run(args: &RunArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let site = super::site::site(&args.site)?;
     let models = find_models(config.models.folder.as_deref())?;
     let cameras = match (&args.cameras, &args.camera_id) {
-        (Some(folder), Some(id)) => Some(CameraMemory::open(folder, id, &args.inputs)?),
+        (Some(folder), Some(id)) => Some(CameraDatabase::open(folder, id, &args.inputs)?),
         _ => None,
     };
     let _lock = FolderLock::acquire(&args.out).map_err(PipelineError::from)?;

@@ -37,7 +37,7 @@ pub enum EvalCommand {
     Keypoints(EvalKeypointsArgs),
     /// The joint solver on synthetic scenes with exact truth: accuracy against the Cramér–Rao bound, honesty, speed.
     Solver(EvalSolverArgs),
-    /// Known real cameras (cameras.json): how far off the product's are, car by car and keypoint by keypoint where from.
+    /// CameraConstraints real cameras (cameras.json): how far off the product's are, car by car and keypoint by keypoint where from.
     Cameras(EvalCamerasArgs),
     /// Remembered cameras on synthetic clips with exact truth: error, bound and sd after 1, 3, 10, 30 nights.
     Remembered(EvalRememberedArgs),

@@ -14,7 +14,7 @@ mod statistics;
 pub use ablation::ablation_tables;
 pub use exact::exact_table;
 pub use fusion::fusion_table;
-pub use layers::{KnownPicture, layers_tables, synthetic_pictures};
+pub use layers::{ReferencePicture, layers_tables, synthetic_pictures};
 pub use remembered::remembered_tables;
 pub use speed::{SpeedPoint, speed, speed_plot, speed_table};
 pub use statistics::statistics_tables;

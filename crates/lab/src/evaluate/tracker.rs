@@ -7,7 +7,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use roadplane_base::ShapeAtlas;
-use roadplane_pipeline::{Cancel, Config, Known, PipelineError, Progress};
+use roadplane_pipeline::{CameraConstraints, Cancel, Config, PipelineError, Progress};
 use roadplane_tables::Report;
 
 pub use noise::Noise;
@@ -54,7 +54,8 @@ pub fn evaluate_tracker(
         let frames = options.noise.measure(truth, options.stride, seed);
         let looked_at: BTreeSet<u64> = frames.iter().map(|frame| frame.frame).collect();
         let place = Workplace::new(None)?;
-        let clip = solve_fused(&atlas, &frames, &Known::default(), place.folder(), config, cancel)?;
+        let clip =
+            solve_fused(&atlas, &frames, &CameraConstraints::default(), place.folder(), config, cancel)?;
         progress.frame_done();
         Ok(score_tracks(truth, &clip.rows, |frame, _| looked_at.contains(&frame)))
     };
@@ -115,7 +116,8 @@ mod tests {
         let score = |noise: Noise| {
             let frames = noise.measure(&truth, 1, 3);
             let folder = tempfile::tempdir().unwrap();
-            let (known, config, cancel) = (Known::default(), Config::default(), Cancel::default());
+            let (known, config, cancel) =
+                (CameraConstraints::default(), Config::default(), Cancel::default());
             let clip = solve_fused(&atlas, &frames, &known, folder.path(), &config, &cancel).unwrap();
             score_tracks(&truth, &clip.rows, |_, _| true).fitted
         };

@@ -12,7 +12,7 @@ pub struct FrameInput<'a> {
     pub size: ImageSize,
     /// The true focal length, for the systems that take it as known, px.
     pub focal_px: f64,
-    /// The true ground, for [`System::KnownGround`](super::System::KnownGround) alone.
+    /// The true ground, for [`System::ConstrainedGround`](super::System::ConstrainedGround) alone.
     pub plane: GroundPlane,
     /// Keypoints of each car.
     pub cars: &'a [KeypointSet],

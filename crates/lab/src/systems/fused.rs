@@ -4,7 +4,7 @@
 use std::path::Path;
 
 use roadplane_base::{FrameRecord, PoseRecord, ShapeAtlas, TrackRow};
-use roadplane_pipeline::{Cancel, Config, Known, solve_clip};
+use roadplane_pipeline::{CameraConstraints, Cancel, Config, solve_clip};
 use roadplane_write::{JsonLines, read_jsonl};
 
 use super::answer::CameraAnswer;
@@ -28,7 +28,7 @@ pub struct FusedClip {
 pub fn solve_fused(
     atlas: &ShapeAtlas,
     frames: &[FrameRecord],
-    known: &Known,
+    known: &CameraConstraints,
     folder: &Path,
     config: &Config,
     cancel: &Cancel,

@@ -16,7 +16,7 @@ const STRAIGHT: f64 = 0.05;
 
 /// A known camera.
 #[derive(Clone, Debug, PartialEq)]
-pub struct KnownCamera {
+pub struct ReferenceCamera {
     /// Source and name.
     pub id: String,
     /// Its picture or clip.
@@ -35,7 +35,7 @@ pub struct KnownCamera {
     pub sd: [f64; 4],
 }
 
-impl KnownCamera {
+impl ReferenceCamera {
     /// The camera itself.
     #[must_use]
     pub fn camera(&self) -> Camera {
@@ -82,7 +82,7 @@ struct Sd {
 ///
 /// # Errors
 /// [`MetricsError::Unreadable`]; [`MetricsError::Malformed`] if it is of another schema, or a camera's numbers make no sense.
-pub fn read_cameras(path: &Path) -> Result<Vec<KnownCamera>, MetricsError> {
+pub fn read_cameras(path: &Path) -> Result<Vec<ReferenceCamera>, MetricsError> {
     let text = read_text(path)?;
     let file: File =
         serde_json::from_str(&text).map_err(|error| MetricsError::malformed(path, error.to_string()))?;
@@ -101,7 +101,7 @@ pub fn read_cameras(path: &Path) -> Result<Vec<KnownCamera>, MetricsError> {
         }
         let [width, height] = entry.image_size_px;
         let Sd { focal_share, tilt_deg, roll_deg, height_share } = entry.sd;
-        Ok(KnownCamera {
+        Ok(ReferenceCamera {
             media: folder.join(entry.file),
             id: entry.id,
             size: ImageSize { width, height },

@@ -2,7 +2,7 @@
 
 use roadplane_base::{CameraEstimate, CameraEvidence};
 use roadplane_geo::{Place, Site};
-use roadplane_write::KnownSummary;
+use roadplane_write::ConstraintSummary;
 
 use crate::cameras::witnesses::SceneView;
 
@@ -14,7 +14,7 @@ pub struct CameraTrack {
     pub(super) moves_s: Vec<f64>,
     pub(super) said: Option<CameraEvidence>,
     pub(super) size_of_cars: f64,
-    pub(super) known: Vec<KnownSummary>,
+    pub(super) known: Vec<ConstraintSummary>,
     pub(super) scene: Vec<SceneView>,
 }
 
@@ -39,7 +39,7 @@ impl CameraTrack {
 
     /// What was told of the camera, against everything else.
     #[must_use]
-    pub fn known(&self) -> &[KnownSummary] {
+    pub fn known(&self) -> &[ConstraintSummary] {
         &self.known
     }
 

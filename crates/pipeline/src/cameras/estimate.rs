@@ -9,8 +9,10 @@ use roadplane_calibrate::{
 };
 
 use crate::cameras::camera_track::CameraTrack;
-use crate::cameras::joining::{clues_by_position, clues_of_window, fuse_options, nothing_seen, unobservable};
-use crate::cameras::known::Known;
+use crate::cameras::joining::{
+    factors_by_position, factors_of_window, fuse_options, nothing_seen, unobservable,
+};
+use crate::cameras::known::CameraConstraints;
 use crate::cameras::lens::LensOfClip;
 use crate::cameras::memory::{Recall, look};
 use crate::cameras::remembered::{add_remembered, evidence_of, own_epoch};
@@ -27,7 +29,7 @@ pub fn estimate_cameras(
     frames: impl Iterator<Item = Result<FrameRecord, PipelineError>>,
     curves: &[SceneCurve],
     atlas: &ShapeAtlas,
-    known: &Known,
+    known: &CameraConstraints,
     recall: Option<&Recall>,
     config: &Config,
 ) -> Result<CameraTrack, PipelineError> {
@@ -45,19 +47,19 @@ pub fn estimate_cameras(
     let mut span_s = [f64::INFINITY, f64::NEG_INFINITY];
     let mut frame_count = 0;
     let mut scene_lines = ToldLines::default();
-    let mut take = |window: Option<Window>, size: ImageSize, lens: Lens, known: &Known| {
+    let mut take = |window: Option<Window>, size: ImageSize, lens: Lens, known: &CameraConstraints| {
         let Some(window) = window else { return };
         if window.segment > moves_s.len() {
             moves_s.push(window.span_s[0]);
         }
         let focal_px = known.focal_px();
-        let clues = clues_of_window(&known.clues(moves_s.len(), size));
-        if told.is_none() && !clues.is_empty() {
+        let factors = factors_of_window(&known.factors(moves_s.len(), size));
+        if told.is_none() && !factors.is_empty() {
             told = Some(untold.clone());
         }
         untold.solve(&window, size, lens, focal_px, Arc::new([]));
         if let Some(told) = &mut told {
-            told.solve(&window, size, lens, focal_px, clues);
+            told.solve(&window, size, lens, focal_px, factors);
         }
     };
     for frame in frames {
@@ -122,16 +124,16 @@ pub fn estimate_cameras(
         tracing::warn!("the camera cannot be estimated from the cars of {frame_count} frames");
     }
     let known = known.checked(size, |others| {
-        let mut clues = clues_by_position(size, position, others);
-        and_witnesses(&mut clues, &scene);
-        fuse(&untold, &FuseOptions { clues, ..fuse_options.clone() }).into_iter().next()
+        let mut factors = factors_by_position(size, position, others);
+        and_witnesses(&mut factors, &scene);
+        fuse(&untold, &FuseOptions { factors, ..fuse_options.clone() }).into_iter().next()
     });
     Ok(CameraTrack { estimates, moves_s, said, size_of_cars, known, scene })
 }
 
 /// The camera before any car is looked at.
 #[must_use]
-pub fn prior_camera(known: &Known, frame: &FrameRecord, config: &Config) -> CameraEstimate {
+pub fn prior_camera(known: &CameraConstraints, frame: &FrameRecord, config: &Config) -> CameraEstimate {
     let (size, span_s) = (frame.image_size_px, [frame.time_s; 2]);
     let options = fuse_options(size, 0, known, config);
     let told = (!known.is_silent()).then(|| nothing_seen(&options, span_s, 0));

@@ -11,8 +11,8 @@ use roadplane_solve::{
 };
 
 use crate::Config;
-use crate::cameras::joining::{clues_of_window, fuse_options, nothing_seen};
-use crate::cameras::known::Known;
+use crate::cameras::joining::{factors_of_window, fuse_options, nothing_seen};
+use crate::cameras::known::CameraConstraints;
 use crate::cameras::lens::LensOfClip;
 use crate::cameras::window::by_cars_alone;
 use crate::tracks::believe::usable;
@@ -22,7 +22,7 @@ use crate::tracks::believe::usable;
 pub fn estimate_frame(
     frame: &FrameRecord,
     atlas: &ShapeAtlas,
-    known: &Known,
+    known: &CameraConstraints,
     config: &Config,
 ) -> CameraEstimate {
     let size = frame.image_size_px;
@@ -57,7 +57,7 @@ pub const PLANE_TERMS: PlaneTerms = PlaneTerms { distance_sd_m: 0.05, angle_sd: 
 pub fn estimate_frame_as_paper(
     frame: &FrameRecord,
     atlas: &ShapeAtlas,
-    known: &Known,
+    known: &CameraConstraints,
     config: &Config,
 ) -> (CameraEstimate, Vec<Option<FreeCarFit>>) {
     let size = frame.image_size_px;
@@ -78,14 +78,14 @@ pub fn estimate_frame_as_paper(
 fn before_cars(
     curves: &[SceneCurve],
     size: ImageSize,
-    known: &Known,
+    known: &CameraConstraints,
     config: &Config,
-) -> (LensOfClip, Known, SceneOptions) {
+) -> (LensOfClip, CameraConstraints, SceneOptions) {
     let lens = LensOfClip::new(curves, size, known, None, config);
     let known = known.seen_through(lens.lens());
     let mut options = config.solve.scene_options(known.focal_px());
     options.lens = lens.lens();
-    options.clues = clues_of_window(&known.clues(0, size));
+    options.factors = factors_of_window(&known.factors(0, size));
     (lens, known, options)
 }
 

@@ -1,47 +1,52 @@
-//! How windows, and clips, are joined: the prior and the clues that count once, and what joins to nothing.
+//! How windows, and clips, are joined: the prior and the factors that count once, and what joins to nothing.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use nalgebra::Matrix4;
-use roadplane_base::{CameraEstimate, CameraStatus, Clue, ImageSize, JointInformation};
+use roadplane_base::{CameraEstimate, CameraStatus, Factor, ImageSize, JointInformation};
 use roadplane_calibrate::{FuseOptions, FusePrior, SegmentStart, WindowEstimate};
 use roadplane_solve::SceneOptions;
 
 use crate::Config;
-use crate::cameras::known::Known;
+use crate::cameras::known::CameraConstraints;
 use crate::cameras::population::POPULATION_LOG_SD;
 
 /// sd of log focal that stands for "given".
 const GIVEN_LOG_FOCAL_SD: f64 = 1e-6;
 
 /// How windows, and clips, are joined by this configuration, where the camera was moved so often.
-pub(crate) fn fuse_options(size: ImageSize, moves: usize, known: &Known, config: &Config) -> FuseOptions {
+pub(crate) fn fuse_options(
+    size: ImageSize,
+    moves: usize,
+    known: &CameraConstraints,
+    config: &Config,
+) -> FuseOptions {
     let options = config.solve.scene_options(known.focal_px());
     FuseOptions {
         focal_given: known.focal_px().is_some(),
         prior: fuse_prior(&options, size),
         shared_sd: options.shared_sd(),
-        clues: clues_by_position(size, moves, known),
+        factors: factors_by_position(size, moves, known),
         size_of_cars_sd: POPULATION_LOG_SD,
         ..FuseOptions::for_image(size)
     }
 }
 
 /// All that speaks of the camera beside cars, by its position.
-pub(crate) fn clues_by_position(
+pub(crate) fn factors_by_position(
     size: ImageSize,
     moves: usize,
-    known: &Known,
-) -> BTreeMap<usize, Arc<[Clue]>> {
-    let clues = (0..=moves).map(|position| (position, Arc::from(known.clues(position, size))));
-    clues.filter(|(_, clues): &(usize, Arc<[Clue]>)| !clues.is_empty()).collect()
+    known: &CameraConstraints,
+) -> BTreeMap<usize, Arc<[Factor]>> {
+    let factors = (0..=moves).map(|position| (position, Arc::from(known.factors(position, size))));
+    factors.filter(|(_, factors): &(usize, Arc<[Factor]>)| !factors.is_empty()).collect()
 }
 
 /// What of that a window is solved with: its cars take themselves for as large as the atlas', which only many windows together can
 /// weigh against a length.
-pub(crate) fn clues_of_window(clues: &[Clue]) -> Arc<[Clue]> {
-    clues.iter().filter_map(Clue::without_scale).collect()
+pub(crate) fn factors_of_window(factors: &[Factor]) -> Arc<[Factor]> {
+    factors.iter().filter_map(Factor::without_scale).collect()
 }
 
 /// A window without cars.
@@ -63,7 +68,7 @@ fn fuse_prior(options: &SceneOptions, size: ImageSize) -> FusePrior {
     let prior = &options.camera_prior;
     let mut params = prior.mean(size);
     let mut sd = prior.sd();
-    if let Some(focal_px) = options.known_focal_px {
+    if let Some(focal_px) = options.given_focal_px {
         params.log_focal = focal_px.ln();
         sd[0] = GIVEN_LOG_FOCAL_SD;
     }

@@ -1,4 +1,4 @@
-//! What the user knows of a camera: evidence like any other, as [`Clue`]s.
+//! What the user knows of a camera: evidence like any other, as [`Factor`]s.
 
 mod camera_file;
 mod check;
@@ -7,8 +7,8 @@ mod measured;
 use std::path::Path;
 
 use nalgebra::{Matrix4, Vector2, Vector4};
-use roadplane_base::{Clue, ImageSize, Lens};
-use roadplane_write::{KnownLength, WriteError, read_known};
+use roadplane_base::{Factor, ImageSize, Lens};
+use roadplane_write::{LengthConstraint, WriteError, read_constraints};
 
 pub(crate) use check::{contradiction, in_words as known_in_words};
 pub use measured::Measured;
@@ -24,7 +24,7 @@ const SAME_RATIO: f64 = 0.01;
 
 /// What the user knows of a camera. By default nothing.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Known {
+pub struct CameraConstraints {
     /// Focal length that is taken as it is, and the size of the pictures that it is for where that is told.
     focal: Option<(f64, Option<ImageSize>)>,
     lens: Option<KnownLens>,
@@ -35,7 +35,7 @@ pub struct Known {
 
 /// What is said on a command line.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct KnownOptions<'a> {
+pub struct ConstraintOptions<'a> {
     /// Focal length, px. Without an sd it is taken as it is.
     pub focal_px: Option<Measured>,
     /// Tilt, °; without an sd to 2°.
@@ -66,7 +66,7 @@ enum Fact {
     },
     Length {
         file: String,
-        length: KnownLength,
+        length: LengthConstraint,
     },
 }
 
@@ -78,7 +78,7 @@ struct Number {
     sd: f64,
 }
 
-impl Known {
+impl CameraConstraints {
     /// A focal length, px, that is taken as it is.
     #[must_use]
     pub fn focal(focal_px: Option<f64>) -> Self {
@@ -90,7 +90,7 @@ impl Known {
     /// # Errors
     /// [`PipelineError::Usage`] for what makes no sense and for files that are not of their form, [`PipelineError::Write`] for files
     /// that cannot be read.
-    pub fn new(options: &KnownOptions<'_>) -> Result<Self, PipelineError> {
+    pub fn new(options: &ConstraintOptions<'_>) -> Result<Self, PipelineError> {
         let mut known = Self::default();
         if let Some(path) = options.camera {
             known.add_camera(path)?;
@@ -136,7 +136,7 @@ impl Known {
         }
         if let Some(path) = options.lengths {
             let file = name_of(path);
-            let lengths = read_known(path).map_err(usage)?;
+            let lengths = read_constraints(path).map_err(usage)?;
             known.facts.extend(lengths.into_iter().map(|length| Fact::Length { file: file.clone(), length }));
         }
         Ok(known)
@@ -177,7 +177,7 @@ impl Known {
         self.focal_px().or_else(|| self.facts.iter().find_map(number))
     }
 
-    /// The lens, where it is told, for pictures of this size that [`Known::for_pictures`] was asked for.
+    /// The lens, where it is told, for pictures of this size that [`CameraConstraints::for_pictures`] was asked for.
     pub(crate) fn lens(&self, size: ImageSize) -> Option<Lens> {
         match self.lens? {
             KnownLens::Opencv([k1, k2]) => Some(Lens::from_opencv(k1, k2, self.about_focal_px()?, size)),
@@ -234,11 +234,11 @@ impl Known {
 
     /// What it says of a position of the camera, from 0. Focal length and height hold for all; the rest is true of where the camera
     /// looked first.
-    pub(crate) fn clues(&self, position: usize, size: ImageSize) -> Vec<Clue> {
+    pub(crate) fn factors(&self, position: usize, size: ImageSize) -> Vec<Factor> {
         self.facts
             .iter()
             .filter(|fact| position == 0 || fact.holds_everywhere())
-            .map(|fact| fact.clue(size, self.seen_through))
+            .map(|fact| fact.factor(size, self.seen_through))
             .collect()
     }
 
@@ -257,15 +257,15 @@ impl Fact {
         matches!(self, Self::Number(Number { which: 0 | 3, .. }))
     }
 
-    fn clue(&self, size: ImageSize, lens: Lens) -> Clue {
+    fn factor(&self, size: ImageSize, lens: Lens) -> Factor {
         match self {
             Self::Number(Number { which, value, sd }) => {
-                Clue::Number { which: *which, value: *value, sd: *sd }
+                Factor::Number { which: *which, value: *value, sd: *sd }
             }
             Self::Camera { mean, information, by_cars, .. } => {
-                Clue::Camera { mean: *mean, information: *information, by_cars: *by_cars }
+                Factor::Camera { mean: *mean, information: *information, by_cars: *by_cars }
             }
-            Self::Length { length, .. } => Clue::Length {
+            Self::Length { length, .. } => Factor::Length {
                 ends_px: [length.from_px, length.to_px]
                     .map(|end| lens.straightened(&(Vector2::from(end) - size.centre_px()))),
                 end_sd_px: length.pixel_sd,

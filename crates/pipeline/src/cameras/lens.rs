@@ -4,7 +4,7 @@ use roadplane_base::{Camera, ImageSize, Lens, SceneCurve};
 use roadplane_calibrate::{FuseOptions, LensView, WindowEstimate, fuse};
 
 use crate::cameras::memory::Recall;
-use crate::{Config, Known};
+use crate::{CameraConstraints, Config};
 
 /// sd of a lens' bend that is told.
 const TOLD_BEND_SD: f64 = 0.005;
@@ -24,7 +24,7 @@ impl LensOfClip {
     pub(crate) fn new(
         curves: &[SceneCurve],
         size: ImageSize,
-        known: &Known,
+        known: &CameraConstraints,
         recall: Option<&Recall>,
         config: &Config,
     ) -> Self {

@@ -20,7 +20,7 @@ use roadplane_watch::PlacePicture;
 use roadplane_write::{EvidenceStore, InputSummary, WriteError, is_camera_id};
 
 use crate::cameras::joining::fuse_options;
-use crate::{Config, Known, PipelineError, stem_of};
+use crate::{CameraConstraints, Config, PipelineError, stem_of};
 
 /// Name of a clip's evidence in its result.
 pub(crate) const EVIDENCE: &str = "evidence.json";
@@ -29,7 +29,7 @@ const SAME_PLACE: f64 = 0.003;
 
 /// The cameras of a command's inputs.
 #[derive(Clone, Debug)]
-pub struct CameraMemory {
+pub struct CameraDatabase {
     store: EvidenceStore,
     id: CameraId,
     known: BTreeMap<String, Vec<CameraEvidence>>,
@@ -70,7 +70,7 @@ impl CameraId {
     }
 }
 
-impl CameraMemory {
+impl CameraDatabase {
     /// Reads what is known of the inputs' cameras. Damaged files are told in the log and left alone.
     ///
     /// # Errors
@@ -174,7 +174,7 @@ fn unpacked(text: &str) -> Option<PlacePicture> {
 
 /// A camera over an epoch, as it is known.
 #[derive(Clone, Debug)]
-pub struct KnownCamera {
+pub struct StoredCamera {
     /// Names of the clips, in order.
     pub clips: Vec<ClipIdentity>,
     /// The numbers, the size of the place's cars counted.
@@ -185,19 +185,20 @@ pub struct KnownCamera {
 ///
 /// # Errors
 /// [`PipelineError::Write`] where the folder cannot be read.
-pub fn known_cameras(
+pub fn stored_cameras(
     store: &EvidenceStore,
     camera: &str,
     config: &Config,
-) -> Result<Vec<KnownCamera>, PipelineError> {
+) -> Result<Vec<StoredCamera>, PipelineError> {
     let evidence = sound(store.read(camera)?);
     let size = |epoch: &Epoch<'_>| epoch.clips.first().map(|clip| clip.image_size_px);
     let any = evidence.first().map_or(ImageSize { width: 1, height: 1 }, |first| first.image_size_px);
-    let epochs = epochs(&evidence, &look, &fuse_options(any, 0, &Known::default(), config).for_cars());
+    let epochs =
+        epochs(&evidence, &look, &fuse_options(any, 0, &CameraConstraints::default(), config).for_cars());
     let known = |epoch: &Epoch<'_>| {
-        let options = fuse_options(size(epoch)?, 0, &Known::default(), config);
+        let options = fuse_options(size(epoch)?, 0, &CameraConstraints::default(), config);
         let estimate = fuse(&epoch.windows, &options).pop()?;
-        Some(KnownCamera { clips: epoch.clips.iter().map(|e| e.clip.clone()).collect(), estimate })
+        Some(StoredCamera { clips: epoch.clips.iter().map(|e| e.clip.clone()).collect(), estimate })
     };
     Ok(epochs.iter().filter_map(known).collect())
 }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use nalgebra::Matrix4;
 use roadplane_base::{
-    Camera, CameraParams, Clue, ImageSize, JointInformation, Keypoint, Lens, ParkedCar, ShapeAtlas,
+    Camera, CameraParams, Factor, ImageSize, JointInformation, Keypoint, Lens, ParkedCar, ShapeAtlas,
 };
 use roadplane_calibrate::{CarHeading, CarUse, LinkId, View, Window, WindowEstimate};
 use roadplane_solve::{CarSolution, CarView, SceneOptions, SceneSolution, ShapePrior, fit_car, solve_scene};
@@ -40,10 +40,10 @@ impl<'a> Solving<'a> {
         size: ImageSize,
         lens: Lens,
         focal_px: Option<f64>,
-        clues: Arc<[Clue]>,
+        factors: Arc<[Factor]>,
     ) {
         let options =
-            SceneOptions { start: self.start, clues, lens, ..self.config.solve.scene_options(focal_px) };
+            SceneOptions { start: self.start, factors, lens, ..self.config.solve.scene_options(focal_px) };
         if let Some(solved) = solve_window(window, self.atlas, size, &options, self.config) {
             self.start = Some(solved.estimate.params);
             self.parked.extend(solved.parked);
@@ -166,7 +166,7 @@ fn heading(
     CarHeading::new(view.link, &solution.params, &fit.car.ground, sd)
 }
 
-/// What the cars alone say: the solve's prior and clues are taken out again, since they are counted once over all windows.
+/// What the cars alone say: the solve's prior and factors are taken out again, since they are counted once over all windows.
 pub(crate) fn by_cars_alone(solution: &SceneSolution) -> (CameraParams, JointInformation) {
     let joint = solution.information;
     let alone = joint.information.cholesky().map(|i| CameraParams::from_vector(&i.solve(&joint.vector)));

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-use roadplane_base::{CameraEstimate, Clue, FrameRecord, SceneLine};
+use roadplane_base::{CameraEstimate, Factor, FrameRecord, SceneLine};
 use roadplane_calibrate::{
     CarHeading, FuseOptions, Parallel, Verticals, WindowEstimate, beside_a_witness, condense, fuse, parallel,
     verticals,
@@ -68,7 +68,7 @@ impl SceneView {
 /// Rounds of following a witness: cars are linearised where the join leads.
 const ROUNDS: usize = 6;
 
-/// Where lines of a position show the vertical, or cars are parallel, its windows become one that is joined beside these clues. A
+/// Where lines of a position show the vertical, or cars are parallel, its windows become one that is joined beside these factors. A
 /// position in which the camera drifts or was moved unseen has no one picture, and no witness; who knows the focal length asks
 /// none.
 pub(crate) fn hear_witnesses(
@@ -90,12 +90,12 @@ pub(crate) fn hear_witnesses(
             let mut cars = cars.clone();
             view.parallel = parallel(headings, cars.covariance[(0, 0)].sqrt());
             if let Some(found) = view.parallel {
-                add_clue(&mut options.clues, position, found.clue);
+                add_clue(&mut options.factors, position, found.factor);
                 (cars, beside) = beside_clues(&together, cars, options);
             }
             view.verticals = verticals(&view.lines, &cars);
             if let Some(found) = &view.verticals {
-                add_clue(&mut options.clues, position, found.clue);
+                add_clue(&mut options.factors, position, found.factor);
                 (_, beside) = beside_clues(&together, cars, options);
             }
             if view.parallel.is_some() || view.verticals.is_some() {
@@ -111,7 +111,7 @@ pub(crate) fn hear_witnesses(
     views
 }
 
-/// The camera that a window and the clues on its position come to, and the window as it is to be joined there.
+/// The camera that a window and the factors on its position come to, and the window as it is to be joined there.
 fn beside_clues(
     window: &WindowEstimate,
     mut camera: CameraEstimate,
@@ -126,18 +126,18 @@ fn beside_clues(
     (camera, window)
 }
 
-fn add_clue(clues: &mut BTreeMap<usize, Arc<[Clue]>>, position: usize, clue: Clue) {
-    let here = clues.entry(position).or_insert_with(|| Arc::new([]));
-    *here = here.iter().copied().chain([clue]).collect();
+fn add_clue(factors: &mut BTreeMap<usize, Arc<[Factor]>>, position: usize, factor: Factor) {
+    let here = factors.entry(position).or_insert_with(|| Arc::new([]));
+    *here = here.iter().copied().chain([factor]).collect();
 }
 
-/// Adds what witnesses said to other clues, by position.
-pub(crate) fn and_witnesses(clues: &mut BTreeMap<usize, Arc<[Clue]>>, views: &[SceneView]) {
+/// Adds what witnesses said to other factors, by position.
+pub(crate) fn and_witnesses(factors: &mut BTreeMap<usize, Arc<[Factor]>>, views: &[SceneView]) {
     for view in views {
-        let of_cars = view.parallel.map(|found| found.clue);
-        let of_lines = view.verticals.as_ref().map(|found| found.clue);
-        for clue in of_cars.into_iter().chain(of_lines) {
-            add_clue(clues, view.position, clue);
+        let of_cars = view.parallel.map(|found| found.factor);
+        let of_lines = view.verticals.as_ref().map(|found| found.factor);
+        for factor in of_cars.into_iter().chain(of_lines) {
+            add_clue(factors, view.position, factor);
         }
     }
 }

@@ -18,7 +18,7 @@ use serde_json::Value;
 use crate::commands::run::given_up;
 use crate::identity::stem_of;
 use crate::options::{RunOptions, RunReport};
-use crate::stream::left::{Job, Left, LeftHalf, STAMP, Stamp, left_half};
+use crate::stream::perception::{Job, Left, LeftHalf, STAMP, Stamp, left_half};
 use crate::stream::span::{STEP_S, Span};
 use crate::stream::speed::Meter;
 use crate::stream::stills::StillLevels;

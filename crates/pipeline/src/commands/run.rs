@@ -6,11 +6,11 @@ use std::time::Instant;
 use roadplane_activity::ActivityNet;
 use roadplane_write::{OutputFolder, RunStatus, read_summary};
 
-use crate::clip::ClipSolution;
+use crate::estimation::ClipSolution;
 use crate::identity::stem_of;
 use crate::options::{RunOptions, RunReport};
 use crate::output::finish::{Finish, finish};
-use crate::stream::left::{Job, Left, LeftHalf, SPOOL, STAMP, left_half};
+use crate::stream::perception::{Job, Left, LeftHalf, SPOOL, STAMP, left_half};
 use crate::stream::speed::Meter;
 use crate::stream::streaming::open_input;
 use crate::{Cancel, Config, PipelineError, Progress};

@@ -14,7 +14,7 @@ use crate::cameras::frame::{estimate_frame, estimate_frame_as_paper};
 use crate::cameras::known::contradiction;
 use crate::tracks::believe::usable;
 use crate::tracks::cars::{FrameCamera, HeldPoses, any_car, fit_frame, free_pose_record, pose_record};
-use crate::{Cancel, Config, Known, PipelineError, Progress};
+use crate::{CameraConstraints, Cancel, Config, PipelineError, Progress};
 
 /// How frames are solved.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -35,7 +35,7 @@ pub enum SolveMethod {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SolveOptions {
     /// What is known of the camera.
-    pub known: Known,
+    pub known: CameraConstraints,
     /// How.
     pub method: SolveMethod,
 }

@@ -6,12 +6,12 @@ use std::time::Instant;
 use roadplane_base::ShapeAtlas;
 use roadplane_write::{Existing, OutputFolder, StageSeconds, Summary, write_summary};
 
-use crate::clip::{Given, solve_known_clip};
+use crate::estimation::{Given, solve_constrained_clip};
 use crate::identity::{file_identity, versions};
 use crate::options::RunReport;
 use crate::output::finish::{note_solution, write_camera_and_place};
 use crate::output::track_rows::{ShownRows, TrackRows};
-use crate::{Cancel, Config, Known, PipelineError};
+use crate::{CameraConstraints, Cancel, Config, PipelineError};
 
 /// Tracks the cars of a frames file into `out/<stem>/`: camera, poses, tracks and summary as a run leaves them. Hold the lock of
 /// `out`.
@@ -22,7 +22,7 @@ pub fn track_file(
     frames: &Path,
     out: &Path,
     stem: &str,
-    known: &Known,
+    known: &CameraConstraints,
     existing: Existing,
     config: &Config,
     cancel: &Cancel,
@@ -42,12 +42,13 @@ pub fn track_file(
     }
     let mut rows = TrackRows::new(folder.path(), None, ShownRows::default());
     let poses = folder.path().join("poses.jsonl");
-    let solved = solve_known_clip(frames, &poses, &atlas, &Given::new(known), &mut rows, config, cancel)
-        .and_then(|solution| {
-            rows.finish()?;
-            write_camera_and_place(folder.path(), &solution)?;
-            Ok(solution)
-        });
+    let solved =
+        solve_constrained_clip(frames, &poses, &atlas, &Given::new(known), &mut rows, config, cancel)
+            .and_then(|solution| {
+                rows.finish()?;
+                write_camera_and_place(folder.path(), &solution)?;
+                Ok(solution)
+            });
     let solution = match solved {
         Ok(solution) => solution,
         Err(error) => {

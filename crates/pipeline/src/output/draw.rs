@@ -12,7 +12,7 @@ use roadplane_write::{OutFile, Summary, read_camera, read_jsonl, read_summary};
 
 use crate::cameras::camera_track::CameraTrack;
 use crate::cameras::known::known_in_words;
-use crate::clip::ClipSolution;
+use crate::estimation::ClipSolution;
 use crate::output::losses::losses_in_words;
 use crate::stream::flow::Work;
 use crate::stream::stills::Stills;

@@ -12,11 +12,11 @@ use roadplane_write::{
 
 use crate::cameras::memory::EVIDENCE;
 use crate::cameras::witnesses::SceneView;
-use crate::clip::{ClipSolution, Given, solve_known_clip};
+use crate::estimation::{ClipSolution, Given, solve_constrained_clip};
 use crate::identity::{peak_memory_bytes, versions};
 use crate::output::draw::{ReportPictures, draw_video, write_report};
 use crate::output::track_rows::{ShownRows, TrackRows};
-use crate::stream::left::{Job, Left, SPOOL};
+use crate::stream::perception::{Job, Left, SPOOL};
 use crate::stream::speed::Meter;
 use crate::{Config, PipelineError, Silent};
 
@@ -54,7 +54,7 @@ pub(crate) fn finish(work: Finish<'_>, job: &Job<'_>) -> Result<ClipSolution, Pi
     let given = Given { recall: recall.as_ref(), site: options.site.as_ref(), ..Given::new(&options.known) };
     let drawn = left.samples.iter().map(|(frame, ..)| *frame).chain(left.stills.crop_frames());
     let mut rows = TrackRows::new(folder, activity, ShownRows::of(drawn.collect()));
-    let mut solution = solve_known_clip(&spool, &poses, &atlas, &given, &mut rows, config, cancel)?;
+    let mut solution = solve_constrained_clip(&spool, &poses, &atlas, &given, &mut rows, config, cancel)?;
     let shown = rows.finish()?;
     let is_thinned = shown.is_thinned();
     solution.rows = shown.rows;

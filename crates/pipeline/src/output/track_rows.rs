@@ -9,7 +9,7 @@ use roadplane_geo::Place;
 use roadplane_write::TrackFiles;
 
 use crate::PipelineError;
-use crate::clip::RowSink;
+use crate::estimation::RowSink;
 use crate::tracks::activities::{add_events, label_rows, write_events};
 use crate::tracks::stretch::Stretch;
 

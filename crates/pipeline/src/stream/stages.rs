@@ -1,7 +1,7 @@
 //! The stages that look at pictures: watch → detect → keypoints.
 
 use roadplane_base::PictureVerdict;
-use roadplane_detect::{Attention, Detector};
+use roadplane_detect::{Detector, RoiScheduler};
 use roadplane_keypoints::{KeypointNet, Schedule};
 use roadplane_watch::{Background, Watcher};
 
@@ -31,12 +31,12 @@ pub(crate) fn detect_stage<'a>(
     background: &'a mut Option<Background>,
     mut lines: LineFinder,
 ) -> Stage<'a> {
-    let mut memory: Option<(u64, Attention)> = None;
+    let mut memory: Option<(u64, RoiScheduler)> = None;
     Stage::new("detect", move |work: &mut Work| {
         let stretch = stretch_of(work.record.time_s);
         let (_, attention) = match &mut memory {
             Some(memory) if memory.0 == stretch && cadence.attention => memory,
-            memory => memory.insert((stretch, Attention::new(cadence.looks_a_sweep))),
+            memory => memory.insert((stretch, RoiScheduler::new(cadence.looks_a_sweep))),
         };
         let (Some(image), Some(seen)) = (&work.image, &work.seen) else {
             work.record.cars = attention.held();

@@ -98,14 +98,14 @@ pub fn vehicle_s(track: &Track, height_m: f64, looked_s: &[f64]) -> Option<[f64;
     let clip_s = looked_s.last().zip(looked_s.first()).map_or(0.0, |(last, first)| last - first);
     let least_s = if is_whole { MIN_SEEN_S.min(MIN_CLIP_SHARE * clip_s) } else { MIN_PART_S };
     // Keypoints tell a car from what looks like one; nothing but driving, if there is time for it, tells a bus from a shelter.
-    let is_told = match track.class {
+    let is_determined = match track.class {
         VehicleClass::Car => {
             let looks = || seen.iter().filter(|state| !state.held);
             2 * looks().filter(|state| state.lacks_keypoints).count() <= looks().count()
         }
         _ => clip_s < MIN_PART_S,
     };
-    let stands = is_told && height_m >= MIN_HEIGHT_M && to_s - from_s >= least_s;
+    let stands = is_determined && height_m >= MIN_HEIGHT_M && to_s - from_s >= least_s;
     (stands || seen.chunk_by(near).any(drives)).then_some([from_s, to_s])
 }
 

@@ -3,9 +3,9 @@
 use std::sync::Arc;
 
 use nalgebra::{Matrix4, Vector4};
-use roadplane_base::{Clue, ClueTerms, is_told};
+use roadplane_base::{Factor, FactorTerms, is_determined};
 
-/// Prior of (log f, tilt, roll, log h), and clues.
+/// Prior of (log f, tilt, roll, log h), and factors.
 #[derive(Clone, Debug)]
 pub(crate) struct CameraKnowledge {
     /// Mean of the prior.
@@ -15,34 +15,34 @@ pub(crate) struct CameraKnowledge {
     /// Parameters that are not estimated.
     pub fixed: [bool; 4],
     /// What else speaks of the camera.
-    pub clues: Arc<[Clue]>,
+    pub factors: Arc<[Factor]>,
 }
 
 impl CameraKnowledge {
     /// A camera that is not estimated.
     pub fn given(camera: Vector4<f64>) -> Self {
-        Self { mean: camera, information: Vector4::zeros(), fixed: [true; 4], clues: Arc::new([]) }
+        Self { mean: camera, information: Vector4::zeros(), fixed: [true; 4], factors: Arc::new([]) }
     }
 
     /// Its cost.
     pub fn cost(&self, camera: &Vector4<f64>) -> f64 {
         let off = camera - self.mean;
-        let clues: f64 = self.clues.iter().map(|clue| clue.cost(camera)).sum();
-        0.5 * off.component_mul(&self.information).dot(&off) + clues
+        let factors: f64 = self.factors.iter().map(|factor| factor.cost(camera)).sum();
+        0.5 * off.component_mul(&self.information).dot(&off) + factors
     }
 
     /// The gradient of its cost, and the (approximate) Hessian.
-    pub fn terms(&self, camera: &Vector4<f64>) -> ClueTerms {
-        let mut terms = ClueTerms::of(self.clues.iter(), camera);
+    pub fn terms(&self, camera: &Vector4<f64>) -> FactorTerms {
+        let mut terms = FactorTerms::of(self.factors.iter(), camera);
         terms.gradient += (camera - self.mean).component_mul(&self.information);
         terms.information += Matrix4::from_diagonal(&self.information);
         terms
     }
 
-    /// Whether cars that say this and clues tell the focal length better than the prior does.
-    pub fn is_focal_told(&self, cars: &Matrix4<f64>, camera: &Vector4<f64>) -> bool {
-        let clues = ClueTerms::of(self.clues.iter(), camera).information;
-        is_told(0, &(cars + clues), &self.information)
+    /// Whether cars that say this and factors tell the focal length better than the prior does.
+    pub fn is_focal_determined(&self, cars: &Matrix4<f64>, camera: &Vector4<f64>) -> bool {
+        let factors = FactorTerms::of(self.factors.iter(), camera).information;
+        is_determined(0, &(cars + factors), &self.information)
     }
 
     /// Makes the equations' solution zero where the camera is fixed.

@@ -13,7 +13,7 @@ mod seen;
 mod step;
 
 use nalgebra::{Matrix4, SVector, Vector4};
-use roadplane_base::{ClueTerms, MODES};
+use roadplane_base::{FactorTerms, MODES};
 
 use crate::linear::arrow::{GroupBlock, PoseBlock, PriorTerms, camera_system};
 use crate::linear::gram::{Gram, MAX_WIDTH, Rows};
@@ -103,7 +103,7 @@ pub(crate) struct CarsProblem<'a, P, const N: usize, const M: usize> {
     pose_blocks: Vec<PoseBlock<N, M>>,
     group_blocks: Vec<GroupBlock<N, M>>,
     /// What is known of the camera beside the cars, at the current state.
-    known: ClueTerms,
+    known: FactorTerms,
     camera_gradient: Vector4<f64>,
     camera_diagonal: Vector4<f64>,
 }
@@ -161,7 +161,7 @@ impl<'a, P: Pose<N>, const N: usize, const M: usize> CarsProblem<'a, P, N, M> {
             shapes_fixed: false,
             trial: state.clone(),
             state,
-            known: ClueTerms { gradient: Vector4::zeros(), information: Matrix4::zeros() },
+            known: FactorTerms { gradient: Vector4::zeros(), information: Matrix4::zeros() },
             camera_gradient: Vector4::zeros(),
             camera_diagonal: Vector4::zeros(),
         }

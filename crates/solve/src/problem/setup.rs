@@ -65,13 +65,13 @@ impl<'a> Setup<'a> {
         sights.sort_by_key(|sight| sight.group);
         let mut mean = options.camera_prior.mean(size).to_vector();
         let mut information = options.camera_prior.information();
-        let known = options.known_focal_px.filter(|f| f.is_finite() && *f > 0.0);
+        let known = options.given_focal_px.filter(|f| f.is_finite() && *f > 0.0);
         if let Some(focal_px) = known {
             mean[0] = focal_px.ln();
             information[0] = 0.0;
         }
         let fixed = [known.is_some(), false, false, false];
-        let knowledge = CameraKnowledge { mean, information, fixed, clues: Arc::clone(&options.clues) };
+        let knowledge = CameraKnowledge { mean, information, fixed, factors: Arc::clone(&options.factors) };
         Self { atlas, model, options, sights, knowledge, size }
     }
 

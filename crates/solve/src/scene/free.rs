@@ -125,8 +125,8 @@ pub fn solve_free_scene(
     let camera = problem.state.camera;
     let Some(covariance) = problem.knowledge.covariance(&information, &camera) else { return solution };
     (solution.params, solution.covariance) = (CameraParams::from_vector(&camera), covariance);
-    let is_told = plane.is_some() && setup.knowledge.is_focal_told(&information, &camera);
-    solution.status = SceneStatus::of(report.termination, focal_known, is_told);
+    let is_determined = plane.is_some() && setup.knowledge.is_focal_determined(&information, &camera);
+    solution.status = SceneStatus::of(report.termination, focal_known, is_determined);
     for (k, (s, joint)) in members.iter().zip(problem.view_covariances(&covariance)).enumerate() {
         solution.cars[setup.sights[*s].index] = read_car(&problem, k, &joint);
     }

@@ -60,8 +60,8 @@ pub(crate) fn read_out(
             cars[sight.index] = fit.map(|fit| CarSolution { used: false, ..fit.car });
         }
     }
-    let is_told = setup.knowledge.is_focal_told(&cars_say, &problem.state.camera);
-    let status = SceneStatus::of(report.termination, setup.knowledge.fixed[0], is_told);
+    let is_determined = setup.knowledge.is_focal_determined(&cars_say, &problem.state.camera);
+    let status = SceneStatus::of(report.termination, setup.knowledge.fixed[0], is_determined);
     SceneSolution {
         status,
         params,

@@ -13,7 +13,7 @@ use crate::solution::{CarView, SceneSolution};
 
 /// A scene to start from: camera, and per view pose and shape.
 #[derive(Clone, Copy, Debug)]
-pub struct KnownScene<'a> {
+pub struct GivenScene<'a> {
     /// Focal length and plane.
     pub params: CameraParams,
     /// Pose per view.
@@ -29,7 +29,7 @@ pub fn refine_scene(
     atlas: &ShapeAtlas,
     size: ImageSize,
     views: &[CarView<'_>],
-    from: &KnownScene<'_>,
+    from: &GivenScene<'_>,
     options: &SceneOptions,
 ) -> Option<SceneSolution> {
     known(atlas, size, views, from, options, true)
@@ -42,7 +42,7 @@ pub fn scene_bound(
     atlas: &ShapeAtlas,
     size: ImageSize,
     views: &[CarView<'_>],
-    at: &KnownScene<'_>,
+    at: &GivenScene<'_>,
     options: &SceneOptions,
 ) -> Option<SceneSolution> {
     known(atlas, size, views, at, options, false)
@@ -52,7 +52,7 @@ fn known(
     atlas: &ShapeAtlas,
     size: ImageSize,
     views: &[CarView<'_>],
-    scene: &KnownScene<'_>,
+    scene: &GivenScene<'_>,
     options: &SceneOptions,
     refined: bool,
 ) -> Option<SceneSolution> {

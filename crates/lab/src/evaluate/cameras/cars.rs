@@ -5,7 +5,7 @@ use roadplane_base::{Camera, FrameRecord, KEYPOINTS, KeypointSet, ShapeAtlas, St
 use roadplane_pipeline::{Config, usable};
 use roadplane_solve::{ShapePrior, fit_car, fit_free_car};
 
-use roadplane_metrics::readers::cameras::KnownCamera;
+use roadplane_metrics::readers::cameras::ReferenceCamera;
 
 /// From which side a car is seen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -70,7 +70,7 @@ pub(super) struct SeenCar {
 
 /// The cars of a picture.
 pub(super) fn cars_of(
-    known: &KnownCamera,
+    known: &ReferenceCamera,
     frame: &FrameRecord,
     atlas: &ShapeAtlas,
     config: &Config,
@@ -83,7 +83,7 @@ pub(super) fn cars_of(
 }
 
 fn seen_car(
-    known: &KnownCamera,
+    known: &ReferenceCamera,
     keypoints: &KeypointSet,
     box_px: f64,
     atlas: &ShapeAtlas,

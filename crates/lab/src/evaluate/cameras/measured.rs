@@ -2,7 +2,7 @@
 
 use super::cars::SeenCar;
 use super::outcome::Outcome;
-use roadplane_metrics::readers::cameras::KnownCamera;
+use roadplane_metrics::readers::cameras::ReferenceCamera;
 
 /// Smallest cars of the cars' tables: longer side of the box, px.
 pub(super) const LEAST_PX: f64 = 40.0;
@@ -11,7 +11,7 @@ pub(super) const ANOTHER_VIEW: f64 = 0.35;
 
 /// A known camera, what came of it, and what its cars say.
 pub(super) struct Measured {
-    pub camera: KnownCamera,
+    pub camera: ReferenceCamera,
     pub outcome: Outcome,
     pub cars: Vec<SeenCar>,
 }

@@ -9,7 +9,7 @@ use roadplane_write::{read_camera, read_jsonl};
 
 use crate::LabError;
 use crate::workplace::Workplace;
-use roadplane_metrics::readers::cameras::KnownCamera;
+use roadplane_metrics::readers::cameras::ReferenceCamera;
 
 /// What a run says of a known camera.
 pub(super) struct Outcome {
@@ -34,7 +34,7 @@ impl Outcome {
 
 /// Solves the frames as `run` and `solve` do.
 pub(super) fn outcome(
-    known: &KnownCamera,
+    known: &ReferenceCamera,
     frames: &Path,
     config: &Config,
     cancel: &Cancel,

@@ -26,7 +26,7 @@ const NUMBERS: [(&str, f64); 4] = [
 pub(super) fn report(measured: &[Measured]) -> Report {
     let straight: Vec<&Measured> = measured.iter().filter(|m| m.camera.is_straight()).collect();
     Report {
-        title: "Known cameras".to_owned(),
+        title: "CameraConstraints cameras".to_owned(),
         tables: vec![
             each_camera(measured),
             all_cameras(&straight),

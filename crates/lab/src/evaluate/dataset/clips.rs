@@ -3,7 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use roadplane_base::{PoseRecord, ShapeAtlas, TrackRow};
-use roadplane_pipeline::{Cancel, Config, Existing, Known, Progress, RunOptions, Silent, run_input};
+use roadplane_pipeline::{
+    CameraConstraints, Cancel, Config, Existing, Progress, RunOptions, Silent, run_input,
+};
 
 use super::evidence::SceneEvidence;
 use super::items::{DatasetOptions, Item, stopped};
@@ -57,7 +59,7 @@ pub(super) fn fused(
 ) -> Result<ClipScore, LabError> {
     let folder = Workplace::new(None)?;
     let records: Vec<_> = scene.frames.iter().map(|frame| frame.record(&item.truth)).collect();
-    let clip = solve_fused(atlas, &records, &Known::default(), folder.folder(), config, cancel)?;
+    let clip = solve_fused(atlas, &records, &CameraConstraints::default(), folder.folder(), config, cancel)?;
     let looked_at: Vec<u64> = records.iter().map(|record| record.frame).collect();
     let sampled: Vec<u64> = scene.sample(frames).into_iter().map(|place| looked_at[place]).collect();
     Ok(score(item, clip.camera, &clip.poses, &clip.rows, &looked_at, &sampled, atlas))
@@ -130,7 +132,7 @@ mod tests {
     use crate::evaluate::dataset::evidence::from_truth;
     use nalgebra::{Point3, Vector2};
     use roadplane_metrics::truth::{Truth, read_truth};
-    use roadplane_pipeline::{KnownOptions, solve_clip};
+    use roadplane_pipeline::{ConstraintOptions, solve_clip};
     use roadplane_write::JsonLines;
 
     /// Where a point of the ground is in the picture, px.
@@ -157,7 +159,7 @@ mod tests {
         let [from, to] = [-4.0, 4.0].map(|x_m| pixel(&truth, x_m, 24.0));
         let solve = |length_m: Option<f64>| {
             let lengths = folder.path().join("length.csv");
-            let known = length_m.map_or_else(Known::default, |length_m| {
+            let known = length_m.map_or_else(CameraConstraints::default, |length_m| {
                 let table = format!(
                     "x1,y1,x2,y2,length_m,sd_m,pixel_sd\n{},{},{},{},{length_m},{},0.3\n",
                     from.x,
@@ -167,7 +169,11 @@ mod tests {
                     0.01 * length_m
                 );
                 std::fs::write(&lengths, table).unwrap();
-                Known::new(&KnownOptions { lengths: Some(&lengths), ..KnownOptions::default() }).unwrap()
+                CameraConstraints::new(&ConstraintOptions {
+                    lengths: Some(&lengths),
+                    ..ConstraintOptions::default()
+                })
+                .unwrap()
             });
             let poses = folder.path().join("poses.jsonl");
             solve_clip(&frames, &poses, &atlas, &known, &Config::default(), &Cancel::default()).unwrap()

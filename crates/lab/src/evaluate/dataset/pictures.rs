@@ -10,9 +10,9 @@ use roadplane_pipeline::{Cancel, Config, PipelineError, open_detector, open_inpu
 use super::evidence;
 use super::items::{FRAMES_OF_CLIP, item, stopped};
 use crate::LabError;
-use crate::evaluate::solver::KnownPicture;
+use crate::evaluate::solver::ReferencePicture;
 use crate::parallel::try_in_parallel;
-use roadplane_metrics::readers::cameras::{KnownCamera, read_cameras};
+use roadplane_metrics::readers::cameras::{ReferenceCamera, read_cameras};
 use roadplane_metrics::truth::read_dataset;
 
 /// Pictures of a data set (a few frames of each clip), our net's keypoints in the true boxes.
@@ -24,7 +24,7 @@ pub fn dataset_pictures(
     models: &Path,
     config: &Config,
     cancel: &Cancel,
-) -> Result<Vec<KnownPicture>, LabError> {
+) -> Result<Vec<ReferencePicture>, LabError> {
     let dataset = read_dataset(folder)?;
     let open = || open_keypoints(models, config).map_err(LabError::from);
     let found = |net: &mut KeypointNet, i: usize| {
@@ -39,7 +39,7 @@ pub fn dataset_pictures(
                 let rows = &truth.cars[*car].world_from_car;
                 Some(rows[1][0].atan2(rows[0][0]))
             };
-            KnownPicture {
+            ReferencePicture {
                 size: camera.image_size_px,
                 cars: frame.usable(config),
                 focal_px: camera.focal_px,
@@ -50,7 +50,7 @@ pub fn dataset_pictures(
         };
         Ok(scene.sample(FRAMES_OF_CLIP).into_iter().map(picture).collect::<Vec<_>>())
     };
-    let pictures: Vec<Vec<KnownPicture>> = try_in_parallel(dataset.items.len(), open, found)?;
+    let pictures: Vec<Vec<ReferencePicture>> = try_in_parallel(dataset.items.len(), open, found)?;
     Ok(pictures.into_iter().flatten().collect())
 }
 
@@ -63,9 +63,9 @@ pub fn camera_pictures(
     models: &Path,
     config: &Config,
     cancel: &Cancel,
-) -> Result<Vec<KnownPicture>, LabError> {
-    let cameras: Vec<KnownCamera> =
-        read_cameras(cameras)?.into_iter().filter(KnownCamera::is_straight).collect();
+) -> Result<Vec<ReferencePicture>, LabError> {
+    let cameras: Vec<ReferenceCamera> =
+        read_cameras(cameras)?.into_iter().filter(ReferenceCamera::is_straight).collect();
     let open = || Ok::<_, LabError>((open_detector(models, config)?, open_keypoints(models, config)?));
     let found = |(detector, net): &mut (Detector, KeypointNet), i: usize| {
         stopped(cancel)?;
@@ -81,7 +81,7 @@ pub fn camera_pictures(
             Some(set.map(|point| point.filter(|point| point.score >= least)))
         };
         let cars: Vec<_> = cars.into_iter().filter_map(sure).collect();
-        Ok(KnownPicture {
+        Ok(ReferencePicture {
             size: camera.size,
             headings: vec![None; cars.len()],
             cars,

@@ -86,7 +86,7 @@ fn errors_of(atlas: &ShapeAtlas, way: Way, known_focal: bool, seed: u64) -> Erro
         SynthOptions { cars: 10, noise: 0.02, outliers: 0.05, off_atlas: 1.0, ..SynthOptions::default() };
     let truth = scene(atlas, &asked, seed);
     let options = SceneOptions {
-        known_focal_px: known_focal.then(|| truth.params.focal_px()),
+        given_focal_px: known_focal.then(|| truth.params.focal_px()),
         ..SceneOptions::default()
     };
     let views = CarView::each(truth.keypoints());

@@ -17,7 +17,7 @@ const TURNED_RAD: f64 = 0.5;
 
 /// A picture's cars with a known camera.
 #[derive(Clone, Debug)]
-pub struct KnownPicture {
+pub struct ReferencePicture {
     /// Size of the picture.
     pub size: ImageSize,
     /// Keypoints of each car.
@@ -61,7 +61,7 @@ struct Outcome {
 /// Synthetic pictures: cars beside the atlas with outliers and false detections, the same with little noise, and cars of models
 /// that the atlas was not built on.
 #[must_use]
-pub fn synthetic_pictures(atlas: &ShapeAtlas, scenes: usize) -> Vec<(String, Vec<KnownPicture>)> {
+pub fn synthetic_pictures(atlas: &ShapeAtlas, scenes: usize) -> Vec<(String, Vec<ReferencePicture>)> {
     let drawn = |noise: f64, spoilt: f64, models: Vec<CarModel>| {
         let asked = SynthOptions {
             cars: 10,
@@ -74,7 +74,7 @@ pub fn synthetic_pictures(atlas: &ShapeAtlas, scenes: usize) -> Vec<(String, Vec
         };
         in_parallel(scenes, |i| {
             let truth = scene(atlas, &asked, SEED + i as u64);
-            KnownPicture {
+            ReferencePicture {
                 size: truth.size,
                 focal_px: truth.params.focal_px(),
                 plane: truth.params.plane(),
@@ -95,13 +95,13 @@ pub fn synthetic_pictures(atlas: &ShapeAtlas, scenes: usize) -> Vec<(String, Vec
 #[must_use]
 pub fn layers_tables(
     atlas: &ShapeAtlas,
-    sources: &[(String, Vec<KnownPicture>)],
+    sources: &[(String, Vec<ReferencePicture>)],
     options: &SceneOptions,
 ) -> Vec<Table> {
     sources.iter().map(|(name, pictures)| table(atlas, name, pictures, options)).collect()
 }
 
-fn table(atlas: &ShapeAtlas, name: &str, pictures: &[KnownPicture], options: &SceneOptions) -> Table {
+fn table(atlas: &ShapeAtlas, name: &str, pictures: &[ReferencePicture], options: &SceneOptions) -> Table {
     let columns = [
         ("focal, median %", 2),
         ("mean |focal|, % more than with all", 2),
@@ -164,7 +164,7 @@ fn honesty(pairs: &[(&Outcome, &Outcome)], number: usize) -> Estimate {
 }
 
 /// `None` where too few cars could be solved.
-fn outcome(atlas: &ShapeAtlas, picture: &KnownPicture, options: &SceneOptions) -> Option<Outcome> {
+fn outcome(atlas: &ShapeAtlas, picture: &ReferencePicture, options: &SceneOptions) -> Option<Outcome> {
     let views = CarView::each(&picture.cars);
     let started = Instant::now();
     let found = solve_scene(atlas, picture.size, &views, options);

@@ -2,7 +2,7 @@
 
 use roadplane_base::{GroundPose, Shape, ShapeAtlas};
 use roadplane_solve::{
-    CameraPrior, CarView, KnownScene, OutlierModel, SceneOptions, SceneSolution, scene_bound,
+    CameraPrior, CarView, GivenScene, OutlierModel, SceneOptions, SceneSolution, scene_bound,
 };
 use roadplane_synth::{CarModel, SceneTruth};
 
@@ -29,7 +29,7 @@ pub(super) fn bound(atlas: &ShapeAtlas, truth: &SceneTruth, options: &SceneOptio
     }
     let (poses, shapes) = known(&right);
     let options = SceneOptions { kernel: OutlierModel::none(), ..options.clone() };
-    let at = KnownScene { params: truth.params, poses: &poses, shapes: &shapes };
+    let at = GivenScene { params: truth.params, poses: &poses, shapes: &shapes };
     scene_bound(atlas, truth.size, &CarView::each(right.keypoints()), &at, &options)
 }
 

@@ -1,7 +1,7 @@
 //! How long a solve takes on one thread, by number of cars: CPU time, whatever else the machine does.
 
 use roadplane_base::ShapeAtlas;
-use roadplane_solve::{CarView, KnownScene, SceneOptions, Steps, refine_scene, scene_bound, solve_scene};
+use roadplane_solve::{CarView, GivenScene, SceneOptions, Steps, refine_scene, scene_bound, solve_scene};
 use roadplane_synth::BenchScene;
 use roadplane_tables::{Column, Mark, Plot, Table, median};
 
@@ -90,7 +90,7 @@ fn point(atlas: &ShapeAtlas, cars: usize) -> SpeedPoint {
     let [mut refinement, mut around, mut iterations, mut cold] = [const { Vec::new() }; 4];
     for bench in (0..SCENES).filter_map(|seed| BenchScene::new(atlas, cars, seed)) {
         let (truth, views) = (&bench.truth, CarView::each(bench.truth.keypoints()));
-        let from = KnownScene { params: bench.params, poses: &bench.poses, shapes: &bench.shapes };
+        let from = GivenScene { params: bench.params, poses: &bench.poses, shapes: &bench.shapes };
         let (whole_ms, found) = timed(|| refine_scene(atlas, truth.size, &views, &from, &minimum));
         // The same call without the refinement.
         let (around_ms, _) = timed(|| scene_bound(atlas, truth.size, &views, &from, &minimum));

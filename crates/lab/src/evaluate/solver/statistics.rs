@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use roadplane_base::{ShapeAtlas, angle_difference};
 use roadplane_solve::{
-    CameraPrior, CarSolution, CarView, KnownScene, SceneOptions, SceneSolution, refine_scene, solve_scene,
+    CameraPrior, CarSolution, CarView, GivenScene, SceneOptions, SceneSolution, refine_scene, solve_scene,
 };
 use roadplane_synth::{SceneTruth, SynthOptions, scene};
 use roadplane_tables::{Cell, Column, Table, bootstrap, mean, median, share_within};
@@ -187,7 +187,7 @@ fn scene_errors(atlas: &ShapeAtlas, row: &Row, seed: u64) -> Option<SceneErrors>
     let mut errors =
         SceneErrors { milliseconds: 1e3 * start.elapsed().as_secs_f64(), ..SceneErrors::default() };
     let (poses, shapes) = known(&truth);
-    let at_truth = KnownScene { params: truth.params, poses: &poses, shapes: &shapes };
+    let at_truth = GivenScene { params: truth.params, poses: &poses, shapes: &shapes };
     let ideal = refine_scene(atlas, truth.size, &views, &at_truth, &row.options);
     if let (Some(ideal), false) = (ideal, truth.cars.iter().any(|car| car.wrong)) {
         let sd = bound.covariance.diagonal().map(f64::sqrt);

@@ -2,9 +2,9 @@
 
 use nalgebra::Vector4;
 use roadplane_base::{CameraEstimate, ImageSize};
-use roadplane_write::KnownSummary;
+use roadplane_write::ConstraintSummary;
 
-use super::{Fact, Known, Number};
+use super::{CameraConstraints, Fact, Number};
 
 /// Apart by more than this many sds is a contradiction.
 const CONTRADICTS: f64 = 3.0;
@@ -13,13 +13,13 @@ const STEP: f64 = 1e-5;
 /// Names and units of (log focal, tilt, roll, log height).
 const NUMBERS: [(&str, &str); 4] = [("focal length", "px"), ("tilt", "°"), ("roll", "°"), ("height", "m")];
 
-impl Known {
+impl CameraConstraints {
     /// Compares each fact with the camera that `without(i)` finds when fact `i` is left out.
     pub(crate) fn checked(
         &self,
         size: ImageSize,
-        without: impl Fn(&Known) -> Option<CameraEstimate>,
-    ) -> Vec<KnownSummary> {
+        without: impl Fn(&CameraConstraints) -> Option<CameraEstimate>,
+    ) -> Vec<ConstraintSummary> {
         let mut checked = Vec::new();
         for (i, fact) in self.facts.iter().enumerate() {
             let mut others = self.clone();
@@ -33,13 +33,13 @@ impl Known {
 }
 
 /// The contradiction, in words; `None` where there is none.
-pub(crate) fn contradiction(known: &KnownSummary) -> Option<String> {
+pub(crate) fn contradiction(known: &ConstraintSummary) -> Option<String> {
     (known.apart_sds > CONTRADICTS).then(|| format!("the {} is {}", known.what, in_words(known)))
 }
 
 /// What was told and what everything else says.
-pub(crate) fn in_words(known: &KnownSummary) -> String {
-    let KnownSummary { unit, given, given_sd, by_all_else, by_all_else_sd, apart_sds, .. } = known;
+pub(crate) fn in_words(known: &ConstraintSummary) -> String {
+    let ConstraintSummary { unit, given, given_sd, by_all_else, by_all_else_sd, apart_sds, .. } = known;
     let digits = if unit == "px" { 0 } else { 2 };
     let space = if unit == "°" { "" } else { " " };
     let apart = if *apart_sds > CONTRADICTS { 0 } else { 1 };
@@ -50,7 +50,7 @@ pub(crate) fn in_words(known: &KnownSummary) -> String {
 }
 
 impl Fact {
-    fn against(&self, camera: &CameraEstimate, size: ImageSize) -> Vec<KnownSummary> {
+    fn against(&self, camera: &CameraEstimate, size: ImageSize) -> Vec<ConstraintSummary> {
         let (mean, covariance) = (camera.params.to_vector(), &camera.covariance);
         let number = |which: usize, value: f64, sd: f64, of: &str| {
             let (name, unit) = NUMBERS[which];
@@ -82,11 +82,11 @@ impl Fact {
                 told.collect()
             }
             Self::Length { file, length } => {
-                let clue = self.clue(size, camera.lens);
-                let Some((metres, log_sd)) = clue.length(&mean) else { return Vec::new() };
+                let factor = self.factor(size, camera.lens);
+                let Some((metres, log_sd)) = factor.length(&mean) else { return Vec::new() };
                 let by = Vector4::from_fn(|i, _| {
                     let moved = |step: f64| {
-                        clue.length(&(mean + Vector4::ith(i, step))).map(|(metres, _)| metres.ln())
+                        factor.length(&(mean + Vector4::ith(i, step))).map(|(metres, _)| metres.ln())
                     };
                     moved(STEP).zip(moved(-STEP)).map_or(0.0, |(plus, minus)| (plus - minus) / (2.0 * STEP))
                 });
@@ -104,9 +104,15 @@ impl Fact {
     }
 }
 
-fn summary(what: String, unit: &str, given: [f64; 2], by_all_else: [f64; 2], apart: f64) -> KnownSummary {
+fn summary(
+    what: String,
+    unit: &str,
+    given: [f64; 2],
+    by_all_else: [f64; 2],
+    apart: f64,
+) -> ConstraintSummary {
     let rounded = |value: f64| (value * 1e4).round() / 1e4;
-    KnownSummary {
+    ConstraintSummary {
         what,
         unit: unit.to_owned(),
         given: rounded(given[0]),

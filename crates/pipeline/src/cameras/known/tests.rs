@@ -1,4 +1,4 @@
-//! Everything that can be told becomes the clue that it is, or an error that says why not.
+//! Everything that can be told becomes the factor that it is, or an error that says why not.
 
 use std::path::{Path, PathBuf};
 
@@ -14,12 +14,12 @@ fn measured(text: &str) -> Option<Measured> {
     Some(text.parse().unwrap())
 }
 
-fn clues(options: &KnownOptions<'_>) -> Vec<Clue> {
-    Known::new(options).unwrap().for_pictures(SIZE).unwrap().clues(0, SIZE)
+fn factors(options: &ConstraintOptions<'_>) -> Vec<Factor> {
+    CameraConstraints::new(options).unwrap().for_pictures(SIZE).unwrap().factors(0, SIZE)
 }
 
-fn refused(options: &KnownOptions<'_>) -> String {
-    let error = Known::new(options).unwrap_err();
+fn refused(options: &ConstraintOptions<'_>) -> String {
+    let error = CameraConstraints::new(options).unwrap_err();
     assert!(matches!(error, PipelineError::Usage { .. }), "{error:?}");
     error.to_string()
 }
@@ -32,15 +32,19 @@ fn file(folder: &Path, name: &str, text: &str) -> PathBuf {
 
 #[test]
 fn numbers_become_clues_in_logs_and_radians() {
-    let exact = Known::new(&KnownOptions { focal_px: measured("1500"), ..KnownOptions::default() }).unwrap();
-    assert_eq!(exact, Known::focal(Some(1500.0)));
+    let exact = CameraConstraints::new(&ConstraintOptions {
+        focal_px: measured("1500"),
+        ..ConstraintOptions::default()
+    })
+    .unwrap();
+    assert_eq!(exact, CameraConstraints::focal(Some(1500.0)));
     assert!(exact.is_silent());
-    let options = KnownOptions {
+    let options = ConstraintOptions {
         focal_px: measured("1500±60"),
         tilt_deg: measured("20"),
         roll_deg: measured("-1±0.5"),
         height_m: measured("7.5"),
-        ..KnownOptions::default()
+        ..ConstraintOptions::default()
     };
     let expected = [
         (0, 1500_f64.ln(), 0.04),
@@ -48,24 +52,24 @@ fn numbers_become_clues_in_logs_and_radians() {
         (2, -1_f64.to_radians(), 0.5_f64.to_radians()),
         (3, 7.5_f64.ln(), 0.05),
     ];
-    let expected: Vec<Clue> =
-        expected.into_iter().map(|(which, value, sd)| Clue::Number { which, value, sd }).collect();
-    assert_eq!(clues(&options), expected);
-    let known = Known::new(&options).unwrap();
+    let expected: Vec<Factor> =
+        expected.into_iter().map(|(which, value, sd)| Factor::Number { which, value, sd }).collect();
+    assert_eq!(factors(&options), expected);
+    let known = CameraConstraints::new(&options).unwrap();
     assert_eq!(known.focal_px(), None);
     // Where the camera is moved to it hangs as high and its lens is the same; it looks elsewhere.
-    assert_eq!(known.clues(1, SIZE), [expected[0], expected[3]]);
+    assert_eq!(known.factors(1, SIZE), [expected[0], expected[3]]);
     assert!(known.silent_later().is_some_and(|text| text.contains("first position")));
 }
 
 #[test]
 fn what_makes_no_sense_is_refused() {
-    let focal = |text| KnownOptions { focal_px: measured(text), ..KnownOptions::default() };
+    let focal = |text| ConstraintOptions { focal_px: measured(text), ..ConstraintOptions::default() };
     assert!(refused(&focal("-1500")).contains("--focal-px"));
     assert!(refused(&focal("0±3")).contains("--focal-px"));
-    let options = KnownOptions { tilt_deg: measured("90"), ..KnownOptions::default() };
+    let options = ConstraintOptions { tilt_deg: measured("90"), ..ConstraintOptions::default() };
     assert!(refused(&options).contains("--tilt-deg"));
-    let options = KnownOptions { height_m: measured("0"), ..KnownOptions::default() };
+    let options = ConstraintOptions { height_m: measured("0"), ..ConstraintOptions::default() };
     assert!(refused(&options).contains("--height-m"));
 }
 
@@ -74,21 +78,22 @@ fn lengths_are_measured_from_the_middle_and_must_lie_in_the_picture() {
     let folder = tempfile::tempdir().unwrap();
     let path =
         file(folder.path(), "bays.csv", "x1,y1,x2,y2,length_m,sd_m\n959.5,539.5,1059.5,639.5,2.5,0.05\n");
-    let options = KnownOptions { lengths: Some(&path), ..KnownOptions::default() };
-    let expected = Clue::Length {
+    let options = ConstraintOptions { lengths: Some(&path), ..ConstraintOptions::default() };
+    let expected = Factor::Length {
         ends_px: [Vector2::zeros(), Vector2::new(100.0, 100.0)],
         end_sd_px: 1.0,
         length_m: 2.5,
         log_sd: 0.02,
     };
-    assert_eq!(clues(&options), [expected]);
+    assert_eq!(factors(&options), [expected]);
     let small = ImageSize { width: 640, height: 360 };
-    let error = Known::new(&options).unwrap().for_pictures(small).unwrap_err().to_string();
+    let error = CameraConstraints::new(&options).unwrap().for_pictures(small).unwrap_err().to_string();
     assert!(error.contains("line 2 ends outside of the picture") && error.ends_with("bays.csv"), "{error}");
     let broken = file(folder.path(), "broken.csv", "a,b\n1,2\n");
-    assert!(refused(&KnownOptions { lengths: Some(&broken), ..options }).contains("broken.csv"));
+    assert!(refused(&ConstraintOptions { lengths: Some(&broken), ..options }).contains("broken.csv"));
     let missing = folder.path().join("missing.csv");
-    let error = Known::new(&KnownOptions { lengths: Some(&missing), ..options }).unwrap_err();
+    let error =
+        CameraConstraints::new(&ConstraintOptions { lengths: Some(&missing), ..options }).unwrap_err();
     assert!(matches!(error, PipelineError::Write(WriteError::Io { .. })), "{error:?}");
 }
 
@@ -99,8 +104,8 @@ fn cameras_of_other_programs_are_read() {
                   dt: d\n   data: [ 800., 0., 479.5, 0.,\n       800., 2.695e+02, 0., 0., 1. ]\n\
                   distortion_coefficients: !!opencv-matrix\n   rows: 1\n   cols: 2\n   dt: d\n   data: [ -0.3, 0.1 ]\n";
     let path = file(folder.path(), "lens.yml", opencv);
-    let options = KnownOptions { camera: Some(&path), ..KnownOptions::default() };
-    let known = Known::new(&options).unwrap();
+    let options = ConstraintOptions { camera: Some(&path), ..ConstraintOptions::default() };
+    let known = CameraConstraints::new(&options).unwrap();
     assert_eq!(known.focal_px(), Some(800.0));
     // Pictures of twice the size have twice the focal length; those of another shape are of another camera.
     assert!((known.for_pictures(SIZE).unwrap().focal_px().unwrap() - 1600.0).abs() < 1e-9);
@@ -110,9 +115,9 @@ fn cameras_of_other_programs_are_read() {
     assert!(error.contains("960 × 540"), "{error}");
     let ros =
         file(folder.path(), "ros.yaml", "camera_matrix:\n  data: [900, 0, 320, 0, 900, 240, 0, 0, 1]\n");
-    let options = KnownOptions { camera: Some(&ros), ..options };
-    assert_eq!(Known::new(&options).unwrap().focal_px(), Some(900.0));
-    let twice = KnownOptions { focal_px: measured("900"), ..options };
+    let options = ConstraintOptions { camera: Some(&ros), ..options };
+    assert_eq!(CameraConstraints::new(&options).unwrap().focal_px(), Some(900.0));
+    let twice = ConstraintOptions { focal_px: measured("900"), ..options };
     assert!(refused(&twice).contains("given twice"));
     for (name, text, words) in [
         ("a.yml", "camera_matrix: [1, 2]", "nine numbers"),
@@ -124,7 +129,7 @@ fn cameras_of_other_programs_are_read() {
         ("g.krtd", "1 2 3", "21 numbers"),
     ] {
         let path = file(folder.path(), name, text);
-        let error = refused(&KnownOptions { camera: Some(&path), ..options });
+        let error = refused(&ConstraintOptions { camera: Some(&path), ..options });
         assert!(error.contains(words), "{error}");
     }
     let plane = GroundPlane::from_tilt_roll_height(0.3, 0.01, 10.0);
@@ -138,9 +143,9 @@ fn cameras_of_other_programs_are_read() {
         m[(2, 3)]
     );
     let path = file(folder.path(), "a.krtd", &text);
-    let known = Known::new(&KnownOptions { camera: Some(&path), ..options }).unwrap();
+    let known = CameraConstraints::new(&ConstraintOptions { camera: Some(&path), ..options }).unwrap();
     assert_eq!(known.focal_px(), Some(1500.0));
-    let [Clue::Camera { mean, information, by_cars: false }] = known.clues(0, SIZE)[..] else {
+    let [Factor::Camera { mean, information, by_cars: false }] = known.factors(0, SIZE)[..] else {
         panic!("no camera")
     };
     assert!((mean - Vector4::new(1500_f64.ln(), 0.3, 0.01, 10_f64.ln())).norm() < 1e-9);
@@ -167,12 +172,12 @@ fn our_own_cameras_come_with_their_covariance() {
         };
         let path = folder.path().join("camera.json");
         write_camera(&path, &[estimate]).unwrap();
-        Known::new(&KnownOptions { camera: Some(&path), ..KnownOptions::default() })
+        CameraConstraints::new(&ConstraintOptions { camera: Some(&path), ..ConstraintOptions::default() })
     };
     // With the size of cars in it, and with a height that was measured.
     for (height_sd, expected_sd, expected_by_cars) in [(0.05, 0.03, true), (0.02, 0.02, false)] {
         let known = read(height_sd, CameraStatus::Estimated).unwrap();
-        let [Clue::Camera { mean, information, by_cars }] = known.clues(0, SIZE)[..] else {
+        let [Factor::Camera { mean, information, by_cars }] = known.factors(0, SIZE)[..] else {
             panic!("no camera")
         };
         assert!((mean - Vector4::new(7.0, 0.3, 0.0, 2.0)).norm() < 1e-4 && by_cars == expected_by_cars);
@@ -189,12 +194,12 @@ fn our_own_cameras_come_with_their_covariance() {
 
 #[test]
 fn contradictions_are_told_by_what_everything_else_says() {
-    let options = KnownOptions {
+    let options = ConstraintOptions {
         focal_px: measured("1500±30"),
         height_m: measured("8±0.1"),
-        ..KnownOptions::default()
+        ..ConstraintOptions::default()
     };
-    let known = Known::new(&options).unwrap();
+    let known = CameraConstraints::new(&options).unwrap();
     let all_else = CameraEstimate {
         span_s: [0.0, 1.0],
         image_size_px: SIZE,

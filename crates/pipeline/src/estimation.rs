@@ -17,7 +17,7 @@ use crate::tracks::cars::any_car;
 use crate::tracks::known::known_cars;
 use crate::tracks::pass::{Pass, Tally};
 use crate::tracks::stretch::{Load, MOST_ROWS, Numbers, Replay, Stretch, sightings};
-use crate::{Cancel, Config, Known, PipelineError};
+use crate::{CameraConstraints, Cancel, Config, PipelineError};
 
 /// What became of a clip.
 #[derive(Debug)]
@@ -99,19 +99,20 @@ pub fn solve_clip(
     frames: &Path,
     poses: &Path,
     atlas: &ShapeAtlas,
-    known: &Known,
+    known: &CameraConstraints,
     config: &Config,
     cancel: &Cancel,
 ) -> Result<ClipSolution, PipelineError> {
     let mut rows = Vec::new();
-    let solution = solve_known_clip(frames, poses, atlas, &Given::new(known), &mut rows, config, cancel)?;
+    let solution =
+        solve_constrained_clip(frames, poses, atlas, &Given::new(known), &mut rows, config, cancel)?;
     Ok(ClipSolution { rows, ..solution })
 }
 
 /// What is known of a clip's camera before it is seen.
 pub(crate) struct Given<'a> {
     /// What the user knows.
-    pub known: &'a Known,
+    pub known: &'a CameraConstraints,
     /// What is remembered.
     pub recall: Option<&'a Recall>,
     /// Its place on the map.
@@ -122,13 +123,13 @@ pub(crate) struct Given<'a> {
 
 impl<'a> Given<'a> {
     /// By the user alone.
-    pub(crate) fn new(known: &'a Known) -> Self {
+    pub(crate) fn new(known: &'a CameraConstraints) -> Self {
         Self { known, recall: None, site: None, most_rows: MOST_ROWS }
     }
 }
 
 /// The same, with what is known of the camera before; rows go to a sink.
-pub(crate) fn solve_known_clip(
+pub(crate) fn solve_constrained_clip(
     frames: &Path,
     poses: &Path,
     atlas: &ShapeAtlas,
@@ -338,14 +339,14 @@ mod tests {
     #[test]
     fn stretches_tell_what_the_whole_tells() {
         let (folder, atlas) = (tempfile::tempdir().unwrap(), ShapeAtlas::shipped().unwrap());
-        let (path, known) = (folder.path().join("frames.jsonl"), Known::default());
+        let (path, known) = (folder.path().join("frames.jsonl"), CameraConstraints::default());
         frames(&path, &atlas);
         let solve = |most_rows: u64| {
             let (mut rows, poses) = (Vec::new(), folder.path().join("poses.jsonl"));
             let given = Given { most_rows, ..Given::new(&known) };
             let (config, cancel) = (Config::default(), Cancel::default());
             let solved =
-                solve_known_clip(&path, &poses, &atlas, &given, &mut rows, &config, &cancel).unwrap();
+                solve_constrained_clip(&path, &poses, &atlas, &given, &mut rows, &config, &cancel).unwrap();
             let poses: Vec<PoseRecord> = read_jsonl(&poses).unwrap().map(Result::unwrap).collect();
             (solved, rows, poses)
         };

@@ -2,32 +2,32 @@
 
 use std::sync::Arc;
 
-use roadplane_base::{CameraParams, Clue, ShapeAtlas};
+use roadplane_base::{CameraParams, Factor, ShapeAtlas};
 use roadplane_solve::{CarView, SceneOptions, SceneSolution, solve_scene};
 use roadplane_synth::{SynthOptions, scene};
 
-/// Solves synthetic scenes with noise, without clues and with those that `clues` makes of the truth, and shows both.
+/// Solves synthetic scenes with noise, without factors and with those that `factors` makes of the truth, and shows both.
 fn with_and_without(
     atlas: &ShapeAtlas,
-    clues: impl Fn(&CameraParams) -> Vec<Clue>,
+    factors: impl Fn(&CameraParams) -> Vec<Factor>,
     show: impl Fn([&SceneSolution; 2], &CameraParams),
 ) {
     for seed in 0..6 {
         let asked = SynthOptions { cars: 5, noise: 0.02, ..SynthOptions::default() };
         let truth = scene(atlas, &asked, seed);
         let views = CarView::each(truth.keypoints());
-        let solve = |clues| {
-            solve_scene(atlas, truth.size, &views, &SceneOptions { clues, ..SceneOptions::default() })
+        let solve = |factors| {
+            solve_scene(atlas, truth.size, &views, &SceneOptions { factors, ..SceneOptions::default() })
         };
-        let clues: Arc<[Clue]> = clues(&truth.params).into();
-        show([&solve(Arc::new([])), &solve(clues)], &truth.params);
+        let factors: Arc<[Factor]> = factors(&truth.params).into();
+        show([&solve(Arc::new([])), &solve(factors)], &truth.params);
     }
 }
 
 #[test]
 fn a_tight_number_is_kept_and_tells_of_the_others() {
-    let clue = |truth: &CameraParams| vec![Clue::Number { which: 1, value: truth.tilt, sd: 1e-4 }];
-    with_and_without(&ShapeAtlas::shipped().unwrap(), clue, |[without, with], truth| {
+    let factor = |truth: &CameraParams| vec![Factor::Number { which: 1, value: truth.tilt, sd: 1e-4 }];
+    with_and_without(&ShapeAtlas::shipped().unwrap(), factor, |[without, with], truth| {
         assert!((with.params.tilt - truth.tilt).abs() < 1e-3);
         let sd = |solution: &SceneSolution, i: usize| solution.covariance[(i, i)].sqrt();
         let told = [sd(with, 1), sd(with, 0), sd(without, 0)];
@@ -39,8 +39,9 @@ fn a_tight_number_is_kept_and_tells_of_the_others() {
 
 #[test]
 fn a_loose_number_changes_nothing() {
-    let clue = |truth: &CameraParams| vec![Clue::Number { which: 0, value: truth.log_focal + 1.0, sd: 1e4 }];
-    with_and_without(&ShapeAtlas::shipped().unwrap(), clue, |[without, with], _| {
+    let factor =
+        |truth: &CameraParams| vec![Factor::Number { which: 0, value: truth.log_focal + 1.0, sd: 1e4 }];
+    with_and_without(&ShapeAtlas::shipped().unwrap(), factor, |[without, with], _| {
         assert!((without.params.to_vector() - with.params.to_vector()).amax() < 1e-5);
         assert!((without.covariance - with.covariance).amax() < 1e-6);
     });
@@ -48,8 +49,8 @@ fn a_loose_number_changes_nothing() {
 
 #[test]
 fn what_cars_say_does_not_hold_the_clue() {
-    let clue = |truth: &CameraParams| vec![Clue::Number { which: 0, value: truth.log_focal, sd: 0.01 }];
-    with_and_without(&ShapeAtlas::shipped().unwrap(), clue, |[without, with], _| {
+    let factor = |truth: &CameraParams| vec![Factor::Number { which: 0, value: truth.log_focal, sd: 0.01 }];
+    with_and_without(&ShapeAtlas::shipped().unwrap(), factor, |[without, with], _| {
         let counted = with.covariance.try_inverse().unwrap()[(0, 0)] - with.information.information[(0, 0)];
         let prior = 1.0 / (0.6 * 0.6);
         assert!((counted / (1e4 + prior) - 1.0).abs() < 1e-6, "{counted}");

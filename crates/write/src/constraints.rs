@@ -8,24 +8,24 @@ use serde::{Deserialize, Serialize};
 use crate::WriteError;
 
 /// Schema of a JSON file of known lengths.
-pub const KNOWN_SCHEMA: &str = "roadplane.known/1";
+pub const CONSTRAINTS_SCHEMA: &str = "roadplane.known/1";
 /// Columns of a CSV file, the last two may be absent.
 const COLUMNS: &str = "x1,y1,x2,y2,length_m,sd_m[,pixel_sd][,name]";
 
 /// The file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub struct KnownFile {
+pub struct ConstraintsFile {
     /// `roadplane.known/1`.
     pub schema: String,
     /// What was measured.
-    pub lengths: Vec<KnownLength>,
+    pub lengths: Vec<LengthConstraint>,
 }
 
 /// A length between two points of the ground that are seen in the picture: the width of a bay or a lane, a wheelbase.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub struct KnownLength {
+pub struct LengthConstraint {
     /// Where it begins in the picture: x to the right, y down, px; (0, 0) is the centre of the top left pixel.
     pub from_px: [f64; 2],
     /// Where it ends, likewise.
@@ -64,7 +64,7 @@ struct Line {
 ///
 /// # Errors
 /// [`WriteError::Io`]; [`WriteError::Malformed`] naming line or field.
-pub fn read_known(path: &Path) -> Result<Vec<KnownLength>, WriteError> {
+pub fn read_constraints(path: &Path) -> Result<Vec<LengthConstraint>, WriteError> {
     let bytes = std::fs::read(path).map_err(WriteError::io("read", path))?;
     let is_table = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv"));
     let lengths = if is_table { table(path, &bytes)? } else { json(path, &bytes)? };
@@ -79,7 +79,7 @@ pub fn read_known(path: &Path) -> Result<Vec<KnownLength>, WriteError> {
     Ok(lengths)
 }
 
-fn table(path: &Path, bytes: &[u8]) -> Result<Vec<KnownLength>, WriteError> {
+fn table(path: &Path, bytes: &[u8]) -> Result<Vec<LengthConstraint>, WriteError> {
     let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).comment(Some(b'#')).from_reader(bytes);
     let columns = reader.headers().map_err(|e| WriteError::malformed(path, e))?.clone();
     let mut lengths = Vec::new();
@@ -92,7 +92,7 @@ fn table(path: &Path, bytes: &[u8]) -> Result<Vec<KnownLength>, WriteError> {
                 format!("line {number} must have {COLUMNS} as the first line names them: {e}"),
             )
         })?;
-        lengths.push(KnownLength {
+        lengths.push(LengthConstraint {
             from_px: [line.x1, line.y1],
             to_px: [line.x2, line.y2],
             length_m: line.length_m,
@@ -104,20 +104,20 @@ fn table(path: &Path, bytes: &[u8]) -> Result<Vec<KnownLength>, WriteError> {
     Ok(lengths)
 }
 
-fn json(path: &Path, bytes: &[u8]) -> Result<Vec<KnownLength>, WriteError> {
-    let file: KnownFile = serde_json::from_slice(bytes).map_err(|e| WriteError::malformed(path, e))?;
-    if file.schema != KNOWN_SCHEMA {
-        let what = format!("schema is {:?}, expected {KNOWN_SCHEMA:?}", file.schema);
+fn json(path: &Path, bytes: &[u8]) -> Result<Vec<LengthConstraint>, WriteError> {
+    let file: ConstraintsFile = serde_json::from_slice(bytes).map_err(|e| WriteError::malformed(path, e))?;
+    if file.schema != CONSTRAINTS_SCHEMA {
+        let what = format!("schema is {:?}, expected {CONSTRAINTS_SCHEMA:?}", file.schema);
         return Err(WriteError::malformed(path, what));
     }
-    let named = |(i, length): (usize, KnownLength)| {
+    let named = |(i, length): (usize, LengthConstraint)| {
         let name = length.name.clone().unwrap_or_else(|| format!("length {}", i + 1));
-        KnownLength { name: Some(name), ..length }
+        LengthConstraint { name: Some(name), ..length }
     };
     Ok(file.lengths.into_iter().enumerate().map(named).collect())
 }
 
-fn check(length: &KnownLength) -> Result<(), String> {
+fn check(length: &LengthConstraint) -> Result<(), String> {
     let positive = |what: &str, value: f64| {
         (value.is_finite() && value > 0.0)
             .then_some(())
@@ -143,11 +143,11 @@ fn check(length: &KnownLength) -> Result<(), String> {
 mod tests {
     use super::*;
 
-    fn read(name: &str, text: &str) -> Result<Vec<KnownLength>, String> {
+    fn read(name: &str, text: &str) -> Result<Vec<LengthConstraint>, String> {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join(name);
         std::fs::write(&path, text).unwrap();
-        read_known(&path).map_err(|error| error.to_string())
+        read_constraints(&path).map_err(|error| error.to_string())
     }
 
     #[test]

@@ -1,15 +1,15 @@
 //! What something other than cars says of a camera: numbers that the user knows, lengths on the ground, lines of the scene.
 //!
-//! Each clue is a cost of (log f, tilt, roll, log h), minus its log likelihood, that every solve and every join of solves adds
+//! Each factor is a cost of (log f, tilt, roll, log h), minus its log likelihood, that every solve and every join of solves adds
 //! to what the cars say. Pixels are relative to the principal point, without distortion.
 
 use nalgebra::{Matrix2, Matrix4, SMatrix, Vector2, Vector3, Vector4};
 
 use crate::{Camera, CameraParams};
 
-/// A clue on the camera. Pixels: relative to the principal point.
+/// A factor on the camera. Pixels: relative to the principal point.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Clue {
+pub enum Factor {
     /// One of (log focal in px, tilt in rad, roll in rad, log height in m) is about this.
     Number {
         /// Place of the number in [`CameraParams::to_vector`].
@@ -48,7 +48,7 @@ pub enum Clue {
     },
     /// Where the vertical of the scene points, by its masts and house edges. Vertical lines run in the picture along
     /// `(sin roll, −cos roll) + bend · p` at the pixel p. The road need not be level: up of the lines is up of the cars' plane but
-    /// for [`Clue::SLOPE_SD`], now and then [`Clue::STEEP_SD`].
+    /// for [`Factor::SLOPE_SD`], now and then [`Factor::STEEP_SD`].
     Upright {
         /// tan(tilt) / focal, 1/px: how fast verticals turn across the picture.
         bend: f64,
@@ -59,9 +59,9 @@ pub enum Clue {
     },
 }
 
-/// What clues add to a cost at a camera, and to the normal equations of a step from there.
+/// What factors add to a cost at a camera, and to the normal equations of a step from there.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ClueTerms {
+pub struct FactorTerms {
     /// Its gradient.
     pub gradient: Vector4<f64>,
     /// Gauss–Newton's approximation of its Hessian.
@@ -70,15 +70,15 @@ pub struct ClueTerms {
 
 /// Step of central differences, in log units and rad.
 const STEP: f64 = 1e-5;
-/// Cost of a clue that makes no sense before a camera (ground pixels above its horizon).
+/// Cost of a factor that makes no sense before a camera (ground pixels above its horizon).
 const IMPOSSIBLE: f64 = 1e3;
 
-/// One of the things that a clue may mean: that its residual is N(0, covariance).
+/// One of the things that a factor may mean: that its residual is N(0, covariance).
 #[derive(Clone, Copy, Debug)]
 pub struct Reading {
     /// Prior probability, 0–1.
     pub share: f64,
-    /// What the clue says less what the camera does, the clue's units.
+    /// What the factor says less what the camera does, the factor's units.
     pub residual: Vector2<f64>,
     /// Its covariance.
     pub covariance: Matrix2<f64>,
@@ -94,9 +94,9 @@ impl Reading {
     }
 }
 
-/// How far off a clue is.
+/// How far off a factor is.
 struct Misfit {
-    /// In the clue's own units; the second is 0 for clues of one number.
+    /// In the factor's own units; the second is 0 for factors of one number.
     residual: Vector2<f64>,
     /// Information on it.
     weight: Matrix2<f64>,
@@ -104,13 +104,13 @@ struct Misfit {
 }
 
 impl Misfit {
-    /// Of a clue of one number, its residual in sds.
+    /// Of a factor of one number, its residual in sds.
     fn of_one(residual: f64, cost: f64) -> Self {
         Self { residual: Vector2::new(residual, 0.0), weight: Matrix2::new(1.0, 0.0, 0.0, 0.0), cost }
     }
 }
 
-impl Clue {
+impl Factor {
     /// Slope and crossfall of roads and lots, rad (sd): 1–2.5 % of crossfall and a grade of up to 5 % are what streets are built with
     /// (estimate; of calibrated cameras 1.2 to 2.5° are about equally likely, 1° is less so by a factor of 150).
     pub const SLOPE_SD: f64 = 0.026;
@@ -140,7 +140,7 @@ impl Clue {
                 information.column_mut(3).fill(0.0);
                 Some(Self::Camera { mean, information, by_cars: false })
             }
-            clue => Some(clue),
+            factor => Some(factor),
         }
     }
 
@@ -150,7 +150,7 @@ impl Clue {
         matches!(self, Self::Camera { by_cars: true, .. })
     }
 
-    /// How far off it is, in sds, with the sign of what the clue says less what the camera does; `None` where it makes no sense
+    /// How far off it is, in sds, with the sign of what the factor says less what the camera does; `None` where it makes no sense
     /// before this camera.
     #[must_use]
     pub fn residual(&self, camera: &Vector4<f64>) -> Option<f64> {
@@ -160,7 +160,7 @@ impl Clue {
     }
 
     /// How long a length is before this camera, m, and the log sd of what was told of it, that of its pixels counted; `None` for
-    /// other clues and where a pixel shows no ground.
+    /// other factors and where a pixel shows no ground.
     #[must_use]
     pub fn length(&self, camera: &Vector4<f64>) -> Option<(f64, f64)> {
         let Self::Length { ends_px, end_sd_px, log_sd, .. } = self else { return None };
@@ -210,7 +210,7 @@ impl Clue {
         }
     }
 
-    /// The two Gaussians that a clue may mean before a camera: a level street, a steep one. `None` of clues that mean one thing. The
+    /// The two Gaussians that a factor may mean before a camera: a level street, a steep one. `None` of factors that mean one thing. The
     /// join takes them by expectation propagation.
     #[must_use]
     pub fn readings(&self, camera: &Vector4<f64>) -> Option<[Reading; 2]> {
@@ -249,25 +249,25 @@ impl Clue {
 
     /// What it adds at a camera.
     #[must_use]
-    pub fn terms(&self, camera: &Vector4<f64>) -> ClueTerms {
+    pub fn terms(&self, camera: &Vector4<f64>) -> FactorTerms {
         if let Self::Camera { mean, information, .. } = self {
-            return ClueTerms { gradient: information * (camera - mean), information: *information };
+            return FactorTerms { gradient: information * (camera - mean), information: *information };
         }
         let Some(here) = self.misfit(camera) else {
-            return ClueTerms { gradient: Vector4::zeros(), information: Matrix4::zeros() };
+            return FactorTerms { gradient: Vector4::zeros(), information: Matrix4::zeros() };
         };
         let (gradient, by) = self.derivatives(camera);
-        ClueTerms { gradient, information: by.transpose() * here.weight * by }
+        FactorTerms { gradient, information: by.transpose() * here.weight * by }
     }
 }
 
-impl ClueTerms {
-    /// Sum over clues.
+impl FactorTerms {
+    /// Sum over factors.
     #[must_use]
-    pub fn of<'a>(clues: impl IntoIterator<Item = &'a Clue>, camera: &Vector4<f64>) -> Self {
+    pub fn of<'a>(factors: impl IntoIterator<Item = &'a Factor>, camera: &Vector4<f64>) -> Self {
         let mut sum = Self { gradient: Vector4::zeros(), information: Matrix4::zeros() };
-        for clue in clues {
-            let terms = clue.terms(camera);
+        for factor in factors {
+            let terms = factor.terms(camera);
             sum.gradient += terms.gradient;
             sum.information += terms.information;
         }
@@ -292,25 +292,25 @@ mod tests {
         Vector4::new(1200f64.ln(), 0.3, 0.05, 8f64.ln())
     }
 
-    fn clues() -> Vec<Clue> {
+    fn factors() -> Vec<Factor> {
         let params = CameraParams::from_vector(&camera());
         let project = |x: f64, y: f64, z: f64| {
             let point = params.plane().camera_from_world() * nalgebra::Point3::new(x, y, z);
             1200.0 * point.coords.xy() / point.z
         };
-        let length = |a: Vector2<f64>, b: Vector2<f64>| Clue::Length {
+        let length = |a: Vector2<f64>, b: Vector2<f64>| Factor::Length {
             ends_px: [a, b],
             end_sd_px: 0.5,
             length_m: 5.0,
             log_sd: 0.01,
         };
         vec![
-            Clue::Number { which: 1, value: 0.3, sd: 0.01 },
-            Clue::InverseFocal { per_px: 1.0 / 1200.0, sd: 5e-6 },
-            Clue::Camera { mean: camera(), information: correlated(), by_cars: false },
+            Factor::Number { which: 1, value: 0.3, sd: 0.01 },
+            Factor::InverseFocal { per_px: 1.0 / 1200.0, sd: 5e-6 },
+            Factor::Camera { mean: camera(), information: correlated(), by_cars: false },
             length(project(-2.0, 18.0, 0.0), project(3.0, 18.0, 0.0)),
             length(project(0.0, 15.0, 0.0), project(3.0, 19.0, 0.0)),
-            Clue::Upright {
+            Factor::Upright {
                 bend: 0.3f64.tan() / 1200.0,
                 roll: 0.05,
                 covariance: Matrix2::new(1e-10, 1e-8, 1e-8, 1e-5),
@@ -324,31 +324,31 @@ mod tests {
 
     #[test]
     fn a_camera_without_scale_says_the_same_of_the_rest() {
-        let clue = Clue::Camera { mean: camera(), information: correlated(), by_cars: false };
-        let Some(Clue::Camera { information, .. }) = clue.without_scale() else { panic!("{clue:?}") };
+        let factor = Factor::Camera { mean: camera(), information: correlated(), by_cars: false };
+        let Some(Factor::Camera { information, .. }) = factor.without_scale() else { panic!("{factor:?}") };
         assert!(information.row(3).norm() + information.column(3).norm() < 1e-12);
         let marginal = correlated().try_inverse().unwrap().fixed_view::<3, 3>(0, 0).try_inverse().unwrap();
         assert!((information.fixed_view::<3, 3>(0, 0) - marginal).norm() < 1e-9);
-        assert!(clues().iter().filter_map(Clue::without_scale).count() == 4);
+        assert!(factors().iter().filter_map(Factor::without_scale).count() == 4);
     }
 
     #[test]
     fn a_true_clue_fits_the_true_camera_and_no_other() {
-        for clue in clues() {
-            assert!(clue.residual(&camera()).unwrap().abs() < 1e-3, "{clue:?}");
+        for factor in factors() {
+            assert!(factor.residual(&camera()).unwrap().abs() < 1e-3, "{factor:?}");
             let tilted = camera() + Vector4::new(0.02, 0.1, 0.0, 0.0);
-            assert!(clue.residual(&tilted).unwrap().abs() > 0.3, "{clue:?}");
+            assert!(factor.residual(&tilted).unwrap().abs() > 0.3, "{factor:?}");
         }
     }
 
     #[test]
     fn the_gradient_is_that_of_the_cost() {
         let at = camera() + Vector4::new(0.01, -0.008, 0.004, 0.02);
-        for clue in clues() {
+        for factor in factors() {
             let step = Vector4::new(3e-4, 2e-4, -1e-4, 2e-4);
-            let change = clue.cost(&(at + step)) - clue.cost(&(at - step));
-            let told = 2.0 * clue.terms(&at).gradient.dot(&step);
-            assert!((change - told).abs() < 1e-3 * told.abs() + 1e-9, "{clue:?}: {change} {told}");
+            let change = factor.cost(&(at + step)) - factor.cost(&(at - step));
+            let told = 2.0 * factor.terms(&at).gradient.dot(&step);
+            assert!((change - told).abs() < 1e-3 * told.abs() + 1e-9, "{factor:?}: {change} {told}");
         }
     }
 
@@ -370,7 +370,7 @@ mod tests {
 
     #[test]
     fn what_contradicts_as_a_steep_street_does_pulls_little() {
-        let upright = |bend: f64| Clue::Upright {
+        let upright = |bend: f64| Factor::Upright {
             bend: bend.tan() / 1200.0,
             roll: 0.05,
             covariance: Matrix2::new(1e-12, 0.0, 0.0, 1e-6),
@@ -381,7 +381,7 @@ mod tests {
 
     #[test]
     fn pixels_in_the_sky_have_no_length() {
-        let sky = Clue::Length {
+        let sky = Factor::Length {
             ends_px: [Vector2::new(0.0, -900.0), Vector2::new(50.0, -900.0)],
             end_sd_px: 1.0,
             length_m: 5.0,

@@ -43,7 +43,7 @@ pub struct Look {
 
 /// What the detector remembers of the frames before.
 #[derive(Debug)]
-pub struct Attention {
+pub struct RoiScheduler {
     /// Looks within which the sweep covers the picture.
     looks_a_sweep: u64,
     map: Option<ChangeMap>,
@@ -57,7 +57,7 @@ pub struct Attention {
     offset: Vector2<f64>,
 }
 
-impl Attention {
+impl RoiScheduler {
     /// Before the first frame. The sweep covers the picture within so many looks.
     #[must_use]
     pub fn new(looks_a_sweep: u64) -> Self {
