@@ -16,7 +16,7 @@ CHECKERS = {"scenario.xosc": ("qc_openscenario", "xoscBundle"), "road.xodr": ("q
 
 
 def issues(file: Path, program: str, bundle: str) -> list[str]:
-    """What a checker finds, and which of its checks did not end."""
+    """Returns a checker's findings, and those of its checks that did not finish."""
     with tempfile.TemporaryDirectory() as folder:
         result, config = Path(folder, "result.xqar"), Path(folder, "config.xml")
         root = ET.Element("Config")
@@ -31,15 +31,15 @@ def issues(file: Path, program: str, bundle: str) -> list[str]:
         )
         checks = list(ET.parse(result).getroot().iter("Checker"))
     found = [f"{c.attrib['checkerId']}: {i.attrib['description']}" for c in checks for i in c.iter("Issue")]
-    # Skipped ones are about later versions of the standard.
+    # Skipped checks are for later versions of the standard.
     unended = [c.attrib["checkerId"] for c in checks if c.attrib["status"] not in ("completed", "skipped")]
     print(f"{file.name}: {len(checks)} checks, {len(found)} issues")
     return found + unended
 
 
 def main() -> None:
-    """Both files, then the other reader."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    """Checks both files, then reads them with the other reader."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scene", type=Path, help="folder that roadplane copy wrote")
     folder = parser.parse_args().scene
     found = [issue for name, how in CHECKERS.items() for issue in issues(folder / name, *how)]

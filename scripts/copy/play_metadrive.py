@@ -1,5 +1,7 @@
-"""Plays a copied scene in MetaDrive's replay of recorded traffic, without pictures, and compares every vehicle's place and
-heading at every 0.1 s with the run's."""
+"""Plays a copied scene in MetaDrive's replay of recorded traffic, and compares it with the run.
+
+It compares every vehicle's position and heading every 0.1 s, without pictures.
+"""
 
 from __future__ import annotations
 
@@ -16,12 +18,12 @@ from metadrive.type import MetaDriveType
 from scene import STEP_S, Deviations, Vehicle, compare
 
 SCENARIO = "sd_roadplane_copy.pkl"
-# Textures and meshes come from elsewhere at the first start; without pictures they are not needed.
+# MetaDrive fetches textures and meshes at its first start; without pictures they are not needed.
 BaseEngine.try_pull_asset = staticmethod(lambda: None)
 
 
 def recorded(vehicle: Vehicle, steps: int) -> dict:
-    """A track in MetaDrive's form: places of the body's middle."""
+    """Returns a track in MetaDrive's form: positions of the body's centre."""
     times = np.arange(steps) * STEP_S
     poses = np.array([vehicle.at(t) for t in times])
     middle = poses[:, :2] + vehicle.centre_m * np.column_stack([np.cos(poses[:, 2]), np.sin(poses[:, 2])])
@@ -41,7 +43,10 @@ def recorded(vehicle: Vehicle, steps: int) -> dict:
 
 
 def write_scenario(folder: Path, vehicles: list[Vehicle], steps: int) -> None:
-    """One scenario and the two lists that MetaDrive wants beside it; the first vehicle that is there at once is the ego."""
+    """Writes one scenario and MetaDrive's two lists beside it.
+
+    The first vehicle that is present at the start is the ego.
+    """
     ego = max(vehicles, key=lambda v: (v.span_s[0] <= 0, v.span_s[1]))
     x, y = np.concatenate([v.poses[:, :2] for v in vehicles]).T
     left, right, middle = x.min() - 25, x.max() + 25, (y.min() + y.max()) / 2
@@ -89,7 +94,7 @@ def write_scenario(folder: Path, vehicles: list[Vehicle], steps: int) -> None:
 
 
 def replay(folder: Path, vehicles: list[Vehicle], rows: dict[int, np.ndarray], steps: int) -> Deviations:
-    """Step by step."""
+    """Replays the scenario step by step."""
     env = ScenarioEnv(
         {
             "use_render": False,
@@ -112,7 +117,7 @@ def replay(folder: Path, vehicles: list[Vehicle], rows: dict[int, np.ndarray], s
     deviations = Deviations.none()
     try:
         env.reset(seed=0)
-        # It moves the ego's first place into its origin.
+        # MetaDrive moves the ego's first position to its origin.
         origin = env.engine.data_manager.current_scenario["metadata"]["old_origin_in_current_coordinate"]
         for step in range(steps):
             ids = env.engine.traffic_manager.obj_id_to_scenario_id
@@ -137,7 +142,7 @@ def replay(folder: Path, vehicles: list[Vehicle], rows: dict[int, np.ndarray], s
 
 
 def play(_scene: Path, vehicles: list[Vehicle], rows: dict[int, np.ndarray], end: float) -> Deviations:
-    """Records the scene in MetaDrive's form and replays it."""
+    """Writes the scene in MetaDrive's form and replays it."""
     steps = int(end / STEP_S) + 1
     with tempfile.TemporaryDirectory() as folder:
         write_scenario(Path(folder), vehicles, steps)

@@ -1,4 +1,4 @@
-"""Plays a copied scene in SUMO and compares every vehicle's place and heading at every 0.1 s with the run's."""
+"""Plays a copied scene in SUMO, and compares every vehicle's position and heading every 0.1 s with the run's."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ BIN = Path(sumo.SUMO_HOME) / "bin"
 
 
 def network(scene: Path, folder: Path) -> Path:
-    """The OpenDRIVE road as SUMO's own network, where it lies."""
+    """Converts the OpenDRIVE road to SUMO's network, in the same coordinates."""
     out = folder / "road.net.xml"
     subprocess.run(
         [
@@ -35,14 +35,14 @@ def network(scene: Path, folder: Path) -> Path:
 
 
 def place(vehicle: Vehicle, time_s: float, edge: str) -> None:
-    """Moves a vehicle; SUMO's places are those of front bumpers, its angles clockwise from north."""
+    """Moves a vehicle; SUMO's positions are those of front bumpers, its angles are clockwise from north."""
     pose = vehicle.at(time_s)
     front = vehicle.ahead(pose, vehicle.centre_m + vehicle.dims_m[0] / 2)
     traci.vehicle.moveToXY(vehicle.name, edge, 0, *front, angle=90 - np.degrees(pose[2]), keepRoute=2)
 
 
 def drive(vehicles: list[Vehicle], rows: dict[int, np.ndarray], end: float) -> Deviations:
-    """Step by step."""
+    """Plays step by step."""
     edge = next(edge for edge in traci.edge.getIDList() if not edge.startswith(":"))
     traci.route.add("road", [edge])
     for vehicle in vehicles:

@@ -1,12 +1,15 @@
-"""What one known length does to the metres of finished runs with truth.
+"""Measures the effect of one user constraint, a length on the ground, on the metres of finished runs with truth.
 
-    roadplane run tests/data/lots/scenes/clip_*.mp4 --out runs --frames
-    python3 scripts/eval/known.py target/release/roadplane runs tests/data/lots/scenes
+  roadplane run tests/data/lots/scenes/clip_*.mp4 --out runs --frames
+  python3 scripts/eval/known.py target/release/roadplane runs tests/data/lots/scenes
 
-For each clip a length across the road is taken from the truth, at the nearest tenth of the cars' places, its ends rounded to
-whole pixels and its metres off by what its sd says. `roadplane track --known` then solves the run's frames again. Errors, in per
-cent: focal length, height, sideways positions (slope of found on true x), distances from the camera (median ratio); and the sd
-that the camera claims of its height. The table shows each clip's root mean square over the draws.
+For each clip, a length across the road is taken from the truth, at the nearest tenth of the cars' positions. Its ends
+are rounded to whole pixels, and its metres get an error according to its sd. `roadplane stage track --known` then
+solves the run's frames again.
+
+The errors are in per cent: focal length, height, sideways positions (slope of estimated on true x), and distances from
+the camera (median ratio). The last column is the sd of the height that the camera states. The table shows each clip's
+root mean square over the draws.
 """
 
 from __future__ import annotations
@@ -21,13 +24,13 @@ from pathlib import Path
 
 import numpy as np
 
-# What is told is off by these many sds, whose root mean square is 1.
+# Errors of the given length in units of its sd; their root mean square is 1.
 DRAWS = (-(1.5**0.5), 0.0, 1.5**0.5)
 LENGTH_M = 10.0
 LENGTH_SD = 0.01
-# Of the cars' distances: where the length lies.
+# Quantile of the cars' distances at which the length lies.
 QUANTILE = 0.1
-# A row is of the true car whose box it overlaps by this, intersection over union.
+# A row belongs to the true car whose box it overlaps by this intersection over union.
 MIN_IOU = 0.6
 
 
@@ -36,7 +39,7 @@ def read_truth(path: Path) -> dict:
         return json.load(file)
 
 
-def known_length(truth: dict, off_sd: float) -> str:
+def constraint_length(truth: dict, off_sd: float) -> str:
     camera = truth["camera"]
     camera_from_world = np.array(camera["camera_from_world"])
     places = [car["world_from_car"] for frame in truth["frames"] for car in frame["cars"]]
@@ -46,8 +49,8 @@ def known_length(truth: dict, off_sd: float) -> str:
         point = camera_from_world @ np.array([x_m, y_m, 0.0, 1.0])
         pixel = camera["focal_px"] * point[:2] / point[2] + np.array(camera["principal_point_px"])
         ends += [int(v) for v in np.round(pixel)]
-    told_m = LENGTH_M * (1.0 + LENGTH_SD * off_sd)
-    return "x1,y1,x2,y2,length_m,sd_m,pixel_sd\n" + ",".join(map(str, [*ends, told_m, LENGTH_SD * told_m, 0.3])) + "\n"
+    given_m = LENGTH_M * (1.0 + LENGTH_SD * off_sd)
+    return "x1,y1,x2,y2,length_m,sd_m,pixel_sd\n" + ",".join(map(str, [*ends, given_m, LENGTH_SD * given_m, 0.3])) + "\n"
 
 
 def overlap(a: list[float], b: list[float]) -> float:
@@ -59,7 +62,7 @@ def overlap(a: list[float], b: list[float]) -> float:
 
 
 def errors(run: Path, truth: dict) -> np.ndarray:
-    """Focal length, height, sideways, distance, all as shares; and the claimed sd of the height."""
+    """Returns focal length, height, sideways and distance errors, all as shares, and the stated sd of the height."""
     camera, true = json.loads((run / "camera.json").read_text()), truth["camera"]
     frames = {frame["frame"]: frame["cars"] for frame in truth["frames"]}
     found, expected = [], []
@@ -89,8 +92,8 @@ def main(program: str, runs: Path, scenes: Path) -> None:
         with tempfile.TemporaryDirectory() as folder:
             for draw in DRAWS:
                 known, out = Path(folder) / "known.csv", Path(folder) / f"{draw:.1f}"
-                known.write_text(known_length(truth, draw))
-                command = [program, "track", run / "frames.jsonl", "--out", out, "--known", known]
+                known.write_text(constraint_length(truth, draw))
+                command = [program, "stage", "track", run / "frames.jsonl", "--out", out, "--known", known]
                 subprocess.run(command, check=True, capture_output=True)
                 rows["with"].append(errors(out, truth))
         for which, values in rows.items():

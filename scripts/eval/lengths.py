@@ -1,10 +1,11 @@
-"""Lengths on the ground that are known, against what a run's camera makes of them.
+"""Compares lengths on the ground given by the user with those that a run's camera gives.
 
-    PYTHONPATH=scripts/python python3 scripts/eval/lengths.py RUN KNOWN.csv
+  python3 scripts/eval/lengths.py RUN KNOWN.csv
 
-KNOWN.csv lists lengths as `roadplane run --known` reads them (x1,y1,x2,y2,length_m,sd_m,pixel_sd,name), or surveyed points
-(x_px,y_px,east_m,north_m), of which all pairs are taken. Lengths of one name (the dashes of a lane, say) are a group: its ratio
-of ours to theirs is that of speeds there, too. sds are those that the run's camera claims, and of what is known.
+KNOWN.csv lists lengths as `roadplane run --known` reads them (x1,y1,x2,y2,length_m,sd_m,pixel_sd,name), or surveyed
+points (x_px,y_px,east_m,north_m), of which all pairs are used. Lengths of one name (the dashes of a lane, say) form a
+group. A group's ratio of our lengths to the given ones is that of speeds there, too. The sds are those of the run's
+camera and of the given lengths. It needs the Python package: `pip install .`.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ SURVEY_SD_M = 0.1
 
 
 def read(path: Path) -> list[tuple[str, np.ndarray, float, float, float]]:
-    """Name, ends (2, 2) px, length m, its sd, sd of each pixel."""
+    """Yields name, ends (2, 2) px, length m, its sd, and the sd of each pixel."""
     with path.open(newline="") as file:
         rows = list(csv.DictReader(file))
     if rows and "east_m" in rows[0]:
@@ -43,21 +44,21 @@ def read(path: Path) -> list[tuple[str, np.ndarray, float, float, float]]:
 
 
 def length(camera: roadplane.Camera, params: np.ndarray, ends: np.ndarray) -> float:
-    """Of the ground between two pixels, m."""
+    """Returns the length on the ground between two pixels, m."""
     a, b = dataclasses.replace(camera, params=params).ground_from_pixel(ends)
     return float(np.hypot(*(a - b)))
 
 
 def gradients(camera: roadplane.Camera, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Of the length's logarithm by the camera's four numbers, and by the pixels' four."""
+    """Returns the derivatives of the length's log by the four camera parameters, and by the pixels' coordinates."""
 
     def slope(by: str, i: int, step: float) -> float:
-        ways = []
+        logs = []
         for sign in (1, -1):
             params, pixels = camera.params.copy(), ends.copy().ravel()
             (params if by == "camera" else pixels)[i] += sign * step
-            ways.append(np.log(length(camera, params, pixels.reshape(2, 2))))
-        return (ways[0] - ways[1]) / (2 * step)
+            logs.append(np.log(length(camera, params, pixels.reshape(2, 2))))
+        return (logs[0] - logs[1]) / (2 * step)
 
     return np.array([slope("camera", i, 1e-4) for i in range(4)]), np.array([slope("pixels", i, 0.05) for i in range(4)])
 
@@ -65,7 +66,7 @@ def gradients(camera: roadplane.Camera, ends: np.ndarray) -> tuple[np.ndarray, n
 def main() -> None:
     run, known = roadplane.load(sys.argv[1]), read(Path(sys.argv[2]))
     camera = run.camera
-    print(f"{'name':>12} {'known, m':>9} {'ours, m':>9} {'off, %':>7} {'sd, %':>6} {'off / sd':>8}")
+    print(f"{'name':>12} {'given, m':>9} {'ours, m':>9} {'off, %':>7} {'sd, %':>6} {'off / sd':>8}")
     groups: dict[str, list[tuple[float, np.ndarray, float]]] = {}
     off_m, off_sd = [], []
     for name, ends, length_m, sd_m, pixel_sd in known:

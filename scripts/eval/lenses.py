@@ -1,11 +1,11 @@
-"""Rendered clips seen through lenses that bend lines: how well focal length and lens come out, beside the same clips without.
+"""Evaluates focal length and distortion on rendered clips with added lens distortion, beside the same clips without.
 
-    python scripts/eval/lenses.py [DATASET] [--program target/release/roadplane] [--work FOLDER]
+  python3 scripts/eval/lenses.py [DATASET] [--program target/release/roadplane] [--work FOLDER]
 
-Every clip of the data set (default tests/data/lots) is bent by OpenCV's k1 of -0.4 to 0.05, drawn evenly with a fixed seed
-(k2 = 0.3 k1², as published lenses have it), run, and compared with its truth. The picture is magnified so that no rim without
-picture shows; the true focal length grows with it. Prints one line a clip and the medians. FOLDER must not hold older runs. Needs
-numpy, OpenCV and the ffmpeg command.
+Every clip of the data set (default tests/data/lots) is distorted. OpenCV's k1 is drawn evenly from -0.4 to 0.05, with a
+fixed seed; k2 = 0.3 k1², as in published lenses. Then it is run and compared with its truth. The picture is
+magnified so that it has no empty rim; the true focal length grows with it. The script prints one line per clip, and the
+medians. FOLDER must not hold older runs. It needs numpy, OpenCV and the ffmpeg command.
 """
 
 import argparse
@@ -23,27 +23,27 @@ K1 = (-0.4, 0.05)
 SEED = 18
 
 
-def bend(frames: list[np.ndarray], focal_px: float, k1: float) -> tuple[list[np.ndarray], float]:
-    """Frames as a lens shows them, and the focal length by which the picture was magnified."""
+def distort(frames: list[np.ndarray], focal_px: float, k1: float) -> tuple[list[np.ndarray], float]:
+    """Returns the distorted frames, and the focal length after magnification."""
     height, width = frames[0].shape[:2]
     middle = np.array([(width - 1) / 2, (height - 1) / 2])
     k2 = 0.3 * k1 * k1
     radii = np.linspace(0, 1.5 * math.hypot(*middle), 4000)
 
-    def bent(straight_px: np.ndarray) -> np.ndarray:
+    def distorted(straight_px: np.ndarray) -> np.ndarray:
         square = (straight_px / focal_px) ** 2
         return straight_px * (1 + k1 * square + k2 * square**2)
 
-    # Before the lens turns back.
-    falls = np.flatnonzero(np.diff(bent(radii)) <= 0)
+    # Only up to where the lens's radius stops growing.
+    falls = np.flatnonzero(np.diff(distorted(radii)) <= 0)
     rising = radii[: falls[0] + 1] if len(falls) else radii
-    # How much larger the picture must be for its corners, or the middles of its sides, to show something.
+    # Magnification for which the corners and the middles of the sides show something.
     reach = np.array([math.hypot(*middle), middle[0], middle[1]])
-    scale = max(1.0, max(r / bent(np.array(r)) for r in reach))
+    scale = max(1.0, max(r / distorted(np.array(r)) for r in reach))
     rows, columns = np.mgrid[0:height, 0:width]
     from_middle = np.stack([columns - middle[0], rows - middle[1]], axis=-1) / scale
     distance = np.linalg.norm(from_middle, axis=-1)
-    straight = np.interp(distance, bent(rising), rising)
+    straight = np.interp(distance, distorted(rising), rising)
     where = from_middle * (straight / np.maximum(distance, 1e-9))[..., None] + middle
     maps = where.astype(np.float32)
     return [
@@ -52,7 +52,7 @@ def bend(frames: list[np.ndarray], focal_px: float, k1: float) -> tuple[list[np.
 
 
 def read(clip: Path) -> list[np.ndarray]:
-    """All frames of a clip."""
+    """Reads all frames of a clip."""
     capture = cv2.VideoCapture(str(clip))
     frames = []
     while True:
@@ -63,7 +63,7 @@ def read(clip: Path) -> list[np.ndarray]:
 
 
 def write(frames: list[np.ndarray], path: Path, rate: float) -> None:
-    """A clip, hardly compressed."""
+    """Writes a clip with little compression."""
     height, width = frames[0].shape[:2]
     command = [
         "ffmpeg",
@@ -92,7 +92,7 @@ def write(frames: list[np.ndarray], path: Path, rate: float) -> None:
 
 
 def camera_of(program: Path, clip: Path, out: Path) -> dict:
-    """What a run says of the camera."""
+    """Returns a run's estimate of the camera."""
     subprocess.run(
         [str(program), "run", str(clip), "--out", str(out), "--set", "activity.enabled=false"],
         check=True,
@@ -102,7 +102,7 @@ def camera_of(program: Path, clip: Path, out: Path) -> dict:
 
 
 def truth_of(clip: Path) -> dict:
-    """The truth beside a clip."""
+    """Returns the truth beside a clip."""
     packed = clip.with_suffix(".truth.json.gz")
     text = gzip.open(packed, "rt").read() if packed.is_file() else clip.with_suffix(".truth.json").read_text()
     return json.loads(text)
@@ -124,7 +124,7 @@ def main() -> None:
         focal_px = truth_of(clip)["camera"]["focal_px"]
         frames = read(clip)
         rate = cv2.VideoCapture(str(clip)).get(cv2.CAP_PROP_FPS)
-        shown, magnified_px = bend(frames, focal_px, k1)
+        shown, magnified_px = distort(frames, focal_px, k1)
         there = work / f"{clip.stem}.bent.mp4"
         write(shown, there, rate)
         line = f"{clip.stem}: k1 {k1:+.3f}"
@@ -140,7 +140,7 @@ def main() -> None:
         sizes, in_sds = np.abs([e for e, _ in found]), np.array([s for _, s in found])
         print(
             f"{name}: median focal error {100 * np.median(sizes):.2f} %, rms {100 * np.sqrt(np.mean(sizes**2)):.2f} %, "
-            f"error / sd {np.sqrt(np.mean(in_sds**2)):.2f}, {len(found)} clips"
+            f"normalised error {np.sqrt(np.mean(in_sds**2)):.2f}, {len(found)} clips"
         )
 
 

@@ -1,10 +1,11 @@
-"""Which vehicles a finished run misses and why: no box, a box but no track, a track that stands elsewhere.
+"""Counts the vehicles that a finished run misses, by reason: no box, a box without a track, a track elsewhere.
 
-    python3 scripts/eval/missing.py TRUTH RUN
+  python3 scripts/eval/missing.py TRUTH RUN
 
-TRUTH: roadplane.truth/1. RUN: a folder with `frames.jsonl` (`roadplane run --frames`) and `tracks.jsonl`, or what `roadplane
-detect` wrote, of which boxes alone are told. Vehicles count as for `roadplane eval run`. A box is a vehicle's where it overlaps
-what is seen of it, or all of it, by half or more. The second table shows how easy vehicles are to find that nothing hides.
+TRUTH is a file of roadplane.truth/1. RUN is a folder with `frames.jsonl` (`roadplane run --frames`) and `tracks.jsonl`,
+or the output of `roadplane stage detect`, for which boxes alone are counted. Vehicles count as for `roadplane-lab eval
+run`. A box belongs to a vehicle if it overlaps its visible part, or all of it, by half or more. The second table counts
+unobstructed vehicles, as a measure of how easy they are to detect.
 """
 
 from __future__ import annotations
@@ -17,32 +18,32 @@ from pathlib import Path
 
 import numpy as np
 
-LEAST_SIDE_PX, LEAST_SHARE = 24.0, 0.3  # as in crates/eval/src/scoring.rs
+LEAST_SIDE_PX, LEAST_SHARE = 24.0, 0.3  # as in `roadplane-lab eval run`
 LEAST_IOU = 0.5
-FAR_M = 4.0  # as HOTA has it
-WHOLE_SHARE, WHOLE_PX = 0.85, (40.0, 300.0)  # of vehicles that nothing hides: longer side
+FAR_M = 4.0  # as in HOTA
+WHOLE_SHARE, WHOLE_PX = 0.85, (40.0, 300.0)  # unobstructed vehicles: longer side
 REASONS = ("found", "elsewhere", "box, no track", "no box")
 
 
 def lines(path: Path) -> list[dict]:
-    """What a file of JSON lines holds; nothing where there is none."""
+    """Returns the records of a file of JSON lines; none if there is no such file."""
     return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
 
 
 def overlaps(box: list[float], others: np.ndarray) -> np.ndarray:
-    """Intersection over union of a box with others (n, 4)."""
+    """Returns the intersection over union of a box with others (n, 4)."""
     inner = np.minimum(box[2:], others[:, 2:]) - np.maximum(box[:2], others[:, :2])
     both = inner.clip(0).prod(1)
     return both / (np.prod(np.subtract(box[2:], box[:2])) + (others[:, 2:] - others[:, :2]).prod(1) - both)
 
 
 def same(car: dict, boxes: np.ndarray) -> np.ndarray:
-    """Which boxes (n, 4) are the vehicle's."""
+    """Returns which boxes (n, 4) belong to the vehicle."""
     return np.maximum(overlaps(car["box"], boxes), overlaps(car["whole_box"], boxes)) >= LEAST_IOU
 
 
 def reason(car: dict, boxes: np.ndarray, rows: list[dict]) -> str:
-    """What became of a vehicle in a frame."""
+    """Returns the outcome for a vehicle in a frame."""
     tracked = np.array([row["bbox_px"] for row in rows]).reshape(-1, 4)
     mine = same(car, tracked)
     if mine.any():
@@ -53,12 +54,12 @@ def reason(car: dict, boxes: np.ndarray, rows: list[dict]) -> str:
 
 
 def side(box: list[float]) -> float:
-    """The longer one, px."""
+    """Returns the longer side, px."""
     return max(box[2] - box[0], box[3] - box[1])
 
 
 def table(counts: Counter, columns: tuple[str, ...]) -> None:
-    """A line a class, a column an outcome."""
+    """Prints a line per class, with a column per outcome."""
     print("class   " + "".join(f"{name:>15s}" for name in columns))
     for kind in sorted({kind for kind, _ in counts}):
         row = [counts[kind, name] for name in columns]
@@ -66,7 +67,7 @@ def table(counts: Counter, columns: tuple[str, ...]) -> None:
 
 
 def main() -> None:
-    """Command line."""
+    """Prints the tables."""
     truth_path, run = Path(sys.argv[1]), Path(sys.argv[2])
     opened = gzip.open if truth_path.suffix == ".gz" else open
     with opened(truth_path, "rt") as file:
@@ -90,7 +91,7 @@ def main() -> None:
     if tracks:
         print("Vehicles in frames")
         table(outcomes, REASONS)
-    print("Of those that nothing hides, 40–300 px")
+    print("Unobstructed vehicles, 40–300 px")
     table(whole, ("box", "no box"))
 
 

@@ -1,10 +1,11 @@
-"""What no vehicle does, counted in the tracks of finished runs: motion that was filled in, boxes that are another's, duplicates.
+"""Lists implausible events in the tracks of finished runs: invented motion, boxes of other vehicles, duplicates.
 
-    PYTHONPATH=scripts/python python3 scripts/eval/oddities.py RUN...
+  python3 scripts/eval/oddities.py RUN...
 
-Invented motion: between two looks a track goes more than 3 m in more than half a second. Apart: rows called observed whose
-box overlaps that of the vehicle drawn from the row (its size and pose) by less than 0.3. Duplicates: two tracks whose places lie
-nearer than 1.5 m for half a second or longer. Each is listed to be looked at.
+Invented motion: between two observations a track moves more than 3 m in more than half a second. Apart: observed rows
+whose box overlaps that of the vehicle drawn from the row (its size and pose) by less than 0.3. Duplicates: two tracks
+whose positions are closer than 1.5 m for half a second or longer. It lists each event for inspection. It needs the
+Python package: `pip install .`.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ NEAR_M, NEAR_S = 1.5, 0.5
 
 
 def drawn_box(camera: roadplane.Camera, row: dict) -> np.ndarray | None:
-    """Box of a body of the row's size at its pose, cut at the picture's edges, px."""
+    """Returns the box of a body of the row's size at its pose, cut at the picture's edges, px."""
     half = np.array([row["length_m"] / 2, row["width_m"] / 2])
     cos, sin = np.cos(row["heading_rad"]), np.sin(row["heading_rad"])
     corners = np.array([(a, b, z) for a in (-1, 1) for b in (-1, 1) for z in (0.0, 1.0)])
@@ -37,7 +38,7 @@ def drawn_box(camera: roadplane.Camera, row: dict) -> np.ndarray | None:
 
 
 def overlap(a: np.ndarray, b: np.ndarray) -> float:
-    """Intersection over union of two boxes."""
+    """Returns the intersection over union of two boxes."""
     width, height = np.minimum(a[2:], b[2:]) - np.maximum(a[:2], b[:2])
     if width <= 0 or height <= 0:
         return 0.0
@@ -54,13 +55,13 @@ def main() -> None:
             frames[row["frame"]].append(row)
         found = []
         for number, rows in tracks.items():
-            looks = [k for k, row in enumerate(rows) if row["observed"]]
-            for a, b in itertools.pairwise(looks):
+            observed_rows = [k for k, row in enumerate(rows) if row["observed"]]
+            for a, b in itertools.pairwise(observed_rows):
                 first, last = rows[a], rows[b]
-                way = np.hypot(last["x_m"] - first["x_m"], last["y_m"] - first["y_m"])
-                if way > INVENTED_M and last["time_s"] - first["time_s"] > INVENTED_S:
+                moved_m = np.hypot(last["x_m"] - first["x_m"], last["y_m"] - first["y_m"])
+                if moved_m > INVENTED_M and last["time_s"] - first["time_s"] > INVENTED_S:
                     span = f"{first['time_s']:.2f}–{last['time_s']:.2f} s"
-                    found.append(f"track {number} goes {way:.1f} m unseen, {span}")
+                    found.append(f"track {number} moves {moved_m:.1f} m unobserved, {span}")
         apart = defaultdict(list)
         observed = 0
         for row in (row for rows in tracks.values() for row in rows if row["observed"]):

@@ -1,10 +1,11 @@
-"""What three surveyed points can say of others, by simulation: docs/survey.md.
+"""Measures how well three surveyed points predict others, on real points and by simulation.
 
-    python3 scripts/eval/survey.py tests/data/road_survey.csv results/road_survey/camera.json
+  python3 scripts/eval/survey.py tests/data/road_survey.csv results/road_survey/camera.json
 
-The first file lists surveyed points of the ground (x_px,y_px,east_m,north_m), the second is the run's camera. Every choice of
-three points is given, the others are predicted: on the real points, in several ways; and on points with the errors that the best
-camera for all of them leaves, with cameras that are known more or less well beforehand. Needs NumPy.
+The first file lists surveyed points of the ground (x_px,y_px,east_m,north_m), the second is the run's camera. Every
+choice of three points is given, and the others are predicted. On the real points this is done in several variants.
+Simulated points have the errors that the best camera for all points leaves; their cameras have priors of different
+accuracy. It needs NumPy.
 """
 
 from __future__ import annotations
@@ -20,16 +21,18 @@ import numpy as np
 GIVEN = 3
 DRAWS = 400
 STEPS = 40
-LONGEST_STEP = 0.05  # of log focal length and angles: far points stay below the horizon
-CLICK_PX, SURVEY_M = 1.5, 0.15  # what the program takes points for
+LONGEST_STEP = 0.05  # lower bounds of log focal length and angles: far points stay below the horizon
+CLICK_PX, SURVEY_M = 1.5, 0.15  # sd of points that the program assumes
 BAR_M = 0.30
-# sd of focal length (share), tilt, roll (degrees), height (share).
+# Prior sds of focal length (share), tilt, roll (degrees), height (share).
 KNOWN = {"exactly": (1e-6, 1e-6, 1e-6, 1e-6), "1 %, 0.1°, 2 %": (0.01, 0.1, 0.1, 0.02), "3 %, 0.3°, 4 %": (0.03, 0.3, 0.3, 0.04)}
 
 
 def ground(params: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """Places [n, k, 2] on the map of pixels [k, 2] from the principal point, by params [n, 7]: log focal length, tilt, roll, log
-    height, turn, east, north."""
+    """Returns map positions [n, k, 2] of pixels [k, 2], relative to the principal point.
+
+    `params` [n, 7] are log focal length, tilt, roll, log height, rotation, east, north.
+    """
     log_focal, tilt, roll, log_height, turn = params[:, :5].T
     up = np.stack([np.sin(roll) * np.cos(tilt), -np.cos(roll) * np.cos(tilt), -np.sin(tilt)], -1)
     forward = np.array([0, 0, 1.0]) - up * up[:, 2:]
@@ -44,7 +47,7 @@ def ground(params: np.ndarray, pixels: np.ndarray) -> np.ndarray:
 
 
 def by_params(params: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """Derivatives [n, k, 2, 7]."""
+    """Returns the derivatives [n, k, 2, 7]."""
     steps = np.eye(7) * 1e-6
     return np.stack([(ground(params + s, pixels) - ground(params - s, pixels)) / 2e-6 for s in steps], -1)
 
@@ -52,8 +55,10 @@ def by_params(params: np.ndarray, pixels: np.ndarray) -> np.ndarray:
 def solved(
     prior: np.ndarray, information: np.ndarray, pixels: np.ndarray, targets: np.ndarray, weights: np.ndarray
 ) -> np.ndarray:
-    """Camera and place [n, 7] of targets [n, k, 2] that count by weights [k, 2, 2], and cameras [n, 4] that are known beforehand
-    to an information [4, 4]; Gauss-Newton, as the program does it."""
+    """Returns camera and map position [n, 7] by Gauss-Newton, as the program solves for them.
+
+    The targets [n, k, 2] have weights [k, 2, 2]; the priors are cameras [n, 4] with an information [4, 4].
+    """
     params = np.concatenate([prior, np.zeros((len(prior), 3))], 1)
     turn, shift = similarity(ground(params, pixels), targets, keep_scale=True)
     params[:, 4], params[:, 5], params[:, 6] = np.angle(turn), shift.real, shift.imag
@@ -70,7 +75,7 @@ def solved(
 
 
 def similarity(a: np.ndarray, b: np.ndarray, keep_scale: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    """Turn and scale, and shift [n], complex, that take points [n, k, 2] to others (Umeyama 1991)."""
+    """Returns rotation and scale, and translation [n], complex, that map points [n, k, 2] to others (Umeyama 1991)."""
     z, w = a[..., 0] + 1j * a[..., 1], b[..., 0] + 1j * b[..., 1]
     z0, w0 = z.mean(-1, keepdims=True), w.mean(-1, keepdims=True)
     turn = (np.conj(z - z0) * (w - w0)).sum(-1) / (abs(z - z0) ** 2).sum(-1)
@@ -79,12 +84,12 @@ def similarity(a: np.ndarray, b: np.ndarray, keep_scale: bool = False) -> tuple[
 
 
 def choices(count: int, given: int) -> list[tuple[list[int], list[int]]]:
-    """Points that are given, and the others."""
+    """Yields the given points, and the others."""
     return [(list(c), [i for i in range(count) if i not in c]) for c in itertools.combinations(range(count), given)]
 
 
 def click_weights(params: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """Inverse covariances [k, 2, 2] of places by click and survey."""
+    """Returns the inverse covariances [k, 2, 2] of positions from click and survey."""
     moved = [(ground(params, pixels + d) - ground(params, pixels - d))[0] / 2e-3 for d in np.eye(2) * 1e-3]
     slopes = np.stack(moved, -1)
     return np.linalg.inv(slopes @ slopes.transpose(0, 2, 1) * CLICK_PX**2 + np.eye(2) * SURVEY_M**2)
@@ -93,7 +98,7 @@ def click_weights(params: np.ndarray, pixels: np.ndarray) -> np.ndarray:
 def predicted(
     prior: np.ndarray, information: np.ndarray, pixels: np.ndarray, targets: np.ndarray, weights: np.ndarray
 ) -> np.ndarray:
-    """Errors [n, predictions] of points that were not given, over all choices, m."""
+    """Returns the errors [n, predictions] of points that were not given, over all choices, m."""
     errors = []
     for given, other in choices(len(pixels), GIVEN):
         params = solved(prior, information, pixels[given], targets[:, given], weights[given])
@@ -102,12 +107,12 @@ def predicted(
 
 
 def rms(values: np.ndarray, axis: int | None = None) -> np.ndarray:
-    """Root of the mean square."""
+    """Returns the root of the mean square."""
     return np.sqrt(np.mean(np.square(values), axis))
 
 
 def homography(pixels: np.ndarray, targets: np.ndarray) -> np.ndarray:
-    """The [3, 3] that takes four pixels to their places."""
+    """Returns the [3, 3] matrix that maps four pixels to their positions."""
     rows = []
     for (x, y), (u, v) in zip(pixels, targets, strict=True):
         rows += [[x, y, 1, 0, 0, 0, -u * x, -u * y, -u], [0, 0, 0, x, y, 1, -v * x, -v * y, -v]]
@@ -115,7 +120,7 @@ def homography(pixels: np.ndarray, targets: np.ndarray) -> np.ndarray:
 
 
 def other_fits(params: np.ndarray, best: np.ndarray, pixels: np.ndarray, targets: np.ndarray) -> dict[str, float]:
-    """What fits that do not change the camera, or need none, leave on the real points."""
+    """Returns the residuals on the real points of fits that do not change the camera, or need none."""
     found: dict[str, list[float]] = {}
     for name, camera in (("the run's camera", params), ("the best camera for all points", best)):
         here = ground(camera, pixels)
@@ -127,7 +132,7 @@ def other_fits(params: np.ndarray, best: np.ndarray, pixels: np.ndarray, targets
             at = flat[other] @ np.linalg.solve(flat[given], targets[0, given])
             found.setdefault(f"{name}, affine", []).extend(np.linalg.norm(at - targets[0, other], axis=1))
     for given, other in choices(len(pixels), 4):
-        # In units in which all numbers are near 1.
+        # In units for which all numbers are near 1.
         at = np.column_stack([pixels[other] / 300, np.ones(1)]) @ homography(pixels[given] / 300, targets[0, given]).T
         found.setdefault("no camera: homography of four points, the fifth predicted", []).extend(
             np.linalg.norm(at[:, :2] / at[:, 2:] - targets[0, other], axis=1)
@@ -136,7 +141,7 @@ def other_fits(params: np.ndarray, best: np.ndarray, pixels: np.ndarray, targets
 
 
 def main() -> None:
-    """Prints what docs/survey.md shows."""
+    """Prints the tables of the survey."""
     if len(sys.argv) != 3:
         raise SystemExit(__doc__)
     with Path(sys.argv[1]).open(newline="") as file:
@@ -154,19 +159,19 @@ def main() -> None:
     noise = left * np.sqrt(len(pixels) / spare)
     print(
         f"best camera for all points: {np.exp(free[0, 0]):.0f} px, tilt {np.degrees(free[0, 1]):.1f}°, height "
-        f"{np.exp(free[0, 3]):.2f} m, leaves {left:.3f} m rms with {spare} numbers to spare: a point is off by "
+        f"{np.exp(free[0, 3]):.2f} m, leaves {left:.3f} m rms with {spare} degrees of freedom: error of a point "
         f"{np.sqrt(2) * noise:.2f} m rms"
     )
 
     print("\nreal points, pooled rms (m)")
     start = solved(prior, information * 1e6, pixels, targets, click_weights(free, pixels))
     as_here = predicted(prior, information, pixels, targets, click_weights(start, pixels))
-    print(f"  {rms(as_here):.2f}  camera and place together, as the program does it")
+    print(f"  {rms(as_here):.2f}  camera and map position together, as in the program")
     for name, error in other_fits(start, free, pixels, targets).items():
         print(f"  {error:.2f}  {name}")
 
     print(
-        f"\nsimulated, {DRAWS} draws: camera known beforehand, survey exact or with its errors: median of the rms (m), "
+        f"\nsimulated, {DRAWS} draws: prior of the camera, survey exact or with its errors: median of the rms (m), "
         f"share of {BAR_M} m or better"
     )
     random, truth = np.random.default_rng(22), ground(free, pixels)

@@ -1,4 +1,4 @@
-"""Our metrics against TrackEval and pycocotools, on the same random files."""
+"""Compares our metrics with those of TrackEval and pycocotools, on the same random files."""
 
 import contextlib
 import csv
@@ -14,13 +14,13 @@ from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
 from trackeval.metrics import CLEAR, HOTA, Identity
 
-PROGRAM = Path(__file__).resolve().parents[2] / "target/release/roadplane"
+PROGRAM = Path(__file__).resolve().parents[2] / "target/release/roadplane-lab"
 PLACES = 6
 SEEDS = range(10)
 
 
 def ours(what: str, truth: Path, found: Path) -> list[dict[str, str]]:
-    """Rows of the first table that `roadplane eval` writes."""
+    """Returns the rows of the first table that `roadplane-lab eval` writes."""
     out = truth.parent / "out"
     command = [PROGRAM, "eval", what, found, "--truth", truth, "--out", out]
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
@@ -29,7 +29,7 @@ def ours(what: str, truth: Path, found: Path) -> list[dict[str, str]]:
 
 
 def random_tracks(rng: np.random.Generator) -> tuple[dict, dict]:
-    """Boxes by frame and id: true ones that wander, and found ones with jitter, gaps, switched and false tracks."""
+    """Returns boxes by frame and id: true ones, and estimated ones with jitter, gaps, switched and false tracks."""
     truth, found = {}, {}
     names = rng.permutation(100)
     for car in range(8):
@@ -52,7 +52,7 @@ def random_tracks(rng: np.random.Generator) -> tuple[dict, dict]:
 
 
 def iou(truth: np.ndarray, found: np.ndarray) -> np.ndarray:
-    """Overlap of each pair of boxes (left, top, width, height)."""
+    """Returns the overlap of each pair of boxes (left, top, width, height)."""
     low = np.maximum(truth[:, None, :2], found[None, :, :2])
     high = np.minimum((truth[:, :2] + truth[:, 2:])[:, None], (found[:, :2] + found[:, 2:])[None])
     common = np.prod(np.maximum(high - low, 0), axis=2)
@@ -61,7 +61,7 @@ def iou(truth: np.ndarray, found: np.ndarray) -> np.ndarray:
 
 
 def track_eval(truth: dict, found: dict) -> dict[str, float]:
-    """What TrackEval says, in our units."""
+    """Returns TrackEval's results, in our units."""
     index = [{name: i for i, name in enumerate(sorted({n for f in side.values() for n in f}))} for side in (truth, found)]
     data = {"gt_ids": [], "tracker_ids": [], "similarity_scores": []}
     for frame in sorted(truth.keys() | found.keys()):
@@ -98,7 +98,7 @@ def write_mot(path: Path, frames: dict) -> None:
 
 
 def random_boxes(rng: np.random.Generator) -> tuple[dict, list]:
-    """COCO annotations and results of two categories with crowds, false ones and repeated ones."""
+    """Returns COCO annotations and results of two categories with crowds, false boxes and duplicates."""
     categories = [{"id": 3, "name": "car"}, {"id": 8, "name": "truck"}]
     images = [{"id": int(i)} for i in rng.permutation(30)]
     annotations, results = [], []
@@ -117,7 +117,7 @@ def random_boxes(rng: np.random.Generator) -> tuple[dict, list]:
         for _ in range(rng.integers(0, 4)):
             wrong = np.concatenate([rng.uniform(0, 900, 2), rng.uniform(8, 250, 2)])
             results.append((image["id"], int(rng.choice([3, 8])), wrong, rng.random() * 0.7))
-    # More than the hundred that count in one picture.
+    # More than the hundred that count per picture.
     for _ in range(130):
         results.append((images[0]["id"], 3, np.concatenate([rng.uniform(0, 900, 2), rng.uniform(8, 250, 2)]), rng.random()))
     found = [{"image_id": i, "category_id": c, "bbox": box.tolist(), "score": float(s)} for i, c, box, s in results]
@@ -125,7 +125,7 @@ def random_boxes(rng: np.random.Generator) -> tuple[dict, list]:
 
 
 def coco_eval(truth: Path, found: Path, category: int) -> dict[str, float]:
-    """What pycocotools says, in our units; nothing to find is -1."""
+    """Returns pycocotools' results, in our units; -1 if there is nothing to find."""
     with contextlib.redirect_stdout(io.StringIO()):
         annotations = COCO(str(truth))
         evaluation = COCOeval(annotations, annotations.loadRes(str(found)), "bbox")
@@ -138,7 +138,7 @@ def coco_eval(truth: Path, found: Path, category: int) -> dict[str, float]:
 
 
 class Peers(unittest.TestCase):
-    """Equal numbers from equal files."""
+    """Tests that equal files give equal numbers."""
 
     def compare(self, mine: dict[str, str], theirs: dict[str, float]) -> None:
         for name, value in theirs.items():
@@ -167,7 +167,3 @@ class Peers(unittest.TestCase):
                     theirs = coco_eval(truth, found, category["id"])
                     self.assertTrue(all(0.002 < value / 100 < 0.98 for value in theirs.values()), theirs)
                     self.compare(rows[category["name"]], theirs)
-
-
-if __name__ == "__main__":
-    unittest.main()

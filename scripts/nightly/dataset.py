@@ -1,9 +1,9 @@
-"""Tracks of all clips as one dataset: dataset/camera=…/day=…/CLIP.parquet, which DuckDB and pandas read as one table.
+"""Writes the tracks of all clips as one dataset, which DuckDB and pandas read as one table.
 
-    dataset.py [--camera-id ID] STATUS RESULT_STATUS…
+  dataset.py [--camera-id ID] STATUS RESULT_STATUS…
 
-The columns are those of tracks.parquet, and `clip`, and `moment`: the time of day of a row (UTC, or as in the clip's name). A
-clip lies under the day on which it begins.
+The files are dataset/camera=…/day=…/CLIP.parquet. The columns are those of tracks.parquet, `clip`, and `moment`: the
+time of day of a row (UTC, or as in the clip's name). A clip is filed under the day on which it begins.
 """
 
 import argparse
@@ -21,7 +21,7 @@ ROOT = Path("dataset")
 
 
 def add(tracks: Path, stem: str, begun: datetime.datetime, to: Path) -> int:
-    """Writes a clip's rows, a part at a time; gives their number."""
+    """Writes a clip's rows in chunks; returns their number."""
     to.parent.mkdir(parents=True, exist_ok=True)
     temp = to.with_name(f".{to.name}")
     rows = 0
@@ -59,7 +59,7 @@ def main() -> None:
             rows[stem] = pq.read_metadata(to).num_rows
         else:
             rows[stem] = add(tracks, stem, begun, to)
-    # A clip may have been given another camera or day, or be lost now.
+    # A clip may have another camera or day than before, or be lost now.
     for path in ROOT.glob("camera=*/day=*/*.parquet"):
         if path not in wanted:
             path.unlink()

@@ -1,10 +1,11 @@
-"""What a night on Snakemake costs beside the runs themselves: processor time, and time in which no run is at work.
+"""Measures the cost of Snakemake in a night: its processor time, and the time in which no run is active.
 
-    scripts/nightly/overhead.py INPUTS --out FOLDER [--cores 2] [--roadplane BINARY] [--config KEY=VALUE …]
+  scripts/nightly/overhead.py INPUTS --out FOLDER [--cores 2] [--roadplane BINARY] [--config KEY=VALUE …]
 
-INPUTS is what the Snakefile takes as `inputs`, KEY=VALUE more of its configuration; FOLDER must not be there yet. Runs are what
-`step.py` calls, by the files that it leaves in `log`; everything else is Snakemake, its jobs, the dataset and the page. Ends with
-1 where that takes more than 3 % of the runs' processor time. Needs scripts/nightly/requirements.txt.
+INPUTS is the Snakefile's `inputs`, KEY=VALUE is further configuration of it; FOLDER must not exist yet. The runs are
+the calls of `step.py`, according to its files in `log`. Everything else is overhead: Snakemake, its jobs, the dataset
+and the page. The exit code is 1 if the overhead exceeds 3 % of the runs' processor time. It needs the packages of the
+group `nightly` in pyproject.toml.
 """
 
 import argparse
@@ -26,7 +27,7 @@ MOST = 0.03
 
 
 def at_work_s(runs: list[Json]) -> float:
-    """Time in which at least one of the runs is at work."""
+    """Returns the time in which at least one of the runs is active."""
     total_s, until = 0.0, 0.0
     for begun, ended in sorted((run["begun"], run["begun"] + run["seconds"]) for run in runs):
         total_s += max(0.0, ended - max(begun, until))
@@ -43,7 +44,7 @@ def main() -> None:
     parser.add_argument("--config", nargs="*", default=[], metavar="KEY=VALUE")
     arguments = parser.parse_args()
     if arguments.out.exists():
-        parser.error(f"there is a night already, of which nothing would be done again: {arguments.out}")
+        parser.error(f"this night exists already, so nothing would run: {arguments.out}")
     config = [f"inputs={arguments.inputs}", f"out={arguments.out}", f"roadplane={arguments.roadplane}", *arguments.config]
     line = [Path(sys.executable).with_name("snakemake"), "-s", ROOT / "scripts/nightly/Snakefile", "-c", arguments.cores]
     begun = time.monotonic()
@@ -54,8 +55,8 @@ def main() -> None:
     runs_cpu_s = sum(run["cpu_s"] for run in runs)
     beside_s = used.ru_utime + used.ru_stime - runs_cpu_s
     share = beside_s / runs_cpu_s
-    print(f"{len(runs)} runs: {runs_cpu_s:.1f} s of processor time; beside them {beside_s:.1f} s ({100 * share:.1f} %)")
-    print(f"{took_s:.1f} s, in {took_s - at_work_s(runs):.1f} s of which no run was at work")
+    print(f"{len(runs)} runs: {runs_cpu_s:.1f} s of processor time; overhead {beside_s:.1f} s ({100 * share:.1f} %)")
+    print(f"{took_s:.1f} s, in {took_s - at_work_s(runs):.1f} s of which no run was active")
     sys.exit(0 if share <= MOST else 1)
 
 

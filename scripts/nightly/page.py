@@ -1,4 +1,4 @@
-"""One page over all cameras and nights: what ran, what failed, what was lost, how the cameras drift, vehicles by hour.
+"""Writes one page over all cameras and nights: runs, failures, losses, drift of the cameras, vehicles by hour.
 
 page.py [--roadplane BINARY] [--cameras FOLDER] [--camera-id ID] index.html night.json
 """
@@ -18,7 +18,7 @@ FINISHED = (0, 3)
 
 
 def clip_of(planned: Json, camera_id: str) -> Json:
-    """What became of a clip, for a line of the table."""
+    """Returns the outcome of a clip, for a line of the table."""
     stem = planned["stem"]
     clip: Json = {
         "stem": stem,
@@ -47,25 +47,25 @@ def clip_of(planned: Json, camera_id: str) -> Json:
 
 
 def read_alone(stem: str) -> Json | None:
-    """What a clip says of its camera on its own; nothing where no camera is remembered."""
+    """Returns the camera estimated from one clip alone; None without a camera database."""
     first = Path(f"steps/first/{stem}.json")
     return read_json(first).get("alone") if first.is_file() else None
 
 
 def attempts() -> list[Json]:
-    """Attempts that a machine spoilt; one that has no end was killed."""
+    """Returns the attempts that the machine failed; one without an end was killed."""
     told = [read_json(path) for path in sorted(Path("log").glob("*.json"))]
     return [attempt for attempt in told if attempt.get("exit", "killed") not in FINISHED]
 
 
 def work() -> dict[str, float]:
-    """Seconds, and processor seconds, of all attempts that were not killed."""
+    """Returns the wall time and the processor time of all attempts that were not killed, s."""
     told = [read_json(path) for path in Path("log").glob("*.json")]
     return {key: round(sum(attempt.get(key, 0) for attempt in told), 1) for key in ("seconds", "cpu_s")}
 
 
 def vehicles_by_hour() -> list[Json]:
-    """Tracks that are seen within each hour, by camera and day."""
+    """Counts the tracks within each hour, by camera and day."""
     if not any(Path("dataset").glob("camera=*/day=*/*.parquet")):
         return []
     rows = duckdb.sql("""
@@ -76,7 +76,7 @@ def vehicles_by_hour() -> list[Json]:
 
 
 def epochs(roadplane: str, folder: str | Path) -> list[Json]:
-    """What is known of each camera, an epoch each."""
+    """Returns the epochs of each stored camera."""
     folder = Path(folder)
     cameras = sorted(p.name for p in folder.iterdir() if p.is_dir()) if folder.is_dir() else []
     lines: list[Json] = []
@@ -88,7 +88,7 @@ def epochs(roadplane: str, folder: str | Path) -> list[Json]:
 
 
 def drift(clips: list[Json], key: str, sd_key: str) -> Json:
-    """What a camera's clips say of it as points of a drawing 100 high: where a value lies, ± 2 sd; and its least and most."""
+    """Returns a camera's estimates by clip as points of a drawing 100 high: value, ± 2 sd, and the range."""
     told: list[tuple[str, float, float]] = [(clip["stem"], clip["alone"][key], clip["alone"][sd_key]) for clip in clips]
     low = min(value - 2 * sd for _, value, sd in told)
     high = max(value + 2 * sd for _, value, sd in told)

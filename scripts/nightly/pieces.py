@@ -1,12 +1,13 @@
-"""A long input in one run, and in pieces that are joined: do they tell the same, and what does either take?
+"""Compares a long input in one run with the same input in pieces that are joined: results, time and memory.
 
-    scripts/nightly/pieces.py CLIP… --out FOLDER [--minutes 60] [--pieces 12] [--settings watch.look_s=0.4 …]
+  scripts/nightly/pieces.py CLIP… --out FOLDER [--minutes 60] [--pieces 12] [--settings watch.look_s=0.4 …]
 
-The clips, each looped for ten minutes at most, one after another again and again, are the long input; `--input FILE` takes a film
-that is there. A row is the same where the joined result has one of the same frame with every number within 1e-6. A track is kept
-across a seam where its last row before and its first after it belong to one track of the joined result. Ends with 1 where not all
-rows away from seams are the same, or fewer than 98 of 100 tracks are kept. Needs scripts/nightly/requirements.txt and, for the
-film, ffmpeg.
+The long input is made of the clips, each looped for ten minutes at most, in turn; `--input FILE` takes an existing
+file. A row is the same if the joined result has one of the same frame with every number within 1e-6. A track is kept
+across a seam if its last row before and its first row after belong to one track of the joined result.
+
+The exit code is 1 if not all rows away from seams are the same, or if fewer than 98 of 100 tracks are kept. It needs
+the packages of the group `nightly` in pyproject.toml and, to make the input, ffmpeg.
 """
 
 import argparse
@@ -25,22 +26,22 @@ ENVIRONMENT = {
     "ORT_DYLIB_PATH": str(ROOT / ".runtime/libonnxruntime.so"),
     "ROADPLANE_MODELS": str(ROOT / "models"),
 } | os.environ
-# A clip is looped so long before the next one has its turn.
+# Duration of a clip's loop before the next clip.
 TURN_S = 600
-# Pieces overlap by what stages remember.
+# Overlap of pieces, by the memory of the stages.
 SEAM_S = 60
 SAME = 1e-6
 LEAST_TRACKS_KEPT = 0.98
-# What a vehicle's rows may differ by and still be its own.
+# Largest difference between rows of the same vehicle.
 NEAR_M = 1
 
 
-# Processor time, s; time, s; greatest memory, MiB.
+# Processor time, s; wall time, s; peak memory, MiB.
 Taken = tuple[float, float, float]
 
 
 def film(clips: list[Path], path: Path, seconds: float) -> None:
-    """The clips as one file of so many seconds, 640 × 360 at 25 frames/s."""
+    """Makes one file of the clips, of a given duration, 640 × 360 at 25 frames/s."""
     turn_s = min(TURN_S, seconds / len(clips))
     parts = [path.with_name(f"{path.stem}.{i}.mp4") for i in range(len(clips))]
     for clip, part in zip(clips, parts, strict=True):
@@ -55,12 +56,12 @@ def film(clips: list[Path], path: Path, seconds: float) -> None:
 
 
 def ffmpeg(*arguments: str | Path) -> None:
-    """Ends where it fails."""
+    """Runs ffmpeg; exits if it fails."""
     subprocess.run(["ffmpeg", "-loglevel", "error", "-y", *map(str, arguments)], check=True)
 
 
 def run(*words: str | int | Path) -> tuple[str, Taken]:
-    """What a command prints, and the processor time (s), time (s) and greatest memory (MiB) that it takes."""
+    """Returns a command's output, its processor time (s), wall time (s) and peak memory (MiB)."""
     line = [str(word) for word in words]
     begun = time.monotonic()
     with tempfile.TemporaryFile() as said, tempfile.TemporaryFile() as log:
@@ -76,7 +77,7 @@ def run(*words: str | int | Path) -> tuple[str, Taken]:
 
 
 def tables(whole: Path, joined: Path) -> duckdb.DuckDBPyConnection:
-    """A database of the rows of both results."""
+    """Returns a database of the rows of both results."""
     database = duckdb.connect()
     database.execute("SET memory_limit = '3GB'")
     for name, folder in (("whole", whole), ("joined", joined)):
@@ -85,7 +86,7 @@ def tables(whole: Path, joined: Path) -> duckdb.DuckDBPyConnection:
 
 
 def rows_kept(database: duckdb.DuckDBPyConnection, where: str) -> tuple[int, int]:
-    """Rows of the result that has most, and how many of the whole's the joined one has, too."""
+    """Returns the number of rows of the larger result, and how many rows both have."""
     types = {name: kind for name, kind, *_ in database.execute("DESCRIBE whole").fetchall()}
 
     def alike(name: str) -> str:
@@ -99,13 +100,13 @@ def rows_kept(database: duckdb.DuckDBPyConnection, where: str) -> tuple[int, int
 
 
 def count(database: duckdb.DuckDBPyConnection, rows: str) -> int:
-    """How many."""
+    """Returns the number."""
     [(number,)] = database.execute(f"SELECT count(*) FROM {rows}").fetchall()
     return int(number)
 
 
 def tracks_kept(database: duckdb.DuckDBPyConnection, seam_s: int) -> tuple[int, int]:
-    """Tracks with rows on both sides of a seam, and those of them that are one track in the joined result, too."""
+    """Counts the tracks with rows on both sides of a seam, and those that are one track in the joined result, too."""
     apart = "sqrt((b.x_m - a.x_m) ** 2 + (b.y_m - a.y_m) ** 2)"
     pairs = database.execute(
         f"""
@@ -127,7 +128,7 @@ def tracks_kept(database: duckdb.DuckDBPyConnection, seam_s: int) -> tuple[int, 
 
 
 def compare(whole: Path, joined: Path, seams_s: list[int]) -> bool:
-    """Prints what is the same in two results; whether it is enough."""
+    """Prints the agreement of two results; returns whether it suffices."""
     database = tables(whole, joined)
     rows, same = rows_kept(database, "true")
     away, away_same = rows_kept(database, " AND ".join(f"abs(time_s - {seam_s}) > {SEAM_S}" for seam_s in seams_s))
@@ -141,7 +142,7 @@ def compare(whole: Path, joined: Path, seams_s: list[int]) -> bool:
 
 
 def main() -> None:
-    """Films, runs, joins, compares."""
+    """Makes the input, runs, joins, compares."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("clips", type=Path, nargs="*")
     parser.add_argument("--input", type=Path)
@@ -152,7 +153,7 @@ def main() -> None:
     parser.add_argument("--roadplane", type=Path, default=ROOT / "target/release/roadplane")
     arguments = parser.parse_args()
     if bool(arguments.clips) == bool(arguments.input):
-        parser.error("give clips, or --input")
+        parser.error("clips or --input are required")
     out, source = arguments.out, arguments.input
     out.mkdir(parents=True, exist_ok=True)
     if source is None:

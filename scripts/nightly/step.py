@@ -1,15 +1,16 @@
-"""One step of a night: calls roadplane, and says in a status file what came of it.
+"""Runs one step of a night: calls roadplane, and writes the outcome to a status file.
 
-    step.py plan   … plan.jsonl CLIP…         the pieces of all clips
-    step.py piece  … STATUS CLIP              one piece
-    step.py first  … STATUS PIECE_STATUS…     joined for what it says of its camera
-    step.py cameras … STATUS FIRST_STATUS…    what all clips say of their cameras
-    step.py result … STATUS PIECE_STATUS…     joined with what is known of its camera
-    step.py verdict night.json                1 where a machine failed for good
+- `step.py plan … plan.jsonl CLIP…`: the pieces of all clips.
+- `step.py piece … STATUS CLIP`: one piece.
+- `step.py first … STATUS PIECE_STATUS…`: joins pieces to estimate the clip's camera.
+- `step.py cameras … STATUS FIRST_STATUS…`: adds the cameras of all clips to the camera database.
+- `step.py result … STATUS PIECE_STATUS…`: joins pieces with the stored camera.
+- `step.py verdict night.json`: exits with 1 if a machine failed for good.
 
-Exit codes of roadplane decide: 0 and 3 (the input is damaged or lost) are finished work. Everything else ends with that code, so
-that the engine tries again; at the last attempt it is written down as failed, so that the night goes on without it. Each attempt
-leaves a file in log/, begun and ended: one that has no end was killed.
+The exit code of roadplane decides. 0 and 3 (the input is damaged or lost) count as finished. With any other code, the
+step ends with that code, so that the engine tries it again. At the last attempt the status file records the failure, so
+that the night continues without it. Each attempt leaves a file in log/ with its beginning and its end; an attempt
+without an end was killed.
 """
 
 import argparse
@@ -30,12 +31,12 @@ Json = dict[str, Any]
 LAST_ATTEMPT = 3
 INPUT_AT_FAULT = 3
 SAID_LINES = 20
-# Fields of camera.json that tell a camera.
+# Fields of camera.json that describe a camera.
 CAMERA = ("status", "focal_px", "focal_sd_px", "height_m", "height_sd_m", "tilt_rad", "tilt_sd_rad")
 
 
 def write_json(path: str | Path, value: Json) -> None:
-    """The whole file or none."""
+    """Writes a file, whole or not at all."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     temp = path.with_name(f".{path.name}.{os.getpid()}")
@@ -49,8 +50,8 @@ def read_json(path: str | Path) -> Json:
 
 
 def call(roadplane: str, arguments: Sequence[object], log: str) -> tuple[Json, str]:
-    """Runs roadplane; gives exit code, seconds, processor seconds and its last words. `log` names the attempt."""
-    # The clock tells when; how long is counted apart, as a clock may be set.
+    """Runs roadplane; returns exit code, wall time, processor time and the end of its log. `log` names the attempt."""
+    # Durations use a clock of their own, as the system clock may be set.
     begun, since = time.time(), time.monotonic()
     attempt = Path("log") / f"{log}.{int(begun * 1000)}.json"
     told = {"step": log, "begun": begun, "host": os.uname().nodename}
@@ -68,7 +69,7 @@ def call(roadplane: str, arguments: Sequence[object], log: str) -> tuple[Json, s
 
 
 def give_up(args: argparse.Namespace, status: Json) -> None:
-    """Ends with roadplane's exit code, so that the step is tried again; or for good."""
+    """Exits with roadplane's exit code, so that the step is tried again, or records the failure."""
     if args.attempt < LAST_ATTEMPT:
         sys.stderr.write("\n".join(status["said"]) + "\n")
         sys.exit(status["exit"])
@@ -98,7 +99,7 @@ def piece(args: argparse.Namespace) -> None:
     [clip] = args.of
     start = Path(args.status).stem
     stem = Path(args.status).parent.name
-    # A folder of its own: a lock belongs to a folder.
+    # Each piece has a folder of its own, as locks belong to folders.
     out = Path("pieces") / stem / start
     command = ["run", clip, "--piece", args.piece, "--out", out, "--resume", *settings(args)]
     ended, _ = call(args.roadplane, command, f"piece.{stem}.{start}")
@@ -116,7 +117,7 @@ def outcome(code: int, made: list[str]) -> str:
 
 
 def join(args: argparse.Namespace) -> None:
-    """`first` and `result`: the pieces of a clip, with an empty memory or with what is known."""
+    """Runs `first` and `result`: joins the pieces of a clip, without a camera database or with it."""
     stem = Path(args.status).stem
     pieces = [read_json(path) for path in args.of]
     status = {"stem": stem, "input": pieces[0]["input"]}
@@ -143,7 +144,7 @@ def join(args: argparse.Namespace) -> None:
         os.replace(work / stem, result)
         status["made"] = str(result)
     else:
-        # What the clip says on its own: how a camera drifts.
+        # The clip's own estimate shows how a camera drifts.
         camera = read_json(work / stem / "camera.json")
         status["alone"] = {key: camera[key] for key in CAMERA}
     shutil.rmtree(work, ignore_errors=True)
@@ -167,7 +168,7 @@ def cameras(args: argparse.Namespace) -> None:
 def verdict(args: argparse.Namespace) -> None:
     failed = [clip["stem"] for clip in read_json(args.status)["clips"] if clip["outcome"] == "failed"]
     if failed:
-        sys.exit(f"failed for good, to be tried again by the next call: {', '.join(failed)}")
+        sys.exit(f"failed; the next call tries again: {', '.join(failed)}")
 
 
 def main() -> None:

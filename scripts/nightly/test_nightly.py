@@ -1,4 +1,4 @@
-"""What a step of a night makes of roadplane's exit codes, and what is read from clips' names."""
+"""Tests of the steps of a night with roadplane's exit codes, and of the data in clips' names."""
 
 import contextlib
 import datetime
@@ -15,8 +15,8 @@ import step
 from clips import camera_of, clips_in, is_failed, recorded
 from overhead import at_work_s
 
-# Stands for the binary: ends as the clip's name says, and leaves a piece where one is due.
-STAND_IN = """#!/usr/bin/env python3
+# Replaces the binary: the clip's name decides the exit code, and whether a piece is written.
+FAKE_BINARY = """#!/usr/bin/env python3
 import os, pathlib, signal, sys
 out = pathlib.Path(sys.argv[sys.argv.index("--out") + 1])
 name = pathlib.Path(sys.argv[2]).stem
@@ -35,7 +35,7 @@ class Steps(unittest.TestCase):
         self.addCleanup(folder.cleanup)
         self.addCleanup(os.chdir, os.getcwd())
         os.chdir(folder.name)
-        Path("binary").write_text(STAND_IN)
+        Path("binary").write_text(FAKE_BINARY)
         Path("binary").chmod(0o755)
 
     def piece(self, name: str, attempt: int) -> tuple[object, step.Json]:
@@ -102,7 +102,3 @@ class Overhead(unittest.TestCase):
         spans = [(100.0, 10.0), (102.0, 3.0), (108.0, 4.0), (120.0, 1.0)]
         self.assertEqual(at_work_s([{"begun": begun, "seconds": seconds} for begun, seconds in spans]), 13.0)
         self.assertEqual(at_work_s([]), 0.0)
-
-
-if __name__ == "__main__":
-    unittest.main()

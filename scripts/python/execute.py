@@ -1,4 +1,4 @@
-"""Runs a notebook from top to bottom; fails where a cell does. Nothing is written."""
+"""Runs notebooks from top to bottom; fails if a cell fails. It writes nothing."""
 
 import sys
 

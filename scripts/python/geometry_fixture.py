@@ -1,6 +1,6 @@
-"""Makes tests/data/geometry.json, to which the geometry in Rust and in Python is held.
+"""Makes tests/data/geometry.json, with which the tests compare the geometry in Rust and in Python.
 
-PYTHONPATH=scripts/python python scripts/python/geometry_fixture.py > tests/data/geometry.json
+python3 scripts/python/geometry_fixture.py > tests/data/geometry.json
 """
 
 import json
@@ -9,9 +9,9 @@ import numpy as np
 
 from roadplane import Camera
 
-# Ordinary, steep with a roll and a lens that bends lines outwards, nearly level and inwards, almost straight down.
+# Ordinary; steep with a roll and outward distortion; nearly level with inward distortion; almost straight down.
 PARAMS = [[7.2, 0.31, 0.02, 2.1], [6.6, 1.1, -0.2, 2.9], [8.3, 0.09, 0.005, 1.6], [7.0, 1.5, 0.0, 3.0]]
-BENDS = [0.0, -0.15, 0.03, -0.02]
+DISTORTIONS = [0.0, -0.15, 0.03, -0.02]
 PIXELS = [[639.5, 359.5], [12.0, 700.0], [1250.0, 420.5], [640.0, 110.0]]
 
 
@@ -19,7 +19,7 @@ def main() -> None:
     """Prints the fixture."""
     random = np.random.default_rng(22)
     cases = []
-    for params, bend in zip(PARAMS, BENDS, strict=True):
+    for params, bend in zip(PARAMS, DISTORTIONS, strict=True):
         spread = random.normal(size=(4, 4)) * [[0.03], [0.01], [0.004], [0.04]]
         camera = Camera((0.0, 9.0), (1280, 720), (639.5, 359.5), np.array(params), spread @ spread.T, "estimated", bend)
         pixels = [pixel for pixel in PIXELS if np.isfinite(camera.ground_from_pixel(pixel)).all()]

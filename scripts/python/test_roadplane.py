@@ -1,15 +1,19 @@
-"""The Python package on a finished run of tests/data/lot.mp4, whose folder is ROADPLANE_RUN."""
+"""Tests of the Python package, on a finished run of tests/data/lot.mp4 in the folder ROADPLANE_RUN."""
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
+import tomllib
 import unittest
 from pathlib import Path
 
 import numpy as np
-import tomllib
+import pandas as pd
+import polars as pl
+from polars.testing import assert_frame_equal
 from rerun.experimental import RrdReader
 
 import roadplane
@@ -21,7 +25,7 @@ SCHEMA = TOP / "docs/schemas/tracks.schema.json"
 
 
 class Geometry(unittest.TestCase):
-    """Held to the fixture, as the Rust code is."""
+    """Tests against the fixture of the Rust code."""
 
     def test_agrees_with_rust(self) -> None:
         fixture = json.loads(FIXTURE.read_text())
@@ -49,7 +53,7 @@ class Geometry(unittest.TestCase):
         np.testing.assert_allclose(np.std(clicked, axis=0), camera.ground_from_pixel_sd(pixels, 1.5), rtol=0.08)
         np.testing.assert_allclose(np.std([c.project(points) for c in others], axis=0), camera.project_sd(points), rtol=0.08)
 
-    def test_what_has_no_place_is_nan(self) -> None:
+    def test_points_outside_the_view_are_nan(self) -> None:
         case = json.loads(FIXTURE.read_text())["cases"][0]
         unknown = np.diag([np.inf, 1, 1, 1])
         camera = Camera((0, 9), (1280, 720), (639.5, 359.5), np.array(case["params"]), unknown, "unobservable")
@@ -58,9 +62,14 @@ class Geometry(unittest.TestCase):
         self.assertTrue(np.isinf(camera.ground_from_pixel_sd([[640, 700]])).all())
         self.assertEqual(camera.project([[[1, 20, 0]]]).shape, (1, 1, 2))
 
+    def test_repr_is_short(self) -> None:
+        camera = Camera((0, 9), (1280, 720), (639.5, 359.5), np.array([7.0, 0.2, -0.01, 2.0]), np.eye(4), "estimated")
+        expected = "Camera(1280 × 720 px, 0–9 s, f 1097 px, tilt 11.5°, roll -0.6°, height 7.39 m, estimated)"
+        self.assertEqual(repr(camera), expected)
+
 
 class FinishedRun(unittest.TestCase):
-    """Everything that a run holds."""
+    """Tests of all contents of a run."""
 
     def setUp(self) -> None:
         self.run_folder = Path(os.environ["ROADPLANE_RUN"])
@@ -78,6 +87,71 @@ class FinishedRun(unittest.TestCase):
         self.assertEqual(polars.columns, list(tracks))
         self.assertEqual(polars["x_m"].to_list(), tracks["x_m"].tolist())
 
+    def test_parquet_and_csv_give_the_same_frames(self) -> None:
+        with tempfile.TemporaryDirectory() as folder:
+            bare = self._without_parquet(Path(folder))
+            csv, parquet = roadplane.load(bare), self.found
+            pd.testing.assert_frame_equal(parquet.tracks(), pd.read_csv(bare / "tracks.csv"), rtol=1e-12)
+            pd.testing.assert_frame_equal(csv.tracks(), parquet.tracks(), rtol=1e-12)
+            assert_frame_equal(csv.tracks("polars"), parquet.tracks("polars"), rel_tol=1e-12)
+
+    def test_columns_without_values_have_the_types_of_csv(self) -> None:
+        for rows in (0, 3):
+            with tempfile.TemporaryDirectory() as folder:
+                bare = self._without_parquet(Path(folder))
+                table = pl.read_parquet(self.run_folder / "tracks.parquet").head(rows)
+                table = table.with_columns(activity=pl.lit(None, pl.String), activity_p=pl.lit(None, pl.Float64))
+                table.write_parquet(bare / "tracks.parquet")
+                csv = pd.read_csv(bare / "tracks.csv", nrows=rows).assign(activity="", activity_p="")
+                csv.to_csv(bare / "tracks.csv", index=False)
+                pd.testing.assert_frame_equal(roadplane.load(bare).tracks(), pd.read_csv(bare / "tracks.csv"), rtol=1e-12)
+                expected = pl.read_csv(bare / "tracks.csv", infer_schema_length=None)
+                assert_frame_equal(roadplane.load(bare).tracks("polars"), expected, rel_tol=1e-12)
+
+    def _without_parquet(self, folder: Path) -> Path:
+        """Returns a copy of the run that has tracks.csv, but not tracks.parquet."""
+        for name in ("summary.json", "camera.json", "tracks.csv"):
+            shutil.copy(self.run_folder / name, folder)
+        return folder
+
+    def test_poses_are_those_of_the_file(self) -> None:
+        poses = self.found.poses()
+        lines = [json.loads(line) for line in (self.run_folder / "poses.jsonl").read_text().splitlines()]
+        self.assertEqual(len(poses), len(lines))
+        for column in ("frame", "car", "class", "used", "shape", "keypoints_px", "world_from_car"):
+            self.assertEqual(poses[column].tolist(), [line[column] for line in lines], column)
+        self.assertEqual(
+            poses["track"].astype(object).where(poses["track"].notna(), None).tolist(), [x.get("track") for x in lines]
+        )
+        for pose, line in zip(poses.to_dict("records"), lines, strict=True):
+            motion = np.array(line["world_from_car"])
+            turn = [
+                [np.cos(pose["heading_rad"]), -np.sin(pose["heading_rad"])],
+                [np.sin(pose["heading_rad"]), np.cos(pose["heading_rad"])],
+            ]
+            np.testing.assert_allclose(motion[:2, :2], turn, atol=1e-5)
+            self.assertEqual([pose["x_m"], pose["y_m"]], motion[:2, 3].tolist())
+            self.assertEqual([pose["length_m"], pose["width_m"], pose["height_m"]], line["dims_m"])
+            self.assertEqual([pose[f"bbox_{name}_px"] for name in ("x0", "y0", "x1", "y1")], line["bbox_px"])
+            sds = [np.inf if sd is None else sd for sd in line["pose_sd"]]
+            self.assertEqual([pose["x_sd_m"], pose["y_sd_m"], pose["heading_sd_rad"]], sds)
+        self.assertTrue((poses["pose_from_frame"].isna() == [x.get("pose_from") is None for x in lines]).all())
+
+    def test_poses_are_the_same_in_polars(self) -> None:
+        ours, theirs = self.found.poses(), self.found.poses("polars")
+        self.assertEqual(theirs.columns, list(ours))
+        for column in ("frame", "x_m", "keypoints_px", "shape", "used"):
+            self.assertEqual(theirs[column].to_list(), ours[column].tolist(), column)
+
+    def test_a_run_without_poses_has_an_empty_frame(self) -> None:
+        with tempfile.TemporaryDirectory() as folder:
+            bare = roadplane.load(self._without_parquet(Path(folder)))
+            self.assertEqual(list(bare.poses()), list(self.found.poses()))
+            self.assertEqual(len(bare.poses()) + len(bare.poses("polars")), 0)
+
+    def test_repr_is_short(self) -> None:
+        self.assertEqual(repr(self.found), f"Run({str(self.run_folder)!r}, 1 camera)")
+
     def test_camera_is_that_of_the_file(self) -> None:
         camera, file = self.found.camera, json.loads((self.run_folder / "camera.json").read_text())
         for name in ("focal_px", "height_m", "tilt_rad", "roll_rad"):
@@ -87,7 +161,7 @@ class FinishedRun(unittest.TestCase):
         normal = np.linalg.inv(camera.camera_from_world().T)[:3, 2]
         np.testing.assert_allclose(normal, file["plane_in_camera"]["normal"], atol=1e-5)
 
-    def test_cars_stand_where_their_boxes_are(self) -> None:
+    def test_cars_are_at_their_boxes(self) -> None:
         rows = self.found.tracks().query("observed")
         pixels = self.found.camera.project(rows[["x_m", "y_m"]].to_numpy())
         inside = [(pixels[:, i] > rows[f"bbox_{a}0_px"]) & (pixels[:, i] < rows[f"bbox_{a}1_px"]) for i, a in enumerate("xy")]
@@ -115,7 +189,7 @@ class FinishedRun(unittest.TestCase):
             self._is_read_back(path)
 
     def _is_read_back(self, path: Path) -> None:
-        """Every row's place, box and speed, by Rerun's own reader."""
+        """Checks every row's position, box and speed with Rerun's own reader."""
         of = {"world/cars": "Boxes3D:centers", "world/camera/picture": "Boxes2D:centers", "speed_mps": "Scalars:scalars"}
         found: dict[str, dict] = {folder: {} for folder in of}
         for chunk in RrdReader(path).stream().to_chunks():
@@ -133,25 +207,21 @@ class FinishedRun(unittest.TestCase):
             np.testing.assert_allclose(found["world/camera/picture"][key], [middle], atol=1e-3)
             self.assertAlmostEqual(found["speed_mps"][key][0], row.speed_mps, places=9)
 
-    def test_what_is_no_run_is_named(self) -> None:
+    def test_a_folder_without_a_run_is_named(self) -> None:
         with self.assertRaisesRegex(FileNotFoundError, "no finished run"):
             roadplane.load(TOP / "tests")
 
 
 class Packaging(unittest.TestCase):
-    """What is written down twice."""
+    """Tests of facts that are written in two files."""
 
-    def test_the_runtime_is_that_of_the_setup(self) -> None:
+    def test_the_runtime_has_the_version_of_the_setup(self) -> None:
         pinned = tomllib.loads((TOP / "pyproject.toml").read_text())["project"]["dependencies"]
         setup = (TOP / "scripts/setup").read_text()
         version = next(line.partition("=")[2] for line in setup.splitlines() if line.startswith("readonly ORT_VERSION="))
         self.assertIn(f"onnxruntime=={version}", pinned)
 
-    def test_all_models_came_along(self) -> None:
+    def test_all_models_are_installed(self) -> None:
         installed = Path(roadplane.__file__).parent / "models"
         self.assertNotIn(TOP / "scripts", installed.parents)
         self.assertEqual(sorted(p.name for p in installed.iterdir()), sorted(p.name for p in (TOP / "models").iterdir()))
-
-
-if __name__ == "__main__":
-    unittest.main()

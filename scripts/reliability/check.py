@@ -1,15 +1,17 @@
-"""The long runs of the reliability tests, on the release binary.
+"""Long runs of the reliability tests, on the release binary.
 
-    scripts/reliability/check.py kill [COUNT]       kill -9 at random moments, then --resume: same bytes (50)
-    scripts/reliability/check.py disk [COUNT]       disk full after so many KiB, in steps over a whole run (20; root)
-    scripts/reliability/check.py readonly           output folder on a read-only file system (root)
-    scripts/reliability/check.py memory             ulimit -v from 400 MiB to 1.7 GiB
-    scripts/reliability/check.py cgroup             a control group's limit from 100 MiB to 700 MiB (root)
-    scripts/reliability/check.py clock              a clock that jumps by an hour whenever it is asked (Debian's libfaketime)
-    scripts/reliability/check.py mutate [SECONDS]   spoilt videos, images, JSON lines, configs, models, evidence (600 a kind)
-    scripts/reliability/check.py soak [COUNT]       short clips in one process: memory and open files stay (500)
+Call it as `scripts/reliability/check.py NAME [AMOUNT]`; default amounts are in brackets:
 
-Each prints one line with its figure and ends with 1 where it fails. Random choices come from fixed seeds.
+- `kill` [50 times]: kill -9 at random moments, then --resume; the bytes are the same.
+- `disk` [20 sizes]: disk full after some KiB, in steps over a whole run; needs root.
+- `readonly`: output folder on a read-only file system; needs root.
+- `memory`: ulimit -v from 400 MiB to 1.7 GiB.
+- `cgroup`: a control group's limit from 100 MiB to 700 MiB; needs root.
+- `clock`: a clock that jumps by an hour at every call; needs Debian's libfaketime.
+- `mutate` [600 s each]: damaged videos, images, JSON lines, configs, models and evidence.
+- `soak` [500 clips]: short clips in one process; memory and open files stay constant.
+
+Each check prints one line with its figure, and exits with 1 if it fails. Random choices come from fixed seeds.
 """
 
 import argparse
@@ -24,7 +26,7 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 
-# Whether a check passed, and what its last command said.
+# Whether a check passed, and the output of its last command.
 Result = tuple[bool, str]
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
@@ -36,19 +38,19 @@ ENVIRONMENT = os.environ | {
     "ROADPLANE_MODELS": str(ROOT / "models"),
 }
 SHORT = ["--set", "decode.max_frames=24"]
-# What a spoilt input may lead to: read, usage, damage, model refused. Never 1, a signal, or a panic (101).
+# Accepted exit codes for a damaged input: success, usage, damage, model rejected. Never 1, a signal, or a panic (101).
 ALLOWED = {0, 2, 3, 4}
 HANG_S = 60
 
 
 def command(*arguments: object, limit_kib: int | None = None) -> list[str]:
-    """A command line of the binary, under a limit of address space where one is given."""
+    """Returns a command line of the binary, with a limit of address space if one is given."""
     line = [str(BINARY), *map(str, arguments)]
     return line if limit_kib is None else ["bash", "-c", f'ulimit -v {limit_kib}; exec "$0" "$@"', *line]
 
 
 def run(*arguments: object, limit_kib: int | None = None) -> tuple[int | None, str]:
-    """Exit code and what was said; None as the code of a run that hangs."""
+    """Returns exit code and output; the code of a run that hangs is None."""
     line = command(*arguments, limit_kib=limit_kib)
     try:
         done = subprocess.run(line, env=ENVIRONMENT, capture_output=True, timeout=HANG_S, check=False)
@@ -58,13 +60,13 @@ def run(*arguments: object, limit_kib: int | None = None) -> tuple[int | None, s
 
 
 def contents(folder: pathlib.Path) -> dict[str, bytes]:
-    """Files of a result that must not differ: all but those with times in them."""
+    """Returns the files of a result that must not differ: all files except those that contain times."""
     names = sorted(p.name for p in folder.iterdir() if p.name not in ("summary.json", "report.html"))
     return {name: (folder / name).read_bytes() for name in names}
 
 
 def kill(folder: pathlib.Path, count: int) -> Result:
-    """Killed at random moments and resumed, a run ends with the bytes of an undisturbed one."""
+    """Checks that a run, killed at random moments and resumed, ends with the bytes of an undisturbed one."""
     chance = random.Random(1)
     whole, cut = folder / "whole", folder / "cut"
     begun = time.monotonic()
@@ -89,9 +91,9 @@ def kill(folder: pathlib.Path, count: int) -> Result:
 
 
 def disk(folder: pathlib.Path, count: int) -> Result:
-    """A full disk is named, nothing half-written gets a final name, and the same command goes on once there is room."""
+    """Checks that the message names a full disk, no partial file gets a final name, and the command can resume."""
     if os.geteuid() != 0:
-        print("disk: skipped, needs root to mount a small file system")
+        print("disk: skipped, mounting a small file system needs root")
         return True, ""
     run("run", CLIP, *SHORT, "--out", folder / "whole", "--frames")
     needs_kib = sum(p.stat().st_size for p in (folder / "whole/lot").iterdir()) // 1024 + 64
@@ -117,9 +119,9 @@ def disk(folder: pathlib.Path, count: int) -> Result:
 
 
 def readonly(folder: pathlib.Path, _count: int) -> Result:
-    """A read-only output folder is named."""
+    """Checks that the message names a read-only output folder."""
     if os.geteuid() != 0:
-        print("readonly: skipped, needs root to mount")
+        print("readonly: skipped, mounting needs root")
         return True, ""
     subprocess.run(["mount", "-t", "tmpfs", "-o", "ro", "tmpfs", folder], check=True)
     try:
@@ -131,21 +133,24 @@ def readonly(folder: pathlib.Path, _count: int) -> Result:
 
 
 def memory(folder: pathlib.Path, _count: int) -> Result:
-    """Every limit of address space leads to a result or to words."""
+    """Checks that every limit of address space leads to a result or to a message."""
     answers = {}
-    # Below 400 MiB the libraries cannot be loaded: the system's loader ends the process before it begins.
+    # Below 400 MiB the system's loader cannot load the libraries, and ends the process before it begins.
     for mib in range(400, 1701, 50):
         code, text = run("run", CLIP, *SHORT, "--out", folder / "out", "--overwrite", limit_kib=mib * 1024)
         answers[mib] = code == 0 or (code == 1 and "ulimit -v" in text)
         if not answers[mib]:
             print(f"memory: {mib} MiB: {code} {text[-400:]}")
-    print(f"memory: {sum(answers.values())} of {len(answers)} limits answered by a result or by words")
+    print(f"memory: {sum(answers.values())} of {len(answers)} limits gave a result or a message")
     return all(answers.values()), ""
 
 
 def control_group() -> tuple[pathlib.Path, str] | None:
-    """A control group of our own and its file for a limit of memory; None where none can be made. Version 2 takes groups with
-    limits below one that holds processes only at the top; version 1 keeps ours within the limits of this process."""
+    """Returns a new control group and its file for a limit of memory; None if it cannot be made.
+
+    Version 2 accepts groups with limits below one with processes only at the top. Version 1 keeps ours within the
+    limits of this process.
+    """
     groups = [line.split(":", 2) for line in pathlib.Path("/proc/self/cgroup").read_text().splitlines()]
     own = next((path for _, controllers, path in groups if "memory" in controllers.split(",")), None)
     top = pathlib.Path("/sys/fs/cgroup")
@@ -162,7 +167,7 @@ def control_group() -> tuple[pathlib.Path, str] | None:
 
 
 def cgroup(folder: pathlib.Path, _count: int) -> Result:
-    """Every limit of a control group leads to a result or to words."""
+    """Checks that every limit of a control group leads to a result or to a message."""
     made = control_group()
     if made is None:
         print("cgroup: skipped, no control group with a limit of memory can be made here")
@@ -181,12 +186,12 @@ def cgroup(folder: pathlib.Path, _count: int) -> Result:
                 print(f"cgroup: {mib} MiB: {done.returncode} {text[-400:]}")
     finally:
         group.rmdir()
-    print(f"cgroup: {sum(answers.values())} of {len(answers)} limits answered by a result or by words")
+    print(f"cgroup: {sum(answers.values())} of {len(answers)} limits gave a result or a message")
     return all(answers.values()), ""
 
 
 def clock(folder: pathlib.Path, _count: int) -> Result:
-    """A clock that jumps changes no byte, and no time that a run is said to have taken."""
+    """Checks that a jumping clock changes neither a byte of the results nor the wall time that a run reports."""
     library = next(pathlib.Path("/usr/lib").glob("*/faketime/libfaketime.so.1"), None)
     if library is None:
         print("clock: skipped, needs libfaketime (apt-get install libfaketime)")
@@ -202,15 +207,17 @@ def clock(folder: pathlib.Path, _count: int) -> Result:
         lasted_s = time.monotonic() - begun
         text = done.stderr.decode(errors="replace")
         same = done.returncode == 0 and contents(out / "lot") == expected
-        told_s = json.loads((out / "lot/summary.json").read_text())["wall_s"] if same else float("nan")
-        print(f"clock: jumps of {jump_s} s: exit {done.returncode}, same bytes: {same}, {told_s} s told of {lasted_s:.1f}")
-        if not (same and 0 < told_s <= lasted_s):
+        reported_s = json.loads((out / "lot/summary.json").read_text())["wall_s"] if same else float("nan")
+        print(
+            f"clock: jumps of {jump_s} s: exit {done.returncode}, same bytes: {same}, {reported_s} s reported of {lasted_s:.1f}"
+        )
+        if not (same and 0 < reported_s <= lasted_s):
             return False, text
     return True, ""
 
 
 def spoilt(sound: bytes, chance: random.Random) -> bytes:
-    """Bytes flipped, cut, zeroed, doubled, or exchanged for extreme ones."""
+    """Returns the bytes with some flipped, cut, zeroed, doubled, or replaced by extreme ones."""
     data = bytearray(sound)
     for _ in range(chance.choice([1, 1, 2, 5, 20])):
         at = chance.randrange(max(len(data), 1))
@@ -232,7 +239,7 @@ def spoilt(sound: bytes, chance: random.Random) -> bytes:
 
 
 def kinds(folder: pathlib.Path) -> dict[str, tuple[bytes, Callable[[pathlib.Path], Sequence[object]]]]:
-    """For each kind of input: its sound bytes, and the command that reads the spoilt file."""
+    """Yields, for each kind of input, valid bytes and the command that reads the damaged file."""
     lines, results = folder / "sound.jsonl", folder / "sound"
     run("run", CLIP, "--set", "decode.max_frames=4", "--out", results, "--frames", "--cameras", folder / "c", "--camera-id", "c")
     shutil.copy(results / "lot/frames.jsonl", lines)
@@ -254,15 +261,15 @@ def kinds(folder: pathlib.Path) -> dict[str, tuple[bytes, Callable[[pathlib.Path
     return {
         "video.mp4": (CLIP.read_bytes(), lambda p: ["run", p, *two]),
         "image.jpg": (STILL.read_bytes(), lambda p: ["run", p, *two]),
-        "lines.jsonl": (lines.read_bytes(), lambda p: ["solve", p, "--out", folder / "p.jsonl"]),
-        "config.toml": (config, lambda p: ["solve", lines, "--config", p, "--out", folder / "p.jsonl"]),
+        "lines.jsonl": (lines.read_bytes(), lambda p: ["stage", "solve", p, "--out", folder / "p.jsonl"]),
+        "config.toml": (config, lambda p: ["stage", "solve", lines, "--config", p, "--out", folder / "p.jsonl"]),
         "card.json": ((ROOT / "models/hourglass.card.json").read_bytes(), model),
         "evidence.json": (next((folder / "c/c").iterdir()).read_bytes(), evidence),
     }
 
 
 def mutate(folder: pathlib.Path, seconds: int) -> Result:
-    """Spoilt inputs of each kind end in time with a code that is meant."""
+    """Checks that damaged inputs of each kind end in time with an accepted code."""
     sound = True
     for name, (data, reads) in kinds(folder).items():
         chance = random.Random(name)
@@ -284,37 +291,37 @@ def mutate(folder: pathlib.Path, seconds: int) -> Result:
 
 
 def slope(values: Sequence[float]) -> float:
-    """Change from one value to the next, by least squares."""
+    """Returns the change from one value to the next, by least squares."""
     middle = (len(values) - 1) / 2
     spread = sum((i - middle) ** 2 for i in range(len(values)))
     return sum((i - middle) * value for i, value in enumerate(values)) / max(spread, 1)
 
 
 def soak(folder: pathlib.Path, count: int) -> Result:
-    """Many short clips in one process: what it holds does not grow."""
+    """Checks that memory and open files do not grow over many short clips in one process."""
     clips = folder / "clips"
     clips.mkdir()
     inputs = [clips / f"s{i:04}.mp4" for i in range(count)]
     for path in inputs:
         path.symlink_to(CLIP)
     # Memory and open files as each result appears.
-    held: list[tuple[float, int]] = []
+    usage: list[tuple[float, int]] = []
     settings = ["--set", "decode.max_frames=2", "--set", "output.sample_frames=0", "--set", "output.report_mib=0"]
     line = command("run", *inputs, "--out", folder / "out", *settings)
     with subprocess.Popen(line, env=ENVIRONMENT, stderr=subprocess.DEVNULL) as child:
         while child.poll() is None:
             time.sleep(0.05)
-            if len(held) < count and (folder / "out" / inputs[len(held)].stem).exists():
+            if len(usage) < count and (folder / "out" / inputs[len(usage)].stem).exists():
                 try:
                     status = pathlib.Path(f"/proc/{child.pid}/status").read_text()
                     kib = int(next(line for line in status.splitlines() if line.startswith("VmRSS")).split()[1])
-                    held.append((kib / 1024, len(os.listdir(f"/proc/{child.pid}/fd"))))
+                    usage.append((kib / 1024, len(os.listdir(f"/proc/{child.pid}/fd"))))
                 except (OSError, StopIteration):
                     break
         code = child.wait()
     done = sum(1 for path in inputs if (folder / "out" / path.stem / "summary.json").exists())
-    memory_mib, files = zip(*held)
-    quarter = len(held) // 4
+    memory_mib, files = zip(*usage)
+    quarter = len(usage) // 4
     early, late = max(memory_mib[quarter : 2 * quarter]), max(memory_mib[3 * quarter :])
     early_files, late_files = max(files[quarter : 2 * quarter]), max(files[3 * quarter :])
     grows_kib = 1024 * slope(memory_mib[quarter:])
@@ -338,7 +345,7 @@ CHECKS: dict[str, tuple[Callable[[pathlib.Path, int], Result], int]] = {
 
 
 def main() -> None:
-    """Runs what is asked for, or everything."""
+    """Runs the given checks, or all of them."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("check", choices=[*CHECKS, "all"])
     parser.add_argument("amount", type=int, nargs="?")

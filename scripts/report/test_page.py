@@ -1,8 +1,8 @@
-"""Looks around in a report in a browser: it plays, is clicked in, follows keys, fits a phone, and stands without scripts.
+"""Tests a report in a browser: playing, clicking, keys, the layout on a phone, and the page without scripts.
 
-    test_page.py REPORT.html [--shots FOLDER]
+  test_page.py REPORT.html [--shots FOLDER]
 
-Needs Chromium; without one it says so and ends well, as this machine cannot tell.
+It needs Chromium, and is skipped with a message if there is none.
 """
 
 import argparse
@@ -16,7 +16,7 @@ BROWSERS = ["chromium", "chromium-headless-shell", "chromium-browser", "google-c
 
 
 def painted(page: Page, selector: str) -> int:
-    """How many different colours a canvas shows, of every 53rd pixel."""
+    """Returns how many different colours a canvas shows, in every 53rd pixel."""
     return page.evaluate(
         """(selector) => {
             const canvas = document.querySelector(selector);
@@ -31,13 +31,13 @@ def painted(page: Page, selector: str) -> int:
 
 def clock(page: Page) -> str:
     page.wait_for_timeout(150)
-    return page.inner_text("#look-clock")
+    return page.inner_text("#player-clock")
 
 
 def seek(page: Page, time: float) -> None:
     page.evaluate(
         """(time) => {
-            const slider = document.getElementById("look-time");
+            const slider = document.getElementById("player-time");
             slider.value = time;
             slider.dispatchEvent(new Event("input"));
         }""",
@@ -48,7 +48,7 @@ def seek(page: Page, time: float) -> None:
 
 def chosen(page: Page) -> str | None:
     page.wait_for_timeout(150)
-    return page.inner_text("#look-detail h3") if page.is_visible("#look-detail") else None
+    return page.inner_text("#player-detail h3") if page.is_visible("#player-detail") else None
 
 
 def look_around(page: Page, shots: Path | None) -> None:
@@ -56,19 +56,19 @@ def look_around(page: Page, shots: Path | None) -> None:
         if shots:
             page.screenshot(path=shots / f"{name}.png")
 
-    data = page.evaluate("JSON.parse(document.getElementById('look-data').textContent)")
+    data = page.evaluate("JSON.parse(document.getElementById('player-data').textContent)")
     assert data["tracks"] and data["frames"], "a report of a clip with vehicles is wanted"
     page.wait_for_timeout(500)
-    assert painted(page, "#look-picture canvas") > 200, "the picture is there"
-    assert painted(page, "#look-above canvas") > 5, "and the view from above"
+    assert painted(page, "#player-picture canvas") > 200, "the picture is there"
+    assert painted(page, "#player-above canvas") > 5, "and the view from above"
     shot("begin")
 
-    # Play, and stop.
+    # Play and stop.
     begin = clock(page)
-    page.click("#look-play")
+    page.click("#player-play")
     page.wait_for_timeout(1000)
-    page.click("#look-play")
-    page.wait_for_selector("#look-play[aria-label=play]")
+    page.click("#player-play")
+    page.wait_for_selector("#player-play[aria-label=play]")
     played = clock(page)
     assert played != begin, "time goes on"
     page.wait_for_timeout(300)
@@ -82,13 +82,13 @@ def look_around(page: Page, shots: Path | None) -> None:
     assert clock(page) != before, "the next picture"
     page.keyboard.press("ArrowLeft")
 
-    # The list, keys, the way back.
-    page.click("#look-list button")
+    # The list, keys, and back.
+    page.click("#player-list button")
     first = chosen(page)
     assert first and first.endswith(str(data["tracks"][0]["id"]))
     drives = data["tracks"][0]["top"] >= 0.3
-    assert page.locator("#look-detail svg polyline").count() == (1 if drives else 0), "its speed, if it has one"
-    assert page.locator("#look-detail .views img").count() == len(data["tracks"][0]["crops"]), "its cut-outs"
+    assert page.locator("#player-detail svg polyline").count() == (1 if drives else 0), "its speed, if it has one"
+    assert page.locator("#player-detail .views img").count() == len(data["tracks"][0]["crops"]), "its cut-outs"
     page.keyboard.press("Escape")
     assert chosen(page) is None
 
@@ -97,8 +97,8 @@ def look_around(page: Page, shots: Path | None) -> None:
     there = [t for t in data["tracks"] if t["t"][0] <= at + 0.02]
     track = max(there, key=lambda t: (t["bbox"][0][2] - t["bbox"][0][0]) * (t["bbox"][0][3] - t["bbox"][0][1]))
     seek(page, at)
-    page.locator("#look-picture canvas").scroll_into_view_if_needed()
-    box = page.locator("#look-picture canvas").bounding_box()
+    page.locator("#player-picture canvas").scroll_into_view_if_needed()
+    box = page.locator("#player-picture canvas").bounding_box()
     scale = box["width"] / data["size"][0]
     x0, y0, x1, y1 = track["bbox"][0]
     page.mouse.click(box["x"] + scale * (x0 + x1) / 2, box["y"] + scale * (y0 + y1) / 2)
@@ -113,14 +113,14 @@ def look_around(page: Page, shots: Path | None) -> None:
 
     # Colours.
     for by in ["class", "speed", "activity"]:
-        page.select_option("#look-colour", by)
+        page.select_option("#player-colour", by)
         page.wait_for_timeout(150)
-        assert page.locator("#look-legend .dot").count() >= 3, by
+        assert page.locator("#player-legend .dot").count() >= 3, by
     shot("activity")
 
-    # Zoom and the whole again.
-    page.click("#look-above [data-zoom='1.4']")
-    page.click("#look-above [data-zoom='0']")
+    # Zoom in, and back to the whole.
+    page.click("#player-above [data-zoom='1.4']")
+    page.click("#player-above [data-zoom='0']")
 
     assert "track=" in page.evaluate("location.hash"), "the address can be passed on"
 
@@ -128,7 +128,7 @@ def look_around(page: Page, shots: Path | None) -> None:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("report", type=Path)
-    parser.add_argument("--shots", type=Path, help="leave pictures of the page here")
+    parser.add_argument("--shots", type=Path, help="folder for pictures of the page")
     args = parser.parse_args()
     browser_path = next(filter(None, map(shutil.which, BROWSERS)), None)
     if browser_path is None:
@@ -154,19 +154,19 @@ def main() -> int:
             assert not wrong, wrong
             outside = [url for url in asked if not url.startswith(("file:", "data:"))]
             assert not outside, f"the page asks the network: {outside}"
-            track = page.evaluate("JSON.parse(document.getElementById('look-data').textContent).tracks.at(-1)")
+            track = page.evaluate("JSON.parse(document.getElementById('player-data').textContent).tracks.at(-1)")
             linked = context.new_page()
             linked.goto(f"{address}#t={track['t'][0]}&track={track['id']}")
             assert chosen(linked) == f"{track['class']} {track['id']}", "an address leads to a vehicle at a time"
             context.close()
         plain = browser.new_context(java_script_enabled=False).new_page()
         plain.goto(address)
-        assert not plain.is_visible("#look"), "nothing that does not work is shown"
+        assert not plain.is_visible("#player"), "nothing that does not work is shown"
         said = plain.inner_text("main")
         for heading in ["Camera", "From above", "tracks", "Run"]:
             assert heading in said, heading
         browser.close()
-    print("the report plays, is chosen in, fits a phone and stands without scripts")
+    print("the report plays, takes selections, fits a phone and works without scripts")
     return 0
 
 

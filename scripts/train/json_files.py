@@ -1,4 +1,4 @@
-"""JSON files: there complete or not at all, gzipped where the name ends in .gz."""
+"""JSON files, written whole or not at all, gzipped if the name ends in .gz."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 
 
 def write_json(path: Path, record: dict, indent: int | None = None) -> None:
-    """Writes compact JSON, or indented; the same bytes for the same record."""
+    """Writes compact or indented JSON; the same record gives the same bytes."""
     part = path.with_name(f"{path.name}.{os.getpid()}.part")
     separators = (",", ":") if indent is None else (",", ": ")
     data = (json.dumps(record, separators=separators, indent=indent, allow_nan=False) + "\n").encode()
@@ -18,6 +18,6 @@ def write_json(path: Path, record: dict, indent: int | None = None) -> None:
 
 
 def read_json(path: Path) -> dict:
-    """What `write_json` wrote."""
+    """Reads a file of `write_json`."""
     data = path.read_bytes()
     return json.loads(gzip.decompress(data) if path.suffix == ".gz" else data)

@@ -65,8 +65,10 @@ class Lines:
 
 def message(number: int, text: str) -> list[Passage]:
     """Returns the passage of a string if it is a message: it holds words with spaces between them, and no code."""
+    if CODE.search(text):
+        return []
     text = PLACEHOLDER.sub(lambda m: "X" * len(m[0]), text)
-    if not re.search(r"[a-z]{2,} [a-z(]", text) or CODE.search(text):
+    if not re.search(r"[a-z]{2,} [a-z(]", text):
         return []
     text = text.replace("\\n", BREAK * 2).replace('\\"', ' "')
     lines = [line.strip().rstrip("\\") for line in text.split("\n")]

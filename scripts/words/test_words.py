@@ -1,16 +1,12 @@
 """Tests of the check of words: `python3 -m pytest scripts/words`."""
 
-import sys
 from pathlib import Path
 
+import lexing
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
-
-import lexing  # noqa: E402
-from files import ROOT, is_test, reader  # noqa: E402
-from rules import Rules  # noqa: E402
-from table import load, parts  # noqa: E402
+from files import ROOT, is_test, reader
+from rules import Rules
+from table import load, parts
 
 RULES = Rules(load(ROOT, Path(__file__).parent / "table.toml"))
 

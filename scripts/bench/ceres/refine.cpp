@@ -1,6 +1,7 @@
-// The joint refinement of crates/solve as a Ceres problem: automatic derivatives, one residual block a keypoint, one
-// parameter block a car, so that the Schur complement is the camera's 4 × 4. Reads what the example `refinement_problems`
-// writes (its head says the format); prints per problem CPU time of the fastest linear solver, and the cost it reached.
+// The joint refinement of crates/solve as a Ceres problem with automatic derivatives. There is one residual block per
+// keypoint and one parameter block per car, so the Schur complement is the camera's 4 × 4. It reads the files of the
+// example `refinement_problems`, which documents their format. Per problem it prints the CPU time of the fastest linear
+// solver, and the final cost.
 #include <ceres/ceres.h>
 #include <glog/logging.h>
 

@@ -1,4 +1,4 @@
-"""A camera above its ground: pixels of places, places of pixels, and what the camera's uncertainty makes of them."""
+"""A camera above the ground plane: projection, its inverse on the ground, and both with their uncertainties."""
 
 from __future__ import annotations
 
@@ -11,29 +11,29 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 
-# Step of the differences by the camera's numbers (rad or log), and by pixels.
+# Steps of numerical derivatives: by the camera's parameters (rad or log), and by pixels.
 _STEP = 1e-5
 _STEP_PX = 1e-3
-# Nearer points are at or behind the camera, m; rays that fall less meet no ground.
+# Points closer than this are at or behind the camera, m. Rays that descend less do not meet the ground.
 _NEAREST_M = 1e-3
-_LEAST_FALL = 1e-9
+_LEAST_DESCENT = 1e-9
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Camera:
-    """A camera with square pixels over a plane, as it stood over a stretch of time.
+    """A camera with square pixels above a plane, during one time interval.
 
     Attributes:
-        span_s: first and last time that it holds for, s.
-        image_size_px: width and height.
-        principal_point_px: x and y.
-        params: [4] log focal length (px), tilt, roll (rad), log height (m). Tilt is the optical axis below the horizontal, roll
-            is positive where the horizon turns clockwise in the picture.
-        covariance: [4, 4] of `params`; infinite on its diagonal where nothing is known.
-        status: how the numbers came about, as in `camera.json`.
-        bend: how the lens bends lines: with p a pixel from the principal point, a lens that bends none would show it at
+        span_s: first and last time of the interval, s.
+        image_size_px: width and height, px.
+        principal_point_px: x and y, px.
+        params: [4] log focal length (px), tilt, roll (rad), log height (m). Tilt is the angle of the optical axis below
+            the horizontal. Roll is positive if the horizon turns clockwise in the picture.
+        covariance: [4, 4] of `params`; infinite on its diagonal for unknown parameters.
+        status: how the parameters were determined, as in `camera.json`.
+        `bend`: radial distortion. Without it, a pixel at `p` from the principal point would be at
             `p / (1 + bend |p|² / (width / 2)²)`.
-        bend_sd: its standard deviation; None where nothing told it, and the lens is taken for straight.
+        `bend_sd`: standard deviation of `bend`; None if it was not estimated, and the lens has no distortion here.
     """
 
     span_s: tuple[float, float]
@@ -45,9 +45,16 @@ class Camera:
     bend: float = 0.0
     bend_sd: float | None = None
 
+    def __repr__(self) -> str:
+        """Returns the camera's main parameters in one line."""
+        size = "{} × {} px".format(*self.image_size_px)
+        span = "{:g}–{:g} s".format(*self.span_s)
+        angles = f"tilt {np.degrees(self.tilt_rad):.1f}°, roll {np.degrees(self.roll_rad):.1f}°"
+        return f"Camera({size}, {span}, f {self.focal_px:.0f} px, {angles}, height {self.height_m:.2f} m, {self.status})"
+
     @classmethod
     def from_json(cls, segment: Mapping[str, Any]) -> Camera:
-        """From one of the `segments` of `camera.json`."""
+        """Reads one of the `segments` of `camera.json`."""
         covariance = np.array([[np.nan if v is None else v for v in row] for row in segment["covariance"]], dtype=float)
         unknown = np.isnan(covariance)
         covariance[unknown] = np.where(np.eye(4)[unknown] > 0, np.inf, 0.0)
@@ -66,46 +73,46 @@ class Camera:
 
     @property
     def focal_px(self) -> float:
-        """Focal length, px."""
+        """Returns the focal length, px."""
         return float(np.exp(self.params[0]))
 
     @property
     def focal_sd_px(self) -> float:
-        """Its standard deviation, px."""
+        """Returns the standard deviation of the focal length, px."""
         return self.focal_px * self._sd(0)
 
     @property
     def tilt_rad(self) -> float:
-        """Optical axis below the horizontal, rad."""
+        """Returns the angle of the optical axis below the horizontal, rad."""
         return float(self.params[1])
 
     @property
     def tilt_sd_rad(self) -> float:
-        """Its standard deviation, rad."""
+        """Returns the standard deviation of the tilt, rad."""
         return self._sd(1)
 
     @property
     def roll_rad(self) -> float:
-        """Clockwise turn of the horizon in the picture, rad."""
+        """Returns the clockwise rotation of the horizon in the picture, rad."""
         return float(self.params[2])
 
     @property
     def roll_sd_rad(self) -> float:
-        """Its standard deviation, rad."""
+        """Returns the standard deviation of the roll, rad."""
         return self._sd(2)
 
     @property
     def height_m(self) -> float:
-        """Above the ground, m."""
+        """Returns the height above the ground, m."""
         return float(np.exp(self.params[3]))
 
     @property
     def height_sd_m(self) -> float:
-        """Its standard deviation, m."""
+        """Returns the standard deviation of the height, m."""
         return self.height_m * self._sd(3)
 
     def project(self, points: npt.ArrayLike) -> Array:
-        """Pixels of places.
+        """Projects points into the picture.
 
         Args:
             points: [..., 3] or, on the ground, [..., 2] in the world, m.
@@ -116,19 +123,19 @@ class Camera:
         return self._project(self.params, _points(points))
 
     def project_sd(self, points: npt.ArrayLike) -> Array:
-        """Standard deviations of `project` by what is not known of the camera, to first order.
+        """Returns the standard deviations of `project` due to the camera's uncertainty, to first order.
 
         Args:
-            points: as for `project`, taken to be exact in the world of the true camera.
+            points: as for `project`, assumed to be exact in the world of the true camera.
 
         Returns:
-            [..., 2] px; infinite where the camera is not known.
+            [..., 2] px; infinite if the camera is unknown.
         """
         where = _points(points)
         return _sds(self._by_camera(lambda params: self._project(params, where)), self.covariance)
 
     def ground_from_pixel(self, pixels: npt.ArrayLike) -> Array:
-        """Where the viewing rays of pixels meet the ground.
+        """Intersects the viewing rays of pixels with the ground.
 
         Args:
             pixels: [..., 2] px.
@@ -139,14 +146,14 @@ class Camera:
         return self._ground(self.params, np.asarray(pixels, dtype=float))
 
     def ground_from_pixel_sd(self, pixels: npt.ArrayLike, pixel_sd: float = 0.0) -> Array:
-        """Standard deviations of `ground_from_pixel` by what is not known of the camera, to first order.
+        """Returns the standard deviations of `ground_from_pixel` due to the camera's uncertainty, to first order.
 
         Args:
             pixels: [..., 2] px.
-            pixel_sd: standard deviation of each pixel coordinate itself, px.
+            pixel_sd: standard deviation of each pixel coordinate, px.
 
         Returns:
-            [..., 2] m; infinite where the camera is not known.
+            [..., 2] m; infinite if the camera is unknown.
         """
         where = np.asarray(pixels, dtype=float)
         variance = _sds(self._by_camera(lambda params: self._ground(params, where)), self.covariance) ** 2
@@ -156,7 +163,7 @@ class Camera:
         return np.sqrt(variance)
 
     def camera_from_world(self) -> Array:
-        """[4, 4] the motion that takes points of the world to the camera's frame (x right, y down, z forward)."""
+        """Returns the [4, 4] motion from the world to the camera's frame (x right, y down, z forward)."""
         motion = np.eye(4)
         motion[:3, :3] = _camera_from_world(self.params)
         motion[:3, 3] = -self.height_m * motion[:3, 2]
@@ -174,17 +181,17 @@ class Camera:
         return np.asarray(self.principal_point_px + straight * (2 / (1 + root)))
 
     def _ground(self, params: Array, pixels: Array) -> Array:
-        bent = pixels - np.asarray(self.principal_point_px)
-        slopes = bent / (1 + self._per_px2() * _square(bent)) / np.exp(params[0])
+        distorted = pixels - np.asarray(self.principal_point_px)
+        slopes = distorted / (1 + self._per_px2() * _square(distorted)) / np.exp(params[0])
         rays = np.concatenate([slopes, np.ones_like(slopes[..., :1])], axis=-1) @ _camera_from_world(params)
-        falling = np.where(-rays[..., 2:] > _LEAST_FALL, -rays[..., 2:], np.nan)
-        return np.asarray(rays[..., :2] * (np.exp(params[3]) / falling))
+        descent = np.where(-rays[..., 2:] > _LEAST_DESCENT, -rays[..., 2:], np.nan)
+        return np.asarray(rays[..., :2] * (np.exp(params[3]) / descent))
 
     def _per_px2(self) -> float:
         return self.bend / (self.image_size_px[0] / 2) ** 2
 
     def _by_camera(self, of: Callable[[Array], Array]) -> Array:
-        """[..., 4] derivatives of what `of` makes of the camera's numbers, by them; central differences."""
+        """Returns the [..., 4] derivatives of a function of the camera's parameters, by central differences."""
         steps = np.eye(4) * _STEP
         return np.stack([(of(self.params + step) - of(self.params - step)) / (2 * _STEP) for step in steps], axis=-1)
 
@@ -194,13 +201,13 @@ def _square(pixels: Array) -> Array:
 
 
 def _camera_from_world(params: Array) -> Array:
-    """[3, 3] the rotation; its columns are right, forward and up."""
+    """Returns the [3, 3] rotation; its columns are right, forward and up."""
     (sin_t, cos_t), (sin_r, cos_r) = ((np.sin(angle), np.cos(angle)) for angle in params[1:3])
     up = np.array([sin_r * cos_t, -cos_r * cos_t, -sin_t])
-    # Looking straight down, the picture's up direction takes the viewing direction's place.
+    # A camera that points straight down has no horizontal viewing direction; the picture's up direction replaces it.
     axis = np.array([0.0, 0.0, 1.0]) if np.hypot(up[0], up[1]) > 1e-9 else np.array([0.0, -1.0, 0.0])
-    laid = axis - up * (up @ axis)
-    forward = laid / np.linalg.norm(laid)
+    level = axis - up * (up @ axis)
+    forward = level / np.linalg.norm(level)
     return np.column_stack([np.cross(forward, up), forward, up])
 
 

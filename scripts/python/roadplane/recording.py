@@ -1,4 +1,4 @@
-"""A finished run as a recording for Rerun's viewer: `python -m roadplane.recording RUN FILE.rrd`."""
+"""Writes a finished run as a recording for Rerun's viewer: `python -m roadplane.recording RUN FILE.rrd`."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ if TYPE_CHECKING:
 
 
 def record(run: Run, path: Path) -> None:
-    """See `Run.to_rerun`."""
+    """Writes a recording; see `Run.to_rerun`."""
     unfinished = path.with_name(f".{path.name}.tmp")
     with rr.RecordingStream("roadplane", recording_id=run.folder.name) as recording:
         recording.save(unfinished)
         rr.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         rows = run.tracks()
-        # Each stretch of time has a world of its own; in the recording each begins with its camera.
+        # Each segment has a world of its own; in the recording it begins with its camera.
         for segment, camera in enumerate(run.cameras):
             here = rows[rows["segment"] == segment].to_dict("records")
             _set_time(here[0]["frame"] if here else 0, camera.span_s[0])
@@ -46,16 +46,16 @@ def _set_time(frame: int, time_s: float) -> None:
 
 def _log_camera(camera: Camera, is_static: bool) -> None:
     world_from_camera = np.linalg.inv(camera.camera_from_world())
-    place = rr.Transform3D(translation=world_from_camera[:3, 3], mat3x3=world_from_camera[:3, :3])
+    pose = rr.Transform3D(translation=world_from_camera[:3, 3], mat3x3=world_from_camera[:3, :3])
     pinhole = rr.Pinhole(
         focal_length=camera.focal_px, resolution=camera.image_size_px, principal_point=np.array(camera.principal_point_px) + 0.5
     )
-    rr.log("world/camera", place, static=is_static)
+    rr.log("world/camera", pose, static=is_static)
     rr.log("world/camera/picture", pinhole, static=is_static)
 
 
 def _log_row(row: dict[Any, Any]) -> None:
-    """A car in a frame; what is filled in between looks is drawn paler."""
+    """Logs a car in a frame; interpolated rows have a paler colour."""
     track = row["track"]
     paint = (*_colour(track), 255 if row["observed"] else 110)
     turn = rr.Quaternion(xyzw=[0, 0, math.sin(row["heading_rad"] / 2), math.cos(row["heading_rad"] / 2)])
@@ -77,7 +77,7 @@ def _log_row(row: dict[Any, Any]) -> None:
 
 
 def _colour(track: int) -> tuple[int, int, int]:
-    """One that neighbours do not share."""
+    """Returns a colour that differs from those of neighbouring numbers."""
     hue = track * 0.618 % 1 * 2 * math.pi
     red, green, blue = (int(155 + 95 * math.cos(hue - shift)) for shift in (0, 2.1, 4.2))
     return red, green, blue
@@ -87,7 +87,7 @@ def main() -> None:
     """Writes the recording."""
     from roadplane.run import load
 
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("run", type=Path, help="folder of the run")
     parser.add_argument("out", type=Path, help="file to write, .rrd")
     args = parser.parse_args()

@@ -12,33 +12,40 @@ from typing import TYPE_CHECKING, Any, Literal, overload
 
 import pandas as pd
 
+from roadplane import tables
 from roadplane.camera import Camera
+from roadplane.extras import extra
 
 if TYPE_CHECKING:
     import polars as pl
     from matplotlib.axes import Axes
 
 CAMERA_SCHEMA = "roadplane.camera/1"
-EVENT_COLUMNS = ["track", "activity", "from_s", "to_s", "confidence"]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Run:
-    """What a run found.
+    """A finished run.
 
     Attributes:
         folder: the result folder.
-        cameras: one a stretch of time, in order; more than one where the camera was moved. A row's `segment` is its index.
-        summary: `summary.json`: versions, configuration, counts, warnings.
+        cameras: one camera per time interval, in order; more than one if the camera was moved. A row's `segment` is an
+            index into it.
+        summary: contents of `summary.json`: versions, configuration, counts, warnings.
     """
 
     folder: Path
     cameras: tuple[Camera, ...]
     summary: dict[str, Any]
 
+    def __repr__(self) -> str:
+        """Returns the folder and the number of cameras."""
+        count = len(self.cameras)
+        return f"Run({str(self.folder)!r}, {count} camera{'s' if count != 1 else ''})"
+
     @property
     def camera(self) -> Camera:
-        """The camera of the longest stretch of time."""
+        """Returns the camera of the longest interval."""
         return max(self.cameras, key=lambda camera: camera.span_s[1] - camera.span_s[0])
 
     @overload
@@ -46,77 +53,100 @@ class Run:
     @overload
     def tracks(self, library: Literal["polars"]) -> pl.DataFrame: ...
     def tracks(self, library: Literal["pandas", "polars"] = "pandas") -> pd.DataFrame | pl.DataFrame:
-        """A row per car and frame, by frame, then track.
+        """Reads the tracks: a row per vehicle and frame, sorted by frame, then track.
 
-        Columns, SI units (all of them: `roadplane schemas tracks`): `frame`, `time_s`, `track`; `x_m`, `y_m`, `heading_rad` (0
-        along +x, counter-clockwise) and `speed_mps` (negative when reversing) on the ground, their sds `x_sd_m`, `y_sd_m`,
-        `heading_sd_rad`, `speed_sd_mps`, and of these the track's own part, `x_own_sd_m`, `y_own_sd_m`; `length_m`,
-        `width_m`, `height_m`; `bbox_x0_px` … `bbox_y1_px`; `score`, `observed` (False: filled in between looks), `class`,
-        `segment`, `activity`, `activity_p`.
+        Units are SI, angles are in radians. `roadplane schemas tracks` describes every column:
+
+        - `frame`, `time_s`, `track`, `segment`, `class`, `score`.
+        - On the ground: `x_m`, `y_m`, `heading_rad` (0 along +x, counter-clockwise), `speed_mps` (negative in reverse).
+        - Their standard deviations: `x_sd_m`, `y_sd_m`, `heading_sd_rad`, `speed_sd_mps`. `x_own_sd_m` and
+          `y_own_sd_m` are the part that this track does not share with others.
+        - `length_m`, `width_m`, `height_m`, and the box `bbox_x0_px`, `bbox_y0_px`, `bbox_x1_px`, `bbox_y1_px`.
+        - `observed`: False if the row was interpolated between inference frames.
+        - `activity`, `activity_p`.
+
+        It reads `tracks.parquet` if the file exists, else `tracks.csv`. Columns and types are the same.
 
         Args:
-            library: whose data frame; polars is an extra, `pip install 'roadplane[polars]'`.
+            library: library of the data frame. Polars is an extra: `pip install 'roadplane[polars]'`.
         """
-        path = self.folder / "tracks.csv"
-        if library == "pandas":
-            return pd.read_csv(path)
-        table: pl.DataFrame = _extra("polars").read_csv(path, infer_schema_length=None)
-        return table
+        return tables.tracks_pandas(self.folder) if library == "pandas" else tables.tracks_polars(self.folder)
+
+    @overload
+    def poses(self, library: Literal["pandas"] = ...) -> pd.DataFrame: ...
+    @overload
+    def poses(self, library: Literal["polars"]) -> pl.DataFrame: ...
+    def poses(self, library: Literal["pandas", "polars"] = "pandas") -> pd.DataFrame | pl.DataFrame:
+        """Reads `poses.jsonl`: a row per vehicle and frame with keypoints.
+
+        Units are SI, angles are in radians. Tracks smooth these poses over time.
+
+        - `frame`, `time_s`, `car` (index of the vehicle in its frame), `track` (missing for a vehicle without a track).
+        - `class`, `score`, and the box `bbox_x0_px`, `bbox_y0_px`, `bbox_x1_px`, `bbox_y1_px`.
+        - In the world: `x_m`, `y_m`, `heading_rad`, and their standard deviations `x_sd_m`, `y_sd_m`, `heading_sd_rad`
+          (infinite if unknown).
+        - `length_m`, `width_m`, `height_m`, and `shape`: 6 coefficients, each in units of its standard deviation.
+        - `reprojection_rms_px`: root mean square of the residuals of the keypoints.
+        - `used`: whether the pose is good enough for tracking.
+        - `pose_from_frame`, `pose_from_car`: set if the pose was carried over from a vehicle of an earlier frame.
+        - `world_from_car`, `camera_from_car`: [4, 4] rigid motions, as lists of rows.
+        - `keypoints_px`: a list of `[x, y, score, sd]` or None, one per keypoint.
+
+        Args:
+            library: library of the data frame.
+        """
+        return tables.poses_pandas(self.folder) if library == "pandas" else tables.poses_polars(self.folder)
 
     @overload
     def events(self, library: Literal["pandas"] = ...) -> pd.DataFrame: ...
     @overload
     def events(self, library: Literal["polars"]) -> pl.DataFrame: ...
     def events(self, library: Literal["pandas", "polars"] = "pandas") -> pd.DataFrame | pl.DataFrame:
-        """What cars did, an event a row: `track`, `activity`, `from_s`, `to_s`, `confidence`. Empty where the run did not look.
+        """Reads the activities of the vehicles: a row per event, empty if the run did not label activities.
+
+        Columns: `track`, `activity`, `from_s`, `to_s`, `confidence`.
 
         Args:
-            library: whose data frame.
+            library: library of the data frame.
         """
-        path = self.folder / "activities.jsonl"
-        lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
-        table = pd.DataFrame([json.loads(line) for line in lines], columns=EVENT_COLUMNS)
-        if library == "pandas":
-            return table
-        columns: pl.DataFrame = _extra("polars").DataFrame(table.to_dict("list"))
-        return columns
+        return tables.events_pandas(self.folder) if library == "pandas" else tables.events_polars(self.folder)
 
     def plot_birds_eye(self, ax: Axes | None = None, segment: int = 0) -> Axes:
-        """Ways of all tracks from above, the last place of each as a footprint, the camera and what it sees; metres.
+        """Draws all trajectories from above, in metres, with each vehicle's last footprint, the camera and its view.
 
-        Needs matplotlib: `pip install 'roadplane[plot]'`.
+        It needs matplotlib: `pip install 'roadplane[plot]'`.
 
         Args:
-            ax: where to draw; a new figure's if it is left out.
-            segment: index of the stretch of time; each has a world of its own.
+            ax: axes to draw into; by default those of a new figure.
+            segment: index of the camera; each has a world of its own.
         """
-        _extra("matplotlib", "plot")
+        extra("matplotlib", "plot")
         draw: Callable[..., Axes] = import_module("roadplane.birds_eye").draw
         return draw(self, ax, segment)
 
     def to_rerun(self, path: str | PathLike[str]) -> Path:
-        """Writes a recording for Rerun's viewer: cars as boxes in 3D and in the picture, the camera, speeds over time.
+        """Writes a recording for Rerun's viewer: boxes in 3D and in the picture, the camera, speeds over time.
 
-        Needs Rerun: `pip install 'roadplane[rerun]'`.
+        It needs Rerun: `pip install 'roadplane[rerun]'`.
 
         Args:
-            path: file to write, `.rrd`; it appears once it is whole.
+            path: file to write, `.rrd`. The file appears when it is complete.
 
         Returns:
             The same path.
         """
-        _extra("rerun")
+        extra("rerun")
         record: Callable[[Run, Path], None] = import_module("roadplane.recording").record
         record(self, Path(path))
         return Path(path)
 
 
 def load(folder: str | PathLike[str]) -> Run:
-    """Reads a result folder, `DIR/<stem>` of `roadplane run … --out DIR`.
+    """Reads a result folder: `DIR/<stem>` of `roadplane run … --out DIR`.
 
     Raises:
-        FileNotFoundError: it is no finished run.
-        ValueError: its `camera.json` is of another version.
+        FileNotFoundError: the folder is not that of a finished run.
+        ValueError: its `camera.json` has another version.
     """
     folder = Path(folder)
     summary = folder / "summary.json"
@@ -125,14 +155,7 @@ def load(folder: str | PathLike[str]) -> Run:
     camera = json.loads((folder / "camera.json").read_text(encoding="utf-8"))
     if camera["schema"] != CAMERA_SCHEMA:
         raise ValueError(f"schema is {camera['schema']!r}, expected {CAMERA_SCHEMA!r}: {folder / 'camera.json'}")
-    # Files of older versions with one stretch of time have it on top only.
+    # In older versions, a file with one interval has its camera at the top level only.
     segments = camera.get("segments") or [camera]
     cameras = tuple(Camera.from_json(segment) for segment in segments)
     return Run(folder, cameras, json.loads(summary.read_text(encoding="utf-8")))
-
-
-def _extra(module: str, extra: str | None = None) -> Any:
-    try:
-        return import_module(module)
-    except ImportError as missing:
-        raise ImportError(f"{module} is not installed: pip install 'roadplane[{extra or module}]'") from missing

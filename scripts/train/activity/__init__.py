@@ -1,1 +1,1 @@
-"""Activities of vehicles: training data, features, the net, its export."""
+"""The activity nets: training data, features, training, export."""

@@ -1,7 +1,7 @@
-"""What a net learns from: sequences of features with labels, of MEVA's instances and of drives that are made up.
+"""Training data of the activity nets: labelled sequences of MEVA's instances and of synthetic drives.
 
-A row of the table says how motion is seen: `3d` on the ground; `2d` the box's middle in the picture, as the paper's
-baseline; `2d_size` the same divided by the size of its box.
+A row of the table names the input. `3d` is motion on the ground. `2d` is motion of the box's centre in the picture, the
+paper's baseline. `2d_size` is the same, divided by the size of the box.
 """
 
 from __future__ import annotations
@@ -16,23 +16,23 @@ from .features import features, grid
 from .meva import CLASSES, Instance, read_instances
 
 ROWS = ("3d", "2d", "2d_size")
-LONGEST = 100  # steps of a piece of a made-up drive
-SIZE_M = 2.2  # square root of the area of a car's box, so that 2D motion comes out at the order of metres
-FUZZY_S = 0.3  # annotators' beginnings and ends: counted less within
+LONGEST = 100  # steps of a piece of a synthetic drive
+SIZE_M = 2.2  # square root of the area of a car's box: scales motion in 2D to the order of metres
+FUZZY_S = 0.3  # annotated beginnings and ends have a lower weight within this time
 
 
 @dataclass(frozen=True)
 class Sequence:
-    """Features with a label for each step."""
+    """Features with a label per step."""
 
     values: np.ndarray  # (n, FEATURES)
     labels: np.ndarray  # (n,) index into LABELS
     weights: np.ndarray  # (n,)
-    instance: bool  # one label for all of it
+    instance: bool  # one label for the whole sequence
 
 
 def instance_motion(instance: Instance, row: str) -> tuple[np.ndarray, np.ndarray | None]:
-    """Positions and their sds as a row sees them."""
+    """Returns positions and their standard deviations, as the input of a row."""
     if row == "3d":
         return instance.xy_m, instance.sd_m
     boxes = instance.boxes_px
@@ -42,7 +42,7 @@ def instance_motion(instance: Instance, row: str) -> tuple[np.ndarray, np.ndarra
 
 
 def instance_sequence(instance: Instance, row: str, rng: np.random.Generator | None = None) -> Sequence:
-    """An instance as it is, or changed a little: size, noise, beginning and end."""
+    """Returns an instance as it is, or augmented: size, noise, beginning and end vary a little."""
     xy, sd = instance_motion(instance, row)
     time_s, keep = instance.time_s, slice(None)
     if rng is not None:
@@ -59,7 +59,7 @@ def instance_sequence(instance: Instance, row: str, rng: np.random.Generator | N
 
 
 def in_picture(drive: Truth, rng: np.random.Generator) -> tuple[np.ndarray, float] | None:
-    """Pixels (n, 2; y up) and size of a driven car before a camera drawn by chance."""
+    """Returns pixels (n, 2; y up) and box size of a synthetic drive, projected by a random camera."""
     height, focal = np.exp(rng.uniform(np.log(3.5), np.log(14))), np.exp(rng.uniform(np.log(800), np.log(5000)))
     middle = drive.pose[:, :2].mean(0)
     away = max(height * rng.uniform(1.5, 8), 1.4 * np.linalg.norm(drive.pose[:, :2] - middle, axis=1).max())
@@ -75,7 +75,7 @@ def in_picture(drive: Truth, rng: np.random.Generator) -> tuple[np.ndarray, floa
 
 
 def made_sequence(row: str, rng: np.random.Generator, drive: Truth) -> Sequence:
-    """A piece of a made-up drive, as a row sees it; on the ground, in three of four with its heading."""
+    """Returns a piece of a synthetic drive, as the input of a row; on the ground, three of four have a heading."""
     heading = sd = None
     if row == "3d":
         time_s, xy, heading, sd = tracked(drive, rng)
@@ -105,7 +105,7 @@ def made_sequence(row: str, rng: np.random.Generator, drive: Truth) -> Sequence:
 
 
 def meva_sequences(folder: Path, row: str, cameras: tuple[str, ...], unseen: bool, versions: int, seed: int) -> list[Sequence]:
-    """Instances of the cameras that are (`unseen`) or are not among `cameras`; `versions` changed ones of each besides."""
+    """Returns the instances of all cameras but `cameras`, or of these (`unseen`), with augmented copies."""
     rng = np.random.default_rng(seed)
     chosen = [instance for instance in read_instances(folder) if (instance.camera in cameras) == unseen]
     changed = [instance_sequence(instance, row, rng) for instance in chosen for _ in range(versions)]
@@ -113,7 +113,7 @@ def meva_sequences(folder: Path, row: str, cameras: tuple[str, ...], unseen: boo
 
 
 def made_sequences(row: str, count: int, seed: int) -> list[Sequence]:
-    """Pieces of made-up drives, two of each."""
+    """Returns pieces of synthetic drives, two of each drive."""
     rng = np.random.default_rng(seed)
     return [made_sequence(row, rng, drive) for drive in (truth(rng) for _ in range(count // 2)) for _ in range(2)]
 

@@ -1,7 +1,7 @@
-"""Drives that are made up: what drivers do in lots and streets, with the labels of `render.paths`, and the errors of tracks.
+"""Synthetic drives: manoeuvres with the labels of `render.paths`, and the errors of a tracker.
 
-Each is a chain of manoeuvres: straights, bends, turns, half turns, three-point turns, shunting into a bay, creeping in a
-queue, backing out; then the noise of a tracker, gaps, another frame rate.
+A drive is a chain of manoeuvres: straights, curves, turns, half turns, three-point turns, shunting into a bay, creeping
+in a queue, backing out. Then come the noise of a tracker, gaps, and another frame rate.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from render import paths
-from render.paths import Drive, Leg, Piece, straight, turn
+from roadplane_train.render import paths
+from roadplane_train.render.paths import Drive, Leg, Piece, straight, turn
 
 LABELS = ("not_moving", "moving", "starting", "stopping", "turning_left", "turning_right", "u_turn", "reversing")
 TRUTH_HZ = 20.0
@@ -19,7 +19,7 @@ TRUTH_HZ = 20.0
 
 @dataclass(frozen=True)
 class Truth:
-    """A drive, free of errors, TRUTH_HZ times a second."""
+    """A drive without errors, at TRUTH_HZ."""
 
     time_s: np.ndarray  # (n,)
     pose: np.ndarray  # (n, 3) x, y, heading
@@ -36,7 +36,7 @@ def _forwards(rng: np.random.Generator) -> list[Piece]:
             pieces.append(turn(hand * rng.uniform(155, 190), rng.uniform(3.5, 9), rng.uniform(1.5, 4)))
         elif kind < 0.9:
             pieces.append(turn(hand * rng.uniform(3, 22), rng.uniform(8, 60), rng.uniform(1.5, 6)))
-        else:  # to another lane
+        else:  # a lane change
             bend = turn(hand * rng.uniform(4, 15), rng.uniform(10, 40), 3.0)
             pieces += [bend, straight(rng.uniform(0.5, 5)), Piece(bend.length_m, -bend.angle_rad, bend.ramp_m)]
         pieces.append(straight(rng.uniform(1, 25)))
@@ -44,7 +44,7 @@ def _forwards(rng: np.random.Generator) -> list[Piece]:
 
 
 def _legs(rng: np.random.Generator) -> list[Leg]:
-    """Legs between rests; the first and the last may come and leave at speed."""
+    """Returns the legs between rests; the first and the last may start and end at speed."""
     legs: list[Leg] = []
 
     def rest() -> float:
@@ -78,14 +78,14 @@ def _legs(rng: np.random.Generator) -> list[Leg]:
 
 
 def truth(rng: np.random.Generator) -> Truth:
-    """A drive, 15 to 90 s with the rests around it; one in eight is a car that only stands."""
+    """Returns a drive of 15 to 90 s, with the rests around it; one in eight is a car that is stationary throughout."""
     if rng.random() < 0.125:
         time_s = np.arange(0, rng.uniform(3, 40), 1 / TRUTH_HZ)
         return Truth(time_s, np.tile(rng.uniform(-np.pi, np.pi, 3), (len(time_s), 1)), np.zeros(len(time_s), int))
     paths.STEP_M = 0.05
     drive = Drive(_legs(rng), rng.uniform(2.4, 3.2))
     drive.placed(np.array([0, 0, rng.uniform(-np.pi, np.pi)]))
-    pace = np.exp(rng.uniform(np.log(0.65), np.log(1.3)))  # drivers are gentler or brisker: acceleration by its square
+    pace = np.exp(rng.uniform(np.log(0.65), np.log(1.3)))  # drivers differ: acceleration scales by the square of this
     before, after = rng.uniform(0, 6, 2)
     clock = np.arange(-before * pace, drive.length_s + after * pace, pace / TRUTH_HZ)[: int(90 * TRUTH_HZ)]
     motions = [drive.at(t) for t in clock]
@@ -95,7 +95,7 @@ def truth(rng: np.random.Generator) -> Truth:
 
 
 def _wander(rng: np.random.Generator, time_s: np.ndarray, memory_s: float) -> np.ndarray:
-    """Noise of sd 1 that forgets itself within `memory_s`: white noise, smoothed."""
+    """Returns noise of sd 1 with a correlation time of `memory_s`: white noise, smoothed."""
     step = time_s[1] - time_s[0]
     reach = max(int(3 * memory_s / step), 1)
     kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) * step / memory_s) ** 2)
@@ -104,18 +104,20 @@ def _wander(rng: np.random.Generator, time_s: np.ndarray, memory_s: float) -> np
 
 
 def tracked(drive: Truth, rng: np.random.Generator) -> tuple[np.ndarray, ...]:
-    """Time, positions, headings, sds as a tracker gives them of a drive: slow errors (more along the line of sight), some
-    jitter, a wrong scale, gaps."""
+    """Returns time, positions, headings and standard deviations of a drive as a tracker estimates them.
+
+    The errors are slow (larger along the line of sight), with some jitter, a wrong scale, and gaps.
+    """
     keep = np.arange(0, len(drive.time_s), rng.integers(1, 5))
     time_s, pose = drive.time_s[keep], drive.pose[keep]
     sd = np.exp(rng.uniform(np.log(0.01), np.log(0.35))) * np.array([1.0, np.exp(rng.uniform(0, 1.2))])
     jitter = sd * (rng.uniform(0, 0.7) if rng.random() < 0.5 else 0.0)
     memory_s = np.exp(rng.uniform(np.log(0.25), np.log(4)))
-    standing = rng.random() < 0.5  # a tracker that knows stands gives them one position
+    snaps = rng.random() < 0.5  # a tracker that detects stationary vehicles gives them one position
     errors = np.stack([_wander(rng, time_s, memory_s) * sd[i] for i in (0, 1)], 1) if len(keep) > 2 else np.zeros((len(keep), 2))
-    if standing:
-        stands = drive.label[keep] == 0
-        for first, last in _runs(stands):
+    if snaps:
+        at_rest = drive.label[keep] == 0
+        for first, last in _runs(at_rest):
             errors[first:last] = errors[first]
         if rng.random() < 0.7:
             jitter = 0 * jitter
@@ -125,15 +127,15 @@ def tracked(drive: Truth, rng: np.random.Generator) -> tuple[np.ndarray, ...]:
     wander = _wander(rng, time_s, memory_s) if len(keep) > 2 else 0.0
     heading = pose[:, 2] + heading_sd * wander
     seen = np.ones(len(keep), bool)
-    if rng.random() < 0.3:  # not seen for a while
+    if rng.random() < 0.3:  # not detected for a while
         first = rng.uniform(0, time_s[-1])
         seen = (time_s < first) | (time_s > first + rng.exponential(1.0))
         seen[[0, -1]] = True
-    told = np.tile(np.hypot(sd, jitter) * np.exp(rng.normal(0, 0.3)), (len(keep), 1))
-    return time_s[seen], xy[seen], heading[seen], told[seen]
+    stated_sd = np.tile(np.hypot(sd, jitter) * np.exp(rng.normal(0, 0.3)), (len(keep), 1))
+    return time_s[seen], xy[seen], heading[seen], stated_sd[seen]
 
 
 def _runs(mask: np.ndarray) -> list[tuple[int, int]]:
-    """First and one past the last index of each stretch of true."""
+    """Returns the first index, and one past the last, of each run of true values."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))

@@ -1,7 +1,7 @@
-"""Writes a trained net as ONNX with its card, checks that the runtime agrees, and writes the fixtures.
+"""Writes a trained net as ONNX with its card, checks ONNX Runtime against PyTorch, and writes the fixtures.
 
-python -m activity.export --net WORK/3d.pt --name activity --out models
-python -m activity.export --fixture tests/data/activity/features.json --windows tests/data/activity/windows.json
+roadplane-train activity export --net WORK/3d.pt --name activity --out models
+roadplane-train activity export --fixture tests/data/activity/features.json --windows tests/data/activity/windows.json
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from json_files import write_json
+from roadplane_train.json_files import write_json
 
 from . import windows
 from .data import made_sequences
@@ -23,15 +23,17 @@ from .features import FEATURES, STEP_S, features, grid
 from .model import Both, Net
 
 ROW_TITLES = {
-    "3d": "what a vehicle does, from its motion on the ground",
-    "2d": "what a vehicle does, from its box's motion in the picture (baseline of the paper)",
-    "2d_size": "what a vehicle does, from its box's motion in the picture over the box's size (baseline)",
+    "3d": "activities of vehicles, from their motion on the ground",
+    "2d": "activities of vehicles, from the motion of their boxes in the picture (baseline of the paper)",
+    "2d_size": "activities of vehicles, from the motion of their boxes in the picture over the boxes' size (baseline)",
 }
 
 
 def write_net(net: nn.Module, path: Path, inputs: dict, outputs: dict, examples: list[np.ndarray], about: dict) -> None:
-    """`path` and its card beside it, which goes on with `about`; the runtime must agree on the examples. Of the one input and
-    the one output shapes are given by name; where these have names they may vary."""
+    """Writes an ONNX file and, beside it, its card, which ends with `about`. ONNX Runtime must agree on the examples.
+
+    The shapes of the one input and the one output are given by name. A named dimension may vary.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     shapes = {**inputs, **outputs}
     axes = {name: {i: size for i, size in enumerate(shape) if isinstance(size, str)} for name, shape in shapes.items()}
@@ -63,7 +65,7 @@ def write_net(net: nn.Module, path: Path, inputs: dict, outputs: dict, examples:
 
 
 def export(net_path: Path, name: str, out: Path) -> None:
-    """`out/name.onnx` and `out/name.card.json`."""
+    """Writes `out/name.onnx` and `out/name.card.json`."""
     saved = torch.load(net_path)
     net = Net(saved["result"]["hidden"])
     net.load_state_dict(saved["state"])
@@ -85,7 +87,7 @@ def export(net_path: Path, name: str, out: Path) -> None:
 
 
 def fixture(path: Path) -> None:
-    """Motions with their features: with heading and sds, with gaps, without either, and a single sample."""
+    """Returns motions with their features: with heading and sds, with gaps, without either, and a single sample."""
     rng = np.random.default_rng(3)
     cases = []
     for number in range(4):
@@ -93,10 +95,10 @@ def fixture(path: Path) -> None:
         while len(drive.time_s) > 500:
             drive = truth(rng)
         time_s, xy, heading, sd = (np.round(part, 4) for part in tracked(drive, rng))
-        known, told = (heading, sd) if number < 2 else (None, None)
+        given_heading, given_sd = (heading, sd) if number < 2 else (None, None)
         if number == 1:
             keep = (time_s < 3) | (time_s > 8)
-            time_s, xy, known, told = time_s[keep], xy[keep], heading[keep], sd[keep]
+            time_s, xy, given_heading, given_sd = time_s[keep], xy[keep], heading[keep], sd[keep]
         if number == 3:
             time_s, xy = time_s[:1], xy[:1]
         at = grid(time_s)
@@ -104,10 +106,10 @@ def fixture(path: Path) -> None:
             {
                 "time_s": time_s.tolist(),
                 "xy_m": xy.tolist(),
-                "heading_rad": [] if known is None else known.tolist(),
-                "sd_m": [] if told is None else told.tolist(),
+                "heading_rad": [] if given_heading is None else given_heading.tolist(),
+                "sd_m": [] if given_sd is None else given_sd.tolist(),
                 "steps": np.round(at / STEP_S).astype(int).tolist(),
-                "features": np.round(features(at, time_s, xy, known, told).astype(float), 5).tolist(),
+                "features": np.round(features(at, time_s, xy, given_heading, given_sd).astype(float), 5).tolist(),
             }
         )
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -120,7 +122,7 @@ def main() -> None:
     parser.add_argument("--name", default="activity")
     parser.add_argument("--out", type=Path)
     parser.add_argument("--fixture", type=Path)
-    parser.add_argument("--windows", type=Path, help="the fixture of the video row's windows")
+    parser.add_argument("--windows", type=Path, help="writes the fixture of the windows of the video row to this file")
     options = parser.parse_args()
     if options.fixture:
         fixture(options.fixture)

@@ -1,9 +1,12 @@
-"""Motion of a track → what the net sees, five times a second. `crates/activity/src/{motion,features}.rs` do the same; both
-are held to `tests/data/activity/features.json`.
+"""Computes the input of the nets from the motion of a track, at five steps per second.
 
-At every grid time (whole multiples of STEP_S) a parabola is fitted to the positions around it, axis by axis: least squares
-with Gaussian weights in time that always add up to the same, so that the frame rate does not matter, and with priors on
-speed and acceleration, weighed by the positions' sd, so that few or bad samples make a calm motion, not a wild one.
+`crates/activity/src/{motion,features}.rs` compute the same; `tests/data/activity/features.json` holds both to the same
+numbers.
+
+At every grid time (whole multiples of STEP_S) a parabola is fitted to the nearby positions, axis by axis. It is a
+least-squares fit with Gaussian weights in time. The weights always have the same sum, so the frame rate does not
+matter. Priors on speed and acceleration, weighted by the sd of the positions, keep the motion calm where samples are
+few or poor.
 """
 
 from __future__ import annotations
@@ -11,27 +14,30 @@ from __future__ import annotations
 import numpy as np
 
 STEP_S = 0.2
-WINDOW_SD_S, WINDOW_S = 0.35, 1.05  # samples farther away count nothing
-WEIGHT = 5.0  # what the weights add up to, samples
+WINDOW_SD_S, WINDOW_S = 0.35, 1.05  # samples farther away have no weight
+WEIGHT = 5.0  # sum of the weights, samples
 LEAST_SD_M, UNKNOWN_SD_M = 0.05, 0.15
 SPEED_MPS, ACCELERATION = 10.0, 2.5  # sd of the priors
 HEADING_SD, YAW_RATE = 0.05, 1.0
-SLOW_MPS = 0.3  # directions fade out below
+SLOW_MPS = 0.3  # directions fade out below this speed
 FEATURES = 15
-ODD = (3, 5, 6, 7, 8)  # features that change their sign when left and right change sides
+ODD = (3, 5, 6, 7, 8)  # features whose sign changes when left and right are exchanged
 
 
 def grid(time_s: np.ndarray) -> np.ndarray:
-    """Grid times from the one at or before the first sample to the one at or after the last."""
+    """Returns the grid times, from the one at or before the first sample to the one at or after the last."""
     first, last = np.floor(time_s[0] / STEP_S + 1e-6), np.ceil(time_s[-1] / STEP_S - 1e-6)
     return np.arange(first, last + 1) * STEP_S
 
 
 def local_fit(at: np.ndarray, time_s: np.ndarray, values: np.ndarray, sd: np.ndarray, priors: tuple[float, ...]) -> tuple:
-    """Polynomial around each grid time: coefficients (grid, 1 + len(priors)) of dt^k / k!, the weighted mean square
-    residual (grid,) and the sd of the samples there (grid,). The constant has no prior."""
+    """Fits a polynomial around each grid time.
+
+    Returns the coefficients (grid, 1 + len(priors)) of dt^k / k!, the weighted mean square residual (grid,), and the sd
+    of the samples there (grid,). The constant has no prior.
+    """
     dt = time_s[None] - at[:, None]
-    # In a gap the window moves to the nearest sample, or nothing would be in it.
+    # In a gap the window moves to the nearest sample; otherwise it would be empty.
     distance = np.maximum(np.abs(dt) - np.abs(dt).min(1)[:, None], 0)
     weight = np.exp(-0.5 * (distance / WINDOW_SD_S) ** 2) * (distance <= WINDOW_S)
     weight *= WEIGHT / weight.sum(1, keepdims=True)
@@ -52,7 +58,7 @@ def features(
     heading: np.ndarray | None = None,
     sd_m: np.ndarray | None = None,
 ) -> np.ndarray:
-    """(grid, FEATURES) of positions (n, 2). `heading` (n,), rad, and `sd_m` (n, 2) where they are known."""
+    """Returns features (grid, FEATURES) of positions (n, 2). `heading` (n,), rad, and `sd_m` (n, 2) are optional."""
     sd_m = np.full_like(xy, UNKNOWN_SD_M) if sd_m is None else np.maximum(sd_m, LEAST_SD_M)
     fits = [local_fit(at, time_s, xy[:, i], sd_m[:, i], (SPEED_MPS, ACCELERATION)) for i in (0, 1)]
     velocity, acceleration = (np.stack([fit[0][:, k] for fit in fits], 1) for k in (1, 2))
@@ -72,7 +78,7 @@ def features(
         forward = velocity[:, 0] * cos + velocity[:, 1] * sin
         sideways = velocity[:, 1] * cos - velocity[:, 0] * sin
     gap = np.abs(time_s[None] - at[:, None]).min(1)
-    # The sd along the motion and across it; of a standing car the mean of both.
+    # The sd along the motion and across it; for a stationary car the mean of both.
     part = (velocity / faded[:, None]) ** 2 + (SLOW_MPS**2 / faded**2 / 2)[:, None]
     sd_along = np.sqrt((part * sd**2).sum(1))
     sd_across = np.sqrt((part[:, ::-1] * sd**2).sum(1))

@@ -1,11 +1,15 @@
-"""MEVA's activity instances: annotators' boxes → tracks on the ground through the published cameras.
+"""Converts MEVA's activity instances: annotated boxes to tracks on the ground, through the published cameras.
 
-Reads a folder with `activities.csv`, `boxes.parquet` and `krtd/` (its README says what they hold). The published focal
-length and lens are used as they are. Their z = 0 is not the ground everywhere (vehicles come out at a third to five times
-their size; one camera was turned since), so the ground is the plane on which the boxes have the size of cars, as in our
-product; each track is then scaled until its own boxes have it. A vehicle is where the ray through its box's middle meets
-that plane, raised by half a car's height. Most of these cameras look along the ground so flatly that a box's errors would be
-blown up twentyfold along the line of sight: there motion is stretched to what a slope of SLOPE would show, and no more.
+It reads a folder with `activities.csv`, `boxes.parquet` and `krtd/`; the folder's README describes them. The published
+focal lengths and lenses are used unchanged.
+
+The published plane z = 0 is not the ground everywhere. Vehicles come out at a third to five times their size, and one
+camera was turned later. So the ground is the plane on which the boxes have the size of cars, as in our product. Each
+track is then scaled until its own boxes have that size. The position of a vehicle is the point where the ray through
+the centre of its box meets that plane, raised by half a car's height.
+
+Most of these cameras view the ground at so flat an angle that box errors would grow twentyfold along the line of sight.
+There, motion is scaled to a slope of SLOPE at most.
 """
 
 from __future__ import annotations
@@ -18,20 +22,20 @@ import numpy as np
 
 RATE_HZ = 30.0
 CLASSES = ("starting", "stopping", "turning_left", "turning_right", "u_turn", "reversing")
-# Cameras that nothing is learnt from, all six classes among them.
+# Cameras that are never trained on; they have instances of all six classes.
 TEST_CAMERAS = ("G336", "G341", "G506", "G639")
 PICTURE_PX = (1920.0, 1072.0)
-# A car as its box shows it: height, extent along the view (seen from above), and across it, m; sd of a box's edge, of its size.
+# A car's size in its box: height, extent along the view (from above) and across it, m; sd of a box's edge, of its size.
 CAR_M = (1.5, 3.0, 3.2)
 EDGE_SD = 0.015
 SLOPE = 0.3
-# Fewer instances than this say too little of a camera's ground: then it is z = 0.
+# A camera with fewer instances gets z = 0 as its ground.
 PLANE_INSTANCES = 50
 
 
 @dataclass(frozen=True)
 class Instance:
-    """One labelled stretch of one vehicle."""
+    """One labelled interval of one vehicle."""
 
     clip: str
     camera: str
@@ -43,7 +47,7 @@ class Instance:
 
 
 def read_krtd(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """K, R, T and distortion (OpenCV's order, five numbers)."""
+    """Reads K, R, T and distortion (five numbers in OpenCV's order)."""
     numbers = np.array(path.read_text().split(), float)
     lens = np.zeros(5)
     lens[: len(numbers[21:26])] = numbers[21:26]
@@ -51,7 +55,7 @@ def read_krtd(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarra
 
 
 def undistorted(points: np.ndarray, lens: np.ndarray) -> np.ndarray:
-    """Points (n, 2) at depth 1 without the lens's distortion: fixed-point iteration as in OpenCV's undistortPoints."""
+    """Removes the lens's distortion from points (n, 2) at depth 1, as OpenCV's undistortPoints does."""
     k1, k2, p1, p2, k3 = lens
     found = points.copy()
     for _ in range(20):
@@ -64,7 +68,7 @@ def undistorted(points: np.ndarray, lens: np.ndarray) -> np.ndarray:
 
 
 def rays_of(boxes: np.ndarray, camera: tuple[np.ndarray, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Rays (n, 3) at depth 1 through the middle of boxes' lower edges, and the boxes' size at depth 1 (root of their area)."""
+    """Returns rays (n, 3) at depth 1 through the boxes' lower edges, and the boxes' size there (root of area)."""
     k, _, _, lens = camera
     feet = np.stack([(boxes[:, 0] + boxes[:, 2]) / 2, boxes[:, 3]], 1)
     at_one = (feet - [k[0, 2], k[1, 2]]) / [k[0, 0], k[1, 1]]
@@ -73,22 +77,25 @@ def rays_of(boxes: np.ndarray, camera: tuple[np.ndarray, ...]) -> tuple[np.ndarr
 
 
 def whole(boxes: np.ndarray) -> np.ndarray:
-    """Which boxes do not end at the picture's edge."""
+    """Returns which boxes do not touch the picture's edge."""
     return (boxes[:, :2] > 3).all(1) & (boxes[:, 2:] < np.array(PICTURE_PX) - 3).all(1)
 
 
 def car_size(slope: np.ndarray) -> np.ndarray:
-    """Root of the area that a car's box has, m, seen so steeply (sine of the angle below the horizontal)."""
+    """Returns the root of the area of a car's box, m, at a given slope (sine of the angle below the horizontal)."""
     return np.sqrt(CAR_M[2] * (CAR_M[0] * np.sqrt(1 - slope**2) + CAR_M[1] * slope))
 
 
 def slopes(rays: np.ndarray, down: np.ndarray) -> np.ndarray:
-    """Sine of the rays' angle below the horizontal."""
+    """Returns the sine of the rays' angles below the horizontal."""
     return np.clip(rays @ down / np.linalg.norm(rays, axis=1), 0.01, 1)
 
 
 def ground_below(tracks: list[np.ndarray], camera: tuple[np.ndarray, ...]) -> np.ndarray:
-    """The ground as g, camera frame: g · ray is 1 / depth of where a ray of depth 1 meets it. Fitted to the boxes' sizes."""
+    """Fits the ground to the sizes of the boxes.
+
+    Returns g in the camera frame: g · ray is 1 / depth of the point where a ray of depth 1 meets the ground.
+    """
     _, r, t, _ = camera
     down, height = -r[:, 2], -(r.T @ t)[2]
     if len(tracks) < PLANE_INSTANCES:
@@ -97,7 +104,7 @@ def ground_below(tracks: list[np.ndarray], camera: tuple[np.ndarray, ...]) -> np
     boxes = np.concatenate([b[[0, len(b) // 2, -1]] for b in complete if len(b)])
     rays, size = rays_of(boxes, camera)
     weight = np.ones(len(boxes))
-    for _ in range(30):  # Huber: other vehicles than cars count less
+    for _ in range(30):  # Huber: vehicles other than cars get less weight
         inverse_depth = size / car_size(slopes(rays, down))
         each = weight / inverse_depth
         ground = np.linalg.lstsq(rays * each[:, None], inverse_depth * each, rcond=None)[0]
@@ -107,7 +114,7 @@ def ground_below(tracks: list[np.ndarray], camera: tuple[np.ndarray, ...]) -> np
 
 
 def ground_track(boxes: np.ndarray, camera: tuple[np.ndarray, ...], ground: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    """Positions (n, 2) and their sds of boxes (n, 4), m; none for a box at or above the horizon."""
+    """Returns positions (n, 2) of boxes (n, 4) and their sds, m; None for a box at or above the horizon."""
     rays, size = rays_of(boxes, camera)
     middles, _ = rays_of(boxes - [0, 0, 0, 1] * (boxes[:, 3:] - boxes[:, 1:2]) / 2, camera)
     down = ground / np.linalg.norm(ground)
@@ -118,8 +125,8 @@ def ground_track(boxes: np.ndarray, camera: tuple[np.ndarray, ...], ground: np.n
     depth = raised / (middles @ down)
     points = middles * depth[:, None]
     flat = points - (points @ down)[:, None] * down
-    sight = flat.mean(0) / np.linalg.norm(flat.mean(0))
-    xy = np.stack([flat @ np.cross(down, sight), flat @ sight], 1)
+    forward = flat.mean(0) / np.linalg.norm(flat.mean(0))
+    xy = np.stack([flat @ np.cross(down, forward), flat @ forward], 1)
 
     scales = car_size(slope) / (size * depth)
     scale = np.median(scales[whole(boxes)] if whole(boxes).any() else scales)
@@ -129,7 +136,7 @@ def ground_track(boxes: np.ndarray, camera: tuple[np.ndarray, ...], ground: np.n
 
 
 def read_instances(folder: Path) -> list[Instance]:
-    """All instances with at least four boxes on the ground."""
+    """Reads all instances with at least four boxes on the ground."""
     import pyarrow.parquet as parquet
 
     table = parquet.read_table(folder / "boxes.parquet")
@@ -155,7 +162,7 @@ def read_instances(folder: Path) -> list[Instance]:
 
 
 def write_table(instances: list[Instance], path: Path) -> None:
-    """The instances as a table for `roadplane activity` and, with their labels, `roadplane eval activity`."""
+    """Writes the instances as a table, for `stage activity` and, with labels, for `eval activity`."""
     import pyarrow
     import pyarrow.parquet as parquet
 
@@ -180,7 +187,7 @@ def write_table(instances: list[Instance], path: Path) -> None:
 def main() -> None:
     import argparse
 
-    parser = argparse.ArgumentParser(description="Writes the instances of cameras that nothing is learnt from as a table.")
+    parser = argparse.ArgumentParser(description="Writes the instances of the cameras that are never trained on as a table.")
     parser.add_argument("folder", type=Path, help="activities.csv, boxes.parquet, krtd/")
     parser.add_argument("--out", type=Path, required=True, help="FILE.parquet")
     parser.add_argument("--cameras", nargs="*", default=list(TEST_CAMERAS))

@@ -1,4 +1,4 @@
-"""The net: a bidirectional LSTM, which looks at every motion and at its mirror image."""
+"""The activity net: a bidirectional LSTM, evaluated on every motion and on its mirror image."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from .features import FEATURES, ODD
 
 
 def mirrored_labels() -> list[int]:
-    """Index of each label's mirror image."""
+    """Returns the index of each label's mirror image."""
     swap = {"turning_left": "turning_right", "turning_right": "turning_left"}
     return [LABELS.index(swap.get(label, label)) for label in LABELS]
 
 
 class Net(nn.Module):
-    """Features (batch, steps, FEATURES) → logits (batch, steps, LABELS)."""
+    """Maps features (batch, steps, FEATURES) to logits (batch, steps, LABELS)."""
 
     def __init__(self, hidden: int = 48, layers: int = 2, dropout: float = 0.3) -> None:
         super().__init__()
@@ -34,8 +34,10 @@ class Net(nn.Module):
 
 
 class Both(nn.Module):
-    """Probabilities (batch, steps, LABELS): the mean of a net on a motion and on its mirror image, as logarithms. The weights
-    that its labels had in training are taken out again, or rare labels would be told too often."""
+    """Returns log probabilities (batch, steps, LABELS): the mean of a net on a motion and on its mirror image.
+
+    The label weights of the training are divided out, as rare labels would be predicted too often otherwise.
+    """
 
     def __init__(self, net: Net, label_weights: torch.Tensor) -> None:
         super().__init__()

@@ -1,9 +1,11 @@
-"""How far annotators' beginnings and ends spread: `python -m activity.spread DIR` (MEVA's instances, see `meva.py`).
+"""Measures how far annotated beginnings and ends of activities spread, on MEVA's instances (`meva.py`).
 
-A motion has beginnings and ends of its own: a start begins where the vehicle first goes at a share of its top speed, a stop
-ends where it last does, a turn begins and ends where a tenth and nine tenths of it are done. How long after the annotated
-beginning (before the annotated end) that is differs from one instance to the next; half the range of the middle 68 % is the
-spread, 1 sd where it is Gaussian. Errors of the boxes are in it, so annotators are a little better.
+  roadplane-train activity spread DIR
+
+A motion has a beginning and an end of its own. A start begins when the vehicle first reaches a share of its top speed;
+a stop ends when it last does. A turn begins and ends when a tenth and nine tenths of it are done. The script compares
+these times with the annotated ones, instance by instance. Half the range of the middle 68 % is the spread, which is 1
+sd for a Gaussian. The errors of the boxes are part of it, so annotators are a little better.
 """
 
 from __future__ import annotations
@@ -18,12 +20,12 @@ from .features import STEP_S, features, grid
 from .meva import Instance, read_instances
 
 SHARE, LEAST_MPS = 0.15, 0.5
-FASTEST_MPS, SLOW_END = 1.5, 0.4  # of starts and stops that are told from driving on: top speed, share of it at rest
+FASTEST_MPS, SLOW_END = 1.5, 0.4  # thresholds of starts and stops: top speed, share of it at rest
 LEAST_TURN = 0.8  # rad
 
 
 def offsets(instance: Instance) -> Iterator[tuple[str, float]]:
-    """What is measured, and how long after the annotated beginning or before the annotated end the motion's own is, s."""
+    """Yields each event's name, and how long it is after the annotated beginning or before the annotated end, s."""
     at = grid(instance.time_s)
     values = features(at, instance.time_s, instance.xy_m, sd_m=instance.sd_m)
     speed, turned = values[:, 0] * 5, np.cumsum(values[:, 8] * STEP_S)
@@ -49,7 +51,7 @@ def main() -> None:
             found.setdefault(name, []).append(seconds)
     for name, seconds in sorted(found.items()):
         low, middle, high = np.percentile(seconds, [16, 50, 84])
-        print(f"{name}: {len(seconds)} instances, {middle:.2f} s inside what is annotated, spread {(high - low) / 2:.2f} s")
+        print(f"{name}: {len(seconds)} instances, {middle:.2f} s inside the annotation, spread {(high - low) / 2:.2f} s")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Needs NumPy alone: python -m unittest activity.test_activity"""
+"""Tests of the features, the windows and MEVA's conversion; they need NumPy alone."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from .drives import LABELS, tracked, truth
-from .features import FEATURES, ODD, features, grid
-from .meva import ground_below, ground_track, undistorted
-from .windows import REACH, SIDE_PX, STEPS, cut, fixture, square_around, window
+from roadplane_train.activity.drives import LABELS, tracked, truth
+from roadplane_train.activity.features import FEATURES, ODD, features, grid
+from roadplane_train.activity.meva import ground_below, ground_track, undistorted
+from roadplane_train.activity.windows import REACH, SIDE_PX, STEPS, cut, fixture, square_around, window
 
 FIXTURES = Path(__file__).parents[3] / "tests/data/activity"
 FIXTURE = FIXTURES / "features.json"
@@ -70,7 +70,7 @@ class Windows(unittest.TestCase):
             self.assertEqual((Path(folder) / "windows.json").read_text(), (FIXTURES / "windows.json").read_text())
 
     def test_a_window_shows_its_square_step_by_step(self) -> None:
-        """Pictures as bright as their number, with a dark box in the middle of each."""
+        """Each picture is as bright as its number, with a dark box at its centre."""
         pictures = np.repeat(np.arange(100, 110, dtype=np.uint8), 40 * 60 * 3).reshape(10, 40, 60, 3).copy()
         pictures[:, 16:24, 25:35] = 0
         square = square_around(np.array([25.0, 16.0, 34.0, 23.0]) + [-0.5, -0.5, 0.5, 0.5])
@@ -94,11 +94,14 @@ class Ground(unittest.TestCase):
         r2 = x * x + y * y
         radial = 1 + lens[0] * r2 + lens[1] * r2 * r2
         shift = [2 * lens[2] * x * y + lens[3] * (r2 + 2 * x * x), lens[2] * (r2 + 2 * y * y) + 2 * lens[3] * x * y]
-        bent = true * radial + shift
-        np.testing.assert_allclose(undistorted(bent[None], lens)[0], true, atol=1e-6)
+        distorted = true * radial + shift
+        np.testing.assert_allclose(undistorted(distorted[None], lens)[0], true, atol=1e-6)
 
     def test_a_track_comes_back_in_metres(self) -> None:
-        """A camera 10 m up, 0.5 rad down: a box whose middle is 0.75 m above the ground and drives 10 m to the right."""
+        """The camera is 10 m high and tilted by 0.5 rad.
+
+        A box with its centre 0.75 m above the ground moves 10 m to the right.
+        """
         tilt, height, focal = 0.5, 10.0, 1500.0
         down = np.array([0, np.cos(tilt), np.sin(tilt)])
         forward = np.array([0, -np.sin(tilt), np.cos(tilt)])
@@ -117,7 +120,3 @@ class Ground(unittest.TestCase):
         self.assertLess(np.abs(steps[:, 1]).max(), 0.02)
         self.assertLess(np.ptp(steps[:, 0]), 0.02)
         self.assertGreater(steps[0, 0], 0.3)
-
-
-if __name__ == "__main__":
-    unittest.main()

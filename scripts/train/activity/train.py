@@ -1,6 +1,6 @@
-"""Trains a net for one row of the table and says how good it is on cameras that it has not learnt from.
+"""Trains a net for one row of the table and evaluates it on cameras that it was not trained on.
 
-python -m activity.train --meva DIR --row 3d --out WORK/3d.pt
+roadplane-train activity train --meva DIR --row 3d --out WORK/3d.pt
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from .model import Both, Net, mirrored_labels
 
 BATCH = 48
 RATE = 4e-3
-# Rare labels count more, by this power of how rare they are.
+# Exponent of the label weights: rarer labels weigh more.
 RARITY = 0.5
 
 
 def batches(sequences: list[Sequence], rng: np.random.Generator) -> Iterator[list[Sequence]]:
-    """All, shuffled, in batches of about one length, which are shuffled again."""
+    """Returns all sequences in batches of similar length, shuffled."""
     order = rng.permutation(len(sequences))
     pools = [order[first : first + 24 * BATCH] for first in range(0, len(order), 24 * BATCH)]
     groups = []
@@ -39,7 +39,10 @@ def batches(sequences: list[Sequence], rng: np.random.Generator) -> Iterator[lis
 
 
 def stacked(batch: list[Sequence]) -> tuple[torch.Tensor, ...]:
-    """Values, lengths, labels, weights, which are instances; padded with zeros. The longest must come first."""
+    """Returns values, lengths, labels, weights and the whole-instance flag, padded with zeros.
+
+    The longest sequence must be first.
+    """
     lengths = [len(sequence.labels) for sequence in batch]
     values = np.zeros((len(batch), lengths[0], FEATURES), np.float32)
     labels, weights = np.zeros(values.shape[:2], int), np.zeros(values.shape[:2], np.float32)
@@ -51,14 +54,14 @@ def stacked(batch: list[Sequence]) -> tuple[torch.Tensor, ...]:
 
 
 def rarity(sequences: list[Sequence]) -> torch.Tensor:
-    """Weight of each label, of steps."""
+    """Returns the weight of each label, computed from the steps."""
     counts = sum(np.bincount(s.labels, s.weights, len(LABELS)) for s in sequences)
     weight = (counts.sum() / np.maximum(counts, 1) / len(LABELS)) ** RARITY
     return torch.tensor(weight, dtype=torch.float32)
 
 
 def train(sequences: list[Sequence], epochs: int, hidden: int, seed: int, minutes: float) -> Both:
-    """A net after so many epochs, or minutes if these are over first."""
+    """Trains a net for a number of epochs, or until the minutes are over."""
     torch.manual_seed(seed)
     rng = np.random.default_rng(seed)
     net = Net(hidden)
@@ -83,7 +86,7 @@ def train(sequences: list[Sequence], epochs: int, hidden: int, seed: int, minute
             each = nn.functional.cross_entropy(logits.flatten(0, 1), labels.flatten(), reduction="none").view_as(weights)
             loss = (each * weights).sum() / weights.sum()
             if instance.any():
-                # An instance is told by the mean of its steps' logits, among the labels that instances have.
+                # An instance is classified by the mean logits of its steps, among the labels that instances have.
                 inside = (weights > 0)[..., None]
                 mean = ((logits * inside).sum(1) / inside.sum(1))[instance][:, INSTANCE_LABELS]
                 truth = torch.tensor([INSTANCE_LABELS.index(k) for k in labels[instance, 0].tolist()])
@@ -101,20 +104,20 @@ def train(sequences: list[Sequence], epochs: int, hidden: int, seed: int, minute
 
 
 def probabilities(net: Both, sequences: list[Sequence]) -> list[np.ndarray]:
-    """Per sequence the probabilities (n, LABELS) of its steps."""
+    """Returns the probabilities (n, LABELS) of the steps of each sequence."""
     with torch.no_grad():
         return [net(torch.tensor(sequence.values)[None])[0].numpy() for sequence in sequences]
 
 
 def instance_label(found: np.ndarray) -> int:
-    """The label of a whole instance, among those that instances have."""
+    """Returns the label of a whole instance, among those that instances have."""
     return INSTANCE_LABELS[int(np.log(found[:, INSTANCE_LABELS] + 1e-9).mean(0).argmax())]
 
 
-def scores(truth: np.ndarray, told: np.ndarray, labels: list[int]) -> dict:
-    """Accuracy, precision and recall: each label's, and the mean over labels."""
+def scores(truth: np.ndarray, predicted: np.ndarray, labels: list[int]) -> dict:
+    """Returns accuracy, precision and recall, per label and as the mean over labels."""
     counts = np.zeros((len(LABELS), len(LABELS)), int)
-    np.add.at(counts, (truth, told), 1)
+    np.add.at(counts, (truth, predicted), 1)
     hit = np.diag(counts)[labels]
     precision = hit / np.maximum(counts.sum(0)[labels], 1)
     recall = hit / np.maximum(counts.sum(1)[labels], 1)
@@ -125,17 +128,17 @@ def scores(truth: np.ndarray, told: np.ndarray, labels: list[int]) -> dict:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--meva", type=Path, help="MEVA's instances; without them made-up drives alone")
+    parser.add_argument("--meva", type=Path, help="folder of MEVA's instances; without it, training uses synthetic drives alone")
     parser.add_argument("--row", choices=ROWS, default="3d")
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--epochs", type=int, default=14)
     parser.add_argument("--hidden", type=int, default=48)
-    parser.add_argument("--made", type=int, default=3000, help="pieces of made-up drives")
-    parser.add_argument("--made-test", type=int, default=300, help="others, to say how good the net is")
-    parser.add_argument("--versions", type=int, default=2, help="changed versions of each instance")
+    parser.add_argument("--made", type=int, default=3000, help="number of pieces of synthetic drives")
+    parser.add_argument("--made-test", type=int, default=300, help="number of further pieces, for the evaluation")
+    parser.add_argument("--versions", type=int, default=2, help="augmented copies of each instance")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--minutes", type=float, default=25, help="no new epoch after so many")
-    parser.add_argument("--least", type=float, default=0.0, help="accuracy on made-up drives below which it has failed")
+    parser.add_argument("--minutes", type=float, default=25, help="starts no epoch after this time")
+    parser.add_argument("--least", type=float, default=0.0, help="the command fails if the accuracy on synthetic drives is lower")
     parser.add_argument("--test-cameras", nargs="*", default=list(TEST_CAMERAS))
     options = parser.parse_args()
     torch.set_num_threads(1)
@@ -150,12 +153,12 @@ def main() -> None:
     if options.meva:
         test = meva_sequences(options.meva, options.row, tuple(options.test_cameras), True, 0, 0)
         truth = np.array([sequence.labels[0] for sequence in test])
-        told = np.array([instance_label(found) for found in probabilities(net, test)])
+        predicted = np.array([instance_label(found) for found in probabilities(net, test)])
         about = {"instances": len(test), "cameras": options.test_cameras}
-        metrics["meva, cameras not learnt from"] = {**about, **scores(truth, told, INSTANCE_LABELS)}
+        metrics["meva, cameras not learnt from"] = {**about, **scores(truth, predicted, INSTANCE_LABELS)}
     made = made_sequences(options.row, options.made_test, options.seed + 1000)
-    told = np.concatenate([found.argmax(1) for found in probabilities(net, made)])
-    metrics["made-up drives"] = scores(np.concatenate([s.labels for s in made]), told, list(range(len(LABELS))))
+    predicted = np.concatenate([found.argmax(1) for found in probabilities(net, made)])
+    metrics["made-up drives"] = scores(np.concatenate([s.labels for s in made]), predicted, list(range(len(LABELS))))
     seconds = {"wall_s": round(time.monotonic() - began), "processor_s": round(time.process_time())}
     result = {"row": options.row, "hidden": options.hidden, "seed": options.seed, **seconds, "metrics": metrics}
     options.out.parent.mkdir(parents=True, exist_ok=True)
@@ -164,7 +167,7 @@ def main() -> None:
         print(name, metric, flush=True)
     print(seconds, flush=True)
     if metrics["made-up drives"]["accuracy"] < options.least:
-        raise SystemExit(f"it has not learnt: accuracy on made-up drives is below {options.least}")
+        raise SystemExit(f"training failed: accuracy on synthetic drives is below {options.least}")
 
 
 if __name__ == "__main__":

@@ -1,10 +1,11 @@
 """Trains the net of the table's video row on clips with truth, and exports it with its card.
 
-python -m activity.video --clips DIR ... --work WORK/video --out OUT
+  roadplane-train activity video --clips DIR ... --work WORK/video --out OUT
 
-A small R(2+1)D (Tran et al., CVPR 2018: convolutions over a picture and over time take turns) on windows (`windows.py`), with
-nothing learnt before. `DIR` holds a data set with truth, as `render.dataset` and `render.busy --pixels` make them. Windows
-and epochs are kept in WORK, and a killed training goes on after the last one.
+The net is a small R(2+1)D (Tran et al., CVPR 2018), which alternates convolutions over the picture and over time. It is
+trained from random weights on windows (`windows.py`). `DIR` holds a data set with truth, as `render dataset` and
+`render busy --pixels` make it. Windows and epochs are stored in WORK; a training that was killed resumes after the last
+epoch.
 """
 
 from __future__ import annotations
@@ -17,24 +18,24 @@ import numpy as np
 import torch
 from torch import nn
 
-from json_files import read_json
+from roadplane_train.json_files import read_json
 
 from .drives import LABELS
 from .export import write_net
 from .model import mirrored_labels
 from .train import RARITY, scores
-from .windows import BEFORE, REACH, SIDE_PX, STEP_S, STEPS, TOLD, TOLD_BEFORE, read_clip, square_around, window
+from .windows import BEFORE, LABELLED, LABELLED_BEFORE, REACH, SIDE_PX, STEP_S, STEPS, read_clip, square_around, window
 
 BATCH = 32
 RATE = 3e-3
-# Steps from one window of a car to the next, where it does something and where it stands all the while.
-EVERY, EVERY_STANDING = 2, 16
-VERSIONS = 2  # of each window, each with a square a little off
-HELD_OUT = 6  # every so manieth car is not learnt from
+# Steps between two windows of a car: while it moves, and while it is stationary.
+EVERY, EVERY_STATIONARY = 2, 16
+VERSIONS = 2  # copies of each window, each with a slightly shifted square
+HELD_OUT = 6  # one car in so many is held out
 
 
 class VideoNet(nn.Module):
-    """Bytes (batch, STEPS, SIDE_PX, SIDE_PX, 3) as numbers → logits (batch, TOLD, LABELS)."""
+    """Maps bytes (batch, STEPS, SIDE_PX, SIDE_PX, 3), as numbers, to logits (batch, LABELLED, LABELS)."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -50,18 +51,20 @@ class VideoNet(nn.Module):
         self.out = nn.Conv1d(64, len(LABELS), 5, padding=2)
 
     def forward(self, crops: torch.Tensor) -> torch.Tensor:
-        # Light and contrast are the window's own.
+        # Brightness and contrast are normalised per window.
         middle = crops.mean((1, 2, 3, 4), keepdim=True)
         spread = (crops - middle).pow(2).mean((1, 2, 3, 4), keepdim=True).sqrt() + 4.0
         values = ((crops - middle) / spread).permute(0, 4, 1, 2, 3)
         steps = self.out(self.whole(self.seen(values)).flatten(2))
-        first = BEFORE - TOLD_BEFORE
-        return steps[:, :, first : first + TOLD].transpose(1, 2)
+        first = BEFORE - LABELLED_BEFORE
+        return steps[:, :, first : first + LABELLED].transpose(1, 2)
 
 
 class BothViews(nn.Module):
-    """Probabilities (batch, TOLD, LABELS): the mean of a net on a window and on its mirror image, as logarithms, free of the
-    weights that labels had in training."""
+    """Returns log probabilities (batch, LABELLED, LABELS): the mean of a net on a window and on its mirror image.
+
+    The label weights of the training are divided out.
+    """
 
     def __init__(self, net: VideoNet, label_weights: torch.Tensor) -> None:
         super().__init__()
@@ -76,19 +79,19 @@ class BothViews(nn.Module):
 
 
 def windows_of(path: Path, rng: np.random.Generator) -> tuple[np.ndarray, ...]:
-    """Windows of a clip's cars, the labels of their told steps, how much these count, and whether the car is held out."""
+    """Returns the windows of a clip's cars, their steps' labels and weights, and which cars are held out."""
     pictures, cars = read_clip(path)
     crops, labels, weights, held_out = [], [], [], []
     for number, car in enumerate(cars):
         place = {int(step): i for i, step in enumerate(car.steps)}
         for k, step in enumerate(car.steps.tolist()):
-            told = [place.get(step - TOLD_BEFORE + i) for i in range(TOLD)]
+            labelled = [place.get(step - LABELLED_BEFORE + i) for i in range(LABELLED)]
             near = car.labels[max(k - BEFORE, 0) : k + BEFORE]
-            every = EVERY if near.any() else EVERY_STANDING
+            every = EVERY if near.any() else EVERY_STATIONARY
             if step % every:
                 continue
-            label = [0 if i is None else int(car.labels[i]) for i in told]
-            weight = [0.0 if i is None else every / EVERY for i in told]
+            label = [0 if i is None else int(car.labels[i]) for i in labelled]
+            weight = [0.0 if i is None else every / EVERY for i in labelled]
             for _ in range(VERSIONS):
                 square = square_around(car.boxes[k])
                 square[:2] += square[2] / REACH * rng.normal(0, 0.06, 2)
@@ -102,7 +105,7 @@ def windows_of(path: Path, rng: np.random.Generator) -> tuple[np.ndarray, ...]:
 
 
 def read_windows(folders: list[Path], seed: int, work: Path) -> tuple[np.ndarray, ...]:
-    """Those of all clips of some data sets; each clip's are kept in `work`."""
+    """Returns the windows of all clips of some data sets; those of each clip are stored in `work`."""
     clips = []
     for folder in folders:
         clips += [folder / item for item in read_json(folder / "dataset.json")["items"]]
@@ -121,14 +124,17 @@ def read_windows(folders: list[Path], seed: int, work: Path) -> tuple[np.ndarray
 
 
 def rarity(labels: np.ndarray, weights: np.ndarray) -> torch.Tensor:
-    """Weight of each label, as for the other rows; labels that never come up weigh as the rarest that does."""
+    """Returns the weight of each label, as for the other rows.
+
+    A label without samples weighs as much as the rarest one.
+    """
     counts = np.bincount(labels.ravel(), weights.ravel(), len(LABELS))
     counts = np.where(counts > 0, counts, counts[counts > 0].min())
     return torch.tensor((counts.sum() / counts / len(LABELS)) ** RARITY, dtype=torch.float32)
 
 
 def train(data: tuple[np.ndarray, ...], epochs: int, seed: int, work: Path) -> VideoNet:
-    """The net after so many epochs."""
+    """Trains the net for a number of epochs."""
     crops, labels, weights = data
     torch.manual_seed(seed)
     net, swap = VideoNet(), np.array(mirrored_labels())
@@ -169,8 +175,8 @@ def train(data: tuple[np.ndarray, ...], epochs: int, seed: int, work: Path) -> V
     return net.eval()
 
 
-def told(net: BothViews, crops: np.ndarray) -> np.ndarray:
-    """The most probable label of each told step (n, TOLD)."""
+def predicted(net: BothViews, crops: np.ndarray) -> np.ndarray:
+    """Returns the most probable label of each labelled step (n, LABELLED)."""
     with torch.no_grad():
         parts = [torch.from_numpy(crops[i : i + BATCH].astype(np.float32)) for i in range(0, len(crops), BATCH)]
         return torch.cat([net(part).argmax(2) for part in parts]).numpy()
@@ -183,7 +189,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--epochs", type=int, default=5)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--about", default="", help="the clips, for the card")
+    parser.add_argument("--about", default="", help="description of the clips, for the card")
     options = parser.parse_args()
     torch.set_num_threads(1)
     options.work.mkdir(parents=True, exist_ok=True)
@@ -193,20 +199,20 @@ def main() -> None:
     net = train((crops[learn], labels[learn], weights[learn]), options.epochs, options.seed, options.work)
     both = BothViews(net, rarity(labels[learn], weights[learn])).eval()
     counted, right = weights[held_out] > 0, labels[held_out]
-    metrics = scores(right[counted], told(both, crops[held_out])[counted], np.unique(right[counted]).tolist())
+    metrics = scores(right[counted], predicted(both, crops[held_out])[counted], np.unique(right[counted]).tolist())
     print(metrics, flush=True)
     about = f"seed {options.seed}, {options.epochs} epochs, {learn.sum()} windows of: {options.about}"
     write_net(
         both,
         options.out / "activity_video.onnx",
         {"crops": ["batch", STEPS, SIDE_PX, SIDE_PX, 3]},
-        {"labels": ["batch", TOLD, len(LABELS)]},
+        {"labels": ["batch", LABELLED, len(LABELS)]},
         [crops[:3].astype(np.float32)],
         {
             "licence": "MIT OR Apache-2.0",
             "preprocess": {"labels": list(LABELS), "step_s": STEP_S, "windows": "scripts/train/activity/windows.py"},
-            "source": "what a vehicle does, from pixels around it over 3 s (the table's video row)",
-            "how_made": f"python -m activity.video, {about}",
+            "source": "activities of vehicles, from pixels around them over 3 s (the table's video row)",
+            "how_made": f"roadplane-train activity video, {about}",
             "metrics": {"cars of the same clips, held out": metrics},
         },
     )

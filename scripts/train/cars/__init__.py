@@ -1,0 +1,1 @@
+"""Parametric cars, lorries and buses as meshes, and the shape atlas."""

@@ -1,7 +1,7 @@
-"""Build the shape atlas: mean and principal components of the keypoints over cars as in traffic.
+"""Builds the shape atlas: mean and principal components of the keypoints over cars as common as in traffic.
 
-`PYTHONPATH=scripts/train python -m cars.atlas` writes models/atlas.json and prints the report. The atlas is built on the cars
-of the `train` split; `--foreign FILE` writes the keypoints of the `eval` cars, for tests on cars that it does not know.
+`roadplane-train cars atlas` writes models/atlas.json and prints a report. The atlas is built on the cars of the `train`
+split. `--foreign FILE` writes the keypoints of the `eval` cars, for tests on cars that the atlas was not built on.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from .specs import SPECS, TRAFFIC_SHARE
 from .style import model_style, vary
 
 MODES = 6
-# The next components: how what six modes leave unexplained hangs together.
+# The next components: the correlations that six modes leave unexplained.
 FINE_MODES = 6
-# Some meshes are variants of each other or of cars never built, and their points were marked by eye.
+# Some meshes are variants of each other or of cars that were never built, and their points were marked by eye.
 MESH_WEIGHT = 1 / 3
-# How many models of a body type weigh as much as all cars together in saying how cars of a type differ.
+# Weight of all cars together against a body type's own models, in the covariance of that type, in models.
 POOLED_MODELS = 10
 MIRROR_SIGN = np.array([1.0, -1.0, 1.0])
 
 
 @dataclass(frozen=True)
 class Population:
-    """Cars in rows: keypoints (n, 36, 3), NaN where missing, dims (n, 3), weights (n,), base models (n,), body types (n,)."""
+    """Cars in rows: keypoints (n, 36, 3; NaN if missing), dims (n, 3), weights, base models, body types (n,)."""
 
     keypoints: np.ndarray
     dims: np.ndarray
@@ -42,13 +42,13 @@ class Population:
     bodies: np.ndarray
 
     def only(self, cars: np.ndarray) -> Population:
-        """The cars of these indices."""
+        """Returns the cars of these indices."""
         return Population(*(getattr(self, field.name)[cars] for field in fields(self)))
 
 
 @dataclass(frozen=True)
 class BodyType:
-    """Share of traffic, and a Gaussian on the coefficients of all modes: mean (12,), covariance (12, 12)."""
+    """A body type: share of traffic, and a Gaussian on all coefficients: mean (12,), covariance (12, 12)."""
 
     name: str
     share: float
@@ -58,7 +58,7 @@ class BodyType:
 
 @dataclass(frozen=True)
 class Basis:
-    """Half-car PCA: rows are the 18 left keypoints then dims; modes scaled to unit standard deviation."""
+    """PCA of half a car: rows are the 18 left keypoints, then the dims; modes are scaled to unit standard deviation."""
 
     mean: np.ndarray  # (57,)
     modes: np.ndarray  # (MODES, 57)
@@ -67,9 +67,9 @@ class Basis:
 
 
 def population_in_traffic(split: str, variants: int = 8, seed: int = 7) -> Population:
-    """`variants` cars near every base model of a split's built cars, and its imported meshes.
+    """Returns `variants` cars near every base model of a split's built cars, and its imported meshes.
 
-    A body type's share of traffic is split evenly among its models; a mesh counts as MESH_WEIGHT of a model.
+    A body type's share of traffic is divided evenly among its models; a mesh counts as MESH_WEIGHT of a model.
     """
     rng = np.random.default_rng(seed)
     meshes = [mesh for mesh in catalogue() if mesh["split"] == split]
@@ -91,7 +91,7 @@ def population_in_traffic(split: str, variants: int = 8, seed: int = 7) -> Popul
 
 
 def as_rows(population: Population) -> np.ndarray:
-    """Symmetrised left half and dims as rows (n, 57); what is missing on one side is taken from the other."""
+    """Returns the symmetrised left side and dims as rows (n, 57); values missing on one side come from the other."""
     mirrored = population.keypoints[:, MIRROR] * MIRROR_SIGN
     both = np.stack([population.keypoints[:, :18], mirrored[:, :18]])
     count = np.isfinite(both).sum(0)
@@ -100,7 +100,7 @@ def as_rows(population: Population) -> np.ndarray:
 
 
 def fit(rows: np.ndarray, weights: np.ndarray, iterations: int = 30) -> Basis:
-    """Weighted PCA; missing values are filled in from the fit itself, over and over."""
+    """Computes a weighted PCA; missing values are filled in from the fit, iteratively."""
     weights = weights / weights.sum()
     seen = np.isfinite(rows)
     column_mean = np.nansum(rows * weights[:, None], 0) / np.maximum((seen * weights[:, None]).sum(0), 1e-12)
@@ -116,7 +116,7 @@ def fit(rows: np.ndarray, weights: np.ndarray, iterations: int = 30) -> Basis:
 
 
 def project(basis: Basis, row: np.ndarray, fine: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    """Least-squares coefficients of one car from what it has, and its residual (57,), NaN where missing."""
+    """Returns the least-squares coefficients of a car from its present values, and its residual (57,)."""
     seen = np.isfinite(row)
     modes = np.concatenate([basis.modes, basis.fine_modes]) if fine else basis.modes
     coefficients, *_ = np.linalg.lstsq(modes[:, seen].T, (row - basis.mean)[seen], rcond=None)
@@ -124,10 +124,10 @@ def project(basis: Basis, row: np.ndarray, fine: bool = False) -> tuple[np.ndarr
 
 
 def body_types(basis: Basis, rows: np.ndarray, population: Population) -> list[BodyType]:
-    """The mixture that traffic is: coefficients of all modes, type by type.
+    """Returns the mixture that models traffic: a Gaussian over the coefficients of all modes, per body type.
 
-    A type's few models say little of how they differ, so their covariance is drawn towards how cars of all types differ from
-    the mean of their type.
+    A type has too few models for a covariance of its own. So it is shrunk towards the covariance of all cars about the
+    means of their types.
     """
     coefficients = np.array([project(basis, row, fine=True)[0] for row in rows])
     weights, bodies = population.weights / population.weights.sum(), population.bodies
@@ -147,7 +147,7 @@ def body_types(basis: Basis, rows: np.ndarray, population: Population) -> list[B
 
 
 def orient(basis: Basis) -> Basis:
-    """Fix each mode's sign: positive makes the sum of length, width and height larger."""
+    """Fixes the sign of each mode: a positive coefficient increases the sum of length, width and height."""
 
     def larger(modes: np.ndarray) -> np.ndarray:
         return modes * np.where(modes[:, 54:].sum(1) < 0, -1.0, 1.0)[:, None]
@@ -156,14 +156,14 @@ def orient(basis: Basis) -> Basis:
 
 
 def leave_out(rows: np.ndarray, population: Population) -> Iterator[tuple[np.ndarray, np.ndarray, Basis]]:
-    """Indices of the cars of every base model in turn, of all the others, and the basis of these."""
+    """Yields, for each base model, the indices of its cars and of all others, and the basis of the others."""
     for model in np.unique(population.models):
         out = population.models == model
         yield np.flatnonzero(out), np.flatnonzero(~out), fit(rows[~out], population.weights[~out], iterations=8)
 
 
 def left_out_residuals(rows: np.ndarray, population: Population) -> tuple[np.ndarray, np.ndarray]:
-    """Residuals (n, 57) of every base model against the basis of all the others: without and with its fine modes."""
+    """Returns the residuals (n, 57) of every base model in the basis of all others: without and with the fine modes."""
     without, fine = np.full_like(rows, np.nan), np.full_like(rows, np.nan)
     for out, _, basis in leave_out(rows, population):
         for i in out:
@@ -172,13 +172,13 @@ def left_out_residuals(rows: np.ndarray, population: Population) -> tuple[np.nda
 
 
 def foreign_residuals(basis: Basis, foreign: Population) -> np.ndarray:
-    """Weighted RMS residuals (57,) of cars that the basis was not built on."""
+    """Returns the weighted RMS residuals (57,) of cars that the basis was not built on."""
     rows = as_rows(foreign)
     return weighted_rms(np.array([project(basis, row)[1] for row in rows]), foreign.weights)
 
 
 def foreign_json(foreign: Population) -> dict:
-    """One car of each base model: keypoints in the car frame (null where it has none), share of traffic."""
+    """Returns one car of each base model: keypoints in the car frame (null if missing), share of traffic."""
     cars = []
     for model in np.unique(foreign.models):
         first = int(np.flatnonzero(foreign.models == model)[0])
@@ -192,14 +192,14 @@ def foreign_json(foreign: Population) -> dict:
 
 
 def coefficient_bounds(basis: Basis, rows: np.ndarray) -> np.ndarray:
-    """Range of 99.6 % of the population's coefficients and 0.25 standard deviations more, (6, 2)."""
+    """Returns the range of 99.6 % of the population's coefficients, extended by 0.25 standard deviations, (6, 2)."""
     coefficients = np.array([project(basis, row)[0] for row in rows])
     low, high = np.percentile(coefficients, [0.2, 99.8], axis=0)
     return np.stack([low - 0.25, high + 0.25], axis=1)
 
 
 def weighted_rms(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Over the first axis, of what is not NaN."""
+    """Returns the weighted RMS over the first axis, without NaN."""
     seen = np.isfinite(values)
     w = weights.reshape(-1, *[1] * (values.ndim - 1)) * seen
     return np.sqrt(np.nansum(w * np.where(seen, values, 0) ** 2, 0) / np.maximum(w.sum(0), 1e-12))
@@ -214,11 +214,11 @@ def to_json(
     version: str,
     note: str,
 ) -> dict:
-    """The data file's content; both sides from the half, so that symmetry is exact."""
+    """Returns the contents of the data file; both sides come from one half, so that the symmetry is exact."""
 
     def whole(vector: np.ndarray, offset_sign: np.ndarray) -> list:
         left = vector[:54].reshape(18, 3)
-        # Adding 0 makes −0 into 0.
+        # Adding 0 turns −0 into 0.
         return (np.round(np.concatenate([left, left * offset_sign]), 6) + 0.0).tolist()
 
     def both(sd: np.ndarray) -> list:
@@ -257,7 +257,7 @@ def report(
     bounds: np.ndarray,
     foreign: np.ndarray,
 ) -> str:
-    """Variance explained, residual per keypoint of cars left out, and the spread of the dimensions."""
+    """Prints the explained variance, the residual per keypoint of left-out cars, and the spread of the dimensions."""
     lines = [f"cars {len(rows)} of {len(np.unique(population.models))} base models"]
     share = basis.variances / basis.variances.sum()
     for j in range(MODES):
@@ -279,10 +279,10 @@ def report(
     return "\n".join(lines)
 
 
-# To compare with, from memory: footprint (wheelbase × track) of US light vehicles of 2008–2018 4.5–4.6 m²
-# (EPA Automotive Trends), of new cars of the EU about 3.9–4.0 m² (ICCT pocketbook). Our traffic mixes both.
+# For comparison, from memory: footprints (wheelbase × track). US light vehicles of 2008–2018 have 4.5–4.6 m² (EPA
+# Automotive Trends). New cars in the EU have about 3.9–4.0 m² (ICCT pocketbook). Our traffic mixes both.
 def spread(population: Population, basis: Basis) -> str:
-    """Mean and sd of the dimensions: published base models, the population, the atlas under λ ~ N(0, I)."""
+    """Returns mean and sd of the dimensions: published base models, the population, the atlas under λ ~ N(0, I)."""
     share = np.array([TRAFFIC_SHARE[s.body] / sum(o.body == s.body for o in SPECS) for s in SPECS])
     published = np.array([(s.length, s.width, s.height, s.wheelbase, s.wheelbase * s.track) for s in SPECS])
     w = population.weights / population.weights.sum()
@@ -310,11 +310,11 @@ def spread(population: Population, basis: Basis) -> str:
 
 
 def main() -> None:
-    """Write the atlas and print its report."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    """Writes the atlas and prints its report."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, default=REPOSITORY / "models" / "atlas.json")
     parser.add_argument("--version", default="1.8")
-    parser.add_argument("--foreign", type=Path, help="writes the keypoints of the eval split's cars here")
+    parser.add_argument("--foreign", type=Path, help="file for the keypoints of the cars of the eval split")
     arguments = parser.parse_args()
 
     population, foreign = population_in_traffic("train"), population_in_traffic("eval")

@@ -1,7 +1,8 @@
-"""The skin as two lofts: the tub (up to the shoulder, closed by bonnet and boot) and the cabin on top of it.
+"""The skin of a car as two lofts: the tub (up to the shoulder, closed by bonnet and boot) and the cabin on top of it.
 
-Both are swept along plan outlines: u runs from the nose's centre (0) along the left side to the tail's (1);
-v runs up: 0 lower edge, 1 upper edge of the ring, then over the top to the centre line at 2.
+Both are swept along outlines in plan. Coordinate u runs from the centre of the nose (0) along the left side to the
+centre of the tail (1). Coordinate v runs up: 0 lower edge, 1 upper edge of the ring, then over the top to the centre
+line at 2.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from scipy.interpolate import PchipInterpolator
 
 from .style import Style
 
-# u where the outline turns: front face, front corner, side, rear corner, rear face
+# u at the corners of the outline: front face, front corner, side, rear corner, rear face
 TURNS = (0.0, 0.22, 0.34, 0.68, 0.80, 1.0)
 
 
@@ -61,7 +62,7 @@ class Body:
         self.tailgate = self._up(self.backlight, s.tailgate_z * h, 1, s.backlight_rake)
         self.belt_rear_z = (s.belt_front_z + s.belt_rise) * h
         boxy = s.body in ("suv", "pickup", "van")
-        # how far front and rear stand back from the foremost and rearmost point, by v
+        # how far front and rear are set back from the foremost and rearmost point, by v
         chin, top, tail = (0.09 if boxy else 0.07), s.nose_back, s.tail_back
         front = (chin, 0.02, 0.0, 0.15 * top, 0.35 * top, top)
         rear = (tail, 0.2 * tail, 0.0, 0.2 * tail, 0.5 * tail, tail)
@@ -91,7 +92,7 @@ class Body:
         return np.array([start[0] + direction * (z - start[1]) / np.tan(np.radians(rake_deg)), z])
 
     def _bonnet_edge(self, middle: float) -> float:
-        """Where the bonnet bends down to the nose; a van's is short."""
+        """Returns the position where the bonnet curves down to the nose; a van's bonnet is short."""
         return max(self.style.x_front - 0.2, middle + 0.02)
 
     @cached_property

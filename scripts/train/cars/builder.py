@@ -1,4 +1,4 @@
-"""Parametric cars: `sample_car(rng)` draws one, `build(style, rng)` makes it, with its keypoints."""
+"""Parametric cars: `sample_car(rng)` draws a style, `build(style, rng)` builds the car with its keypoints."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from .surface import Shell, flat_polygon, grid, join, rounded_box
 
 
 def sample_car(rng: np.random.Generator, body: str | None = None, split: str = "train") -> CarMesh:
-    """A random car; body types as common as in traffic unless given. Splits share no base model."""
+    """Returns a random car; body types are as common as in traffic unless given. Splits share no base model."""
     return build(sample_style(rng, body, split), rng)
 
 
 def named_cars(split: str) -> list[CarMesh]:
-    """Every base model of a split, always the same."""
+    """Returns every base model of a split; the result is always the same."""
     return [build(model_style(s), np.random.default_rng(i)) for i, s in enumerate(SPECS) if s.split == split]
 
 
 def build(style: Style, rng: np.random.Generator) -> CarMesh:
-    """The car of a style; `rng` decides on trim that does not move keypoints."""
+    """Builds the car of a style; `rng` chooses trim that does not move keypoints."""
     place = _place(style, rng)
     whole = _Assembly(place, rng).shell()
     return CarMesh(
@@ -36,12 +36,12 @@ def build(style: Style, rng: np.random.Generator) -> CarMesh:
 
 
 def keypoints_of(style: Style, rng: np.random.Generator) -> np.ndarray:
-    """The 36 keypoints (36, 3) of the car that `build` would make, without its mesh."""
+    """Returns the 36 keypoints (36, 3) of the car that `build` would make, without building its mesh."""
     return both_sides(_place(style, rng).keypoints())
 
 
 def both_sides(left: dict[str, np.ndarray]) -> np.ndarray:
-    """All 36 keypoints (36, 3) from the left side's by name."""
+    """Returns all 36 keypoints (36, 3) from those of the left side, by name."""
     keypoints = np.full((len(KEYPOINT_NAMES), 3), np.nan)
     for i in range(18):
         keypoints[i] = left[KEYPOINT_NAMES[i].removeprefix("left_")]
@@ -54,7 +54,7 @@ def _place(style: Style, rng: np.random.Generator) -> Layout:
 
 
 class _Assembly:
-    """The skin and what is fixed to it."""
+    """The skin and the parts attached to it."""
 
     def __init__(self, place: Layout, rng: np.random.Generator) -> None:
         self.place, self.body, self.style, self.rng = place, place.body, place.style, rng
@@ -140,7 +140,7 @@ class _Assembly:
         return []
 
     def _middle(self) -> list[Shell]:
-        """What crosses the centre line."""
+        """Adds the parts that cross the centre line."""
         s, body, rng = self.style, self.body, self.rng
         u = np.linspace(0, 1, 41)
         rim = body.tub(u, 0.0)

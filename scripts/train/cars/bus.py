@@ -13,12 +13,12 @@ LENGTH = {"city": (10.5, 12.2), "coach": (11.8, 13.6)}
 HEIGHT = {"city": (2.9, 3.15), "coach": (3.4, 3.75)}
 WIDTH = (2.5, 2.55)
 SKIRT_M = 0.3  # height of the body's lower edge
-ARCH_M = 1.08  # of the wheel arches' upper edge
+ARCH_M = 1.08  # height of the wheel arches' upper edge
 BODY_RADIUS_M = 0.14
 
 
 class Bus:
-    """A city bus or a coach (`kind`); `rng` decides on sizes and trim. The origin is the middle of the length."""
+    """A city bus or a coach (`kind`); `rng` chooses sizes and trim. The origin is at half its length."""
 
     def __init__(self, rng: np.random.Generator, kind: str) -> None:
         self.rng, self.kind = rng, kind
@@ -28,16 +28,17 @@ class Bus:
         self.axles = [self.front - rng.uniform(2.6, 2.8), self.rear + rng.uniform(3.1, 3.4)]
         if kind == "coach" and self.length > 12.6:
             self.axles.append(self.axles[1] - 1.3)
-        self.windscreen = (self.front, 1.3), (self.front - (0.12 if kind == "city" else 0.3), self.roof)  # and what is above it
-        # city buses: low panes; coaches: seats over the luggage
+        # lower and upper end, x and z
+        self.windscreen = (self.front, 1.3), (self.front - (0.12 if kind == "city" else 0.3), self.roof)
+        # city buses have low panes, coaches have seats above the luggage
         self.panes: Span = (1.15, 2.3) if kind == "city" else (1.75, self.roof - 0.42)
 
     def shells(self) -> list[Shell]:
-        """All its parts."""
+        """Returns all its parts."""
         return [*self._body(), *self._face(), *self._back(), *self._sides(), *self._top()]
 
     def _body(self) -> list[Shell]:
-        """One block above the arches and one between each two of them, which lean towards the wheels."""
+        """Adds one block above the arches and one between each two of them, slanted towards the wheels."""
         half, low = self.half, SKIRT_M
         shells = []
         fronts, rears = [self.front, *(x - 0.62 for x in self.axles)], [*(x + 0.62 for x in self.axles), self.rear]
@@ -55,7 +56,7 @@ class Bus:
         return shells
 
     def _face(self) -> list[Shell]:
-        """Windscreen, where it goes, lamps, bumper, mirrors."""
+        """Adds windscreen, destination display, lamps, bumper and mirrors."""
         x, half, rng, line = self.front, self.half, self.rng, self.windscreen
         low = rng.uniform(0.85, 1.0) if self.kind == "city" else rng.uniform(1.15, 1.25)
         sign = along(*line, 0.8 if self.kind == "city" else 0.86)
@@ -63,7 +64,7 @@ class Bus:
         shells = [*windscreen(line[0], sign, wide), *plates(x + 0.03, self.rear - 0.03, 0.5, half)]
         shells.append(on_end((x, low), line[0], (-wide, wide), "gap"))
         shells.append(on_end((x, low + 0.06), line[0], (0.05 - wide, wide - 0.05), "glass", 2))
-        if self.kind == "city" or rng.random() < 0.5:  # where it goes
+        if self.kind == "city" or rng.random() < 0.5:  # destination display
             top = along(*line, 0.96)
             shells.append(on_end(sign, top, (-wide, wide), "gap", 2))
             letters = np.cumsum(rng.uniform(0.1, 0.22, 9)) - 0.75
@@ -87,7 +88,7 @@ class Bus:
         return shells + tail_lamps(x - 0.005, half - 0.03, 0.75, (0.17, 0.75))
 
     def _sides(self) -> list[Shell]:
-        """A dark band of panes, doors at the right, seams and stripes."""
+        """Adds a dark band of panes, doors on the right, seams and stripes."""
         half, rng, (low, high) = self.half, self.rng, self.panes
         back, fore = self.rear + 0.35, self.front - (0.45 if self.kind == "city" else 0.6)
         shells = both(on_side(half, (back, fore), (low - 0.06, high + 0.06), "gap", 1, 0.1))
@@ -96,7 +97,7 @@ class Bus:
         for k in range(count):
             pane = (back + k * step + 0.05, back + (k + 1) * step - 0.05)
             shells += both(on_side(half, pane, (low, high), "glass", 2))
-            if self.kind == "city":  # what tilts open
+            if self.kind == "city":  # tilting windows
                 shells += both(on_side(half, pane, (high - 0.3, high - 0.27), "plastic", 3))
         bottom = SKIRT_M + 0.06
         places = [self.front - 1.5] if self.kind == "coach" else [self.front - 1.75, 0.5 * sum(self.axles[:2]) - 0.6]
@@ -113,7 +114,7 @@ class Bus:
         elif stripe < 0.75:  # the lower part in another colour
             for a, b in ((self.axles[1] + 0.75, self.axles[0] - 0.75), (self.axles[0] + 0.75, self.front - 0.2)):
                 shells += both(on_side(half, (a, b), (SKIRT_M + 0.03, 0.95), "livery"))
-        if self.kind == "coach":  # flaps of the luggage
+        if self.kind == "coach":  # flaps of the luggage hold
             for x in np.arange(self.axles[1] + 0.9, self.axles[0] - 0.7, 1.25):
                 shells += both(on_side(half, (x, x + 0.02), (bottom, low - 0.15), "gap", 2))
         for x in self.axles:  # arches' edges

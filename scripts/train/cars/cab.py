@@ -9,7 +9,7 @@ from .surface import Shell
 
 
 def cab(lorry: Lorry) -> list[Shell]:
-    """All of it."""
+    """Builds the whole cab."""
     f, half, top, rng = lorry.front, lorry.cab_half, lorry.cab_height, lorry.rng
     light = lorry.kind == "light"
     back, floor = f - lorry.cab_length, lorry.floor - 0.06

@@ -1,4 +1,4 @@
-"""What lies between and behind the wheels of lorries."""
+"""Parts between and behind the wheels of lorries."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .surface import Shell
 
 
 def _axles(lorry: Lorry) -> list[tuple[float, bool]]:
-    """Places of the axles behind the first, and whether their wheels are twins."""
+    """Returns the positions of the axles behind the first, and whether their wheels are twins."""
     rear = lorry.rear
     if lorry.kind == "articulated":
         drive = lorry.first_axle - lorry.rng.uniform(3.6, 3.8)
@@ -34,7 +34,7 @@ def chassis(lorry: Lorry) -> list[Shell]:
     shells.append(box((lorry.rear + 0.1, lorry.front - 0.4), (-0.43, 0.43), (floor - 0.4, floor + 0.02), "underbody"))
     free_front = lorry.first_axle - wheel - 0.3
     free = [(rest[-1][0] + wheel + 0.25, free_front)]  # between the axles
-    if lorry.kind == "articulated":  # the trailer stands on legs behind the tractor
+    if lorry.kind == "articulated":  # the trailer's legs behind the tractor
         legs = lorry.load_front - 3.9
         shells += both(box((legs, legs + 0.15), (half - 0.5, half - 0.3), (0.25, floor), "plastic"))
         free = [(free[0][0], legs - 0.2), (rest[0][0] + wheel + 0.25, free_front)]

@@ -1,4 +1,4 @@
-"""Another car out of one: smooth free-form deformation that keeps wheels round, sides alike and tyres on the ground."""
+"""Deforms a car smoothly into another one; wheels stay round, sides alike, and tyres on the ground."""
 
 from __future__ import annotations
 
@@ -16,7 +16,10 @@ STEP_M = 1e-3  # for the derivative that turns normals
 
 
 def deform(mesh: CarMesh, rng: np.random.Generator, strength: float = 1.0) -> CarMesh:
-    """A car of the same make-up but other proportions; keypoints and normals follow. `strength` scales every change."""
+    """Returns a car with the same parts but other proportions.
+
+    Keypoints and normals follow. `strength` scales every change.
+    """
     warp = _Warp.random(mesh, rng, strength)
     in_wheel = np.zeros(len(mesh.vertices), bool)
     in_wheel[mesh.faces[np.isin(mesh.materials, WHEEL_MATERIALS)]] = True
@@ -28,7 +31,7 @@ def deform(mesh: CarMesh, rng: np.random.Generator, strength: float = 1.0) -> Ca
     known = np.isfinite(mesh.keypoints).all(1)
     keypoints = mesh.keypoints.copy()
     keypoints[known] = warp(keypoints[known], WHEEL_KEYPOINTS[known])
-    # moving the axles apart moves the origin, which stays midway between them
+    # the origin stays midway between the axles, so it moves with them
     return replace(
         mesh, vertices=moved.astype(np.float32), normals=normals.astype(np.float32), keypoints=keypoints,
         dims=_dims(mesh, moved, warp),
@@ -37,10 +40,10 @@ def deform(mesh: CarMesh, rng: np.random.Generator, strength: float = 1.0) -> Ca
 
 @dataclass(frozen=True)
 class _Warp:
-    """`car' = warp(car)`: scale by axis and add a cubic B-spline lattice of offsets; around a wheel, follow the wheel."""
+    """`car' = warp(car)`: scales by axis and adds a cubic B-spline lattice of offsets; near a wheel it is rigid."""
 
     scale: np.ndarray  # (3,)
-    offsets: np.ndarray  # (*LATTICE, 3): metres; the second component per half-width
+    offsets: np.ndarray  # (*LATTICE, 3): metres; the second component per half width
     low: np.ndarray  # (3,) of x, (y / half width)², z
     high: np.ndarray
     half_width: float
@@ -49,7 +52,7 @@ class _Warp:
 
     @staticmethod
     def random(mesh: CarMesh, rng: np.random.Generator, strength: float) -> _Warp:
-        """Proportions within what cars of one kind differ by: a few per cent in size, centimetres in shape."""
+        """Draws proportions within the range of cars of one kind: a few per cent in size, centimetres in shape."""
         x, y, z = mesh.vertices.T.astype(float)
         offsets = rng.normal(0, 1, (*LATTICE, 3)).clip(-2, 2) * (0.02, 0.012, 0.015)
         up = np.linspace(0, 1, LATTICE[2])  # 0 at the lowest layer
@@ -69,7 +72,7 @@ class _Warp:
         )  # fmt: skip
 
     def free(self, points: np.ndarray) -> np.ndarray:
-        """The lattice alone, without regard to wheels; even in y, so both sides stay alike."""
+        """Applies the lattice alone, without regard to wheels; it is even in y, so both sides stay alike."""
         coordinates = points.copy()
         coordinates[:, 1] = (points[:, 1] / self.half_width) ** 2
         coordinates = ((coordinates - self.low) / (self.high - self.low)).clip(0, 1)
@@ -81,7 +84,7 @@ class _Warp:
         return points * self.scale + offset
 
     def __call__(self, points: np.ndarray, in_wheel: np.ndarray) -> np.ndarray:
-        """Points (n, 3) where they go; those `in_wheel` move with their wheel as one piece."""
+        """Maps points (n, 3); those `in_wheel` move with their wheel as one rigid part."""
         moved = self.free(points)
         free_hubs = self.free(self.hubs)
         grow = self.scale[2]
@@ -90,7 +93,7 @@ class _Warp:
         for hub, free_hub in zip(self.hubs, free_hubs):
             relative = (points - hub * (1, 0, 0))[:, [0, 2]] - (0, self.tyre_radius)
             distance = np.linalg.norm(relative, axis=1) / self.tyre_radius
-            # arches keep their gap to the tyre, then the body takes over
+            # arches keep their gap to the tyre; away from them the deformation of the body applies
             follow = 1 - _smoothstep((distance - 1.1) / 0.8)
             target_xz = grow * relative + (free_hub[0], grow * self.tyre_radius)
             moved[:, [0, 2]] += follow[:, None] * (target_xz - moved[:, [0, 2]])
@@ -101,7 +104,7 @@ class _Warp:
 
 
 def _basis(t: np.ndarray, count: int) -> np.ndarray:
-    """Clamped uniform B-spline basis (n, count) on 0…1: cubic, or what few control points allow."""
+    """Returns the clamped uniform B-spline basis (n, count) on 0…1: cubic, or lower with few control points."""
     degree = min(3, count - 1)
     inner = np.linspace(0, 1, count - degree + 1)
     knots = np.concatenate([np.zeros(degree), inner, np.ones(degree)])
@@ -122,7 +125,7 @@ def _tangents(normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _dims(mesh: CarMesh, moved: np.ndarray, warp: _Warp) -> np.ndarray:
-    """Length, width and height after the warp; mirrors and aerials stay out as they did before."""
+    """Returns length, width and height after the warp; mirrors and aerials protrude as far as before."""
     body = mesh.vertices[:, 2] <= mesh.dims[2] + 0.002
     height = moved[body, 2].max()
     side = np.array([[0.0, mesh.dims[1] / 2, 0.45 * mesh.dims[2]]])

@@ -1,4 +1,4 @@
-"""What is fixed to the skin: wheels, mirrors, plates, handles, seats and dashboard."""
+"""Parts attached to the skin: wheels, mirrors, plates, handles, seats and dashboard."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from .surface import Shell, flat_polygon, grid, join, rounded_box
 
 
 def wheel(centre: np.ndarray, radius: float, width: float, spokes: int, rim_share: float) -> Shell:
-    """A left wheel; `centre` lies on the hub's outer face, the tyre's outer face 1.5 cm further out.
+    """Builds a left wheel; `centre` lies on the hub's outer face, the tyre's outer face is 1.5 cm further out.
 
-    `spokes` 0 is a closed hub cap.
+    `spokes` 0 makes a closed hub cap.
     """
     turns = np.linspace(0, 2 * np.pi, 33)
     rim = rim_share * radius
@@ -58,7 +58,7 @@ def mirror(foot: np.ndarray, tip_y: float, size: float, material: str) -> tuple[
 
 
 def plate(x: float, z: float, size: tuple[float, float], front: bool) -> Shell:
-    """A number plate on the centre line, facing forward or back, with its dark border."""
+    """A number plate on the centre line, at the front or the rear, with its dark border."""
     w, h = size[0] / 2, size[1] / 2
     sign = 1.0 if front else -1.0
     shells = []
@@ -70,7 +70,7 @@ def plate(x: float, z: float, size: tuple[float, float], front: bool) -> Shell:
 
 
 def interior(dash_x: float, rear_x: float, half_width: float, floor_z: float, belt_z: float, roof_z: float, rows: int) -> Shell:
-    """Dashboard, steering wheel, seats and floor: enough to be seen through the glass."""
+    """Builds dashboard, steering wheel, seats and floor, with enough detail to be seen through the glass."""
     shells = []
     seat_z = belt_z - 0.38
     length = dash_x - rear_x

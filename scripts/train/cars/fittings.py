@@ -1,4 +1,4 @@
-"""What lorries and buses have in common: wheels, lamps, bumpers, windscreens, mirrors."""
+"""Parts that lorries and buses share: wheels, lamps, bumpers, windscreens, mirrors."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from . import details
 from .solids import Span, box, on_end, on_side, panel
 from .surface import Shell, join, rounded_box
 
-WHEEL_M, LIGHT_WHEEL_M = 0.49, 0.35  # radii of tyres: above about 6 t, and of delivery lorries
+WHEEL_M, LIGHT_WHEEL_M = 0.49, 0.35  # radii of tyres: of vehicles above about 6 t, and of delivery lorries
 TYRE_M, TWIN_M = 0.3, 0.56  # widths of one tyre and of two side by side
 PLATE_M = (0.52, 0.115)
 
 
 def wheels(x: float, outer_y: float, radius: float, twin: bool) -> list[Shell]:
-    """Both ends of an axle at x, the tyres' outer faces at ±`outer_y`; twins have a rim that lies deep."""
+    """Builds both ends of an axle at x, the tyres' outer faces at ±`outer_y`; the rim of twins lies deep."""
     width, share = (TWIN_M if twin else TYRE_M) * radius / WHEEL_M, 0.5 if twin else 0.6
     left = details.wheel(np.array([x, outer_y - 0.015, radius]), radius, width, 8 if twin else 10, share)
     axle = box((x - 0.07, x + 0.07), (0.05 - outer_y, outer_y - 0.05), (radius - 0.07, radius + 0.07), "underbody")
@@ -22,7 +22,7 @@ def wheels(x: float, outer_y: float, radius: float, twin: bool) -> list[Shell]:
 
 
 def both(shell: Shell) -> list[Shell]:
-    """It and its mirror image on the other side."""
+    """Returns a shell and its mirror image on the other side."""
     return [shell, shell.mirrored()]
 
 
@@ -35,12 +35,12 @@ def windscreen(lower: Span, upper: Span, half: float) -> list[Shell]:
 
 
 def along(lower: Span, upper: Span, share: float) -> Span:
-    """The point so far up a line."""
+    """Returns the point of a line at a share of its length."""
     return lower[0] + share * (upper[0] - lower[0]), lower[1] + share * (upper[1] - lower[1])
 
 
 def head_lamps(x: float, half: float, z: float, size: Span) -> list[Shell]:
-    """Lamps of a size (width, height) at both ends of the front, indicators at their outer sides."""
+    """Builds lamps of a size (width, height) at both ends of the front, with indicators on their outer sides."""
     inner, outer = half - 0.06 - size[0], half - 0.06
     low, high = (x, z), (x, z + size[1])
     black = on_end((x, z - 0.03), (x, z + size[1] + 0.03), (inner - 0.03, outer + 0.03), "gap")
@@ -49,7 +49,7 @@ def head_lamps(x: float, half: float, z: float, size: Span) -> list[Shell]:
 
 
 def tail_lamps(x: float, half: float, z: float, size: Span) -> list[Shell]:
-    """Lamps of a size (width, height) at both ends of the rear: red, amber, red, side by side or upright."""
+    """Builds lamps of a size (width, height) at both ends of the rear: red, amber, red, in a row or a column."""
     shells = []
     for k, material in enumerate(("taillamp", "indicator", "taillamp")):
         y, low, high = (half - 0.05 - size[0], half - 0.05), z, z + size[1]

@@ -1,4 +1,4 @@
-"""Lorries and buses, without keypoints; their origin is the middle of their length."""
+"""Lorries and buses, without keypoints; their origin is at half their length."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from .lorry import KINDS, Lorry
 from .mesh import KEYPOINT_NAMES, CarMesh
 from .surface import Shell, join
 
-CITY_SHARE = 0.6  # of the buses; the others are coaches
-CURTAIN_SHARE = 0.6  # of the articulated lorries; the others have boxes
+CITY_SHARE = 0.6  # share of city buses among buses; the others are coaches
+CURTAIN_SHARE = 0.6  # share of curtain-siders among articulated lorries; the others have boxes
 
 
 def sample_heavy(rng: np.random.Generator, kind: str) -> CarMesh:
-    """A random truck or bus (`kind`)."""
+    """Returns a random truck or bus (`kind`)."""
     if kind == "truck":
         kinds = list(KINDS)
         name = str(rng.choice(kinds, p=[KINDS[k].share for k in kinds]))

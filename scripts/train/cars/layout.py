@@ -1,4 +1,4 @@
-"""Where things are on a car: lamps, glass, pillars, wheels; and from these the keypoints."""
+"""Positions of the parts of a car: lamps, glass, pillars, wheels; the keypoints follow from them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ BACK_U = (0.812, 0.787)
 
 
 class Layout:
-    """Places on the left half of one car, in metres or in u and v of `Body`'s surfaces."""
+    """Positions on the left half of one car, in metres or in u and v of the surfaces of `Body`."""
 
     def __init__(self, body: Body, panel_van: bool) -> None:
         self.body, self.style = body, body.style
@@ -50,7 +50,7 @@ class Layout:
         return np.array([np.interp(-x, -self._sill[side, 0], self._sill[side, a]) for a in range(3)])
 
     def _tub_u(self, v: float, x: float | None = None, y: float | None = None, rear: bool = False) -> float:
-        """u of the tub's ring v at a place x along the side, or y across the front or rear face."""
+        """Returns u of the tub's ring v at a position x along the side, or y across the front or rear face."""
         u = np.linspace(0, 0.5, 201) if not rear else np.linspace(1, 0.5, 201)
         ring = self.body.tub(u, v)
         if x is not None:

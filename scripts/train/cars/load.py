@@ -1,4 +1,4 @@
-"""What lorries carry their load in: boxes, tarpaulins, buckets."""
+"""Load carriers of lorries: boxes, tarpaulins, buckets."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def curtains(lorry: Lorry) -> list[Shell]:
 
 
 def _letters(lorry: Lorry, start: float, end: float, low: float, high: float) -> list[Shell]:
-    """What stands on the sides: a stripe, a row of letters, both, or nothing."""
+    """Adds the lettering of the sides: a stripe, a row of letters, both, or nothing."""
     rng, half = lorry.rng, lorry.half
     shells = []
     if rng.random() < 0.45:

@@ -30,11 +30,11 @@ KINDS = {
     "tipper": Kind(0.15, (7.2, 8.8), (2.5, 2.55), (2.9, 3.3), (1.7, 1.9), (2.8, 3.0), WHEEL_M),
     "articulated": Kind(0.2, (13.5, 15.5), (2.5, 2.55), (3.8, 4.0), (2.0, 2.3), (3.3, 3.8), WHEEL_M),
 }
-FLOOR_M = 1.05  # of the load, over wheels of WHEEL_M; lower in proportion over smaller ones
+FLOOR_M = 1.05  # height of the load over wheels of WHEEL_M; in proportion over smaller wheels
 
 
 class Lorry:
-    """The sizes of a lorry of a kind; `rng` decides on them, and on trim. The origin is the middle of the length."""
+    """The sizes of a lorry of a kind; `rng` chooses them, and the trim. The origin is at half its length."""
 
     def __init__(self, rng: np.random.Generator, kind: str) -> None:
         self.rng, self.kind, sizes = rng, kind, KINDS[kind]

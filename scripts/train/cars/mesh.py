@@ -1,4 +1,4 @@
-"""One car as triangles with a material per face, and its 36 keypoints."""
+"""A car as triangles with a material per face, and its 36 keypoints."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ KEYPOINTS = json.loads((REPOSITORY / "models" / "keypoints.json").read_text())
 KEYPOINT_NAMES: list[str] = KEYPOINTS["names"]
 MIRROR: list[int] = KEYPOINTS["mirror"]
 
-# What a face is made of; the renderer decides how each looks.
+# Materials of faces; the renderer decides their appearance.
 MATERIALS = (
     "paint",
     "glass",
@@ -36,7 +36,7 @@ BODY_TYPES = ("sedan", "hatchback", "wagon", "suv", "minivan", "van", "pickup", 
 
 @dataclass
 class CarMesh:
-    """Metres, car frame: x forward, y left, z up, origin on the ground midway between the axles."""
+    """A car in its own frame, m: x forward, y left, z up, origin on the ground midway between the axles."""
 
     name: str
     body: str  # one of BODY_TYPES, or truck or bus
@@ -44,9 +44,9 @@ class CarMesh:
     normals: np.ndarray  # (V, 3) float32, unit, outward; vertices are split where the surface has a crease
     faces: np.ndarray  # (F, 3) int32, counter-clockwise seen from outside
     materials: np.ndarray  # (F,) uint8, index into MATERIALS
-    keypoints: np.ndarray  # (36, 3) float64; NaN where the car has no such point
+    keypoints: np.ndarray  # (36, 3) float64; NaN if the car has no such point
     dims: np.ndarray  # (3,) length, width without mirrors, height
-    credit: str = ""  # author and licence of a mesh that is not ours
+    credit: str = ""  # author and licence of an imported mesh
 
     def material_faces(self, material: str) -> np.ndarray:
         """Faces of one material, (n, 3)."""

@@ -1,7 +1,7 @@
-"""Car meshes from Debian's `sweethome3d-furniture` (CC-BY 3.0), with the keypoints that were marked on them.
+"""Car meshes from Debian's `sweethome3d-furniture` (CC-BY 3.0), with keypoints that we marked on them.
 
-The meshes stay in the package; `meshes.json` beside this file says how each becomes a `CarMesh`: scale, origin, what its
-materials are, and its keypoints. `PYTHONPATH=scripts/train python -m cars.meshes` lists them.
+The meshes stay in the package. `meshes.json` beside this file says how each becomes a `CarMesh`: scale, origin,
+materials, keypoints. `roadplane-train cars meshes` lists them.
 """
 
 from __future__ import annotations
@@ -26,23 +26,23 @@ CREASE_DEG = 40.0
 
 
 class MissingFurnitureError(FileNotFoundError):
-    """The Debian package that holds the meshes is not installed where we look."""
+    """The Debian package that holds the meshes is not installed in the expected folder."""
 
 
 def catalogue() -> list[dict]:
-    """The entries of meshes.json."""
+    """Returns the entries of meshes.json."""
     return json.loads(CATALOGUE.read_text())["cars"]
 
 
 def load_meshes(split: str | None = None, furniture: Path = FURNITURE) -> list[CarMesh]:
-    """All cars, or those of one split; `eval` cars are never trained on."""
+    """Returns all cars, or those of one split; no net is trained on `eval` cars."""
     if split is not None and split not in SPLITS:
         raise ValueError(f"split is one of {SPLITS}, not {split!r}")
     return [load(entry, furniture) for entry in catalogue() if split in (None, entry["split"])]
 
 
 def load(entry: dict, furniture: Path = FURNITURE) -> CarMesh:
-    """One car of the catalogue."""
+    """Returns one car of the catalogue."""
     triangles = _read(furniture / entry["archive"], entry["entry"])
     # the files have y up, z forward, x to the car's left
     vertices = triangles.vertices[:, [2, 0, 1]] * entry["scale"] - entry["origin"]
@@ -70,7 +70,7 @@ def _read(archive: Path, name: str) -> obj.Triangles:
 
 
 def _keypoints(left: dict[str, list[float] | None]) -> np.ndarray:
-    """Both sides from the left one: the meshes are symmetric."""
+    """Returns the keypoints of both sides from those of the left side: the meshes are symmetric."""
     half = np.full((18, 3), np.nan)
     for i, name in enumerate(KEYPOINT_NAMES[:18]):
         point = left[name.removeprefix("left_")]
@@ -80,9 +80,10 @@ def _keypoints(left: dict[str, list[float] | None]) -> np.ndarray:
 
 
 def _materials(vertices: np.ndarray, triangles: obj.Triangles, entry: dict) -> np.ndarray:
-    """Ours by the file's name (−1: leave out); where one name covers several things, boxes around a face's centre tell.
+    """Maps the material names of the file to ours (−1: leave out).
 
-    A box is [x_min, x_max, |y|_min, |y|_max, z_min, z_max] in metres.
+    Where one name covers several parts, boxes around the face's centre distinguish them. A box is [x_min, x_max,
+    |y|_min, |y|_max, z_min, z_max] in metres.
     """
     number = {name: i for i, name in enumerate(MATERIALS)} | {"": -1}
     names, which = np.unique(triangles.materials, return_inverse=True)
@@ -97,7 +98,10 @@ def _materials(vertices: np.ndarray, triangles: obj.Triangles, entry: dict) -> n
 
 
 def _outward(vertices: np.ndarray, triangles: obj.Triangles, flip: list[str]) -> np.ndarray:
-    """Faces with those of the named materials turned away from the car's spine: some files wind them the wrong way."""
+    """Returns the faces, with those of the named materials turned away from the car's centre line.
+
+    Some files wind them wrongly.
+    """
     faces = triangles.faces.copy()
     suspect = np.isin(triangles.materials, flip)
     centre = vertices[faces].mean(1)
@@ -109,9 +113,9 @@ def _outward(vertices: np.ndarray, triangles: obj.Triangles, flip: list[str]) ->
 
 
 def _straighten(vertices: np.ndarray, triangles: obj.Triangles, wheels: list[dict[str, str]]) -> np.ndarray:
-    """Turn a pair of steered wheels straight ahead and set them level with each other.
+    """Turns a pair of steered wheels straight ahead and sets them level with each other.
 
-    The tread is a ring: the direction in which it spreads least is its axle. Turning is about the upright axis.
+    The tread is a ring: the direction in which it spreads least is its axle. The wheel turns about the vertical axis.
     """
     vertices = vertices.copy()
     rings = [np.unique(triangles.faces[triangles.groups == wheel["tread"]]) for wheel in wheels]
@@ -127,8 +131,8 @@ def _straighten(vertices: np.ndarray, triangles: obj.Triangles, wheels: list[dic
 
 
 def main() -> None:
-    """List the cars: name, split, body, size, faces and keypoints."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    """Lists the cars: name, split, body, size, faces and keypoints."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--furniture", type=Path, default=FURNITURE, help="folder of the package's .sh3f files")
     parser.add_argument("--split", choices=SPLITS)
     arguments = parser.parse_args()

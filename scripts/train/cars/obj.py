@@ -1,4 +1,4 @@
-"""Wavefront OBJ as arrays: what a mesh is before anyone says what its materials mean."""
+"""Reads Wavefront OBJ into arrays, before its materials are mapped to ours."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Triangles:
 
 
 def parse(text: str) -> Triangles:
-    """Polygons become fans; negative indices count from the last vertex read so far."""
+    """Parses a file; polygons become fans, and negative indices count from the last vertex read so far."""
     vertices: list[tuple[float, float, float]] = []
     faces: list[tuple[int, int, int]] = []
     materials: list[str] = []

@@ -1,4 +1,4 @@
-"""Tests that bound regions of a surface, for `Shell.paint` and `Shell.cut`: positive inside."""
+"""Tests that bound regions of a surface, for `Shell.paint` and `Shell.cut`; a value is positive inside."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def z_between(low: float, high: float) -> list[Test]:
 
 
 def left_of(a: tuple[float, float], b: tuple[float, float], beyond: float = 0.0) -> Test:
-    """To the left of the line a → b in side view (x, z), and `beyond` metres past it."""
+    """Returns a test for the left side of the line a → b in side view (x, z), and `beyond` metres past it."""
     (ax, az), (bx, bz) = a, b
     length = np.hypot(bx - ax, bz - az)
     return lambda p, uv: ((bx - ax) * (p[:, 2] - az) - (bz - az) * (p[:, 0] - ax)) / length + beyond
@@ -45,7 +45,7 @@ def disc(x: float, z: float, radius: float) -> Test:
 
 
 def pane(u: tuple[float, float], v: tuple[float, float], side: int, grow: float = 0.0) -> Test:
-    """Towards the centre line from a pane's edge, (u[0], v[0]) to (u[1], v[1]); side 1 front, −1 rear."""
+    """Returns a test for the centre-line side of a pane's edge, (u[0], v[0]) to (u[1], v[1]); side 1 front, −1 rear."""
     slope = (u[1] - u[0]) / (v[1] - v[0])
     return lambda p, uv: side * (u[0] + slope * (uv[:, 1] - v[0]) - uv[:, 0]) + grow
 

@@ -1,11 +1,12 @@
-"""How well cars of unknown make tell how large a scene is.
+"""Measures how well cars of unknown make determine the scale of a scene.
 
-A camera sees a scene but for its scale, and only what cars are like says how many metres it has. Here the scale of a car is
-estimated from its keypoints in 3-D, as if camera and picture had left no other doubt, by a shape model that does not know its
-make: each base model of the `train` split left out in turn, or the `eval` split. Scenes of so many cars then show what no
-solver with this shape model can be better than: an error of 1 % moves a car 40 m away by 0.4 m.
+A camera sees a scene up to its scale; only the sizes of cars give metres. Here the scale of a car is estimated from its
+keypoints in 3-D, as if camera and picture left no other uncertainty. The shape model does not contain the car's make:
+each base model of the `train` split is left out in turn, or the car is from the `eval` split. Scenes of several cars
+then give a lower bound on the error of any solver with this shape model. An error of 1 % moves a car 40 m away by 0.4
+m.
 
-`PYTHONPATH=scripts/train python -m cars.scale` prints the tables; with `--dataset tests/data/lots` also the clips there.
+`roadplane-train cars scale` prints the tables; with `--dataset tests/data/lots` also those of the clips there.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from json_files import read_json
+from roadplane_train.json_files import read_json
 
 from .atlas import (
     Basis,
@@ -32,14 +33,14 @@ from .atlas import (
 
 CARS_IN_SCENE = (5, 10, 15, 20, 30, 40)
 SCENES = 4000
-NOISE_M = 0.01  # of each coordinate of a keypoint, after all frames
-# Of the Student t of whole cars, as in the solver (`SceneOptions::car_freedom`).
+NOISE_M = 0.01  # sd of each coordinate of a keypoint, after all frames
+# Degrees of freedom of the Student t of whole cars, as in the solver (`SceneOptions::car_freedom`).
 FREEDOM = 4.0
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """What one car says: log scale (0 is right), its information, squared misfit and how many numbers were measured."""
+    """The estimate from one car: log scale (0 is right), information, squared misfit, number of measured values."""
 
     log_scale: float
     information: float
@@ -49,7 +50,7 @@ class Estimate:
 
 @dataclass(frozen=True)
 class KeypointType:
-    """A body type: share of traffic, and a Gaussian on measured keypoint coordinates, mean (54,), covariance (54, 54)."""
+    """A body type: share of traffic, and a Gaussian on measured coordinates, mean (54,), covariance (54, 54)."""
 
     share: float
     mean: np.ndarray
@@ -57,13 +58,16 @@ class KeypointType:
 
 
 def estimate(measured: np.ndarray, types: list[KeypointType]) -> Estimate:
-    """The scale of a car's keypoint coordinates (NaN where missing), its shape integrated out, its body type unknown."""
+    """Estimates the scale of a car's keypoint coordinates (NaN if missing), marginalised over its shape.
+
+    The body type is unknown.
+    """
     seen = np.isfinite(measured)
     of_types = []  # log evidence, log scale, variance, misfit
     for body in types:
         factor = np.linalg.cholesky(body.covariance[np.ix_(seen, seen)])
         car, mean = np.linalg.solve(factor, np.stack([measured[seen], body.mean[seen]], axis=1)).T
-        # Of ½ |u car − mean|² − n log u, u = 1 / scale: covariances grow with the scale.
+        # Terms of ½ |u car − mean|² − n log u, u = 1 / scale: covariances grow with the scale.
         square, product, numbers = car @ car, car @ mean, len(car)
         u = (product + np.sqrt(product**2 + 4 * numbers * square)) / (2 * square)
         misfit = float(np.sum((u * car - mean) ** 2))
@@ -80,7 +84,7 @@ def estimate(measured: np.ndarray, types: list[KeypointType]) -> Estimate:
 
 
 def keypoint_types(basis: Basis, types: list[BodyType], residual_sd: np.ndarray) -> list[KeypointType]:
-    """Of the mixture over coefficients, what the modes leave unexplained and the measurement's noise added."""
+    """Returns the types of the mixture, with the unexplained residual and the measurement noise added."""
     modes = np.concatenate([basis.modes, basis.fine_modes])[:, :54]
     noise = np.diag(residual_sd**2 + NOISE_M**2)
     return [
@@ -89,14 +93,14 @@ def keypoint_types(basis: Basis, types: list[BodyType], residual_sd: np.ndarray)
 
 
 def estimates_of(cars: np.ndarray, types: list[KeypointType]) -> list[Estimate]:
-    """Of cars in rows of 54 coordinates or more."""
+    """Returns the estimates of cars in rows of 54 coordinates or more."""
     rng = np.random.default_rng(5)
     noisy = cars[:, :54] + rng.normal(0, NOISE_M, (len(cars), 54))
     return [estimate(car, types) for car in noisy]
 
 
 def cars_of_clips(folder: Path) -> dict[str, np.ndarray]:
-    """The cars that appear in each clip of a data set, in rows."""
+    """Returns the cars that appear in each clip of a data set, in rows."""
     clips = {}
     for item in read_json(folder / "dataset.json")["items"]:
         truth = read_json(folder / item)
@@ -110,18 +114,18 @@ def cars_of_clips(folder: Path) -> dict[str, np.ndarray]:
 
 
 def scene_error(cars: list[Estimate]) -> float:
-    """Log scale of a scene of these cars, each with the say of its information and of how well it fits."""
+    """Returns the log scale of a scene of these cars, each weighted by its information and by its fit."""
     say = [car.information * (FREEDOM + car.numbers) / (FREEDOM + car.misfit) for car in cars]
     return float(np.average([car.log_scale for car in cars], weights=say))
 
 
 def report(title: str, models: list[list[Estimate]], shares: np.ndarray) -> None:
-    """Prints the errors of single cars and of scenes of cars drawn by their shares of traffic."""
+    """Prints the errors of single cars, and of scenes of cars drawn by their shares of traffic."""
     rng = np.random.default_rng(6)
     every = np.array([[car.log_scale, car.information**-0.5] for cars in models for car in cars])
     weights = np.concatenate([np.full(len(cars), share / len(cars)) for cars, share in zip(models, shares)])
-    error, believed = 100 * np.sqrt(np.average(every**2, axis=0, weights=weights))
-    print(f"{title}: one car {error:.1f} % rms, {believed:.1f} % as the shape model believes")
+    error, predicted = 100 * np.sqrt(np.average(every**2, axis=0, weights=weights))
+    print(f"{title}: one car {error:.1f} % rms, {predicted:.1f} % predicted by the shape model")
     print("  cars  rms     median  40 m away")
     for count in CARS_IN_SCENE:
         errors = np.zeros(SCENES)
@@ -133,7 +137,7 @@ def report(title: str, models: list[list[Estimate]], shares: np.ndarray) -> None
 
 
 def main() -> None:
-    """Print the tables."""
+    """Prints the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--dataset", type=Path, help="folder with clips")
     options = parser.parse_args()

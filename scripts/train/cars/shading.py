@@ -1,4 +1,4 @@
-"""Weld, thin out and shade triangles: what turns a modeller's file into something quick to draw."""
+"""Welds, simplifies and shades triangles, so that a modeller's file is quick to draw."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ SMALL_PART = 300  # faces
 
 
 def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Normals (F, 3) as long as twice the face's area."""
+    """Returns normals (F, 3), each as long as twice the area of its face."""
     a, b, c = vertices[faces].transpose(1, 0, 2)
     return np.cross(b - a, c - a)
 
 
 def weld(vertices: np.ndarray, faces: np.ndarray, distance: float = 1e-4) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Merge vertices closer than about `distance`; returns vertices, faces and which faces are kept (not degenerate)."""
+    """Merges vertices within about `distance`; returns vertices, faces and which faces are kept (not degenerate)."""
     used = np.unique(faces)
     _, first, cell = np.unique(np.round(vertices[used] / distance), axis=0, return_index=True, return_inverse=True)
     index = np.zeros(len(vertices), int)
@@ -31,9 +31,9 @@ def _without_degenerate(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.nda
 
 
 def thin_out(vertices: np.ndarray, faces: np.ndarray, parts: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Quadric simplification of each part (F,) to the same share of its faces, at most `most` in all.
+    """Simplifies each part (F,) by quadrics to the same share of its faces, at most `most` in all.
 
-    Returns vertices, faces and their parts; the input if there are few enough. Small parts stay as they are.
+    Returns vertices, faces and their parts; the input if there are few enough. Small parts stay unchanged.
     """
     if len(faces) <= most:
         return vertices, faces, parts
@@ -55,9 +55,10 @@ def thin_out(vertices: np.ndarray, faces: np.ndarray, parts: np.ndarray, most: i
 
 
 def smooth_normals(vertices: np.ndarray, faces: np.ndarray, crease_deg: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Split vertices at creases; returns vertices (n, 3), unit normals (n, 3) and faces into them.
+    """Splits vertices at creases; returns vertices (n, 3), unit normals (n, 3) and faces into them.
 
-    A corner's normal is the area-weighted mean of the faces around its vertex that lie within the crease angle of its own.
+    The normal of a corner is the area-weighted mean over the faces around its vertex that lie within the crease angle
+    of its own.
     """
     area_normal = face_normals(vertices, faces)
     unit = area_normal / np.linalg.norm(area_normal, axis=1, keepdims=True)

@@ -22,14 +22,14 @@ def _steps(*counts: int) -> np.ndarray:
 
 
 class Skin:
-    """Left half of tub and cabin; `rng` decides on trim."""
+    """The left side of tub and cabin; `rng` chooses the trim."""
 
     def __init__(self, place: Layout, rng: np.random.Generator) -> None:
         self.place, self.body, self.style, self.rng = place, place.body, place.style, rng
         self.dark_bumpers = rng.random() < DARK_BUMPERS.get(self.style.body, 0.02)
 
     def tub(self) -> Shell:
-        """Everything below the glass, with bonnet and boot."""
+        """Builds everything below the glass, with bonnet and boot."""
         place = self.place
         body = self.body
         u = _steps(6, 7, 28, 6, 6)[:, None]
@@ -44,7 +44,7 @@ class Skin:
         return tub
 
     def _arch(self, x: float, beyond: float = 0.0) -> Test:
-        """Inside the wheel arch about the axle at x, or `beyond` outside its edge."""
+        """Returns a test for the inside of the wheel arch about the axle at x, extended by `beyond`."""
         return disc(x, self.style.tyre_radius, self.place.arch + beyond)
 
     def _paint_front(self, tub: Shell) -> None:
@@ -122,7 +122,7 @@ class Skin:
             lambda p, uv: p[:, 0] - cowl + bow + 0.25,
             *v_between(1.06, 3),
         )
-        # nothing under the cabin, so that the seats show through the glass
+        # no deck under the cabin, so that the seats show through the glass
         tail, tail_bow = body.backlight[0], s.backlight_bow
         tub.cut(
             lambda p, uv: half - 0.03 - p[:, 1],
@@ -150,7 +150,7 @@ class Skin:
         cabin.paint("plastic", pane(SCREEN_U, GLASS_V, 1, 0.004), *v_between(0, high + 0.01))
         cabin.paint("glass", pane(SCREEN_U, GLASS_V, 1), *v_between(low, high))
         if s.body in ("hatchback", "wagon", "suv", "minivan") and rng.random() < 0.3:
-            # lamps run up beside the window
+            # lamps extend up beside the window
             cabin.paint("taillamp", *u_between(0.735, BACK_U[1] - 0.01), *v_between(-1, rng.uniform(0.35, 0.9)))
         if not (place.panel_van and rng.random() < 0.5):
             cabin.paint("plastic", pane(BACK_U, BACK_V, -1, 0.004), *v_between(BACK_V[0] - 0.03, BACK_V[1] + 0.01))

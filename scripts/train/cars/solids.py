@@ -1,4 +1,4 @@
-"""Solids with rounded edges, and what lies on them: what lorries and buses are built of."""
+"""Solids with rounded edges, and panels on them: the building blocks of lorries and buses."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import numpy as np
 from .surface import Shell, flat_polygon, grid, join
 
 ARC_STEPS = 3  # directions along a rounded edge
-LIFT_M = 0.012  # what is painted on stands out so far: more than depth buffers mix up
+LIFT_M = 0.012  # offset of painted panels from the surface: more than depth buffers confuse
 
 Span = tuple[float, float]
 
 
 def prism(outline: Sequence[Span], width: Span, material: str, radius: float = 0.03) -> Shell:
-    """What a convex side view (corners x, z; either way round) fills from y = width[0] to width[1], with round edges.
+    """Builds a convex side view (corners x, z) extruded from y = width[0] to width[1], with round edges.
 
-    The sum of a smaller prism and a ball, so the normals are those of the ball.
+    It is the sum of a smaller prism and a ball, so the normals are those of the ball.
     """
     corners = np.array(outline, float)
     along = np.roll(corners, -1, 0) - corners
@@ -48,19 +48,19 @@ def prism(outline: Sequence[Span], width: Span, material: str, radius: float = 0
 
 
 def box(x: Span, y: Span, z: Span, material: str, radius: float = 0.02) -> Shell:
-    """An upright box."""
+    """Builds a box with vertical sides."""
     return prism([(x[0], z[0]), (x[1], z[0]), (x[1], z[1]), (x[0], z[1])], y, material, radius)
 
 
 def panel(corners: np.ndarray, towards: np.ndarray, material: str) -> Shell:
-    """A flat convex polygon (n, 3) that is seen from the side to which `towards` points."""
+    """Builds a flat convex polygon (n, 3) that is visible from the side to which `towards` points."""
     corners = np.asarray(corners, float)
     normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
     return flat_polygon(corners if normal @ towards > 0 else corners[::-1], material)
 
 
 def on_end(lower: Span, upper: Span, y: Span, material: str, layer: int = 1) -> Shell:
-    """A panel across the front or the rear, from (x, z) `lower` to `upper`; layers lie on each other."""
+    """Builds a panel across the front or the rear, from (x, z) `lower` to `upper`; layers lie on each other."""
     sign = np.sign(lower[0] + upper[0])
     step = sign * LIFT_M * layer
     corners = [(x + step, b, z) for (x, z), b in ((lower, y[0]), (lower, y[1]), (upper, y[1]), (upper, y[0]))]
@@ -68,7 +68,7 @@ def on_end(lower: Span, upper: Span, y: Span, material: str, layer: int = 1) -> 
 
 
 def on_side(y: float, x: Span, z: Span, material: str, layer: int = 1, lean: float = 0.0) -> Shell:
-    """An upright panel at y, which says whether left or right; its front edge leans back by `lean` metres at the top."""
+    """Builds a vertical panel at y, on the left or the right; its front edge leans back by `lean` metres at the top."""
     at = y + np.sign(y) * LIFT_M * layer
     corners = [(x[0], at, z[0]), (x[1], at, z[0]), (x[1] - lean, at, z[1]), (x[0], at, z[1])]
     return panel(np.array(corners), np.array([0.0, np.sign(y), 0.0]), material)

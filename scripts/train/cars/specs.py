@@ -1,8 +1,8 @@
-"""Real vehicles the built cars vary about.
+"""Dimensions of the real vehicles that the built cars vary about.
 
-Every row holds a maker's published exterior figures as remembered, rounded to the centimetre: ESTIMATES, with
-errors of about ±1 % in length, width, height and wheelbase, ±2 % in track and tyre, and ±5 cm in the front
-overhang, which makers rarely publish. Width is without mirrors, height without roof rails.
+Every row holds a maker's published exterior figures, written down from memory and rounded to the centimetre. They are
+ESTIMATES, with errors of about ±1 % in length, width, height and wheelbase, and ±2 % in track and tyre. The front
+overhang, which makers rarely publish, has ±5 cm. Width is without mirrors, height without roof rails.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Shape parameters of a built car: what a specification leaves open, drawn about a mean for each body type.
+"""Shape parameters of a built car: all that a specification leaves open, drawn about a mean for each body type.
 
-Means and spreads are ESTIMATES read off side, front and rear views of cars of 1998–2018. Each base model keeps
-its own character (seeded by its name) and each car drawn from it varies a little more.
+Means and spreads are ESTIMATES read off side, front and rear views of cars of 1998–2018. Each base model has a
+character of its own (seeded by its name), and each car drawn from it varies a little more.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ _PRIOR = {
     "backlight_rake": (2.0, 0.7, (24.8, 42.3, 50, 60, 63, 84, 80, 21.3)),
     "backlight_z":    (0.015, 0.004, (0.727, 0.71, 0.69, 0.665, 0.625, 0.56, 0.665, 0.743)),
     "tailgate_z":     (0.006, 0.002, (0.945, 0.925, 0.925, 0.925, 0.91, 0.87, 0.935, 0.94)),
-    # side glass: height of its lower edge in front and what it gains; rear corner ahead of the rear axle (m);
-    # pillar behind the front door, from the glass's front corner (m)
+    # Side glass: height of its lower edge in front and its rise; rear corner ahead of the rear axle (m). Pillar behind
+    # the front door, from the glass's front corner (m).
     "belt_front_z":   (0.010, 0.003, (0.598, 0.588, 0.588, 0.588, 0.553, 0.503, 0.593, 0.603)),
     "belt_rise":      (0.012, 0.003, (0.108, 0.138, 0.103, 0.096, 0.08, 0.05, 0.075, 0.128)),
     "quarter_dx":     (0.08, 0.02, (0.04, -0.1, -0.57, -0.42, -0.67, -0.57, 0.84, 0.01)),
@@ -49,7 +49,7 @@ _PRIOR = {
     "rear_bow":       (0.02, 0.006, (0.09, 0.08, 0.08, 0.06, 0.06, 0.03, 0.03, 0.09)),
     "bumper_z":       (0.010, 0.003, (0.150, 0.150, 0.150, 0.175, 0.135, 0.145, 0.210, 0.145)),
     "rear_bumper_z":  (0.012, 0.003, (0.235, 0.225, 0.23, 0.245, 0.205, 0.205, 0.27, 0.235)),
-    # headlamp: how far it runs back along the side (m), inner corner, gap below the shoulder, height (m)
+    # headlamp: how far it extends back along the side (m), inner corner, gap below the shoulder, height (m)
     "lamp_back":      (0.09, 0.02, (0.38, 0.38, 0.36, 0.28, 0.42, 0.34, 0.16, 0.4)),
     "lamp_inner_y":   (0.05, 0.01, (0.50, 0.50, 0.51, 0.53, 0.52, 0.56, 0.60, 0.50)),
     "lamp_drop":      (0.015, 0.004, (0.015, 0.015, 0.015, 0.03, 0.015, 0.03, 0.06, 0.015)),
@@ -59,13 +59,13 @@ _PRIOR = {
     "tail_inner_y":   (0.07, 0.015, (0.51, 0.7, 0.74, 0.76, 0.8, 0.86, 0.84, 0.52)),
     "tail_drop":      (0.025, 0.005, (0.06, 0.04, 0.05, 0.05, 0.05, 0.2, 0.06, 0.045)),
     "tail_height":    (0.030, 0.006, (0.17, 0.19, 0.23, 0.24, 0.3, 0.3, 0.26, 0.145)),
-    # mirror: how far it stands out beyond half the body's width (m), size
+    # mirror: how far it protrudes beyond half the body's width (m), size
     "mirror_out":     (0.03, 0.01, (0.10, 0.10, 0.10, 0.12, 0.12, 0.15, 0.16, 0.09)),
     "mirror_size":    (0.01, 0.004, (0.14, 0.14, 0.14, 0.17, 0.17, 0.24, 0.20, 0.13)),
     "tyre_width":     (0.012, 0.004, (0.205, 0.185, 0.205, 0.235, 0.215, 0.205, 0.255, 0.225)),
     "ground_z":       (0.006, 0.003, (0.135, 0.135, 0.140, 0.155, 0.120, 0.125, 0.190, 0.125)),
-    # how far the bonnet's and the tail's edge stand back from the bumper (m); roof: where it is highest
-    # (share of its length from the rear), drop to its edge
+    # How far the bonnet's and the tail's edge are set back from the bumper (m). Roof: position of its highest point
+    # (share of its length from the rear), drop to its edge.
     "nose_back":      (0.03, 0.008, (0.10, 0.10, 0.10, 0.08, 0.11, 0.10, 0.06, 0.11)),
     "tail_back":      (0.02, 0.005, (0.08, 0.08, 0.08, 0.08, 0.07, 0.05, 0.10, 0.08)),
     "roof_peak":      (0.05, 0.01, (0.62, 0.66, 0.60, 0.60, 0.60, 0.60, 0.60, 0.62)),
@@ -104,18 +104,18 @@ class Style:
 
 
 def _shape(body: str, spread: int, rng: np.random.Generator) -> dict[str, float]:
-    """A draw of every shape parameter's deviation, cut at 2.2 standard deviations."""
+    """Draws the deviation of every shape parameter, cut at 2.2 standard deviations."""
     return {key: row[spread] * float(np.clip(rng.normal(), -2.2, 2.2)) for key, row in _PRIOR.items()}
 
 
 def model_style(spec: Spec) -> Style:
-    """The base model itself: published dimensions and the model's own character."""
+    """Returns the base model itself: published dimensions and the model's own character."""
     rng = np.random.default_rng(zlib.crc32(spec.name.encode()))
     index = BODY_TYPES.index(spec.body)
     deviation = _shape(spec.body, 0, rng)
     shape = {key: row[2][index] + deviation[key] for key, row in _PRIOR.items()}
     if spec.body == "pickup":
-        # what the bed leaves: regular, extended or double cab by the model's name and wheelbase
+        # space beside the bed: regular, extended or double cab by the model's name and wheelbase
         bed = 1.55 if spec.name.endswith(("crew", "dc")) else 1.85
         shape["backlight_dx"] = (2.05 if spec.name.endswith("regular") else bed) * spec.length / 5.4
         shape["quarter_dx"] = 0.0
@@ -126,11 +126,11 @@ def model_style(spec: Spec) -> Style:
 
 
 def vary(style: Style, rng: np.random.Generator) -> Style:
-    """A car near a base model: dimensions within about 1.5 %, length and wheelbase together."""
+    """Returns a car near a base model: dimensions within about 1.5 %, length and wheelbase together."""
     n = rng.normal(size=6).clip(-2, 2)
     long = 1 + 0.012 * n[0]
     deviation = _shape(style.body, 1, rng)
-    if style.body == "hatchback" and rng.random() < 0.2:  # three doors: the pillar stands further back
+    if style.body == "hatchback" and rng.random() < 0.2:  # three doors: the pillar is further back
         deviation["b_pillar"] += 0.22
     return replace(
         style,
@@ -146,7 +146,7 @@ def vary(style: Style, rng: np.random.Generator) -> Style:
 
 
 def sample_style(rng: np.random.Generator, body: str | None = None, split: str = "train") -> Style:
-    """A random car of a split; the body type follows traffic when not given."""
+    """Returns a random car of a split; the body type follows traffic when not given."""
     if body is None:
         body = str(rng.choice(BODY_TYPES, p=np.array([TRAFFIC_SHARE[b] for b in BODY_TYPES])))
     specs = [s for s in SPECS if s.body == body and s.split == split]

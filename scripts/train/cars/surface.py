@@ -10,7 +10,7 @@ import numpy as np
 
 from .mesh import MATERIALS
 
-# A test gives one value a vertex from (points (V, 3), uv (V, 2)); a region is where all its tests are ≥ 0.
+# A test gives one value per vertex from (points (V, 3), uv (V, 2)); a region is where all its tests are ≥ 0.
 Test = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
@@ -25,21 +25,21 @@ class Shell:
     materials: np.ndarray  # (F,)
 
     def paint(self, material: str, *tests: Test) -> None:
-        """Give a region another material; faces across its edge are split along it."""
+        """Gives a region another material; faces across its edge are split along it."""
         inside = self._divide(tests)  # may replace self.materials, hence first
         self.materials[inside] = MATERIALS.index(material)
 
     def cut(self, *tests: Test) -> None:
-        """Remove a region."""
+        """Removes a region."""
         inside = self._divide(tests)
         keep = np.ones(len(self.faces), bool)
         keep[inside] = False
         self.faces, self.materials = self.faces[keep], self.materials[keep]
 
     def _divide(self, tests: tuple[Test, ...]) -> np.ndarray:
-        """Split faces along each test's zero line within the region so far; indices of those inside."""
+        """Splits faces along each test's zero line within the region so far; returns the indices of those inside."""
         inside = np.arange(len(self.faces))
-        for test in tests:  # a coarse pass first, so that far-away faces are left whole
+        for test in tests:  # a coarse pass first, so that far-away faces are not split
             a, b, c = (test(self.points, self.uv) > 0)[self.faces[inside]].T
             inside = inside[a | b | c]
         for test in tests:
@@ -57,7 +57,7 @@ class Shell:
         return inside
 
     def _split(self, which: np.ndarray, value: np.ndarray, positive: np.ndarray, lone_in: np.ndarray) -> np.ndarray:
-        """Cut faces in a tip and a rest of two along value = 0; indices of the parts on the positive side."""
+        """Cuts faces along value = 0 into one triangle and two; returns the indices of the positive parts."""
         lone = np.where(lone_in, positive.argmax(1), (~positive).argmax(1))
         rows = np.arange(len(which))
         a, b, c = (self.faces[which, (lone + step) % 3] for step in range(3))
@@ -79,7 +79,7 @@ class Shell:
         return np.concatenate([which[lone_in], rest, rest + len(which)])
 
     def mirrored(self) -> Shell:
-        """The other side of the car."""
+        """Returns the other side of the car."""
         flip = np.array([1.0, -1.0, 1.0])
         return Shell(
             self.points * flip,
@@ -90,12 +90,12 @@ class Shell:
         )
 
     def moved(self, offset: tuple[float, float, float]) -> Shell:
-        """Shifted by `offset`."""
+        """Returns a copy shifted by `offset`."""
         return Shell(self.points + np.array(offset), self.normals, self.uv, self.faces.copy(), self.materials.copy())
 
 
 def join(shells: list[Shell]) -> Shell:
-    """All in one."""
+    """Joins shells into one."""
     offsets = np.cumsum([0] + [len(s.points) for s in shells[:-1]])
     return Shell(
         np.concatenate([s.points for s in shells]),
@@ -138,7 +138,7 @@ def flat_polygon(corners: np.ndarray, material: str) -> Shell:
 
 
 def rounded_box(centre: np.ndarray, half: np.ndarray, material: str, power: float = 4.0, steps: int = 6) -> Shell:
-    """Superellipsoid: a sphere for power 2, a box with soft edges above."""
+    """Builds a superellipsoid: a sphere for power 2, a box with soft edges above."""
     unit = _unit_box(power, steps)
     normal = unit.normals / half
     normal = normal / np.sqrt((normal**2).sum(1, keepdims=True))

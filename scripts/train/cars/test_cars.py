@@ -1,4 +1,4 @@
-"""`PYTHONPATH=scripts/train python -m unittest cars.test_cars`."""
+"""Tests of built cars and of the atlas."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ import unittest
 
 import numpy as np
 
-from .builder import build, named_cars, sample_car
-from .mesh import BODY_TYPES, KEYPOINT_NAMES, MATERIALS, MIRROR, REPOSITORY, CarMesh
-from .specs import SPECS, TRAFFIC_SHARE
-from .style import sample_style
+from roadplane_train.cars.builder import build, named_cars, sample_car
+from roadplane_train.cars.mesh import BODY_TYPES, KEYPOINT_NAMES, MATERIALS, MIRROR, REPOSITORY, CarMesh
+from roadplane_train.cars.specs import SPECS, TRAFFIC_SHARE
+from roadplane_train.cars.style import sample_style
 
 FLIP = np.array([1.0, -1.0, 1.0])
 
@@ -33,7 +33,7 @@ def every_body(seed: int) -> list[CarMesh]:
 
 class Cars(unittest.TestCase):
     def test_keypoints_lie_on_the_surface(self) -> None:
-        """Within 1.5 cm; the tyre's contact lies below its rounded shoulder, hence 3 cm."""
+        """The tolerance is 1.5 cm; the tyre's contact lies below its rounded shoulder, hence 3 cm there."""
         for car in every_body(1):
             triangles = car.vertices[car.faces].astype(float)
             for name, point in zip(KEYPOINT_NAMES, car.keypoints):
@@ -60,7 +60,7 @@ class Cars(unittest.TestCase):
             np.testing.assert_allclose(car.keypoints[MIRROR] * FLIP, car.keypoints, atol=1e-12)
 
     def test_size_is_the_declared_one(self) -> None:
-        """Paint fills length and height (dark bumpers and spoilers leave a margin); wheels stand on z = 0."""
+        """The paint fills length and height (dark bumpers and spoilers leave a margin); the wheels touch z = 0."""
         for car in every_body(4):
             paint = car.vertices[np.unique(car.faces[car.materials == MATERIALS.index("paint")])]
             length = np.ptp(paint[:, 0])
@@ -152,7 +152,3 @@ class Atlas(unittest.TestCase):
 
             right += max(self.atlas["body_types"], key=log_likelihood)["name"] == car.body
         self.assertGreater(right, 0.8 * len(cars))
-
-
-if __name__ == "__main__":
-    unittest.main()

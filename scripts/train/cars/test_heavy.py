@@ -1,4 +1,4 @@
-"""`PYTHONPATH=scripts/train python -m unittest cars.test_heavy`."""
+"""Tests of lorries and buses."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ import unittest
 
 import numpy as np
 
-from .bus import HEIGHT, Bus
-from .heavy import sample_heavy
-from .lorry import KINDS, Lorry
-from .mesh import MATERIALS, CarMesh
-from .solids import box, prism
-from .surface import Shell
+from roadplane_train.cars.bus import HEIGHT, Bus
+from roadplane_train.cars.heavy import sample_heavy
+from roadplane_train.cars.lorry import KINDS, Lorry
+from roadplane_train.cars.mesh import MATERIALS, CarMesh
+from roadplane_train.cars.solids import box, prism
+from roadplane_train.cars.surface import Shell
 
 TYRE, RIM, GLASS = (MATERIALS.index(name) for name in ("tyre", "rim", "glass"))
 
 
 def every_kind(seed: int) -> dict[str, CarMesh]:
-    """Two of each kind, by name."""
+    """Returns two of each kind, by name."""
     meshes: dict[str, CarMesh] = {}
     rng = np.random.default_rng(seed)
     while len(meshes) < 2 * (len(KINDS) + len(HEIGHT)):
@@ -32,7 +32,7 @@ def every_kind(seed: int) -> dict[str, CarMesh]:
 
 
 def volume(solid: Shell) -> float:
-    """By the divergence theorem: right only if the solid is closed and its faces are wound outwards."""
+    """Returns the volume by the divergence theorem: right only for a closed solid with outward faces."""
     a, b, c = (solid.points[solid.faces[:, i]] for i in range(3))
     return float((a * np.cross(b, c)).sum() / 6)
 
@@ -47,15 +47,15 @@ class Solids(unittest.TestCase):
             flat = np.cross(*(solid.points[solid.faces[:, i]] - solid.points[solid.faces[:, 0]] for i in (1, 2)))
             self.assertTrue(((flat * solid.normals[solid.faces].mean(1)).sum(1) > 0).all())
 
-    def test_fills_what_it_is_told(self) -> None:
+    def test_fills_the_given_extents(self) -> None:
         solid = box((1.0, 2.0), (-0.5, 0.75), (0.25, 3.0), "paint", 0.1)
         np.testing.assert_allclose(solid.points.min(0), [1.0, -0.5, 0.25], atol=1e-9)
         np.testing.assert_allclose(solid.points.max(0), [2.0, 0.75, 3.0], atol=1e-9)
 
 
 class Heavy(unittest.TestCase):
-    def test_as_large_as_told(self) -> None:
-        """Bumpers, lamps and mirrors stick out."""
+    def test_has_the_given_size(self) -> None:
+        """Bumpers, lamps and mirrors may protrude."""
         for name, mesh in every_kind(1).items():
             low, high = mesh.vertices.min(0), mesh.vertices.max(0)
             self.assertTrue((np.abs((high - low)[[0, 2]] - mesh.dims[[0, 2]]) < [0.15, 0.08]).all(), f"{name} {high - low}")
@@ -63,8 +63,8 @@ class Heavy(unittest.TestCase):
             self.assertAlmostEqual(float(np.ptp(beside[:, 1])), mesh.dims[1], delta=0.1, msg=name)
             self.assertLess(abs(low[0] + high[0]), 0.15, name)
 
-    def test_wheels_stand_on_the_ground_and_are_seen_from_the_side(self) -> None:
-        """From straight beside, nothing lies before at least nine tenths of what shows of each wheel's face."""
+    def test_wheels_touch_the_ground_and_are_visible_from_the_side(self) -> None:
+        """From the side, at least nine tenths of each wheel's outer face is unobstructed."""
         for name, mesh in every_kind(2).items():
             points = mesh.vertices[mesh.faces].astype(float)
             wheel = np.isin(mesh.materials, (TYRE, RIM))
@@ -123,14 +123,10 @@ class Heavy(unittest.TestCase):
 
 
 def _lies_before(place: np.ndarray, triangles: np.ndarray) -> bool:
-    """Whether a triangle (n, 3, 3) lies between a point and a viewer far to the left."""
+    """Returns whether a triangle (n, 3, 3) lies between a point and a viewer far to the left."""
     a, b, c = (triangles[:, i][:, [0, 2]] - place[[0, 2]] for i in range(3))
     sides = np.stack([p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0] for p, q in ((b, c), (c, a), (a, b))], 1)
     total = sides.sum(1)
     inside = (np.abs(total) > 1e-9) & ((sides * np.sign(total)[:, None]) > 0).all(1)
     y = (sides[inside] * triangles[inside, :, 1]).sum(1) / total[inside]
     return bool((y > place[1] + 0.002).any())
-
-
-if __name__ == "__main__":
-    unittest.main()

@@ -1,4 +1,4 @@
-"""`PYTHONPATH=scripts/train python -m unittest cars.test_meshes`; needs the package sweethome3d-furniture."""
+"""Tests of imported meshes; they need Debian's package sweethome3d-furniture."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ from pathlib import Path
 
 import numpy as np
 
-from .deform import _Warp, deform
-from .mesh import MATERIALS, CarMesh
-from .meshes import CATALOGUE, FURNITURE, MissingFurnitureError, catalogue, load, load_meshes
-from .obj import parse
-from .shading import smooth_normals, thin_out
+from roadplane_train.cars.deform import _Warp, deform
+from roadplane_train.cars.mesh import MATERIALS, CarMesh
+from roadplane_train.cars.meshes import CATALOGUE, FURNITURE, MissingFurnitureError, catalogue, load, load_meshes
+from roadplane_train.cars.obj import parse
+from roadplane_train.cars.shading import smooth_normals, thin_out
 
 FLIP = np.array([1.0, -1.0, 1.0])
 
 
 def wheel_spread(mesh: CarMesh) -> float:
-    """How far the front left tread is from a circle about the hub: spread of its outermost radii by direction, metres."""
+    """Returns the spread of the front left tread's outermost radii by direction, m; 0 for a circle."""
     points = mesh.vertices[np.unique(mesh.material_faces("tyre"))].astype(float)
     points = points[(points[:, 0] > 0) & (points[:, 1] > 0)] - mesh.keypoints[0]
     angle = np.floor((np.arctan2(points[:, 2], points[:, 0]) + np.pi) / (2 * np.pi) * 8).clip(0, 7)
@@ -111,10 +111,10 @@ class Meshes(unittest.TestCase):
                     self.assertTrue(0.02 < moved < 0.6, moved)
                     ratio = other.dims / mesh.dims
                     self.assertTrue(((0.85 < ratio) & (ratio < 1.15)).all(), ratio)
-                    self._facing_kept(mesh, other)
+                    self._orientation_kept(mesh, other)
 
-    def _facing_kept(self, mesh: CarMesh, other: CarMesh) -> None:
-        """Normals still agree with the faces' winding about as well as before."""
+    def _orientation_kept(self, mesh: CarMesh, other: CarMesh) -> None:
+        """Checks that normals agree with the winding of the faces about as well as before."""
         agree = []
         for m in (mesh, other):
             a, b, c = m.vertices[m.faces].astype(float).transpose(1, 0, 2)

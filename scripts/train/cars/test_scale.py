@@ -1,4 +1,4 @@
-"""`PYTHONPATH=scripts/train python -m unittest cars.test_scale`."""
+"""Tests of the scale of scenes."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import unittest
 
 import numpy as np
 
-from .scale import Estimate, KeypointType, estimate, scene_error
+from roadplane_train.cars.scale import Estimate, KeypointType, estimate, scene_error
 
 TRUE_LOG_SCALE = 0.07
 
@@ -16,7 +16,7 @@ class Scale(unittest.TestCase):
         rng = np.random.default_rng(3)
         mean, modes = rng.normal(0, 1, 54), rng.normal(0, 0.1, (5, 54))
         covariance = modes.T @ modes + np.diag(rng.uniform(0.01, 0.05, 54) ** 2)
-        # Alike but for their size: often it is not clear of which type a car is.
+        # These differ in size alone, so the type of a car is often ambiguous.
         other = 1.03 * mean + rng.normal(size=5) @ modes
         types = [KeypointType(0.7, mean, covariance), KeypointType(0.3, other, covariance)]
         standardised = []
@@ -35,7 +35,3 @@ class Scale(unittest.TestCase):
         odd = Estimate(log_scale=0.2, information=100.0, misfit=540.0, numbers=54)
         self.assertAlmostEqual(scene_error([good, good]), 0.0)
         self.assertLess(scene_error([good, odd]), 0.02)
-
-
-if __name__ == "__main__":
-    unittest.main()

@@ -1,0 +1,1 @@
+"""The keypoint net: training, evaluation, calibration, export."""

@@ -1,4 +1,4 @@
-"""The model card: for programs (JSON, read by `infer`) and for people (Markdown)."""
+"""Writes the model card: JSON for programs (read by `infer`) and Markdown for people."""
 
 from __future__ import annotations
 
@@ -7,24 +7,24 @@ import json
 from dataclasses import asdict
 from pathlib import Path
 
-from net.data import CONTEXT
-from net.decode import Calibration
-from net.model import CELLS, INPUT_PX, KEYPOINTS
+from roadplane_train.net.data import CONTEXT
+from roadplane_train.net.decode import Calibration
+from roadplane_train.net.model import CELLS, INPUT_PX, KEYPOINTS
 
 RENDERED_CREDITS = "rendered cars and scenes of `scripts/train` (credits in `CREDITS.md`)"
 REAL_CREDITS = (
     "hand-labelled real cars that are not in this repository: PKLot (Almeida et al. 2015, CC BY 4.0), MEVA "
     "(Kitware and IARPA, CC BY 4.0), Intel sample videos (CC BY 4.0), Udacity CarND (MIT)"
 )
-NOTES = """Boxes are the true ones. Rendered: car models not learnt from, the half of the crops that did not
-calibrate. Real test: never learnt from, chosen or calibrated by. Real held-out cars also calibrated the sd,
-so their error / sd is not independent; and the average shape of the rendered cars was adjusted once to all
-labelled real cars to learn from (`scripts/train/cars/README.md`). The AUC of real cars sets "clear" against
-"hidden or blurred" labels, a softer question than visible against not."""
+NOTES = """Boxes are the true ones. Rendered: held-out car models, and the half of the crops that the calibration did
+not use. Real test: never used for training, selection or calibration. Real held-out cars also calibrated the sd, so
+their normalised error is not independent. The average shape of the rendered cars was adjusted once to all labelled
+real training cars (`scripts/train/cars/README.md`). The AUC of real cars compares "clear" with "hidden or blurred"
+labels, which is easier to satisfy than visible against hidden."""
 
 
 def card(path: Path, calibration: Calibration, how_made: dict, metrics: dict) -> dict:
-    """The card of the ONNX file at `path`."""
+    """Returns the card of the ONNX file at `path`."""
     return {
         "schema": "roadplane.model-card/1",
         "name": "hourglass",
@@ -61,7 +61,7 @@ def _row(name: str, m: dict) -> str:
 
 
 def markdown(card: dict) -> str:
-    """The same for people."""
+    """Returns the card as Markdown."""
     made, recipe, calibration = card["how_made"], card["how_made"]["recipe"], card["calibration"]
     measured = {k: v for k, v in card["metrics"].items() if "pck_0.05" in v}
     data, real, credits = f"{made['rendered_crops']} rendered crops", "none", RENDERED_CREDITS

@@ -11,11 +11,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from cars.mesh import KEYPOINT_NAMES, MIRROR
-from render.crops import CROP_SCALE
+from roadplane_train.cars.mesh import KEYPOINT_NAMES, MIRROR
+from roadplane_train.render.crops import CROP_SCALE
 
 INPUT_PX = 128
-CONTEXT = 1.17  # side of the crop in units of the box's longer side
+CONTEXT = 1.17  # side of the crop over the longer side of the box
 MIDDLE = np.full(2, INPUT_PX / 2 - 0.5)
 GREY = 127
 KEYPOINTS = len(KEYPOINT_NAMES)
@@ -32,19 +32,19 @@ class Batch:
     judged: np.ndarray  # weight of the visibility loss
 
 
-# One car of it, the fields in that order.
+# One car of the labels, with its fields in this order.
 Sample = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
 class Shards:
-    """Rendered crops in memory, with more around the car than the net gets to see: room to turn and shift them."""
+    """Rendered crops in memory, with more around the car than the net's input: room to rotate and shift them."""
 
     def __init__(self, folder: Path, limit: int | None = None) -> None:
         self.images: list[np.ndarray] = []
         self.points: list[np.ndarray] = []
         self.visible: list[np.ndarray] = []
         self.sides: list[float] = []  # longer side of the car's box, crop px
-        self.sizes: list[float] = []  # the same in the picture's px
+        self.sizes: list[float] = []  # the same in pixels of the picture
         self.bodies: list[str] = []
         for path in sorted(folder.glob("*.npz")):
             if limit and len(self) >= limit:
@@ -63,7 +63,7 @@ class Shards:
 
 @dataclass
 class RealCar:
-    """A labelled real car: a patch of its picture, labels in its px; `flag` 2 clear, 1 guessed, 0 unknown."""
+    """A labelled real car: a patch of its picture, labels in its pixels; `flag` 2 clear, 1 guessed, 0 unknown."""
 
     source: str
     patch: np.ndarray
@@ -74,7 +74,7 @@ class RealCar:
 
 
 def read_real(folder: Path) -> list[RealCar]:
-    """All cars of the label files (`*.json` in the format of README.md) in a folder."""
+    """Reads all cars of the label files of a folder (`*.json` in the format of README.md)."""
     cars = []
     for path in sorted(folder.glob("*.json")):
         labels = json.loads(path.read_text())
@@ -98,25 +98,25 @@ def read_real(folder: Path) -> list[RealCar]:
 
 
 def _similarity(rotation: float, scale: float, point: np.ndarray, becomes: np.ndarray) -> np.ndarray:
-    """2 × 3 affine map that turns (rad) and scales, and carries one point to another."""
+    """Returns the 2 × 3 affine map that rotates (rad) and scales, and maps one point to another."""
     c, s = np.cos(rotation) * scale, np.sin(rotation) * scale
     linear = np.array([[c, -s], [s, c]])
     return np.column_stack([linear, becomes - linear @ point])
 
 
 def crop_from_box(box: np.ndarray, rotation: float = 0.0) -> np.ndarray:
-    """2 × 3 affine map from picture px to crop px of a box (ARCHITECTURE.md), turned by `rotation` rad."""
+    """Returns the 2 × 3 affine map from picture px to crop px of a box, rotated by `rotation` rad."""
     centre, side = (box[:2] + box[2:]) / 2, CONTEXT * (box[2:] - box[:2]).max()
     return _similarity(rotation, INPUT_PX / side, centre, MIDDLE)
 
 
 def crop_from_rendered(rotation: float = 0.0, scale: float = 1.0, shift: np.ndarray | float = 0.0) -> np.ndarray:
-    """2 × 3 affine map from a rendered crop to what the net gets to see, turned (rad), scaled and shifted (px)."""
+    """Returns the 2 × 3 affine map from a rendered crop to the net's input: rotated (rad), scaled and shifted (px)."""
     return _similarity(rotation, scale * (CROP_SCALE / CONTEXT), MIDDLE, MIDDLE + shift)
 
 
 def warp(picture: np.ndarray, crop_from_picture: np.ndarray) -> np.ndarray:
-    """Resamples to the crop, averaging first where it shrinks by more than a little."""
+    """Resamples to the crop; averages first if it shrinks by more than a little."""
     scale = np.sqrt(abs(np.linalg.det(crop_from_picture[:, :2])))
     matrix = crop_from_picture.copy()
     if scale < 0.7:
@@ -137,12 +137,12 @@ def warp(picture: np.ndarray, crop_from_picture: np.ndarray) -> np.ndarray:
 
 
 def apply(matrix: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """An affine map on points [n, 2]."""
+    """Applies an affine map to points [n, 2]."""
     return points @ matrix[:, :2].T + matrix[:, 2]
 
 
 def _recolour(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Exposure, contrast, colour cast, gamma and sometimes grey."""
+    """Changes exposure, contrast, colour cast and gamma, and sometimes removes the colour."""
     x = image.astype(np.float32)
     x = (x - 127) * rng.uniform(0.65, 1.35) + 127 + rng.uniform(-35, 35)
     x *= 1 + rng.normal(0, 0.06, 3).astype(np.float32)
@@ -153,7 +153,7 @@ def _recolour(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 
 def _degrade(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Lower resolution, blur, noise and JPEG, for real crops (rendered ones come degraded)."""
+    """Adds lower resolution, blur, noise and JPEG to real crops (rendered ones are degraded already)."""
     if rng.random() < 0.5:
         small = int(INPUT_PX * rng.uniform(0.3, 0.9))
         image = cv2.resize(cv2.resize(image, (small, small), interpolation=cv2.INTER_AREA), (INPUT_PX, INPUT_PX))
@@ -191,19 +191,19 @@ class Sampler:
         while True:
             try:
                 self.queue.put(self.draw())
-            except Exception as error:  # or the training would wait for ever
+            except Exception as error:  # otherwise the training would wait for ever
                 self.queue.put(error)
                 return
 
     def next(self) -> Batch:
-        """A batch."""
+        """Returns the next batch."""
         batch = self.queue.get()
         if isinstance(batch, Exception):
             raise batch
         return batch
 
     def draw(self) -> Batch:
-        """Makes the next batch."""
+        """Draws the next batch."""
         self.rng = np.random.default_rng([*self.seed, self.number])
         self.number += 1
         samples = [self._real() for _ in range(self.real_count)]

@@ -1,4 +1,4 @@
-"""From heatmap logits to keypoints: the rule of ARCHITECTURE.md (Rust: crates/keypoints/src/heatmap.rs)."""
+"""Decodes heatmap logits to keypoints; the reference for crates/keypoints/src/heatmap.rs."""
 
 from __future__ import annotations
 
@@ -7,24 +7,24 @@ from dataclasses import dataclass
 import numpy as np
 
 WINDOW_CELLS = 3
-# At most this share of a location is taken to be prior: dividing by what is left amplifies noise.
+# Upper bound of the prior's share of a location: dividing by the rest amplifies noise.
 LARGEST_PRIOR_SHARE = 0.5
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """The card's `calibration`: how a peak becomes a measurement with an honest covariance."""
+    """The card's `calibration`: turns a peak into a measurement with a calibrated covariance."""
 
     sd_per_variance: float  # a, 1 / crop px
     sd_floor_crop_px: float  # b
-    prior_mean_crop_px: tuple[float, float]  # of visible keypoints' x, y in rendered crops like those learnt from
+    prior_mean_crop_px: tuple[float, float]  # of x, y of visible keypoints in rendered training crops
     prior_sd_crop_px: tuple[float, float]
 
     def measurement(self, mean: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Peaks [..., 2] and [..., 2, 2] as `decode` gives them → locations and covariances, crop px.
+        """Turns peaks [..., 2] and [..., 2, 2] of `decode` into locations and covariances, crop px.
 
-        The covariance is S = a² V² + b². The net's mean m is one of a posterior, which the prior draws towards its
-        own mean c; the measurement that explains it is c + (1 − S P⁻¹)⁻¹ (m − c) with covariance (S⁻¹ − P⁻¹)⁻¹.
+        The covariance is S = a² V² + b². The net's mean m is that of a posterior, which the prior draws towards its own
+        mean c. The measurement that explains it is c + (1 − S P⁻¹)⁻¹ (m − c), with covariance (S⁻¹ − P⁻¹)⁻¹.
         """
         centre, sd = np.array(self.prior_mean_crop_px), np.array(self.prior_sd_crop_px)
         posterior = self.sd_per_variance**2 * covariance @ covariance + self.sd_floor_crop_px**2 * np.eye(2)
@@ -37,7 +37,7 @@ class Calibration:
 
 
 def decode(logits: np.ndarray, input_px: int = 128) -> tuple[np.ndarray, np.ndarray]:
-    """Logits [..., n, n] → mean [..., 2] (crop px: x, y), covariance [..., 2, 2] (crop px²), uncalibrated."""
+    """Maps logits [..., n, n] to means [..., 2] (x, y, crop px) and covariances [..., 2, 2] (px²), uncalibrated."""
     cells = logits.shape[-1]
     stride = input_px / cells
     flat = logits.reshape(-1, cells, cells).astype(np.float64)

@@ -1,4 +1,7 @@
-"""How far predicted keypoints are off: `python -m net.evaluate --weights RUN/last.pt`."""
+"""Evaluates predicted keypoints: errors, PCK, visibility, exchanged names.
+
+roadplane-train net evaluate --weights RUN/last.pt
+"""
 
 from __future__ import annotations
 
@@ -10,12 +13,12 @@ import numpy as np
 import torch
 from torch import nn
 
-from cars.mesh import KEYPOINT_NAMES, MIRROR
-from net.data import RealCar, Shards, apply, crop_from_box, crop_from_rendered, read_real, warp
-from net.decode import Calibration, decode
-from net.model import Deployed, StackedHourglass
+from roadplane_train.cars.mesh import KEYPOINT_NAMES, MIRROR
+from roadplane_train.net.data import RealCar, Shards, apply, crop_from_box, crop_from_rendered, read_real, warp
+from roadplane_train.net.decode import Calibration, decode
+from roadplane_train.net.model import Deployed, StackedHourglass
 
-# Index of the keypoint at the other end of the car; mirror and B-pillar have none and stay.
+# Index of the keypoint at the other end of the car; mirror and B-pillar have none and map to themselves.
 _ENDS = [1, 0, 3, 2, 6, 7, 4, 5, 9, 8, 13, 12, 11, 10, 14, 16, 15, 17]
 FRONT_BACK = np.array(_ENDS + [k + 18 for k in _ENDS])
 LEFT_RIGHT = np.array(MIRROR)
@@ -25,20 +28,20 @@ SIZES_PX = (0, 40, 60, 100, 200, 10_000)
 
 
 def robust_sd(values: np.ndarray) -> float:
-    """1.4826 · median |value|: the sd of normal errors around 0, whatever a few gross ones do."""
+    """Returns 1.4826 · median |value|: the sd of normal errors around 0, regardless of a few gross ones."""
     return float(NORMAL_SD_PER_MAD * np.median(np.abs(values)))
 
 
 @dataclass
 class Crop:
-    """One crop with its truth: points crop px, `clear` points are measured, `hidden` ones only scored."""
+    """One crop with its truth: points in crop px; `clear` points are measured, `hidden` ones are only scored."""
 
     image: np.ndarray
     points: np.ndarray
     clear: np.ndarray
     hidden: np.ndarray
     side: float  # longer side of the true box, crop px
-    car_px: float  # the same in the picture's pixels
+    car_px: float  # the same in pixels of the picture
     body: str
     group: str
 
@@ -54,15 +57,15 @@ class Result:
     covariance: np.ndarray  # [n, 2, 2] crop px²: of the measurement, or of the heatmap around its peak
     score_seen: np.ndarray
     score_hidden: np.ndarray
-    confused: dict[str, list[int]]  # crops whose points fit better with names exchanged
+    confused: dict[str, list[int]]  # crops whose points fit better with exchanged names
     cars: int
 
     def pck(self, threshold: float) -> float:
-        """Share of points nearer than this."""
+        """Returns the share of points nearer than this."""
         return float((self.error <= threshold).mean())
 
     def auc(self) -> float:
-        """Probability that a visible point scores above a hidden one."""
+        """Returns the probability that a visible point scores above a hidden one."""
         n, m = len(self.score_seen), len(self.score_hidden)
         if not n or not m:
             return float("nan")
@@ -70,12 +73,12 @@ class Result:
         return float((ranks[:n].sum() - n * (n - 1) / 2) / (n * m))
 
     def robust_sd(self) -> float:
-        """That of error / sd: 1 when predicted sd are honest."""
+        """Returns the robust sd of the normalised error: 1 if the predicted sds are calibrated."""
         variance = np.diagonal(self.covariance, axis1=1, axis2=2)
         return robust_sd(self.offset / np.sqrt(variance + 1e-9))
 
     def numbers(self) -> dict[str, float | int | dict]:
-        """What a model card says."""
+        """Returns the figures for a model card."""
         return {
             "cars": self.cars,
             "points": len(self.error),
@@ -88,7 +91,7 @@ class Result:
         }
 
     def line(self) -> str:
-        """One line for people."""
+        """Returns a summary in one line."""
         confused = ", ".join(f"{name} {len(cars)}" for name, cars in self.confused.items())
         return (
             f"{self.cars} cars, {len(self.error)} points: median {100 * np.median(self.error):.2f} % "
@@ -98,7 +101,7 @@ class Result:
 
 
 def shard_crops(shards: Shards, count: int | None = None) -> list[Crop]:
-    """Rendered crops, the first `count`, as the net gets to see them."""
+    """Returns the first `count` rendered crops, as the net's input."""
     matrix, crops = crop_from_rendered(), []
     for i in range(min(len(shards), count or len(shards))):
         exists, seen = np.isfinite(shards.points[i][:, 0]), shards.visible[i] > 0
@@ -118,7 +121,7 @@ def shard_crops(shards: Shards, count: int | None = None) -> list[Crop]:
 
 
 def real_crops(cars: list[RealCar]) -> list[Crop]:
-    """Real cars cut out by their true boxes."""
+    """Returns real cars, cropped by their true boxes."""
     crops = []
     for car in cars:
         matrix = crop_from_box(car.box)
@@ -139,7 +142,7 @@ def real_crops(cars: list[RealCar]) -> list[Crop]:
 
 
 def predict(net: nn.Module, images: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Means [n, 36, 2], covariances [n, 36, 2, 2] (crop px, uncalibrated) and visibility [n, 36]."""
+    """Returns means [n, 36, 2], covariances [n, 36, 2, 2] (crop px, uncalibrated) and visibility [n, 36]."""
     means, covariances, seen = [], [], []
     with torch.no_grad():
         for i in range(0, len(images), 32):
@@ -153,7 +156,7 @@ def predict(net: nn.Module, images: list[np.ndarray]) -> tuple[np.ndarray, np.nd
 
 
 def confusion_of(mean: np.ndarray, crop: Crop) -> str | None:
-    """Which exchange of names makes a car's prediction fit better, if any; needs four clear points."""
+    """Returns the exchange of names that makes a car's prediction fit better, if any; needs four clear points."""
     clear = np.flatnonzero(crop.clear)
     if len(clear) < 4:
         return None
@@ -166,7 +169,7 @@ def confusion_of(mean: np.ndarray, crop: Crop) -> str | None:
 
 
 def evaluate(net: Deployed, crops: list[Crop], calibration: Calibration | None = None) -> Result:
-    """Measures a deployed net on crops, without calibration its bare peaks."""
+    """Evaluates a deployed net on crops; without calibration, its bare peaks."""
     means, covariances, seen = predict(net, [c.image for c in crops])
     if calibration:
         means, covariances = calibration.measurement(means, covariances)
@@ -193,7 +196,7 @@ def evaluate(net: Deployed, crops: list[Crop], calibration: Calibration | None =
 
 
 def tables(result: Result, crops: list[Crop]) -> str:
-    """Errors per keypoint, per size and per body."""
+    """Prints errors per keypoint, per size and per body."""
     error = 100 * result.error
     rows = [(name[5:], result.index % 18 == k) for k, name in enumerate(KEYPOINT_NAMES[:18])]
     sizes = np.array([c.car_px for c in crops])[result.car]
@@ -209,7 +212,7 @@ def tables(result: Result, crops: list[Crop]) -> str:
 
 
 def load(path: Path, work_px: int | None = None) -> Deployed:
-    """The averaged weights of a run, as they are exported; `work_px` instead of the checkpoint's word."""
+    """Loads the averaged weights of a run, as they are exported; `work_px` replaces the checkpoint's input size."""
     state = torch.load(path)
     net = StackedHourglass(state["stacks"], state["channels"])
     net.load_state_dict(state["average"])
@@ -218,14 +221,14 @@ def load(path: Path, work_px: int | None = None) -> Deployed:
 
 def main() -> None:
     """Prints the tables."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--weights", type=Path, default=Path(".work/runs/hourglass/last.pt"))
-    parser.add_argument("--work-px", type=int, help="picture size to use the net at, instead of its last one")
+    parser.add_argument("--work-px", type=int, help="input size of the net, px (default: that of its last training)")
     parser.add_argument("--crops", type=Path, default=Path(".work/crops/eval"))
     parser.add_argument("--real", type=Path, help="folder of hand-labelled cars")
-    parser.add_argument("--only", nargs="*", help="real images (file stems) to measure on; all by default")
+    parser.add_argument("--only", nargs="*", help="real images (file stems) to evaluate on (default: all)")
     parser.add_argument("--count", type=int, default=1024)
-    parser.add_argument("--tables", action="store_true", help="per keypoint, size and body")
+    parser.add_argument("--tables", action="store_true", help="prints errors per keypoint, size and body")
     args = parser.parse_args()
     torch.set_num_threads(1)
     net = load(args.weights, args.work_px)

@@ -1,6 +1,8 @@
-"""Calibrates a trained net and exports it with its card: `python -m net.export --run NAME`.
+"""Calibrates a trained net and exports it with its card.
 
-Writes hourglass.onnx, hourglass.card.json and hourglass.md, by default into models/.
+  roadplane-train net export --run NAME
+
+It writes hourglass.onnx, hourglass.card.json and hourglass.md, by default into models/.
 """
 
 from __future__ import annotations
@@ -13,23 +15,23 @@ import numpy as np
 import onnxruntime
 import torch
 
-from cars.mesh import REPOSITORY
-from net.calibrate import calibrate
-from net.card import card, markdown
-from net.data import Shards, read_real
-from net.decode import decode
-from net.evaluate import Crop, evaluate, load, real_crops, shard_crops
-from net.model import INPUT_PX, Deployed, gflop
-from net.train import split_real
+from roadplane_train.cars.mesh import REPOSITORY
+from roadplane_train.net.calibrate import calibrate
+from roadplane_train.net.card import card, markdown
+from roadplane_train.net.data import Shards, read_real
+from roadplane_train.net.decode import decode
+from roadplane_train.net.evaluate import Crop, evaluate, load, real_crops, shard_crops
+from roadplane_train.net.model import INPUT_PX, Deployed, gflop
+from roadplane_train.net.train import split_real
 
-# More and the check would cost more than it tells.
+# With more crops the check would only take longer.
 PARITY_CROPS = 32
 RENDERED_CROPS = 1536
 SMALL_CAR_PX = 60
 
 
 def export_onnx(net: Deployed, path: Path) -> None:
-    """Fixed names, dynamic batch."""
+    """Exports with fixed names and a dynamic batch size."""
     names = ["image", "heatmaps", "visibility"]
     torch.onnx.export(
         net,
@@ -43,7 +45,7 @@ def export_onnx(net: Deployed, path: Path) -> None:
 
 
 def parity(net: Deployed, path: Path, crops: list[Crop]) -> dict[str, float]:
-    """Largest differences between PyTorch and ONNX Runtime; another batch size than the one exported with."""
+    """Returns the largest differences between PyTorch and ONNX Runtime, at another batch size than the export."""
     images = np.stack([c.image for c in crops[:PARITY_CROPS]]).transpose(0, 3, 1, 2).astype(np.float32) / 255
     with torch.no_grad():
         heat, seen = (x.numpy() for x in net(torch.from_numpy(images)))
@@ -58,15 +60,15 @@ def parity(net: Deployed, path: Path, crops: list[Crop]) -> dict[str, float]:
 
 
 def main() -> None:
-    """Exports and says how good it is."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    """Exports a net and prints its evaluation."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--run", default="hourglass")
     parser.add_argument("--runs", type=Path, default=Path(".work/runs"))
     parser.add_argument("--crops", type=Path, default=Path(".work/crops/eval"))
     parser.add_argument("--real", type=Path, help="folder of hand-labelled cars")
-    parser.add_argument("--note", default="", help="what else the card must say about how the net was made")
-    parser.add_argument("--test", type=Path, help="folder of labelled cars that are only ever measured on")
-    parser.add_argument("--work-px", type=int, help="picture size to use the net at, instead of its last one")
+    parser.add_argument("--note", default="", help="further text for the card on how the net was made")
+    parser.add_argument("--test", type=Path, help="folder of labelled cars for the evaluation alone")
+    parser.add_argument("--work-px", type=int, help="input size of the net, px (default: that of its last training)")
     parser.add_argument("--out", type=Path, default=REPOSITORY / "models")
     args = parser.parse_args()
     torch.set_num_threads(1)
@@ -76,17 +78,17 @@ def main() -> None:
     rendered = shard_crops(Shards(args.crops), RENDERED_CROPS)
     if isinstance(recipe["hold_out"], str):
         recipe["hold_out"] = recipe["hold_out"].strip("[]").replace("'", "").replace(",", " ").split()
-    for name in ("crops", "real", "runs", "start_from"):  # folders of one machine tell nobody anything
+    for name in ("crops", "real", "runs", "start_from"):  # the folders of one machine mean nothing on others
         recipe[name] = None if recipe[name] in (None, "None") else Path(recipe[name]).name
-    learnt, held = split_real(read_real(args.real) if args.real else [], recipe["hold_out"])
-    held_crops = real_crops(held)
-    calibration = calibrate(net, rendered[::2], held_crops)
+    learnt, held_out = split_real(read_real(args.real) if args.real else [], recipe["hold_out"])
+    held_out_crops = real_crops(held_out)
+    calibration = calibrate(net, rendered[::2], held_out_crops)
     args.out.mkdir(parents=True, exist_ok=True)
     path = args.out / "hourglass.onnx"
     export_onnx(net, path)
     small = [c for c in rendered[1::2] if c.car_px < SMALL_CAR_PX]
     measured = {"rendered cars": rendered[1::2], f"rendered cars below {SMALL_CAR_PX} px": small}
-    for crop in held_crops:
+    for crop in held_out_crops:
         measured.setdefault(f"real {crop.group}, held out", []).append(crop)
     for crop in real_crops(read_real(args.test)) if args.test else []:
         measured.setdefault(f"real {crop.group}, test", []).append(crop)
@@ -101,7 +103,7 @@ def main() -> None:
         "stages": state["stages"],
         "rendered_crops": state["shards"],
         "real_cars": len(learnt) if recipe["real"] else 0,
-        "real_held_out": sorted({c.group for c in held_crops}),
+        "real_held_out": sorted({c.group for c in held_out_crops}),
         "recipe": recipe,
         "note": args.note,
     }

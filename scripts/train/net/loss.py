@@ -1,4 +1,4 @@
-"""What the hourglass is to make small."""
+"""The loss of the hourglass."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from pathlib import Path
 import torch
 from torch import nn
 
-from net.data import Batch
-from net.decode import WINDOW_CELLS
-from net.model import STRIDE
+from roadplane_train.net.data import Batch
+from roadplane_train.net.decode import WINDOW_CELLS
+from roadplane_train.net.model import STRIDE
 
 TARGET_SD_CELLS = 0.6
-DISTANCE_WEIGHT = 1.0  # of a pixel against a nat
+DISTANCE_WEIGHT = 1.0  # weight of a pixel against a nat
 SMOOTH_PX = 0.1
 CPU_INFO = Path("/proc/cpuinfo")
 # About three times as fast where the CPU has instructions for it.
@@ -20,7 +20,7 @@ HAS_BF16 = CPU_INFO.exists() and bool({"avx512_bf16", "amx_bf16"} & set(CPU_INFO
 
 
 def targets(points: torch.Tensor, cells: int) -> torch.Tensor:
-    """Narrow Gaussian over the cells [B, K, n²], sum 1, around locations [B, K, 2] in input px."""
+    """Returns a narrow Gaussian over the cells [B, K, n²], sum 1, around locations [B, K, 2] in input px."""
     cell = (points - (STRIDE - 1) / 2) / STRIDE
     grid = torch.arange(cells, dtype=torch.float32)
     x = -((grid - cell[..., :1]) ** 2) / (2 * TARGET_SD_CELLS**2)
@@ -29,9 +29,9 @@ def targets(points: torch.Tensor, cells: int) -> torch.Tensor:
 
 
 def peak_distance(logits: torch.Tensor, points: torch.Tensor) -> torch.Tensor:
-    """How far the decoded peaks [B, K] of logits [B, K, n, n] are from locations [B, K, 2], input px.
+    """Returns the distance of the decoded peaks [B, K] of logits [B, K, n, n] from locations [B, K, 2], input px.
 
-    Zero, with no gradient, where the peak is another one: the mean over its window would not move there.
+    It is zero, without a gradient, if the peak is another one: the mean over its window would not move there.
     """
     cells = logits.shape[-1]
     peak = logits.flatten(2).argmax(2)
@@ -48,7 +48,7 @@ def peak_distance(logits: torch.Tensor, points: torch.Tensor) -> torch.Tensor:
 
 
 def loss_of(net: nn.Module, batch: Batch) -> tuple[torch.Tensor, dict[str, float]]:
-    """Cross-entropy of each stack's heatmaps, distance of the last one's peaks, cross-entropy of visibility."""
+    """Returns the losses of each stack's heatmaps, of the last one's peaks, and of the visibility."""
     image = torch.from_numpy(batch.image).permute(0, 3, 1, 2).float().div(255)
     with torch.autocast("cpu", enabled=HAS_BF16):
         heatmaps, visibility = net(image.contiguous(memory_format=torch.channels_last))

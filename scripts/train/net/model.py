@@ -1,6 +1,6 @@
 """A stacked hourglass for 36 car keypoints: heatmap logits and visibility, at 128 px input.
 
-No batch normalisation: residual branches start small instead (SkipInit): half as fast again on a CPU.
+It has no batch normalisation: residual branches start small instead (SkipInit), which is half as fast again on a CPU.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ STRIDE = INPUT_PX // CELLS
 
 
 def conv(inputs: int, outputs: int, kernel: int, stride: int = 1) -> nn.Conv2d:
-    """A convolution that keeps the size (up to the stride), He-initialised."""
+    """Returns a convolution that keeps the size (up to the stride), He-initialised."""
     return _initialised(nn.Conv2d(inputs, outputs, kernel, stride, kernel // 2))
 
 
@@ -43,7 +43,7 @@ class Residual(nn.Module):
 
 
 class Halving(nn.Conv2d):
-    """To half the size: a convolution with stride, plus two that find finer edges first, which start at nothing."""
+    """Halves the size: a convolution with stride, plus two for finer edges before it, which start at zero."""
 
     def __init__(self, inputs: int, outputs: int) -> None:
         super().__init__(inputs, outputs, 3, 2, 1)
@@ -56,7 +56,7 @@ class Halving(nn.Conv2d):
 
 
 class Hourglass(nn.Module):
-    """Down to 4 × 4 and up again, with a skip at each size (Newell et al. 2016)."""
+    """Reduces to 4 × 4 and enlarges again, with a skip at each size (Newell et al. 2016)."""
 
     def __init__(self, channels: int, depth: int, outermost: bool = True) -> None:
         super().__init__()
@@ -71,14 +71,14 @@ class Hourglass(nn.Module):
 
 
 class StackedHourglass(nn.Module):
-    """[B, 3, n, n] RGB in 0…1 → per stack heatmap logits [B, 36, n/4, n/4]; visibility logits [B, 36].
+    """Maps [B, 3, n, n] RGB in 0…1 to heatmap logits [B, 36, n/4, n/4] per stack, and visibility logits [B, 36].
 
     n = 128, or any multiple of 32 while training.
     """
 
     def __init__(self, stacks: int = 2, channels: int = 64) -> None:
         super().__init__()
-        # Pixels of 2 × 2 blocks become channels first: a convolution of 3 channels wastes a CPU.
+        # Pixels of 2 × 2 blocks become channels first, as a CPU is slow at convolutions of 3 channels.
         self.stem = nn.Sequential(
             nn.PixelUnshuffle(2),
             Halving(12, channels),
@@ -92,7 +92,7 @@ class StackedHourglass(nn.Module):
         )
         self.heads = nn.ModuleList(nn.Conv2d(channels, KEYPOINTS, 1) for _ in range(stacks))
         self.back = nn.ModuleList(nn.Conv2d(channels + KEYPOINTS, channels, 1) for _ in range(stacks - 1))
-        # Visibility looks at the features where the keypoint is, and at the whole crop.
+        # Visibility reads the features at the keypoint, and the whole crop.
         self.visible_here = nn.Parameter(torch.zeros(KEYPOINTS, channels))
         self.visible_overall = nn.Linear(channels, KEYPOINTS)
 
@@ -106,7 +106,7 @@ class StackedHourglass(nn.Module):
                 logits = self.heads[i](features.float())
             heatmaps.append(logits)
             if i < len(self.back):
-                # Logits range over tens of units: squash them before they mix with features.
+                # Logits range over tens of units: they are squashed before they mix with features.
                 x = x + self.back[i](torch.cat([features, torch.tanh(logits * 0.2)], 1))
         where = heatmaps[-1].flatten(2).softmax(2)
         here = torch.matmul(where, features.flatten(2).transpose(1, 2))
@@ -115,9 +115,9 @@ class StackedHourglass(nn.Module):
 
 
 class Deployed(nn.Module):
-    """What is exported: the last stack's heatmap logits and the visibility as a probability, at 128 px input.
+    """The exported net: the last stack's heatmap logits and the visibility as a probability, at 128 px input.
 
-    A net trained at `work_px` < 128 sees the picture reduced to that; its logits are brought back to 32 × 32.
+    A net trained at `work_px` < 128 gets the picture reduced to that size; its logits are enlarged to 32 × 32.
     """
 
     def __init__(self, net: StackedHourglass, work_px: int = INPUT_PX) -> None:
@@ -136,7 +136,7 @@ class Deployed(nn.Module):
 
 
 def gflop(net: nn.Module) -> float:
-    """Floating-point operations (a multiply-add counts two) of the convolutions on one crop, 10⁹."""
+    """Returns the floating-point operations (a multiply-add counts two) of the convolutions on one crop, 10⁹."""
     count = 0
 
     def add(layer: nn.Conv2d, _: tuple, out: torch.Tensor) -> None:

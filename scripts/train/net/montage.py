@@ -1,4 +1,7 @@
-"""Draws predicted keypoints for the eye: `python -m net.montage --weights RUN/last.pt --out FILE.png`."""
+"""Draws a sheet of crops with predicted keypoints.
+
+roadplane-train net montage --weights RUN/last.pt --out FILE.png
+"""
 
 from __future__ import annotations
 
@@ -9,18 +12,18 @@ import cv2
 import numpy as np
 import torch
 
-from net.data import Shards, read_real
-from net.evaluate import Crop, confusion_of, load, predict, real_crops, shard_crops
-from net.model import Deployed
+from roadplane_train.net.data import Shards, read_real
+from roadplane_train.net.evaluate import Crop, confusion_of, load, predict, real_crops, shard_crops
+from roadplane_train.net.model import Deployed
 
 LEFT, RIGHT, FAINT, TRUTH = (255, 60, 60), (60, 140, 255), (150, 150, 150), (0, 255, 0)
 
 
 def montage(net: Deployed, crops: list[Crop], columns: int = 6, zoom: int = 3) -> np.ndarray:
-    """Crops with truth (green) and a line to the prediction, RGB.
+    """Draws crops with their truth (green) and a line to each prediction, RGB.
 
-    All predictions: the car's left red, right blue, grey where the score says hidden. A yellow frame marks
-    cars with names exchanged.
+    In the other half, all predictions: the car's left red, right blue, grey if the score says hidden. A yellow frame
+    marks cars with exchanged names.
     """
     means, _, seen = predict(net, [c.image for c in crops])
     tiles = []
@@ -46,8 +49,8 @@ def montage(net: Deployed, crops: list[Crop], columns: int = 6, zoom: int = 3) -
 
 
 def main() -> None:
-    """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    """Writes the sheet."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--weights", type=Path, required=True)
     parser.add_argument("--work-px", type=int)
     parser.add_argument("--crops", type=Path, default=Path(".work/crops/eval"))

@@ -1,4 +1,4 @@
-"""Weights to start a training from: a checkpoint or an exported net, also one of fewer channels or stacks."""
+"""Initial weights of a training: a checkpoint or an exported net, perhaps of fewer channels or stacks."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from pathlib import Path
 
 import torch
 
-from net.model import KEYPOINTS, StackedHourglass
+from roadplane_train.net.model import KEYPOINTS, StackedHourglass
 
-# Weights of this part may be missing: it starts at nothing.
+# Weights of this part may be missing: it starts at zero.
 ADDED_LATER = ".fine."
 
 
 def read_weights(path: Path) -> dict[str, torch.Tensor]:
-    """The averaged weights of a checkpoint (`.pt`) or the weights of an exported net (`.onnx`)."""
+    """Reads the averaged weights of a checkpoint (`.pt`) or the weights of an exported net (`.onnx`)."""
     if path.suffix != ".onnx":
         return torch.load(path)["average"]
     import onnx
@@ -28,14 +28,14 @@ def read_weights(path: Path) -> dict[str, torch.Tensor]:
 
 
 def read_stages(path: Path) -> list[dict]:
-    """The trainings that a checkpoint, or an exported net by its card, has behind it (`Training.stage`)."""
+    """Reads the earlier trainings of a checkpoint or, from its card, of an exported net (`Training.stage`)."""
     if path.suffix != ".onnx":
         return torch.load(path)["stages"]
     return json.loads(path.with_suffix(".card.json").read_text())["how_made"]["stages"]
 
 
 def _with_stacks(weights: dict[str, torch.Tensor], stacks: int) -> dict[str, torch.Tensor]:
-    """With copies of the last stack after it, which are told nothing yet of what it found."""
+    """Adds copies of the last stack after it; their input from its output starts at zero."""
     weights = dict(weights)
     for added in range(sum(name.startswith("heads.") for name in weights) // 2, stacks):
         for name in list(weights):
@@ -49,20 +49,20 @@ def _with_stacks(weights: dict[str, torch.Tensor], stacks: int) -> dict[str, tor
 
 
 def start(net: StackedHourglass, weights: dict[str, torch.Tensor]) -> None:
-    """Puts the weights of a net of at most as many channels and stacks into `net`, which then computes the same.
+    """Copies the weights of a net of at most as many channels and stacks into `net`, which then computes the same.
 
-    Added channels keep their random weights from what is before them, and have none yet on the channels that
-    were there (after Net2Net, Chen et al. 2016).
+    Added channels keep their random weights on the layers before them. Their weights towards the old channels start at
+    zero (after Net2Net, Chen et al. 2016).
     """
     state = net.state_dict()
     weights = _with_stacks(weights, len(net.heads))
     differ = sorted(name for name in state.keys() ^ weights.keys() if ADDED_LATER not in name)
     if differ:
-        raise ValueError(f"the weights to start from are of a net of other parts: {differ[0]} and {len(differ) - 1} more")
+        raise ValueError(f"the initial weights are of a net with other parts: {differ[0]} and {len(differ) - 1} more")
     for name, old in weights.items():
         value = state[name]
         if any(n < m for n, m in zip(value.shape, old.shape, strict=True)):
-            raise ValueError(f"{name}: the weights to start from have more channels ({tuple(old.shape)})")
+            raise ValueError(f"{name}: the initial weights have more channels ({tuple(old.shape)})")
         if value.ndim == 0:
             value.copy_(old)
         elif value.ndim == 1:

@@ -1,4 +1,4 @@
-"""`PYTHONPATH=scripts/train python -m unittest net.test_decode`: what needs no PyTorch."""
+"""Tests of decoding; they need no PyTorch."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import unittest
 
 import numpy as np
 
-from cars.mesh import REPOSITORY
-from net.decode import Calibration, decode
+from roadplane_train.cars.mesh import REPOSITORY
+from roadplane_train.net.decode import Calibration, decode
 
 FIXTURE = REPOSITORY / "tests/data/decoding.json"
 
@@ -33,7 +33,3 @@ class Decoding(unittest.TestCase):
 
 def upper(matrix: np.ndarray) -> list[float]:
     return [matrix[0, 0], matrix[0, 1], matrix[1, 1]]
-
-
-if __name__ == "__main__":
-    unittest.main()

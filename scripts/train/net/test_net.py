@@ -1,4 +1,4 @@
-"""`PYTHONPATH=scripts/train python -m unittest net.test_net`."""
+"""Tests of the keypoint net; they need PyTorch."""
 
 from __future__ import annotations
 
@@ -10,25 +10,27 @@ from pathlib import Path
 
 import numpy as np
 import onnxruntime
-import torch
+import pytest
+
+torch = pytest.importorskip("torch", reason="PyTorch is missing (apt-get install python3-torch)")
 from torch import distributed, multiprocessing
 
-from cars.mesh import MIRROR, REPOSITORY
-from net.calibrate import fit_sd
-from net.data import CONTEXT, INPUT_PX, RealCar, Sampler, Shards, apply, crop_from_box, read_real, warp
-from net.decode import Calibration, decode
-from net.evaluate import FRONT_BACK, Crop, confusion_of
-from net.export import export_onnx
-from net.loss import loss_of, peak_distance, targets
-from net.model import Deployed, StackedHourglass, gflop
-from net.start import read_weights, start
-from net.train import Training, average_gradients, parse_options
+from roadplane_train.cars.mesh import MIRROR, REPOSITORY
+from roadplane_train.net.calibrate import fit_sd
+from roadplane_train.net.data import CONTEXT, INPUT_PX, RealCar, Sampler, Shards, apply, crop_from_box, read_real, warp
+from roadplane_train.net.decode import Calibration, decode
+from roadplane_train.net.evaluate import FRONT_BACK, Crop, confusion_of
+from roadplane_train.net.export import export_onnx
+from roadplane_train.net.loss import loss_of, peak_distance, targets
+from roadplane_train.net.model import Deployed, StackedHourglass, gflop
+from roadplane_train.net.start import read_weights, start
+from roadplane_train.net.train import Training, average_gradients, parse_options
 
 LABELS = REPOSITORY.parent / "shared/data/keypoints/train"
 
 
 def labelled_car(rng: np.random.Generator) -> RealCar:
-    """A picture of noise with a bright dot at each keypoint of its left side."""
+    """Returns a picture of noise with a bright dot at each keypoint of its left side."""
     patch = np.full((220, 220, 3), 40, np.uint8)
     points, flag = np.full((36, 2), np.nan), np.zeros(36, int)
     for k in range(18):
@@ -75,8 +77,7 @@ class Data(unittest.TestCase):
 
     def test_real_labels_lie_in_their_crops(self) -> None:
         if not LABELS.exists():
-            print("skipped: no hand-labelled real cars beside the project")
-            return
+            self.skipTest("no hand-labelled real cars beside the project")
         for car in read_real(LABELS):
             known = apply(crop_from_box(car.box), car.points[car.flag == 2])
             self.assertTrue(((known > -8) & (known < INPUT_PX + 8)).all(), car.source)
@@ -96,7 +97,7 @@ class Decoding(unittest.TestCase):
         logits = torch.tensor(rng.normal(0, 3, (2, 36, 32, 32)), dtype=torch.float32, requires_grad=True)
         points, _ = decode(logits.detach().numpy())
         points[0] += rng.uniform(-6, 6, (36, 2))
-        points[1] += 40  # another peak than the true one: nothing to pull at
+        points[1] += 40  # another peak than the true one: no gradient
         off = peak_distance(logits, torch.tensor(points, dtype=torch.float32))
         expected = np.linalg.norm(points[0] - decode(logits[0].detach().numpy())[0], axis=1)
         np.testing.assert_allclose(off[0].detach().numpy(), expected, atol=0.02)
@@ -114,7 +115,7 @@ class Decoding(unittest.TestCase):
         self.assertAlmostEqual(b, 1.0, delta=0.3)
 
     def test_a_measurement_holds_no_prior(self) -> None:
-        # Locations drawn from the prior, seen with noise; the posterior mean regresses, the measurement does not.
+        # Locations drawn from the prior, with noise; the posterior mean regresses, the measurement does not.
         rng = np.random.default_rng(3)
         calibration = Calibration(0.2, 0.0, (60.0, 70.0), (30.0, 20.0))
         prior, noise = np.diag([30.0**2, 20.0**2]), np.array([[60.0, 25.0], [25.0, 90.0]])
@@ -130,7 +131,7 @@ class Decoding(unittest.TestCase):
 
 
 def tiny_training(folder: Path) -> list[str]:
-    """Eight crops of noise, and options to learn them."""
+    """Returns eight crops of noise, and options to train on them."""
     rng = np.random.default_rng(5)
     crops, points = folder / "crops/train", rng.uniform(10, 118, (8, 36, 2)).astype(np.float32)
     crops.mkdir(parents=True)
@@ -142,7 +143,7 @@ def tiny_training(folder: Path) -> list[str]:
 
 
 def worker_gradient(meeting: str, worker: int) -> torch.Tensor:
-    """What worker 0, whose gradient is 1, and worker 1, whose gradient is 2, agree on."""
+    """Returns the agreed mean of worker 0, whose gradient is 1, and worker 1, whose gradient is 2."""
     distributed.init_process_group("gloo", init_method=meeting, rank=worker, world_size=2)
     net = torch.nn.Linear(3, 2, bias=False)
     net.weight.grad = torch.full((2, 3), 1.0 + worker)
@@ -152,7 +153,7 @@ def worker_gradient(meeting: str, worker: int) -> torch.Tensor:
 
 
 class Confusion(unittest.TestCase):
-    def test_exchanged_names_are_told_apart(self) -> None:
+    def test_exchanged_names_are_distinguished(self) -> None:
         points = np.random.default_rng(3).uniform(10, 118, (36, 2))
         everything = np.ones(36, bool)
         crop = Crop(np.zeros((128, 128, 3), np.uint8), points, everything, ~everything, 100, 100, "sedan", "t")
@@ -164,7 +165,7 @@ class Confusion(unittest.TestCase):
 
 class Net(unittest.TestCase):
     def test_operations_are_counted(self) -> None:
-        # 8 filters of 3 × 3 × 3 at 64 × 64 places, a multiply-add counts two.
+        # 8 filters of 3 × 3 × 3 at 64 × 64 positions, a multiply-add counts two.
         self.assertAlmostEqual(gflop(torch.nn.Conv2d(3, 8, 3, 2, 1)), 2 * 8 * 27 * 64 * 64 / 1e9)
         self.assertGreater(gflop(Deployed(StackedHourglass(2, 48))), gflop(Deployed(StackedHourglass(1, 48))))
 
@@ -240,7 +241,8 @@ class Net(unittest.TestCase):
             common = [*tiny_training(Path(folder)), "--workers", "2", "--steps", "3"]
             states = []
             for run in ("once", "again"):
-                subprocess.run([sys.executable, "-m", "net.train", *common, "--run", run], check=True, timeout=120)
+                command = [sys.executable, "-m", "roadplane_train.net.train", *common, "--run", run]
+                subprocess.run(command, check=True, timeout=120)
                 states.append(torch.load(Path(folder) / run / "last.pt"))
         self.assertEqual([s["step"] for s in states], [3, 3])
         for name, value in states[0]["net"].items():
@@ -270,7 +272,3 @@ class Net(unittest.TestCase):
                 self.assertEqual(found[0].shape, (count, 36, 32, 32))
                 for a, b in zip(expected, found):
                     np.testing.assert_allclose(a.numpy(), b, atol=1e-4)
-
-
-if __name__ == "__main__":
-    unittest.main()

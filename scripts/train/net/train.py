@@ -1,4 +1,7 @@
-"""Trains the hourglass: `python -m net.train --run NAME`; goes on from the last checkpoint by itself."""
+"""Trains the hourglass, and resumes from the last checkpoint.
+
+roadplane-train net train --run NAME
+"""
 
 from __future__ import annotations
 
@@ -15,22 +18,22 @@ import numpy as np
 import torch
 from torch import distributed, multiprocessing, nn
 
-from net.data import Batch, RealCar, Sampler, Shards, read_real
-from net.evaluate import evaluate, real_crops, shard_crops
-from net.loss import loss_of
-from net.model import INPUT_PX, Deployed, StackedHourglass
-from net.start import read_stages, read_weights, start
+from roadplane_train.net.data import Batch, RealCar, Sampler, Shards, read_real
+from roadplane_train.net.evaluate import evaluate, real_crops, shard_crops
+from roadplane_train.net.loss import loss_of
+from roadplane_train.net.model import INPUT_PX, Deployed, StackedHourglass
+from roadplane_train.net.start import read_stages, read_weights, start
 
 PROBE_CROPS = 256
 
 
 def input_px(progress: float, largest: int) -> int:
-    """Small pictures first: most of what is to be learnt can be learnt at a quarter of the price."""
+    """Returns the input size of a step: small pictures first, as training on them costs a quarter and gains most."""
     return min(largest, 64 if progress < 0.5 else 96 if progress < 0.75 else INPUT_PX)
 
 
 def shrunk(batch: Batch, size: int) -> Batch:
-    """The batch at another input size."""
+    """Returns the batch at another input size."""
     if size == INPUT_PX:
         return batch
     image = np.stack([cv2.resize(i, (size, size), interpolation=cv2.INTER_AREA) for i in batch.image])
@@ -38,14 +41,14 @@ def shrunk(batch: Batch, size: int) -> Batch:
 
 
 class Average:
-    """Exponential moving average of the weights: what is evaluated and exported."""
+    """The exponential moving average of the weights, which is evaluated and exported."""
 
     def __init__(self, net: nn.Module, decay: float = 0.998) -> None:
         self.decay, self.steps = decay, 0
         self.weights = {k: v.detach().clone() for k, v in net.state_dict().items()}
 
     def update(self, net: nn.Module) -> None:
-        """Takes in the current weights; the first steps count more."""
+        """Adds the current weights; the first steps count more."""
         self.steps += 1
         keep = min(self.decay, (1 + self.steps) / (10 + self.steps))
         for name, value in net.state_dict().items():
@@ -53,7 +56,7 @@ class Average:
 
 
 def learning_rate(peak: float, progress: float) -> float:
-    """Warm-up over the first 3 %, then a cosine to 2 % of the peak."""
+    """Returns the rate of a step: warm-up over the first 3 %, then a cosine to 2 % of the peak."""
     if progress < 0.03:
         return peak * (0.05 + 0.95 * progress / 0.03)
     fall = (progress - 0.03) / 0.97
@@ -61,12 +64,12 @@ def learning_rate(peak: float, progress: float) -> float:
 
 
 def split_real(cars: list[RealCar], held_out: list[str]) -> tuple[list[RealCar], list[RealCar]]:
-    """To learn from, and held out by whole image."""
+    """Splits real cars into those to train on and those held out, by whole image."""
     return [c for c in cars if c.source not in held_out], [c for c in cars if c.source in held_out]
 
 
 def average_gradients(net: nn.Module) -> None:
-    """The mean over all workers, the same bits in each."""
+    """Averages over all workers; the result has the same bits in each."""
     gradients = [parameter.grad for parameter in net.parameters()]
     flat = torch.cat([gradient.flatten() for gradient in gradients])
     distributed.all_reduce(flat)
@@ -76,7 +79,10 @@ def average_gradients(net: nn.Module) -> None:
 
 
 class Training:
-    """A net on its way; its checkpoint `last.pt` holds all that the next steps depend on but crops and options."""
+    """The state of a training.
+
+    Its checkpoint `last.pt` holds all that the next steps depend on, except crops and options.
+    """
 
     def __init__(self, options: argparse.Namespace, worker: int = 0) -> None:
         self.options, self.worker = options, worker
@@ -102,12 +108,12 @@ class Training:
             self.average.weights, self.average.steps = state["average"], state["average_steps"]
 
     def read_crops(self) -> None:
-        """Everything that is learnt from, before the first step."""
+        """Reads all training data, before the first step."""
         options = self.options
         learn, self.held_out = split_real(read_real(options.real) if options.real else [], options.hold_out)
         self.shards = Shards(options.crops / "train")
         if not len(self.shards):
-            raise SystemExit(f"no crops in {options.crops / 'train'}: make them with python -m render.crops")
+            raise SystemExit(f"no crops in {options.crops / 'train'}: make them with roadplane-train render crops")
         self.sampler = Sampler(
             self.shards,
             learn,
@@ -124,16 +130,16 @@ class Training:
         self.started = time.time()
 
     def seconds(self) -> float:
-        """Wall time so far, that of earlier calls included."""
+        """Returns the wall time so far, including earlier calls."""
         return self.spent + time.time() - self.started
 
     def size(self) -> int:
-        """Picture size of the next step, px."""
+        """Returns the picture size of the next step, px."""
         largest = self.options.input_px
         return largest if self.options.start_from else input_px(self.step / self.options.steps, largest)
 
     def advance(self) -> dict[str, float]:
-        """One step; the parts of its loss."""
+        """Trains one step and returns the parts of its loss."""
         for group in self.optimiser.param_groups:
             group["lr"] = learning_rate(self.options.rate, self.step / self.options.steps)
         loss, parts = loss_of(self.net, shrunk(self.sampler.next(), self.size()))
@@ -148,7 +154,7 @@ class Training:
         return parts
 
     def stage(self) -> dict:
-        """What the card says of this training."""
+        """Returns the card's record of this training."""
         options = self.options
         return {
             "run": options.run,
@@ -181,7 +187,7 @@ class Training:
         (self.folder / "last.tmp").rename(self.folder / "last.pt")
 
     def probe(self, check: Shards) -> None:
-        """Prints how good the averaged weights are by now."""
+        """Prints the evaluation of the averaged weights."""
         net = StackedHourglass(self.options.stacks, self.options.channels)
         net.load_state_dict(self.average.weights)
         deployed = Deployed(net, self.size()).eval()
@@ -191,11 +197,11 @@ class Training:
 
 
 def parse_options(arguments: list[str] | None = None) -> argparse.Namespace:
-    """The command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    """Parses the command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--crops", type=Path, default=Path(".work/crops"))
     parser.add_argument("--real", type=Path, help="folder of hand-labelled cars (*.json and pictures)")
-    parser.add_argument("--hold-out", nargs="*", default=["pklot_ufpr04", "cnd5"], help="real images not learnt from")
+    parser.add_argument("--hold-out", nargs="*", default=["pklot_ufpr04", "cnd5"], help="real images to hold out (file stems)")
     parser.add_argument("--real-share", type=float, default=0.12)
     parser.add_argument("--run", default="hourglass")
     parser.add_argument("--runs", type=Path, default=Path(".work/runs"))
@@ -205,7 +211,7 @@ def parse_options(arguments: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--stacks", type=int, default=2)
     parser.add_argument("--channels", type=int, default=64)
     parser.add_argument("--input-px", type=int, default=INPUT_PX, help="largest picture size to train at")
-    parser.add_argument("--no-augmentation", action="store_true", help="rendered crops as they are (ablation)")
+    parser.add_argument("--no-augmentation", action="store_true", help="uses rendered crops unchanged (ablation)")
     parser.add_argument("--workers", type=int, default=1, help="processes that share each batch, one thread each")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument(
@@ -225,7 +231,7 @@ def train(options: argparse.Namespace, worker: int) -> None:
     training = Training(options, worker)
     if training.step >= options.steps:
         if not worker:
-            print("finished before")
+            print("finished earlier")
         return
     training.read_crops()
     if options.workers > 1:
@@ -259,9 +265,9 @@ def train(options: argparse.Namespace, worker: int) -> None:
 
 
 def main() -> None:
-    """Trains, spread over as many calls as it takes."""
+    """Trains, resuming earlier calls."""
     options = parse_options()
-    # A file of an earlier call would make the workers wait for ever.
+    # The workers would wait for ever for a file of an earlier call.
     (options.runs / options.run / "meeting").unlink(missing_ok=True)
     spawn = multiprocessing.get_context("spawn")
     for worker in range(1, options.workers):

@@ -1,0 +1,1 @@
+"""An OpenGL renderer, and pictures and videos with truth that it makes."""

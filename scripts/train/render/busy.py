@@ -1,7 +1,9 @@
-"""Clips of busy streets with truth: `python -m render.busy --out DIR`, in seconds without pictures, with `--pixels` as videos.
+"""Makes clips of busy streets with truth: in seconds without pictures or, with `--pixels`, as videos.
 
-A street with a junction: a queue at the light, lanes with overtaking, lorries and buses that hide cars, cars that leave their
-bays and others that take them. What is seen of whom is worked out by `outlines` either way. Files: `truth.py`.
+  roadplane-train render busy --out DIR
+
+A street with a junction has a queue at the light, lanes with overtaking, and lorries and buses that hide cars. Cars
+leave their bays, and others take them. `outlines` computes the visible parts in either case. File formats: `truth.py`.
 """
 
 from __future__ import annotations
@@ -12,16 +14,16 @@ from pathlib import Path
 
 import numpy as np
 
-from cars.builder import sample_car
-from cars.heavy import sample_heavy
-from cars.mesh import CarMesh
-from json_files import write_json
+from roadplane_train.cars.builder import sample_car
+from roadplane_train.cars.heavy import sample_heavy
+from roadplane_train.cars.mesh import CarMesh
+from roadplane_train.json_files import write_json
 
+from .appearance import Light, sample_car_appearance, sample_heavy_appearance
 from .camera import Camera
 from .dataset import TRUTH
 from .frames import ExactCanvas, Region, VideoWriter, ffmpeg, finished, reached_region, sample_finish
 from .junction import Junction, Vehicle, touching
-from .looks import Light, sample_car_look, sample_heavy_look
 from .outlines import Outlines
 from .places import Site, make_street
 from .renderer import Renderer
@@ -31,12 +33,12 @@ from .truth import SMALLEST_SHARE, car_record, dataset_record, item_record
 
 MODELS = {"car": 24, "truck": 8, "bus": 4}
 IN_VIEW = (18, 45)  # vehicles in the picture, on average
-LEAST_PX = 20.0  # longer side of what counts for that
-OPEN_SKY = 0.5  # higher than the skylines that mirrors show
+LEAST_PX = 20.0  # longer side of the vehicles that count for that
+OPEN_SKY = 0.5  # above the skylines in mirror images
 
 
 def sample_camera(rng: np.random.Generator, size: tuple[int, int]) -> Camera:
-    """Above the street, or beside it: 6–12 m high, a street's length in view."""
+    """Draws a camera above or beside the street: 6–12 m high, with a street's length in view."""
     return Camera(
         size,
         size[0] * rng.uniform(0.9, 1.5),
@@ -47,7 +49,7 @@ def sample_camera(rng: np.random.Generator, size: tuple[int, int]) -> Camera:
 
 
 def sample_street(rng: np.random.Generator, camera: Camera, wet: bool) -> Site:
-    """A street that leads away from the camera, straight or at an angle, its junction in the picture's middle."""
+    """Draws a street that leads away from the camera, straight or at an angle, its junction at the picture's centre."""
     middle = camera.ground_from_pixel(np.array(camera.principal_point_px) + [0, 0.1 * camera.image_size_px[1]])
     ahead = np.array([0.0, min(float(middle[1]) if middle is not None else 45.0, 55.0)])
     turn = np.pi / 2 + rng.choice([-1, 1]) * (rng.uniform(0.05, 0.3) if rng.random() < 0.6 else rng.uniform(0.5, 1.0))
@@ -58,7 +60,7 @@ def sample_street(rng: np.random.Generator, camera: Camera, wet: bool) -> Site:
 def sample_busy(
     rng: np.random.Generator, split: str, seconds: float, fps: float, size: tuple[int, int]
 ) -> tuple[Camera, Site, list[Vehicle], list[list[dict]], np.random.Generator]:
-    """A scene in which nobody touches another and enough is seen, with the cars of its frames."""
+    """Draws a scene in which no vehicles touch and enough are visible, with the cars of its frames."""
     meshes = {
         kind: [sample_car(rng, split=split) if kind == "car" else sample_heavy(rng, kind) for _ in range(count)]
         for kind, count in MODELS.items()
@@ -88,14 +90,14 @@ def _in_view(camera: Camera, vehicles: list[Vehicle], seconds: float) -> bool:
 
 
 def frames_of(camera: Camera, site: Site, vehicles: list[Vehicle], seconds: float, fps: float) -> list[list[dict]]:
-    """The vehicles of each frame that are seen well enough."""
+    """Returns the well visible vehicles of each frame."""
     outlines = Outlines(camera, site.props)
     frames = []
     for number in range(round(seconds * fps)):
         there = [(i, v, m) for i, v in enumerate(vehicles) if (m := v.at(number / fps)) is not None]
-        sights = outlines.sights([(i, v.mesh, m.world_from_car) for i, v, m in there])
-        shown = [(i, m) for i, _, m in there if i in sights and sights[i].seen_share >= SMALLEST_SHARE]
-        frames.append([car_record(i, m, sights[i]) for i, m in shown])
+        visible_parts = outlines.visible_parts([(i, v.mesh, m.world_from_car) for i, v, m in there])
+        shown = [(i, m) for i, _, m in there if i in visible_parts and visible_parts[i].seen_share >= SMALLEST_SHARE]
+        frames.append([car_record(i, m, visible_parts[i]) for i, m in shown])
     return frames
 
 
@@ -110,9 +112,12 @@ def film(
     seconds: float,
     fps: float,
 ) -> None:
-    """The video. Each frame is the one before with what changed drawn again, within a grey level as if it were drawn whole."""
+    """Writes the video.
+
+    Each frame is the one before with its changed parts redrawn, within a grey level of a full redraw.
+    """
     gpu = {id(mesh): renderer.upload(mesh) for mesh in {id(v.mesh): v.mesh for v in vehicles}.values()}
-    looks = [sample_car_look(rng) if vehicle.kind == "car" else sample_heavy_look(rng) for vehicle in vehicles]
+    looks = [sample_car_appearance(rng) if vehicle.kind == "car" else sample_heavy_appearance(rng) for vehicle in vehicles]
     _, light = sample_weather(rng, weather)
     finish, centre = sample_finish(rng, weather == "dusk"), np.append(site.origin, 0.0)
     video = VideoWriter(path, camera.image_size_px, fps, 23)
@@ -147,19 +152,19 @@ def changed_regions(
     before: dict[int, np.ndarray],
     now: dict[int, np.ndarray],
 ) -> list[Region]:
-    """Where two frames differ, of the vehicles' poses in them."""
+    """Returns the regions where two frames differ, from the vehicles' poses in them."""
     moved = [i for i in bounds if i not in before or i not in now or not np.array_equal(before[i], now[i])]
     reached = [reached_region(camera, light, poses[i], bounds[i]) for i in moved for poses in (before, now) if i in poses]
     return [region for region in reached if region is not None]
 
 
 def make(out: Path, options: argparse.Namespace) -> None:
-    """Clips that are not there yet, then `dataset.json`."""
+    """Makes the missing clips, then `dataset.json`."""
     folder = out / "scenes"
     folder.mkdir(parents=True, exist_ok=True)
     items, renderer = [], None
     if options.pixels:
-        ffmpeg()  # not after minutes of drawing lots
+        ffmpeg()  # checked first, as sampling takes minutes
     for number in range(options.clips):
         stem = f"busy_{number:04d}"
         items.append(f"scenes/{stem}{TRUTH}")
@@ -176,12 +181,12 @@ def make(out: Path, options: argparse.Namespace) -> None:
         record = item_record(media, options.fps, {"layout": "junction", "weather": weather}, camera, meshes, frames)
         write_json(folder / f"{stem}{TRUTH}", record)
         seen = sum(map(len, frames)) / len(frames)
-        print(f"{stem}: {len(record['models'])} vehicles, {seen:.0f} seen at a time", flush=True)
+        print(f"{stem}: {len(record['models'])} vehicles, {seen:.0f} visible at a time", flush=True)
     write_json(out / "dataset.json", dataset_record("busy", options.split, options.seed, items), indent=1)
 
 
 def main() -> None:
-    """Command line."""
+    """Makes the clips."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--clips", type=int, default=3)

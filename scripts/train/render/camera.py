@@ -1,4 +1,4 @@
-"""A pinhole camera over the ground plane, in the frames of `crates/base/src/lib.rs`."""
+"""A pinhole camera above the ground plane, in the frames of `crates/base/src/lib.rs`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Camera:
-    """World: z up, camera at (0, 0, height), y the viewing direction laid on the ground, x right. SI units."""
+    """A camera. World: z up, camera at (0, 0, height), y the horizontal viewing direction, x right. SI units."""
 
     image_size_px: tuple[int, int]
     focal_px: float
@@ -19,13 +19,13 @@ class Camera:
 
     @property
     def principal_point_px(self) -> tuple[float, float]:
-        """Image centre; pixel (0, 0) is the centre of the top-left pixel."""
+        """Returns the image centre; pixel (0, 0) is the centre of the top-left pixel."""
         width, height = self.image_size_px
         return (width - 1) / 2, (height - 1) / 2
 
     @property
     def camera_from_world(self) -> np.ndarray:
-        """4 × 4; camera axes x right, y down, z forward."""
+        """Returns the 4 × 4 motion; camera axes x right, y down, z forward."""
         cos, sin = np.cos(self.tilt_rad), np.sin(self.tilt_rad)
         level = np.array([[1, 0, 0], [0, -sin, -cos], [0, cos, -sin]])
         cos, sin = np.cos(self.roll_rad), np.sin(self.roll_rad)
@@ -37,11 +37,14 @@ class Camera:
 
     @property
     def plane_in_camera(self) -> tuple[np.ndarray, float]:
-        """Ground as `normal · X + offset = 0`, the unit normal pointing up; so the offset is the camera's height."""
+        """Returns the ground as `normal · X + offset = 0`.
+
+        The unit normal points up, so the offset is the camera's height.
+        """
         return self.camera_from_world[:3, 2], self.height_m
 
     def pixel_from_world(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Pixels (n, 2) and depth along the optical axis (n,) of world points (n, 3)."""
+        """Returns pixels (n, 2) and depth along the optical axis (n,) of world points (n, 3)."""
         pose = self.camera_from_world
         in_camera = points @ pose[:3, :3].T + pose[:3, 3]
         depth = in_camera[:, 2]
@@ -49,7 +52,7 @@ class Camera:
         return in_camera[:, :2] / safe[:, None] * self.focal_px + np.asarray(self.principal_point_px), depth
 
     def ground_from_pixel(self, pixel: np.ndarray) -> np.ndarray | None:
-        """World point on the ground seen at a pixel; none at or above the horizon."""
+        """Returns the world point on the ground at a pixel; None at or above the horizon."""
         pose = self.camera_from_world
         ray = np.append((np.asarray(pixel) - self.principal_point_px) / self.focal_px, 1.0) @ pose[:3, :3]
         if ray[2] > -1e-4:
@@ -57,9 +60,9 @@ class Camera:
         return np.array([0, 0, self.height_m]) - ray * (self.height_m / ray[2])
 
     def clip_from_world(self, window: tuple[float, float, float, float], near: float, far: float) -> np.ndarray:
-        """GL matrix that shows the window (left, top, width, height; pixel edges, so the frame's left edge is −0.5).
+        """Returns the GL matrix of a window (left, top, width, height; pixel edges, so the frame's left edge is −0.5).
 
-        Image rows run along GL's rows from the bottom, so that reading a frame buffer gives the top row first.
+        Image rows run along GL's rows from the bottom, so reading a frame buffer gives the top row first.
         """
         left, top, width, height = window
         cx, cy = self.principal_point_px
@@ -75,6 +78,6 @@ class Camera:
 
 
 def world_from_car(x: float, y: float, heading_rad: float) -> np.ndarray:
-    """Pose of a car on the ground, 4 × 4; heading 0 along +x, counter-clockwise."""
+    """Returns the pose of a car on the ground, 4 × 4; heading 0 along +x, counter-clockwise."""
     cos, sin = np.cos(heading_rad), np.sin(heading_rad)
     return np.array([[cos, -sin, 0, x], [sin, cos, 0, y], [0, 0, 1, 0], [0, 0, 0, 1.0]])

@@ -1,4 +1,4 @@
-"""The card of a data set: how it was made, what is in it, whose work went into it. All figures come from its truth files."""
+"""The card of a data set: how it was made, its contents, and credits. All figures come from its truth files."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from cars.meshes import catalogue
-from json_files import read_json
+from roadplane_train.cars.meshes import catalogue
+from roadplane_train.json_files import read_json
 
 SIZES_PX = (0, 24, 40, 64, 96, 160, 10_000)
 SHARES = (0.15, 0.4, 0.7, 0.9, 0.98, 1.01)
@@ -24,13 +24,13 @@ Made by
 {recipe}
 ```
 
-with Debian's `sweethome3d-furniture` 1.8 installed, from which the real car meshes are read (without it every car is a
-built one, so the pictures differ). Scenes, poses and cameras depend on seed and code alone; pixels may differ in their last bits
+with Debian's `sweethome3d-furniture` 1.8 installed, which holds the real car meshes. Without it every car is a built one,
+so the pictures differ. Scenes, poses and cameras depend on seed and code alone. Pixels may differ in their last bits
 between versions of Mesa, OpenCV and x264.
 
 No car model of this split is in a training split ({models} models here: {bodies}).
 
-## What is in it
+## Contents
 
 {table}
 
@@ -38,13 +38,12 @@ Activities, seconds of a car in the clips: {activities}.
 
 ## Known weak points
 
-- Rendered, not photographed: no lens distortion, no motion blur, simple sky, trees and people, grounds without drains,
-  patches or litter. The camera's blur, noise, colour cast and compression are mild. Numbers from here are no promise for real
-  cameras.
-- The ground is exactly flat, the principal point exactly in the middle, wheels neither steer nor turn.
-- Visibility of keypoints comes from a depth buffer of 160 × 160 cells a car (tolerance 0.1 m); glass counts as opaque.
+- The pictures are rendered: no lens distortion, no motion blur, simple sky, trees and people, grounds without drains,
+  patches or litter. The camera's blur, noise, colour cast and compression are mild. Results on real cameras may differ.
+- The ground is exactly flat, the principal point exactly at the centre, and wheels neither steer nor turn.
+- Visibility of keypoints comes from a depth buffer of 160 × 160 cells per car (tolerance 0.1 m); glass counts as opaque.
 - Most cars are parametric bodies; {meshes} of the models are meshes of real cars.
-- Speeds are 0 in stills, also of cars on a lane.
+- In stills all speeds are 0, also those of cars on a lane.
 
 ## Licence
 
@@ -93,7 +92,7 @@ def write_card(folder: Path, recipe: str) -> None:
 
 
 def _table(items: list[dict]) -> str:
-    """Markdown rows: name, figures of stills, figures of clips."""
+    """Returns Markdown rows: name, figures of stills, figures of clips."""
     columns = [[item for item in items if item["kind"] == kind] for kind in ("still", "clip")]
     rows = {
         "cars in a frame": [_range([len(f["cars"]) for i in c for f in i["frames"]], "{:.0f}") for c in columns],
@@ -126,7 +125,7 @@ def _side(car: dict) -> float:
 
 
 def _range(values: list[float], form: str) -> str:
-    """`lowest – median – highest`."""
+    """Returns `lowest – median – highest`."""
     return " – ".join(form.format(v) for v in (min(values), np.median(values), max(values))) if values else "–"
 
 

@@ -1,4 +1,4 @@
-"""Random clips of a data set: cars that drive, turn, halt, reverse and park among cars that stand."""
+"""Random clips of a data set: cars that drive, turn, halt, reverse and park among stationary cars."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from .scene import PlacedCar, Scene, person
 from .stills import CAR_M, SIZE, CarPool, car_at, sample_camera, sample_weather, seen_spots, set_exposure, wheelbase
 from .traffic import Mover, Traffic, collide, mover
 
-MOVERS = 6  # wanted
+MOVERS = 6  # wanted number of movers
 FEWEST_MOVERS = 4
 ATTEMPTS = 1000
-CROWDS = {"quiet": (3, 12), "busy": (9, 40), "full": (22, 40)}  # fewest parked cars, most cars in all
-PERSON = np.array([[-0.4, -0.4, 0.0], [0.4, 0.4, 1.8]])  # bounds, whatever the direction
-SEEN_M = {"quiet": (28, 52), "busy": (28, 52), "full": (45, 75)}  # ground across the picture's middle
+CROWDS = {"quiet": (3, 12), "busy": (9, 40), "full": (22, 40)}  # fewest parked cars, most cars in total
+PERSON = np.array([[-0.4, -0.4, 0.0], [0.4, 0.4, 1.8]])  # bounds for all directions
+SEEN_M = {"quiet": (28, 52), "busy": (28, 52), "full": (45, 75)}  # width of the ground at the picture's centre
 
 
 @dataclass
@@ -30,7 +30,7 @@ class Clip:
     """A scene in motion."""
 
     camera: Camera
-    scene: Scene  # poses at time 0; its props stand still
+    scene: Scene  # poses at time 0; its props are stationary
     movers: list[Mover]  # of the scene's cars, in order
     walkers: list[tuple[list[Prop], np.ndarray]]  # parts, metres per second
     fps: float
@@ -39,13 +39,13 @@ class Clip:
     conditions: dict[str, str]
 
     def motions(self, time_s: float) -> list[Motion]:
-        """What each car does."""
+        """Returns the motion of each car."""
         return [car.at(time_s) for car in self.movers]
 
     def at(self, time_s: float) -> Scene:
-        """The scene at a time."""
+        """Returns the scene at a time."""
         cars = [
-            PlacedCar(car.gpu, car.look, motion.world_from_car)
+            PlacedCar(car.gpu, car.appearance, motion.world_from_car)
             for car, motion in zip(self.scene.cars, self.motions(time_s), strict=True)
         ]
         props = list(self.scene.props)
@@ -58,7 +58,7 @@ class Clip:
         return Scene(cars, props, still.floor, still.light, still.centre, still.shadow_reach_m, still.nearest_m)
 
     def moving_regions(self, time_s: float) -> list[Region]:
-        """Where the frame at a time differs from one without cars that ever move and without walkers."""
+        """Returns the regions where the frame at a time differs from one without moving cars and walkers."""
         regions = []
         for car in self.movers:
             if car.drive is not None:
@@ -71,7 +71,7 @@ class Clip:
         return [region for region in regions if region is not None]
 
     def changed(self, before_s: float, time_s: float) -> tuple[list[Region], list[Region]]:
-        """Where the frames at two times differ, and the parts of that where something hides what is behind it."""
+        """Returns the regions where the frames at two times differ, and the parts of them with something in front."""
         changed, hiding = [], []
         camera, light = self.camera, self.scene.light
         for car, placed in zip(self.movers, self.scene.cars, strict=True):
@@ -92,7 +92,7 @@ class Clip:
 def camera_over(
     rng: np.random.Generator, least_m: float, most_m: float, size: tuple[int, int] = SIZE
 ) -> tuple[Camera, np.ndarray]:
-    """A camera that sees so many metres of ground across, and the ground point of its picture's middle."""
+    """Returns a camera that shows a given width of ground, and the ground point at its picture's centre."""
     while True:
         camera = sample_camera(rng, (size[0] * CAR_M / most_m, size[0] * CAR_M / least_m), (9, 38), size)
         middle = camera.ground_from_pixel(np.array(camera.principal_point_px))
@@ -101,14 +101,14 @@ def camera_over(
 
 
 def lot_in_view(rng: np.random.Generator, middle: np.ndarray, wet: bool) -> Site:
-    """A lot whose crossing lane is in view."""
+    """Returns a lot whose crossing lane is in view."""
     turn, end, back = rng.uniform(-1.1, 1.1), 30.0, rng.uniform(2, 9)
     along, across = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
     return make_lot(rng, middle - along * (end - back) - across * rng.uniform(-1, 9), turn, wet, end_e=end)
 
 
 def _manoeuvres(rng: np.random.Generator, traffic: Traffic, spots: list[Spot]) -> list[Callable[[float], Drive | None]]:
-    """What cars shall do, the rarer things first."""
+    """Returns the manoeuvres to add, the rarer ones first."""
     site = traffic.site
 
     def near(kind: str, row_low: int, row_high: int) -> list[Spot]:
@@ -142,7 +142,7 @@ def _manoeuvres(rng: np.random.Generator, traffic: Traffic, spots: list[Spot]) -
 
 
 def parked(rng: np.random.Generator, pool: CarPool, traffic: Traffic, spots: list[Spot], count: int) -> list[PlacedCar]:
-    """Cars that stand for the whole clip where no mover comes."""
+    """Returns cars that are stationary for the whole clip, clear of all movers."""
     cars: list[PlacedCar] = []
     for i in rng.permutation(len(spots)):
         spot = spots[i]
@@ -153,11 +153,11 @@ def parked(rng: np.random.Generator, pool: CarPool, traffic: Traffic, spots: lis
         gpu = pool.draw(rng)
         pose = traffic.site.pose(spot.e, spot.n, spot.heading_rad) + rng.normal(0, (0.1, 0.1, 0.02))
         car = car_at(rng, gpu, pose)
-        standing = mover(gpu.mesh, wheelbase(gpu.mesh), Motion(car.world_from_car))
+        stationary = mover(gpu.mesh, wheelbase(gpu.mesh), Motion(car.world_from_car))
         clear = all(np.linalg.norm(other.world_from_car[:2, 3] - pose[:2]) > 2.4 for other in cars)
-        if clear and not any(collide(standing, other, traffic.seconds) for other in traffic.movers):
+        if clear and not any(collide(stationary, other, traffic.seconds) for other in traffic.movers):
             cars.append(car)
-            traffic.movers.append(standing)
+            traffic.movers.append(stationary)
     return cars
 
 
@@ -171,9 +171,11 @@ def sample_clip(
     fps: float,
     place_seed: list[int] | None = None,
 ) -> Clip:
-    """A clip of FEWEST_MOVERS or more that drive and of cars that stand: as many as CROWDS says, fewer where there is no
-    room, but for a full lot. Clips of one `place_seed` have camera and place in common; its ground is dry, as a wet one is
-    drawn otherwise."""
+    """Draws a clip of FEWEST_MOVERS or more moving cars, and of stationary cars.
+
+    The number of cars is that of CROWDS, or fewer if there is no room, except in a full lot. Clips of one `place_seed`
+    share camera and site. Their ground is dry, as a wet one would look different.
+    """
     fewest, most = CROWDS[crowd]
     for _ in range(ATTEMPTS):
         place = rng if place_seed is None else np.random.default_rng(place_seed)
@@ -209,4 +211,4 @@ def sample_clip(
         finish = sample_finish(rng, weather == "dusk")
         conditions = {"layout": layout, "weather": weather}
         return Clip(camera, scene, traffic.movers, walkers, fps, round(fps * seconds), finish, conditions)
-    raise RuntimeError(f"no place with room for {FEWEST_MOVERS} drivers in {ATTEMPTS} attempts: another seed may have one")
+    raise RuntimeError(f"no site with room for {FEWEST_MOVERS} drivers in {ATTEMPTS} attempts: another seed may have one")

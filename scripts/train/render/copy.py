@@ -1,4 +1,7 @@
-"""`python -m render.copy SCENE [OUT.mp4] --camera same|opposite|side|above|FILE`: films a scene that `roadplane copy` wrote."""
+"""Films a scene that `roadplane copy` wrote.
+
+roadplane-train render copy SCENE [OUT.mp4] --camera same|opposite|side|above|FILE
+"""
 
 from __future__ import annotations
 
@@ -9,13 +12,13 @@ from pathlib import Path
 
 import numpy as np
 
-from cars.builder import sample_car
-from cars.mesh import CarMesh
+from roadplane_train.cars.builder import sample_car
+from roadplane_train.cars.mesh import CarMesh
 
+from .appearance import Ground, sample_car_appearance, sample_light
 from .camera import Camera, world_from_car
 from .frames import Canvas, Finish, VideoWriter, finished
 from .gpu_car import GpuCar
-from .looks import Ground, sample_car_look, sample_light
 from .renderer import ENVIRONMENTS, MAX_CARS, Renderer
 from .scene import Floor, PlacedCar, Scene
 
@@ -28,29 +31,30 @@ MODELS = {
 PER_BODY = 4  # models to choose from
 FINISH = Finish(blur_px=0.6, noise=1.0)
 EXPOSURE = 0.22  # middle tone
-# Patched and stained: where the ground shows nothing, nobody can tell that the camera stands still.
+# Patched and stained: without texture on the ground, nothing shows that the camera does not move.
 ASPHALT = Ground(np.full(3, 0.07), np.full(3, 0.22), (1.2, 1.0, 0.7), stains=0.7, cracks=0.8, gloss=0.0)
 
 
 @dataclass(frozen=True)
 class View:
-    """A camera, and where its world lies in that of the scene (x, y, heading): a camera stands over its world's origin."""
+    """A camera, and the pose (x, y, heading) of its world in that of the scene. Its foot is its world's origin."""
 
     camera: Camera
     foot: tuple[float, float, float]
 
     def place(self, x: float, y: float, heading_rad: float) -> np.ndarray:
-        """World from car of a car given in the scene's world."""
+        """Returns world from car, for a car given in the scene's world."""
         cos, sin = np.cos(self.foot[2]), np.sin(self.foot[2])
         dx, dy = x - self.foot[0], y - self.foot[1]
         return world_from_car(cos * dx + sin * dy, cos * dy - sin * dx, heading_rad - self.foot[2])
 
 
 def view_of(name: str, scene: dict) -> View:
-    """The camera as it stood, one around the traffic's middle that sees as large cars, or one from a file.
+    """Returns the run's own camera, another one around the traffic's centre, or one from a file.
 
-    A file is JSON with `image_size_px`, `focal_px`, `height_m`, `tilt_rad`, `roll_rad`, as in `camera.json`, and `foot` (x, y in
-    metres and heading in rad of the camera's own world in that of the scene; the scene's own where it is left out).
+    A file is JSON with `image_size_px`, `focal_px`, `height_m`, `tilt_rad`, `roll_rad`, as in `camera.json`. The key
+    `foot` has x, y (m) and heading (rad) of the camera's own world in that of the scene; the default is the scene's
+    own.
     """
     known = scene["camera"]
     fields = ("focal_px", "height_m", "tilt_rad", "roll_rad")
@@ -74,25 +78,25 @@ def view_of(name: str, scene: dict) -> View:
 
 
 def fitted_keypoints(shape: list[float]) -> np.ndarray:
-    """The 36 points of a fitted shape, car frame, m."""
+    """Returns the 36 points of a fitted shape, car frame, m."""
     return np.array(ATLAS["mean"]) + np.tensordot(shape, np.array(ATLAS["modes"]), 1)
 
 
-def rolled(way: np.ndarray) -> np.ndarray:
-    """How far a car has driven forwards at each vertex [n] of its way (time, x, y, heading; [n, 4]), m."""
-    steps, turned = np.diff(way[:, 1:3], axis=0), (way[1:, 3] + way[:-1, 3]) / 2
+def rolled(trajectory: np.ndarray) -> np.ndarray:
+    """Returns how far a car has driven forwards at each vertex [n] of its path (time, x, y, heading; [n, 4]), m."""
+    steps, turned = np.diff(trajectory[:, 1:3], axis=0), (trajectory[1:, 3] + trajectory[:-1, 3]) / 2
     return np.concatenate([[0.0], np.cumsum(steps[:, 0] * np.cos(turned) + steps[:, 1] * np.sin(turned))])
 
 
 class Garage:
-    """Models to drive, each stretched to a vehicle's own dimensions."""
+    """Car models, each stretched to the dimensions of a vehicle."""
 
     def __init__(self, renderer: Renderer) -> None:
         self.renderer = renderer
         self._models: dict[tuple[str, int], CarMesh] = {}
 
     def of(self, vehicle: dict) -> GpuCar:
-        """The model whose points come nearest to the vehicle's once it has its dimensions."""
+        """Returns the model whose points are nearest to the vehicle's after stretching to its dimensions."""
         wanted = fitted_keypoints(vehicle["shape"])
         options = [
             self.stretched(self._model(body, i), vehicle["dims_m"]) for body in MODELS[vehicle["class"]] for i in range(PER_BODY)
@@ -106,7 +110,7 @@ class Garage:
 
     @staticmethod
     def stretched(mesh: CarMesh, dims_m: list[float]) -> CarMesh:
-        """The model with other dimensions."""
+        """Returns the model with other dimensions."""
         scale = np.array(dims_m) / mesh.dims
         normals = mesh.normals / scale
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
@@ -127,32 +131,32 @@ class Player:
         garage = Garage(renderer)
         self.view, self.vehicles = view, scene["vehicles"]
         self._cars = [garage.of(vehicle) for vehicle in self.vehicles]
-        self._looks = [self._look(rng, vehicle["colour"]) for vehicle in self.vehicles]
-        self._ways = [
+        self._appearances = [self._appearance(rng, vehicle["colour"]) for vehicle in self.vehicles]
+        self._trajectories = [
             np.array([[v["time_s"], v["x_m"], v["y_m"], v["heading_rad"]] for v in vehicle["trajectory"]])
             for vehicle in self.vehicles
         ]
-        self._rolled = [rolled(way) for way in self._ways]
+        self._rolled = [rolled(trajectory) for trajectory in self._trajectories]
         self._light = replace(sample_light(rng, ENVIRONMENTS, "overcast"), sky=np.full(3, 0.7), haze=0.0, dapple=0.0)
         self._floor = Floor((ASPHALT, ASPHALT))
 
     @staticmethod
-    def _look(rng: np.random.Generator, colour: list[int]) -> object:
+    def _appearance(rng: np.random.Generator, colour: list[int]) -> object:
         paint = (np.array(colour) / 255.0) ** 2.2 * 0.8
-        return replace(sample_car_look(rng), paint=paint, metallic=0.2, dirt=0.0, headlamp=0.0, taillamp=0.0)
+        return replace(sample_car_appearance(rng), paint=paint, metallic=0.2, dirt=0.0, headlamp=0.0, taillamp=0.0)
 
     def there(self, time_s: float) -> list[int]:
-        """Vehicles that are there, by number."""
+        """Returns the vehicles that are present, by number."""
         return [i for i, vehicle in enumerate(self.vehicles) if vehicle["span_s"][0] <= time_s <= vehicle["span_s"][1]]
 
     def at(self, time_s: float) -> Scene:
-        """What there is to be seen; of more cars than the renderer takes, the nearest to the camera."""
+        """Returns the visible scene; if there are more cars than the renderer takes, the nearest to the camera."""
         cars = []
         for i in self.there(time_s):
-            way = self._ways[i]
-            pose = [float(np.interp(time_s, way[:, 0], way[:, column])) for column in (1, 2, 3)]
-            driven = float(np.interp(time_s, way[:, 0], self._rolled[i]))
-            cars.append(PlacedCar(self._cars[i], self._looks[i], self.view.place(*pose), driven))
+            trajectory = self._trajectories[i]
+            pose = [float(np.interp(time_s, trajectory[:, 0], trajectory[:, column])) for column in (1, 2, 3)]
+            driven = float(np.interp(time_s, trajectory[:, 0], self._rolled[i]))
+            cars.append(PlacedCar(self._cars[i], self._appearances[i], self.view.place(*pose), driven))
         cars.sort(key=lambda car: float(np.linalg.norm(car.world_from_car[:2, 3])))
         middle = np.mean([car.world_from_car[:3, 3] for car in cars], axis=0) if cars else np.array([0.0, 20.0, 0.0])
         scene = Scene(cars[:MAX_CARS], [], self._floor, self._light, middle, 60.0, 1.0)
@@ -162,13 +166,13 @@ class Player:
 
 def main() -> None:
     """Writes the clip."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scene", type=Path, help="folder that roadplane copy wrote")
-    parser.add_argument("out", type=Path, nargs="?", help="video to write, .mp4; SCENE/CAMERA.mp4 unless given")
+    parser.add_argument("out", type=Path, nargs="?", help="video to write, .mp4 (default SCENE/CAMERA.mp4)")
     parser.add_argument("--camera", default="same", help="same, opposite, side (90° around, 1.5 times as high), above, or a file")
-    parser.add_argument("--fps", type=float, help="frames a second; those of the run unless given")
-    parser.add_argument("--seconds", type=float, help="length; that of the scene unless given")
-    parser.add_argument("--seed", type=int, default=1, help="of light, ground and noise")
+    parser.add_argument("--fps", type=float, help="frames per second (default: those of the run)")
+    parser.add_argument("--seconds", type=float, help="length, s (default: that of the scene)")
+    parser.add_argument("--seed", type=int, default=1, help="seed of light, ground and noise")
     args = parser.parse_args()
     scene = json.loads((args.scene / "scene.json").read_text())
     view = view_of(args.camera, scene)

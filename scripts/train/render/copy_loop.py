@@ -1,7 +1,9 @@
-"""`python -m render.copy_loop SCENE RUN --camera side`: a run on a filmed copy against what was filmed.
+"""Compares a run on a filmed copy with the filmed scene.
 
-Found trajectories are fitted to the true ones by one similarity (turn, shift, scale) for the whole clip, as a camera that
-nobody knows leaves them free.
+  roadplane-train render copy-loop SCENE RUN --camera side
+
+Estimated trajectories are fitted to the true ones by one similarity (rotation, translation, scale) for the whole clip,
+as an uncalibrated camera leaves these free.
 """
 
 from __future__ import annotations
@@ -15,19 +17,19 @@ import numpy as np
 
 from .copy import View, fitted_keypoints, view_of
 
-NEAR_M = 3.0  # of a true vehicle, to be taken for it
-LEAST_PX, LEAST_SHARE = 30.0, 0.9  # of a vehicle that must be found: its larger side, and what of it lies in the picture
-LEAST_S = 1.0  # for so long
+NEAR_M = 3.0  # distance from a true vehicle for a match
+LEAST_PX, LEAST_SHARE = 30.0, 0.9  # vehicles that must be found: larger side, and its share inside the picture
+LEAST_S = 1.0  # duration of that
 Rows = dict[int, np.ndarray]  # by vehicle: time, x, y, heading [n, 4]
 
 
 def truth(scene: dict, view: View, times: np.ndarray) -> tuple[Rows, Rows]:
-    """All vehicles in the filming camera's world at given times, and those that can be seen well."""
+    """Returns all vehicles in the filming camera's world at given times, and those that are well visible."""
     everything, seen = {}, {}
     for vehicle in scene["vehicles"]:
-        way = np.array([[v["time_s"], v["x_m"], v["y_m"], v["heading_rad"]] for v in vehicle["trajectory"]])
+        trajectory = np.array([[v["time_s"], v["x_m"], v["y_m"], v["heading_rad"]] for v in vehicle["trajectory"]])
         there = times[(times >= vehicle["span_s"][0]) & (times <= vehicle["span_s"][1])]
-        poses = [view.place(*(float(np.interp(t, way[:, 0], way[:, i])) for i in (1, 2, 3))) for t in there]
+        poses = [view.place(*(float(np.interp(t, trajectory[:, 0], trajectory[:, i])) for i in (1, 2, 3))) for t in there]
         rows = np.array([[t, *p[:2, 3], np.arctan2(p[1, 0], p[0, 0])] for t, p in zip(there, poses, strict=True)]).reshape(-1, 4)
         everything[vehicle["track"]] = rows
         points = fitted_keypoints(vehicle["shape"])
@@ -46,7 +48,7 @@ def _well_seen(view: View, pose: np.ndarray, points: np.ndarray) -> bool:
 
 
 def found(run: Path, span_s: tuple[float, float]) -> Rows:
-    """Observed rows of a run by track, within a camera's time."""
+    """Returns the observed rows of a run by track, within the time of one camera."""
     tracks: dict[int, list] = {}
     with (run / "tracks.csv").open(newline="") as table:
         for row in csv.DictReader(table):
@@ -58,15 +60,15 @@ def found(run: Path, span_s: tuple[float, float]) -> Rows:
 
 
 def pairs(true: Rows, ours: Rows, scale: float, step_s: float) -> list[tuple[int, np.ndarray, np.ndarray]]:
-    """Vehicle, its true rows and ours at the same times, for each track that stays near one vehicle."""
+    """Yields vehicle, true rows and ours at the same times, for each track that stays near one vehicle."""
     matched = []
     for rows in ours.values():
         best = None
-        for vehicle, way in true.items():
-            index = np.abs(way[:, None, 0] - rows[None, :, 0]).argmin(0) if len(way) else []
-            if len(way) == 0:
+        for vehicle, trajectory in true.items():
+            index = np.abs(trajectory[:, None, 0] - rows[None, :, 0]).argmin(0) if len(trajectory) else []
+            if len(trajectory) == 0:
                 continue
-            same = way[index]
+            same = trajectory[index]
             together = np.abs(same[:, 0] - rows[:, 0]) < step_s / 2
             apart = np.linalg.norm(same[together, 1:3] - scale * rows[together, 1:3], axis=1)
             if together.sum() >= 3 and (best is None or np.median(apart) < best[0]):
@@ -77,14 +79,14 @@ def pairs(true: Rows, ours: Rows, scale: float, step_s: float) -> list[tuple[int
 
 
 def fitted(true: np.ndarray, ours: np.ndarray) -> tuple[complex, complex]:
-    """Turn and scale, and shift, in the complex plane (Umeyama 1991)."""
+    """Returns rotation and scale, and translation, in the complex plane (Umeyama 1991)."""
     z, w = ours @ [1, 1j], true @ [1, 1j]
     turn = np.vdot(z - z.mean(), w - w.mean()) / np.vdot(z - z.mean(), z - z.mean())
     return turn, w.mean() - turn * z.mean()
 
 
 def report(name: str, matched: list[tuple[int, np.ndarray, np.ndarray]]) -> None:
-    """Prints how far rows are from the truth after the fit."""
+    """Prints the deviation of rows from the truth after the fit."""
     if not matched:
         return
     true, ours = (np.concatenate([pair[i] for pair in matched]) for i in (1, 2))
@@ -94,22 +96,22 @@ def report(name: str, matched: list[tuple[int, np.ndarray, np.ndarray]]) -> None
     right = heading[heading < 90]
     print(
         f"{name}: position rms {np.sqrt(np.mean(error**2)):.3f} m, median {np.median(error):.3f} m over {len(error)} rows; "
-        f"scale {abs(turn):.4f}; heading rms {np.sqrt(np.mean(right**2)):.2f}° but for {len(heading) - len(right)} rows that "
-        f"are the wrong way round"
+        f"scale {abs(turn):.4f}; heading rms {np.sqrt(np.mean(right**2)):.2f}° without {len(heading) - len(right)} rows that "
+        f"have the opposite direction"
     )
 
 
 def main() -> None:
-    """Prints one line a measure."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    """Prints one line per measure."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scene", type=Path, help="folder that roadplane copy wrote")
-    parser.add_argument("run", type=Path, help="folder of the run on the film")
-    parser.add_argument("--camera", default="same", help="that of the film")
+    parser.add_argument("run", type=Path, help="folder of the run on the filmed clip")
+    parser.add_argument("--camera", default="same", help="camera of the filmed clip")
     args = parser.parse_args()
     scene = json.loads((args.scene / "scene.json").read_text())
     view = view_of(args.camera, scene)
     camera = json.loads((args.run / "camera.json").read_text())
-    # Where the run takes the camera for moved each stretch has its own world: the longest is measured.
+    # If the run found that the camera moved, each segment has its own world: the longest is measured.
     ours = found(args.run, camera["span_s"])
     times = np.unique(np.concatenate([rows[:, 0] for rows in ours.values()]))
     true, seen = truth(scene, view, times)
@@ -119,7 +121,7 @@ def main() -> None:
         raise SystemExit("no track of the run is near a vehicle of the scene")
     vehicles = {pair[0] for pair in matched}
     print(
-        f"found: {len(vehicles & seen.keys())} of {len(seen)} vehicles that are seen well; {len(ours)} tracks, "
+        f"found: {len(vehicles & seen.keys())} of {len(seen)} well visible vehicles; {len(ours)} tracks, "
         f"{len(matched)} of them near a vehicle; "
         f"{camera['span_s'][0]:.1f}–{camera['span_s'][1]:.1f} s of {times[-1]:.1f}"
     )

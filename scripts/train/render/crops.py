@@ -1,4 +1,7 @@
-"""Writes training crops with truth: `python -m render.crops --out DIR --count N --seed S --split train|eval`."""
+"""Renders training crops with truth.
+
+roadplane-train render crops --out DIR --count N --seed S --split train|eval
+"""
 
 from __future__ import annotations
 
@@ -12,10 +15,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from cars.builder import sample_car
-from cars.deform import deform
-from cars.mesh import CarMesh
-from cars.meshes import MissingFurnitureError, load_meshes
+from roadplane_train.cars.builder import sample_car
+from roadplane_train.cars.deform import deform
+from roadplane_train.cars.mesh import CarMesh
+from roadplane_train.cars.meshes import MissingFurnitureError, load_meshes
 
 from .camera import Camera
 from .degrade import degrade
@@ -28,12 +31,12 @@ CROP_PX = 128
 CROP_SCALE = 1.25  # side of the crop over the box's longer side
 CARS_PER_SHARD = 48
 MESHES_PER_SHARD = 10
-MESH_SHARE = 0.2  # of targets that are real meshes (deformed for training) rather than built cars
+MESH_SHARE = 0.2  # share of targets that are real meshes (deformed for training) rather than built cars
 TRUTH_PX = 160
 TRUTH_SCALE = 1.35
 DEPTH_TOLERANCE_M = 0.10
-LARGEST_PATCH_PX = 200  # larger cars are rendered at a lower frame resolution: the net sees 128 px anyway
-OCCLUDED_BELOW = 0.65  # visible share under which a car counts as strongly occluded
+LARGEST_PATCH_PX = 200  # larger cars are rendered at a lower frame resolution, as the net's input is 128 px anyway
+OCCLUDED_BELOW = 0.65  # visible share below which a car counts as strongly occluded
 
 
 @dataclass
@@ -49,25 +52,25 @@ class Crop:
 
 
 @dataclass
-class Sight:
-    """What of the target is seen, in frame pixels."""
+class VisiblePart:
+    """The visible part of the target, in frame pixels."""
 
     box: np.ndarray  # tight around the visible silhouette: x0, y0, x1, y1
     whole_box: np.ndarray  # around all of the car inside the frame
-    extent: np.ndarray  # around all of the car, also what lies outside the frame
-    share: float  # visible over whole silhouette, frame ignored
-    seen_share: float  # the same with what the frame cuts off counted as unseen
+    extent: np.ndarray  # around all of the car, including the part outside the frame
+    share: float  # visible over whole silhouette, ignoring the frame
+    seen_share: float  # the same, with the part outside the frame as invisible
     keypoints: np.ndarray  # (36, 2)
     visible: np.ndarray  # (36,) bool
 
 
 def in_world(points: np.ndarray, world_from_car: np.ndarray) -> np.ndarray:
-    """Car points (n, 3) in the world."""
+    """Returns car points (n, 3) in the world."""
     return points @ world_from_car[:3, :3].T + world_from_car[:3, 3]
 
 
-def sight(renderer: Renderer, scene: Scene, camera: Camera, index: int, least_inside: float = 0.3) -> Sight | None:
-    """Truth of one car of a scene; none when less than `least_inside` of what is not hidden lies in the frame."""
+def visible_part(renderer: Renderer, scene: Scene, camera: Camera, index: int, least_inside: float = 0.3) -> VisiblePart | None:
+    """Returns the truth of one car; None if less than `least_inside` of its unhidden part is in the frame."""
     car = scene.cars[index]
     pixels, depth = camera.pixel_from_world(in_world(car.gpu.mesh.vertices, car.world_from_car))
     if depth.min() < 1.0:
@@ -107,11 +110,11 @@ def sight(renderer: Renderer, scene: Scene, camera: Camera, index: int, least_in
         visible[k] = near.sum() >= 3
     extent = np.concatenate([low, high])
     seen_share = float(shown.sum() / max(whole_mask.sum(), 1))
-    return Sight(box, inside, extent, float(share), seen_share, points, visible)
+    return VisiblePart(box, inside, extent, float(share), seen_share, points, visible)
 
 
-def make_crop(renderer: Renderer, scene: Scene, camera: Camera, seen: Sight, rng: np.random.Generator) -> Crop:
-    """Renders, worsens and cuts out the target (the scene's first car) as inference would."""
+def make_crop(renderer: Renderer, scene: Scene, camera: Camera, seen: VisiblePart, rng: np.random.Generator) -> Crop:
+    """Renders, degrades and crops the target (the scene's first car), as inference would see it."""
     box = seen.box if seen.share > 0.98 or rng.random() < 0.6 else seen.whole_box
     size = box[2:] - box[:2]
     centre = (box[:2] + box[2:]) / 2 + size * rng.uniform(-0.05, 0.05, 2)
@@ -152,7 +155,7 @@ class Generator:
         self.meshes = meshes
 
     def shard(self, number: int, count: int = SHARD) -> dict[str, np.ndarray]:
-        """Arrays of one shard."""
+        """Returns the arrays of one shard."""
         rng = np.random.default_rng([self.seed, number, zlib.crc32(self.split.encode())])
         built = [self.renderer.upload(sample_car(rng, split=self.split)) for _ in range(CARS_PER_SHARD)]
         chosen = rng.permutation(len(self.meshes))[:MESHES_PER_SHARD]
@@ -168,7 +171,7 @@ class Generator:
             targets = real if real and rng.random() < MESH_SHARE else built
             target = targets[rng.integers(len(targets))]
             scene, camera = sampler.sample(rng, target, near_edge=rng.random() < 0.1, occluded=rng.random() < 0.28)
-            seen = sight(self.renderer, scene, camera, 0)
+            seen = visible_part(self.renderer, scene, camera, 0)
             if seen is None or seen.share < 0.25:
                 continue
             if seen.share < OCCLUDED_BELOW:
@@ -193,7 +196,7 @@ class Generator:
 
 
 def real_meshes(split: str) -> list[CarMesh]:
-    """Meshes of real cars of a split; none, and a line that says so, where they are not installed."""
+    """Returns meshes of real cars of a split; none, with a message, if they are not installed."""
     try:
         return load_meshes(split)
     except MissingFurnitureError as error:
@@ -202,14 +205,14 @@ def real_meshes(split: str) -> list[CarMesh]:
 
 
 def main() -> None:
-    """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, required=True, help="folder; shards go to OUT/SPLIT/shard_00000.npz …")
-    parser.add_argument("--count", type=int, default=SHARD, help="crops, rounded up to whole shards")
-    parser.add_argument("--first", type=int, default=0, help="first shard, to share the work among processes")
+    """Renders the shards."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, required=True, help="folder of the shards, OUT/SPLIT/shard_00000.npz …")
+    parser.add_argument("--count", type=int, default=SHARD, help="number of crops, rounded up to whole shards")
+    parser.add_argument("--first", type=int, default=0, help="number of the first shard, to split the work among processes")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--split", choices=("train", "eval"), default="train")
-    parser.add_argument("--redo-before", type=float, default=0.0, help="make shards older than this Unix time again")
+    parser.add_argument("--redo-before", type=float, default=0.0, help="renders older shards again (Unix time)")
     options = parser.parse_args()
     folder = options.out / options.split
     folder.mkdir(parents=True, exist_ok=True)
@@ -224,7 +227,7 @@ def main() -> None:
         with temporary.open("wb") as file:
             np.savez(file, **generator.shard(number))
         temporary.rename(path)
-        print(f"{path} {(time.perf_counter() - start) / SHARD * 1000:.0f} ms a crop", flush=True)
+        print(f"{path} {(time.perf_counter() - start) / SHARD * 1000:.0f} ms per crop", flush=True)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,9 @@
-"""Renders a data set of whole frames with truth: `python -m render.dataset --out DIR --preset eval`.
+"""Renders a data set of whole frames with truth.
 
-Stills and clips of parking lots and streets; each item depends on the seed, its number, the split and the code alone.
-Finished items are kept, so that a killed run goes on where it was. Files: ARCHITECTURE.md and `truth.py`.
+  roadplane-train render dataset --out DIR --preset eval
+
+It has stills and clips of parking lots and streets. Each item depends on the seed, its number, the split and the code
+alone. Finished items are kept, so a killed run resumes. File formats: `truth.py`.
 """
 
 from __future__ import annotations
@@ -14,11 +16,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from json_files import write_json
+from roadplane_train.json_files import write_json
 
 from .card import write_card
 from .clips import Clip, sample_clip
-from .crops import Sight, real_meshes, sight
+from .crops import VisiblePart, real_meshes, visible_part
 from .frames import Canvas, ExactCanvas, VideoWriter, draw, ffmpeg, finished, overlap
 from .long_clips import sample_long_clip
 from .paths import Motion
@@ -26,15 +28,15 @@ from .renderer import Renderer
 from .stills import SIZE, WEATHERS, CarPool, Still, sample_still
 from .truth import SMALLEST_SHARE, car_record, dataset_record, item_record
 
-LARGE_PX, FEWEST_LARGE = 40, 5  # a still shows at least so many cars that are so long
+LARGE_PX, FEWEST_LARGE = 40, 5  # longer side and number of the large cars that a still must show
 LARGEST_STILL_BYTES = 250_000
 TRUTH = ".truth.json.gz"
-CROWD_OF_CLIP = ["quiet"] * 3 + ["busy"] * 5 + ["full"] * 4  # and over again
+CROWD_OF_CLIP = ["quiet"] * 3 + ["busy"] * 5 + ["full"] * 4  # repeated in turn
 
 
 @dataclass(frozen=True)
 class Preset:
-    """How much of what."""
+    """The amounts of a preset."""
 
     split: str
     stills: int
@@ -42,23 +44,23 @@ class Preset:
     seed: int
     seconds: float = 12.0
     fps: float = 10.0
-    size: tuple[int, int] = SIZE  # of long clips; all else has SIZE
-    cars: int = 20  # in view at a time, in long clips
-    drivers: int | None = None  # of these; none: no long clips but those of a few movers, as the crowd has them
-    mbit: float | None = None  # a second at most, of clips; none: constant quality
-    one_camera: bool = False  # all clips from one place, in other weather and with other cars
+    size: tuple[int, int] = SIZE  # of long clips; all others have SIZE
+    cars: int = 20  # cars in view at a time, in long clips
+    drivers: int | None = None  # drivers among them; None: no long clips, but short ones with a few movers
+    mbit: float | None = None  # upper bound of a clip's bit rate, Mbit/s; None: constant quality
+    one_camera: bool = False  # all clips from one camera, with other weather and other cars
 
 
 PRESETS = {
     "small": Preset("eval", 4, 1, 4, 3.0),
-    "eval": Preset("eval", 50, 12, 4),  # what tests/data/lots holds
+    "eval": Preset("eval", 50, 12, 4),  # contents of tests/data/lots
     "train": Preset("train", 2000, 60, 5),
     "long": Preset("eval", 0, 1, 4, 60.0, 30.0, (1920, 1080), 20, 5, 4.0),
 }
 
 
 def render_still(renderer: Renderer, pool: CarPool, seed: list[int], folder: Path, stem: str) -> None:
-    """One picture and its truth."""
+    """Renders one picture and its truth."""
     for attempt in range(100):
         rng = np.random.default_rng([*seed, attempt])
         still = sample_still(rng, pool)
@@ -79,17 +81,17 @@ def render_still(renderer: Renderer, pool: CarPool, seed: list[int], folder: Pat
 
 
 def still_truth(renderer: Renderer, still: Still) -> list[dict]:
-    """The cars of a still that are seen well enough; nothing is known to move in a still."""
+    """Returns the well visible cars of a still; their motion is unknown."""
     records = []
     for index, car in enumerate(still.scene.cars):
-        seen = sight(renderer, still.scene, still.camera, index, least_inside=0.0)
+        seen = visible_part(renderer, still.scene, still.camera, index, least_inside=0.0)
         if seen is not None and seen.seen_share >= SMALLEST_SHARE:
             records.append(car_record(index, Motion(car.world_from_car), seen))
     return records
 
 
 def _jpeg(image: np.ndarray) -> bytes:
-    """At the best quality up to 90 that keeps the file small."""
+    """Encodes at the best quality up to 90 that keeps the file small."""
     for quality in range(90, 50, -5):
         _, data = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
         if data.size <= LARGEST_STILL_BYTES:
@@ -98,7 +100,7 @@ def _jpeg(image: np.ndarray) -> bytes:
 
 
 def clip_of(rng: np.random.Generator, pool: CarPool, number: int, plan: Preset) -> Clip:
-    """The clip of a number, its kind and weather by turns."""
+    """Returns the clip of a number; its kind and weather alternate."""
     weather = list(WEATHERS)[number % len(WEATHERS)]
     if plan.drivers is not None:
         return sample_long_clip(rng, pool, weather, plan.size, plan.seconds, plan.fps, plan.cars, plan.drivers)
@@ -110,14 +112,16 @@ def clip_of(rng: np.random.Generator, pool: CarPool, number: int, plan: Preset) 
 
 
 def render_long_clip(renderer: Renderer, pool: CarPool, seed: list[int], folder: Path, stem: str, plan: Preset) -> None:
-    """One video with steady traffic and its truth. Each frame is the one before with what changed drawn again, within a
-    grey level as if it were drawn whole."""
+    """Renders one video with steady traffic, and its truth.
+
+    Each frame is the one before with its changed parts redrawn, within a grey level of a full redraw.
+    """
     rng = np.random.default_rng(seed)
     clip = clip_of(rng, pool, seed[-1], plan)
     canvas = ExactCanvas(renderer, clip.camera)
     video = VideoWriter(folder / f"{stem}.mp4", plan.size, clip.fps, 24, plan.mbit)
-    known: dict[int, Sight | None] = {}
-    records: dict[int, dict] = {}  # those of cars at rest are shared by frames
+    known: dict[int, VisiblePart | None] = {}
+    records: dict[int, dict] = {}  # frames share those of cars at rest
     frames, start = [], time.monotonic()
     for number in range(clip.frames):
         before_s, time_s = max(number - 1, 0) / clip.fps, number / clip.fps
@@ -129,7 +133,7 @@ def render_long_clip(renderer: Renderer, pool: CarPool, seed: list[int], folder:
             seen = known.get(index)
             moved = not np.array_equal(before[index].world_from_car, motion.world_from_car)
             if moved or index not in known or (seen and any(overlap(region, seen.extent) for region in hiding)):
-                seen = known[index] = sight(renderer, scene, clip.camera, index, least_inside=0.0)
+                seen = known[index] = visible_part(renderer, scene, clip.camera, index, least_inside=0.0)
             elif motion.speed_mps == before[index].speed_mps and motion.activity == before[index].activity:
                 continue
             records.pop(index, None)
@@ -144,19 +148,22 @@ def render_long_clip(renderer: Renderer, pool: CarPool, seed: list[int], folder:
 
 
 def write_clip_truth(folder: Path, stem: str, clip: Clip, frames: list[list[dict]]) -> None:
-    """The truth file of a finished video."""
+    """Writes the truth file of a finished video."""
     meshes = {i: car.gpu.mesh for i, car in enumerate(clip.scene.cars)}
     record = item_record(f"{stem}.mp4", clip.fps, clip.conditions, clip.camera, meshes, frames)
     write_json(folder / f"{stem}{TRUTH}", record)
 
 
 def render_clip(renderer: Renderer, pool: CarPool, seed: list[int], folder: Path, stem: str, plan: Preset) -> None:
-    """One video and its truth. What stands still is drawn, and its truth worked out, only where something passes."""
+    """Renders one video and its truth.
+
+    Stationary things, and their truth, are computed again only where something passes.
+    """
     rng = np.random.default_rng(seed)
     clip = clip_of(rng, pool, seed[-1], plan)
     canvas = Canvas(renderer, clip.camera)
     video = VideoWriter(folder / f"{stem}.mp4", SIZE, clip.fps, 24, plan.mbit)
-    known: dict[int, Sight | None] = {}
+    known: dict[int, VisiblePart | None] = {}
     frames = []
     for number in range(clip.frames):
         time_s = number / clip.fps
@@ -168,7 +175,7 @@ def render_clip(renderer: Renderer, pool: CarPool, seed: list[int], folder: Path
             seen = known.get(index)
             unchanged = clip.movers[index].drive is None and index in known
             if not unchanged or (seen is not None and any(overlap(region, seen.extent) for region in redrawn)):
-                seen = known[index] = sight(renderer, scene, clip.camera, index, least_inside=0.0)
+                seen = known[index] = visible_part(renderer, scene, clip.camera, index, least_inside=0.0)
             if seen is not None and seen.seen_share >= SMALLEST_SHARE:
                 cars.append(car_record(index, motion, seen))
         frames.append(cars)
@@ -177,7 +184,7 @@ def render_clip(renderer: Renderer, pool: CarPool, seed: list[int], folder: Path
 
 
 def make(out: Path, plan: Preset, name: str, recipe: str) -> None:
-    """All items that are not there yet, then `dataset.json` and the card."""
+    """Makes the missing items, then `dataset.json` and the card."""
     folder = out / "scenes"
     folder.mkdir(parents=True, exist_ok=True)
     for leftover in folder.glob("*.part*"):
@@ -186,7 +193,7 @@ def make(out: Path, plan: Preset, name: str, recipe: str) -> None:
     paths = {item: folder / f"{item[0]}_{item[1]:04d}{TRUTH}" for item in stems}
     missing = [item for item in stems if not paths[item].exists()]
     if any(kind == "clip" for kind, _ in missing):
-        ffmpeg()  # not after minutes of stills
+        ffmpeg()  # checked first, as stills take minutes
     renderer = Renderer(shadow_size=4096) if missing else None
     pool = CarPool(renderer, plan.split, plan.seed, real_meshes(plan.split)) if renderer else None
     start = time.monotonic()
@@ -209,7 +216,7 @@ def make(out: Path, plan: Preset, name: str, recipe: str) -> None:
 
 
 def _cost(item: tuple[str, int], plan: Preset) -> float:
-    """Rough share of the work, for the time left."""
+    """Returns a rough share of the work, to estimate the time left."""
     return 1.0 if item[0] == "still" else 0.2 * plan.fps * plan.seconds
 
 
@@ -219,28 +226,28 @@ def _size(text: str) -> tuple[int, int]:
 
 
 def _word(key: str, value: object) -> str:
-    """An option as it was typed."""
+    """Returns an option as it was typed."""
     if value is True:
         return f"--{key.replace('_', '-')}"
     return f"--{key} {value[0]}x{value[1]}" if isinstance(value, tuple) else f"--{key} {value}"
 
 
 def main() -> None:
-    """Command line."""
+    """Renders the data set."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--preset", choices=PRESETS, default="small", help="defaults for what follows")
-    parser.add_argument("--split", choices=("train", "eval"), help="of the cars; they share no model")
+    parser.add_argument("--preset", choices=PRESETS, default="small", help="default values of the options below")
+    parser.add_argument("--split", choices=("train", "eval"), help="split of the cars; splits share no model")
     parser.add_argument("--stills", type=int)
     parser.add_argument("--clips", type=int)
     parser.add_argument("--seconds", type=float, help="of a clip")
     parser.add_argument("--fps", type=float, help="of a clip")
     parser.add_argument("--size", type=_size, metavar="WIDTHxHEIGHT", help="of long clips")
-    parser.add_argument("--drivers", type=int, help="cars that drive at a time, all through: makes long clips")
-    parser.add_argument("--cars", type=int, help="cars in view at a time, in long clips")
-    parser.add_argument("--mbit", type=float, help="at most, of a clip's video (else of constant quality)")
+    parser.add_argument("--drivers", type=int, help="number of cars that drive at a time; makes long clips")
+    parser.add_argument("--cars", type=int, help="number of cars in view at a time, in long clips")
+    parser.add_argument("--mbit", type=float, help="upper bound of a clip's bit rate, Mbit/s (default: constant quality)")
     parser.add_argument("--seed", type=int)
-    parser.add_argument("--one-camera", action="store_true", default=None, help="clips of one place on other days")
+    parser.add_argument("--one-camera", action="store_true", default=None, help="makes clips of one camera on different days")
     parser.add_argument("--name", default="lots")
     options = parser.parse_args()
     names = ("split", "stills", "clips", "seconds", "fps", "size", "drivers", "cars", "mbit", "seed", "one_camera")
@@ -252,7 +259,7 @@ def main() -> None:
         parser.error("--one-camera and --drivers exclude each other")
     words = [f"--preset {options.preset}"]
     words += [_word(key, value) for key, value in given.items()]
-    make(options.out, plan, options.name, f"PYTHONPATH=scripts/train python -m render.dataset --out DIR {' '.join(words)}")
+    make(options.out, plan, options.name, f"roadplane-train render dataset --out DIR {' '.join(words)}")
 
 
 if __name__ == "__main__":

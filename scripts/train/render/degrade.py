@@ -1,4 +1,4 @@
-"""What cameras, codecs and weather do to an image. Works at the frame's own resolution, on uint8 RGB."""
+"""Degrades images as cameras, codecs and weather do, at the frame's own resolution, on uint8 RGB."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 
 
 def degrade(rng: np.random.Generator, image: np.ndarray) -> np.ndarray:
-    """A randomly worsened copy of a patch of a frame, (h, w, 3) uint8; about one in ten stays nearly clean."""
+    """Returns a randomly degraded copy of a patch of a frame, (h, w, 3) uint8; about one in ten stays nearly clean."""
     strength = rng.choice([0.3, 0.8, 1.5], p=[0.3, 0.55, 0.15])
     x = image.astype(np.float32) / 255
     x = _tone(rng, x)
@@ -73,7 +73,7 @@ def _blur(rng: np.random.Generator, x: np.ndarray, strength: float) -> np.ndarra
 
 
 def _interlaced(rng: np.random.Generator, x: np.ndarray) -> np.ndarray:
-    """Every other line shifted, as on a moving car in interlaced video."""
+    """Shifts every other line, as on a moving car in interlaced video."""
     x = x.copy()
     x[1::2] = np.roll(x[1::2], int(rng.integers(1, 4)), axis=1)
     return x
@@ -96,7 +96,7 @@ def _sharpened(rng: np.random.Generator, x: np.ndarray) -> np.ndarray:
 
 
 def jpeg(image: np.ndarray, quality: int) -> np.ndarray:
-    """Through JPEG and back."""
+    """Encodes and decodes as JPEG."""
     _, data = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
     return cv2.imdecode(data, cv2.IMREAD_COLOR)[..., ::-1]
 
@@ -105,7 +105,7 @@ _DCT = cv2.dct(np.eye(8, dtype=np.float64)).astype(np.float32)
 
 
 def video_blocks(rng: np.random.Generator, image: np.ndarray, strength: float) -> np.ndarray:
-    """Like a low-rate H.264 picture: flat quantisation of 8 × 8 transforms with dead zone, halved chroma, deblocking."""
+    """Imitates a low-rate H.264 picture: 8 × 8 transforms with dead zone, halved chroma, deblocking."""
     h, w = image.shape[:2]
     padded = np.pad(image, ((0, -h % 16), (0, -w % 16), (0, 0)), mode="edge")
     ycc = cv2.cvtColor(padded, cv2.COLOR_RGB2YCrCb).astype(np.float32)

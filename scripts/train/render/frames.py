@@ -1,4 +1,4 @@
-"""Whole frames of a scene: drawing, drawing again only what moved, and what the camera makes of it."""
+"""Whole frames of a scene: drawing them, redrawing only moved parts, and the effects of the camera."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from .appearance import Light
 from .camera import Camera
-from .looks import Light
 from .renderer import Renderer
 from .scene import Scene
 
 SUPERSAMPLING = 2
-NEAREST_M = 1.0  # nothing that is nearer to the camera is in a picture
-AMBIENT_M, AMBIENT_HIGH_M = 1.7, 1.3  # beside and above: farther away a car darkens by less than half a grey level
+NEAREST_M = 1.0  # all objects of a picture are farther from the camera
+AMBIENT_M, AMBIENT_HIGH_M = 1.7, 1.3  # beside and above: beyond this distance a car darkens by less than half a grey level
 Region = tuple[int, int, int, int]  # x, y, width, height in pixels
 
 
@@ -32,13 +32,13 @@ class Finish:
 
 
 def sample_finish(rng: np.random.Generator, dark: bool) -> Finish:
-    """A camera as they hang on walls; noisier when it is dark."""
+    """Draws a camera as typical in surveillance; noisier when it is dark."""
     cast = tuple(float(c) for c in 1 + rng.normal(0, 0.02, 3))
     return Finish(rng.uniform(0.4, 0.9), rng.uniform(1.2, 2.4) if dark else rng.uniform(0.4, 1.6), cast, rng.uniform(0.75, 1.15))
 
 
 def finished(rng: np.random.Generator, drawn: np.ndarray, size: tuple[int, int], finish: Finish) -> np.ndarray:
-    """The camera's picture of a supersampled drawing: RGB uint8 of a size (width, height)."""
+    """Returns the camera's picture of a supersampled drawing: RGB uint8 of a size (width, height)."""
     image = cv2.resize(drawn, size, interpolation=cv2.INTER_AREA).astype(np.float32)
     image = cv2.GaussianBlur(image, (0, 0), finish.blur_px) * np.array(finish.cast, np.float32)
     grey = image @ np.array([0.299, 0.587, 0.114], np.float32)
@@ -48,13 +48,13 @@ def finished(rng: np.random.Generator, drawn: np.ndarray, size: tuple[int, int],
 
 
 def draw(renderer: Renderer, scene: Scene, camera: Camera, region: Region) -> np.ndarray:
-    """A region of the frame, supersampled; the same pixels whatever the region."""
+    """Draws a region of the frame, supersampled; the pixels do not depend on the region."""
     x, y, width, height = region
     return renderer.colour(scene, camera, (x - 0.5, y - 0.5, width, height), (width * SUPERSAMPLING, height * SUPERSAMPLING))
 
 
 def changed_region(camera: Camera, light: Light, centre: np.ndarray, reach_m: float, height_m: float) -> Region | None:
-    """The part of the frame that something at a ground point (2,), and its shadow, can change; none outside the frame."""
+    """Returns the part of the frame that a thing at a ground point (2,), with its shadow, can change, if any."""
     corners = np.array([(x, y, z) for x in (-reach_m, reach_m) for y in (-reach_m, reach_m) for z in (0.0, height_m)])
     corners[:, :2] += centre
     points = corners
@@ -71,20 +71,20 @@ def changed_region(camera: Camera, light: Light, centre: np.ndarray, reach_m: fl
 
 
 def box_corners(pose: np.ndarray, bounds: tuple[np.ndarray, np.ndarray], more_m: float = 0.0) -> np.ndarray:
-    """World points (8, 3) of a box (least and greatest x, y, z in its own frame), `more_m` larger on all sides."""
+    """Returns world points (8, 3) of a box (least and greatest x, y, z in its frame), enlarged by `more_m`."""
     low, high = bounds[0] - more_m, bounds[1] + more_m
     corners = np.array([(x, y, z) for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
     return corners @ pose[:3, :3].T + pose[:3, 3]
 
 
 def outline(camera: Camera, points: np.ndarray) -> Region | None:
-    """The part of the frame that the convex hull of world points can cover; none if it lies outside."""
+    """Returns the part of the frame that the convex hull of world points can cover; None if it lies outside."""
     pose = camera.camera_from_world
     depth = points @ pose[2, :3] + pose[2, 3]
     ahead, behind = points[depth >= NEAREST_M], points[depth < NEAREST_M]
     if not len(ahead):
         return None
-    if len(behind):  # cut off what is not in front of the camera
+    if len(behind):  # cut off the part that is not in front of the camera
         share = (depth[depth >= NEAREST_M, None] - NEAREST_M) / (depth[depth >= NEAREST_M, None] - depth[None, depth < NEAREST_M])
         cuts = ahead[:, None] + (behind[None] - ahead[:, None]) * share[..., None]
         ahead = np.concatenate([ahead, cuts.reshape(-1, 3)])
@@ -95,7 +95,7 @@ def outline(camera: Camera, points: np.ndarray) -> Region | None:
 
 
 def reached_region(camera: Camera, light: Light, pose: np.ndarray, bounds: tuple[np.ndarray, np.ndarray]) -> Region | None:
-    """The part of the frame where something in a box, its shadow and what it takes of the sky's light can be seen."""
+    """Returns the part of the frame where a box, its shadow, or its effect on the sky's light can be seen."""
     wide = np.array([bounds[0] - AMBIENT_M, bounds[1] + AMBIENT_M])
     wide[:, 2] = 0.0, AMBIENT_HIGH_M
     points = [box_corners(pose, bounds), box_corners(pose, wide)]
@@ -107,13 +107,13 @@ def reached_region(camera: Camera, light: Light, pose: np.ndarray, bounds: tuple
 
 
 def overlap(region: Region, box: np.ndarray, margin: float = 2.0) -> bool:
-    """Whether a region touches a box (x0, y0, x1, y1)."""
+    """Returns whether a region touches a box (x0, y0, x1, y1)."""
     x, y, width, height = region
     return bool(x - margin < box[2] and box[0] < x + width + margin and y - margin < box[3] and box[1] < y + height + margin)
 
 
 class Canvas:
-    """A supersampled frame of which only changed regions are drawn again."""
+    """A supersampled frame of which only changed regions are redrawn."""
 
     def __init__(self, renderer: Renderer, camera: Camera) -> None:
         width, height = camera.image_size_px
@@ -122,7 +122,7 @@ class Canvas:
         self._stale: list[Region] = [(0, 0, width, height)]
 
     def update(self, scene: Scene, moving: list[Region]) -> list[Region]:
-        """Draws a scene; `moving` is where it differs from one without moving things. Gives what was drawn."""
+        """Draws a scene and returns the drawn regions; `moving` is where it differs from one without moving things."""
         regions = sorted({*self._stale, *moving})
         regions = [r for r in regions if not any(r != o and _inside(r, o) for o in regions)]
         for region in regions:
@@ -133,7 +133,7 @@ class Canvas:
 
 
 class ExactCanvas:
-    """A supersampled frame that goes on from time to time: only what changes is drawn, and comes out as in a whole one."""
+    """A supersampled frame that is updated over time: it draws changes alone, with the pixels of a full redraw."""
 
     def __init__(self, renderer: Renderer, camera: Camera) -> None:
         self.renderer, self.camera = renderer, camera
@@ -141,13 +141,13 @@ class ExactCanvas:
         self.drawn = np.zeros((height * SUPERSAMPLING, width * SUPERSAMPLING, 3), np.uint8)
 
     def update(self, scene: Scene, changed: list[Region]) -> None:
-        """Draws a scene where it differs from the one drawn before; whole where `changed` is the whole frame."""
+        """Draws a scene where it differs from the one before; `changed` may be the whole frame."""
         parts = [tuple(n * SUPERSAMPLING for n in region) for region in merged(changed)]
         self.renderer.redraw(self.drawn, scene, self.camera, (-0.5, -0.5, *self.camera.image_size_px), parts)
 
 
 def merged(regions: list[Region]) -> list[Region]:
-    """Regions that cover the same and more, joined wherever that makes less to draw."""
+    """Returns regions that cover at least the same, joined wherever that reduces the drawing."""
     kept: list[Region] = []
     for region in sorted(set(regions)):
         again = True
@@ -178,18 +178,18 @@ def _inside(inner: Region, outer: Region) -> bool:
 
 
 def ffmpeg() -> str:
-    """The command that writes videos; ends the program with what to do where it is missing."""
+    """Returns the command that writes videos; if it is missing, ends the program with advice."""
     found = shutil.which("ffmpeg")
     if found is None:
-        raise SystemExit("ffmpeg is missing, which writes the videos: apt-get install ffmpeg")
+        raise SystemExit("ffmpeg, which encodes the videos, is missing: apt-get install ffmpeg")
     return found
 
 
 class VideoWriter:
-    """An H.264 file that is there complete or not at all; the same frames give the same bytes."""
+    """Writes an H.264 file, whole or not at all; the same frames give the same bytes."""
 
     def __init__(self, path: Path, size: tuple[int, int], fps: float, crf: int, mbit: float | None = None) -> None:
-        """At constant quality, or at `mbit` Mbit/s at most with a whole picture every two seconds, as cameras send it."""
+        """Opens a file of constant quality, or of at most `mbit` Mbit/s with a key frame every two seconds."""
         self.path, self._part = path, path.with_suffix(".part.mp4")
         quality = ["-crf", str(crf)]
         if mbit is not None:
@@ -229,12 +229,12 @@ class VideoWriter:
         self._encoder = subprocess.Popen(command, stdin=subprocess.PIPE)
 
     def write(self, image: np.ndarray) -> None:
-        """One RGB frame."""
+        """Adds one RGB frame."""
         assert self._encoder.stdin is not None
         self._encoder.stdin.write(image.tobytes())
 
     def finish(self) -> None:
-        """Ends the file and gives it its name."""
+        """Completes the file and gives it its name."""
         assert self._encoder.stdin is not None
         self._encoder.stdin.close()
         if self._encoder.wait() != 0:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import moderngl
 import numpy as np
 
-from cars.mesh import CarMesh
+from roadplane_train.cars.mesh import CarMesh
 
 
 @dataclass

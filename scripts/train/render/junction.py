@@ -1,8 +1,8 @@
-"""Traffic on a street with a signalled junction: vehicles follow, queue, overtake, cross, leave their bays and take others'.
+"""Traffic on a street with a signalled junction: following, queuing, overtaking, crossing, parking.
 
-Each vehicle keeps to a line (a direction of the street, or of the road that crosses it) in whose frame s runs ahead and l to the
-left. Along it speeds follow the intelligent driver model (Treiber, Hennecke, Helbing 2000, Phys. Rev. E 62); aside it shifts
-smoothly over a stretch of s. Paths belong to the rear axle, as in `paths`.
+Each vehicle keeps to a line (a direction of the street, or of the road that crosses it). In the frame of the line, s
+runs ahead and l to the left. Speeds along s follow the intelligent driver model (Treiber, Hennecke, Helbing 2000, Phys.
+Rev. E 62). Vehicles shift sideways smoothly over an interval of s. Paths are those of the rear axle, as in `paths`.
 """
 
 from __future__ import annotations
@@ -11,21 +11,21 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cars.mesh import CarMesh
+from roadplane_train.cars.mesh import CarMesh
 
 from .camera import world_from_car
 from .paths import Motion
 from .places import Site, Spot
 
 STEP_S = 0.1
-REACH_M = 115.0  # vehicles come and go so far from the site's middle
-REACTS_M = 60.0  # nobody looks farther
+REACH_M = 115.0  # distance from the site's centre where vehicles appear and disappear
+REACTS_M = 60.0  # vehicles do not react to others farther ahead
 WARM_S = 45.0  # traffic before the first frame
 ACCELERATION, BRAKING, GAP_S, GAP_M = 1.6, 2.2, 1.1, 1.8
-CYCLE_S, GREEN_S, CLEAR_S = 34.0, 15.0, 4.0  # of the street's signal; the crossing road has the rest
-STOP_M = 7.0  # before the crossing road's middle
+CYCLE_S, GREEN_S, CLEAR_S = 34.0, 15.0, 4.0  # cycle, green, clearance; the crossing road has the rest
+STOP_M = 7.0  # distance from the crossing road's centre
 CROSS_L = -1.7
-CHANGE_M = (22.0, 12.0)  # stretch of a change of lane, of leaving or entering a bay
+CHANGE_M = (22.0, 12.0)  # length of a lane change, of leaving or entering a bay
 SPEEDS = {"car": (9.0, 13.5), "truck": (6.5, 9.0), "bus": (6.0, 8.5)}
 SHARES = {"car": 0.78, "truck": 0.12, "bus": 0.1}
 
@@ -36,13 +36,13 @@ class Line:
 
     origin: np.ndarray  # world, (2,)
     heading_rad: float
-    stop_s: float  # where vehicles wait at the signal
+    stop_s: float  # stop line of the signal
     crosses: bool  # of the road that crosses the street
 
 
 @dataclass
 class Vehicle:
-    """One vehicle and its way; `at` as a `Mover` has it."""
+    """One vehicle and its trajectory; `at` works as that of `Mover`."""
 
     mesh: CarMesh
     wheelbase_m: float
@@ -51,12 +51,12 @@ class Vehicle:
     lane: float  # l before any shift
     s: float
     speed: float = 0.0
-    shifts: list[tuple[float, float, float]] = field(default_factory=list)  # from s, over so many metres, by l
+    shifts: list[tuple[float, float, float]] = field(default_factory=list)  # from s, over this length, by l
     leaves_s: float | None = None  # leaves its bay after this time
-    bay_s: float | None = None  # rear axle's place in the bay that it is bound for
+    bay_s: float | None = None  # position of the rear axle in its target bay
     gone: bool = False
     from_step: int = 0
-    track: list[tuple[float, float]] = field(default_factory=list)  # s and speed, a step each
+    track: list[tuple[float, float]] = field(default_factory=list)  # s and speed, one row per step
     front: float = 0.0  # rear axle to the front bumper, m
     back: float = 0.0  # rear bumper to the rear axle, m
     _sides: tuple | None = None
@@ -67,11 +67,11 @@ class Vehicle:
 
     @property
     def kind(self) -> str:
-        """car, truck or bus."""
+        """Returns car, truck or bus."""
         return self.mesh.body if self.mesh.body in SPEEDS else "car"
 
     def aside(self, s: float) -> tuple[float, float]:
-        """l and its slope at s."""
+        """Returns l and its slope at s."""
         left, slope = self.lane, 0.0
         for start, length, by in self.shifts:
             u = min(max((s - start) / length, 0.0), 1.0)
@@ -80,7 +80,7 @@ class Vehicle:
         return left, slope
 
     def sides(self) -> tuple[float, float]:
-        """What it takes of the road now and where it is going to, l."""
+        """Returns the range of l that it occupies now, and that of its target."""
         if self._sides and self._sides[0] == (self.s, len(self.shifts)):
             return self._sides[1]
         ends = [self.aside(self.s)[0], self.aside(self.s + self.front)[0], self.aside(np.inf)[0]]
@@ -91,7 +91,7 @@ class Vehicle:
         return self._sides[1]
 
     def at(self, time_s: float) -> Motion | None:
-        """Where it is; none before it came and after it left."""
+        """Returns its motion; None before it appears and after it leaves."""
         step = time_s / STEP_S - self.from_step
         if step < -1e-6 or step > len(self.track) - 1 + 1e-6:
             return None
@@ -145,11 +145,11 @@ class Junction:
             )
             for side in (-1, 1)
         }
-        self.wanted: list[tuple[float, int, float]] = []  # from when a bay is free for whom: time, line, s
+        self.wanted: list[tuple[float, int, float]] = []  # time from which a bay is free, for which line, s
         self._park()
 
     def run(self) -> list[Vehicle]:
-        """Everybody who was there, at times from WARM_S before the first frame on; none touched another."""
+        """Returns all vehicles at times from WARM_S before the first frame on; no two of them touched."""
         next_s = {
             (i, lane): self.rng.exponential(self.headway_s) for i, line in enumerate(self.lines) for lane in self._lanes(line)
         }
@@ -179,24 +179,27 @@ class Junction:
         return Vehicle(mesh, self.wheelbases[id(mesh)], self.lines[line], self.rng.uniform(*SPEEDS[kind]), lane, s)
 
     def _park(self) -> None:
-        """Cars along both kerbs. Some will leave; of their bays some are taken again. Around these the kerb is free."""
+        """Parks cars along both kerbs.
+
+        Some will leave, and others take some of their bays. The kerb around these stays free.
+        """
         for side, line in ((-1, 0), (1, 1)):
             bays, lane = self.bays[side], -(abs(self.bays[side][0].n) if self.bays[side] else 0.0)
             k = 1
             while k < len(bays) - 2:
                 if self.rng.random() < 0.2:
                     leaves = WARM_S + self.rng.uniform(0.05, 0.65) * (self.steps * STEP_S - WARM_S)
-                    vehicle = self._stand(line, lane, bays[k + 1])
+                    vehicle = self._parked_vehicle(line, lane, bays[k + 1])
                     vehicle.leaves_s = leaves
                     if self.rng.random() < 0.7:
                         self.wanted.append((leaves + self.rng.uniform(4, 10), line, vehicle.s))
                     k += 3
                 else:
                     if self.rng.random() < 0.7:
-                        self._stand(line, lane, bays[k])
+                        self._parked_vehicle(line, lane, bays[k])
                     k += 1
 
-    def _stand(self, line: int, lane: float, spot: Spot) -> Vehicle:
+    def _parked_vehicle(self, line: int, lane: float, spot: Spot) -> Vehicle:
         vehicle = self._vehicle(self._draw("car"), line, lane + self.rng.normal(0, 0.08), 0.0)
         middle = spot.e * (1 if line == 0 else -1)
         vehicle.s = middle - vehicle.wheelbase_m / 2 + self.rng.normal(0, 0.1)
@@ -256,7 +259,7 @@ class Junction:
             vehicle.gone = vehicle.gone or vehicle.s > REACH_M + 15
 
     def _leave(self, vehicle: Vehicle, time_s: float) -> None:
-        """Pulls out where nobody comes."""
+        """Pulls out when the lane is free."""
         to = self._lanes(vehicle.line)[-1]
         if time_s < (vehicle.leaves_s or 0.0):
             return
@@ -292,7 +295,7 @@ class Junction:
         return float(np.clip(gain, -7.0, ACCELERATION))
 
     def _overtake(self, vehicle: Vehicle, ahead: Vehicle) -> None:
-        """Changes lanes behind somebody slower where the other lane is free."""
+        """Changes lanes behind a slower vehicle if the other lane is free."""
         lanes = self._lanes(vehicle.line)
         here = vehicle.aside(np.inf)[0]
         settled = not vehicle.shifts or vehicle.s > vehicle.shifts[-1][0] + vehicle.shifts[-1][1] + 5
@@ -307,7 +310,7 @@ class Junction:
 
 
 def touching(vehicles: list[Vehicle], seconds: float) -> int:
-    """Pairs that come closer than 0.1 m at some time."""
+    """Returns the pairs that come closer than 0.1 m at some time."""
     pairs = set()
     for time_s in np.arange(0, seconds, 0.5):
         there = [(i, v, m) for i, v in enumerate(vehicles) if (m := v.at(time_s)) is not None]

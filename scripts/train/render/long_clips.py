@@ -1,4 +1,4 @@
-"""Random long clips of a parking lot with steady traffic: so many cars in view, so many of them driving at a time."""
+"""Random long clips of a parking lot with steady traffic: constant numbers of cars in view and of drivers."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from .scene import PlacedCar, Scene, person
 from .stills import CarPool, car_at, sample_weather, seen_spots, set_exposure, wheelbase
 from .traffic import Mover, Traffic, in_picture, mover
 
-SEEN_M = (42, 60)  # ground across the picture's middle
-SPAN_S = 12.0  # in which one manoeuvre is placed
+SEEN_M = (42, 60)  # width of the ground at the picture's centre
+SPAN_S = 12.0  # interval in which one manoeuvre is placed
 STEP_S = 0.5  # between times at which drivers are counted
-FAILURES = 80  # of manoeuvres, until a scene's traffic is taken as it is
-SHORT_OF = 0.6  # of the wanted drivers, on average, for a scene to be taken
+FAILURES = 80  # failed manoeuvres after which a scene's traffic is complete
+SHORT_OF = 0.6  # accepted share of the wanted drivers, on average
 CLEAR_M = 0.3  # between cars and things
 TALL_M = 1.7  # things that begin higher are no obstacle
 
@@ -37,7 +37,7 @@ def sample_long_clip(
     cars: int,
     drivers: int,
 ) -> Clip:
-    """A lot with about `cars` in view at any time, of which about `drivers` drive, park, leave or pass."""
+    """Draws a lot with about `cars` in view at any time, of which about `drivers` drive, park, leave or pass."""
     while True:
         camera, middle = camera_over(rng, *SEEN_M, size)
         _, light = sample_weather(rng, weather)
@@ -49,16 +49,16 @@ def sample_long_clip(
         busy, driving, present = _steady(rng, pool, traffic, spots, drivers, MAX_CARS - cars // 2, weather == "dusk")
         if driving.mean() < drivers - SHORT_OF:
             continue
-        standing = max(round(cars - present.mean()), 0)
-        placed = busy + parked(rng, pool, traffic, spots, standing)
-        if len(placed) < len(busy) + standing or len(placed) > MAX_CARS:
+        stationary = max(round(cars - present.mean()), 0)
+        placed = busy + parked(rng, pool, traffic, spots, stationary)
+        if len(placed) < len(busy) + stationary or len(placed) > MAX_CARS:
             continue
         for car, motion in zip(placed, traffic.movers, strict=True):
             car.world_from_car = motion.at(0.0).world_from_car
         scene = Scene(placed, site.props, site.floor, light, np.append(middle, 0.0), 45.0, _nearest(camera))
         set_exposure(rng, scene, weather)
         walkers = []
-        for _ in range(rng.integers(0, 3)):  # along the last row, away from where cars turn
+        for _ in range(rng.integers(0, 3)):  # along the last row, away from turning cars
             start = site.place(min(traffic.middle_e + rng.uniform(5, 25), site.end_e - 3), 1.5 * site.period_m + 1.0)
             walkers.append((person(rng, tuple(start)), -site.along * rng.uniform(0.9, 1.4)))
         finish = sample_finish(rng, weather == "dusk")
@@ -67,7 +67,7 @@ def sample_long_clip(
 
 
 def _nearest(camera: Camera) -> float:
-    """Depth of the ground at the picture's lower edge: the same for all frames, so that their depth buffers agree."""
+    """Returns the depth of the ground at the picture's lower edge, so that the depth buffers of all frames agree."""
     width, height = camera.image_size_px
     points = [camera.ground_from_pixel(np.array([x, height])) for x in (0, width)]
     return min(float(camera.pixel_from_world(point[None])[1][0]) for point in points if point is not None)
@@ -76,8 +76,10 @@ def _nearest(camera: Camera) -> float:
 def _steady(
     rng: np.random.Generator, pool: CarPool, traffic: Traffic, spots: list[Spot], drivers: int, most: int, dark: bool
 ) -> tuple[list[PlacedCar], np.ndarray, np.ndarray]:
-    """Drives until about `drivers` cars drive in view all the time; with how many drive, and how many of these cars are in
-    view, every STEP_S."""
+    """Returns drives such that about `drivers` cars drive in view at all times.
+
+    It also returns how many drive, and how many of these cars are in view, every STEP_S.
+    """
     times = np.arange(0, traffic.seconds, STEP_S)
     driving, present = np.zeros(len(times), int), np.zeros(len(times), int)
     driven: list[PlacedCar] = []
@@ -116,7 +118,7 @@ def _manoeuvre(rng: np.random.Generator, traffic: Traffic, spots: list[Spot]) ->
 
 
 def _clear_of_props(car: Mover, traffic: Traffic) -> bool:
-    """Whether a car never drives into a thing while it is in view."""
+    """Returns whether a car never drives into a thing while it is in view."""
     motions = [car.at(time_s) for time_s in np.arange(0, traffic.seconds, 0.25)]
     inside = in_picture(traffic.camera, motions)
     props = [prop for prop in traffic.site.props if prop.world_from_prop[2, 3] < TALL_M]
@@ -125,7 +127,7 @@ def _clear_of_props(car: Mover, traffic: Traffic) -> bool:
 
 
 def _meets(car: Mover, poses: np.ndarray, prop: Prop) -> bool:
-    """Whether a car at any pose touches a thing: its middle in the car's rectangle, or the car's outline in its box."""
+    """Returns whether a car touches a thing at any pose; one's points are tested in the other's rectangle."""
     half = np.linalg.norm(prop.world_from_prop[:2, :2], axis=0) / 2
     ahead, side = poses[:, :2, 0], poses[:, :2, 1]
     away = prop.world_from_prop[:2, 3] - poses[:, :2, 3]

@@ -1,4 +1,7 @@
-"""Draws crops of a shard with their keypoints to look at: `python -m render.montage SHARD.npz OUT.png [--first N]`."""
+"""Draws a sheet of the crops of a shard, with their keypoints.
+
+roadplane-train render montage SHARD.npz OUT.png [--first N]
+"""
 
 from __future__ import annotations
 
@@ -8,11 +11,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from cars.mesh import KEYPOINTS
+from roadplane_train.cars.mesh import KEYPOINTS
 
 
 def montage(shard: dict[str, np.ndarray], first: int = 0, rows: int = 8, scale: int = 2, marks: bool = True) -> np.ndarray:
-    """BGR sheet of crops: left side red, right side green; filled = visible, hollow = hidden; the wireframe thin."""
+    """Draws a BGR sheet of crops: left side red, right side green.
+
+    Filled = visible, hollow = hidden; the wireframe thin.
+    """
     tiles = []
     for i in range(first, min(first + rows * rows, len(shard["image"]))):
         tile = cv2.resize(shard["image"][i][..., ::-1], None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC)
@@ -36,8 +42,8 @@ def montage(shard: dict[str, np.ndarray], first: int = 0, rows: int = 8, scale: 
 
 
 def main() -> None:
-    """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    """Writes the sheet."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("shard", type=Path)
     parser.add_argument("out", type=Path)
     parser.add_argument("--first", type=int, default=0)

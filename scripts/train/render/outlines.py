@@ -1,7 +1,7 @@
-"""What is seen of vehicles, without a picture: boxes that stand for bodies and things, in a depth buffer.
+"""Computes the visible parts of vehicles without a picture: boxes approximate bodies and things in a depth buffer.
 
-Boxes of whole vehicles are those of their meshes; what hides them, and which keypoints are seen, is right to about a third of a
-metre.
+Boxes of whole vehicles are those of their meshes. Occlusion, and with it the visibility of keypoints, is right to about
+a third of a metre.
 """
 
 from __future__ import annotations
@@ -9,20 +9,27 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from cars.mesh import CarMesh
+from roadplane_train.cars.mesh import CarMesh
 
 from .camera import Camera
-from .crops import Sight, in_world
+from .crops import VisiblePart, in_world
 from .props import Prop
 
-TOLERANCE_M = 0.4  # keypoints lie so far behind the boxes that stand for the body
-LEAST_PX = 4.0  # longer side of what is listed at all
-FACES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))  # of corners x, y, z low and high
+TOLERANCE_M = 0.4  # depth tolerance of keypoints behind the boxes of the body
+LEAST_PX = 4.0  # longer side of the smallest listed vehicle
+FACES = (
+    (0, 1, 3, 2),
+    (4, 6, 7, 5),
+    (0, 4, 5, 1),
+    (2, 3, 7, 6),
+    (0, 2, 6, 4),
+    (1, 5, 7, 3),
+)  # indices of corners, over low and high x, y, z
 CABIN = (-0.42, 0.22, 0.85, 0.55)  # of a car: rear, front (of the length), width, from this height
 
 
 def body_boxes(mesh: CarMesh) -> list[np.ndarray]:
-    """Corners (8, 3) of boxes that fill about what the vehicle does, car frame."""
+    """Returns corners (8, 3) of boxes that approximately fill the vehicle, car frame."""
     low, high = mesh.vertices.min(0).astype(float), mesh.vertices.max(0).astype(float)
     half = mesh.dims[1] / 2
     if mesh.body in ("truck", "bus", "van"):
@@ -38,7 +45,7 @@ def body_boxes(mesh: CarMesh) -> list[np.ndarray]:
 
 
 def prop_box(prop: Prop) -> np.ndarray:
-    """Corners (8, 3) of a thing, world; blobs fill the middle of theirs."""
+    """Returns corners (8, 3) of a thing, world; for blobs, those of the middle part."""
     share = 0.36 if prop.shape == "blob" else 0.5
     low, high = (-share, -share, 0.15 if prop.shape == "blob" else 0.0), (share, share, 0.85 if prop.shape == "blob" else 1.0)
     return in_world(_corners(low, high), prop.world_from_prop)
@@ -49,7 +56,7 @@ def _corners(low: tuple[float, ...], high: tuple[float, ...]) -> np.ndarray:
 
 
 class Outlines:
-    """A depth buffer of whole pixels over the picture, with who is seen where (−1: nobody)."""
+    """A depth buffer of whole pixels over the picture, with the visible vehicle of each pixel (−1: none)."""
 
     def __init__(self, camera: Camera, props: list[Prop]) -> None:
         self.camera = camera
@@ -60,8 +67,8 @@ class Outlines:
             self._draw(prop_box(prop), -1)
         self._empty = self._near.copy()
 
-    def sights(self, vehicles: list[tuple[int, CarMesh, np.ndarray]]) -> dict[int, Sight]:
-        """What is seen of each vehicle (number, mesh, pose) of one moment."""
+    def visible_parts(self, vehicles: list[tuple[int, CarMesh, np.ndarray]]) -> dict[int, VisiblePart]:
+        """Returns the visible part of each vehicle (number, mesh, pose) at one moment."""
         self._near, self._who[:] = self._empty.copy(), -1
         whole = {}
         for number, mesh, pose in vehicles:
@@ -72,11 +79,11 @@ class Outlines:
                     self._draw(box, number)
         found = {}
         for number, mesh, pose in vehicles:
-            if whole[number] and (seen := self._sight(number, mesh, pose, whole[number])) is not None:
+            if whole[number] and (seen := self._visible_part(number, mesh, pose, whole[number])) is not None:
                 found[number] = seen
         return found
 
-    def _sight(self, number: int, mesh: CarMesh, pose: np.ndarray, whole: int) -> Sight | None:
+    def _visible_part(self, number: int, mesh: CarMesh, pose: np.ndarray, whole: int) -> VisiblePart | None:
         pixels, depth = self.camera.pixel_from_world(in_world(mesh.vertices, pose))
         if depth.min() < 1:
             return None
@@ -93,7 +100,7 @@ class Outlines:
         share = min(float(shown.sum()) / whole, 1.0)
         box = inside
         in_picture = np.prod((inside[2:] - inside[:2]) / (high - low))  # about
-        if share < 0.97 * in_picture:  # something stands before it
+        if share < 0.97 * in_picture:  # something is in front of it
             rows, columns = np.nonzero(shown.any(1))[0], np.nonzero(shown.any(0))[0]
             box = np.array([columns[0] + x0 - 0.5, rows[0] + y0 - 0.5, columns[-1] + x0 + 0.5, rows[-1] + y0 + 0.5])
             box = np.concatenate([np.maximum(box[:2], inside[:2]), np.minimum(box[2:], inside[2:])])
@@ -103,14 +110,14 @@ class Outlines:
         visible = np.zeros(len(points), bool)
         for k, (x, y) in enumerate(points):
             if np.isfinite(x) and -0.5 <= x <= frame[0] and -0.5 <= y <= frame[1]:
-                # Bodies are rounder than boxes: next to the edge another pixel may be nobody's.
+                # Bodies are rounder than boxes: next to the edge another pixel may show none of it.
                 column, row = round(float(x)), round(float(y))
                 near = self._near[max(row - 1, 0) : row + 2, max(column - 1, 0) : column + 2]
                 visible[k] = (near <= 1 / max(point_depth[k] - TOLERANCE_M, 0.5)).sum() >= 3
-        return Sight(box, inside, np.concatenate([low, high]), share, share, points, visible)
+        return VisiblePart(box, inside, np.concatenate([low, high]), share, share, points, visible)
 
     def _silhouette(self, boxes: list[np.ndarray]) -> int:
-        """Pixels that boxes cover, in the picture or outside; 0 where they are not before the camera."""
+        """Returns the pixels that boxes cover, in the picture or outside; 0 where they are behind the camera."""
         pixels, depth = self.camera.pixel_from_world(np.concatenate(boxes))
         if depth.min() < 1 or not self._near_picture(pixels):
             return 0
@@ -129,7 +136,7 @@ class Outlines:
         return bool((pixels.max(0) > -0.5).all() and (pixels.min(0) < size).all())
 
     def _draw(self, corners: np.ndarray, number: int) -> None:
-        """Puts a box into the buffer."""
+        """Draws a box into the buffer."""
         pixels, depth = self.camera.pixel_from_world(corners)
         if depth.min() < 1 or not self._near_picture(pixels):
             return
@@ -137,7 +144,7 @@ class Outlines:
         for face in FACES:
             corner, inverse = pixels[list(face)], 1 / depth[list(face)]
             (a, b), (c, d) = corner[1] - corner[0], corner[2] - corner[0]
-            if abs(a * d - b * c) < 1e-3:  # seen edge on
+            if abs(a * d - b * c) < 1e-3:  # edge-on
                 continue
             low = np.floor(corner.min(0)).astype(int).clip(0)
             high = np.minimum(np.ceil(corner.max(0)).astype(int), (width - 1, height - 1))

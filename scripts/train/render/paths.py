@@ -1,8 +1,9 @@
-"""Ways that cars drive: a kinematic bicycle whose steering and speed change no faster than a driver would change them.
+"""Paths of cars: a kinematic bicycle whose steering and speed change no faster than a driver would change them.
 
-A drive is a list of legs between rests. Curvature along a turn rises and falls linearly over a ramp; speed follows from a
-limit on lateral acceleration and constant acceleration from and to rest (Rajamani, Vehicle Dynamics and Control, §2.2).
-Paths belong to the rear axle's middle, whose direction is the car's heading; results are given for the car's origin.
+A drive is a list of legs between rests. Curvature along a turn rises and falls linearly over a ramp. Speed follows from
+a limit on lateral acceleration, and from constant acceleration from and to rest (Rajamani, Vehicle Dynamics and
+Control, §2.2). Paths are those of the rear axle's centre, whose direction is the car's heading. Results are given for
+the car's origin.
 """
 
 from __future__ import annotations
@@ -15,14 +16,14 @@ from .camera import world_from_car
 
 STEP_M = 0.01
 ACCELERATION = 1.6  # m/s², along the path
-LATERAL = 1.5  # m/s², decides on the speed in turns
-U_TURN_DEG, TURN_DEG = 150, 25  # total turn from which a piece of path is called so
+LATERAL = 1.5  # m/s², limits the speed in turns
+U_TURN_DEG, TURN_DEG = 150, 25  # total heading change from which a piece of path is called a turn
 ACTIVITIES = ("parked", "moving", "turning_left", "turning_right", "u_turn", "stopping", "starting", "reversing", "parking")
 
 
 @dataclass(frozen=True)
 class Motion:
-    """What a car does at one time."""
+    """The state of a car at one time."""
 
     world_from_car: np.ndarray  # 4 × 4
     speed_mps: float = 0.0  # of the car's origin; negative when it reverses
@@ -31,14 +32,14 @@ class Motion:
 
 @dataclass(frozen=True)
 class Piece:
-    """A stretch of path."""
+    """A piece of path."""
 
     length_m: float
     angle_rad: float = 0.0  # change of heading
     ramp_m: float = 0.0  # over which curvature rises, and falls again
 
     def headings(self, at: np.ndarray) -> np.ndarray:
-        """Heading relative to the piece's start, at distances along it."""
+        """Returns the heading relative to the piece's start, at distances along it."""
         if self.angle_rad == 0:
             return np.zeros_like(at)
         ramp, peak = self.ramp_m, self.angle_rad / (self.length_m - self.ramp_m)
@@ -48,7 +49,7 @@ class Piece:
 
     @property
     def label(self) -> str:
-        """Activity of a car that drives it forwards."""
+        """Returns the activity of a car that drives it forwards."""
         turned = np.degrees(abs(self.angle_rad))
         if turned < TURN_DEG:
             return "moving"
@@ -58,18 +59,18 @@ class Piece:
 
 
 def straight(length_m: float) -> Piece:
-    """Straight on."""
+    """Returns a straight piece."""
     return Piece(length_m)
 
 
 def turn(angle_deg: float, radius_m: float, ramp_m: float = 3.0) -> Piece:
-    """A turn, positive to the left as seen from above; its tightest radius is `radius_m` or larger."""
+    """Returns a turn, positive to the left as seen from above; its tightest radius is `radius_m` or larger."""
     angle = np.radians(angle_deg)
     return Piece(max(radius_m * abs(angle) + ramp_m, 2 * ramp_m), angle, ramp_m)
 
 
 def turn_across(angle_deg: float, offset_m: float, ramp_m: float = 3.0) -> Piece:
-    """A turn that ends `offset_m` beside the line on which it began."""
+    """Returns a turn that ends `offset_m` beside the line on which it began."""
     low, high = 2.0, 40.0
     for _ in range(50):
         middle = (low + high) / 2
@@ -92,8 +93,11 @@ class Leg:
 
 
 def traced(leg: Leg) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Distance, pose (n, 3: x, y, heading; from the origin along +x), curvature (1/m, of heading over distance), and
-    per sample the piece's activity (index into ACTIVITIES) of a leg."""
+    """Returns samples of a leg, and per sample the activity of the piece (index into ACTIVITIES).
+
+    A sample has distance, pose (n, 3: x, y, heading; from the origin along +x), and curvature (1/m, of heading over
+    distance).
+    """
     ends = np.cumsum([p.length_m for p in leg.pieces])
     at = np.linspace(0, ends[-1], max(int(np.ceil(ends[-1] / STEP_M)), 2) + 1)
     heading, label = np.zeros_like(at), np.zeros(len(at), int)
@@ -113,15 +117,16 @@ def traced(leg: Leg) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
 
 
 def reach(pieces: list[Piece]) -> np.ndarray:
-    """Pose (x, y, heading) at the end of pieces that begin at the origin along +x."""
+    """Returns the pose (x, y, heading) at the end of pieces that begin at the origin along +x."""
     return traced(Leg(pieces, 1.0))[1][-1]
 
 
 def speeds(leg: Leg, at: np.ndarray, curvature: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Speed along a leg, and where it is set by speeding up from rest or by slowing down to it."""
+    """Returns the speed along a leg, and where acceleration from rest or braking to rest limits it."""
     limit = np.minimum(leg.cruise_mps, np.sqrt(LATERAL / np.maximum(np.abs(curvature), 1e-6)))
     square, step = limit**2, at[1] - at[0]
-    # the smallest of all cones over the limits: speed can be reached from every earlier and left for every later one
+    # the lower envelope of all cones over the limits: each speed can be reached from earlier ones and left for later
+    # ones
     gain = 2 * ACCELERATION * step * np.arange(len(at))
     square = np.minimum.accumulate(square - gain) + gain
     square = (np.minimum.accumulate((square + gain)[::-1]) - gain[::-1])[::-1]
@@ -132,7 +137,7 @@ def speeds(leg: Leg, at: np.ndarray, curvature: np.ndarray) -> tuple[np.ndarray,
 
 
 class Drive:
-    """Where a car is at any time. At rest before and after unless it came or leaves at speed."""
+    """The motion of a car over time. It is at rest before and after, unless it arrives or leaves at speed."""
 
     def __init__(self, legs: list[Leg], wheelbase_m: float, start_s: float = 0.0) -> None:
         times, poses, curvatures, signed, labels = [], [], [], [], []
@@ -166,7 +171,7 @@ class Drive:
         return self
 
     def at(self, time_s: float) -> Motion:
-        """The car at a time."""
+        """Returns the car's motion at a time."""
         clock = time_s - self.start_s
         for number, (times, poses, curvature, signed, labels) in enumerate(self._parts):
             if clock <= times[-1] or number == len(self._parts) - 1:
@@ -197,12 +202,12 @@ class Drive:
 
     def _state(self, rear: np.ndarray, speed: float, curvature: float, activity: str) -> Motion:
         origin = rear[:2] + self.wheelbase_m / 2 * np.array([np.cos(rear[2]), np.sin(rear[2])])
-        lever = np.hypot(1.0, curvature * self.wheelbase_m / 2)  # the origin runs on a wider circle than the rear axle
+        lever = np.hypot(1.0, curvature * self.wheelbase_m / 2)  # the origin moves on a wider circle than the rear axle
         return Motion(world_from_car(*origin, rear[2]), float(speed * lever), activity)
 
 
 def _moved(poses: np.ndarray, frame: np.ndarray) -> np.ndarray:
-    """Poses (n, 3) given in a frame (x, y, heading), in that frame's parent."""
+    """Returns poses (n, 3) given in a frame (x, y, heading), in that frame's parent."""
     cos, sin = np.cos(frame[2]), np.sin(frame[2])
     xy = poses[:, :2] @ np.array([[cos, sin], [-sin, cos]]) + frame[:2]
     return np.column_stack([xy, poses[:, 2] + frame[2]])

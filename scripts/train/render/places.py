@@ -1,7 +1,7 @@
-"""Places where cars stand and drive: parking lots with rows of bays, streets with kerbs; ground, spots, things around.
+"""Sites where cars park and drive: parking lots with rows of bays, streets with kerbs; ground, spots, things around.
 
-A site has its own ground frame: e along its rows or its road, n across (left of e), origin in the middle of an aisle or
-of the road. Metres.
+A site has its own ground frame: e along its rows or its road, n across (left of e). The origin is in the middle of an
+aisle or of the road. Metres.
 """
 
 from __future__ import annotations
@@ -10,16 +10,16 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .looks import sample_ground
+from .appearance import sample_ground
 from .props import Prop, placed
 from .scene import Floor, bush, person, pole, tree
 
-FAR_M = 130.0  # nothing is placed farther than this from the site's origin
+FAR_M = 130.0  # all things are nearer to the site's origin
 
 
 @dataclass(frozen=True)
 class Spot:
-    """Where a car can stand: site coordinates, heading relative to e."""
+    """A position to park in: site coordinates, heading relative to e."""
 
     e: float
     n: float
@@ -31,7 +31,7 @@ class Spot:
 
 @dataclass
 class Site:
-    """A place on the ground."""
+    """A parking lot or a street on the ground."""
 
     layout: str
     origin: np.ndarray  # world, (2,)
@@ -40,37 +40,40 @@ class Site:
     spots: list[Spot]
     props: list[Prop] = field(default_factory=list)
     aisle_m: float = 0.0  # lot: width of an aisle; street: half the road between its kerbs
-    period_m: float = 0.0  # lot: from one aisle's middle to the next; street: width of a lane
+    period_m: float = 0.0  # lot: distance of two aisles' centres; street: width of a lane
     lanes: int = 0  # street
-    end_e: float = np.inf  # lot: here its rows end and open ground begins
+    end_e: float = np.inf  # lot: end of its rows, where open ground begins
     driveway_e: float = np.inf  # street
 
     @property
     def along(self) -> np.ndarray:
-        """Unit vector of e, world."""
+        """Returns the unit vector of e, world."""
         return np.array([np.cos(self.turn_rad), np.sin(self.turn_rad)])
 
     @property
     def across(self) -> np.ndarray:
-        """Unit vector of n, world."""
+        """Returns the unit vector of n, world."""
         return np.array([-np.sin(self.turn_rad), np.cos(self.turn_rad)])
 
     def place(self, e: float, n: float) -> np.ndarray:
-        """World point (2,) of a site point."""
+        """Returns the world point (2,) of a site point."""
         return self.origin + self.along * e + self.across * n
 
     def pose(self, e: float, n: float, heading_rad: float) -> np.ndarray:
-        """World pose (x, y, heading) of a site pose."""
+        """Returns the world pose (x, y, heading) of a site pose."""
         return np.array([*self.place(e, n), self.turn_rad + heading_rad])
 
     @property
     def camera_n(self) -> float:
-        """The camera's n."""
+        """Returns the camera's n."""
         return float(-self.origin @ self.across)
 
 
 def make_lot(rng: np.random.Generator, origin: np.ndarray, turn_rad: float, wet: bool, end_e: float | None = None) -> Site:
-    """Rows of bays on both sides of aisles; with `end_e` they end near there at a crossing lane (for cars that turn)."""
+    """Makes rows of bays on both sides of aisles.
+
+    With `end_e` they end near there at a crossing lane, for turning cars.
+    """
     pitch, length, aisle = rng.uniform(2.5, 2.9), rng.uniform(4.9, 5.4), rng.uniform(6.4, 7.2)
     period = aisle + 2 * length
     floor = _floor(rng, "asphalt" if end_e is not None else rng.choice(["grass", "concrete", "gravel"], p=[0.6, 0.3, 0.1]), wet)
@@ -113,7 +116,7 @@ def make_lot(rng: np.random.Generator, origin: np.ndarray, turn_rad: float, wet:
 
 
 def _within(site: Site, e: float, n: float, margin: float) -> bool:
-    """Whether a point lies on the first ground, clear of its borders."""
+    """Returns whether a point lies on the first ground, clear of its borders."""
     return all(site.place(e, n) @ np.array(border[:2]) < border[2] - margin for border in site.floor.borders)
 
 
@@ -121,7 +124,7 @@ def _floor(rng: np.random.Generator, beyond: str, wet: bool) -> Floor:
     grounds = sample_ground(rng, "asphalt"), sample_ground(rng, beyond)
     for ground in grounds:
         brightest = ground.high.max()
-        if brightest > 0.3:  # under the exposure that suits asphalt, bright concrete would burn out
+        if brightest > 0.3:  # with an exposure for asphalt, bright concrete would be overexposed
             ground.low, ground.high = ground.low * 0.3 / brightest, ground.high * 0.3 / brightest
         ground.gloss = rng.uniform(0.2, 0.6) if wet else 0.0
     floor = Floor(grounds, seed=tuple(rng.uniform(0, 500, 2)))
@@ -166,7 +169,9 @@ def _lot_props(rng: np.random.Generator, site: Site, pitch: float, far: float) -
 def make_street(
     rng: np.random.Generator, origin: np.ndarray, turn_rad: float, wet: bool, lanes: int, driveway_e: float = np.inf
 ) -> Site:
-    """A road with two or four lanes, cars parked along both kerbs, pavements, trees and houses; traffic keeps right.
+    """Makes a road with two or four lanes, cars parked along both kerbs, pavements, trees and houses.
+
+    Traffic keeps right.
 
     With `driveway_e`, drives lead off it there on both sides.
     """
@@ -221,7 +226,7 @@ def _street_props(rng: np.random.Generator, site: Site, kerb: float) -> None:
 
 
 def _building(rng: np.random.Generator, site: Site, e: float, n: float, side: int, length: float) -> None:
-    """A block from e on whose front, with rows of windows, stands at n."""
+    """Makes a block from e on, with its front at n and rows of windows."""
     depth, height = rng.uniform(8, 14), rng.choice([4.0, 7.0, 10.0])
     wall = np.array([0.42, 0.37, 0.31]) * rng.uniform(0.5, 1.4) + rng.normal(0, 0.02, 3)
     site.props.append(

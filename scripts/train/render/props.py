@@ -1,4 +1,4 @@
-"""Unit shapes for what is not a car: boxes, cylinders, leafy blobs."""
+"""Unit shapes for all things except cars: boxes, cylinders, leafy blobs."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class Prop:
     shape: str
     world_from_prop: np.ndarray  # 4 × 4
     colour: np.ndarray  # linear RGB
-    leaves: float = 0.0  # 0 solid … 1 ragged, seen through
+    leaves: float = 0.0  # 0 solid … 1 ragged, translucent
     texture: float = 0.3
 
 
@@ -29,7 +29,7 @@ def placed(
     bottom_m: float = 0.0,
     **style: float,
 ) -> Prop:
-    """A prop of a size (x, y, z in metres) on the ground or `bottom_m` above it."""
+    """Returns a prop of a size (x, y, z in metres) on the ground or `bottom_m` above it."""
     cos, sin = np.cos(heading_rad), np.sin(heading_rad)
     pose = np.array(
         [
@@ -43,7 +43,7 @@ def placed(
 
 
 def unit_shape(name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Triangles of a unit shape: positions (3 n, 3) and normals (3 n, 3), float32."""
+    """Returns the triangles of a unit shape: positions (3 n, 3) and normals (3 n, 3), float32."""
     if name == "box":
         positions, normals = [], []
         for axis in range(3):

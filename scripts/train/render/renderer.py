@@ -8,11 +8,11 @@ from pathlib import Path
 import moderngl
 import numpy as np
 
-from cars.mesh import MATERIALS, CarMesh
+from roadplane_train.cars.mesh import MATERIALS, CarMesh
 
+from .appearance import CarAppearance
 from .camera import Camera
 from .gpu_car import GpuCar
-from .looks import CarLook
 from .props import SHAPES, unit_shape
 from .scene import PlacedCar, Scene
 from .textures import ENVIRONMENT_SIZE, environment_image, noise_image
@@ -20,10 +20,10 @@ from .textures import ENVIRONMENT_SIZE, environment_image, noise_image
 SHADERS = Path(__file__).parent / "shaders"
 ENVIRONMENTS = 96
 INSTANCES = 1024  # of one shape of prop
-MAX_CARS = 48  # as in common.glsl: those that darken the ground and each other
-DARKENED_M, DARKENED_HIGH_M = 6.6, 1.3  # open_sky of common.glsl: from here on a car takes less than 2^-25 of the light
+MAX_CARS = 48  # as in common.glsl: cars that darken the ground and each other
+DARKENED_M, DARKENED_HIGH_M = 6.6, 1.3  # open_sky of common.glsl: beyond this distance a car takes less than 2^-25 of the light
 GROUND_REACH_M = 1500.0
-SHADOW_CLUSTER_M = 0.09  # shadows are thrown by a coarser mesh
+SHADOW_CLUSTER_M = 0.09  # shadows are cast by a coarser mesh
 NEAR_SHARE = 0.02  # near plane as a share of the depth of the nearest car, or of the scene's `nearest_m`
 
 
@@ -108,7 +108,7 @@ class Renderer:
         return np.stack([np.stack(c, axis=-1) for c in corners], axis=2).reshape(-1, 2)
 
     def upload(self, mesh: CarMesh) -> GpuCar:
-        """Puts a mesh on the GPU."""
+        """Uploads a mesh to the GPU."""
         glass = mesh.materials == MATERIALS.index("glass")
         order = np.argsort(glass, kind="stable")
         faces, materials = mesh.faces[order], mesh.materials[order]
@@ -137,7 +137,10 @@ class Renderer:
         )
 
     def _target(self, kind: str, width: int, height: int) -> tuple:
-        """Frame buffers by kind and size. No multisampling: llvmpipe pays four times for it; callers supersample."""
+        """Returns frame buffers by kind and size.
+
+        There is no multisampling, which costs llvmpipe four times as much; callers supersample.
+        """
         key = (kind, width, height)
         if key not in self._targets:
             size = (width, height)
@@ -158,7 +161,7 @@ class Renderer:
     def colour(
         self, scene: Scene, camera: Camera, window: tuple[float, float, float, float], size: tuple[int, int]
     ) -> np.ndarray:
-        """RGB uint8 (height, width, 3) of a window of the camera's image, resampled to `size` (width, height)."""
+        """Draws a window of the camera's image, resampled to `size` (width, height): RGB uint8 (height, width, 3)."""
         rounded = tuple(-(-n // 64) * 64 for n in size)
         (drawn,) = self._target("colour", *rounded)
         clip_from_world = self._clip(scene, camera, window)
@@ -179,9 +182,9 @@ class Renderer:
         window: tuple[float, float, float, float],
         parts: list[tuple[int, int, int, int]],
     ) -> None:
-        """Draws parts (x, y, width, height in pixels of `image`) of what `colour` gives for the window and the image's size.
+        """Redraws parts (x, y, width, height in pixels of `image`) of the result of `colour` for the window.
 
-        The same bits, as the rasteriser's coordinates are those of the whole picture; only its scissors differ.
+        The bits are the same, as the rasteriser's coordinates are those of the whole picture; only its scissors differ.
         """
         if not parts:
             return
@@ -204,7 +207,7 @@ class Renderer:
         drawn.scissor = None
 
     def _paint(self, drawn: moderngl.Framebuffer, scene: Scene, camera: Camera, clip_from_world: np.ndarray) -> None:
-        """Everything but cars that cannot touch the window of `clip_from_world`."""
+        """Draws everything except cars that cannot touch the window of `clip_from_world`."""
         drawn.clear(0.5, 0.5, 0.5, 1.0)
         self.context.enable_only(moderngl.DEPTH_TEST)
         away = [np.linalg.norm(car.world_from_car[:3, 3] - [0, 0, camera.height_m]) for car in scene.cars]
@@ -230,10 +233,10 @@ class Renderer:
     def truth(
         self, scene: Scene, camera: Camera, window: tuple[float, float, float, float], size: tuple[int, int], first: int = 0
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Whole silhouette of one car (bool), object per pixel (0 nothing, i + 1 car i, −1 prop; int) and depth along
-        the optical axis (m; inf for nothing), each (height, width).
+        """Returns the whole silhouette of one car, the object per pixel, and the depth, each (height, width).
 
-        The ground is left out: it hides no car. Glass hides like metal.
+        The silhouette is bool. Objects are 0 nothing, i + 1 car i, −1 prop; int. The depth is along the optical axis,
+        m; inf for nothing. The ground is left out, as it hides no car. Glass hides like metal.
         """
         (target,) = self._target("truth", *size)
         target.use()
@@ -290,7 +293,7 @@ class Renderer:
 
     def _draw_shadows(self, scene: Scene) -> np.ndarray:
         light, centre, reach = scene.light, scene.centre, scene.shadow_reach_m
-        side = np.cross([0, 1e-6, 1.0], light.to_sun)  # also with the sun in the zenith
+        side = np.cross([0, 1e-6, 1.0], light.to_sun)  # also valid with the sun in the zenith
         side /= np.linalg.norm(side)
         up = np.cross(light.to_sun, side)
         rotation = np.stack([side, up, -light.to_sun])
@@ -351,7 +354,7 @@ class Renderer:
         self._set_cars(scene, list(range(min(len(scene.cars), MAX_CARS))))
 
     def _set_cars(self, scene: Scene, darkening: list[int]) -> None:
-        """Cars, MAX_CARS at most, that take light of the sky from the ground and each other."""
+        """Selects the cars, MAX_CARS at most, that take light of the sky from the ground and from each other."""
         place = np.zeros((MAX_CARS, 4), np.float32)
         extent = np.zeros((MAX_CARS, 3), np.float32)
         for row, index in enumerate(darkening):
@@ -387,12 +390,12 @@ class Renderer:
     def _draw_car(self, scene: Scene, index: int, part: int) -> None:
         car, program = scene.cars[index], self._car
         program["world_from_car"].write(_gl(car.world_from_car))
-        surface, mirror = material_tables(car.look)
+        surface, mirror = material_tables(car.appearance)
         program["surface"].write(surface.tobytes())
         program["mirror"].write(mirror.tobytes())
-        program["dirt"].value = (*car.look.dirt_colour, car.look.dirt)
-        program["glass"].value = (car.look.glass, car.look.glass_reflection, car.look.seed, 0.0)
-        program["lamps"].value = (car.look.headlamp, car.look.taillamp)
+        program["dirt"].value = (*car.appearance.dirt_colour, car.appearance.dirt)
+        program["glass"].value = (car.appearance.glass, car.appearance.glass_reflection, car.appearance.seed, 0.0)
+        program["lamps"].value = (car.appearance.headlamp, car.appearance.taillamp)
         program["own"].value = self._rows.get(int(index), -1)
         program["wheels"].value = car.gpu.wheels
         program["rolled"].value = car.rolled_m / car.gpu.wheels[2]
@@ -404,7 +407,10 @@ class Renderer:
 
 
 def _wheels(mesh: CarMesh) -> tuple[float, float, float, float]:
-    """What car.vert turns: hubs and radius of a mesh that may have been stretched; nothing where keypoints do not tell."""
+    """Returns the wheels for car.vert: hubs and radius of a mesh, perhaps stretched.
+
+    None if the keypoints do not give them.
+    """
     if not np.isfinite(mesh.keypoints[:2]).all():
         return 0.0, 0.0, -1.0, 1.0
     front, rear = mesh.keypoints[:2]
@@ -413,7 +419,7 @@ def _wheels(mesh: CarMesh) -> tuple[float, float, float, float]:
 
 
 def clustered(vertices: np.ndarray, faces: np.ndarray, cell_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """A coarser mesh: vertices of one grid cell become their mean, faces without area go."""
+    """Returns a coarser mesh: vertices of one grid cell become their mean, faces without area are removed."""
     cells = np.floor(vertices / cell_m).astype(np.int64) + 4096
     _, index = np.unique(cells @ np.array([1 << 40, 1 << 20, 1]), return_inverse=True)
     counts = np.bincount(index)
@@ -424,7 +430,7 @@ def clustered(vertices: np.ndarray, faces: np.ndarray, cell_m: float) -> tuple[n
 
 
 def _in_window(car: PlacedCar, clip_from_world: np.ndarray) -> bool:
-    """Whether the car's bounding box can touch the window."""
+    """Returns whether the car's bounding box can touch the window."""
     low, high = car.gpu.bounds
     corners = np.array([(x, y, z, 1.0) for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
     clip = corners @ (clip_from_world @ car.world_from_car).T
@@ -433,7 +439,10 @@ def _in_window(car: PlacedCar, clip_from_world: np.ndarray) -> bool:
 
 
 def _darkening(scene: Scene, camera: Camera, window: tuple[float, float, float, float]) -> list[int]:
-    """Cars that take light from what a window shows; for the others the shader's factor is 1 in single precision."""
+    """Returns the cars that take light from the window's content.
+
+    For others the shader's factor is 1 in single precision.
+    """
     every = list(range(min(len(scene.cars), MAX_CARS)))
     x, y, width, height = window
     corners = [camera.ground_from_pixel(np.array([a, b])) for a in (x, x + width) for b in (y, y + height)]
@@ -453,25 +462,25 @@ def _darkening(scene: Scene, camera: Camera, window: tuple[float, float, float, 
     return found
 
 
-def material_tables(look: CarLook) -> tuple[np.ndarray, np.ndarray]:
-    """Uniforms `surface` and `mirror` of car.frag, each (14, 4) float32, rows as in MATERIALS."""
-    tint = look.paint / max(look.paint.max(), 1e-3)
-    level = min(0.05 + look.paint.max(), 0.6)
-    flakes = tint * level * 0.75 * look.metallic
+def material_tables(appearance: CarAppearance) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the uniforms `surface` and `mirror` of car.frag, each (14, 4) float32, rows as in MATERIALS."""
+    tint = appearance.paint / max(appearance.paint.max(), 1e-3)
+    level = min(0.05 + appearance.paint.max(), 0.6)
+    flakes = tint * level * 0.75 * appearance.metallic
     rows = {
-        "paint": ((*look.paint, 1.0), (*flakes, 4.2)),
+        "paint": ((*appearance.paint, 1.0), (*flakes, 4.2)),
         "tyre": ((0.012, 0.012, 0.012, 0.05), (0, 0, 0, 0)),
-        "rim": ((*look.rim * 0.7, 0.4), (*look.rim * 0.6, 3.0)),
+        "rim": ((*appearance.rim * 0.7, 0.4), (*appearance.rim * 0.6, 3.0)),
         "headlamp": ((0.32, 0.33, 0.35, 1.0), (0.45, 0.45, 0.46, 3.0)),
         "taillamp": ((0.28, 0.012, 0.01, 1.0), (0.08, 0.005, 0.004, 2.0)),
         "chrome": ((0.1, 0.1, 0.1, 0.3), (0.6, 0.6, 0.6, 1.0)),
-        "plastic": ((*look.lower, 0.35), (0, 0, 0, 0)),
-        "plate": ((*look.plate, 0.2), (0, 0, 0, 0)),
+        "plastic": ((*appearance.lower, 0.35), (0, 0, 0, 0)),
+        "plate": ((*appearance.plate, 0.2), (0, 0, 0, 0)),
         "underbody": ((0.01, 0.01, 0.01, 0.0), (0, 0, 0, 0)),
-        "interior": ((*look.interior, 0.0), (0, 0, 0, 0)),
+        "interior": ((*appearance.interior, 0.0), (0, 0, 0, 0)),
         "gap": ((0.006, 0.006, 0.006, 0.0), (0, 0, 0, 0)),
         "glass": ((0.01, 0.01, 0.01, 0.0), (0, 0, 0, 0)),
-        "livery": ((*look.livery, 0.6), (0, 0, 0, 0)),
+        "livery": ((*appearance.livery, 0.6), (0, 0, 0, 0)),
         "indicator": ((0.55, 0.16, 0.01, 1.0), (0.08, 0.03, 0.004, 2.0)),
     }
     table = np.array([rows[name] for name in MATERIALS], np.float32)
@@ -479,5 +488,5 @@ def material_tables(look: CarLook) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _gl(matrix: np.ndarray) -> bytes:
-    """Column-major float32 bytes."""
+    """Returns column-major float32 bytes."""
     return np.ascontiguousarray(matrix.T, np.float32).tobytes()

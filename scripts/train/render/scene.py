@@ -1,4 +1,4 @@
-"""What stands where: a target car seen by a surveillance-like camera, its neighbours, ground, things around, light."""
+"""Scenes of crops: a target car as a surveillance camera sees it, its neighbours, ground, things around, light."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .appearance import CarAppearance, Ground, Light, sample_car_appearance, sample_ground, sample_light
 from .camera import Camera, world_from_car
-from .looks import CarLook, Ground, Light, sample_car_look, sample_ground, sample_light
 from .props import Prop, placed
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ class PlacedCar:
     """A car on the ground."""
 
     gpu: GpuCar
-    look: CarLook
+    appearance: CarAppearance
     world_from_car: np.ndarray
     rolled_m: float = 0.0  # how far its wheels have rolled forwards
 
@@ -43,31 +43,34 @@ class Floor:
 
 @dataclass
 class Scene:
-    """Everything that a renderer needs; the target is the first car."""
+    """All input of the renderer; the target is the first car."""
 
     cars: list[PlacedCar]
     props: list[Prop]
     floor: Floor
     light: Light
-    centre: np.ndarray  # middle of the shadow map, world
+    centre: np.ndarray  # centre of the shadow map, world
     shadow_reach_m: float
-    nearest_m: float | None = None  # least depth of what the picture shows; none: that of the nearest car
-    least_rise: float = -1.0  # sky seen lower than this (sine) looks as it does there: above the blurred skyline of mirrors
+    nearest_m: float | None = None  # least depth in the picture; None: that of the nearest car
+    least_rise: float = -1.0  # the sky below this elevation (sine) looks as at it: above the blurred skyline of mirrors
 
     @property
     def ground_radiance(self) -> np.ndarray:
-        """What the open ground reflects."""
+        """Returns the radiance of the open ground."""
         ground = self.floor.grounds[0]
         return (ground.low + ground.high) / 2 * self.light.level
 
     def set_exposure(self, key: float) -> None:
-        """Exposes so that the scene's middle tone comes out at `key` (linear, 0…1), as an automatic camera would."""
+        """Sets the exposure such that the scene's middle tone is `key` (linear, 0…1), as an automatic camera does."""
         middle = 0.6 * self.ground_radiance.mean() + 0.4 * 0.25 * self.light.level.mean()
         self.light.exposure = float(-np.log(1 - key) / 1.2 / middle)
 
 
 def sample_elevation(rng: np.random.Generator) -> float:
-    """Angle below the horizon at which the camera sees the car, rad: far cars, seen from low down, nearly as often as others."""
+    """Draws the angle below the horizon at which the camera sees the car, rad.
+
+    Flat views of far cars are nearly as common as others.
+    """
     kind = rng.random()
     if kind < 0.45:
         return float(np.radians(np.exp(rng.uniform(np.log(0.8), np.log(20)))))
@@ -75,7 +78,7 @@ def sample_elevation(rng: np.random.Generator) -> float:
 
 
 def sample_view(rng: np.random.Generator, near_edge: bool) -> tuple[Camera, np.ndarray, float]:
-    """A camera, the ground point of its target, and the wanted size of the car in the frame (px)."""
+    """Draws a camera, the ground point of its target, and the wanted size of the car in the frame (px)."""
     while True:
         size = FRAME_SIZES[rng.integers(len(FRAME_SIZES))]
         focal = np.exp(rng.uniform(np.log(0.6), np.log(6.0))) * size[0]
@@ -106,7 +109,7 @@ def sample_view(rng: np.random.Generator, near_edge: bool) -> tuple[Camera, np.n
 
 
 def _clear(place: np.ndarray, heading: float, mesh_dims: np.ndarray, cars: list[PlacedCar], gap: float = 0.25) -> bool:
-    """Whether a car would stand clear of the others (its outline's points outside their rectangles)."""
+    """Returns whether a car would be clear of the others (its outline's points outside their rectangles)."""
     s = np.linspace(-0.5, 0.5, 7)
     outline = np.array([(a, b) for a in s for b in (-0.5, 0.0, 0.5)]) * mesh_dims[:2]
     cos, sin = np.cos(heading), np.sin(heading)
@@ -128,14 +131,14 @@ class SceneSampler:
 
     def _car(self, rng: np.random.Generator, place: np.ndarray, heading: float) -> PlacedCar:
         gpu = self.pool[rng.integers(len(self.pool))]
-        return PlacedCar(gpu, sample_car_look(rng), world_from_car(place[0], place[1], heading))
+        return PlacedCar(gpu, sample_car_appearance(rng), world_from_car(place[0], place[1], heading))
 
     def sample(self, rng: np.random.Generator, target: GpuCar, near_edge: bool, occluded: bool) -> tuple[Scene, Camera]:
-        """A scene around a target at a random heading."""
+        """Draws a scene around a target at a random heading."""
         camera, ground, _ = sample_view(rng, near_edge)
         view_azimuth = np.arctan2(ground[1], ground[0])
         heading = rng.uniform(0, 2 * np.pi)
-        first = PlacedCar(target, sample_car_look(rng), world_from_car(ground[0], ground[1], heading))
+        first = PlacedCar(target, sample_car_appearance(rng), world_from_car(ground[0], ground[1], heading))
         cars = [first]
         layout = rng.choice(["lot", "street", "loose"], p=[0.5, 0.25, 0.25])
         floor = self._floor(rng, layout, ground, heading)
@@ -163,7 +166,7 @@ class SceneSampler:
             origin = place[:2] + ahead * (1.35 + rng.normal(0, 0.25)) + side * rng.normal(0, 0.12)
             length = rng.uniform(4.6, 5.6)
             double = rng.random() < 0.5
-            origin = origin + ahead * (length / 2 if double else 0.0)  # head to head rows share a line
+            origin = origin + ahead * (length / 2 if double else 0.0)  # rows that meet head to head share a line
             if rng.random() < 0.75:
                 floor.bays = (1.0, pitch, length if double else length / 2, rng.uniform(0.07, 0.14))
             else:
@@ -180,7 +183,7 @@ class SceneSampler:
         elif layout == "street":
             lane = rng.uniform(2.9, 3.7)
             floor.frame = (*(place[:2] + side * (lane * rng.choice([-1.5, -0.5, 0.5, 1.5]) + rng.normal(0, 0.25))), *-side)
-            # lines run along the heading: the frame's second axis
+            # lines are along the heading: the frame's second axis
             floor.bays = (2.0 if rng.random() < 0.8 else 0.0, lane, rng.uniform(6, 12), rng.uniform(0.1, 0.16))
             for sign in (-1, 1):
                 if rng.random() < 0.6:
@@ -223,7 +226,7 @@ class SceneSampler:
         for at, angle in spots:
             gpu = self.pool[rng.integers(len(self.pool))]
             if len(cars) < 9 and _clear(at, angle, gpu.mesh.dims, cars):
-                cars.append(PlacedCar(gpu, sample_car_look(rng), world_from_car(*at, angle)))
+                cars.append(PlacedCar(gpu, sample_car_appearance(rng), world_from_car(*at, angle)))
 
     def _background(self, rng: np.random.Generator, place: np.ndarray, floor: Floor, camera: Camera, layout: str) -> list[Prop]:
         props: list[Prop] = []
@@ -279,7 +282,7 @@ class SceneSampler:
         """Puts something between the camera and the target."""
         toward = -np.array([np.cos(azimuth), np.sin(azimuth)])
         across = np.array([-toward[1], toward[0]])
-        slope = camera.height_m / np.hypot(*place[:2])  # metres a sight line climbs per metre
+        slope = camera.height_m / np.hypot(*place[:2])  # rise of a line of sight, metres per metre
         kind = rng.choice(["pole", "bush", "tree", "person", "car", "wall"], p=[0.16, 0.2, 0.12, 0.1, 0.34, 0.08])
         aside = place[:2] + across * rng.normal(0, 1.3)
         near = min(rng.uniform(2.6, 7), 0.5 * np.hypot(*place[:2]))
@@ -367,7 +370,7 @@ def pole(rng: np.random.Generator, at: tuple[float, float]) -> list[Prop]:
 
 
 def person(rng: np.random.Generator, at: tuple[float, float]) -> list[Prop]:
-    """Somebody walking: legs, trunk and head."""
+    """Returns a walking person: legs, trunk and head."""
     angle = rng.uniform(0, 2 * np.pi)
     skin = np.array([0.45, 0.28, 0.2]) * rng.uniform(0.3, 1.1)
     trousers, shirt = rng.uniform(0.01, 0.3, 3), rng.uniform(0.01, 0.7, 3)

@@ -6,33 +6,33 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cars.builder import sample_car
-from cars.mesh import KEYPOINT_NAMES, CarMesh
+from roadplane_train.cars.builder import sample_car
+from roadplane_train.cars.mesh import KEYPOINT_NAMES, CarMesh
 
+from .appearance import Light, sample_car_appearance, sample_light
 from .camera import Camera, world_from_car
 from .frames import Finish, sample_finish
 from .gpu_car import GpuCar
-from .looks import Light, sample_car_look, sample_light
 from .places import Site, Spot, make_lot, make_street
 from .renderer import ENVIRONMENTS, Renderer
 from .scene import PlacedCar, Scene, _clear
 
 SIZE = (1280, 720)
-CAR_M = 4.3  # length that stands for a car where only its size in the picture matters
-MESH_SHARE = 0.2  # of the cars, where real meshes are installed
+CAR_M = 4.3  # length of a typical car, where only its size in the picture matters
+MESH_SHARE = 0.2  # share of real meshes among the cars, if they are installed
 FRONT, REAR = KEYPOINT_NAMES.index("left_wheel_front"), KEYPOINT_NAMES.index("left_wheel_rear")
 WEATHERS = {"sun": 0.4, "overcast": 0.22, "dusk": 0.13, "wet": 0.13, "haze": 0.12}
 
 
 class CarPool:
-    """The cars of a data set, built when first wanted; the same whatever is wanted before."""
+    """The cars of a data set, built on first use; they do not depend on the order of use."""
 
     def __init__(self, renderer: Renderer, split: str, seed: int, meshes: list[CarMesh], size: int = 96) -> None:
         self.renderer, self.split, self.seed, self.meshes, self.size = renderer, split, seed, meshes, size
         self._built: dict[int, GpuCar] = {}
 
     def draw(self, rng: np.random.Generator) -> GpuCar:
-        """A random car."""
+        """Draws a random car."""
         number = int(rng.integers(self.size))
         if rng.random() < MESH_SHARE and self.meshes:
             number = self.size + number % len(self.meshes)
@@ -57,14 +57,14 @@ class Still:
 
 
 def wheelbase(mesh: CarMesh) -> float:
-    """From axle to axle, metres."""
+    """Returns the distance from axle to axle, m."""
     return float(mesh.keypoints[FRONT, 0] - mesh.keypoints[REAR, 0])
 
 
 def sample_camera(
     rng: np.random.Generator, car_px: tuple[float, float], tilt_deg: tuple[float, float] = (5, 40), size: tuple[int, int] = SIZE
 ) -> Camera:
-    """4–20 m high, focal 0.7–3 widths, roll within 3°, cars about `car_px` long in the middle of the picture."""
+    """Draws a camera 4–20 m high, focal 0.7–3 widths, roll within 3°, with cars about `car_px` long."""
     while True:
         height, tilt = np.exp(rng.uniform(np.log(4), np.log(20))), np.radians(rng.uniform(*tilt_deg))
         focal = size[0] * np.exp(rng.uniform(np.log(0.7), np.log(3.0)))
@@ -73,7 +73,7 @@ def sample_camera(
 
 
 def sample_weather(rng: np.random.Generator, weather: str | None = None) -> tuple[str, Light]:
-    """A kind of weather (one of WEATHERS, as common as there unless given) and its light."""
+    """Draws a kind of weather (of WEATHERS, which has their frequencies, unless given) and its light."""
     weather = weather or str(rng.choice(list(WEATHERS), p=list(WEATHERS.values())))
     sky = rng.choice(["overcast", "haze"], p=[0.75, 0.25]) if weather == "wet" else weather
     light = sample_light(rng, ENVIRONMENTS, sky)
@@ -84,12 +84,12 @@ def sample_weather(rng: np.random.Generator, weather: str | None = None) -> tupl
 
 
 def set_exposure(rng: np.random.Generator, scene: Scene, weather: str) -> None:
-    """As the camera's automatic would, darker at dusk."""
+    """Sets the exposure as the camera's automatic would, darker at dusk."""
     scene.set_exposure(rng.uniform(0.09, 0.14) if weather == "dusk" else np.exp(rng.uniform(np.log(0.16), np.log(0.3))))
 
 
 def seen_spots(camera: Camera, site: Site, least_px: float, margin_px: float) -> list[tuple[Spot, float]]:
-    """Spots in the picture or just outside, with the length of a car there in pixels."""
+    """Returns the spots in the picture or just outside, with the length of a car there in pixels."""
     found = []
     for spot in site.spots:
         point = np.append(site.place(spot.e, spot.n), 0.6)
@@ -103,28 +103,28 @@ def seen_spots(camera: Camera, site: Site, least_px: float, margin_px: float) ->
 
 
 def car_at(rng: np.random.Generator, gpu: GpuCar, pose: np.ndarray, driven_in_the_dark: bool = False) -> PlacedCar:
-    """A car with a finish of its own at a pose (x, y, heading)."""
-    look = sample_car_look(rng)
-    look.dirt *= 0.6
+    """Returns a car with a finish of its own at a pose (x, y, heading)."""
+    appearance = sample_car_appearance(rng)
+    appearance.dirt *= 0.6
     if driven_in_the_dark:
-        look.headlamp, look.taillamp = rng.uniform(2, 6), rng.uniform(0.5, 1.5)
-    return PlacedCar(gpu, look, world_from_car(*pose))
+        appearance.headlamp, appearance.taillamp = rng.uniform(2, 6), rng.uniform(0.5, 1.5)
+    return PlacedCar(gpu, appearance, world_from_car(*pose))
 
 
 def shadow_reach(cars: list[PlacedCar], centre: np.ndarray) -> float:
-    """Half the side of the shadow map, metres: the cars and some way beyond."""
+    """Returns half the side of the shadow map, m: the cars and a margin."""
     away = [np.linalg.norm(car.world_from_car[:2, 3] - centre) for car in cars]
     return float(np.clip(max(away, default=0.0) + 12, 25, 90))
 
 
 def _crowded(rng: np.random.Generator, spots: list[Spot], busy: Spot) -> list[Spot]:
-    """Spots in random order, those around `busy` rather early."""
+    """Returns spots in random order, with those around `busy` rather early."""
     keys = [rng.random() * (1 + np.hypot(spot.e - busy.e, spot.n - busy.n) / 12) for spot in spots]
     return [spots[i] for i in np.argsort(keys)]
 
 
 def sample_still(rng: np.random.Generator, pool: CarPool) -> Still:
-    """A scene with 5 cars or more that are 40 px long or longer."""
+    """Draws a scene with 5 cars or more that are at least 40 px long."""
     while True:
         camera = sample_camera(rng, (40, 210))
         middle = camera.ground_from_pixel(np.array(camera.principal_point_px) + [rng.normal(0, 100), rng.normal(0, 40)])
@@ -141,7 +141,7 @@ def sample_still(rng: np.random.Generator, pool: CarPool) -> Still:
         wanted = int(np.exp(rng.uniform(np.log(8), np.log(41))))
         if len(large) < 8 or len(spots) < wanted:
             continue
-        busy = large[rng.integers(len(large))]  # cars crowd where people want to go
+        busy = large[rng.integers(len(large))]  # cars cluster
         order = _crowded(rng, large, busy)[:8] + _crowded(rng, [spot for spot, _ in spots], busy)
         cars: list[PlacedCar] = []
         for spot in order:

@@ -1,4 +1,4 @@
-"""Tests of busy streets: who hides whom, and how vehicles follow each other."""
+"""Tests of busy streets: occlusion, and the following of vehicles."""
 
 from __future__ import annotations
 
@@ -6,20 +6,19 @@ import unittest
 
 import numpy as np
 
-from cars.heavy import sample_heavy
-from cars.mesh import KEYPOINT_NAMES, CarMesh
-
-from .busy import changed_regions
-from .camera import Camera, world_from_car
-from .crops import in_world
-from .junction import WARM_S, Junction, touching
-from .outlines import Outlines
-from .places import make_street
-from .stills import sample_weather
+from roadplane_train.cars.heavy import sample_heavy
+from roadplane_train.cars.mesh import KEYPOINT_NAMES, CarMesh
+from roadplane_train.render.busy import changed_regions
+from roadplane_train.render.camera import Camera, world_from_car
+from roadplane_train.render.crops import in_world
+from roadplane_train.render.junction import WARM_S, Junction, touching
+from roadplane_train.render.outlines import Outlines
+from roadplane_train.render.places import make_street
+from roadplane_train.render.stills import sample_weather
 
 
 def block(length: float = 4.4) -> CarMesh:
-    """A car as a plain box with its corners for keypoints."""
+    """Returns a car as a plain box with its corners as keypoints."""
     corners = np.array([(x, y, z) for x in (-length / 2, length / 2) for y in (-0.9, 0.9) for z in (0.0, 1.5)])
     points = np.full((len(KEYPOINT_NAMES), 3), np.nan)
     points[:8] = corners * [1, 1, 0.8]
@@ -34,12 +33,12 @@ class Busy(unittest.TestCase):
         outlines = Outlines(camera, [])
         bus, car = sample_heavy(np.random.default_rng(1), "bus"), block()
         cars = [(1, car, world_from_car(0.0, 40.0, 0.0)), (2, car, world_from_car(14.0, 40.0, 0.0))]
-        alone = outlines.sights(cars)
+        alone = outlines.visible_parts(cars)
         self.assertGreater(alone[1].seen_share, 0.9)
-        behind = outlines.sights([(0, bus, world_from_car(-4.0, 34.0, 0.0)), *cars])
+        behind = outlines.visible_parts([(0, bus, world_from_car(-4.0, 34.0, 0.0)), *cars])
         self.assertLess(behind[1].seen_share if 1 in behind else 0.0, 0.4)
         self.assertAlmostEqual(behind[2].seen_share, alone[2].seen_share, places=2)
-        # Of a car seen from the front the far corners are hidden by itself.
+        # A car seen from the front hides its own far corners.
         visible = alone[2].visible[:8]
         self.assertTrue(0 < visible.sum() < 8)
 
@@ -47,16 +46,16 @@ class Busy(unittest.TestCase):
         camera, bus = Camera((1280, 720), 1200.0, 6.0, 0.2, 0.0), sample_heavy(np.random.default_rng(1), "bus")
         _, light = sample_weather(np.random.default_rng(2), "sun")
         bounds = dict.fromkeys(range(4), (bus.vertices.min(0), bus.vertices.max(0)))
-        stands, goes, comes = (world_from_car(x, 40.0, 0.0) for x in (-14.0, 0.0, 14.0))
-        before, now = {0: stands, 1: goes, 2: goes}, {0: stands, 1: world_from_car(1.0, 40.0, 0.0), 3: comes}
+        stays, goes, comes = (world_from_car(x, 40.0, 0.0) for x in (-14.0, 0.0, 14.0))
+        before, now = {0: stays, 1: goes, 2: goes}, {0: stays, 1: world_from_car(1.0, 40.0, 0.0), 3: comes}
         regions = changed_regions(camera, light, bounds, before, now)
-        self.assertEqual(len(regions), 4)  # where one was, where it is, who left, who came
+        self.assertEqual(len(regions), 4)  # one moves, one arrives, one leaves
         for pose in (goes, now[1], comes):
             pixels, _ = camera.pixel_from_world(in_world(bus.vertices, pose))
             low, high = pixels.min(0).clip(0), np.minimum(pixels.max(0), (1279, 719))
             around = [x <= low[0] and y <= low[1] and x + w > high[0] and y + h > high[1] for x, y, w, h in regions]
             self.assertTrue(any(around))
-        self.assertEqual(changed_regions(camera, light, bounds, {0: stands}, {0: stands}), [])
+        self.assertEqual(changed_regions(camera, light, bounds, {0: stays}, {0: stays}), [])
 
     def test_nobody_drives_through_another_and_bays_change_hands(self) -> None:
         rng = np.random.default_rng(5)
@@ -71,7 +70,3 @@ class Busy(unittest.TestCase):
             steps = np.diff([s for s, _ in vehicle.track])
             self.assertTrue((steps >= 0).all() and steps.max() < 2.0)
         self.assertEqual(vehicles[0].from_step, -round(WARM_S * 10))
-
-
-if __name__ == "__main__":
-    unittest.main()

@@ -1,4 +1,7 @@
-"""Cameras around a copied scene, models that fit, and a run that gives back what was filmed. Draws nothing."""
+"""Tests of cameras around a copied scene, of fitting models, and of the comparison of a run with a filmed scene.
+
+No drawing.
+"""
 
 import json
 import tempfile
@@ -6,26 +9,29 @@ import unittest
 from pathlib import Path
 
 import numpy as np
+import pytest
 
-from .copy import Garage, fitted_keypoints, rolled, view_of
-from .copy_boxes import Meshes, overlap
-from .copy_loop import fitted, pairs, truth
+from roadplane_train.render.copy import Garage, fitted_keypoints, rolled, view_of
+from roadplane_train.render.copy_boxes import Meshes, overlap
+from roadplane_train.render.copy_loop import fitted, pairs, truth
+
+pytestmark = pytest.mark.egl
 
 CAMERA = {"image_size_px": [1280, 720], "focal_px": 1400.0, "height_m": 8.0, "tilt_rad": 0.3, "roll_rad": 0.02}
 
 
 def scene() -> dict:
-    """A car that drives past one that stands."""
-    way = [
+    """Returns a moving car that passes a stationary one."""
+    trajectory = [
         {"time_s": 0.0, "x_m": -6.0, "y_m": 24.0, "heading_rad": 0.2},
         {"time_s": 5.0, "x_m": 6.0, "y_m": 27.0, "heading_rad": 0.2},
     ]
-    stands = [{"time_s": 0.0, "x_m": 1.0, "y_m": 31.0, "heading_rad": 1.5}]
+    stationary = [{"time_s": 0.0, "x_m": 1.0, "y_m": 31.0, "heading_rad": 1.5}]
     car = {"class": "car", "dims_m": [4.6, 1.8, 1.5], "shape": [0.3, 0, 0, 0, 0, 0], "span_s": [0.0, 5.0], "colour": [90, 20, 20]}
     return {
         "camera": CAMERA,
         "span_s": [0.0, 5.0],
-        "vehicles": [{"track": 1, "trajectory": way, **car}, {"track": 2, "trajectory": stands, **car}],
+        "vehicles": [{"track": 1, "trajectory": trajectory, **car}, {"track": 2, "trajectory": stationary, **car}],
     }
 
 
@@ -69,12 +75,8 @@ class CopyTest(unittest.TestCase):
         np.testing.assert_allclose(again, (turn, shift), atol=1e-9)
 
     def test_wheels_roll_as_far_as_the_car_drives_and_back(self) -> None:
-        way = np.array([[0, 0, 0, 1.5], [1, 3 * np.cos(1.5), 3 * np.sin(1.5), 1.5], [2, np.cos(1.5), np.sin(1.5), 1.5]])
-        np.testing.assert_allclose(rolled(way), [0, 3, 1], atol=1e-12)
+        trajectory = np.array([[0, 0, 0, 1.5], [1, 3 * np.cos(1.5), 3 * np.sin(1.5), 1.5], [2, np.cos(1.5), np.sin(1.5), 1.5]])
+        np.testing.assert_allclose(rolled(trajectory), [0, 3, 1], atol=1e-12)
 
     def test_overlap(self) -> None:
         self.assertAlmostEqual(overlap(np.array([0, 0, 2, 2.0]), np.array([1, 0, 3, 2.0])), 1 / 3)
-
-
-if __name__ == "__main__":
-    unittest.main()

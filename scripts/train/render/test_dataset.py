@@ -1,33 +1,36 @@
-"""Tests of rendered data sets: items that repeat, and clips redrawn in parts equal to whole frames (need EGL)."""
+"""Tests of rendered data sets: repeatable items, and clips redrawn in parts that equal whole frames (need EGL)."""
 
 from __future__ import annotations
 
 import unittest
 
 import numpy as np
+import pytest
 
-from .camera import Camera, world_from_car
-from .clips import Clip, sample_clip
-from .dataset import still_truth
-from .frames import SUPERSAMPLING, Canvas, ExactCanvas, box_corners, draw, merged, outline, reached_region
-from .long_clips import sample_long_clip
-from .looks import sample_light
-from .renderer import Renderer
-from .stills import SIZE, CarPool, sample_still
-from .traffic import in_picture
+from roadplane_train.render.appearance import sample_light
+from roadplane_train.render.camera import Camera, world_from_car
+from roadplane_train.render.clips import Clip, sample_clip
+from roadplane_train.render.dataset import still_truth
+from roadplane_train.render.frames import SUPERSAMPLING, Canvas, ExactCanvas, box_corners, draw, merged, outline, reached_region
+from roadplane_train.render.long_clips import sample_long_clip
+from roadplane_train.render.renderer import Renderer
+from roadplane_train.render.stills import SIZE, CarPool, sample_still
+from roadplane_train.render.traffic import in_picture
+
+pytestmark = pytest.mark.egl
 
 LONG_SIZE = (480, 270)
 
 
 class DatasetTest(unittest.TestCase):
-    """Scenes of the eval split, built cars only."""
+    """Tests on scenes of the eval split, with built cars only."""
 
     @classmethod
     def setUpClass(cls) -> None:
         cls.renderer = Renderer(shadow_size=1024)
 
     def long_clip(self) -> Clip:
-        """Small and short, of 12 cars of which 3 drive."""
+        """Returns a small and short clip of 12 cars of which 3 drive."""
         pool = CarPool(self.renderer, "eval", 9, [])
         return sample_long_clip(np.random.default_rng([9, 1, 0]), pool, "sun", LONG_SIZE, 20.0, 10.0, 12, 3)
 
@@ -119,7 +122,3 @@ class DatasetTest(unittest.TestCase):
                 places = np.array([m.world_from_car[:2, 3] for m in clip.motions(time_s)])
                 away = np.linalg.norm(places[:, None] - places[None], axis=2) + 99 * np.eye(len(places))
                 self.assertGreater(away.min(), 1.7)
-
-
-if __name__ == "__main__":
-    unittest.main()

@@ -1,4 +1,4 @@
-"""Tests of drives: kinematics that a car can follow, and names that fit what it does. They need NumPy only."""
+"""Tests of drives: feasible kinematics, and activities that fit the motion. They need NumPy only."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import unittest
 
 import numpy as np
 
-from .paths import Drive, Leg, Motion, reach, straight, turn, turn_across
+from roadplane_train.render.paths import Drive, Leg, Motion, reach, straight, turn, turn_across
 
 WHEELBASE_M = 2.7
 STEP_S = 0.02
 
 
 def heading(motion: Motion) -> float:
-    """Of a car, radians."""
+    """Returns the heading of a car, rad."""
     return float(np.arctan2(motion.world_from_car[1, 0], motion.world_from_car[0, 0]))
 
 
@@ -33,7 +33,7 @@ class DriveTest(unittest.TestCase):
     """Each kind of drive, sampled from before its start until after its end."""
 
     def sampled(self, name: str) -> list[Motion]:
-        """The motions of a drive, STEP_S apart."""
+        """Returns the motions of a drive, STEP_S apart."""
         drive = Drive(DRIVES[name], WHEELBASE_M, start_s=1.0).placed(np.array([3.0, -2.0, 0.7]))
         return [drive.at(t) for t in np.arange(0, drive.length_s + 2, STEP_S)]
 
@@ -81,7 +81,3 @@ class DriveTest(unittest.TestCase):
         drive = Drive(DRIVES["park"], WHEELBASE_M).placed(np.array([1.0, 2.0, 0.5]), at_end=True)
         rest = drive.at(1e3)
         np.testing.assert_allclose([*rest.world_from_car[:2, 3], heading(rest)], (1.0, 2.0, 0.5), atol=1e-9)
-
-
-if __name__ == "__main__":
-    unittest.main()

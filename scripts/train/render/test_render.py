@@ -1,25 +1,27 @@
-"""Tests of the renderer: frames and signs of `crates/base`, truth against the picture, shards that repeat."""
+"""Tests of the renderer: frames and signs of `crates/base`, truth against the picture, repeatable shards."""
 
 from __future__ import annotations
 
 import unittest
 
 import numpy as np
+import pytest
 
-from cars.builder import sample_car
+from roadplane_train.cars.builder import sample_car
+from roadplane_train.render import crops
+from roadplane_train.render.appearance import Light, sample_car_appearance, sample_ground
+from roadplane_train.render.camera import Camera, world_from_car
+from roadplane_train.render.degrade import degrade
+from roadplane_train.render.renderer import Renderer
+from roadplane_train.render.scene import Floor, PlacedCar, Scene
 
-from . import crops
-from .camera import Camera, world_from_car
-from .degrade import degrade
-from .looks import Light, sample_car_look, sample_ground
-from .renderer import Renderer
-from .scene import Floor, PlacedCar, Scene
+pytestmark = pytest.mark.egl
 
 CAMERA = Camera((1280, 720), 1500.0, 8.0, np.radians(15), 0.0)
 
 
 class CameraTest(unittest.TestCase):
-    """Signs and frames."""
+    """Tests of signs and frames."""
 
     def test_optical_axis_meets_the_ground_ahead(self) -> None:
         point = np.array([[0.0, 8.0 / np.tan(np.radians(15)), 0.0]])
@@ -30,7 +32,7 @@ class CameraTest(unittest.TestCase):
     def test_positive_roll_turns_the_horizon_clockwise(self) -> None:
         rolled = Camera((1280, 720), 1500.0, 8.0, np.radians(15), 0.1)
         pixel, _ = rolled.pixel_from_world(np.array([[-1e6, 1e7, 0], [1e6, 1e7, 0]]))
-        self.assertGreater(pixel[1, 1], pixel[0, 1])  # the right end sinks
+        self.assertGreater(pixel[1, 1], pixel[0, 1])  # the right end is lower
 
     def test_plane_contains_ground_points(self) -> None:
         normal, offset = Camera((1280, 720), 900.0, 6.0, 0.4, -0.05).plane_in_camera
@@ -45,7 +47,7 @@ class CameraTest(unittest.TestCase):
 
 
 class PictureTest(unittest.TestCase):
-    """Truth against what is drawn."""
+    """Tests of the truth against the picture."""
 
     @classmethod
     def setUpClass(cls) -> None:
@@ -56,10 +58,10 @@ class PictureTest(unittest.TestCase):
         cls.rng = rng
 
     def scene(self, *cars: tuple) -> Scene:
-        """Cars given as (gpu, x, y, heading) on asphalt under an overcast sky."""
+        """Returns cars given as (gpu, x, y, heading) on asphalt under an overcast sky."""
         rng = np.random.default_rng(1)
         floor = Floor((sample_ground(rng, "asphalt"), sample_ground(rng, "grass")))
-        placed = [PlacedCar(gpu, sample_car_look(rng), world_from_car(x, y, heading)) for gpu, x, y, heading in cars]
+        placed = [PlacedCar(gpu, sample_car_appearance(rng), world_from_car(x, y, heading)) for gpu, x, y, heading in cars]
         light = Light(np.array([0, 0, 1.0]), np.zeros(3), np.ones(3) * 0.6, 0.1, 0.0, 0.0, 0, 1.0, 0.0)
         scene = Scene(placed, [], floor, light, np.zeros(3), 20.0)
         scene.set_exposure(0.25)
@@ -77,15 +79,15 @@ class PictureTest(unittest.TestCase):
 
     def test_near_side_is_visible_and_far_side_hidden(self) -> None:
         scene = self.scene((self.car, 0.0, 28.0, 0.0))  # drives to the right: its right side faces the camera
-        seen = crops.sight(self.renderer, scene, CAMERA, 0)
+        seen = crops.visible_part(self.renderer, scene, CAMERA, 0)
         self.assertTrue(seen.visible[18:22].all())  # wheels and tyres
         self.assertFalse(seen.visible[0:4].any())
         self.assertGreater(seen.keypoints[18, 0], seen.keypoints[19, 0])  # front wheel right of the rear one
 
     def test_car_in_front_hides(self) -> None:
         scene = self.scene((self.car, 0.0, 28.0, 0.0), (self.other, 1.0, 25.0, 0.0))
-        alone = crops.sight(self.renderer, self.scene((self.car, 0.0, 28.0, 0.0)), CAMERA, 0)
-        seen = crops.sight(self.renderer, scene, CAMERA, 0)
+        alone = crops.visible_part(self.renderer, self.scene((self.car, 0.0, 28.0, 0.0)), CAMERA, 0)
+        seen = crops.visible_part(self.renderer, scene, CAMERA, 0)
         self.assertEqual(alone.share, 1.0)
         self.assertLess(seen.share, 0.6)
         self.assertLess(seen.visible.sum(), alone.visible.sum())
@@ -119,7 +121,7 @@ class PictureTest(unittest.TestCase):
 
 
 class DegradeTest(unittest.TestCase):
-    """Any size survives."""
+    """Tests that any size is accepted."""
 
     def test_sizes(self) -> None:
         rng = np.random.default_rng(0)
@@ -128,7 +130,3 @@ class DegradeTest(unittest.TestCase):
             for _ in range(20):
                 worse = degrade(rng, image)
                 self.assertEqual((worse.shape, worse.dtype), (image.shape, image.dtype))
-
-
-if __name__ == "__main__":
-    unittest.main()

@@ -1,4 +1,4 @@
-"""Tests of the truth files in `tests/data`: they agree with themselves. They need NumPy only."""
+"""Tests of the truth files in `tests/data`: they are consistent. They need NumPy only."""
 
 from __future__ import annotations
 
@@ -8,22 +8,21 @@ from pathlib import Path
 
 import numpy as np
 
-from json_files import read_json, write_json
-
-from .camera import Camera
+from roadplane_train.json_files import read_json, write_json
+from roadplane_train.render.camera import Camera
 
 DATA = Path(__file__).resolve().parents[3] / "tests" / "data"
 
 
 def truth_files() -> list[Path]:
-    """The demo clip's and those of the committed split."""
+    """Returns the truth files of the demo clip and of the committed split."""
     index = DATA / "lots" / "dataset.json"
     items = [index.parent / item for item in read_json(index)["items"]]
     return [DATA / "lot.truth.json", *items]
 
 
 class JsonFilesTest(unittest.TestCase):
-    """What is written is read, and the same record gives the same bytes."""
+    """Tests that files are read as written, and that the same record gives the same bytes."""
 
     def test_plain_and_gzipped(self) -> None:
         record = {"a": [1.5, None, "ü"], "b": {}}
@@ -39,7 +38,7 @@ class JsonFilesTest(unittest.TestCase):
 
 
 class TruthTest(unittest.TestCase):
-    """All items."""
+    """Tests on all items."""
 
     @classmethod
     def setUpClass(cls) -> None:
@@ -69,7 +68,7 @@ class TruthTest(unittest.TestCase):
                 pixels, _ = camera.pixel_from_world(models[car["id"]] @ pose[:3, :3].T + pose[:3, 3])
                 np.testing.assert_allclose(pixels, points(car["keypoints_px"])[:, :2], atol=0.01, err_msg=name)
 
-    def test_cars_stand_on_the_ground_inside_their_boxes(self) -> None:
+    def test_cars_are_on_the_ground_inside_their_boxes(self) -> None:
         visible, outside = 0, 0
         for name, item in self.items.items():
             width, height = item["camera"]["image_size_px"]
@@ -106,7 +105,7 @@ class TruthTest(unittest.TestCase):
                     elif activity != "parking":
                         self.assertGreaterEqual(speed, 0)
                     if span > 2.5 / item["fps"]:
-                        continue  # out of sight in between
+                        continue  # invisible in between
                     moved = np.linalg.norm(after[1][:2, 3] - before[1][:2, 3]) / span
                     self.assertLess(abs(moved - abs(speed)), 0.12, (name, now[2]["id"], now[0]))
                     turned = (after[1][:2, :2] @ before[1][:2, :2].T)[1, 0]
@@ -128,9 +127,5 @@ class TruthTest(unittest.TestCase):
 
 
 def points(rows: list) -> np.ndarray:
-    """Rows of three, (36, 3), with NaN for null."""
+    """Returns rows of three, (36, 3), with NaN for null."""
     return np.array([[np.nan] * 3 if row is None else row for row in rows], float)
-
-
-if __name__ == "__main__":
-    unittest.main()

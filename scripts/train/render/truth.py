@@ -1,26 +1,26 @@
-"""Truth files of the data sets (`roadplane.dataset/1`, `roadplane.truth/1`): the one place that writes them.
+"""Writes the truth files of the data sets (`roadplane.dataset/1`, `roadplane.truth/1`).
 
-Frames of `crates/base/src/lib.rs`, SI units, radians, pixels whose (0, 0) is the centre of the top-left one. Poses are rounded to
-1e-6, pixels to 0.01.
+Frames are those of `crates/base/src/lib.rs`, with SI units and radians. Pixel (0, 0) is the centre of the top-left
+pixel. Poses are rounded to 1e-6, pixels to 0.01.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from cars.mesh import CarMesh
+from roadplane_train.cars.mesh import CarMesh
 
 from .camera import Camera
-from .crops import Sight
+from .crops import VisiblePart
 from .paths import Motion
 
 DATASET_SCHEMA = "roadplane.dataset/1"
 TRUTH_SCHEMA = "roadplane.truth/1"
-SMALLEST_SHARE = 0.15  # cars of which less is seen are left out of a frame
+SMALLEST_SHARE = 0.15  # a frame lists no cars with a smaller visible share
 
 
 def camera_record(camera: Camera) -> dict:
-    """The camera, in the words of `camera.json`."""
+    """Returns the camera, with the keys of `camera.json`."""
     normal, offset = camera.plane_in_camera
     return {
         "image_size_px": list(camera.image_size_px),
@@ -35,7 +35,7 @@ def camera_record(camera: Camera) -> dict:
 
 
 def model_record(number: int, mesh: CarMesh) -> dict:
-    """One physical car: its shape, car frame, metres."""
+    """Returns one physical car: its shape, car frame, metres."""
     return {
         "id": number,
         "class": mesh.body if mesh.body in ("truck", "bus") else "car",
@@ -46,8 +46,8 @@ def model_record(number: int, mesh: CarMesh) -> dict:
     }
 
 
-def car_record(number: int, motion: Motion, seen: Sight) -> dict:
-    """One car in one frame."""
+def car_record(number: int, motion: Motion, seen: VisiblePart) -> dict:
+    """Returns one car in one frame."""
     points = [
         [*_rounded(p, 2), int(v)] if np.isfinite(p).all() else None for p, v in zip(seen.keypoints, seen.visible, strict=True)
     ]
@@ -71,7 +71,7 @@ def item_record(
     meshes: dict[int, CarMesh],
     frames: list[list[dict]],
 ) -> dict:
-    """A still (`fps` none) or a clip; `frames` holds each frame's cars, `meshes` the cars by id."""
+    """Returns a still (`fps` None) or a clip; `frames` holds each frame's cars, `meshes` the cars by id."""
     appear = sorted({car["id"] for cars in frames for car in cars})
     return {
         "schema": TRUTH_SCHEMA,
@@ -87,7 +87,7 @@ def item_record(
 
 
 def dataset_record(name: str, split: str, seed: int, items: list[str]) -> dict:
-    """`dataset.json`; items are paths of truth files relative to it."""
+    """Returns `dataset.json`; items are paths of truth files relative to it."""
     return {"schema": DATASET_SCHEMA, "name": name, "split": split, "seed": seed, "items": sorted(items)}
 
 

@@ -1,4 +1,4 @@
-"""How things look: car paints and trims, grounds, light."""
+"""Appearance of things: car paints and trims, grounds, light."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 
 
 @dataclass
-class CarLook:
-    """Linear RGB albedos and surface parameters of one car."""
+class CarAppearance:
+    """The appearance of a car: linear RGB albedos and surface parameters."""
 
     paint: np.ndarray
     metallic: float  # 0 solid paint … 1 strong flakes
@@ -29,12 +29,12 @@ class CarLook:
 
 
 def _linear(*rgb: float) -> np.ndarray:
-    """sRGB 0…255 to linear."""
+    """Converts sRGB 0…255 to linear."""
     return (np.array(rgb) / 255.0) ** 2.2
 
 
 def sample_paint(rng: np.random.Generator) -> tuple[np.ndarray, float]:
-    """Linear RGB and metallic share; frequencies roughly as in traffic statistics of paint makers (estimate)."""
+    """Draws linear RGB and metallic share; frequencies roughly as in traffic statistics of paint makers (estimate)."""
     kind = rng.choice(9, p=[0.24, 0.17, 0.15, 0.14, 0.09, 0.09, 0.04, 0.04, 0.04])
     grey = np.ones(3) * (1 + rng.normal(0, 0.012, 3))
     if kind == 0:
@@ -55,12 +55,12 @@ def sample_paint(rng: np.random.Generator) -> tuple[np.ndarray, float]:
     return np.array(colorsys.hsv_to_rgb(hue % 1, saturation, value)) ** 2.2, rng.uniform(0, 1)
 
 
-def sample_car_look(rng: np.random.Generator) -> CarLook:
-    """A random car finish."""
+def sample_car_appearance(rng: np.random.Generator) -> CarAppearance:
+    """Draws a random car finish."""
     paint, metallic = sample_paint(rng)
     lower = np.ones(3) * rng.uniform(0.01, 0.06) if rng.random() < 0.8 else paint * rng.uniform(0.7, 1)
     rim = np.ones(3) * (rng.uniform(0.25, 0.6) if rng.random() < 0.75 else rng.uniform(0.01, 0.1))
-    return CarLook(
+    return CarAppearance(
         paint=paint,
         metallic=metallic,
         lower=lower,
@@ -90,8 +90,8 @@ FLEET_PAINTS = (
 )
 
 
-def sample_heavy_look(rng: np.random.Generator) -> CarLook:
-    """A random finish of a lorry or a bus: solid paints, the second one often white."""
+def sample_heavy_appearance(rng: np.random.Generator) -> CarAppearance:
+    """Draws a random finish of a lorry or a bus: solid paints, the second one often white."""
 
     def paint(kind: int) -> np.ndarray:
         middle, spread, _ = FLEET_PAINTS[kind]
@@ -100,11 +100,11 @@ def sample_heavy_look(rng: np.random.Generator) -> CarLook:
     first, second = rng.choice(len(FLEET_PAINTS), 2, p=[share for *_, share in FLEET_PAINTS])
     livery = paint(0 if rng.random() < 0.4 else int(second))
     return replace(
-        sample_car_look(rng),
+        sample_car_appearance(rng),
         paint=paint(int(first)),
         metallic=0.0,
         lower=np.ones(3) * rng.uniform(0.015, 0.08),
-        glass=0.0,  # there is nothing behind their panes
+        glass=0.0,  # the space behind their panes is not modelled
         glass_reflection=rng.uniform(0.3, 0.9),
         rim=np.ones(3) * rng.uniform(0.3, 0.65),
         livery=livery,
@@ -124,7 +124,7 @@ class Ground:
 
 
 def sample_ground(rng: np.random.Generator, kind: str) -> Ground:
-    """`asphalt`, `concrete`, `grass`, `gravel`."""
+    """Draws a ground: `asphalt`, `concrete`, `grass`, `gravel`."""
     tint = 1 + rng.normal(0, 0.03, 3)
     if kind == "asphalt":
         level = np.exp(rng.uniform(np.log(0.03), np.log(0.18)))
@@ -190,15 +190,15 @@ class Light:
 
     @property
     def level(self) -> np.ndarray:
-        """Irradiance on the open ground."""
+        """Returns the irradiance on the open ground."""
         return self.sun * max(self.to_sun[2], 0.0) + self.sky
 
 
-SKIES = ("sun", "haze", "overcast", "dusk")  # dusk: also open shade
+SKIES = ("sun", "haze", "overcast", "dusk")  # dusk: also in open shade
 
 
 def sample_light(rng: np.random.Generator, environments: int, sky: str | None = None) -> Light:
-    """Clear, hazy and overcast skies, open shade, low sun; one of SKIES if asked for."""
+    """Draws a light: clear, hazy and overcast skies, open shade, low sun; one of SKIES if given."""
     elevation = np.radians(rng.uniform(12, 70))
     azimuth = rng.uniform(0, 2 * np.pi)
     to_sun = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
