@@ -41,7 +41,7 @@ examples:
 
 # Measures speed and memory on a video.
 bench INPUT="tests/data/lot.mp4" *ARGS:
-    cargo run --release --locked -p roadplane-lab -- bench {{INPUT}} {{ARGS}}
+    cargo run --release --locked --bin roadplane-lab -- bench {{INPUT}} {{ARGS}}
 
 # Makes the archive and the .deb in target/package.
 package *ARGS:

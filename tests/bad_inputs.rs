@@ -1,11 +1,11 @@
-//! Bad input: a clear error, the right exit code, nothing half-written.
+//! Bad input gives a clear error and the right exit code, and leaves no half-written files.
 
 use std::fs;
 use std::path::Path;
 
 use crate::common::{names, roadplane, root};
 
-/// Runs an input that must be refused with this exit code and returns what the program said.
+/// Runs an input that must be refused with this exit code, and returns the messages of the program.
 fn refused(input: &Path, code: i32, arguments: &[&str]) -> String {
     let out = tempfile::tempdir().unwrap();
     let assert =
@@ -43,7 +43,7 @@ fn a_truncated_mp4_is_refused_or_read_as_far_as_it_goes() {
     let cut = folder.path().join("cut.mp4");
     fs::write(&cut, &whole[..whole.len() / 10]).unwrap();
     let out = folder.path().join("out");
-    // The second time it may be finished already: a damaged input stays a damaged one.
+    // The second run may find a finished result: a damaged input still gives the code of a damaged input.
     for _ in 0..2 {
         let run = roadplane()
             .arg("run")
@@ -77,7 +77,7 @@ fn a_model_with_one_flipped_byte_is_refused() {
     for name in names(&root().join("models")) {
         fs::copy(root().join("models").join(&name), models.path().join(&name)).unwrap();
     }
-    // Which of them runs depends on the processor.
+    // The processor determines which of them runs.
     for net in ["hourglass.onnx", "hourglass.int8.onnx"].map(|name| models.path().join(name)) {
         let mut bytes = fs::read(&net).unwrap();
         let middle = bytes.len() / 2;
@@ -98,12 +98,17 @@ fn a_folder_in_use_is_refused_at_once() {
 }
 
 #[test]
-fn a_file_that_is_not_there_is_a_fault_of_the_command_line() {
+fn a_missing_file_is_an_error_of_the_command_line() {
     let out = tempfile::tempdir().unwrap();
     let clip = root().join("tests/data/lot.mp4");
     let (absent, clip, out) = ("absent.file", clip.to_str().unwrap(), out.path().join("o.jsonl"));
     let out = out.to_str().unwrap();
     for command in [
+        vec!["stage", "detect", absent, "--out", out],
+        vec!["stage", "keypoints", clip, "--boxes", absent, "--out", out],
+        vec!["stage", "solve", absent, "--out", out],
+        vec!["stage", "track", absent, "--out", out],
+        // The names of older versions still work.
         vec!["detect", absent, "--out", out],
         vec!["keypoints", clip, "--boxes", absent, "--out", out],
         vec!["solve", absent, "--out", out],
@@ -119,7 +124,7 @@ fn a_file_that_is_not_there_is_a_fault_of_the_command_line() {
 }
 
 #[test]
-fn errors_speak_plain_words() {
+fn errors_have_no_debug_output() {
     let folder = tempfile::tempdir().unwrap();
     let clip = root().join("tests/data/lot.mp4");
     let said = refused(&clip, 2, &["--set", "decode.start_s=1000"]);
@@ -127,7 +132,7 @@ fn errors_speak_plain_words() {
     let table = folder.path().join("t.csv");
     fs::write(&table, "time_s,track,x_m,y_m\n0,1,2.0\n").unwrap();
     let out = folder.path().join("labels.csv");
-    let assert = roadplane().arg("activity").arg(&table).arg("--out").arg(&out).assert().code(3);
+    let assert = roadplane().args(["stage", "activity"]).arg(&table).arg("--out").arg(&out).assert().code(3);
     let said = String::from_utf8(assert.get_output().stderr.clone()).unwrap();
     assert!(said.contains("line: 2") && !said.contains("Some("), "{said}");
 }

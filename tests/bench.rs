@@ -1,9 +1,9 @@
-//! `roadplane bench`: every row is there, every number makes sense. Nothing is said of how fast anything is.
+//! `roadplane-lab bench`: all rows exist, and all numbers are plausible. The speed itself is not tested.
 
 use crate::common::{lab, names, number, root};
 
 #[test]
-fn a_bench_tells_what_each_stage_costs() {
+fn a_bench_lists_the_cost_of_each_stage() {
     let here = tempfile::tempdir().unwrap();
     let clip = root().join("tests/data/lot.mp4");
     let bench = |arguments: &[&str]| {

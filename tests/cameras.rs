@@ -1,4 +1,4 @@
-//! Cameras that are remembered from night to night.
+//! The camera database from night to night.
 
 use std::fs;
 use std::path::Path;
@@ -9,10 +9,11 @@ use serde_json::Value;
 
 use crate::common::{json, number, roadplane, root};
 
-/// Frames of a night.
+/// Number of frames of a night.
 const FRAMES: u64 = 10;
 
-/// A night: frames of the demo clip as a folder of images, seen by the camera turned upwards by an angle.
+/// Writes a night: frames of the demo clip as a folder of images, as a camera sees them that is turned upwards by an
+/// angle.
 fn night(folder: &Path, start_s: f64, turned_rad: f64) {
     fs::create_dir_all(folder).unwrap();
     let options = DecodeOptions { start_s, stride: 3, max_frames: Some(FRAMES), ..DecodeOptions::default() };
@@ -25,7 +26,7 @@ fn night(folder: &Path, start_s: f64, turned_rad: f64) {
     }
 }
 
-/// The same picture from a camera turned upwards; what it did not see goes on as its border.
+/// Returns the picture as a camera sees it that is turned upwards. Its border continues outside the old picture.
 fn turned(image: &RgbImage, focal_px: f64, angle: f64) -> RgbImage {
     let (width, height) = image.dimensions();
     let (cx, cy) = ((f64::from(width) - 1.0) / 2.0, (f64::from(height) - 1.0) / 2.0);
@@ -48,16 +49,17 @@ fn run(inputs: &[&Path], out: &Path, cameras: &Path) {
     run_with(&[], inputs, out, cameras);
 }
 
-/// What a run with more arguments said.
+/// Runs with more arguments, and returns the messages.
 fn run_with(arguments: &[&str], inputs: &[&Path], out: &Path, cameras: &Path) -> String {
     let mut command = roadplane();
     command.arg("run").args(arguments).args(inputs).arg("--out").arg(out).arg("--cameras").arg(cameras);
-    // Lines of the scene are each clip's own: this is about cars.
+    // Each clip has its own lines of the scene; these tests need cars only.
     command.args(["--set", "decode.image_fps=10", "--set", "solve.use_verticals=false"]);
     let done = command.args(["--camera-id", "{}_*"]).assert().code(0);
     String::from_utf8(done.get_output().stderr.clone()).unwrap()
 }
 
+/// Returns the epochs of the camera `lot`, as `roadplane cameras show` prints them.
 fn shown(cameras: &Path) -> Vec<Value> {
     let output = roadplane().args(["cameras", "show", "--json"]).arg(cameras).arg("lot").output().unwrap();
     let text = String::from_utf8(output.stdout).unwrap();
@@ -65,7 +67,7 @@ fn shown(cameras: &Path) -> Vec<Value> {
 }
 
 #[test]
-fn a_camera_is_known_the_next_night_and_a_turn_begins_an_epoch() {
+fn a_camera_is_stored_for_the_next_night_and_a_turn_begins_an_epoch() {
     let temp = tempfile::tempdir().unwrap();
     let at = |name: &str| temp.path().join(name);
     let nights = [at("lot_20260101T220000"), at("lot_20260102T220000"), at("lot_20260103T220000")];
@@ -76,10 +78,10 @@ fn a_camera_is_known_the_next_night_and_a_turn_begins_an_epoch() {
     let cameras = at("cameras");
     run(&[&nights[0]], &at("out"), &cameras);
     run(&[&nights[1]], &at("out"), &cameras);
-    let known = shown(&cameras);
-    assert_eq!(known.len(), 1, "{known:?}");
-    assert_eq!(known[0]["clips"].as_array().unwrap().len(), 2);
-    // The same cars stand there: they count once.
+    let epochs = shown(&cameras);
+    assert_eq!(epochs.len(), 1, "{epochs:?}");
+    assert_eq!(epochs[0]["clips"].as_array().unwrap().len(), 2);
+    // The same cars are parked on both nights: they count once.
     let first = json(&at("out/lot_20260101T220000/camera.json"));
     let second = json(&at("out/lot_20260102T220000/camera.json"));
     let sd = |camera: &Value| number(&camera["focal_sd_px"]) / number(&camera["focal_px"]);
@@ -91,16 +93,16 @@ fn a_camera_is_known_the_next_night_and_a_turn_begins_an_epoch() {
     );
 
     run(&[&nights[2]], &at("out"), &cameras);
-    let known = shown(&cameras);
-    assert_eq!(known.len(), 2, "{known:?}");
-    assert_eq!(known[1]["clips"].as_array().unwrap().len(), 1);
+    let epochs = shown(&cameras);
+    assert_eq!(epochs.len(), 2, "{epochs:?}");
+    assert_eq!(epochs[1]["clips"].as_array().unwrap().len(), 1);
     let third = json(&at("out/lot_20260103T220000/camera.json"));
     let tilt = |value: &Value| number(&value["tilt_rad"]);
-    assert!((tilt(&third) - tilt(&known[1])).abs() < 1e-4, "the first clip of the epoch stands alone");
-    let change = tilt(&known[0]) - tilt(&known[1]);
+    assert!((tilt(&third) - tilt(&epochs[1])).abs() < 1e-4, "the first clip of an epoch is alone");
+    let change = tilt(&epochs[0]) - tilt(&epochs[1]);
     assert!((change - turn).abs() < 0.6_f64.to_radians(), "{}°", change.to_degrees());
 
-    // The same evidence from the results, in another order, is the same memory to the byte.
+    // The same evidence from the results, in another order, gives the same camera database to the byte.
     let merged = at("merged");
     roadplane().args(["cameras", "merge"]).arg(at("out")).arg("--out").arg(&merged).assert().code(0);
     let contents = |folder: &Path| -> Vec<_> {
@@ -111,13 +113,13 @@ fn a_camera_is_known_the_next_night_and_a_turn_begins_an_epoch() {
     };
     assert_eq!(contents(&merged), contents(&cameras));
 
-    // A clip does not learn from itself: run again with all remembered, the first night rests on the second alone. A guess of the
-    // height, which says next to nothing, is no reason to say things twice.
+    // A clip is not evidence for itself: with all clips stored, the first night uses the second alone. A wide guess of
+    // the height must not repeat the message.
     let said = run_with(&["--height-m", "8±3"], &[&nights[0]], &at("again"), &merged);
-    assert_eq!(said.matches("clips are remembered").count(), 1, "{said}");
+    assert_eq!(said.matches("the camera database has").count(), 1, "{said}");
     let again = json(&at("again/lot_20260101T220000/camera.json"));
     assert!((number(&again["focal_px"]) / number(&second["focal_px"]) - 1.0).abs() < 0.02);
-    assert_eq!(contents(&merged).len(), 3, "the same clip says the same");
+    assert_eq!(contents(&merged).len(), 3, "the same clip has the same evidence");
 
     roadplane().args(["cameras", "forget"]).arg(&merged).arg("lot").assert().code(0);
     assert!(roadplane().args(["cameras", "list"]).arg(&merged).output().unwrap().stdout.is_empty());

@@ -1,4 +1,4 @@
-//! Helpers that the end-to-end tests share.
+//! Helpers of the end-to-end tests.
 
 #![allow(dead_code, reason = "each test binary uses a part of this file")]
 
@@ -23,41 +23,41 @@ fn program(name: &str) -> Command {
     command
 }
 
-/// The binary as a process of its own, for signals and limits.
+/// The program `roadplane` as a process, for signals and limits.
 pub fn process() -> std::process::Command {
     let mut command = std::process::Command::new(roadplane().get_program());
     command.current_dir(root()).env("ORT_DYLIB_PATH", root().join(".runtime/libonnxruntime.so"));
     command
 }
 
-/// The repository's root.
+/// Returns the root of the repository.
 pub fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").canonicalize().unwrap()
 }
 
-/// A file of the data beside the repository. Tests that read it are marked as ignored.
+/// Returns a file of the data beside the repository. Tests that read it are marked as ignored.
 pub fn shared(path: &str) -> PathBuf {
     let path = root().join("../shared/data").join(path);
     assert!(path.exists(), "{} is absent", path.display());
     path
 }
 
-/// A JSON file.
+/// Reads a JSON file.
 pub fn json(path: &Path) -> serde_json::Value {
     serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
 }
 
-/// A number of a JSON file.
+/// Returns a number of a JSON file.
 pub fn number(value: &serde_json::Value) -> f64 {
     value.as_f64().unwrap()
 }
 
-/// The lines of a JSON lines file.
+/// Reads the lines of a JSON lines file.
 pub fn json_lines(path: &Path) -> Vec<serde_json::Value> {
     std::fs::read_to_string(path).unwrap().lines().map(|line| serde_json::from_str(line).unwrap()).collect()
 }
 
-/// Names in a folder, sorted.
+/// Returns the names in a folder, sorted.
 pub fn names(folder: &Path) -> Vec<String> {
     let mut names: Vec<String> = std::fs::read_dir(folder)
         .unwrap()
@@ -67,14 +67,14 @@ pub fn names(folder: &Path) -> Vec<String> {
     names
 }
 
-/// What a report plays: of it the part that tells no times and speeds of the run.
+/// Returns the data that a report plays. It has no times and speeds of the run itself.
 pub fn played(report: &Path) -> String {
     let page = std::fs::read_to_string(report).unwrap();
-    let (_, from) = page.split_once("id=\"look-data\">").unwrap();
+    let (_, from) = page.split_once("id=\"player-data\">").unwrap();
     from.split_once("</script>").unwrap().0.to_owned()
 }
 
-/// The first row of a CSV file by column; NaN where there is no number.
+/// Reads the first row of a CSV file, by column; NaN for cells that are not numbers.
 pub fn first_row(path: &Path) -> BTreeMap<String, f64> {
     let mut reader = csv::Reader::from_path(path).unwrap();
     let row: BTreeMap<String, String> = reader.deserialize().next().unwrap().unwrap();

@@ -1,4 +1,4 @@
-//! `roadplane eval dataset` on a tenth of the committed data set: the paper's tables, all rows, in the right order.
+//! `roadplane-lab eval dataset` on a tenth of the committed data set: the paper's tables, all rows, in the right order.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -7,7 +7,7 @@ use crate::common::{lab, names, root};
 
 type Rows = BTreeMap<String, BTreeMap<String, f64>>;
 
-/// Rows of a table by system, each by column.
+/// Returns the rows of a table by system, each by column.
 fn rows(path: &Path) -> Rows {
     let mut reader = csv::Reader::from_path(path).unwrap();
     let cells = reader.deserialize().map(|row| -> BTreeMap<String, String> { row.unwrap() });
@@ -46,7 +46,7 @@ fn a_tenth_of_the_data_set_gives_the_papers_tables() {
         let of_true_ground = within(&add, "(true ground", ground_limit);
         let add = |system: &str| within(&add, system, "0.4 d, %");
         let viewpoint = |system: &str| within(&viewpoint, system, "0.14 rad, %");
-        // What the plane is for: better than each car alone, by our solver or by the baselines.
+        // The plane must beat each car alone, by our solver or by the baselines.
         for alone in ["1", "2", "3"] {
             assert!(add("4") > add(alone) + 5.0, "{keypoints}: {} {}", add("4"), add(alone));
             assert!(viewpoint("4") >= viewpoint(alone), "{keypoints}: {}", viewpoint("4"));
@@ -66,9 +66,9 @@ fn a_tenth_of_the_data_set_gives_the_papers_tables() {
 fn a_folder_that_is_no_data_set_is_named() {
     let empty = tempfile::tempdir().unwrap();
     let command = lab().args(["eval", "dataset"]).arg(empty.path()).assert().code(3);
-    let said = String::from_utf8(command.get_output().stderr.clone()).unwrap();
-    assert!(said.contains("dataset.json"), "{said}");
+    let stderr = String::from_utf8(command.get_output().stderr.clone()).unwrap();
+    assert!(stderr.contains("dataset.json"), "{stderr}");
     let command = lab().args(["eval", "dataset", "tests/data/lots", "--part", "2"]).assert().code(2);
-    let said = String::from_utf8(command.get_output().stderr.clone()).unwrap();
-    assert!(said.contains("between 0 and 1"), "{said}");
+    let stderr = String::from_utf8(command.get_output().stderr.clone()).unwrap();
+    assert!(stderr.contains("between 0 and 1"), "{stderr}");
 }

@@ -1,9 +1,9 @@
-//! The main job on the clip that comes with the repository, against its truth.
+//! A run of the clip in the repository, compared with its truth.
 
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
-use crate::common::{first_row, json, json_lines, names, number, roadplane, root};
+use crate::common::{first_row, json, json_lines, lab, names, number, roadplane, root};
 use serde_json::Value;
 
 #[test]
@@ -41,7 +41,7 @@ fn the_demo_clip_is_solved() {
     let height = number(&camera["height_m"]) / number(&truth["camera"]["height_m"]);
     assert!((0.85..1.2).contains(&height), "height {height} of the truth");
 
-    // Every true car that is well visible has a track beside it, heading the same way.
+    // Every true car that is well visible has a track near it, with the same heading.
     let mut of_frame: BTreeMap<u64, Vec<Value>> = BTreeMap::new();
     for row in json_lines(&result.join("tracks.jsonl")) {
         of_frame.entry(row["frame"].as_u64().unwrap()).or_default().push(row);
@@ -81,9 +81,9 @@ fn the_demo_clip_is_solved() {
     let summary = json(&result.join("summary.json"));
     assert_eq!(summary["counts"]["frames_lost"], 0);
 
-    // The same by the tables of `roadplane eval run`.
+    // The tables of `roadplane-lab eval run` agree.
     let tables = out.path().join("tables");
-    let mut eval = roadplane();
+    let mut eval = lab();
     eval.args(["eval", "run"]).arg(&result).arg("--out").arg(&tables);
     eval.arg("--truth").arg(root().join("tests/data/lot.truth.json")).assert().code(0);
     let table = |name: &str| first_row(&tables.join(name));
@@ -94,7 +94,7 @@ fn the_demo_clip_is_solved() {
     assert_eq!(tracks["switches"], 0.0, "{tracks:?}");
     let motion = table("05-motion.csv");
     assert!(motion["found, %"] > 80.0 && motion["heading, median °"] < 5.0, "{motion:?}");
-    assert!(motion["jitter, median m"] < 0.05, "parked cars stand still: {motion:?}");
+    assert!(motion["jitter, median m"] < 0.05, "parked cars do not move: {motion:?}");
     let poses = table("06-poses-add.csv");
     assert!(poses["cars"] > 100.0 && poses["0.8 d, %"] > 80.0, "{poses:?}");
     assert!(table("07-poses-viewpoint.csv")["0.14 rad, %"] > 75.0);
@@ -102,7 +102,7 @@ fn the_demo_clip_is_solved() {
     let page = std::fs::read_to_string(tables.join("report.html")).unwrap();
     assert_eq!(page.matches("<svg").count(), 3);
 
-    // The same again gives the same bytes; an existing result is not replaced unasked.
+    // A second run gives the same bytes. An existing result is only replaced on request.
     run(&[]).code(2);
     let first = std::fs::read(result.join("tracks.csv")).unwrap();
     run(&["--overwrite"]).code(0);
@@ -111,14 +111,27 @@ fn the_demo_clip_is_solved() {
 }
 
 #[test]
-fn stages_alone_give_what_they_document() {
+fn stages_alone_give_the_documented_files() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     let clip = root().join("tests/data/lot.mp4");
     let few = ["--set", "decode.max_frames=2"];
-    roadplane().arg("detect").arg(&clip).arg("--out").arg(at("b.jsonl")).args(few).assert().code(0);
     roadplane()
-        .args(["keypoints".as_ref(), clip.as_os_str(), "--boxes".as_ref(), at("b.jsonl").as_os_str()])
+        .args(["stage", "detect"])
+        .arg(&clip)
+        .arg("--out")
+        .arg(at("b.jsonl"))
+        .args(few)
+        .assert()
+        .code(0);
+    roadplane()
+        .args([
+            "stage".as_ref(),
+            "keypoints".as_ref(),
+            clip.as_os_str(),
+            "--boxes".as_ref(),
+            at("b.jsonl").as_os_str(),
+        ])
         .arg("--out")
         .arg(at("k.jsonl"))
         .args(few)
@@ -127,12 +140,12 @@ fn stages_alone_give_what_they_document() {
     let frames = json_lines(&at("k.jsonl"));
     assert_eq!(frames.len(), 2);
     assert_eq!(frames[0]["cars"][0]["keypoints"].as_array().unwrap().len(), 36);
-    roadplane().arg("solve").arg(at("k.jsonl")).arg("--out").arg(at("p.jsonl")).assert().code(0);
+    roadplane().args(["stage", "solve"]).arg(at("k.jsonl")).arg("--out").arg(at("p.jsonl")).assert().code(0);
     assert!(!json_lines(&at("p.jsonl")).is_empty());
     assert!(number(&json(&at("camera.json"))["focal_px"]) > 0.0);
     let free = || {
         let mut command = roadplane();
-        command.arg("solve").arg(at("k.jsonl")).arg("--out").arg(at("free/p.jsonl"));
+        command.args(["stage", "solve"]).arg(at("k.jsonl")).arg("--out").arg(at("free/p.jsonl"));
         command.args(["--no-plane", "--focal-px", "1360"]).assert()
     };
     free().code(1);
@@ -142,7 +155,11 @@ fn stages_alone_give_what_they_document() {
     assert!((number(&json(&at("free/camera.json"))["focal_px"]) - 1360.0).abs() < 1e-6);
     std::fs::create_dir(at("paper")).unwrap();
     let mut command = roadplane();
-    command.arg("solve").arg(at("k.jsonl")).args(["--method", "paper", "--out"]).arg(at("paper/p.jsonl"));
+    command
+        .args(["stage", "solve"])
+        .arg(at("k.jsonl"))
+        .args(["--method", "paper", "--out"])
+        .arg(at("paper/p.jsonl"));
     command.assert().code(0);
     let poses = json_lines(&at("paper/p.jsonl"));
     assert!(poses.len() > 10 && poses.iter().all(|pose| number(&pose["world_from_car"][2][3]).abs() < 0.5));
@@ -150,7 +167,8 @@ fn stages_alone_give_what_they_document() {
     assert!((focal_px / 1360.0).ln().abs() < 0.4, "{focal_px}");
     let broken = at("broken.jsonl");
     std::fs::write(&broken, "{\"frame\": 0}\n").unwrap();
-    let assert = roadplane().arg("solve").arg(&broken).arg("--out").arg(at("q.jsonl")).assert().code(3);
+    let assert =
+        roadplane().args(["stage", "solve"]).arg(&broken).arg("--out").arg(at("q.jsonl")).assert().code(3);
     assert!(String::from_utf8_lossy(&assert.get_output().stderr).contains("line 1"));
     assert!(!at("q.jsonl").exists());
 }

@@ -1,4 +1,4 @@
-//! End-to-end tests: the binary on real and rendered input, and on bad input.
+//! End-to-end tests: `roadplane` on real and rendered input, and on bad input.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
@@ -8,6 +8,7 @@ mod common;
 mod demo_clip;
 mod export;
 mod golden_chain;
+mod messages;
 mod pieces;
 mod real_clips;
 mod reliability;

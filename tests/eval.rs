@@ -1,10 +1,10 @@
-//! `roadplane eval`: its tables are printed, written, and say what is so.
+//! `roadplane-lab eval`: its tables are printed, written, and correct.
 
 use crate::common::{first_row, json, lab, names, roadplane, root, shared};
 
 #[test]
 #[ignore = "reads ../shared/data, which not everybody has; scripts/test runs it where it is"]
-fn the_keypoint_net_holds_on_labelled_real_cars() {
+fn the_keypoint_net_is_accurate_on_labelled_real_cars() {
     let folder = shared("keypoints");
     let out = tempfile::tempdir().unwrap();
     for boxes in ["true", "detected"] {
@@ -22,7 +22,7 @@ fn the_keypoint_net_holds_on_labelled_real_cars() {
         assert!(printed.contains("virat_0401") && printed.contains("windscreen_top"), "{printed}");
         let row = first_row(&out.path().join("01-keypoints.csv"));
         assert_eq!(row["cars"], 9.0);
-        // Guards against getting worse; the bars stand in models/hourglass.md.
+        // Guards against a loss of accuracy; models/hourglass.md lists the exact numbers.
         assert!(row["median, %"] < 3.0 && row["PCK@0.1, %"] > 95.0, "{row:?}");
         assert_eq!(row["left/right"] + row["front/back"] + row["turned round"], 0.0);
     }
@@ -30,7 +30,7 @@ fn the_keypoint_net_holds_on_labelled_real_cars() {
 }
 
 #[test]
-fn the_solvers_tables_are_printed_and_honest() {
+fn the_solvers_tables_are_printed_and_noise_free_scenes_are_exact() {
     let out = tempfile::tempdir().unwrap();
     let command = lab().args(["eval", "solver", "--scenes", "6", "--out"]).arg(out.path()).assert().code(0);
     let printed = String::from_utf8(command.get_output().stdout.clone()).unwrap();
@@ -44,7 +44,7 @@ fn the_solvers_tables_are_printed_and_honest() {
 }
 
 #[test]
-fn what_cannot_be_evaluated_is_named() {
+fn a_label_file_with_a_fault_is_named() {
     let folder = tempfile::tempdir().unwrap();
     let labels = folder.path().join("labels.json");
     std::fs::write(&labels, r#"{"image": "a.png", "cars": [{"box": [0, 0, 0, 9], "keypoints": {}}]}"#)
@@ -56,8 +56,8 @@ fn what_cannot_be_evaluated_is_named() {
         .arg(folder.path())
         .assert()
         .code(3);
-    let said = String::from_utf8(command.get_output().stderr.clone()).unwrap();
-    assert!(said.contains("car 0") && said.contains("labels.json"), "{said}");
+    let stderr = String::from_utf8(command.get_output().stderr.clone()).unwrap();
+    assert!(stderr.contains("car 0") && stderr.contains("labels.json"), "{stderr}");
 }
 
 #[test]
@@ -73,7 +73,7 @@ fn a_run_is_compared_with_a_camera_or_with_boxes_alone() {
         .args(["--set", "decode.max_frames=1"])
         .assert()
         .code(0);
-    // 10 m up, 0.3 rad down; a picture of the run's size, then one of another.
+    // The camera is 10 m up and tilted by 0.3 rad. The first picture has the run's size, the second another one.
     let camera = |cx: f64, cy: f64| {
         let (sin, cos) = 0.3f64.sin_cos();
         format!(
@@ -96,11 +96,11 @@ fn a_run_is_compared_with_a_camera_or_with_boxes_alone() {
     let row = first_row(&at("tables/01-camera.csv"));
     assert!((row["truth"] - 1360.0).abs() < 1e-6, "{row:?}");
     let refused = eval("wrong.krtd").code(2);
-    let said = String::from_utf8(refused.get_output().stderr.clone()).unwrap();
-    assert!(said.contains("1280 × 720") && said.contains("1920 × 1080"), "{said}");
+    let stderr = String::from_utf8(refused.get_output().stderr.clone()).unwrap();
+    assert!(stderr.contains("1280 × 720") && stderr.contains("1920 × 1080"), "{stderr}");
     eval("none.json").code(3);
 
-    // The same run against boxes alone: those of the first frame's cars, as a KPF file.
+    // The same run against boxes alone: the boxes of the first frame's cars, as a KPF file.
     let truth = json(&root().join("tests/data/lot.truth.json"));
     let (mut boxes, mut types) = (String::new(), String::new());
     for car in truth["frames"][0]["cars"].as_array().unwrap() {
@@ -117,7 +117,7 @@ fn a_run_is_compared_with_a_camera_or_with_boxes_alone() {
 }
 
 #[test]
-fn a_copy_of_kitti_is_walked_through() {
+fn a_copy_of_kitti_is_evaluated() {
     let folder = tempfile::tempdir().unwrap();
     let training = folder.path().join("training");
     for part in ["image_2", "label_2", "calib"] {
@@ -136,21 +136,21 @@ fn a_copy_of_kitti_is_walked_through() {
         lab().args(["eval", "kitti"]).arg(folder).arg("--out").arg(folder.join("out")).assert()
     };
     eval(folder.path()).code(0);
-    // Five cars of the one image with more than three; a grey picture holds nothing to find them by.
+    // Five cars of the only image with more than three vehicles. A grey picture shows no car.
     let row = first_row(&folder.path().join("out/01-table-3-add-kitti.csv"));
     assert_eq!(row["cars"], 5.0);
     assert!(row["0.1 d, %"] < 50.0, "{row:?}");
     std::fs::write(training.join("label_2/000000.txt"), "Car 0 zero\n").unwrap();
     let refused = eval(folder.path()).code(3);
-    let said = String::from_utf8(refused.get_output().stderr.clone()).unwrap();
-    assert!(said.contains("line 1") && said.contains("label_2/000000.txt"), "{said}");
+    let stderr = String::from_utf8(refused.get_output().stderr.clone()).unwrap();
+    assert!(stderr.contains("line 1") && stderr.contains("label_2/000000.txt"), "{stderr}");
 }
 
 #[test]
-fn known_cameras_are_measured_and_the_worst_are_drawn() {
+fn reference_cameras_are_measured_and_the_worst_are_drawn() {
     let folder = tempfile::tempdir().unwrap();
     let camera = &json(&root().join("tests/data/lot.truth.json"))["camera"];
-    let known = serde_json::json!({
+    let cameras = serde_json::json!({
         "schema": "roadplane.cameras/1",
         "cameras": [{
             "id": "rendered lot",
@@ -164,7 +164,7 @@ fn known_cameras_are_measured_and_the_worst_are_drawn() {
             "sd": { "focal_share": 0.001, "tilt_deg": 0.01, "roll_deg": 0.01, "height_share": 0.001 },
         }],
     });
-    std::fs::write(folder.path().join("cameras.json"), known.to_string()).unwrap();
+    std::fs::write(folder.path().join("cameras.json"), cameras.to_string()).unwrap();
     let out = folder.path().join("out");
     let mut command = lab();
     command.args(["eval", "cameras"]).arg(folder.path()).arg("--out").arg(&out);
@@ -172,5 +172,5 @@ fn known_cameras_are_measured_and_the_worst_are_drawn() {
     let page = std::fs::read_to_string(out.join("report.html")).unwrap();
     assert_eq!(page.matches("<figure>").count(), 1);
     assert!(page.contains("rendered lot: focal length") && page.contains("truth 1360"));
-    assert!(out.join("runs/lot/frames.jsonl").is_file(), "kept for the next time");
+    assert!(out.join("runs/lot/frames.jsonl").is_file(), "kept for a later call");
 }

@@ -1,4 +1,4 @@
-//! `roadplane export`: what it refuses. What it writes is tested in its crate.
+//! `roadplane export`: errors, and runs with a position on the map. The tests of its crate check the files.
 
 use nalgebra::Matrix4;
 use roadplane_base::{CameraEstimate, CameraParams, CameraStatus, GroundPose, ImageSize};
@@ -40,7 +40,7 @@ fn a_folder_that_is_no_run_is_named() {
     assert_eq!(names(dir.path()), Vec::<String>::new());
 }
 
-/// Ground points of the demo clip, where they would be on the map if its camera stood there.
+/// Returns a place of the demo clip's camera on the map, its true camera, and ground points surveyed there.
 fn surveyed_lot(truth: &Value) -> (Place, CameraEstimate, String) {
     let camera = &truth["camera"];
     let size = ImageSize::from([1280, 720]);
@@ -49,7 +49,7 @@ fn surveyed_lot(truth: &Value) -> (Place, CameraEstimate, String) {
         image_size_px: size,
         principal_point_px: size.centre_px(),
         lens: roadplane_base::Lens::STRAIGHT,
-        bend_sd: None,
+        distortion_sd: None,
         params: CameraParams {
             log_focal: number(&camera["focal_px"]).ln(),
             tilt: number(&camera["tilt_rad"]),
@@ -72,7 +72,7 @@ fn surveyed_lot(truth: &Value) -> (Place, CameraEstimate, String) {
 }
 
 #[test]
-fn a_run_that_knows_its_place_has_tracks_on_the_map() {
+fn a_run_with_surveyed_points_has_tracks_on_the_map() {
     let dir = tempfile::tempdir().unwrap();
     let truth = json(&root().join("tests/data/lot.truth.json"));
     let (place, camera, points) = surveyed_lot(&truth);
@@ -86,7 +86,7 @@ fn a_run_that_knows_its_place_has_tracks_on_the_map() {
     run("--camera-at", "51.05,13.74".as_ref()).code(2);
     run("--geo", file.as_os_str()).code(0);
     let result = dir.path().join("lot");
-    // The points know the camera better than cars do.
+    // The points determine the camera better than cars do.
     let fit = json(&result.join("place.json"));
     assert!((number(&fit["focal_px"]) / camera.params.focal_px() - 1.0).abs() < 0.01, "{fit}");
     assert_eq!(fit["zone"], "33N");
@@ -110,13 +110,14 @@ fn a_run_that_knows_its_place_has_tracks_on_the_map() {
     println!("on the map: median {median:.2} m of {} rows", errors.len());
     assert!(errors.len() > 100 && median < 0.4, "{median}");
 
-    // The same in GeoJSON, and in what is exported without being told again.
-    let ways = json(&result.join("tracks.geojson"));
+    // GeoJSON has the same positions, and an export does so too without the points.
+    let lines = json(&result.join("tracks.geojson"));
     let out = dir.path().join("out");
     roadplane().arg("export").arg(&result).args(["--format", "geojson", "--out"]).arg(&out).assert().code(0);
     let exported = json(&out.join("geojson/lot.tracks.geojson"));
-    assert_eq!(ways["features"], exported["features"]);
-    let [longitude, latitude] = [0, 1].map(|i| number(&ways["features"][0]["geometry"]["coordinates"][0][i]));
+    assert_eq!(lines["features"], exported["features"]);
+    let [longitude, latitude] =
+        [0, 1].map(|i| number(&lines["features"][0]["geometry"]["coordinates"][0][i]));
     assert!((latitude - 51.05).abs() < 1e-3 && (longitude - 13.74).abs() < 1e-3);
     let twice = roadplane()
         .arg("export")
@@ -127,7 +128,8 @@ fn a_run_that_knows_its_place_has_tracks_on_the_map() {
     assert_eq!(twice.unwrap().status.code(), Some(2));
 }
 
-/// Five surveyed points of `road_survey.mp4`: pixel, east and north in UTM zone 32 (see the README of the clips).
+/// Returns five surveyed points of `road_survey.mp4`: pixel, east and north in UTM zone 32 (see the README of the
+/// clips).
 fn survey() -> Vec<[f64; 4]> {
     let table = include_str!("data/road_survey.csv");
     let point = |line: &str| -> [f64; 4] {
@@ -137,7 +139,7 @@ fn survey() -> Vec<[f64; 4]> {
     table.lines().skip(1).map(point).collect()
 }
 
-/// Three points place the camera, the other two are predicted, in all ten ways.
+/// Three points give the position of the camera, and the other two are predicted, for all ten choices.
 #[test]
 #[ignore = "reads ../shared/data, which not everybody has; scripts/test runs it where it is"]
 fn surveyed_points_that_were_not_given_are_predicted_within_their_sds() {
@@ -145,7 +147,7 @@ fn surveyed_points_that_were_not_given_are_predicted_within_their_sds() {
     let dir = tempfile::tempdir().unwrap();
     roadplane().arg("run").arg(clip).arg("--out").arg(dir.path()).assert().success();
     let run = Run::read(&dir.path().join("road_survey")).unwrap();
-    let camera = &run.stretches[0].camera.estimate();
+    let camera = &run.segments[0].camera.estimate();
     let zone = UtmZone::numbered(32, false).unwrap();
     let points: Vec<SurveyPoint> = survey()
         .into_iter()
@@ -174,6 +176,6 @@ fn surveyed_points_that_were_not_given_are_predicted_within_their_sds() {
         "all five: focal {:.0} ± {:.0} px, height {:.2} ± {:.2} m",
         all.focal_px, all.focal_sd_px, all.height_m, all.height_sd_m
     );
-    // The survey alone, by others: 613 ± 18 px, 3.95 m.
+    // The survey alone, evaluated by others: 613 ± 18 px, 3.95 m.
     assert!((all.focal_px - 613.0).abs() < 2.0 * 18.0 && (all.height_m - 3.95).abs() < 0.2);
 }

@@ -1,5 +1,7 @@
-//! What each stage hands on for three frames of the demo clip: pixels, boxes, keypoints, camera, tracks, as they were when somebody
-//! looked at them last. `ROADPLANE_GOLDEN=write cargo test -p roadplane --test e2e golden_chain` keeps what is there now instead.
+//! The output of each stage for three frames of the demo clip: pixels, boxes, keypoints, camera and tracks.
+//!
+//! It is compared with stored values, which somebody checked. To store new ones:
+//! `ROADPLANE_GOLDEN=write cargo test -p roadplane --test e2e golden_chain`.
 
 use std::fs;
 use std::path::PathBuf;
@@ -11,7 +13,7 @@ use crate::common::{json, json_lines, roadplane, root};
 
 const FRAMES: u64 = 3;
 
-/// How far numbers may be from what is kept, by field: nets in f32 differ from processor to processor in the last digits.
+/// Largest difference from the file, by field. Nets in f32 differ between processors in the last digits.
 const TOLERANCES: [(&str, f64); 9] = [
     ("bbox_px", 0.5),
     ("score", 0.01),
@@ -30,7 +32,7 @@ fn chain() -> Value {
         open(&clip, &DecodeOptions { max_frames: Some(FRAMES), ..DecodeOptions::default() }).unwrap();
     let mut pictures = Vec::new();
     while let Some(frame) = input.next_frame().unwrap() {
-        // FNV-1a, as in FFmpeg's FATE a sum for every frame.
+        // A sum for every frame (FNV-1a), as in FFmpeg's FATE.
         let sum = frame.image.as_raw().iter().fold(0xcbf2_9ce4_8422_2325_u64, |sum, byte| {
             (sum ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3)
         });
@@ -69,17 +71,17 @@ fn chain() -> Value {
     })
 }
 
-/// Every difference beyond what is allowed; `field` names the innermost field.
-fn differences(kept: &Value, now: &Value, field: &str, place: &str, found: &mut Vec<String>) {
+/// Adds every difference beyond its tolerance to `found`. `field` is the name of the innermost field.
+fn differences(kept: &Value, now: &Value, field: &str, path: &str, found: &mut Vec<String>) {
     match (kept, now) {
         (Value::Object(a), Value::Object(b)) if a.keys().eq(b.keys()) => {
             for (name, value) in a {
-                differences(value, &b[name], name, &format!("{place}.{name}"), found);
+                differences(value, &b[name], name, &format!("{path}.{name}"), found);
             }
         }
         (Value::Array(a), Value::Array(b)) if a.len() == b.len() => {
             for (i, (a, b)) in a.iter().zip(b).enumerate() {
-                differences(a, b, field, &format!("{place}[{i}]"), found);
+                differences(a, b, field, &format!("{path}[{i}]"), found);
             }
         }
         (Value::Number(a), Value::Number(b)) => {
@@ -87,16 +89,16 @@ fn differences(kept: &Value, now: &Value, field: &str, place: &str, found: &mut 
                 TOLERANCES.iter().find(|(name, _)| *name == field).map_or(0.0, |(_, allowed)| *allowed);
             let off = (a.as_f64().unwrap() - b.as_f64().unwrap()).abs();
             if off > allowed {
-                found.push(format!("{place}: {b}, kept is {a}"));
+                found.push(format!("{path}: {b}, kept is {a}"));
             }
         }
         _ if kept == now => {}
-        _ => found.push(format!("{place}: another kind or number of things")),
+        _ => found.push(format!("{path}: another kind or number of values")),
     }
 }
 
 #[test]
-fn the_chain_of_stages_hands_on_what_it_did() {
+fn the_output_of_each_stage_is_unchanged() {
     let path: PathBuf = root().join("tests/data/golden_chain.json");
     let now = chain();
     if std::env::var_os("ROADPLANE_GOLDEN").is_some() {

@@ -1,5 +1,7 @@
-//! Spoilt inputs of every kind, by a mutation library: reading them ends in time, in a result or in words. A fixed set of them; for
-//! more, `ROADPLANE_MUTATE_S=600 cargo test --release -p roadplane --test mutations` spends that long on each kind.
+//! Damaged inputs of every kind, made by a mutation library. Reading them ends in time, with a result or an error.
+//!
+//! The set is fixed. For more, `ROADPLANE_MUTATE_S=600 cargo test --release -p roadplane --test mutations` spends that
+//! many seconds on each kind.
 
 #![allow(missing_docs, clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
@@ -18,37 +20,38 @@ use roadplane_pipeline::{
 use roadplane_write::read_constraints;
 use serde_json::{Value, json};
 
-/// An input may take so long.
+/// Longest time that reading an input may take.
 const PATIENCE: Duration = Duration::from_secs(120);
-/// What a process may have grown by at the end of many inputs, KiB.
+/// Largest growth of the process after many inputs, KiB.
 const MAY_GROW_KIB: u64 = 100 << 10;
-/// Frames read of a video.
+/// Number of frames that are read from a video.
 const FRAMES: usize = 12;
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").canonicalize().unwrap()
 }
 
-/// One way to spoil something.
-fn way(c: &mut Candidates<'_>, mut spoil: impl FnMut(&mut Context)) -> mutatis::Result<()> {
+/// Adds one kind of damage.
+fn damage(c: &mut Candidates<'_>, mut change: impl FnMut(&mut Context)) -> mutatis::Result<()> {
     c.mutation(|ctx| {
-        spoil(ctx);
+        change(ctx);
         Ok(())
     })
 }
 
-/// A place in something so long, which is not empty.
-fn place(ctx: &mut Context, len: usize) -> usize {
+/// Returns a random index below a positive length.
+fn index(ctx: &mut Context, len: usize) -> usize {
     ctx.rng().gen_index(len).unwrap_or(0)
 }
 
-fn stretch(ctx: &mut Context, len: usize) -> Range<usize> {
-    let at = place(ctx, len);
-    let longest = [1, 4, 64, 4096][place(ctx, 4)];
+/// Returns a random range below a positive length.
+fn range(ctx: &mut Context, len: usize) -> Range<usize> {
+    let at = index(ctx, len);
+    let longest = [1, 4, 64, 4096][index(ctx, 4)];
     at..(at + longest).min(len)
 }
 
-/// Bytes: changed, cut off, zeroed, lost, doubled, exchanged for what parsers stumble over.
+/// Mutations of bytes: changed, cut off, zeroed, lost, doubled, or replaced by bytes that are hard to parse.
 struct Bytes;
 
 impl Mutate<Vec<u8>> for Bytes {
@@ -56,26 +59,26 @@ impl Mutate<Vec<u8>> for Bytes {
         const ODD: [&[u8]; 7] = [&[0xff; 8], &[0; 8], b"-1", b"1e999", b"NaN", b"\"", b"\xc3\x28"];
         let len = value.len();
         if len == 0 {
-            return way(c, |ctx| value.push(ctx.rng().gen_u8()));
+            return damage(c, |ctx| value.push(ctx.rng().gen_u8()));
         }
-        way(c, |ctx| value[place(ctx, len)] = ctx.rng().gen_u8())?;
-        way(c, |ctx| value.truncate(place(ctx, len)))?;
-        way(c, |ctx| value[stretch(ctx, len)].fill(0))?;
-        way(c, |ctx| drop(value.drain(stretch(ctx, len))))?;
-        way(c, |ctx| {
-            let part = value[stretch(ctx, len)].to_vec();
-            let at = place(ctx, len);
+        damage(c, |ctx| value[index(ctx, len)] = ctx.rng().gen_u8())?;
+        damage(c, |ctx| value.truncate(index(ctx, len)))?;
+        damage(c, |ctx| value[range(ctx, len)].fill(0))?;
+        damage(c, |ctx| drop(value.drain(range(ctx, len))))?;
+        damage(c, |ctx| {
+            let part = value[range(ctx, len)].to_vec();
+            let at = index(ctx, len);
             value.splice(at..at, part);
         })?;
-        way(c, |ctx| {
-            let odd = ODD[place(ctx, ODD.len())];
-            let at = place(ctx, len);
+        damage(c, |ctx| {
+            let odd = ODD[index(ctx, ODD.len())];
+            let at = index(ctx, len);
             value.splice(at..(at + odd.len()).min(len), odd.iter().copied());
         })
     }
 }
 
-/// JSON that stays JSON: numbers, texts, lists and fields that are not what they should be.
+/// Mutations of JSON into other JSON: wrong numbers, texts, lists and fields.
 struct Json;
 
 impl Mutate<Value> for Json {
@@ -84,32 +87,33 @@ impl Mutate<Value> for Json {
         match value {
             Value::Array(items) if !items.is_empty() => {
                 let len = items.len();
-                way(c, |ctx| drop(items.remove(place(ctx, len))))?;
-                way(c, |ctx| items.push(items[place(ctx, len)].clone()))?;
-                way(c, |ctx| items.swap(place(ctx, len), place(ctx, len)))?;
+                damage(c, |ctx| drop(items.remove(index(ctx, len))))?;
+                damage(c, |ctx| items.push(items[index(ctx, len)].clone()))?;
+                damage(c, |ctx| items.swap(index(ctx, len), index(ctx, len)))?;
                 items.iter_mut().try_for_each(|item| self.mutate(c, item))
             }
             Value::Object(fields) if !fields.is_empty() => {
-                way(c, |ctx| {
-                    let name = fields.keys().nth(place(ctx, fields.len())).cloned();
+                damage(c, |ctx| {
+                    let name = fields.keys().nth(index(ctx, fields.len())).cloned();
                     name.and_then(|name| fields.shift_remove(&name));
                 })?;
                 fields.values_mut().try_for_each(|field| self.mutate(c, field))
             }
             leaf => {
-                way(c, |ctx| *leaf = Value::from(NUMBERS[place(ctx, NUMBERS.len())]))?;
-                way(c, |ctx| *leaf = Value::from(f64::from_bits(ctx.rng().gen_u64())))?;
-                way(c, |ctx| {
+                damage(c, |ctx| *leaf = Value::from(NUMBERS[index(ctx, NUMBERS.len())]))?;
+                damage(c, |ctx| *leaf = Value::from(f64::from_bits(ctx.rng().gen_u64())))?;
+                damage(c, |ctx| {
                     let others = [json!(null), json!("x"), json!(true), json!({}), json!([])];
-                    *leaf = others[place(ctx, others.len())].clone();
+                    *leaf = others[index(ctx, others.len())].clone();
                 })
             }
         }
     }
 }
 
-/// The `number`th spoilt input. Every second one of those that are JSON, line by line, stays it; the others are any bytes.
-fn spoilt(sound: &[Vec<u8>], number: u64, is_json: bool) -> Vec<u8> {
+/// Returns the `number`th damaged input. Every second JSON input remains JSON, line by line. The others are damaged
+/// bytes.
+fn damaged(sound: &[Vec<u8>], number: u64, is_json: bool) -> Vec<u8> {
     let mut session = Session::new().seed(number);
     let round = number as usize / sound.len();
     let sound = &sound[number as usize % sound.len()];
@@ -130,13 +134,14 @@ fn spoilt(sound: &[Vec<u8>], number: u64, is_json: bool) -> Vec<u8> {
     bytes
 }
 
+/// Returns the resident memory of this process, KiB.
 fn resident_kib() -> u64 {
     let status = fs::read_to_string("/proc/self/status").unwrap();
     let line = status.lines().find(|line| line.starts_with("VmRSS:")).unwrap();
     line.split_whitespace().nth(1).unwrap().parse().unwrap()
 }
 
-/// Spoils the sound inputs in turn, so often or for as long as is asked for; `read` says whether it got a result.
+/// Damages the sound inputs in turn, `count` times or for the requested time. `read` returns whether it got a result.
 fn mutate(kind: &str, sound: &[Vec<u8>], count: u64, read: impl Fn(&Path) -> bool) {
     let long_s = std::env::var("ROADPLANE_MUTATE_S").ok().map(|seconds| seconds.parse::<u64>().unwrap());
     let is_json =
@@ -144,9 +149,9 @@ fn mutate(kind: &str, sound: &[Vec<u8>], count: u64, read: impl Fn(&Path) -> boo
     let temp = tempfile::tempdir().unwrap();
     let path = temp.path().join(kind);
     let begun = Instant::now();
-    let (mut tried, mut came_to_something, mut held_kib) = (0, 0, None);
+    let (mut tried, mut read_inputs, mut first_kib) = (0, 0, None);
     while long_s.map_or(tried < count, |seconds| begun.elapsed() < Duration::from_secs(seconds)) {
-        let bytes = spoilt(sound, tried, is_json);
+        let bytes = damaged(sound, tried, is_json);
         fs::write(&path, &bytes).unwrap();
         let since = Instant::now();
         let ended = catch_unwind(AssertUnwindSafe(|| read(&path)));
@@ -155,18 +160,18 @@ fn mutate(kind: &str, sound: &[Vec<u8>], count: u64, read: impl Fn(&Path) -> boo
             fs::write(&kept, &bytes).unwrap();
         }
         assert!(ended.is_ok() && took <= PATIENCE, "{}: {ended:?} after {took:?}", kept.display());
-        came_to_something += u64::from(ended.unwrap_or_default());
+        read_inputs += u64::from(ended.unwrap_or_default());
         tried += 1;
         if tried == 200 {
-            held_kib = Some(resident_kib());
+            first_kib = Some(resident_kib());
         }
     }
-    let grown_kib = held_kib.map_or(0, |held_kib| resident_kib().saturating_sub(held_kib));
+    let grown_kib = first_kib.map_or(0, |first_kib| resident_kib().saturating_sub(first_kib));
     println!(
-        "{kind}: {tried} inputs in {:.0} s, {came_to_something} of them came to something, {grown_kib} KiB more held",
+        "{kind}: {tried} inputs in {:.0} s, {read_inputs} of them gave a result, {grown_kib} KiB more memory",
         begun.elapsed().as_secs_f64()
     );
-    // Tests beside this one hold memory of their own.
+    // Tests that run at the same time use memory too.
     assert!(long_s.is_none() || grown_kib < MAY_GROW_KIB, "{kind}: {grown_kib} KiB");
 }
 
@@ -193,7 +198,7 @@ fn videos() {
 
 #[test]
 fn images() {
-    let mut sound = files(&["tests/data/lots/scenes/still_0000.jpg", "docs/demo.jpg"]);
+    let mut sound = files(&["tests/data/lots/scenes/still_0000.jpg", "docs/book/images/demo.jpg"]);
     let picture = image::load_from_memory(&sound[1]).unwrap().thumbnail(320, 200);
     let mut png = std::io::Cursor::new(Vec::new());
     picture.write_to(&mut png, image::ImageFormat::Png).unwrap();
@@ -250,7 +255,7 @@ fn models() {
 }
 
 #[test]
-fn small_files_of_ours() {
+fn small_files() {
     let config = Config::default();
     let evidence = files(&["tests/data/mutations/evidence.json"]);
     mutate("evidence.json", &evidence, 200, |path| {
@@ -259,10 +264,12 @@ fn small_files_of_ours() {
         for name in ["a.0.json", "b.0.json"] {
             fs::copy(path, cameras.join("gate").join(name)).unwrap();
         }
-        stored_cameras(&EvidenceStore::new(&cameras), "gate", &config).is_ok_and(|known| !known.is_empty())
+        stored_cameras(&EvidenceStore::new(&cameras), "gate", &config)
+            .is_ok_and(|cameras| !cameras.is_empty())
     });
-    let known = [b"x1,y1,x2,y2,length_m,sd_m,pixel_sd,name\n412,688,655,691,5.00,0.03,1,two bays\n".to_vec()];
-    mutate("known.csv", &known, 1000, |path| read_constraints(path).is_ok());
+    let lengths =
+        [b"x1,y1,x2,y2,length_m,sd_m,pixel_sd,name\n412,688,655,691,5.00,0.03,1,two bays\n".to_vec()];
+    mutate("known.csv", &lengths, 1000, |path| read_constraints(path).is_ok());
     let points =
         [b"x_px,y_px,latitude,longitude,height_m\n14, 259, 51.05, 13.9, 0.5\n1,2,51,13,0\n".to_vec()];
     mutate("points.csv", &points, 1000, |path| roadplane_geo::read_points(path).is_ok());

@@ -1,4 +1,4 @@
-//! A long clip in pieces: what comes of them is what comes of a run over it all, byte for byte.
+//! A long clip in pieces: the joined result is that of a run over the whole clip, byte for byte.
 
 use std::path::Path;
 
@@ -8,10 +8,10 @@ use image::imageops::{FilterType, resize};
 use roadplane_decode::{DecodeOptions, open};
 use roadplane_view::VideoSink;
 
-/// Two looks a second keep it cheap.
+/// Frames per second of the clip: few, to keep the test cheap.
 const FPS: f64 = 2.0;
 
-/// The demo clip to and fro for a little more than two minutes.
+/// Writes a clip that plays the demo clip forwards and backwards for a little more than two minutes.
 fn long_clip(path: &Path) {
     let mut input = open(&root().join("tests/data/lot.mp4"), &DecodeOptions::default()).unwrap();
     let mut pictures = Vec::new();
@@ -27,7 +27,7 @@ fn long_clip(path: &Path) {
     video.finish().unwrap();
 }
 
-/// Exit code 2, and what it said.
+/// Asserts exit code 2 and a word of the message.
 fn refused(command: Assert, word: &str) {
     let said = String::from_utf8(command.code(2).get_output().stderr.clone()).unwrap();
     assert!(said.contains(word), "{said}");
@@ -55,7 +55,7 @@ fn pieces_joined_are_the_whole_byte_for_byte() {
         run(&["--piece", &text(line, "piece")], "pieces").code(0);
     }
     let folders: Vec<_> = plan.iter().map(|line| at("pieces").join(text(line, "folder"))).collect();
-    assert_eq!(names(&at("pieces")).len(), 3 + 1, "and the lock");
+    assert_eq!(names(&at("pieces")).len(), 3 + 1, "three pieces and the lock");
 
     let join = |folders: &[std::path::PathBuf], arguments: &[&str]| {
         roadplane().arg("join").args(folders).args(arguments).arg("--out").arg(at("joined")).assert()
@@ -70,9 +70,9 @@ fn pieces_joined_are_the_whole_byte_for_byte() {
         assert!(!of("whole").is_empty() && of("joined") == of("whole"), "{file}");
     }
     let report = |out: &str| played(&at(out).join("night/report.html"));
-    assert!(report("joined") == report("whole"), "and the reports play the same");
+    assert!(report("joined") == report("whole"), "the reports play the same");
 
-    // Stopped in its second minute, a run goes on with what it found in the first.
+    // A run that is stopped in its second minute continues with the results of the first.
     let spool = at("stopped").join(".night.partial/frames.jsonl");
     let lines = || std::fs::read(&spool).map_or(0, |bytes| bytes.iter().filter(|b| **b == b'\n').count());
     let mut stopped = process().arg("run").arg(&clip).arg("--out").arg(at("stopped")).spawn().unwrap();
@@ -84,7 +84,7 @@ fn pieces_joined_are_the_whole_byte_for_byte() {
     assert!(kill.success());
     assert_eq!(stopped.wait().unwrap().code(), Some(143));
     run(&["--resume"], "stopped").code(0);
-    assert!(report("stopped") == report("whole"), "and plays the same");
+    assert!(report("stopped") == report("whole"), "the report plays the same");
 
     let summary = |out: &str| json(&at(out).join("night/summary.json"));
     for key in ["counts", "watch", "warnings", "input", "models", "config_sha256", "status"] {

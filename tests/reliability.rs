@@ -1,4 +1,5 @@
-//! What goes wrong on machines: limits, disks, signals, files that change. The long runs of the same kinds: `scripts/reliability`.
+//! Faults of machines: limits, disks, signals, and files that change. `scripts/reliability` has long runs of the same
+//! kinds.
 
 use std::fs;
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
@@ -9,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use crate::common::{names, played, process, roadplane, root};
 
-/// A few frames of the demo clip.
+/// Settings for a few frames of the demo clip.
 const SHORT: [&str; 2] = ["--set", "decode.max_frames=12"];
 
 fn clip() -> PathBuf {
@@ -20,16 +21,16 @@ fn said(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
-/// Files of a result that must not differ: all but what holds times of day or speeds.
+/// Returns the files of a result that must not differ: all files without times of day or speeds of the run.
 fn contents(result: &Path) -> Vec<(String, Vec<u8>)> {
     let varies = ["summary.json", "report.html"];
     let files = names(result).into_iter().filter(|name| !varies.contains(&name.as_str()));
-    let played = ("what is played".to_owned(), played(&result.join("report.html")).into_bytes());
+    let played = ("played data".to_owned(), played(&result.join("report.html")).into_bytes());
     files.map(|name| (name.clone(), fs::read(result.join(name)).unwrap())).chain([played]).collect()
 }
 
 #[test]
-fn any_limit_on_memory_is_answered_by_words() {
+fn any_limit_on_memory_gives_a_result_or_a_message() {
     let out = tempfile::tempdir().unwrap();
     for mib in [400, 500, 600, 700, 800, 900, 1000, 1100, 1200, 1300, 1400, 1600] {
         let output = Command::new("bash")
@@ -58,7 +59,7 @@ fn any_limit_on_memory_is_answered_by_words() {
 }
 
 #[test]
-fn stopped_by_a_signal_a_run_goes_on_where_it_was() {
+fn a_run_stopped_by_a_signal_continues_where_it_was() {
     let temp = tempfile::tempdir().unwrap();
     let (whole, cut) = (temp.path().join("whole"), temp.path().join("cut"));
     let run = |out: &Path| {
@@ -69,7 +70,7 @@ fn stopped_by_a_signal_a_run_goes_on_where_it_was() {
     };
     assert!(run(&whole).status().unwrap().success());
     for (signal, code) in [("TERM", 143), ("INT", 130)] {
-        // Each run writes it anew, when it listens to signals.
+        // Each run writes the stamp anew when it handles signals.
         let stamp = || cut.join(".lot.partial/stamp.json").metadata().and_then(|stamp| stamp.modified()).ok();
         let before = stamp();
         let mut child = run(&cut).spawn().unwrap();
@@ -89,7 +90,7 @@ fn stopped_by_a_signal_a_run_goes_on_where_it_was() {
 }
 
 #[test]
-fn killed_runs_are_no_obstacle_and_change_nothing() {
+fn killed_runs_do_not_change_the_next_result() {
     let temp = tempfile::tempdir().unwrap();
     let (whole, cut) = (temp.path().join("whole"), temp.path().join("cut"));
     let run = |out: &Path| {
@@ -120,7 +121,7 @@ fn a_folder_that_cannot_be_written_is_named() {
         assert_eq!(output.status.code(), Some(1), "{}", said(&output));
         assert!(said(&output).contains(out.to_str().unwrap()), "{}", said(&output));
     }
-    // Read-only: root may write there all the same.
+    // The folder is read-only, but root can write there.
     let locked = temp.path().join("locked");
     fs::create_dir(&locked).unwrap();
     fs::set_permissions(&locked, fs::Permissions::from_mode(0o555)).unwrap();
@@ -161,13 +162,13 @@ fn the_second_of_two_runs_on_one_folder_is_refused_at_once() {
     let since = Instant::now();
     let output = process().arg("run").arg(clip()).arg("--out").arg(temp.path()).output().unwrap();
     assert_eq!(output.status.code(), Some(11), "{}", said(&output));
-    // A second where nothing else runs; loading the libraries takes most of it.
+    // It takes a second if nothing else runs; most of it is loading the libraries.
     assert!(since.elapsed() < Duration::from_secs(5), "{:?}", since.elapsed());
     assert!(first.wait().unwrap().success(), "the first is not disturbed");
 }
 
 #[test]
-fn a_clip_that_grows_while_it_is_read_is_damage_or_whole() {
+fn a_clip_that_grows_while_it_is_read_is_damaged_or_complete() {
     let temp = tempfile::tempdir().unwrap();
     let whole = fs::read(clip()).unwrap();
     let growing = temp.path().join("growing.mp4");
@@ -186,7 +187,7 @@ fn a_clip_that_grows_while_it_is_read_is_damage_or_whole() {
 }
 
 #[test]
-fn playlists_addresses_and_links_lead_nowhere() {
+fn playlists_addresses_and_links_are_not_followed() {
     let temp = tempfile::tempdir().unwrap();
     let put = |name: &str, text: &str| {
         let path = temp.path().join(name);
@@ -211,7 +212,7 @@ fn playlists_addresses_and_links_lead_nowhere() {
     ] {
         let out = temp.path().join("out");
         let output = process().arg("run").arg(&input).arg("--out").arg(&out).output().unwrap();
-        // What is there is at fault itself; what is not, the command line.
+        // An existing file is itself at fault (3); for a missing one it is the command line (2).
         let code = if input.exists() { 3 } else { 2 };
         assert_eq!(output.status.code(), Some(code), "{}: {}", input.display(), said(&output));
         assert_eq!(names(&out), [".roadplane.lock"], "{}", input.display());
@@ -303,10 +304,10 @@ fn counts_are_served_while_running() {
 }
 
 #[test]
-fn a_reader_that_goes_away_ends_the_output_quietly() {
+fn a_reader_that_closes_the_output_ends_it_quietly() {
     let temp = tempfile::tempdir().unwrap();
     let mut detect = process();
-    detect.arg("detect").arg(clip()).args(["--out", "-", "--set", "decode.max_frames=200"]);
+    detect.args(["stage", "detect"]).arg(clip()).args(["--out", "-", "--set", "decode.max_frames=200"]);
     let mut child = detect.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let mut line = String::new();
     BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();

@@ -1,4 +1,4 @@
-//! `roadplane synth`: what it writes is what `roadplane solve` reads, and the camera comes back.
+//! `roadplane-lab synth`: `roadplane stage solve` reads the scenes, and its camera agrees with the truth.
 
 use std::path::Path;
 
@@ -12,7 +12,7 @@ fn synth(out: &Path, stills: u32, clips: u32, more: &[&str]) -> assert_cmd::asse
 }
 
 #[test]
-fn the_camera_comes_back_within_its_sd() {
+fn the_camera_agrees_with_the_truth_within_its_sd() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("set");
     synth(&out, 12, 1, &["--seed", "3"]).code(0);
@@ -35,7 +35,7 @@ fn the_camera_comes_back_within_its_sd() {
         height.push(off("height_m", "height_sd_m"));
         tilt.push(off("tilt_rad", "tilt_sd_rad"));
     }
-    // Of 12 normal errors, more than 3.5 sd once in a hundred runs; the seed is fixed.
+    // Of 12 normal errors, one exceeds 3.5 sd once in a hundred runs; the seed is fixed.
     for errors in [focal, height, tilt] {
         assert!(errors.iter().all(|e| *e < 3.5), "{errors:?}");
         assert!(errors.iter().filter(|e| **e < 1.5).count() >= 6, "{errors:?}");
@@ -43,14 +43,14 @@ fn the_camera_comes_back_within_its_sd() {
 }
 
 #[test]
-fn a_clip_holds_what_its_truth_says() {
+fn a_clip_agrees_with_its_truth() {
     let folder = tempfile::tempdir().unwrap();
     synth(folder.path(), 0, 1, &["--noise", "0"]).code(0);
     let scenes = folder.path().join("scenes");
     let truth = json(&scenes.join("clip_0000.truth.json"));
     let frames = json_lines(&scenes.join("clip_0000.frames.jsonl"));
     assert_eq!(frames.len(), 10);
-    let mut places = Vec::new();
+    let mut observed = Vec::new();
     for (found, frame) in frames.iter().zip(truth["frames"].as_array().unwrap()) {
         assert_eq!(found["time_s"], frame["time_s"]);
         let (cars, found) = (frame["cars"].as_array().unwrap(), found["cars"].as_array().unwrap());
@@ -65,18 +65,18 @@ fn a_clip_holds_what_its_truth_says() {
                     assert_eq!((&truth[0], &truth[1]), (&found[0], &found[1]));
                 }
             }
-            let place = (number(&car["world_from_car"][0][3]), number(&car["world_from_car"][1][3]));
-            places.push((
+            let position = (number(&car["world_from_car"][0][3]), number(&car["world_from_car"][1][3]));
+            observed.push((
                 car["id"].as_u64().unwrap(),
                 frame["frame"].as_u64().unwrap(),
-                place,
+                position,
                 number(&car["speed_mps"]),
             ));
         }
     }
     let mut driven = 0;
-    for (id, frame, (x, y), speed) in &places {
-        let next = places.iter().find(|(i, f, ..)| i == id && *f == frame + 1);
+    for (id, frame, (x, y), speed) in &observed {
+        let next = observed.iter().find(|(i, f, ..)| i == id && *f == frame + 1);
         let Some((_, _, (x1, y1), speed1)) = next else { continue };
         let moved = (x1 - x).hypot(y1 - y) * 5.0;
         assert!((moved - 0.5 * (speed + speed1).abs()).abs() < 0.1, "{moved} {speed} {speed1}");
@@ -86,7 +86,7 @@ fn a_clip_holds_what_its_truth_says() {
 }
 
 #[test]
-fn the_same_seed_gives_the_same_bytes_and_work_goes_on() {
+fn the_same_seed_gives_the_same_bytes_and_interrupted_work_continues() {
     let folder = tempfile::tempdir().unwrap();
     let (one, two) = (folder.path().join("one"), folder.path().join("two"));
     synth(&one, 7, 1, &[]).code(0);
@@ -101,7 +101,7 @@ fn the_same_seed_gives_the_same_bytes_and_work_goes_on() {
         std::fs::read(one.join("dataset.json")).unwrap(),
         std::fs::read(two.join("dataset.json")).unwrap()
     );
-    // Items of other options are not mixed in.
+    // Items with other options are not mixed in.
     let refused = synth(&two, 7, 1, &["--noise", "0.05"]).code(2);
     assert!(String::from_utf8_lossy(&refused.get_output().stderr).contains("other options"));
     synth(&two, 7, 1, &["--noise", "-1"]).code(2);

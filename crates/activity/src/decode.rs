@@ -1,34 +1,22 @@
-//! Probabilities at steps → one label a sample: the steadiest labels, then the rules.
+//! Probabilities at steps → one label per sample: the most probable sequence of labels, then the rules.
 
-use crate::events::{Labelled, stretches};
+use crate::events::{Labelled, intervals};
 use crate::label::{LABELS, Label};
 use crate::motion::{Motion, STEP_S};
-use crate::rules::{bend, drive_on, settle};
+use crate::probabilities::Probabilities;
+use crate::rules::{check_turns, drive_on, settle};
 
-/// What a change of label costs, as a logarithm of probability: labels that hold for a step or two are flicker.
+/// Cost of a change of label, as a logarithm of probability. A label that lasts only a step or two is flicker.
 const CHANGE_COST: f64 = 3.0;
-/// Probabilities are not taken for less: the net is not that sure.
+/// Lowest probability that is used: the net is never surer than this.
 const LEAST_P: f64 = 1e-4;
-/// Farther than this from a sighting (s) a vehicle's motion is guesswork: it stands or drives on, as far as anyone can tell,
-/// and other labels cost so much a step, as a logarithm of probability.
+/// Longest time to an observed sample at which the net's probabilities are used, s. Beyond it the motion is a guess:
+/// the vehicle is stationary or drives on.
 const UNSEEN_S: f64 = 0.4;
-/// See [`UNSEEN_S`].
+/// Cost per step of any other label beyond [`UNSEEN_S`], as a logarithm of probability.
 const UNSEEN_COST: f64 = 2.0;
 
-/// Probabilities of the labels at steps of the grid, which may skip where the vehicle stands.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Probabilities {
-    /// Steps, rising, as multiples of [`crate::STEP_S`].
-    pub steps: Vec<i64>,
-    /// By [`Label::index`].
-    pub p: Vec<[f64; LABELS]>,
-    /// Time from each step to the nearest sighting, s, up to 2.
-    pub gap_s: Vec<f64>,
-    /// Speed at each step, m/s.
-    pub speed_mps: Vec<f64>,
-}
-
-/// The labels that are most probable together, where each change costs (Viterbi 1967).
+/// Returns the most probable sequence of labels, where each change has a cost (Viterbi 1967).
 fn steady(found: &Probabilities) -> Vec<usize> {
     let plain = [Label::NotMoving.index(), Label::Moving.index()];
     let gain = |step: usize, label: usize| match found.gap_s[step] > UNSEEN_S {
@@ -61,24 +49,25 @@ fn steady(found: &Probabilities) -> Vec<usize> {
 }
 
 impl Probabilities {
-    /// The steadiest labels at samples' times (s, rising), without the rules, which look at motion: for nets that see
-    /// something else.
+    /// Returns the most probable labels at the samples' times (s, rising), without the rules.
+    ///
+    /// The rules need the motion. This is for nets that see something else, such as video.
     #[must_use]
     pub fn steady(&self, time_s: &[f64]) -> Labelled {
         at_samples(self, &steady(self), time_s)
     }
 }
 
-/// Labels of a motion's samples.
+/// Returns the labels of a motion's samples.
 pub(crate) fn labelled(found: &Probabilities, motion: &Motion) -> Labelled {
     let mut labels = steady(found);
     settle(&mut labels, &found.steps, motion);
-    bend(&mut labels, &found.steps, motion);
+    check_turns(&mut labels, &found.steps, motion);
     drive_on(&mut labels, found);
     at_samples(found, &labels, &motion.time_s)
 }
 
-/// Each sample has the label of the nearest step; where steps were skipped the last before holds.
+/// Gives each sample the label of the nearest step. Where steps were skipped, it is the label of the last step before.
 fn at_samples(found: &Probabilities, labels: &[usize], time_s: &[f64]) -> Labelled {
     let (Some(first_s), Some(last_s)) = (time_s.first(), time_s.last()) else { return Labelled::default() };
     if labels.is_empty() {
@@ -95,7 +84,7 @@ fn at_samples(found: &Probabilities, labels: &[usize], time_s: &[f64]) -> Labell
             (Label::ALL[labels[i]], found.p[i][labels[i]])
         })
         .collect();
-    Labelled { samples, stretches: stretches(found, labels, *first_s, *last_s) }
+    Labelled { samples, intervals: intervals(found, labels, *first_s, *last_s) }
 }
 
 #[cfg(test)]
@@ -117,7 +106,7 @@ mod tests {
         }
     }
 
-    /// At 2 m/s.
+    /// Straight on at 2 m/s.
     fn driving(times: &[f64]) -> Motion {
         Motion {
             time_s: times.to_vec(),
@@ -127,28 +116,28 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_seen_or_stays_is_no_event() {
-        let mut told = vec![Label::NotMoving; 30];
-        told[10..20].fill(Label::Reversing);
+    fn an_event_needs_observed_motion() {
+        let mut labels = vec![Label::NotMoving; 30];
+        labels[10..20].fill(Label::Reversing);
         let times: Vec<f64> = (0..59).map(|i| 1.0 + f64::from(i) * 0.1).collect();
-        let mut found = sure(&told);
-        assert_eq!(labelled(&found, &driving(&times)).stretches.len(), 1);
+        let mut found = sure(&labels);
+        assert_eq!(labelled(&found, &driving(&times)).intervals.len(), 1);
         let mut wavering = driving(&times);
         wavering.xy_m.iter_mut().for_each(|xy| xy[0] *= 0.25);
-        assert!(labelled(&found, &wavering).stretches.is_empty());
+        assert!(labelled(&found, &wavering).intervals.is_empty());
         found.gap_s[10..20].fill(1.0);
-        assert!(labelled(&found, &driving(&times)).stretches.is_empty());
+        assert!(labelled(&found, &driving(&times)).intervals.is_empty());
     }
 
     #[test]
-    fn who_leaves_as_the_track_ends_has_left_its_place() {
-        let mut told = vec![Label::NotMoving; 30];
-        told[22..].fill(Label::Starting);
+    fn a_car_that_leaves_as_its_track_ends_is_starting() {
+        let mut labels = vec![Label::NotMoving; 30];
+        labels[22..].fill(Label::Starting);
         let times: Vec<f64> = (0..59).map(|i| 1.0 + f64::from(i) * 0.1).collect();
         let label_at_the_end = |speed: f64| {
             let mut motion = driving(&times);
             motion.xy_m.iter_mut().for_each(|xy| xy[0] *= speed / 2.0);
-            labelled(&sure(&told), &motion).samples[58].0
+            labelled(&sure(&labels), &motion).samples[58].0
         };
         // Within 1.4 s.
         assert_eq!(label_at_the_end(1.2), Label::Starting);
@@ -156,15 +145,15 @@ mod tests {
     }
 
     #[test]
-    fn flicker_goes_and_changes_stay() {
-        let (stand, start, go) = (Label::NotMoving, Label::Starting, Label::Moving);
-        let mut told = vec![stand; 10];
-        told.extend([start; 12]);
-        told.extend([go; 8]);
-        told[4] = Label::Reversing;
+    fn flicker_is_removed_and_changes_stay() {
+        let (rest, start, go) = (Label::NotMoving, Label::Starting, Label::Moving);
+        let mut labels = vec![rest; 10];
+        labels.extend([start; 12]);
+        labels.extend([go; 8]);
+        labels[4] = Label::Reversing;
         let times: Vec<f64> = (0..59).map(|i| 1.0 + f64::from(i) * 0.1).collect();
-        let labelled = labelled(&sure(&told), &driving(&times));
-        assert_eq!(labelled.samples[8].0, stand);
+        let labelled = labelled(&sure(&labels), &driving(&times));
+        assert_eq!(labelled.samples[8].0, rest);
         assert!((labelled.samples[8].1 - 0.02).abs() < 1e-12, "the net's own probability");
         let events: Vec<crate::Event> = labelled.events(7).collect();
         assert_eq!(events.iter().map(|e| e.activity).collect::<Vec<_>>(), [start, go]);
@@ -174,29 +163,29 @@ mod tests {
     }
 
     #[test]
-    fn who_was_not_seen_to_stand_drives_on() {
-        let mut told = vec![Label::Moving; 10];
-        told.extend([Label::Stopping; 10]);
-        told.extend([Label::NotMoving; 20]);
+    fn a_car_that_is_not_observed_at_rest_drives_on() {
+        let mut labels = vec![Label::Moving; 10];
+        labels.extend([Label::Stopping; 10]);
+        labels.extend([Label::NotMoving; 20]);
         let times: Vec<f64> = (0..79).map(|i| 1.0 + f64::from(i) * 0.1).collect();
         let mut motion = driving(&times);
         motion.xy_m.iter_mut().for_each(|xy| xy[0] = xy[0].min(10.0));
-        let mut found = sure(&told);
+        let mut found = sure(&labels);
         let label_at_3_s = |found: &Probabilities| labelled(found, &motion).samples[20].0;
         assert_eq!(label_at_3_s(&found), Label::Stopping);
         found.gap_s[20..].iter_mut().enumerate().for_each(|(i, gap)| *gap = 0.2 * (i + 1) as f64);
         assert_eq!(label_at_3_s(&found), Label::Moving);
-        // Seen at its end alone, long after.
+        // Observed only at its end, much later.
         found.gap_s[39] = 0.0;
         assert_eq!(label_at_3_s(&found), Label::Moving);
     }
 
     #[test]
-    fn a_turn_bends_the_way_and_a_u_turn_bends_it_far() {
+    fn a_turn_needs_a_curve_and_a_u_turn_a_tight_one() {
         let times: Vec<f64> = (0..79).map(|i| 1.0 + f64::from(i) * 0.1).collect();
-        let label_of = |told: Label, turned_deg: f64| {
+        let label_of = |label: Label, turned_deg: f64| {
             let mut labels = vec![Label::Moving; 40];
-            labels[10..30].fill(told);
+            labels[10..30].fill(label);
             let mut motion = driving(&times);
             // An arc over the middle four seconds.
             let (mut at, mut heading) = ([0.0_f64; 2], 0.0_f64);
@@ -213,26 +202,26 @@ mod tests {
         assert_eq!(label_of(Label::TurningLeft, 40.0), Label::TurningLeft);
         assert_eq!(label_of(Label::TurningLeft, 5.0), Label::Moving);
         assert_eq!(label_of(Label::UTurn, -5.0), Label::Moving);
-        // Three samples beside each other bend by chance.
+        // The path through three samples beside each other turns by chance.
         assert!(turned(&[[0.0, 0.0], [0.2, 0.0], [0.1, 0.15]]).unwrap().abs() < 0.2);
     }
 
     #[test]
-    fn without_motion_the_steadiest_labels_are_told() {
-        let mut told = vec![Label::Moving; 30];
-        told[10..20].fill(Label::UTurn);
-        told[25] = Label::Stopping;
+    fn without_motion_no_rule_changes_the_labels() {
+        let mut labels = vec![Label::Moving; 30];
+        labels[10..20].fill(Label::UTurn);
+        labels[25] = Label::Stopping;
         let times: Vec<f64> = (0..59).map(|i| 1.0 + f64::from(i) * 0.1).collect();
-        // The rules take a U-turn on a straight way back; here nothing is known of the way.
-        assert_eq!(labelled(&sure(&told), &driving(&times)).samples[25].0, Label::Moving);
-        let labelled = sure(&told).steady(&times);
+        // The rules remove a U-turn on a straight path; without a motion there is no path to check.
+        assert_eq!(labelled(&sure(&labels), &driving(&times)).samples[25].0, Label::Moving);
+        let labelled = sure(&labels).steady(&times);
         assert_eq!(labelled.samples[25].0, Label::UTurn);
         assert_eq!(labelled.samples[40].0, Label::Moving);
-        assert!(sure(&told).steady(&[]).samples.is_empty() && sure(&[]).steady(&times).samples.is_empty());
+        assert!(sure(&labels).steady(&[]).samples.is_empty() && sure(&[]).steady(&times).samples.is_empty());
     }
 
     #[test]
-    fn what_was_skipped_is_as_before() {
+    fn skipped_steps_keep_the_label_before_them() {
         let mut found = sure(&[Label::NotMoving, Label::NotMoving, Label::Moving, Label::Moving]);
         found.steps = vec![0, 1, 500, 510];
         let labelled = labelled(&found, &driving(&[0.0, 50.0, 100.0, 102.0]));

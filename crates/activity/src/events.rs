@@ -1,46 +1,48 @@
-//! Labels of steps → events: stretches of one label, and starts and stops within turns.
+//! Labels of steps → events: intervals of one label, and starts and stops within turns.
 
 use std::ops::Range;
 
 use serde::{Deserialize, Serialize};
 
-use crate::decode::Probabilities;
 use crate::label::Label;
 use crate::motion::STEP_S;
+use crate::probabilities::Probabilities;
 use crate::spans::event_spans;
 
-/// Events that are less probable than their opposite are not told.
+/// Lowest mean probability of an event. Less probable events are left out: their opposite is more probable.
 const LEAST_CONFIDENCE: f64 = 0.5;
 
-/// A stretch in which a vehicle does one thing; a start or stop within a turn shares its time with the turn.
+/// An interval in which a vehicle does one thing. A start or stop within a turn shares its time with the turn.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Event {
-    /// Of which track.
+    /// Number of the vehicle's track.
     pub track: u64,
-    /// What it does.
+    /// Activity of the vehicle.
     pub activity: Label,
     /// Beginning, s.
     pub from_s: f64,
     /// End, s.
     pub to_s: f64,
-    /// Mean probability over its steps; of a start or stop within a turn, that it is the one or the other.
+    /// Mean probability over its steps. For a start or stop within a turn: the probability of either of the two.
     pub confidence: f64,
 }
 
-/// What a vehicle does.
+/// The labels of one track, by sample and by interval.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Labelled {
-    /// Per sample its label and the net's probability of it.
+    /// Label of each sample, with the net's probability of it.
     pub samples: Vec<(Label, f64)>,
-    /// Stretches of one label, by their beginning, of all but standing and what is told with less than even odds: label,
-    /// beginning and end (s), mean probability. Starts and stops may share their time with turns.
-    pub stretches: Vec<(Label, f64, f64, f64)>,
+    /// Intervals of one label in order of their beginning: label, beginning and end (s), mean probability.
+    ///
+    /// Stationary intervals and those with a mean probability below one half are left out. Starts and stops may share
+    /// their time with turns.
+    pub intervals: Vec<(Label, f64, f64, f64)>,
 }
 
 impl Labelled {
-    /// The stretches as events of a track.
+    /// Returns the intervals as events of a track.
     pub fn events(&self, track: u64) -> impl Iterator<Item = Event> {
-        self.stretches.iter().map(move |&(activity, from_s, to_s, confidence)| Event {
+        self.intervals.iter().map(move |&(activity, from_s, to_s, confidence)| Event {
             track,
             activity,
             from_s,
@@ -50,8 +52,8 @@ impl Labelled {
     }
 }
 
-/// See [`Labelled::stretches`]; of a motion from `first_s` to `last_s`.
-pub(crate) fn stretches(
+/// Returns the [`Labelled::intervals`] of a motion from `first_s` to `last_s`.
+pub(crate) fn intervals(
     found: &Probabilities,
     labels: &[usize],
     first_s: f64,
@@ -61,7 +63,7 @@ pub(crate) fn stretches(
     let times: Vec<f64> = found.steps.iter().map(|step| *step as f64 * STEP_S).collect();
     // A change lies between two steps.
     let at = |i: usize| (found.steps[i] as f64 - 0.5) * STEP_S;
-    let stretch = |(label, span): (Label, Range<usize>)| {
+    let interval = |(label, span): (Label, Range<usize>)| {
         let begin = if span.start == 0 { first_s } else { at(span.start) };
         let end = if span.end == labels.len() { last_s } else { at(span.end) };
         let p = |i: usize| {
@@ -71,7 +73,7 @@ pub(crate) fn stretches(
         let mean = span.clone().map(p).sum::<f64>() / span.len() as f64;
         (mean >= LEAST_CONFIDENCE).then_some((label, begin, end, mean))
     };
-    event_spans(&named, &times, &found.speed_mps).into_iter().filter_map(stretch).collect()
+    event_spans(&named, &times, &found.speed_mps).into_iter().filter_map(interval).collect()
 }
 
 #[cfg(test)]
@@ -92,12 +94,12 @@ mod tests {
             // Up to 5 m/s within the turn's first half.
             speed_mps: (0..40_u32).map(|i| (f64::from(i) - 9.0).clamp(0.0, 10.0) * 0.5).collect(),
         };
-        let told = stretches(&found, &labels, 0.0, 7.8);
-        let names: Vec<Label> = told.iter().map(|stretch| stretch.0).collect();
-        assert_eq!(names, [Label::Starting, Label::TurningLeft, Label::Moving], "{told:?}");
-        let (start, turn) = (told[0], told[1]);
+        let events = intervals(&found, &labels, 0.0, 7.8);
+        let names: Vec<Label> = events.iter().map(|interval| interval.0).collect();
+        assert_eq!(names, [Label::Starting, Label::TurningLeft, Label::Moving], "{events:?}");
+        let (start, turn) = (events[0], events[1]);
         assert!((start.1 - 1.9).abs() < 1e-9 && (start.2 - 3.7).abs() < 0.3, "{start:?}");
         assert!((turn.1 - 1.9).abs() < 1e-9 && (turn.2 - 5.9).abs() < 1e-9, "{turn:?}");
-        assert!((start.3 - 0.88).abs() < 1e-9, "the turn's probability and the start's");
+        assert!((start.3 - 0.88).abs() < 1e-9, "the sum of the probabilities of turn and start");
     }
 }

@@ -1,25 +1,26 @@
-//! What the net sees of a motion, a row a step. `scripts/train/activity/features.py` does the same; both are held to
-//! `tests/data/activity/features.json`.
+//! Features of a motion: the input of the net, one row per step.
+//!
+//! `scripts/train/activity/features.py` computes the same features. `tests/data/activity/features.json` tests both.
 
 use crate::motion::{Local, Motion, STEP_S, local, seen_times, unwrapped};
 
-/// Numbers a step.
+/// Number of features per step.
 pub const FEATURES: usize = 15;
-/// The last of them: time to the nearest sighting, s, up to 2.
+/// Index of the last feature: time to the nearest observed sample, s, at most 2.
 pub(crate) const GAP: usize = FEATURES - 1;
-/// The first of them is speed over this, m/s.
+/// Unit of the first feature, which is a speed, m/s.
 const SPEED_MPS: f64 = 5.0;
-/// Directions of slower motion fade out, m/s.
+/// Speed below which the direction of motion fades out, m/s.
 const SLOW_MPS: f64 = 0.3;
 
-/// The rows of these steps. The motion must have passed [`Motion::check`].
+/// Returns the features at these steps. The motion must have passed [`Motion::check`].
 #[must_use]
 pub fn features(motion: &Motion, steps: &[i64]) -> Vec<[f32; FEATURES]> {
     let (headings, seen_s) = (unwrapped(&motion.heading_rad), seen_times(motion));
     steps.iter().map(|step| row(&local(motion, &headings, &seen_s, *step as f64 * STEP_S))).collect()
 }
 
-/// Speed at the step of a row, m/s.
+/// Returns the speed at the step of a row of features, m/s.
 pub(crate) fn speed_mps(row: &[f32; FEATURES]) -> f64 {
     f64::from(row[0]) * SPEED_MPS
 }
@@ -31,16 +32,16 @@ fn row(local: &Local) -> [f32; FEATURES] {
     let along = v.dot(&a) / faded;
     let across = v.perp(&a) / faded;
     let course_rate = across / faded;
-    let (known, forward, sideways, yaw_rate) = match local.heading {
+    let (has_heading, forward, sideways, yaw_rate) = match local.heading {
         None => (0.0, speed, 0.0, course_rate),
         Some([heading, rate]) => {
             let (sin, cos) = heading.sin_cos();
             (1.0, v.x * cos + v.y * sin, v.y * cos - v.x * sin, rate)
         }
     };
-    // The sd along the motion and across it; of a standing car the mean of both.
-    let standing = (SLOW_MPS / faded).powi(2) / 2.0;
-    let [x, y] = [v.x, v.y].map(|part| (part / faded).powi(2) + standing);
+    // The sd along the motion and across it. For a stationary car each is the mean over the two axes.
+    let stationary = (SLOW_MPS / faded).powi(2) / 2.0;
+    let [x, y] = [v.x, v.y].map(|part| (part / faded).powi(2) + stationary);
     let [sx, sy] = [local.sd_m.x.powi(2), local.sd_m.y.powi(2)];
     let sd = |square: f64| (square.sqrt().clamp(0.05, 2.0) / 0.2).ln();
     [
@@ -53,8 +54,8 @@ fn row(local: &Local) -> [f32; FEATURES] {
         course_rate.clamp(-2.0, 2.0),
         (across / faded.powi(2)).clamp(-1.0, 1.0) * 3.0,
         yaw_rate.clamp(-2.0, 2.0),
-        known,
-        known * (forward / SLOW_MPS).tanh(),
+        has_heading,
+        has_heading * (forward / SLOW_MPS).tanh(),
         (local.rms_m.clamp(0.005, 1.0) / 0.05).ln() / 2.0,
         sd(x * sx + y * sy),
         sd(y * sx + x * sy),

@@ -1,4 +1,4 @@
-//! The labels and their order in the net's output.
+//! The labels, and their order in the output of the net.
 
 use std::fmt;
 
@@ -8,8 +8,10 @@ use serde::{Deserialize, Serialize};
 /// Number of labels.
 pub const LABELS: usize = 8;
 
-/// What a vehicle does. Exactly one holds at a time: who turns while reversing is reversing, who turns while
-/// starting is turning (its events are both: [`crate::event_spans`]).
+/// Activity of a vehicle.
+///
+/// A vehicle has exactly one label at a time. A vehicle that turns while it reverses is reversing. A vehicle that turns
+/// while it starts is turning, but has both events ([`crate::event_spans`]).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[allow(missing_docs)]
@@ -25,7 +27,7 @@ pub enum Label {
 }
 
 impl Label {
-    /// All, in the order of the net's output.
+    /// All labels, in the order of the net's output.
     pub const ALL: [Self; LABELS] = [
         Self::NotMoving,
         Self::Moving,
@@ -37,7 +39,7 @@ impl Label {
         Self::Reversing,
     ];
 
-    /// As files have it.
+    /// Returns its name in files.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -52,22 +54,23 @@ impl Label {
         }
     }
 
-    /// The label with a name.
+    /// Returns the label with this name.
     #[must_use]
     pub fn named(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|label| label.name() == name)
     }
 
-    /// Place in the net's output.
+    /// Returns its index in the net's output.
     #[must_use]
     pub fn index(self) -> usize {
         self as usize
     }
 
-    /// What a truth file's activity is here: `parked` is not moving; `parking` is what the car does meanwhile: reversing, or
-    /// turning where its path bends by more than a radius of 20 m, or else stopping.
+    /// Returns the label of an activity in a truth file.
     ///
-    /// `speed_mps` is negative when reversing; `curvature` is the path's, 1/m, positive to the left.
+    /// `parked` is not moving. `parking` is reversing, or turning where the radius of the path is below 20 m, or else
+    /// stopping. `speed_mps` is negative when the car reverses. `curvature` is that of the path, 1/m, positive to the
+    /// left.
     #[must_use]
     pub fn of_truth(activity: Activity, speed_mps: f64, curvature: f64) -> Self {
         match activity {
@@ -98,9 +101,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_and_places_agree_with_the_files() {
-        for (place, label) in Label::ALL.into_iter().enumerate() {
-            assert_eq!(label.index(), place);
+    fn names_and_indices_agree_with_the_files() {
+        for (index, label) in Label::ALL.into_iter().enumerate() {
+            assert_eq!(label.index(), index);
             assert_eq!(Label::named(label.name()), Some(label));
             assert_eq!(serde_json::to_value(label).unwrap(), label.name());
         }
@@ -108,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn parking_is_what_the_car_does_meanwhile() {
+    fn parking_is_labelled_by_the_motion() {
         assert_eq!(Label::of_truth(Activity::Parking, -1.0, 0.2), Label::Reversing);
         assert_eq!(Label::of_truth(Activity::Parking, 1.0, -0.2), Label::TurningRight);
         assert_eq!(Label::of_truth(Activity::Parking, 1.0, 0.01), Label::Stopping);

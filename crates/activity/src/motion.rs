@@ -1,33 +1,33 @@
-//! A track's samples, and a smooth motion through them at the steps of the grid.
+//! The samples of a track, and a smooth motion through them at the steps of the grid.
 
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 use thiserror::Error;
 
 /// Time between two steps, s; steps are whole multiples of it.
 pub const STEP_S: f64 = 0.2;
-/// sd of the weights in time, and how far they reach, s.
+/// sd of the Gaussian weights in time, s.
 const WINDOW_SD_S: f64 = 0.35;
-/// See [`WINDOW_SD_S`].
+/// Half width of the window of weights, s.
 const WINDOW_S: f64 = 1.05;
-/// What the weights add up to, samples: whatever the frame rate, a window says as much.
+/// Sum of the weights of a window, samples. A window has the same weight at any frame rate.
 const WEIGHT: f64 = 5.0;
-/// sd of the priors on speed (m/s) and acceleration (m/s²).
+/// sd of the prior on speed, m/s.
 const SPEED_MPS: f64 = 10.0;
-/// See [`SPEED_MPS`].
+/// sd of the prior on acceleration, m/s².
 const ACCELERATION: f64 = 2.5;
-/// sd of a heading (rad) and of the prior on its rate (rad/s).
+/// sd of a heading, rad.
 const HEADING_SD: f64 = 0.05;
-/// See [`HEADING_SD`].
+/// sd of the prior on the rate of the heading, rad/s.
 const YAW_RATE: f64 = 1.0;
-/// Positions are never taken for better than this, m.
+/// Smallest sd of a position, m.
 const LEAST_SD_M: f64 = 0.05;
-/// sd of positions that come without one, m.
+/// sd of a position that comes without one, m.
 const UNKNOWN_SD_M: f64 = 0.15;
 
-/// The samples of one track, by time: as many of each, or none where it is not known.
+/// The samples of one track, by time. Each list has one value per sample; optional lists may be empty.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Motion {
-    /// Times, s, not falling.
+    /// Times, s, never falling.
     pub time_s: Vec<f64>,
     /// Positions on the ground (right-handed, z up), m.
     pub xy_m: Vec<[f64; 2]>,
@@ -35,26 +35,28 @@ pub struct Motion {
     pub heading_rad: Vec<f64>,
     /// sds of the positions, m; may be empty.
     pub sd_m: Vec<[f64; 2]>,
-    /// Which samples were seen and not filled in; may be empty: all.
+    /// Whether each sample was observed and not filled in. Empty: all samples were observed.
     pub seen: Vec<bool>,
 }
 
-/// What is wrong with a motion.
+/// The reason why a motion is not valid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum MotionError {
-    /// Nothing in it.
+    /// It has no samples.
     #[error("a track has no samples")]
     Empty,
-    /// Lists do not fit each other.
-    #[error("a track has not as many positions, headings, sds or sightings as times")]
+    /// Its lists differ in length.
+    #[error(
+        "a track has another number of positions, headings, standard deviations or observations than times"
+    )]
     Lengths,
-    /// A number is not finite, or an sd is negative.
-    #[error("a track holds a number that is not finite, or a negative standard deviation")]
+    /// It has a number that is not finite, or a negative sd.
+    #[error("a track has a number that is not finite, or a negative standard deviation")]
     NotFinite,
-    /// Times fall.
+    /// Its times fall.
     #[error("a track's times are not in order")]
     Order,
-    /// Longer than can be held.
+    /// It is longer than the limit.
     #[error("a track spans more than {} hours", MAX_SPAN_S / 3600.0)]
     TooLong,
 }
@@ -63,10 +65,10 @@ pub enum MotionError {
 const MAX_SPAN_S: f64 = 7.0 * 24.0 * 3600.0;
 
 impl Motion {
-    /// Whether a net can be asked about it.
+    /// Checks that it is a valid input for the net.
     ///
     /// # Errors
-    /// [`MotionError`].
+    /// The first [`MotionError`] that applies.
     pub fn check(&self) -> Result<(), MotionError> {
         let (Some(first), Some(last)) = (self.time_s.first(), self.time_s.last()) else {
             return Err(MotionError::Empty);
@@ -93,7 +95,8 @@ impl Motion {
     }
 }
 
-/// Steps from the one at or before the first time to the one at or after the last, as multiples of [`STEP_S`].
+/// Returns the steps from the last one not after `first_s` to the first one not before `last_s`, as multiples of
+/// [`STEP_S`].
 #[must_use]
 pub fn grid(first_s: f64, last_s: f64) -> std::ops::RangeInclusive<i64> {
     (first_s / STEP_S + 1e-6).floor() as i64..=(last_s / STEP_S - 1e-6).ceil() as i64
@@ -102,32 +105,34 @@ pub fn grid(first_s: f64, last_s: f64) -> std::ops::RangeInclusive<i64> {
 /// The motion around one step.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Local {
+    /// Velocity, m/s.
     pub velocity: Vector2<f64>,
+    /// Acceleration, m/s².
     pub acceleration: Vector2<f64>,
-    /// Of the positions around the fit, m.
+    /// Root mean square distance of the positions from the fit, m.
     pub rms_m: f64,
-    /// Of the positions, m.
+    /// sds of the positions, m.
     pub sd_m: Vector2<f64>,
-    /// Heading (rad) and its rate (rad/s).
+    /// Heading (rad) and its rate (rad/s), if the motion has headings.
     pub heading: Option<[f64; 2]>,
-    /// To the nearest sample that was seen, s.
+    /// Time to the nearest observed sample, s.
     pub gap_s: f64,
 }
 
-/// Times of the samples that were seen, s.
+/// Returns the times of the observed samples, s.
 pub(crate) fn seen_times(motion: &Motion) -> Vec<f64> {
     let seen = |i: usize| motion.seen.get(i).copied().unwrap_or(true);
     motion.time_s.iter().enumerate().filter(|(i, _)| seen(*i)).map(|(_, t)| *t).collect()
 }
 
-/// From a time to the nearest of these (rising), s; infinite where there is none.
+/// Returns the time from `at_s` to the nearest of these times (rising), s; infinite if there is none.
 fn nearest(times: &[f64], at_s: f64) -> f64 {
     let after = times.partition_point(|t| *t < at_s);
     let beside = after.saturating_sub(1)..(after + 1).min(times.len());
     times[beside].iter().map(|t| (t - at_s).abs()).fold(f64::INFINITY, f64::min)
 }
 
-/// Headings without jumps by whole turns.
+/// Returns the headings without jumps by whole turns, rad.
 pub(crate) fn unwrapped(headings: &[f64]) -> Vec<f64> {
     let mut last: Option<f64> = None;
     let step = |heading: &f64| {
@@ -139,13 +144,14 @@ pub(crate) fn unwrapped(headings: &[f64]) -> Vec<f64> {
     headings.iter().map(step).collect()
 }
 
-/// Fits a parabola to the positions around a time, axis by axis: least squares with Gaussian weights in time, and priors on
-/// speed and acceleration that are weighed by the positions' sd. `headings` as [`unwrapped`] gives them, `seen_s` as
-/// [`seen_times`].
+/// Fits a parabola to the positions around a time, axis by axis.
+///
+/// The fit is by least squares with Gaussian weights in time. Priors on speed and acceleration are weighted by the sd
+/// of the positions. `headings` come from [`unwrapped`], `seen_s` from [`seen_times`].
 pub(crate) fn local(motion: &Motion, headings: &[f64], seen_s: &[f64], at_s: f64) -> Local {
     let times = &motion.time_s;
     let near_s = nearest(times, at_s);
-    // In a gap the window moves to the nearest sample, or nothing would be in it.
+    // In a gap the window reaches to the nearest sample, or it would be empty.
     let reach = near_s + WINDOW_S;
     let window = times.partition_point(|t| *t < at_s - reach)..times.partition_point(|t| *t <= at_s + reach);
     let mut weights: Vec<f64> = times[window.clone()]
@@ -207,7 +213,7 @@ pub(crate) fn local(motion: &Motion, headings: &[f64], seen_s: &[f64], at_s: f64
 mod tests {
     use super::*;
 
-    /// 3 m/s along +x from 1 s on, braking by 0.5 m/s², `hz` samples a second.
+    /// A car at 3 m/s along +x from 1 s on that brakes by 0.5 m/s², with `hz` samples per second.
     fn braking(hz: f64) -> Motion {
         let time_s: Vec<f64> = (0..(4.0 * hz) as usize).map(|i| 1.0 + i as f64 / hz).collect();
         let xy_m = time_s.iter().map(|t| [3.0 * (t - 1.0) - 0.25 * (t - 1.0).powi(2), 7.0]).collect();
@@ -219,7 +225,7 @@ mod tests {
         for hz in [5.0, 10.0, 29.97, 60.0] {
             let motion = braking(hz);
             let local = local(&motion, &motion.heading_rad, &motion.time_s, 3.0);
-            // The prior on acceleration takes some of it, the same share at every rate.
+            // The prior on acceleration reduces it by the same share at every rate.
             assert!((local.velocity.x - 2.0).abs() < 0.02, "{hz} {:?}", local.velocity);
             assert!(local.acceleration.x < -0.3 && local.velocity.y.abs() < 1e-9, "{hz}");
             let [heading, rate] = local.heading.unwrap();
@@ -228,7 +234,7 @@ mod tests {
     }
 
     #[test]
-    fn lone_samples_and_gaps_stand_still() {
+    fn lone_samples_and_gaps_have_no_speed() {
         let one = Motion { time_s: vec![2.0], xy_m: vec![[1.0, 2.0]], ..Motion::default() };
         let here = local(&one, &[], &[2.0], 2.0);
         assert!(here.velocity.norm() < 1e-9 && here.gap_s == 0.0);
@@ -239,7 +245,7 @@ mod tests {
     }
 
     #[test]
-    fn bad_motions_are_refused() {
+    fn invalid_motions_are_refused() {
         let good = braking(5.0);
         assert_eq!(good.check(), Ok(()));
         assert_eq!(Motion::default().check(), Err(MotionError::Empty));

@@ -1,4 +1,4 @@
-//! The net on motions.
+//! The net that labels motions.
 
 use std::path::Path;
 
@@ -6,37 +6,38 @@ use ndarray::Array3;
 use roadplane_infer::{Dim, InferError, NamedTensor, Session, SessionOptions};
 use thiserror::Error;
 
-use crate::decode::{Probabilities, labelled};
+use crate::decode::labelled;
 use crate::events::Labelled;
 use crate::features::{FEATURES, GAP, features, speed_mps};
 use crate::label::{LABELS, Label};
 use crate::motion::{Motion, MotionError, grid};
+use crate::probabilities::Probabilities;
 
-/// Steps that are looked at on each side of a motion; what stands for longer is skipped (10 s).
+/// Number of steps at rest that the net sees on each side of a motion (10 s). Steps of a longer rest are skipped.
 const CONTEXT: i64 = 50;
-/// Positions this close to each other are one, m.
+/// Farthest that two positions of a vehicle at rest lie apart, m.
 const STILL_M: f64 = 0.01;
 
-/// What can go wrong.
+/// The reasons why labels cannot be computed.
 #[derive(Debug, Error)]
 pub enum ActivityError {
     /// The net cannot be loaded or run.
     #[error(transparent)]
     Net(#[from] InferError),
-    /// The net does not tell these labels from these features.
+    /// The net has other inputs or outputs than these features and labels.
     #[error("activity net {model}: {what}")]
     UnsuitableNet {
         /// Name of the net.
         model: String,
-        /// What is missing or wrong.
+        /// The input or output that is missing or wrong.
         what: String,
     },
-    /// The motion is not a valid one.
+    /// The motion is not valid.
     #[error(transparent)]
     Motion(#[from] MotionError),
 }
 
-/// A bidirectional LSTM with its card.
+/// A bidirectional LSTM, described by its card.
 #[derive(Debug)]
 pub struct ActivityNet {
     session: Session,
@@ -46,7 +47,7 @@ impl ActivityNet {
     /// Loads the net with this card.
     ///
     /// # Errors
-    /// [`ActivityError`] when the net is refused or tells other labels.
+    /// [`ActivityError`] if the net is refused or has other labels.
     pub fn open(card: &Path, session: &SessionOptions) -> Result<Self, ActivityError> {
         let session = Session::open(card, session)?;
         let card = session.card();
@@ -63,26 +64,26 @@ impl ActivityNet {
             return Err(unsuitable(&format!("labels is not [batch, steps, {LABELS}]")));
         }
         let names = card.preprocess.get("labels").and_then(serde_json::Value::as_array);
-        let told = names.map(|names| names.iter().map(|name| name.as_str()).collect::<Vec<_>>());
-        if told != Some(Label::ALL.map(|label| Some(label.name())).to_vec()) {
+        let labels = names.map(|names| names.iter().map(|name| name.as_str()).collect::<Vec<_>>());
+        if labels != Some(Label::ALL.map(|label| Some(label.name())).to_vec()) {
             return Err(unsuitable("preprocess.labels are not the labels in their order"));
         }
         Ok(Self { session })
     }
 
-    /// The session behind it.
+    /// Returns the session that runs it.
     #[must_use]
     pub fn session(&self) -> &Session {
         &self.session
     }
 
-    /// Probabilities at the steps of a motion.
+    /// Returns the probabilities of the labels at the steps of a motion.
     ///
     /// # Errors
-    /// [`ActivityError::Motion`] for a motion that is not a valid one, [`ActivityError::Net`] when the runtime fails.
+    /// [`ActivityError::Motion`] if the motion is not valid, [`ActivityError::Net`] if the runtime fails.
     pub fn probabilities(&mut self, motion: &Motion) -> Result<Probabilities, ActivityError> {
         motion.check()?;
-        let steps = steps_to_look_at(motion);
+        let steps = steps_of(motion);
         let rows = features(motion, &steps);
         let values = Array3::from_shape_fn((1, rows.len(), FEATURES), |(_, step, i)| rows[step][i]);
         let outputs =
@@ -103,24 +104,24 @@ impl ActivityNet {
         Ok(Probabilities { steps, p, gap_s, speed_mps })
     }
 
-    /// What a vehicle does, sample by sample, and its events.
+    /// Returns the label of each sample of a motion, and the intervals of each label.
     ///
     /// # Errors
-    /// As [`Self::probabilities`].
+    /// The errors of [`Self::probabilities`].
     pub fn label(&mut self, motion: &Motion) -> Result<Labelled, ActivityError> {
         Ok(labelled(&self.probabilities(motion)?, motion))
     }
 }
 
-/// The steps of the grid, but for the middle of long stands, in which every position is the same.
-fn steps_to_look_at(motion: &Motion) -> Vec<i64> {
+/// Returns the steps of the grid without the middle of long rests, in which every position is the same.
+fn steps_of(motion: &Motion) -> Vec<i64> {
     let (Some(first), Some(last)) = (motion.time_s.first(), motion.time_s.last()) else { return Vec::new() };
     let mut steps: Vec<i64> = grid(*first, *last).collect();
     let mut from = 0;
     while from < motion.time_s.len() {
         let still = |xy: &[f64; 2]| {
-            let stand = motion.xy_m[from];
-            (xy[0] - stand[0]).hypot(xy[1] - stand[1]) <= STILL_M
+            let rest = motion.xy_m[from];
+            (xy[0] - rest[0]).hypot(xy[1] - rest[1]) <= STILL_M
         };
         let stay = motion.xy_m[from..].iter().take_while(|xy| still(xy)).count();
         let end = from + stay;
@@ -139,11 +140,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_middle_of_a_long_stand_is_skipped_and_nothing_else() {
+    fn only_the_middle_of_a_long_rest_is_skipped() {
         let time_s: Vec<f64> = (0..36_000).map(|i| f64::from(i) * 0.1).collect();
         let drive = |t: f64| if t < 1800.0 { 0.0 } else { 5.0 * (t - 1800.0) };
         let xy_m: Vec<[f64; 2]> = time_s.iter().map(|t| [drive(*t).min(500.0), 0.0]).collect();
-        let steps = steps_to_look_at(&Motion { time_s: time_s.clone(), xy_m, ..Motion::default() });
+        let steps = steps_of(&Motion { time_s: time_s.clone(), xy_m, ..Motion::default() });
         let within = |from: f64, to: f64| {
             steps.iter().filter(|step| (from..=to).contains(&(**step as f64 * crate::STEP_S))).count()
         };

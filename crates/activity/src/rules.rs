@@ -1,37 +1,42 @@
-//! What the whole of a stretch says about its label, of which the net sees a part: who has left a place, who was seen to stand, how
-//! far a way bends.
+//! Rules that correct a label by its whole interval, of which the net sees only a part.
+//!
+//! They check whether the vehicle left its position, whether it was observed at rest, and how far its path turns.
 
 use std::ops::Range;
 
 use roadplane_base::angle_difference;
 
-use crate::decode::Probabilities;
 use crate::label::Label;
 use crate::motion::{Motion, STEP_S};
+use crate::probabilities::Probabilities;
 
-/// A stand that was not seen this close to a start or stop (s) is guesswork, too: the vehicle drives on, as far as anyone can tell.
-const SEEN_STAND_S: f64 = 1.0;
-/// What comes no farther than half a car's length between two stands has stood: tracks of hidden and far cars waver so much, m.
+/// Longest time from a start or stop to an observed sample at rest, s. Beyond it the rest is a guess too, and the
+/// vehicle drives on.
+const SEEN_REST_S: f64 = 1.0;
+/// Least distance that a vehicle moves between two rests, m: half the length of a car. The positions of hidden and far
+/// cars waver by less.
 const MOVED_M: f64 = 2.2;
-/// The same of what has but one stand, as its track begins or ends, m: nobody knows how far it would have come.
+/// Least distance that a vehicle moves from or to a single rest, at the beginning or end of its track, m. How far it
+/// would have moved is unknown.
 const LEFT_M: f64 = 1.0;
-/// A stretch whose way bends by less is no turn, rad (12°: lanes that swing, boxes cut by the picture's edge) …
+/// Least angle that the path of a turn turns by, rad (12°). Swinging lanes and boxes cut by the picture's edge turn it
+/// by less.
 const TURNED_RAD: f64 = 0.21;
-/// … and one that bends by less no U-turn (130°, between the sharpest turns and half turns).
+/// Least angle that the path of a U-turn turns by, rad (130°, between the sharpest turns and half turns).
 const U_TURN_RAD: f64 = 2.27;
-/// No vehicle drives a tighter circle, m (cars need 4 to 6): what a way bends beyond is noise, as of a few samples beside each
-/// other.
+/// Radius of the tightest circle that a vehicle drives, m (cars need 4 to 6). A tighter turn is noise, as between a few
+/// samples beside each other.
 const LEAST_RADIUS_M: f64 = 3.0;
 
-/// Where a motion is in a stretch of steps, m.
-fn places<'a>(motion: &'a Motion, stretch: &[i64]) -> &'a [[f64; 2]] {
-    let (Some(from), Some(to)) = (stretch.first(), stretch.last()) else { return &[] };
+/// Returns the positions of a motion in an interval of steps, m.
+fn positions<'a>(motion: &'a Motion, interval: &[i64]) -> &'a [[f64; 2]] {
+    let (Some(from), Some(to)) = (interval.first(), interval.last()) else { return &[] };
     let first = motion.time_s.partition_point(|t| *t < *from as f64 * STEP_S);
     let last = motion.time_s.partition_point(|t| *t <= *to as f64 * STEP_S);
     motion.xy_m.get(first..last).unwrap_or_default()
 }
 
-/// Turns what does not leave its place beside a stand into standing.
+/// Labels a vehicle as not moving where it does not leave its position beside a rest.
 pub(crate) fn settle(labels: &mut [usize], steps: &[i64], motion: &Motion) {
     let still = Label::NotMoving.index();
     let mut from = 0;
@@ -49,15 +54,15 @@ pub(crate) fn settle(labels: &mut [usize], steps: &[i64], motion: &Motion) {
             (false, false) => continue,
             _ => LEFT_M,
         };
-        let places = places(motion, &steps[begin..end]);
-        let stays = places.iter().all(|xy| (xy[0] - places[0][0]).hypot(xy[1] - places[0][1]) < least_m);
+        let path = positions(motion, &steps[begin..end]);
+        let stays = path.iter().all(|xy| (xy[0] - path[0][0]).hypot(xy[1] - path[0][1]) < least_m);
         if labels[begin] != still && stays {
             labels[begin..end].fill(still);
         }
     }
 }
 
-/// Turns starts from stands, and stops to stands, that nobody saw into driving on.
+/// Labels a start or stop as driving on where the rest beside it was not observed.
 pub(crate) fn drive_on(labels: &mut [usize], found: &Probabilities) {
     let mut to = 0;
     let run = |run: &[usize]| {
@@ -66,24 +71,24 @@ pub(crate) fn drive_on(labels: &mut [usize], found: &Probabilities) {
     };
     let runs: Vec<Range<usize>> = labels.chunk_by(|a, b| a == b).map(run).collect();
     for (i, run) in runs.iter().enumerate() {
-        let (stand, change) = match Label::ALL[labels[run.start]] {
+        let (rest, change) = match Label::ALL[labels[run.start]] {
             Label::Starting => (i.checked_sub(1), run.start),
             Label::Stopping => (Some(i + 1), run.end - 1),
             _ => continue,
         };
-        let is_stand = |run: &&Range<usize>| labels[run.start] == Label::NotMoving.index();
-        let Some(stand) = stand.and_then(|i| runs.get(i)).filter(is_stand) else { continue };
+        let is_rest = |run: &&Range<usize>| labels[run.start] == Label::NotMoving.index();
+        let Some(rest) = rest.and_then(|i| runs.get(i)).filter(is_rest) else { continue };
         let near = |step: usize| {
-            (found.steps[step] - found.steps[change]).abs() as f64 * STEP_S <= SEEN_STAND_S + 1e-6
+            (found.steps[step] - found.steps[change]).abs() as f64 * STEP_S <= SEEN_REST_S + 1e-6
         };
-        if !stand.clone().any(|step| near(step) && found.gap_s[step] <= STEP_S / 2.0) {
+        if !rest.clone().any(|step| near(step) && found.gap_s[step] <= STEP_S / 2.0) {
             labels[run.clone()].fill(Label::Moving.index());
         }
     }
 }
 
-/// Turns have to bend the way of the vehicle, and U-turns bend it far; the net sees but a part of a long stretch.
-pub(crate) fn bend(labels: &mut [usize], steps: &[i64], motion: &Motion) {
+/// Labels a turn with a straight path as driving on, and a U-turn with a slight curve as a turn.
+pub(crate) fn check_turns(labels: &mut [usize], steps: &[i64], motion: &Motion) {
     let turns = [Label::TurningLeft, Label::TurningRight, Label::UTurn].map(Label::index);
     let mut from = 0;
     for run in labels.chunk_by_mut(|a, b| a == b) {
@@ -92,7 +97,7 @@ pub(crate) fn bend(labels: &mut [usize], steps: &[i64], motion: &Motion) {
         if !turns.contains(&run[0]) {
             continue;
         }
-        let Some(turned_rad) = turned(places(motion, &steps[begin..end])) else { continue };
+        let Some(turned_rad) = turned(positions(motion, &steps[begin..end])) else { continue };
         if turned_rad.abs() < TURNED_RAD {
             run.fill(Label::Moving.index());
         } else if run[0] == Label::UTurn.index() && turned_rad.abs() < U_TURN_RAD {
@@ -102,19 +107,21 @@ pub(crate) fn bend(labels: &mut [usize], steps: &[i64], motion: &Motion) {
     }
 }
 
-/// By how much a way bends, to the left, rad: twice the angle between its halves' chords, which for an arc is all of it, and no
-/// more than a vehicle can.
-pub(crate) fn turned(places: &[[f64; 2]]) -> Option<f64> {
-    let (first, last) = (places.first()?, places.last()?);
-    let steps = places.windows(2).map(|p| (p[1][0] - p[0][0]).hypot(p[1][1] - p[0][1]));
-    let way: Vec<f64> = steps
-        .scan(0.0, |way, step| {
-            *way += step;
-            Some(*way)
+/// Returns the angle by which a path turns to the left, rad.
+///
+/// It is twice the angle between the chords of its halves, which for an arc is the whole angle. It is limited to the
+/// angle that a vehicle can turn by on a path of this length.
+pub(crate) fn turned(path: &[[f64; 2]]) -> Option<f64> {
+    let (first, last) = (path.first()?, path.last()?);
+    let steps = path.windows(2).map(|p| (p[1][0] - p[0][0]).hypot(p[1][1] - p[0][1]));
+    let driven_m: Vec<f64> = steps
+        .scan(0.0, |driven, step| {
+            *driven += step;
+            Some(*driven)
         })
         .collect();
-    let length_m = way.last().copied().unwrap_or(0.0);
-    let middle = places.get(way.partition_point(|to| *to < length_m / 2.0))?;
+    let length_m = driven_m.last().copied().unwrap_or(0.0);
+    let middle = path.get(driven_m.partition_point(|to| *to < length_m / 2.0))?;
     let chord = |a: &[f64; 2], b: &[f64; 2]| (b[1] - a[1]).atan2(b[0] - a[0]);
     let most_rad = length_m / LEAST_RADIUS_M;
     Some((2.0 * angle_difference(chord(middle, last), chord(first, middle))).clamp(-most_rad, most_rad))

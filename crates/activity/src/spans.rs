@@ -1,38 +1,41 @@
-//! Which samples an event is made of.
+//! The samples of each event.
 //!
-//! One label holds at a time, and who turns while starting is turning. People who label video call it both (in MEVA every fifth
-//! start shares its time with a turn), so events tell the start and the turn.
+//! A sample has one label, and a vehicle that turns while it starts is turning. People who label video mark both: in
+//! MEVA every fifth start shares its time with a turn. The events therefore have both the start and the turn.
 
 use std::ops::Range;
 
 use crate::label::Label;
 
-/// A vehicle still starts while it gains so much speed …
+/// Least acceleration of a vehicle that is still starting, m/s².
 const GAIN_MPS2: f64 = 0.3;
-/// … over the next so many seconds.
+/// Time over which its acceleration is measured, s.
 const AHEAD_S: f64 = 0.6;
 
-/// Stretches of one label, but for standing, with their samples.
+/// Returns the spans of samples with one label, without those that are not moving.
 #[must_use]
-pub fn stretch_spans(labels: &[Label]) -> Vec<(Label, Range<usize>)> {
+pub fn label_spans(labels: &[Label]) -> Vec<(Label, Range<usize>)> {
     let mut to = 0;
-    let spans = labels.chunk_by(|a, b| a == b).map(|stretch| {
-        to += stretch.len();
-        (stretch[0], to - stretch.len()..to)
+    let spans = labels.chunk_by(|a, b| a == b).map(|run| {
+        to += run.len();
+        (run[0], to - run.len()..to)
     });
     spans.filter(|(label, _)| *label != Label::NotMoving).collect()
 }
 
-/// [`stretch_spans`], and starts and stops of which a turn or U-turn is a part: from the stand for as long as the speed rises, or
-/// from where it begins to fall to the stand. A start that begins before its turn is told with all of it. By their beginning.
+/// Returns the spans of [`label_spans`], and those of starts and stops that include a turn or U-turn, by their
+/// beginning.
 ///
-/// As many labels, times (s, rising) and speeds (m/s, of either sign) as there are samples.
+/// Such a start lasts from the rest for as long as the speed rises. Such a stop lasts from the moment when the speed
+/// begins to fall until the rest. A start that begins before its turn is one span with its part inside the turn.
+///
+/// Labels, times (s, rising) and speeds (m/s, of either sign) have one value per sample.
 #[must_use]
 pub fn event_spans(labels: &[Label], time_s: &[f64], speed_mps: &[f64]) -> Vec<(Label, Range<usize>)> {
     let speed: Vec<f64> = speed_mps.iter().map(|speed| speed.abs()).collect();
     let starts = starts_in_turns(labels, time_s, &speed, Label::Starting).into_iter();
     let mut shared: Vec<_> = starts.map(|span| (Label::Starting, span)).collect();
-    // A stop is a start, seen backwards.
+    // A stop is a start in reversed time.
     let backwards =
         |values: &[f64], sign: f64| values.iter().rev().map(|value| sign * value).collect::<Vec<_>>();
     let (time_s, speed) = (backwards(time_s, -1.0), backwards(&speed, 1.0));
@@ -41,7 +44,7 @@ pub fn event_spans(labels: &[Label], time_s: &[f64], speed_mps: &[f64]) -> Vec<(
     let stops = starts_in_turns(&reversed, &time_s, &speed, Label::Stopping).into_iter();
     shared.extend(stops.map(|span| (Label::Stopping, n - span.end..n - span.start)));
 
-    let mut spans = stretch_spans(labels);
+    let mut spans = label_spans(labels);
     spans.retain(|(label, part)| {
         let whole = |(other, span): &(Label, Range<usize>)| {
             other == label && span.start <= part.start && part.end <= span.end
@@ -53,7 +56,7 @@ pub fn event_spans(labels: &[Label], time_s: &[f64], speed_mps: &[f64]) -> Vec<(
     spans
 }
 
-/// Samples of starts that are called `plain` where there is no turn.
+/// Returns the spans of starts that include a turn. `plain` is the label of their part without a turn.
 fn starts_in_turns(labels: &[Label], time_s: &[f64], speed: &[f64], plain: Label) -> Vec<Range<usize>> {
     let turns = |label: &Label| matches!(label, Label::TurningLeft | Label::TurningRight | Label::UTurn);
     let speeds_up = |i: usize| {
@@ -79,7 +82,8 @@ fn starts_in_turns(labels: &[Label], time_s: &[f64], speed: &[f64], plain: Label
 mod tests {
     use super::*;
 
-    /// Stands for 2 s, speeds up by 1.5 m/s² to 4.5 m/s, drives on, and slows down alike to a stand at 14 s; 10 samples a second.
+    /// Times and speeds of a car at rest for 2 s that speeds up by 1.5 m/s² to 4.5 m/s and drives on. It slows down
+    /// alike, to rest at 14 s. There are 10 samples per second.
     fn drive() -> (Vec<f64>, Vec<f64>) {
         let time_s: Vec<f64> = (0..160).map(|i| f64::from(i) * 0.1).collect();
         let speed = |t: &f64| (1.5 * (t - 2.0)).min(1.5 * (14.0 - t)).clamp(0.0, 4.5);
@@ -87,8 +91,9 @@ mod tests {
         (time_s, speed)
     }
 
-    /// What is told of the drive with this label from 2 to 14 s but for these stretches (s).
-    fn told(driving: Label, but: &[(f64, f64, Label)]) -> Vec<(Label, f64, f64)> {
+    /// Events of the drive with this label from 2 to 14 s, except in these intervals (s), which have labels of their
+    /// own.
+    fn events(driving: Label, but: &[(f64, f64, Label)]) -> Vec<(Label, f64, f64)> {
         let (time_s, speed) = drive();
         let label = |t: &f64| {
             let other = but.iter().find(|(from, to, _)| (*from..*to).contains(t));
@@ -102,7 +107,7 @@ mod tests {
 
     #[test]
     fn a_turn_from_rest_to_rest_has_a_start_and_a_stop() {
-        let found = told(Label::TurningLeft, &[]);
+        let found = events(Label::TurningLeft, &[]);
         let names: Vec<Label> = found.iter().map(|found| found.0).collect();
         assert_eq!(names, [Label::Starting, Label::TurningLeft, Label::Stopping]);
         // Speed rises from 2 to 5 s and falls from 11 to 14 s.
@@ -113,16 +118,16 @@ mod tests {
     }
 
     #[test]
-    fn a_start_that_comes_before_its_turn_is_told_with_all_of_it() {
-        let found = told(Label::TurningRight, &[(2.0, 3.0, Label::Starting), (9.0, 14.0, Label::Moving)]);
+    fn a_start_before_its_turn_includes_its_part_in_the_turn() {
+        let found = events(Label::TurningRight, &[(2.0, 3.0, Label::Starting), (9.0, 14.0, Label::Moving)]);
         let names: Vec<Label> = found.iter().map(|found| found.0).collect();
         assert_eq!(names, [Label::Starting, Label::TurningRight, Label::Moving]);
         assert!(found[0].1 < 2.15 && found[0].2 > 4.0, "{found:?}");
     }
 
     #[test]
-    fn without_a_turn_or_a_stand_there_is_nothing_to_add() {
-        let count = |driving, but: &[_]| told(driving, but).len();
+    fn without_a_turn_or_a_rest_there_is_nothing_to_add() {
+        let count = |driving, but: &[_]| events(driving, but).len();
         assert_eq!(count(Label::Moving, &[(2.0, 5.0, Label::Starting), (11.0, 14.0, Label::Stopping)]), 3);
         assert_eq!(count(Label::Reversing, &[]), 1);
         let at_speed = [(2.0, 6.0, Label::Moving), (10.0, 14.0, Label::Moving)];

@@ -1,4 +1,4 @@
-//! Features in Rust against those in Python, and the shipped net where the runtime is found.
+//! Compares features in Rust with those in Python, and tests the shipped net where the runtime is found.
 
 use std::path::{Path, PathBuf};
 
@@ -47,16 +47,16 @@ fn net() -> Option<Result<ActivityNet, ActivityError>> {
     Some(ActivityNet::open(&root().join("models/activity.card.json"), &options))
 }
 
-/// Rests, starts to 6 m/s, drives on, brakes to rest; `hz` samples a second.
+/// A car at rest that starts to 6 m/s, drives on, and brakes to rest, with `hz` samples per second.
 fn drive(hz: f64) -> Motion {
-    let place = |t: f64| {
+    let driven_m = |t: f64| {
         let t = t - 4.0;
         let (start, cruise, brake) =
             (t.clamp(0.0, 4.0), (t - 4.0).clamp(0.0, 5.0), (t - 9.0).clamp(0.0, 4.0));
         0.75 * start * start + 6.0 * cruise + 6.0 * brake - 0.75 * brake * brake
     };
     let time_s: Vec<f64> = (0..(22.0 * hz) as usize).map(|i| i as f64 / hz).collect();
-    let xy_m = time_s.iter().map(|t| [place(*t), 20.0]).collect();
+    let xy_m = time_s.iter().map(|t| [driven_m(*t), 20.0]).collect();
     Motion {
         heading_rad: vec![0.0; time_s.len()],
         sd_m: vec![[0.1, 0.2]; time_s.len()],
@@ -73,14 +73,14 @@ fn a_drive_from_rest_to_rest_at_any_frame_rate() {
     let mut events = Vec::new();
     for hz in [5.0, 7.5, 10.0, 15.0, 30.0] {
         let found = net.label(&drive(hz)).unwrap();
-        let names: Vec<Label> = found.stretches.iter().map(|(label, ..)| *label).collect();
+        let names: Vec<Label> = found.intervals.iter().map(|(label, ..)| *label).collect();
         assert_eq!(
             names,
             [Label::Starting, Label::Moving, Label::Stopping],
             "at {hz} Hz: {:?}",
-            found.stretches
+            found.intervals
         );
-        events.push(found.stretches);
+        events.push(found.intervals);
     }
     for other in &events[1..] {
         for (a, b) in events[0].iter().zip(other) {
@@ -90,7 +90,7 @@ fn a_drive_from_rest_to_rest_at_any_frame_rate() {
 }
 
 #[test]
-fn a_shaking_parked_car_stands() {
+fn a_shaking_parked_car_is_stationary() {
     let Some(net) = net() else { return };
     let mut net = net.unwrap();
     let mut motion = drive(10.0);
@@ -99,7 +99,7 @@ fn a_shaking_parked_car_stands() {
         *xy = [0.15 * (1.7 * t).sin() + 0.05 * sign, 20.0 + 0.2 * (1.1 * t).cos()];
     }
     let found = net.label(&motion).unwrap();
-    assert!(found.stretches.is_empty(), "{:?}", found.stretches);
+    assert!(found.intervals.is_empty(), "{:?}", found.intervals);
     assert!(found.samples.iter().all(|(label, p)| *label == Label::NotMoving && *p > 0.5));
 }
 
@@ -108,7 +108,7 @@ fn left_is_right_in_the_mirror() {
     let Some(net) = net() else { return };
     let mut net = net.unwrap();
     let time_s: Vec<f64> = (0..100).map(|i| f64::from(i) * 0.1).collect();
-    // 5 m/s, a quarter turn to the left of radius 8 m between 3.5 and 6 s.
+    // At 5 m/s, with a quarter turn to the left of radius 8 m between 3.5 and 6 s.
     let heading: Vec<f64> = time_s.iter().map(|t| (t - 3.5).clamp(0.0, 2.513) * 5.0 / 8.0).collect();
     let mut at = [0.0, 0.0];
     let mut xy_m = Vec::new();
@@ -121,7 +121,7 @@ fn left_is_right_in_the_mirror() {
     right.xy_m.iter_mut().for_each(|xy| xy[1] = -xy[1]);
     right.heading_rad.iter_mut().for_each(|angle| *angle = -*angle);
     let (left, right) = (net.label(&left).unwrap(), net.label(&right).unwrap());
-    assert!(left.stretches.iter().any(|(label, ..)| *label == Label::TurningLeft), "{:?}", left.stretches);
+    assert!(left.intervals.iter().any(|(label, ..)| *label == Label::TurningLeft), "{:?}", left.intervals);
     for (a, b) in left.samples.iter().zip(&right.samples) {
         let mirrored = match a.0 {
             Label::TurningLeft => Label::TurningRight,

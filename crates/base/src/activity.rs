@@ -1,8 +1,8 @@
-//! What a car does.
+//! Driving activities of a vehicle.
 
 use serde::{Deserialize, Serialize};
 
-/// What a car does in a frame.
+/// The activity of a vehicle in one frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[allow(missing_docs)]

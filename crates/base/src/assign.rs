@@ -1,12 +1,14 @@
-//! Which of these belongs to which of those: minimum-cost assignment with a price for staying alone.
+//! Minimum-cost assignment of rows to columns, where a row may stay unassigned at a fixed cost.
 
 use pathfinding::{kuhn_munkres::kuhn_munkres_min, matrix::Matrix};
 
-/// Costs are rounded to this, so that the result does not depend on how sums were rounded.
+/// Step to which costs are rounded, so that rounding errors of sums do not change the result.
 const STEP: f64 = 1e-6;
 
-/// Column for each row (or none) at the least sum of costs, where a row that stays alone pays `alone`. A pair whose cost is
-/// not below `alone` (infinite, NaN) is never made. `cost(row, column)` and `alone` are meant to be of the order of 1.
+/// Returns a column (or none) for each row, so that the sum of costs is least.
+///
+/// An unassigned row costs `alone`. A pair is never made if its cost is infinite, NaN or not below `alone`.
+/// `cost(row, column)` and `alone` should be of the order of 1.
 #[must_use]
 pub fn assign(
     rows: usize,
@@ -18,7 +20,7 @@ pub fn assign(
         return vec![None; rows];
     }
     let price = |value: f64| (value.clamp(-1e9, 1e9) / STEP).round() as i64;
-    // One column more per row to stay alone in; forbidden pairs cost more than everybody staying alone.
+    // Each row gets one more column, which leaves it unassigned. A forbidden pair costs more than no pairs at all.
     let forbidden = price(alone).saturating_add(1).saturating_mul(rows as i64 + 1);
     let costs = Matrix::from_fn(rows, columns + rows, |(row, column)| {
         let value = if column < columns { cost(row, column) } else { alone };
@@ -34,7 +36,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Least total over all ways to pair, by trying them.
+    /// Returns the least total cost, by trying all assignments.
     fn exhaustive(row: usize, used: &mut Vec<bool>, alone: f64, costs: &[Vec<f64>]) -> f64 {
         let Some(own) = costs.get(row) else { return 0.0 };
         let mut best = alone + exhaustive(row + 1, used, alone, costs);

@@ -9,70 +9,72 @@ use crate::KEYPOINTS;
 /// Number of shape modes (the paper's m).
 pub const MODES: usize = 6;
 
-/// Number of further modes.
+/// Number of fine modes, which follow the first [`MODES`].
 pub const FINE_MODES: usize = 6;
 
 /// Number of all modes.
 pub const ALL_MODES: usize = MODES + FINE_MODES;
 
-/// Shape coefficients λ, in standard deviations of the car population: prior N(0, I).
+/// Shape coefficients λ of the first modes, in standard deviations of the car population; their prior is N(0, I).
 pub type Shape = SVector<f64, MODES>;
 
-/// Coefficients of all modes, the fine ones last, in the same unit.
+/// Shape coefficients of all modes, the fine ones last, in standard deviations of the car population.
 pub type FullShape = SVector<f64, ALL_MODES>;
 
-/// The atlas file's schema that this code reads.
+/// Schema id of the atlas files that this code reads.
 pub const ATLAS_SCHEMA: &str = "roadplane.atlas/3";
 
-/// What is wrong with an atlas file.
+/// An error in an atlas file.
 #[derive(Debug, Error)]
 pub enum AtlasError {
     /// Not JSON of the expected form.
     #[error("shape atlas: {0}")]
     Malformed(#[from] serde_json::Error),
-    /// Another schema or wrong numbers of entries.
+    /// Another schema, a wrong number of entries or an impossible value.
     #[error("shape atlas: {what}")]
     Unsuitable {
-        /// What is unsuitable.
+        /// The problem, as a text for the user.
         what: String,
     },
 }
 
-/// Sedans, vans …: traffic is their mixture, and each varies less than all together.
+/// A body type, such as sedan or van, with the normal distribution of its shape coefficients.
+///
+/// Traffic is a mixture of body types. Cars of one type vary less than all cars together.
 #[derive(Clone, Debug)]
 pub struct BodyType {
-    /// Its name.
+    /// Name of the body type.
     pub name: String,
-    /// Share of traffic.
+    /// Share of traffic, above 0.
     pub share: f64,
-    /// Mean coefficients.
+    /// Mean of the shape coefficients.
     pub mean: FullShape,
-    /// Their covariance, positive definite.
+    /// Covariance of the shape coefficients, positive definite.
     pub covariance: SMatrix<f64, ALL_MODES, ALL_MODES>,
 }
 
-/// Mean car and its modes of variation, car frame, metres.
+/// The mean car and its modes of variation, in the car frame and in metres.
 #[derive(Clone, Debug)]
 pub struct ShapeAtlas {
     /// Version of the data.
     pub version: String,
-    /// Mean keypoints.
+    /// Keypoints of the mean car, m.
     pub mean: [Vector3<f64>; KEYPOINTS],
-    /// Modes, scaled to one standard deviation.
+    /// Change of each keypoint with each mode, m per standard deviation.
     pub modes: [[Vector3<f64>; KEYPOINTS]; MODES],
-    /// Lowest and highest coefficient seen in real cars.
+    /// Lowest and highest coefficient of each mode among real cars.
     pub bounds: [[f64; 2]; MODES],
-    /// Mean length, width (without mirrors) and height.
+    /// Length, width (without mirrors) and height of the mean car, m.
     pub dims_mean: Vector3<f64>,
-    /// Their change with each mode.
+    /// Change of length, width and height with each mode, m per standard deviation.
     pub dims_modes: [Vector3<f64>; MODES],
-    /// What the modes leave unexplained, sd per keypoint and axis.
+    /// Residual that the first modes do not explain: sd per keypoint and axis, m.
     pub residual_sd_m: [Vector3<f64>; KEYPOINTS],
-    /// How most of that hangs together: the next modes, scaled to one standard deviation.
+    /// The fine modes, which explain most of that residual; m per standard deviation.
     pub fine_modes: [[Vector3<f64>; KEYPOINTS]; FINE_MODES],
-    /// What these leave unexplained in their turn.
+    /// Residual that all modes together do not explain: sd per keypoint and axis, m.
     pub fine_residual_sd_m: [Vector3<f64>; KEYPOINTS],
-    /// What traffic consists of.
+    /// Body types of which traffic is a mixture.
     pub body_types: Vec<BodyType>,
 }
 
@@ -100,10 +102,10 @@ struct AtlasFile {
 }
 
 impl ShapeAtlas {
-    /// The atlas that the project ships.
+    /// Returns the atlas that the project ships.
     ///
     /// # Errors
-    /// Only if the committed file is broken, which a test excludes.
+    /// Returns an error only if the committed file is broken, which a test excludes.
     pub fn shipped() -> Result<Self, AtlasError> {
         Self::from_json(include_str!("../../../models/atlas.json"))
     }
@@ -111,7 +113,7 @@ impl ShapeAtlas {
     /// Reads an atlas from the text of its file (`models/atlas.json`).
     ///
     /// # Errors
-    /// [`AtlasError`] when the text is no atlas of schema [`ATLAS_SCHEMA`] with finite numbers.
+    /// Returns [`AtlasError`] if the text is not an atlas of schema [`ATLAS_SCHEMA`] with finite numbers.
     pub fn from_json(text: &str) -> Result<Self, AtlasError> {
         let file: AtlasFile = serde_json::from_str(text)?;
         if file.schema != ATLAS_SCHEMA {
@@ -141,7 +143,7 @@ impl ShapeAtlas {
         Ok(atlas)
     }
 
-    /// One keypoint of a car of this shape, car frame, m.
+    /// Returns one keypoint of a car of this shape, car frame, m.
     #[must_use]
     pub fn keypoint_in_car(&self, index: usize, shape: &Shape) -> Vector3<f64> {
         let mut point = self.mean[index];
@@ -151,26 +153,26 @@ impl ShapeAtlas {
         point
     }
 
-    /// All keypoints of a car of this shape, car frame, m.
+    /// Returns all keypoints of a car of this shape, car frame, m.
     #[must_use]
     pub fn keypoints_in_car(&self, shape: &Shape) -> [Vector3<f64>; KEYPOINTS] {
         std::array::from_fn(|i| self.keypoint_in_car(i, shape))
     }
 
-    /// One keypoint of a car of these coefficients of all modes, car frame, m.
+    /// Returns one keypoint of a car with these coefficients of all modes, car frame, m.
     #[must_use]
     pub fn keypoint_of_all_modes(&self, index: usize, shape: &FullShape) -> Vector3<f64> {
         let modes = self.modes.iter().chain(&self.fine_modes);
         modes.zip(shape.iter()).fold(self.mean[index], |point, (mode, c)| point + mode[index] * *c)
     }
 
-    /// Length, width without mirrors, and height of a car of this shape, m.
+    /// Returns length, width (without mirrors) and height of a car of this shape, m.
     #[must_use]
     pub fn dims_m(&self, shape: &Shape) -> Vector3<f64> {
         self.dims_modes.iter().zip(shape.iter()).fold(self.dims_mean, |dims, (mode, c)| dims + mode * *c)
     }
 
-    /// The shape with every coefficient moved inside its bounds.
+    /// Returns the shape with every coefficient clamped to its bounds.
     #[must_use]
     pub fn clamped(&self, shape: &Shape) -> Shape {
         Shape::from_fn(|j, _| shape[j].clamp(self.bounds[j][0], self.bounds[j][1]))
@@ -232,22 +234,22 @@ mod tests {
     }
 
     #[test]
-    fn wrong_files_are_refused_with_the_reason() {
+    fn wrong_files_are_rejected_with_the_reason() {
         assert!(matches!(ShapeAtlas::from_json("{"), Err(AtlasError::Malformed(_))));
         let shipped = include_str!("../../../models/atlas.json");
         let text = shipped.replace(ATLAS_SCHEMA, "other/9");
         assert!(ShapeAtlas::from_json(&text).unwrap_err().to_string().contains("other/9"));
         let mut file: serde_json::Value = serde_json::from_str(shipped).unwrap();
-        let mut refused = |change: &dyn Fn(&mut serde_json::Value)| {
+        let mut rejected = |change: &dyn Fn(&mut serde_json::Value)| {
             let kept = file.clone();
             change(&mut file["body_types"][0]);
             let error = ShapeAtlas::from_json(&file.to_string()).unwrap_err().to_string();
             file = kept;
             error
         };
-        assert!(refused(&|body| body["share"] = 0.0.into()).contains("coupe"));
-        assert!(refused(&|body| body["covariance"][0][0] = (-1.0).into()).contains("coupe"));
-        assert!(refused(&|body| body["covariance"][0][1] = 9.0.into()).contains("coupe"));
-        assert!(refused(&|body| body["mean"] = vec![0.0; 6].into()).contains("mean has 6 entries"));
+        assert!(rejected(&|body| body["share"] = 0.0.into()).contains("coupe"));
+        assert!(rejected(&|body| body["covariance"][0][0] = (-1.0).into()).contains("coupe"));
+        assert!(rejected(&|body| body["covariance"][0][1] = 9.0.into()).contains("coupe"));
+        assert!(rejected(&|body| body["mean"] = vec![0.0; 6].into()).contains("mean has 6 entries"));
     }
 }

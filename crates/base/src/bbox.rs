@@ -1,34 +1,36 @@
-//! Boxes in the image: left, top, right, bottom, px.
+//! Functions of boxes in the image. A box is `[left, top, right, bottom]`, px.
 
 use nalgebra::Vector2;
 
-/// Centre of a box, px.
+/// Returns the centre of a box, px.
 #[must_use]
 pub fn bbox_centre(bbox_px: &[f64; 4]) -> Vector2<f64> {
     let [x0, y0, x1, y1] = bbox_px;
     Vector2::new((x0 + x1) / 2.0, (y0 + y1) / 2.0)
 }
 
-/// The box moved by so many px.
+/// Returns the box shifted by a vector, px.
 #[must_use]
 pub fn bbox_moved([x0, y0, x1, y1]: &[f64; 4], by: &Vector2<f64>) -> [f64; 4] {
     [x0 + by.x, y0 + by.y, x1 + by.x, y1 + by.y]
 }
 
-/// Smallest box around both.
+/// Returns the smallest box that contains both boxes.
 #[must_use]
 pub fn bbox_around(a: &[f64; 4], b: &[f64; 4]) -> [f64; 4] {
     [a[0].min(b[0]), a[1].min(b[1]), a[2].max(b[2]), a[3].max(b[3])]
 }
 
-/// Share of a box that lies inside another, 0–1; 0 where it has no area.
+/// Returns the share of a box that lies inside another box, 0–1; 0 if it has no area.
 #[must_use]
 pub fn bbox_share_inside(bbox: &[f64; 4], outer: &[f64; 4]) -> f64 {
     intersection(bbox, outer) / area(bbox).max(1e-9)
 }
 
-/// The part of a vehicle's whole box that can be seen, where these edges (left, top, right, bottom) of the box seen are those of
-/// something before it.
+/// Returns the visible part of a vehicle's whole box.
+///
+/// `hidden` marks the edges (left, top, right, bottom) of the visible box at which something in front hides the
+/// vehicle.
 #[must_use]
 pub fn bbox_part_seen(whole_px: &[f64; 4], seen_px: &[f64; 4], hidden: [bool; 4]) -> [f64; 4] {
     std::array::from_fn(|i| match (hidden[i], i < 2) {
@@ -38,7 +40,7 @@ pub fn bbox_part_seen(whole_px: &[f64; 4], seen_px: &[f64; 4], hidden: [bool; 4]
     })
 }
 
-/// Intersection over union, 0–1; 0 where a box has no area.
+/// Returns the intersection over union of two boxes, 0–1; 0 if a box has no area.
 #[must_use]
 pub fn bbox_iou(a: &[f64; 4], b: &[f64; 4]) -> f64 {
     let common = intersection(a, b);
@@ -46,7 +48,7 @@ pub fn bbox_iou(a: &[f64; 4], b: &[f64; 4]) -> f64 {
     if union > 0.0 { common / union } else { 0.0 }
 }
 
-/// Share of the smaller box that lies inside the other, 0–1.
+/// Returns the share of the smaller box that lies inside the other, 0–1; 0 if a box has no area.
 #[must_use]
 pub fn bbox_covered(a: &[f64; 4], b: &[f64; 4]) -> f64 {
     let smaller = area(a).min(area(b));

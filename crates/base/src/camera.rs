@@ -1,50 +1,51 @@
-//! Camera with square pixels: a pinhole, and what the lens does to straight lines.
+//! A camera with square pixels: a pinhole with radial lens distortion.
 
 use nalgebra::{Vector2, Vector3};
 
 use crate::{ImageSize, Lens};
 
-/// `pixel = principal_point + lens(focal · (X/Z, Y/Z))` for a point (X, Y, Z) in the camera frame.
+/// A camera: `pixel = principal_point + lens(focal · (X/Z, Y/Z))` for a point (X, Y, Z) in the camera frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
     /// Focal length, px.
     pub focal_px: f64,
-    /// Principal point, px; the lens bends around it, too.
+    /// Principal point, px; also the centre of the lens distortion.
     pub principal_point_px: Vector2<f64>,
-    /// How the lens bends lines.
+    /// Radial distortion of the lens.
     pub lens: Lens,
 }
 
 impl Camera {
-    /// How far the principal point is from the picture's middle (sd of each coordinate), as a share of the picture's width: 1.5 % is
-    /// what calibrated surveillance cameras that are not cropped scatter by (MEVA, TUMTraf).
+    /// Prior sd of each principal point coordinate about the image's middle, as a share of the image's width.
+    ///
+    /// 1.5 % is the scatter of calibrated surveillance cameras that are not cropped (MEVA, TUMTraf).
     pub const PRINCIPAL_POINT_SD: f64 = 0.015;
 
-    /// A camera that bends no lines.
+    /// Creates a camera without distortion.
     #[must_use]
     pub fn pinhole(focal_px: f64, principal_point_px: Vector2<f64>) -> Self {
         Self { focal_px, principal_point_px, lens: Lens::STRAIGHT }
     }
 
-    /// A camera that bends no lines and whose principal point is the middle of the image.
+    /// Creates a camera without distortion whose principal point is the middle of the image.
     #[must_use]
     pub fn centred(focal_px: f64, size: ImageSize) -> Self {
         Self::pinhole(focal_px, size.centre_px())
     }
 
-    /// Pixel of a point in the camera frame; `None` at or behind the camera (z ≤ 1 mm).
+    /// Returns the pixel of a point in the camera frame; `None` at or behind the camera (z ≤ 1 mm).
     #[must_use]
     pub fn pixel_from_camera(&self, point_in_camera: &Vector3<f64>) -> Option<Vector2<f64>> {
         (point_in_camera.z > 1e-3).then(|| {
             let straight = self.focal_px / point_in_camera.z * point_in_camera.xy();
-            self.principal_point_px + self.lens.bent(&straight)
+            self.principal_point_px + self.lens.distorted(&straight)
         })
     }
 
-    /// Viewing ray of a pixel in the camera frame, scaled to z = 1.
+    /// Returns the viewing ray of a pixel in the camera frame, scaled to z = 1.
     #[must_use]
     pub fn ray_from_pixel(&self, pixel: &Vector2<f64>) -> Vector3<f64> {
-        let xy = self.lens.straightened(&(pixel - self.principal_point_px)) / self.focal_px;
+        let xy = self.lens.undistorted(&(pixel - self.principal_point_px)) / self.focal_px;
         Vector3::new(xy.x, xy.y, 1.0)
     }
 }

@@ -1,27 +1,28 @@
-//! What is believed of a camera before any car is seen, and whether evidence says more than that.
+//! The prior on a camera, and a test whether evidence determines a parameter better than the prior.
 
 use nalgebra::{Matrix4, Vector4};
 
 use crate::{CameraParams, ImageSize};
 
-/// What is known of a surveillance camera before looking: independent Gaussians; an infinite sd says "nothing".
-/// Default: focal length log-normal around 1.2 × the longer image side, sd 0.6; tilt 25° ± 20°; roll 0° ± 6°; height
-/// log-normal around 7 m, sd 0.8.
+/// The prior on a surveillance camera: independent Gaussians, where an infinite sd means no prior.
+///
+/// Default: the focal length is log-normal around 1.2 × the longer image side, sd 0.6. Tilt is 25° ± 20° and roll is
+/// 0° ± 6°. The height is log-normal around 7 m, sd 0.8.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CameraPrior {
     /// Median focal length in units of the longer image side.
     pub focal_ratio: f64,
-    /// sd of log focal.
+    /// sd of the logarithm of the focal length.
     pub log_focal_sd: f64,
     /// Mean tilt, rad.
     pub tilt: f64,
     /// sd of tilt, rad.
     pub tilt_sd: f64,
-    /// sd of roll around 0, rad.
+    /// sd of roll, rad; its mean is 0.
     pub roll_sd: f64,
     /// Median height, m.
     pub height_m: f64,
-    /// sd of log height.
+    /// sd of the logarithm of the height.
     pub log_height_sd: f64,
 }
 
@@ -40,14 +41,14 @@ impl Default for CameraPrior {
 }
 
 impl CameraPrior {
-    /// No prior at all.
+    /// Returns a prior without any information.
     #[must_use]
     pub fn none() -> Self {
         let none = f64::INFINITY;
         Self { log_focal_sd: none, tilt_sd: none, roll_sd: none, log_height_sd: none, ..Self::default() }
     }
 
-    /// Mean of (log f, tilt, roll, log h) for an image of this size.
+    /// Returns the mean of (log f, tilt, roll, log h) for an image of this size.
     #[must_use]
     pub fn mean(&self, size: ImageSize) -> CameraParams {
         let longer = f64::from(size.width.max(size.height).max(1));
@@ -59,21 +60,23 @@ impl CameraPrior {
         }
     }
 
-    /// sd of (log f, tilt, roll, log h).
+    /// Returns the sd of (log f, tilt, roll, log h).
     #[must_use]
     pub fn sd(&self) -> Vector4<f64> {
         Vector4::new(self.log_focal_sd, self.tilt_sd, self.roll_sd, self.log_height_sd)
     }
 
-    /// 1/sd² of (log f, tilt, roll, log h).
+    /// Returns the information (1/sd²) on (log f, tilt, roll, log h).
     #[must_use]
     pub fn information(&self) -> Vector4<f64> {
         self.sd().map(|sd| 1.0 / (sd * sd))
     }
 }
 
-/// Whether evidence on (log f, tilt, roll, log h) tells one of them, by its place, better than the prior (1/sd²) does, the others
-/// being as free as the prior leaves them. A focal length that is not told is one that rests on the prior.
+/// Whether evidence on (log f, tilt, roll, log h) determines parameter `number` better than its prior.
+///
+/// `evidence` is an information matrix and `prior` holds 1/sd² of each parameter. The other parameters keep their
+/// priors. A focal length that is not determined rests on the prior.
 #[must_use]
 pub fn is_determined(number: usize, evidence: &Matrix4<f64>, prior: &Vector4<f64>) -> bool {
     let mut others = *prior;
@@ -88,12 +91,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn evidence_tells_what_it_knows_better_than_the_prior() {
+    fn a_parameter_is_determined_where_evidence_beats_the_prior() {
         let prior = Vector4::new(4.0, 25.0, 100.0, 1.0);
         assert!(!is_determined(0, &Matrix4::zeros(), &prior));
         assert!(is_determined(0, &Matrix4::from_diagonal(&Vector4::new(5.0, 0.0, 0.0, 0.0)), &prior));
         assert!(!is_determined(0, &Matrix4::from_diagonal(&Vector4::new(3.0, 9e9, 9e9, 9e9)), &prior));
-        // The sum of two numbers says of each what is known of the other.
+        // Evidence on the sum of two parameters determines one as well as the other's prior does.
         let direction = Vector4::new(1.0, 1.0, 0.0, 0.0) * 1e6;
         let sum = direction * direction.transpose();
         assert!(is_determined(0, &sum, &prior) && !is_determined(1, &sum, &prior));

@@ -1,72 +1,75 @@
-//! What one clip said of its camera: the record that remembered cameras are made of.
+//! Evidence of one clip on its camera: the record from which the camera database is built.
 
 use nalgebra::{Matrix4, Matrix4x5, Vector4};
 use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::{CameraParams, ImageSize, JointInformation, KEYPOINTS, Lens, RecordError, SHARED_ERRORS};
 
-/// Schema of an evidence file.
+/// Schema id of an evidence file.
 pub const EVIDENCE_SCHEMA: &str = "roadplane.evidence/1";
 
-/// What a clip, or its last camera position, said of the camera. Nothing in it rests on a prior or on other clips, so that any
-/// set of these can be joined, in any order.
+/// Evidence of a clip, or of its last camera position, on the camera.
+///
+/// It contains no prior and no other clip's evidence. So any set of these records can be joined, in any order.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CameraEvidence {
-    /// [`EVIDENCE_SCHEMA`].
+    /// Schema id, [`EVIDENCE_SCHEMA`].
     pub schema: String,
-    /// Which camera.
+    /// Name of the camera.
     pub camera: String,
-    /// Which clip.
+    /// The clip that gave the evidence.
     pub clip: ClipIdentity,
-    /// Names and sha256 of the nets that saw the vehicles.
+    /// Names and sha256 of the nets that found the vehicles and keypoints.
     pub models: Vec<String>,
-    /// Size of the pictures.
+    /// Width and height of the frames, px.
     pub image_size_px: ImageSize,
     /// First and last presentation time, s.
     pub span_s: [f64; 2],
-    /// Frames that went in.
+    /// Number of frames used.
     pub frames: usize,
-    /// (log focal, tilt, roll, log height) that the vehicles' keypoints alone lead to.
+    /// Estimate of (log focal, tilt, roll, log height) from the vehicles' keypoints alone.
     pub params: [f64; 4],
-    /// Their information (inverse covariance); singular where the clip says nothing. The size of the place's cars, which all
-    /// clips share, is not in it.
+    /// Information (inverse covariance) on `params`; singular where the clip determines nothing.
+    ///
+    /// The scene's mean car size, which all clips share, is not counted as an error here.
     pub information: [[f64; 4]; 4],
-    /// Its cross part with the errors that the vehicles of a place share ([`JointInformation::cross`]); absent from older files, or
-    /// the first of them alone.
+    /// Cross information of `params` and the errors that all vehicles of a scene share ([`JointInformation::cross`]).
+    ///
+    /// Older files lack it, or have only the first of these errors.
     #[serde(default, deserialize_with = "shared_errors")]
     pub shared: [[f64; SHARED_ERRORS]; 4],
-    /// How the lens bends lines, and the sd of that, both 1/px²; absent where the picture did not show it.
+    /// Radial distortion and its sd, both 1/px²; absent if the picture did not show it.
     #[serde(default)]
     pub lens: Option<(Lens, f64)>,
-    /// Vehicles that stood, which may stand there another night.
+    /// Stationary vehicles, which may be there another night as well.
     pub parked: Vec<ParkedCar>,
-    /// Vehicles that moved.
+    /// Number of moving vehicles.
     pub moving: usize,
-    /// The empty place, grey: a PNG in base64.
+    /// Background image of the scene, grey, as a PNG in base64.
     pub place: Option<String>,
 }
 
-/// A clip, whatever it is called.
+/// Identity of a clip: its content and time of recording count, not its path.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct ClipIdentity {
-    /// When it was recorded, `2026-01-31T23:59:59`: from its name, else the file's time of modification (UTC).
+    /// Time of recording, `2026-01-31T23:59:59`: from the file's name, else its time of modification (UTC).
     pub recorded: String,
-    /// sha256 of its content.
+    /// sha256 of the file's content.
     pub sha256: String,
-    /// Its name, without extension.
+    /// Name of the file, without extension.
     pub name: String,
 }
 
-/// A vehicle that stood in a clip.
+/// A stationary vehicle of a clip.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ParkedCar {
-    /// Its box, px.
+    /// Box: left, top, right, bottom, px.
     pub bbox_px: [f64; 4],
-    /// Its keypoints, px; `None` where not seen.
+    /// Keypoints, px; `None` if not visible.
     pub keypoints_px: Vec<Option<[f64; 2]>>,
 }
 
-/// Rows of as many errors as the file's version knew.
+/// Reads the rows of `shared`. Files of older versions have fewer errors per row; the missing ones become 0.
 fn shared_errors<'de, D: Deserializer<'de>>(file: D) -> Result<[[f64; SHARED_ERRORS]; 4], D::Error> {
     let rows = <[Vec<f64>; 4]>::deserialize(file)?;
     if rows.iter().any(|row| row.len() > SHARED_ERRORS) {
@@ -78,13 +81,13 @@ fn shared_errors<'de, D: Deserializer<'de>>(file: D) -> Result<[[f64; SHARED_ERR
 }
 
 impl CameraEvidence {
-    /// The numbers of the camera.
+    /// Returns the estimated camera parameters.
     #[must_use]
     pub fn camera_params(&self) -> CameraParams {
         CameraParams::from_vector(&Vector4::from(self.params))
     }
 
-    /// What the vehicles say, of the errors that they share, too.
+    /// Returns the vehicles' information on the camera and on the errors that they share.
     #[must_use]
     pub fn joint(&self) -> JointInformation {
         let information = Matrix4::from_fn(|r, c| self.information[r][c]);
@@ -92,10 +95,10 @@ impl CameraEvidence {
         JointInformation { cross, ..JointInformation::of_camera(&information, &Vector4::from(self.params)) }
     }
 
-    /// Refuses what is not of this form.
+    /// Checks that the schema, the sizes and the numbers are valid.
     ///
     /// # Errors
-    /// [`RecordError::Unsuitable`] naming what cannot be.
+    /// Returns [`RecordError::Unsuitable`], which names the invalid field or number.
     pub fn check(&self) -> Result<(), RecordError> {
         let unsuitable = |what: String| Err(RecordError::Unsuitable { what });
         if self.schema != EVIDENCE_SCHEMA {
@@ -113,10 +116,12 @@ impl CameraEvidence {
         let information = self.joint().information;
         let asymmetry = (information - information.transpose()).amax();
         if information.diagonal().min() < 0.0 || asymmetry > 1e-6 * information.amax() {
-            return unsuitable("the information is no symmetric matrix of a positive diagonal".to_owned());
+            return unsuitable(
+                "the information is not a symmetric matrix with a positive diagonal".to_owned(),
+            );
         }
         if self.parked.iter().any(|car| car.keypoints_px.len() != KEYPOINTS) {
-            return unsuitable(format!("a parked car has not {KEYPOINTS} keypoints"));
+            return unsuitable(format!("a parked car does not have {KEYPOINTS} keypoints"));
         }
         Ok(())
     }

@@ -1,91 +1,97 @@
-//! What something other than cars says of a camera: numbers that the user knows, lengths on the ground, lines of the scene.
+//! Factors on the camera beside the cars: parameters given by the user, lengths on the ground, lines of the scene.
 //!
-//! Each factor is a cost of (log f, tilt, roll, log h), minus its log likelihood, that every solve and every join of solves adds
-//! to what the cars say. Pixels are relative to the principal point, without distortion.
+//! Each factor is a cost of (log f, tilt, roll, log h): minus its log likelihood. Every solve, and every join of
+//! solves, adds it to the cost of the cars. Pixels are relative to the principal point, without distortion.
 
 use nalgebra::{Matrix2, Matrix4, SMatrix, Vector2, Vector3, Vector4};
 
 use crate::{Camera, CameraParams};
 
-/// A factor on the camera. Pixels: relative to the principal point.
+/// A factor on the camera. Pixels are relative to the principal point, without distortion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Factor {
-    /// One of (log focal in px, tilt in rad, roll in rad, log height in m) is about this.
+    /// A measurement of one of (log focal in px, tilt in rad, roll in rad, log height in m).
     Number {
-        /// Place of the number in [`CameraParams::to_vector`].
+        /// Index of the parameter in [`CameraParams::to_vector`].
         which: usize,
-        /// Its value.
+        /// Measured value, in the parameter's unit.
         value: f64,
-        /// Its sd, above 0.
+        /// sd of the value, above 0.
         sd: f64,
     },
-    /// One over the focal length, as rays to cars that are parallel tell it.
+    /// A measurement of the inverse focal length, from the viewing rays of parallel cars.
     InverseFocal {
-        /// Its value, 1/px.
+        /// One over the focal length, 1/px.
         per_px: f64,
-        /// Its sd, above 0.
+        /// sd of `per_px`, above 0, 1/px.
         sd: f64,
     },
-    /// All four numbers, as a survey or another solve has them.
+    /// An estimate of all four parameters, from a survey or another solve.
     Camera {
-        /// They.
+        /// Mean of (log f, tilt, roll, log h).
         mean: Vector4<f64>,
-        /// Inverse of their covariance; may be singular.
+        /// Inverse covariance; may be singular.
         information: Matrix4<f64>,
-        /// The height follows from cars of the same place, and what is not known of these cars' size is not in its sd.
+        /// Whether the height was estimated from cars of the same scene.
+        ///
+        /// The covariance then leaves out the uncertainty of these cars' mean size.
         by_cars: bool,
     },
-    /// Two pixels on the ground are this far apart.
+    /// A known distance between two pixels on the ground.
     Length {
-        /// The pixels.
+        /// Both ends, px.
         ends_px: [Vector2<f64>; 2],
-        /// sd of each of their coordinates, px.
+        /// sd of each pixel coordinate, px.
         end_sd_px: f64,
-        /// The length, m, above 0.
+        /// Length, m, above 0.
         length_m: f64,
-        /// Its sd as a share of it.
+        /// sd of the length as a share of it.
         log_sd: f64,
     },
-    /// Where the vertical of the scene points, by its masts and house edges. Vertical lines run in the picture along
-    /// `(sin roll, −cos roll) + bend · p` at the pixel p. The road need not be level: up of the lines is up of the cars' plane but
-    /// for [`Factor::SLOPE_SD`], now and then [`Factor::STEEP_SD`].
-    Upright {
-        /// tan(tilt) / focal, 1/px: how fast verticals turn across the picture.
-        bend: f64,
+    /// The vanishing point of the scene's vertical lines, such as masts and edges of houses.
+    ///
+    /// In the image a vertical line has the direction `(sin roll, −cos roll) + inverse_distance · p` at the pixel p.
+    /// The road need not be level: its normal differs from the vertical by an angle of sd [`Factor::SLOPE_SD`], or of
+    /// [`Factor::STEEP_SD`] with probability [`Factor::STEEP_SHARE`].
+    VerticalVanishingPoint {
+        /// One over the distance of the vanishing point from the principal point: tan(tilt) / focal, 1/px.
+        inverse_distance: f64,
         /// Clockwise turn of the horizon, rad.
         roll: f64,
-        /// Covariance of (bend, roll).
+        /// Covariance of (`inverse_distance`, `roll`).
         covariance: Matrix2<f64>,
     },
 }
 
-/// What factors add to a cost at a camera, and to the normal equations of a step from there.
+/// Gradient and Hessian of the cost of factors, for the normal equations of a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FactorTerms {
-    /// Its gradient.
+    /// Gradient of the cost by (log f, tilt, roll, log h).
     pub gradient: Vector4<f64>,
-    /// Gauss–Newton's approximation of its Hessian.
+    /// Gauss–Newton approximation of the Hessian.
     pub information: Matrix4<f64>,
 }
 
 /// Step of central differences, in log units and rad.
 const STEP: f64 = 1e-5;
-/// Cost of a factor that makes no sense before a camera (ground pixels above its horizon).
+/// Cost of a factor that cannot be evaluated at a camera (ground pixels above its horizon).
 const IMPOSSIBLE: f64 = 1e3;
 
-/// One of the things that a factor may mean: that its residual is N(0, covariance).
+/// One Gaussian component of a factor whose error is a mixture: its residual is N(0, covariance).
 #[derive(Clone, Copy, Debug)]
-pub struct Reading {
+pub struct FactorComponent {
     /// Prior probability, 0–1.
     pub share: f64,
-    /// What the factor says less what the camera does, the factor's units.
+    /// Measured value minus the camera's value, in the factor's units.
     pub residual: Vector2<f64>,
-    /// Its covariance.
+    /// Covariance of the residual.
     pub covariance: Matrix2<f64>,
 }
 
-impl Reading {
-    /// Density of the residual times the share, up to a constant, and the information on it; `None` of a covariance that is none.
+impl FactorComponent {
+    /// Returns the residual's density times `share`, up to a constant, and the information on the residual.
+    ///
+    /// Returns `None` if the covariance is singular.
     #[must_use]
     pub fn density(&self) -> Option<(f64, Matrix2<f64>)> {
         let information = self.covariance.try_inverse()?;
@@ -94,39 +100,43 @@ impl Reading {
     }
 }
 
-/// How far off a factor is.
+/// Residual and cost of a factor at a camera.
 struct Misfit {
-    /// In the factor's own units; the second is 0 for factors of one number.
+    /// Residual in the factor's own units; the second entry is 0 for factors of one number.
     residual: Vector2<f64>,
-    /// Information on it.
+    /// Information on the residual.
     weight: Matrix2<f64>,
     cost: f64,
 }
 
 impl Misfit {
-    /// Of a factor of one number, its residual in sds.
+    /// Creates the misfit of a factor of one number, with its residual in sds.
     fn of_one(residual: f64, cost: f64) -> Self {
         Self { residual: Vector2::new(residual, 0.0), weight: Matrix2::new(1.0, 0.0, 0.0, 0.0), cost }
     }
 }
 
 impl Factor {
-    /// Slope and crossfall of roads and lots, rad (sd): 1–2.5 % of crossfall and a grade of up to 5 % are what streets are built with
-    /// (estimate; of calibrated cameras 1.2 to 2.5° are about equally likely, 1° is less so by a factor of 150).
+    /// sd of slope and crossfall of roads and lots, rad.
+    ///
+    /// Streets are built with 1–2.5 % of crossfall and grades of up to 5 % (estimate). Of calibrated cameras, sds of
+    /// 1.2 to 2.5° are about equally likely; 1° is less likely by a factor of 150.
     pub const SLOPE_SD: f64 = 0.026;
-    /// The same of steep streets, rad, …
+    /// sd of slope and crossfall of steep streets, rad (estimate).
     pub const STEEP_SD: f64 = 0.087;
-    /// … and how many there are of them, 0–1 (estimates).
+    /// Share of steep streets, 0–1 (estimate).
     pub const STEEP_SHARE: f64 = 0.1;
 
-    /// Minus log likelihood before this camera, up to a constant.
+    /// Returns minus the log likelihood of a camera, up to a constant.
     #[must_use]
     pub fn cost(&self, camera: &Vector4<f64>) -> f64 {
         self.misfit(camera).map_or(IMPOSSIBLE, |misfit| misfit.cost)
     }
 
-    /// What it says before cars of the atlas' sizes, which tell scale by themselves: nothing of lengths and heights that are the
-    /// world's. `None` where nothing is left.
+    /// Returns the factor without its information on scale, for problems in which cars of the atlas' sizes give the
+    /// scale.
+    ///
+    /// Lengths and heights in metres are dropped. Returns `None` if nothing is left.
     #[must_use]
     pub fn without_scale(&self) -> Option<Self> {
         match *self {
@@ -144,14 +154,15 @@ impl Factor {
         }
     }
 
-    /// Whether its scale is that of the cars, not the world's.
+    /// Whether the factor's scale comes from the cars, not from metres in the world.
     #[must_use]
     pub fn is_by_cars(&self) -> bool {
         matches!(self, Self::Camera { by_cars: true, .. })
     }
 
-    /// How far off it is, in sds, with the sign of what the factor says less what the camera does; `None` where it makes no sense
-    /// before this camera.
+    /// Returns the residual in sds, with the sign of measured value minus the camera's value.
+    ///
+    /// Returns `None` if the factor cannot be evaluated at this camera.
     #[must_use]
     pub fn residual(&self, camera: &Vector4<f64>) -> Option<f64> {
         let Misfit { residual, weight, .. } = self.misfit(camera)?;
@@ -159,8 +170,9 @@ impl Factor {
         Some(size.copysign(residual.x))
     }
 
-    /// How long a length is before this camera, m, and the log sd of what was told of it, that of its pixels counted; `None` for
-    /// other factors and where a pixel shows no ground.
+    /// Returns the length as this camera measures it, m, and the log sd of the given length and its pixels together.
+    ///
+    /// Returns `None` for other factors, and if a pixel is above the horizon.
     #[must_use]
     pub fn length(&self, camera: &Vector4<f64>) -> Option<(f64, f64)> {
         let Self::Length { ends_px, end_sd_px, log_sd, .. } = self else { return None };
@@ -199,8 +211,8 @@ impl Factor {
                 let cost = 0.5 * residual * residual + log_sd.ln();
                 cost.is_finite().then(|| Misfit::of_one(residual, cost))
             }
-            Self::Upright { .. } => {
-                let [level, steep] = self.readings(camera)?;
+            Self::VerticalVanishingPoint { .. } => {
+                let [level, steep] = self.components(camera)?;
                 let (of_level, of_steep) = (level.density()?, steep.density()?);
                 let total = of_level.0 + of_steep.0;
                 let weight = (of_level.0 * of_level.1 + of_steep.0 * of_steep.1) / total;
@@ -210,30 +222,31 @@ impl Factor {
         }
     }
 
-    /// The two Gaussians that a factor may mean before a camera: a level street, a steep one. `None` of factors that mean one thing. The
-    /// join takes them by expectation propagation.
+    /// Returns the two components of a vertical vanishing point at a camera: a nearly level street and a steep one.
+    ///
+    /// Returns `None` for factors with one component. The join of solves treats them by expectation propagation.
     #[must_use]
-    pub fn readings(&self, camera: &Vector4<f64>) -> Option<[Reading; 2]> {
-        let Self::Upright { bend, roll, covariance } = *self else { return None };
+    pub fn components(&self, camera: &Vector4<f64>) -> Option<[FactorComponent; 2]> {
+        let Self::VerticalVanishingPoint { inverse_distance, roll, covariance } = *self else { return None };
         let params = CameraParams::from_vector(camera);
         let (tan, cos) = (params.tilt.tan(), params.tilt.cos());
-        let residual = Vector2::new(bend - tan / params.focal_px(), roll - params.roll);
+        let residual = Vector2::new(inverse_distance - tan / params.focal_px(), roll - params.roll);
         let sloped = |slope_sd: f64, share: f64| {
             let of_slope = Vector2::new(1.0 / (cos * cos * params.focal_px()), 1.0 / cos) * slope_sd;
             let covariance = covariance + Matrix2::from_diagonal(&of_slope.component_mul(&of_slope));
-            Reading { share, residual, covariance }
+            FactorComponent { share, residual, covariance }
         };
         let steep = Self::STEEP_SHARE;
         Some([sloped(Self::SLOPE_SD, 1.0 - steep), sloped(Self::STEEP_SD, steep)])
     }
 
-    /// Derivative of its residual by the camera; 0 where it makes no sense.
+    /// Returns the derivative of the residual by (log f, tilt, roll, log h); 0 if the factor cannot be evaluated.
     #[must_use]
     pub fn residual_by_camera(&self, camera: &Vector4<f64>) -> SMatrix<f64, 2, 4> {
         self.derivatives(camera).1
     }
 
-    /// Of cost and residual by the camera, by central differences.
+    /// Returns the derivatives of cost and residual by the camera, by central differences.
     fn derivatives(&self, camera: &Vector4<f64>) -> (Vector4<f64>, SMatrix<f64, 2, 4>) {
         let (mut gradient, mut by) = (Vector4::zeros(), SMatrix::<f64, 2, 4>::zeros());
         for i in 0..4 {
@@ -247,7 +260,7 @@ impl Factor {
         (gradient, by)
     }
 
-    /// What it adds at a camera.
+    /// Returns gradient and approximate Hessian of the cost at a camera.
     #[must_use]
     pub fn terms(&self, camera: &Vector4<f64>) -> FactorTerms {
         if let Self::Camera { mean, information, .. } = self {
@@ -262,7 +275,7 @@ impl Factor {
 }
 
 impl FactorTerms {
-    /// Sum over factors.
+    /// Returns the sum of the terms of several factors at a camera.
     #[must_use]
     pub fn of<'a>(factors: impl IntoIterator<Item = &'a Factor>, camera: &Vector4<f64>) -> Self {
         let mut sum = Self { gradient: Vector4::zeros(), information: Matrix4::zeros() };
@@ -275,7 +288,7 @@ impl FactorTerms {
     }
 }
 
-/// Where a pixel's ray meets the ground, camera frame, m.
+/// Returns the point where a pixel's ray meets the ground, camera frame, m; `None` at or above the horizon.
 fn ground(params: &CameraParams, pixel: &Vector2<f64>) -> Option<Vector3<f64>> {
     let plane = params.plane();
     let camera = Camera::pinhole(params.focal_px(), Vector2::zeros());
@@ -310,8 +323,8 @@ mod tests {
             Factor::Camera { mean: camera(), information: correlated(), by_cars: false },
             length(project(-2.0, 18.0, 0.0), project(3.0, 18.0, 0.0)),
             length(project(0.0, 15.0, 0.0), project(3.0, 19.0, 0.0)),
-            Factor::Upright {
-                bend: 0.3f64.tan() / 1200.0,
+            Factor::VerticalVanishingPoint {
+                inverse_distance: 0.3f64.tan() / 1200.0,
                 roll: 0.05,
                 covariance: Matrix2::new(1e-10, 1e-8, 1e-8, 1e-5),
             },
@@ -323,7 +336,7 @@ mod tests {
     }
 
     #[test]
-    fn a_camera_without_scale_says_the_same_of_the_rest() {
+    fn a_camera_without_scale_keeps_its_other_information() {
         let factor = Factor::Camera { mean: camera(), information: correlated(), by_cars: false };
         let Some(Factor::Camera { information, .. }) = factor.without_scale() else { panic!("{factor:?}") };
         assert!(information.row(3).norm() + information.column(3).norm() < 1e-12);
@@ -333,7 +346,7 @@ mod tests {
     }
 
     #[test]
-    fn a_true_clue_fits_the_true_camera_and_no_other() {
+    fn a_true_factor_fits_the_true_camera_and_no_other() {
         for factor in factors() {
             assert!(factor.residual(&camera()).unwrap().abs() < 1e-3, "{factor:?}");
             let tilted = camera() + Vector4::new(0.02, 0.1, 0.0, 0.0);
@@ -347,35 +360,38 @@ mod tests {
         for factor in factors() {
             let step = Vector4::new(3e-4, 2e-4, -1e-4, 2e-4);
             let change = factor.cost(&(at + step)) - factor.cost(&(at - step));
-            let told = 2.0 * factor.terms(&at).gradient.dot(&step);
-            assert!((change - told).abs() < 1e-3 * told.abs() + 1e-9, "{factor:?}: {change} {told}");
+            let expected = 2.0 * factor.terms(&at).gradient.dot(&step);
+            assert!(
+                (change - expected).abs() < 1e-3 * expected.abs() + 1e-9,
+                "{factor:?}: {change} {expected}"
+            );
         }
     }
 
     #[test]
-    fn the_vertical_of_the_scene_is_where_masts_point() {
+    fn masts_point_to_the_vertical_vanishing_point() {
         let params = CameraParams::from_vector(&camera());
         let project = |x: f64, y: f64, z: f64| {
             let point = params.plane().camera_from_world() * nalgebra::Point3::new(x, y, z);
             1200.0 * point.coords.xy() / point.z
         };
-        let (bend, roll) = (params.tilt.tan() / params.focal_px(), params.roll);
+        let (inverse_distance, roll) = (params.tilt.tan() / params.focal_px(), params.roll);
         for (x, y) in [(3.0, 20.0), (-9.0, 40.0), (0.5, 15.0)] {
             let [foot, top] = [project(x, y, 0.0), project(x, y, 4.0)];
-            let along = Vector2::new(roll.sin(), -roll.cos()) + bend * foot;
+            let along = Vector2::new(roll.sin(), -roll.cos()) + inverse_distance * foot;
             let mast = top - foot;
             assert!(along.perp(&mast).abs() < 1e-9 * along.norm() * mast.norm());
         }
     }
 
     #[test]
-    fn what_contradicts_as_a_steep_street_does_pulls_little() {
-        let upright = |bend: f64| Factor::Upright {
-            bend: bend.tan() / 1200.0,
+    fn a_vanishing_point_as_of_a_steep_street_pulls_little() {
+        let factor_at = |tilt: f64| Factor::VerticalVanishingPoint {
+            inverse_distance: tilt.tan() / 1200.0,
             roll: 0.05,
             covariance: Matrix2::new(1e-12, 0.0, 0.0, 1e-6),
         };
-        let [level, steep] = [0.31, 0.45].map(|tilt| upright(tilt).terms(&camera()).information[(1, 1)]);
+        let [level, steep] = [0.31, 0.45].map(|tilt| factor_at(tilt).terms(&camera()).information[(1, 1)]);
         assert!(steep < 0.1 * level, "{steep} {level}");
     }
 

@@ -1,44 +1,44 @@
-//! One decoded picture.
+//! One decoded frame of the input.
 
 use image::RgbImage;
 use serde::{Deserialize, Serialize};
 
 use crate::ImageSize;
 
-/// Which frame, and when it is shown.
+/// Index and presentation time of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FrameStamp {
-    /// Position in the input, counted from 0 in presentation order; frames that could not be decoded leave gaps.
+    /// Index in the input, from 0 in presentation order. Frames that could not be decoded leave gaps.
     pub index: u64,
-    /// Presentation time in nanoseconds from the start of the input, from the stream itself.
+    /// Presentation time of the stream, in nanoseconds from the start of the input.
     pub pts_nanos: i64,
 }
 
 impl FrameStamp {
-    /// Presentation time in seconds.
+    /// Returns the presentation time in seconds.
     #[must_use]
     pub fn time_s(&self) -> f64 {
         self.pts_nanos as f64 * 1e-9
     }
 }
 
-/// A picture with its place in time.
+/// A picture with its index and presentation time.
 #[derive(Clone, Debug)]
 pub struct Frame {
-    /// Which frame this is.
+    /// Index and presentation time.
     pub stamp: FrameStamp,
     /// The pixels, RGB.
     pub image: RgbImage,
 }
 
 impl Frame {
-    /// Size of the picture.
+    /// Returns the width and height of the picture.
     #[must_use]
     pub fn size(&self) -> ImageSize {
         ImageSize { width: self.image.width(), height: self.image.height() }
     }
 
-    /// Memory that the pixels take, bytes.
+    /// Returns the size of the pixels in memory, bytes.
     #[must_use]
     pub fn bytes(&self) -> usize {
         self.image.as_raw().len()

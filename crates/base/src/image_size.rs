@@ -1,16 +1,16 @@
-//! How large a picture is.
+//! Width and height of an image.
 
 use nalgebra::Vector2;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Width and height in pixels.
+/// Width and height of an image, px.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(into = "[u32; 2]", from = "[u32; 2]")]
 pub struct ImageSize {
-    /// Columns.
+    /// Width (columns), px.
     pub width: u32,
-    /// Rows.
+    /// Height (rows), px.
     pub height: u32,
 }
 
@@ -27,7 +27,7 @@ impl From<ImageSize> for [u32; 2] {
 }
 
 impl ImageSize {
-    /// Middle of the image, px: where the principal point is taken to be when nobody knows it.
+    /// Returns the middle of the image, px, which is the assumed principal point if none is given.
     #[must_use]
     pub fn centre_px(self) -> Vector2<f64> {
         Vector2::new((f64::from(self.width) - 1.0) / 2.0, (f64::from(self.height) - 1.0) / 2.0)

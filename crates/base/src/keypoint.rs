@@ -5,38 +5,38 @@ use std::sync::LazyLock;
 use nalgebra::{Matrix2, Vector2};
 use serde::Deserialize;
 
-/// How many keypoints a car has: 18 on its own left side, then the same 18 on its right.
+/// Number of keypoints of a car: 18 on its own left side, then their 18 mirror images on its right side.
 pub const KEYPOINTS: usize = 36;
 
-/// Usable ones that a car needs at least: place, heading or turn, and something to check them by.
+/// Least number of usable keypoints for a pose: enough for position and heading, and some to check the fit.
 pub const MIN_KEYPOINTS: usize = 5;
 
-/// A located keypoint.
+/// A keypoint with its location in the image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Keypoint {
-    /// Where it is, px.
+    /// Location, px.
     pub pixel: Vector2<f64>,
-    /// Probability that it is visible, 0–1.
+    /// Probability that the keypoint is visible, 0–1.
     pub score: f64,
     /// Covariance of the location, px².
     pub covariance_px2: Matrix2<f64>,
 }
 
 impl Keypoint {
-    /// A keypoint with the same sd in all directions.
+    /// Creates a keypoint with the same sd (px) in all directions.
     #[must_use]
     pub fn isotropic(pixel: Vector2<f64>, score: f64, sd_px: f64) -> Self {
         Self { pixel, score, covariance_px2: Matrix2::identity() * (sd_px * sd_px) }
     }
 
-    /// Root mean square of the sd over directions, px.
+    /// Returns the root mean square of the sd over directions, px.
     #[must_use]
     pub fn sd_px(&self) -> f64 {
         (self.covariance_px2.trace() / 2.0).max(0.0).sqrt()
     }
 }
 
-/// What was found of a car, by keypoint index.
+/// Keypoints of one car by index; `None` for those that were not located.
 pub type KeypointSet = [Option<Keypoint>; KEYPOINTS];
 
 #[derive(Deserialize)]
@@ -55,19 +55,19 @@ static FILE: LazyLock<KeypointFile> = LazyLock::new(|| {
     })
 });
 
-/// Names such as `left_wheel_front`, by index.
+/// Returns the keypoints' names by index, such as `left_wheel_front`.
 #[must_use]
 pub fn keypoint_names() -> &'static [String] {
     &FILE.names
 }
 
-/// The same point on the car's other side.
+/// Returns the index of the mirror image of a keypoint, on the car's other side.
 #[must_use]
 pub fn mirror_index(index: usize) -> usize {
     FILE.mirror.get(index).copied().unwrap_or(index)
 }
 
-/// Pairs of keypoints that a wireframe joins.
+/// Returns the edges of the wireframe as pairs of keypoint indices.
 #[must_use]
 pub fn skeleton_edges() -> &'static [[usize; 2]] {
     &FILE.edges

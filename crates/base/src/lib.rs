@@ -1,4 +1,4 @@
-//! What every stage shares: camera, ground plane, poses, the shape atlas and the records that flow between stages.
+//! The types that all stages share: camera, ground plane, poses, the shape atlas and the records between stages.
 //! This crate does no I/O.
 //!
 //! # Frames (right-handed, metres)
@@ -6,20 +6,21 @@
 //! |---|---|---|
 //! | camera | x right, y down, z forward | optical centre |
 //! | pixel | x right, y down | centre of the top-left pixel |
-//! | world | z up (plane normal), y the viewing direction laid on the plane, x right | plane point under the camera |
+//! | world | z up (plane normal), y the viewing direction projected onto the plane, x right | plane point under the camera |
 //! | car | x forward, y left, z up | on the ground midway between the axles |
 //!
-//! Transforms are named `target_from_source`. SI units and radians; suffixes where a unit is not obvious.
+//! Transforms are named `target_from_source`. Units are SI units and radians; a suffix names a unit that is not
+//! obvious.
 //!
 //! # Contents
-//! - the camera: [`Camera`], [`Lens`], [`GroundPlane`], [`CameraParams`]; what is believed of it beforehand ([`CameraPrior`]), what
-//!   speaks of it beside cars ([`Factor`]), and evidence that adds up ([`JointInformation`])
+//! - the camera: [`Camera`], [`Lens`], [`GroundPlane`], [`CameraParams`]; its prior ([`CameraPrior`]), factors on it
+//!   beside the cars ([`Factor`]), and information that can be summed over frames ([`JointInformation`])
 //! - cars: [`ShapeAtlas`], [`GroundPose`], the 36 keypoints ([`KeypointSet`]), boxes (`bbox_…`), [`Activity`]
-//! - what stages hand on, in the form that files have: `records/`, [`CameraEvidence`], [`SceneLine`]
+//! - records between stages, as files contain them: `records/`, [`CameraEvidence`], [`SceneLine`]
 //! - small tools: [`assign`], [`median`], [`StudentT`], [`Similarity`]
 //!
 //! # Example
-//! Where the front left wheel of a mean car is seen:
+//! The pixel of the front left wheel of a mean car:
 //! ```
 //! use nalgebra::Point3;
 //! use roadplane_base::{Camera, GroundPlane, GroundPose, ImageSize, ShapeAtlas, keypoint_names};
@@ -68,7 +69,7 @@ pub use camera::Camera;
 pub use camera_params::CameraParams;
 pub use camera_prior::{CameraPrior, is_determined};
 pub use evidence::{CameraEvidence, ClipIdentity, EVIDENCE_SCHEMA, ParkedCar};
-pub use factor::{Factor, FactorTerms, Reading};
+pub use factor::{Factor, FactorComponent, FactorTerms};
 pub use frame::{Frame, FrameStamp};
 pub use image_size::ImageSize;
 pub use keypoint::{

@@ -1,10 +1,12 @@
-//! The ground plane seen from the camera, and the world frame that it defines.
+//! The ground plane in the camera frame, and the world frame that it defines.
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3};
 
 use crate::Camera;
 
-/// `normal_in_camera · X + height_m = 0`, normal pointing up (unit length), so the camera's centre lies `height_m` above.
+/// A ground plane in the camera frame: `normal_in_camera · X + height_m = 0`.
+///
+/// The unit normal points up, so the camera's centre is `height_m` above the plane.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GroundPlane {
     /// Unit normal pointing up, camera frame.
@@ -14,8 +16,10 @@ pub struct GroundPlane {
 }
 
 impl GroundPlane {
-    /// From the optical axis' angle below the horizontal (`tilt`), the horizon's clockwise turn in the image (`roll`),
-    /// both in rad, and the camera's height in m: `n = (sin roll cos tilt, −cos roll cos tilt, −sin tilt)`.
+    /// Creates a plane with the normal `n = (sin roll cos tilt, −cos roll cos tilt, −sin tilt)`.
+    ///
+    /// `tilt` is the angle of the optical axis below the horizontal, rad. `roll` is the clockwise turn of the horizon
+    /// in the image, rad. `height_m` is the camera's height above the plane, m.
     #[must_use]
     pub fn from_tilt_roll_height(tilt: f64, roll: f64, height_m: f64) -> Self {
         let (sin_t, cos_t) = tilt.sin_cos();
@@ -23,26 +27,27 @@ impl GroundPlane {
         Self { normal_in_camera: Vector3::new(sin_r * cos_t, -cos_r * cos_t, -sin_t), height_m }
     }
 
-    /// Optical axis below the horizontal, rad.
+    /// Returns the angle of the optical axis below the horizontal, rad.
     #[must_use]
     pub fn tilt(&self) -> f64 {
         (-self.normal_in_camera.z).clamp(-1.0, 1.0).asin()
     }
 
-    /// Clockwise turn of the horizon in the image, rad.
+    /// Returns the clockwise turn of the horizon in the image, rad.
     #[must_use]
     pub fn roll(&self) -> f64 {
         self.normal_in_camera.x.atan2(-self.normal_in_camera.y)
     }
 
-    /// Distance of a point (camera frame) above the plane, m (`D_p2p`, paper Eq. 4).
+    /// Returns the height of a point (camera frame) above the plane, m (`D_p2p`, paper Eq. 4).
     #[must_use]
     pub fn height_of(&self, point_in_camera: &Vector3<f64>) -> f64 {
         self.normal_in_camera.dot(point_in_camera) + self.height_m
     }
 
-    /// The rigid motion from world to camera coordinates. Looking straight down, where "forward" has no direction on
-    /// the plane, the image's up direction takes its place.
+    /// Returns the rigid motion from world to camera coordinates.
+    ///
+    /// If the camera points straight down, the image's up direction defines the world's y axis.
     #[must_use]
     pub fn camera_from_world(&self) -> Isometry3<f64> {
         let up = self.normal_in_camera;
@@ -56,7 +61,8 @@ impl GroundPlane {
         )
     }
 
-    /// Where the viewing ray of a pixel meets the plane, world x and y in m; `None` at or above the horizon.
+    /// Returns the point where a pixel's viewing ray meets the plane, world x and y in m; `None` at or above the
+    /// horizon.
     #[must_use]
     pub fn world_from_pixel(&self, camera: &Camera, pixel: &Vector2<f64>) -> Option<Vector2<f64>> {
         let ray = camera.ray_from_pixel(pixel);

@@ -1,23 +1,23 @@
-//! Poses of cars that stand on the ground.
+//! Poses of cars on the ground plane, and functions of angles.
 
 use std::f64::consts::{PI, TAU};
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// A car standing on the plane.
+/// Pose of a car on the ground plane: position and heading in the world frame.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct GroundPose {
     /// World x of the car's origin, m.
     pub x_m: f64,
     /// World y of the car's origin, m.
     pub y_m: f64,
-    /// Direction of the car's x axis: 0 along world +x, counter-clockwise seen from above, rad.
+    /// Direction of the car's x axis, rad: 0 along world +x, counter-clockwise seen from above.
     pub heading_rad: f64,
 }
 
 impl GroundPose {
-    /// The rigid motion from car to world coordinates.
+    /// Returns the rigid motion from car to world coordinates.
     #[must_use]
     pub fn world_from_car(&self) -> Isometry3<f64> {
         Isometry3::from_parts(
@@ -26,7 +26,7 @@ impl GroundPose {
         )
     }
 
-    /// The pose on the ground nearest to a free one: its origin dropped on the plane, its forward axis laid on it.
+    /// Returns the projection of a free pose onto the ground: of its origin and of its forward axis.
     #[must_use]
     pub fn nearest(world_from_car: &Isometry3<f64>) -> Self {
         let forward = world_from_car.rotation * Vector3::x();
@@ -35,21 +35,21 @@ impl GroundPose {
     }
 }
 
-/// The same angle in (−π, π].
+/// Returns an angle modulo 2π, in (−π, π].
 #[must_use]
 pub fn wrap_angle(angle_rad: f64) -> f64 {
     let turned = angle_rad.rem_euclid(TAU);
     if turned > PI { turned - TAU } else { turned }
 }
 
-/// The same axis, turned by less than π/2: in (−π/2, π/2].
+/// Returns the direction of an axis, an angle modulo π, in (−π/2, π/2].
 #[must_use]
 pub fn fold_axis(angle_rad: f64) -> f64 {
     let folded = angle_rad.rem_euclid(PI);
     if folded > PI / 2.0 { folded - PI } else { folded }
 }
 
-/// The shortest turn from `b` to `a`, in (−π, π].
+/// Returns the shortest turn from `b` to `a`, rad, in (−π, π].
 #[must_use]
 pub fn angle_difference(a: f64, b: f64) -> f64 {
     wrap_angle(a - b)

@@ -1,4 +1,4 @@
-//! The records that stages hand on, in the form that the files have (see `ARCHITECTURE.md`).
+//! The records that stages pass on, as the files contain them (see `ARCHITECTURE.md`).
 
 mod camera;
 mod car;

@@ -1,8 +1,8 @@
-//! What a few bad values cannot spoil: medians, Student t.
+//! Robust statistics: medians and Student's t distribution.
 
 use std::cmp::Ordering;
 
-/// Median of finite numbers; `None` of none. Sorts its input.
+/// Returns the median of finite numbers; `None` if there are none. Sorts its input.
 #[must_use]
 pub fn median(values: &mut [f64]) -> Option<f64> {
     values.sort_by(f64::total_cmp);
@@ -10,15 +10,18 @@ pub fn median(values: &mut [f64]) -> Option<f64> {
     (n > 0).then(|| 0.5 * (values[(n - 1) / 2] + values[n / 2]))
 }
 
-/// The value in the middle in this order, the upper one of two; `None` of none. It is one of the values, where [`median`] may lie
-/// between two. Sorts its input.
+/// Returns the middle value in the given order, or the upper one of two; `None` if there are none. Sorts its input.
+///
+/// The result is one of the values, while [`median`] may lie between two.
 #[must_use]
 pub fn upper_median<T: Copy>(values: &mut [T], order: impl FnMut(&T, &T) -> Ordering) -> Option<T> {
     values.sort_by(order);
     values.get(values.len() / 2).copied()
 }
 
-/// Value below which half of the weight lies; `None` without positive weight. Sorts its input of (value, weight).
+/// Returns the weighted median of (value, weight) pairs: half of the weight lies below it.
+///
+/// Returns `None` without positive weight. Sorts its input.
 #[must_use]
 pub fn weighted_median(values: &mut [(f64, f64)]) -> Option<f64> {
     values.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -33,25 +36,26 @@ pub fn weighted_median(values: &mut [(f64, f64)]) -> Option<f64> {
         .map(|v| v.0)
 }
 
-/// Errors that scatter like Student's t with ν = 4: like a Gaussian near zero, with room for a few that are far off. Solved by
-/// reweighting (Lange, Little and Taylor 1989, J. Am. Stat. Assoc. 84).
+/// Student's t distribution of errors with ν = 4: similar to a Gaussian near zero, but with heavier tails for outliers.
+///
+/// Minimised by reweighting (Lange, Little and Taylor 1989, J. Am. Stat. Assoc. 84).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StudentT {
-    /// Numbers that an error has.
+    /// Dimensions of an error.
     pub dimensions: f64,
 }
 
 impl StudentT {
-    /// ν: the fewer, the more is taken for far off.
+    /// Degrees of freedom ν. A smaller ν gives outliers less weight.
     const FREEDOM: f64 = 4.0;
 
-    /// What an error of this squared distance (Mahalanobis) weighs against one of a Gaussian.
+    /// Returns the weight of an error of this squared Mahalanobis distance, relative to a Gaussian error.
     #[must_use]
     pub fn weight(&self, squared: f64) -> f64 {
         (Self::FREEDOM + self.dimensions) / (Self::FREEDOM + squared)
     }
 
-    /// Its negative log density, up to a constant.
+    /// Returns the negative log density of an error of this squared Mahalanobis distance, up to a constant.
     #[must_use]
     pub fn cost(&self, squared: f64) -> f64 {
         0.5 * (Self::FREEDOM + self.dimensions) * (squared / Self::FREEDOM).ln_1p()

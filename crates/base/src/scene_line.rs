@@ -1,16 +1,16 @@
-//! Edges of a picture, straight and nearly so.
+//! Straight and nearly straight edges of the scene in the image.
 
 use nalgebra::Vector2;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// A straight edge of the scene. In files `[x0, y0, x1, y1, sd]`, the sd in rad.
+/// A straight edge of the scene, `[x0, y0, x1, y1, sd]` in files: both ends in px, and the sd of the direction in rad.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(into = "[f64; 5]", from = "[f64; 5]")]
 pub struct SceneLine {
-    /// Its ends, px of the picture.
+    /// Both ends, px of the picture.
     pub ends_px: [Vector2<f64>; 2],
-    /// sd of its direction, rad: of finding it, not of how upright such things stand.
+    /// sd of the measured direction, rad. How far such edges are from vertical in the world is not counted.
     pub sd_rad: f64,
 }
 
@@ -28,7 +28,7 @@ impl From<SceneLine> for [f64; 5] {
 }
 
 impl SceneLine {
-    /// As a file keeps it: hundredths of a pixel are far below what an edge is found to.
+    /// Returns the edge as files store it. Hundredths of a pixel are far below an edge's accuracy.
     #[must_use]
     pub fn rounded(self) -> Self {
         let rounded = |v: f64, digits: f64| (v * digits).round() / digits;
@@ -38,19 +38,19 @@ impl SceneLine {
         }
     }
 
-    /// Its middle, px.
+    /// Returns the middle of the edge, px.
     #[must_use]
     pub fn middle_px(&self) -> Vector2<f64> {
         (self.ends_px[0] + self.ends_px[1]) / 2.0
     }
 
-    /// From the first end to the second, px.
+    /// Returns the vector from the first end to the second, px.
     #[must_use]
     pub fn along_px(&self) -> Vector2<f64> {
         self.ends_px[1] - self.ends_px[0]
     }
 
-    /// Finite, with a length and a positive sd.
+    /// Whether the edge is finite and has a length and a positive sd.
     #[must_use]
     pub fn is_sound(&self) -> bool {
         let numbers: [f64; 5] = (*self).into();
@@ -58,14 +58,15 @@ impl SceneLine {
     }
 }
 
-/// A long edge of the scene that would be straight, or gently curved, before a lens that bends no lines. In files
-/// `[x0, y0, x1, y1, x2, y2, sd]`.
+/// A long edge of the scene that would be straight, or gently curved, without lens distortion.
+///
+/// In files `[x0, y0, x1, y1, x2, y2, sd]`: one end, the middle, the other end and the middle's sd, px.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(into = "[f64; 7]", from = "[f64; 7]")]
 pub struct SceneCurve {
     /// One end, the middle, the other end, px of the picture.
     pub points_px: [Vector2<f64>; 3],
-    /// sd of how far the middle is from the ends' line, px.
+    /// sd of the middle's distance from the line through the ends, px.
     pub sd_px: f64,
 }
 
@@ -83,7 +84,7 @@ impl From<SceneCurve> for [f64; 7] {
 }
 
 impl SceneCurve {
-    /// As a file keeps it.
+    /// Returns the edge as files store it, to hundredths of a pixel.
     #[must_use]
     pub fn rounded(self) -> Self {
         let rounded = |v: f64| (v * 100.0).round() / 100.0;
@@ -93,7 +94,7 @@ impl SceneCurve {
         }
     }
 
-    /// Finite, with different ends and a positive sd.
+    /// Whether the edge is finite and has different ends and a positive sd.
     #[must_use]
     pub fn is_sound(&self) -> bool {
         let numbers: [f64; 7] = (*self).into();

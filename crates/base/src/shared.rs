@@ -1,76 +1,88 @@
-//! What cars say of a camera when their errors have something in common.
+//! Information of cars on a camera when all cars of a scene share some errors.
 //!
-//! A net sees the cars of one place from a little too high or too low, all of them alike: no number of cars averages that out. So
-//! beside the information on x = (log f, tilt, roll, log h) that evidence holds were cars' errors independent, it is kept how the
-//! camera it leads to moves with the errors s that all cars of a place share: of the angle at which they are seen from above, of
-//! their turn about the line of sight (rad), of what is known of the lens (1/px²), and of the principal point (px). Evidence of
-//! several pictures of a place adds up; only then is s taken for what it is, an error of known sd: `Σ = I⁻¹ + G S Gᵀ`, with
-//! `G = −I⁻¹ C` of the information I and its cross part C between x and s.
+//! A net sees all cars of a scene from a little too high or too low. No number of cars averages such an error out.
+//! Evidence on x = (log f, tilt, roll, log h) therefore has two parts:
+//!
+//! - the information I on x as if the cars' errors were independent;
+//! - the cross information C between x and the shared errors s.
+//!
+//! The shared errors are the elevation angle of the view, the turn about the line of sight (both rad), the lens
+//! distortion (1/px²), and the principal point (px). Evidence of several frames of a scene is summed first. Then s,
+//! whose covariance S is known, widens the covariance of x: `Σ = I⁻¹ + G S Gᵀ` with `G = −I⁻¹ C`.
 
 use nalgebra::{Matrix4, Matrix4x5, Matrix5, Vector4, Vector5};
 
-/// Errors that the cars of a place share.
+/// Number of errors that the cars of a scene share.
 pub const SHARED_ERRORS: usize = 5;
 
-/// sd of each: elevation and turn, rad; the lens ([`Lens::per_px2`](crate::Lens::per_px2)), 1/px²; the principal point, x and y, px,
-/// while tilt and roll are those of the ray through the picture's middle, which it hardly moves. 0: cars share none.
+/// sds of the shared errors; 0 means that cars do not share the error.
+///
+/// In this order: elevation and turn, rad; the lens ([`Lens::per_px2`](crate::Lens::per_px2)), 1/px²; the principal
+/// point, x and y, px. A shift of the principal point keeps the ray through the image's middle, to which tilt and roll
+/// belong.
 pub type SharedSd = [f64; SHARED_ERRORS];
 
-/// Gaussian evidence on x as above, possibly singular. It leads to the same camera whatever the shared errors' sd is.
+/// Gaussian information on (log f, tilt, roll, log h) and the shared errors, possibly singular.
+///
+/// The shared errors' sds change the camera's covariance but not its mean.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JointInformation {
-    /// Inverse covariance, were nothing shared.
+    /// Inverse covariance of the camera without shared errors.
     pub information: Matrix4<f64>,
-    /// Its cross part: camera by shared errors.
+    /// Cross information: camera (rows) by shared errors (columns).
     pub cross: Matrix4x5<f64>,
     /// `information` times the mean.
     pub vector: Vector4<f64>,
 }
 
 impl JointInformation {
-    /// Nothing said.
+    /// Returns zero information.
     #[must_use]
     pub fn none() -> Self {
         Self { information: Matrix4::zeros(), cross: Matrix4x5::zeros(), vector: Vector4::zeros() }
     }
 
-    /// Evidence on the camera alone: its errors are not shared with anything.
+    /// Creates information on the camera without shared errors.
     #[must_use]
     pub fn of_camera(information: &Matrix4<f64>, camera: &Vector4<f64>) -> Self {
         Self { information: *information, cross: Matrix4x5::zeros(), vector: information * camera }
     }
 
-    /// Adds a share of other evidence.
+    /// Adds other information, multiplied by `share`.
     pub fn add(&mut self, other: &Self, share: f64) {
         self.information += other.information * share;
         self.cross += other.cross * share;
         self.vector += other.vector * share;
     }
 
-    /// What it says of the camera with the shared errors counted: inverse covariance, and that times the mean.
+    /// Returns the camera's inverse covariance with the shared errors marginalised, and its product with the mean.
     #[must_use]
     pub fn marginal(&self, sd: SharedSd) -> (Matrix4<f64>, Vector4<f64>) {
-        let seen = self.seen();
-        // C (S⁻¹ + Cᵀ I⁻¹ C)⁻¹ with S = D²: C D (D Cᵀ I⁻¹ C D + 1)⁻¹ D, good for sds of 0, too.
+        let solved = self.solved_cross();
+        // C (S⁻¹ + Cᵀ I⁻¹ C)⁻¹ with S = D²: C D (D Cᵀ I⁻¹ C D + 1)⁻¹ D, which also holds for sds of 0.
         let d = Matrix5::from_diagonal(&Vector5::from(sd));
-        let own = d * self.cross.transpose() * seen * d;
+        let own = d * self.cross.transpose() * solved * d;
         let kept = (own + Matrix5::identity()).try_inverse().unwrap_or_else(Matrix5::zeros);
         let gain = self.cross * (d * kept * d);
         let information = self.information - gain * self.cross.transpose();
-        ((information + information.transpose()) / 2.0, self.vector - gain * (seen.transpose() * self.vector))
+        (
+            (information + information.transpose()) / 2.0,
+            self.vector - gain * (solved.transpose() * self.vector),
+        )
     }
 
-    /// Evidence as good as this that, with the shared errors counted, leads to this camera where something else pulls: `pull` is the
-    /// gradient of that one's cost there.
+    /// Returns the same information with another mean, so that together with other costs `camera` is the minimum.
+    ///
+    /// `pull` is the gradient of the other costs at `camera`. The shared errors are marginalised.
     #[must_use]
-    pub fn leading_to(&self, camera: &Vector4<f64>, pull: &Vector4<f64>, sd: SharedSd) -> Self {
+    pub fn with_minimum_at(&self, camera: &Vector4<f64>, pull: &Vector4<f64>, sd: SharedSd) -> Self {
         let variance = Matrix5::from_diagonal(&Vector5::from(sd).map(|sd| sd * sd));
-        let shared = self.cross * (variance * (self.seen().transpose() * pull));
+        let shared = self.cross * (variance * (self.solved_cross().transpose() * pull));
         Self { vector: self.information * camera + pull + shared, ..*self }
     }
 
-    /// `I⁻¹ C`; where the information is singular C has nothing.
-    fn seen(&self) -> Matrix4x5<f64> {
+    /// Returns `I⁻¹ C`; in directions in which I is singular, C is zero.
+    fn solved_cross(&self) -> Matrix4x5<f64> {
         let floor = 1e-12 * self.information.trace().max(1e-12);
         let inverse = (self.information + Matrix4::identity() * floor).try_inverse();
         inverse.map_or_else(Matrix4x5::zeros, |inverse| inverse * self.cross)
@@ -81,7 +93,7 @@ impl JointInformation {
 mod tests {
     use super::*;
 
-    /// Ten cars of one place, each of which says (tilt + elevation error) to 0.01 rad, and the rest well.
+    /// Ten cars of one scene, each of which measures all parameters, and (tilt + elevation error) to 0.01 rad.
     fn cars() -> JointInformation {
         let mut joint = JointInformation::of_camera(&(Matrix4::identity() * 1e4), &Vector4::repeat(0.3));
         joint.add(&joint.clone(), 9.0);
@@ -100,10 +112,10 @@ mod tests {
     }
 
     #[test]
-    fn evidence_leads_where_it_is_told_to() {
+    fn the_minimum_is_at_the_given_camera() {
         let (at, pull) = (Vector4::new(0.31, 0.28, 0.3, 0.33), Vector4::new(5.0, -20.0, 1.0, 0.0));
         for sd in [[0.0; 5], [0.02, 0.01, 0.0, 0.0, 0.0]] {
-            let joint = cars().leading_to(&at, &pull, sd);
+            let joint = cars().with_minimum_at(&at, &pull, sd);
             let (information, vector) = joint.marginal(sd);
             assert!((information * at - vector + pull).amax() < 1e-6);
             assert_eq!(joint.information, cars().information);
@@ -111,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn evidence_that_leaves_something_open_is_widened_in_the_rest() {
+    fn singular_information_is_widened_in_its_other_directions() {
         let mut joint = cars();
         joint.information[(0, 0)] = 0.0;
         joint.vector[0] = 0.0;

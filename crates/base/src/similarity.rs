@@ -1,8 +1,8 @@
-//! Plane similarity between two point sets.
+//! Similarity transforms of the plane.
 
 use nalgebra::{Matrix2, Vector2};
 
-/// A turn, a shift and a scale: `moved = m · point + shift` with m = scale · rotation.
+/// A similarity transform: `moved = m · point + shift` with m = scale · rotation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Similarity {
     m: Matrix2<f64>,
@@ -10,14 +10,16 @@ pub struct Similarity {
 }
 
 impl Similarity {
-    /// Scales about `from` and carries it to `to`.
+    /// Creates a transform without rotation that scales and moves the point `from` to `to`.
     #[must_use]
     pub fn carrying(from: &Vector2<f64>, to: &Vector2<f64>, scale: f64) -> Self {
         let m = Matrix2::identity() * scale;
         Self { m, shift: to - m * from }
     }
 
-    /// Least squares over (point, moved point): closed form (Umeyama 1991). One pair, or coinciding points, give a pure shift.
+    /// Fits a transform to pairs (point, moved point) by least squares, in closed form (Umeyama 1991).
+    ///
+    /// One pair, or coinciding points, give a pure shift. Returns `None` without pairs.
     #[must_use]
     pub fn fit(pairs: &[(Vector2<f64>, Vector2<f64>)]) -> Option<Self> {
         if pairs.is_empty() {
@@ -38,19 +40,19 @@ impl Similarity {
         Some(Self { m, shift: to - m * from })
     }
 
-    /// Where a point goes.
+    /// Returns the image of a point.
     #[must_use]
     pub fn apply(&self, point: &Vector2<f64>) -> Vector2<f64> {
         self.m * point + self.shift
     }
 
-    /// Its turn, counter-clockwise, rad.
+    /// Returns the rotation from x towards y, rad.
     #[must_use]
     pub fn turn(&self) -> f64 {
         self.m[(1, 0)].atan2(self.m[(0, 0)])
     }
 
-    /// Logarithm of the scale.
+    /// Returns the logarithm of the scale.
     #[must_use]
     pub fn log_scale(&self) -> f64 {
         self.m.determinant().max(1e-12).ln() / 2.0

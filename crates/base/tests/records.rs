@@ -1,4 +1,4 @@
-//! Records come back from their files as they went in, older files are read, and what cannot be is refused by name.
+//! Records survive writing and reading, older files are read, and impossible values are rejected by name.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
@@ -15,11 +15,11 @@ use serde_json::{Value, json};
 
 const SIZE: ImageSize = ImageSize { width: 640, height: 360 };
 
-/// Two vehicles, one held; a camera that was turned; edges of the place.
+/// A frame with two vehicles, one of them carried over; a camera that was turned; edges of the scene.
 fn frame() -> FrameRecord {
     let line = [10.0, 20.0, 10.5, 80.0, 0.01];
     let curve = [0.0, 5.0, 300.0, 2.5, 600.0, 5.0, 0.25];
-    let held = CarRecord {
+    let carried_over = CarRecord {
         class: VehicleClass::Truck,
         held_since: Some(3),
         pose_from: Some(CarRef { frame: 3, car: 1 }),
@@ -44,17 +44,17 @@ fn frame() -> FrameRecord {
         watch: Some(watch),
         scene_lines: Some(vec![line.into()]),
         scene_curves: Some(vec![curve.into()]),
-        cars: vec![CarRecord::boxed([1.0, 2.0, 31.0, 22.0]), held],
+        cars: vec![CarRecord::boxed([1.0, 2.0, 31.0, 22.0]), carried_over],
         weak: vec![WeakBox { bbox_px: [51.0, 2.0, 81.0, 22.0], score: 0.2 }],
         ..FrameRecord::empty(7, 0.28, SIZE)
     }
 }
 
 #[test]
-fn a_frame_of_which_everything_is_known_survives() {
+fn a_frame_with_all_fields_survives() {
     let text = serde_json::to_string(&frame()).unwrap();
     assert_eq!(FrameRecord::from_json(&text).unwrap(), frame());
-    // As the documented form has them: lists of numbers.
+    // The documented form: lists of numbers.
     let value: Value = serde_json::from_str(&text).unwrap();
     assert_eq!(value["image_size_px"], json!([640, 360]));
     assert_eq!(value["scene_lines"][0], json!([10.0, 20.0, 10.5, 80.0, 0.01]));
@@ -66,7 +66,7 @@ fn a_frame_of_which_everything_is_known_survives() {
 }
 
 #[test]
-fn frames_that_cannot_be_are_refused_by_the_field() {
+fn impossible_frames_are_rejected_by_field() {
     let nulls = |count: usize| vec![Value::Null; count];
     for (field, wrong, words) in [
         ("/image_size_px", json!([0, 360]), "image_size_px"),
@@ -87,14 +87,14 @@ fn frames_that_cannot_be_are_refused_by_the_field() {
 }
 
 #[test]
-fn edges_are_kept_as_well_as_they_were_found() {
+fn rounding_edges_loses_no_accuracy() {
     let line = SceneLine::from([10.123_456, 20.0, 11.0, 80.987_654, 0.001_234_567]);
     let kept = line.rounded();
     assert!(kept.ends_px.iter().zip(line.ends_px).all(|(a, b)| (a - b).norm() < 0.01));
     assert_eq!((kept.rounded(), kept.sd_rad), (kept, 0.00123));
     let curve = SceneCurve::from([0.004, 5.0, 300.0, 2.5, 600.0, 5.0, 0.254]);
     assert_eq!(<[f64; 7]>::from(curve.rounded()), [0.0, 5.0, 300.0, 2.5, 600.0, 5.0, 0.25]);
-    // However well one was found, its sd stays above zero.
+    // However small, an sd stays above zero.
     assert!(SceneLine { sd_rad: 1e-9, ..line }.rounded().is_sound());
     assert!(SceneCurve { sd_px: 1e-9, ..curve }.rounded().is_sound());
 }
@@ -115,7 +115,7 @@ fn edges_without_length_or_sd_are_not_sound() {
     }
 }
 
-/// What a clip with one parked car says.
+/// The evidence of a clip with one parked car.
 fn evidence() -> CameraEvidence {
     CameraEvidence {
         schema: EVIDENCE_SCHEMA.to_owned(),
@@ -145,7 +145,7 @@ fn evidence() -> CameraEvidence {
 }
 
 #[test]
-fn evidence_leads_to_the_camera_that_it_tells_of() {
+fn the_mean_of_evidence_is_its_camera() {
     assert!(evidence().check().is_ok());
     let joint = evidence().joint();
     let mean = joint.information.try_inverse().unwrap() * joint.vector;
@@ -174,7 +174,7 @@ fn evidence_of_older_versions_is_read() {
 }
 
 #[test]
-fn evidence_that_cannot_be_is_refused() {
+fn impossible_evidence_is_rejected() {
     type Spoil = fn(&mut CameraEvidence);
     let spoilt: [(Spoil, &str); 8] = [
         (|e| e.schema = "roadplane.evidence/9".to_owned(), "roadplane.evidence/9"),
@@ -220,17 +220,17 @@ fn names_in_files_are_those_in_the_code() {
 }
 
 #[test]
-fn a_picture_knows_its_time_and_size() {
+fn a_frame_returns_its_time_and_size() {
     let stamp = FrameStamp { index: 3, pts_nanos: 120_000_000 };
     let frame = Frame { stamp, image: image::RgbImage::new(640, 360) };
     assert!((frame.stamp.time_s() - 0.12).abs() < 1e-12);
     assert_eq!((frame.size(), frame.bytes()), (SIZE, 640 * 360 * 3));
-    // Between the two middle pixels of each direction, as (0, 0) is the centre of one.
+    // Between the two middle pixels of each direction, since (0, 0) is the centre of a pixel.
     assert_eq!(SIZE.centre_px(), Vector2::new(319.5, 179.5));
 }
 
 #[test]
-fn motions_are_rows_of_the_matrix_that_moves_points() {
+fn rows_of_a_motion_move_points() {
     let motion = Isometry3::from_parts(
         Vector3::new(1.0, 2.0, 3.0).into(),
         UnitQuaternion::from_axis_angle(&Vector3::z_axis(), FRAC_PI_2),
@@ -241,7 +241,7 @@ fn motions_are_rows_of_the_matrix_that_moves_points() {
 }
 
 #[test]
-fn a_prior_follows_the_longer_side_and_none_says_nothing() {
+fn a_prior_follows_the_longer_side_and_none_has_no_information() {
     let prior = CameraPrior::default();
     let [wide, tall] = [[640, 360], [360, 640]].map(|size| prior.mean(ImageSize::from(size)));
     assert_eq!(wide, tall);
@@ -251,13 +251,13 @@ fn a_prior_follows_the_longer_side_and_none_says_nothing() {
 }
 
 #[test]
-fn an_estimate_is_a_camera() {
+fn an_estimate_contains_a_camera() {
     let estimate = CameraEstimate {
         span_s: [0.0, 1.0],
         image_size_px: SIZE,
         principal_point_px: SIZE.centre_px(),
         lens: Lens { per_px2: -1e-7 },
-        bend_sd: Some(0.01),
+        distortion_sd: Some(0.01),
         params: CameraParams { log_focal: 800_f64.ln(), tilt: 0.3, roll: 0.0, log_height: 2.0 },
         covariance: Matrix4::identity(),
         status: CameraStatus::Estimated,

@@ -1,28 +1,28 @@
-//! A car's keypoints as both baselines use them: viewing rays with a confidence each.
+//! A car's keypoints as the input of both baselines: viewing rays with confidences.
 
 use nalgebra::{Vector2, Vector3};
 use roadplane_base::{Camera, KeypointSet, MIN_KEYPOINTS};
 
-/// One keypoint.
+/// One observed keypoint.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Observation {
     /// Index of the keypoint.
     pub index: usize,
-    /// Viewing ray, camera frame, z = 1.
+    /// Viewing ray in the camera frame, with z = 1.
     pub ray: Vector3<f64>,
     /// Confidence, 0–1.
     pub weight: f64,
 }
 
 impl Observation {
-    /// Image coordinates before a camera of focal length 1.
+    /// Returns the image coordinates for a camera of focal length 1.
     pub fn xy(&self) -> Vector2<f64> {
         self.ray.xy()
     }
 }
 
-/// The usable keypoints: finite, with a confidence above zero. `None` of fewer than [`MIN_KEYPOINTS`], or if the camera is
-/// none.
+/// Returns the usable keypoints: finite, with a confidence above zero. Returns `None` below [`MIN_KEYPOINTS`] of them,
+/// or if the focal length is invalid.
 pub(crate) fn observations(camera: &Camera, keypoints: &KeypointSet) -> Option<Vec<Observation>> {
     if !(camera.focal_px.is_finite() && camera.focal_px > 0.0) {
         return None;

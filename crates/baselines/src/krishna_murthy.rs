@@ -1,15 +1,15 @@
-//! Krishna Murthy et al. 2017: pose adjustment of the mean car, then shape-aware adjustment, both by minimising the
-//! reprojection error of the keypoints with iteratively reweighted least squares (their §III-C and III-D).
+//! Krishna Murthy et al. 2017: adjustment of pose, then of pose and shape (their §III-C and III-D).
 //!
-//! A keypoint weighs its confidence × a robust weight of its residual; the shape prior is the quadratic one of the basis.
-//! Symmetry and planarity, which they add as further terms, hold in our atlas by construction.
+//! Both steps minimise the reprojection error of the keypoints with iteratively reweighted least squares. The first one
+//! uses the mean car. A keypoint's weight is its confidence times a robust weight of its residual. The shape prior is
+//! the quadratic one of the basis. Their further terms, symmetry and planarity, hold in our atlas by construction.
 //!
-//! Theirs is a car in front of a car-mounted camera, and two of their inputs do not exist here:
-//! - The viewpoint comes from a net. We start from eight azimuths and keep what ends with the lowest cost.
-//! - The camera's axis is parallel to the ground and its height known, which places the car by its box's lower edge. A
-//!   surveillance camera looks down by an unknown angle. The depth of the start is therefore the one at which the mean car
-//!   is as large as the box, each azimuth is started from two tilts, and the rotation is free in all three degrees (theirs
-//!   too, after the start): held upright before a level camera no pose could be right.
+//! Their cars are seen by a camera on a car, and two of their inputs do not exist here:
+//! - A net gives the viewpoint. We start from eight azimuths and keep the result with the lowest cost.
+//! - The camera's axis is parallel to the ground, and its height is known. So the lower edge of a box gives the
+//!   position of the car. A surveillance camera has an unknown tilt. Here the start has the depth at which the mean
+//!   car is as large as the box, and each azimuth is started with two tilts. The rotation is free in all three degrees
+//!   (theirs too, after the start), because a camera that is assumed level allows no right pose.
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3};
 use roadplane_base::{Camera, KeypointSet, Shape, ShapeAtlas};
@@ -19,21 +19,22 @@ use crate::CarFit;
 use crate::evidence::{Observation, observations};
 use crate::reprojection::{Reprojection, State};
 
-/// Headings that are tried.
+/// Number of azimuths to start from.
 const AZIMUTHS: usize = 8;
-/// Tilts of the camera that are tried, rad: their level camera and one that looks down.
+/// Tilts of the camera to start from, rad: their level camera, and one that is tilted down.
 const TILTS: [f64; 2] = [0.0, 0.5];
 /// sd of a keypoint as a share of the box's longer side.
 const SD_SHARE: f64 = 0.03;
-/// Residual, in sd, from which a keypoint's weight falls (Huber).
+/// Residual from which a keypoint's weight falls (Huber), in sds.
 const HUBER_SD: f64 = 1.5;
-/// Rounds of reweighting a stage.
+/// Most rounds of reweighting per step.
 const REWEIGHTINGS: usize = 8;
-/// Reweighting ends when the robust cost falls by a smaller share.
+/// Reweighting ends when the relative decrease of the robust cost is smaller.
 const COST_TOLERANCE: f64 = 1e-6;
 
-/// Pose and shape of one car before a known camera. `None` with fewer than five usable keypoints, or if no start can be
-/// evaluated.
+/// Fits the pose and shape of one car in front of a calibrated camera.
+///
+/// Returns `None` with fewer than five usable keypoints, or if no start can be evaluated.
 #[must_use]
 pub fn krishna_murthy(atlas: &ShapeAtlas, camera: &Camera, keypoints: &KeypointSet) -> Option<CarFit> {
     let observations = observations(camera, keypoints)?;
@@ -66,7 +67,7 @@ pub fn krishna_murthy(atlas: &ShapeAtlas, camera: &Camera, keypoints: &KeypointS
     Some(CarFit { camera_from_car, shape })
 }
 
-/// The mean car upright before a camera with this tilt, as large as the box and in its middle.
+/// Returns the mean car on the ground of a camera with this tilt, in the middle of the box and as large as it.
 fn start(
     atlas: &ShapeAtlas,
     observations: &[Observation],
@@ -74,7 +75,7 @@ fn start(
     azimuth: f64,
     tilt: f64,
 ) -> State {
-    // Car axes in a level camera: forward to the right at azimuth 0, left away from it, up.
+    // Columns: the car's axes in a level camera. At azimuth 0, forward is right and left is away from the camera.
     let level = Matrix3::new(1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0);
     let level = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(level));
     let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), azimuth);
@@ -92,7 +93,7 @@ fn start(
     State { camera_from_car, translation, shape: Shape::zeros() }
 }
 
-/// Iteratively reweighted least squares to a standstill; gives the robust cost.
+/// Runs iteratively reweighted least squares to convergence. Returns the robust cost.
 fn adjust(problem: &mut Reprojection<'_>, observations: &[Observation]) -> Option<f64> {
     let options = LmOptions { max_iterations: 30, cost_tolerance: 1e-7, ..LmOptions::default() };
     let mut last_cost = f64::INFINITY;
@@ -118,7 +119,7 @@ fn adjust(problem: &mut Reprojection<'_>, observations: &[Observation]) -> Optio
     Some(last_cost)
 }
 
-/// Huber's loss and weight of a residual in sd.
+/// Returns Huber's loss and weight of a residual in sds.
 fn huber(off: f64) -> (f64, f64) {
     if off <= HUBER_SD { (0.5 * off * off, 1.0) } else { (HUBER_SD * (off - 0.5 * HUBER_SD), HUBER_SD / off) }
 }

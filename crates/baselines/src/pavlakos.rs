@@ -1,16 +1,16 @@
 //! Pavlakos et al. 2017: weak perspective by convex relaxation, then full perspective.
 //!
-//! Their deformable shape is `S = B₀ + Σ c_i B_i` (Eq. 1; our atlas) and their problem `min ½ ‖ξ(θ) D^½‖² + λ/2 ‖c‖²`
-//! (Eq. 2) with D the keypoints' confidences and ξ either of
+//! Their deformable shape is `S = B₀ + Σ c_i B_i` (Eq. 1; our atlas), and their problem is `min ½ ‖ξ(θ) D^½‖² + λ/2
+//! ‖c‖²` (Eq. 2). D are the keypoints' confidences, and ξ is either of
 //!
 //! ```text
 //! W − s R̄ S − t 1ᵀ           weak perspective (Eq. 4), W the image points
 //! W̃ Z − R S − T 1ᵀ           full perspective (Eq. 5), W̃ the viewing rays, Z their depths
 //! ```
 //!
-//! The first has a convex relaxation (`relaxation.rs`), from which block coordinate descent goes on; its rotation and scale
-//! start the second. Their λ is set by hand; here it is that of the posterior: the atlas has c ~ N(0, I), and keypoints are
-//! taken to be off by [`KEYPOINT_SD_M`](basis::KEYPOINT_SD_M) on the car.
+//! The first one has a convex relaxation (`relaxation.rs`), which starts a block coordinate descent. Its rotation and
+//! scale start the second one. They set λ by hand. Here it is that of the posterior: the atlas has c ~ N(0, I), and a
+//! keypoint's sd on the car is assumed to be [`KEYPOINT_SD_M`](basis::KEYPOINT_SD_M).
 
 mod basis;
 mod full;
@@ -25,8 +25,10 @@ use basis::Basis;
 
 pub use weak::WeakPerspective;
 
-/// Pose and shape of one car before a known camera. `None` with fewer than five usable keypoints, or if they determine no
-/// pose (all on a line, say).
+/// Fits the pose and shape of one car in front of a calibrated camera.
+///
+/// Returns `None` with fewer than five usable keypoints, or if they determine no pose (if all lie on a line, for
+/// example).
 #[must_use]
 pub fn pavlakos(atlas: &ShapeAtlas, camera: &Camera, keypoints: &KeypointSet) -> Option<CarFit> {
     let observations = observations(camera, keypoints)?;
@@ -35,7 +37,8 @@ pub fn pavlakos(atlas: &ShapeAtlas, camera: &Camera, keypoints: &KeypointSet) ->
     full::solve(&basis, &observations, &start)
 }
 
-/// Its first half alone: rotation, scale and shape under weak perspective. `None` as in [`pavlakos`].
+/// Fits rotation, scale and shape under weak perspective: the first step of [`pavlakos`]. Returns `None` in the same
+/// cases.
 #[must_use]
 pub fn weak_perspective(
     atlas: &ShapeAtlas,

@@ -1,11 +1,11 @@
-//! Reprojection error of one car, pose and shape free, as a least-squares problem for the loop of `solve`.
+//! Reprojection error of one car, with pose and shape free, as a least-squares problem for the solver of `solve`.
 //!
 //! ```text
-//! E = Σ_i ½ w_i ‖π(R S_i(c) + T) − z_i‖² / σ² + ½ ‖c‖²         π(X) = X_xy / X_z, a focal length of 1
+//! E = Σ_i ½ w_i ‖π(R S_i(c) + T) − z_i‖² / σ² + ½ ‖c‖²         π(X) = X_xy / X_z, for a focal length of 1
 //! ```
 //!
-//! Step: `(ω, δT, δc)` with `R ← exp(ω) R`; so with X = R S + T the Jacobian of a residual is
-//! `∂π/∂X · [−[R S]×, I, R V_1 … R V_6]`.
+//! A step is `(ω, δT, δc)` with `R ← exp(ω) R`. So with X = R S + T the Jacobian of a residual is `∂π/∂X · [−[R S]×, I,
+//! R V_1 … R V_6]`.
 
 use nalgebra::{Matrix2x3, SMatrix, SVector, UnitQuaternion, Vector2, Vector3};
 use roadplane_base::{MODES, Shape, ShapeAtlas};
@@ -13,12 +13,12 @@ use roadplane_solve::{Problem, Trial};
 
 use crate::evidence::Observation;
 
-/// ω, T, c.
+/// Number of unknowns: ω, T, c.
 const UNKNOWNS: usize = 6 + MODES;
-/// Points nearer to the camera cannot be evaluated, m.
+/// Least depth of a point that can be evaluated, m.
 const MIN_DEPTH_M: f64 = 0.1;
 
-/// Pose and shape.
+/// Pose and shape of the car.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct State {
     pub camera_from_car: UnitQuaternion<f64>,
@@ -26,15 +26,15 @@ pub(crate) struct State {
     pub shape: Shape,
 }
 
-/// The problem; it owns its state.
+/// The least-squares problem with its current state.
 pub(crate) struct Reprojection<'a> {
     atlas: &'a ShapeAtlas,
     observations: &'a [Observation],
-    /// w_i, which the caller may change between runs of the loop.
+    /// The weights w_i. The caller may change them between runs of the solver.
     pub weights: Vec<f64>,
-    /// σ, in units of the focal length.
+    /// The sd σ of a keypoint, in units of the focal length.
     pub sigma: f64,
-    /// Whether c may move.
+    /// Whether the shape c is free.
     pub shape_free: bool,
     pub state: State,
     trial: State,
@@ -59,7 +59,7 @@ impl<'a> Reprojection<'a> {
         }
     }
 
-    /// Unweighted residual of each observation in σ; `None` if one lies behind the camera.
+    /// Returns the unweighted residual of each observation in σ; `None` if a point lies behind the camera.
     pub fn residuals(&self, state: &State) -> Option<Vec<Vector2<f64>>> {
         let residual = |s: &Observation| {
             let x =
@@ -145,7 +145,7 @@ mod tests {
     use nalgebra::Vector3;
 
     #[test]
-    fn the_gradient_is_that_of_the_cost() {
+    fn the_gradient_equals_that_of_the_cost() {
         let atlas = ShapeAtlas::shipped().unwrap();
         let state = State {
             camera_from_car: UnitQuaternion::from_euler_angles(1.4, 0.3, -0.8),

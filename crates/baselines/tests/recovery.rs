@@ -1,4 +1,4 @@
-//! Both baselines on keypoints whose poses are known.
+//! Both baselines on keypoints with known poses.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests")]
 
@@ -13,7 +13,8 @@ fn camera_of(truth: &SceneTruth) -> Camera {
     Camera::centred(truth.params.focal_px(), truth.size)
 }
 
-/// Rotation (rad) and relative translation error of every car of some scenes, and the sd of shape coefficients' errors.
+/// Returns the rotation error (rad), relative translation error and norm of the shape error of every car of some
+/// scenes.
 fn errors(method: Method, options: &SynthOptions, seeds: std::ops::Range<u64>) -> Vec<[f64; 3]> {
     let atlas = ShapeAtlas::shipped().unwrap();
     let mut errors = Vec::new();
@@ -57,7 +58,7 @@ fn mean_cars_come_out_exactly() {
 
 #[test]
 fn cars_of_other_shapes_come_out_nearly() {
-    // The prior pulls shapes a little; the pose has to bear that.
+    // The prior changes the shapes a little; the pose must not suffer from it.
     let options = SynthOptions { shape_sd: 1.0, ..noise_free() };
     for (name, method) in [("pavlakos", pavlakos as Method), ("krishna_murthy", krishna_murthy)] {
         let errors = errors(method, &options, 0..40);
@@ -68,7 +69,7 @@ fn cars_of_other_shapes_come_out_nearly() {
 }
 
 #[test]
-fn noise_costs_accuracy_and_no_more() {
+fn noise_costs_accuracy_only() {
     let options = SynthOptions { shape_sd: 1.0, noise: 0.01, seen: 0.6, ..noise_free() };
     for (name, method) in [("pavlakos", pavlakos as Method), ("krishna_murthy", krishna_murthy)] {
         let errors = errors(method, &options, 0..40);
@@ -106,7 +107,7 @@ fn weak_perspective_is_exact_on_its_own_images() {
 }
 
 #[test]
-fn what_cannot_be_fitted_is_none() {
+fn keypoints_that_cannot_be_fitted_give_none() {
     let atlas = ShapeAtlas::shipped().unwrap();
     let camera = Camera::pinhole(1000.0, Vector2::new(640.0, 360.0));
     let point = |x: f64| Some(Keypoint::isotropic(Vector2::new(x, 300.0), 1.0, 1.0));
@@ -114,14 +115,14 @@ fn what_cannot_be_fitted_is_none() {
     for (i, slot) in few.iter_mut().take(4).enumerate() {
         *slot = point(100.0 * i as f64);
     }
-    let one_place: KeypointSet = [point(100.0); KEYPOINTS];
+    let one_point: KeypointSet = [point(100.0); KEYPOINTS];
     let broken: KeypointSet = [point(f64::NAN); KEYPOINTS];
     let unsure: KeypointSet =
         std::array::from_fn(|i| Some(Keypoint::isotropic(Vector2::new(i as f64, 1.0), 0.0, 1.0)));
     let no_camera = Camera { focal_px: f64::NAN, ..camera };
     let whole = scene(&atlas, &noise_free(), 0).cars[0].keypoints;
     for method in [pavlakos as Method, krishna_murthy] {
-        for keypoints in [&[None; KEYPOINTS], &few, &one_place, &broken, &unsure] {
+        for keypoints in [&[None; KEYPOINTS], &few, &one_point, &broken, &unsure] {
             assert!(method(&atlas, &camera, keypoints).is_none());
         }
         assert!(method(&atlas, &no_camera, &whole).is_none());

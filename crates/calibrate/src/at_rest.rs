@@ -1,28 +1,35 @@
-//! Frames as a camera at rest would have seen them: shake taken out, moves where they happened, nothing from pictures that say
-//! nothing.
+//! Converts frames to those of a camera at rest.
 //!
-//! The watcher tells a move when it knows of it, with the frame in which it happened (`watch.moved`). So frames are held back for
-//! a few seconds, and the move is put where it belongs. Cars seen while the camera was turning are left out: no camera at rest saw
-//! them; so are those of a picture at the clip's end of which nobody knows any more what it was.
+//! Shake is removed, and camera moves are dated to their first frame. Vehicles are removed from pictures without
+//! information.
+//!
+//! The watcher reports a move some time after it happened, together with its first frame (`watch.moved`). Therefore
+//! frames wait for a few seconds, and the move is assigned to the right frame. Cars seen during a move are removed,
+//! because no camera at rest observed them. Cars in unsettled frames at the end of a clip are removed too: the watcher
+//! never decided about these frames.
 
 use std::collections::VecDeque;
 
 use nalgebra::Vector2;
 use roadplane_base::{FrameRecord, MoveKind, PictureVerdict, WatchRecord, bbox_moved};
 
-/// Longer than the watcher takes to tell a move, s.
+/// Time that frames wait, s; longer than the watcher needs to report a move.
 const LAG_S: f64 = 8.0;
 
-/// Adapts frames in the order of time; see the module.
+/// An iterator over frames in the order of time that removes shake and dates camera moves; see the module.
 pub struct AtRest<I> {
+    /// Source of the frames.
     frames: I,
+    /// Frames that wait, in the order of time.
     held_back: VecDeque<FrameRecord>,
+    /// Whether the source has ended.
     is_over: bool,
+    /// Whether the camera is moving at the current frame.
     is_moving: bool,
 }
 
 impl<I> AtRest<I> {
-    /// Of these frames.
+    /// Creates the iterator over `frames`.
     pub fn new(frames: I) -> Self {
         Self { frames, held_back: VecDeque::new(), is_over: false, is_moving: false }
     }
@@ -69,6 +76,7 @@ where
 }
 
 impl<I> AtRest<I> {
+    /// Adds a frame to those that wait, and assigns a reported move to its first frame.
     fn take(&mut self, mut frame: FrameRecord) {
         let moved = frame.watch.as_mut().and_then(|watch| watch.moved.take());
         self.held_back.push_back(frame);
@@ -80,7 +88,8 @@ impl<I> AtRest<I> {
             if i == 0 {
                 watch.moved = Some(moved);
             }
-            // It was taken against the position before; the frame in which the move became known knows the new one.
+            // This offset refers to the previous camera position. Offsets refer to the new position only from the frame
+            // of the report.
             if i < known {
                 watch.offset_px = [0.0; 2];
             }
@@ -95,6 +104,7 @@ impl<I> AtRest<I> {
         }
     }
 
+    /// Removes the vehicles of unsettled frames at the end of the clip.
     fn leave_out_the_unsettled_end(&mut self) {
         let unsettled = |frame: &FrameRecord| {
             frame.watch.as_ref().is_some_and(|w| w.verdict == PictureVerdict::Unsettled)
@@ -105,12 +115,13 @@ impl<I> AtRest<I> {
     }
 }
 
+/// Removes all vehicles of a frame.
 fn leave_out_vehicles(frame: &mut FrameRecord) {
     frame.cars.clear();
     frame.weak.clear();
 }
 
-/// Takes the shake out of boxes and keypoints.
+/// Removes the shake from boxes and keypoints.
 fn settle(frame: &mut FrameRecord) {
     let offset = frame.watch.as_ref().map_or(Vector2::zeros(), WatchRecord::offset);
     if offset.norm() < f64::EPSILON {
@@ -132,6 +143,7 @@ mod tests {
     use super::*;
     use roadplane_base::{CameraMove, CarRecord, ImageSize, WeakBox};
 
+    /// Returns a frame every 0.1 s with one car, one weak box and a verdict of the watcher.
     fn frame(index: u64, verdict: PictureVerdict) -> FrameRecord {
         let watch = Some(WatchRecord { looked: true, verdict, ..WatchRecord::default() });
         let cars = vec![CarRecord::boxed([10.0, 10.0, 50.0, 40.0])];
@@ -140,6 +152,7 @@ mod tests {
         FrameRecord { watch, cars, weak, ..FrameRecord::empty(index, index as f64 * 0.1, size) }
     }
 
+    /// Returns a frame in which the watcher reports a move since frame `since_frame`.
     fn moved(index: u64, kind: MoveKind, since_frame: u64) -> FrameRecord {
         let mut frame = frame(index, PictureVerdict::Rest);
         let since_s = since_frame as f64 * 0.1;
@@ -149,6 +162,7 @@ mod tests {
         frame
     }
 
+    /// Returns the frames after the conversion.
     fn settled(frames: Vec<FrameRecord>) -> Vec<FrameRecord> {
         AtRest::new(frames.into_iter().map(Ok::<_, ()>)).map(Result::unwrap).collect()
     }
@@ -157,7 +171,7 @@ mod tests {
     fn a_move_is_put_where_it_happened() {
         let mut frames: Vec<FrameRecord> = (0..200).map(|i| frame(i, PictureVerdict::Rest)).collect();
         frames[112] = moved(112, MoveKind::Turned, 100);
-        // Until it was known, the shift was taken for shake.
+        // Until the report, the watcher takes the shift for shake.
         for shaken in &mut frames[98..103] {
             shaken.watch.as_mut().unwrap().offset_px = [8.0, 0.0];
         }

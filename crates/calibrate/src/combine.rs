@@ -1,52 +1,60 @@
-//! Many looks at a car that stands still → one set of keypoints.
+//! Combines many observations of a stationary car to one set of keypoints.
 //!
-//! A predicted covariance C covers the keypoint's whole error. Over frames of the same view only its white share shows:
-//! with `r` = scatter over frames / C, the mean of n frames has
+//! A predicted covariance C covers the keypoint's whole error. Over frames of the same view only the white part of the
+//! error is visible. Let `r` be the scatter over frames divided by C. Then the mean of n frames has the covariance
 //!
 //! ```text
 //! C_mean = C · ( max(1 − r, β²) + r / n_eff ),    n_eff = n (1 − ρ) / (1 + ρ)
 //! ```
 //!
-//! where β (`bias_share`) is the share of the sd that is at least taken for bias and ρ the scatter's correlation from one
-//! frame to the next. `r` above 1 says that C was too small, and widens it.
+//! Here β (`bias_share`) is the least share of the sd that counts as bias. The correlation of the scatter from one
+//! frame to the next is ρ. An `r` above 1 means that C was too small; it widens C.
 
 use nalgebra::{Matrix2, Vector2};
 use roadplane_base::{KEYPOINTS, Keypoint, KeypointSet, StudentT, median};
 
-/// One set out of many.
+/// One set of keypoints, combined from many.
 #[derive(Clone, Debug)]
 pub struct Combined {
-    /// Robust means with what remains of their covariance.
+    /// Robust means of the keypoints (px) with the covariance that remains (px²).
     pub keypoints: Box<KeypointSet>,
-    /// Scatter over the frames against the predicted covariance: 1 where all error is white and rightly predicted, near 0
-    /// where it is all bias. `None` with fewer than three frames.
+    /// Ratio of the scatter over frames to the predicted covariance.
+    ///
+    /// It is 1 where all error is white and predicted correctly, near 0 where all error is bias. `None` with fewer than
+    /// three frames.
     pub scatter_ratio: Option<f64>,
 }
 
-/// Frames below which scatter says nothing.
+/// Least number of frames of a keypoint for which the scatter is evaluated.
 const MIN_FRAMES: usize = 3;
-/// A keypoint seen in a smaller share of the frames is left out.
+/// A keypoint that is found in a smaller share of the frames is left out.
 const MIN_PRESENCE: f64 = 0.3;
-/// How a keypoint's looks scatter; how far is measured by their median.
+/// Error model of a keypoint's observations; the scale comes from their median distance.
 const SCATTER: StudentT = StudentT { dimensions: 2.0 };
-/// A look farther off counts as this far in the scatter, sd.
+/// An observation farther away than this counts as this far in the scatter, sds.
 const MAX_SD: f64 = 3.0;
-/// How many frames' worth the car's mean scatter ratio counts in each keypoint's own.
+/// Weight of the car's mean scatter ratio in the ratio of each keypoint, in frames.
 const POOLED_FRAMES: f64 = 5.0;
 
+/// Robust mean of one keypoint over the frames.
 struct Mean {
+    /// Mean position, px.
     pixel: Vector2<f64>,
+    /// Covariance of a single observation, px².
     covariance: Matrix2<f64>,
+    /// Mean score over all frames; frames without the keypoint count as 0.
     score: f64,
+    /// Number of frames that contain the keypoint.
     frames: usize,
-    /// Mean of δᵀC⁻¹δ / 2 over the frames.
+    /// Mean of δᵀC⁻¹δ / 2 over the frames, where δ is the deviation from the mean.
     scatter: f64,
-    /// Sums of δ·δ and of δ·δ' for neighbouring frames, for ρ.
+    /// Sum of δ·δ over the frames, px²; used for ρ.
     own: f64,
+    /// Sum of δ·δ' over neighbouring frames, px²; used for ρ.
     lagged: f64,
 }
 
-/// Combines looks at one still car, in the order of time. `bias_share` is β, 0–1.
+/// Combines the observations of one stationary car, given in the order of time. `bias_share` is β, 0–1.
 #[must_use]
 pub fn combine(looks: &[&KeypointSet], bias_share: f64) -> Combined {
     let means: Vec<Option<Mean>> = (0..KEYPOINTS).map(|i| mean_of(looks, i)).collect();
@@ -72,7 +80,9 @@ pub fn combine(looks: &[&KeypointSet], bias_share: f64) -> Combined {
     }
 }
 
-/// Robust mean of one keypoint; its covariance is still that of a single look.
+/// Returns the robust mean of one keypoint, with the covariance of a single observation.
+///
+/// `None` where the keypoint is found too seldom or a covariance is singular.
 fn mean_of(looks: &[&KeypointSet], index: usize) -> Option<Mean> {
     let seen: Vec<(&Keypoint, Matrix2<f64>)> = looks
         .iter()
@@ -88,7 +98,7 @@ fn mean_of(looks: &[&KeypointSet], index: usize) -> Option<Mean> {
     let mut sd = 0.0;
     for _ in 0..10 {
         let away: Vec<f64> = seen.iter().map(|(p, _)| (p.pixel - pixel).norm()).collect();
-        // Median of a Rayleigh variable is 1.1774 sd.
+        // The median of a Rayleigh variable is 1.1774 sds.
         sd = (median(&mut away.clone())? / 1.1774).max(1e-9);
         let mut sum = Vector2::zeros();
         let mut information = Matrix2::zeros();
@@ -99,7 +109,7 @@ fn mean_of(looks: &[&KeypointSet], index: usize) -> Option<Mean> {
         }
         pixel = information.cholesky()?.inverse() * sum;
     }
-    // Typical covariance of one look: harmonic mean, in the weights' own normalisation.
+    // Typical covariance of one observation: the harmonic mean, normalised like the weights.
     let total: Matrix2<f64> = seen.iter().map(|(_, inverse)| inverse).sum();
     let covariance = total.cholesky()?.inverse() * frames as f64;
     let deviations: Vec<Vector2<f64>> = seen.iter().map(|(p, _)| p.pixel - pixel).collect();

@@ -1,4 +1,4 @@
-//! Frames → windows of views, each from one camera position.
+//! Cuts the frames of a clip into windows of views. All views of a window have the same camera position.
 
 use nalgebra::Vector2;
 use roadplane_base::{FrameRecord, MoveKind, PictureVerdict, WatchRecord};
@@ -8,16 +8,16 @@ use crate::{
     linker::Linker,
 };
 
-/// How windows are cut.
+/// Options for cutting a clip into windows.
 #[derive(Clone, Debug)]
 pub struct EvidenceOptions {
     /// Length of a window, s.
     pub window_s: f64,
-    /// See [`LinkerOptions`].
+    /// Options of the linker, which assigns boxes to cars; see [`LinkerOptions`].
     pub linker: LinkerOptions,
-    /// See [`MoveOptions`].
+    /// Options of the move detector; see [`MoveOptions`].
     pub moves: MoveOptions,
-    /// See [`SelectOptions`].
+    /// Options of the view selector; see [`SelectOptions`].
     pub select: SelectOptions,
 }
 
@@ -32,46 +32,58 @@ impl Default for EvidenceOptions {
     }
 }
 
-/// Views of one stretch of time from one camera position.
+/// The views of one time interval from one camera position.
 #[derive(Clone, Debug)]
 pub struct Window {
-    /// First and last presentation time, s.
+    /// First and last presentation time of the window's frames, s.
     pub span_s: [f64; 2],
-    /// Frames in it.
+    /// Number of frames in the window.
     pub frames: usize,
-    /// What goes into the joint solve, best first.
+    /// Views for the joint solve, best first.
     pub views: Vec<View>,
-    /// Counts camera positions from 0.
+    /// Index of the camera position, from 0.
     pub segment: usize,
     /// How that camera position began.
     pub start: SegmentStart,
-    /// Parked cars witnessed that the camera stayed where it was since the window before.
+    /// Whether the picture or parked cars confirm that the camera did not move since the previous window.
     pub steady: bool,
 }
 
-/// A window being filled.
+/// A window that is being filled.
 struct Open {
+    /// Time of its first frame, s.
     from_s: f64,
+    /// Time of its last frame, s.
     to_s: f64,
+    /// Number of its frames.
     frames: usize,
+    /// Number of frames that confirm a stationary camera.
     witnessed: usize,
 }
 
-/// Collects evidence, streaming: memory is bounded by the window's views, not by the clip's length.
+/// Collects evidence frame by frame. Its memory is bounded by the window's views, not by the clip's length.
 pub struct EvidenceBuilder {
+    /// Options that it was created with.
     options: EvidenceOptions,
+    /// Assigns boxes to cars.
     linker: Linker,
+    /// Detects camera moves from parked cars.
     detector: MoveDetector,
+    /// Selects the views of the current window.
     selector: ViewSelector,
-    /// Frames that may belong to the next camera position.
+    /// Frames that may belong to the next camera position; they wait for a verdict.
     pending: Vec<FrameRecord>,
+    /// The current window; `None` before its first frame.
     open: Option<Open>,
+    /// Index of the current camera position, from 0.
     segment: usize,
+    /// How the current camera position began.
     start: SegmentStart,
+    /// Whether the current window is the first of its camera position.
     first_of_segment: bool,
 }
 
-/// What the picture says, as [`AtRest`](crate::AtRest) hands it on.
+/// Converts the watcher's record, as [`AtRest`](crate::AtRest) passes it on, to a move state.
 fn told(watch: &WatchRecord) -> MoveState {
     match watch.moved {
         Some(moved) => MoveState::Moved(match (moved.kind, moved.log_scale) {
@@ -83,11 +95,11 @@ fn told(watch: &WatchRecord) -> MoveState {
     }
 }
 
-/// Frames held back at most, whatever a suspicion does.
+/// Largest number of frames that wait while a camera move is suspected.
 const MAX_PENDING: usize = 64;
 
 impl EvidenceBuilder {
-    /// With these options.
+    /// Creates a builder with these options.
     #[must_use]
     pub fn new(options: EvidenceOptions) -> Self {
         Self {
@@ -103,10 +115,10 @@ impl EvidenceBuilder {
         }
     }
 
-    /// Takes the next frame, in the order of time; gives a window when one is complete.
+    /// Takes the next frame, in the order of time. Returns a window when one is complete.
     pub fn push(&mut self, frame: FrameRecord) -> Option<Window> {
         let verdict = match &frame.watch {
-            // Where the picture speaks, cars have no vote.
+            // The watcher's verdict from the picture has priority over the verdict from parked cars.
             Some(watch) => told(watch),
             None => self.detector.push(&frame),
         };
@@ -142,19 +154,20 @@ impl EvidenceBuilder {
         }
     }
 
-    /// The last window.
+    /// Ends the clip and returns its last window.
     pub fn finish(&mut self) -> Option<Window> {
         self.settle(false);
         self.close()
     }
 
-    /// Adds the frames that were held back.
+    /// Adds the waiting frames to the current window. `steady`: whether they confirm a stationary camera.
     fn settle(&mut self, steady: bool) {
         for frame in std::mem::take(&mut self.pending) {
             self.add(&frame, steady);
         }
     }
 
+    /// Adds a frame to the current window. `steady`: whether it confirms a stationary camera.
     fn add(&mut self, frame: &FrameRecord, steady: bool) {
         let links = self.linker.push(frame);
         self.selector.push(frame, &links);
@@ -165,6 +178,7 @@ impl EvidenceBuilder {
         open.witnessed += usize::from(steady);
     }
 
+    /// Ends the current window and returns it; `None` if it has no frame.
     fn close(&mut self) -> Option<Window> {
         let open = self.open.take()?;
         let steady = !self.first_of_segment && 2 * open.witnessed >= open.frames;

@@ -1,15 +1,19 @@
-//! Estimates of windows → camera over time.
+//! Fuses the estimates of windows to the camera over time.
 //!
-//! Each window says `c ~ N(c_w, I_w⁻¹)` of c = (log f, tilt, roll, log h), all information in `I_w` from keypoints, none from
-//! a prior, and how it depends on the errors that all cars of the place share. Windows share parked cars, whose keypoint bias they
-//! share as well. So window w counts with the factor
+//! Each window gives a Gaussian `c ~ N(c_w, I_w⁻¹)` of c = (log f, tilt, roll, log h). All information in `I_w` comes
+//! from keypoints, none from a prior. The window also gives the dependence of c on the errors that all cars of the site
+//! share.
+//!
+//! Windows share parked cars, and so they share the bias of these cars' keypoints. Therefore window w counts with the
+//! factor
 //!
 //! ```text
 //! q_w = mean over its cars k of  1 / (1 + (n_k − 1) γ_k)
 //! ```
 //!
-//! n_k = windows of this stretch that use car k, γ = correlation of what k says in two windows (about 1 for a parked car).
-//! A clip of one parked row gives the same sd whether it is cut into one window or a hundred.
+//! Here n_k is the number of windows with car k in this interval. The correlation between the evidence of car k in two
+//! windows is γ_k, about 1 for a parked car. A clip of one parked row gives the same sd with one window or with a
+//! hundred.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -24,87 +28,93 @@ use crate::nodes::{Evidence, Gaussian, Node, Step, smooth};
 use crate::prior::FusePrior;
 use crate::{LinkId, SegmentStart};
 
-/// A car that a window's estimate rests on.
+/// A car that was used in a window's estimate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CarUse {
-    /// Which car.
+    /// Identifier of the car.
     pub link: LinkId,
-    /// It stood still.
+    /// Whether the car was stationary.
     pub parked: bool,
 }
 
-/// What the joint solve of a window found.
+/// Result of the joint solve of a window.
 #[derive(Clone, Debug)]
 pub struct WindowEstimate {
-    /// First and last presentation time, s.
+    /// First and last presentation time of the window, s.
     pub span_s: [f64; 2],
-    /// Frames in the window.
+    /// Number of frames in the window.
     pub frames: usize,
-    /// Focal length, tilt, roll, height, by the keypoints alone.
+    /// Focal length, tilt, roll and height from the keypoints alone.
     pub params: CameraParams,
-    /// The solve's own answer, with all that it was told besides.
+    /// Result of the solve with all its priors and factors.
     pub solved: CameraParams,
-    /// What the keypoints say, of the errors too that the place's cars share, without any prior on the camera; may be singular.
-    /// Without such errors it leads to `params`.
+    /// Evidence of the keypoints on the camera and on the errors that the site's cars share, without a camera prior.
+    ///
+    /// It may be singular. Without the shared errors its mean is `params`.
     pub joint: JointInformation,
-    /// Cars that it rests on.
+    /// Cars that were used.
     pub cars: Vec<CarUse>,
-    /// As in [`Window`](crate::Window).
+    /// Index of the camera position, from 0, as in [`Window`](crate::Window).
     pub segment: usize,
-    /// As in [`Window`](crate::Window).
+    /// How that camera position began, as in [`Window`](crate::Window).
     pub start: SegmentStart,
-    /// As in [`Window`](crate::Window).
+    /// Whether the camera did not move since the previous window, as in [`Window`](crate::Window).
     pub steady: bool,
 }
 
 impl WindowEstimate {
-    /// Information on `params`, were there no shared errors.
+    /// Returns the information on `params` as if there were no shared errors.
     #[must_use]
     pub fn information(&self) -> Matrix4<f64> {
         self.joint.information
     }
 }
 
-/// How windows are joined.
+/// Options for joining windows.
 #[derive(Clone, Debug)]
 pub struct FuseOptions {
-    /// Size of the pictures, for the result.
+    /// Size of the pictures; copied to the result.
     pub image_size_px: ImageSize,
-    /// Principal point, px, for the result.
+    /// Principal point, px; copied to the result.
     pub principal_point_px: Vector2<f64>,
-    /// The focal length is known and the prior holds it.
+    /// Whether the user gave the focal length; the prior then contains it.
     pub focal_given: bool,
-    /// The prior; it is counted once.
+    /// Prior of the camera; it is counted once.
     pub prior: FusePrior,
-    /// Drift of a mounted camera: sd of log focal, tilt, roll, log height after 1 s, growing with the root of time.
+    /// Drift of a mounted camera: sds of log focal length, tilt, roll and log height after 1 s. They grow with the root
+    /// of time.
     pub drift_sd: Vector4<f64>,
-    /// Correlation of what a parked car says in two windows.
+    /// Correlation between the evidence of a parked car in two windows.
     pub parked_correlation: f64,
-    /// The same for a car that moved between them.
+    /// Correlation between the evidence of a car in two windows if the car moved between them.
     pub moving_correlation: f64,
-    /// sd of the errors that all cars of the place share, and so all windows: it does not show in how they scatter.
+    /// Sds of the errors that all cars of the site share, and so all windows. The scatter of windows does not show
+    /// them.
     pub shared_sd: SharedSd,
-    /// How the lens bends lines: the windows were solved with it.
+    /// Lens distortion with which the windows were solved.
     pub lens: Lens,
-    /// sd of its bend where the picture, or somebody, told it.
+    /// Sd of the distortion ([`Lens::distortion`]); `None` where neither the picture nor the user determines it.
     pub bend_sd: Option<f64>,
-    /// What else speaks of the camera, by its position ([`WindowEstimate::segment`]); counted once. A number that a move keeps is
-    /// counted at the first of the positions that it holds for.
+    /// Other factors on the camera, by camera position ([`WindowEstimate::segment`]). Each factor is counted once.
+    ///
+    /// A number that a camera move does not change is counted at the first position for which it holds.
     pub factors: BTreeMap<usize, Arc<[Factor]>>,
-    /// sd of how large the place's cars are against the atlas, log: all windows share that error of scale. Clues in metres tell it.
+    /// Sd of the log size of the site's cars relative to the atlas.
+    ///
+    /// All windows share this error of scale. Factors in metres determine it.
     pub size_of_cars_sd: f64,
-    /// Gain in log likelihood that a change of the camera, or a drift, must bring to be believed.
+    /// Least gain in log likelihood for which a change or a drift of the camera is accepted.
     pub min_gain: f64,
 }
 
 impl FuseOptions {
-    /// The same for what cars alone say, in units of the atlas' cars.
+    /// Returns the options without factors, for the camera from cars alone, in units of the atlas's cars.
     #[must_use]
     pub fn for_cars(&self) -> Self {
         Self { factors: BTreeMap::new(), size_of_cars_sd: 0.0, ..self.clone() }
     }
 
-    /// For pictures of this size: the default [`CameraPrior`], principal point in the middle.
+    /// Returns the defaults for pictures of this size: the default [`CameraPrior`], the principal point in the middle.
     #[must_use]
     pub fn for_image(image_size_px: ImageSize) -> Self {
         let prior = CameraPrior::default();
@@ -126,30 +136,32 @@ impl FuseOptions {
     }
 }
 
-/// How windows are taken to scatter: one with a wrong minimum counts little.
+/// Error model of windows; a window with a wrong minimum has little weight.
 const SCATTER: StudentT = StudentT { dimensions: 4.0 };
-/// A zoom of more than this between two camera positions says that the focal length changed, log.
+/// Least log zoom between two camera positions for which the focal length counts as changed.
 const ZOOM: f64 = 0.03;
 /// Multiples of `drift_sd` that are tried.
 const DRIFTS: [f64; 4] = [1.0, 4.0, 16.0, 64.0];
 
-/// Joins the windows of a clip, in the order of time. A camera that stayed put gives one estimate, one that was moved an
-/// estimate per position, one that drifts an estimate per window. No windows, or none with finite numbers, give none.
+/// Fuses the windows of a clip, in the order of time.
+///
+/// A stationary camera gives one estimate. A camera that was moved gives one per position, and a drifting camera one
+/// per window. Without windows with finite numbers there is no estimate.
 #[must_use]
 pub fn fuse(windows: &[WindowEstimate], options: &FuseOptions) -> Vec<CameraEstimate> {
     join(windows, options).estimates
 }
 
-/// What windows come to.
+/// Result of joining windows.
 #[derive(Clone, Debug)]
 pub struct Joined {
-    /// The camera over time.
+    /// Estimates of the camera, in the order of time.
     pub estimates: Vec<CameraEstimate>,
-    /// Log of how large the place's cars are against the atlas; 0 where nothing but cars tells scale.
+    /// Log of the size of the site's cars relative to the atlas; 0 where only cars determine the scale.
     pub size_of_cars: f64,
 }
 
-/// The same as [`fuse`], with what it tells of the cars.
+/// Fuses the windows of a clip like [`fuse`], and also returns the size of the cars.
 #[must_use]
 pub fn join(windows: &[WindowEstimate], options: &FuseOptions) -> Joined {
     let mut usable: Vec<&WindowEstimate> = windows.iter().filter(|w| is_usable(w)).collect();
@@ -168,7 +180,7 @@ pub fn join(windows: &[WindowEstimate], options: &FuseOptions) -> Joined {
                         let gap_s = (middle_s(piece) - middle_s(pieces[i - 1])).max(0.0);
                         Step::kept((options.drift_sd * scale).map(|sd| sd * sd * gap_s))
                     }
-                    // A change that only the estimates show: nothing says that the focal length stayed.
+                    // Only the estimates show this change, so the focal length may have changed too.
                     (None, _) => Step::fresh(),
                 };
                 let shares = if pieces.len() == 1 { &shares[..] } else { &shares[i..=i] };
@@ -185,10 +197,11 @@ pub fn join(windows: &[WindowEstimate], options: &FuseOptions) -> Joined {
     }
 }
 
-/// Rounds of following the factors, which are no Gaussians: linearised at the estimate, smoothed, linearised there.
+/// Largest number of rounds of linearising the factors and smoothing. Factors are no Gaussians, so each round
+/// linearises them at the last estimate.
 const CLUE_ROUNDS: usize = 10;
 
-/// The states at all nodes, factors counted, and the nodes with them: each position's in its first piece.
+/// Returns the nodes with their factors, and the smoothed states. The factors of a position belong to its first piece.
 fn with_clues(
     groups: &[Vec<&WindowEstimate>],
     cars: Vec<Node>,
@@ -204,7 +217,7 @@ fn with_clues(
         Some((i, factors.iter().filter(|factor| !told(factor)).collect::<Vec<_>>()))
     };
     let factors: Vec<(usize, Vec<&Factor>)> = (0..groups.len()).filter_map(clues_of).collect();
-    // The windows were solved with the factors, and know where they lead.
+    // The windows were solved with the factors, so their solutions are near the joint one.
     let mut at: Vec<[Vector4<f64>; 2]> = states.iter().map(both_scales).collect();
     for (i, _) in &factors {
         at[*i] = groups[*i].last().map_or(at[*i], |window| [window.solved.to_vector(); 2]);
@@ -246,24 +259,27 @@ fn with_clues(
     (nodes, states)
 }
 
-/// The camera by the cars' scale, and in metres.
+/// Returns (log f, tilt, roll, log h) twice: in the scale of the atlas's cars, and in metres.
 fn both_scales(state: &Gaussian) -> [Vector4<f64>; 2] {
     [state.by_cars(), state.camera().0]
 }
 
+/// Returns whether a window has finite numbers and no negative information.
 fn is_usable(window: &WindowEstimate) -> bool {
     let finite = window.params.to_vector().iter().chain(window.joint.vector.iter()).all(|x| x.is_finite())
         && window.joint.information.iter().chain(window.joint.cross.iter()).all(|x| x.is_finite());
     finite && window.span_s.iter().all(|t| t.is_finite()) && window.joint.information.diagonal().min() >= 0.0
 }
 
+/// Returns the mean of the windows' middle times, s.
 fn middle_s(windows: &[&WindowEstimate]) -> f64 {
     windows.iter().map(|w| w.span_s[0] + w.span_s[1]).sum::<f64>() / (2 * windows.len().max(1)) as f64
 }
 
+/// Returns the transition of the camera that a new camera position implies.
 fn step_from(start: SegmentStart) -> Step {
     match start {
-        // The mount stays, so height and focal length nearly do; directions are new.
+        // The mount stays, so height and focal length nearly keep their values. The directions are new.
         SegmentStart::Moved { log_scale } if log_scale.abs() <= ZOOM => {
             Step { kept: Vector4::new(1.0, 0.0, 0.0, 1.0), variance: Vector4::new(1e-3, 0.0, 0.0, 4e-3) }
         }
@@ -274,7 +290,7 @@ fn step_from(start: SegmentStart) -> Step {
     }
 }
 
-/// Evidence of each window that others of the group do not already bring, 0–1.
+/// Returns the share of each window's evidence that other windows of the group do not already contain, 0–1.
 fn shares(group: &[&WindowEstimate], options: &FuseOptions) -> Vec<f64> {
     let mut windows_of: BTreeMap<LinkId, f64> = BTreeMap::new();
     for window in group {
@@ -294,13 +310,17 @@ fn shares(group: &[&WindowEstimate], options: &FuseOptions) -> Vec<f64> {
     group.iter().map(share).collect()
 }
 
-/// A robust constant for a group: each window's weight and squared distance, and the cost `Σ (ν + 4) ln(1 + d²/ν) / 2`.
+/// A robust fit of one constant camera to a group of windows.
 struct Constant {
+    /// Student-t weight of each window.
     weights: Vec<f64>,
+    /// Squared Mahalanobis distance of each window from the constant.
     distances: Vec<f64>,
+    /// Cost `Σ (ν + 4) ln(1 + d²/ν) / 2` over the windows.
     cost: f64,
 }
 
+/// Fits one constant camera to a group. `shares` are the windows' shares of new evidence, 0–1.
 fn constant(group: &[&WindowEstimate], shares: &[f64], options: &FuseOptions) -> Constant {
     let prior_information = Matrix4::from_diagonal(&options.prior.sd.map(|sd| 1.0 / (sd * sd)));
     let prior = options.prior.params.to_vector();
@@ -339,19 +359,22 @@ fn constant(group: &[&WindowEstimate], shares: &[f64], options: &FuseOptions) ->
     Constant { weights, distances, cost }
 }
 
-/// A group of windows as one thing happened to the camera: it stood, or drifted by a multiple of `drift_sd`.
+/// A group of windows in which the camera was either stationary or drifting.
 struct Part<'a, 'w> {
+    /// The windows, in the order of time.
     windows: &'a [&'w WindowEstimate],
+    /// Drift as a multiple of `drift_sd`; `None` for a stationary camera.
     drift: Option<f64>,
 }
 
-/// Several windows of one camera position as one: what they say together. `None` without usable windows.
+/// Condenses several windows of one camera position to one. `None` without usable windows.
 #[must_use]
 pub fn condense(windows: &[WindowEstimate], options: &FuseOptions) -> Option<WindowEstimate> {
     let usable: Vec<&WindowEstimate> = windows.iter().filter(|w| is_usable(w)).collect();
     let first = *usable.first()?;
     let joint = together(&usable, &shares(&usable, options), options);
-    // Where the windows say nothing, the weakest of priors keeps the numbers finite; it is not in the information.
+    // A very weak prior keeps the numbers finite where the windows have no information. The result's information
+    // excludes it.
     let weak = Matrix4::from_diagonal(&options.prior.sd.map(|sd| 1e-6 / (sd * sd)));
     let weighted = joint.vector + weak * options.prior.params.to_vector();
     let params = (joint.information + weak).cholesky()?.solve(&weighted);
@@ -374,9 +397,11 @@ pub fn condense(windows: &[WindowEstimate], options: &FuseOptions) -> Option<Win
     })
 }
 
-/// What best explains a group: standing, drifting, or a sudden change with what explains either side of it. Each change or
-/// drift must pay `min_gain` in log likelihood. No change is seen where parked cars witnessed a steady camera, and none off
-/// a single window: the next one must agree.
+/// Finds the best explanation of a group: a stationary camera, a drift, or a sudden change with an explanation of each
+/// side.
+///
+/// Returns the parts and their gain in log likelihood. Each change or drift must gain at least `min_gain`. No change is
+/// accepted where parked cars confirm a stationary camera. One window alone is no change: the next one must agree.
 fn explain<'a, 'w>(group: &'a [&'w WindowEstimate], options: &FuseOptions) -> (Vec<Part<'a, 'w>>, f64) {
     let standing = (vec![Part { windows: group, drift: None }], 0.0);
     if group.len() < 4 || group[1..].iter().all(|w| w.steady) {
@@ -399,14 +424,16 @@ fn explain<'a, 'w>(group: &'a [&'w WindowEstimate], options: &FuseOptions) -> (V
     if drifted > changed.1 { (vec![Part { windows: group, drift: Some(scale) }], drifted) } else { changed }
 }
 
-/// The multiple of `drift_sd` that explains a group best, and its gain over standing still.
+/// Returns the multiple of `drift_sd` that explains a group best, and its gain in log likelihood over no drift.
 fn drift_of(group: &[&WindowEstimate], options: &FuseOptions) -> (f64, f64) {
     let still = drift_log_likelihood(group, 0.0, options);
     let gains = DRIFTS.map(|scale| (scale, drift_log_likelihood(group, scale, options) - still));
     gains.into_iter().fold((0.0, 0.0), |best, next| if next.1 > best.1 { next } else { best })
 }
 
-/// Log likelihood of the windows' innovations in a random walk, with Student-t tails.
+/// Returns the log likelihood of the windows' innovations in a random walk with Student-t tails.
+///
+/// `scale` is the drift as a multiple of `drift_sd`.
 fn drift_log_likelihood(group: &[&WindowEstimate], scale: f64, options: &FuseOptions) -> f64 {
     let mut mean = options.prior.params.to_vector();
     let mut covariance = Matrix4::from_diagonal(&options.prior.sd.map(|sd| sd * sd));
@@ -417,7 +444,7 @@ fn drift_log_likelihood(group: &[&WindowEstimate], scale: f64, options: &FuseOpt
             let gap_s = (middle_s(&group[i..=i]) - middle_s(&group[i - 1..i])).max(0.0);
             covariance += Matrix4::from_diagonal(&(options.drift_sd * scale).map(|sd| sd * sd * gap_s));
         }
-        // What a window says nothing of gets a loose, not an infinite, variance.
+        // Numbers without evidence in the window get a large, but finite, variance.
         let weak = Matrix4::from_diagonal(&loose.diagonal().map(|v| 1.0 / v));
         let Some(noise) = (window.information() + weak).try_inverse() else { continue };
         let innovation = window.params.to_vector() - mean;
@@ -433,13 +460,15 @@ fn drift_log_likelihood(group: &[&WindowEstimate], scale: f64, options: &FuseOpt
     total
 }
 
-/// One piece of evidence: a group under one constant.
+/// Builds the node of a group of windows under one constant camera.
 fn node(group: &[&WindowEstimate], shares: &[f64], step: Step, options: &FuseOptions) -> Node {
     let (information, weighted) = together(group, shares, options).marginal(options.shared_sd);
     Node { cars: Evidence { information, weighted }, metres: Evidence::none(), step }
 }
 
-/// What a group says under one constant. Windows that scatter more than they claim widen it (Birge's ratio).
+/// Returns the joint evidence of a group under one constant camera.
+///
+/// If windows scatter more than their covariances allow, the covariance is widened (Birge's ratio).
 fn together(group: &[&WindowEstimate], shares: &[f64], options: &FuseOptions) -> JointInformation {
     let Constant { weights, distances, .. } = constant(group, shares, options);
     let surplus = 4.0 * (group.len() as f64 - 1.0);
@@ -447,12 +476,13 @@ fn together(group: &[&WindowEstimate], shares: &[f64], options: &FuseOptions) ->
     let widened = if group.len() >= 3 { (scatter / surplus).max(1.0) } else { 1.0 };
     let mut sum = JointInformation::none();
     for ((window, share), weight) in group.iter().zip(shares).zip(&weights) {
-        // Weights above 1 would claim more than the window does.
+        // A weight above 1 would claim more information than the window has.
         sum.add(&window.joint, share * weight.min(1.0) / widened);
     }
     sum
 }
 
+/// Builds the camera estimate of a group from its smoothed state.
 fn estimate(
     group: &[&WindowEstimate],
     node: &Node,
@@ -481,7 +511,7 @@ fn estimate(
         image_size_px: options.image_size_px,
         principal_point_px: options.principal_point_px,
         lens: options.lens,
-        bend_sd: options.bend_sd,
+        distortion_sd: options.bend_sd,
         params: CameraParams::from_vector(&params),
         covariance,
         status,

@@ -1,71 +1,81 @@
-//! How the lens bends lines, by long edges of the scene (plumb-line: Brown 1971; by single edges and a search over the bend, as
-//! Alemán-Flores et al., IPOL 2014).
+//! Estimates the lens distortion from long edges of the scene.
 //!
-//! Most long edges of streets and houses are straight, some are bent, and nobody says which. Before the right lens the middle of a
-//! straight one is on its ends' line, up to `sd_px` and a fraction of a pixel, as nothing is quite straight; a bent one's is off by
-//! anything of a few pixels, to either side. The share of straight ones, and how straight they are, is not known. So each edge is a
-//! mixture, and the bend's likelihood follows on a grid.
+//! This is the plumb-line method (Brown 1971). The use of single edges and the search over the distortion follow
+//! Alemán-Flores et al. (IPOL 2014).
 //!
-//! Beforehand a picture is straight (a good lens, or straightened by the camera) or bent as surveillance lenses bend it: in
-//! proportion to how wide the picture is against the focal length. The lens counts only where it explains the edges a hundred times
-//! better than a straight one (a Bayes factor), and where no side of the picture is alone in saying so; otherwise the picture is
-//! taken for straight. What then is not known of the bend is an error that all cars share.
+//! Most long edges of streets and houses are straight, some are curved, and no label says which. Once the correct
+//! distortion is removed, a straight edge's midpoint lies on the line through its ends. It is off by `sd_px` and a
+//! fraction of a pixel, because nothing is quite straight. The midpoint of a curved edge is off by several pixels, to
+//! either side. The share of straight edges, and their straightness, are unknown. So each edge is a mixture, and the
+//! likelihood of the distortion is computed on a grid.
+//!
+//! As a prior, a picture is either free of distortion or distorted as surveillance lenses distort it. It is free with a
+//! good lens, or if the camera corrects it. Otherwise the distortion grows with the picture's width relative to the
+//! focal length.
+//!
+//! The lens is used only if it explains the edges a hundred times better than no distortion (a Bayes factor). Also, no
+//! side of the picture may be the only one in favour of it. Otherwise the picture counts as free of distortion. The
+//! remaining uncertainty of the distortion is an error that all cars share.
 
 use std::f64::consts::TAU;
 
 use nalgebra::Vector2;
 use roadplane_base::{ImageSize, Lens, SceneCurve};
 
-/// No more edges are looked at; ours are fewer, others' files may have any number.
+/// Largest number of edges that are used. Our files have fewer; files of other programs may have any number.
 const MOST_CURVES: usize = 300;
-/// Log of how many times better than without a bend the edges must be explained: a hundred times.
+/// Least log Bayes factor of a distortion over none: a hundred times.
 const LEAST_GAIN: f64 = 4.6;
-/// Sides: right, down, left, up.
+/// Number of sides of the picture, in the order right, bottom, left, top.
 const SIDES: usize = 4;
-/// Shares of straight edges, and how far the middle of these is off, px (sd), that are weighed, evenly.
+/// Shares of straight edges in the mixture, with equal prior weights.
 const SHARES: [f64; 4] = [0.1, 0.25, 0.5, 0.75];
+/// Sds of the midpoint of a straight edge, px, with equal prior weights.
 const CROOKED_PX: [f64; 3] = [0.15, 0.3, 0.6];
-/// All pairs of these.
+/// Number of pairs of a share in `SHARES` and an sd in `CROOKED_PX`.
 const KINDS: usize = SHARES.len() * CROOKED_PX.len();
-/// The middle of an edge that is not straight is off by this on average, as a share of the picture's width.
+/// Mean distance of a curved edge's midpoint from the line through its ends, as a share of the picture's width.
 const STRAY_SHARE: f64 = 0.0035;
-/// The bends that are looked at, and how far apart.
+/// Range of the distortion on the grid ([`Lens::distortion`], dimensionless).
 const BENDS: [f64; 2] = [-0.6, 0.2];
+/// Step of the grid of distortions (dimensionless).
 const STEP: f64 = 0.0025;
-/// Share of pictures that are straight, and sd of the bend that these have nevertheless.
+/// Prior share of pictures without distortion.
 const STRAIGHT_SHARE: f64 = 0.4;
+/// Sd of the distortion that a picture has although it counts as free of distortion (dimensionless).
 pub(crate) const STRAIGHT_SD: f64 = 0.005;
-/// OpenCV's k1 of the others' lenses, mean and sd: most bend lines outwards, published ones by −0.4 to 0.05.
+/// Mean and sd of OpenCV's k1 of the other pictures. Most are distorted outwards; published values are −0.4 to 0.05.
 const K1: [f64; 2] = [-0.12, 0.15];
-/// And the greatest of them.
+/// Greatest k1 of these lenses, in OpenCV's convention.
 const GREATEST_K1: f64 = 0.05;
 
-/// What the edges of a place say of the lens.
+/// Likelihood of the lens distortion, given the edges of a site.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LensView {
+    /// Size of the picture.
     size: ImageSize,
-    /// No edges.
+    /// Whether there are no edges.
     is_bare: bool,
-    /// Log likelihood of the edges of each side, for each of [`KINDS`], over [`bends`].
+    /// Log likelihood of the edges of each side of the picture, for each of [`KINDS`], over [`bends`].
     sides: [[Vec<f64>; KINDS]; SIDES],
 }
 
-/// The lens, and how sure that is.
+/// The estimated lens and its uncertainty.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LensFound {
     /// The lens.
     pub lens: Lens,
-    /// sd of its bend ([`Lens::bend`]).
+    /// Sd of its distortion ([`Lens::distortion`], dimensionless).
     pub bend_sd: f64,
-    /// Log of how many times better than a straight one it explains the edges.
+    /// Log Bayes factor of this lens over no distortion.
     pub gain: f64,
 }
 
-/// What is known of the focal length before the lens: mean and sd of its logarithm, px.
+/// Prior of the focal length before the lens is estimated: mean and sd of log focal length (px).
 pub type LogFocal = [f64; 2];
 
 impl LensView {
-    /// Of long edges of a place.
+    /// Computes the likelihood from long edges of a site.
     #[must_use]
     pub fn of(curves: &[SceneCurve], size: ImageSize) -> Self {
         let curves = &curves[..curves.len().min(MOST_CURVES)];
@@ -74,7 +84,7 @@ impl LensView {
         for curve in curves.iter().filter(|curve| curve.is_sound()) {
             let side: &mut [Vec<f64>; KINDS] = &mut sides[side_of(curve, size)];
             for (i, bend) in bends().enumerate() {
-                let off_px = off_line(curve, Lens::with_bend(bend, size), size);
+                let off_px = off_line(curve, Lens::with_distortion(bend, size), size);
                 let stray = (-off_px.abs() / stray_px).exp() / (2.0 * stray_px);
                 let straight = CROOKED_PX.map(|crooked_px| {
                     let sd_px = curve.sd_px.hypot(crooked_px);
@@ -89,14 +99,14 @@ impl LensView {
         Self { size, is_bare: curves.is_empty(), sides }
     }
 
-    /// Log likelihood over [`bends`] of the edges of all sides but one.
+    /// Returns the log likelihood over [`bends`] of the edges of all sides except `but`.
     fn logs(&self, but: Option<usize>) -> Vec<f64> {
         let sides = || (0..SIDES).filter(|side| but != Some(*side)).map(|side| &self.sides[side]);
         let of_kind = |i: usize, kind: usize| sides().map(|side| side[kind][i]).sum::<f64>();
         (0..bends().count()).map(|i| log_sum((0..KINDS).map(|kind| of_kind(i, kind)))).collect()
     }
 
-    /// The lens, where the edges show one, before the cars are looked at.
+    /// Returns the lens if the edges show one. The cars are not used.
     #[must_use]
     pub fn found(&self, log_focal: LogFocal) -> Option<LensFound> {
         if self.is_bare {
@@ -111,26 +121,30 @@ impl LensView {
             explained(&bent) - explained(&straight)
         };
         let [mean, sd] = self.moments(&bent)?;
-        // Kerbs and markings of a road that curves are all bent alike, and lie on one side of the picture; a lens bends those of the
-        // other side the other way. So the edges without those of any one side must not speak against it.
+        // Kerbs and markings of a curved road all curve alike, and lie on one side of the picture. A lens curves the
+        // edges of the opposite side the other way. So the edges without those of any one side must not contradict the
+        // lens.
         let of_rest = (0..SIDES).map(|side| gain(Some(side))).fold(f64::INFINITY, f64::min);
         let gain = gain(None);
         (gain > LEAST_GAIN && of_rest > 0.0).then(|| LensFound {
-            lens: Lens::with_bend(mean, self.size),
+            lens: Lens::with_distortion(mean, self.size),
             bend_sd: sd,
             gain,
         })
     }
 
-    /// How far the bend may be from what it is taken for (sd), when the focal length is known.
+    /// Returns the sd of the distortion about that of `lens`, given the focal length.
     #[must_use]
     pub fn sd_about(&self, lens: Lens, log_focal: LogFocal) -> f64 {
         let prior = self.prior(log_focal, STRAIGHT_SHARE);
-        self.moments(&prior).map_or(0.0, |[mean, sd]| (mean - lens.bend(self.size)).hypot(sd))
+        self.moments(&prior).map_or(0.0, |[mean, sd]| (mean - lens.distortion(self.size)).hypot(sd))
     }
 
-    /// Density of each bend beforehand, over what the focal length may be.
+    /// Returns the prior density of each distortion on the grid, averaged over the focal length.
+    ///
+    /// `straight_share` is the prior share of pictures without distortion.
     fn prior(&self, [log_focal, sd]: LogFocal, straight_share: f64) -> Vec<f64> {
+        /// Steps over log focal length to either side of its mean.
         const STEPS: i32 = 10;
         let mut prior = vec![0.0; bends().count()];
         for step in -STEPS..=STEPS {
@@ -147,7 +161,7 @@ impl LensView {
         prior.iter().map(|density| (density / sum).max(f64::MIN_POSITIVE)).collect()
     }
 
-    /// Mean and sd of the bend.
+    /// Returns the posterior mean and sd of the distortion; `None` where they are not finite.
     fn moments(&self, prior: &[f64]) -> Option<[f64; 2]> {
         let logs = self.logs(None);
         let most = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -161,28 +175,30 @@ impl LensView {
     }
 }
 
-/// What a k1 of 1 bends lines by, for lenses of a focal length, px.
+/// Returns the distortion that a k1 of 1 causes, for a focal length in px.
 fn bend_of_one(focal_px: f64, size: ImageSize) -> f64 {
     (0.5 * f64::from(size.width) / focal_px).powi(2)
 }
 
-/// Bend of the lens of a focal length, px, that bends lines inwards most.
+/// Returns the greatest distortion that lenses of a focal length (px) have; it corresponds to `GREATEST_K1`.
 pub(crate) fn greatest_bend(focal_px: f64, size: ImageSize) -> f64 {
     GREATEST_K1 * bend_of_one(focal_px, size)
 }
 
-/// Mean and sd of the bend of lenses of a focal length, px, where pictures were not straightened.
+/// Returns the mean and sd of the distortion of lenses of a focal length (px), where the camera did not correct it.
 pub(crate) fn bend_of_lenses(focal_px: f64, size: ImageSize) -> [f64; 2] {
     let wide = bend_of_one(focal_px, size);
     [K1[0] * wide, (K1[1] * wide).hypot(STRAIGHT_SD)]
 }
 
+/// Returns the grid of distortions.
 fn bends() -> impl Iterator<Item = f64> {
     let count = ((BENDS[1] - BENDS[0]) / STEP).round() as usize;
     (0..=count).map(|i| BENDS[0] + STEP * i as f64)
 }
 
-/// On which side of the picture an edge's line passes the middle.
+/// Returns the side of the picture's centre on which an edge's line passes, as an index from 0 (right, bottom, left,
+/// top).
 fn side_of(curve: &SceneCurve, size: ImageSize) -> usize {
     let [a, _, c] = curve.points_px.map(|point| point - size.centre_px());
     let along = (c - a) / (c - a).norm();
@@ -195,19 +211,22 @@ fn side_of(curve: &SceneCurve, size: ImageSize) -> usize {
     }
 }
 
-/// How far an edge's middle is off its ends' line before a lens that bends no lines, px as the picture has them there.
+/// Returns the distance of an edge's midpoint from the line through its ends after the distortion is removed, px.
+///
+/// The distance is scaled to pixels of the original picture.
 fn off_line(curve: &SceneCurve, lens: Lens, size: ImageSize) -> f64 {
     let from_centre: [Vector2<f64>; 3] = curve.points_px.map(|point| point - size.centre_px());
-    let [a, b, c] = from_centre.map(|point| lens.straightened(&point));
+    let [a, b, c] = from_centre.map(|point| lens.undistorted(&point));
     let stretched = (c - a).norm() / (from_centre[2] - from_centre[0]).norm();
     (c - a).perp(&(b - a)) / ((c - a).norm() * stretched)
 }
 
+/// Returns a Gaussian density at `z` sds, without its normalisation.
 fn normal(z: f64) -> f64 {
     (-0.5 * z * z).exp()
 }
 
-/// Log of the sum of exponentials.
+/// Returns the log of the sum of exponentials.
 fn log_sum(logs: impl Iterator<Item = f64> + Clone) -> f64 {
     let most = logs.clone().fold(f64::NEG_INFINITY, f64::max);
     most + logs.map(|log| (log - most).exp()).sum::<f64>().ln()
@@ -217,13 +236,14 @@ fn log_sum(logs: impl Iterator<Item = f64> + Clone) -> f64 {
 mod tests {
     use super::*;
 
+    /// Size of the test pictures, px.
     const SIZE: ImageSize = ImageSize { width: 1920, height: 1080 };
-    /// What the solver takes for granted of cameras.
+    /// The solver's default prior: mean and sd of log focal length (px).
     const ANY: LogFocal = [7.742, 0.6];
 
-    /// Edges all over the picture, every third one of a bent thing, as a lens shows them.
+    /// Returns edges all over the picture as a lens shows them; every third one may be curved.
     fn curves(bend: f64, count: u32) -> Vec<SceneCurve> {
-        let lens = Lens::with_bend(bend, SIZE);
+        let lens = Lens::with_distortion(bend, SIZE);
         let spread = |i: u32, k: u32| f64::from(i.wrapping_mul(k) % 97) / 97.0 - 0.5;
         let curve = |i: u32| {
             let middle = Vector2::new(1600.0 * spread(i, 37), 900.0 * spread(i, 53));
@@ -233,7 +253,7 @@ mod tests {
             let found = 0.6 * spread(i, 13) + if i.is_multiple_of(3) { 20.0 * spread(i, 17) } else { 0.0 };
             let ends = [middle - along, middle + along];
             let points = [ends[0], middle + found * across, ends[1]];
-            SceneCurve { points_px: points.map(|p| lens.bent(&p) + SIZE.centre_px()), sd_px: 0.5 }
+            SceneCurve { points_px: points.map(|p| lens.distorted(&p) + SIZE.centre_px()), sd_px: 0.5 }
         };
         (0..count).map(curve).collect()
     }
@@ -242,7 +262,7 @@ mod tests {
     fn the_lens_is_found_among_bent_things() {
         for bend in [-0.25, -0.15, -0.05] {
             let found = LensView::of(&curves(bend, 90), SIZE).found(ANY).unwrap();
-            let off = found.lens.bend(SIZE) - bend;
+            let off = found.lens.distortion(SIZE) - bend;
             assert!(off.abs() < 3.0 * found.bend_sd && found.bend_sd < 0.01, "{bend}: {found:?}");
         }
     }
@@ -256,7 +276,7 @@ mod tests {
 
     #[test]
     fn a_road_that_curves_is_no_lens() {
-        // Lanes to the left of the middle, all bent alike.
+        // Lanes to the left of the centre, all curved alike.
         let lane = |i: i32| {
             let x = 150.0 + 40.0 * f64::from(i);
             let points = [[x + 300.0, 100.0], [x + 138.0, 500.0], [x, 900.0]].map(Vector2::from);

@@ -1,23 +1,24 @@
-//! Evidence of all frames of a clip → focal length and ground plane over time. Pure maths on records: no I/O, no clock, no
-//! random numbers, no panics; the order of the cars in a frame does not matter.
+//! Estimates the focal length and the ground plane over time from the evidence of all frames of a clip.
 //!
-//! # How the pieces join
+//! The crate is pure maths on records: it has no I/O, no clock, no random numbers and no panics. The order of the cars
+//! in a frame does not matter.
+//!
+//! # Data flow
 //! ```text
-//! FrameRecord → AtRest                            shake taken out, moves put where they happened
-//!             → EvidenceBuilder ── Linker          which box is which car
-//!                               ├─ MoveDetector    did the camera move, where no picture tells
-//!                               └─ ViewSelector    one view a parked car, several of a moving one
-//!             → Window { views, … } → (joint solve of the window, elsewhere) → WindowEstimate
-//!             → fuse → CameraEstimate per stretch of time
-//! SceneLine → verticals → Factor, and beside_a_witness(windows) → more for fuse      what the scene says of the focal length
-//! CarHeading → parallel → Factor                                                    what parallel cars say of it
-//! SceneCurve → LensView → how the lens bends lines, and how well that is known             before anything is solved
-//! CameraEvidence of other clips → epochs → more WindowEstimates for fuse      what is remembered of the camera
+//! FrameRecord → AtRest                            removes shake, dates each camera move to its first frame
+//!             → EvidenceBuilder ── Linker          assigns boxes to cars
+//!                               ├─ MoveDetector    finds camera moves where the watcher gives no verdict
+//!                               └─ ViewSelector    takes one view of a parked car, several of a moving one
+//!             → Window { views, … } → (joint solve of the window, in another crate) → WindowEstimate
+//!             → fuse → one CameraEstimate per interval
+//! SceneLine → verticals → Factor, with beside_a_witness(windows) → fuse     focal length from vertical lines
+//! CarHeading → parallel → Factor → fuse                                     focal length from parallel cars
+//! SceneCurve → LensView → lens distortion and its sd, before any solve
+//! CameraEvidence of other clips → epochs → more WindowEstimates for fuse    camera database
 //! ```
 //!
-//! # Honest uncertainty
-//! A parked car seen in 100 frames is one car: its keypoints' white noise averages out, their bias does not
-//! ([`combine`]); seen in ten windows it counts once ([`fuse`]).
+//! # Calibrated uncertainties A parked car that appears in 100 frames is one car. The white noise of its keypoints
+//! averages out, but their bias does not ([`combine`]). A car that appears in ten windows counts once ([`fuse`]).
 
 mod at_rest;
 mod combine;

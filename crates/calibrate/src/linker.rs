@@ -1,25 +1,25 @@
-//! Which box of this frame is which car of the frames before: association in the image, streaming.
+//! Assigns the boxes of a frame to the cars of earlier frames, by association in the picture, frame by frame.
 
 use nalgebra::Vector2;
 use roadplane_base::{CarRecord, FrameRecord, VehicleClass, assign, bbox_centre, bbox_iou, bbox_moved};
 
-/// Provisional name of a car, unique within a [`Linker`]; not the number of a track.
+/// Provisional identifier of a car, unique within a [`Linker`]; not the number of a track.
 pub type LinkId = u64;
 
-/// How far boxes may move between frames.
+/// Limits on the motion of boxes between frames.
 #[derive(Clone, Debug)]
 pub struct LinkerOptions {
-    /// A moving car that is missing for longer gets a new name, s.
+    /// A moving car that is missing for longer gets a new identifier, s.
     pub max_gap_s: f64,
-    /// The same for a car that stood still, s.
+    /// A stationary car that is missing for longer gets a new identifier, s.
     pub max_parked_gap_s: f64,
-    /// sd of a box's centre around its prediction, in box diagonals.
+    /// Sd of a box's centre around its prediction, in box diagonals.
     pub centre_sd: f64,
-    /// Growth of that sd when the box's velocity is known, diagonals per s.
+    /// Growth of the centre's sd where the box's velocity is estimated, diagonals per s.
     pub known_drift: f64,
-    /// Growth of that sd for a box seen once or twice, diagonals per s.
+    /// Growth of the centre's sd for a box with one or two detections, diagonals per s.
     pub unknown_drift: f64,
-    /// sd of the log of width and height.
+    /// Sd of the log of a box's width and height.
     pub log_size_sd: f64,
 }
 
@@ -36,30 +36,41 @@ impl Default for LinkerOptions {
     }
 }
 
-/// Squared normalised distance beyond which two boxes are different cars: 4 sd.
+/// Squared normalised distance beyond which two boxes are different cars: 4 sds, squared.
 const GATE: f64 = 16.0;
-/// A box that stayed within this share of its diagonal …
+/// A box that stays within this share of its diagonal may be stationary.
 const STILL: f64 = 0.06;
-/// … for this long stands still, s.
+/// Time that a box must stay in place to be stationary, s.
 const STILL_S: f64 = 1.0;
 
+/// A car and its last detection.
 #[derive(Clone, Debug)]
 struct Link {
+    /// Identifier of the car.
     id: LinkId,
+    /// Last box: left, top, right, bottom, px.
     bbox_px: [f64; 4],
+    /// Last class.
     class: VehicleClass,
+    /// Smoothed velocity of the box's centre, px/s.
     velocity_px_s: Vector2<f64>,
+    /// Number of detections.
     seen: usize,
+    /// Time of the last detection, s.
     seen_s: f64,
+    /// Centre of the box when it last moved, px.
     anchor_px: Vector2<f64>,
+    /// Time when the box last moved, s.
     anchor_s: f64,
 }
 
 impl Link {
+    /// Returns whether the car is stationary.
     fn is_still(&self) -> bool {
         self.seen_s - self.anchor_s >= STILL_S
     }
 
+    /// Returns the predicted box at a time, px.
     fn predicted(&self, time_s: f64) -> [f64; 4] {
         if self.is_still() {
             return self.bbox_px;
@@ -68,22 +79,25 @@ impl Link {
     }
 }
 
-/// Gives every box the name of its car.
+/// Assigns every box the identifier of its car.
 #[derive(Clone, Debug, Default)]
 pub struct Linker {
+    /// Options that it was created with.
     options: LinkerOptions,
+    /// Cars that may be detected again.
     links: Vec<Link>,
+    /// Next free identifier.
     next: LinkId,
 }
 
 impl Linker {
-    /// With these options.
+    /// Creates a linker with these options.
     #[must_use]
     pub fn new(options: LinkerOptions) -> Self {
         Self { options, links: Vec::new(), next: 0 }
     }
 
-    /// Names the cars of the next frame, in the frame's order. Frames come in the order of time.
+    /// Returns the identifiers of the next frame's cars, in the frame's order. Frames come in the order of time.
     pub fn push(&mut self, frame: &FrameRecord) -> Vec<LinkId> {
         let time_s = frame.time_s;
         let LinkerOptions { max_gap_s, max_parked_gap_s, .. } = self.options;
@@ -91,7 +105,7 @@ impl Linker {
             let gap_s = time_s - link.seen_s;
             gap_s <= if link.is_still() { max_parked_gap_s } else { max_gap_s }
         });
-        // Boxes in an order of their own, so that the frame's order has no say.
+        // Boxes are sorted, so that their order in the frame does not matter.
         let mut order: Vec<usize> = (0..frame.cars.len()).collect();
         order.sort_by(|&a, &b| {
             let key = |i: usize| frame.cars[i].bbox_px;
@@ -115,11 +129,12 @@ impl Linker {
         names.into_iter().flatten().collect()
     }
 
-    /// Forgets all cars, as after a move of the camera; names are not used again.
+    /// Removes all cars, as after a camera move. Their identifiers are not used again.
     pub fn reset(&mut self) {
         self.links.clear();
     }
 
+    /// Adds a new car and returns its identifier.
     fn start(&mut self, car: &CarRecord, time_s: f64) -> LinkId {
         let id = self.next;
         self.next += 1;
@@ -136,7 +151,7 @@ impl Linker {
         id
     }
 
-    /// 0 for a perfect match, 1 at the gate.
+    /// Returns the cost of assigning a box to a car: 0 for a perfect match, 1 at the gate, infinite beyond it.
     fn cost(&self, link: &Link, predicted: &[f64; 4], time_s: f64, car: &CarRecord) -> f64 {
         let options = &self.options;
         let gap_s = (time_s - link.seen_s).clamp(0.0, 1.0);
@@ -163,12 +178,13 @@ impl Linker {
     }
 }
 
+/// Updates a car with its detection at `time_s`.
 fn update(link: &mut Link, car: &CarRecord, time_s: f64) {
     let gap_s = time_s - link.seen_s;
     let centre = bbox_centre(&car.bbox_px);
     if gap_s > 0.0 {
         let velocity = (centre - bbox_centre(&link.bbox_px)) / gap_s;
-        // Half-life of about 0.1 s: long enough to calm a box's jitter, short enough to follow braking.
+        // The half-life is about 0.1 s: long enough to smooth a box's jitter, short enough to follow braking.
         let share = if link.seen < 2 { 1.0 } else { 1.0 - (-gap_s / 0.15).exp() };
         link.velocity_px_s += share * (velocity - link.velocity_px_s);
     }
@@ -182,10 +198,12 @@ fn update(link: &mut Link, car: &CarRecord, time_s: f64) {
     link.seen_s = time_s;
 }
 
+/// Returns the width and height of a box, px.
 fn size_px([x0, y0, x1, y1]: &[f64; 4]) -> (f64, f64) {
     ((x1 - x0).max(1e-3), (y1 - y0).max(1e-3))
 }
 
+/// Returns the diagonal of a box, px.
 fn diagonal_px(bbox_px: &[f64; 4]) -> f64 {
     let (w, h) = size_px(bbox_px);
     w.hypot(h)

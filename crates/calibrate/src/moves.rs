@@ -1,51 +1,53 @@
-//! Was the camera moved? Seen from boxes alone: all parked cars jump at once, by one similarity of the image (to first order
-//! what a turn or zoom does to distant ones).
+//! Detects camera moves from boxes alone.
+//!
+//! After a move all parked cars jump at once, by one similarity of the picture. To first order, this is the effect of a
+//! turn or a zoom on distant cars.
 
 use nalgebra::Vector2;
 use roadplane_base::{FrameRecord, Similarity, bbox_centre, median};
 
-/// How a stretch of time with one camera position began.
+/// How an interval with one camera position began.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SegmentStart {
-    /// The clip's first frame.
+    /// It began with the clip's first frame.
     Clip,
-    /// The camera turned; the image was scaled by e^`log_scale`.
+    /// The camera turned or zoomed; the picture was scaled by e^`log_scale`.
     Moved {
-        /// Logarithm of the image's growth.
+        /// Log of the picture's growth.
         log_scale: f64,
     },
-    /// Another picture altogether: nothing of the camera before holds.
+    /// The picture changed completely; nothing of the previous camera holds.
     Cut,
 }
 
-/// What one frame says.
+/// The verdict of one frame on the camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum MoveState {
-    /// Too few parked cars to tell.
+    /// There are too few parked cars for a verdict.
     Unknown,
-    /// Parked cars are where they were, up to this common shift, px.
+    /// Parked cars are in their old positions, up to a common shift.
     Steady {
-        /// Median shift since the stretch began.
+        /// Median shift since the interval began, px.
         shift_px: Vector2<f64>,
     },
-    /// They are not, in this frame; it may be a shake or a bad frame.
+    /// Parked cars are not in their old positions in this frame. It may be a shake or a bad frame.
     Suspect,
-    /// It lasts: a new stretch began with the first of the suspect frames.
+    /// The change lasts: a new interval began with the first of the suspect frames.
     Moved(SegmentStart),
 }
 
-/// What counts as a move.
+/// Criteria for a camera move.
 #[derive(Clone, Debug)]
 pub struct MoveOptions {
-    /// Parked cars needed for a verdict.
+    /// Least number of parked cars for a verdict.
     pub min_cars: usize,
-    /// Least common shift, px.
+    /// Least common shift of a move, px.
     pub min_shift_px: f64,
-    /// Least common shift, share of the boxes' diagonal.
+    /// Least common shift of a move, as a share of the boxes' diagonal.
     pub min_shift: f64,
-    /// A move must last so many frames …
+    /// Least number of frames that a move must last.
     pub confirm_frames: usize,
-    /// … and so long, s.
+    /// Least time that a move must last, s.
     pub confirm_s: f64,
 }
 
@@ -55,53 +57,66 @@ impl Default for MoveOptions {
     }
 }
 
-/// A box matches a reference within this share of its diagonal …
+/// Largest distance of a box's centre from a reference that it matches, as a share of the reference's diagonal.
 const NEAR: f64 = 0.25;
-/// … and this difference of log size.
+/// Largest difference of log size between a box and a reference that it matches.
 const SAME_SIZE: f64 = 0.35;
-/// A box that stayed for so many frames and so long (s) belongs to a parked car.
+/// Least number of frames in which a box must be in place to be a parked car.
 const PROVEN_FRAMES: usize = 5;
+/// Least time for which a box must be in place to be a parked car, s.
 const PROVEN_S: f64 = 0.5;
-/// Frames over which a reference's place is averaged; fixed from then on, so that slow drift is seen as well.
+/// Number of frames over which a reference's position is averaged. It is fixed afterwards, so that slow drift is
+/// detected.
 const AVERAGED_FRAMES: f64 = 30.0;
-/// References that were not seen for so long are forgotten, s.
+/// References without a detection for longer than this are removed, s.
 const FORGOTTEN_S: f64 = 10.0;
 
+/// The position of a box that may be a parked car.
 #[derive(Clone, Debug)]
 struct Reference {
+    /// Mean centre of the box, px.
     centre_px: Vector2<f64>,
+    /// Mean diagonal of the box, px.
     diagonal_px: f64,
+    /// Time of the first detection, s.
     first_s: f64,
+    /// Time of the last detection, s.
     last_s: f64,
+    /// Number of detections.
     seen: usize,
 }
 
 impl Reference {
+    /// Returns whether the reference is a parked car.
     fn is_proven(&self) -> bool {
         self.seen >= PROVEN_FRAMES && self.last_s - self.first_s >= PROVEN_S
     }
 }
 
-/// A box reduced to centre and diagonal, px.
+/// A box reduced to its centre and its diagonal, px.
 type Spot = (Vector2<f64>, f64);
 
-/// Watches the parked cars, streaming.
+/// Monitors the parked cars, frame by frame.
 #[derive(Clone, Debug, Default)]
 pub struct MoveDetector {
+    /// Options that it was created with.
     options: MoveOptions,
+    /// Boxes of earlier frames that may be parked cars.
     references: Vec<Reference>,
+    /// Number of suspect frames since the suspicion began; 0 without a suspicion.
     suspect_frames: usize,
+    /// Time when the suspicion began, s.
     suspect_since_s: f64,
 }
 
 impl MoveDetector {
-    /// With these options.
+    /// Creates a detector with these options.
     #[must_use]
     pub fn new(options: MoveOptions) -> Self {
         Self { options, ..Self::default() }
     }
 
-    /// Takes the next frame, in the order of time.
+    /// Takes the next frame, in the order of time, and returns its verdict.
     pub fn push(&mut self, frame: &FrameRecord) -> MoveState {
         let mut spots: Vec<Spot> = frame
             .cars
@@ -120,7 +135,7 @@ impl MoveDetector {
                 self.learn(&spots, frame.time_s);
                 state
             }
-            // A frame without an opinion does not clear a suspicion.
+            // A frame without a verdict does not end a suspicion.
             MoveState::Unknown | MoveState::Suspect if self.suspect_frames > 0 => MoveState::Suspect,
             MoveState::Unknown | MoveState::Suspect => {
                 self.learn(&spots, frame.time_s);
@@ -129,7 +144,7 @@ impl MoveDetector {
         }
     }
 
-    /// Turns a frame's opinion into a verdict once it has lasted.
+    /// Returns `state` once it has lasted; until then [`MoveState::Suspect`].
     fn confirmed(&mut self, state: MoveState, spots: &[Spot], time_s: f64) -> MoveState {
         if self.suspect_frames == 0 {
             self.suspect_since_s = time_s;
@@ -146,7 +161,7 @@ impl MoveDetector {
         state
     }
 
-    /// This frame's opinion, regardless of others.
+    /// Returns the verdict of this frame alone.
     fn verdict(&self, spots: &[Spot]) -> MoveState {
         let proven: Vec<&Reference> = self.references.iter().filter(|r| r.is_proven()).collect();
         let enough = self.options.min_cars.max(1);
@@ -158,7 +173,7 @@ impl MoveDetector {
         if 2 * stayed.len() >= proven.len() && stayed.len() >= enough {
             return self.small_shift(&stayed, &proven);
         }
-        // Every pairing of a reference with a box of any size proposes a similarity.
+        // Each pair of a reference and a box proposes a similarity; the box may have any size.
         let proposals = proven.iter().flat_map(|r| {
             spots.iter().map(move |(centre, diagonal)| {
                 Similarity::carrying(&r.centre_px, centre, (diagonal / r.diagonal_px).clamp(0.3, 3.0))
@@ -185,14 +200,14 @@ impl MoveDetector {
         MoveState::Unknown
     }
 
-    /// All parked cars still match: do they agree on a shift that is more than jitter?
+    /// Returns the verdict where the parked cars still match: a move if they agree on a shift larger than jitter.
     fn small_shift(&self, stayed: &[(Vector2<f64>, Vector2<f64>)], proven: &[&Reference]) -> MoveState {
         let axis =
             |axis: usize| median(&mut stayed.iter().map(|(a, b)| b[axis] - a[axis]).collect::<Vec<_>>());
         let shift_px = Vector2::new(axis(0).unwrap_or(0.0), axis(1).unwrap_or(0.0));
         let diagonal = median(&mut proven.iter().map(|r| r.diagonal_px).collect::<Vec<_>>()).unwrap_or(0.0);
         let Some(fit) = Similarity::fit(stayed) else { return MoveState::Unknown };
-        // A zoom or roll about the middle leaves the median shift small but not the single ones.
+        // A zoom or roll about the picture's centre gives a small median shift, but large single shifts.
         let mut lengths: Vec<f64> = stayed.iter().map(|(a, _)| (fit.apply(a) - a).norm()).collect();
         let typical = median(&mut lengths).unwrap_or(0.0);
         let explained = stayed.iter().filter(|(a, b)| (fit.apply(a) - b).norm() < 0.5 * typical).count();
@@ -203,6 +218,7 @@ impl MoveDetector {
         MoveState::Steady { shift_px }
     }
 
+    /// Updates the references with the boxes of a frame.
     fn learn(&mut self, spots: &[Spot], time_s: f64) {
         self.references.retain(|r| time_s - r.last_s <= FORGOTTEN_S);
         let mut taken = vec![false; spots.len()];
@@ -229,7 +245,7 @@ impl MoveDetector {
     }
 }
 
-/// Index of the box where `reference` should be, if there is one.
+/// Returns the index of the box nearest to the expected position of `reference`; `None` if there is none.
 fn nearest(
     reference: &Reference,
     expected_px: &Vector2<f64>,
@@ -244,7 +260,7 @@ fn nearest(
     fitting.min_by(|a, b| away(a.1).total_cmp(&away(b.1))).map(|(i, _)| i)
 }
 
-/// (reference, box) centres that a similarity brings together.
+/// Returns the pairs of (reference, box) centres that a similarity brings together, px.
 fn matches(
     proven: &[&Reference],
     spots: &[Spot],

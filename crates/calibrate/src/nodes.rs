@@ -1,71 +1,82 @@
-//! Forward and backward over pieces of evidence in time: Kalman filter in information form, Rauch–Tung–Striebel smoother.
+//! Kalman filter in information form and Rauch–Tung–Striebel smoother over pieces of evidence in time.
 //!
-//! The state is (log f, tilt, roll, log h', log s): how large the place's cars are against the atlas, s, is the same at all times,
-//! and cars tell the height h' = h / s that the camera would have were they of the atlas' sizes. What tells lengths in metres tells
-//! h = h' s, and so s.
+//! The state is (log f, tilt, roll, log h', log s). The size s of the site's cars relative to the atlas is the same at
+//! all times. Cars determine the height h' = h / s that the camera would have if they had the atlas's sizes. Factors in
+//! metres determine h = h' s, and so s.
 
 use nalgebra::{Matrix4, SMatrix, SVector, Vector4};
-use roadplane_base::{Factor, FactorTerms, Reading};
+use roadplane_base::{Factor, FactorComponent, FactorTerms};
 
 use crate::prior::FusePrior;
 
-/// What happens to the camera before a piece of evidence, number by number: kept ones (1) gain `variance`, others (0) start
-/// again from the prior.
+/// The transition of the camera to a piece of evidence, for each of (log f, tilt, roll, log h').
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Step {
+    /// 1 for a number that carries over, 0 for a number that starts again from the prior.
     pub kept: Vector4<f64>,
+    /// Variance that each kept number gains (log² or rad²).
     pub variance: Vector4<f64>,
 }
 
 impl Step {
+    /// Returns the step after which all numbers start again from the prior.
     pub(crate) fn fresh() -> Self {
         Self { kept: Vector4::zeros(), variance: Vector4::zeros() }
     }
 
+    /// Returns the step that keeps all numbers and adds `variance` (log² or rad²) to them.
     pub(crate) fn kept(variance: Vector4<f64>) -> Self {
         Self { kept: Vector4::repeat(1.0), variance }
     }
 }
 
-/// Camera and size of the cars.
+/// The state (log f, tilt, roll, log h', log s): the camera and the size of the cars.
 type State = SVector<f64, 5>;
+/// A covariance or information matrix of the state.
 type Square = SMatrix<f64, 5, 5>;
 
-/// Evidence `N(information⁻¹ · weighted, information⁻¹)`, possibly singular.
+/// Evidence on four numbers as a Gaussian `N(information⁻¹ · weighted, information⁻¹)`; it may be singular.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Evidence {
+    /// Information matrix, the inverse of the covariance.
     pub information: Matrix4<f64>,
+    /// Information matrix times the mean.
     pub weighted: Vector4<f64>,
 }
 
 impl Evidence {
+    /// Returns evidence without information.
     pub(crate) fn none() -> Self {
         Self { information: Matrix4::zeros(), weighted: Vector4::zeros() }
     }
 
-    /// What a factor says beside all else that is known of the camera (mean and covariance), linearised at a camera.
+    /// Returns the evidence of a factor, linearised at the camera `at`. `rest` is the evidence of everything else.
     ///
-    /// One that may mean two things leaves two Gaussians; it says what makes one of them, of their mean and covariance
-    /// (expectation propagation, Minka 2001).
+    /// A factor with two possible meanings leaves a mixture of two Gaussians. The result combines with `rest` to one
+    /// Gaussian with the mean and covariance of that mixture (expectation propagation, Minka 2001).
     pub(crate) fn of_factor(factor: &Factor, at: &Vector4<f64>, rest: Option<&Self>) -> Self {
         let FactorTerms { gradient, information } = FactorTerms::of([factor], at);
         let linear = Self { information, weighted: information * at - gradient };
-        let Some((readings, rest)) = factor.readings(at).zip(rest) else { return linear };
-        Self::of_readings(&readings, &factor.residual_by_camera(at), at, rest).unwrap_or(linear)
+        let Some((components, rest)) = factor.components(at).zip(rest) else { return linear };
+        Self::of_components(&components, &factor.residual_by_camera(at), at, rest).unwrap_or(linear)
     }
 
-    fn of_readings(
-        readings: &[Reading],
+    /// Returns the evidence of a factor with several components; `None` where a matrix has no inverse.
+    ///
+    /// `by` is the 2 × 4 derivative of the factor's residual by the camera. `at` and `rest` are as in `of_factor`.
+    fn of_components(
+        components: &[FactorComponent],
         by: &SMatrix<f64, 2, 4>,
         at: &Vector4<f64>,
         rest: &Self,
     ) -> Option<Self> {
         let (expected, spread) = rest.moments()?;
-        let mut told: Vec<(f64, Vector4<f64>, Matrix4<f64>)> = Vec::with_capacity(readings.len());
-        for reading in readings {
-            let surprise = reading.residual + by * (expected - at);
-            let covariance = reading.covariance + by * spread * by.transpose();
-            let (weight, information) = Reading { residual: surprise, covariance, ..*reading }.density()?;
+        let mut told: Vec<(f64, Vector4<f64>, Matrix4<f64>)> = Vec::with_capacity(components.len());
+        for component in components {
+            let surprise = component.residual + by * (expected - at);
+            let covariance = component.covariance + by * spread * by.transpose();
+            let (weight, information) =
+                FactorComponent { residual: surprise, covariance, ..*component }.density()?;
             let gain = -spread * by.transpose() * information;
             told.push((weight, expected + gain * surprise, spread + gain * by * spread));
         }
@@ -80,70 +91,74 @@ impl Evidence {
         Some(Self { information, weighted: information * mean }.without(rest))
     }
 
-    /// As one Gaussian; `None` where it does not say all.
+    /// Returns the mean and covariance; `None` where the information is singular.
     fn moments(&self) -> Option<(Vector4<f64>, Matrix4<f64>)> {
         let factor = self.information.cholesky()?;
         Some((factor.solve(&self.weighted), factor.inverse()))
     }
 
+    /// Returns this evidence with `other` subtracted.
     pub(crate) fn without(&self, other: &Self) -> Self {
         Self { information: self.information - other.information, weighted: self.weighted - other.weighted }
     }
 
+    /// Returns this evidence with `other` added.
     pub(crate) fn and(&self, other: &Self) -> Self {
         Self { information: self.information + other.information, weighted: self.weighted + other.weighted }
     }
 }
 
-/// Evidence of (log f, tilt, roll, log h') by cars and of (log f, tilt, roll, log h) by what is in metres, and the step that leads to
-/// it.
+/// One piece of evidence in time, and the step that leads to it.
 #[derive(Clone, Debug)]
 pub(crate) struct Node {
+    /// Evidence of (log f, tilt, roll, log h') from cars.
     pub cars: Evidence,
+    /// Evidence of (log f, tilt, roll, log h) from factors in metres.
     pub metres: Evidence,
+    /// Transition from the previous node.
     pub step: Step,
 }
 
-/// Mean and covariance.
+/// A Gaussian of the state: mean and covariance.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Gaussian(State, Square);
 
 impl Gaussian {
-    /// Of (log f, tilt, roll, log h).
+    /// Returns the mean and covariance of (log f, tilt, roll, log h), with h in metres.
     pub(crate) fn camera(&self) -> (Vector4<f64>, Matrix4<f64>) {
         let into = into_metres();
         (into * self.0, into * self.1 * into.transpose())
     }
 
-    /// All that is known of (log f, tilt, roll, log h).
+    /// Returns the Gaussian as evidence of (log f, tilt, roll, log h); `None` where the covariance is singular.
     pub(crate) fn evidence(&self) -> Option<Evidence> {
         let (mean, covariance) = self.camera();
         let information = covariance.cholesky()?.inverse();
         Some(Evidence { information, weighted: information * mean })
     }
 
-    /// (log f, tilt, roll, log h'): with cars of the atlas' sizes.
+    /// Returns the mean of (log f, tilt, roll, log h'), the camera as if cars had the atlas's sizes.
     pub(crate) fn by_cars(&self) -> Vector4<f64> {
         self.0.fixed_rows::<4>(0).into_owned()
     }
 
-    /// Log of how large cars are against the atlas.
+    /// Returns the log of the cars' size relative to the atlas.
     pub(crate) fn size_of_cars(&self) -> f64 {
         self.0[4]
     }
 }
 
-/// Turns the state into (log f, tilt, roll, log h).
+/// Returns the 4 × 5 matrix that maps the state to (log f, tilt, roll, log h).
 fn into_metres() -> SMatrix<f64, 4, 5> {
     let mut into = SMatrix::<f64, 4, 5>::identity();
     into[(3, 4)] = 1.0;
     into
 }
 
-/// Least variance of log s, so that matrices have inverses.
+/// Least variance of log s; it keeps the matrices invertible.
 const LEAST_VARIANCE: f64 = 1e-12;
 
-/// What is believed at each node given all of them, the prior of the camera, and the sd of log s.
+/// Returns the posterior at each node given all nodes. `prior` is that of the camera, `size_sd` the sd of log s.
 pub(crate) fn smooth(nodes: &[Node], prior: &FusePrior, size_sd: f64) -> Vec<Gaussian> {
     let variance = prior.sd.map(|sd| sd * sd).push((size_sd * size_sd).max(LEAST_VARIANCE));
     let start = Gaussian(prior.params.to_vector().push(0.0), Square::from_diagonal(&variance));
@@ -167,6 +182,7 @@ pub(crate) fn smooth(nodes: &[Node], prior: &FusePrior, size_sd: f64) -> Vec<Gau
     smoothed
 }
 
+/// Predicts the state after `step`. Numbers that are not kept start again from `prior`.
 fn advance(Gaussian(mean, covariance): &Gaussian, step: &Step, prior: &Gaussian) -> Gaussian {
     let kept = step.kept.push(1.0);
     let anew = State::repeat(1.0) - kept;
@@ -178,6 +194,7 @@ fn advance(Gaussian(mean, covariance): &Gaussian, step: &Step, prior: &Gaussian)
     )
 }
 
+/// Adds a node's evidence to a predicted state. Where a matrix has no inverse the state is returned unchanged.
 fn update(before: &Gaussian, Node { cars, metres, .. }: &Node) -> Gaussian {
     let into = into_metres();
     let Some(prior) = before.1.cholesky().map(|c| c.inverse()) else { return *before };

@@ -1,59 +1,66 @@
-//! Cars that stand or drive side by side point the same way: a witness for the focal length.
+//! Estimates the focal length from parallel cars: cars side by side that point the same way.
 //!
-//! How a car is turned is seen against the ray to it, and where that ray points follows from the focal length. Too short a one
-//! spreads the rays, and parallel cars come out as a fan. Cars of one direction of a place are taken for parallel, but for how well
-//! each is seen, and for streets that bend, as a car further along points elsewhere. Directions of their own (the other way, across)
-//! count for themselves, so what all cars of one aspect are wrong by together does no harm.
+//! The keypoints show how a car is turned relative to the ray to it. The direction of that ray depends on the focal
+//! length. If the focal length is too short, the rays spread and parallel cars appear as a fan.
+//!
+//! Cars of a site with about the same direction are taken for parallel. The tolerance covers the uncertainty of each
+//! car and the curvature of streets, since a car further along points elsewhere. Each direction (also the opposite one,
+//! or across) has its own mean. So an error that all cars with one aspect share does no harm.
 
 use nalgebra::{DMatrix, DVector};
 use roadplane_base::{CameraParams, Factor, GroundPose, StudentT};
 
 use crate::LinkId;
 
-/// How a car is turned, as a function of the focal length: `heading + fan · (1 − solved focal / focal)`.
+/// The heading of a car as a function of the focal length: `heading + fan · (1 − solved focal / focal)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CarHeading {
-    /// Which car.
+    /// Identifier of the car.
     pub link: LinkId,
-    /// On the ground, before the camera it was solved with, rad.
+    /// Heading on the ground with the camera of the solve, rad.
     heading: f64,
-    /// How fast the heading grows with log focal where the horizon stays, rad.
+    /// Derivative of the heading by log focal length with the horizon fixed, rad.
     fan: f64,
-    /// The focal length it was solved with, px.
+    /// Focal length of the solve, px.
     focal_px: f64,
-    /// Where it stands, m.
+    /// Position (x, y) on the ground, m.
     place: [f64; 2],
-    /// sd of the heading before a camera that is known, rad.
+    /// Sd of the heading for a given camera, rad.
     sd: f64,
 }
 
-/// What parallel cars say.
+/// The result from parallel cars.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Parallel {
-    /// Of the camera.
+    /// Factor on the camera's focal length.
     pub factor: Factor,
-    /// Cars that it rests on.
+    /// Number of cars that were used.
     pub cars: usize,
 }
 
-/// Of a direction, so far to either side, rad.
+/// Largest difference of heading between a car and the first car of its direction, rad.
 const SAME_WAY: f64 = 0.175;
-/// Cars that a direction needs: two are parallel to something else.
+/// Least number of cars of a direction; two cars may be parallel by chance.
 const LEAST_CARS: usize = 3;
-/// How far cars beside each other are off being parallel, and how far the net is off, rad (sd): 1.5°.
+/// Sd of the heading of parallel cars, rad (1.5°): their own turn and the error of the net.
 const TURN_SD: f64 = 0.026;
-/// Bend of streets, rad/m (sd): a radius of 500 m (estimate: city streets are straight, motorways bend by less).
+/// Sd of the curvature of streets, rad/m: a radius of 500 m. This is an estimate: city streets are straight, and
+/// motorways curve by less.
 const BEND_SD: f64 = 0.002;
-/// How much of a fan the net makes of parallel cars by itself, as a share of what it sees (sd): it has that in common for all cars of a
-/// place (estimate; on calibrated cameras 7 % ± 6 %).
+/// Sd of the error that the net itself causes by turning parallel cars into a fan, as a share of 1 / focal length.
+///
+/// All cars of a site have it in common. The value is an estimate; on calibrated cameras it is 7 % ± 6 %.
 const SHARED_FAN: f64 = 0.05;
-/// Rounds of weighing cars by how well they fit.
+/// Number of rounds of weighting cars by how well they fit.
 const ROUNDS: usize = 20;
+/// Error model of a car's heading.
 const SCATTER: StudentT = StudentT { dimensions: 1.0 };
 
 impl CarHeading {
-    /// Of a car that was solved before a camera, its heading known to `sd` rad were the camera known. `None` where the car is not in
-    /// front of the camera.
+    /// Computes the heading of a car that was solved with the camera `params`. `sd` is the heading's sd for a given
+    /// camera, rad.
+    ///
+    /// `None` where the car is not in front of the camera.
     #[must_use]
     pub fn new(link: LinkId, params: &CameraParams, pose: &GroundPose, sd: f64) -> Option<Self> {
         let focal_px = params.focal_px();
@@ -67,6 +74,7 @@ impl CarHeading {
             let ray = plane.camera_from_world().rotation.inverse() * pixel.push(focal);
             ray.x.atan2(ray.y)
         };
+        // Step of the numerical derivative, in log focal length.
         const STEP: f64 = 0.02;
         let fan = (azimuth(-STEP) - azimuth(STEP)) / (2.0 * STEP);
         let is_sound = [fan, pose.heading_rad, sd].iter().all(|v| v.is_finite()) && sd >= 0.0;
@@ -75,8 +83,10 @@ impl CarHeading {
     }
 }
 
-/// What cars of a place that point the same way say of the focal length; `None` where they are few or beside each other, or where the
-/// cars' poses tell its logarithm to `log_focal_sd` already and that is better: both are of the same keypoints.
+/// Estimates the focal length from cars of a site that point the same way.
+///
+/// `log_focal_sd` is the sd of log focal length from the cars' poses. `None` where there are too few cars, or all of
+/// them lie in one viewing direction. `None` also where the poses have the smaller sd: both use the same keypoints.
 #[must_use]
 pub fn parallel(headings: &[CarHeading], log_focal_sd: f64) -> Option<Parallel> {
     let mut open = of_each_car(headings);
@@ -98,7 +108,9 @@ pub fn parallel(headings: &[CarHeading], log_focal_sd: f64) -> Option<Parallel> 
     })
 }
 
-/// The best known view of each car, the best known car first: more views of one that drives say how it turns.
+/// Returns the view with the least sd of each car, ordered by sd.
+///
+/// More views of a moving car would show how it turns.
 fn of_each_car(headings: &[CarHeading]) -> Vec<CarHeading> {
     let mut cars = headings.to_vec();
     cars.sort_by(|a, b| a.link.cmp(&b.link).then(a.sd.total_cmp(&b.sd)));
@@ -107,33 +119,40 @@ fn of_each_car(headings: &[CarHeading]) -> Vec<CarHeading> {
     cars
 }
 
-/// From one direction to another, rad, the short way.
+/// Returns the shortest turn from one direction to another, rad.
 fn turn(from: f64, to: f64) -> f64 {
     let angle = to - from;
     angle.sin().atan2(angle.cos())
 }
 
-/// Headings = direction of their group + bend of its street · place along it, all of the same focal length: linear in
-/// 1 / focal.
+/// A linear least-squares system in 1 / focal length.
+///
+/// Each heading is the direction of its group plus the curvature of its street times the position along the street. The
+/// focal length is common to all.
 #[derive(Default)]
 struct System {
+    /// Number of groups, one per direction.
     groups: usize,
+    /// One row per car.
     rows: Vec<Row>,
 }
 
-/// What one car adds.
+/// The equation of one car.
 struct Row {
+    /// Index of the car's group.
     group: usize,
-    /// Place along the street, m.
+    /// Position along the street relative to the group's first car, m.
     along: f64,
-    /// Heading were the focal length infinite, against the group's first, rad.
+    /// Heading for an infinite focal length, relative to the heading of the group's first car, rad.
     heading: f64,
-    /// Its change by 1 / focal, rad·px.
+    /// Derivative of the heading by 1 / focal length, rad·px.
     fan: f64,
+    /// Variance of the heading, rad².
     variance: f64,
 }
 
 impl System {
+    /// Adds a group of parallel cars; `first` defines its direction and origin.
     fn add(&mut self, first: &CarHeading, group: &[CarHeading]) {
         let (sin, cos) = first.heading.sin_cos();
         self.rows.extend(group.iter().map(|car| Row {
@@ -146,7 +165,7 @@ impl System {
         self.groups += 1;
     }
 
-    /// 1 / focal and its sd, 1/px.
+    /// Returns 1 / focal length and its sd, 1/px; `None` where the system has no solution.
     fn solve(&self) -> Option<[f64; 2]> {
         let unknowns = 1 + 2 * self.groups;
         let by = |row: &Row| {
@@ -169,7 +188,7 @@ impl System {
                 sum += weight * row.heading * &by;
                 information += weight * &by * by.transpose();
             }
-            // Unknowns of one size each.
+            // Scales all unknowns to the same size.
             let scale = information.diagonal().map(|v| 1.0 / v.sqrt());
             let scaled =
                 DMatrix::from_fn(unknowns, unknowns, |r, c| information[(r, c)] * scale[r] * scale[c]);

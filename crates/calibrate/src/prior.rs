@@ -1,13 +1,13 @@
-//! What is believed beforehand.
+//! The prior of a camera's four numbers.
 
 use nalgebra::Vector4;
 use roadplane_base::CameraParams;
 
-/// What is believed of a camera before any car was seen.
+/// A Gaussian prior of a camera, before any car is observed.
 #[derive(Clone, Copy, Debug)]
 pub struct FusePrior {
-    /// Middle.
+    /// Mean of the prior.
     pub params: CameraParams,
-    /// sd of log focal, tilt, roll, log height.
+    /// Sds of log focal length, tilt (rad), roll (rad) and log height.
     pub sd: Vector4<f64>,
 }

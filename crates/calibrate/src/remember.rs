@@ -1,51 +1,53 @@
-//! Evidence of many clips of one camera → epochs, in each of which the camera hung as it did.
+//! Groups the evidence of many clips of one camera into epochs. In an epoch the camera was not moved.
 //!
-//! What is kept is the set of the clips' evidence; everything else follows from the set alone. Clips are taken in the order of
-//! their [`ClipIdentity`](roadplane_base::ClipIdentity), each joins an epoch or begins one. A clip's estimate then counts as a
-//! window's does ([`fuse`](crate::fuse)): a vehicle that was parked in several of them is one vehicle, and the prior is counted
-//! once.
+//! The camera database stores the set of the clips' evidence; everything else follows from this set alone. Clips are
+//! taken in the order of their [`ClipIdentity`](roadplane_base::ClipIdentity); each joins an epoch or begins one. A
+//! clip's estimate then counts like that of a window ([`fuse`](crate::fuse)). A vehicle that was parked in several
+//! clips counts as one vehicle, and the prior counts once.
 
 use nalgebra::{Matrix4, Vector2, Vector4};
 use roadplane_base::{CameraEvidence, ParkedCar, bbox_iou};
 
 use crate::{CarUse, FuseOptions, LinkId, SegmentStart, WindowEstimate, fuse};
 
-/// What two pictures of the empty place say.
+/// Result of comparing two pictures of the empty scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SameView {
-    /// The camera hangs as it did.
+    /// The camera has not moved.
     Same,
-    /// It was turned or zoomed.
+    /// The camera was turned or zoomed.
     Moved,
-    /// They cannot be compared: another light, another place.
+    /// The pictures cannot be compared: the light or the scene differs.
     Unknown,
 }
 
 /// Clips between which the camera was not moved.
 #[derive(Clone, Debug)]
 pub struct Epoch<'a> {
-    /// Their evidence, in order.
+    /// Evidence of the clips, in order.
     pub clips: Vec<&'a CameraEvidence>,
-    /// What each says, in order, vehicles linked across them.
+    /// Estimate of each clip, in order; vehicles are linked across clips.
     pub windows: Vec<WindowEstimate>,
-    /// The vehicles that were parked, as they were first seen.
+    /// The parked vehicles, each with its first observation.
     pub vehicles: Vec<(LinkId, &'a ParkedCar)>,
 }
 
-/// Squared Mahalanobis distance (4 degrees of freedom) beyond which a clip contradicts an epoch: once in 2·10⁵ by chance.
+/// Squared Mahalanobis distance (4 degrees of freedom) beyond which a clip contradicts an epoch: once in 2·10⁵ by
+/// chance.
 const CONTRADICTS: f64 = 30.0;
-/// Pictures of an epoch that are compared, the latest first: by night and by day a place looks different.
+/// Largest number of an epoch's pictures that are compared, latest first. A site looks different by night and by day.
 const PICTURES: usize = 12;
-/// Boxes of the same vehicle overlap by at least this (intersection over union): it came back to its bay.
+/// Least overlap (intersection over union) of two boxes of the same vehicle; it may have left its bay and returned.
 const SAME_BAY: f64 = 0.6;
-/// Keypoints of the same vehicle, shifted and scaled onto each other, are as far apart at most, root mean square, as a share of
-/// the box's longer side. Nets err by about half of it; other models are off by more. In doubt it is the same one, which claims
-/// less.
+/// Largest rms distance between two keypoint sets of the same vehicle, as a share of the box's longer side.
+///
+/// The sets are first shifted and scaled onto each other. Nets err by about half of this; other car models differ by
+/// more. In doubt the vehicle counts as the same one, which claims less information.
 const SAME_SHAPE: f64 = 0.02;
-/// Keypoints that must be seen in both to tell vehicles apart.
+/// Least number of common keypoints for distinguishing two vehicles.
 const MIN_COMMON: usize = 6;
 
-/// Whether two parked vehicles are the same one in the same bay.
+/// Returns whether two parked vehicles are the same one in the same bay.
 #[must_use]
 pub fn same_vehicle(a: &ParkedCar, b: &ParkedCar) -> bool {
     if bbox_iou(&a.bbox_px, &b.bbox_px) < SAME_BAY {
@@ -73,8 +75,10 @@ pub fn same_vehicle(a: &ParkedCar, b: &ParkedCar) -> bool {
     off.sqrt() <= SAME_SHAPE * side
 }
 
-/// Epochs of a camera, in the order of their first clips. Of several evidences of one clip the last given counts; `look` compares
-/// two clips' pictures.
+/// Returns the epochs of a camera, in the order of their first clips.
+///
+/// If a clip has several pieces of evidence, the last one counts. The function `look` compares the pictures of two
+/// clips.
 #[must_use]
 pub fn epochs<'a>(
     evidence: &'a [CameraEvidence],
@@ -97,8 +101,10 @@ pub fn epochs<'a>(
     epochs
 }
 
-/// Which epoch a clip belongs to: the latest whose picture is the same; else, where pictures say nothing, the one that its numbers
-/// fit best. `None` begins a new one.
+/// Returns the index of the epoch to which a clip belongs; `None` where it begins a new one.
+///
+/// This is the latest epoch with the same picture. If pictures do not decide, it is the epoch that the clip's numbers
+/// fit best.
 #[must_use]
 pub fn joins(
     clip: &CameraEvidence,
@@ -128,6 +134,7 @@ pub fn joins(
 }
 
 impl<'a> Epoch<'a> {
+    /// Adds a clip and links its parked vehicles to those of the epoch. `next_link` is the last identifier in use.
     fn add(&mut self, clip: &'a CameraEvidence, next_link: &mut LinkId) {
         let mut cars: Vec<CarUse> = Vec::new();
         let mut fresh = || {
@@ -157,10 +164,10 @@ impl<'a> Epoch<'a> {
         self.clips.push(clip);
     }
 
-    /// Log likelihood of a clip's numbers given the epoch's; `None` where they contradict each other.
+    /// Returns the log likelihood of a clip's numbers given the epoch; `None` where they contradict each other.
     fn fit(&self, clip: &CameraEvidence, options: &FuseOptions) -> Option<f64> {
         let known = fuse(&self.windows, options).pop()?;
-        // What the clip says nothing of gets a loose, not an infinite, variance.
+        // Numbers without evidence in the clip get a large, but finite, variance.
         let weak = Matrix4::from_diagonal(&options.prior.sd.map(|sd| 1e-4 / (sd * sd)));
         let own = (clip.joint().information + weak).try_inverse()?;
         let factor = (own + known.covariance).cholesky()?;

@@ -1,4 +1,4 @@
-//! Which views of which cars go into a window's joint solve.
+//! Selects the views that go into a window's joint solve.
 
 use std::collections::BTreeMap;
 
@@ -9,37 +9,38 @@ use crate::{
     stretch::{Look, Stretch, StretchView},
 };
 
-/// One view of one car, as the joint solve wants it. Views of the same `link` share one shape.
+/// One view of one car, as the joint solve reads it. Views with the same `link` share one shape.
 #[derive(Clone, Debug)]
 pub struct View {
-    /// Which car.
+    /// Identifier of the car.
     pub link: LinkId,
-    /// Its keypoints, px; combined over `frames` where the car stood still.
+    /// Keypoints, px; combined over `frames` where the car was stationary.
     pub keypoints: Box<KeypointSet>,
-    /// A box of the view, px.
+    /// Box of the car in one frame of the view, px.
     pub bbox_px: [f64; 4],
-    /// Weight of the view's evidence, 0–1: below 1 where the car gives several views, whose keypoint bias is partly shared.
+    /// Weight of the view's evidence, 0–1. It is below 1 where the car gives several views, which share a part of their
+    /// bias.
     pub weight: f64,
-    /// The car stood still.
+    /// Whether the car was stationary.
     pub parked: bool,
-    /// Frames that went in, in order; of long stretches a sample.
+    /// Indices of the frames that were used, in order; a sample where there are very many.
     pub frames: Vec<u64>,
 }
 
-/// What makes a good view, and how many are taken.
+/// Requirements on views, and how many views are taken.
 #[derive(Clone, Debug)]
 pub struct SelectOptions {
-    /// Views in a window.
+    /// Largest number of views in a window.
     pub max_views: usize,
-    /// Beyond so many views only those of what surely is a car are taken.
+    /// Beyond this number of views, only views of certain cars are taken: those found in many frames.
     pub enough_views: usize,
-    /// Views of one car in a window.
+    /// Largest number of views of one car in a window.
     pub max_views_per_car: usize,
-    /// Longer side of the box, px.
+    /// Least length of the box's longer side, px.
     pub min_side_px: f64,
-    /// Sum of the keypoints' scores.
+    /// Least sum of the keypoints' scores.
     pub min_keypoints: f64,
-    /// Share of a keypoint's sd that is taken for bias, which does not average out over frames.
+    /// Share of a keypoint's sd that counts as bias, which does not average out over frames.
     pub bias_share: f64,
     /// Correlation of the keypoint bias between two views of a moving car.
     pub view_correlation: f64,
@@ -59,37 +60,45 @@ impl Default for SelectOptions {
     }
 }
 
-/// Longer side at which more pixels stop making a view better, px.
+/// Length of the longer side above which more pixels do not make a view better, px.
 const FULL_SIDE_PX: f64 = 150.0;
-/// What was found in fewer frames may be nothing: it comes after all others, and only until there are enough views.
+/// Least number of frames of a certain car. Views of other cars come last, and only until there are enough views.
 const SURELY_A_CAR: usize = 10;
-/// Cells per axis of the grid over which views are spread.
+/// Number of cells per axis of the grid over which views are spread.
 const GRID: f64 = 4.0;
 
+/// A view that may be selected.
 struct Candidate {
+    /// Identifier of the car.
     link: LinkId,
+    /// The view.
     view: StretchView,
+    /// Grid cell (column, row) of the box's centre.
     cell: (u8, u8),
 }
 
 /// Collects the views of a window.
 pub struct ViewSelector {
+    /// Options that it was created with.
     options: SelectOptions,
+    /// Views that are not complete yet, by car.
     open: BTreeMap<LinkId, Stretch>,
+    /// Complete views of the current window.
     candidates: Vec<Candidate>,
-    /// In how many frames of this window each car was found, or held.
+    /// Number of frames of this window in which each car was found or carried over.
     seen: BTreeMap<LinkId, usize>,
+    /// Size of the last frame's picture.
     image: Option<ImageSize>,
 }
 
 impl ViewSelector {
-    /// With these options.
+    /// Creates a selector with these options.
     #[must_use]
     pub fn new(options: SelectOptions) -> Self {
         Self { options, open: BTreeMap::new(), candidates: Vec::new(), seen: BTreeMap::new(), image: None }
     }
 
-    /// Takes the next frame with the names of its cars (see [`Linker`](crate::Linker)).
+    /// Takes the next frame with the identifiers of its cars (see [`Linker`](crate::Linker)).
     pub fn push(&mut self, frame: &FrameRecord, links: &[LinkId]) {
         self.image = Some(frame.image_size_px);
         for (car, &link) in frame.cars.iter().zip(links) {
@@ -104,14 +113,14 @@ impl ViewSelector {
                 }
             }
         }
-        // Only the best can be chosen, so the rest need not be kept.
+        // Only the best candidates can be chosen, so the others are dropped.
         if self.candidates.len() > 4 * self.options.max_views {
             let kept = 2 * self.options.max_views;
             self.candidates = self.best(kept, kept);
         }
     }
 
-    /// Ends the window: its views, best first. The next frame starts a new window.
+    /// Ends the window and returns its views, best first. The next frame starts a new window.
     pub fn take(&mut self) -> Vec<View> {
         for (link, stretch) in std::mem::take(&mut self.open) {
             self.close(link, &stretch);
@@ -140,6 +149,7 @@ impl ViewSelector {
             .collect()
     }
 
+    /// Returns the observation of a car in a frame; `None` where it does not meet the requirements.
     fn look(&self, frame: &FrameRecord, car: &CarRecord) -> Option<Look> {
         let keypoints = car.keypoints.as_ref()?;
         let seen: f64 = keypoints.iter().flatten().map(|point| point.score).sum();
@@ -159,6 +169,7 @@ impl ViewSelector {
         Some(Look { frame: frame.frame, bbox_px: car.bbox_px, quality, keypoints: keypoints.clone() })
     }
 
+    /// Completes a view and adds it to the candidates.
     fn close(&mut self, link: LinkId, stretch: &Stretch) {
         let Some(view) = stretch.view(self.options.bias_share) else { return };
         let cell = self.image.map_or((0, 0), |size| {
@@ -169,8 +180,10 @@ impl ViewSelector {
         self.candidates.push(Candidate { link, view, cell });
     }
 
-    /// Takes the best, one after the other: each view makes others of its car and of its place in the image less wanted. Cars
-    /// that are found too seldom to be sure of come after all others, and only as long as there are not `enough`.
+    /// Returns the `count` best candidates, chosen one after another.
+    ///
+    /// Each chosen view lowers the value of others of its car and of its grid cell. Cars that are not certain come
+    /// after all others, and only while fewer than `enough` views are chosen.
     fn best(&mut self, count: usize, enough: usize) -> Vec<Candidate> {
         let mut left = std::mem::take(&mut self.candidates);
         left.sort_by_key(|c| (c.link, c.view.look.frame));
@@ -188,7 +201,7 @@ impl ViewSelector {
                 allowed.then(|| (sure, seen as f64 * c.view.look.quality / crowded))
             };
             let ranked = left.iter().enumerate().filter_map(|(i, c)| Some((i, worth(c)?)));
-            // The first of equals, by car and frame.
+            // Of equal candidates the first by car and frame is chosen.
             let Some((index, _)) = ranked.reduce(|best, next| if next.1 > best.1 { next } else { best })
             else {
                 break;

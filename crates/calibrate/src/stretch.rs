@@ -1,45 +1,58 @@
-//! What was seen of one car while it stayed about where it was.
+//! Collects the observations of one car while its box stays near one position in the picture.
 
 use roadplane_base::{CarRecord, KeypointSet, bbox_centre, median};
 
 use crate::combine;
 
-/// One look at the car.
+/// One observation of the car.
 #[derive(Clone, Debug)]
 pub(crate) struct Look {
+    /// Index of the frame.
     pub frame: u64,
+    /// Box of the car: left, top, right, bottom, px.
     pub bbox_px: [f64; 4],
+    /// Quality of the observation (dimensionless, larger is better): score, keypoints, size and completeness.
     pub quality: f64,
+    /// Keypoints of the car, px.
     pub keypoints: Box<KeypointSet>,
 }
 
-/// Looks of a car whose box stayed near its first one; memory is bounded by thinning them out evenly.
+/// Observations of a car whose box stayed near its first one. Even thinning bounds the memory.
 #[derive(Clone, Debug)]
 pub(crate) struct Stretch {
+    /// The observations that are kept, in the order of time.
     looks: Vec<Look>,
+    /// Only every `stride`-th observation is kept.
     stride: u64,
+    /// Number of all observations, kept or not.
     seen: u64,
 }
 
-/// The view that a stretch yields.
+/// The view that a `Stretch` yields.
 pub(crate) struct StretchView {
+    /// The best observation; its keypoints are combined over `frames` where the car was stationary.
     pub look: Look,
+    /// Indices of the frames that were used.
     pub frames: Vec<u64>,
+    /// Whether the car was stationary.
     pub parked: bool,
 }
 
-/// Looks that are kept.
+/// Largest number of observations that are kept.
 const MAX_LOOKS: usize = 64;
-/// Looks within this share of the box's longer side from the middle one show a car that stood still.
+/// Largest distance of a stationary car's box from the median position, as a share of the longer side of its first box.
 const STILL: f64 = 0.025;
 
 impl Stretch {
+    /// Starts with one observation.
     pub(crate) fn new(look: Look) -> Self {
         Self { looks: vec![look], stride: 1, seen: 1 }
     }
 
-    /// Whether this box shows the car from a place that deserves a view of its own: half a box away, or a box whose shape
-    /// changed as it does when the car turns by about 10° or comes nearer.
+    /// Returns whether this box needs a view of its own.
+    ///
+    /// It does if it is half a box away from the first box, or if its shape or size has changed. Such a change happens
+    /// when the car turns by about 10° or comes nearer.
     pub(crate) fn is_left_by(&self, car: &CarRecord) -> bool {
         let Some(first) = self.looks.first() else { return true };
         let sides = |[x0, y0, x1, y1]: &[f64; 4]| ((x1 - x0).max(1e-3), (y1 - y0).max(1e-3));
@@ -51,6 +64,7 @@ impl Stretch {
         moved > 0.5 * w0.max(h0) || turned > 0.2 || scaled > 0.25
     }
 
+    /// Adds an observation. When the memory is full, every second observation is dropped.
     pub(crate) fn push(&mut self, look: Look) {
         if self.seen.is_multiple_of(self.stride) {
             if self.looks.len() == MAX_LOOKS {
@@ -68,7 +82,9 @@ impl Stretch {
         self.seen += 1;
     }
 
-    /// The looks at rest combined, where they are the better part; else the best single look.
+    /// Returns the combined stationary observations if they are the majority; otherwise the best single observation.
+    ///
+    /// `bias_share` is the least share of a keypoint's sd that counts as bias, 0–1.
     pub(crate) fn view(&self, bias_share: f64) -> Option<StretchView> {
         let axis = |axis: usize| {
             median(&mut self.looks.iter().map(|l| bbox_centre(&l.bbox_px)[axis]).collect::<Vec<_>>())

@@ -1,15 +1,20 @@
-//! Where the vertical of the scene points, by edges of a picture that may be vertical: a second witness for the focal length.
+//! Estimates the vertical vanishing point from edges of a picture: a second source of the focal length.
 //!
-//! Cars tell the horizon well (focal · tan tilt), and poorly where along it focal length and tilt lie. Vertical lines meet in
-//! one point of the picture, or none; horizon × that point = −focal² (Caprile and Torre 1990). They run along
-//! `(sin roll, −cos roll) + bend · p` at the pixel p, with `bend = tan(tilt) / focal`.
+//! Cars determine the horizon (focal · tan tilt) well, but not the split between focal length and tilt. The pictures of
+//! vertical lines meet in one point or are parallel. This point and the horizon lie on opposite sides of the principal
+//! point. The product of their distances is focal² (Caprile and Torre 1990).
 //!
-//! Edges are a mixture: a share of them, which is not known, is vertical up to its lean and to how well it is found; the others
-//! point anywhere. (bend, roll) and the lens' bend of straight lines are searched on a grid ([`field`](self::field)). Edges
-//! beside each other say one thing together, as one thing's lean is theirs. What is found counts only where it explains the
-//! edges so much better than chance, over all that the cars leave possible, that chance is out of the question; otherwise there
-//! is no witness (a-contrario reasoning after Desolneux, Moisan and Morel 2000, as a Bayes factor). Lanes do not pass: lines on
-//! the ground part downwards, verticals meet below a camera that looks down.
+//! At the pixel p a vertical line runs along `(sin roll, −cos roll) + bend · p`. Here `bend` is tan(tilt) / focal, the
+//! inverse distance of the vertical vanishing point, 1/px.
+//!
+//! Edges are a mixture. An unknown share is vertical up to a lean and the edge's own sd; the others point anywhere. The
+//! inverse distance, the roll and the lens distortion are searched on a grid ([`field`](self::field)). Edges beside
+//! each other count as one, because they share the lean of one object.
+//!
+//! The result is used only if it explains the edges a hundred times better than chance, over all cameras that the cars
+//! allow. Otherwise there is no factor. This is a-contrario reasoning (after Desolneux, Moisan and Morel 2000) with a
+//! Bayes factor. Lanes do not pass the test: lines on the ground diverge downwards, while verticals converge below a
+//! camera that looks down.
 
 mod field;
 
@@ -19,26 +24,27 @@ use roadplane_base::{Camera, CameraEstimate, Factor, SceneLine};
 use self::field::{Field, Node};
 use crate::lens::{STRAIGHT_SD, bend_of_lenses, greatest_bend};
 
-/// No more edges are looked at; ours are fewer, others' files may have any number.
+/// Largest number of edges that are used. Our files have fewer; files of other programs may have any number.
 const MOST_LINES: usize = 300;
-/// Log of how many times better than chance the edges must be explained: a hundred times.
+/// Least log Bayes factor of vertical edges over chance: a hundred times.
 const LEAST_GAIN: f64 = 4.6;
-/// A witness that knows log focal no better than this, with the horizon given, is none.
+/// Largest useful sd of log focal length with a given horizon.
 const WEAKEST: f64 = 0.25;
 
 /// The vertical of a scene.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Verticals {
-    /// What it says of the camera.
+    /// Factor on the camera.
     pub factor: Factor,
-    /// Log of how many times better than chance it explains the edges.
+    /// Log Bayes factor over chance.
     pub gain: f64,
-    /// Which of the edges are vertical; of the first ones, where there are very many.
+    /// Whether each edge is vertical. If there are very many edges, only the first ones are listed.
     pub upright: Vec<bool>,
 }
 
-/// The vertical of the scene by its edges and the camera that the cars alone say; `None` where the edges do not show one, or
-/// where it says next to nothing of the focal length.
+/// Estimates the vertical of the scene from its edges and the camera that the cars alone determine.
+///
+/// `None` where the edges do not show a vertical, or where it hardly determines the focal length.
 #[must_use]
 pub fn verticals(lines: &[SceneLine], cars: &CameraEstimate) -> Option<Verticals> {
     let prior = Prior::of(cars)?;
@@ -49,12 +55,12 @@ pub fn verticals(lines: &[SceneLine], cars: &CameraEstimate) -> Option<Verticals
         return None;
     }
     let Moments { mean, mut covariance } = moments(&field, &prior, best)?;
-    // Were the principal point elsewhere, so would be the middle of the bend and of the lens.
+    // An error of the principal point shifts the centre of the vertical lines and of the lens distortion.
     let principal_point = Camera::PRINCIPAL_POINT_SD * width;
     let of_lens = 2.0 * mean.lens / (field.half_width() * field.half_width());
     covariance[(0, 0)] += (principal_point * (mean.bend * mean.bend).hypot(of_lens)).powi(2);
     covariance[(1, 1)] += (principal_point * mean.bend).powi(2);
-    // log focal = (log horizon − log bend) / 2, and a slope of the road turns the bend but not the cars' horizon.
+    // Log focal is (log horizon − log `bend`) / 2. A slope of the road changes `bend`, but not the horizon from cars.
     let tilt = (mean.bend * prior.focal_px).atan();
     let slope = Factor::SLOPE_SD / (tilt.sin() * tilt.cos());
     let log_focal_sd = 0.5 * (covariance[(0, 0)].sqrt() / mean.bend).hypot(slope);
@@ -63,32 +69,38 @@ pub fn verticals(lines: &[SceneLine], cars: &CameraEstimate) -> Option<Verticals
     }
     let upright = field.trust(&mean).into_iter().map(|trust| trust > 0.5).collect();
     Some(Verticals {
-        factor: Factor::Upright { bend: mean.bend, roll: mean.roll, covariance },
+        factor: Factor::VerticalVanishingPoint { inverse_distance: mean.bend, roll: mean.roll, covariance },
         gain,
         upright,
     })
 }
 
-/// What the cars leave possible.
+/// Prior of the vertical and the lens from the cars.
 struct Prior {
+    /// Focal length, px.
     focal_px: f64,
+    /// Sd of log focal length.
     log_focal_sd: f64,
-    /// Distance of the horizon from the principal point, px, and its sd.
+    /// Distance of the horizon from the principal point and its sd, px.
     horizon: [f64; 2],
+    /// Roll and its sd, rad.
     roll: [f64; 2],
-    /// Mean and sd of the lens' bend: share by which the half width is drawn in.
+    /// Mean and sd of the lens distortion: the share by which the half width is drawn in.
     lens: [f64; 2],
-    /// Above this it is none, to [`STRAIGHT_SD`]: else lanes below the picture's middle pass for walls that such a lens bends.
+    /// Greatest lens distortion, with a soft limit of sd [`STRAIGHT_SD`].
+    ///
+    /// Without this limit, lanes below the picture's centre would pass for walls that the lens distorts.
     greatest_lens: f64,
 }
 
 impl Prior {
+    /// Builds the prior from the camera of the cars; `None` where they do not determine the horizon.
     fn of(cars: &CameraEstimate) -> Option<Self> {
         let (tilt, focal_px) = (cars.params.tilt, cars.params.focal_px());
         let covariance = &cars.covariance;
         let by = nalgebra::Vector4::new(focal_px * tilt.tan(), focal_px / tilt.cos().powi(2), 0.0, 0.0);
         let horizon = [by.x, by.dot(&(covariance * by)).max(0.0).sqrt()];
-        // Without a horizon below which the ground lies there is nothing to multiply with.
+        // The method multiplies with the horizon's distance, so the ground must lie below a determined horizon.
         if !(horizon[0] > 2.0 * horizon[1] && horizon[1].is_finite()) {
             return None;
         }
@@ -97,18 +109,20 @@ impl Prior {
             log_focal_sd: covariance[(0, 0)].sqrt(),
             horizon,
             roll: [cars.params.roll, 1.5 * covariance[(2, 2)].sqrt()],
-            lens: cars.bend_sd.map_or_else(
+            lens: cars.distortion_sd.map_or_else(
                 || bend_of_lenses(focal_px, cars.image_size_px),
-                |sd| [cars.lens.bend(cars.image_size_px), sd.max(STRAIGHT_SD)],
+                |sd| [cars.lens.distortion(cars.image_size_px), sd.max(STRAIGHT_SD)],
             ),
-            greatest_lens: match cars.bend_sd {
+            greatest_lens: match cars.distortion_sd {
                 None => greatest_bend(focal_px, cars.image_size_px),
                 Some(_) => f64::INFINITY,
             },
         })
     }
 
-    /// Density of a bend, up to a constant: over what focal length may be, along the horizon, and slopes.
+    /// Returns the density of an inverse distance `bend` (1/px), up to a constant.
+    ///
+    /// It averages over the focal length along the horizon, and over slopes of the road.
     fn of_bend(&self, bend: f64) -> f64 {
         let steps = (-10..=10).map(|i| 0.25 * f64::from(i));
         let density = |z: f64| {
@@ -122,18 +136,21 @@ impl Prior {
         steps.map(density).sum()
     }
 
-    /// Density of a roll, up to a constant.
+    /// Returns the density of a roll (rad), up to a constant.
     fn of_roll(&self, roll: f64) -> f64 {
         sloped(roll - self.roll[0], self.roll[1])
     }
 
+    /// Returns the density of a lens distortion, up to a constant.
     fn of_lens(&self, lens: f64) -> f64 {
         let beyond = (lens - self.greatest_lens).max(0.0) / STRAIGHT_SD;
         (-0.5 * (((lens - self.lens[0]) / self.lens[1]).powi(2) + beyond * beyond)).exp()
     }
 }
 
-/// Density of an angle between the cars' up and that of the scene, known to `sd`, up to a constant.
+/// Returns the density of the angle (rad) between the normal of the road and the vertical, up to a constant.
+///
+/// `sd` is the measurement error of the angle, rad.
 fn sloped(angle: f64, sd: f64) -> f64 {
     let normal = |slope_sd: f64| {
         let sd = sd.hypot(slope_sd);
@@ -142,17 +159,18 @@ fn sloped(angle: f64, sd: f64) -> f64 {
     (1.0 - Factor::STEEP_SHARE) * normal(Factor::SLOPE_SD) + Factor::STEEP_SHARE * normal(Factor::STEEP_SD)
 }
 
-/// Step of the search, rad: of the roll, and of what a bend does at the picture's side.
+/// Step of the search, rad: of the roll, and of a vertical line's direction at the side of the picture.
 const SEARCH_STEP: f64 = 0.007;
-/// The roll is searched so far from the cars', rad.
+/// Range of the search for the roll, to either side of the cars' roll, rad.
 const SEARCH_ROLL: f64 = 0.105;
-/// Steps of the lens to either side, and sds that they reach.
+/// Number of search steps of the lens distortion to either side of its mean.
 const LENS_STEPS: i32 = 4;
+/// Range of the search for the lens distortion, to either side of its mean, sds.
 const LENS_REACH: f64 = 2.2;
-/// What the cars hold for less likely than this share of the likeliest is not looked at.
+/// Least prior density of a node that is searched, as a share of the greatest.
 const UNLIKELY: f64 = 1e-5;
 
-/// The likeliest node by cars and edges, and the log Bayes factor of all against chance.
+/// Returns the most probable node given cars and edges, and the log Bayes factor of all nodes over chance.
 fn search(field: &Field, prior: &Prior) -> Option<(Node, f64)> {
     let half = field.half_width();
     let count = |reach: f64| (reach / SEARCH_STEP) as i32;
@@ -177,7 +195,7 @@ fn search(field: &Field, prior: &Prior) -> Option<(Node, f64)> {
     let least = UNLIKELY * most(&bends) * most(&rolls);
     let mut found: Vec<(Node, f64)> = Vec::new();
     for (lens, of_lens) in &lenses {
-        let seen = field.straightened(*lens);
+        let seen = field.undistorted(*lens);
         for (bend, of_bend) in &bends {
             for (roll, of_roll) in rolls.iter().filter(|(_, of_roll)| of_bend * of_roll > least) {
                 let node = Node { bend: *bend, roll: *roll, lens: *lens };
@@ -191,19 +209,24 @@ fn search(field: &Field, prior: &Prior) -> Option<(Node, f64)> {
     Some((best.0, best.1 + sum.ln()))
 }
 
-/// Where the edges' likelihood lies around a node.
+/// Moments of the edges' likelihood around a node.
 struct Moments {
+    /// Mean node.
     mean: Node,
+    /// Covariance of the inverse distance `bend` (1/px) and the roll (rad).
     covariance: Matrix2<f64>,
 }
 
-/// Rounds of laying a grid over the likelihood, each by the moments of the one before.
+/// Number of rounds of computing moments on a grid; each grid follows from the moments of the previous round.
 const ROUNDS: usize = 5;
-/// Steps of that grid to either side, and how many sds they reach.
+/// Number of steps of that grid to either side.
 const STEPS: i32 = 5;
+/// Range of that grid to either side, sds.
 const REACH: f64 = 3.0;
 
-/// Mean and covariance of (bend, roll) by the edges and what is known of lenses, without the cars.
+/// Returns the mean and covariance of (`bend`, roll) given the edges and the lens prior, without the cars.
+///
+/// `None` where the covariance is not finite or not positive definite.
 fn moments(field: &Field, prior: &Prior, best: Node) -> Option<Moments> {
     let step = SEARCH_STEP / (best.bend * field.half_width()).atan().cos().powi(2);
     let mut mean = best;
@@ -215,7 +238,7 @@ fn moments(field: &Field, prior: &Prior, best: Node) -> Option<Moments> {
         let sd = covariance.diagonal().map(f64::sqrt);
         let mut told: Vec<(Node, f64)> = Vec::new();
         for lens in (-STEPS..=STEPS).map(|i| mean.lens + reach(i, lens_sd)) {
-            let seen = field.straightened(lens);
+            let seen = field.undistorted(lens);
             let of_lens = prior.of_lens(lens).max(1e-300).ln();
             for i in -STEPS..=STEPS {
                 for k in -STEPS..=STEPS {

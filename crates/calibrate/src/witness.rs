@@ -1,14 +1,16 @@
-//! What cars say of a camera where there is another witness for the focal length.
+//! Prepares a window's evidence from cars for joining with a factor on the focal length.
 
 use nalgebra::{Matrix4, Vector4};
 use roadplane_base::{CameraParams, JointInformation};
 
 use crate::WindowEstimate;
 
-/// A window as it is to be joined with a witness for the focal length, linearised at the camera `at`, where the join leads.
+/// Returns a window that is linearised again at the camera `at`, to be joined with a factor on the focal length.
 ///
-/// What cars say is nearly a Gaussian in (log focal, horizon, roll, log height), not in tilt: along the horizon, `focal · tan(tilt)`,
-/// focal length and tilt trade against each other far from where a window was solved.
+/// The evidence from cars is nearly a Gaussian in (log focal length, horizon, roll, log height), but not in the tilt.
+/// Along the horizon, `focal · tan(tilt)`, focal length and tilt can trade off far from the camera of the solve.
+///
+/// `at` is the camera to which the join leads. A window that cannot be transformed is returned unchanged.
 #[must_use]
 pub fn beside_a_witness(window: &WindowEstimate, at: &CameraParams) -> WindowEstimate {
     let by = by_horizon(at);
@@ -26,14 +28,14 @@ pub fn beside_a_witness(window: &WindowEstimate, at: &CameraParams) -> WindowEst
     WindowEstimate { params: CameraParams::from_vector(&params), solved: *at, joint, ..window.clone() }
 }
 
-/// (log focal, horizon in px, roll, log height).
+/// Returns (log focal length, horizon, roll, log height); the horizon is its distance from the principal point, px.
 fn with_horizon(params: &CameraParams) -> Vector4<f64> {
     let mut vector = params.to_vector();
     vector[1] = params.focal_px() * params.tilt.tan();
     vector
 }
 
-/// Its derivative by (log focal, tilt, roll, log height).
+/// Returns the 4 × 4 derivative of `with_horizon` by (log focal length, tilt, roll, log height).
 fn by_horizon(params: &CameraParams) -> Matrix4<f64> {
     let mut by = Matrix4::identity();
     by[(1, 0)] = params.focal_px() * params.tilt.tan();

@@ -148,53 +148,51 @@ pub struct RunArgs {
     /// Videos, images, or folders of images (a folder is one clip).
     #[arg(required = true, value_name = "INPUT")]
     pub inputs: Vec<PathBuf>,
-    /// Each input gets a folder DIR/<stem>/, complete or not there at all.
+    /// Output folder; each input gets DIR/<stem>/, which appears only when it is complete.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
     #[command(flatten)]
     #[allow(missing_docs)]
     pub known: constraints::ConstraintArgs,
-    /// Remembers cameras in DIR: each clip starts from what other clips said of its camera before this command, and adds what it
-    /// says itself.
+    /// Camera database: each clip starts from the earlier estimates of its camera in DIR and adds its own.
     #[arg(long, value_name = "DIR", requires = "camera_id")]
     pub cameras: Option<PathBuf>,
-    /// The inputs' camera; or a pattern of their names in which {} is the camera and * anything, e.g. '{}_*'.
+    /// Camera of the inputs, or a pattern of their file names: {} is the camera, * is anything, for example '{}_*'.
     #[arg(long, value_name = "ID", requires = "cameras")]
     pub camera_id: Option<String>,
     #[command(flatten)]
     #[allow(missing_docs)]
     pub site: site::SiteArgs,
-    /// Works on one piece of a long input only, FROM-TO or FROM- in seconds as `roadplane plan` lists them: the frames go to
-    /// DIR/<stem>.piece-<from>/, which `roadplane join` needs.
+    /// Process one piece of a long input: FROM-TO or FROM- in seconds, as `roadplane plan` lists them. The frames go to
+    /// DIR/<stem>.piece-<from>/ for `roadplane join`.
     #[arg(long, value_name = "FROM-TO", conflicts_with_all = ["cameras", "video", "frames", "background", "focal_px", "tilt_deg",
         "roll_deg", "height_m", "camera", "known", "geo", "camera_at"])]
     pub piece: Option<Span>,
-    /// Inputs worked on at the same time.
+    /// Number of inputs processed at the same time.
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=256))]
     pub jobs: u16,
-    /// Goes on where a stopped run of the same command ended; finished inputs are left alone.
+    /// Continue a stopped run of the same command; skip finished inputs.
     #[arg(long)]
     pub resume: bool,
-    /// Replaces finished folders (once the new one is complete).
+    /// Replace a finished folder once the new one is complete.
     #[arg(long, conflicts_with = "resume")]
     pub overwrite: bool,
-    /// Also writes the annotated video DIR/<stem>/annotated.mp4.
+    /// Also write the annotated video DIR/<stem>/annotated.mp4.
     #[arg(long)]
     pub video: bool,
-    /// Also leaves frames.jsonl in the result: what watching, detector and keypoint net found in each frame.
+    /// Also write frames.jsonl: the boxes, keypoints and camera motion found in each frame.
     #[arg(long)]
     pub frames: bool,
-    /// Also writes the place without what moves: DIR/<stem>/background.png, and background.json with when each part of it was
-    /// last seen bare.
+    /// Also write the scene without moving objects, background.png. background.json says when each part was last seen empty.
     #[arg(long)]
     pub background: bool,
-    /// Writes counts in Prometheus' text format at the end, for its textfile collector.
+    /// Write counts in Prometheus' text format at the end, for its textfile collector.
     #[arg(long, value_name = "FILE")]
     pub metrics_file: Option<PathBuf>,
-    /// Serves the same while running, http://ADDR/metrics; ADDR is of this machine alone, e.g. 127.0.0.1:9464.
+    /// Serve these counts while running at http://ADDR/metrics; ADDR must be a loopback address, for example 127.0.0.1:9464.
     #[arg(long, value_name = "ADDR")]
     pub metrics: Option<std::net::SocketAddr>,
-    /// Names this run in JSON log lines and metrics; default: time and process.
+    /// Name of this run in JSON log lines and metrics; default: time and process number.
     #[arg(long, value_name = "ID")]
     pub run_id: Option<String>,
     #[command(flatten)]
@@ -207,11 +205,11 @@ pub struct RunArgs {
 pub struct DistanceArgs {
     /// Folder of the finished run, DIR/<stem>.
     pub run: PathBuf,
-    /// Number of one track.
+    /// Number of the first track.
     pub first: u64,
-    /// Number of the other.
+    /// Number of the second track.
     pub second: u64,
-    /// Only the frame nearest to this time, s; otherwise all frames in which both have a row.
+    /// Time, s: print the nearest frame only. Default: all frames in which both tracks have a row.
     #[arg(long, value_name = "S")]
     pub at: Option<f64>,
 }
@@ -219,10 +217,10 @@ pub struct DistanceArgs {
 /// `roadplane schemas`.
 #[derive(Debug, Args)]
 pub struct SchemasArgs {
-    /// Only of this file: tracks, camera, poses, frames, summary, known, piece or plan.
+    /// One schema only: tracks, camera, poses, frames, summary, known, piece or plan.
     #[arg(value_name = "NAME")]
     pub name: Option<String>,
-    /// Writes NAME.schema.json files into this folder.
+    /// Write NAME.schema.json files into this folder.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
 }
@@ -230,7 +228,7 @@ pub struct SchemasArgs {
 /// `roadplane render`.
 #[derive(Debug, Args)]
 pub struct RenderArgs {
-    /// The input of the run.
+    /// Input of the run.
     pub input: PathBuf,
     /// Folder of the finished run, DIR/<stem>.
     #[arg(long, value_name = "DIR")]

@@ -1,5 +1,4 @@
-//! What a run counts, in Prometheus' text format: a file for the textfile collector at the end, and a page on loopback while
-//! running.
+//! Counts of a run in Prometheus' text format: a file at the end, and a page on loopback while running.
 
 use std::fmt::Write as _;
 use std::io::{Read as _, Write as _};
@@ -14,10 +13,10 @@ use roadplane_write::OutFile;
 
 use roadplane_terminal::Bar;
 
-/// How long a reader may take to ask.
+/// Time that a reader has for its request.
 const PATIENCE: Duration = Duration::from_secs(2);
 
-/// Counts of one run; clones count together.
+/// Counts of one run; clones share them.
 #[derive(Clone)]
 pub struct Metrics(Arc<Counts>);
 
@@ -28,21 +27,21 @@ struct Counts {
     running: AtomicU64,
     done: AtomicU64,
     damaged: AtomicU64,
-    /// By who is at fault.
+    /// Inputs without a result, by who can mend the fault.
     failed: [(&'static str, AtomicU64); 3],
     frames: AtomicU64,
     frames_lost: AtomicU64,
     tracks: AtomicU64,
 }
 
-/// Time in seconds and process: unique on a machine.
+/// Returns time in seconds and process number, which are unique on one machine.
 pub fn default_run_id() -> String {
     let seconds = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs();
     format!("{seconds}-{}", std::process::id())
 }
 
 impl Metrics {
-    /// Of a run over so many inputs.
+    /// Returns zero counts for a run over `inputs` inputs.
     pub fn new(run_id: &str, inputs: usize) -> Self {
         Self(Arc::new(Counts {
             run_id: run_id.to_owned(),
@@ -58,12 +57,12 @@ impl Metrics {
         }))
     }
 
-    /// Work on an input begins.
+    /// Notes that work on an input begins.
     pub fn begin(&self) {
         self.0.running.fetch_add(1, Relaxed);
     }
 
-    /// Work on an input ended.
+    /// Notes that work on an input ended.
     pub fn end(&self, result: &Result<RunReport, PipelineError>) {
         let counts = &self.0;
         counts.running.fetch_sub(1, Relaxed);
@@ -85,7 +84,7 @@ impl Metrics {
         }
     }
 
-    /// All counts as they are.
+    /// Returns all counts as text.
     pub fn text(&self) -> String {
         let counts = &self.0;
         let of = |count: &AtomicU64| count.load(Relaxed);
@@ -107,17 +106,22 @@ impl Metrics {
         let mut inputs: Vec<(String, f64)> =
             states.iter().map(|(state, n)| (format!("{{state=\"{state}\"}}"), *n as f64)).collect();
         inputs.push(("{state=\"failed\"}".to_owned(), failed as f64));
-        put("roadplane_inputs", "gauge", "Inputs of the run by what became of them.", &inputs);
+        put("roadplane_inputs", "gauge", "Inputs of the run by state.", &inputs);
         let faults: Vec<(String, f64)> = counts
             .failed
             .iter()
             .map(|(fault, count)| (format!("{{fault=\"{fault}\"}}"), of(count) as f64))
             .collect();
-        put("roadplane_failures_total", "counter", "Inputs without a result by who is at fault.", &faults);
+        put(
+            "roadplane_failures_total",
+            "counter",
+            "Inputs without a result, by who can mend the fault.",
+            &faults,
+        );
         let mut total = |name: &str, help: &str, count: &AtomicU64| {
             put(name, "counter", help, &[(String::new(), of(count) as f64)]);
         };
-        total("roadplane_frames_total", "Frames that all stages are through with.", &counts.frames);
+        total("roadplane_frames_total", "Frames that have passed all stages.", &counts.frames);
         total(
             "roadplane_frames_lost_total",
             "Frames of finished inputs that could not be decoded.",
@@ -127,11 +131,11 @@ impl Metrics {
         let seconds = counts.started.elapsed().as_secs_f64();
         put("roadplane_run_seconds", "gauge", "Time since the run began, s.", &[(String::new(), seconds)]);
         let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs_f64();
-        put("roadplane_time_seconds", "gauge", "When this was written, Unix time.", &[(String::new(), now)]);
+        put("roadplane_time_seconds", "gauge", "Time of this text, Unix time in s.", &[(String::new(), now)]);
         text
     }
 
-    /// Writes the file for the textfile collector, complete or not at all.
+    /// Writes the file for the textfile collector, whole or not at all.
     ///
     /// # Errors
     /// [`PipelineError::Write`].
@@ -145,14 +149,14 @@ impl Metrics {
     }
 }
 
-/// Serves the counts from now on to the end of the process.
+/// Serves the counts until the process ends.
 ///
 /// # Errors
 /// [`PipelineError::Usage`] for an address that others could reach or that cannot be listened on.
 pub fn serve(address: SocketAddr, metrics: &Metrics) -> Result<(), PipelineError> {
     if !address.ip().is_loopback() {
         return Err(PipelineError::usage(&format!(
-            "--metrics {address}: only loopback addresses are served"
+            "--metrics {address}: the address must be a loopback address"
         )));
     }
     let cannot = |error| PipelineError::usage(&format!("--metrics {address}: {error}"));
@@ -169,7 +173,7 @@ pub fn serve(address: SocketAddr, metrics: &Metrics) -> Result<(), PipelineError
     Ok(())
 }
 
-/// One request: `GET /metrics`, whose headers do not matter.
+/// Answers one request, `GET /metrics`; its headers are ignored.
 fn answer(mut stream: TcpStream, metrics: &Metrics) -> std::io::Result<()> {
     stream.set_read_timeout(Some(PATIENCE))?;
     stream.set_write_timeout(Some(PATIENCE))?;
@@ -195,11 +199,11 @@ fn answer(mut stream: TcpStream, metrics: &Metrics) -> std::io::Result<()> {
     )
 }
 
-/// A bar that counts frames as well.
+/// A progress bar that also counts frames.
 pub struct Counted<'a> {
-    /// The bar.
+    /// The progress bar.
     pub bar: Bar,
-    /// Where frames are counted.
+    /// The counts.
     pub metrics: &'a Metrics,
 }
 
@@ -223,7 +227,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_served_is_what_was_counted_and_only_here() {
+    fn counts_are_served_on_loopback_only() {
         let metrics = Metrics::new("night \"1\"", 5);
         metrics.begin();
         metrics.end(&Err(PipelineError::usage("x")));
@@ -249,7 +253,7 @@ mod tests {
         let text = get("/metrics");
         assert!(text.starts_with("HTTP/1.1 200 OK\r\n"), "{text}");
         for line in [
-            "roadplane_run_info{version=\"0.1.0\",run_id=\"night \\\"1\\\"\"} 1",
+            "roadplane_run_info{version=\"0.2.0\",run_id=\"night \\\"1\\\"\"} 1",
             "roadplane_inputs{state=\"waiting\"} 2",
             "roadplane_inputs{state=\"running\"} 1",
             "roadplane_inputs{state=\"damaged\"} 1",

@@ -1,8 +1,8 @@
-//! What a run may touch: its inputs, models and libraries to read, its output to write, no network. Should a codec be taken over by
-//! the file that it decodes, there is little that it can do.
+//! A sandbox for runs: they read their inputs, models and libraries, write their output, and reach no network. A damaged file
+//! that takes over a codec can therefore do little harm.
 //!
-//! Linux' Landlock (5.13; networks from 6.7) holds for the calling thread and all that it begins later, for good. Where the kernel
-//! has none, or less of it, a run goes on with what there is.
+//! Linux' Landlock (5.13; networks from 6.7) restricts the calling thread and all threads that it starts later, for good. A run
+//! continues without the protection that the kernel lacks.
 
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
@@ -13,9 +13,9 @@ use landlock::{
 };
 use roadplane_pipeline::{find_models, find_runtime};
 
-/// What the kernel is asked for.
+/// Landlock version that is asked of the kernel.
 const WANTED: ABI = ABI::V5;
-/// What libraries look up: code and data of the system, and what processor and memory there are.
+/// Paths that libraries read: code and data of the system, facts on processor and memory.
 const SYSTEM: [&str; 11] = [
     "/usr",
     "/lib",
@@ -30,52 +30,54 @@ const SYSTEM: [&str; 11] = [
     "/proc/stat",
 ];
 
-/// What a command needs beside [`SYSTEM`].
+/// Paths and addresses that a command needs beside [`SYSTEM`].
 #[derive(Clone, Debug, Default)]
 pub struct Needs {
-    /// Files and folders that are read; what is not there is passed over.
+    /// Files and folders to read; missing ones are ignored.
     pub reads: Vec<PathBuf>,
-    /// Folders that are written.
+    /// Folders to write.
     pub writes: Vec<PathBuf>,
-    /// Where counts are served.
+    /// Address at which counts are served.
     pub serves: Option<SocketAddr>,
 }
 
 impl Needs {
-    /// Models, in the configured folder, and runtime.
+    /// Returns the needs of the nets: the folder of the models and that of the runtime.
     pub fn of_nets(models: Option<&Path>) -> Self {
         let runtime = find_runtime().ok().and_then(|library| Some(library.parent()?.to_path_buf()));
         Self { reads: find_models(models).ok().into_iter().chain(runtime).collect(), ..Self::default() }
     }
 
-    /// Adds what is read.
+    /// Adds paths to read.
     #[must_use]
     pub fn reading<'a>(mut self, paths: impl IntoIterator<Item = &'a PathBuf>) -> Self {
         self.reads.extend(paths.into_iter().cloned());
         self
     }
 
-    /// Adds a folder that is written, and makes it; where that fails, who writes there will tell.
+    /// Adds a folder to write, and makes it. A failure here shows again, with its message, at the first write.
     #[must_use]
     pub fn writing(mut self, folder: &Path) -> Self {
         let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
-        let _told_later = std::fs::create_dir_all(folder);
+        let _shows_at_first_write = std::fs::create_dir_all(folder);
         self.writes.push(folder.to_path_buf());
         self
     }
 
-    /// Adds the folder of a file that is written.
+    /// Adds the folder of a file to write.
     #[must_use]
     pub fn writing_file(self, file: &Path) -> Self {
         self.writing(file.parent().unwrap_or(Path::new("")))
     }
 }
 
-/// Gives up everything else, for this thread and all that it begins. To be called before any other thread is.
+/// Gives up all other access, for this thread and all threads that it starts. Call it before any other thread starts.
 pub fn enter(needs: &Needs) {
     match restrict(needs) {
         Ok(RulesetStatus::FullyEnforced) => tracing::debug!("in a sandbox"),
-        Ok(RulesetStatus::PartiallyEnforced) => tracing::debug!("in a sandbox, as far as this kernel goes"),
+        Ok(RulesetStatus::PartiallyEnforced) => {
+            tracing::debug!("in a sandbox, with the part of Landlock that this kernel has")
+        }
         Ok(RulesetStatus::NotEnforced) => tracing::debug!("no sandbox: this kernel has no Landlock"),
         Err(error) => tracing::warn!("no sandbox: {error}"),
     }
@@ -116,7 +118,7 @@ mod tests {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let address = listener.local_addr().unwrap();
         let needs = Needs::default().reading([&input]).writing(&out);
-        // A thread of its own: there is no way back.
+        // In a thread of its own, as the restriction is permanent.
         let inside = std::thread::Builder::new().spawn(move || {
             let status = restrict(&needs).unwrap();
             if status == RulesetStatus::NotEnforced {
@@ -137,10 +139,10 @@ mod tests {
                 assert!(denied(TcpStream::connect(address).map(drop)));
                 assert!(denied(TcpListener::bind("127.0.0.1:0").map(drop)));
             } else {
-                println!("skipped: this kernel's Landlock knows no networks");
+                println!("skipped: Landlock of this kernel does not restrict networks");
             }
         });
         inside.unwrap().join().unwrap();
-        assert!(TcpStream::connect(address).is_ok(), "other threads are as they were");
+        assert!(TcpStream::connect(address).is_ok(), "other threads keep their access");
     }
 }

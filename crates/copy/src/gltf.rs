@@ -1,8 +1,8 @@
-//! A vehicle's mesh as glTF 2.0 in one JSON file, its numbers inside as a data URI.
+//! The mesh of a vehicle as glTF 2.0: one JSON file, with its numbers as a data URI.
 //!
-//! glTF has y up and a thing's front towards +z: (x, y, z) there is (left, up, forward) of the car frame. The origin is the
-//! car's: on the ground, midway between the axles. Body and wheels are nodes of their own; a wheel rolls forwards when its node
-//! turns about +x.
+//! glTF has y up and the front towards +z, so (x, y, z) is (left, up, forward) of the car frame. The origin is that of
+//! the car: on the ground, midway between the axles. The body and each wheel are nodes of their own. A wheel rolls
+//! forwards when its node turns about +x.
 
 use base64::{Engine as _, engine::general_purpose::STANDARD};
 use nalgebra::{Point3, Vector3};
@@ -15,7 +15,7 @@ const PARTS: [Part; 4] = [Part::Paint, Part::Glass, Part::Rubber, Part::Rim];
 const FLOAT: u32 = 5126;
 const ARRAY_BUFFER: u32 = 34962;
 
-/// The document.
+/// Returns the glTF document of a vehicle.
 pub fn document(vehicle: &Vehicle) -> Value {
     let mut numbers = Numbers::default();
     let wheels = &vehicle.wheels;
@@ -53,7 +53,7 @@ pub fn document(vehicle: &Vehicle) -> Value {
     })
 }
 
-/// The buffer, and what lies where in it.
+/// The buffer of all numbers, with its views and accessors.
 #[derive(Default)]
 struct Numbers {
     bytes: Vec<u8>,
@@ -62,7 +62,7 @@ struct Numbers {
 }
 
 impl Numbers {
-    /// A mesh with a primitive for each part that it has.
+    /// Adds the numbers of a mesh. Returns the mesh, with a primitive for each of its parts.
     fn mesh(&mut self, name: &str, triangles: &[Triangle]) -> Value {
         let mut primitives = Vec::new();
         for (material, part) in PARTS.iter().enumerate() {
@@ -83,7 +83,7 @@ impl Numbers {
         json!({"name": name, "primitives": primitives})
     }
 
-    /// Adds vectors. Gives the number of their accessor.
+    /// Adds vectors. Returns the index of their accessor.
     fn vectors(&mut self, vectors: &[[f32; 3]]) -> usize {
         let start = self.bytes.len();
         self.bytes.extend(vectors.iter().flatten().flat_map(|v| v.to_le_bytes()));
@@ -101,12 +101,12 @@ impl Numbers {
     }
 }
 
-/// From the car frame to glTF's axes.
+/// Converts a vector from the car frame to glTF's axes.
 fn axes(v: &Vector3<f64>) -> [f32; 3] {
     [v.y as f32, v.z as f32, v.x as f32]
 }
 
-/// Colours of pictures are sRGB, those of glTF linear.
+/// Returns a material. Its colour is converted from sRGB to glTF's linear colours.
 fn material(name: &str, colour: [u8; 3], metallic: f64, roughness: f64) -> Value {
     let linear = |v: u8| {
         let v = f64::from(v) / 255.0;

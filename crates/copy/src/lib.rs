@@ -1,13 +1,17 @@
-//! A finished run as a scene that plays elsewhere.
+//! A finished run as a scene for simulators and 3D programs.
 //!
-//! [`Scene`] is what moves: vehicles with thinned trajectories and meshes. [`write_scene`] gives it the form that simulators
-//! read: `scenario.xosc` (ASAM OpenSCENARIO XML 1.2), `road.xodr` (ASAM OpenDRIVE 1.7), `meshes/car_N.gltf` (glTF 2.0),
-//! `camera.json`, and `scene.json`, which holds the same in one plain file.
+//! [`Scene`] has the camera and the vehicles, with thinned trajectories and meshes. [`write_scene`] writes these files:
 //!
-//! The world is that of the run: z up, origin on the ground under the camera.
+//! - `scenario.xosc` (ASAM OpenSCENARIO XML 1.2) and `road.xodr` (ASAM OpenDRIVE 1.7)
+//! - `meshes/car_N.gltf` (glTF 2.0)
+//! - `camera.json`
+//! - `scene.json`: the same data in one plain file
+//!
+//! The world frame is that of the run: z up, origin on the ground below the camera.
 //!
 //! # Contents
-//! `scene.rs` what is copied, `thin.rs` trajectories, `mesh.rs` surfaces; a form each: `openscenario.rs`, `opendrive.rs`, `gltf.rs`.
+//! - `scene.rs`: the scene. `thin.rs`: its trajectories. `mesh.rs`, `wheels.rs`: its surfaces.
+//! - `openscenario.rs`, `opendrive.rs`, `gltf.rs`: one file format each.
 
 #![deny(missing_docs)]
 
@@ -28,7 +32,7 @@ pub use scene::{Colours, SCENE_SCHEMA, Scene, Vehicle};
 pub use thin::{Body, Vertex, at, thinned};
 pub use wheels::Wheels;
 
-/// Writes all files of a scene into a folder that is there.
+/// Writes all files of a scene into an existing folder.
 ///
 /// # Errors
 /// [`WriteError::Io`], [`WriteError::DiskFull`].

@@ -1,9 +1,9 @@
-//! A car's body from its 36 keypoints: panels between them, on both sides alike.
+//! The body of a car from its 36 keypoints: symmetric panels between keypoints.
 
 use nalgebra::{Point3, Vector3};
 use roadplane_base::{KEYPOINTS, keypoint_names};
 
-/// What a triangle is of.
+/// Material of a triangle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
     /// Painted sheet.
@@ -16,17 +16,19 @@ pub enum Part {
     Rim,
 }
 
-/// What it is of, and its corners, m, counter-clockwise seen from outside.
+/// A triangle: its material, and its corners, m, counter-clockwise seen from outside.
 pub type Triangle = (Part, [Point3<f64>; 3]);
 
-/// A body's triangles in the car frame.
+/// The triangles of a body in the car frame.
 #[derive(Clone, Debug, Default)]
 pub struct CarMesh {
     triangles: Vec<Triangle>,
 }
 
-/// Panels of the left half, by keypoints without their side; `+` before a name is the point of the car's middle plane that
-/// lies between the two sides. Clockwise seen from outside; triangles fan out from the first.
+/// Panels of the car's left side: the material, and the names of keypoints without their side.
+///
+/// A `+` before a name means the point of the middle plane between the two sides. The points are clockwise seen from
+/// outside. The triangles of a panel fan out from its first point.
 const PANELS: [(Part, &[&str]); 22] = [
     (Part::Paint, &["headlight_inner", "+headlight_inner", "+windscreen_bottom", "windscreen_bottom"]),
     (Part::Paint, &["headlight_outer", "headlight_inner", "windscreen_bottom", "side_window_front"]),
@@ -59,7 +61,8 @@ const PANELS: [(Part, &[&str]); 22] = [
 ];
 
 impl CarMesh {
-    /// From a car's keypoints. Bumpers and roof bulge in the middle so that the body has its length and height.
+    /// Builds the body from a car's keypoints. Bumpers and roof bulge in the middle so that the body has its length and
+    /// height.
     #[must_use]
     pub fn new(points: &[Vector3<f64>; KEYPOINTS], dims_m: [f64; 3], centre_m: f64) -> Self {
         let mut mesh = Self::default();
@@ -77,19 +80,20 @@ impl CarMesh {
         mesh
     }
 
-    /// Its triangles.
+    /// Returns its triangles.
     #[must_use]
     pub fn triangles(&self) -> &[Triangle] {
         &self.triangles
     }
 }
 
+/// Returns the keypoint with this name, car frame, m.
 pub(crate) fn point(points: &[Vector3<f64>; KEYPOINTS], name: &str) -> Vector3<f64> {
-    let index = keypoint_names().iter().position(|known| known == name);
+    let index = keypoint_names().iter().position(|keypoint| keypoint == name);
     index.map_or_else(Vector3::zeros, |i| points[i])
 }
 
-/// A corner of a panel by its name, left side; see [`PANELS`].
+/// Returns a corner of a panel on the left side by its name in [`PANELS`], car frame, m.
 fn corner(points: &[Vector3<f64>; KEYPOINTS], name: &str, dims_m: [f64; 3], centre_m: f64) -> Point3<f64> {
     let [length, _, height] = dims_m;
     let (in_middle, bare) = name.strip_prefix('+').map_or((false, name), |bare| (true, bare));
@@ -106,7 +110,7 @@ fn corner(points: &[Vector3<f64>; KEYPOINTS], name: &str, dims_m: [f64; 3], cent
         "sill_front" => sill(1.0),
         "sill_rear" => sill(-1.0),
         "roof" => between("windscreen_top", "rear_window_top", 0.45),
-        known => of(known),
+        keypoint => of(keypoint),
     };
     if in_middle {
         at.y = 0.0;
@@ -139,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn it_has_the_cars_dimensions_and_clears_the_ground() {
+    fn the_body_has_the_cars_dimensions_and_clears_the_ground() {
         for shape in [Shape::zeros(), Shape::from([1.0, -1.0, 0.5, 0.0, 0.3, 0.0]), Shape::repeat(-0.8)] {
             let (mesh, dims, centre) = mesh(&shape);
             let corners = || mesh.triangles().iter().flat_map(|(_, corners)| corners);
@@ -152,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn faces_look_outwards() {
+    fn faces_point_outwards() {
         let (mesh, dims, centre) = mesh(&Shape::zeros());
         let middle = Point3::new(centre, 0.0, dims[2] / 2.0);
         for (part, [a, b, c]) in mesh.triangles() {

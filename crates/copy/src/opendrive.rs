@@ -1,14 +1,15 @@
-//! The ground as ASAM OpenDRIVE 1.7: one flat, straight road of two lanes that is wide enough for everything that drives.
-//! Lanes of the place are not known; this is the plane they lie on.
+//! The ground as ASAM OpenDRIVE 1.7: one flat, straight road of two lanes, which is wide enough for all vehicles.
+//!
+//! The real lanes of the scene are unknown. The road is the plane that they lie on.
 
 use roadplane_export::{Element, fixed};
 
 use crate::Scene;
 
-/// Ground around what drives, m.
+/// Margin of the ground around the vehicles, m.
 const MARGIN_M: f64 = 25.0;
 
-/// The document.
+/// Returns the OpenDRIVE document of a scene.
 pub fn document(scene: &Scene) -> Element {
     let poses = || scene.vehicles.iter().flat_map(|vehicle| &vehicle.trajectory).map(|vertex| vertex.pose);
     let range = |values: Vec<f64>| {
@@ -18,7 +19,7 @@ pub fn document(scene: &Scene) -> Element {
     };
     let (x, y) = (range(poses().map(|p| p.x_m).collect()), range(poses().map(|p| p.y_m).collect()));
     let (wide, long) = (x[1] - x[0], y[1] - y[0]);
-    // Along the longer side.
+    // The road runs along the longer side.
     let (start, heading, length, lane) = if wide > long {
         ([x[0], f64::midpoint(y[0], y[1])], 0.0, wide, long / 2.0)
     } else {
@@ -68,7 +69,7 @@ fn driving(id: i32, width: f64) -> Element {
     lane.holding([polynomial("width", "sOffset", width)])
 }
 
-/// A constant as the cubic that the format wants.
+/// Returns a constant as a cubic polynomial, which the format needs.
 fn polynomial(name: &'static str, from: &'static str, value: f64) -> Element {
     Element::new(name).with(from, 0).with("a", fixed(value, 4)).with("b", 0).with("c", 0).with("d", 0)
 }

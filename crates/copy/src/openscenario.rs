@@ -1,5 +1,7 @@
-//! The vehicles and their ways as ASAM OpenSCENARIO XML 1.2. A vehicle's place there is the middle of its rear axle on the
-//! ground. Those that are not there from the first moment appear, and vanish, by actions.
+//! The vehicles and their trajectories as ASAM OpenSCENARIO XML 1.2.
+//!
+//! The position of a vehicle there is the middle of its rear axle on the ground. Vehicles that are not present all the
+//! time appear and vanish by actions.
 
 use roadplane_base::{GroundPose, VehicleClass};
 use roadplane_export::{Element, fixed};
@@ -8,25 +10,25 @@ use crate::thin::ahead_of;
 use crate::wheels::TYRE_M;
 use crate::{Scene, Vehicle};
 
-/// Nothing moves faster than this, m/s; it must be said.
+/// Top speed of vehicles that were never faster, m/s. The format requires one.
 const LEAST_TOP_SPEED_MPS: f64 = 70.0;
-/// A beginning this near to the scene's counts as being there from the first moment, s.
+/// Largest difference between two times that count as equal, such as the beginning of a vehicle and of the scene, s.
 const AT_ONCE_S: f64 = 1e-6;
 
-/// The document.
+/// Returns the OpenSCENARIO document of a scene.
 pub fn document(scene: &Scene) -> Element {
     let header = Element::new("FileHeader")
         .with("revMajor", 1)
         .with("revMinor", 2)
-        // The same run gives the same bytes.
+        // A fixed date, so that the same run gives the same bytes.
         .with("date", "1970-01-01T00:00:00")
         .with("description", format!("{}: vehicles as a camera saw them", scene.name))
         .with("author", "roadplane");
     let road = Element::new("LogicFile").with("filepath", "road.xodr");
     let from_start = scene.vehicles.iter().filter(|vehicle| !appears(vehicle));
     let init = from_start.filter_map(|vehicle| {
-        let place = position(vehicle, &vehicle.trajectory.first()?.pose);
-        let teleport = Element::new("TeleportAction").holding([place]);
+        let first = position(vehicle, &vehicle.trajectory.first()?.pose);
+        let teleport = Element::new("TeleportAction").holding([first]);
         Some(entity("Private", vehicle).holding([Element::new("PrivateAction").holding([teleport])]))
     });
     let acting = scene.vehicles.iter().filter(|vehicle| !events(scene, vehicle).is_empty());
@@ -59,17 +61,17 @@ fn metres(value: f64) -> String {
     fixed(value, 4)
 }
 
-/// Where the middle of the rear axle is.
+/// Returns the position of the middle of the rear axle.
 fn position(vehicle: &Vehicle, pose: &GroundPose) -> Element {
     let rear = ahead_of(pose, -vehicle.wheels.half_wheelbase_m);
-    let place = Element::new("WorldPosition")
+    let rear_axle = Element::new("WorldPosition")
         .with("x", metres(rear.x))
         .with("y", metres(rear.y))
         .with("z", 0)
         .with("h", fixed(pose.heading_rad, 5))
         .with("p", 0)
         .with("r", 0);
-    Element::new("Position").holding([place])
+    Element::new("Position").holding([rear_axle])
 }
 
 fn object(vehicle: &Vehicle) -> Element {
@@ -129,7 +131,7 @@ fn group(scene: &Scene, vehicle: &Vehicle) -> Element {
         .holding([actors, manoeuvre])
 }
 
-/// What happens to a vehicle: it appears, drives, vanishes.
+/// Returns the events of a vehicle: it appears, drives and vanishes.
 fn events(scene: &Scene, vehicle: &Vehicle) -> Vec<Element> {
     let [from, to] = vehicle.span_s;
     let mut events = Vec::new();
@@ -140,7 +142,7 @@ fn events(scene: &Scene, vehicle: &Vehicle) -> Vec<Element> {
         let add = Element::new("AddEntityAction").holding([position(vehicle, &first.pose)]);
         events.push(event(vehicle, "appears", from, on_entity(add)));
     }
-    if !vehicle.stands() {
+    if !vehicle.is_stationary() {
         events.push(event(vehicle, "drives", from, follow(vehicle)));
     }
     if to < scene.seconds() - AT_ONCE_S {
@@ -185,7 +187,7 @@ fn start(name: &str, at_s: f64) -> Element {
     Element::new("StartTrigger").holding([condition(&format!("{name}_when"), at_s)])
 }
 
-/// From a time on.
+/// Returns the condition that is true from a time on.
 fn condition(name: &str, at_s: f64) -> Element {
     let time =
         Element::new("SimulationTimeCondition").with("value", fixed(at_s, 5)).with("rule", "greaterOrEqual");

@@ -1,37 +1,38 @@
-//! Trajectories with as few vertices as keep them where they were.
+//! Thinned trajectories: few vertices, within fixed bounds of the full trajectory.
 
 use nalgebra::Vector2;
 use roadplane_base::{GroundPose, wrap_angle};
 use serde::Serialize;
 
-/// Farthest that thinning moves any part of a car at any of its rows' times, m. Players round and step on top: together they
-/// stay within 2 cm.
+/// Farthest that thinning moves any part of a car at the time of any row, m. Rounding and the time steps of players
+/// come on top: together they stay within 2 cm.
 const POSITION_M: f64 = 0.012;
-/// Most that it turns a car, rad.
+/// Largest angle by which thinning turns a car at the time of any row, rad.
 const HEADING_RAD: f64 = 0.004;
 
-/// Where a car is at a time. Between two vertices position and heading change evenly.
+/// The pose of a car at a time. Between two vertices position and heading change evenly.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Vertex {
-    /// Time from the start of the run, s.
+    /// Time from the start of the scene, s.
     pub time_s: f64,
-    /// The car's origin.
+    /// Pose of the car's origin.
     #[serde(flatten)]
     pub pose: GroundPose,
 }
 
-/// Where on its axis a car is held to its way, m forward of the origin.
+/// The points on a car's axis that thinning keeps near their trajectories.
 #[derive(Clone, Copy, Debug)]
 pub struct Body {
-    /// Its rear axle, which players carry.
+    /// Position of its rear axle forward of the origin, m. Some players move a car by its rear axle.
     pub rear_axle_m: f64,
-    /// Its rear and front ends: what lies between them is off by no more than they are.
+    /// Positions of its rear and front ends forward of the origin, m. Points between them move by no more than they do.
     pub ends_m: [f64; 2],
 }
 
-/// The vertices that are needed (Douglas and Peucker 1973, with distance taken at equal times). Headings are unwrapped, so
-/// that players turn the short way. Both ends of the body stay near their ways, whether a player carries the car by its origin
-/// or by its rear axle.
+/// Returns the vertices that are needed (Douglas and Peucker 1973, with distances between points at equal times).
+///
+/// Headings are unwrapped, so that players turn by the smaller angle. Both ends of the body stay near their
+/// trajectories, whether a player moves the car by its origin or by its rear axle.
 #[must_use]
 pub fn thinned(rows: &[Vertex], body: &Body) -> Vec<Vertex> {
     let rows = unwrapped(rows);
@@ -51,12 +52,12 @@ pub fn thinned(rows: &[Vertex], body: &Body) -> Vec<Vertex> {
         }
     }
     let kept: Vec<Vertex> = rows.iter().zip(&keep).filter(|(_, kept)| **kept).map(|(row, _)| *row).collect();
-    // A car that stands needs no second vertex.
-    let stands = kept.len() == 2 && stray(&kept[0], &kept[0], &kept[1], body) <= 1.0;
-    if stands { kept[..1].to_vec() } else { kept }
+    // A stationary car needs no second vertex.
+    let is_stationary = kept.len() == 2 && stray(&kept[0], &kept[0], &kept[1], body) <= 1.0;
+    if is_stationary { kept[..1].to_vec() } else { kept }
 }
 
-/// Where a trajectory is at a time; before its first and after its last vertex it stands.
+/// Returns the pose of a trajectory at a time (s). Before its first and after its last vertex it is stationary.
 #[must_use]
 pub fn at(vertices: &[Vertex], time_s: f64) -> Option<GroundPose> {
     let next = vertices.partition_point(|vertex| vertex.time_s <= time_s);
@@ -67,6 +68,7 @@ pub fn at(vertices: &[Vertex], time_s: f64) -> Option<GroundPose> {
     }
 }
 
+/// Returns the vertices with headings without jumps by whole turns.
 fn unwrapped(rows: &[Vertex]) -> Vec<Vertex> {
     let mut rows = rows.to_vec();
     for i in 1..rows.len() {
@@ -76,6 +78,7 @@ fn unwrapped(rows: &[Vertex]) -> Vec<Vertex> {
     rows
 }
 
+/// Returns the pose between two vertices at a time (s).
 fn between(a: &Vertex, b: &Vertex, time_s: f64) -> GroundPose {
     let span = b.time_s - a.time_s;
     let s = if span > 0.0 { ((time_s - a.time_s) / span).clamp(0.0, 1.0) } else { 0.0 };
@@ -87,10 +90,10 @@ fn between(a: &Vertex, b: &Vertex, time_s: f64) -> GroundPose {
     }
 }
 
-/// How far a row lies from the straight way between two others, in units of what is allowed.
+/// Returns the distance of a row from the straight line between two others, in units of the bounds.
 fn stray(a: &Vertex, b: &Vertex, row: &Vertex, body: &Body) -> f64 {
     let found = between(a, b, row.time_s);
-    // A player that carries the rear axle evenly has the whole car that much elsewhere in a bend.
+    // In a curve, a player that moves the rear axle evenly shifts the whole car by this much.
     let span = b.time_s - a.time_s;
     let s = if span > 0.0 { (row.time_s - a.time_s) / span } else { 0.0 };
     let rear = ahead_of(&a.pose, body.rear_axle_m).lerp(&ahead_of(&b.pose, body.rear_axle_m), s);
@@ -103,7 +106,7 @@ fn stray(a: &Vertex, b: &Vertex, row: &Vertex, body: &Body) -> f64 {
     (apart[0].max(apart[1]) / POSITION_M).max(turned / HEADING_RAD)
 }
 
-/// A point on the car's axis forward of its origin.
+/// Returns the point on the car's axis this far forward of its origin, m.
 pub(crate) fn ahead_of(pose: &GroundPose, metres: f64) -> Vector2<f64> {
     let (sin, cos) = pose.heading_rad.sin_cos();
     Vector2::new(pose.x_m + metres * cos, pose.y_m + metres * sin)
@@ -116,16 +119,16 @@ mod tests {
 
     const BODY: Body = Body { rear_axle_m: -1.4, ends_m: [-2.3, 2.4] };
 
-    /// Straight, then round a bend past the place where headings wrap, then at rest.
+    /// A car that drives straight on, then in a curve through the heading at which headings wrap, then stops.
     fn drive() -> Vec<Vertex> {
         let pose = |t: f64| {
-            let way = 8.0 * t.min(9.0);
-            let turned = ((way - 24.0) / 12.0).clamp(0.0, 2.5);
-            let bent = 24f64.min(way);
+            let driven = 8.0 * t.min(9.0);
+            let turned = ((driven - 24.0) / 12.0).clamp(0.0, 2.5);
+            let straight = 24f64.min(driven);
             let heading = 1.5 + turned;
-            let start = Vector2::new(1.5f64.cos(), 1.5f64.sin()) * bent;
+            let start = Vector2::new(1.5f64.cos(), 1.5f64.sin()) * straight;
             let arc = Vector2::new(heading.sin() - 1.5f64.sin(), 1.5f64.cos() - heading.cos()) * 12.0;
-            let rest = Vector2::new(heading.cos(), heading.sin()) * (way - bent - 12.0 * turned);
+            let rest = Vector2::new(heading.cos(), heading.sin()) * (driven - straight - 12.0 * turned);
             let at = start + arc + rest;
             GroundPose { x_m: at.x, y_m: at.y, heading_rad: wrap_angle(heading) }
         };
@@ -151,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn standing_cars_have_one_vertex_and_nothing_has_none() {
+    fn stationary_cars_have_one_vertex_and_empty_tracks_none() {
         let still: Vec<Vertex> =
             (0..50).map(|i| Vertex { time_s: f64::from(i), pose: drive()[0].pose }).collect();
         assert_eq!(thinned(&still, &BODY).len(), 1);

@@ -1,4 +1,4 @@
-//! Wheels: where they are, and one as triangles about its own hub, so that a player can turn it.
+//! Wheels: their positions, and the triangles of a wheel about its hub, so that a player can turn it.
 
 use std::f64::consts::TAU;
 
@@ -10,31 +10,31 @@ use crate::mesh::{Part, Triangle, point};
 
 /// Width of a tyre, m.
 pub(crate) const TYRE_M: f64 = 0.2;
-/// Corners of a wheel's outline; four of them make a spoke and the gap beside it.
+/// Number of corners of a wheel's outline. Four of them make a spoke and the gap beside it.
 const CORNERS: usize = 20;
-/// Radius of the rim of that of the wheel.
+/// Radius of the rim as a share of the radius of the wheel.
 const RIM: f64 = 0.66;
 
-/// Where the wheels are.
+/// Positions and size of the wheels of a vehicle.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Wheels {
-    /// From the origin to each axle, m.
+    /// Distance from the origin to each axle, m.
     pub half_wheelbase_m: f64,
-    /// Between the wheels' outer faces, m.
+    /// Distance between the outer faces of the left and right wheels, m.
     pub track_m: f64,
-    /// Diameter, m.
+    /// Diameter of a wheel, m.
     pub diameter_m: f64,
 }
 
 impl Wheels {
-    /// Of a car's keypoints.
+    /// Returns the wheels of a car from its keypoints.
     #[must_use]
     pub fn of(points: &[Vector3<f64>; KEYPOINTS]) -> Self {
         let [front, rear] = [point(points, "left_wheel_front"), point(points, "left_wheel_rear")];
         Self { half_wheelbase_m: (front.x - rear.x) / 2.0, track_m: 2.0 * front.y, diameter_m: 2.0 * front.z }
     }
 
-    /// Name and middle of each wheel, car frame, m.
+    /// Returns the name and the middle (car frame, m) of each wheel.
     #[must_use]
     pub fn hubs(&self) -> [(&'static str, Point3<f64>); 4] {
         let hub = |ahead: f64, side: f64| {
@@ -49,8 +49,10 @@ impl Wheels {
         ]
     }
 
-    /// A wheel about its middle: a tyre, and a rim with spokes, by which its turning is seen, on the side of `outwards`
-    /// (1 left, −1 right).
+    /// Returns the triangles of a wheel about its middle: a tyre, and a rim on the side of `outwards` (1 left, −1
+    /// right).
+    ///
+    /// The rim has spokes, so that one can see the wheel turn.
     #[must_use]
     pub fn triangles(&self, outwards: f64) -> Vec<Triangle> {
         let radius = self.diameter_m / 2.0;
@@ -83,7 +85,7 @@ mod tests {
     use roadplane_base::{Shape, ShapeAtlas};
 
     #[test]
-    fn wheels_are_closed_and_stand_on_the_ground_under_the_car() {
+    fn wheels_are_closed_and_touch_the_ground_under_the_car() {
         let atlas = ShapeAtlas::shipped().unwrap();
         let wheels = Wheels::of(&atlas.keypoints_in_car(&Shape::zeros()));
         for (name, hub) in wheels.hubs() {
@@ -93,7 +95,7 @@ mod tests {
             assert!((hub.z + low).abs() < 1e-9, "{name}");
             let out = corners().map(|p| (hub.y + p.y).abs()).fold(0.0, f64::max);
             assert!((2.0 * out - wheels.track_m).abs() < 1e-9, "{name}");
-            // Seen from outside: the volume is a positive one, that of a prism of as many sides.
+            // Faces point outwards: the volume is positive, and that of a prism with as many sides.
             let volume: f64 =
                 triangles.iter().map(|(_, [a, b, c])| a.coords.dot(&b.coords.cross(&c.coords)) / 6.0).sum();
             let base =

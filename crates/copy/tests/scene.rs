@@ -1,4 +1,4 @@
-//! A scene's files hold the run's motion, and are the same each time.
+//! The files of a scene have the run's motion, and are the same each time.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
@@ -31,7 +31,7 @@ fn folder(dir: &Path, name: &str, scene: &Scene) -> std::path::PathBuf {
     folder
 }
 
-/// Time, rear axle and heading of each vertex by vehicle.
+/// Time, rear axle (x, y) and heading of each vertex, by vehicle.
 fn vertices(scenario: &Path) -> BTreeMap<String, Vec<[f64; 4]>> {
     let mut reader = quick_xml::Reader::from_file(scenario).unwrap();
     let (mut found, mut name, mut time, mut buffer) = (BTreeMap::new(), String::new(), None, Vec::new());
@@ -61,33 +61,33 @@ fn vertices(scenario: &Path) -> BTreeMap<String, Vec<[f64; 4]>> {
 }
 
 #[test]
-fn every_row_lies_within_two_centimetres_of_the_copied_way() {
+fn every_row_lies_within_two_centimetres_of_the_copied_trajectory() {
     let dir = tempfile::tempdir().unwrap();
     let (run, scene) = scene(dir.path(), false);
     let files = folder(dir.path(), "scene", &scene);
     let found = vertices(&files.join("scenario.xosc"));
-    assert_eq!(found.keys().collect::<Vec<_>>(), ["car_1_trajectory"], "the lorry stands");
+    assert_eq!(found.keys().collect::<Vec<_>>(), ["car_1_trajectory"], "the lorry is stationary");
     let vehicle = &scene.vehicles[0];
-    let way = &found["car_1_trajectory"];
-    assert!(way.len() < run.tracks[0].rows.len());
+    let trajectory = &found["car_1_trajectory"];
+    assert!(trajectory.len() < run.tracks[0].rows.len());
     for row in &run.tracks[0].rows {
         let pose = at(&vehicle.trajectory, row.time_s).unwrap();
         assert!((pose.x_m - row.x_m).hypot(pose.y_m - row.y_m) < 0.02);
         assert!(angle_difference(pose.heading_rad, row.heading_rad).abs().to_degrees() < 0.5);
-        // The same from the file, whose places are those of the rear axle.
-        let next = way.partition_point(|v| v[0] <= row.time_s).clamp(1, way.len() - 1);
-        let (a, b) = (way[next - 1], way[next]);
+        // The same check on the file, which has positions of the rear axle.
+        let next = trajectory.partition_point(|v| v[0] <= row.time_s).clamp(1, trajectory.len() - 1);
+        let (a, b) = (trajectory[next - 1], trajectory[next]);
         let s = (row.time_s - a[0]) / (b[0] - a[0]);
         let [x, y, h] = [1, 2, 3].map(|i| a[i] + s * (b[i] - a[i]));
         let ours = Vector2::new(row.x_m, row.y_m);
         let theirs = Vector2::new(x, y) + Vector2::new(h.cos(), h.sin()) * vehicle.wheels.half_wheelbase_m;
         assert!((ours - theirs).norm() < 0.02, "{}", (ours - theirs).norm());
     }
-    assert!(scene.vehicles[1].stands() && scene.vehicles.len() == 2);
+    assert!(scene.vehicles[1].is_stationary() && scene.vehicles.len() == 2);
 }
 
 #[test]
-fn a_moved_camera_leaves_one_stretch_and_times_count_from_its_start() {
+fn a_moved_camera_leaves_one_segment_and_times_count_from_its_start() {
     let dir = tempfile::tempdir().unwrap();
     let (_, scene) = scene(dir.path(), true);
     assert!((scene.camera.span_s[0] - MOVED_S).abs() < 1e-9 || scene.camera.span_s[0].abs() < 1e-9);
@@ -111,7 +111,7 @@ fn meshes_are_gltf_of_the_cars_size_and_colour() {
             *high = high.max(accessor["max"][i].as_f64().unwrap());
         }
     }
-    // Left, up, forward.
+    // The axes are left, up, forward.
     let dims = scene.vehicles[0].dims_m;
     assert!((high[0] - dims[1] / 2.0).abs() < 0.1 && (high[1] - dims[2]).abs() < 0.1, "{high:?} {dims:?}");
     let paint = &mesh["materials"][0]["pbrMetallicRoughness"]["baseColorFactor"];

@@ -1,33 +1,33 @@
-//! From the stream's times to times and places of frames.
+//! Converts the stream's times to the times and indices of frames.
 
-/// Steps that must have been alike before a longer one counts as lost frames and not as the recording's own rhythm.
+/// Number of equal steps after which a longer step counts as lost frames and not as the recording's own rhythm.
 const STEADY_STEPS: u32 = 8;
-/// Deviation from the usual step that still is the usual step.
+/// Largest deviation of a usual step, as a share of it.
 const STEADY_TOLERANCE: f64 = 0.25;
-/// Frames in a row that decoders hand out without times at the end of a stream (what they still held back).
-const MAX_HELD_BACK: u64 = 16;
+/// Largest number of consecutive frames without times at the end of a stream: frames that the decoder had buffered.
+const MAX_BUFFERED: u64 = 16;
 
-/// Keeps times going forward and notices what is left out.
+/// Makes times increase, and detects frames that are missing between them.
 #[derive(Debug)]
 pub(crate) struct Clock {
-    /// Usual time from frame to frame.
+    /// Usual time from frame to frame, ns.
     step_nanos: f64,
     steady_steps: u32,
-    /// The last step was a gap in a steady stream.
+    /// Whether the last step was a gap in a steady stream.
     after_gap: bool,
     last_nanos: Option<i64>,
     without_time: u64,
 }
 
-/// A frame's place.
+/// The time of a frame, and the findings on the step to it.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) struct Tick {
     pub pts_nanos: i64,
-    /// Frames that should have been between the last one and this one.
+    /// Number of frames missing between the last frame and this one.
     pub skipped: u64,
-    /// The step to this frame was the usual one: a gap just before was a loss and not a change of rate.
+    /// Whether the step to this frame was the usual one: then a gap just before was a loss and not a change of rate.
     pub usual: bool,
-    /// Frames whose time is now known to be made up.
+    /// Number of frames whose times are only now known to be made up.
     pub made_up: u64,
 }
 
@@ -36,12 +36,12 @@ impl Clock {
         Self { step_nanos: 1e9 / fps, steady_steps: 0, after_gap: false, last_nanos: None, without_time: 0 }
     }
 
-    /// Time of the last frame, s.
+    /// Returns the time of the last frame, s.
     pub(crate) fn last_s(&self) -> f64 {
         self.last_nanos.map_or(0.0, |nanos| nanos as f64 * 1e-9)
     }
 
-    /// Takes the time that the stream states for the next frame, ms from its start.
+    /// Processes the time that the stream states for the next frame, ms from its start.
     pub(crate) fn tick(&mut self, millis: f64) -> Tick {
         let stated = (millis.is_finite() && millis.abs() < 1e12).then_some((millis * 1e6).round() as i64);
         let Some(last) = self.last_nanos else {
@@ -49,7 +49,7 @@ impl Clock {
             self.last_nanos = Some(pts_nanos);
             return Tick { pts_nanos, skipped: 0, usual: true, made_up: 0 };
         };
-        // OpenCV gives 0 where there is no time.
+        // OpenCV returns 0 where there is no time.
         let Some(time) = stated.filter(|&time| time > last) else {
             let pts_nanos = last.saturating_add(self.step_nanos.max(1.0) as i64);
             self.last_nanos = Some(pts_nanos);
@@ -69,22 +69,23 @@ impl Clock {
             self.after_gap = true;
             skipped = steps as u64 - 1;
         } else {
-            // No rhythm yet, or a new one: learn it.
+            // There is no rhythm yet, or a new one: learn it.
             (self.step_nanos, self.steady_steps, self.after_gap) = (step, 0, false);
         }
         self.last_nanos = Some(time);
         Tick { pts_nanos: time, skipped, usual, made_up }
     }
 
-    /// Frames without a time at the very end are usual; others count as made up.
+    /// Returns the newly counted frames with made-up times. Frames without a time at the very end are usual and do not
+    /// count.
     fn newly_made_up(&mut self, stated_again: bool) -> u64 {
         match self.without_time {
             run if stated_again => {
                 self.without_time = 0;
-                if run > MAX_HELD_BACK { 0 } else { run }
+                if run > MAX_BUFFERED { 0 } else { run }
             }
-            run if run == MAX_HELD_BACK + 1 => run,
-            run if run > MAX_HELD_BACK => 1,
+            run if run == MAX_BUFFERED + 1 => run,
+            run if run > MAX_BUFFERED => 1,
             _ => 0,
         }
     }
@@ -128,14 +129,14 @@ mod tests {
     }
 
     #[test]
-    fn held_back_frames_go_on_in_step() {
+    fn buffered_frames_continue_at_the_usual_step() {
         let mut clock = Clock::new(25.0);
         let (times, _, made_up) = run(&mut clock, &[0.0, 40.0, 80.0, 0.0, 0.0]);
         assert_eq!((times, made_up), (vec![0, 40, 80, 120, 160], 0));
     }
 
     #[test]
-    fn a_stream_without_times_is_told() {
+    fn frames_without_times_are_counted() {
         let mut clock = Clock::new(10.0);
         let (times, _, made_up) = run(&mut clock, &[f64::NAN; 30]);
         assert_eq!((times[29], made_up), (2900, 29));

@@ -1,13 +1,14 @@
-//! A frame as it comes out.
+//! The decoder's result for one frame.
 
 use image::RgbImage;
 use roadplane_base::FrameStamp;
 
-/// A frame's place, and its pixels where they were asked for.
+/// The stamp of a frame, and its pixels if they were requested.
 #[derive(Clone, Debug)]
 pub struct Decoded {
-    /// Which frame.
+    /// Index and time of the frame.
     pub stamp: FrameStamp,
-    /// The pixels, RGB; turning them into RGB costs a third of decoding a frame, so it is left out where nobody looks.
+    /// The pixels, RGB. The conversion to RGB costs a third of decoding a frame, so it is left out where the pixels are
+    /// not needed.
     pub image: Option<RgbImage>,
 }

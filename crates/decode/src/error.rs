@@ -1,54 +1,54 @@
-//! What can go wrong with an input as a whole; partial damage is told in the report instead.
+//! Errors that concern an input as a whole; partial damage is listed in the report instead.
 
 use std::path::PathBuf;
 
 use thiserror::Error;
 
-/// Why an input cannot be used.
+/// The reason why an input cannot be used.
 #[derive(Debug, Error)]
 pub enum DecodeError {
-    /// It does not exist or may not be read.
+    /// The input does not exist or may not be read.
     #[error("cannot be read: {source}: {}", path.display())]
     Unreadable {
-        /// Why.
+        /// The operating system's error.
         source: std::io::Error,
         /// The input.
         path: PathBuf,
     },
-    /// Its content is nothing that is decoded here, whatever its name says.
+    /// The content is of no kind that this crate decodes, whatever the file's name.
     #[error("no video or image: {what}: {}", path.display())]
     NotMedia {
-        /// What it is instead.
+        /// The kind of content.
         what: String,
         /// The input.
         path: PathBuf,
     },
-    /// It is media, but nothing can be decoded.
+    /// The input is media, but no frame can be decoded.
     #[error("damaged: {what}: {}", path.display())]
     Damaged {
-        /// What is known.
+        /// A description of the damage.
         what: String,
         /// The input.
         path: PathBuf,
     },
-    /// Larger than the configuration allows.
+    /// The input is larger than the configuration allows.
     #[error("over the limit: {what}: {}", path.display())]
     OverLimit {
-        /// Which limit.
+        /// The limit that is exceeded.
         what: String,
         /// The input.
         path: PathBuf,
     },
-    /// An option that makes no sense: a fault of the configuration.
+    /// An option has an impossible value: a fault of the configuration.
     #[error("{what}")]
     Option {
-        /// What is wrong.
+        /// A description of the fault.
         what: String,
     },
-    /// The decoding library fails in a way that does not depend on the input.
+    /// The decoding library failed in a way that does not depend on the input.
     #[error("OpenCV: {what}")]
     Library {
-        /// What it says.
+        /// OpenCV's message.
         what: String,
     },
 }

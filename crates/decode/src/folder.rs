@@ -10,7 +10,7 @@ use crate::sniff::{has_image_name, sniff};
 use crate::still;
 use crate::{Content, DecodeError, DecodeOptions, DecodeReport, Decoded};
 
-/// Images in the order of their frames.
+/// The images of a clip in the order of their frames.
 pub(crate) struct Images {
     paths: std::vec::IntoIter<PathBuf>,
     count: u64,
@@ -19,7 +19,7 @@ pub(crate) struct Images {
 }
 
 impl Images {
-    /// A clip of one frame.
+    /// Creates a clip of one frame.
     pub(crate) fn single(path: &Path) -> Self {
         Self::new(vec![path.to_path_buf()])
     }
@@ -28,7 +28,7 @@ impl Images {
         Self { count: paths.len() as u64, paths: paths.into_iter(), next_index: 0, size: None }
     }
 
-    /// All images directly in a folder, numbers in names in numeric order.
+    /// Collects all images directly in a folder; numbers in names are in numeric order.
     pub(crate) fn in_folder(folder: &Path, report: &mut DecodeReport) -> Result<Self, DecodeError> {
         let unreadable = |source| DecodeError::Unreadable { source, path: folder.to_path_buf() };
         let mut paths = Vec::new();
@@ -39,18 +39,18 @@ impl Images {
             if hidden || path.is_dir() {
                 continue;
             }
-            // A spoilt image still has its place in time; its content is looked at when it is its turn.
+            // A damaged image still has its position in time; its content is checked when it is read.
             match if has_image_name(&path) { Ok(Content::Png) } else { sniff(&path) } {
                 Ok(content) if content.is_image() => paths.push(path),
                 Ok(_) => {
-                    let what = "a folder must hold images only; give its videos one by one".to_owned();
+                    let what = "a folder may contain images only; pass its videos one by one".to_owned();
                     return Err(DecodeError::NotMedia { what, path });
                 }
                 Err(_) => ignored += 1,
             }
         }
         if paths.is_empty() {
-            let what = "the folder holds no image".to_owned();
+            let what = "the folder contains no image".to_owned();
             return Err(DecodeError::NotMedia { what, path: folder.to_path_buf() });
         }
         if ignored > 0 {
@@ -60,12 +60,12 @@ impl Images {
         Ok(Self::new(paths))
     }
 
-    /// Number of images.
+    /// Returns the number of images.
     pub(crate) fn count(&self) -> u64 {
         self.count
     }
 
-    /// The next frame that the options choose; `None` at the end.
+    /// Returns the next frame that the options choose; `None` at the end.
     pub(crate) fn next(
         &mut self,
         options: &DecodeOptions,
@@ -85,11 +85,16 @@ impl Images {
                         Ok(image) if self.size.get_or_insert(image.dimensions()) == &image.dimensions() => {
                             image
                         }
-                        // An input that is one image has nothing else to go on with.
+                        // An input that is a single image has no other frame.
                         Err(error) if self.count == 1 => return Err(error),
                         other => {
                             let why = other.err().map_or_else(
-                                || format!("another size than the first image: {}", path.display()),
+                                || {
+                                    format!(
+                                        "its size differs from that of the first image: {}",
+                                        path.display()
+                                    )
+                                },
                                 |error| error.to_string(),
                             );
                             report.warn(format!("frame {index} is left out: {why}"));
@@ -106,7 +111,7 @@ impl Images {
     }
 }
 
-/// Order in which runs of digits compare as numbers: `a2` before `a10`.
+/// Compares names with runs of digits as numbers: `a2` before `a10`.
 fn natural_order(a: &str, b: &str) -> Ordering {
     let (mut left, mut right) = (a, b);
     loop {
@@ -130,7 +135,7 @@ fn natural_order(a: &str, b: &str) -> Ordering {
     }
 }
 
-/// A leading number without its zeros, and what follows.
+/// Splits off a leading number without its zeros.
 fn split_number(text: &str) -> (&str, &str) {
     let end = text.find(|c: char| !c.is_ascii_digit()).unwrap_or(text.len());
     let (digits, rest) = text.split_at(end);

@@ -1,4 +1,4 @@
-//! The one way in: a path becomes a stream of frames.
+//! Opens a path as a stream of frames.
 
 use std::path::{Path, PathBuf};
 
@@ -27,7 +27,7 @@ enum Source {
     Images(Images),
 }
 
-/// An open input: frames in presentation order, and an account of what was lost.
+/// An open input: frames in presentation order, and a report of the lost ones.
 pub struct Input {
     source: Source,
     kind: InputKind,
@@ -42,16 +42,18 @@ pub struct Input {
 /// Opens a video file, an image or a folder of images and decodes its first frame.
 ///
 /// # Errors
-/// [`DecodeError`] when it is no media, cannot be read, is over a limit, or gives not a single frame.
+/// [`DecodeError`] when it is no media, cannot be read, exceeds a limit, or yields no frame at all.
 pub fn open(path: &Path, options: &DecodeOptions) -> Result<Input, DecodeError> {
     open_source(path, options, None)
 }
 
-/// Opens a part of a long clip, from the options' start to their end: in a video whose times show which frame is which it goes
-/// there without decoding what is before. Frames and losses are counted from `counted_from_s` on.
+/// Opens a part of a long clip, from the options' start to their end.
+///
+/// If the times of a video identify its frames, decoding starts near the part and skips the frames before it. Frames
+/// and losses are counted from `counted_from_s` on, s.
 ///
 /// # Errors
-/// As [`open`].
+/// The same errors as [`open`].
 pub fn open_part(path: &Path, options: &DecodeOptions, counted_from_s: f64) -> Result<Input, DecodeError> {
     open_source(path, options, Some(counted_from_s))
 }
@@ -95,7 +97,7 @@ fn nothing_decoded(path: PathBuf, options: &DecodeOptions, report: &DecodeReport
         return DecodeError::Option { what };
     }
     let why = report.warnings.first().map(|warning| format!(" ({warning})")).unwrap_or_default();
-    DecodeError::Damaged { what: format!("not one of {} frames can be decoded{why}", report.expected), path }
+    DecodeError::Damaged { what: format!("none of {} frames can be decoded{why}", report.expected), path }
 }
 
 impl Source {
@@ -113,20 +115,22 @@ impl Source {
 }
 
 impl Input {
-    /// The next frame with its pixels; `None` at the end, when [`Input::report`] is complete.
+    /// Returns the next frame with its pixels; `None` at the end, when [`Input::report`] is complete.
     ///
     /// # Errors
-    /// Only where nothing at all can be handed on; lost frames are told in the report.
+    /// [`DecodeError`] only where no frame at all can be delivered; lost frames are listed in the report.
     pub fn next_frame(&mut self) -> Result<Option<Frame>, DecodeError> {
         let decoded = self.next_where(|_| true)?;
         Ok(decoded.and_then(|d| Some(Frame { stamp: d.stamp, image: d.image? })))
     }
 
-    /// The next frame; with its pixels if `wanted` says so, or where they cost nothing more (the input's first frame, image
-    /// files). `None` at the end, when [`Input::report`] is complete.
+    /// Returns the next frame, with its pixels if `wanted` returns true.
+    ///
+    /// Pixels that cost nothing more are always included: the input's first frame, and image files. Returns `None` at
+    /// the end, when [`Input::report`] is complete.
     ///
     /// # Errors
-    /// As [`Self::next_frame`].
+    /// The same errors as [`Self::next_frame`].
     pub fn next_where(
         &mut self,
         mut wanted: impl FnMut(&FrameStamp) -> bool,
@@ -145,56 +149,57 @@ impl Input {
             Some(_) => self.report.delivered += 1,
             None => {
                 self.finished = true;
-                self.tell_what_was_lost();
+                self.warn_of_losses();
             }
         }
         Ok(frame)
     }
 
-    /// Takes a picture back that nobody needs any more: the next one gets its memory, so that a long video allocates none.
+    /// Takes back a picture that is no longer needed. The next picture reuses its memory, so a long video allocates
+    /// none.
     pub fn reuse(&mut self, image: RgbImage) {
         if let Source::Video(video) = &mut self.source {
             video.reuse(image);
         }
     }
 
-    fn tell_what_was_lost(&mut self) {
+    fn warn_of_losses(&mut self) {
         let made_up = self.report.times_made_up;
         if made_up > 0 {
             self.report.warn(format!("{made_up} frames had no usable time of their own"));
         }
-        let DecodeReport { missing, expected, damaged_stretch_count: places, .. } = self.report;
+        let DecodeReport { missing, expected, damaged_stretch_count: intervals, .. } = self.report;
         if missing > 0 {
-            self.report.warn(format!("frames lost: {missing} of {expected}, in {places} place(s)"));
+            self.report.warn(format!("frames lost: {missing} of {expected}, in {intervals} place(s)"));
         }
         let broken = self.report.broken_packets;
         if broken > 0 {
-            self.report.warn(format!("packets with broken slices, whose pictures may be spoilt: {broken}"));
+            self.report.warn(format!("packets with broken slices, whose pictures may be damaged: {broken}"));
         }
         if self.report.cut_short {
             self.report.warn("the file is cut short");
         }
     }
 
-    /// What kind of input it is.
+    /// Returns the kind of the input.
     #[must_use]
     pub fn kind(&self) -> InputKind {
         self.kind
     }
 
-    /// Size of the pictures.
+    /// Returns the size of the pictures.
     #[must_use]
     pub fn size(&self) -> ImageSize {
         self.size
     }
 
-    /// Whether a part was gone to without decoding what is before.
+    /// Whether reading a part started inside the video, without decoding the frames before it.
     #[must_use]
     pub fn is_begun_within(&self) -> bool {
         matches!(&self.source, Source::Video(video) if video.begun_within)
     }
 
-    /// Frames that the input is said to hold: an estimate for progress, not to be relied on.
+    /// Returns the number of frames that the input states: an estimate for progress, not to be relied on.
     #[must_use]
     pub fn frames_hint(&self) -> Option<u64> {
         match &self.source {
@@ -203,13 +208,15 @@ impl Input {
         }
     }
 
-    /// Frames that it will hand on, by what the options choose of [`Self::frames_hint`]: an estimate as well.
+    /// Returns the number of frames that will be delivered: the frames of [`Self::frames_hint`] that the options
+    /// choose.
     #[must_use]
     pub fn frames_due(&self) -> Option<u64> {
         Some(self.options.chosen_of(self.frames_hint()?, self.nominal_fps()))
     }
 
-    /// Nominal frame rate, 1/s: for writing videos of the same pace. Times of frames are in their stamps.
+    /// Returns the nominal frame rate, 1/s, for writing videos of the same pace. The times of frames are in their
+    /// stamps.
     #[must_use]
     pub fn nominal_fps(&self) -> f64 {
         match &self.source {
@@ -218,7 +225,7 @@ impl Input {
         }
     }
 
-    /// What became of the frames so far.
+    /// Returns the report on the frames so far.
     #[must_use]
     pub fn report(&self) -> &DecodeReport {
         &self.report

@@ -1,14 +1,20 @@
-//! Video files, single images and folders of images, as frames with their presentation times.
+//! Decodes video files, single images and folders of images into frames with their presentation times.
 //!
-//! A file is recognised by its content before any codec sees it. Damage does not stop a clip: what can be decoded is
-//! handed on, what is lost is counted in a [`DecodeReport`]. OpenCV tells of no loss, so it is found by other signs:
-//! frames that the container promises or holds and the decoder does not give, gaps in a steady stream's times, slices
-//! that contradict themselves, a file shorter than its own structure. What stays unseen is damage inside a packet whose
-//! headers are sound, which FFmpeg conceals in the picture.
+//! A file is recognised by its content before any codec sees it. Damage does not stop a clip: every frame that can be
+//! decoded is delivered, and lost frames are counted in a [`DecodeReport`].
+//!
+//! OpenCV reports no loss, so other signs are used:
+//! - frames that the container promises and the decoder does not return
+//! - gaps in the times of a steady stream
+//! - slices that contradict themselves
+//! - a file that is shorter than its own structure
+//!
+//! Damage inside a packet with sound headers stays undetected, because FFmpeg conceals it in the picture.
 //!
 //! # Contents
-//! - the way in: [`open`] (`input.rs`), by content (`sniff.rs`), a kind each: `video.rs`, `still.rs`, `folder.rs`
-//! - what was lost: `packets.rs`, `structure.rs`, `clock.rs` → [`DecodeReport`]
+//! - opening an input: [`open`] (`input.rs`), by its content (`sniff.rs`)
+//! - reading each kind: `video.rs`, `still.rs`, `folder.rs`
+//! - finding losses: `packets.rs`, `structure.rs`, `clock.rs` → [`DecodeReport`]
 //!
 //! # Example
 //! ```no_run
@@ -41,5 +47,5 @@ pub use error::DecodeError;
 pub use input::{Input, InputKind, open, open_part};
 pub use library::{backends, library_version};
 pub use options::DecodeOptions;
-pub use report::{DecodeReport, Stretch};
+pub use report::{DamagedInterval, DecodeReport};
 pub use sniff::{Content, sniff};

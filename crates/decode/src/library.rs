@@ -1,14 +1,14 @@
-//! The decoding library itself, for diagnosis.
+//! Information on the decoding library, for diagnosis.
 
 use opencv::{core, videoio};
 
-/// OpenCV's version.
+/// Returns OpenCV's version.
 #[must_use]
 pub fn library_version() -> String {
     core::get_version_string().unwrap_or_else(|error| format!("unknown: {error}"))
 }
 
-/// What OpenCV can read video with, e.g. `FFMPEG`.
+/// Returns the backends with which OpenCV can read video, e.g. `FFMPEG`.
 #[must_use]
 pub fn backends() -> String {
     let names = videoio::get_backends().map(|backends| {

@@ -1,24 +1,24 @@
-//! What to decode, and limits.
+//! Options of the decoder: the frames to decode, and limits.
 
 use serde::{Deserialize, Serialize};
 
 use crate::DecodeError;
 
-/// What to decode, and limits.
+/// Options of the decoder: the frames to decode, and limits.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct DecodeOptions {
-    /// Hands on every n-th frame only, counted in the input (1: all).
+    /// Delivers every n-th frame only, counted in the input (1: all).
     pub stride: u32,
-    /// Leaves out what is before, s from the start of the input.
+    /// Start of the frames that are delivered, s from the start of the input.
     pub start_s: f64,
-    /// Leaves out what is from here on, s; `None`: to the end.
+    /// End of the frames that are delivered, s (exclusive); `None`: the end of the input.
     pub end_s: Option<f64>,
-    /// Hands on at most so many frames.
+    /// Largest number of frames that are delivered.
     pub max_frames: Option<u64>,
     /// Largest picture, px (width × height).
     pub max_pixels: u64,
-    /// Highest frame rate that is believed, 1/s; only used where a stream has no times of its own.
+    /// Highest frame rate that is accepted, 1/s; used only where a stream has no times of its own.
     pub max_fps: f64,
     /// Frame rate of folders of images, 1/s.
     pub image_fps: f64,
@@ -57,9 +57,9 @@ impl DecodeOptions {
         Ok(())
     }
 
-    /// How many of so many frames at a steady rate are chosen.
+    /// Returns how many of this many frames at a steady rate are chosen.
     pub(crate) fn chosen_of(&self, frames: u64, fps: f64) -> u64 {
-        // Frame i comes at i / fps; the float casts saturate.
+        // Frame i has the time i / fps; the float casts saturate.
         let before = |time_s: f64| ((time_s * fps - 1e-6).ceil().max(0.0) as u64).min(frames);
         let (from, to) = (before(self.start_s), self.end_s.map_or(frames, before));
         let stride = u64::from(self.stride.max(1));
@@ -67,7 +67,7 @@ impl DecodeOptions {
         self.max_frames.map_or(chosen, |most| chosen.min(most))
     }
 
-    /// What becomes of a frame at this place.
+    /// Decides whether a frame is delivered; `handed_on` frames were delivered before.
     pub(crate) fn verdict(&self, index: u64, pts_nanos: i64, handed_on: u64) -> Verdict {
         let time_s = pts_nanos as f64 * 1e-9;
         let over = self.max_frames.is_some_and(|most| handed_on >= most)
@@ -82,7 +82,7 @@ impl DecodeOptions {
     }
 }
 
-/// See [`DecodeOptions::verdict`].
+/// The decision on a frame, see [`DecodeOptions::verdict`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Verdict {
     Take,

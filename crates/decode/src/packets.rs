@@ -1,19 +1,19 @@
-//! The packets of a container, read without decoding: how many there are, and which are broken on their face. FFmpeg
-//! decodes around broken H.264 slices and only prints so; their headers show the same.
+//! Reads the packets of a container without decoding: their number, and those with broken headers. FFmpeg decodes
+//! around broken H.264 slices and only prints a message, but their headers show the damage.
 
 use opencv::core::Mat;
 use opencv::prelude::*;
 use opencv::videoio::{CAP_FFMPEG, CAP_PROP_FORMAT, CAP_PROP_FOURCC, VideoCapture};
 
-/// Failed reads in a row after which the container is taken to be at its end.
+/// Number of consecutive failed reads after which the container counts as read to its end.
 const MAX_FAILED_READS: u32 = 1000;
 
-/// What a container holds.
+/// Counts of a container's packets.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Packets {
     /// Packets of the video stream.
     pub count: u64,
-    /// Those with slices that cannot be.
+    /// Packets with impossible slices.
     pub broken: u64,
 }
 
@@ -49,8 +49,8 @@ fn is_h264(fourcc: f64) -> bool {
     NAMES.contains(&(fourcc as u32).to_le_bytes())
 }
 
-/// Whether an access unit (with start codes) holds a unit that no encoder writes: the forbidden bit, no type, or a
-/// slice whose header contradicts itself (ITU-T H.264 §7.3.1, §7.4.3).
+/// Whether an access unit (with start codes) holds a unit that no encoder writes. Such a unit has the forbidden bit, no
+/// type, or a slice header that contradicts itself (ITU-T H.264 §7.3.1, §7.4.3).
 fn is_broken_h264(packet: &[u8]) -> bool {
     let starts: Vec<usize> =
         packet.windows(3).enumerate().filter(|(_, w)| *w == [0, 0, 1]).map(|(at, _)| at + 3).collect();
@@ -92,7 +92,7 @@ impl Bits<'_> {
         Some(u32::from(bit))
     }
 
-    /// An unsigned Exp-Golomb number; `None` at the end or beyond 31 bits.
+    /// Reads an unsigned Exp-Golomb number; `None` at the end or beyond 31 bits.
     fn exp_golomb(&mut self) -> Option<u32> {
         let mut zeros = 0;
         while self.bit()? == 0 {
@@ -121,7 +121,8 @@ mod tests {
 
     #[test]
     fn slices_that_cannot_be_are_broken() {
-        // first_mb 0, slice_type 7 (I), pps 0; and slice_type 0 (P), which an IDR picture cannot have.
+        // The first has first_mb 0, slice_type 7 (I), pps 0. The second has slice_type 0 (P), which an IDR picture
+        // cannot have.
         let (intra, inter) = ([0x65, 0b1000_1000, 0b1000_0000], [0x65, 0b1110_0000]);
         let join =
             |units: &[&[u8]]| units.iter().flat_map(|u| [&[0, 0, 1], *u].concat()).collect::<Vec<u8>>();

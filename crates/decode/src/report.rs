@@ -1,57 +1,57 @@
-//! What became of an input's frames.
+//! The report on an input's frames.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Stretches of damage that are listed one by one; later ones are only counted.
-const MAX_STRETCHES: usize = 100;
-/// Warnings that are kept.
+/// Largest number of intervals that are listed one by one; later ones are only counted.
+const MAX_INTERVALS: usize = 100;
+/// Largest number of warnings that are kept.
 const MAX_WARNINGS: usize = 20;
 
-/// A run of consecutive frames that were lost.
+/// An interval of consecutive frames that were lost.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct Stretch {
-    /// Index of the first frame lost.
+pub struct DamagedInterval {
+    /// Index of the first lost frame, from 0.
     pub first_frame: u64,
-    /// Frames lost.
+    /// Number of lost frames.
     pub frames: u64,
-    /// Presentation time of the first, s.
+    /// Presentation time of the first lost frame, s.
     pub from_s: f64,
 }
 
-/// What became of an input's frames; complete once the input is read to its end.
+/// Counts of an input's frames; complete once the input is read to its end.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct DecodeReport {
-    /// Frames that the input holds, or held before it was cut, as far as it was read.
+    /// Number of frames of the input, as far as it was read. Frames that were cut off count.
     pub expected: u64,
-    /// Frames decoded, with those that options leave out.
+    /// Number of frames that were decoded, including those that the settings leave out.
     pub decoded: u64,
-    /// Frames handed on.
+    /// Number of decoded frames that the pipeline got.
     pub delivered: u64,
-    /// `expected - decoded`: frames that are lost.
+    /// Number of lost frames: `expected - decoded`.
     pub missing: u64,
-    /// Where frames are lost, in the order found; not more than a hundred are listed.
-    pub damaged_stretches: Vec<Stretch>,
-    /// Number of such places.
+    /// Intervals of lost frames, in the order in which they were found; at most a hundred are listed.
+    pub damaged_stretches: Vec<DamagedInterval>,
+    /// Number of intervals of lost frames.
     pub damaged_stretch_count: u64,
-    /// Packets with slices that cannot be; their pictures are decoded as far as possible and may be spoilt.
+    /// Number of packets with invalid slices. Their pictures are decoded as far as possible and may be damaged.
     pub broken_packets: u64,
-    /// The file ends before its own structure says.
+    /// Whether the file ends earlier than its own structure states.
     pub cut_short: bool,
-    /// Frames whose time had to be made up: the stream gave none, or one not after its predecessor's.
+    /// Number of frames with an invented time. The stream gave no time, or one that was not after the time before.
     pub times_made_up: u64,
-    /// What else is worth knowing.
+    /// Warnings about the input, in plain text.
     pub warnings: Vec<String>,
 }
 
 impl DecodeReport {
-    /// Whether some of the input was lost or spoilt: the exit code must say so.
+    /// Whether some of the input was lost or damaged; the exit code must show it.
     #[must_use]
     pub fn is_damaged(&self) -> bool {
         self.missing > 0 || self.broken_packets > 0 || self.cut_short
     }
 
-    /// Counts a run of lost frames.
+    /// Counts an interval of lost frames.
     pub(crate) fn lost(&mut self, index: u64, frames: u64, time_s: f64) {
         self.missing += frames;
         self.expected += frames;
@@ -59,15 +59,19 @@ impl DecodeReport {
             Some(last) if last.first_frame + last.frames == index => last.frames += frames,
             _ => {
                 self.damaged_stretch_count += 1;
-                if self.damaged_stretches.len() < MAX_STRETCHES {
-                    self.damaged_stretches.push(Stretch { first_frame: index, frames, from_s: time_s });
+                if self.damaged_stretches.len() < MAX_INTERVALS {
+                    self.damaged_stretches.push(DamagedInterval {
+                        first_frame: index,
+                        frames,
+                        from_s: time_s,
+                    });
                 }
             }
         }
     }
 
-    /// Takes gaps back that turn out to be no damage; `really` frames are lost all the same, at unknown places.
-    pub(crate) fn forget_gaps(&mut self, really: u64) {
+    /// Removes gaps that turn out to be no damage; `really` frames are lost all the same, at unknown positions.
+    pub(crate) fn remove_gaps(&mut self, really: u64) {
         self.missing = really;
         self.expected = self.decoded + really;
         if really == 0 {
@@ -76,8 +80,8 @@ impl DecodeReport {
         }
     }
 
-    /// What was so far is another's to count.
-    pub(crate) fn begin_here(&mut self) {
+    /// Restarts all counts: another part of the input counts the frames so far.
+    pub(crate) fn restart(&mut self) {
         let warnings = std::mem::take(&mut self.warnings);
         *self = Self { warnings, ..Self::default() };
     }
@@ -101,7 +105,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn neighbouring_losses_are_one_stretch() {
+    fn neighbouring_losses_are_one_interval() {
         let mut report = DecodeReport::default();
         report.decoded_one();
         for index in [1, 2, 5] {

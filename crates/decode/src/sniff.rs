@@ -1,5 +1,5 @@
-//! What a file is, by its first bytes. Only these kinds reach a codec: FFmpeg would also open playlists, concatenation
-//! scripts and patterns that name other files.
+//! Recognises a file by its first bytes. Only these kinds reach a codec: FFmpeg would also open playlists,
+//! concatenation scripts and patterns that name other files.
 
 use std::fs::File;
 use std::io::Read as _;
@@ -7,15 +7,15 @@ use std::path::Path;
 
 use crate::DecodeError;
 
-/// Bytes that are looked at: three packets of a transport stream and more.
+/// Number of bytes that are read: three packets of a transport stream and more.
 const HEAD_BYTES: u64 = 1024;
 
-/// Kinds of file that are decoded.
+/// The kinds of file that are decoded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Content {
-    /// MP4, QuickTime and their kin.
+    /// MP4, QuickTime and related formats.
     Mp4,
-    /// Matroska, WebM.
+    /// Matroska or WebM.
     Matroska,
     /// AVI.
     Avi,
@@ -23,7 +23,7 @@ pub enum Content {
     MpegTs,
     /// MPEG program stream.
     MpegPs,
-    /// H.264 without a container: has no times.
+    /// H.264 without a container, which has no times.
     H264,
     /// JPEG image.
     Jpeg,
@@ -46,21 +46,21 @@ impl Content {
 pub fn sniff(path: &Path) -> Result<Content, DecodeError> {
     let unreadable = |source| DecodeError::Unreadable { source, path: path.to_path_buf() };
     let not_media = |what: &str| DecodeError::NotMedia { what: what.to_owned(), path: path.to_path_buf() };
-    // Before opening: to open a pipe would wait for its writer.
+    // The check precedes opening, because opening a pipe would wait for its writer.
     if !std::fs::metadata(path).map_err(unreadable)?.is_file() {
         return Err(not_media("not a regular file"));
     }
     let mut head = Vec::new();
     File::open(path).and_then(|f| f.take(HEAD_BYTES).read_to_end(&mut head)).map_err(unreadable)?;
     let content = recognise(&head).map_err(not_media)?;
-    // FFmpeg takes files named like images for patterns of numbered files, whatever they hold.
+    // FFmpeg takes files named like images for patterns of numbered files, whatever their content.
     if !content.is_image() && has_image_name(path) {
         return Err(not_media("a video with the name of an image"));
     }
     Ok(content)
 }
 
-/// Whether the name says image.
+/// Whether the file's name is that of an image.
 pub(crate) fn has_image_name(path: &Path) -> bool {
     const NAMES: [&str; 9] = ["jpg", "jpeg", "png", "bmp", "gif", "tif", "tiff", "webp", "ppm"];
     path.extension()
@@ -71,7 +71,7 @@ pub(crate) fn has_image_name(path: &Path) -> bool {
 fn recognise(head: &[u8]) -> Result<Content, &'static str> {
     let at = |offset: usize, what: &[u8]| head.get(offset..).is_some_and(|rest| rest.starts_with(what));
     let sync = |step: usize, first: usize| (0..3).all(|k| head.get(first + k * step) == Some(&0x47));
-    // Access unit delimiter or sequence parameters open every H.264 stream that can be decoded from its start.
+    // An access unit delimiter or sequence parameters open every H.264 stream that can be decoded from its start.
     let h264 = |nal: Option<&u8>| nal.is_some_and(|b| b & 0x80 == 0 && matches!(b & 0x1f, 7 | 9));
     if head.is_empty() {
         Err("the file is empty")
@@ -92,9 +92,9 @@ fn recognise(head: &[u8]) -> Result<Content, &'static str> {
     } else if (at(0, &[0, 0, 0, 1]) && h264(head.get(4))) || (at(0, &[0, 0, 1]) && h264(head.get(3))) {
         Ok(Content::H264)
     } else if at(0, b"GIF8") || at(0, b"BM") || at(0, b"II*\0") || at(0, b"MM\0*") || at(8, b"WEBP") {
-        Err("an image of a kind that is not read here: use PNG or JPEG")
+        Err("an unsupported kind of image: use PNG or JPEG")
     } else if at(0, b"RIFF") || at(0, b"OggS") || at(0, b"ID3") || at(0, b"fLaC") {
-        Err("sound, or a container that is not read here")
+        Err("sound, or an unsupported container")
     } else if std::str::from_utf8(&head[..head.len().saturating_sub(4)]).is_ok() && !head.contains(&0) {
         Err("it is text; lists of other files are not followed")
     } else {
@@ -107,7 +107,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn kinds_are_told_by_content() {
+    fn kinds_are_recognised_by_content() {
         let ts: Vec<u8> = (0..600).map(|i| if i % 188 == 0 { 0x47 } else { 0 }).collect();
         for (head, kind) in [
             (&b"\0\0\0\x20ftypisom\0\0\x02\0"[..], Content::Mp4),
@@ -124,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_media_is_refused_whatever_it_says() {
+    fn files_that_are_no_media_are_refused() {
         for head in [
             &b""[..],
             b"ffconcat version 1.0\nfile /etc/passwd\n",

@@ -1,4 +1,4 @@
-//! One image file.
+//! Decodes one image file.
 
 use std::fs::File;
 use std::io::BufReader;
@@ -24,14 +24,14 @@ pub(crate) fn read(path: &Path, content: Content, options: &DecodeOptions) -> Re
     let (width, height) = open()?.into_dimensions().map_err(damaged)?;
     check_size(path, width, height, options)?;
     let mut limits = Limits::default();
-    // 16 bits a channel with alpha, twice, while decoding.
+    // The decoder needs 16 bits a channel with alpha, twice.
     limits.max_alloc = Some(options.max_pixels.saturating_mul(16));
     let mut reader = open()?;
     reader.limits(limits);
     Ok(reader.decode().map_err(damaged)?.into_rgb8())
 }
 
-/// Refuses pictures that are empty or larger than allowed.
+/// Rejects pictures that are empty or larger than the limit.
 pub(crate) fn check_size(
     path: &Path,
     width: u32,

@@ -1,4 +1,4 @@
-//! Whether a file ends before its own structure says: the one sign of a cut file that does not depend on decoding.
+//! Detects files that end earlier than their own structure states: the only sign of a cut file that needs no decoding.
 
 use std::fs::File;
 use std::io::{Read as _, Seek as _, SeekFrom};
@@ -6,7 +6,7 @@ use std::path::Path;
 
 use crate::Content;
 
-/// Top-level boxes that are looked at.
+/// Largest number of top-level boxes that are read.
 const MAX_BOXES: usize = 10_000;
 
 /// Whether the outermost structure of the file reaches beyond its end. Unknown structures count as whole.
@@ -53,7 +53,7 @@ pub(crate) fn is_trimmed(path: &Path) -> bool {
     moov().is_some_and(|moov| trimmed_track(&moov).unwrap_or(false))
 }
 
-/// The first box of this name, its contents.
+/// Returns the contents of the first box with this name.
 fn child<'a>(bytes: &'a [u8], name: &[u8; 4]) -> Option<&'a [u8]> {
     children(bytes).find(|(found, _)| found == name).map(|(_, body)| body)
 }
@@ -68,9 +68,11 @@ fn children(mut bytes: &[u8]) -> impl Iterator<Item = ([u8; 4], &[u8])> {
     })
 }
 
-/// Whether the video track of a movie box shows less than it holds: by more than 15 ms at the end, or a second at the
-/// start. Pictures that are reordered come later than their place in the track by the first composition offset; most
-/// encoders let the edit list begin there, others forget it and so lose as much at the end.
+/// Whether the video track of a movie box shows less than it contains: by more than 15 ms at the end, or a second at
+/// the start.
+///
+/// Reordered pictures are late by the first composition offset. Most encoders let the edit list begin there. Others do
+/// not, and so lose as much at the end.
 fn trimmed_track(moov: &[u8]) -> Option<bool> {
     let number = |bytes: &[u8], at: usize| Some(u32::from_be_bytes(*bytes.get(at..)?.first_chunk()?));
     // Version 0 boxes have 4-byte times, version 1 boxes 8-byte times.
@@ -93,7 +95,7 @@ fn trimmed_track(moov: &[u8]) -> Option<bool> {
         };
         let entries = number(elst, 4)?;
         if entries != 1 || elst.first() != Some(&0) {
-            return Some(true); // pauses, repeats, or times of 8 bytes: not worth telling apart
+            return Some(true); // pauses, repeats, or times of 8 bytes: not worth distinguishing
         }
         let shown_s = f64::from(number(elst, 8)?) / movie_scale;
         let ctts = child(mdia, b"minf").and_then(|minf| child(child(minf, b"stbl")?, b"ctts"));
@@ -128,13 +130,13 @@ fn mp4_is_cut(path: &Path) -> std::io::Result<bool> {
         match at.checked_add(size) {
             Some(next) if size >= 8 && next <= length => at = next,
             Some(next) if next > length => return Ok(true),
-            _ => return Ok(false), // no box: something else than cutting is wrong
+            _ => return Ok(false), // not a box: the file is broken in another way
         }
     }
     Ok(false)
 }
 
-/// Transport streams are packets of 188 bytes, or of 192 with a time stamp before each.
+/// Whether a transport stream ends inside a packet; packets have 188 bytes, or 192 with a time stamp before each.
 fn ts_is_cut(path: &Path) -> std::io::Result<bool> {
     let mut file = File::open(path)?;
     let length = file.metadata()?.len();
@@ -152,7 +154,7 @@ fn avi_is_cut(path: &Path) -> std::io::Result<bool> {
     Ok(u64::from(u32::from_le_bytes(size)) + 8 > length)
 }
 
-/// An EBML number with its length marker: value and bytes; `None` for the reserved "unknown".
+/// Reads an EBML number with its length marker: value and number of bytes; `None` for the reserved "unknown".
 fn ebml_size(bytes: &[u8]) -> Option<(u64, usize)> {
     let first = *bytes.first()?;
     let length = first.leading_zeros() as usize + 1;

@@ -1,4 +1,4 @@
-//! One video file through OpenCV, with every frame accounted for.
+//! Reads one video file through OpenCV and accounts for every frame.
 
 use std::path::{Path, PathBuf};
 
@@ -19,19 +19,20 @@ use crate::still::check_size;
 use crate::structure::{is_cut_short, is_trimmed};
 use crate::{Content, DecodeError, DecodeOptions, DecodeReport, Decoded};
 
-/// Failed reads in a row after which the end is reached; each skips a packet that cannot be decoded.
+/// Number of consecutive failed reads after which the end is reached; each skips a packet that cannot be decoded.
 const MAX_FAILED_READS: u32 = 5000;
-/// Frame rate where the stream gives none that can be believed.
+/// Frame rate where the stream gives no usable one, 1/s.
 const FALLBACK_FPS: f64 = 30.0;
-/// Most frames that a container is believed to promise: a year at 30 frames/s.
+/// Largest usable frame count of a container: a year at 30 frames/s.
 const MAX_PROMISED: f64 = 1e9;
 
-/// Frames that come within this share of a step of where a steady rate has them are known by their times.
+/// Largest deviation of a frame's time from a steady rate, as a share of a step, at which the time identifies the
+/// frame.
 const STEADY_RATE: f64 = 0.05;
-/// Decoding begins so long before a part, s: it goes on at a key frame.
+/// Time before a part at which decoding starts, s; it starts at a key frame.
 const LEAD_S: f64 = 0.5;
 
-/// Longest gap in a container without a frame count that is taken for damage and not for a pause, s.
+/// Longest gap that counts as damage and not as a pause, s; it applies to containers without a frame count.
 const MAX_GAP_S: f64 = 10.0;
 
 /// An open video file.
@@ -40,21 +41,22 @@ pub(crate) struct Video {
     content: Content,
     capture: VideoCapture,
     clock: Clock,
-    /// Index of the next frame, lost ones included.
+    /// Index of the next frame; lost frames count.
     next_index: u64,
-    /// The last gap in the times, until the next frame tells whether it is a loss: index, frames, time before.
+    /// The last gap in the times as index, frames and time before. It is pending until the next frame decides whether
+    /// it is a loss.
     gap: Option<(u64, u64, f64)>,
     fps: f64,
     promised: Option<u64>,
     size: Option<(u32, u32)>,
     bgr: Mat,
-    /// Pictures that nobody needs any more.
+    /// Pictures whose memory can be reused.
     spare: Vec<RgbImage>,
-    /// Frames and losses are counted from here on, s; `None` once they are.
+    /// Time from which frames and losses are counted, s; `None` once counting has started.
     counted_from_s: Option<f64>,
-    /// Frames before the first that is counted.
+    /// Number of frames before the first counted one.
     uncounted: u64,
-    /// Reading began within the file.
+    /// Whether reading started inside the file.
     pub(crate) begun_within: bool,
 }
 
@@ -70,7 +72,7 @@ impl Video {
         let capture = captured(name)?;
         if !capture.is_opened().map_err(library)? {
             let what = if is_cut_short(path, content) {
-                "it ends early, before what is needed to decode it"
+                "the file ends before the data that decoding needs"
             } else {
                 "no video stream that can be decoded"
             };
@@ -100,7 +102,7 @@ impl Video {
         })
     }
 
-    /// Goes on at about `start_s` where the stream's times tell which frame that is, and counts from `counted_from_s` on.
+    /// Starts at about `start_s` where the stream's times identify the frame, and counts from `counted_from_s` on.
     pub(crate) fn begin_part(&mut self, start_s: f64, counted_from_s: f64) -> Result<(), DecodeError> {
         self.counted_from_s = Some(counted_from_s);
         let to_s = start_s - LEAD_S;
@@ -114,14 +116,14 @@ impl Video {
                 self.clock.tick(millis);
             }
             None => {
-                tracing::info!("frames do not come at a steady rate: everything before {start_s} s is read");
+                tracing::info!("the frames have no steady rate: everything before {start_s} s is read");
                 self.capture = captured(self.path.to_str().unwrap_or_default())?;
             }
         }
         Ok(())
     }
 
-    /// Goes to a frame between two times; its index and time, ms, where they are beyond doubt.
+    /// Jumps to a frame between two times. Returns its index and time, ms, if they are beyond doubt.
     fn jump(&mut self, from_s: f64, before_s: f64) -> Option<(u64, f64)> {
         let step = 1e3 / self.fps;
         let millis = |capture: &mut VideoCapture| {
@@ -129,7 +131,7 @@ impl Video {
             capture.get(CAP_PROP_POS_MSEC).ok().filter(|_| grabbed)
         };
         let first = millis(&mut self.capture)?;
-        // The next frame tells whether the rate is what the container says.
+        // The next frame shows whether the rate equals the container's statement.
         let second = millis(&mut self.capture)?;
         let is_steady = |steps: f64| (steps - steps.round()).abs() <= STEADY_RATE;
         self.capture.set(CAP_PROP_POS_MSEC, 1e3 * from_s).ok()?;
@@ -139,23 +141,23 @@ impl Video {
         (known && here < 1e3 * before_s).then_some((steps.round() as u64, here))
     }
 
-    /// Frames that the container promises: an estimate, for progress only.
+    /// Returns the number of frames that the container states: an estimate for progress only.
     pub(crate) fn promised(&self) -> Option<u64> {
         self.promised
     }
 
-    /// Takes a picture back, whose memory the next one gets.
+    /// Takes back a picture, whose memory the next one reuses.
     pub(crate) fn reuse(&mut self, image: RgbImage) {
         self.spare.push(image);
     }
 
-    /// Nominal frame rate, 1/s.
+    /// Returns the nominal frame rate, 1/s.
     pub(crate) fn fps(&self) -> f64 {
         self.fps
     }
 
-    /// The next frame that the options choose, with its pixels if `wanted` says so; `None` at the end, when the report is
-    /// complete.
+    /// Returns the next frame that the options choose, with its pixels if `wanted` returns true; `None` at the end,
+    /// when the report is complete.
     pub(crate) fn next(
         &mut self,
         options: &DecodeOptions,
@@ -177,7 +179,7 @@ impl Video {
             if self.counted_from_s.is_some_and(|from_s| stamp.time_s() >= from_s) {
                 self.counted_from_s = None;
                 self.uncounted = stamp.index - self.gap.map_or(0, |(_, frames, _)| frames);
-                report.begin_here();
+                report.restart();
             }
             match options.verdict(stamp.index, stamp.pts_nanos, report.delivered) {
                 Verdict::Over => return Ok(None),
@@ -200,7 +202,7 @@ impl Video {
         }
     }
 
-    /// Place of the picture just grabbed; counts the frames lost before it.
+    /// Returns the stamp of the picture just grabbed, and counts the frames lost before it.
     fn stamp(&mut self, report: &mut DecodeReport) -> FrameStamp {
         let before_s = self.clock.last_s();
         let tick = self.clock.tick(self.capture.get(CAP_PROP_POS_MSEC).unwrap_or(f64::NAN));
@@ -236,7 +238,7 @@ impl Video {
         matches!(self.content, Content::Avi | Content::Mp4)
     }
 
-    /// The pixels of the picture just grabbed.
+    /// Returns the pixels of the picture just grabbed.
     fn picture(&mut self, options: &DecodeOptions) -> Result<RgbImage, String> {
         let text = |error: opencv::Error| error.to_string();
         if !self.capture.retrieve_def(&mut self.bgr).map_err(text)? || self.bgr.empty() {
@@ -246,12 +248,12 @@ impl Video {
         let (width, height) = (side(self.bgr.cols()), side(self.bgr.rows()));
         check_size(&self.path, width, height, options).map_err(|error| error.to_string())?;
         if *self.size.get_or_insert((width, height)) != (width, height) {
-            return Err(format!("it has another size than the first one, {width}×{height}"));
+            return Err(format!("its size differs from that of the first frame: {width}×{height}"));
         }
         if self.bgr.typ() != CV_8UC3 {
             return Err("its pixels are not 8-bit colour".to_owned());
         }
-        // Straight into the picture's own memory.
+        // The conversion writes straight into the picture's own memory.
         let spare = self.spare.pop().filter(|image| image.dimensions() == (width, height));
         let mut image = spare.unwrap_or_else(|| RgbImage::new(width, height));
         let pixels: &mut [u8] = &mut image;
@@ -262,7 +264,7 @@ impl Video {
         Ok(image)
     }
 
-    /// Settles what was lost, now that the decoder gives nothing more.
+    /// Counts the losses that only show at the end of the stream.
     fn account_for_the_end(&mut self, report: &mut DecodeReport) {
         Self::settle(self.gap.take(), report);
         report.cut_short = is_cut_short(&self.path, self.content);
@@ -270,17 +272,17 @@ impl Video {
         report.broken_packets = packets.broken;
         let seen = self.uncounted + report.expected;
         let decoded = self.uncounted + report.decoded;
-        // Frames that an edit list leaves out are neither shown nor lost; which they are, OpenCV does not say.
+        // Frames that an edit list leaves out are neither shown nor lost; OpenCV does not report which they are.
         let trimmed = self.content == Content::Mp4 && is_trimmed(&self.path);
-        let held = match self.promised {
+        let contained = match self.promised {
             Some(promised) if self.counts_frames() || report.cut_short => promised.max(packets.count),
             _ => packets.count,
         };
-        if self.counts_frames() && !trimmed && held < seen && held >= decoded {
-            // A variable frame rate, not damage, made the gaps.
-            report.forget_gaps(held - decoded);
+        if self.counts_frames() && !trimmed && contained < seen && contained >= decoded {
+            // A variable frame rate, not damage, caused the gaps.
+            report.remove_gaps(contained - decoded);
         }
-        let absent = held.saturating_sub(self.uncounted + report.expected);
+        let absent = contained.saturating_sub(self.uncounted + report.expected);
         if absent > 0 && !trimmed {
             report.lost(self.next_index, absent, self.clock.last_s());
         }

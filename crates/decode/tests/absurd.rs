@@ -1,4 +1,4 @@
-//! Numbers in headers that cannot be: the answer is an error in words, or frames whose times are sound.
+//! Tests impossible numbers in headers: the result must be an error message, or frames with sound times.
 
 #![allow(clippy::unwrap_used, clippy::panic)] // the helpers below are test code, too
 
@@ -24,7 +24,8 @@ fn write_clip(path: &Path, codec: &[u8; 4]) {
     writer.release().unwrap();
 }
 
-/// Places of 32-bit fields of a header: a box or chunk by its name, and offsets from the end of the name.
+/// Returns the positions of 32-bit fields of a header: a box or chunk by its name, and offsets from the end of the
+/// name.
 fn fields(bytes: &[u8], name: &[u8; 4], offsets: &[usize]) -> Vec<usize> {
     let at = bytes.windows(4).position(|window| window == name);
     let at = at.unwrap_or_else(|| panic!("no {}", String::from_utf8_lossy(name)));
@@ -32,7 +33,7 @@ fn fields(bytes: &[u8], name: &[u8; 4], offsets: &[usize]) -> Vec<usize> {
 }
 
 #[test]
-fn absurd_numbers_in_headers_end_in_words_or_in_sound_frames() {
+fn impossible_numbers_in_headers_give_an_error_or_sound_frames() {
     let folder = tempfile::tempdir().unwrap();
     // Scales, durations, counts, steps and sizes in pixels; see ISO/IEC 14496-12 and the RIFF AVI headers.
     type Fields = &'static [(&'static [u8; 4], &'static [usize])];
@@ -54,13 +55,13 @@ fn absurd_numbers_in_headers_end_in_words_or_in_sound_frames() {
         let path = folder.path().join(name);
         write_clip(&path, codec);
         let sound = std::fs::read(&path).unwrap();
-        let places = headers.iter().flat_map(|(name, offsets)| fields(&sound, name, offsets));
-        for place in places.collect::<Vec<_>>() {
+        let positions = headers.iter().flat_map(|(name, offsets)| fields(&sound, name, offsets));
+        for position in positions.collect::<Vec<_>>() {
             for value in [0_u32, 1, 0xffff, 0x7fff_ffff, 0x8000_0000, u32::MAX] {
-                let what = format!("{name}, byte {place} = {value:#x}");
+                let what = format!("{name}, byte {position} = {value:#x}");
                 let mut bytes = sound.clone();
                 let field = if big_endian { value.to_be_bytes() } else { value.to_le_bytes() };
-                bytes[place..place + 4].copy_from_slice(&field);
+                bytes[position..position + 4].copy_from_slice(&field);
                 std::fs::write(&path, bytes).unwrap();
                 let begun = Instant::now();
                 let (mut count, mut last_s) = (0, f64::NEG_INFINITY);

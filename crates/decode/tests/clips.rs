@@ -1,4 +1,4 @@
-//! Small clips made on the spot, whole, cut and spoilt.
+//! Tests small generated clips: whole, cut and damaged.
 
 #![allow(clippy::unwrap_used, clippy::panic)] // the helpers below are test code, too
 
@@ -12,10 +12,10 @@ use roadplane_decode::{DecodeError, DecodeOptions, DecodeReport, Input, InputKin
 const FRAMES: u64 = 60;
 const FPS: f64 = 25.0;
 
-/// Container and codec of the clips that the tests make.
+/// Containers and codecs of the generated clips.
 const KINDS: [(&str, &[u8; 4]); 4] = [("mp4", b"mp4v"), ("mkv", b"mp4v"), ("avi", b"MJPG"), ("ts", b"mpg2")];
 
-/// A grey ramp: frame i has the grey value 4 i, with structure so that packets are not all tiny.
+/// Writes a grey ramp: frame i has the grey value 4 i, with texture so that not all packets are tiny.
 fn write_clip(path: &Path, codec: &[u8; 4]) {
     let fourcc = i32::from_le_bytes(*codec);
     let size = Size::new(160, 96);
@@ -75,25 +75,29 @@ fn whole_clips_are_whole_with_times_of_the_stream() {
 }
 
 #[test]
-fn memory_that_is_given_back_is_filled_anew() {
+fn returned_memory_is_reused() {
     let (_folder, paths) = clips();
     let (mut fresh, mut reused) = {
         let input = || open(&paths[0], &DecodeOptions::default()).unwrap();
         (input(), input())
     };
-    // Of another size: of no use, and let go.
+    // A picture of another size cannot be reused and is dropped.
     reused.reuse(image::RgbImage::new(3, 2));
-    let mut places = std::collections::BTreeSet::new();
+    let mut addresses = std::collections::BTreeSet::new();
     while let Some(frame) = reused.next_frame().unwrap() {
         assert_eq!(Some(&frame.image), fresh.next_frame().unwrap().map(|other| other.image).as_ref());
-        places.insert(frame.image.as_ptr());
+        addresses.insert(frame.image.as_ptr());
         reused.reuse(frame.image);
     }
-    assert!(places.len() <= 2, "the first picture, and what came for the odd one: {}", places.len());
+    assert!(
+        addresses.len() <= 2,
+        "the first picture, and one more for the picture of another size: {}",
+        addresses.len()
+    );
 }
 
 #[test]
-fn pixels_are_rgb_in_their_place() {
+fn pixels_are_rgb_in_the_right_order() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("colours.png");
     let picture = image::RgbImage::from_fn(8, 4, |x, y| image::Rgb([x as u8 * 30, y as u8 * 60, 200]));
@@ -101,7 +105,7 @@ fn pixels_are_rgb_in_their_place() {
     let mut input = open(&path, &DecodeOptions::default()).unwrap();
     assert_eq!(input.kind(), InputKind::Image);
     assert_eq!(input.next_frame().unwrap().unwrap().image, picture);
-    // The same through a video: blue stays blue.
+    // Colours also survive a video: blue stays blue.
     let path = folder.path().join("blue.avi");
     let size = Size::new(64, 64);
     let fourcc = i32::from_le_bytes(*b"MJPG");
@@ -146,7 +150,7 @@ fn cut_clips_are_counted_or_refused_wherever_they_are_cut() {
                     assert_eq!(report.expected, report.decoded + report.missing);
                     assert_eq!(report.delivered, indices.len() as u64);
                     assert!(times.windows(2).all(|pair| pair[0] < pair[1]), "{name}: times go forward");
-                    // A transport stream cut between two of its packets is as good as whole.
+                    // A transport stream that is cut between two packets equals a whole one.
                     let is_ts = path.extension().is_some_and(|e| e == "ts");
                     assert!(
                         report.is_damaged() || is_ts,
@@ -163,7 +167,7 @@ fn cut_clips_are_counted_or_refused_wherever_they_are_cut() {
 }
 
 #[test]
-fn reading_goes_on_after_a_stretch_of_zeros() {
+fn reading_continues_after_a_block_of_zeros() {
     let (_folder, paths) = clips();
     for path in paths {
         let mut bytes = std::fs::read(&path).unwrap();
@@ -197,7 +201,7 @@ fn disguised_and_foreign_files_are_refused() {
     let script = format!("ffconcat version 1.0\nfile {}\n", paths[0].display());
     let playlist = format!("#EXTM3U\n#EXTINF:2,\n{}\n", paths[3].display());
     let video = std::fs::read(&paths[0]).unwrap();
-    // Archives with a sound video in them, stored as it is.
+    // Archives that store a sound video without compression.
     let zip = [b"PK\x03\x04\x14\0".as_slice(), &[0; 24], &video].concat();
     let tar = [b"lot.mp4".as_slice(), &[0; 250], b"ustar\0", &[0; 249], &video].concat();
     for path in [
@@ -264,7 +268,7 @@ fn ffmpeg(arguments: &str, output: &Path) -> bool {
 fn streams_as_cameras_write_them_are_whole() {
     let folder = tempfile::tempdir().unwrap();
     for (name, arguments, frames) in [
-        // Reordered pictures, edit lists, sound beside it, no index at the end, other containers.
+        // Reordered pictures, edit lists, a sound track, no index at the end, other containers.
         ("plain.mp4", "-map 0 -c:v libx264", 100),
         ("sound.mp4", "-map 0 -map 1 -c:v libx264 -c:a aac", 100),
         ("fragments.mp4", "-map 0 -c:v libx264 -movflags frag_keyframe+empty_moov", 100),
@@ -273,7 +277,7 @@ fn streams_as_cameras_write_them_are_whole() {
         ("plain.avi", "-map 0 -c:v mpeg4", 100),
         ("plain.mpg", "-map 0 -c:v mpeg2video", 100),
         ("slow.mp4", "-map 0 -vf fps=5 -c:v libx264", 20),
-        // A rate that varies: every fourth frame only from the middle on.
+        // A variable rate: only every fourth frame from the middle on.
         ("varying.mp4", "-map 0 -vf select=lt(n\\,50)+not(mod(n\\,4)) -fps_mode vfr -c:v libx264", 62),
         ("varying.mkv", "-map 0 -vf select=lt(n\\,50)+not(mod(n\\,4)) -fps_mode vfr -c:v libx264", 62),
     ] {

@@ -1,4 +1,4 @@
-//! A long clip read in parts gives what it gives in one go.
+//! Tests that a long clip read in parts gives the same frames as in one run.
 
 #![allow(clippy::unwrap_used)] // the helpers below are test code, too
 
@@ -12,7 +12,7 @@ use roadplane_decode::{DecodeOptions, DecodeReport, Input, open, open_part};
 const FPS: f64 = 25.0;
 const FRAMES: u64 = 500;
 
-/// Every picture has its number in its grey value and a bar that moves.
+/// Writes a clip whose pictures have their number as grey value, and a bar that moves.
 fn write_clip(path: &Path, codec: &[u8; 4]) {
     let fourcc = i32::from_le_bytes(*codec);
     let size = Size::new(160, 96);
@@ -28,7 +28,7 @@ fn write_clip(path: &Path, codec: &[u8; 4]) {
     writer.release().unwrap();
 }
 
-/// Index, time and pixels of the frames from a time on.
+/// Returns index, time and pixels of the frames from a time on.
 fn frames(mut input: Input, from_s: f64) -> (Vec<(u64, f64, Vec<u8>)>, DecodeReport) {
     let mut frames = Vec::new();
     while let Some(frame) = input.next_frame().unwrap() {
@@ -39,7 +39,7 @@ fn frames(mut input: Input, from_s: f64) -> (Vec<(u64, f64, Vec<u8>)>, DecodeRep
     (frames, input.report().clone())
 }
 
-/// Whole, and in three parts that each begin to decode a second early.
+/// Compares the whole clip with three parts that each start decoding a second early.
 fn compare(path: &Path, what: &str) {
     let (whole, report) = frames(open(path, &DecodeOptions::default()).unwrap(), 0.0);
     let (mut joined, mut counts) = (Vec::new(), [0; 4]);
@@ -54,9 +54,9 @@ fn compare(path: &Path, what: &str) {
         joined.extend(part);
         counts.iter_mut().zip(of(&report)).for_each(|(sum, count)| *sum += count);
     }
-    let places = |frames: &[(u64, f64, Vec<u8>)]| frames.iter().map(|(i, t, _)| (*i, *t)).collect::<Vec<_>>();
-    let (joined_places, whole_places) = (places(&joined), places(&whole));
-    let differ = joined_places.iter().zip(&whole_places).find(|(a, b)| a != b);
+    let stamps = |frames: &[(u64, f64, Vec<u8>)]| frames.iter().map(|(i, t, _)| (*i, *t)).collect::<Vec<_>>();
+    let (joined_stamps, whole_stamps) = (stamps(&joined), stamps(&whole));
+    let differ = joined_stamps.iter().zip(&whole_stamps).find(|(a, b)| a != b);
     assert_eq!((differ, joined.len()), (None, whole.len()), "{what}");
     assert!(joined == whole, "{what}: pixels");
     assert_eq!(counts, of(&report), "{what}");
@@ -72,8 +72,8 @@ fn parts_together_are_the_whole_and_losses_are_counted_once() {
         // An AVI has no times: read from its start, frames after damage come too early.
         if container == "mp4" {
             let mut bytes = std::fs::read(&path).unwrap();
-            for place in [28, 45, 71] {
-                let (from, length) = (bytes.len() * place / 100, bytes.len() / 200);
+            for percent in [28, 45, 71] {
+                let (from, length) = (bytes.len() * percent / 100, bytes.len() / 200);
                 bytes[from..from + length].fill(0);
             }
             let damaged = folder.path().join("damaged.mp4");

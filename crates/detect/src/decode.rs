@@ -1,12 +1,14 @@
-//! From the net's outputs to boxes (generalised focal loss head, arXiv 2006.04388: each distance from a cell's centre
-//! to a side of the box is the mean of a distribution over 0…10 cells).
+//! Decodes the net's outputs into boxes.
+//!
+//! The head is that of the generalised focal loss (arXiv 2006.04388). Each distance from a cell's centre to a side of
+//! the box is the mean of a distribution over 0…10 cells.
 
 use ndarray::ArrayView3;
 use roadplane_base::VehicleClass;
 
 /// Classes in the order of the net's scores.
 pub(crate) const CLASSES: [VehicleClass; 3] = [VehicleClass::Car, VehicleClass::Truck, VehicleClass::Bus];
-/// Values that a distance is distributed over.
+/// Number of bins of a distance's distribution.
 pub(crate) const BINS: usize = 11;
 
 /// A box before merging, from the picture's top-left corner in px.
@@ -15,13 +17,14 @@ pub(crate) struct Candidate {
     pub bbox: [f64; 4],
     pub score: f64,
     pub class: VehicleClass,
-    /// Index of the pass that found it.
+    /// Index of the pass that found the box.
     pub pass: usize,
 }
 
-/// All cells of one level whose best score is at least `min_score`; boxes from the corner of the net's input.
+/// Returns the boxes of all cells of one level whose best score is at least `min_score`, in px from the corner of the
+/// net's input.
 ///
-/// `scores` is [3, rows, columns], `bins` [44, rows, columns]: left, top, right, bottom, 11 logits each.
+/// `scores` is [3, rows, columns]. `bins` is [44, rows, columns]: left, top, right, bottom, with 11 logits each.
 pub(crate) fn candidates(
     scores: &ArrayView3<'_, f32>,
     bins: &ArrayView3<'_, f32>,
@@ -57,7 +60,7 @@ pub(crate) fn candidates(
     found
 }
 
-/// Mean of the softmax over 0, 1, 2, …
+/// Returns the mean of the softmax over 0, 1, 2, …
 fn expected_bin(logits: impl Iterator<Item = f64> + Clone) -> f64 {
     let highest = logits.clone().fold(f64::MIN, f64::max);
     let (sum, moment) = logits.enumerate().fold((0.0, 0.0), |(sum, moment), (bin, logit)| {
@@ -78,7 +81,7 @@ mod tests {
         let mut scores = Array3::<f32>::zeros((3, 4, 5));
         let mut bins = Array3::<f32>::zeros((44, 4, 5));
         scores[[1, 2, 3]] = 0.9;
-        // Sure of 1, 2, 3 and 4 cells to left, top, right, bottom.
+        // The distributions are certain of 1, 2, 3 and 4 cells to the left, top, right and bottom.
         for side in 0..4 {
             bins[[side * BINS + side + 1, 2, 3]] = 50.0;
         }

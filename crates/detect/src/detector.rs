@@ -1,4 +1,4 @@
-//! The detector.
+//! Runs the detection net on frames and on parts of them.
 
 use image::RgbImage;
 use ndarray::{Array4, Axis, Ix4};
@@ -13,16 +13,16 @@ use crate::{DetectError, DetectOptions};
 
 /// Cell sizes of the net's levels, px of its input.
 const STRIDES_PX: [usize; 3] = [8, 16, 32];
-/// Boxes that are cut end somewhere near the border, not on it, px of the net's input.
+/// Margin at a border in which cut boxes end, px of the net's input: they seldom end exactly on the border.
 const NEAR_BORDER_PX: f64 = 4.0;
-/// Weakest score that takes part in merging.
+/// Lowest score of a box that takes part in merging.
 const MIN_CANDIDATE_SCORE: f64 = 0.1;
 
-/// What is seen in a part of a picture.
+/// The vehicles detected in a part of a picture.
 pub(crate) struct Detections {
-    /// Vehicles.
+    /// Vehicles, merged over the passes.
     pub found: Vec<Found>,
-    /// Boxes, not merged, that the border of the part inside the picture probably cuts.
+    /// Boxes, not merged, that are probably cut by a border of the part inside the picture.
     pub cut: Vec<Candidate>,
 }
 
@@ -34,10 +34,10 @@ pub struct Detector {
 }
 
 impl Detector {
-    /// A detector on this net.
+    /// Creates a detector from a net.
     ///
     /// # Errors
-    /// [`DetectError::UnsuitableNet`] when the net's card does not describe what this code reads,
+    /// [`DetectError::UnsuitableNet`] when the net's card does not describe the outputs that this code reads,
     /// [`DetectError::Option`] for options out of range.
     pub fn new(session: Session, options: DetectOptions) -> Result<Self, DetectError> {
         options.check()?;
@@ -70,29 +70,30 @@ impl Detector {
         Ok(Self { session, options })
     }
 
-    /// The net.
+    /// Returns the session of the net.
     #[must_use]
     pub fn session(&self) -> &Session {
         &self.session
     }
 
-    /// Finds the vehicles of a frame, best first, wherever they are. Boxes are within the frame.
+    /// Detects the vehicles in a whole frame, best first. Boxes are cut at the frame's borders.
     ///
     /// # Errors
     /// [`DetectError::Net`] when the net fails or returns numbers that are not finite.
     pub fn detect(&mut self, frame: &Frame) -> Result<Vec<CarRecord>, DetectError> {
         let (width, height) = (f64::from(frame.image.width()), f64::from(frame.image.height()));
-        let detections = self.look(&frame.image, Part::whole(&frame.image), self.options.min_score)?;
+        let detections = self.inspect(&frame.image, Part::whole(&frame.image), self.options.min_score)?;
         Ok(detections.found.into_iter().filter_map(|f| record(f, width, height)).collect())
     }
 
-    /// The options.
+    /// Returns the options.
     pub(crate) fn options(&self) -> &DetectOptions {
         &self.options
     }
 
-    /// Finds the vehicles of a part of a picture with at least this score, best first. Boxes are from the picture's corner.
-    pub(crate) fn look(
+    /// Detects the vehicles in a part of a picture with at least this score, best first. Boxes are from the picture's
+    /// corner.
+    pub(crate) fn inspect(
         &mut self,
         image: &RgbImage,
         part: Part,
@@ -133,7 +134,7 @@ impl Detector {
                 let name = format!("{kind}_{stride}");
                 outputs.get(&name).and_then(|array| array.into_dimensionality::<Ix4>().ok())
             };
-            // The card was checked for them, and the session checks outputs against the card.
+            // The constructor checked the card for these outputs, and the session checks outputs against the card.
             let (Some(scores), Some(bins)) = (output("scores"), output("bins")) else { continue };
             found.extend(candidates(
                 &scores.index_axis(Axis(0), 0),
@@ -147,7 +148,8 @@ impl Detector {
     }
 }
 
-/// The record of a vehicle, its box moved to pixel centres and cut at the frame; `None` if nothing of it is inside.
+/// Returns the record of a vehicle, its box moved to pixel centres and cut at the frame; `None` if nothing of it is
+/// inside.
 pub(crate) fn record(found: Found, width: f64, height: f64) -> Option<CarRecord> {
     let [x0, y0, x1, y1] = found.bbox;
     let clamp = |value: f64, length: f64| value.clamp(0.0, length) - 0.5;

@@ -1,4 +1,4 @@
-//! What can go wrong.
+//! Errors of the detector.
 
 use roadplane_infer::InferError;
 use thiserror::Error;
@@ -10,23 +10,23 @@ pub enum DetectError {
     #[error(transparent)]
     Net(#[from] InferError),
     /// The net's card does not describe a detector that this code can read.
-    #[error("{model} is no detector: {what}")]
+    #[error("{model} is not a detector: {what}")]
     UnsuitableNet {
         /// The net's name.
         model: String,
-        /// What is missing.
+        /// The input, output or class that is missing or different.
         what: String,
     },
-    /// OpenCV cannot resample the picture: a bug, or no memory left.
+    /// An OpenCV call failed on the picture: a bug, or no memory left.
     #[error("OpenCV: {what}")]
     Picture {
-        /// What it says.
+        /// OpenCV's message.
         what: String,
     },
-    /// An option out of its range: a fault of the configuration.
+    /// An option is out of its range: a fault of the configuration.
     #[error("detect.{what}")]
     Option {
-        /// Which, and what is allowed.
+        /// The option, and its allowed values.
         what: String,
     },
 }
@@ -36,7 +36,7 @@ impl DetectError {
         Self::Picture { what: error.to_string() }
     }
 
-    /// The net's own error, if it is one.
+    /// Returns the net's own error, if it is one.
     #[must_use]
     pub fn net(&self) -> Option<&InferError> {
         match self {

@@ -1,4 +1,4 @@
-//! What one look came to, over all the parts of the picture that the net ran on.
+//! Collects the detections of one frame over all parts of the picture on which the net ran.
 
 use roadplane_base::{CarRecord, WeakBox, bbox_centre, bbox_share_inside};
 use roadplane_watch::Cells;
@@ -6,36 +6,36 @@ use roadplane_watch::Cells;
 use crate::DetectOptions;
 use crate::detector::{Detections, record};
 
-/// A core must hold this share of a box to have looked at it as a whole.
-const HELD: f64 = 0.9;
-/// A weak box of which more than this share lies within a vehicle shows that vehicle.
+/// Share of a box that a core must cover to have inspected it as a whole.
+const WHOLE: f64 = 0.9;
+/// Share of a weak box inside a vehicle above which it shows that vehicle.
 const MOSTLY: f64 = 0.5;
 
-/// Boxes in px of the frame.
+/// The detections of one frame; boxes in px of the frame.
 #[derive(Debug)]
 pub(crate) struct FrameDetections {
     options: DetectOptions,
     cores: Vec<[f64; 4]>,
-    /// What the cores cover.
-    pub looked: Cells,
-    /// Where a vehicle may be: weak boxes say so too.
+    /// The cells that the cores cover.
+    pub inspected: Cells,
+    /// The cells where a vehicle may be, according to boxes of any score.
     pub vehicles: Cells,
-    /// Vehicles that count, each once.
+    /// Vehicles with a sufficient score, each once.
     pub found: Vec<CarRecord>,
-    /// Boxes of lower scores.
+    /// Boxes with lower scores.
     pub weak: Vec<WeakBox>,
-    /// Boxes that the border of what was looked at cut.
+    /// Boxes that a border of an inspected part cuts.
     pub cut: Vec<[f64; 4]>,
 }
 
 impl FrameDetections {
-    /// Before anything was looked at, in this grid.
+    /// Starts an empty collection in this grid.
     pub(crate) fn new(options: &DetectOptions, grid: &Cells) -> Self {
-        let (looked, vehicles) = (grid.emptied(), grid.emptied());
+        let (inspected, vehicles) = (grid.emptied(), grid.emptied());
         Self {
             options: options.clone(),
             cores: Vec::new(),
-            looked,
+            inspected,
             vehicles,
             found: Vec::new(),
             weak: Vec::new(),
@@ -43,9 +43,10 @@ impl FrameDetections {
         }
     }
 
-    /// What the net saw in a part of a picture of this width and height; `cores` are what of the part counts as looked at.
+    /// Adds the detections in a part of a picture of this width and height; only the `cores` of the part count as
+    /// inspected.
     pub(crate) fn add(&mut self, detections: Detections, cores: Vec<[f64; 4]>, (width, height): (f64, f64)) {
-        cores.iter().for_each(|core| self.looked.insert_box(core));
+        cores.iter().for_each(|core| self.inspected.insert_box(core));
         self.cores.extend(cores);
         let min_score = self.options.min_score;
         self.cut.extend(detections.cut.iter().filter(|cut| cut.score >= min_score).map(|cut| cut.bbox));
@@ -60,24 +61,24 @@ impl FrameDetections {
         }
     }
 
-    /// Whether a vehicle was found there.
+    /// Whether a vehicle was found at a box.
     fn has(&self, bbox: &[f64; 4]) -> bool {
         self.found.iter().any(|other| self.options.are_one(&other.bbox_px, bbox))
     }
 
-    /// Whether a box was looked at as a whole.
+    /// Whether a box was inspected as a whole.
     pub(crate) fn cover(&self, bbox: &[f64; 4]) -> bool {
         let centre = bbox_centre(bbox);
         self.cores.iter().any(|core| {
             let [x0, y0, x1, y1] = *core;
             (x0..=x1).contains(&centre.x)
                 && (y0..=y1).contains(&centre.y)
-                && bbox_share_inside(bbox, core) >= HELD
+                && bbox_share_inside(bbox, core) >= WHOLE
         })
     }
 }
 
-/// Weak boxes, each once, that show none of these vehicles, nor mostly a part of one.
+/// Returns the weak boxes, each once, that show none of these vehicles, nor mostly a part of one.
 pub(crate) fn weak_beside(weak: &[WeakBox], cars: &[CarRecord], options: &DetectOptions) -> Vec<WeakBox> {
     let mut beside: Vec<WeakBox> = Vec::new();
     for weak in weak {
@@ -98,7 +99,7 @@ mod tests {
     #[test]
     fn weak_boxes_show_other_things_than_the_vehicles_found() {
         let weak = |x0: f64, x1: f64| WeakBox { bbox_px: [x0, 100.0, x1, 150.0], score: 0.2 };
-        // One thing twice; the vehicle, more than half of it; a vehicle that it hides a little of.
+        // One object twice; the vehicle; more than half of the vehicle; an object that the vehicle hides a little.
         let all = [
             weak(400.0, 480.0),
             weak(410.0, 490.0),

@@ -1,17 +1,17 @@
-//! One list of vehicles out of many overlapping boxes.
+//! Merges many overlapping boxes into one list of vehicles.
 
 use roadplane_base::{VehicleClass, bbox_iou};
 
 use crate::DetectOptions;
 use crate::decode::{CLASSES, Candidate};
 
-/// Largest vehicle that a pass is trusted with, px of the net's input (square root of the area), if a coarser one is
-/// there. This and the next found on the frames of `tests/virat.rs` and a car park with cars of 100 to 340 px.
+/// Largest vehicle that a pass judges if there is a coarser pass, px of the net's input (square root of the area). This
+/// limit and [`SMALLEST_PX`] come from the frames of `tests/virat.rs` and a car park with cars of 100 to 340 px.
 const LARGEST_PX: f64 = 160.0;
-/// Smallest vehicle that a pass must have seen, px of the net's input, if a finer one is there.
+/// Smallest vehicle that a pass must detect if there is a finer pass, px of the net's input (square root of the area).
 const SMALLEST_PX: f64 = 28.0;
 
-/// A vehicle found.
+/// A merged vehicle; its box in px from the picture's corner.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Found {
     pub bbox: [f64; 4],
@@ -19,9 +19,10 @@ pub(crate) struct Found {
     pub class: VehicleClass,
 }
 
-/// Merges what all passes found: within each pass, then across passes, where a vehicle's score is the mean over the
-/// passes that judge vehicles of its size. `scales` is what each pass scaled the frame by, coarsest first; what scores less than
-/// `min_score` is left out.
+/// Merges the boxes within each pass, then across passes.
+///
+/// A vehicle's score is the mean over the passes that judge vehicles of its size. `scales` are the factors by which the
+/// passes scaled the frame, coarsest first. Vehicles that score less than `min_score` are left out.
 pub(crate) fn merge(
     candidates: Vec<Candidate>,
     scales: &[f64],
@@ -54,8 +55,9 @@ pub(crate) fn merge(
     found
 }
 
-/// The passes that judge a vehicle of this size: the finest two in which it is not too large, without the coarser of
-/// them where it is too small there; the coarsest alone for what is too large for all.
+/// Returns the passes that judge a vehicle of this size: the finest two in which it is not too large. The coarser of
+/// the two is left out if the vehicle is too small there. A vehicle that is too large for all passes is judged by the
+/// coarsest alone.
 fn judges([x0, y0, x1, y1]: &[f64; 4], scales: &[f64]) -> std::ops::Range<usize> {
     let size_px = ((x1 - x0) * (y1 - y0)).max(0.0).sqrt();
     let fitting = scales.iter().take_while(|&scale| size_px * scale <= LARGEST_PX).count().max(1);
@@ -64,10 +66,10 @@ fn judges([x0, y0, x1, y1]: &[f64; 4], scales: &[f64]) -> std::ops::Range<usize>
     coarser + usize::from(too_small)..fitting
 }
 
-/// Groups of boxes around the best ones, best first; boxes that are suppressed by a group's head but too different to
-/// improve it are dropped.
+/// Groups boxes around the best ones, best first. A box that a group's head suppresses is dropped if it is too
+/// different to improve the head.
 fn groups(mut boxes: Vec<Candidate>, options: &DetectOptions) -> Vec<Vec<Candidate>> {
-    // Ties are broken by place, so that the result does not depend on the order.
+    // Ties are broken by position, so that the result does not depend on the order of the boxes.
     boxes.sort_by(|a, b| {
         b.score.total_cmp(&a.score).then_with(|| a.bbox[0].total_cmp(&b.bbox[0])).then(a.pass.cmp(&b.pass))
     });
@@ -83,13 +85,13 @@ fn groups(mut boxes: Vec<Candidate>, options: &DetectOptions) -> Vec<Vec<Candida
     groups
 }
 
-/// Mean of the boxes, weighted by score.
+/// Returns the mean of the boxes, weighted by score.
 fn mean_box(group: &[Candidate]) -> [f64; 4] {
     let total: f64 = group.iter().map(|c| c.score).sum();
     std::array::from_fn(|side| group.iter().map(|c| c.score * c.bbox[side]).sum::<f64>() / total)
 }
 
-/// The class with the largest sum of scores.
+/// Returns the class with the largest sum of scores.
 fn joint_class(group: &[Candidate]) -> VehicleClass {
     let votes = |class: VehicleClass| group.iter().filter(|c| c.class == class).map(|c| c.score).sum::<f64>();
     let mut best = VehicleClass::Car;
@@ -131,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn passes_judge_what_suits_them() {
+    fn passes_judge_vehicles_of_their_size() {
         let scales = [0.25, 0.5, 1.0];
         let square = |side: f64| [0.0, 0.0, side, side];
         assert_eq!(judges(&square(30.0), &scales), 2..3, "too small for the others");
@@ -143,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn passes_that_should_have_seen_it_have_a_say() {
+    fn passes_that_should_have_detected_a_vehicle_count() {
         let options = DetectOptions { min_score: 0.05, ..DetectOptions::default() };
         let scales = [0.5, 1.0];
         let medium = [0.0, 0.0, 100.0, 100.0]; // 50 and 100 px for the net: both judge
@@ -165,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn the_class_is_voted_for() {
+    fn the_class_is_a_vote() {
         let options = DetectOptions::default();
         let bbox = [0.0, 0.0, 100.0, 50.0];
         let truck = Candidate { class: VehicleClass::Truck, ..candidate(bbox, 0.6, 0) };
@@ -180,7 +182,7 @@ mod tests {
 
     proptest::proptest! {
         #[test]
-        fn any_order_gives_the_same(seed in 0_u64..500) {
+        fn any_order_gives_the_same_result(seed in 0_u64..500) {
             let mut state = seed.wrapping_mul(6_364_136_223_846_793_005) + 1;
             let mut next = |range: f64| {
                 state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);

@@ -1,28 +1,28 @@
-//! How to look and what to believe.
+//! Options of the detector.
 
 use roadplane_base::{bbox_covered, bbox_iou};
 use serde::{Deserialize, Serialize};
 
 use crate::DetectError;
 
-/// How to look and what to believe.
+/// Options of the detector: passes, thresholds and merging.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct DetectOptions {
-    /// Lowest score that counts, 0–1.
+    /// Lowest score of a detection, 0–1.
     pub min_score: f64,
-    /// Narrower boxes are left out, px of the frame.
+    /// Smallest width of a box, px of the frame.
     pub min_width_px: f64,
-    /// Passes over the frame: its longer side in each, px; frames are never enlarged. The net finds cars of about
-    /// 30 to 160 px after scaling, best where two passes see them; time grows with the square.
+    /// Longer side of the frame in each pass, px; frames are never enlarged. The net finds cars of about 30 to 160 px
+    /// after scaling, best where two passes see them. The time grows with the square.
     pub pass_px: Vec<u32>,
-    /// Boxes that overlap more than this (intersection over union) are one vehicle.
+    /// Overlap (intersection over union) above which two boxes are one vehicle.
     pub nms_iou: f64,
-    /// So are boxes of which more than this share lies inside the other.
+    /// Share of a box inside another above which the two are one vehicle.
     pub nms_covered: f64,
-    /// Longest side of what the net sees in one run, px after scaling; bounds memory.
+    /// Longest side of the net's input in one run, px after scaling; it bounds memory.
     pub tile_px: u32,
-    /// Overlap of neighbouring tiles, px after scaling: longer vehicles are left to a coarser pass.
+    /// Overlap of neighbouring tiles, px after scaling; longer vehicles are left to a coarser pass.
     pub tile_overlap_px: u32,
 }
 
@@ -41,7 +41,8 @@ impl Default for DetectOptions {
 }
 
 impl DetectOptions {
-    /// What each pass scales a frame by, coarsest first; passes that would be alike are one.
+    /// Returns the factor by which each pass scales a frame, coarsest first; passes with nearly equal factors are
+    /// merged.
     pub(crate) fn scales(&self, width: u32, height: u32) -> Vec<f64> {
         let longer = f64::from(width.max(height).max(1));
         let mut scales: Vec<f64> = self.pass_px.iter().map(|&px| (f64::from(px) / longer).min(1.0)).collect();
@@ -50,19 +51,19 @@ impl DetectOptions {
         scales
     }
 
-    /// What the net sees of a picture of this size in all passes, px of its input.
+    /// Returns the size of the net's input over all passes for a picture of this size, px.
     #[must_use]
     pub fn input_px(&self, width: u32, height: u32) -> f64 {
         let scales = self.scales(width, height);
         scales.iter().map(|scale| scale * scale * f64::from(width) * f64::from(height)).sum()
     }
 
-    /// Whether two boxes are one vehicle.
+    /// Whether two boxes show one vehicle.
     pub(crate) fn are_one(&self, a: &[f64; 4], b: &[f64; 4]) -> bool {
         bbox_iou(a, b) >= self.nms_iou || bbox_covered(a, b) >= self.nms_covered
     }
 
-    /// Refuses values that make no sense.
+    /// Checks the ranges of the options.
     ///
     /// # Errors
     /// [`DetectError::Option`] naming the first such value and its range.

@@ -1,38 +1,41 @@
-//! From places that want a look to the parts of the picture that the net is run on.
+//! Chooses the parts of the picture on which the net runs so that they cover all requested areas.
 
 use roadplane_base::bbox_around;
 
 use crate::resample::{MULTIPLE_PX, Part};
 
-/// A run of the net costs as much as this many px of its input beside those of the picture.
+/// Cost of a run of the net besides its input, px of input.
 const OVERHEAD_PX: f64 = 12_000.0;
-/// Looking at parts that cost more than this share of the whole is not worth it.
+/// Share of the whole picture's cost above which the net runs on the whole picture instead.
 const WHOLE_SHARE: f64 = 0.7;
 
-/// Least surroundings, px of the net's input in the finest pass, and their share of the place's longer side.
+/// Smallest margin around an area, px of the net's input in the finest pass.
 const MARGIN_PX: f64 = 64.0;
+/// Margin around an area, as a share of its longer side.
 const MARGIN_SHARE: f64 = 0.25;
 
-/// A part to run the net on, and what of it counts as looked at.
+/// A part of the picture to run the net on, and the areas in it (`cores`) that count as inspected.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Region {
     pub part: Part,
     pub cores: Vec<[f64; 4]>,
 }
 
-/// Parts that cover all places (boxes, px of the frame) at the least cost that joining neighbours finds; the whole picture where
-/// that is hardly dearer. `scales` are those of the detector's passes, coarsest first.
-pub(crate) fn regions(places: &[[f64; 4]], whole: Part, scales: &[f64]) -> Vec<Region> {
+/// Returns parts that cover all areas (boxes, px of the frame) at a low cost.
+///
+/// Neighbours are joined greedily where that saves cost. The whole picture is returned where it hardly costs more.
+/// `scales` are the factors of the detector's passes, coarsest first.
+pub(crate) fn regions(areas: &[[f64; 4]], whole: Part, scales: &[f64]) -> Vec<Region> {
     let finest = scales.last().copied().unwrap_or(1.0);
     let everything = [0.0, 0.0, whole.width as f64, whole.height as f64];
     let inside =
         |[x0, y0, x1, y1]: [f64; 4]| [x0.max(0.0), y0.max(0.0), x1.min(everything[2]), y1.min(everything[3])];
-    let mut open: Vec<([f64; 4], Vec<[f64; 4]>)> = places
+    let mut open: Vec<([f64; 4], Vec<[f64; 4]>)> = areas
         .iter()
-        .map(|place| (inside(with_margin(place, finest)), vec![inside(*place)]))
+        .map(|area| (inside(with_margin(area, finest)), vec![inside(*area)]))
         .filter(|(bounds, _)| bounds[2] > bounds[0] && bounds[3] > bounds[1])
         .collect();
-    // The pair that gains most is joined first; ties go to the first in order.
+    // The pair with the largest saving is joined first; ties go to the first in order.
     loop {
         let mut best: Option<(f64, usize, usize)> = None;
         for i in 0..open.len() {
@@ -61,14 +64,14 @@ pub(crate) fn regions(places: &[[f64; 4]], whole: Part, scales: &[f64]) -> Vec<R
     open.into_iter().map(|(bounds, cores)| Region { part: part(bounds), cores }).collect()
 }
 
-/// A place and the surroundings that the net needs to judge it.
+/// Returns an area with the margin that the net needs to judge it.
 fn with_margin([x0, y0, x1, y1]: &[f64; 4], finest: f64) -> [f64; 4] {
     let margin =
         (MARGIN_PX / finest).max(MARGIN_SHARE * (x1 - x0).max(y1 - y0)).min(2.5 * MARGIN_PX / finest);
     [x0 - margin, y0 - margin, x1 + margin, y1 + margin]
 }
 
-/// Px of the net's input in all passes, what each run costs besides included.
+/// Returns the cost of a part over all passes, px of the net's input, with the overhead of each run.
 fn cost([x0, y0, x1, y1]: &[f64; 4], scales: &[f64]) -> f64 {
     let padded = |length: f64, scale: f64| {
         let multiple = MULTIPLE_PX as f64;
@@ -77,7 +80,7 @@ fn cost([x0, y0, x1, y1]: &[f64; 4], scales: &[f64]) -> f64 {
     scales.iter().map(|&scale| padded(x1 - x0, scale) * padded(y1 - y0, scale) + OVERHEAD_PX).sum()
 }
 
-/// Start and length along one axis, grown to what the finest pass would pad anyway.
+/// Returns start and length along one axis, grown to the length that the finest pass would pad to anyway.
 fn filled(from: f64, to: f64, length: usize, finest: f64) -> (usize, usize) {
     let multiple = MULTIPLE_PX as f64 / finest;
     let wanted = ((to - from) / multiple).ceil().max(1.0) * multiple;
@@ -98,10 +101,9 @@ mod tests {
     const SCALES: [f64; 3] = [1.0 / 3.0, 0.5, 2.0 / 3.0];
 
     #[test]
-    fn neighbours_share_a_run_and_strangers_do_not() {
-        let place = |x: f64, y: f64| [x, y, x + 80.0, y + 60.0];
-        let found =
-            regions(&[place(100.0, 500.0), place(1700.0, 200.0), place(190.0, 520.0)], WHOLE, &SCALES);
+    fn neighbours_share_a_run_and_distant_areas_do_not() {
+        let area = |x: f64, y: f64| [x, y, x + 80.0, y + 60.0];
+        let found = regions(&[area(100.0, 500.0), area(1700.0, 200.0), area(190.0, 520.0)], WHOLE, &SCALES);
         assert_eq!(found.len(), 2, "{found:?}");
         assert_eq!(found[0].cores.len(), 2);
         for region in &found {
@@ -119,11 +121,11 @@ mod tests {
     }
 
     #[test]
-    fn much_is_everything() {
-        let places: Vec<[f64; 4]> =
+    fn many_areas_become_the_whole_picture() {
+        let areas: Vec<[f64; 4]> =
             (0..8).map(|i| [f64::from(i) * 240.0, 0.0, f64::from(i) * 240.0 + 200.0, 1000.0]).collect();
-        assert_eq!(regions(&places, WHOLE, &SCALES).len(), 1);
-        assert_eq!(regions(&places, WHOLE, &SCALES)[0].part, WHOLE);
+        assert_eq!(regions(&areas, WHOLE, &SCALES).len(), 1);
+        assert_eq!(regions(&areas, WHOLE, &SCALES)[0].part, WHOLE);
         assert!(regions(&[], WHOLE, &SCALES).is_empty());
     }
 }

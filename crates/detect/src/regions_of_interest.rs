@@ -1,128 +1,145 @@
-//! Where the detector looks: at what changed, at vehicles that do not stand yet, and, bit by bit, at everything.
+//! Schedules the regions of interest: changes, vehicles that are not stationary yet, and a periodic full scan in parts.
 //!
-//! A vehicle that stood in several looks keeps its box until something changes in its place or the sweep comes by. All of it
-//! follows from the pictures, their times and their places in the input.
+//! A vehicle that was stationary in several inference frames keeps its box until a change in its position or the next
+//! full scan. All decisions follow from the pictures, their times and their positions in the input.
 
 use nalgebra::Vector2;
 use roadplane_base::{CarRecord, FrameStamp, WeakBox, bbox_around, bbox_centre, bbox_covered, bbox_moved};
-use roadplane_watch::{Cells, ChangeMap, Seen};
+use roadplane_watch::{Cells, ChangeMap, Observation};
 
 use crate::frame_detections::{FrameDetections, weak_beside};
-use crate::known::{Known, update};
 use crate::regions::regions;
 use crate::resample::Part;
+use crate::tracked_box::{TrackedBox, update};
 use crate::{DetectError, Detector};
 
-/// Looks at everything in the beginning: a vehicle that the first misses is found by the next.
-const FIRST_LOOKS: u32 = 3;
-/// Score from which on a box says that what changed was a vehicle, and may be one that is known, whether it counts or not.
+/// Number of inference frames at the start in which the whole picture is inspected: a vehicle missed by one is found by
+/// the next.
+const FIRST_FULL_FRAMES: u32 = 3;
+/// Score from which a box marks a change as a vehicle. It may be a tracked one, whether the box counts as a detection
+/// or not.
 const WEAK_SCORE: f64 = 0.12;
-/// Side of a part of the sweep, px of the net's input in the finest pass.
-const SWEEP_PX: f64 = 400.0;
-/// A box of which more than this share lies within a vehicle that is held is that vehicle.
-const KNOWN: f64 = 0.5;
-/// A vehicle that stands is looked at where more than this share of its box changed.
-const MUCH: f64 = 0.2;
-/// What moves and is no vehicle (people, leaves) is looked at again only so much later, s.
+/// Side of a part of the full scan, px of the net's input in the finest pass.
+const SCAN_PART_PX: f64 = 400.0;
+/// Share of a cut box inside a carried-over vehicle above which it is that vehicle.
+const SAME_VEHICLE: f64 = 0.5;
+/// Share of changed cells in a stationary vehicle's box above which the whole vehicle is inspected.
+const CHANGED_SHARE: f64 = 0.2;
+/// Time for which a change that was no vehicle (people, leaves) is not inspected again, s.
 const IDLE_S: f64 = 0.19;
 
-/// What a look came to.
+/// The result for one inference frame.
 #[derive(Clone, Debug)]
-pub struct Look {
-    /// Vehicles: seen in this look, and held.
+pub struct RoiDetections {
+    /// Vehicles: detected in this frame, or carried over.
     pub cars: Vec<CarRecord>,
-    /// Boxes of which the detector is not sure, beside those.
+    /// Boxes with scores below the detection threshold that show none of these vehicles.
     pub weak: Vec<WeakBox>,
-    /// Share of the picture that changed since it was looked at, 0–1.
+    /// Share of the picture that changed since it was last inspected, 0–1.
     pub changed: f64,
-    /// Share of the picture that was looked at, 0–1.
-    pub seen: f64,
-    /// Where something changed or a vehicle is.
+    /// Share of the picture that was inspected in this frame, 0–1.
+    pub inspected: f64,
+    /// The cells with a change or a vehicle.
     pub busy: Cells,
 }
 
-/// What the detector remembers of the frames before.
+/// Chooses the regions of each inference frame from the results of the frames before.
 #[derive(Debug)]
 pub struct RoiScheduler {
-    /// Looks within which the sweep covers the picture.
-    looks_a_sweep: u64,
+    /// Inference frames within which a full scan covers the picture.
+    frames_per_scan: u64,
     map: Option<ChangeMap>,
-    known: Vec<Known>,
-    /// Boxes that were cut by the border of what was looked at.
+    tracked: Vec<TrackedBox>,
+    /// Boxes that a border of an inspected part cut in the last inference frame.
     cut: Vec<[f64; 4]>,
-    looks: u32,
-    /// Until when each cell may wait, s: what moves there was no vehicle just now.
+    frames: u32,
+    /// Time until which a change in each cell is not inspected, s, because the last one was no vehicle.
     idle_until: Vec<f64>,
-    /// Shake of the last picture that was looked at, px.
+    /// Shake of the last inspected picture, px.
     offset: Vector2<f64>,
 }
 
 impl RoiScheduler {
-    /// Before the first frame. The sweep covers the picture within so many looks.
+    /// Creates a scheduler before the first frame. A full scan covers the picture within `frames_per_scan` inference
+    /// frames.
     #[must_use]
-    pub fn new(looks_a_sweep: u64) -> Self {
+    pub fn new(frames_per_scan: u64) -> Self {
         Self {
-            looks_a_sweep: looks_a_sweep.max(1),
+            frames_per_scan: frames_per_scan.max(1),
             map: None,
-            known: Vec::new(),
+            tracked: Vec::new(),
             cut: Vec::new(),
-            looks: 0,
+            frames: 0,
             idle_until: Vec::new(),
             offset: Vector2::zeros(),
         }
     }
 
-    /// Vehicles of a frame that nobody looks at: those that are held.
+    /// Returns the vehicles of a frame that is not inspected: those that are carried over.
     #[must_use]
-    pub fn held(&self) -> Vec<CarRecord> {
-        self.known
+    pub fn carried_over(&self) -> Vec<CarRecord> {
+        self.tracked
             .iter()
-            .filter(|vehicle| vehicle.is_held())
-            .map(|vehicle| held(vehicle, &self.offset))
+            .filter(|vehicle| vehicle.is_carried_over())
+            .map(|vehicle| carried_over_record(vehicle, &self.offset))
             .collect()
     }
 
-    /// Looks at a frame; `number` counts looks from the input's first frame on, whether this run began there or not.
+    /// Detects the vehicles of an inference frame. `number` counts inference frames from the start of the input,
+    /// wherever this run started.
     ///
     /// # Errors
     /// [`DetectError`] when the net fails.
-    pub fn look(
+    pub fn detect(
         &mut self,
         detector: &mut Detector,
         stamp: FrameStamp,
         number: u64,
         image: &image::RgbImage,
-        seen: &Seen,
-    ) -> Result<Look, DetectError> {
+        observation: &Observation,
+    ) -> Result<RoiDetections, DetectError> {
         let time_s = stamp.time_s();
-        if seen.record.verdict.is_blind() {
-            let busy = ChangeMap::new(&seen.small).all_cells();
-            return Ok(Look { cars: Vec::new(), weak: Vec::new(), changed: 1.0, seen: 0.0, busy });
+        if observation.record.verdict.is_blind() {
+            let busy = ChangeMap::new(&observation.small).all_cells();
+            return Ok(RoiDetections {
+                cars: Vec::new(),
+                weak: Vec::new(),
+                changed: 1.0,
+                inspected: 0.0,
+                busy,
+            });
         }
-        if seen.is_new_position {
-            self.known.clear();
-            self.looks = 0;
+        if observation.is_new_position {
+            self.tracked.clear();
+            self.frames = 0;
         }
-        self.offset = seen.record.offset();
+        self.offset = observation.record.offset();
         let offset = self.offset;
-        let fits = self.map.as_ref().is_some_and(|map| map.suits(&seen.small));
-        let mut map = self.map.take().filter(|_| fits).unwrap_or_else(|| ChangeMap::new(&seen.small));
-        let changed = map.changed(&seen.small, seen.shift, time_s);
+        let fits = self.map.as_ref().is_some_and(|map| map.suits(&observation.small));
+        let mut map = self.map.take().filter(|_| fits).unwrap_or_else(|| ChangeMap::new(&observation.small));
+        let changed = map.changed(&observation.small, observation.shift, time_s);
         self.idle_until.resize(changed.columns * changed.rows, 0.0);
-        self.looks = self.looks.saturating_add(1);
+        self.frames = self.frames.saturating_add(1);
 
         let detections = self.run(detector, number, time_s, image, &changed)?;
         let mut at_rest: Vec<CarRecord> = detections.found.iter().map(|car| moved(car, &-offset)).collect();
         let unchanged = |bbox: &[f64; 4]| changed.share_of(&bbox_moved(bbox, &offset)) <= 0.0;
-        update(&mut self.known, &mut at_rest, stamp.index, time_s, |bbox| detections.cover(bbox), unchanged);
-        let FrameDetections { looked, mut vehicles, weak, .. } = detections;
-        for vehicle in &self.known {
-            vehicles.insert_box(&vehicle.place(time_s));
+        update(
+            &mut self.tracked,
+            &mut at_rest,
+            stamp.index,
+            time_s,
+            |bbox| detections.cover(bbox),
+            unchanged,
+        );
+        let FrameDetections { inspected, mut vehicles, weak, .. } = detections;
+        for vehicle in &self.tracked {
+            vehicles.insert_box(&vehicle.inspection_box(time_s));
         }
-        map.looked(&seen.small, seen.shift, &looked, &vehicles);
+        map.mark_inspected(&observation.small, observation.shift, &inspected, &vehicles);
         self.map = Some(map);
         let is_idle =
-            |(column, row): &(usize, usize)| looked.has(*column, *row) && !vehicles.has(*column, *row);
+            |(column, row): &(usize, usize)| inspected.has(*column, *row) && !vehicles.has(*column, *row);
         for (column, row) in changed.iter().filter(is_idle) {
             for (x, y) in changed.around(column, row) {
                 self.idle_until[y * changed.columns + x] = time_s + IDLE_S;
@@ -130,9 +147,9 @@ impl RoiScheduler {
         }
 
         let mut cars: Vec<CarRecord> = at_rest.iter().map(|car| moved(car, &offset)).collect();
-        for vehicle in self.known.iter().filter(|v| v.is_held() && v.seen_frame != stamp.index) {
-            let record = held(vehicle, &offset);
-            // What was seen just now hides what is only remembered.
+        for vehicle in self.tracked.iter().filter(|v| v.is_carried_over() && v.seen_frame != stamp.index) {
+            let record = carried_over_record(vehicle, &offset);
+            // A detection hides a carried-over vehicle in the same position.
             if !cars.iter().any(|car| detector.options().are_one(&car.bbox_px, &record.bbox_px)) {
                 cars.push(record);
             }
@@ -140,10 +157,10 @@ impl RoiScheduler {
         let weak = weak_beside(&weak, &cars, detector.options());
         let mut busy = vehicles;
         changed.iter().for_each(|(column, row)| busy.insert(column, row));
-        Ok(Look { cars, weak, changed: changed.share(), seen: looked.share(), busy })
+        Ok(RoiDetections { cars, weak, changed: changed.share(), inspected: inspected.share(), busy })
     }
 
-    /// Runs the net on the parts of the picture that want a look.
+    /// Runs the net on the parts of the picture that are due.
     fn run(
         &mut self,
         detector: &mut Detector,
@@ -155,78 +172,82 @@ impl RoiScheduler {
         let whole = Part::whole(image);
         let (width, height) = (whole.width as f64, whole.height as f64);
         let scales = detector.options().scales(image.width(), image.height());
-        let places = if self.looks <= FIRST_LOOKS {
+        let areas = if self.frames <= FIRST_FULL_FRAMES {
             vec![[0.0, 0.0, width, height]]
         } else {
             let finest = scales.last().copied().unwrap_or(1.0);
-            self.places(changed, time_s, sweep_part(number, self.looks_a_sweep, width, height, finest))
+            self.due_areas(changed, time_s, scan_part(number, self.frames_per_scan, width, height, finest))
         };
         let mut detections = FrameDetections::new(detector.options(), changed);
-        for region in regions(&places, whole, &scales) {
-            detections.add(detector.look(image, region.part, WEAK_SCORE)?, region.cores, (width, height));
+        for region in regions(&areas, whole, &scales) {
+            detections.add(detector.inspect(image, region.part, WEAK_SCORE)?, region.cores, (width, height));
         }
-        // What was cut is looked at as a whole next time, unless it is a vehicle that stands beside what was looked at.
-        let is_held = |bbox: &[f64; 4]| {
-            self.known.iter().any(|vehicle| vehicle.is_held() && bbox_covered(&vehicle.bbox_px, bbox) > KNOWN)
+        // A cut box is inspected as a whole next time, unless it shows a carried-over vehicle beside the inspected
+        // area.
+        let is_carried_over = |bbox: &[f64; 4]| {
+            self.tracked.iter().any(|vehicle| {
+                vehicle.is_carried_over() && bbox_covered(&vehicle.bbox_px, bbox) > SAME_VEHICLE
+            })
         };
-        self.cut = detections.cut.iter().filter(|cut| !is_held(cut)).copied().collect();
+        self.cut = detections.cut.iter().filter(|cut| !is_carried_over(cut)).copied().collect();
         Ok(detections)
     }
 
-    /// What wants a look.
-    fn places(&self, changed: &Cells, time_s: f64, sweep: Option<[f64; 4]>) -> Vec<[f64; 4]> {
+    /// Returns the areas that are due for inspection.
+    fn due_areas(&self, changed: &Cells, time_s: f64, scan: Option<[f64; 4]>) -> Vec<[f64; 4]> {
         let mut due = changed.emptied();
         for (column, row) in changed.iter() {
-            // At the picture's border it may be the front of a vehicle that only just comes in.
+            // A change at the picture's border may be the front of a vehicle that is just entering.
             let at_border = changed.is_at_border(column, row);
             if at_border || self.idle_until[row * changed.columns + column] <= time_s {
                 due.insert(column, row);
             }
         }
         let in_frame = |bbox: [f64; 4]| bbox_moved(&bbox, &self.offset);
-        let (late, early): (Vec<&Known>, Vec<&Known>) = self
-            .known
+        let (late, early): (Vec<&TrackedBox>, Vec<&TrackedBox>) = self
+            .tracked
             .iter()
             .filter(|vehicle| !vehicle.is_settled())
             .partition(|vehicle| vehicle.is_due(time_s));
-        // What changed where a vehicle is known to move is that vehicle, whose turn will come.
+        // A change at a moving vehicle that is not due yet is that vehicle.
         for vehicle in early {
-            due.remove_box(&in_frame(vehicle.place(time_s)));
+            due.remove_box(&in_frame(vehicle.inspection_box(time_s)));
         }
         for vehicle in late {
-            due.insert_box(&in_frame(vehicle.place(time_s)));
+            due.insert_box(&in_frame(vehicle.inspection_box(time_s)));
         }
         for bbox in &self.cut {
             due.insert_box(bbox);
         }
-        // Vehicles that stand where much changed are looked at as a whole.
-        for vehicle in self.known.iter().filter(|vehicle| vehicle.is_settled()) {
+        // A stationary vehicle with many changed cells is inspected as a whole.
+        for vehicle in self.tracked.iter().filter(|vehicle| vehicle.is_settled()) {
             let bbox = in_frame(vehicle.bbox_px);
-            if due.share_of(&bbox) >= MUCH {
+            if due.share_of(&bbox) >= CHANGED_SHARE {
                 due.insert_box(&bbox);
             }
         }
-        let mut places = due.groups();
-        if let Some(mut core) = sweep {
-            for vehicle in &self.known {
-                let place = in_frame(vehicle.place(time_s));
-                let centre = bbox_centre(&place);
+        let mut areas = due.groups();
+        if let Some(mut core) = scan {
+            for vehicle in &self.tracked {
+                let area = in_frame(vehicle.inspection_box(time_s));
+                let centre = bbox_centre(&area);
                 if (core[0]..core[2]).contains(&centre.x) && (core[1]..core[3]).contains(&centre.y) {
-                    core = bbox_around(&core, &place);
+                    core = bbox_around(&core, &area);
                 }
             }
-            places.push(core);
+            areas.push(core);
         }
-        places
+        areas
     }
 }
 
-/// The part of the sweep that is due in this look, if any: parts are spread evenly over the looks of a sweep.
-fn sweep_part(number: u64, looks_a_sweep: u64, width: f64, height: f64, finest: f64) -> Option<[f64; 4]> {
-    let count = |length: f64| (length * finest / SWEEP_PX).ceil().max(1.0) as u64;
+/// Returns the part of the full scan that is due in this inference frame, if any; the parts are spread evenly over the
+/// scan.
+fn scan_part(number: u64, frames_per_scan: u64, width: f64, height: f64, finest: f64) -> Option<[f64; 4]> {
+    let count = |length: f64| (length * finest / SCAN_PART_PX).ceil().max(1.0) as u64;
     let (columns, rows) = (count(width), count(height));
     let parts = columns * rows;
-    let before = |number: u64| number * parts / looks_a_sweep.max(parts);
+    let before = |number: u64| number * parts / frames_per_scan.max(parts);
     let part = before(number);
     if number > 0 && part == before(number - 1) {
         return None;
@@ -242,7 +263,7 @@ fn moved(car: &CarRecord, by: &Vector2<f64>) -> CarRecord {
     CarRecord { bbox_px, ..car.clone() }
 }
 
-fn held(vehicle: &Known, offset: &Vector2<f64>) -> CarRecord {
+fn carried_over_record(vehicle: &TrackedBox, offset: &Vector2<f64>) -> CarRecord {
     let car = CarRecord {
         score: vehicle.score,
         class: vehicle.class(),
@@ -257,19 +278,19 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_sweep_covers_the_picture_once_wherever_it_is_joined() {
-        for (looks, width, height, finest) in
+    fn a_full_scan_covers_the_picture_from_any_starting_frame() {
+        for (frames, width, height, finest) in
             [(36, 1920.0, 1080.0, 2.0 / 3.0), (36, 640.0, 360.0, 1.0), (2, 1280.0, 720.0, 1.0)]
         {
             for start in [0_u64, 5, 1000] {
-                let parts: Vec<[f64; 4]> = (start + 1..=start + looks.max(8))
-                    .filter_map(|number| sweep_part(number, looks, width, height, finest))
+                let parts: Vec<[f64; 4]> = (start + 1..=start + frames.max(8))
+                    .filter_map(|number| scan_part(number, frames, width, height, finest))
                     .collect();
                 let area: f64 = parts.iter().map(|[x0, y0, x1, y1]| (x1 - x0) * (y1 - y0)).sum();
                 assert!(
                     (area / (width * height) - parts.len() as f64 / parts.len().max(1) as f64).abs() < 1.01
                 );
-                assert!(area >= 0.99 * width * height, "{looks} from {start}: {parts:?}");
+                assert!(area >= 0.99 * width * height, "{frames} from {start}: {parts:?}");
             }
         }
     }

@@ -1,13 +1,13 @@
-//! A part of a frame at another scale, as the net wants it: planes of f32 in 0…1.
+//! Resamples a part of a frame for the net: planes of f32 in 0…1.
 
 use image::RgbImage;
 use ndarray::Array4;
 use opencv::core::{Mat, MatTraitConst as _, MatTraitConstManual as _, Rect, Size, Vec3b};
 use opencv::imgproc::{INTER_AREA, resize};
 
-/// Sides of the net's input are multiples of this.
+/// Divisor of the sides of the net's input, px.
 pub(crate) const MULTIPLE_PX: usize = 32;
-/// What fills the input beyond the picture: the middle grey that the net was trained with.
+/// Value of the net's input beyond the picture: the middle grey that the net was trained with.
 const PADDING: f32 = 114.0 / 255.0;
 
 /// A rectangle of whole pixels of a frame.
@@ -20,14 +20,14 @@ pub(crate) struct Part {
 }
 
 impl Part {
-    /// All of a picture.
+    /// Returns the whole of a picture.
     pub(crate) fn whole(image: &RgbImage) -> Self {
         Self { x: 0, y: 0, width: image.width() as usize, height: image.height() as usize }
     }
 }
 
-/// The part resampled (area average; pixel centres correspond) to `width` × `height`, at most its own size, as the net's input
-/// [1, 3, rows, columns], padded at the right and the bottom.
+/// Resamples a part to `width` × `height`, at most its own size, by area average; pixel centres correspond. Returns the
+/// net's input [1, 3, rows, columns], padded at the right and the bottom.
 pub(crate) fn input(
     image: &RgbImage,
     part: Part,
@@ -66,7 +66,7 @@ pub(crate) fn input(
 mod tests {
     use super::*;
 
-    /// A ramp along x and y, which resampling must keep at the right place, to a rounded grey level.
+    /// A ramp along x and y, which resampling must keep in position, to a rounded grey level.
     fn ramp(width: u32, height: u32) -> RgbImage {
         RgbImage::from_fn(width, height, |x, y| image::Rgb([(2 * x) as u8, (3 * y) as u8, 100]))
     }

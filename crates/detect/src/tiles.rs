@@ -1,9 +1,9 @@
-//! How a picture, or a part of it, is cut for the net.
+//! Cuts a picture, or a part of it, into tiles for the net.
 
 use crate::resample::Part;
 
-/// Whether a box (left, top, right, bottom) comes `near` a border of the part inside the picture: it is probably cut there, and
-/// another part or a coarser pass has it whole.
+/// Whether a box (left, top, right, bottom) comes within `near` of a border of the part inside the picture. It is
+/// probably cut there, and another part or a coarser pass contains the whole of it.
 pub(crate) fn cuts(part: Part, [left, top, right, bottom]: [f64; 4], picture: Part, near: f64) -> bool {
     let (x1, y1) = (part.x + part.width, part.y + part.height);
     (part.x > 0 && left < part.x as f64 + near)
@@ -12,7 +12,7 @@ pub(crate) fn cuts(part: Part, [left, top, right, bottom]: [f64; 4], picture: Pa
         || (y1 < picture.height && bottom > y1 as f64 - near)
 }
 
-/// Tiles of equal size that cover a part with at least the given overlap.
+/// Returns tiles of equal size that cover a part with at least the given overlap.
 pub(crate) fn tiles(part: Part, longest: usize, overlap: usize) -> Vec<Part> {
     let mut all = Vec::new();
     let (columns, width) = spans(part.width, longest, overlap);
@@ -25,7 +25,7 @@ pub(crate) fn tiles(part: Part, longest: usize, overlap: usize) -> Vec<Part> {
     all
 }
 
-/// Starts and common length of the spans along one axis.
+/// Returns the starts and the common length of the spans along one axis.
 fn spans(length: usize, longest: usize, overlap: usize) -> (Vec<usize>, usize) {
     if length <= longest {
         return (vec![0], length);

@@ -1,4 +1,4 @@
-//! Recall and precision on the three labelled frames of a real car park; skipped where the data are absent.
+//! Measures recall and precision on the three labelled frames of a real car park.
 
 #![allow(clippy::unwrap_used)] // the helpers below are test code, too
 
@@ -9,7 +9,7 @@ use roadplane_base::{CarRecord, Frame, FrameStamp, VehicleClass, bbox_iou};
 use roadplane_detect::{DetectOptions, Detector};
 use roadplane_infer::{ProviderChoice, Session, SessionOptions};
 
-/// A vehicle's label, px.
+/// The label of a vehicle, px.
 struct Label {
     bbox: [f64; 4],
 }
@@ -18,7 +18,7 @@ fn root() -> &'static Path {
     Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."))
 }
 
-/// In f32, whatever the machine has.
+/// Opens the detector in f32, whatever the machine supports.
 fn detector(options: DetectOptions) -> Detector {
     detector_on(ProviderChoice::Cpu, options)
 }
@@ -34,12 +34,12 @@ fn read(path: &Path) -> Frame {
     Frame { stamp: FrameStamp { index: 0, pts_nanos: 0 }, image }
 }
 
-/// The text after `key` up to one of the ends.
+/// Returns the text after `key` up to one of the ends.
 fn after<'a>(line: &'a str, key: &str, ends: &[char]) -> Option<&'a str> {
     Some(line.split_once(key)?.1.trim_start().split(ends).next()?.trim())
 }
 
-/// Vehicles of one frame out of KPF's text.
+/// Reads the vehicles of one frame from KPF text.
 fn labels(folder: &Path, frame: &str) -> Vec<Label> {
     let text = |name| std::fs::read_to_string(folder.join(name)).unwrap();
     let types = text("types.yml");
@@ -61,7 +61,7 @@ fn width(bbox: &[f64; 4]) -> f64 {
     bbox[2] - bbox[0]
 }
 
-/// Which labels are found and which detections are right: each label is used once, best detections first.
+/// Returns which labels are found and which detections are right. Each label is used once, best detections first.
 fn matched(cars: &[CarRecord], labels: &[Label], min_iou: f64) -> (Vec<bool>, Vec<bool>) {
     let (mut found, mut right) = (vec![false; labels.len()], vec![false; cars.len()]);
     for (i, car) in cars.iter().enumerate() {
@@ -114,9 +114,9 @@ fn labelled_cars_are_found() {
     }
 }
 
-/// What f32 finds, int8 finds; of boxes near the threshold one in twenty may come or go.
+/// Int8 finds the vehicles that f32 finds; of boxes near the threshold one in twenty may come or go.
 #[test]
-fn int8_finds_what_f32_finds() {
+fn int8_finds_the_vehicles_of_f32() {
     let scenes = root().join("tests/data/lots/scenes");
     let (mut plain, mut fast) =
         (detector(DetectOptions::default()), detector_on(ProviderChoice::Int8, DetectOptions::default()));
@@ -164,7 +164,7 @@ fn a_bus_is_a_bus_and_boxes_stay_inside() {
 
 #[test]
 #[ignore = "reads ../shared/data, which not everybody has; scripts/test runs it where it is"]
-fn tiles_give_what_the_whole_gives() {
+fn tiles_find_the_vehicles_of_the_whole_picture() {
     let path = root().join("../shared/data/keypoints/virat_0401.png");
     let frame = read(&path);
     let whole = detector(DetectOptions::default()).detect(&frame).unwrap();

@@ -1,4 +1,4 @@
-//! The formats: one file each.
+//! The list of formats. Each has a file of its own.
 
 mod actev;
 mod csv;
@@ -16,21 +16,21 @@ use std::path::Path;
 
 use roadplane_write::WriteError;
 
-pub use geojson::write_ways;
+pub use geojson::write_paths;
 
 use crate::Run;
 
 /// A format that a run can be written in.
 #[derive(Debug)]
 pub struct Format {
-    /// Its name on the command line, and of its folder.
+    /// Its name on the command line, and the name of its folder.
     pub name: &'static str,
-    /// What it holds, in a line or two.
+    /// Its contents and files, in a line or two.
     pub holds: &'static str,
     pub(crate) write: fn(&Run, &Path) -> Result<(), WriteError>,
 }
 
-/// All of them.
+/// All formats.
 pub const FORMATS: [Format; 9] = [
     Format { name: "mot", holds: "MOT Challenge: boxes by frame, NAME.txt; seqinfo.ini", write: mot::write },
     Format {
@@ -76,7 +76,7 @@ pub const FORMATS: [Format; 9] = [
 ];
 
 impl Format {
-    /// The format of a name.
+    /// Returns the format with this name.
     #[must_use]
     pub fn of(name: &str) -> Option<&'static Self> {
         FORMATS.iter().find(|format| format.name == name)

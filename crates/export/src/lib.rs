@@ -1,11 +1,13 @@
-//! A finished run in the formats of others.
+//! Export of a finished run to other formats.
 //!
-//! [`Run`] is what a result folder holds, by track. [`export`] writes it in any of [`FORMATS`], a folder each, complete or not
-//! there at all.
+//! [`Run`] is the contents of a result folder, by track. [`export`] writes it in any of [`FORMATS`], each into a folder
+//! of its own. A folder appears complete or not at all.
 //!
 //! # Contents
-//! `run.rs` a result folder by track; `formats/` a file each, listed in [`FORMATS`] (`formats.rs`); `xml.rs`. A new format is a file
-//! there and a line in the list.
+//! - `run.rs`: a result folder, by track.
+//! - `formats/`: a file for each format. `formats.rs` lists them in [`FORMATS`]. A new format is a file and an entry of
+//!   the list.
+//! - `xml.rs`: XML files.
 
 #![deny(missing_docs)]
 
@@ -17,16 +19,17 @@ use std::path::{Path, PathBuf};
 
 use roadplane_write::{Existing, OutputFolder, WriteError};
 
-pub use formats::{FORMATS, Format, write_ways};
-pub use run::{Event, Run, Stretch, Track};
+pub use formats::{FORMATS, Format, write_paths};
+pub use run::{Event, Run, RunSegment, Track};
 pub use xml::{Element, fixed};
 
-/// Writes a run in each format into a folder of the format's name. Hold a [`FolderLock`](roadplane_write::FolderLock) on
-/// `out`. Gives the folders.
+/// Writes a run in each format, into a folder with the name of the format, and returns the folders.
+///
+/// The caller keeps a [`FolderLock`](roadplane_write::FolderLock) on `out`.
 ///
 /// # Errors
-/// [`WriteError::Lacks`] where the run lacks what a format holds, [`WriteError::Exists`], [`WriteError::Io`],
-/// [`WriteError::DiskFull`]; folders of formats that were finished before stay.
+/// [`WriteError::Lacks`] if the run lacks data that a format needs, [`WriteError::Exists`], [`WriteError::Io`], or
+/// [`WriteError::DiskFull`]. Folders of formats that were finished before remain.
 pub fn export(
     run: &Run,
     formats: &[&Format],

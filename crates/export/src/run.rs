@@ -1,4 +1,5 @@
-//! What a result folder holds, as formats need it: by track, with each car's class and the place of its body.
+//! The contents of a result folder, as formats need them: by track, with the class of each vehicle and the centre of
+//! its body.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -11,37 +12,38 @@ use roadplane_write::{
 };
 use serde::Deserialize;
 
-/// A finished run.
+/// The contents of a result folder.
 #[derive(Debug)]
 pub struct Run {
-    /// Its folder.
+    /// The result folder.
     pub folder: PathBuf,
     /// Name of the result.
     pub name: String,
-    /// Name of the input file, without characters that other tools stumble over.
+    /// Name of the input file. Characters that other tools reject are replaced by `_`.
     pub media: String,
-    /// Frames of the input, also those without cars.
+    /// Number of frames of the input, including those without vehicles.
     pub frames: u64,
-    /// Frames a second.
+    /// Frames per second.
     pub frames_per_s: f64,
     /// Tracks in order of their numbers.
     pub tracks: Vec<Track>,
-    /// Stretches of time between which the camera was moved, in order; at least one. Each has a world frame of its own.
-    pub stretches: Vec<Stretch>,
-    /// Where the camera stands on the map, if that is known: then it was not moved, and every row has `on_map`.
+    /// Segments between moves of the camera, in order of time; at least one. Each has a world frame of its own.
+    pub segments: Vec<RunSegment>,
+    /// Position of the camera on the map, if the user gave it. Then the camera was not moved, and every row has
+    /// `on_map`.
     pub place: Option<Fit>,
-    /// What cars did; `None` where the run did not look for it.
+    /// Activities of vehicles; `None` if the run did not label activities.
     pub events: Option<Vec<Event>>,
 }
 
-/// One vehicle.
+/// The track of one vehicle.
 #[derive(Debug)]
 pub struct Track {
-    /// Its number.
+    /// Number of the track.
     pub id: u64,
-    /// What it is.
+    /// Class of the vehicle.
     pub class: VehicleClass,
-    /// Fitted shape; the mean car's where there is none.
+    /// Fitted shape, or that of the mean car if none was fitted.
     pub shape: Shape,
     /// Centre of the body forward of the car's origin (midway between the axles), m.
     pub centre_m: f64,
@@ -49,24 +51,25 @@ pub struct Track {
     pub rows: Vec<TrackRow>,
 }
 
-/// A stretch of time with one camera.
+/// A part of a run in which the camera was not moved.
 #[derive(Debug)]
-pub struct Stretch {
-    /// Name for its files: the run's, numbered from 1 where there are several.
+pub struct RunSegment {
+    /// Name of its files: that of the run, numbered from 1 if there are several segments.
     pub name: String,
     /// The camera.
     pub camera: CameraSegment,
-    /// Up to when it holds, s; the last one for ever.
+    /// Time before which it ends, s; infinite for the last segment.
     until_s: f64,
+    /// Time at which it begins, s; negative infinite for the first segment.
     from_s: f64,
 }
 
-/// Something a car did: a line of `activities.jsonl`.
+/// An activity of a vehicle: a line of `activities.jsonl`.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 pub struct Event {
-    /// The car's track.
+    /// Number of the vehicle's track.
     pub track: u64,
-    /// What it did, as in the rows' `activity`.
+    /// Name of the activity, as in the column `activity` of the rows.
     pub activity: String,
     /// Beginning, s.
     pub from_s: f64,
@@ -77,14 +80,14 @@ pub struct Event {
 }
 
 impl Run {
-    /// Reads a result folder; its name is the run's.
+    /// Reads a result folder. The run gets the name of the folder.
     ///
     /// # Errors
     /// [`WriteError::Io`] or [`WriteError::Malformed`], with the file.
     pub fn read(folder: &Path) -> Result<Self, WriteError> {
         let whole = folder.canonicalize().unwrap_or_else(|_| folder.to_path_buf());
         let name = whole.file_name().map_or_else(|| "run".into(), |name| name.to_string_lossy());
-        // What is no run is told by its summary, which is read first.
+        // An error of the rows is kept until after the summary, which shows first that a folder is not a run.
         let rows: Box<dyn Iterator<Item = _>> = match read_jsonl(&folder.join("tracks.jsonl")) {
             Ok(rows) => Box::new(rows),
             Err(error) => Box::new(std::iter::once(Err(error))),
@@ -92,21 +95,21 @@ impl Run {
         Self::with_rows(folder, &name, rows)
     }
 
-    /// Reads a result folder, of a run that will be named so, but for its rows, by frame: these are given.
+    /// Reads a result folder without its rows. The caller gives the rows, by frame, and the name of the run.
     ///
     /// # Errors
-    /// [`WriteError::Io`] or [`WriteError::Malformed`], with the file, and those of the rows.
+    /// [`WriteError::Io`] or [`WriteError::Malformed`], with the file, and errors of the rows.
     pub fn with_rows(
         folder: &Path,
         name: &str,
-        of_run: impl IntoIterator<Item = Result<TrackRow, WriteError>>,
+        all_rows: impl IntoIterator<Item = Result<TrackRow, WriteError>>,
     ) -> Result<Self, WriteError> {
         let atlas = ShapeAtlas::shipped()
             .map_err(|e| WriteError::Malformed { what: e.to_string(), path: folder.to_path_buf() })?;
         let summary = read_summary(&folder.join("summary.json"))?;
         let camera = read_camera(&folder.join("camera.json"))?;
         let mut rows: BTreeMap<u64, Vec<TrackRow>> = BTreeMap::new();
-        for row in of_run {
+        for row in all_rows {
             let row = row?;
             rows.entry(row.track).or_default().push(row);
         }
@@ -125,7 +128,7 @@ impl Run {
                 .into_iter()
                 .map(|(id, rows)| Track::new(id, rows, shapes.get(&id).copied(), &atlas))
                 .collect(),
-            stretches: stretches(&name, camera.all()),
+            segments: segments(&name, camera.all()),
             media: media_of(&summary),
             events,
             place,
@@ -134,7 +137,7 @@ impl Run {
         })
     }
 
-    /// All rows with their tracks, in order of frame, then track.
+    /// Returns all rows with their tracks, by frame, then track.
     #[must_use]
     pub fn rows(&self) -> Vec<(&Track, &TrackRow)> {
         let mut rows: Vec<(&Track, &TrackRow)> = self.tracks.iter().flat_map(Track::rows_with).collect();
@@ -142,17 +145,20 @@ impl Run {
         rows
     }
 
-    /// Places a run whose camera was not moved on the map.
+    /// Adds map positions to a run whose camera was not moved.
     ///
     /// # Errors
-    /// What is wrong with the site; that the camera was moved; that the run has its place already, which its camera knows of.
+    /// A message, if the site is wrong, if the camera was moved, or if the run has its map position already. In the
+    /// last case the survey has refined the camera already.
     pub fn put_on_map(&mut self, site: &Site) -> Result<&Fit, String> {
         if self.place.is_some() {
-            return Err("the run was given its place on the map already".to_owned());
+            return Err("the run has its position on the map already".to_owned());
         }
-        let [only] = self.stretches.as_slice() else {
-            let count = self.stretches.len();
-            return Err(format!("the camera was moved: its {count} positions have no one place on the map"));
+        let [only] = self.segments.as_slice() else {
+            let count = self.segments.len();
+            return Err(format!(
+                "the camera was moved: its {count} positions cannot all have one place on the map"
+            ));
         };
         let camera = only.camera.estimate();
         let place = site.place(&camera)?;
@@ -165,11 +171,11 @@ impl Run {
         Ok(self.place.insert(place.fit))
     }
 
-    /// The frame nearest to a time.
+    /// Returns the frame nearest to a time (s).
     #[must_use]
     pub fn frame_at(&self, time_s: f64) -> u64 {
-        let known = self.tracks.iter().flat_map(|track| &track.rows);
-        let nearest = known.min_by(|a, b| (a.time_s - time_s).abs().total_cmp(&(b.time_s - time_s).abs()));
+        let rows = self.tracks.iter().flat_map(|track| &track.rows);
+        let nearest = rows.min_by(|a, b| (a.time_s - time_s).abs().total_cmp(&(b.time_s - time_s).abs()));
         let (frame, at_s) = nearest.map_or((0, 0.0), |row| (row.frame, row.time_s));
         let steps = ((time_s - at_s) * self.frames_per_s).round() as i64;
         frame.saturating_add_signed(steps)
@@ -177,7 +183,8 @@ impl Run {
 }
 
 impl Track {
-    /// `shape`: that of its poses; trucks and buses, placed by where their boxes touch the ground, have none.
+    /// Creates a track. `shape` is the shape of its poses. Trucks and buses have none: their position is the point at
+    /// which their box touches the ground.
     fn new(id: u64, rows: Vec<TrackRow>, shape: Option<Shape>, atlas: &ShapeAtlas) -> Self {
         let class = rows.first().map_or(VehicleClass::Car, |row| row.class);
         let is_placed_by_middle = class != VehicleClass::Car;
@@ -189,30 +196,30 @@ impl Track {
         Self { id, class, centre_m, shape, rows }
     }
 
-    /// Length, width, height, m; those of its first row, as all are alike.
+    /// Returns length, width and height of its first row, m. All rows have the same.
     #[must_use]
     pub fn dims_m(&self) -> [f64; 3] {
         self.rows.first().map_or([0.0; 3], |row| [row.length_m, row.width_m, row.height_m])
     }
 
-    /// Its rows, each with the track.
+    /// Returns its rows, each with the track.
     pub fn rows_with(&self) -> impl Iterator<Item = (&Self, &TrackRow)> {
         self.rows.iter().map(move |row| (self, row))
     }
 
-    /// Centre of the body on the ground in a row's frame, world, m.
+    /// Returns the centre of the body on the ground in the frame of a row, world, m.
     #[must_use]
     pub fn body_centre(&self, row: &TrackRow) -> Vector2<f64> {
         ahead(row, self.centre_m)
     }
 
-    /// Middle of the front bumper on the ground, world, m.
+    /// Returns the middle of the front bumper on the ground in the frame of a row, world, m.
     #[must_use]
     pub fn front(&self, row: &TrackRow) -> Vector2<f64> {
         ahead(row, self.centre_m + row.length_m / 2.0)
     }
 
-    /// Acceleration along the car in each row, m/s²: the slope of speed between the rows before and after.
+    /// Returns the acceleration along the car in each row, m/s²: the slope of speed between the rows before and after.
     #[must_use]
     pub fn accelerations(&self) -> Vec<f64> {
         let rows = &self.rows;
@@ -225,14 +232,15 @@ impl Track {
     }
 }
 
-impl Stretch {
+impl RunSegment {
     /// Whether a row belongs to it.
     #[must_use]
-    pub fn holds(&self, row: &TrackRow) -> bool {
+    pub fn contains(&self, row: &TrackRow) -> bool {
         self.from_s <= row.time_s && row.time_s < self.until_s
     }
 }
 
+/// Returns the point ahead of the car's origin on its axis, world, m.
 fn ahead(row: &TrackRow, metres: f64) -> Vector2<f64> {
     let (sin, cos) = row.heading_rad.sin_cos();
     Vector2::new(row.x_m + metres * cos, row.y_m + metres * sin)
@@ -247,7 +255,7 @@ fn read_place(path: &Path) -> Result<Fit, WriteError> {
     serde_json::from_slice(&text).map_err(|e| WriteError::malformed(path, e))
 }
 
-/// The shape of each track that has poses.
+/// Returns the shape of each track that has poses.
 fn shapes_of_tracks(poses: &Path) -> Result<BTreeMap<u64, Shape>, WriteError> {
     let mut shapes = BTreeMap::new();
     for pose in read_jsonl::<PoseRecord>(poses)? {
@@ -257,18 +265,18 @@ fn shapes_of_tracks(poses: &Path) -> Result<BTreeMap<u64, Shape>, WriteError> {
     Ok(shapes)
 }
 
-fn stretches(name: &str, cameras: &[CameraSegment]) -> Vec<Stretch> {
+fn segments(name: &str, cameras: &[CameraSegment]) -> Vec<RunSegment> {
     let count = cameras.len();
-    let stretch = |(i, camera): (usize, &CameraSegment)| Stretch {
+    let segment = |(i, camera): (usize, &CameraSegment)| RunSegment {
         name: if count == 1 { name.to_owned() } else { format!("{name}_{}", i + 1) },
         from_s: if i == 0 { f64::NEG_INFINITY } else { camera.span_s[0] },
         until_s: cameras.get(i + 1).map_or(f64::INFINITY, |next| next.span_s[0]),
         camera: camera.clone(),
     };
-    cameras.iter().enumerate().map(stretch).collect()
+    cameras.iter().enumerate().map(segment).collect()
 }
 
-/// From the two rows farthest apart; 1 where there are no two.
+/// Returns the frames per second between the first and last frame with rows; 1 if that is not possible.
 fn frames_per_s(rows: &BTreeMap<u64, Vec<TrackRow>>) -> f64 {
     let all = || rows.values().flatten();
     let ends = all().min_by_key(|row| row.frame).zip(all().max_by_key(|row| row.frame));
@@ -282,7 +290,7 @@ fn media_of(summary: &Summary) -> String {
     plain(&name.map_or_else(|| "input".to_owned(), |name| name.to_string_lossy().into_owned()))
 }
 
-/// Letters, digits, `_`, `-` and `.` only.
+/// Replaces characters other than letters, digits, `_`, `-` and `.` by `_`.
 fn plain(name: &str) -> String {
     let keep = |c: char| if c.is_ascii_alphanumeric() || "_-.".contains(c) { c } else { '_' };
     name.chars().map(keep).collect()

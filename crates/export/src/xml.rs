@@ -15,20 +15,20 @@ pub struct Element {
 }
 
 impl Element {
-    /// An empty element.
+    /// Creates an empty element.
     #[must_use]
     pub fn new(name: &'static str) -> Self {
         Self { name, attributes: Vec::new(), children: Vec::new() }
     }
 
-    /// With an attribute.
+    /// Adds an attribute.
     #[must_use]
     pub fn with(mut self, name: &'static str, value: impl ToString) -> Self {
         self.attributes.push((name, value.to_string()));
         self
     }
 
-    /// With children after those that it has.
+    /// Adds children after those that it has.
     #[must_use]
     pub fn holding(mut self, children: impl IntoIterator<Item = Self>) -> Self {
         self.children.extend(children);
@@ -38,7 +38,7 @@ impl Element {
     /// Writes it as the root of a file.
     ///
     /// # Errors
-    /// [`WriteError::Io`], [`WriteError::DiskFull`]; then the file does not appear.
+    /// [`WriteError::Io`] or [`WriteError::DiskFull`]. Then the file does not appear.
     pub fn write(&self, path: &Path) -> Result<(), WriteError> {
         let mut file = OutFile::create(path)?;
         let mut xml = Writer::new_with_indent(&mut file, b' ', 2);
@@ -59,7 +59,7 @@ impl Element {
     }
 }
 
-/// A number with so many decimals; −0 becomes 0.
+/// Formats a number with so many decimals. −0 becomes 0.
 #[must_use]
 pub fn fixed(value: f64, decimals: usize) -> String {
     let text = format!("{value:.decimals$}");

@@ -1,4 +1,4 @@
-//! Every format is read back and holds the run's numbers.
+//! Every format is read back and has the run's numbers.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
@@ -17,7 +17,7 @@ use serde_json::Value;
 
 use fixture::{MOVED_S, run_folder};
 
-/// Exports the fixture in one format. Gives the run and the folder of the format.
+/// Exports the fixture in one format. Returns the run and the folder of the format.
 fn exported(name: &str, moved: bool) -> (Run, PathBuf, tempfile::TempDir) {
     let dir = tempfile::tempdir().unwrap();
     let run = Run::read(&run_folder(dir.path(), moved, true)).unwrap();
@@ -59,11 +59,11 @@ fn mot_is_read_back() {
 fn kitti_is_read_back_in_3d() {
     let (run, folder, _dir) = exported("kitti", true);
     let mut rows = 0;
-    for stretch in &run.stretches {
-        let tracked = kitti::read_tracked(&folder.join(format!("label_02/{}.txt", stretch.name))).unwrap();
-        let camera = kitti::read_calib(&folder.join(format!("calib/{}.txt", stretch.name))).unwrap();
-        close(camera.camera.focal_px, stretch.camera.focal_px, 1e-6);
-        let world_from_camera = stretch.camera.plane().camera_from_world().inverse();
+    for segment in &run.segments {
+        let tracked = kitti::read_tracked(&folder.join(format!("label_02/{}.txt", segment.name))).unwrap();
+        let camera = kitti::read_calib(&folder.join(format!("calib/{}.txt", segment.name))).unwrap();
+        close(camera.camera.focal_px, segment.camera.focal_px, 1e-6);
+        let world_from_camera = segment.camera.plane().camera_from_world().inverse();
         rows += tracked.len();
         for found in tracked {
             let track = track(&run, u64::try_from(found.track).unwrap());
@@ -73,15 +73,15 @@ fn kitti_is_read_back_in_3d() {
             close(middle.z, 0.0, 2e-4);
             close(found.object.dims_m[0], row.length_m, 1e-4);
             close(found.object.bbox_px[2], row.bbox_px[2], 0.006);
-            // The heading is right up to what the tilt hides.
+            // The heading is right, except for the effect of the tilt.
             let forward = found.object.camera_from_box(&camera).rotation * nalgebra::Vector3::x();
             let forward = world_from_camera.rotation * forward;
             close(angle_difference(forward.y.atan2(forward.x), row.heading_rad), 0.0, 0.1);
         }
     }
     assert_eq!(rows, run.rows().len());
-    assert_eq!(run.stretches.len(), 2);
-    assert!(run.stretches[1].camera.span_s[0] >= MOVED_S);
+    assert_eq!(run.segments.len(), 2);
+    assert!(run.segments[1].camera.span_s[0] >= MOVED_S);
 }
 
 #[test]
@@ -132,7 +132,7 @@ fn a_run_without_activities_is_refused_and_leaves_nothing() {
 }
 
 #[test]
-fn geojson_has_every_row_and_says_what_its_numbers_are() {
+fn geojson_has_every_row_and_names_its_unit() {
     let (run, folder, _dir) = exported("geojson", false);
     let json =
         |name: &str| -> Value { serde_json::from_slice(&std::fs::read(folder.join(name)).unwrap()).unwrap() };
@@ -145,13 +145,13 @@ fn geojson_has_every_row_and_says_what_its_numbers_are() {
         assert_eq!(feature["properties"]["heading_rad"].as_f64(), Some(row.heading_rad));
     }
     let lines = json("lot.tracks.geojson");
-    let ways: usize = lines["features"]
+    let vertices: usize = lines["features"]
         .as_array()
         .unwrap()
         .iter()
         .map(|line| line["geometry"]["coordinates"].as_array().unwrap().len())
         .sum();
-    assert_eq!(ways, run.rows().len());
+    assert_eq!(vertices, run.rows().len());
 }
 
 #[test]
@@ -213,7 +213,7 @@ fn ngsim_is_in_feet() {
 }
 
 #[test]
-fn highd_turns_back_into_our_world() {
+fn highd_turns_back_into_the_runs_world() {
     let (run, folder, _dir) = exported("highd", false);
     let axis = number(&table(&folder.join("lot_recordingMeta.csv"))[0]["xAxisHeading"]);
     let lines = table(&folder.join("lot_tracks.csv"));

@@ -1,10 +1,14 @@
-//! Where a camera stands on the map, and with it every vehicle.
+//! Positions of cameras and vehicles on the map.
 //!
-//! A [`Site`] is what people know: surveyed points in the picture, or where the camera stands and looks. Together with the
-//! camera that vehicles gave it makes a [`Place`].
+//! A [`Site`] is given by the user: surveyed points in the picture, or the position and bearing of the camera. With the
+//! camera that was estimated from vehicles it gives a [`Place`], which converts positions of vehicles to map
+//! coordinates.
 //!
 //! # Contents
-//! `site.rs`, `survey.rs` what people know; `solve.rs` camera and place together; `place.rs` what follows for cars; `utm.rs`.
+//! - `site.rs`, `survey.rs`: the user's input.
+//! - `solve.rs`: the camera and its position on the map, estimated together.
+//! - `place.rs`: vehicles on the map.
+//! - `utm.rs`: UTM coordinates.
 
 #![deny(missing_docs)]
 

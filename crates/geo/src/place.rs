@@ -1,4 +1,4 @@
-//! A camera's place on the map, and what is seen by it.
+//! The position and bearing of a camera on the map, and the vehicles that it sees.
 
 use std::fmt;
 
@@ -11,51 +11,52 @@ use crate::solve::Solved;
 use crate::survey::SurveyPoint;
 use crate::utm::UtmZone;
 
-/// A residual beyond this many sds contradicts the others.
+/// Largest residual of a point that agrees with the other points, in sds.
 const CONTRADICTION_SDS: f64 = 3.0;
-/// 99 % of χ² with four degrees of freedom: a camera that had to give way further was wrong, or the points are.
+/// Largest χ² of the change of the camera by the survey: 99 % of χ² with four degrees of freedom. Beyond it the camera
+/// or the points are wrong.
 const CAMERA_CHI2: f64 = 13.3;
-/// A vehicle's direction is that of a way so long, m.
-const WAY_M: f64 = 0.5;
+/// Distance ahead of a vehicle to the second point that gives its bearing, m.
+const AHEAD_M: f64 = 0.5;
 
-/// A place on the map.
+/// The position and bearing of a camera on the map.
 #[derive(Clone, Debug)]
 pub struct Place {
-    /// The zone of its metres.
+    /// UTM zone of its coordinates.
     pub zone: UtmZone,
-    /// What was found, for people.
+    /// Summary of the fit, for people.
     pub fit: Fit,
     solved: Solved,
 }
 
-/// What was found: `place.json`.
+/// Summary of a fit, as in `place.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Fit {
     /// UTM zone.
     pub zone: String,
-    /// The camera's foot: latitude and longitude, degrees.
+    /// Latitude and longitude of the point below the camera, degrees, WGS 84.
     pub camera_at: [f64; 2],
-    /// The same, east and north in the zone, m.
+    /// East and north of the point below the camera in the zone, m.
     pub camera_utm_m: [f64; 2],
-    /// sds of that.
+    /// sds of east and north, m.
     pub camera_sd_m: [f64; 2],
-    /// Where it looks, degrees clockwise from the zone's north.
+    /// Bearing of the viewing direction, degrees clockwise from the zone's north.
     pub bearing_deg: f64,
-    /// sd of that.
+    /// sd of the bearing, degrees.
     pub bearing_sd_deg: f64,
-    /// Focal length with the survey's evidence, px.
+    /// Focal length with the survey as evidence, px.
     pub focal_px: f64,
-    /// sd of that.
+    /// sd of the focal length, px.
     pub focal_sd_px: f64,
-    /// Height with the survey's evidence, m.
+    /// Height with the survey as evidence, m.
     pub height_m: f64,
-    /// sd of that.
+    /// sd of the height, m.
     pub height_sd_m: f64,
-    /// Metres on the map for a metre of the camera without the survey, at the camera's foot.
+    /// Metres on the map per metre in the world of the camera without the survey, at the point below the camera.
     pub scale: f64,
-    /// East and north of each point by the fit less its survey, m.
+    /// Residual of each point, east and north, m: the fitted position minus the surveyed one.
     pub residuals_m: Vec<[f64; 2]>,
-    /// What contradicts what.
+    /// Contradictions between points and camera.
     pub warnings: Vec<String>,
 }
 
@@ -64,7 +65,7 @@ impl fmt::Display for Fit {
         let ([latitude, longitude], [east_sd, north_sd]) = (self.camera_at, self.camera_sd_m);
         write!(
             f,
-            "the camera stands at {latitude:.7}, {longitude:.7} (UTM zone {}, sd {east_sd:.2} and {north_sd:.2} m) and looks \
+            "camera at {latitude:.7}, {longitude:.7} (UTM zone {}, sd {east_sd:.2} and {north_sd:.2} m), bearing \
              {:.1}° ± {:.1}° from north; scale {:.3}, focal length {:.0} ± {:.0} px, height {:.2} ± {:.2} m",
             self.zone,
             self.bearing_deg,
@@ -82,10 +83,10 @@ impl fmt::Display for Fit {
 }
 
 impl Place {
-    /// From three surveyed points or more.
+    /// Estimates the position of a camera from three or more surveyed points.
     ///
     /// # Errors
-    /// What is wrong with the points.
+    /// A message about the points, if they do not fit UTM, the camera or each other.
     pub fn from_points(camera: &CameraEstimate, points: &[SurveyPoint]) -> Result<Self, String> {
         let first = points.first().ok_or("no points")?;
         let zone = UtmZone::around(first.latitude, first.longitude)?;
@@ -95,15 +96,16 @@ impl Place {
             .collect::<Result<_, _>>()?;
         let solved = Solved::from_points(camera, points, &targets)?;
         let mut place = Self { fit: describe(camera, &zone, &solved)?, zone, solved };
-        place.judge(points, &targets, camera);
+        place.add_residuals(points, &targets, camera);
         Ok(place)
     }
 
-    /// Of a camera that is known to stand somewhere and to look somewhere (degrees clockwise from north). Its height stays
-    /// the run's.
+    /// Returns the place of a camera from its latitude and longitude and its bearing (degrees clockwise from north).
+    ///
+    /// Its height remains that of the run.
     ///
     /// # Errors
-    /// What is wrong with the place.
+    /// A message, if UTM does not cover the position or the covariance of the camera is singular.
     pub fn from_camera(camera: &CameraEstimate, at: [f64; 2], bearing_deg: f64) -> Result<Self, String> {
         let zone = UtmZone::around(at[0], at[1])?;
         let solved =
@@ -111,14 +113,15 @@ impl Place {
         Ok(Self { fit: describe(camera, &zone, &solved)?, zone, solved })
     }
 
-    /// A camera with what its place says of it.
+    /// Returns the camera with the parameters and covariance that the survey refined.
     #[must_use]
     pub fn refined(&self, camera: &CameraEstimate) -> CameraEstimate {
         let covariance = self.solved.covariance.fixed_view::<4, 4>(0, 0).into_owned();
         CameraEstimate { params: self.solved.camera(), covariance, ..camera.clone() }
     }
 
-    /// Where a pixel's ground lies: east and north, m, with their covariance from camera, place and click.
+    /// Returns the position of the ground at a pixel, east and north, m, with its covariance (m²) from camera, place
+    /// and click; `None` at or above the horizon.
     #[must_use]
     pub fn utm_from_pixel(&self, pixel: [f64; 2]) -> Option<(Vector2<f64>, Matrix2<f64>)> {
         let point = SurveyPoint::on_ground(pixel);
@@ -127,11 +130,13 @@ impl Place {
         Some((self.solved.place_of(&point)?, covariance + seen.click))
     }
 
-    /// Where something is that stands on the ground of a camera's world. Its pixel is what was measured, so that it goes through
-    /// the picture: what the survey says of the camera moves it, too. `own_sd_m`: of its x and y, without the camera's share.
+    /// Returns the map position of a vehicle with this pose on the ground of the camera's world.
+    ///
+    /// The measurement is a pixel. The position is therefore projected into the picture with `camera`, and back to the
+    /// ground with the refined camera. `own_sd_m`: sds of its x and y without the camera's share, m.
     ///
     /// # Errors
-    /// If it has no place on the map.
+    /// A message, if the position has no latitude and longitude.
     pub fn on_map(
         &self,
         pose: &GroundPose,
@@ -139,9 +144,9 @@ impl Place {
         camera: &CameraEstimate,
     ) -> Result<OnMap, String> {
         let here = Vector2::new(pose.x_m, pose.y_m);
-        let ahead = here + Vector2::new(pose.heading_rad.cos(), pose.heading_rad.sin()) * WAY_M;
+        let ahead = here + Vector2::new(pose.heading_rad.cos(), pose.heading_rad.sin()) * AHEAD_M;
         let (at, shared) = self.of_ground(&here, camera);
-        let way = self.of_ground(&ahead, camera).0 - at;
+        let forward = self.of_ground(&ahead, camera).0 - at;
         let own = Matrix2::from_diagonal(&Vector2::from(own_sd_m).map(|sd| sd * sd));
         let turn = Rotation2::new(self.solved.params[4]);
         let covariance = shared + turn * own * turn.inverse();
@@ -154,22 +159,23 @@ impl Place {
             north_m: at.y,
             east_sd_m: covariance[(0, 0)].sqrt(),
             north_sd_m: covariance[(1, 1)].sqrt(),
-            bearing_deg: way.x.atan2(way.y).to_degrees().rem_euclid(360.0),
+            bearing_deg: forward.x.atan2(forward.y).to_degrees().rem_euclid(360.0),
         })
     }
 
-    /// The same for a row of a finished run, whose sds hold the camera's share.
+    /// Returns the map position of a row of a finished run, whose sds include the camera's share.
     ///
     /// # Errors
-    /// If it has no place on the map.
+    /// A message, if the position has no latitude and longitude.
     pub fn of_row(&self, row: &TrackRow, camera: &CameraEstimate) -> Result<OnMap, String> {
         let shared = camera_share(camera, &Vector2::new(row.x_m, row.y_m));
         let own = [row.x_sd_m.powi(2) - shared.m11, row.y_sd_m.powi(2) - shared.m22];
         self.on_map(&row.pose(), own.map(|variance| variance.max(0.0).sqrt()), camera)
     }
 
-    /// A ground point of the run on the map, and its covariance by camera and place. Ground that the camera cannot see goes
-    /// there by turn, scale and shift.
+    /// Returns the map position of a ground point of the run, m, and its covariance by camera and place, m².
+    ///
+    /// Ground that the camera cannot see is rotated, scaled and shifted.
     fn of_ground(&self, ground: &Vector2<f64>, camera: &CameraEstimate) -> (Vector2<f64>, Matrix2<f64>) {
         let through = pixel_of(camera, ground).and_then(|point| {
             let j = self.solved.seen_point(&point)?.by_params;
@@ -182,8 +188,8 @@ impl Place {
         })
     }
 
-    /// Residuals, and what contradicts what.
-    fn judge(&mut self, points: &[SurveyPoint], targets: &[Vector2<f64>], camera: &CameraEstimate) {
+    /// Adds residuals and warnings to the fit.
+    fn add_residuals(&mut self, points: &[SurveyPoint], targets: &[Vector2<f64>], camera: &CameraEstimate) {
         for (i, (point, target)) in points.iter().zip(targets).enumerate() {
             let Some(at) = self.solved.place_of(point) else { continue };
             let residual = at - target;
@@ -198,7 +204,7 @@ impl Place {
                 ));
             }
         }
-        if self.solved.given_way(camera) > CAMERA_CHI2 {
+        if self.solved.camera_chi2(camera) > CAMERA_CHI2 {
             self.fit
                 .warnings
                 .push("the points contradict the camera: check them, or their pixels".to_owned());
@@ -206,14 +212,15 @@ impl Place {
     }
 }
 
-/// Where a camera sees a point of its ground; `None` behind it.
+/// Returns the pixel at which a camera sees a point of its ground; `None` behind the camera.
 fn pixel_of(camera: &CameraEstimate, ground: &Vector2<f64>) -> Option<SurveyPoint> {
     let in_camera = camera.params.plane().camera_from_world() * Point3::new(ground.x, ground.y, 0.0);
     let view = camera.camera();
     Some(SurveyPoint::on_ground(view.pixel_from_camera(&in_camera.coords)?.into()))
 }
 
-/// Covariance of a place in the run's world by what is not known of the camera; zero where that is not known.
+/// Returns the share of the camera in the covariance of a ground position in the run's world, m²; zero if the camera
+/// has no finite covariance.
 fn camera_share(camera: &CameraEstimate, ground: &Vector2<f64>) -> Matrix2<f64> {
     let seen = pixel_of(camera, ground).and_then(|point| Solved::of_camera(camera).seen_point(&point));
     match seen {
@@ -265,7 +272,7 @@ mod tests {
             image_size_px: size,
             principal_point_px: size.centre_px(),
             lens: Lens::STRAIGHT,
-            bend_sd: None,
+            distortion_sd: None,
             params,
             covariance: Matrix4::identity() * sd * sd,
             status: CameraStatus::Estimated,
@@ -278,7 +285,7 @@ mod tests {
         CameraParams { log_focal: 1200f64.ln(), tilt: 0.3, roll: 0.02, log_height: 7f64.ln() }
     }
 
-    /// Points of the ground where a true place has them.
+    /// Points of the ground at the map positions of a true place.
     fn survey(pixels: &[[f64; 2]]) -> Vec<SurveyPoint> {
         let truth = Place::from_camera(&camera(params(), 0.01), AT, BEARING).unwrap();
         let point = |pixel: &[f64; 2]| {
@@ -293,7 +300,7 @@ mod tests {
         [[100.0, 300.0], [1200.0, 260.0], [640.0, 700.0], [200.0, 600.0], [1000.0, 420.0], [640.0, 200.0]];
 
     #[test]
-    fn exact_points_give_the_place_and_the_bearing() {
+    fn exact_points_give_the_position_and_the_bearing() {
         let place = Place::from_points(&camera(params(), 0.02), &survey(&PIXELS[..3])).unwrap();
         assert!((place.fit.bearing_deg - BEARING).abs() < 1e-3, "{}", place.fit.bearing_deg);
         let [east, north] = place.zone.from_degrees(AT[0], AT[1]).unwrap();
@@ -303,7 +310,7 @@ mod tests {
     }
 
     #[test]
-    fn points_mend_a_camera_that_is_wrong_within_its_sds() {
+    fn points_correct_a_camera_that_is_wrong_within_its_sds() {
         let wrong = CameraParams { log_focal: 1290f64.ln(), tilt: 0.31, log_height: 7.4f64.ln(), ..params() };
         let place = Place::from_points(&camera(wrong, 0.08), &survey(&PIXELS)).unwrap();
         assert!((place.fit.focal_px - 1200.0).abs() < 12.0, "{}", place.fit.focal_px);
@@ -321,7 +328,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_survey_is_refused() {
+    fn bad_surveys_are_refused() {
         let camera = camera(params(), 0.01);
         let two = Site::Points(survey(&PIXELS[..2]));
         assert!(two.place(&camera).unwrap_err().contains("three or more"));
@@ -330,18 +337,16 @@ mod tests {
             (point.latitude, point.longitude) = (AT[1] + 1e-4 * i as f64, AT[0] - 1e-4 * (i * i) as f64);
         }
         let odd = Place::from_points(&camera, &far);
-        assert!(
-            odd.map_or_else(
-                |error| error.starts_with("no place fits"),
-                |place| !place.fit.warnings.is_empty()
-            )
-        );
+        assert!(odd.map_or_else(
+            |error| error.starts_with("no position fits"),
+            |place| !place.fit.warnings.is_empty()
+        ));
         let mut sky = survey(&PIXELS[..3]);
         sky[1].pixel = [600.0, -400.0];
         assert!(
             Place::from_points(&camera, &sky).unwrap_err().contains("point 2 lies at or above the horizon")
         );
-        // A single point says nothing about the bearing.
+        // A single point does not determine the bearing.
         assert!(Place::from_points(&camera, &survey(&[PIXELS[0]; 3])).is_err());
     }
 
@@ -362,13 +367,13 @@ mod tests {
             let [at_a, at_b] = [&a, &b].map(|row| place.of_row(row, &camera).unwrap());
             let apart = (at_a.east_m - at_b.east_m).hypot(at_a.north_m - at_b.north_m);
             assert!((apart - (a.x_m - b.x_m).hypot(a.y_m - b.y_m)).abs() < 1e-3);
-            assert!((at_a.bearing_deg - BEARING).abs() < 1e-2, "ahead of the camera is where it looks");
+            assert!((at_a.bearing_deg - BEARING).abs() < 1e-2, "the camera's bearing points ahead");
             assert!(at_a.east_sd_m > 0.05 && at_a.north_sd_m > 0.05);
         }
     }
 
     #[test]
-    fn a_refined_camera_has_its_cars_where_the_map_has_them() {
+    fn cars_of_a_refined_camera_have_the_same_map_positions() {
         let wrong =
             camera(CameraParams { log_focal: 1260f64.ln(), log_height: 7.3f64.ln(), ..params() }, 0.05);
         let place = Place::from_points(&wrong, &survey(&PIXELS)).unwrap();
@@ -383,7 +388,7 @@ mod tests {
         };
         let (a, b) = (on_map(&wrong), on_map(&refined));
         assert!((a.east_m - b.east_m).hypot(a.north_m - b.north_m) < 1e-6);
-        // The refined world is the map's but for turn and shift.
+        // The refined world is the map, rotated and shifted.
         let foot = Vector2::from(place.fit.camera_utm_m);
         let far =
             place.on_map(&GroundPose { x_m: 3.0, y_m: 20.0, heading_rad: 0.0 }, [0.0; 2], &refined).unwrap();

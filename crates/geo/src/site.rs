@@ -1,28 +1,28 @@
-//! What people know of a camera's place.
+//! The position of a camera, as given by the user.
 
 use roadplane_base::CameraEstimate;
 
 use crate::{Place, SurveyPoint, UtmZone};
 
-/// What is known of a camera's place.
+/// The position of a camera on the map, as given by the user.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Site {
-    /// Three surveyed points in its picture or more.
+    /// Three or more surveyed points in its picture.
     Points(Vec<SurveyPoint>),
-    /// Where it stands and looks.
+    /// The position and bearing of the camera.
     Camera {
         /// Latitude and longitude, degrees, WGS 84.
         at: [f64; 2],
-        /// Degrees clockwise from north.
+        /// Bearing of its viewing direction, degrees clockwise from north.
         bearing_deg: f64,
     },
 }
 
 impl Site {
-    /// Whether it can be one, before any camera is known.
+    /// Checks the numbers of the site, before any camera is estimated.
     ///
     /// # Errors
-    /// What is wrong with it.
+    /// A message that names the wrong number.
     pub fn check(&self) -> Result<(), String> {
         match self {
             Self::Points(points) if points.len() < 3 => {
@@ -40,10 +40,10 @@ impl Site {
         }
     }
 
-    /// The place of a camera, which points refine.
+    /// Returns the place of a camera. Surveyed points refine the camera.
     ///
     /// # Errors
-    /// What is wrong with the site, or how it contradicts the camera.
+    /// A message, if the site is wrong or contradicts the camera.
     pub fn place(&self, camera: &CameraEstimate) -> Result<Place, String> {
         self.check()?;
         match self {
@@ -58,7 +58,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_no_site_is_refused() {
+    fn bad_sites_are_refused() {
         let point = SurveyPoint { pixel: [1.0, 2.0], latitude: 51.0, longitude: 13.0, height_m: 0.0 };
         assert!(Site::Points(vec![point; 2]).check().unwrap_err().contains("three or more"));
         let swapped = SurveyPoint { latitude: 151.0, ..point };

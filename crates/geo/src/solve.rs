@@ -1,57 +1,63 @@
-//! Camera and place solved together: a survey is evidence on focal length, tilt and height as well.
+//! Joint estimate of a camera and its position on the map. A survey is evidence on focal length, tilt and height too.
 //!
-//! Unknown are `p = (log focal, tilt, roll, log height, turn, east, north)`; the camera's part has the run's estimate as its
-//! prior. A point's ground lies at `R(turn) · g(pixel; camera) + (east, north)`, where g is where its viewing ray meets the
-//! plane. Errors are those of the pixel, carried to the ground, and of the survey. Solved by Gauss–Newton.
+//! The unknowns are `p = (log focal, tilt, roll, log height, turn, east, north)`. The run's estimate is the prior of
+//! the first four. The ground at a pixel lies at `R(turn) · g(pixel; camera) + (east, north)`, where `g` is the point
+//! at which its viewing ray meets the plane. The errors are those of the pixel, propagated to the ground, and of the
+//! survey. The solver is Gauss–Newton.
 
 use nalgebra::{Matrix2, Matrix4, Rotation2, SMatrix, SVector, Vector2, Vector4};
 use roadplane_base::{Camera, CameraEstimate, CameraParams, GroundPlane, Similarity};
 
 use crate::SurveyPoint;
 
-/// How well people click on a point, px.
+/// sd of a click on a point, px.
 const PIXEL_SD: f64 = 1.5;
-/// How well points are surveyed, m.
+/// sd of a surveyed position, m.
 const SURVEY_SD_M: f64 = 0.15;
-/// Widest prior of each of the camera's numbers, where the run knows nothing.
+/// sd of the prior of each camera parameter if the run has no estimate of it.
 const WIDE_SD: f64 = 1.0;
-/// Narrowest.
+/// sd that is added to the prior of each camera parameter: the narrowest prior.
 const GIVEN_SD: f64 = 1e-5;
+/// Largest number of Gauss–Newton steps.
 const STEPS: usize = 50;
+/// Largest number of halvings of a step.
 const HALVINGS: usize = 20;
 const NO_FIT: &str =
-    "no place fits the points and the camera: check the pixels, and the order of latitude and longitude";
+    "no position fits the points and the camera: check the pixels, and the order of latitude and longitude";
 
-/// log focal (px), tilt, roll (rad), log height (m), turn (rad), east, north (m).
+/// The unknowns: log focal (px), tilt, roll (rad), log height (m), turn (rad), east, north (m).
 pub(crate) type Params = SVector<f64, 7>;
-/// Their covariance.
+/// Covariance of the unknowns.
 pub(crate) type Covariance = SMatrix<f64, 7, 7>;
 
-/// Camera and place, with their covariance.
+/// Camera and position on the map, with their covariance.
 #[derive(Clone, Debug)]
 pub(crate) struct Solved {
+    /// Values of the unknowns.
     pub params: Params,
+    /// Covariance of the unknowns.
     pub covariance: Covariance,
+    /// Principal point and lens of the camera.
     pub view: Camera,
 }
 
-/// What a point is worth where it is seen.
+/// Uncertainty of the map position of a point in the picture.
 pub(crate) struct SeenPoint {
-    /// Derivatives of its place by the parameters.
+    /// Derivatives of its map position by the unknowns.
     pub by_params: SMatrix<f64, 2, 7>,
-    /// Covariance of its place by the click, m².
+    /// Covariance of its map position by the click, m².
     pub click: Matrix2<f64>,
 }
 
 impl SeenPoint {
-    /// Inverse covariance of click and survey.
+    /// Returns the inverse covariance of click and survey, 1/m².
     pub fn weight(&self) -> Option<Matrix2<f64>> {
         (self.click + Matrix2::identity() * SURVEY_SD_M.powi(2)).try_inverse()
     }
 }
 
 impl Solved {
-    /// From the camera as it is known and points that lie at `targets`, east and north, m.
+    /// Estimates camera and position from the run's camera and from points that lie at `targets` (east and north, m).
     pub fn from_points(
         camera: &CameraEstimate,
         points: &[SurveyPoint],
@@ -84,38 +90,39 @@ impl Solved {
         Ok(solved)
     }
 
-    /// The camera's part, and the foot of the camera at a place that is known exactly.
+    /// Returns the run's camera at an exact position (east and north of the point below it, m) and turn (rad).
     pub fn from_camera(camera: &CameraEstimate, turn: f64, [east, north]: [f64; 2]) -> Result<Self, String> {
         let mut solved = Self::of_camera(camera);
         solved.params.fixed_rows_mut::<3>(4).copy_from_slice(&[turn, east, north]);
-        let known = prior_information(camera).try_inverse().ok_or("the camera is not known")?;
-        solved.covariance.fixed_view_mut::<4, 4>(0, 0).copy_from(&known);
+        let camera_covariance =
+            prior_information(camera).try_inverse().ok_or("the camera has a singular covariance")?;
+        solved.covariance.fixed_view_mut::<4, 4>(0, 0).copy_from(&camera_covariance);
         Ok(solved)
     }
 
-    /// In the run's own world.
+    /// Returns the run's camera in the run's own world, without covariance.
     pub fn of_camera(camera: &CameraEstimate) -> Self {
         let mut params = Params::zeros();
         params.fixed_rows_mut::<4>(0).copy_from(&camera.params.to_vector());
         Self { params, covariance: Covariance::zeros(), view: camera.camera() }
     }
 
-    /// The camera.
+    /// Returns the camera parameters.
     pub fn camera(&self) -> CameraParams {
         CameraParams::from_vector(&self.params.fixed_rows::<4>(0).into_owned())
     }
 
-    /// Where the camera's foot is, east and north, m.
+    /// Returns the point below the camera, east and north, m.
     pub fn foot(&self) -> Vector2<f64> {
         self.params.fixed_rows::<2>(5).into_owned()
     }
 
-    /// Where a point lies on the map, east and north; `None` at or above the horizon.
+    /// Returns the map position of a point in the picture, east and north, m; `None` at or above the horizon.
     pub fn place_of(&self, point: &SurveyPoint) -> Option<Vector2<f64>> {
         Some(self.seen_from_foot(&self.params, point)? + self.foot())
     }
 
-    /// What a point is worth where it is seen; `None` at or above the horizon.
+    /// Returns the uncertainty of the map position of a point in the picture; `None` at or above the horizon.
     pub fn seen_point(&self, point: &SurveyPoint) -> Option<SeenPoint> {
         let mut by_params = SMatrix::<f64, 2, 7>::zeros();
         for i in 0..5 {
@@ -140,24 +147,24 @@ impl Solved {
         Some(SeenPoint { by_params, click: by_pixel * by_pixel.transpose() * PIXEL_SD.powi(2) })
     }
 
-    /// χ² of what the camera had to give way, four degrees of freedom.
-    pub fn given_way(&self, camera: &CameraEstimate) -> f64 {
+    /// Returns the χ² of the change of the camera by the survey, with four degrees of freedom.
+    pub fn camera_chi2(&self, camera: &CameraEstimate) -> f64 {
         let away = self.camera().to_vector() - camera.params.to_vector();
         away.dot(&(prior_information(camera) * away))
     }
 
-    /// From the camera's foot: no large numbers, so that differences are exact.
+    /// Returns a point's position relative to the point below the camera, m. Small numbers keep differences exact.
     fn seen_from_foot(&self, params: &Params, point: &SurveyPoint) -> Option<Vector2<f64>> {
         let camera = CameraParams::from_vector(&params.fixed_rows::<4>(0).into_owned());
         let ground = camera.plane();
-        // A point above the ground lies on a plane that the camera is less high above.
+        // A point above the ground lies on a plane that is closer to the camera.
         let plane = GroundPlane { height_m: ground.height_m - point.height_m, ..ground };
         let camera = Camera { focal_px: camera.focal_px(), ..self.view };
         let at = plane.world_from_pixel(&camera, &Vector2::from(point.pixel));
         at.filter(|_| plane.height_m > 0.0).map(|at| Rotation2::new(params[4]) * at)
     }
 
-    /// A step of Gauss–Newton subtracted, shortened until all points lie on the ground.
+    /// Returns the parameters after a Gauss–Newton step, which is halved until all points lie on the ground.
     fn stepped(&self, step: &Params, points: &[SurveyPoint]) -> Option<Params> {
         let candidates = (0..HALVINGS).map(|i| self.params - step / f64::from(1u32 << i));
         let all_seen = |params: Params| {
@@ -168,7 +175,7 @@ impl Solved {
     }
 }
 
-/// The camera as it is, and the turn and shift that fit it best.
+/// Returns the start of the iteration: the run's camera, with the turn and shift that fit the points best.
 fn start(
     camera: &CameraEstimate,
     points: &[SurveyPoint],
@@ -189,10 +196,11 @@ fn start(
     Ok(solved)
 }
 
+/// Returns the inverse covariance of the prior of the camera parameters.
 fn prior_information(camera: &CameraEstimate) -> Matrix4<f64> {
-    let known = camera.covariance.iter().all(|v| v.is_finite());
-    let covariance = if known { camera.covariance } else { Matrix4::identity() * WIDE_SD.powi(2) };
-    // What was given has no variance.
+    let is_estimated = camera.covariance.iter().all(|v| v.is_finite());
+    let covariance = if is_estimated { camera.covariance } else { Matrix4::identity() * WIDE_SD.powi(2) };
+    // Parameters given by the user have no variance.
     let given = Matrix4::identity() * GIVEN_SD.powi(2);
     (covariance + given).try_inverse().unwrap_or(Matrix4::identity() / WIDE_SD.powi(2))
 }

@@ -1,33 +1,33 @@
-//! Surveyed points: `x_px, y_px, latitude, longitude[, height_m]`, one a line.
+//! Files of surveyed points: `x_px, y_px, latitude, longitude[, height_m]`, one point per line.
 
 use std::path::Path;
 
 use roadplane_write::WriteError;
 
-/// A point of the ground (or so far above it) that was surveyed and found in the picture.
+/// A surveyed point on or above the ground, and its pixel in the picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurveyPoint {
-    /// Where it is in the picture, px.
+    /// Position in the picture, px.
     pub pixel: [f64; 2],
-    /// Degrees, WGS 84.
+    /// Latitude, degrees, WGS 84.
     pub latitude: f64,
-    /// Degrees, WGS 84.
+    /// Longitude, degrees, WGS 84.
     pub longitude: f64,
-    /// Above the ground that vehicles drive on, m.
+    /// Height above the ground that vehicles drive on, m.
     pub height_m: f64,
 }
 
 impl SurveyPoint {
-    /// A point of the ground that nobody surveyed.
+    /// Returns the ground point at a pixel, without a surveyed position.
     pub(crate) fn on_ground(pixel: [f64; 2]) -> Self {
         Self { pixel, latitude: 0.0, longitude: 0.0, height_m: 0.0 }
     }
 }
 
-/// Reads a file of points; a first line of names is passed over.
+/// Reads a file of points. A first line of column names is skipped.
 ///
 /// # Errors
-/// [`WriteError::Io`], [`WriteError::Malformed`] with the line.
+/// [`WriteError::Io`], or [`WriteError::Malformed`] with the number of the line.
 pub fn read_points(path: &Path) -> Result<Vec<SurveyPoint>, WriteError> {
     let text = std::fs::read_to_string(path).map_err(|source| WriteError::Io {
         doing: "read",

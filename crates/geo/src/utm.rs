@@ -1,9 +1,9 @@
-//! Longitude and latitude (WGS 84) and the metres of the UTM zone around a place.
+//! Conversion between longitude and latitude (WGS 84) and the metres of a UTM zone.
 
 use proj4rs::Proj;
 use proj4rs::transform::transform;
 
-/// A UTM zone. Places near it have coordinates in it, too: what lies across its edge is no special case.
+/// A UTM zone. Positions near it have coordinates in it too, so positions across its edge are not a special case.
 #[derive(Clone, Debug)]
 pub struct UtmZone {
     number: i32,
@@ -13,22 +13,26 @@ pub struct UtmZone {
 }
 
 impl UtmZone {
-    /// The zone of a place, degrees. Norway's and Svalbard's wider zones are not heeded: each zone is valid beyond its edge.
+    /// Returns the zone of a position (degrees).
+    ///
+    /// The wider zones of Norway and Svalbard are not used, as each zone is valid beyond its edge.
     ///
     /// # Errors
-    /// What is wrong with the place.
+    /// A message, if UTM does not cover the position.
     pub fn around(latitude: f64, longitude: f64) -> Result<Self, String> {
         if !(latitude.abs() <= 84.0 && longitude.abs() <= 180.0) {
-            return Err(format!("latitude {latitude}, longitude {longitude} is no place that UTM covers"));
+            return Err(format!(
+                "latitude {latitude}, longitude {longitude} is not a position that UTM covers"
+            ));
         }
         let number = ((longitude + 180.0) / 6.0).floor() as i32 % 60 + 1;
         Self::numbered(number, latitude < 0.0)
     }
 
-    /// A zone by its number, 1–60, and hemisphere.
+    /// Returns the zone with this number, 1–60, and hemisphere.
     ///
     /// # Errors
-    /// If there is no such zone.
+    /// A message, if there is no such zone.
     pub fn numbered(number: i32, south: bool) -> Result<Self, String> {
         let half = if south { " +south" } else { "" };
         let of = |text: &str| Proj::from_proj_string(text).map_err(|e| format!("UTM zone {number}: {e}"));
@@ -40,26 +44,26 @@ impl UtmZone {
         })
     }
 
-    /// Its name, such as `33N`.
+    /// Returns its name, such as `33N`.
     #[must_use]
     pub fn name(&self) -> String {
         format!("{}{}", self.number, if self.south { 'S' } else { 'N' })
     }
 
-    /// East and north, m.
+    /// Returns east and north of a position, m.
     ///
     /// # Errors
-    /// If the place is too far away.
+    /// A message, if the position is too far away.
     pub fn from_degrees(&self, latitude: f64, longitude: f64) -> Result<[f64; 2], String> {
         let mut point = (longitude.to_radians(), latitude.to_radians(), 0.0);
         transform(&self.degrees, &self.metres, &mut point).map_err(|e| e.to_string())?;
         Ok([point.0, point.1])
     }
 
-    /// Latitude and longitude, degrees.
+    /// Returns latitude and longitude of a position, degrees.
     ///
     /// # Errors
-    /// If the place is too far away.
+    /// A message, if the position is too far away.
     pub fn to_degrees(&self, [east, north]: [f64; 2]) -> Result<[f64; 2], String> {
         let mut point = (east, north, 0.0);
         transform(&self.metres, &self.degrees, &mut point).map_err(|e| e.to_string())?;
@@ -72,13 +76,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn known_places_have_their_coordinates() {
-        // On a central meridian at the equator; and northings by the meridian's length (Snyder 1987, p. 63).
+    fn published_coordinates_come_out() {
+        // A point on a central meridian at the equator (Snyder 1987, p. 63).
         let zone = UtmZone::around(0.0, 9.0).unwrap();
         assert_eq!(zone.name(), "32N");
         let [east, north] = zone.from_degrees(0.0, 9.0).unwrap();
         assert!((east - 500_000.0).abs() < 1e-6 && north.abs() < 1e-6);
-        // The CN Tower, as published: 17 T 630084 m east, 4833438 m north.
+        // The published position of the CN Tower: 17 T 630084 m east, 4833438 m north.
         let zone = UtmZone::around(43.642_567, -79.387_139).unwrap();
         let [east, north] = zone.from_degrees(43.642_567, -79.387_139).unwrap();
         assert_eq!(zone.name(), "17N");
@@ -88,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn there_and_back_even_across_a_zones_edge() {
+    fn conversion_there_and_back_works_across_the_edge_of_a_zone() {
         let zone = UtmZone::numbered(32, false).unwrap();
         for (latitude, longitude) in [(51.05, 13.9), (48.1, 11.6), (59.9, 5.9)] {
             let metres = zone.from_degrees(latitude, longitude).unwrap();

@@ -1,4 +1,4 @@
-//! The model card: what a net takes and gives, and which file it is.
+//! The model card: a net's inputs, its outputs and its file.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -8,23 +8,23 @@ use serde_json::{Map, Value};
 
 use crate::error::{InferError, Refusal};
 
-/// The card's schema that this code reads.
+/// The card schema that this code reads.
 pub const CARD_SCHEMA: &str = "roadplane.model-card/1";
 
 /// Largest card, bytes.
 const MAX_CARD_BYTES: u64 = 1 << 20;
 
-/// One dimension of a tensor: a number, or a name for what the caller chooses.
+/// One dimension of a tensor: a number, or a name for a size that the caller chooses.
 #[derive(Clone, PartialEq, Eq, Deserialize)]
 #[serde(untagged)]
 pub enum Dim {
-    /// Always this many.
+    /// A constant size.
     Fixed(usize),
-    /// Chosen by the caller; equal names mean equal numbers.
+    /// A size that the caller chooses; equal names mean equal sizes.
     Named(String),
 }
 
-/// As the card has it.
+/// Prints a dimension as the card writes it.
 impl std::fmt::Debug for Dim {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
@@ -34,29 +34,29 @@ impl std::fmt::Debug for Dim {
     }
 }
 
-/// One input or output.
+/// One input or output of a net.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
 pub struct TensorSpec {
     /// Name in the graph.
     pub name: String,
-    /// Element type; only `f32` is known.
+    /// Element type; only `f32` is supported.
     pub dtype: String,
     /// Its dimensions.
     pub shape: Vec<Dim>,
 }
 
-/// The same net in another precision: a file of its own with the same inputs and outputs.
+/// A net in another precision: a file of its own with the same inputs and outputs.
 #[derive(Clone, Debug, Deserialize)]
 pub struct Variant {
-    /// What it computes in, such as `int8`.
+    /// Precision of the computation, such as `int8`.
     pub precision: String,
     /// The ONNX file beside the card.
     pub file: String,
     /// sha256 of that file, hexadecimal.
     pub sha256: String,
-    /// Its calibration, where it differs from the card's.
+    /// Calibration of the variant, where it differs from the card's.
     pub calibration: Option<Map<String, Value>>,
-    /// Everything else the card tells of it.
+    /// All other entries of the card on the variant.
     #[serde(flatten)]
     pub extra: Map<String, Value>,
 }
@@ -68,7 +68,7 @@ pub struct ModelCard {
     pub schema: String,
     /// The net's name.
     pub name: String,
-    /// Its version; text or number.
+    /// The net's version; text or number.
     pub version: Value,
     /// The ONNX file beside the card.
     pub file: String,
@@ -76,20 +76,20 @@ pub struct ModelCard {
     pub sha256: String,
     /// Licence of the weights.
     pub licence: String,
-    /// What the net takes.
+    /// The net's inputs.
     pub inputs: Vec<TensorSpec>,
-    /// What it gives.
+    /// The net's outputs.
     pub outputs: Vec<TensorSpec>,
-    /// How pictures must be prepared.
+    /// Preparation of the pictures.
     #[serde(default)]
     pub preprocess: Map<String, Value>,
     /// Numbers found after training that turn outputs into measurements.
     #[serde(default)]
     pub calibration: Map<String, Value>,
-    /// The net in other precisions.
+    /// Variants of the net in other precisions.
     #[serde(default)]
     pub variants: Vec<Variant>,
-    /// Everything else the card tells.
+    /// All other entries of the card.
     #[serde(flatten)]
     pub extra: Map<String, Value>,
 }
@@ -98,7 +98,7 @@ impl ModelCard {
     /// Reads a card.
     ///
     /// # Errors
-    /// [`InferError::ModelRefused`] that says what is wrong with it.
+    /// [`InferError::ModelRefused`] with the reason.
     pub fn read(path: &Path) -> Result<Self, InferError> {
         Self::read_checked(path)
             .map_err(|reason| InferError::ModelRefused { reason, path: path.to_path_buf() })
@@ -139,7 +139,8 @@ impl ModelCard {
         Ok(())
     }
 
-    /// The card of this net in another precision: file, hash and calibration are the variant's; `None` without one.
+    /// Returns the card of this net in another precision: file, hash and calibration are the variant's. Returns `None`
+    /// if there is no such variant.
     #[must_use]
     pub fn in_precision(&self, precision: &str) -> Option<Self> {
         let variant = self.variants.iter().find(|variant| variant.precision == precision)?;
@@ -152,19 +153,19 @@ impl ModelCard {
         Some(card)
     }
 
-    /// The version as text.
+    /// Returns the version as text.
     #[must_use]
     pub fn version_text(&self) -> String {
         self.version.as_str().map_or_else(|| self.version.to_string(), str::to_owned)
     }
 
-    /// The output of this name.
+    /// Returns the output with this name.
     #[must_use]
     pub fn output(&self, name: &str) -> Option<&TensorSpec> {
         self.outputs.iter().find(|spec| spec.name == name)
     }
 
-    /// The input of this name.
+    /// Returns the input with this name.
     #[must_use]
     pub fn input(&self, name: &str) -> Option<&TensorSpec> {
         self.inputs.iter().find(|spec| spec.name == name)
@@ -172,7 +173,7 @@ impl ModelCard {
 }
 
 impl TensorSpec {
-    /// Whether a shape fits; `named` collects what the named dimensions are, equal names must agree.
+    /// Whether a shape fits. `named` collects the sizes of the named dimensions; equal names must have equal sizes.
     pub(crate) fn fits<'a>(&'a self, shape: &[usize], named: &mut BTreeMap<&'a str, usize>) -> bool {
         shape.len() == self.shape.len()
             && self.shape.iter().zip(shape).all(|(dim, &size)| match dim {
@@ -181,8 +182,8 @@ impl TensorSpec {
             })
     }
 
-    /// Whether a graph that declares these dimensions (negative: dynamic) can do what the card promises. A fixed
-    /// dimension of the card may be dynamic in the graph (exporters lose sizes), never the other way round.
+    /// Whether a graph that declares these dimensions (negative: dynamic) fulfils the card. A fixed dimension of the
+    /// card may be dynamic in the graph (exporters lose sizes), never the other way round.
     pub(crate) fn is_served_by(&self, declared: &[i64]) -> bool {
         declared.len() == self.shape.len()
             && self.shape.iter().zip(declared).all(|(dim, &size)| match dim {
@@ -192,13 +193,13 @@ impl TensorSpec {
     }
 }
 
-/// Reads a whole file that must not be larger than the limit.
+/// Reads a whole file up to a size limit.
 pub(crate) fn read_limited(path: &Path, limit: u64) -> Result<Vec<u8>, Refusal> {
     use std::io::Read as _;
 
     let file = std::fs::File::open(path)?;
     let mut bytes = Vec::new();
-    // One byte more than allowed, so that a file that is too large shows, whatever its metadata say.
+    // One more byte than allowed is read, so that a file that is too large is detected whatever its metadata state.
     file.take(limit + 1).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > limit {
         return Err(Refusal::TooLarge { bytes: bytes.len() as u64, limit });

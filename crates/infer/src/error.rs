@@ -1,4 +1,4 @@
-//! What can go wrong, by who is at fault.
+//! Errors of inference, by who is at fault.
 
 use std::path::PathBuf;
 
@@ -7,26 +7,26 @@ use thiserror::Error;
 /// An inference error.
 #[derive(Debug, Error)]
 pub enum InferError {
-    /// The model or its card is not what it should be: nothing was run.
+    /// The model or its card does not pass the checks; nothing was run.
     #[error("model refused: {reason}: {}", path.display())]
     ModelRefused {
-        /// Why.
+        /// The reason of the refusal.
         reason: Refusal,
-        /// The card or the model.
+        /// The path of the card or the model.
         path: PathBuf,
     },
-    /// ONNX Runtime is not where it is looked for, or cannot be loaded.
+    /// ONNX Runtime is not in the searched places, or cannot be loaded.
     #[error("ONNX Runtime: {what}; run scripts/setup, or set ORT_DYLIB_PATH to libonnxruntime.so")]
     RuntimeMissing {
-        /// What was tried and how it failed.
+        /// The attempts and their failures.
         what: String,
     },
-    /// The provider that the configuration asks for cannot be used here.
+    /// The configured provider cannot be used here.
     #[error("provider {provider} is not available: {what}")]
     ProviderUnavailable {
-        /// The provider asked for.
+        /// The configured provider.
         provider: &'static str,
-        /// Why not.
+        /// The reason.
         what: String,
     },
     /// The net returned NaN or infinite numbers for this input; the session stays usable.
@@ -36,15 +36,15 @@ pub enum InferError {
         model: String,
         /// Name of the output.
         output: String,
-        /// How many numbers.
+        /// The number of non-finite values.
         count: usize,
     },
-    /// The caller's tensors are not what the card says: a bug.
+    /// The caller's tensors do not fit the card: a bug.
     #[error("{model} was given wrong tensors: {what}")]
     WrongInput {
         /// Name of the model.
         model: String,
-        /// What is wrong.
+        /// A description of the mismatch.
         what: String,
     },
     /// The runtime failed while it ran a net that it had accepted.
@@ -52,12 +52,12 @@ pub enum InferError {
     Failed {
         /// Name of the model.
         model: String,
-        /// What the runtime says.
+        /// The runtime's message.
         what: String,
     },
 }
 
-/// Why a model was refused.
+/// The reason why a model was refused.
 #[derive(Debug, Error)]
 pub enum Refusal {
     /// A file cannot be read.
@@ -66,10 +66,10 @@ pub enum Refusal {
     /// The card is not JSON of the documented form.
     #[error("malformed card: {0}")]
     MalformedCard(#[from] serde_json::Error),
-    /// The card says something impossible.
+    /// The card contains an impossible value.
     #[error("unsuitable card: {0}")]
     UnsuitableCard(String),
-    /// Larger than any model that this program runs.
+    /// A file is larger than any model that this program runs.
     #[error("{bytes} bytes are more than the {limit} allowed")]
     TooLarge {
         /// Size of the file.
@@ -77,24 +77,24 @@ pub enum Refusal {
         /// Largest size allowed.
         limit: u64,
     },
-    /// Not the file that the card describes.
+    /// The file's hash differs from the card's.
     #[error("sha256 is {found}, the card says {expected}")]
     WrongHash {
-        /// The card's.
+        /// The hash in the card.
         expected: String,
-        /// The file's.
+        /// The hash of the file.
         found: String,
     },
     /// The model refers to data outside its file.
     #[error("tensor {0:?} lies outside the file")]
     ExternalData(String),
-    /// Not a protobuf message.
+    /// The file is not a protobuf message.
     #[error("not an ONNX file: {0}")]
     NotOnnx(&'static str),
-    /// The runtime does not accept it.
+    /// The runtime rejected the model.
     #[error("the runtime says: {0}")]
     Rejected(String),
-    /// Inputs or outputs are not the card's.
+    /// The model's inputs or outputs differ from the card's.
     #[error("{0}")]
     Interface(String),
 }

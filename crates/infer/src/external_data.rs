@@ -1,12 +1,12 @@
-//! Finds tensors whose data lie outside the model file, by walking the protobuf (field numbers of `onnx.proto`).
-//! The runtime guards against such models, but not against all (a hard link passes), so that none are let in.
+//! Finds tensors whose data lie outside the model file, by walking the protobuf (field numbers of `onnx.proto`). The
+//! runtime rejects many such models, but not all (a hard link passes), so this check rejects them all.
 
 use crate::error::Refusal;
 
-/// Deepest nesting of graphs in attributes of nodes.
+/// Deepest nesting of graphs in the attributes of nodes.
 const MAX_DEPTH: u32 = 32;
 
-/// Kinds of message on the way from a model to its tensors.
+/// The kinds of message on the path from a model to its tensors.
 #[derive(Clone, Copy)]
 enum Message {
     Model,
@@ -19,7 +19,7 @@ enum Message {
 }
 
 impl Message {
-    /// The kind of message in a field, for fields that can lead to a tensor.
+    /// Returns the kind of message in a field; `None` for fields that cannot lead to a tensor.
     fn child(self, field: u64) -> Option<Self> {
         match (self, field) {
             (Self::Model, 7) => Some(Self::Graph),
@@ -34,7 +34,7 @@ impl Message {
     }
 }
 
-/// One field of a message.
+/// One field of a message: its number and its value.
 enum Field<'a> {
     Number(u64, u64),
     Bytes(u64, &'a [u8]),

@@ -1,15 +1,17 @@
-//! One session type for every net: a model card, its ONNX file, ONNX Runtime.
+//! Runs every net through one session type: a model card, its ONNX file, ONNX Runtime.
 //!
-//! Nothing reaches the runtime unchecked: the file's sha256 is compared with the card's before the runtime sees a
-//! byte, models that point at data outside their file are refused, and names, types and shapes of inputs and
-//! outputs must be the card's. Outputs with NaN or infinite numbers are an error, never a result.
+//! Nothing reaches the runtime unchecked. The file's sha256 is compared with the card's before the runtime reads a
+//! byte. Models that refer to data outside their file are refused. Names, types and shapes of inputs and outputs must
+//! equal the card's. Outputs with NaN or infinite numbers are an error, never a result.
 //!
-//! A card may name its net in int8 as well ([`Variant`]). [`ProviderChoice::Auto`] takes what is fastest on the processor
-//! at hand among what keeps the net's accuracy, and says once in the log what that is.
+//! A card may also name an int8 file of its net ([`Variant`]). [`ProviderChoice::Auto`] chooses the fastest provider on
+//! this processor that keeps the net's accuracy, and logs the choice once.
 //!
 //! # Contents
-//! `card.rs` what a net takes and gives; `external_data.rs` what is refused; `session.rs` a loaded net; `runtime.rs`, `processor.rs`
-//! how it is computed.
+//! - `card.rs`: inputs, outputs and file of a net
+//! - `external_data.rs`: models that are refused
+//! - `session.rs`: a loaded net
+//! - `runtime.rs`, `processor.rs`: the provider that computes it
 
 mod card;
 mod error;

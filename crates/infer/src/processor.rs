@@ -1,19 +1,19 @@
-//! What the processor can compute fast.
+//! Detects the processor's instructions that nets profit from.
 
 use std::sync::OnceLock;
 
-/// Instructions that decide how nets run best.
+/// The instructions that decide how nets run fastest.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Processor {
-    /// Sums of products of bytes without saturation in between (VNNI): int8 nets are fast, and give the numbers that
-    /// their accuracy was measured with.
+    /// Sums of products of bytes without intermediate saturation (VNNI). With them int8 nets are fast, and reproduce
+    /// the outputs with which their accuracy was measured.
     pub int8: bool,
-    /// Matrices of bf16 (AMX): OpenVINO in bf16 is faster than int8.
+    /// Matrices of bf16 (AMX): with them OpenVINO in bf16 is faster than int8.
     pub bf16_matrices: bool,
 }
 
 impl Processor {
-    /// The one of this machine.
+    /// Returns the instructions of this machine.
     #[must_use]
     pub fn here() -> Self {
         static HERE: OnceLock<Processor> = OnceLock::new();
@@ -22,7 +22,7 @@ impl Processor {
         })
     }
 
-    /// What `/proc/cpuinfo` tells.
+    /// Reads the instructions from the text of `/proc/cpuinfo`.
     fn of(cpuinfo: &str) -> Self {
         let flags = cpuinfo.lines().find(|line| line.starts_with("flags")).unwrap_or_default();
         let has = |names: &[&str]| flags.split_whitespace().any(|flag| names.contains(&flag));

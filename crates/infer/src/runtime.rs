@@ -1,4 +1,4 @@
-//! Finding and loading ONNX Runtime, and choosing how it computes.
+//! Finds and loads ONNX Runtime, and chooses the provider.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -14,21 +14,24 @@ use serde::{Deserialize, Serialize};
 use crate::error::InferError;
 use crate::processor::Processor;
 
-/// Where `scripts/setup` puts the library, from the top of the checkout.
+/// Path of the library that `scripts/setup` installs, from the top of the checkout.
 pub const RUNTIME_LIBRARY: &str = ".runtime/libonnxruntime.so";
 
+/// Folder of the OpenVINO plug-in beside the runtime.
 const OPENVINO_FOLDER: &str = "openvino";
+/// File name of the OpenVINO plug-in.
 const OPENVINO_LIBRARY: &str = "libonnxruntime_providers_openvino_plugin.so";
-/// Address space of a run with it, bytes (measured: 2 GiB at 720p, 1 GiB without it).
+/// Address space that a run with OpenVINO requires, bytes (measured: 2 GiB at 720p, 1 GiB without it).
 const OPENVINO_SPACE: u64 = 3 << 30;
+/// OpenVINO's name as an execution provider.
 pub(crate) const OPENVINO_NAME: &str = "OpenVINOExecutionProvider";
 
-/// What the configuration asks for.
+/// The provider that the configuration requests.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ProviderChoice {
-    /// What is fastest here and holds the accuracy: OpenVINO in bf16 where the CPU has AMX and the plug-in is there, else
-    /// int8 where it has VNNI, else f32.
+    /// The fastest provider here that keeps the accuracy. That is OpenVINO in bf16 where the CPU has AMX and the
+    /// plug-in is installed, else int8 where it has VNNI, else f32.
     #[default]
     Auto,
     /// The runtime's own CPU provider, f32.
@@ -39,7 +42,7 @@ pub enum ProviderChoice {
     Openvino,
 }
 
-/// What computes.
+/// The provider that a session uses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Provider {
@@ -61,23 +64,25 @@ impl fmt::Display for Provider {
     }
 }
 
-/// The runtime of this process; one only, the library cannot be exchanged once loaded.
+/// The runtime of this process. There is only one, because a loaded library cannot be exchanged.
 struct Runtime {
     environment: Environment,
     library: PathBuf,
     openvino_registered: bool,
-    told: bool,
+    is_logged: bool,
 }
 
 static RUNTIME: Mutex<Option<Runtime>> = Mutex::new(None);
-/// The library that was searched for and found: a process that has shut itself in cannot look through folders again.
+/// The library that the search found: a process that has confined itself to a sandbox cannot search folders again.
 static FOUND: OnceLock<PathBuf> = OnceLock::new();
 
-/// The runtime's library: `explicit`, else `ORT_DYLIB_PATH`, else that of the package `onnxruntime` in [`python_packages`],
-/// else [`RUNTIME_LIBRARY`] in a folder above the executable, else above the current folder.
+/// Finds the runtime's library.
+///
+/// The candidates are, in this order: `explicit`, `ORT_DYLIB_PATH`, the library of the package `onnxruntime` in
+/// [`python_packages`], and [`RUNTIME_LIBRARY`] in a folder above the executable or above the current folder.
 ///
 /// # Errors
-/// [`InferError::RuntimeMissing`] naming what was tried.
+/// [`InferError::RuntimeMissing`] with the candidates that failed.
 pub fn find_library(explicit: Option<&Path>) -> Result<PathBuf, InferError> {
     if let Some(path) = explicit {
         return existing(path, "the configured library");
@@ -101,8 +106,8 @@ pub fn find_library(explicit: Option<&Path>) -> Result<PathBuf, InferError> {
         })
 }
 
-/// Folders of Python packages that belong to an executable which `pip` installed: `PREFIX/lib/python3*/site-packages` (Debian's
-/// own Python: `dist-packages`) of `PREFIX/bin/roadplane`.
+/// Returns the folders of Python packages that belong to an executable which `pip` installed. For
+/// `PREFIX/bin/roadplane` these are `PREFIX/lib/python3*/site-packages` (`dist-packages` in Debian's own Python).
 #[must_use]
 pub fn python_packages(executable: &Path) -> Vec<PathBuf> {
     let libraries = executable.parent().and_then(Path::parent).map(|prefix| prefix.join("lib"));
@@ -115,7 +120,8 @@ fn packaged_library(packages: &Path) -> Option<PathBuf> {
     entries(&packages.join("onnxruntime/capi"), "libonnxruntime.so").into_iter().next()
 }
 
-/// What a folder holds under names that begin so, by name; nothing if it cannot be read.
+/// Returns the entries of a folder whose names begin with `beginning`, in order of name; none if the folder cannot be
+/// read.
 fn entries(folder: &Path, beginning: &str) -> Vec<PathBuf> {
     let named = |entry: &std::fs::DirEntry| entry.file_name().to_string_lossy().starts_with(beginning);
     let read = std::fs::read_dir(folder).into_iter().flatten().flatten();
@@ -125,7 +131,7 @@ fn entries(folder: &Path, beginning: &str) -> Vec<PathBuf> {
 }
 
 fn existing(path: &Path, origin: &str) -> Result<PathBuf, InferError> {
-    // Absolute, because a bare name would be looked up in the system's library folders.
+    // The path must be absolute, because a bare name would be looked up in the system's library folders.
     match path.canonicalize() {
         Ok(path) if path.is_file() => Ok(path),
         Ok(_) => Err(InferError::RuntimeMissing { what: format!("{origin} is no file: {}", path.display()) }),
@@ -135,10 +141,10 @@ fn existing(path: &Path, origin: &str) -> Result<PathBuf, InferError> {
     }
 }
 
-/// Version and build of the loaded runtime; loads it if need be.
+/// Returns version, build and path of the runtime, which is loaded if necessary.
 ///
 /// # Errors
-/// [`InferError::RuntimeMissing`].
+/// [`InferError::RuntimeMissing`] when it cannot be loaded.
 pub fn runtime_version(explicit: Option<&Path>) -> Result<String, InferError> {
     with_runtime(explicit, |runtime| Ok(format!("{} ({})", ort::info(), runtime.library.display())))
 }
@@ -161,10 +167,10 @@ fn with_runtime<T>(
         .build()
         .map_err(|e| missing(e.to_string()))?;
     environment.set_log_level(LogLevel::Warning);
-    work(slot.insert(Runtime { environment, library, openvino_registered: false, told: false }))
+    work(slot.insert(Runtime { environment, library, openvino_registered: false, is_logged: false }))
 }
 
-/// The runtime's messages go where ours go. Its warnings are about graph details: not for users.
+/// Forwards the runtime's messages to this program's log. Its warnings concern graph details, not users.
 fn log(level: LogLevel, category: &str, _id: &str, _location: &str, message: &str) {
     match level {
         LogLevel::Error | LogLevel::Fatal => tracing::error!(category, "onnxruntime: {message}"),
@@ -172,7 +178,7 @@ fn log(level: LogLevel, category: &str, _id: &str, _location: &str, message: &st
     }
 }
 
-/// The environment to open sessions in and the provider to open them with. Says once a process what that is.
+/// Returns the environment to open sessions in and their provider. The choice is logged once in a process.
 pub(crate) fn prepare(
     explicit: Option<&Path>,
     choice: ProviderChoice,
@@ -190,14 +196,14 @@ pub(crate) fn prepare(
             return Err(InferError::ProviderUnavailable { provider: "openvino", what });
         }
         let provider = provider_for(choice, processor, matches!(openvino, Some(Ok(()))));
-        if !std::mem::replace(&mut runtime.told, true) {
-            tracing::info!("{}", told(choice, provider, processor, openvino.and_then(Result::err)));
+        if !std::mem::replace(&mut runtime.is_logged, true) {
+            tracing::info!("{}", description(choice, provider, processor, openvino.and_then(Result::err)));
         }
         Ok((runtime.environment.clone(), provider))
     })
 }
 
-/// The provider for a choice on a processor, where OpenVINO can be used or not.
+/// Returns the provider for a choice on a processor; `openvino` is whether OpenVINO can be used.
 fn provider_for(choice: ProviderChoice, processor: Processor, openvino: bool) -> Provider {
     match choice {
         ProviderChoice::Openvino => Provider::OpenvinoBf16,
@@ -208,8 +214,8 @@ fn provider_for(choice: ProviderChoice, processor: Processor, openvino: bool) ->
     }
 }
 
-/// One line: what nets run on, and what would be faster here.
-fn told(
+/// Describes the provider in one line, and names a faster one that is possible here.
+fn description(
     choice: ProviderChoice,
     provider: Provider,
     processor: Processor,
@@ -229,7 +235,7 @@ fn told(
         }
         (ProviderChoice::Auto, ..) => String::new(),
         (ProviderChoice::Int8, ..) if !processor.int8 => {
-            ", as configured; without VNNI it gains little here and its numbers are not those that were measured"
+            ", as configured; without VNNI int8 is hardly faster here, and its outputs differ from the measured ones"
                 .to_owned()
         }
         (ProviderChoice::Cpu, ..) if processor.int8 => {
@@ -240,7 +246,7 @@ fn told(
     format!("{used}{more}")
 }
 
-/// OpenVINO ends in nonsense where it runs out of address space.
+/// Checks the limit of the address space: OpenVINO returns nonsense where it runs out of it.
 fn room_for_openvino() -> Result<(), String> {
     match getrlimit(Resource::As).current {
         Some(limit) if limit < OPENVINO_SPACE => {
@@ -264,13 +270,13 @@ fn register_openvino(runtime: &mut Runtime) -> Result<(), String> {
             .map_err(|error| format!("the plug-in cannot be loaded: {error}"))?;
         runtime.openvino_registered = true;
     }
-    // On other makers' processors the plug-in loads but offers nothing.
+    // On processors of other makers the plug-in loads but offers no device.
     openvino_cpu(&runtime.environment)
         .map(|_| ())
         .ok_or_else(|| "the plug-in offers no CPU device".to_owned())
 }
 
-/// The plug-in's CPU device.
+/// Returns the plug-in's CPU device.
 pub(crate) fn openvino_cpu(environment: &Environment) -> Option<Device<'_>> {
     environment.devices().find(|device| {
         device.ep().is_ok_and(|ep| ep == OPENVINO_NAME) && device.hardware_device().ty() == DeviceType::CPU
@@ -286,7 +292,7 @@ mod tests {
     const AMX: Processor = Processor { int8: true, bf16_matrices: true };
 
     #[test]
-    fn auto_takes_the_fastest_that_is_here() {
+    fn auto_chooses_the_fastest_available_provider() {
         let auto = |processor, openvino| provider_for(ProviderChoice::Auto, processor, openvino);
         assert_eq!(auto(AMX, true), Provider::OpenvinoBf16);
         assert_eq!(auto(AMX, false), Provider::Int8);
@@ -299,7 +305,7 @@ mod tests {
     }
 
     #[test]
-    fn what_pip_installed_is_found_beside_the_program() {
+    fn a_library_from_pip_is_found_beside_the_program() {
         let prefix = tempfile::tempdir().unwrap();
         let packages = prefix.path().join("lib/python3.11/site-packages");
         let library = packages.join("onnxruntime/capi/libonnxruntime.so.1.31.1");
@@ -314,13 +320,13 @@ mod tests {
     }
 
     #[test]
-    fn what_would_be_faster_is_told() {
+    fn a_faster_provider_is_named() {
         let absent = || Some("the plug-in is not there".to_owned());
-        let auto = |provider, processor, why| told(ProviderChoice::Auto, provider, processor, why);
+        let auto = |provider, processor, why| description(ProviderChoice::Auto, provider, processor, why);
         assert_eq!(auto(Provider::Int8, VNNI, None), "nets run in int8 on the CPU provider");
         assert!(auto(Provider::Int8, AMX, absent()).contains("OpenVINO in bf16 would be faster here"));
         assert!(auto(Provider::Cpu, OLD, None).contains("VNNI"));
-        assert!(told(ProviderChoice::Cpu, Provider::Cpu, VNNI, None).contains("auto"));
-        assert!(told(ProviderChoice::Int8, Provider::Int8, OLD, None).contains("without VNNI"));
+        assert!(description(ProviderChoice::Cpu, Provider::Cpu, VNNI, None).contains("auto"));
+        assert!(description(ProviderChoice::Int8, Provider::Int8, OLD, None).contains("without VNNI"));
     }
 }

@@ -1,4 +1,4 @@
-//! A loaded net.
+//! Loads a net and runs it.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -18,19 +18,19 @@ use crate::error::{InferError, Refusal};
 use crate::external_data::refuse_external_data;
 use crate::runtime::{OPENVINO_NAME, Provider, ProviderChoice, openvino_cpu, prepare};
 
-/// The runtime's own provider.
+/// Name of the runtime's own execution provider.
 const CPU_NAME: &str = "CPUExecutionProvider";
 /// Largest model file, bytes.
 const MAX_MODEL_BYTES: u64 = 512 << 20;
 
-/// How to open a session.
+/// Options for opening a session.
 #[derive(Clone, Debug)]
 pub struct SessionOptions {
-    /// What computes.
+    /// The requested provider.
     pub provider: ProviderChoice,
-    /// Threads within one run; several sessions of one thread beat one session of several.
+    /// Number of threads within one run; several sessions of one thread are faster than one session of several.
     pub threads: usize,
-    /// The runtime's library; `None` looks for it (see [`crate::find_library`]).
+    /// Path of the runtime's library; `None` searches for it (see [`crate::find_library`]).
     pub library: Option<PathBuf>,
 }
 
@@ -40,34 +40,34 @@ impl Default for SessionOptions {
     }
 }
 
-/// A tensor handed to a net.
+/// A tensor as input of a net.
 #[derive(Clone, Debug)]
 pub struct NamedTensor<'a> {
     /// The input's name.
     pub name: &'a str,
-    /// Its values; copied only if they are not contiguous.
+    /// The input's values; they are copied only if they are not contiguous.
     pub values: ArrayViewD<'a, f32>,
 }
 
-/// What a run gave, by name; the runtime's own memory, handed back when this is dropped.
+/// The outputs of a run by name, in the runtime's own memory, which is freed when this is dropped.
 #[derive(Debug)]
 pub struct Outputs(Vec<(Arc<str>, Value<TensorValueType<f32>>)>);
 
 impl Outputs {
-    /// Copies an output; `None` if the card has no such output.
+    /// Copies an output; `None` if the card has no output with this name.
     #[must_use]
     pub fn take(&self, name: &str) -> Option<ArrayD<f32>> {
         self.get(name).map(|view| view.to_owned())
     }
 
-    /// Looks at an output.
+    /// Borrows an output; `None` if the card has no output with this name.
     #[must_use]
     pub fn get(&self, name: &str) -> Option<ArrayViewD<'_, f32>> {
         self.0.iter().find(|(of, _)| &**of == name).map(|(_, value)| value.extract_array())
     }
 }
 
-/// A net, checked against its card and ready to run.
+/// A net that was checked against its card and is ready to run.
 #[derive(Debug)]
 pub struct Session {
     inner: OrtSession,
@@ -81,8 +81,8 @@ impl Session {
     /// Opens the net whose card is at `card_path`.
     ///
     /// # Errors
-    /// [`InferError::ModelRefused`] when the card or the model is not what it should be,
-    /// [`InferError::RuntimeMissing`] and [`InferError::ProviderUnavailable`] when it cannot be run here.
+    /// [`InferError::ModelRefused`] when the card or the model fails a check, [`InferError::RuntimeMissing`] and
+    /// [`InferError::ProviderUnavailable`] when the net cannot be run here.
     pub fn open(card_path: &Path, options: &SessionOptions) -> Result<Self, InferError> {
         let card = ModelCard::read(card_path)?;
         let (environment, wanted) = prepare(options.library.as_deref(), options.provider)?;
@@ -109,19 +109,20 @@ impl Session {
         Ok(Self { inner, card, output_names, provider, net_s: 0.0 })
     }
 
-    /// The card that the net was checked against; file, hash and calibration are those of the variant in use.
+    /// Returns the card that the net was checked against; file, hash and calibration are those of the variant in use.
     #[must_use]
     pub fn card(&self) -> &ModelCard {
         &self.card
     }
 
-    /// What computes.
+    /// Returns the provider in use.
     #[must_use]
     pub fn provider(&self) -> Provider {
         self.provider
     }
 
-    /// Processor time that the calling threads spent inside the runtime so far, s: all of the net's with one thread a session.
+    /// Returns the processor time that the calling threads have spent inside the runtime, s. With one thread a session,
+    /// it is all of the net's time.
     #[must_use]
     pub fn net_s(&self) -> f64 {
         self.net_s
@@ -130,8 +131,8 @@ impl Session {
     /// Runs the net once.
     ///
     /// # Errors
-    /// [`InferError::WrongInput`] unless the tensors are the card's, [`InferError::NonFinite`] when the net returns
-    /// NaN or infinite numbers, [`InferError::Failed`] when the runtime fails.
+    /// [`InferError::WrongInput`] unless the tensors fit the card, [`InferError::NonFinite`] when the net returns NaN
+    /// or infinite numbers, [`InferError::Failed`] when the runtime fails.
     pub fn run(&mut self, inputs: &[NamedTensor<'_>]) -> Result<Outputs, InferError> {
         let Self { inner, card, output_names, net_s, .. } = self;
         let wrong = |what: String| InferError::WrongInput { model: card.name.clone(), what };
@@ -183,13 +184,13 @@ impl Session {
     }
 }
 
-/// Processor time of the calling thread so far, s.
+/// Returns the processor time of the calling thread so far, s.
 fn thread_cpu_s() -> f64 {
     let time = clock_gettime(ClockId::ThreadCPUTime);
     time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
 }
 
-/// How many numbers are NaN or infinite. Counted by their bits in blocks, which compilers turn into vector instructions.
+/// Counts the numbers that are NaN or infinite, by their bits in blocks, which compilers turn into vector instructions.
 fn not_finite(numbers: &[f32]) -> usize {
     const EXPONENT: u32 = 0x7f80_0000;
     let in_block = |block: &[f32]| -> u32 {
@@ -198,7 +199,7 @@ fn not_finite(numbers: &[f32]) -> usize {
     numbers.chunks(1 << 16).map(|block| in_block(block) as usize).sum()
 }
 
-/// The card of the file that a provider needs. Without an int8 file, [`ProviderChoice::Auto`] stays with f32.
+/// Returns the card of the file that a provider needs. Without an int8 file, [`ProviderChoice::Auto`] keeps f32.
 fn chosen_file(
     card: ModelCard,
     card_path: &Path,
@@ -224,7 +225,7 @@ fn chosen_file(
     Ok((card, Provider::Cpu))
 }
 
-/// The model's bytes, once they are known to be the card's and complete in themselves.
+/// Reads the model's bytes, and checks that they match the card and contain all their data.
 fn verified_bytes(card: &ModelCard, path: &Path) -> Result<Vec<u8>, Refusal> {
     let bytes = read_limited(path, MAX_MODEL_BYTES)?;
     let found: String = Sha256::digest(&bytes).iter().map(|byte| format!("{byte:02x}")).collect();
@@ -254,7 +255,7 @@ fn commit(
         .map_err(|e| model(&e))?
         .with_intra_threads(threads.max(1))
         .map_err(|e| model(&e))?
-        // A spinning thread would take the core from the other stages.
+        // A spinning thread would occupy the core that other stages need.
         .with_intra_op_spinning(false)
         .map_err(|e| model(&e))?
         .with_deterministic_compute(true)
@@ -264,7 +265,7 @@ fn commit(
     match provider {
         Provider::Cpu | Provider::Int8 => {
             let mut builder = builder;
-            // Unless told which device to use, sessions give work to every provider that the process has registered.
+            // Without an explicit device, sessions give work to every provider that the process has registered.
             if let Some(device) =
                 environment.devices().find(|device| device.ep().is_ok_and(|ep| ep == CPU_NAME))
             {

@@ -1,4 +1,4 @@
-//! A tiny net (`tests/fixtures/make.py`), whole and spoilt in every way that a session must notice.
+//! Tests a tiny net (`tests/fixtures/make.py`): whole, and damaged in every way that a session must detect.
 
 #![allow(clippy::unwrap_used, clippy::panic)] // the helpers below are test code, too
 use std::path::{Path, PathBuf};
@@ -23,7 +23,7 @@ fn card_text(model: &[u8]) -> String {
     )
 }
 
-/// A folder with a model and a card, which need not fit.
+/// Creates a folder with a model and a card, which need not fit.
 fn folder_with(model: &[u8], card: &str) -> (tempfile::TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("log.onnx"), model).unwrap();
@@ -92,7 +92,7 @@ fn any_flipped_byte_is_refused_before_the_runtime_sees_it() {
 }
 
 #[test]
-fn truncated_models_are_refused_even_with_a_hash_that_fits() {
+fn truncated_models_are_refused_even_with_a_matching_hash() {
     for length in 0..LOG.len() {
         let model = &LOG[..length];
         let reason = refusal(model, &card_text(model));
@@ -152,7 +152,7 @@ fn a_missing_library_is_an_error_that_says_what_to_do() {
     assert!(find_library(Some(Path::new("."))).is_err());
 }
 
-/// The card of the fixture with an int8 file of this name and of the hash of these bytes.
+/// Returns the card of the fixture with an int8 file of this name and the hash of these bytes.
 fn with_variant(file: &str, hash_of: &[u8], more: &str) -> String {
     let sha256: String = Sha256::digest(hash_of).iter().map(|b| format!("{b:02x}")).collect();
     let variant = format!(r#"{{"precision": "int8", "file": "{file}", "sha256": "{sha256}"{more}}}"#);
@@ -167,16 +167,16 @@ fn open_as(provider: ProviderChoice, card: &str, int8: Option<&[u8]>) -> Result<
     Session::open(&card_path, &SessionOptions { provider, ..SessionOptions::default() })
 }
 
-/// What `auto` takes where a card has an int8 file.
+/// The provider that `auto` chooses where a card has an int8 file.
 fn automatic() -> Provider {
     let here = Processor::here();
     if here.int8 && !here.bf16_matrices { Provider::Int8 } else { Provider::Cpu }
 }
 
 #[test]
-fn the_int8_file_is_taken_where_it_is_fast_and_never_for_f32() {
+fn the_int8_file_is_chosen_where_it_is_fast_and_never_for_f32() {
     let calibration = r#", "calibration": {"a": 2}"#;
-    // The same net with another producer's name.
+    // An equal net with another producer's name.
     let int8 = [LOG, &[0x12, 1, b'q']].concat();
     let card = with_variant("log.int8.onnx", &int8, calibration);
     let mut session = open_as(ProviderChoice::Int8, &card, Some(&int8)).unwrap();

@@ -1,6 +1,8 @@
-//! What the keypoint net costs: `cargo run --release -p roadplane-keypoints --example speed -- [auto|cpu|int8|openvino]`.
-//! CPU time of the whole process (so of whatever threads the provider makes) per crop at batch 8, one thread asked for;
-//! median of several runs; GFLOP from the net's card.
+//! Measures the cost of the keypoint net: `cargo run --release -p roadplane-keypoints --example speed --
+//! [auto|cpu|int8|openvino]`.
+//!
+//! It prints the CPU time of the whole process per crop at batch 8, so all threads of the provider count; one thread is
+//! requested. The time is the median of several runs. GFLOP come from the net's card.
 
 use std::path::Path;
 
@@ -47,7 +49,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     print!("{}: {:.2} ms a crop", session.provider(), 1e3 * seconds);
     match gflop {
         Some(gflop) => println!(", {gflop} GFLOP a crop, {:.0} GFLOP/s", gflop / seconds),
-        None => println!(" (the card does not tell GFLOP)"),
+        None => println!(" (the card states no GFLOP)"),
     }
     Ok(())
 }

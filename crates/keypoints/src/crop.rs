@@ -1,4 +1,4 @@
-//! The square crop that the net sees, and the way back from its pixels to the frame's.
+//! The square crop that the net sees, and the mapping between its pixels and the frame's.
 
 use image::RgbImage;
 use nalgebra::{Matrix2, Vector2};
@@ -6,25 +6,25 @@ use nalgebra::{Matrix2, Vector2};
 /// Side of the net's input, px.
 pub const CROP_PX: usize = 128;
 
-/// Value of what lies outside the frame.
+/// Value of crop pixels outside the frame.
 const OUTSIDE: f32 = 0.5;
 
-/// The square of the frame that is resampled to [`CROP_PX`] × [`CROP_PX`].
+/// A square of the frame that is resampled to [`CROP_PX`] × [`CROP_PX`].
 ///
 /// Crop pixel u ↔ frame `x = centre + ((u + 0.5) / CROP_PX − 0.5) · side`; pixel (0, 0) is the centre of the top-left
-/// pixel on both sides. A mirrored crop has its columns in reverse.
+/// pixel in both. A mirrored crop has its columns in reverse.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SquareCrop {
     /// Centre in the frame, px.
     pub centre_px: Vector2<f64>,
     /// Side in the frame, px.
     pub side_px: f64,
-    /// Left and right are exchanged.
+    /// Whether left and right are exchanged.
     pub mirrored: bool,
 }
 
 impl SquareCrop {
-    /// The crop of a box (left, top, right, bottom), whose side is `context` times the box's longer side.
+    /// Returns the crop of a box (left, top, right, bottom), whose side is `context` times the box's longer side.
     #[must_use]
     pub fn around([x0, y0, x1, y1]: [f64; 4], context: f64) -> Self {
         Self {
@@ -34,13 +34,13 @@ impl SquareCrop {
         }
     }
 
-    /// Frame pixels per crop pixel.
+    /// Returns the number of frame pixels per crop pixel.
     #[must_use]
     pub fn scale(&self) -> f64 {
         self.side_px / CROP_PX as f64
     }
 
-    /// Frame pixel of a crop pixel.
+    /// Converts a crop pixel to a frame pixel.
     #[must_use]
     pub fn frame_from_crop(&self, crop_px: Vector2<f64>) -> Vector2<f64> {
         let half = CROP_PX as f64 / 2.0;
@@ -51,7 +51,7 @@ impl SquareCrop {
         self.centre_px + from_centre * self.scale()
     }
 
-    /// Covariance in the frame (px²) of one in the crop.
+    /// Converts a covariance in the crop (px²) to the frame (px²).
     #[must_use]
     pub fn covariance_in_frame(&self, mut crop_px2: Matrix2<f64>) -> Matrix2<f64> {
         if self.mirrored {
@@ -61,8 +61,8 @@ impl SquareCrop {
         crop_px2 * (self.scale() * self.scale())
     }
 
-    /// Resamples the crop into planes R, G, B of `CROP_PX²` values in 0–1 (`out.len() == 3 · CROP_PX²`): bilinear when
-    /// enlarging, area average when shrinking.
+    /// Resamples the crop into planes R, G, B of `CROP_PX²` values in 0–1 (`out.len() == 3 · CROP_PX²`). Enlarging is
+    /// bilinear, shrinking is an area average.
     pub fn sample_into(&self, image: &RgbImage, out: &mut [f32]) {
         let mut columns = Taps::new(self.centre_px.x, self.side_px, image.width());
         if self.mirrored {
@@ -73,7 +73,7 @@ impl SquareCrop {
         let pixels = image.as_raw();
         let plane = CROP_PX * CROP_PX;
         let first_row = rows.lowest();
-        // Horizontal pass over just the rows that are needed, then the vertical pass.
+        // The horizontal pass covers only the rows that are needed; the vertical pass follows.
         let strips: Vec<[f32; 3]> = (first_row..rows.end())
             .flat_map(|y| {
                 let line = &pixels[y * stride..(y + 1) * stride];
@@ -104,7 +104,7 @@ impl SquareCrop {
     }
 }
 
-/// For each crop pixel along one axis the frame pixels inside the frame that make it, with weights that sum to at most 1.
+/// For each crop pixel along one axis: the frame pixels that contribute to it, with weights that sum to at most 1.
 struct Taps {
     of_pixel: Vec<Vec<(usize, f32)>>,
 }
@@ -116,7 +116,8 @@ impl Taps {
         let of_pixel = (0..CROP_PX)
             .map(|u| {
                 let middle = centre_px + ((u as f64 + 0.5) / CROP_PX as f64 - 0.5) * side_px;
-                // Area of overlap with a box one crop pixel wide; enlarging, a box one frame pixel wide is bilinear.
+                // The weight is the overlap with a box one crop pixel wide. For enlarging, a box one frame pixel wide
+                // is bilinear.
                 let reach = scale.max(1.0) / 2.0;
                 let (from, to) = (middle - reach, middle + reach);
                 let mut taps = Vec::new();

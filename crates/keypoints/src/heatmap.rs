@@ -1,30 +1,30 @@
-//! From a heatmap of logits to a sub-pixel location with covariance.
+//! Converts a heatmap of logits to a sub-pixel location with covariance.
 
 use nalgebra::{Matrix2, Vector2};
 use serde::Deserialize;
 
-/// Cells on each side of the peak that take part in mean and covariance.
+/// Cells on each side of the peak that contribute to the mean and the covariance.
 const WINDOW_CELLS: isize = 3;
 
-/// At most this share of a location is taken to be prior: dividing by what is left amplifies noise.
+/// Largest share of a location that counts as prior: dividing by the small rest amplifies noise.
 const LARGEST_PRIOR_SHARE: f64 = 0.5;
 
-/// How a peak becomes a measurement with an honest covariance: `calibration` of the net's card.
+/// Constants that turn a peak into a measurement with a calibrated covariance: `calibration` of the net's card.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Calibration {
-    /// `a` of the covariance `S = a² V² + b²`, `V` the heatmap's, 1 / crop px.
+    /// `a` of the covariance `S = a² V² + b²`, 1 / crop px; `V` is the heatmap's variance.
     pub sd_per_variance: f64,
-    /// `b` of the same, crop px.
+    /// `b` of that covariance, crop px.
     pub sd_floor_crop_px: f64,
-    /// Mean of visible keypoints' locations in rendered crops like those that the net learnt from, crop px.
+    /// Mean location of visible keypoints in rendered crops like those of the training, crop px.
     pub prior_mean_crop_px: Vector2<f64>,
-    /// Their sd in x and y, crop px.
+    /// Standard deviation of those locations in x and y, crop px.
     pub prior_sd_crop_px: Vector2<f64>,
 }
 
 impl Calibration {
-    /// Whether all numbers can be meant.
+    /// Whether all numbers are finite and the standard deviations positive.
     #[must_use]
     pub fn is_sound(&self) -> bool {
         let (mean, sd) = (self.prior_mean_crop_px, self.prior_sd_crop_px);
@@ -32,11 +32,11 @@ impl Calibration {
         positive.iter().all(|v| v.is_finite() && *v > 0.0) && mean.iter().all(|v| v.is_finite())
     }
 
-    /// The measurement behind a peak's mean `m` (crop px) and variance `V` (crop px²).
+    /// Returns the measurement behind a peak's mean `m` (crop px) and variance `V` (crop px²).
     ///
-    /// A net that has learnt to say where keypoints are answers with the mean of a posterior, which the prior `c, P`
-    /// of its crops draws towards the middle: cars would come out smaller, and farther, than they are. The
-    /// measurement that explains the posterior is `c + (1 − S P⁻¹)⁻¹ (m − c)` with covariance `(S⁻¹ − P⁻¹)⁻¹`.
+    /// A trained net returns the mean of a posterior. The prior `c, P` of its crops draws that mean towards the middle.
+    /// Without a correction, cars would come out smaller, and farther away, than they are. The measurement that
+    /// explains the posterior is `c + (1 − S P⁻¹)⁻¹ (m − c)`, with covariance `(S⁻¹ − P⁻¹)⁻¹`.
     #[must_use]
     pub fn measurement(&self, mean: Vector2<f64>, variance: Matrix2<f64>) -> Peak {
         let sd = Matrix2::from_diagonal(&self.prior_sd_crop_px);
@@ -56,18 +56,18 @@ impl Calibration {
     }
 }
 
-/// How a net's heatmaps are read; see `ARCHITECTURE.md`, "Keypoint net".
+/// Decodes a net's heatmaps; see `ARCHITECTURE.md`, "Keypoint net".
 #[derive(Clone, Debug, PartialEq)]
 pub struct HeatmapDecoder {
     /// Side of the heatmap, cells.
     pub cells: usize,
-    /// Crop pixels per cell.
+    /// Crop pixels per heatmap cell.
     pub stride_px: f64,
-    /// From peak to measurement.
+    /// Constants that turn a peak into a measurement.
     pub calibration: Calibration,
 }
 
-/// A keypoint in crop pixels.
+/// A keypoint's location in crop pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Peak {
     /// Location, crop px.
@@ -77,14 +77,15 @@ pub struct Peak {
 }
 
 impl HeatmapDecoder {
-    /// The keypoint measured by `logits` (`cells × cells`, row by row). `None` if there is no largest logit (all NaN).
+    /// Decodes the keypoint of `logits` (`cells × cells`, row by row). Returns `None` if there is no largest logit (all
+    /// NaN).
     #[must_use]
     pub fn decode(&self, logits: &[f32]) -> Option<Peak> {
         let (mean, variance) = self.moments(logits)?;
         Some(self.calibration.measurement(mean, variance))
     }
 
-    /// Mean (crop px) and variance (crop px²) of the softmax of `logits` within a window around its peak.
+    /// Returns mean (crop px) and variance (crop px²) of the softmax of `logits` within a window around its peak.
     fn moments(&self, logits: &[f32]) -> Option<(Vector2<f64>, Matrix2<f64>)> {
         let (peak, top) = logits.iter().enumerate().filter(|(_, v)| v.is_finite()).fold(
             None,
@@ -164,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_that_cannot_be_meant_are_seen() {
+    fn unsound_calibrations_are_rejected() {
         let sound = &DECODER.calibration;
         assert!(sound.is_sound());
         assert!(!Calibration { sd_per_variance: 0.0, ..sound.clone() }.is_sound());
@@ -175,7 +176,7 @@ mod tests {
         assert_eq!(&serde_json::from_str::<Calibration>(&whole).unwrap(), sound);
     }
 
-    /// What `tests/data/decoding.json` holds of a heatmap, which the Python side is held to, too.
+    /// A heatmap of `tests/data/decoding.json` with its expected results, which also test the Python side.
     #[derive(Deserialize)]
     struct Case {
         name: String,
@@ -195,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn what_rust_and_python_measure_is_the_same() {
+    fn rust_and_python_decode_heatmaps_alike() {
         let Fixture { cells, stride_px, calibration, cases } =
             serde_json::from_str(include_str!("../../../tests/data/decoding.json")).unwrap();
         let decoder = HeatmapDecoder { cells, stride_px, calibration };
@@ -221,14 +222,14 @@ mod tests {
     }
 
     #[test]
-    fn a_heatmap_that_says_nothing_stays_finite() {
+    fn a_flat_heatmap_stays_finite() {
         let peak = DECODER.calibration.measurement(Vector2::new(80.0, 30.0), Matrix2::identity() * 1e4);
         assert!((peak.crop_px - Vector2::new(97.0, 0.0)).norm() < 1e-9, "twice as far from the middle");
         assert!(peak.covariance[(0, 0)] > 1e6);
     }
 
     #[test]
-    fn nothing_is_made_of_nothing() {
+    fn a_heatmap_without_numbers_has_no_keypoint() {
         assert_eq!(DECODER.decode(&vec![f32::NAN; 32 * 32]), None);
         assert!(DECODER.decode(&vec![0.0; 32 * 32]).is_some());
     }

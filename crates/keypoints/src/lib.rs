@@ -1,11 +1,12 @@
-//! Frame + boxes → 36 keypoints a car, each with score and covariance, by a stacked hourglass (`models/hourglass.md`).
+//! Locates 36 keypoints of each car, each with a score and a covariance, by a stacked hourglass
+//! (`models/hourglass.md`).
 //!
 //! # Contents
 //! ```text
-//! Schedule       which cars are due                                              (schedule.rs)
-//! → SquareCrop   the part of the picture that the net sees, and the way back     (crop.rs)
-//! → KeypointNet  crops in batches → heatmaps, visibilities                       (net.rs)
-//! → Calibration  heatmap → place with covariance, the net's prior taken out      (heatmap.rs)
+//! Schedule       which cars are due                                                 (schedule.rs)
+//! → SquareCrop   the part of the picture that the net sees, and the mapping back    (crop.rs)
+//! → KeypointNet  crops in batches → heatmaps, visibilities                          (net.rs)
+//! → Calibration  heatmap → location with covariance, the net's prior removed        (heatmap.rs)
 //! ```
 
 mod crop;

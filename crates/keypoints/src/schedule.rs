@@ -1,129 +1,138 @@
-//! Which cars the net looks at: moving ones as often as their trajectory needs, standing ones until more looks would hardly improve
-//! their mean, then now and then.
+//! Schedules the cars for the keypoint net. A moving car is observed as often as its trajectory needs. A stationary car
+//! is observed until more observations would hardly improve their mean, and rarely after that.
 
 use nalgebra::Vector2;
 use roadplane_base::{CarRecord, CarRef, FrameRecord, WatchRecord, bbox_centre, bbox_iou, bbox_moved};
 
-/// Looks at a standing car in a row: of an error of which bias makes up the larger part (0.6 of the sd), the mean of a dozen looks
-/// leaves no more than a few per cent to gain.
-const FIRST_LOOKS: u32 = 12;
-/// Looks after that are so far apart, s, up to the next number of looks; then …
-const NEXT_LOOKS: u32 = 24;
+/// Number of consecutive observations of a stationary car. Bias makes up most of the error (0.6 of the sd), so more
+/// than a dozen observations improve their mean by only a few per cent.
+const FIRST_OBSERVATIONS: u32 = 12;
+/// Number of observations up to which [`NEXT_S`] applies.
+const NEXT_OBSERVATIONS: u32 = 24;
+/// Interval of the observations after the first [`FIRST_OBSERVATIONS`], s.
 const NEXT_S: f64 = 2.0;
-/// … so far.
+/// Interval of the observations after [`NEXT_OBSERVATIONS`], s.
 const LATER_S: f64 = 5.0;
-/// A box whose centre stayed within this share of its diagonal shows a car that has not moved.
+/// Largest displacement of the box's centre of a stationary car, as a share of the box's diagonal.
 const STILL: f64 = 0.03;
-/// Least overlap of a standing car with the box of the look, intersection over union …
+/// Least overlap of a stationary car with its box in the last observation, intersection over union.
 const SAME: f64 = 0.7;
-/// … and of a moving one with where it was found last.
+/// Least overlap of a moving car with its last box, intersection over union.
 const FOLLOWS: f64 = 0.3;
-/// A place where no car was found for so long is forgotten, s.
+/// Time without a detection after which a car is forgotten, s.
 const FORGOTTEN_S: f64 = 3.0;
 
-/// What becomes of a car in a frame.
+/// The decision for a car in a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Turn {
-    /// The net looks at it.
-    Look,
-    /// Its last look still holds.
-    Hold(CarRef),
-    /// It was looked at so shortly before that another look would tell nothing new.
+pub(crate) enum Decision {
+    /// The net runs on the car.
+    Observe,
+    /// The car keeps the pose of this observation.
+    CarryOver(CarRef),
+    /// This observation was so recent that another one would add nothing.
     Wait(CarRef),
-    /// It is left without a pose: it is none that the net is for, or nobody looks.
-    Pass,
+    /// The car gets no pose: the net does not suit it, or the frame is not inspected.
+    Skip,
 }
 
-/// A place where a car was looked at; px of the frame at rest.
+/// An observed car; boxes in px of the frame at rest.
 #[derive(Clone, Debug)]
-struct Place {
-    /// In the look, and where it was found last.
+struct ObservedCar {
+    /// Box in the last observation.
     bbox_px: [f64; 4],
+    /// Box in the last frame in which the car was detected.
     found_px: [f64; 4],
-    look: CarRef,
-    look_s: f64,
-    looks: u32,
+    /// That observation.
+    observation: CarRef,
+    /// Time of that observation, s.
+    observed_s: f64,
+    /// Number of observations in this position.
+    observations: u32,
+    /// Time of that frame, s.
     found_s: f64,
 }
 
-/// What is remembered of cars in the frames before.
+/// The schedule's state from frame to frame.
 #[derive(Clone, Debug)]
 pub struct Schedule {
-    /// A car is looked at at most once in so many frames.
+    /// Least number of frames between two observations of a car.
     every: u64,
-    places: Vec<Place>,
+    cars: Vec<ObservedCar>,
 }
 
 impl Schedule {
-    /// Before the first frame; a car is looked at at most once in `every` frames of the input.
+    /// Creates a schedule before the first frame; a car is observed at most once in `every` frames of the input.
     #[must_use]
     pub fn new(every: u64) -> Self {
-        Self { every, places: Vec::new() }
+        Self { every, cars: Vec::new() }
     }
 
-    /// Decides for every car of a frame, in the order of time; the net is for those that `fits` says.
-    pub(crate) fn turns(&mut self, frame: &FrameRecord, fits: impl Fn(&CarRecord) -> bool) -> Vec<Turn> {
+    /// Decides for every car of a frame, in the order of time. `fits` returns whether the net suits a car.
+    pub(crate) fn decisions(
+        &mut self,
+        frame: &FrameRecord,
+        fits: impl Fn(&CarRecord) -> bool,
+    ) -> Vec<Decision> {
         let time_s = frame.time_s;
-        self.places.retain(|place| time_s - place.found_s <= FORGOTTEN_S);
+        self.cars.retain(|earlier| time_s - earlier.found_s <= FORGOTTEN_S);
         let watch = frame.watch.as_ref();
-        let is_looked = watch.is_none_or(|watch| watch.looked);
+        let is_inspected = watch.is_none_or(|watch| watch.looked);
         let offset = watch.map_or(Vector2::zeros(), WatchRecord::offset);
-        let mut taken = vec![false; self.places.len()];
-        let mut turns = Vec::with_capacity(frame.cars.len());
+        let mut taken = vec![false; self.cars.len()];
+        let mut decisions = Vec::with_capacity(frame.cars.len());
         for (index, car) in frame.cars.iter().enumerate() {
             let at_rest = bbox_moved(&car.bbox_px, &-offset);
-            let overlap = |place: &Place| bbox_iou(&place.found_px, &at_rest);
-            let nearest =
-                (0..taken.len()).filter(|&p| !taken[p] && overlap(&self.places[p]) >= FOLLOWS).max_by(
-                    |&a, &b| overlap(&self.places[a]).total_cmp(&overlap(&self.places[b])).then(b.cmp(&a)),
-                );
+            let overlap = |earlier: &ObservedCar| bbox_iou(&earlier.found_px, &at_rest);
+            let nearest = (0..taken.len())
+                .filter(|&p| !taken[p] && overlap(&self.cars[p]) >= FOLLOWS)
+                .max_by(|&a, &b| overlap(&self.cars[a]).total_cmp(&overlap(&self.cars[b])).then(b.cmp(&a)));
             let [x0, y0, x1, y1] = car.bbox_px;
-            let is_still = |place: &Place| {
-                let away = (bbox_centre(&place.bbox_px) - bbox_centre(&at_rest)).norm();
-                bbox_iou(&place.bbox_px, &at_rest) >= SAME && away <= STILL * (x1 - x0).hypot(y1 - y0)
+            let is_still = |earlier: &ObservedCar| {
+                let away = (bbox_centre(&earlier.bbox_px) - bbox_centre(&at_rest)).norm();
+                bbox_iou(&earlier.bbox_px, &at_rest) >= SAME && away <= STILL * (x1 - x0).hypot(y1 - y0)
             };
-            let look = CarRef { frame: frame.frame, car: index };
-            let looked = |looks: u32| Place {
+            let observation = CarRef { frame: frame.frame, car: index };
+            let observed = |observations: u32| ObservedCar {
                 bbox_px: at_rest,
                 found_px: at_rest,
-                look,
-                look_s: time_s,
-                looks,
+                observation,
+                observed_s: time_s,
+                observations,
                 found_s: time_s,
             };
-            let turn = match nearest {
+            let decision = match nearest {
                 Some(p) => {
                     taken[p] = true;
-                    let place = &mut self.places[p];
-                    (place.found_px, place.found_s) = (at_rest, time_s);
-                    let still = is_still(place);
-                    let wait_s = match place.looks {
-                        looks if looks < FIRST_LOOKS => 0.0,
-                        looks if looks < NEXT_LOOKS => NEXT_S,
+                    let earlier = &mut self.cars[p];
+                    (earlier.found_px, earlier.found_s) = (at_rest, time_s);
+                    let still = is_still(earlier);
+                    let wait_s = match earlier.observations {
+                        count if count < FIRST_OBSERVATIONS => 0.0,
+                        count if count < NEXT_OBSERVATIONS => NEXT_S,
                         _ => LATER_S,
                     };
-                    let is_early = frame.frame < place.look.frame + self.every;
-                    if car.held_since.is_none() && is_looked && is_early {
-                        Turn::Wait(place.look)
-                    } else if !is_looked || is_early || (still && time_s - place.look_s < wait_s) {
-                        Turn::Hold(place.look)
+                    let is_early = frame.frame < earlier.observation.frame + self.every;
+                    if car.held_since.is_none() && is_inspected && is_early {
+                        Decision::Wait(earlier.observation)
+                    } else if !is_inspected || is_early || (still && time_s - earlier.observed_s < wait_s) {
+                        Decision::CarryOver(earlier.observation)
                     } else {
-                        *place = looked(if still { place.looks + 1 } else { 1 });
-                        Turn::Look
+                        *earlier = observed(if still { earlier.observations + 1 } else { 1 });
+                        Decision::Observe
                     }
                 }
-                None if is_looked => {
-                    self.places.push(looked(1));
-                    Turn::Look
+                None if is_inspected => {
+                    self.cars.push(observed(1));
+                    Decision::Observe
                 }
-                None => Turn::Pass,
+                None => Decision::Skip,
             };
-            turns.push(match turn {
-                Turn::Look | Turn::Hold(_) if !fits(car) => Turn::Pass,
-                turn => turn,
+            decisions.push(match decision {
+                Decision::Observe | Decision::CarryOver(_) if !fits(car) => Decision::Skip,
+                decision => decision,
             });
         }
-        turns
+        decisions
     }
 }
 
@@ -138,44 +147,44 @@ mod tests {
         FrameRecord { cars, ..FrameRecord::empty(index, index as f64 * 0.1, size) }
     }
 
-    fn looks(frames: impl Iterator<Item = FrameRecord>) -> Vec<u64> {
+    fn observed_frames(frames: impl Iterator<Item = FrameRecord>) -> Vec<u64> {
         let mut schedule = Schedule::new(1);
-        let mut looks = Vec::new();
+        let mut observed = Vec::new();
         for frame in frames {
-            match schedule.turns(&frame, |_| true)[0] {
-                Turn::Look => looks.push(frame.frame),
-                Turn::Hold(look) => assert_eq!(Some(&look.frame), looks.last()),
-                Turn::Wait(_) | Turn::Pass => panic!("frame {}", frame.frame),
+            match schedule.decisions(&frame, |_| true)[0] {
+                Decision::Observe => observed.push(frame.frame),
+                Decision::CarryOver(from) => assert_eq!(Some(&from.frame), observed.last()),
+                Decision::Wait(_) | Decision::Skip => panic!("frame {}", frame.frame),
             }
         }
-        looks
+        observed
     }
 
     #[test]
-    fn a_parked_car_is_looked_at_ever_more_rarely() {
-        let seen = looks((0..600).map(|i| frame(i, 100.0 + 0.5 * (i % 3) as f64)));
+    fn a_parked_car_is_observed_ever_more_rarely() {
+        let seen = observed_frames((0..600).map(|i| frame(i, 100.0 + 0.5 * (i % 3) as f64)));
         assert_eq!(seen[..12], (0..12).collect::<Vec<_>>());
         assert!((24..40).contains(&seen.len()), "{seen:?}");
         assert!(seen.windows(2).all(|pair| pair[1] - pair[0] <= 51));
     }
 
     #[test]
-    fn whatever_moves_waits_between_its_looks() {
+    fn a_moving_car_waits_between_its_observations() {
         for fits in [true, false] {
             let mut schedule = Schedule::new(3);
-            let turns: Vec<Turn> =
-                (0..9).flat_map(|i| schedule.turns(&frame(i, 10.0 * i as f64), |_| fits)).collect();
-            let own = if fits { Turn::Look } else { Turn::Pass };
-            let wait = |frame| Turn::Wait(CarRef { frame, car: 0 });
-            let expected = [0, 3, 6].map(|look| [own, wait(look), wait(look)]).concat();
-            assert_eq!(turns, expected);
+            let decisions: Vec<Decision> =
+                (0..9).flat_map(|i| schedule.decisions(&frame(i, 10.0 * i as f64), |_| fits)).collect();
+            let own = if fits { Decision::Observe } else { Decision::Skip };
+            let wait = |frame| Decision::Wait(CarRef { frame, car: 0 });
+            let expected = [0, 3, 6].map(|frame| [own, wait(frame), wait(frame)]).concat();
+            assert_eq!(decisions, expected);
         }
     }
 
     #[test]
-    fn a_moving_car_is_looked_at_as_it_moves() {
-        assert_eq!(looks((0..50).map(|i| frame(i, 10.0 * i as f64))).len(), 50);
-        let slow = looks((0..100).map(|i| frame(i, 0.7 * i as f64)));
+    fn a_moving_car_is_observed_as_it_moves() {
+        assert_eq!(observed_frames((0..50).map(|i| frame(i, 10.0 * i as f64))).len(), 50);
+        let slow = observed_frames((0..100).map(|i| frame(i, 0.7 * i as f64)));
         assert!((20..95).contains(&slow.len()), "{slow:?}");
     }
 }

@@ -1,4 +1,4 @@
-//! Errors of the laboratory, by who can mend them. The path comes last in each message.
+//! Errors of the laboratory, and the fault of each: usage, input or internal. The path comes last in each message.
 
 use std::path::Path;
 
@@ -11,7 +11,7 @@ use thiserror::Error;
 /// Why an evaluation fails.
 #[derive(Debug, Error)]
 pub enum LabError {
-    /// A truth file or a file of others cannot be read or compared.
+    /// A truth file, or a file of another program, cannot be read or compared.
     #[error(transparent)]
     Metrics(#[from] MetricsError),
     /// A net or a run of the pipeline failed.
@@ -38,7 +38,7 @@ impl LabError {
         MetricsError::Unsuitable { what: what.to_string() }.into()
     }
 
-    /// Returns who can mend it.
+    /// Returns the fault that decides the exit code: usage, input or internal.
     #[must_use]
     pub fn fault(&self) -> Fault {
         match self {
@@ -49,7 +49,7 @@ impl LabError {
         }
     }
 
-    /// Returns who can mend an error of the metrics.
+    /// Returns the fault of an error of the metrics.
     #[must_use]
     pub fn fault_of_metrics(error: &MetricsError) -> Fault {
         match error {

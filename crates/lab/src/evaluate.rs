@@ -1,12 +1,12 @@
-//! One file or folder a command of `roadplane eval`.
+//! The evaluations: one file or folder for each command of `roadplane-lab eval`.
 
 pub(crate) mod activity;
-pub(crate) mod attention;
 pub(crate) mod box_files;
 pub(crate) mod cameras;
 pub(crate) mod dataset;
 pub mod keypoints;
 pub(crate) mod kitti;
+pub(crate) mod regions;
 pub(crate) mod run;
 pub mod solver;
 pub(crate) mod tracker;

@@ -1,4 +1,4 @@
-//! The files of a finished run, read back.
+//! Reads back the files of a finished run.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -16,21 +16,21 @@ use roadplane_metrics::truth::Truth;
 /// The files of a finished run, `DIR/<stem>/`.
 #[derive(Clone, Debug)]
 pub struct FinishedRun {
-    /// The camera; of the longest stretch where it was moved.
+    /// The camera; if it was moved, that of the longest segment.
     pub camera: CameraSegment,
     /// Rows of `tracks.jsonl`.
     pub rows: Vec<TrackRow>,
     /// Lines of `poses.jsonl`.
     pub poses: Vec<PoseRecord>,
-    /// What the run did.
+    /// The configuration of the run.
     pub config: Config,
 }
 
 impl FinishedRun {
-    /// Reads the folder.
+    /// Reads the folder of a finished run.
     ///
     /// # Errors
-    /// [`LabError::Write`], [`LabError::Unreadable`] or [`LabError::Malformed`] for the file that is missing or broken.
+    /// [`LabError::Write`] or [`LabError::Metrics`] for the file that is missing or broken.
     pub fn read(folder: &Path) -> Result<Self, LabError> {
         let path = folder.join("summary.json");
         let malformed = |e: serde_json::Error| LabError::malformed(&path, e);
@@ -43,14 +43,14 @@ impl FinishedRun {
         })
     }
 
-    /// The frames that the run looked at: those that its configuration leaves out are not missed.
+    /// Returns the frames of the truth that the run processed. Frames that its configuration leaves out do not count.
     #[must_use]
     pub fn analysed(&self, truth: &Truth) -> BTreeSet<u64> {
-        self.looked_at(truth.frames.iter().map(|frame| (frame.frame, frame.time_s)))
+        self.processed(truth.frames.iter().map(|frame| (frame.frame, frame.time_s)))
     }
 
-    /// Those of frames in order (index and time, s) that the run looked at.
-    pub(crate) fn looked_at(&self, frames: impl Iterator<Item = (u64, f64)>) -> BTreeSet<u64> {
+    /// Returns the indices of the frames that the run processed. `frames` are pairs of index and time (s), in order.
+    pub(crate) fn processed(&self, frames: impl Iterator<Item = (u64, f64)>) -> BTreeSet<u64> {
         let decode = &self.config.decode;
         let wanted = frames.filter(|(frame, time_s)| {
             frame.is_multiple_of(u64::from(decode.stride.max(1)))
@@ -61,15 +61,15 @@ impl FinishedRun {
         wanted.take(most).map(|(frame, _)| frame).collect()
     }
 
-    /// Boxes of a frame; a run keeps those of cars that it solved.
+    /// Returns the boxes of a frame. A run keeps the boxes of the cars that have a pose.
     pub(crate) fn boxes(&self, frame: u64) -> Vec<FoundBox> {
         let here = self.poses.iter().filter(|pose| pose.frame == frame);
         here.map(|pose| FoundBox { bbox_px: pose.bbox_px, score: pose.score }).collect()
     }
 }
 
-/// Boxes of each frame looked at.
+/// Returns the true and found boxes of each of the given frames.
 pub(crate) fn pictures(run: &FinishedRun, truth: &Truth, frames: &BTreeSet<u64>) -> Vec<PictureBoxes> {
-    let looked_at = truth.frames.iter().filter(|frame| frames.contains(&frame.frame));
-    looked_at.map(|frame| picture_boxes(truth, frame, run.boxes(frame.frame))).collect()
+    let processed = truth.frames.iter().filter(|frame| frames.contains(&frame.frame));
+    processed.map(|frame| picture_boxes(truth, frame, run.boxes(frame.frame))).collect()
 }

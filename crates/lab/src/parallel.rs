@@ -1,19 +1,21 @@
-//! The same work on many items, on as many threads as there are cores; results in the items' order.
+//! Runs the same work on many items, on as many threads as there are cores. Results keep the order of the items.
 
 use std::convert::Infallible;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 
-/// `work(i)` for i in 0..count. The order of the results, and so everything made of them, does not depend on the threads.
+/// Returns `work(i)` for each i in 0..count. The order of the results does not depend on the threads.
 pub(crate) fn in_parallel<T: Send>(count: usize, work: impl Fn(usize) -> T + Sync) -> Vec<T> {
     let Ok(results) = try_in_parallel(count, || Ok::<_, Infallible>(()), |(), index| Ok(work(index)));
     results
 }
 
-/// The same with work that may fail, and with what each thread opens once to work with. Nothing more is begun after a failure.
+/// Returns `work(own, i)` for each i in 0..count, for work that may fail. Each thread opens its own `own` once.
+///
+/// No work starts after a failure.
 ///
 /// # Errors
-/// The failure with the lowest index, whatever the threads; else that of opening.
+/// Returns the failure with the lowest index, independent of the threads; otherwise the failure to open.
 pub(crate) fn try_in_parallel<S, T: Send, E: Send>(
     count: usize,
     open: impl Fn() -> Result<S, E> + Sync,
@@ -59,16 +61,16 @@ mod tests {
     }
 
     #[test]
-    fn the_first_failure_is_told_and_ends_the_work() {
-        let begun = AtomicUsize::new(0);
+    fn the_first_failure_is_returned_and_ends_the_work() {
+        let started = AtomicUsize::new(0);
         let work = |own: &mut usize, index: usize| {
-            begun.fetch_add(1, Ordering::Relaxed);
+            started.fetch_add(1, Ordering::Relaxed);
             *own += 1;
             if index >= 5 { Err(index) } else { Ok(*own) }
         };
         assert_eq!(try_in_parallel(1000, || Ok(0), work), Err(5));
-        assert!(begun.load(Ordering::Relaxed) < 1000);
-        // Each thread goes on with what it opened.
+        assert!(started.load(Ordering::Relaxed) < 1000);
+        // Each thread keeps the value that it opened.
         let counts = try_in_parallel(5, || Ok(0), work).unwrap();
         assert!(counts.contains(&1) && counts.iter().all(|count| (1..=5).contains(count)), "{counts:?}");
         assert_eq!(try_in_parallel(3, || Err("closed"), |(), _| Ok(())), Err("closed"));

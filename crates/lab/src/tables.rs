@@ -1,4 +1,4 @@
-//! Tables and plots of scores, one row a system, with intervals over scenes.
+//! Tables and plots of scores, one row per system, with intervals over scenes.
 
 use roadplane_tables::{Cell, bootstrap};
 
@@ -6,12 +6,14 @@ mod poses;
 mod tracks;
 
 pub use poses::{add_plot, add_table, camera_table, steps_table, viewpoint_plot, viewpoint_table};
-pub use tracks::{boxes_table, honesty_table, motion_table, position_plot, position_table, tracking_table};
+pub use tracks::{
+    boxes_table, calibration_table, motion_table, position_plot, position_table, tracking_table,
+};
 
-/// Scores of a system: its name and what it did in each scene.
+/// Scores of a system: its name, and its scores in each scene.
 pub type Scored<'a, T> = (&'a str, &'a [Vec<T>]);
 
-/// A statistic of one number of each score, with its interval over scenes.
+/// Returns a statistic of one number of each score, with its interval over scenes.
 fn cell<T>(
     scenes: &[Vec<T>],
     number: impl Fn(&T) -> f64,

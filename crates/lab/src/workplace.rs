@@ -1,4 +1,4 @@
-//! Where files of runs lie while they are needed, or for good.
+//! A folder for the files of runs, temporary or kept.
 
 use std::path::{Path, PathBuf};
 
@@ -6,15 +6,15 @@ use roadplane_write::WriteError;
 
 use crate::LabError;
 
-/// A folder.
+/// A folder for the files of runs.
 pub(crate) struct Workplace {
     folder: PathBuf,
-    /// Removes the folder at the end.
+    /// The guard that removes a temporary folder at the end.
     _temporary: Option<tempfile::TempDir>,
 }
 
 impl Workplace {
-    /// In `keep`, else somewhere for the time being.
+    /// Makes the folder `keep`, or a temporary folder if none is given.
     pub fn new(keep: Option<&Path>) -> Result<Self, LabError> {
         if let Some(keep) = keep {
             std::fs::create_dir_all(keep).map_err(|source| no_folder(source, keep))?;
@@ -24,7 +24,7 @@ impl Workplace {
         Ok(Self { folder: temporary.path().to_path_buf(), _temporary: Some(temporary) })
     }
 
-    /// The folder.
+    /// Returns the path of the folder.
     pub fn folder(&self) -> &Path {
         &self.folder
     }
@@ -39,15 +39,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_a_folder_that_nobody_asked_for_vanishes() {
+    fn only_a_temporary_folder_is_removed() {
         let here = tempfile::tempdir().unwrap();
         let kept = here.path().join("kept");
         drop(Workplace::new(Some(&kept)).unwrap());
         assert!(kept.is_dir());
-        let place = Workplace::new(None).unwrap();
-        let folder = place.folder().to_path_buf();
+        let workplace = Workplace::new(None).unwrap();
+        let folder = workplace.folder().to_path_buf();
         assert!(folder.is_dir());
-        drop(place);
+        drop(workplace);
         assert!(!folder.exists());
     }
 }

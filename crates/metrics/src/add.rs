@@ -1,16 +1,19 @@
 //! ADD: average distance of a model's points (Hinterstoisser et al. 2012, "Model based training, detection and pose
-//! estimation of texture-less 3D objects", Eq. 10), here in units of the object's diameter as in the paper's Table 1.
+//! estimation of texture-less 3D objects", Eq. 10). Here it is in units of the object's diameter, as in the paper's
+//! Table 1.
 
 use nalgebra::{Isometry3, Point3};
 
-/// Thresholds of the paper's Tables 1 and 3, and before them the strict ones at which today's methods differ; diameters.
+/// Thresholds in diameters: those of the paper's Tables 1 and 3, and before them stricter ones, at which today's
+/// methods differ.
 pub const THRESHOLDS: [f64; 8] = [0.05, 0.1, 0.2, 0.4, 0.8, 1.2, 1.6, 2.0];
 
-/// Mean distance (m) between a car's true points and where an estimate puts the same points, in the camera frame.
+/// Returns the mean distance (m) between a car's true points and the same points of an estimate, in the camera frame.
 ///
-/// `true_points` and `estimated_points` are in the car frame and correspond by index; points that either lacks are left out.
-/// With the true points on both sides it is Hinterstoisser's ADD, which judges the pose alone; with the estimated shape's
-/// points it is the paper's, which judges what the algorithm puts out. `None` where no point is common.
+/// `true_points` and `estimated_points` are in the car frame and correspond by index. Points that either side lacks are
+/// left out. With the true points on both sides it is Hinterstoisser's ADD, which measures the pose alone. With the
+/// points of the estimated shape it is the paper's ADD, which measures the full output. The result is `None` without a
+/// common point.
 #[must_use]
 pub fn add_m(
     true_points: &[Option<Point3<f64>>],
@@ -26,16 +29,19 @@ pub fn add_m(
     (!distances.is_empty()).then(|| distances.iter().sum::<f64>() / distances.len() as f64)
 }
 
-/// Largest distance between two of a car's points, m: the diameter that ADD is divided by. 0 of fewer than two points.
+/// Returns the largest distance between two of a car's points, m: the diameter that divides ADD. It is 0 below two
+/// points.
 #[must_use]
 pub fn diameter_m(points: &[Option<Point3<f64>>]) -> f64 {
-    let known: Vec<&Point3<f64>> = points.iter().flatten().collect();
-    let pairs = known.iter().enumerate().flat_map(|(i, a)| known[..i].iter().map(move |b| (*a - *b).norm()));
+    let present: Vec<&Point3<f64>> = points.iter().flatten().collect();
+    let pairs =
+        present.iter().enumerate().flat_map(|(i, a)| present[..i].iter().map(move |b| (*a - *b).norm()));
     pairs.fold(0.0, f64::max)
 }
 
-/// The eight corners of a box of length, width and height (m) that stands on the ground round the car's origin: the points
-/// of a car of which only the dimensions are known.
+/// Returns the eight corners of a box of length, width and height (m) on the ground around the car's origin.
+///
+/// They are the points of a car if only its dimensions are given.
 #[must_use]
 pub fn box_corners([length, width, height]: [f64; 3]) -> [Option<Point3<f64>>; 8] {
     std::array::from_fn(|i| {

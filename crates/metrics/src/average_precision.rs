@@ -1,13 +1,13 @@
-//! Average precision of boxes as COCO defines it (Lin et al. 2014, "Microsoft COCO", and its evaluation code, pycocotools):
-//! greedy matching by score, ten IoU thresholds, 101 recall points, at most 100 detections a picture.
+//! Average precision of boxes as COCO defines it (Lin et al. 2014, "Microsoft COCO", and its evaluation code,
+//! pycocotools): greedy matching by score, ten IoU thresholds, 101 recall points, at most 100 detections per picture.
 
 use roadplane_base::bbox_iou;
 
-/// IoU thresholds 0.50, 0.55 … 0.95.
+/// Number of IoU thresholds: 0.50, 0.55 … 0.95.
 pub const IOU_THRESHOLDS: usize = 10;
-/// Recall points 0.00, 0.01 … 1.00.
+/// Number of recall points: 0.00, 0.01 … 1.00.
 const RECALL_POINTS: usize = 101;
-/// Detections of a picture that count, best first.
+/// Most detections of a picture that count, best first.
 const MAX_DETECTIONS: usize = 100;
 
 /// A true box.
@@ -15,16 +15,16 @@ const MAX_DETECTIONS: usize = 100;
 pub struct TrueBox {
     /// Left, top, right, bottom, px.
     pub bbox_px: [f64; 4],
-    /// What its size is told by, px²: the box's area, or that of the thing's outline where it is known.
+    /// Area that decides the size class, px²: that of the box, or of the object's outline if it is given.
     pub area_px2: f64,
-    /// Neither found nor missed: too small, too hidden, of another kind.
+    /// Whether the box is neither found nor missed: too small, too hidden, or of another kind.
     pub ignore: bool,
-    /// A region with several things: any number of detections may lie in it, none of them is wrong.
+    /// Whether it is a region with several objects: any number of detections may lie in it, and none of them is wrong.
     pub crowd: bool,
 }
 
 impl TrueBox {
-    /// A box that counts or is ignored, its size told by its area.
+    /// Returns a box that counts or is ignored; its own area decides the size class.
     #[must_use]
     pub fn new(bbox_px: [f64; 4], ignore: bool) -> Self {
         Self { bbox_px, area_px2: area(&bbox_px), ignore, crowd: false }
@@ -36,23 +36,23 @@ impl TrueBox {
 pub struct FoundBox {
     /// Left, top, right, bottom, px.
     pub bbox_px: [f64; 4],
-    /// Score; only the order matters.
+    /// Score; only the order of scores matters.
     pub score: f64,
 }
 
-/// Boxes of one picture.
+/// The true and found boxes of one picture.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PictureBoxes {
-    /// What the ground truth holds.
+    /// The true boxes.
     pub truth: Vec<TrueBox>,
-    /// What was found.
+    /// The detections.
     pub found: Vec<FoundBox>,
 }
 
-/// Sizes that COCO tells apart, by the box's area.
+/// The size classes of COCO, by the box's area.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Size {
-    /// Any.
+    /// Any size.
     All,
     /// Below 32² px.
     Small,
@@ -63,7 +63,7 @@ pub enum Size {
 }
 
 impl Size {
-    /// All of them.
+    /// All size classes.
     pub const EACH: [Self; 4] = [Self::All, Self::Small, Self::Medium, Self::Large];
 
     fn holds(self, area_px2: f64) -> bool {
@@ -77,7 +77,7 @@ impl Size {
     }
 }
 
-/// Average precision, 0–1.
+/// Average precision, 0–1 (AP of COCO).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AveragePrecision {
     /// Mean over the ten IoU thresholds.
@@ -86,17 +86,17 @@ pub struct AveragePrecision {
     pub ap50: f64,
 }
 
-/// How the detections of one picture fared for one size.
+/// The matched detections of one picture, for one size class.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PictureMatch {
-    /// True boxes that count.
+    /// Number of true boxes that count.
     to_find: usize,
-    /// At each IoU threshold: score of each detection that counts and whether it is a hit.
+    /// For each IoU threshold, the detections that count: score, and whether it is a hit.
     outcomes: [Vec<(f64, bool)>; IOU_THRESHOLDS],
 }
 
 impl PictureMatch {
-    /// Matches the boxes of a picture that hold one kind of thing.
+    /// Matches the boxes of a picture, which must all be of one category.
     #[must_use]
     pub fn of(picture: &PictureBoxes, size: Size) -> Self {
         Self {
@@ -106,7 +106,7 @@ impl PictureMatch {
     }
 }
 
-/// AP of all pictures; `None` where nothing is to be found.
+/// Returns the AP of all pictures; `None` if they have no true box that counts.
 #[must_use]
 pub fn average_precision(pictures: &[&PictureMatch]) -> Option<AveragePrecision> {
     let at: Option<Vec<f64>> = (0..IOU_THRESHOLDS).map(|step| at_threshold(pictures, step)).collect();
@@ -121,7 +121,7 @@ fn at_threshold(pictures: &[&PictureMatch], step: usize) -> Option<f64> {
     if to_find == 0 {
         return None;
     }
-    // Stable, so that equal scores stay in the pictures' order.
+    // The sort is stable, so equal scores stay in the pictures' order.
     outcomes.sort_by(|a, b| b.0.total_cmp(&a.0));
     let mut hits = 0usize;
     let mut curve: Vec<(f64, f64)> = Vec::with_capacity(outcomes.len());
@@ -129,14 +129,14 @@ fn at_threshold(pictures: &[&PictureMatch], step: usize) -> Option<f64> {
         hits += usize::from(*hit);
         curve.push((hits as f64 / to_find as f64, hits as f64 / ((i + 1) as f64 + f64::EPSILON)));
     }
-    // Precision at a recall is the best at that recall or above.
+    // Precision at a recall is the best precision at that recall or above.
     let mut best = 0.0f64;
     for point in curve.iter_mut().rev() {
         best = best.max(point.1);
         point.1 = best;
     }
     let precision_at = |k: usize| {
-        // As NumPy's linspace has them: where a recall is a round number, the last bit decides.
+        // The same values as NumPy's linspace: where the recall is a round number, the last bit decides.
         let recall = if k + 1 == RECALL_POINTS { 1.0 } else { k as f64 * 0.01 };
         curve.get(curve.partition_point(|point| point.0 < recall)).map_or(0.0, |point| point.1)
     };
@@ -147,7 +147,7 @@ fn ignored(truth: &TrueBox, size: Size) -> bool {
     truth.ignore || truth.crowd || !size.holds(truth.area_px2)
 }
 
-/// Score of each detection that counts and whether it is a hit.
+/// Returns the detections that count: the score, and whether it is a hit.
 fn matched(picture: &PictureBoxes, size: Size, threshold: f64) -> Vec<(f64, bool)> {
     let mut truths: Vec<&TrueBox> = picture.truth.iter().collect();
     truths.sort_by_key(|truth| ignored(truth, size));
@@ -163,7 +163,7 @@ fn matched(picture: &PictureBoxes, size: Size, threshold: f64) -> Vec<(f64, bool
             if taken[g] && !truth.crowd {
                 continue;
             }
-            // A true match is not given up for an ignored one; those come last.
+            // A match with a true box that counts is not given up for an ignored box. Ignored boxes come last.
             if best.is_some_and(|b| !ignored(truths[b], size)) && ignored(truth, size) {
                 break;
             }
@@ -187,7 +187,7 @@ fn matched(picture: &PictureBoxes, size: Size, threshold: f64) -> Vec<(f64, bool
     outcomes
 }
 
-/// IoU; with a crowd the share of the detection that lies in it.
+/// Returns the IoU; for a crowd, the share of the detection that lies in it.
 fn overlap(found: &FoundBox, truth: &TrueBox) -> f64 {
     let (a, b) = (&found.bbox_px, &truth.bbox_px);
     if !truth.crowd {
@@ -214,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn one_of_two_found_and_a_false_one_between() {
+    fn one_of_two_is_found_with_a_false_box_between() {
         let picture = PictureBoxes {
             truth: vec![truth([0.0, 0.0, 10.0, 10.0]), truth([50.0, 0.0, 60.0, 10.0])],
             found: vec![

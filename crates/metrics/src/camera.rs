@@ -1,27 +1,27 @@
-//! Errors of focal length and ground plane (paper §Experiments, focal-length study: error relative to the truth).
+//! Errors of focal length and ground plane (paper §Experiments, focal-length study: errors relative to the truth).
 
 use nalgebra::Matrix4;
 use roadplane_base::GroundPlane;
 
-/// Errors of one estimated camera; signed, estimate minus truth.
+/// Errors of one estimated camera, signed: estimate minus truth.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CameraError {
-    /// (f − f*) / f*.
+    /// Error of the focal length f, relative to the truth f*: (f − f*) / f*.
     pub focal_relative: f64,
-    /// Optical axis below the horizontal, rad.
+    /// Error of the tilt (optical axis below the horizontal), rad.
     pub tilt_rad: f64,
-    /// Turn of the horizon, rad.
+    /// Error of the roll (turn of the horizon), rad.
     pub roll_rad: f64,
-    /// Angle between the normals, rad; not negative.
+    /// Angle between the plane normals, rad; not negative.
     pub normal_rad: f64,
-    /// (h − h*) / h*.
+    /// Error of the height h, relative to the truth h*: (h − h*) / h*.
     pub height_relative: f64,
-    /// Errors of log f, tilt and log h in claimed sds; NaN where none is claimed.
+    /// Errors of log f, tilt and log h in claimed sds; NaN if no sd is claimed.
     pub in_sds: [f64; 3],
 }
 
 impl CameraError {
-    /// With the errors in sds, by the claimed covariance of (log f, tilt, roll, log h).
+    /// Returns the errors with `in_sds` filled in, from the claimed covariance of (log f, tilt, roll, log h).
     #[must_use]
     pub fn against_claimed(self, covariance: &Matrix4<f64>) -> Self {
         let in_sds = |error: f64, number: usize| {
@@ -33,7 +33,7 @@ impl CameraError {
     }
 }
 
-/// Errors of an estimated focal length (px) and plane against the true ones.
+/// Returns the errors of an estimated focal length (px) and plane against the true ones.
 #[must_use]
 pub fn camera_error(
     focal_px: f64,
@@ -56,7 +56,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_number_is_its_own() {
+    fn each_error_has_its_own_field() {
         let truth = GroundPlane::from_tilt_roll_height(0.30, 0.02, 8.0);
         let plane = GroundPlane::from_tilt_roll_height(0.33, 0.02, 8.8);
         let error = camera_error(1900.0, &plane, 2000.0, &truth);

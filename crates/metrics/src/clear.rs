@@ -1,37 +1,38 @@
-//! CLEAR MOT (Bernardin & Stiefelhagen 2008, "Evaluating Multiple Object Tracking Performance"), computed as in TrackEval:
-//! matches of the frame before are kept while they pass the threshold, the rest by greatest similarity.
+//! CLEAR MOT (Bernardin & Stiefelhagen 2008, "Evaluating Multiple Object Tracking Performance"), computed as in
+//! TrackEval. Matches of the frame before are kept while they pass the threshold; the others are made by greatest
+//! similarity.
 
 use std::collections::BTreeMap;
 
 use super::sequence::{EPSILON, SequenceFrame};
 
-/// A pair below this similarity is no match (on the ground: 2 m).
+/// Least similarity of a match (on the ground: 2 m).
 pub const THRESHOLD: f64 = 0.5;
 
-/// What CLEAR MOT is made of; those of several clips add up.
+/// The counts that CLEAR MOT is computed from. Counts of several clips add up.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Clear {
-    /// Matches.
+    /// Number of matches.
     pub hits: u64,
-    /// Truths without a match.
+    /// Number of true objects without a match.
     pub misses: u64,
-    /// Found ones without a match.
+    /// Number of found objects without a match.
     pub false_alarms: u64,
-    /// Times that a true track goes on under another id.
+    /// Number of times that a true track continues under another id.
     pub switches: u64,
     /// Sum of the matches' similarities.
     pub similarity: f64,
 }
 
 impl Clear {
-    /// Those of one clip.
+    /// Counts one clip.
     #[must_use]
     pub fn of(clip: &[SequenceFrame]) -> Self {
         let mut last_of: BTreeMap<u64, u64> = BTreeMap::new();
         let mut in_frame_before: BTreeMap<u64, u64> = BTreeMap::new();
         let mut counts = Self::default();
         for frame in clip {
-            // As in the reference, a frame without one side is no frame in between.
+            // As in the reference, the frame before is the last one with objects on both sides.
             if frame.truth.is_empty() || frame.found.is_empty() {
                 counts.misses += frame.truth.len() as u64;
                 counts.false_alarms += frame.found.len() as u64;
@@ -59,7 +60,7 @@ impl Clear {
         counts
     }
 
-    /// Several clips as one.
+    /// Returns the counts of several clips together.
     #[must_use]
     pub fn sum<'a>(clips: impl IntoIterator<Item = &'a Self>) -> Self {
         clips.into_iter().fold(Self::default(), |sum, clip| Self {
@@ -71,14 +72,15 @@ impl Clear {
         })
     }
 
-    /// 1 − (misses + false alarms + switches) / truths; below 0 where there are more errors than truths.
+    /// Returns MOTA: 1 − (misses + false alarms + switches) / truths. It is below 0 if there are more errors than
+    /// truths.
     #[must_use]
     pub fn mota(&self) -> f64 {
         let truths = (self.hits + self.misses).max(1) as f64;
         (self.hits as f64 - self.false_alarms as f64 - self.switches as f64) / truths
     }
 
-    /// Mean similarity of the matches.
+    /// Returns MOTP: the mean similarity of the matches.
     #[must_use]
     pub fn motp(&self) -> f64 {
         self.similarity / self.hits.max(1) as f64
@@ -94,10 +96,10 @@ mod tests {
     fn misses_false_alarms_and_switches_are_counted() {
         let sequence = [
             frame(&[1, 2], &[7, 8], &[&[0.9, 0.0], &[0.0, 0.8]]),
-            // Track 1 goes on as 9; 8 is too far from 2: a miss and a false alarm.
+            // Track 1 continues as 9. Track 8 is too far from 2: a miss and a false alarm.
             frame(&[1, 2], &[9, 8], &[&[0.7, 0.0], &[0.0, 0.4]]),
             frame(&[1], &[], &[&[]]),
-            // Back to 7: another switch.
+            // Track 1 is 7 again: another switch.
             frame(&[1], &[7], &[&[0.6]]),
         ];
         let score = Clear::of(&sequence);

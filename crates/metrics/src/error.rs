@@ -4,13 +4,13 @@ use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 
-/// Why files cannot be compared.
+/// The reason why files cannot be compared.
 #[derive(Debug, Error)]
 pub enum MetricsError {
     /// A file cannot be read.
     #[error("cannot be read: {source}: {}", path.display())]
     Unreadable {
-        /// The system's answer.
+        /// The error of the operating system.
         source: std::io::Error,
         /// The file.
         path: PathBuf,
@@ -26,7 +26,7 @@ pub enum MetricsError {
     /// Files do not belong together, or hold too little to compare.
     #[error("{what}")]
     Unsuitable {
-        /// The fault, and how to mend it.
+        /// The fault, and how to correct it.
         what: String,
     },
 }

@@ -1,14 +1,14 @@
-//! HOTA (Luiten et al. 2021, "HOTA: A Higher Order Metric for Evaluating Multi-Object Tracking"), computed as in TrackEval:
-//! one assignment a frame by global alignment times similarity, then 19 localisation thresholds.
+//! HOTA (Luiten et al. 2021, "HOTA: A Higher Order Metric for Evaluating Multi-Object Tracking"), computed as in
+//! TrackEval: one assignment per frame by global alignment times similarity, then 19 localisation thresholds.
 
 use std::collections::BTreeMap;
 
 use super::sequence::{EPSILON, SequenceFrame, lengths};
 
-/// Localisation thresholds 0.05, 0.10 … 0.95.
+/// Number of localisation thresholds: 0.05, 0.10 … 0.95.
 pub const THRESHOLDS: usize = 19;
 
-/// Means over the thresholds, 0–1.
+/// HOTA and its parts, as means over the thresholds, 0–1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hota {
     /// √(DetA · AssA) at each threshold, averaged (Eq. 15, 17).
@@ -21,25 +21,25 @@ pub struct Hota {
     pub loc_a: f64,
 }
 
-/// What HOTA is made of; those of several clips add up.
+/// The counts that HOTA is computed from. Counts of several clips add up.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct HotaCounts {
-    /// True cars (car and frame).
+    /// Number of true cars, counted per frame.
     pub truths: f64,
-    /// Found cars (car and frame).
+    /// Number of found cars, counted per frame.
     pub founds: f64,
-    /// At each threshold: TP, the sum over TP of TPA / (TPA + FNA + FPA), the sum over TP of the similarity.
+    /// For each threshold: TP, the sum over TP of TPA / (TPA + FNA + FPA), the sum over TP of the similarity.
     pub at: [[f64; 3]; THRESHOLDS],
 }
 
 impl HotaCounts {
-    /// Those of one clip.
+    /// Counts one clip.
     #[must_use]
     pub fn of(clip: &[SequenceFrame]) -> Self {
         let truth_frames = lengths(clip, |frame| &frame.truth);
         let found_frames = lengths(clip, |frame| &frame.found);
         let alignment = global_alignment(clip, &truth_frames, &found_frames);
-        // Matched pairs with their similarity, one assignment for all thresholds.
+        // Matched pairs with their similarity. All thresholds share one assignment.
         let mut matches: Vec<((u64, u64), f64)> = Vec::new();
         for frame in clip {
             let score = |i: usize, j: usize| {
@@ -68,7 +68,7 @@ impl HotaCounts {
         Self { truths: truth_frames.values().sum(), founds: found_frames.values().sum(), at }
     }
 
-    /// Several clips as one, as the reference combines sequences.
+    /// Returns the counts of several clips together, as the reference combines sequences.
     #[must_use]
     pub fn sum<'a>(clips: impl IntoIterator<Item = &'a Self>) -> Self {
         clips.into_iter().fold(Self::default(), |mut sum, clip| {
@@ -81,7 +81,7 @@ impl HotaCounts {
         })
     }
 
-    /// The scores.
+    /// Computes the scores.
     #[must_use]
     pub fn score(&self) -> Hota {
         let mut sums = Hota { hota: 0.0, det_a: 0.0, ass_a: 0.0, loc_a: 0.0 };
@@ -91,7 +91,7 @@ impl HotaCounts {
             sums.det_a += det_a;
             sums.ass_a += ass_a;
             sums.hota += (det_a * ass_a).sqrt();
-            // Nothing matched is perfectly located, as the reference has it.
+            // Without matches the localisation is perfect, as in the reference.
             sums.loc_a += if hits > 0.0 { similarity / hits } else { 1.0 };
         }
         let mean = |sum: f64| sum / THRESHOLDS as f64;
@@ -104,8 +104,8 @@ impl HotaCounts {
     }
 }
 
-/// How well two tracks go together over the whole sequence (Jaccard index of soft matches), which keeps identities together
-/// where several pairings of a frame are alike.
+/// Returns the similarity of two tracks over the whole sequence (Jaccard index of soft matches). It keeps identities
+/// together if several pairings of a frame are alike.
 fn global_alignment(
     sequence: &[SequenceFrame],
     truth_frames: &BTreeMap<u64, f64>,
@@ -151,7 +151,7 @@ mod tests {
 
     #[test]
     fn a_track_cut_in_two_loses_association_only() {
-        // Four frames, ids 7, 7, 8, 8: DetA 1; each match has TPA 2, FNA 2, FPA 0, so AssA = 1/2.
+        // Four frames, ids 7, 7, 8, 8: DetA is 1. Each match has TPA 2, FNA 2, FPA 0, so AssA is 1/2.
         let sequence: Vec<_> = [7, 7, 8, 8].iter().map(|id| frame(&[1], &[*id], &[&[1.0]])).collect();
         let score = score(&sequence);
         assert!((score.det_a - 1.0).abs() < 1e-12 && (score.ass_a - 0.5).abs() < 1e-12, "{score:?}");
@@ -159,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn poor_places_count_at_low_thresholds_only() {
+    fn poor_positions_count_at_low_thresholds_only() {
         // Similarity 0.5 passes ten of the 19 thresholds; one false track in one of two frames.
         let sequence = [frame(&[1], &[7], &[&[0.5]]), frame(&[1], &[7, 9], &[&[0.5, 0.0]])];
         let score = score(&sequence);
@@ -179,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_found_and_nothing_there() {
+    fn empty_results_and_empty_truth_score_zero() {
         assert!(score(&[frame(&[1], &[], &[&[]])]).hota.abs() < 1e-12);
         assert!(score(&[]).hota.abs() < 1e-12);
     }

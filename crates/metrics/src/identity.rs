@@ -1,5 +1,5 @@
-//! Identity measures (Ristani et al. 2016, "Performance Measures and a Data Set for Multi-Target, Multi-Camera Tracking"):
-//! one assignment of tracks for the whole sequence.
+//! Identity measures (Ristani et al. 2016, "Performance Measures and a Data Set for Multi-Target, Multi-Camera
+//! Tracking"): one assignment of tracks for the whole sequence.
 
 use std::collections::BTreeMap;
 
@@ -7,22 +7,22 @@ use roadplane_base::assign;
 
 use super::sequence::{EPSILON, SequenceFrame, lengths};
 
-/// A pair below this similarity is no match.
+/// Least similarity of a match.
 pub const THRESHOLD: f64 = 0.5;
 
-/// What the identity measures are made of; those of several clips add up.
+/// The counts that the identity measures are computed from. Counts of several clips add up.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Identity {
-    /// Cars (car and frame) under their right identity (IDTP).
+    /// Number of cars with their right identity, counted per frame (IDTP).
     pub hits: f64,
-    /// True cars (car and frame).
+    /// Number of true cars, counted per frame.
     pub truths: f64,
-    /// Found cars (car and frame).
+    /// Number of found cars, counted per frame.
     pub founds: f64,
 }
 
 impl Identity {
-    /// Those of one clip.
+    /// Counts one clip.
     #[must_use]
     pub fn of(clip: &[SequenceFrame]) -> Self {
         let truth_frames = lengths(clip, |frame| &frame.truth);
@@ -37,7 +37,8 @@ impl Identity {
                 }
             }
         }
-        // Least wrong identities = most frames together: a pair of tracks saves one miss and one false alarm each.
+        // The fewest wrong identities have the most common frames: each common frame saves one miss and one false
+        // alarm.
         let truths: Vec<u64> = truth_frames.keys().copied().collect();
         let founds: Vec<u64> = found_frames.keys().copied().collect();
         let count = |i: usize, j: usize| together.get(&(truths[i], founds[j])).copied().unwrap_or(0.0);
@@ -49,7 +50,7 @@ impl Identity {
         }
     }
 
-    /// Several clips as one.
+    /// Returns the counts of several clips together.
     #[must_use]
     pub fn sum<'a>(clips: impl IntoIterator<Item = &'a Self>) -> Self {
         clips.into_iter().fold(Self::default(), |sum, clip| Self {
@@ -59,19 +60,19 @@ impl Identity {
         })
     }
 
-    /// IDF1 = 2 IDTP / (truths + founds) (Eq. 10), 0–1.
+    /// Returns IDF1 = 2 IDTP / (truths + founds) (Eq. 10), 0–1.
     #[must_use]
     pub fn idf1(&self) -> f64 {
         self.hits / (0.5 * (self.truths + self.founds)).max(1.0)
     }
 
-    /// IDP = IDTP / founds (Eq. 8), 0–1.
+    /// Returns IDP = IDTP / founds (Eq. 8), 0–1.
     #[must_use]
     pub fn precision(&self) -> f64 {
         self.hits / self.founds.max(1.0)
     }
 
-    /// IDR = IDTP / truths (Eq. 9), 0–1.
+    /// Returns IDR = IDTP / truths (Eq. 9), 0–1.
     #[must_use]
     pub fn recall(&self) -> f64 {
         self.hits / self.truths.max(1.0)

@@ -4,7 +4,7 @@
 //!
 //! # Contents
 //! ```text
-//! readers/    files of others: KITTI, KPF, COCO, MOT Challenge, calibrated cameras
+//! readers/    files of other programs: KITTI, KPF, COCO, MOT Challenge, reference cameras
 //! truth/      our own truth files
 //! scoring/    which estimate belongs to which true vehicle, and the errors of each pair
 //! hota.rs, clear.rs, identity.rs             tracks: HOTA, MOTA, IDF1; sequence.rs holds their input

@@ -1,4 +1,4 @@
-//! Errors of speed and heading, and how much parked cars seem to move.
+//! Errors of speed and heading, and the jitter of parked cars.
 
 use nalgebra::Vector2;
 use roadplane_base::angle_difference;
@@ -6,13 +6,13 @@ use roadplane_base::angle_difference;
 /// Errors of one car's motion in one frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MotionError {
-    /// |speed − true speed|, m/s.
+    /// Absolute error of the speed, m/s.
     pub speed_mps: f64,
-    /// Shortest turn between the headings, rad in 0–π.
+    /// Angle between the headings, rad in 0–π.
     pub heading_rad: f64,
 }
 
-/// Errors of an estimated speed (m/s) and heading (rad).
+/// Returns the errors of an estimated speed (m/s) and heading (rad).
 #[must_use]
 pub fn motion_error(
     speed_mps: f64,
@@ -26,12 +26,13 @@ pub fn motion_error(
     }
 }
 
-/// Root mean square displacement from frame to frame (m) of a track that stands still in truth; `places` are its ground
-/// positions in consecutive frames. `None` of fewer than two.
+/// Returns the root mean square displacement (m) from frame to frame of a parked car's track.
+///
+/// `positions_m` are its positions on the ground in consecutive frames. The result is `None` below two positions.
 #[must_use]
-pub fn jitter_m(places: &[Vector2<f64>]) -> Option<f64> {
-    let squares = places.windows(2).map(|pair| (pair[1] - pair[0]).norm_squared());
-    (places.len() > 1).then(|| (squares.sum::<f64>() / (places.len() - 1) as f64).sqrt())
+pub fn jitter_m(positions_m: &[Vector2<f64>]) -> Option<f64> {
+    let squares = positions_m.windows(2).map(|pair| (pair[1] - pair[0]).norm_squared());
+    (positions_m.len() > 1).then(|| (squares.sum::<f64>() / (positions_m.len() - 1) as f64).sqrt())
 }
 
 #[cfg(test)]
@@ -47,8 +48,8 @@ mod tests {
 
     #[test]
     fn jitter_is_the_rms_step() {
-        let places = [Vector2::new(0.0, 0.0), Vector2::new(0.3, 0.4), Vector2::new(0.3, 0.4)];
-        assert!((jitter_m(&places).unwrap() - 0.125f64.sqrt()).abs() < 1e-12);
-        assert_eq!(jitter_m(&places[..1]), None);
+        let positions = [Vector2::new(0.0, 0.0), Vector2::new(0.3, 0.4), Vector2::new(0.3, 0.4)];
+        assert!((jitter_m(&positions).unwrap() - 0.125f64.sqrt()).abs() < 1e-12);
+        assert_eq!(jitter_m(&positions[..1]), None);
     }
 }

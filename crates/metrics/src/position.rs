@@ -3,53 +3,59 @@
 use nalgebra::Vector2;
 use roadplane_base::Similarity;
 
-/// What "at 40 m" means, m: from, up to.
+/// The range of distances that counts as "at 40 m", m: from, up to.
 pub const AT_40_M: [f64; 2] = [30.0, 50.0];
-/// Everywhere.
+/// The range of all distances, m.
 pub const ALL_M: [f64; 2] = [0.0, f64::INFINITY];
-/// Distances that are looked at; [`AT_40_M`] overlaps its neighbours.
+/// The ranges of distance in the tables, m; [`AT_40_M`] overlaps its neighbours.
 pub const RANGES_M: [[f64; 2]; 7] =
     [[0.0, 20.0], [20.0, 40.0], AT_40_M, [40.0, 60.0], [60.0, 80.0], [80.0, f64::INFINITY], ALL_M];
 
-/// Error of an estimated position and where it happened.
+/// Error of an estimated position, and its distance from the camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PositionError {
-    /// True distance from the camera's foot on the ground, m.
+    /// True distance from the camera's foot point on the ground, m.
     pub distance_m: f64,
     /// Length of the error on the ground, m; infinite without an estimate.
     pub error_m: f64,
-    /// What is left of it when the scene's cars have been laid over the true ones, m.
+    /// Length of the error after the scene's positions are aligned with the true ones, m.
     pub aligned_m: f64,
 }
 
-/// A scene of fewer cars is not aligned: that would hide errors of the cars.
+/// Fewest cars of a scene that is aligned; with fewer cars the alignment would hide their errors.
 const FEWEST_ALIGNED: usize = 5;
 
-/// Errors of a scene's estimated positions against the true ones, each in its own world (x right, y ahead of the camera,
-/// origin at its foot), so that errors of the estimated camera count; m.
+/// Returns the errors of a scene's estimated positions against the true ones, m.
 ///
-/// Aligned: after the turn, shift and scale of the ground that lay the scene's cars over the true ones with the least squares
-/// (Umeyama 1991, IEEE PAMI 13), as trajectories of one camera are compared (Sturm et al. 2012, IROS): without what knowing a
-/// few places or lengths on the ground would take away. `cars`: how many the places are of.
+/// `positions_m` are pairs of estimate and truth, each in its own world (x right, y ahead of the camera, origin at its
+/// foot point). So errors of the estimated camera count. `cars` is the number of different cars.
+///
+/// Aligned errors are those after the least-squares turn, shift and scale of the ground (Umeyama 1991, IEEE PAMI 13),
+/// as for trajectories of one camera (Sturm et al. 2012, IROS). So they exclude the part that a few surveyed
+/// points or lengths would remove.
 #[must_use]
-pub fn position_errors(places: &[(Option<Vector2<f64>>, Vector2<f64>)], cars: usize) -> Vec<PositionError> {
-    let found: Vec<_> = places.iter().filter_map(|(estimate, truth)| Some(((*estimate)?, *truth))).collect();
+pub fn position_errors(
+    positions_m: &[(Option<Vector2<f64>>, Vector2<f64>)],
+    cars: usize,
+) -> Vec<PositionError> {
+    let found: Vec<_> =
+        positions_m.iter().filter_map(|(estimate, truth)| Some(((*estimate)?, *truth))).collect();
     let fit = if cars.min(found.len()) < FEWEST_ALIGNED { None } else { Similarity::fit(&found) };
     let of = |(estimate, truth): &(Option<Vector2<f64>>, Vector2<f64>)| {
         let error_m = estimate.map_or(f64::INFINITY, |estimate| (estimate - truth).norm());
         let aligned = estimate.and_then(|estimate| Some((fit?.apply(&estimate) - truth).norm()));
         PositionError { distance_m: truth.norm(), error_m, aligned_m: aligned.unwrap_or(error_m) }
     };
-    places.iter().map(of).collect()
+    positions_m.iter().map(of).collect()
 }
 
-/// Whether a distance (m) lies in a range.
+/// Returns whether a distance (m) lies in a range.
 #[must_use]
 pub fn in_range([from_m, to_m]: [f64; 2], distance_m: f64) -> bool {
     (from_m..to_m).contains(&distance_m)
 }
 
-/// Name of a range: `20–40 m`, `≥ 80 m`, `all`.
+/// Returns the name of a range: `20–40 m`, `≥ 80 m`, `all`.
 #[must_use]
 pub fn range_name([from_m, to_m]: [f64; 2]) -> String {
     match (from_m, to_m) {
@@ -65,9 +71,9 @@ mod tests {
 
     #[test]
     fn errors_and_ranges() {
-        let places =
+        let positions =
             [(Some(Vector2::new(3.3, 40.4)), Vector2::new(3.0, 40.0)), (None, Vector2::new(0.0, 30.0))];
-        let errors = position_errors(&places, 2);
+        let errors = position_errors(&positions, 2);
         assert!((errors[0].error_m - 0.5).abs() < 1e-9 && (errors[0].aligned_m - 0.5).abs() < 1e-9);
         assert!((errors[0].distance_m - 1609f64.sqrt()).abs() < 1e-9);
         assert!(errors[1].error_m.is_infinite() && errors[1].aligned_m.is_infinite());
@@ -82,16 +88,16 @@ mod tests {
     }
 
     #[test]
-    fn a_larger_world_is_laid_over_the_true_one() {
+    fn a_larger_world_is_aligned_with_the_true_one() {
         let truth = [[0.0, 20.0], [5.0, 20.0], [0.0, 30.0], [5.0, 30.0], [-4.0, 50.0], [9.0, 45.0]]
             .map(Vector2::from);
-        let mut places = truth.map(|truth| (Some(truth * 1.03 + Vector2::new(0.2, 0.0)), truth));
-        let errors = position_errors(&places, places.len());
+        let mut positions = truth.map(|truth| (Some(truth * 1.03 + Vector2::new(0.2, 0.0)), truth));
+        let errors = position_errors(&positions, positions.len());
         assert!(errors.iter().all(|e| e.error_m > 0.5 && e.aligned_m < 1e-9));
-        // One car elsewhere cannot hide.
-        places[5].0 = Some(truth[5] + Vector2::new(3.0, 0.0));
-        assert!(position_errors(&places, places.len())[5].aligned_m > 1.0);
-        // Two cars, three times each.
-        assert!(position_errors(&places, 2)[0].aligned_m > 0.5);
+        // The alignment does not hide the error of one car.
+        positions[5].0 = Some(truth[5] + Vector2::new(3.0, 0.0));
+        assert!(position_errors(&positions, positions.len())[5].aligned_m > 1.0);
+        // Two cars, three times each, are not aligned.
+        assert!(position_errors(&positions, 2)[0].aligned_m > 0.5);
     }
 }

@@ -1,4 +1,5 @@
-//! Truth of other people's data: known cameras, KITTI, KPF, COCO and MOT Challenge boxes. Malformed files give an error that names file and line.
+//! Readers of files of other programs: reference cameras, KITTI, KPF, COCO and MOT Challenge boxes. A malformed file
+//! gives an error that names the file and the line.
 
 pub mod cameras;
 pub mod coco;
@@ -12,19 +13,19 @@ use std::str::FromStr;
 use crate::MetricsError;
 use crate::text_file::read_text;
 
-/// Field `index` of a line as a value.
+/// Parses field `index` of a line; `name` is for the error.
 fn field<T: FromStr>(fields: &[&str], index: usize, name: &str) -> Result<T, String> {
     let text = fields.get(index).ok_or_else(|| format!("{name} is missing"))?;
     text.parse().ok().ok_or_else(|| format!("{name} {text:?} is not a valid value"))
 }
 
-/// Like [`field`] for finite numbers.
+/// Parses field `index` of a line as a finite number.
 fn number(fields: &[&str], index: usize, name: &str) -> Result<f64, String> {
     let value: f64 = field(fields, index, name)?;
     if value.is_finite() { Ok(value) } else { Err(format!("{name} is not finite")) }
 }
 
-/// Every line that is not empty, by a function of the fields that `split` finds in it; errors name the line.
+/// Reads every line that is not empty. `split` finds its fields, and `read` converts them. Errors name the line.
 fn lines<T>(
     path: &Path,
     split: impl Fn(&str) -> Vec<&str>,

@@ -1,10 +1,12 @@
-//! Reprojection error: how far an estimate's keypoints fall from the true ones in the picture.
+//! Reprojection error: distance of an estimate's keypoints from the true ones in the picture.
 
 use nalgebra::{Isometry3, Point3, Vector2};
 use roadplane_base::Camera;
 
-/// Root mean square distance (px) between the true pixels of the keypoints (by index) and an estimate's points (car
-/// frame) seen through the estimated camera. `None` where no keypoint is common or one falls behind the camera.
+/// Returns the root mean square distance (px) of an estimate's projected keypoints from the true pixels.
+///
+/// Both are given by keypoint index; the estimate's points are in the car frame, and the estimated camera projects
+/// them. The result is `None` without a common keypoint, or if a point lies behind the camera.
 #[must_use]
 pub fn reprojection_rms_px(
     camera: &Camera,
@@ -32,7 +34,7 @@ mod tests {
         let camera = Camera::pinhole(1000.0, Vector2::new(500.0, 300.0));
         let pose = Isometry3::from_parts(Translation3::new(0.0, 0.0, 10.0), UnitQuaternion::identity());
         let points = [Some(Point3::origin()), Some(Point3::new(1.0, 0.0, 0.0)), None];
-        // The second point falls on (600, 300), 5 px from where it truly is.
+        // The second point is projected to (600, 300), 5 px from its true pixel.
         let pixels = [Some(Vector2::new(500.0, 300.0)), Some(Vector2::new(603.0, 304.0)), None];
         let rms = reprojection_rms_px(&camera, &pose, &points, &pixels).unwrap();
         assert!((rms - 12.5f64.sqrt()).abs() < 1e-9);

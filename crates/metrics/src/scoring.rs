@@ -1,4 +1,4 @@
-//! Results against truth: which estimate belongs to which true car, and the errors of each pair.
+//! Scores of results against truth: pairing of estimates with true cars, and the errors of each pair.
 
 mod boxes;
 mod boxes3d;
@@ -14,28 +14,30 @@ use roadplane_base::{VehicleClass, assign, bbox_iou};
 
 use crate::truth::{Model, TrueCar};
 
-/// A car counts if this share of it is seen …
+/// Least visible share of a car that counts.
 pub const MIN_VISIBLE_SHARE: f64 = 0.3;
-/// … and the longer side of its visible part's box is at least so long, px.
+/// Least longer side of the box of the visible part of a car that counts, px.
 pub const MIN_SIDE_PX: f64 = 24.0;
-/// Boxes that overlap less belong to different cars.
+/// Boxes with a smaller IoU belong to different cars.
 const MIN_IOU: f64 = 0.5;
 
-/// Whether a true car counts. The others are neither missed nor wrongly found.
+/// Returns whether a true car counts. Other cars are neither missed nor wrongly found.
 #[must_use]
 pub fn counts(car: &TrueCar, model: &Model) -> bool {
     model.class == VehicleClass::Car && is_seen(car)
 }
 
-/// Whether enough of a vehicle of any class is seen for it to be found.
+/// Returns whether enough of a vehicle of any class is visible for it to be found.
 #[must_use]
 pub fn is_seen(vehicle: &TrueCar) -> bool {
     let [x0, y0, x1, y1] = vehicle.bbox_px;
     vehicle.visible_share >= MIN_VISIBLE_SHARE && (x1 - x0).max(y1 - y0) >= MIN_SIDE_PX
 }
 
-/// True car of each box, by greatest overlap with its visible part or all of it (a box that was filled in encloses the
-/// whole car). Only the picture decides, so that errors in 3D cannot hide behind a missing pair.
+/// Returns the true car of each box, by the greatest IoU with its visible part or its whole box (a filled-in box
+/// encloses the whole car).
+///
+/// Only the picture decides, so a large error in 3D cannot remove its own pair.
 #[must_use]
 pub fn pairs_by_box(boxes_px: &[[f64; 4]], cars: &[&TrueCar]) -> Vec<Option<usize>> {
     assign(boxes_px.len(), cars.len(), 1.0 - MIN_IOU, |i, j| {

@@ -1,4 +1,4 @@
-//! Text files, gzipped or not.
+//! Reads text files, gzipped or not.
 
 use std::io::Read as _;
 use std::path::Path;
@@ -7,15 +7,16 @@ use flate2::read::MultiGzDecoder;
 
 use crate::MetricsError;
 
-/// How a gzipped file begins.
+/// The first bytes of a gzipped file.
 const GZIP: [u8; 2] = [0x1f, 0x8b];
-/// What is larger was packed to do harm.
+/// Largest unpacked size, bytes. Larger files are rejected, because they may be compression bombs.
 const MOST_UNPACKED_BYTES: u64 = 1 << 30;
 
-/// Reads a text file and unpacks it where it is gzipped.
+/// Reads a text file. A gzipped file is unpacked.
 ///
 /// # Errors
-/// [`MetricsError::Unreadable`]; [`MetricsError::Malformed`] where it is torn, too large once unpacked, or no text.
+/// [`MetricsError::Unreadable`]; [`MetricsError::Malformed`] for a truncated file, one that is too large once unpacked,
+/// or no text.
 pub fn read_text(path: &Path) -> Result<String, MetricsError> {
     let mut bytes = std::fs::read(path)
         .map_err(|source| MetricsError::Unreadable { source, path: path.to_path_buf() })?;

@@ -1,4 +1,5 @@
-//! Truth of rendered and real scenes: `roadplane.dataset/1` and `roadplane.truth/1`. Frames and units as in `base`.
+//! Truth files of rendered and real scenes: `roadplane.dataset/1` and `roadplane.truth/1`. Frames and units are those
+//! of `base`.
 
 #[cfg(any(test, feature = "fixture"))]
 pub mod fixture;
@@ -13,24 +14,24 @@ use serde::{Deserialize, Serialize};
 
 pub use read::{read_dataset, read_truth};
 
-/// Schema of `dataset.json`.
+/// Schema id of `dataset.json`.
 pub const DATASET_SCHEMA: &str = "roadplane.dataset/1";
-/// Schema of a truth file.
+/// Schema id of a truth file.
 pub const TRUTH_SCHEMA: &str = "roadplane.truth/1";
 
-/// 4 × 4 rows of a rigid motion.
+/// A rigid motion as a 4 × 4 matrix, row by row.
 pub type Rows = [[f64; 4]; 4];
 
-/// `dataset.json`: what belongs to a data set.
+/// `dataset.json`: the list of a data set's items.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Dataset {
-    /// [`DATASET_SCHEMA`].
+    /// Schema id: [`DATASET_SCHEMA`].
     pub schema: String,
-    /// Its name.
+    /// Name of the data set.
     pub name: String,
-    /// `eval`, `train` …
+    /// Split: `eval`, `train` …
     pub split: String,
-    /// What it was made from.
+    /// Seed of the random numbers that the data set was made with.
     pub seed: u64,
     /// Truth files, sorted, relative to the folder of `dataset.json`.
     pub items: Vec<PathBuf>,
@@ -39,17 +40,17 @@ pub struct Dataset {
 /// One truth file: a still or a clip with one camera.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Truth {
-    /// [`TRUTH_SCHEMA`].
+    /// Schema id: [`TRUTH_SCHEMA`].
     pub schema: String,
-    /// Image or video beside the truth file; none where there is only geometry.
+    /// Image or video beside the truth file; `None` if there is only geometry.
     pub media: Option<PathBuf>,
-    /// Still or clip.
+    /// Whether it is a still or a clip.
     pub kind: Kind,
-    /// Frames a second of a clip.
+    /// Frames per second of a clip.
     pub fps: Option<f64>,
-    /// Of the real world (or rendered).
+    /// Whether the scene is real; otherwise it is rendered.
     pub real: bool,
-    /// Layout, weather … in words.
+    /// Conditions in words: layout, weather …
     #[serde(default)]
     pub conditions: BTreeMap<String, String>,
     /// The camera and the ground.
@@ -70,7 +71,7 @@ pub enum Kind {
     Clip,
 }
 
-/// Camera and ground.
+/// The true camera and the ground.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TrueCamera {
     /// Width and height, px.
@@ -79,86 +80,86 @@ pub struct TrueCamera {
     pub focal_px: f64,
     /// Principal point, px.
     pub principal_point_px: [f64; 2],
-    /// Camera above the ground, m.
+    /// Height of the camera above the ground, m.
     pub height_m: f64,
-    /// Optical axis below the horizontal, rad.
+    /// Tilt: angle of the optical axis below the horizontal, rad.
     pub tilt_rad: f64,
-    /// Clockwise turn of the horizon in the image, rad.
+    /// Roll: clockwise turn of the horizon in the image, rad.
     pub roll_rad: f64,
     /// The ground in the camera frame.
     pub plane_in_camera: TruePlane,
-    /// 4 × 4 rows.
+    /// Rigid motion from the world frame to the camera frame.
     pub camera_from_world: Rows,
 }
 
-/// `normal · X + offset = 0`, normal pointing up.
+/// The plane `normal · X + offset = 0`, with the normal pointing up.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TruePlane {
     /// Unit normal, camera frame.
     pub normal: [f64; 3],
-    /// Camera above the plane, m.
+    /// Height of the camera above the plane, m.
     pub offset_m: f64,
 }
 
-/// One physical car.
+/// A physical car.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Model {
-    /// Its number in this item.
+    /// Id of the car in this item.
     pub id: u64,
-    /// What kind of vehicle it is.
+    /// Class of the vehicle.
     pub class: VehicleClass,
-    /// `sedan`, `suv` …
+    /// Body type: `sedan`, `suv` …
     pub body: String,
     /// Name of the 3D model.
     pub model: String,
     /// Length, width, height, m.
     pub dims_m: [f64; 3],
-    /// Keypoints in the car frame, m; those that the car lacks are null.
+    /// Keypoints in the car frame, m; null for keypoints that the car lacks.
     pub keypoints_in_car: Vec<Option<[f64; 3]>>,
 }
 
-/// One frame.
+/// A frame of a truth file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TrueFrame {
-    /// Its index.
+    /// Index of the frame.
     pub frame: u64,
     /// Presentation time, s.
     pub time_s: f64,
-    /// Cars of which at least 15 % can be seen.
+    /// Cars of which at least 15 % is visible.
     pub cars: Vec<TrueCar>,
 }
 
-/// One car in one frame.
+/// A car in a frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TrueCar {
-    /// Which [`Model`].
+    /// Id of its [`Model`].
     pub id: u64,
-    /// 4 × 4 rows.
+    /// Rigid motion from the car frame to the world frame.
     pub world_from_car: Rows,
-    /// Speed over ground, negative when reversing, m/s.
+    /// Speed over ground, m/s; negative when reversing.
     pub speed_mps: f64,
-    /// What it does.
+    /// Activity of the car.
     pub activity: Activity,
-    /// Its visible part: left, top, right, bottom, px.
+    /// Box of the visible part: left, top, right, bottom, px.
     #[serde(rename = "box")]
     pub bbox_px: [f64; 4],
-    /// All of it, px; may reach out of the picture.
+    /// Box of the whole car, px; may extend beyond the picture.
     #[serde(rename = "whole_box")]
     pub whole_bbox_px: [f64; 4],
-    /// Share of its pixels that is seen, 0–1.
+    /// Visible share of its pixels, 0–1.
     pub visible_share: f64,
-    /// x, y (px) and whether it is visible (0 or 1); null where the car lacks it or it lies behind the camera.
+    /// x, y (px) and visibility (0 or 1); null for keypoints that the car lacks or that lie behind the camera.
     pub keypoints_px: Vec<Option<[f64; 3]>>,
 }
 
 impl TrueCamera {
-    /// The camera.
+    /// Returns the pinhole camera.
     #[must_use]
     pub fn camera(&self) -> Camera {
         Camera::pinhole(self.focal_px, Vector2::from(self.principal_point_px))
     }
 
-    /// The ground.
+    /// Returns the ground plane.
     #[must_use]
     pub fn plane(&self) -> GroundPlane {
         GroundPlane {
@@ -167,7 +168,7 @@ impl TrueCamera {
         }
     }
 
-    /// The rigid motion from a car to the camera.
+    /// Returns the rigid motion from a car to the camera.
     #[must_use]
     pub fn camera_from_car(&self, car: &TrueCar) -> Isometry3<f64> {
         isometry_from_rows(&self.camera_from_world) * isometry_from_rows(&car.world_from_car)
@@ -175,7 +176,7 @@ impl TrueCamera {
 }
 
 impl TrueCar {
-    /// The rigid motion from the car to the world.
+    /// Returns the rigid motion from the car to the world.
     #[must_use]
     pub fn world_from_car(&self) -> Isometry3<f64> {
         isometry_from_rows(&self.world_from_car)
@@ -183,7 +184,7 @@ impl TrueCar {
 }
 
 impl Model {
-    /// The keypoints that the car has, car frame, by index.
+    /// Returns the keypoints of the car, car frame, by index; `None` for those that it lacks.
     #[must_use]
     pub fn keypoints(&self) -> [Option<Point3<f64>>; KEYPOINTS] {
         std::array::from_fn(|i| self.keypoints_in_car.get(i).copied().flatten().map(Point3::from))
@@ -191,14 +192,14 @@ impl Model {
 }
 
 impl Truth {
-    /// The car with this id.
+    /// Returns the car with this id.
     #[must_use]
     pub fn model(&self, id: u64) -> Option<&Model> {
         self.models.iter().find(|model| model.id == id)
     }
 }
 
-/// The rigid motion of 4 × 4 rows whose upper left is a rotation (files round it to 1e-6).
+/// Returns the rigid motion of 4 × 4 rows. Their upper left must be a rotation; files round it to 1e-6.
 #[must_use]
 pub fn isometry_from_rows(rows: &Rows) -> Isometry3<f64> {
     let rotation = Matrix3::from_fn(|r, c| rows[r][c]);

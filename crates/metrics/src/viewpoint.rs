@@ -1,11 +1,13 @@
-//! Viewpoint precision (Xiang et al. 2014, "Beyond PASCAL", as the paper uses it in Table 2: without the overlap condition).
+//! Viewpoint precision (Xiang et al. 2014, "Beyond PASCAL"), without the overlap condition, as in the paper's Table 2.
 
 use nalgebra::UnitQuaternion;
 
 /// Thresholds of the paper's Table 2, rad.
 pub const THRESHOLDS_RAD: [f64; 5] = [0.14, 0.21, 0.28, 0.35, 0.42];
 
-/// Geodesic distance of two rotations, rad in 0–π: `‖log(R₁ᵀ R₂)‖ / √2` of the matrices, the angle of the turn between them.
+/// Returns the geodesic distance of two rotations, rad in 0–π: the angle of the turn between them.
+///
+/// With matrices it is `‖log(R₁ᵀ R₂)‖ / √2`.
 #[must_use]
 pub fn rotation_error_rad(a: &UnitQuaternion<f64>, b: &UnitQuaternion<f64>) -> f64 {
     a.angle_to(b)
@@ -17,7 +19,7 @@ mod tests {
     use nalgebra::Vector3;
 
     #[test]
-    fn it_is_the_angle_of_the_turn_between() {
+    fn the_error_is_the_angle_of_the_turn_between() {
         let a = UnitQuaternion::from_euler_angles(0.3, -1.0, 2.0);
         let turn = UnitQuaternion::from_axis_angle(
             &nalgebra::Unit::new_unchecked(Vector3::new(0.6, 0.0, 0.8)),

@@ -1,4 +1,6 @@
-//! The camera of a clip: windows of views → joint solves, what is known and remembered → one estimate per stretch of time.
+//! Estimates the camera of a clip: windows of views, joint solves, user constraints and the camera database.
+//!
+//! The result is one estimate per interval with a constant camera.
 
 pub(crate) mod camera_track;
 pub(crate) mod estimate;
@@ -12,3 +14,5 @@ mod population;
 mod remembered;
 mod window;
 pub(crate) mod witnesses;
+
+pub use witnesses::SceneView;

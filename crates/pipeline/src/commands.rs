@@ -1,4 +1,4 @@
-//! What the commands of the binary do.
+//! The commands of the binary, one function each.
 
 pub(crate) mod bench;
 pub(crate) mod colours;

@@ -1,5 +1,7 @@
-//! Configuration: TOML file + `--set key=value` → [`Config`], checked once here. `configs/default.toml` documents
-//! every field with unit and range and a test keeps it equal to the defaults.
+//! Configuration: TOML file + `--set key=value` → [`Config`], checked once here.
+//!
+//! `configs/default.toml` documents every field with unit and range. A test keeps it equal to the defaults. Settings
+//! that hardly anybody changes are listed there under `[expert.SECTION]`. Every setting may be written in either place.
 
 use std::path::{Path, PathBuf};
 
@@ -9,47 +11,51 @@ use roadplane_infer::ProviderChoice;
 use roadplane_keypoints::KeypointOptions;
 use roadplane_solve::{CameraPrior, OutlierModel, SceneOptions, ViewErrors};
 use roadplane_track::TrackOptions;
+use serde::de::Error as _;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 use thiserror::Error;
+use toml::Spanned;
+use toml::de::{DeTable, DeValue, ValueDeserializer};
 
-/// All settings. Sections of stages belong to their crates; `[solve]` and `[calibrate]` are here, as theirs know no serde.
+/// All settings. The crates of the stages define their own sections. `[solve]` and `[calibrate]` are defined here,
+/// because their crates do not depend on serde.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Config {
-    /// What is read of an input, and limits.
+    /// Which frames of an input are read, and limits.
     pub decode: DecodeOptions,
-    /// Where nets run.
+    /// The engine that runs the nets.
     pub infer: InferConfig,
-    /// Which nets.
+    /// The files of the nets.
     pub models: ModelsConfig,
-    /// When and where pictures are looked at.
+    /// When the nets run, and on which regions of the frame.
     pub watch: WatchConfig,
-    /// How vehicles are found.
+    /// How the detector finds vehicles.
     pub detect: DetectOptions,
-    /// How keypoints are found.
+    /// How the keypoint net is run.
     pub keypoints: KeypointOptions,
-    /// How cameras and cars are solved.
+    /// How cameras and poses of cars are estimated.
     pub solve: SolveConfig,
-    /// How the camera is followed over the clip.
+    /// How the camera is estimated over the clip.
     pub calibrate: CalibrateConfig,
-    /// How cars are followed.
+    /// How cars are tracked.
     pub track: TrackOptions,
-    /// What the tracks do.
+    /// Activities of the tracks.
     pub activity: ActivityConfig,
-    /// Threads and memory.
+    /// Memory of the pipeline.
     pub pipeline: PipelineConfig,
-    /// What is written besides the contract's files.
+    /// Content of the report.
     pub output: OutputConfig,
 }
 
-/// `[infer]`.
+/// `[infer]`: the engine that runs the nets.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct InferConfig {
-    /// What computes.
+    /// The execution provider.
     pub provider: ProviderChoice,
-    /// Threads of each net.
+    /// Number of threads of each net.
     pub threads: usize,
 }
 
@@ -59,17 +65,17 @@ impl Default for InferConfig {
     }
 }
 
-/// `[models]`.
+/// `[models]`: the files of the nets.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ModelsConfig {
-    /// Folder; absent: found beside the program.
+    /// Folder of the models; absent: [`find_models`](crate::find_models) finds it.
     pub folder: Option<PathBuf>,
-    /// Card of the detector, within the folder.
+    /// Card of the detector, relative to the folder.
     pub detector: PathBuf,
-    /// Card of the keypoint net, within the folder.
+    /// Card of the keypoint net, relative to the folder.
     pub keypoints: PathBuf,
-    /// Card of the activity net, within the folder.
+    /// Card of the activity net, relative to the folder.
     pub activity: PathBuf,
 }
 
@@ -84,15 +90,16 @@ impl Default for ModelsConfig {
     }
 }
 
-/// `[watch]`.
+/// `[watch]`: when the nets run, and on which regions of the frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct WatchConfig {
-    /// Whether the nets look at what changed only, and only as often as motion needs; otherwise at everything in every frame.
+    /// Whether region-of-interest scheduling is on: the nets then run only on regions that changed, as often as motion
+    /// needs. Otherwise they run on every frame in full.
     pub attention: bool,
-    /// Time from look to look, s; the detector looks at small pictures more often, as each look costs less.
+    /// Time between inference frames, s. For small frames the detector runs more often, because each run costs less.
     pub look_s: f64,
-    /// Time in which the detector sweeps over the whole picture, changed or not, s.
+    /// Time in which the detector scans the whole frame once, whether it changed or not, s.
     pub sweep_s: f64,
 }
 
@@ -102,11 +109,11 @@ impl Default for WatchConfig {
     }
 }
 
-/// `[activity]`.
+/// `[activity]`: activities of the tracks.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ActivityConfig {
-    /// Whether tracks are told what they do.
+    /// Whether the activities of tracks are labelled.
     pub enabled: bool,
 }
 
@@ -116,11 +123,11 @@ impl Default for ActivityConfig {
     }
 }
 
-/// `[pipeline]`.
+/// `[pipeline]`: memory of the pipeline.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PipelineConfig {
-    /// Memory for frames on their way between stages, MiB.
+    /// Memory for frames between stages, MiB.
     pub buffer_mib: u64,
 }
 
@@ -130,11 +137,11 @@ impl Default for PipelineConfig {
     }
 }
 
-/// `[calibrate]`.
+/// `[calibrate]`: how the camera is estimated over the clip.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct CalibrateConfig {
-    /// Length of the windows that are solved jointly, s.
+    /// Length of the windows whose frames are solved jointly, s.
     pub window_s: f64,
 }
 
@@ -144,13 +151,14 @@ impl Default for CalibrateConfig {
     }
 }
 
-/// `[output]`.
+/// `[output]`: content of the report.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct OutputConfig {
-    /// Frames with overlays in the report.
+    /// Number of frames with overlays in the report.
     pub sample_frames: usize,
-    /// About how large the report may become, MiB: what of the pictures can be played in it. 0: none.
+    /// Approximate largest size of the report, MiB. It bounds the small frames and cut-outs that the report plays; 0:
+    /// none.
     pub report_mib: f64,
 }
 
@@ -160,46 +168,46 @@ impl Default for OutputConfig {
     }
 }
 
-/// `[solve]`: what the solver takes for granted of cameras, and when it gives a car up.
+/// `[solve]`: the solver's prior of cameras, its noise model, and when it rejects a car.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SolveConfig {
-    /// So many keypoints of a car are off together as one, from 1.
+    /// Number of a car's keypoints whose errors count as one error; 1 or more.
     pub keypoints_as_one: f64,
-    /// How far off nets see all cars of a place: their elevation (the angle at which they are seen from above) and their turn about
-    /// the line of sight, sds, degrees, from 0.
+    /// The sds, degrees, of two errors that all cars of a scene share: errors of the elevation and of the in-plane
+    /// rotation at which the nets see cars. Elevation is the angle from which a car is seen from above. 0 or more.
     pub shared_view_sd_deg: [f64; 2],
-    /// Median focal length beforehand, in units of the longer image side.
+    /// Prior median of the focal length, in units of the longer image side.
     pub focal_prior_ratio: f64,
-    /// sd of its logarithm.
+    /// Prior sd of the logarithm of the focal length.
     pub focal_prior_log_sd: f64,
-    /// Mean tilt beforehand, degrees.
+    /// Prior mean of the tilt, degrees below the horizontal.
     pub tilt_prior_deg: f64,
-    /// Its sd, degrees.
+    /// Prior sd of the tilt, degrees.
     pub tilt_prior_sd_deg: f64,
-    /// sd of the roll around 0 beforehand, degrees.
+    /// Prior sd of the roll around 0, degrees.
     pub roll_prior_sd_deg: f64,
-    /// Median camera height beforehand, m.
+    /// Prior median of the camera's height above the ground, m.
     pub height_prior_m: f64,
-    /// sd of its logarithm.
+    /// Prior sd of the logarithm of the height.
     pub height_prior_log_sd: f64,
-    /// Keypoints further off than this many sd are more likely wrong than right.
+    /// Keypoints with an error of more sds than this are more likely wrong than right.
     pub outlier_sd: f64,
-    /// Cars with fewer right keypoints are left out.
+    /// Cars with fewer inlier keypoints are rejected.
     pub min_inliers: usize,
-    /// Cars with a smaller share of right keypoints are left out.
+    /// Cars with a smaller share of inlier keypoints are rejected, 0–1.
     pub min_inlier_share: f64,
-    /// Keypoints with a lower score are not used.
+    /// Keypoints with a lower score are not used, 0–1.
     pub min_keypoint_score: f64,
-    /// Cars whose projected box overlaps the detected one less (intersection over union) are left out.
+    /// Cars whose projected box overlaps the detected box less (intersection over union) are rejected.
     pub min_box_overlap: f64,
-    /// Cars whose keypoints are off by more than this share of the box's longer side (rms) are left out.
+    /// Cars with a larger rms keypoint error are rejected; as a share of the box's longer side.
     pub max_rms_share: f64,
-    /// Vertical lines of the scene speak of the focal length, where it shows some.
+    /// Whether vertical lines of the scene constrain the focal length.
     pub use_verticals: bool,
-    /// Cars that point the same way are parallel, which speaks of the focal length.
+    /// Whether cars with about the same heading count as parallel, which constrains the focal length.
     pub use_parallel: bool,
-    /// Long edges of the scene tell how the lens bends lines; otherwise pictures are taken for straight.
+    /// Whether long edges of the scene give the lens distortion; otherwise the lens counts as undistorted.
     pub use_lens: bool,
 }
 
@@ -232,13 +240,13 @@ impl Default for SolveConfig {
 }
 
 impl SolveConfig {
-    /// Whether edges of the scene are of use.
+    /// Whether the solver uses edges of the scene.
     #[must_use]
     pub fn reads_scene(&self) -> bool {
         self.use_verticals || self.use_lens
     }
 
-    /// The solver's options.
+    /// Returns the solver's options; `given_focal_px` is a focal length that the user gave as exact, px.
     #[must_use]
     pub fn scene_options(&self, given_focal_px: Option<f64>) -> SceneOptions {
         let [elevation, turn] = self.shared_view_sd_deg.map(f64::to_radians);
@@ -265,33 +273,33 @@ impl SolveConfig {
     }
 }
 
-/// What is wrong with a configuration.
+/// An error in a configuration.
 #[derive(Debug, Error)]
 pub enum ConfigError {
     /// The file cannot be read.
     #[error("cannot read the configuration: {source}: {path}")]
     Unreadable {
-        /// Why.
+        /// The system's error.
         source: std::io::Error,
         /// The file.
         path: String,
     },
-    /// Not TOML, an unknown key, or a value of a wrong type; the text shows line and column.
+    /// The text is no TOML, a key is unknown, a value has a wrong type, or a setting has two values.
     #[error("in {origin}: {problem}")]
     Malformed {
         /// The file, or `--set …`.
         origin: String,
-        /// What the parser says.
+        /// The parser's message, with line and column for a file.
         problem: String,
     },
     /// A value out of its range.
     #[error("{key} = {value}: must be {range} (see configs/default.toml)")]
     OutOfRange {
-        /// Dotted key.
+        /// The setting, `section.key`.
         key: &'static str,
         /// The value given.
         value: String,
-        /// What is allowed.
+        /// The allowed range.
         range: String,
     },
 }
@@ -306,21 +314,29 @@ impl Config {
         if let Some(path) = file {
             let text = std::fs::read_to_string(path)
                 .map_err(|source| ConfigError::Unreadable { source, path: path.display().to_string() })?;
-            // Read the file on its own first: only so can an error show its line.
-            toml::from_str::<Self>(&text).map_err(|e| malformed(path.display().to_string(), &e))?;
-            table = toml::from_str(&text).map_err(|e| malformed(path.display().to_string(), &e))?;
+            table = read_table(&text).map_err(|e| malformed(path.display().to_string(), &e))?;
         }
+        let mut given = toml::Table::new();
         for setting in settings {
-            apply_setting(&mut table, setting)?;
-            // After each one, so that the error names the setting at fault.
-            Self::deserialize(table.clone()).map_err(|e| malformed(format!("--set {setting}"), &e))?;
+            apply_setting(&mut given, setting)?;
+            // The check follows each setting, so that an error names the wrong one.
+            merged(given.clone())
+                .and_then(Self::deserialize)
+                .map_err(|e| malformed(format!("--set {setting}"), &e))?;
         }
-        let config = Self::deserialize(table).map_err(|e| malformed("the configuration".to_owned(), &e))?;
+        let of_all = |e: toml::de::Error| malformed("the configuration".to_owned(), &e);
+        for (section, keys) in merged(given).map_err(of_all)? {
+            match (table.get_mut(&section), keys) {
+                (Some(toml::Value::Table(read)), toml::Value::Table(keys)) => read.extend(keys),
+                (_, keys) => drop(table.insert(section, keys)),
+            }
+        }
+        let config = Self::deserialize(table).map_err(of_all)?;
         config.check()?;
         Ok(config)
     }
 
-    /// sha256 (hex) of the resolved values: equal exactly when two runs were configured alike.
+    /// Returns the sha256 (hex) of the resolved values. It is equal exactly when two runs have the same configuration.
     #[must_use]
     pub fn fingerprint(&self) -> String {
         let bytes = serde_json::to_vec(self).unwrap_or_default();
@@ -328,7 +344,7 @@ impl Config {
     }
 }
 
-/// Lower-case hexadecimal.
+/// Returns bytes as lower-case hexadecimal digits.
 #[must_use]
 pub fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|b| format!("{b:02x}")).collect()
@@ -338,13 +354,54 @@ fn malformed(origin: String, error: &toml::de::Error) -> ConfigError {
     ConfigError::Malformed { origin, problem: error.to_string().trim_end().to_owned() }
 }
 
+/// Table of settings by section, a second place for every setting.
+const EXPERT: &str = "expert";
+
+/// Reads a file's settings; those under `[expert.SECTION]` become settings of their section.
+fn read_table(text: &str) -> Result<toml::Table, toml::de::Error> {
+    // Both parts are checked before they are merged, because only the parsed text has line numbers.
+    let checked = |part: Spanned<DeValue<'_>>| {
+        Config::deserialize(ValueDeserializer::from(part)).map_err(|mut error| {
+            error.set_input(Some(text));
+            error
+        })
+    };
+    let mut plain = DeTable::parse(text)?;
+    if let Some(expert) = plain.get_mut().remove(EXPERT) {
+        checked(expert)?;
+    }
+    checked(Spanned::new(plain.span(), DeValue::Table(plain.into_inner())))?;
+    merged(toml::from_str(text)?)
+}
+
+/// Moves the settings of `[expert.SECTION]` to their section. A setting with two different values is an error.
+fn merged(mut table: toml::Table) -> Result<toml::Table, toml::de::Error> {
+    let Some(expert) = table.remove(EXPERT) else { return Ok(table) };
+    for (section, keys) in toml::Table::deserialize(expert)? {
+        for (key, value) in toml::Table::deserialize(keys)? {
+            let plain = table.entry(&section).or_insert_with(|| toml::Table::new().into());
+            let plain = plain
+                .as_table_mut()
+                .ok_or_else(|| toml::de::Error::custom(format!("{section} is no section")))?;
+            if let Some(other) = plain.get(&key).filter(|other| **other != value) {
+                return Err(toml::de::Error::custom(format!(
+                    "{EXPERT}.{section}.{key} = {value}, but {section}.{key} = {other}: give only one of them"
+                )));
+            }
+            plain.insert(key, value);
+        }
+    }
+    Ok(table)
+}
+
+/// Adds a setting, `section.key=value`, to a table.
 fn apply_setting(table: &mut toml::Table, setting: &str) -> Result<(), ConfigError> {
     let fail = |problem: &str| ConfigError::Malformed {
         origin: format!("--set {setting}"),
         problem: problem.to_owned(),
     };
     let (key, text) = setting.split_once('=').ok_or_else(|| fail("write it as section.key=value"))?;
-    // `value` is TOML; a bare word is taken as a string.
+    // The value is TOML; a bare word counts as a string.
     let value = toml::from_str::<toml::Table>(&format!("v = {text}"))
         .ok()
         .and_then(|mut parsed| parsed.remove("v"))
@@ -428,10 +485,9 @@ mod tests {
 
     #[test]
     fn the_documented_defaults_are_the_defaults() {
-        let documented: Config = toml::from_str(DEFAULT).unwrap();
-        assert_eq!(documented, Config::default());
-        // And every field is documented: nothing is left to a default in the file.
-        let table: toml::Table = toml::from_str(DEFAULT).unwrap();
+        let table = read_table(DEFAULT).unwrap();
+        assert_eq!(Config::deserialize(table.clone()).unwrap(), Config::default());
+        // The file also lists every field.
         let all = toml::Table::try_from(Config::default()).unwrap();
         for (section, fields) in &all {
             for field in fields.as_table().unwrap().keys() {
@@ -458,6 +514,45 @@ mod tests {
         assert!((config.detect.min_score - 0.6).abs() < 1e-12);
         assert_eq!(config.infer.provider, ProviderChoice::Cpu);
         assert_ne!(config.fingerprint(), Config::default().fingerprint());
+    }
+
+    #[test]
+    fn expert_settings_have_two_names() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("c.toml");
+        let load = |text: &str, settings: &[&str]| {
+            std::fs::write(&file, text).unwrap();
+            let settings: Vec<String> = settings.iter().map(ToString::to_string).collect();
+            Config::load(Some(&file), &settings).map_err(|error| error.to_string())
+        };
+        let look_s = |text: &str, settings: &[&str]| load(text, settings).unwrap().watch.look_s;
+        let (plain, expert) = ("[watch]\nlook_s = 0.2\n", "[expert.watch]\nlook_s = 0.2\n");
+        assert_eq!(load(plain, &[]), load(expert, &[]));
+        assert_eq!(look_s(&format!("{expert}{plain}attention = false"), &[]), 0.2);
+        // The command line takes precedence over the file, under either name.
+        for text in [plain, expert] {
+            assert_eq!(look_s(text, &["watch.look_s=0.3"]), 0.3);
+            assert_eq!(look_s(text, &["expert.watch.look_s=0.3", "watch.look_s=0.3"]), 0.3);
+        }
+        let both = load(&format!("[watch]\nlook_s = 0.3\n{expert}"), &[]).unwrap_err();
+        assert!(both.contains("expert.watch.look_s = 0.2, but watch.look_s = 0.3"), "{both}");
+        let both = load("", &["watch.look_s=0.3", "expert.watch.look_s=0.2"]).unwrap_err();
+        assert!(
+            both.contains("--set expert.watch.look_s=0.2") && both.contains("watch.look_s = 0.3"),
+            "{both}"
+        );
+        for (unknown, line) in
+            [("[watch]\n[expert.watch]\nlok_s = 1\n", 3), ("[expert.wach]\nlook_s = 1\n", 1)]
+        {
+            let text = load(unknown, &[]).unwrap_err();
+            assert!(text.contains(&format!("line {line}")) && text.contains("unknown field"), "{text}");
+        }
+        assert!(load("", &["expert.watch.lok_s=1"]).unwrap_err().contains("unknown field `lok_s`"));
+        for wrong in ["expert = 1\n", "[expert.expert.watch]\nlook_s = 0.2\n", "[expert]\nwatch = 1\n"] {
+            load(wrong, &[]).unwrap_err();
+        }
+        // The results list settings by section only.
+        assert!(serde_json::to_value(load(expert, &[]).unwrap()).unwrap().get("expert").is_none());
     }
 
     #[test]

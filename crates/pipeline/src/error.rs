@@ -1,4 +1,4 @@
-//! What can end a command, by who is at fault.
+//! Errors that end a command, and their causes, which decide the exit code.
 
 use std::any::Any;
 use std::io::ErrorKind;
@@ -20,10 +20,10 @@ use crate::config::ConfigError;
 /// An error that ends a command or the work on one input.
 #[derive(Debug, Error)]
 pub enum PipelineError {
-    /// The command line asks for something impossible.
+    /// The command line is wrong.
     #[error("{what}")]
     Usage {
-        /// What, and what to do.
+        /// The problem and its remedy.
         what: String,
     },
     /// The configuration is wrong.
@@ -32,24 +32,24 @@ pub enum PipelineError {
     /// The input cannot be used.
     #[error(transparent)]
     Decode(#[from] DecodeError),
-    /// A file that belongs to the work cannot be read.
+    /// A file that the work needs cannot be read.
     #[error("cannot be read: {source}: {}", path.display())]
     Unreadable {
-        /// Why.
+        /// The system's error.
         source: std::io::Error,
         /// The file.
         path: PathBuf,
     },
-    /// No models folder.
-    #[error("no models found in {tried}; name their folder in ROADPLANE_MODELS or models.folder")]
+    /// The folder of the models was not found.
+    #[error("no models found in {tried}; set ROADPLANE_MODELS or models.folder to their folder")]
     ModelsMissing {
-        /// Where was looked.
+        /// The folders that were searched.
         tried: String,
     },
     /// A net cannot be loaded or run.
     #[error(transparent)]
     Infer(#[from] InferError),
-    /// A picture cannot be watched.
+    /// The watcher failed on a picture.
     #[error(transparent)]
     Watch(#[from] WatchError),
     /// The detector cannot be used.
@@ -58,7 +58,7 @@ pub enum PipelineError {
     /// The keypoint net cannot be used.
     #[error(transparent)]
     Keypoint(#[from] KeypointError),
-    /// The activity net cannot be used, or a track is not a valid one.
+    /// The activity net cannot be used, or a track is invalid.
     #[error(transparent)]
     Activity(#[from] ActivityError),
     /// The shape atlas cannot be used.
@@ -67,65 +67,65 @@ pub enum PipelineError {
     /// Results cannot be written.
     #[error(transparent)]
     Write(#[from] WriteError),
-    /// Pictures cannot be made.
+    /// Pictures cannot be drawn.
     #[error(transparent)]
     View(#[from] ViewError),
     /// Standard output cannot be written to.
     #[error("standard output: {source}")]
     Stdout {
-        /// Why.
+        /// The system's error.
         source: std::io::Error,
     },
     /// A thread cannot be started.
     #[error("a thread cannot be started: {source}")]
     Thread {
-        /// Why.
+        /// The system's error.
         source: std::io::Error,
     },
-    /// Less memory is allowed than the work needs.
+    /// The work needs more memory than is allowed.
     #[error("too little memory: {what}")]
     Memory {
-        /// How much is needed and what limits it.
+        /// The needed memory and the limit.
         what: String,
     },
     /// A stage panicked.
     #[error("internal error in stage {stage}: {message}")]
     Bug {
-        /// The stage.
+        /// Name of the stage.
         stage: &'static str,
-        /// What it said.
+        /// Message of the panic.
         message: String,
     },
-    /// Ctrl-C, SIGTERM.
-    #[error("stopped by signal {signal}; the same command with --resume goes on from here")]
+    /// A signal asked the command to stop: Ctrl-C or SIGTERM.
+    #[error("stopped by signal {signal}; the same command with --resume continues from here")]
     Stopped {
         /// Number of the signal.
         signal: usize,
     },
 }
 
-/// Who is at fault, which decides the exit code.
+/// Cause of an error, which decides the exit code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fault {
-    /// The command line or the configuration, or a file that is not there: 2.
+    /// The command line, the configuration, or a missing file: exit code 2.
     Usage,
-    /// The input is damaged or lost: 3.
+    /// A damaged or lost input: exit code 3.
     Input,
-    /// A model was refused: 4.
+    /// A refused model: exit code 4.
     Model,
-    /// The output folder is in use: 11.
+    /// An output folder that is in use: exit code 11.
     Locked,
-    /// A signal: 128 + its number.
+    /// A signal: exit code 128 + its number.
     Stopped {
         /// Number of the signal.
         signal: usize,
     },
-    /// This program or its machine: 1.
+    /// This program or its machine: exit code 1.
     Internal,
 }
 
 impl PipelineError {
-    /// An error of the command line.
+    /// Returns an error of the command line; `what` names the problem and its remedy.
     #[must_use]
     pub fn usage(what: &str) -> Self {
         Self::Usage { what: what.to_owned() }
@@ -141,7 +141,7 @@ impl PipelineError {
         Self::Bug { stage, message }
     }
 
-    /// Who is at fault.
+    /// Returns the cause of the error.
     #[must_use]
     pub fn fault(&self) -> Fault {
         match self {

@@ -1,4 +1,4 @@
-//! The right half of a run: records of all frames → camera over time, poses, smoothed tracks.
+//! Estimation: records of all frames → camera over time, poses, smoothed tracks.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -12,38 +12,38 @@ use roadplane_write::{FrameReader, PoseLines, read_jsonl, read_scene_curves};
 use crate::cameras::camera_track::CameraTrack;
 use crate::cameras::estimate::estimate_cameras;
 use crate::cameras::known::contradiction;
-use crate::cameras::memory::Recall;
+use crate::cameras::memory::CameraHistory;
 use crate::tracks::cars::any_car;
-use crate::tracks::known::known_cars;
+use crate::tracks::known::tracked_cars;
 use crate::tracks::pass::{Pass, Tally};
-use crate::tracks::stretch::{Load, MOST_ROWS, Numbers, Replay, Stretch, sightings};
+use crate::tracks::{Load, MOST_ROWS, Numbers, Replay, TimeChunk, detections_of};
 use crate::{CameraConstraints, Cancel, Config, PipelineError};
 
-/// What became of a clip.
+/// Result of estimation for a clip.
 #[derive(Debug)]
 pub struct ClipSolution {
-    /// The camera, a stretch of time each.
+    /// The camera at every time, one estimate per segment.
     pub cameras: CameraTrack,
-    /// Where it stands on the map, where that was told.
+    /// Position and direction of the camera on the map, where the user gave a site.
     pub place: Option<Place>,
-    /// Shape of each track, by number.
+    /// Shape of each track by its number.
     pub shapes: BTreeMap<u64, Shape>,
-    /// Rows of the track files, by frame, then by track: those that are kept to be drawn.
+    /// Rows of the track files that are kept for drawing, by frame, then by track.
     pub rows: Vec<TrackRow>,
     /// Number of all rows.
     pub row_count: u64,
-    /// Root mean square reprojection errors of the tracked poses, px.
+    /// Root mean square reprojection error of each tracked pose, px.
     pub reprojection_rms_px: Vec<f64>,
-    /// Cars (car and frame) with a pose that is used.
+    /// Number of used poses, one per car and frame.
     pub poses_used: u64,
-    /// Cars found and dropped.
+    /// Counts of detected and rejected cars.
     pub tally: Tally,
-    /// What a reader should know.
+    /// Warnings for the reader of the result.
     pub warnings: Vec<String>,
 }
 
 impl ClipSolution {
-    /// The camera in words, for a log line.
+    /// Returns the first camera in words, for a log line.
     #[must_use]
     pub fn camera_in_words(&self) -> String {
         let Some(first) = self.cameras.estimates().first() else { return "no camera".to_owned() };
@@ -66,14 +66,14 @@ impl ClipSolution {
     }
 }
 
-/// What becomes of a clip's rows.
+/// Receiver of the rows of a clip.
 pub(crate) trait RowSink {
-    /// Takes those of a stretch's tracks, by frame, then by track: also rows around the stretch, which are known better by its
-    /// neighbours. Gives the number of its own.
+    /// Takes the rows of the tracks of a time chunk, by frame, then by track. Rows outside the chunk are included. They
+    /// count only in the neighbouring chunk, where they are more accurate. Returns the number of rows inside the chunk.
     fn take(
         &mut self,
         rows: Vec<TrackRow>,
-        stretch: Stretch,
+        chunk: TimeChunk,
         place: Option<&Place>,
     ) -> Result<u64, PipelineError>;
 }
@@ -82,53 +82,53 @@ impl RowSink for Vec<TrackRow> {
     fn take(
         &mut self,
         rows: Vec<TrackRow>,
-        stretch: Stretch,
+        chunk: TimeChunk,
         _place: Option<&Place>,
     ) -> Result<u64, PipelineError> {
         let before = self.len();
-        self.extend(rows.into_iter().filter(|row| stretch.holds(row.time_s)));
+        self.extend(rows.into_iter().filter(|row| chunk.holds(row.time_s)));
         Ok((self.len() - before) as u64)
     }
 }
 
-/// Solves a clip from its frames file and writes `poses.jsonl`. Every pass streams over the file; all rows are kept.
+/// Solves a clip from its file of frames and writes `poses.jsonl`. Every pass streams over the file. All rows are kept.
 ///
 /// # Errors
-/// [`PipelineError`]; the poses file then does not appear.
+/// [`PipelineError`]; `poses.jsonl` then does not appear under its final name.
 pub fn solve_clip(
     frames: &Path,
     poses: &Path,
     atlas: &ShapeAtlas,
-    known: &CameraConstraints,
+    constraints: &CameraConstraints,
     config: &Config,
     cancel: &Cancel,
 ) -> Result<ClipSolution, PipelineError> {
     let mut rows = Vec::new();
     let solution =
-        solve_constrained_clip(frames, poses, atlas, &Given::new(known), &mut rows, config, cancel)?;
+        solve_constrained_clip(frames, poses, atlas, &Given::new(constraints), &mut rows, config, cancel)?;
     Ok(ClipSolution { rows, ..solution })
 }
 
-/// What is known of a clip's camera before it is seen.
+/// Inputs of estimation beside the frames.
 pub(crate) struct Given<'a> {
-    /// What the user knows.
-    pub known: &'a CameraConstraints,
-    /// What is remembered.
-    pub recall: Option<&'a Recall>,
-    /// Its place on the map.
+    /// User constraints on the camera.
+    pub constraints: &'a CameraConstraints,
+    /// Evidence of other clips of the same camera, from the camera database.
+    pub history: Option<&'a CameraHistory>,
+    /// The camera's position on the map, as given by the user.
     pub site: Option<&'a Site>,
-    /// About so many rows are worked on at a time.
+    /// Approximate largest number of rows of a time chunk.
     pub most_rows: u64,
 }
 
 impl<'a> Given<'a> {
-    /// By the user alone.
-    pub(crate) fn new(known: &'a CameraConstraints) -> Self {
-        Self { known, recall: None, site: None, most_rows: MOST_ROWS }
+    /// Returns inputs with user constraints alone.
+    pub(crate) fn new(constraints: &'a CameraConstraints) -> Self {
+        Self { constraints, history: None, site: None, most_rows: MOST_ROWS }
     }
 }
 
-/// The same, with what is known of the camera before; rows go to a sink.
+/// Solves a clip as [`solve_clip`] does, with further inputs on the camera. The rows go to a sink.
 pub(crate) fn solve_constrained_clip(
     frames: &Path,
     poses: &Path,
@@ -144,25 +144,26 @@ pub(crate) fn solve_constrained_clip(
             Ok(record?)
         })))
     };
-    let Given { known, recall, site, most_rows } = *given;
+    let Given { constraints, history, site, most_rows } = *given;
     let mut load = Load::default();
     let counted = read()?.inspect(|frame| frame.iter().for_each(|frame| load.add(frame)));
-    let mut cameras = estimate_cameras(counted, &read_scene_curves(frames)?, atlas, known, recall, config)?;
+    let mut cameras =
+        estimate_cameras(counted, &read_scene_curves(frames)?, atlas, constraints, history, config)?;
     let mut warnings = warnings_of(&cameras);
     let place = site.and_then(|site| {
         let place = cameras.put_on_map(site);
-        place.map_err(|what| warnings.push(format!("not put on the map: {what}"))).ok()
+        place.map_err(|why| warnings.push(format!("the camera is not put on the map: {why}"))).ok()
     });
     if let Some(Place { fit, .. }) = &place {
         tracing::info!("{fit}");
         warnings.extend(fit.warnings.iter().cloned());
     }
-    let contradictions = cameras.known().iter().filter_map(contradiction);
-    let told: Vec<String> =
-        contradictions.chain(known.silent_later().filter(|_| cameras.moves() > 0)).collect();
+    let contradictions = cameras.constraints().iter().filter_map(contradiction);
+    let on_constraints: Vec<String> =
+        contradictions.chain(constraints.silent_later().filter(|_| cameras.moves() > 0)).collect();
     let on_map = if site.is_some() { &warnings[..] } else { &[] };
-    on_map.iter().chain(&told).for_each(|warning| tracing::warn!("{warning}"));
-    warnings.extend(told);
+    on_map.iter().chain(&on_constraints).for_each(|warning| tracing::warn!("{warning}"));
+    warnings.extend(on_constraints);
     let any_car = any_car(atlas, cameras.size_of_cars());
     let pass = Pass {
         cameras: &cameras,
@@ -177,32 +178,32 @@ pub(crate) fn solve_constrained_clip(
     let mut poses = Poses { lines: PoseLines::create(poses)?, reprojection_rms_px: Vec::new(), used: 0 };
     let (mut tally, mut numbers) = (Tally::default(), Numbers::default());
     let (mut shapes, mut row_count) = (BTreeMap::new(), 0);
-    for stretch in load.stretches(most_rows) {
-        // First with every car's shape free in every frame; then with the one shape that its track came to.
-        let seen = first.seen_by(stretch);
-        let (found, _) = pass.tracks(seen, stretch, None, &mut Tally::default(), |_| Ok(()))?;
-        let vehicles = known_cars(&found, atlas);
-        // A stretch's tracks are large: none is kept for longer than it is needed.
+    for chunk in load.chunks(most_rows) {
+        // In the first pass every car has a free shape in every frame. In the second one it has the shape of its track.
+        let seen = first.seen_by(chunk);
+        let (found, _) = pass.tracks(seen, chunk, None, &mut Tally::default(), |_| Ok(()))?;
+        let vehicles = tracked_cars(&found, atlas);
+        // The tracks of a chunk are large: they are dropped as soon as possible.
         drop(found);
         let mut spooled = PoseLines::create(&spool)?;
-        let seen = second.seen_by(stretch);
+        let seen = second.seen_by(chunk);
         let (mut tracks, shake_px) =
-            pass.tracks(seen, stretch, Some(&vehicles), &mut tally, |pose| Ok(spooled.write(pose)?))?;
+            pass.tracks(seen, chunk, Some(&vehicles), &mut tally, |pose| Ok(spooled.write(pose)?))?;
         spooled.finish()?;
         for track in &mut tracks {
             track.shape.mean = atlas.clamped(&track.shape.mean);
         }
         drop(vehicles);
         tracks.retain(|track| pass.is_where_it_is_seen(track));
-        let tracks = numbers.give(tracks, stretch);
-        poses.tell_tracks(&spool, &tracks)?;
+        let tracks = numbers.give(tracks, chunk);
+        poses.add(&spool, &tracks)?;
         shapes.extend(tracks.iter().map(|track| (track.id, track.shape.mean)));
         let mut rows = Vec::with_capacity(tracks.iter().map(|track| track.states.len()).sum());
         for track in tracks {
             rows.extend(pass.rows(&track, &shake_px));
         }
         rows.sort_unstable_by_key(|row: &TrackRow| (row.frame, row.track));
-        row_count += sink.take(rows, stretch, place.as_ref())?;
+        row_count += sink.take(rows, chunk, place.as_ref())?;
     }
     std::fs::remove_file(&spool)
         .map_err(|source| PipelineError::Unreadable { source, path: spool.clone() })?;
@@ -221,7 +222,7 @@ pub(crate) fn solve_constrained_clip(
     })
 }
 
-/// `poses.jsonl` as it grows.
+/// Writer of `poses.jsonl`.
 struct Poses {
     lines: PoseLines,
     reprojection_rms_px: Vec<f64>,
@@ -229,10 +230,10 @@ struct Poses {
 }
 
 impl Poses {
-    /// Adds the poses of a stretch, which say now whose they are.
-    fn tell_tracks(&mut self, spool: &Path, tracks: &[Track]) -> Result<(), PipelineError> {
+    /// Adds the poses of a time chunk, with the numbers of their tracks.
+    fn add(&mut self, spool: &Path, tracks: &[Track]) -> Result<(), PipelineError> {
         let tracked: BTreeMap<CarRef, u64> =
-            tracks.iter().flat_map(|track| sightings(track).map(|(key, _)| (key, track.id))).collect();
+            tracks.iter().flat_map(|track| detections_of(track).map(|(key, _)| (key, track.id))).collect();
         for pose in read_jsonl::<PoseRecord>(spool)? {
             let mut pose = pose?;
             pose.track = tracked.get(&CarRef { frame: pose.frame, car: pose.car }).copied();
@@ -249,14 +250,16 @@ impl Poses {
 fn warnings_of(cameras: &CameraTrack) -> Vec<String> {
     let mut warnings = Vec::new();
     let about = |estimate: &CameraEstimate| match estimate.status {
-        CameraStatus::Unobservable => Some("the camera could not be estimated: its numbers are the prior"),
+        CameraStatus::Unobservable => {
+            Some("the camera could not be estimated: its numbers are those of the prior")
+        }
         CameraStatus::FocalFromPrior => {
-            Some("the cars say little about the focal length: it rests on the prior")
+            Some("the cars hardly constrain the focal length: it comes from the prior")
         }
         CameraStatus::Estimated | CameraStatus::FocalGiven => None,
     };
     for warning in cameras.estimates().iter().filter_map(about) {
-        if !warnings.iter().any(|known| known == warning) {
+        if !warnings.iter().any(|other| other == warning) {
             warnings.push(warning.to_owned());
         }
     }
@@ -276,14 +279,14 @@ mod tests {
     use roadplane_write::JsonLines;
 
     const SIZE: ImageSize = ImageSize { width: 1280, height: 720 };
-    /// Two seams of stretches that are as short as they may be.
+    /// Length of the clip, s: it has two seams if chunks are as short as possible.
     const SECONDS: u64 = 11 * 60;
     const FPS: u64 = 2;
 
-    /// First coefficient of the shape of what drives; what stands is of the mean shape.
+    /// First shape coefficient of moving vehicles; stationary vehicles have the mean shape.
     const DRIVEN: f64 = 1.2;
 
-    /// A vehicle as a net with an error of half a pixel sees it.
+    /// Returns a vehicle as a net with an error of half a pixel sees it.
     fn seen(atlas: &ShapeAtlas, pose: &GroundPose, shape: &Shape, frame: u64) -> CarRecord {
         let params = CameraParams { log_focal: 1400f64.ln(), tilt: 0.35, roll: 0.02, log_height: 9f64.ln() };
         let camera = Camera::centred(params.focal_px(), SIZE);
@@ -310,8 +313,8 @@ mod tests {
         CarRecord { keypoints: Some(Box::new(keypoints)), ..CarRecord::boxed(bbox_px) }
     }
 
-    /// Four vehicles that stand, of which one is gone for half a minute around the first seam, and one that drives by every 25 s:
-    /// at both seams, too.
+    /// Writes the frames of a clip. Four vehicles are stationary, one of which is absent for half a minute around the
+    /// first seam. Another vehicle drives by every 25 s, also at both seams.
     fn frames(path: &Path, atlas: &ShapeAtlas) {
         let mut lines = JsonLines::create(path).unwrap();
         for frame in 0..SECONDS * FPS {
@@ -323,9 +326,9 @@ mod tests {
             if (285.0..315.0).contains(&time_s) {
                 poses.remove(2);
             }
-            let way_m = 8.0 * (time_s % 25.0) - 16.0;
-            if way_m < 12.0 {
-                poses.push(GroundPose { x_m: way_m, y_m: 40.0, heading_rad: 0.0 });
+            let driven_m = 8.0 * (time_s % 25.0) - 16.0;
+            if driven_m < 12.0 {
+                poses.push(GroundPose { x_m: driven_m, y_m: 40.0, heading_rad: 0.0 });
             }
             let shape = |pose: &GroundPose| {
                 Shape::new(if pose.y_m == 40.0 { DRIVEN } else { 0.0 }, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -337,13 +340,13 @@ mod tests {
     }
 
     #[test]
-    fn stretches_tell_what_the_whole_tells() {
+    fn time_chunks_give_the_tracks_of_the_whole_clip() {
         let (folder, atlas) = (tempfile::tempdir().unwrap(), ShapeAtlas::shipped().unwrap());
-        let (path, known) = (folder.path().join("frames.jsonl"), CameraConstraints::default());
+        let (path, constraints) = (folder.path().join("frames.jsonl"), CameraConstraints::default());
         frames(&path, &atlas);
         let solve = |most_rows: u64| {
             let (mut rows, poses) = (Vec::new(), folder.path().join("poses.jsonl"));
-            let given = Given { most_rows, ..Given::new(&known) };
+            let given = Given { most_rows, ..Given::new(&constraints) };
             let (config, cancel) = (Config::default(), Cancel::default());
             let solved =
                 solve_constrained_clip(&path, &poses, &atlas, &given, &mut rows, &config, &cancel).unwrap();
@@ -354,7 +357,7 @@ mod tests {
         let (parts, part_rows, part_poses) = solve(1);
         assert_eq!(whole.shapes.len() as u64, 4 + SECONDS.div_ceil(25));
         assert_eq!(parts.shapes.len(), whole.shapes.len());
-        // Shapes are held in the second pass, whose looks must not add them up.
+        // Shapes are fixed in the second pass, whose detections must not add to them.
         let is_driven = |shape: &&Shape| (shape[0] - DRIVEN).abs() < 0.35;
         assert_eq!(whole.shapes.values().filter(is_driven).count() as u64, SECONDS.div_ceil(25));
         let key = |row: &TrackRow| (row.frame, row.track);

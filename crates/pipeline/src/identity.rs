@@ -1,4 +1,4 @@
-//! What a result was made from and with.
+//! Identity of an input, versions of the program and its libraries, and the peak of memory.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -11,7 +11,7 @@ use sha2::{Digest as _, Sha256};
 use crate::PipelineError;
 use crate::config::hex;
 
-/// Name of an input's result folder: its file name without extension, or the folder's name.
+/// Returns the name of an input's result: its file name without extension, or the folder's name.
 #[must_use]
 pub fn stem_of(input: &Path) -> String {
     let absolute = std::path::absolute(input).unwrap_or_else(|_unresolvable| input.to_path_buf());
@@ -19,10 +19,10 @@ pub fn stem_of(input: &Path) -> String {
     name.map(|name| name.to_string_lossy().into_owned()).unwrap_or_default()
 }
 
-/// Size and sha256 of a file, or of a folder's files one after the other in order of their names.
+/// Returns size and sha256 of a file, or of the files of a folder one after the other in the order of their names.
 ///
 /// # Errors
-/// [`PipelineError::Unreadable`].
+/// [`PipelineError::Unreadable`] for a file that cannot be read.
 pub fn file_identity(input: &Path) -> Result<InputSummary, PipelineError> {
     let fail = |path: &Path| {
         let path = path.to_path_buf();
@@ -51,7 +51,7 @@ pub fn file_identity(input: &Path) -> Result<InputSummary, PipelineError> {
     Ok(InputSummary { path: input.display().to_string(), bytes, sha256: hex(&hash.finalize()) })
 }
 
-/// Program and libraries.
+/// Returns the versions of the program and its libraries by name.
 #[must_use]
 pub fn versions() -> BTreeMap<String, String> {
     let mut versions = BTreeMap::new();
@@ -63,7 +63,7 @@ pub fn versions() -> BTreeMap<String, String> {
     versions
 }
 
-/// Most memory that this process has held so far.
+/// Returns the peak resident memory of this process so far, bytes.
 #[must_use]
 pub fn peak_memory_bytes() -> Option<u64> {
     crate::limits::status_bytes("VmHWM:")

@@ -1,19 +1,20 @@
-//! Joins the stages: threads and bounded channels for the streaming half, the clip's solve for the other, configuration,
-//! cancellation, and what each command of the binary does.
+//! Joins the stages to the commands of the program: perception, estimation, output, configuration and cancellation.
 //!
 //! # Contents
 //! Data flows from top to bottom.
 //! ```text
-//! stream/     pictures → frames.jsonl: nets.rs, stages.rs in the order of cadence.rs, streaming.rs over flow.rs (a thread a stage);
-//!             with watched.rs, scene_lines.rs, stills.rs, samples.rs, speed.rs; left.rs writes all that is needed further on
-//! cameras/    frames → the camera at every time (estimate.rs): windows solved (window.rs), lines of the scene (witnesses.rs), what
-//!             is known.rs and remembered (memory.rs, remembered.rs), the lens.rs, all joined (joining.rs)
-//! tracks/     frames and camera → tracks: each car (cars.rs, ground_contact.rs, hidden.rs), what is believed (believe.rs), a pass
-//!             over a stretch (pass.rs, known.rs, scene.rs, stretch.rs), rows.rs, what tracks do (activities.rs)
-//! clip.rs     cameras, then tracks, of a whole clip
-//! output/     the solved clip → files (finish.rs, track_rows.rs), report and video (draw.rs, losses.rs)
-//! commands/   run.rs, piece.rs and join.rs, stage_files.rs, solve_file.rs, track_file.rs, colours.rs, distance.rs, bench.rs, doctor.rs
-//! around      config.rs, options.rs, models.rs, identity.rs, limits.rs, progress.rs, cancel.rs, error.rs
+//! stream/        perception: input → frames.jsonl (perception.rs). The stages (stages.rs, nets.rs) run on the frames
+//!                that cadence.rs chooses, one thread per stage (streaming.rs, flow.rs). Collected on the way:
+//!                watched.rs, scene_lines.rs, stills.rs, samples.rs, speed.rs
+//! cameras/       frames → the camera at every time (estimate.rs): windows (window.rs), factors of the scene's lines,
+//!                user constraints (known.rs), the camera database (memory.rs), the lens (lens.rs), all joined
+//!                (joining.rs)
+//! tracks/        frames and camera → tracks: poses of cars (cars.rs, ground_contact.rs, hidden.rs), a pass over a time
+//!                chunk (pass.rs, scene.rs), validation, rows of tracks (rows.rs), activities (activities.rs)
+//! estimation.rs  cameras, then tracks, of a whole clip
+//! output/        the solved clip → files (finish.rs, track_rows.rs), report and video (draw.rs, losses.rs)
+//! commands/      one file per command
+//! others         config.rs, options.rs, models.rs, identity.rs, limits.rs, progress.rs, cancel.rs, error.rs
 //! ```
 
 mod cameras;
@@ -31,11 +32,11 @@ mod progress;
 mod stream;
 mod tracks;
 
+pub use cameras::SceneView;
 pub use cameras::frame::PLANE_TERMS;
 pub use cameras::known::{CameraConstraints, ConstraintOptions, Measured};
 pub use cameras::krtd::{Krtd, read_krtd};
 pub use cameras::memory::{CameraDatabase, StoredCamera, merge_cameras, stored_cameras};
-pub use cameras::witnesses::SceneView;
 pub use cancel::Cancel;
 pub use commands::bench::{DecodeCost, forget_peak_memory, measure_decoding};
 pub use commands::colours::track_colours;
@@ -61,4 +62,4 @@ pub use stream::nets::{Nets, open_activity, open_detector, open_keypoints};
 pub use stream::span::Span;
 pub use stream::streaming::open_input;
 pub use tracks::activities::{activity_file, track_motion};
-pub use tracks::believe::usable;
+pub use tracks::usable;

@@ -1,5 +1,5 @@
-//! Whether the memory that this process may have will do, asked before the work begins: libraries in C++ may end a process that
-//! runs out of memory in the middle, without a word.
+//! Checks before the work starts whether the process may use enough memory. Libraries in C++ may end a process without
+//! a message when they run out of memory.
 
 use std::path::Path;
 
@@ -9,26 +9,28 @@ use rustix::process::{Resource, getrlimit};
 use crate::PipelineError;
 
 const MIB: u64 = 1 << 20;
-/// Address space that the libraries take when they are loaded, and that commands need to end in order.
+/// Address space, bytes, that the loaded libraries take and that commands need to end in order.
 const LEAST_SPACE: u64 = 900 * MIB;
-/// Address space that nets, threads and their heaps take beside what is loaded, and by pixel of the picture (measured:
-/// 1.25 GiB at 720p, 1.53 GiB at 1080p, 0.4 GiB of it for the libraries).
+/// Address space, bytes, that nets, threads and their heaps take beside the libraries. Measured: 1.25 GiB at 720p, 1.53
+/// GiB at 1080p, 0.4 GiB of it for the libraries.
 const RUN_SPACE: u64 = 640 * MIB;
+/// Further address space per pixel of the picture, bytes.
 const SPACE_BY_PIXEL: u64 = 192;
-/// Memory that a run holds, and by pixel (measured: 293 MB at 720p, 345 MB at 1080p).
+/// Memory that a run uses, bytes. Measured: 293 MB at 720p, 345 MB at 1080p.
 const RUN_MEMORY: u64 = 240 * MIB;
+/// Further memory per pixel of the picture, bytes.
 const MEMORY_BY_PIXEL: u64 = 48;
 
-/// Why a command cannot even begin: the limit on its address space (`ulimit -v`), MiB, that would not hold the libraries.
+/// Returns the limit on the address space (`ulimit -v`), MiB, if it is too small to load the libraries.
 #[must_use]
 pub fn too_small_address_space() -> Option<u64> {
     getrlimit(Resource::As).current.filter(|limit| *limit < LEAST_SPACE).map(|limit| limit / MIB)
 }
 
-/// Refuses to begin a run that the limits would end in the middle.
+/// Refuses a run that would reach a limit on memory.
 ///
 /// # Errors
-/// [`PipelineError::Memory`] naming the limit.
+/// [`PipelineError::Memory`] with the limit.
 pub(crate) fn check_memory(size: ImageSize) -> Result<(), PipelineError> {
     let pixels = u64::from(size.width) * u64::from(size.height);
     let space = status_bytes("VmSize:").and_then(|used| {
@@ -48,7 +50,7 @@ pub(crate) fn check_memory(size: ImageSize) -> Result<(), PipelineError> {
             let ImageSize { width, height } = size;
             return Err(PipelineError::Memory {
                 what: format!(
-                    "{width}×{height} pictures need about {need} MiB, {name} allows {limit}: raise it"
+                    "pictures of {width}×{height} px need about {need} MiB, but {name} allows {limit} MiB: raise it"
                 ),
             });
         }
@@ -56,8 +58,9 @@ pub(crate) fn check_memory(size: ImageSize) -> Result<(), PipelineError> {
     Ok(())
 }
 
-/// The tightest limit of a process's control groups and those above them, bytes, and what it is called. `groups` is the process's
-/// `/proc/self/cgroup`. Version 2 is one tree; version 1 has one of its own for memory.
+/// Returns name and value, bytes, of the tightest memory limit of a process's control groups and their parents.
+///
+/// `groups` is the text of `/proc/self/cgroup`. Version 2 has one tree; version 1 has a separate tree for memory.
 fn cgroup_limit(root: &Path, groups: &str) -> Option<(&'static str, u64)> {
     let limits = groups.lines().filter_map(|line| {
         let mut fields = line.splitn(3, ':').skip(1);
@@ -78,7 +81,7 @@ fn cgroup_limit(root: &Path, groups: &str) -> Option<(&'static str, u64)> {
     limits.min_by_key(|(_, limit)| *limit)
 }
 
-/// A line of `/proc/self/status`, bytes.
+/// Returns a value of `/proc/self/status`, bytes; `name` is the start of its line.
 pub(crate) fn status_bytes(name: &str) -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find(|line| line.starts_with(name))?;
@@ -91,7 +94,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn no_limit_is_no_obstacle() {
+    fn a_process_without_limits_may_run() {
         assert!(too_small_address_space().is_none());
         check_memory(ImageSize { width: 1920, height: 1080 }).unwrap();
         assert!(status_bytes("VmSize:").unwrap() > MIB);
@@ -111,7 +114,7 @@ mod tests {
         put("night/memory.max", "2000\n");
         assert_eq!(found("0::/night/clip\n"), Some(2000));
         assert_eq!(found("0::/other\n"), None);
-        // Version 1; within a container its own group is the top of the tree, whatever it is called outside.
+        // Version 1. Within a container the own group is the top of the tree, whatever its name outside.
         put("memory/memory.limit_in_bytes", "1500\n");
         put("memory/night/memory.limit_in_bytes", "9223372036854771712\n");
         let first = "12:cpuset:/\n4:cpu,memory:/night\n";

@@ -1,17 +1,21 @@
-//! Where the models are.
+//! Finds the models and the library of the ONNX runtime.
 
 use std::path::{Path, PathBuf};
 
 use crate::PipelineError;
 
-/// A file that every models folder has.
+/// A file that every folder of models has.
 const LANDMARK: &str = "keypoints.json";
 
-/// The folder with the models: as configured, else `ROADPLANE_MODELS`, else that of the Python package that came with the
-/// executable, else `models/` beside the executable, in a folder above it, or in the current one.
+/// Returns the folder with the models.
+///
+/// A configured folder or `ROADPLANE_MODELS` decides, in this order. Otherwise these are searched:
+/// - the folder of the Python package of the executable,
+/// - `models/` beside the executable or in a folder above it,
+/// - `models/` in the current folder.
 ///
 /// # Errors
-/// [`PipelineError::ModelsMissing`] that says where was looked.
+/// [`PipelineError::ModelsMissing`] with the folders that were searched.
 pub fn find_models(configured: Option<&Path>) -> Result<PathBuf, PipelineError> {
     let has_models = |folder: &Path| folder.join(LANDMARK).is_file();
     let named =
@@ -36,10 +40,10 @@ pub fn find_models(configured: Option<&Path>) -> Result<PathBuf, PipelineError> 
         })
 }
 
-/// The library of the ONNX runtime.
+/// Returns the library of the ONNX runtime.
 ///
 /// # Errors
-/// [`PipelineError::Infer`] that says where was looked.
+/// [`PipelineError::Infer`] with the folders that were searched.
 pub fn find_runtime() -> Result<PathBuf, PipelineError> {
     Ok(roadplane_infer::find_library(None)?)
 }

@@ -1,4 +1,4 @@
-//! What a caller of a run chooses besides the configuration, and what comes of it.
+//! Options of a run besides the configuration, and the report of a run.
 
 use std::path::PathBuf;
 
@@ -8,38 +8,38 @@ use roadplane_write::Existing;
 use crate::CameraConstraints;
 use crate::cameras::memory::CameraDatabase;
 
-/// What a caller of [`run_input`](crate::run_input) chooses besides the configuration.
+/// Options of [`run_input`](crate::run_input) besides the configuration.
 #[derive(Clone, Debug)]
 pub struct RunOptions {
     /// Folder of the models.
     pub models: PathBuf,
-    /// What is known of the camera.
-    pub known: CameraConstraints,
-    /// What is remembered of the cameras.
+    /// User constraints on the camera.
+    pub constraints: CameraConstraints,
+    /// The camera database.
     pub cameras: Option<CameraDatabase>,
-    /// Where the camera stands on the map; one for all inputs.
+    /// The camera's position on the map, the same for all inputs.
     pub site: Option<Site>,
-    /// What to do about a finished result of the same name.
+    /// How to treat a finished result of the same name.
     pub existing: Existing,
-    /// Go on where a stopped run ended; leave finished results alone.
+    /// Whether to continue a stopped run and to keep finished results.
     pub resume: bool,
-    /// Also write the annotated video.
+    /// Whether to write the annotated video.
     pub video: bool,
-    /// Also write the empty place as a picture.
+    /// Whether to write the background image: the scene without vehicles.
     pub background: bool,
-    /// Leave what the streaming half found, frame by frame, in the result: `frames.jsonl`.
+    /// Whether to keep `frames.jsonl`, the results of perception by frame, in the result.
     pub frames: bool,
-    /// No other input is worked on in this process at the same time: its processor time is this run's.
+    /// Whether this process works on no other input at the same time, so that its processor time is that of this run.
     pub alone: bool,
 }
 
 impl RunOptions {
-    /// Nothing asked for beside the results, which must not be there yet.
+    /// Returns options that write the results alone; a result of the same name must not exist yet.
     #[must_use]
     pub fn new(models: PathBuf) -> Self {
         Self {
             models,
-            known: CameraConstraints::default(),
+            constraints: CameraConstraints::default(),
             cameras: None,
             site: None,
             existing: Existing::Refuse,
@@ -52,17 +52,17 @@ impl RunOptions {
     }
 }
 
-/// What came of one input.
+/// Report of the work on one input.
 #[derive(Clone, Debug)]
 pub struct RunReport {
-    /// The result.
+    /// Folder of the result.
     pub folder: PathBuf,
-    /// Tracks in it; `None` for a result that was there before.
+    /// Number of tracks; `None` for a piece, and for a result that existed before.
     pub tracks: Option<u64>,
     /// The camera in words.
     pub camera: String,
-    /// Some of the input was lost.
+    /// Whether some of the input was lost.
     pub damaged: bool,
-    /// Frames that could not be decoded.
+    /// Number of frames that could not be decoded.
     pub frames_lost: u64,
 }

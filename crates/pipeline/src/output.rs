@@ -1,4 +1,4 @@
-//! What the solved clip becomes: files, report, video.
+//! Output of a solved clip: files, report, video.
 
 pub(crate) mod draw;
 pub(crate) mod finish;

@@ -1,16 +1,16 @@
-//! Who wants to know how far a run is.
+//! Progress reports of a run.
 
-/// Told by the run; must be cheap.
+/// Receiver of progress reports. A run calls it often, so its functions must be cheap.
 pub trait Progress: Sync {
-    /// Frames are counted from here on: so many are due, if that is known.
+    /// Starts to count frames; `frames` is the number of frames to come, if it is known.
     fn expect(&self, frames: Option<u64>);
-    /// One more frame went through all streaming stages.
+    /// Notes that a frame has passed all stages.
     fn frame_done(&self);
-    /// Another part of the work begins.
+    /// Starts another part of the work.
     fn phase(&self, name: &str);
 }
 
-/// Nobody does.
+/// Receiver that ignores all reports.
 pub struct Silent;
 
 impl Progress for Silent {

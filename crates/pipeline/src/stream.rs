@@ -1,4 +1,4 @@
-//! The streaming half: pictures in, one JSON line a frame out, a thread a stage.
+//! Perception: reads frames and writes one JSON line per frame; every stage has a thread.
 
 pub(crate) mod cadence;
 pub(crate) mod cpu;

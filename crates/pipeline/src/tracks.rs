@@ -1,4 +1,4 @@
-//! Cars before the known camera, followed over the clip.
+//! Locates cars with the estimated camera and tracks them over the clip.
 
 pub(crate) mod activities;
 pub(crate) mod believe;
@@ -12,3 +12,6 @@ mod rows;
 mod scene;
 pub(crate) mod shared_error;
 pub(crate) mod stretch;
+
+pub use believe::usable;
+pub(crate) use stretch::{Load, MOST_ROWS, Numbers, Replay, TimeChunk, detections_of};

@@ -1,4 +1,4 @@
-//! Files explain themselves: the schemas in `docs/schemas` are those of the code, and every field says what it is.
+//! The schemas in `docs/schemas` are those of the code, and they describe every field.
 
 #![allow(missing_docs, clippy::unwrap_used)]
 
@@ -7,6 +7,7 @@ use std::path::Path;
 use roadplane_pipeline::schemas;
 use serde_json::Value;
 
+/// Reads a schema from `docs/schemas`.
 fn committed(name: &str) -> Value {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/schemas");
     let text = std::fs::read(folder.join(format!("{name}.schema.json"))).unwrap();
@@ -14,30 +15,37 @@ fn committed(name: &str) -> Value {
 }
 
 #[test]
-fn the_schemas_kept_are_those_of_the_code() {
+fn the_committed_schemas_are_those_of_the_code() {
     for (name, schema) in schemas() {
         assert!(committed(name) == schema, "{name} changed: run `roadplane schemas --out docs/schemas`");
     }
 }
 
-/// Names of the fields without a description, anywhere below.
+/// Whether a description is a full sentence for a reader of JSON, without the links of Rust's documentation.
+fn is_sentence(field: &Value) -> bool {
+    let text = field["description"].as_str().unwrap_or_default();
+    text.ends_with('.') && text.contains(' ') && !text.contains("[`")
+}
+
+/// Collects the names of the fields without a proper description, in all objects of a schema.
 fn undescribed(schema: &Value, found: &mut Vec<String>) {
     match schema {
         Value::Object(object) => {
             if let Some(Value::Object(fields)) = object.get("properties") {
-                let silent = fields.iter().filter(|(_, field)| field.get("description").is_none());
-                found.extend(silent.map(|(name, _)| name.clone()));
+                let bad = fields.iter().filter(|(_, field)| !is_sentence(field));
+                found.extend(bad.map(|(name, _)| name.clone()));
             }
-            object.values().for_each(|below| undescribed(below, found));
+            object.values().for_each(|inner| undescribed(inner, found));
         }
-        Value::Array(items) => items.iter().for_each(|below| undescribed(below, found)),
+        Value::Array(items) => items.iter().for_each(|inner| undescribed(inner, found)),
         _ => {}
     }
 }
 
 #[test]
-fn every_field_says_what_it_is() {
+fn every_field_has_a_description() {
     for (name, schema) in schemas() {
+        assert!(schema["title"].as_str().unwrap().starts_with(&format!("{name}: ")), "{name}");
         let mut found = Vec::new();
         undescribed(&schema, &mut found);
         assert!(found.is_empty(), "{name}: {found:?}");

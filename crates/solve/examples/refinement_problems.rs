@@ -1,10 +1,14 @@
-//! Writes joint refinement problems as text for another solver, and prints what ours needs for them: CPU time and cost.
+//! Writes joint refinement problems as text for another solver, and prints our solver's CPU time and cost for them.
 //! `cargo run --release -p roadplane-solve --example refinement_problems -- DIR` (see `scripts/bench/ceres`).
 //!
-//! Each file holds numbers in this order: `t²` of the outlier model; camera prior mean and information (4 + 4); start of the
-//! camera (log f, tilt, roll, log h); number of cars; per car: anchor u, v (px from the principal point), heading, six shape
-//! coefficients, number of keypoints; per keypoint: index, x, y (px from the principal point), sd px, weight. The atlas is in
-//! `atlas.txt`: mean (36 × 3), modes (6 × 36 × 3).
+//! Each file contains numbers in this order:
+//!
+//! - `t²` of the outlier model; mean and information of the camera prior (4 + 4);
+//! - start of the camera (log f, tilt, roll, log h); number of cars;
+//! - per car: anchor u, v (px from the principal point), heading, six shape coefficients, number of keypoints;
+//! - per keypoint: index, x, y (px from the principal point), sd px, weight.
+//!
+//! `atlas.txt` contains the atlas: mean (36 × 3), modes (6 × 36 × 3).
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -13,13 +17,13 @@ use roadplane_base::{Camera, MODES, ShapeAtlas};
 use roadplane_solve::{CarView, GivenScene, SceneOptions, Steps, refine_scene};
 use roadplane_synth::BenchScene;
 
-/// CPU seconds of this thread; the kernel counts in steps of milliseconds.
+/// Returns the CPU seconds of this thread; the kernel counts in steps of milliseconds.
 fn cpu_seconds() -> f64 {
     let text = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
     text.split_whitespace().next().and_then(|n| n.parse::<f64>().ok()).unwrap_or(0.0) * 1e-9
 }
 
-/// CPU seconds that one run takes, from as many as fill 60 ms, and the last one's result.
+/// Returns the mean CPU seconds of a run, over as many runs as fill 60 ms, and the last run's result.
 fn timed<T>(mut work: impl FnMut() -> T) -> (f64, T) {
     let mut runs = 1.0;
     let start = cpu_seconds();
@@ -31,7 +35,7 @@ fn timed<T>(mut work: impl FnMut() -> T) -> (f64, T) {
     ((cpu_seconds() - start) / runs, result)
 }
 
-/// Where to start.
+/// Returns the start of the refinement.
 fn start(scene: &BenchScene) -> GivenScene<'_> {
     GivenScene { params: scene.params, poses: &scene.poses, shapes: &scene.shapes }
 }
@@ -75,10 +79,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let folder = Path::new(&folder);
     std::fs::create_dir_all(folder)?;
     let mut atlas = ShapeAtlas::shipped()?;
-    // Without bounds on shapes: Ceres' way with them stalls above the minimum.
+    // Shapes have no bounds, because with them Ceres stalls above the minimum.
     atlas.bounds = [[f64::NEG_INFINITY, f64::INFINITY]; MODES];
-    // What the atlas leaves unexplained depends on the pose where it is evaluated: left out, so that both solvers see the
-    // same weights.
+    // The atlas' residual depends on the pose at which it is evaluated. Without it both solvers have the same weights.
     let steps = Steps { bias: false, ..Steps::default() };
     let options = SceneOptions { atlas_residual_scale: 0.0, steps, ..SceneOptions::default() };
     std::fs::write(folder.join("atlas.txt"), atlas_text(&atlas))?;

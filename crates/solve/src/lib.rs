@@ -1,35 +1,38 @@
-//! Keypoints of the cars of one frame → focal length, ground plane, poses and shapes, each with its covariance.
-//! Pure maths in f64: no I/O, no clock, no random numbers, no panics; the same input gives the same bits.
+//! Estimates focal length, ground plane, poses and shapes from the keypoints of the cars of one frame, with
+//! covariances. Pure maths in f64: no I/O, no clock, no random numbers, no panics. The same input gives the same bits.
 //!
 //! # Model
-//! Pinhole camera with square pixels and the principal point in the middle of the image; unknown are
-//! [`CameraParams`](roadplane_base::CameraParams) `c = (log f, tilt, roll, log h)`. Car k has a shape `λ_k` (6 coefficients of
-//! the atlas, prior N(0, I)) and stands on the plane with position and heading. Minimised is
+//! The camera is a pinhole with square pixels and the principal point in the middle of the image. Its unknowns are
+//! [`CameraParams`](roadplane_base::CameraParams) `c = (log f, tilt, roll, log h)`. Car k has a shape `λ_k`, which is 6
+//! coefficients of the atlas with the prior N(0, I). It has a position and a heading on the plane. The cost is
 //!
 //! ```text
 //! E = Σ_k Σ_i ½ s_i ρ(‖W_i (π(c, car_k, X_i(λ_k)) − z_i)‖²)  +  Σ_k ½ ‖λ_k‖²  +  ½ ‖c − c₀‖²_P
 //! ```
 //!
-//! with keypoint `z_i`, its score `s_i`, whitening `W_i` from the keypoint's covariance and what the atlas leaves
-//! unexplained, and an outlier model `ρ` (see [`OutlierModel`]). One car couples to another through `c` only, so the
-//! normal equations are an arrow and cost is linear in cars.
+//! with keypoint `z_i`, its score `s_i`, and an outlier model `ρ` (see [`OutlierModel`]). The whitening `W_i` comes
+//! from the keypoint's covariance and the atlas' residual. Two cars are coupled through `c` only. So the normal
+//! equations have the shape of an arrow, and the computing time is linear in the number of cars.
 //!
-//! The scene is found with the atlas' first 6 modes; the camera is then that of all 12, of which what the first leave over is
-//! not noise of single keypoints any more: the same problem with more modes. There, and where cars are free of the plane, a
-//! car's prior is that of the body types that it may have, and a car that fits worse than the others counts less. Last, the
-//! bias of the minimum is taken away.
+//! The scene is solved with the atlas' first 6 modes. The camera is then refined with all 12 modes, so that the
+//! residual of the first modes no longer counts as noise of single keypoints. In this step, a car's prior is the
+//! mixture of its likely body types, and a car that fits worse than the others gets less weight. Free cars have this
+//! prior too. Last, the bias of the minimum is corrected.
 //!
 //! # Contents
-//! - `linear/`: the descent ([`minimise`]), the arrow, sums of four rows at a time; knows no cars
+//! - `linear/`: the descent ([`minimise`]), the arrow-shaped equations, sums of four rows at a time; independent of
+//!   cars
 //! - `model/`: projection and its derivatives, keypoints, outliers, priors; `latent/`: body types, trust
-//! - `problem/`: cars on the plane (any number of modes) or free, as one problem; what a frame's input is made into
-//! - `start/`: from nothing to places where the descent may begin; the paper's Algorithm 1
+//! - `problem/`: the joint problem of cars on the plane (any number of modes) or free; preparation of a frame's input
+//! - `start/`: the search for starts of the descent; the paper's Algorithm 1
 //! - `scene/`: the solves themselves, as numbered steps (`solve.rs`)
 //!
 //! # Entry points
-//! [`solve_scene`]: everything unknown. [`fit_car`]: camera and plane known. [`fit_free_car`],
-//! [`solve_free_scene`]: no plane, 6-DoF poses, or the paper's soft plane terms (Eq. 4–7) with its Algorithm 1.
-//! [`refine_scene`], [`scene_bound`]: from a known scene.
+//! - [`solve_scene`]: camera, plane and cars are all unknown.
+//! - [`fit_car`]: camera and plane are given.
+//! - [`fit_free_car`], [`solve_free_scene`]: poses have 6 degrees of freedom. Optional soft plane terms are those of
+//!   the paper (Eq. 4–7), with its Algorithm 1.
+//! - [`refine_scene`], [`scene_bound`]: a scene is given.
 //!
 //! # Example
 //! ```

@@ -1,4 +1,5 @@
-//! Least squares, knowing nothing of cars: the descent, the arrow-shaped normal equations, and their sums four rows at a time.
+//! Least squares, independent of cars: the descent, the arrow-shaped normal equations, and their sums four rows at a
+//! time.
 
 pub(crate) mod arrow;
 pub(crate) mod gram;

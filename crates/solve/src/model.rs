@@ -1,4 +1,4 @@
-//! What is measured and what explains it: projection of cars, keypoints and their errors, and what is known beforehand.
+//! The measurement model: projection of cars, keypoints and their errors, and priors.
 
 pub(crate) mod camera_prior;
 #[cfg(test)]
@@ -7,8 +7,8 @@ pub(crate) mod free;
 pub(crate) mod kernel;
 pub(crate) mod latent;
 pub(crate) mod observation;
+pub(crate) mod on_plane;
 pub(crate) mod pack;
 pub(crate) mod points;
 pub(crate) mod pose;
 pub(crate) mod rows;
-pub(crate) mod standing;

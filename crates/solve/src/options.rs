@@ -1,4 +1,4 @@
-//! What a caller can set.
+//! Options of the solver.
 
 use std::sync::Arc;
 
@@ -8,47 +8,51 @@ use roadplane_base::{CameraParams, CameraPrior, Factor, Lens, SHARED_ERRORS, Sha
 use crate::linear::lm::LmOptions;
 use crate::model::kernel::OutlierModel;
 
-/// What is known of a car's shape: a Gaussian on its coefficients.
+/// A Gaussian prior on a car's shape coefficients.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ShapePrior {
-    /// Mean coefficients.
+    /// Mean of the coefficients.
     pub mean: Shape,
-    /// Inverse covariance; zero for "nothing known".
+    /// Inverse covariance; zero without a prior.
     pub information: Matrix6<f64>,
-    /// Hold the shape at the mean.
+    /// Whether the shape is fixed at the mean.
     pub fixed: bool,
 }
 
 impl Default for ShapePrior {
-    /// The population: N(0, I).
+    /// Returns the prior of the car population: N(0, I).
     fn default() -> Self {
         Self { mean: Shape::zeros(), information: Matrix6::identity(), fixed: false }
     }
 }
 
 impl ShapePrior {
-    /// A known shape.
+    /// Returns a prior that fixes the shape at the given one.
     #[must_use]
-    pub fn known(shape: Shape) -> Self {
+    pub fn fixed_at(shape: Shape) -> Self {
         Self { mean: shape, information: Matrix6::identity(), fixed: true }
     }
 }
 
-/// Steps of a solve that can be switched off, all on by default: `roadplane eval solver --layers` shows what each is worth.
+/// Steps of a solve that can be switched off; all are on by default.
+///
+/// `roadplane-lab eval solver --layers` measures the effect of each step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Steps {
-    /// What does not fit as a car is left out (`scene/rejection.rs`).
+    /// Rejects views that do not fit a car (`scene/rejection.rs`).
     pub rejection: bool,
-    /// Single keypoints are taken for wrong, or right, by turns (`scene/reclassify.rs`).
+    /// Tries the opposite decision for single keypoints: wrong or right (`scene/reclassify.rs`).
     pub reclassify: bool,
-    /// The camera is that of all modes of the atlas (`scene/all_modes.rs`), which the next two belong to. Neither is done where
-    /// [`SceneOptions::atlas_residual_scale`] is 0.
+    /// Refines the camera with all modes of the atlas (`scene/all_modes.rs`); `body_types` and `trust` are parts of
+    /// this step.
+    ///
+    /// The step is left out if [`SceneOptions::atlas_residual_scale`] is 0.
     pub all_modes: bool,
-    /// A car's prior is that of the body types that it may have (`model/latent/body_types.rs`), also of cars free of the plane.
+    /// Uses the mixture of a car's likely body types as its prior (`model/latent/body_types.rs`), also for free cars.
     pub body_types: bool,
-    /// A car that fits worse than others says less of the camera (`model/latent/trust.rs`).
+    /// Gives cars that fit worse than others less weight (`model/latent/trust.rs`).
     pub trust: bool,
-    /// The bias of the minimum is taken from the camera (`problem/cars/bias.rs`): 0 without noise, a fraction of a sd with it.
+    /// Corrects the bias of the minimum (`problem/cars/bias.rs`): 0 without noise, a fraction of a sd with noise.
     pub bias: bool,
 }
 
@@ -58,52 +62,56 @@ impl Default for Steps {
     }
 }
 
-/// What the errors of keypoints have in common, as nets make them (`problem/cars/joint.rs`).
+/// Correlations of keypoint errors, as nets make them (`problem/cars/joint.rs`).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ViewErrors {
-    /// So many keypoints of a car are off together as one: 1 where each is off by itself.
+    /// Number of keypoints of a car that count as one independent keypoint; 1 if their errors are independent.
     pub keypoints_as_one: f64,
-    /// What is common to all cars of a place: sds of the angle at which they are seen from above and of their turn about the line of
-    /// sight (rad), then of lens and principal point.
+    /// sds of the errors that all cars of a scene share, in the order of [`SharedSd`].
     pub shared_sd: SharedSd,
 }
 
-/// How a scene or a car is solved.
+/// Options for the solve of a scene or a car.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SceneOptions {
-    /// Focal length where it is known, px.
+    /// Focal length given by the user, px.
     pub given_focal_px: Option<f64>,
-    /// Where to start instead of searching: the answer for the previous frame, say. Falls back to searching when the
-    /// cars do not fit there.
+    /// Start of the descent, such as the solution of the previous frame. The solver searches if the cars do not fit
+    /// there.
     pub start: Option<CameraParams>,
-    /// How the lens bends lines. What is not known of it counts as an error that cars share ([`ViewErrors::shared_sd`]).
+    /// Lens distortion. Its uncertainty counts as an error that all cars share ([`ViewErrors::shared_sd`]).
     pub lens: Lens,
-    /// What is known of the camera.
+    /// Prior on the camera.
     pub camera_prior: CameraPrior,
-    /// What else speaks of it. Part of the estimate and its covariance, not of [`SceneSolution::information`](crate::SceneSolution).
+    /// Factors on the camera beside the cars.
+    ///
+    /// They count in the estimate and its covariance, but not in [`SceneSolution::information`](crate::SceneSolution).
     pub factors: Arc<[Factor]>,
-    /// Factor on what the atlas says its six modes leave unexplained; 0 for cars that are exactly in the atlas, which also
-    /// spares the steps with all modes (`scene/all_modes.rs`).
+    /// Factor on the residual sd of the atlas' first modes.
+    ///
+    /// With 0, cars are exactly in the atlas, and the steps with all modes are left out (`scene/all_modes.rs`).
     pub atlas_residual_scale: f64,
     /// Outlier model of keypoints.
     pub kernel: OutlierModel,
-    /// Which steps of the solve are done.
+    /// Steps of the solve.
     pub steps: Steps,
-    /// What the errors of a car's keypoints, and of all cars, have in common; `None` where nothing: synthetic noise.
+    /// Correlations of keypoint errors; `None` if errors are independent, as for synthetic noise.
     pub view_errors: Option<ViewErrors>,
     /// Stopping rules.
     pub lm: LmOptions,
-    /// A car with a smaller share of right keypoints is left out.
+    /// Least share of right keypoints of a car, 0–1; a car with a smaller share is rejected.
     pub min_inlier_share: f64,
-    /// A car whose fit costs more than this share of what it would cost were all its keypoints wrong is left out: half the
-    /// keypoints of a false detection may be fitted, but not well and not with a likely shape.
+    /// Largest cost of a car's fit, as a share of its cost if all keypoints were wrong; a car that costs more is
+    /// rejected.
+    ///
+    /// Half of a false detection's keypoints may fit, but not well and not with a likely shape.
     pub max_cost_share: f64,
-    /// A car with fewer right keypoints is left out.
+    /// Least number of right keypoints of a car; a car with fewer is rejected.
     pub min_inliers: usize,
 }
 
 impl SceneOptions {
-    /// sds of what cars share: 0 where their errors are independent.
+    /// Returns the sds of the errors that cars share; 0 if their errors are independent.
     #[must_use]
     pub fn shared_sd(&self) -> SharedSd {
         self.view_errors.map_or([0.0; SHARED_ERRORS], |errors| errors.shared_sd)

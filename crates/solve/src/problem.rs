@@ -1,4 +1,4 @@
-//! The problem for the descent: cars on a common plane, or with free poses; and what a frame's input is made into.
+//! The problem for the descent, with cars on a common plane or with free poses; and the preparation of a frame's input.
 
 pub(crate) mod cars;
 pub(crate) mod setup;

@@ -1,4 +1,4 @@
-//! The solves, step by step: a scene (`solve.rs` has the table of contents), one car, a known scene, free poses.
+//! The solves, step by step: a scene (`solve.rs` lists its steps), one car, a given scene, free poses.
 
 mod all_modes;
 mod approach;

@@ -1,39 +1,39 @@
-//! What goes in besides options, and what comes out.
+//! Input and output of a solve.
 
 use nalgebra::{Isometry3, Matrix3, Matrix4, Matrix6};
 use roadplane_base::{CameraParams, GroundPose, JointInformation, KEYPOINTS, KeypointSet, Shape};
 
 use crate::linear::lm::Termination;
 
-/// One car in one frame.
+/// One view of a car: its keypoints in one frame.
 #[derive(Clone, Copy, Debug)]
 pub struct CarView<'a> {
-    /// What was found of it.
+    /// Located keypoints.
     pub keypoints: &'a KeypointSet,
-    /// Views of the same group are the same physical car: one shape.
+    /// Number of the physical car; views of the same group share one shape.
     pub group: usize,
-    /// How much of an independent observation this view is, 0–1.
+    /// Weight relative to an independent observation, 0–1.
     pub weight: f64,
 }
 
 impl<'a> CarView<'a> {
-    /// Views of as many different cars, in this order, each of full weight.
+    /// Returns one view of full weight per car, all of different cars.
     pub fn each(cars: impl IntoIterator<Item = &'a KeypointSet>) -> Vec<Self> {
         let view = |(group, keypoints)| Self { keypoints, group, weight: 1.0 };
         cars.into_iter().enumerate().map(view).collect()
     }
 }
 
-/// How a solve ended.
+/// Result of a solve.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SceneStatus {
     /// Focal length and plane come from the cars.
     Converged,
     /// Focal length was given; the plane comes from the cars.
     FocalGiven,
-    /// The cars say too little about the focal length: it rests on the prior and is as uncertain as that.
+    /// The cars do not determine the focal length: it rests on the prior and is as uncertain as the prior.
     FocalFromPrior,
-    /// The loop ran out of iterations before it came near the minimum.
+    /// The loop reached its largest number of iterations before it came near the minimum.
     NotConverged,
     /// No car could be used; the numbers are the prior.
     TooFewCars,
@@ -42,7 +42,7 @@ pub enum SceneStatus {
 }
 
 impl SceneStatus {
-    /// Of a solve that stopped so, its focal length given, or told by the cars.
+    /// Returns the status of a solve; its focal length may be given, or determined by the cars.
     pub(crate) fn of(termination: Termination, is_given: bool, is_determined: bool) -> Self {
         match (termination.converged(), is_given, is_determined) {
             (false, ..) => Self::NotConverged,
@@ -59,19 +59,21 @@ impl SceneStatus {
     }
 }
 
-/// One car's part of the answer.
+/// Solution of one car.
 #[derive(Clone, Debug)]
 pub struct CarSolution {
-    /// Rigid motion from the car's to the camera's frame.
+    /// Rigid motion from the car's to the camera's frame, m.
     pub camera_from_car: Isometry3<f64>,
-    /// Where it stands in the world frame.
+    /// Pose on the ground, world frame.
     pub ground: GroundPose,
-    /// Covariance of (x m, y m, heading rad): with the camera's uncertainty where that is estimated, too
-    /// ([`solve_scene`](crate::solve_scene)), without where it is given ([`fit_car`](crate::fit_car)).
+    /// Covariance of (x m, y m, heading rad).
+    ///
+    /// It includes the camera's uncertainty if the camera is estimated ([`solve_scene`](crate::solve_scene)), but not
+    /// if the camera is given ([`fit_car`](crate::fit_car)).
     pub ground_covariance: Matrix3<f64>,
     /// Shape coefficients, each in units of its sd over all cars.
     pub shape: Shape,
-    /// Their covariance.
+    /// Covariance of the shape coefficients.
     pub shape_covariance: Matrix6<f64>,
     /// Keypoints that are more likely right than wrong.
     pub inliers: [bool; KEYPOINTS],
@@ -81,24 +83,26 @@ pub struct CarSolution {
     pub used: bool,
 }
 
-/// A frame's answer.
+/// Solution of a frame.
 #[derive(Clone, Debug)]
 pub struct SceneSolution {
-    /// How it ended.
+    /// Result of the solve.
     pub status: SceneStatus,
-    /// Focal length, tilt, roll, height.
+    /// Focal length, tilt, roll and height.
     pub params: CameraParams,
-    /// What the cars alone say of (log f, tilt, roll, log h) and of the errors they share, poses and shapes marginalised: what may
-    /// be added up over independent frames of a place. Prior and factors are not in it.
+    /// Information of the cars alone on (log f, tilt, roll, log h) and on the errors they share.
+    ///
+    /// Poses and shapes are marginalised. Prior and factors are not included. So the information of independent frames
+    /// of a scene can be summed.
     pub information: JointInformation,
-    /// Covariance of (log f, tilt, roll, log h), prior, factors and shared errors counted; zero where given.
+    /// Covariance of (log f, tilt, roll, log h), with prior, factors and shared errors; zero for given parameters.
     pub covariance: Matrix4<f64>,
-    /// Per view, in the order given; `None` where nothing could be fitted.
+    /// Solution per view, in the order of the input; `None` if a view could not be fitted.
     pub cars: Vec<Option<CarSolution>>,
-    /// Cost at the end (negative log posterior up to a constant).
+    /// Cost at the minimum: the negative log posterior up to a constant.
     pub cost: f64,
-    /// Linearisations of the final refinement.
+    /// Number of linearisations of the final refinement.
     pub iterations: usize,
-    /// Why the final refinement stopped.
+    /// Reason why the final refinement stopped.
     pub termination: Termination,
 }

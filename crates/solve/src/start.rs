@@ -1,7 +1,7 @@
-//! From nothing to places where a descent may begin.
+//! The search for starts of the descent, without prior knowledge of camera or poses.
 
 pub(crate) mod alternation;
 pub(crate) mod cold_start;
-pub(crate) mod standing;
+pub(crate) mod on_plane;
 pub(crate) mod up_consensus;
 pub(crate) mod weak_perspective;

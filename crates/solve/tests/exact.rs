@@ -1,4 +1,4 @@
-//! Noise-free scenes come out exactly, from nothing and from a random camera.
+//! Noise-free scenes are solved exactly, with a search and from a random camera.
 
 use roadplane_base::{ShapeAtlas, angle_difference};
 use roadplane_solve::{CameraPrior, CarView, LmOptions, SceneOptions, Steps, solve_scene};
@@ -10,7 +10,7 @@ fn noise_free_scenes_come_out_exactly() {
 }
 
 #[test]
-fn so_they_do_from_any_camera() {
+fn noise_free_scenes_come_out_exactly_from_any_camera() {
     exact(&ShapeAtlas::shipped().unwrap(), true);
 }
 
@@ -20,7 +20,7 @@ fn exact(atlas: &ShapeAtlas, random_start: bool) {
     let options = SceneOptions {
         camera_prior: CameraPrior::none(),
         atlas_residual_scale: 0.0,
-        // The minimum itself: all cars of the mean shape are no sample of the population.
+        // Cars of the mean shape are no sample of the population, so the bias correction does not apply.
         steps: Steps { bias: false, ..Steps::default() },
         lm: tight,
         ..SceneOptions::default()

@@ -1,4 +1,4 @@
-//! Clues count in a scene's camera as the numbers they are.
+//! Factors count in a scene's camera with their values and sds.
 
 use std::sync::Arc;
 
@@ -6,7 +6,8 @@ use roadplane_base::{CameraParams, Factor, ShapeAtlas};
 use roadplane_solve::{CarView, SceneOptions, SceneSolution, solve_scene};
 use roadplane_synth::{SynthOptions, scene};
 
-/// Solves synthetic scenes with noise, without factors and with those that `factors` makes of the truth, and shows both.
+/// Solves noisy synthetic scenes without factors and with factors made from the truth, and calls `show` with both
+/// solutions.
 fn with_and_without(
     atlas: &ShapeAtlas,
     factors: impl Fn(&CameraParams) -> Vec<Factor>,
@@ -25,20 +26,20 @@ fn with_and_without(
 }
 
 #[test]
-fn a_tight_number_is_kept_and_tells_of_the_others() {
+fn a_tight_factor_is_kept_and_narrows_other_parameters() {
     let factor = |truth: &CameraParams| vec![Factor::Number { which: 1, value: truth.tilt, sd: 1e-4 }];
     with_and_without(&ShapeAtlas::shipped().unwrap(), factor, |[without, with], truth| {
         assert!((with.params.tilt - truth.tilt).abs() < 1e-3);
         let sd = |solution: &SceneSolution, i: usize| solution.covariance[(i, i)].sqrt();
-        let told = [sd(with, 1), sd(with, 0), sd(without, 0)];
-        assert!(told[0] < 1.01e-4 && told[1] < 1.05 * told[2], "{told:?}");
+        let sds = [sd(with, 1), sd(with, 0), sd(without, 0)];
+        assert!(sds[0] < 1.01e-4 && sds[1] < 1.05 * sds[2], "{sds:?}");
         let off = (with.params.log_focal - truth.log_focal).abs();
         assert!(off < 4.0 * sd(with, 0), "{off} at {}", sd(with, 0));
     });
 }
 
 #[test]
-fn a_loose_number_changes_nothing() {
+fn a_loose_factor_changes_nothing() {
     let factor =
         |truth: &CameraParams| vec![Factor::Number { which: 0, value: truth.log_focal + 1.0, sd: 1e4 }];
     with_and_without(&ShapeAtlas::shipped().unwrap(), factor, |[without, with], _| {
@@ -48,7 +49,7 @@ fn a_loose_number_changes_nothing() {
 }
 
 #[test]
-fn what_cars_say_does_not_hold_the_clue() {
+fn the_information_of_cars_does_not_contain_factors() {
     let factor = |truth: &CameraParams| vec![Factor::Number { which: 0, value: truth.log_focal, sd: 0.01 }];
     with_and_without(&ShapeAtlas::shipped().unwrap(), factor, |[without, with], _| {
         let counted = with.covariance.try_inverse().unwrap()[(0, 0)] - with.information.information[(0, 0)];

@@ -1,4 +1,4 @@
-//! What is wrong in the input is left out, and what is left is as sure as it says.
+//! Wrong cars and keypoints are rejected, and the uncertainty of the solution is calibrated.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests")]
 
@@ -17,8 +17,10 @@ fn solve(atlas: &ShapeAtlas, truth: &SceneTruth, steps: Steps) -> SceneSolution 
     solve_scene(atlas, truth.size, &views, &options)
 }
 
-/// Of scenes in which a fifth of the cars is wrong in this way: share of the wrong ones that are left out, share of the others that
-/// are used, and rms error / sd of the focal length.
+/// Solves scenes in which a fifth of the cars is wrong.
+///
+/// Returns the rejected share of the wrong cars, the used share of the others, and the normalised error of the focal
+/// length.
 fn sorted_out(kind: Wrong, steps: Steps) -> [f64; 3] {
     let atlas = ShapeAtlas::shipped().unwrap();
     let [mut wrong, mut left_out, mut right, mut used, mut squares] = [0.0; 5];
@@ -48,21 +50,21 @@ fn sorted_out(kind: Wrong, steps: Steps) -> [f64; 3] {
 }
 
 #[test]
-fn wrong_cars_are_left_out() {
+fn wrong_cars_are_rejected() {
     for kind in [Wrong::Scattered, Wrong::OtherPose] {
         let [left_out, used, error] = sorted_out(kind, Steps::default());
-        println!("{kind:?}: {left_out:.2} left out, {used:.2} used, error / sd {error:.2}");
+        println!("{kind:?}: {left_out:.2} left out, {used:.2} used, normalised error {error:.2}");
         assert!(left_out > 0.8 && used > 0.97 && error < 2.0, "{kind:?}: {left_out} {used} {error}");
         let [kept_out, ..] = sorted_out(kind, Steps { rejection: false, ..Steps::default() });
-        assert!(kept_out < 0.5, "{kind:?}: it is the rejection that leaves them out: {kept_out}");
+        assert!(kept_out < 0.5, "{kind:?}: they are left out without the rejection, too: {kept_out}");
     }
 }
 
-/// A car whose labels are mirrored looks much like one that is turned round: some are left out, the others point backwards.
+/// A car with mirrored labels resembles a car that is turned round. Some are rejected, and the others point backwards.
 #[test]
 fn mirrored_labels_do_not_turn_the_camera() {
     let [left_out, used, error] = sorted_out(Wrong::Mirrored, Steps::default());
-    println!("{left_out:.2} left out, {used:.2} used, error / sd {error:.2}");
+    println!("{left_out:.2} left out, {used:.2} used, normalised error {error:.2}");
     assert!(left_out > 0.25 && used > 0.97 && error < 1.5, "{left_out} {used} {error}");
 }
 
@@ -100,7 +102,7 @@ fn sds_are_neither_too_small_nor_too_large() {
     }
     for (name, squares) in ["log focal", "tilt", "distance"].iter().zip(&squares) {
         let rms = (squares.iter().sum::<f64>() / squares.len() as f64).sqrt();
-        println!("{name}: error / sd {rms:.2}");
+        println!("{name}: normalised error {rms:.2}");
         assert!((0.75..1.3).contains(&rms), "{name}: {rms}");
     }
 }

@@ -1,4 +1,4 @@
-//! Free poses, with and without the plane, with and without the focal length.
+//! Free poses, with and without plane terms, with given and with unknown focal length.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests")]
 
@@ -9,7 +9,7 @@ use roadplane_solve::{
 use roadplane_synth::{SynthOptions, scene};
 
 #[test]
-fn one_free_car_comes_out_exactly() {
+fn one_free_car_is_solved_exactly() {
     let atlas = ShapeAtlas::shipped().unwrap();
     let options = SceneOptions { atlas_residual_scale: 0.0, ..SceneOptions::default() };
     let mut wrong = 0;
@@ -32,7 +32,7 @@ fn one_free_car_comes_out_exactly() {
 }
 
 #[test]
-fn body_types_tell_how_far_a_car_is() {
+fn body_types_improve_the_distance_of_a_car() {
     let atlas = ShapeAtlas::shipped().unwrap();
     let without_types = ShapeAtlas { body_types: Vec::new(), ..atlas.clone() };
     let (mut known, mut unknown) = (Vec::new(), Vec::new());
@@ -78,7 +78,7 @@ fn plane_terms_find_the_focal_length_from_far_off() {
 }
 
 #[test]
-fn without_plane_and_focal_length_the_status_says_so() {
+fn without_plane_and_focal_length_the_focal_length_is_the_prior() {
     let atlas = ShapeAtlas::shipped().unwrap();
     let truth = scene(&atlas, &SynthOptions { cars: 4, ..SynthOptions::default() }, 2);
     let found = solve_free_scene(

@@ -1,4 +1,4 @@
-//! What frames say of the camera adds up in information form.
+//! The information of frames on the camera can be summed.
 
 use nalgebra::{Matrix4, Point3, Vector3, Vector4};
 use roadplane_base::{Camera, CameraParams, Keypoint, Lens, SHARED_ERRORS, ShapeAtlas};
@@ -9,7 +9,7 @@ use roadplane_solve::{
 use roadplane_synth::{SceneTruth, SynthOptions, scene};
 
 #[test]
-fn errors_of_view_widen_what_cars_say() {
+fn view_errors_widen_the_covariance() {
     let atlas = ShapeAtlas::shipped().unwrap();
     let scene = scene(&atlas, &SynthOptions { cars: 8, noise: 0.01, ..SynthOptions::default() }, 11);
     let views = CarView::each(scene.keypoints());
@@ -31,37 +31,37 @@ fn errors_of_view_widen_what_cars_say() {
         for i in (0..4).filter(|i| none[*i] > 0.0) {
             assert!(none[i] < own[i] && own[i] < shared[i], "{i}: {none} {own} {shared}");
         }
-        // What is shared shows whole in the tilt, when the focal length is known.
+        // With a given focal length, the shared error appears in full in the tilt.
         assert!(given_focal_px.is_none() || shared[1] > 0.9 * 0.02, "{shared}");
         assert_eq!(given_focal_px.is_some(), shared[0] == 0.0);
     }
 }
 
-/// The camera moves with an error of the lens as the cross information says, which the shared errors' sds rest on.
+/// The cross information predicts the camera's change with an error of the lens.
 #[test]
-fn an_error_of_the_lens_moves_the_camera_as_told() {
+fn an_error_of_the_lens_moves_the_camera_as_predicted() {
     let atlas = ShapeAtlas::shipped().unwrap();
     let scene = scene(&atlas, &SynthOptions { cars: 12, noise: 0.02, ..SynthOptions::default() }, 4);
     let views = CarView::each(scene.keypoints());
     let steps = Steps { bias: false, body_types: false, ..Steps::default() };
     let view_errors = Some(ViewErrors { keypoints_as_one: 1.0, shared_sd: [0.0; SHARED_ERRORS] });
-    let solve = |bend: f64| {
-        let lens = Lens::with_bend(bend, scene.size);
+    let solve = |distortion: f64| {
+        let lens = Lens::with_distortion(distortion, scene.size);
         let camera_prior = CameraPrior::none();
         let options = SceneOptions { camera_prior, lens, view_errors, steps, ..SceneOptions::default() };
         solve_scene(&atlas, scene.size, &views, &options)
     };
-    const BEND: f64 = 0.004;
+    const DISTORTION: f64 = 0.004;
     let straight = solve(0.0);
-    let moved = (solve(BEND).params.to_vector() - solve(-BEND).params.to_vector()) / 2.0;
+    let moved = (solve(DISTORTION).params.to_vector() - solve(-DISTORTION).params.to_vector()) / 2.0;
     let joint = straight.information;
     let by_lens = -joint.information.try_inverse().unwrap() * joint.cross.column(2);
-    let told = by_lens * Lens::with_bend(BEND, scene.size).per_px2;
-    assert!((moved - told).amax() < 0.15 * moved.amax() && moved.amax() > 1e-3, "{moved} {told}");
+    let predicted = by_lens * Lens::with_distortion(DISTORTION, scene.size).per_px2;
+    assert!((moved - predicted).amax() < 0.15 * moved.amax() && moved.amax() > 1e-3, "{moved} {predicted}");
 }
 
 #[test]
-fn a_hundred_frames_pin_the_focal_length() {
+fn a_hundred_frames_determine_the_focal_length() {
     let atlas = ShapeAtlas::shipped().unwrap();
     let options = SceneOptions::default();
     let mut errors = Vec::new();
@@ -107,8 +107,9 @@ fn a_hundred_frames_pin_the_focal_length() {
     assert!(errors[1] < 0.015, "median {}", errors[1]);
 }
 
-/// The scene four times: with its noise and the opposite, with its cars and those mirrored about the mean car. What errors do to
-/// first order cancels, what is left is the bias.
+/// Returns the scene four times: with its noise and the opposite, with its cars and those mirrored about the mean car.
+///
+/// First-order effects of errors cancel over the four, so the bias remains.
 fn mirrored(atlas: &ShapeAtlas, truth: &SceneTruth) -> Vec<SceneTruth> {
     let camera = Camera::centred(truth.params.focal_px(), truth.size);
     let camera_from_world = truth.params.plane().camera_from_world();
@@ -133,10 +134,10 @@ fn mirrored(atlas: &ShapeAtlas, truth: &SceneTruth) -> Vec<SceneTruth> {
 }
 
 #[test]
-fn frames_add_up_without_bias() {
+fn sums_of_frames_have_no_bias() {
     let atlas = ShapeAtlas::shipped().unwrap();
     let errors = |bias: bool| {
-        // Body types and trust are no Gaussians of their own, and look at cars together.
+        // Body types and trust are not Gaussian, and trust depends on all cars.
         let steps = Steps { bias, body_types: false, trust: false, ..Steps::default() };
         let options = SceneOptions { steps, kernel: OutlierModel::none(), ..SceneOptions::default() };
         let (mut sums, mut cameras) = (Vector4::<f64>::zeros(), 0.0);
@@ -173,8 +174,8 @@ fn frames_add_up_without_bias() {
         sums / cameras
     };
     let (with, without) = (errors(true), errors(false));
-    println!("mean errors of (log f, tilt, roll, log h), bias taken away {with}, left in {without}");
-    // Tilt and height: so few scenes say less of the focal length.
+    println!("mean errors of (log f, tilt, roll, log h): with bias correction {with}, without {without}");
+    // Only tilt and height: so few scenes determine the focal length less well.
     for number in [1, 3] {
         assert!(with[number].abs() < 0.4 * without[number].abs(), "{number}: {with} {without}");
     }

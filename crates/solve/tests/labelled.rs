@@ -27,8 +27,8 @@ fn labels() -> Vec<KeypointSet> {
 }
 
 #[test]
-#[ignore = "reads ../shared/data, which not everybody has; scripts/test runs it where it is"]
-fn the_parking_lot_makes_sense() {
+#[ignore = "reads ../shared/data, which is not in the repository; scripts/test runs it where the data is present"]
+fn the_parking_lot_has_plausible_numbers() {
     let cars = labels();
     let atlas = ShapeAtlas::shipped().unwrap();
     let views = CarView::each(&cars);

@@ -1,5 +1,6 @@
-//! What the last steps do to the camera: all modes, body types, trust, the integral over shapes and poses. From the true scene, as
-//! the search is not in question.
+//! Effects of the last steps on the camera: all modes, body types, trust, the integral over shapes and poses.
+//!
+//! All solves start from the true scene, because the search is not tested here.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests")]
 
@@ -13,7 +14,9 @@ use roadplane_synth::{CarModel, Rng, SceneTruth, SynthOptions, draw_shape, scene
 const ALL: Steps =
     Steps { rejection: true, reclassify: true, all_modes: true, body_types: true, trust: false, bias: false };
 
-/// Cars of so many models of all modes, their coefficients of an sd for each model, with noise of 0.3 % of their boxes.
+/// Returns a scene with cars of several models of all modes, with noise of 0.3 % of their boxes.
+///
+/// `shape_sd` is the coefficients' sd for each model.
 fn truth(atlas: &ShapeAtlas, seed: u64, models: usize, shape_sd: impl Fn(usize) -> f64) -> SceneTruth {
     let mut rng = Rng::new(seed);
     let mut model = |number| {
@@ -25,7 +28,7 @@ fn truth(atlas: &ShapeAtlas, seed: u64, models: usize, shape_sd: impl Fn(usize) 
     scene(atlas, &SynthOptions { models, noise: 0.003, ..SynthOptions::default() }, seed)
 }
 
-/// `views_per_car`: how many cars in a row are taken for views of one. `from`: where to start, else from the truth.
+/// Refines a scene. `views_per_car` successive cars count as views of one car. `from` is the start, else the truth.
 fn refine(
     atlas: &ShapeAtlas,
     truth: &SceneTruth,
@@ -49,7 +52,7 @@ fn refine(
         .unwrap()
 }
 
-/// Error of a number of the camera.
+/// Returns the error of a parameter of the camera.
 fn error(atlas: &ShapeAtlas, truth: &SceneTruth, steps: Steps, number: usize) -> f64 {
     let found = refine(atlas, truth, 1, None, steps, None);
     (found.params.to_vector() - truth.params.to_vector())[number]
@@ -61,18 +64,18 @@ fn without_fine_modes_nothing_changes() {
     let mut atlas = shipped.clone();
     atlas.body_types.clear();
     atlas.fine_modes = [atlas.mean.map(|_| Vector3::zeros()); FINE_MODES];
-    // Of what all modes leave over √2 counts.
+    // The factor √2 on the residual sd of all modes is taken out.
     atlas.fine_residual_sd_m = atlas.residual_sd_m.map(|sd| sd / std::f64::consts::SQRT_2);
     for seed in 0..6 {
-        // Small coefficients stay within bounds, which only the problem of six modes has.
-        // Every other scene has cars all alike, two of which are taken for views of one.
+        // Small coefficients stay within the bounds, which only the problem of six modes has.
+        // In every other scene all cars are equal, and two of them count as views of one.
         let (models, views_per_car) = if seed % 2 == 0 { (40, 1) } else { (1, 2) };
         let truth = truth(&shipped, seed, models, |_| 0.3);
         let given_focal_px = (seed % 3 == 0).then(|| truth.params.focal_px());
         let six = Steps { all_modes: false, ..ALL };
         let refine =
             |from: Option<&_>, steps| refine(&atlas, &truth, views_per_car, from, steps, given_focal_px);
-        // Until keypoints are whitened where the cars are in the end.
+        // Repeated until keypoints are whitened at the final poses.
         let mut found = refine(None, six);
         for _ in 0..3 {
             found = refine(Some(&found), six);
@@ -85,14 +88,14 @@ fn without_fine_modes_nothing_changes() {
         assert!(off(&all, &found) < 1e-3, "{seed}: {}", off(&all, &found));
         let scale = sd * sd.transpose();
         assert!((all.covariance - found.covariance).component_div(&scale).amax() < 1e-3);
-        // The integral over shapes and poses is the same one, too.
+        // The integral over shapes and poses is equal, too.
         let six = refine(Some(&found), Steps { bias: true, ..six });
         let all = refine(Some(&found), Steps { bias: true, ..ALL });
         assert!(off(&six, &all) < 1e-2 && off(&six, &found) > 1e-2, "{seed}: {}", off(&six, &all));
     }
 }
 
-/// The joint minimum shrinks the world, as all shape coefficients at once are nearer to the mean in a smaller one.
+/// The joint minimum shrinks the world, because in a smaller world all shape coefficients are nearer to their mean.
 #[test]
 fn integrating_out_makes_the_world_larger() {
     let atlas = ShapeAtlas::shipped().unwrap();
@@ -105,7 +108,7 @@ fn integrating_out_makes_the_world_larger() {
 }
 
 #[test]
-fn cars_of_all_modes_tell_the_camera_better() {
+fn all_modes_improve_the_camera() {
     let atlas = ShapeAtlas { body_types: Vec::new(), ..ShapeAtlas::shipped().unwrap() };
     let (mut six, mut all) = (0.0, 0.0);
     for seed in 0..40 {
@@ -117,7 +120,7 @@ fn cars_of_all_modes_tell_the_camera_better() {
 }
 
 #[test]
-fn body_types_tell_how_large_the_scene_is() {
+fn body_types_improve_the_scale_of_the_scene() {
     let atlas = ShapeAtlas::shipped().unwrap();
     let (mut known, mut unknown, mut squared_sds) = (0.0, 0.0, 0.0);
     for seed in 0..40 {

@@ -1,9 +1,10 @@
-//! The Levenberg–Marquardt loop on NIST's nonlinear regressions (Statistical Reference Datasets, StRD), from both starts of each.
+//! The Levenberg–Marquardt loop on NIST's nonlinear regressions (Statistical Reference Datasets, StRD), from both
+//! starts of each.
 //!
-//! As Ceres does it (`examples/nist.cc`): the log relative error (LRE) of a fit is the number of digits to which its worst parameter is
-//! that which NIST certifies, 11 at most; a fit succeeds with four.
+//! The score is that of Ceres (`examples/nist.cc`). The log relative error (LRE) of a fit is the number of digits of
+//! its worst parameter that agree with NIST's certified value, 11 at most. A fit succeeds with four.
 
-#![allow(clippy::unwrap_used, clippy::panic)] // the helpers below are test code, too
+#![allow(clippy::unwrap_used, clippy::panic)] // the functions below are test code, too
 
 use std::f64::consts::PI;
 use std::path::Path;
@@ -11,11 +12,12 @@ use std::path::Path;
 use nalgebra::{Complex, DMatrix, DVector};
 use roadplane_solve::{LmOptions, Problem, Trial, minimise};
 
-/// Derivatives are those of a step in the imaginary direction (Squire and Trapp 1998), exact to the last digits.
+/// A complex number: a step in the imaginary direction gives derivatives exact to the last digits (Squire and Trapp
+/// 1998).
 type C = Complex<f64>;
 const STEP: f64 = 1e-40;
 
-/// A model: what is predicted at `x` by parameters `b`.
+/// Returns a model's prediction at `x` with the parameters `b`.
 fn predicted(name: &str, x: &[f64], b: &[C]) -> C {
     let two = x.get(1).copied().unwrap_or_default();
     let x = x[0];
@@ -62,17 +64,17 @@ fn predicted(name: &str, x: &[f64], b: &[C]) -> C {
     }
 }
 
-/// The library's own, for complex numbers, loses so small an imaginary part.
+/// Returns the arctangent. The library's own function for complex numbers loses so small an imaginary part.
 fn atan(z: C) -> C {
     C::new(z.re.atan(), z.im / (1.0 + z.re * z.re))
 }
 
-/// A file of NIST.
+/// A regression from a file of NIST.
 struct Regression {
     name: String,
     starts: [Vec<f64>; 2],
     certified: Vec<f64>,
-    /// Response, then predictors.
+    /// Rows of data: response, then predictors.
     data: Vec<Vec<f64>>,
 }
 
@@ -87,7 +89,7 @@ fn read(path: &Path) -> Regression {
     };
     let parameters: Vec<Vec<f64>> = text.lines().filter_map(of_parameter).collect();
     let column = |i: usize| parameters.iter().map(|row| row[i]).collect::<Vec<f64>>();
-    // The data stand at the end, below the second line that begins so.
+    // The data are at the end, below the second line that starts with "Data:".
     let from = text.rmatch_indices("\nData:").next().unwrap().0;
     let rows = text[from..].lines().filter_map(|line| numbers(line).filter(|row| row.len() > 1));
     let mut data: Vec<Vec<f64>> = rows.collect();
@@ -171,7 +173,7 @@ impl Problem for Fit<'_> {
     }
 }
 
-/// Digits to which the worst parameter is the certified one.
+/// Returns the number of digits of the worst parameter that agree with the certified value.
 fn digits(found: &DVector<f64>, certified: &[f64]) -> f64 {
     let of = |(found, true_value): (&f64, &f64)| {
         -((found - true_value).abs() / true_value.abs()).max(1e-11).log10()
@@ -209,6 +211,6 @@ fn nists_regressions_come_out_to_four_digits() {
     let average = sum / f64::from(tried);
     println!("{solved} of {tried}, average LRE {average:.2}");
     assert_eq!(tried, 54);
-    // From their farther start BoxBOD, MGH10 and MGH17 end at other minima, or on the way.
+    // From their farther starts, BoxBOD, MGH10 and MGH17 end at other minima or do not converge.
     assert!(solved >= 51 && average > 8.0, "{solved} of {tried}, {average}");
 }

@@ -1,4 +1,4 @@
-//! The refinement allocates for its set-up and its answer, nothing in between: as many times for thirty iterations as for two.
+//! The refinement allocates for its set-up and its solution only: as many times for thirty iterations as for two.
 
 #![allow(unsafe_code)]
 
@@ -9,30 +9,30 @@ use roadplane_base::ShapeAtlas;
 use roadplane_solve::{CarView, GivenScene, LmOptions, SceneOptions, refine_scene};
 use roadplane_synth::{SynthOptions, scene};
 
-/// The system's allocator with a counter.
+/// The system's allocator with a counter of allocations.
 struct Counting;
 
 thread_local! {
-    /// Of this thread: the test's own harness allocates in another.
+    /// Number of allocations in this thread; the test harness allocates in another one.
     static ALLOCATIONS: Cell<usize> = const { Cell::new(0) };
 }
 
-// SAFETY: everything is the system allocator's; counting allocates nothing.
+// SAFETY: the system's allocator does all the work, and counting does not allocate.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         ALLOCATIONS.set(ALLOCATIONS.get() + 1);
-        // SAFETY: the caller keeps the contract of `alloc`.
+        // SAFETY: the caller fulfils the contract of `alloc`.
         unsafe { System.alloc(layout) }
     }
 
     unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
         ALLOCATIONS.set(ALLOCATIONS.get() + 1);
-        // SAFETY: the caller keeps the contract of `realloc`.
+        // SAFETY: the caller fulfils the contract of `realloc`.
         unsafe { System.realloc(pointer, layout, size) }
     }
 
     unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        // SAFETY: the caller keeps the contract of `dealloc`.
+        // SAFETY: the caller fulfils the contract of `dealloc`.
         unsafe { System.dealloc(pointer, layout) }
     }
 }

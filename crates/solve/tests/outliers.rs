@@ -1,4 +1,4 @@
-//! The cost of keypoints that may be wrong.
+//! The outlier model of keypoints.
 
 #![allow(missing_docs)]
 

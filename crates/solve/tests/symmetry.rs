@@ -1,5 +1,6 @@
-//! What must change with the input in a known way: enlarged pictures, mirrored pictures, other units of length. Stopping
-//! rules and the poses at which keypoints are whitened leave differences far below the sd.
+//! Solutions change in a known way with enlarged pictures, mirrored pictures and other units of length.
+//!
+//! Stopping rules, and the poses at which keypoints are whitened, cause differences far below the sd.
 
 use nalgebra::{Matrix2, Vector2, Vector4};
 use roadplane_base::{ImageSize, Keypoint, KeypointSet, ShapeAtlas, angle_difference, mirror_index};
@@ -7,7 +8,7 @@ use roadplane_solve::{CameraPrior, CarView, SceneOptions, SceneSolution, solve_s
 use roadplane_synth::{SceneTruth, SynthOptions, scene};
 
 const SCENES: u64 = 12;
-/// Largest difference, sd.
+/// Largest difference, in sds.
 const SAME: f64 = 2e-3;
 
 fn options() -> SceneOptions {
@@ -29,13 +30,13 @@ fn scenes(atlas: &ShapeAtlas) -> impl Iterator<Item = SceneTruth> {
     (0..SCENES).map(move |seed| scene(atlas, &asked, 300 + seed))
 }
 
-/// Largest difference of the cameras after `expected` is taken off, in sd.
+/// Returns the largest difference of two cameras minus the `expected` one, in sds.
 fn off_in_sd(a: &SceneSolution, b: &SceneSolution, expected: Vector4<f64>) -> f64 {
     let sd = a.covariance.diagonal().map(f64::sqrt);
     (b.params.to_vector() - a.params.to_vector() - expected).component_div(&sd).amax()
 }
 
-/// Each keypoint through a map of the plane with a linear part that is diagonal.
+/// Maps each keypoint by an affine map of the image with a diagonal linear part.
 fn mapped(
     set: &KeypointSet,
     pixel: impl Fn(Vector2<f64>) -> Vector2<f64>,
@@ -50,7 +51,7 @@ fn mapped(
 }
 
 #[test]
-fn an_enlarged_picture_has_a_longer_focal_length_and_the_same_world() {
+fn an_enlarged_picture_gives_a_longer_focal_length_and_the_same_world() {
     let atlas = ShapeAtlas::shipped().unwrap();
     for truth in scenes(&atlas) {
         let size = truth.size;
@@ -69,7 +70,7 @@ fn an_enlarged_picture_has_a_longer_focal_length_and_the_same_world() {
 }
 
 #[test]
-fn a_mirrored_picture_shows_the_mirrored_world() {
+fn a_mirrored_picture_gives_the_mirrored_world() {
     let atlas = ShapeAtlas::shipped().unwrap();
     for truth in scenes(&atlas) {
         let width = f64::from(truth.size.width);
@@ -89,7 +90,7 @@ fn a_mirrored_picture_shows_the_mirrored_world() {
 }
 
 #[test]
-fn cars_half_as_large_stand_in_a_world_half_as_large() {
+fn cars_of_half_size_give_a_world_of_half_size() {
     let atlas = ShapeAtlas::shipped().unwrap();
     let mut small = atlas.clone();
     let shapes = small.modes.iter_mut().chain(&mut small.fine_modes).flatten().chain(&mut small.mean);

@@ -1,28 +1,30 @@
-//! Starts for the solver: near the truth of scenes that speed is measured on, and anywhere.
+//! Starts for the solver: near the truth of benchmark scenes, and at random cameras.
 
 use nalgebra::{Point3, Vector2};
 use roadplane_base::{Camera, CameraParams, GroundPose, ImageSize, Shape, ShapeAtlas};
 
 use crate::{CarTruth, Rng, SceneTruth, SynthOptions, scene};
 
-/// From so many cars on they need room.
+/// Number of cars from which a scene needs more room.
 const MANY: usize = 31;
 
-/// A scene with a start near its truth: what a joint refinement gets from the stages before it.
+/// A scene with a start near its truth, as a joint refinement gets it from the steps before.
 #[derive(Clone, Debug)]
 pub struct BenchScene {
-    /// The scene.
+    /// The scene with its truth.
     pub truth: SceneTruth,
-    /// Camera to start from: 1 % off in focal length and height, 0.1° in tilt.
+    /// Camera of the start: off by 1 % in focal length and height, and by 0.1° in tilt.
     pub params: CameraParams,
-    /// Poses to start from: where the cars are seen to 1 % of their box, heading off by 0.6°.
+    /// Poses of the start: off by 1 % of the cars' boxes in the image, and by 0.6° in heading.
     pub poses: Vec<GroundPose>,
-    /// Shapes to start from: off by a third of a sd.
+    /// Shapes of the start: off by a third of a sd.
     pub shapes: Vec<Shape>,
 }
 
 impl BenchScene {
-    /// A number of cars with 2 % noise; many come with a higher camera. `None` if a car would start above the horizon.
+    /// Creates a scene of several cars with 2 % noise; with many cars, the camera is higher.
+    ///
+    /// Returns `None` if a car would start above the horizon.
     #[must_use]
     pub fn new(atlas: &ShapeAtlas, cars: usize, seed: u64) -> Option<Self> {
         let many = cars >= MANY;
@@ -44,7 +46,7 @@ impl BenchScene {
         let camera_from_world = truth.params.plane().camera_from_world();
         let camera = Camera::centred(truth.params.focal_px(), truth.size);
         let started = Camera::centred(params.focal_px(), truth.size);
-        let place = |car: &CarTruth| {
+        let start_pose = |car: &CarTruth| {
             let origin = camera_from_world * Point3::new(car.pose.x_m, car.pose.y_m, 0.0);
             let off = Vector2::new(rng.normal(), rng.normal()) * (0.01 * car.box_px);
             let seen = camera.pixel_from_camera(&origin.coords)? + off;
@@ -52,13 +54,15 @@ impl BenchScene {
             let heading_rad = car.pose.heading_rad + 0.01 * rng.normal();
             Some(GroundPose { x_m: on_ground.x, y_m: on_ground.y, heading_rad })
         };
-        let poses = truth.cars.iter().map(place).collect::<Option<Vec<_>>>()?;
+        let poses = truth.cars.iter().map(start_pose).collect::<Option<Vec<_>>>()?;
         let shapes = truth.cars.iter().map(|car| car.shape.map(|c| c + 0.3 * rng.normal())).collect();
         Some(Self { truth, params, poses, shapes })
     }
 }
 
-/// A camera to start from that has nothing to do with the scene: focal length 0.3–8 × the image's width, any tilt and height.
+/// Returns a random camera as a start, independent of the scene.
+///
+/// Its focal length is 0.3–8 × the image's width. Tilt, roll and height are random, too.
 #[must_use]
 pub fn random_camera(size: ImageSize, seed: u64) -> CameraParams {
     let mut rng = Rng::new(seed ^ 0x57a7);

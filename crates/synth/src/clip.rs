@@ -1,4 +1,4 @@
-//! Clips: cars that drive, turn, halt, reverse and park among cars that stand, seen by a camera that does not move.
+//! Clips of a stationary camera: cars drive, turn, halt, reverse and park among stationary cars.
 
 use nalgebra::{Isometry3, Vector2};
 use roadplane_base::{
@@ -6,7 +6,7 @@ use roadplane_base::{
 };
 
 use crate::Rng;
-use crate::item::{Item, ItemCar, Sighting, projected};
+use crate::item::{CarInFrame, Item, ItemCar, projected};
 use crate::keypoints::{CLAIMED_NOISE, seen_indices};
 use crate::models::move_off_atlas;
 use crate::scene::body;
@@ -14,33 +14,38 @@ use crate::traffic::{Aisle, Bay, Manoeuvre, drive, touch};
 use crate::trajectory::{CarState, Drive};
 use crate::truth::SynthOptions;
 
-/// Length of a car in the middle of the picture, px.
+/// Least and largest length of a car in the middle of the picture, px.
 const CAR_PX: [f64; 2] = [50.0, 120.0];
+/// Length of a typical car, m.
 const CAR_M: f64 = 4.3;
-/// Cars of which less lies in the picture are left out of a frame.
+/// Least share of a car's box inside the picture; cars with less are left out of a frame.
 const SMALLEST_SHARE: f64 = 0.3;
-/// Choices of a manoeuvre that are tried.
+/// Number of random choices that are tried per manoeuvre.
 const TRIES: usize = 60;
-/// Bays lie from −BAYS to BAYS along the aisle.
+/// Bays are numbered from −`BAYS` to `BAYS` along the aisle.
 const BAYS: i32 = 4;
-/// Share of a keypoint's error variance that stays while the car stands, and the way over which it is forgotten, m.
-/// A net errs in much the same way on the same view of the same car.
+/// Share of a keypoint's error variance that stays constant while the car is stationary.
+///
+/// A net makes similar errors on the same view of the same car.
 const LASTING: f64 = 0.8;
+/// Distance over which the lasting part of a keypoint's error decays, m.
 const FORGOTTEN_M: f64 = 2.0;
 
-/// What to make. Cars, noise, outliers, camera ranges and image size are those of `scene`; its layout, number of
-/// cars, box sizes and wrong cars do not matter here.
+/// Options of a clip.
+///
+/// Cars, noise, outliers, camera ranges and image size are those of `scene`. Its layout, number of cars, box sizes and
+/// wrong cars have no effect here.
 #[derive(Clone, Debug)]
 pub struct ClipOptions {
     /// Camera, shapes and measurements.
     pub scene: SynthOptions,
-    /// Length, s.
+    /// Length of the clip, s.
     pub seconds: f64,
-    /// Frames a second.
+    /// Frame rate, 1/s.
     pub fps: f64,
-    /// Cars that drive.
+    /// Number of moving cars.
     pub movers: usize,
-    /// Cars that stand.
+    /// Number of parked cars.
     pub parked: usize,
 }
 
@@ -59,19 +64,19 @@ struct Actor {
 
 enum Motion {
     Driving(Drive),
-    Standing(CarState),
+    Stationary(CarState),
 }
 
 impl Actor {
     fn at(&self, time_s: f64) -> CarState {
         match &self.motion {
             Motion::Driving(drive) => drive.at(time_s),
-            Motion::Standing(state) => *state,
+            Motion::Stationary(state) => *state,
         }
     }
 }
 
-/// Makes a clip. Where the aisle is crowded there may be fewer cars than asked for.
+/// Makes a clip. If the aisle is crowded, it has fewer cars than requested.
 #[must_use]
 pub fn clip_item(atlas: &ShapeAtlas, options: &ClipOptions, seed: u64) -> Item {
     let mut rng = Rng::new(seed);
@@ -90,11 +95,11 @@ pub fn clip_item(atlas: &ShapeAtlas, options: &ClipOptions, seed: u64) -> Item {
             let view = projected(&camera, &camera_from_car, &actor.car.keypoints_in_car);
             let Some((pixels, whole_box)) = view else { continue };
             let keypoints = [None; KEYPOINTS];
-            let mut sighting = Sighting { id, state, pixels, whole_box, keypoints };
-            sighting.keypoints =
-                measured(&sighting, actor, &camera_from_car, errors, &options.scene, &mut rng);
-            if sighting.visible_box(options.scene.size).1 >= SMALLEST_SHARE {
-                frame.push(sighting);
+            let mut in_frame = CarInFrame { id, state, pixels, whole_box, keypoints };
+            in_frame.keypoints =
+                measured(&in_frame, actor, &camera_from_car, errors, &options.scene, &mut rng);
+            if in_frame.visible_box(options.scene.size).1 >= SMALLEST_SHARE {
+                frame.push(in_frame);
             }
         }
         frames.push(frame);
@@ -108,7 +113,7 @@ pub fn clip_item(atlas: &ShapeAtlas, options: &ClipOptions, seed: u64) -> Item {
     }
 }
 
-/// A camera that sees cars in the middle of its picture at a good size, and an aisle through that place.
+/// Returns a camera that sees cars in the middle of its picture at a good size, and an aisle through that point.
 fn camera_and_aisle(options: &ClipOptions, rng: &mut Rng) -> (Camera, GroundPlane, Aisle) {
     let scene = &options.scene;
     loop {
@@ -121,7 +126,7 @@ fn camera_and_aisle(options: &ClipOptions, rng: &mut Rng) -> (Camera, GroundPlan
         let camera = Camera::centred(focal_px, scene.size);
         let plane = GroundPlane::from_tilt_roll_height(tilt, roll, height_m);
         let middle = plane.world_from_pixel(&camera, &camera.principal_point_px);
-        // Nearer than this, cars of the rows would stand under the camera.
+        // Nearer than this, cars of the rows would be under the camera.
         let far = middle.filter(|m| m.norm() > 18.0 && (CAR_PX[0]..=CAR_PX[1]).contains(&car_px));
         if let Some(origin) = far {
             return (camera, plane, Aisle { origin, heading: turned });
@@ -163,9 +168,9 @@ fn actors(atlas: &ShapeAtlas, options: &ClipOptions, aisle: &Aisle, rng: &mut Rn
             }
         }
     }
-    let mut standing = 0;
+    let mut stationary = 0;
     for bay in bays {
-        if standing == options.parked {
+        if stationary == options.parked {
             break;
         }
         let (car, _) = car(atlas, &options.scene, rng);
@@ -173,10 +178,10 @@ fn actors(atlas: &ShapeAtlas, options: &ClipOptions, aisle: &Aisle, rng: &mut Rn
         pose.x_m += 0.1 * rng.normal();
         pose.y_m += 0.1 * rng.normal();
         pose.heading_rad += 0.02 * rng.normal();
-        let actor = actor(car, Motion::Standing(CarState::parked(pose)), rng);
+        let actor = actor(car, Motion::Stationary(CarState::parked(pose)), rng);
         if clear(&actors, &actor) {
             actors.push(actor);
-            standing += 1;
+            stationary += 1;
         }
     }
     actors
@@ -186,7 +191,7 @@ fn actor(car: ItemCar, motion: Motion, rng: &mut Rng) -> Actor {
     Actor { car, motion, jitter: std::array::from_fn(|_| rng.normal()) }
 }
 
-/// A car (with what the atlas does not span) and its wheelbase.
+/// Returns a car (with a residual that the atlas does not span) and its wheelbase, m.
 fn car(atlas: &ShapeAtlas, options: &SynthOptions, rng: &mut Rng) -> (ItemCar, f64) {
     let (shape, mut keypoints_in_car) = body(atlas, options, rng);
     move_off_atlas(&mut keypoints_in_car, atlas, options.off_atlas, rng);
@@ -201,7 +206,7 @@ fn shuffle<T>(items: &mut [T], rng: &mut Rng) {
     }
 }
 
-/// Lasting errors of a car's keypoints, in units of their sd: an autoregressive process over the way it has gone.
+/// Lasting errors of a car's keypoints, in units of their sd: an autoregressive process over the travelled distance.
 struct Errors {
     unit: [Vector2<f64>; KEYPOINTS],
     last: CarState,
@@ -215,8 +220,8 @@ impl Errors {
     fn advance(&mut self, state: CarState, rng: &mut Rng) {
         let (a, b) = (self.last.pose, state.pose);
         let turned = angle_difference(a.heading_rad, b.heading_rad).abs();
-        let way = (a.x_m - b.x_m).hypot(a.y_m - b.y_m) + FORGOTTEN_M * turned;
-        let kept = (-way / FORGOTTEN_M).exp();
+        let travelled = (a.x_m - b.x_m).hypot(a.y_m - b.y_m) + FORGOTTEN_M * turned;
+        let kept = (-travelled / FORGOTTEN_M).exp();
         for error in &mut self.unit {
             *error = *error * kept + normal(rng) * (1.0 - kept * kept).sqrt();
         }
@@ -228,16 +233,16 @@ fn normal(rng: &mut Rng) -> Vector2<f64> {
     Vector2::new(rng.normal(), rng.normal())
 }
 
-/// The keypoints that face the camera and lie in the picture, with noise and outliers.
+/// Returns the keypoints that face the camera and are inside the picture, with noise and outliers.
 fn measured(
-    sighting: &Sighting,
+    in_frame: &CarInFrame,
     actor: &Actor,
     camera_from_car: &Isometry3<f64>,
     errors: &Errors,
     options: &SynthOptions,
     rng: &mut Rng,
 ) -> KeypointSet {
-    let [x0, y0, x1, y1] = sighting.whole_box;
+    let [x0, y0, x1, y1] = in_frame.whole_box;
     let box_px = (x1 - x0).max(y1 - y0);
     let claimed = if options.noise > 0.0 { options.noise } else { CLAIMED_NOISE } * box_px;
     let middle = Vector2::new(x0 + x1, y0 + y1) / 2.0;
@@ -247,7 +252,7 @@ fn measured(
         let scattered = Vector2::new(rng.uniform(-0.6, 0.6), rng.uniform(-0.6, 0.6)) * box_px;
         let error = errors.unit[index] * LASTING.sqrt() + normal(rng) * (1.0 - LASTING).sqrt();
         let outlier = rng.unit() < options.outliers;
-        let pixel = sighting.pixels[index];
+        let pixel = in_frame.pixels[index];
         let inside = pixel.x > -0.5 && pixel.y > -0.5 && pixel.x < width - 0.5 && pixel.y < height - 0.5;
         let found = if outlier { middle + scattered } else { pixel + error * (options.noise * box_px) };
         keypoints[index] = inside.then(|| Keypoint::isotropic(found, 1.0, claimed));
@@ -290,7 +295,7 @@ mod tests {
     }
 
     #[test]
-    fn errors_have_the_sd_they_claim_and_last_while_a_car_stands() {
+    fn errors_have_the_claimed_sd_and_last_while_a_car_is_stationary() {
         let atlas = ShapeAtlas::shipped().unwrap();
         let scene = SynthOptions { noise: 0.02, ..SynthOptions::default() };
         let (mut square, mut count, mut apart, mut pairs) = (0.0, 0.0, 0.0, 0.0);
@@ -298,7 +303,8 @@ mod tests {
             let options =
                 ClipOptions { scene: scene.clone(), seconds: 4.0, fps: 5.0, ..ClipOptions::default() };
             let item = clip_item(&atlas, &options, seed);
-            let error = |s: &Sighting, k: usize| s.keypoints[k].map(|p| (p.pixel - s.pixels[k]) / p.sd_px());
+            let error =
+                |s: &CarInFrame, k: usize| s.keypoints[k].map(|p| (p.pixel - s.pixels[k]) / p.sd_px());
             let (first, last) = (&item.frames[0], &item.frames[19]);
             for s in first {
                 let same = last.iter().find(|l| l.id == s.id && l.state.pose == s.state.pose);
@@ -314,7 +320,7 @@ mod tests {
             }
         }
         assert!((square / count - 1.0_f64).abs() < 0.08, "{}", square / count);
-        // Only the passing part differs: twice a fifth of the variance.
+        // Only the independent part differs: twice a fifth of the variance.
         assert!((apart / pairs - 0.4_f64).abs() < 0.06, "{}", apart / pairs);
     }
 }

@@ -1,4 +1,4 @@
-//! Items of a data set: what is true of each car and frame beside what was measured of it.
+//! Items of a data set: ground truth and measurements of each car and frame.
 
 use nalgebra::{Isometry3, Point3, Vector2, Vector3};
 use roadplane_base::{Camera, CameraParams, ImageSize, KEYPOINTS, KeypointSet, ShapeAtlas};
@@ -10,19 +10,19 @@ use crate::truth::SynthOptions;
 /// A still or a clip.
 #[derive(Clone, Debug)]
 pub struct Item {
-    /// Image size.
+    /// Width and height of the image, px.
     pub size: ImageSize,
     /// Focal length and plane.
     pub params: CameraParams,
-    /// Frames a second of a clip; none for a still.
+    /// Frame rate of a clip, 1/s; `None` for a still.
     pub fps: Option<f64>,
-    /// The cars, by id.
+    /// Cars, by id.
     pub cars: Vec<ItemCar>,
-    /// What is seen in each frame, ids ascending.
-    pub frames: Vec<Vec<Sighting>>,
+    /// Visible cars of each frame, by ascending id.
+    pub frames: Vec<Vec<CarInFrame>>,
 }
 
-/// A car.
+/// A car of an item.
 #[derive(Clone, Debug)]
 pub struct ItemCar {
     /// Keypoints, car frame, m.
@@ -31,23 +31,23 @@ pub struct ItemCar {
     pub dims_m: Vector3<f64>,
 }
 
-/// A car in a frame.
+/// A car in one frame: its ground truth and measured keypoints.
 #[derive(Clone, Debug)]
-pub struct Sighting {
-    /// Which car.
+pub struct CarInFrame {
+    /// Id of the car.
     pub id: usize,
-    /// Where it is and what it does.
+    /// True pose, speed and activity.
     pub state: CarState,
-    /// Where its keypoints are, px.
+    /// True pixels of all keypoints.
     pub pixels: [Vector2<f64>; KEYPOINTS],
-    /// Around all of them: left, top, right, bottom, px.
+    /// Box around all keypoints: left, top, right, bottom, px.
     pub whole_box: [f64; 4],
-    /// What was measured.
+    /// Measured keypoints.
     pub keypoints: KeypointSet,
 }
 
-impl Sighting {
-    /// The part of the box that lies inside the image, px, and its share of the whole.
+impl CarInFrame {
+    /// Returns the part of the box inside the image, px, and its share of the whole box's area.
     #[must_use]
     pub fn visible_box(&self, size: ImageSize) -> ([f64; 4], f64) {
         let [x0, y0, x1, y1] = self.whole_box;
@@ -59,7 +59,7 @@ impl Sighting {
     }
 }
 
-/// Pixels of a car's keypoints and the box around them; none where one is not before the camera.
+/// Returns the pixels of a car's keypoints and the box around them; `None` if a keypoint is not before the camera.
 pub(crate) fn projected(
     camera: &Camera,
     camera_from_car: &Isometry3<f64>,
@@ -75,19 +75,19 @@ pub(crate) fn projected(
     Some((pixels, [low.x, low.y, high.x, high.y]))
 }
 
-/// One scene as a still.
+/// Makes a still from one scene.
 #[must_use]
 pub fn still_item(atlas: &ShapeAtlas, options: &SynthOptions, seed: u64) -> Item {
     let truth = scene(atlas, options, seed);
     let camera = Camera::centred(truth.params.focal_px(), truth.size);
     let camera_from_world = truth.params.plane().camera_from_world();
-    let (mut cars, mut sightings) = (Vec::new(), Vec::new());
+    let (mut cars, mut in_frame) = (Vec::new(), Vec::new());
     for car in &truth.cars {
         let camera_from_car = camera_from_world * car.pose.world_from_car();
         let Some((pixels, whole_box)) = projected(&camera, &camera_from_car, &car.keypoints_in_car) else {
             continue;
         };
-        sightings.push(Sighting {
+        in_frame.push(CarInFrame {
             id: cars.len(),
             state: CarState::parked(car.pose),
             pixels,
@@ -96,5 +96,5 @@ pub fn still_item(atlas: &ShapeAtlas, options: &SynthOptions, seed: u64) -> Item
         });
         cars.push(ItemCar { keypoints_in_car: car.keypoints_in_car, dims_m: atlas.dims_m(&car.shape) });
     }
-    Item { size: truth.size, params: truth.params, fps: None, cars, frames: vec![sightings] }
+    Item { size: truth.size, params: truth.params, fps: None, cars, frames: vec![in_frame] }
 }

@@ -1,4 +1,4 @@
-//! Measured keypoints: which are seen, with what noise, which are wrong.
+//! Measured keypoints of a scene: visibility, noise and outliers.
 
 use nalgebra::{Isometry3, Point3, Unit, UnitQuaternion, Vector2, Vector3};
 use roadplane_base::{Camera, KEYPOINTS, Keypoint, mirror_index};
@@ -6,7 +6,7 @@ use roadplane_base::{Camera, KEYPOINTS, Keypoint, mirror_index};
 use crate::Rng;
 use crate::truth::{SceneTruth, SynthOptions, Wrong};
 
-/// Smallest noise sd that a keypoint claims, as a share of its box: noise-free keypoints claim this.
+/// Claimed noise sd of noise-free keypoints, as a share of the box.
 pub(crate) const CLAIMED_NOISE: f64 = 0.01;
 
 /// Fills in the keypoints of every car.
@@ -43,8 +43,9 @@ pub(crate) fn measure(truth: &mut SceneTruth, options: &SynthOptions, rng: &mut 
     }
 }
 
-/// Indices of the keypoints that face the camera most, in order of index; `jitter` (standard normal) decides between
-/// near equals.
+/// Returns the indices of the given share of keypoints that face the camera most, in order of index.
+///
+/// `jitter` (standard normal) decides between nearly equal ones.
 pub(crate) fn seen_indices(
     keypoints_in_car: &[Vector3<f64>; KEYPOINTS],
     camera_from_car: &Isometry3<f64>,
@@ -53,21 +54,21 @@ pub(crate) fn seen_indices(
 ) -> Vec<usize> {
     let eye_in_car = camera_from_car.inverse() * Point3::origin();
     let middle = Vector3::new(0.0, 0.0, 0.7);
-    let mut facing: Vec<(f64, usize)> = (0..KEYPOINTS)
+    let mut ranked: Vec<(f64, usize)> = (0..KEYPOINTS)
         .map(|i| {
             let outward = (keypoints_in_car[i] - middle).component_div(&Vector3::new(2.2, 0.9, 0.8));
             let towards = eye_in_car.coords - keypoints_in_car[i];
             (outward.dot(&towards) / towards.norm().max(1e-9) + 0.15 * jitter[i], i)
         })
         .collect();
-    facing.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+    ranked.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
     let count = (share * KEYPOINTS as f64).round() as usize;
-    let mut indices: Vec<usize> = facing.into_iter().take(count).map(|(_, i)| i).collect();
+    let mut indices: Vec<usize> = ranked.into_iter().take(count).map(|(_, i)| i).collect();
     indices.sort_unstable();
     indices
 }
 
-/// The car as a net sees it whose view of it is off (`solve`, `problem/cars/joint.rs`). `up`: in the camera's frame.
+/// Returns the pose with a net's view error (`solve`, `problem/cars/joint.rs`). `up` is in the camera's frame.
 fn off_view(
     camera_from_car: &Isometry3<f64>,
     up: &Vector3<f64>,
@@ -77,8 +78,8 @@ fn off_view(
     if options.view_off == [0.0; 2] && options.view_sd == [0.0; 2] {
         return *camera_from_car;
     }
-    let sight = camera_from_car.translation.vector;
-    let axes = [sight.cross(up), sight];
+    let ray = camera_from_car.translation.vector;
+    let axes = [ray.cross(up), ray];
     let mut pose = *camera_from_car;
     for ((axis, off), sd) in axes.iter().zip(options.view_off).zip(options.view_sd) {
         let angle = off + sd * rng.normal();
@@ -89,7 +90,7 @@ fn off_view(
     pose
 }
 
-/// About the same place in the image, but turned any way and at another distance.
+/// Returns a pose at about the same position in the image, but with a random rotation and another distance.
 fn other_pose(camera_from_car: &Isometry3<f64>, rng: &mut Rng) -> Isometry3<f64> {
     let turn = UnitQuaternion::from_scaled_axis(Vector3::new(rng.normal(), rng.normal(), rng.normal()));
     let nearer = rng.uniform(0.8, 1.25);
@@ -106,7 +107,7 @@ mod tests {
     use roadplane_base::ShapeAtlas;
 
     #[test]
-    fn a_scene_is_what_was_asked_for() {
+    fn a_scene_follows_its_options() {
         let atlas = ShapeAtlas::shipped().unwrap();
         let options = SynthOptions { noise: 0.02, ..SynthOptions::default() };
         let (mut square, mut count) = (0.0, 0.0);
@@ -133,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn a_view_that_is_off_shows_cars_from_another_elevation() {
+    fn a_view_error_shows_cars_from_another_elevation() {
         let atlas = ShapeAtlas::shipped().unwrap();
         let asked = |view_off| SynthOptions { noise: 0.0, cars: 4, view_off, ..SynthOptions::default() };
         let [right, off] = [[0.0, 0.0], [0.05, 0.0]].map(|view_off| scene(&atlas, &asked(view_off), 5));

@@ -1,11 +1,13 @@
-//! Synthetic scenes with truth: a random camera above a plane, cars from the atlas on it, their keypoints with noise,
-//! outliers and wholly wrong cars; and clips in which cars drive, turn, halt, reverse and park. Geometry only; the renderer
-//! is a script. The same seed gives the same scene everywhere.
+//! Synthetic scenes and clips with ground truth.
+//!
+//! A scene has a random camera above a plane, cars from the atlas on it, and their keypoints with noise, outliers and
+//! wholly wrong cars. In a clip, cars drive, turn, halt, reverse and park. This crate has geometry only; the renderer
+//! is a script. The same seed gives the same scene on every machine.
 //!
 //! # Contents
-//! - scenes: [`scene`] (`scene.rs`), what is measured of them (`keypoints.rs`), cars that no atlas made ([`CarModel`])
-//! - clips: [`clip_item`] (`clip.rs`), manoeuvres (`traffic.rs`), how cars drive ([`trajectory`])
-//! - for tests of others: [`standing`] (a row of a result), [`BenchScene`], [`Rng`]
+//! - scenes: [`scene`] (`scene.rs`), measured keypoints (`keypoints.rs`), cars that are not in the atlas ([`CarModel`])
+//! - clips: [`clip_item`] (`clip.rs`), manoeuvres (`traffic.rs`), trajectories of cars ([`trajectory`])
+//! - for tests of other crates: [`stationary_row`] (a row of a result), [`BenchScene`], [`Rng`]
 //!
 //! # Example
 //! ```
@@ -32,9 +34,9 @@ mod truth;
 
 pub use bench::{BenchScene, random_camera};
 pub use clip::{ClipOptions, clip_item};
-pub use item::{Item, ItemCar, Sighting, still_item};
+pub use item::{CarInFrame, Item, ItemCar, still_item};
 pub use models::{CarModel, draw_shape};
 pub use rng::Rng;
-pub use row::standing;
+pub use row::stationary_row;
 pub use scene::scene;
 pub use truth::{CarTruth, Layout, SceneTruth, SynthOptions, Wrong};

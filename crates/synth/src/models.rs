@@ -1,4 +1,4 @@
-//! Cars given by their keypoints: shapes that no atlas made.
+//! Cars given by their keypoints, with shapes that are not in the atlas.
 
 use nalgebra::{Matrix6, Vector3, Vector6};
 use roadplane_base::{FullShape, KEYPOINTS, MODES, Shape, ShapeAtlas};
@@ -6,19 +6,19 @@ use serde::Deserialize;
 
 use crate::Rng;
 
-/// A car of its own.
+/// A car model with its own keypoints.
 #[derive(Clone, Debug, Deserialize, PartialEq)]
 #[serde(try_from = "Entry")]
 pub struct CarModel {
-    /// Name.
+    /// Name of the model.
     pub model: String,
-    /// How often it is drawn, relative to the others.
+    /// Relative frequency of the model.
     pub weight: f64,
     /// Keypoints, car frame, m.
     pub keypoints_in_car: [Vector3<f64>; KEYPOINTS],
 }
 
-/// A car as files have it.
+/// A car model as files contain it.
 #[derive(Deserialize)]
 struct Entry {
     model: String,
@@ -43,12 +43,15 @@ struct File {
 }
 
 impl CarModel {
-    /// Reads a file of schema `roadplane.cars/1`.
+    /// Reads the text of a file of schema `roadplane.cars/1`.
+    ///
+    /// # Errors
+    /// Returns an error if the text is not JSON of that schema, or if a car does not have 36 keypoints.
     pub fn list_from_json(text: &str) -> Result<Vec<Self>, serde_json::Error> {
         Ok(serde_json::from_str::<File>(text)?.cars)
     }
 
-    /// The atlas' most likely coefficients: least squares in units of what the atlas leaves unexplained, prior N(0, I).
+    /// Returns the atlas' most likely coefficients: least squares in units of the residual sd, with the prior N(0, I).
     #[must_use]
     pub fn nearest_shape(&self, atlas: &ShapeAtlas) -> Shape {
         let (mut hessian, mut side) = (Matrix6::identity(), Vector6::zeros());
@@ -65,22 +68,22 @@ impl CarModel {
     }
 }
 
-/// One of the models, by weight; `None` when there are none.
+/// Draws one of the models by weight; returns `None` if there are none.
 pub(crate) fn draw<'a>(models: &'a [CarModel], rng: &mut Rng) -> Option<&'a CarModel> {
     draw_by(models, |model| model.weight, rng)
 }
 
 fn draw_by<'a, T>(items: &'a [T], weight: impl Fn(&T) -> f64, rng: &mut Rng) -> Option<&'a T> {
     let last = items.last()?;
-    let mut left = rng.unit() * items.iter().map(&weight).sum::<f64>();
+    let mut remaining = rng.unit() * items.iter().map(&weight).sum::<f64>();
     let found = items.iter().find(|item| {
-        left -= weight(item);
-        left < 0.0
+        remaining -= weight(item);
+        remaining < 0.0
     });
     Some(found.unwrap_or(last))
 }
 
-/// Coefficients of all modes of a car as in traffic; N(0, I) of an atlas without body types.
+/// Draws coefficients of all modes from the mixture of body types; from N(0, I) if the atlas has no body types.
 pub fn draw_shape(atlas: &ShapeAtlas, rng: &mut Rng) -> FullShape {
     let body = draw_by(&atlas.body_types, |body| body.share, rng);
     let normal = FullShape::from_fn(|_, _| rng.normal());
@@ -89,7 +92,7 @@ pub fn draw_shape(atlas: &ShapeAtlas, rng: &mut Rng) -> FullShape {
     body.covariance.cholesky().map_or(normal, |factor| body.mean + factor.l() * normal)
 }
 
-/// Adds `factor` times what all modes leave unexplained of a car.
+/// Adds `factor` times a random residual that all modes together do not explain.
 pub(crate) fn move_off_atlas(
     keypoints_in_car: &mut [Vector3<f64>; KEYPOINTS],
     atlas: &ShapeAtlas,
@@ -107,7 +110,7 @@ mod tests {
     use crate::{SynthOptions, scene};
 
     #[test]
-    fn a_car_of_the_atlas_is_its_own_nearest() {
+    fn the_nearest_shape_of_an_atlas_car_is_its_own() {
         let atlas = ShapeAtlas::shipped().unwrap();
         let shape = Shape::new(0.5, -1.0, 0.3, 0.8, -0.4, 1.0);
         let model = |shape: &Shape, weight| CarModel {

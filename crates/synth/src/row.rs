@@ -1,10 +1,12 @@
-//! Rows of results, to test what reads them.
+//! Rows of results, for tests of their readers.
 
 use roadplane_base::{TrackRow, VehicleClass};
 
-/// An ordinary row of a car that stands 20 m ahead. A test says what differs: `TrackRow { x_m: 3.0, ..standing(1, 0, 0.0) }`.
+/// Returns a typical row of a stationary car 20 m ahead.
+///
+/// A test changes single fields: `TrackRow { x_m: 3.0, ..stationary_row(1, 0, 0.0) }`.
 #[must_use]
-pub fn standing(track: u64, frame: u64, time_s: f64) -> TrackRow {
+pub fn stationary_row(track: u64, frame: u64, time_s: f64) -> TrackRow {
     TrackRow {
         frame,
         time_s,

@@ -1,4 +1,4 @@
-//! Random cameras and cars.
+//! Random scenes: cameras and cars.
 
 use nalgebra::{Point3, Vector2, Vector3};
 use roadplane_base::{
@@ -9,22 +9,22 @@ use crate::models::{draw, draw_shape, move_off_atlas};
 use crate::truth::{CarTruth, Layout, SceneTruth, SynthOptions};
 use crate::{Rng, keypoints};
 
-/// Cameras that are tried before a smaller number of cars is accepted.
+/// Number of cameras that are tried before a smaller number of cars is accepted.
 const CAMERA_TRIES: usize = 200;
-/// Positions tried per camera and car.
-const PLACE_TRIES: usize = 40;
-/// Cars' centres are at least this far apart, m.
+/// Number of positions that are tried per camera and car.
+const POSITION_TRIES: usize = 40;
+/// Least distance between the centres of two cars, m.
 const MIN_GAP_M: f64 = 5.2;
-/// Neighbours in a row, m.
+/// Distance between neighbours in a row, m.
 const BAY_M: f64 = 2.7;
 
-/// Makes a scene. With very tight options there may be fewer cars than asked for.
+/// Makes a scene. With very tight options it has fewer cars than requested.
 #[must_use]
 pub fn scene(atlas: &ShapeAtlas, options: &SynthOptions, seed: u64) -> SceneTruth {
     let mut rng = Rng::new(seed);
     let mut best: Option<SceneTruth> = None;
     for _ in 0..CAMERA_TRIES {
-        let truth = place(atlas, options, &mut rng);
+        let truth = sample_scene(atlas, options, &mut rng);
         let full = truth.cars.len() >= options.cars;
         if best.as_ref().is_none_or(|b| truth.cars.len() > b.cars.len()) {
             best = Some(truth);
@@ -33,7 +33,7 @@ pub fn scene(atlas: &ShapeAtlas, options: &SynthOptions, seed: u64) -> SceneTrut
             break;
         }
     }
-    let mut truth = best.unwrap_or_else(|| place(atlas, options, &mut rng));
+    let mut truth = best.unwrap_or_else(|| sample_scene(atlas, options, &mut rng));
     keypoints::measure(&mut truth, options, &mut rng);
     truth
 }
@@ -46,7 +46,7 @@ fn camera(options: &SynthOptions, rng: &mut Rng) -> (Camera, GroundPlane) {
     (Camera::centred(focal_px, options.size), GroundPlane::from_tilt_roll_height(tilt, roll, height_m))
 }
 
-fn place(atlas: &ShapeAtlas, options: &SynthOptions, rng: &mut Rng) -> SceneTruth {
+fn sample_scene(atlas: &ShapeAtlas, options: &SynthOptions, rng: &mut Rng) -> SceneTruth {
     let (camera, plane) = camera(options, rng);
     let mut truth = SceneTruth {
         size: options.size,
@@ -58,7 +58,7 @@ fn place(atlas: &ShapeAtlas, options: &SynthOptions, rng: &mut Rng) -> SceneTrut
         _ => rng.uniform(-std::f64::consts::PI, std::f64::consts::PI),
     };
     let mut row: Option<GroundPose> = None;
-    for _ in 0..options.cars * PLACE_TRIES {
+    for _ in 0..options.cars * POSITION_TRIES {
         if truth.cars.len() >= options.cars {
             break;
         }
@@ -68,7 +68,7 @@ fn place(atlas: &ShapeAtlas, options: &SynthOptions, rng: &mut Rng) -> SceneTrut
             continue;
         };
         let body = body(atlas, options, rng);
-        if let Some(car) = standing(atlas, options, &camera, &plane, &truth, pose, &body, rng) {
+        if let Some(car) = placed_car(atlas, options, &camera, &plane, &truth, pose, &body, rng) {
             truth.cars.push(car);
             row = matches!(options.layout, Layout::Rows | Layout::OneRow).then_some(pose);
         } else if options.layout == Layout::Rows {
@@ -106,7 +106,7 @@ fn candidate(
     rng: &mut Rng,
 ) -> Option<GroundPose> {
     if let Some(last) = row {
-        // Next bay: sideways of the axis; in one row to either side of where the row began.
+        // The next bay is sideways of the axis, in one row on either side of the row's start.
         let side = if options.layout == Layout::OneRow && rng.unit() < 0.5 { -1.0 } else { 1.0 };
         let step = side * BAY_M * (1.0 + (rng.unit() * 3.0).floor());
         let flip =
@@ -131,9 +131,9 @@ fn candidate(
     Some(GroundPose { x_m: at.x, y_m: at.y, heading_rad })
 }
 
-/// The car at a place, if it is wholly in the image, large enough, and clear of the others.
+/// Returns the car at a pose if it is wholly in the image, of the requested size, and clear of the others.
 #[expect(clippy::too_many_arguments)]
-fn standing(
+fn placed_car(
     atlas: &ShapeAtlas,
     options: &SynthOptions,
     camera: &Camera,

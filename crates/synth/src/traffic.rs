@@ -8,28 +8,31 @@ use roadplane_base::{GroundPose, wrap_angle};
 use crate::Rng;
 use crate::trajectory::{CarState, Drive, Leg, Piece, reach};
 
-/// Width of a bay and of the aisle, length of a bay; m.
+/// Width of a bay, m.
 pub(crate) const BAY_M: f64 = 2.7;
+/// Length of a bay, m.
 pub(crate) const BAY_LENGTH_M: f64 = 5.2;
+/// Width of the aisle, m.
 const AISLE_M: f64 = 7.0;
-/// A car keeps so far right of the aisle's middle, m.
+/// Distance of a moving car to the right of the aisle's middle, m.
 const LANE_M: f64 = 1.4;
-/// Between the discs that stand for cars when it is checked that they do not touch, and their radius; m.
+/// Radius of the discs that represent a car in the collision check, m.
 const DISC_RADIUS_M: f64 = 1.05;
+/// Positions of the discs along the car, m.
 const DISC_OFFSETS_M: [f64; 3] = [-1.5, 0.0, 1.5];
-/// Time between two such checks, s.
+/// Time between two collision checks, s.
 const CHECK_S: f64 = 0.2;
-/// Lateral distance between the two ways of a U-turn, m.
+/// Lateral distance between the start and the end of a U-turn, m.
 const U_TURN_OFFSET_M: f64 = 12.0;
 
-/// Where the aisle lies: its own frame has x along it and y to the left.
+/// Position and direction of the aisle. Its frame has x along the aisle and y to the left.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Aisle {
     pub origin: Vector2<f64>,
     pub heading: f64,
 }
 
-/// A bay: its number along the aisle and on which side (+1 left, −1 right) it lies.
+/// A bay: its number along the aisle and its side (+1 left, −1 right).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Bay {
     pub number: i32,
@@ -37,7 +40,7 @@ pub(crate) struct Bay {
 }
 
 impl Aisle {
-    /// World pose of a pose in the aisle's frame.
+    /// Returns the world pose of a pose in the aisle's frame.
     pub(crate) fn pose(&self, x: f64, y: f64, heading: f64) -> GroundPose {
         let (sin, cos) = self.heading.sin_cos();
         GroundPose {
@@ -47,7 +50,7 @@ impl Aisle {
         }
     }
 
-    /// Where a car stands in a bay, nose away from the aisle or (backed in) towards it.
+    /// Returns the pose of a car in a bay, with its nose away from the aisle or (backed in) towards it.
     pub(crate) fn bay_pose(&self, bay: Bay, backed_in: bool) -> GroundPose {
         let side = f64::from(bay.side);
         let heading = side * FRAC_PI_2 + if backed_in { PI } else { 0.0 };
@@ -59,7 +62,7 @@ fn bay_x(bay: Bay) -> f64 {
     (f64::from(bay.number) + 0.5) * BAY_M
 }
 
-/// What a car does in a clip.
+/// A manoeuvre of a car in a clip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Manoeuvre {
     Through,
@@ -72,7 +75,7 @@ pub(crate) enum Manoeuvre {
     LeaveForwards(Bay),
 }
 
-/// One choice of a manoeuvre's way, speed and time within a clip of `seconds`.
+/// Draws path, speed and time of a manoeuvre within a clip of `seconds`; `None` if the bay cannot be reached.
 pub(crate) fn drive(
     manoeuvre: Manoeuvre,
     aisle: &Aisle,
@@ -80,12 +83,12 @@ pub(crate) fn drive(
     seconds: f64,
     rng: &mut Rng,
 ) -> Option<Drive> {
-    let way = if rng.unit() < 0.5 { 1.0 } else { -1.0 };
-    let along = if way > 0.0 { 0.0 } else { PI };
+    let direction = if rng.unit() < 0.5 { 1.0 } else { -1.0 };
+    let along = if direction > 0.0 { 0.0 } else { PI };
     let straight = Piece::straight;
     let cruise = rng.uniform(3.0, 6.0);
     let before = 30.0;
-    let approach = |x: f64| aisle.pose(x - way * before, -way * LANE_M, along);
+    let approach = |x: f64| aisle.pose(x - direction * before, -direction * LANE_M, along);
     let middle = rng.uniform(0.3, 0.7) * seconds;
     let passing = |legs: Vec<Leg>, x: f64, reach_s: f64| {
         let mut drive = Drive::new(legs, wheelbase_m, approach(x), false);
@@ -110,18 +113,18 @@ pub(crate) fn drive(
             let angle = if rng.unit() < 0.5 { FRAC_PI_2 } else { -FRAC_PI_2 };
             let pieces =
                 vec![straight(before), Piece::turn(angle, rng.uniform(5.0, 7.0), 3.0), straight(40.0)];
-            // Beyond the rows, where the way to the side is free.
-            let x = way * 4.5 * BAY_M;
+            // Beyond the rows, where the side is free.
+            let x = direction * 4.5 * BAY_M;
             Some(passing(vec![Leg::passing(pieces, cruise)], x, before / cruise + 2.0))
         }
         Manoeuvre::UTurn => {
             let pieces = vec![straight(before), Piece::u_turn(U_TURN_OFFSET_M, 3.0), straight(40.0)];
-            let x = way * 4.5 * BAY_M;
+            let x = direction * 4.5 * BAY_M;
             Some(passing(vec![Leg::passing(pieces, cruise)], x, before / cruise + 3.5))
         }
         Manoeuvre::Park(bay) | Manoeuvre::ParkBackwards(bay) => {
             let backwards = matches!(manoeuvre, Manoeuvre::ParkBackwards(_));
-            let (bend, rest) = bay_bend(bay, way, wheelbase_m, backwards, rng)?;
+            let (turn, rest) = bay_turn(bay, direction, wheelbase_m, backwards, rng)?;
             let legs = if backwards {
                 let past = Leg {
                     to_rest: true,
@@ -133,11 +136,11 @@ pub(crate) fn drive(
                     from_rest: true,
                     to_rest: true,
                     parking_from: Some(0),
-                    ..Leg::passing(vec![bend, straight(rest)], 1.7)
+                    ..Leg::passing(vec![turn, straight(rest)], 1.7)
                 };
                 vec![past, back]
             } else {
-                let pieces = vec![straight(before), bend, straight(rest)];
+                let pieces = vec![straight(before), turn, straight(rest)];
                 vec![Leg { to_rest: true, parking_from: Some(1), ..Leg::passing(pieces, cruise.min(3.6)) }]
             };
             let mut drive = Drive::new(legs, wheelbase_m, aisle.bay_pose(bay, backwards), true);
@@ -146,8 +149,8 @@ pub(crate) fn drive(
         }
         Manoeuvre::LeaveBackwards(bay) | Manoeuvre::LeaveForwards(bay) => {
             let backwards = matches!(manoeuvre, Manoeuvre::LeaveBackwards(_));
-            let (bend, rest) = bay_bend(bay, way, wheelbase_m, !backwards, rng)?;
-            let pieces = vec![straight(rest), bend.mirrored()];
+            let (turn, rest) = bay_turn(bay, direction, wheelbase_m, !backwards, rng)?;
+            let pieces = vec![straight(rest), turn.mirrored()];
             let legs = if backwards {
                 let out = Leg {
                     backwards: true,
@@ -168,18 +171,25 @@ pub(crate) fn drive(
     }
 }
 
-/// The turn from the lane of `way` into a bay in which the car then stands nose first or backed in, and the straight
-/// way that is left inside the bay. Out of the bay the heading turns to the other hand.
-fn bay_bend(bay: Bay, way: f64, wheelbase_m: f64, backed_in: bool, rng: &mut Rng) -> Option<(Piece, f64)> {
+/// Returns the turn from the lane of `direction` into a bay, and the length of the straight piece inside the bay, m.
+///
+/// The car parks nose first or backed in. Out of the bay the heading turns the opposite way.
+fn bay_turn(
+    bay: Bay,
+    direction: f64,
+    wheelbase_m: f64,
+    backed_in: bool,
+    rng: &mut Rng,
+) -> Option<(Piece, f64)> {
     let side = f64::from(bay.side);
-    let hand = if backed_in { -way * side } else { way * side };
-    let bend = Piece::turn(hand * FRAC_PI_2, rng.uniform(4.0, 4.8), 2.0);
+    let hand = if backed_in { -direction * side } else { direction * side };
+    let turn = Piece::turn(hand * FRAC_PI_2, rng.uniform(4.0, 4.8), 2.0);
     let rear = (AISLE_M + BAY_LENGTH_M) / 2.0 + if backed_in { wheelbase_m } else { -wheelbase_m } / 2.0;
-    let rest = rear + way * side * LANE_M - reach(&[bend]).y_m.abs();
-    (rest > 0.2).then_some((bend, rest))
+    let rest = rear + direction * side * LANE_M - reach(&[turn]).y_m.abs();
+    (rest > 0.2).then_some((turn, rest))
 }
 
-/// Whether two cars touch at some time of a clip.
+/// Whether two cars touch at any time of a clip.
 pub(crate) fn touch(a: &dyn Fn(f64) -> CarState, b: &dyn Fn(f64) -> CarState, seconds: f64) -> bool {
     let steps = (seconds / CHECK_S).ceil() as usize;
     (0..=steps).any(|i| {

@@ -1,72 +1,75 @@
-//! Ways that cars drive: a kinematic bicycle whose steering and speed change no faster than a driver would change them.
+//! Trajectories of cars: a kinematic bicycle whose steering and speed change no faster than with a human driver.
 //!
-//! A drive is a list of legs between rests. Curvature along a turn rises and falls linearly over a ramp; speed follows
-//! from a limit on lateral acceleration and constant acceleration from and to rest (Rajamani, *Vehicle Dynamics and
-//! Control*, §2.2). Paths belong to the middle of the rear axle, whose direction is the car's heading; states are those
-//! of the car's origin, midway between the axles.
+//! A drive is a list of legs between rests. Curvature along a turn rises and falls linearly over a ramp. Speed follows
+//! from a limit on lateral acceleration, with constant acceleration from and to rest (Rajamani, *Vehicle Dynamics and
+//! Control*, §2.2). Paths are those of the middle of the rear axle, whose direction is the car's heading. States are
+//! those of the car's origin, midway between the axles.
 
 use nalgebra::Vector2;
 use roadplane_base::{Activity, GroundPose, wrap_angle};
 
 /// Length of path between samples, m.
 const STEP_M: f64 = 0.01;
-/// Along the path, m/s².
+/// Acceleration along the path, m/s².
 const ACCELERATION: f64 = 1.6;
-/// Decides on the speed in turns, m/s².
+/// Largest lateral acceleration, which limits the speed in turns, m/s².
 const LATERAL: f64 = 1.5;
-/// Total turn from which a piece of path is a U-turn, and a turn; rad.
+/// Least change of heading of a U-turn, rad.
 const U_TURN: f64 = 150.0 * std::f64::consts::PI / 180.0;
+/// Least change of heading of a turn, rad.
 const TURN: f64 = 25.0 * std::f64::consts::PI / 180.0;
 
-/// A car at one time.
+/// State of a car at one time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CarState {
-    /// Where its origin is.
+    /// Pose of its origin.
     pub pose: GroundPose,
     /// Speed of its origin, m/s; negative when it reverses.
     pub speed_mps: f64,
-    /// What it does.
+    /// Activity of the car.
     pub activity: Activity,
 }
 
 impl CarState {
-    /// A car at rest.
+    /// Returns the state of a parked car.
     #[must_use]
     pub fn parked(pose: GroundPose) -> Self {
         Self { pose, speed_mps: 0.0, activity: Activity::Parked }
     }
 }
 
-/// A stretch of path.
+/// A piece of a path: straight, or a turn.
 #[derive(Clone, Copy, Debug)]
 pub struct Piece {
     length_m: f64,
     /// Change of heading, rad.
     angle: f64,
-    /// Length over which curvature rises, and falls again.
+    /// Length over which the curvature rises, and falls again, m.
     ramp_m: f64,
 }
 
 impl Piece {
-    /// Straight on.
+    /// Returns a straight piece.
     #[must_use]
     pub fn straight(length_m: f64) -> Self {
         Self { length_m, angle: 0.0, ramp_m: 0.0 }
     }
 
-    /// A turn (rad, positive to the left as seen from above) whose tightest radius is `radius_m` or larger.
+    /// Returns a turn by `angle` (rad, positive to the left as seen from above).
+    ///
+    /// Its smallest radius is `radius_m` or larger.
     #[must_use]
     pub fn turn(angle: f64, radius_m: f64, ramp_m: f64) -> Self {
         Self { length_m: (radius_m * angle.abs() + ramp_m).max(2.0 * ramp_m), angle, ramp_m }
     }
 
-    /// The same to the other hand.
+    /// Returns the piece with its turn in the opposite direction.
     #[must_use]
     pub fn mirrored(self) -> Self {
         Self { angle: -self.angle, ..self }
     }
 
-    /// A half turn to the left that ends `offset_m` beside the line on which it began.
+    /// Returns a half turn to the left that ends `offset_m` beside its initial line.
     #[must_use]
     pub fn u_turn(offset_m: f64, ramp_m: f64) -> Self {
         let (mut low, mut high) = (2.0, 40.0);
@@ -78,8 +81,8 @@ impl Piece {
         Self::turn(std::f64::consts::PI, low, ramp_m)
     }
 
-    /// Heading relative to the start, and curvature (change of heading over distance, 1/m), at a distance.
-    fn bend_at(&self, at: f64) -> (f64, f64) {
+    /// Returns the heading relative to the start, rad, and the curvature, 1/m, at a distance along the piece.
+    fn heading_and_curvature_at(&self, at: f64) -> (f64, f64) {
         if self.angle == 0.0 {
             return (0.0, 0.0);
         }
@@ -104,24 +107,24 @@ impl Piece {
 /// Pieces driven without changing gear.
 #[derive(Clone, Debug)]
 pub struct Leg {
-    /// The path.
+    /// Pieces of the path.
     pub pieces: Vec<Piece>,
-    /// Speed where nothing limits it, m/s.
+    /// Speed if nothing limits it, m/s.
     pub cruise_mps: f64,
-    /// Driven backwards.
+    /// Whether it is driven backwards.
     pub backwards: bool,
-    /// Begins at rest.
+    /// Whether it begins at rest.
     pub from_rest: bool,
-    /// Ends at rest.
+    /// Whether it ends at rest.
     pub to_rest: bool,
-    /// Rest after it, s.
+    /// Duration of the rest after the leg, s.
     pub rest_s: f64,
-    /// Pieces from this one on are called parking.
+    /// Index of the piece from which the activity is parking.
     pub parking_from: Option<usize>,
 }
 
 impl Leg {
-    /// A leg at speed from beginning to end.
+    /// Returns a leg that begins and ends at speed.
     #[must_use]
     pub fn passing(pieces: Vec<Piece>, cruise_mps: f64) -> Self {
         Self {
@@ -136,7 +139,7 @@ impl Leg {
     }
 }
 
-/// The rear axle at one point of its path.
+/// State of the rear axle at one point of its path.
 #[derive(Clone, Copy, Debug)]
 struct Sample {
     time_s: f64,
@@ -147,7 +150,7 @@ struct Sample {
     activity: Activity,
 }
 
-/// The end of pieces that begin at the origin along +x.
+/// Returns the end of a path that begins at the origin along +x.
 #[must_use]
 pub fn reach(pieces: &[Piece]) -> GroundPose {
     let samples = traced(&Leg::passing(pieces.to_vec(), 1.0));
@@ -155,7 +158,7 @@ pub fn reach(pieces: &[Piece]) -> GroundPose {
     GroundPose { x_m: end.0.x, y_m: end.0.y, heading_rad: end.1 }
 }
 
-/// A leg from the origin along +x, with times from 0.
+/// Samples a leg from the origin along +x, with times from 0.
 fn traced(leg: &Leg) -> Vec<Sample> {
     let length: f64 = leg.pieces.iter().map(|p| p.length_m).sum();
     let count = (length / STEP_M).ceil().max(2.0) as usize;
@@ -171,8 +174,9 @@ fn traced(leg: &Leg) -> Vec<Sample> {
             turned += leg.pieces[piece].angle;
             piece += 1;
         }
-        let (bend, curvature) = leg.pieces[piece].bend_at(local.min(leg.pieces[piece].length_m));
-        let heading = turned + bend;
+        let (relative_heading, curvature) =
+            leg.pieces[piece].heading_and_curvature_at(local.min(leg.pieces[piece].length_m));
+        let heading = turned + relative_heading;
         let at = samples.last().map_or_else(Vector2::zeros, |last| {
             let middle = 0.5 * (last.heading + heading);
             last.at + Vector2::new(middle.cos(), middle.sin()) * (sign * step)
@@ -188,7 +192,7 @@ fn traced(leg: &Leg) -> Vec<Sample> {
     samples
 }
 
-/// Fills in speeds, times, and the names of speeding up and slowing down.
+/// Computes speeds and times, and the activities `Starting` and `Stopping`.
 fn time(leg: &Leg, samples: &mut [Sample], step: f64) {
     let gain = 2.0 * ACCELERATION * step;
     let mut square: Vec<f64> =
@@ -216,17 +220,17 @@ fn time(leg: &Leg, samples: &mut [Sample], step: f64) {
     }
 }
 
-/// Where a car is at any time: at rest before and after, unless it comes or leaves at speed.
+/// A car's motion over time. Before and after it, the car is at rest, unless the drive begins or ends at speed.
 #[derive(Clone, Debug)]
 pub struct Drive {
     legs: Vec<(Leg, Vec<Sample>)>,
     wheelbase_m: f64,
-    /// When the first leg begins, s.
+    /// Time at which the first leg begins, s.
     pub start_s: f64,
 }
 
 impl Drive {
-    /// A drive whose path starts (or, `at_end`, ends) with the car's origin at a pose. `legs` must not be empty.
+    /// Creates a drive that starts (or with `at_end`, ends) with the car's origin at a pose. `legs` must not be empty.
     #[must_use]
     pub fn new(legs: Vec<Leg>, wheelbase_m: f64, pose: GroundPose, at_end: bool) -> Self {
         let (mut clock, mut here) = (0.0, (Vector2::zeros(), 0.0));
@@ -242,23 +246,23 @@ impl Drive {
             }
             parts.push((leg, samples));
         }
-        let known = if at_end { here } else { (Vector2::zeros(), 0.0) };
-        let angle = pose.heading_rad - known.1;
+        let given = if at_end { here } else { (Vector2::zeros(), 0.0) };
+        let angle = pose.heading_rad - given.1;
         let rear = Vector2::new(pose.x_m, pose.y_m) - ahead(pose.heading_rad) * (wheelbase_m / 2.0);
-        let turned = moved((Vector2::zeros(), angle), known).0;
+        let turned = moved((Vector2::zeros(), angle), given).0;
         for sample in parts.iter_mut().flat_map(|(_, samples)| samples) {
             (sample.at, sample.heading) = moved((rear - turned, angle), (sample.at, sample.heading));
         }
         Self { legs: parts, wheelbase_m, start_s: 0.0 }
     }
 
-    /// Time from beginning to end, s.
+    /// Returns the duration of the drive, s.
     #[must_use]
     pub fn duration_s(&self) -> f64 {
         self.legs.last().and_then(|(leg, s)| Some(s.last()?.time_s + leg.rest_s)).unwrap_or(0.0)
     }
 
-    /// The car at a time.
+    /// Returns the car's state at a time, s.
     #[must_use]
     pub fn at(&self, time_s: f64) -> CarState {
         let clock = time_s - self.start_s;
@@ -282,7 +286,7 @@ impl Drive {
         CarState::parked(GroundPose { x_m: 0.0, y_m: 0.0, heading_rad: 0.0 })
     }
 
-    /// Between two samples, at constant acceleration.
+    /// Interpolates between two samples, at constant acceleration.
     fn between(&self, samples: &[Sample], clock: f64) -> CarState {
         let next = samples.partition_point(|s| s.time_s <= clock).clamp(1, samples.len() - 1);
         let (a, b) = (&samples[next - 1], &samples[next]);
@@ -294,7 +298,7 @@ impl Drive {
         self.state(at, mix(a.heading, b.heading), speed, mix(a.curvature, b.curvature), a.activity)
     }
 
-    /// Before the first or after the last sample: at rest, or straight on at speed.
+    /// Extrapolates before the first or after the last sample: at rest, or straight on at speed.
     fn beyond(&self, sample: &Sample, moving: bool, since_s: f64) -> CarState {
         let speed = if moving { sample.speed } else { 0.0 };
         self.state(
@@ -317,7 +321,7 @@ impl Drive {
         let half = self.wheelbase_m / 2.0;
         let at = rear + ahead(heading) * half;
         let activity = if speed == 0.0 { Activity::Parked } else { activity };
-        // The origin runs on a wider circle than the rear axle.
+        // The origin moves on a wider circle than the rear axle.
         let speed_mps = speed * 1.0_f64.hypot(curvature * half);
         CarState {
             pose: GroundPose { x_m: at.x, y_m: at.y, heading_rad: wrap_angle(heading) },
@@ -331,7 +335,7 @@ fn ahead(heading: f64) -> Vector2<f64> {
     Vector2::new(heading.cos(), heading.sin())
 }
 
-/// A pose given in a frame, in that frame's parent.
+/// Transforms a pose from a frame to the frame's parent.
 fn moved(frame: (Vector2<f64>, f64), pose: (Vector2<f64>, f64)) -> (Vector2<f64>, f64) {
     let (sin, cos) = frame.1.sin_cos();
     let (x, y) = (pose.0.x, pose.0.y);
@@ -384,21 +388,21 @@ mod tests {
     }
 
     #[test]
-    fn speed_is_the_change_of_place_and_acceleration_is_bounded() {
+    fn speed_is_the_change_of_position_and_acceleration_is_bounded() {
         for (name, drive) in drives() {
             let at: Vec<_> = states(&drive);
             for three in at.windows(3) {
-                let place = |i: usize| Vector2::new(three[i].pose.x_m, three[i].pose.y_m);
-                let moved = (place(2) - place(0)).norm() / (2.0 * STEP_S);
+                let position = |i: usize| Vector2::new(three[i].pose.x_m, three[i].pose.y_m);
+                let moved = (position(2) - position(0)).norm() / (2.0 * STEP_S);
                 assert!((moved - three[1].speed_mps.abs()).abs() < 0.02, "{name}: {moved} {:?}", three[1]);
-                let acceleration = (place(2) - place(1) * 2.0 + place(0)).norm() / STEP_S.powi(2);
+                let acceleration = (position(2) - position(1) * 2.0 + position(0)).norm() / STEP_S.powi(2);
                 assert!(acceleration < 3.2, "{name}: {acceleration}");
             }
         }
     }
 
     #[test]
-    fn names_fit_the_motion() {
+    fn activities_fit_the_motion() {
         let mut met = Vec::new();
         for (name, drive) in drives() {
             for two in states(&drive).windows(2) {

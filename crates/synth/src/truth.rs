@@ -1,38 +1,38 @@
-//! Scenes as they are asked for, and with their truth.
+//! Options of a scene, and the scene with its ground truth.
 
 use nalgebra::Vector3;
 use roadplane_base::{CameraParams, GroundPose, ImageSize, KEYPOINTS, KeypointSet, Shape};
 
 use crate::models::CarModel;
 
-/// How cars stand.
+/// Layout of the cars of a scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Layout {
-    /// Anywhere, any heading.
+    /// Random positions and headings.
     Random,
-    /// Side by side in rows, headings of one axis (either way).
+    /// Side by side in rows, with headings along one axis (in both directions).
     Rows,
-    /// All in one row across the view, the same heading.
+    /// All in one row across the view, with the same heading.
     OneRow,
-    /// Anywhere, all with the same heading.
+    /// Random positions, all with the same heading.
     Parallel,
 }
 
-/// How a wholly wrong car is wrong.
+/// Error of a wholly wrong car.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Wrong {
     /// Keypoints scattered over the box.
     Scattered,
-    /// The keypoints of a car in another pose, not standing on the plane.
+    /// The keypoints of a car in another pose, which is not on the plane.
     OtherPose,
-    /// Left and right swapped: what a net sees that mistakes the front for the back.
+    /// Left and right swapped, as by a net that confuses front and back.
     Mirrored,
 }
 
-/// What to make. Ranges are [low, high].
+/// Options of a scene. Ranges are [low, high].
 #[derive(Clone, Debug)]
 pub struct SynthOptions {
-    /// Image size.
+    /// Width and height of the image, px.
     pub size: ImageSize,
     /// Number of cars.
     pub cars: usize,
@@ -46,29 +46,33 @@ pub struct SynthOptions {
     pub roll: [f64; 2],
     /// Longer side of a car's box, px.
     pub box_px: [f64; 2],
-    /// How cars stand.
+    /// Layout of the cars.
     pub layout: Layout,
-    /// Factor on the shape coefficients, whose sd is 1; 0: every car is the mean car.
+    /// Factor on the shape coefficients, whose sd is 1. With 0, every car is the mean car.
     pub shape_sd: f64,
-    /// Cars to draw from instead of the atlas; empty: the atlas.
+    /// Cars to draw from instead of the atlas; the atlas is used if this is empty.
     pub models: Vec<CarModel>,
-    /// Factor on what six modes leave unexplained (fine modes, and the rest per keypoint): cars that they do not span, of the
-    /// body types of traffic, if they are the atlas'. 0: cars of six modes, normally distributed, all of one kind.
+    /// Factor on the residual of the first six modes: on fine modes, and on the rest per keypoint.
+    ///
+    /// Cars of the atlas are then drawn from the body types of traffic. With 0, cars have six normally distributed
+    /// modes.
     pub off_atlas: f64,
-    /// Share of keypoints seen (those that face the camera first).
+    /// Share of visible keypoints, 0–1: those that face the camera most.
     pub seen: f64,
     /// Noise sd as a share of the box's longer side.
     pub noise: f64,
-    /// Share of gross outliers among the seen keypoints.
+    /// Share of gross outliers among the visible keypoints, 0–1.
     pub outliers: f64,
-    /// Share of wholly wrong cars (rounded to whole cars).
+    /// Share of wholly wrong cars, 0–1 (rounded to whole cars).
     pub wrong_cars: f64,
-    /// How they are wrong; `None`: each kind in turn.
+    /// Error of the wrong cars; `None` for each kind in turn.
     pub wrong: Option<Wrong>,
-    /// How far off a net sees all cars: as if each were turned by so much about the horizontal across the line of sight (seen from
-    /// another elevation), and about the line of sight, rad.
+    /// View error of a net that all cars share: two turns of each car, rad.
+    ///
+    /// The first turn is about the horizontal across the line of sight, as from another elevation. The second is about
+    /// the line of sight.
     pub view_off: [f64; 2],
-    /// How cars scatter about that, sds, rad.
+    /// sds of single cars about `view_off`, rad.
     pub view_sd: [f64; 2],
 }
 
@@ -97,29 +101,29 @@ impl Default for SynthOptions {
     }
 }
 
-/// A car with truth.
+/// A car with its ground truth and measured keypoints.
 #[derive(Clone, Debug)]
 pub struct CarTruth {
-    /// Where it stands.
+    /// True pose on the plane.
     pub pose: GroundPose,
-    /// Its shape; of a car that is not the atlas', the nearest one.
+    /// True shape; the nearest shape of the atlas for a car that is not in the atlas.
     pub shape: Shape,
-    /// Its keypoints, car frame, m (with what the atlas does not span).
+    /// True keypoints, car frame, m (with the residual that the atlas does not span).
     pub keypoints_in_car: [Vector3<f64>; KEYPOINTS],
-    /// What was measured.
+    /// Measured keypoints.
     pub keypoints: KeypointSet,
-    /// Which measured keypoints are gross outliers.
+    /// Whether each measured keypoint is a gross outlier.
     pub outlier: [bool; KEYPOINTS],
-    /// Wholly wrong.
+    /// Whether the car is wholly wrong.
     pub wrong: bool,
-    /// Longer side of its box, px.
+    /// Longer side of the car's box, px.
     pub box_px: f64,
 }
 
-/// A scene with truth.
+/// A scene with its ground truth and measured keypoints.
 #[derive(Clone, Debug)]
 pub struct SceneTruth {
-    /// Image size.
+    /// Width and height of the image, px.
     pub size: ImageSize,
     /// Focal length and plane.
     pub params: CameraParams,
@@ -128,7 +132,7 @@ pub struct SceneTruth {
 }
 
 impl SceneTruth {
-    /// The measured keypoints, car by car.
+    /// Returns the measured keypoints of each car.
     pub fn keypoints(&self) -> impl Iterator<Item = &KeypointSet> {
         self.cars.iter().map(|car| &car.keypoints)
     }

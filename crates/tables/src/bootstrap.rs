@@ -1,36 +1,38 @@
-//! Statistics with confidence intervals by resampling whole scenes (Efron & Tibshirani 1993, §8: cluster bootstrap), because
-//! cars of one scene share a camera and err together.
+//! Confidence intervals by the cluster bootstrap (Efron & Tibshirani 1993, §8).
+//!
+//! Whole scenes are resampled, because cars of one scene share a camera and their errors are correlated.
 
 use crate::statistics::sorted_quantile;
 
-/// Resamples.
+/// Number of resamples.
 const RESAMPLES: usize = 1000;
-/// Seed of the resampling: the same data give the same interval.
+/// Seed of the resampling. The same data give the same interval.
 const SEED: u64 = 0x5eed;
 
 /// A statistic with its 95 % interval.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
-    /// The statistic of the data; NaN where there are none.
+    /// The statistic of the data; NaN without data.
     pub value: f64,
     /// 2.5 % quantile of the resampled statistic.
     pub low: f64,
     /// 97.5 % quantile of the resampled statistic.
     pub high: f64,
-    /// Values that went in (not scenes).
+    /// Number of values (not of scenes).
     pub n: usize,
 }
 
 impl Estimate {
-    /// The same in another unit, e.g. a share as per cent.
+    /// Returns the estimate in another unit, such as a share in per cent.
     #[must_use]
     pub fn scaled(self, factor: f64) -> Self {
         Self { value: self.value * factor, low: self.low * factor, high: self.high * factor, n: self.n }
     }
 }
 
-/// A statistic of all values of all scenes, with its interval over resampled scenes. Infinite values (cars that were
-/// missed) are values like any other.
+/// Returns a statistic of the values of all scenes, with its interval over resampled scenes.
+///
+/// An infinite value, such as that of a missed car, is an ordinary value.
 #[must_use]
 pub fn bootstrap(scenes: &[Vec<f64>], statistic: impl Fn(&[f64]) -> f64) -> Estimate {
     let n = scenes.iter().map(Vec::len).sum();
@@ -40,7 +42,9 @@ pub fn bootstrap(scenes: &[Vec<f64>], statistic: impl Fn(&[f64]) -> f64) -> Esti
     })
 }
 
-/// Any statistic of scenes with its interval over resampled scenes. One scene alone has no interval: low and high are NaN.
+/// Returns a statistic of scenes, with its interval over resampled scenes. `n` is the number of values.
+///
+/// One scene alone has no interval: `low` and `high` are NaN.
 #[must_use]
 pub fn bootstrap_scenes<T>(scenes: &[T], n: usize, statistic: impl Fn(&[&T]) -> f64) -> Estimate {
     let all: Vec<&T> = scenes.iter().collect();
@@ -60,7 +64,8 @@ pub fn bootstrap_scenes<T>(scenes: &[T], n: usize, statistic: impl Fn(&[&T]) -> 
     Estimate { value, low: sorted_quantile(&resampled, 0.025), high: sorted_quantile(&resampled, 0.975), n }
 }
 
-/// A number in 0..n by SplitMix64 (Steele et al. 2014); n is far below 2³², so the bias of the product is far below 1e-9.
+/// Returns a random number in 0..n by SplitMix64 (Steele et al. 2014). As n is far below 2³², the bias is far below
+/// 1e-9.
 fn below(state: &mut u64, n: usize) -> usize {
     *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
     let mut z = *state;
@@ -76,14 +81,14 @@ mod tests {
     use crate::{mean, median};
 
     #[test]
-    fn the_interval_of_a_mean_has_the_width_theory_gives() {
+    fn the_interval_of_a_mean_has_the_width_of_theory() {
         // 400 scenes with one value each, alternating 0 and 1: sd of the mean is 0.5 / √400 = 0.025.
         let scenes: Vec<Vec<f64>> = (0..400).map(|i| vec![f64::from(i % 2)]).collect();
         let estimate = bootstrap(&scenes, mean);
         assert_eq!((estimate.value, estimate.n), (0.5, 400));
         assert!((estimate.high - estimate.low - 2.0 * 1.96 * 0.025).abs() < 0.01, "{estimate:?}");
         assert_eq!(bootstrap(&scenes, mean), estimate);
-        // Ten copies of each value in its scene say nothing new.
+        // Ten copies of each value in its scene add no information.
         let copied: Vec<Vec<f64>> = scenes.iter().map(|scene| vec![scene[0]; 10]).collect();
         let same = bootstrap(&copied, mean);
         assert_eq!((same.low, same.high), (estimate.low, estimate.high));

@@ -1,16 +1,16 @@
-//! What can go wrong.
+//! Errors of this crate.
 
 use roadplane_write::WriteError;
 use thiserror::Error;
 
-/// Why a report was not made or written.
+/// An error of making or writing a report.
 #[derive(Debug, Error)]
 pub enum TableError {
-    /// A table cannot be made CSV, which text in memory never causes.
-    #[error("a table cannot be made CSV: {0}")]
+    /// A table cannot be converted to CSV. Text in memory never causes this.
+    #[error("cannot convert a table to CSV: {0}")]
     Csv(#[from] csv::Error),
     /// A picture cannot be compressed.
-    #[error("a picture cannot be compressed: {0}")]
+    #[error("cannot compress a picture: {0}")]
     Picture(#[from] image::ImageError),
     /// A file cannot be written.
     #[error(transparent)]

@@ -1,6 +1,6 @@
-//! Text within HTML and SVG.
+//! Escaping of text in HTML and SVG.
 
-/// Text as HTML and SVG show it.
+/// Escapes text for HTML and SVG.
 pub(crate) fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }

@@ -1,19 +1,19 @@
-//! Results as people read them: tables and plots of numbers with confidence intervals, as text, CSV files and one HTML page.
+//! Tables and plots of numbers with confidence intervals, as text, CSV files and one HTML page.
 //!
 //! # Contents
 //! ```text
-//! statistics.rs   mean, median, quantile, share within a limit: NaN of nothing, infinite values are values
+//! statistics.rs   mean, median, quantile, share within a limit: NaN without values; infinite values are allowed
 //! bootstrap.rs    a statistic with its 95 % interval over scenes → Estimate
 //! table.rs        Table of Cells: aligned text, CSV, HTML
 //! plot.rs         Plot: curves and dots as SVG
-//! report.rs       Report: tables, plots and pictures → report.html, tables.txt, a CSV file a table
+//! report.rs       Report: tables, plots and pictures → report.html, tables.txt, one CSV file per table
 //! ```
 //!
 //! # Example
 //! ```
 //! use roadplane_tables::{Column, Report, Table, bootstrap, median};
 //!
-//! // Errors of two cars in one scene and of one in another: cars of a scene err together, so that scenes are resampled.
+//! // Errors of two cars in one scene and of one in another. Scenes are resampled, as their errors are correlated.
 //! let scenes = [vec![0.2, 0.3], vec![0.5]];
 //! let mut table = Table::new("Position", "", vec![Column::new("system", 0), Column::new("median error, m", 2)]);
 //! table.rows.push(vec!["ours".into(), bootstrap(&scenes, median).into()]);

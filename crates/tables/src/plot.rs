@@ -1,59 +1,59 @@
-//! Plots as plain SVG text: deterministic, no fonts or scripts from elsewhere.
+//! Plots as plain SVG text: deterministic, without external fonts or scripts.
 
 use crate::html::escape;
 
-/// Size of a plot, px.
+/// Width and height of a plot, px.
 const SIZE: (f64, f64) = (520.0, 340.0);
-/// Room left, top, right, bottom of the axes, px.
+/// Margins to the left, above, to the right and below the axes, px.
 const ROOM: (f64, f64, f64, f64) = (58.0, 34.0, 16.0, 46.0);
-/// Colours that stay apart for colour-blind readers (Okabe & Ito 2008).
+/// Colours that colour-blind readers can distinguish (Okabe & Ito 2008).
 const COLOURS: [&str; 7] = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#333333"];
-/// About so many marks on an axis.
+/// Approximate number of tick marks per axis.
 const MARKS: f64 = 6.0;
-/// Height of a line of the legend, px.
+/// Height of one line of the legend, px.
 const LINE: f64 = 17.0;
 
-/// A plot.
+/// A plot of one or more series.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plot {
-    /// What it shows.
+    /// Title.
     pub title: String,
-    /// What x is, with the unit.
+    /// Label of the x axis, with the unit.
     pub x_label: String,
-    /// What y is, with the unit.
+    /// Label of the y axis, with the unit.
     pub y_label: String,
-    /// What is drawn, in order.
+    /// Series in the order of drawing.
     pub series: Vec<Series>,
-    /// Ends of the y axis; `None`: 0 or the smallest, and the largest.
+    /// Both ends of the y axis; `None`: from 0 or the smallest negative value to the largest value.
     pub y_range: Option<[f64; 2]>,
 }
 
-/// One curve or cloud.
+/// One curve or cloud of points.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Series {
     /// Name in the legend.
     pub name: String,
-    /// x and y; those that are not finite are left out.
+    /// Points (x, y), all finite.
     pub points: Vec<(f64, f64)>,
-    /// How it is drawn.
+    /// Style of drawing.
     pub mark: Mark,
 }
 
-/// How points are drawn.
+/// The style of a series.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mark {
-    /// Joined by a line, with a dot each.
+    /// A line with a dot at each point.
     Line,
-    /// Joined by a line.
+    /// A line.
     Curve,
-    /// Joined by a thin dashed line: what ought to be.
+    /// A thin dashed line, for reference values.
     Reference,
-    /// A dot each.
+    /// A dot at each point.
     Dots,
 }
 
 impl Plot {
-    /// A plot without series, with y from what is drawn.
+    /// Creates a plot without series. The y axis follows from the points.
     #[must_use]
     pub fn new(title: impl Into<String>, x_label: impl Into<String>, y_label: impl Into<String>) -> Self {
         Self {
@@ -65,7 +65,7 @@ impl Plot {
         }
     }
 
-    /// Adds a series.
+    /// Adds a series. Points that are not finite are left out.
     #[must_use]
     pub fn with(mut self, name: impl Into<String>, mark: Mark, points: Vec<(f64, f64)>) -> Self {
         let points = points.into_iter().filter(|(x, y)| x.is_finite() && y.is_finite()).collect();
@@ -73,7 +73,7 @@ impl Plot {
         self
     }
 
-    /// The plot as SVG; empty without points.
+    /// Returns the plot as SVG; an empty string without points.
     #[must_use]
     pub fn to_svg(&self) -> String {
         let points = || self.series.iter().flat_map(|s| &s.points);
@@ -84,7 +84,7 @@ impl Plot {
         let y_axis = Axis::around(points().map(|p| p.1), self.y_range);
         let (width, height) = SIZE;
         let (left, top, right, bottom) = ROOM;
-        // The legend stands below, where it covers nothing.
+        // The legend is below the plot, where it covers nothing.
         let columns = if self.series.iter().all(|s| s.name.chars().count() <= 28) { 2 } else { 1 };
         let whole = height + LINE * self.series.len().div_ceil(columns) as f64 + 6.0;
         let at = |(x, y): (f64, f64)| {
@@ -164,7 +164,7 @@ impl Plot {
     }
 }
 
-/// An axis from `low` to `high` with a mark every `step`.
+/// An axis from `low` to `high` with a tick mark every `step`.
 struct Axis {
     low: f64,
     high: f64,
@@ -176,7 +176,7 @@ impl Axis {
         let found = [values.clone().fold(0.0, f64::min), values.fold(f64::NEG_INFINITY, f64::max)];
         let [low, high] = range.unwrap_or(found);
         let high = if high > low { high } else { low + 1.0 };
-        // 1, 2 or 5 times a power of ten, so that about MARKS fit.
+        // The step is 1, 2 or 5 times a power of ten, for about MARKS tick marks.
         let rough = (high - low) / MARKS;
         let power = 10f64.powf(rough.log10().floor());
         let step = [1.0, 2.0, 5.0, 10.0].map(|k| k * power).into_iter().find(|s| *s >= rough * 0.999);
@@ -226,10 +226,10 @@ mod tests {
     }
 
     #[test]
-    fn points_lie_where_the_axes_say() {
+    fn points_agree_with_the_axes() {
         let plot = Plot { y_range: Some([0.0, 100.0]), ..Plot::new("a < b", "x", "y") };
         let svg = plot.with("one", Mark::Line, vec![(0.0, 0.0), (1.0, 100.0), (f64::INFINITY, 3.0)]).to_svg();
-        // Left and bottom end of the axes, then right and top.
+        // The left and bottom end of the axes, then the right and top end.
         assert!(svg.contains("points=\"58.0,294.0 504.0,34.0\""), "{svg}");
         assert!(svg.contains("a &lt; b") && svg.ends_with("</svg>\n"));
         assert_eq!(Plot::new("none", "x", "y").to_svg(), "");

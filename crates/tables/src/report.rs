@@ -10,13 +10,13 @@ use roadplane_write::{OutFile, WriteError};
 use crate::html::escape;
 use crate::{Plot, Table, TableError};
 
-/// JPEG quality of pictures.
+/// JPEG quality of pictures, 0 to 100.
 const QUALITY: u8 = 85;
 
-/// What an evaluation has to say.
+/// The report of an evaluation: tables, plots and pictures.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Report {
-    /// What was evaluated.
+    /// Title of the report.
     pub title: String,
     /// Tables in order.
     pub tables: Vec<Table>,
@@ -26,20 +26,20 @@ pub struct Report {
     pub pictures: Vec<Picture>,
 }
 
-/// A picture with words below it.
+/// A picture with a caption.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Picture {
-    /// What it shows.
+    /// Caption of the picture.
     pub caption: String,
-    /// The picture, a JPEG file.
+    /// Content of the JPEG file.
     pub jpeg: Vec<u8>,
 }
 
 impl Picture {
-    /// Of a picture's pixels.
+    /// Compresses a picture.
     ///
     /// # Errors
-    /// [`TableError::Picture`] if it cannot be compressed.
+    /// [`TableError::Picture`] if the picture cannot be compressed.
     pub fn new(caption: String, picture: &RgbImage) -> Result<Self, TableError> {
         let mut jpeg = Vec::new();
         let encoder = JpegEncoder::new_with_quality(&mut jpeg, QUALITY);
@@ -56,14 +56,14 @@ impl Picture {
 }
 
 impl Report {
-    /// All tables as aligned text.
+    /// Returns all tables as aligned text.
     #[must_use]
     pub fn to_text(&self) -> String {
         let tables: Vec<String> = self.tables.iter().map(Table::to_text).collect();
         tables.join("\n")
     }
 
-    /// One self-contained page.
+    /// Returns one self-contained HTML page.
     #[must_use]
     pub fn to_html(&self) -> String {
         let mut page = format!(
@@ -86,13 +86,13 @@ impl Report {
         page
     }
 
-    /// Writes `report.html`, `tables.txt` and a CSV file a table (`01-title.csv`) into a folder, which is made if need be.
+    /// Writes `report.html`, `tables.txt` and one CSV file per table (`01-title.csv`). It creates the folder if needed.
     ///
     /// # Errors
     /// [`TableError::Write`].
     pub fn write(&self, folder: &Path) -> Result<(), TableError> {
         std::fs::create_dir_all(folder).map_err(|source| WriteError::Io {
-            doing: "make the folder",
+            doing: "create the folder",
             source,
             path: folder.to_path_buf(),
         })?;
@@ -111,7 +111,7 @@ fn write_text(path: &Path, text: &str) -> Result<(), TableError> {
     Ok(file.finish()?)
 }
 
-/// Letters and digits of a title, small, with hyphens between words.
+/// Returns the first six words of a title in lower case, joined by hyphens.
 fn file_name(title: &str) -> String {
     let words = title.split(|c: char| !c.is_ascii_alphanumeric()).filter(|word| !word.is_empty());
     words.take(6).collect::<Vec<_>>().join("-").to_ascii_lowercase()
@@ -131,7 +131,7 @@ mod tests {
     use crate::{Column, Mark};
 
     #[test]
-    fn a_folder_gets_page_text_and_tables() {
+    fn a_folder_contains_page_text_and_tables() {
         let folder = tempfile::tempdir().unwrap();
         let mut table = Table::new("Camera, 1 still", "", vec![Column::new("what", 0), Column::new("x", 1)]);
         table.rows.push(vec!["focal".into(), 1.25.into()]);

@@ -6,36 +6,36 @@ use crate::{Estimate, TableError};
 /// A table of results.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Table {
-    /// What it shows.
+    /// Title.
     pub title: String,
-    /// How to read it, its source; may be empty.
+    /// Note below the table, such as its source; may be empty.
     pub note: String,
-    /// Columns, the first being the rows' names.
+    /// Columns. The first contains the names of the rows.
     pub columns: Vec<Column>,
-    /// Rows; missing cells at the end stay empty.
+    /// Rows. Missing cells at the end of a row are empty.
     pub rows: Vec<Vec<Cell>>,
 }
 
-/// A column.
+/// A column of a table.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Column {
-    /// Head, with the unit.
+    /// Title, with the unit.
     pub title: String,
-    /// Decimals of its numbers.
+    /// Number of decimals of its numbers.
     pub decimals: usize,
 }
 
-/// A cell.
+/// A cell of a table.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Cell {
-    /// Text as it is.
+    /// Text.
     Text(String),
-    /// A number, with its interval where it has one.
+    /// A number, with its confidence interval if it has one.
     Number(Estimate),
 }
 
 impl Column {
-    /// A column of numbers with so many decimals.
+    /// Creates a column of numbers.
     #[must_use]
     pub fn new(title: impl Into<String>, decimals: usize) -> Self {
         Self { title: title.into(), decimals }
@@ -61,14 +61,14 @@ impl From<Estimate> for Cell {
 }
 
 impl From<f64> for Cell {
-    /// A number that has no interval.
+    /// Creates a cell with a number without an interval.
     fn from(value: f64) -> Self {
         Self::Number(Estimate { value, low: f64::NAN, high: f64::NAN, n: 1 })
     }
 }
 
 impl Cell {
-    /// As people read it: `78.0 [75.1, 80.9]`, `∞` and `–` for infinite and for none.
+    /// Returns the cell as text: `78.0 [75.1, 80.9]`, `∞` for infinite, `–` for NaN.
     fn text(&self, decimals: usize) -> String {
         match self {
             Self::Text(text) => text.clone(),
@@ -87,7 +87,7 @@ fn number(value: f64, decimals: usize) -> String {
     } else if value.is_infinite() {
         "∞".to_owned()
     } else {
-        // Without a sign on a rounded zero.
+        // A rounded zero has no sign.
         let text = format!("{value:.decimals$}");
         if text.trim_start_matches(['-', '0', '.']).is_empty() {
             text.trim_start_matches('-').to_owned()
@@ -98,7 +98,7 @@ fn number(value: f64, decimals: usize) -> String {
 }
 
 impl Table {
-    /// A table without rows.
+    /// Creates a table without rows.
     #[must_use]
     pub fn new(title: impl Into<String>, note: impl Into<String>, columns: Vec<Column>) -> Self {
         Self { title: title.into(), note: note.into(), columns, rows: Vec::new() }
@@ -113,7 +113,7 @@ impl Table {
         self.rows.iter().map(cells).collect()
     }
 
-    /// Aligned text, ending in a line end.
+    /// Returns the table as aligned text, which ends with a line end.
     #[must_use]
     pub fn to_text(&self) -> String {
         let heads: Vec<String> = self.columns.iter().map(|c| c.title.clone()).collect();
@@ -143,7 +143,9 @@ impl Table {
         page
     }
 
-    /// CSV: columns that hold a number get three more, `… low`, `… high`, `… n`. Full digits; NaN is an empty field.
+    /// Returns the table as CSV, with all digits. NaN is an empty field.
+    ///
+    /// A column with numbers is followed by three more: `… low`, `… high`, `… n`.
     ///
     /// # Errors
     /// [`TableError::Csv`].
@@ -181,7 +183,7 @@ impl Table {
         Ok(String::from_utf8_lossy(&bytes).into_owned())
     }
 
-    /// The table as a part of a page.
+    /// Returns the table as a part of an HTML page.
     #[must_use]
     pub fn to_html(&self) -> String {
         let mut page = format!("<h2>{}</h2>\n<div class=\"scroll\"><table><thead><tr>", escape(&self.title));
@@ -193,7 +195,7 @@ impl Table {
             page.push_str("<tr>");
             for (i, text) in row.iter().enumerate() {
                 let tag = if i == 0 { "th" } else { "td" };
-                // The interval smaller, so that the numbers themselves can be compared down a column.
+                // The interval is in a smaller font, so that readers can compare the numbers down a column.
                 let text = escape(text).replacen(" [", " <small>[", 1);
                 let end = if text.contains("<small>") { "</small>" } else { "" };
                 page.push_str(&format!("<{tag}>{text}{end}</{tag}>"));
@@ -239,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn csv_has_the_interval_in_columns() {
+    fn csv_has_columns_for_the_interval() {
         let csv = table().to_csv().unwrap();
         let expected = "system,\"0.4, %\",\"0.4, % low\",\"0.4, % high\",\"0.4, % n\",note\n\
             \"ours, \"\"plane\"\"\",77.99,75,80.04,12,x\nnone,,,,1,\nzero,-0.01,,,1,\n";

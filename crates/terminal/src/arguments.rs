@@ -8,8 +8,8 @@ use crate::{logging, signals};
 /// Arguments that every command takes.
 #[derive(Debug, Args)]
 pub struct CommonArgs {
-    /// Form of the log on stderr.
-    #[arg(long, global = true, value_enum, default_value_t = LogFormat::Text)]
+    /// Form of the log on stderr: text for people, json for programs (one object per line).
+    #[arg(long, global = true, value_enum, default_value_t = LogFormat::Text, hide_possible_values = true)]
     pub log_format: LogFormat,
     /// Log more (-v: every stage, -vv: every frame).
     #[arg(short, long, global = true, action = clap::ArgAction::Count)]

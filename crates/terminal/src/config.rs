@@ -1,11 +1,11 @@
-//! Arguments of the configuration.
+//! Arguments for the configuration.
 
 use std::path::PathBuf;
 
 use clap::Args;
 use roadplane_pipeline::{Config, PipelineError};
 
-/// The configuration's file and single settings.
+/// File of the configuration, and single settings.
 #[derive(Clone, Debug, Args)]
 pub struct ConfigArgs {
     /// TOML file with settings; configs/default.toml documents every setting.
@@ -17,7 +17,7 @@ pub struct ConfigArgs {
 }
 
 impl ConfigArgs {
-    /// Returns the configuration that the arguments ask for.
+    /// Reads the configuration from the arguments.
     ///
     /// # Errors
     /// [`PipelineError`] for a file that cannot be read, and for a setting that is unknown or out of range.

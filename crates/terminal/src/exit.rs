@@ -7,10 +7,10 @@ use roadplane_pipeline::{Fault, too_small_address_space};
 
 use crate::Outcome;
 
-/// Some input was damaged or lost; everything that could be read is written and counted.
+/// Exit code for damaged or lost input; the readable rest is written and counted.
 const DAMAGED: u8 = 3;
 
-/// Turns the outcome of a command into an exit code and logs its error; `fault_of` says who can mend an error.
+/// Returns the exit code for the outcome of a command and logs its error; `fault_of` returns the cause of an error.
 pub fn exit_code(
     outcome: anyhow::Result<Outcome>,
     fault_of: impl Fn(&anyhow::Error) -> Option<Fault>,
@@ -37,7 +37,7 @@ fn code(fault: Option<Fault>) -> u8 {
     }
 }
 
-/// Whether the reader of our output has gone, as in `roadplane … --out - | head`. That is no failure.
+/// Whether the reader of the output has ended, as in `roadplane … --out - | head`. That is no failure.
 fn is_broken_pipe(error: &anyhow::Error) -> bool {
     error
         .chain()
@@ -45,14 +45,16 @@ fn is_broken_pipe(error: &anyhow::Error) -> bool {
         .any(|io| io.kind() == std::io::ErrorKind::BrokenPipe)
 }
 
-/// Returns the exit code for a process with too little address space, after a message without the log, which needs more of it.
+/// Writes a message and returns the exit code if the process has too little address space. The log would need more of
+/// it.
 #[must_use]
 pub fn refuse_small_address_space() -> Option<ExitCode> {
     let limit_mib = too_small_address_space()?;
     eprintln!(
-        "error: too little memory: ulimit -v allows {limit_mib} MiB, at least 1.5 GiB are needed: raise it"
+        "error: too little memory: ulimit -v allows {limit_mib} MiB, but at least 1.5 GiB are needed: raise it"
     );
-    // The clean-up of some library waits for ever for a thread that had no memory to start: leave without clean-up.
+    // A library's clean-up waits for ever for a thread that had no memory to start, so the process ends without
+    // clean-up.
     let _only_where_it_fails = std::process::Command::new("false").exec();
     Some(ExitCode::FAILURE)
 }

@@ -1,4 +1,4 @@
-//! Grouped help with an example for each command, the manual, and completions.
+//! Grouped help with an example for each command, manual pages, and completions of the shell.
 
 use std::fmt::Write as _;
 use std::io::stdout;
@@ -9,10 +9,10 @@ use clap::Command;
 
 use crate::Outcome;
 
-/// Commands of one subject: a title, then each command with an example of its use.
+/// A group of commands: its title, then each command with an example of its use.
 pub type Group = (&'static str, &'static [(&'static str, &'static str)]);
 
-/// Gives a command line the help that lists its commands by group, and each command its example.
+/// Adds help to a command line: a list of its commands by group, and an example for each command.
 #[must_use]
 pub fn grouped(command: Command, groups: &[Group]) -> Command {
     let mut list = String::new();
@@ -36,7 +36,7 @@ pub fn grouped(command: Command, groups: &[Group]) -> Command {
     })
 }
 
-/// Writes the manual: a page for each command that the help shows.
+/// Writes the manual pages: one for each command that the help shows.
 ///
 /// # Errors
 /// Fails where the folder or a page cannot be written.
@@ -47,10 +47,10 @@ pub fn manual(command: Command, out: &Path) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Prints completions for a shell.
+/// Prints the completions for a shell.
 ///
 /// # Errors
-/// None today; the type is that of all commands.
+/// Never fails; the type is that of all commands.
 pub fn completions(mut command: Command, shell: clap_complete::Shell) -> anyhow::Result<Outcome> {
     let name = command.get_name().to_owned();
     clap_complete::generate(shell, &mut command, name, &mut stdout().lock());

@@ -1,4 +1,4 @@
-//! Log lines on stderr: per clip at INFO, per stage at DEBUG, per frame at TRACE.
+//! Log on stderr: lines per clip at INFO, per stage at DEBUG, per frame at TRACE.
 
 use std::io::{IsTerminal as _, stderr};
 
@@ -6,14 +6,14 @@ use tracing_subscriber::{EnvFilter, fmt, prelude::*};
 
 use crate::LogFormat;
 
-/// Starts logging; `ROADPLANE_LOG` (env-filter syntax) overrides the verbosity.
+/// Starts the log; `ROADPLANE_LOG` (env-filter syntax) overrides the verbosity.
 pub fn start(format: LogFormat, verbose: u8) {
     let level = match verbose {
         0 => "info",
         1 => "debug",
         _ => "trace",
     };
-    // Lines for people have no ids on every line.
+    // The text format omits ids.
     let ids = if format == LogFormat::Json { "" } else { ",roadplane_ids=off" };
     let filter = EnvFilter::try_from_env("ROADPLANE_LOG")
         .unwrap_or_else(|_unset| EnvFilter::new(format!("warn,roadplane={level}{ids}")));

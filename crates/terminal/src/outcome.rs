@@ -1,10 +1,10 @@
-//! What a command came to.
+//! The outcome of a command.
 
-/// How a command that did not fail ended.
+/// The outcome of a command that did not fail.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outcome {
     /// Everything was read and written.
     Done,
-    /// Some input was damaged or lost; what could be read is written and counted.
+    /// Some input was damaged or lost; all readable parts are written and counted.
     Damaged,
 }

@@ -1,4 +1,4 @@
-//! A bar with frames/s and time left on a terminal, a log line now and then anywhere else.
+//! Progress of a run: a bar with frames/s and time left on a terminal, a log line every 10 s elsewhere.
 
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
@@ -6,10 +6,10 @@ use std::time::{Duration, Instant};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use roadplane_pipeline::Progress;
 
-/// Time between log lines where there is no terminal.
+/// Time between log lines without a terminal.
 const LINE_EVERY: Duration = Duration::from_secs(10);
 
-/// Progress of one input.
+/// Shows the progress of one input.
 pub struct Bar {
     name: String,
     bar: ProgressBar,
@@ -17,7 +17,7 @@ pub struct Bar {
 }
 
 impl Bar {
-    /// A bar named after its input.
+    /// Creates a bar with the name of its input.
     pub fn new(name: &str) -> Self {
         let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
         let template = "{prefix:.bold} {wide_bar} {pos}/{len} frames  {per_sec}  {eta} left  {msg}";
@@ -57,7 +57,7 @@ impl Progress for Bar {
     }
 }
 
-/// How far it is, in words.
+/// Returns the progress in words.
 fn line(done: u64, all: Option<u64>, frames_per_s: f64) -> String {
     let Some(all) = all.filter(|_| frames_per_s > 0.0) else {
         return format!("{done} frames, {frames_per_s:.1} frames/s");
@@ -82,7 +82,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_left_is_told_where_it_is_known() {
+    fn the_time_left_is_shown_if_the_length_is_given() {
         assert_eq!(line(30, Some(90), 6.0), "30/90 frames, 6.0 frames/s, 10 s left");
         assert_eq!(line(0, Some(36_000), 10.0), "0/36000 frames, 10.0 frames/s, 60 min left");
         assert_eq!(line(0, Some(360_000), 10.0), "0/360000 frames, 10.0 frames/s, 10.0 h left");

@@ -1,10 +1,14 @@
-//! Tracks of which only boxes tell: boxes, weak and strong, that no track took and that drive together, or stand and are beyond doubt.
+//! Starts tracks from boxes alone. The boxes, weak and strong, have no track. They move together, or they are
+//! stationary and certain.
 //!
-//! A car seen from high above, or half in the dark, is found in nearly every look, and is sure in few of them. What stands like this
-//! may be a hedge, and motorcycles are weak boxes that drive; but what is found in most looks, is now and then a vehicle beyond doubt
-//! and goes on steadily for longer than its box is large is one. Such boxes are chained in the picture, where nothing has to be known
-//! of the vehicle, and placed on the ground once the chain says which way it drives. A car that stands needs no keypoints, either,
-//! where the detector is as sure of it as of few hedges: at the picture's rim its lens may bend them so that they fit no car.
+//! Some cars are seen from high above, or half in the dark. They are found in nearly every inference frame, but with
+//! certainty in few. A stationary object with such boxes may be a hedge, and motorcycles are weak boxes that move. A
+//! vehicle is found in most inference frames and is certain in some of them. It also moves on steadily, farther than
+//! its box is large.
+//!
+//! The boxes are chained in the picture, where no property of the vehicle is needed. They are placed on the ground once
+//! the chain shows the direction of travel. A stationary car needs no keypoints, either, if the detector is as certain
+//! of it as of few hedges. At the picture's edge the lens may distort the keypoints so much that they fit no car.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -24,52 +28,66 @@ use crate::{
     raw_track::RawTrack,
 };
 
-/// A chain ends where its vehicle is not found for so long, s.
+/// Time without a box after which a chain ends, s.
 const LOST_S: f64 = 0.6;
-/// Time over which its motion in the picture is taken, s.
+/// Time constant of a chain's motion in the picture, s.
 const MOTION_S: f64 = 0.25;
-/// A box that covers a track's so much, or lies in it so far, is of that track's vehicle.
+/// Overlap (IoU) with a track's box above which a box is of that track's vehicle.
 const SAME_BOX: f64 = 0.4;
+/// Share of a box inside a track's box above which the box is of that track's vehicle, 0–1.
 const INSIDE: f64 = 0.7;
-/// What touches the boxes of one track in so many of its own is a part of that vehicle, as a lorry's cab is; boxes of lorries and buses
-/// may end so far before it, in shorter sides of its own.
+/// Least share of a chain's boxes that touch one track's boxes if the chain is a part of that vehicle. A lorry's cab is
+/// such a part.
 const PART: f64 = 0.8;
+/// Distance within which a box touches the box of a truck or bus, in shorter sides of the touching box. Boxes of
+/// lorries and buses may end that far before the vehicle does.
 const APART: f64 = 1.2;
-/// Least share of the looks in which it is found, of those in which the detector is sure, and how often that is.
+/// Least share of the inference frames of its life in which a chain is found, 0–1.
 const MIN_FOUND: f64 = 0.75;
+/// Least share of a chain's boxes of which the detector is certain, 0–1.
 const MIN_SURE_SHARE: f64 = 0.1;
+/// Least number of a chain's boxes of which the detector is certain.
 const MIN_SURE: usize = 3;
-/// What stands so long, s, its boxes overlapping so much, is a car if the detector is sure of it on the whole ([`SURE_SCORE`]).
+/// Least duration of a stationary car without keypoints, s. Its mean score must reach [`SURE_SCORE`].
 const SURE_STAND_S: f64 = 2.0;
+/// Overlap (IoU) with its first box that all boxes of a stationary car must exceed.
 const SURE_STAND_OVERLAP: f64 = 0.5;
-/// Ways are taken in steps of so many box sizes; so many are left behind at least, and consecutive ones turn little: mean cosine.
+/// Length of one step of a chain's path in the picture, in box sizes (square root of the area).
 const STEP_SIZES: f64 = 0.5;
+/// Least number of steps of a chain that moves on.
 const MIN_STEPS: usize = 3;
+/// Least mean cosine between consecutive steps of a chain that moves on: they turn little.
 const MIN_COSINE: f64 = 0.8;
-/// Positions of so long to both sides say which way it drives, s, where it is faster than this, m/s.
+/// Half of the time whose positions show the direction of travel, s.
 const HEADING_S: f64 = 1.0;
+/// Least speed at which positions show the direction of travel, m/s.
 const DRIVES_MPS: f64 = 1.0;
-/// sd of a heading that is known like this, rad.
+/// Sd of a heading that comes from the direction of travel, rad.
 const DRIVEN_HEADING_SD: f64 = 0.15;
 
-/// Boxes of what may be one vehicle, one a frame.
+/// Boxes of one possible vehicle, at most one per frame.
 struct Chain {
+    /// Boxes with the index of their frame, in the order of time.
     boxes: Vec<(usize, BoxSighting)>,
+    /// Motion of the box in the picture.
     motion: BoxMotion,
 }
 
 impl Chain {
+    /// Starts a chain with its first box, at a time in s.
     fn new(frame: usize, first: BoxSighting, time_s: f64) -> Self {
         Self { boxes: vec![(frame, first)], motion: BoxMotion::new(first.bbox_px, time_s, MOTION_S) }
     }
 
+    /// Adds the next box to the chain, at a time in s.
     fn add(&mut self, frame: usize, seen: BoxSighting, time_s: f64) {
         self.motion.see(seen.bbox_px, time_s);
         self.boxes.push((frame, seen));
     }
 
-    /// Whether it is found, and sure, often enough, and leaves its place as what drives does, or stands and is beyond doubt. Where it
-    /// is held nobody looks.
+    /// Whether the chain is a vehicle. It must be found, and be certain, often enough. It must also move on steadily,
+    /// or be a stationary car beyond doubt. Frames in which its box is carried over do not count, as the nets do not
+    /// run on it.
     fn is_vehicle(&self, frames: &Frames) -> bool {
         let (Some((first, _)), Some((last, _))) = (self.boxes.first(), self.boxes.last()) else {
             return false;
@@ -87,6 +105,7 @@ impl Chain {
         is_found && is_sure && (self.goes_on() || score >= SURE_SCORE && self.is_car_that_stands(frames))
     }
 
+    /// Whether the chain is a stationary car: its boxes stay in one position for long enough.
     fn is_car_that_stands(&self, frames: &Frames) -> bool {
         let (Some((first, at)), Some((last, _))) = (self.boxes.first(), self.boxes.last()) else {
             return false;
@@ -97,6 +116,7 @@ impl Chain {
             && self.boxes.iter().all(|(_, seen)| stays(seen))
     }
 
+    /// Whether the chain moves on steadily in the picture, in several steps that turn little.
     fn goes_on(&self) -> bool {
         let size = |px: &[f64; 4]| ((px[2] - px[0]) * (px[3] - px[1])).sqrt();
         let mut places = self.boxes.iter().map(|(_, seen)| (bbox_centre(&seen.bbox_px), size(&seen.bbox_px)));
@@ -113,7 +133,7 @@ impl Chain {
     }
 }
 
-/// Tracks of what is in none of these.
+/// Returns new tracks, made of boxes that are in none of the given tracks.
 pub(crate) fn begin(
     free: &BoxesByFrame,
     tracks: &[RawTrack],
@@ -137,7 +157,8 @@ pub(crate) fn begin(
     .collect()
 }
 
-/// Boxes of the tracks in each frame of their lives, where they were not seen by those before and after.
+/// Returns the boxes (px) of the tracks in each inference frame, with the track's index. Where a track was not
+/// detected, its box is interpolated.
 fn boxes_of(tracks: &[RawTrack], frames: &Frames) -> BTreeMap<usize, Vec<(usize, [f64; 4])>> {
     let mut boxes: BTreeMap<usize, Vec<(usize, [f64; 4])>> = BTreeMap::new();
     for (t, track) in tracks.iter().enumerate() {
@@ -157,7 +178,7 @@ fn boxes_of(tracks: &[RawTrack], frames: &Frames) -> BTreeMap<usize, Vec<(usize,
     boxes
 }
 
-/// Free boxes that follow each other, best overlaps first, as those of vehicles do.
+/// Chains free boxes that follow each other, largest overlaps first. Returns the chains that are vehicles.
 fn chains(free: &BoxesByFrame, frames: &Frames, is_free: impl Fn(usize, &[f64; 4]) -> bool) -> Vec<Chain> {
     let (mut open, mut done): (Vec<Chain>, Vec<Chain>) = (Vec::new(), Vec::new());
     for (&frame, boxes) in free {
@@ -191,8 +212,8 @@ fn chains(free: &BoxesByFrame, frames: &Frames, is_free: impl Fn(usize, &[f64; 4
     done
 }
 
-/// Whether what a chain shows goes along with a track's vehicle all the time, and touches it, or is no farther from it than `apart` of
-/// the track, in shorter sides.
+/// Whether a chain accompanies a track's vehicle and touches it most of the time. `apart` is the distance within which
+/// a box touches the box of each track, in shorter sides of the chain's box.
 fn is_part<'a>(chain: &Chain, of_frame: impl Fn(usize) -> &'a Vec<(usize, [f64; 4])>, apart: &[f64]) -> bool {
     let mut touched: BTreeMap<usize, usize> = BTreeMap::new();
     for (frame, seen) in &chain.boxes {
@@ -206,7 +227,7 @@ fn is_part<'a>(chain: &Chain, of_frame: impl Fn(usize) -> &'a Vec<(usize, [f64; 
     touched.values().any(|touches| *touches as f64 >= PART * chain.boxes.len() as f64)
 }
 
-/// A chain's vehicle on the ground; `None` where the camera does not see it there.
+/// Places a chain's vehicle on the ground; `None` where the camera cannot see it there.
 fn on_ground(chain: &Chain, frames: &Frames, scene: &impl Scene) -> Option<RawTrack> {
     let boxes = &chain.boxes;
     let mut vehicle = ExpectedVehicle {
@@ -224,7 +245,7 @@ fn on_ground(chain: &Chain, frames: &Frames, scene: &impl Scene) -> Option<RawTr
     let about: Vec<(usize, Placed)> = boxes.iter().filter_map(|one| placed(one, &vehicle)).collect();
     let places: Vec<[f64; 3]> =
         about.iter().map(|(frame, at)| [time_s(*frame), at.pose.x_m, at.pose.y_m]).collect();
-    // How a car that stands is turned its box says, if little; jittering places are no way.
+    // The box of a stationary car shows its heading, if only roughly. Positions that jitter are no path.
     let way_at = |at: &[f64; 3]| Some([at[0], way(&places, at[0])?]);
     let ways = chain.goes_on().then(|| places.iter().filter_map(way_at).collect::<Vec<[f64; 2]>>());
     let dims: Vec<[Vector3<f64>; 2]> = about.iter().map(|(_, at)| at.dims_m).collect();
@@ -244,7 +265,7 @@ fn on_ground(chain: &Chain, frames: &Frames, scene: &impl Scene) -> Option<RawTr
     RawTrack::by_boxes(sightings, vehicle.class, &dims)
 }
 
-/// What the detector calls it where it is sure.
+/// Returns the class of a chain, by the boxes of which the detector is certain.
 fn class(boxes: &[(usize, BoxSighting)]) -> VehicleClass {
     let mut votes: BTreeMap<VehicleClass, f64> = BTreeMap::new();
     for (_, seen) in boxes.iter().filter(|(_, seen)| seen.is_sure()) {
@@ -253,7 +274,8 @@ fn class(boxes: &[(usize, BoxSighting)]) -> VehicleClass {
     votes.into_iter().max_by(|a, b| a.1.total_cmp(&b.1)).map_or(VehicleClass::Car, |(class, _)| class)
 }
 
-/// Which way a vehicle drives at a time, rad: by the line through its places (time, x, y) around it.
+/// Returns the direction of travel at a time, rad: that of a line through the positions (time, x, y) around it. `None`
+/// where the vehicle is too slow.
 fn way(places: &[[f64; 3]], at_s: f64) -> Option<f64> {
     let (mut normal, mut right) = (Matrix2::zeros(), [Vector2::zeros(), Vector2::zeros()]);
     for [time_s, x, y] in places.iter().filter(|place| (place[0] - at_s).abs() <= HEADING_S) {

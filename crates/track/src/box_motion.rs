@@ -1,25 +1,30 @@
-//! How a vehicle's box moves in the picture, by where it was seen.
+//! Extrapolates the box of a vehicle in the picture from its detections.
 
 use nalgebra::Vector2;
 use roadplane_base::{bbox_centre, bbox_moved};
 
-/// The last box, and the velocity of its middle.
+/// The last box of a vehicle, and the velocity of the box's centre.
 #[derive(Clone, Debug)]
 pub(crate) struct BoxMotion {
+    /// Box of the last detection (left, top, right, bottom), px.
     last_px: [f64; 4],
+    /// Time of the last detection, s.
     last_s: f64,
+    /// Velocity of the box's centre, px/s.
     velocity_px_s: Vector2<f64>,
-    /// Time over which the velocity is taken, s.
+    /// Time constant of the velocity's average, s.
     memory_s: f64,
+    /// Number of detections.
     seen: usize,
 }
 
 impl BoxMotion {
+    /// Starts with the first box (px) at a time (s). `memory_s` is the time constant of the velocity's average.
     pub(crate) fn new(first_px: [f64; 4], time_s: f64, memory_s: f64) -> Self {
         Self { last_px: first_px, last_s: time_s, velocity_px_s: Vector2::zeros(), memory_s, seen: 1 }
     }
 
-    /// It is seen again.
+    /// Adds a detection: its box (px) and its time (s).
     pub(crate) fn see(&mut self, bbox_px: [f64; 4], time_s: f64) {
         let gap_s = self.unseen_s(time_s);
         if gap_s > 0.0 {
@@ -31,24 +36,24 @@ impl BoxMotion {
         self.seen += 1;
     }
 
-    /// It stands in this box.
+    /// Adds a detection of a stationary vehicle in this box (px), at a time (s).
     pub(crate) fn stand(&mut self, bbox_px: [f64; 4], time_s: f64) {
         self.velocity_px_s = Vector2::zeros();
         (self.last_px, self.last_s) = (bbox_px, time_s);
         self.seen += 1;
     }
 
-    /// Box in which it was seen last, px.
+    /// Returns the box of the last detection, px.
     pub(crate) fn last_px(&self) -> &[f64; 4] {
         &self.last_px
     }
 
-    /// For how long it was not seen, s.
+    /// Returns the time since the last detection, s.
     pub(crate) fn unseen_s(&self, time_s: f64) -> f64 {
         time_s - self.last_s
     }
 
-    /// Where the box should be if it goes on, px.
+    /// Returns the expected box at a time (s) if the motion continues, px.
     pub(crate) fn at(&self, time_s: f64) -> [f64; 4] {
         bbox_moved(&self.last_px, &(self.velocity_px_s * self.unseen_s(time_s)))
     }

@@ -1,10 +1,12 @@
-//! The way of a vehicle that only its boxes place, and how large it is, at once.
+//! Estimates together the path and the size of a vehicle that only boxes place.
 //!
-//! A box alone says little: the same one shows a short lorry that stands across and a long one that stands along the line of sight. The
-//! way that the vehicle drives says how it is turned, and boxes from several places how long it is. So the states of the way
-//! (`vehicle.rs`), length, width and height, and what its outline is off in all boxes alike, are one least-squares problem: each
-//! box's edges are those of the body's box before the camera, scattered or hidden (`edge.rs`), and sizes are about those of the class.
-//! What all boxes share borders the chain of states (Schur complement).
+//! A single box says little. It may show a short lorry across the line of sight, or a long lorry along it. The path of
+//! the vehicle shows its heading, and boxes from several positions show its length.
+//!
+//! Therefore both are one least-squares problem. Its unknowns are the states of the path (`vehicle.rs`), length, width
+//! and height, and the offsets of the outline that all boxes share. The edges of each box are those of the projected
+//! body, with scatter or hidden (`edge.rs`). Sizes have the prior of the vehicle's class. The shared unknowns border
+//! the chain of states (Schur complement).
 
 use nalgebra::{Matrix5, SMatrix, SVector, Vector3, Vector4, Vector5};
 use roadplane_base::{FrameStamp, GroundPose, VehicleClass, upper_median};
@@ -17,46 +19,56 @@ use crate::{
     vehicle::{Node, State, Vehicle, origin},
 };
 
-/// Length, width, height, and how far each edge lies outside the body's own, as a share of the box's shorter side.
+/// Number of shared unknowns: length, width and height (m), and one offset per edge. The offset is the distance outside
+/// the body's own edge, as a share of the box's shorter side.
 const SHARED: usize = 7;
+/// The shared unknowns of one vehicle.
 type Shared = SVector<f64, SHARED>;
+/// Second derivatives by one state (rows) and the shared unknowns (columns).
 type Border = SMatrix<f64, 5, SHARED>;
 
-/// sd of an edge from look to look: px, and as a share of the box's shorter side.
+/// Constant part of an edge's sd from one observation to the next, px.
 const EDGE_SD_PX: f64 = 1.0;
+/// Part of an edge's sd from one observation to the next that is proportional to the box's shorter side, without unit.
 const EDGE_SD_SHARE: f64 = 0.03;
-/// sd of what an edge is off in all looks: bodies are no boxes.
+/// Sd of an edge's offset that all observations share, as a share of the box's shorter side. It is there because bodies
+/// are no boxes.
 const OUTLINE_SD: f64 = 0.04;
-/// Correlation of that between looks from about one place, which so count as fewer (design effect: Kish 1965, "Survey Sampling").
+/// Correlation of the errors of observations from about one position. Correlated observations count as fewer (design
+/// effect: Kish 1965, "Survey Sampling").
 const CORRELATION: f64 = 0.5;
-/// What is hidden of a body is at most so much, in shorter sides of what is seen of it.
+/// Largest hidden part of a body, in shorter sides of the visible part.
 const REACH: f64 = 2.0;
-/// Edges are first taken for so much less sure, so that what is hidden shows before it misleads (Blake and Zisserman 1987).
+/// Factors on the sd of the edges, one per stage. At first edges count as less certain, so that hidden parts show
+/// before they mislead (graduated non-convexity: Blake and Zisserman 1987).
 const EASED: [f64; 3] = [8.0, 3.0, 1.0];
-/// Which way is out at a box's left, top, right, bottom edge.
+/// Sign of the outward direction at a box's left, top, right and bottom edge.
 const OUTWARD: [f64; 4] = [-1.0, -1.0, 1.0, 1.0];
-/// Least size of a body, m.
+/// Least length, width and height of a body, m.
 const LEAST_M: f64 = 1.0;
-/// Steps of derivatives, m and rad.
+/// Step of numerical derivatives, m and rad.
 const STEP: f64 = 1e-3;
+/// Largest number of Levenberg–Marquardt rounds per stage.
 const MAX_ROUNDS: usize = 30;
-/// A descent is through where a step gains less.
+/// Least gain of a step, in units of the cost. A descent ends where a step gains less.
 const LEAST_GAIN: f64 = 1e-4;
 
-/// What a node's boxes say.
+/// The observation of one node: its box, combined from one or more detections.
 pub(crate) struct Look {
+    /// Index and time of the frame.
     stamp: FrameStamp,
-    /// Left, top, right, bottom.
+    /// Left, top, right and bottom edge of the box.
     edges: [Edge; 4],
-    /// Shorter side, px.
+    /// Shorter side of the box, px.
     side_px: f64,
-    /// How many it is.
+    /// Number of detections that the observation combines.
     count: f64,
 }
 
 impl Look {
-    /// Of the sightings of a node: one, or all those of a stand, edge by edge by those that show it. So many looks `together` are from
-    /// about its place.
+    /// Combines the detections of a node: one, or all those of a stationary interval. Each edge is the median over the
+    /// detections that show it. `together` is the number of detections from about this position. Returns `None` without
+    /// a measured detection.
     pub(crate) fn of(
         sightings: &[Sighting],
         together: f64,
@@ -93,7 +105,7 @@ impl Look {
         Some(Self { stamp: stamp(first), edges, side_px, count: looks.len() as f64 })
     }
 
-    /// How far each edge lies inside the body's, in sds.
+    /// Returns the distance by which each edge lies inside the body's edge, in sds that `ease` multiplies.
     fn inside(&self, body_px: &Vector4<f64>, ease: f64) -> Vector4<f64> {
         Vector4::from_fn(|i, _| {
             OUTWARD[i] * (body_px[i] - self.edges[i].seen_px) / (ease * self.edges[i].sd_px)
@@ -101,39 +113,55 @@ impl Look {
     }
 }
 
-/// A vehicle's body as far as it is known beforehand.
+/// The prior of a vehicle's body.
 pub(crate) struct Body {
+    /// Class of the vehicle.
     pub class: VehicleClass,
+    /// Prior of the size.
     pub known: Size,
-    /// Where to start from, m.
+    /// Length, width and height from which the solution starts, m.
     pub start_m: Vector3<f64>,
 }
 
-/// A vehicle's nodes, and what was seen at them.
+/// The least-squares problem of one vehicle.
 pub(crate) struct ByBoxes<'a, S> {
+    /// Nodes of the path, with the poses that were measured there.
     pub nodes: &'a [Node],
+    /// Observation of each node, where boxes place it.
     pub looks: &'a [Option<Look>],
+    /// Prior of the body.
     pub body: &'a Body,
+    /// Scene that projects the body into the picture.
     pub scene: &'a S,
+    /// Settings of the vehicle model.
     pub options: &'a TrackOptions,
 }
 
-/// What came out.
+/// The solution of the least-squares problem.
 pub(crate) struct Solved {
+    /// State of each node.
     pub states: Vec<State>,
+    /// Covariance of each state, all other unknowns being uncertain.
     pub covariances: Vec<Matrix5<f64>>,
+    /// Size of the vehicle.
     pub size: Size,
 }
 
+/// Normal equations of the chain of states and the shared unknowns.
 struct Bordered {
+    /// Blocks of the chain of states.
     blocks: Blocks,
+    /// Coupling of each state with the shared unknowns.
     border: Vec<Border>,
+    /// Block of the shared unknowns.
     shared: SMatrix<f64, SHARED, SHARED>,
+    /// Gradient of the cost by the shared unknowns.
     gradient: Shared,
 }
 
 impl<S: Scene> ByBoxes<'_, S> {
-    /// Levenberg–Marquardt from a way; `None` where boxes and way do not go together.
+    /// Solves by Levenberg–Marquardt, starting from the states of a path. Returns `None` where boxes and path
+    /// contradict each other.
     pub(crate) fn solve(&self, start: Vec<State>) -> Option<Solved> {
         let mut states = start;
         let mut shared = Shared::zeros();
@@ -155,6 +183,7 @@ impl<S: Scene> ByBoxes<'_, S> {
         })
     }
 
+    /// Descends at one factor on the sd of the edges (`ease`). Returns the states and the shared unknowns.
     fn descend(&self, mut states: Vec<State>, mut shared: Shared, ease: f64) -> Option<(Vec<State>, Shared)> {
         let mut cost = self.cost(&states, &shared, ease)?;
         let mut damping = 1e-4;
@@ -183,8 +212,8 @@ impl<S: Scene> ByBoxes<'_, S> {
         Some((states, shared))
     }
 
-    /// Whether most looks show all of the body but what something known is before: what is smaller than a vehicle of its kind in most
-    /// looks is none, but a motorcycle, or a part of something.
+    /// Whether most observations show the whole body, apart from parts behind another vehicle. An object that is mostly
+    /// smaller than a vehicle of its class is a motorcycle, or a part of something.
     fn is_seen(&self, states: &[State], shared: &Shared) -> Option<bool> {
         let (mut seen, mut all) = (0.0, 0.0);
         for (state, look) in states.iter().zip(self.looks) {
@@ -198,11 +227,12 @@ impl<S: Scene> ByBoxes<'_, S> {
         Some(2.0 * seen >= all)
     }
 
+    /// Returns the motion model of the nodes.
     fn vehicle(&self) -> Vehicle<'_> {
         Vehicle { nodes: self.nodes, options: self.options }
     }
 
-    /// Precision of what is known of the shared unknowns beforehand, and about what.
+    /// Returns mean and precision of the prior of the shared unknowns.
     fn prior(&self) -> Option<(Shared, SMatrix<f64, SHARED, SHARED>)> {
         let Size { dims_m, covariance } = &self.body.known;
         let mut about = Shared::zeros();
@@ -212,6 +242,7 @@ impl<S: Scene> ByBoxes<'_, S> {
         Some((about, precision))
     }
 
+    /// Returns the negative log posterior, up to a constant.
     fn cost(&self, states: &[State], shared: &Shared, ease: f64) -> Option<f64> {
         let (about, precision) = self.prior()?;
         let off = shared - about;
@@ -226,7 +257,7 @@ impl<S: Scene> ByBoxes<'_, S> {
         total.is_finite().then_some(total)
     }
 
-    /// The box in which all of the body would be seen.
+    /// Returns the box in which the whole body would be visible (left, top, right, bottom), px.
     fn body_px(&self, look: &Look, pose: &Vector3<f64>, shared: &Shared) -> Option<Vector4<f64>> {
         let pose = GroundPose { x_m: pose.x, y_m: pose.y, heading_rad: pose.z };
         let dims_m = shared.fixed_rows::<3>(0).into_owned();
@@ -234,6 +265,7 @@ impl<S: Scene> ByBoxes<'_, S> {
         Some(Vector4::from_fn(|i, _| body[i] + OUTWARD[i] * shared[3 + i] * look.side_px))
     }
 
+    /// Returns the normal equations about the given states.
     fn system(&self, states: &[State], shared: &Shared, ease: f64) -> Option<Bordered> {
         let (about, precision) = self.prior()?;
         let mut system = Bordered {
@@ -277,7 +309,8 @@ impl<S: Scene> ByBoxes<'_, S> {
 }
 
 impl Bordered {
-    /// What is left of the shared unknowns' information once the chain follows them, and how it does (its states' steps per unit of each).
+    /// Eliminates the states. Returns the reduced information of the shared unknowns. It also returns the step of each
+    /// state per unit of a shared unknown.
     fn reduced(&self, damping: f64) -> Option<(SMatrix<f64, SHARED, SHARED>, Vec<Border>)> {
         let follows = self.blocks.solve(damping, self.border.clone())?;
         let mut left = self.shared + SMatrix::from_diagonal(&self.shared.diagonal()) * damping;
@@ -287,6 +320,7 @@ impl Bordered {
         Some(((left + left.transpose()) / 2.0, follows))
     }
 
+    /// Returns the damped step of the states and of the shared unknowns.
     fn step(&self, damping: f64) -> Option<(Vec<Vector5<f64>>, Shared)> {
         let (left, follows) = self.reduced(damping)?;
         let alone = self.blocks.step(damping)?;
@@ -299,7 +333,7 @@ impl Bordered {
         Some((steps, shared))
     }
 
-    /// Of each state and of what is shared, all others unknown.
+    /// Returns the covariance of each state and of the shared unknowns, all other unknowns being uncertain.
     fn covariances(&self) -> Option<(Vec<Matrix5<f64>>, SMatrix<f64, SHARED, SHARED>)> {
         let (left, follows) = self.reduced(0.0)?;
         let shared = left.cholesky()?.inverse();

@@ -1,21 +1,24 @@
-//! Least squares over a chain of states, each tied to its neighbours only: block-tridiagonal normal equations, linear in the
-//! chain's length.
+//! Solves least squares over a chain of states, each coupled to its neighbours only. The normal equations are
+//! block-tridiagonal, and the time is linear in the chain's length.
 
 use nalgebra::{Matrix5, SMatrix, Vector5};
 
-/// Columns of a right side, rows of one state.
+/// The rows of one state in a right-hand side with this number of columns.
 pub(crate) type Columns<const COLUMNS: usize> = SMatrix<f64, 5, COLUMNS>;
 
-/// `½ δᵀ H δ + gᵀ δ` with H's diagonal and upper blocks.
+/// The quadratic form `½ δᵀ H δ + gᵀ δ`, with the diagonal and upper blocks of H.
 #[derive(Clone, Debug)]
 pub(crate) struct Blocks {
+    /// Diagonal blocks of H, one per state.
     pub diagonal: Vec<Matrix5<f64>>,
-    /// `upper[i]` couples state i (rows) with state i + 1 (columns).
+    /// Upper blocks of H: `upper[i]` couples state i (rows) with state i + 1 (columns).
     pub upper: Vec<Matrix5<f64>>,
+    /// The gradient g, one block per state.
     pub gradient: Vec<Vector5<f64>>,
 }
 
 impl Blocks {
+    /// Creates a form of this many states in which all blocks are zero.
     pub(crate) fn zeros(states: usize) -> Self {
         Self {
             diagonal: vec![Matrix5::zeros(); states],
@@ -24,7 +27,8 @@ impl Blocks {
         }
     }
 
-    /// Pivots `S_0 = D_0, S_i = D_i − U_{i−1}ᵀ S_{i−1}⁻¹ U_{i−1}`, inverted; `None` where H is not positive definite.
+    /// Returns the inverted pivots `S_0 = D_0, S_i = D_i − U_{i−1}ᵀ S_{i−1}⁻¹ U_{i−1}`; `None` where H is not positive
+    /// definite.
     fn inverse_pivots(&self, damping: f64) -> Option<Vec<Matrix5<f64>>> {
         let mut inverses: Vec<Matrix5<f64>> = Vec::with_capacity(self.diagonal.len());
         for (i, block) in self.diagonal.iter().enumerate() {
@@ -37,12 +41,12 @@ impl Blocks {
         Some(inverses)
     }
 
-    /// The step `−H⁻¹ g`, with the diagonal grown by the share `damping`.
+    /// Returns the step `−H⁻¹ g`, with the diagonal enlarged by the share `damping`.
     pub(crate) fn step(&self, damping: f64) -> Option<Vec<Vector5<f64>>> {
         self.solve(damping, self.gradient.iter().map(|g| -g).collect())
     }
 
-    /// `H⁻¹ r` of a right side of so many columns, block by block, with the diagonal grown by the share `damping`.
+    /// Returns `H⁻¹ r` for a right-hand side r, block by block, with the diagonal enlarged by the share `damping`.
     pub(crate) fn solve<const COLUMNS: usize>(
         &self,
         damping: f64,
@@ -60,7 +64,7 @@ impl Blocks {
         right.iter().all(|step| step.iter().all(|x| x.is_finite())).then_some(right)
     }
 
-    /// Diagonal blocks of H⁻¹: each state's covariance given all others.
+    /// Returns the diagonal blocks of H⁻¹: the covariance of each state, all others being uncertain.
     pub(crate) fn covariances(&self) -> Option<Vec<Matrix5<f64>>> {
         let mut covariances = self.inverse_pivots(0.0)?;
         for i in (0..covariances.len().saturating_sub(1)).rev() {

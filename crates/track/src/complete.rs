@@ -1,4 +1,4 @@
-//! From tracklets to tracks, once all frames were seen.
+//! Turns tracklets into tracks, after the last frame.
 
 use std::collections::BTreeSet;
 
@@ -18,26 +18,28 @@ use crate::{
     smooth_boxes::smooth_by_boxes,
 };
 
-/// Acceleration towards the middle of a bend that no driver asks of a car, m/s².
+/// Centripetal acceleration that no driver demands of a car, m/s².
 const MAX_SIDEWAYS: f64 = 7.0;
 
-/// Tracks that weak boxes bring so near to each other, s, may be one: far off their places say too little for more.
+/// Longest gap that is bridged between tracks that weak boxes lengthened, s. Far away, their positions are too
+/// uncertain for longer gaps.
 const LENGTHENED_HIDDEN_S: f64 = 2.0;
 
-/// Rear axle to the middle of a truck or bus, as a share of its length.
+/// Distance from the rear axle to the centre of a truck or bus, as a share of its length.
 const HALF_WHEELBASE: f64 = 0.25;
 
-/// What tracks are held against, beyond what sightings say of themselves.
+/// Knowledge of the scene, beyond the detections. It validates tracks and converts between boxes and poses.
 pub trait Scene {
-    /// From when to when a track is of a vehicle, s; what it has before and after is left out, and all of it where it is of none.
+    /// Returns the existence interval of a track: the times (s) between which it is a vehicle. Detections outside the
+    /// interval are removed. `None` means that the track is no vehicle.
     fn vehicle_s(&self, track: &Track) -> Option<[f64; 2]>;
 
-    /// How large vehicles of a class are, cars those of this shape; `None` where nothing is known of bodies.
+    /// Returns the size of vehicles of a class, with this shape for cars; `None` without a model of bodies.
     fn size(&self, _class: VehicleClass, _shape: &Shape) -> Option<Size> {
         None
     }
 
-    /// The box in which such a vehicle would be seen, px; `None` where it is not before the camera.
+    /// Returns the box in which such a vehicle would be visible, px; `None` where it is not in front of the camera.
     fn body_px(
         &self,
         _stamp: &FrameStamp,
@@ -48,11 +50,11 @@ pub trait Scene {
         None
     }
 
-    /// Where a vehicle would stand if a box of this frame were its own.
+    /// Returns the pose and size that a vehicle would have if a box of this frame were its own.
     fn place(&self, stamp: &FrameStamp, seen: &BoxSighting, vehicle: &ExpectedVehicle) -> Option<Placed>;
 }
 
-/// Nothing is known of the scene: all tracks are taken for vehicles, and boxes for nothing.
+/// A scene without knowledge: every track counts as a vehicle, and boxes give no poses.
 impl Scene for () {
     fn vehicle_s(&self, _: &Track) -> Option<[f64; 2]> {
         Some([f64::NEG_INFINITY, f64::INFINITY])
@@ -66,15 +68,16 @@ impl Scene for () {
 /// The frames that a tracker was given, in the order of time.
 #[derive(Default)]
 pub(crate) struct Frames {
+    /// Index and time of each frame.
     pub stamps: Vec<FrameStamp>,
-    /// From the first frame on: what a clock says at the start of a clip must not change a digit.
+    /// Time of each frame since the first, s. So the clock at the start of a clip cannot change any digit.
     pub times_s: Vec<f64>,
-    /// Which of them were looked at.
+    /// Whether each frame is an inference frame.
     pub looked: Vec<bool>,
 }
 
 impl Frames {
-    /// Number and time of the next one.
+    /// Adds a frame. Returns its index and its time since the first frame, s.
     pub(crate) fn push(&mut self, stamp: FrameStamp, looked: bool) -> (usize, f64) {
         self.stamps.push(stamp);
         let since_first = stamp.pts_nanos.saturating_sub(self.stamps[0].pts_nanos);
@@ -85,8 +88,8 @@ impl Frames {
     }
 }
 
-/// All tracks, by first frame, then by x. Weak boxes come last, once it is known which tracks need none to be believed: they lengthen those,
-/// and begin others, which may be parts of one vehicle.
+/// Returns all tracks, ordered by first frame and then by x. Weak boxes come last, after the tracks without them were
+/// validated. They lengthen these tracks and start others, which may be parts of one vehicle.
 pub(crate) fn complete(
     tracklets: Vec<RawTrack>,
     mut free: BoxesByFrame,
@@ -99,7 +102,7 @@ pub(crate) fn complete(
         let mut options = options.clone();
         if let Some(dims_m) = track.dims_m() {
             let half_wheelbase_m = HALF_WHEELBASE * dims_m.x;
-            // Wheels are turned alike, which bends a long vehicle's way less.
+            // The wheels turn by the same angles, which makes a long vehicle's path less curved.
             let bend = options.half_wheelbase_m / half_wheelbase_m;
             options.curvature_sd *= bend;
             options.curvature_change *= bend;
@@ -152,7 +155,8 @@ pub(crate) fn complete(
     tracks
 }
 
-/// Whether a track was seen in enough of the frames in which it could have been: those that were looked at, and where it was held.
+/// Whether a track was detected in enough frames. The inference frames of its life count, and those in which it was
+/// carried over.
 fn is_seen_enough(track: &RawTrack, least: usize, frames: &Frames, options: &TrackOptions) -> bool {
     let seen = Looks::of(track.observations.iter().map(|o| o.time_s));
     let (mut life, mut next) = (Looks::default(), 0);
@@ -168,7 +172,7 @@ fn is_seen_enough(track: &RawTrack, least: usize, frames: &Frames, options: &Tra
     track.observations.len() >= least && (dense || is_coherent(&track.observations))
 }
 
-/// Tracks that are of vehicles, for as long as they are, with their states.
+/// Validates tracks: keeps those that are vehicles, within their existence intervals. Returns them with their states.
 fn believed(
     tracks: Vec<(RawTrack, Vec<TrackState>)>,
     frames: &Frames,
@@ -186,8 +190,8 @@ fn believed(
     tracks.into_iter().filter_map(of_vehicle).collect()
 }
 
-/// Takes from a track that was lengthened beyond the frames that are sure what no vehicle can drive: weak boxes lie everywhere in a crowd
-/// and lead astray.
+/// Removes the parts of a lengthened track that no vehicle can drive, outside the frames `sure`. Weak boxes are
+/// everywhere in a crowd and may mislead.
 fn keep_drivable(track: &mut RawTrack, sure: [usize; 2], smooth: impl Fn(&RawTrack) -> Vec<TrackState>) {
     while let Some(first) = track.observations.first()
         && let Some([from, to]) = drivable(&smooth(track), first.frame, sure)
@@ -196,7 +200,7 @@ fn keep_drivable(track: &mut RawTrack, sure: [usize; 2], smooth: impl Fn(&RawTra
     }
 }
 
-/// Boxes that tracks have are nobody else's.
+/// Removes the boxes that tracks have already.
 fn leave_out(free: &mut BoxesByFrame, tracks: &[RawTrack]) {
     let seen = tracks.iter().flat_map(|track| &track.observations);
     let owned: BTreeSet<(usize, usize)> = seen.filter_map(|seen| Some((seen.frame, seen.car?))).collect();
@@ -205,8 +209,8 @@ fn leave_out(free: &mut BoxesByFrame, tracks: &[RawTrack]) {
     }
 }
 
-/// If a vehicle cannot go like this beyond the frames that are sure: from which to which frame it can. States begin with `first`, one a
-/// frame.
+/// Returns the frames between which the motion is drivable, if it is not drivable everywhere outside the frames `sure`.
+/// `first` is the frame of the first state, and each frame has one state.
 fn drivable(states: &[TrackState], first: usize, sure: [usize; 2]) -> Option<[usize; 2]> {
     let whole = [first, first + states.len().saturating_sub(1)];
     let mut kept = whole;
@@ -227,6 +231,7 @@ fn drivable(states: &[TrackState], first: usize, sure: [usize; 2]) -> Option<[us
     (kept != whole).then_some(kept)
 }
 
+/// Returns a track with these states. Its number is not set yet.
 fn smoothed(raw: &RawTrack, states: Vec<TrackState>) -> Track {
     Track {
         id: 0,
@@ -238,8 +243,8 @@ fn smoothed(raw: &RawTrack, states: Vec<TrackState>) -> Track {
     }
 }
 
-/// Whether the box is mostly where it was at the sighting before, as of a parked car that is often hidden; false alarms
-/// strung together jump.
+/// Whether the box mostly stays in its position from one detection to the next. That of a parked car does, even if it
+/// is often hidden. Chains of false alarms jump.
 fn is_coherent(sightings: &[Sighting]) -> bool {
     let stays =
         sightings.windows(2).filter(|pair| bbox_iou(&pair[0].bbox_px, &pair[1].bbox_px) > 0.3).count();

@@ -1,4 +1,4 @@
-//! Two tracks of one car become one: two cars cannot share space.
+//! Merges two tracks of one car: two cars cannot share space.
 
 use nalgebra::Vector3;
 
@@ -8,13 +8,14 @@ use crate::{
     raw_track::{RawTrack, in_one_place, same_car},
 };
 
-/// Of the sightings that the weaker track has while the stronger one lives, so many, and this share, must coincide with its own.
+/// Least number of detections of the weaker track that must coincide with the stronger track's.
 const FEWEST_SHARED: usize = 3;
+/// Share of the weaker track's detections during the stronger track's life that must coincide, 0–1.
 const MIN_SHARED: f64 = 0.5;
-/// Sightings of the two tracks that are farther apart in time are not compared, s.
+/// Longest time between two detections that are compared, s.
 const NEAR_S: f64 = 0.5;
 
-/// Keeps the stronger of two tracks of one car, fills its gaps from the weaker, and takes what that saw before and after.
+/// Keeps the stronger of two tracks of one car. The weaker fills its gaps and extends it at both ends.
 pub(crate) fn merge_duplicates(tracks: Vec<RawTrack>) -> Vec<RawTrack> {
     let mut kept: Vec<RawTrack> = Vec::new();
     for track in by_strength(tracks) {
@@ -26,7 +27,8 @@ pub(crate) fn merge_duplicates(tracks: Vec<RawTrack>) -> Vec<RawTrack> {
     kept
 }
 
-/// The same once places are smoothed: what single looks scatter too much to show.
+/// Merges tracks of one car by their smoothed poses, and returns them with their states. Single detections scatter too
+/// much to show that these tracks coincide.
 pub(crate) fn merge_smoothed(
     tracks: Vec<RawTrack>,
     smooth: impl Fn(&RawTrack) -> Vec<TrackState>,
@@ -51,14 +53,15 @@ pub(crate) fn merge_smoothed(
     kept
 }
 
-/// Pose (x, y, heading) in which a track, smoothed, has a sighting's vehicle. States begin with the first sighting, one a frame.
+/// Returns a track's smoothed pose (x, y, heading) at a detection, m and rad. States begin with the first detection,
+/// one per frame.
 fn pose(track: &RawTrack, states: &[TrackState], sighting: &Sighting) -> Option<Vector3<f64>> {
     let first = track.observations.first()?.frame;
     let pose = states.get(sighting.frame.checked_sub(first)?)?.pose;
     Some(Vector3::new(pose.x_m, pose.y_m, pose.heading_rad))
 }
 
-/// Strongest first.
+/// Sorts tracks, the strongest first.
 fn by_strength(mut tracks: Vec<RawTrack>) -> Vec<RawTrack> {
     let strength = |track: &RawTrack| track.observations.iter().map(|o| o.score.max(0.01)).sum::<f64>();
     let first = |track: &RawTrack| track.observations.first().map(|o| (o.frame, o.pose.x, o.pose.y));
@@ -70,20 +73,20 @@ fn by_strength(mut tracks: Vec<RawTrack>) -> Vec<RawTrack> {
     tracks
 }
 
-/// `same` compares a sighting of the stronger track with one of the weaker.
+/// Whether two tracks coincide. `same` compares a detection of the stronger track with one of the weaker.
 fn coincide(strong: &RawTrack, weak: &RawTrack, same: impl Fn(&Sighting, &Sighting) -> bool) -> bool {
     let together: Vec<&Sighting> = weak.observations.iter().filter(|o| lives(strong, o.time_s)).collect();
     let shared = together.iter().filter(|o| at(strong, o).is_some_and(|near| same(near, o))).count();
     shared >= FEWEST_SHARED.min(weak.observations.len()) && shared as f64 > MIN_SHARED * together.len() as f64
 }
 
-/// Whether a time lies between a track's first and last sighting, or near them.
+/// Whether a time (s) lies between a track's first and last detection, or near them.
 fn lives(track: &RawTrack, time_s: f64) -> bool {
     let ends = track.observations.first().zip(track.observations.last());
     ends.is_some_and(|(first, last)| first.time_s - NEAR_S < time_s && time_s < last.time_s + NEAR_S)
 }
 
-/// The sighting nearest in time to another track's.
+/// Returns the detection that is nearest in time to one of another track; `None` if it is too far away in time.
 fn at<'a>(track: &'a RawTrack, other: &Sighting) -> Option<&'a Sighting> {
     let after = track.observations.partition_point(|o| o.frame < other.frame);
     let around = [after.checked_sub(1), Some(after)].into_iter().flatten();
@@ -92,6 +95,7 @@ fn at<'a>(track: &'a RawTrack, other: &Sighting) -> Option<&'a Sighting> {
     near.min_by(|a, b| gap_s(a).total_cmp(&gap_s(b))).filter(|o| gap_s(o) <= NEAR_S)
 }
 
+/// Inserts the detections of the weaker track where the stronger has none.
 fn fill(strong: &mut RawTrack, weak: RawTrack) {
     let ends = strong.observations.first().zip(strong.observations.last()).map(|(a, b)| [a.frame, b.frame]);
     let before_or_after = |o: &Sighting| ends.is_some_and(|[first, last]| o.frame < first || o.frame > last);

@@ -1,39 +1,42 @@
-//! What an edge of a box says of the body in it: it is the body's own, or something hides the body there.
+//! A model of one edge of a box: the edge is the body's own, or something hides the body there.
 //!
-//! Density of the edge, g px inside the body's own (negative: outside), at an sd of σ:
+//! The density of an edge that lies g px inside the body's own edge (negative: outside), with sd σ, is
 //!
 //! ```text
 //! (1 − h) N(g; 0, σ) + h (g < 0 ? exp(−g² / 2 σ²) : 1) / S + w / S
 //! ```
 //!
-//! h: the share of edges at which something is in front; what is hidden may be as much as all of the body, S px. w: boxes of something
-//! else. Solved by reweighting: an edge counts by how likely it is the body's own (EM: Dempster, Laird and Rubin 1977).
+//! Here h is the share of edges at which something is in front. The hidden part may be as large as all of the body, S
+//! px. w is the share of boxes of other objects. The model is solved by reweighting: the weight of an edge is the
+//! probability that it is the body's own (EM: Dempster, Laird and Rubin 1977).
 
 use std::f64::consts::TAU;
 
-/// Edges at which masts, trees and whatever is no vehicle hide something.
+/// Share of edges at which masts, trees and other objects that are no vehicles hide the body.
 const HIDDEN: f64 = 0.05;
-/// The same where another vehicle begins: it may stand behind.
+/// Share of edges at which another vehicle hides the body, among edges where one begins. That vehicle may also be
+/// behind the body.
 const HIDDEN_BY_VEHICLE: f64 = 0.7;
-/// Boxes of something else.
+/// Share of edges that belong to boxes of other objects.
 const WRONG: f64 = 0.01;
 
 /// An edge of a box.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Edge {
-    /// Where it is, px.
+    /// Position of the edge in the picture, px.
     pub seen_px: f64,
+    /// Sd of the edge's position, px.
     pub sd_px: f64,
-    /// How likely the body goes on there.
+    /// Probability that the body continues beyond the edge, 0–1.
     pub hidden: f64,
-    /// S, px.
+    /// Largest hidden part S, px.
     pub reach_px: f64,
-    /// So many looks it counts as.
+    /// Number of independent observations that the edge counts as.
     pub looks: f64,
 }
 
 impl Edge {
-    /// How likely a body goes on beyond an edge.
+    /// Returns the probability that a body continues beyond an edge, 0–1.
     pub(crate) fn hidden(is_cut: bool, by_vehicle: bool) -> f64 {
         match (is_cut, by_vehicle) {
             (true, _) => 1.0,
@@ -42,18 +45,19 @@ impl Edge {
         }
     }
 
-    /// Whether something that is known is before the body there, or the picture ends.
+    /// Whether another vehicle may hide the body there, or the picture ends there.
     pub(crate) fn is_hidden(&self) -> bool {
         self.hidden > HIDDEN
     }
 
-    /// Whether the edge, `inside` the body's own by so many sds, is rather the body's own than not.
+    /// Whether the edge is more probably the body's own than not. `inside` is the distance by which it lies inside the
+    /// body's own edge, in sds.
     pub(crate) fn is_own(&self, inside: f64) -> bool {
         self.cost_and_weight(inside).1 > 0.5 * self.looks
     }
 
-    /// Negative log density at an edge that lies `inside` the body's own by so many sds, up to a constant; and what share of it is of
-    /// terms that pull.
+    /// Returns the negative log density of an edge that lies `inside` the body's own by so many sds, up to a constant.
+    /// The second number is its weight: the share of the density from terms that pull the edges together.
     pub(crate) fn cost_and_weight(&self, inside: f64) -> (f64, f64) {
         let near = (-0.5 * inside * inside).exp();
         let own = (1.0 - self.hidden) / TAU.sqrt() * near;
@@ -69,6 +73,7 @@ impl Edge {
 mod tests {
     use super::*;
 
+    /// Returns an edge at 0 px with an sd of 2 px that is hidden with this probability.
     fn edge(hidden: f64) -> Edge {
         Edge { seen_px: 0.0, sd_px: 2.0, hidden, reach_px: 100.0, looks: 1.0 }
     }

@@ -1,40 +1,46 @@
-//! Where a vehicle that was seen is expected next, on the ground and in the picture, and what a sighting costs that may be of it.
+//! Predicts the position of a vehicle on the ground and in the picture, and computes the cost of a possible detection.
 
 use roadplane_base::{bbox_iou, bbox_part_seen};
 
 use crate::{TrackOptions, box_motion::BoxMotion, filter::Filter, measurement::Sighting};
 
-/// Cost at which a vehicle rather is not seen; pose and overlap make up half of 1 each.
+/// Cost above which it is more probable that the vehicle is not detected. Pose and overlap contribute up to 0.5 each.
 pub(crate) const ALONE: f64 = 0.9;
-/// Time over which its motion in the picture is taken, s.
+/// Time constant of the motion in the picture, s.
 const MOTION_S: f64 = 0.15;
-/// A box is extrapolated for so long, s.
+/// Longest time for which a box is extrapolated, s.
 const BOX_TRUST_S: f64 = 1.0;
-/// A sighting so near to a standing car is of that car, m.
+/// Distance from a stationary car within which a detection is of that car, m.
 const NEVER_NEARER_M: f64 = 1.0;
-/// Least overlap of a standing car's box with that of a sighting.
+/// Least overlap (IoU) of a stationary car's box with the box of a detection.
 const MIN_OVERLAP: f64 = 0.25;
-/// A vehicle that stood may be hidden for so many times as long, until tracks as a whole are looked at.
+/// Factor on the stationary time: a vehicle may be hidden for this many times as long, before tracks are linked as a
+/// whole.
 const STANDS_ON: f64 = 3.0;
-/// How much a look moves the edges of a standing car's box.
+/// Share by which a detection moves an edge of a stationary car's box outwards, 0–1.
 const OUTWARD: f64 = 0.3;
+/// Share by which a detection moves an edge of a stationary car's box inwards, 0–1.
 const INWARD: f64 = 0.1;
-/// A place whose sd is larger says little, m: the boxes must overlap, too.
+/// Sd from which on a position says little, m. The boxes must then overlap by `TOUCHING`.
 const VAGUE_M: f64 = 1.5;
+/// Least overlap (IoU) of boxes where the position is vague.
 const TOUCHING: f64 = 0.05;
-/// Overlap of boxes that makes a pair even where the pose went wrong.
+/// Overlap (IoU) of boxes that makes a pair, even where the pose is wrong.
 pub(crate) const SURE_OVERLAP: f64 = 0.5;
 
-/// A vehicle by what was seen of it, in the order of time.
+/// A prediction of one vehicle from its detections, in the order of time.
 #[derive(Clone, Debug)]
 pub(crate) struct Expected {
+    /// Position, velocity and axis on the ground.
     pub filter: Filter,
+    /// Motion of the box in the picture.
     motion: BoxMotion,
-    /// Box of all of it while it stands, whatever hides a part of it.
+    /// Box of the whole vehicle while it is stationary, px, even where a part is hidden.
     rest_px: [f64; 4],
 }
 
 impl Expected {
+    /// Starts with the first detection of a vehicle.
     pub(crate) fn new(first: &Sighting) -> Self {
         Self {
             filter: Filter::new(&first.pose, &first.covariance, first.time_s),
@@ -43,7 +49,7 @@ impl Expected {
         }
     }
 
-    /// It is seen again.
+    /// Adds a detection. `gate` is the squared distance beyond which its pose counts less.
     pub(crate) fn add(&mut self, sighting: &Sighting, gate: f64) {
         self.filter.update(&sighting.pose, &sighting.covariance, sighting.time_s, gate);
         let (known_px, seen_px, goes_on) = (self.rest_px, sighting.bbox_px, sighting.goes_on());
@@ -60,13 +66,14 @@ impl Expected {
         self.motion.see(seen_px, sighting.time_s);
     }
 
-    /// It is seen again in a box that may be weak, which says where it is and not how large: that is as before, and as far as it is.
+    /// Adds a detection whose box may be weak. Such a box gives a position, but no size. The size stays as before,
+    /// scaled with the distance.
     pub(crate) fn add_box(&mut self, sighting: &Sighting, gate: f64) {
         let distance_m = self.filter.position().norm();
         self.filter.update(&sighting.pose, &sighting.covariance, sighting.time_s, gate);
         let nearer = distance_m / self.filter.position().norm().max(1.0);
         let (last_px, seen_px, goes_on) = (*self.last_px(), sighting.bbox_px, sighting.goes_on());
-        // By the edges that are its own; low and high of one axis.
+        // Computes low and high of one axis from the edges that are the vehicle's own.
         let span = |i: usize| {
             let size = (last_px[i + 2] - last_px[i]) * nearer;
             let (low, high) = (seen_px[i], seen_px[i + 2]);
@@ -84,31 +91,31 @@ impl Expected {
         self.motion.see(bbox_px, sighting.time_s);
     }
 
-    /// It is where it was, in this box.
+    /// Adds a detection that is carried over: the vehicle is in its old position, in this box (px).
     pub(crate) fn hold(&mut self, bbox_px: [f64; 4], time_s: f64) {
         self.filter.hold(time_s);
         self.motion.stand(bbox_px, time_s);
     }
 
-    /// Box in which it was seen last, px.
+    /// Returns the box of the last detection, px.
     pub(crate) fn last_px(&self) -> &[f64; 4] {
         self.motion.last_px()
     }
 
-    /// For how long it was not seen.
+    /// Returns the time since the last detection, s.
     pub(crate) fn unseen_s(&self, time_s: f64) -> f64 {
         self.motion.unseen_s(time_s)
     }
 
-    /// Whether it was not seen for so long that somebody else may be there.
+    /// Whether the vehicle was undetected for so long that another may be there.
     pub(crate) fn is_lost(&self, time_s: f64, options: &TrackOptions) -> bool {
-        // Whoever stood for a while goes on standing for about as long.
+        // A vehicle that was stationary for a while stays stationary for about as long.
         let parked_s = options.max_parked_coast_s.min(STANDS_ON * self.filter.stood_s());
         let coast_s = if self.filter.is_still() { parked_s } else { 0.0 }.max(options.max_coast_s);
         self.unseen_s(time_s) > coast_s
     }
 
-    /// Where the box should be; `None` when it was seen too long ago.
+    /// Returns the expected box, px; `None` if the last detection is too long ago.
     pub(crate) fn box_px(&self, time_s: f64) -> Option<[f64; 4]> {
         if self.filter.is_still() {
             return Some(self.rest_px);
@@ -116,7 +123,7 @@ impl Expected {
         (self.unseen_s(time_s) <= BOX_TRUST_S).then(|| self.motion.at(time_s))
     }
 
-    /// 0 for a perfect match; [`ALONE`] and above for none.
+    /// Returns the cost of a detection: 0 for a perfect match, [`ALONE`] and above for none.
     pub(crate) fn cost(&self, sighting: &Sighting, gate: f64) -> f64 {
         let distance = self.filter.distance(&sighting.pose, &sighting.covariance, sighting.time_s);
         let near = (distance / gate).min(1.0);
@@ -125,21 +132,21 @@ impl Expected {
         };
         let (is_still, plain) = (self.filter.is_still(), bbox_iou(&expected, &sighting.bbox_px));
         let overlap = if is_still {
-            // Of a vehicle that is being hidden less is left to see.
+            // Less of a vehicle is visible while something hides it.
             self.overlap(&sighting.bbox_px, sighting.goes_on(), sighting.time_s)
         } else {
-            // One that drives must not take the half-hidden box of another that it passes.
+            // A driving vehicle must not take the half-hidden box of another that it passes.
             plain
         };
         let away = (sighting.pose.xy() - self.filter.position()).norm();
         let in_place = is_still && away < NEVER_NEARER_M;
         let spread = sighting.covariance.fixed_view::<2, 2>(0, 0).trace().sqrt();
-        // A sliver of something in a standing vehicle's box may be of anything that passes.
+        // A sliver within a stationary vehicle's box may be of any vehicle that passes.
         let is_another = plain < MIN_OVERLAP && away > NEVER_NEARER_M.max(spread);
         if is_still && (overlap < MIN_OVERLAP || is_another) {
             return f64::INFINITY;
         }
-        // What may be anywhere is near to everything.
+        // A detection with a vague position is near to everything.
         let is_near = distance < gate && (spread < VAGUE_M || overlap > TOUCHING);
         if is_near || overlap > SURE_OVERLAP || in_place {
             0.5 * near + 0.5 * (1.0 - overlap)
@@ -148,7 +155,8 @@ impl Expected {
         }
     }
 
-    /// The same of a box that may be no vehicle at all: box and place must both be where they are expected.
+    /// Returns the cost of a box that may be no vehicle at all. Both box and position must be near the expected ones,
+    /// or the cost is infinite.
     pub(crate) fn box_cost(&self, sighting: &Sighting, gate: f64) -> f64 {
         let overlap = self.overlap(&sighting.bbox_px, sighting.goes_on(), sighting.time_s);
         let distance = self.filter.distance(&sighting.pose, &sighting.covariance, sighting.time_s);
@@ -159,7 +167,8 @@ impl Expected {
         }
     }
 
-    /// Overlap of a box with what can be seen of the vehicle where it is expected; the vehicle goes on beyond these of its edges.
+    /// Returns the overlap (IoU) of a box with the visible part of the expected box. `goes_on`: edges beyond which the
+    /// vehicle continues.
     pub(crate) fn overlap(&self, bbox_px: &[f64; 4], goes_on: [bool; 4], time_s: f64) -> f64 {
         let expected = self.box_px(time_s);
         expected.map_or(0.0, |expected| bbox_iou(&bbox_part_seen(&expected, bbox_px, goes_on), bbox_px))
@@ -171,7 +180,8 @@ mod tests {
     use super::*;
     use nalgebra::{Matrix3, Vector3};
 
-    /// A place with its sd, and a box of which something hides top and right.
+    /// Returns a detection at x = 30 m with this sd of its position. Another vehicle hides the top and right edges of
+    /// its box.
     fn sighting(y_m: f64, sd_m: f64, bbox_px: [f64; 4], time_s: f64) -> Sighting {
         Sighting {
             frame: 0,
@@ -198,8 +208,8 @@ mod tests {
         (1..30).for_each(|i| car.add(&sighting(90.0, 0.3, WHOLE, 0.1 * f64::from(i)), GATE));
         let cost =
             |y_m: f64, sd_m: f64, bbox_px: [f64; 4]| car.cost(&sighting(y_m, sd_m, bbox_px, 3.0), GATE);
-        // Half hidden, wherever its keypoints are thought to be; slivers near its place, as well as theirs is known; one of what
-        // passes before it.
+        // These cost little: half of the car, wherever its keypoints seem to be, and slivers near its position, within
+        // their uncertainty. A sliver of another vehicle that passes in front costs much.
         assert!(cost(84.0, 2.0, [100.0, 200.0, 125.0, 230.0]) < ALONE);
         assert!(cost(90.5, 0.5, SLIVER) < ALONE && cost(88.0, 3.0, SLIVER) < ALONE);
         assert!(cost(84.0, 2.0, SLIVER) >= ALONE);

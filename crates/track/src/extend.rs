@@ -1,6 +1,7 @@
-//! Boxes that no track has, most of them weak, go on with tracks: a detector that is not sure of a box is believed where a vehicle
-//! that is known is expected (the second association of Zhang et al. 2022, "ByteTrack"). From a track's last sighting on forwards,
-//! and from its first backwards, for as long as such boxes follow each other. They tell nothing but places.
+//! Extends tracks by boxes that no track has, most of them weak. The detector is trusted with an uncertain box where a
+//! vehicle is expected (the second association of Zhang et al. 2022, "ByteTrack"). The search runs forwards from a
+//! track's last detection and backwards from its first. It ends where no such box follows. These boxes give positions
+//! only.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -14,31 +15,40 @@ use crate::{
     raw_track::RawTrack,
 };
 
-/// A weak box that follows the last one later is not of the same vehicle for that, s, even where it stood: others pass there.
+/// Longest time between successive boxes of an extension, s. A later weak box may be of another vehicle, even at the
+/// same position.
 const MAX_GAP_S: f64 = 3.0;
 
-/// What is slower than this, m/s, is about to stand, or just sets off: it is looked for as long as its box can be told.
+/// Speed below which a vehicle is about to stop, or sets off, m/s. The search for it lasts as long as its box can be
+/// predicted.
 const CREEPS_MPS: f64 = 1.0;
-/// What drives faster than this, m/s, is not in a box that is there for so long before and after, s, but for the time in which it
-/// passes, s; overlap of such boxes.
+/// Speed above which a vehicle takes no box that another object occupies, m/s. Such a box is there before and after the
+/// vehicle passes.
 const DRIVES_MPS: f64 = 3.5;
+/// Time before and after a frame in which boxes of a stationary object are searched for, s.
 const STANDS_S: f64 = 2.0;
+/// Time before and after a frame that the search for a stationary object leaves out, s. The vehicle itself passes then.
 const PASSES_S: f64 = 0.5;
+/// Overlap (IoU) above which two boxes are of the same stationary object.
 const STANDS_OVERLAP: f64 = 0.6;
 
-/// By the frame's number.
+/// Boxes by the index of their frame.
 pub(crate) type BoxesByFrame = BTreeMap<usize, Vec<BoxSighting>>;
 
-/// A track beyond its end.
+/// The extension of one track beyond one of its ends.
 struct Reach {
+    /// Index of the track.
     track: usize,
+    /// Properties of the vehicle.
     vehicle: ExpectedVehicle,
+    /// Prediction of the vehicle, in the direction of the search.
     expected: Expected,
+    /// Detections that were found, in the order of the search.
     found: Vec<Sighting>,
 }
 
-/// Lengthens tracks at both ends, and says which, with the frames of the first and the last sighting that they had. A box goes to one of
-/// them at most.
+/// Extends tracks at both ends, and removes their boxes from `free`. A box goes to one track at most. Returns, for each
+/// extended track, the frames of the first and the last detection that it had before.
 pub(crate) fn extend(
     tracks: &mut [RawTrack],
     free: &mut BoxesByFrame,
@@ -68,7 +78,7 @@ pub(crate) fn extend(
     lengthened
 }
 
-/// All tracks beyond one of their ends.
+/// Searches for the boxes of all tracks beyond their last detection (`forwards`) or before their first.
 fn reach(
     tracks: &[RawTrack],
     forwards: bool,
@@ -77,7 +87,7 @@ fn reach(
     options: &TrackOptions,
     scene: &impl Scene,
 ) -> Vec<Reach> {
-    // Before the first sighting time runs backwards.
+    // Before the first detection, time runs backwards.
     let sign = if forwards { 1.0 } else { -1.0 };
     let mut edges: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
     for (i, track) in tracks.iter().enumerate() {
@@ -114,7 +124,8 @@ fn reach(
     done
 }
 
-/// Gives boxes of a frame to the vehicles that are expected there, and says which; `sign` as time runs.
+/// Assigns the boxes of a frame to the vehicles that are expected there, and returns the indices of these boxes. `sign`
+/// is −1 where time runs backwards, else 1.
 fn find(
     open: &mut [Reach],
     free: &BoxesByFrame,
@@ -130,7 +141,7 @@ fn find(
         reach.vehicle.heading_rad = wrap_angle(reach.expected.filter.axis());
         reach.vehicle.heading_sd_rad = reach.expected.filter.axis_sd();
         for (w, seen) in boxes.iter().enumerate() {
-            // Where the picture says no, nobody needs to know where it would stand.
+            // A box that does not match in the picture needs no position on the ground.
             if reach.expected.overlap(&seen.bbox_px, seen.goes_on(), time_s) > SURE_OVERLAP
                 && let Some(placed) = scene.place(&frames.stamps[frame], seen, &reach.vehicle)
                 && placed.covariance.cholesky().is_some()
@@ -157,7 +168,7 @@ fn find(
     taken
 }
 
-/// Whether there is such a box in this place before and after, too, as of what stands.
+/// Whether there is such a box at this position before and after, too, as there is for a stationary object.
 fn stands(bbox_px: &[f64; 4], frame: usize, free: &BoxesByFrame, frames: &Frames) -> bool {
     let (mut looks, mut found) = (0, 0);
     let from = frames.times_s.partition_point(|t| *t < frames.times_s[frame] - STANDS_S);
@@ -175,7 +186,8 @@ fn stands(bbox_px: &[f64; 4], frame: usize, free: &BoxesByFrame, frames: &Frames
     looks > 0 && 2 * found > looks
 }
 
-/// What is known of a vehicle after all its sightings, the last of them last; with time running backwards the first.
+/// Returns the prediction of a vehicle after all its detections, or `None` without any. With `sign` −1 time runs
+/// backwards, and the first detection comes last.
 fn replayed(sightings: &[Sighting], sign: f64, gate: f64) -> Option<Expected> {
     let mut expected: Option<Expected> = None;
     let mut take = |sighting: &Sighting| {
@@ -194,6 +206,7 @@ fn replayed(sightings: &[Sighting], sign: f64, gate: f64) -> Option<Expected> {
     expected
 }
 
+/// Returns the properties of a track's vehicle. The heading is filled in for each frame.
 fn vehicle(track: &RawTrack) -> ExpectedVehicle {
     ExpectedVehicle {
         class: track.class(),

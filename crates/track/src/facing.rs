@@ -1,41 +1,46 @@
-//! Which end of the axis is the front: what keypoints say, frame by frame, against the way the car drives.
+//! Heading disambiguation: which end of the axis is the front. The keypoints of each frame vote, and so does the
+//! direction of travel.
 
 use nalgebra::{Vector2, Vector3};
 use roadplane_base::angle_difference;
 
 use crate::measurement::Sighting;
 
-/// Log odds that unanimous keypoints give: all frames of one view can be wrong together.
+/// Log odds of unanimous keypoints. They are limited, as all frames of one view can be wrong together.
 const KEYPOINT_ODDS: f64 = 4.0;
-/// Log odds of driving ahead, per metre: some reverse for ten metres, hardly anybody for fifty.
+/// Log odds per metre of driving ahead. Some drivers reverse for ten metres, hardly any for fifty.
 const ODDS_PER_M: f64 = 0.4;
-/// Nobody reverses faster than this, m/s, for so long, s: over shorter times places jitter by as much.
+/// Greatest speed in reverse, m/s. Nobody reverses faster.
 const MAX_REVERSE_MPS: f64 = 4.0;
+/// Time over which the speed of reversing is measured, s. Over shorter times positions jitter by as much.
 const FAST_S: f64 = 0.5;
+/// Log odds of motion that is faster than any reversing.
 const FAST_ODDS: f64 = 6.0;
-/// Way that is told from jitter, m.
+/// Least distance that is clearly motion and not jitter, m.
 const STEP_M: f64 = 1.0;
 
-/// Log odds below which nobody knows which end is the front.
+/// Log odds below which the front is undetermined.
 const KNOWN_ODDS: f64 = 1.0;
 
-/// Which way a track's headings point.
+/// The direction in which a track's headings point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Facing {
-    /// Headings that follow the axis must be turned by π.
+    /// Whether headings that follow the axis must be turned by π.
     pub reversed: bool,
-    /// Something says so, or says that they must not.
+    /// Whether the front is determined.
     pub known: bool,
-    /// Its way shows how it was turned.
+    /// Whether the path shows the axis.
     pub drove: bool,
 }
 
-/// By keypoints and motion. `axes`: one per sighting, continuous. `places`: smoothed.
+/// Determines the front from keypoints and motion. `axes` holds one continuous axis per detection (rad), and `places`
+/// one smoothed pose (x, y, heading).
 pub(crate) fn facing(sightings: &[Sighting], axes: &[f64], places: &[Vector3<f64>]) -> Facing {
     let odds = keypoint_odds(sightings, axes) + motion_odds(sightings, axes, places);
     Facing { reversed: odds < 0.0, known: odds.abs() >= KNOWN_ODDS, drove: false }
 }
 
+/// Returns the log odds of the keypoints: positive where the axes point to the front.
 fn keypoint_odds(sightings: &[Sighting], axes: &[f64]) -> f64 {
     let (mut sum, mut total) = (0.0, 0.0);
     for (sighting, axis) in sightings.iter().zip(axes).filter(|(sighting, _)| !sighting.from_box) {
@@ -46,8 +51,9 @@ fn keypoint_odds(sightings: &[Sighting], axes: &[f64]) -> f64 {
     if total > 0.0 { KEYPOINT_ODDS * sum / total } else { 0.0 }
 }
 
+/// Returns the log odds of the motion: positive where the axes point to the front.
 fn motion_odds(sightings: &[Sighting], axes: &[f64], places: &[Vector3<f64>]) -> f64 {
-    // From a place by keypoints to one by the box is no motion: those count that are more.
+    // A change from a position by keypoints to one by box is no motion. Only the more frequent kind counts.
     let by_box = 2 * sightings.iter().filter(|sighting| sighting.from_box).count() > sightings.len();
     let mut alike = (0..places.len()).filter(|i| sightings[*i].from_box == by_box);
     let Some(mut from) = alike.next() else { return 0.0 };

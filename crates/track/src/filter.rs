@@ -1,50 +1,63 @@
-//! The filter that follows a car while frames come in; the result is smoothed anew afterwards (`smooth.rs`).
+//! The filter that follows a car while frames arrive. The final states are smoothed afterwards (`smooth.rs`).
 //!
-//! Position and velocity: constant velocity with white acceleration. The heading is kept apart and modulo π, so that a
-//! measurement that mistakes front for back neither kills nor turns a track.
+//! Position and velocity follow a constant-velocity model with white acceleration. The heading is estimated separately,
+//! modulo π. A measurement that confuses front and back therefore neither ends nor turns a track.
 
 use nalgebra::{Matrix2, Matrix2x4, Matrix3, Matrix4, Vector2, Vector3, Vector4};
 use roadplane_base::fold_axis;
 
 /// Power of the white acceleration, m²/s³.
 const ACCELERATION_POWER: f64 = 4.0;
-/// sd of a new car's velocity, m/s.
+/// Sd of each velocity component of a new car, m/s.
 const FIRST_SPEED_SD: f64 = 8.0;
-/// sd of the velocity of a car that was seen not to have moved, m/s.
+/// Sd of each velocity component of a car that is carried over, m/s.
 const HELD_SPEED_SD: f64 = 0.5;
-/// Turning of the axis, rad²/s.
+/// Power of the axis' random turning, rad²/s.
 const TURN_POWER: f64 = 0.25;
-/// Wandering of a parked car, m²/s: settling estimates.
+/// Power of the wandering of a parked car, m²/s. It allows for estimates that still settle.
 const STILL_POWER: f64 = 4e-4;
-/// A car that moved no farther than this …
+/// Greatest distance that a stationary car seems to move, m.
 const STILL_M: f64 = 0.5;
-/// … for so long stands still, s.
+/// Time within `STILL_M` after which a car counts as stationary, s.
 const STILL_S: f64 = 1.0;
-/// A car that was not seen for so long may have come from anywhere, s.
+/// Time without a detection after which a stationary car is no longer expected elsewhere, s. A car that is found
+/// elsewhere then may have come from anywhere.
 const UNSEEN_S: f64 = 0.6;
-/// Largest share that a heading has in a squared distance: a wrong axis is no reason to lose a car.
+/// Largest contribution of the heading to a squared distance, without unit. A wrong axis alone must not lose a car.
 const MAX_HEADING_TERM: f64 = 6.0;
 
+/// The filter of one car, after its last detection.
 #[derive(Clone, Debug)]
 pub(crate) struct Filter {
+    /// Position and velocity (x, y, vx, vy) on the ground, m and m/s.
     state: Vector4<f64>,
+    /// Covariance of `state`, m and m/s.
     covariance: Matrix4<f64>,
+    /// Heading modulo π, rad.
     axis: f64,
+    /// Variance of the axis, rad².
     axis_variance: f64,
+    /// Time of the last update, s.
     time_s: f64,
+    /// Position from which the car has not moved noticeably, m.
     anchor: Vector2<f64>,
+    /// Time since which the car has been near `anchor`, s.
     anchor_s: f64,
 }
 
-/// Where the car is expected.
+/// The state that is expected at a later time.
 #[derive(Clone, Debug)]
 struct Prediction {
+    /// Expected position and velocity (x, y, vx, vy), m and m/s.
     state: Vector4<f64>,
+    /// Covariance of `state`, m and m/s.
     covariance: Matrix4<f64>,
+    /// Variance of the expected axis, rad².
     axis_variance: f64,
 }
 
 impl Filter {
+    /// Starts with the first measurement of a car: its pose (x, y, heading) with covariance, and its time in s.
     pub(crate) fn new(pose: &Vector3<f64>, covariance: &Matrix3<f64>, time_s: f64) -> Self {
         let mut p = Matrix4::from_diagonal_element(FIRST_SPEED_SD * FIRST_SPEED_SD);
         p.fixed_view_mut::<2, 2>(0, 0).copy_from(&position_part(covariance));
@@ -61,34 +74,38 @@ impl Filter {
         }
     }
 
+    /// Returns the estimated position (x, y), m.
     pub(crate) fn position(&self) -> Vector2<f64> {
         self.state.xy()
     }
 
-    /// m/s.
+    /// Returns the estimated speed, m/s.
     pub(crate) fn speed(&self) -> f64 {
         self.state[2].hypot(self.state[3])
     }
 
+    /// Returns the estimated heading modulo π, rad.
     pub(crate) fn axis(&self) -> f64 {
         self.axis
     }
 
+    /// Returns the sd of the axis, rad.
     pub(crate) fn axis_sd(&self) -> f64 {
         self.axis_variance.sqrt()
     }
 
+    /// Whether the car is stationary.
     pub(crate) fn is_still(&self) -> bool {
         self.stood_s() >= STILL_S
     }
 
-    /// How long it has been about where it is, s.
+    /// Returns the time for which the car has been stationary, s.
     pub(crate) fn stood_s(&self) -> f64 {
         self.time_s - self.anchor_s
     }
 
-    /// Squared Mahalanobis distance of a measurement, by whichever fits better of standing and driving on. What stood and was
-    /// then not seen for a while did not drive on unseen.
+    /// Returns the squared Mahalanobis distance of a measurement. The better of two motions counts: the car is
+    /// stationary, or it drives on. A stationary car that was undetected for a while did not drive on.
     pub(crate) fn distance(&self, pose: &Vector3<f64>, covariance: &Matrix3<f64>, time_s: f64) -> f64 {
         let to = |prediction: &Prediction| {
             let away = pose.xy() - prediction.state.xy();
@@ -106,7 +123,8 @@ impl Filter {
         }
     }
 
-    /// Takes a measurement. One that lies beyond `gate` (matched by its box) counts less, as its pose must be bad.
+    /// Updates the state with a measurement. One that lies beyond `gate` was matched by its box and counts less, as its
+    /// pose must be bad.
     pub(crate) fn update(&mut self, pose: &Vector3<f64>, covariance: &Matrix3<f64>, time_s: f64, gate: f64) {
         let distance = self.distance(pose, covariance, time_s);
         let widened = (distance / gate).clamp(1.0, 1e6);
@@ -139,7 +157,7 @@ impl Filter {
         }
     }
 
-    /// The car was seen to be where it was, without a new measurement.
+    /// Updates the state with a car that is carried over: its position is unchanged and not measured again.
     pub(crate) fn hold(&mut self, time_s: f64) {
         let Prediction { covariance, .. } = self.standing(time_s);
         self.covariance = Matrix4::zeros();
@@ -149,6 +167,7 @@ impl Filter {
         self.time_s = time_s;
     }
 
+    /// Predicts the state of a car that drives on.
     fn driving(&self, time_s: f64) -> Prediction {
         let dt = (time_s - self.time_s).max(0.0);
         let eye = Matrix2::identity();
@@ -166,6 +185,7 @@ impl Filter {
         }
     }
 
+    /// Predicts the state of a car that is stationary.
     fn standing(&self, time_s: f64) -> Prediction {
         let dt = (time_s - self.time_s).max(0.0);
         let mut covariance = self.covariance;
@@ -175,6 +195,7 @@ impl Filter {
     }
 }
 
+/// Returns the covariance of (x, y) from that of (x, y, heading), m².
 fn position_part(covariance: &Matrix3<f64>) -> Matrix2<f64> {
     covariance.fixed_view::<2, 2>(0, 0).into_owned()
 }

@@ -1,25 +1,32 @@
-//! Cars of single frames, in metres on the ground → smoothed tracks. Pure maths: no I/O, no clock, no random numbers, no
-//! panics; the order of the cars in a frame does not matter.
+//! Turns the cars of single frames, in metres on the ground, into smoothed tracks.
 //!
-//! # How the pieces join
+//! The crate is pure mathematics: it has no I/O, no clock, no random numbers and no panics. The order of the cars in a
+//! frame does not matter.
+//!
+//! # Stages
 //! ```text
-//! FrameMeasurements → Tracker   tracklets: association beyond doubt, frame by frame         (expected.rs, filter.rs, tracker.rs, raw_track.rs)
-//!                   → merge_duplicates      two cars cannot share space                    (duplicates.rs)
-//!                   → link                  all continuations of tracklets, chosen jointly (link.rs)
-//!                   → find_runs             where the car stood, where it drove            (stops.rs)
-//!                   → smooth_track          one pose a stand, a vehicle model between      (way.rs, start.rs, parked.rs, vehicle.rs, chain.rs)
-//!                   → facing                which end is the front                         (facing.rs)
-//!                   → extend                boxes where a vehicle is expected              (extend.rs, expected.rs)
-//!                   → begin                 boxes that drive, or surely stand              (begin.rs)
-//!                   → smooth_by_boxes       where only boxes tell: way and size at once    (smooth_boxes.rs, by_boxes.rs, edge.rs)
-//!                   → Track                                                              (complete.rs)
+//! FrameMeasurements
+//!   → Tracker           tracklets: certain associations only, frame by frame  (expected.rs, filter.rs, tracker.rs,
+//!                                                                              raw_track.rs)
+//!   → merge_duplicates  two cars cannot share space                           (duplicates.rs)
+//!   → link              all continuations of tracklets, chosen jointly        (link.rs)
+//!   → find_runs         stationary intervals and driving intervals            (stops.rs)
+//!   → smooth_track      one pose per stationary interval, else a vehicle      (way.rs, start.rs, parked.rs,
+//!                       model                                                  vehicle.rs, chain.rs)
+//!   → facing            heading disambiguation: which end is the front        (facing.rs)
+//!   → extend            boxes where a vehicle is expected                     (extend.rs, expected.rs)
+//!   → begin             boxes that move, or are certain and stationary        (begin.rs)
+//!   → smooth_by_boxes   path and size together, where only boxes show them    (smooth_boxes.rs, by_boxes.rs, edge.rs)
+//!   → Track                                                                   (complete.rs)
 //! ```
 //!
-//! A car that is held ([`HeldCar`]) is seen where it was: it keeps its track alive and its box, and adds nothing to its pose.
+//! A [`HeldCar`] is a car that is carried over: it is detected at its earlier position. It keeps its track and its box
+//! alive, and adds nothing to its pose.
 //!
 //! # Noise
-//! A measurement's covariance R is split into a white share, which averages out over frames, and a bias, which a parked car
-//! keeps for ever: `R = r R + max(1 − r, β²) R`, r being the scatter that the track really shows (`noise.rs`).
+//! The covariance R of a measurement is split into two parts, `r R + max(1 − r, β²) R` (`noise.rs`). The first part is
+//! white and averages out over frames. The second part is a bias, which never averages out for a parked car. Here r is
+//! the scatter that the track shows relative to R, and β is [`TrackOptions::bias_share`].
 
 mod begin;
 mod box_motion;

@@ -1,19 +1,22 @@
-//! Which tracklet goes on as which: all continuations are chosen together, by what comes before and after.
+//! Links tracklets: all continuations are chosen together, by the data before and after each gap.
 //!
-//! A tracklet (sightings that follow each other beyond doubt, `tracker.rs`) goes on as at most one other and is the
-//! continuation of at most one other: a path cover of least cost, which is data association as a min-cost flow (Zhang, Li and
-//! Nevatia 2008, "Global Data Association for Multi-Object Tracking Using Network Flows") on the ground plane, where a pixel's
-//! uncertainty is what the pose's covariance says (as UCMCTrack, Yi et al. 2024). With costs by pair only, the flow is an
-//! assignment of ends to beginnings, and falls apart into groups that cannot reach each other.
+//! A tracklet holds detections that follow each other without doubt (`tracker.rs`). It has at most one continuation,
+//! and continues at most one other tracklet. This is a path cover of least cost: data association as a min-cost flow
+//! (Zhang, Li and Nevatia 2008, "Global Data Association for Multi-Object Tracking Using Network Flows"). It works on
+//! the ground plane, where the pose's covariance gives the uncertainty (as in UCMCTrack, Yi et al. 2024). Costs belong
+//! to pairs only, so the flow is an assignment of ends to beginnings. The assignment separates into groups that cannot
+//! reach each other.
 //!
-//! A pair gains the log likelihood ratio of "the same vehicle, unseen for a while" against "one left, another appeared":
+//! A pair gains the log likelihood ratio of two hypotheses: "the same vehicle, undetected for a while" against "one
+//! vehicle left and another appeared":
 //!
 //! ```text
-//! log Σ_mode P(mode, Δt) p(place, velocity after | before, mode) − log λ p(velocity) + what class and size say
+//! log Σ_mode P(mode, Δt) p(position, velocity after | before, mode) − log λ p(velocity) + terms of class and size
 //! ```
 //!
-//! with three ways to be unseen: it stood, it drove on, it crept on in a queue. Tracklets that overlap for a moment, as parts of one
-//! vehicle do where something begins to hide it, are such a pair, too: the earlier one then counts up to where the later begins.
+//! An undetected vehicle has three modes: it was stationary, it drove on, or it crept on in a queue. Two tracklets that
+//! overlap for a moment also form a pair. They are parts of one vehicle when an object begins to hide it. The earlier
+//! tracklet then counts up to the beginning of the later one.
 
 use std::{collections::BTreeMap, f64::consts::PI, ops::AddAssign as _};
 
@@ -25,55 +28,68 @@ use crate::{
     raw_track::{RawTrack, VOTES, share_space},
 };
 
-/// Sightings of an end that tell how the vehicle moved there: of so long, s, at most so many.
+/// Duration of the end of a tracklet from which its motion is estimated, s.
 const END_S: f64 = 1.0;
+/// Largest number of detections from which the motion at an end is estimated.
 const END_SIGHTINGS: usize = 12;
-/// Share of a sighting's variance that its neighbours have in common.
+/// Share of a detection's variance that is common to neighbouring detections, 0–1.
 const SHARED: f64 = 0.5;
-/// sd of the velocity of vehicles that drive, and of those that stand, m/s.
+/// Sd of each velocity component of driving vehicles, m/s.
 const DRIVING_SD: f64 = 8.0;
+/// Sd of each velocity component of stationary vehicles, m/s.
 const STANDING_SD: f64 = 0.2;
-/// Share of vehicles that stand where they are first found.
+/// Share of vehicles that are stationary when they are first found, 0–1.
 const STANDING_SHARE: f64 = 0.1;
-/// Wandering of a standing vehicle's estimates, m.
+/// Sd of the wandering of a stationary vehicle's position estimates, m.
 const RESTING_M: f64 = 0.2;
-/// White acceleration of a vehicle that drives unseen, m²/s³.
+/// Power of the white acceleration of a vehicle that drives undetected, m²/s³.
 const ACCELERATION_POWER: f64 = 3.0;
-/// How long a vehicle stays unseen while it stands, drives, creeps (mean of an exponential distribution), s.
+/// Mean time for which a stationary vehicle stays undetected, s (exponential distribution).
 const STANDS_S: f64 = 20.0;
+/// Mean time for which a driving vehicle stays undetected, s (exponential distribution).
 const DRIVES_S: f64 = 1.2;
+/// Mean time for which a creeping vehicle stays undetected, s (exponential distribution).
 const CREEPS_S: f64 = 6.0;
-/// A vehicle that something hides in part may be two tracklets for so long, s.
+/// Longest time for which one half-hidden vehicle may be two tracklets, s.
 const MAX_TOGETHER_S: f64 = 0.5;
-/// Nobody drives, or creeps, unseen for longer, s: whoever is found then may be anybody.
+/// Longest time for which a vehicle drives undetected, s. A vehicle that is found later may be any vehicle.
 const MAX_DRIVES_S: f64 = 4.0;
+/// Longest time for which a vehicle creeps undetected, s. A vehicle that is found later may be any vehicle.
 const MAX_CREEPS_S: f64 = 10.0;
-/// Shares of these three ways.
+/// Prior probabilities of the three modes: stationary, driving, creeping.
 const SHARES: [f64; 3] = [0.4, 0.45, 0.15];
-/// Longest way and greatest speed of creeping, m and m/s; sd of what it leaves the line by, m.
+/// Longest distance of creeping, m.
 const CREEP_M: f64 = 20.0;
+/// Greatest speed of creeping, m/s.
 const CREEP_MPS: f64 = 2.5;
+/// Sd of the distance by which a creeping vehicle leaves its line, m.
 const LINE_M: f64 = 0.6;
-/// Vehicles that appear, per m²: anywhere, and where they may: at the picture's edge, and far off, where boxes are so small, px.
+/// Density of vehicles that appear anywhere, per m².
 const APPEARS: f64 = 2e-5;
+/// Density of vehicles that appear where they can enter, per m²: at the picture's edge, or far away, where boxes are
+/// small.
 const ENTERS: f64 = 5e-4;
-/// The same where the picture cuts the vehicle: they all come and go in the same few places.
+/// Density of vehicles that appear where the picture cuts both tracklets off, per m². All vehicles come and go at the
+/// same few positions.
 const ENTERS_AT_EDGE: f64 = 1e-2;
+/// Longer side of a box below which a vehicle is far enough away to enter or leave, px.
 const SMALL_PX: f64 = 28.0;
-/// How much likelier it is that a vehicle is gone for good where it can leave the picture (log).
+/// Log odds in favour of a vehicle that is gone for good, where it can leave the picture.
 const LEAVES: f64 = 2.0;
-/// A way longer than this, m, shows where it leads; it leaves the vehicle's axis by no more than this, rad, and goes backwards
-/// no farther than this, m.
+/// Length of a displacement above which its direction is clear, m.
 const WAY_M: f64 = 2.5;
+/// Largest angle between a displacement and the vehicle's axis, rad.
 const MAX_OFF_AXIS: f64 = 0.7;
+/// Greatest distance that a vehicle covers backwards, m.
 const MAX_BACKWARDS_M: f64 = 8.0;
-/// sd of the logarithm of a vehicle's size as its box and distance show it, from one view and from others.
+/// Sd of the logarithm of a vehicle's size (box diagonal times distance), seen from one view.
 const SIZE_SD: f64 = 0.15;
+/// Sd of the logarithm of a vehicle's size (box diagonal times distance), seen from different views.
 const TURNED_SIZE_SD: f64 = 0.5;
-/// Votes that a class has beforehand.
+/// Votes that each class has in advance.
 const VOTE: f64 = 0.5;
 
-/// Joins tracklets into tracks.
+/// Joins tracklets into tracks. Gaps of up to `horizon_s` are bridged, s.
 pub(crate) fn link(mut tracklets: Vec<RawTrack>, horizon_s: f64) -> Vec<RawTrack> {
     tracklets.retain(|track| !track.observations.is_empty());
     let starts: Vec<End> = tracklets.iter().map(|track| End::of(track, &track.observations, false)).collect();
@@ -100,7 +116,8 @@ pub(crate) fn link(mut tracklets: Vec<RawTrack>, horizon_s: f64) -> Vec<RawTrack
     chains(tracklets, &next)
 }
 
-/// Where a tracklet was before another began, if for a moment both of them may be parts of one vehicle, and the other goes on.
+/// Returns the end of a tracklet before another began. Both must be possible parts of one vehicle while they overlap,
+/// and the other must last longer. Else returns `None`.
 fn before(track: &RawTrack, later: &RawTrack) -> Option<End> {
     let (first, last) = later.observations.first().zip(later.observations.last())?;
     let (alone, together) =
@@ -114,9 +131,9 @@ fn before(track: &RawTrack, later: &RawTrack) -> Option<End> {
     (goes_on && !alone.is_empty() && !together.iter().any(is_apart)).then(|| End::of(track, alone, true))
 }
 
-/// For each tracklet the one that it goes on as.
+/// Returns, for each tracklet, the one that continues it. `gains` holds (earlier, later, gain).
 fn choose(count: usize, gains: &[(usize, usize, f64)]) -> Vec<Option<usize>> {
-    // Ends are 0 … count, beginnings follow.
+    // Nodes 0 … count − 1 are the ends, and the beginnings follow.
     let mut groups: Vec<usize> = (0..2 * count).collect();
     for &(i, j, _) in gains {
         let (a, b) = (root(&mut groups, i), root(&mut groups, count + j));
@@ -146,6 +163,7 @@ fn choose(count: usize, gains: &[(usize, usize, f64)]) -> Vec<Option<usize>> {
     next
 }
 
+/// Returns the representative of a node's group (union-find), and shortens the path to it.
 fn root(groups: &mut [usize], mut of: usize) -> usize {
     while groups[of] != of {
         groups[of] = groups[groups[of]];
@@ -154,6 +172,7 @@ fn root(groups: &mut [usize], mut of: usize) -> usize {
     of
 }
 
+/// Joins each chain of continuations into one track.
 fn chains(tracklets: Vec<RawTrack>, next: &[Option<usize>]) -> Vec<RawTrack> {
     let mut begins = vec![true; tracklets.len()];
     next.iter().flatten().for_each(|&j| begins[j] = false);
@@ -174,30 +193,36 @@ fn chains(tracklets: Vec<RawTrack>, next: &[Option<usize>]) -> Vec<RawTrack> {
     joined
 }
 
-/// A tracklet where it begins or ends.
+/// The beginning or the end of a tracklet.
 struct End {
+    /// Time of the beginning or end, s.
     time_s: f64,
-    /// Place and velocity, m and m/s, and their covariance.
+    /// Position and velocity (x, y, vx, vy) on the ground, m and m/s.
     state: Vector4<f64>,
+    /// Covariance of `state`, m and m/s.
     covariance: Matrix4<f64>,
+    /// Heading modulo π, rad.
     axis: f64,
+    /// Variance of the axis, rad².
     axis_variance: f64,
-    /// How likely it stands, 0–1.
+    /// Probability that the vehicle is stationary, 0–1.
     stands: f64,
-    /// Density of its velocity among vehicles that stand, and among those that drive, (m/s)⁻².
+    /// Density of its velocity among stationary vehicles, (m/s)⁻².
     standing: f64,
+    /// Density of its velocity among driving vehicles, (m/s)⁻².
     driving: f64,
-    /// It may enter or leave here.
+    /// Whether the vehicle may enter or leave here.
     border: bool,
-    /// The picture cuts it off.
+    /// Whether the picture cuts the vehicle off.
     at_edge: bool,
-    /// Logarithm of its size: diagonal of the box times the distance.
+    /// Logarithm of the vehicle's size: diagonal of the box (px) times the distance (m).
     log_size: f64,
+    /// Votes for each class.
     votes: [f64; VOTES],
 }
 
 impl End {
-    /// Of these of a track's sightings.
+    /// Computes the beginning, or with `last` the end, of these detections of a track.
     fn of(track: &RawTrack, all: &[Sighting], last: bool) -> Self {
         let edge = if last { &all[all.len() - 1] } else { &all[0] };
         let near = |o: &&Sighting| (o.time_s - edge.time_s).abs() <= END_S;
@@ -240,21 +265,24 @@ impl End {
         }
     }
 
+    /// Returns the velocity (vx, vy), m/s.
     fn velocity(&self) -> Vector2<f64> {
         self.state.fixed_rows::<2>(2).into_owned()
     }
 
+    /// Returns the covariance of the position, m².
     fn place_covariance(&self) -> Matrix2<f64> {
         self.covariance.fixed_view::<2, 2>(0, 0).into_owned()
     }
 
+    /// Returns the covariance of the velocity, (m/s)².
     fn velocity_covariance(&self) -> Matrix2<f64> {
         self.covariance.fixed_view::<2, 2>(2, 2).into_owned()
     }
 }
 
-/// Place and velocity at a time by a straight line through sightings, each with what it does not share with its neighbours as
-/// noise.
+/// Estimates position and velocity at a time (s), and their covariance, by a straight line through detections. The
+/// noise of a detection is the part of its variance that its neighbours do not share.
 fn motion(part: &[&Sighting], time_s: f64) -> (Vector4<f64>, Matrix4<f64>) {
     let mut information = Matrix4::zeros();
     information.fixed_view_mut::<2, 2>(2, 2).fill_diagonal((1.5 * DRIVING_SD).powi(-2));
@@ -279,12 +307,13 @@ fn motion(part: &[&Sighting], time_s: f64) -> (Vector4<f64>, Matrix4<f64>) {
     (inverse * weighted, covariance)
 }
 
+/// Returns the density of a 2-D Gaussian with mean 0 at `x`.
 fn density(x: &Vector2<f64>, covariance: &Matrix2<f64>) -> f64 {
     let Some(inverse) = covariance.try_inverse() else { return 0.0 };
     (-0.5 * x.dot(&(inverse * x))).exp() / (2.0 * PI * covariance.determinant().max(1e-300).sqrt())
 }
 
-/// Log likelihood ratio of one vehicle against two.
+/// Returns the log likelihood ratio of one vehicle against two, for a gap in s.
 fn gain(end: &End, start: &End, gap_s: f64) -> f64 {
     let way = (start.state - end.state).fixed_rows::<2>(0).into_owned();
     if !can_drive(end, start, &way, gap_s) {
@@ -314,7 +343,7 @@ fn gain(end: &End, start: &End, gap_s: f64) -> f64 {
     (same.max(1e-300) / new.max(1e-300)).ln() - gone + class_gain(end, start) + size_gain(end, start)
 }
 
-/// Whether a vehicle can come from one to the other at all.
+/// Whether a vehicle can move from one to the other at all, with this displacement (m) in this time (s).
 fn can_drive(end: &End, start: &End, way: &Vector2<f64>, gap_s: f64) -> bool {
     let sd = (end.place_covariance() + start.place_covariance()).trace().sqrt();
     let length = way.norm();
@@ -336,6 +365,7 @@ fn can_drive(end: &End, start: &End, way: &Vector2<f64>, gap_s: f64) -> bool {
     length < MAX_BACKWARDS_M || !(against(&end.velocity()) || against(&start.velocity()))
 }
 
+/// Returns the density of position and velocity after a gap (s) in which the vehicle drove on.
 fn drive_density(end: &End, start: &End, gap_s: f64) -> f64 {
     let mut forward = Matrix4::identity();
     forward.fixed_view_mut::<2, 2>(0, 2).fill_diagonal(gap_s);
@@ -352,13 +382,14 @@ fn drive_density(end: &End, start: &End, gap_s: f64) -> f64 {
     (-0.5 * away.dot(&factor.solve(&away))).exp() / ((2.0 * PI).powi(2) * root.max(1e-300))
 }
 
-/// Stop and go behind something: ahead by any way that creeping covers, along the line that the vehicle points in.
+/// Returns the density of position and velocity after a gap (s) of stop and go behind an object. The vehicle covers any
+/// distance that creeping allows, along the line of its axis.
 fn creep_density(end: &End, start: &End, way: &Vector2<f64>, places: &Matrix2<f64>, gap_s: f64) -> f64 {
     let slow = (-0.5 * (end.velocity().norm() / CREEP_MPS).powi(2)).exp();
     let axis = end.axis + fold_axis(start.axis - end.axis) / 2.0;
     let (sin, cos) = axis.sin_cos();
     let (ahead, aside) = (Vector2::new(cos, sin), Vector2::new(-sin, cos));
-    // The axis may point backwards; ways in which the vehicle moved before or after show which.
+    // The axis may point backwards. The motion before and after shows the true direction.
     let sign = (end.velocity() + start.velocity()).dot(&ahead);
     let along = way.dot(&ahead) * if sign < 0.0 { -1.0 } else { 1.0 };
     let sd = |direction: &Vector2<f64>| direction.dot(&(places * direction)).max(0.0);
@@ -375,17 +406,17 @@ fn creep_density(end: &End, start: &End, way: &Vector2<f64>, places: &Matrix2<f6
     slow * outside * on_line / (reach + 1.0) * after
 }
 
-/// What the votes for classes say: of one kind of vehicle against of any.
+/// Returns the log likelihood ratio of the class votes: one vehicle against any two. It is at most 0.
 fn class_gain(end: &End, start: &End) -> f64 {
     let share = |votes: &[f64; VOTES], c: usize| {
         (votes[c] + VOTE) / (votes.iter().sum::<f64>() + VOTE * VOTES as f64)
     };
     let same: f64 = (0..VOTES).map(|c| share(&end.votes, c) * share(&start.votes, c)).sum();
-    // Most vehicles are of one kind, so that agreeing says little and disagreeing much.
+    // Most vehicles are of one class, so agreement says little and disagreement much.
     (same / 0.6).ln().min(0.0)
 }
 
-/// The same for sizes; views from elsewhere show another.
+/// Returns the log likelihood ratio of the sizes, at most 0. Different views show different sizes.
 fn size_gain(end: &End, start: &End) -> f64 {
     let turned = fold_axis(start.axis - end.axis).abs() > 0.4;
     let sd = if turned || end.border || start.border { TURNED_SIZE_SD } else { SIZE_SD };

@@ -1,18 +1,20 @@
-//! How much looks tell that follow one another.
+//! Counts the observation times that carry new information.
 
-/// Looks nearer than this to the one before tell nothing new, s: what the detector misses or takes for a vehicle, it does again.
+/// Least time between two observations that both count, s. A closer one adds nothing: the detector repeats its misses
+/// and false alarms.
 const APART_S: f64 = 0.075;
 
-/// Counts looks that are far enough apart.
+/// A count of the observation times that are far enough apart to carry new information.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Looks {
-    /// How many there were.
+    /// Number of observation times that count.
     pub count: usize,
+    /// Last observation time that counts, s.
     last_s: Option<f64>,
 }
 
 impl Looks {
-    /// Counts looks at these times (s), in order.
+    /// Counts the observations at these times (s), which must be in order.
     #[must_use]
     pub fn of(times_s: impl IntoIterator<Item = f64>) -> Self {
         let mut looks = Self::default();
@@ -22,7 +24,7 @@ impl Looks {
         looks
     }
 
-    /// The next look, at this time (s); whether it counts.
+    /// Adds the next observation time (s), and returns whether it counts.
     pub fn add(&mut self, time_s: f64) -> bool {
         let counts = self.last_s.is_none_or(|last| time_s - last >= APART_S);
         if counts {

@@ -1,75 +1,78 @@
-//! What goes in and what comes out.
+//! The input and the output of a tracker.
 
 use nalgebra::{Matrix3, Matrix6, Vector3};
 use roadplane_base::{CarRef, FrameStamp, GroundPose, Shape, VehicleClass};
 
-/// Mean score of its sightings below which a track is doubtful.
+/// Mean detector score of its detections, 0–1, below which a track is doubtful.
 pub const SURE_SCORE: f64 = 0.46;
 
-/// What is known of a car's shape: a Gaussian on its coefficients.
+/// An estimate of a car's shape: a Gaussian over its shape coefficients.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ShapeBelief {
-    /// Mean coefficients.
+    /// Mean of the shape coefficients, without unit.
     pub mean: Shape,
-    /// Inverse covariance.
+    /// Inverse covariance of the shape coefficients (6 × 6).
     pub information: Matrix6<f64>,
 }
 
 impl Default for ShapeBelief {
-    /// Of any car: the atlas' N(0, I).
+    /// Returns the estimate for any car: the prior N(0, I) of the atlas.
     fn default() -> Self {
         Self { mean: Shape::zeros(), information: Matrix6::identity() }
     }
 }
 
 impl ShapeBelief {
+    /// Returns all numbers of the estimate.
     fn numbers(&self) -> impl Iterator<Item = &f64> {
         self.mean.iter().chain(self.information.iter())
     }
 }
 
-/// A car fitted in one frame.
+/// A car that was fitted in one frame.
 #[derive(Clone, Debug)]
 pub struct CarMeasurement {
-    /// Where it stands; the heading may be turned by π.
+    /// Pose of the car on the ground. Its heading may be wrong by π.
     pub pose: GroundPose,
     /// Covariance of (x, y, heading), m and rad.
     pub covariance: Matrix3<f64>,
-    /// Box, px.
+    /// Box of the car (left, top, right, bottom), px.
     pub bbox_px: [f64; 4],
-    /// Detector's score, 0–1.
+    /// Detector score, 0–1.
     pub score: f64,
-    /// Kind of vehicle.
+    /// Class of the vehicle.
     pub class: VehicleClass,
-    /// What was known of its shape before the look …
+    /// Estimate of its shape before this frame.
     pub shape_before: ShapeBelief,
-    /// … and after it; the same where the shape is held.
+    /// Estimate of its shape after this frame. It equals `shape_before` where the shape is fixed.
     pub shape: ShapeBelief,
-    /// Position of the car in its frame's list.
+    /// Index of the car in its frame's list.
     pub car: usize,
-    /// The pose is what the box says, not keypoints: it goes on with a track, and only what is no car begins one.
+    /// Whether the pose comes from the box, without keypoints. Such a measurement extends a track. It starts a track
+    /// only if it is not classed as a car.
     pub from_box: bool,
-    /// Left, top, right, bottom: the picture ends there.
+    /// Edges (left, top, right, bottom) at which the picture cuts the vehicle off.
     pub cut: [bool; 4],
-    /// Left, top, right, bottom: another vehicle begins there.
+    /// Edges (left, top, right, bottom) at which another vehicle begins.
     pub hidden: [bool; 4],
-    /// An earlier pass over the frames had it on a track.
+    /// Whether an earlier pass over the frames assigned it to a track.
     pub known: bool,
-    /// Length, width, height and their sds, m, of a vehicle that the shape does not cover.
+    /// Length, width and height (m) and their sds (m), of a vehicle that the shape model does not cover.
     pub dims_m: Option<[Vector3<f64>; 2]>,
 }
 
 impl CarMeasurement {
+    /// Returns the pose as the vector (x, y, heading), m and rad.
     pub(crate) fn pose_vector(&self) -> Vector3<f64> {
         Vector3::new(self.pose.x_m, self.pose.y_m, self.pose.heading_rad)
     }
 
-    /// Called a car, without the keypoints of one: no track begins with it.
+    /// Whether it is classed as a car but has no car's keypoints. No track starts with such a measurement.
     pub(crate) fn lacks_keypoints(&self) -> bool {
         self.from_box && self.class == VehicleClass::Car
     }
 
-    /// Finite, with a covariance and a box that can be.
+    /// Whether all numbers are finite, the box has an area and the covariance is positive definite.
     pub(crate) fn is_usable(&self) -> bool {
         let [x0, y0, x1, y1] = self.bbox_px;
         let numbers = self.pose_vector();
@@ -87,153 +90,164 @@ impl CarMeasurement {
     }
 }
 
-/// A car that has not moved since an earlier look at it: it is seen, and measured no better.
+/// A car that has not moved since an earlier inference frame. It counts as detected, but its pose is not measured
+/// again.
 #[derive(Clone, Copy, Debug)]
 pub struct HeldCar {
-    /// The look, where it had keypoints.
+    /// Frame and index of the earlier measurement, where it had keypoints.
     pub look: Option<CarRef>,
-    /// Box, px.
+    /// Box of the car (left, top, right, bottom), px.
     pub bbox_px: [f64; 4],
-    /// Detector's score, 0–1.
+    /// Detector score, 0–1.
     pub score: f64,
-    /// Position of the car in its frame's list.
+    /// Index of the car in its frame's list.
     pub car: usize,
 }
 
-/// A car that is seen again, and measured no better.
+/// A car that is detected again, without a new measurement of its pose.
 #[derive(Clone, Copy, Debug)]
 pub struct SeenAgain {
-    /// The last look that measured it.
+    /// Frame and index of its last measurement.
     pub look: CarRef,
-    /// Box, px.
+    /// Box of the car (left, top, right, bottom), px.
     pub bbox_px: [f64; 4],
 }
 
-/// A box, however weak. Where a vehicle that is known is expected it may be it, if no track has it.
+/// A box of the detector, at any score. It can be a detection of a vehicle that is expected there, if no track has it.
 #[derive(Clone, Copy, Debug)]
 pub struct BoxSighting {
-    /// Box, px.
+    /// The box (left, top, right, bottom), px.
     pub bbox_px: [f64; 4],
-    /// Detector's score, 0–1.
+    /// Detector score, 0–1.
     pub score: f64,
-    /// What the detector calls it.
+    /// Class that the detector gives the box.
     pub class: VehicleClass,
-    /// Left, top, right, bottom: the picture ends there.
+    /// Edges (left, top, right, bottom) at which the picture cuts the vehicle off.
     pub cut: [bool; 4],
-    /// Left, top, right, bottom: another vehicle begins there.
+    /// Edges (left, top, right, bottom) at which another vehicle begins.
     pub hidden: [bool; 4],
-    /// Position in its frame's list of cars; none of a box that is too weak to say that something is a vehicle.
+    /// Index in its frame's list of cars. `None` for a box whose score is too low to count as a vehicle.
     pub car: Option<usize>,
-    /// Nobody looked: it is where it was.
+    /// Whether the box is carried over: the nets did not run there, and it stays in its position.
     pub held: bool,
 }
 
 impl BoxSighting {
-    /// Whether the detector is sure of it.
+    /// Whether the detector is certain of the box: its score is high enough to count as a vehicle.
     pub(crate) fn is_sure(&self) -> bool {
         self.car.is_some()
     }
 
-    /// Left, top, right, bottom: the box ends there and what it shows does not.
+    /// Returns the edges (left, top, right, bottom) beyond which the vehicle continues.
     pub(crate) fn goes_on(&self) -> [bool; 4] {
         either(self.cut, self.hidden)
     }
 }
 
+/// Returns the edges that are in one set, in the other, or in both.
 fn either(a: [bool; 4], b: [bool; 4]) -> [bool; 4] {
     std::array::from_fn(|i| a[i] || b[i])
 }
 
-/// How large a vehicle is.
+/// The size of a vehicle, as a Gaussian.
 #[derive(Clone, Copy, Debug)]
 pub struct Size {
-    /// Length, width, height, m.
+    /// Length, width and height, m.
     pub dims_m: Vector3<f64>,
-    /// Their covariance.
+    /// Covariance of length, width and height, m².
     pub covariance: Matrix3<f64>,
 }
 
-/// A vehicle on the ground, by its box.
+/// A vehicle that was placed on the ground by its box.
 #[derive(Clone, Copy, Debug)]
 pub struct Placed {
-    /// Where it stands; the heading may be turned by π.
+    /// Pose of the vehicle on the ground. Its heading may be wrong by π.
     pub pose: GroundPose,
     /// Covariance of (x, y, heading), m and rad.
     pub covariance: Matrix3<f64>,
-    /// Length, width, height and their sds, m.
+    /// Length, width and height (m) and their sds (m).
     pub dims_m: [Vector3<f64>; 2],
 }
 
-/// What is known of a vehicle that is expected somewhere.
+/// The properties of a vehicle that is expected in a frame.
 #[derive(Clone, Copy, Debug)]
 pub struct ExpectedVehicle {
-    /// Kind of vehicle.
+    /// Class of the vehicle.
     pub class: VehicleClass,
-    /// Length, width, height, m, of a vehicle that is no car.
+    /// Length, width and height, m, of a vehicle that is no car.
     pub dims_m: Option<Vector3<f64>>,
-    /// Shape coefficients of a car.
+    /// Shape coefficients of a car, without unit.
     pub shape: Shape,
-    /// Its heading, or that turned by π, rad.
+    /// Heading of the vehicle, rad. It may be wrong by π.
     pub heading_rad: f64,
-    /// Its sd, rad; π/2 where nothing is known of it, nor of its size.
+    /// Sd of the heading, rad. π/2 means that neither the heading nor the size has been estimated.
     pub heading_sd_rad: f64,
 }
 
-/// All cars fitted in one frame; a frame without cars is one too.
+/// All cars that were fitted in one frame. A frame without cars counts as a frame, too.
 #[derive(Clone, Debug)]
 pub struct FrameMeasurements {
-    /// Which frame.
+    /// Index and time of the frame.
     pub stamp: FrameStamp,
-    /// Whether anybody looked: otherwise only what is held is known of the frame, and no track misses its car.
+    /// Whether this is an inference frame. In any other frame only the cars that are carried over are given, and no
+    /// track counts a miss.
     pub looked: bool,
-    /// Its cars.
+    /// Cars that were fitted in the frame.
     pub cars: Vec<CarMeasurement>,
-    /// Those that are held.
+    /// Cars that are carried over.
     pub held: Vec<HeldCar>,
-    /// Those that were seen again so soon after a look that nobody measured them: their tracks want no other box.
+    /// Cars that were detected again so soon after an inference frame that nothing measured them. Their tracks accept
+    /// no other box.
     pub seen_again: Vec<SeenAgain>,
-    /// All its boxes, those of too low a score to count among them; none where nothing is known of any vehicle yet.
+    /// All boxes of the frame, those with low scores included. Empty while no vehicle has been estimated yet.
     pub boxes: Vec<BoxSighting>,
 }
 
 impl FrameMeasurements {
-    /// A frame that was looked at, in which nothing is held.
+    /// Creates an inference frame in which no car is carried over.
     #[must_use]
     pub fn seen(stamp: FrameStamp, cars: Vec<CarMeasurement>) -> Self {
         Self { stamp, looked: true, cars, held: Vec::new(), seen_again: Vec::new(), boxes: Vec::new() }
     }
 }
 
-/// A measurement as a track keeps it.
+/// A detection of a track: a measurement as the track stores it.
 #[derive(Clone, Debug)]
 pub(crate) struct Sighting {
-    /// Counts the frames that the tracker was given.
+    /// Index of the frame, among all frames that the tracker was given.
     pub frame: usize,
+    /// Time since the first frame, s.
     pub time_s: f64,
+    /// Pose (x, y, heading) on the ground, m and rad.
     pub pose: Vector3<f64>,
+    /// Covariance of (x, y, heading), m and rad.
     pub covariance: Matrix3<f64>,
+    /// Box of the vehicle (left, top, right, bottom), px.
     pub bbox_px: [f64; 4],
+    /// Detector score, 0–1.
     pub score: f64,
-    /// Position in its frame's list of cars; none of a weak box.
+    /// Index in its frame's list of cars. `None` for a weak box.
     pub car: Option<usize>,
-    /// Pose and covariance are those of an earlier look.
+    /// Whether pose and covariance are carried over from an earlier detection.
     pub held: bool,
-    /// The pose is what the box says: it has an axis, but no front.
+    /// Whether the pose comes from the box: it has an axis, but no front.
     pub from_box: bool,
-    /// Called a car, without the keypoints of one.
+    /// Whether it is classed as a car but has no car's keypoints.
     pub lacks_keypoints: bool,
-    /// Left, top, right, bottom: the picture ends there.
+    /// Edges (left, top, right, bottom) at which the picture cuts the vehicle off.
     pub cut: [bool; 4],
-    /// Left, top, right, bottom: another vehicle begins there.
+    /// Edges (left, top, right, bottom) at which another vehicle begins.
     pub hidden: [bool; 4],
 }
 
 impl Sighting {
-    /// Left, top, right, bottom: the box ends there and the vehicle does not.
+    /// Returns the edges (left, top, right, bottom) beyond which the vehicle continues.
     pub(crate) fn goes_on(&self) -> [bool; 4] {
         either(self.cut, self.hidden)
     }
 
+    /// Creates a detection from a box and the pose at which the box places the vehicle. `time_s` counts from the first
+    /// frame.
     pub(crate) fn by_box(seen: &BoxSighting, placed: &Placed, frame: usize, time_s: f64) -> Self {
         let Placed { pose, covariance, .. } = *placed;
         Self {
@@ -256,43 +270,43 @@ impl Sighting {
 /// One vehicle over time.
 #[derive(Clone, Debug)]
 pub struct Track {
-    /// From 1, by first frame, then by x.
+    /// Number of the track, from 1. Tracks are ordered by first frame, then by x.
     pub id: u64,
-    /// Kind of vehicle, by the scores of all its sightings.
+    /// Class of the vehicle, by the scores of all its detections.
     pub class: VehicleClass,
-    /// Length, width, height, m, of a vehicle that is no car.
+    /// Length, width and height, m, of a vehicle that is no car.
     pub dims_m: Option<Vector3<f64>>,
-    /// Their covariance, where its way and its boxes tell it.
+    /// Covariance of length, width and height, m², where the path and the boxes determine it.
     pub dims_covariance: Option<Matrix3<f64>>,
-    /// A state for every frame from the first to the last in which it was seen.
+    /// One state for every frame from the first detection to the last.
     pub states: Vec<TrackState>,
-    /// Its shape: all views fused, what was known before counted once.
+    /// Shape of the vehicle: all views fused, with the prior counted once.
     pub shape: ShapeBelief,
 }
 
-/// A track at one frame.
+/// The state of a track at one frame.
 #[derive(Clone, Debug)]
 pub struct TrackState {
-    /// Which frame.
+    /// Index and time of the frame.
     pub stamp: FrameStamp,
-    /// Seen in this frame, or filled in.
+    /// Whether the vehicle was detected in this frame. Otherwise the state is filled in.
     pub observed: bool,
-    /// Seen only in that nothing changed there since an earlier look.
+    /// Whether the detection is carried over, as nothing changed there since an earlier inference frame.
     pub held: bool,
-    /// Smoothed pose.
+    /// Smoothed pose on the ground.
     pub pose: GroundPose,
-    /// sd of x, y (m) and heading (rad).
+    /// Sd of x, y (m) and heading (rad).
     pub pose_sd: Vector3<f64>,
-    /// Speed along the heading; negative when reversing.
+    /// Speed along the heading, m/s; negative when the vehicle reverses.
     pub speed_mps: f64,
-    /// sd of the speed.
+    /// Sd of the speed, m/s.
     pub speed_sd_mps: f64,
-    /// Box, px, where observed.
+    /// Box of the vehicle (left, top, right, bottom), px, where it was detected.
     pub bbox_px: Option<[f64; 4]>,
-    /// Detector's score; 0 where not observed.
+    /// Detector score, 0–1; 0 where the vehicle was not detected.
     pub score: f64,
-    /// Position of the car in its frame's list, where observed; none where a weak box showed it.
+    /// Index of the car in its frame's list, where it was detected. `None` where a weak box is the detection.
     pub car: Option<usize>,
-    /// Called a car, without the keypoints of one.
+    /// Whether the detection is classed as a car but has no car's keypoints.
     pub lacks_keypoints: bool,
 }

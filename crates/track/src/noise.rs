@@ -1,23 +1,25 @@
-//! How much of a measurement's covariance shows over time, and how much is bias.
+//! Splits the covariance of measurements into a part that varies over time and a bias.
 
 use nalgebra::Matrix3;
 
-/// The split of R for one track (or one stand).
+/// The split of the covariance R, for one track or one stationary interval.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Noise {
-    /// Scatter over frames against R.
+    /// Scatter over frames relative to R, as a ratio of variances.
     pub ratio: f64,
-    /// Correlation of the scatter from one sighting to the next.
+    /// Correlation of the scatter between successive detections, 0–1.
     pub correlation: f64,
+    /// Least share of the sd that counts as bias, 0–1 ([`crate::TrackOptions::bias_share`]).
     bias_share: f64,
 }
 
-/// Sightings below which scatter says nothing.
+/// Number of detections below which the scatter is not measured.
 const MIN_SIGHTINGS: usize = 8;
 
 impl Noise {
-    /// From squared, whitened residuals (mean 3 · `free` where R is all white) and their products from one sighting to the
-    /// next; `free` is the share of the degrees of freedom that fitting left.
+    /// Measures the split from squared, whitened residuals. Their mean is 3 · `free` if R is all white. `own` is their
+    /// sum, and `lagged` is the sum of the products of successive residuals. `free` is the share of the degrees of
+    /// freedom that fitting left.
     pub(crate) fn measured(squares: &mut [f64], own: f64, lagged: f64, free: f64, bias_share: f64) -> Self {
         let n = squares.len();
         if n < MIN_SIGHTINGS {
@@ -30,18 +32,19 @@ impl Noise {
         Self { ratio, correlation, bias_share }
     }
 
-    /// Factor on R for one sighting in an estimator that takes sightings for independent.
+    /// Returns the factor on R of one detection, for an estimator that assumes independent detections.
     pub(crate) fn white(&self) -> f64 {
         self.ratio * (1.0 + self.correlation) / (1.0 - self.correlation)
     }
 
-    /// Factor on R for the error that all sightings share.
+    /// Returns the factor on R of the error that all detections share.
     pub(crate) fn bias(&self) -> f64 {
         (1.0 - self.ratio).max(self.bias_share * self.bias_share)
     }
 }
 
-/// Covariance of (x, y, heading) where the heading is known otherwise: that of the place given the heading, and none of the heading.
+/// Returns the covariance of (x, y, heading) where the heading is given by other data: the covariance of the position
+/// given the heading, and zero for the heading.
 pub(crate) fn given_heading(covariance: &Matrix3<f64>) -> Matrix3<f64> {
     let by_heading = covariance.column(2);
     let mut rest =

@@ -1,46 +1,48 @@
-//! What a tracker can be told.
+//! The settings of a tracker.
 
 use serde::{Deserialize, Serialize};
 
-/// How cars are taken to move, appear and disappear.
+/// Settings that describe how cars move, appear and disappear.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct TrackOptions {
-    /// Score that a car needs to start a track.
+    /// Least detector score of a car that starts a track, 0–1.
     pub birth_score: f64,
-    /// A new track must be seen in so many …
+    /// Number of detections that confirm a new track, within its first `confirm_frames` inference frames.
     pub confirm_hits: usize,
-    /// … of its first so many frames.
+    /// Number of inference frames within which a new track must be confirmed by `confirm_hits` detections.
     pub confirm_frames: usize,
-    /// Tracks seen in fewer frames are dropped (or in half of the frames of a clip shorter than twice that).
+    /// Least number of detections of a track. If half of the clip's inference frames are fewer, that half is enough.
     pub min_observed: usize,
-    /// Share of the frames of its life in which a track must be seen, unless its box stays where it was.
+    /// Least share of the inference frames of its life in which a track is detected, 0–1. A track whose box stays in
+    /// one position is exempt.
     pub min_duty: f64,
-    /// A driving car that was not seen for so long is only found again by what all tracks make of it together, s.
+    /// Longest time for which a driving car is followed without a detection, s. After a longer gap only the joint
+    /// linking of tracklets (`link.rs`) can find it again.
     pub max_coast_s: f64,
-    /// A parked one, s.
+    /// Longest time for which a parked car is followed without a detection, s.
     pub max_parked_coast_s: f64,
-    /// A car may be hidden for so long, s.
+    /// Longest time for which a car may be hidden, s. Linking bridges no longer gaps.
     pub max_hidden_s: f64,
-    /// Squared Mahalanobis distance (x, y, heading) of a measurement that may still be the track's.
+    /// Squared Mahalanobis distance of (x, y, heading) up to which a measurement may belong to a track, without unit.
     pub gate: f64,
-    /// Least sd of a measured position, m: nobody measures better.
+    /// Least sd of a measured position, m: no measurement is better than this.
     pub min_position_sd_m: f64,
-    /// Least sd of a measured heading, rad.
+    /// Least sd of a measured heading, rad: no measurement is better than this.
     pub min_heading_sd_rad: f64,
-    /// Share of a measurement's sd that is at least taken for bias, which does not average out over frames.
+    /// Least share of a measurement's sd that counts as bias, 0–1. Bias does not average out over frames.
     pub bias_share: f64,
-    /// Motion over about a second that tells a driving car from a parked one, m.
+    /// Least motion over about one second that distinguishes a driving car from a parked one, m.
     pub min_motion_m: f64,
-    /// Change of speed within 1 s (1 sd; grows with the root of time), m/s.
+    /// Sd of the change of speed within 1 s, m/s. It grows with the square root of time.
     pub speed_change: f64,
-    /// Change of the path's curvature within 1 s, 1/m.
+    /// Sd of the change of the path's curvature within 1 s, 1/m. It grows with the square root of time.
     pub curvature_change: f64,
-    /// Typical curvature of a path, 1/m.
+    /// Typical curvature (sd) of a path, 1/m.
     pub curvature_sd: f64,
-    /// Sideways slip within 1 s, m.
+    /// Sd of the sideways slip within 1 s, m. It grows with the square root of time.
     pub slip_m: f64,
-    /// Rear axle to the car's origin, m.
+    /// Distance from the rear axle to the car's origin, m.
     pub half_wheelbase_m: f64,
 }
 

@@ -1,4 +1,4 @@
-//! The one pose of a car that stands: robust, information-weighted mean of its sightings.
+//! Estimates the one pose of a stationary car: a robust, information-weighted mean of its detections.
 
 use nalgebra::{Matrix3, Vector3};
 use roadplane_base::{StudentT, fold_axis, upper_median};
@@ -8,22 +8,24 @@ use crate::{
     noise::{Noise, given_heading},
 };
 
-/// How poses scatter: half-hidden cars give some that are far off.
+/// Distribution of the detected poses. Half-hidden cars give some poses that are far off.
 const SCATTER: StudentT = StudentT { dimensions: 3.0 };
+/// Largest number of rounds of reweighting.
 const ROUNDS: usize = 20;
 
-/// Where a car stood.
+/// The pose of a car in a stationary interval.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Stand {
-    /// x, y, heading (its axis: it may be turned by π).
+    /// Position (m) and heading (rad, modulo π): x, y, heading.
     pub pose: Vector3<f64>,
-    /// Covariance by white noise alone.
+    /// Covariance that white noise alone gives, m and rad.
     pub white: Matrix3<f64>,
-    /// Covariance that all sightings share.
+    /// Covariance of the error that all detections share, m and rad.
     pub bias: Matrix3<f64>,
 }
 
-/// `None` of no sightings. Held ones repeat what a look said, and say nothing themselves.
+/// Estimates the pose of a stationary interval; `None` without detections. Detections that are carried over repeat an
+/// earlier one and count only if there is no other.
 pub(crate) fn stand(all: &[Sighting], bias_share: f64) -> Option<Stand> {
     let looks: Vec<Sighting> = all.iter().filter(|o| !o.held).cloned().collect();
     let sightings = if looks.is_empty() { all.get(..1)? } else { &looks };
@@ -54,7 +56,7 @@ pub(crate) fn stand(all: &[Sighting], bias_share: f64) -> Option<Stand> {
     let independent = (sightings.len() as f64 * noise.ratio / noise.white().max(1e-12)).max(1.0);
     let white = noise.ratio / independent;
     if 2 * sightings.iter().filter(|o| o.from_box).count() > sightings.len() {
-        // How it is turned a box says once, however often it is seen, and the drive that led there may say it better.
+        // A box shows the heading only once, however often it is detected. The drive that led to it may show it better.
         let place = given_heading(&typical);
         return Some(Stand {
             pose,
@@ -65,7 +67,8 @@ pub(crate) fn stand(all: &[Sighting], bias_share: f64) -> Option<Stand> {
     Some(Stand { pose, white: typical * white, bias: typical * noise.bias() })
 }
 
-/// Medians of the position, and the axis that most sightings agree with (mean of doubled angles).
+/// Returns the pose to start from: medians of the position, and the axis on which most detections agree (mean of
+/// doubled angles).
 fn start(sightings: &[Sighting]) -> Option<Vector3<f64>> {
     let median = |axis: usize| {
         upper_median(&mut sightings.iter().map(|o| o.pose[axis]).collect::<Vec<_>>(), f64::total_cmp)
@@ -78,11 +81,13 @@ fn start(sightings: &[Sighting]) -> Option<Vector3<f64>> {
     Some(Vector3::new(median(0)?, median(1)?, sin.atan2(cos) / 2.0))
 }
 
+/// Returns the residual of a detection, m and rad. Its heading is compared modulo π.
 fn residual(sighting: &Sighting, pose: &Vector3<f64>) -> Vector3<f64> {
     let d = sighting.pose - pose;
     Vector3::new(d.x, d.y, fold_axis(d.z))
 }
 
+/// Measures the split between white noise and bias from the residuals around a pose.
 fn noise_around(
     sightings: &[Sighting],
     inverses: &[Matrix3<f64>],

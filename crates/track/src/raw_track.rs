@@ -1,4 +1,4 @@
-//! A track before smoothing, and when two sightings are of one car.
+//! Tracks before smoothing, and the tests whether two detections are of one car.
 
 use std::collections::BTreeMap;
 
@@ -7,60 +7,74 @@ use roadplane_base::{VehicleClass, bbox_covered, bbox_iou};
 
 use crate::{CarMeasurement, measurement::Sighting, shape::ShapeSum};
 
-/// Length and width of the ground that a car takes up, m.
+/// Length and width of the ground that a car covers, m.
 const CAR_M: [f64; 2] = [4.4, 1.8];
-/// Share of it that measurements of two cars have in common at most: of two side by side whose middles seem to be 1 m apart, or of
-/// two in a row that seem to be half in each other. Overlap of boxes from which on a place is one.
+/// Largest share of a car's ground that measurements of two different cars have in common, 0–1. Two cars side by side
+/// reach it when their centres appear 1 m apart. Two cars in a row reach it when they appear to overlap by about half.
 const MAX_SHARED_GROUND: f64 = 1.0 - 1.0 / CAR_M[1];
+/// Overlap (IoU) of boxes above which two positions may be one.
 const LEAST_OVERLAP: f64 = 0.2;
 
 /// A track before smoothing.
 #[derive(Clone, Debug)]
 pub(crate) struct RawTrack {
+    /// Detections, in the order of time.
     pub observations: Vec<Sighting>,
+    /// Evidence on the vehicle's shape.
     pub shape: ShapeSum,
+    /// Sum of the scores for each class.
     votes: BTreeMap<VehicleClass, f64>,
+    /// Evidence on the vehicle's size.
     dims: DimsSum,
 }
 
-/// Classes that are voted for.
+/// Number of classes that receive votes.
 pub(crate) const VOTES: usize = 3;
-/// Share of the votes that makes a car: detectors take cars for trucks more often than trucks for cars.
+/// Share of the votes that makes a vehicle a car, 0–1. Detectors confuse cars with trucks more often than trucks with
+/// cars.
 const CAR_SHARE: f64 = 0.4;
-/// What is lower and shorter is a car, whatever it is called, m.
+/// Height below which a short vehicle is a car in any case, m.
 const MAX_CAR_HEIGHT_M: f64 = 1.8;
+/// Length below which a low vehicle is a car in any case, m.
 const MAX_CAR_LENGTH_M: f64 = 5.5;
-/// The same of what is called a bus, of which no one is so low: from high above cars are taken for buses, m.
+/// Height below which a short vehicle with most votes for a bus is a car, m. No bus is so low, and from high above cars
+/// are classed as buses.
 const MIN_BUS_HEIGHT_M: f64 = 2.2;
-/// What a box that is called a car, but shows no car's keypoints, counts.
+/// Weight of a vote from a box that is classed as a car but has no car's keypoints.
 const UNSURE_VOTE: f64 = 0.5;
 
-/// Sizes that boxes showed, weighted by their precision.
+/// Sizes from boxes, weighted by their precision.
 #[derive(Clone, Copy, Debug, Default)]
 struct DimsSum {
+    /// Sum of the sizes times their precisions, 1/m.
     weighted: Vector3<f64>,
+    /// Sum of the precisions, 1/m².
     precision: Vector3<f64>,
 }
 
 impl DimsSum {
+    /// Sums sizes with their sds, m.
     fn of(all: &[[Vector3<f64>; 2]]) -> Self {
         let mut sum = Self::default();
         all.iter().for_each(|dims| sum.add(dims));
         sum
     }
 
+    /// Adds a size with its sd, m.
     fn add(&mut self, [dims, sd]: &[Vector3<f64>; 2]) {
         let precision = sd.map(|sd| sd.max(0.05).powi(-2));
         self.weighted += dims.component_mul(&precision);
         self.precision += precision;
     }
 
+    /// Returns the weighted mean of the sizes, m; `None` without any.
     fn mean(&self) -> Option<Vector3<f64>> {
         (self.precision.min() > 0.0).then(|| self.weighted.component_div(&self.precision))
     }
 }
 
 impl RawTrack {
+    /// Starts a track with its first measurement.
     pub(crate) fn new(car: &CarMeasurement, observation: Sighting, shape: ShapeSum) -> Self {
         let mut track =
             Self { observations: Vec::new(), shape, votes: BTreeMap::new(), dims: DimsSum::default() };
@@ -68,7 +82,8 @@ impl RawTrack {
         track
     }
 
-    /// A vehicle of which only boxes were seen, called so, of about this size; `None` without any.
+    /// Creates a track of a vehicle that only boxes show, with this class and these sizes (m); `None` without
+    /// detections.
     pub(crate) fn by_boxes(
         observations: Vec<Sighting>,
         class: VehicleClass,
@@ -80,11 +95,12 @@ impl RawTrack {
         Some(Self { observations, shape, votes, dims: DimsSum::of(dims_m) })
     }
 
-    /// Mean of sizes with their sds, m.
+    /// Returns the weighted mean of sizes with their sds, m.
     pub(crate) fn mean_dims_m(dims_m: &[[Vector3<f64>; 2]]) -> Option<Vector3<f64>> {
         DimsSum::of(dims_m).mean()
     }
 
+    /// Adds a measurement to the end of the track.
     pub(crate) fn add(&mut self, car: &CarMeasurement, observation: Sighting) {
         let weight = if car.lacks_keypoints() { UNSURE_VOTE } else { 1.0 };
         *self.votes.entry(car.class).or_default() += car.score * weight;
@@ -94,7 +110,7 @@ impl RawTrack {
         self.observations.push(observation);
     }
 
-    /// Goes on as another.
+    /// Appends a track that continues this one.
     pub(crate) fn append(&mut self, later: Self) {
         self.observations.extend(later.observations);
         self.shape.append(later.shape);
@@ -105,17 +121,18 @@ impl RawTrack {
         self.dims.precision += later.dims.precision;
     }
 
-    /// Scores of the looks that took it for each class.
+    /// Returns the sum of the scores for each class: car, truck, bus.
     pub(crate) fn votes(&self) -> [f64; VOTES] {
         use VehicleClass::{Bus, Car, Truck};
         [Car, Truck, Bus].map(|class| self.votes.get(&class).copied().unwrap_or(0.0))
     }
 
-    /// Size of a vehicle that is no car, m.
+    /// Returns the size of a vehicle that is no car, m.
     pub(crate) fn dims_m(&self) -> Option<Vector3<f64>> {
         if self.class() == VehicleClass::Car { None } else { self.dims.mean() }
     }
 
+    /// Returns the class by votes and size.
     pub(crate) fn class(&self) -> VehicleClass {
         let [car, truck, bus] = self.votes();
         let height_m = if bus > truck { MIN_BUS_HEIGHT_M } else { MAX_CAR_HEIGHT_M };
@@ -132,28 +149,29 @@ impl RawTrack {
     }
 }
 
-/// Two measurements of one car: boxes that overlap much, at about the same place.
+/// Whether two detections are of one car: their boxes overlap much, at about the same position.
 pub(crate) fn same_car(a: &Sighting, b: &Sighting) -> bool {
     let iou = bbox_iou(&a.bbox_px, &b.bbox_px);
     let overlap = iou > 0.5 || bbox_covered(&a.bbox_px, &b.bbox_px) > 0.8;
     in_one_place(&a.pose, &a.bbox_px, &b.pose, &b.bbox_px) || (overlap && share_space(a, b))
 }
 
-/// Whether vehicles in two poses (x, y, heading) would stand on the same ground, and look like it.
+/// Whether vehicles in two poses (x, y, heading) would cover the same ground, and their boxes overlap.
 pub(crate) fn in_one_place(a: &Vector3<f64>, a_px: &[f64; 4], b: &Vector3<f64>, b_px: &[f64; 4]) -> bool {
-    // Which way either of them is turned may be wrong.
+    // The heading of either may be wrong.
     let shared = covered_ground(a, b).min(covered_ground(b, a));
     shared > MAX_SHARED_GROUND && bbox_iou(a_px, b_px) > LEAST_OVERLAP
 }
 
-/// Share of a car's ground that another one would cover that is turned the same way, 0–1.
+/// Returns the share of a car's ground that another car with the same heading would cover, 0–1.
 fn covered_ground(car: &Vector3<f64>, other: &Vector3<f64>) -> f64 {
     let (away, (sin, cos)) = (other.xy() - car.xy(), car.z.sin_cos());
     let [ahead, aside] = [away.x * cos + away.y * sin, away.y * cos - away.x * sin];
     (1.0 - ahead.abs() / CAR_M[0]).max(0.0) * (1.0 - aside.abs() / CAR_M[1]).max(0.0)
 }
 
-/// Whether the two could not stand there side by side: nearer than a car is wide, or not told apart by their covariances.
+/// Whether the two detections cannot be two cars side by side. They are nearer than a car is wide, or their covariances
+/// do not separate them.
 pub(crate) fn share_space(a: &Sighting, b: &Sighting) -> bool {
     let away = a.pose.xy() - b.pose.xy();
     let spread = (a.covariance + b.covariance).fixed_view::<2, 2>(0, 0).into_owned();
@@ -203,7 +221,7 @@ mod tests {
         };
         use VehicleClass::{Bus, Car, Truck};
         assert_eq!([Truck, Bus].map(|called| class(called, [4.6, 1.8, 1.6])), [Car, Car]);
-        // A van with a box, or a car seen from high above.
+        // This is a van, or a car that is seen from high above.
         assert_eq!([Truck, Bus].map(|called| class(called, [5.1, 1.9, 2.0])), [Truck, Car]);
         assert_eq!([Truck, Bus].map(|called| class(called, [6.5, 2.1, 2.6])), [Truck, Bus]);
     }

@@ -1,77 +1,96 @@
-//! One shape per track. Looks from the same place share their bias and count as one view together; views add up, and what
-//! was known before the looks, N(m, Λ⁻¹), is counted once. Each look tells what it adds to what it began from, N(m_i, Λ_i⁻¹):
+//! Estimates one shape per track.
+//!
+//! Observations from the same position share their bias, and together count as one view. Views add up, and the prior
+//! N(m, Λ⁻¹) is counted once. Each observation contributes the information that it adds to its own prior, N(m_i,
+//! Λ_i⁻¹):
 //!
 //! ```text
 //! I = Λ + Σ_views mean(I_i − Λ_i),    I λ = Λ m + Σ_views mean(I_i λ_i − Λ_i m_i)
 //! ```
 //!
-//! Where looks began from different beliefs, as where a first pass knew the car in some of them, the best informed is N(m, Λ⁻¹).
+//! Observations may have different priors, for example if a first pass estimated the car in some of them. Then N(m,
+//! Λ⁻¹) is the prior with the most information.
 
 use nalgebra::{Matrix6, Vector2};
 use roadplane_base::{Shape, fold_axis};
 
 use crate::{CarMeasurement, ShapeBelief};
 
-/// A view ends when the car moved so far, m …
+/// Distance that the car moves before a new view begins, m.
 const VIEW_M: f64 = 2.0;
-/// … or turned so far, rad (10°).
+/// Angle by which the car turns before a new view begins, rad (10°).
 const VIEW_TURN: f64 = 0.175;
 
-/// Running sums of a track's evidence on its shape; memory does not grow with its length.
+/// Running sums of a track's evidence on its shape. Their size does not grow with the track's length.
 #[derive(Clone, Debug)]
 pub(crate) struct ShapeSum {
+    /// The prior with the most information so far.
     before: Option<ShapeBelief>,
+    /// Sum of the views that have ended.
     ended: Canonical,
+    /// The view that is still open.
     view: View,
 }
 
-/// A Gaussian in canonical form: information, and information times mean.
+/// A Gaussian in canonical form: information matrix, and information times mean.
 #[derive(Clone, Copy, Debug)]
 struct Canonical {
+    /// Information matrix (inverse covariance).
     information: Matrix6<f64>,
+    /// Information times mean.
     vector: Shape,
 }
 
 impl Canonical {
+    /// Returns a form without information.
     fn nothing() -> Self {
         Self { information: Matrix6::zeros(), vector: Shape::zeros() }
     }
 
+    /// Converts an estimate to canonical form.
     fn of(belief: &ShapeBelief) -> Self {
         Self { information: belief.information, vector: belief.information * belief.mean }
     }
 
+    /// Adds another form, multiplied by a weight.
     fn add(&mut self, other: &Self, weight: f64) {
         self.information += other.information * weight;
         self.vector += other.vector * weight;
     }
 }
 
+/// Observations from about one position.
 #[derive(Clone, Debug)]
 struct View {
+    /// Position (x, y) of the car where the view begins, m.
     position: Vector2<f64>,
+    /// Axis of the car where the view begins, rad.
     axis: f64,
+    /// Sum of the information that the observations add.
     evidence: Canonical,
+    /// Number of observations.
     looks: f64,
 }
 
 impl View {
+    /// Starts a view at a position (m) with an axis (rad).
     fn new(position: Vector2<f64>, axis: f64) -> Self {
         Self { position, axis, evidence: Canonical::nothing(), looks: 0.0 }
     }
 
-    /// Adds the mean of its looks.
+    /// Adds the mean of the view's observations to a sum.
     fn add_to(&self, sum: &mut Canonical) {
         sum.add(&self.evidence, 1.0 / self.looks.max(1.0));
     }
 }
 
 impl ShapeSum {
+    /// Starts the sums of a track at a position (m) with an axis (rad).
     pub(crate) fn new(position: Vector2<f64>, axis: f64) -> Self {
         Self { before: None, ended: Canonical::nothing(), view: View::new(position, axis) }
     }
 
-    /// Adds a look from where the track's filter says that the car is.
+    /// Adds an observation. `position` (m) and `axis` (rad) are those of the track's filter.
     pub(crate) fn add(&mut self, car: &CarMeasurement, position: Vector2<f64>, axis: f64) {
         self.know(car.shape_before);
         if car.shape == car.shape_before {
@@ -84,14 +103,14 @@ impl ShapeSum {
         }
         let mut evidence = Canonical::of(&car.shape);
         evidence.add(&Canonical::of(&car.shape_before), -1.0);
-        // Less than nothing is no evidence; added up it would blow the shape up instead of holding it.
+        // Negative information is no evidence. Its sum would enlarge the shape instead of stabilising it.
         if (evidence.information + Matrix6::identity() * 1e-6).cholesky().is_some() {
             self.view.evidence.add(&evidence, 1.0);
             self.view.looks += 1.0;
         }
     }
 
-    /// Adds all that another track saw of the same car.
+    /// Adds all observations that another track has of the same car.
     pub(crate) fn append(&mut self, other: Self) {
         if let Some(before) = other.before {
             self.know(before);
@@ -102,6 +121,7 @@ impl ShapeSum {
         self.ended.add(&other.ended, 1.0);
     }
 
+    /// Takes this prior if it has more information than the current one.
     fn know(&mut self, before: ShapeBelief) {
         let is_less = |known: &ShapeBelief| known.information.trace() < before.information.trace();
         if self.before.as_ref().is_none_or(is_less) {
@@ -109,7 +129,8 @@ impl ShapeSum {
         }
     }
 
-    /// All views together; the atlas' mean car where there were no looks, or the sums are no information matrix.
+    /// Returns the shape from all views together. It is the atlas' mean car if there are no observations, or if the sum
+    /// is not positive definite.
     pub(crate) fn fused(&self) -> ShapeBelief {
         let mut sum = Canonical::of(&self.before.unwrap_or_default());
         sum.add(&self.ended, 1.0);
@@ -127,6 +148,7 @@ mod tests {
     use super::*;
     use roadplane_base::{GroundPose, VehicleClass};
 
+    /// Returns a measurement with all shape coefficients equal, and this information in each of them.
     fn look(shape: f64, information: f64) -> CarMeasurement {
         CarMeasurement {
             pose: GroundPose { x_m: 0.0, y_m: 20.0, heading_rad: 0.0 },
@@ -152,7 +174,7 @@ mod tests {
         (0..100).for_each(|_| sum.add(&look(1.5, 4.0), at, 0.0));
         let ShapeBelief { mean: shape, information } = sum.fused();
         assert!((shape - Shape::repeat(1.5)).norm() < 1e-12 && (information[(0, 0)] - 4.0).abs() < 1e-12);
-        // Three metres on: as much evidence again, of (4 · 1.5) / 3 = 2 without the prior.
+        // Three metres on there is as much evidence again: (4 · 1.5) / 3 = 2 without the prior.
         sum.add(&look(1.5, 4.0), at + Vector2::new(3.0, 0.0), 0.0);
         let ShapeBelief { mean: shape, information } = sum.fused();
         assert!((shape[0] - 12.0 / 7.0).abs() < 1e-12 && (information[(0, 0)] - 7.0).abs() < 1e-12);
@@ -179,7 +201,8 @@ mod tests {
 
     #[test]
     fn what_is_known_of_all_cars_is_counted_once() {
-        // A place's cars are larger, N(0.8, 1); from each of ten places as much evidence of 1.6, which one look alone makes 1.2.
+        // The cars of this site are larger, N(0.8, 1). Ten positions give equal evidence of 1.6 each, which one
+        // observation alone reduces to 1.2.
         let before = ShapeBelief { mean: Shape::repeat(0.8), ..ShapeBelief::default() };
         let after = ShapeBelief { mean: Shape::repeat(1.2), information: Matrix6::identity() * 2.0 };
         let look = CarMeasurement { shape_before: before, shape: after, ..look(0.0, 1.0) };
@@ -199,7 +222,7 @@ mod tests {
         (0..90).for_each(|_| others.add(&look(0.5, 2.0), at, 0.0));
         for [mut first, second] in [[some.clone(), others.clone()], [others, some]] {
             first.append(second);
-            // One view of evidence 1 for 1.
+            // One view adds evidence of weight 1 for the value 1.
             assert!((first.fused().mean[0] - (20.0 * 1.5 + 1.0) / 21.0).abs() < 1e-12);
         }
     }

@@ -1,4 +1,4 @@
-//! Sightings of a track → its states.
+//! Turns the detections of a track into its smoothed states.
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -12,7 +12,7 @@ use crate::{
     way::{Place, Way},
 };
 
-/// States for every frame from the first sighting to the last.
+/// Returns one state for every frame from the first detection to the last.
 pub(crate) fn smooth_track(
     sightings: &[Sighting],
     stamps: &[FrameStamp],
@@ -24,7 +24,8 @@ pub(crate) fn smooth_track(
 }
 
 impl Way {
-    /// For every frame. `bias`: what errors of a place its states share, which their covariances leave out.
+    /// Returns one state for every frame. `bias` returns the covariance of the errors that the states of a node share.
+    /// The node's own covariance leaves these errors out.
     pub(crate) fn states(
         &self,
         sightings: &[Sighting],
@@ -49,15 +50,21 @@ impl Way {
     }
 }
 
-/// A node's state as the track shows it.
+/// The state of a node in the form that a track reports.
 struct Smoothed {
+    /// Smoothed pose of the car's origin.
     pose: GroundPose,
+    /// Sd of x, y (m) and heading (rad).
     pose_sd: Vector3<f64>,
+    /// Speed along the heading, m/s.
     speed_mps: f64,
+    /// Sd of the speed, m/s.
     speed_sd_mps: f64,
 }
 
 impl Smoothed {
+    /// Converts a node's state (rear axle) and its covariance. The covariance of the pose is that of the state plus
+    /// `bias`.
     fn new(
         place: &Place,
         state: &State,
@@ -77,6 +84,7 @@ impl Smoothed {
         }
     }
 
+    /// Returns the track's state at a frame, with the detection in that frame, if there is one.
     fn at(&self, stamp: FrameStamp, seen: Option<&Sighting>) -> TrackState {
         TrackState {
             stamp,

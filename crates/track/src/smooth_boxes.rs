@@ -1,4 +1,4 @@
-//! Sightings of a vehicle that boxes place → its states: where it stood and drove follows from the whole way.
+//! Smooths a vehicle that boxes place. Its stationary and driving intervals follow from the path as a whole.
 
 use nalgebra::{Matrix3, Vector3};
 use roadplane_base::{FrameStamp, VehicleClass};
@@ -13,11 +13,12 @@ use crate::{
     way::{Place, Way, per_view, places},
 };
 
-/// Slower than this a vehicle that is placed by its boxes stands, m/s.
+/// Speed below which a vehicle that boxes place counts as stationary, m/s.
 const STANDING_MPS: f64 = 0.3;
 
-/// States of a vehicle that boxes place where keypoints do not, always if it is no car, and its size. `None` where nothing is left to
-/// boxes, or they do not say how it was turned as it did not drive, or do not go together with its way.
+/// Returns the states and the size of a vehicle where boxes, and not keypoints, give its pose. For a vehicle that is no
+/// car they always do. Returns `None` if no pose comes from a box, or if boxes and path contradict each other. Also
+/// returns `None` if the vehicle did not drive and has no keypoints, as then its heading is open.
 pub(crate) fn smooth_by_boxes(
     sightings: &[Sighting],
     stamps: &[FrameStamp],
@@ -66,7 +67,8 @@ pub(crate) fn smooth_by_boxes(
         let way = Way { places, nodes: solved.states, covariances: solved.covariances, ..*before };
         Some((way, solved.size))
     };
-    // First as if it drove wherever it was looked at: what the whole way says of speeds is more than what a second of it does.
+    // First assume that it drove in every measured frame: the whole path determines speeds better than one second of it
+    // does.
     let mut moving: Vec<bool> = sightings.iter().map(|seen| !seen.held).collect();
     close_gaps(&mut moving, sightings, MIN_STAND_S);
     let (drive, size) = solve(&by_poses, &moving, body.start_m)?;

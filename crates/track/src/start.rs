@@ -1,4 +1,4 @@
-//! Where the least squares of a way start from.
+//! Computes the states from which the least-squares solution of a path starts.
 
 use nalgebra::Vector3;
 use roadplane_base::fold_axis;
@@ -12,12 +12,14 @@ use crate::{
     way::Place,
 };
 
-/// Half of the time over which a way is taken for straight, s; longer for what only its box places, as that says less of its axis.
+/// Half of the time over which a path counts as straight, s.
 const WAY_S: f64 = 0.5;
+/// Half of the longest time over which a path counts as straight for a detection that only a box places, s. Such a
+/// detection says less of the axis.
 const BOX_WAY_S: f64 = 2.0;
 
-/// Where to start from: places as seen, a little averaged; the axis by motion where there is some, else by keypoints; the
-/// front by both; and what told it.
+/// Returns the states to start from, and the disambiguated heading. Positions are the detected ones, slightly averaged.
+/// The axis comes from motion where there is some, else from keypoints. The front comes from both.
 pub(crate) fn start(
     sightings: &[Sighting],
     places: &[Place],
@@ -48,8 +50,9 @@ pub(crate) fn start(
     (states, facing)
 }
 
-/// An axis for each sighting, turned by less than π/2 from the one before: the way where there is one, else what was seen. What was
-/// seen by its box only, which says little of it, has that of the way nearest in time.
+/// Returns an axis (rad) for each detection, and whether any motion shows an axis. Each axis differs by less than π/2
+/// from the one before. It is the path's where there is one, else the detected one. A detection by box alone has the
+/// path's axis nearest in time, as a box shows little of the axis.
 fn axes(sightings: &[Sighting], averaged: &[Vector3<f64>], stands: &[Option<Stand>]) -> (Vec<f64>, bool) {
     let ways: Vec<Option<f64>> = (0..sightings.len())
         .map(|i| if stands[i].is_none() { way_at(sightings, averaged, i) } else { None })
@@ -69,7 +72,7 @@ fn axes(sightings: &[Sighting], averaged: &[Vector3<f64>], stands: &[Option<Stan
     (axes, ways.iter().any(Option::is_some))
 }
 
-/// Direction of travel around a sighting where it is clear.
+/// Returns the direction of travel (rad) around a detection, where it is clear.
 fn way_at(sightings: &[Sighting], averaged: &[Vector3<f64>], i: usize) -> Option<f64> {
     let time_s = sightings[i].time_s;
     let sd = sightings[i].covariance.fixed_view::<2, 2>(0, 0).trace().sqrt();
@@ -87,7 +90,8 @@ fn way_at(sightings: &[Sighting], averaged: &[Vector3<f64>], i: usize) -> Option
     None
 }
 
-/// Pose and speed for a node, on the straight line between the sightings around it.
+/// Returns pose (m, rad) and speed (m/s) of a node, on the straight line between the detections around it. `turn` is
+/// added to the heading, rad.
 fn interpolated(
     sightings: &[Sighting],
     centres: &[Vector3<f64>],

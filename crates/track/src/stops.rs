@@ -1,5 +1,6 @@
-//! Where a car stood and where it drove. It drives where, over about a second, both its place on the ground and its box in
-//! the image move by more than their noise: poses jitter, and boxes change when something passes in front, but rarely both.
+//! Divides a track into stationary and driving intervals. A car drives where its position on the ground and its box in
+//! the image both move by more than their noise. The motion is measured over about one second. Poses jitter, and boxes
+//! change when something passes in front, but both rarely happen together.
 
 use std::ops::Range;
 
@@ -8,29 +9,32 @@ use roadplane_base::{bbox_centre, upper_median};
 
 use crate::{TrackOptions, measurement::Sighting};
 
-/// Consecutive sightings of one kind.
+/// Consecutive detections, all driving or all stationary.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Run {
+    /// Indices of the detections.
     pub sightings: Range<usize>,
+    /// Whether the car is stationary.
     pub parked: bool,
 }
 
-/// Half of the time over which motion is looked for, s.
+/// Half of the time over which motion is measured, s.
 const HALF_S: f64 = 0.5;
-/// Where a car is seen rarely it is longer, so that it holds so many sightings: of fewer nothing can be told.
+/// Least number of detections from which motion is measured. Where a car is rarely detected, a longer time is taken, so
+/// that it holds this many.
 const MIN_SIGHTINGS: usize = 5;
-/// Motion of the box, in its diagonals, that goes with the least motion on the ground.
+/// Least motion of the box, in its diagonals. It corresponds to the least motion on the ground.
 const MIN_BOX_MOTION: f64 = 0.02;
-/// Significance, sd.
+/// Least motion that is significant, in sds.
 const SIGNIFICANT: f64 = 3.0;
-/// Shorter interruptions are ignored, s.
+/// Stationary intervals shorter than this are ignored at first, s.
 const BLINK_S: f64 = 0.5;
-/// Shorter stands are ignored, s.
+/// Stationary intervals shorter than this are ignored in the end, s.
 pub(crate) const MIN_STAND_S: f64 = 1.0;
-/// A car has been rolling for this long before its motion shows, s.
+/// Time for which a car has been rolling before its motion shows, s.
 const ONSET_S: f64 = 0.3;
 
-/// Divides a track's sightings, in the order of time. A track in which no motion shows is one stand.
+/// Divides a track's detections, in the order of time. A track without noticeable motion is one stationary interval.
 pub(crate) fn find_runs(sightings: &[Sighting], options: &TrackOptions) -> Vec<Run> {
     let n = sightings.len();
     if n == 0 {
@@ -41,7 +45,7 @@ pub(crate) fn find_runs(sightings: &[Sighting], options: &TrackOptions) -> Vec<R
     close_gaps(&mut moving, sightings, BLINK_S);
     for run in runs(&moving) {
         let part = &sightings[run.sightings.clone()];
-        // What jumps and comes back has not driven.
+        // A position that jumps and comes back is no drive.
         let net = travelled(part, sightings);
         if !run.parked && net < 1.25 * options.min_motion_m {
             moving[run.sightings].fill(false);
@@ -49,7 +53,7 @@ pub(crate) fn find_runs(sightings: &[Sighting], options: &TrackOptions) -> Vec<R
     }
     widen(&mut moving, sightings);
     close_gaps(&mut moving, sightings, MIN_STAND_S);
-    // A stand that creeps as a whole is slow driving.
+    // A stationary interval that creeps as a whole is slow driving.
     for run in runs(&moving).into_iter().filter(|run| run.parked) {
         let part = &sightings[run.sightings.clone()];
         if seconds(part) > 3.0 && moves(part, 1.5 * options.min_motion_m, 2.5 * MIN_BOX_MOTION) {
@@ -59,7 +63,7 @@ pub(crate) fn find_runs(sightings: &[Sighting], options: &TrackOptions) -> Vec<R
     runs(&moving)
 }
 
-/// The sightings within [`HALF_S`] of one, with the nearest in time beyond where these are too few.
+/// Returns the detections within [`HALF_S`] of one. If these are too few, the nearest in time beyond are included.
 fn window(sightings: &[Sighting], middle: usize) -> &[Sighting] {
     let time_s = sightings[middle].time_s;
     let mut from = sightings.partition_point(|o| o.time_s < time_s - HALF_S);
@@ -75,6 +79,7 @@ fn window(sightings: &[Sighting], middle: usize) -> &[Sighting] {
     &sightings[from..to]
 }
 
+/// Returns the time from the first of these detections to the last, s.
 fn seconds(part: &[Sighting]) -> f64 {
     match (part.first(), part.last()) {
         (Some(first), Some(last)) => last.time_s - first.time_s,
@@ -82,7 +87,8 @@ fn seconds(part: &[Sighting]) -> f64 {
     }
 }
 
-/// Whether a straight line through the sightings goes farther than least and than chance, on the ground and in the image.
+/// Whether the detections move farther than the least motion and than noise, on the ground and in the image. Their
+/// motion is that of a straight line through them. `min_m` is in m and `min_box` in diagonals of the box.
 fn moves(part: &[Sighting], min_m: f64, min_box: f64) -> bool {
     let ground: Vec<(f64, Vector2<f64>)> = part.iter().map(|o| (o.time_s, o.pose.xy())).collect();
     if !goes(&ground, min_m) {
@@ -91,7 +97,8 @@ fn moves(part: &[Sighting], min_m: f64, min_box: f64) -> bool {
     let mut diagonals: Vec<f64> =
         part.iter().map(|o| (o.bbox_px[2] - o.bbox_px[0]).hypot(o.bbox_px[3] - o.bbox_px[1])).collect();
     let Some(diagonal) = upper_median(&mut diagonals, f64::total_cmp) else { return false };
-    // Driving along the line of sight a box stays and grows, so corners are looked at, not only the centre.
+    // When a car drives along the line of sight, its box stays and grows. So the corners are compared, and not only the
+    // centre.
     let corner = |x: usize, y: usize| -> Vec<(f64, Vector2<f64>)> {
         part.iter().map(|o| (o.time_s, Vector2::new(o.bbox_px[x], o.bbox_px[y]))).collect()
     };
@@ -100,14 +107,16 @@ fn moves(part: &[Sighting], min_m: f64, min_box: f64) -> bool {
         || (goes(&corner(0, 1), min_box * diagonal) && goes(&corner(2, 3), min_box * diagonal))
 }
 
-/// Line through (time, place), least squares with one round of trimming; is its length significant?
+/// Whether a line through (time, position) is longer than `least` and significant. It is a least-squares fit with one
+/// round of trimming.
 fn goes(points: &[(f64, Vector2<f64>)], least: f64) -> bool {
     let Some((slope, sd, span)) = line(points) else { return false };
     let length = slope.norm() * span;
     length > least && length > SIGNIFICANT * sd * span
 }
 
-/// Slope, its sd (largest direction bound) and the span in time.
+/// Returns the slope of the line, the sd of the slope (in its largest direction) and the duration in s. `None` for
+/// fewer than four points.
 fn line(points: &[(f64, Vector2<f64>)]) -> Option<(Vector2<f64>, f64, f64)> {
     let fit = |points: &[(f64, Vector2<f64>)]| {
         let n = points.len() as f64;
@@ -135,7 +144,8 @@ fn line(points: &[(f64, Vector2<f64>)]) -> Option<(Vector2<f64>, f64, f64)> {
     (spread > 0.0).then(|| (slope, (scatter / spread).sqrt(), span))
 }
 
-/// Distance between where the car was before a run and after it, medians of up to five sightings.
+/// Returns the distance between the car's positions before an interval and after it, m. Each is the median of up to
+/// five detections.
 fn travelled(part: &[Sighting], all: &[Sighting]) -> f64 {
     let middle = |some: &[Sighting]| {
         let axis = |axis: usize| {
@@ -153,7 +163,7 @@ fn travelled(part: &[Sighting], all: &[Sighting]) -> f64 {
     (middle(after) - middle(before)).norm()
 }
 
-/// Sightings that move, and those that do not, in runs.
+/// Groups detections into intervals that move and intervals that do not.
 pub(crate) fn runs(moving: &[bool]) -> Vec<Run> {
     let mut found = Vec::new();
     let mut from = 0;
@@ -164,8 +174,8 @@ pub(crate) fn runs(moving: &[bool]) -> Vec<Run> {
     found
 }
 
-/// Turns stands between drives, or before or after one, into driving where they are shorter than `least_s`: at an end of the track
-/// a moment's stand cannot be told from driving that has hardly been seen.
+/// Turns stationary intervals shorter than `least_s` into driving, if the track drives at all. At an end of the track a
+/// short stop cannot be distinguished from driving that is hardly visible yet.
 pub(crate) fn close_gaps(moving: &mut [bool], sightings: &[Sighting], least_s: f64) {
     let found = runs(moving);
     for run in found.iter().filter(|_| found.len() > 1) {
@@ -175,6 +185,7 @@ pub(crate) fn close_gaps(moving: &mut [bool], sightings: &[Sighting], least_s: f
     }
 }
 
+/// Extends driving intervals at both ends by [`ONSET_S`].
 fn widen(moving: &mut [bool], sightings: &[Sighting]) {
     for run in runs(moving).into_iter().filter(|run| !run.parked) {
         let from_s = sightings[run.sightings.start].time_s - ONSET_S;

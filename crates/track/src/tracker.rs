@@ -1,4 +1,4 @@
-//! Which measurement belongs to which car, frame by frame.
+//! Assigns measurements to cars, frame by frame.
 
 use nalgebra::{Matrix3, Vector3};
 use roadplane_base::{CarRef, assign, bbox_iou};
@@ -13,26 +13,30 @@ use crate::{
     shape::ShapeSum,
 };
 
-/// A track that may go on.
+/// A track that may continue.
 #[derive(Clone, Debug)]
 struct Live {
+    /// Prediction of the vehicle.
     expected: Expected,
+    /// The track so far.
     raw: RawTrack,
-    /// The last look that measured it.
+    /// Frame and index of the last measurement.
     look: CarRef,
-    /// Counts looks, not frames.
+    /// Number of counted inference frames when the track started.
     born: usize,
+    /// Number of counted inference frames without a detection, since the last one.
     missed: usize,
-    /// It was on a track before.
+    /// Whether an earlier pass over the frames had it on a track.
     known: bool,
 }
 
-/// Overlap of a box with that of a car that stands, from which on it is that car's.
+/// Overlap (IoU) with the box of a stationary car above which a box is of that car.
 const SAME_PLACE: f64 = 0.7;
-/// The same for one that may move.
+/// Overlap (IoU) with the box of a car that may move above which a box is of that car.
 const SAME_BOX: f64 = 0.9;
 
 impl Live {
+    /// Starts a track with its first measurement. `looks` is the number of inference frames so far.
     fn new(car: &CarMeasurement, observation: Sighting, look: CarRef, looks: usize) -> Self {
         let expected = Expected::new(&observation);
         let (position, axis) = (expected.filter.position(), expected.filter.axis());
@@ -44,22 +48,23 @@ impl Live {
         Self { expected, raw, look, born: looks, missed: 0, known: car.known }
     }
 
+    /// Returns the last detection.
     fn last(&self) -> Option<&Sighting> {
         self.raw.observations.last()
     }
 
-    /// Whether it was seen often enough not to be a false alarm.
+    /// Whether it was detected often enough not to be a false alarm.
     fn is_confirmed(&self, options: &TrackOptions) -> bool {
         self.known || self.raw.observations.len() >= options.confirm_hits
     }
 
-    /// Whether this is the box of the car, which stands still, or has not moved since it was seen.
+    /// Whether this is the box (px) of the car, which is stationary or has not moved since its last detection.
     fn stands_in(&self, bbox_px: &[f64; 4]) -> bool {
         let least = if self.expected.filter.is_still() { SAME_PLACE } else { SAME_BOX };
         bbox_iou(self.expected.last_px(), bbox_px) > least
     }
 
-    /// The car is where its last look saw it.
+    /// Adds a detection that is carried over: the car is in the position of its last measurement.
     fn hold(&mut self, held: &HeldCar, frame: usize, time_s: f64) {
         let Some(last) = self.last().cloned() else { return };
         let HeldCar { bbox_px, score, car, .. } = *held;
@@ -69,6 +74,7 @@ impl Live {
         self.missed = 0;
     }
 
+    /// Adds a measurement. `gate` is the squared distance beyond which its pose counts less.
     fn add(&mut self, car: &CarMeasurement, observation: Sighting, look: CarRef, gate: f64) {
         self.look = look;
         self.expected.add(&observation, gate);
@@ -81,19 +87,26 @@ impl Live {
     }
 }
 
-/// Follows the cars of a clip.
+/// The tracker of a clip's cars.
 pub struct Tracker {
+    /// Settings of the tracker.
     options: TrackOptions,
+    /// Frames so far.
     frames: Frames,
+    /// Count of the inference frames.
     looks: Looks,
+    /// Tracks that may continue.
     live: Vec<Live>,
+    /// Tracks that have ended.
     ended: Vec<RawTrack>,
+    /// All boxes, by frame.
     boxes: BoxesByFrame,
+    /// Number of unusable measurements.
     rejected: usize,
 }
 
 impl Tracker {
-    /// With these options.
+    /// Creates a tracker with these settings.
     #[must_use]
     pub fn new(options: TrackOptions) -> Self {
         Self {
@@ -107,20 +120,20 @@ impl Tracker {
         }
     }
 
-    /// Measurements that were no numbers or had no covariance.
+    /// Returns the number of measurements that were not finite, had no area or had no valid covariance.
     #[must_use]
     pub fn rejected(&self) -> usize {
         self.rejected
     }
 
-    /// Takes the next frame, in the order of time; frames without cars as well.
+    /// Takes the next frame, in the order of time. Frames without cars must be given, too.
     pub fn push(&mut self, frame: &FrameMeasurements) {
         let (index, time_s) = self.frames.push(frame.stamp, frame.looked);
         let is_look = frame.looked && self.looks.add(time_s);
         let looks = self.looks.count;
         let mut cars: Vec<&CarMeasurement> = frame.cars.iter().filter(|car| car.is_usable()).collect();
         self.rejected += frame.cars.len() - cars.len();
-        // An order of their own, so that the frame's order has no say.
+        // The cars are sorted, so that their order in the frame has no effect.
         cars.sort_by(|a, b| {
             let key = |c: &CarMeasurement| {
                 [c.bbox_px[0], c.bbox_px[1], c.bbox_px[2], c.bbox_px[3], c.pose.x_m, c.pose.y_m]
@@ -137,7 +150,7 @@ impl Tracker {
         let gate = self.options.gate;
         let mut held: Vec<bool> = vec![false; self.live.len()];
         for car in &frame.held {
-            // A look that came to nothing is no track's; the car is still the one that stands there.
+            // A measurement that failed belongs to no track. The car is still the one that is stationary there.
             let by_look = car.look.and_then(|look| self.live.iter().position(|live| live.look == look));
             let by_place = || self.live.iter().position(|live| live.stands_in(&car.bbox_px));
             if let Some(l) = by_look.or_else(by_place).filter(|l| !held[*l]) {
@@ -148,7 +161,7 @@ impl Tracker {
         let again: Vec<Option<&SeenAgain>> = (self.live.iter())
             .map(|live| frame.seen_again.iter().find(|car| car.look == live.look))
             .collect();
-        // Neither takes another's box.
+        // Tracks with a detection of their own take no other box.
         let has_own: Vec<bool> =
             held.iter().zip(&again).map(|(held, again)| *held || again.is_some()).collect();
         let pairs = assign(self.live.len(), cars.len(), ALONE, |l, c| {
@@ -189,7 +202,7 @@ impl Tracker {
         }
     }
 
-    /// All tracks, by first frame, then by x.
+    /// Returns all tracks, ordered by first frame and then by x.
     #[must_use]
     pub fn finish(mut self, scene: &impl Scene) -> Vec<Track> {
         self.ended.extend(self.live.drain(..).map(|live| live.raw));
@@ -197,6 +210,7 @@ impl Tracker {
         complete(ended, boxes, &frames, looks, &options, scene)
     }
 
+    /// Converts a measurement to a detection, and adds the least variances to its covariance.
     fn observation(&self, car: &CarMeasurement, frame: usize, time_s: f64) -> Sighting {
         let floor = Vector3::new(
             self.options.min_position_sd_m,
@@ -220,7 +234,7 @@ impl Tracker {
         }
     }
 
-    /// Ends tracks that were not seen for too long. New ones get little time.
+    /// Ends tracks that were undetected for too long. Unconfirmed tracks get little time.
     fn bury(&mut self, looks: usize, time_s: f64) {
         let options = &self.options;
         let (dead, live) = std::mem::take(&mut self.live).into_iter().partition(|live: &Live| {
@@ -228,11 +242,12 @@ impl Tracker {
                 return looks + 1 - live.born >= options.confirm_frames
                     || live.missed + options.confirm_hits > options.confirm_frames;
             }
-            // Looks may be rare: it may be missed in one of them.
+            // Inference frames may be rare, so a track may miss one of them.
             live.missed > 1 && live.expected.is_lost(time_s, options)
         });
         self.live = live;
-        // What was never confirmed is forgotten, unless the clip itself is that short.
+        // Unconfirmed tracks are dropped. In a clip that is itself too short, they are still live at the end and are
+        // kept.
         let confirmed = Vec::into_iter(dead).filter(|live| live.is_confirmed(options));
         self.ended.extend(confirmed.map(|live| live.raw));
     }

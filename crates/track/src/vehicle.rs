@@ -1,50 +1,61 @@
-//! How a car moves: its rear axle goes where the car points, its heading turns with the path.
+//! The motion model of a car: its rear axle moves where the car points, and its heading turns with the path.
 //!
-//! State (x, y, θ, v, κ): rear axle (m), heading (rad), speed (m/s, negative when reversing), curvature of the path (1/m).
-//! From one node to the next, dt apart, with means θ̄, v̄, κ̄ of both ends:
+//! The state is (x, y, θ, v, κ): rear axle (m), heading (rad), speed (m/s, negative in reverse) and curvature of the
+//! path (1/m). Two successive nodes are dt apart, and θ̄, v̄, κ̄ are the means of both. The residuals of one step are
 //!
 //! ```text
-//! x' − x − v̄ dt cos θ̄ ~ slip,   y' − y − v̄ dt sin θ̄ ~ slip,   θ' − θ − v̄ κ̄ dt ~ 0,   v' − v ~ speed_change,   κ' − κ ~ curvature_change
+//! x' − x − v̄ dt cos θ̄ ~ slip
+//! y' − y − v̄ dt sin θ̄ ~ slip
+//! θ' − θ − v̄ κ̄ dt     ~ TURN
+//! v' − v              ~ speed_change
+//! κ' − κ              ~ curvature_change
 //! ```
 //!
-//! each with variance sd² dt. A car that stands (v = 0) keeps place and heading by the same equations. The car's origin,
-//! which is measured, lies half a wheelbase ahead: `(x, y) + l (cos θ, sin θ)`.
+//! Each residual has the variance sd² dt, with the sd named after the tilde, plus a small floor (`STEP_FLOOR`). A
+//! stationary car (v = 0) keeps its position and heading by the same equations. The measured point is the car's origin,
+//! which lies half a wheelbase l ahead: `(x, y) + l (cos θ, sin θ)`.
 
 use nalgebra::{Matrix3, Matrix3x5, Matrix5, Vector3, Vector5};
 use roadplane_base::{StudentT, fold_axis};
 
 use crate::{TrackOptions, chain::Blocks};
 
+/// The state (x, y, θ, v, κ) of a node: m, m, rad, m/s, 1/m.
 pub(crate) type State = Vector5<f64>;
 
-/// How measurements scatter.
+/// Distribution of a measurement's residuals.
 const SCATTER: StudentT = StudentT { dimensions: 3.0 };
-/// Least sd of a step, in the state's units: a straight drive is not exactly straight.
+/// Least sd of a step, in the units of the state. A straight drive is not exactly straight.
 const STEP_FLOOR: [f64; 5] = [1e-3, 1e-3, 1e-4, 1e-3, 1e-4];
-/// Turning that the path does not explain, rad within 1 s.
+/// Sd of the turning that the path does not explain, rad within 1 s.
 const TURN: f64 = 0.02;
-/// Speed of a standing car, m/s.
+/// Sd of a stationary car's speed, m/s.
 const STANDING: f64 = 1e-3;
-/// Weight of the curvature's prior in one node: neighbouring nodes share it.
+/// Weight of the curvature's prior at one node, without unit. Neighbouring nodes share one prior.
 const BEND_WEIGHT: f64 = 0.05;
+/// Largest number of Levenberg–Marquardt rounds.
 const MAX_ROUNDS: usize = 40;
 
-/// A time at which the state is asked for.
+/// A point of the path at which the state is estimated.
 #[derive(Clone, Debug)]
 pub(crate) struct Node {
-    /// When it begins and ends; a stand lasts.
+    /// Begin and end of the node, s. They differ for a stationary interval.
     pub span_s: [f64; 2],
-    /// Origin and heading (modulo π) with the inverse of their covariance.
+    /// Measured origin (m) and heading (rad, modulo π), with the inverse of their covariance.
     pub measured: Option<(Vector3<f64>, Matrix3<f64>)>,
+    /// Whether the car is stationary.
     pub parked: bool,
 }
 
+/// The least-squares problem of one path.
 pub(crate) struct Vehicle<'a> {
+    /// Nodes, in the order of time.
     pub nodes: &'a [Node],
+    /// Settings of the motion model.
     pub options: &'a TrackOptions,
 }
 
-/// Origin and heading of a state, with the Jacobian (3 × 5).
+/// Returns origin (m) and heading (rad) of a state, with their Jacobian by the state (3 × 5).
 pub(crate) fn origin(state: &State, half_wheelbase_m: f64) -> (Vector3<f64>, Matrix3x5<f64>) {
     let (sin, cos) = state[2].sin_cos();
     let l = half_wheelbase_m;
@@ -69,21 +80,22 @@ pub(crate) fn origin(state: &State, half_wheelbase_m: f64) -> (Vector3<f64>, Mat
     (pose, jacobian)
 }
 
-/// The state whose origin is there.
+/// Returns the state whose origin (m) and heading (rad) are these. Its curvature is 0.
 pub(crate) fn state_at(origin: &Vector3<f64>, speed_mps: f64, half_wheelbase_m: f64) -> State {
     let (sin, cos) = origin.z.sin_cos();
     let l = half_wheelbase_m;
     State::new(origin.x - l * cos, origin.y - l * sin, origin.z, speed_mps, 0.0)
 }
 
-/// Residual of a measurement; its heading is an axis.
+/// Returns the residual of a measured pose, m and rad. Its heading is compared modulo π.
 pub(crate) fn residual(state: &State, measured: &Vector3<f64>, half_wheelbase_m: f64) -> Vector3<f64> {
     let d = measured - origin(state, half_wheelbase_m).0;
     Vector3::new(d.x, d.y, fold_axis(d.z))
 }
 
 impl Vehicle<'_> {
-    /// Levenberg–Marquardt from a start; the states that it reaches and their covariances.
+    /// Solves by Levenberg–Marquardt. Returns the states and their covariances, or `None` where the problem is
+    /// singular.
     pub(crate) fn solve(&self, start: Vec<State>) -> Option<(Vec<State>, Vec<Matrix5<f64>>)> {
         let mut states = start;
         let mut cost = self.cost(&states);
@@ -113,7 +125,7 @@ impl Vehicle<'_> {
         Some((states, covariances))
     }
 
-    /// Negative log posterior of states, up to a constant.
+    /// Returns the negative log posterior of the states, up to a constant.
     pub(crate) fn cost(&self, states: &[State]) -> f64 {
         let mut total = 0.0;
         for (node, state) in self.nodes.iter().zip(states) {
@@ -132,7 +144,7 @@ impl Vehicle<'_> {
         total
     }
 
-    /// The same to second order about them.
+    /// Returns the second-order expansion of the negative log posterior about the states.
     pub(crate) fn blocks(&self, states: &[State]) -> Blocks {
         let mut blocks = Blocks::zeros(states.len());
         for (i, (node, state)) in self.nodes.iter().zip(states).enumerate() {
@@ -161,18 +173,20 @@ impl Vehicle<'_> {
         blocks
     }
 
+    /// Returns the time from the node before to the node `to`, s.
     fn gap_s(&self, to: usize) -> f64 {
         (self.nodes[to].span_s[0] - self.nodes[to - 1].span_s[1]).max(1e-3)
     }
 
-    /// Precisions of what is believed of a state by itself: no path bends like a corkscrew, no road car does 60 m/s, and a
-    /// standing car stands.
+    /// Returns the precisions of a state's prior, whose mean is 0. No path curves like a corkscrew, no road car drives
+    /// 60 m/s, and a stationary car has no speed.
     fn prior(&self, node: &Node) -> State {
         let speed = if node.parked { STANDING } else { 30.0 };
         let bend = self.options.curvature_sd;
         State::new(0.0, 0.0, 0.0, speed.powi(-2), BEND_WEIGHT * bend.powi(-2))
     }
 
+    /// Returns the precisions of a step's residual over a time in s.
     fn step_precision(&self, dt: f64) -> State {
         let o = self.options;
         let sd = [o.slip_m, o.slip_m, TURN, o.speed_change, o.curvature_change];
@@ -180,7 +194,7 @@ impl Vehicle<'_> {
     }
 }
 
-/// Residual of a step and its Jacobians (5 × 5) by the states before and after.
+/// Returns the residual of a step and its Jacobians (5 × 5) by the state before and the state after.
 fn step_residual(a: &State, b: &State, dt: f64) -> (State, Matrix5<f64>, Matrix5<f64>) {
     let (heading, speed, bend) = ((a[2] + b[2]) / 2.0, (a[3] + b[3]) / 2.0, (a[4] + b[4]) / 2.0);
     let (sin, cos) = heading.sin_cos();
@@ -189,7 +203,7 @@ fn step_residual(a: &State, b: &State, dt: f64) -> (State, Matrix5<f64>, Matrix5
     r[0] -= way * cos;
     r[1] -= way * sin;
     r[2] -= way * bend;
-    // By the means, half of which each end makes up.
+    // Derivatives by the means, half of which each end makes up.
     let mut half = Matrix5::zeros();
     half[(0, 2)] = way * sin / 2.0;
     half[(1, 2)] = -way * cos / 2.0;
@@ -205,6 +219,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    /// Generates states within ±9 m, ±3 rad, ±9 m/s and ±0.3 1/m.
     fn state() -> impl Strategy<Value = State> {
         [-9.0f64..9.0, -9.0..9.0, -3.0..3.0, -9.0..9.0, -0.3..0.3].prop_map(|v| State::from_row_slice(&v))
     }

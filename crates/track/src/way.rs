@@ -1,4 +1,4 @@
-//! How a vehicle went: nodes in the order of time, and states that explain what was seen there.
+//! The path of a vehicle: nodes in the order of time, and the states that explain their detections.
 
 use nalgebra::{Matrix3, Matrix5, Vector3};
 
@@ -13,36 +13,38 @@ use crate::{
     vehicle::{Node, State, Vehicle, origin, residual},
 };
 
-/// Longest step of the vehicle model, s; longer gaps get nodes in between.
+/// Longest step of the motion model, s. Longer gaps get nodes in between.
 const MAX_STEP_S: f64 = 0.25;
-/// Time over which a driving car's keypoint bias stays the same, s: until it is seen from elsewhere.
+/// Time over which the keypoint bias of a driving car stays the same, s. Then the car is seen from another direction.
 const BIAS_S: f64 = 2.0;
 
-/// Sightings farther apart than this have no common error that shows from one to the next, s.
+/// Longest time between neighbouring detections, s. Beyond it, successive errors show no correlation.
 const NEIGHBOURS_S: f64 = 0.4;
 
-/// Times that the noise is measured anew around the smoothed path.
+/// Number of times that the noise is measured again around the smoothed path.
 const NOISE_PASSES: usize = 3;
 
-/// What a node stands for.
+/// A node of the path: one frame, one stationary interval, or a step within a gap.
 pub(crate) struct Place {
-    /// Frames, counted as the tracker does; empty for nodes that only bridge a gap in time.
+    /// Range of frame indices of the tracker. It is empty for nodes that only bridge a gap in time.
     pub frames: std::ops::Range<usize>,
-    /// Sightings.
+    /// Range of detections.
     pub sightings: std::ops::Range<usize>,
-    /// Sighting nearest in time.
+    /// Index of the detection nearest in time.
     pub nearest: usize,
+    /// Pose of a stationary interval; `None` where the car drives.
     pub stand: Option<Stand>,
+    /// Begin and end of the node, s.
     pub span_s: [f64; 2],
 }
 
 impl Place {
-    /// The look at a driving car in this frame, if it was measured in it.
+    /// Returns the measured detection of a driving car in this frame, if there is one.
     pub(crate) fn look<'a>(&self, sightings: &'a [Sighting]) -> Option<&'a Sighting> {
         sightings[self.sightings.clone()].first().filter(|seen| !seen.held)
     }
 
-    /// Origin and heading as they were seen, with the inverse of their covariance.
+    /// Returns the measured origin and heading (m, rad), with the inverse of their covariance.
     pub(crate) fn measured(
         &self,
         sightings: &[Sighting],
@@ -55,7 +57,7 @@ impl Place {
         }
     }
 
-    /// What errors of it are shared by all looks.
+    /// Returns the covariance of the errors that all detections share, m and rad.
     pub(crate) fn bias(&self, sightings: &[Sighting], noise: Noise) -> Matrix3<f64> {
         match &self.stand {
             Some(stand) => stand.bias,
@@ -64,16 +66,23 @@ impl Place {
     }
 }
 
-/// How a vehicle went.
+/// The path of a vehicle.
 pub(crate) struct Way {
+    /// Nodes, in the order of time.
     pub places: Vec<Place>,
+    /// State of each node.
     pub nodes: Vec<State>,
+    /// Covariance of each state.
     pub covariances: Vec<Matrix5<f64>>,
+    /// Split of the measurements' covariance.
     pub noise: Noise,
+    /// Disambiguated heading of the track.
     pub facing: Facing,
 }
 
 impl Way {
+    /// Estimates the path from measured poses; `None` where that is impossible. `times_s` holds the time of every
+    /// frame.
     pub(crate) fn by_poses(sightings: &[Sighting], times_s: &[f64], options: &TrackOptions) -> Option<Self> {
         let runs = find_runs(sightings, options);
         let places = places(sightings, times_s, &runs, options);
@@ -89,7 +98,7 @@ impl Way {
         Some(Self { places, nodes, covariances, noise, facing })
     }
 
-    /// Of the node that lasts at a time, or that nearest to it.
+    /// Returns the state of the node that covers a time (s), or that of the nearest node.
     pub(crate) fn state_at(&self, time_s: f64) -> Option<State> {
         let next = self.places.partition_point(|place| place.span_s[1] < time_s);
         let away_s = |i: &usize| (self.places[*i].span_s[0] - time_s).max(time_s - self.places[*i].span_s[1]);
@@ -98,7 +107,7 @@ impl Way {
     }
 }
 
-/// Nodes of a track, in the order of time.
+/// Returns the nodes of a track, in the order of time. `times_s` holds the time of every frame.
 pub(crate) fn places(
     sightings: &[Sighting],
     times_s: &[f64],
@@ -109,7 +118,7 @@ pub(crate) fn places(
     for run in runs {
         let part = &sightings[run.sightings.clone()];
         let (Some(first), Some(last)) = (part.first(), part.last()) else { continue };
-        // Frames since the run before, in which the car was not seen.
+        // Frames since the interval before, in which the car was not detected, get nodes as well.
         let from = found.last().map_or(first.frame, |place| place.frames.end);
         let stand = if run.parked { stand(part, options.bias_share) } else { None };
         let mut index = run.sightings.start;
@@ -140,6 +149,7 @@ pub(crate) fn places(
     bridged(found)
 }
 
+/// Returns the detection nearest to a time (s), of `after` and the one before it.
 fn nearest(sightings: &[Sighting], after: usize, time_s: f64) -> usize {
     let gap_s = |i: usize| sightings.get(i).map_or(f64::INFINITY, |o| (o.time_s - time_s).abs());
     let before = after.saturating_sub(1);
@@ -165,6 +175,7 @@ fn bridged(places: Vec<Place>) -> Vec<Place> {
     result
 }
 
+/// Solves for the states and covariances of the nodes.
 fn solve(
     sightings: &[Sighting],
     places: &[Place],
@@ -183,15 +194,15 @@ fn solve(
     Vehicle { nodes: &nodes, options }.solve(start)
 }
 
-/// Covariance of a driving car's sighting in an estimator that takes sightings for independent.
+/// Returns the covariance of a driving car's detection, for an estimator that assumes independent detections.
 fn white(sightings: &[Sighting], place: &Place, seen: &Sighting, noise: Noise) -> Matrix3<f64> {
     let mut covariance = seen.covariance * noise.white();
-    // A bias of the heading contradicts the path, so a driving car's keypoints count once per view, not per frame.
+    // A bias of the heading contradicts the path. So a driving car's keypoints count once per view, not once per frame.
     covariance[(2, 2)] += seen.covariance[(2, 2)] * noise.bias() * per_view(sightings, place.nearest);
     covariance
 }
 
-/// Sightings that share a driving car's keypoint bias.
+/// Returns the number of detections that share a driving car's keypoint bias with this one.
 pub(crate) fn per_view(sightings: &[Sighting], index: usize) -> f64 {
     let time_s = sightings[index].time_s;
     let from = sightings.partition_point(|o| o.time_s < time_s - BIAS_S / 2.0);
@@ -199,8 +210,9 @@ pub(crate) fn per_view(sightings: &[Sighting], index: usize) -> f64 {
     sightings[from..to].iter().filter(|o| !o.held).count().max(1) as f64
 }
 
-/// Scatter of the driven part around its smoothed path. The path bends towards its sightings, so their residuals are
-/// smaller than their errors: by the share of the degrees of freedom that the path takes up (the sum of leverages).
+/// Measures the scatter of the driven part around its smoothed path. The path follows its detections, so their
+/// residuals are smaller than their errors. The share of the degrees of freedom that the path takes up corrects for
+/// this (sum of leverages).
 fn driving_noise(
     sightings: &[Sighting],
     places: &[Place],
@@ -213,7 +225,7 @@ fn driving_noise(
     let (mut own, mut lagged, mut leverage) = (0.0, 0.0, 0.0);
     let mut before: Option<(f64, Vector3<f64>)> = None;
     for ((place, state), covariance) in places.iter().zip(states).zip(covariances) {
-        // Sightings are neighbours across frames that nobody looked at, not across a stand or a gap.
+        // Detections stay neighbours across frames without inference, but not across a stationary interval or a gap.
         before =
             before.filter(|(time_s, _)| place.stand.is_none() && place.span_s[0] - time_s <= NEIGHBOURS_S);
         let (None, Some(seen)) = (&place.stand, place.look(sightings)) else { continue };

@@ -1,18 +1,18 @@
-//! What tracks do, as drawings need it: stretches of rows with one activity, its colour, its words.
+//! Activities of tracks for drawings: intervals of one activity, their colours and their words.
 
 use roadplane_base::TrackRow;
 
 use crate::canvas::Rgb;
 
-/// Rows of a track with one activity.
+/// An interval of a track with one activity.
 #[derive(Debug)]
-pub(crate) struct Stretch<'a, 'b> {
+pub(crate) struct ActivityInterval<'a, 'b> {
     pub activity: &'a str,
     pub rows: &'b [&'a TrackRow],
 }
 
-impl Stretch<'_, '_> {
-    /// As a reader sees it: `turning left 3.1–6.0 s (0.93)`, with the mean probability.
+impl ActivityInterval<'_, '_> {
+    /// Returns the interval in words: `turning left 3.1–6.0 s (0.93)`, with the mean probability.
     pub(crate) fn in_words(&self) -> String {
         let time = |row: Option<&&TrackRow>| row.map_or(0.0, |row| row.time_s);
         let p =
@@ -22,26 +22,27 @@ impl Stretch<'_, '_> {
     }
 }
 
-/// The stretches of one track's rows, by time, in which it does something to speak of: not those in which it stands or
-/// drives on.
-pub(crate) fn stretches<'a, 'b>(rows: &'b [&'a TrackRow]) -> impl Iterator<Item = Stretch<'a, 'b>> {
+/// Returns the intervals of one track with a notable activity, in the order of time.
+pub(crate) fn activity_intervals<'a, 'b>(
+    rows: &'b [&'a TrackRow],
+) -> impl Iterator<Item = ActivityInterval<'a, 'b>> {
     rows.chunk_by(|a, b| a.activity == b.activity).filter_map(|rows| {
-        let activity = told(rows.first()?)?;
-        Some(Stretch { activity, rows })
+        let activity = notable_activity(rows.first()?)?;
+        Some(ActivityInterval { activity, rows })
     })
 }
 
-/// A row's activity, unless it only stands or drives on.
-pub(crate) fn told(row: &TrackRow) -> Option<&str> {
+/// Returns a row's activity, unless it is `not_moving` or `moving`.
+pub(crate) fn notable_activity(row: &TrackRow) -> Option<&str> {
     row.activity.as_deref().filter(|activity| !matches!(*activity, "not_moving" | "moving"))
 }
 
-/// An activity's name as words.
+/// Returns an activity's name as words.
 pub(crate) fn words(activity: &str) -> String {
     activity.replace('_', " ")
 }
 
-/// The colour of an activity, and of the legend's words.
+/// Returns the colour of an activity.
 pub(crate) fn activity_colour(activity: &str) -> Rgb {
     match activity {
         "starting" => [110, 230, 120],
@@ -54,6 +55,6 @@ pub(crate) fn activity_colour(activity: &str) -> Rgb {
     }
 }
 
-/// Activities with a colour of their own, in the legend's order.
+/// Activities with a colour of their own, in the order of the legend.
 pub(crate) const SHOWN: [&str; 6] =
     ["starting", "stopping", "turning_left", "turning_right", "u_turn", "reversing"];

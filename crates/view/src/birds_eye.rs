@@ -1,26 +1,27 @@
-//! The scene from above as SVG: deterministic text, to scale.
+//! The scene from above as SVG, to scale. The text is deterministic.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 use roadplane_base::{Camera, ImageSize, TrackRow};
 
-use crate::activities::{SHOWN, activity_colour, stretches, words};
+use crate::activities::{SHOWN, activity_colour, activity_intervals, words};
 use crate::overlay::track_colour;
 
 /// Width of the drawing, px.
 const WIDTH_PX: f64 = 900.0;
-/// Distances of grid lines to choose from, m, and the least room between two, px.
+/// Possible distances between grid lines, m.
 const GRIDS_M: [f64; 4] = [5.0, 10.0, 20.0, 50.0];
-/// See [`GRIDS_M`].
+/// Least distance between two grid lines in the drawing, px.
 const GRID_ROOM_PX: f64 = 45.0;
-/// Free space around the tracks, m.
+/// Margin around the tracks, m.
 const MARGIN_M: f64 = 6.0;
-/// Nine tenths of the tracks are within some distance of the camera; what is beyond so many times that is left out, for a
-/// far outlier must not shrink the rest to nothing.
+/// Radius of the drawing, as a multiple of the distance that nine tenths of the tracks are within.
+///
+/// The drawing leaves out tracks beyond it. Otherwise a far outlier would shrink the others.
 const REACH: f64 = 1.6;
 
-/// World → drawing.
+/// The transformation from world coordinates, m, to the drawing, px.
 struct Sheet {
     left_m: f64,
     top_m: f64,
@@ -33,8 +34,10 @@ impl Sheet {
     }
 }
 
-/// Draws the rows of all tracks (sorted by frame) as seen from above: trajectories, each car's last place to scale with its
-/// heading and 2-sd ellipse, the camera and its field of view, a grid.
+/// Returns the view from above as SVG. `rows` are those of all tracks, sorted by frame.
+///
+/// It shows trajectories, each vehicle's last position to scale with its heading and 2-sd ellipse, the camera with its
+/// field of view, and a grid.
 #[must_use]
 pub fn birds_eye(rows: &[TrackRow], camera: &Camera, size: ImageSize) -> String {
     let mut tracks: BTreeMap<u64, Vec<&TrackRow>> = BTreeMap::new();
@@ -60,7 +63,7 @@ pub fn birds_eye(rows: &[TrackRow], camera: &Camera, size: ImageSize) -> String 
     for rows in tracks.values() {
         activities(&mut svg, &sheet, rows);
     }
-    if tracks.values().any(|rows| stretches(rows).next().is_some()) {
+    if tracks.values().any(|rows| activity_intervals(rows).next().is_some()) {
         legend(&mut svg);
     }
     for (track, rows) in &tracks {
@@ -82,7 +85,7 @@ pub fn birds_eye(rows: &[TrackRow], camera: &Camera, size: ImageSize) -> String 
     svg
 }
 
-/// Left, right, bottom, top of what is drawn, m.
+/// Returns left, right, bottom and top of the drawing in the world frame, m.
 pub(crate) fn bounds(rows: &[TrackRow]) -> [f64; 4] {
     let mut tracks: BTreeMap<u64, Vec<&TrackRow>> = BTreeMap::new();
     for row in rows {
@@ -102,12 +105,12 @@ fn bounds_within(rows: &[TrackRow], reach_m: f64) -> [f64; 4] {
     [left, right, bottom, top]
 }
 
-/// From the point under the camera.
+/// Returns the distance of a row from the point under the camera, m.
 fn distance_m(row: &TrackRow) -> f64 {
     row.x_m.hypot(row.y_m)
 }
 
-/// How far the drawing goes.
+/// Returns the radius of the drawing around the point under the camera, m.
 fn reach_m(tracks: &BTreeMap<u64, Vec<&TrackRow>>) -> f64 {
     let nearest =
         |rows: &Vec<&TrackRow>| rows.iter().map(|row| distance_m(row)).fold(f64::INFINITY, f64::min);
@@ -116,7 +119,7 @@ fn reach_m(tracks: &BTreeMap<u64, Vec<&TrackRow>>) -> f64 {
     distances.get(distances.len().saturating_sub(1) * 9 / 10).map_or(0.0, |distance| distance * REACH)
 }
 
-/// Writing to a string cannot fail.
+/// Appends formatted text. Writing to a string cannot fail.
 fn put(svg: &mut String, text: std::fmt::Arguments<'_>) {
     let _infallible = svg.write_fmt(text);
 }
@@ -190,18 +193,18 @@ fn trajectory(svg: &mut String, sheet: &Sheet, track: u64, rows: &[&TrackRow]) {
     );
 }
 
-/// Where a track does something: its way there in the activity's colour, a dot where it begins.
+/// Draws the intervals with a notable activity: the path in the activity's colour, with a dot at its start.
 fn activities(svg: &mut String, sheet: &Sheet, rows: &[&TrackRow]) {
-    for stretch in stretches(rows) {
-        let colour = hex(activity_colour(stretch.activity));
-        let points = points(sheet, stretch.rows);
-        let (x, y) = stretch.rows.first().map_or((0.0, 0.0), |row| sheet.at(row.x_m, row.y_m));
+    for interval in activity_intervals(rows) {
+        let colour = hex(activity_colour(interval.activity));
+        let points = points(sheet, interval.rows);
+        let (x, y) = interval.rows.first().map_or((0.0, 0.0), |row| sheet.at(row.x_m, row.y_m));
         put(
             svg,
             format_args!(
                 "<g stroke=\"{colour}\" fill=\"none\"><title>{}</title><polyline points=\"{points}\" stroke-width=\"5\" \
                  stroke-linecap=\"round\" opacity=\"0.75\"/><circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"4\" fill=\"{colour}\"/></g>\n",
-                stretch.in_words()
+                interval.in_words()
             ),
         );
     }
@@ -229,7 +232,7 @@ fn points(sheet: &Sheet, rows: &[&TrackRow]) -> String {
         format!("{x:.1},{y:.1}")
     };
     let mut points: Vec<String> = rows.iter().map(point).collect();
-    // A car that stands for hours is one point.
+    // A car that is stationary for hours gives one point.
     points.dedup();
     if points.len() == 1 {
         points.push(points[0].clone());
@@ -277,13 +280,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_track_is_drawn_and_the_text_is_always_the_same() {
+    fn every_track_is_drawn_and_the_text_is_deterministic() {
         let row = |track: u64, frame: u64| TrackRow {
             x_m: track as f64 * 3.0,
             y_m: 20.0 + frame as f64,
             heading_rad: 1.0,
             speed_mps: 1.0,
-            ..roadplane_synth::standing(track, frame, 0.1 * frame as f64)
+            ..roadplane_synth::stationary_row(track, frame, 0.1 * frame as f64)
         };
         let rows: Vec<TrackRow> = (0..3).flat_map(|frame| [row(1, frame), row(2, frame)]).collect();
         let size = ImageSize { width: 640, height: 480 };

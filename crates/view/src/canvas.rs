@@ -1,4 +1,4 @@
-//! A picture that is drawn into with OpenCV.
+//! A picture to draw into, with OpenCV.
 
 use image::RgbImage;
 use nalgebra::Vector2;
@@ -7,30 +7,33 @@ use opencv::imgproc;
 
 use crate::ViewError;
 
-/// Lines are drawn to 1/16 px.
+/// Fractional bits of coordinates: lines are drawn to 1/16 px.
 const SUB_PIXEL_BITS: i32 = 4;
+/// Font of labels.
 const FONT: i32 = imgproc::FONT_HERSHEY_SIMPLEX;
 
-/// A colour as OpenCV draws it here: RGB.
+/// A colour: red, green, blue, 0 to 255 each.
 pub type Rgb = [u8; 3];
 
-/// A copy of a picture to draw into; positions in px, (0, 0) the centre of the top-left pixel.
+/// A copy of a picture to draw into. Positions are in px; (0, 0) is the centre of the top left pixel.
 pub(crate) struct Canvas(Mat);
 
 impl Canvas {
+    /// Copies a picture.
     pub fn new(picture: &RgbImage) -> Result<Self, ViewError> {
         let rows = Mat::from_slice(picture.as_raw())?;
         Ok(Self(rows.reshape(3, i32::try_from(picture.height()).unwrap_or(0))?.try_clone()?))
     }
 
-    /// The finished picture.
+    /// Returns the finished picture.
     pub fn finish(self) -> Result<RgbImage, ViewError> {
         let bytes = self.0.data_typed::<Vec3b>()?.iter().flat_map(|pixel| pixel.0).collect();
         let (width, height) = (self.0.cols() as u32, self.0.rows() as u32);
         RgbImage::from_raw(width, height, bytes)
-            .ok_or_else(|| opencv::Error::new(0, "picture has another size than its pixels").into())
+            .ok_or_else(|| opencv::Error::new(0, "the size of a picture does not match its pixels").into())
     }
 
+    /// Draws a line. Lines far outside the picture are skipped.
     pub fn line(
         &mut self,
         from: Vector2<f64>,
@@ -45,7 +48,7 @@ impl Canvas {
         Ok(())
     }
 
-    /// A circle's outline.
+    /// Draws the outline of a circle.
     pub fn circle(&mut self, centre: Vector2<f64>, radius_px: f64, colour: Rgb) -> Result<(), ViewError> {
         let fine = f64::from(1 << SUB_PIXEL_BITS);
         let Some(centre) = point(centre, fine) else { return Ok(()) };
@@ -54,23 +57,23 @@ impl Canvas {
         Ok(())
     }
 
-    /// Width and height of the picture, px.
+    /// Returns the width and height of the picture, px.
     pub fn size(&self) -> [f64; 2] {
         [f64::from(self.0.cols()), f64::from(self.0.rows())]
     }
 
-    /// Width and height of a label's plate, px.
+    /// Returns the width and height of a label with its background, px.
     pub fn label_size(&self, text: &str, size: f64) -> Result<[f64; 2], ViewError> {
         Ok(label_extent(text, size)?.map(f64::from))
     }
 
-    /// Black text on a plate of a colour, its lower left corner at `at` but inside the picture.
+    /// Draws black text on a rectangle of a colour. Its lower left corner is at `at`, moved into the picture if needed.
     pub fn label(&mut self, text: &str, at: Vector2<f64>, colour: Rgb, size: f64) -> Result<(), ViewError> {
         let [width, height] = label_extent(text, size)?;
         let inside = |v: f64, low: i32, high: i32| f64::from(low).max(v.min(f64::from(high)));
-        let place =
+        let corner =
             Vector2::new(inside(at.x, 0, self.0.cols() - width), inside(at.y, height, self.0.rows() - 1));
-        let Some(at) = point(place, 1.0) else { return Ok(()) };
+        let Some(at) = point(corner, 1.0) else { return Ok(()) };
         let plate = Rect::new(at.x, at.y - height, width, height);
         imgproc::rectangle(&mut self.0, plate, scalar(colour), imgproc::FILLED, imgproc::LINE_8, 0)?;
         let origin = Point::new(at.x + 2, at.y - 3);
@@ -90,7 +93,7 @@ fn scalar([r, g, b]: Rgb) -> Scalar {
     Scalar::new(f64::from(r), f64::from(g), f64::from(b), 0.0)
 }
 
-/// A pixel that OpenCV can be given, in parts of a pixel; `None` where it is absurdly far out.
+/// Converts a pixel to OpenCV's fixed-point coordinates; `None` if it is more than 20 000 px away.
 fn point(pixel: Vector2<f64>, fine: f64) -> Option<Point> {
     let sane = pixel.iter().all(|v| v.abs() < 20_000.0);
     sane.then(|| Point::new((pixel.x * fine).round() as i32, (pixel.y * fine).round() as i32))

@@ -1,4 +1,4 @@
-//! Each track's best view among the sample frames, enlarged.
+//! The best picture of each track among the sample frames, enlarged.
 
 use std::collections::BTreeMap;
 
@@ -6,12 +6,12 @@ use image::RgbImage;
 use image::imageops::{FilterType, crop_imm, resize};
 use roadplane_base::TrackRow;
 
-/// Size of a cut-out in the page, px.
+/// Width and height of a cut-out in the page, px.
 const CROP_PX: (u32, u32) = (300, 200);
-/// How much more than the box is shown.
+/// Size of the cut-out as a multiple of the box.
 const AROUND: f64 = 1.25;
 
-/// One track's cut-out.
+/// The cut-out of one track.
 #[derive(Debug)]
 pub(crate) struct Crop {
     pub track: u64,
@@ -19,7 +19,7 @@ pub(crate) struct Crop {
     pub picture: RgbImage,
 }
 
-/// Cuts out each track where its box is largest, in order of the tracks; observed rows only.
+/// Cuts out each track in the sample frame where its box is largest. Only observed rows count. Tracks are in order.
 pub(crate) fn best_views(rows: &[TrackRow], samples: &[(u64, RgbImage)]) -> Vec<Crop> {
     let area = |row: &TrackRow| (row.bbox_px[2] - row.bbox_px[0]) * (row.bbox_px[3] - row.bbox_px[1]);
     let mut best: BTreeMap<u64, (&TrackRow, &RgbImage)> = BTreeMap::new();
@@ -37,7 +37,7 @@ pub(crate) fn best_views(rows: &[TrackRow], samples: &[(u64, RgbImage)]) -> Vec<
         .collect()
 }
 
-/// The part of a picture around a box, in the page's shape, moved inside the picture where it can be.
+/// Cuts out a box with its surroundings, in the page's aspect ratio, moved into the picture if possible.
 fn cut_out(picture: &RgbImage, [x0, y0, x1, y1]: [f64; 4]) -> Option<RgbImage> {
     let shape = f64::from(CROP_PX.0) / f64::from(CROP_PX.1);
     let (full_width, full_height) = (f64::from(picture.width()), f64::from(picture.height()));
@@ -56,11 +56,11 @@ mod tests {
     use image::Rgb;
 
     fn row(track: u64, frame: u64, bbox_px: [f64; 4], observed: bool) -> TrackRow {
-        TrackRow { bbox_px, observed, ..roadplane_synth::standing(track, frame, 0.0) }
+        TrackRow { bbox_px, observed, ..roadplane_synth::stationary_row(track, frame, 0.0) }
     }
 
     #[test]
-    fn the_largest_observed_view_is_shown_even_at_the_edge() {
+    fn the_largest_observed_box_is_shown_even_at_the_edge() {
         let (red, blue) = (Rgb([255, 0, 0]), Rgb([0, 0, 255]));
         let samples = [(0, RgbImage::from_pixel(640, 480, red)), (8, RgbImage::from_pixel(640, 480, blue))];
         let rows = [
@@ -78,7 +78,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tiny_picture_is_no_obstacle() {
+    fn a_tiny_picture_has_a_cut_out() {
         assert!(cut_out(&RgbImage::new(3, 3), [0.0, 0.0, 3.0, 3.0]).is_some());
     }
 }

@@ -1,34 +1,34 @@
-//! What can go wrong.
+//! Errors of this crate.
 
 use std::path::PathBuf;
 
 use thiserror::Error;
 
-/// Why a picture was not made.
+/// An error of drawing or writing pictures.
 #[derive(Debug, Error)]
 pub enum ViewError {
-    /// OpenCV refused to draw or to encode.
-    #[error("drawing: {0}")]
+    /// OpenCV cannot draw or encode.
+    #[error("cannot draw: {0}")]
     Drawing(#[from] opencv::Error),
     /// A picture cannot be compressed.
-    #[error("compressing a picture: {0}")]
+    #[error("cannot compress a picture: {0}")]
     Compressing(#[from] image::ImageError),
-    /// What a page plays cannot be written down.
-    #[error("the page's data: {what}")]
+    /// The player's data cannot be written as JSON.
+    #[error("cannot write the data of the report: {what}")]
     Data {
-        /// Why.
+        /// The reason.
         what: String,
     },
-    /// No codec for the video.
-    #[error("no codec to write the video with: {}", path.display())]
+    /// OpenCV has no codec that can write the video.
+    #[error("no codec can write the video: {}", path.display())]
     NoCodec {
         /// The video.
         path: PathBuf,
     },
-    /// The operating system refused.
+    /// The operating system reports an error.
     #[error("cannot write: {source}: {}", path.display())]
     Io {
-        /// Its answer.
+        /// The error of the operating system.
         source: std::io::Error,
         /// The file.
         path: PathBuf,

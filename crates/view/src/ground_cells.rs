@@ -1,18 +1,18 @@
-//! The part of the ground that a grid is drawn upon.
+//! The part of the ground that has a grid in the drawing.
 
 use std::collections::BTreeSet;
 
-/// Distance of the grid's lines, m.
+/// Distance between the lines of the grid, m.
 const GRID_M: f64 = 5.0;
-/// How far the grid reaches from the camera, m.
+/// Largest distance of a grid cell from the camera, m.
 const REACH_M: f64 = 300.0;
 
-/// Squares of the ground, each by its corner of least x and y in units of the grid.
+/// Square cells of the ground, each given by its corner of least x and y in units of the grid.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct GroundCells(BTreeSet<(i32, i32)>);
 
 impl GroundCells {
-    /// Adds the square that a place lies in, and those around it.
+    /// Adds the cell of a position, world x and y in m, and the eight cells around it.
     pub fn add(&mut self, x_m: f64, y_m: f64) {
         if x_m.hypot(y_m) > REACH_M {
             return;
@@ -22,7 +22,7 @@ impl GroundCells {
         self.0.extend(around.map(|(i, j)| (cell(x_m) + i, cell(y_m) + j)));
     }
 
-    /// The squares' edges, each once: ends in world x and y, m.
+    /// Returns the edges of the cells, each once: both ends in world x and y, m.
     pub(crate) fn edges(&self) -> Vec<[[f64; 2]; 2]> {
         let around = |&(i, j): &(i32, i32)| {
             let corners = [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)];
@@ -44,7 +44,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn neighbours_share_their_edges() {
+    fn neighbouring_cells_share_their_edges() {
         let mut cells = GroundCells::default();
         cells.add(2.0, 12.0);
         assert_eq!(cells.edges().len(), 24, "three by three squares");

@@ -2,10 +2,10 @@
 
 /// Number of bars.
 const BARS: usize = 24;
-/// Size of the drawing, px.
+/// Width and height of the drawing, px.
 const SIZE_PX: (f64, f64) = (480.0, 120.0);
 
-/// Bars of sorted values from 0 to their 99 % point; what lies beyond is counted in the last bar.
+/// Returns a histogram as SVG. `sorted` are the values in order. Values above the 99 % quantile count in the last bar.
 pub(crate) fn histogram(sorted: &[f64], unit: &str) -> String {
     let Some(top) = sorted.get((sorted.len().saturating_sub(1)) * 99 / 100).filter(|top| **top > 0.0) else {
         return String::new();
@@ -41,7 +41,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_fullest_bar_reaches_the_top_and_nothing_needs_nothing() {
+    fn the_largest_bar_reaches_the_top_and_no_values_give_no_histogram() {
         let values: Vec<f64> = (0..200).map(|i| f64::from(i) / 100.0).collect();
         let svg = histogram(&values, "px");
         assert_eq!(svg.matches("<rect").count(), BARS);

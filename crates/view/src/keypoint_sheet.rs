@@ -1,4 +1,4 @@
-//! Cars beside each other, enlarged, with true and predicted keypoints.
+//! A sheet of enlarged cars, with true and predicted keypoints.
 
 use image::RgbImage;
 use image::imageops::{FilterType, crop_imm, replace, resize};
@@ -9,35 +9,37 @@ use crate::canvas::{Canvas, Rgb};
 
 /// Side of a cut-out, px.
 const SIDE_PX: u32 = 320;
-/// Cut-outs in a row.
+/// Number of cut-outs per row.
 const COLUMNS: u32 = 4;
-/// How much more than the box is shown.
+/// Side of the cut-out as a multiple of the box's longer side.
 const AROUND: f64 = 1.3;
+/// Colour of true keypoints.
 const TRUE: Rgb = [90, 255, 90];
+/// Colour of predicted keypoints.
 const PREDICTED: Rgb = [255, 80, 80];
 
-/// A car to show.
+/// A car on the sheet.
 #[derive(Clone, Debug)]
 pub struct KeypointCase<'a> {
-    /// The picture it is in.
+    /// Picture that contains the car.
     pub picture: &'a RgbImage,
-    /// Its box: left, top, right, bottom, px.
+    /// Box of the car: left, top, right, bottom, px.
     pub bbox_px: [f64; 4],
-    /// Pairs (true, predicted), px.
+    /// Pairs of true and predicted keypoints, px.
     pub pairs: Vec<(Vector2<f64>, Vector2<f64>)>,
-    /// What stands above it.
+    /// Title above the car.
     pub title: String,
 }
 
-/// A sheet of all cases: green circles are true places, red crosses predicted ones, joined by lines.
+/// Draws a sheet of all cases. Green circles are true keypoints, red crosses predicted ones; a line joins each pair.
 ///
 /// # Errors
 /// [`ViewError::Drawing`].
 pub fn keypoint_sheet(cases: &[KeypointCase<'_>]) -> Result<RgbImage, ViewError> {
     let rows = u32::try_from(cases.len()).unwrap_or(0).div_ceil(COLUMNS).max(1);
     let mut sheet = RgbImage::from_pixel(COLUMNS * SIDE_PX, rows * SIDE_PX, image::Rgb([40; 3]));
-    for (place, case) in (0..).zip(cases) {
-        let (x, y) = (place % COLUMNS * SIDE_PX, place / COLUMNS * SIDE_PX);
+    for (slot, case) in (0..).zip(cases) {
+        let (x, y) = (slot % COLUMNS * SIDE_PX, slot / COLUMNS * SIDE_PX);
         replace(&mut sheet, &cut_out(case)?, i64::from(x), i64::from(y));
     }
     Ok(sheet)
@@ -56,8 +58,8 @@ fn cut_out(case: &KeypointCase<'_>) -> Result<RgbImage, ViewError> {
     let mut canvas = Canvas::new(&square)?;
     let enlarged =
         |pixel: &Vector2<f64>| (pixel - corner + Vector2::repeat(0.5)) * scale - Vector2::repeat(0.5);
-    for (true_place, predicted) in &case.pairs {
-        let (at, to) = (enlarged(true_place), enlarged(predicted));
+    for (true_pixel, predicted) in &case.pairs {
+        let (at, to) = (enlarged(true_pixel), enlarged(predicted));
         canvas.line(at, to, PREDICTED, 1)?;
         canvas.circle(at, 4.0, TRUE)?;
         for arm in [Vector2::new(3.0, 3.0), Vector2::new(3.0, -3.0)] {
@@ -73,7 +75,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn truth_and_prediction_are_where_they_belong() {
+    fn true_and_predicted_keypoints_are_at_their_pixels() {
         let picture = RgbImage::from_pixel(200, 100, image::Rgb([9; 3]));
         let case = KeypointCase {
             picture: &picture,
@@ -83,12 +85,12 @@ mod tests {
         };
         let sheet = keypoint_sheet(&[case.clone(), case]).unwrap();
         assert_eq!(sheet.dimensions(), (4 * 320, 320));
-        // The square of 65 px around the box begins at (52, 7) and is enlarged 320 / 65 times.
-        let place = |x: f64| ((x - 52.0 + 0.5) * 320.0 / 65.0) as u32;
+        // The square of 65 px around the box starts at (52, 7) and is enlarged 320 / 65 times.
+        let column = |x: f64| ((x - 52.0 + 0.5) * 320.0 / 65.0) as u32;
         let row = (33.5 * 320.0 / 65.0) as u32;
-        let red = sheet.get_pixel(place(80.0), row);
+        let red = sheet.get_pixel(column(80.0), row);
         assert!(red.0[0] > 150 && red.0[1] < 120, "{red:?}");
-        let green = sheet.get_pixel(320 + place(70.0) - 4, row);
+        let green = sheet.get_pixel(320 + column(70.0) - 4, row);
         assert!(green.0[1] > 120, "{green:?}");
     }
 }

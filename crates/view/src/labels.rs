@@ -1,28 +1,31 @@
-//! What is written beside vehicles, and where there is room for it.
+//! Labels of vehicles and their positions in the picture.
 
 use roadplane_base::{TrackRow, VehicleClass};
 
-use crate::activities::{told, words};
+use crate::activities::{notable_activity, words};
 
-/// Number, class, speed, activity: what there is to say.
+/// Returns the label of a vehicle: its number, class, speed and activity. A car has no class, a stationary vehicle no
+/// speed.
 pub(crate) fn label(row: &TrackRow) -> String {
     let mut label = row.track.to_string();
     if row.class != VehicleClass::Car {
         label = format!("{label} {}", row.class.name());
     }
     if row.speed_mps.abs() >= 0.3 {
-        // Reversing has a sign.
+        // A vehicle that reverses has a negative speed.
         label = format!("{label} {:.1} m/s", row.speed_mps);
     }
-    if let Some(activity) = told(row) {
+    if let Some(activity) = notable_activity(row) {
         label = format!("{label} {}", words(activity));
     }
     label
 }
 
-/// A place for a label of this size beside box `own`, upon no other box and no other label: above it, below it, or within it if it
-/// fills no more than a quarter of it.
-pub(crate) fn free_place(
+/// Returns the rectangle of a label of a given size for box `own`; `None` if there is no room.
+///
+/// The rectangle is above or below the box, or within it if it fills no more than a quarter of the box. It overlaps no
+/// other box and no label in `placed`. All values are in px.
+pub(crate) fn free_rectangle(
     own: usize,
     boxes: &[[f64; 4]],
     placed: &[[f64; 4]],
@@ -46,7 +49,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn labels_lie_upon_no_car() {
+    fn labels_cover_no_other_car() {
         // Far cars behind each other, and a near one.
         let boxes = [
             [100.0, 100.0, 130.0, 115.0],
@@ -57,14 +60,14 @@ mod tests {
         let size = [640.0, 360.0];
         let mut placed: Vec<[f64; 4]> = Vec::new();
         for own in 0..4 {
-            placed.extend(free_place(own, &boxes, &placed, [60.0, 14.0], size));
+            placed.extend(free_rectangle(own, &boxes, &placed, [60.0, 14.0], size));
         }
         assert_eq!(placed.len(), 3, "{placed:?}");
         assert!((placed[0][1] - 115.0).abs() < 1e-9, "below the nearest of the three");
         assert!((placed[1][3] - 68.0).abs() < 1e-9, "above the farthest");
         assert!((placed[2][1] - 150.0).abs() < 1e-9, "below the car at the upper edge");
         assert_eq!(
-            free_place(0, &boxes[..1], &[], [60.0, 14.0], [110.0, 116.0]),
+            free_rectangle(0, &boxes[..1], &[], [60.0, 14.0], [110.0, 116.0]),
             Some([50.0, 86.0, 110.0, 100.0])
         );
     }

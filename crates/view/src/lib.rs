@@ -1,8 +1,10 @@
 //! Pictures of a result: overlays, the view from above, the report, annotated video.
 //!
 //! # Contents
-//! `overlay.rs`, `video.rs` into the picture (`labels.rs`, `canvas.rs`, `ground_cells.rs`); `birds_eye.rs` from above; `report.rs` and
-//! `report/` the page, with `crops.rs`, `histogram.rs`; `keypoint_sheet.rs`, `lines.rs` for looking into keypoints and edges.
+//! - drawings in the picture: `overlay.rs`, `video.rs` (`labels.rs`, `canvas.rs`, `ground_cells.rs`)
+//! - the view from above: `birds_eye.rs`
+//! - the report: `report.rs`, `report/` (`crops.rs`, `histogram.rs`, `activities.rs`)
+//! - pictures of keypoints and edges: `keypoint_sheet.rs`, `lines.rs`
 
 mod activities;
 mod birds_eye;

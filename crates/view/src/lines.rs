@@ -6,13 +6,15 @@ use roadplane_base::SceneLine;
 use crate::ViewError;
 use crate::canvas::{Canvas, Rgb};
 
-const UPRIGHT: Rgb = [40, 200, 60];
+/// Colour of vertical edges.
+const VERTICAL: Rgb = [40, 200, 60];
+/// Colour of other edges.
 const OTHER: Rgb = [200, 60, 50];
 
-/// The picture, pale, with edges in it: upright ones green, others red.
+/// Draws edges into a pale copy of the picture. Each edge comes with a flag: vertical ones are green, others red.
 ///
 /// # Errors
-/// [`ViewError`] when OpenCV fails.
+/// [`ViewError::Drawing`].
 pub fn with_lines<'a>(
     picture: &RgbImage,
     lines: impl Iterator<Item = (&'a SceneLine, bool)>,
@@ -23,9 +25,9 @@ pub fn with_lines<'a>(
     }
     let mut canvas = Canvas::new(&pale)?;
     let thickness = i32::try_from(picture.width() / 600).unwrap_or(1).max(1);
-    for (line, upright) in lines {
+    for (line, is_vertical) in lines {
         let [from, to] = line.ends_px;
-        let (colour, thickness) = if upright { (UPRIGHT, thickness + 1) } else { (OTHER, thickness) };
+        let (colour, thickness) = if is_vertical { (VERTICAL, thickness + 1) } else { (OTHER, thickness) };
         canvas.line(from, to, colour, thickness)?;
     }
     canvas.finish()

@@ -1,4 +1,4 @@
-//! Drawing a solved scene into its picture: wireframes, boxes, labels, trails, a grid on the ground.
+//! Draws a solved scene into its picture: wireframes, boxes, labels, trails, and a grid on the ground.
 
 use image::RgbImage;
 use nalgebra::{Isometry3, Point3, Vector2, Vector3};
@@ -9,12 +9,12 @@ use roadplane_base::{
 use crate::ViewError;
 use crate::canvas::{Canvas, Rgb};
 use crate::ground_cells::GroundCells;
-use crate::labels::{free_place, label};
+use crate::labels::{free_rectangle, label};
 
-/// Half of the keypoints are the car's left side.
+/// Number of keypoints on the car's left side. They come first.
 const LEFT: usize = KEYPOINTS / 2;
 
-/// Colours that tell neighbours apart and stay with a track's number.
+/// Colours of tracks, by the number of the track. Neighbouring numbers have distinct colours.
 const PALETTE: [Rgb; 10] = [
     [64, 196, 255],
     [255, 160, 64],
@@ -28,7 +28,7 @@ const PALETTE: [Rgb; 10] = [
     [200, 210, 110],
 ];
 
-/// The colour of a track.
+/// Returns the colour of a track.
 #[must_use]
 pub fn track_colour(track: u64) -> Rgb {
     PALETTE[(track as usize).wrapping_sub(1) % PALETTE.len()]
@@ -37,11 +37,11 @@ pub fn track_colour(track: u64) -> Rgb {
 /// One car to draw.
 #[derive(Clone, Debug)]
 pub struct DrawnCar<'a> {
-    /// Its row.
+    /// Row of the car.
     pub row: &'a TrackRow,
-    /// Its shape.
+    /// Shape of the car.
     pub shape: &'a Shape,
-    /// Where it was before, world x and y, oldest first, m.
+    /// Earlier positions, world x and y, oldest first, m.
     pub trail: &'a [[f64; 2]],
 }
 
@@ -55,7 +55,7 @@ pub struct Overlay<'a> {
 }
 
 impl<'a> Overlay<'a> {
-    /// On a copy of the picture.
+    /// Starts a drawing on a copy of the picture.
     ///
     /// # Errors
     /// [`ViewError::Drawing`].
@@ -69,7 +69,7 @@ impl<'a> Overlay<'a> {
         Ok(Self { canvas: Canvas::new(picture)?, camera, plane, atlas, thickness })
     }
 
-    /// The finished picture.
+    /// Returns the finished picture.
     ///
     /// # Errors
     /// [`ViewError::Drawing`].
@@ -77,7 +77,7 @@ impl<'a> Overlay<'a> {
         self.canvas.finish()
     }
 
-    /// Lines on the ground every 5 m, faint, around these squares.
+    /// Draws faint lines on the ground every 5 m, along the edges of the cells.
     ///
     /// # Errors
     /// [`ViewError::Drawing`].
@@ -88,7 +88,7 @@ impl<'a> Overlay<'a> {
         Ok(())
     }
 
-    /// Wireframe, box and trail of a car.
+    /// Draws the wireframe, box and trail of a car.
     ///
     /// # Errors
     /// [`ViewError::Drawing`].
@@ -115,7 +115,7 @@ impl<'a> Overlay<'a> {
         Ok(())
     }
 
-    /// Says of each car which it is and what it does, where there is room for it: never upon another car.
+    /// Draws the label of each car if there is room for it. A label never covers another car.
     ///
     /// # Errors
     /// [`ViewError::Drawing`].
@@ -127,7 +127,7 @@ impl<'a> Overlay<'a> {
             // The whole label, else the number alone, else nothing.
             for text in [label(row), row.track.to_string()] {
                 let extent = self.canvas.label_size(&text, size)?;
-                let Some(plate) = free_place(i, &boxes, &placed, extent, self.canvas.size()) else {
+                let Some(plate) = free_rectangle(i, &boxes, &placed, extent, self.canvas.size()) else {
                     continue;
                 };
                 self.canvas.label(&text, Vector2::new(plate[0], plate[3]), track_colour(row.track), size)?;
@@ -138,7 +138,7 @@ impl<'a> Overlay<'a> {
         Ok(())
     }
 
-    /// The car's outline on the ground and an arrow ahead of it.
+    /// Draws the car's outline on the ground and an arrow in front of it.
     fn footprint(&mut self, row: &TrackRow, colour: Rgb) -> Result<(), ViewError> {
         let (sin, cos) = row.heading_rad.sin_cos();
         let at = |forward: f64, left: f64| {
@@ -160,7 +160,7 @@ impl<'a> Overlay<'a> {
         Ok(())
     }
 
-    /// What stands for a vehicle that the atlas has no shape for.
+    /// Draws a box-shaped body for a vehicle without a shape in the atlas.
     fn cuboid(&mut self, row: &TrackRow, colour: Rgb) -> Result<(), ViewError> {
         let pose = row.pose();
         let camera_from_car = self.plane.camera_from_world() * pose.world_from_car();
@@ -184,14 +184,14 @@ impl<'a> Overlay<'a> {
         Ok(())
     }
 
-    /// Where the ground ends for a camera, from edge to edge of the picture.
+    /// Draws the horizon of a camera, from edge to edge of the picture.
     ///
     /// # Errors
     /// [`ViewError::Drawing`].
     pub fn horizon(&mut self, camera: &Camera, plane: &GroundPlane, colour: Rgb) -> Result<(), ViewError> {
         let [width, _] = self.canvas.size();
         let at = |x: f64| Some(Vector2::new(x, horizon_y_px(camera, plane, x)?));
-        // Before a lens that bends lines it is bent.
+        // The horizon is curved if the lens has distortion.
         const PIECES: u32 = 16;
         let x = |piece: u32| width * f64::from(piece) / f64::from(PIECES);
         for piece in 0..PIECES {
@@ -202,7 +202,7 @@ impl<'a> Overlay<'a> {
         Ok(())
     }
 
-    /// A car of a shape where the camera sees it.
+    /// Draws the wireframe of a car with a given pose and shape.
     ///
     /// # Errors
     /// [`ViewError::Drawing`].
@@ -244,10 +244,10 @@ impl<'a> Overlay<'a> {
     }
 }
 
-/// Row in which a camera sees the horizon in a column, px; `None` where it is upright.
+/// Returns the row of the horizon in a column of the picture, px; `None` if the horizon is vertical.
 #[must_use]
 pub fn horizon_y_px(camera: &Camera, plane: &GroundPlane, x_px: f64) -> Option<f64> {
-    // Its rays are at right angles to the vertical. A few rounds are enough for any lens' bend.
+    // The rays of the horizon are at right angles to the vertical. A few iterations are enough for any distortion.
     const ROUNDS: usize = 12;
     let up = plane.normal_in_camera;
     let mut y_px = camera.principal_point_px.y;
@@ -259,7 +259,7 @@ pub fn horizon_y_px(camera: &Camera, plane: &GroundPlane, x_px: f64) -> Option<f
     (up.y.abs() > 1e-6 && y_px.is_finite()).then_some(y_px)
 }
 
-/// Whether the camera looks at the car's left side.
+/// Whether the camera is on the car's left side.
 fn eye_is_left(camera_from_car: &Isometry3<f64>) -> bool {
     (camera_from_car.inverse() * Point3::from(Vector3::zeros())).y > 0.0
 }
@@ -270,7 +270,7 @@ mod tests {
     use roadplane_base::{GroundPose, ImageSize};
 
     #[test]
-    fn a_car_is_drawn_where_it_stands() {
+    fn a_car_is_drawn_at_its_position() {
         let atlas = ShapeAtlas::shipped().unwrap();
         let camera = Camera::centred(900.0, ImageSize { width: 640, height: 480 });
         let plane = GroundPlane::from_tilt_roll_height(0.4, 0.0, 8.0);
@@ -283,7 +283,7 @@ mod tests {
             heading_rad: pose.heading_rad,
             speed_mps: 4.0,
             bbox_px: [200.0, 150.0, 420.0, 330.0],
-            ..roadplane_synth::standing(1, 0, 0.0)
+            ..roadplane_synth::stationary_row(1, 0, 0.0)
         };
         let mut cells = GroundCells::default();
         cells.add(0.0, 18.0);
@@ -303,13 +303,13 @@ mod tests {
             let at = at.unwrap();
             drawn.get_pixel(at.x.round() as u32, at.y.round() as u32).0
         };
-        assert_eq!(pixel(-2.5, 12.5), [0, 0, 0], "nothing stands between the lines");
-        assert_ne!(pixel(-2.5, 25.0), [0, 0, 0], "the next square's edge");
-        assert_eq!(pixel(-2.5, 30.0), [0, 0, 0], "nobody was here");
+        assert_eq!(pixel(-2.5, 12.5), [0, 0, 0], "nothing is drawn between the lines");
+        assert_ne!(pixel(-2.5, 25.0), [0, 0, 0], "the edge of the next cell");
+        assert_eq!(pixel(-2.5, 30.0), [0, 0, 0], "no cell here");
     }
 
     #[test]
-    fn the_horizon_is_where_points_far_out_are_seen() {
+    fn the_horizon_is_at_the_pixels_of_distant_points() {
         let atlas = ShapeAtlas::shipped().unwrap();
         let camera = Camera::centred(900.0, ImageSize { width: 640, height: 480 });
         let plane = GroundPlane::from_tilt_roll_height(0.2, 0.05, 8.0);

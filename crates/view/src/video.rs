@@ -1,4 +1,4 @@
-//! Pictures → video file, under its final name only when whole.
+//! Writes pictures to a video file, which gets its name when it is complete.
 
 use std::path::{Path, PathBuf};
 
@@ -9,10 +9,10 @@ use opencv::videoio::{VideoWriter, VideoWriterTrait as _, VideoWriterTraitConst 
 
 use crate::ViewError;
 
-/// Codecs that are tried, best first.
+/// Codecs to try, best first.
 const CODECS: [[char; 4]; 2] = [['a', 'v', 'c', '1'], ['m', 'p', '4', 'v']];
 
-/// Writes an mp4.
+/// Writes an MP4 video.
 pub struct VideoSink {
     writer: VideoWriter,
     partial: PathBuf,
@@ -20,7 +20,7 @@ pub struct VideoSink {
 }
 
 impl VideoSink {
-    /// Starts a video of this picture size and frame rate.
+    /// Starts a video. `width` and `height` are in px.
     ///
     /// # Errors
     /// [`ViewError::NoCodec`], [`ViewError::Drawing`].
@@ -38,7 +38,7 @@ impl VideoSink {
         Err(ViewError::NoCodec { path: path.to_path_buf() })
     }
 
-    /// Adds a picture.
+    /// Appends a picture.
     ///
     /// # Errors
     /// [`ViewError::Drawing`].
@@ -50,7 +50,7 @@ impl VideoSink {
         Ok(self.writer.write(&bgr)?)
     }
 
-    /// Ends the video and gives it its name.
+    /// Completes the video and renames it to its final name.
     ///
     /// # Errors
     /// [`ViewError::Drawing`], [`ViewError::Io`].
@@ -63,10 +63,10 @@ impl VideoSink {
     }
 }
 
-/// An unfinished video leaves nothing behind; after [`VideoSink::finish`] there is nothing left to remove.
+/// Removes an unfinished video. After [`VideoSink::finish`] there is nothing to remove.
 impl Drop for VideoSink {
     fn drop(&mut self) {
-        // Closed first, or the encoder would go on writing.
+        // The writer is closed first, as otherwise the encoder would continue to write.
         self.writer.release().ok();
         std::fs::remove_file(&self.partial).ok();
     }
@@ -77,7 +77,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_video_appears_when_it_is_whole() {
+    fn a_video_appears_when_it_is_complete() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("v.mp4");
         let mut sink = VideoSink::create(&path, 64, 48, 10.0).unwrap();

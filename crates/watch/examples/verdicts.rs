@@ -1,12 +1,14 @@
-//! What the watcher makes of a clip: `cargo run --release -p roadplane-watch --example verdicts -- CLIP [STRIDE]`. A line whenever
-//! the verdict changes or the camera moved, and a summary of shake and change at the end.
+//! Prints the watcher's verdicts on a clip: `cargo run --release -p roadplane-watch --example verdicts -- CLIP
+//! [STRIDE]`.
+//!
+//! It prints a line whenever the verdict changes or the camera moved, and a summary of shake and change at the end.
 
 use roadplane_decode::{DecodeOptions, open};
 use roadplane_watch::{ChangeMap, Watcher};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut arguments = std::env::args().skip(1);
-    let path = arguments.next().ok_or("which clip?")?;
+    let path = arguments.next().ok_or("usage: verdicts CLIP [STRIDE]")?;
     let stride = arguments.next().map_or(Ok(1), |s| s.parse())?;
     let mut input = open(path.as_ref(), &DecodeOptions { stride, ..DecodeOptions::default() })?;
     let mut watcher = Watcher::new();
@@ -14,10 +16,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let (mut last, mut shares, mut furthest, mut busy_s) = (None, Vec::new(), 0.0_f64, 0.0);
     while let Some(frame) = input.next_frame()? {
         let started = std::time::Instant::now();
-        let seen = watcher.look(frame.stamp, &frame.image)?;
+        let seen = watcher.observe(frame.stamp, &frame.image)?;
         let map = map.get_or_insert_with(|| ChangeMap::new(&seen.small));
         let changed = map.changed(&seen.small, seen.shift, frame.stamp.time_s());
-        map.looked(&seen.small, seen.shift, &changed, &changed);
+        map.mark_inspected(&seen.small, seen.shift, &changed, &changed);
         busy_s += started.elapsed().as_secs_f64();
         shares.push(changed.share());
         furthest = furthest.max(seen.shift.norm() * seen.small.factor as f64);

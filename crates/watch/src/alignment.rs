@@ -1,50 +1,54 @@
-//! One similarity of the picture that most blocks agree on.
+//! Fits the one similarity of the picture that most blocks agree on.
 
 use nalgebra::{Matrix4, Vector2, Vector4};
 use roadplane_base::{Similarity, median};
 
 use crate::level::BlockShift;
 
-/// Blocks that must agree for a verdict.
+/// Fewest blocks that must agree for an alignment.
 const MIN_AGREEING: usize = 6;
-/// Share of the blocks with structure that must agree: traffic may cover all others.
+/// Share of the trusted blocks that must agree: traffic may cover all the others.
 const MIN_SHARE: f64 = 0.08;
-/// A block agrees within this distance, px of the small picture.
+/// Largest distance of an agreeing block from the similarity, px of the small picture.
 const AGREES: f64 = 0.35;
+/// Number of reweighted least-squares rounds.
 const ROUNDS: usize = 6;
 
-/// How a picture lies against the reference: what was at `p` (from the picture's middle) is at
-/// `p + shift + log_scale · p + roll · p⊥`, small picture's px.
+/// Position of a picture relative to the reference.
+///
+/// A point at `p` (from the picture's middle) in the reference lies at `p + shift + log_scale · p + roll · p⊥` in the
+/// picture, px of the small picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Alignment {
-    /// Shift, px.
+    /// Shift, px of the small picture.
     pub shift: Vector2<f64>,
-    /// Logarithm of the growth.
+    /// Logarithm of the picture's growth.
     pub log_scale: f64,
-    /// Turn about the optical axis, rad.
+    /// Rotation about the optical axis, rad.
     pub roll: f64,
 }
 
 impl Alignment {
-    /// From what blocks say; `None` where too few agree.
+    /// Fits the similarity to the blocks' shifts; `None` where too few blocks agree.
     pub(crate) fn of(blocks: &[BlockShift]) -> Option<Self> {
-        let told: Vec<(Vector2<f64>, Vector2<f64>)> = blocks
+        let measured: Vec<(Vector2<f64>, Vector2<f64>)> = blocks
             .iter()
-            .filter(|block| block.has_a_say)
+            .filter(|block| block.is_trusted)
             .filter_map(|b| Some((b.centre, b.shift?)))
             .collect();
-        let count = blocks.iter().filter(|block| block.has_a_say).count() as f64;
+        let count = blocks.iter().filter(|block| block.is_trusted).count() as f64;
         let enough = MIN_AGREEING.max((MIN_SHARE * count).ceil() as usize);
-        if told.len() < enough {
+        if measured.len() < enough {
             return None;
         }
-        let axis = |axis: usize| median(&mut told.iter().map(|(_, shift)| shift[axis]).collect::<Vec<_>>());
+        let axis =
+            |axis: usize| median(&mut measured.iter().map(|(_, shift)| shift[axis]).collect::<Vec<_>>());
         let mut model = Vector4::new(axis(0)?, axis(1)?, 0.0, 0.0);
         let mut reach = 2.0 * AGREES;
         for _ in 0..ROUNDS {
             let mut normal = Matrix4::zeros();
             let mut right = Vector4::zeros();
-            for (centre, shift) in &told {
+            for (centre, shift) in &measured {
                 let away = (shift - displaced(&model, centre)).norm();
                 if away > reach {
                     continue;
@@ -55,24 +59,24 @@ impl Alignment {
                     right += row * value * weight;
                 }
             }
-            // Blocks that huddle together say nothing of scale and roll.
+            // Blocks that lie close together carry no information on scale and roll.
             normal[(2, 2)] += 1e3;
             normal[(3, 3)] += 1e3;
             model = normal.cholesky()?.solve(&right);
             reach = (reach * 0.8).max(AGREES);
         }
-        let agreeing = told.iter().filter(|(p, d)| (d - displaced(&model, p)).norm() <= AGREES).count();
+        let agreeing = measured.iter().filter(|(p, d)| (d - displaced(&model, p)).norm() <= AGREES).count();
         (agreeing >= enough).then(|| Self { shift: model.xy(), log_scale: model[2], roll: model[3] })
     }
 
-    /// Of a similarity between the pixels of pictures of this size.
+    /// Converts a similarity between the pixels of two pictures of this size.
     pub(crate) fn from_similarity(carried: &Similarity, width: usize, height: usize) -> Self {
         let middle = Vector2::new(width as f64, height as f64) / 2.0;
         let shift = carried.apply(&middle) - middle;
         Self { shift, log_scale: carried.log_scale(), roll: carried.turn() }
     }
 
-    /// This one, and then another; to first order.
+    /// Returns this alignment followed by another, to first order.
     pub(crate) fn then(&self, next: &Self) -> Self {
         Self {
             shift: self.shift + next.at(&self.shift),
@@ -81,7 +85,7 @@ impl Alignment {
         }
     }
 
-    /// Displacement of what was at a point, px from the picture's middle.
+    /// Displacement of a point that is given in px from the picture's middle.
     pub(crate) fn at(&self, point: &Vector2<f64>) -> Vector2<f64> {
         displaced(&Vector4::new(self.shift.x, self.shift.y, self.log_scale, self.roll), point)
     }
@@ -108,19 +112,19 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_many_are_believed_and_strangers_are_not() {
+    fn the_majority_of_blocks_decides_and_outliers_are_ignored() {
         let mut blocks = Vec::new();
         for y in -4..=4 {
             for x in -7..=7 {
                 let centre = Vector2::new(f64::from(x) * 16.0, f64::from(y) * 16.0);
                 let own = Vector2::new(0.4 - 0.003 * centre.x, -0.2 - 0.003 * centre.y);
-                // A lorry over the left half, which says nonsense or nothing.
+                // A lorry covers the negative x: its blocks return wrong shifts or none.
                 let shift = match (x < 0, (x + y) % 2) {
                     (true, 0) => None,
                     (true, _) => Some(Vector2::new(f64::from(x * y % 3) * 0.5, 1.0)),
                     (false, _) => Some(own),
                 };
-                blocks.push(BlockShift { centre, shift, has_a_say: true });
+                blocks.push(BlockShift { centre, shift, is_trusted: true });
             }
         }
         let found = Alignment::of(&blocks).unwrap();

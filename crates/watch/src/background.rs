@@ -1,12 +1,13 @@
-//! The empty place: every part of it as it looked when nothing moved there.
+//! The empty scene: every part of it at a moment when nothing moved there.
 
 use image::RgbImage;
 
 use crate::Cells;
 
-/// A part that stays bare is taken again after so long, s.
+/// Time after which a part that stays bare is blended again, s.
 const RENEW_S: f64 = 2.0;
-/// Share of the new picture where a part is taken again: noise averages out, light is followed.
+/// One part in this many comes from the new picture when a part is blended again: noise averages out, and changes of
+/// light are followed.
 const SHARE: u16 = 4;
 
 /// The background of a clip at full size.
@@ -14,19 +15,19 @@ const SHARE: u16 = 4;
 pub struct Background {
     picture: RgbImage,
     grid: Cells,
-    /// When each cell was last seen bare, s.
+    /// Time when each cell was last seen bare, s.
     bare_s: Vec<Option<f64>>,
 }
 
 impl Background {
-    /// From the first picture, of which nothing is known to be bare.
+    /// Starts from the first picture; no cell counts as bare yet.
     #[must_use]
     pub fn new(picture: &RgbImage, grid: Cells) -> Self {
         let cells = grid.columns * grid.rows;
         Self { picture: picture.clone(), grid, bare_s: vec![None; cells] }
     }
 
-    /// Takes what is bare in this picture: the cells that are not in `busy`.
+    /// Blends in the bare cells of this picture: all cells that are not in `busy`.
     pub fn take(&mut self, picture: &RgbImage, busy: &Cells, time_s: f64) {
         if picture.dimensions() != self.picture.dimensions() {
             return;
@@ -46,7 +47,7 @@ impl Background {
     fn blend(&mut self, picture: &RgbImage, column: usize, row: usize, is_first: bool) {
         let (width, height) = (picture.width() as usize, picture.height() as usize);
         let side = self.grid.side_px;
-        // The last column and row also hold what does not fill a cell.
+        // The last column and row also hold the pixels that do not fill a whole cell.
         let end = |cell: usize, count: usize, length: usize| {
             if cell + 1 == count { length } else { ((cell + 1) * side).min(length) }
         };
@@ -66,19 +67,19 @@ impl Background {
         }
     }
 
-    /// The picture; parts that were never bare are of the first frame.
+    /// Returns the picture of the background; parts that were never bare come from the first frame.
     #[must_use]
     pub fn picture(&self) -> &RgbImage {
         &self.picture
     }
 
-    /// When each cell was last seen bare, s, row by row.
+    /// Returns the time when each cell was last seen bare, s, row by row.
     #[must_use]
     pub fn bare_s(&self) -> Vec<Vec<Option<f64>>> {
         self.bare_s.chunks(self.grid.columns.max(1)).map(<[_]>::to_vec).collect()
     }
 
-    /// Side of a cell, px of the frame.
+    /// Returns the side of a cell, px of the frame.
     #[must_use]
     pub fn cell_px(&self) -> usize {
         self.grid.side_px

@@ -1,34 +1,36 @@
-//! Pictures that say nothing.
+//! Detects pictures without information: black, white, covered, frozen.
 
 use roadplane_base::PictureVerdict;
 
 use crate::SmallGrey;
 
-/// Range of grey levels, from the darkest hundredth to the brightest, below which a picture shows nothing.
+/// Range of grey levels, from the first to the 99th percentile, below which a picture shows nothing.
 const MIN_RANGE: usize = 14;
-/// Darker on average it is black, brighter white, between them covered.
+/// Mean grey level of an empty picture below which it counts as black.
 const BLACK_BELOW: usize = 40;
+/// Mean grey level of an empty picture above which it counts as white; in between it counts as covered.
 const WHITE_ABOVE: usize = 215;
-/// The same picture for so long is frozen, s.
+/// Time without any change after which a picture counts as frozen, s.
 const FROZEN_S: f64 = 1.0;
-/// Pictures in a row, before, that must have been alive: clean pictures of a still place do not freeze.
+/// Consecutive noisy pictures that must precede a freeze: noise-free pictures of a still scene do not freeze.
 const LIVELY: u32 = 20;
-/// A picture is alive if noise changes at least this share of its pieces of 16 px …
+/// Share of the picture's runs of [`PIECE`] pixels that noise must change in a live picture.
 const ALIVE: f64 = 0.5;
+/// Length of a run of pixels that is compared as a whole, px.
 const PIECE: usize = 16;
 
-/// Looks for pictures that say nothing.
+/// Detects pictures without information.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Blindness {
     last: Option<SmallGrey>,
-    /// Pictures in a row that were alive.
+    /// Number of consecutive live pictures.
     lively: u32,
     same_since_s: Option<f64>,
 }
 
 impl Blindness {
-    /// What the picture lacks; `None` where it shows something.
-    pub(crate) fn look(&mut self, picture: &SmallGrey, time_s: f64) -> Option<PictureVerdict> {
+    /// Returns the reason why a picture shows nothing; `None` where it shows something.
+    pub(crate) fn check(&mut self, picture: &SmallGrey, time_s: f64) -> Option<PictureVerdict> {
         let changed = self.last.as_ref().map_or(1.0, |last| share_changed(last, picture));
         self.last = Some(picture.clone());
         if changed > 0.0 {
@@ -88,7 +90,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_has_three_names() {
+    fn an_empty_picture_is_black_white_or_covered() {
         for (grey, verdict) in
             [(3, PictureVerdict::Black), (250, PictureVerdict::White), (120, PictureVerdict::Covered)]
         {
@@ -98,18 +100,18 @@ mod tests {
     }
 
     #[test]
-    fn only_what_was_alive_can_freeze() {
+    fn only_a_live_picture_can_freeze() {
         let mut blindness = Blindness::default();
         let clean = picture(|i| (i % 200) as u8);
         for frame in 0..50 {
-            assert_eq!(blindness.look(&clean, f64::from(frame) * 0.1), None, "a clean still picture");
+            assert_eq!(blindness.check(&clean, f64::from(frame) * 0.1), None, "a clean still picture");
         }
         for frame in 50..80_usize {
             let noisy = picture(|i| ((i + frame) % 200) as u8);
-            assert_eq!(blindness.look(&noisy, frame as f64 * 0.1), None);
+            assert_eq!(blindness.check(&noisy, frame as f64 * 0.1), None);
         }
         let stuck = picture(|i| ((i + 79) % 200) as u8);
-        let verdicts: Vec<_> = (80..100).map(|f| blindness.look(&stuck, f64::from(f) * 0.1)).collect();
+        let verdicts: Vec<_> = (80..100).map(|f| blindness.check(&stuck, f64::from(f) * 0.1)).collect();
         assert_eq!(verdicts.iter().position(Option::is_some), Some(10), "{verdicts:?}");
     }
 }

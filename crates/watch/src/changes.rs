@@ -1,8 +1,9 @@
-//! What is not as it was when the detector last looked there.
+//! Finds the cells that changed since the detector last inspected them.
 //!
-//! The picture is compared cell by cell with the one that the detector saw last. What counts as a change follows the place: the
-//! noise from one picture to the next, and what was looked at before and turned out to be no vehicle (leaves in the wind, key
-//! frames of the codec, rain, headlights' glare): both fade within a minute.
+//! Each picture is compared cell by cell with the pictures that the detector inspected last. The threshold of each cell
+//! adapts to the scene. It follows the noise from one picture to the next. It also follows earlier changes that turned
+//! out to be no vehicle: leaves in the wind, key frames of the codec, rain, glare of headlights. Both fade within a
+//! minute.
 
 use nalgebra::Vector2;
 use roadplane_base::upper_median;
@@ -12,33 +13,36 @@ use crate::SmallGrey;
 /// Side of a cell, px of the small picture.
 pub const CELL_PX: usize = 8;
 
-/// Mean change of a cell that counts without any noise, grey levels.
+/// Smallest mean change of a cell that counts where there is no noise, grey levels.
 const LEAST: f32 = 1.2;
-/// Noise counts once and, for its scatter, so many times more; the mean of fewer pixels scatters more.
+/// Multiple of the noise that is added for its scatter in a whole cell; the mean of fewer pixels scatters more.
 const SCATTER: f32 = 0.8;
-/// What noise a place is taken to have at first, grey levels.
+/// Noise of each cell before the first picture, grey levels.
 const FIRST_NOISE: f32 = 2.0;
-/// Noise follows the lower quartile of changes from picture to picture: up by one factor, down by the other.
+/// Factor by which a cell's noise estimate rises after a larger change from picture to picture. With [`DOWN`] the
+/// estimate follows the lower quartile of the changes.
 const UP: f32 = 1.012;
+/// Factor by which a cell's noise estimate falls after a smaller change.
 const DOWN: f32 = 0.97;
-/// Most noise that is believed, in units of the picture's median: traffic is no noise.
+/// Largest noise of a cell, in units of the picture's median: traffic is no noise.
 const MOST_NOISE: f32 = 3.0;
-/// What was no vehicle raises the bar by this share of what is missing, to this factor of the change …
+/// Share by which the nuisance level of a cell approaches [`ABOVE`] times a change that was no vehicle.
 const LEARN: f32 = 0.5;
+/// Factor of a change that was no vehicle to which the nuisance level rises.
 const ABOVE: f32 = 1.25;
-/// … and never beyond this, grey levels: a vehicle shows all the same.
+/// Highest nuisance level, grey levels: a vehicle exceeds it.
 const MOST_NUISANCE: f32 = 12.0;
-/// Time in which it fades to a third, s.
+/// Time in which the nuisance level fades to a third, s.
 const FADE_S: f64 = 15.0;
-/// Shift of the picture below which it need not be taken out, px of the small picture.
+/// Smallest shift of the picture that is corrected, px of the small picture.
 const STILL: f64 = 0.04;
 
-/// A set of cells.
+/// A set of cells in a grid over the picture.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Cells {
-    /// Cells in a row.
+    /// Number of cells in a row.
     pub columns: usize,
-    /// Rows of cells.
+    /// Number of rows of cells.
     pub rows: usize,
     /// Side of a cell, px of the frame.
     pub side_px: usize,
@@ -50,30 +54,30 @@ impl Cells {
         Self { columns, rows, side_px, is_in: vec![false; columns * rows] }
     }
 
-    /// The same grid without any cell in the set.
+    /// Returns an empty set in the same grid.
     #[must_use]
     pub fn emptied(&self) -> Self {
         Self::none(self.columns, self.rows, self.side_px)
     }
 
-    /// Whether a cell is in it.
+    /// Whether a cell is in the set.
     #[must_use]
     pub fn has(&self, column: usize, row: usize) -> bool {
         self.is_in[row * self.columns + column]
     }
 
-    /// Puts a cell in.
+    /// Adds a cell to the set.
     pub fn insert(&mut self, column: usize, row: usize) {
         self.is_in[row * self.columns + column] = true;
     }
 
-    /// Share of the cells that are in it, 0–1.
+    /// Returns the share of the grid's cells that are in the set, 0–1.
     #[must_use]
     pub fn share(&self) -> f64 {
         self.is_in.iter().filter(|is_in| **is_in).count() as f64 / self.is_in.len().max(1) as f64
     }
 
-    /// Columns and rows of the cells that a box (left, top, right, bottom, px of the frame) touches.
+    /// Returns the columns and rows of the cells that a box (left, top, right, bottom, px of the frame) touches.
     #[must_use]
     pub fn touched(&self, bbox_px: &[f64; 4]) -> (std::ops::Range<usize>, std::ops::Range<usize>) {
         let span = |from: f64, to: f64, count: usize| {
@@ -87,13 +91,13 @@ impl Cells {
         (span(bbox_px[0], bbox_px[2], self.columns), span(bbox_px[1], bbox_px[3], self.rows))
     }
 
-    /// Columns and rows of its cells, row by row.
+    /// Iterates over the columns and rows of the cells in the set, row by row.
     pub fn iter(&self) -> impl Iterator<Item = (usize, usize)> + '_ {
         let is_in = self.is_in.iter().enumerate().filter(|(_, is_in)| **is_in);
         is_in.map(|(cell, _)| (cell % self.columns, cell / self.columns))
     }
 
-    /// Columns and rows of a cell and those around it, row by row.
+    /// Iterates over the columns and rows of a cell and its neighbours, row by row.
     pub fn around(&self, column: usize, row: usize) -> impl Iterator<Item = (usize, usize)> + use<> {
         let columns = column.saturating_sub(1)..(column + 2).min(self.columns);
         let rows = row.saturating_sub(1)..(row + 2).min(self.rows);
@@ -106,7 +110,7 @@ impl Cells {
         column < 2 || row < 2 || column + 2 >= self.columns || row + 2 >= self.rows
     }
 
-    /// Share of the cells that a box touches which are in it, 0–1.
+    /// Returns the share of the cells touched by a box that are in the set, 0–1.
     #[must_use]
     pub fn share_of(&self, bbox_px: &[f64; 4]) -> f64 {
         let (columns, rows) = self.touched(bbox_px);
@@ -116,12 +120,12 @@ impl Cells {
         here as f64 / count.max(1) as f64
     }
 
-    /// Puts all cells in that a box touches.
+    /// Adds all cells that a box touches.
     pub fn insert_box(&mut self, bbox_px: &[f64; 4]) {
         self.set_box(bbox_px, true);
     }
 
-    /// Takes all cells out that a box touches.
+    /// Removes all cells that a box touches.
     pub fn remove_box(&mut self, bbox_px: &[f64; 4]) {
         self.set_box(bbox_px, false);
     }
@@ -133,7 +137,8 @@ impl Cells {
         }
     }
 
-    /// Boxes (px of the frame) around groups of neighbouring cells, diagonal ones too, by their first cell.
+    /// Returns boxes (px of the frame) around groups of neighbouring cells, ordered by their first cell. Diagonal
+    /// neighbours count.
     #[must_use]
     pub fn groups(&self) -> Vec<[f64; 4]> {
         let mut seen = vec![false; self.is_in.len()];
@@ -163,22 +168,22 @@ impl Cells {
     }
 }
 
-/// Remembers what the detector saw last, and what changes all the time.
+/// Compares pictures with the content that the detector inspected last, and learns which cells change all the time.
 #[derive(Clone, Debug)]
 pub struct ChangeMap {
     columns: usize,
     rows: usize,
     factor: usize,
-    /// The picture before this one.
+    /// The previous picture.
     before: SmallGrey,
-    /// What the detector saw last, cell by cell from different pictures.
-    seen: SmallGrey,
-    /// Shift of the picture when each cell was seen.
-    seen_shift: Vec<Vector2<f64>>,
-    /// Mean change of each cell in this picture against what was seen.
+    /// The content that the detector inspected last; cells come from different pictures.
+    inspected: SmallGrey,
+    /// Shift of the picture when each cell was inspected.
+    inspected_shift: Vec<Vector2<f64>>,
+    /// Mean change of each cell of this picture against the inspected content, grey levels.
     change: Vec<f32>,
     noise: Vec<f32>,
-    /// Of each cell; those at the right and the bottom may be smaller.
+    /// Scatter factor of each cell's noise; cells at the right and the bottom may be smaller and scatter more.
     scatter: Vec<f32>,
     nuisance: Vec<f32>,
     last_s: Option<f64>,
@@ -186,7 +191,7 @@ pub struct ChangeMap {
 }
 
 impl ChangeMap {
-    /// Before anything was seen, for pictures of this size.
+    /// Creates a map for pictures of this size, before any inspection.
     #[must_use]
     pub fn new(small: &SmallGrey) -> Self {
         let (columns, rows) = (small.width.div_ceil(CELL_PX), small.height.div_ceil(CELL_PX));
@@ -201,8 +206,8 @@ impl ChangeMap {
             rows,
             factor: small.factor,
             before: small.clone(),
-            seen: small.clone(),
-            seen_shift: vec![Vector2::zeros(); cells],
+            inspected: small.clone(),
+            inspected_shift: vec![Vector2::zeros(); cells],
             change: vec![0.0; cells],
             noise: vec![FIRST_NOISE; cells],
             scatter: scatter.collect(),
@@ -212,19 +217,19 @@ impl ChangeMap {
         }
     }
 
-    /// Whether it is made for pictures of this size.
+    /// Whether the map was created for pictures of this size.
     #[must_use]
     pub fn suits(&self, small: &SmallGrey) -> bool {
         self.before.same_size(small)
     }
 
-    /// No cells, in the grid of this map.
+    /// Returns an empty set of cells in the grid of this map.
     #[must_use]
     pub fn no_cells(&self) -> Cells {
         Cells::none(self.columns, self.rows, CELL_PX * self.factor)
     }
 
-    /// All cells.
+    /// Returns the set of all cells in the grid of this map.
     #[must_use]
     pub fn all_cells(&self) -> Cells {
         let mut cells = self.no_cells();
@@ -232,8 +237,8 @@ impl ChangeMap {
         cells
     }
 
-    /// Takes the next picture and says which cells changed since they were seen. `shift` is where the picture lies against
-    /// the background, px of the small picture.
+    /// Compares the next picture and returns the cells that changed since their inspection. `shift` is the shift of the
+    /// picture against the background, px of the small picture.
     pub fn changed(&mut self, small: &SmallGrey, shift: Vector2<f64>, time_s: f64) -> Cells {
         self.pictures = self.pictures.saturating_add(1);
         let fade = self.last_s.map_or(1.0, |last| (-(time_s - last).max(0.0) / FADE_S).exp()) as f32;
@@ -251,9 +256,15 @@ impl ChangeMap {
         cells
     }
 
-    /// The detector looked at the cells of a region in this picture; `vehicles` are the boxes (px of the frame) of what it saw
-    /// there, weak ones too. What changed elsewhere was no vehicle.
-    pub fn looked(&mut self, small: &SmallGrey, shift: Vector2<f64>, region: &Cells, vehicles: &Cells) {
+    /// Marks the cells of `region` as inspected in this picture. `vehicles` are the cells of the boxes found there, weak
+    /// ones included. A change in any other inspected cell was no vehicle.
+    pub fn mark_inspected(
+        &mut self,
+        small: &SmallGrey,
+        shift: Vector2<f64>,
+        region: &Cells,
+        vehicles: &Cells,
+    ) {
         for row in 0..self.rows {
             for column in 0..self.columns {
                 if !region.has(column, row) {
@@ -264,11 +275,11 @@ impl ChangeMap {
                 if !vehicles.has(column, row) && missing > 0.0 {
                     self.nuisance[cell] = (self.nuisance[cell] + LEARN * missing).min(MOST_NUISANCE);
                 }
-                self.seen_shift[cell] = shift;
+                self.inspected_shift[cell] = shift;
                 for y in row * CELL_PX..((row + 1) * CELL_PX).min(small.height) {
                     let from = y * small.width + column * CELL_PX;
                     let to = y * small.width + ((column + 1) * CELL_PX).min(small.width);
-                    self.seen.values[from..to].copy_from_slice(&small.values[from..to]);
+                    self.inspected.values[from..to].copy_from_slice(&small.values[from..to]);
                 }
             }
         }
@@ -276,7 +287,7 @@ impl ChangeMap {
 
     fn learn_noise(&mut self, small: &SmallGrey) {
         let changes = cell_means(&self.before.values, &small.values, small.width, self.columns, self.rows);
-        // The first pictures tell most.
+        // The estimate adapts faster in the first pictures, which carry the most information.
         let speed = if self.pictures < 20 { 8.0 } else { 1.0 };
         let (up, down) = (UP.powf(speed), DOWN.powf(speed));
         for (noise, change) in self.noise.iter_mut().zip(changes) {
@@ -286,11 +297,11 @@ impl ChangeMap {
     }
 
     fn compare(&mut self, small: &SmallGrey, shift: Vector2<f64>) {
-        self.change = cell_means(&self.seen.values, &small.values, small.width, self.columns, self.rows);
+        self.change = cell_means(&self.inspected.values, &small.values, small.width, self.columns, self.rows);
         for row in 0..self.rows {
             for column in 0..self.columns {
                 let cell = row * self.columns + column;
-                let shaken = shift - self.seen_shift[cell];
+                let shaken = shift - self.inspected_shift[cell];
                 if shaken.norm() > STILL && self.change[cell] > LEAST {
                     self.change[cell] = self.unshaken(small, column, row, shaken);
                 }
@@ -298,7 +309,7 @@ impl ChangeMap {
         }
     }
 
-    /// Mean change of a cell without what the shift of the picture explains: `I(x) − S(x − d) ≈ I − S + ∇I·d`.
+    /// Mean change of a cell after the picture's shift is taken out: `I(x) − S(x − d) ≈ I − S + ∇I·d`.
     fn unshaken(&self, small: &SmallGrey, column: usize, row: usize, shaken: Vector2<f64>) -> f32 {
         let (width, height) = (small.width, small.height);
         let (dx, dy) = (shaken.x as f32, shaken.y as f32);
@@ -308,7 +319,7 @@ impl ChangeMap {
                 let at = |x: usize, y: usize| f32::from(small.values[y * width + x]);
                 let gradient =
                     0.5 * ((at(x + 1, y) - at(x - 1, y)) * dx + (at(x, y + 1) - at(x, y - 1)) * dy);
-                sum += (at(x, y) - f32::from(self.seen.values[y * width + x]) + gradient).abs();
+                sum += (at(x, y) - f32::from(self.inspected.values[y * width + x]) + gradient).abs();
                 count += 1.0;
             }
         }
@@ -316,7 +327,7 @@ impl ChangeMap {
     }
 }
 
-/// Mean absolute difference in each cell, grey levels.
+/// Returns the mean absolute difference in each cell, grey levels.
 fn cell_means(a: &[u8], b: &[u8], width: usize, columns: usize, rows: usize) -> Vec<f32> {
     let mut sums = vec![0_u32; columns * rows];
     let mut counts = vec![0_u32; columns * rows];

@@ -1,8 +1,8 @@
-//! Long edges of the place that show how the lens bends lines: kerbs, roofs, markings, masts.
+//! Long edges of the scene that show the lens's distortion: kerbs, roofs, markings, masts.
 //!
-//! Edge points to a fraction of a pixel (Canny's maxima across the edge, with a parabola through them: Devernay 1995) are followed
-//! along the edge; the chains are cut until each piece is a parabola. What a piece tells is how far its middle is from its ends'
-//! line.
+//! Edge points are located to a fraction of a pixel: Canny's maxima across the edge, refined by a parabola (Devernay
+//! 1995). They are linked along the edge, and each chain is cut until every piece is a parabola. The measurement of a
+//! piece is the distance of its middle from the line through its ends.
 
 use image::RgbImage;
 use nalgebra::{Matrix3, Vector2, Vector3};
@@ -15,34 +15,40 @@ use crate::lines::is_in;
 
 /// Smoothing before edges are found, px (sd).
 const BLUR_PX: f64 = 1.2;
-/// Grey levels a pixel that an edge changes by at least, …
+/// Smallest change across an edge, grey levels a pixel.
 const LEAST_CHANGE: f32 = 2.0;
-/// … and this share of what a fifth of the picture exceeds.
+/// Smallest change across an edge, as a share of the change that a fifth of the picture exceeds.
 const CHANGE_SHARE: f32 = 0.6;
-/// From point to point an edge turns by less than this (cosine).
+/// Largest turn of an edge from point to point, as a cosine.
 const TURN: f32 = 0.9;
-/// Shortest piece, as a share of the picture's width, and points.
+/// Shortest piece, as a share of the picture's width.
 const MIN_SHARE: f64 = 0.04;
+/// Fewest points of a piece.
 const MIN_POINTS: usize = 40;
-/// Points are off their parabola by less than this, px: rms, and each.
+/// Largest rms distance of a piece's points from their parabola, px.
 const RMS_PX: f64 = 0.6;
+/// Largest distance of a single point from its parabola, px.
 const MOST_PX: f64 = 2.4;
-/// The middle is off the ends' line by no more than this share of their distance: what bends more is no straight thing.
-const MOST_BEND: f64 = 0.04;
-/// So many neighbouring points share their error.
+/// Largest distance of the middle from the line through the ends, as a share of their distance. An edge that curves
+/// more is no straight object.
+const MAX_SAGITTA: f64 = 0.04;
+/// Number of neighbouring points that share their error.
 const SHARED_POINTS: f64 = 8.0;
-/// How well the middle is found beside the scatter of points, px.
+/// Error of the middle beside the scatter of the points, px (sd).
 const FLOOR_PX: f64 = 0.1;
-/// Edges nearer to the rim than this share of the width may be the rim's own; those along the picture's rows and columns to this
-/// angle, rad, may be drawn into it.
+/// Margin at the picture's rim, as a share of the width: an edge nearer to the rim may be the rim itself.
 const RIM_SHARE: f64 = 0.008;
+/// Smallest angle to the picture's rows and columns, rad: an edge along them may be an overlay.
 const DRAWN_RAD: f64 = 0.0015;
-/// At most so many are kept, the longest first, and of those within [`CROWD_SHARE`] of the width so many.
+/// Largest number of edges that are kept, the longest first.
 const MOST: usize = 150;
+/// Largest number of edges that are kept within [`CROWD_SHARE`] of the width.
 const CROWD: usize = 2;
+/// Distance within which edges are crowded, as a share of the picture's width.
 const CROWD_SHARE: f64 = 0.025;
 
-/// Long edges in a picture, the longest first, none in `boxes` (left, top, right, bottom, px), where vehicles are.
+/// Finds long edges in a picture, the longest first. Edges in `boxes` (left, top, right, bottom, px) are left out:
+/// those are vehicles.
 ///
 /// # Errors
 /// [`WatchError`] when OpenCV fails.
@@ -70,10 +76,10 @@ pub fn scene_curves(image: &RgbImage, boxes: &[[f64; 4]]) -> Result<Vec<SceneCur
     Ok(kept)
 }
 
-/// Points of steepest change, by pixel.
+/// Points of steepest change, indexed by pixel.
 struct EdgePoints {
     width: usize,
-    /// Place in `points` + 1 of the point in each pixel, 0 for none.
+    /// For each pixel the index of its point in `points`, plus 1; 0 where it has none.
     at_pixel: Vec<u32>,
     points: Vec<EdgePoint>,
 }
@@ -82,7 +88,7 @@ struct EdgePoints {
 struct EdgePoint {
     pixel: usize,
     at: Vector2<f64>,
-    /// Unit, from dark to light.
+    /// Unit vector from dark to light.
     across: Vector2<f32>,
     change: f32,
 }
@@ -115,7 +121,7 @@ impl EdgePoints {
             return Ok(found);
         };
         let least = LEAST_CHANGE.max(CHANGE_SHARE * *exceeded);
-        // Bilinear, as the neighbours across the edge lie between pixels.
+        // Bilinear interpolation: the neighbours across the edge lie between pixels.
         let between = |x: f32, y: f32| {
             let (column, row) = (x as usize, y as usize);
             let (right, low) = (x - column as f32, y - row as f32);
@@ -123,7 +129,7 @@ impl EdgePoints {
             (value(0, 0) * (1.0 - right) + value(1, 0) * right) * (1.0 - low)
                 + (value(0, 1) * (1.0 - right) + value(1, 1) * right) * low
         };
-        // At least the step to the neighbours across an edge.
+        // The margin is at least the step to the neighbours across an edge.
         let rim = ((RIM_SHARE * width as f64) as usize).max(3);
         for row in rim..height.saturating_sub(rim) {
             for column in rim..width.saturating_sub(rim) {
@@ -148,7 +154,7 @@ impl EdgePoints {
         Ok(found)
     }
 
-    /// Chains of points along edges, of at least so many, from strong to weak.
+    /// Links points along edges into chains of at least `least` points, strong points first.
     fn chains(&self, least: usize) -> Vec<Vec<Vector2<f64>>> {
         let mut order: Vec<usize> = (0..self.points.len()).collect();
         order.sort_by(|a, b| self.points[*b].change.total_cmp(&self.points[*a].change).then(a.cmp(b)));
@@ -170,7 +176,7 @@ impl EdgePoints {
         chains
     }
 
-    /// Points that follow one along its edge, in one sense.
+    /// Follows an edge from one point in one direction.
     fn followed(&self, start: usize, sense: f32, taken: &mut [bool]) -> Vec<usize> {
         let mut path = Vec::new();
         let mut current = start;
@@ -187,7 +193,7 @@ impl EdgePoints {
         let along = Vector2::new(-here.across.y, here.across.x) * sense;
         let mut best: Option<(usize, f32)> = None;
         for (dx, dy) in [(-1, -1), (0, -1), (1, -1), (-1, 0), (1, 0), (-1, 1), (0, 1), (1, 1)] {
-            // Points keep away from the rim, so that neighbours are in the picture.
+            // All points keep away from the rim, so the neighbours are inside the picture.
             let pixel = here.pixel.wrapping_add_signed(dy * self.width.cast_signed() + dx);
             let found = self.at_pixel.get(pixel).copied().unwrap_or(0) as usize;
             let Some(there) = found.checked_sub(1).filter(|there| !taken[*there]) else { continue };
@@ -206,7 +212,7 @@ impl EdgePoints {
     }
 }
 
-/// Cuts a chain until its pieces are parabolas; what is too short or bends too much is dropped.
+/// Cuts a chain until its pieces are parabolas; drops pieces that are too short or curve too much.
 fn pieces(chain: &[Vector2<f64>], least: usize) -> Vec<SceneCurve> {
     let mut open = vec![chain];
     let mut found = Vec::new();
@@ -226,29 +232,29 @@ fn pieces(chain: &[Vector2<f64>], least: usize) -> Vec<SceneCurve> {
 }
 
 enum Fit {
-    /// A parabola, told unless it bends too much.
+    /// The points fit a parabola; `None` where it curves too much.
     Good(Option<SceneCurve>),
-    /// None: it had better be cut here.
+    /// The points do not fit a parabola; the index is the best cut.
     CutAt(usize),
 }
 
-/// Lays a parabola through points, in the frame of their ends' line.
+/// Fits a parabola to points, in the frame of the line through their ends.
 fn parabola(points: &[Vector2<f64>]) -> Fit {
     let (first, last) = (points[0], points[points.len() - 1]);
     let length = (last - first).norm();
-    // A chain that comes back to where it began.
+    // The chain returns to its start.
     if length < 0.5 * points.len() as f64 {
         return Fit::CutAt(points.len() / 2);
     }
     let along = (last - first) / length;
     let across = Vector2::new(-along.y, along.x);
     let row = |t: f64| Vector3::new(1.0, t, t * t);
-    let place = |point: &Vector2<f64>| {
+    let position = |point: &Vector2<f64>| {
         let from = point - first;
         (along.dot(&from) / length - 0.5, across.dot(&from))
     };
     let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
-    for (t, off) in points.iter().map(place) {
+    for (t, off) in points.iter().map(position) {
         normal += row(t) * row(t).transpose();
         right += off * row(t);
     }
@@ -256,7 +262,7 @@ fn parabola(points: &[Vector2<f64>]) -> Fit {
         return Fit::CutAt(points.len() / 2);
     };
     let residuals: Vec<f64> =
-        points.iter().map(place).map(|(t, off)| (off - solved.dot(&row(t))).abs()).collect();
+        points.iter().map(position).map(|(t, off)| (off - solved.dot(&row(t))).abs()).collect();
     let rms = (residuals.iter().map(|r| r * r).sum::<f64>() / residuals.len() as f64).sqrt();
     let worst = (0..residuals.len()).max_by(|a, b| residuals[*a].total_cmp(&residuals[*b])).unwrap_or(0);
     if rms > RMS_PX || residuals[worst] > MOST_PX {
@@ -264,9 +270,10 @@ fn parabola(points: &[Vector2<f64>]) -> Fit {
     }
     let at = |t: f64| first + along * ((t + 0.5) * length) + across * solved.dot(&row(t));
     let independent = (points.len() as f64 / SHARED_POINTS).max(3.0);
-    // The middle of a parabola is a quarter of its square term off its ends' line, which n points along it tell to √(180 / n) sds.
+    // The middle of a parabola lies a quarter of its square term off the line through its ends. n points along it
+    // determine that distance to √(180 / n) sds.
     let sd_px = (rms * 180_f64.sqrt() / (4.0 * independent.sqrt())).hypot(FLOOR_PX);
-    let is_gentle = 0.25 * solved.z.abs() < MOST_BEND * length;
+    let is_gentle = 0.25 * solved.z.abs() < MAX_SAGITTA * length;
     Fit::Good(is_gentle.then(|| SceneCurve { points_px: [at(-0.5), at(0.0), at(0.5)], sd_px }))
 }
 
@@ -277,12 +284,12 @@ mod tests {
 
     const SIZE: ImageSize = ImageSize { width: 960, height: 540 };
 
-    /// A dark band along a line of the scene, as a lens shows it.
+    /// Draws a dark band along a line of the scene, as a lens shows it.
     fn drawn(lens: Lens, from: Vector2<f64>, to: Vector2<f64>) -> RgbImage {
         let along = (to - from) / (to - from).norm();
         RgbImage::from_fn(SIZE.width, SIZE.height, |x, y| {
-            let bent = Vector2::new(f64::from(x), f64::from(y)) - SIZE.centre_px();
-            let off = along.perp(&(lens.straightened(&bent) - from)).abs();
+            let distorted = Vector2::new(f64::from(x), f64::from(y)) - SIZE.centre_px();
+            let off = along.perp(&(lens.undistorted(&distorted) - from)).abs();
             let noise = f64::from((x.wrapping_mul(7919) ^ y.wrapping_mul(104_729)) % 7) - 3.0;
             let v = (160.0 - 80.0 * (6.5 - off).clamp(0.0, 1.0) + noise).round() as u8;
             image::Rgb([v, v, v])
@@ -292,30 +299,30 @@ mod tests {
     #[test]
     fn both_sides_of_a_line_show_the_lens() {
         let (from, to) = (Vector2::new(-420.0, -190.0), Vector2::new(430.0, -160.0));
-        for bend in [0.0, -0.12] {
-            let lens = Lens::with_bend(bend, SIZE);
+        for distortion in [0.0, -0.12] {
+            let lens = Lens::with_distortion(distortion, SIZE);
             let found = scene_curves(&drawn(lens, from, to), &[]).unwrap();
-            assert!(found.len() >= 2, "{bend}: {found:?}");
+            assert!(found.len() >= 2, "{distortion}: {found:?}");
             for curve in &found {
-                let [a, b, c] = curve.points_px.map(|p| lens.straightened(&(p - SIZE.centre_px())));
+                let [a, b, c] = curve.points_px.map(|p| lens.undistorted(&(p - SIZE.centre_px())));
                 let off = (c - a).perp(&(b - a)) / (c - a).norm();
-                assert!(off.abs() < 0.3, "{bend}: the middle of {curve:?} is {off} px off");
-                let bent = curve.points_px[1] - curve.points_px[0];
+                assert!(off.abs() < 0.3, "{distortion}: the middle of {curve:?} is {off} px off");
+                let middle = curve.points_px[1] - curve.points_px[0];
                 let chord = curve.points_px[2] - curve.points_px[0];
                 let is_long = chord.norm() > 700.0;
-                assert!(bend == 0.0 || !is_long || chord.perp(&bent).abs() > 10.0 * chord.norm());
+                assert!(distortion == 0.0 || !is_long || chord.perp(&middle).abs() > 10.0 * chord.norm());
             }
         }
     }
 
     #[test]
-    fn circles_vehicles_and_small_pictures_tell_nothing() {
+    fn circles_vehicles_and_small_pictures_give_no_straight_edges() {
         let ring = RgbImage::from_fn(SIZE.width, SIZE.height, |x, y| {
             let from = Vector2::new(f64::from(x), f64::from(y)) - SIZE.centre_px();
             image::Rgb([if (from.norm() - 150.0).abs() < 6.0 { 60 } else { 160 }; 3])
         });
         let found = scene_curves(&ring, &[]).unwrap();
-        // Pieces of a circle are seen as bent lines, none as straight.
+        // Pieces of a circle are found as curved lines, never as straight ones.
         for curve in &found {
             let [a, b, c] = curve.points_px;
             assert!((c - a).perp(&(b - a)).abs() > 3.0 * curve.sd_px * (c - a).norm(), "{curve:?}");

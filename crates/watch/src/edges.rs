@@ -1,4 +1,4 @@
-//! Edges to a fraction of a pixel.
+//! Measures straight edges to a fraction of a pixel.
 
 use nalgebra::{Matrix2, Vector2};
 use opencv::core::{Mat, MatTraitConst as _, MatTraitConstManual as _};
@@ -6,30 +6,30 @@ use roadplane_base::{SceneLine, median};
 
 use crate::WatchError;
 
-/// Change is looked at so far to either side, px, …
+/// Distance to either side of an edge within which change is measured, px.
 const REACH_PX: f64 = 2.5;
-/// … in steps of this.
+/// Step of that measurement, px.
 const STEP_PX: f64 = 0.5;
-/// What lies further from the line counts less, px (sd): other edges run beside it.
+/// Width of the weight around the line, px (sd): other edges run beside it.
 const NEAR_PX: f64 = 1.2;
-/// Places with less than this share of the edge's median change say nothing.
+/// Smallest change at a sample, as a share of the edge's median change; weaker samples are dropped.
 const LEAST_CHANGE: f64 = 0.25;
-/// Fewest places that make a line.
-const LEAST_PLACES: usize = 6;
-/// So many neighbouring places, a pixel apart, share their error: the width of lens, sensor and compression.
-const SHARED_PLACES: f64 = 4.0;
-/// What an edge's course is off by beside its scatter, px: pixels are squares, walls have plaster.
+/// Fewest samples that make a line.
+const MIN_SAMPLES: usize = 6;
+/// Number of neighbouring samples, a pixel apart, that share their error: the width of lens, sensor and compression.
+const SHARED_SAMPLES: f64 = 4.0;
+/// Error of an edge's position beside the scatter of its samples, px: pixels are squares, walls have plaster.
 const FLOOR_PX: f64 = 0.08;
 
-/// A place on an edge: how far along it, how far off, and its weight.
-struct Place {
+/// A sample on an edge: distance along it, offset across it, strength of change, and weight.
+struct Sample {
     along: f64,
     off: f64,
     change: f64,
     weight: f64,
 }
 
-/// A grey picture in which edges are laid.
+/// A grey picture in which edges are measured.
 pub(crate) struct Edges {
     width: usize,
     height: usize,
@@ -37,7 +37,7 @@ pub(crate) struct Edges {
 }
 
 impl Edges {
-    /// Of a smoothed grey picture.
+    /// Copies a smoothed grey picture.
     pub(crate) fn of(grey: &Mat) -> Result<Self, WatchError> {
         let count = |length: i32| usize::try_from(length).unwrap_or(0);
         Ok(Self {
@@ -47,7 +47,7 @@ impl Edges {
         })
     }
 
-    /// Grey value between pixels, bilinear; beyond the rim that of the rim.
+    /// Returns the grey value between pixels, bilinear; a point beyond the rim gets the value at the rim.
     fn at(&self, point: &Vector2<f64>) -> f64 {
         let clamped = |v: f64, count: usize| v.clamp(0.0, (count.max(2) - 1) as f64 - 1e-6);
         let (x, y) = (clamped(point.x, self.width), clamped(point.y, self.height));
@@ -62,46 +62,47 @@ impl Edges {
         upper * (1.0 - low) + lower * low
     }
 
-    /// The line through the places of steepest change near a segment, by reweighted least squares, upper end first. `None` where
-    /// too few places show an edge.
-    pub(crate) fn laid_anew(&self, ends: &[Vector2<f64>; 2]) -> Option<SceneLine> {
+    /// Refits the line near a segment to the points of steepest change, by reweighted least squares; upper end first.
+    /// Returns `None` where too few samples show an edge.
+    pub(crate) fn refitted(&self, ends: &[Vector2<f64>; 2]) -> Option<SceneLine> {
         let length = (ends[1] - ends[0]).norm();
         let along = (ends[1] - ends[0]).try_normalize(1e-9)?;
         let across = Vector2::new(-along.y, along.x);
-        let mut places = self.places(&ends[0], &along, length);
-        let median_change = median(&mut places.iter().map(|p| p.change).collect::<Vec<_>>())?;
-        places.retain(|place| place.change > LEAST_CHANGE * median_change);
-        if places.len() < LEAST_PLACES {
+        let mut samples = self.samples(&ends[0], &along, length);
+        let median_change = median(&mut samples.iter().map(|p| p.change).collect::<Vec<_>>())?;
+        samples.retain(|sample| sample.change > LEAST_CHANGE * median_change);
+        if samples.len() < MIN_SAMPLES {
             return None;
         }
         let mut line = Vector2::zeros();
         for _ in 0..5 {
             let (mut normal, mut sum) = (Matrix2::zeros(), Vector2::zeros());
-            for place in &places {
-                let row = Vector2::new(1.0, place.along - 0.5 * length);
-                normal += place.weight * row * row.transpose();
-                sum += place.weight * place.off * row;
+            for sample in &samples {
+                let row = Vector2::new(1.0, sample.along - 0.5 * length);
+                normal += sample.weight * row * row.transpose();
+                sum += sample.weight * sample.off * row;
             }
             line = normal.cholesky()?.solve(&sum);
-            let residual = |p: &Place| p.off - line.x - line.y * (p.along - 0.5 * length);
-            let scatter = median(&mut places.iter().map(|p| residual(p).abs()).collect::<Vec<_>>())?;
+            let residual = |p: &Sample| p.off - line.x - line.y * (p.along - 0.5 * length);
+            let scatter = median(&mut samples.iter().map(|p| residual(p).abs()).collect::<Vec<_>>())?;
             let bound = 2.0 * (1.4826 * scatter).max(0.05);
-            for place in &mut places {
-                place.weight = 1.0 / (1.0 + (residual(place) / bound).powi(2));
+            for sample in &mut samples {
+                sample.weight = 1.0 / (1.0 + (residual(sample) / bound).powi(2));
             }
         }
-        let residual = |p: &Place| p.off - line.x - line.y * (p.along - 0.5 * length);
-        let weights: f64 = places.iter().map(|p| p.weight).sum();
-        let scatter = (places.iter().map(|p| p.weight * residual(p).powi(2)).sum::<f64>() / weights).sqrt();
-        let independent = (places.len() as f64 / SHARED_PLACES).max(1.0);
+        let residual = |p: &Sample| p.off - line.x - line.y * (p.along - 0.5 * length);
+        let weights: f64 = samples.iter().map(|p| p.weight).sum();
+        let scatter = (samples.iter().map(|p| p.weight * residual(p).powi(2)).sum::<f64>() / weights).sqrt();
+        let independent = (samples.len() as f64 / SHARED_SAMPLES).max(1.0);
         let sd_rad = 12f64.sqrt() * (scatter / independent.sqrt()).hypot(FLOOR_PX) / length;
         let end = |at: f64| ends[0] + at * along + (line.x + line.y * (at - 0.5 * length)) * across;
         let (a, b) = (end(0.0), end(length));
         Some(SceneLine { ends_px: if a.y <= b.y { [a, b] } else { [b, a] }, sd_rad })
     }
 
-    /// Where the picture changes most across a segment, every pixel along it; only change of the segment's own sign counts.
-    fn places(&self, from: &Vector2<f64>, along: &Vector2<f64>, length: f64) -> Vec<Place> {
+    /// Samples the steepest change across a segment at every pixel along it; only change of the segment's own sign
+    /// counts.
+    fn samples(&self, from: &Vector2<f64>, along: &Vector2<f64>, length: f64) -> Vec<Sample> {
         let across = Vector2::new(-along.y, along.x);
         let steps = (REACH_PX / STEP_PX) as i32;
         let change = |at: f64, off: f64| {
@@ -113,7 +114,7 @@ impl Edges {
         let changes: Vec<Vec<f64>> =
             stations.iter().map(|at| offs.iter().map(|off| change(*at, *off)).collect()).collect();
         let sign = changes.iter().flatten().sum::<f64>().signum();
-        let place = |(at, changes): (&f64, &Vec<f64>)| {
+        let sample = |(at, changes): (&f64, &Vec<f64>)| {
             let weights = offs
                 .iter()
                 .zip(changes)
@@ -121,8 +122,8 @@ impl Edges {
             let weights: Vec<f64> = weights.collect();
             let total: f64 = weights.iter().sum();
             let off = weights.iter().zip(&offs).map(|(w, off)| w * off).sum::<f64>() / total.max(1e-9);
-            Place { along: *at, off, change: total, weight: 1.0 }
+            Sample { along: *at, off, change: total, weight: 1.0 }
         };
-        stations.iter().zip(&changes).map(place).collect()
+        stations.iter().zip(&changes).map(sample).collect()
     }
 }

@@ -1,8 +1,8 @@
-//! The background at rest at one size, cut into blocks that each tell how the picture is shifted.
+//! The background at rest at one size, cut into blocks that each measure the picture's shift.
 //!
-//! In a block the picture is taken for the reference, shifted by d and lit differently:
-//! `I(x) = a R(x − d) + b ≈ a R − a ∇R·d + b`. Least squares over (a, b, a d) has a normal matrix of the reference alone, so a
-//! picture costs four products a pixel (Lucas & Kanade 1981, with gain and offset).
+//! In a block the picture equals the reference, shifted by d and lit differently:
+//! `I(x) = a R(x − d) + b ≈ a R − a ∇R·d + b`. Least squares over (a, b, a d) has a normal matrix of the reference
+//! alone. So a picture costs four products a pixel (Lucas & Kanade 1981, with gain and offset).
 
 use nalgebra::{Matrix4, Vector2, Vector4};
 
@@ -10,24 +10,27 @@ use crate::SmallGrey;
 
 /// Side of a block, px of the small picture.
 pub(crate) const BLOCK: usize = 16;
-/// Least mean squared gradient along the weaker direction, grey levels² a px²: below, noise and codecs pass for structure.
+/// Smallest mean squared gradient along the weaker direction, grey levels² a px². Below it, noise and codec artefacts
+/// pass for structure.
 const MIN_STRUCTURE: f64 = 4.0;
-/// Blocks in every ninth of a picture that has structure all over.
+/// Fewest blocks in every ninth of a picture that has structure all over.
 const MIN_IN_NINTH: usize = 3;
-/// Blocks that told nothing in most pictures at rest (noise, leaves, the middle of the road) have no say. Trust follows what they
-/// tell within this time, s, which is longer than something large takes to drive past; new blocks must earn it.
+/// Time constant of a block's trust, s: longer than a large vehicle takes to drive past. Trust is the running share of
+/// pictures at rest in which the block measured a shift.
 const TRUST_S: f64 = 3.0;
+/// Trust from which a block counts: blocks of noise, leaves or bare road stay below.
 const TRUSTED: f64 = 0.4;
+/// Trust of a new block; it is below [`TRUSTED`].
 const NEW_TRUST: f64 = 0.3;
-/// A block is the same place if shift and light explain at least this share of its variance.
+/// Smallest share of a block's variance that shift and light must explain; otherwise the picture shows something else.
 const MIN_EXPLAINED: f64 = 0.55;
-/// Largest shift that a block can tell, px: beyond, the linearisation is wrong.
+/// Largest shift that a block measures, px: beyond it, the linearisation is wrong.
 const MAX_SHIFT: f64 = 1.6;
-/// Least gain: below, the picture has lost the block's structure.
+/// Smallest gain: below it, the picture has lost the block's structure.
 const MIN_GAIN: f64 = 0.08;
-/// How fast the background follows the pictures, grey levels a second: it is their median over the best part of a minute.
+/// Rate at which the background follows the pictures, grey levels a second: it is their median over most of a minute.
 const FOLLOW: f64 = 2.0;
-/// Time after which gradients are worked out anew, s.
+/// Time after which gradients and blocks are recomputed, s.
 const REFRESH_S: f64 = 2.0;
 
 /// A block with structure.
@@ -38,22 +41,22 @@ struct Block {
     inverse: Matrix4<f64>,
     /// Smaller eigenvalue of the gradients' mean square.
     structure: f64,
-    /// How often it told something, 0–1.
+    /// Share of pictures in which the block measured a shift, 0–1.
     trust: f64,
 }
 
-/// What a block says of a picture.
+/// A block's measurement of one picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct BlockShift {
     /// Centre of the block from the picture's middle, px.
     pub centre: Vector2<f64>,
-    /// Shift, px; `None` where the picture is not this block's.
+    /// Shift, px; `None` where the picture does not match the block.
     pub shift: Option<Vector2<f64>>,
-    /// It told something in most pictures so far.
-    pub has_a_say: bool,
+    /// Whether the block measured a shift in most pictures so far.
+    pub is_trusted: bool,
 }
 
-/// A picture made ready to be laid on a background: grey values, and the same smoothed.
+/// A picture prepared for the alignment with a background: its grey values, raw and smoothed.
 #[derive(Clone, Debug)]
 pub(crate) struct Smoothed {
     width: usize,
@@ -69,7 +72,7 @@ impl Smoothed {
         Self { width: picture.width, height: picture.height, values, smooth }
     }
 
-    /// What blocks are compared with.
+    /// Returns the smoothed grey values, which blocks are compared with.
     pub(crate) fn smooth(&self) -> &[f32] {
         &self.smooth
     }
@@ -80,9 +83,9 @@ impl Smoothed {
 pub(crate) struct Level {
     width: usize,
     height: usize,
-    /// The background's running median.
+    /// Running median of the background, grey levels.
     median: Vec<f32>,
-    /// What blocks are compared with: the median, smoothed, and its gradients.
+    /// The smoothed median, which blocks are compared with; its gradients follow.
     smooth: Vec<f32>,
     gradient_x: Vec<f32>,
     gradient_y: Vec<f32>,
@@ -92,7 +95,7 @@ pub(crate) struct Level {
 }
 
 impl Level {
-    /// From its first picture.
+    /// Starts from the first picture.
     pub(crate) fn new(picture: &Smoothed) -> Self {
         let mut level = Self {
             width: picture.width,
@@ -110,12 +113,12 @@ impl Level {
         level
     }
 
-    /// Blocks that have a say.
+    /// Returns the number of trusted blocks.
     pub(crate) fn block_count(&self) -> usize {
         self.blocks.iter().filter(|block| block.trust >= TRUSTED).count()
     }
 
-    /// Whether every ninth of the picture has blocks with a say.
+    /// Whether every ninth of the picture has enough trusted blocks.
     pub(crate) fn is_structured_all_over(&self) -> bool {
         let ninth = |block: &Block| 3 * block.x / self.width.max(1) + 3 * (3 * block.y / self.height.max(1));
         let mut counts = [0; 9];
@@ -127,19 +130,19 @@ impl Level {
         (self.width, self.height)
     }
 
-    /// The background so far.
+    /// Returns the smoothed background so far, row by row.
     pub(crate) fn values(&self) -> &[f32] {
         &self.smooth
     }
 
-    /// Corners of the blocks with the most structure, at most `count`, best first.
+    /// Returns the corners of the trusted blocks with the most structure, at most `count`, best first.
     pub(crate) fn best_blocks(&self, count: usize) -> Vec<(usize, usize)> {
         let trusted = self.blocks.iter().filter(|block| block.trust >= TRUSTED);
         trusted.take(count).map(|block| (block.x, block.y)).collect()
     }
 
-    /// Follows a picture a little, where the camera is at rest; `told` is what [`Self::told`] said of it.
-    pub(crate) fn follow(&mut self, picture: &Smoothed, told: &[BlockShift], time_s: f64) {
+    /// Moves the background a little towards a picture at rest; `shifts` are its measurements from [`Self::measured`].
+    pub(crate) fn follow(&mut self, picture: &Smoothed, shifts: &[BlockShift], time_s: f64) {
         let seconds = self.followed_s.map_or(0.0, |last| (time_s - last).clamp(0.0, 1.0));
         self.followed_s = Some(time_s);
         let step = (FOLLOW * seconds) as f32;
@@ -147,8 +150,8 @@ impl Level {
             *median += (*value - *median).clamp(-step, step);
         }
         let share = 1.0 - (-seconds / TRUST_S).exp();
-        for (block, told) in self.blocks.iter_mut().zip(told) {
-            block.trust += share * (f64::from(u8::from(told.shift.is_some())) - block.trust);
+        for (block, measured) in self.blocks.iter_mut().zip(shifts) {
+            block.trust += share * (f64::from(u8::from(measured.shift.is_some())) - block.trust);
         }
         if time_s - self.refreshed_s >= REFRESH_S {
             self.refreshed_s = time_s;
@@ -156,8 +159,8 @@ impl Level {
         }
     }
 
-    /// What each block with structure says of a smoothed picture that is shifted by about `base`, px.
-    pub(crate) fn told(&self, picture: &[f32], base: [i64; 2]) -> Vec<BlockShift> {
+    /// Measures the shift of every block in a smoothed picture that is shifted by about `base`, px.
+    pub(crate) fn measured(&self, picture: &[f32], base: [i64; 2]) -> Vec<BlockShift> {
         let middle = Vector2::new(self.width as f64 / 2.0, self.height as f64 / 2.0);
         let half = BLOCK as f64 / 2.0;
         let shifted = |at: usize, by: i64, length: usize| {
@@ -173,12 +176,12 @@ impl Level {
             .map(|block| BlockShift {
                 centre: Vector2::new(block.x as f64 + half, block.y as f64 + half) - middle,
                 shift: shift(block),
-                has_a_say: block.trust >= TRUSTED,
+                is_trusted: block.trust >= TRUSTED,
             })
             .collect()
     }
 
-    /// Shift of a block against the picture's at (x, y).
+    /// Measures the shift of a block against the picture's block at (x, y).
     fn shift(&self, block: &Block, picture: &[f32], (x, y): (usize, usize)) -> Option<Vector2<f64>> {
         let mut right = [0.0_f32; 4];
         let mut squares = 0.0_f32;
@@ -222,14 +225,14 @@ impl Level {
             }
         }
         let starts = |length: usize| (BLOCK / 2..length.saturating_sub(BLOCK)).step_by(BLOCK);
-        let known = std::mem::take(&mut self.blocks);
+        let former = std::mem::take(&mut self.blocks);
         let mut blocks: Vec<Block> = starts(height)
             .flat_map(|y| starts(width).map(move |x| (x, y)))
             .filter_map(|(x, y)| self.block(x, y))
             .collect();
         blocks.sort_by(|a, b| b.structure.total_cmp(&a.structure).then((a.y, a.x).cmp(&(b.y, b.x))));
         for block in &mut blocks {
-            let before = known.iter().find(|k| (k.x, k.y) == (block.x, block.y));
+            let before = former.iter().find(|k| (k.x, k.y) == (block.x, block.y));
             block.trust = before.map_or(NEW_TRUST, |k| k.trust);
         }
         self.blocks = blocks;
@@ -259,7 +262,8 @@ impl Level {
     }
 }
 
-/// Binomial 3 × 3 smoothing, which makes pictures linear enough for shifts of a pixel. The frame's border stays as it is.
+/// Smooths by a binomial 3 × 3 kernel, which makes pictures linear enough for shifts of a pixel. The border stays as it
+/// is.
 fn smoothed(values: &[f32], width: usize, height: usize) -> Vec<f32> {
     let mut across = values.to_vec();
     for (out, row) in across.chunks_exact_mut(width).zip(values.chunks_exact(width)) {

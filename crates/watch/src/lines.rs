@@ -1,8 +1,8 @@
-//! Straight edges of the place that may be vertical: masts, corners of houses, door frames.
+//! Straight edges of the scene that may be vertical: masts, corners of houses, door frames.
 //!
-//! Segments come from OpenCV's line segment detector (LSD: Grompone von Gioi et al., IPOL 2012), which keeps only what chance
-//! would hardly make. Pieces of one edge are joined, then every edge is laid anew through the places of steepest change
-//! ([`Edges`](crate::edges::Edges)), which also tells how well its direction is known.
+//! Segments come from OpenCV's line segment detector (LSD: Grompone von Gioi et al., IPOL 2012), which keeps only
+//! segments that are unlikely to arise by chance. Pieces of one edge are joined. Then every edge is refitted to its
+//! points of steepest change ([`Edges`](crate::edges::Edges)), which also yields the uncertainty of its direction.
 
 use image::RgbImage;
 use nalgebra::Vector2;
@@ -16,29 +16,32 @@ use roadplane_base::SceneLine;
 use crate::WatchError;
 use crate::edges::Edges;
 
-/// Edges further from the picture's vertical than this, rad, are not of vertical things before any plausible camera: a mast at
-/// the side of a picture of 60° that looks down by 40° leans by 25°.
+/// Largest lean of an edge from the picture's vertical, rad. Beyond it no vertical object appears before a plausible
+/// camera: a mast at the side of a picture of 60° leans by 25° if the camera looks down by 40°.
 const MAX_LEAN: f64 = 0.52;
-/// Shortest edge as a share of the picture's longer side, and in px.
+/// Shortest edge, as a share of the picture's longer side.
 const MIN_SHARE: f64 = 0.015;
+/// Shortest edge, px.
 const MIN_PX: f64 = 15.0;
-/// Edges nearer to the left or right rim than this share of the longer side may be the rim's own.
+/// Margin at the left and right rim, as a share of the longer side: an edge nearer to the rim may be the rim itself.
 const RIM_SHARE: f64 = 0.008;
-/// A vehicle's box is grown by this share of its longer side.
+/// Margin around a vehicle's box, as a share of its longer side.
 const BOX_SHARE: f64 = 0.05;
-/// Pieces are of one edge when neither end is further than this from the other's line, px, …
+/// Largest distance of a piece's ends from the other piece's line when both belong to one edge, px.
 const JOIN_PX: f64 = 1.0;
-/// … and the gap is at most this share of the longer piece.
+/// Largest gap between two pieces of one edge, as a share of the longer piece.
 const JOIN_GAP: f64 = 0.5;
-/// At most so many edges are kept, the longest first, …
+/// Largest number of edges that are kept, the longest first.
 const MOST: usize = 120;
-/// … and of those within [`CROWD_SHARE`] of the longer side at most so many: a facade has hundreds, which say one thing.
+/// Largest number of edges that are kept within [`CROWD_SHARE`] of the longer side: a facade has hundreds with the same
+/// information.
 const CROWD: usize = 6;
+/// Distance within which edges are crowded, as a share of the picture's longer side.
 const CROWD_SHARE: f64 = 0.03;
-/// Smoothing before edges are laid anew, px (sd).
+/// Smoothing before edges are refitted, px (sd).
 const BLUR_PX: f64 = 0.8;
 
-/// A piece of an edge: ends in the detector's order, which tells the darker side.
+/// A piece of an edge; the detector's order of the ends encodes which side is darker.
 #[derive(Clone, Copy, Debug)]
 struct Piece {
     ends: [Vector2<f64>; 2],
@@ -53,7 +56,8 @@ impl Piece {
         self.along().norm()
     }
 
-    /// The two as one piece, where they lie on one line, dark on the same side, without much of a gap. `self` is the longer one.
+    /// Joins two pieces on one line, dark on the same side, without a large gap; otherwise `None`. `self` is the longer
+    /// piece.
     fn joined(&self, other: &Self) -> Option<Self> {
         let length = self.length();
         let along = self.along() / length;
@@ -71,8 +75,8 @@ impl Piece {
     }
 }
 
-/// Straight edges in a picture that may be vertical in the world, the longest first, none in `boxes` (left, top, right, bottom,
-/// px), where vehicles are.
+/// Finds straight edges in a picture that may be vertical in the world, the longest first. Edges in `boxes` (left, top,
+/// right, bottom, px) are left out: those are vehicles.
 ///
 /// # Errors
 /// [`WatchError`] when OpenCV fails.
@@ -90,7 +94,7 @@ pub fn scene_lines(image: &RgbImage, boxes: &[[f64; 4]]) -> Result<Vec<SceneLine
         let is_inside =
             piece.ends.iter().all(|end| end.x > rim && end.x < f64::from(image.width()) - 1.0 - rim);
         let middle = (piece.ends[0] + piece.ends[1]) / 2.0;
-        // Short pieces may point anywhere, and are there only to be joined.
+        // Short pieces may have any direction; they are kept only to be joined.
         is_inside
             && along.x.abs() < MAX_LEAN.tan() * along.y.abs()
             && !boxes.iter().any(|b| is_in(b, &middle))
@@ -103,7 +107,7 @@ pub fn scene_lines(image: &RgbImage, boxes: &[[f64; 4]]) -> Result<Vec<SceneLine
     let edges = Edges::of(&blurred)?;
     let mut lines: Vec<SceneLine> = Vec::new();
     for piece in joined(pieces).into_iter().filter(|piece| piece.length() >= least) {
-        let Some(line) = edges.laid_anew(&piece.ends) else { continue };
+        let Some(line) = edges.refitted(&piece.ends) else { continue };
         let near = |other: &&SceneLine| (other.middle_px() - line.middle_px()).norm() < CROWD_SHARE * longer;
         if lines.iter().filter(near).count() < CROWD {
             lines.push(line.rounded());
@@ -133,7 +137,7 @@ pub(crate) fn is_in(bbox_px: &[f64; 4], at: &Vector2<f64>) -> bool {
     (x0 - more..x1 + more).contains(&at.x) && (y0 - more..y1 + more).contains(&at.y)
 }
 
-/// Joins pieces, given from long to short; so are the edges.
+/// Joins pieces, which come from long to short; the result has the same order.
 fn joined(mut pieces: Vec<Piece>) -> Vec<Piece> {
     let mut i = 0;
     while i < pieces.len() {
@@ -154,7 +158,7 @@ fn joined(mut pieces: Vec<Piece>) -> Vec<Piece> {
 mod tests {
     use super::*;
 
-    /// Grey masts, smooth to a fraction of a pixel, on a lighter ground with a kerb that is no candidate.
+    /// Draws grey masts, smooth to a fraction of a pixel, on a lighter ground with a kerb that is no candidate.
     fn drawn(masts: &[(Vector2<f64>, Vector2<f64>)]) -> RgbImage {
         RgbImage::from_fn(960, 540, |x, y| {
             let at = Vector2::new(f64::from(x), f64::from(y));
@@ -164,7 +168,7 @@ mod tests {
                 let from = at - top;
                 let length = (foot - top).norm();
                 if (0.0..length).contains(&along.dot(&from)) {
-                    // 8 px wide, its rims a pixel soft.
+                    // The mast is 8 px wide; its rims are a pixel soft.
                     let inside = (4.5 - along.perp(&from).abs()).clamp(0.0, 1.0);
                     value += inside * (60.0 - value);
                 }
@@ -192,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn vehicles_and_what_lies_flat_are_left_out() {
+    fn vehicles_and_horizontal_edges_are_left_out() {
         let mast = (Vector2::new(300.0, 90.0), Vector2::new(300.0, 330.0));
         let flat = (Vector2::new(400.0, 300.0), Vector2::new(800.0, 320.0));
         assert!(scene_lines(&drawn(&[mast, flat]), &[[250.0, 80.0, 350.0, 340.0]]).unwrap().is_empty());

@@ -1,10 +1,10 @@
-//! The background at rest at two sizes: halved, it tells shifts of twice as many pixels, which the other takes further.
+//! The background at rest at two sizes: the halved one measures shifts twice as large, the full one refines them.
 
 use crate::SmallGrey;
 use crate::alignment::Alignment;
 use crate::level::{BlockShift, Level, Smoothed};
 
-/// A picture made ready to be laid on references.
+/// A picture prepared for the alignment with references.
 #[derive(Debug)]
 pub(crate) struct Prepared {
     fine: Smoothed,
@@ -16,20 +16,20 @@ impl Prepared {
         Self { fine: Smoothed::of(picture), coarse: Smoothed::of(&picture.halved()) }
     }
 
-    /// The picture smoothed.
+    /// Returns the smoothed picture at the finer size.
     pub(crate) fn smooth(&self) -> &[f32] {
         self.fine.smooth()
     }
 }
 
-/// What a reference's blocks say of a picture.
+/// The shifts that a reference's blocks measured in a picture.
 #[derive(Debug)]
-pub(crate) struct Told {
+pub(crate) struct BlockShifts {
     pub fine: Vec<BlockShift>,
     coarse: Vec<BlockShift>,
 }
 
-/// The background at rest.
+/// The background at rest at both sizes.
 #[derive(Clone, Debug)]
 pub(crate) struct Reference {
     fine: Level,
@@ -37,29 +37,29 @@ pub(crate) struct Reference {
 }
 
 impl Reference {
-    /// From its first picture.
+    /// Starts from the first picture.
     pub(crate) fn new(picture: &Prepared) -> Self {
         Self { fine: Level::new(&picture.fine), coarse: Level::new(&picture.coarse) }
     }
 
-    /// The level that results are told at.
+    /// Returns the finer level, at which results are reported.
     pub(crate) fn fine(&self) -> &Level {
         &self.fine
     }
 
-    /// What each block says of a picture.
-    pub(crate) fn told(&self, picture: &Prepared) -> Told {
-        let coarse = self.coarse.told(picture.coarse.smooth(), [0, 0]);
+    /// Measures the shift of each block in a picture.
+    pub(crate) fn measured(&self, picture: &Prepared) -> BlockShifts {
+        let coarse = self.coarse.measured(picture.coarse.smooth(), [0, 0]);
         let base = Alignment::of(&coarse).map_or([0, 0], |alignment| {
             let shift = 2.0 * alignment.shift;
             [shift.x, shift.y].map(|v| v.round() as i64)
         });
-        Told { fine: self.fine.told(picture.fine.smooth(), base), coarse }
+        BlockShifts { fine: self.fine.measured(picture.fine.smooth(), base), coarse }
     }
 
-    /// Follows a picture a little, where the camera is at rest; `told` is what [`Self::told`] said of it.
-    pub(crate) fn follow(&mut self, picture: &Prepared, told: &Told, time_s: f64) {
-        self.fine.follow(&picture.fine, &told.fine, time_s);
-        self.coarse.follow(&picture.coarse, &told.coarse, time_s);
+    /// Moves the background a little towards a picture at rest; `shifts` are its measurements from [`Self::measured`].
+    pub(crate) fn follow(&mut self, picture: &Prepared, shifts: &BlockShifts, time_s: f64) {
+        self.fine.follow(&picture.fine, &shifts.fine, time_s);
+        self.coarse.follow(&picture.coarse, &shifts.coarse, time_s);
     }
 }

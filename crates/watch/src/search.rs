@@ -1,5 +1,5 @@
-//! How two pictures of one place hang together when nothing is known beforehand: blocks are searched for far and wide, and the
-//! similarity that carries most of them is taken.
+//! Finds the similarity between two pictures of one scene without a prior. Blocks are searched over a wide area, and
+//! the similarity that fits most of them is taken.
 
 use nalgebra::Vector2;
 use roadplane_base::Similarity;
@@ -7,24 +7,25 @@ use roadplane_base::Similarity;
 use crate::alignment::Alignment;
 use crate::level::Level;
 
-/// Blocks that are searched for.
+/// Number of blocks that are searched for.
 const BLOCKS: usize = 60;
 /// Side of a block, px of the halved small picture.
 const SIDE: usize = 8;
-/// How far a block is searched for, px of the halved small picture.
+/// Largest shift of a block, px of the halved small picture.
 const REACH: i64 = 24;
-/// Correlation at which a block is found.
+/// Smallest correlation of a found block.
 const FOUND: f64 = 0.8;
-/// A block goes along with a similarity within this, px of the halved small picture.
+/// Largest distance of an agreeing block from a similarity, px of the halved small picture.
 const NEAR: f64 = 1.5;
-/// Share of the blocks that must go along, and their number.
+/// Share of the blocks that must agree.
 const MIN_SHARE: f64 = 0.3;
+/// Fewest blocks that must agree.
 const MIN_BLOCKS: usize = 6;
-/// Rounds in which what was found is made finer.
+/// Number of rounds that refine the result.
 const REFINEMENTS: usize = 3;
 
-/// The similarity that carries the reference to a picture (smoothed, of the same size), in px of the small picture; `None` where
-/// there is none: another place.
+/// Finds the similarity that carries the reference to a picture (smoothed, of the same size), in px of the small
+/// picture. Returns `None` where there is none: another scene.
 pub(crate) fn search(reference: &Level, picture: &[f32]) -> Option<Similarity> {
     let (width, height) = reference.size();
     let from = Half::of(reference.values(), width, height);
@@ -36,7 +37,7 @@ pub(crate) fn search(reference: &Level, picture: &[f32]) -> Option<Similarity> {
     let mut best: Vec<(Vector2<f64>, Vector2<f64>)> = Vec::new();
     for (i, a) in pairs.iter().enumerate() {
         for b in &pairs[i + 1..] {
-            // Neighbours tell scale and roll badly.
+            // Neighbouring blocks determine scale and roll badly.
             if (a.0 - b.0).norm() < 3.0 * SIDE as f64 {
                 continue;
             }
@@ -58,14 +59,15 @@ pub(crate) fn search(reference: &Level, picture: &[f32]) -> Option<Similarity> {
     Similarity::fit(&doubled)
 }
 
-/// A similarity that [`search`] found, to a fraction of a pixel: the picture is carried back by it and laid on the reference.
+/// Refines a similarity from [`search`] to a fraction of a pixel: the picture is carried back by it and aligned with
+/// the reference.
 pub(crate) fn refined(reference: &Level, picture: &[f32], found: &Similarity) -> Similarity {
     let (width, height) = reference.size();
     let middle = Vector2::new(width as f64, height as f64) / 2.0;
     let mut carried = *found;
     for _ in 0..REFINEMENTS {
         let back = resampled(picture, (width, height), &carried);
-        let Some(rest) = Alignment::of(&reference.told(&back, [0, 0])) else { break };
+        let Some(rest) = Alignment::of(&reference.measured(&back, [0, 0])) else { break };
         let pairs = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)].map(|(u, v)| {
             let point = Vector2::new(u * width as f64, v * height as f64);
             (point, carried.apply(&(point + rest.at(&(point - middle)))))
@@ -76,7 +78,7 @@ pub(crate) fn refined(reference: &Level, picture: &[f32], found: &Similarity) ->
     carried
 }
 
-/// What a similarity carries to each pixel's place, bilinear; zero where that is outside.
+/// Resamples a picture by a similarity, bilinear; zero outside the picture.
 fn resampled(picture: &[f32], (width, height): (usize, usize), carried: &Similarity) -> Vec<f32> {
     let value = |x: usize, y: usize| {
         let from = carried.apply(&Vector2::new(x as f64 + 0.5, y as f64 + 0.5)).add_scalar(-0.5);
@@ -118,7 +120,7 @@ impl Half {
     }
 }
 
-/// Centres of a block and of where it is found.
+/// Returns the centres of a block and of its best match.
 fn found(from: &Half, to: &Half, x: usize, y: usize) -> Option<(Vector2<f64>, Vector2<f64>)> {
     if x + SIDE > from.width || y + SIDE > from.height {
         return None;

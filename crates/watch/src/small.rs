@@ -1,4 +1,4 @@
-//! The small grey copy of a frame that everything here looks at.
+//! The small grey copy of a frame that this crate works on.
 
 use image::RgbImage;
 use opencv::core::{CV_8UC3, Mat, MatTraitConst as _, MatTraitConstManual as _, Size, Vec3b};
@@ -9,22 +9,22 @@ use crate::WatchError;
 /// Longest side, px.
 const LONGEST: u32 = 480;
 
-/// A frame in grey, halved until its longer side is at most 480 px: every pixel the mean of `factor`² of the frame. Columns and
-/// rows that do not fill a whole pixel at the right and the bottom are left out.
+/// A frame in grey, halved until its longer side is at most 480 px. Every pixel is the mean of `factor`² pixels of the
+/// frame. Columns and rows that do not fill a whole pixel at the right and the bottom are left out.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SmallGrey {
-    /// Columns.
+    /// Number of columns.
     pub width: usize,
-    /// Rows.
+    /// Number of rows.
     pub height: usize,
-    /// Frame pixels along a side of one of its pixels.
+    /// Frame pixels along a side of one pixel of this picture.
     pub factor: usize,
-    /// Rows of grey values.
+    /// Grey values, row by row.
     pub values: Vec<u8>,
 }
 
 impl SmallGrey {
-    /// Of a frame.
+    /// Reduces a frame.
     ///
     /// # Errors
     /// [`WatchError`] when OpenCV fails.
@@ -40,7 +40,7 @@ impl SmallGrey {
         cvt_color_def(&pixels, &mut grey, COLOR_RGB2GRAY)?;
         let mut factor = 1;
         let mut longest = image.width().max(image.height());
-        // Exact halves are what OpenCV has fast code for.
+        // OpenCV has fast code for exact halves.
         while longest > LONGEST && grey.cols() >= 2 && grey.rows() >= 2 {
             let size = Size::new(grey.cols() / 2, grey.rows() / 2);
             let whole = Mat::roi(&grey, opencv::core::Rect::new(0, 0, size.width * 2, size.height * 2))?;
@@ -55,13 +55,13 @@ impl SmallGrey {
         Ok(Self { width, height, factor, values: grey.data_bytes()?.to_vec() })
     }
 
-    /// A row of grey values.
+    /// Returns a row of grey values.
     #[must_use]
     pub fn row(&self, y: usize) -> &[u8] {
         &self.values[y * self.width..(y + 1) * self.width]
     }
 
-    /// The same at half the size.
+    /// Returns the picture at half the size.
     pub(crate) fn halved(&self) -> Self {
         let (width, height) = (self.width / 2, self.height / 2);
         let mut values = Vec::with_capacity(width * height);

@@ -1,10 +1,11 @@
-//! Is the camera at rest?
+//! Decides whether the camera is at rest.
 //!
-//! A picture is laid against the background ([`Alignment`]). One that lies elsewhere starts a suspicion, with that picture as the
-//! candidate for a new position: it becomes the new position if the pictures after it lie on it for a second, and gives its
-//! place to a later one if they do not. Coming back to the old background ends a suspicion. So a shake, which comes back, a
-//! flash, or a lorry that covers everything are no moves; and a move is told a second after it happened, with the frame in which
-//! it did.
+//! Each picture is aligned with the background ([`Alignment`]). A picture that lies elsewhere starts a suspicion and
+//! becomes the candidate for a new position. The candidate becomes the new position if the pictures after it align with
+//! it for a second. Otherwise a later picture replaces it. A return to the old background ends the suspicion.
+//!
+//! So a shake (which returns), a flash, or a lorry that covers everything is not reported as a move. A move is reported
+//! a second after it happened, together with the frame in which it happened.
 
 use std::collections::VecDeque;
 
@@ -18,66 +19,67 @@ use crate::reference::{Prepared, Reference};
 use crate::search::{refined, search};
 use crate::{SmallGrey, WatchError};
 
-/// A camera that stays so far from where it was has moved, px of the frame; half as much is how far a position holds.
+/// Displacement beyond which a camera that does not return has moved, px of the frame. The move starts with the first
+/// picture that lies off by more than half of it.
 const MOVED_PX: f64 = 1.5;
-/// … or px of the small picture, whichever is more.
+/// The same limit as [`MOVED_PX`] in px of the small picture; the larger of the two counts.
 const MOVED_SMALL_PX: f64 = 0.3;
 /// Time over which the median displacement is taken, s: longer than half a swing of a pole.
 const MEDIAN_S: f64 = 0.5;
-/// Pictures that it takes at least.
+/// Fewest pictures over which the median displacement is taken.
 const MEDIAN_PICTURES: usize = 4;
-/// A new position must hold for so long, s …
+/// Time for which a new position must hold, s.
 const HOLD_S: f64 = 1.0;
-/// … and so many pictures.
+/// Number of pictures for which a new position must hold.
 const HOLD_PICTURES: usize = 4;
-/// Creeping by more than this within the time that it must hold is no holding, as a share of [`MOVED_PX`].
+/// Largest drift of a new position while it is being confirmed, as a share of [`MOVED_PX`].
 const CREEP: f64 = 0.35;
-/// A suspicion that lasts so long is motion if its first candidate did not hold, s …
+/// Duration of a suspicion beyond which the camera counts as moving, s, if the first candidate did not hold.
 const MOTION_S: f64 = 1.5;
-/// … and whatever its candidates do after so long, s.
+/// Duration of a suspicion beyond which the camera counts as moving in any case, s.
 const LONG_MOTION_S: f64 = 4.0;
-/// Growth of the picture, log, from which on a move is called a zoom.
+/// Logarithm of the picture's growth above which a move is called a zoom.
 const ZOOM: f64 = 0.01;
-/// Shake below this is within the noise of boxes and keypoints, px of the frame.
+/// Smallest shake that is reported, px of the frame: a smaller one is within the noise of boxes and keypoints.
 const LEAST_OFFSET_PX: f64 = 0.5;
-/// Pictures over which the middle of the shake is averaged at most: some 20 s.
+/// Largest number of pictures over which the middle of the shake is averaged: about 20 s.
 const AVERAGED: f64 = 180.0;
-/// Blocks with structure below which the picture cannot tell.
+/// Fewest blocks with structure for a verdict.
 const MIN_BLOCKS: usize = 8;
 
-/// What is remembered is at most so old, s of the input, counted from its start …
+/// Longest time for which a background is used, s of the input, counted from the input's start.
 const MINUTE_S: f64 = 60.0;
-/// … and so much when it begins to be used, s: the time over which the middle of the shake is averaged.
+/// Age of a background when its use begins, s: the time over which the middle of the shake is averaged.
 pub const RENEW_S: f64 = 20.0;
 
-/// What the watcher makes of a frame.
+/// The watcher's result for one frame.
 #[derive(Clone, Debug)]
-pub struct Seen {
-    /// For the frame's record.
+pub struct Observation {
+    /// The entry for the frame's record.
     pub record: WatchRecord,
-    /// The small picture.
+    /// The small grey picture.
     pub small: SmallGrey,
-    /// Its shift against the background at rest, px of the small picture.
+    /// Shift of the picture against the background at rest, px of the small picture.
     pub shift: Vector2<f64>,
-    /// Another position of the camera: nothing of the picture before holds.
+    /// Whether the camera took another position in this frame, so that no earlier picture is comparable.
     pub is_new_position: bool,
 }
 
-/// One picture laid against a reference.
+/// One picture aligned with a reference.
 #[derive(Clone, Copy, Debug)]
-struct Laid {
+struct AlignedPicture {
     stamp: FrameStamp,
     alignment: Option<Alignment>,
-    /// Root mean square displacement, px of the small picture; infinite where it cannot be laid.
+    /// Root mean square displacement, px of the small picture; infinite where the alignment fails.
     displacement: f64,
 }
 
-/// A position that the camera may have come to.
+/// A position that the camera may have moved to.
 #[derive(Clone, Debug)]
 struct Candidate {
     reference: Reference,
     since: FrameStamp,
-    laid: Vec<Laid>,
+    pictures: Vec<AlignedPicture>,
 }
 
 #[derive(Clone, Debug)]
@@ -85,44 +87,44 @@ struct Suspicion {
     since: FrameStamp,
     candidate: Candidate,
     /// Candidates that did not hold.
-    left: u32,
-    /// It was told that the camera moves.
+    abandoned: u32,
+    /// Whether the motion of the camera was already reported.
     is_motion: bool,
 }
 
-/// A position of the camera: the background there, and how pictures lie on it.
+/// A position of the camera: its background, and the alignment of pictures with it.
 #[derive(Clone, Debug, Default)]
 struct Position {
     reference: Option<Reference>,
-    /// The last pictures against the background.
-    recent: VecDeque<Laid>,
-    /// Where pictures lie against the background on average, px of the small picture: the middle of the shake.
+    /// The alignments of the last pictures with the background.
+    recent: VecDeque<AlignedPicture>,
+    /// Mean shift of the pictures against the background, px of the small picture: the middle of the shake.
     origin: Vector2<f64>,
-    /// Pictures that the average is of.
+    /// Number of pictures in the mean shift, at most [`AVERAGED`].
     averaged: f64,
     suspicion: Option<Suspicion>,
 }
 
-/// Watches a clip, frame by frame.
+/// Watches a clip frame by frame.
 #[derive(Clone, Debug, Default)]
 pub struct Watcher {
     blindness: Blindness,
     position: Position,
-    /// What will take its place, and the minute from which on.
+    /// The position that replaces the current one, and the minute from which it may do so.
     next: Option<(u64, Position)>,
     last: WatchRecord,
 }
 
 impl Watcher {
-    /// Before the first frame.
+    /// Creates a watcher before the first frame.
     #[must_use]
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// What holds for a frame whose picture nobody looks at.
+    /// Returns the record of a frame that is not inspected: the last verdict and offset.
     #[must_use]
-    pub fn unlooked(&self) -> WatchRecord {
+    pub fn unobserved(&self) -> WatchRecord {
         WatchRecord {
             looked: false,
             verdict: self.last.verdict,
@@ -131,13 +133,13 @@ impl Watcher {
         }
     }
 
-    /// Looks at the next frame, in the order of time.
+    /// Inspects the next frame; frames come in the order of time.
     ///
     /// # Errors
     /// [`WatchError`] when OpenCV fails.
-    pub fn look(&mut self, stamp: FrameStamp, image: &image::RgbImage) -> Result<Seen, WatchError> {
+    pub fn observe(&mut self, stamp: FrameStamp, image: &image::RgbImage) -> Result<Observation, WatchError> {
         let small = SmallGrey::of(image)?;
-        let blind = self.blindness.look(&small, stamp.time_s());
+        let blind = self.blindness.check(&small, stamp.time_s());
         let mut record = WatchRecord { looked: true, ..WatchRecord::default() };
         let mut shift = Vector2::zeros();
         let mut is_new_position = false;
@@ -152,9 +154,9 @@ impl Watcher {
                 next.settle(stamp, &small, &picture, &mut WatchRecord::default());
             }
             is_new_position = before && record.moved.is_some_and(|m| m.kind != MoveKind::Moving);
-            // What is unsettled may be a slow swing, and is where it is until a move is told.
+            // An unsettled picture may be a slow swing: its shift counts until a move is reported.
             if matches!(record.verdict, PictureVerdict::Rest | PictureVerdict::Unsettled)
-                && let Some(alignment) = self.position.recent.back().and_then(|laid| laid.alignment)
+                && let Some(alignment) = self.position.recent.back().and_then(|picture| picture.alignment)
             {
                 shift = alignment.shift - self.position.origin;
                 let offset = shift * small.factor as f64;
@@ -164,10 +166,10 @@ impl Watcher {
             }
         }
         self.last = record.clone();
-        Ok(Seen { record, small, shift, is_new_position })
+        Ok(Observation { record, small, shift, is_new_position })
     }
 
-    /// Begins what is to come, and lets it take over as soon as neither suspects a move.
+    /// Starts the next position in time, and switches to it as soon as neither position suspects a move.
     fn renew(&mut self, time_s: f64) {
         let minute = (time_s / MINUTE_S).max(0.0) as u64;
         if let Some((from, next)) = &mut self.next
@@ -186,7 +188,7 @@ impl Watcher {
 }
 
 impl Position {
-    /// Finds the verdict on a picture that shows something.
+    /// Finds the verdict on a picture that shows some structure.
     fn settle(&mut self, stamp: FrameStamp, small: &SmallGrey, picture: &Prepared, record: &mut WatchRecord) {
         let moved = (MOVED_PX / small.factor as f64).max(MOVED_SMALL_PX);
         let reference = match &mut self.reference {
@@ -194,21 +196,21 @@ impl Position {
             slot => slot.insert(Reference::new(picture)),
         };
         if reference.fine().block_count() < MIN_BLOCKS {
-            // A first picture without structure (night, fog) is no background for one that has some, all over: not for a car
-            // on a bare road.
+            // A first picture without structure (night, fog) gives way to one with structure all over. A car on a bare
+            // road does not count as such structure.
             let fresh = Reference::new(picture);
             if fresh.fine().is_structured_all_over() {
                 *reference = fresh;
             } else {
-                let told = reference.told(picture);
-                reference.follow(picture, &told, stamp.time_s());
+                let shifts = reference.measured(picture);
+                reference.follow(picture, &shifts, stamp.time_s());
                 record.verdict = PictureVerdict::Unknown;
                 return;
             }
         }
-        let told = reference.told(picture);
-        let laid = laid(reference, stamp, &told.fine, self.origin);
-        self.recent.push_back(laid);
+        let shifts = reference.measured(picture);
+        let aligned = align(reference, stamp, &shifts.fine, self.origin);
+        self.recent.push_back(aligned);
         let since_s = stamp.time_s() - MEDIAN_S;
         while self.recent.len() > MEDIAN_PICTURES
             && self.recent.front().is_some_and(|l| l.stamp.time_s() < since_s)
@@ -219,24 +221,24 @@ impl Position {
         match &mut self.suspicion {
             None if !stays_away => {
                 record.verdict = PictureVerdict::Rest;
-                if let Some(alignment) = laid.alignment {
+                if let Some(alignment) = aligned.alignment {
                     self.averaged = (self.averaged + 1.0).min(AVERAGED);
                     self.origin += (alignment.shift - self.origin) / self.averaged;
                     if (alignment.shift).norm() < moved {
-                        reference.follow(picture, &told, stamp.time_s());
+                        reference.follow(picture, &shifts, stamp.time_s());
                     }
                 }
             }
             None => {
-                // It began with the first of the last pictures that lies off.
-                let off = |l: &&Laid| l.displacement > 0.5 * moved;
+                // The suspicion starts with the first of the last consecutive pictures that lie off.
+                let off = |l: &&AlignedPicture| l.displacement > 0.5 * moved;
                 let since = self.recent.iter().rev().take_while(off).last().map_or(stamp, |l| l.stamp);
                 let candidate = Candidate::new(picture, stamp, since);
-                self.suspicion = Some(Suspicion { since, candidate, left: 0, is_motion: false });
+                self.suspicion = Some(Suspicion { since, candidate, abandoned: 0, is_motion: false });
                 record.verdict = PictureVerdict::Unsettled;
             }
             Some(suspicion) => {
-                if !stays_away && !suspicion.is_motion && laid.displacement < moved {
+                if !stays_away && !suspicion.is_motion && aligned.displacement < moved {
                     self.suspicion = None;
                     record.verdict = PictureVerdict::Rest;
                     return;
@@ -244,11 +246,11 @@ impl Position {
                 record.verdict =
                     if suspicion.is_motion { PictureVerdict::Moving } else { PictureVerdict::Unsettled };
                 let candidate = &mut suspicion.candidate;
-                let told = candidate.reference.told(picture);
-                candidate.laid.push(self::laid(&candidate.reference, stamp, &told.fine, Vector2::zeros()));
-                if candidate.is_left(moved) {
+                let shifts = candidate.reference.measured(picture);
+                candidate.pictures.push(align(&candidate.reference, stamp, &shifts.fine, Vector2::zeros()));
+                if candidate.is_abandoned(moved) {
                     *candidate = Candidate::new(picture, stamp, stamp);
-                    suspicion.left += 1;
+                    suspicion.abandoned += 1;
                 } else if candidate.holds(stamp, moved) {
                     let since = if suspicion.is_motion { candidate.since } else { suspicion.since };
                     record.moved = Some(described(reference.fine(), candidate, since, small.factor));
@@ -256,12 +258,12 @@ impl Position {
                     (self.origin, self.averaged) = (Vector2::zeros(), 0.0);
                     if let Some(Suspicion { candidate, .. }) = self.suspicion.take() {
                         self.reference = Some(candidate.reference);
-                        self.recent = candidate.laid.into();
+                        self.recent = candidate.pictures.into();
                     }
                     return;
                 }
                 let lasts_s = stamp.time_s() - suspicion.since.time_s();
-                let moves = (suspicion.left > 0 && lasts_s > MOTION_S) || lasts_s > LONG_MOTION_S;
+                let moves = (suspicion.abandoned > 0 && lasts_s > MOTION_S) || lasts_s > LONG_MOTION_S;
                 if !suspicion.is_motion && moves {
                     suspicion.is_motion = true;
                     record.verdict = PictureVerdict::Moving;
@@ -278,34 +280,40 @@ impl Position {
     }
 }
 
-/// A picture laid against a reference, from which pictures lie `origin` off on average.
-fn laid(reference: &Reference, stamp: FrameStamp, told: &[BlockShift], origin: Vector2<f64>) -> Laid {
-    let alignment = Alignment::of(told);
+/// Aligns a picture with a reference; `origin` is the mean shift of the pictures against it.
+fn align(
+    reference: &Reference,
+    stamp: FrameStamp,
+    shifts: &[BlockShift],
+    origin: Vector2<f64>,
+) -> AlignedPicture {
+    let alignment = Alignment::of(shifts);
     let (width, height) = reference.fine().size();
     let centred = |a: Alignment| Alignment { shift: a.shift - origin, ..a };
     let displacement = alignment.map_or(f64::INFINITY, |a| centred(a).displacement(width, height));
-    Laid { stamp, alignment, displacement }
+    AlignedPicture { stamp, alignment, displacement }
 }
 
-/// Whether the last pictures lie elsewhere, all in all: most cannot be laid, or the median of where they lie is farther off than
-/// they scatter.
-fn stays_away(recent: &VecDeque<Laid>, origin: Vector2<f64>, moved: f64) -> bool {
+/// Whether the last pictures as a whole lie elsewhere: most of them fail to align, or their median displacement exceeds
+/// their scatter.
+fn stays_away(recent: &VecDeque<AlignedPicture>, origin: Vector2<f64>, moved: f64) -> bool {
     let (Some(first), Some(last)) = (recent.front(), recent.back()) else { return false };
     if recent.len() < MEDIAN_PICTURES || last.stamp.time_s() - first.stamp.time_s() < 0.5 * MEDIAN_S {
         return false;
     }
-    let laid: Vec<&Alignment> = recent.iter().filter_map(|l| l.alignment.as_ref()).collect();
-    if 2 * laid.len() < recent.len() {
+    let alignments: Vec<&Alignment> = recent.iter().filter_map(|l| l.alignment.as_ref()).collect();
+    if 2 * alignments.len() < recent.len() {
         return true;
     }
-    let Some((shift, grown)) = middle(&laid) else { return false };
-    let scatter = median(&mut laid.iter().map(|a| (a.shift - shift).norm()).collect::<Vec<_>>());
+    let Some((shift, grown)) = middle(&alignments) else { return false };
+    let scatter = median(&mut alignments.iter().map(|a| (a.shift - shift).norm()).collect::<Vec<_>>());
     (shift - origin).norm().hypot(grown) > moved + scatter.unwrap_or(0.0)
 }
 
 /// Median shift, and median displacement by scale and roll at 100 px from the middle.
-fn middle(laid: &[&Alignment]) -> Option<(Vector2<f64>, f64)> {
-    let of = |value: fn(&Alignment) -> f64| median(&mut laid.iter().map(|a| value(a)).collect::<Vec<_>>());
+fn middle(alignments: &[&Alignment]) -> Option<(Vector2<f64>, f64)> {
+    let of =
+        |value: fn(&Alignment) -> f64| median(&mut alignments.iter().map(|a| value(a)).collect::<Vec<_>>());
     let shift = Vector2::new(of(|a| a.shift.x)?, of(|a| a.shift.y)?);
     Some((shift, 100.0 * of(|a| a.log_scale)?.hypot(of(|a| a.roll)?)))
 }
@@ -313,27 +321,28 @@ fn middle(laid: &[&Alignment]) -> Option<(Vector2<f64>, f64)> {
 impl Candidate {
     fn new(picture: &Prepared, stamp: FrameStamp, since: FrameStamp) -> Self {
         let reference = Reference::new(picture);
-        let own = laid(&reference, stamp, &reference.told(picture).fine, Vector2::zeros());
-        Self { reference, since, laid: vec![own] }
+        let own = align(&reference, stamp, &reference.measured(picture).fine, Vector2::zeros());
+        Self { reference, since, pictures: vec![own] }
     }
 
-    /// Most of the last pictures lie elsewhere, or the pictures creep away.
-    fn is_left(&self, moved: f64) -> bool {
-        let last = &self.laid[self.laid.len().saturating_sub(MEDIAN_PICTURES)..];
-        let away = |l: &&Laid| l.displacement > moved;
+    /// Whether most of the last pictures lie elsewhere.
+    fn is_abandoned(&self, moved: f64) -> bool {
+        let last = &self.pictures[self.pictures.len().saturating_sub(MEDIAN_PICTURES)..];
+        let away = |l: &&AlignedPicture| l.displacement > moved;
         last.len() >= 2 && 2 * last.iter().filter(away).count() > last.len()
     }
 
-    /// For long enough, and without creeping.
+    /// Whether the pictures have aligned with the candidate for long enough, without drift.
     fn holds(&self, now: FrameStamp, moved: f64) -> bool {
-        let Some(first) = self.laid.first() else { return false };
+        let Some(first) = self.pictures.first() else { return false };
         let age_s = now.time_s() - first.stamp.time_s();
-        if age_s < HOLD_S || self.laid.len() < HOLD_PICTURES {
+        if age_s < HOLD_S || self.pictures.len() < HOLD_PICTURES {
             return false;
         }
-        let middle_of =
-            |laid: &[Laid]| middle(&laid.iter().filter_map(|l| l.alignment.as_ref()).collect::<Vec<_>>());
-        let (early, late) = self.laid.split_at(self.laid.len() / 2);
+        let middle_of = |pictures: &[AlignedPicture]| {
+            middle(&pictures.iter().filter_map(|l| l.alignment.as_ref()).collect::<Vec<_>>())
+        };
+        let (early, late) = self.pictures.split_at(self.pictures.len() / 2);
         match (middle_of(early), middle_of(late)) {
             (Some((a, r)), Some((b, s))) => (b - a).norm().hypot(s - r) < CREEP * moved,
             _ => false,
@@ -341,7 +350,7 @@ impl Candidate {
     }
 }
 
-/// What kind of move it was, by laying the new position on the old one.
+/// Describes a move by aligning the new position with the old one.
 fn described(old: &Level, new: &Candidate, since: FrameStamp, factor: usize) -> CameraMove {
     let (width, height) = old.size();
     let middle = Vector2::new(width as f64, height as f64) / 2.0;
@@ -354,7 +363,7 @@ fn described(old: &Level, new: &Candidate, since: FrameStamp, factor: usize) -> 
         Some(log_scale) if log_scale.abs() > ZOOM => MoveKind::Zoomed,
         Some(_) => MoveKind::Turned,
     };
-    // No negative zero.
+    // Adding zero removes a negative zero.
     let rounded = |value: f64, digits: f64| (value * digits).round() / digits + 0.0;
     CameraMove {
         kind,

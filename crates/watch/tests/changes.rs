@@ -1,4 +1,4 @@
-//! What counts as a change, and what enters the empty place.
+//! Tests which changes count, and which pixels enter the background.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
@@ -12,7 +12,7 @@ use roadplane_watch::{Background, CELL_PX, Cells, ChangeMap, SmallGrey};
 const WIDTH: usize = 164;
 const HEIGHT: usize = 90;
 
-/// Texture at a point, 40–200.
+/// Texture at a point, grey levels 40–200.
 fn texture(x: f64, y: f64) -> f64 {
     120.0
         + 30.0 * (x * 0.31 + (y * 0.11).sin()).sin()
@@ -25,8 +25,8 @@ fn clean(shift: Vector2<f64>) -> Vec<f64> {
     (0..WIDTH * HEIGHT).map(at).collect()
 }
 
-/// The textured place, shifted, with noise of so many grey levels at most.
-fn place(shift: Vector2<f64>, noise: f64, seed: u64) -> SmallGrey {
+/// The textured scene, shifted, with noise of at most `noise` grey levels.
+fn scene(shift: Vector2<f64>, noise: f64, seed: u64) -> SmallGrey {
     let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
     let mut dice = || {
         state ^= state << 13;
@@ -41,7 +41,7 @@ fn place(shift: Vector2<f64>, noise: f64, seed: u64) -> SmallGrey {
     SmallGrey { width: WIDTH, height: HEIGHT, factor: 2, values }
 }
 
-/// A block in cells 5–8 across and 3–5 down differs by so much, finely textured.
+/// Changes a block in cells 5–8 across and 3–5 down by `strength`, finely textured.
 fn with_block(mut picture: SmallGrey, strength: i32) -> SmallGrey {
     for y in 3 * CELL_PX..6 * CELL_PX {
         for x in 5 * CELL_PX..9 * CELL_PX {
@@ -61,11 +61,11 @@ fn the_block(map: &ChangeMap) -> Cells {
     cells
 }
 
-/// A map that has learned the noise of the place, and the time of its next picture.
+/// A map that has learnt the noise of the scene, and the time of its next picture.
 fn learned(noise: f64, seed: u64) -> (ChangeMap, f64) {
-    let mut map = ChangeMap::new(&place(Vector2::zeros(), noise, seed));
+    let mut map = ChangeMap::new(&scene(Vector2::zeros(), noise, seed));
     for i in 0..40 {
-        map.changed(&place(Vector2::zeros(), noise, seed + 1 + i), Vector2::zeros(), i as f64 * 0.1);
+        map.changed(&scene(Vector2::zeros(), noise, seed + 1 + i), Vector2::zeros(), i as f64 * 0.1);
     }
     (map, 4.0)
 }
@@ -77,18 +77,18 @@ proptest! {
     fn noise_alone_changes_nothing(noise in 0.0_f64..8.0, seed in 0_u64..1000) {
         let (mut map, start_s) = learned(noise, seed * 1000);
         for i in 0..30 {
-            let picture = place(Vector2::zeros(), noise, seed * 1000 + 500 + i);
+            let picture = scene(Vector2::zeros(), noise, seed * 1000 + 500 + i);
             let changed = map.changed(&picture, Vector2::zeros(), start_s + i as f64 * 0.1);
             prop_assert_eq!(changed.iter().collect::<Vec<_>>(), vec![]);
         }
     }
 
     #[test]
-    fn a_vehicle_shows_until_it_was_looked_at(noise in 0.0_f64..6.0, strength in 18_i32..40, seed in 0_u64..1000) {
+    fn a_vehicle_is_a_change_until_inspected(noise in 0.0_f64..6.0, strength in 18_i32..40, seed in 0_u64..1000) {
         let (mut map, start_s) = learned(noise, seed * 1000);
         let block = the_block(&map);
         let seen = |map: &mut ChangeMap, i: u64| {
-            let picture = with_block(place(Vector2::zeros(), noise, seed * 1000 + 500 + i), strength);
+            let picture = with_block(scene(Vector2::zeros(), noise, seed * 1000 + 500 + i), strength);
             let changed = map.changed(&picture, Vector2::zeros(), start_s + i as f64 * 0.1);
             (picture, changed)
         };
@@ -96,27 +96,27 @@ proptest! {
             prop_assert_eq!(seen(&mut map, i).1, block.clone());
         }
         let (picture, changed) = seen(&mut map, 3);
-        map.looked(&picture, Vector2::zeros(), &changed, &block);
+        map.mark_inspected(&picture, Vector2::zeros(), &changed, &block);
         for i in 4..10 {
             prop_assert_eq!(seen(&mut map, i).1.iter().count(), 0);
         }
-        let gone = place(Vector2::zeros(), noise, seed * 1000 + 600);
+        let gone = scene(Vector2::zeros(), noise, seed * 1000 + 600);
         prop_assert_eq!(map.changed(&gone, Vector2::zeros(), start_s + 1.0), block, "it left");
     }
 
     #[test]
     fn shake_is_no_change(x in -0.5_f64..0.5, y in -0.5_f64..0.5, noise in 0.0_f64..4.0) {
-        let mut map = ChangeMap::new(&place(Vector2::zeros(), noise, 1));
+        let mut map = ChangeMap::new(&scene(Vector2::zeros(), noise, 1));
         for i in 0..30_u64 {
             let shift = Vector2::new(x, y) * [0.0, 1.0, 0.3, -1.0][(i % 4) as usize];
-            let changed = map.changed(&place(shift, noise, 2 + i), shift, i as f64 * 0.1);
+            let changed = map.changed(&scene(shift, noise, 2 + i), shift, i as f64 * 0.1);
             prop_assert_eq!(changed.iter().collect::<Vec<_>>(), vec![], "picture {}", i);
         }
     }
 
     #[test]
     fn groups_hold_every_cell_once(seed in 0_u64..1000, share in 0_u32..60) {
-        let mut cells = ChangeMap::new(&place(Vector2::zeros(), 0.0, 1)).no_cells();
+        let mut cells = ChangeMap::new(&scene(Vector2::zeros(), 0.0, 1)).no_cells();
         let mut state = seed;
         for row in 0..cells.rows {
             for column in 0..cells.columns {
@@ -141,8 +141,8 @@ proptest! {
     }
 
     #[test]
-    fn a_box_that_is_put_in_is_in(x in -60.0_f64..400.0, y in -60.0_f64..250.0, w in 0.0_f64..90.0, h in 0.0_f64..90.0) {
-        let mut cells = ChangeMap::new(&place(Vector2::zeros(), 0.0, 1)).no_cells();
+    fn a_box_can_be_inserted(x in -60.0_f64..400.0, y in -60.0_f64..250.0, w in 0.0_f64..90.0, h in 0.0_f64..90.0) {
+        let mut cells = ChangeMap::new(&scene(Vector2::zeros(), 0.0, 1)).no_cells();
         let bbox = [x, y, x + w, y + h];
         let (columns, rows) = cells.touched(&bbox);
         let side = cells.side_px as f64;
@@ -158,41 +158,41 @@ proptest! {
 }
 
 #[test]
-fn what_flickers_is_left_alone_and_a_vehicle_there_still_shows() {
+fn flicker_is_ignored_and_a_vehicle_there_is_still_a_change() {
     let noise = 2.0;
     let (mut map, start_s) = learned(noise, 7);
     let mut flagged = Vec::new();
     for i in 0..60 {
         // Leaves in a gust, every second for half a second.
         let strength = if i % 10 < 5 { 7 } else { 0 };
-        let picture = with_block(place(Vector2::zeros(), noise, 100 + i), strength);
+        let picture = with_block(scene(Vector2::zeros(), noise, 100 + i), strength);
         let changed = map.changed(&picture, Vector2::zeros(), start_s + i as f64 * 0.1);
         flagged.push(changed.iter().count());
-        map.looked(&picture, Vector2::zeros(), &changed, &map.no_cells());
+        map.mark_inspected(&picture, Vector2::zeros(), &changed, &map.no_cells());
     }
-    assert_eq!(flagged[0], 12, "at first it is looked at: {flagged:?}");
-    // Without learning it would be all twelve, in every second picture.
+    assert_eq!(flagged[0], 12, "it is inspected at first: {flagged:?}");
+    // Without learning, all twelve cells would be flagged in every second picture.
     let late = flagged[20..].iter().sum::<usize>();
     assert!(5 * late < 40 * 12 / 2, "{flagged:?}");
-    let vehicle = with_block(place(Vector2::zeros(), noise, 300), 35);
+    let vehicle = with_block(scene(Vector2::zeros(), noise, 300), 35);
     assert_eq!(map.changed(&vehicle, Vector2::zeros(), start_s + 6.0), the_block(&map));
-    // Two minutes without wind, and a weak change is looked at again.
-    let picture = with_block(place(Vector2::zeros(), noise, 301), 0);
-    map.looked(&picture, Vector2::zeros(), &the_block(&map), &map.no_cells());
+    // After two minutes without wind, a weak change is inspected again.
+    let picture = with_block(scene(Vector2::zeros(), noise, 301), 0);
+    map.mark_inspected(&picture, Vector2::zeros(), &the_block(&map), &map.no_cells());
     for i in 0..1200 {
         map.changed(
-            &place(Vector2::zeros(), noise, 400 + i),
+            &scene(Vector2::zeros(), noise, 400 + i),
             Vector2::zeros(),
             start_s + 6.1 + i as f64 * 0.1,
         );
     }
-    let again = with_block(place(Vector2::zeros(), noise, 2000), 7);
+    let again = with_block(scene(Vector2::zeros(), noise, 2000), 7);
     assert_eq!(map.changed(&again, Vector2::zeros(), start_s + 130.0), the_block(&map));
 }
 
 #[test]
-fn boxes_at_the_edges_touch_what_they_should() {
-    let cells = ChangeMap::new(&place(Vector2::zeros(), 0.0, 1)).no_cells();
+fn boxes_at_the_edges_touch_the_right_cells() {
+    let cells = ChangeMap::new(&scene(Vector2::zeros(), 0.0, 1)).no_cells();
     assert_eq!((cells.columns, cells.rows, cells.side_px), (21, 12, 16));
     let touched = |bbox: [f64; 4]| cells.touched(&bbox);
     assert_eq!(touched([0.0, 0.0, 15.0, 15.0]), (0..1, 0..1));
@@ -210,7 +210,7 @@ fn boxes_at_the_edges_touch_what_they_should() {
     assert_eq!(cells.groups(), [[32.0, 32.0, 64.0, 64.0], [80.0, 48.0, 96.0, 64.0]]);
 }
 
-/// A street of 320 × 160 px, in which a car of 48 × 32 px has its left edge at x, and another is parked.
+/// A street of 320 × 160 px. A car of 48 × 32 px has its left edge at x, and another is parked.
 fn street(car: Option<u32>) -> RgbImage {
     RgbImage::from_fn(320, 160, |x, y| {
         let is_car = car.is_some_and(|at| (at..at + 48).contains(&x) && (64..96).contains(&y));
@@ -221,7 +221,7 @@ fn street(car: Option<u32>) -> RgbImage {
 }
 
 #[test]
-fn what_passes_does_not_enter_the_background() {
+fn a_passing_car_does_not_enter_the_background() {
     let grid = ChangeMap::new(&SmallGrey::of(&street(None)).unwrap()).no_cells();
     let parked = [240.0, 8.0, 279.0, 39.0];
     let mut background = Background::new(&street(Some(0)), grid.clone());
@@ -241,17 +241,20 @@ fn what_passes_does_not_enter_the_background() {
     }
     let bare_s = background.bare_s();
     assert_eq!((bare_s.len(), bare_s[0].len()), (20, 40));
-    assert!(bare_s[1..5].iter().all(|row| row[30..35].iter().all(Option::is_none)), "the parked car's place");
-    // Bare from the start, renewed every two seconds.
+    assert!(
+        bare_s[1..5].iter().all(|row| row[30..35].iter().all(Option::is_none)),
+        "the position of the parked car"
+    );
+    // The cell is bare from the start and is renewed every two seconds.
     assert!((bare_s[19][0].unwrap() - 6.0).abs() < 0.11, "{:?}", bare_s[19][0]);
-    // The car left the first columns when its left edge was past them.
+    // The car has left the first columns when its left edge is past them.
     let left_s = 0.1 * f64::from((0..68).find(|i| x_at(*i) >= 8).unwrap());
     let first = bare_s[9][0].unwrap();
     assert!((first - left_s).rem_euclid(2.0) < 0.11 && first >= left_s, "{first} after {left_s}");
 }
 
 #[test]
-fn light_is_followed_and_pictures_of_another_size_are_left_out() {
+fn changes_of_light_are_followed_and_pictures_of_another_size_are_left_out() {
     let grid = ChangeMap::new(&SmallGrey::of(&street(None)).unwrap()).no_cells();
     let mut background = Background::new(&street(None), grid.clone());
     let mut brighter = street(None);

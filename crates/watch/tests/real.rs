@@ -1,4 +1,4 @@
-//! Real surveillance video: cameras at rest, of which nothing else is told.
+//! Tests real surveillance video: the cameras are at rest, and no move may be reported.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
@@ -19,7 +19,7 @@ fn clips(folder: &str) -> Vec<PathBuf> {
     clips
 }
 
-/// Watches a clip at all strides at once. No move is told, and until some time there is one verdict.
+/// Watches a clip at all strides at once: no move is reported, and until `until_s` the verdict is the expected one.
 fn stays(clip: &Path, expected: PictureVerdict, until_s: f64) {
     let mut input = open(clip, &DecodeOptions::default()).unwrap();
     let mut watchers: Vec<_> = STRIDES.map(|stride| (stride, Watcher::new(), Vec::new())).collect();
@@ -27,7 +27,7 @@ fn stays(clip: &Path, expected: PictureVerdict, until_s: f64) {
     while let Some(frame) = input.next_frame().unwrap() {
         for (stride, watcher, verdicts) in &mut watchers {
             if frame_number % *stride == 0 {
-                let record = watcher.look(frame.stamp, &frame.image).unwrap().record;
+                let record = watcher.observe(frame.stamp, &frame.image).unwrap().record;
                 let here = format!("{}, stride {stride}, {:.2} s", clip.display(), frame.stamp.time_s());
                 assert_eq!(record.moved, None, "{here}");
                 if frame.stamp.time_s() < until_s {
@@ -54,7 +54,7 @@ fn road_cameras_rest() {
         match clip.file_stem().and_then(|name| name.to_str()) {
             // Its last 0.6 s are of another camera.
             Some("street_queue") => stays(&clip, PictureVerdict::Rest, 28.0),
-            // Bare asphalt, which could be shifted unseen.
+            // Bare asphalt, whose shift would be invisible.
             Some("barrier") => stays(&clip, PictureVerdict::Unknown, f64::INFINITY),
             _ => rests(&clip),
         }

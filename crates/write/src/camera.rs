@@ -1,4 +1,4 @@
-//! `camera.json`: the camera and the ground, with uncertainty.
+//! `camera.json`: the camera and the ground plane, with uncertainty.
 
 use std::path::Path;
 
@@ -10,91 +10,105 @@ use serde::{Deserialize, Serialize};
 use crate::digits::{METRES, RADIANS, SECONDS, decimals, significant};
 use crate::{WriteError, jsonl::write_json};
 
-/// Schema of `camera.json`.
+/// Schema id of `camera.json`.
 pub const CAMERA_SCHEMA: &str = "roadplane.camera/1";
 
-/// Significant digits of standard deviations and covariances.
+/// Significant digits of standard deviations.
 const SD_DIGITS: i32 = 4;
-/// Decimals of a unit normal: 1e-8 rad, so that the plane read back is the plane written.
+/// Decimals of a unit normal: 1e-8 rad, so that a plane is the same after writing and reading.
 const NORMAL: i32 = 8;
-
-/// Decimals of what a lens does.
+/// Decimals of distortion coefficients.
 const LENS: i32 = 6;
 
-/// Order and units of the rows and columns of [`CameraSegment::covariance`].
+/// Names and units of the rows and columns of [`CameraSegment::covariance`], in order.
 pub const COVARIANCE_ORDER: [&str; 4] = ["log focal_px", "tilt_rad", "roll_rad", "log height_m"];
 
-/// The file: the numbers of the longest stretch of time, and those of each stretch.
+/// The camera and the ground plane of a clip: the values of the longest segment, and a list of all segments.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(title = "camera: one object per clip")]
 pub struct CameraFile {
-    /// [`CAMERA_SCHEMA`].
+    /// Id of the schema: `roadplane.camera/1`.
+    #[schemars(extend("const" = CAMERA_SCHEMA))]
     pub schema: String,
-    /// The longest stretch.
+    /// The longest segment; its fields are keys of the file.
     #[serde(flatten)]
     pub camera: CameraSegment,
-    /// What the rows and columns of `covariance` are: log focal_px, tilt_rad, roll_rad, log height_m.
+    /// Names of the rows and columns of `covariance`: log focal_px, tilt_rad, roll_rad, log height_m.
     #[serde(default)]
     pub covariance_order: Vec<String>,
-    /// All stretches in order of time, also where there is only one; absent in files of older versions with one.
+    /// All segments in the order of time, at least one. Files of older versions with one segment lack the list.
     #[serde(default)]
     pub segments: Vec<CameraSegment>,
 }
 
-/// Camera and ground over a stretch of time.
+/// The camera and the ground plane of one segment: an interval in which the camera is at rest.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct CameraSegment {
-    /// First and last presentation time that this holds for, s.
+    /// First and last presentation time of the segment, s.
     pub span_s: [f64; 2],
-    /// Width and height, px.
+    /// Width and height of the frames, px.
     pub image_size_px: ImageSize,
-    /// Focal length, px.
+    /// Focal length, px. It is the same for both axes.
+    #[schemars(extend("exclusiveMinimum" = 0))]
     pub focal_px: f64,
-    /// Its sd.
+    /// Standard deviation (sd) of `focal_px`, px; null if it is not finite.
+    #[schemars(range(min = 0))]
     pub focal_sd_px: Option<f64>,
-    /// Principal point, px.
+    /// Principal point, px: x to the right, y down. Pixel (0, 0) is the centre of the top left pixel.
     pub principal_point_px: [f64; 2],
-    /// How the lens bends lines; null where nothing told that, and it is taken for straight; absent from older files.
+    /// Radial distortion of the lens; null if it was not measured and is taken as zero. Files of older versions lack
+    /// it.
     #[serde(default)]
     pub lens: Option<LensFile>,
-    /// Camera above the ground, m.
+    /// Height of the camera above the ground plane, m.
+    #[schemars(extend("exclusiveMinimum" = 0))]
     pub height_m: f64,
-    /// Its sd.
+    /// Sd of `height_m`, m; null if it is not finite. It includes the unknown mean size of the scene's cars.
+    #[schemars(range(min = 0))]
     pub height_sd_m: Option<f64>,
-    /// Optical axis below the horizontal, rad.
+    /// Angle of the optical axis below the horizontal, rad.
     pub tilt_rad: f64,
-    /// Its sd.
+    /// Sd of `tilt_rad`, rad; null if it is not finite.
+    #[schemars(range(min = 0))]
     pub tilt_sd_rad: Option<f64>,
-    /// Clockwise turn of the horizon in the image, rad.
+    /// Clockwise turn of the horizon in the picture, rad.
     pub roll_rad: f64,
-    /// Its sd.
+    /// Sd of `roll_rad`, rad; null if it is not finite.
+    #[schemars(range(min = 0))]
     pub roll_sd_rad: Option<f64>,
-    /// The ground in the camera frame.
+    /// Ground plane in the camera frame: x to the right, y down, z along the optical axis.
     pub plane_in_camera: PlaneInCamera,
-    /// Covariance of (log focal, tilt, roll, log height), which the sds above come from; null where not finite.
+    /// Covariance of log focal length, tilt (rad), roll (rad) and log height. The sds follow from it. An entry that is
+    /// not finite is null.
     pub covariance: [[Option<f64>; 4]; 4],
-    /// How the numbers came about.
+    /// Source of the focal length and of the ground plane.
     pub status: CameraStatus,
-    /// Different cars that were used.
+    /// Number of different cars that were used.
     pub cars_used: usize,
-    /// Frames that were used.
+    /// Number of frames that were used.
     pub frames_used: usize,
 }
 
-/// Radial distortion by the division model: with p a pixel from the principal point, a lens that bends no lines would show it at
+/// Radial distortion by the division model (Fitzgibbon, CVPR 2001).
+///
+/// Let p be a pixel relative to the principal point. A lens without distortion would show it at
 /// `p / (1 + bend · |p|² / (width / 2)²)`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct LensFile {
-    /// "division".
+    /// Model of the distortion: `division`.
+    #[schemars(extend("const" = "division"))]
     pub model: String,
-    /// The number above; negative where lines bend outwards.
+    /// Coefficient `bend` of the division model, without unit. It is negative for barrel distortion.
     pub bend: f64,
-    /// Its sd.
+    /// Sd of `bend`, without unit.
+    #[schemars(range(min = 0))]
     pub bend_sd: f64,
-    /// OpenCV's k1 at this focal length: with k2 it bends the picture most alike.
+    /// Coefficient k1 of OpenCV's model at this focal length. With k2 it gives the distortion most similar to `bend`.
     pub k1: f64,
-    /// Its sd, the focal length's counted.
+    /// Sd of `k1`. It includes the error of the focal length.
+    #[schemars(range(min = 0))]
     pub k1_sd: f64,
-    /// OpenCV's k2.
+    /// Coefficient k2 of OpenCV's model at this focal length.
     pub k2: f64,
 }
 
@@ -102,34 +116,35 @@ impl LensFile {
     const MODEL: &str = "division";
 
     fn new(estimate: &CameraEstimate) -> Option<Self> {
-        let bend_sd = estimate.bend_sd?;
+        let bend_sd = estimate.distortion_sd?;
         let (focal_px, size) = (estimate.params.focal_px(), estimate.image_size_px);
-        let bend = estimate.lens.bend(size);
+        let bend = estimate.lens.distortion(size);
         let [k1, k2] = estimate.lens.opencv(focal_px, size);
-        let by_bend = Lens::with_bend(bend_sd, size).per_px2 * focal_px * focal_px;
-        let by_focal = 2.0 * k1 * estimate.covariance[(0, 0)].max(0.0).sqrt();
+        let from_distortion = Lens::with_distortion(bend_sd, size).per_px2 * focal_px * focal_px;
+        let from_focal = 2.0 * k1 * estimate.covariance[(0, 0)].max(0.0).sqrt();
         Some(Self {
             model: Self::MODEL.to_owned(),
             bend: decimals(bend, LENS),
             bend_sd: significant(bend_sd, SD_DIGITS),
             k1: decimals(k1, LENS),
-            k1_sd: significant(by_bend.hypot(by_focal), SD_DIGITS),
+            k1_sd: significant(from_distortion.hypot(from_focal), SD_DIGITS),
             k2: decimals(k2, LENS),
         })
     }
 }
 
-/// `normal · X + offset = 0`, normal pointing up.
+/// The ground plane in the camera frame: `normal · X + offset_m = 0`. The normal points up.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct PlaneInCamera {
-    /// Unit normal, camera frame.
+    /// Unit normal of the plane in the camera frame, pointing up.
     pub normal: [f64; 3],
     /// Height of the camera's centre above the plane, m.
+    #[schemars(extend("exclusiveMinimum" = 0))]
     pub offset_m: f64,
 }
 
 impl CameraSegment {
-    /// The numbers of an estimate as the file has them. sds by the delta method: `sd(exp u) = exp(u) · sd(u)`.
+    /// Rounds an estimate to the digits of the file. Sds follow from the delta method: `sd(exp u) = exp(u) · sd(u)`.
     #[must_use]
     pub fn new(estimate: &CameraEstimate) -> Self {
         let params = &estimate.params;
@@ -168,17 +183,18 @@ impl CameraSegment {
         }
     }
 
-    /// The camera.
+    /// Returns the camera.
     #[must_use]
     pub fn camera(&self) -> Camera {
         self.estimate().camera()
     }
 
-    /// The ground.
+    /// Returns the ground plane.
     #[must_use]
     pub fn plane(&self) -> GroundPlane {
         GroundPlane {
-            // A file is written with a unit vector; one that was edited to zero is taken for a level camera's.
+            // The program writes a unit vector. A vector that a user edited to zero is replaced by that of a level
+            // camera.
             normal_in_camera: Vector3::from(self.plane_in_camera.normal)
                 .try_normalize(f64::MIN_POSITIVE)
                 .unwrap_or(-Vector3::y()),
@@ -186,7 +202,7 @@ impl CameraSegment {
         }
     }
 
-    /// The estimate that the file holds, to its digits.
+    /// Returns the estimate, to the digits of the file.
     #[must_use]
     pub fn estimate(&self) -> CameraEstimate {
         CameraEstimate {
@@ -196,8 +212,8 @@ impl CameraSegment {
             lens: self
                 .lens
                 .as_ref()
-                .map_or(Lens::STRAIGHT, |lens| Lens::with_bend(lens.bend, self.image_size_px)),
-            bend_sd: self.lens.as_ref().map(|lens| lens.bend_sd),
+                .map_or(Lens::STRAIGHT, |lens| Lens::with_distortion(lens.bend, self.image_size_px)),
+            distortion_sd: self.lens.as_ref().map(|lens| lens.bend_sd),
             params: CameraParams {
                 log_focal: self.focal_px.ln(),
                 tilt: self.tilt_rad,
@@ -227,21 +243,22 @@ impl CameraSegment {
 }
 
 impl CameraFile {
-    /// All stretches of time, at least one.
+    /// Returns all segments, at least one, in the order of time.
     #[must_use]
     pub fn all(&self) -> &[CameraSegment] {
         if self.segments.is_empty() { std::slice::from_ref(&self.camera) } else { &self.segments }
     }
 }
 
-/// Writes `camera.json`. Estimates come in order of time.
+/// Writes `camera.json`. `estimates` has one entry per segment, in the order of time.
 ///
 /// # Errors
-/// [`WriteError::Malformed`] if there is no estimate or it is not finite; [`WriteError::Io`], [`WriteError::DiskFull`].
+/// [`WriteError::Malformed`] if there is no estimate, or if one is not finite; [`WriteError::Io`],
+/// [`WriteError::DiskFull`].
 pub fn write_camera(path: &Path, estimates: &[CameraEstimate]) -> Result<(), WriteError> {
     let segments: Vec<CameraSegment> = estimates.iter().map(CameraSegment::new).collect();
     let span = |s: &CameraSegment| s.span_s[1] - s.span_s[0];
-    // The first of equally long ones.
+    // Of equally long segments, the first counts.
     let longest = segments.iter().rev().max_by(|a, b| span(a).total_cmp(&span(b)));
     let camera = longest.ok_or_else(|| WriteError::malformed(path, "no camera to write"))?.clone();
     if !segments.iter().all(CameraSegment::is_usable) {
@@ -254,12 +271,12 @@ pub fn write_camera(path: &Path, estimates: &[CameraEstimate]) -> Result<(), Wri
 /// Reads `camera.json`.
 ///
 /// # Errors
-/// [`WriteError::Malformed`] if it is no such file, [`WriteError::Io`].
+/// [`WriteError::Malformed`] if the file is not a valid `camera.json`; [`WriteError::Io`].
 pub fn read_camera(path: &Path) -> Result<CameraFile, WriteError> {
     let text = std::fs::read(path).map_err(WriteError::io("read", path))?;
     let file: CameraFile = serde_json::from_slice(&text).map_err(|e| WriteError::malformed(path, e))?;
     if file.schema != CAMERA_SCHEMA {
-        let what = format!("schema is {:?}, expected {CAMERA_SCHEMA:?}", file.schema);
+        let what = format!("the schema is {:?}, expected {CAMERA_SCHEMA:?}", file.schema);
         return Err(WriteError::malformed(path, what));
     }
     if !file.all().iter().all(CameraSegment::is_usable) {
@@ -279,7 +296,7 @@ mod tests {
             image_size_px: size,
             principal_point_px: size.centre_px(),
             lens: Lens::STRAIGHT,
-            bend_sd: None,
+            distortion_sd: None,
             params: CameraParams {
                 log_focal: 1653f64.ln(),
                 tilt: 0.42,
@@ -322,7 +339,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_camera_is_refused() {
+    fn an_invalid_camera_is_rejected() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("camera.json");
         assert!(matches!(write_camera(&path, &[]), Err(WriteError::Malformed { .. })));

@@ -1,4 +1,4 @@
-//! Lengths on the ground that a user knows: a JSON file, or a CSV table.
+//! User constraints on lengths on the ground: a JSON file, or a CSV table.
 
 use std::path::Path;
 
@@ -7,37 +7,43 @@ use serde::{Deserialize, Serialize};
 
 use crate::WriteError;
 
-/// Schema of a JSON file of known lengths.
+/// Schema id of a JSON file with lengths for `--known`.
 pub const CONSTRAINTS_SCHEMA: &str = "roadplane.known/1";
-/// Columns of a CSV file, the last two may be absent.
+/// Columns of a CSV file. The last two are optional.
 const COLUMNS: &str = "x1,y1,x2,y2,length_m,sd_m[,pixel_sd][,name]";
 
-/// The file.
+/// Lengths on the ground that the user gives with `--known`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(title = "known: lengths for --known, one object per file")]
 #[serde(deny_unknown_fields)]
 pub struct ConstraintsFile {
-    /// `roadplane.known/1`.
+    /// Id of the schema: `roadplane.known/1`.
+    #[schemars(extend("const" = CONSTRAINTS_SCHEMA))]
     pub schema: String,
-    /// What was measured.
+    /// Lengths on the ground, at least one.
     pub lengths: Vec<LengthConstraint>,
 }
 
-/// A length between two points of the ground that are seen in the picture: the width of a bay or a lane, a wheelbase.
+/// A length between two points on the ground that are visible in the picture, such as the width of a parking bay or a
+/// lane.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct LengthConstraint {
-    /// Where it begins in the picture: x to the right, y down, px; (0, 0) is the centre of the top left pixel.
+    /// Pixel of the first end: x to the right, y down, px. Pixel (0, 0) is the centre of the top left pixel.
     pub from_px: [f64; 2],
-    /// Where it ends, likewise.
+    /// Pixel of the second end: x to the right, y down, px.
     pub to_px: [f64; 2],
-    /// Length, m.
+    /// Length on the ground, m.
+    #[schemars(extend("exclusiveMinimum" = 0))]
     pub length_m: f64,
-    /// Its standard deviation, m.
+    /// Standard deviation of `length_m`, m. It must be less than `length_m`.
+    #[schemars(extend("exclusiveMinimum" = 0))]
     pub sd_m: f64,
     /// Standard deviation of each of the four pixel coordinates, px.
+    #[schemars(extend("exclusiveMinimum" = 0))]
     #[serde(default = "one_pixel")]
     pub pixel_sd: f64,
-    /// What it is called in messages; else its number or line.
+    /// Name of the length in messages. Without a name, messages give its number or line.
     #[serde(default)]
     pub name: Option<String>,
 }
@@ -60,16 +66,17 @@ struct Line {
     name: Option<String>,
 }
 
-/// Reads known lengths: a table where the name ends in `.csv`, else JSON. Each has a name afterwards.
+/// Reads lengths from a CSV table, if the file's name ends in `.csv`, or else from JSON. Lengths without a name get
+/// one.
 ///
 /// # Errors
-/// [`WriteError::Io`]; [`WriteError::Malformed`] naming line or field.
+/// [`WriteError::Io`]; [`WriteError::Malformed`], which names the line or the field.
 pub fn read_constraints(path: &Path) -> Result<Vec<LengthConstraint>, WriteError> {
     let bytes = std::fs::read(path).map_err(WriteError::io("read", path))?;
     let is_table = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv"));
     let lengths = if is_table { table(path, &bytes)? } else { json(path, &bytes)? };
     if lengths.is_empty() {
-        return Err(WriteError::malformed(path, "holds no length"));
+        return Err(WriteError::malformed(path, "contains no length"));
     }
     for length in &lengths {
         check(length).map_err(|what| {
@@ -89,7 +96,7 @@ fn table(path: &Path, bytes: &[u8]) -> Result<Vec<LengthConstraint>, WriteError>
         let line: Line = record.deserialize(Some(&columns)).map_err(|e| {
             WriteError::malformed(
                 path,
-                format!("line {number} must have {COLUMNS} as the first line names them: {e}"),
+                format!("line {number} must have the columns {COLUMNS}, which the first line names: {e}"),
             )
         })?;
         lengths.push(LengthConstraint {
@@ -107,7 +114,7 @@ fn table(path: &Path, bytes: &[u8]) -> Result<Vec<LengthConstraint>, WriteError>
 fn json(path: &Path, bytes: &[u8]) -> Result<Vec<LengthConstraint>, WriteError> {
     let file: ConstraintsFile = serde_json::from_slice(bytes).map_err(|e| WriteError::malformed(path, e))?;
     if file.schema != CONSTRAINTS_SCHEMA {
-        let what = format!("schema is {:?}, expected {CONSTRAINTS_SCHEMA:?}", file.schema);
+        let what = format!("the schema is {:?}, expected {CONSTRAINTS_SCHEMA:?}", file.schema);
         return Err(WriteError::malformed(path, what));
     }
     let named = |(i, length): (usize, LengthConstraint)| {
@@ -121,20 +128,20 @@ fn check(length: &LengthConstraint) -> Result<(), String> {
     let positive = |what: &str, value: f64| {
         (value.is_finite() && value > 0.0)
             .then_some(())
-            .ok_or_else(|| format!("{what} must be above 0, is {value}"))
+            .ok_or_else(|| format!("{what} must be above 0, but it is {value}"))
     };
     positive("length_m", length.length_m)?;
     positive("sd_m", length.sd_m)?;
     positive("pixel_sd", length.pixel_sd)?;
     if length.sd_m >= length.length_m {
-        return Err("sd_m is no less than length_m: both are in metres".to_owned());
+        return Err("sd_m must be less than length_m: both are in metres".to_owned());
     }
     if !length.from_px.iter().chain(&length.to_px).all(|v| v.is_finite()) {
-        return Err("a pixel is not finite".to_owned());
+        return Err("a pixel coordinate is not finite".to_owned());
     }
     let apart_px = (length.from_px[0] - length.to_px[0]).hypot(length.from_px[1] - length.to_px[1]);
     if apart_px < 1.0 {
-        return Err("its ends are the same pixel".to_owned());
+        return Err("both ends are at the same pixel".to_owned());
     }
     Ok(())
 }
@@ -151,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn tables_and_json_say_the_same() {
+    fn a_table_and_json_give_the_same_lengths() {
         let table = "# bays of the back row\nx1,y1,x2,y2,length_m,sd_m,pixel_sd,name\n\
                      100, 500, 180.5, 502, 2.5, 0.03, 0.5, bay\n1,2,30,4,5,0.1,,\n";
         let json = r#"{"schema": "roadplane.known/1", "lengths": [
@@ -164,9 +171,13 @@ mod tests {
     }
 
     #[test]
-    fn what_makes_no_sense_is_refused_with_its_place() {
+    fn an_invalid_length_is_rejected_with_its_line() {
         for (name, text, words) in [
-            ("a.csv", "x1,y1,x2,y2,length_m\n1,2,30,4,5", "line 2 must have x1,y1,x2,y2,length_m,sd_m"),
+            (
+                "a.csv",
+                "x1,y1,x2,y2,length_m\n1,2,30,4,5",
+                "line 2 must have the columns x1,y1,x2,y2,length_m,sd_m",
+            ),
             ("a.csv", "x1,y1,x2,y2,length_m,sd_m\n1,2,30,4,5,wide", "line 2"),
             ("a.csv", "x1,y1,x2,y2,length_m,sd_cm\n1,2,30,4,5,3", "line 2"),
             (
@@ -177,7 +188,7 @@ mod tests {
             ("a.csv", "x1,y1,x2,y2,length_m,sd_m\n1,2,30,4,5,NaN", "sd_m must be above 0"),
             ("a.csv", "x1,y1,x2,y2,length_m,sd_m\n1,2,30,4,2.5,5", "both are in metres"),
             ("a.csv", "x1,y1,x2,y2,length_m,sd_m\n1,2,1,2,5,0.1", "the same pixel"),
-            ("a.csv", "x1,y1,x2,y2,length_m,sd_m\n", "holds no length"),
+            ("a.csv", "x1,y1,x2,y2,length_m,sd_m\n", "contains no length"),
             ("a.json", r#"{"schema": "other/1", "lengths": []}"#, "roadplane.known/1"),
             ("a.json", r#"{"schema": "roadplane.known/1", "lengths": [{"from_px": [1, 2]}]}"#, "to_px"),
             ("a.json", "x1,y1", "expected value"),

@@ -1,8 +1,8 @@
-//! How many digits files keep: well below any uncertainty, and no noise beyond.
+//! Rounding of the numbers in files: to steps well below any uncertainty.
 
 use roadplane_base::{OnMap, PoseRecord, TrackRow};
 
-/// Decimals of metres and metres a second.
+/// Decimals of metres and of metres per second.
 pub(crate) const METRES: i32 = 4;
 /// Decimals of radians.
 pub(crate) const RADIANS: i32 = 5;
@@ -12,14 +12,14 @@ pub(crate) const PIXELS: i32 = 2;
 pub(crate) const SCORE: i32 = 4;
 /// Decimals of seconds.
 pub(crate) const SECONDS: i32 = 6;
-/// Decimals of degrees of latitude and longitude: a tenth of a millimetre.
+/// Decimals of degrees of latitude and longitude: a step of a tenth of a millimetre.
 pub(crate) const DEGREES: i32 = 9;
-/// Decimals of degrees of a bearing.
+/// Decimals of a bearing in degrees.
 pub(crate) const BEARING: i32 = 3;
-/// Decimals of the entries of rotations and motions.
+/// Decimals of the entries of rigid motions.
 const MOTION: i32 = 6;
 
-/// The nearest number with so many decimals; −0 becomes 0.
+/// Rounds to `digits` decimals; −0 becomes 0.
 #[must_use]
 pub fn decimals(value: f64, digits: i32) -> f64 {
     let scale = 10f64.powi(digits);
@@ -27,17 +27,17 @@ pub fn decimals(value: f64, digits: i32) -> f64 {
     if rounded.is_finite() { rounded + 0.0 } else { value }
 }
 
-/// The nearest number with so many significant digits.
+/// Rounds to `digits` significant digits.
 pub(crate) fn significant(value: f64, digits: i32) -> f64 {
     if !value.is_finite() || value.abs() < f64::MIN_POSITIVE {
         return if value.is_finite() { 0.0 } else { value };
     }
-    // Through text: scaling by powers of ten is not exact for very small numbers.
+    // By way of text: scaling by powers of ten is not exact for very small numbers.
     let places = usize::try_from(digits - 1).unwrap_or(0);
     format!("{value:.places$e}").parse().unwrap_or(value)
 }
 
-/// A row with the files' digits.
+/// Rounds a row to the digits of the files.
 #[must_use]
 pub fn rounded_row(row: &TrackRow) -> TrackRow {
     let metres = |v| decimals(v, METRES);
@@ -60,26 +60,26 @@ pub fn rounded_row(row: &TrackRow) -> TrackRow {
         activity_p: row.activity_p.map(|p| decimals(p, SCORE)),
         x_own_sd_m: row.x_own_sd_m.map(metres),
         y_own_sd_m: row.y_own_sd_m.map(metres),
-        on_map: row.on_map.as_ref().map(rounded_place),
+        on_map: row.on_map.as_ref().map(rounded_on_map),
         ..row.clone()
     }
 }
 
-fn rounded_place(place: &OnMap) -> OnMap {
+fn rounded_on_map(at: &OnMap) -> OnMap {
     let metres = |v| decimals(v, METRES);
     OnMap {
-        latitude: decimals(place.latitude, DEGREES),
-        longitude: decimals(place.longitude, DEGREES),
-        utm_zone: place.utm_zone.clone(),
-        east_m: metres(place.east_m),
-        north_m: metres(place.north_m),
-        east_sd_m: metres(place.east_sd_m),
-        north_sd_m: metres(place.north_sd_m),
-        bearing_deg: decimals(place.bearing_deg, BEARING),
+        latitude: decimals(at.latitude, DEGREES),
+        longitude: decimals(at.longitude, DEGREES),
+        utm_zone: at.utm_zone.clone(),
+        east_m: metres(at.east_m),
+        north_m: metres(at.north_m),
+        east_sd_m: metres(at.east_sd_m),
+        north_sd_m: metres(at.north_sd_m),
+        bearing_deg: decimals(at.bearing_deg, BEARING),
     }
 }
 
-/// The first of a row's numbers that is not finite.
+/// Returns the name of the first number of a row that is not finite.
 pub(crate) fn not_finite(row: &TrackRow) -> Option<&'static str> {
     let [x0, y0, x1, y1] = row.bbox_px;
     let numbers = [
@@ -110,7 +110,7 @@ pub(crate) fn not_finite(row: &TrackRow) -> Option<&'static str> {
     numbers.into_iter().chain(on_map).find(|(_, value)| !value.is_finite()).map(|(name, _)| name)
 }
 
-/// A pose with the files' digits; sds that are not finite become null.
+/// Rounds a pose to the digits of the files; sds that are not finite become null.
 pub(crate) fn rounded_pose(pose: &PoseRecord) -> PoseRecord {
     let motion = |rows: [[f64; 4]; 4]| rows.map(|row| row.map(|v| decimals(v, MOTION)));
     PoseRecord {
@@ -141,7 +141,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn rounding_prints_short() {
+    fn rounded_numbers_print_short() {
         assert_eq!(decimals(1.234_56, 4).to_string(), "1.2346");
         assert_eq!(decimals(-0.000_01, 4).to_string(), "0");
         assert_eq!(decimals(0.1 + 0.2, 6).to_string(), "0.3");

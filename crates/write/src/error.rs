@@ -1,33 +1,33 @@
-//! What can go wrong, by who can mend it. Paths stand last in the messages.
+//! Errors of reading and writing files. Their messages end with the path.
 
 use std::io;
 use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 
-/// Why something was not written or read.
+/// An error of reading or writing a file or a folder.
 #[derive(Debug, Error)]
 pub enum WriteError {
-    /// The disk or the quota is full. Waiting does not help; nothing appears under the final name.
+    /// The disk or the quota is full. Nothing appears under the final name.
     #[error("no space left while writing {path}")]
     DiskFull {
         /// The file.
         path: PathBuf,
     },
-    /// The operating system refused: rights, a missing folder, a broken disk.
+    /// The operating system reports an error: missing rights, a missing folder, a broken disk.
     #[error("cannot {doing}: {source}: {path}")]
     Io {
-        /// What was tried.
+        /// The operation, such as `read`.
         doing: &'static str,
-        /// The system's answer.
+        /// The error of the operating system.
         source: io::Error,
         /// The file or folder.
         path: PathBuf,
     },
-    /// A result is there already and overwriting was not asked for.
+    /// A result exists already, and overwriting was not requested.
     #[error("there is a result already (overwrite or choose another folder): {path}")]
     Exists {
-        /// The result's folder.
+        /// The folder of the result.
         path: PathBuf,
     },
     /// Another run writes into the folder.
@@ -42,26 +42,26 @@ pub enum WriteError {
         /// The name.
         stem: String,
     },
-    /// A number that a file must not hold.
+    /// A number is infinite or NaN, which files must not contain.
     #[error("{what} is not finite: not written to {path}")]
     NotFinite {
-        /// Which number.
+        /// The number that is not finite.
         what: String,
         /// The file.
         path: PathBuf,
     },
-    /// A result holds nothing of what is asked of it.
+    /// A result lacks the requested content.
     #[error("{what}: {path}")]
     Lacks {
-        /// What is not there, and what would help.
+        /// The missing content, and a remedy.
         what: String,
-        /// The result.
+        /// The folder or file of the result.
         path: PathBuf,
     },
-    /// A file that we read back is not of the documented form.
+    /// A file does not have the documented form.
     #[error("{what}: {path}")]
     Malformed {
-        /// What is wrong, with the line.
+        /// The fault, with its line.
         what: String,
         /// The file.
         path: PathBuf,
@@ -69,18 +69,18 @@ pub enum WriteError {
 }
 
 impl WriteError {
-    /// Turns an I/O error into the variant by fault.
+    /// Returns a function that turns an I/O error into the variant for its cause.
     pub(crate) fn io(doing: &'static str, path: &Path) -> impl FnOnce(io::Error) -> Self + use<> {
         let path = path.to_path_buf();
         move |source| match source.kind() {
             io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => Self::DiskFull { path },
-            // Bytes that are no text: the file is at fault, and trying again will not help.
+            // Bytes that are not text: the file is at fault, and another attempt will not help.
             io::ErrorKind::InvalidData => Self::malformed(&path, source),
             _ => Self::Io { doing, source, path },
         }
     }
 
-    /// Turns an error of a CSV file into the variant by fault.
+    /// Returns a function that turns an error of a CSV file into the variant for its cause.
     pub fn csv(doing: &'static str, path: &Path) -> impl Fn(csv::Error) -> Self + use<> {
         let path = path.to_path_buf();
         move |error| {
@@ -92,7 +92,7 @@ impl WriteError {
         }
     }
 
-    /// A file's content that cannot be used.
+    /// Creates the error for a file with invalid content.
     pub fn malformed(path: &Path, what: impl ToString) -> Self {
         Self::Malformed { what: what.to_string(), path: path.to_path_buf() }
     }

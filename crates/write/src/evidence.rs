@@ -1,7 +1,7 @@
-//! Remembered cameras on disk: `FOLDER/<camera>/<clip>.<content>.json`, one file a clip.
+//! The camera database on disk: `FOLDER/<camera>/<clip>.<content>.json`, one file per clip.
 //!
-//! A file's name says what is in it (the first digits of its sha256), so a file is never changed, writing one twice is writing
-//! it once, and joining two folders is the union of their files, whatever the order.
+//! A file's name contains the first digits of the sha256 of its content. So a file never changes, and writing it twice
+//! has no further effect. Two databases are merged by the union of their files, in any order.
 
 use std::fs;
 use std::io;
@@ -13,20 +13,20 @@ use sha2::{Digest as _, Sha256};
 use crate::file::sync_folder;
 use crate::{OutFile, WriteError};
 
-/// Hexadecimal digits of the content in a file's name.
+/// Number of hexadecimal digits of the sha256 in a file's name.
 const DIGITS: usize = 16;
-/// Longest part of a clip's name in a file's name, bytes.
+/// Greatest length of the clip's name within a file's name, bytes.
 const NAME_BYTES: usize = 100;
-/// Longest name of a camera, bytes.
+/// Greatest length of a camera's name, bytes.
 const CAMERA_BYTES: usize = 100;
 
-/// A folder of remembered cameras.
+/// A camera database: a folder with one subfolder per stored camera.
 #[derive(Clone, Debug)]
 pub struct EvidenceStore {
     folder: PathBuf,
 }
 
-/// Whether a name can be a camera's: it names a folder, and nothing outside of it.
+/// Whether a name is valid for a camera: it must name a folder within the database.
 #[must_use]
 pub fn is_camera_id(id: &str) -> bool {
     let sound = |c: char| c.is_alphanumeric() || "-_.+@ ".contains(c);
@@ -40,7 +40,7 @@ pub fn is_camera_id(id: &str) -> bool {
 /// Reads an evidence file.
 ///
 /// # Errors
-/// [`WriteError::Malformed`] if it is no such file, [`WriteError::Io`].
+/// [`WriteError::Malformed`] if the file is not a valid evidence file; [`WriteError::Io`].
 pub fn read_evidence(path: &Path) -> Result<CameraEvidence, WriteError> {
     parsed(path, &fs::read(path).map_err(WriteError::io("read", path))?)
 }
@@ -57,7 +57,7 @@ fn checked(path: &Path, evidence: &CameraEvidence) -> Result<(), WriteError> {
     if is_camera_id(&evidence.camera) {
         return Ok(());
     }
-    Err(WriteError::malformed(path, format!("{:?} cannot name a camera", evidence.camera)))
+    Err(WriteError::malformed(path, format!("{:?} is not a valid name of a camera", evidence.camera)))
 }
 
 /// Writes an evidence file.
@@ -86,19 +86,19 @@ fn file_name(evidence: &CameraEvidence, bytes: &[u8]) -> String {
 }
 
 impl EvidenceStore {
-    /// A folder, which need not be there yet.
+    /// Opens a database. Its folder need not exist yet.
     #[must_use]
     pub fn new(folder: &Path) -> Self {
         Self { folder: folder.to_path_buf() }
     }
 
-    /// Where it is.
+    /// Returns the folder of the database.
     #[must_use]
     pub fn folder(&self) -> &Path {
         &self.folder
     }
 
-    /// The cameras, in order.
+    /// Returns the names of the cameras, sorted.
     ///
     /// # Errors
     /// [`WriteError::Io`].
@@ -107,7 +107,7 @@ impl EvidenceStore {
         Ok(names.into_iter().filter(|id| is_camera_id(id) && self.folder.join(id).is_dir()).collect())
     }
 
-    /// The files of a camera, in the order of their names; none of an unknown one.
+    /// Returns the files of a camera, sorted by name. An unknown camera has none.
     ///
     /// # Errors
     /// [`WriteError::Io`].
@@ -117,23 +117,27 @@ impl EvidenceStore {
         Ok(names.filter(|n| n.ends_with(".json") && !n.starts_with('.')).map(|n| folder.join(n)).collect())
     }
 
-    /// What is kept of a camera, in the order of the files' names; nothing of an unknown one. A damaged file is an error of its
-    /// own.
+    /// Reads the evidence of a camera, in the order of the files' names. An unknown camera has none.
+    ///
+    /// Each damaged file gives an error in the list.
     ///
     /// # Errors
-    /// [`WriteError::Io`] where the folder cannot be read.
+    /// [`WriteError::Io`] if the folder cannot be read.
     pub fn read(&self, camera: &str) -> Result<Vec<Result<CameraEvidence, WriteError>>, WriteError> {
         let read = |path: PathBuf| {
             let evidence = read_evidence(&path)?;
             if evidence.camera != camera {
-                return Err(WriteError::malformed(&path, format!("it is of camera {:?}", evidence.camera)));
+                return Err(WriteError::malformed(
+                    &path,
+                    format!("it belongs to camera {:?}", evidence.camera),
+                ));
             }
             Ok(evidence)
         };
         Ok(self.files(camera)?.into_iter().map(read).collect())
     }
 
-    /// Keeps a clip's evidence, the bytes of its file as they are; false where it was kept before.
+    /// Copies an evidence file into the database, byte by byte. Returns false if the database has it already.
     ///
     /// # Errors
     /// [`WriteError::Malformed`], [`WriteError::Io`], [`WriteError::DiskFull`].
@@ -153,7 +157,7 @@ impl EvidenceStore {
         Ok(true)
     }
 
-    /// Forgets a camera; false where it was not known.
+    /// Removes a camera. Returns false if the database does not have it.
     ///
     /// # Errors
     /// [`WriteError::Io`].
@@ -167,7 +171,7 @@ impl EvidenceStore {
     }
 }
 
-/// Names in a folder, sorted; none where there is no folder.
+/// Returns the names in a folder, sorted; none if the folder does not exist.
 fn sorted_names(folder: &Path) -> Result<Vec<String>, WriteError> {
     let entries = match fs::read_dir(folder) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
@@ -212,7 +216,7 @@ mod tests {
         }
     }
 
-    /// Keeps what a clip says, by way of a file as a run leaves it.
+    /// Adds evidence by way of a file, as a run writes it.
     fn add(store: &EvidenceStore, evidence: &CameraEvidence) -> Result<bool, WriteError> {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("evidence.json");
@@ -227,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_is_kept_once_and_read_back() {
+    fn a_file_is_stored_once_and_read_back() {
         let folder = tempfile::tempdir().unwrap();
         let store = EvidenceStore::new(&folder.path().join("cameras"));
         assert!(store.cameras().unwrap().is_empty());
@@ -275,7 +279,7 @@ mod tests {
             (state >> 33) as usize % below
         };
         for round in 0..100 {
-            // Two or three folders become one, until one is left; some clips come in twice.
+            // Merges two or three folders at a time, until one is left. One clip is there twice.
             let mut left = all.clone();
             left.push(all[random(clips)].clone());
             let mut made = 0;
@@ -292,7 +296,7 @@ mod tests {
     }
 
     #[test]
-    fn damaged_files_are_told_one_by_one() {
+    fn each_damaged_file_gives_an_error() {
         let folder = tempfile::tempdir().unwrap();
         let store = EvidenceStore::new(folder.path());
         add(&store, &evidence("c", "a")).unwrap();
@@ -305,7 +309,7 @@ mod tests {
     }
 
     #[test]
-    fn strange_cameras_are_refused() {
+    fn invalid_names_of_cameras_are_rejected() {
         let folder = tempfile::tempdir().unwrap();
         let store = EvidenceStore::new(folder.path());
         for id in ["", ".", "..", "a/b", ".hidden", " a", "a\nb", &"x".repeat(101)] {

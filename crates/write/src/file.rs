@@ -1,4 +1,4 @@
-//! One file, complete or absent: written beside its name, synced, then renamed.
+//! One file, complete or absent: written under a temporary name, synced, then renamed.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, BufWriter, Write};
@@ -6,10 +6,10 @@ use std::path::{Path, PathBuf};
 
 use crate::WriteError;
 
-/// Buffer of a file that is being written.
+/// Size of the write buffer, bytes.
 const BUFFER_BYTES: usize = 1 << 18;
 
-/// A file that appears under its name only at [`OutFile::finish`]. Dropped before, it leaves nothing behind.
+/// A file that appears under its name only at [`OutFile::finish`]. A file that is dropped before leaves nothing behind.
 #[derive(Debug)]
 pub struct OutFile {
     // `None` once finished.
@@ -19,7 +19,7 @@ pub struct OutFile {
 }
 
 impl OutFile {
-    /// Starts a file; what was left of an earlier, killed attempt is replaced.
+    /// Starts a file, and replaces the temporary file of an earlier run that was killed.
     ///
     /// # Errors
     /// [`WriteError::Io`] or [`WriteError::DiskFull`].
@@ -27,7 +27,7 @@ impl OutFile {
         let temp = temp_of(path)?;
         match std::fs::remove_file(&temp) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => {
-                return Err(WriteError::io("replace a left-over file", &temp)(error));
+                return Err(WriteError::io("replace a leftover file", &temp)(error));
             }
             _ => {}
         }
@@ -43,13 +43,13 @@ impl OutFile {
         Self { writer: Some(BufWriter::with_capacity(BUFFER_BYTES, file)), temp, path }
     }
 
-    /// The final name.
+    /// Returns the final name.
     #[must_use]
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Adds bytes.
+    /// Appends bytes.
     ///
     /// # Errors
     /// [`WriteError::Io`] or [`WriteError::DiskFull`].
@@ -57,10 +57,10 @@ impl OutFile {
         self.write_all(bytes).map_err(WriteError::io("write", &self.path))
     }
 
-    /// Writes out and syncs the bytes, gives the file its name and makes the name durable.
+    /// Flushes and syncs the bytes, renames the file and syncs its folder.
     ///
     /// # Errors
-    /// [`WriteError::Io`] or [`WriteError::DiskFull`]; then the name does not appear.
+    /// [`WriteError::Io`] or [`WriteError::DiskFull`]; the file then does not appear under its name.
     pub fn finish(mut self) -> Result<(), WriteError> {
         if let Some(writer) = self.writer.as_mut() {
             writer.flush().map_err(WriteError::io("write", &self.path))?;
@@ -85,14 +85,14 @@ impl Write for OutFile {
 impl Drop for OutFile {
     fn drop(&mut self) {
         if let Some(writer) = self.writer.take() {
-            // Without another attempt to write out the buffer: the file goes anyway.
+            // The buffer is not flushed, as the file is removed.
             drop(writer.into_parts());
             std::fs::remove_file(&self.temp).ok();
         }
     }
 }
 
-/// `.NAME.tmp` beside `NAME`: one fixed name, so that killed runs do not pile up files.
+/// Returns the temporary name: `.NAME.tmp` in the same folder. It is fixed, so that killed runs do not pile up files.
 fn temp_of(path: &Path) -> Result<PathBuf, WriteError> {
     let name = path.file_name().ok_or_else(|| WriteError::Io {
         doing: "create a file",
@@ -105,17 +105,17 @@ fn temp_of(path: &Path) -> Result<PathBuf, WriteError> {
     Ok(path.with_file_name(temp))
 }
 
-/// Whether a name is one of our unfinished files.
+/// Whether a name is that of a temporary file of ours.
 pub(crate) fn is_temp(name: &str) -> bool {
     name.starts_with('.') && name.ends_with(".tmp")
 }
 
-/// The folder that a path lies in.
+/// Returns the folder of a path.
 pub(crate) fn parent_of(path: &Path) -> &Path {
     path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or_else(|| Path::new("."))
 }
 
-/// Makes the names in a folder durable.
+/// Syncs a folder, so that the names in it survive a crash.
 pub(crate) fn sync_folder(folder: &Path) -> Result<(), WriteError> {
     File::open(folder).and_then(|f| f.sync_all()).map_err(WriteError::io("sync the folder", folder))
 }
@@ -129,7 +129,7 @@ mod tests {
     }
 
     #[test]
-    fn appears_only_when_finished() {
+    fn a_file_appears_only_when_finished() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.json");
         let mut file = OutFile::create(&path).unwrap();

@@ -1,4 +1,4 @@
-//! The folder of one result: built aside, then given its name in one step.
+//! The folder of one result: filled under a temporary name, then renamed in one step.
 
 use std::fs::{self, File};
 use std::io;
@@ -7,17 +7,18 @@ use std::path::{Path, PathBuf};
 use crate::WriteError;
 use crate::file::{is_temp, sync_folder};
 
-/// What to do about a result of the same name.
+/// The action if a result of the same name exists.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Existing {
-    /// Keep it and fail.
+    /// Keep the existing result and fail.
     Refuse,
-    /// Replace it, once the new one is complete.
+    /// Replace the existing result when the new one is complete.
     Overwrite,
 }
 
-/// `DIR/<stem>/` in the making, as `DIR/.<stem>.partial/`. Not published (an error, a kill), the partial folder stays for
-/// a later run to resume from.
+/// The folder `DIR/<stem>/` in progress, as `DIR/.<stem>.partial/`.
+///
+/// After an error or a kill, the partial folder stays, so that a later run can resume.
 #[derive(Debug)]
 pub struct OutputFolder {
     dir: PathBuf,
@@ -29,10 +30,10 @@ pub struct OutputFolder {
 }
 
 impl OutputFolder {
-    /// Makes or finds the partial folder. Hold a [`FolderLock`](crate::FolderLock) on `dir`.
+    /// Creates or finds the partial folder. The caller holds a [`FolderLock`](crate::FolderLock) on `dir`.
     ///
     /// # Errors
-    /// [`WriteError::Exists`] if there is a result and `existing` says to refuse, [`WriteError::BadStem`],
+    /// [`WriteError::Exists`] if a result exists and `existing` is [`Existing::Refuse`]; [`WriteError::BadStem`],
     /// [`WriteError::Io`], [`WriteError::DiskFull`].
     pub fn begin(dir: &Path, stem: &str, existing: Existing) -> Result<Self, WriteError> {
         if stem.is_empty() || stem.starts_with('.') || stem.contains(['/', '\0']) {
@@ -54,7 +55,7 @@ impl OutputFolder {
         Ok(Self { dir: dir.to_path_buf(), partial, target, aside, existing, resumed })
     }
 
-    /// Where the files go until [`OutputFolder::publish`].
+    /// Returns the partial folder, which takes the files until [`OutputFolder::publish`].
     #[must_use]
     pub fn path(&self) -> &Path {
         &self.partial
@@ -66,7 +67,7 @@ impl OutputFolder {
         self.resumed
     }
 
-    /// Throws away what an earlier run left.
+    /// Removes the files that an earlier run left.
     ///
     /// # Errors
     /// [`WriteError::Io`].
@@ -77,7 +78,7 @@ impl OutputFolder {
         Ok(())
     }
 
-    /// Removes the partial folder: the run failed and left nothing worth going on from.
+    /// Removes the partial folder of a failed run, if a later run has nothing to resume.
     ///
     /// # Errors
     /// [`WriteError::Io`].
@@ -85,8 +86,10 @@ impl OutputFolder {
         fs::remove_dir_all(&self.partial).map_err(WriteError::io("remove", &self.partial))
     }
 
-    /// Syncs every file, gives the folder its final name and returns that. An older result is moved aside first and
-    /// removed last: at every moment the old or the new one is on disk in full.
+    /// Syncs every file, renames the folder to its final name and returns that name.
+    ///
+    /// An older result is moved aside first and removed last. So a complete result, old or new, is on disk at all
+    /// times.
     ///
     /// # Errors
     /// [`WriteError::Exists`], [`WriteError::Io`], [`WriteError::DiskFull`]; the partial folder stays.
@@ -108,7 +111,7 @@ impl OutputFolder {
     }
 }
 
-/// Ends what a kill in the middle of a replacement left: the old result comes back if there is no new one, else it goes.
+/// Completes a replacement that was killed: restores the old result if there is no new one, and removes it otherwise.
 fn settle(target: &Path, aside: &Path) -> Result<(), WriteError> {
     if !aside.exists() {
         return Ok(());
@@ -120,7 +123,7 @@ fn settle(target: &Path, aside: &Path) -> Result<(), WriteError> {
     }
 }
 
-/// Syncs all files and folders below, and removes unfinished ones.
+/// Syncs all files and folders below `folder`, and removes temporary files.
 fn sync_tree(folder: &Path) -> Result<(), WriteError> {
     let doing = |path: &Path| WriteError::io("sync", path);
     for entry in fs::read_dir(folder).map_err(doing(folder))? {
@@ -150,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn is_complete_or_not_there() {
+    fn a_result_is_complete_or_absent() {
         let temp = tempfile::tempdir().unwrap();
         let dir = temp.path().join("out");
         let folder = OutputFolder::begin(&dir, "clip", Existing::Refuse).unwrap();
@@ -184,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn a_result_that_appears_meanwhile_is_not_replaced() {
+    fn a_result_that_appears_during_the_run_is_not_replaced() {
         let temp = tempfile::tempdir().unwrap();
         let folder = OutputFolder::begin(temp.path(), "clip", Existing::Refuse).unwrap();
         write(&folder, "new");
@@ -207,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn strange_names_are_refused() {
+    fn invalid_names_are_rejected() {
         let temp = tempfile::tempdir().unwrap();
         for stem in ["", ".", "..", ".hidden", "a/b"] {
             assert!(matches!(

@@ -1,4 +1,4 @@
-//! JSON files, and files with one JSON value a line.
+//! JSON files, and JSON Lines: files with one JSON value per line.
 
 use std::fs::File;
 use std::io::{BufRead as _, BufReader};
@@ -14,7 +14,7 @@ use crate::{OutFile, WriteError};
 /// Writes one value as an indented JSON file.
 ///
 /// # Errors
-/// [`WriteError::Io`], [`WriteError::DiskFull`]; [`WriteError::Malformed`] for a value that JSON cannot hold.
+/// [`WriteError::Io`], [`WriteError::DiskFull`]; [`WriteError::Malformed`] for a value that JSON cannot represent.
 pub fn write_json<T: Serialize>(path: &Path, value: &T) -> Result<(), WriteError> {
     let mut text = serde_json::to_vec_pretty(value).map_err(|e| WriteError::malformed(path, e))?;
     text.push(b'\n');
@@ -23,7 +23,7 @@ pub fn write_json<T: Serialize>(path: &Path, value: &T) -> Result<(), WriteError
     file.finish()
 }
 
-/// Writes one value a line.
+/// Writes a JSON Lines file, one value per line.
 #[derive(Debug)]
 pub struct JsonLines {
     file: OutFile,
@@ -39,10 +39,10 @@ impl JsonLines {
         Ok(Self { file: OutFile::create(path)?, line: Vec::new() })
     }
 
-    /// Adds a line.
+    /// Appends a line.
     ///
     /// # Errors
-    /// [`WriteError::Io`], [`WriteError::DiskFull`]; [`WriteError::Malformed`] for a value that JSON cannot hold.
+    /// [`WriteError::Io`], [`WriteError::DiskFull`]; [`WriteError::Malformed`] for a value that JSON cannot represent.
     pub fn write<T: Serialize>(&mut self, value: &T) -> Result<(), WriteError> {
         json_line(&mut self.line, value, self.file.path())?;
         self.file.write_bytes(&self.line)
@@ -51,13 +51,13 @@ impl JsonLines {
     /// Completes the file.
     ///
     /// # Errors
-    /// [`WriteError::Io`], [`WriteError::DiskFull`]; then the file does not appear.
+    /// [`WriteError::Io`], [`WriteError::DiskFull`]; the file then does not appear.
     pub fn finish(self) -> Result<(), WriteError> {
         self.file.finish()
     }
 }
 
-/// Puts a value and its line end into `line`.
+/// Replaces the content of `line` by a value and a line end.
 pub(crate) fn json_line<T: Serialize>(line: &mut Vec<u8>, value: &T, path: &Path) -> Result<(), WriteError> {
     line.clear();
     serde_json::to_writer(&mut *line, value).map_err(|e| WriteError::malformed(path, e))?;
@@ -78,10 +78,11 @@ impl PoseLines {
         JsonLines::create(path).map(Self)
     }
 
-    /// Adds a pose, with the files' digits.
+    /// Appends a pose, rounded to the digits of the files.
     ///
     /// # Errors
-    /// [`WriteError::NotFinite`] for a pose that is not; [`WriteError::Io`], [`WriteError::DiskFull`].
+    /// [`WriteError::NotFinite`] for a pose with a number that is not finite; [`WriteError::Io`],
+    /// [`WriteError::DiskFull`].
     pub fn write(&mut self, pose: &PoseRecord) -> Result<(), WriteError> {
         let motions = pose.world_from_car.iter().chain(&pose.camera_from_car).flatten();
         if !motions.chain(&pose.shape).chain(&pose.dims_m).all(|v| v.is_finite()) {
@@ -94,16 +95,16 @@ impl PoseLines {
     /// Completes the file.
     ///
     /// # Errors
-    /// [`WriteError::Io`], [`WriteError::DiskFull`]; then the file does not appear.
+    /// [`WriteError::Io`], [`WriteError::DiskFull`]; the file then does not appear.
     pub fn finish(self) -> Result<(), WriteError> {
         self.0.finish()
     }
 }
 
-/// Reads a file of one value a line, one at a time; errors name the line. Empty lines are passed over.
+/// Returns an iterator over the values of a JSON Lines file. It skips empty lines. Its errors name the line.
 ///
 /// # Errors
-/// [`WriteError::Io`] if it cannot be opened.
+/// [`WriteError::Io`] if the file cannot be opened.
 pub fn read_jsonl<T: DeserializeOwned>(
     path: &Path,
 ) -> Result<impl Iterator<Item = Result<T, WriteError>> + use<T>, WriteError> {
@@ -125,7 +126,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lines_come_back_and_bad_ones_are_named() {
+    fn lines_are_read_back_and_errors_name_the_line() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("x.jsonl");
         let mut lines = JsonLines::create(&path).unwrap();
@@ -140,7 +141,7 @@ mod tests {
         assert_eq!(results.len(), 2);
         let error = results[1].as_ref().unwrap_err().to_string();
         assert!(error.contains("line 3") && error.ends_with("x.jsonl"), "{error}");
-        // Bytes that are no text are the file's fault, not the disk's.
+        // Bytes that are not text are an error of the file, not of the disk.
         std::fs::write(&path, b"{}\n\xff\xfe\n").unwrap();
         let results: Vec<Result<serde_json::Value, _>> = read_jsonl(&path).unwrap().collect();
         assert!(matches!(results[1], Err(WriteError::Malformed { .. })), "{:?}", results[1]);

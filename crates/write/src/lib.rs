@@ -1,13 +1,14 @@
-//! The files of a result, written so that a reader never meets a half one.
+//! Writes and reads the files of a result.
 //!
-//! Every file appears under its name complete and on disk, or not at all ([`OutFile`]); a result folder likewise
-//! ([`OutputFolder`]). Equal input gives equal bytes: numbers are rounded to fixed digits (0.1 mm, 1e-5 rad, 0.01 px,
-//! 1 µs) and nothing depends on hash order, time of day or machine.
+//! A file ([`OutFile`]) and a result folder ([`OutputFolder`]) appear under their name when they are complete, and not
+//! before. Equal input gives equal bytes. Numbers are rounded to fixed digits (0.1 mm, 1e-5 rad, 0.01 px, 1 µs).
+//! Nothing depends on hash order, time of day or machine.
 //!
 //! # Contents
-//! - how: `file.rs`, `folder.rs`, `lock.rs`, `spool.rs` (a run in progress), `digits.rs`, `schema.rs`
-//! - what: `tracks.rs` (`parquet.rs`), `jsonl.rs` (poses, frames), `camera.rs`, `summary.rs` (`speed.rs`), `evidence.rs`
-//! - what users bring: `known.rs`, `table.rs`
+//! - writing in general: `file.rs`, `folder.rs`, `lock.rs`, `spool.rs` (a run in progress), `digits.rs`, `schema.rs`
+//! - files of a result: `tracks.rs` (`parquet.rs`), `jsonl.rs` (poses, frames), `camera.rs`, `summary.rs` (`speed.rs`),
+//!   `evidence.rs`
+//! - files of the user: `constraints.rs`, `table.rs`
 
 #![deny(missing_docs)]
 
@@ -43,7 +44,7 @@ pub use speed::{CpuMs, Speed};
 pub use spool::{FrameReader, FrameSpool, Recovered, read_scene_curves};
 pub use summary::{
     ConstraintSummary, Counts, InputSummary, ModelSummary, RunStatus, SUMMARY_SCHEMA, SceneLinesSummary,
-    StageSeconds, Summary, WatchStretch, WatchSummary, read_summary, write_summary,
+    StageSeconds, Summary, WatchInterval, WatchSummary, read_summary, write_summary,
 };
 pub use table::{TableFormat, TableRow, read_table, write_table};
 pub use tracks::{TrackCsv, TrackFiles};

@@ -1,4 +1,4 @@
-//! One run at a time in a folder.
+//! A lock that allows one run at a time in a folder.
 
 use std::fs::{File, OpenOptions, TryLockError};
 use std::path::Path;
@@ -8,19 +8,22 @@ use crate::WriteError;
 /// Name of the lock file.
 const LOCK_NAME: &str = ".roadplane.lock";
 
-/// Held while a run writes into a folder. The lock is the operating system's: it ends with its process, however that
-/// ends, so a file left behind is no obstacle.
+/// A lock on an output folder, released when dropped.
+///
+/// The operating system holds the lock and releases it when the process ends, even by a kill. So the lock file may
+/// stay.
 #[derive(Debug)]
 pub struct FolderLock {
-    // Closing the file gives the lock back.
+    // Closing the file releases the lock.
     _file: File,
 }
 
 impl FolderLock {
-    /// Makes the folder where it is missing and locks it.
+    /// Creates the folder if it does not exist, and locks it.
     ///
     /// # Errors
-    /// [`WriteError::Locked`] at once where another run holds it, [`WriteError::Io`] where the folder is unusable.
+    /// [`WriteError::Locked`], without waiting, if another run has the lock; [`WriteError::Io`] if the folder cannot be
+    /// used.
     pub fn acquire(folder: &Path) -> Result<Self, WriteError> {
         std::fs::create_dir_all(folder).map_err(WriteError::io("create the folder", folder))?;
         let path = folder.join(LOCK_NAME);
@@ -43,7 +46,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_second_run_is_refused_until_the_first_ends() {
+    fn a_second_run_is_rejected_until_the_first_ends() {
         let folder = tempfile::tempdir().unwrap();
         let out = folder.path().join("new/out");
         let first = FolderLock::acquire(&out).unwrap();

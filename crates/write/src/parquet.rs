@@ -1,4 +1,4 @@
-//! `tracks.parquet`: the rows as columns, for pandas, duckdb and their like.
+//! `tracks.parquet`: the rows of tracks as columns, for pandas, DuckDB and similar tools.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -15,10 +15,10 @@ use roadplane_base::{OnMap, TrackRow};
 use crate::digits::{not_finite, rounded_row};
 use crate::{OutFile, WriteError};
 
-/// Schema of the rows, kept in the file's metadata under `schema`.
+/// Schema id of the rows. The file's metadata contains it under `schema`.
 pub const TRACKS_SCHEMA: &str = "roadplane.tracks/1";
 
-/// Rows that are kept in memory and compressed together: about 8 MB.
+/// Rows per row group. They are in memory until they are compressed together, about 8 MB.
 const GROUP_ROWS: usize = 32_768;
 
 const COLUMNS: &str = "
@@ -32,7 +32,7 @@ const COLUMNS: &str = "
     required double speed_sd_mps;
     optional double activity_p; optional double x_own_sd_m; optional double y_own_sd_m;
 ";
-/// More of them where the camera's place is known.
+/// Further columns, if the camera's position on the map was given.
 const ON_MAP_COLUMNS: &str = "
     optional double latitude; optional double longitude; optional binary utm_zone (UTF8);
     optional double east_m; optional double north_m; optional double east_sd_m; optional double north_sd_m;
@@ -48,7 +48,7 @@ pub struct TrackParquet {
 }
 
 impl TrackParquet {
-    /// Starts a file. `on_map`: with columns for where rows are on the map.
+    /// Starts a file. `on_map` adds the columns of the position on the map.
     ///
     /// # Errors
     /// [`WriteError::Io`], [`WriteError::DiskFull`].
@@ -68,7 +68,7 @@ impl TrackParquet {
         Ok(Self { writer, rows: Vec::new(), on_map, path: path.to_path_buf() })
     }
 
-    /// Adds a row, with the files' digits.
+    /// Appends a row, rounded to the digits of the files.
     ///
     /// # Errors
     /// [`WriteError::NotFinite`], [`WriteError::Io`], [`WriteError::DiskFull`].
@@ -83,7 +83,7 @@ impl TrackParquet {
     /// Completes the file.
     ///
     /// # Errors
-    /// [`WriteError::Io`], [`WriteError::DiskFull`]; then the file does not appear.
+    /// [`WriteError::Io`], [`WriteError::DiskFull`]; the file then does not appear.
     pub fn finish(mut self) -> Result<(), WriteError> {
         if !self.rows.is_empty() {
             self.write_group()?;
@@ -126,7 +126,7 @@ fn write_columns(
         column::<DoubleType>(group, &doubles(rows, of), None)?;
     }
     let boxes: Vec<f64> = rows.iter().flat_map(|r| r.bbox_px).collect();
-    // Repetition level 0 starts a new list; definition level 1 says that an element is there.
+    // Repetition level 0 starts a new list; definition level 1 marks an element.
     let repetition: Vec<i16> = rows.iter().flat_map(|_| [0, 1, 1, 1]).collect();
     column::<DoubleType>(group, &boxes, Some((&vec![1; boxes.len()], Some(&repetition))))?;
     column::<DoubleType>(group, &doubles(rows, |r| r.score), None)?;
@@ -153,14 +153,14 @@ fn write_on_map(
     rows: &[TrackRow],
 ) -> Result<(), ParquetError> {
     let defined: Vec<i16> = rows.iter().map(|r| i16::from(r.on_map.is_some())).collect();
-    let places = || rows.iter().filter_map(|r| r.on_map.as_ref());
+    let positions = || rows.iter().filter_map(|r| r.on_map.as_ref());
     let numbers = |group: &mut SerializedRowGroupWriter<'_, OutFile>, of: &[fn(&OnMap) -> f64]| {
         of.iter().try_for_each(|of| {
-            column::<DoubleType>(group, &places().map(of).collect::<Vec<_>>(), Some((&defined, None)))
+            column::<DoubleType>(group, &positions().map(of).collect::<Vec<_>>(), Some((&defined, None)))
         })
     };
     numbers(group, &[|at| at.latitude, |at| at.longitude])?;
-    let zones: Vec<ByteArray> = places().map(|at| ByteArray::from(at.utm_zone.as_str())).collect();
+    let zones: Vec<ByteArray> = positions().map(|at| ByteArray::from(at.utm_zone.as_str())).collect();
     column::<ByteArrayType>(group, &zones, Some((&defined, None)))?;
     let metres: [fn(&OnMap) -> f64; 4] =
         [|at| at.east_m, |at| at.north_m, |at| at.east_sd_m, |at| at.north_sd_m];
@@ -172,7 +172,7 @@ fn doubles(rows: &[TrackRow], of: fn(&TrackRow) -> f64) -> Vec<f64> {
     rows.iter().map(of).collect()
 }
 
-/// Definition levels, and repetition levels of a list.
+/// Definition levels of a column, and repetition levels if its values are lists.
 type Levels<'a> = Option<(&'a [i16], Option<&'a [i16]>)>;
 
 fn column<T: DataType>(
@@ -187,7 +187,7 @@ fn column<T: DataType>(
     column.close()
 }
 
-/// I/O errors come wrapped: their kind decides whose fault it is.
+/// Converts an error of the Parquet library. It wraps I/O errors, whose kind determines the variant.
 fn from_parquet(error: ParquetError, path: &Path) -> WriteError {
     match error {
         ParquetError::External(source) => match source.downcast::<std::io::Error>() {

@@ -1,4 +1,4 @@
-//! What the files of a result hold, as JSON schemas: made from the types that are written, their docs being the descriptions.
+//! JSON schemas of the files of a result, generated from the Rust types. Doc comments are the descriptions.
 
 use roadplane_base::{FrameRecord, PoseRecord, TrackRow};
 use schemars::{JsonSchema, schema_for};
@@ -9,13 +9,15 @@ use crate::constraints::{CONSTRAINTS_SCHEMA, ConstraintsFile};
 use crate::parquet::TRACKS_SCHEMA;
 use crate::summary::{SUMMARY_SCHEMA, Summary};
 
-/// Schema of a line of `poses.jsonl`.
+/// Schema id of a line of `poses.jsonl`.
 pub const POSES_SCHEMA: &str = "roadplane.poses/1";
-/// Schema of a line of `frames.jsonl`.
+/// Schema id of a line of `frames.jsonl`.
 pub const FRAMES_SCHEMA: &str = "roadplane.frames/1";
 
-/// Name and schema (JSON Schema 2020-12) of every file of a result: `tracks` for a line of `tracks.jsonl`, a row of `tracks.csv` (the box in
-/// four columns) and of `tracks.parquet`; `poses` and `frames` for a line; `camera` and `summary` for the file; `known` for what `--known` reads.
+/// Returns name and schema (JSON Schema 2020-12) of every file of a result, and of the input of `--known`.
+///
+/// `tracks` describes a line of `tracks.jsonl` and a row of `tracks.parquet`. A row of `tracks.csv` has the box in four
+/// columns. `poses` and `frames` describe a line, and the others a whole file.
 #[must_use]
 pub fn schemas() -> Vec<(&'static str, Value)> {
     vec![
@@ -28,12 +30,29 @@ pub fn schemas() -> Vec<(&'static str, Value)> {
     ]
 }
 
-/// The schema of a type, under a name.
+/// Returns the schema of a type, with `id` as its `$id`.
 #[must_use]
 pub fn schema<T: JsonSchema>(id: &str) -> Value {
     let mut schema = schema_for!(T).to_value();
+    unwrap_descriptions(&mut schema);
     if let Some(object) = schema.as_object_mut() {
         object.insert("$id".to_owned(), json!(id));
     }
     schema
+}
+
+/// Joins the wrapped lines of all descriptions below a value. Empty lines between paragraphs stay.
+fn unwrap_descriptions(schema: &mut Value) {
+    match schema {
+        Value::Object(object) => {
+            if let Some(Value::String(text)) = object.get_mut("description") {
+                let paragraphs: Vec<String> =
+                    text.split("\n\n").map(|part| part.replace('\n', " ")).collect();
+                *text = paragraphs.join("\n\n");
+            }
+            object.values_mut().for_each(unwrap_descriptions);
+        }
+        Value::Array(items) => items.iter_mut().for_each(unwrap_descriptions),
+        _ => {}
+    }
 }

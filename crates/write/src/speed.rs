@@ -1,84 +1,89 @@
-//! What a run cost, as `summary.json` has it.
+//! Time and work of a run, for `summary.json`.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::digits::decimals;
 
-/// What a run cost a frame read, and how much of the pictures its nets saw. A resumed run counts only its own work.
+/// Time and work of a run. A resumed run counts only its own work.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Speed {
-    /// Frames read.
+    /// Number of frames read.
     pub frames: u64,
-    /// Time that the input spans, s.
+    /// Duration of the input, s.
     pub clip_s: f64,
-    /// Wall-clock time from the beginning to the report's end, s.
+    /// Wall-clock time from the start of the run to the end of the report, s.
     pub wall_s: f64,
-    /// Processor time a frame read, ms.
+    /// Processor time per frame read, by stage, ms.
     pub cpu_ms_per_frame: CpuMs,
-    /// Processor time over wall-clock time.
+    /// Processor time divided by wall-clock time: the mean number of busy cores.
+    #[schemars(range(min = 0))]
     pub cores_busy: f64,
-    /// Share of the picture that the detector saw: mean over all frames read, those that nobody looked at counting 0.
+    /// Share of the picture on which the detector ran, 0 to 1: the mean over all frames read. Frames on which it did
+    /// not run count as 0.
+    #[schemars(range(min = 0, max = 1))]
     pub seen_share: f64,
-    /// Frames in which the detector looked at something.
+    /// Number of frames on which the detector ran.
     pub looks: u64,
-    /// Crops that the keypoint net saw.
+    /// Number of crops on which the keypoint net ran.
     pub crops: u64,
 }
 
-/// Processor time a frame by stage, ms; the stages add up to the total, and nets are a part of their stages.
+/// Processor time per frame by stage, ms. The stages add up to the total. The time of a net is part of its stage's
+/// time.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct CpuMs {
-    /// All of it.
+    /// All stages together, ms per frame.
     pub total: f64,
-    /// Opening: the input's hash, loading the nets.
+    /// Opening, ms per frame: hashing the input and loading the nets.
     pub open: f64,
-    /// Decoding, with the decoder's own threads where no other input is worked on at the same time.
+    /// Decoding, ms per frame. The decoder's own threads count only if the process works on no other input at the same
+    /// time.
     pub decode: f64,
-    /// Watching the picture.
+    /// Camera motion and picture change, ms per frame.
     pub watch: f64,
-    /// Finding vehicles.
+    /// Vehicle detection, ms per frame.
     pub detect: f64,
-    /// The detector's net alone.
+    /// The net of the detector alone, ms per frame.
     pub detect_net: f64,
-    /// Finding keypoints.
+    /// Keypoints, ms per frame.
     pub keypoints: f64,
-    /// The keypoint net alone.
+    /// The keypoint net alone, ms per frame.
     pub keypoints_net: f64,
-    /// Writing the records down, and frames for the report.
+    /// Writing the frames' records, and keeping frames for the report, ms per frame.
     pub spool: f64,
-    /// The right half: cameras, poses, tracks.
+    /// Estimation of cameras, poses and tracks, ms per frame.
     pub solve: f64,
-    /// Result files and report.
+    /// Writing the result files and the report, ms per frame.
     pub write: f64,
 }
 
 impl Speed {
-    /// Frames read a second of wall-clock time.
+    /// Returns the number of frames read per second of wall-clock time.
     #[must_use]
     pub fn frames_per_s(&self) -> f64 {
         self.frames as f64 / self.wall_s.max(1e-9)
     }
 
-    /// How many times faster than the input plays.
+    /// Returns the speed as a multiple of real time.
     #[must_use]
     pub fn times_real_time(&self) -> f64 {
         self.clip_s / self.wall_s.max(1e-9)
     }
 
-    /// Looks of the detector a second of the input.
+    /// Returns the number of inference frames per second of the input.
     #[must_use]
-    pub fn looks_per_s(&self) -> f64 {
+    pub fn inference_frames_per_s(&self) -> f64 {
         self.looks as f64 / self.clip_s.max(1e-9)
     }
 
-    /// Crops of the keypoint net a frame read.
+    /// Returns the number of the keypoint net's crops per frame read.
     #[must_use]
     pub fn crops_per_frame(&self) -> f64 {
         self.crops as f64 / self.frames.max(1) as f64
     }
 
-    /// As the file has it.
+    /// Rounds to the digits of the file.
     pub(crate) fn rounded(&self) -> Self {
         let ms = &self.cpu_ms_per_frame;
         let cpu_ms_per_frame = CpuMs {
@@ -106,15 +111,16 @@ impl Speed {
 }
 
 impl CpuMs {
-    /// Both nets.
+    /// Returns the time of both nets, ms per frame.
     #[must_use]
     pub fn nets(&self) -> f64 {
         self.detect_net + self.keypoints_net
     }
 
-    /// What the left half costs beyond decoding and the nets: watching, attention, crops, resampling, records.
+    /// Returns the time of perception without decoding and the nets, ms per frame: watching, scheduling, crops,
+    /// resampling, records.
     #[must_use]
-    pub fn left_half_rest(&self) -> f64 {
+    pub fn perception_rest(&self) -> f64 {
         self.watch + self.detect + self.keypoints + self.spool - self.nets()
     }
 }
@@ -124,7 +130,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_left_beside_the_nets_is_neither_decoding_nor_solving() {
+    fn the_rest_of_perception_contains_no_decoding_and_no_solving() {
         let ms = CpuMs {
             total: 36.0,
             open: 1.0,
@@ -138,9 +144,9 @@ mod tests {
             solve: 6.0,
             write: 3.0,
         };
-        assert!((ms.left_half_rest() - 4.5).abs() < 1e-12);
+        assert!((ms.perception_rest() - 4.5).abs() < 1e-12);
         let speed = Speed { frames: 100, clip_s: 10.0, wall_s: 4.0, looks: 20, ..Speed::default() };
-        let numbers = [speed.frames_per_s(), speed.times_real_time(), speed.looks_per_s()];
+        let numbers = [speed.frames_per_s(), speed.times_real_time(), speed.inference_frames_per_s()];
         assert_eq!(numbers.map(|v| (v * 10.0).round() as i64), [250, 25, 20]);
     }
 }

@@ -1,4 +1,4 @@
-//! The frames file of a run in progress: grows a line a frame, survives a kill.
+//! The frames file of a run in progress. It grows by one line per frame and survives a kill.
 
 use std::fs::{File, OpenOptions};
 use std::io::{BufRead as _, BufReader, BufWriter, Seek as _, SeekFrom, Write as _};
@@ -9,19 +9,20 @@ use roadplane_base::{FrameRecord, SceneCurve};
 use crate::jsonl::json_line;
 use crate::{JsonLines, WriteError};
 
-/// What was found in a spool.
+/// The content that was found in the frames file of an earlier run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Recovered {
-    /// Whole frames that were kept.
+    /// Number of complete frames that were kept.
     pub frames: u64,
-    /// Index of the last of them: a resumed run goes on after it.
+    /// Index of the last complete frame. A resumed run continues after it.
     pub last_frame: Option<u64>,
-    /// Bytes after them that were cut off: half a line, or what follows a damaged one.
+    /// Number of bytes cut off after the last complete frame: a partial line, or a damaged line with all that follows.
     pub cut_bytes: u64,
 }
 
-/// Appends frames in rising order of their index. Unlike other files it has its name from the start: it lives in the
-/// partial folder, and recovery makes it whole.
+/// Appends frames in the order of their index.
+///
+/// Unlike other files it has its name from the start. It is in the partial folder, and [`FrameSpool::open`] repairs it.
 #[derive(Debug)]
 pub struct FrameSpool {
     writer: BufWriter<File>,
@@ -30,14 +31,15 @@ pub struct FrameSpool {
 }
 
 impl FrameSpool {
-    /// Opens or makes the file and cuts off what is not whole: half a line, and the last of the stretches that `stretch_of`
-    /// numbers, which work on the frames begins anew.
+    /// Opens or creates the file, and cuts off a partial or damaged line and the last interval.
+    ///
+    /// `interval_of` returns the number of a frame's interval. A resumed run repeats an interval from its first frame.
     ///
     /// # Errors
     /// [`WriteError::Io`], [`WriteError::DiskFull`].
     pub fn open(
         path: &Path,
-        stretch_of: impl Fn(&FrameRecord) -> u64,
+        interval_of: impl Fn(&FrameRecord) -> u64,
     ) -> Result<(Self, Recovered), WriteError> {
         let fail = |doing| WriteError::io(doing, path);
         let mut file = OpenOptions::new()
@@ -48,7 +50,7 @@ impl FrameSpool {
             .open(path)
             .map_err(fail("open"))?;
         let length = file.metadata().map_err(fail("read"))?.len();
-        let (mut recovered, whole_bytes) = whole_part(&file, stretch_of).map_err(fail("read"))?;
+        let (mut recovered, whole_bytes) = whole_part(&file, interval_of).map_err(fail("read"))?;
         if whole_bytes < length {
             recovered.cut_bytes = length - whole_bytes;
             file.set_len(whole_bytes).map_err(fail("write"))?;
@@ -62,7 +64,7 @@ impl FrameSpool {
         Ok((spool, recovered))
     }
 
-    /// Adds a frame.
+    /// Appends a frame.
     ///
     /// # Errors
     /// [`WriteError::Io`], [`WriteError::DiskFull`].
@@ -71,7 +73,7 @@ impl FrameSpool {
         self.writer.write_all(&self.line).map_err(WriteError::io("write", &self.path))
     }
 
-    /// Puts what was added so far on disk.
+    /// Flushes and syncs the frames so far.
     ///
     /// # Errors
     /// [`WriteError::Io`], [`WriteError::DiskFull`].
@@ -83,14 +85,14 @@ impl FrameSpool {
     }
 }
 
-/// Counts whole frames of rising index from the start, and their bytes, without the last stretch.
-fn whole_part(file: &File, stretch_of: impl Fn(&FrameRecord) -> u64) -> std::io::Result<(Recovered, u64)> {
+/// Counts the complete frames from the start, and their bytes, without the last interval.
+fn whole_part(file: &File, interval_of: impl Fn(&FrameRecord) -> u64) -> std::io::Result<(Recovered, u64)> {
     let mut reader = BufReader::with_capacity(1 << 16, file);
     let mut found = Recovered::default();
     let mut bytes = 0;
     let mut line = Vec::new();
-    // Where the stretch of the last frame began.
-    let mut stretch = None;
+    // The state at the start of the last frame's interval.
+    let mut interval = None;
     let mut before = (Recovered::default(), 0);
     loop {
         line.clear();
@@ -101,7 +103,7 @@ fn whole_part(file: &File, stretch_of: impl Fn(&FrameRecord) -> u64) -> std::io:
             .and_then(|line| FrameRecord::from_json(line).ok())
             .filter(|record| found.last_frame.is_none_or(|last| record.frame > last));
         let Some(record) = record else { return Ok(before) };
-        if stretch.replace(stretch_of(&record)) != Some(stretch_of(&record)) {
+        if interval.replace(interval_of(&record)) != Some(interval_of(&record)) {
             before = (found, bytes);
         }
         found.frames += 1;
@@ -110,7 +112,7 @@ fn whole_part(file: &File, stretch_of: impl Fn(&FrameRecord) -> u64) -> std::io:
     }
 }
 
-/// Reads a frames file, one frame at a time; errors name the line. Empty lines are passed over.
+/// An iterator over the frames of a frames file. It skips empty lines. Its errors name the line.
 #[derive(Debug)]
 pub struct FrameReader {
     lines: std::io::Lines<BufReader<File>>,
@@ -129,13 +131,15 @@ impl FrameReader {
     }
 }
 
-/// Long edges of the place ([`FrameRecord::scene_curves`]), of the frame that tells most of them; other frames are not looked into.
+/// Reads the long edges of the scene ([`FrameRecord::scene_curves`]) from the frame that has most of them.
+///
+/// Lines without edges are not parsed.
 ///
 /// # Errors
-/// [`WriteError::Malformed`] naming the line, [`WriteError::Io`].
+/// [`WriteError::Malformed`], which names the line; [`WriteError::Io`].
 pub fn read_scene_curves(path: &Path) -> Result<Vec<SceneCurve>, WriteError> {
     #[derive(serde::Deserialize)]
-    struct Told {
+    struct Edges {
         scene_curves: Vec<SceneCurve>,
     }
     let file = File::open(path).map_err(WriteError::io("read", path))?;
@@ -145,10 +149,10 @@ pub fn read_scene_curves(path: &Path) -> Result<Vec<SceneCurve>, WriteError> {
         if !line.contains("\"scene_curves\"") {
             continue;
         }
-        let told: Told = serde_json::from_str(&line)
+        let found: Edges = serde_json::from_str(&line)
             .map_err(|e| WriteError::malformed(path, format!("line {number}: {e}")))?;
-        if told.scene_curves.len() > most.len() {
-            most = told.scene_curves;
+        if found.scene_curves.len() > most.len() {
+            most = found.scene_curves;
         }
     }
     most.retain(SceneCurve::is_sound);
@@ -175,7 +179,7 @@ impl Iterator for FrameReader {
 }
 
 impl JsonLines {
-    /// Adds a frame to a frames file that is written in one go (`roadplane detect`, `roadplane keypoints`).
+    /// Appends a frame to a frames file that is written in one pass, as `roadplane stage detect` does.
     ///
     /// # Errors
     /// [`WriteError::Io`], [`WriteError::DiskFull`].
@@ -197,7 +201,7 @@ mod tests {
     fn every_cut_is_recovered_to_the_same_bytes() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("frames.jsonl");
-        // Opens, and does what is missing.
+        // Opens the file and appends the missing frames.
         let fill = || {
             let (mut spool, recovered) = FrameSpool::open(&path, |record| record.frame / 2).unwrap();
             (recovered.frames..5).for_each(|i| spool.append(&record(i)).unwrap());
@@ -209,7 +213,7 @@ mod tests {
         for cut in 0..=whole.len() {
             std::fs::write(&path, &whole[..cut]).unwrap();
             let recovered = fill();
-            // No more than a stretch of two frames and half a line are done again.
+            // At most an interval of two frames and a partial line are repeated.
             assert!(recovered.cut_bytes * 5 <= 4 * whole.len() as u64, "{recovered:?}");
             assert_eq!(recovered.frames, recovered.last_frame.map_or(0, |last| last + 1));
             assert_eq!(std::fs::read(&path).unwrap(), whole, "cut at {cut}");
@@ -219,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn what_follows_damage_is_redone() {
+    fn frames_after_damage_are_repeated() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("frames.jsonl");
         let line = |i| serde_json::to_string(&record(i)).unwrap();
@@ -229,14 +233,14 @@ mod tests {
             assert_eq!(
                 (recovered.frames, recovered.last_frame),
                 (1, Some(0)),
-                "the stretch of frame 2 begins anew"
+                "the interval of frame 2 starts again"
             );
             assert!(recovered.cut_bytes > 0);
         }
     }
 
     #[test]
-    fn frames_that_cannot_be_are_named_by_their_line() {
+    fn errors_name_the_line_of_an_invalid_frame() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("frames.jsonl");
         let line = |i| serde_json::to_string(&record(i)).unwrap();
@@ -248,14 +252,14 @@ mod tests {
     }
 
     #[test]
-    fn edges_come_from_the_frame_that_tells_most() {
+    fn edges_come_from_the_frame_that_has_most() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("frames.jsonl");
         let curve = |x: f64, sd_px: f64| SceneCurve::from([x, 5.0, 300.0, 2.5, 600.0, 5.0, sd_px]);
-        let told = |curves: &[SceneCurve]| FrameRecord { scene_curves: Some(curves.to_vec()), ..record(0) };
+        let with = |curves: &[SceneCurve]| FrameRecord { scene_curves: Some(curves.to_vec()), ..record(0) };
         // The last has no sd.
         let most = [curve(1.0, 0.5), curve(2.0, 0.5), curve(3.0, 0.0)];
-        let lines = [told(&most), record(1), told(&most[..1])].map(|r| serde_json::to_string(&r).unwrap());
+        let lines = [with(&most), record(1), with(&most[..1])].map(|r| serde_json::to_string(&r).unwrap());
         std::fs::write(&path, lines.join("\n")).unwrap();
         assert_eq!(read_scene_curves(&path).unwrap(), most[..2]);
         std::fs::write(&path, "{}\n{\"scene_curves\": 3}\n").unwrap();
@@ -265,7 +269,7 @@ mod tests {
 
     #[test]
     fn a_full_disk_is_named() {
-        // /dev/full reads as zeros: nothing whole in it, and every write fails.
+        // Every write to /dev/full fails.
         let Ok(file) = OpenOptions::new().write(true).open("/dev/full") else { return };
         let path = PathBuf::from("/dev/full");
         let mut spool = FrameSpool { writer: BufWriter::new(file), line: Vec::new(), path };

@@ -1,4 +1,4 @@
-//! `summary.json`: what went in, what came out, how long it took and what was lost.
+//! `summary.json`: the input, versions, settings, counts, warnings and times of a run.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -11,175 +11,188 @@ use crate::digits::decimals;
 use crate::speed::Speed;
 use crate::{WriteError, write_json};
 
-/// Schema of `summary.json`.
+/// Schema id of `summary.json`.
 pub const SUMMARY_SCHEMA: &str = "roadplane.summary/1";
 
-/// How a run ended.
+/// The outcome of a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum RunStatus {
-    /// Everything was read and written.
+    /// The whole input was read.
     #[default]
     Complete,
-    /// Some of the input was damaged or lost; the counts say how much.
+    /// Some of the input was damaged or lost. `counts` has the numbers.
     InputDamaged,
 }
 
-/// The file.
+/// The input, versions, settings, counts, warnings and times of a run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(title = "summary: one object per clip")]
 pub struct Summary {
-    /// [`SUMMARY_SCHEMA`].
+    /// Id of the schema: `roadplane.summary/1`.
+    #[schemars(extend("const" = SUMMARY_SCHEMA))]
     pub schema: String,
-    /// How the run ended.
+    /// Outcome of the run.
     pub status: RunStatus,
-    /// Exit code that this result asks for: 0, or 3 for a damaged input.
+    /// Exit code of this result: 0, or 3 if the input is damaged.
+    #[schemars(extend("enum" = [0, 3]))]
     pub exit_code: u8,
-    /// Program and libraries by name, e.g. `roadplane`, `onnxruntime`, `opencv`.
+    /// Versions of the program and its libraries by name, such as `roadplane`, `onnxruntime`, `opencv`.
     pub versions: BTreeMap<String, String>,
-    /// What was read.
+    /// The input of the run.
     pub input: InputSummary,
-    /// Networks that ran.
+    /// Nets that ran.
     pub models: Vec<ModelSummary>,
-    /// The resolved configuration.
+    /// All settings of the run, after defaults, files and command-line options were combined.
     pub config: serde_json::Value,
-    /// sha256 of it, hex.
+    /// sha256 of `config`, hexadecimal.
     pub config_sha256: String,
-    /// What was read, lost, rejected, found.
+    /// Numbers of frames, boxes, poses and tracks that were read, lost, rejected and found.
     pub counts: Counts,
-    /// What watching the pictures came to.
+    /// Camera moves and the state of the camera over time.
     #[serde(default)]
     pub watch: WatchSummary,
-    /// Work of each stage, in order of the flow.
+    /// Working time of each stage, in the order of the pipeline.
     pub seconds: Vec<StageSeconds>,
     /// Wall-clock time of the run, s.
     pub wall_s: f64,
-    /// Frames read a second of wall-clock time.
+    /// Number of frames read per second of wall-clock time.
+    #[schemars(range(min = 0))]
     pub frames_per_s: f64,
-    /// What the run cost, by stage.
+    /// Time and work of the run, by stage. Absent in files of older versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub speed: Option<Speed>,
-    /// Most memory that the process held, bytes.
+    /// Peak memory of the process, bytes; null if the system does not report it.
     pub peak_memory_bytes: Option<u64>,
-    /// What was told of the camera, against what everything else says.
+    /// User constraints on the camera, each compared with the estimate from all other evidence. Absent if there are
+    /// none.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub known: Vec<ConstraintSummary>,
-    /// Lines of the scene that were looked at for its vertical, by the camera's position.
+    /// Cues of vertical lines and parallel cars, one entry per segment of the camera. Absent if there are none.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub scene_lines: Vec<SceneLinesSummary>,
-    /// What a reader of the results should know.
+    /// Warnings about the results, one sentence each.
     pub warnings: Vec<String>,
 }
 
-/// The input.
+/// The input of a run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct InputSummary {
-    /// As given on the command line.
+    /// Path of the input, as given on the command line.
     pub path: String,
-    /// Size; of all files for a folder.
+    /// Size of the input, bytes. For a folder, it is the sum over its files.
     pub bytes: u64,
-    /// sha256, hex; of a folder: of its files' contents in order.
+    /// sha256 of the input, hexadecimal. For a folder, it is that of its files' contents in order.
     pub sha256: String,
 }
 
-/// Something that was told of the camera.
+/// A user constraint on the camera, compared with the estimate from all other evidence.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ConstraintSummary {
-    /// What, e.g. `focal length`, `length of line 2 of bays.csv`.
+    /// Name of the constraint, such as `focal length` or `length of line 2 of bays.csv`.
     pub what: String,
-    /// Unit of the numbers: `px`, `m` or `°`.
+    /// Unit of the values and sds: `px`, `m` or `°`.
+    #[schemars(extend("enum" = ["px", "m", "°"]))]
     pub unit: String,
-    /// The value that was told.
+    /// Value that the user gave, in `unit`.
     pub given: f64,
-    /// Its standard deviation.
+    /// Standard deviation (sd) of `given`, in `unit`.
+    #[schemars(range(min = 0))]
     pub given_sd: f64,
-    /// The value by everything else: cars, prior, and what else was told.
+    /// Estimate from all other evidence, in `unit`: cars, prior and other user constraints.
     pub by_all_else: f64,
-    /// Its standard deviation.
+    /// Sd of `by_all_else`, in `unit`.
+    #[schemars(range(min = 0))]
     pub by_all_else_sd: f64,
-    /// How far they are apart, in standard deviations of the difference; beyond 3 there is a warning.
+    /// Absolute difference of the two values, divided by its sd. The program warns if it is above 3.
+    #[schemars(range(min = 0))]
     pub apart_sds: f64,
 }
 
-/// Lines of the scene and parallel cars, and whether they spoke of the camera.
+/// Vertical lines and parallel cars in one segment of the camera, and their use in the estimate.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct SceneLinesSummary {
-    /// Position of the camera, from 0: 1 after its first move.
+    /// Index of the camera's segment, from 0; 1 after the first move.
     pub segment: usize,
-    /// Straight edges that may be vertical.
+    /// Number of straight edges that may be vertical.
     pub found: usize,
-    /// How many are; 0 where they do not show the vertical, and do not count.
+    /// Number of edges that are vertical. It is 0 if they do not determine the vertical vanishing point. Then they do
+    /// not count.
     pub upright: usize,
-    /// Natural log of how many times better than chance the vertical explains the edges; null where it does not count.
+    /// Natural logarithm of the likelihood ratio: edges with a vertical vanishing point against edges by chance. It is
+    /// null if the edges do not count.
     pub gain: Option<f64>,
-    /// Cars whose being parallel speaks of the focal length; 0 where too few are.
+    /// Number of parallel cars that constrain the focal length. It is 0 if there are too few.
     #[serde(default)]
     pub parallel_cars: usize,
 }
 
-/// A network.
+/// A net that ran.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ModelSummary {
-    /// Name on its card.
+    /// Name of the net on its model card.
     pub name: String,
-    /// Version on its card.
+    /// Version of the net on its model card.
     pub version: String,
-    /// sha256 of the file, hex.
+    /// sha256 of the net's file, hexadecimal.
     pub sha256: String,
-    /// What ran it, e.g. `cpu f32`.
+    /// Device and precision that ran the net, such as `cpu f32`.
     pub provider: String,
 }
 
-/// What watching the pictures came to.
+/// Camera moves, and the state of the camera over time.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct WatchSummary {
-    /// When the camera was moved, and how.
+    /// Camera moves in the order of time.
     pub moves: Vec<CameraMove>,
-    /// What the pictures showed, a stretch of time each.
-    pub stretches: Vec<WatchStretch>,
-    /// Farthest that the picture was shaken, px; 0 below half a px.
+    /// State of the camera over time, one entry per interval of one state.
+    pub stretches: Vec<WatchInterval>,
+    /// Largest shift of the picture by camera shake, px. A shift below half a pixel counts as 0.
+    #[schemars(range(min = 0))]
     pub farthest_shake_px: f64,
 }
 
-/// A stretch of time in which pictures said the same.
+/// An interval in which the pictures show one state of the camera.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct WatchStretch {
-    /// What they said.
+pub struct WatchInterval {
+    /// State of the camera in the interval.
     pub verdict: PictureVerdict,
-    /// Time of the first frame, s.
+    /// Presentation time of the first frame of the interval, s.
     pub from_s: f64,
-    /// Time of the last frame, s.
+    /// Presentation time of the last frame of the interval, s.
     pub to_s: f64,
 }
 
-/// Counts of everything read, lost, rejected and found.
+/// Numbers of frames, boxes, poses and tracks that were read, lost, rejected and found.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Counts {
-    /// Frames that the input says it has, where it says so.
+    /// Number of frames according to the input; null if the input does not state it.
     pub frames_expected: Option<u64>,
-    /// Frames decoded.
+    /// Number of frames decoded.
     pub frames_read: u64,
-    /// Frames that damage took.
+    /// Number of frames lost by damage.
     pub frames_lost: u64,
-    /// Frames not looked at on purpose.
+    /// Number of decoded frames that the settings leave out.
     pub frames_skipped: u64,
-    /// Boxes found by class.
+    /// Number of detected boxes by class of vehicle.
     pub boxes: BTreeMap<String, u64>,
-    /// Cars dropped, by reason.
+    /// Number of rejected cars by reason.
     pub rejected: BTreeMap<String, u64>,
-    /// Cars (car and frame) with a pose that is used.
+    /// Number of poses that the tracker uses. A car has one pose per frame.
     pub poses_used: u64,
-    /// Tracks.
+    /// Number of tracks.
     pub tracks: u64,
-    /// Rows of the track files.
+    /// Number of rows in the track files.
     pub track_rows: u64,
 }
 
-/// Time of a stage.
+/// The working time of one stage.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct StageSeconds {
     /// Name of the stage.
     pub stage: String,
-    /// Seconds of work, not of waiting.
+    /// Working time of the stage, s, without waiting.
+    #[schemars(range(min = 0))]
     pub seconds: f64,
 }
 
@@ -200,7 +213,7 @@ pub fn write_summary(path: &Path, summary: &Summary) -> Result<(), WriteError> {
 /// Reads `summary.json`.
 ///
 /// # Errors
-/// [`WriteError::Malformed`] if it is no such file, [`WriteError::Io`].
+/// [`WriteError::Malformed`] if the file is not a valid `summary.json`; [`WriteError::Io`].
 pub fn read_summary(path: &Path) -> Result<Summary, WriteError> {
     let text = std::fs::read(path).map_err(WriteError::io("read", path))?;
     serde_json::from_slice(&text).map_err(|e| WriteError::malformed(path, e))
@@ -211,7 +224,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn survives() {
+    fn a_summary_is_read_back_unchanged() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("summary.json");
         let summary = Summary {

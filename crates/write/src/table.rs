@@ -1,4 +1,4 @@
-//! Tables of other people's columns, in CSV, JSON Lines or Parquet: what stands in them is kept, columns can be added.
+//! Tables with any columns, in CSV, JSON Lines or Parquet. A program can add columns and keep the others as they are.
 
 use std::fs::File;
 use std::path::Path;
@@ -16,39 +16,41 @@ use serde_json::{Map, Value};
 
 use crate::{JsonLines, OutFile, WriteError, read_jsonl};
 
-/// A row: columns by name, in the file's order.
+/// A row: values by column name, in the order of the file.
 pub type TableRow = Map<String, Value>;
 
-/// Rows of a row group.
+/// Rows per row group of a Parquet file.
 const GROUP_ROWS: usize = 32_768;
 
-/// What a table is written as.
+/// The format of a table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TableFormat {
-    /// Comma-separated, with a header.
+    /// Comma-separated values with a header.
     Csv,
-    /// One JSON object a line.
+    /// JSON Lines: one object per line.
     Jsonl,
-    /// Columns, compressed.
+    /// Parquet, compressed with zstd.
     Parquet,
 }
 
 impl TableFormat {
-    /// By a file's extension.
+    /// Returns the format by a file's extension.
     ///
     /// # Errors
-    /// [`WriteError::Malformed`] for another one.
+    /// [`WriteError::Malformed`] for an unknown extension.
     pub fn of(path: &Path) -> Result<Self, WriteError> {
         match path.extension().and_then(|extension| extension.to_str()) {
             Some("csv") => Ok(Self::Csv),
             Some("jsonl") => Ok(Self::Jsonl),
             Some("parquet") => Ok(Self::Parquet),
-            _ => Err(WriteError::malformed(path, "its name must end in .csv, .jsonl or .parquet")),
+            _ => Err(WriteError::malformed(path, "the file name must end in .csv, .jsonl or .parquet")),
         }
     }
 }
 
-/// Reads all rows of a table. Numbers of a CSV file become numbers, `true` and `false` become such, empty fields null.
+/// Reads all rows of a table.
+///
+/// Numeric fields of a CSV file become numbers, `true` and `false` become booleans, and empty fields become null.
 ///
 /// # Errors
 /// [`WriteError::Io`]; [`WriteError::Malformed`], which names the line.
@@ -60,11 +62,11 @@ pub fn read_table(path: &Path) -> Result<Vec<TableRow>, WriteError> {
     }
 }
 
-/// Writes rows as a table; the columns are those of all rows, in the order in which they first come.
+/// Writes rows as a table. Its columns are those of all rows, in the order of their first occurrence.
 ///
 /// # Errors
-/// [`WriteError::Io`], [`WriteError::DiskFull`]; [`WriteError::Malformed`] for columns that the format cannot hold. Then
-/// the file does not appear.
+/// [`WriteError::Io`], [`WriteError::DiskFull`]; [`WriteError::Malformed`] for columns that the format cannot
+/// represent. The file then does not appear.
 pub fn write_table(path: &Path, rows: &[TableRow]) -> Result<(), WriteError> {
     match TableFormat::of(path)? {
         TableFormat::Csv => write_csv(path, rows),
@@ -80,7 +82,7 @@ pub fn write_table(path: &Path, rows: &[TableRow]) -> Result<(), WriteError> {
 fn columns(rows: &[TableRow]) -> Vec<&str> {
     let mut names: Vec<&str> = Vec::new();
     for row in rows {
-        // Nearly always the same columns again.
+        // Nearly all rows have the same columns.
         if row.len() != names.len() || row.keys().zip(&names).any(|(a, b)| a != b) {
             for name in row.keys() {
                 if !names.contains(&name.as_str()) {
@@ -143,7 +145,7 @@ fn read_parquet(path: &Path) -> Result<Vec<TableRow>, WriteError> {
     rows.map(row).collect()
 }
 
-/// A field as JSON: numbers as they are, lists as arrays, what JSON does not know as its text.
+/// Converts a field to JSON. Types that JSON lacks become text.
 fn field_value(field: &Field) -> Value {
     match field {
         Field::Null => Value::Null,
@@ -167,7 +169,7 @@ fn field_value(field: &Field) -> Value {
     }
 }
 
-/// What a Parquet column holds.
+/// The type of a Parquet column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Kind {
     Bool,
@@ -178,7 +180,7 @@ enum Kind {
 }
 
 impl Kind {
-    /// The narrowest kind that holds all values.
+    /// Returns the narrowest type that fits all values.
     fn of<'a>(values: impl Iterator<Item = &'a Value> + Clone) -> Self {
         let all = |fits: fn(&Value) -> bool| values.clone().filter(|value| !value.is_null()).all(fits);
         let numbers = |v: &Value| v.as_array().is_some_and(|list| list.iter().all(Value::is_number));
@@ -216,7 +218,7 @@ fn write_parquet(path: &Path, rows: &[TableRow]) -> Result<(), WriteError> {
         .iter()
         .find(|name| name.is_empty() || name.contains(|c: char| c.is_whitespace() || "(){};=,".contains(c)))
     {
-        return Err(WriteError::malformed(path, format!("Parquet cannot hold a column of the name {odd:?}")));
+        return Err(WriteError::malformed(path, format!("Parquet does not allow the column name {odd:?}")));
     }
     let fail = |e: ParquetError| WriteError::malformed(path, e);
     let kinds: Vec<Kind> =
@@ -268,7 +270,7 @@ fn write_column(
             column.typed::<DoubleType>().write_batch(&values, Some(&defined), None)?;
         }
         Kind::Numbers => {
-            // Definition: 0 no list, 1 an empty one, 2 an element; repetition: 0 begins a row.
+            // Definition level: 0 for no list, 1 for an empty list, 2 for an element. Repetition level: 0 starts a row.
             let (mut values, mut definition, mut repetition) = (Vec::new(), Vec::new(), Vec::new());
             for cell in &cells {
                 let list = cell.and_then(Value::as_array);
@@ -310,7 +312,7 @@ mod tests {
     }
 
     #[test]
-    fn tables_survive_in_every_format() {
+    fn tables_are_read_back_unchanged_in_every_format() {
         let folder = tempfile::tempdir().unwrap();
         for name in ["t.csv", "t.jsonl", "t.parquet"] {
             let path = folder.path().join(name);

@@ -1,4 +1,4 @@
-//! `tracks.csv`, and the three track files together.
+//! `tracks.csv`, and the three files of tracks together.
 
 use std::path::Path;
 
@@ -7,6 +7,7 @@ use roadplane_base::TrackRow;
 use crate::digits::{BEARING, DEGREES, METRES, PIXELS, RADIANS, SCORE, SECONDS, not_finite, rounded_row};
 use crate::{JsonLines, OutFile, TrackParquet, WriteError};
 
+/// Columns of `tracks.csv`.
 const HEADER: [&str; 26] = [
     "frame",
     "time_s",
@@ -36,10 +37,11 @@ const HEADER: [&str; 26] = [
     "y_own_sd_m",
 ];
 
+/// Further columns of `tracks.csv`, if the camera's position on the map was given.
 const ON_MAP_HEADER: [&str; 8] =
     ["latitude", "longitude", "utm_zone", "east_m", "north_m", "east_sd_m", "north_sd_m", "bearing_deg"];
 
-/// Writes `tracks.csv`: the box in four columns, an empty field for no activity.
+/// Writes `tracks.csv`, with the box in four columns. A missing value is an empty field.
 pub struct TrackCsv {
     writer: csv::Writer<OutFile>,
     on_map: bool,
@@ -47,7 +49,7 @@ pub struct TrackCsv {
 }
 
 impl TrackCsv {
-    /// Starts a file with its header. `on_map`: with columns for where rows are on the map.
+    /// Starts a file with its header. `on_map` adds the columns of the position on the map.
     ///
     /// # Errors
     /// [`WriteError::Io`], [`WriteError::DiskFull`].
@@ -59,7 +61,7 @@ impl TrackCsv {
         Ok(file)
     }
 
-    /// Adds a row, with fixed decimals.
+    /// Appends a row, with fixed decimals.
     ///
     /// # Errors
     /// [`WriteError::NotFinite`], [`WriteError::Io`], [`WriteError::DiskFull`].
@@ -71,7 +73,7 @@ impl TrackCsv {
         let fixed = |value: f64, decimals: i32| format!("{value:.*}", usize::try_from(decimals).unwrap_or(0));
         let metres = |value| fixed(value, METRES);
         let [x0, y0, x1, y1] = row.bbox_px.map(|v| fixed(v, PIXELS));
-        let known = [
+        let fields = [
             row.frame.to_string(),
             fixed(row.time_s, SECONDS),
             row.track.to_string(),
@@ -99,7 +101,7 @@ impl TrackCsv {
             row.x_own_sd_m.map(metres).unwrap_or_default(),
             row.y_own_sd_m.map(metres).unwrap_or_default(),
         ];
-        let place = row.on_map.map(|at| {
+        let on_map = row.on_map.map(|at| {
             [
                 fixed(at.latitude, DEGREES),
                 fixed(at.longitude, DEGREES),
@@ -111,14 +113,14 @@ impl TrackCsv {
                 fixed(at.bearing_deg, BEARING),
             ]
         });
-        let place = self.on_map.then(|| place.unwrap_or_default());
-        self.record(known.into_iter().chain(place.into_iter().flatten()))
+        let on_map = self.on_map.then(|| on_map.unwrap_or_default());
+        self.record(fields.into_iter().chain(on_map.into_iter().flatten()))
     }
 
     /// Completes the file.
     ///
     /// # Errors
-    /// [`WriteError::Io`], [`WriteError::DiskFull`]; then the file does not appear.
+    /// [`WriteError::Io`], [`WriteError::DiskFull`]; the file then does not appear.
     pub fn finish(self) -> Result<(), WriteError> {
         let Self { writer, path, .. } = self;
         let file = writer.into_inner().map_err(|e| WriteError::io("write", &path)(e.into_error()))?;
@@ -130,7 +132,7 @@ impl TrackCsv {
     }
 }
 
-/// `tracks.parquet`, `tracks.jsonl` and `tracks.csv` of one result, holding the same numbers.
+/// Writes `tracks.parquet`, `tracks.jsonl` and `tracks.csv` of one result, with the same numbers.
 pub struct TrackFiles {
     parquet: TrackParquet,
     jsonl: JsonLines,
@@ -139,7 +141,7 @@ pub struct TrackFiles {
 }
 
 impl TrackFiles {
-    /// Starts the three files in a folder. `on_map`: with columns for where rows are on the map.
+    /// Starts the three files in a folder. `on_map` adds the columns of the position on the map.
     ///
     /// # Errors
     /// [`WriteError::Io`], [`WriteError::DiskFull`].
@@ -152,7 +154,7 @@ impl TrackFiles {
         })
     }
 
-    /// Adds a row to each.
+    /// Appends a row to each file.
     ///
     /// # Errors
     /// [`WriteError::NotFinite`], [`WriteError::Io`], [`WriteError::DiskFull`].

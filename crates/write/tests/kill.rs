@@ -1,4 +1,4 @@
-//! Killed at any moment and started again, a run ends with the bytes of an undisturbed one.
+//! A run that is killed at any moment and started again ends with the bytes of an undisturbed run.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
@@ -12,7 +12,7 @@ use roadplane_write::{Existing, FolderLock, FrameSpool, OutputFolder, write_json
 const CHILD: &str = "ROADPLANE_TEST_KILL_DIR";
 const FRAMES: u64 = 400;
 
-/// The run: frames into the spool, then a file derived from it, then publication.
+/// A run: appends frames to the frames file, writes a file derived from it, and publishes the folder.
 fn run(dir: &Path) {
     let _lock = FolderLock::acquire(dir).unwrap();
     let folder = OutputFolder::begin(dir, "clip", Existing::Overwrite).unwrap();
@@ -69,7 +69,7 @@ fn fifty_kills_change_nothing() {
     assert_eq!(expected.len(), 2);
     let temp = tempfile::tempdir().unwrap();
     for i in 0..50u32 {
-        // A fresh folder each few kills; before that the run resumes, and later replaces a finished one.
+        // Five kills share a folder. Within it a run resumes an earlier one, or replaces a finished result.
         let dir = temp.path().join((i / 5).to_string());
         let mut child = start(&dir);
         std::thread::sleep(Duration::from_secs_f64(whole.as_secs_f64() * f64::from(i * 37 % 50) / 50.0));
@@ -81,7 +81,10 @@ fn fifty_kills_change_nothing() {
     }
     for i in 0..10 {
         let dir = temp.path().join(i.to_string());
-        assert!(start(&dir).wait().unwrap().success(), "stale locks and halves are no obstacle");
+        assert!(
+            start(&dir).wait().unwrap().success(),
+            "leftover locks and partial files do not prevent a run"
+        );
         assert_eq!(contents(&dir.join("clip")), expected);
         let names: Vec<_> = contents_names(&dir);
         assert_eq!(names, [".roadplane.lock", "clip"]);

@@ -1,4 +1,4 @@
-//! What is written is what the schemas promise: every field is told of, and every field that is required is there.
+//! The files match their schemas: every field is described, and every required field is present.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
@@ -64,14 +64,14 @@ fn summary() -> Summary {
     }
 }
 
-/// A file of each kind, in a folder.
+/// Writes one file of each kind into a folder.
 fn write_all(folder: &Path) {
     let mut tracks = TrackFiles::create(folder, true).unwrap();
     let row = TrackRow {
         on_map: Some(on_map()),
         activity: Some("turn_left".to_owned()),
         activity_p: Some(0.75),
-        ..roadplane_synth::standing(2, 3, 0.12)
+        ..roadplane_synth::stationary_row(2, 3, 0.12)
     };
     tracks.write(&row).unwrap();
     tracks.finish().unwrap();
@@ -93,8 +93,8 @@ fn write_all(folder: &Path) {
         span_s: [0.0, 1.0],
         image_size_px: SIZE,
         principal_point_px: SIZE.centre_px(),
-        lens: Lens::with_bend(-0.05, SIZE),
-        bend_sd: Some(0.01),
+        lens: Lens::with_distortion(-0.05, SIZE),
+        distortion_sd: Some(0.01),
         params: CameraParams { log_focal: 800_f64.ln(), tilt: 0.3, roll: 0.0, log_height: 2.0 },
         covariance: Matrix4::identity() * 1e-4,
         status: CameraStatus::Estimated,
@@ -106,10 +106,10 @@ fn write_all(folder: &Path) {
 }
 
 #[test]
-fn files_hold_what_their_schemas_promise() {
+fn files_match_their_schemas() {
     let folder = tempfile::tempdir().unwrap();
     write_all(folder.path());
-    let mut told = 0;
+    let mut checked = 0;
     for (name, schema) in schemas() {
         let [json, lines] = ["json", "jsonl"].map(|end| folder.path().join(format!("{name}.{end}")));
         let written: Value = if json.exists() {
@@ -117,24 +117,24 @@ fn files_hold_what_their_schemas_promise() {
         } else if lines.exists() {
             read_jsonl(&lines).unwrap().next().unwrap().unwrap()
         } else {
-            assert_eq!(name, "known", "what users bring is not written");
+            assert_eq!(name, "known", "files of the user are not written");
             continue;
         };
         let fields = written.as_object().unwrap();
         let properties = schema["properties"].as_object().unwrap();
-        let untold: Vec<_> = fields.keys().filter(|field| !properties.contains_key(*field)).collect();
-        assert!(untold.is_empty(), "{name}: the schema is silent on {untold:?}");
+        let undescribed: Vec<_> = fields.keys().filter(|field| !properties.contains_key(*field)).collect();
+        assert!(undescribed.is_empty(), "{name}: the schema does not describe {undescribed:?}");
         let required = schema["required"].as_array().unwrap();
         assert!(required.iter().all(|field| fields.contains_key(field.as_str().unwrap())), "{name}");
-        told += 1;
+        checked += 1;
     }
-    assert_eq!(told, 5);
+    assert_eq!(checked, 5);
     let ids: Vec<Value> = schemas().into_iter().map(|(_, schema)| schema["$id"].clone()).collect();
     assert!(ids.contains(&POSES_SCHEMA.into()) && ids.contains(&FRAMES_SCHEMA.into()));
 }
 
 #[test]
-fn poses_come_back_with_the_files_digits() {
+fn poses_are_read_back_with_the_digits_of_the_file() {
     let folder = tempfile::tempdir().unwrap();
     write_all(folder.path());
     let back: PoseRecord = read_jsonl(&folder.path().join("poses.jsonl")).unwrap().next().unwrap().unwrap();
@@ -148,7 +148,7 @@ fn poses_come_back_with_the_files_digits() {
 }
 
 #[test]
-fn poses_that_are_not_finite_are_refused() {
+fn poses_that_are_not_finite_are_rejected() {
     let folder = tempfile::tempdir().unwrap();
     let mut poses = PoseLines::create(&folder.path().join("poses.jsonl")).unwrap();
     let mut wrong = pose();
@@ -161,14 +161,14 @@ fn poses_that_are_not_finite_are_refused() {
         );
     }
     drop(poses);
-    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "nothing half-written");
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "no partial file");
 }
 
 #[test]
-fn rows_name_the_number_that_is_not_finite() {
+fn errors_name_the_number_that_is_not_finite() {
     let folder = tempfile::tempdir().unwrap();
     let mut files = TrackFiles::create(folder.path(), true).unwrap();
-    let row = TrackRow { on_map: Some(on_map()), ..roadplane_synth::standing(2, 3, 0.12) };
+    let row = TrackRow { on_map: Some(on_map()), ..roadplane_synth::stationary_row(2, 3, 0.12) };
     type Spoil = fn(&mut TrackRow);
     let spoilt: [(Spoil, &str); 5] = [
         (|row| row.x_m = f64::NAN, "x_m"),
@@ -187,7 +187,7 @@ fn rows_name_the_number_that_is_not_finite() {
 }
 
 #[test]
-fn a_summary_keeps_what_the_run_cost() {
+fn a_summary_contains_the_time_of_the_run() {
     let folder = tempfile::tempdir().unwrap();
     write_all(folder.path());
     let back = read_summary(&folder.path().join("summary.json")).unwrap();
@@ -196,9 +196,10 @@ fn a_summary_keeps_what_the_run_cost() {
     assert_eq!((speed.wall_s, speed.cpu_ms_per_frame.total), (1.0, 20.0), "digits are cut");
     assert_eq!((speed.frames_per_s(), speed.times_real_time(), speed.crops_per_frame()), (50.0, 2.0, 0.5));
     assert_eq!(speed.cpu_ms_per_frame.nets(), 5.5);
-    // A run over nothing has speeds, too.
+    // The speeds of a run without frames are 0.
     let none = Speed::default();
-    let speeds = [none.frames_per_s(), none.times_real_time(), none.looks_per_s(), none.crops_per_frame()];
+    let speeds =
+        [none.frames_per_s(), none.times_real_time(), none.inference_frames_per_s(), none.crops_per_frame()];
     assert!(speeds.iter().all(|speed| speed.abs() < f64::EPSILON));
 }
 

@@ -1,4 +1,4 @@
-//! The track files hold the same numbers, the same bytes each time, and open in other tools.
+//! The track files have the same numbers, are the same bytes each time, and open in other tools.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
@@ -24,7 +24,7 @@ fn row(frame: u64, track: u64) -> TrackRow {
         activity_p: (track == 2).then_some(0.75),
         x_own_sd_m: (track == 2).then_some(0.012_34),
         y_own_sd_m: (track == 2).then_some(0.05),
-        ..roadplane_synth::standing(track, frame, t)
+        ..roadplane_synth::stationary_row(track, frame, t)
     }
 }
 
@@ -77,7 +77,7 @@ fn the_three_files_agree_and_repeat() {
 }
 
 #[test]
-fn places_on_the_map_are_columns_too() {
+fn positions_on_the_map_are_columns() {
     let dir = tempfile::tempdir().unwrap();
     let on_map = OnMap {
         latitude: 51.05,
@@ -126,7 +126,7 @@ fn golden_lines() {
 }
 
 #[test]
-fn a_number_that_is_not_finite_is_refused() {
+fn a_number_that_is_not_finite_is_rejected() {
     let dir = tempfile::tempdir().unwrap();
     let mut files = TrackFiles::create(dir.path(), false).unwrap();
     let broken = TrackRow { speed_mps: f64::NAN, ..row(7, 3) };
@@ -135,7 +135,7 @@ fn a_number_that_is_not_finite_is_refused() {
         matches!(&error, WriteError::NotFinite { what, .. } if what == "speed_mps of track 3 in frame 7")
     );
     drop(files);
-    assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0, "nothing half-written");
+    assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0, "no partial file");
 }
 
 #[test]
@@ -147,7 +147,7 @@ fn no_rows_make_readable_files() {
     assert!(std::fs::read_to_string(dir.path().join("tracks.csv")).unwrap().starts_with("frame,time_s,"));
 }
 
-/// Needs rights to mount; says so where it has none.
+/// Needs the right to mount a file system, and is skipped without it.
 #[test]
 fn a_small_disk_fills_up_cleanly() {
     let dir = tempfile::tempdir().unwrap();

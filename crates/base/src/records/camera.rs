@@ -1,4 +1,4 @@
-//! The camera over a stretch of time.
+//! The estimated camera of one segment of time.
 
 use nalgebra::{Matrix4, Vector2};
 use schemars::JsonSchema;
@@ -6,48 +6,51 @@ use serde::{Deserialize, Serialize};
 
 use crate::{Camera, CameraParams, ImageSize, Lens};
 
-/// How a camera's numbers came about.
+/// The source of a camera's focal length and plane.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum CameraStatus {
-    /// Focal length and plane both estimated from the cars.
+    /// The focal length and the ground plane are both estimated from the cars.
     Estimated,
-    /// The focal length was given, the plane is estimated.
+    /// The user gave the focal length. The ground plane is estimated from the cars.
     FocalGiven,
-    /// The cars say too little of the focal length: it rests on the stated prior; the plane is estimated.
+    /// The cars constrain the focal length too weakly, so it rests on the prior. The ground plane is estimated from the
+    /// cars.
     FocalFromPrior,
-    /// No camera could be estimated; numbers are the priors, with their wide sd.
+    /// No camera could be estimated. The values are those of the prior, with its wide sds.
     Unobservable,
 }
 
-/// A camera over a stretch of time, with uncertainty.
+/// The estimated camera of one segment of time, with its uncertainty.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CameraEstimate {
-    /// First and last presentation time that this holds for, s.
+    /// First and last presentation time of the segment, s.
     pub span_s: [f64; 2],
-    /// Size of the pictures.
+    /// Width and height of the frames, px.
     pub image_size_px: ImageSize,
     /// Principal point, px.
     pub principal_point_px: Vector2<f64>,
-    /// How the lens bends lines.
+    /// Radial distortion of the lens.
     pub lens: Lens,
-    /// sd of its bend ([`Lens::bend`]); `None` where the picture did not show it and it is taken for straight. What it does to the
-    /// other numbers is in their covariance.
-    pub bend_sd: Option<f64>,
-    /// Focal length, tilt, roll, height.
+    /// sd of the distortion ([`Lens::distortion`]); `None` if the picture did not show it and the lens is taken for
+    /// straight.
+    ///
+    /// Its effect on the other parameters is counted in their covariance.
+    pub distortion_sd: Option<f64>,
+    /// Focal length, tilt, roll and height.
     pub params: CameraParams,
     /// Covariance of (log focal, tilt, roll, log height).
     pub covariance: Matrix4<f64>,
-    /// How the numbers came about.
+    /// Source of focal length and plane.
     pub status: CameraStatus,
-    /// Different cars that were used.
+    /// Number of different cars used.
     pub cars_used: usize,
-    /// Frames that were used.
+    /// Number of frames used.
     pub frames_used: usize,
 }
 
 impl CameraEstimate {
-    /// The camera itself.
+    /// Returns the camera without its uncertainty.
     #[must_use]
     pub fn camera(&self) -> Camera {
         Camera {

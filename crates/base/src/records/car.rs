@@ -1,4 +1,4 @@
-//! A vehicle in a frame: `cars` of a frames file.
+//! A detected vehicle in a frame: an entry of `cars` in a frames file.
 
 use nalgebra::{Matrix2, Vector2};
 use schemars::JsonSchema;
@@ -9,44 +9,45 @@ use super::error::RecordError;
 use super::vehicle_class::VehicleClass;
 use crate::{KEYPOINTS, Keypoint, KeypointSet};
 
-/// One vehicle in one frame.
+/// One detected vehicle in one frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(try_from = "CarFields", into = "CarFields")]
 pub struct CarRecord {
     /// Box: left, top, right, bottom, px.
     pub bbox_px: [f64; 4],
-    /// Detector's score, 0–1.
+    /// Score of the detector, 0 to 1.
     pub score: f64,
-    /// Kind of vehicle.
+    /// Class of the vehicle.
     pub class: VehicleClass,
-    /// Keypoints; absent before that stage and where the pose is held.
+    /// Keypoints; absent before the keypoint stage and if the pose is carried over.
     pub keypoints: Option<Box<KeypointSet>>,
-    /// The box is held: nothing changed there since the detector saw it in this frame.
+    /// Frame from which the box is carried over: nothing has changed there since the detector found it.
     pub held_since: Option<u64>,
-    /// The pose is held: the keypoints of this look still hold, as the car has not moved since.
+    /// Observation from which the pose is carried over: the car has not moved since.
     pub pose_from: Option<CarRef>,
-    /// It is only seen here: this look measured it so shortly before that another would tell nothing new.
+    /// Earlier observation with keypoints, so shortly before that new keypoints would add no information.
     pub seen_after: Option<CarRef>,
-    /// Fields of other tools.
+    /// Fields of other tools, kept as they are.
     pub extra: Map<String, Value>,
 }
 
-/// A box of which the detector is not sure: `weak` of a frames file.
+/// A weak box: a detection with a score below the detector's threshold (`weak` in a frames file).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct WeakBox {
-    /// Left, top, right, bottom, px.
+    /// Box: left, top, right, bottom, px.
     pub bbox_px: [f64; 4],
-    /// Detector's score, 0–1: less than what counts as a vehicle.
+    /// Score of the detector, 0 to 1. It is below the detector's threshold.
+    #[schemars(range(min = 0, max = 1))]
     pub score: f64,
 }
 
-/// A car in a frame: index of the frame, place in its list of cars.
+/// A reference `[frame, car]` to a vehicle of a frame: index of the frame, and index in its list `cars`, both from 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
 #[serde(from = "(u64, usize)", into = "(u64, usize)")]
 pub struct CarRef {
     /// Index of the frame.
     pub frame: u64,
-    /// Place in that frame's list of cars.
+    /// Index in the frame's list of cars.
     pub car: usize,
 }
 
@@ -57,13 +58,13 @@ impl From<(u64, usize)> for CarRef {
 }
 
 impl From<CarRef> for (u64, usize) {
-    fn from(look: CarRef) -> Self {
-        (look.frame, look.car)
+    fn from(reference: CarRef) -> Self {
+        (reference.frame, reference.car)
     }
 }
 
 impl CarRecord {
-    /// A car of which only the box is known.
+    /// Creates a car with only a box.
     #[must_use]
     pub fn boxed(bbox_px: [f64; 4]) -> Self {
         Self {
@@ -78,7 +79,7 @@ impl CarRecord {
         }
     }
 
-    /// Longer side of the box, px.
+    /// Returns the longer side of the box, px.
     #[must_use]
     pub fn longer_side_px(&self) -> f64 {
         let [x0, y0, x1, y1] = self.bbox_px;
@@ -86,38 +87,42 @@ impl CarRecord {
     }
 }
 
-/// [`CarRecord`] as the file has it: `[x, y, score, sd_px]` a keypoint, and where the sd differs by direction the
-/// covariances `[xx, xy, yy]` (px²) in a field of their own.
+/// One detected vehicle in one frame.
 #[derive(Serialize, Deserialize, JsonSchema)]
 #[schemars(rename = "Car")]
 struct CarFields {
     /// Box: left, top, right, bottom, px.
     bbox_px: [f64; 4],
-    /// Detector's score, 0–1.
+    /// Score of the detector, 0 to 1.
+    #[schemars(range(min = 0, max = 1))]
     score: f64,
-    /// Kind of vehicle.
+    /// Class of the vehicle.
     class: VehicleClass,
-    /// 36 keypoints `[x px, y px, score 0–1, sd px]`, null where there is none. The sd counts where
-    /// `keypoint_covariances_px2` is absent or null.
+    /// The 36 keypoints, each `[x, y, score, sd]`: x, y and sd in px, score from 0 to 1. A keypoint without a
+    /// measurement is null. The sd holds for all directions, unless `keypoint_covariances_px2` has an entry. The list
+    /// is absent before the keypoint stage, and if the pose is carried over.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     keypoints: Option<Vec<Option<[f64; 4]>>>,
-    /// Their covariances `[xx, xy, yy]`, px², where the sd differs by direction.
+    /// Covariances `[xx, xy, yy]` of the 36 keypoints, px². The list is present if an sd differs by direction.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     keypoint_covariances_px2: Option<Vec<Option<[f64; 3]>>>,
-    /// The box is held: nothing changed there since the detector saw it in this frame.
+    /// Index of the frame from which the box is carried over. Nothing has changed there since the detector found the
+    /// box. Absent if the detector found the box in this frame.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     held_since: Option<u64>,
-    /// The pose is held: the keypoints of this look (frame, place in its list) still hold.
+    /// Observation `[frame, car]` from which the pose is carried over: the index of its frame, and the index in that
+    /// frame's `cars`. The vehicle has not moved since.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pose_from: Option<CarRef>,
-    /// It is only seen here: this look (frame, place in its list) measured it shortly before.
+    /// Observation `[frame, car]` that has keypoints. It is so shortly before this frame that new keypoints would add
+    /// no information, so the keypoint net skipped the vehicle here.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     seen_after: Option<CarRef>,
     #[serde(flatten)]
     extra: Map<String, Value>,
 }
 
-/// Sub-pixel digits that a file keeps: far below any keypoint's sd.
+/// Returns a pixel coordinate rounded as in files, to 0.0001 px, far below any keypoint's sd.
 fn rounded(value: f64) -> f64 {
     (value * 1e4).round() / 1e4
 }

@@ -1,17 +1,17 @@
-//! What can be wrong with a record.
+//! Errors of records.
 
 use thiserror::Error;
 
-/// What is wrong with a line of a record file.
+/// An error in a line of a record file.
 #[derive(Debug, Error)]
 pub enum RecordError {
-    /// Not JSON of the documented form.
+    /// The line is not JSON of the documented form.
     #[error("{0}")]
     Malformed(#[from] serde_json::Error),
-    /// A number that cannot be.
+    /// An impossible value.
     #[error("{what}")]
     Unsuitable {
-        /// What is unsuitable.
+        /// The problem, as a text for the user.
         what: String,
     },
 }

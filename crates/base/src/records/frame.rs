@@ -1,4 +1,4 @@
-//! A line of a frames file.
+//! One frame with its detected vehicles: a line of a frames file.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -9,37 +9,40 @@ use super::error::RecordError;
 use super::watch::WatchRecord;
 use crate::{ImageSize, SceneCurve, SceneLine};
 
-/// One line of a frames file: what is known of one frame so far. Fields that we do not know are kept.
+/// The vehicles of one frame, as the stages so far found them: a line of `frames.jsonl`. Unknown fields are kept.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(title = "frames: one line per frame")]
 pub struct FrameRecord {
-    /// Index of the frame in its input.
+    /// Index of the frame in its input, from 0.
     pub frame: u64,
-    /// Presentation time, s.
+    /// Presentation time of the frame, s.
     pub time_s: f64,
-    /// Width and height, px.
+    /// Width and height of the frame, px.
     pub image_size_px: ImageSize,
-    /// What the picture says of the camera and of change; absent before that stage and from other tools.
+    /// State of the camera and change of the picture. Absent before that stage, and in files of other tools.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub watch: Option<WatchRecord>,
-    /// Straight edges of the place that may be vertical, `[x0, y0, x1, y1, sd]` each, as they are known from this frame on until
-    /// the camera is moved; absent where nobody looked for them anew.
+    /// Straight edges of the scene that may be vertical, each `[x0, y0, x1, y1, sd]`: both ends in px, and the sd of
+    /// the direction in rad. The list is valid from this frame on, until the next list or a camera move. It is absent
+    /// if the edges were not measured again.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub scene_lines: Option<Vec<SceneLine>>,
-    /// Long edges that show how the lens bends lines, `[x0, y0, x1, y1, x2, y2, sd]` each: ends and middle; told with `scene_lines`.
+    /// Long edges of the scene that show the lens distortion, each `[x0, y0, x1, y1, x2, y2, sd]`, px: one end, the
+    /// middle, the other end, and the sd of the middle's offset. The list is written together with `scene_lines`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub scene_curves: Option<Vec<SceneCurve>>,
-    /// Vehicles found.
+    /// Vehicles of the frame, detected or carried over.
     pub cars: Vec<CarRecord>,
-    /// Boxes of too low a score to say that something is a vehicle: where one that is known is expected, it may be it.
+    /// Weak boxes: detections with a score below the detector's threshold. They can extend a track.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub weak: Vec<WeakBox>,
-    /// Fields of other tools.
+    /// Fields of other tools, kept as they are.
     #[serde(flatten)]
     pub extra: Map<String, Value>,
 }
 
 impl FrameRecord {
-    /// A frame of which nothing is known yet.
+    /// Creates a frame without any results.
     #[must_use]
     pub fn empty(frame: u64, time_s: f64, image_size_px: ImageSize) -> Self {
         Self {
@@ -58,7 +61,7 @@ impl FrameRecord {
     /// Reads one line and checks its numbers: finite, boxes with an area, sd above zero.
     ///
     /// # Errors
-    /// [`RecordError`] that says which field is wrong.
+    /// Returns [`RecordError`], which names the wrong field.
     pub fn from_json(line: &str) -> Result<Self, RecordError> {
         let record: Self = serde_json::from_str(line)?;
         let fail = |what: String| Err(RecordError::Unsuitable { what });
@@ -70,12 +73,12 @@ impl FrameRecord {
         }
         for (i, line) in record.scene_lines.iter().flatten().enumerate() {
             if !line.is_sound() {
-                return fail(format!("scene_lines[{i}] is not finite, has no length or no positive sd"));
+                return fail(format!("scene_lines[{i}] is not finite, or has no length or no positive sd"));
             }
         }
         for (i, car) in record.cars.iter().enumerate() {
             if !is_box(&car.bbox_px) {
-                return fail(format!("cars[{i}].bbox_px {:?} is no box", car.bbox_px));
+                return fail(format!("cars[{i}].bbox_px {:?} is not a box", car.bbox_px));
             }
             if !car.score.is_finite() {
                 return fail(format!("cars[{i}].score is not finite"));
@@ -95,7 +98,7 @@ impl FrameRecord {
         }
         for (i, weak) in record.weak.iter().enumerate() {
             if !(is_box(&weak.bbox_px) && weak.score.is_finite()) {
-                return fail(format!("weak[{i}] is no box {:?} with a score", weak.bbox_px));
+                return fail(format!("weak[{i}] is not a box {:?} with a finite score", weak.bbox_px));
             }
         }
         Ok(record)
@@ -140,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn impossible_numbers_are_refused() {
+    fn impossible_numbers_are_rejected() {
         assert!(FrameRecord::from_json(&line("[10.5,20.25,0.75,0.0]")).is_err());
         assert!(FrameRecord::from_json(&line("[10.5,20.25,0.75]")).is_err());
         assert!(FrameRecord::from_json(&line("null").replace("[1,2,30,40]", "[30,2,1,40]")).is_err());

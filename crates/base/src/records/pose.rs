@@ -1,4 +1,4 @@
-//! A solved car in a frame: a line of `poses.jsonl`.
+//! The solved pose of a car in a frame: a line of `poses.jsonl`.
 
 use nalgebra::Isometry3;
 use schemars::JsonSchema;
@@ -8,46 +8,52 @@ use super::car::CarRef;
 use super::vehicle_class::VehicleClass;
 use crate::MODES;
 
-/// The full solve of one car in one frame: a line of `poses.jsonl`.
+/// The 6-DoF pose, shape and keypoints of one vehicle in one frame: a line of `poses.jsonl`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(title = "poses: one line per vehicle and frame")]
 pub struct PoseRecord {
-    /// Index of the frame.
+    /// Index of the frame in its input, from 0.
     pub frame: u64,
-    /// Presentation time, s.
+    /// Presentation time of the frame, s.
     pub time_s: f64,
-    /// Position of the car in its frame's list.
+    /// Index of the vehicle in its frame's list of vehicles, from 0.
     pub car: usize,
-    /// Track that it belongs to, if any.
+    /// Number of the track that the vehicle belongs to, from 1; null if it belongs to none.
     #[serde(default)]
+    #[schemars(range(min = 1))]
     pub track: Option<u64>,
-    /// Box, px.
+    /// Box of the vehicle in the picture: left, top, right, bottom, px.
     pub bbox_px: [f64; 4],
-    /// Detector's score.
+    /// Score of the detector, 0 to 1.
+    #[schemars(range(min = 0, max = 1))]
     pub score: f64,
-    /// Kind of vehicle.
+    /// Class of the vehicle.
     pub class: VehicleClass,
-    /// 4 × 4 rigid motion, rows.
+    /// Rigid motion from car to world coordinates: the rows of a 4 × 4 matrix, translation in m.
     pub world_from_car: [[f64; 4]; 4],
-    /// 4 × 4 rigid motion, rows.
+    /// Rigid motion from car to camera coordinates: the rows of a 4 × 4 matrix, translation in m.
     pub camera_from_car: [[f64; 4]; 4],
-    /// Shape coefficients, each in units of its sd over all cars.
+    /// Coefficients of the shape atlas, each in units of its sd over all cars.
     pub shape: [f64; MODES],
-    /// Length, width, height, m.
+    /// Length, width without mirrors, and height of the vehicle, m.
     pub dims_m: [f64; 3],
-    /// sd of world x, y (m) and heading (rad); infinite ones are null.
+    /// Sds of world x (m), world y (m) and heading (rad). An infinite sd is null.
     pub pose_sd: [Option<f64>; 3],
-    /// Per keypoint x, y, score, sd as measured.
+    /// The 36 keypoints as measured, each `[x, y, score, sd]`: x, y and sd in px, score from 0 to 1. A keypoint without
+    /// a measurement is null. All are null if the pose is carried over.
     pub keypoints_px: Vec<Option<[f64; 4]>>,
-    /// Root mean square of the used keypoints' residuals, px.
+    /// Root mean square of the residuals of the used keypoints, px.
+    #[schemars(range(min = 0))]
     pub reprojection_rms_px: f64,
-    /// Whether the pose is good enough to be tracked.
+    /// Whether the tracker uses the pose. If false, its fit is too poor.
     pub used: bool,
-    /// The pose is held: it is that of this look, whose line has the keypoints.
+    /// Observation `[frame, car]` from which the pose is carried over. Its line has the keypoints. Absent if the pose
+    /// was measured in this frame.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pose_from: Option<CarRef>,
 }
 
-/// 4 × 4 rows of a rigid motion.
+/// Returns the rows of a rigid motion's 4 × 4 matrix.
 #[must_use]
 pub fn rows_from_isometry(motion: &Isometry3<f64>) -> [[f64; 4]; 4] {
     let m = motion.to_homogeneous();

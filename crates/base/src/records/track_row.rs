@@ -1,4 +1,4 @@
-//! A vehicle in a frame of the result: a row of `tracks.*`.
+//! One vehicle in one frame of the result: a row of `tracks.*`.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -6,90 +6,115 @@ use serde::{Deserialize, Serialize};
 use super::vehicle_class::VehicleClass;
 use crate::GroundPose;
 
-/// One car in one frame of the result: a row of `tracks.*`.
+/// One vehicle in one frame: a row of `tracks.parquet`, `tracks.csv` and `tracks.jsonl`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(title = "tracks: one row per vehicle and frame")]
 pub struct TrackRow {
-    /// Index of the frame.
+    /// Index of the frame in its input, from 0.
     pub frame: u64,
-    /// Presentation time, s.
+    /// Presentation time of the frame, s.
     pub time_s: f64,
-    /// Track's number, from 1.
+    /// Number of the track, from 1.
+    #[schemars(range(min = 1))]
     pub track: u64,
-    /// World x of the car's origin, m.
+    /// World x of the vehicle's position, m. The position is the point on the ground midway between the axles.
     pub x_m: f64,
-    /// World y of the car's origin, m.
+    /// World y of the vehicle's position, m. The position is the point on the ground midway between the axles.
     pub y_m: f64,
-    /// 0 along +x, counter-clockwise, rad, (−π, π].
+    /// Heading, rad, in (−π, π]: 0 along world +x, counter-clockwise as seen from above.
     pub heading_rad: f64,
-    /// Speed over ground, m/s; negative when reversing.
+    /// Speed along the heading, m/s. It is negative if the vehicle reverses.
     pub speed_mps: f64,
-    /// sd of `x_m`, m: the car's own error and what all cars share, which is the camera's (`camera.json`).
+    /// Standard deviation (sd) of `x_m`, m. It covers the vehicle's own error and the camera's error, which all
+    /// vehicles share.
+    #[schemars(range(min = 0))]
     pub x_sd_m: f64,
-    /// sd of `y_m`, m, likewise.
+    /// Sd of `y_m`, m. It covers the vehicle's own error and the camera's error, which all vehicles share.
+    #[schemars(range(min = 0))]
     pub y_sd_m: f64,
-    /// sd of `heading_rad`, rad, likewise.
+    /// Sd of `heading_rad`, rad. It covers the vehicle's own error and the camera's error, which all vehicles share.
+    #[schemars(range(min = 0))]
     pub heading_sd_rad: f64,
-    /// Length of the vehicle, m, one per track.
+    /// Length of the vehicle, m. All rows of a track have the same value.
+    #[schemars(range(min = 0))]
     pub length_m: f64,
-    /// Width without mirrors, m, one per track.
+    /// Width of the vehicle without mirrors, m. All rows of a track have the same value.
+    #[schemars(range(min = 0))]
     pub width_m: f64,
-    /// Height of the vehicle, m, one per track.
+    /// Height of the vehicle, m. All rows of a track have the same value.
+    #[schemars(range(min = 0))]
     pub height_m: f64,
-    /// Box, px: measured, or projected where not observed.
+    /// Box of the vehicle in the picture: left, top, right, bottom, px. It is measured if `observed` is true, else
+    /// projected.
     pub bbox_px: [f64; 4],
-    /// Detector's score; less than makes a vehicle where a weak box shows one that is expected, 0 where not observed.
+    /// Score of the detector, 0 to 1. It is below the detector's threshold if a weak box continues the track. It is 0
+    /// if `observed` is false.
+    #[schemars(range(min = 0, max = 1))]
     pub score: f64,
-    /// Seen in this frame, or filled in.
+    /// Whether the vehicle was detected in this frame. If false, the row is filled in.
     pub observed: bool,
-    /// Kind of vehicle, one per track.
+    /// Class of the vehicle. All rows of a track have the same value.
     #[serde(default)]
     pub class: VehicleClass,
-    /// Which of the `segments` of `camera.json` the coordinates belong to, from 0.
+    /// Index of the camera segment whose world frame the coordinates are in, from 0. `camera.json` lists the
+    /// `segments`.
     #[serde(default)]
     pub segment: usize,
-    /// sd of `speed_mps`, m/s, likewise; 0 in files of older versions.
+    /// Sd of `speed_mps`, m/s. It covers the vehicle's own error and the camera's error, which all vehicles share.
+    /// Files of older versions lack it, and 0 is read.
     #[serde(default)]
+    #[schemars(range(min = 0))]
     pub speed_sd_mps: f64,
-    /// Activity, where asked for.
+    /// Activity of the vehicle: `not_moving`, `moving`, `starting`, `stopping`, `turning_left`, `turning_right`,
+    /// `u_turn` or `reversing`. It is absent if activities are turned off.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub activity: Option<String>,
-    /// Its probability.
+    /// Probability of `activity`, 0 to 1. It is present if `activity` is.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 0, max = 1))]
     pub activity_p: Option<f64>,
-    /// The part of `x_sd_m` that is the track's own, m: how far its places are off against each other, whatever the camera is off by.
+    /// Vehicle's own part of `x_sd_m`, m: the sd of its positions relative to each other, without the camera's error.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 0))]
     pub x_own_sd_m: Option<f64>,
-    /// The same of `y_sd_m`, m.
+    /// Vehicle's own part of `y_sd_m`, m: the sd of its positions relative to each other, without the camera's error.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 0))]
     pub y_own_sd_m: Option<f64>,
-    /// Where it is on the map, where the camera's place was given; each field is a column.
+    /// Position on the map, if the camera's position was given; each field is a column.
     #[serde(flatten, default, skip_serializing_if = "Option::is_none")]
     pub on_map: Option<OnMap>,
 }
 
-/// Where a car's origin is on the map.
+/// Position of a vehicle's origin on the map.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct OnMap {
-    /// Degrees, WGS 84.
+    /// Latitude of the vehicle's position, degrees, WGS 84. This column and the next seven are present if the camera's
+    /// position on the map was given.
+    #[schemars(range(min = -90, max = 90))]
     pub latitude: f64,
-    /// Degrees, WGS 84.
+    /// Longitude of the vehicle's position, degrees, WGS 84.
+    #[schemars(range(min = -180, max = 180))]
     pub longitude: f64,
-    /// UTM zone of the next four, such as `33N`; one a file.
+    /// UTM zone of the columns `east_m` to `bearing_deg`, such as `33N`. All rows of a file have the same zone.
     pub utm_zone: String,
-    /// East in the zone, m.
+    /// Easting of the vehicle's position in the UTM zone, m.
     pub east_m: f64,
-    /// North in the zone, m.
+    /// Northing of the vehicle's position in the UTM zone, m.
     pub north_m: f64,
-    /// sd of `east_m`, m: the car's own error, the camera's and that of the camera's place.
+    /// Sd of `east_m`, m. It covers the errors of the vehicle, of the camera and of the camera's position on the map.
+    #[schemars(range(min = 0))]
     pub east_sd_m: f64,
-    /// sd of `north_m`, m, likewise.
+    /// Sd of `north_m`, m. It covers the errors of the vehicle, of the camera and of the camera's position on the map.
+    #[schemars(range(min = 0))]
     pub north_sd_m: f64,
-    /// Where the vehicle points, degrees clockwise from the zone's north.
+    /// Heading of the vehicle on the map, degrees clockwise from the UTM zone's north.
+    #[schemars(range(min = 0, max = 360))]
     pub bearing_deg: f64,
 }
 
 impl TrackRow {
-    /// Where it stands and how it is turned, world frame.
+    /// Returns position and heading in the world frame.
     #[must_use]
     pub fn pose(&self) -> GroundPose {
         GroundPose { x_m: self.x_m, y_m: self.y_m, heading_rad: self.heading_rad }

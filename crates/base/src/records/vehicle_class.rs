@@ -1,23 +1,23 @@
-//! Kinds of vehicles.
+//! Classes of vehicles.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// What kind of vehicle a detector says it is.
+/// The class of a vehicle, from the detector.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum VehicleClass {
-    /// Cars, vans, pickups, SUVs: what the atlas covers.
+    /// A car, van, pickup or SUV. The shape atlas covers this class.
     #[default]
     Car,
-    /// Lorries.
+    /// A truck.
     Truck,
-    /// Buses.
+    /// A bus.
     Bus,
 }
 
 impl VehicleClass {
-    /// Its name, as files have it.
+    /// Returns the name of the class in files.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {

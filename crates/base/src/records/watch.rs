@@ -1,60 +1,62 @@
-//! What the pictures themselves say of the camera: `watch` of a frames file.
+//! State of the camera from the pictures alone: `watch` of a frames file.
 
 use nalgebra::Vector2;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// What a picture shows, as far as the camera is concerned.
+/// State of the camera that one picture shows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum PictureVerdict {
-    /// The camera is where it was, up to the shake that the offset tells.
+    /// The camera is at its position, apart from the shake in `offset_px`.
     Rest,
-    /// It is being turned or zoomed, or the pictures change from one to the next.
+    /// The camera turns or zooms, or each picture differs from the last.
     Moving,
-    /// Not as before; whether it is a move shows later.
+    /// The picture differs from the background. Later frames show whether the camera was moved.
     Unsettled,
-    /// Nothing but black.
+    /// The picture is black.
     Black,
-    /// Nothing but white.
+    /// The picture is white.
     White,
-    /// Something lies over the lens: no structure left.
+    /// The lens is covered: the picture has no structure.
     Covered,
-    /// The same picture again and again, where there was noise before.
+    /// The same picture repeats, while earlier pictures had noise.
     Frozen,
-    /// Too little structure to tell.
+    /// The picture has too little structure to decide.
     #[default]
     Unknown,
 }
 
 impl PictureVerdict {
-    /// Nothing can be seen in the picture.
+    /// Whether the picture shows nothing of the scene.
     #[must_use]
     pub fn is_blind(self) -> bool {
         matches!(self, Self::Black | Self::White | Self::Covered)
     }
 }
 
-/// What the picture itself says, before any vehicle is looked for.
+/// State of the camera and change of the picture, computed before vehicles are detected.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct WatchRecord {
-    /// Whether this frame's picture was looked at; otherwise verdict and offset are those of the last one that was, and only
-    /// vehicles that are held are listed.
+    /// Whether this is an inference frame. If false, `verdict` and `offset_px` are those of the last inference frame,
+    /// and `cars` lists only vehicles that are carried over.
     pub looked: bool,
-    /// What it shows.
+    /// State of the camera that the picture shows.
     pub verdict: PictureVerdict,
-    /// Where the picture of the place lies against its place at rest, px: right, down. What is seen at `p` would be at
-    /// `p − offset` without the shake.
+    /// Shift of the picture by camera shake, px: to the right and down. Without shake, a point at pixel `p` would be
+    /// at `p − offset_px`. Absent if zero.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub offset_px: [f64; 2],
-    /// In this frame it became known that the camera was moved.
+    /// Camera move that was detected in this frame. It may have happened earlier.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub moved: Option<CameraMove>,
-    /// Share of the picture that is not as it was when the detector last looked there, 0–1.
+    /// Share of the picture that has changed since the detector last ran there, 0 to 1.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 0, max = 1))]
     pub changed: Option<f64>,
-    /// Share of the picture that the detector looked at in this frame, 0–1.
+    /// Share of the picture on which the detector ran in this frame, 0 to 1.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 0, max = 1))]
     pub seen: Option<f64>,
 }
 
@@ -62,39 +64,39 @@ fn is_zero(offset_px: &[f64; 2]) -> bool {
     offset_px.iter().all(|v| v.abs() < f64::EPSILON)
 }
 
-/// How the camera came to another position.
+/// The kind of a camera move.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum MoveKind {
-    /// It was turned: the picture is shifted.
+    /// The camera was turned: the picture is shifted.
     Turned,
-    /// It was zoomed.
+    /// The camera was zoomed: the picture is scaled.
     Zoomed,
-    /// Another picture altogether: nothing of the camera before holds.
+    /// The picture shows another scene: the camera before is no longer valid.
     Cut,
-    /// It began to move and has not come to rest.
+    /// The camera began to move and has not come to rest.
     Moving,
 }
 
-/// A change of the camera's position. It is told when it is known, which is later than it happened.
+/// A camera move. It is reported when it is detected, which is later than it happened.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct CameraMove {
-    /// How.
+    /// Kind of the move.
     pub kind: MoveKind,
-    /// First frame of the new position.
+    /// Index of the first frame after the move, from 0.
     pub since_frame: u64,
-    /// Its time, s.
+    /// Presentation time of the frame `since_frame`, s.
     pub since_s: f64,
-    /// Shift of the picture, px, where it is known.
+    /// Shift of the picture by the move, px: to the right and down. Absent if it was not measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shift_px: Option<[f64; 2]>,
-    /// Logarithm of the picture's growth, where it is known.
+    /// Natural logarithm of the picture's magnification by the move. Absent if it was not measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub log_scale: Option<f64>,
 }
 
 impl WatchRecord {
-    /// Shake of the picture, px: see [`Self::offset_px`].
+    /// Returns the shift of the picture by camera shake, px: [`Self::offset_px`] as a vector.
     #[must_use]
     pub fn offset(&self) -> Vector2<f64> {
         Vector2::from(self.offset_px)

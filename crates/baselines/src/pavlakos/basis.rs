@@ -1,4 +1,4 @@
-//! What both halves are made of: the shape basis, means by confidence, the nearest rotation, when descent ends.
+//! Parts that both steps use: the shape basis, weighted means, the nearest rotation, and the end of the descent.
 
 use nalgebra::{Matrix3, Vector3};
 use roadplane_base::{MODES, Shape, ShapeAtlas};
@@ -7,16 +7,16 @@ use crate::evidence::Observation;
 
 /// sd of a keypoint on the car, m: about 3 % of a car's length.
 pub(super) const KEYPOINT_SD_M: f64 = 0.13;
-/// Most rounds of block coordinate descent; their code has as many.
+/// Most rounds of block coordinate descent, as in their code.
 pub(super) const MAX_ROUNDS: usize = 1000;
-/// Descent ends when a round lowers the cost by a smaller share.
+/// The descent ends when the relative decrease of the cost in a round is smaller.
 pub(super) const COST_TOLERANCE: f64 = 1e-9;
 
-/// The shape basis at the keypoints that were seen, car frame, m.
+/// The shape basis at the observed keypoints, car frame, m.
 pub(super) struct Basis {
-    /// B₀ by observation.
+    /// B₀, by observation.
     pub mean: Vec<Vector3<f64>>,
-    /// B_i by observation.
+    /// B_i, by observation.
     pub modes: [Vec<Vector3<f64>>; MODES],
 }
 
@@ -28,13 +28,14 @@ impl Basis {
         }
     }
 
-    /// S.
+    /// Returns S, the points of the shape with coefficients `c`, car frame, m.
     pub fn shape(&self, c: &Shape) -> Vec<Vector3<f64>> {
         let point = |i: usize| (0..MODES).fold(self.mean[i], |point, j| point + self.modes[j][i] * c[j]);
         (0..self.mean.len()).map(point).collect()
     }
 
-    /// The basis with the weighted mean of every member taken out: what is left when the best translation is put in.
+    /// Returns the basis with the weighted mean of every member subtracted. It is the basis of the problem with the
+    /// best translation substituted.
     pub fn centred(&self, observations: &[Observation]) -> Self {
         let centred = |points: &[Vector3<f64>]| {
             let mean = weighted_mean(points, observations);
@@ -44,13 +45,14 @@ impl Basis {
     }
 }
 
-/// Mean of points by the observations' confidences.
+/// Returns the mean of points, weighted by the observations' confidences.
 pub(super) fn weighted_mean(points: &[Vector3<f64>], observations: &[Observation]) -> Vector3<f64> {
     let total: f64 = observations.iter().map(|s| s.weight).sum();
     points.iter().zip(observations).map(|(point, s)| point * s.weight).sum::<Vector3<f64>>() / total
 }
 
-/// The rotation nearest to a matrix: `argmax tr(Rᵀ M)` (Procrustes; Umeyama 1991). `None` if M is not finite.
+/// Returns the rotation nearest to a matrix: `argmax tr(Rᵀ M)` (Procrustes; Umeyama 1991). Returns `None` if M is not
+/// finite.
 pub(super) fn nearest_rotation(m: &Matrix3<f64>) -> Option<Matrix3<f64>> {
     if !m.iter().all(|v| v.is_finite()) {
         return None;

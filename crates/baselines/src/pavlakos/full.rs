@@ -1,9 +1,9 @@
 //! Full perspective: `min ½ ‖(W̃ Z − R S(c) − T 1ᵀ) D^½‖² + λ/2 ‖c‖²` by block coordinate descent.
 //!
-//! The best depth of a observation is its point's foot on the viewing ray, so with `P_i = I − w_i w_iᵀ / w_iᵀ w_i` the cost is
-//! `½ Σ d_i ‖P_i (R S_i + T)‖²`: the distance of the points from their rays. Depths and translation are therefore put in
-//! together in closed form (Lu, Hager, Mjolsness 2000, Eq. 20) where their code steps from one to the other: the same
-//! minimum in far fewer rounds.
+//! The best depth of an observation is that of the foot of its point on the viewing ray. So with `P_i = I − w_i w_iᵀ /
+//! w_iᵀ w_i` the cost is `½ Σ d_i ‖P_i (R S_i + T)‖²`: the distance of the points from their rays. Depths and
+//! translation are therefore solved together in closed form (Lu, Hager, Mjolsness 2000, Eq. 20). Their code alternates
+//! between the two; it finds the same minimum in far more rounds.
 
 use nalgebra::{Isometry3, Matrix3, Matrix6, Rotation3, Translation3, UnitQuaternion, Vector3};
 use roadplane_base::{MODES, Shape};
@@ -21,7 +21,7 @@ pub(super) fn solve(basis: &Basis, observations: &[Observation], start: &WeakPer
     let mut rotation = start.camera_from_car;
     let mut shape = start.shape;
     let mut points = basis.shape(&shape);
-    // Depth from the scale of weak perspective.
+    // The depth comes from the scale of weak perspective.
     let mut translation =
         start.centre.push(1.0) / start.scale - rotation * weighted_mean(&points, observations);
     let mut last_cost = f64::INFINITY;
@@ -41,7 +41,7 @@ pub(super) fn solve(basis: &Basis, observations: &[Observation], start: &WeakPer
         last_cost = cost;
     }
     let finite = translation.iter().chain(rotation.iter()).all(|v| v.is_finite());
-    // Rays have no direction to this cost: a car behind the camera is none.
+    // The cost treats both directions of a ray alike, so a car behind the camera is rejected here.
     (finite && translation.z > 0.0).then(|| {
         let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation));
         let camera_from_car = Isometry3::from_parts(Translation3::from(translation), rotation);
@@ -49,7 +49,7 @@ pub(super) fn solve(basis: &Basis, observations: &[Observation], start: &WeakPer
     })
 }
 
-/// The rotation that best takes the points to their feet on the rays (Procrustes about the means).
+/// Returns the rotation that best takes the points to their feet on the rays (Procrustes about the means).
 fn turned(
     rotation: &Matrix3<f64>,
     translation: &Vector3<f64>,
@@ -70,6 +70,7 @@ fn turned(
     nearest_rotation(&cross)
 }
 
+/// Returns the best translation given the rest, by linear least squares.
 fn best_translation(
     rotation: &Matrix3<f64>,
     points: &[Vector3<f64>],
@@ -84,7 +85,7 @@ fn best_translation(
     Some(normal.cholesky()?.solve(&right))
 }
 
-/// c given the rest: ridge regression.
+/// Returns the best c given the rest, by ridge regression.
 fn best_shape(
     basis: &Basis,
     rotation: &Matrix3<f64>,

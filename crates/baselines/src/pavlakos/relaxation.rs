@@ -1,27 +1,27 @@
 //! The convex relaxation that starts the descent (Zhou et al. 2015, "3D shape estimation from 2D landmarks: a convex
 //! relaxation approach", Eq. 9–11, with the mean shape alone).
 //!
-//! `M = s R̄` is a scaled pair of orthonormal rows. The convex hull of those is a ball of the spectral norm, so they are
-//! replaced by any 2 × 3 matrix with a price on its spectral norm:
+//! `M = s R̄` is a scaled pair of orthonormal rows. The convex hull of such pairs is a ball of the spectral norm. So M
+//! may be any 2 × 3 matrix, with a penalty on its spectral norm:
 //!
 //! ```text
 //! min_M ½ ‖(W − M B) D^½‖² + α ‖M‖₂          W, B centred
 //! ```
 //!
-//! solved by ADMM, whose second step is the proximal operator of the spectral norm in closed form.
+//! ADMM solves it. Its second step is the proximal operator of the spectral norm, in closed form.
 
 use nalgebra::{Matrix2x3, Matrix3, Vector2};
 
-/// α as a share of the price at which M = 0 becomes the answer.
+/// α as a share of the value at which M = 0 becomes the solution.
 const ALPHA_SHARE: f64 = 0.02;
-/// Most iterations.
+/// Most iterations of ADMM.
 const MAX_ITERATIONS: usize = 500;
-/// Ends when M changes by a smaller share.
+/// The iteration ends when the relative change of M is smaller.
 const TOLERANCE: f64 = 1e-8;
 
-/// M from `square = B D Bᵀ` and `cross = W D Bᵀ`. `None` where nothing determines it.
+/// Returns M from `square = B D Bᵀ` and `cross = W D Bᵀ`; `None` if they do not determine it.
 pub(super) fn relaxed_motion(square: &Matrix3<f64>, cross: &Matrix2x3<f64>) -> Option<Matrix2x3<f64>> {
-    // M = 0 is the answer from α = the dual norm of the cross term on: the sum of its singular values.
+    // M = 0 is the solution from α = the dual norm of the cross term on, which is the sum of its singular values.
     let alpha = ALPHA_SHARE * singular_values(cross)?.sum();
     let penalty = square.trace() / 3.0;
     let inverse = (square + Matrix3::identity() * penalty).try_inverse()?;
@@ -40,18 +40,18 @@ pub(super) fn relaxed_motion(square: &Matrix3<f64>, cross: &Matrix2x3<f64>) -> O
     (z.norm() > 0.0).then_some(z)
 }
 
-/// `argmin_M ½ ‖M − Q‖² + τ ‖M‖₂`: the singular values less their projection on the ℓ₁ ball of radius τ.
+/// Returns `argmin_M ½ ‖M − Q‖² + τ ‖M‖₂`: singular values minus their projection on the ℓ₁ ball of radius τ.
 fn proximal(q: &Matrix2x3<f64>, tau: f64) -> Option<Matrix2x3<f64>> {
     let svd = checked_svd(q)?;
     let (u, v_t, sigma) = (svd.u?, svd.v_t?, svd.singular_values);
     let (most, least) = (sigma.max(), sigma.min());
-    // The projection takes what is above θ; both values or the larger one alone.
+    // The projection takes the part above θ, of both values or of the larger one alone.
     let both = (most + least - tau) / 2.0;
     let theta = if both < least { both } else { most - tau };
     Some(u * nalgebra::Matrix2::from_diagonal(&sigma.map(|s| s.min(theta.max(0.0)))) * v_t)
 }
 
-/// The 2 × 3 pair of orthonormal rows nearest to M, and the mean of its singular values.
+/// Returns the 2 × 3 pair of orthonormal rows nearest to M, and the mean of M's singular values.
 pub(super) fn nearest_scaled_rows(m: &Matrix2x3<f64>) -> Option<(Matrix2x3<f64>, f64)> {
     let svd = checked_svd(m)?;
     let (u, v_t) = (svd.u?, svd.v_t?);
@@ -66,7 +66,7 @@ fn singular_values(m: &Matrix2x3<f64>) -> Option<Vector2<f64>> {
 type Svd = nalgebra::SVD<f64, nalgebra::U2, nalgebra::U3>;
 
 fn checked_svd(m: &Matrix2x3<f64>) -> Option<Svd> {
-    // The library's iteration need not end on what is not finite.
+    // The library's iteration may not end on values that are not finite.
     m.iter().all(|v| v.is_finite()).then(|| m.try_svd(true, true, f64::EPSILON, 200)).flatten()
 }
 
@@ -96,7 +96,7 @@ mod tests {
 
     #[test]
     fn scaled_rows_survive_the_relaxation() {
-        // With points spread alike in all directions the price only shortens M.
+        // With points spread alike in all directions the penalty only shortens M.
         let square = Matrix3::identity() * 10.0;
         let rows = nalgebra::Rotation3::from_euler_angles(0.3, -0.8, 2.0);
         let truth = rows.matrix().fixed_view::<2, 3>(0, 0) * 0.05;

@@ -7,21 +7,21 @@ use super::basis::{Basis, COST_TOLERANCE, KEYPOINT_SD_M, MAX_ROUNDS, nearest_rot
 use super::relaxation::{nearest_scaled_rows, relaxed_motion};
 use crate::evidence::Observation;
 
-/// A car as seen from afar.
+/// A car under weak perspective.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WeakPerspective {
     /// Rotation from the car's frame to the camera's axes.
     pub camera_from_car: Matrix3<f64>,
-    /// Scale before a camera of focal length 1, 1/m: the inverse of the depth, m.
+    /// Scale for a camera of focal length 1, 1/m: the inverse of the depth.
     pub scale: f64,
-    /// Image of the weighted mean of the points before a camera of focal length 1.
+    /// Image of the weighted mean of the points, for a camera of focal length 1.
     pub centre: Vector2<f64>,
     /// Shape coefficients, each in units of its sd over all cars.
     pub shape: Shape,
 }
 
 pub(super) fn solve(basis: &Basis, observations: &[Observation]) -> Option<WeakPerspective> {
-    // The best translation is put in by centring everything.
+    // Centring all points substitutes the best translation.
     let centre = weighted_mean(&observations.iter().map(|s| s.ray).collect::<Vec<_>>(), observations).xy();
     let image: Vec<Vector2<f64>> = observations.iter().map(|s| s.xy() - centre).collect();
     let basis = basis.centred(observations);
@@ -56,7 +56,7 @@ pub(super) fn solve(basis: &Basis, observations: &[Observation]) -> Option<WeakP
     })
 }
 
-/// s given the rest: a quotient of sums.
+/// Returns the best s given the rest, a quotient of sums.
 fn best_scale(
     rotation: &Matrix3<f64>,
     points: &[Vector3<f64>],
@@ -73,9 +73,11 @@ fn best_scale(
     (scale.is_finite() && scale > 0.0).then_some(scale)
 }
 
-/// A better rotation given the rest, by Green and Gower's step for rows on a Stiefel manifold (Gower & Dijksterhuis 2004,
-/// §5.1): the unseen third row of the image is filled in from the current estimate, which makes it a Procrustes problem
-/// that cannot raise the cost. Stands for their manifold optimisation of the same sub-problem.
+/// Returns a better rotation given the rest, by Green and Gower's step for rows on a Stiefel manifold (Gower &
+/// Dijksterhuis 2004, §5.1).
+///
+/// The third row of the image is not observed. The current estimate fills it in, which gives a Procrustes problem that
+/// cannot raise the cost. The step replaces their manifold optimisation of the same sub-problem.
 fn turned(
     rotation: &Matrix3<f64>,
     scale: f64,
@@ -91,7 +93,7 @@ fn turned(
     nearest_rotation(&cross)
 }
 
-/// c given the rest: ridge regression.
+/// Returns the best c given the rest, by ridge regression.
 fn best_shape(
     basis: &Basis,
     rotation: &Matrix3<f64>,

@@ -1,51 +1,55 @@
-//! How well edges agree with a vertical.
+//! Computes how well edges agree with a vertical vanishing point.
 
 use std::f64::consts::TAU;
 
 use nalgebra::Vector2;
 use roadplane_base::SceneLine;
 
-/// sd of how far masts and walls are off the vertical, rad: half a degree (estimate; masts lean by 0.3–1°, walls less).
+/// Sd of the lean of masts and walls, rad: half a degree. This is an estimate: masts lean by 0.3–1°, walls by less.
 const LEAN_SD: f64 = 0.0087;
-/// Edges that are not vertical point anywhere within this, rad: about what edges are looked for in.
+/// Range of directions of stray edges, rad; about the range in which edges are searched.
 const STRAY: f64 = 1.05;
-/// Shares of vertical edges that are weighed, evenly.
+/// Shares of vertical edges in the mixture, with equal prior weights.
 const SHARES: [f64; 4] = [0.06, 0.2, 0.5, 0.8];
-/// Edges within this share of the picture's width from each other (1 sd, upright twice that) are taken for one thing's.
+/// Distance at which two edges belong to one object, 1 sd, as a share of the picture's width; vertically twice that.
 const TOGETHER: f64 = 0.025;
-/// Misfits beyond this square in sds weigh nothing beside a stray edge.
+/// Squared misfit, in sds, beyond which an edge counts as stray.
 const FAR: f64 = 30.0;
 
-/// A place in the search.
+/// A node of the search grid.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Node {
-    /// tan(tilt) / focal, 1/px.
+    /// Inverse distance of the vertical vanishing point, tan(tilt) / focal, 1/px.
     pub bend: f64,
-    /// rad.
+    /// Roll, rad.
     pub roll: f64,
-    /// Share by which the lens draws the half width in (negative) or out.
+    /// Lens distortion: the share by which the lens draws the half width in (negative) or out.
     pub lens: f64,
 }
 
-/// An edge, pixels from the principal point.
+/// An edge, in pixels relative to the principal point.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Edge {
+    /// Midpoint, px.
     at: Vector2<f64>,
-    /// Unit length.
+    /// Direction, of unit length.
     along: Vector2<f64>,
 }
 
 /// The edges of a picture.
 pub(super) struct Field {
+    /// The edges, with the lens distortion of the picture.
     edges: Vec<Edge>,
-    /// sd of each one's direction, lean counted, rad.
+    /// Sd of each edge's direction, including the lean, rad.
     sds: Vec<f64>,
-    /// How much each counts: a thing with many edges counts as one.
+    /// Weight of each edge; an object with many edges counts as one.
     weights: Vec<f64>,
+    /// Half of the picture's width, px.
     half_width: f64,
 }
 
 impl Field {
+    /// Builds the field from lines in pixels. `width` is the picture's width, px.
     pub(super) fn new(lines: &[SceneLine], principal_point_px: &Vector2<f64>, width: f64) -> Self {
         let edge = |line: &SceneLine| Edge {
             at: line.middle_px() - principal_point_px,
@@ -57,7 +61,8 @@ impl Field {
             (-0.5 * apart.norm_squared()).exp()
         };
         let length = |i: usize| lines[i].along_px().norm();
-        // n edges that share a lean say 1 / (lean² + own² / n) of it, n times 1 / (lean² + own²) would claim more.
+        // n edges that share a lean have the information 1 / (lean² + own² / n). The sum n / (lean² + own²) would claim
+        // more.
         let weight = |i: usize| {
             let beside: f64 = (0..edges.len()).map(|k| near(&edges[i], &edges[k]) * length(k)).sum();
             let (count, own) = (beside / length(i), (lines[i].sd_rad / LEAN_SD).powi(2));
@@ -71,12 +76,13 @@ impl Field {
         }
     }
 
+    /// Returns half of the picture's width, px.
     pub(super) fn half_width(&self) -> f64 {
         self.half_width
     }
 
-    /// The edges as a lens that bends no lines would show them, to first order: `p (1 − lens |p|² / half width²)`.
-    pub(super) fn straightened(&self, lens: f64) -> Vec<Edge> {
+    /// Returns the edges with the distortion `lens` removed, to first order: `p (1 − lens |p|² / half width²)`.
+    pub(super) fn undistorted(&self, lens: f64) -> Vec<Edge> {
         let bent = lens / (self.half_width * self.half_width);
         let straight = |edge: &Edge| {
             let scale = 1.0 - bent * edge.at.norm_squared();
@@ -86,16 +92,18 @@ impl Field {
         self.edges.iter().map(straight).collect()
     }
 
-    /// Squared misfit of an edge in sds, and how much likelier it is than a stray one were it vertical.
+    /// Returns the likelihood ratio of an edge between vertical and stray; `None` where the misfit is so large that it
+    /// is stray.
     fn odds(&self, i: usize, edge: &Edge, node: &Node) -> Option<f64> {
         let (sin, cos) = node.roll.sin_cos();
         let upright = Vector2::new(sin, -cos) + node.bend * edge.at;
-        // The sine will do: where it is not the angle, the edge is a stray one.
+        // The sine is close to the angle wherever the edge is not stray.
         let square = edge.along.perp(&upright).powi(2) / (upright.norm_squared() * self.sds[i] * self.sds[i]);
         (square < FAR).then(|| (-0.5 * square).exp() * STRAY / (self.sds[i] * TAU.sqrt()))
     }
 
-    /// Log likelihood of straightened edges at a node, over that of stray ones, whatever the share of vertical edges.
+    /// Returns the log likelihood ratio of undistorted edges to stray edges at a node, averaged over the share of
+    /// verticals.
     pub(super) fn log_ratio(&self, seen: &[Edge], node: &Node) -> f64 {
         let mut logs = SHARES.map(|share| self.weights.iter().sum::<f64>() * (1.0 - share).ln());
         for (i, edge) in seen.iter().enumerate() {
@@ -108,9 +116,10 @@ impl Field {
         most + (logs.iter().map(|log| (log - most).exp()).sum::<f64>() / SHARES.len() as f64).ln()
     }
 
-    /// Probability that each edge is vertical, at a node, with the share of vertical edges that is likeliest there.
+    /// Returns the probability that each edge is vertical at a node, with the most probable share of vertical edges
+    /// there.
     pub(super) fn trust(&self, node: &Node) -> Vec<f64> {
-        let seen = self.straightened(node.lens);
+        let seen = self.undistorted(node.lens);
         let odds: Vec<f64> =
             seen.iter().enumerate().map(|(i, edge)| self.odds(i, edge, node).unwrap_or(0.0)).collect();
         let trusts =

@@ -4,6 +4,8 @@ use roadplane_synth::Rng;
 
 use crate::records::{frame, still};
 
+/// Returns `n` observations of one stationary car. The predicted sd is 4 px; the actual noise has `white` times this
+/// sd.
 fn looks(n: u64, white: f64, random: &mut Rng) -> Vec<KeypointSet> {
     (0..n)
         .filter_map(|i| {
@@ -15,6 +17,7 @@ fn looks(n: u64, white: f64, random: &mut Rng) -> Vec<KeypointSet> {
         .collect()
 }
 
+/// Returns the sd of keypoint 3 after combining (px), and the scatter ratio. The bias share is 0.5.
 fn sd(sets: &[KeypointSet]) -> (f64, Option<f64>) {
     let combined = combine(&sets.iter().collect::<Vec<_>>(), 0.5);
     (combined.keypoints[3].unwrap().sd_px(), combined.scatter_ratio)
@@ -23,7 +26,7 @@ fn sd(sets: &[KeypointSet]) -> (f64, Option<f64>) {
 #[test]
 fn white_noise_averages_down_to_the_stated_bias() {
     let (sd, ratio) = sd(&looks(100, 1.0, &mut Rng::new(1)));
-    // Half of 4 px stays whatever the scatter says; the rest is a tenth.
+    // Half of 4 px remains as bias whatever the scatter is; the rest falls to a tenth.
     assert!((sd - (2.0f64.powi(2) + 0.4f64.powi(2)).sqrt()).abs() < 0.15, "{sd} px");
     assert!((ratio.unwrap() - 1.0).abs() < 0.1, "{ratio:?}");
 }

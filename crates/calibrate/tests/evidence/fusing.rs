@@ -5,14 +5,15 @@ use roadplane_synth::Rng;
 
 use crate::records::SIZE;
 
-/// sd of a window's log focal, tilt, roll, log height.
+/// Sds of a window's log focal length, tilt (rad), roll (rad) and log height.
 const SD: [f64; 4] = [0.06, 0.02, 0.008, 0.05];
 
+/// Returns the true (log focal length, tilt, roll, log height).
 fn truth() -> Vector4<f64> {
     Vector4::new(1700f64.ln(), 0.4, 0.02, 9f64.ln())
 }
 
-/// Focal length and height go together, as they do.
+/// Returns a window's covariance. Focal length and height are correlated, as in real windows.
 fn covariance() -> Matrix4<f64> {
     let mut c = Matrix4::from_diagonal(&Vector4::from(SD).map(|sd| sd * sd));
     c[(0, 3)] = 0.9 * SD[0] * SD[3];
@@ -20,6 +21,7 @@ fn covariance() -> Matrix4<f64> {
     c
 }
 
+/// Returns the estimate of window `index`, 30 s long, with the covariance above.
 fn window(index: usize, params: &Vector4<f64>, cars: Vec<CarUse>) -> WindowEstimate {
     WindowEstimate {
         span_s: [30.0 * index as f64, 30.0 * index as f64 + 29.0],
@@ -34,14 +36,17 @@ fn window(index: usize, params: &Vector4<f64>, cars: Vec<CarUse>) -> WindowEstim
     }
 }
 
+/// Draws the error of a window's estimate.
 fn draw(random: &mut Rng) -> Vector4<f64> {
     covariance().cholesky().unwrap().l() * Vector4::from_fn(|_, _| random.normal())
 }
 
+/// Returns parked cars with these identifiers.
 fn parked(links: std::ops::Range<u64>) -> Vec<CarUse> {
     links.map(|link| CarUse { link, parked: true }).collect()
 }
 
+/// Returns the default options for the simulated pictures.
 fn options() -> FuseOptions {
     FuseOptions::for_image(SIZE)
 }
@@ -157,7 +162,7 @@ fn a_moved_camera_gives_two_answers_that_share_its_focal_length() {
     assert!((fused[1].params.log_focal - fused[0].params.log_focal).abs() < 0.04);
     let alone = fuse(&windows[6..], &options());
     assert!(fused[1].covariance[(0, 0)] < 0.8 * alone[0].covariance[(0, 0)], "the other half helps");
-    // After a cut it does not.
+    // After a cut the other half does not help.
     let cut: Vec<WindowEstimate> = windows
         .iter()
         .map(|w| WindowEstimate {
@@ -225,7 +230,7 @@ fn without_evidence_the_prior_stays_and_is_said() {
     assert_eq!(fused[0].status, CameraStatus::Unobservable);
     let sd = fused[0].covariance.diagonal().map(f64::sqrt);
     assert!((sd - options().prior.sd).norm() < 1e-9);
-    // Tilt and height known, focal length not.
+    // The tilt and the height are determined, the focal length is not.
     let mut weak = window(0, &truth(), parked(0..2));
     let little = Matrix4::from_diagonal(&Vector4::new(0.1, 1e4, 1e4, 1e3));
     weak.joint = JointInformation::of_camera(&little, &truth());
@@ -243,7 +248,8 @@ fn clues_count_once_however_many_windows_there_are() {
         let windows: Vec<WindowEstimate> = (0..count).map(|i| window(i, &truth(), parked(0..9))).collect();
         let options = FuseOptions { factors: [(0, [factor].into())].into(), ..options() };
         let fused = fuse(&windows, &options);
-        // The same cars in all windows: one Gaussian of sd SD[0] at the truth, one of 0.02 at 0.1 beside it.
+        // All windows have the same cars, so they give one Gaussian of sd `SD[0]` at the truth. The factor is a second
+        // one of sd 0.02 at 0.1.
         let expected = 0.1 * SD[0].powi(2) / (SD[0].powi(2) + 0.02_f64.powi(2));
         let found = fused[0].params.log_focal - truth()[0];
         assert!((found - expected).abs() < 2e-3, "{count}: {found}, expected {expected}");
@@ -261,7 +267,7 @@ fn clues_count_once_however_many_windows_there_are() {
 
 #[test]
 fn what_the_cars_of_a_place_share_no_number_of_windows_averages_out() {
-    // Every window sees (tilt + elevation error), and says so.
+    // Every window measures tilt + shared elevation error, and its evidence states this.
     let windows: Vec<WindowEstimate> = (0..25)
         .map(|i| {
             let mut w = window(i, &truth(), parked(10 * i as u64..10 * i as u64 + 10));
@@ -279,7 +285,7 @@ fn what_the_cars_of_a_place_share_no_number_of_windows_averages_out() {
     assert!((sd(0.03) / 0.03_f64.hypot(SD[1] / 5.0) - 1.0).abs() < 0.02, "{}", sd(0.03));
 }
 
-/// A length across the picture, as it is before the true camera.
+/// Returns the factor of a length across the picture, with the true length in metres.
 fn true_length(log_sd: f64) -> Factor {
     let ends_px = [-300.0, 250.0].map(|x| nalgebra::Vector2::new(x, 40.0));
     let factor = |length_m: f64| Factor::Length { ends_px, end_sd_px: 1e-3, length_m, log_sd };
@@ -288,7 +294,7 @@ fn true_length(log_sd: f64) -> Factor {
 
 #[test]
 fn a_length_tells_scale_and_how_large_the_cars_are() {
-    // Many windows of cars that are 6 % larger than the atlas', so that the camera seems to hang lower.
+    // The cars are 6 % larger than the atlas's, so the camera appears to be lower.
     let by_cars = truth() - Vector4::new(0.0, 0.0, 0.0, 0.06);
     let mut seen = window(0, &by_cars, parked(0..9));
     seen.joint = JointInformation::of_camera(&(seen.information() * 1e4), &by_cars);
@@ -299,14 +305,14 @@ fn a_length_tells_scale_and_how_large_the_cars_are() {
     let (without, told) = (with(&[], 0.04), with(&[true_length(0.01)], 0.04));
     let sd = |estimates: &[roadplane_base::CameraEstimate]| estimates[0].covariance[(3, 3)].sqrt();
     assert!((sd(&without.estimates) - 0.04).abs() < 1e-3 && without.size_of_cars == 0.0);
-    // N(0, 0.04²) of the cars' size, and 0.06 ± 0.01 told.
+    // The prior of the cars' log size is N(0, 0.04²); the given length measures it as 0.06 ± 0.01.
     let (share, expected_sd) =
         (0.04_f64.powi(2) / (0.04_f64.powi(2) + 0.01_f64.powi(2)), 0.04 * 0.01 / 0.04_f64.hypot(0.01));
     assert!((told.size_of_cars - 0.06 * share).abs() < 1e-3, "{}", told.size_of_cars);
     assert!((sd(&told.estimates) - expected_sd).abs() < 5e-4, "{}", sd(&told.estimates));
     let height = told.estimates[0].params.log_height - truth()[3];
     assert!((height + 0.06 * (1.0 - share)).abs() < 1e-3, "{height}");
-    // Were all cars the atlas', it would be they that know.
+    // If cars had exactly the atlas's sizes, the cars would determine the scale.
     assert!(with(&[true_length(0.01)], 0.0).size_of_cars.abs() < 1e-6);
 }
 

@@ -15,7 +15,7 @@ fn cars_keep_their_names_while_one_drives_past() {
     let mut first = None;
     for i in 0..100 {
         let mut record = frame(i, i as f64 / 25.0, &cars, 2.0, 1.0, &mut random);
-        // One in five is missed.
+        // One detection in five is missing.
         let kept: Vec<bool> = record.cars.iter().map(|_| i == 0 || random.unit() > 0.2).collect();
         let mut keep = kept.iter();
         record.cars.retain(|_| *keep.next().unwrap());

@@ -1,4 +1,4 @@
-//! Simulated records with truth.
+//! Tests of the crate on simulated records with known truth.
 
 #![allow(missing_docs, clippy::unwrap_used, clippy::panic)]
 

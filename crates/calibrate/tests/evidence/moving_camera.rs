@@ -7,6 +7,7 @@ use roadplane_synth::Rng;
 
 use crate::records::{Moving, frame, rows, still};
 
+/// Returns the boxes after a scaling about the picture's centre and a shift, px.
 fn shifted(cars: &[Moving], shift: [f64; 2], scale: f64) -> Vec<Moving> {
     let move_x = |x: f64| (x - 960.0) * scale + 960.0 + shift[0];
     let move_y = |y: f64| (y - 540.0) * scale + 540.0 + shift[1];
@@ -18,7 +19,7 @@ fn shifted(cars: &[Moving], shift: [f64; 2], scale: f64) -> Vec<Moving> {
         .collect()
 }
 
-/// 100 frames at 25 a second; `then` from frame 50 on.
+/// Returns 100 frames at 25 frames/s, with the cars `before` up to frame 49 and the cars `then` from frame 50.
 fn clip(before: &[Moving], then: &[Moving], seed: u64) -> Vec<FrameRecord> {
     let mut random = Rng::new(seed);
     (0..100)
@@ -31,6 +32,7 @@ fn clip(before: &[Moving], then: &[Moving], seed: u64) -> Vec<FrameRecord> {
         .collect()
 }
 
+/// Cuts the frames into windows of 1 s.
 fn windows(frames: &[FrameRecord]) -> Vec<Window> {
     let mut builder = EvidenceBuilder::new(EvidenceOptions { window_s: 1.0, ..EvidenceOptions::default() });
     let mut found: Vec<Window> = frames.iter().filter_map(|f| builder.push(f.clone())).collect();

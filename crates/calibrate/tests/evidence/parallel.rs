@@ -3,17 +3,21 @@ use roadplane_base::{Camera, CameraParams, Factor, GroundPose};
 use roadplane_calibrate::{CarHeading, Parallel, parallel};
 use roadplane_synth::Rng;
 
+/// True focal length, px.
 const FOCAL_PX: f64 = 1500.0;
-/// How well a car's turn is seen beside what the witness itself allows for, rad.
+/// Sd of a car's heading, beside the error that the method itself assumes, rad.
 const SD: f64 = 0.015;
-/// How well poses tell log focal: poorly.
+/// Sd of log focal length from poses; it is poor.
 const POSES: f64 = 0.5;
 
+/// Returns the true camera.
 fn truth() -> CameraParams {
     CameraParams { log_focal: FOCAL_PX.ln(), tilt: 0.2, roll: 0.02, log_height: 8f64.ln() }
 }
 
-/// What a solve makes of a car whose focal length is off, the horizon right: its turn against the ray to it stays.
+/// Returns the heading of a car after a solve whose focal length is wrong by the factor `ratio`.
+///
+/// The horizon of the solve is right. The car's turn relative to the ray to it is right up to `noise`, rad.
 fn solved(link: u64, pose: GroundPose, ratio: f64, noise: f64) -> CarHeading {
     let truth = truth();
     let focal_px = FOCAL_PX * ratio;
@@ -28,21 +32,22 @@ fn solved(link: u64, pose: GroundPose, ratio: f64, noise: f64) -> CarHeading {
     CarHeading::new(link, &wrong, &GroundPose { x_m: place.x, y_m: place.y, heading_rad }, SD).unwrap()
 }
 
+/// Returns the car with the identifier `link`.
 fn named(mut car: CarHeading, link: u64) -> CarHeading {
     car.link = link;
     car
 }
 
-/// Focal length and its sd, px.
+/// Returns the estimated focal length and its sd, px.
 fn told(found: &Parallel) -> [f64; 2] {
     let Factor::InverseFocal { per_px, sd } = found.factor else { panic!("{found:?}") };
     [1.0 / per_px, sd / per_px / per_px]
 }
 
-/// Cars on a street whose direction changes by `bend` rad/m.
+/// Returns cars on a street whose direction changes by `bend` rad/m.
 fn street(seed: u64, count: u64, ratio: f64, heading: f64, bend: f64, noise: f64) -> Vec<CarHeading> {
     let mut random = Rng::new(seed);
-    // A net makes a fan of parallel cars by itself.
+    // The net itself turns parallel cars into a fan.
     let own_fan = if noise > 0.0 { 0.05 * random.normal() } else { 0.0 };
     let cars = (0..count).map(|link| {
         let y_m = random.uniform(20.0, 60.0);
@@ -73,7 +78,7 @@ fn parallel_cars_tell_the_focal_length_they_were_not_solved_with() {
 
 #[test]
 fn they_know_how_well_they_tell_it() {
-    // What cars and the net's turn scatter by together, and streets that bend.
+    // The scatter of cars and of the net together, on streets with curvature.
     let noise = 0.026f64.hypot(SD);
     let (mut squares, count) = (0.0, 200);
     for seed in 0..count {

@@ -1,21 +1,24 @@
-//! Frames with boxes and keypoints of cars that stand or move in the image.
+//! Simulated frames with boxes and keypoints of cars that are stationary or move in the picture.
 
 use nalgebra::Vector2;
 use roadplane_base::{CarRecord, FrameRecord, ImageSize, KEYPOINTS, Keypoint};
 use roadplane_synth::Rng;
 
-/// A box in the image that moves at a constant velocity.
+/// A box that moves in the picture at a constant velocity.
 #[derive(Clone, Copy)]
 pub struct Moving {
+    /// Box at time 0: left, top, right, bottom, px.
     pub bbox_px: [f64; 4],
+    /// Velocity of the box, px/s.
     pub velocity_px_s: [f64; 2],
 }
 
+/// Returns a stationary box with the given left, top and width, px.
 pub fn still(x: f64, y: f64, width: f64) -> Moving {
     Moving { bbox_px: [x, y, x + width, y + 0.6 * width], velocity_px_s: [0.0; 2] }
 }
 
-/// Two rows of parked cars, 2 × n.
+/// Returns two rows of `n` parked cars each.
 pub fn rows(n: usize) -> Vec<Moving> {
     (0..2 * n)
         .map(|i| {
@@ -25,9 +28,12 @@ pub fn rows(n: usize) -> Vec<Moving> {
         .collect()
 }
 
+/// Size of the simulated pictures, px.
 pub const SIZE: ImageSize = ImageSize { width: 1920, height: 1080 };
 
-/// A frame of these cars; keypoints on a grid in each box, with `sd_px` predicted of which the share `white` shows.
+/// Returns a frame of these cars, with keypoints on a grid in each box.
+///
+/// The predicted sd of a keypoint is `sd_px`, px. Its actual noise has `white` times this sd.
 pub fn frame(
     index: u64,
     time_s: f64,

@@ -1,4 +1,4 @@
-//! Clips of one camera, in any order.
+//! Tests of epochs on clips of one camera, in any order.
 
 use nalgebra::{Matrix4, Vector2, Vector4};
 use roadplane_base::{CameraEvidence, ClipIdentity, EVIDENCE_SCHEMA, KEYPOINTS, ParkedCar};
@@ -7,13 +7,15 @@ use roadplane_synth::Rng;
 
 use crate::records::SIZE;
 
+/// Sds of a clip's log focal length, tilt (rad), roll (rad) and log height.
 const SD: [f64; 4] = [0.05, 0.01, 0.005, 0.04];
 
+/// Returns the true (log focal length, tilt, roll, log height).
 fn truth() -> Vector4<f64> {
     Vector4::new(1700f64.ln(), 0.4, 0.02, 9f64.ln())
 }
 
-/// A vehicle with structure of its own at a place.
+/// Returns a parked vehicle with a shape of its own at a position in the picture, px.
 fn vehicle(seed: u64, at: Vector2<f64>, noise_px: f64, random: &mut Rng) -> ParkedCar {
     let mut shape = Rng::new(seed);
     let keypoints_px = (0..KEYPOINTS)
@@ -27,6 +29,7 @@ fn vehicle(seed: u64, at: Vector2<f64>, noise_px: f64, random: &mut Rng) -> Park
     ParkedCar { bbox_px: [at.x - 5.0, at.y - 5.0, at.x + 105.0, at.y + 55.0], keypoints_px }
 }
 
+/// Returns the evidence of the clip of one night, with the estimate `at`.
 fn clip(night: usize, at: Vector4<f64>, parked: Vec<ParkedCar>) -> CameraEvidence {
     let information = Matrix4::from_diagonal(&Vector4::from(SD).map(|sd| 1.0 / (sd * sd)));
     CameraEvidence {
@@ -51,14 +54,17 @@ fn clip(night: usize, at: Vector4<f64>, parked: Vec<ParkedCar>) -> CameraEvidenc
     }
 }
 
+/// Draws the error of a clip's estimate.
 fn draw(random: &mut Rng) -> Vector4<f64> {
     Vector4::from_fn(|i, _| SD[i] * random.normal())
 }
 
+/// Compares no pictures.
 fn unknown(_: &CameraEvidence, _: &CameraEvidence) -> SameView {
     SameView::Unknown
 }
 
+/// Returns the default options for the simulated pictures.
 fn options() -> FuseOptions {
     FuseOptions::for_image(SIZE)
 }
@@ -100,7 +106,7 @@ fn the_order_in_which_clips_come_does_not_matter() {
             clip(night, at, vec![vehicle(night as u64 % 3, Vector2::new(100.0, 100.0), 0.3, &mut random)])
         })
         .collect();
-    // One clip was worked on twice: one of the two counts, whatever the order.
+    // One clip was processed twice. One of the two results counts, whatever the order.
     let bits = |clips: &[CameraEvidence]| -> Vec<Vec<u64>> {
         let known = epochs(clips, &unknown, &options());
         assert_eq!(known.iter().map(|epoch| epoch.clips.len()).collect::<Vec<_>>(), [12, 8]);
@@ -123,7 +129,7 @@ fn pictures_decide_where_they_speak() {
     let mut random = Rng::new(3);
     let clips: Vec<_> = (1..=6).map(|night| clip(night, truth() + draw(&mut random), Vec::new())).collect();
     let night_of = |e: &CameraEvidence| e.clip.sha256.parse::<u32>().unwrap();
-    // Turned after the third night, back after the fifth; the numbers would not tell.
+    // The camera was turned after the third night and back after the fifth. The numbers alone would not show it.
     let view = |e: &CameraEvidence| (4..=5).contains(&night_of(e));
     let look = |a: &CameraEvidence, b: &CameraEvidence| {
         if view(a) == view(b) { SameView::Same } else { SameView::Moved }
@@ -132,7 +138,7 @@ fn pictures_decide_where_they_speak() {
     let nights: Vec<Vec<u32>> =
         known.iter().map(|epoch| epoch.clips.iter().map(|e| night_of(e)).collect()).collect();
     assert_eq!(nights, [vec![1, 2, 3, 6], vec![4, 5]]);
-    // Pictures of another size are of another camera, whatever the numbers say.
+    // Pictures of another size belong to another camera, whatever the numbers are.
     let mut zoomed = clip(7, truth(), Vec::new());
     zoomed.image_size_px.width += 1;
     assert_eq!(joins(&zoomed, &known, &unknown, &options()), None);
@@ -156,7 +162,8 @@ fn vehicles_are_told_apart_by_place_and_shape() {
     let at = Vector2::new(400.0, 300.0);
     for seed in 0..50 {
         let first = vehicle(seed, at, 0.5, &mut random);
-        // It left and came back to about the same place; another one took the bay; it stands one bay further.
+        // One vehicle left and returned to about the same position. Another vehicle took the bay. The first vehicle is
+        // one bay further.
         let back = vehicle(seed, at + Vector2::new(4.0, -3.0), 0.5, &mut random);
         let other = vehicle(seed + 1000, at, 0.5, &mut random);
         let further = vehicle(seed, at + Vector2::new(100.0, 0.0), 0.5, &mut random);

@@ -7,6 +7,7 @@ use roadplane_synth::Rng;
 
 use crate::records::{Moving, frame, rows, still};
 
+/// Returns the views of `frames` frames at `rate` frames/s.
 fn views(cars: &[Moving], frames: u64, rate: f64, options: SelectOptions) -> Vec<View> {
     let mut linker = Linker::new(LinkerOptions::default());
     let mut selector = ViewSelector::new(options);
@@ -25,7 +26,7 @@ fn a_parked_car_is_one_view_however_long() {
         let views = views(&rows(5), frames, 30.0, SelectOptions::default());
         assert_eq!(views.len(), 10);
         assert!(views.iter().all(|v| v.parked && (v.weight - 1.0).abs() < 1e-12 && v.frames.len() >= 30));
-        // Of 2 px that its keypoints claim a quarter of the variance is white, and averages out.
+        // The keypoints claim an sd of 2 px. A quarter of their variance is white and averages out.
         let sds = views[0].keypoints.iter().flatten().map(|point| point.sd_px()).collect::<Vec<_>>();
         let share = sds.iter().map(|sd| (sd / 2.0).powi(2)).sum::<f64>() / sds.len() as f64;
         assert!((0.5..0.9).contains(&share), "{share}");
@@ -36,7 +37,7 @@ fn a_parked_car_is_one_view_however_long() {
 fn a_driving_car_gives_a_view_every_half_box() {
     let car = Moving { bbox_px: [10.0, 400.0, 210.0, 520.0], velocity_px_s: [400.0, 0.0] };
     let views = views(&[car], 100, 25.0, SelectOptions::default());
-    // 1600 px at 100 px a view is more than one car may have.
+    // 1600 px with a view every 100 px give more views than one car may have.
     assert_eq!(views.len(), 6);
     assert!(views.iter().all(|v| !v.parked && v.frames.len() == 1 && v.weight < 0.5));
 }
@@ -71,7 +72,8 @@ fn small_and_empty_cars_are_no_views() {
 
 #[test]
 fn what_is_found_once_comes_after_what_is_found_again_and_only_until_there_is_enough() {
-    // Twelve things are found once. Cars a row, views that are enough, and how many are of cars and of those things.
+    // Twelve false objects are found once. Each case gives the cars in a row, `enough_views`, and the expected numbers
+    // of views of cars and of false objects.
     for (row, enough_views, (of_cars, of_others)) in [(5, 60, (10, 10)), (10, 60, (20, 0)), (5, 12, (10, 2))]
     {
         let options = SelectOptions { max_views: 20, enough_views, ..SelectOptions::default() };

@@ -7,22 +7,26 @@ use roadplane_calibrate::{
 };
 use roadplane_synth::Rng;
 
+/// Size of the simulated pictures, px.
 const SIZE: ImageSize = ImageSize { width: 1920, height: 1080 };
-/// What cars claim: log focal, share of the horizon, roll, log height.
+/// Claimed sds of the cars: log focal length, horizon (as a share of it), roll (rad), log height.
 const CLAIMED: [f64; 4] = [0.19, 0.02, 0.006, 0.05];
 
-/// A camera, the lines of its picture, and what cars say.
+/// A camera, the lines of its picture, and the estimate from cars.
 struct Place {
-    /// Against the road.
+    /// True (log focal length, tilt, roll, log height) relative to the road.
     truth: Vector4<f64>,
-    /// Against gravity.
+    /// True inverse distance of the vertical vanishing point, relative to gravity, 1/px.
     bend: f64,
+    /// True roll relative to gravity, rad.
     roll: f64,
+    /// Lines of the picture, longest first.
     lines: Vec<SceneLine>,
+    /// Camera from cars.
     cars: CameraEstimate,
 }
 
-/// Things that stand (each with up to four edges), stray edges, edges of lanes.
+/// Returns a scene with vertical objects (each with up to four edges), stray edges, and edges of lanes.
 fn place(seed: u64, things: usize, strays: usize, lanes: usize) -> Place {
     let mut random = Rng::new(seed);
     let mut normal = |sd: f64| sd * random.normal();
@@ -33,7 +37,7 @@ fn place(seed: u64, things: usize, strays: usize, lanes: usize) -> Place {
     let (focal, height) = (log_focal.exp(), 8f64);
     let bend = upright.0.tan() / focal;
     let lens = (960.0 / focal).powi(2) * (-0.12 + normal(0.15));
-    // Cars: off along the horizon by what they share and claim, and by a little of the horizon.
+    // The cars are off along the horizon by the error that they share and claim, and by a little of the horizon.
     let seen_log_focal = log_focal + normal(CLAIMED[0]);
     let horizon = focal * tilt.tan() * (1.0 + normal(CLAIMED[1]));
     let params = CameraParams {
@@ -51,7 +55,7 @@ fn place(seed: u64, things: usize, strays: usize, lanes: usize) -> Place {
         image_size_px: SIZE,
         principal_point_px: SIZE.centre_px(),
         lens: Lens::STRAIGHT,
-        bend_sd: None,
+        distortion_sd: None,
         params,
         covariance,
         status: CameraStatus::Estimated,
@@ -66,7 +70,7 @@ fn place(seed: u64, things: usize, strays: usize, lanes: usize) -> Place {
         let sd_rad = 20.0 / (length * length);
         let (sin, cos) = (sd_rad * random.normal()).sin_cos();
         let along = Vector2::new(cos * along.x - sin * along.y, sin * along.x + cos * along.y) / along.norm();
-        // The lens moves the ends, and the middle with them.
+        // The lens moves the ends, and with them the midpoint.
         let ends = [-0.5, 0.5].map(|share| at + share * length * along);
         let bent = ends.map(|end| end * (1.0 + lens * end.norm_squared() / (960.0 * 960.0)) + middle);
         if (along.x / along.y).abs() < 0.57 {
@@ -101,9 +105,11 @@ fn place(seed: u64, things: usize, strays: usize, lanes: usize) -> Place {
     Place { truth: Vector4::new(log_focal, tilt, roll, height.ln()), bend, roll: upright.1, lines, cars }
 }
 
-/// Squared error of (bend, roll) in sds.
+/// Returns the squared error of (`bend`, roll), in sds.
 fn distance(place: &Place, found: &Verticals) -> f64 {
-    let Factor::Upright { bend, roll, covariance } = found.factor else { panic!("{found:?}") };
+    let Factor::VerticalVanishingPoint { inverse_distance: bend, roll, covariance } = found.factor else {
+        panic!("{found:?}")
+    };
     let off = Vector2::new(bend - place.bend, roll - place.roll);
     off.dot(&(covariance.try_inverse().unwrap() * off))
 }
@@ -171,6 +177,7 @@ fn lines_correct_the_focal_length_along_the_horizon() {
     assert!((0.8..1.25).contains(&in_sds), "error / sd {in_sds}");
 }
 
+/// Returns a window with the estimate and covariance of the cars.
 fn window(cars: &CameraEstimate) -> WindowEstimate {
     WindowEstimate {
         span_s: [0.0; 2],
@@ -192,7 +199,7 @@ fn a_window_says_the_same_of_the_horizon_from_wherever_it_is_looked_at() {
     let here = beside_a_witness(&cars, &cars.params);
     assert!((here.params.to_vector() - cars.params.to_vector()).amax() < 1e-9);
     assert!((here.joint.information - cars.joint.information).amax() < 1e-6 * cars.joint.information.amax());
-    // Far away along the horizon: what is expected there keeps the horizon, and so does its sd.
+    // A linearisation far away along the horizon keeps the mean horizon and its sd.
     let tilt = (0.7 * cars.params.tilt.tan()).atan();
     let at = CameraParams { log_focal: cars.params.log_focal - 0.7_f64.ln(), tilt, ..cars.params };
     let there = beside_a_witness(&cars, &at);
@@ -220,9 +227,13 @@ fn a_street_that_may_be_steep_leaves_mean_and_covariance_of_both() {
         joint: JointInformation::of_camera(&information, &truth),
         ..window(&CameraEstimate { covariance: Matrix4::identity(), ..place(3, 0, 0, 0).cars })
     };
-    // About as likely on a level street as on a steep one.
+    // A level street and a steep one are about equally likely.
     let bend = (truth[1] + 0.12).tan() / 1500.0;
-    let factor = Factor::Upright { bend, roll: 0.02, covariance: Matrix2::new(1e-12, 0.0, 0.0, 1e-6) };
+    let factor = Factor::VerticalVanishingPoint {
+        inverse_distance: bend,
+        roll: 0.02,
+        covariance: Matrix2::new(1e-12, 0.0, 0.0, 1e-6),
+    };
     let options = FuseOptions { factors: [(0, [factor].into())].into(), ..FuseOptions::for_image(SIZE) };
     let joined = &fuse(&[cars], &options)[0];
     let (mut total, mut sum, mut squares) = (0.0, Vector4::zeros(), Matrix4::zeros());

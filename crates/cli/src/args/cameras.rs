@@ -1,4 +1,4 @@
-//! `roadplane cameras …`.
+//! Arguments of `roadplane cameras`.
 
 use std::path::PathBuf;
 
@@ -7,30 +7,30 @@ use clap::{Args, Subcommand};
 /// `roadplane cameras`.
 #[derive(Debug, Args)]
 pub struct CamerasArgs {
-    /// What to do.
+    /// The operation.
     #[command(subcommand)]
-    pub what: CamerasCommand,
+    pub operation: CamerasCommand,
 }
 
-/// What to do with remembered cameras.
+/// Operations on a camera database.
 #[derive(Debug, Subcommand)]
 pub enum CamerasCommand {
-    /// One line a camera: clips, focal length, height, tilt as they are known now.
+    /// Print one line per camera: clips, focal length, height and tilt by its latest estimate.
     List(CamerasListArgs),
-    /// Every epoch of one camera, with its clips.
+    /// Print every epoch of one camera, with its clips.
     Show(CamerasShowArgs),
-    /// Joins folders of remembered cameras, and results of runs, into one: the same bytes in any order.
+    /// Merge camera databases, and results of runs, into one; the result has the same bytes in any order.
     Merge(CamerasMergeArgs),
-    /// Forgets a camera.
+    /// Remove a camera.
     Forget(CamerasForgetArgs),
 }
 
 /// `roadplane cameras list`.
 #[derive(Debug, Args)]
 pub struct CamerasListArgs {
-    /// Folder of the remembered cameras, as in `run --cameras`.
+    /// Folder of the camera database, as in `run --cameras`.
     pub folder: PathBuf,
-    /// Prints one JSON object a camera.
+    /// Print one JSON object per camera.
     #[arg(long)]
     pub json: bool,
 }
@@ -38,11 +38,11 @@ pub struct CamerasListArgs {
 /// `roadplane cameras show`.
 #[derive(Debug, Args)]
 pub struct CamerasShowArgs {
-    /// Folder of the remembered cameras, as in `run --cameras`.
+    /// Folder of the camera database, as in `run --cameras`.
     pub folder: PathBuf,
-    /// The camera.
+    /// Name of the camera.
     pub camera: String,
-    /// Prints one JSON object an epoch.
+    /// Print one JSON object per epoch.
     #[arg(long)]
     pub json: bool,
 }
@@ -50,10 +50,10 @@ pub struct CamerasShowArgs {
 /// `roadplane cameras merge`.
 #[derive(Debug, Args)]
 pub struct CamerasMergeArgs {
-    /// Folders of remembered cameras, or output folders of runs.
+    /// Camera databases, or output folders of runs.
     #[arg(required = true, value_name = "DIR")]
     pub from: Vec<PathBuf>,
-    /// Folder that gets what all of them know; what it knows already stays.
+    /// Folder of the merged database; clips already in it stay.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
 }
@@ -61,8 +61,8 @@ pub struct CamerasMergeArgs {
 /// `roadplane cameras forget`.
 #[derive(Debug, Args)]
 pub struct CamerasForgetArgs {
-    /// Folder of the remembered cameras, as in `run --cameras`.
+    /// Folder of the camera database, as in `run --cameras`.
     pub folder: PathBuf,
-    /// The camera.
+    /// Name of the camera.
     pub camera: String,
 }

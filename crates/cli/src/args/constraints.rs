@@ -1,33 +1,34 @@
-//! What the user knows of the camera.
+//! User constraints on the camera.
 
 use std::path::PathBuf;
 
 use clap::Args;
 use roadplane_pipeline::{CameraConstraints, ConstraintOptions, Measured, PipelineError};
 
-/// What is known of the camera. Each counts with its sd, `V±S` or `V±P%` (`+-` does as well); contradictions are told.
+/// User constraints on the camera. Each counts by its standard deviation, `V±S` or `V±P%` (or `+-`); contradictions are
+/// reported.
 #[derive(Clone, Debug, Args)]
-#[command(next_help_heading = "What is known of the camera (V, V±S or V±P%)")]
+#[command(next_help_heading = "Constraints on the camera (V, V±S or V±P%)")]
 pub struct ConstraintArgs {
-    /// Focal length, px; without an sd it is taken as it is.
+    /// Focal length, px; exact without a standard deviation.
     #[arg(long, value_name = "F", allow_hyphen_values = true)]
     pub focal_px: Option<Measured>,
-    /// Optical axis below the horizontal, °; without an sd to 2°.
+    /// Angle of the optical axis below the horizontal, °; default standard deviation: 2°.
     #[arg(long, value_name = "T", allow_hyphen_values = true)]
     pub tilt_deg: Option<Measured>,
-    /// Clockwise turn of the scene's horizon, °; without an sd to 2°.
+    /// Clockwise rotation of the scene's horizon, °; default standard deviation: 2°.
     #[arg(long, value_name = "R", allow_hyphen_values = true)]
     pub roll_deg: Option<Measured>,
-    /// Height of the camera above the ground, m; without an sd to 5 %.
+    /// Height of the camera above the ground, m; default standard deviation: 5 %.
     #[arg(long, value_name = "H", allow_hyphen_values = true)]
     pub height_m: Option<Measured>,
-    /// Camera that was calibrated before: camera.json of a run, OpenCV's or ROS' camera_matrix (.yml), MEVA's .krtd.
+    /// Calibrated camera: camera.json of a run, camera_matrix of OpenCV or ROS (.yml), or MEVA's .krtd.
     #[arg(long, value_name = "FILE")]
     pub camera: Option<PathBuf>,
-    /// How the lens bends lines: OpenCV's k1 and k2; needs a focal length.
+    /// Lens distortion, OpenCV's k1 and k2; needs a focal length.
     #[arg(long, value_name = "K1[,K2]", allow_hyphen_values = true, value_parser = k1_k2)]
     pub lens: Option<[f64; 2]>,
-    /// Lengths between pixels on the ground: CSV with x1,y1,x2,y2,length_m,sd_m[,pixel_sd][,name], or JSON (`schemas known`).
+    /// Lengths between ground pixels: CSV with x1,y1,x2,y2,length_m,sd_m[,pixel_sd][,name], or JSON (`schemas known`).
     #[arg(long, value_name = "FILE")]
     pub known: Option<PathBuf>,
 }
@@ -42,7 +43,7 @@ fn k1_k2(text: &str) -> Result<[f64; 2], String> {
 }
 
 impl ConstraintArgs {
-    /// All of it; files are read.
+    /// Reads the constraints and the files that they name.
     ///
     /// # Errors
     /// As [`CameraConstraints::new`].
@@ -58,15 +59,16 @@ impl ConstraintArgs {
         })
     }
 
-    /// The same, `remembering` a camera beside it.
+    /// Reads the constraints for a command that may store its camera in a database.
     ///
     /// # Errors
-    /// As [`CameraConstraints::new`]; [`PipelineError::Usage`] for a focal length without an sd beside a remembered camera: cars before one that is
-    /// taken as it is say nothing that could be remembered of another.
-    pub fn read_beside(&self, remembering: bool) -> Result<CameraConstraints, PipelineError> {
+    /// As [`CameraConstraints::new`]; [`PipelineError::Usage`] for an exact focal length if the camera is stored: cars then add
+    /// no evidence on the focal length that the database could keep.
+    pub fn read_for_database(&self, is_stored: bool) -> Result<CameraConstraints, PipelineError> {
         let known = self.read()?;
-        if remembering && known.focal_px().is_some() {
-            let what = "--cameras remembers what cars say of the focal length: give it an sd, e.g. --focal-px 1500±2%";
+        if is_stored && known.focal_px().is_some() {
+            let what = "--cameras needs a focal length with a standard deviation, for example --focal-px 1500±2%: with an exact one, \
+                        cars add no evidence that could be stored";
             return Err(PipelineError::usage(what));
         }
         Ok(known)

@@ -12,13 +12,13 @@ pub struct CopyArgs {
     /// Folder of the finished run, DIR/<stem>.
     #[arg(value_name = "RUN")]
     pub run: PathBuf,
-    /// Folder to write, complete or not there at all.
+    /// Output folder; it appears only when it is complete.
     #[arg(long, value_name = "SCENE")]
     pub out: PathBuf,
-    /// The run's input, for the vehicles' colours; default: where the run says that it was.
+    /// Input of the run, for the vehicles' colours; default: the path stored in the run.
     #[arg(long, value_name = "INPUT")]
     pub input: Option<PathBuf>,
-    /// Replaces a finished scene (once the new one is complete).
+    /// Replace a finished scene once the new one is complete.
     #[arg(long)]
     pub overwrite: bool,
     #[command(flatten)]

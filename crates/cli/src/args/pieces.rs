@@ -12,7 +12,7 @@ pub struct PlanArgs {
     /// Videos, images, or folders of images.
     #[arg(required = true, value_name = "INPUT")]
     pub inputs: Vec<PathBuf>,
-    /// Length of a piece, s: a multiple of 60.
+    /// Length of a piece, s; a multiple of 60.
     #[arg(long, default_value_t = 3600, value_name = "S")]
     pub piece_s: u64,
     #[command(flatten)]
@@ -26,7 +26,7 @@ pub struct JoinArgs {
     /// Folders of all pieces of one input, in any order.
     #[arg(required = true, value_name = "PIECE")]
     pub pieces: Vec<PathBuf>,
-    /// The input gets a folder DIR/<stem>/, complete or not there at all.
+    /// Output folder; the input gets DIR/<stem>/, which appears only when it is complete.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
     #[command(flatten)]
@@ -35,19 +35,19 @@ pub struct JoinArgs {
     #[command(flatten)]
     #[allow(missing_docs)]
     pub site: super::site::SiteArgs,
-    /// Remembers cameras in DIR, as in `run`.
+    /// Camera database, as in `run`.
     #[arg(long, value_name = "DIR", requires = "camera_id")]
     pub cameras: Option<PathBuf>,
-    /// The input's camera, or a pattern of its name, as in `run`.
+    /// Camera of the input, or a pattern of its file name, as in `run`.
     #[arg(long, value_name = "ID", requires = "cameras")]
     pub camera_id: Option<String>,
-    /// Leaves a finished folder alone.
+    /// Skip a finished folder.
     #[arg(long)]
     pub resume: bool,
-    /// Replaces a finished folder (once the new one is complete).
+    /// Replace a finished folder once the new one is complete.
     #[arg(long, conflicts_with = "resume")]
     pub overwrite: bool,
-    /// Also leaves frames.jsonl in the result.
+    /// Also write frames.jsonl into the result.
     #[arg(long)]
     pub frames: bool,
     #[command(flatten)]

@@ -1,16 +1,16 @@
-//! Arguments that tell a camera's place on the map.
+//! Arguments that place a camera on the map.
 
 use std::path::PathBuf;
 
 use clap::Args;
 
-/// Where a camera stands.
+/// Position of a camera on the map.
 #[derive(Debug, Args)]
 pub struct SiteArgs {
-    /// Puts vehicles on the map by surveyed points, three or more: x_px,y_px,latitude,longitude[,height_m] a line.
+    /// Put vehicles on the map by three or more surveyed points, one per line: x_px,y_px,latitude,longitude[,height_m].
     #[arg(long, value_name = "POINTS.csv", conflicts_with = "camera_at")]
     pub geo: Option<PathBuf>,
-    /// Puts vehicles on the map by where the camera stands and looks: degrees, bearing clockwise from north.
+    /// Put vehicles on the map by the position and direction of the camera, degrees; the bearing is clockwise from north.
     #[arg(long, value_name = "LAT,LON,BEARING", value_delimiter = ',', allow_negative_numbers = true)]
     pub camera_at: Option<Vec<f64>>,
 }

@@ -30,12 +30,12 @@ pub enum Stage {
     Activity(ActivityArgs),
 }
 
-/// `roadplane detect`.
+/// `roadplane stage detect`.
 #[derive(Debug, Args)]
 pub struct DetectArgs {
     /// Video, image, or folder of images.
     pub input: PathBuf,
-    /// File to write, `-` for standard output.
+    /// Output file, `-` for standard output.
     #[arg(long, value_name = "F.jsonl")]
     pub out: PathBuf,
     #[command(flatten)]
@@ -43,15 +43,15 @@ pub struct DetectArgs {
     pub config: ConfigArgs,
 }
 
-/// `roadplane keypoints`.
+/// `roadplane stage keypoints`.
 #[derive(Debug, Args)]
 pub struct KeypointsArgs {
     /// Video, image, or folder of images.
     pub input: PathBuf,
-    /// Frames with boxes, as `roadplane detect` writes them.
+    /// Frames with boxes, as `roadplane stage detect` writes them.
     #[arg(long, value_name = "F.jsonl")]
     pub boxes: PathBuf,
-    /// File to write, `-` for standard output.
+    /// Output file, `-` for standard output.
     #[arg(long, value_name = "G.jsonl")]
     pub out: PathBuf,
     #[command(flatten)]
@@ -59,25 +59,24 @@ pub struct KeypointsArgs {
     pub config: ConfigArgs,
 }
 
-/// `roadplane solve`.
+/// `roadplane stage solve`.
 #[derive(Debug, Args)]
 pub struct SolveArgs {
-    /// Frames with keypoints, as `roadplane keypoints` writes them.
+    /// Frames with keypoints, as `roadplane stage keypoints` writes them.
     pub frames: PathBuf,
-    /// Poses to write; camera.json goes beside it.
+    /// File for the poses; camera.json is written beside it.
     #[arg(long, value_name = "P.jsonl")]
     pub out: PathBuf,
     #[command(flatten)]
     #[allow(missing_docs)]
     pub known: ConstraintArgs,
-    /// joint: one camera for the clip, cars stand on its plane. paper: each frame by itself, free cars drawn to a plane by the
-    /// paper's Algorithm 1.
+    /// joint: one camera for the clip, all cars on its plane. paper: each frame alone, by the paper's Algorithm 1.
     #[arg(long, value_enum, default_value_t = MethodArg::Joint)]
     pub method: MethodArg,
-    /// Leaves every car free in six degrees of freedom.
+    /// Leave every car free in six degrees of freedom.
     #[arg(long)]
     pub no_plane: bool,
-    /// Solves each frame on its own instead of one camera for the clip.
+    /// Solve each frame alone instead of one camera for the clip.
     #[arg(long)]
     pub per_frame: bool,
     #[command(flatten)]
@@ -85,27 +84,27 @@ pub struct SolveArgs {
     pub config: ConfigArgs,
 }
 
-/// Ways of solving frames.
+/// Methods of solving frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum MethodArg {
-    /// One model of camera and cars.
+    /// One joint model of the camera and all cars.
     Joint,
-    /// The paper's alternation.
+    /// The alternation of the paper.
     Paper,
 }
 
-/// `roadplane track`.
+/// `roadplane stage track`.
 #[derive(Debug, Args)]
 pub struct TrackArgs {
-    /// Frames with keypoints, as `roadplane keypoints` writes them and `roadplane run --frames` leaves them.
+    /// Frames with keypoints, as `roadplane stage keypoints` or `roadplane run --frames` writes them.
     pub frames: PathBuf,
-    /// Folder to write, as a run leaves it: camera.json, poses.jsonl, tracks.*, summary.json.
+    /// Output folder with the files of a run: camera.json, poses.jsonl, tracks.*, summary.json.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
     #[command(flatten)]
     #[allow(missing_docs)]
     pub known: ConstraintArgs,
-    /// Replaces a finished folder (once the new one is complete).
+    /// Replace a finished folder once the new one is complete.
     #[arg(long)]
     pub overwrite: bool,
     #[command(flatten)]
@@ -113,13 +112,12 @@ pub struct TrackArgs {
     pub config: ConfigArgs,
 }
 
-/// `roadplane activity`.
+/// `roadplane stage activity`.
 #[derive(Debug, Args)]
 pub struct ActivityArgs {
-    /// Tracks (.parquet, .csv, .jsonl): columns time_s, track, x_m, y_m; heading_rad, x_sd_m, y_sd_m, observed
-    /// where they are known.
+    /// Tracks (.parquet, .csv, .jsonl) with columns time_s, track, x_m, y_m; optional: heading_rad, x_sd_m, y_sd_m, observed.
     pub tracks: PathBuf,
-    /// The rows with activity and activity_p; the events go beside it, FILE.activities.jsonl.
+    /// File for the rows with activity and activity_p; events go to FILE.activities.jsonl beside it.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
     #[command(flatten)]

@@ -1,4 +1,4 @@
-//! `roadplane cameras`: what is remembered.
+//! `roadplane cameras`: reads and changes a camera database.
 
 use std::io::{Write as _, stdout};
 
@@ -8,29 +8,29 @@ use serde_json::json;
 use crate::args::cameras::{CamerasArgs, CamerasCommand};
 use roadplane_terminal::Outcome;
 
-/// Does what is asked.
+/// Lists, shows, merges or removes cameras.
 pub fn cameras(args: &CamerasArgs) -> anyhow::Result<Outcome> {
-    match &args.what {
+    match &args.operation {
         CamerasCommand::List(args) => {
             let store = EvidenceStore::new(&args.folder);
             let cameras = store.cameras().map_err(PipelineError::from)?;
             for camera in &cameras {
-                let known = stored_cameras(&store, camera, &Config::default())?;
-                if let Some(last) = known.last() {
-                    print(camera, known.len(), last, args.json)?;
+                let epochs = stored_cameras(&store, camera, &Config::default())?;
+                if let Some(last) = epochs.last() {
+                    print(camera, epochs.len(), last, args.json)?;
                 }
             }
             if cameras.is_empty() {
-                tracing::info!("no camera is remembered in {}", args.folder.display());
+                tracing::info!("the camera database is empty: {}", args.folder.display());
             }
         }
         CamerasCommand::Show(args) => {
             let store = EvidenceStore::new(&args.folder);
-            let known = stored_cameras(&store, &args.camera, &Config::default())?;
-            if known.is_empty() {
+            let epochs = stored_cameras(&store, &args.camera, &Config::default())?;
+            if epochs.is_empty() {
                 return Err(unknown(&args.camera, store.folder()).into());
             }
-            for (index, epoch) in known.iter().enumerate() {
+            for (index, epoch) in epochs.iter().enumerate() {
                 print(&args.camera, index + 1, epoch, args.json)?;
                 for clip in epoch.clips.iter().filter(|_| !args.json) {
                     writeln!(stdout(), "  {}  {}", clip.recorded, clip.name)?;
@@ -39,7 +39,7 @@ pub fn cameras(args: &CamerasArgs) -> anyhow::Result<Outcome> {
         }
         CamerasCommand::Merge(args) => {
             let merged = merge_cameras(&args.from, &args.out)?;
-            tracing::info!("{merged} clips were new: {}", args.out.display());
+            tracing::info!("{merged} new clips: {}", args.out.display());
         }
         CamerasCommand::Forget(args) => {
             let store = EvidenceStore::new(&args.folder);
@@ -52,24 +52,24 @@ pub fn cameras(args: &CamerasArgs) -> anyhow::Result<Outcome> {
 }
 
 fn unknown(camera: &str, folder: &std::path::Path) -> PipelineError {
-    PipelineError::usage(&format!("no camera {camera:?} is remembered in {}", folder.display()))
+    PipelineError::usage(&format!("no camera {camera:?} in the database {}", folder.display()))
 }
 
-/// A line, or a JSON object, of an epoch.
-fn print(camera: &str, epoch: usize, known: &StoredCamera, as_json: bool) -> anyhow::Result<()> {
-    let params = &known.estimate.params;
-    let sd = |i: usize| known.estimate.covariance[(i, i)].max(0.0).sqrt();
+/// Prints an epoch as a line or as a JSON object.
+fn print(camera: &str, epoch: usize, stored: &StoredCamera, as_json: bool) -> anyhow::Result<()> {
+    let params = &stored.estimate.params;
+    let sd = |i: usize| stored.estimate.covariance[(i, i)].max(0.0).sqrt();
     let (focal_px, height_m) = (params.focal_px(), params.log_height.exp());
-    let (from, to) = (known.clips.first(), known.clips.last());
+    let (from, to) = (stored.clips.first(), stored.clips.last());
     let [from, to] = [from, to].map(|clip| clip.map_or("", |clip| clip.recorded.as_str()));
     if as_json {
         let line = json!({
-            "camera": camera, "epoch": epoch, "clips": known.clips, "from": from, "to": to,
-            "image_size_px": known.estimate.image_size_px, "vehicles": known.estimate.cars_used,
+            "camera": camera, "epoch": epoch, "clips": stored.clips, "from": from, "to": to,
+            "image_size_px": stored.estimate.image_size_px, "vehicles": stored.estimate.cars_used,
             "focal_px": focal_px, "focal_sd_px": focal_px * sd(0),
             "height_m": height_m, "height_sd_m": height_m * sd(3),
             "tilt_rad": params.tilt, "tilt_sd_rad": sd(1), "roll_rad": params.roll, "roll_sd_rad": sd(2),
-            "status": known.estimate.status,
+            "status": stored.estimate.status,
         });
         writeln!(stdout(), "{line}")?;
     } else {
@@ -77,8 +77,8 @@ fn print(camera: &str, epoch: usize, known: &StoredCamera, as_json: bool) -> any
             stdout(),
             "{camera}, epoch {epoch}: {} clips, {} vehicles, {from} – {to}: focal {focal_px:.0} ± {:.0} px, height \
              {height_m:.2} ± {:.2} m, tilt {:.2} ± {:.2}°, roll {:.2} ± {:.2}°",
-            known.clips.len(),
-            known.estimate.cars_used,
+            stored.clips.len(),
+            stored.estimate.cars_used,
             focal_px * sd(0),
             height_m * sd(3),
             params.tilt.to_degrees(),

@@ -1,4 +1,4 @@
-//! `roadplane copy`: a finished run as a scene that plays in simulators.
+//! `roadplane copy`: turns a finished run into a scene for simulators.
 
 use std::path::{Path, PathBuf};
 
@@ -9,10 +9,9 @@ use roadplane_pipeline::{Cancel, Existing, FolderLock, PipelineError, track_colo
 use roadplane_write::{OutputFolder, WriteError, read_summary};
 
 use crate::args::copy::CopyArgs;
-use roadplane_terminal::Bar;
-use roadplane_terminal::Outcome;
+use roadplane_terminal::{Bar, Outcome};
 
-/// Reads the run, looks at its input for colours, writes the scene.
+/// Reads the run, samples colours from its input, writes the scene.
 pub fn copy(args: &CopyArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let run = Run::read(&args.run).map_err(PipelineError::from)?;
     let atlas = ShapeAtlas::shipped().map_err(PipelineError::from)?;
@@ -21,10 +20,10 @@ pub fn copy(args: &CopyArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
         let what = "the run has no vehicle to copy".to_owned();
         return Err(PipelineError::from(WriteError::Malformed { what, path: args.run.clone() }).into());
     };
-    if run.stretches.len() > 1 {
-        tracing::warn!("the camera was moved: only {} is copied, the longest stretch of time", scene.name);
+    if run.segments.len() > 1 {
+        tracing::warn!("the camera was moved: only the longest segment is copied: {}", scene.name);
     }
-    let (parent, name) = place(&args.out)?;
+    let (parent, name) = split(&args.out)?;
     let existing = if args.overwrite { Existing::Overwrite } else { Existing::Refuse };
     let _lock = FolderLock::acquire(&parent).map_err(PipelineError::from)?;
     let mut folder = OutputFolder::begin(&parent, &name, existing).map_err(PipelineError::from)?;
@@ -36,9 +35,9 @@ pub fn copy(args: &CopyArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
         Err(error) => folder.discard().and(Err(error)),
     };
     let written = written.map_err(PipelineError::from)?;
-    let standing = scene.vehicles.iter().filter(|vehicle| vehicle.stands()).count();
+    let stationary = scene.vehicles.iter().filter(|vehicle| vehicle.is_stationary()).count();
     tracing::info!(
-        "{} vehicles, {standing} of them standing, {:.1} s: {}",
+        "{} vehicles, {stationary} of them stationary, {:.1} s: {}",
         scene.vehicles.len(),
         scene.seconds(),
         written.display()
@@ -46,8 +45,8 @@ pub fn copy(args: &CopyArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// The folder that the scene's lies in, and its name.
-fn place(out: &Path) -> Result<(PathBuf, String), PipelineError> {
+/// Splits the output folder into its parent and its name.
+fn split(out: &Path) -> Result<(PathBuf, String), PipelineError> {
     let name = out.file_name().and_then(|name| name.to_str());
     let name = name.ok_or_else(|| PipelineError::usage("--out must name a folder"))?;
     let parent = out.parent().filter(|parent| !parent.as_os_str().is_empty());
@@ -62,7 +61,7 @@ fn colours(args: &CopyArgs, run: &Run, cancel: &Cancel) -> anyhow::Result<Colour
             let input = PathBuf::from(summary.input.path);
             if !input.exists() {
                 tracing::warn!(
-                    "vehicles are grey: the input is not there (--input names it): {}",
+                    "vehicles are grey, because the input is missing (name it with --input): {}",
                     input.display()
                 );
                 return Ok(Colours::new());

@@ -1,4 +1,4 @@
-//! `roadplane distance`: two tracks of a finished run.
+//! `roadplane distance`: the distance between two tracks of a finished run.
 
 use std::io::{Write as _, stdout};
 
@@ -7,7 +7,7 @@ use roadplane_pipeline::distances;
 use crate::args::DistanceArgs;
 use roadplane_terminal::Outcome;
 
-/// Prints CSV: time, distance and its sd.
+/// Prints CSV: time, distance and its standard deviation.
 pub fn distance(args: &DistanceArgs) -> anyhow::Result<Outcome> {
     let found = distances(&args.run, [args.first, args.second], args.at)?;
     let mut out = stdout().lock();

@@ -1,4 +1,4 @@
-//! `roadplane doctor`: is everything here that a run needs?
+//! `roadplane doctor`: checks everything that a run needs.
 
 use std::io::Write as _;
 
@@ -7,7 +7,7 @@ use roadplane_pipeline::{PipelineError, check_up};
 use crate::args::DoctorArgs;
 use roadplane_terminal::Outcome;
 
-/// Prints one line a check and fails if any did.
+/// Prints one line per check; fails if a check fails.
 pub fn doctor(args: &DoctorArgs) -> anyhow::Result<Outcome> {
     let config = args.config.load()?;
     let mut out = std::io::stdout().lock();

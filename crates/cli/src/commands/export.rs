@@ -1,4 +1,4 @@
-//! `roadplane export`: a finished run in the formats of others.
+//! `roadplane export`: writes a finished run in the formats of other tools.
 
 use std::io::{Write as _, stdout};
 
@@ -8,13 +8,13 @@ use roadplane_pipeline::{Existing, FolderLock, PipelineError};
 use crate::args::export::ExportArgs;
 use roadplane_terminal::Outcome;
 
-/// Formats that need more than this program, and how to get them.
+/// Formats that this program cannot write itself, and how to get them.
 const ELSEWHERE: [(&str, &str); 1] = [(
     "rerun",
-    "a recording for Rerun's viewer; made by scripts/export/rerun RUN FILE.rrd, which sets up Rerun's Python package",
+    "recording for the viewer Rerun; scripts/export/rerun RUN FILE.rrd writes it with Rerun's Python package",
 )];
 
-/// Writes a run in each format asked for.
+/// Writes a run in each requested format.
 pub fn export(args: &ExportArgs) -> anyhow::Result<Outcome> {
     if args.format.iter().any(|name| name == "list") {
         let holds = FORMATS.iter().map(|format| (format.name, format.holds));
@@ -29,7 +29,7 @@ pub fn export(args: &ExportArgs) -> anyhow::Result<Outcome> {
     let mut formats: Vec<&Format> = Vec::new();
     for name in &args.format {
         let format = Format::of(name).ok_or_else(|| unknown(name))?;
-        if !formats.iter().any(|known| known.name == format.name) {
+        if !formats.iter().any(|listed| listed.name == format.name) {
             formats.push(format);
         }
     }
@@ -53,7 +53,7 @@ pub fn export(args: &ExportArgs) -> anyhow::Result<Outcome> {
 fn unknown(name: &str) -> PipelineError {
     let elsewhere = ELSEWHERE.iter().find(|(format, _)| *format == name);
     PipelineError::usage(&elsewhere.map_or_else(
-        || format!("there is no format {name:?}; --format list says what there is"),
-        |(_, how)| format!("{name} is not written by this command: {how}"),
+        || format!("there is no format {name:?}; --format list lists the formats"),
+        |(_, how)| format!("this command cannot write {name}: {how}"),
     ))
 }

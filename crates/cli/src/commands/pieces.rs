@@ -1,4 +1,4 @@
-//! `roadplane plan`, `roadplane join`: long inputs in pieces.
+//! `roadplane plan` and `roadplane join`: long inputs in pieces.
 
 use std::io::{Write as _, stdout};
 
@@ -8,10 +8,9 @@ use roadplane_pipeline::{
 };
 
 use crate::args::pieces::{JoinArgs, PlanArgs};
-use roadplane_terminal::Bar;
-use roadplane_terminal::Outcome;
+use roadplane_terminal::{Bar, Outcome};
 
-/// Lists the pieces of all inputs; one that is lost does not keep the others from being listed.
+/// Lists the pieces of all inputs. An unreadable input does not stop the others.
 pub fn plan(args: &PlanArgs) -> anyhow::Result<Outcome> {
     let config = args.config.load()?;
     let mut lost = None;
@@ -32,10 +31,10 @@ pub fn plan(args: &PlanArgs) -> anyhow::Result<Outcome> {
     lost.map_or(Ok(Outcome::Done), |error| Err(error.into()))
 }
 
-/// Pieces → the result of a run over all of them.
+/// Joins pieces into the result of one run.
 pub fn join(args: &JoinArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let config = args.config.load()?;
-    let known = args.known.read_beside(args.cameras.is_some())?;
+    let constraints = args.known.read_for_database(args.cameras.is_some())?;
     let site = super::site::site(&args.site)?;
     let models = find_models(config.models.folder.as_deref())?;
     let _lock = FolderLock::acquire(&args.out).map_err(PipelineError::from)?;
@@ -44,7 +43,7 @@ pub fn join(args: &JoinArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
         _ => None,
     };
     let options = RunOptions {
-        known,
+        constraints,
         cameras,
         site,
         existing: if args.overwrite { Existing::Overwrite } else { Existing::Refuse },

@@ -1,10 +1,9 @@
-//! `roadplane render`: a finished run drawn into its video.
+//! `roadplane render`: draws a finished run into its video.
 
 use roadplane_pipeline::{Cancel, render_run};
 
 use crate::args::RenderArgs;
-use roadplane_terminal::Bar;
-use roadplane_terminal::Outcome;
+use roadplane_terminal::{Bar, Outcome};
 
 /// Draws boxes, wireframes, tracks and the bird's-eye view of a run into a video.
 pub fn render(args: &RenderArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {

@@ -1,4 +1,4 @@
-//! `roadplane run`: every input to its own folder, several at a time if asked for.
+//! `roadplane run`: tracks the vehicles of each input, in a folder per input.
 
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -12,15 +12,14 @@ use roadplane_pipeline::{
 use crate::args::RunArgs;
 use crate::metrics::{self, Counted, Metrics};
 use crate::sandbox::{self, Needs};
-use roadplane_terminal::Bar;
-use roadplane_terminal::Outcome;
+use roadplane_terminal::{Bar, Outcome};
 
-/// Runs all inputs; one that is lost does not keep the others from being done.
+/// Runs all inputs. A failed input does not stop the others.
 pub fn run(args: &RunArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let config = args.config.load()?;
-    let known = args.known.read_beside(args.cameras.is_some())?;
+    let constraints = args.known.read_for_database(args.cameras.is_some())?;
     if args.piece.is_some() && args.inputs.len() > 1 {
-        return Err(PipelineError::usage("--piece is of one input").into());
+        return Err(PipelineError::usage("--piece takes exactly one input").into());
     }
     let stems: Vec<String> = args.inputs.iter().map(|input| stem_of(input)).collect();
     for (i, stem) in stems.iter().enumerate() {
@@ -45,7 +44,7 @@ pub fn run(args: &RunArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     }
     let options = RunOptions {
         models,
-        known,
+        constraints,
         cameras,
         site,
         existing: if args.overwrite { Existing::Overwrite } else { Existing::Refuse },
@@ -72,7 +71,7 @@ pub fn run(args: &RunArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
                     if cancel.is_stopped() {
                         break;
                     }
-                    let camera = options.cameras.as_ref().and_then(|memory| memory.camera_of(input).ok());
+                    let camera = options.cameras.as_ref().and_then(|database| database.camera_of(input).ok());
                     let name = stem_of(input);
                     let _input =
                         tracing::info_span!(target: "roadplane_ids", "input", clip = name, camera).entered();
@@ -113,7 +112,7 @@ pub fn run(args: &RunArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     }
 }
 
-/// What a run may touch.
+/// Files and addresses that a run may use.
 fn needs(args: &RunArgs, config: &Config) -> Needs {
     let mut needs = Needs::of_nets(config.models.folder.as_deref()).reading(&args.inputs).writing(&args.out);
     needs.serves = args.metrics;
@@ -148,10 +147,10 @@ impl Worst {
                     Fault::Internal => 4,
                     Fault::Stopped { .. } => 5,
                 };
-                let worse = self.error.as_ref().is_none_or(|known| rank(known.fault()) < rank(error.fault()));
+                let worse = self.error.as_ref().is_none_or(|worst| rank(worst.fault()) < rank(error.fault()));
                 if worse {
-                    if let Some(known) = self.error.replace(error) {
-                        tracing::error!("{known}");
+                    if let Some(milder) = self.error.replace(error) {
+                        tracing::error!("{milder}");
                     }
                 } else {
                     tracing::error!("{error}");

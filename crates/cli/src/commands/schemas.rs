@@ -1,4 +1,4 @@
-//! `roadplane schemas`: what the files hold.
+//! `roadplane schemas`: the JSON schemas of the files in a result.
 
 use std::io::{Write as _, stdout};
 
@@ -8,13 +8,13 @@ use roadplane_write::write_json;
 use crate::args::SchemasArgs;
 use roadplane_terminal::Outcome;
 
-/// Prints or writes them.
+/// Prints the schemas, or writes them into a folder.
 pub fn schemas(args: &SchemasArgs) -> anyhow::Result<Outcome> {
     let wanted = |name: &str| args.name.as_deref().is_none_or(|only| only == name);
     let found: Vec<_> = all_schemas().into_iter().filter(|(name, _)| wanted(name)).collect();
     if found.is_empty() {
         let names: Vec<_> = all_schemas().iter().map(|(name, _)| *name).collect();
-        let what = format!("there is no such file; choose one of {}", names.join(", "));
+        let what = format!("there is no such schema; choose one of {}", names.join(", "));
         return Err(PipelineError::usage(&what).into());
     }
     if let Some(folder) = &args.out {

@@ -1,17 +1,17 @@
-//! What is told of a camera's place on the map.
+//! The camera's position on the map.
 
 use roadplane_geo::{Site, read_points};
 use roadplane_pipeline::PipelineError;
 
 use crate::args::site::SiteArgs;
 
-/// The site that the arguments tell, if they do.
+/// Returns the site that the arguments give, if any.
 pub fn site(args: &SiteArgs) -> Result<Option<Site>, PipelineError> {
     let (site, option) = if let Some(file) = &args.geo {
         (Site::Points(read_points(file)?), "--geo")
     } else if let Some(numbers) = args.camera_at.as_deref() {
         let [latitude, longitude, bearing_deg] = *numbers else {
-            return Err(PipelineError::usage("--camera-at: three numbers, LAT,LON,BEARING"));
+            return Err(PipelineError::usage("--camera-at needs three numbers: LAT,LON,BEARING"));
         };
         (Site::Camera { at: [latitude, longitude], bearing_deg }, "--camera-at")
     } else {

@@ -1,4 +1,4 @@
-//! `roadplane detect`, `keypoints`, `solve`, `track`, `activity`: one stage alone, on files.
+//! `roadplane stage`: one stage alone, from file to file.
 
 use std::path::Path;
 
@@ -9,14 +9,13 @@ use roadplane_pipeline::{
 
 use crate::args::stage::{ActivityArgs, DetectArgs, KeypointsArgs, MethodArg, SolveArgs, TrackArgs};
 use crate::sandbox::{self, Needs};
-use roadplane_terminal::Bar;
-use roadplane_terminal::Outcome;
+use roadplane_terminal::{Bar, Outcome};
 
 fn outcome(damaged: bool) -> Outcome {
     if damaged { Outcome::Damaged } else { Outcome::Done }
 }
 
-/// Input → frames with boxes.
+/// Turns an input into frames with boxes.
 pub fn detect(args: &DetectArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let config = args.config.load()?;
     let models = find_models(config.models.folder.as_deref())?;
@@ -27,7 +26,7 @@ pub fn detect(args: &DetectArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     Ok(outcome(detect_file(&args.input, &args.out, &models, &config, cancel, &bar)?))
 }
 
-/// Input and boxes → frames with keypoints.
+/// Turns an input and its boxes into frames with keypoints.
 pub fn keypoints(args: &KeypointsArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let config = args.config.load()?;
     let models = find_models(config.models.folder.as_deref())?;
@@ -37,7 +36,7 @@ pub fn keypoints(args: &KeypointsArgs, cancel: &Cancel) -> anyhow::Result<Outcom
     Ok(outcome(keypoints_file(&args.input, &args.boxes, &args.out, &models, &config, cancel, &bar)?))
 }
 
-/// Tracks → labels and events.
+/// Turns tracks into labels and events.
 pub fn activity(args: &ActivityArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let config = args.config.load()?;
     let models = find_models(config.models.folder.as_deref())?;
@@ -46,35 +45,33 @@ pub fn activity(args: &ActivityArgs, cancel: &Cancel) -> anyhow::Result<Outcome>
     Ok(Outcome::Done)
 }
 
-/// Frames with keypoints → poses and camera.
+/// Turns frames with keypoints into poses and a camera.
 pub fn solve(args: &SolveArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let config = args.config.load()?;
-    let known = args.known.read()?;
+    let constraints = args.known.read()?;
     let method = match args.method {
         MethodArg::Paper if args.no_plane => {
-            return Err(
-                PipelineError::usage("--method paper draws cars to a plane: leave out --no-plane").into()
-            );
+            return Err(PipelineError::usage("--method paper needs the plane: remove --no-plane").into());
         }
         MethodArg::Paper => SolveMethod::Paper,
         MethodArg::Joint if args.no_plane => SolveMethod::Free,
         MethodArg::Joint if args.per_frame => SolveMethod::PerFrame,
         MethodArg::Joint => SolveMethod::Joint,
     };
-    let options = SolveOptions { known, method };
+    let options = SolveOptions { constraints, method };
     solve_file(&args.frames, &args.out, &options, &config, cancel, &Bar::new("solve"))?;
     Ok(Outcome::Done)
 }
 
-/// Frames with keypoints → tracks.
+/// Turns frames with keypoints into tracks.
 pub fn track(args: &TrackArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let config = args.config.load()?;
-    let known = args.known.read()?;
+    let constraints = args.known.read()?;
     let (out, stem) = (args.out.parent().unwrap_or_else(|| Path::new("")), stem_of_folder(&args.out));
     let out = if out.as_os_str().is_empty() { Path::new(".") } else { out };
     let _lock = FolderLock::acquire(out).map_err(PipelineError::from)?;
     let existing = if args.overwrite { Existing::Overwrite } else { Existing::Refuse };
-    let report = track_file(&args.frames, out, &stem, &known, existing, &config, cancel)?;
+    let report = track_file(&args.frames, out, &stem, &constraints, existing, &config, cancel)?;
     let tracks = report.tracks.unwrap_or(0);
     tracing::info!("{tracks} tracks, {}: {}", report.camera, report.folder.display());
     Ok(Outcome::Done)

@@ -1,5 +1,5 @@
-//! ActEV: system output for the scorer of NIST's evaluation of activities in extended video, with the two index files that it
-//! wants beside it. Frames count from 1.
+//! ActEV: system output for the scorer of NIST's evaluation of activities in extended video, with the two index files
+//! that it needs. Frames count from 1.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -10,7 +10,8 @@ use serde_json::{Map, Value, json};
 
 use crate::{Event, Run, Track};
 
-/// What MEVA and ActEV call our activities; others keep their names with `vehicle_` before.
+/// Returns the name of an activity in MEVA and ActEV. Activities that have none there keep their name, after
+/// `vehicle_`.
 pub fn activity_name(ours: &str) -> String {
     let theirs = match ours {
         "turning_left" => "turns_left",
@@ -28,7 +29,7 @@ pub fn activity_name(ours: &str) -> String {
 pub fn write(run: &Run, folder: &Path) -> Result<(), WriteError> {
     let Some(events) = &run.events else {
         return Err(WriteError::Lacks {
-            what: "actev holds activities, and the run has none to tell (no activities.jsonl)".to_owned(),
+            what: "the format actev needs activities, and the run has none (no activities.jsonl)".to_owned(),
             path: run.folder.clone(),
         });
     };
@@ -53,7 +54,7 @@ pub fn write(run: &Run, folder: &Path) -> Result<(), WriteError> {
     write_json(&folder.join("activity-index.json"), &kinds)
 }
 
-/// 1 from the first frame to the last, 0 after.
+/// Returns a signal that is 1 from the first frame to the last, and 0 after it.
 fn signal(first: u64, last: u64) -> Value {
     json!({first.to_string(): 1, (last + 1).to_string(): 0})
 }
@@ -77,7 +78,7 @@ fn instance(run: &Run, id: usize, event: &Event, track: &Track) -> Value {
     })
 }
 
-/// A box holds until the next frame that is named; an empty one ends the last.
+/// Returns the boxes by frame. A box is valid until the next frame in the list; an empty box ends the last.
 fn boxes(rows: &[&TrackRow], last: u64) -> Value {
     let mut boxes = Map::new();
     for row in rows {

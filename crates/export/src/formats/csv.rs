@@ -1,5 +1,7 @@
-//! The run's rows, as in `tracks.csv`; with a place, longitude and latitude (WGS 84), the UTM zone's metres with their sds, and the
-//! direction that the vehicle points in.
+//! The run's rows, as in `tracks.csv`.
+//!
+//! With a position on the map they also have longitude and latitude (WGS 84), metres in the UTM zone with their sds,
+//! and the bearing of the vehicle.
 
 use std::path::Path;
 
@@ -8,12 +10,12 @@ use roadplane_write::{TrackCsv, WriteError};
 use super::files::write_place;
 use crate::Run;
 
-/// By frame, then track; a file for each stretch of time.
+/// Writes the rows by frame, then track, into a file for each segment.
 pub fn write(run: &Run, folder: &Path) -> Result<(), WriteError> {
-    for stretch in &run.stretches {
-        let path = folder.join(format!("{}.csv", stretch.name));
+    for segment in &run.segments {
+        let path = folder.join(format!("{}.csv", segment.name));
         let mut file = TrackCsv::create(&path, run.place.is_some())?;
-        for (_, row) in run.rows().into_iter().filter(|(_, row)| stretch.holds(row)) {
+        for (_, row) in run.rows().into_iter().filter(|(_, row)| segment.contains(row)) {
             file.write(row)?;
         }
         file.finish()?;

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use roadplane_write::{OutFile, WriteError};
 
-/// Writes a table; each row has as many cells as the header.
+/// Writes a table. Each row has as many cells as the header.
 pub fn write_table<const N: usize>(
     path: &Path,
     header: &[&str; N],

@@ -6,7 +6,7 @@ use roadplane_write::{OutFile, WriteError, write_json};
 
 use crate::Run;
 
-/// What is known of the place, beside files that rest on it.
+/// Writes the position of the camera on the map beside files that depend on it, if the run has one.
 pub(super) fn write_place(run: &Run, folder: &Path) -> Result<(), WriteError> {
     let Some(place) = &run.place else { return Ok(()) };
     write_json(&folder.join(format!("{}.place.json", run.name)), place)
@@ -19,7 +19,7 @@ pub(super) fn write_text(path: &Path, text: &str) -> Result<(), WriteError> {
     file.finish()
 }
 
-/// Makes a folder inside the format's.
+/// Creates a folder inside that of the format, and returns its path.
 pub(super) fn subfolder(folder: &Path, name: &str) -> Result<PathBuf, WriteError> {
     let path = folder.join(name);
     let failed = |source| WriteError::Io { doing: "create the folder", source, path: path.clone() };

@@ -1,6 +1,7 @@
-//! GeoJSON (RFC 7946): longitude and latitude where the run's place on the map is known. Otherwise coordinates are metres from
-//! the camera's foot, which the standard has no form for: `coordinate_system` says so, and tools that take them for degrees are
-//! wrong.
+//! GeoJSON (RFC 7946): longitude and latitude if the run has a position on the map.
+//!
+//! Otherwise the coordinates are metres from the point below the camera. The standard has no form for metres, and tools
+//! that take them for degrees are wrong. `coordinate_system` names the unit.
 
 use std::path::Path;
 
@@ -9,43 +10,43 @@ use roadplane_write::{WriteError, write_json};
 use serde_json::{Map, Value, json};
 
 use super::files::write_place;
-use crate::{Run, Stretch, Track};
+use crate::{Run, RunSegment, Track};
 
 const METRES: &str =
     "metres from the camera's foot, x to the right, y the viewing direction; NOT longitude and latitude";
 const DEGREES: &str = "longitude and latitude in degrees, WGS 84";
 
-/// A line a track and a point a row, for each stretch of time.
+/// Writes a line for each track and a point for each row, in two files for each segment.
 pub fn write(run: &Run, folder: &Path) -> Result<(), WriteError> {
-    for stretch in &run.stretches {
-        let file = |kind: &str| folder.join(format!("{}.{kind}.geojson", stretch.name));
-        write_json(&file("tracks"), &ways(run, stretch))?;
-        let rows = run.rows().into_iter().filter(|(_, row)| stretch.holds(row));
+    for segment in &run.segments {
+        let file = |kind: &str| folder.join(format!("{}.{kind}.geojson", segment.name));
+        write_json(&file("tracks"), &paths(run, segment))?;
+        let rows = run.rows().into_iter().filter(|(_, row)| segment.contains(row));
         let points = rows.map(|(track, row)| point(track, row)).collect();
-        write_json(&file("rows"), &collection(run, stretch, points))?;
+        write_json(&file("rows"), &collection(run, segment, points))?;
     }
     write_place(run, folder)
 }
 
-/// Writes a run's tracks as lines, where the camera was not moved: `tracks.geojson`.
+/// Writes the paths of a run whose camera was not moved as lines: `tracks.geojson`.
 ///
 /// # Errors
 /// [`WriteError::Io`], [`WriteError::DiskFull`].
-pub fn write_ways(run: &Run, path: &Path) -> Result<(), WriteError> {
-    run.stretches.first().map_or(Ok(()), |stretch| write_json(path, &ways(run, stretch)))
+pub fn write_paths(run: &Run, path: &Path) -> Result<(), WriteError> {
+    run.segments.first().map_or(Ok(()), |segment| write_json(path, &paths(run, segment)))
 }
 
-fn ways(run: &Run, stretch: &Stretch) -> Value {
-    let of_stretch =
-        |track: &Track| track.rows.iter().filter(|row| stretch.holds(row)).cloned().collect::<Vec<_>>();
-    let lines = run.tracks.iter().filter_map(|track| line(track, &of_stretch(track))).collect();
-    collection(run, stretch, lines)
+fn paths(run: &Run, segment: &RunSegment) -> Value {
+    let in_segment =
+        |track: &Track| track.rows.iter().filter(|row| segment.contains(row)).cloned().collect::<Vec<_>>();
+    let lines = run.tracks.iter().filter_map(|track| line(track, &in_segment(track))).collect();
+    collection(run, segment, lines)
 }
 
-fn collection(run: &Run, stretch: &Stretch, features: Vec<Value>) -> Value {
+fn collection(run: &Run, segment: &RunSegment, features: Vec<Value>) -> Value {
     json!({
         "type": "FeatureCollection",
-        "name": stretch.name,
+        "name": segment.name,
         "media": run.media,
         "coordinate_system": if run.place.is_some() { DEGREES } else { METRES },
         "utm_zone": run.place.as_ref().map(|place| place.zone.as_str()),
@@ -60,18 +61,18 @@ fn coordinates(row: &TrackRow) -> Value {
     }
 }
 
-/// A track's way; one that has a single row is a line from there to there.
+/// Returns the path of a track as a line. A single row gives a line with two equal ends.
 fn line(track: &Track, rows: &[TrackRow]) -> Option<Value> {
     let (first, last) = (rows.first()?, rows.last()?);
-    let mut way: Vec<Value> = rows.iter().map(coordinates).collect();
-    if way.len() == 1 {
-        way.push(coordinates(last));
+    let mut path: Vec<Value> = rows.iter().map(coordinates).collect();
+    if path.len() == 1 {
+        path.push(coordinates(last));
     }
     let of = |value: fn(&TrackRow) -> f64| rows.iter().map(value).collect::<Vec<f64>>();
     Some(json!({
         "type": "Feature",
         "id": track.id,
-        "geometry": {"type": "LineString", "coordinates": way},
+        "geometry": {"type": "LineString", "coordinates": path},
         "properties": {
             "track": track.id,
             "class": track.class.name(),
@@ -86,7 +87,7 @@ fn line(track: &Track, rows: &[TrackRow]) -> Option<Value> {
     }))
 }
 
-/// A row with all its columns.
+/// Returns a row as a point with all columns as properties.
 fn point(track: &Track, row: &TrackRow) -> Value {
     let mut properties = match serde_json::to_value(row) {
         Ok(Value::Object(columns)) => columns,

@@ -1,6 +1,8 @@
-//! highD (Krajewski et al. 2018): three tables a recording. The format holds for straight roads: x runs along the main
-//! direction of driving, y to its right, boxes are parallel to them and named by their corner. `xAxisHeading` of the
-//! recording says which way x runs in our world. There are no lanes, so that all that rests on them is 0.
+//! highD (Krajewski et al. 2018): three tables for each recording.
+//!
+//! The format is meant for straight roads. x runs along the main direction of driving, and y to its right. Boxes are
+//! parallel to the axes, and a corner gives their position. `xAxisHeading` of the recording is the heading of x in the
+//! run's world. The run has no lanes, so all columns that depend on lanes are 0.
 
 use std::path::Path;
 
@@ -9,12 +11,12 @@ use roadplane_base::{TrackRow, VehicleClass};
 use roadplane_write::WriteError;
 
 use super::csv_table::write_table;
-use crate::{Run, Stretch, Track, fixed};
+use crate::{Run, RunSegment, Track, fixed};
 
-/// Slower than this a car does not count for the main direction, m/s.
+/// Speed above which a vehicle counts for the main direction, m/s.
 const DRIVING_MPS: f64 = 1.0;
 
-/// Columns after those that we know: views, neighbours, lane.
+/// Columns that the run has no values for: views, neighbours, lane.
 const NEIGHBOURS: [&str; 15] = [
     "frontSightDistance",
     "backSightDistance",
@@ -32,34 +34,37 @@ const NEIGHBOURS: [&str; 15] = [
     "rightFollowingId",
     "laneId",
 ];
-const KNOWN: [&str; 10] =
+/// Columns that the run has values for.
+const MEASURED: [&str; 10] =
     ["frame", "id", "x", "y", "width", "height", "xVelocity", "yVelocity", "xAcceleration", "yAcceleration"];
 
-/// A recording for each stretch of time.
+/// Writes a recording for each segment.
 pub fn write(run: &Run, folder: &Path) -> Result<(), WriteError> {
-    for (number, stretch) in run.stretches.iter().enumerate() {
-        let heading = main_direction(run, stretch);
-        let file = |kind: &str| folder.join(format!("{}_{kind}.csv", stretch.name));
+    for (number, segment) in run.segments.iter().enumerate() {
+        let heading = main_direction(run, segment);
+        let file = |kind: &str| folder.join(format!("{}_{kind}.csv", segment.name));
         let mut header = [""; 25];
-        header[..10].copy_from_slice(&KNOWN);
+        header[..10].copy_from_slice(&MEASURED);
         header[10..].copy_from_slice(&NEIGHBOURS);
-        write_table(&file("tracks"), &header, track_rows(run, stretch, heading))?;
+        write_table(&file("tracks"), &header, track_rows(run, segment, heading))?;
         write_table(
             &file("tracksMeta"),
             &META_HEADER,
-            run.tracks.iter().filter_map(|t| meta(t, stretch, heading)),
+            run.tracks.iter().filter_map(|t| meta(t, segment, heading)),
         )?;
-        write_table(&file("recordingMeta"), &RECORDING_HEADER, [recording(run, stretch, number, heading)])?;
+        write_table(&file("recordingMeta"), &RECORDING_HEADER, [recording(run, segment, number, heading)])?;
     }
     Ok(())
 }
 
-/// The axis that driven ways lie along, as a heading, rad: the mean of doubled headings, weighed by the way driven, so that
-/// both directions of a road count as one; towards where more of the way leads.
-fn main_direction(run: &Run, stretch: &Stretch) -> f64 {
+/// Returns the heading of the main axis of driving, rad: the mean of doubled headings, weighted by driven distance.
+///
+/// With doubled headings both directions of a road count as one. The axis points in the direction with more driven
+/// distance.
+fn main_direction(run: &Run, segment: &RunSegment) -> f64 {
     let driven = || {
         let rows = run.tracks.iter().flat_map(|track| &track.rows);
-        rows.filter(|row| stretch.holds(row) && row.speed_mps.abs() > DRIVING_MPS)
+        rows.filter(|row| segment.contains(row) && row.speed_mps.abs() > DRIVING_MPS)
     };
     let doubled: Vector2<f64> =
         driven().map(|row| weighted(2.0 * row.heading_rad, row.speed_mps.abs())).sum();
@@ -72,7 +77,7 @@ fn weighted(angle: f64, weight: f64) -> Vector2<f64> {
     Vector2::new(angle.cos(), angle.sin()) * weight
 }
 
-/// A car's state along the recording's axes (x ahead, y to the right).
+/// State of a vehicle along the axes of the recording: x ahead, y to the right.
 struct Along {
     corner: Vector2<f64>,
     size: Vector2<f64>,
@@ -98,11 +103,11 @@ impl Along {
     }
 }
 
-fn track_rows(run: &Run, stretch: &Stretch, axis: f64) -> Vec<[String; 25]> {
+fn track_rows(run: &Run, segment: &RunSegment, axis: f64) -> Vec<[String; 25]> {
     let mut lines = Vec::new();
     for track in &run.tracks {
         for (row, acceleration) in track.rows.iter().zip(track.accelerations()) {
-            if !stretch.holds(row) {
+            if !segment.contains(row) {
                 continue;
             }
             let car = Along::new(track, row, acceleration, axis);
@@ -139,16 +144,16 @@ const META_HEADER: [&str; 16] = [
     "numLaneChanges",
 ];
 
-fn meta(track: &Track, stretch: &Stretch, axis: f64) -> Option<[String; 16]> {
-    let rows: Vec<&TrackRow> = track.rows.iter().filter(|row| stretch.holds(row)).collect();
+fn meta(track: &Track, segment: &RunSegment, axis: f64) -> Option<[String; 16]> {
+    let rows: Vec<&TrackRow> = track.rows.iter().filter(|row| segment.contains(row)).collect();
     let (first, last) = (rows.first()?, rows.last()?);
     let speeds: Vec<f64> = rows.iter().map(|row| row.speed_mps * (row.heading_rad - axis).cos()).collect();
-    let way: f64 =
+    let driven_m: f64 =
         rows.windows(2).map(|pair| (pair[1].x_m - pair[0].x_m).hypot(pair[1].y_m - pair[0].y_m)).sum();
     let mean = speeds.iter().sum::<f64>() / speeds.len() as f64;
     let absolute = || speeds.iter().map(|v| v.abs());
     let class = if track.class == VehicleClass::Car { "Car" } else { "Truck" };
-    // 1: against the axis (the upper lanes), 2: along it.
+    // 1 is against the axis (the upper lanes), 2 along it.
     let direction = if (first.heading_rad - axis).cos() < 0.0 { "1" } else { "2" };
     Some([
         track.id.to_string(),
@@ -159,7 +164,7 @@ fn meta(track: &Track, stretch: &Stretch, axis: f64) -> Option<[String; 16]> {
         rows.len().to_string(),
         class.to_owned(),
         direction.to_owned(),
-        fixed(way, 4),
+        fixed(driven_m, 4),
         fixed(absolute().fold(f64::INFINITY, f64::min), 4),
         fixed(absolute().fold(0.0, f64::max), 4),
         fixed(mean.abs(), 4),
@@ -184,11 +189,11 @@ const RECORDING_HEADER: [&str; 11] = [
     "xAxisHeading",
 ];
 
-fn recording(run: &Run, stretch: &Stretch, number: usize, axis: f64) -> [String; 11] {
+fn recording(run: &Run, segment: &RunSegment, number: usize, axis: f64) -> [String; 11] {
     let here: Vec<&Track> =
-        run.tracks.iter().filter(|track| track.rows.iter().any(|row| stretch.holds(row))).collect();
+        run.tracks.iter().filter(|track| track.rows.iter().any(|row| segment.contains(row))).collect();
     let cars = here.iter().filter(|track| track.class == VehicleClass::Car).count();
-    let [from, to] = stretch.camera.span_s;
+    let [from, to] = segment.camera.span_s;
     [
         (number + 1).to_string(),
         fixed(run.frames_per_s, 3),

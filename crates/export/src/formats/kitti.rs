@@ -1,6 +1,8 @@
-//! KITTI tracking: `frame id type truncated occluded alpha box(4) height width length x y z rotation_y score`, and the camera
-//! as `calib/NAME.txt`. Positions are those of the middle of the body's underside in the camera frame. KITTI knows no tilt:
-//! `rotation_y` is the heading seen in the camera's x–z plane. A moved camera makes a sequence of its own.
+//! KITTI tracking: `frame id type truncated occluded alpha box(4) height width length x y z rotation_y score`, and the
+//! camera as `calib/NAME.txt`.
+//!
+//! Positions are those of the middle of the body's underside in the camera frame. KITTI has no tilt, so `rotation_y` is
+//! the heading in the x–z plane of the camera. Each segment between moves of the camera is a sequence of its own.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -10,20 +12,20 @@ use roadplane_base::{VehicleClass, wrap_angle};
 use roadplane_write::WriteError;
 
 use super::files::{subfolder, write_text};
-use crate::{Run, Stretch};
+use crate::{Run, RunSegment};
 
-/// Writes both folders.
+/// Writes the labels and the camera of each segment.
 pub fn write(run: &Run, folder: &Path) -> Result<(), WriteError> {
     let (labels, calib) = (subfolder(folder, "label_02")?, subfolder(folder, "calib")?);
-    for stretch in &run.stretches {
-        let name = format!("{}.txt", stretch.name);
-        write_text(&labels.join(&name), &label_lines(run, stretch))?;
-        write_text(&calib.join(&name), &calib_lines(stretch))?;
+    for segment in &run.segments {
+        let name = format!("{}.txt", segment.name);
+        write_text(&labels.join(&name), &label_lines(run, segment))?;
+        write_text(&calib.join(&name), &calib_lines(segment))?;
     }
     Ok(())
 }
 
-/// What KITTI calls a vehicle; it has no word for buses.
+/// Returns KITTI's name of a class. It has none for buses.
 fn kind(class: VehicleClass) -> &'static str {
     match class {
         VehicleClass::Car => "Car",
@@ -32,10 +34,10 @@ fn kind(class: VehicleClass) -> &'static str {
     }
 }
 
-fn label_lines(run: &Run, stretch: &Stretch) -> String {
-    let camera_from_world = stretch.camera.plane().camera_from_world();
+fn label_lines(run: &Run, segment: &RunSegment) -> String {
+    let camera_from_world = segment.camera.plane().camera_from_world();
     let mut text = String::new();
-    for (track, row) in run.rows().into_iter().filter(|(_, row)| stretch.holds(row)) {
+    for (track, row) in run.rows().into_iter().filter(|(_, row)| segment.contains(row)) {
         let camera_from_car = camera_from_world * row.pose().world_from_car();
         let at = camera_from_car * Point3::new(track.centre_m, 0.0, 0.0);
         let forward = camera_from_car.rotation * Vector3::x();
@@ -60,10 +62,10 @@ fn label_lines(run: &Run, stretch: &Stretch) -> String {
     text
 }
 
-/// The camera in all four places of the rig; no rectification, no laser scanner, no inertial unit.
-fn calib_lines(stretch: &Stretch) -> String {
-    let f = stretch.camera.focal_px;
-    let [cx, cy] = stretch.camera.principal_point_px;
+/// Returns the camera as all four cameras of the rig, without rectification, laser scanner and inertial unit.
+fn calib_lines(segment: &RunSegment) -> String {
+    let f = segment.camera.focal_px;
+    let [cx, cy] = segment.camera.principal_point_px;
     let projection = format!("{f:.6} 0 {cx:.6} 0 0 {f:.6} {cy:.6} 0 0 0 1 0");
     let mut text: String = (0..4).fold(String::new(), |text, i| text + &format!("P{i}: {projection}\n"));
     text.push_str("R_rect 1 0 0 0 1 0 0 0 1\n");

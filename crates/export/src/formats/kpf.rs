@@ -1,4 +1,4 @@
-//! KPF, the KWIVER packet format of VIRAT and MEVA: streams of YAML maps, one a line.
+//! KPF, the KWIVER packet format of VIRAT and MEVA: streams of YAML maps, one per line.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -10,10 +10,11 @@ use super::actev::activity_name;
 use super::files::write_text;
 use crate::Run;
 
-/// `src` of everything.
+/// `src` of every packet: the program that wrote it.
 const SOURCE: &str = "roadplane";
 
-/// `geom` packets (a box in a frame), `types` packets (what a track is), `act` packets (what it did, where the run looked).
+/// Writes `geom` packets (boxes in frames), `types` packets (classes of tracks), and `act` packets (activities, if the
+/// run labelled them).
 pub fn write(run: &Run, folder: &Path) -> Result<(), WriteError> {
     let meta = format!("- {{ meta: \"{} of {}\" }}\n", run.name, run.media);
     let file = |kind: &str| folder.join(format!("{}.{kind}.yml", run.name));

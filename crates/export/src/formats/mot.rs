@@ -1,5 +1,7 @@
-//! MOT Challenge: `frame, id, left, top, width, height, confidence, -1, -1, -1`, frames from 1, boxes with the top-left
-//! pixel's corner at (1, 1); and the sequence's `seqinfo.ini`, which TrackEval reads.
+//! MOT Challenge: `frame, id, left, top, width, height, confidence, -1, -1, -1`, and `seqinfo.ini`, which TrackEval
+//! reads.
+//!
+//! Frames count from 1. The corner of the top-left pixel is at (1, 1).
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -9,7 +11,7 @@ use roadplane_write::WriteError;
 use super::files::write_text;
 use crate::Run;
 
-/// All rows; those that are filled in between looks have confidence 0.
+/// Writes all rows. Rows that are filled in between observations have confidence 0.
 pub fn write(run: &Run, folder: &Path) -> Result<(), WriteError> {
     let mut text = String::new();
     for (_, row) in run.rows() {
@@ -24,7 +26,7 @@ pub fn write(run: &Run, folder: &Path) -> Result<(), WriteError> {
         );
     }
     write_text(&folder.join(format!("{}.txt", run.name)), &text)?;
-    let size = run.stretches.first().map_or([0, 0], |stretch| stretch.camera.image_size_px.into());
+    let size = run.segments.first().map_or([0, 0], |segment| segment.camera.image_size_px.into());
     let info = format!(
         "[Sequence]\nname={}\nimDir=img1\nframeRate={:.3}\nseqLength={}\nimWidth={}\nimHeight={}\nimExt=.jpg\n",
         run.name, run.frames_per_s, run.frames, size[0], size[1]

@@ -1,6 +1,7 @@
-//! NGSIM (US Federal Highway Administration): one table, feet, feet a second, milliseconds. A place is that of the middle of
-//! the front bumper; `Local_X` to the right and `Local_Y` ahead as the camera looks. There are no lanes, so that all that
-//! rests on them is 0.
+//! NGSIM (US Federal Highway Administration): one table in feet, feet per second and milliseconds.
+//!
+//! The position of a vehicle is the middle of its front bumper. `Local_X` points to the right of the camera, `Local_Y`
+//! ahead. The run has no lanes, so all columns that depend on lanes are 0.
 
 use std::path::Path;
 
@@ -33,19 +34,19 @@ const HEADER: [&str; 18] = [
     "Time_Headway",
 ];
 
-/// By vehicle, then frame, as NGSIM's tables are.
+/// Writes the rows by vehicle, then frame, as in NGSIM's tables.
 pub fn write(run: &Run, folder: &Path) -> Result<(), WriteError> {
-    for stretch in &run.stretches {
+    for segment in &run.segments {
         let mut lines = Vec::new();
         for track in &run.tracks {
-            let count = track.rows.iter().filter(|row| stretch.holds(row)).count();
+            let count = track.rows.iter().filter(|row| segment.contains(row)).count();
             let rows = track.rows.iter().zip(track.accelerations());
-            for (row, acceleration) in rows.filter(|(row, _)| stretch.holds(row)) {
+            for (row, acceleration) in rows.filter(|(row, _)| segment.contains(row)) {
                 let feet = |metres: f64| fixed(metres * FEET_PER_METRE, 3);
                 let front = track.front(row);
                 let class = if track.class == VehicleClass::Car { "2" } else { "3" };
                 let [x, y, none] = [feet(front.x), feet(front.y), "0".to_owned()];
-                // On the map: the zone's east and north, of the car's origin.
+                // On the map: east and north of the car's origin in the UTM zone.
                 let [east, north] = match &row.on_map {
                     Some(at) => [at.east_m, at.north_m].map(feet),
                     None => [x.clone(), y.clone()],
@@ -72,7 +73,7 @@ pub fn write(run: &Run, folder: &Path) -> Result<(), WriteError> {
                 ]);
             }
         }
-        write_table(&folder.join(format!("{}.csv", stretch.name)), &HEADER, lines)?;
+        write_table(&folder.join(format!("{}.csv", segment.name)), &HEADER, lines)?;
     }
     Ok(())
 }

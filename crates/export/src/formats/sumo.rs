@@ -1,5 +1,7 @@
-//! SUMO's floating car data: vehicles by time step. As there a vehicle's place is the middle of its front bumper, and its angle
-//! is in degrees clockwise from the y axis. Each vehicle has a type of its own, which holds its dimensions.
+//! SUMO's floating car data: vehicles by time step.
+//!
+//! In SUMO the position of a vehicle is the middle of its front bumper, and its angle is in degrees clockwise from the
+//! y axis. Each vehicle has a type of its own with its dimensions.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -7,20 +9,20 @@ use std::path::Path;
 use roadplane_base::{TrackRow, VehicleClass};
 use roadplane_write::WriteError;
 
-use crate::{Element, Run, Stretch, Track, fixed};
+use crate::{Element, Run, RunSegment, Track, fixed};
 
-/// Writes both files of each stretch of time.
+/// Writes both files of each segment.
 pub fn write(run: &Run, folder: &Path) -> Result<(), WriteError> {
-    for stretch in &run.stretches {
-        steps(run, stretch).write(&folder.join(format!("{}.fcd.xml", stretch.name)))?;
-        types(run).write(&folder.join(format!("{}.vtypes.xml", stretch.name)))?;
+    for segment in &run.segments {
+        steps(run, segment).write(&folder.join(format!("{}.fcd.xml", segment.name)))?;
+        types(run).write(&folder.join(format!("{}.vtypes.xml", segment.name)))?;
     }
     Ok(())
 }
 
-fn steps(run: &Run, stretch: &Stretch) -> Element {
+fn steps(run: &Run, segment: &RunSegment) -> Element {
     let mut by_frame: BTreeMap<u64, Vec<(&Track, &TrackRow)>> = BTreeMap::new();
-    for (track, row) in run.rows().into_iter().filter(|(_, row)| stretch.holds(row)) {
+    for (track, row) in run.rows().into_iter().filter(|(_, row)| segment.contains(row)) {
         by_frame.entry(row.frame).or_default().push((track, row));
     }
     let step = |rows: &Vec<(&Track, &TrackRow)>| {

@@ -10,13 +10,13 @@ use roadplane_terminal::ConfigArgs;
 pub struct BenchArgs {
     /// Video, image, or folder of images.
     pub input: PathBuf,
-    /// Also measure the run that scans every frame in full (watch.attention=false).
+    /// Also measure a run that scans every frame in full (`watch.attention=false`).
     #[arg(long)]
     pub full: bool,
     /// Print one JSON object instead of the table.
     #[arg(long)]
     pub json: bool,
-    /// Keep the runs' results in DIR/<attention or full>/<stem>/; default: a temporary folder.
+    /// Keep the runs' results in `DIR/attention/<stem>/` and `DIR/full/<stem>/`; default: a temporary folder.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     #[command(flatten)]

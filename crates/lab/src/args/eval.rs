@@ -1,4 +1,4 @@
-//! Arguments of `roadplane eval`.
+//! Arguments of `roadplane-lab eval`.
 
 use std::path::PathBuf;
 
@@ -6,64 +6,85 @@ use clap::{Args, Subcommand, ValueEnum};
 
 use roadplane_terminal::ConfigArgs;
 
-/// `roadplane eval`.
+/// `roadplane-lab eval`.
 #[derive(Debug, Args)]
 pub struct EvalArgs {
-    /// What is evaluated.
+    /// The evaluation.
     #[command(subcommand)]
     pub command: EvalCommand,
 }
 
-/// What is evaluated.
+/// The evaluations.
 #[derive(Debug, Subcommand)]
 pub enum EvalCommand {
-    /// A finished run against truth: camera, tracks, poses, boxes.
+    /// Evaluate a finished run against truth: camera, tracks, poses, boxes.
+    #[command(after_help = "Example:\n  roadplane-lab eval run results/lot --truth lot.truth.json")]
     Run(EvalRunArgs),
-    /// The paper's tables on a data set with truth: six systems on the same keypoints.
+    /// Evaluate six systems on the same keypoints of a data set with truth (the paper's Tables 1 and 2).
+    #[command(after_help = "Example:\n  roadplane-lab eval dataset tests/data/lots --part 0.1 --out tables")]
     Dataset(EvalDatasetArgs),
-    /// What looking only at what changes costs: clips run with attention and without, with truth where it lies beside them.
-    Attention(EvalAttentionArgs),
-    /// The paper's Table 4: what vehicles do, told from 2D and from 3D motion, against truth.
+    /// Evaluate region-of-interest scheduling: run clips with it and without it, and compare, also with truth if there
+    /// is any.
+    #[command(
+        alias = "attention",
+        after_help = "Example:\n  roadplane-lab eval regions lot.mp4 road.mp4 --out tables"
+    )]
+    Regions(EvalRegionsArgs),
+    /// Evaluate activities from 2D motion, 3D motion and pixels against truth (the paper's Table 4).
+    #[command(after_help = "Example:\n  roadplane-lab eval activity tests/data/lots")]
     Activity(EvalActivityArgs),
-    /// The paper's Table 3 on your own copy of the KITTI object benchmark: all systems on images with more than three vehicles.
+    /// Evaluate all systems on your own copy of the KITTI object benchmark (the paper's Table 3).
+    ///
+    /// Images with more than three vehicles count.
+    #[command(after_help = "Example:\n  roadplane-lab eval kitti KITTI/object --part 0.1")]
     Kitti(EvalKittiArgs),
-    /// Tracks of boxes against true ones, MOT Challenge files or KITTI tracking labels: HOTA, MOTA, IDF1.
+    /// Evaluate tracks of boxes in MOT Challenge files or KITTI tracking labels: HOTA, MOTA, IDF1.
+    #[command(after_help = "Example:\n  roadplane-lab eval tracks exported/mot/lot.txt --truth gt.txt")]
     Tracks(EvalFilesArgs),
-    /// The tracker alone, on what detector and keypoint net might measure of clips with truth: misses, false boxes, wrong labels.
+    /// Evaluate the tracker alone on simulated measurements of clips with truth: misses, false boxes, wrong labels.
+    #[command(after_help = "Example:\n  roadplane-lab eval tracker lot.truth.json --misses 0.2")]
     Tracker(EvalTrackerArgs),
-    /// Detections against true boxes, both as COCO files: average precision by size.
+    /// Evaluate detections in a COCO file against true boxes in another: average precision by size.
+    #[command(after_help = "Example:\n  roadplane-lab eval boxes found.json --truth instances.json")]
     Boxes(EvalFilesArgs),
-    /// The keypoint net on labelled images: errors per keypoint, size and body type, and the worst cars drawn.
+    /// Evaluate the keypoint network on labelled images: errors per keypoint, size and body type; draw the worst cars.
+    #[command(after_help = "Example:\n  roadplane-lab eval keypoints --truth labels.json --images DIR")]
     Keypoints(EvalKeypointsArgs),
-    /// The joint solver on synthetic scenes with exact truth: accuracy against the Cramér–Rao bound, honesty, speed.
+    /// Evaluate the joint solver on synthetic scenes: accuracy against the Cramér–Rao bound, calibration, speed.
+    #[command(after_help = "Example:\n  roadplane-lab eval solver --scenes 50 --out tables")]
     Solver(EvalSolverArgs),
-    /// CameraConstraints real cameras (cameras.json): how far off the product's are, car by car and keypoint by keypoint where from.
+    /// Evaluate the estimated cameras against real reference cameras (cameras.json), by car and by keypoint.
+    #[command(after_help = "Example:\n  roadplane-lab eval cameras FOLDER --out tables")]
     Cameras(EvalCamerasArgs),
-    /// Remembered cameras on synthetic clips with exact truth: error, bound and sd after 1, 3, 10, 30 nights.
-    Remembered(EvalRememberedArgs),
+    /// Evaluate stored cameras on synthetic clips: error, bound and sd after 1, 3, 10 and 30 nights.
+    #[command(
+        alias = "remembered",
+        after_help = "Example:\n  roadplane-lab eval camera-database --cameras 50 --clips 10"
+    )]
+    CameraDatabase(EvalCameraDatabaseArgs),
 }
 
-/// `roadplane eval run`.
+/// `roadplane-lab eval run`.
 #[derive(Debug, Args)]
 pub struct EvalRunArgs {
     /// Folder of the finished run, DIR/<stem>.
     pub run: PathBuf,
-    /// Truth file (roadplane.truth/1), a calibrated camera (.krtd), vehicles of other sensors
-    /// (.vehicles.json), or boxes (KPF, geom.yml with types.yml beside it).
+    /// Truth file (roadplane.truth/1), calibrated camera (.krtd), vehicles of other sensors (.vehicles.json), or boxes
+    /// (KPF, geom.yml with types.yml beside it).
     #[arg(long, value_name = "FILE")]
     pub truth: PathBuf,
-    /// Writes the tables as CSV and HTML into this folder.
+    /// Write the tables as CSV and HTML into this folder.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
 }
 
-/// `roadplane eval attention`.
+/// `roadplane-lab eval regions`.
 #[derive(Debug, Args)]
-pub struct EvalAttentionArgs {
+pub struct EvalRegionsArgs {
     /// Videos; NAME.truth.json(.gz) beside one is its truth.
     #[arg(required = true, value_name = "CLIP")]
     pub clips: Vec<PathBuf>,
-    /// Writes the table as CSV and HTML into this folder, and both results of every clip below it.
+    /// Write the table as CSV and HTML into this folder, and both results of every clip below it.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     #[command(flatten)]
@@ -74,15 +95,15 @@ pub struct EvalAttentionArgs {
 /// Keypoints that the systems get.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Keypoints {
-    /// Our net's, in the true boxes.
+    /// Those of our network, in the true boxes.
     Net,
-    /// True ones with noise.
+    /// The true ones with noise.
     Noise,
-    /// Each in tables of their own.
+    /// Both, each in its own tables.
     Both,
 }
 
-/// `roadplane eval dataset`.
+/// `roadplane-lab eval dataset`.
 #[derive(Debug, Args)]
 pub struct EvalDatasetArgs {
     /// Folder with dataset.json.
@@ -96,13 +117,13 @@ pub struct EvalDatasetArgs {
     /// Share of the items; 0.1 takes every tenth.
     #[arg(long, default_value_t = 1.0, value_name = "SHARE", value_parser = share)]
     pub part: f64,
-    /// Every n-th frame of a clip is looked at.
+    /// Process every n-th frame of a clip.
     #[arg(long, default_value_t = 3, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub stride: u32,
     /// Folder of real stills with calibrated cameras of the same name (.krtd): a table of its own.
     #[arg(long, value_name = "DIR")]
     pub real: Option<PathBuf>,
-    /// Writes the tables as CSV and HTML, and the runs of the clips, into this folder.
+    /// Write the tables as CSV and HTML, and the runs of the clips, into this folder.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     #[command(flatten)]
@@ -115,13 +136,13 @@ fn share(text: &str) -> Result<f64, String> {
     if (0.0..=1.0).contains(&share) { Ok(share) } else { Err("must lie between 0 and 1".to_owned()) }
 }
 
-/// `roadplane eval activity`.
+/// `roadplane-lab eval activity`.
 #[derive(Debug, Args)]
 pub struct EvalActivityArgs {
-    /// Folder with dataset.json: its clips are run and told per frame; or a table of labelled instances (.parquet, .csv,
-    /// .jsonl), as `python -m activity.meva` writes.
+    /// Folder with dataset.json, whose clips are run and scored per frame; or a table of labelled instances (.parquet,
+    /// .csv, .jsonl), as `roadplane-train activity meva` writes.
     pub data: PathBuf,
-    /// Writes the tables as CSV and HTML into this folder, and the runs of the clips below it; finished ones are used again.
+    /// Write the tables as CSV and HTML into this folder, and the runs of the clips below it; finished runs are reused.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     #[command(flatten)]
@@ -129,7 +150,7 @@ pub struct EvalActivityArgs {
     pub config: ConfigArgs,
 }
 
-/// `roadplane eval kitti`.
+/// `roadplane-lab eval kitti`.
 #[derive(Debug, Args)]
 pub struct EvalKittiArgs {
     /// Folder with image_2, label_2 and calib, or with these in training/.
@@ -137,7 +158,7 @@ pub struct EvalKittiArgs {
     /// Share of the images, e.g. 0.1 for every tenth.
     #[arg(long, default_value_t = 1.0, value_name = "P")]
     pub part: f64,
-    /// Writes the tables as CSV and HTML into this folder.
+    /// Write the tables as CSV and HTML into this folder.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     #[command(flatten)]
@@ -145,20 +166,20 @@ pub struct EvalKittiArgs {
     pub config: ConfigArgs,
 }
 
-/// `roadplane eval tracks` and `roadplane eval boxes`.
+/// `roadplane-lab eval tracks` and `roadplane-lab eval boxes`.
 #[derive(Debug, Args)]
 pub struct EvalFilesArgs {
-    /// What was found.
+    /// File to evaluate.
     pub found: PathBuf,
     /// Ground-truth file.
     #[arg(long, value_name = "FILE")]
     pub truth: PathBuf,
-    /// Writes the tables as CSV and HTML into this folder.
+    /// Write the tables as CSV and HTML into this folder.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
 }
 
-/// `roadplane eval tracker`.
+/// `roadplane-lab eval tracker`.
 #[derive(Debug, Args)]
 pub struct EvalTrackerArgs {
     /// Truth files of clips (NAME.truth.json, gzipped or not; no video is needed), or folders with dataset.json.
@@ -170,22 +191,22 @@ pub struct EvalTrackerArgs {
     /// Share of the vehicles that have no box in a frame.
     #[arg(long, default_value_t = 0.1, value_name = "SHARE", value_parser = share)]
     pub misses: f64,
-    /// Boxes of nothing, as a share of the vehicles.
+    /// Number of boxes without a vehicle, as a share of the vehicles.
     #[arg(long, default_value_t = 0.05, value_name = "SHARE", value_parser = share)]
     pub false_boxes: f64,
-    /// Share of the boxes that are called another class.
+    /// Share of the boxes that get another class.
     #[arg(long, default_value_t = 0.05, value_name = "SHARE", value_parser = share)]
     pub flips: f64,
-    /// Share of the boxes that get keypoints of a vehicle that they overlap with.
+    /// Share of the boxes that get the keypoints of an overlapping vehicle.
     #[arg(long, default_value_t = 0.05, value_name = "SHARE", value_parser = share)]
     pub swaps: f64,
-    /// Every n-th frame is measured.
+    /// Measure every n-th frame.
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub stride: u32,
-    /// Another number, other errors.
+    /// Seed of the simulated errors.
     #[arg(long, default_value_t = 0, value_name = "N")]
     pub seed: u64,
-    /// Writes the tables as CSV and HTML into this folder.
+    /// Write the tables as CSV and HTML into this folder.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     #[command(flatten)]
@@ -193,31 +214,31 @@ pub struct EvalTrackerArgs {
     pub config: ConfigArgs,
 }
 
-/// In which boxes keypoints are looked for.
+/// Boxes in which the network estimates keypoints.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Boxes {
-    /// The labelled ones.
+    /// The labelled boxes.
     True,
-    /// The detector's.
+    /// The detector's boxes.
     Detected,
 }
 
-/// `roadplane eval keypoints`.
+/// `roadplane-lab eval keypoints`.
 #[derive(Debug, Args)]
 pub struct EvalKeypointsArgs {
     /// Label files (repeatable).
     #[arg(long, required = true, num_args = 1.., value_name = "FILE")]
     pub truth: Vec<PathBuf>,
-    /// Folder of the images that they name.
+    /// Folder of the images that the label files name.
     #[arg(long, value_name = "DIR")]
     pub images: PathBuf,
-    /// In which boxes keypoints are looked for.
+    /// Boxes in which the network estimates keypoints.
     #[arg(long, value_enum, default_value_t = Boxes::True)]
     pub boxes: Boxes,
-    /// How many of the worst cars are drawn.
+    /// Draw this many of the worst cars.
     #[arg(long, default_value_t = 12, value_name = "N")]
     pub worst: usize,
-    /// Writes the tables as CSV and HTML, and worst.png, into this folder.
+    /// Write the tables as CSV and HTML, and worst.png, into this folder.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     #[command(flatten)]
@@ -225,25 +246,25 @@ pub struct EvalKeypointsArgs {
     pub config: ConfigArgs,
 }
 
-/// `roadplane eval solver`.
+/// `roadplane-lab eval solver`.
 #[derive(Debug, Args)]
 pub struct EvalSolverArgs {
-    /// Instead: what each step of the solve is worth, on synthetic scenes and, where given, on those below.
+    /// Measure the worth of each step of the solve instead, on synthetic scenes and on the pictures given below.
     #[arg(long)]
     pub layers: bool,
-    /// Instead: only what frames of one camera add up to (fused error / sd).
+    /// Measure only the fusion of frames of one camera: its errors and their normalised error.
     #[arg(long, conflicts_with = "layers")]
     pub fused: bool,
     /// With --layers: folder of a data set (dataset.json), whose pictures are solved one by one.
     #[arg(long, value_name = "DIR", requires = "layers")]
     pub dataset: Option<PathBuf>,
-    /// With --layers: real cameras that are known (cameras.json).
+    /// With --layers: real reference cameras (cameras.json).
     #[arg(long, value_name = "FILE", requires = "layers")]
     pub cameras: Option<PathBuf>,
-    /// Scenes a row of the statistics; five times as many noise-free ones.
+    /// Scenes per row of the statistics; the noise-free table takes five times as many.
     #[arg(long, default_value_t = 200, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=100_000))]
     pub scenes: u32,
-    /// Writes the tables as CSV and HTML into this folder.
+    /// Write the tables as CSV and HTML into this folder.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     #[command(flatten)]
@@ -251,12 +272,12 @@ pub struct EvalSolverArgs {
     pub config: ConfigArgs,
 }
 
-/// `roadplane eval cameras`.
+/// `roadplane-lab eval cameras`.
 #[derive(Debug, Args)]
 pub struct EvalCamerasArgs {
     /// Folder with cameras.json and the pictures and clips that it names.
     pub folder: PathBuf,
-    /// Writes the tables as CSV and HTML into this folder, and what was found in the pictures below it, which is used again.
+    /// Write the tables as CSV and HTML into this folder, and the runs below it; a later call reuses these runs.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     #[command(flatten)]
@@ -264,16 +285,16 @@ pub struct EvalCamerasArgs {
     pub config: ConfigArgs,
 }
 
-/// `roadplane eval remembered`.
+/// `roadplane-lab eval camera-database`.
 #[derive(Debug, Args)]
-pub struct EvalRememberedArgs {
-    /// Cameras.
+pub struct EvalCameraDatabaseArgs {
+    /// Number of cameras.
     #[arg(long, default_value_t = 200, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=100_000))]
     pub cameras: u32,
-    /// Clips of each.
+    /// Clips per camera.
     #[arg(long, default_value_t = 30, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=800))]
     pub clips: u32,
-    /// Writes the table as CSV and HTML into this folder.
+    /// Write the table as CSV and HTML into this folder.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
 }

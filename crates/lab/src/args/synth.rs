@@ -1,40 +1,40 @@
-//! Arguments of `roadplane synth`.
+//! Arguments of `roadplane-lab synth`.
 
 use std::path::PathBuf;
 
 use clap::Args;
 
-/// `roadplane synth`.
+/// `roadplane-lab synth`.
 #[derive(Debug, Args)]
 pub struct SynthArgs {
-    /// Folder to write; finished items in it are kept.
+    /// Write into this folder; finished items in it are kept.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
-    /// Scenes of one frame.
+    /// Number of stills: scenes of one frame.
     #[arg(long, default_value_t = 100, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=100_000))]
     pub stills: u32,
-    /// Clips in which cars drive.
+    /// Number of clips with driving cars.
     #[arg(long, default_value_t = 4, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=10_000))]
     pub clips: u32,
-    /// What everything is drawn from: the same seed gives the same files.
+    /// Seed of all random numbers: the same seed gives the same files.
     #[arg(long, default_value_t = 1, value_name = "S")]
     pub seed: u64,
-    /// Cars of a still, and of a clip; half of a clip's drive.
+    /// Cars per still and per clip; half of a clip's cars drive.
     #[arg(long, default_value_t = 10, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=60))]
     pub cars: u16,
-    /// sd of the measured keypoints, as a share of the longer side of the car's box.
+    /// Standard deviation of the measured keypoints, as a share of the longer side of the car's box.
     #[arg(long, default_value_t = 0.02, value_name = "SHARE", value_parser = share)]
     pub noise: f64,
     /// Share of the measured keypoints that are gross errors.
     #[arg(long, default_value_t = 0.0, value_name = "SHARE", value_parser = share)]
     pub outliers: f64,
-    /// How far cars differ from the shape atlas, as a factor on what it leaves unexplained of real ones.
+    /// Difference of the cars from the shape atlas, as a multiple of the atlas's own residual on real cars.
     #[arg(long, default_value_t = 1.0, value_name = "FACTOR", value_parser = factor)]
     pub off_atlas: f64,
     /// Length of a clip, s.
     #[arg(long, default_value_t = 12.0, value_name = "S", value_parser = seconds)]
     pub seconds: f64,
-    /// Frames a second of a clip.
+    /// Frames per second of a clip.
     #[arg(long, default_value_t = 10.0, value_name = "F", value_parser = rate)]
     pub fps: f64,
 }

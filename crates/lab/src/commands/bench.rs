@@ -1,4 +1,4 @@
-//! `roadplane bench`: what the main job costs on an input, beside what decoding alone costs.
+//! `roadplane-lab bench`: the cost of a run on an input, beside the cost of decoding alone.
 
 mod measured;
 mod table;
@@ -13,8 +13,7 @@ use roadplane_write::{Summary, read_summary};
 
 use crate::args::bench::BenchArgs;
 use measured::Measured;
-use roadplane_terminal::Bar;
-use roadplane_terminal::Outcome;
+use roadplane_terminal::{Bar, Outcome};
 
 /// Runs the input in one or two configurations, decodes it alone, prints the table.
 pub fn bench(args: &BenchArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
@@ -54,13 +53,13 @@ pub fn bench(args: &BenchArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     Ok(if damaged { Outcome::Damaged } else { Outcome::Done })
 }
 
-/// One run, measured.
+/// Runs the input once and measures the cost.
 fn one(input: &Path, out: &Path, config: &Config, cancel: &Cancel) -> anyhow::Result<(Measured, Summary)> {
     let name = if config.watch.attention { "attention" } else { "full" };
     let models = find_models(config.models.folder.as_deref())?;
     let options = RunOptions { alone: true, ..RunOptions::new(models) };
     if !forget_peak_memory() {
-        tracing::debug!("the peak of memory is that of all runs so far");
+        tracing::debug!("the peak memory is that of all runs so far");
     }
     let report = run_input(input, &out.join(name), &options, config, cancel, &Bar::new(name))?;
     let summary = read_summary(&report.folder.join("summary.json")).map_err(PipelineError::from)?;

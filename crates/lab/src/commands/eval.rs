@@ -1,11 +1,11 @@
-//! `roadplane eval`: tables on the standard output, and as files where a folder is asked for.
+//! `roadplane-lab eval`: prints tables on the standard output, and writes them as files if a folder is given.
 
 mod activity;
-mod attention;
 mod cameras;
 mod dataset;
 mod keypoints;
 mod kitti;
+mod regions;
 mod run;
 mod show;
 mod solver;
@@ -13,7 +13,7 @@ mod tracker;
 
 use std::path::Path;
 
-use roadplane_lab::{LabError, evaluate_coco, evaluate_mot};
+use crate::{LabError, evaluate_coco, evaluate_mot};
 use roadplane_pipeline::Cancel;
 use roadplane_tables::Report;
 
@@ -21,12 +21,12 @@ use crate::args::eval::{EvalArgs, EvalCommand, EvalFilesArgs};
 use roadplane_terminal::Outcome;
 use show::show;
 
-/// Evaluates what is asked for.
+/// Runs the evaluation that the arguments name.
 pub fn eval(args: &EvalArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     match &args.command {
         EvalCommand::Run(args) => run::run(args),
         EvalCommand::Dataset(args) => dataset::dataset(args, cancel),
-        EvalCommand::Attention(args) => attention::attention(args, cancel),
+        EvalCommand::Regions(args) => regions::regions(args, cancel),
         EvalCommand::Activity(args) => activity::activity(args, cancel),
         EvalCommand::Kitti(args) => kitti::kitti(args, cancel),
         EvalCommand::Tracks(args) => files(args, evaluate_mot),
@@ -35,7 +35,7 @@ pub fn eval(args: &EvalArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
         EvalCommand::Keypoints(args) => keypoints::keypoints(args, cancel),
         EvalCommand::Solver(args) => solver::solver(args, cancel),
         EvalCommand::Cameras(args) => cameras::cameras(args, cancel),
-        EvalCommand::Remembered(args) => solver::remembered(args),
+        EvalCommand::CameraDatabase(args) => solver::camera_database(args),
     }
 }
 

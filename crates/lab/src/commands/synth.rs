@@ -1,4 +1,4 @@
-//! `roadplane synth`: data sets of geometry alone, truth beside measured keypoints, for `solve` and `eval`.
+//! `roadplane-lab synth`: data sets of geometry alone, with truth beside measured keypoints.
 
 mod records;
 
@@ -12,13 +12,12 @@ use roadplane_synth::{ClipOptions, Item, Layout, Rng, SynthOptions, clip_item, s
 use roadplane_write::{JsonLines, OutFile, WriteError, write_json};
 
 use crate::args::synth::SynthArgs;
-use roadplane_terminal::Bar;
-use roadplane_terminal::Outcome;
+use roadplane_terminal::{Bar, Outcome};
 
-/// Where items lie in the folder.
+/// Name of the subfolder that holds the items.
 const SCENES: &str = "scenes";
 
-/// One item of the plan.
+/// An item that is to be made.
 struct Planned {
     stem: String,
     clip: bool,
@@ -26,7 +25,7 @@ struct Planned {
     frames: u64,
 }
 
-/// Makes all items that are not there yet, then the list of items and the card.
+/// Makes all items that do not exist yet, then the list of items and the card.
 pub fn synth(args: &SynthArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let atlas = ShapeAtlas::shipped().map_err(PipelineError::from)?;
     let scenes = args.out.join(SCENES);
@@ -65,7 +64,7 @@ fn plan(args: &SynthArgs) -> Vec<Planned> {
         (0..count).map(move |number| Planned {
             stem: format!("{}_{number:04}", if clip { "clip" } else { "still" }),
             clip,
-            // A stream of its own for each item, whatever the numbers of the others.
+            // Each item has its own random stream, so the numbers of the other items do not change it.
             seed: Rng::new(args.seed).next_u64()
                 ^ Rng::new(u64::from(number) * 2 + u64::from(clip)).next_u64(),
             frames: if clip { frames } else { 1 },
@@ -74,7 +73,7 @@ fn plan(args: &SynthArgs) -> Vec<Planned> {
     of_kind(false, args.stills).chain(of_kind(true, args.clips)).collect()
 }
 
-/// Makes an item unless it is there; its truth file comes last and so says that it is complete.
+/// Makes an item unless it exists. Its truth file is written last, so a truth file marks a complete item.
 fn one(args: &SynthArgs, atlas: &ShapeAtlas, scenes: &Path, planned: &Planned) -> anyhow::Result<()> {
     let conditions = conditions(args, planned);
     let path = scenes.join(format!("{}.truth.json", planned.stem));
@@ -106,7 +105,7 @@ fn write_item(
     truth.finish()
 }
 
-/// What an item was made with, in words: kept in its truth, and compared when work goes on.
+/// Returns the options of an item, as its truth file keeps them. A later call compares them with its own.
 fn conditions(args: &SynthArgs, planned: &Planned) -> BTreeMap<String, String> {
     let mut words = BTreeMap::from([
         (
@@ -126,7 +125,7 @@ fn conditions(args: &SynthArgs, planned: &Planned) -> BTreeMap<String, String> {
     words
 }
 
-/// Every other still is a lot with rows, the rest cars anywhere.
+/// Returns the layout of a still: rows of a lot for even seeds, random positions for odd ones.
 fn layout(planned: &Planned) -> Layout {
     if planned.seed.is_multiple_of(2) { Layout::Rows } else { Layout::Random }
 }
@@ -135,7 +134,7 @@ fn layout_name(planned: &Planned) -> &'static str {
     if layout(planned) == Layout::Rows { "rows" } else { "random" }
 }
 
-/// Cameras as they hang: 4–20 m high, tilted 5–40°, focal length 0.7–3 widths, roll within 3°.
+/// Makes an item. Cameras are 4–20 m high, tilted 5–40°, rolled up to 3°; the focal length is 0.7–3 picture widths.
 fn generate(args: &SynthArgs, atlas: &ShapeAtlas, planned: &Planned) -> Item {
     let cars = usize::from(args.cars);
     let scene = SynthOptions {
@@ -165,13 +164,13 @@ fn generate(args: &SynthArgs, atlas: &ShapeAtlas, planned: &Planned) -> Item {
 fn card(args: &SynthArgs) -> Result<(), WriteError> {
     let text = format!(
         "# Geometry with truth\n\n\
-         {} stills and {} clips made by `roadplane synth --stills {} --clips {} --seed {} --cars {} --noise {} \
+         {} stills and {} clips made by `roadplane-lab synth --stills {} --clips {} --seed {} --cars {} --noise {} \
          --outliers {} --off-atlas {} --seconds {} --fps {}`.\n\n\
-         No pictures: `scenes/NAME.frames.jsonl` holds measured keypoints as `roadplane solve` reads them, \
-         `scenes/NAME.truth.json` (`roadplane.truth/1`) what is true. Cars come from the shape atlas with what it \
-         leaves unexplained added; the keypoints that face the camera are seen; nothing hides anything; boxes are \
-         those of the keypoints. In clips four fifths of a keypoint's error variance last while its car stands and \
-         are forgotten over 2 m of way.\n\nMade by the program alone: CC0.\n",
+         There are no pictures. `scenes/NAME.frames.jsonl` holds measured keypoints as `roadplane stage solve` reads \
+         them, and `scenes/NAME.truth.json` (`roadplane.truth/1`) the truth. Cars are drawn from the shape atlas, and \
+         its residual on real cars is added. The keypoints that face the camera are visible, and no object hides \
+         another. Boxes enclose the keypoints. In clips, four fifths of a keypoint's error variance persist while its \
+         car is stationary, and decay over 2 m of travel.\n\nMade by the program alone: CC0.\n",
         args.stills,
         args.clips,
         args.stills,

@@ -1,8 +1,13 @@
-//! What vehicles do, against truth: the paper's Table 4 (*Car Pose in Context*, Activity Recognition).
+//! Activities of vehicles against truth: the paper's Table 4 (*Car Pose in Context*, Activity Recognition).
 //!
-//! Rows: *2D*, the paper's baseline, sees the motion of the box's middle in the picture; *2D / size* the same divided by the
-//! box's size; *3D* the track on the ground; *3D from truth* the true one. These are the same kind of net, trained on the same
-//! motions. *Video* is a small net on the pixels around a vehicle over time, trained on rendered clips from nothing.
+//! Each row is a net with its own input:
+//! - *2D*, the paper's baseline: the motion of the box's middle in the picture.
+//! - *2D / size*: that motion divided by the box's size.
+//! - *3D*: the track on the ground.
+//! - *3D from truth*: the true track.
+//! - *Video*: the pixels around a vehicle over time; a small net, trained from scratch on rendered clips.
+//!
+//! All rows but *Video* have the same architecture and were trained on the same motions.
 
 mod clips;
 mod events;
@@ -25,7 +30,7 @@ pub use rows::ActivityOptions;
 use rows::{Row, Rows, Seen};
 use video::VideoNet;
 
-/// Cards of the rows' nets, within the models folder, and names.
+/// The rows: card of the net (in the models folder), name, and input.
 const ROWS: [(&str, &str, Seen); 3] = [
     ("activity_2d.card.json", "2D", Seen::Picture),
     ("activity_2d_size.card.json", "2D / size", Seen::PictureBySize),
@@ -35,11 +40,13 @@ const ROWS: [(&str, &str, Seen); 3] = [
 /// The card of the net on pixels.
 const VIDEO_CARD: &str = "activity_video.card.json";
 
-/// Evaluates on a data set with truth (a folder with `dataset.json`: its clips are run, everything is told per frame), or on a
-/// table of labelled tracks, each one instance of one activity.
+/// Evaluates activities on a data set with truth or on a table of labelled tracks.
+///
+/// A data set is a folder with `dataset.json`; its clips are run, and every frame is scored. In a table each track is
+/// one instance of one activity.
 ///
 /// # Errors
-/// [`LabError`] for files that cannot be read, nets that are refused, or a stop.
+/// [`LabError`] for files that cannot be read, nets that cannot be loaded, or a stop.
 pub fn evaluate_activity(
     data: &Path,
     options: &ActivityOptions,
@@ -49,7 +56,7 @@ pub fn evaluate_activity(
 ) -> Result<Report, LabError> {
     let mut motion = Vec::new();
     for (card, name, seen) in ROWS {
-        // The baselines serve nothing but this table; a models folder may come without them.
+        // Only this table uses the baselines, so a models folder may lack them.
         if seen == Seen::Ground || options.models.join(card).is_file() {
             let mut config = config.clone();
             config.models.activity = card.into();

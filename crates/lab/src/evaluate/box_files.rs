@@ -1,4 +1,4 @@
-//! Boxes in files of others' forms, compared in the picture.
+//! Boxes in files of other programs, compared in the picture.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -16,11 +16,14 @@ use roadplane_metrics::readers::kitti::{KittiTracked, read_tracked};
 use roadplane_metrics::readers::mot::{MotFrames, read_mot, sequence_of_boxes};
 use roadplane_metrics::text_file::read_text;
 
-/// Tracks of boxes against true ones, alike by IoU: MOT Challenge files (commas between fields) or labels of KITTI's tracking
-/// benchmark (spaces), where cars and vans count and tracks on other objects and `DontCare` regions are ignored.
+/// Scores tracks of boxes against true ones, with IoU as the similarity.
+///
+/// Files are MOT Challenge files (commas between fields) or labels of KITTI's tracking benchmark (spaces). In KITTI's
+/// labels cars and vans count; tracks on other objects and in `DontCare` regions are ignored.
 ///
 /// # Errors
-/// [`MetricsError::Unreadable`](roadplane_metrics::MetricsError) or [`MetricsError::Malformed`](roadplane_metrics::MetricsError).
+/// [`MetricsError::Unreadable`](roadplane_metrics::MetricsError) or
+/// [`MetricsError::Malformed`](roadplane_metrics::MetricsError).
 pub fn evaluate_mot(truth: &Path, tracks: &Path) -> Result<Report, LabError> {
     let (truth, ignored) = read_frames(truth)?;
     let (mut found, _) = read_frames(tracks)?;
@@ -28,7 +31,7 @@ pub fn evaluate_mot(truth: &Path, tracks: &Path) -> Result<Report, LabError> {
         let regions = ignored.get(frame).map_or(&[][..], Vec::as_slice);
         let cars = truth.get(frame).map_or(&[][..], Vec::as_slice);
         let on = |bbox: &[f64; 4], truth: &[f64; 4]| bbox_iou(bbox, truth) >= clear::THRESHOLD;
-        // Inside a region is enough: `DontCare` covers several things at once.
+        // A box inside a region is enough: a `DontCare` region covers several objects at once.
         let in_region =
             |bbox: &[f64; 4]| regions.iter().any(|region| covered_by(bbox, region) >= clear::THRESHOLD);
         tracks.retain(|(_, bbox)| cars.iter().any(|(_, car)| on(bbox, car)) || !in_region(bbox));
@@ -56,7 +59,7 @@ pub fn evaluate_mot(truth: &Path, tracks: &Path) -> Result<Report, LabError> {
     Ok(Report { title: "Tracks of boxes".to_owned(), tables: vec![table], ..Report::default() })
 }
 
-/// Regions that nobody is asked to look at, by frame.
+/// Regions in which no object needs to be found, by frame: left, top, right, bottom, px.
 type Regions = BTreeMap<u64, Vec<[f64; 4]>>;
 
 fn read_frames(path: &Path) -> Result<(MotFrames, Regions), LabError> {
@@ -73,18 +76,19 @@ fn read_frames(path: &Path) -> Result<(MotFrames, Regions), LabError> {
     Ok((frames, regions))
 }
 
-/// Share of a box that lies in a region.
+/// Returns the share of a box that lies in a region.
 fn covered_by(bbox: &[f64; 4], region: &[f64; 4]) -> f64 {
     let side = |low: usize, high: usize| (bbox[high].min(region[high]) - bbox[low].max(region[low])).max(0.0);
     side(0, 2) * side(1, 3) / ((bbox[2] - bbox[0]) * (bbox[3] - bbox[1]))
 }
 
-/// Detections against true boxes, both as COCO files: average precision of each category.
+/// Scores detections against true boxes, both as COCO files: average precision of each category.
 ///
 /// # Errors
-/// [`MetricsError::Unreadable`](roadplane_metrics::MetricsError) or [`MetricsError::Malformed`](roadplane_metrics::MetricsError).
+/// [`MetricsError::Unreadable`](roadplane_metrics::MetricsError) or
+/// [`MetricsError::Malformed`](roadplane_metrics::MetricsError).
 pub fn evaluate_coco(truth: &Path, found: &Path) -> Result<Report, LabError> {
-    // All pictures as one scene: nobody says which of them belong together, so there is no interval.
+    // All pictures form one scene: the files do not say which pictures belong together, so there is no interval.
     let categories: Vec<_> =
         read_coco(truth, found)?.into_iter().map(|(name, pictures)| (name, [pictures])).collect();
     let rows: Vec<_> = categories.iter().map(|(name, scenes)| (name.as_str(), &scenes[..])).collect();
@@ -97,7 +101,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn kitti_labels_ignore_what_is_no_car() {
+    fn kitti_labels_ignore_objects_that_are_no_cars() {
         let folder = tempfile::tempdir().unwrap();
         let at = |name: &str| folder.path().join(name);
         let line = |track: i64, kind: &str, x: u32| {
@@ -106,7 +110,7 @@ mod tests {
         let truth =
             [line(1, "Car", 0), line(2, "Van", 200), line(3, "Pedestrian", 400), line(-1, "DontCare", 600)];
         std::fs::write(at("gt.txt"), truth.concat()).unwrap();
-        // On the car, on the pedestrian, inside the region, and one that is nowhere.
+        // On the car, on the pedestrian, inside the region, and one on nothing.
         std::fs::write(
             at("mot.txt"),
             "0,7,0,0,100,50\n0,8,400,0,100,50\n0,9,620,10,20,20\n0,10,900,0,50,50\n",
@@ -115,8 +119,8 @@ mod tests {
         let report = evaluate_mot(&at("gt.txt"), &at("mot.txt")).unwrap();
         let value = |column: &str| {
             let table = &report.tables[0];
-            let place = table.columns.iter().position(|c| c.title == column).unwrap();
-            match &table.rows[0][place] {
+            let column = table.columns.iter().position(|c| c.title == column).unwrap();
+            match &table.rows[0][column] {
                 Cell::Number(estimate) => estimate.value,
                 Cell::Text(text) => panic!("{text}"),
             }

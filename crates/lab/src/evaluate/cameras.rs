@@ -1,4 +1,5 @@
-//! Real cameras that are known: how far off the product's cameras are, car by car and keypoint by keypoint where from.
+//! Estimated cameras against real reference cameras. The tables show the camera's errors, and trace them to single cars
+//! and keypoints.
 
 mod cars;
 mod drawn;
@@ -22,8 +23,10 @@ use cars::cars_of;
 use measured::Measured;
 use outcome::outcome;
 
-/// Runs the pictures and clips of `folder/cameras.json`, or takes what `out` holds of earlier runs, and compares. `models` and
-/// `config` as for a run. The worst pictures are drawn. Pictures of lenses that bend lines count in the cameras' table alone.
+/// Runs the pictures and clips of `folder/cameras.json`, and compares the estimated cameras with the reference cameras.
+///
+/// Runs that `out` already holds are reused. `models` and `config` are those of a run. The worst pictures are drawn.
+/// Pictures of lenses with strong distortion count in the table of single cameras only.
 ///
 /// # Errors
 /// [`LabError`] for files that cannot be read, runs that fail, or a stop.
@@ -52,7 +55,7 @@ pub fn evaluate_cameras(
     Ok(Report { pictures: drawn::worst(&measured, &atlas, config)?, ..tables::report(&measured) })
 }
 
-/// The frames file of a run of this picture or clip; one that is there is used again.
+/// Returns the frames file of a run of this picture or clip. An existing one is reused.
 fn frames_of(
     media: &Path,
     runs: &Path,

@@ -1,4 +1,4 @@
-//! The paper's tables on a data set: every system on the same keypoints, those of our net and true ones with noise.
+//! The paper's tables on a data set: every system on the same keypoints, those of our net and the true ones with noise.
 
 mod boxes;
 mod clips;
@@ -32,7 +32,7 @@ use evidence::SceneEvidence;
 use items::{FRAMES_OF_CLIP, Item, item, stopped};
 use score::SystemScore;
 
-/// Evaluates all systems on a data set's folder.
+/// Evaluates all systems on a data set.
 ///
 /// # Errors
 /// [`LabError`] for files that cannot be read, nets that fail, or a stop.
@@ -53,8 +53,8 @@ pub fn evaluate_dataset(
     let workplace = Workplace::new(options.runs.as_deref())?;
     let stills: Vec<&Item> = items.iter().filter(|item| item.truth.kind == Kind::Still).collect();
     let real = options.real.as_deref().map_or(Ok(Vec::new()), real::list)?;
-    let looks = if options.net { items.len() } else { 0 };
-    progress.expect(Some((looks + items.len() + real.len()) as u64));
+    let predicted = if options.net { items.len() } else { 0 };
+    progress.expect(Some((predicted + items.len() + real.len()) as u64));
     let title = format!("Data set {} ({} of {} items)", dataset.name, items.len(), dataset.items.len());
     let mut report = Report { title, ..Report::default() };
 
@@ -104,7 +104,7 @@ pub fn evaluate_dataset(
     Ok(report)
 }
 
-/// All systems on one kind of keypoints; adds the tables.
+/// Runs all systems on one kind of keypoints, and adds the tables to the report.
 #[expect(clippy::too_many_arguments)]
 fn tables_of(
     report: &mut Report,

@@ -1,4 +1,4 @@
-//! How far predicted keypoints are off: labelled images, measures, tables.
+//! Errors of predicted keypoints on labelled images: reading the labels, measuring, tables.
 
 mod labels;
 mod measure;

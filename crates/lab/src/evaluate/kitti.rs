@@ -1,5 +1,5 @@
-//! The paper's Table 3: ADD on the user's own copy of the KITTI object benchmark, all systems on our net's keypoints in the
-//! true boxes.
+//! The paper's Table 3: ADD on the user's own copy of the KITTI object benchmark, all systems on our net's keypoints in
+//! the true boxes.
 
 use std::path::{Path, PathBuf};
 
@@ -16,21 +16,21 @@ use crate::tables::{add_plot, add_table, viewpoint_plot, viewpoint_table};
 use roadplane_metrics::readers::kitti::{KittiCamera, KittiItem, KittiObject, object_items};
 use roadplane_metrics::scoring::{PoseScore, score_box};
 
-/// The systems that know nothing of the ground, which KITTI does not label.
+/// The systems that do not need the true ground, which KITTI does not label.
 const SYSTEMS: [System; 5] =
     [System::Pavlakos, System::KrishnaMurthy, System::FreePoses, System::Plane, System::PlaneFocal];
 /// Height of KITTI's cameras above a level street, m (Geiger et al. 2013, Fig. 1).
 const CAMERA_HEIGHT_M: f64 = 1.65;
-/// The paper takes images with more than three vehicles in view.
+/// Images with fewer vehicles do not count: the paper takes images with more than three.
 const MIN_VEHICLES: usize = 4;
-/// Cars of which more leaves the picture do not count.
+/// Cars of which a larger share lies outside the picture do not count.
 const MAX_TRUNCATED: f64 = 0.5;
-/// Cars that are hidden more than largely (unknown) do not count.
+/// Cars with a higher occlusion level do not count (3 is unknown).
 const MAX_OCCLUDED: i32 = 2;
 /// Cars with smaller boxes do not count, px of the longer side.
 const MIN_SIDE_PX: f64 = 24.0;
 
-/// What is evaluated, and how.
+/// Options of the evaluation on KITTI.
 #[derive(Clone, Debug)]
 pub struct KittiOptions {
     /// Share of the images; 0.1 takes every tenth.
@@ -39,7 +39,7 @@ pub struct KittiOptions {
     pub models: PathBuf,
 }
 
-/// An image with what the net found.
+/// An image with the keypoints that the net found.
 struct Picture {
     item: KittiItem,
     size: ImageSize,
@@ -48,10 +48,10 @@ struct Picture {
     keypoints: Vec<KeypointSet>,
 }
 
-/// What a system made of an image.
+/// The answer of a system for an image, scored.
 struct Solved {
     poses: Vec<PoseScore>,
-    /// Relative error, where the system estimates the focal length.
+    /// Relative error of the focal length, if the system estimates it.
     focal: Option<f64>,
 }
 
@@ -92,7 +92,7 @@ pub fn evaluate_kitti(
     let mut add = add_table("Table 3, ADD: KITTI", &rows);
     add.note = format!(
         "{} of {images} images with more than three vehicles; Car and Van, at most half out of the picture, occlusion known. \
-         Points: the eight corners of the 3D box. {} Systems 1–4 are given the focal length.",
+         Points: the eight corners of the 3D box. {} Systems 1–4 get the true focal length.",
         pictures.len(),
         add.note
     );
@@ -118,7 +118,7 @@ fn counts(object: &KittiObject) -> bool {
         && (x1 - x0).max(y1 - y0) >= MIN_SIDE_PX
 }
 
-/// The net's keypoints in the true boxes.
+/// Predicts the net's keypoints in the true boxes of an item.
 fn picture(item: KittiItem, net: &mut KeypointNet, config: &Config) -> Result<Picture, LabError> {
     let mut input = open_input(&item.image, config)?;
     let size = input.size();
@@ -135,8 +135,8 @@ fn picture(item: KittiItem, net: &mut KeypointNet, config: &Config) -> Result<Pi
     Ok(Picture { size, cars, keypoints: keypoints.collect(), item })
 }
 
-/// The keypoints that are sure enough. The systems take the middle of the picture for the principal point, so pixels are
-/// moved by what lies between the two.
+/// Returns the keypoints with a sufficient score. The systems take the middle of the picture for the principal point,
+/// so pixels are shifted by the difference between the two.
 fn usable(found: &KeypointSet, camera: &KittiCamera, size: ImageSize, config: &Config) -> KeypointSet {
     let shift: Vector2<f64> = size.centre_px() - camera.camera.principal_point_px;
     found.map(|point| {
@@ -185,7 +185,7 @@ mod tests {
     use nalgebra::{Point3, Translation3, Vector3};
     use roadplane_base::Shape;
 
-    /// Five mean cars on a street before a level camera whose principal point is not in the middle.
+    /// Five mean cars on a street in front of a level camera whose principal point is not in the middle.
     fn street(atlas: &ShapeAtlas) -> Picture {
         let camera = KittiCamera::new(720.0, [600.0, 170.0], Vector3::new(0.06, 0.0, 0.003));
         let size = ImageSize { width: 1242, height: 375 };
@@ -226,15 +226,15 @@ mod tests {
 
     #[test]
     fn exact_keypoints_give_the_labelled_boxes() {
-        // Mean cars are of no body type.
+        // The mean car is of no body type.
         let atlas = ShapeAtlas { body_types: Vec::new(), ..ShapeAtlas::shipped().unwrap() };
         let picture = street(&atlas);
         for system in SYSTEMS {
             let solved = solve(system, &picture, &atlas, &Config::default());
             let worst = solved.poses.iter().map(|pose| pose.add).fold(0.0, f64::max);
             let turned = solved.poses.iter().map(|pose| pose.rotation_rad).fold(0.0, f64::max);
-            // Keypoints that claim a noise, and cars that six modes span exactly: an estimate that reckons with more freedom is
-            // off by a little (focal estimated 0.09 d, else below 0.07 d).
+            // The keypoints claim a noise, and six modes span these cars exactly. An estimate with more freedom is
+            // therefore off by a little: 0.09 d if the focal length is estimated, otherwise below 0.07 d.
             assert!(worst < 0.1 && turned < 0.01, "{}: {worst} d, {turned} rad", system.name());
             assert!(solved.focal.is_none_or(|error| error < 0.02), "{:?}", solved.focal);
         }

@@ -1,4 +1,4 @@
-//! A finished run against truth, or against a calibrated camera alone.
+//! A finished run against a truth file, a calibrated camera, vehicles of other sensors, or boxes.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -12,7 +12,7 @@ use crate::LabError;
 use crate::evaluate::vehicles::against_vehicles;
 use crate::finished_run::{FinishedRun, pictures};
 use crate::tables::{
-    add_plot, add_table, boxes_table, honesty_table, motion_table, position_plot, position_table,
+    add_plot, add_table, boxes_table, calibration_table, motion_table, position_plot, position_table,
     tracking_table, viewpoint_plot, viewpoint_table,
 };
 use roadplane_metrics::average_precision::{PictureBoxes, TrueBox};
@@ -21,13 +21,17 @@ use roadplane_metrics::readers::kpf::{KpfBox, read_boxes, read_types};
 use roadplane_metrics::scoring::{score_poses, score_tracks};
 use roadplane_metrics::truth::{Truth, read_truth};
 
-/// What KPF files call cars (VIRAT and MEVA).
+/// Names of cars in KPF files (VIRAT and MEVA).
 const VEHICLES: [&str; 3] = ["Vehicle", "vehicle", "Car"];
-/// Sizes of pictures may differ by this share before a camera is taken to be another's.
+/// Largest relative difference between the sizes of the run's and the truth's pictures.
 const SIZE_SLACK: f64 = 0.05;
 
-/// Scores a run against a truth file; against a camera alone where `truth` ends in `.krtd`; against vehicles in a world of their
-/// own where it ends in `.vehicles.json`; against boxes alone where it ends in `geom.yml` (KPF, with its `types.yml` beside it).
+/// Scores a run against truth. The end of the truth file's name decides its kind.
+///
+/// - `.krtd`: a camera alone.
+/// - `.vehicles.json`: vehicles of other sensors, in a world of their own.
+/// - `geom.yml`: boxes alone (KPF, with `types.yml` beside it).
+/// - other names: a truth file (`roadplane.truth/1`).
 ///
 /// # Errors
 /// [`LabError`] for files that cannot be read, are not of their form, or do not belong together.
@@ -40,7 +44,7 @@ pub fn evaluate_run(folder: &Path, truth: &Path, atlas: &ShapeAtlas) -> Result<R
     } else if file.ends_with(".vehicles.json") {
         against_vehicles(&run, truth, &name)
     } else if let Some(stem) = file.strip_suffix("geom.yml") {
-        // `boxes.geom.yml` goes with `types.yml`, `CLIP.geom.yml` with `CLIP.types.yml`.
+        // `boxes.geom.yml` belongs to `types.yml`, and `CLIP.geom.yml` to `CLIP.types.yml`.
         let own = PathBuf::from(format!("{stem}types.yml"));
         let types = if own.is_file() { own } else { truth.with_file_name("types.yml") };
         against_boxes(&run, &read_boxes(truth)?, &read_types(&types)?, &name)
@@ -68,7 +72,7 @@ fn against_truth(
     same_size(&run.camera, <[u32; 2]>::from(truth.camera.image_size_px).map(f64::from))?;
     let frames = run.analysed(truth);
     if frames.is_empty() {
-        return Err(LabError::unsuitable("the run looked at no frame that has truth"));
+        return Err(LabError::unsuitable("the run processed no frame that has truth"));
     }
     let analysed = |frame: u64, _: f64| frames.contains(&frame);
     let poses = [score_poses(truth, &run.poses, atlas, analysed)];
@@ -79,7 +83,7 @@ fn against_truth(
         camera_table(&run.camera, truth.camera.focal_px, &truth.camera.plane()),
         tracking_table("Tracks on the ground", &[(name, &tracks)]),
         position_table("Position", &[(name, &positions)]),
-        honesty_table("Position against its sd", &[(name, &tracks)]),
+        calibration_table("Position against its sd", &[(name, &tracks)]),
         motion_table("Motion", &[(name, &tracks)]),
         add_table("Poses: ADD", &[(name, &poses)]),
         viewpoint_table("Poses: viewpoint", &[(name, &poses)]),
@@ -100,9 +104,9 @@ fn against_boxes(
     name: &str,
 ) -> Result<Report, LabError> {
     let labelled: BTreeMap<u64, f64> = truth.iter().map(|label| (label.frame, label.time_s)).collect();
-    let frames = run.looked_at(labelled.into_iter());
+    let frames = run.processed(labelled.into_iter());
     if frames.is_empty() {
-        return Err(LabError::unsuitable("the run looked at no labelled frame"));
+        return Err(LabError::unsuitable("the run processed no labelled frame"));
     }
     let is_vehicle =
         |label: &&KpfBox| types.get(&label.track).is_some_and(|kind| VEHICLES.contains(&kind.as_str()));
@@ -132,11 +136,18 @@ fn same_size(camera: &CameraSegment, truth_px: [f64; 2]) -> Result<(), LabError>
     Ok(())
 }
 
-/// Estimate, truth and error of each of the camera's numbers.
+/// Returns the table of estimate, truth and error of each of the camera's numbers.
 fn camera_table(camera: &CameraSegment, true_focal_px: f64, true_plane: &GroundPlane) -> Table {
     let error = camera_error(camera.focal_px, &camera.plane(), true_focal_px, true_plane);
-    let columns =
-        [("", 0), ("estimate", 2), ("sd", 2), ("truth", 2), ("error", 2), ("error, %", 2), ("error / sd", 2)];
+    let columns = [
+        ("", 0),
+        ("estimate", 2),
+        ("sd", 2),
+        ("truth", 2),
+        ("error", 2),
+        ("error, %", 2),
+        ("normalised error", 2),
+    ];
     let note = format!(
         "Estimated from {} cars in {} frames; the angle between the normals is {:.2}°.",
         camera.cars_used,

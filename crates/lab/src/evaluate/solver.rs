@@ -1,20 +1,22 @@
-//! How good the joint solver is on scenes with exact truth: the tables of `roadplane eval solver`.
+//! Accuracy of the joint solver on scenes with exact truth: the tables of `roadplane-lab eval solver` and
+//! `camera-database`.
 //!
-//! Scenes are drawn by `roadplane_synth` from fixed seeds, so the tables are the same everywhere, times aside.
+//! Scenes are drawn by `roadplane_synth` from fixed seeds. So the tables are the same on every machine, except for
+//! times.
 
 mod ablation;
+mod camera_database;
 mod exact;
 mod fusion;
 mod layers;
-mod remembered;
 mod scenes;
 mod speed;
 mod statistics;
 
 pub use ablation::ablation_tables;
+pub use camera_database::camera_database_tables;
 pub use exact::exact_table;
 pub use fusion::fusion_table;
 pub use layers::{ReferencePicture, layers_tables, synthetic_pictures};
-pub use remembered::remembered_tables;
 pub use speed::{SpeedPoint, speed, speed_plot, speed_table};
 pub use statistics::statistics_tables;

@@ -1,5 +1,5 @@
-//! The tracker driven hard: clips of which the truth is known, as detector and keypoint net would report them on a bad day,
-//! made to measure; no picture is needed.
+//! The tracker alone, on simulated measurements of clips with truth: boxes and keypoints with the errors of detector
+//! and keypoint net under bad conditions. No picture is needed.
 
 mod noise;
 
@@ -15,19 +15,19 @@ pub use noise::Noise;
 use crate::LabError;
 use crate::parallel::try_in_parallel;
 use crate::systems::solve_fused;
-use crate::tables::{honesty_table, motion_table, position_table, tracking_table};
+use crate::tables::{calibration_table, motion_table, position_table, tracking_table};
 use crate::workplace::Workplace;
 use roadplane_metrics::scoring::{TrackScore, score_tracks};
 use roadplane_metrics::truth::{Kind, Truth, read_dataset, read_truth};
 
-/// What is evaluated, and how.
+/// Options of the evaluation of the tracker.
 #[derive(Clone, Debug)]
 pub struct TrackerOptions {
-    /// What is wrong with the measurements.
+    /// The errors of the measurements.
     pub noise: Noise,
     /// Every n-th frame is measured.
     pub stride: u32,
-    /// Measurements depend on it and on the order of the clips.
+    /// Seed; measurements depend on it and on the order of the clips.
     pub seed: u64,
 }
 
@@ -52,12 +52,12 @@ pub fn evaluate_tracker(
         let truth = &clips[i].1;
         let seed = options.seed.wrapping_mul(1_000_003).wrapping_add(i as u64);
         let frames = options.noise.measure(truth, options.stride, seed);
-        let looked_at: BTreeSet<u64> = frames.iter().map(|frame| frame.frame).collect();
-        let place = Workplace::new(None)?;
-        let clip =
-            solve_fused(&atlas, &frames, &CameraConstraints::default(), place.folder(), config, cancel)?;
+        let processed: BTreeSet<u64> = frames.iter().map(|frame| frame.frame).collect();
+        let workplace = Workplace::new(None)?;
+        let (constraints, folder) = (CameraConstraints::default(), workplace.folder());
+        let clip = solve_fused(&atlas, &frames, &constraints, folder, config, cancel)?;
         progress.frame_done();
-        Ok(score_tracks(truth, &clip.rows, |frame, _| looked_at.contains(&frame)))
+        Ok(score_tracks(truth, &clip.rows, |frame, _| processed.contains(&frame)))
     };
     let scores = try_in_parallel(clips.len(), || Ok(()), score)?;
     let mut systems: Vec<(&str, &[TrackScore])> =
@@ -72,13 +72,13 @@ pub fn evaluate_tracker(
     let tables = vec![
         tracks,
         position_table("Position", &[("all", &positions)]),
-        honesty_table("Position against its sd", &all),
+        calibration_table("Position against its sd", &all),
         motion_table("Motion", &all),
     ];
     Ok(Report { title: "Tracks from noisy measurements".to_owned(), tables, ..Report::default() })
 }
 
-/// Names and truths.
+/// Reads the names and truths of all clips.
 fn read_clips(paths: &[PathBuf]) -> Result<Vec<(String, Truth)>, LabError> {
     let mut clips = Vec::new();
     for path in paths {
@@ -96,7 +96,7 @@ fn read_clips(paths: &[PathBuf]) -> Result<Vec<(String, Truth)>, LabError> {
     Ok(clips)
 }
 
-/// `clip_0000` of `clip_0000.truth.json.gz`.
+/// Returns the name of a clip: `clip_0000` for `clip_0000.truth.json.gz`.
 fn name(truth: &Path) -> String {
     let name = truth.file_name().unwrap_or(truth.as_os_str()).to_string_lossy();
     name.split(".truth.json").next().unwrap_or(&name).to_owned()
@@ -107,7 +107,7 @@ mod tests {
     use super::*;
     use roadplane_metrics::{clear::Clear, hota::HotaCounts, identity::Identity};
 
-    /// The rendered lot, measured well and badly.
+    /// Tracks the rendered lot from good and from bad measurements.
     #[test]
     fn tracks_survive_misses_false_boxes_and_wrong_labels() {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/lot.truth.json");
@@ -116,9 +116,9 @@ mod tests {
         let score = |noise: Noise| {
             let frames = noise.measure(&truth, 1, 3);
             let folder = tempfile::tempdir().unwrap();
-            let (known, config, cancel) =
+            let (constraints, config, cancel) =
                 (CameraConstraints::default(), Config::default(), Cancel::default());
-            let clip = solve_fused(&atlas, &frames, &known, folder.path(), &config, &cancel).unwrap();
+            let clip = solve_fused(&atlas, &frames, &constraints, folder.path(), &config, &cancel).unwrap();
             score_tracks(&truth, &clip.rows, |_, _| true).fitted
         };
         let exact = Noise { keypoints: 0.002, misses: 0.0, false_boxes: 0.0, flips: 0.0, swaps: 0.0 };

@@ -1,5 +1,5 @@
-//! A run against vehicles that other sensors tracked (`roadplane.vehicles/1`): places in a world of their own, so that the two
-//! worlds are laid over each other first.
+//! A run against vehicles that other sensors tracked (`roadplane.vehicles/1`). Their positions are in another world
+//! frame, so the two worlds are aligned first.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -17,18 +17,20 @@ use roadplane_metrics::identity::Identity;
 use roadplane_metrics::sequence::{Sequence, SequenceFrame};
 use roadplane_metrics::text_file::read_text;
 
+/// Schema of the file.
 const SCHEMA: &str = "roadplane.vehicles/1";
-/// Smaller vehicles (longer side of the box, px) neither have to be found nor count where they are.
+/// Smaller vehicles (longer side of the box, px) need not be found, and their tracks do not count.
 const MIN_SIDE_PX: f64 = 30.0;
 /// Boxes that overlap less belong to different vehicles.
 const MIN_IOU: f64 = 0.3;
-/// What is no vehicle of its own.
+/// Class of trailers, which are no vehicles of their own.
 const TRAILER: &str = "trailer";
-/// Rounds of the fit, each without the pairs that the one before left farthest apart, and how far apart they may stay, m.
+/// Rounds of the fit. Each round leaves out the pairs that the round before left too far apart.
 const ROUNDS: usize = 5;
+/// Largest distance of a pair that takes part in the next round, m.
 const FIT_M: f64 = 4.0;
 
-/// The file.
+/// The file of vehicles.
 #[derive(Debug, Deserialize)]
 struct Vehicles {
     schema: String,
@@ -56,7 +58,7 @@ impl Vehicle {
         self.class != TRAILER && longer_side(&self.bbox_px) >= MIN_SIDE_PX
     }
 
-    fn place(&self) -> Vector2<f64> {
+    fn position(&self) -> Vector2<f64> {
         Vector2::new(self.x_m, self.y_m)
     }
 }
@@ -65,11 +67,11 @@ fn longer_side([x0, y0, x1, y1]: &[f64; 4]) -> f64 {
     (x1 - x0).max(y1 - y0)
 }
 
-fn place(row: &TrackRow) -> Vector2<f64> {
+fn position(row: &TrackRow) -> Vector2<f64> {
     Vector2::new(row.x_m, row.y_m)
 }
 
-/// A frame's rows that count, and the vehicle (of all) whose box each overlaps most.
+/// The rows of a frame that count, each with the index of the vehicle (of all vehicles) whose box overlaps most.
 struct Paired<'a> {
     vehicles: &'a [Vehicle],
     rows: Vec<(&'a TrackRow, Option<usize>)>,
@@ -78,7 +80,7 @@ struct Paired<'a> {
 /// Scores a run against a file of vehicles.
 ///
 /// # Errors
-/// [`LabError`] for a file that cannot be read or is not of its form, and for a run that shares nothing with it.
+/// [`LabError`] for a file that cannot be read or has another form, and for a run without a common vehicle.
 pub fn against_vehicles(run: &FinishedRun, path: &Path, name: &str) -> Result<Report, LabError> {
     let truth: Vehicles =
         serde_json::from_str(&read_text(path)?).map_err(|e| LabError::malformed(path, e))?;
@@ -86,13 +88,13 @@ pub fn against_vehicles(run: &FinishedRun, path: &Path, name: &str) -> Result<Re
         let what = format!("{}: schema is {:?}, expected {SCHEMA:?}", path.display(), truth.schema);
         return Err(LabError::unsuitable(what));
     }
-    // Sensors need a moment to find their first vehicles: frames without any are no truth.
+    // Sensors need a moment to find their first vehicles, so frames without vehicles are no truth.
     let frames: Vec<&VehicleFrame> = truth.frames.iter().filter(|frame| !frame.vehicles.is_empty()).collect();
     let paired: Vec<Paired<'_>> = frames.iter().map(|frame| pair(run, frame)).collect();
     let pairs: Vec<(Vector2<f64>, Vector2<f64>)> = paired
         .iter()
         .flat_map(|frame| frame.rows.iter().map(move |(row, vehicle)| (frame, row, vehicle)))
-        .filter_map(|(frame, row, vehicle)| Some((place(row), frame.vehicles[(*vehicle)?].place())))
+        .filter_map(|(frame, row, vehicle)| Some((position(row), frame.vehicles[(*vehicle)?].position())))
         .collect();
     let Some(fit) = robust_fit(&pairs) else {
         return Err(LabError::unsuitable("no track lies on a vehicle of the truth"));
@@ -102,12 +104,13 @@ pub fn against_vehicles(run: &FinishedRun, path: &Path, name: &str) -> Result<Re
     for frame in &paired {
         let counted: Vec<&Vehicle> = frame.vehicles.iter().filter(|vehicle| vehicle.counts()).collect();
         ids.extend(counted.iter().map(|vehicle| vehicle.id));
-        let truths: Vec<_> = counted.iter().map(|vehicle| (vehicle.id, vehicle.place())).collect();
-        let founds: Vec<_> = frame.rows.iter().map(|(row, _)| (row.track, fit.apply(&place(row)))).collect();
+        let truths: Vec<_> = counted.iter().map(|vehicle| (vehicle.id, vehicle.position())).collect();
+        let founds: Vec<_> =
+            frame.rows.iter().map(|(row, _)| (row.track, fit.apply(&position(row)))).collect();
         sequence.push(SequenceFrame::on_ground(&truths, &founds));
         for (row, vehicle) in &frame.rows {
             let Some(vehicle) = vehicle.map(|v| &frame.vehicles[v]) else { continue };
-            positions.push((fit.apply(&place(row)) - vehicle.place()).norm());
+            positions.push((fit.apply(&position(row)) - vehicle.position()).norm());
             headings.push(angle_difference(row.heading_rad + fit.turn(), vehicle.heading_rad).abs());
         }
     }
@@ -126,8 +129,8 @@ pub fn against_vehicles(run: &FinishedRun, path: &Path, name: &str) -> Result<Re
         ("90 % within, m", 2),
         ("heading, median °", 1),
     ];
-    let note = "After the turn, shift and scale that lay the run's places over the true ones. Vehicles of 30 px and more, no \
-                trailers; boxes pair them, identity counts within 2 m on the ground.";
+    let note = "After the turn, shift and scale that align the run's positions with the true ones. Vehicles of 30 px \
+        and more, no trailers. Boxes pair them; identity counts within 2 m on the ground.";
     let columns = heads.iter().map(|(head, decimals)| Column::new(*head, *decimals)).collect();
     let mut table = Table::new("Tracks against other sensors", note, columns);
     let numbers = [
@@ -151,7 +154,8 @@ pub fn against_vehicles(run: &FinishedRun, path: &Path, name: &str) -> Result<Re
     })
 }
 
-/// Rows on a vehicle that does not count, small ones, and filled-in ones on nothing are left out, as `score_tracks` does.
+/// Pairs the rows of a frame with vehicles. Left out are rows on a vehicle that does not count, and small or filled-in
+/// rows on no vehicle, as in `score_tracks`.
 fn pair<'a>(run: &'a FinishedRun, frame: &'a VehicleFrame) -> Paired<'a> {
     let rows: Vec<&TrackRow> = run.rows.iter().filter(|row| row.frame == frame.frame).collect();
     let vehicle_of = assign(rows.len(), frame.vehicles.len(), 1.0 - MIN_IOU, |i, j| {

@@ -1,11 +1,11 @@
-//! Rows 1 and 2: one car at a time.
+//! Rows 1 and 2: the baselines, which solve one car at a time.
 
 use roadplane_base::{Camera, KeypointSet, ShapeAtlas};
 use roadplane_baselines::CarFit;
 
 use super::answer::{CarAnswer, FrameAnswer, FrameInput};
 
-/// Each car on its own.
+/// Solves each car on its own with a baseline.
 pub(super) fn solve(
     method: fn(&ShapeAtlas, &Camera, &KeypointSet) -> Option<CarFit>,
     atlas: &ShapeAtlas,

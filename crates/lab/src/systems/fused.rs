@@ -1,5 +1,5 @@
-//! Row 6: ours fused over a clip: one camera from all frames, one shape a track, poses and tracks under it. The right half
-//! of `roadplane run`, from the same keypoints as the other rows.
+//! Row 6: our solver fused over a clip: one camera from all frames, one shape per track, and poses and tracks with
+//! both. It is the estimation of `roadplane run`, from the same keypoints as the other rows.
 
 use std::path::Path;
 
@@ -10,25 +10,25 @@ use roadplane_write::{JsonLines, read_jsonl};
 use super::answer::CameraAnswer;
 use crate::LabError;
 
-/// What came of a clip.
+/// The solution of a clip.
 #[derive(Clone, Debug)]
 pub struct FusedClip {
-    /// The camera of the clip's longest stretch.
+    /// The camera of the clip's longest segment.
     pub camera: Option<CameraAnswer>,
-    /// A line for every car and frame with a pose.
+    /// One record for every car and frame with a pose.
     pub poses: Vec<PoseRecord>,
-    /// Smoothed tracks.
+    /// The smoothed tracks.
     pub rows: Vec<TrackRow>,
 }
 
-/// Solves a clip. `folder` holds the files that the clip's solve streams over.
+/// Solves a clip. The intermediate files of the solve go to `folder`.
 ///
 /// # Errors
 /// [`LabError::Write`] or [`LabError::Pipeline`].
 pub fn solve_fused(
     atlas: &ShapeAtlas,
     frames: &[FrameRecord],
-    known: &CameraConstraints,
+    constraints: &CameraConstraints,
     folder: &Path,
     config: &Config,
     cancel: &Cancel,
@@ -39,7 +39,7 @@ pub fn solve_fused(
         lines.write(frame)?;
     }
     lines.finish()?;
-    let solution = solve_clip(&frames_path, &poses_path, atlas, known, config, cancel)?;
+    let solution = solve_clip(&frames_path, &poses_path, atlas, constraints, config, cancel)?;
     let longest = solution
         .cameras
         .estimates()

@@ -1,5 +1,5 @@
-//! Rows 4 and 5: ours, all cars on one plane; focal length known or estimated with them. And each car on the true plane,
-//! which shows what of the errors comes from the ground and what from the car.
+//! Rows 4 and 5: our solver, with all cars on one plane; the focal length is given or estimated with them. The row of
+//! the true plane separates errors of the ground from errors of the cars.
 
 use roadplane_base::{Camera, KeypointSet, ShapeAtlas};
 use roadplane_pipeline::Config;
@@ -27,7 +27,7 @@ pub(super) fn solve(
     FrameAnswer { cars: solution.cars.iter().map(answer).collect(), camera: found.then_some(camera) }
 }
 
-/// Each car on the ground that is given.
+/// Solves each car on the ground that is given.
 pub(super) fn solve_on(atlas: &ShapeAtlas, input: &FrameInput<'_>, config: &Config) -> FrameAnswer {
     let camera = Camera::centred(input.focal_px, input.size);
     let options = config.solve.scene_options(Some(input.focal_px));

@@ -1,4 +1,4 @@
-//! Poses and cameras: the paper's Tables 1 and 2, and focal length and plane.
+//! Tables and plots of poses and cameras: the paper's Tables 1 and 2, and focal length and plane.
 
 use roadplane_tables::{Cell, Column, Mark, Plot, Table, bootstrap, mean, median, quantile, share_within};
 
@@ -7,17 +7,17 @@ use roadplane_metrics::camera::CameraError;
 use roadplane_metrics::scoring::PoseScore;
 use roadplane_metrics::{add, viewpoint};
 
-/// Points of the curves in the plots.
+/// Number of points of the plots' curves.
 const CURVE: usize = 60;
 
-/// The paper's Table 1 with the strict thresholds before: share of cars whose ADD is within so many diameters.
+/// Returns the paper's Table 1 with stricter thresholds added: shares of cars whose ADD is within given diameters.
 #[must_use]
 pub fn add_table(title: &str, systems: &[Scored<'_, PoseScore>]) -> Table {
     let mut columns = vec![Column::new("system", 0), Column::new("cars", 0)];
     columns.extend(add::THRESHOLDS.map(|limit| Column::new(format!("{limit} d, %"), 1)));
     columns.push(Column::new("median, d", 3));
-    let note = "ADD (Hinterstoisser 2012) of the points that the system puts out, within so many diameters of the car. Cars \
-                without a pose count as wrong. 95 % intervals by resampling scenes.";
+    let note = "ADD (Hinterstoisser 2012) of the points that the system returns, within the given number of \
+        diameters of the car. Cars without a pose count as wrong. 95 % intervals by resampling scenes.";
     let mut table = Table::new(title, note, columns);
     for (name, scenes) in systems {
         let mut row = vec![Cell::from(*name), cars(scenes)];
@@ -29,7 +29,7 @@ pub fn add_table(title: &str, systems: &[Scored<'_, PoseScore>]) -> Table {
     table
 }
 
-/// The paper's Table 2: share of cars whose rotation is within so many radians.
+/// Returns the paper's Table 2: shares of cars whose rotation error is within given radians.
 #[must_use]
 pub fn viewpoint_table(title: &str, systems: &[Scored<'_, PoseScore>]) -> Table {
     let mut columns = vec![Column::new("system", 0), Column::new("cars", 0)];
@@ -47,8 +47,9 @@ pub fn viewpoint_table(title: &str, systems: &[Scored<'_, PoseScore>]) -> Table 
     table
 }
 
-/// How much each system is better than the one before it, on the same cars. The intervals are narrower than those of the two
-/// rows let expect, as what makes a scene hard is hard for both.
+/// Returns the gain of each system over the one before it, on the same cars.
+///
+/// The intervals are narrower than those of the two rows suggest, because a hard scene is hard for both systems.
 #[must_use]
 pub fn steps_table(title: &str, systems: &[Scored<'_, PoseScore>]) -> Table {
     type Measure = (&'static str, fn(&PoseScore) -> f64, f64);
@@ -60,8 +61,8 @@ pub fn steps_table(title: &str, systems: &[Scored<'_, PoseScore>]) -> Table {
     ];
     let mut columns = vec![Column::new("system", 0), Column::new("better than", 0)];
     columns.extend(MEASURES.map(|(name, _, _)| Column::new(name, 1)));
-    let note = "Difference of the shares of cars in percentage points, with its 95 % interval by resampling scenes: above 0 the \
-                system is better on this data set, an interval with 0 in it leaves it open.";
+    let note = "Difference of the shares of cars in percentage points, with its 95 % interval by resampling scenes. \
+        Above 0 the system is better on this data set; an interval that contains 0 does not decide.";
     let mut table = Table::new(title, note, columns);
     for pair in systems.windows(2) {
         let [(before, old), (name, new)] = [pair[0], pair[1]];
@@ -85,7 +86,7 @@ fn cars<T>(scenes: &[Vec<T>]) -> Cell {
     scenes.iter().map(Vec::len).sum::<usize>().to_string().into()
 }
 
-/// Focal length and plane.
+/// Returns the table of the errors of focal length and plane.
 #[must_use]
 pub fn camera_table(title: &str, systems: &[Scored<'_, CameraError>]) -> Table {
     let columns = vec![
@@ -100,12 +101,13 @@ pub fn camera_table(title: &str, systems: &[Scored<'_, CameraError>]) -> Table {
         Column::new("height, median %", 2),
         Column::new("height, 90 % within %", 2),
         Column::new("height, mean signed %", 2),
-        Column::new("focal, error / sd", 2),
-        Column::new("tilt, error / sd", 2),
-        Column::new("height, error / sd", 2),
+        Column::new("focal, normalised error", 2),
+        Column::new("tilt, normalised error", 2),
+        Column::new("height, normalised error", 2),
     ];
-    let note = "Relative errors of focal length and height, angles of tilt and normal. Error / sd: root mean square of the errors \
-                in claimed sds where any are claimed, 1 where these are honest; heights of clips claim that a place's cars differ from the atlas.";
+    let note = "Relative errors of focal length and height, angles of tilt and normal. Normalised error: root mean \
+        square of the errors in claimed sds, if any are claimed; 1 is calibrated. The claimed sds of heights of \
+        clips include that a site's cars differ from the atlas.";
     let mut table = Table::new(title, note, columns);
     let most = |v: &[f64]| quantile(v, 0.9);
     let degrees = 1f64.to_degrees();
@@ -122,29 +124,29 @@ pub fn camera_table(title: &str, systems: &[Scored<'_, CameraError>]) -> Table {
             cell(scenes, |e| e.height_relative.abs(), median, 100.0),
             cell(scenes, |e| e.height_relative.abs(), most, 100.0),
             cell(scenes, |e| e.height_relative, mean, 100.0),
-            in_sds(scenes, 0),
-            in_sds(scenes, 1),
-            in_sds(scenes, 2),
+            normalised_error(scenes, 0),
+            normalised_error(scenes, 1),
+            normalised_error(scenes, 2),
         ]);
     }
     table
 }
 
-/// Root mean square of errors in claimed sds, of the pictures that claim one.
-fn in_sds(scenes: &[Vec<CameraError>], number: usize) -> Cell {
+/// Returns the root mean square of errors in claimed sds, over the pictures that claim one.
+fn normalised_error(scenes: &[Vec<CameraError>], number: usize) -> Cell {
     let of = |scene: &Vec<CameraError>| {
         scene.iter().map(|error| error.in_sds[number].powi(2)).filter(|squared| !squared.is_nan()).collect()
     };
     bootstrap(&scenes.iter().map(of).collect::<Vec<Vec<f64>>>(), |squared| mean(squared).sqrt()).into()
 }
 
-/// Share of cars by ADD threshold.
+/// Returns the plot of the share of cars by ADD threshold.
 #[must_use]
 pub fn add_plot(systems: &[Scored<'_, PoseScore>]) -> Plot {
     curves("ADD", "threshold, diameters", 2.0, systems, |score| score.add)
 }
 
-/// Share of cars by rotation threshold.
+/// Returns the plot of the share of cars by rotation threshold.
 #[must_use]
 pub fn viewpoint_plot(systems: &[Scored<'_, PoseScore>]) -> Plot {
     curves("Viewpoint", "threshold, rad", 0.42, systems, |score| score.rotation_rad)
@@ -161,7 +163,7 @@ fn curves(
     for (name, scenes) in systems {
         let values: Vec<f64> = scenes.iter().flatten().map(&number).collect();
         let point = |i: usize| {
-            // Denser where today's methods differ.
+            // Points are denser at small thresholds, where today's methods differ.
             let x = end * (i as f64 / CURVE as f64).powi(2);
             (x, 100.0 * share_within(&values, x))
         };
@@ -177,7 +179,7 @@ mod tests {
     #[test]
     fn a_step_is_the_difference_on_the_same_cars() {
         let car = |add: f64| PoseScore { distance_m: 30.0, add, add_of_pose: add, rotation_rad: add };
-        // The second system finds a car that the first did not, places one better and loses one.
+        // The second system finds a car that the first one misses, improves one car, and gets another wrong.
         let old = [vec![car(0.1), car(f64::INFINITY)], vec![car(0.3), car(0.1)]];
         let new = [vec![car(0.1), car(0.1)], vec![car(0.15), car(0.5)]];
         let table = steps_table("t", &[("old", &old), ("new", &new)]);

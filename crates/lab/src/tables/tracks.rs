@@ -1,4 +1,4 @@
-//! Tracks on the ground and boxes in the picture.
+//! Tables and plots of tracks on the ground and of boxes in the picture.
 
 use roadplane_tables::{Cell, Column, Mark, Plot, Table, bootstrap_scenes, median, quantile, share_within};
 
@@ -13,10 +13,10 @@ use roadplane_metrics::position::{PositionError, RANGES_M, in_range, range_name}
 use roadplane_metrics::scoring::TrackScore;
 use roadplane_metrics::sequence::ZERO_DISTANCE_M;
 
-/// Headings further off than this are those of a car that was taken for its mirror image, rad.
+/// Least error of a heading that counts as turned round, rad.
 const TURNED_RAD: f64 = std::f64::consts::FRAC_PI_2;
 
-/// HOTA, CLEAR MOT and IDF1 of ground tracks; clips count by their cars, as one long sequence.
+/// Returns the table of HOTA, CLEAR MOT and IDF1 of ground tracks. Clips count by their cars, as one long sequence.
 #[must_use]
 pub fn tracking_table(title: &str, systems: &[(&str, &[TrackScore])]) -> Table {
     let mut columns = vec![Column::new("system", 0), Column::new("clips", 0), Column::new("cars", 0)];
@@ -67,7 +67,7 @@ pub fn tracking_table(title: &str, systems: &[(&str, &[TrackScore])]) -> Table {
     table
 }
 
-/// Position error on the ground by true distance, one row a system and range that has cars.
+/// Returns the table of position errors on the ground by true distance, one row per system and range with cars.
 #[must_use]
 pub fn position_table(title: &str, systems: &[Scored<'_, PositionError>]) -> Table {
     let columns = vec![
@@ -79,9 +79,9 @@ pub fn position_table(title: &str, systems: &[Scored<'_, PositionError>]) -> Tab
         Column::new("median, % of the distance", 1),
         Column::new("aligned, median m", 2),
     ];
-    let note = "Error of the position on the ground in the camera's own world, so that errors of the estimated camera count. \
-                Aligned: after the turn, shift and scale that lay a picture's cars, of row 6 a clip's, over the true ones (Umeyama 1991; \
-                not below five cars). 30–50 m overlaps its neighbours.";
+    let note = "Error of the position on the ground in the camera's own world, so errors of the estimated camera \
+        count. Aligned: after the turn, shift and scale that align the cars of a picture (in row 6: of a clip) with \
+        the true ones (Umeyama 1991; five cars or more). 30–50 m overlaps its neighbours.";
     let mut table = Table::new(title, note, columns);
     for (name, scenes) in systems {
         for range in RANGES_M {
@@ -106,13 +106,14 @@ pub fn position_table(title: &str, systems: &[Scored<'_, PositionError>]) -> Tab
     table
 }
 
-/// Errors of positions over the sds that rows claim, by true distance: root mean squares; 1 where sds are right.
+/// Returns the table of the normalised errors of positions, by true distance: root mean squares of errors over the
+/// rows' sds.
 #[must_use]
-pub fn honesty_table(title: &str, systems: &[(&str, &[TrackScore])]) -> Table {
+pub fn calibration_table(title: &str, systems: &[(&str, &[TrackScore])]) -> Table {
     let columns = ["system", "distance", "cars"].map(|head| Column::new(head, 0)).into_iter();
-    let columns =
-        columns.chain(["error / sd, x", "error / sd, y"].map(|head| Column::new(head, 2))).collect();
-    let note = "Root mean squares. sds hold the camera's errors, which all cars of a clip share.";
+    let heads = ["normalised error, x", "normalised error, y"].map(|head| Column::new(head, 2));
+    let columns = columns.chain(heads).collect();
+    let note = "Root mean squares; 1 is calibrated. sds include the camera's errors, which all cars of a clip share.";
     let mut table = Table::new(title, note, columns);
     for (name, clips) in systems {
         for range in RANGES_M {
@@ -138,7 +139,7 @@ pub fn honesty_table(title: &str, systems: &[(&str, &[TrackScore])]) -> Table {
     table
 }
 
-/// Speed, heading, jitter, and how many of the true cars were found at all.
+/// Returns the table of speed, heading, jitter, and the share of true cars that were found.
 #[must_use]
 pub fn motion_table(title: &str, systems: &[(&str, &[TrackScore])]) -> Table {
     let columns = vec![
@@ -181,7 +182,7 @@ pub fn motion_table(title: &str, systems: &[(&str, &[TrackScore])]) -> Table {
     table
 }
 
-/// Average precision of boxes by size.
+/// Returns the table of the average precision of boxes by size.
 #[must_use]
 pub fn boxes_table(title: &str, systems: &[Scored<'_, PictureBoxes>]) -> Table {
     let mut columns = vec![Column::new("system", 0), Column::new("pictures", 0)];
@@ -215,7 +216,7 @@ pub fn boxes_table(title: &str, systems: &[Scored<'_, PictureBoxes>]) -> Table {
     table
 }
 
-/// Position errors by distance, a dot each.
+/// Returns the plot of position errors by distance, one dot per car and frame.
 #[must_use]
 pub fn position_plot(systems: &[Scored<'_, PositionError>]) -> Plot {
     let mut plot = Plot::new("Position", "true distance, m", "error on the ground, m");

@@ -1,5 +1,5 @@
-//! Real cameras that are known: `cameras.json` (schema `roadplane.cameras/1`), pictures or clips with focal length, ground and lens,
-//! and how well these are known.
+//! Real reference cameras: `cameras.json` (schema `roadplane.cameras/1`) lists pictures or clips with focal length,
+//! ground and lens, and the sds of these values.
 
 use std::path::{Path, PathBuf};
 
@@ -10,14 +10,15 @@ use serde::Deserialize;
 use crate::MetricsError;
 use crate::text_file::read_text;
 
+/// Schema of the file.
 const SCHEMA: &str = "roadplane.cameras/1";
-/// Largest k1 of a lens that counts as straight.
+/// Largest k1 (absolute value) of a lens that counts as straight.
 const STRAIGHT: f64 = 0.05;
 
-/// A known camera.
+/// A real camera with a known focal length, ground and lens.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReferenceCamera {
-    /// Source and name.
+    /// Source and name, `source/name`.
     pub id: String,
     /// Its picture or clip.
     pub media: PathBuf,
@@ -27,16 +28,16 @@ pub struct ReferenceCamera {
     pub focal_px: f64,
     /// Principal point, px.
     pub principal_point_px: Vector2<f64>,
-    /// The ground.
+    /// The ground plane.
     pub plane: GroundPlane,
-    /// Radial distortion k1, k2 (OpenCV).
+    /// Radial distortion k1, k2 (OpenCV's model).
     pub distortion: [f64; 2],
-    /// How well the truth is known: sd of log focal, tilt (rad), roll (rad), log height.
+    /// sds of the truth: log focal, tilt (rad), roll (rad), log height.
     pub sd: [f64; 4],
 }
 
 impl ReferenceCamera {
-    /// The camera itself.
+    /// Returns the camera with its lens.
     #[must_use]
     pub fn camera(&self) -> Camera {
         let [k1, k2] = self.distortion;
@@ -44,7 +45,7 @@ impl ReferenceCamera {
         Camera { lens, ..Camera::pinhole(self.focal_px, self.principal_point_px) }
     }
 
-    /// Whether its lens hardly bends lines.
+    /// Returns whether the lens has hardly any distortion.
     #[must_use]
     pub fn is_straight(&self) -> bool {
         self.distortion[0].abs() <= STRAIGHT
@@ -78,10 +79,11 @@ struct Sd {
     height_share: f64,
 }
 
-/// Reads `cameras.json`; media are named relative to it.
+/// Reads `cameras.json`. Paths of media in it are relative to its folder.
 ///
 /// # Errors
-/// [`MetricsError::Unreadable`]; [`MetricsError::Malformed`] if it is of another schema, or a camera's numbers make no sense.
+/// [`MetricsError::Unreadable`]; [`MetricsError::Malformed`] for another schema, or for values that are not finite and
+/// above 0.
 pub fn read_cameras(path: &Path) -> Result<Vec<ReferenceCamera>, MetricsError> {
     let text = read_text(path)?;
     let file: File =
@@ -120,7 +122,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn cameras_are_read_and_nonsense_is_refused() {
+    fn cameras_are_read_and_invalid_values_are_rejected() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("cameras.json");
         let text = |focal: &str, schema: &str| {

@@ -1,4 +1,4 @@
-//! Boxes in COCO's form: annotations (`images`, `annotations`, `categories`) and results (a list with scores).
+//! Reads boxes in COCO's form: annotations (`images`, `annotations`, `categories`) and results (a list with scores).
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -46,18 +46,20 @@ struct Found {
     score: f64,
 }
 
-/// Truth and results side by side: per category its name and the boxes of each picture, in the order of their ids.
+/// Reads truth and results. Returns, for each category, its name and the boxes of each picture, in the order of their
+/// ids.
+///
 /// As in the reference, crowds are the only regions that are ignored.
 ///
 /// # Errors
-/// [`MetricsError::Unreadable`]; [`MetricsError::Malformed`] for what is not of the form or names an unknown picture.
+/// [`MetricsError::Unreadable`]; [`MetricsError::Malformed`] for a file of another form, or with an unknown picture.
 pub fn read_coco(truth: &Path, found: &Path) -> Result<Vec<(String, Vec<PictureBoxes>)>, MetricsError> {
     let annotations: Annotations = parse(truth)?;
     let results: Vec<Found> = parse(found)?;
     let pictures = || annotations.images.iter().map(|image| (image.id, PictureBoxes::default()));
     let mut of: BTreeMap<u64, BTreeMap<u64, PictureBoxes>> =
         annotations.categories.iter().map(|category| (category.id, pictures().collect())).collect();
-    let mut place =
+    let mut add_box =
         |path: &Path, name: &str, i: usize, category: u64, image: u64, add: &dyn Fn(&mut PictureBoxes)| {
             let boxes = of.get_mut(&category).and_then(|pictures| pictures.get_mut(&image));
             let unknown = || format!("{name}[{i}]: image {image} or category {category} is not listed");
@@ -67,11 +69,11 @@ pub fn read_coco(truth: &Path, found: &Path) -> Result<Vec<(String, Vec<PictureB
         let bbox_px = corners(&a.bbox, truth, "annotations", i)?;
         let area_px2 = a.area;
         let boxed = TrueBox { bbox_px, area_px2, ignore: false, crowd: a.iscrowd != 0 };
-        place(truth, "annotations", i, a.category_id, a.image_id, &|boxes| boxes.truth.push(boxed))?;
+        add_box(truth, "annotations", i, a.category_id, a.image_id, &|boxes| boxes.truth.push(boxed))?;
     }
     for (i, r) in results.iter().enumerate() {
         let boxed = FoundBox { bbox_px: corners(&r.bbox, found, "results", i)?, score: r.score };
-        place(found, "results", i, r.category_id, r.image_id, &|boxes| boxes.found.push(boxed))?;
+        add_box(found, "results", i, r.category_id, r.image_id, &|boxes| boxes.found.push(boxed))?;
     }
     let mut names: Vec<Category> = annotations.categories;
     names.sort_by_key(|category| category.id);

@@ -1,8 +1,9 @@
-//! KITTI object and tracking benchmarks (Geiger et al. 2012), as their development kits' readme.txt describe them.
+//! Reads labels of the KITTI object and tracking benchmarks (Geiger et al. 2012), as their readme.txt describes them.
 //!
-//! A KITTI object lies in the rectified frame of camera 0 (x right, y down, z forward) with its origin at the bottom centre
-//! of its 3D box; `rotation_y` turns its length axis from the camera's x axis about the y axis. Images are those of
-//! camera 2, whose projection `P2 = K [I | t]` holds the shift t between the two; poses here are in camera 2's frame.
+//! A KITTI object is given in the rectified frame of camera 0 (x right, y down, z forward). Its origin is the bottom
+//! centre of its 3D box, and `rotation_y` turns its length axis from the camera's x axis about the y axis. Images are
+//! those of camera 2, whose projection `P2 = K [I | t]` contains the shift t between the two cameras. Poses here are in
+//! camera 2's frame.
 
 mod calib;
 mod folder;
@@ -22,7 +23,7 @@ pub use folder::{KittiItem, object_items};
 pub struct KittiObject {
     /// `Car`, `Van`, `Truck`, `Pedestrian`, … `DontCare`.
     pub kind: String,
-    /// Share that leaves the picture, 0–1; −1 where unknown.
+    /// Share outside the picture, 0–1; −1 if unknown.
     pub truncated: f64,
     /// 0 fully visible, 1 partly hidden, 2 largely hidden, 3 unknown; −1 for `DontCare`.
     pub occluded: i32,
@@ -41,31 +42,33 @@ pub struct KittiObject {
 pub struct KittiTracked {
     /// Index of the frame.
     pub frame: u64,
-    /// Track; −1 for `DontCare`.
+    /// Id of the track; −1 for `DontCare`.
     pub track: i64,
     /// The object.
     pub object: KittiObject,
 }
 
 impl KittiObject {
-    /// Whether it is of a kind that the shape atlas covers.
+    /// Returns whether the object is of a kind that the shape atlas covers.
     #[must_use]
     pub fn is_car(&self) -> bool {
         self.kind == "Car" || self.kind == "Van"
     }
 
-    /// Whether it is a vehicle of any kind.
+    /// Returns whether the object is a vehicle of any kind.
     #[must_use]
     pub fn is_vehicle(&self) -> bool {
         self.is_car() || self.kind == "Truck"
     }
 
-    /// The rigid motion from the box (x forward, y left, z up, origin at its bottom CENTRE, not midway between the axles as
-    /// our cars') to camera 2.
+    /// Returns the rigid motion from the box's frame to camera 2's frame.
+    ///
+    /// The box's frame has x forward, y left, z up. Its origin is the bottom centre, not midway between the axles as
+    /// for our cars.
     #[must_use]
     pub fn camera_from_box(&self, camera: &KittiCamera) -> Isometry3<f64> {
         let (sin, cos) = self.rotation_y.sin_cos();
-        // Columns: where the box's forward, left and up axes point.
+        // Columns: directions of the box's forward, left and up axes.
         let axes = Matrix3::from_columns(&[
             Vector3::new(cos, 0.0, -sin),
             Vector3::new(sin, 0.0, cos),
@@ -116,7 +119,7 @@ fn object(fields: &[&str]) -> Result<KittiObject, String> {
         rotation_y: at(14, "rotation_y")?,
         kind,
     };
-    // DontCare regions have −1 and −1000 for what nobody labelled.
+    // DontCare regions have −1 and −1000 in the fields that are not labelled.
     if object.kind != "DontCare" && !object.dims_m.iter().all(|d| *d > 0.0) {
         return Err("dimensions must be positive".to_owned());
     }
@@ -129,7 +132,7 @@ mod tests {
     use super::*;
     use nalgebra::Point3;
 
-    /// A line as the benchmark has them, with numbers of our own.
+    /// A line in the benchmark's form, with numbers of our own.
     const CAR: &str = "Car 0.80 3 -0.55 0.00 190.25 400.50 373.75 1.60 1.57 3.23 -2.70 1.74 3.68 -1.29";
 
     fn of(text: &str) -> Result<Vec<KittiObject>, MetricsError> {
@@ -167,14 +170,14 @@ mod tests {
             assert!((pose * ours - theirs).norm() < 1e-9);
         }
         assert!((pose.rotation.to_rotation_matrix().matrix().determinant() - 1.0).abs() < 1e-9);
-        // Moved by the shift between the cameras.
+        // The shift between the cameras moves the pose.
         let shifted = KittiCamera::new(721.5, [609.6, 172.9], Vector3::new(0.06, 0.0, 0.0));
         let by = object.camera_from_box(&shifted).translation.vector - pose.translation.vector;
         assert!((by - Vector3::new(0.06, 0.0, 0.0)).norm() < 1e-12);
     }
 
     #[test]
-    fn what_is_wrong_is_named() {
+    fn errors_name_the_fault() {
         for (text, word) in [
             ("Car 0.88 3", "line 1: left is missing"),
             ("Car 0.88 x -0.69 0 192 402 374 1.6 1.5 3.2 -2.7 1.7 3.6 -1.2", "occluded \"x\""),
@@ -188,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn tracks_have_two_fields_before() {
+    fn labels_of_tracks_start_with_frame_and_track() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("0000.txt");
         std::fs::write(&path, format!("3 7 {CAR}\n3 -1 {CAR}\n")).unwrap();

@@ -1,5 +1,7 @@
-//! Boxes in Kitware's KPF (KWIVER packet format), a stream of YAML maps: `geom` packets (`id1` the track, `ts0` the frame,
-//! `g0` the box as `x0 y0 x1 y1`) and `types` packets (`cset3` maps what a track is to a likelihood).
+//! Reads boxes in Kitware's KPF (KWIVER packet format), a stream of YAML maps.
+//!
+//! - `geom` packets: `id1` is the track, `ts0` the frame, `g0` the box as `x0 y0 x1 y1`.
+//! - `types` packets: `cset3` maps each type to the likelihood that the track has it.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -12,19 +14,19 @@ use crate::text_file::read_text;
 /// One box.
 #[derive(Clone, Debug, PartialEq)]
 pub struct KpfBox {
-    /// The thing it belongs to (`id1`).
+    /// Id of the object's track (`id1`).
     pub track: u64,
     /// Index of the frame (`ts0`).
     pub frame: u64,
-    /// Time in the clip (`ts1`), s; 0 where it is not said.
+    /// Time in the clip (`ts1`), s; 0 if it is not given.
     pub time_s: f64,
     /// Left, top, right, bottom, px.
     pub bbox_px: [f64; 4],
-    /// `partially`, `mostly`; absent where fully visible.
+    /// `partially`, `mostly`; `None` if the object is fully visible.
     pub occlusion: Option<String>,
 }
 
-/// Reads the boxes of a `*.geom.yml` file, in its order.
+/// Reads the boxes of a `*.geom.yml` file, in the file's order.
 ///
 /// # Errors
 /// [`MetricsError::Unreadable`]; [`MetricsError::Malformed`] with the packet and field.
@@ -55,7 +57,7 @@ pub fn read_boxes(path: &Path) -> Result<Vec<KpfBox>, MetricsError> {
     Ok(boxes)
 }
 
-/// Reads what each thing most likely is from a `types.yml` file.
+/// Reads the most likely type of each track from a `types.yml` file.
 ///
 /// # Errors
 /// [`MetricsError::Unreadable`]; [`MetricsError::Malformed`] with the packet and field.
@@ -80,12 +82,12 @@ pub fn read_types(path: &Path) -> Result<BTreeMap<u64, String>, MetricsError> {
     Ok(types)
 }
 
-/// A number, written with or without a point.
+/// Returns a number that is written with or without a decimal point.
 fn real(value: &Yaml) -> Option<f64> {
     value.as_f64().or_else(|| value.as_i64().map(|v| v as f64))
 }
 
-/// The packets of one kind with their number in the file, from 1; others (`meta`, …) are passed over.
+/// Returns the packets of one kind with their number in the file, from 1. Other packets (`meta`, …) are skipped.
 fn packets(path: &Path, kind: &str) -> Result<Vec<(usize, Yaml)>, MetricsError> {
     let text = read_text(path)?;
     let documents = YamlLoader::load_from_str(&text).map_err(|e| MetricsError::malformed(path, e))?;
@@ -128,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_named() {
+    fn errors_name_the_fault() {
         for (text, word) in [
             ("- { geom: { id1: 4, ts0: 5, g0: 1 2 3 } }", "packet 1: g0 must have four"),
             ("- { geom: { id1: x, ts0: 5, g0: 1 2 3 4 } }", "packet 1: id1"),

@@ -1,4 +1,4 @@
-//! Tracks in the MOT Challenge's form: `frame, id, left, top, width, height, …`, px, frames from 1.
+//! Reads tracks in the MOT Challenge's form: `frame, id, left, top, width, height, …`, px, frames from 1.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -12,7 +12,7 @@ use crate::sequence::{Sequence, SequenceFrame};
 /// Boxes (left, top, right, bottom, px) with their track, by frame.
 pub type MotFrames = BTreeMap<u64, Vec<(u64, [f64; 4])>>;
 
-/// Reads a file of tracks; fields after the sixth are passed over.
+/// Reads a file of tracks. Fields after the sixth are skipped.
 ///
 /// # Errors
 /// [`MetricsError::Unreadable`], or [`MetricsError::Malformed`] with line and field.
@@ -44,7 +44,7 @@ pub fn read_mot(path: &Path) -> Result<MotFrames, MetricsError> {
     Ok(frames)
 }
 
-/// Truth and tracks side by side, alike by the IoU of their boxes.
+/// Combines truth and tracks to a sequence, with the IoU of their boxes as the similarity.
 #[must_use]
 pub fn sequence_of_boxes(truth: &MotFrames, tracks: &MotFrames) -> Sequence {
     let frames: BTreeSet<u64> = truth.keys().chain(tracks.keys()).copied().collect();

@@ -1,12 +1,12 @@
-//! Boxes of a frame as average precision wants them.
+//! The boxes of a frame as the input of the average precision.
 
 use crate::average_precision::{FoundBox, PictureBoxes, TrueBox};
 use crate::truth::{TrueCar, TrueFrame, Truth};
 
 use super::counts;
 
-/// True boxes of cars (visible parts) and the boxes found. Cars that do not count and other vehicles are ignored: nobody is
-/// asked to find them, nobody is blamed for it.
+/// Returns the true boxes of cars (visible parts) and the found boxes. Cars that do not count, and other vehicles, are
+/// ignored: they are neither misses nor false alarms.
 #[must_use]
 pub fn picture_boxes(truth: &Truth, frame: &TrueFrame, found: Vec<FoundBox>) -> PictureBoxes {
     let true_box = |car: &TrueCar| {

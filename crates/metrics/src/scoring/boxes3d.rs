@@ -1,4 +1,4 @@
-//! Poses against 3D boxes, where truth has no keypoints (KITTI).
+//! Scores poses against 3D boxes, for truth without keypoints (KITTI).
 
 use nalgebra::{Isometry3, Point3, Translation3};
 use roadplane_base::{Shape, ShapeAtlas};
@@ -7,8 +7,10 @@ use super::PoseScore;
 use crate::add::{add_m, box_corners, diameter_m};
 use crate::viewpoint::rotation_error_rad;
 
-/// Errors of an estimated pose and shape against a true box of length, width and height (m) whose frame has its origin at the
-/// centre of the box's bottom (x forward, y left, z up). The points are the eight corners; the diameter is the diagonal.
+/// Returns the errors of an estimated pose and shape against a true box of length, width and height (m).
+///
+/// The frame of the box has its origin at the centre of the box's bottom (x forward, y left, z up). The points are the
+/// eight corners; the diameter is the diagonal.
 #[must_use]
 pub fn score_box(
     true_dims_m: [f64; 3],
@@ -32,7 +34,8 @@ pub fn score_box(
     }
 }
 
-/// How far ahead of the middle between the axles the middle of the body lies, m: overhangs differ front and rear.
+/// Returns the distance of the middle of the body ahead of the middle between the axles, m. Overhangs differ front and
+/// rear.
 #[must_use]
 pub fn body_centre_m(atlas: &ShapeAtlas, shape: &Shape) -> f64 {
     let points = atlas.keypoints_in_car(shape);
@@ -62,7 +65,7 @@ mod tests {
         let score = score_box(dims, &(camera_from_car * centre), &shifted, &shape, &atlas);
         let diagonal = dims.iter().map(|d| d * d).sum::<f64>().sqrt();
         assert!((score.add - 0.5 / diagonal).abs() < 1e-9);
-        // A true box 0.4 m higher: its four upper corners are off by that much, the pose is not.
+        // A true box 0.4 m higher: its four upper corners are off by 0.4 m, and the pose is exact.
         let higher = [dims[0], dims[1], dims[2] + 0.4];
         let score = score_box(higher, &(camera_from_car * centre), &camera_from_car, &shape, &atlas);
         let diagonal = higher.iter().map(|d| d * d).sum::<f64>().sqrt();

@@ -1,4 +1,4 @@
-//! Poses of single frames: ADD and viewpoint.
+//! Scores poses of single frames: ADD and viewpoint.
 
 use std::collections::BTreeMap;
 
@@ -11,12 +11,12 @@ use crate::viewpoint::rotation_error_rad;
 
 use super::{counts, pairs_by_box};
 
-/// Errors of one car in one frame; infinite where it got no pose.
+/// Errors of one car in one frame; infinite if it got no pose.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PoseScore {
     /// True distance of the car from the camera, m.
     pub distance_m: f64,
-    /// ADD of the points that the system puts out, in diameters.
+    /// ADD of the points that the system returns, in diameters.
     pub add: f64,
     /// ADD of the true points under the estimated pose, in diameters.
     pub add_of_pose: f64,
@@ -25,7 +25,7 @@ pub struct PoseScore {
 }
 
 impl PoseScore {
-    /// A car without a pose.
+    /// Returns the score of a car without a pose.
     #[must_use]
     pub fn missed(true_camera_from_car: &Isometry3<f64>) -> Self {
         let distance_m = true_camera_from_car.translation.vector.norm();
@@ -33,7 +33,7 @@ impl PoseScore {
     }
 }
 
-/// Errors of an estimated pose whose shape has these keypoints (car frame, by index).
+/// Returns the errors of an estimated pose whose shape has these keypoints (car frame, by index).
 #[must_use]
 pub fn score_pose(
     model: &Model,
@@ -54,8 +54,10 @@ pub fn score_pose(
     }
 }
 
-/// Errors of all true cars that count, in the frames that `analysed` says were looked at, from the lines of `poses.jsonl`.
-/// Poses that the run itself rejected (`used: false`) count as none.
+/// Returns the errors of all true cars that count, from the lines of `poses.jsonl`.
+///
+/// `analysed` decides by frame and time (s) whether a frame was processed. Poses that the run itself rejected (`used:
+/// false`) do not count.
 #[must_use]
 pub fn score_poses(
     truth: &Truth,
@@ -128,7 +130,7 @@ mod tests {
             Translation3::identity(),
             UnitQuaternion::from_axis_angle(&Vector3::z_axis(), 0.2),
         );
-        // In another order than the cars; the third was rejected by the run.
+        // The poses are in another order than the cars. The run rejected the third.
         let poses = [pose(1, turn), pose(0, shift), pose(2, Isometry3::identity())];
         let scores = score_poses(&truth, &poses, &atlas, |_, _| true);
         let diameter = diameter_m(&truth.models[0].keypoints());

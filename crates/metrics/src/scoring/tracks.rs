@@ -1,4 +1,4 @@
-//! Tracks of a clip: identity on the ground; position, motion and jitter of those found.
+//! Scores the tracks of a clip: identity on the ground; position, motion and jitter of found cars.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -12,34 +12,35 @@ use crate::truth::{TrueCar, Truth};
 
 use super::{is_seen, pairs_by_box};
 
-/// A row that was filled in this near a true car is meant to be that car, m.
+/// Largest distance of a filled-in row from the true car that it belongs to, m.
 const NEAR_M: f64 = 2.0;
 
-/// What tracks are worth.
+/// The scores of a clip's tracks.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TrackScore {
-    /// For HOTA, CLEAR MOT and IDF1.
+    /// The sequence for HOTA, CLEAR MOT and IDF1.
     pub sequence: Sequence,
-    /// The same after the one scale that lays the found places best over the true ones: how large a place's cars are is not known.
+    /// The sequence after the one scale that fits the found positions best to the true ones. The size of a site's cars
+    /// is unknown, so its error is removed here.
     pub fitted: Sequence,
-    /// Vehicles that count in some frame.
+    /// Number of vehicles that count in some frame.
     pub vehicles: usize,
-    /// Vehicles (vehicle and frame) that count.
+    /// Number of vehicles that count, counted per frame.
     pub true_cars: usize,
-    /// Position errors of those that a row's box overlaps.
+    /// Position errors of the vehicles whose box a row's box overlaps.
     pub positions: Vec<PositionError>,
-    /// True distance, m, and error in x and y as multiples of the row's sd, of the same.
+    /// For the same vehicles: true distance (m), and the errors in x and y in units of the row's sd.
     pub whitened: Vec<(f64, [f64; 2])>,
-    /// Speed and heading errors of the same.
+    /// For the same vehicles: speed and heading errors.
     pub motions: Vec<MotionError>,
-    /// Of each parked car: RMS step from frame to frame, m.
+    /// For each parked car: root mean square step from frame to frame, m.
     pub jitters_m: Vec<f64>,
 }
 
-/// Scores the rows of `tracks.*` in the frames that `analysed` says were looked at.
+/// Scores the rows of `tracks.*`. `analysed` decides by frame and time (s) whether a frame was processed.
 ///
-/// Left out are rows whose box is that of a true car of which too little is seen (see [`is_seen`]), and rows that were filled in where
-/// truth lists no car within reach: truth leaves out cars that are hidden, which is when rows are filled in.
+/// Two kinds of rows are left out: rows on a true car of which too little is visible (see [`is_seen`]), and filled-in
+/// rows without a true car nearby. Truth does not list hidden cars, and rows are filled in while a car is hidden.
 #[must_use]
 pub fn score_tracks(truth: &Truth, rows: &[TrackRow], analysed: impl Fn(u64, f64) -> bool) -> TrackScore {
     let mut of_frame: BTreeMap<u64, Vec<&TrackRow>> = BTreeMap::new();
@@ -48,53 +49,54 @@ pub fn score_tracks(truth: &Truth, rows: &[TrackRow], analysed: impl Fn(u64, f64
     }
     let parked = always_parked(truth);
     let mut score = TrackScore::default();
-    // Places of parked cars in consecutive frames under one track.
-    let mut stands: BTreeMap<u64, Vec<Stand>> = BTreeMap::new();
-    let (mut places, mut placed) = (Vec::new(), BTreeSet::new());
+    // Positions of parked cars in consecutive frames of one track.
+    let mut parked_positions: BTreeMap<u64, Vec<ParkedPosition>> = BTreeMap::new();
+    let (mut positions, mut ids_with_row) = (Vec::new(), BTreeSet::new());
     let mut frames: Vec<GroundFrame> = Vec::new();
-    let looked_at = truth.frames.iter().filter(|frame| analysed(frame.frame, frame.time_s));
-    for (place_in_clip, frame) in looked_at.enumerate() {
+    let processed = truth.frames.iter().filter(|frame| analysed(frame.frame, frame.time_s));
+    for (index, frame) in processed.enumerate() {
         let rows = of_frame.get(&frame.frame).map_or(&[][..], Vec::as_slice);
         let cars: Vec<&TrueCar> = frame.cars.iter().filter(|car| is_seen(car)).collect();
         score.true_cars += cars.len();
         let kept = kept_rows(rows, &frame.cars, is_seen);
         frames.push(GroundFrame {
-            truth: cars.iter().map(|car| (car.id, true_place(car))).collect(),
-            found: kept.iter().map(|row| (row.track, place(row))).collect(),
+            truth: cars.iter().map(|car| (car.id, true_position(car))).collect(),
+            found: kept.iter().map(|row| (row.track, position(row))).collect(),
         });
 
         let boxes: Vec<[f64; 4]> = rows.iter().map(|row| row.bbox_px).collect();
         for (row, car) in rows.iter().zip(pairs_by_box(&boxes, &cars)) {
             let Some(car) = car.map(|c| cars[c]) else { continue };
-            places.push((Some(place(row)), true_place(car)));
-            placed.insert(car.id);
-            let off = place(row) - true_place(car);
-            score.whitened.push((true_place(car).norm(), [off.x / row.x_sd_m, off.y / row.y_sd_m]));
+            positions.push((Some(position(row)), true_position(car)));
+            ids_with_row.insert(car.id);
+            let off = position(row) - true_position(car);
+            score.whitened.push((true_position(car).norm(), [off.x / row.x_sd_m, off.y / row.y_sd_m]));
             let heading = car.world_from_car[1][0].atan2(car.world_from_car[0][0]);
             score.motions.push(motion_error(row.speed_mps, row.heading_rad, car.speed_mps, heading));
             if parked.contains(&car.id) {
-                let stands = stands.entry(car.id).or_default();
-                stands.push(Stand { place_in_clip, track: row.track, place: place(row) });
+                let of_car = parked_positions.entry(car.id).or_default();
+                of_car.push(ParkedPosition { index, track: row.track, position: position(row) });
             }
         }
     }
-    score.positions = position_errors(&places, placed.len());
+    score.positions = position_errors(&positions, ids_with_row.len());
     let ids: BTreeSet<u64> = frames.iter().flat_map(|frame| &frame.truth).map(|(id, _)| *id).collect();
     score.vehicles = ids.len();
-    let scale = scale_of(&places);
+    let scale = scale_of(&positions);
     score.sequence = frames.iter().map(|frame| frame.scaled(1.0)).collect();
     score.fitted = frames.iter().map(|frame| frame.scaled(scale)).collect();
-    for stands in stands.values() {
-        let goes_on = |a: &Stand, b: &Stand| b.place_in_clip == a.place_in_clip + 1 && a.track == b.track;
-        for stretch in stands.chunk_by(goes_on) {
-            let places: Vec<Vector2<f64>> = stretch.iter().map(|stand| stand.place).collect();
-            score.jitters_m.extend(jitter_m(&places));
+    for of_car in parked_positions.values() {
+        let consecutive =
+            |a: &ParkedPosition, b: &ParkedPosition| b.index == a.index + 1 && a.track == b.track;
+        for interval in of_car.chunk_by(consecutive) {
+            let positions: Vec<Vector2<f64>> = interval.iter().map(|parked| parked.position).collect();
+            score.jitters_m.extend(jitter_m(&positions));
         }
     }
     score
 }
 
-/// True and found places of a frame that count.
+/// True and found positions of a frame that count, with the ids of vehicle and track.
 struct GroundFrame {
     truth: Vec<(u64, Vector2<f64>)>,
     found: Vec<(u64, Vector2<f64>)>,
@@ -102,18 +104,19 @@ struct GroundFrame {
 
 impl GroundFrame {
     fn scaled(&self, scale: f64) -> SequenceFrame {
-        let found: Vec<_> = self.found.iter().map(|(id, place)| (*id, place * scale)).collect();
+        let found: Vec<_> = self.found.iter().map(|(id, position)| (*id, position * scale)).collect();
         SequenceFrame::on_ground(&self.truth, &found)
     }
 }
 
-/// Scale about the camera's foot that brings found places to the true ones with the least squares; wrong ones have no say.
-fn scale_of(places: &[(Option<Vector2<f64>>, Vector2<f64>)]) -> f64 {
+/// Returns the least-squares scale about the camera's foot point that takes found positions to the true ones. Gross
+/// errors are left out.
+fn scale_of(positions: &[(Option<Vector2<f64>>, Vector2<f64>)]) -> f64 {
     let mut scale = 1.0;
-    // First within the share by which scales are wrong, then within reach.
+    // The first rounds allow for the usual error of scales, the last ones do not.
     for share in [0.2, 0.1, 0.0, 0.0] {
         let (mut products, mut squares) = (0.0, 0.0);
-        for (found, truth) in places.iter().filter_map(|(found, truth)| Some(((*found)?, truth))) {
+        for (found, truth) in positions.iter().filter_map(|(found, truth)| Some(((*found)?, truth))) {
             if (found * scale - truth).norm() < ZERO_DISTANCE_M.max(share * truth.norm()) {
                 products += found.dot(truth);
                 squares += found.norm_squared();
@@ -126,17 +129,19 @@ fn scale_of(places: &[(Option<Vector2<f64>>, Vector2<f64>)]) -> f64 {
     scale
 }
 
-struct Stand {
-    place_in_clip: usize,
+/// The position of a parked car's track in a frame.
+struct ParkedPosition {
+    /// Index among the processed frames.
+    index: usize,
     track: u64,
-    place: Vector2<f64>,
+    position: Vector2<f64>,
 }
 
-fn place(row: &TrackRow) -> Vector2<f64> {
+fn position(row: &TrackRow) -> Vector2<f64> {
     Vector2::new(row.x_m, row.y_m)
 }
 
-fn true_place(car: &TrueCar) -> Vector2<f64> {
+fn true_position(car: &TrueCar) -> Vector2<f64> {
     Vector2::new(car.world_from_car[0][3], car.world_from_car[1][3])
 }
 
@@ -147,7 +152,7 @@ fn always_parked(truth: &Truth) -> BTreeSet<u64> {
     cars().map(|car| car.id).filter(|id| !moved.contains(id)).collect()
 }
 
-/// Rows that count: see [`score_tracks`]. Which car a row is of is decided in the picture, as everywhere.
+/// Returns the rows that count: see [`score_tracks`]. The boxes in the picture decide which car a row belongs to.
 fn kept_rows<'a>(
     rows: &[&'a TrackRow],
     cars: &[TrueCar],
@@ -155,7 +160,7 @@ fn kept_rows<'a>(
 ) -> Vec<&'a TrackRow> {
     let boxes: Vec<[f64; 4]> = rows.iter().map(|row| row.bbox_px).collect();
     let car_of = pairs_by_box(&boxes, &cars.iter().collect::<Vec<_>>());
-    let near = |row: &TrackRow| cars.iter().any(|car| (place(row) - true_place(car)).norm() < NEAR_M);
+    let near = |row: &TrackRow| cars.iter().any(|car| (position(row) - true_position(car)).norm() < NEAR_M);
     let keep = |(row, car): (&&'a TrackRow, &Option<usize>)| match car {
         Some(car) => counted(&cars[*car]).then_some(*row),
         None => (row.observed || near(row)).then_some(*row),
@@ -169,26 +174,26 @@ mod tests {
     use crate::truth::fixture::lot;
     use crate::{clear::Clear, hota::HotaCounts};
 
-    /// Rows that say what is true, `dx` m to the right of it.
+    /// Returns rows with true values, shifted `dx` m to the right.
     fn rows(truth: &Truth, dx: f64) -> Vec<TrackRow> {
         let row = |frame: &crate::truth::TrueFrame, car: &TrueCar| TrackRow {
-            x_m: true_place(car).x + dx,
-            y_m: true_place(car).y,
+            x_m: true_position(car).x + dx,
+            y_m: true_position(car).y,
             heading_rad: car.world_from_car[1][0].atan2(car.world_from_car[0][0]),
             speed_mps: car.speed_mps + 0.25,
             y_sd_m: 0.1,
             heading_sd_rad: 0.1,
             bbox_px: car.bbox_px,
-            ..roadplane_synth::standing(car.id + 1, frame.frame, frame.time_s)
+            ..roadplane_synth::stationary_row(car.id + 1, frame.frame, frame.time_s)
         };
         truth.frames.iter().flat_map(|frame| frame.cars.iter().map(move |car| row(frame, car))).collect()
     }
 
     #[test]
-    fn errors_are_those_put_in() {
+    fn errors_equal_those_of_the_rows() {
         let truth = lot(4);
         let mut rows = rows(&truth, 0.3);
-        // The first parked car jumps 0.2 m for one of the four frames: steps 0, 0.2, 0.2.
+        // The first parked car jumps 0.2 m for one of the four frames. Its steps are 0, 0.2 and 0.2 m.
         rows[6].y_m += 0.2;
         let score = score_tracks(&truth, &rows, |_, _| true);
         assert_eq!((score.true_cars, score.positions.len(), score.vehicles), (12, 12, 3));
@@ -199,34 +204,34 @@ mod tests {
         assert_eq!(score.jitters_m.len(), 2, "the passing car is not parked");
         assert!((score.jitters_m[0] - (0.08f64 / 3.0).sqrt()).abs() < 1e-9 && score.jitters_m[1] < 1e-9);
         assert!((Clear::of(&score.sequence).mota() - 1.0).abs() < 1e-12);
-        // 0.3 m of 4 m: similarity 0.925 passes 18 of 19 thresholds; so do 0.36 m.
+        // 0.3 m of 4 m is a similarity of 0.925, which passes 18 of 19 thresholds; so does that of 0.36 m.
         assert!((HotaCounts::of(&score.sequence).score().ass_a - 18.0 / 19.0).abs() < 1e-12);
     }
 
     #[test]
-    fn a_scale_that_nobody_knows_is_taken_out() {
+    fn an_unknown_scale_is_removed() {
         let truth = lot(4);
         let mut rows = rows(&truth, 0.0);
         for row in &mut rows {
             (row.x_m, row.y_m) = (1.12 * row.x_m, 1.12 * row.y_m);
         }
-        // One row is far off and has no say.
+        // One row is far off and does not change the scale.
         rows[0].x_m += 40.0;
         let score = score_tracks(&truth, &rows, |_, _| true);
         let hota = |sequence| HotaCounts::of(sequence).score().hota;
         assert!(hota(&score.sequence) < 0.6, "{}", hota(&score.sequence));
-        // That row is a miss and a false alarm: 11 of 13.
+        // That row is a miss and a false alarm, so 11 of 13 remain.
         assert!(hota(&score.fitted) > 0.84, "{}", hota(&score.fitted));
     }
 
     #[test]
-    fn what_does_not_count_costs_nothing() {
+    fn cars_that_do_not_count_cost_nothing() {
         let mut truth = lot(2);
         let mut rows = rows(&truth, 0.0);
         for frame in &mut truth.frames {
             frame.cars[1].visible_share = 0.2;
         }
-        // A row that was filled in where truth lists nobody; the same seen is a false alarm.
+        // A filled-in row far from all true cars does not count. The same row as an observation is a false alarm.
         let bbox_px = [1.0, 1.0, 30.0, 20.0];
         let mut filled = TrackRow { track: 9, x_m: 30.0, bbox_px, observed: false, ..rows[0].clone() };
         rows.push(filled.clone());

@@ -9,7 +9,8 @@ use roadplane_base::{
 
 use super::{Kind, Model, TRUTH_SCHEMA, TrueCamera, TrueCar, TrueFrame, TruePlane, Truth};
 
-/// Three mean cars in view of a camera 6 m up: 0 and 1 parked 15 and 30 m ahead, 2 passing at 5 m/s 22 m ahead.
+/// Returns three mean cars in view of a camera 6 m up. Cars 0 and 1 are parked 15 and 30 m ahead, and car 2 passes at 5
+/// m/s 22 m ahead.
 pub fn lot(frames: u64) -> Truth {
     let atlas = ShapeAtlas::shipped().unwrap();
     let plane = GroundPlane::from_tilt_roll_height(0.3, 0.0, 6.0);

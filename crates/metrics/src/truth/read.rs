@@ -1,4 +1,4 @@
-//! Reads truth files and checks them: a wrong truth would make every number wrong.
+//! Reads and checks truth files. A wrong truth would make all scores wrong.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -11,10 +11,10 @@ use super::{DATASET_SCHEMA, Dataset, Rows, TRUTH_SCHEMA, Truth};
 use crate::MetricsError;
 use crate::text_file::read_text;
 
-/// How far rounded rotations and planes may be from exact ones.
+/// Tolerance for rounded rotations and planes.
 const ROUNDING: f64 = 1e-4;
 
-/// Reads the list of a data set from its folder; items come back as paths that can be opened.
+/// Reads the list of a data set from its folder. The items of the result are paths that can be opened.
 ///
 /// # Errors
 /// [`MetricsError::Unreadable`], or [`MetricsError::Malformed`] with the field.
@@ -36,7 +36,7 @@ pub fn read_dataset(folder: &Path) -> Result<Dataset, MetricsError> {
     Ok(dataset)
 }
 
-/// Reads one truth file, gzipped or not; `media` comes back as a path that can be opened.
+/// Reads one truth file, gzipped or not. `media` of the result is a path that can be opened.
 ///
 /// # Errors
 /// [`MetricsError::Unreadable`], or [`MetricsError::Malformed`] with the field.
@@ -68,7 +68,7 @@ fn check(truth: &Truth) -> Result<(), String> {
         return fail("camera.height_m", "must be positive");
     }
     rigid(&camera.camera_from_world).map_err(|what| format!("camera.camera_from_world: {what}"))?;
-    // The same plane is said three times; they have to agree.
+    // The file gives the same plane three times, and the three must agree.
     let plane = camera.plane();
     let same_angle = |a: f64, b: f64| (a - b).abs() < ROUNDING;
     if !same_angle(plane.tilt(), camera.tilt_rad) || !same_angle(plane.roll(), camera.roll_rad) {
@@ -120,7 +120,7 @@ fn check(truth: &Truth) -> Result<(), String> {
     Ok(())
 }
 
-/// Whether rows are a rotation and a translation.
+/// Checks that rows are a rotation and a translation.
 fn rigid(rows: &Rows) -> Result<(), &'static str> {
     let r = Matrix3::from_fn(|i, j| rows[i][j]);
     let last = rows[3].iter().zip([0.0, 0.0, 0.0, 1.0]).all(|(a, b)| (a - b).abs() < 1e-9);
@@ -141,7 +141,7 @@ mod tests {
     use serde_json::{Value, json};
     use std::io::Read as _;
 
-    /// A truth file with one car, 10 m ahead of a camera 5 m up that looks 0.3 rad down.
+    /// Returns a truth file with one car, 10 m ahead of a camera 5 m up that is tilted by 0.3 rad.
     fn truth() -> Value {
         let plane = roadplane_base::GroundPlane::from_tilt_roll_height(0.3, 0.05, 5.0);
         let rows = roadplane_base::rows_from_isometry(&plane.camera_from_world());
@@ -173,14 +173,14 @@ mod tests {
         let truth = read(&truth()).unwrap();
         let car = &truth.frames[0].cars[0];
         let in_camera = truth.camera.camera_from_car(car);
-        // The camera sits 5 m above the world's origin.
+        // The camera is 5 m above the world's origin.
         assert!((in_camera.translation.vector.norm() - (1.5f64.powi(2) + 100.0 + 25.0).sqrt()).abs() < 1e-9);
         assert!(in_camera.translation.vector.z > 0.0);
         assert_eq!(truth.model(4).unwrap().body, "sedan");
     }
 
     #[test]
-    fn a_gzipped_truth_is_read_and_a_torn_one_named() {
+    fn a_gzipped_truth_is_read_and_a_truncated_one_is_named() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("0000.truth.json.gz");
         let mut packed = Vec::new();
@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_named() {
+    fn errors_name_the_field() {
         for (pointer, wrong, word) in [
             ("/schema", json!("other/1"), "schema"),
             ("/camera/focal_px", json!(-1.0), "camera.focal_px"),

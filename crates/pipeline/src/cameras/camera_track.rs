@@ -6,83 +6,86 @@ use roadplane_write::ConstraintSummary;
 
 use crate::cameras::witnesses::SceneView;
 
-/// The camera at every time of a clip.
+/// The estimated camera at every time of a clip.
 #[derive(Clone, Debug, Default)]
 pub struct CameraTrack {
+    /// Estimates, one per interval, in the order of time.
     pub(super) estimates: Vec<CameraEstimate>,
-    /// When each position of the camera after the first began, s.
+    /// Times at which the camera positions after the first began, s.
     pub(super) moves_s: Vec<f64>,
+    /// Evidence of this clip alone, for the camera database.
     pub(super) said: Option<CameraEvidence>,
+    /// Log of the size of the site's cars relative to the atlas.
     pub(super) size_of_cars: f64,
+    /// Each user constraint, compared with all other evidence.
     pub(super) known: Vec<ConstraintSummary>,
+    /// Vertical lines and parallel cars, by camera position.
     pub(super) scene: Vec<SceneView>,
 }
 
 impl CameraTrack {
-    /// Of estimates that were read back.
+    /// Creates the track from estimates that were read from a file.
     #[must_use]
     pub fn from_estimates(estimates: Vec<CameraEstimate>) -> Self {
         Self { estimates, ..Self::default() }
     }
 
-    /// What the clip alone says of its camera, for other clips to start from; where asked for, and where it says something.
+    /// Returns the evidence of this clip alone, for the camera database; `None` if not requested or without
+    /// information.
     #[must_use]
-    pub fn said(&self) -> Option<&CameraEvidence> {
+    pub fn evidence(&self) -> Option<&CameraEvidence> {
         self.said.as_ref()
     }
 
-    /// Log of how large the place's cars are against the atlas; 0 where nothing but cars tells scale.
+    /// Returns the log of the size of the site's cars relative to the atlas; 0 where only cars determine the scale.
     #[must_use]
     pub fn size_of_cars(&self) -> f64 {
         self.size_of_cars
     }
 
-    /// What was told of the camera, against everything else.
+    /// Returns each user constraint, compared with all other evidence.
     #[must_use]
-    pub fn known(&self) -> &[ConstraintSummary] {
+    pub fn constraints(&self) -> &[ConstraintSummary] {
         &self.known
     }
 
-    /// Lines of the scene and what they came to, by the camera's position.
+    /// Returns the lines of the scene and the factors from them, by camera position.
     #[must_use]
     pub fn scene(&self) -> &[SceneView] {
         &self.scene
     }
 
-    /// How often it was moved.
+    /// Returns the number of camera moves.
     #[must_use]
     pub fn moves(&self) -> usize {
         self.moves_s.len()
     }
 
-    /// One estimate per stretch of time, in order; never empty.
+    /// Returns one estimate per interval, in the order of time; never empty.
     #[must_use]
     pub fn estimates(&self) -> &[CameraEstimate] {
         &self.estimates
     }
 
-    /// Counts the positions that the camera was moved to up to a time.
+    /// Returns the index of the camera position at a time, from 0.
     #[must_use]
     pub fn position_at(&self, time_s: f64) -> usize {
         self.moves_s.iter().filter(|from_s| **from_s <= time_s).count()
     }
 
-    /// The estimate that holds at a time: whose stretch contains it, else the nearest.
+    /// Returns the estimate whose interval contains a time, or else the nearest one.
     #[must_use]
     pub fn at(&self, time_s: f64) -> Option<&CameraEstimate> {
         self.estimates.get(self.segment_at(time_s))
     }
 
-    /// Puts the camera on the map; points refine it.
+    /// Places the camera on the map. Map points also refine it.
     ///
     /// # Errors
-    /// What is wrong with the site; that the camera was moved.
+    /// An error in the site's description, or a camera that was moved.
     pub fn put_on_map(&mut self, site: &Site) -> Result<Place, String> {
         let [only] = self.estimates.as_mut_slice() else {
-            return Err(format!(
-                "the camera had {} positions, which have no one place",
-                self.estimates.len()
-            ));
+            return Err(format!("it was moved and had {} positions", self.estimates.len()));
         };
         let place = site.place(only)?;
         if matches!(site, Site::Points(_)) {
@@ -91,7 +94,7 @@ impl CameraTrack {
         Ok(place)
     }
 
-    /// Place of that estimate among all, from 0.
+    /// Returns the index of that estimate among all estimates, from 0.
     #[must_use]
     pub fn segment_at(&self, time_s: f64) -> usize {
         let distance = |i: &usize| {

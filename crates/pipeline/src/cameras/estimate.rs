@@ -1,4 +1,4 @@
-//! The camera of a clip from all its frames.
+//! Estimates the camera of a clip from all its frames.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -14,23 +14,25 @@ use crate::cameras::joining::{
 };
 use crate::cameras::known::CameraConstraints;
 use crate::cameras::lens::LensOfClip;
-use crate::cameras::memory::{Recall, look};
+use crate::cameras::memory::{CameraHistory, look};
 use crate::cameras::remembered::{add_remembered, evidence_of, own_epoch};
 use crate::cameras::window::Solving;
 use crate::cameras::witnesses::{Heard, ToldLines, and_witnesses, hear_witnesses};
 use crate::tracks::believe::usable;
 use crate::{Config, PipelineError};
 
-/// Estimates the camera from all frames, long edges of the place, and what is remembered of it, or says that nothing could be estimated.
+/// Estimates the camera from all frames, long edges of the site, user constraints and the camera database.
+///
+/// If nothing can be estimated the result has the status "unobservable".
 ///
 /// # Errors
-/// Whatever reading a frame failed with; [`PipelineError::Usage`] where what is known is of other pictures.
+/// Any error of reading a frame; [`PipelineError::Usage`] where constraints belong to other pictures.
 pub fn estimate_cameras(
     frames: impl Iterator<Item = Result<FrameRecord, PipelineError>>,
     curves: &[SceneCurve],
     atlas: &ShapeAtlas,
     known: &CameraConstraints,
-    recall: Option<&Recall>,
+    recall: Option<&CameraHistory>,
     config: &Config,
 ) -> Result<CameraTrack, PipelineError> {
     let mut known = known.clone();
@@ -39,7 +41,7 @@ pub fn estimate_cameras(
         window_s: config.calibrate.window_s,
         ..EvidenceOptions::default()
     });
-    // What is remembered, and what is held against the user, comes of solves that were not told.
+    // The camera database, and the comparison with user constraints, use solves without these constraints.
     let mut untold = Solving::new(atlas, config);
     let mut told: Option<Solving<'_>> = None;
     let mut moves_s: Vec<f64> = Vec::new();
@@ -131,7 +133,7 @@ pub fn estimate_cameras(
     Ok(CameraTrack { estimates, moves_s, said, size_of_cars, known, scene })
 }
 
-/// The camera before any car is looked at.
+/// Returns the camera before any car is used: the prior and the user constraints.
 #[must_use]
 pub fn prior_camera(known: &CameraConstraints, frame: &FrameRecord, config: &Config) -> CameraEstimate {
     let (size, span_s) = (frame.image_size_px, [frame.time_s; 2]);

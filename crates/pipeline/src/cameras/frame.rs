@@ -1,4 +1,4 @@
-//! The camera of one frame on its own: as the product solves it, and by the paper's Algorithm 1.
+//! Estimates the camera of a single frame: as the product does, and by the paper's Algorithm 1.
 
 use nalgebra::Matrix4;
 use roadplane_base::{
@@ -17,7 +17,7 @@ use crate::cameras::lens::LensOfClip;
 use crate::cameras::window::by_cars_alone;
 use crate::tracks::believe::usable;
 
-/// Solves one frame on its own.
+/// Estimates the camera of a single frame.
 #[must_use]
 pub fn estimate_frame(
     frame: &FrameRecord,
@@ -48,11 +48,14 @@ pub fn estimate_frame(
     of_solution(frame, &lens, solution.status, (solution.params, solution.covariance), cars_used)
 }
 
-/// How far cars stand from a common plane where they are drawn to it, as by the paper: kerbs, springs, loads.
+/// Sds of cars' distance (m) and angle (dimensionless) from a common plane in the paper's method: kerbs, springs,
+/// loads.
 pub const PLANE_TERMS: PlaneTerms = PlaneTerms { distance_sd_m: 0.05, angle_sd: 0.02 };
 
-/// Solves one frame on its own by the paper's Algorithm 1: the camera, and each car's free pose (one a car; `None` where nothing could be
-/// fitted). Of what is known of the camera its numbers count; nothing else of the scene does.
+/// Solves a single frame by the paper's Algorithm 1.
+///
+/// Returns the camera and the free pose of each car (`None` where no pose can be fitted). Of the user constraints only
+/// the camera's numbers are used. Nothing else of the scene is used.
 #[must_use]
 pub fn estimate_frame_as_paper(
     frame: &FrameRecord,
@@ -74,7 +77,7 @@ pub fn estimate_frame_as_paper(
     (of_solution(frame, &lens, solution.status, camera, cars_used), solution.cars)
 }
 
-/// What stands before any car is looked at: the lens, what is known of the camera seen through it, and the solver's options.
+/// Returns everything that precedes the cars: the lens, the user constraints seen through it, and the solver's options.
 fn before_cars(
     curves: &[SceneCurve],
     size: ImageSize,
@@ -89,7 +92,7 @@ fn before_cars(
     (lens, known, options)
 }
 
-/// A frame's camera as a solve has it, by so many cars.
+/// Builds the camera estimate of a frame from a solve that used `cars_used` cars.
 fn of_solution(
     frame: &FrameRecord,
     lens: &LensOfClip,
@@ -108,7 +111,7 @@ fn of_solution(
         image_size_px: frame.image_size_px,
         principal_point_px: frame.image_size_px.centre_px(),
         lens: lens.lens(),
-        bend_sd: lens.bend_sd(),
+        distortion_sd: lens.bend_sd(),
         params,
         covariance,
         status,

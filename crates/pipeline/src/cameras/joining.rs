@@ -1,4 +1,4 @@
-//! How windows, and clips, are joined: the prior and the factors that count once, and what joins to nothing.
+//! Options for joining windows and clips: the prior, the factors that count once, and the results without evidence.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -12,10 +12,10 @@ use crate::Config;
 use crate::cameras::known::CameraConstraints;
 use crate::cameras::population::POPULATION_LOG_SD;
 
-/// sd of log focal that stands for "given".
+/// Sd of log focal length for a focal length that the user gave without an sd.
 const GIVEN_LOG_FOCAL_SD: f64 = 1e-6;
 
-/// How windows, and clips, are joined by this configuration, where the camera was moved so often.
+/// Returns the options for joining windows and clips, for a camera that was moved `moves` times.
 pub(crate) fn fuse_options(
     size: ImageSize,
     moves: usize,
@@ -33,7 +33,7 @@ pub(crate) fn fuse_options(
     }
 }
 
-/// All that speaks of the camera beside cars, by its position.
+/// Returns all factors beside the cars, by camera position.
 pub(crate) fn factors_by_position(
     size: ImageSize,
     moves: usize,
@@ -43,13 +43,14 @@ pub(crate) fn factors_by_position(
     factors.filter(|(_, factors): &(usize, Arc<[Factor]>)| !factors.is_empty()).collect()
 }
 
-/// What of that a window is solved with: its cars take themselves for as large as the atlas', which only many windows together can
-/// weigh against a length.
+/// Returns the factors that a single window is solved with.
+///
+/// A window assumes that its cars have the atlas's sizes. Only many windows together can weigh cars against a length.
 pub(crate) fn factors_of_window(factors: &[Factor]) -> Arc<[Factor]> {
     factors.iter().filter_map(Factor::without_scale).collect()
 }
 
-/// A window without cars.
+/// Returns a window without cars.
 pub(crate) fn nothing_seen(options: &FuseOptions, span_s: [f64; 2], segment: usize) -> WindowEstimate {
     WindowEstimate {
         span_s,
@@ -64,6 +65,7 @@ pub(crate) fn nothing_seen(options: &FuseOptions, span_s: [f64; 2], segment: usi
     }
 }
 
+/// Returns the camera's prior; a given focal length replaces the prior's one.
 fn fuse_prior(options: &SceneOptions, size: ImageSize) -> FusePrior {
     let prior = &options.camera_prior;
     let mut params = prior.mean(size);
@@ -75,13 +77,14 @@ fn fuse_prior(options: &SceneOptions, size: ImageSize) -> FusePrior {
     FusePrior { params, sd }
 }
 
+/// Returns an estimate with the numbers and sds of the prior, and the status "unobservable".
 pub(crate) fn unobservable(options: &FuseOptions, span_s: [f64; 2], size: ImageSize) -> CameraEstimate {
     CameraEstimate {
         span_s,
         image_size_px: size,
         principal_point_px: options.principal_point_px,
         lens: options.lens,
-        bend_sd: options.bend_sd,
+        distortion_sd: options.bend_sd,
         params: options.prior.params,
         covariance: Matrix4::from_diagonal(&options.prior.sd.map(|sd| sd * sd)),
         status: CameraStatus::Unobservable,

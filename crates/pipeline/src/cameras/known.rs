@@ -1,4 +1,4 @@
-//! What the user knows of a camera: evidence like any other, as [`Factor`]s.
+//! User constraints on a camera. They are evidence like any other, as [`Factor`]s.
 
 mod camera_file;
 mod check;
@@ -10,85 +10,99 @@ use nalgebra::{Matrix4, Vector2, Vector4};
 use roadplane_base::{Factor, ImageSize, Lens};
 use roadplane_write::{LengthConstraint, WriteError, read_constraints};
 
-pub(crate) use check::{contradiction, in_words as known_in_words};
+pub(crate) use check::{contradiction, in_words as constraint_in_words};
 pub use measured::Measured;
 
 use crate::PipelineError;
 use camera_file::{CameraOfFile, KnownLens};
 use measured::{GUESSED_HEIGHT_SHARE, GUESSED_TILT_SD_DEG};
 
-/// A principal point that is farther from the middle, as a share of the picture's width, is worth a word.
+/// Distance of a principal point from the picture's centre above which a warning is logged, as a share of the width.
 const OFF_CENTRE: f64 = 0.02;
-/// Pictures of the same camera in another size have the same ratio of sides, to this share.
+/// Largest difference in the log ratio of sides between pictures of the same camera in two sizes.
 const SAME_RATIO: f64 = 0.01;
 
-/// What the user knows of a camera. By default nothing.
+/// The user constraints on a camera; by default there are none.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CameraConstraints {
-    /// Focal length that is taken as it is, and the size of the pictures that it is for where that is told.
+    /// Exact focal length (px), and the size of the pictures for which it holds, if given.
     focal: Option<(f64, Option<ImageSize>)>,
+    /// Lens distortion, if given.
     lens: Option<KnownLens>,
-    /// What lens the pixels of lengths are seen through.
+    /// Lens through which the ends of lengths are observed.
     seen_through: Lens,
+    /// All other constraints.
     facts: Vec<Fact>,
 }
 
-/// What is said on a command line.
+/// The constraints of a command line.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ConstraintOptions<'a> {
-    /// Focal length, px. Without an sd it is taken as it is.
+    /// Focal length, px. Without an sd it is exact.
     pub focal_px: Option<Measured>,
-    /// Tilt, °; without an sd to 2°.
+    /// Tilt, °. Without an sd it has 2°.
     pub tilt_deg: Option<Measured>,
-    /// Roll, °; without an sd to 2°.
+    /// Roll, °. Without an sd it has 2°.
     pub roll_deg: Option<Measured>,
-    /// Height, m; without an sd to 5 %.
+    /// Height, m. Without an sd it has 5 %.
     pub height_m: Option<Measured>,
-    /// File of a camera: `camera.json`, `.krtd`, OpenCV's `.yml`.
+    /// Camera file: `camera.json`, `.krtd`, or OpenCV's `.yml`.
     pub camera: Option<&'a Path>,
-    /// File of known lengths.
+    /// File of measured lengths.
     pub lengths: Option<&'a Path>,
-    /// OpenCV's k1 and k2 of the lens; they need a focal length.
+    /// OpenCV's k1 and k2 of the lens; they require a focal length.
     pub lens: Option<[f64; 2]>,
 }
 
-/// One thing that is known.
+/// One constraint.
 #[derive(Clone, Debug, PartialEq)]
 enum Fact {
+    /// One of the camera's four numbers.
     Number(Number),
+    /// A camera from a file.
     Camera {
+        /// Name of the file.
         file: String,
-        /// Of its pictures, where it is told.
+        /// Size of the file's pictures, if given.
         size: Option<ImageSize>,
+        /// Mean of (log focal length, tilt, roll, log height).
         mean: Vector4<f64>,
+        /// Information matrix of these numbers.
         information: Matrix4<f64>,
+        /// Whether the height depends on the size of cars.
         by_cars: bool,
     },
+    /// A measured length in the picture.
     Length {
+        /// Name of the file.
         file: String,
+        /// The length with its ends.
         length: LengthConstraint,
     },
 }
 
-/// One of (log focal, tilt, roll, log height).
+/// A constraint on one of (log focal length, tilt, roll, log height).
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Number {
+    /// Index of the number, 0–3.
     which: usize,
+    /// Its value (log or rad).
     value: f64,
+    /// Its sd (log or rad).
     sd: f64,
 }
 
 impl CameraConstraints {
-    /// A focal length, px, that is taken as it is.
+    /// Creates the constraint of an exact focal length, px.
     #[must_use]
     pub fn focal(focal_px: Option<f64>) -> Self {
         Self { focal: focal_px.map(|focal_px| (focal_px, None)), ..Self::default() }
     }
 
-    /// What a command line says; files are read.
+    /// Builds the constraints of a command line and reads its files.
     ///
     /// # Errors
-    /// [`PipelineError::Usage`] for what makes no sense and for files that are not of their form, [`PipelineError::Write`] for files
+    /// [`PipelineError::Usage`] for values out of range and for malformed files, [`PipelineError::Write`] for files
     /// that cannot be read.
     pub fn new(options: &ConstraintOptions<'_>) -> Result<Self, PipelineError> {
         let mut known = Self::default();
@@ -115,9 +129,7 @@ impl CameraConstraints {
             }
             known.lens = Some(KnownLens::Opencv(k1_k2));
             if known.about_focal_px().is_none() {
-                return Err(PipelineError::usage(
-                    "--lens means something beside a focal length only: give --focal-px, too",
-                ));
+                return Err(PipelineError::usage("--lens needs a focal length: give --focal-px, too"));
             }
         }
         for (which, name, angle) in [(1, "--tilt-deg", options.tilt_deg), (2, "--roll-deg", options.roll_deg)]
@@ -142,6 +154,7 @@ impl CameraConstraints {
         Ok(known)
     }
 
+    /// Adds the constraints of a camera file.
     fn add_camera(&mut self, path: &Path) -> Result<(), PipelineError> {
         let CameraOfFile { size, principal_point_px, focal_px, lens, numbers, by_cars } =
             camera_file::read(path).map_err(usage)?;
@@ -150,7 +163,7 @@ impl CameraConstraints {
             && (middle - Vector2::from(point)).norm() > OFF_CENTRE * (2.0 * middle.x)
         {
             tracing::warn!(
-                "{}: its principal point is not the middle of the picture, which it is taken for",
+                "{}: its principal point is not the middle of the picture; the middle is used",
                 path.display()
             );
         }
@@ -162,13 +175,13 @@ impl CameraConstraints {
         Ok(())
     }
 
-    /// The focal length, px, where it is taken as it is.
+    /// Returns the exact focal length, px, if given.
     #[must_use]
     pub fn focal_px(&self) -> Option<f64> {
         self.focal.map(|(focal_px, _)| focal_px)
     }
 
-    /// The focal length, px, as it is taken or about.
+    /// Returns the focal length, px, exact or with an sd, if given.
     fn about_focal_px(&self) -> Option<f64> {
         let number = |fact: &Fact| match fact {
             Fact::Number(Number { which: 0, value, .. }) => Some(value.exp()),
@@ -177,27 +190,27 @@ impl CameraConstraints {
         self.focal_px().or_else(|| self.facts.iter().find_map(number))
     }
 
-    /// The lens, where it is told, for pictures of this size that [`CameraConstraints::for_pictures`] was asked for.
+    /// Returns the lens, if given, for pictures of this size. Call [`CameraConstraints::for_pictures`] first.
     pub(crate) fn lens(&self, size: ImageSize) -> Option<Lens> {
         match self.lens? {
             KnownLens::Opencv([k1, k2]) => Some(Lens::from_opencv(k1, k2, self.about_focal_px()?, size)),
-            KnownLens::Bend(bend) => Some(Lens::with_bend(bend, size)),
+            KnownLens::Bend(bend) => Some(Lens::with_distortion(bend, size)),
         }
     }
 
-    /// The same with this lens, which the ends of lengths are seen through.
+    /// Returns the constraints with this lens, through which the ends of lengths are observed.
     #[must_use]
     pub(crate) fn seen_through(&self, lens: Lens) -> Self {
         Self { seen_through: lens, ..self.clone() }
     }
 
-    /// Nothing is known but perhaps focal length and lens, exactly.
+    /// Returns whether there are no constraints except an exact focal length and a lens.
     #[must_use]
     pub fn is_silent(&self) -> bool {
         self.facts.is_empty()
     }
 
-    /// The same for pictures of this size: a camera of the same pictures larger or smaller is scaled.
+    /// Returns the constraints for pictures of this size. A camera of the same pictures in another size is scaled.
     ///
     /// # Errors
     /// [`PipelineError::Usage`] for a camera of other pictures, or pixels outside of these.
@@ -221,8 +234,9 @@ impl CameraConstraints {
                     if !(inside(&length.from_px) && inside(&length.to_px)) {
                         let name = length.name.as_deref().unwrap_or_default();
                         let [width, height] = <[u32; 2]>::from(size);
-                        let what =
-                            format!("{name} ends outside of the picture, {width} × {height} px: {file}");
+                        let what = format!(
+                            "the length {name} ends outside the picture of {width} × {height} px: {file}"
+                        );
                         return Err(PipelineError::usage(&what));
                     }
                 }
@@ -232,8 +246,9 @@ impl CameraConstraints {
         Ok(known)
     }
 
-    /// What it says of a position of the camera, from 0. Focal length and height hold for all; the rest is true of where the camera
-    /// looked first.
+    /// Returns the factors on a camera position, from 0.
+    ///
+    /// Focal length and height hold for all positions. Other constraints hold for the first position only.
     pub(crate) fn factors(&self, position: usize, size: ImageSize) -> Vec<Factor> {
         self.facts
             .iter()
@@ -242,21 +257,22 @@ impl CameraConstraints {
             .collect()
     }
 
-    /// What a reader should know where the camera was moved.
+    /// Returns a note for the user about constraints that do not hold after a camera move; `None` if all hold.
     pub(crate) fn silent_later(&self) -> Option<String> {
         self.facts.iter().any(|fact| !fact.holds_everywhere()).then(|| {
-            "the camera was moved: tilt, roll, lengths and camera files that were told hold for its first position only"
+            "the camera was moved: the given tilt, roll, lengths and camera file hold for its first position only"
                 .to_owned()
         })
     }
 }
 
 impl Fact {
-    /// Also where the camera was moved to.
+    /// Returns whether the constraint also holds after a camera move.
     fn holds_everywhere(&self) -> bool {
         matches!(self, Self::Number(Number { which: 0 | 3, .. }))
     }
 
+    /// Returns the constraint as a factor, for pictures of this size seen through this lens.
     fn factor(&self, size: ImageSize, lens: Lens) -> Factor {
         match self {
             Self::Number(Number { which, value, sd }) => {
@@ -267,7 +283,7 @@ impl Fact {
             }
             Self::Length { length, .. } => Factor::Length {
                 ends_px: [length.from_px, length.to_px]
-                    .map(|end| lens.straightened(&(Vector2::from(end) - size.centre_px()))),
+                    .map(|end| lens.undistorted(&(Vector2::from(end) - size.centre_px()))),
                 end_sd_px: length.pixel_sd,
                 length_m: length.length_m,
                 log_sd: length.sd_m / length.length_m,
@@ -276,19 +292,20 @@ impl Fact {
     }
 }
 
-/// How much larger pictures of `size` are than those of `other`.
+/// Returns the ratio of the size of pictures `size` to `other`; a usage error where the ratios of sides differ.
 fn scale(other: ImageSize, size: ImageSize) -> Result<f64, PipelineError> {
     let [by_width, by_height] =
         [f64::from(size.width) / f64::from(other.width), f64::from(size.height) / f64::from(other.height)];
     if (by_width / by_height).ln().abs() > SAME_RATIO {
         return Err(PipelineError::usage(&format!(
-            "--camera is of pictures of {} × {} px, these have {} × {}: not the same ones scaled",
+            "--camera is for pictures of {} × {} px, but these have {} × {}: their ratios of sides differ",
             other.width, other.height, size.width, size.height
         )));
     }
     Ok((by_width * by_height).sqrt())
 }
 
+/// Returns the number; a usage error if it is not above 0.
 fn positive(name: &str, number: Measured) -> Result<f64, PipelineError> {
     if number.value > 0.0 {
         return Ok(number.value);
@@ -296,11 +313,12 @@ fn positive(name: &str, number: Measured) -> Result<f64, PipelineError> {
     Err(PipelineError::usage(&format!("{name} must be above 0")))
 }
 
+/// Returns the file name of a path.
 fn name_of(path: &Path) -> String {
     path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default()
 }
 
-/// A file that the command line names and that is not of its form is the command line's fault.
+/// Converts an error of reading a constraint file. A malformed file is a usage error.
 fn usage(error: WriteError) -> PipelineError {
     match error {
         WriteError::Malformed { .. } => PipelineError::usage(&error.to_string()),

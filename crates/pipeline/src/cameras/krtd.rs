@@ -1,5 +1,7 @@
-//! MEVA's `.krtd` cameras (Kitware's KWIVER): K, R, T and lens distortion, whitespace between; `X_camera = R X_world + T`,
-//! metres, z = 0 roughly the ground.
+//! Reads MEVA's `.krtd` cameras (Kitware's KWIVER).
+//!
+//! A file contains K, R, T and the lens distortion, separated by whitespace; `X_camera = R X_world + T`. Lengths are in
+//! metres, and z = 0 is roughly the ground.
 
 use std::path::Path;
 
@@ -10,40 +12,41 @@ use roadplane_write::WriteError;
 /// A calibrated camera.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Krtd {
-    /// Focal length along x, px. Some files' pixels are not square.
+    /// Focal length along x, px. In some files the pixels are not square.
     pub focal_x_px: f64,
     /// Focal length along y, px.
     pub focal_y_px: f64,
-    /// Principal point, px.
+    /// Principal point (x, y), px.
     pub principal_point_px: [f64; 2],
-    /// Rotation from world to camera.
+    /// Rotation from the world to the camera.
     pub rotation: Matrix3<f64>,
-    /// World's origin in the camera frame, m.
+    /// Origin of the world in the camera frame, m.
     pub translation_m: Vector3<f64>,
-    /// Lens distortion in OpenCV's order (k1, k2, p1, p2, k3), as many as the file has.
+    /// Lens distortion in OpenCV's order (k1, k2, p1, p2, k3), as many numbers as the file has.
     pub distortion: Vec<f64>,
 }
 
 impl Krtd {
-    /// Geometric mean of the two focal lengths, px: that of the square pixels that keep the picture's area.
+    /// Returns the geometric mean of the two focal lengths, px: the focal length of square pixels of the same area.
     #[must_use]
     pub fn focal_px(&self) -> f64 {
         (self.focal_x_px * self.focal_y_px).sqrt()
     }
 
-    /// The ground z = 0 of the world in the camera frame: tilt, roll and height.
+    /// Returns the ground z = 0 of the world in the camera frame: tilt, roll and height.
     #[must_use]
     pub fn plane(&self) -> GroundPlane {
         let up = self.rotation.column(2).into_owned();
-        // The camera's centre is −Rᵀ T; its height is that vector's z.
+        // The camera's centre is −Rᵀ T; its height is the z of that vector.
         GroundPlane { normal_in_camera: up, height_m: -up.dot(&self.translation_m) }
     }
 }
 
-/// Reads a camera.
+/// Reads a camera from a `.krtd` file.
 ///
 /// # Errors
-/// [`WriteError::Io`]; [`WriteError::Malformed`] if it is no K, R, T with a rotation, or lies under its ground.
+/// [`WriteError::Io`]; [`WriteError::Malformed`] if the file is no K, R, T with a rotation, or the camera is under the
+/// ground.
 pub fn read_krtd(path: &Path) -> Result<Krtd, WriteError> {
     let text = std::fs::read_to_string(path).map_err(|source| WriteError::Io {
         doing: "read",
@@ -64,10 +67,10 @@ pub fn read_krtd(path: &Path) -> Result<Krtd, WriteError> {
     let (t, distortion) = rest.split_at(3);
     let rotation = Matrix3::from_row_slice(r);
     if !(k[0] > 0.0 && k[4] > 0.0 && (k[8] - 1.0).abs() < 1e-9) {
-        return Err(fail("K: no pinhole camera"));
+        return Err(fail("K: no matrix of a pinhole camera"));
     }
     if (rotation * rotation.transpose() - Matrix3::identity()).norm() > 1e-6 || rotation.determinant() < 0.0 {
-        return Err(fail("R: no rotation"));
+        return Err(fail("R: no rotation matrix"));
     }
     let camera = Krtd {
         focal_x_px: k[0],
@@ -86,7 +89,7 @@ mod tests {
 
     #[test]
     fn a_camera_of_known_tilt_and_height() {
-        // 10 m up, looking along world y, 0.3 rad down, without roll.
+        // The camera is 10 m up, looks along world y, 0.3 rad down, without roll.
         let plane = GroundPlane::from_tilt_roll_height(0.3, 0.0, 10.0);
         let m = plane.camera_from_world().to_homogeneous();
         let rows = |r: usize| format!("{} {} {}", m[(r, 0)], m[(r, 1)], m[(r, 2)]);

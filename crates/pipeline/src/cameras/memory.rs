@@ -1,7 +1,8 @@
-//! `--cameras`: what other clips said of a clip's camera, as it was when the command began, and what this one says.
+//! The camera database (`--cameras`): the evidence of other clips of the same camera.
 //!
-//! Every clip of a command starts from the same memory, however many are worked on at the same time and however often the
-//! command was stopped; what the clips say lies in their results (`evidence.json`) and is remembered when the command ends.
+//! Every clip of a command starts from the database as it was when the command began. So neither the number of parallel
+//! clips nor interruptions change the result. The evidence of each clip is part of its result (`evidence.json`) and is
+//! added to the database when the command ends.
 
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
@@ -16,49 +17,59 @@ use regex::Regex;
 use roadplane_base::{CameraEstimate, CameraEvidence, ClipIdentity, ImageSize};
 use roadplane_calibrate::{Epoch, SameView, epochs, fuse};
 use roadplane_view::ViewError;
-use roadplane_watch::PlacePicture;
+use roadplane_watch::BackgroundPicture;
 use roadplane_write::{EvidenceStore, InputSummary, WriteError, is_camera_id};
 
 use crate::cameras::joining::fuse_options;
 use crate::{CameraConstraints, Config, PipelineError, stem_of};
 
-/// Name of a clip's evidence in its result.
+/// File name of a clip's evidence in its result.
 pub(crate) const EVIDENCE: &str = "evidence.json";
-/// A place that lies off by less than this share of the picture's width is where it was; a camera of 60° sees a turn by 0.2°.
+/// Largest displacement of two pictures of the same camera position, as a share of the width. A camera of 60° detects a
+/// turn of 0.2°.
 const SAME_PLACE: f64 = 0.003;
 
 /// The cameras of a command's inputs.
 #[derive(Clone, Debug)]
 pub struct CameraDatabase {
+    /// The folder of the database.
     store: EvidenceStore,
+    /// Rule that assigns a camera to an input.
     id: CameraId,
+    /// Stored evidence, by camera.
     known: BTreeMap<String, Vec<CameraEvidence>>,
 }
 
-/// Which camera an input is of: a name, or a pattern of file names in which `{}` is the name and `*` anything.
+/// A rule that assigns a camera to an input.
+///
+/// It is a name, or a pattern of file names in which `{}` is the name and `*` matches any text.
 #[derive(Clone, Debug)]
 struct CameraId {
+    /// The rule as the user wrote it.
     text: String,
+    /// The compiled pattern; `None` for a plain name.
     pattern: Option<Regex>,
 }
 
 impl CameraId {
+    /// Parses the rule; a usage error if it is not valid.
     fn new(text: &str) -> Result<Self, PipelineError> {
         if !text.contains("{}") {
             return if is_camera_id(text) {
                 Ok(Self { text: text.to_owned(), pattern: None })
             } else {
-                Err(PipelineError::usage(&format!("--camera-id {text:?} cannot name a camera")))
+                Err(PipelineError::usage(&format!("--camera-id {text:?} is no valid name of a camera")))
             };
         }
         let form = regex::escape(text).replace(r"\{\}", "(.+?)").replace(r"\*", ".*?");
         let pattern = Regex::new(&format!("^(?s:{form})$"))
             .ok()
             .filter(|pattern| pattern.captures_len() == 2)
-            .ok_or_else(|| PipelineError::usage(&format!("--camera-id {text:?}: write {{}} once")))?;
+            .ok_or_else(|| PipelineError::usage(&format!("--camera-id {text:?}: write {{}} exactly once")))?;
         Ok(Self { text: text.to_owned(), pattern: Some(pattern) })
     }
 
+    /// Returns the camera of an input; a usage error if the name does not match.
     fn of(&self, input: &Path) -> Result<String, PipelineError> {
         let Some(pattern) = &self.pattern else { return Ok(self.text.clone()) };
         let stem = stem_of(input);
@@ -71,7 +82,7 @@ impl CameraId {
 }
 
 impl CameraDatabase {
-    /// Reads what is known of the inputs' cameras. Damaged files are told in the log and left alone.
+    /// Reads the stored evidence of the inputs' cameras. Damaged files are reported in the log and skipped.
     ///
     /// # Errors
     /// [`PipelineError::Usage`] where an input has no camera, [`PipelineError::Write`] where the folder cannot be read.
@@ -88,62 +99,67 @@ impl CameraDatabase {
         Ok(Self { store, id, known })
     }
 
-    /// The camera of an input.
+    /// Returns the camera of an input.
     ///
     /// # Errors
-    /// [`PipelineError::Usage`].
+    /// [`PipelineError::Usage`] where the input's name does not contain a camera.
     pub fn camera_of(&self, input: &Path) -> Result<String, PipelineError> {
         self.id.of(input)
     }
 
-    /// What an input starts from: what all clips but itself said of its camera.
-    pub(crate) fn recall(
+    /// Returns the evidence that an input starts from: that of all other clips of its camera.
+    pub(crate) fn history_of(
         &self,
         input: &Path,
         identity: &InputSummary,
         models: Vec<String>,
         place: Option<&RgbImage>,
-    ) -> Result<Recall, PipelineError> {
+    ) -> Result<CameraHistory, PipelineError> {
         let camera = self.id.of(input)?;
         let name = stem_of(input);
         let recorded = time_in_name(&name).unwrap_or_else(|| modified(input));
         let clip = ClipIdentity { recorded, sha256: identity.sha256.clone(), name };
         let known = self.known.get(&camera).map(Vec::as_slice).unwrap_or_default();
         let evidence = known.iter().filter(|e| e.clip.sha256 != clip.sha256).cloned().collect();
-        let place = place.map(|place| packed(&PlacePicture::of(place)?)).transpose()?;
-        Ok(Recall { camera, clip, models, place, evidence })
+        let place = place.map(|place| packed(&BackgroundPicture::of(place)?)).transpose()?;
+        Ok(CameraHistory { camera, clip, models, place, evidence })
     }
 
-    /// Remembers what a finished result says of its camera; nothing where it says nothing.
+    /// Adds the evidence of a finished result to the database, if it has any.
     ///
     /// # Errors
-    /// [`PipelineError::Write`].
+    /// [`PipelineError::Write`] where a file cannot be read or written.
     pub fn learn(&self, result: &Path) -> Result<(), PipelineError> {
         let path = result.join(EVIDENCE);
         if path.is_file() && self.store.add(&path)? {
-            tracing::debug!("remembered: {}", path.display());
+            tracing::debug!("added to the camera database: {}", path.display());
         }
         Ok(())
     }
 }
 
-/// Leaves out what cannot be read, and says so.
+/// Drops evidence that cannot be read, and reports it in the log.
 pub(crate) fn sound(read: Vec<Result<CameraEvidence, WriteError>>) -> Vec<CameraEvidence> {
-    let told = |error: &WriteError| tracing::error!("left out of what is remembered: {error}");
+    let told = |error: &WriteError| tracing::error!("left out of the camera database: {error}");
     read.into_iter().filter_map(|evidence| evidence.inspect_err(told).ok()).collect()
 }
 
-/// What a clip starts from, and who it is.
+/// The stored evidence that a clip starts from, and the clip's identity.
 #[derive(Clone, Debug)]
-pub(crate) struct Recall {
+pub(crate) struct CameraHistory {
+    /// Name of the camera.
     pub camera: String,
+    /// Identity of the clip.
     pub clip: ClipIdentity,
+    /// Names and sha256 of the nets that found the vehicles and keypoints.
     pub models: Vec<String>,
+    /// Picture of the empty scene, as a PNG in base64.
     pub place: Option<String>,
+    /// Evidence of all other clips of the camera.
     pub evidence: Vec<CameraEvidence>,
 }
 
-/// Compares the places of two clips.
+/// Compares the pictures of the empty scene of two clips.
 pub(crate) fn look(a: &CameraEvidence, b: &CameraEvidence) -> SameView {
     let displacement = || {
         let (a, b) = (unpacked(a.place.as_ref()?)?, unpacked(b.place.as_ref()?)?);
@@ -156,32 +172,35 @@ pub(crate) fn look(a: &CameraEvidence, b: &CameraEvidence) -> SameView {
     }
 }
 
-fn packed(place: &PlacePicture) -> Result<String, PipelineError> {
+/// Encodes a picture of the scene as a PNG in base64.
+fn packed(place: &BackgroundPicture) -> Result<String, PipelineError> {
     let mut png = Vec::new();
     place.to_grey().write_with_encoder(PngEncoder::new(&mut png)).map_err(ViewError::from)?;
     Ok(STANDARD.encode(png))
 }
 
-/// `None` for what is no picture, or a large one: files from elsewhere are not trusted.
-fn unpacked(text: &str) -> Option<PlacePicture> {
+/// Decodes a picture of the scene from base64.
+///
+/// `None` for text that is no picture, or a large one: files from elsewhere are not trusted.
+fn unpacked(text: &str) -> Option<BackgroundPicture> {
     let mut reader = image::ImageReader::new(std::io::Cursor::new(STANDARD.decode(text).ok()?));
     reader.set_format(ImageFormat::Png);
     let mut limits = image::Limits::default();
     (limits.max_image_width, limits.max_image_height) = (Some(1024), Some(1024));
     reader.limits(limits);
-    Some(PlacePicture::from_grey(&reader.decode().ok()?.into_luma8()))
+    Some(BackgroundPicture::from_grey(&reader.decode().ok()?.into_luma8()))
 }
 
-/// A camera over an epoch, as it is known.
+/// A stored camera over one epoch.
 #[derive(Clone, Debug)]
 pub struct StoredCamera {
-    /// Names of the clips, in order.
+    /// Identities of the clips, in order.
     pub clips: Vec<ClipIdentity>,
-    /// The numbers, the size of the place's cars counted.
+    /// Estimate of the camera; its sds include the uncertainty of the cars' size.
     pub estimate: CameraEstimate,
 }
 
-/// Epochs of a camera, in order, and what is known of it in each.
+/// Returns the epochs of a stored camera, in order, each with its estimate.
 ///
 /// # Errors
 /// [`PipelineError::Write`] where the folder cannot be read.
@@ -203,16 +222,16 @@ pub fn stored_cameras(
     Ok(epochs.iter().filter_map(known).collect())
 }
 
-/// Joins folders of remembered cameras, and output folders of runs, into one. Gives the number of clips that were new.
+/// Joins several camera databases, and output folders of runs, into one. Returns the number of new clips.
 ///
 /// # Errors
-/// [`PipelineError::Write`]: a damaged file ends it, since what it held would be missing.
+/// [`PipelineError::Write`]. A damaged file stops the command, because its evidence would be missing.
 pub fn merge_cameras(from: &[PathBuf], out: &Path) -> Result<usize, PipelineError> {
     let out = EvidenceStore::new(out);
     let mut added = 0;
     for folder in from {
         for camera in EvidenceStore::new(folder).cameras()? {
-            // The name of a folder of a run is a clip's, and what lies there is its result.
+            // A folder of a run has the name of a clip and contains its result.
             let result = folder.join(&camera).join(EVIDENCE);
             let files = if result.is_file() {
                 vec![result]
@@ -229,7 +248,7 @@ pub fn merge_cameras(from: &[PathBuf], out: &Path) -> Result<usize, PipelineErro
     Ok(added)
 }
 
-/// A time in a file's name, however it is written: `20260131T235959`, `2026-01-31_23-59-59`.
+/// Returns a time from a file's name, in any notation such as `20260131T235959` or `2026-01-31_23-59-59`.
 fn time_in_name(name: &str) -> Option<String> {
     let form = r"(20\d\d)[-_.]?(\d\d)[-_.]?(\d\d)[-_.T ]?(\d\d)[-_.:]?(\d\d)[-_.:]?(\d\d)";
     let found = Regex::new(form).ok()?.captures(name)?;
@@ -240,13 +259,15 @@ fn time_in_name(name: &str) -> Option<String> {
     Some(format!("{year:04}-{month:02}-{day:02}T{hour:02}:{minute:02}:{second:02}"))
 }
 
-/// When a file was last changed, UTC.
+/// Returns the time when a file was last changed, UTC.
 fn modified(input: &Path) -> String {
     let changed = input.metadata().and_then(|metadata| metadata.modified()).unwrap_or(UNIX_EPOCH);
     time_in_words(changed)
 }
 
-/// Civil time of the proleptic Gregorian calendar, UTC (H. Hinnant, "chrono-compatible low-level date algorithms").
+/// Returns the civil time of the proleptic Gregorian calendar, UTC.
+///
+/// The algorithm is that of H. Hinnant, "chrono-compatible low-level date algorithms".
 fn time_in_words(time: SystemTime) -> String {
     let seconds = time.duration_since(UNIX_EPOCH).unwrap_or_default().as_secs();
     let (days, rest) = (seconds / 86_400 + 719_468, seconds % 86_400);

@@ -1,5 +1,7 @@
-//! How large the cars of a place are against those of the shape atlas.
+//! The size of a site's cars relative to the shape atlas.
 
-/// sd of the mean size of a place's cars against the shape atlas', log: those of the USA are some 6 % longer than Europe's,
-/// Japan's as much shorter (estimates). Every car of a clip shares it, and heights and distances scale with it.
+/// Sd of the log of the mean size of a site's cars relative to the shape atlas.
+///
+/// Cars in the USA are about 6 % longer than those in Europe, cars in Japan about as much shorter (estimates). Every
+/// car of a clip shares this error, and heights and distances scale with it.
 pub(crate) const POPULATION_LOG_SD: f64 = 0.04;

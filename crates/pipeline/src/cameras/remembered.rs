@@ -1,4 +1,4 @@
-//! What a clip says of its camera to be remembered, and what is remembered of it.
+//! Converts a clip's windows to evidence for the camera database, and adds stored evidence to a clip's windows.
 
 use std::collections::BTreeMap;
 
@@ -8,15 +8,16 @@ use roadplane_calibrate::{
 };
 
 use crate::cameras::joining::nothing_seen;
-use crate::cameras::memory::{Recall, look};
+use crate::cameras::memory::{CameraHistory, look};
 
-/// Links of remembered vehicles are this and above; a clip counts its own from 0.
+/// Identifiers of stored vehicles start here; a clip counts its own vehicles from 0.
 const REMEMBERED: LinkId = 1 << 48;
 
-/// What the windows of the camera's last position say, the one that the picture of the place is of, with the links of its parked
-/// vehicles. `None` where the camera drifted or was moved unseen.
+/// Returns the evidence of the camera's last position, and the identifiers of its parked vehicles.
+///
+/// The picture of the empty scene belongs to this position. `None` where the camera drifted or moved without a verdict.
 pub(crate) fn evidence_of(
-    recall: &Recall,
+    recall: &CameraHistory,
     windows: &[WindowEstimate],
     position: usize,
     clip_span_s: [f64; 2],
@@ -43,7 +44,9 @@ pub(crate) fn evidence_of(
         params: std::array::from_fn(|i| params[i]),
         information: std::array::from_fn(|r| std::array::from_fn(|c| together.joint.information[(r, c)])),
         shared: std::array::from_fn(|r| std::array::from_fn(|c| together.joint.cross[(r, c)])),
-        lens: options.bend_sd.map(|sd| (options.lens, Lens::with_bend(sd, options.image_size_px).per_px2)),
+        lens: options
+            .bend_sd
+            .map(|sd| (options.lens, Lens::with_distortion(sd, options.image_size_px).per_px2)),
         moving: together.cars.len() - stood.len(),
         parked: stood,
         place: recall.place.clone(),
@@ -51,9 +54,9 @@ pub(crate) fn evidence_of(
     Some((said, links))
 }
 
-/// The epoch that this clip belongs to; none where it begins one. Says which.
+/// Returns the epoch to which this clip belongs, and logs it. `None` where the clip begins a new epoch.
 pub(crate) fn own_epoch<'a, 'b>(
-    recall: &Recall,
+    recall: &CameraHistory,
     said: &CameraEvidence,
     epochs: &'b [Epoch<'a>],
     options: &FuseOptions,
@@ -61,17 +64,20 @@ pub(crate) fn own_epoch<'a, 'b>(
     let camera = &recall.camera;
     let epoch = joins(said, epochs, &look, options).map(|index| &epochs[index]);
     match epoch {
-        Some(epoch) => tracing::info!("camera {camera}: {} clips are remembered", epoch.clips.len()),
+        Some(epoch) => {
+            tracing::info!("camera {camera}: the camera database has {} clips of it", epoch.clips.len())
+        }
         None if epochs.is_empty() => {}
         None => {
-            tracing::info!("camera {camera}: it was moved since it was last seen, a new epoch begins");
+            tracing::info!("camera {camera}: it was moved since its last clip, a new epoch starts");
         }
     }
     epoch
 }
 
-/// Puts what other clips said of the camera's last position in front of this clip's windows of it, and links the vehicles that
-/// stand there as they stood before.
+/// Inserts the evidence of other clips before this clip's windows of the camera's last position.
+///
+/// Vehicles that are parked as in an earlier clip get the identifier of the stored vehicle.
 pub(crate) fn add_remembered(
     windows: &mut Vec<WindowEstimate>,
     position: usize,

@@ -1,4 +1,4 @@
-//! The cars of a window, or of a frame, solved for the camera.
+//! Solves the cars of a window or a frame for the camera.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -13,27 +13,34 @@ use roadplane_solve::{CarSolution, CarView, SceneOptions, SceneSolution, ShapePr
 use crate::Config;
 use crate::tracks::believe::{is_believable, projected_box};
 
-/// Longer side of a box whose car's turn is of use, px.
+/// Least length of the longer side of a box whose car's heading is used, px.
 const LEAST_TURNED_PX: f64 = 40.0;
 
-/// The windows of a clip as they are solved, each from where the one before ended.
+/// Solves the windows of a clip, each from the result of the previous one.
 #[derive(Clone)]
 pub(crate) struct Solving<'a> {
+    /// The shape atlas.
     atlas: &'a ShapeAtlas,
+    /// The configuration.
     config: &'a Config,
+    /// Camera of the last solved window, where the next solve starts.
     start: Option<CameraParams>,
+    /// Estimates of the solved windows, in order.
     pub windows: Vec<WindowEstimate>,
+    /// Parked vehicles of all solved windows.
     pub parked: BTreeMap<LinkId, ParkedCar>,
-    /// How cars are turned, by the camera's position.
+    /// Headings of cars, by camera position.
     pub headings: BTreeMap<usize, Vec<CarHeading>>,
 }
 
 impl<'a> Solving<'a> {
+    /// Creates a solver without windows.
     pub fn new(atlas: &'a ShapeAtlas, config: &'a Config) -> Self {
         let (windows, parked, headings) = Default::default();
         Self { atlas, config, start: None, windows, parked, headings }
     }
 
+    /// Solves a window and stores its results. A window without a usable solution is dropped.
     pub fn solve(
         &mut self,
         window: &Window,
@@ -55,13 +62,17 @@ impl<'a> Solving<'a> {
     }
 }
 
-/// A window's estimate, and its vehicles that stood.
+/// A window's estimate, with its parked vehicles and headings.
 struct SolvedWindow {
+    /// Estimate of the camera.
     estimate: WindowEstimate,
+    /// Its parked vehicles.
     parked: Vec<(LinkId, ParkedCar)>,
+    /// Headings of its cars.
     headings: Vec<CarHeading>,
 }
 
+/// Solves one window; `None` without a usable solution.
 fn solve_window(
     window: &Window,
     atlas: &ShapeAtlas,
@@ -82,7 +93,8 @@ fn solve_window(
         })
         .collect();
     let mut solution = solve_scene(atlas, size, &views, options);
-    // What the plane makes of a box that holds no car shows only once the plane is known: leave it out and solve again.
+    // A box without a car is recognised only when the plane is determined. Such boxes are removed, and the window is
+    // solved again.
     let camera = Camera { lens: options.lens, ..Camera::centred(solution.params.focal_px(), size) };
     let believed: Vec<bool> = window
         .views
@@ -145,7 +157,7 @@ fn solve_window(
     Some(SolvedWindow { estimate, parked, headings })
 }
 
-/// How a view's car is turned before the camera that was found; `None` of cars so small that the net sees little of it.
+/// Returns the heading of a view's car with the estimated camera; `None` for small cars, which the net resolves poorly.
 fn heading(
     view: &View,
     car: &CarSolution,
@@ -166,7 +178,8 @@ fn heading(
     CarHeading::new(view.link, &solution.params, &fit.car.ground, sd)
 }
 
-/// What the cars alone say: the solve's prior and factors are taken out again, since they are counted once over all windows.
+/// Returns the evidence of the cars alone. The solve's prior and factors are removed, because they count once over all
+/// windows.
 pub(crate) fn by_cars_alone(solution: &SceneSolution) -> (CameraParams, JointInformation) {
     let joint = solution.information;
     let alone = joint.information.cholesky().map(|i| CameraParams::from_vector(&i.solve(&joint.vector)));
@@ -175,7 +188,7 @@ pub(crate) fn by_cars_alone(solution: &SceneSolution) -> (CameraParams, JointInf
     (params, JointInformation { vector: joint.information * params.to_vector(), ..joint })
 }
 
-/// As it is remembered, to a tenth of a pixel.
+/// Returns a view as a parked car for the database, rounded to a tenth of a pixel.
 fn parked_car(view: &View) -> ParkedCar {
     let rounded = |v: f64| (v * 10.0).round() / 10.0;
     let pixel = |point: &Keypoint| [rounded(point.pixel.x), rounded(point.pixel.y)];
@@ -185,7 +198,7 @@ fn parked_car(view: &View) -> ParkedCar {
     }
 }
 
-/// Whether taking the prior out moved the estimate by no more than a linearisation bears.
+/// Returns whether removing the prior moves the estimate by at most the range of the linearisation (2 sds).
 fn near(a: &CameraParams, b: &CameraParams, covariance: &Matrix4<f64>) -> bool {
     let step = a.to_vector() - b.to_vector();
     (0..4).all(|i| step[i].is_finite() && step[i].abs() <= 2.0 * covariance[(i, i)].max(0.0).sqrt() + 1e-9)

@@ -1,4 +1,4 @@
-//! Witnesses beside the cars' poses, the scene's own lines and cars that are parallel: what they do to a clip's camera.
+//! Adds factors from vertical lines of the scene and from parallel cars to a clip's camera.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -10,48 +10,48 @@ use roadplane_calibrate::{
 };
 use roadplane_write::SceneLinesSummary;
 
-/// Lines as frames told them, each with its time.
+/// Scene lines of frames, each set with its time (s).
 #[derive(Clone, Debug, Default)]
 pub(crate) struct ToldLines(Vec<(f64, Vec<SceneLine>)>);
 
 impl ToldLines {
-    /// Takes what a frame tells.
+    /// Takes the scene lines out of a frame.
     pub(crate) fn take(&mut self, frame: &mut FrameRecord) {
         if let Some(lines) = frame.scene_lines.take() {
             self.0.push((frame.time_s, lines));
         }
     }
 
-    /// The last ones of each position of the camera.
+    /// Returns the last lines of each camera position.
     pub(crate) fn by_position(self, position_at: impl Fn(f64) -> usize) -> BTreeMap<usize, Vec<SceneLine>> {
         self.0.into_iter().map(|(time_s, lines)| (position_at(time_s), lines)).collect()
     }
 }
 
-/// What may speak of the focal length beside the cars' poses, by the camera's position.
+/// Data from which factors on the focal length may be built, by camera position.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Heard {
     /// Lines of the scene.
     pub lines: BTreeMap<usize, Vec<SceneLine>>,
-    /// How cars are turned.
+    /// Headings of cars.
     pub headings: BTreeMap<usize, Vec<CarHeading>>,
 }
 
-/// Witnesses of a position of the camera, and what they came to.
+/// The data of one camera position, and the factors from them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SceneView {
-    /// Position of the camera, from 0.
+    /// Index of the camera position, from 0.
     pub position: usize,
-    /// The lines.
+    /// Lines of the scene.
     pub lines: Vec<SceneLine>,
-    /// The vertical that they show; `None` where they do not.
+    /// Vertical from the lines; `None` where the lines do not show one.
     pub verticals: Option<Verticals>,
-    /// What cars say that are parallel; `None` where they tell the focal length less well than their poses do.
+    /// Focal length from parallel cars; `None` where the poses of cars determine it better.
     pub parallel: Option<Parallel>,
 }
 
 impl SceneView {
-    /// For `summary.json`.
+    /// Returns the entry of `summary.json`.
     #[must_use]
     pub fn summary(&self) -> SceneLinesSummary {
         let upright = self.verticals.iter().flat_map(|found| &found.upright).filter(|upright| **upright);
@@ -65,12 +65,14 @@ impl SceneView {
     }
 }
 
-/// Rounds of following a witness: cars are linearised where the join leads.
+/// Number of rounds of joining a factor; cars are linearised at the result of each round.
 const ROUNDS: usize = 6;
 
-/// Where lines of a position show the vertical, or cars are parallel, its windows become one that is joined beside these factors. A
-/// position in which the camera drifts or was moved unseen has no one picture, and no witness; who knows the focal length asks
-/// none.
+/// Builds the factors of each camera position and adds them to `options`.
+///
+/// Where there is a factor, the windows of the position are replaced by one window that is linearised for the join. A
+/// position without one constant camera (drift, or a move without a verdict) gets no factor. Neither does a camera
+/// whose focal length the user gave.
 pub(crate) fn hear_witnesses(
     windows: &mut Vec<WindowEstimate>,
     heard: &Heard,
@@ -111,7 +113,9 @@ pub(crate) fn hear_witnesses(
     views
 }
 
-/// The camera that a window and the factors on its position come to, and the window as it is to be joined there.
+/// Joins a window with the factors of its position.
+///
+/// Returns the resulting camera, and the window linearised at that camera.
 fn beside_clues(
     window: &WindowEstimate,
     mut camera: CameraEstimate,
@@ -126,12 +130,13 @@ fn beside_clues(
     (camera, window)
 }
 
+/// Adds a factor to a camera position.
 fn add_clue(factors: &mut BTreeMap<usize, Arc<[Factor]>>, position: usize, factor: Factor) {
     let here = factors.entry(position).or_insert_with(|| Arc::new([]));
     *here = here.iter().copied().chain([factor]).collect();
 }
 
-/// Adds what witnesses said to other factors, by position.
+/// Adds the factors from lines and parallel cars to other factors, by camera position.
 pub(crate) fn and_witnesses(factors: &mut BTreeMap<usize, Arc<[Factor]>>, views: &[SceneView]) {
     for view in views {
         let of_cars = view.parallel.map(|found| found.factor);

@@ -1,4 +1,4 @@
-//! What runs are compared with: decoding alone, and memory from one run to the next.
+//! Baselines for measured runs: the cost of decoding alone, and the peak of memory of one run.
 
 use std::path::Path;
 use std::time::Instant;
@@ -8,32 +8,33 @@ use roadplane_decode::{DecodeOptions, open};
 use crate::stream::cpu::process_cpu_s;
 use crate::{Cancel, Config, PipelineError};
 
-/// What it costs to decode an input and do nothing with it.
+/// Cost of decoding an input without any further work.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DecodeCost {
-    /// Frames read, each with its pixels.
+    /// Number of frames decoded, each with its pixels.
     pub frames: u64,
-    /// Processor time, the decoder's own threads included, s.
+    /// Processor time with that of the decoder's own threads, s.
     pub cpu_s: f64,
     /// Wall-clock time, s.
     pub wall_s: f64,
 }
 
 impl DecodeCost {
-    /// Processor time a frame, ms.
+    /// Returns the processor time per frame, ms.
     #[must_use]
     pub fn cpu_ms_per_frame(&self) -> f64 {
         1e3 * self.cpu_s / self.frames.max(1) as f64
     }
 
-    /// Frames a second of wall-clock time.
+    /// Returns the frames per second of wall-clock time.
     #[must_use]
     pub fn frames_per_s(&self) -> f64 {
         self.frames as f64 / self.wall_s.max(1e-9)
     }
 }
 
-/// Decodes all frames of an input with their pixels, whatever the configured stride. Nothing else may run in this process.
+/// Decodes all frames of an input with their pixels, whatever the configured stride, and measures the cost. Nothing
+/// else may run in this process.
 ///
 /// # Errors
 /// [`PipelineError`] when the input cannot be used, or after a stop.
@@ -51,8 +52,8 @@ pub fn measure_decoding(path: &Path, config: &Config, cancel: &Cancel) -> Result
     Ok(DecodeCost { frames, cpu_s, wall_s: started.elapsed().as_secs_f64() })
 }
 
-/// Lets the peak of memory start anew from what is held now. False where the system does not allow it: the peak then is that
-/// of everything before as well.
+/// Resets the process's peak of memory to its present use. Returns false where the system does not allow it; the peak
+/// then includes all earlier work.
 pub fn forget_peak_memory() -> bool {
     // 5: reset the peak resident set size (proc(5)).
     std::fs::write("/proc/self/clear_refs", "5").is_ok()

@@ -1,4 +1,4 @@
-//! What colour tracked vehicles have in the picture.
+//! Colours of tracked vehicles in the picture.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -9,13 +9,16 @@ use roadplane_base::{TrackRow, upper_median};
 use crate::stream::streaming::{open_input, stream};
 use crate::{Cancel, Config, PipelineError, Progress};
 
-/// Looks at each vehicle: its largest.
-const LOOKS: usize = 5;
-/// The part of a box that shows sheet metal rather than windows, road or the next car: left, top, right, bottom, as shares.
+/// Number of boxes per vehicle that are read: the largest ones.
+const BOXES: usize = 5;
+/// Part of a box that shows sheet metal rather than windows, road or the next car: left, top, right, bottom, as shares.
 const BODY: [f64; 4] = [0.25, 0.45, 0.75, 0.75];
 
-/// The colour of each track, RGB: the median over the middle of its largest boxes, but for what the boxes of nearer vehicles
-/// cover; whole boxes go before those that the picture's edge cuts. Tracks that were never looked at have none.
+/// Returns the colour of each track, RGB.
+///
+/// It is the median of the pixels in the middle of the track's largest boxes, without pixels inside boxes of nearer
+/// vehicles. Whole boxes are preferred to boxes that the picture's edge cuts. Tracks without an observed row have no
+/// colour.
 ///
 /// # Errors
 /// [`PipelineError`] where the input cannot be read.
@@ -41,10 +44,10 @@ pub fn track_colours(
             of_track.entry(row.track).or_default().push(row);
         }
     }
-    for looks in of_track.values_mut() {
+    for observed in of_track.values_mut() {
         let largest = |a: &TrackRow, b: &TrackRow| area(b).total_cmp(&area(a)).then(a.frame.cmp(&b.frame));
-        looks.sort_by(|a, b| is_cut(a).cmp(&is_cut(b)).then_with(|| largest(a, b)));
-        looks.truncate(LOOKS);
+        observed.sort_by(|a, b| is_cut(a).cmp(&is_cut(b)).then_with(|| largest(a, b)));
+        observed.truncate(BOXES);
     }
     let mut of_frame: BTreeMap<u64, Vec<&TrackRow>> = BTreeMap::new();
     for row in of_track.values().flatten() {
@@ -52,7 +55,7 @@ pub fn track_colours(
     }
     let frames: BTreeSet<u64> = of_frame.keys().copied().collect();
     let mut pixels: BTreeMap<u64, Vec<[u8; 3]>> = BTreeMap::new();
-    let look = |work: &crate::stream::flow::Work| {
+    let read = |work: &crate::stream::flow::Work| {
         if let Some(image) = &work.image {
             for row in of_frame.get(&work.stamp.index).into_iter().flatten() {
                 let there = boxes.get(&row.frame).map_or(&[][..], Vec::as_slice);
@@ -61,7 +64,7 @@ pub fn track_colours(
         }
         Ok(())
     };
-    stream(input, |stamp| frames.contains(&stamp.index), Vec::new(), look, config, cancel, progress)?;
+    stream(input, |stamp| frames.contains(&stamp.index), Vec::new(), read, config, cancel, progress)?;
     Ok(pixels.into_iter().filter_map(|(track, pixels)| Some((track, median(pixels)?))).collect())
 }
 
@@ -70,14 +73,14 @@ fn area(row: &TrackRow) -> f64 {
     (x1 - x0) * (y1 - y0)
 }
 
-/// Pixels of the body in a box; of those that are hidden by others only where all are.
+/// Returns the pixels of the body in a box, without those hidden by other vehicles, unless all are hidden.
 fn body_pixels(image: &RgbImage, bbox: &[f64; 4], there: &[[f64; 4]]) -> Vec<[u8; 3]> {
     let [x0, y0, x1, y1] = *bbox;
     let at = |low: f64, high: f64, share: f64| (low + share * (high - low)).round().max(0.0) as u32;
     let columns = at(x0, x1, BODY[0])..at(x0, x1, BODY[2]).min(image.width());
     let lines = at(y0, y1, BODY[1])..at(y0, y1, BODY[3]).min(image.height());
     let body: Vec<(u32, u32)> = lines.flat_map(|y| columns.clone().map(move |x| (x, y))).collect();
-    // What stands nearer to the camera reaches farther down in the picture.
+    // A vehicle nearer to the camera reaches farther down in the picture.
     let nearer: Vec<&[f64; 4]> = there.iter().filter(|other| other[3] > y1).collect();
     let hidden = |&(x, y): &(u32, u32)| {
         let (x, y) = (f64::from(x), f64::from(y));
@@ -88,7 +91,7 @@ fn body_pixels(image: &RgbImage, bbox: &[f64; 4], there: &[[f64; 4]]) -> Vec<[u8
     seen.into_iter().map(|(x, y)| image.get_pixel(x, y).0).collect()
 }
 
-/// Channel by channel.
+/// Returns the median of each channel.
 fn median(pixels: Vec<[u8; 3]>) -> Option<[u8; 3]> {
     let channel =
         |i: usize| upper_median(&mut pixels.iter().map(|pixel| pixel[i]).collect::<Vec<_>>(), u8::cmp);
@@ -101,8 +104,8 @@ mod tests {
     use image::Rgb;
 
     #[test]
-    fn what_a_nearer_vehicle_covers_does_not_count_unless_it_is_all_there_is() {
-        // White, with the right half of the box behind something black.
+    fn pixels_behind_a_nearer_vehicle_count_only_if_there_are_no_others() {
+        // The box is white on the left and hidden behind a black vehicle on the right.
         let image = RgbImage::from_fn(100, 100, |x, _| if x < 38 { Rgb([240; 3]) } else { Rgb([10; 3]) });
         let bbox = [0.0, 20.0, 80.0, 60.0];
         let nearer = [40.0, 30.0, 99.0, 90.0];

@@ -1,4 +1,5 @@
-//! `roadplane distance`: how far two cars of a finished run are from each other, with what their errors have in common.
+//! `roadplane distance`: the distance between two cars of a finished run. Errors that both cars share are accounted
+//! for.
 
 use std::path::Path;
 
@@ -9,21 +10,22 @@ use roadplane_write::{read_camera, read_jsonl};
 use crate::PipelineError;
 use crate::tracks::shared_error::{by_camera, shared_covariance};
 
-/// Two cars at a time.
+/// Distance between two cars at one time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Distance {
     /// Presentation time of the rows, s.
     pub time_s: f64,
-    /// From origin to origin, m.
+    /// Distance between the origins of the cars, m.
     pub distance_m: f64,
-    /// Its sd, m: errors of the camera that move both alike cancel.
+    /// Sd of the distance, m; errors of the camera that move both cars alike cancel.
     pub sd_m: f64,
 }
 
-/// Distances of two tracks in all frames in which both have a row; `at_s` keeps the frame nearest to that time.
+/// Returns the distances between two tracks in all frames in which both have a row; `at_s` keeps the frame nearest to
+/// that time.
 ///
 /// # Errors
-/// [`PipelineError::Usage`] where they never meet; [`PipelineError::Write`] for files that cannot be read.
+/// [`PipelineError::Usage`] where no frame has rows of both; [`PipelineError::Write`] for files that cannot be read.
 pub fn distances(run: &Path, tracks: [u64; 2], at_s: Option<f64>) -> Result<Vec<Distance>, PipelineError> {
     let cameras: Vec<CameraEstimate> =
         read_camera(&run.join("camera.json"))?.all().iter().map(|segment| segment.estimate()).collect();
@@ -56,10 +58,10 @@ pub fn distances(run: &Path, tracks: [u64; 2], at_s: Option<f64>) -> Result<Vec<
 }
 
 fn between(camera: &CameraEstimate, a: &TrackRow, b: &TrackRow) -> Option<Distance> {
-    let place = |row: &TrackRow| Vector2::new(row.x_m, row.y_m);
-    let way = place(b) - place(a);
-    let direction = way.try_normalize(1e-9)?;
-    // What a row's sd holds beside the camera's share is the car's own.
+    let position = |row: &TrackRow| Vector2::new(row.x_m, row.y_m);
+    let difference = position(b) - position(a);
+    let direction = difference.try_normalize(1e-9)?;
+    // The car's own variance is the row's variance without the camera's share.
     let own = |row: &TrackRow| {
         let shared = shared_covariance(camera, &row.pose());
         let variance = |sd: f64, i: usize| (sd * sd - shared[(i, i)]).max(0.0);
@@ -71,7 +73,7 @@ fn between(camera: &CameraEstimate, a: &TrackRow, b: &TrackRow) -> Option<Distan
     let by = along(b)? - along(a)?;
     let shared = (by * camera.covariance * by.transpose())[0];
     let sd_m = (own(a) + own(b) + shared).sqrt();
-    Some(Distance { time_s: a.time_s, distance_m: way.norm(), sd_m })
+    Some(Distance { time_s: a.time_s, distance_m: difference.norm(), sd_m })
 }
 
 #[cfg(test)]
@@ -81,7 +83,7 @@ mod tests {
     use roadplane_base::GroundPose;
 
     #[test]
-    fn of_two_cars_side_by_side_only_the_scale_is_unsure() {
+    fn the_distance_of_neighbouring_cars_has_their_own_errors_and_that_of_scale() {
         let camera = estimate([0.03, 0.01, 0.01, 0.04]);
         let row = |x_m: f64| {
             let pose = GroundPose { x_m, y_m: 40.0, heading_rad: 1.5 };
@@ -92,12 +94,12 @@ mod tests {
                 heading_rad: 1.5,
                 x_sd_m: (0.01 + shared[(0, 0)]).sqrt(),
                 y_sd_m: (0.01 + shared[(1, 1)]).sqrt(),
-                ..roadplane_synth::standing(1, 0, 0.0)
+                ..roadplane_synth::stationary_row(1, 0, 0.0)
             }
         };
         let near = between(&camera, &row(1.0), &row(3.0)).unwrap();
         assert!((near.distance_m - 2.0).abs() < 1e-12);
-        // Each place is off by metres, their distance by what the two measure themselves and a little scale.
+        // Each position is off by metres. The distance has only the cars' own errors and a small error of scale.
         assert!(row(1.0).y_sd_m > 1.0 && (0.14..0.25).contains(&near.sd_m), "{near:?}");
     }
 }

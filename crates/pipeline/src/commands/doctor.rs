@@ -1,23 +1,22 @@
-//! `roadplane doctor`: whether everything that a run needs is here and works.
+//! `roadplane doctor`: checks that every part of a run is installed and works.
 
 use image::RgbImage;
 use roadplane_activity::Motion;
 use roadplane_base::{Frame, FrameStamp, ShapeAtlas};
 
-use crate::stream::nets::open_activity;
-use crate::stream::nets::{open_detector, open_keypoints};
+use crate::stream::nets::{open_activity, open_detector, open_keypoints};
 use crate::{Config, PipelineError, find_models};
 
-/// One thing that was looked at.
+/// Result of one check.
 #[derive(Debug)]
 pub struct Check {
-    /// What.
+    /// Name of the checked part.
     pub name: &'static str,
-    /// What was found, or what is wrong and what to do.
+    /// A description of the part, or the error.
     pub result: Result<String, PipelineError>,
 }
 
-/// Looks at codecs, runtime, models, and runs each net once.
+/// Checks processor, codecs, runtime and models, and runs each net once.
 #[must_use]
 pub fn check_up(config: &Config) -> Vec<Check> {
     let mut checks = Vec::new();
@@ -49,8 +48,9 @@ pub fn check_up(config: &Config) -> Vec<Check> {
             });
             note("keypoints", keypoints);
             let activity = open_activity(&models, config).and_then(|mut net| {
-                let stand = Motion { time_s: vec![0.0, 1.0], xy_m: vec![[0.0; 2]; 2], ..Motion::default() };
-                net.label(&stand)?;
+                let stationary =
+                    Motion { time_s: vec![0.0, 1.0], xy_m: vec![[0.0; 2]; 2], ..Motion::default() };
+                net.label(&stationary)?;
                 Ok(format!("{}; runs", described(net.session())))
             });
             note("activity", activity);
@@ -68,6 +68,6 @@ fn described(session: &roadplane_infer::Session) -> String {
 fn processor() -> String {
     let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
     let roadplane_infer::Processor { int8, bf16_matrices } = roadplane_infer::Processor::here();
-    let has = |yes: bool, what: &str| format!("{}{what}", if yes { "" } else { "no " });
+    let has = |yes: bool, name: &str| format!("{}{name}", if yes { "" } else { "no " });
     format!("{cores} cores, {}, {}", has(int8, "VNNI (int8)"), has(bf16_matrices, "AMX (bf16)"))
 }

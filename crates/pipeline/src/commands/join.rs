@@ -1,7 +1,7 @@
-//! `roadplane join`: pieces of an input, worked on anywhere, become the result that one run over it all gives.
+//! `roadplane join`: joins the pieces of an input into the result of one run over the whole input.
 //!
-//! Their frames follow each other without overlap; camera, poses and tracks are then solved over all of them, so that nothing needs
-//! to be put together across seams.
+//! The frames of pieces follow each other without overlap. Camera, poses and tracks are then estimated over all frames,
+//! so that no results need to be merged across seams.
 
 use std::fs::File;
 use std::io::{BufReader, Read as _};
@@ -18,12 +18,12 @@ use crate::commands::piece::{PieceFile, STILLS, read_piece};
 use crate::commands::run::{complete, finished_before};
 use crate::options::{RunOptions, RunReport};
 use crate::stream::nets::open_activity;
-use crate::stream::perception::{Job, Left, SPOOL, Stamp, begin_folder};
+use crate::stream::perception::{Job, Perceived, SPOOL, Stamp, open_partial_folder};
 use crate::stream::stills::Stills;
 use crate::stream::watched::Watched;
 use crate::{Cancel, Config, PipelineError, Progress};
 
-/// The inputs that pieces are of, as they were given.
+/// Returns the input of each piece, as it was given to the run.
 ///
 /// # Errors
 /// [`PipelineError::Usage`] for a folder that is no piece.
@@ -31,10 +31,11 @@ pub fn inputs_of(pieces: &[PathBuf]) -> Result<Vec<PathBuf>, PipelineError> {
     pieces.iter().map(|folder| Ok(PathBuf::from(read_piece(folder)?.input.path))).collect()
 }
 
-/// Joins the pieces of one input into `out/<stem>/`. Hold the lock of `out`.
+/// Joins the pieces of one input into `out/<stem>/`. The caller holds the lock of `out`.
 ///
 /// # Errors
-/// [`PipelineError::Usage`] where they are not all of one input, worked on alike; nothing then appears under the final name.
+/// [`PipelineError::Usage`] where the pieces differ in input, models, configuration or version, or where one is
+/// missing. The result then does not appear under its final name.
 pub fn join_pieces(
     folders: &[PathBuf],
     out: &Path,
@@ -58,30 +59,32 @@ pub fn join_pieces(
         return Ok(report);
     }
     let stamp = Stamp { piece: None, ..first.stamp.clone() };
-    let folder = begin_folder(out, &stem, &stamp, options)?;
+    let folder = open_partial_folder(out, &stem, &stamp, options)?;
     progress.phase("frames");
     let job = Job { options, config, cancel, progress };
-    let left = left_of(&pieces, &folder.path().join(SPOOL), config).and_then(|left| {
+    let perceived = perceived_of(&pieces, &folder.path().join(SPOOL), config).and_then(|perceived| {
         let activity = config.activity.enabled.then(|| open_activity(&options.models, config)).transpose()?;
-        Ok((left, activity))
+        Ok((perceived, activity))
     });
-    complete(folder, left, &stem, started, None, &job)
+    complete(folder, perceived, &stem, started, None, &job)
 }
 
-/// That the pieces, in order, are one input without a gap.
+/// Checks that the pieces, in order, cover one input without a gap.
 fn check(pieces: &[(&Path, PieceFile)], config: &Config) -> Result<(), PipelineError> {
     let fail =
         |folder: &Path, what: &str| Err(PipelineError::usage(&format!("{what}: {}", folder.display())));
     let mut reached_s = None;
     for (i, (folder, piece)) in pieces.iter().enumerate() {
-        let Some(span) = piece.stamp.piece else { return fail(folder, "it does not say which piece it is") };
+        let Some(span) = piece.stamp.piece else {
+            return fail(folder, "its piece.json lacks the interval of the piece");
+        };
         let first = &pieces[0].1;
         let alike =
             Stamp { piece: None, ..piece.stamp.clone() } == Stamp { piece: None, ..first.stamp.clone() };
         if !alike || piece.stem != first.stem {
             return fail(
                 folder,
-                "a piece of another input, or made with other models, configuration or version",
+                "the piece differs from the first one in input, models, configuration or version",
             );
         }
         if piece.stamp.config_sha256 != config.fingerprint() {
@@ -96,7 +99,7 @@ fn check(pieces: &[(&Path, PieceFile)], config: &Config) -> Result<(), PipelineE
             _ => {
                 return fail(
                     folder,
-                    &format!("the piece before {} s is missing, or there twice", span.from_s),
+                    &format!("the piece before {} s is missing, or a piece is given twice", span.from_s),
                 );
             }
         }
@@ -104,14 +107,18 @@ fn check(pieces: &[(&Path, PieceFile)], config: &Config) -> Result<(), PipelineE
             (Some(to_s), false) => reached_s = Some(to_s),
             (Some(to_s), true) if config.decode.end_s.is_some_and(|end_s| end_s <= to_s as f64) => {}
             (None, true) => {}
-            _ => return fail(folder, "the pieces after this one are missing, or it overlaps them"),
+            _ => return fail(folder, "the pieces after this one are missing, or they overlap with it"),
         }
     }
     Ok(())
 }
 
-/// What the left half of a run over the whole input leaves.
-fn left_of(pieces: &[(&Path, PieceFile)], spool: &Path, config: &Config) -> Result<Left, PipelineError> {
+/// Joins the results of perception of all pieces; the frames go to the file `spool`.
+fn perceived_of(
+    pieces: &[(&Path, PieceFile)],
+    spool: &Path,
+    config: &Config,
+) -> Result<Perceived, PipelineError> {
     let mut joined = OutFile::create(spool)?;
     for (folder, _) in pieces {
         let path = folder.join(SPOOL);
@@ -130,8 +137,8 @@ fn left_of(pieces: &[(&Path, PieceFile)], spool: &Path, config: &Config) -> Resu
     let first = &pieces[0].1;
     let (_, last) = &pieces[pieces.len() - 1];
     let stills: Vec<_> = pieces.iter().map(|(folder, piece)| (folder.join(STILLS), piece.stills)).collect();
-    let place = pieces.iter().rev().find_map(|(folder, piece)| Some(folder.join(piece.place.as_ref()?)));
-    Ok(Left {
+    let background = pieces.iter().rev().find_map(|(folder, piece)| Some(folder.join(piece.place.as_ref()?)));
+    Ok(Perceived {
         input: first.input.clone(),
         models: first.models.clone(),
         fingerprints: first.stamp.models.clone(),
@@ -144,11 +151,11 @@ fn left_of(pieces: &[(&Path, PieceFile)], spool: &Path, config: &Config) -> Resu
             config.output.report_mib,
             stills.iter().map(|(path, levels)| (path.as_path(), *levels)),
         )?,
-        place: place.map(|path| read_picture(&path)).transpose()?,
+        background: background.map(|path| read_picture(&path)).transpose()?,
     })
 }
 
-/// Losses of all pieces; what only the end of a file tells is told by the last.
+/// Adds the counts of all pieces. Whether the file is cut short shows only in the last one.
 fn decode_of<'a>(reports: impl Iterator<Item = &'a DecodeReport>, last: &DecodeReport) -> DecodeReport {
     let mut all = DecodeReport { cut_short: last.cut_short, ..DecodeReport::default() };
     for report in reports {
@@ -172,8 +179,8 @@ fn decode_of<'a>(reports: impl Iterator<Item = &'a DecodeReport>, last: &DecodeR
 fn seconds_of(pieces: &[(&Path, PieceFile)]) -> Vec<StageSeconds> {
     let mut all: Vec<StageSeconds> = Vec::new();
     for stage in pieces.iter().flat_map(|(_, piece)| &piece.seconds) {
-        match all.iter_mut().find(|known| known.stage == stage.stage) {
-            Some(known) => known.seconds += stage.seconds,
+        match all.iter_mut().find(|sum| sum.stage == stage.stage) {
+            Some(sum) => sum.seconds += stage.seconds,
             None => all.push(stage.clone()),
         }
     }
@@ -189,7 +196,7 @@ fn watch_of(spool: &Path) -> Result<WatchSummary, PipelineError> {
     Ok(watched.finish())
 }
 
-/// As many of the pieces' frames as a report shows, spread over all of them.
+/// Returns as many frames of the pieces as the report shows, spread over all pieces.
 fn samples_of(
     pieces: &[(&Path, PieceFile)],
     wanted: usize,

@@ -1,8 +1,8 @@
-//! Long inputs in pieces: `roadplane plan`, and the left half of a run over one piece (`run --piece`).
+//! Long inputs in pieces: `roadplane plan`, and perception of one piece (`run --piece`).
 //!
-//! What detector and keypoint net remember ends at every full minute, and what the watcher remembers begins [`RENEW_S`](roadplane_watch::RENEW_S) before it
-//! anew. A piece that begins at a full minute and is watched from a little earlier therefore finds what a run over the whole
-//! input finds there.
+//! The detector and the keypoint net discard their state at every full minute. The watcher renews its state for that
+//! minute, [`RENEW_S`](roadplane_watch::RENEW_S) earlier. So a piece that starts at a full minute, and is watched from
+//! a little earlier, gives the same results as a run over the whole input.
 
 use std::path::{Path, PathBuf};
 
@@ -15,10 +15,10 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use crate::commands::run::given_up;
+use crate::commands::run::discarded;
 use crate::identity::stem_of;
 use crate::options::{RunOptions, RunReport};
-use crate::stream::perception::{Job, Left, LeftHalf, STAMP, Stamp, left_half};
+use crate::stream::perception::{Job, Perceived, Perception, STAMP, Stamp, perceive};
 use crate::stream::span::{STEP_S, Span};
 use crate::stream::speed::Meter;
 use crate::stream::stills::StillLevels;
@@ -29,29 +29,33 @@ use crate::{Cancel, Config, PipelineError, Progress};
 const PLAN_SCHEMA: &str = "roadplane.plan/1";
 /// Schema of `piece.json`.
 pub(crate) const PIECE_SCHEMA: &str = "roadplane.piece/1";
-/// File that says what a piece is.
+/// File in the folder of a piece that describes it.
 pub(crate) const PIECE: &str = "piece.json";
 /// JPEG quality of frames for the report.
 const QUALITY: u8 = 95;
 
 /// A line of `roadplane plan`.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[schemars(title = "plan: one line per piece")]
 pub struct PlannedPiece {
-    /// The input, as given.
+    /// Path of the input, as given on the command line.
     pub input: PathBuf,
-    /// Name of its result.
+    /// Name of the input's result folder.
     pub stem: String,
-    /// For `run --piece`: `FROM-TO` or `FROM-`, s.
+    /// Argument for `roadplane run --piece`: `FROM-TO` or `FROM-`, s.
     pub piece: Span,
-    /// Folder that the piece gets in the output folder.
+    /// Folder of the piece within the output folder.
     pub folder: String,
-    /// Which of the input's pieces it is, from 1.
+    /// Number of the piece among those of the input, from 1.
+    #[schemars(range(min = 1))]
     pub number: u64,
-    /// How many the input has.
+    /// Number of pieces of the input.
+    #[schemars(range(min = 1))]
     pub pieces: u64,
 }
 
-/// Name and schema of every file: those of a result, `piece` for a piece's `piece.json`, `plan` for a line of `roadplane plan`.
+/// Returns name and schema of every file: the files of a result, `piece` for `piece.json`, `plan` for a line of
+/// `roadplane plan`.
 #[must_use]
 pub fn schemas() -> Vec<(&'static str, Value)> {
     let mut all = roadplane_write::schemas();
@@ -60,14 +64,14 @@ pub fn schemas() -> Vec<(&'static str, Value)> {
     all
 }
 
-/// Cuts an input into pieces of `piece_s`, a multiple of 60 s. What cannot be begun in its middle (pictures, a video whose frames do
-/// not come at a steady rate) is one piece.
+/// Divides an input into pieces of `piece_s` seconds, a multiple of 60. An input that cannot be decoded from its middle
+/// is one piece: a folder of pictures, or a video without a steady frame rate.
 ///
 /// # Errors
 /// [`PipelineError`] where the input cannot be used.
 pub fn plan(input_path: &Path, piece_s: u64, config: &Config) -> Result<Vec<PlannedPiece>, PipelineError> {
     if piece_s == 0 || !piece_s.is_multiple_of(STEP_S) {
-        return Err(PipelineError::usage(&format!("a piece is as long as a multiple of {STEP_S} s")));
+        return Err(PipelineError::usage(&format!("the length of a piece must be a multiple of {STEP_S} s")));
     }
     let decode = &config.decode;
     let mut cuts = vec![(decode.start_s / piece_s as f64) as u64 * piece_s];
@@ -82,14 +86,14 @@ pub fn plan(input_path: &Path, piece_s: u64, config: &Config) -> Result<Vec<Plan
         let last = Span { from_s: last, to_s: None };
         let whole_is_best = match open_input_part(input_path, &last, config) {
             Ok(input) => !input.is_begun_within(),
-            // Less of it can be read than its container promises.
+            // The container promises more than can be read.
             Err(error) => {
                 tracing::warn!("{error}");
                 true
             }
         };
         if whole_is_best {
-            tracing::info!("{} is one piece: it cannot be begun in its middle", input_path.display());
+            tracing::info!("{} is one piece: it cannot be decoded from its middle", input_path.display());
             cuts.truncate(1);
         }
     }
@@ -108,40 +112,43 @@ pub fn plan(input_path: &Path, piece_s: u64, config: &Config) -> Result<Vec<Plan
     Ok(cuts.iter().enumerate().map(piece).collect())
 }
 
-/// What the report plays, in a piece's folder.
+/// File in the folder of a piece with the small frames and cut-outs for the report.
 pub(crate) const STILLS: &str = "stills.jsonl";
 
-/// `piece.json`: what the right half needs beside the frames.
+/// `piece.json`: the results of perception of a piece, beside its frames.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(title = "piece: one object per piece")]
 pub(crate) struct PieceFile {
-    /// `roadplane.piece/1`.
+    /// Id of the schema: `roadplane.piece/1`.
+    #[schemars(extend("const" = PIECE_SCHEMA))]
     pub schema: String,
-    /// Name of the input's result.
+    /// Name of the input's result folder.
     pub stem: String,
-    /// What it was made of; pieces of other makes are not joined with it.
+    /// Program, input, configuration and models of the piece. Only pieces with the same ones are joined.
     pub stamp: Stamp,
-    /// The whole input.
+    /// The whole input, of which the piece is a part.
     pub input: InputSummary,
-    /// The nets.
+    /// Nets that ran.
     pub models: Vec<ModelSummary>,
-    /// What became of the piece's frames.
+    /// Counts of read, lost and skipped frames of the piece.
     pub decode: DecodeReport,
-    /// Work of each stage.
+    /// Working time of each stage, in the order of the pipeline.
     pub seconds: Vec<StageSeconds>,
-    /// Cars whose keypoints were not finite.
+    /// Number of cars whose keypoints were not finite.
     pub rejected_cars: u64,
-    /// Frames for the report: index, time in s, file.
+    /// Frames for the report, each `[index, time in s, file name]`.
     pub samples: Vec<(u64, f64, String)>,
-    /// How coarse the frames and cut-outs of [`STILLS`] are.
+    /// Levels of the small frames and cut-outs in `stills.jsonl`.
     pub stills: StillLevels,
-    /// File with the empty place.
+    /// Name of the file with the background image: the scene without moving objects.
     pub place: Option<String>,
 }
 
-/// Finds vehicles and keypoints in one piece of an input, into `out/<stem>.piece-<from>/`. Hold the lock of `out`.
+/// Finds vehicles and keypoints in one piece of an input and writes `out/<stem>.piece-<from>/`. The caller holds the
+/// lock of `out`.
 ///
 /// # Errors
-/// [`PipelineError`]; nothing then appears under the final name. What a stopped run did stays for `resume`.
+/// [`PipelineError`]; the piece then does not appear under its final name. A stopped run leaves its work for `resume`.
 pub fn run_piece(
     input_path: &Path,
     piece: Span,
@@ -160,11 +167,11 @@ pub fn run_piece(
     let meter = Meter::start(options.alone);
     let input = open_input_part(input_path, &piece, config)?;
     let job = Job { options, config, cancel, progress };
-    let LeftHalf { folder, stamp, left, .. } =
-        left_half(input_path, input, Some(piece), (out, &name), meter, &job)?;
-    let decode = match left.and_then(|left| write_piece(folder.path(), &stem, stamp, left)) {
+    let Perception { folder, stamp, perceived, .. } =
+        perceive(input_path, input, Some(piece), (out, &name), meter, &job)?;
+    let decode = match perceived.and_then(|perceived| write_piece(folder.path(), &stem, stamp, perceived)) {
         Ok(decode) => decode,
-        Err(error) => return Err(given_up(folder, error)),
+        Err(error) => return Err(discarded(folder, error)),
     };
     let path = folder.path().join(STAMP);
     std::fs::remove_file(&path).map_err(|source| PipelineError::Unreadable { source, path })?;
@@ -176,27 +183,33 @@ fn report(folder: PathBuf, decode: &DecodeReport) -> RunReport {
     RunReport { folder, tracks: None, camera, damaged: decode.is_damaged(), frames_lost: decode.missing }
 }
 
-/// Reads what a piece is.
+/// Reads the `piece.json` of a piece.
 pub(crate) fn read_piece(folder: &Path) -> Result<PieceFile, PipelineError> {
     let path = folder.join(PIECE);
     let fail = |why: &str| PipelineError::usage(&format!("{why}: {}", path.display()));
-    let bytes = std::fs::read(&path).map_err(|error| fail(&format!("no piece of a run ({error})")))?;
+    let bytes =
+        std::fs::read(&path).map_err(|error| fail(&format!("this folder is no piece of a run ({error})")))?;
     let piece: PieceFile = serde_json::from_slice(&bytes).map_err(|error| fail(&error.to_string()))?;
     if piece.schema != PIECE_SCHEMA {
-        return Err(fail(&format!("its schema is {:?}, not {PIECE_SCHEMA:?}", piece.schema)));
+        return Err(fail(&format!("the schema is {:?}, not {PIECE_SCHEMA:?}", piece.schema)));
     }
     Ok(piece)
 }
 
-fn write_piece(folder: &Path, stem: &str, stamp: Stamp, left: Left) -> Result<DecodeReport, PipelineError> {
+fn write_piece(
+    folder: &Path,
+    stem: &str,
+    stamp: Stamp,
+    perceived: Perceived,
+) -> Result<DecodeReport, PipelineError> {
     let mut samples = Vec::new();
-    for (frame, time_s, picture) in &left.samples {
+    for (frame, time_s, picture) in &perceived.samples {
         let name = format!("frame_{frame:08}.jpg");
         write_picture(&folder.join(&name), picture)?;
         samples.push((*frame, *time_s, name));
     }
-    let stills = left.stills.write(&folder.join(STILLS))?;
-    let place = left.place.as_ref().map(|picture| {
+    let stills = perceived.stills.write(&folder.join(STILLS))?;
+    let background = perceived.background.as_ref().map(|picture| {
         let name = "place.jpg".to_owned();
         write_picture(&folder.join(&name), picture).map(|()| name)
     });
@@ -204,14 +217,14 @@ fn write_piece(folder: &Path, stem: &str, stamp: Stamp, left: Left) -> Result<De
         schema: PIECE_SCHEMA.to_owned(),
         stem: stem.to_owned(),
         stamp,
-        input: left.input,
-        models: left.models,
-        decode: left.decode,
-        seconds: left.seconds,
-        rejected_cars: left.rejected_cars,
+        input: perceived.input,
+        models: perceived.models,
+        decode: perceived.decode,
+        seconds: perceived.seconds,
+        rejected_cars: perceived.rejected_cars,
         samples,
         stills,
-        place: place.transpose()?,
+        place: background.transpose()?,
     };
     write_json(&folder.join(PIECE), &piece)?;
     Ok(piece.decode)

@@ -1,4 +1,4 @@
-//! `roadplane run` for one input: stream it, solve the clip, write and draw the result.
+//! `roadplane run` for one input: perception, estimation, and the files of the result.
 
 use std::path::Path;
 use std::time::Instant;
@@ -10,15 +10,15 @@ use crate::estimation::ClipSolution;
 use crate::identity::stem_of;
 use crate::options::{RunOptions, RunReport};
 use crate::output::finish::{Finish, finish};
-use crate::stream::perception::{Job, Left, LeftHalf, SPOOL, STAMP, left_half};
+use crate::stream::perception::{Job, Perceived, Perception, SPOOL, STAMP, perceive};
 use crate::stream::speed::Meter;
 use crate::stream::streaming::open_input;
 use crate::{Cancel, Config, PipelineError, Progress};
 
-/// Runs one input into `out/<stem>/`. Hold the lock of `out`.
+/// Processes one input into `out/<stem>/`. The caller holds the lock of `out`.
 ///
 /// # Errors
-/// [`PipelineError`]; nothing then appears under the final name. What a stopped run did stays for `resume`.
+/// [`PipelineError`]; the result then does not appear under its final name. A stopped run leaves its work for `resume`.
 pub fn run_input(
     input_path: &Path,
     out: &Path,
@@ -35,30 +35,30 @@ pub fn run_input(
     }
     let input = open_input(input_path, config)?;
     let job = Job { options, config, cancel, progress };
-    let LeftHalf { folder, left, activity, meter, .. } =
-        left_half(input_path, input, None, (out, &stem), meter, &job)?;
-    complete(folder, left.map(|left| (left, activity)), &stem, started, Some(meter), &job)
+    let Perception { folder, perceived, activity, meter, .. } =
+        perceive(input_path, input, None, (out, &stem), meter, &job)?;
+    complete(folder, perceived.map(|perceived| (perceived, activity)), &stem, started, Some(meter), &job)
 }
 
-/// The right half of a run over what the left one left, and the result's name.
+/// Runs estimation on the results of perception and publishes the result.
 pub(crate) fn complete(
     folder: OutputFolder,
-    left: Result<(Left, Option<ActivityNet>), PipelineError>,
+    perceived: Result<(Perceived, Option<ActivityNet>), PipelineError>,
     stem: &str,
     started: Instant,
     meter: Option<Meter>,
     job: &Job<'_>,
 ) -> Result<RunReport, PipelineError> {
     let path = folder.path().to_path_buf();
-    let result = left.and_then(|(left, activity)| {
-        let work = Finish { folder: &path, stem, left: &left, activity, started, meter };
+    let result = perceived.and_then(|(perceived, activity)| {
+        let work = Finish { folder: &path, stem, perceived: &perceived, activity, started, meter };
         let solution = finish(work, job)?;
-        Ok((left, solution))
+        Ok((perceived, solution))
     });
     publish(folder, result, job.options)
 }
 
-/// What a run with `resume` finds done.
+/// Returns the report of a finished result, if the run shall resume and there is one.
 pub(crate) fn finished_before(
     finished: &Path,
     options: &RunOptions,
@@ -77,23 +77,23 @@ pub(crate) fn finished_before(
     }))
 }
 
-/// Only a stopped run leaves something to go on from.
-pub(crate) fn given_up(folder: OutputFolder, error: PipelineError) -> PipelineError {
+/// Discards the partial folder after an error, unless a stop is the error: a stopped run can be resumed.
+pub(crate) fn discarded(folder: OutputFolder, error: PipelineError) -> PipelineError {
     if matches!(error, PipelineError::Stopped { .. }) {
         return error;
     }
     folder.discard().err().map_or(error, PipelineError::from)
 }
 
-/// Gives a result its name, without its work files.
+/// Removes the work files of a result and gives it its final name.
 fn publish(
     folder: OutputFolder,
-    result: Result<(Left, ClipSolution), PipelineError>,
+    result: Result<(Perceived, ClipSolution), PipelineError>,
     options: &RunOptions,
 ) -> Result<RunReport, PipelineError> {
-    let (Left { decode, .. }, solution) = match result {
+    let (Perceived { decode, .. }, solution) = match result {
         Ok(done) => done,
-        Err(error) => return Err(given_up(folder, error)),
+        Err(error) => return Err(discarded(folder, error)),
     };
     let work_files = if options.frames { &[STAMP][..] } else { &[STAMP, SPOOL] };
     for work_file in work_files {

@@ -1,4 +1,4 @@
-//! `roadplane solve`: frames with keypoints → poses and camera, no image needed.
+//! `roadplane stage solve`: a file of frames with keypoints → poses and camera, without images.
 
 use std::fs::File;
 use std::io::{BufRead as _, BufReader};
@@ -12,36 +12,38 @@ use roadplane_write::{FrameReader, PoseLines, read_scene_curves, write_camera};
 use crate::cameras::estimate::{estimate_cameras, prior_camera};
 use crate::cameras::frame::{estimate_frame, estimate_frame_as_paper};
 use crate::cameras::known::contradiction;
-use crate::tracks::believe::usable;
-use crate::tracks::cars::{FrameCamera, HeldPoses, any_car, fit_frame, free_pose_record, pose_record};
+use crate::tracks::cars::{CarriedPoses, FrameCamera, any_car, fit_frame, free_pose_record, pose_record};
+use crate::tracks::usable;
 use crate::{CameraConstraints, Cancel, Config, PipelineError, Progress};
 
-/// How frames are solved.
+/// Method by which frames are solved.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum SolveMethod {
-    /// One camera for all frames; cars stand on its plane.
+    /// One camera for all frames; cars are on its ground plane.
     #[default]
     Joint,
-    /// The same, each frame by itself.
+    /// One camera for each frame by itself; cars are on its ground plane.
     PerFrame,
-    /// Cars are free in six degrees of freedom, drawn to a common plane, by the paper's Algorithm 1; each frame by itself.
+    /// Each frame by itself. Cars have six degrees of freedom and are drawn to a common plane, by Algorithm 1 of the
+    /// paper.
     Paper,
-    /// Cars are free in six degrees of freedom, before a focal length that is given, or the prior's; the world frame is the prior's, as
-    /// `camera.json` says.
+    /// Cars have six degrees of freedom. The focal length is the given one, or that of the prior. The world frame is
+    /// that of the prior, as written to `camera.json`.
     Free,
 }
 
-/// What is asked of the solver.
+/// Options of [`solve_file`].
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SolveOptions {
-    /// What is known of the camera.
-    pub known: CameraConstraints,
-    /// How.
+    /// User constraints on the camera.
+    pub constraints: CameraConstraints,
+    /// The method.
     pub method: SolveMethod,
 }
 
-/// Solves a frames file into a poses file, with `camera.json` beside it. Says in the log where the camera could
-/// not be estimated; its numbers are then the prior's, with the prior's sds.
+/// Estimates the camera and the poses of a file of frames. Writes the poses to `out` and `camera.json` beside it.
+///
+/// Where the camera cannot be estimated, its numbers and sds are those of the prior, and the log has a warning.
 ///
 /// # Errors
 /// [`PipelineError`]; neither file then appears.
@@ -63,11 +65,11 @@ pub fn solve_file(
             record.map_err(PipelineError::from)
         })))
     };
-    let known = &options.known;
+    let constraints = &options.constraints;
     let scene = config.solve.scene_options(None);
     let mut poses = Poses {
         lines: PoseLines::create(out)?,
-        looks: HeldPoses::default(),
+        carried: CarriedPoses::default(),
         atlas: &atlas,
         config,
         scene,
@@ -76,15 +78,21 @@ pub fn solve_file(
     let mut estimates = Vec::new();
     match options.method {
         SolveMethod::Joint => {
-            let cameras =
-                estimate_cameras(read("camera")?, &read_scene_curves(frames)?, &atlas, known, None, config)?;
+            let cameras = estimate_cameras(
+                read("camera")?,
+                &read_scene_curves(frames)?,
+                &atlas,
+                constraints,
+                None,
+                config,
+            )?;
             for frame in read("poses")? {
                 let frame = frame?;
                 if let Some(estimate) = cameras.at(frame.time_s) {
-                    poses.standing(&frame, estimate, any_car(&atlas, cameras.size_of_cars()))?;
+                    poses.on_plane(&frame, estimate, any_car(&atlas, cameras.size_of_cars()))?;
                 }
             }
-            for warning in cameras.known().iter().filter_map(contradiction) {
+            for warning in cameras.constraints().iter().filter_map(contradiction) {
                 tracing::warn!("{warning}");
             }
             estimates = cameras.estimates().to_vec();
@@ -92,27 +100,32 @@ pub fn solve_file(
         SolveMethod::PerFrame => {
             for frame in read("camera and poses")? {
                 let frame = frame?;
-                let known = known.for_pictures(frame.image_size_px)?;
-                let estimate = estimate_frame(&frame, &atlas, &known, config);
-                poses.standing(&frame, &estimate, ShapePrior::default())?;
+                let constraints = constraints.for_pictures(frame.image_size_px)?;
+                let estimate = estimate_frame(&frame, &atlas, &constraints, config);
+                poses.on_plane(&frame, &estimate, ShapePrior::default())?;
                 estimates.push(estimate);
             }
         }
         SolveMethod::Paper => {
             for frame in read("camera and poses")? {
                 let frame = frame?;
-                let known = known.for_pictures(frame.image_size_px)?;
-                let (estimate, fits) = estimate_frame_as_paper(&frame, &atlas, &known, config);
+                let constraints = constraints.for_pictures(frame.image_size_px)?;
+                let (estimate, fits) = estimate_frame_as_paper(&frame, &atlas, &constraints, config);
                 poses.free(&frame, &estimate, &fits)?;
                 estimates.push(estimate);
             }
         }
         SolveMethod::Free => {
-            // Without the plane one car says next to nothing of the focal length (paper §3.4): it is given, or the prior's.
+            // Without the plane, one car hardly constrains the focal length (paper §3.4). It is the given one or the
+            // prior's.
             for frame in read("poses")? {
                 let frame = frame?;
                 if estimates.is_empty() {
-                    estimates.push(prior_camera(&known.for_pictures(frame.image_size_px)?, &frame, config));
+                    estimates.push(prior_camera(
+                        &constraints.for_pictures(frame.image_size_px)?,
+                        &frame,
+                        config,
+                    ));
                 }
                 let camera = FrameCamera::from(&estimates[0]).camera;
                 let fit = |car: &CarRecord| {
@@ -126,15 +139,17 @@ pub fn solve_file(
     }
     poses.lines.finish()?;
     if estimates.iter().any(|estimate| estimate.status == CameraStatus::Unobservable) {
-        tracing::warn!("the camera could not be estimated everywhere: its numbers are the prior there");
+        tracing::warn!(
+            "the camera could not be estimated everywhere: there its numbers are those of the prior"
+        );
     }
     Ok(write_camera(&out.with_file_name("camera.json"), &estimates)?)
 }
 
-/// Lines of `poses.jsonl`.
+/// Writer of `poses.jsonl`.
 struct Poses<'a> {
     lines: PoseLines,
-    looks: HeldPoses,
+    carried: CarriedPoses,
     atlas: &'a ShapeAtlas,
     config: &'a Config,
     scene: SceneOptions,
@@ -142,36 +157,36 @@ struct Poses<'a> {
 }
 
 impl Poses<'_> {
-    /// Those of cars on the plane.
-    fn standing(
+    /// Fits the cars of a frame on the ground plane and writes their poses.
+    fn on_plane(
         &mut self,
         frame: &FrameRecord,
         estimate: &CameraEstimate,
         shape: ShapePrior,
     ) -> Result<(), PipelineError> {
-        self.go_on()?;
+        self.check_stop()?;
         let view = FrameCamera::from(estimate);
         let fits = fit_frame(frame, &view, self.atlas, &self.scene, self.config, |_| (shape, None));
         for (i, fit) in fits.iter().enumerate() {
             let fitted = fit.as_ref().and_then(|fit| pose_record(frame, i, fit, self.atlas));
             if let Some(pose) = &fitted {
-                self.looks.remember(pose);
+                self.carried.store(pose);
             }
-            if let Some(pose) = fitted.or_else(|| self.looks.line(frame, i)) {
+            if let Some(pose) = fitted.or_else(|| self.carried.line(frame, i)) {
                 self.lines.write(&pose)?;
             }
         }
         Ok(())
     }
 
-    /// Those of cars that are free of it; `fits`: one a car.
+    /// Writes poses of cars with six degrees of freedom; `fits` has one entry per car of the frame.
     fn free(
         &mut self,
         frame: &FrameRecord,
         estimate: &CameraEstimate,
         fits: &[Option<FreeCarFit>],
     ) -> Result<(), PipelineError> {
-        self.go_on()?;
+        self.check_stop()?;
         let plane = FrameCamera::from(estimate).plane;
         for (i, fit) in fits.iter().enumerate() {
             let record =
@@ -183,12 +198,12 @@ impl Poses<'_> {
         Ok(())
     }
 
-    fn go_on(&self) -> Result<(), PipelineError> {
+    fn check_stop(&self) -> Result<(), PipelineError> {
         self.cancel.signal().map_or(Ok(()), |signal| Err(PipelineError::Stopped { signal }))
     }
 }
 
-/// How many lines a file has.
+/// Counts the lines of a file.
 fn lines(path: &Path) -> Result<u64, PipelineError> {
     let fail = |source| PipelineError::Unreadable { source, path: path.to_path_buf() };
     let mut reader = BufReader::with_capacity(1 << 18, File::open(path).map_err(fail)?);

@@ -1,4 +1,4 @@
-//! One streaming stage alone, from files to a file: `roadplane detect` and `roadplane keypoints`.
+//! One stage of perception alone, from files to a file: `roadplane stage detect` and `roadplane stage keypoints`.
 
 use std::io::Write as _;
 use std::path::Path;
@@ -14,7 +14,7 @@ use crate::stream::stages::{detect_stage, keypoint_stage, watch_stage};
 use crate::stream::streaming::{open_input, stream};
 use crate::{Cancel, Config, PipelineError, Progress};
 
-/// A frames file under its final name once it is whole, or standard output (`-`).
+/// A file of frames, which gets its final name when it is complete, or standard output (`-`).
 enum Sink {
     File(JsonLines),
     Stdout(std::io::StdoutLock<'static>),
@@ -47,10 +47,10 @@ impl Sink {
     }
 }
 
-/// Input → frames with boxes. True if some of the input was lost.
+/// Detects vehicles in an input and writes a file of frames with boxes. Returns true if some of the input was lost.
 ///
 /// # Errors
-/// [`PipelineError`]; the file then does not appear.
+/// [`PipelineError`]; the file then does not appear under its final name.
 pub fn detect_file(
     input: &Path,
     out: &Path,
@@ -72,11 +72,11 @@ pub fn detect_file(
     Ok(streamed.decode.is_damaged())
 }
 
-/// Input and its boxes → frames with keypoints; frames without boxes are written without cars. True if some of the input
-/// was lost.
+/// Finds keypoints in the boxes of an input and writes a file of frames. Frames without boxes are written without cars.
+/// Returns true if some of the input was lost.
 ///
 /// # Errors
-/// [`PipelineError`]; the file then does not appear.
+/// [`PipelineError`]; the file then does not appear under its final name.
 pub fn keypoints_file(
     input: &Path,
     boxes: &Path,
@@ -91,7 +91,7 @@ pub fn keypoints_file(
     let cadence = Cadence::of(&input, config);
     let mut records = FrameReader::open(boxes)?.peekable();
     let take_boxes = move |work: &mut Work| {
-        // Both come in rising order of the frame's index.
+        // Both sequences are in the order of the frame's index.
         while let Some(record) =
             records.next_if(|r| r.as_ref().map_or(true, |r| r.frame <= work.record.frame))
         {

@@ -1,4 +1,4 @@
-//! `roadplane track`: frames with keypoints → the folder of a finished run, no image needed.
+//! `roadplane stage track`: a file of frames with keypoints → the folder of a finished run, without images.
 
 use std::path::Path;
 use std::time::Instant;
@@ -13,16 +13,16 @@ use crate::output::finish::{note_solution, write_camera_and_place};
 use crate::output::track_rows::{ShownRows, TrackRows};
 use crate::{CameraConstraints, Cancel, Config, PipelineError};
 
-/// Tracks the cars of a frames file into `out/<stem>/`: camera, poses, tracks and summary as a run leaves them. Hold the lock of
-/// `out`.
+/// Tracks the cars of a file of frames and writes `out/<stem>/` with camera, poses, tracks and summary, like a run. The
+/// caller holds the lock of `out`.
 ///
 /// # Errors
-/// [`PipelineError`]; nothing then appears under the final name.
+/// [`PipelineError`]; the result then does not appear under its final name.
 pub fn track_file(
     frames: &Path,
     out: &Path,
     stem: &str,
-    known: &CameraConstraints,
+    constraints: &CameraConstraints,
     existing: Existing,
     config: &Config,
     cancel: &Cancel,
@@ -42,13 +42,14 @@ pub fn track_file(
     }
     let mut rows = TrackRows::new(folder.path(), None, ShownRows::default());
     let poses = folder.path().join("poses.jsonl");
-    let solved =
-        solve_constrained_clip(frames, &poses, &atlas, &Given::new(known), &mut rows, config, cancel)
-            .and_then(|solution| {
-                rows.finish()?;
-                write_camera_and_place(folder.path(), &solution)?;
-                Ok(solution)
-            });
+    let given = Given::new(constraints);
+    let solved = solve_constrained_clip(frames, &poses, &atlas, &given, &mut rows, config, cancel).and_then(
+        |solution| {
+            rows.finish()?;
+            write_camera_and_place(folder.path(), &solution)?;
+            Ok(solution)
+        },
+    );
     let solution = match solved {
         Ok(solution) => solution,
         Err(error) => {

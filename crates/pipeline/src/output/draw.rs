@@ -1,4 +1,4 @@
-//! A clip's result drawn into its frames, for the report and for annotated videos.
+//! Draws the result of a clip into its frames, for the report and for annotated videos.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::iter::Peekable;
@@ -11,7 +11,7 @@ use roadplane_view::{DrawnCar, GroundCells, Overlay, ReportInput, VideoSink, rep
 use roadplane_write::{OutFile, Summary, read_camera, read_jsonl, read_summary};
 
 use crate::cameras::camera_track::CameraTrack;
-use crate::cameras::known::known_in_words;
+use crate::cameras::known::constraint_in_words;
 use crate::estimation::ClipSolution;
 use crate::output::losses::losses_in_words;
 use crate::stream::flow::Work;
@@ -21,24 +21,24 @@ use crate::stream::watched::in_words;
 use crate::tracks::cars::FrameCamera;
 use crate::{Cancel, Config, PipelineError, Progress};
 
-/// Time that trails reach back, s.
+/// Length of a vehicle's trail, s.
 const TRAIL_S: f64 = 10.0;
 
-/// Draws a run's rows, which come in the order of frames: what trails no longer reach is let go of.
+/// Draws the rows of a run, which come in the order of frames. Rows older than the trails are dropped.
 pub(crate) struct Scene<'a, R: Iterator<Item = Result<TrackRow, PipelineError>>> {
     cameras: &'a CameraTrack,
     atlas: &'a ShapeAtlas,
     shapes: &'a BTreeMap<u64, Shape>,
     ground: Ground,
     coming: Peekable<R>,
-    /// Rows of the last [`TRAIL_S`].
+    /// Rows of the last [`TRAIL_S`] seconds.
     recent: VecDeque<TrackRow>,
 }
 
-/// Where vehicles were, by segment.
+/// Cells of the ground on which vehicles were, by segment of the camera.
 pub(crate) type Ground = BTreeMap<usize, GroundCells>;
 
-/// Where a run's vehicles were.
+/// Returns the cells of the ground on which the vehicles of a run were.
 pub(crate) fn ground_of(
     rows: impl Iterator<Item = Result<TrackRow, PipelineError>>,
 ) -> Result<Ground, PipelineError> {
@@ -51,7 +51,7 @@ pub(crate) fn ground_of(
 }
 
 impl<'a, R: Iterator<Item = Result<TrackRow, PipelineError>>> Scene<'a, R> {
-    /// Of a clip's rows and the shapes of its tracks.
+    /// Creates a scene from the rows of a clip and the shapes of its tracks.
     pub(crate) fn new(
         cameras: &'a CameraTrack,
         rows: R,
@@ -62,10 +62,10 @@ impl<'a, R: Iterator<Item = Result<TrackRow, PipelineError>>> Scene<'a, R> {
         Self { cameras, atlas, shapes, ground, coming: rows.peekable(), recent: VecDeque::new() }
     }
 
-    /// The frame with everything in it. Ask for frames in their order.
+    /// Returns the picture of a frame with all drawings. Call it for frames in their order.
     ///
     /// # Errors
-    /// [`PipelineError`]: of drawing, or of reading the rows.
+    /// [`PipelineError`] of drawing or of reading the rows.
     pub(crate) fn draw(
         &mut self,
         frame: u64,
@@ -102,15 +102,15 @@ impl<'a, R: Iterator<Item = Result<TrackRow, PipelineError>>> Scene<'a, R> {
     }
 }
 
-/// What a report shows of the pictures.
+/// Pictures of a report.
 pub(crate) struct ReportPictures<'a> {
-    /// Frames to draw into: index, time in s, picture.
+    /// Frames that get drawings: index, time in s, picture.
     pub samples: &'a [(u64, f64, RgbImage)],
-    /// What it plays.
+    /// Small frames and cut-outs that the report plays.
     pub stills: &'a Stills,
-    /// The empty place.
+    /// The background image: the scene without vehicles.
     pub background: Option<&'a RgbImage>,
-    /// Of long clips only some rows are drawn.
+    /// Whether only some of the rows are drawn, as for long clips.
     pub is_thinned: bool,
 }
 
@@ -134,18 +134,18 @@ pub(crate) fn write_report(
         .iter()
         .map(|(frame, time_s, picture)| Ok((*frame, scene.draw(*frame, *time_s, picture)?)))
         .collect::<Result<_, PipelineError>>()?;
-    // The picture of the place is of the camera's last position.
-    let lines = background.and_then(|place| {
+    // The background image is of the camera's last position.
+    let lines = background.and_then(|background| {
         let view = solution.cameras.scene().iter().find(|view| view.position == solution.cameras.moves())?;
         let upright = &view.verticals.as_ref()?.upright;
-        Some(with_lines(place, view.lines.iter().zip(upright.iter().copied())))
+        Some(with_lines(background, view.lines.iter().zip(upright.iter().copied())))
     });
     let lines = lines.transpose()?;
     let facts = facts_of(summary);
     let mut losses = losses_in_words(&summary.counts, &solution.rows, &config.decode);
     if is_thinned {
         losses.push(
-            "This clip is long: the page shows one or two rows of a track a second, the files have all."
+            "This clip is long: the page shows one or two rows of a track per second. The files have all rows."
                 .to_owned(),
         );
     }
@@ -177,19 +177,19 @@ fn facts_of(summary: &Summary) -> Vec<(String, String)> {
         ("frames read".to_owned(), counts.frames_read.to_string()),
         ("frames lost".to_owned(), counts.frames_lost.to_string()),
         ("frames left out on purpose".to_owned(), counts.frames_skipped.to_string()),
-        ("frames a second".to_owned(), format!("{:.2}", summary.frames_per_s)),
+        ("frames per second".to_owned(), format!("{:.2}", summary.frames_per_s)),
     ];
     if let Some(speed) = &summary.speed {
-        let (ms, seen) = (&speed.cpu_ms_per_frame, 100.0 * speed.seen_share);
+        let (ms, share) = (&speed.cpu_ms_per_frame, 100.0 * speed.seen_share);
         let cpu = format!(
             "{:.1}: decode {:.1}, watch {:.1}, detect {:.1}, keypoints {:.1}, solve {:.1}",
             ms.total, ms.decode, ms.watch, ms.detect, ms.keypoints, ms.solve
         );
-        facts.push(("CPU ms a frame".to_owned(), cpu));
-        facts.push(("share of the picture the detector saw".to_owned(), format!("{seen:.2} %")));
+        facts.push(("CPU ms per frame".to_owned(), cpu));
+        facts.push(("share of the pixels that the detector processed".to_owned(), format!("{share:.2} %")));
         facts.push(("crops".to_owned(), speed.crops.to_string()));
     }
-    facts.extend(summary.known.iter().map(|known| (known.what.clone(), known_in_words(known))));
+    facts.extend(summary.known.iter().map(|one| (one.what.clone(), constraint_in_words(one))));
     facts.extend(counts.boxes.iter().map(|(class, n)| (format!("boxes: {class}"), n.to_string())));
     facts.extend(counts.rejected.iter().map(|(reason, n)| (format!("left out: {reason}"), n.to_string())));
     facts.extend(
@@ -206,7 +206,7 @@ fn facts_of(summary: &Summary) -> Vec<(String, String)> {
     facts
 }
 
-/// Draws every frame of an input into a video, with the rows of a run's folder. True if some of the input was lost.
+/// Draws the rows of a run's folder into a video of its input. Returns true if some of the input was lost.
 ///
 /// # Errors
 /// [`PipelineError`]; the video then does not appear.
@@ -237,7 +237,8 @@ pub(crate) fn draw_video(
     Ok(streamed.decode.is_damaged())
 }
 
-/// `roadplane render`: draws a finished run's folder into a video of its input. True if some of the input was lost.
+/// Runs `roadplane render`: draws the folder of a finished run into a video of its input. Returns true if some of the
+/// input was lost.
 ///
 /// # Errors
 /// [`PipelineError`]; the video then does not appear.
@@ -263,7 +264,8 @@ pub fn render_run(
     draw_video(input, run, (&cameras, &shapes), video, config, cancel, progress)
 }
 
-/// The configuration with the run's choice of frames, as others have no rows; what the caller chooses otherwise counts.
+/// Returns the configuration with the `[decode]` settings of the run, because other frames have no rows. Settings that
+/// the caller changed from their defaults take precedence.
 fn as_run(run: &Path, config: &Config) -> Result<Config, PipelineError> {
     let of = |options: &DecodeOptions| serde_json::to_value(options).unwrap_or_default();
     let (asked, default) = (of(&config.decode), of(&DecodeOptions::default()));
@@ -272,7 +274,7 @@ fn as_run(run: &Path, config: &Config) -> Result<Config, PipelineError> {
         let other = asked.iter().filter(|(option, value)| default.get(option.as_str()) != Some(value));
         chosen.extend(other.map(|(option, value)| (option.clone(), value.clone())));
     }
-    let decode = serde_json::from_value(chosen).unwrap_or_else(|_not_told| config.decode.clone());
+    let decode = serde_json::from_value(chosen).unwrap_or_else(|_absent| config.decode.clone());
     Ok(Config { decode, ..config.clone() })
 }
 
@@ -280,14 +282,14 @@ fn as_run(run: &Path, config: &Config) -> Result<Config, PipelineError> {
 mod tests {
     use super::*;
     use crate::tracks::shared_error::tests::estimate;
-    use roadplane_synth::standing;
+    use roadplane_synth::stationary_row;
     use roadplane_write::write_summary;
 
     #[test]
-    fn rows_are_held_as_long_as_they_are_drawn() {
+    fn rows_are_kept_as_long_as_they_are_drawn() {
         let row = |frame: u64| TrackRow {
             x_m: 0.02 * frame as f64 - 6.0,
-            ..standing(1, frame, frame as f64 / 10.0)
+            ..stationary_row(1, frame, frame as f64 / 10.0)
         };
         let rows: Vec<TrackRow> = (0..600).map(row).collect();
         let ground = || ground_of(rows.iter().cloned().map(Ok)).unwrap();
@@ -305,13 +307,13 @@ mod tests {
             }
             assert!(whole.recent.len() <= 101, "{}", whole.recent.len());
         }
-        // A trail's rows and no more: what was before changes nothing, the last second does.
+        // Only the rows of the trail count: earlier rows change nothing, the last second does.
         let [trail, second] = [400, 490].map(|from| scene(from).draw(500, 50.0, &empty).unwrap());
         assert!(last == trail && last != second && second != empty);
     }
 
     #[test]
-    fn a_run_is_drawn_with_the_frames_that_it_looked_at() {
+    fn a_run_is_drawn_with_the_frames_that_it_read() {
         let folder = tempfile::tempdir().unwrap();
         let mut made = Config::default();
         made.decode.stride = 3;

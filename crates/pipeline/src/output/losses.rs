@@ -1,4 +1,4 @@
-//! What a run lost, left out or could not place, a sentence each, for the report.
+//! Sentences for the report about lost frames, skipped frames and rejected boxes.
 
 use std::collections::BTreeSet;
 
@@ -6,23 +6,25 @@ use roadplane_base::{TrackRow, VehicleClass};
 use roadplane_decode::DecodeOptions;
 use roadplane_write::Counts;
 
-/// The sentences; none where nothing was lost.
+/// Returns one sentence per kind of loss; none where nothing was lost.
 pub(crate) fn losses_in_words(counts: &Counts, rows: &[TrackRow], options: &DecodeOptions) -> Vec<String> {
-    let mut told = Vec::new();
+    let mut sentences = Vec::new();
     let &Counts { frames_read, frames_lost, frames_skipped, .. } = counts;
     if frames_lost > 0 {
-        told.push(format!("{frames_lost} of {} frames could not be decoded.", frames_read + frames_lost));
+        sentences
+            .push(format!("{frames_lost} of {} frames could not be decoded.", frames_read + frames_lost));
     }
-    told.extend(left_out(options));
+    sentences.extend(left_out(options));
     if frames_skipped > 0 {
-        told.push(format!("{frames_skipped} of {frames_read} decoded frames were left out by that."));
+        sentences
+            .push(format!("{frames_skipped} of {frames_read} decoded frames were skipped for this reason."));
     }
     for (class, name) in [(VehicleClass::Truck, "truck"), (VehicleClass::Bus, "bus")] {
         let tracks: BTreeSet<u64> =
             rows.iter().filter(|row| row.class == class).map(|row| row.track).collect();
         if let Some(boxes) = counts.boxes.get(name).filter(|boxes| **boxes > 0) {
-            told.push(format!(
-                "{} of {}, in {}: {} has no model of shape, so place, heading and size rest on the box, to a metre or two.",
+            sentences.push(format!(
+                "{} of {}, in {}: {} has no shape model, so position, heading and size come from the box, to a metre or two.",
                 amount(*boxes, "box", "boxes"),
                 if class == VehicleClass::Truck { "trucks" } else { "buses" },
                 match tracks.len() {
@@ -34,41 +36,44 @@ pub(crate) fn losses_in_words(counts: &Counts, rows: &[TrackRow], options: &Deco
         }
     }
     for (reason, count) in counts.rejected.iter().filter(|(_, count)| **count > 0) {
-        told.push(format!("{} {}.", amount(*count, "box", "boxes"), why(reason)));
+        sentences.push(format!("{} {}.", amount(*count, "box", "boxes"), why(reason)));
     }
-    told
+    sentences
 }
 
 fn left_out(options: &DecodeOptions) -> Option<String> {
     let mut parts = Vec::new();
     if options.start_s > 0.0 {
-        parts.push(format!("what is before {} s", options.start_s));
+        parts.push(format!("the time before {} s", options.start_s));
     }
     if let Some(end_s) = options.end_s {
-        parts.push(format!("what is from {end_s} s on"));
+        parts.push(format!("the time from {end_s} s on"));
     }
     if options.stride > 1 {
-        parts.push(format!("all but every {}. frame", options.stride));
+        parts.push(format!("all but one of every {} frames", options.stride));
     }
     if let Some(most) = options.max_frames {
-        parts.push(format!("what comes after {most} frames"));
+        parts.push(format!("all after the first {most} frames"));
     }
-    (!parts.is_empty()).then(|| format!("As asked for, left out: {}.", parts.join(", ")))
+    (!parts.is_empty()).then(|| format!("Skipped by the configuration: {}.", parts.join(", ")))
 }
 
 fn amount(count: u64, one: &str, many: &str) -> String {
     format!("{count} {}", if count == 1 { one } else { many })
 }
 
-/// Why boxes gave no place.
+/// Returns the end of a sentence that explains why boxes were rejected.
 fn why(reason: &str) -> String {
     match reason {
-        "no_pose" => "gave no place: too few keypoints, and no foot on the ground in sight".to_owned(),
-        "keypoints_disagree" => {
-            "gave no place: their keypoints fit no car, and no foot on the ground is in sight".to_owned()
+        "no_pose" => {
+            "gave no position: too few keypoints, and no contact with the ground is visible".to_owned()
         }
-        "keypoints_not_finite" => "were dropped, as their keypoints were no numbers".to_owned(),
-        other => format!("left out: {}", other.replace('_', " ")),
+        "keypoints_disagree" => {
+            "gave no position: their keypoints fit no car, and no contact with the ground is visible"
+                .to_owned()
+        }
+        "keypoints_not_finite" => "rejected, because their keypoints were not finite".to_owned(),
+        other => format!("rejected: {}", other.replace('_', " ")),
     }
 }
 
@@ -77,7 +82,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_count_is_told_and_nothing_where_nothing_was_lost() {
+    fn every_count_has_a_sentence_and_no_loss_has_none() {
         assert!(losses_in_words(&Counts::default(), &[], &DecodeOptions::default()).is_empty());
         let counts = Counts {
             frames_read: 90,
@@ -88,17 +93,17 @@ mod tests {
             ..Counts::default()
         };
         let options = DecodeOptions { stride: 3, start_s: 4.0, ..DecodeOptions::default() };
-        let told = losses_in_words(&counts, &[], &options);
+        let sentences = losses_in_words(&counts, &[], &options);
         assert_eq!(
-            told,
+            sentences,
             [
                 "10 of 100 frames could not be decoded.",
-                "As asked for, left out: what is before 4 s, all but every 3. frame.",
-                "60 of 90 decoded frames were left out by that.",
-                "135 boxes of trucks, in no track of the class: a truck has no model of shape, so place, heading and size rest on \
-                 the box, to a metre or two.",
-                "1 box gave no place: too few keypoints, and no foot on the ground in sight.",
-                "3 boxes left out: odd one.",
+                "Skipped by the configuration: the time before 4 s, all but one of every 3 frames.",
+                "60 of 90 decoded frames were skipped for this reason.",
+                "135 boxes of trucks, in no track of the class: a truck has no shape model, so position, heading and size come \
+                 from the box, to a metre or two.",
+                "1 box gave no position: too few keypoints, and no contact with the ground is visible.",
+                "3 boxes rejected: odd one.",
             ]
         );
     }

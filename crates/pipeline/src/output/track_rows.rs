@@ -1,4 +1,4 @@
-//! A result's track files, filled as rows come, and what is kept of the rows to be drawn.
+//! Writer of a result's track files, and the rows that are kept for drawing.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -10,15 +10,16 @@ use roadplane_write::TrackFiles;
 
 use crate::PipelineError;
 use crate::estimation::RowSink;
+use crate::tracks::TimeChunk;
 use crate::tracks::activities::{add_events, label_rows, write_events};
-use crate::tracks::stretch::Stretch;
 
-/// Of a clip of more than one stretch a row is kept to be drawn so long after the last of its track, s, if its vehicle is seen in it …
-const NEXT_SEEN_S: f64 = 0.6;
-/// … and in any case so long after it.
+/// Time between the rows of a track that are kept for drawing, s, if the vehicle is observed in the later row. It holds
+/// for clips of more than one time chunk.
+const NEXT_OBSERVED_S: f64 = 0.6;
+/// Time between the rows of a track that are kept for drawing, s, if the vehicle is not observed in the later row.
 const NEXT_S: f64 = 0.9;
 
-/// Writes rows, with what vehicles do where there is a net that tells it.
+/// Writes the rows of a clip, with the activities of its vehicles where there is an activity net.
 pub(crate) struct TrackRows<'a> {
     folder: &'a Path,
     activity: Option<ActivityNet>,
@@ -28,12 +29,12 @@ pub(crate) struct TrackRows<'a> {
 }
 
 impl<'a> TrackRows<'a> {
-    /// Into a result's folder; `shown` says what is kept.
+    /// Creates a writer into a result's folder; `shown` collects the rows that are kept for drawing.
     pub(crate) fn new(folder: &'a Path, activity: Option<ActivityNet>, shown: ShownRows) -> Self {
         Self { folder, activity, files: None, events: Vec::new(), shown }
     }
 
-    /// Completes the files. Gives what was kept.
+    /// Completes the files and returns the kept rows.
     pub(crate) fn finish(self) -> Result<ShownRows, PipelineError> {
         if let Some(files) = self.files {
             files.finish()?;
@@ -49,13 +50,13 @@ impl RowSink for TrackRows<'_> {
     fn take(
         &mut self,
         mut rows: Vec<TrackRow>,
-        stretch: Stretch,
+        chunk: TimeChunk,
         place: Option<&Place>,
     ) -> Result<u64, PipelineError> {
         if let Some(net) = &mut self.activity {
-            add_events(&mut self.events, label_rows(net, &mut rows)?, stretch);
+            add_events(&mut self.events, label_rows(net, &mut rows)?, chunk);
         }
-        rows.retain(|row| stretch.holds(row.time_s));
+        rows.retain(|row| chunk.holds(row.time_s));
         let files = match &mut self.files {
             Some(files) => files,
             none => none.insert(TrackFiles::create(self.folder, place.is_some())?),
@@ -64,15 +65,16 @@ impl RowSink for TrackRows<'_> {
             files.write(row)?;
         }
         let count = rows.len() as u64;
-        self.shown.add(rows, stretch);
+        self.shown.add(rows, chunk);
         Ok(count)
     }
 }
 
-/// Rows that are kept to be drawn: of a clip of one stretch all of them, of a longer one as many as a page can show.
+/// Rows that are kept for drawing: all rows of a clip of one time chunk, and as many as a page can show of a longer
+/// clip.
 #[derive(Debug, Default)]
 pub(crate) struct ShownRows {
-    /// By frame, then by track.
+    /// The kept rows by frame, then by track.
     pub rows: Vec<TrackRow>,
     /// All rows of these frames are kept.
     frames: BTreeSet<u64>,
@@ -80,18 +82,18 @@ pub(crate) struct ShownRows {
 }
 
 impl ShownRows {
-    /// Of long clips all of `frames` and some of others.
+    /// Creates a collection that keeps, of long clips, all rows of `frames` and some rows of other frames.
     pub(crate) fn of(frames: BTreeSet<u64>) -> Self {
         Self { frames, ..Self::default() }
     }
 
-    /// Whether some are left out.
+    /// Whether some rows were left out.
     pub(crate) fn is_thinned(&self) -> bool {
         self.is_thinned
     }
 
-    fn add(&mut self, mut rows: Vec<TrackRow>, stretch: Stretch) {
-        if stretch != Stretch::ALL {
+    fn add(&mut self, mut rows: Vec<TrackRow>, chunk: TimeChunk) {
+        if chunk != TimeChunk::ALL {
             self.is_thinned = true;
             thin(&mut rows, &self.frames);
         }
@@ -103,12 +105,12 @@ impl ShownRows {
     }
 }
 
-/// Keeps each track's first and last row, those of `frames`, and some between.
+/// Keeps each track's first and last row, the rows of `frames`, and some rows between.
 fn thin(rows: &mut Vec<TrackRow>, frames: &BTreeSet<u64>) {
     let last: BTreeMap<u64, u64> = rows.iter().map(|row| (row.track, row.frame)).collect();
     let mut kept_s: BTreeMap<u64, f64> = BTreeMap::new();
     rows.retain(|row| {
-        let least_s = if row.observed { NEXT_SEEN_S } else { NEXT_S };
+        let least_s = if row.observed { NEXT_OBSERVED_S } else { NEXT_S };
         let is_next = kept_s.get(&row.track).is_none_or(|kept_s| row.time_s - kept_s >= least_s);
         if is_next {
             kept_s.insert(row.track, row.time_s);
@@ -122,34 +124,35 @@ fn thin(rows: &mut Vec<TrackRow>, frames: &BTreeSet<u64>) {
 mod tests {
     use super::*;
     use roadplane_activity::Label;
-    use roadplane_synth::standing;
+    use roadplane_synth::stationary_row;
 
     fn row(frame: u64, track: u64) -> TrackRow {
-        let row = standing(track, frame, frame as f64 / 10.0);
+        let row = stationary_row(track, frame, frame as f64 / 10.0);
         TrackRow { observed: frame.is_multiple_of(4), ..row }
     }
 
     #[test]
-    fn of_long_clips_some_rows_are_kept_and_of_short_ones_all() {
+    fn some_rows_of_long_clips_are_kept_and_all_of_short_ones() {
         let of = |frames: std::ops::Range<u64>| frames.map(|frame| row(frame, 1)).collect::<Vec<_>>();
         let mut short = ShownRows::default();
-        short.add(of(0..100), Stretch::ALL);
+        short.add(of(0..100), TimeChunk::ALL);
         assert_eq!((short.rows.len(), short.is_thinned()), (100, false));
         let seam_s = 10.0;
-        let parts = [Stretch { to_s: seam_s, ..Stretch::ALL }, Stretch { from_s: seam_s, ..Stretch::ALL }];
+        let parts =
+            [TimeChunk { to_s: seam_s, ..TimeChunk::ALL }, TimeChunk { from_s: seam_s, ..TimeChunk::ALL }];
         let mut shown = ShownRows::of(BTreeSet::from([131]));
         shown.add(of(0..100), parts[0]);
         shown.add(of(100..199), parts[1]);
         let kept: Vec<u64> = shown.rows.iter().map(|row| row.frame).collect();
         assert!(shown.is_thinned() && kept.is_sorted() && (22..40).contains(&kept.len()), "{kept:?}");
         assert!([0, 99, 100, 131, 198].iter().all(|frame| kept.contains(frame)), "{kept:?}");
-        // A track that is seen does not look as if it had been hidden.
+        // A track that is observed is not drawn like a hidden one.
         let seen: Vec<u64> = kept.iter().copied().filter(|frame| frame % 4 == 0).collect();
         assert!(seen.windows(2).all(|pair| pair[1] - pair[0] <= 12), "{seen:?}");
     }
 
     #[test]
-    fn what_goes_on_over_a_seam_is_one_event() {
+    fn an_activity_that_continues_over_a_seam_is_one_event() {
         let event = |track: u64, from_s: f64, to_s: f64, confidence: f64| Event {
             track,
             activity: Label::Moving,
@@ -159,7 +162,7 @@ mod tests {
         };
         let seam_s = 300.0;
         let (before, after) = (f64::NEG_INFINITY..seam_s, seam_s..f64::INFINITY);
-        let [before, after] = [before, after].map(|s| Stretch { from_s: s.start, to_s: s.end });
+        let [before, after] = [before, after].map(|s| TimeChunk { from_s: s.start, to_s: s.end });
         let mut events = Vec::new();
         add_events(&mut events, vec![event(1, 290.0, 305.0, 0.9), event(2, 310.0, 320.0, 0.8)], before);
         add_events(&mut events, vec![event(1, 280.0, 310.0, 0.6), event(2, 310.0, 320.0, 0.8)], after);

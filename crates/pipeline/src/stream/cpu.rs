@@ -1,4 +1,4 @@
-//! Processor time, as the system counts it.
+//! Processor time, as measured by the system.
 
 use rustix::time::{ClockId, Timespec, clock_gettime};
 
@@ -6,19 +6,19 @@ fn seconds(time: Timespec) -> f64 {
     time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
 }
 
-/// Processor time of the calling thread so far, s.
+/// Returns the processor time of the calling thread so far, s.
 #[must_use]
 pub fn thread_cpu_s() -> f64 {
     seconds(clock_gettime(ClockId::ThreadCPUTime))
 }
 
-/// Processor time of all threads of this process so far, those that ended included, s.
+/// Returns the processor time of all threads of this process so far, also of threads that ended, s.
 #[must_use]
 pub fn process_cpu_s() -> f64 {
     seconds(clock_gettime(ClockId::ProcessCPUTime))
 }
 
-/// Takes laps of processor time.
+/// Measures processor time from call to call.
 #[derive(Debug)]
 pub struct Laps {
     alone: bool,
@@ -26,7 +26,7 @@ pub struct Laps {
 }
 
 impl Laps {
-    /// Starts now. `alone`: what this process does is all of it to be counted; otherwise only the calling thread counts.
+    /// Starts now. With `alone` all threads of this process count, otherwise only the calling thread.
     #[must_use]
     pub fn start(alone: bool) -> Self {
         let mut laps = Self { alone, last_s: 0.0 };
@@ -34,7 +34,7 @@ impl Laps {
         laps
     }
 
-    /// Processor time since the last call, s.
+    /// Returns the processor time since the last call, s.
     pub fn next_s(&mut self) -> f64 {
         let now_s = if self.alone { process_cpu_s() } else { thread_cpu_s() };
         let lap_s = now_s - self.last_s;

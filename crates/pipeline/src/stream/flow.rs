@@ -1,8 +1,8 @@
-//! One named thread a stage, joined by bounded channels: source → stages → sink.
+//! One named thread per stage, joined by bounded channels: source → stages → sink.
 //!
-//! When a stage fails or panics, or a stop is asked for, its channel ends close; the neighbours see that and end too,
-//! so nothing blocks for ever. After a stop each stage ends the frame in hand; what all stages are through with is still
-//! delivered, so the sink has a run of whole frames.
+//! When a stage fails, panics or is asked to stop, its ends of the channels close. The neighbours notice this and end
+//! too, so that nothing blocks for ever. After a stop each stage completes its current frame. Frames that have passed
+//! all stages are still delivered, so the sink gets a sequence of complete frames.
 
 use std::thread::{Builder, ScopedJoinHandle};
 use std::time::{Duration, Instant};
@@ -11,29 +11,29 @@ use crossbeam_channel::{Receiver, SendTimeoutError, Sender, bounded};
 use image::RgbImage;
 use roadplane_base::{FrameRecord, FrameStamp, ImageSize};
 use roadplane_decode::Decoded;
-use roadplane_watch::Seen;
+use roadplane_watch::Observation;
 
 use crate::stream::cpu::thread_cpu_s;
 use crate::{Cancel, PipelineError};
 
-/// A stage that has been waiting this long for the next one is worth a line in the log.
+/// A stage that waits longer than this for the next one writes a line to the log.
 const STALL: Duration = Duration::from_secs(5);
 
-/// A frame on its way through the stages, with what is known of it.
+/// A frame that passes through the stages, with the results of the stages so far.
 #[derive(Debug)]
 pub struct Work {
-    /// Which frame.
+    /// Index and time of the frame.
     pub stamp: FrameStamp,
-    /// The picture; absent where nobody looks at it.
+    /// The picture; absent where no stage needs it.
     pub image: Option<RgbImage>,
-    /// What the watcher made of the picture.
-    pub seen: Option<Seen>,
-    /// What the stages found.
+    /// The watcher's result for the picture.
+    pub seen: Option<Observation>,
+    /// The record that the stages fill.
     pub record: FrameRecord,
 }
 
 impl Work {
-    /// A frame of which nothing is known yet.
+    /// Returns a frame that no stage has seen yet.
     #[must_use]
     pub fn new(decoded: Decoded, size: ImageSize) -> Self {
         let Decoded { stamp, image } = decoded;
@@ -41,7 +41,7 @@ impl Work {
     }
 }
 
-/// What a stage does to each frame.
+/// The function that a stage calls on each frame.
 type StageWork<'a> = Box<dyn FnMut(&mut Work) -> Result<(), PipelineError> + Send + 'a>;
 
 /// A named stage.
@@ -51,7 +51,7 @@ pub struct Stage<'a> {
 }
 
 impl<'a> Stage<'a> {
-    /// A stage that calls `work` on every frame.
+    /// Creates a stage that calls `work` on every frame.
     pub fn new(
         name: &'static str,
         work: impl FnMut(&mut Work) -> Result<(), PipelineError> + Send + 'a,
@@ -59,7 +59,7 @@ impl<'a> Stage<'a> {
         Self { name, work: Box::new(work) }
     }
 
-    /// The same stage, leaving frames alone that `due` says no to.
+    /// Returns this stage restricted to the frames for which `due` is true.
     #[must_use]
     pub fn only(self, due: impl Fn(&FrameRecord) -> bool + Send + 'a) -> Self {
         let Self { name, mut work } = self;
@@ -67,23 +67,23 @@ impl<'a> Stage<'a> {
     }
 }
 
-/// Time that a stage spent working (not waiting).
+/// Time that a stage worked, without waiting.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StageTime {
-    /// The stage.
+    /// Name of the stage.
     pub name: &'static str,
-    /// Seconds of work.
+    /// Wall-clock time of work, s.
     pub seconds: f64,
     /// Processor time of the stage's thread, s.
     pub cpu_s: f64,
 }
 
-/// Runs `source` (named `source_name`) through the stages into `sink`, which works on the calling thread. `capacity`
-/// frames may wait between two stages.
+/// Sends the frames of `source` (named `source_name`) through the stages into `sink`, which runs on the calling thread.
+/// At most `capacity` frames wait between two stages.
 ///
 /// # Errors
-/// The first stage's error in the order of the flow; a panic becomes [`PipelineError::Bug`]; a stop asked for by
-/// `cancel` becomes [`PipelineError::Stopped`] after the frames that are done have reached the sink.
+/// The error of the first failed stage, in the order of the stages. A panic becomes [`PipelineError::Bug`]. A stop by
+/// `cancel` becomes [`PipelineError::Stopped`] after the completed frames have reached the sink.
 pub fn flow<'a>(
     source_name: &'static str,
     mut source: impl FnMut() -> Result<Option<Work>, PipelineError> + Send + 'a,
@@ -110,11 +110,12 @@ pub fn flow<'a>(
             }
             Ok(StageTime { name: source_name, seconds: busy.as_secs_f64(), cpu_s: thread_cpu_s() })
         };
-        // Log lines of the stages tell what they belong to as the caller's do.
+        // Log lines of the stages belong to the caller's span.
         let span = tracing::Span::current();
-        let told = span.clone();
-        let spawned =
-            Builder::new().name(source_name.to_owned()).spawn_scoped(scope, move || told.in_scope(read));
+        let source_span = span.clone();
+        let spawned = Builder::new()
+            .name(source_name.to_owned())
+            .spawn_scoped(scope, move || source_span.in_scope(read));
         threads.push((source_name, spawned.map_err(PipelineError::thread)?));
         for stage in stages {
             let (sender, next_receiver) = bounded::<Work>(capacity);
@@ -182,7 +183,7 @@ fn run_stage(
     Ok(StageTime { name: stage.name, seconds: busy.as_secs_f64(), cpu_s: thread_cpu_s() })
 }
 
-/// Sends, saying so in the log when the next stage lets it wait; false when the next stage has ended.
+/// Sends a frame to the next stage and logs long waits. Returns false when the next stage has ended.
 fn send(sender: &Sender<Work>, work: Work, stage: &str) -> bool {
     let mut pending = work;
     loop {
@@ -253,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stop_delivers_what_is_on_its_way() {
+    fn a_stop_delivers_the_completed_frames() {
         let cancel = Cancel::default();
         let mut delivered = 0;
         let sink = |work: Work| {

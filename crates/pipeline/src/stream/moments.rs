@@ -1,32 +1,32 @@
-//! Things kept by time, as many as there is room for.
+//! Items kept by time within a number of bytes.
 
-/// One thing in each slot of time: the first that was offered in it. When there are too many, slots become twice as long.
+/// The first item of each time slot. When the items need too many bytes, slots become twice as long.
 ///
-/// Slots lie at whole multiples of their length from the start of the input, so a longer one begins where one half as long does, and
-/// what is the first in it is the first in that one, too: what is kept in the end does not depend on where streaming began, nor on
-/// when slots grew.
+/// Slots start at whole multiples of their length from the start of the input. A slot therefore starts where a slot of
+/// half its length starts, and both have the same first item. So the kept items depend neither on where streaming
+/// started nor on when slots grew.
 #[derive(Debug)]
 pub(crate) struct Moments<T> {
     slot_s: f64,
     room: u64,
     level: u32,
     bytes: u64,
-    /// Number of the shortest slot, size, thing.
+    /// Number of the shortest slot, size in bytes, item.
     kept: Vec<(u64, u64, T)>,
 }
 
 impl<T> Moments<T> {
-    /// With slots of `slot_s` seconds at first, and room for so many bytes.
+    /// Creates an empty collection with slots of `slot_s` seconds at first and room for `room` bytes.
     pub(crate) fn new(slot_s: f64, room: u64) -> Self {
         Self { slot_s, room, level: 0, bytes: 0, kept: Vec::new() }
     }
 
-    /// Slots are longer than at first by two to the power of this.
+    /// Returns the base-2 logarithm of the factor by which slots have grown.
     pub(crate) fn level(&self) -> u32 {
         self.level
     }
 
-    /// Makes slots at least so long, see [`Self::level`].
+    /// Makes slots at least as long as those of a level, see [`Self::level`].
     pub(crate) fn coarsen(&mut self, level: u32) {
         if level > self.level {
             self.level = level;
@@ -34,30 +34,30 @@ impl<T> Moments<T> {
         }
     }
 
-    /// Whether something of this time, later than all that is kept, would be kept.
+    /// Whether an item of this time would be kept; it must be later than all kept items.
     pub(crate) fn is_due(&self, time_s: f64) -> bool {
         let slot = self.slot(time_s) >> self.level;
         self.room > 0 && self.kept.last().is_none_or(|(last, ..)| last >> self.level != slot)
     }
 
-    /// Keeps something that is due.
-    pub(crate) fn keep(&mut self, time_s: f64, bytes: u64, thing: T) {
-        self.kept.push((self.slot(time_s), bytes, thing));
+    /// Keeps an item that is due.
+    pub(crate) fn keep(&mut self, time_s: f64, bytes: u64, item: T) {
+        self.kept.push((self.slot(time_s), bytes, item));
         self.bytes += bytes;
-        // A slot of all time holds one thing, which is kept whatever its size.
+        // The last item is kept whatever its size.
         while self.bytes > self.room && self.kept.len() > 1 {
             self.level += 1;
             self.thin();
         }
     }
 
-    /// What is kept, by time.
+    /// Returns the kept items in the order of time.
     pub(crate) fn items(&self) -> impl Iterator<Item = &T> {
-        self.kept.iter().map(|(.., thing)| thing)
+        self.kept.iter().map(|(.., item)| item)
     }
 
     fn slot(&self, time_s: f64) -> u64 {
-        // Whole milliseconds, as files have times.
+        // Whole milliseconds, like the times in files.
         ((time_s * 1e3).round() / (self.slot_s * 1e3)).max(0.0) as u64
     }
 
@@ -73,7 +73,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_kept_fits_and_is_spread_whatever_the_length() {
+    fn kept_items_fit_and_are_spread_over_clips_of_any_length() {
         for length in [1_u64, 10, 1000, 100_000] {
             let mut moments = Moments::new(0.25, 640);
             for i in 0..length {

@@ -1,4 +1,4 @@
-//! The nets of a run: opened by the models folder and the configuration.
+//! The nets of a run, opened from the models folder by the configuration.
 
 use std::path::Path;
 
@@ -12,16 +12,16 @@ use crate::{Config, PipelineError};
 
 /// The nets of a run.
 pub struct Nets {
-    /// Finds vehicles.
+    /// Detector of vehicles.
     pub detector: Detector,
-    /// Finds their keypoints.
+    /// Net that finds the keypoints of vehicles.
     pub keypoints: KeypointNet,
-    /// Tells what tracks do; none where that is switched off.
+    /// Net that labels the activities of tracks; `None` where that is switched off.
     pub activity: Option<ActivityNet>,
 }
 
 impl Nets {
-    /// Loads all from the models folder.
+    /// Loads all nets from the models folder.
     ///
     /// # Errors
     /// [`PipelineError`] when a model is refused or the runtime is missing.
@@ -33,13 +33,13 @@ impl Nets {
         })
     }
 
-    /// What they are, for the summary.
+    /// Returns names and versions of the nets for the summary.
     #[must_use]
     pub fn summaries(&self) -> Vec<ModelSummary> {
         self.sessions().map(summary_of).collect()
     }
 
-    /// What their results depend on: weights, what computes them, and how outputs become measurements.
+    /// Returns a text per net that changes when its results may change: weights, execution provider, calibration.
     #[must_use]
     pub fn fingerprints(&self) -> Vec<String> {
         let of = |session: &Session| {
@@ -56,7 +56,7 @@ impl Nets {
     }
 }
 
-/// The detector alone.
+/// Opens the detector alone.
 ///
 /// # Errors
 /// [`PipelineError`] when the model is refused or the runtime is missing.
@@ -65,7 +65,7 @@ pub fn open_detector(models: &Path, config: &Config) -> Result<Detector, Pipelin
     Ok(Detector::new(session, config.detect.clone())?)
 }
 
-/// The keypoint net alone.
+/// Opens the keypoint net alone.
 ///
 /// # Errors
 /// [`PipelineError`] when the model is refused or the runtime is missing.
@@ -74,7 +74,7 @@ pub fn open_keypoints(models: &Path, config: &Config) -> Result<KeypointNet, Pip
     Ok(KeypointNet::open(&card, &session_options(config), config.keypoints.clone())?)
 }
 
-/// The activity net. It is so small that the plain runtime is the fastest.
+/// Opens the activity net. It runs on the plain CPU provider, which is the fastest for such a small net.
 ///
 /// # Errors
 /// [`PipelineError`] when the model is refused or the runtime is missing.

@@ -1,4 +1,5 @@
-//! The left half of a run into its partial folder: frames.jsonl, and what else the right half needs.
+//! Perception: reads an input and fills the partial folder of its result with `frames.jsonl` and the other inputs of
+//! estimation.
 
 use std::path::Path;
 
@@ -19,41 +20,42 @@ use serde::{Deserialize, Serialize};
 use crate::identity::file_identity;
 use crate::limits::check_memory;
 use crate::options::RunOptions;
-use crate::stream::cadence::{Cadence, stretch_of};
+use crate::stream::cadence::{Cadence, interval_of};
 use crate::stream::flow::Work;
 use crate::stream::nets::Nets;
 use crate::stream::samples::SampleFrames;
 use crate::stream::scene_lines::LineFinder;
 use crate::stream::span::Span;
-use crate::stream::speed::{Looks, Meter};
+use crate::stream::speed::{InferenceFrames, Meter};
 use crate::stream::stages::{detect_stage, keypoint_stage, watch_stage};
 use crate::stream::stills::Stills;
 use crate::stream::streaming::{Streamed, stream};
 use crate::stream::watched::Watched;
 use crate::{Cancel, Config, PipelineError, Progress};
 
-/// The streaming half's product within the partial folder.
+/// File in the partial folder with the records of the frames.
 pub(crate) const SPOOL: &str = "frames.jsonl";
-/// What the spool was made of; a resumed run must be of the same.
+/// File in the partial folder with the [`Stamp`] of the work.
 pub(crate) const STAMP: &str = "stamp.json";
 
-/// Identifies the work that a spool belongs to.
+/// Identifies the work that a file of frames belongs to. A resumed run must have the same stamp.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub(crate) struct Stamp {
-    /// Version of the program.
+    /// Version of the program that made the frames.
     pub version: String,
-    /// sha256 of the whole input, hex.
+    /// sha256 of the whole input, hexadecimal.
     pub input_sha256: String,
-    /// sha256 of the configuration, hex.
+    /// sha256 of the configuration, hexadecimal.
     pub config_sha256: String,
-    /// What the nets' results depend on: weights, what computed them, calibration.
+    /// One text per net, which changes if its results may change: weights, execution provider, calibration.
     pub models: Vec<String>,
-    /// Which piece of the input; absent: all of it.
+    /// Piece of the input: `FROM-TO` or `FROM-`, s. Absent for the whole input.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub piece: Option<Span>,
 }
 
 impl Stamp {
+    /// Returns the stamp of the work on an input or a piece of it.
     pub(crate) fn new(input: &InputSummary, config: &Config, nets: &Nets, piece: Option<Span>) -> Self {
         Self {
             version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -65,7 +67,7 @@ impl Stamp {
     }
 }
 
-/// What goes through all of a run.
+/// Context of a run that all its parts share.
 #[derive(Clone, Copy)]
 pub(crate) struct Job<'a> {
     pub options: &'a RunOptions,
@@ -74,8 +76,8 @@ pub(crate) struct Job<'a> {
     pub progress: &'a dyn Progress,
 }
 
-/// Makes the partial folder, or takes up the one that a stopped run of the same work left.
-pub(crate) fn begin_folder(
+/// Creates the partial folder of a result, or opens that of a stopped run with the same stamp.
+pub(crate) fn open_partial_folder(
     out: &Path,
     name: &str,
     stamp: &Stamp,
@@ -93,73 +95,76 @@ fn read_stamp(folder: &Path) -> Option<Stamp> {
     serde_json::from_slice(&std::fs::read(folder.join(STAMP)).ok()?).ok()
 }
 
-/// What streaming an input left beside the spool.
-pub(crate) struct Left {
-    /// What was read.
+/// Results of perception beside the file of frames.
+pub(crate) struct Perceived {
+    /// The input.
     pub input: InputSummary,
     /// The nets.
     pub models: Vec<ModelSummary>,
-    /// What their results depend on.
+    /// A text per net that changes when its results may change.
     pub fingerprints: Vec<String>,
-    /// What became of the frames.
+    /// Counts of read, lost and skipped frames.
     pub decode: DecodeReport,
-    /// Work of each stage.
+    /// Working time of each stage.
     pub seconds: Vec<StageSeconds>,
-    /// Cars whose keypoints were not finite.
+    /// Number of cars whose keypoints were not finite.
     pub rejected_cars: u64,
-    /// What watching came to.
+    /// Summary of the watcher's results.
     pub watch: WatchSummary,
     /// Frames for the report: index, time in s, picture.
     pub samples: Vec<(u64, f64, RgbImage)>,
-    /// What the report plays.
+    /// Small frames and cut-outs for the report.
     pub stills: Stills,
-    /// The empty place.
-    pub place: Option<RgbImage>,
+    /// The background image: the scene without vehicles.
+    pub background: Option<RgbImage>,
 }
 
-/// The left half of a run, in its partial folder.
-pub(crate) struct LeftHalf {
+/// A run after perception.
+pub(crate) struct Perception {
     /// The partial folder.
     pub folder: OutputFolder,
-    /// What it is of.
+    /// The stamp of the work.
     pub stamp: Stamp,
-    /// What streaming left beside the spool there, or why it ended.
-    pub left: Result<Left, PipelineError>,
-    /// For the right half.
+    /// The results, or the error that ended perception.
+    pub perceived: Result<Perceived, PipelineError>,
+    /// The activity net, which estimation uses.
     pub activity: Option<ActivityNet>,
-    /// Counts on.
+    /// The meter of the run, still in use.
     pub meter: Meter,
 }
 
-/// What streaming fills besides the spool.
+/// The collections that streaming fills beside the file of frames.
 struct Sinks<'a> {
     samples: &'a mut SampleFrames,
     stills: &'a mut Stills,
     watched: &'a mut Watched,
-    looks: &'a mut Looks,
+    inference: &'a mut InferenceFrames,
     background: &'a mut Option<Background>,
 }
 
-/// Streams an input that was opened, or a piece of it, into the spool of the partial folder of a `result`. An error: nothing was
-/// begun; one in [`LeftHalf::left`] leaves the folder.
-pub(crate) fn left_half(
+/// Streams an opened input, or a piece of it, into the partial folder of a result. `result` is the output folder and
+/// the name.
+///
+/// # Errors
+/// [`PipelineError`] before the partial folder is created. An error in [`Perception::perceived`] leaves the folder.
+pub(crate) fn perceive(
     input_path: &Path,
     input: Input,
     piece: Option<Span>,
     result: (&Path, &str),
     mut meter: Meter,
     job: &Job<'_>,
-) -> Result<LeftHalf, PipelineError> {
+) -> Result<Perception, PipelineError> {
     check_memory(input.size())?;
-    job.options.known.for_pictures(input.size())?;
+    job.options.constraints.for_pictures(input.size())?;
     let identity = file_identity(input_path)?;
     let mut nets = Nets::open(&job.options.models, job.config)?;
     let stamp = Stamp::new(&identity, job.config, &nets, piece);
     let (out, name) = result;
-    let folder = begin_folder(out, name, &stamp, job.options)?;
+    let folder = open_partial_folder(out, name, &stamp, job.options)?;
     meter.opened(1.0 / input.nominal_fps().max(1e-3));
-    let left = stream_input(identity, input, &mut nets, folder.path(), piece, &mut meter, job);
-    Ok(LeftHalf { folder, stamp, left, activity: nets.activity.take(), meter })
+    let perceived = stream_input(identity, input, &mut nets, folder.path(), piece, &mut meter, job);
+    Ok(Perception { folder, stamp, perceived, activity: nets.activity.take(), meter })
 }
 
 fn stream_input(
@@ -170,34 +175,34 @@ fn stream_input(
     piece: Option<Span>,
     meter: &mut Meter,
     job: &Job<'_>,
-) -> Result<Left, PipelineError> {
+) -> Result<Perceived, PipelineError> {
     let (options, config) = (job.options, job.config);
     job.progress.phase("frames");
-    let looked_at = Cadence::of(&input, config).every() / u64::from(config.decode.stride.max(1));
+    let every = Cadence::of(&input, config).every() / u64::from(config.decode.stride.max(1));
     let frames = match piece.and_then(|piece| Some(piece.to_s? - piece.from_s)) {
         Some(seconds) => Some((seconds as f64 * input.nominal_fps()) as u64),
         None => input.frames_due(),
     };
-    let pictures = frames.map(|frames| frames / looked_at.max(1));
+    let pictures = frames.map(|frames| frames / every.max(1));
     let mut samples = SampleFrames::new(config.output.sample_frames, pictures);
     let mut stills = Stills::new(config.output.report_mib);
-    let (mut watched, mut looks) = (Watched::default(), Looks::default());
+    let (mut watched, mut inference) = (Watched::default(), InferenceFrames::default());
     let mut background = None;
     let mut sinks = Sinks {
         samples: &mut samples,
         stills: &mut stills,
         watched: &mut watched,
-        looks: &mut looks,
+        inference: &mut inference,
         background: &mut background,
     };
     let streamed = stream_to_spool(nets, input, folder, piece, &mut sinks, job)?;
-    meter.streamed(&streamed, looks, nets);
+    meter.streamed(&streamed, inference, nets);
     if let Some(background) = background.as_ref().filter(|_| options.background) {
         write_background(folder, background)?;
     }
     let second =
         |t: &crate::stream::flow::StageTime| StageSeconds { stage: t.name.to_owned(), seconds: t.seconds };
-    Ok(Left {
+    Ok(Perceived {
         input: identity,
         models: nets.summaries(),
         fingerprints: nets.fingerprints(),
@@ -207,11 +212,11 @@ fn stream_input(
         watch: watched.finish(),
         samples: samples.finish(),
         stills,
-        place: background.as_ref().map(|background| background.picture().clone()),
+        background: background.as_ref().map(|background| background.picture().clone()),
     })
 }
 
-/// `background.png`, and in `background.json` when each part of it was last seen bare.
+/// Writes `background.png`, and `background.json` with the time at which each part of it was last visible.
 fn write_background(folder: &Path, background: &Background) -> Result<(), PipelineError> {
     let mut png = Vec::new();
     let encoder = PngEncoder::new(&mut png);
@@ -236,24 +241,24 @@ fn stream_to_spool(
     job: &Job<'_>,
 ) -> Result<Streamed, PipelineError> {
     let &Job { config, cancel, progress, .. } = job;
-    // What the nets remember ends at the same places of the input in every run: there a stopped one goes on.
-    let (mut spool, recovered) = FrameSpool::open(&folder.join(SPOOL), |record| stretch_of(record.time_s))?;
+    // The nets discard their state at the same times of the input in every run. A stopped run continues at such a time.
+    let (mut spool, recovered) = FrameSpool::open(&folder.join(SPOOL), |record| interval_of(record.time_s))?;
     if recovered.frames > 0 {
-        tracing::info!("going on after {} frames of the stopped run", recovered.frames);
+        tracing::info!("continuing after {} frames of the stopped run", recovered.frames);
     }
     let is_new = move |record: &FrameRecord| recovered.last_frame.is_none_or(|last| record.frame > last);
-    // What comes before a piece is for the watcher alone.
+    // Frames before the piece are for the watcher alone.
     let is_own = move |record: &FrameRecord| piece.is_none_or(|piece| record.time_s >= piece.from_s as f64);
     let is_due = move |record: &FrameRecord| is_own(record) && is_new(record);
     let cadence = Cadence::of(&input, config);
-    let begun_before = recovered.frames > 0 || piece.is_some_and(|piece| piece.from_s > 0);
-    let lines = LineFinder::new(begun_before || !config.solve.reads_scene());
+    let is_continued = recovered.frames > 0 || piece.is_some_and(|piece| piece.from_s > 0);
+    let lines = LineFinder::new(is_continued || !config.solve.reads_scene());
     let stages = vec![
         watch_stage(),
         detect_stage(&mut nets.detector, cadence, sinks.background, lines).only(is_due),
         keypoint_stage(&mut nets.keypoints, cadence).only(is_due),
     ];
-    // What a stopped run found in the frames that it was through with.
+    // The records of the frames that the stopped run completed.
     let spooled = (recovered.frames > 0).then(|| FrameReader::open(&folder.join(SPOOL))).transpose()?;
     let mut found_before = spooled.into_iter().flatten();
     let sink = |work: &Work| {
@@ -270,11 +275,11 @@ fn stream_to_spool(
             }
         }
         sinks.watched.push(&work.record);
-        sinks.looks.add(&work.record, is_new);
+        sinks.inference.add(&work.record, is_new);
         if is_new { Ok(spool.append(&work.record)?) } else { Ok(()) }
     };
     let streamed = stream(input, cadence.chooser(), stages, sink, config, cancel, progress);
-    // Also after a stop: what is done is not done again.
+    // Also after a stop, so that a resumed run need not repeat completed frames.
     spool.sync()?;
     streamed
 }

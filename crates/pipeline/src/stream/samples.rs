@@ -1,4 +1,4 @@
-//! A few frames kept for the report, spread evenly over a clip whose length nobody knows beforehand.
+//! A few frames kept for the report, spread evenly over a clip of unknown length.
 
 use image::RgbImage;
 use image::codecs::jpeg::JpegDecoder;
@@ -6,10 +6,10 @@ use roadplane_base::FrameStamp;
 
 use crate::stream::small_picture::compressed;
 
-/// JPEG quality of kept frames: no visible loss.
+/// JPEG quality of kept frames; the loss is not visible.
 const QUALITY: u8 = 92;
 
-/// Keeps every s-th frame, compressed; whenever there are twice as many as wanted, every other one is dropped and s
+/// Keeps every s-th frame, compressed. When there are twice as many frames as wanted, every other one is dropped and s
 /// doubles.
 #[derive(Debug)]
 pub struct SampleFrames {
@@ -20,15 +20,15 @@ pub struct SampleFrames {
 }
 
 impl SampleFrames {
-    /// Will keep about `wanted` to twice as many pictures; `expected` is how many will be offered, where somebody knows: the
-    /// fewer are compressed in vain.
+    /// Creates an empty collection that keeps between `wanted` and twice as many pictures. `expected` is the number of
+    /// pictures that will be offered, where it is known. It saves compressing pictures that are dropped later.
     #[must_use]
     pub fn new(wanted: usize, expected: Option<u64>) -> Self {
         let stride = expected.map_or(1, |count| count / (2 * wanted.max(1) as u64)).max(1);
         Self { wanted, stride, seen: 0, kept: Vec::new() }
     }
 
-    /// Takes the next picture of the clip into account.
+    /// Offers the next picture of the clip.
     pub fn offer(&mut self, stamp: FrameStamp, image: &RgbImage) {
         let due = self.wanted > 0 && self.seen.is_multiple_of(self.stride);
         self.seen += 1;
@@ -38,16 +38,16 @@ impl SampleFrames {
         let Some(jpeg) = compressed(image, QUALITY) else { return };
         self.kept.push((stamp, jpeg));
         if self.kept.len() >= 2 * self.wanted {
-            let mut place = 0;
+            let mut count = 0;
             self.kept.retain(|_| {
-                place += 1;
-                place % 2 == 1
+                count += 1;
+                count % 2 == 1
             });
             self.stride *= 2;
         }
     }
 
-    /// At most `wanted` frames, spread over what was seen, with index and time in s.
+    /// Returns at most `wanted` frames, spread over the clip: index, time in s, picture.
     #[must_use]
     pub fn finish(self) -> Vec<(u64, f64, RgbImage)> {
         let count = self.kept.len();
@@ -72,7 +72,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn samples_are_few_and_spread_whatever_the_length() {
+    fn samples_are_few_and_spread_over_clips_of_any_length() {
         for length in [1u64, 2, 5, 37, 1000] {
             let mut samples = SampleFrames::new(4, (length % 2 == 0).then_some(length));
             for index in 0..length {

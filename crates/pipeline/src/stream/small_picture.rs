@@ -1,10 +1,12 @@
-//! Small pictures for the page, cheaply: they are made while a run streams.
+//! Small pictures for the report. They are made while a run streams, so they must be cheap.
 
 use image::RgbImage;
 use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
 
-/// A part of a picture (left, top, width, height, inside it) made smaller by a whole factor: means of blocks. Columns and rows that
-/// fill no block are left out.
+/// Returns a part of a picture reduced by a whole factor; each pixel is the mean of a block.
+///
+/// The part is left, top, width and height, px, and lies inside the picture. Columns and rows that fill no block are
+/// left out.
 pub(crate) fn shrunk(image: &RgbImage, [left, top, width, height]: [u32; 4], factor: u32) -> RgbImage {
     let factor = factor.clamp(1, 255).min(width.max(1)).min(height.max(1));
     let (small_width, small_height) = (width / factor, height / factor);
@@ -31,7 +33,7 @@ pub(crate) fn shrunk(image: &RgbImage, [left, top, width, height]: [u32; 4], fac
     RgbImage::from_raw(small_width, small_height, small).unwrap_or_default()
 }
 
-/// As a JPEG file; `None`, and a word in the log, where that cannot be.
+/// Returns a picture as a JPEG file; `None`, with a warning, where it cannot be encoded.
 pub(crate) fn compressed(image: &RgbImage, quality: u8) -> Option<Vec<u8>> {
     let mut jpeg = Vec::new();
     let mut encoder = Encoder::new(&mut jpeg, quality);
@@ -40,7 +42,7 @@ pub(crate) fn compressed(image: &RgbImage, quality: u8) -> Option<Vec<u8>> {
     match encoder.encode(image.as_raw(), width, height, ColorType::Rgb) {
         Ok(()) => Some(jpeg),
         Err(error) => {
-            tracing::warn!("a picture cannot be kept for the report: {error}");
+            tracing::warn!("the report lacks a picture that cannot be encoded: {error}");
             None
         }
     }

@@ -8,26 +8,27 @@ use roadplane_watch::RENEW_S;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::stream::cadence::FORGET_S;
+use crate::stream::cadence::RESET_S;
 
-/// Watching begins so much before the watcher's memory is begun anew, s: looks are then where they are in a run over the whole.
+/// Decoding of a piece starts this long before the watcher renews its state, s. Inference frames are then those of a
+/// run over the whole input.
 const MARGIN_S: f64 = 2.0;
-/// Pieces begin at multiples of this, s.
-pub(crate) const STEP_S: u64 = FORGET_S as u64;
+/// Pieces start at multiples of this, s.
+pub(crate) const STEP_S: u64 = RESET_S as u64;
 
-/// A stretch of an input from one full minute to another, or to the end.
+/// An interval of an input from one full minute to another, or to the end: `FROM-TO` or `FROM-`, s.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(try_from = "String", into = "String")]
 #[schemars(with = "String")]
 pub struct Span {
-    /// Its first second.
+    /// First second of the interval.
     pub from_s: u64,
-    /// The second after its last; `None`: to the end.
+    /// The second after the last one of the interval; `None`: to the end of the input.
     pub to_s: Option<u64>,
 }
 
 impl Span {
-    /// What is decoded for it.
+    /// Returns the options that decode this part of an input; `all` are those of the whole input.
     pub(crate) fn options(&self, all: &DecodeOptions) -> DecodeOptions {
         let watched_s = self.from_s as f64 - RENEW_S - MARGIN_S;
         let to_s = self.to_s.map_or(f64::INFINITY, |to_s| to_s as f64);
@@ -39,7 +40,7 @@ impl Span {
         }
     }
 
-    /// Name of the folder of an input's piece.
+    /// Returns the name of the folder of this piece of an input.
     pub(crate) fn folder(&self, stem: &str) -> String {
         format!("{stem}.piece-{:06}", self.from_s)
     }
@@ -76,8 +77,9 @@ impl FromStr for Span {
             let to_s = if to.is_empty() { None } else { Some(seconds(to)?) };
             Some(Self { from_s: seconds(from)?, to_s })
         });
-        span.filter(|span| span.to_s.is_none_or(|to_s| to_s > span.from_s))
-            .ok_or_else(|| format!("{text:?} is no piece: write FROM-TO or FROM-, multiples of {STEP_S} s"))
+        span.filter(|span| span.to_s.is_none_or(|to_s| to_s > span.from_s)).ok_or_else(|| {
+            format!("{text:?} is no piece: write FROM-TO or FROM-, in multiples of {STEP_S} s")
+        })
     }
 }
 
@@ -86,7 +88,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn pieces_are_written_as_they_are_read_and_begin_at_full_minutes() {
+    fn pieces_are_written_as_they_are_read_and_start_at_full_minutes() {
         for text in ["0-60", "600-1200", "3000-"] {
             assert_eq!(text.parse::<Span>().unwrap().to_string(), text);
         }
@@ -96,7 +98,7 @@ mod tests {
     }
 
     #[test]
-    fn a_piece_is_watched_early_enough_and_stays_within_what_is_asked_for() {
+    fn a_piece_is_watched_early_enough_and_stays_within_the_options() {
         let all = DecodeOptions { start_s: 50.0, end_s: Some(130.0), ..DecodeOptions::default() };
         let of = |text: &str| {
             let options = text.parse::<Span>().unwrap().options(&all);

@@ -1,4 +1,4 @@
-//! What a run costs: processor time by stage, and how much of the pictures the nets saw.
+//! The cost of a run: processor time by stage, and the share of the pictures on which the detector ran.
 
 use std::time::Instant;
 
@@ -9,17 +9,17 @@ use crate::stream::cpu::Laps;
 use crate::stream::nets::Nets;
 use crate::stream::streaming::Streamed;
 
-/// What the detector saw, frame by frame.
+/// The frames on which the detector ran.
 #[derive(Debug, Default)]
-pub struct Looks {
+pub struct InferenceFrames {
     first_s: Option<f64>,
     last_s: f64,
     count: u64,
     seen: f64,
 }
 
-impl Looks {
-    /// Takes the next frame into account; `is_new`: this run did it itself.
+impl InferenceFrames {
+    /// Adds the next frame. `is_new` is false for a frame of the stopped run that this run continues.
     pub fn add(&mut self, record: &FrameRecord, is_new: bool) {
         self.first_s.get_or_insert(record.time_s);
         self.last_s = record.time_s;
@@ -30,28 +30,28 @@ impl Looks {
         }
     }
 
-    /// Time from the first frame to the last, s.
+    /// Returns the time from the first frame to the last, s.
     fn span_s(&self) -> f64 {
         self.last_s - self.first_s.unwrap_or(0.0)
     }
 }
 
-/// Counts what a run costs while it goes on.
+/// Measures the cost of a run in progress.
 #[derive(Debug)]
 pub struct Meter {
     started: Instant,
     alone: bool,
     laps: Laps,
     frame_s: f64,
-    looks: Looks,
+    inference: InferenceFrames,
     crops: u64,
     frames: u64,
-    /// Processor time so far, s: as in the file, but not by frame.
+    /// Processor time so far, s; the sum over all frames.
     cpu_s: CpuMs,
 }
 
 impl Meter {
-    /// Starts now. `alone`: no other input is worked on in this process at the same time.
+    /// Starts now. With `alone` this process works on no other input at the same time.
     #[must_use]
     pub fn start(alone: bool) -> Self {
         Self {
@@ -59,27 +59,27 @@ impl Meter {
             alone,
             laps: Laps::start(alone),
             frame_s: 0.0,
-            looks: Looks::default(),
+            inference: InferenceFrames::default(),
             crops: 0,
             frames: 0,
             cpu_s: CpuMs::default(),
         }
     }
 
-    /// Input and nets are open; a frame of the input lasts `frame_s`.
+    /// Notes that input and nets are open; `frame_s` is the duration of a frame of the input, s.
     pub fn opened(&mut self, frame_s: f64) {
         self.frame_s = frame_s;
         self.cpu_s.open = self.laps.next_s();
     }
 
-    /// All frames went through the stages.
-    pub fn streamed(&mut self, streamed: &Streamed, looks: Looks, nets: &Nets) {
+    /// Notes that all frames have passed the stages.
+    pub fn streamed(&mut self, streamed: &Streamed, inference: InferenceFrames, nets: &Nets) {
         let all_s = self.laps.next_s();
         let of =
             |name: &str| streamed.times.iter().filter(|time| time.name == name).map(|time| time.cpu_s).sum();
-        let known_s: f64 = streamed.times.iter().map(|time| time.cpu_s).sum();
-        // What no stage's thread took is the decoder's own threads; it cannot be told from other inputs' work beside this.
-        let decoder_s = if self.alone { (all_s - known_s).max(0.0) } else { 0.0 };
+        let stages_s: f64 = streamed.times.iter().map(|time| time.cpu_s).sum();
+        // The rest is the time of the decoder's own threads. It cannot be separated from the work on other inputs.
+        let decoder_s = if self.alone { (all_s - stages_s).max(0.0) } else { 0.0 };
         let own_s: f64 = of("decode");
         self.cpu_s.decode = own_s + decoder_s;
         self.cpu_s.watch = of("watch");
@@ -90,15 +90,15 @@ impl Meter {
         self.cpu_s.spool = of("spool");
         self.frames = streamed.decode.decoded;
         self.crops = nets.keypoints.crops();
-        self.looks = looks;
+        self.inference = inference;
     }
 
-    /// The clip is solved.
+    /// Notes that the clip is solved.
     pub fn solved(&mut self) {
         self.cpu_s.solve += self.laps.next_s();
     }
 
-    /// What the run cost up to now; what came after the solve counts as writing.
+    /// Returns the cost of the run so far; time after the solve counts as writing.
     pub fn speed(&mut self) -> Speed {
         self.cpu_s.write += self.laps.next_s();
         let s = &self.cpu_s;
@@ -108,7 +108,7 @@ impl Meter {
         let ms = |seconds: f64| 1e3 * seconds / frames;
         Speed {
             frames: self.frames,
-            clip_s: self.looks.span_s() + self.frame_s,
+            clip_s: self.inference.span_s() + self.frame_s,
             wall_s,
             cpu_ms_per_frame: CpuMs {
                 total: ms(total_s),
@@ -124,8 +124,8 @@ impl Meter {
                 write: ms(s.write),
             },
             cores_busy: total_s / wall_s.max(1e-9),
-            seen_share: self.looks.seen / frames,
-            looks: self.looks.count,
+            seen_share: self.inference.seen / frames,
+            looks: self.inference.count,
             crops: self.crops,
         }
     }

@@ -1,30 +1,30 @@
-//! The stages that look at pictures: watch → detect → keypoints.
+//! The stages that process pictures: watch → detect → keypoints.
 
 use roadplane_base::PictureVerdict;
 use roadplane_detect::{Detector, RoiScheduler};
 use roadplane_keypoints::{KeypointNet, Schedule};
 use roadplane_watch::{Background, Watcher};
 
-use crate::stream::cadence::{Cadence, stretch_of};
+use crate::stream::cadence::{Cadence, interval_of};
 use crate::stream::flow::{Stage, Work};
 use crate::stream::scene_lines::LineFinder;
 
-/// The stage that watches the picture.
+/// Creates the stage that measures camera motion and changes of the picture.
 pub fn watch_stage<'a>() -> Stage<'a> {
     let mut watcher = Watcher::new();
     Stage::new("watch", move |work: &mut Work| {
         work.record.watch = Some(match &work.image {
             Some(image) => {
-                let seen = work.seen.insert(watcher.look(work.stamp, image)?);
+                let seen = work.seen.insert(watcher.observe(work.stamp, image)?);
                 seen.record.clone()
             }
-            None => watcher.unlooked(),
+            None => watcher.unobserved(),
         });
         Ok(())
     })
 }
 
-/// The stage that finds vehicles, and learns how the place looks without them, and its lines.
+/// Creates the stage that detects vehicles, updates the background image and finds lines of the scene in it.
 pub(crate) fn detect_stage<'a>(
     detector: &'a mut Detector,
     cadence: Cadence,
@@ -33,42 +33,42 @@ pub(crate) fn detect_stage<'a>(
 ) -> Stage<'a> {
     let mut memory: Option<(u64, RoiScheduler)> = None;
     Stage::new("detect", move |work: &mut Work| {
-        let stretch = stretch_of(work.record.time_s);
-        let (_, attention) = match &mut memory {
-            Some(memory) if memory.0 == stretch && cadence.attention => memory,
-            memory => memory.insert((stretch, RoiScheduler::new(cadence.looks_a_sweep))),
+        let interval = interval_of(work.record.time_s);
+        let (_, regions) = match &mut memory {
+            Some(memory) if memory.0 == interval && cadence.uses_regions => memory,
+            memory => memory.insert((interval, RoiScheduler::new(cadence.frames_per_scan))),
         };
         let (Some(image), Some(seen)) = (&work.image, &work.seen) else {
-            work.record.cars = attention.held();
+            work.record.cars = regions.carried_over();
             return Ok(());
         };
-        let look = attention.look(detector, work.stamp, cadence.number(work.stamp.index), image, seen)?;
+        let found = regions.detect(detector, work.stamp, cadence.number(work.stamp.index), image, seen)?;
         if let Some(watch) = &mut work.record.watch {
             let rounded = |share: f64| Some((share * 1e4).round() / 1e4);
-            (watch.changed, watch.seen) = (rounded(look.changed), rounded(look.seen));
+            (watch.changed, watch.seen) = (rounded(found.changed), rounded(found.inspected));
         }
         if seen.is_new_position {
             *background = None;
         }
-        let background = background.get_or_insert_with(|| Background::new(image, look.busy.emptied()));
+        let background = background.get_or_insert_with(|| Background::new(image, found.busy.emptied()));
         if seen.record.verdict == PictureVerdict::Rest {
-            background.take(image, &look.busy, work.record.time_s);
+            background.take(image, &found.busy, work.record.time_s);
         }
-        let told = lines.look(seen, background.picture(), &look.cars, work.record.time_s)?;
-        (work.record.scene_lines, work.record.scene_curves) = told.unzip();
-        (work.record.cars, work.record.weak) = (look.cars, look.weak);
+        let edges = lines.find(seen, background.picture(), &found.cars, work.record.time_s)?;
+        (work.record.scene_lines, work.record.scene_curves) = edges.unzip();
+        (work.record.cars, work.record.weak) = (found.cars, found.weak);
         Ok(())
     })
 }
 
-/// The stage that finds keypoints; every car of every frame without attention.
+/// Creates the stage that finds keypoints. Without region-of-interest scheduling it runs on every car of every frame.
 pub fn keypoint_stage(net: &mut KeypointNet, cadence: Cadence) -> Stage<'_> {
     let schedule = move || Schedule::new(cadence.crops_every);
     let mut memory = (0, schedule());
     Stage::new("keypoints", move |work: &mut Work| {
-        let stretch = stretch_of(work.record.time_s);
-        if memory.0 != stretch || !cadence.attention {
-            memory = (stretch, schedule());
+        let interval = interval_of(work.record.time_s);
+        if memory.0 != interval || !cadence.uses_regions {
+            memory = (interval, schedule());
         }
         Ok(net.follow(&mut memory.1, work.image.as_ref(), &mut work.record)?)
     })

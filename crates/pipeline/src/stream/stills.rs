@@ -1,5 +1,5 @@
-//! Small frames, and cut-outs of vehicles, kept while a clip streams, for the report to play: bounded in bytes, and the same
-//! however the run was cut into pieces or stopped in between.
+//! Small frames and cut-outs of vehicles that the report plays. They are kept while a clip streams and are bounded in
+//! bytes. Pieces and stops of a run do not change them.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -16,31 +16,31 @@ use crate::PipelineError;
 use crate::stream::moments::Moments;
 use crate::stream::small_picture::{compressed, shrunk};
 
-/// Time between two frames of a short clip, s.
+/// Time between two kept frames of a short clip, s.
 const FRAME_SLOT_S: f64 = 1.0 / 3.0;
 /// Time between two cut-outs of a vehicle of a short clip, s.
 const CROP_SLOT_S: f64 = 2.0 / 3.0;
-/// Frames are about so wide, cut-outs at most so long, px.
+/// Approximate width of a kept frame, px.
 const FRAME_PX: u32 = 640;
-/// See [`FRAME_PX`].
+/// Largest side of a cut-out, px.
 const CROP_PX: u32 = 160;
-/// JPEG quality of both.
+/// JPEG quality of frames.
 const FRAME_QUALITY: u8 = 55;
-/// See [`FRAME_QUALITY`].
+/// JPEG quality of cut-outs.
 const CROP_QUALITY: u8 = 70;
-/// How much more than a vehicle's box a cut-out shows.
+/// Side of a cut-out as a multiple of the side of the vehicle's box.
 const AROUND: f64 = 1.2;
-/// What the page holds of it: shares of `output.report_mib`. The rest is for what does not move.
+/// Share of `output.report_mib` for frames. Frames and cut-outs leave the rest to the static parts of the page.
 const FRAMES_SHARE: f64 = 0.55;
-/// See [`FRAMES_SHARE`].
+/// Share of `output.report_mib` for cut-outs.
 const CROPS_SHARE: f64 = 0.15;
-/// Bytes as characters of the page.
+/// Characters of the page per byte of a picture (base64).
 const INLINED: f64 = 4.0 / 3.0;
-/// Cut-outs that wait for their tracks may take more, by so much.
+/// Factor by which cut-outs may exceed their share while their tracks are not known yet.
 const WAITING: f64 = 16.0;
-/// Most cut-outs of a track.
+/// Largest number of cut-outs of a track.
 const VIEWS: usize = 12;
-/// Least overlap of a cut-out's box with that of the track that it is of.
+/// Least overlap (intersection over union) of a cut-out's box with the box of its track.
 const MIN_OVERLAP: f64 = 0.5;
 
 /// A vehicle cut out of a frame.
@@ -52,7 +52,7 @@ struct Crop {
     jpeg: Vec<u8>,
 }
 
-/// What is kept.
+/// The kept frames and cut-outs.
 #[derive(Debug)]
 pub(crate) struct Stills {
     frames: Moments<Still>,
@@ -60,17 +60,18 @@ pub(crate) struct Stills {
     views_bytes: u64,
 }
 
-/// How coarse what a piece kept is, see [`Moments::level`].
+/// How sparse the small frames and cut-outs of a piece are in time. At level n, their time slots are 2ⁿ times as long
+/// as at first.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub(crate) struct StillLevels {
-    /// Of frames.
+    /// Level of the small frames, from 0.
     frames: u32,
-    /// Of cut-outs.
+    /// Level of the cut-outs of vehicles, from 0.
     crops: u32,
 }
 
 impl Stills {
-    /// For a page of about so many MiB; 0 keeps nothing.
+    /// Creates an empty collection for a page of about `report_mib` MiB; 0 keeps nothing.
     pub(crate) fn new(report_mib: f64) -> Self {
         let bytes = |share: f64| (share * report_mib * f64::from(1 << 20) / INLINED) as u64;
         Self {
@@ -80,7 +81,7 @@ impl Stills {
         }
     }
 
-    /// Takes the next picture of the clip, and what was found in it, into account; true if the vehicles of it are wanted.
+    /// Offers the next picture of the clip; returns true if its vehicles should be passed to [`Self::cut`].
     pub(crate) fn offer(&mut self, stamp: FrameStamp, image: &RgbImage) -> bool {
         if self.frames.is_due(stamp.time_s()) {
             let factor = (f64::from(image.width()) / f64::from(FRAME_PX)).round().max(1.0) as u32;
@@ -93,16 +94,17 @@ impl Stills {
         self.crops.is_due(stamp.time_s())
     }
 
-    /// Cuts out the vehicles that were measured in this frame; those that stand as they stood are known already.
+    /// Cuts out the vehicles that were measured in this frame. Stationary vehicles whose pose is carried over are left
+    /// out.
     pub(crate) fn cut(&mut self, stamp: FrameStamp, image: &RgbImage, record: &FrameRecord) {
-        let looked = record.cars.iter().filter(|car| car.keypoints.is_some() && car.pose_from.is_none());
+        let measured = record.cars.iter().filter(|car| car.keypoints.is_some() && car.pose_from.is_none());
         let crop = |bbox_px: [f64; 4]| {
             let region = around(bbox_px, image)?;
             let factor = region[2].max(region[3]).div_ceil(CROP_PX);
             let jpeg = compressed(&shrunk(image, region, factor), CROP_QUALITY)?;
             Some(Crop { frame: stamp.index, time_ms: time_ms(stamp), bbox_px, jpeg })
         };
-        let crops: Vec<Crop> = looked.filter_map(|car| crop(car.bbox_px)).collect();
+        let crops: Vec<Crop> = measured.filter_map(|car| crop(car.bbox_px)).collect();
         self.keep_crops(stamp.time_s(), crops);
     }
 
@@ -112,17 +114,17 @@ impl Stills {
         }
     }
 
-    /// The frames, by time.
+    /// Returns the frames in the order of time.
     pub(crate) fn frames(&self) -> Vec<Still> {
         self.frames.items().cloned().collect()
     }
 
-    /// Frames that cut-outs are of.
+    /// Returns the indices of the frames with cut-outs.
     pub(crate) fn crop_frames(&self) -> impl Iterator<Item = u64> {
         self.crops.items().flatten().map(|crop| crop.frame)
     }
 
-    /// The cut-outs by the tracks that they are of, by track and time.
+    /// Returns the cut-outs of each track, in the order of track and time.
     pub(crate) fn views(&self, rows: &[TrackRow]) -> Vec<TrackStill> {
         let mut of_track: BTreeMap<u64, Vec<&Crop>> = BTreeMap::new();
         for crop in self.crops.items().flatten() {
@@ -134,7 +136,8 @@ impl Stills {
                 of_track.entry(row.track).or_default().push(crop);
             }
         }
-        // As many of each as there is room for; of very many tracks the first have one.
+        // Every track gets as many as there is room for. If there are very many tracks, only the first ones get a
+        // cut-out.
         let chosen =
             |most: usize| of_track.iter().flat_map(move |(track, crops)| spread(*track, crops, most));
         let bytes = |most: usize| chosen(most).map(|(_, crop)| crop.jpeg.len() as u64).sum::<u64>();
@@ -147,7 +150,7 @@ impl Stills {
         fitting.collect()
     }
 
-    /// Writes what was kept, for [`Self::read`].
+    /// Writes the kept pictures to a file that [`Self::read`] reads.
     pub(crate) fn write(&self, path: &Path) -> Result<StillLevels, PipelineError> {
         let mut lines = JsonLines::create(path)?;
         for still in self.frames.items() {
@@ -164,7 +167,7 @@ impl Stills {
         Ok(StillLevels { frames: self.frames.level(), crops: self.crops.level() })
     }
 
-    /// What pieces kept, in their order, becomes what a run over all of it keeps.
+    /// Reads the files of pieces, in order. The result is that of a run over the whole input.
     pub(crate) fn read<'a>(
         report_mib: f64,
         pieces: impl Iterator<Item = (&'a Path, StillLevels)> + Clone,
@@ -210,21 +213,22 @@ impl Stills {
     }
 }
 
-/// A picture in the file of a piece: of what it is cut (frame, box, px) where it is.
+/// A picture in the file of a piece.
 #[derive(Serialize, Deserialize)]
 struct Line {
     time_ms: i64,
+    /// Frame and box, px, of a cut-out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     of: Option<(u64, [f64; 4])>,
     jpeg: String,
 }
 
-/// Times are kept as they are written, so that slots are the same afterwards.
+/// Returns a frame's time rounded to ms as in the file, so that a reader gets the same slots.
 fn time_ms(stamp: FrameStamp) -> i64 {
     (stamp.time_s() * 1e3).round() as i64
 }
 
-/// At most so many of a track's cut-outs, spread over its life.
+/// Returns at most `most` of a track's cut-outs, spread over its time.
 fn spread<'a>(
     track: u64,
     crops: &'a [&'a Crop],
@@ -235,7 +239,7 @@ fn spread<'a>(
     (0..count).map(move |i| (track, crops[at(i)]))
 }
 
-/// Left, top, width, height of what a cut-out shows.
+/// Returns left, top, width and height of the cut-out of a box, px; `None` if it is too small.
 fn around([x0, y0, x1, y1]: [f64; 4], image: &RgbImage) -> Option<[u32; 4]> {
     let (more_x, more_y) = ((AROUND - 1.0) / 2.0 * (x1 - x0), (AROUND - 1.0) / 2.0 * (y1 - y0));
     let inside = |v: f64, most: u32| v.clamp(0.0, f64::from(most)) as u32;
@@ -269,7 +273,7 @@ mod tests {
 
     fn stream(stills: &mut Stills, frames: std::ops::Range<u64>) {
         for index in frames {
-            // 10.01 frames a second: slots and frames do not march in step.
+            // At 10.01 frames per second, slots and frames have no common period.
             let stamp = FrameStamp { index, pts_nanos: (index * 99_900_000) as i64 };
             let image = picture(index);
             if stills.offer(stamp, &image) {
@@ -283,7 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn pieces_keep_together_what_the_whole_keeps_within_its_bounds() {
+    fn pieces_together_keep_the_pictures_of_the_whole_within_its_bounds() {
         let folder = tempfile::tempdir().unwrap();
         for mib in [0.0, 0.2, 16.0] {
             let mut whole = Stills::new(mib);
@@ -303,18 +307,18 @@ mod tests {
             assert!(bytes as f64 <= FRAMES_SHARE * mib * 1048576.0 / INLINED);
             assert_eq!(whole.frames().is_empty(), mib < 0.1);
             if mib > 1.0 {
-                assert_eq!(whole.frames().len(), 120, "three a second");
+                assert_eq!(whole.frames().len(), 120, "three per second");
             }
         }
     }
 
     #[test]
-    fn cut_outs_find_their_tracks_and_are_spread_over_their_lives() {
+    fn cut_outs_find_their_tracks_and_are_spread_over_their_time() {
         let mut stills = Stills::new(4.0);
         stream(&mut stills, 0..400);
         let row = |track: u64, index: u64, left: f64| TrackRow {
             bbox_px: [left, 60.0, left + 60.0, 100.0],
-            ..roadplane_synth::standing(track, index, index as f64 * 0.0999)
+            ..roadplane_synth::stationary_row(track, index, index as f64 * 0.0999)
         };
         let rows: Vec<TrackRow> = (0..400).flat_map(|i| [row(1, i, 20.0), row(2, i, 104.0)]).collect();
         let views = stills.views(&rows);

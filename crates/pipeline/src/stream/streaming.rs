@@ -1,4 +1,4 @@
-//! Every frame of an input through the stages.
+//! Streaming: every frame of an input passes through the stages.
 
 use std::path::Path;
 
@@ -9,16 +9,16 @@ use crate::stream::flow::{Stage, StageTime, Work, flow};
 use crate::stream::span::Span;
 use crate::{Cancel, Config, PipelineError, Progress};
 
-/// What streaming an input came to.
+/// Outcome of streaming an input.
 #[derive(Debug)]
 pub struct Streamed {
-    /// What became of the frames.
+    /// Counts of read, lost and skipped frames.
     pub decode: DecodeReport,
-    /// Work of each stage.
+    /// Working time of each stage.
     pub times: Vec<StageTime>,
 }
 
-/// Opens an input as the configuration says.
+/// Opens an input by the configuration.
 ///
 /// # Errors
 /// [`PipelineError::Decode`] when it cannot be used.
@@ -26,7 +26,7 @@ pub fn open_input(input: &Path, config: &Config) -> Result<Input, PipelineError>
     Ok(open(input, &config.decode)?)
 }
 
-/// Opens what a piece of an input needs, and counts what is its own.
+/// Opens the part of an input that a piece needs; the report counts only the frames of the piece.
 ///
 /// # Errors
 /// [`PipelineError::Decode`] when it cannot be used.
@@ -34,7 +34,8 @@ pub fn open_input_part(input: &Path, piece: &Span, config: &Config) -> Result<In
     Ok(open_part(input, &piece.options(&config.decode), piece.from_s as f64)?)
 }
 
-/// Sends every frame of `input` through the stages into `sink`; `wanted` says which have their pictures.
+/// Sends every frame of `input` through the stages into `sink`; `wanted` chooses the frames that come with their
+/// picture.
 ///
 /// # Errors
 /// The first stage's error, or [`PipelineError::Stopped`].
@@ -50,11 +51,11 @@ pub fn stream(
     progress.expect(input.frames_due());
     let size = input.size();
     let frame_bytes = 3 * u64::from(size.width) * u64::from(size.height);
-    // Memory, not frames, is what is bounded: large pictures leave room for fewer between two stages.
+    // The bound is on memory: fewer large pictures fit between two stages.
     let budget = config.pipeline.buffer_mib * (1 << 20) / (stages.len() as u64 + 1);
     let capacity = (budget / frame_bytes.max(1)).clamp(1, 64) as usize;
     let source_input = &mut input;
-    // Pictures go round: what the sink is through with, the decoder fills again.
+    // The decoder reuses the buffers of pictures that the sink has released.
     let (used, to_fill) = crossbeam_channel::bounded(capacity);
     let source = move || {
         to_fill.try_iter().for_each(|image| source_input.reuse(image));
@@ -63,7 +64,7 @@ pub fn stream(
     let counted = |work: Work| {
         sink(&work)?;
         if let Some(image) = work.image {
-            // What the decoder has no use for is let go.
+            // Surplus buffers are freed.
             used.try_send(image).ok();
         }
         progress.frame_done();

@@ -1,16 +1,16 @@
-//! What watching a clip came to: moves, shake, pictures that say nothing.
+//! Summary of the watcher's results over a clip: camera moves, shake, unusable pictures.
 
 use roadplane_base::{CameraMove, FrameRecord, MoveKind, PictureVerdict};
-use roadplane_write::{WatchStretch, WatchSummary};
+use roadplane_write::{WatchInterval, WatchSummary};
 
-/// Collects what frames' records say, in the order of time.
+/// Collects the watcher's results from the records of frames, in the order of time.
 #[derive(Debug, Default)]
 pub struct Watched {
     summary: WatchSummary,
 }
 
 impl Watched {
-    /// Takes the next frame's record.
+    /// Adds the record of the next frame.
     pub fn push(&mut self, record: &FrameRecord) {
         let Some(watch) = &record.watch else { return };
         if let Some(moved) = watch.moved {
@@ -27,12 +27,12 @@ impl Watched {
                     tracing::info!("from {:.1} s on: {}", record.time_s, verdict_in_words(watch.verdict));
                 }
                 let (from_s, to_s) = (record.time_s, record.time_s);
-                self.summary.stretches.push(WatchStretch { verdict: watch.verdict, from_s, to_s });
+                self.summary.stretches.push(WatchInterval { verdict: watch.verdict, from_s, to_s });
             }
         }
     }
 
-    /// For `summary.json`.
+    /// Returns the summary for `summary.json`.
     #[must_use]
     pub fn finish(self) -> WatchSummary {
         self.summary
@@ -43,17 +43,17 @@ fn is_doubt(verdict: PictureVerdict) -> bool {
     verdict != PictureVerdict::Rest
 }
 
-/// What a reader of the report should know of the pictures beside the moves, a line each.
+/// Returns notes for the report about unusable pictures, shake and rest, one line each.
 #[must_use]
 pub fn in_words(watch: &WatchSummary) -> Vec<String> {
-    let doubts = watch.stretches.iter().filter(|stretch| is_doubt(stretch.verdict));
-    let in_words = |stretch: &WatchStretch| {
-        format!("{:.1} – {:.1} s: {}", stretch.from_s, stretch.to_s, verdict_in_words(stretch.verdict))
+    let doubts = watch.stretches.iter().filter(|interval| is_doubt(interval.verdict));
+    let in_words = |interval: &WatchInterval| {
+        format!("{:.1} – {:.1} s: {}", interval.from_s, interval.to_s, verdict_in_words(interval.verdict))
     };
     let mut lines: Vec<String> = doubts.map(in_words).collect();
     if watch.farthest_shake_px > 0.0 {
         lines.push(format!(
-            "the picture shakes by up to {:.1} px, which is taken out",
+            "the picture shakes by up to {:.1} px; the shake is removed",
             watch.farthest_shake_px
         ));
     }
@@ -64,17 +64,18 @@ pub fn in_words(watch: &WatchSummary) -> Vec<String> {
 }
 
 fn move_in_words(moved: &CameraMove) -> String {
-    let place = format!("frame {} ({:.2} s)", moved.since_frame, moved.since_s);
-    let shift =
-        moved.shift_px.map_or_else(String::new, |[x, y]| format!(", the picture lies {x:.0}, {y:.0} px off"));
+    let at = format!("frame {} ({:.2} s)", moved.since_frame, moved.since_s);
+    let shift = moved
+        .shift_px
+        .map_or_else(String::new, |[x, y]| format!(", which shifted the picture by {x:.0}, {y:.0} px"));
     match moved.kind {
-        MoveKind::Turned => format!("{place}: the camera was turned{shift}"),
+        MoveKind::Turned => format!("{at}: the camera was turned{shift}"),
         MoveKind::Zoomed => {
             let growth = moved.log_scale.map_or(0.0, |log_scale| (log_scale.exp() - 1.0) * 100.0);
-            format!("{place}: the camera was zoomed by {growth:+.1} %{shift}")
+            format!("{at}: the camera was zoomed by {growth:+.1} %{shift}")
         }
-        MoveKind::Cut => format!("{place}: another picture altogether"),
-        MoveKind::Moving => format!("{place}: the camera begins to move"),
+        MoveKind::Cut => format!("{at}: the picture is of another scene"),
+        MoveKind::Moving => format!("{at}: the camera starts to move"),
     }
 }
 
@@ -82,13 +83,13 @@ fn verdict_in_words(verdict: PictureVerdict) -> &'static str {
     match verdict {
         PictureVerdict::Rest => "the camera is at rest",
         PictureVerdict::Moving => "the camera is moving",
-        PictureVerdict::Unsettled => "the picture is not where it was",
+        PictureVerdict::Unsettled => "the picture has shifted and has not settled yet",
         PictureVerdict::Black => "the picture is black",
         PictureVerdict::White => "the picture is white",
         PictureVerdict::Covered => "something covers the lens",
         PictureVerdict::Frozen => "the picture is frozen",
         PictureVerdict::Unknown => {
-            "the picture has too little structure to tell whether the camera is at rest"
+            "the picture has too little structure to decide whether the camera is at rest"
         }
     }
 }
@@ -99,7 +100,7 @@ mod tests {
     use roadplane_base::{ImageSize, WatchRecord};
 
     #[test]
-    fn stretches_and_moves_are_told_once() {
+    fn intervals_and_moves_are_reported_once() {
         let mut watched = Watched::default();
         for frame in 0..30_u64 {
             let verdict =
@@ -119,7 +120,7 @@ mod tests {
         assert_eq!(in_words(&summary), ["1.0 – 1.9 s: the picture is black"]);
         assert_eq!(
             move_in_words(&summary.moves[0]),
-            "frame 22 (2.20 s): the camera was zoomed by +5.1 %, the picture lies 3, -4 px off"
+            "frame 22 (2.20 s): the camera was zoomed by +5.1 %, which shifted the picture by 3, -4 px"
         );
         assert_eq!(in_words(&WatchSummary::default()), ["the camera was at rest"]);
     }

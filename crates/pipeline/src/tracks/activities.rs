@@ -1,4 +1,4 @@
-//! What tracks do: in a run's rows, and alone on files of tracks.
+//! Computes the activities of tracks, for the rows of a run or for a separate file of tracks.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -9,18 +9,21 @@ use roadplane_write::{JsonLines, TableFormat, TableRow, WriteError, read_table, 
 use serde_json::Value;
 
 use crate::stream::nets::open_activity;
-use crate::tracks::stretch::Stretch;
+use crate::tracks::stretch::TimeChunk;
 use crate::{Cancel, Config, PipelineError};
 
-/// How far a row's position is off by itself, m, which is what the net learnt from. The sds of a table that does not say may hold the
-/// camera's part, metres far off, which moves a whole track and nothing along it; a tracker by itself is hardly off by more than this.
+/// Greatest sd of a row's own position, m. The net was trained on such sds.
+///
+/// The sds of a table without own sds may contain the camera's part, metres for distant vehicles. That part moves a
+/// whole track and changes nothing along it. The tracker's own error is rarely larger than this.
 const OWN_SD_M: f64 = 1.0;
 
+/// Limits an sd (m) to [`OWN_SD_M`].
 fn own_at_most(sd_m: f64) -> f64 {
     sd_m.min(OWN_SD_M)
 }
 
-/// A track's motion: its rows, by time.
+/// Returns the motion of a track from its rows, which are ordered by time.
 #[must_use]
 pub fn track_motion<'a>(rows: impl Iterator<Item = &'a TrackRow> + Clone) -> Motion {
     let rows = || rows.clone();
@@ -36,7 +39,7 @@ pub fn track_motion<'a>(rows: impl Iterator<Item = &'a TrackRow> + Clone) -> Mot
     }
 }
 
-/// Fills in `activity` and `activity_p` of all rows. Gives the events.
+/// Fills in `activity` and `activity_p` of all rows. Returns the events.
 pub(crate) fn label_rows(net: &mut ActivityNet, rows: &mut [TrackRow]) -> Result<Vec<Event>, PipelineError> {
     let mut events = Vec::new();
     let numbers: Vec<u64> = rows.iter().map(|row| row.track).collect();
@@ -51,8 +54,9 @@ pub(crate) fn label_rows(net: &mut ActivityNet, rows: &mut [TrackRow]) -> Result
     Ok(events)
 }
 
-/// Adds what is told of a stretch's tracks, of the stretch's own time; what goes on over its beginning is one event.
-pub(crate) fn add_events(events: &mut Vec<Event>, told: Vec<Event>, stretch: Stretch) {
+/// Adds the events of a time chunk, cut to the chunk's own time. An event that continues over the chunk's beginning
+/// stays one event.
+pub(crate) fn add_events(events: &mut Vec<Event>, told: Vec<Event>, stretch: TimeChunk) {
     let duration_s = |event: &Event| event.to_s - event.from_s;
     for event in told {
         let own =
@@ -75,7 +79,7 @@ pub(crate) fn add_events(events: &mut Vec<Event>, told: Vec<Event>, stretch: Str
     }
 }
 
-/// Places of each track's rows, in their order.
+/// Returns the indices of each track's rows, in their order.
 fn by_track<T: Ord>(tracks: impl IntoIterator<Item = T>) -> BTreeMap<T, Vec<usize>> {
     let mut places: BTreeMap<T, Vec<usize>> = BTreeMap::new();
     for (place, track) in tracks.into_iter().enumerate() {
@@ -84,7 +88,7 @@ fn by_track<T: Ord>(tracks: impl IntoIterator<Item = T>) -> BTreeMap<T, Vec<usiz
     places
 }
 
-/// Writes `activities.jsonl`, by beginning, then by track, times to the millisecond.
+/// Writes `activities.jsonl`, ordered by beginning, then by track. Times are rounded to the millisecond.
 pub(crate) fn write_events(path: &Path, mut events: Vec<Event>) -> Result<(), PipelineError> {
     events.sort_by(|a, b| a.from_s.total_cmp(&b.from_s).then(a.track.cmp(&b.track)));
     let rounded = |value: f64| (value * 1e3).round() / 1e3;
@@ -96,12 +100,14 @@ pub(crate) fn write_events(path: &Path, mut events: Vec<Event>) -> Result<(), Pi
     Ok(lines.finish()?)
 }
 
-/// `roadplane activity`: adds `activity` and `activity_p` to the rows of a table of tracks (`time_s`, `track`, `x_m`, `y_m`;
-/// `heading_rad`, `x_sd_m`, `y_sd_m`, `x_own_sd_m`, `y_own_sd_m`, `observed` where given) and writes the events beside it, as `OUT` with
-/// `.activities.jsonl` for its extension. Gives the number of events.
+/// Adds `activity` and `activity_p` to the rows of a table of tracks, and writes the events beside it.
+///
+/// The table needs `time_s`, `track`, `x_m` and `y_m`. The columns `heading_rad`, `x_sd_m`, `y_sd_m`, `x_own_sd_m`,
+/// `y_own_sd_m` and `observed` are used where present. The events go to `OUT` with the extension `.activities.jsonl`.
+/// Returns the number of events.
 ///
 /// # Errors
-/// [`PipelineError`]; neither file then appears.
+/// [`PipelineError`]; neither file is then written.
 pub fn activity_file(
     tracks: &Path,
     out: &Path,
@@ -146,7 +152,7 @@ pub fn activity_file(
     Ok(count)
 }
 
-/// Where the events of a table go.
+/// Returns the path for the events of a table.
 fn events_beside(out: &Path) -> PathBuf {
     out.with_extension("activities.jsonl")
 }
@@ -154,14 +160,20 @@ fn events_beside(out: &Path) -> PathBuf {
 /// A row of a table of tracks.
 #[derive(Clone, Copy, Debug)]
 struct Sample {
+    /// Time, s.
     time_s: f64,
+    /// Position on the ground, m.
     xy_m: [f64; 2],
+    /// Heading, rad, if given.
     heading_rad: Option<f64>,
+    /// Sds of the position, m, if given.
     sd_m: Option<[f64; 2]>,
+    /// Whether the vehicle was detected at this time.
     seen: bool,
 }
 
 impl Sample {
+    /// Reads a row; an error in words if a value is missing or out of range.
     fn of(row: &TableRow) -> Result<Self, String> {
         let given = |name: &str| match row.get(name) {
             None | Some(Value::Null) => Ok(None),
@@ -189,7 +201,7 @@ impl Sample {
     }
 }
 
-/// A track's motion; headings and sds count only where all of its rows have them.
+/// Returns the motion of a track. Headings and sds are used only where all of its rows have them.
 fn motion(samples: &[Sample]) -> Motion {
     let all = |there: fn(&Sample) -> bool| samples.iter().all(there);
     let (headings, sds) = (all(|s| s.heading_rad.is_some()), all(|s| s.sd_m.is_some()));
@@ -206,7 +218,7 @@ fn motion(samples: &[Sample]) -> Motion {
 mod tests {
     use super::*;
 
-    /// Stands at 60 m, starts after 5 s and drives off, away from the camera.
+    /// Returns a table of one vehicle: stationary at 60 m, it starts after 5 s and drives away from the camera.
     fn table(along_sd_m: f64) -> String {
         let mut table = "time_s,track,x_m,y_m,x_sd_m,y_sd_m\n".to_owned();
         for i in 0..120 {

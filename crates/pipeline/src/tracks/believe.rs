@@ -1,4 +1,6 @@
-//! Which keypoints are sure enough, and whether a fitted car is the car in its box: nets find keypoints in anything, and a solver fits a car to them.
+//! Validates keypoints, fitted cars and tracks.
+//!
+//! Nets find keypoints in any object, and the solver fits a car to them.
 
 use nalgebra::{Isometry3, Point3};
 use roadplane_base::{Camera, ImageSize, KEYPOINTS, KeypointSet, Shape, ShapeAtlas, VehicleClass, bbox_iou};
@@ -6,13 +8,13 @@ use roadplane_track::{Looks, SURE_SCORE, Track, TrackState};
 
 use crate::Config;
 
-/// The keypoints that are sure enough to be used.
+/// Returns the keypoints whose score is at least `solve.min_keypoint_score`.
 #[must_use]
 pub fn usable(keypoints: &KeypointSet, config: &Config) -> KeypointSet {
     keypoints.map(|point| point.filter(|point| point.score >= config.solve.min_keypoint_score))
 }
 
-/// Box around the keypoints of a car in the picture, px; `None` if part of it is not before the camera.
+/// Returns the box around the projected keypoints of a car, px; `None` if a part of it is not in front of the camera.
 #[must_use]
 pub fn projected_box(
     atlas: &ShapeAtlas,
@@ -29,8 +31,10 @@ pub fn projected_box(
     Some(bbox)
 }
 
-/// Believes a fit whose keypoints are near their projections and whose projected box, as far as it lies in the picture,
-/// is about the detected one.
+/// Returns whether a fit is valid.
+///
+/// A fit is valid if its keypoints are near their projections, and its projected box agrees with the detected one. Only
+/// the part of the box inside the picture counts.
 #[must_use]
 pub fn is_believable(
     projected_px: Option<[f64; 4]>,
@@ -45,40 +49,51 @@ pub fn is_believable(
         && reprojection_rms_px <= config.solve.max_rms_share * side_px
 }
 
-/// Overlap (intersection over union) of a projected box, as far as it lies in the picture, with a detected one.
+/// Returns the overlap (intersection over union) of a projected box with a detected one.
+///
+/// Only the part of the projected box inside the picture counts.
 #[must_use]
 pub fn overlap_inside([x0, y0, x1, y1]: &[f64; 4], bbox_px: &[f64; 4], size: ImageSize) -> f64 {
     let [left, top, right, bottom] = picture_px(size);
     bbox_iou(&[x0.max(left), y0.max(top), x1.min(right), y1.min(bottom)], bbox_px)
 }
 
-/// The picture as a box.
+/// Returns the picture as a box, px.
 #[must_use]
 pub fn picture_px(size: ImageSize) -> [f64; 4] {
     [-0.5, -0.5, f64::from(size.width) - 0.5, f64::from(size.height) - 0.5]
 }
 
-/// What moves so far while it is seen is something that drives, m, if its box leaves its place, too: far off, places jitter by as
-/// much. Between sightings farther apart than this, s, nobody saw it move.
+/// Least displacement of a moving vehicle while it is observed, m.
 const DRIVEN_M: f64 = 3.0;
+/// Largest overlap (intersection over union) of a moving vehicle's last box with its first one. Far away, positions can
+/// jitter by [`DRIVEN_M`] while the box stays.
 const LEFT_OVERLAP: f64 = 0.5;
+/// Largest time between two detections between which motion counts as observed, s.
 const SEEN_MOVING_S: f64 = 1.0;
-/// Few cars are lower, m.
+/// Least height of a doubtful stationary vehicle, m; few cars are lower.
 const MIN_HEIGHT_M: f64 = 1.3;
-/// A doubtful vehicle must be seen in this share of the looks at it (where it is held nobody looks), one that stands for so long, s,
-/// or for this share of a clip that is hardly longer.
+/// Least duration of a doubtful stationary vehicle, s.
 const MIN_SEEN_S: f64 = 2.0;
+/// Least duration of a doubtful stationary vehicle in a short clip, as a share of the clip.
 const MIN_CLIP_SHARE: f64 = 0.75;
+/// Least share of inference frames in which a doubtful vehicle is detected. Frames in which it is carried over do not
+/// count.
 const MIN_SEEN_SHARE: f64 = 0.5;
-/// The same for one of which only a part of its track is like this: of many parts one may be by chance.
+/// Least duration of a stationary vehicle, s, if only a part of its track has this share. It is longer, because one of
+/// many parts may have the share by chance.
 const MIN_PART_S: f64 = 5.0;
-/// Times nearer than this are those of one frame, s: stamps are rounded.
+/// Largest difference between two times of one frame, s; time stamps are rounded.
 const SAME_TIME_S: f64 = 1e-6;
 
-/// From when to when a track is of a vehicle, s; `None` if it never is. Hedges, arrows on the road and waiting motorcycles are found
-/// as cars again and again at one place, but with low scores, for a moment, in few looks, without keypoints, or as cars that nobody
-/// builds; what is seen to drive need not be there long. A vehicle that is seldom found far off, or while others hide it, is believed
-/// for as long as most looks find it. `looked_s`: when frames were looked at, in order, s.
+/// Returns the existence interval of a track, s: the time in which it is a vehicle. `None` if it never is.
+///
+/// Hedges, road markings and waiting motorcycles are detected as cars again and again at one position. Such tracks have
+/// low scores, are short, are detected in few inference frames, lack keypoints, or have sizes that no car has. A
+/// vehicle that drives need not exist for long. Vehicles far away, or hidden by others, are detected in few frames.
+/// Such a vehicle exists while most inference frames detect it.
+///
+/// `looked_s` contains the times of the inference frames, in order, s.
 #[must_use]
 pub fn vehicle_s(track: &Track, height_m: f64, looked_s: &[f64]) -> Option<[f64; 2]> {
     let seen: Vec<&TrackState> = track.states.iter().filter(|state| state.observed).collect();
@@ -97,7 +112,8 @@ pub fn vehicle_s(track: &Track, height_m: f64, looked_s: &[f64]) -> Option<[f64;
     let near = |a: &&TrackState, b: &&TrackState| b.stamp.time_s() - a.stamp.time_s() <= SEEN_MOVING_S;
     let clip_s = looked_s.last().zip(looked_s.first()).map_or(0.0, |(last, first)| last - first);
     let least_s = if is_whole { MIN_SEEN_S.min(MIN_CLIP_SHARE * clip_s) } else { MIN_PART_S };
-    // Keypoints tell a car from what looks like one; nothing but driving, if there is time for it, tells a bus from a shelter.
+    // Keypoints distinguish a car from similar objects. Nothing but motion distinguishes a bus from a shelter, if the
+    // clip is long enough to show it.
     let is_determined = match track.class {
         VehicleClass::Car => {
             let looks = || seen.iter().filter(|state| !state.held);
@@ -109,14 +125,17 @@ pub fn vehicle_s(track: &Track, height_m: f64, looked_s: &[f64]) -> Option<[f64;
     (stands || seen.chunk_by(near).any(drives)).then_some([from_s, to_s])
 }
 
-/// A look, or a few in a quick row, s, and whether the vehicle was seen.
+/// An inference frame, or several in quick succession, and whether the vehicle was detected.
 struct LookAt {
+    /// Time of the first frame, s.
     from_s: f64,
+    /// Time of the last frame, s.
     to_s: f64,
+    /// Whether the vehicle was detected.
     is_seen: bool,
 }
 
-/// Looks at a vehicle while it lived, but where it is held: there nobody looked.
+/// Returns the inference frames during a vehicle's life, without those in which it was carried over.
 fn looks_at(seen: &[&TrackState], [from_s, to_s]: [f64; 2], looked_s: &[f64]) -> Vec<LookAt> {
     let mut states = seen.iter().peekable();
     let mut apart = Looks::default();
@@ -138,8 +157,10 @@ fn looks_at(seen: &[&TrackState], [from_s, to_s]: [f64; 2], looked_s: &[f64]) ->
     looks
 }
 
-/// From when to when a vehicle was seen in most looks, s: the stretch in which those that saw it outnumber the others by most
-/// (Kadane's maximum subarray).
+/// Returns the interval in which most inference frames detect a vehicle, s.
+///
+/// This is the interval with the largest surplus of frames with a detection over frames without one (Kadane's maximum
+/// subarray).
 fn mostly_seen_s(looks: &[LookAt]) -> [f64; 2] {
     let (mut best, mut best_s, mut sum, mut since_s) =
         (0_i64, [f64::INFINITY, f64::NEG_INFINITY], 0_i64, 0.0);
@@ -155,7 +176,7 @@ fn mostly_seen_s(looks: &[LookAt]) -> [f64; 2] {
     best_s
 }
 
-/// Whether a vehicle went somewhere else while it was seen.
+/// Returns whether a vehicle moved to another position while it was observed.
 fn drives(seen: &[&TrackState]) -> bool {
     let (Some(first), Some(last)) = (seen.first(), seen.last()) else { return false };
     let way = (last.pose.x_m - first.pose.x_m).hypot(last.pose.y_m - first.pose.y_m);
@@ -169,13 +190,15 @@ mod tests {
     use roadplane_base::{FrameStamp, GroundPose};
     use roadplane_track::ShapeBelief;
 
+    /// Size of the test pictures, px.
     const SIZE: ImageSize = ImageSize { width: 640, height: 480 };
 
+    /// Returns whether a track is a vehicle at any time.
     fn is_vehicle(track: &Track, height_m: f64, looked_s: &[f64]) -> bool {
         vehicle_s(track, height_m, looked_s).is_some()
     }
 
-    /// A track of `count` sightings, 0.1 s apart, from x = 0 to `to_m`.
+    /// Returns a track of `count` detections, 0.1 s apart, from x = 0 to `to_m`.
     fn track(count: u64, score: f64, to_m: f64) -> Track {
         let way = |i: u64| to_m * i as f64 / count as f64;
         let state = |i: u64| TrackState {
@@ -206,12 +229,12 @@ mod tests {
         let looked_s: Vec<f64> = (0..100).map(|i| 0.1 * f64::from(i)).collect();
         let is = |count, score, to_m, height_m| is_vehicle(&track(count, score, to_m), height_m, &looked_s);
         assert!(is(40, 0.4, 0.0, 1.5) && is(10, 0.6, 0.0, 1.5) && is(10, 0.4, 9.0, 1.5));
-        // For a moment; as low as no car is; in every third look.
+        // Not a vehicle: one that exists briefly, one lower than any car, one detected in every third inference frame.
         assert!(!is(10, 0.4, 0.0, 1.5) && !is(40, 0.4, 0.0, 1.0));
         let mut seldom = track(100, 0.4, 0.0);
         seldom.states = seldom.states.into_iter().step_by(3).collect();
         assert!(!is_vehicle(&seldom, 1.5, &looked_s));
-        // Places wander, the box stays; found here and, after a while, there.
+        // Not a vehicle: one whose positions drift while its box stays, and one found here and, after a while, there.
         let mut wanders = track(10, 0.4, 9.0);
         wanders.states.iter_mut().for_each(|state| state.bbox_px = Some([0.0, 0.0, 40.0, 30.0]));
         assert!(!is_vehicle(&wanders, 1.5, &looked_s));
@@ -223,7 +246,7 @@ mod tests {
             state.pose.x_m = if i < 5 { 0.0 } else { 9.0 };
         }
         assert!(!is_vehicle(&jumps, 1.5, &looked_s));
-        // Held between a few looks of many that found it.
+        // Carried over between a few of many inference frames that detected it.
         let mut held = track(100, 0.4, 0.0);
         for state in &mut held.states[10..80] {
             state.held = true;
@@ -231,7 +254,7 @@ mod tests {
         assert!(is_vehicle(&held, 1.5, &looked_s));
         held.states.retain(|state| state.held || state.stamp.index.is_multiple_of(3));
         assert!(!is_vehicle(&held, 1.5, &looked_s));
-        // Seldom at first, then for long enough; where it moves there it need not be long.
+        // Rarely detected at first, then for long enough. If it moves in that part, the part need not be long.
         let long_s: Vec<f64> = (0..200).map(|i| 0.1 * f64::from(i)).collect();
         let of_part = |last: u64, to_m: f64| {
             let mut later = track(200, 0.4, to_m);
@@ -240,10 +263,10 @@ mod tests {
         };
         assert_eq!((of_part(60, 0.0), of_part(40, 0.0)), (Some((14.0, 20.0)), None));
         assert_eq!((of_part(40, 20.0), of_part(40, 8.0)), (Some((16.0, 20.0)), None));
-        // Looks in a quick row count as one.
+        // Inference frames in quick succession count as one.
         let often: Vec<f64> = (0..300).map(|i| f64::from(i) / 30.0).collect();
         assert!(is_vehicle(&track(40, 0.4, 0.0), 1.5, &often));
-        // One that comes up late in a short clip; a still has no time to show more.
+        // A vehicle that appears late in a short clip. A still picture has no time to show more.
         let short: Vec<f64> = (0..16).map(|i| 0.1 * f64::from(i)).collect();
         assert!(
             !is_vehicle(&track(9, 0.35, 0.0), 1.5, &short) && is_vehicle(&track(14, 0.35, 0.0), 1.5, &short)
@@ -262,7 +285,7 @@ mod tests {
         let is = |count, score, to_m| is_vehicle(&lacking(count, score, to_m), 1.5, &looked_s);
         assert!(is(20, 0.4, 0.0) && !is(21, 0.4, 0.0));
         assert!(is(40, 0.6, 0.0) && is(40, 0.4, 9.0), "sure of it; seen to drive");
-        // Held from its tenth look on, whose keypoints were none, or a car's.
+        // Carried over from its tenth detection on, which has no keypoints, or a car's keypoints.
         let held = |last_lacks: bool| {
             let mut track = lacking(0, 0.4, 0.0);
             for (i, state) in track.states.iter_mut().enumerate() {
@@ -294,7 +317,7 @@ mod tests {
         assert!(!believable(Some(whole), whole, 20.0));
         assert!(!believable(Some([100.0, 100.0, 140.0, 130.0]), whole, 2.0));
         assert!(!believable(None, whole, 2.0));
-        // Half of the car is cut off by the frame's left edge.
+        // The left edge of the picture cuts off half of the car.
         assert!(believable(Some([-100.0, 100.0, 100.0, 200.0]), [0.0, 100.0, 100.0, 200.0], 2.0));
     }
 }

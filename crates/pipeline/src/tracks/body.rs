@@ -1,26 +1,26 @@
-//! How large vehicles are.
+//! Sizes of vehicles.
 
 use nalgebra::{Matrix3, Vector3};
 use roadplane_base::{Shape, ShapeAtlas, VehicleClass};
 
-/// How well a track's size is known to other looks at it, m.
+/// Least sd of a track's size when the size is used for other detections of the vehicle, m.
 const AT_BEST_SD_M: f64 = 0.3;
 
-/// Correlation of length and height: vans are short and low, lorries and coaches long and high.
+/// Correlation of length and height of trucks and buses: vans are short and low, lorries and coaches long and high.
 const LENGTH_HEIGHT: f64 = 0.5;
 
-/// A vehicle's size as far as it is known.
+/// The size of a vehicle with its uncertainty.
 #[derive(Clone, Copy, Debug)]
 pub struct Body {
-    /// Kind of vehicle.
+    /// Class of the vehicle.
     pub class: VehicleClass,
-    /// Length, width, height, m.
+    /// Length, width and height, m.
     pub dims_m: Vector3<f64>,
-    /// Their covariance.
+    /// Covariance of length, width and height, m².
     pub covariance: Matrix3<f64>,
 }
 
-/// How long, wide and high vehicles of a class are (types of road vehicles, EU; width without mirrors).
+/// Returns the mean size of a class and its uncertainty (types of road vehicles, EU; width without mirrors).
 #[must_use]
 pub fn body_of(class: VehicleClass) -> Body {
     let (dims, sd) = match class {
@@ -37,7 +37,7 @@ pub fn body_of(class: VehicleClass) -> Body {
     Body { class, dims_m: Vector3::from(dims), covariance: sd * correlation * sd }
 }
 
-/// How large a car of this shape is.
+/// Returns the size of a car of this shape.
 #[must_use]
 pub fn car_body(atlas: &ShapeAtlas, shape: &Shape) -> Body {
     let dims_m = atlas.dims_m(&atlas.clamped(shape));
@@ -45,7 +45,7 @@ pub fn car_body(atlas: &ShapeAtlas, shape: &Shape) -> Body {
 }
 
 impl Body {
-    /// As other looks at the same vehicle may take it: no track knows sizes better.
+    /// Returns the size for use with other detections of the vehicle: no sd is below [`AT_BEST_SD_M`].
     #[must_use]
     pub fn at_best(self) -> Self {
         let more = self.covariance.diagonal().map(|variance| (AT_BEST_SD_M.powi(2) - variance).max(0.0));

@@ -1,4 +1,4 @@
-//! Cars of a frame on the known plane before the known camera.
+//! Fits the cars of a frame on the estimated plane, with the estimated camera.
 
 use std::collections::BTreeMap;
 
@@ -10,15 +10,15 @@ use roadplane_base::{
 use roadplane_solve::{CarFit, FreeCarFit, SceneOptions, ShapePrior, fit_car};
 
 use crate::Config;
-use crate::stream::cadence::FORGET_S;
+use crate::stream::cadence::RESET_S;
 use crate::tracks::believe::usable;
 
-/// A frame's camera, ready to use.
+/// The camera and the ground plane of a frame.
 #[derive(Clone, Copy, Debug)]
 pub struct FrameCamera {
-    /// Pinhole.
+    /// Camera with its lens.
     pub camera: Camera,
-    /// Ground.
+    /// Ground plane in the camera frame.
     pub plane: GroundPlane,
 }
 
@@ -29,10 +29,12 @@ impl From<&CameraEstimate> for FrameCamera {
     }
 }
 
-/// What is known of the shape of any car of a place whose cars are larger than the atlas' by this, log.
+/// Returns the prior of the shape of any car of a site.
+///
+/// `size_of_cars` is the log of the size of the site's cars relative to the atlas.
 #[must_use]
 pub fn any_car(atlas: &ShapeAtlas, size_of_cars: f64) -> ShapePrior {
-    // The coefficients that come nearest to the mean car made larger, least squares over its keypoints.
+    // Coefficients nearest to the scaled mean car, by least squares over its keypoints.
     let mut normal = SMatrix::<f64, MODES, MODES>::zeros();
     let mut right = Shape::zeros();
     for (i, mean) in atlas.mean.iter().enumerate() {
@@ -44,8 +46,9 @@ pub fn any_car(atlas: &ShapeAtlas, size_of_cars: f64) -> ShapePrior {
     ShapePrior { mean: atlas.clamped(&mean), ..ShapePrior::default() }
 }
 
-/// Fits every car of the frame that has keypoints; `known(i)` gives what is known of car i beforehand: its shape and
-/// about where it is.
+/// Fits every car of the frame that has keypoints.
+///
+/// `known(i)` returns the prior of car i: its shape, and its approximate pose if there is one.
 pub fn fit_frame(
     frame: &FrameRecord,
     view: &FrameCamera,
@@ -65,7 +68,7 @@ pub fn fit_frame(
     frame.cars.iter().enumerate().map(fit).collect()
 }
 
-/// The line of `poses.jsonl` for a fitted car, not yet told its track.
+/// Returns the line of `poses.jsonl` for a fitted car. Its track is filled in later.
 #[must_use]
 pub fn pose_record(
     frame: &FrameRecord,
@@ -86,7 +89,7 @@ pub fn pose_record(
     record_of(frame, index, &pose, atlas)
 }
 
-/// The line of `poses.jsonl` for a car that was left free in six degrees of freedom.
+/// Returns the line of `poses.jsonl` for a car whose pose was fitted with six degrees of freedom.
 #[must_use]
 pub fn free_pose_record(
     frame: &FrameRecord,
@@ -112,25 +115,27 @@ pub fn free_pose_record(
     record_of(frame, index, &pose, atlas)
 }
 
-/// Poses of looks, for the frames in which they are held.
+/// Poses of inference frames, for the frames over which they are carried.
 #[derive(Debug, Default)]
-pub struct HeldPoses {
+pub struct CarriedPoses {
+    /// Poses by the detection that they come from.
     of_looks: BTreeMap<CarRef, PoseRecord>,
+    /// Time when old poses were last removed, s.
     pruned_s: f64,
 }
 
-impl HeldPoses {
-    /// Remembers a look's pose; memory reaches back as far as poses are held.
-    pub fn remember(&mut self, pose: &PoseRecord) {
-        if pose.time_s - self.pruned_s > FORGET_S {
-            self.of_looks.retain(|_, look| pose.time_s - look.time_s <= FORGET_S);
+impl CarriedPoses {
+    /// Stores the pose of a detection. Poses are kept for as long as they may be carried over.
+    pub fn store(&mut self, pose: &PoseRecord) {
+        if pose.time_s - self.pruned_s > RESET_S {
+            self.of_looks.retain(|_, look| pose.time_s - look.time_s <= RESET_S);
             self.pruned_s = pose.time_s;
         }
         let look = PoseRecord { keypoints_px: vec![None; KEYPOINTS], ..pose.clone() };
         self.of_looks.insert(CarRef { frame: pose.frame, car: pose.car }, look);
     }
 
-    /// The line of `poses.jsonl` for a car whose pose is held; `None` where its look came to nothing.
+    /// Returns the line of `poses.jsonl` for a car whose pose is carried over; `None` where its detection gave no pose.
     #[must_use]
     pub fn line(&self, frame: &FrameRecord, car: usize) -> Option<PoseRecord> {
         let record = frame.cars.get(car)?;
@@ -147,22 +152,28 @@ impl HeldPoses {
     }
 }
 
-/// What a record takes from either kind of fit.
+/// The numbers that a record needs from either kind of fit.
 struct Pose {
+    /// Pose of the car in the world, m.
     world_from_car: Isometry3<f64>,
+    /// Pose of the car in the camera frame, m.
     camera_from_car: Isometry3<f64>,
-    /// Of world x, y and heading.
+    /// Sds of world x (m), world y (m) and heading (rad); `None` where not finite.
     sd: [Option<f64>; 3],
+    /// Shape coefficients in the atlas.
     shape: Shape,
+    /// Rms distance of the keypoints from their projections, px.
     reprojection_rms_px: f64,
+    /// Whether the fit is accepted.
     used: bool,
 }
 
+/// Builds the line of `poses.jsonl` for a pose; `None` without keypoints or a finite rms.
 fn record_of(frame: &FrameRecord, index: usize, pose: &Pose, atlas: &ShapeAtlas) -> Option<PoseRecord> {
     let record = frame.cars.get(index)?;
     let points = record.keypoints.as_deref()?;
     if !pose.reprojection_rms_px.is_finite() {
-        // Not one keypoint agrees: no pose, and no number that a file could hold.
+        // No keypoint agrees with the pose, so there is no number that a file could contain.
         return None;
     }
     Some(PoseRecord {
@@ -198,7 +209,7 @@ mod tests {
         assert_eq!(any_car(&atlas, 0.0), ShapePrior::default());
         for log_size in [-0.05, 0.02, 0.05] {
             let dims_m = atlas.dims_m(&any_car(&atlas, log_size).mean);
-            // The modes of cars make width grow less than length and height.
+            // In the modes of cars, the width grows less than length and height.
             let larger = dims_m.component_div(&atlas.dims_mean).map(f64::ln) / log_size;
             assert!((larger.mean() - 1.0).abs() < 0.2 && larger.min() > 0.5, "{log_size}: {larger}");
         }

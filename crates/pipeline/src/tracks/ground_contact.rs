@@ -1,8 +1,10 @@
-//! A vehicle's place from its box alone: where a body of its class touches the ground, so that the body's box is the one seen.
+//! Estimates a vehicle's position from its box alone: the ground position at which a body of its class has the detected
+//! box.
 //!
-//! Nothing but the box says how the vehicle is turned and how long it is, so bodies of all classes and headings are tried. Each is
-//! fitted by least squares over place and size (x, y, length, width, height; sizes with their class' prior); what comes out are the
-//! moments of their mixture, weighted by Laplace's approximation of each one's evidence (MacKay 2003, chapter 27).
+//! The box alone does not determine heading and length, so bodies of all classes and headings are tried. Each is fitted
+//! by least squares over position and size (x, y, length, width, height; sizes with the prior of their class). The
+//! result has the moments of the mixture of these fits. The weights are Laplace's approximation of each fit's evidence
+//! (MacKay 2003, chapter 27).
 
 use std::f64::consts::PI;
 
@@ -12,33 +14,40 @@ use roadplane_base::{GroundPose, ImageSize, VehicleClass, fold_axis};
 use crate::tracks::body::{Body, body_of};
 use crate::tracks::cars::FrameCamera;
 
-/// Headings that are tried in half a turn.
+/// Number of headings that are tried in half a turn.
 const HEADINGS: usize = 8;
+/// Largest number of Gauss–Newton rounds of a fit.
 const ROUNDS: usize = 8;
-/// sd of an edge of the box: px, and as a share of the box's shorter side.
+/// Constant part of the sd of a box's edge, px.
 const EDGE_SD_PX: f64 = 1.0;
+/// Part of the sd of a box's edge that grows with the box, as a share of its shorter side.
 const EDGE_SD_SHARE: f64 = 0.05;
-/// Vehicles stand in front of each other: what is seen of the lower edge is less sure.
+/// Factor on the sd of the lower edge, which other vehicles may hide.
 const BOTTOM_FACTOR: f64 = 2.0;
-/// The same of an edge that is where another vehicle begins.
+/// Factor on the sd of an edge that lies where another vehicle begins.
 const HIDDEN_FACTOR: f64 = 10.0;
-/// An edge nearer than this to the picture's is where the picture ends, not the vehicle, px.
+/// An edge nearer than this to the picture's border is cut off by the picture, px.
 const CUT_PX: f64 = 2.0;
-/// Bumpers end so high above the ground, m.
+/// Height of the bumpers' lower edge above the ground, m.
 const CLEARANCE_M: f64 = 0.3;
-/// Least size of a body, m.
+/// Least length, width and height of a body, m.
 const LEAST_M: f64 = 1.0;
 
-/// Outline of a body: half its length and width, in lengths and widths, at what share of its height above the bumpers' lower edge
-/// (`None`: on the ground, where only wheels are).
+/// Outline of a body: levels of half length and half width, at a height.
+///
+/// Half length is in lengths, half width in widths. The height is a share of the height above the bumpers' lower edge;
+/// `None` is the ground, where only the wheels are.
 type Outline = [(f64, f64, Option<f64>)];
-/// A box with wheels.
+/// Outline of trucks and buses: a box with wheels.
 const BOX: &Outline = &[(0.5, 0.5, Some(1.0)), (0.5, 0.5, Some(0.0)), (0.3, 0.5, None)];
-/// A roof, bonnet and boot, bumpers, wheels: the atlas' mean car, of which front and rear are the same, as a box does not tell them.
+/// Outline of cars: roof, bonnet and boot, bumpers, wheels.
+///
+/// It is the atlas's mean car with equal front and rear, because a box does not distinguish them.
 const SALOON: &Outline =
     &[(0.2, 0.35, Some(1.0)), (0.45, 0.45, Some(0.47)), (0.5, 0.4, Some(0.0)), (0.3, 0.5, None)];
 
-/// How often a box of a label holds what: detectors take cars for trucks more often than the other way round.
+/// Returns the probability of each class in a box of a label. Detectors take cars for trucks more often than the
+/// reverse.
 fn prior(label: VehicleClass) -> [(VehicleClass, f64); 3] {
     use VehicleClass::{Bus, Car, Truck};
     let shares = match label {
@@ -49,47 +58,52 @@ fn prior(label: VehicleClass) -> [(VehicleClass, f64); 3] {
     [(Car, shares[0]), (Truck, shares[1]), (Bus, shares[2])]
 }
 
-/// A track's heading is known no better at one moment, rad.
+/// Least sd of a track's heading at one time, rad.
 const LEAST_HEADING_SD_RAD: f64 = 0.05;
 
-/// What is known beforehand of the vehicle in a box.
+/// Prior information about the vehicle in a box.
 #[derive(Clone, Copy, Debug)]
 pub enum Knowledge {
-    /// What the detector calls it.
+    /// The detector's label.
     Label(VehicleClass),
-    /// Its track's size and heading (rad) with its sd.
+    /// Size and heading of its track.
     Track {
-        /// Size.
+        /// Size of the vehicle.
         body: Body,
         /// Heading, rad.
         heading_rad: f64,
-        /// Its sd.
+        /// Sd of the heading, rad.
         heading_sd_rad: f64,
     },
 }
 
-/// Where a vehicle stands, by its box.
+/// Position of a vehicle from its box.
 #[derive(Clone, Debug)]
 pub struct GroundContact {
-    /// Its pose; the heading may be turned by π.
+    /// Pose on the ground; the heading may be off by π.
     pub pose: GroundPose,
     /// Covariance of (x, y, heading), m and rad.
     pub covariance: Matrix3<f64>,
-    /// Length, width, height, m.
+    /// Length, width and height, m.
     pub dims_m: Vector3<f64>,
-    /// Their sds.
+    /// Sds of length, width and height, m.
     pub dims_sd_m: Vector3<f64>,
 }
 
-/// Whether a box reaches an edge of the picture: left, top, right, bottom.
+/// Returns whether a box reaches the picture's border: left, top, right, bottom.
 #[must_use]
 pub fn cut_edges([x0, y0, x1, y1]: &[f64; 4], size: ImageSize) -> [bool; 4] {
     let (right, bottom) = (f64::from(size.width) - 1.0, f64::from(size.height) - 1.0);
     [*x0 < CUT_PX, *y0 < CUT_PX, *x1 > right - CUT_PX, *y1 > bottom - CUT_PX]
 }
 
-/// `None` where the box's lower edge lies above the horizon, or is cut off and nothing but a label is known of the vehicle. `hidden`:
-/// edges before which another vehicle stands, which say little of where this one ends.
+/// Estimates a vehicle's pose and size from its box.
+///
+/// `hidden` marks the edges at which another vehicle hides this one: left, top, right, bottom. They hardly show where
+/// this vehicle ends.
+///
+/// `None` where the box's lower edge lies above the horizon. `None` also where that edge is cut off and only a label is
+/// known.
 #[must_use]
 pub fn ground_contact(
     bbox_px: &[f64; 4],
@@ -123,27 +137,39 @@ pub fn ground_contact(
     mixture(&fits)
 }
 
-/// x, y, length, width, height.
+/// Position and size of a vehicle: x, y, length, width, height, m.
 type Place = SVector<f64, 5>;
 
+/// The fit of one body to the box.
 struct Fit {
+    /// Position and size, m.
     place: Place,
+    /// Covariance of position and size, m².
     covariance: SMatrix<f64, 5, 5>,
+    /// Heading of the body, rad.
     heading: f64,
+    /// Log of the fit's weight in the mixture.
     log_weight: f64,
 }
 
-/// A box, and the body that it is tried with.
+/// A box, and the body that is fitted to it.
 struct Seen<'a> {
+    /// The box: left, top, right, bottom, px.
     bbox_px: &'a [f64; 4],
+    /// Whether the picture cuts off the left, top, right and bottom edge.
     cut: [bool; 4],
+    /// Whether another vehicle hides the left, top, right and bottom edge.
     hidden: [bool; 4],
+    /// Camera and ground plane.
     view: &'a FrameCamera,
+    /// Prior of the body's size.
     body: Body,
+    /// Heading of the body, rad.
     heading: f64,
 }
 
 impl Seen<'_> {
+    /// Fits position and size; `share` is the prior probability of the body. `None` where the body has no projection.
     fn fit(&self, share: f64) -> Option<Fit> {
         let [x0, _, x1, y1] = *self.bbox_px;
         let foot = self.view.plane.world_from_pixel(&self.view.camera, &Vector2::new((x0 + x1) / 2.0, y1))?;
@@ -176,7 +202,7 @@ impl Seen<'_> {
         Some(Fit { place, covariance: factor.inverse(), heading: self.heading, log_weight })
     }
 
-    /// Cost and information, and the gradient, at a place.
+    /// Returns ((cost, information), gradient) at a position and size.
     fn linear(&self, place: &Place, precision: &Matrix3<f64>) -> Option<((f64, SMatrix<f64, 5, 5>), Place)> {
         let at = self.projected(place)?;
         let [x0, y0, x1, y1] = *self.bbox_px;
@@ -193,7 +219,7 @@ impl Seen<'_> {
                 derivatives[edge][p] = (there[edge] - at[edge]) / 1e-3;
             }
         }
-        // Where the picture cuts it the body goes on, nobody knows how far.
+        // Beyond the border of the picture the body continues by an unknown length.
         let is_beyond = |edge: usize| (at[edge] < self.bbox_px[edge]) == (edge < 2);
         for edge in (0..4).filter(|edge| !(self.cut[*edge] && is_beyond(*edge))) {
             let sd = edge_sd
@@ -214,20 +240,22 @@ impl Seen<'_> {
         let mut pull = gradient.fixed_rows_mut::<3>(2);
         pull += precision * off;
         cost += off.dot(&(precision * off));
-        // Nobody stands farther off than a look can tell anything.
+        // A weak prior of the position keeps the information invertible.
         information[(0, 0)] += 1e-6;
         information[(1, 1)] += 1e-6;
         Some(((cost, information), gradient))
     }
 
-    /// Box of the body in the picture, px.
+    /// Returns the box of the body in the picture, px.
     fn projected(&self, place: &Place) -> Option<[f64; 4]> {
         let pose = GroundPose { x_m: place[0], y_m: place[1], heading_rad: self.heading };
         body_box(self.view, &pose, self.body.class, &Vector3::new(place[2], place[3], place[4]))
     }
 }
 
-/// Box in the picture of a body that stands there, px; `None` if a corner of its outline is not before the camera.
+/// Returns the box of a body on the ground in the picture, px.
+///
+/// `None` if a corner of its outline is not in front of the camera.
 #[must_use]
 pub fn body_box(
     view: &FrameCamera,
@@ -249,6 +277,7 @@ pub fn body_box(
     Some(bbox)
 }
 
+/// Returns the moments of the mixture of fits; `None` without a finite weight.
 fn mixture(fits: &[Fit]) -> Option<GroundContact> {
     let most = fits.iter().map(|fit| fit.log_weight).fold(f64::NEG_INFINITY, f64::max);
     let weights: Vec<f64> = fits.iter().map(|fit| (fit.log_weight - most).exp()).collect();
@@ -272,7 +301,8 @@ fn mixture(fits: &[Fit]) -> Option<GroundContact> {
         by_heading += off.fixed_rows::<2>(0) * (turned * weight / total);
         turned_square += turned * turned * weight / total;
     }
-    // Variance of the axis from the mean of doubled angles (Mardia & Jupp 2000, wrapped normal), and that of one step's width.
+    // Variance of the axis from the mean of doubled angles (Mardia & Jupp 2000, wrapped normal), plus that of one step
+    // of headings.
     let step = PI / HEADINGS as f64;
     let axis_variance = -2.0 * axis.norm().clamp(1e-3, 1.0).ln() / 4.0 + step * step / 12.0;
     let mut covariance = Matrix3::zeros();
@@ -294,8 +324,10 @@ mod tests {
     use super::*;
     use roadplane_base::{Camera, GroundPlane};
 
+    /// Size of the test pictures, px.
     const SIZE: ImageSize = ImageSize { width: 1280, height: 720 };
 
+    /// Returns the camera and the plane of the tests.
     fn view() -> FrameCamera {
         FrameCamera {
             camera: Camera::centred(1100.0, SIZE),

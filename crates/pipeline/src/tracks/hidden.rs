@@ -1,13 +1,15 @@
-//! Which edges of a vehicle's box are its own, and which are where another vehicle stands before it.
+//! Finds the edges of a vehicle's box that belong to another vehicle in front of it.
 
-/// Boxes that come so near touch, px and as a share of the shorter side.
+/// Largest distance of touching boxes, constant part, px.
 const TOUCH_PX: f64 = 2.0;
+/// Largest distance of touching boxes, part that grows with the box, as a share of its shorter side.
 const TOUCH_SHARE: f64 = 0.05;
-/// So much of an edge must be hidden.
+/// Least hidden share of an edge for which the edge counts as hidden.
 const HIDDEN_SHARE: f64 = 0.5;
 
-/// Left, top, right, bottom: whether the edge is where something nearer begins. On the ground, what reaches lower in the picture is
-/// nearer.
+/// Returns whether the left, top, right and bottom edge lies where a nearer object begins.
+///
+/// On the ground, an object that reaches lower in the picture is nearer.
 #[must_use]
 pub fn hidden_edges<'a>(bbox_px: &[f64; 4], others: impl Iterator<Item = &'a [f64; 4]>) -> [bool; 4] {
     let [x0, y0, x1, y1] = *bbox_px;
@@ -31,7 +33,8 @@ mod tests {
     fn what_stands_before_a_box_hides_its_edges() {
         let car = [100.0, 100.0, 180.0, 140.0];
         let edges = |other: [f64; 4]| hidden_edges(&car, [other].iter());
-        // A bus before its lower half, one before its left side, one behind it, one far away, one just beside it.
+        // The cases are: a bus before its lower half, one before its left side, one behind it, one far away, one just
+        // beside it.
         assert_eq!(edges([80.0, 138.0, 220.0, 260.0]), [false, false, false, true]);
         assert_eq!(edges([20.0, 40.0, 101.0, 180.0]), [true, false, false, false]);
         assert_eq!(edges([120.0, 40.0, 260.0, 120.0]), [false; 4]);

@@ -1,4 +1,4 @@
-//! What a first pass over the frames tells the second.
+//! The results of the first pass over the frames that the second pass uses.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -7,24 +7,30 @@ use roadplane_base::{CarRef, GroundPose, ShapeAtlas, VehicleClass};
 use roadplane_track::{ShapeBelief, Track, TrackState};
 
 use crate::tracks::body::{Body, body_of, car_body};
-use crate::tracks::stretch::sightings;
+use crate::tracks::stretch::detections_of;
 
-/// The vehicle in a box, as a first pass found it out.
+/// The vehicle in a box, from the first pass.
 pub(crate) struct KnownCar {
+    /// The vehicle, common to all its boxes.
     pub vehicle: Arc<KnownVehicle>,
+    /// Smoothed pose at this frame.
     pub pose: GroundPose,
+    /// Sd of the heading, rad.
     pub heading_sd_rad: f64,
 }
 
-/// The same for all its boxes.
+/// A vehicle from the first pass, common to all its boxes.
 pub(crate) struct KnownVehicle {
+    /// Mean and information of its shape.
     pub shape: ShapeBelief,
+    /// Its size.
     pub body: Body,
+    /// Its class.
     pub class: VehicleClass,
 }
 
-/// Per tracked car and frame its track's shape, within the atlas' bounds, and its smoothed pose.
-pub(crate) fn known_cars(tracks: &[Track], atlas: &ShapeAtlas) -> BTreeMap<CarRef, KnownCar> {
+/// Returns the track's shape and smoothed pose for each detection of a track. Shapes are within the atlas's bounds.
+pub(crate) fn tracked_cars(tracks: &[Track], atlas: &ShapeAtlas) -> BTreeMap<CarRef, KnownCar> {
     let mut known = BTreeMap::new();
     for track in tracks {
         let shape = ShapeBelief { mean: atlas.clamped(&track.shape.mean), ..track.shape };
@@ -42,7 +48,7 @@ pub(crate) fn known_cars(tracks: &[Track], atlas: &ShapeAtlas) -> BTreeMap<CarRe
             pose: state.pose,
             heading_sd_rad: state.pose_sd.z,
         };
-        known.extend(sightings(track).map(|(key, state)| (key, of(state))));
+        known.extend(detections_of(track).map(|(key, state)| (key, of(state))));
     }
     known
 }

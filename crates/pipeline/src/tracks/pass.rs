@@ -1,4 +1,4 @@
-//! One pass over a stretch's frames: every car fitted, all of them followed.
+//! One pass over the frames of a time chunk: it fits every car and tracks all vehicles.
 
 use std::collections::BTreeMap;
 
@@ -15,45 +15,53 @@ use roadplane_track::{
 
 use crate::cameras::camera_track::CameraTrack;
 use crate::tracks::believe::{is_believable, projected_box};
-use crate::tracks::cars::{FrameCamera, HeldPoses, fit_frame, pose_record};
+use crate::tracks::cars::{CarriedPoses, FrameCamera, fit_frame, pose_record};
 use crate::tracks::ground_contact::{Knowledge, cut_edges, ground_contact};
 use crate::tracks::hidden::hidden_edges;
 use crate::tracks::known::KnownCar;
 use crate::tracks::scene::Looked;
-use crate::tracks::stretch::Stretch;
+use crate::tracks::stretch::TimeChunk;
 use crate::{Config, PipelineError};
 
-/// Counts of cars (car and frame).
+/// Counts of cars; each car of each frame counts once.
 #[derive(Debug, Default)]
 pub struct Tally {
-    /// Boxes by class.
+    /// Number of boxes by class.
     pub boxes: BTreeMap<String, u64>,
-    /// Cars dropped, by reason.
+    /// Number of rejected cars by reason.
     pub rejected: BTreeMap<String, u64>,
 }
 
-/// Offset of the picture in frames in which it was shaken, px.
+/// Offset of the picture by shake, px, by frame index; frames without shake are missing.
 pub(crate) type Shake = BTreeMap<u64, Vector2<f64>>;
 
-/// What a pass over the frames needs.
+/// The input of a pass over the frames.
 pub(crate) struct Pass<'a> {
+    /// Camera at every time.
     pub cameras: &'a CameraTrack,
+    /// Position of the camera on the map, if given.
     pub place: Option<&'a Place>,
+    /// The shape atlas.
     pub atlas: &'a ShapeAtlas,
-    /// What is known of a car's shape before it is looked at.
+    /// Prior of a car's shape before it is detected.
     pub any_car: ShapePrior,
+    /// Options of the solver.
     pub options: SceneOptions,
+    /// The configuration.
     pub config: &'a Config,
 }
 
 impl Pass<'_> {
-    /// Fits all cars of all frames that the stretch sees and tracks them; cars in `known`, which an earlier pass found out, have that
-    /// shape and about that pose, and only then boxes that are no vehicle's yet have a say. Gives
-    /// the tracks and the shake. Poses go to the sink, and cars into the tally, of the frames that are the stretch's own.
+    /// Fits and tracks all cars of all frames that the chunk needs. Returns the tracks and the shake.
+    ///
+    /// `known` contains the results of an earlier pass. A car in it has that shape and about that pose. Only with
+    /// `known` do boxes count that belong to no vehicle yet.
+    ///
+    /// Poses go to `sink` and counts to `tally`, but only from frames inside the chunk.
     pub(crate) fn tracks(
         &self,
         frames: impl Iterator<Item = Result<FrameRecord, PipelineError>>,
-        stretch: Stretch,
+        stretch: TimeChunk,
         known: Option<&BTreeMap<CarRef, KnownCar>>,
         tally: &mut Tally,
         mut sink: impl FnMut(&PoseRecord) -> Result<(), PipelineError>,
@@ -63,12 +71,12 @@ impl Pass<'_> {
         let mut shake_px = Shake::default();
         let mut position = None;
         let mut looked_s = Vec::new();
-        let mut looks = HeldPoses::default();
+        let mut looks = CarriedPoses::default();
         for frame in frames {
             let frame = frame?;
             let own = stretch.holds(frame.time_s);
             let Some(estimate) = self.cameras.at(frame.time_s) else { continue };
-            // Coordinates of one camera position mean nothing in another: tracks end where the camera was moved.
+            // Coordinates of different camera positions are unrelated, so tracks end where the camera was moved.
             let here = self.cameras.position_at(frame.time_s);
             if position.replace(here).is_some_and(|before| before != here) {
                 let ended = std::mem::replace(&mut tracker, Tracker::new(self.config.track.clone()));
@@ -82,7 +90,7 @@ impl Pass<'_> {
             let view = FrameCamera::from(estimate);
             let prior =
                 |i: usize| match known.and_then(|known| known.get(&CarRef { frame: frame.frame, car: i })) {
-                    Some(known) => (ShapePrior::known(known.vehicle.shape.mean), Some(known.pose)),
+                    Some(known) => (ShapePrior::fixed_at(known.vehicle.shape.mean), Some(known.pose)),
                     None => (self.any_car, None),
                 };
             let fitted = fit_frame(&frame, &view, self.atlas, &self.options, self.config, prior);
@@ -142,7 +150,7 @@ impl Pass<'_> {
                 let Some(fit) = fit else { continue };
                 if let Some(mut pose) = pose_record(&frame, index, &fit, self.atlas) {
                     pose.used = reason.is_none() && is_car;
-                    looks.remember(&pose);
+                    looks.store(&pose);
                     if own {
                         sink(&pose)?;
                     }
@@ -151,7 +159,7 @@ impl Pass<'_> {
             let pts_nanos = (frame.time_s * 1e9).round() as i64;
             let stamp = FrameStamp { index: frame.frame, pts_nanos };
             let looked = frame.watch.as_ref().is_none_or(|watch| watch.looked);
-            // Where something was held it counts as looked at, too.
+            // A frame with a carried-over vehicle counts as an inference frame, too.
             if looked || !held.is_empty() {
                 looked_s.push(frame.time_s);
             }
@@ -169,7 +177,7 @@ impl Pass<'_> {
         Ok((tracks, shake_px))
     }
 
-    /// The place of a vehicle of which the box says more than keypoints do.
+    /// Returns the position of a vehicle whose box is more informative than its keypoints.
     fn by_box(
         &self,
         record: &CarRecord,
@@ -206,13 +214,13 @@ impl Pass<'_> {
     }
 }
 
-/// Adds tracks of a later camera position; their numbers go on.
+/// Adds tracks of a later camera position; their numbers continue.
 fn append(tracks: &mut Vec<Track>, later: Vec<Track>) {
     let before = tracks.iter().map(|track| track.id).max().unwrap_or(0);
     tracks.extend(later.into_iter().map(|track| Track { id: track.id + before, ..track }));
 }
 
-/// What keypoints say of a car; the shape of a known one was held.
+/// Builds the measurement of a car from its keypoints. If the car is known, its shape was fixed.
 fn measurement(
     fit: &CarFit,
     record: &CarRecord,
@@ -245,7 +253,7 @@ fn measurement(
     }
 }
 
-/// A box of a frame, in its list of cars or beside it, that may be a vehicle.
+/// Builds the detection of a box that may be a vehicle; `car` is its index in the frame's cars, if it is one of them.
 fn box_sighting(frame: &FrameRecord, bbox_px: [f64; 4], score: f64, car: Option<usize>) -> BoxSighting {
     let class = car.map_or(VehicleClass::Car, |car| frame.cars[car].class);
     let others = frame.cars.iter().enumerate().filter(|(other, _)| Some(*other) != car);
@@ -254,7 +262,7 @@ fn box_sighting(frame: &FrameRecord, bbox_px: [f64; 4], score: f64, car: Option<
     BoxSighting { bbox_px, score, class, cut: cut_edges(&bbox_px, frame.image_size_px), hidden, car, held }
 }
 
-/// A vehicle that is where it was.
+/// Builds the measurement of a stationary vehicle that is carried over.
 fn held_car(record: &CarRecord, car: usize) -> HeldCar {
     HeldCar { look: record.pose_from, bbox_px: record.bbox_px, score: record.score, car }
 }

@@ -1,4 +1,4 @@
-//! A track → its rows: places, boxes of what was seen or is drawn, and whether the two agree.
+//! Converts a track to rows: positions, observed or projected boxes, and whether the two agree.
 
 use nalgebra::Vector3;
 use roadplane_base::{ImageSize, TrackRow, bbox_moved, bbox_share_inside};
@@ -10,13 +10,13 @@ use crate::tracks::ground_contact::body_box;
 use crate::tracks::pass::{Pass, Shake};
 use crate::tracks::shared_error::shared_covariance;
 
-/// Least overlap of the box of a row that is called observed with that of the vehicle where the row has it.
+/// Least overlap of an observed row's box with the vehicle's projected box (intersection over union).
 const MIN_ROW_OVERLAP: f64 = 0.3;
-/// Less of an unseen vehicle's box than this is in the picture: it is not there.
+/// Least share of an unobserved vehicle's box inside the picture; with less there is no row.
 const IN_VIEW_SHARE: f64 = 0.15;
 
 impl Pass<'_> {
-    /// Box of a sighting that is where the track has its vehicle then: another one was another's.
+    /// Returns the box of a detection if it agrees with the track's position. Another box belongs to another vehicle.
     fn own_box(&self, state: &TrackState, projected: Option<&[f64; 4]>, size: ImageSize) -> Option<[f64; 4]> {
         let fits = |seen: &[f64; 4]| {
             projected.is_none_or(|drawn| overlap_inside(drawn, seen, size) >= MIN_ROW_OVERLAP)
@@ -24,7 +24,7 @@ impl Pass<'_> {
         state.bbox_px.filter(fits)
     }
 
-    /// Whether most of a track's sightings are of a vehicle at its place.
+    /// Returns whether most detections of a track agree with its positions.
     pub(crate) fn is_where_it_is_seen(&self, track: &Track) -> bool {
         let (mut own, mut sightings) = (0, 0);
         for state in track.states.iter().filter(|state| state.car.is_some()) {
@@ -36,7 +36,7 @@ impl Pass<'_> {
         2 * own >= sightings
     }
 
-    /// A track's rows, one for each frame in which its vehicle is in the picture; boxes are where the shaken picture has them.
+    /// Returns the rows of a track, one for each frame in which its vehicle is in the picture. Boxes include the shake.
     pub(crate) fn rows(&self, track: &Track, shake_px: &Shake) -> Vec<TrackRow> {
         let dims = self.dims_m(track);
         let row = |state: &TrackState| {
@@ -48,7 +48,7 @@ impl Pass<'_> {
             let at_rest = seen_px.or(projected.filter(in_view))?;
             let bbox_px =
                 shake_px.get(&state.stamp.index).map_or(at_rest, |shake| bbox_moved(&at_rest, shake));
-            // What all cars share belongs to each row, too.
+            // The sds of each row include the error that all cars share.
             let shared = shared_covariance(estimate, &state.pose);
             let whole = |own: f64, i: usize| (own * own + shared[(i, i)]).sqrt();
             Some(TrackRow {
@@ -83,7 +83,7 @@ impl Pass<'_> {
         track.states.iter().filter_map(row).collect()
     }
 
-    /// Box of a car that was not seen; `None` where it is not before the camera.
+    /// Returns the projected box of a vehicle, px; `None` where it is not in front of the camera.
     fn projected_box(&self, track: &Track, state: &TrackState) -> Option<[f64; 4]> {
         let view = FrameCamera::from(self.cameras.at(state.stamp.time_s())?);
         if let Some(dims_m) = track.dims_m {
@@ -93,7 +93,7 @@ impl Pass<'_> {
         projected_box(self.atlas, &view.camera, &camera_from_car, &track.shape.mean)
     }
 
-    /// Length, width, height of a track's vehicle.
+    /// Returns the length, width and height of a track's vehicle, m.
     pub(super) fn dims_m(&self, track: &Track) -> Vector3<f64> {
         track.dims_m.unwrap_or_else(|| self.atlas.dims_m(&self.atlas.clamped(&track.shape.mean)))
     }

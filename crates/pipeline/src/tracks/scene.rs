@@ -1,4 +1,4 @@
-//! What the tracker asks of the place: sizes, boxes of bodies, places of boxes.
+//! The site as the tracker needs it: sizes, boxes of bodies, positions of boxes.
 
 use nalgebra::Vector3;
 use roadplane_base::{FrameStamp, GroundPose, Shape, VehicleClass};
@@ -10,12 +10,14 @@ use crate::tracks::cars::FrameCamera;
 use crate::tracks::ground_contact::{Knowledge, body_box, ground_contact};
 use crate::tracks::pass::Pass;
 
-/// A heading whose sd is no less says nothing, rad.
+/// Least sd of a heading that counts as unknown, rad.
 const UNKNOWN_HEADING_SD_RAD: f64 = 1.5;
 
-/// What tracks are held against: the place, and when somebody looked, in order, s.
+/// The data for validating tracks: the pass and the times of its inference frames.
 pub(super) struct Looked<'a> {
+    /// The pass over the frames.
     pub pass: &'a Pass<'a>,
+    /// Times of the inference frames, in order, s.
     pub looked_s: &'a [f64],
 }
 

@@ -1,18 +1,20 @@
-//! What errors of the camera do to places on the ground: all cars of a clip share them.
+//! Propagates errors of the camera to positions on the ground. All cars of a clip share these errors.
 //!
-//! A car is seen at a pixel; what is said of the camera lays that pixel on the ground. First order in the camera's four numbers
-//! (log focal, tilt, roll, log height; the last one holds what is not known of the scale), by central differences.
+//! A car is observed at a pixel, and the camera maps that pixel to the ground. The map is linearised in the camera's
+//! four numbers (log focal length, tilt, roll, log height) by central differences. The log height contains the error of
+//! the scale.
 
 use nalgebra::{Matrix4, SMatrix, Vector2, Vector4};
 use roadplane_base::{Camera, CameraEstimate, CameraParams, GroundPose};
 
-/// Step of the differences, rad or log.
+/// Step of the numerical derivatives, rad or log.
 const STEP: f64 = 1e-5;
-/// A direction is that of a way so long, m.
+/// Length of the path from which a direction is computed, m.
 const WAY_M: f64 = 1.0;
 
-/// Derivatives of x, y (m), heading (rad) and log speed of what is seen at a place, by the camera's numbers (columns); `None`
-/// where it cannot be seen.
+/// Returns the derivatives of x, y (m), heading (rad) and log speed at a position by the camera's numbers (columns).
+///
+/// `None` where the position is not visible.
 #[must_use]
 pub fn by_camera(estimate: &CameraEstimate, pose: &GroundPose) -> Option<Matrix4<f64>> {
     let ahead = Vector2::new(pose.heading_rad.cos(), pose.heading_rad.sin()) * WAY_M;
@@ -23,7 +25,7 @@ pub fn by_camera(estimate: &CameraEstimate, pose: &GroundPose) -> Option<Matrix4
         let plane = params.plane();
         let at = plane.world_from_pixel(&camera, &pixels[0])?;
         let way = plane.world_from_pixel(&camera, &pixels[1])? - at;
-        // The turn against the way as it is, so that no angle wraps.
+        // The turn is relative to the original direction, so that no angle wraps.
         let turn = (ahead.x * way.y - ahead.y * way.x).atan2(ahead.dot(&way));
         Some(Vector4::new(at.x, at.y, turn, way.norm().ln()))
     };
@@ -39,7 +41,7 @@ pub fn by_camera(estimate: &CameraEstimate, pose: &GroundPose) -> Option<Matrix4
     Some(derivatives)
 }
 
-/// Covariance of x, y, heading and log speed that the camera's errors leave; zero where they are not known.
+/// Returns the covariance of x, y, heading and log speed from the camera's errors; zero where these are not finite.
 #[must_use]
 pub fn shared_covariance(estimate: &CameraEstimate, pose: &GroundPose) -> Matrix4<f64> {
     if !estimate.covariance.iter().all(|v| v.is_finite()) {
@@ -48,6 +50,7 @@ pub fn shared_covariance(estimate: &CameraEstimate, pose: &GroundPose) -> Matrix
     by_camera(estimate, pose).map_or_else(Matrix4::zeros, |by| by * estimate.covariance * by.transpose())
 }
 
+/// Returns the pixel of a ground position; `None` where it is not in front of the camera.
 fn pixel_of(estimate: &CameraEstimate, at: &Vector2<f64>) -> Option<Vector2<f64>> {
     let camera = estimate.camera();
     let plane = estimate.params.plane();
@@ -60,6 +63,7 @@ pub(crate) mod tests {
     use super::*;
     use roadplane_base::{CameraStatus, ImageSize, Lens};
 
+    /// Returns a camera estimate with these sds.
     pub(crate) fn estimate(sd: [f64; 4]) -> CameraEstimate {
         let size = ImageSize { width: 1280, height: 720 };
         CameraEstimate {
@@ -67,7 +71,7 @@ pub(crate) mod tests {
             image_size_px: size,
             principal_point_px: size.centre_px(),
             lens: Lens::STRAIGHT,
-            bend_sd: None,
+            distortion_sd: None,
             params: CameraParams { log_focal: 7.0, tilt: 0.3, roll: 0.02, log_height: 2.2 },
             covariance: Matrix4::from_diagonal(&Vector4::from(sd).map(|v| v * v)),
             status: CameraStatus::Estimated,
@@ -82,12 +86,12 @@ pub(crate) mod tests {
         let pose = GroundPose { x_m: 6.0, y_m: 40.0, heading_rad: 1.1 };
         let covariance = shared_covariance(&estimate, &pose);
         let sd = |i: usize| covariance[(i, i)].sqrt();
-        // Places and speeds grow with the height, directions do not turn.
+        // Positions and speeds grow with the height; directions do not change.
         assert!((sd(0) - 0.05 * 6.0).abs() < 1e-4 && (sd(1) - 0.05 * 40.0).abs() < 1e-4);
         assert!(sd(2) < 1e-6 && (sd(3) - 0.05).abs() < 1e-6);
     }
 
-    /// `scripts/python/geometry_fixture.py` made the file; the Python package is held to it, too.
+    /// The script `scripts/python/geometry_fixture.py` made the file. The Python package is tested against it, too.
     #[test]
     fn the_geometry_is_that_of_the_python_package() {
         let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/data/geometry.json");
@@ -103,7 +107,7 @@ pub(crate) mod tests {
             let estimate = CameraEstimate {
                 params: CameraParams::from_vector(&params),
                 covariance: Matrix4::from_fn(|r, c| rows[r][c]),
-                lens: Lens::with_bend(case["bend"].as_f64().unwrap(), estimate([0.0; 4]).image_size_px),
+                lens: Lens::with_distortion(case["bend"].as_f64().unwrap(), estimate([0.0; 4]).image_size_px),
                 ..estimate([0.0; 4])
             };
             let (camera, plane) = (estimate.camera(), estimate.params.plane());

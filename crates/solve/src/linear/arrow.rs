@@ -1,16 +1,17 @@
 //! Normal equations of a scene and their elimination.
 //!
-//! Unknowns: per view of a car a pose v (N), per group (physical car) a shape s (M modes), one camera c (4). A view touches only
-//! its own pose, its group's shape and the camera, so the Hessian is an arrow in two levels. Each view's share is the upper
-//! triangle of a matrix over (v, s, c | gradient), and eliminating an unknown is one step of an L D Lᵀ factorisation of it:
+//! The unknowns are a pose v (N) for each view of a car, a shape s (M modes) for each group, and one camera c (4). A
+//! group is one physical car. A view depends only on its own pose, its group's shape and the camera, so the Hessian is
+//! an arrow of two levels. Each view contributes the upper triangle of a matrix over (v, s, c | gradient). Eliminating
+//! an unknown is one step of its L D Lᵀ factorisation:
 //!
 //! ```text
-//! per view     eliminate v; what remains over (s, c | gradient) is summed over the group's views, plus the shape prior
-//! per group    eliminate s; what remains over (c | gradient) is summed over groups, plus the camera prior
+//! per view     eliminate v; sum the rest over (s, c | gradient) over the group's views, plus the shape prior
+//! per group    eliminate s; sum the rest over (c | gradient) over the groups, plus the camera prior
 //! ```
 //!
-//! Elimination is linear in views; nothing is allocated. Eliminated rows give the step by substitution, and with damping 0
-//! every covariance.
+//! Elimination takes time linear in the number of views and allocates nothing. The eliminated rows give the step by
+//! substitution, and with damping 0 all covariances.
 
 use nalgebra::{Matrix4, SMatrix, SVector, Vector4};
 
@@ -19,34 +20,35 @@ use crate::linear::gram::{Gram, MAX_UNKNOWNS, MAX_WIDTH, Row};
 /// Covariance of (pose, shape, camera), in its first rows and columns.
 pub(crate) type Joint = SMatrix<f64, MAX_UNKNOWNS, MAX_UNKNOWNS>;
 
-/// The camera's system: what is left when all else is eliminated.
+/// Normal equations of the camera, after all poses and shapes are eliminated.
 pub(crate) type CameraRows = [Row; 4];
 
-/// What is known of a shape at its current value: information, and gradient of the prior's cost.
+/// Information of a shape prior, and the gradient of its cost at the current shape.
 pub(crate) struct PriorTerms<const M: usize> {
     pub information: SMatrix<f64, M, M>,
     pub gradient: SVector<f64, M>,
 }
 
-/// One group's shape.
+/// The eliminated shape of one group.
 #[derive(Clone, Debug)]
 pub(crate) struct GroupBlock<const N: usize, const M: usize> {
-    /// Coefficients held this iteration (at a bound, or fixed).
-    pub held: [bool; M],
-    /// Gradient by shape, all of it.
+    /// Coefficients that do not move in this iteration: at a bound, or fixed by the caller.
+    pub fixed: [bool; M],
+    /// Gradient of the whole cost by the shape.
     pub gradient: SVector<f64, M>,
     /// Diagonal of the undamped Hessian.
     pub diagonal: SVector<f64, M>,
     rows: [Row; M],
 }
 
-/// A view's eliminated pose.
+/// The eliminated pose of one view.
 #[derive(Clone, Debug)]
 pub(crate) struct PoseBlock<const N: usize, const M: usize> {
     rows: [Row; N],
 }
 
-/// From eliminated rows (unknowns `from` …) and the values of all later unknowns, up to the `residual`, the values of these.
+/// Computes the values of eliminated unknowns (from index `from` on) from the values of all later ones, by
+/// substitution.
 #[inline]
 fn substitute(residual: usize, from: usize, rows: &[Row], x: &mut Row) {
     for (i, row) in rows.iter().enumerate().rev() {
@@ -55,11 +57,13 @@ fn substitute(residual: usize, from: usize, rows: &[Row], x: &mut Row) {
     }
 }
 
-/// The same for covariances: fills in rows and columns `from` …; an unknown of which `held` is true is exactly known.
-fn spread(residual: usize, from: usize, rows: &[Row], held: &[bool], joint: &mut Joint) {
+/// Computes rows and columns of a covariance (from index `from` on) from those of all later unknowns.
+///
+/// An unknown whose `fixed` is true has no variance.
+fn spread(residual: usize, from: usize, rows: &[Row], fixed: &[bool], joint: &mut Joint) {
     for (i, row) in rows.iter().enumerate().rev() {
         let own = from + i;
-        if held[i] {
+        if fixed[i] {
             continue;
         }
         let pivot = row[own];
@@ -78,12 +82,12 @@ impl<const N: usize, const M: usize> PoseBlock<N, M> {
         Self { rows: [[0.0; MAX_WIDTH]; N] }
     }
 
-    /// Completes a step of (shape, camera) with this pose's.
+    /// Adds this pose's step to a step of (shape, camera).
     pub fn substitute(&self, step: &mut Row) {
         substitute(Gram::<N, M>::RESIDUAL, 0, &self.rows, step);
     }
 
-    /// Completes the covariance of (shape, camera) with this pose's.
+    /// Adds this pose's rows and columns to the covariance of (shape, camera).
     pub fn spread(&self, joint: &mut Joint) {
         spread(Gram::<N, M>::RESIDUAL, 0, &self.rows, &[false; N], joint);
     }
@@ -95,14 +99,16 @@ impl<const N: usize, const M: usize> GroupBlock<N, M> {
 
     pub fn zeros() -> Self {
         Self {
-            held: [false; M],
+            fixed: [false; M],
             gradient: SVector::zeros(),
             diagonal: SVector::zeros(),
             rows: [[0.0; MAX_WIDTH]; M],
         }
     }
 
-    /// Eliminates the group's views and shape; adds what remains, times `weight`, to the camera's system.
+    /// Eliminates the group's views and shape, and adds the rest, times `weight`, to the camera's equations.
+    ///
+    /// Returns `None` if a block is not positive definite.
     pub fn eliminate(
         &mut self,
         views: &[Gram<N, M>],
@@ -123,7 +129,9 @@ impl<const N: usize, const M: usize> GroupBlock<N, M> {
         Some(())
     }
 
-    /// The views' system over shape and camera, their poses eliminated; `see` gets every view's with its pose eliminated.
+    /// Returns the views' equations over shape and camera with their poses eliminated.
+    ///
+    /// `see` is called with each view's index and its equations after elimination.
     #[inline]
     fn views_system(
         views: &[Gram<N, M>],
@@ -143,7 +151,7 @@ impl<const N: usize, const M: usize> GroupBlock<N, M> {
         Some(system)
     }
 
-    /// The same with the prior, and the shape eliminated.
+    /// Returns the group's equations with the shape prior added, and poses and shape eliminated.
     #[inline]
     fn shape_system(
         &self,
@@ -160,7 +168,7 @@ impl<const N: usize, const M: usize> GroupBlock<N, M> {
             system.rows[N + i][Self::RESIDUAL] += prior.gradient[i];
             system.damp(N + i, damping, self.diagonal[i]);
         }
-        for own in (0..M).filter(|j| self.held[*j]).map(|j| N + j) {
+        for own in (0..M).filter(|j| self.fixed[*j]).map(|j| N + j) {
             for row in &mut system.rows[N..own] {
                 row[own] = 0.0;
             }
@@ -171,8 +179,9 @@ impl<const N: usize, const M: usize> GroupBlock<N, M> {
         Some(system)
     }
 
-    /// What the group's keypoints alone say of its shape, poses eliminated and the camera held: information, and gradient of
-    /// their cost.
+    /// Returns the information of the group's keypoints alone on its shape, and the gradient of their cost.
+    ///
+    /// Poses are eliminated and the camera is fixed.
     pub fn of_keypoints(views: &[Gram<N, M>]) -> Option<PriorTerms<M>> {
         let system = Self::views_system(views, 0.0, &mut |_, _| ())?;
         let entry = |i: usize, j: usize| system.rows[N + i.min(j)][N + i.max(j)];
@@ -182,8 +191,9 @@ impl<const N: usize, const M: usize> GroupBlock<N, M> {
         })
     }
 
-    /// Step of (shape, camera) that belongs to a camera step; the place of the pose is open. With so much of the gradient: 0 from a
-    /// minimum, where shapes (and poses) follow the camera whatever is left of it.
+    /// Returns the step of (shape, camera) that belongs to a camera step; the entries of the pose are not set.
+    ///
+    /// `gradient` scales the gradient: 1 for a step of the descent, 0 to move shapes (and poses) along with the camera.
     pub fn step(&self, camera_step: &Vector4<f64>, gradient: f64) -> Row {
         let mut step = [0.0; MAX_WIDTH];
         step[Self::CAMERA..Self::RESIDUAL].copy_from_slice(camera_step.as_slice());
@@ -192,7 +202,7 @@ impl<const N: usize, const M: usize> GroupBlock<N, M> {
         step
     }
 
-    /// Column d of U, where U Uᵀ is the covariance of (pose, shape) given the camera.
+    /// Returns column d of U, where U Uᵀ is the covariance of (pose, shape) given the camera.
     pub fn column(&self, pose: &PoseBlock<N, M>, d: usize) -> Row {
         let mut step = [0.0; MAX_WIDTH];
         let (from, rows) = if d < N { (0, &pose.rows[..]) } else { (N, &self.rows[..]) };
@@ -204,16 +214,16 @@ impl<const N: usize, const M: usize> GroupBlock<N, M> {
         step
     }
 
-    /// Covariance of (shape, camera) from that of the camera; the place of the pose is open.
+    /// Returns the covariance of (shape, camera), given that of the camera; the entries of the pose are not set.
     pub fn joint(&self, of_camera: &Matrix4<f64>) -> Joint {
         let mut joint = Joint::zeros();
         joint.view_mut((Self::CAMERA, Self::CAMERA), (4, 4)).copy_from(of_camera);
-        spread(Self::RESIDUAL, N, &self.rows, &self.held, &mut joint);
+        spread(Self::RESIDUAL, N, &self.rows, &self.fixed, &mut joint);
         joint
     }
 }
 
-/// Hessian and gradient of the camera's system.
+/// Returns Hessian and gradient of the camera's equations.
 pub(crate) fn camera_system<const N: usize, const M: usize>(
     rows: &CameraRows,
 ) -> (Matrix4<f64>, Vector4<f64>) {

@@ -1,27 +1,28 @@
 //! `Σ rowᵀ row` over a view's rows: Hessian and gradient at once, since the last column is the residual.
 //!
-//! Tiles of 2 × W entries are summed in registers, lane by lane; lanes are added at the end. With AVX2 by its instructions: left
-//! to itself the compiler takes columns for lanes and shuffles. Both ways add in the same order, so bits are the same.
+//! Tiles of 2 × W entries are summed in registers, lane by lane, and lanes are added at the end. AVX2 is used by
+//! explicit instructions, because the compiler alone uses columns as lanes and shuffles them. Both versions add in the
+//! same order, so their bits are equal.
 
 use roadplane_base::ALL_MODES;
 
 use crate::linear::lanes::Lanes;
 
-/// Most unknowns that a view touches: a place and heading on the plane, all modes, the camera.
+/// Largest number of unknowns of a view: position and heading on the plane, all modes, the camera.
 pub(crate) const MAX_UNKNOWNS: usize = 3 + ALL_MODES + 4;
-/// Columns of a row with all modes, a multiple of what SIMD registers hold.
+/// Number of columns of a row with all modes, rounded up to whole SIMD registers.
 pub(crate) const MAX_WIDTH: usize = (MAX_UNKNOWNS + 1).next_multiple_of(4);
 
-/// Information that every pose coordinate has at least: one that nobody sees gets an sd of 1e6, not a singular matrix.
+/// Least information on a pose coordinate. An unobserved one gets an sd of 1e6 instead of a singular matrix.
 pub(crate) const MIN_INFORMATION: f64 = 1e-12;
 
-/// A row with room for all modes; what lies left of the diagonal means nothing.
+/// A row with room for all modes; entries left of the diagonal are not used.
 pub(crate) type Row = [f64; MAX_WIDTH];
 
-/// Diagonal entries are damped as if at least this large, so that unseen directions are held too.
+/// Least diagonal entry for the damping, so that unobserved directions are damped too.
 const MIN_DIAGONAL: f64 = 1e-9;
 
-/// One view's share of Hessian and gradient, with N unknowns of pose, M modes and the camera, in this order.
+/// One view's part of Hessian and gradient: N unknowns of the pose, M modes and the camera, in this order.
 #[derive(Clone, Debug)]
 #[repr(align(32))]
 pub(crate) struct Gram<const N: usize, const M: usize> {
@@ -31,36 +32,36 @@ pub(crate) struct Gram<const N: usize, const M: usize> {
 impl<const N: usize, const M: usize> Gram<N, M> {
     /// First column of the camera.
     pub const CAMERA: usize = N + M;
-    /// Column of the residual, hence of the gradient.
+    /// Column of the residual, and so of the gradient.
     pub const RESIDUAL: usize = Self::CAMERA + 4;
 
     pub const fn zeros() -> Self {
         Self { rows: [[0.0; MAX_WIDTH]; MAX_UNKNOWNS] }
     }
 
-    /// Diagonal entry of the Hessian.
+    /// Returns a diagonal entry of the Hessian.
     pub fn diagonal(&self, i: usize) -> f64 {
         self.rows[i][i]
     }
 
-    /// Entry of the gradient.
+    /// Returns an entry of the gradient.
     pub fn gradient(&self, i: usize) -> f64 {
         self.rows[i][Self::RESIDUAL]
     }
 
-    /// Hessian times x.
+    /// Returns the Hessian times x.
     pub fn times(&self, x: &[f64]) -> Row {
         let entry = |i: usize, j: usize| self.rows[i.min(j)][i.max(j)];
         let row = |i: usize| x[..Self::RESIDUAL].iter().enumerate().map(|(j, x)| entry(i, j) * x).sum();
         std::array::from_fn(|i| if i < Self::RESIDUAL { row(i) } else { 0.0 })
     }
 
-    /// Damps an unknown in proportion to the diagonal that is given.
+    /// Damps an unknown in proportion to a given diagonal entry.
     pub fn damp(&mut self, i: usize, damping: f64, diagonal: f64) {
         self.rows[i][i] += damping * diagonal.max(MIN_DIAGONAL) + MIN_INFORMATION;
     }
 
-    /// Eliminates unknowns `from` … `to` − 1. `None` when their block is not positive definite.
+    /// Eliminates unknowns `from` … `to` − 1. Returns `None` if their block is not positive definite.
     #[inline(always)]
     pub fn eliminate(&mut self, from: usize, to: usize) -> Option<()> {
         for i in from..to {
@@ -81,7 +82,7 @@ impl<const N: usize, const M: usize> Gram<N, M> {
         Some(())
     }
 
-    /// Adds a single row.
+    /// Adds the product of a single row with itself.
     pub fn add(&mut self, row: &Row) {
         for (sums, factor) in self.rows.iter_mut().zip(row).take(Self::RESIDUAL) {
             for (sum, entry) in sums.iter_mut().zip(row) {
@@ -90,7 +91,7 @@ impl<const N: usize, const M: usize> Gram<N, M> {
         }
     }
 
-    /// Adds another's rows from the shape on.
+    /// Adds the rows of shape and camera of another view.
     pub fn add_shape_and_camera(&mut self, other: &Self) {
         for (sum, row) in self.rows.iter_mut().zip(&other.rows).take(Self::RESIDUAL).skip(N) {
             for (sum, entry) in sum.iter_mut().zip(row) {
@@ -100,10 +101,10 @@ impl<const N: usize, const M: usize> Gram<N, M> {
     }
 }
 
-/// Rows of four keypoints: both coordinates, with room for all modes.
+/// Rows of four keypoints, for both coordinates, with room for all modes.
 pub(crate) type Rows = [[Lanes; MAX_WIDTH]; 2];
 
-/// Sets the upper triangle.
+/// Computes the upper triangle.
 pub(crate) fn accumulate<const N: usize, const M: usize>(packs: &[Rows], gram: &mut Gram<N, M>) {
     for (i, j, width) in tiles(Gram::<N, M>::RESIDUAL) {
         match width {
@@ -113,7 +114,7 @@ pub(crate) fn accumulate<const N: usize, const M: usize>(packs: &[Rows], gram: &
     }
 }
 
-/// The same.
+/// Computes the upper triangle with AVX2 instructions.
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
 pub(crate) fn accumulate_avx2<const N: usize, const M: usize>(packs: &[Rows], gram: &mut Gram<N, M>) {
@@ -125,7 +126,9 @@ pub(crate) fn accumulate_avx2<const N: usize, const M: usize>(packs: &[Rows], gr
     }
 }
 
-/// First row, first column and columns (4, or 2 at the right end) of the tiles that cover the upper triangle and the residual.
+/// Returns the tiles that cover the upper triangle and the residual: first row, first column, number of columns.
+///
+/// A tile has 4 columns, or 2 at the right end.
 fn tiles(residual: usize) -> impl Iterator<Item = (usize, usize, usize)> {
     let width = (residual + 1).next_multiple_of(2);
     let of_row = move |i: usize| (i..width).step_by(4).map(move |j| (i, j, (width - j).min(4)));

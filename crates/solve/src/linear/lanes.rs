@@ -1,11 +1,13 @@
-//! Four numbers side by side: the inner loop works on four keypoints at a time. Plain arrays that the compiler turns into
-//! vector instructions; no fused multiply-add, so every machine computes the same bits.
+//! Four numbers side by side, since the inner loop works on four keypoints at a time.
+//!
+//! The compiler turns these plain arrays into vector instructions. There is no fused multiply-add, so every machine
+//! computes the same bits.
 
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub};
 
 use nalgebra::{Matrix3, Vector3};
 
-/// Keypoints at a time.
+/// Number of keypoints that the inner loop handles at a time.
 pub(crate) const LANES: usize = 4;
 
 /// Four numbers.
@@ -45,24 +47,25 @@ impl Lanes {
         self.zip(other, |a, b| if a < b { a } else { b })
     }
 
-    /// `then` where `self < limit`, else `otherwise`.
+    /// Returns `then` in lanes with `self < limit`, else `otherwise`.
     #[inline(always)]
     pub fn select_below(self, limit: f64, then: Self, otherwise: Self) -> Self {
         let pick = |i: usize| if self.0[i] < limit { then.0[i] } else { otherwise.0[i] };
         Self([pick(0), pick(1), pick(2), pick(3)])
     }
 
-    /// Sum in a fixed order.
+    /// Returns the sum of the lanes, added in a fixed order.
     #[inline(always)]
     pub fn sum(self) -> f64 {
         (self.0[0] + self.0[2]) + (self.0[1] + self.0[3])
     }
 
-    /// `e^(−x)` for x ≥ 0, to 1 unit in the last place; x above 700 counts as 700. Reduction and rational approximation of
-    /// fdlibm's `e_exp.c` (Sun Microsystems 1993).
+    /// Returns `e^(−x)` for x ≥ 0, to 1 unit in the last place; x above 700 counts as 700.
+    ///
+    /// Reduction and rational approximation are those of fdlibm's `e_exp.c` (Sun Microsystems 1993).
     #[inline(always)]
     pub fn exp_of_minus(self) -> Self {
-        /// Adding it rounds to an integer, which then stands in the lowest bits.
+        /// Adding this number rounds to an integer, which is then in the lowest bits.
         const ROUND: f64 = 6_755_399_441_055_744.0;
         const LN2_HIGH: f64 = 6.931_471_803_691_238e-1;
         const LN2_LOW: f64 = 1.908_214_929_270_587_7e-10;
@@ -89,7 +92,9 @@ impl Lanes {
         mantissa * shifted.map(|s| f64::from_bits((s.to_bits() << 52).wrapping_add(1023 << 52)))
     }
 
-    /// `ln(1 + x)` for 0 ≤ x ≤ 1, to a few units in the last place, also of small x. Polynomial of fdlibm's `e_log.c`.
+    /// Returns `ln(1 + x)` for 0 ≤ x ≤ 1, to a few units in the last place, also for small x.
+    ///
+    /// The polynomial is that of fdlibm's `e_log.c`.
     #[inline(always)]
     pub fn ln_1p_to_one(self) -> Self {
         use std::f64::consts::{FRAC_1_SQRT_2, LN_2, SQRT_2};
@@ -115,7 +120,7 @@ impl Lanes {
         rest + (f - (half_square - z * (half_square + t * p)))
     }
 
-    /// Polynomial with its highest coefficient first.
+    /// Evaluates a polynomial whose highest coefficient comes first.
     #[inline(always)]
     fn horner<const N: usize>(x: Self, coefficients: [f64; N]) -> Self {
         let mut sum = Self::splat(coefficients[0]);
@@ -155,34 +160,34 @@ impl AddAssign for Lanes {
     }
 }
 
-/// A point or direction for each lane.
+/// One point or direction per lane.
 pub(crate) type Point = [Lanes; 3];
 
-/// The same in all lanes.
+/// Returns the same vector in all lanes.
 #[inline(always)]
 pub(crate) fn splat(v: &Vector3<f64>) -> Point {
     [Lanes::splat(v.x), Lanes::splat(v.y), Lanes::splat(v.z)]
 }
 
-/// `a + b`.
+/// Returns `a + b`.
 #[inline(always)]
 pub(crate) fn sum(a: &Point, b: &Point) -> Point {
     [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
 }
 
-/// `a · b`.
+/// Returns `a · b`.
 #[inline(always)]
 pub(crate) fn dot(a: &Point, b: &Point) -> Lanes {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-/// `a × b`.
+/// Returns `a × b`.
 #[inline(always)]
 pub(crate) fn cross(a: &Point, b: &Point) -> Point {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
-/// `m v`.
+/// Returns `m v`.
 #[inline(always)]
 pub(crate) fn turned(m: &Matrix3<f64>, v: &Point) -> Point {
     let row = |i: usize| dot(&[Lanes::splat(m[(i, 0)]), Lanes::splat(m[(i, 1)]), Lanes::splat(m[(i, 2)])], v);

@@ -1,50 +1,54 @@
-//! Levenberg–Marquardt: the loop alone. A [`Problem`] brings its own structure; the loop knows damping and when to stop.
+//! The loop of the Levenberg–Marquardt method: damping and stopping rules. A [`Problem`] brings its own structure.
 
-/// What the loop asks of a problem. The problem owns its parameters, its linearisation and its trial step.
+/// A least-squares problem for the loop. It owns its parameters, its linearisation and its trial step.
 pub trait Problem {
-    /// Residuals, Jacobians and normal equations at the current parameters. Returns the largest absolute entry of the
-    /// scaled gradient (zero at a minimum), or `None` when the parameters cannot be evaluated.
+    /// Computes residuals, Jacobians and normal equations at the current parameters.
+    ///
+    /// Returns the largest absolute entry of the scaled gradient (zero at a minimum), or `None` if the parameters
+    /// cannot be evaluated.
     fn linearise(&mut self) -> Option<f64>;
 
-    /// The cost at the current parameters, as they were last linearised.
+    /// Returns the cost at the current parameters, as of their last linearisation.
     fn cost(&self) -> f64;
 
     /// Solves the damped normal equations `(H + damping · diag H) step = −g` and evaluates the trial parameters.
-    /// `None` when the system is not positive definite or the trial cannot be evaluated.
+    ///
+    /// Returns `None` if the system is not positive definite or the trial cannot be evaluated.
     fn try_step(&mut self, damping: f64) -> Option<Trial>;
 
-    /// Makes the last trial the current parameters, linearised. Returns what [`Problem::linearise`] would.
+    /// Makes the last trial the current parameters, with their linearisation. Returns the value of
+    /// [`Problem::linearise`].
     fn accept(&mut self) -> Option<f64>;
 }
 
-/// A step that was tried.
+/// A trial step.
 #[derive(Clone, Copy, Debug)]
 pub struct Trial {
     /// True cost at the trial parameters.
     pub cost: f64,
-    /// Decrease that the quadratic model promises.
+    /// Decrease of the cost that the quadratic model predicts.
     pub predicted_decrease: f64,
-    /// Largest change of a parameter in units of what matters for it.
+    /// Largest change of a parameter, each in the problem's own scale.
     pub step_size: f64,
 }
 
-/// What one standard deviation costs, costs being negative log probabilities.
+/// Cost of an error of one standard deviation; costs are negative log probabilities.
 const NEAR: f64 = 0.5;
 
-/// When to stop.
+/// Stopping rules and first damping.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LmOptions {
-    /// Most linearisations.
+    /// Largest number of linearisations.
     pub max_iterations: usize,
-    /// Stop when the cost falls by less than this fraction (and the model promises no more).
+    /// Stop if the cost falls by less than this fraction, and the model predicts no more.
     pub cost_tolerance: f64,
-    /// Stop when no parameter changes by more than this.
+    /// Stop if no parameter changes by more than this.
     pub step_tolerance: f64,
-    /// Stop when the scaled gradient is below this.
+    /// Stop if the scaled gradient is below this.
     pub gradient_tolerance: f64,
-    /// First damping.
+    /// Damping of the first step.
     pub initial_damping: f64,
-    /// Rejected steps in a row before giving up.
+    /// Largest number of rejected steps in a row.
     pub max_rejections: usize,
 }
 
@@ -61,7 +65,7 @@ impl Default for LmOptions {
     }
 }
 
-/// Why the loop stopped. Parameters are the best ones found in every case; after `Failed` they are the ones it began with.
+/// Reason why the loop stopped. The parameters are the best ones found; after `Failed` they are those of the start.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Termination {
     /// The gradient is zero.
@@ -70,36 +74,37 @@ pub enum Termination {
     Cost,
     /// The parameters no longer change.
     Step,
-    /// No damping gives a lower cost: at the limit of the arithmetic, or at the edge of what can be evaluated.
+    /// No damping gives a lower cost: at the limit of the arithmetic, or next to parameters that cannot be evaluated.
     NoDescent,
-    /// `max_iterations` used up, by steps that matter no more: they promise less than one standard deviation costs.
+    /// `max_iterations` was reached near the minimum: the last step predicted less than the cost of one sd.
     Near,
-    /// `max_iterations` used up.
+    /// `max_iterations` was reached.
     MaxIterations,
-    /// The start cannot be evaluated; parameters untouched.
+    /// The start cannot be evaluated; the parameters are unchanged.
     Failed,
 }
 
 impl Termination {
-    /// Whether the parameters are a minimum, or so near one that it does not matter.
+    /// Whether the parameters are a minimum, or near one within a fraction of an sd.
     #[must_use]
     pub fn converged(self) -> bool {
         !matches!(self, Self::MaxIterations | Self::Failed)
     }
 }
 
-/// What the loop did.
+/// Report of the loop.
 #[derive(Clone, Copy, Debug)]
 pub struct LmReport {
-    /// Why it stopped.
+    /// Reason why the loop stopped.
     pub termination: Termination,
-    /// Linearisations made.
+    /// Number of linearisations.
     pub iterations: usize,
     /// Cost at the end.
     pub cost: f64,
 }
 
-/// Minimises with Nielsen's damping (Madsen, Nielsen, Tingleff 2004, Alg. 3.16): a step counts only if the true cost falls.
+/// Minimises with Nielsen's damping (Madsen, Nielsen, Tingleff 2004, Alg. 3.16). A step is accepted only if the true
+/// cost falls.
 pub fn minimise<P: Problem>(problem: &mut P, options: &LmOptions) -> LmReport {
     let Some(mut gradient) = problem.linearise() else {
         return LmReport { termination: Termination::Failed, iterations: 0, cost: f64::INFINITY };
@@ -142,7 +147,7 @@ pub fn minimise<P: Problem>(problem: &mut P, options: &LmOptions) -> LmReport {
             }
             iterations += 1;
         } else {
-            // A refused step that promised next to nothing, or moved next to nothing, is rounding at the minimum.
+            // A rejected step with almost no predicted decrease or almost no change is a rounding error at the minimum.
             if let Some(trial) = trial {
                 if trial.predicted_decrease.abs() <= options.cost_tolerance * cost {
                     return done(Termination::Cost, iterations, cost);

@@ -1,4 +1,4 @@
-//! What is known of the camera beside the cars, and what it does to the camera's equations.
+//! Prior and factors on the camera, and their terms in the camera's equations.
 
 use std::sync::Arc;
 
@@ -10,28 +10,28 @@ use roadplane_base::{Factor, FactorTerms, is_determined};
 pub(crate) struct CameraKnowledge {
     /// Mean of the prior.
     pub mean: Vector4<f64>,
-    /// Information (1/sd²) per parameter; 0 where nothing is known.
+    /// Information (1/sd²) per parameter; 0 without a prior.
     pub information: Vector4<f64>,
     /// Parameters that are not estimated.
     pub fixed: [bool; 4],
-    /// What else speaks of the camera.
+    /// Factors on the camera beside the cars.
     pub factors: Arc<[Factor]>,
 }
 
 impl CameraKnowledge {
-    /// A camera that is not estimated.
+    /// Creates a camera that is given, not estimated.
     pub fn given(camera: Vector4<f64>) -> Self {
         Self { mean: camera, information: Vector4::zeros(), fixed: [true; 4], factors: Arc::new([]) }
     }
 
-    /// Its cost.
+    /// Returns the cost of prior and factors at a camera.
     pub fn cost(&self, camera: &Vector4<f64>) -> f64 {
         let off = camera - self.mean;
         let factors: f64 = self.factors.iter().map(|factor| factor.cost(camera)).sum();
         0.5 * off.component_mul(&self.information).dot(&off) + factors
     }
 
-    /// The gradient of its cost, and the (approximate) Hessian.
+    /// Returns gradient and approximate Hessian of the cost at a camera.
     pub fn terms(&self, camera: &Vector4<f64>) -> FactorTerms {
         let mut terms = FactorTerms::of(self.factors.iter(), camera);
         terms.gradient += (camera - self.mean).component_mul(&self.information);
@@ -39,13 +39,13 @@ impl CameraKnowledge {
         terms
     }
 
-    /// Whether cars that say this and factors tell the focal length better than the prior does.
+    /// Whether cars with this information and the factors determine the focal length better than the prior.
     pub fn is_focal_determined(&self, cars: &Matrix4<f64>, camera: &Vector4<f64>) -> bool {
         let factors = FactorTerms::of(self.factors.iter(), camera).information;
         is_determined(0, &(cars + factors), &self.information)
     }
 
-    /// Makes the equations' solution zero where the camera is fixed.
+    /// Changes the equations so that the steps of fixed parameters are zero.
     pub fn hold_fixed(&self, hessian: &mut Matrix4<f64>, gradient: &mut Vector4<f64>) {
         for i in (0..4).filter(|i| self.fixed[*i]) {
             hessian.row_mut(i).fill(0.0);
@@ -55,7 +55,8 @@ impl CameraKnowledge {
         }
     }
 
-    /// Covariance of the camera by what cars say of it and this, at a camera; zero rows where fixed.
+    /// Returns the camera's covariance from the cars' information, prior and factors; rows of fixed parameters are
+    /// zero.
     pub fn covariance(&self, information: &Matrix4<f64>, camera: &Vector4<f64>) -> Option<Matrix4<f64>> {
         let mut total = information + self.terms(camera).information;
         self.hold_fixed(&mut total, &mut Vector4::zeros());

@@ -1,5 +1,7 @@
-//! Jacobians against exact derivatives: the model, written once more in complex numbers, has f'(x) = Im f(x + ih) / h to rounding
-//! (Squire and Trapp 1998, SIAM Rev. 40).
+//! Tests of the Jacobians against exact derivatives.
+//!
+//! The model is written a second time, in complex numbers. Then f'(x) = Im f(x + ih) / h up to rounding (Squire and
+//! Trapp 1998, SIAM Rev. 40).
 
 use nalgebra::{Complex, Matrix2, Matrix3, SVector, UnitQuaternion, Vector2, Vector3, Vector4};
 use roadplane_base::{Camera, CameraParams, KEYPOINTS, ShapeAtlas};
@@ -8,15 +10,15 @@ use roadplane_synth::Rng;
 use crate::linear::gram::Gram;
 use crate::model::free::{FREE, FreePose, PlaneTerms};
 use crate::model::observation::Observation;
+use crate::model::on_plane::{ON_PLANE, PlanePose};
 use crate::model::pack::pack;
 use crate::model::points::PointModes;
 use crate::model::pose::{CameraFrame, Pose};
 use crate::model::rows::plain_rows;
-use crate::model::standing::{STANDING, Standing};
 
 type Number = Complex<f64>;
 
-/// Values of f, each with its derivatives.
+/// Returns the values of f, each with its derivatives.
 fn derivatives<const K: usize>(x: &[f64], f: impl Fn(&[Number]) -> [Number; K]) -> [(f64, Vec<f64>); K] {
     const STEP: f64 = 1e-30;
     let with_step = |unknown: usize| {
@@ -35,7 +37,7 @@ fn assert_close(exact: &[f64], found: &[f64]) {
     }
 }
 
-/// Columns right, forward, up.
+/// Returns the world's axes in the camera frame: columns right, forward, up.
 fn world(tilt: Number, roll: Number) -> Matrix3<Number> {
     let (st, ct, sr, cr, zero) = (tilt.sin(), tilt.cos(), roll.sin(), roll.cos(), Number::ZERO);
     Matrix3::new(cr, sr * st, sr * ct, sr, -cr * st, -cr * ct, zero, ct, -st)
@@ -45,22 +47,22 @@ fn complex(v: &Vector3<f64>) -> Vector3<Number> {
     v.map(|v| Number::new(v, 0.0))
 }
 
-/// A pose whose place is written once more.
+/// A pose whose model is written a second time, in complex numbers.
 trait Written<const N: usize>: Pose<N> {
     fn random(rng: &mut Rng) -> Self;
-    /// About which the derivatives are.
+    /// Returns the unknowns at which derivatives are taken.
     fn unknowns(&self) -> [f64; N];
-    /// T and R at these unknowns of pose and camera (log f, tilt, roll, log h).
+    /// Returns T and R for these unknowns of the pose and of the camera (log f, tilt, roll, log h).
     fn place(&self, pose: &[Number], camera: &[Number]) -> (Vector3<Number>, Matrix3<Number>);
 }
 
-impl Written<STANDING> for Standing {
+impl Written<ON_PLANE> for PlanePose {
     fn random(rng: &mut Rng) -> Self {
         let anchor = Vector2::new(rng.uniform(-900.0, 900.0), rng.uniform(-300.0, 500.0));
         Self { anchor, heading: rng.uniform(-4.0, 4.0) }
     }
 
-    fn unknowns(&self) -> [f64; STANDING] {
+    fn unknowns(&self) -> [f64; ON_PLANE] {
         [self.anchor.x, self.anchor.y, self.heading]
     }
 
@@ -89,14 +91,14 @@ impl Written<FREE> for FreePose {
 
     fn place(&self, pose: &[Number], camera: &[Number]) -> (Vector3<Number>, Matrix3<Number>) {
         let origin = Vector3::new(pose[3], pose[4], camera[0].exp()) * pose[5].exp();
-        // exp([ω]×) to first order, which is all that a derivative at ω = 0 needs.
+        // exp([ω]×) to first order, which is enough for a derivative at ω = 0.
         let turn = Matrix3::identity() + Vector3::new(pose[0], pose[1], pose[2]).cross_matrix();
         let own = self.camera_from_car.to_rotation_matrix().into_inner();
         (origin, turn * own.map(|v| Number::new(v, 0.0)))
     }
 }
 
-/// Random cameras and poses before them, not too near and not too far.
+/// Calls `see` with random cameras, each with a pose at 3 to 300 m depth.
 fn each_random<P: Written<N>, const N: usize>(seed: u64, mut see: impl FnMut(&mut Rng, &Vector4<f64>, P)) {
     let mut rng = Rng::new(seed);
     let mut seen = 0;
@@ -112,7 +114,7 @@ fn each_random<P: Written<N>, const N: usize>(seed: u64, mut see: impl FnMut(&mu
     }
 }
 
-/// Rows of keypoints and of plane terms.
+/// Checks the rows of keypoints and of plane terms.
 fn check_rows<P: Written<N>, const N: usize, const M: usize>(model: &PointModes<M>) {
     let terms = PlaneTerms { distance_sd_m: 0.5, angle_sd: 0.2 };
     each_random(16, |rng, camera, pose: P| {
@@ -162,13 +164,13 @@ fn check_rows<P: Written<N>, const N: usize, const M: usize>(model: &PointModes<
 #[test]
 fn rows_are_the_derivatives_to_1e_9() {
     let atlas = ShapeAtlas::shipped().unwrap();
-    check_rows::<Standing, STANDING, _>(&PointModes::new(&atlas));
-    check_rows::<Standing, STANDING, _>(&PointModes::of_all_modes(&atlas));
+    check_rows::<PlanePose, ON_PLANE, _>(&PointModes::new(&atlas));
+    check_rows::<PlanePose, ON_PLANE, _>(&PointModes::of_all_modes(&atlas));
     check_rows::<FreePose, FREE, _>(&PointModes::new(&atlas));
 }
 
 #[test]
-fn a_step_moves_as_its_columns_say() {
+fn a_step_moves_a_car_as_its_columns_predict() {
     fn check<P: Written<N>, const N: usize>() {
         each_random(5, |rng, camera, pose: P| {
             let camera = CameraFrame::new(camera);
@@ -183,27 +185,27 @@ fn a_step_moves_as_its_columns_say() {
             assert!((after.camera_from_car - turned).norm() < 1e-12);
         });
     }
-    check::<Standing, STANDING>();
+    check::<PlanePose, ON_PLANE>();
     check::<FreePose, FREE>();
 }
 
 #[test]
-fn a_car_stands_where_base_says_with_its_derivative() {
+fn poses_on_the_plane_agree_with_base_and_have_exact_derivatives() {
     let atlas = ShapeAtlas::shipped().unwrap();
-    each_random(17, |_, camera, standing: Standing| {
-        let x: Vec<f64> = standing.unknowns().iter().chain(camera.iter()).copied().collect();
+    each_random(17, |_, camera, plane_pose: PlanePose| {
+        let x: Vec<f64> = plane_pose.unknowns().iter().chain(camera.iter()).copied().collect();
         let exact = derivatives(&x, |x| {
-            let (origin, _) = standing.place(&x[..3], &x[3..]);
+            let (origin, _) = plane_pose.place(&x[..3], &x[3..]);
             let at = world(x[4], x[5]).tr_mul(&origin);
             [at.x, at.y, x[2]]
         });
         let (params, camera) = (CameraParams::from_vector(camera), CameraFrame::new(camera));
-        let frame = standing.frame(&camera).unwrap();
-        let (pose, by) = standing.on_ground(&frame, &camera);
+        let frame = plane_pose.frame(&camera).unwrap();
+        let (pose, by) = plane_pose.on_ground(&frame, &camera);
         for (i, (_, exact)) in exact.iter().enumerate() {
             assert_close(exact, by.row(i).transpose().as_slice());
         }
-        assert!((Standing::of(&pose, &camera).unwrap().anchor - standing.anchor).norm() < 1e-6);
+        assert!((PlanePose::of(&pose, &camera).unwrap().anchor - plane_pose.anchor).norm() < 1e-6);
         let in_car = atlas.mean[7];
         let in_camera =
             params.plane().camera_from_world() * pose.world_from_car() * nalgebra::Point3::from(in_car);

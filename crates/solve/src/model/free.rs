@@ -1,36 +1,36 @@
-//! The pose of a car anywhere in space, and the paper's terms that draw it to the plane.
+//! The free pose of a car (6 degrees of freedom), and the paper's soft terms that draw it to the plane.
 //!
 //! ```text
 //! T = e^ρ (u, v, f),    R ← exp([ω]×) R              (perturbation on the left, camera frame)
 //! D_p2p = n · T + h                                  paper Eq. 4, m
-//! D_v2v = R ẑ − n,   ‖D_v2v‖ = 2 sin(θ/2) ≈ θ        paper Eq. 5, rad; unlike its arcsin ‖n × R ẑ‖ it does
-//!                                                    not take a car on its roof for one on its wheels
+//! D_v2v = R ẑ − n,   ‖D_v2v‖ = 2 sin(θ/2) ≈ θ        paper Eq. 5, rad; unlike its arcsin ‖n × R ẑ‖ it
+//!                                                    distinguishes a car on its roof from one on its wheels
 //! ```
 //!
-//! (u, v) is the image of the car's origin relative to the principal point, e^ρ its depth over the focal length. So a change
-//! of f alone moves T along (x, y, λ z): the paper's finding 2 (§4.2), the direction that costs (nearly) no reprojection
-//! error, is a coordinate. The unknowns are ω, u, v, ρ.
+//! (u, v) is the image of the car's origin relative to the principal point. e^ρ is its depth over the focal length. So
+//! a change of f alone moves T along (x, y, λ z). By the paper's finding 2 (§4.2) this direction costs almost no
+//! reprojection error; here it is a coordinate. The unknowns are ω, u, v, ρ.
 
 use nalgebra::{Rotation3, UnitQuaternion, Vector2, Vector3};
 
 use crate::linear::gram::{Gram, MAX_WIDTH, Row};
 use crate::model::pose::{CameraFrame, CarFrame, Pose, Twist};
 
-/// Unknowns of the pose.
+/// Number of unknowns of a free pose.
 pub(crate) const FREE: usize = 6;
 
-/// A car anywhere.
+/// A free pose of a car.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct FreePose {
     pub camera_from_car: UnitQuaternion<f64>,
     /// Image of the car's origin, px from the principal point.
     pub anchor: Vector2<f64>,
-    /// Logarithm of depth over focal length.
+    /// Logarithm of the origin's depth (m) over the focal length (px).
     pub log_depth_ratio: f64,
 }
 
 impl FreePose {
-    /// Car's origin in the camera frame, m.
+    /// Returns the car's origin in the camera frame, m.
     pub fn origin(&self, focal_px: f64) -> Vector3<f64> {
         Vector3::new(self.anchor.x, self.anchor.y, focal_px) * self.log_depth_ratio.exp()
     }
@@ -64,18 +64,17 @@ impl Pose<FREE> for FreePose {
     }
 }
 
-/// How strongly cars are drawn to the plane: the sd of their distance and of their angle; `None`: not at all. The paper's μ₁ and
-/// μ₂ are `1/σ_p²` and `1/σ_v²` (Eq. 6, 7).
+/// Soft terms that draw free cars to the plane. The paper's μ₁ and μ₂ are `1/σ_p²` and `1/σ_v²` (Eq. 6, 7).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlaneTerms {
-    /// σ_p, m.
+    /// σ_p: sd of a car's distance from the plane, m.
     pub distance_sd_m: f64,
-    /// σ_v, rad.
+    /// σ_v: sd of the angle between a car's up direction and the plane's normal, rad.
     pub angle_sd: f64,
 }
 
 impl PlaneTerms {
-    /// D_p2p and the components of D_v2v in sds, with their derivatives: rows as those of keypoints.
+    /// Returns D_p2p and the components of D_v2v in sds, with their derivatives, as rows like those of keypoints.
     pub(crate) fn rows<const N: usize, const M: usize>(
         &self,
         camera: &CameraFrame,

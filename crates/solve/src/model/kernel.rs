@@ -1,20 +1,23 @@
-//! Robust loss on keypoints.
+//! The robust loss of keypoints.
 
 use crate::linear::lanes::Lanes;
 
-/// A keypoint is right with Gaussian error, or wrong and anywhere: the negative log-likelihood of that mixture,
+/// The outlier model of keypoints: a keypoint is right with a Gaussian error, or wrong and uniform.
+///
+/// Its loss is the negative log-likelihood of that mixture,
 ///
 /// ```text
 /// ρ(s) = −2 ln((e^(−s/2) + e^(−t²/2)) / (1 + e^(−t²/2)))        s = squared whitened residual
 /// ρ'(s) = 1 / (1 + e^((s − t²)/2))                              = probability that the keypoint is right
 /// ```
 ///
-/// Where right and wrong are equally likely lies the threshold t (in sd). Unlike Cauchy's or Geman–McClure's loss it
-/// leaves Gaussian keypoints (nearly) full weight, so nothing is lost when there are no outliers, and unlike a truncated
-/// square it is smooth. Far outliers have no influence. Source: Hasler et al. 2003; Barfoot, State Estimation, §5.3.
+/// At the threshold t (in sd), right and wrong are equally likely. Keypoints with Gaussian errors keep almost full
+/// weight, unlike with Cauchy's or Geman–McClure's loss. So the loss costs no accuracy without outliers. It is smooth,
+/// unlike a truncated square. Far outliers have no influence. Source: Hasler et al. 2003; Barfoot, State Estimation,
+/// §5.3.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OutlierModel {
-    /// t², the square of the threshold in sd; infinite switches robustness off.
+    /// t², the square of the threshold in sd. An infinite value switches robustness off.
     pub threshold_squared: f64,
 }
 
@@ -25,36 +28,36 @@ impl Default for OutlierModel {
 }
 
 impl OutlierModel {
-    /// The plain square.
+    /// Returns the plain square, without robustness.
     #[must_use]
     pub fn none() -> Self {
         Self { threshold_squared: f64::INFINITY }
     }
 
-    /// What a wrong keypoint costs, t²: ρ(∞) but for a vanishing constant; infinite without robustness.
+    /// Returns the cost of a wrong keypoint, t²: ρ(∞) up to a vanishing constant; infinite without robustness.
     #[must_use]
     pub fn cost_of_wrong(&self) -> f64 {
         self.threshold_squared
     }
 
-    /// ρ(s).
+    /// Returns the loss ρ(s) of a squared whitened residual.
     #[must_use]
     pub fn cost(&self, s: f64) -> f64 {
         PreparedKernel::new(self).evaluate_one(s).0
     }
 
-    /// ρ'(s), in 0…1.
+    /// Returns the weight ρ'(s) of a squared whitened residual, 0–1.
     #[must_use]
     pub fn weight(&self, s: f64) -> f64 {
         PreparedKernel::new(self).evaluate_one(s).1
     }
 }
 
-/// An [`OutlierModel`] with its constant worked out, for the inner loop.
+/// An [`OutlierModel`] with its constant computed in advance, for the inner loop.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PreparedKernel {
     threshold_squared: f64,
-    /// 2 ln(1 + e^(−t²/2))
+    /// Constant of the loss: 2 ln(1 + e^(−t²/2)).
     at_zero: f64,
 }
 
@@ -64,19 +67,19 @@ impl PreparedKernel {
         Self { threshold_squared, at_zero: 2.0 * (-threshold_squared / 2.0).exp().ln_1p() }
     }
 
-    /// (ρ(s), ρ'(s)).
+    /// Returns (ρ(s), ρ'(s)) of one keypoint.
     pub fn evaluate_one(&self, s: f64) -> (f64, f64) {
         let (cost, weight) = self.evaluate(Lanes::splat(s));
         (cost.0[0], weight.0[0])
     }
 
-    /// (ρ(s), ρ'(s)) of four keypoints.
+    /// Returns (ρ(s), ρ'(s)) of four keypoints.
     #[inline(always)]
     pub fn evaluate(&self, s: Lanes) -> (Lanes, Lanes) {
         let threshold = Lanes::splat(self.threshold_squared);
         let one = Lanes::splat(1.0);
         let gap = (s - threshold) * Lanes::splat(0.5);
-        // The smaller of the mixture's parts over the larger, so that nothing overflows.
+        // The ratio of the mixture's smaller part to the larger one cannot overflow.
         let ratio = gap.abs().exp_of_minus();
         let cost = s.min(threshold) - Lanes::splat(2.0) * ratio.ln_1p_to_one() + Lanes::splat(self.at_zero);
         let weight = gap.select_below(0.0, one, ratio) / (one + ratio);

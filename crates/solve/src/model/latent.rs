@@ -1,4 +1,4 @@
-//! What nobody tells: of what body type a car is, and how far it can be trusted. (Whether a keypoint is right: `kernel.rs`.)
+//! Latent variables of a car: its body type and its trust. `kernel.rs` treats whether a keypoint is right.
 
 pub(crate) mod body_types;
 pub(crate) mod trust;

@@ -1,35 +1,35 @@
-//! Keypoints as the solver uses them: where a straight lens would show them, relative to the principal point, whitened, weighted.
+//! Keypoints as the solver uses them: without distortion, relative to the principal point, whitened and weighted.
 
 use nalgebra::{Matrix2, Matrix2x3, Vector2, Vector3};
 use roadplane_base::{Camera, KEYPOINTS, Keypoint, KeypointSet, MIN_KEYPOINTS};
 
 use crate::model::pose::{CarFrame, MIN_DEPTH_M};
 
-/// Scores below count as this: a hidden keypoint still says a little, with the wide sd that it comes with.
+/// Least score of a keypoint. A hidden keypoint still has some information, with its wide sd.
 const MIN_SCORE: f64 = 0.05;
 
-/// Smallest sd of a keypoint, px: no measurement is better, and the arithmetic stays sane.
+/// Least sd of a keypoint, px. No measurement is better, and the arithmetic stays stable.
 const MIN_SD_PX: f64 = 1e-6;
 
-/// A located keypoint.
+/// A located keypoint of one view.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Observation {
     /// Index of the keypoint.
     pub index: usize,
-    /// Where a straight lens would show it, px from the principal point.
+    /// Undistorted position, px from the principal point.
     pub pixel: Vector2<f64>,
-    /// Its derivative by the lens' bend (1/px²), px³.
+    /// Derivative of `pixel` by the lens distortion (1/px²), px³.
     pub by_lens: Vector2<f64>,
-    /// Measured covariance, straightened, px².
+    /// Covariance of `pixel` as measured, px².
     pub covariance: Matrix2<f64>,
     /// The paper's `s_i` (Eq. 6): score × weight of the view.
     pub weight: f64,
-    /// Lower triangle (w00, w10, w11) of W with `Wᵀ W = Σ⁻¹`.
+    /// Whitening: lower triangle (w00, w10, w11) of W with `Wᵀ W = Σ⁻¹`.
     pub whitening: [f64; 3],
 }
 
 impl Observation {
-    /// `W v`.
+    /// Returns the whitened vector `W v`.
     #[inline]
     pub fn whiten(&self, v: [f64; 2]) -> [f64; 2] {
         let [w00, w10, w11] = self.whitening;
@@ -46,8 +46,9 @@ impl Observation {
     }
 }
 
-/// The usable keypoints of a car: finite, with a positive definite covariance and a score in 0…1; `None` with fewer than
-/// [`MIN_KEYPOINTS`]. Of the camera lens and principal point count.
+/// Returns the usable keypoints of a car: finite, with a finite score and a positive definite covariance.
+///
+/// Returns `None` if there are fewer than [`MIN_KEYPOINTS`]. Only lens and principal point of the camera are used.
 pub(crate) fn observations(
     keypoints: &KeypointSet,
     camera: &Camera,
@@ -62,13 +63,13 @@ pub(crate) fn observations(
     };
     let observation = |(index, keypoint): (usize, &Option<Keypoint>)| {
         let p = keypoint.filter(usable)?;
-        let bent = p.pixel - camera.principal_point_px;
-        let straightening = camera.lens.straightening(&bent);
+        let distorted = p.pixel - camera.principal_point_px;
+        let by_pixel = camera.lens.undistorted_by_pixel(&distorted);
         let mut observation = Observation {
             index,
-            pixel: camera.lens.straightened(&bent),
-            by_lens: camera.lens.straightened_by_bend(&bent),
-            covariance: straightening * p.covariance_px2 * straightening.transpose(),
+            pixel: camera.lens.undistorted(&distorted),
+            by_lens: camera.lens.undistorted_by_lens(&distorted),
+            covariance: by_pixel * p.covariance_px2 * by_pixel.transpose(),
             weight: p.score.clamp(MIN_SCORE, 1.0) * view_weight,
             whitening: [1.0, 0.0, 1.0],
         };
@@ -79,9 +80,11 @@ pub(crate) fn observations(
     (found.len() >= MIN_KEYPOINTS).then_some(found)
 }
 
-/// Whitens a view's observations with their measured covariances, what the atlas leaves unexplained at each (`scale` × `sd_m`,
-/// by keypoint; `mean` is where they are in the mean car) and `extra_px` in both directions.
-pub(crate) fn whiten_seen<const N: usize>(
+/// Whitens a view's observations with their measured covariances, the atlas' residual and `extra_px` in both
+/// directions.
+///
+/// The residual's sd is `scale` × `sd_m` per keypoint. It is projected at the keypoints of the `mean` car.
+pub(crate) fn whiten_view<const N: usize>(
     observations: &mut [Observation],
     frame: &CarFrame<N>,
     mean: &[Vector3<f64>; KEYPOINTS],
@@ -91,16 +94,18 @@ pub(crate) fn whiten_seen<const N: usize>(
 ) {
     for observation in observations {
         let index = observation.index;
-        let mut extra = unexplained_covariance(frame, &mean[index], &(sd_m[index] * scale));
+        let mut extra = residual_covariance(frame, &mean[index], &(sd_m[index] * scale));
         extra[(0, 0)] += extra_px * extra_px;
         extra[(1, 1)] += extra_px * extra_px;
         observation.whiten_with(&extra);
     }
 }
 
-/// What the atlas leaves unexplained at a point of the car (sd per axis of the car), seen from the camera: `A diag(sd²) Aᵀ`
-/// with `A = (f/z) [1 0 −x; 0 1 −y] R`, px².
-fn unexplained_covariance<const N: usize>(
+/// Returns the atlas' residual at a point of the car as a covariance in the image, px².
+///
+/// `sd_m` is the residual's sd along the car's axes. The covariance is `A diag(sd²) Aᵀ` with
+/// `A = (f/z) [1 0 −x; 0 1 −y] R`.
+fn residual_covariance<const N: usize>(
     frame: &CarFrame<N>,
     point_in_car: &Vector3<f64>,
     sd_m: &Vector3<f64>,

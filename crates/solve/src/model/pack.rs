@@ -1,10 +1,10 @@
-//! Keypoints as the inner loop reads them: four side by side.
+//! Keypoints in the form that the inner loop reads: four side by side.
 
 use crate::linear::lanes::{LANES, Lanes};
 use crate::model::observation::Observation;
 use crate::model::points::PointModes;
 
-/// Four keypoints of a view with the atlas at them. A view's last pack is filled up with copies of weight 0.
+/// Four keypoints of a view with their points and modes of the atlas. Copies of weight 0 fill a view's last pack.
 #[derive(Clone, Debug)]
 pub(crate) struct Pack<const M: usize> {
     pub pixel: [Lanes; 2],
@@ -21,7 +21,7 @@ impl<const M: usize> Pack<M> {
     }
 }
 
-/// Packs of a view's keypoints, appended.
+/// Appends the packs of a view's keypoints.
 pub(crate) fn pack<const M: usize>(
     model: &PointModes<M>,
     observations: &[Observation],
@@ -47,7 +47,7 @@ pub(crate) fn pack<const M: usize>(
     }
 }
 
-/// Takes over the whitening of observations that were packed before.
+/// Copies the whitening of observations into their packs.
 pub(crate) fn rewhiten<const M: usize>(observations: &[Observation], packs: &mut [Pack<M>]) {
     for (four, pack) in observations.chunks(LANES).zip(packs) {
         for lane in 0..LANES {

@@ -1,10 +1,12 @@
-//! The atlas as the inner loop reads it: the modes of one keypoint side by side.
+//! The atlas in the form that the inner loop reads: the modes of one keypoint side by side.
 
 use nalgebra::{SVector, Vector3};
 use roadplane_base::{ALL_MODES, KEYPOINTS, MODES, ShapeAtlas};
 
-/// Factor on the sd of what all modes leave unexplained of a keypoint: a car is off by the same on both sides and in all its
-/// views, while keypoints are taken for independent. Measured on cars of makes that the atlas had been built without.
+/// Factor on the residual sd of all modes.
+///
+/// A car has the same residual on both sides and in all its views, while keypoints are treated as independent. Measured
+/// on cars of makes that are not in the atlas.
 const SHARED: f64 = std::f64::consts::SQRT_2;
 
 /// Keypoints of cars with shapes of M modes.
@@ -12,14 +14,14 @@ const SHARED: f64 = std::f64::consts::SQRT_2;
 pub(crate) struct PointModes<const M: usize = MODES> {
     pub mean: [Vector3<f64>; KEYPOINTS],
     pub modes: [[Vector3<f64>; M]; KEYPOINTS],
-    /// Bounds of the coefficients.
+    /// Lowest and highest value of each coefficient.
     pub bounds: [[f64; 2]; M],
-    /// sd of what these modes leave unexplained, m along the car's axes.
+    /// sd of the residual that these modes do not explain, m along the car's axes.
     pub residual_sd_m: [Vector3<f64>; KEYPOINTS],
 }
 
 impl PointModes<MODES> {
-    /// The first modes, within the atlas' bounds.
+    /// Creates the model of the first modes, within the atlas' bounds.
     pub fn new(atlas: &ShapeAtlas) -> Self {
         Self {
             mean: atlas.mean,
@@ -31,7 +33,7 @@ impl PointModes<MODES> {
 }
 
 impl PointModes<ALL_MODES> {
-    /// All modes, the fine ones too; their prior holds them instead of bounds.
+    /// Creates the model of all modes. Their prior limits the coefficients instead of bounds.
     pub fn of_all_modes(atlas: &ShapeAtlas) -> Self {
         let mode = |j: usize| if j < MODES { &atlas.modes[j] } else { &atlas.fine_modes[j - MODES] };
         Self {
@@ -44,7 +46,7 @@ impl PointModes<ALL_MODES> {
 }
 
 impl<const M: usize> PointModes<M> {
-    /// A keypoint of a car of this shape, car frame, m.
+    /// Returns a keypoint of a car of this shape, car frame, m.
     #[inline]
     pub fn point(&self, index: usize, shape: &SVector<f64, M>) -> Vector3<f64> {
         let mut point = self.mean[index];

@@ -1,18 +1,18 @@
-//! Where a car is before the camera, and how every unknown moves it.
+//! The rigid motion of a car in the camera frame, and its derivatives by all unknowns.
 //!
 //! ```text
 //! X_cam = T + R X(λ)          pixel − pp = f (X_cam.x, X_cam.y) / X_cam.z
 //! ```
 //!
-//! Whatever holds the pose of a car (it stands on the plane, `standing.rs`, or is anywhere, `free.rs`), an unknown of pose or
-//! camera that grows moves the car as a rigid body: T by `shift`, R by `[turn]× R`. Source: paper Eq. 1.
+//! A pose is on the plane (`on_plane.rs`) or free (`free.rs`). In both cases, a change of an unknown of pose or camera
+//! moves the car as a rigid body: T by `shift`, R by `[turn]× R`. Source: paper Eq. 1.
 
 use nalgebra::{Matrix3, Vector2, Vector3, Vector4};
 
-/// Nearest depth at which a keypoint is evaluated, m.
+/// Least depth at which a keypoint is evaluated, m.
 pub(crate) const MIN_DEPTH_M: f64 = 0.1;
 
-/// What all cars share of the camera.
+/// Camera and plane in the form that all cars share.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct CameraFrame {
     pub focal_px: f64,
@@ -22,7 +22,7 @@ pub(crate) struct CameraFrame {
 }
 
 impl CameraFrame {
-    /// From (log f, tilt, roll, log h).
+    /// Creates the frame from (log f, tilt, roll, log h).
     pub fn new(params: &Vector4<f64>) -> Self {
         let (sin_t, cos_t) = params[1].sin_cos();
         let (sin_r, cos_r) = params[2].sin_cos();
@@ -40,14 +40,14 @@ impl CameraFrame {
         self.camera_from_world.column(2).into_owned()
     }
 
-    /// About which axes log f, tilt, roll, log h turn the world.
+    /// Returns the axes about which log f, tilt, roll and log h turn the world.
     pub fn turns(&self) -> [Vector3<f64>; 4] {
         let none = Vector3::zeros();
         [none, self.camera_from_world.column(0).into_owned(), Vector3::z(), none]
     }
 }
 
-/// Velocity of a car by an unknown, camera frame: a point at X from its origin moves by `shift + turn × X`.
+/// Derivative of a car's motion by an unknown, camera frame: a point at X from its origin moves by `shift + turn × X`.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Twist {
     pub shift: Vector3<f64>,
@@ -64,21 +64,21 @@ impl Twist {
     }
 }
 
-/// A car before the camera with what its keypoints share of the Jacobian.
+/// A car in the camera frame, with the part of the Jacobian that its keypoints share.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct CarFrame<const N: usize> {
     pub focal_px: f64,
-    /// T, m.
+    /// T: the car's origin, m.
     pub origin: Vector3<f64>,
-    /// R.
+    /// R: rotation from the car's to the camera's frame.
     pub camera_from_car: Matrix3<f64>,
     pub by_pose: [Twist; N],
-    /// By log f (where f itself scales pixels, too), tilt, roll, log h.
+    /// Derivatives by log f, tilt, roll and log h. The direct effect of f on pixels is not in it.
     pub by_camera: [Twist; 4],
 }
 
 impl<const N: usize> CarFrame<N> {
-    /// Pixel (relative to the principal point) of a point of the car; `None` at or behind the camera.
+    /// Returns the pixel of a point of the car, relative to the principal point; `None` at or behind the camera.
     #[inline]
     pub fn project(&self, point_in_car: &Vector3<f64>) -> Option<Vector2<f64>> {
         let p = self.origin + self.camera_from_car * point_in_car;
@@ -88,9 +88,9 @@ impl<const N: usize> CarFrame<N> {
 
 /// A pose of N unknowns.
 pub(crate) trait Pose<const N: usize>: Copy {
-    /// Before this camera; `None` where that is no place.
+    /// Returns the car in this camera's frame; `None` if the pose cannot be evaluated there.
     fn frame(&self, camera: &CameraFrame) -> Option<CarFrame<N>>;
 
-    /// Changed by a step in its unknowns, of which more may follow.
+    /// Returns the pose after a step: its first N entries are those of the pose's unknowns.
     fn moved(&self, step: &[f64]) -> Self;
 }

@@ -1,8 +1,8 @@
-//! The inner loop: a view's keypoints, four at a time, to its cost and its normal equations.
+//! The inner loop: computes cost and normal equations of a view from its keypoints, four at a time.
 //!
-//! Rows of the Jacobian (see `pose.rs` for the model), whitened and multiplied with the root of the keypoint's
-//! weight, have the order in which unknowns are eliminated: `[pose | λ_1 … λ_M | log f, tilt, roll, log h | residual]`.
-//! With the residual as the last column, `Σ rowᵀ row` holds Hessian and gradient.
+//! Rows of the Jacobian (see `pose.rs` for the model) are whitened and multiplied by the root of the keypoint's weight.
+//! Their columns have the order of elimination: `[pose | λ_1 … λ_M | log f, tilt, roll, log h | residual]`. Since the
+//! residual is the last column, `Σ rowᵀ row` contains Hessian and gradient.
 
 use nalgebra::SVector;
 
@@ -14,13 +14,14 @@ use crate::model::kernel::{OutlierModel, PreparedKernel};
 use crate::model::pack::Pack;
 use crate::model::pose::{CarFrame, MIN_DEPTH_M, Twist};
 
-/// Packs that a view can have.
+/// Largest number of packs of a view.
 pub(crate) const MAX_PACKS: usize = roadplane_base::KEYPOINTS.div_ceil(LANES);
-/// Rows of four keypoints that have not been worked out.
+/// Rows of four keypoints before they are computed: zeros.
 pub(crate) const NO_ROWS: Rows = [[Lanes::splat(0.0); MAX_WIDTH]; 2];
 
-/// Cost of a view's keypoints at a place and shape; sets its normal equations. `None` when a keypoint is at or behind the
-/// camera. `scratch` is for the rows in between.
+/// Computes a view's normal equations and returns the cost of its keypoints.
+///
+/// Returns `None` if a keypoint is at or behind the camera. `scratch` stores the rows.
 pub(crate) fn linearise<const N: usize, const M: usize>(
     packs: &[Pack<M>],
     frame: &CarFrame<N>,
@@ -40,7 +41,7 @@ pub(crate) fn linearise<const N: usize, const M: usize>(
     Some(cost)
 }
 
-/// The same with four-lane registers.
+/// Does the work of [`linearise`] with four-lane registers.
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
 fn linearise_avx2<const N: usize, const M: usize>(
@@ -56,7 +57,7 @@ fn linearise_avx2<const N: usize, const M: usize>(
     Some(cost)
 }
 
-/// Rows of a view's keypoints one by one, each with its own weight only (no outlier model).
+/// Calls `see` with the rows of each keypoint of a view, multiplied by the keypoint's weight only (no outlier model).
 pub(crate) fn plain_rows<const N: usize, const M: usize>(
     packs: &[Pack<M>],
     frame: &CarFrame<N>,
@@ -90,7 +91,7 @@ fn all_rows<const N: usize, const M: usize>(
 }
 
 impl<const M: usize> Pack<M> {
-    /// Whitened, weighted rows; returns the keypoints' costs.
+    /// Computes whitened and weighted rows, and returns the keypoints' costs.
     #[inline(always)]
     fn rows<const N: usize>(
         &self,
@@ -125,7 +126,7 @@ impl<const M: usize> Pack<M> {
         let zero = Lanes::default();
         let by_camera = [[a, zero, -(a * x)], [b0, b1, -(b0 * x + b1 * y)]];
         for (row, by) in rows.iter_mut().zip(&by_camera) {
-            // The same in the car's axes.
+            // The row in the car's axes.
             let by_car = turned(&frame.camera_from_car.transpose(), by);
             // A turn about the origin: by · (turn × offset) = turn · (offset × by).
             let moment = cross(&offset, by);
@@ -153,15 +154,16 @@ mod tests {
     use super::*;
     use crate::model::free::FreePose;
     use crate::model::observation::Observation;
+    use crate::model::on_plane::PlanePose;
     use crate::model::pack::pack;
     use crate::model::points::PointModes;
     use crate::model::pose::{CameraFrame, Pose};
-    use crate::model::standing::Standing;
     use nalgebra::{Matrix2, UnitQuaternion, Vector2, Vector4};
     use roadplane_base::ShapeAtlas;
     use roadplane_synth::Rng;
 
-    /// Normal equations are the sums of products of rows, and the same bits with and without AVX2; the cost is that of the model.
+    /// Checks that normal equations are sums of products of rows, with the same bits with and without AVX2, and the
+    /// cost.
     fn check<P: Pose<N>, const N: usize, const M: usize>(model: &PointModes<M>, pose: P) {
         let kernel = PreparedKernel::new(&OutlierModel::default());
         let mut rng = Rng::new(5);
@@ -204,13 +206,13 @@ mod tests {
     #[test]
     fn normal_equations_are_sums_of_products_and_the_same_bits_both_ways() {
         let atlas = ShapeAtlas::shipped().unwrap();
-        let standing = Standing { anchor: Vector2::new(20.0, 30.0), heading: 0.7 };
-        check(&PointModes::new(&atlas), standing);
-        check(&PointModes::of_all_modes(&atlas), standing);
+        let plane_pose = PlanePose { anchor: Vector2::new(20.0, 30.0), heading: 0.7 };
+        check(&PointModes::new(&atlas), plane_pose);
+        check(&PointModes::of_all_modes(&atlas), plane_pose);
         let camera_from_car = UnitQuaternion::from_euler_angles(1.0, 0.2, 0.3);
         check(
             &PointModes::new(&atlas),
-            FreePose { camera_from_car, anchor: standing.anchor, log_depth_ratio: -4.0 },
+            FreePose { camera_from_car, anchor: plane_pose.anchor, log_depth_ratio: -4.0 },
         );
     }
 }

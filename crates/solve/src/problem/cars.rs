@@ -1,8 +1,9 @@
-//! The joint problem of cars before one camera, with shapes of M modes: parameters, cost, normal equations, step. Cars stand on the
-//! plane (N = 3), or are anywhere (N = 6) and may be drawn to it by the paper's terms.
+//! The joint problem of one camera and its cars, with shapes of M modes: parameters, cost, normal equations, step.
 //!
-//! The scene is found with the atlas' first modes, whose fine ones are noise of single keypoints there. In truth most of that is
-//! common to both sides of a car, to many keypoints and to all its views, so the last steps are done with all modes
+//! Cars are on the plane (N = 3), or they are free (N = 6) and may be drawn to the plane by the paper's soft terms.
+//!
+//! The scene is solved with the atlas' first modes, for which the fine modes are noise of single keypoints. In reality,
+//! both sides of a car, many keypoints and all its views share most of that residual. So the last steps use all modes
 //! ([`CarsProblem::with_modes`]).
 
 mod bias;
@@ -21,21 +22,21 @@ use crate::model::camera_prior::CameraKnowledge;
 use crate::model::free::{FREE, FreePose, PlaneTerms};
 use crate::model::kernel::{OutlierModel, PreparedKernel};
 use crate::model::latent::body_types::Gaussian;
-use crate::model::observation::{Observation, whiten_seen};
+use crate::model::observation::{Observation, whiten_view};
+use crate::model::on_plane::{ON_PLANE, PlanePose};
 use crate::model::pack::{Pack, pack, rewhiten};
 use crate::model::points::PointModes;
 use crate::model::pose::{CameraFrame, Pose};
 use crate::model::rows::{MAX_PACKS, NO_ROWS, linearise};
-use crate::model::standing::{STANDING, Standing};
 
 /// One view of a car.
 #[derive(Clone, Debug)]
 pub(crate) struct View {
-    /// Position of its group in the problem.
+    /// Index of its group in the problem.
     pub group: usize,
-    /// Its observations: a range in the problem's list.
+    /// Range of its observations in the problem's list.
     pub observations: std::ops::Range<usize>,
-    /// The same as packs.
+    /// Range of its packs in the problem's list.
     packs: std::ops::Range<usize>,
 }
 
@@ -45,24 +46,24 @@ impl View {
     }
 }
 
-/// A physical car: its views and what is known of its shape.
+/// A physical car: its views and its shape prior.
 #[derive(Clone, Debug)]
 pub(crate) struct Group<const M: usize> {
-    /// Its views: a range in the problem's list.
+    /// Range of its views in the problem's list.
     pub views: std::ops::Range<usize>,
-    /// What is known of its shape.
+    /// Prior on its shape.
     pub prior: Gaussian<M>,
-    /// Weight of its cost, 1 unless it fits unlike the others (`trust.rs`).
+    /// Weight of its cost; 1 before cars are weighted (`trust.rs`).
     pub trust: f64,
 }
 
 impl<const M: usize> Group<M> {
-    /// Of full weight.
+    /// Creates a group of full weight.
     pub fn new(views: std::ops::Range<usize>, prior: Gaussian<M>) -> Self {
         Self { views, prior, trust: 1.0 }
     }
 
-    /// What the prior, times `scale`, adds to the equations of its shape.
+    /// Returns the prior's terms in the equations of the shape, times `scale`.
     fn prior_terms(&self, shape: &SVector<f64, M>, scale: f64) -> PriorTerms<M> {
         PriorTerms {
             information: self.prior.information * scale,
@@ -71,7 +72,7 @@ impl<const M: usize> Group<M> {
     }
 }
 
-/// Everything that is estimated.
+/// All estimated parameters.
 #[derive(Clone, Debug)]
 pub(crate) struct State<P, const M: usize> {
     pub camera: Vector4<f64>,
@@ -79,7 +80,7 @@ pub(crate) struct State<P, const M: usize> {
     pub shapes: Vec<SVector<f64, M>>,
 }
 
-/// See the module's head. `state` is current, `trial` the last step tried.
+/// The joint problem of the module. `state` is the current state, and `trial` the state after the last trial step.
 pub(crate) struct CarsProblem<'a, P, const N: usize, const M: usize> {
     pub model: &'a PointModes<M>,
     pub views: Vec<View>,
@@ -87,11 +88,11 @@ pub(crate) struct CarsProblem<'a, P, const N: usize, const M: usize> {
     pub observations: Vec<Observation>,
     pub knowledge: CameraKnowledge,
     pub kernel: OutlierModel,
-    /// How free cars are drawn to the plane.
+    /// Soft terms that draw free cars to the plane.
     pub plane: Option<PlaneTerms>,
     /// Factor on the information of shape priors.
     pub shape_prior_scale: f64,
-    /// Shapes are held at their current values.
+    /// Whether shapes are fixed at their current values.
     pub shapes_fixed: bool,
     pub state: State<P, M>,
     trial: State<P, M>,
@@ -102,28 +103,28 @@ pub(crate) struct CarsProblem<'a, P, const N: usize, const M: usize> {
     scratch: Box<[Rows; MAX_PACKS]>,
     pose_blocks: Vec<PoseBlock<N, M>>,
     group_blocks: Vec<GroupBlock<N, M>>,
-    /// What is known of the camera beside the cars, at the current state.
-    known: FactorTerms,
+    /// Terms of prior and factors on the camera at the current state.
+    camera_terms: FactorTerms,
     camera_gradient: Vector4<f64>,
     camera_diagonal: Vector4<f64>,
 }
 
-/// Cars on the plane.
-pub(crate) type GroundProblem<'a, const M: usize> = CarsProblem<'a, Standing, STANDING, M>;
-/// Cars anywhere.
+/// The problem of cars on the plane.
+pub(crate) type GroundProblem<'a, const M: usize> = CarsProblem<'a, PlanePose, ON_PLANE, M>;
+/// The problem of free cars.
 pub(crate) type FreeProblem<'a> = CarsProblem<'a, FreePose, FREE, MODES>;
 
-/// Cost and every view's normal equations at a state.
+/// Cost and normal equations of all views at a state.
 #[derive(Clone, Debug)]
 struct Linearisation<const N: usize, const M: usize> {
     cost: f64,
-    /// What the keypoints of each group cost, before it is weighed.
+    /// Cost of the keypoints of each group, without its trust.
     keypoints: Vec<f64>,
     grams: Vec<Gram<N, M>>,
 }
 
 impl<'a, P: Pose<N>, const N: usize, const M: usize> CarsProblem<'a, P, N, M> {
-    /// `views`: per view its group's position and its observations; views of a group follow each other.
+    /// Creates a problem. Views of a group must follow each other.
     pub fn new(
         model: &'a PointModes<M>,
         mut views: Vec<View>,
@@ -161,14 +162,15 @@ impl<'a, P: Pose<N>, const N: usize, const M: usize> CarsProblem<'a, P, N, M> {
             shapes_fixed: false,
             trial: state.clone(),
             state,
-            known: FactorTerms { gradient: Vector4::zeros(), information: Matrix4::zeros() },
+            camera_terms: FactorTerms { gradient: Vector4::zeros(), information: Matrix4::zeros() },
             camera_gradient: Vector4::zeros(),
             camera_diagonal: Vector4::zeros(),
         }
     }
 
-    /// Whitens every observation with its measured covariance, what the atlas leaves unexplained (`atlas_scale` × its sd)
-    /// and `extra_m` metres in all directions, both seen at the current pose.
+    /// Whitens every observation with its measured covariance, the atlas' residual and an error of `extra_m` metres.
+    ///
+    /// The residual's sd is multiplied by `atlas_scale`. Residual and extra error are projected at the current pose.
     pub fn whiten(&mut self, atlas_scale: f64, extra_m: f64) {
         let camera = CameraFrame::new(&self.state.camera);
         for (view, pose) in self.views.iter().zip(&self.state.poses) {
@@ -176,13 +178,14 @@ impl<'a, P: Pose<N>, const N: usize, const M: usize> CarsProblem<'a, P, N, M> {
             let extra_px = extra_m * camera.focal_px / frame.origin.z;
             let seen = &mut self.observations[view.observations.clone()];
             let PointModes { mean, residual_sd_m, .. } = self.model;
-            whiten_seen(seen, &frame, mean, residual_sd_m, atlas_scale, extra_px);
+            whiten_view(seen, &frame, mean, residual_sd_m, atlas_scale, extra_px);
             rewhiten(seen, &mut self.packs[view.packs.clone()]);
         }
     }
 
-    /// True cost of the current state (or the trial) and each view's normal equations; `None` when a keypoint cannot be
-    /// projected.
+    /// Computes cost and normal equations of the current state (or the trial), and returns the cost.
+    ///
+    /// Returns `None` if a keypoint cannot be projected.
     fn evaluate(&mut self, trial: bool) -> Option<f64> {
         let (state, into) = match trial {
             true => (&self.trial, &mut self.trial_linearisation),
@@ -209,7 +212,7 @@ impl<'a, P: Pose<N>, const N: usize, const M: usize> CarsProblem<'a, P, N, M> {
         into.cost.is_finite().then_some(into.cost)
     }
 
-    /// Eliminates views and shapes; returns the camera's reduced Hessian and gradient, prior not yet added.
+    /// Eliminates views and shapes. Returns the camera's reduced Hessian and gradient, without prior and factors.
     fn eliminate(&mut self, damping: f64) -> Option<(Matrix4<f64>, Vector4<f64>)> {
         let mut rows = [[0.0; MAX_WIDTH]; 4];
         for (g, group) in self.groups.iter().enumerate() {
@@ -226,12 +229,13 @@ impl<'a, P: Pose<N>, const N: usize, const M: usize> CarsProblem<'a, P, N, M> {
         Some(camera_system::<N, M>(&rows))
     }
 
-    /// Sums up gradient and diagonal of what views share, decides which coefficients are held; returns the largest scaled
-    /// gradient.
+    /// Sums gradient and diagonal of shapes and camera over views, and decides which coefficients are fixed.
+    ///
+    /// Returns the largest scaled gradient.
     fn gather(&mut self) -> f64 {
-        self.known = self.knowledge.terms(&self.state.camera);
-        self.camera_gradient = self.known.gradient;
-        self.camera_diagonal = self.known.information.diagonal();
+        self.camera_terms = self.knowledge.terms(&self.state.camera);
+        self.camera_gradient = self.camera_terms.gradient;
+        self.camera_diagonal = self.camera_terms.information.diagonal();
         let mut largest: f64 = 0.0;
         let mut see = |weight: f64, gradient: f64, diagonal: f64| {
             if diagonal > 0.0 {
@@ -256,13 +260,13 @@ impl<'a, P: Pose<N>, const N: usize, const M: usize> CarsProblem<'a, P, N, M> {
                     see(group.trust, view.gradient(i), view.diagonal(i));
                 }
             }
-            // Projected Newton (Bertsekas 1982): a coefficient at its bound that wants to go on is held.
+            // Projected Newton (Bertsekas 1982): a coefficient at its bound with an outward descent direction is fixed.
             for j in 0..M {
                 let [low, high] = self.model.bounds[j];
                 let outward = (shape[j] <= low && block.gradient[j] > 0.0)
                     || (shape[j] >= high && block.gradient[j] < 0.0);
-                block.held[j] = self.shapes_fixed || outward;
-                if !block.held[j] {
+                block.fixed[j] = self.shapes_fixed || outward;
+                if !block.fixed[j] {
                     see(group.trust, block.gradient[j], block.diagonal[j]);
                 }
             }

@@ -15,34 +15,34 @@ use crate::options::SceneOptions;
 use crate::problem::cars::{CarsProblem, Group, State, View};
 use crate::solution::CarView;
 
-/// What keypoints of this weight together cost when none of them fits; finite without robustness, too.
+/// Returns the cost of keypoints with this total weight if none of them fits; finite even without robustness.
 pub(crate) fn cost_of_missing(kernel: &OutlierModel, weight: f64) -> f64 {
     0.5 * weight * kernel.cost_of_wrong().min(50.0)
 }
 
-/// A view with enough keypoints.
-pub(crate) struct Sight {
-    /// Its place in the caller's list.
+/// A view with enough usable keypoints.
+pub(crate) struct UsableView {
+    /// Index in the caller's list.
     pub index: usize,
-    /// Physical car.
+    /// Number of the physical car.
     pub group: usize,
-    /// Its keypoints.
+    /// Usable keypoints.
     pub observations: Vec<Observation>,
 }
 
-/// Where a sight's car is, and its shape.
+/// Pose and shape of a view's car.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Placed<P> {
+pub(crate) struct PoseAndShape<P> {
     pub pose: P,
     pub shape: Shape,
 }
 
-/// Input in the order in which problems have it: by group.
+/// A frame's input, sorted by group as problems need it.
 pub(crate) struct Setup<'a> {
     pub atlas: &'a ShapeAtlas,
     pub model: &'a PointModes,
     pub options: &'a SceneOptions,
-    pub sights: Vec<Sight>,
+    pub usable_views: Vec<UsableView>,
     pub knowledge: CameraKnowledge,
     pub size: ImageSize,
 }
@@ -56,30 +56,30 @@ impl<'a> Setup<'a> {
         options: &'a SceneOptions,
     ) -> Self {
         let camera = Camera { lens: options.lens, ..Camera::centred(1.0, size) };
-        let sight = |(index, view): (usize, &CarView<'_>)| {
+        let usable_view = |(index, view): (usize, &CarView<'_>)| {
             let is_weighed = view.weight > 0.0 && view.weight.is_finite();
             let found = is_weighed.then(|| observations(view.keypoints, &camera, view.weight.min(1.0)))??;
-            Some(Sight { index, group: view.group, observations: found })
+            Some(UsableView { index, group: view.group, observations: found })
         };
-        let mut sights: Vec<Sight> = views.iter().enumerate().filter_map(sight).collect();
-        sights.sort_by_key(|sight| sight.group);
+        let mut usable_views: Vec<UsableView> = views.iter().enumerate().filter_map(usable_view).collect();
+        usable_views.sort_by_key(|usable_view| usable_view.group);
         let mut mean = options.camera_prior.mean(size).to_vector();
         let mut information = options.camera_prior.information();
-        let known = options.given_focal_px.filter(|f| f.is_finite() && *f > 0.0);
-        if let Some(focal_px) = known {
+        let given = options.given_focal_px.filter(|f| f.is_finite() && *f > 0.0);
+        if let Some(focal_px) = given {
             mean[0] = focal_px.ln();
             information[0] = 0.0;
         }
-        let fixed = [known.is_some(), false, false, false];
+        let fixed = [given.is_some(), false, false, false];
         let knowledge = CameraKnowledge { mean, information, fixed, factors: Arc::clone(&options.factors) };
-        Self { atlas, model, options, sights, knowledge, size }
+        Self { atlas, model, options, usable_views, knowledge, size }
     }
 
-    /// The problem of all placed sights, with their positions in `sights`.
+    /// Returns the problem of all views with a pose, and the views' indices in `usable_views`.
     pub fn problem<P: Pose<N>, const N: usize>(
         &self,
         camera: Vector4<f64>,
-        placed: &[Option<Placed<P>>],
+        placed: &[Option<PoseAndShape<P>>],
     ) -> (CarsProblem<'a, P, N, MODES>, Vec<usize>) {
         let mut views: Vec<View> = Vec::new();
         let mut groups: Vec<Group<MODES>> = Vec::new();
@@ -87,15 +87,15 @@ impl<'a> Setup<'a> {
         let mut state = State { camera, poses: Vec::new(), shapes: Vec::new() };
         let mut members = Vec::new();
         let mut last_group = None;
-        for (s, (sight, place)) in self.sights.iter().zip(placed).enumerate() {
+        for (s, (usable_view, place)) in self.usable_views.iter().zip(placed).enumerate() {
             let Some(place) = place else { continue };
-            if last_group != Some(sight.group) {
+            if last_group != Some(usable_view.group) {
                 groups.push(Group::new(views.len()..views.len(), Gaussian::of_all_cars()));
                 state.shapes.push(place.shape);
-                last_group = Some(sight.group);
+                last_group = Some(usable_view.group);
             }
             let first = all.len();
-            all.extend_from_slice(&sight.observations);
+            all.extend_from_slice(&usable_view.observations);
             views.push(View::new(groups.len() - 1, first..all.len()));
             if let Some(group) = groups.last_mut() {
                 group.views.end = views.len();
@@ -108,37 +108,37 @@ impl<'a> Setup<'a> {
         (problem, members)
     }
 
-    /// What the keypoints of all sights without a place cost: none of them fits.
-    pub fn cost_of_missing<P>(&self, placed: &[Option<Placed<P>>]) -> f64 {
-        let missing = self.sights.iter().zip(placed).filter(|(_, place)| place.is_none());
-        let cost = |sight: &Sight| {
-            cost_of_missing(&self.options.kernel, sight.observations.iter().map(|o| o.weight).sum())
+    /// Returns the cost of the keypoints of all views without a pose: none of them fits.
+    pub fn cost_of_missing<P>(&self, placed: &[Option<PoseAndShape<P>>]) -> f64 {
+        let missing = self.usable_views.iter().zip(placed).filter(|(_, place)| place.is_none());
+        let cost = |usable_view: &UsableView| {
+            cost_of_missing(&self.options.kernel, usable_view.observations.iter().map(|o| o.weight).sum())
         };
-        missing.map(|(sight, _)| cost(sight)).sum()
+        missing.map(|(usable_view, _)| cost(usable_view)).sum()
     }
 
-    /// Reads back where the cars of a problem are.
+    /// Returns poses and shapes of a problem's cars, for all usable views.
     pub fn read_back<P: Pose<N>, const N: usize>(
         &self,
         problem: &CarsProblem<'_, P, N, MODES>,
         members: &[usize],
-    ) -> Vec<Option<Placed<P>>> {
-        let mut placed = vec![None; self.sights.len()];
+    ) -> Vec<Option<PoseAndShape<P>>> {
+        let mut placed = vec![None; self.usable_views.len()];
         for (k, s) in members.iter().enumerate() {
-            placed[*s] = Some(problem.placed(k));
+            placed[*s] = Some(problem.pose_and_shape(k));
         }
         placed
     }
 }
 
 impl<'a, P: Pose<N>, const N: usize> CarsProblem<'a, P, N, MODES> {
-    /// The problem of one view before a known camera.
+    /// Creates the problem of one view and a given camera.
     pub fn alone(
         model: &'a PointModes,
         camera: Vector4<f64>,
         observations: &[Observation],
         prior: Gaussian<MODES>,
-        place: Placed<P>,
+        place: PoseAndShape<P>,
         kernel: OutlierModel,
     ) -> Self {
         let views = vec![View::new(0, 0..observations.len())];
@@ -149,13 +149,13 @@ impl<'a, P: Pose<N>, const N: usize> CarsProblem<'a, P, N, MODES> {
         problem
     }
 
-    /// Takes the car of a problem of one view elsewhere.
-    pub fn place(&mut self, place: Placed<P>) {
+    /// Sets pose and shape of the car in a problem of one view.
+    pub fn set_pose_and_shape(&mut self, place: PoseAndShape<P>) {
         (self.state.poses[0], self.state.shapes[0]) = (place.pose, place.shape);
     }
 
-    /// Where a view's car is now.
-    pub fn placed(&self, view: usize) -> Placed<P> {
-        Placed { pose: self.state.poses[view], shape: self.state.shapes[self.views[view].group] }
+    /// Returns the current pose and shape of a view's car.
+    pub fn pose_and_shape(&self, view: usize) -> PoseAndShape<P> {
+        PoseAndShape { pose: self.state.poses[view], shape: self.state.shapes[self.views[view].group] }
     }
 }

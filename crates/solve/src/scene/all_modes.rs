@@ -1,4 +1,4 @@
-//! The last steps: from the camera of the first modes to that of all modes of the atlas.
+//! The last steps: the camera of the first modes is refined with all modes of the atlas.
 
 use nalgebra::{Matrix4, Vector4};
 use roadplane_base::{ALL_MODES, JointInformation, MODES, ShapeAtlas};
@@ -9,20 +9,22 @@ use crate::model::points::PointModes;
 use crate::options::SceneOptions;
 use crate::problem::cars::GroundProblem;
 
-/// Rounds of weighing cars and descending with the new weights.
+/// Rounds of updating the cars' trust and minimising with the new weights.
 const ROUNDS_OF_TRUST: usize = 3;
 
-/// What all modes say of the camera.
+/// The estimated camera with its uncertainty.
 pub(crate) struct FineCamera {
-    /// Log focal, tilt, roll, log height.
+    /// (log focal, tilt, roll, log height).
     pub camera: Vector4<f64>,
-    /// What the cars say, prior not counted.
+    /// Information of the cars, without prior and factors.
     pub information: JointInformation,
-    /// Covariance, prior counted; zero rows where fixed.
+    /// Covariance, with prior and factors; rows of fixed parameters are zero.
     pub covariance: Matrix4<f64>,
 }
 
-/// Goes on from the minimum of `problem`. `None` where nothing is unexplained, or a car cannot be evaluated.
+/// Refines the camera with all modes, from the minimum of `problem`.
+///
+/// Returns `None` if the step is switched off, or if a car cannot be evaluated.
 pub(crate) fn camera_of_all_modes(
     atlas: &ShapeAtlas,
     problem: &GroundProblem<'_, MODES>,
@@ -34,28 +36,29 @@ pub(crate) fn camera_of_all_modes(
     }
     let model = PointModes::of_all_modes(atlas);
     let mut all = problem.with_modes(&model, |coarse| Gaussian::of_all_modes(coarse, scale.powi(-2)));
-    // It is near: steps need little damping.
+    // The start is near the minimum, so steps need little damping.
     let lm = LmOptions { initial_damping: 1e-6, ..options.lm };
     let descend = |all: &mut GroundProblem<'_, ALL_MODES>| minimise(all, &lm).cost.is_finite().then_some(());
-    // First with the wider sd of before, so that no keypoint that the fine modes explain is taken for wrong.
+    // First with the wider sd of the first modes, so that no keypoint counts as wrong before the fine modes fit it.
     descend(&mut all)?;
     all.whiten(scale, 0.0);
     descend(&mut all)?;
     let types = BodyTypes::new(atlas, options);
     for _ in 0..ROUNDS_OF_TYPES {
-        all.tell_types(&types)?;
+        all.infer_body_types(&types)?;
         descend(&mut all)?;
     }
     for _ in 0..if options.steps.trust { ROUNDS_OF_TRUST } else { 0 } {
-        all.weigh();
+        all.update_trust();
         descend(&mut all)?;
     }
-    told(&mut all, options)
+    camera_of_cars(&mut all, options)
 }
 
-/// What the cars of a problem at its minimum say of the camera: with the errors that they share in its covariance, its bias taken away.
-/// `None` when a car cannot be evaluated.
-pub(crate) fn told<const M: usize>(
+/// Returns the camera at a problem's minimum, with its bias corrected and the cars' shared errors in its covariance.
+///
+/// Returns `None` if a car cannot be evaluated.
+pub(crate) fn camera_of_cars<const M: usize>(
     problem: &mut GroundProblem<'_, M>,
     options: &SceneOptions,
 ) -> Option<FineCamera> {
@@ -65,7 +68,7 @@ pub(crate) fn told<const M: usize>(
         None => JointInformation::of_camera(&alone, &camera),
     };
     if options.steps.bias {
-        // As far as the minimum moves, which errors of view do not.
+        // The correction uses the covariance without view errors, since those do not move the minimum.
         let covariance = problem.knowledge.covariance(&alone, &camera)?;
         camera += problem.bias_correction(&covariance).unwrap_or_default();
     }

@@ -1,16 +1,20 @@
-//! From a start towards the minimum: shapes are freed in stages.
+//! The descent from a start towards the minimum, with shapes freed in stages.
 
 use crate::linear::lm::{LmOptions, minimise};
 use crate::model::pose::Pose;
 use crate::options::SceneOptions;
 use crate::problem::cars::CarsProblem;
 
-/// sd that shapes not yet found add to every keypoint, m: stage by stage less, so that the keypoints of an unusual car are
-/// not taken for outliers before its shape had a chance (graduated non-convexity, Blake and Zisserman 1987).
-/// The prior on shapes is eased with them, or it would hold the shapes back while keypoints count little: (sd, prior's factor).
+/// Stages of the descent: extra sd of every keypoint (m) and factor on the shape prior.
+///
+/// The extra sd allows for the unknown shape, and falls from stage to stage. So keypoints of an unusual car do not
+/// count as outliers before its shape is fitted (graduated non-convexity, Blake and Zisserman 1987). The shape prior is
+/// weaker in early stages, because there keypoints have little weight against it.
 const SHAPE_STAGES: [(f64, f64); 3] = [(0.12, 0.1), (0.05, 0.3), (0.02, 0.7)];
 
-/// Shapes free; whitening from forgiving to exact, taken again at the new poses. Ends near the minimum, with its cost.
+/// Minimises with free shapes in stages, and whitens again at the new poses before each stage.
+///
+/// Ends near the minimum and returns its cost.
 pub(crate) fn approach<P: Pose<N>, const N: usize, const M: usize>(
     problem: &mut CarsProblem<'_, P, N, M>,
     options: &SceneOptions,

@@ -1,4 +1,4 @@
-//! One car on a known plane before a known camera.
+//! The fit of one car on a given plane before a given camera.
 
 use nalgebra::{SMatrix, Vector4};
 use roadplane_base::{Camera, CameraParams, GroundPlane, GroundPose, KeypointSet, MODES, ShapeAtlas};
@@ -6,37 +6,40 @@ use roadplane_base::{Camera, CameraParams, GroundPlane, GroundPose, KeypointSet,
 use crate::linear::lm::{LmOptions, minimise};
 use crate::model::latent::body_types::Gaussian;
 use crate::model::observation::{Observation, observations};
+use crate::model::on_plane::PlanePose;
 use crate::model::points::PointModes;
 use crate::model::pose::{CameraFrame, Pose};
-use crate::model::standing::Standing;
 use crate::options::{SceneOptions, ShapePrior};
 use crate::problem::cars::{CarsProblem, GroundProblem};
-use crate::problem::setup::Placed;
+use crate::problem::setup::PoseAndShape;
 use crate::scene::approach::approach;
 use crate::scene::car::car_solution;
 use crate::solution::CarSolution;
 use crate::start::cold_start::COARSE_SD_M;
-use crate::start::standing::standing_candidates;
+use crate::start::on_plane::plane_pose_candidates;
 
-/// Headings that are followed to their minimum.
+/// Number of headings that are refined to their minimum.
 const FOLLOWED: usize = 4;
 
 /// A fitted car.
 #[derive(Clone, Debug)]
 pub struct CarFit {
-    /// Pose, shape, inliers. Its covariances hold camera and plane for exact.
+    /// Pose, shape and inliers. Its covariances treat camera and plane as exact.
     pub car: CarSolution,
     /// Joint covariance of (x m, y m, heading rad, λ_1 … λ_6).
     pub covariance: SMatrix<f64, 9, 9>,
     /// Cost of the fit.
     pub cost: f64,
-    /// How much the best differently headed pose costs more; infinite if there is none. Below about 5 the heading is a guess.
+    /// Cost of the best fit with another heading, minus `cost`; infinite without another fit. Below about 5 the heading
+    /// is a guess.
     pub margin: f64,
 }
 
-/// Fits pose and shape of one car. `start` is tried beside the ring of headings, so front and back are told apart by the
-/// evidence every time. `None` when fewer than [`MIN_KEYPOINTS`](roadplane_base::MIN_KEYPOINTS) are usable, no pose can be evaluated, or camera and plane
-/// are not finite.
+/// Fits pose and shape of one car.
+///
+/// A full circle of headings is tried even with a `start`, so that the evidence always decides between front and back.
+/// Returns `None` if fewer than [`MIN_KEYPOINTS`](roadplane_base::MIN_KEYPOINTS) keypoints are usable, if no pose can
+/// be evaluated, or if camera or plane are not finite.
 #[must_use]
 pub fn fit_car(
     atlas: &ShapeAtlas,
@@ -55,9 +58,9 @@ pub fn fit_car(
     let found = observations(keypoints, camera, 1.0)?;
     let frame = CameraFrame::new(&params);
     let points = atlas.keypoints_in_car(&shape.mean);
-    let candidates = standing_candidates(&frame, &points, &found, FOLLOWED);
-    let given = start.and_then(|pose| Standing::of(pose, &frame));
-    let starts = candidates.into_iter().map(|(_, standing)| standing).chain(given);
+    let candidates = plane_pose_candidates(&frame, &points, &found, FOLLOWED);
+    let given = start.and_then(|pose| PlanePose::of(pose, &frame));
+    let starts = candidates.into_iter().map(|(_, plane_pose)| plane_pose).chain(given);
     let mut fits = fits_from(&model, params, &found, shape, starts, options);
     let (cost, mut problem) = if fits.is_empty() { return None } else { fits.remove(0) };
     let heading = problem.state.poses[0].heading;
@@ -72,7 +75,9 @@ pub fn fit_car(
     Some(CarFit { car, covariance, cost, margin })
 }
 
-/// A car before a known camera, followed from each start to its minimum, lowest cost first: pose first, then pose and shape.
+/// Fits a car before a given camera from each start: first its pose, then pose and shape.
+///
+/// Returns the problems at their minima with their costs, lowest cost first.
 pub(crate) fn fits_from<'a, P: Pose<N>, const N: usize>(
     model: &'a PointModes,
     camera: Vector4<f64>,
@@ -83,7 +88,7 @@ pub(crate) fn fits_from<'a, P: Pose<N>, const N: usize>(
 ) -> Vec<(f64, CarsProblem<'a, P, N, MODES>)> {
     let fit = |pose: P| {
         let prior = Gaussian { mean: shape.mean, information: shape.information };
-        let place = Placed { pose, shape: shape.mean };
+        let place = PoseAndShape { pose, shape: shape.mean };
         let mut problem = CarsProblem::alone(model, camera, found, prior, place, options.kernel);
         problem.shapes_fixed = true;
         problem.whiten(options.atlas_residual_scale, COARSE_SD_M);

@@ -1,4 +1,4 @@
-//! Cars without being told that they stand on a plane: the paper's own path, and the ablation of the joint solver.
+//! Solves with free poses: the paper's own method, and the ablation of the joint solver.
 
 use nalgebra::{Isometry3, Matrix4, Matrix6, Rotation3, SMatrix, Translation3, UnitQuaternion, Vector4};
 use roadplane_base::{Camera, CameraParams, ImageSize, KEYPOINTS, KeypointSet, MODES, Shape, ShapeAtlas};
@@ -19,15 +19,15 @@ use crate::solution::{CarView, SceneStatus};
 use crate::start::alternation::{LAST_TERMS, alternate};
 use crate::start::weak_perspective::{Appearance, DirectionGrid};
 
-/// Views of a car that are followed to their minimum.
+/// Number of a car's view directions that are refined to their minimum.
 const FOLLOWED: usize = 4;
 
 /// A car with a free pose.
 #[derive(Clone, Debug)]
 pub struct FreeCarFit {
-    /// Rigid motion from the car's to the camera's frame.
+    /// Rigid motion from the car's to the camera's frame, m.
     pub camera_from_car: Isometry3<f64>,
-    /// Covariance of (ω rad: turn about the camera's axes; translation m).
+    /// Covariance of (ω, T): turn about the camera's axes, rad, and translation, m.
     pub pose_covariance: Matrix6<f64>,
     /// Shape coefficients, each in units of its sd over all cars.
     pub shape: Shape,
@@ -39,22 +39,23 @@ pub struct FreeCarFit {
     pub cost: f64,
 }
 
-/// A frame's answer with free poses.
+/// Solution of a frame with free poses.
 #[derive(Clone, Debug)]
 pub struct FreeSceneSolution {
-    /// How it ended.
+    /// Result of the solve.
     pub status: SceneStatus,
-    /// Focal length and, where plane terms were used, the plane (else the prior's).
+    /// Focal length and plane; without plane terms, the plane is the prior's.
     pub params: CameraParams,
     /// Covariance of (log f, tilt, roll, log h).
     pub covariance: Matrix4<f64>,
-    /// Per view; `None` where nothing could be fitted.
+    /// Solution per view, in the order of the input; `None` if a view could not be fitted.
     pub cars: Vec<Option<FreeCarFit>>,
 }
 
-/// Pose and shape of one car before a known camera, nothing known of the ground. All view directions are tried, so front and
-/// back and the flip of flat views are decided by the evidence. `None` with fewer than
-/// [`MIN_KEYPOINTS`](roadplane_base::MIN_KEYPOINTS) usable ones.
+/// Fits pose and shape of one car before a given camera, without a ground plane.
+///
+/// All view directions are tried, so that the evidence decides between front and back, and between the two flips of a
+/// flat view. Returns `None` if fewer than [`MIN_KEYPOINTS`](roadplane_base::MIN_KEYPOINTS) keypoints are usable.
 #[must_use]
 pub fn fit_free_car(
     atlas: &ShapeAtlas,
@@ -64,20 +65,22 @@ pub fn fit_free_car(
 ) -> Option<FreeCarFit> {
     let model = PointModes::new(atlas);
     let found = observations(keypoints, camera, 1.0)?;
-    let known = Vector4::new(camera.focal_px.ln(), 0.0, 0.0, 0.0);
-    if !known[0].is_finite() {
+    let params = Vector4::new(camera.focal_px.ln(), 0.0, 0.0, 0.0);
+    if !params[0].is_finite() {
         return None;
     }
-    let mut problem = best_free(atlas, &model, &DirectionGrid::new(), known, &found, options)?;
+    let mut problem = best_free(atlas, &model, &DirectionGrid::new(), params, &found, options)?;
     minimise_with_types(atlas, &mut problem, options)?;
     let joint = problem.only_view_covariance()?;
     read_car(&problem, 0, &joint)
 }
 
-/// Free poses of all cars of a frame. With `plane`, cars are drawn to a common plane with these sd (the paper's Eq. 7, solved
-/// by its Algorithm 1 and then jointly); the focal length may then be unknown. Without a plane and without a known focal
-/// length the problem is all but unobservable (the paper's finding 1) and the prior's focal length is used. Views of one
-/// group are taken for different cars.
+/// Solves all cars of a frame with free poses.
+///
+/// With `plane`, soft terms draw cars to a common plane (the paper's Eq. 7, solved by its Algorithm 1 and then
+/// jointly). The focal length may then be unknown. Without plane terms, the focal length is hardly observable (the
+/// paper's finding 1). The prior's focal length is then used unless one is given. Views of one group count as different
+/// cars.
 #[must_use]
 pub fn solve_free_scene(
     atlas: &ShapeAtlas,
@@ -88,10 +91,10 @@ pub fn solve_free_scene(
 ) -> FreeSceneSolution {
     let model = PointModes::new(atlas);
     let mut setup = Setup::new(atlas, &model, size, views, options);
-    for sight in &mut setup.sights {
-        sight.group = sight.index;
+    for usable_view in &mut setup.usable_views {
+        usable_view.group = usable_view.index;
     }
-    let focal_known = setup.knowledge.fixed[0];
+    let focal_given = setup.knowledge.fixed[0];
     let mean = setup.knowledge.mean;
     let mut solution = FreeSceneSolution {
         status: SceneStatus::TooFewCars,
@@ -100,14 +103,16 @@ pub fn solve_free_scene(
         cars: vec![None; views.len()],
     };
     let grid = DirectionGrid::new();
-    let best = |found| best_free(atlas, &model, &grid, mean, found, options).map(|best| best.placed(0));
-    let placed: Vec<_> = setup.sights.iter().map(|sight| best(&sight.observations)).collect();
+    let best =
+        |found| best_free(atlas, &model, &grid, mean, found, options).map(|best| best.pose_and_shape(0));
+    let placed: Vec<_> =
+        setup.usable_views.iter().map(|usable_view| best(&usable_view.observations)).collect();
     let (mut problem, members) = setup.problem(mean, &placed);
     if members.is_empty() {
         return solution;
     }
     problem.knowledge.fixed =
-        [focal_known || plane.is_none(), plane.is_none(), plane.is_none(), plane.is_none()];
+        [focal_given || plane.is_none(), plane.is_none(), plane.is_none(), plane.is_none()];
     problem.whiten(options.atlas_residual_scale, 0.0);
     if let Some(terms) = plane {
         if !alternate(&mut problem, &options.lm) {
@@ -126,14 +131,14 @@ pub fn solve_free_scene(
     let Some(covariance) = problem.knowledge.covariance(&information, &camera) else { return solution };
     (solution.params, solution.covariance) = (CameraParams::from_vector(&camera), covariance);
     let is_determined = plane.is_some() && setup.knowledge.is_focal_determined(&information, &camera);
-    solution.status = SceneStatus::of(report.termination, focal_known, is_determined);
+    solution.status = SceneStatus::of(report.termination, focal_given, is_determined);
     for (k, (s, joint)) in members.iter().zip(problem.view_covariances(&covariance)).enumerate() {
-        solution.cars[setup.sights[*s].index] = read_car(&problem, k, &joint);
+        solution.cars[setup.usable_views[*s].index] = read_car(&problem, k, &joint);
     }
     solution
 }
 
-/// The best of a car's possible views, followed to its minimum before a known camera.
+/// Returns the best fit of a car before a given camera, from its possible view directions.
 fn best_free<'a>(
     atlas: &ShapeAtlas,
     model: &'a PointModes,
@@ -148,7 +153,7 @@ fn best_free<'a>(
     fits.into_iter().map(|(_, problem)| problem).next()
 }
 
-/// To the minimum, each car with the prior of the body types that it may have, unless cars are exactly in the atlas.
+/// Minimises, with the mixture of each car's likely body types as its prior unless cars are exactly in the atlas.
 fn minimise_with_types(
     atlas: &ShapeAtlas,
     problem: &mut FreeProblem<'_>,
@@ -158,7 +163,7 @@ fn minimise_with_types(
     if options.atlas_residual_scale > 0.0 {
         let types = BodyTypes::new(atlas, options);
         for _ in 0..ROUNDS_OF_TYPES {
-            problem.tell_types(&types)?;
+            problem.infer_body_types(&types)?;
             report = minimise(problem, &options.lm);
         }
     }
@@ -167,7 +172,7 @@ fn minimise_with_types(
 
 fn free_from(appearance: &Appearance, focal_px: f64) -> FreePose {
     let rotation = Rotation3::from_matrix_unchecked(appearance.camera_from_car(focal_px));
-    // s px/m means a depth of f/s, that is e^ρ = 1/s.
+    // A scale of s px/m means a depth of f/s, so e^ρ = 1/s.
     FreePose {
         camera_from_car: UnitQuaternion::from_rotation_matrix(&rotation),
         anchor: appearance.origin,
@@ -177,9 +182,9 @@ fn free_from(appearance: &Appearance, focal_px: f64) -> FreePose {
 
 fn read_car(problem: &FreeProblem<'_>, k: usize, joint: &Joint) -> Option<FreeCarFit> {
     const UNKNOWNS: usize = Gram::<FREE, MODES>::RESIDUAL;
-    let (place, fit) = (problem.placed(k), problem.fit_of(k)?);
+    let (place, fit) = (problem.pose_and_shape(k), problem.fit_of(k)?);
     let frame = place.pose.frame(&CameraFrame::new(&problem.state.camera))?;
-    // (ω, T) by all unknowns
+    // Derivative of (ω, T) by all unknowns.
     let mut change = SMatrix::<f64, 6, UNKNOWNS>::zeros();
     let by_pose = frame.by_pose.iter().enumerate();
     let by_camera =

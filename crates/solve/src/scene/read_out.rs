@@ -1,4 +1,4 @@
-//! From the minimum to the answer: the camera of all modes, its covariance, and the cars before it.
+//! The solution at the minimum: the camera of all modes, its covariance, and the cars before it.
 
 use nalgebra::{Matrix4, Vector4};
 use roadplane_base::{Camera, CameraParams, JointInformation, MODES};
@@ -7,12 +7,14 @@ use crate::linear::lm::{LmReport, Termination, minimise};
 use crate::options::ShapePrior;
 use crate::problem::cars::GroundProblem;
 use crate::problem::setup::Setup;
-use crate::scene::all_modes::{FineCamera, camera_of_all_modes, told};
+use crate::scene::all_modes::{FineCamera, camera_of_all_modes, camera_of_cars};
 use crate::scene::car::car_solution;
 use crate::scene::fit::fit_car;
 use crate::solution::{CarSolution, CarView, SceneSolution, SceneStatus};
 
-/// The answer of a problem at its minimum, whose views are the sights `members`; other sights are fitted before the camera found.
+/// Returns the solution of a problem at its minimum.
+///
+/// `members` are the indices of the problem's views. Other usable views are fitted before the estimated camera.
 pub(crate) fn read_out(
     setup: &Setup<'_>,
     problem: &mut GroundProblem<'_, MODES>,
@@ -28,12 +30,12 @@ pub(crate) fn read_out(
     let is_followed = report.iterations > 0;
     let fine = is_followed.then(|| camera_of_all_modes(setup.atlas, problem, options)).flatten();
     let is_fine = fine.is_some();
-    let Some(answer) = fine.or_else(|| told(problem, options)) else { return failed() };
+    let Some(answer) = fine.or_else(|| camera_of_cars(problem, options)) else { return failed() };
     if is_followed {
         problem.follow(&(answer.camera - problem.state.camera));
     }
     if is_fine {
-        // Too far a way for the cars to follow exactly.
+        // The camera's change is too large for the linear update of the cars to be exact.
         problem.knowledge.fixed = [true; 4];
         minimise(problem, &options.lm);
         if problem.information().is_none() {
@@ -42,22 +44,22 @@ pub(crate) fn read_out(
     }
     let FineCamera { information, covariance, .. } = answer;
     let pull = setup.knowledge.terms(&problem.state.camera).gradient;
-    let information = information.leading_to(&problem.state.camera, &pull, options.shared_sd());
+    let information = information.with_minimum_at(&problem.state.camera, &pull, options.shared_sd());
     let (cars_say, _) = information.marginal(options.shared_sd());
     let joints = problem.view_covariances(&covariance);
     let params = CameraParams::from_vector(&problem.state.camera);
     let mut cars: Vec<Option<CarSolution>> = vec![None; views.len()];
     for (k, s) in members.iter().enumerate() {
         let solved = car_solution(problem, k, &joints[k]);
-        cars[setup.sights[*s].index] = solved.map(|(car, _)| car);
+        cars[setup.usable_views[*s].index] = solved.map(|(car, _)| car);
     }
     let camera = Camera { lens: options.lens, ..Camera::centred(params.focal_px(), setup.size) };
-    for (s, sight) in setup.sights.iter().enumerate() {
+    for (s, usable_view) in setup.usable_views.iter().enumerate() {
         if members.binary_search(&s).is_err() {
-            let keypoints = views[sight.index].keypoints;
+            let keypoints = views[usable_view.index].keypoints;
             let any = ShapePrior::default();
             let fit = fit_car(setup.atlas, &camera, &params.plane(), keypoints, &any, None, options);
-            cars[sight.index] = fit.map(|fit| CarSolution { used: false, ..fit.car });
+            cars[usable_view.index] = fit.map(|fit| CarSolution { used: false, ..fit.car });
         }
     }
     let is_determined = setup.knowledge.is_focal_determined(&cars_say, &problem.state.camera);
@@ -74,7 +76,7 @@ pub(crate) fn read_out(
     }
 }
 
-/// The prior, as an answer.
+/// Returns a solution that contains only the prior.
 pub(crate) fn unsolved(setup: &Setup<'_>, views: usize, status: SceneStatus) -> SceneSolution {
     let knowledge = &setup.knowledge;
     let variance = |i, _| if knowledge.fixed[i] { 0.0 } else { 1.0 / knowledge.information[i] };

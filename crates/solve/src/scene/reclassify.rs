@@ -1,15 +1,18 @@
-//! Which keypoints are right? A minimum where one wrong keypoint has bent the shape to itself (or a right one is left out) is
-//! left by asking for every doubtful keypoint what the fit would be with the opposite answer.
+//! Reclassification of single keypoints as right or wrong.
 //!
-//! With rows J and residual r of the keypoint and the fit's covariance C, taking it out (or in) moves the minimum, to first
-//! order, by the down- (or up-)date of a Kalman filter, and its residual becomes
+//! A wrong keypoint may have distorted the shape until it fits, or a right one may be left out. To leave such a
+//! minimum, the opposite decision is tried for every doubtful keypoint.
+//!
+//! Let J and r be the keypoint's rows and residual, and C the fit's covariance. Removing (or adding) the keypoint moves
+//! the minimum, to first order, by the downdate (or update) of a Kalman filter. Its residual becomes
 //!
 //! ```text
 //! out   δ =  C Jᵀ r̃    r̃ = (I − J C Jᵀ)⁻¹ r      in   δ = −C Jᵀ r̃    r̃ = (I + J C Jᵀ)⁻¹ r
 //! ```
 //!
-//! The cost then changes by about ½ (t² − r·r̃), or its opposite. Where that is not hopeless the fit is minimised from there.
-//! Source of the deleted residual: Cook and Weisberg, Residuals and Influence in Regression, §2.2.
+//! The cost then changes by about ½ (t² − r·r̃), or by the negative of this. If the change is small enough, the fit is
+//! minimised from there. Source of the deleted residual: Cook and Weisberg, Residuals and Influence in Regression,
+//! §2.2.
 
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2, Vector4};
 use roadplane_base::MODES;
@@ -17,66 +20,66 @@ use roadplane_base::MODES;
 use crate::linear::gram::Gram;
 use crate::linear::lm::{LmOptions, Problem as _, minimise};
 use crate::model::latent::body_types::Gaussian;
+use crate::model::on_plane::{ON_PLANE, PlanePose};
 use crate::model::pose::Pose as _;
-use crate::model::standing::{STANDING, Standing};
 use crate::problem::cars::{CarsProblem, GroundProblem};
-use crate::problem::setup::{Placed, Setup};
+use crate::problem::setup::{PoseAndShape, Setup};
 
-/// Unknowns of a car before a given camera.
-const OWN: usize = Gram::<STANDING, MODES>::CAMERA;
+/// Number of unknowns of a car before a given camera.
+const OWN: usize = Gram::<ON_PLANE, MODES>::CAMERA;
 /// Column of the residual.
-const RESIDUAL: usize = Gram::<STANDING, MODES>::RESIDUAL;
-/// A change that promises to cost more than this is not tried.
+const RESIDUAL: usize = Gram::<ON_PLANE, MODES>::RESIDUAL;
+/// Largest predicted increase of the cost for which a change is tried.
 const DOUBT: f64 = 8.0;
-/// Tried per car and round, the most promising first.
+/// Number of changes tried per car and round, the most promising first.
 const TRIES: usize = 8;
-/// Rounds per car: one keypoint may hide another.
+/// Rounds per car, because one keypoint may mask another.
 const ROUNDS: usize = 3;
-/// Decrease of the cost that counts.
+/// Least decrease of the cost that counts as an improvement.
 const MIN_GAIN: f64 = 0.01;
-/// A keypoint that alone determines a direction cannot be questioned.
+/// Least determinant of (I ∓ J C Jᵀ). A keypoint below it alone determines a direction, and is not tried.
 const MIN_FREEDOM: f64 = 1e-3;
 
-/// A better place and shape of a sight before this camera, if changing one's mind about single keypoints finds one.
+/// Returns a better pose and shape of a view before this camera, if reclassifying single keypoints finds one.
 pub(crate) fn reclassified(
     setup: &Setup<'_>,
     camera: &Vector4<f64>,
-    sight: usize,
-    place: Placed<Standing>,
-) -> Option<Placed<Standing>> {
+    usable_view: usize,
+    place: PoseAndShape<PlanePose>,
+) -> Option<PoseAndShape<PlanePose>> {
     let options = setup.options;
-    let observations = &setup.sights[sight].observations;
+    let observations = &setup.usable_views[usable_view].observations;
     let prior = Gaussian::of_all_cars();
     let mut problem = CarsProblem::alone(setup.model, *camera, observations, prior, place, options.kernel);
     problem.whiten(options.atlas_residual_scale, 0.0);
     let before = minimise(&mut problem, &options.lm).cost;
-    let mut lowest = (before, problem.placed(0));
+    let mut lowest = (before, problem.pose_and_shape(0));
     for _ in 0..ROUNDS {
         let mut better = None;
         for start in starts(&mut problem)? {
-            problem.place(start);
+            problem.set_pose_and_shape(start);
             let quick = LmOptions { initial_damping: 1e-2, ..options.lm };
             let cost = minimise(&mut problem, &quick).cost;
             if cost < better.map_or(lowest.0, |(cost, _)| cost) - MIN_GAIN {
-                better = Some((cost, problem.placed(0)));
+                better = Some((cost, problem.pose_and_shape(0)));
             }
         }
         let Some((cost, place)) = better else { break };
         lowest = (cost, place);
-        problem.place(place);
+        problem.set_pose_and_shape(place);
         problem.linearise()?;
     }
     (lowest.0 < before - MIN_GAIN).then_some(lowest.1)
 }
 
-/// Where the fit would be with one doubtful keypoint taken out or in, most promising first.
-fn starts(problem: &mut GroundProblem<'_, MODES>) -> Option<Vec<Placed<Standing>>> {
+/// Returns the predicted fits with one doubtful keypoint removed or added, the most promising first.
+fn starts(problem: &mut GroundProblem<'_, MODES>) -> Option<Vec<PoseAndShape<PlanePose>>> {
     let joint = problem.only_view_covariance()?;
     let own = joint.fixed_view::<OWN, OWN>(0, 0).into_owned();
     let wrong = problem.kernel.cost_of_wrong();
-    let here = problem.placed(0);
+    let here = problem.pose_and_shape(0);
     let bounds = problem.model.bounds;
-    let mut starts: Vec<(f64, Placed<Standing>)> = Vec::new();
+    let mut starts: Vec<(f64, PoseAndShape<PlanePose>)> = Vec::new();
     problem.each_row(0, |keypoint| {
         let j = SMatrix::<f64, 2, OWN>::from_fn(|r, c| keypoint.rows[r][c]);
         let r = Vector2::new(keypoint.rows[0][RESIDUAL], keypoint.rows[1][RESIDUAL]);
@@ -95,7 +98,7 @@ fn starts(problem: &mut GroundProblem<'_, MODES>) -> Option<Vec<Placed<Standing>
         let mut start = here;
         start.pose = here.pose.moved(step.as_slice());
         for (m, [low, high]) in (0..MODES).zip(&bounds) {
-            start.shape[m] = (start.shape[m] + step[STANDING + m]).clamp(*low, *high);
+            start.shape[m] = (start.shape[m] + step[ON_PLANE + m]).clamp(*low, *high);
         }
         starts.push((change, start));
     })?;

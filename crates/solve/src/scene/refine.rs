@@ -1,29 +1,30 @@
-//! From a scene that is already known roughly or exactly: the joint refinement alone, and the Cramér–Rao bound.
+//! Solves from a given scene: the joint refinement alone, and the Cramér–Rao bound.
 
 use roadplane_base::{CameraParams, GroundPose, ImageSize, Shape, ShapeAtlas};
 
 use crate::linear::lm::{LmReport, Problem as _, Termination, minimise};
+use crate::model::on_plane::PlanePose;
 use crate::model::points::PointModes;
 use crate::model::pose::CameraFrame;
-use crate::model::standing::Standing;
 use crate::options::SceneOptions;
-use crate::problem::setup::{Placed, Setup};
+use crate::problem::setup::{PoseAndShape, Setup};
 use crate::scene::read_out::read_out;
 use crate::solution::{CarView, SceneSolution};
 
-/// A scene to start from: camera, and per view pose and shape.
+/// A given scene: camera, and pose and shape per view.
 #[derive(Clone, Copy, Debug)]
 pub struct GivenScene<'a> {
     /// Focal length and plane.
     pub params: CameraParams,
     /// Pose per view.
     pub poses: &'a [GroundPose],
-    /// Shape per view; views of a group take the first one's.
+    /// Shape per view; the shape of a group's first view holds for the group.
     pub shapes: &'a [Shape],
 }
 
-/// The joint refinement from a given scene, without search, repair or rejection. `None` when the lists differ in length,
-/// no view is usable, or the start cannot be evaluated.
+/// Refines a given scene jointly, without search, reclassification or rejection.
+///
+/// Returns `None` if the lists differ in length, if no view is usable, or if the start cannot be evaluated.
 #[must_use]
 pub fn refine_scene(
     atlas: &ShapeAtlas,
@@ -32,11 +33,13 @@ pub fn refine_scene(
     from: &GivenScene<'_>,
     options: &SceneOptions,
 ) -> Option<SceneSolution> {
-    known(atlas, size, views, from, options, true)
+    at_given_scene(atlas, size, views, from, options, true)
 }
 
-/// Covariances at a given scene, nothing moved. At the truth, with the outlier model off and only right keypoints given, they
-/// are the Cramér–Rao bound (Bayesian in the shapes).
+/// Computes the covariances at a given scene without moving it.
+///
+/// At the true scene they are the Cramér–Rao bound (Bayesian in the shapes). For this, the outlier model must be off
+/// and all keypoints must be right. Returns `None` as [`refine_scene`] does.
 #[must_use]
 pub fn scene_bound(
     atlas: &ShapeAtlas,
@@ -45,10 +48,10 @@ pub fn scene_bound(
     at: &GivenScene<'_>,
     options: &SceneOptions,
 ) -> Option<SceneSolution> {
-    known(atlas, size, views, at, options, false)
+    at_given_scene(atlas, size, views, at, options, false)
 }
 
-fn known(
+fn at_given_scene(
     atlas: &ShapeAtlas,
     size: ImageSize,
     views: &[CarView<'_>],
@@ -64,9 +67,9 @@ fn known(
     let camera = scene.params.to_vector();
     let frame = CameraFrame::new(&camera);
     let place = |index: usize| {
-        Some(Placed { pose: Standing::of(&scene.poses[index], &frame)?, shape: scene.shapes[index] })
+        Some(PoseAndShape { pose: PlanePose::of(&scene.poses[index], &frame)?, shape: scene.shapes[index] })
     };
-    let placed: Vec<_> = setup.sights.iter().map(|sight| place(sight.index)).collect();
+    let placed: Vec<_> = setup.usable_views.iter().map(|usable_view| place(usable_view.index)).collect();
     let (mut problem, members) = setup.problem(camera, &placed);
     problem.whiten(options.atlas_residual_scale, 0.0);
     let report = if refined {

@@ -1,4 +1,4 @@
-//! Whether what was called a car is one.
+//! Rejection of false detections.
 
 use roadplane_base::{MIN_KEYPOINTS, MODES};
 
@@ -6,8 +6,10 @@ use crate::options::SceneOptions;
 use crate::problem::cars::GroundProblem;
 use crate::problem::setup::cost_of_missing;
 
-/// Whether a view is of a car on this plane: enough of its keypoints fit, and they fit well enough with a shape that is
-/// likely enough to explain much more than "all keypoints are wrong" does.
+/// Whether a view shows a car on this plane.
+///
+/// Enough of its keypoints must fit. The cost of fit and shape must be well below the cost of "all keypoints are
+/// wrong".
 pub(crate) fn belongs(problem: &GroundProblem<'_, MODES>, k: usize, options: &SceneOptions) -> bool {
     let Some(fit) = problem.fit_of(k) else { return false };
     let group = problem.views[k].group;

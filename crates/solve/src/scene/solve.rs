@@ -1,14 +1,14 @@
-//! The whole solve of one frame, top to bottom:
+//! The whole solve of one frame, from top to bottom:
 //!
-//! 1. starts: the one that is given, or a search from nothing (`start/cold_start.rs`);
-//! 2. each followed with shapes free, in stages (`approach.rs`); the lowest is kept;
-//! 3. what does not fit as a car is left out, and the others followed again (`rejection.rs`);
+//! 1. starts: the given one, or a search from nothing (`start/cold_start.rs`);
+//! 2. minimisation from each start with free shapes, in stages (`approach.rs`); the lowest cost is kept;
+//! 3. rejection of views that do not fit a car, and minimisation with the others (`rejection.rs`);
 //! 4. the minimum;
-//! 5. second thoughts about keypoints (`reclassify.rs`);
-//! 6. the camera of all modes, with body types and trust (`all_modes.rs`), its bias taken away (`problem/cars/bias.rs`);
+//! 5. reclassification of single keypoints (`reclassify.rs`);
+//! 6. the camera of all modes, with body types and trust (`all_modes.rs`) and corrected bias (`problem/cars/bias.rs`);
 //! 7. covariances, and the cars before that camera (`read_out.rs`).
 //!
-//! [`Steps`](crate::Steps) switches steps off, to see what each is worth (`roadplane eval solver --layers`).
+//! [`Steps`](crate::Steps) switches steps off, to measure their effects (`roadplane-lab eval solver --layers`).
 
 use roadplane_base::{CameraParams, ImageSize, MODES, ShapeAtlas};
 
@@ -24,19 +24,21 @@ use crate::scene::rejection::belongs;
 use crate::solution::{CarView, SceneSolution, SceneStatus};
 use crate::start::cold_start::{Start, coarse, cold_starts, place_all};
 
-/// Starts that are refined with shapes.
+/// Number of starts that are refined with shapes.
 const FINALISTS: usize = 3;
-/// Rounds of "does this car belong?".
+/// Largest number of rounds of rejection.
 const REJECTION_ROUNDS: usize = 3;
-/// Rounds of changing one's mind about single keypoints, all cars at once.
+/// Largest number of rounds of reclassification of keypoints, over all cars.
 const RECLASSIFY_ROUNDS: usize = 4;
-/// A start nearer than this in cost per keypoint is as good as found (warm starts).
+/// Largest cost per keypoint at which a given start is used without a search.
 const GOOD_COST_PER_KEYPOINT: f64 = 2.0;
-/// A start that the cars lead further away from (log focal, tilt, roll, log height) is rejected: the search decides.
+/// Largest change of (log focal, tilt, roll, log height) from a given start; beyond it, the search decides.
 const WARM_REACH: [f64; 4] = [0.3, 0.1, 0.1, 0.3];
 
-/// Solves a frame for focal length, plane, poses and shapes. Never panics or hangs: what cannot be solved has a status that
-/// says so, and uncertainty that is as wide as it is.
+/// Solves a frame for focal length, plane, poses and shapes.
+///
+/// It never panics or hangs. The status names the reason if a frame cannot be solved, and the covariance is then as
+/// wide as the prior's.
 #[must_use]
 pub fn solve_scene(
     atlas: &ShapeAtlas,
@@ -46,7 +48,7 @@ pub fn solve_scene(
 ) -> SceneSolution {
     let model = PointModes::new(atlas);
     let setup = Setup::new(atlas, &model, size, views, options);
-    if setup.sights.is_empty() {
+    if setup.usable_views.is_empty() {
         return unsolved(&setup, views.len(), SceneStatus::TooFewCars);
     }
     if let (Some(given), Some(start)) =
@@ -64,8 +66,9 @@ pub fn solve_scene(
     finish(&setup, start, views)
 }
 
-/// The start that leads to the lowest cost with shapes free, followed there. Cars without a place cost what they cost as
-/// outliers.
+/// Minimises from each start with free shapes, and returns the state of lowest cost.
+///
+/// A car without a pose costs as much as outliers only.
 fn best_of(setup: &Setup<'_>, starts: Vec<Start>) -> Option<Start> {
     let mut best: Option<Start> = None;
     for start in starts {
@@ -79,7 +82,7 @@ fn best_of(setup: &Setup<'_>, starts: Vec<Start>) -> Option<Start> {
     best
 }
 
-/// The start that the caller gives, if the cars fit there.
+/// Returns the start that the caller gives, if the cars fit there.
 fn warm_start(setup: &Setup<'_>) -> Option<Start> {
     let mut camera = setup.options.start.map(CameraParams::to_vector)?;
     if !camera.iter().all(|v| v.is_finite()) {
@@ -88,19 +91,19 @@ fn warm_start(setup: &Setup<'_>) -> Option<Start> {
     if setup.knowledge.fixed[0] {
         camera[0] = setup.knowledge.mean[0];
     }
-    let keypoints: usize = setup.sights.iter().map(|sight| sight.observations.len()).sum();
+    let keypoints: usize = setup.usable_views.iter().map(|usable_view| usable_view.observations.len()).sum();
     let start = coarse(setup, place_all(setup, &camera))?;
     (start.cost < GOOD_COST_PER_KEYPOINT * keypoints as f64).then_some(start)
 }
 
-/// To the minimum.
+/// Minimises with free shapes.
 fn polish(problem: &mut GroundProblem<'_, MODES>, options: &SceneOptions) -> LmReport {
     problem.shapes_fixed = false;
     problem.whiten(options.atlas_residual_scale, 0.0);
     minimise(problem, &options.lm)
 }
 
-/// Leaves out what is no car, refines to the end, reads out.
+/// Rejects false detections, refines to the minimum and returns the solution.
 fn finish(setup: &Setup<'_>, start: Start, views: &[CarView<'_>]) -> SceneSolution {
     let options = setup.options;
     let mut camera = start.camera;

@@ -1,7 +1,8 @@
-//! Plane hypotheses from single cars: the direction that most cars hold for up (the paper's RANSAC on `{R_k}`), tried
-//! exhaustively instead of at random, and the height that their sizes imply (its RANSAC on `{T_k}`).
+//! Plane hypotheses from single cars.
 //!
-//! Size says depth: a car seen with s px/m is at z = f/s, so `n · T + h = 0` reads `s = −(n_x u + n_y v + n_z f) / h`.
+//! The normal is the up direction on which most cars agree (the paper's RANSAC on `{R_k}`, but exhaustive instead of
+//! random). The height follows from the cars' sizes (the paper's RANSAC on `{T_k}`). Size determines depth: a car with
+//! s px/m is at z = f/s, so `n · T + h = 0` becomes `s = −(n_x u + n_y v + n_z f) / h`.
 
 use nalgebra::{Vector3, Vector4};
 use roadplane_base::GroundPlane;
@@ -10,20 +11,20 @@ use crate::start::weak_perspective::Appearance;
 
 /// Width of agreement between cars' up directions, rad.
 const AGREEMENT_RAD: f64 = 0.14;
-/// Per unit of an appearance's extra cost over the car's best one, its vote halves this many times.
+/// Rate at which an appearance's vote falls with its cost: the vote is exp(−rate · (cost − cost of the car's best)).
 const COST_SCALE: f64 = 0.35;
-/// A second plane is tried when it has at least this share of the best one's support.
+/// Least support of a further plane, as a share of the best one's.
 const MIN_SUPPORT: f64 = 0.5;
-/// Steepest and shallowest tilt of a hypothesis, rad.
+/// Least and largest tilt of a hypothesis, rad.
 const TILT_RANGE: [f64; 2] = [-0.05, 1.5];
-/// Its largest roll, rad.
+/// Largest roll of a hypothesis, rad.
 const MAX_ROLL: f64 = 0.8;
-/// Its least height, m.
+/// Least height of a hypothesis, m.
 const MIN_HEIGHT_M: f64 = 0.3;
 
-/// Cameras (log f, tilt, roll, log h) that the cars agree on at this focal length, best supported first.
+/// Returns cameras (log f, tilt, roll, log h) on which the cars agree at this focal length, best supported first.
 pub(crate) fn planes_for_focal(cars: &[Vec<Appearance>], focal_px: f64, most: usize) -> Vec<Vector4<f64>> {
-    // (car, vote, up in camera frame, index of appearance)
+    // Entries: (car, vote, up in the camera frame, index of the appearance).
     let mut ballots: Vec<(usize, f64, Vector3<f64>, usize)> = Vec::new();
     for (k, appearances) in cars.iter().enumerate() {
         let Some(best) = appearances.first() else { continue };
@@ -58,7 +59,7 @@ pub(crate) fn planes_for_focal(cars: &[Vec<Appearance>], focal_px: f64, most: us
     planes
 }
 
-/// Averages around a seed direction and reads tilt, roll and height.
+/// Averages up directions around a seed, and computes tilt, roll and height; `None` if there is no valid camera.
 fn camera_from_up(
     cars: &[Vec<Appearance>],
     ballots: &[(usize, f64, Vector3<f64>, usize)],
@@ -81,7 +82,9 @@ fn camera_from_up(
     camera_on(focal_px, &up, chosen.map(position))
 }
 
-/// Camera (log f, tilt, roll, log h) with this direction up over cars at these positions: the height is their median.
+/// Returns the camera (log f, tilt, roll, log h) with this up direction above cars at these positions.
+///
+/// The height is the median over cars. Returns `None` without cars or with too large a roll.
 pub(crate) fn camera_on(
     focal_px: f64,
     up: &Vector3<f64>,

@@ -1,60 +1,61 @@
-//! A car's view direction without any camera: scaled orthography of the mean car, searched over a grid.
+//! View directions of a car without a camera: scaled orthography of the mean car, searched over a grid.
 //!
-//! Seen from afar a car looks as from a direction (azimuth α, elevation ε), turned in the image by ρ, scaled by s px/m:
+//! A distant car has a view direction (azimuth α, elevation ε), a rotation ρ in the image and a scale of s px/m:
 //!
 //! ```text
 //! z_i = a m_i(α, ε) + t,   a = s e^{iρ},   m_i = first two rows of R(ε) Rz(α) X_i as a complex number
 //! ```
 //!
-//! For each (α, ε) the best a and t are linear least squares in closed form. The whole sphere is searched, so no start is
-//! needed, and the two-fold flip of nearly flat views and front/back show up as separate minima. Focal length does not enter:
-//! it only says how far away the car is (paper, §4.2). Source of the closed form: Horn 1987 in the plane.
+//! For each (α, ε) the best a and t are linear least squares in closed form. The whole sphere is searched, so no start
+//! is needed. The two flips of a nearly flat view, and front and back, are separate minima. The focal length is not
+//! needed, since it only scales the car's distance (paper, §4.2). Source of the closed form: Horn 1987 in the plane.
 
 use nalgebra::{Complex, Matrix3, Vector2, Vector3};
 use roadplane_base::KEYPOINTS;
 
 use crate::model::observation::Observation;
 
+/// Number of azimuths of the grid.
 const AZIMUTHS: usize = 24;
 /// Elevations of the line of sight, degrees.
 const ELEVATIONS: [f64; 7] = [3.0, 10.0, 19.0, 30.0, 43.0, 58.0, 78.0];
 /// sd that the unknown shape adds, m.
 const SHAPE_SD_M: f64 = 0.12;
-/// Most that one keypoint can cost.
+/// Largest cost of one keypoint.
 const CAP: f64 = 9.0;
 
-/// A way of seeing the car.
+/// A possible view of a car, in scaled orthography.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Appearance {
     /// Truncated cost.
     pub cost: f64,
     /// Rotation from the car's frame to one whose z axis is the line of sight to the car.
-    pub sight_from_car: Matrix3<f64>,
-    /// Size, px per m.
+    pub ray_from_car: Matrix3<f64>,
+    /// Scale, px per m.
     pub scale: f64,
     /// Image of the car's origin, px from the principal point.
     pub origin: Vector2<f64>,
 }
 
-/// The rotation (row-major part that matters: 2 rows) for each direction of the grid.
+/// The rotations of all directions of the grid.
 pub(crate) struct DirectionGrid {
     rotations: Vec<Matrix3<f64>>,
-    /// Their first two rows.
+    /// First two rows of each rotation.
     rows: Vec<[Vector3<f64>; 2]>,
 }
 
 impl Appearance {
-    /// The car's rotation before a camera of this focal length.
+    /// Returns the car's rotation before a camera of this focal length, px.
     pub fn camera_from_car(&self, focal_px: f64) -> Matrix3<f64> {
-        camera_from_sight(&self.origin, focal_px) * self.sight_from_car
+        camera_from_ray(&self.origin, focal_px) * self.ray_from_car
     }
 }
 
-/// The smallest rotation that takes the optical axis to the line of sight of a pixel.
-fn camera_from_sight(pixel: &Vector2<f64>, focal_px: f64) -> Matrix3<f64> {
+/// Returns the smallest rotation that takes the optical axis to the line of sight of a pixel.
+fn camera_from_ray(pixel: &Vector2<f64>, focal_px: f64) -> Matrix3<f64> {
     let ray = Vector3::new(pixel.x, pixel.y, focal_px) / (pixel.norm_squared() + focal_px * focal_px).sqrt();
     let axis = Vector3::new(-ray.y, ray.x, 0.0);
-    // Rodrigues for unit vectors: R = I cosθ + [axis]× + axis axisᵀ / (1 + cosθ)
+    // Rodrigues' formula for unit vectors: R = I cosθ + [axis]× + axis axisᵀ / (1 + cosθ).
     Matrix3::identity() * ray.z + axis.cross_matrix() + axis * axis.transpose() / (1.0 + ray.z)
 }
 
@@ -76,7 +77,7 @@ impl DirectionGrid {
         Self { rotations, rows }
     }
 
-    /// Local minima of the cost over the grid, best first.
+    /// Returns the local minima of the cost over the grid, lowest cost first.
     pub fn appearances(
         &self,
         points_in_car: &[Vector3<f64>; KEYPOINTS],
@@ -103,7 +104,7 @@ impl DirectionGrid {
         minima
     }
 
-    /// Best similarity for one direction: least squares, then once more with far-off keypoints damped.
+    /// Fits the similarity for one direction: by least squares, and once more with less weight on outliers.
     fn fit(
         &self,
         direction: usize,
@@ -134,9 +135,9 @@ impl DirectionGrid {
         let cost: f64 = observations.iter().map(|o| 0.5 * o.weight * off(o, a, t).min(CAP)).sum();
         let (cos, sin) = (a.re / scale, a.im / scale);
         let turn = Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0);
-        let sight_from_car = turn * self.rotations[direction];
+        let ray_from_car = turn * self.rotations[direction];
         let origin = Vector2::new(t.re, t.im);
-        (scale > 1e-9 && cost.is_finite()).then_some(Appearance { cost, sight_from_car, scale, origin })
+        (scale > 1e-9 && cost.is_finite()).then_some(Appearance { cost, ray_from_car, scale, origin })
     }
 }
 
@@ -159,7 +160,7 @@ impl Sums {
         self.cross += m.conj() * z * weight;
     }
 
-    /// (a, t), or `None` when all model points coincide.
+    /// Returns (a, t), or `None` if all model points coincide.
     fn solve(&self) -> Option<(Complex<f64>, Complex<f64>)> {
         let (mean_m, mean_z) = (self.model / self.weight, self.pixel / self.weight);
         let spread = self.square - self.weight * mean_m.norm_sqr();

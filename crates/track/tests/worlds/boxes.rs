@@ -1,4 +1,4 @@
-//! Vehicles of which there are boxes alone.
+//! Vehicles that only boxes show.
 
 use nalgebra::{Matrix3, Vector2, Vector3};
 use roadplane_base::{FrameStamp, GroundPose, Shape, VehicleClass};
@@ -10,9 +10,10 @@ use roadplane_track::{
 
 use crate::world::{Path, body_box, camera, pose, times};
 
+/// Length, width and height of the lorry, m.
 const LORRY_M: Vector3<f64> = Vector3::new(9.5, 2.5, 3.4);
 
-/// Bodies are boxes, and lorries about as large as lorries are.
+/// A scene in which bodies are cuboids, and trucks have about the size of real ones.
 struct Bodies;
 
 impl Scene for Bodies {
@@ -43,7 +44,7 @@ impl Scene for Bodies {
     }
 }
 
-/// What one box says by itself: a vehicle stands somewhere behind the middle of its lower edge.
+/// Returns a measurement from one box: the vehicle is somewhere behind the centre of the lower edge.
 fn sighting(class: VehicleClass, bbox_px: [f64; 4], axis_rad: f64) -> CarMeasurement {
     let (camera, plane) = camera();
     let [x0, _, x1, y1] = bbox_px;
@@ -66,7 +67,8 @@ fn sighting(class: VehicleClass, bbox_px: [f64; 4], axis_rad: f64) -> CarMeasure
     }
 }
 
-/// Drives slantwise away, brakes, stands from 5 s to 8 s, drives on.
+/// Returns the path of a lorry that drives away at an angle and brakes. It is stationary from 5 s to 8 s and then
+/// drives on.
 fn lorry() -> Path {
     let (sin, cos) = 1.1f64.sin_cos();
     Box::new(move |t| {
@@ -76,7 +78,7 @@ fn lorry() -> Path {
     })
 }
 
-/// Tracks of boxes of a path whose edges jitter by 2 px and that `hide` changes.
+/// Tracks the boxes of a path. Their edges jitter by 2 px (sd), and `hide` changes them.
 fn follow(path: &Path, hide: impl Fn(f64, &mut [f64; 4])) -> Vec<Track> {
     let mut random = Rng::new(5);
     let mut tracker = Tracker::new(TrackOptions::default());
@@ -91,7 +93,7 @@ fn follow(path: &Path, hide: impl Fn(f64, &mut [f64; 4])) -> Vec<Track> {
     tracker.finish(&Bodies)
 }
 
-/// The one track, the largest error of its places, m, and its states' speeds between 5.5 and 7.5 s.
+/// Returns the only track, its largest position error (m), and its speeds (m/s) between 5.5 s and 7.5 s.
 fn one(tracks: &[Track], path: &Path) -> (Track, f64, Vec<f64>) {
     assert_eq!(tracks.len(), 1, "{tracks:?}");
     let track = tracks[0].clone();
@@ -122,7 +124,7 @@ fn boxes_of_a_whole_way_tell_where_a_lorry_is_and_how_long() {
 
 #[test]
 fn a_mast_before_a_lorry_moves_it_nowhere() {
-    // For a while, and while it stands, half of it is hidden, and nothing says so.
+    // Half of the lorry is hidden for a while, and again while it is stationary. No flag reports this.
     let hide = |time_s: f64, [x0, _, x1, _]: &mut [f64; 4]| {
         if (1.0..1.6).contains(&time_s) || (5.5..7.5).contains(&time_s) {
             *x0 += 0.5 * (*x1 - *x0);
@@ -136,7 +138,7 @@ fn a_mast_before_a_lorry_moves_it_nowhere() {
 
 #[test]
 fn boxes_that_hardly_ever_show_such_a_body_do_not_place_one() {
-    // A motorcycle: a third as wide as what it is called.
+    // This is a motorcycle: much narrower than its class.
     let narrow = |_: f64, [x0, y0, x1, y1]: &mut [f64; 4]| {
         (*x1, *y0) = (*x0 + 0.2 * (*x1 - *x0), *y1 - 0.3 * (*y1 - *y0));
     };

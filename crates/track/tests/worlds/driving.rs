@@ -10,7 +10,7 @@ use crate::{
     world::{Path, Seeing, World, assert_one_track_each, pose, straight, times, track},
 };
 
-/// Root mean square errors of position (m), heading (rad) and speed (m/s).
+/// Returns the root mean square errors of position (m), heading (rad) and speed (m/s).
 fn errors(track: &Track, world: &World, car: usize) -> [f64; 3] {
     let mut sums = [0.0; 3];
     for state in &track.states {
@@ -25,7 +25,7 @@ fn errors(track: &Track, world: &World, car: usize) -> [f64; 3] {
     sums.map(|sum| (sum / track.states.len() as f64).sqrt())
 }
 
-/// A left turn of 90° on a circle at the rear axle, with straight ends.
+/// Returns the path of a left turn of 90°, a circle of the rear axle with straight ends.
 fn turning(speed_mps: f64, radius_m: f64) -> Path {
     Box::new(move |t| {
         let way = speed_mps * t - 8.0;
@@ -83,11 +83,11 @@ fn a_fast_car_seen_the_wrong_way_round_is_turned() {
     assert!(tracks[0].states.iter().all(|s| s.pose.heading_rad.abs() < 0.2 && s.speed_mps > 7.0));
 }
 
-/// Drives off at `start_s`, 1.5 m/s², and stands again after 12 m.
+/// Returns the path of a car that starts at `start_s`, accelerates by 1.5 m/s², and is stationary again after 12 m.
 fn stop_and_go(start_s: f64) -> Path {
     Box::new(move |t| {
         let t = t - start_s;
-        // 6 m of speeding up, 6 m of braking.
+        // It accelerates for 6 m and brakes for 6 m.
         let ramp = (2.0 * 6.0 / 1.5f64).sqrt();
         let way = if t <= 0.0 {
             0.0
@@ -162,7 +162,7 @@ fn the_other_way_round_is_the_other_way_round() {
     );
 }
 
-/// At a few frames a second a car that passes behind others is seen in so few frames that one second tells nothing.
+/// At a few frames per second a car behind others is detected in few frames. One second of them shows no motion.
 #[test]
 fn a_rarely_seen_drive_is_no_stand() {
     for seed in 0..20 {
@@ -182,7 +182,7 @@ fn a_rarely_seen_drive_is_no_stand() {
     }
 }
 
-/// Two sightings in five looks begin no track, but where a first pass had them on one.
+/// Two detections in five inference frames start a track only if a first pass had them on one.
 #[test]
 fn a_drive_known_from_before_begins_with_its_first_sighting() {
     let drive = straight(pose(-9.0, 26.0, 0.0), 6.0);
@@ -212,7 +212,7 @@ fn a_car_that_waits_behind_a_mast_drives_off_as_one() {
     for (i, (frame, owners)) in seen.frames.iter_mut().zip(&mut seen.owners).enumerate() {
         let waits = frame.stamp.time_s() < 8.5;
         for car in 0..frame.cars.len() {
-            // What is right of the mast looks like a car that stands farther ahead.
+            // The part to the right of the mast looks like a car that is stationary farther ahead.
             let mut part = frame.cars[car].clone();
             let width = part.bbox_px[2] - part.bbox_px[0];
             part.bbox_px[0] += 0.45 * width;

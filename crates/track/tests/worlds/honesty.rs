@@ -1,4 +1,4 @@
-//! Reported sd against true errors.
+//! Calibration of uncertainties: reported sds against true errors.
 
 use roadplane_base::angle_difference;
 
@@ -7,7 +7,7 @@ use crate::{
     world::{Seeing, World, owners, pose, straight, times, track},
 };
 
-/// Root mean square of error / sd for x, y and heading over many worlds.
+/// Returns the normalised error of x, y and heading over many worlds (rms of the error divided by its sd).
 fn normalised(worlds: impl Iterator<Item = World>) -> [f64; 3] {
     let (mut sums, mut count) = ([0.0; 3], 0.0);
     for world in worlds {
@@ -31,13 +31,14 @@ fn normalised(worlds: impl Iterator<Item = World>) -> [f64; 3] {
     sums.map(|sum| (sum / count).sqrt())
 }
 
+/// Returns the usual quality of detections, without false alarms and flipped headings.
 fn clean() -> Seeing {
     Seeing { false_alarms: 0.0, flipped: 0.0, ..Seeing::usual() }
 }
 
 #[test]
 fn sd_of_parked_cars_is_true() {
-    // The share of bias is not told to the tracker: it shows in the scatter.
+    // The tracker does not get the share of bias. The scatter shows it.
     for bias in [0.4, 0.7, 0.95] {
         let worlds =
             (0..40).map(|seed| World::new(lot(), Seeing { bias, ..clean() }, times(3.0, 15.0), seed));
@@ -56,7 +57,7 @@ fn sd_of_driving_cars_is_true() {
     let ratios = normalised(worlds);
     println!("driving: {ratios:.2?}");
     assert!(ratios[..2].iter().all(|r| (0.75..1.25).contains(r)), "{ratios:?}");
-    // A bias of the heading is corrected by the path, which the sd only partly knows.
+    // The path corrects a bias of the heading. The sd includes this only in part.
     assert!((0.3..1.25).contains(&ratios[2]), "{ratios:?}");
 }
 

@@ -1,4 +1,4 @@
-//! What must not matter: the order of the cars in a frame, when the clip began, where the origin lies.
+//! Invariances: the order of the cars in a frame, the start of the clip and the choice of axes do not matter.
 
 use nalgebra::{Matrix3, Rotation2, Vector2};
 use proptest::prelude::*;
@@ -11,6 +11,7 @@ use crate::{
     world::{Seeing, World, pose, straight, times, track},
 };
 
+/// Returns the frames of parked cars and a car that drives past.
 fn clip(seed: u64) -> Vec<FrameMeasurements> {
     let mut cars = lot();
     cars.push(straight(pose(-9.0, 17.5, 0.0), 5.0));
@@ -19,6 +20,7 @@ fn clip(seed: u64) -> Vec<FrameMeasurements> {
         .frames
 }
 
+/// Returns the bits of all states of all tracks.
 fn numbers(tracks: &[Track]) -> Vec<Vec<u64>> {
     tracks
         .iter()
@@ -73,7 +75,7 @@ proptest! {
         let (here, there) = (track(&frames), track(&moved));
         prop_assert_eq!(here.len(), there.len());
         for a in &here {
-            // Tracks are told apart by their sightings, as their order follows x.
+            // Tracks are compared by their detections, as their order depends on x.
             let sightings = |t: &Track| t.states.iter().map(|s| (s.stamp.index, s.car)).collect::<Vec<_>>();
             let b = there.iter().find(|b| sightings(b) == sightings(a));
             prop_assert!(b.is_some());

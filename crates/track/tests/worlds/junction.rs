@@ -1,4 +1,4 @@
-//! A busy junction: a queue at a light, lanes that overtake, crossing traffic that hides it, a bay that another car takes.
+//! A busy junction: lanes with a queue at a light, crossing traffic that hides it, and a bay that another car takes.
 
 use std::collections::BTreeMap;
 
@@ -8,14 +8,18 @@ use roadplane_track::Track;
 
 use crate::world::{Path, Seeing, Seen, World, pose, times, track};
 
+/// Length of the clip, s.
 const SECONDS: f64 = 75.0;
+/// Time step of the simulation, s.
 const STEP_S: f64 = 0.05;
-/// Lanes towards the camera, x, and the line at which the light stops them, y, m.
+/// Position x of the lanes towards the camera, m.
 const LANES: [f64; 3] = [-1.0, 2.5, 6.0];
+/// Position y of the line at which the light stops cars, m.
 const LINE_M: f64 = 24.0;
+/// Begin and end of the red phases, s.
 const RED_S: [[f64; 2]; 2] = [[8.0, 28.0], [45.0, 62.0]];
 
-/// Cars of a lane by the intelligent driver model (Treiber, Hennecke and Helbing 2000).
+/// Simulates the cars of a lane by the intelligent driver model (Treiber, Hennecke and Helbing 2000).
 fn lane(x_m: f64, cars: usize, random: &mut Rng) -> Vec<Path> {
     let steps = (SECONDS / STEP_S) as usize;
     let enters: Vec<f64> = (0..cars).map(|i| 5.0 * i as f64 + 2.0 * random.unit()).collect();
@@ -61,10 +65,11 @@ fn lane(x_m: f64, cars: usize, random: &mut Rng) -> Vec<Path> {
         .collect()
 }
 
+/// Returns the junction's world, of which a detector with this quality sees the cars.
 fn junction(seeing: Seeing, seed: u64) -> World {
     let mut random = Rng::new(seed);
     let mut cars: Vec<Path> = LANES.iter().flat_map(|x| lane(*x, 9, &mut random)).collect();
-    // Crossing traffic while the light is red passes in front of the queue.
+    // While the light is red, crossing traffic passes in front of the queue.
     for [from, to] in RED_S {
         let mut at = from + 3.0;
         while at + 6.0 < to {
@@ -76,7 +81,7 @@ fn junction(seeing: Seeing, seed: u64) -> World {
             at += 3.5 + 2.0 * random.unit();
         }
     }
-    // A bay: one leaves backwards and drives off, another takes the place half a minute later.
+    // In a bay, one car leaves backwards and drives off. Another car takes the bay half a minute later.
     let bay = (-9.0, 33.0);
     cars.push(Box::new(move |t| {
         let out = (1.5 * (t - 20.0)).clamp(0.0, 6.0);
@@ -90,7 +95,7 @@ fn junction(seeing: Seeing, seed: u64) -> World {
     World::new(cars, seeing, times(SECONDS, 10.0), seed)
 }
 
-/// IDF1 (Ristani et al. 2016) and switches of identity a vehicle, by which vehicle each sighting was of.
+/// Returns IDF1 (Ristani et al. 2016) and the identity switches per vehicle, from the vehicle of each detection.
 fn identities(tracks: &[Track], seen: &Seen) -> (f64, f64) {
     let mut together: BTreeMap<(usize, usize), f64> = BTreeMap::new();
     let mut last: BTreeMap<usize, (u64, usize)> = BTreeMap::new();
@@ -121,6 +126,7 @@ fn identities(tracks: &[Track], seen: &Seen) -> (f64, f64) {
     (2.0 * hits / (found + owners.len() as f64), switches / vehicles as f64)
 }
 
+/// Returns a quality of detections with more misses and false alarms than usual.
 fn hard() -> Seeing {
     Seeing { missed: 0.1, false_alarms: 0.05, flipped: 0.03, ..Seeing::usual() }
 }
@@ -145,7 +151,7 @@ fn labels_that_flip_cost_no_identity() {
     let mut random = Rng::new(1);
     for car in seen.frames.iter_mut().flat_map(|frame| &mut frame.cars) {
         if random.unit() < 0.2 {
-            // What a detector calls a truck has no keypoints: its box says where it is, to a metre.
+            // A box that is classed as a truck has no keypoints. It gives the position to a metre.
             car.class = VehicleClass::Truck;
             car.from_box = true;
             car.covariance += nalgebra::Matrix3::from_diagonal(&nalgebra::Vector3::new(0.8, 0.8, 0.8));

@@ -1,4 +1,4 @@
-//! Simulated worlds with truth.
+//! Tests of the tracker in simulated worlds, where the truth is available.
 
 #![allow(missing_docs, clippy::unwrap_used, clippy::panic)]
 

@@ -7,7 +7,7 @@ use roadplane_base::{VehicleClass, angle_difference};
 
 use crate::world::{Path, Seeing, World, assert_one_track_each, parked, times, track};
 
-/// Two rows in marked bays, nose to nose, as in a lot.
+/// Returns two rows of cars in marked bays, nose to nose, as in a car park.
 pub fn lot() -> Vec<Path> {
     let back = (0..5).map(|i| parked(-6.0 + 2.8 * f64::from(i), 30.0, -FRAC_PI_2));
     let front = (0..4).map(|i| parked(-5.0 + 2.8 * f64::from(i), 22.0, FRAC_PI_2));
@@ -60,7 +60,7 @@ fn a_parked_car_hidden_for_long_is_the_same_car() {
     cars.truncate(3);
     let world = World::new(cars, Seeing { false_alarms: 0.0, ..Seeing::usual() }, times(30.0, 10.0), 3);
     let mut seen = world.see();
-    // Something stands in front of car 1 for 20 s.
+    // An object is in front of car 1 for 20 s.
     for (frame, owners) in seen.frames.iter_mut().zip(&mut seen.owners).skip(50).take(200) {
         frame.cars.retain(|car| owners[car.car] != Some(1));
         owners.retain(|owner| *owner != Some(1));
@@ -91,7 +91,7 @@ fn a_single_picture_gives_tracks_of_one_state() {
 fn a_car_that_is_hidden_half_by_half_is_one_car() {
     let cars = vec![parked(2.0, 24.0, 0.4)];
     let mut seen = World::new(cars, Seeing { missed: 0.0, ..Seeing::usual() }, times(12.0, 10.0), 4).see();
-    // Something passes before it: first its left half is hidden, then all of it, then its right half.
+    // An object passes in front of the car. It hides the left part, then the whole car, then the right part.
     for frame in &mut seen.frames {
         let time_s = frame.stamp.time_s();
         frame.cars.retain(|_| !(5.0..7.0).contains(&time_s));
@@ -115,8 +115,8 @@ fn a_car_that_is_hidden_half_by_half_is_one_car() {
 #[test]
 fn what_shows_where_a_lorry_stood_is_not_the_lorry() {
     let mut seen = World::new(vec![parked(2.0, 24.0, 0.4)], Seeing::perfect(), times(12.0, 10.0), 4).see();
-    // The lorry leaves at 5 s. A car behind it, of which a third one hides the left half, is found a second later: it stands as near
-    // as a lorry's place is known.
+    // The lorry leaves at 5 s. A second later a car behind it is found, whose left part a third vehicle hides. It lies
+    // within the uncertainty of the lorry's position.
     for frame in &mut seen.frames {
         let time_s = frame.stamp.time_s();
         frame.cars.retain(|_| !(5.0..6.0).contains(&time_s));

@@ -1,4 +1,4 @@
-//! What can go wrong: crossings, duplicates, gaps, nonsense.
+//! Difficult cases: crossings, duplicates, gaps, invalid input.
 
 use nalgebra::{Matrix3, Vector3};
 use roadplane_base::CarRef;
@@ -28,7 +28,7 @@ fn a_second_box_on_a_car_makes_no_second_track() {
         let doubles: Vec<_> = (0..frame.cars.len()).filter(|&i| owners[i] == Some(0)).collect();
         for i in doubles {
             let mut double = frame.cars[i].clone();
-            // A part of the car, with a pose of its own nearby.
+            // A part of the car has a pose of its own nearby.
             double.bbox_px[2] -= 0.25 * (double.bbox_px[2] - double.bbox_px[0]);
             double.pose.x_m += 0.5;
             double.pose.y_m -= 0.6;
@@ -57,7 +57,7 @@ fn a_second_box_whose_place_scatters_makes_no_second_track() {
             let [x0, _, x1, _] = double.bbox_px;
             double.bbox_px[0] += 0.4 * (x1 - x0);
             double.bbox_px[2] += 0.4 * (x1 - x0);
-            // No two looks put it at one place; on average it is where the car is.
+            // The position differs in every frame. On average it is that of the car.
             double.pose.y_m += if i % 2 == 0 { 1.8 } else { -1.8 };
             double.covariance *= 4.0;
             double.score = 0.4;
@@ -71,8 +71,8 @@ fn a_second_box_whose_place_scatters_makes_no_second_track() {
 
 #[test]
 fn a_car_that_is_seen_again_takes_no_other_box() {
-    // In a queue the car behind comes up after a while, half hidden, and is measured in the frames in which the one in front is only
-    // seen.
+    // In a queue, the car behind appears after a while, half hidden. It is measured in the frames in which the car in
+    // front is only detected again.
     let cars = vec![straight(pose(0.0, 40.0, -1.57), 5.0), straight(pose(0.6, 43.5, -1.57), 5.0)];
     let mut seen = World::new(cars, Seeing { missed: 0.0, ..Seeing::perfect() }, times(3.0, 30.0), 5).see();
     let mut look = None;
@@ -115,7 +115,7 @@ fn flickering_false_alarms_make_no_track() {
 
 #[test]
 fn a_hole_in_time_is_bridged() {
-    // Half a second is damaged: no frames at all.
+    // Half a second is damaged: it has no frames at all.
     let all = times(4.0, 25.0);
     let kept: Vec<f64> = all.into_iter().filter(|t| !(1.5..2.0).contains(t)).collect();
     let cars = vec![straight(pose(-9.0, 22.0, 0.0), 5.0), parked(2.0, 28.0, 1.5)];
@@ -174,7 +174,7 @@ fn nonsense_is_counted_and_left_out() {
 
 #[test]
 fn a_vehicle_whose_place_is_vague_takes_nobody_elses_track() {
-    // A car drives off and is gone; a truck appears elsewhere of which only the box is known.
+    // A car drives off and is gone. A truck appears elsewhere, of which there is only a box.
     let cars = vec![
         straight(pose(-6.0, 22.0, 0.3), 6.0),
         Box::new(|t: f64| (t > 1.6).then(|| pose(-8.0, 30.0 - 1.5 * t, -1.2))) as Path,
@@ -200,7 +200,7 @@ fn a_vehicle_whose_place_is_vague_takes_nobody_elses_track() {
 fn parts_of_one_car_are_one_and_cars_in_a_row_are_two() {
     let seeing = Seeing { missed: 0.0, false_alarms: 0.0, ..Seeing::usual() };
     let drive = |ahead_m: f64| straight(pose(-8.0 + ahead_m, 26.0, 0.0), 3.0);
-    // Something comes between: from 2.4 s on the front half is found, and up to 2.6 s the rear half.
+    // An object comes between. From 2.4 s on the front half is found, and up to 2.6 s the rear half.
     let world = World::new(vec![drive(0.0)], seeing.clone(), times(5.0, 10.0), 8);
     let mut frames = world.see().frames;
     for (i, frame) in frames.iter_mut().enumerate() {
@@ -217,7 +217,7 @@ fn parts_of_one_car_are_one_and_cars_in_a_row_are_two() {
     }
     let tracks = track(&frames);
     assert_eq!(tracks.iter().map(|track| track.states.len()).collect::<Vec<_>>(), [50]);
-    // One leaves as the other comes, a car's length and a gap behind.
+    // One car leaves as the other comes, a car's length and a gap behind.
     let world = World::new(vec![drive(0.0), drive(-6.0)], seeing, times(5.0, 10.0), 8);
     let mut frames = world.see().frames;
     for (i, frame) in frames.iter_mut().enumerate() {

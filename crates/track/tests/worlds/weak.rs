@@ -1,4 +1,4 @@
-//! Weak boxes: a detector that is not sure.
+//! Weak boxes, of which the detector is uncertain.
 
 use nalgebra::{Matrix3, Vector2, Vector3};
 use roadplane_base::{FrameStamp, GroundPose, VehicleClass};
@@ -8,12 +8,12 @@ use roadplane_track::{
 
 use crate::world::{Path, Seeing, World, box_of, camera, parked, pose, straight, times};
 
-/// A vehicle stands a metre behind the middle of its box's lower edge.
+/// A scene in which a vehicle is one metre behind the centre of its box's lower edge.
 struct OnTheGround;
 
 impl Scene for OnTheGround {
     fn vehicle_s(&self, track: &Track) -> Option<[f64; 2]> {
-        // What weak boxes show must not matter here.
+        // Validation must not depend on weak boxes.
         let all = track.states.iter().filter(|state| state.observed).all(|state| state.car.is_some());
         all.then_some([f64::NEG_INFINITY, f64::INFINITY])
     }
@@ -29,7 +29,7 @@ impl Scene for OnTheGround {
     }
 }
 
-/// A box of the detector, `car` in the frame's list where it is sure.
+/// Returns a box of the detector. A certain box has the index `car` in the frame's list.
 fn seen(bbox_px: [f64; 4], car: Option<usize>) -> BoxSighting {
     let score = if car.is_some() { 0.4 } else { 0.2 };
     BoxSighting {
@@ -43,7 +43,8 @@ fn seen(bbox_px: [f64; 4], car: Option<usize>) -> BoxSighting {
     }
 }
 
-/// Frames of a world whose cars the detector is sure of from 2 s to 4 s only, with clutter that stays and clutter that jumps.
+/// Returns the frames of a world in which the detector is certain of the cars only from 2 s to 4 s. One false box stays
+/// in its position and one jumps.
 fn unsure(cars: Vec<Path>) -> Vec<FrameMeasurements> {
     let mut frames = World::new(cars, Seeing::perfect(), times(6.0, 10.0), 3).see().frames;
     for (i, frame) in frames.iter_mut().enumerate() {
@@ -58,6 +59,7 @@ fn unsure(cars: Vec<Path>) -> Vec<FrameMeasurements> {
     frames
 }
 
+/// Returns the tracks of these frames.
 fn follow(frames: &[FrameMeasurements], scene: &impl Scene) -> Vec<Track> {
     let mut tracker = Tracker::new(TrackOptions::default());
     frames.iter().for_each(|frame| tracker.push(frame));
@@ -91,7 +93,7 @@ fn a_weak_box_elsewhere_or_of_another_size_is_nobody() {
     for (i, frame) in frames.iter_mut().enumerate().filter(|(i, _)| !(20..40).contains(i)) {
         let [x0, y0, x1, y1] = true_box(i);
         let (width, height) = (x1 - x0, y1 - y0);
-        // Twice as wide and high; a box's width to the side.
+        // The box is twice as wide and high, or it lies one box's width to the side.
         frame.boxes[0].bbox_px = if i < 20 {
             [x0 - width / 2.0, y0 - height, x1 + width / 2.0, y1]
         } else {
@@ -104,7 +106,7 @@ fn a_weak_box_elsewhere_or_of_another_size_is_nobody() {
 
 #[test]
 fn what_creeps_is_looked_for_longer_than_what_drives() {
-    // No boxes from 4 s to 4.8 s.
+    // There are no boxes from 4 s to 4.8 s.
     let begins_and_ends = |speed_mps: f64| {
         let mut frames = unsure(vec![straight(pose(-3.0, 26.0, 0.1), speed_mps)]);
         for frame in &mut frames[40..48] {
@@ -122,7 +124,8 @@ fn what_drives_past_is_not_in_a_weak_box_that_stands() {
     let drive = || straight(pose(-14.0, 30.0, 0.0), 6.0);
     let mut frames = unsure(vec![drive()]);
     let passed = box_of(&drive()(1.8).unwrap()).unwrap();
-    // Where it drove a moment before the detector was sure there is a weak box all the time, and it has none of its own.
+    // The car passed this position just before the detector was certain of it. There is always a weak box there, and
+    // the car has no box of its own.
     frames.iter_mut().for_each(|frame| frame.boxes[0].bbox_px = passed);
     let begins = |frames: &[FrameMeasurements]| {
         let tracks = follow(frames, &OnTheGround);
@@ -153,7 +156,7 @@ fn a_car_that_shows_no_keypoints_at_first_is_the_one_that_does_later() {
     assert!(tracks[0].states.iter().all(|state| state.observed && state.car.is_some()));
 }
 
-/// Frames of a car of which the detector is sure in every `nth` look at it.
+/// Returns the frames of a car of which the detector is certain in every `nth` frame.
 fn sure_now_and_then(car: Path, nth: usize) -> Vec<FrameMeasurements> {
     let mut frames = World::new(vec![car], Seeing::perfect(), times(6.0, 10.0), 3).see().frames;
     for (i, frame) in frames.iter_mut().enumerate() {
@@ -176,10 +179,11 @@ fn what_drives_and_is_sure_now_and_then_is_a_vehicle() {
         let at = drive()(0.1 * i as f64).unwrap();
         let off_m = (state.pose.x_m - at.x_m).hypot(state.pose.y_m - at.y_m);
         assert!(state.observed && off_m < 1.5, "frame {i}: {off_m} m");
-        // By the way it goes, as boxes have no front.
+        // The path gives the heading, as boxes have no front.
         assert!((state.pose.heading_rad - at.heading_rad).abs() < 0.2 && (state.speed_mps - 3.0).abs() < 0.6);
     }
-    // What stands, is never sure, or is found in every other look only.
+    // None of these makes a track: a stationary car, one that is never certain, and one that is found in every other
+    // frame only.
     assert!(follow(&sure_now_and_then(parked(4.0, 22.0, 1.2), 6), &OnTheGround).is_empty());
     assert!(follow(&sure_now_and_then(drive(), 100), &OnTheGround).is_empty());
     let mut seldom = frames;
@@ -192,7 +196,7 @@ fn what_stands_and_is_beyond_doubt_is_a_car_without_keypoints() {
     let bbox_px = box_of(&pose(4.0, 22.0, 1.2)).unwrap();
     let tracks = |score: f64, found: fn(u64) -> bool, held: fn(u64) -> bool| {
         let stamp = |i: u64| FrameStamp { index: i, pts_nanos: i as i64 * 100_000_000 };
-        // Boxes jitter, which is no drive.
+        // The boxes jitter, which is no driving.
         let jitter = |i: u64| 3.0 * ((i * 7 % 5) as f64 - 2.0);
         let jittered = |i| bbox_px.map(|px| px + jitter(i));
         let sighting = |i| BoxSighting { score, held: held(i), ..seen(jittered(i), Some(0)) };
@@ -209,7 +213,8 @@ fn what_stands_and_is_beyond_doubt_is_a_car_without_keypoints() {
     let at = found[0].states[30].pose;
     assert!((at.x_m - 4.0).hypot(at.y_m - 22.0) < 2.0 && found[0].states[30].speed_mps == 0.0);
     assert!(found[0].states.iter().all(|state| state.pose_sd.z > 0.5), "how it is turned nobody knows");
-    // Doubtful; for a moment; in half of the looks; held since its first.
+    // None of these makes a track: a doubtful box, a short one, one in half of the frames, and one that is carried over
+    // from the start.
     assert!(tracks(0.4, |_| true, |_| false).is_empty() && tracks(0.6, |i| i < 18, |_| false).is_empty());
     assert!(tracks(0.6, |i| i % 2 == 0, |_| false).is_empty());
     assert!(tracks(0.6, |_| true, |i| i > 0).is_empty() && tracks(0.6, |_| true, |i| i > 5).len() == 1);

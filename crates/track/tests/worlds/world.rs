@@ -1,22 +1,24 @@
-//! Cars on a plane under a camera, and what a detector with a pose fit would say of them.
+//! Cars on a plane under a camera, and the measurements that a detector with a pose fit makes of them.
 
 use nalgebra::{Matrix2, Matrix3, Matrix6, Point3, Vector2, Vector3};
 use roadplane_base::{Camera, FrameStamp, GroundPlane, GroundPose, Shape, VehicleClass};
 use roadplane_synth::Rng;
 use roadplane_track::{CarMeasurement, FrameMeasurements, ShapeBelief, Track, TrackOptions, Tracker};
 
-/// Pose of a car at a time (s); `None` while it is not there.
+/// Pose of a car at a time (s); `None` while it is absent.
 pub type Path = Box<dyn Fn(f64) -> Option<GroundPose>>;
 
+/// Returns a pose at x, y (m) with a heading (rad).
 pub fn pose(x_m: f64, y_m: f64, heading_rad: f64) -> GroundPose {
     GroundPose { x_m, y_m, heading_rad }
 }
 
+/// Returns the path of a parked car: x, y (m) and heading (rad).
 pub fn parked(x_m: f64, y_m: f64, heading_rad: f64) -> Path {
     Box::new(move |_| Some(pose(x_m, y_m, heading_rad)))
 }
 
-/// Straight on from a pose at a constant speed.
+/// Returns a straight path from a pose at a constant speed, m/s.
 pub fn straight(from: GroundPose, speed_mps: f64) -> Path {
     let (sin, cos) = from.heading_rad.sin_cos();
     Box::new(move |t| {
@@ -24,24 +26,32 @@ pub fn straight(from: GroundPose, speed_mps: f64) -> Path {
     })
 }
 
-/// How well cars are seen.
+/// The quality of detections and poses.
 #[derive(Clone)]
 pub struct Seeing {
-    /// sd of x and y across the line of sight and along it at 20 m; grows with the square of distance. m.
+    /// Sd of the position across the line of sight at 20 m, m. It grows with the distance.
     pub across_m: f64,
+    /// Sd of the position along the line of sight at 20 m, m. It grows with the square of the distance.
     pub along_m: f64,
+    /// Sd of the heading, rad.
     pub heading_sd: f64,
-    /// Share of the variance that a car keeps for the whole clip.
+    /// Share of the variance that a car keeps for the whole clip, 0–1.
     pub bias: f64,
+    /// Sd of each edge of a box, px.
     pub box_sd_px: f64,
+    /// Probability that a car is missed in a frame, 0–1.
     pub missed: f64,
+    /// Probability of a false alarm in a frame, 0–1.
     pub false_alarms: f64,
+    /// Probability that front and back are confused in a frame, 0–1.
     pub flipped: f64,
-    /// A car whose box is covered by more than this by a nearer one is not seen.
+    /// Share of a car's box, 0–1. A nearer car hides it if its box covers more than that. A value above 1 means that no
+    /// car is ever hidden.
     pub hidden: f64,
 }
 
 impl Seeing {
+    /// Returns perfect quality: no noise, no misses and no false alarms.
     pub fn perfect() -> Self {
         Self {
             across_m: 0.0,
@@ -56,6 +66,7 @@ impl Seeing {
         }
     }
 
+    /// Returns the usual quality.
     pub fn usual() -> Self {
         Self {
             across_m: 0.1,
@@ -71,36 +82,44 @@ impl Seeing {
     }
 }
 
+/// A simulated world.
 pub struct World {
+    /// Path of each car.
     pub cars: Vec<Path>,
+    /// Quality of detections and poses.
     pub seeing: Seeing,
+    /// Time of each frame, s.
     pub times_s: Vec<f64>,
+    /// Seed of the random numbers.
     pub seed: u64,
 }
 
-/// What the tracker gets, and which car each measurement is of.
+/// The input of the tracker, with the truth.
 pub struct Seen {
+    /// The input of the tracker, one element per frame.
     pub frames: Vec<FrameMeasurements>,
+    /// The true car of each measurement, per frame; `None` for a false alarm.
     pub owners: Vec<Vec<Option<usize>>>,
 }
 
+/// Returns the camera and the ground plane below it.
 pub fn camera() -> (Camera, GroundPlane) {
     let camera = Camera::pinhole(1400.0, Vector2::new(959.5, 539.5));
     (camera, GroundPlane::from_tilt_roll_height(0.35, 0.0, 9.0))
 }
 
-/// Frames at a constant rate.
+/// Returns the times (s) of frames at a constant rate (frames per second), over a duration in s.
 pub fn times(seconds: f64, rate: f64) -> Vec<f64> {
     (0..(seconds * rate).round() as usize).map(|i| i as f64 / rate).collect()
 }
 
-/// Box of a car of 4.5 × 1.8 × 1.5 m; `None` outside the picture.
+/// Returns the box of a car of 4.5 × 1.8 × 1.5 m, px; `None` if it is not fully in the picture.
 pub fn box_of(car: &GroundPose) -> Option<[f64; 4]> {
     body_box(car, &Vector3::new(4.5, 1.8, 1.5))
         .filter(|[x0, y0, x1, y1]| *x0 > 0.0 && *y0 > 0.0 && *x1 < 1920.0 && *y1 < 1080.0)
 }
 
-/// Box of a body of this length, width and height, as far as the picture would go on.
+/// Returns the box of a body of this length, width and height (m), px. It may extend beyond the picture.
 pub fn body_box(car: &GroundPose, dims_m: &Vector3<f64>) -> Option<[f64; 4]> {
     let (camera, plane) = camera();
     let camera_from_car = plane.camera_from_world() * car.world_from_car();
@@ -113,7 +132,7 @@ pub fn body_box(car: &GroundPose, dims_m: &Vector3<f64>) -> Option<[f64; 4]> {
     Some(bbox)
 }
 
-/// Square root of the covariance of (x, y, heading) at a place.
+/// Returns the square root of the covariance of (x, y, heading) at a car's position.
 fn noise_root(car: &GroundPose, seeing: &Seeing) -> Matrix3<f64> {
     let away = Vector2::new(car.x_m, car.y_m);
     let along = away / away.norm();
@@ -128,10 +147,12 @@ fn noise_root(car: &GroundPose, seeing: &Seeing) -> Matrix3<f64> {
 }
 
 impl World {
+    /// Creates a world.
     pub fn new(cars: Vec<Path>, seeing: Seeing, times_s: Vec<f64>, seed: u64) -> Self {
         Self { cars, seeing, times_s, seed }
     }
 
+    /// Simulates the measurements of all frames.
     pub fn see(&self) -> Seen {
         let seeing = &self.seeing;
         let mut random = Rng::new(self.seed);
@@ -208,24 +229,27 @@ impl World {
         seen
     }
 
+    /// Returns the true pose of a car at a frame.
     pub fn truth(&self, car: usize, stamp: &FrameStamp) -> Option<GroundPose> {
         (self.cars[car])(stamp.time_s())
     }
 }
 
+/// Returns the share of a box that another box covers, 0–1.
 fn share_covered(own: &[f64; 4], other: &[f64; 4]) -> f64 {
     let w = (own[2].min(other[2]) - own[0].max(other[0])).max(0.0);
     let h = (own[3].min(other[3]) - own[1].max(other[1])).max(0.0);
     w * h / ((own[2] - own[0]) * (own[3] - own[1]))
 }
 
+/// Returns the tracks of these frames, with default settings and no scene.
 pub fn track(frames: &[FrameMeasurements]) -> Vec<Track> {
     let mut tracker = Tracker::new(TrackOptions::default());
     frames.iter().for_each(|frame| tracker.push(frame));
     tracker.finish(&())
 }
 
-/// The car that each track follows, where one car makes up nine tenths of its sightings.
+/// Returns the car that each track follows: the one that has nine tenths of its detections.
 pub fn owners(tracks: &[Track], seen: &Seen) -> Vec<Option<usize>> {
     tracks
         .iter()
@@ -243,7 +267,7 @@ pub fn owners(tracks: &[Track], seen: &Seen) -> Vec<Option<usize>> {
         .collect()
 }
 
-/// Every car has exactly one track and there are no others.
+/// Asserts that every car has exactly one track and that there are no others. Returns the track of each car.
 pub fn assert_one_track_each(tracks: &[Track], seen: &Seen, cars: usize) -> Vec<usize> {
     let owners = owners(tracks, seen);
     let mut found: Vec<usize> = owners.iter().flatten().copied().collect();

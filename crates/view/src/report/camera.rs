@@ -1,14 +1,14 @@
-//! The camera in the page: its numbers by stretch of time, and when it was moved.
+//! The camera in the page: its values by segment, and its moves.
 
 use roadplane_base::{CameraEstimate, CameraMove, CameraStatus, MoveKind};
 
 use super::html::put;
 
-/// A row for each stretch of time.
+/// Adds the table of the camera, with one row per segment.
 pub(super) fn cameras(page: &mut String, cameras: &[CameraEstimate]) {
     page.push_str(
         "<h2>Camera</h2>\n<div class=\"scroll\"><table><thead><tr><th>segment</th><th>from – to, s</th>\
-         <th>focal length, px</th><th>lens</th><th>height, m</th><th>tilt, °</th><th>roll, °</th><th>cars</th><th>frames</th>\
+         <th>focal length, px</th><th>distortion</th><th>height, m</th><th>tilt, °</th><th>roll, °</th><th>cars</th><th>frames</th>\
          <th>status</th></tr></thead>\n",
     );
     for (segment, camera) in cameras.iter().enumerate() {
@@ -23,7 +23,7 @@ pub(super) fn cameras(page: &mut String, cameras: &[CameraEstimate]) {
                 camera.span_s[0],
                 camera.span_s[1],
                 focal * sd(0),
-                lens_in_words(camera),
+                distortion_in_words(camera),
                 height * sd(3),
                 params.tilt.to_degrees(),
                 sd(1).to_degrees(),
@@ -38,29 +38,29 @@ pub(super) fn cameras(page: &mut String, cameras: &[CameraEstimate]) {
     page.push_str("</table></div>\n");
 }
 
-/// How much lines are bent at the picture's side.
-fn lens_in_words(camera: &CameraEstimate) -> String {
-    camera.bend_sd.map_or_else(
-        || "taken for straight".to_owned(),
-        |sd| format!("{:.3} ± {sd:.3}", camera.lens.bend(camera.image_size_px)),
+/// Returns the distortion at half the picture's width, with its sd.
+fn distortion_in_words(camera: &CameraEstimate) -> String {
+    camera.distortion_sd.map_or_else(
+        || "assumed zero".to_owned(),
+        |sd| format!("{:.3} ± {sd:.3}", camera.lens.distortion(camera.image_size_px)),
     )
 }
 
-/// A row for each move.
+/// Adds the table of the camera's moves, with one row per move.
 pub(super) fn moves(page: &mut String, moves: &[CameraMove]) {
     if moves.is_empty() {
         return;
     }
     page.push_str(
-        "<h3>Moves</h3>\n<div class=\"scroll\"><table><thead><tr><th>at, s</th><th>frame</th><th>what</th>\
+        "<h3>Moves</h3>\n<div class=\"scroll\"><table><thead><tr><th>at, s</th><th>frame</th><th>move</th>\
          <th>shift right, down, px</th><th>zoom, %</th></tr></thead>\n",
     );
     for moved in moves {
-        let what = match moved.kind {
+        let kind = match moved.kind {
             MoveKind::Turned => "turned",
             MoveKind::Zoomed => "zoomed",
-            MoveKind::Cut => "another picture altogether",
-            MoveKind::Moving => "begins to move",
+            MoveKind::Cut => "another scene",
+            MoveKind::Moving => "starts to move",
         };
         let shift = moved.shift_px.map_or_else(|| "–".to_owned(), |[x, y]| format!("{x:.0}, {y:.0}"));
         let zoom = moved
@@ -69,7 +69,7 @@ pub(super) fn moves(page: &mut String, moves: &[CameraMove]) {
         put(
             page,
             format_args!(
-                "<tr><td>{:.2}</td><td>{}</td><td>{what}</td><td>{shift}</td><td>{zoom}</td></tr>\n",
+                "<tr><td>{:.2}</td><td>{}</td><td>{kind}</td><td>{shift}</td><td>{zoom}</td></tr>\n",
                 moved.since_s, moved.since_frame
             ),
         );
@@ -77,12 +77,12 @@ pub(super) fn moves(page: &mut String, moves: &[CameraMove]) {
     page.push_str("</table></div>\n");
 }
 
-/// How the camera's numbers came about, in words.
+/// Returns the way in which the camera's values were found, in words.
 fn status_in_words(status: CameraStatus) -> &'static str {
     match status {
         CameraStatus::Estimated => "estimated from the cars",
         CameraStatus::FocalGiven => "focal length given",
         CameraStatus::FocalFromPrior => "focal length from the prior",
-        CameraStatus::Unobservable => "not observable: priors only",
+        CameraStatus::Unobservable => "unobservable: prior only",
     }
 }

@@ -1,22 +1,22 @@
-//! What was only half seen, in words.
+//! Sentences about tracks with weak evidence.
 
 use roadplane_base::{ImageSize, TrackRow};
 
+use super::gaps::hidden_intervals;
 use super::input::by_track;
-use super::look::hidden;
 
-/// A box so near the picture's edge is cut by it, px.
+/// Largest distance of a box from the picture's edge at which the edge cuts it off, px.
 const EDGE_PX: f64 = 2.0;
-/// A vehicle seen for less is hardly known, s.
+/// A track of a shorter duration is reported, s.
 const SHORT_S: f64 = 1.0;
-/// Places known worse than this are worth a word: sd, m.
+/// A track whose position sd exceeds this for most of the time is reported, m.
 const VAGUE_M: f64 = 2.0;
-/// Most tracks that a sentence names; of more it counts them.
+/// Largest number of tracks that a sentence names. For more tracks it gives their number.
 const NAMED: usize = 12;
 
-/// A sentence for each kind of doubt that tracks are under.
+/// Returns one sentence per kind of weakness that any track has.
 pub(super) fn doubts(rows: &[TrackRow], size: ImageSize) -> Vec<String> {
-    let (mut short, mut cut, mut vague, mut unseen) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    let (mut short, mut cut, mut vague, mut filled) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     let tracks = by_track(rows);
     let count = tracks.len();
     for (track, rows) in tracks {
@@ -34,9 +34,10 @@ pub(super) fn doubts(rows: &[TrackRow], size: ImageSize) -> Vec<String> {
         if most(&|row| row.x_sd_m.hypot(row.y_sd_m) > VAGUE_M) {
             vague.push(name.clone());
         }
-        let longest = hidden(&rows).into_iter().max_by(|a, b| (a[1] - a[0]).total_cmp(&(b[1] - b[0])));
+        let longest =
+            hidden_intervals(&rows).into_iter().max_by(|a, b| (a[1] - a[0]).total_cmp(&(b[1] - b[0])));
         if let Some([from_s, to_s]) = longest {
-            unseen.push(format!("{name} (for {:.1} s from {from_s:.1} s)", to_s - from_s));
+            filled.push(format!("{name} (for {:.1} s from {from_s:.1} s)", to_s - from_s));
         }
     }
     let sentence = |tracks: Vec<String>, one: &str, many: &str| match tracks.as_slice() {
@@ -48,19 +49,19 @@ pub(super) fn doubts(rows: &[TrackRow], size: ImageSize) -> Vec<String> {
     [
         sentence(
             cut,
-            "is cut by the edge of the picture most of the time: its size and place are less sure",
-            "are cut by the edge of the picture most of the time: their sizes and places are less sure",
+            "is cut off by the edge of the picture most of the time: its size and position are less certain",
+            "are cut off by the edge of the picture most of the time: their sizes and positions are less certain",
         ),
         sentence(
-            unseen,
-            "was not seen for a while and is filled in there",
-            "were not seen for a while and are filled in there",
+            filled,
+            "was not detected for some time and is filled in there",
+            "were not detected for some time and are filled in there",
         ),
-        sentence(short, "was seen for less than a second", "were seen for less than a second each"),
+        sentence(short, "lasts less than a second", "last less than a second each"),
         sentence(
             vague,
-            "is placed no better than to two metres (1 sd)",
-            "are placed no better than to two metres (1 sd)",
+            "has a position sd above two metres",
+            "have position sds above two metres",
         ),
     ]
     .into_iter()
@@ -68,6 +69,7 @@ pub(super) fn doubts(rows: &[TrackRow], size: ImageSize) -> Vec<String> {
     .collect()
 }
 
+/// Whether the edge of the picture cuts off the box of a row.
 fn is_cut(row: &TrackRow, size: ImageSize) -> bool {
     let [x0, y0, x1, y1] = row.bbox_px;
     let (right, bottom) = (f64::from(size.width) - 1.0, f64::from(size.height) - 1.0);
@@ -77,10 +79,10 @@ fn is_cut(row: &TrackRow, size: ImageSize) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use roadplane_synth::standing as row;
+    use roadplane_synth::stationary_row as row;
 
     #[test]
-    fn each_doubt_is_told_of_those_it_is_about() {
+    fn each_weakness_is_reported_for_its_tracks() {
         let size = ImageSize { width: 640, height: 360 };
         let inside = [100.0, 100.0, 160.0, 140.0];
         let mut rows = Vec::new();
@@ -94,11 +96,11 @@ mod tests {
                 rows.push(TrackRow { bbox_px: inside, ..row(5, i, t) });
             }
         }
-        let told = doubts(&rows, size);
-        assert_eq!(told.len(), 4, "{told:?}");
-        assert!(told[0].starts_with("Track 2 is cut"));
-        assert!(told[1].starts_with("Track 3 (for 2.6 s from 1.9 s) was not seen"), "{}", told[1]);
-        assert!(told[2].starts_with("Tracks 4, 5 were seen"));
-        assert!(told[3].starts_with("Track 4 is placed"));
+        let lines = doubts(&rows, size);
+        assert_eq!(lines.len(), 4, "{lines:?}");
+        assert!(lines[0].starts_with("Track 2 is cut off"));
+        assert!(lines[1].starts_with("Track 3 (for 2.6 s from 1.9 s) was not detected"), "{}", lines[1]);
+        assert!(lines[2].starts_with("Tracks 4, 5 last"));
+        assert!(lines[3].starts_with("Track 4 has"));
     }
 }

@@ -1,62 +1,62 @@
-//! What a report shows.
+//! The content of a report.
 
 use std::collections::BTreeMap;
 
 use image::RgbImage;
 use roadplane_base::{CameraEstimate, CameraMove, TrackRow};
 
-/// What a report shows.
+/// The content of a report.
 #[derive(Debug)]
 pub struct ReportInput<'a> {
     /// Name of the input.
     pub title: &'a str,
-    /// The camera, per stretch of time.
+    /// Cameras, one per segment, in the order of time.
     pub cameras: &'a [CameraEstimate],
-    /// All rows, by frame, then by track.
+    /// All rows, sorted by frame and track.
     pub rows: &'a [TrackRow],
-    /// Frames with overlays already drawn, by index.
+    /// Frames with overlays drawn, each with its index, in the order of the index.
     pub samples: &'a [(u64, RgbImage)],
-    /// Small frames to play, by time; none for a page that holds none.
+    /// Small frames for the player, in the order of time; may be empty.
     pub stills: &'a [Still],
-    /// Cut-outs of tracks over their lives, by time.
+    /// Cut-outs of tracks, in the order of time.
     pub views: &'a [TrackStill],
     /// Reprojection errors of the tracked poses, px.
     pub reprojection_rms_px: &'a [f64],
-    /// Lines of name and value: counts, times, versions.
+    /// Pairs of name and value: counts, times, versions.
     pub facts: &'a [(String, String)],
-    /// What a reader should know.
+    /// Warnings, one sentence each.
     pub warnings: &'a [String],
-    /// The place without what moves.
+    /// Background: the scene without moving objects.
     pub background: Option<&'a RgbImage>,
-    /// The place with the lines that tell its vertical, where there are any.
+    /// Background with the edges that determine the vertical vanishing point, if there are any.
     pub scene_lines: Option<&'a RgbImage>,
-    /// When the camera was moved.
+    /// Camera moves, in the order of time.
     pub moves: &'a [CameraMove],
-    /// What else the pictures say of the camera, a line each: shake, nothing to see.
+    /// Further notes on the camera, one line each: shake, covered lens.
     pub camera_notes: &'a [String],
-    /// What was lost, left out or never looked at, a sentence each.
+    /// Losses: parts of the input that were lost or left out, one sentence each.
     pub losses: &'a [String],
 }
 
-/// A small frame to look at while playing.
+/// A small frame for the player.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Still {
     /// Presentation time, ms.
     pub time_ms: i64,
-    /// The picture.
+    /// Content of the JPEG file.
     pub jpeg: Vec<u8>,
 }
 
-/// A track's cut-out at some time of its life.
+/// A cut-out of a track at one time.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TrackStill {
-    /// The track.
+    /// Number of the track.
     pub track: u64,
-    /// What was seen of it, and when.
+    /// The cut-out, with its time.
     pub still: Still,
 }
 
-/// Rows of each track, in their order.
+/// Groups rows by track and keeps their order.
 pub(super) fn by_track(rows: &[TrackRow]) -> BTreeMap<u64, Vec<&TrackRow>> {
     let mut tracks: BTreeMap<u64, Vec<&TrackRow>> = BTreeMap::new();
     for row in rows {

@@ -1,4 +1,4 @@
-//! Pictures in the page.
+//! Pictures within the page.
 
 use base64::{Engine as _, engine::general_purpose::STANDARD};
 use image::RgbImage;
@@ -7,12 +7,12 @@ use image::codecs::jpeg::JpegEncoder;
 use super::html::put;
 use crate::ViewError;
 
-/// JPEG quality of the pictures in the page.
+/// JPEG quality of the pictures in the page, 0 to 100.
 const QUALITY: u8 = 82;
-/// Widest picture in the page, px.
+/// Greatest width of a picture in the page, px.
 const MAX_WIDTH: u32 = 1280;
 
-/// A picture with words below it.
+/// Adds a picture with a caption.
 pub(super) fn figure(
     page: &mut String,
     picture: &RgbImage,
@@ -29,7 +29,7 @@ pub(super) fn figure(
     Ok(())
 }
 
-/// A picture as an address that holds it, no wider than the page shows it.
+/// Returns a picture as a data URI, no wider than [`MAX_WIDTH`].
 pub(super) fn data_uri(picture: &RgbImage) -> Result<String, ViewError> {
     let mut jpeg = Vec::new();
     let encoder = JpegEncoder::new_with_quality(&mut jpeg, QUALITY);

@@ -1,25 +1,28 @@
-//! Trajectories with as few vertices as a page needs to play them.
+//! Trajectories with as few vertices as the player needs.
 
 use roadplane_base::{TrackRow, wrap_angle};
 
-/// What a reader cannot see: offset on the ground, m; of the box, in widths of the picture; turn, rad; change of speed, m/s.
+/// Largest error of a position on the ground that a viewer does not notice, m.
 const POSITION_M: f64 = 0.05;
-/// See [`POSITION_M`].
+/// Largest error of a box that a viewer does not notice, as a share of the picture's width.
 const BOX: f64 = 0.002;
-/// See [`POSITION_M`].
+/// Largest error of a heading that a viewer does not notice, rad.
 const HEADING_RAD: f64 = 0.03;
-/// See [`POSITION_M`].
+/// Largest error of a speed that a viewer does not notice, m/s.
 const SPEED_MPS: f64 = 0.15;
 
-/// A row as it is drawn: headings unwrapped, so that what lies between two vertices turns the short way.
+/// A row with its heading unwrapped, so that interpolation between two vertices turns the shorter way.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Vertex<'a> {
     pub row: &'a TrackRow,
     pub heading_rad: f64,
 }
 
-/// The rows of one track that are needed, when everything between changes evenly (Douglas and Peucker 1973, with distance taken at
-/// equal times). `slack` times what a reader cannot see may be lost. Where the activity or the segment changes there is a vertex.
+/// Returns the rows of one track that linear interpolation needs (Douglas and Peucker 1973, with the distance at equal
+/// times).
+///
+/// The interpolation errors are at most `slack` times the errors that a viewer does not notice. A change of activity or
+/// segment is always a vertex.
 pub(super) fn thinned<'a>(rows: &[&'a TrackRow], width_px: f64, slack: f64) -> Vec<Vertex<'a>> {
     let rows = unwrapped(rows);
     let mut keep: Vec<bool> = (0..rows.len())
@@ -28,10 +31,10 @@ pub(super) fn thinned<'a>(rows: &[&'a TrackRow], width_px: f64, slack: f64) -> V
     let fixed: Vec<usize> = (0..rows.len()).filter(|i| keep[*i]).collect();
     let mut open: Vec<(usize, usize)> = fixed.windows(2).map(|pair| (pair[0], pair[1])).collect();
     while let Some((first, last)) = open.pop() {
-        let strays =
-            (first + 1..last).map(|i| (i, stray(&rows[first], &rows[last], &rows[i], width_px) / slack));
-        let worst = strays.max_by(|a, b| a.1.total_cmp(&b.1));
-        if let Some((i, _)) = worst.filter(|(_, stray)| *stray > 1.0) {
+        let errors =
+            (first + 1..last).map(|i| (i, error_of(&rows[first], &rows[last], &rows[i], width_px) / slack));
+        let worst = errors.max_by(|a, b| a.1.total_cmp(&b.1));
+        if let Some((i, _)) = worst.filter(|(_, error)| *error > 1.0) {
             keep[i] = true;
             open.extend([(first, i), (i, last)]);
         }
@@ -39,10 +42,12 @@ pub(super) fn thinned<'a>(rows: &[&'a TrackRow], width_px: f64, slack: f64) -> V
     rows.iter().zip(&keep).filter(|(_, kept)| **kept).map(|(row, _)| *row).collect()
 }
 
+/// Whether the activity or the segment changes at a row.
 fn is_new(before: &TrackRow, row: &TrackRow) -> bool {
     before.activity != row.activity || before.segment != row.segment
 }
 
+/// Returns the rows with unwrapped headings.
 fn unwrapped<'a>(rows: &[&'a TrackRow]) -> Vec<Vertex<'a>> {
     let mut heading_rad = rows.first().map_or(0.0, |row| row.heading_rad);
     let vertex = |row: &&'a TrackRow| {
@@ -52,25 +57,25 @@ fn unwrapped<'a>(rows: &[&'a TrackRow]) -> Vec<Vertex<'a>> {
     rows.iter().map(vertex).collect()
 }
 
-/// How far a row lies from what is drawn between two others, in units of what a reader cannot see.
-fn stray(a: &Vertex<'_>, b: &Vertex<'_>, at: &Vertex<'_>, width_px: f64) -> f64 {
+/// Returns the interpolation error of a row between two vertices, in units of the errors above.
+fn error_of(a: &Vertex<'_>, b: &Vertex<'_>, at: &Vertex<'_>, width_px: f64) -> f64 {
     let span = b.row.time_s - a.row.time_s;
     let s = if span > 0.0 { (at.row.time_s - a.row.time_s) / span } else { 0.0 };
-    let off = |of: &dyn Fn(&Vertex<'_>) -> f64| (of(a) + s * (of(b) - of(a)) - of(at)).abs();
-    let place = off(&|v| v.row.x_m).hypot(off(&|v| v.row.y_m)) / POSITION_M;
-    let edges = (0..4).map(|i| off(&|v| v.row.bbox_px[i]) / (BOX * width_px)).fold(0.0, f64::max);
-    let turn = off(&|v| v.heading_rad) / HEADING_RAD;
-    let speed = off(&|v| v.row.speed_mps) / SPEED_MPS;
-    place.max(edges).max(turn).max(speed)
+    let error = |of: &dyn Fn(&Vertex<'_>) -> f64| (of(a) + s * (of(b) - of(a)) - of(at)).abs();
+    let position = error(&|v| v.row.x_m).hypot(error(&|v| v.row.y_m)) / POSITION_M;
+    let edges = (0..4).map(|i| error(&|v| v.row.bbox_px[i]) / (BOX * width_px)).fold(0.0, f64::max);
+    let turn = error(&|v| v.heading_rad) / HEADING_RAD;
+    let speed = error(&|v| v.row.speed_mps) / SPEED_MPS;
+    position.max(edges).max(turn).max(speed)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use roadplane_synth::standing as row;
+    use roadplane_synth::stationary_row as row;
 
     #[test]
-    fn few_vertices_hold_all_that_can_be_seen() {
+    fn few_vertices_keep_all_visible_detail() {
         let rows: Vec<TrackRow> = (0..300_u64)
             .map(|i| {
                 let t = i as f64 / 30.0;
@@ -89,7 +94,7 @@ mod tests {
         assert!((8..100).contains(&kept.len()), "{}", kept.len());
         for vertex in unwrapped(&rows) {
             let next = kept.partition_point(|k| k.row.time_s < vertex.row.time_s).max(1);
-            assert!(stray(&kept[next - 1], &kept[next], &vertex, 1280.0) <= 1.0 + 1e-9);
+            assert!(error_of(&kept[next - 1], &kept[next], &vertex, 1280.0) <= 1.0 + 1e-9);
         }
         assert!(kept.windows(2).all(|w| (w[1].heading_rad - w[0].heading_rad).abs() < 1.0), "no jump at π");
         assert!(kept.iter().any(|vertex| vertex.row.frame == 100), "the activity changes here");

@@ -1,4 +1,4 @@
-//! Vehicles in the page: a row each, what they do, their best views.
+//! Vehicles in the page: a table of tracks, their activities and their best pictures.
 
 use roadplane_base::TrackRow;
 
@@ -7,16 +7,16 @@ use super::input::{ReportInput, by_track};
 use super::pictures::data_uri;
 
 use crate::ViewError;
-use crate::activities::stretches;
+use crate::activities::activity_intervals;
 use crate::crops::best_views;
 use crate::overlay::track_colour;
 
-/// Speeds below this are a standing car's, m/s.
-const STANDING_MPS: f64 = 0.3;
-/// Most points of a small curve.
+/// A track whose top speed is below this is stationary, m/s.
+const STATIONARY_MPS: f64 = 0.3;
+/// Largest number of points of a small curve.
 const CURVE_POINTS: usize = 200;
 
-/// A row for each.
+/// Adds the table of tracks, with one row per track.
 pub(super) fn tracks(page: &mut String, rows: &[TrackRow]) {
     let tracks = by_track(rows);
     put(page, format_args!("<h2>{} tracks</h2>\n<div class=\"scroll\"><table><thead><tr>", tracks.len()));
@@ -24,7 +24,7 @@ pub(super) fn tracks(page: &mut String, rows: &[TrackRow]) {
         "track",
         "class",
         "from – to, s",
-        "seen",
+        "detected",
         "length × width × height, m",
         "path, m",
         "top speed, m/s",
@@ -38,7 +38,7 @@ pub(super) fn tracks(page: &mut String, rows: &[TrackRow]) {
     page.push_str("</tr></thead>\n");
     for (track, rows) in &tracks {
         let (Some(first), Some(last)) = (rows.first(), rows.last()) else { continue };
-        let seen = rows.iter().filter(|row| row.observed).count();
+        let detected = rows.iter().filter(|row| row.observed).count();
         let top = top_mps(rows);
         put(
             page,
@@ -49,7 +49,7 @@ pub(super) fn tracks(page: &mut String, rows: &[TrackRow]) {
                 last.class.name(),
                 first.time_s,
                 last.time_s,
-                100.0 * seen as f64 / rows.len() as f64,
+                100.0 * detected as f64 / rows.len() as f64,
                 last.length_m,
                 last.width_m,
                 last.height_m,
@@ -58,36 +58,36 @@ pub(super) fn tracks(page: &mut String, rows: &[TrackRow]) {
                 last.x_sd_m,
                 last.y_sd_m,
                 last.heading_sd_rad.to_degrees(),
-                if top < STANDING_MPS { "stands".to_owned() } else { sparkline(rows, top) },
+                if top < STATIONARY_MPS { "stationary".to_owned() } else { sparkline(rows, top) },
             ),
         );
     }
     page.push_str("</table></div>\n");
 }
 
-/// Length of a track's way, m.
+/// Returns the length of a track's path, m.
 pub(super) fn path_m(rows: &[&TrackRow]) -> f64 {
-    // + 0.0: the sum of nothing is −0.
+    // The addition of 0 turns −0, the sum of an empty list, into 0.
     0.0 + rows.windows(2).map(|w| (w[1].x_m - w[0].x_m).hypot(w[1].y_m - w[0].y_m)).sum::<f64>()
 }
 
-/// Highest speed, m/s.
+/// Returns the top speed of a track, m/s.
 pub(super) fn top_mps(rows: &[&TrackRow]) -> f64 {
     rows.iter().map(|row| row.speed_mps.abs()).fold(0.0, f64::max)
 }
 
-/// What each track does, besides standing and driving on.
+/// Adds the activities of each track, without `not_moving` and `moving`.
 pub(super) fn activities(page: &mut String, rows: &[TrackRow]) {
     let mut lines = String::new();
     for (track, rows) in by_track(rows) {
-        let told: Vec<String> = stretches(&rows).map(|stretch| stretch.in_words()).collect();
-        if !told.is_empty() {
+        let intervals: Vec<String> = activity_intervals(&rows).map(|interval| interval.in_words()).collect();
+        if !intervals.is_empty() {
             put(
                 &mut lines,
                 format_args!(
                     "<tr><th>{}{track}</th><td class=\"words\">{}</td></tr>\n",
                     dot(track),
-                    escape(&told.join(" · "))
+                    escape(&intervals.join(" · "))
                 ),
             );
         }
@@ -96,14 +96,14 @@ pub(super) fn activities(page: &mut String, rows: &[TrackRow]) {
         put(
             page,
             format_args!(
-                "<h2>Activities</h2>\n<table>\n{lines}</table>\n<p class=\"hint\">From – to, and how probable; standing \
-                 and driving on are left out here, not in the files.</p>\n"
+                "<h2>Activities</h2>\n<table>\n{lines}</table>\n<p class=\"hint\">From – to, and the probability. Times at \
+                 which a vehicle is stationary or drives on are left out here, but not in the files of tracks.</p>\n"
             ),
         );
     }
 }
 
-/// Each track's best view, enlarged: whether the wireframe sits on the car is seen at a glance.
+/// Adds each track's best picture, enlarged, to show how well the wireframe fits the car.
 pub(super) fn cars(page: &mut String, input: &ReportInput<'_>) -> Result<(), ViewError> {
     let crops = best_views(input.rows, input.samples);
     if crops.is_empty() {
@@ -126,13 +126,13 @@ pub(super) fn cars(page: &mut String, input: &ReportInput<'_>) -> Result<(), Vie
     Ok(())
 }
 
-/// A dot in the track's colour.
+/// Returns a dot in the track's colour.
 fn dot(track: u64) -> String {
     let [r, g, b] = track_colour(track);
     format!("<span class=\"dot\" style=\"background:rgb({r},{g},{b})\"></span>")
 }
 
-/// Speed over time as a small curve.
+/// Returns the speed over time as a small curve.
 fn sparkline(rows: &[&TrackRow], top_mps: f64) -> String {
     let span = rows.last().map_or(0.0, |row| row.time_s) - rows.first().map_or(0.0, |row| row.time_s);
     let points: Vec<String> = rows

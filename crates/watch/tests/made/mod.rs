@@ -1,4 +1,4 @@
-//! Clips made for tests: a place larger than the picture, seen by a camera that can be turned, zoomed and shaken.
+//! Synthetic clips for tests: a scene larger than the picture, seen by a camera that can be turned, zoomed and shaken.
 
 use std::path::Path;
 
@@ -7,7 +7,7 @@ use roadplane_base::{CameraMove, FrameStamp, PictureVerdict, WatchRecord};
 use roadplane_decode::{DecodeOptions, open};
 use roadplane_watch::Watcher;
 
-/// Numbers that look random, the same in every run.
+/// A pseudo-random generator with a fixed sequence.
 pub struct Dice(u64);
 
 impl Dice {
@@ -35,7 +35,7 @@ pub struct Grey {
     pub values: Vec<u8>,
 }
 
-/// Where the camera looks: what lies at `p` from the middle at rest is seen at `shift + p · e^log_scale`.
+/// The camera's view: a point at `p` from the middle at rest is seen at `shift + p · e^log_scale`.
 #[derive(Clone, Copy, Default)]
 pub struct View {
     pub shift: [f64; 2],
@@ -49,7 +49,7 @@ impl View {
 }
 
 impl Grey {
-    /// Texture of three sizes.
+    /// Creates texture of three sizes.
     pub fn textured(width: usize, height: usize, seed: u64) -> Self {
         let mut values = vec![110.0_f32; width * height];
         for (side, height_of) in [(5_usize, 24.0_f32), (14, 30.0), (45, 50.0)] {
@@ -71,8 +71,8 @@ impl Grey {
         Self { width, height, values: values.into_iter().map(|v| v as u8).collect() }
     }
 
-    /// Lays another picture over this one, its corner at (x, y), which may be outside.
-    pub fn lay(&mut self, other: &Self, x: i64, y: i64) {
+    /// Pastes another picture with its corner at (x, y), which may be outside.
+    pub fn paste(&mut self, other: &Self, x: i64, y: i64) {
         for (row, line) in other.values.chunks_exact(other.width).enumerate() {
             let Ok(to) = usize::try_from(y + row as i64) else { continue };
             if to >= self.height {
@@ -88,18 +88,18 @@ impl Grey {
         }
     }
 
-    /// What the camera sees of the middle, bilinear.
+    /// Returns the camera's view of the middle, bilinear.
     pub fn seen(&self, (width, height): (usize, usize), view: View) -> Self {
         let scale = (-view.log_scale).exp();
-        let place = |at: usize, length: usize, own: usize, shift: f64| {
+        let source = |at: usize, length: usize, own: usize, shift: f64| {
             let from = own as f64 / 2.0 + (at as f64 + 0.5 - length as f64 / 2.0 - shift) * scale - 0.5;
             let from = from.clamp(0.0, own as f64 - 1.001);
             (from as usize, (from.fract() * 256.0).round() as u32)
         };
-        let columns: Vec<_> = (0..width).map(|x| place(x, width, self.width, view.shift[0])).collect();
+        let columns: Vec<_> = (0..width).map(|x| source(x, width, self.width, view.shift[0])).collect();
         let mut values = Vec::with_capacity(width * height);
         for y in 0..height {
-            let (row, v) = place(y, height, self.height, view.shift[1]);
+            let (row, v) = source(y, height, self.height, view.shift[1]);
             let (upper, lower) = (&self.values[row * self.width..], &self.values[(row + 1) * self.width..]);
             if v == 0 && columns.iter().enumerate().all(|(i, &(x, u))| u == 0 && x == columns[0].0 + i) {
                 values.extend_from_slice(&upper[columns[0].0..][..width]);
@@ -113,19 +113,19 @@ impl Grey {
         Self { width, height, values }
     }
 
-    /// Every pixel brighter or darker.
+    /// Scales the brightness of every pixel.
     pub fn lit(mut self, gain: f64) -> Self {
         self.values.iter_mut().for_each(|v| *v = (f64::from(*v) * gain).round() as u8);
         self
     }
 
-    /// The same grey all over.
+    /// Fills the picture with one grey level.
     pub fn uniform(mut self, grey: u8) -> Self {
         self.values.fill(grey);
         self
     }
 
-    /// With the noise of one frame, of 2.3 grey levels.
+    /// Adds the noise of one frame, of 2.3 grey levels.
     pub fn noisy(mut self, seed: u64) -> Self {
         let mut dice = Dice::new(seed + 77);
         for value in &mut self.values {
@@ -145,18 +145,18 @@ impl Grey {
     }
 }
 
-/// A place with traffic in it, frame by frame.
-pub trait Place {
+/// A scene with traffic, frame by frame.
+pub trait Scene {
     fn fps(&self) -> f64;
-    /// Size of what the camera sees of it.
+    /// Size of the camera's picture, px.
     fn picture(&self) -> (usize, usize);
     fn at(&self, frame: u64) -> Grey;
 }
 
-/// A made place: texture, lanes of traffic across it.
+/// A synthetic scene: texture, with lanes of traffic across it.
 pub struct Made {
     ground: Grey,
-    /// Vehicle, row, start and speed in px a frame.
+    /// Vehicle, row, start, and speed in px a frame.
     traffic: Vec<(Grey, i64, f64, f64)>,
 }
 
@@ -165,21 +165,21 @@ impl Made {
         Self::with_traffic(seed, &[(-3.0, 150, 4), (4.0, 220, 4), (6.0, 290, 3)])
     }
 
-    /// Lanes: speed (px a frame), row, vehicles.
+    /// Creates a scene with these lanes: speed (px a frame), row, number of vehicles.
     pub fn with_traffic(seed: u64, lanes: &[(f64, i64, u32)]) -> Self {
         let mut ground = Grey::textured(900, 520, seed);
         let mut dice = Dice::new(seed + 5);
         for _ in 0..30 {
             let (width, height) = (dice.below(60) as usize + 20, dice.below(40) as usize + 20);
             let house = Grey { width, height, values: vec![dice.below(180) as u8 + 40; width * height] };
-            ground.lay(&house, i64::from(dice.below(900)), i64::from(dice.below(520)));
+            ground.paste(&house, i64::from(dice.below(900)), i64::from(dice.below(520)));
         }
         let mut traffic = Vec::new();
         for &(speed, row, count) in lanes {
             for i in 0..count {
                 let mut car = Grey::textured(110, 48, seed + 100 + u64::from(i) + row as u64);
                 let paint = Grey { width: 70, height: 30, values: vec![dice.below(220) as u8 + 20; 70 * 30] };
-                car.lay(&paint, 20, 9);
+                car.paste(&paint, 20, 9);
                 traffic.push((car, row, f64::from(i * 900 / count), speed));
             }
         }
@@ -187,7 +187,7 @@ impl Made {
     }
 }
 
-impl Place for Made {
+impl Scene for Made {
     fn fps(&self) -> f64 {
         30.0
     }
@@ -200,13 +200,13 @@ impl Place for Made {
         let mut here = self.ground.clone();
         for (car, row, start, speed) in &self.traffic {
             let x = (start + speed * frame as f64).rem_euclid(900.0 + 110.0) - 110.0;
-            here.lay(car, x.round() as i64, *row);
+            here.paste(car, x.round() as i64, *row);
         }
         here
     }
 }
 
-/// Frames of a clip in the repository, played to and fro.
+/// Frames of a clip in the repository, played forwards and backwards in turn.
 pub struct Played {
     frames: Vec<Grey>,
     fps: f64,
@@ -228,7 +228,7 @@ impl Played {
     }
 }
 
-impl Place for Played {
+impl Scene for Played {
     fn fps(&self) -> f64 {
         self.fps
     }
@@ -244,35 +244,42 @@ impl Place for Played {
     }
 }
 
-/// What a watcher made of a clip.
-pub struct Told {
+/// The watcher's results for a clip.
+pub struct WatchedClip {
     pub stride: u64,
     pub fps: f64,
     /// Stamp, record, and shift in px of the frame.
     pub frames: Vec<(FrameStamp, WatchRecord, [f64; 2])>,
 }
 
-impl Told {
+impl WatchedClip {
     pub fn moves(&self) -> Vec<CameraMove> {
         self.frames.iter().filter_map(|(_, record, _)| record.moved).collect()
     }
 
-    /// Verdicts between two times, s.
+    /// Returns the verdicts between two times, s.
     pub fn between(&self, from_s: f64, to_s: f64) -> Vec<PictureVerdict> {
         let inside = |stamp: &FrameStamp| (from_s..to_s).contains(&stamp.time_s());
         self.frames.iter().filter(|(stamp, ..)| inside(stamp)).map(|(_, record, _)| record.verdict).collect()
     }
 
-    /// First time of a verdict, s.
+    /// Returns the first time of a verdict, s.
     pub fn first(&self, verdict: PictureVerdict) -> Option<f64> {
         self.frames.iter().find(|(_, record, _)| record.verdict == verdict).map(|(stamp, ..)| stamp.time_s())
     }
 }
 
-/// Watches a clip of so many seconds at several strides at once; `picture` makes the frame at a time of frame number and time.
-pub fn watched(fps: f64, seconds: f64, strides: &[u64], picture: impl Fn(u64, f64) -> Grey) -> Vec<Told> {
-    let mut watchers: Vec<(Watcher, Told)> =
-        strides.iter().map(|&stride| (Watcher::new(), Told { stride, fps, frames: Vec::new() })).collect();
+/// Watches a synthetic clip at several strides at once; `picture` draws the frame of a number and time, s.
+pub fn watched(
+    fps: f64,
+    seconds: f64,
+    strides: &[u64],
+    picture: impl Fn(u64, f64) -> Grey,
+) -> Vec<WatchedClip> {
+    let mut watchers: Vec<(Watcher, WatchedClip)> = strides
+        .iter()
+        .map(|&stride| (Watcher::new(), WatchedClip { stride, fps, frames: Vec::new() }))
+        .collect();
     for frame in 0..(seconds * fps) as u64 {
         if strides.iter().all(|stride| frame % stride > 0) {
             continue;
@@ -280,13 +287,13 @@ pub fn watched(fps: f64, seconds: f64, strides: &[u64], picture: impl Fn(u64, f6
         let time_s = frame as f64 / fps;
         let stamp = FrameStamp { index: frame, pts_nanos: (time_s * 1e9).round() as i64 };
         let image = picture(frame, time_s).rgb();
-        for (watcher, told) in &mut watchers {
-            if frame % told.stride == 0 {
-                let seen = watcher.look(stamp, &image).unwrap();
+        for (watcher, clip) in &mut watchers {
+            if frame % clip.stride == 0 {
+                let seen = watcher.observe(stamp, &image).unwrap();
                 let factor = seen.small.factor as f64;
-                told.frames.push((stamp, seen.record, [seen.shift.x * factor, seen.shift.y * factor]));
+                clip.frames.push((stamp, seen.record, [seen.shift.x * factor, seen.shift.y * factor]));
             }
         }
     }
-    watchers.into_iter().map(|(_, told)| told).collect()
+    watchers.into_iter().map(|(_, clip)| clip).collect()
 }

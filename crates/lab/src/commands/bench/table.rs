@@ -1,4 +1,4 @@
-//! The table of `roadplane bench`, and the same as JSON.
+//! The output of `roadplane-lab bench`: a table, or the same numbers as JSON.
 
 use std::io::Write as _;
 
@@ -8,10 +8,10 @@ use serde_json::{Value, json};
 
 use super::measured::{Measured, over_decoding, rest_share};
 
-/// How to read the table.
-const NOTE: &str = "CPU: user and system time of all threads over frames read. A stage is its thread; decode also has what no \
-    stage's thread\ntook, which is the decoder's own threads. Nets are a part of detect and keypoints. The left half's rest: \
-    watch, attention,\ncrops, resampling, records.";
+/// The note that explains the table.
+const NOTE: &str = "CPU: user and system time of all threads over frames read. A stage is its thread; decode also has the \
+    time outside\nthe stages' threads, which is the decoder's own threads. Nets are a part of detect and keypoints. Rest of \
+    perception: watch,\nregion-of-interest scheduling, crops, resampling, records.";
 
 /// Prints the table.
 pub fn print(input: &str, runs: &[Measured], decoding: &DecodeCost) -> std::io::Result<()> {
@@ -31,7 +31,7 @@ pub fn print(input: &str, runs: &[Measured], decoding: &DecodeCost) -> std::io::
 type OfRun = fn(&Measured, &DecodeCost) -> String;
 type OfDecoding = fn(&DecodeCost) -> String;
 
-/// Title, value of a run, value of decoding alone.
+/// Returns the rows: title, value of a run, value of decoding alone.
 fn rows() -> Vec<(&'static str, OfRun, OfDecoding)> {
     let none: OfDecoding = |_| String::new();
     vec![
@@ -62,9 +62,9 @@ fn rows() -> Vec<(&'static str, OfRun, OfDecoding)> {
         ("  solve", |run, _| ms(run.speed.cpu_ms_per_frame.solve), none),
         ("  write, report", |run, _| ms(run.speed.cpu_ms_per_frame.write), none),
         ("times decoding alone", |run, decoding| format!("{:.2}", over_decoding(run, decoding)), none),
-        ("left half beyond decode and nets, %", |run, _| percent(rest_share(run)), none),
-        ("picture the detector saw, % a frame", |run, _| percent(run.speed.seen_share), none),
-        ("detector looks a second", |run, _| format!("{:.2}", run.speed.looks_per_s()), none),
+        ("perception beyond decode and nets, %", |run, _| percent(rest_share(run)), none),
+        ("picture processed by the detector, % a frame", |run, _| percent(run.speed.seen_share), none),
+        ("inference frames a second", |run, _| format!("{:.2}", run.speed.inference_frames_per_s()), none),
         ("keypoint crops", |run, _| run.speed.crops.to_string(), none),
         ("keypoint crops a frame", |run, _| format!("{:.3}", run.speed.crops_per_frame()), none),
         (
@@ -100,7 +100,7 @@ pub fn print_json(input: &str, runs: &[Measured], decoding: &DecodeCost) -> anyh
             "times_real_time": run.speed.times_real_time(),
             "times_decoding_alone": over_decoding(run, decoding),
             "left_half_rest_share": rest_share(run),
-            "looks_per_s": run.speed.looks_per_s(),
+            "looks_per_s": run.speed.inference_frames_per_s(),
             "crops_per_frame": run.speed.crops_per_frame(),
             "peak_memory_bytes": run.peak_memory_bytes,
             "speed": serde_json::to_value(&run.speed)?,

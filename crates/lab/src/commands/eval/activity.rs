@@ -1,14 +1,13 @@
-//! `roadplane eval activity`: what vehicles do, against truth.
+//! `roadplane-lab eval activity`: activities of vehicles against truth.
 
-use roadplane_lab::{ActivityOptions, evaluate_activity};
+use crate::{ActivityOptions, evaluate_activity};
 use roadplane_pipeline::{Cancel, find_models};
 
 use crate::args::eval::EvalActivityArgs;
 use crate::commands::eval::show::show;
-use roadplane_terminal::Bar;
-use roadplane_terminal::Outcome;
+use roadplane_terminal::{Bar, Outcome};
 
-/// Prints the tables.
+/// Prints the tables of activities.
 pub fn activity(args: &EvalActivityArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let config = args.config.load()?;
     let models = find_models(config.models.folder.as_deref())?;

@@ -1,14 +1,13 @@
-//! `roadplane eval cameras`: real cameras that are known.
+//! `roadplane-lab eval cameras`: estimated cameras against real reference cameras.
 
-use roadplane_lab::evaluate_cameras;
+use crate::evaluate_cameras;
 use roadplane_pipeline::{Cancel, find_models};
 
 use crate::args::eval::EvalCamerasArgs;
 use crate::commands::eval::show::show;
-use roadplane_terminal::Bar;
-use roadplane_terminal::Outcome;
+use roadplane_terminal::{Bar, Outcome};
 
-/// Prints the tables.
+/// Prints the tables of the cameras.
 pub fn cameras(args: &EvalCamerasArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let config = args.config.load()?;
     let models = find_models(config.models.folder.as_deref())?;

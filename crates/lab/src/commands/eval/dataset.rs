@@ -1,14 +1,13 @@
-//! `roadplane eval dataset`: the paper's tables.
+//! `roadplane-lab eval dataset`: the paper's tables.
 
-use roadplane_lab::{DatasetOptions, evaluate_dataset};
+use crate::{DatasetOptions, evaluate_dataset};
 use roadplane_pipeline::{Cancel, find_models};
 
 use crate::args::eval::{EvalDatasetArgs, Keypoints};
 use crate::commands::eval::show::show;
-use roadplane_terminal::Bar;
-use roadplane_terminal::Outcome;
+use roadplane_terminal::{Bar, Outcome};
 
-/// Prints the tables.
+/// Prints the tables of a data set.
 pub fn dataset(args: &EvalDatasetArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let config = args.config.load()?;
     let options = DatasetOptions {

@@ -1,13 +1,13 @@
-//! `roadplane eval keypoints`: the keypoint net on labelled images.
+//! `roadplane-lab eval keypoints`: the keypoint net on labelled images.
 
 use std::io::Cursor;
 use std::path::Path;
 
-use image::{ImageFormat, RgbImage};
-use roadplane_base::KeypointSet;
-use roadplane_lab::keypoints::{
+use crate::keypoints::{
     CarErrors, LabelledCar, LabelledImage, keypoint_tables, measure, predict, worst_first,
 };
+use image::{ImageFormat, RgbImage};
+use roadplane_base::KeypointSet;
 use roadplane_pipeline::{
     Cancel, Config, PipelineError, find_models, open_detector, open_input, open_keypoints,
 };
@@ -19,7 +19,7 @@ use crate::args::eval::{Boxes, EvalKeypointsArgs};
 use crate::commands::eval::show::show;
 use roadplane_terminal::Outcome;
 
-/// A labelled car with what the net made of it.
+/// A labelled car with the net's keypoints and their errors.
 struct Measured {
     image: usize,
     labelled: LabelledCar,
@@ -27,7 +27,7 @@ struct Measured {
     errors: CarErrors,
 }
 
-/// Prints the tables; draws the worst cars where a folder is given.
+/// Prints the tables, and draws the worst cars if a folder is given.
 pub fn keypoints(args: &EvalKeypointsArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let config = args.config.load()?;
     let models = find_models(config.models.folder.as_deref())?;
@@ -63,7 +63,8 @@ pub fn keypoints(args: &EvalKeypointsArgs, cancel: &Cancel) -> anyhow::Result<Ou
     }
     let mut tables = keypoint_tables(&groups);
     if let (Some(overall), 1..) = (tables.first_mut(), without) {
-        overall.note += &format!(" {without} cars were not found, or are too small for the net: in no row.");
+        overall.note +=
+            &format!(" {without} cars were not found, or are too small for the net; no row counts them.");
     }
     let report = Report { title: "Keypoints on labelled images".to_owned(), tables, ..Report::default() };
     show(&report, args.out.as_deref())?;
@@ -73,7 +74,7 @@ pub fn keypoints(args: &EvalKeypointsArgs, cancel: &Cancel) -> anyhow::Result<Ou
     Ok(Outcome::Done)
 }
 
-/// The first picture of an input.
+/// Returns the first picture of an input.
 fn read_picture(path: &Path, config: &Config) -> Result<RgbImage, PipelineError> {
     let mut input = open_input(path, config)?;
     let frame = input.next_frame()?;

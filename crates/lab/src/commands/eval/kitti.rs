@@ -1,14 +1,13 @@
-//! `roadplane eval kitti`: the paper's Table 3.
+//! `roadplane-lab eval kitti`: the paper's Table 3.
 
-use roadplane_lab::{KittiOptions, evaluate_kitti};
+use crate::{KittiOptions, evaluate_kitti};
 use roadplane_pipeline::{Cancel, find_models};
 
 use crate::args::eval::EvalKittiArgs;
 use crate::commands::eval::show::show;
-use roadplane_terminal::Bar;
-use roadplane_terminal::Outcome;
+use roadplane_terminal::{Bar, Outcome};
 
-/// Prints the tables.
+/// Prints the tables of KITTI's images.
 pub fn kitti(args: &EvalKittiArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let config = args.config.load()?;
     let models = find_models(config.models.folder.as_deref())?;

@@ -1,24 +1,25 @@
-//! `roadplane eval solver`: the joint solver on scenes with exact truth, and what each of its steps is worth.
+//! `roadplane-lab eval solver` and `camera-database`: the joint solver on scenes with exact truth, the worth of each of
+//! its steps, and cameras that are fused over many clips.
 
-use roadplane_base::ShapeAtlas;
-use roadplane_lab::solver::{
-    ablation_tables, exact_table, fusion_table, layers_tables, remembered_tables, speed, speed_plot,
+use crate::solver::{
+    ablation_tables, camera_database_tables, exact_table, fusion_table, layers_tables, speed, speed_plot,
     speed_table, statistics_tables, synthetic_pictures,
 };
-use roadplane_lab::{camera_pictures, dataset_pictures};
+use crate::{camera_pictures, dataset_pictures};
+use roadplane_base::ShapeAtlas;
 use roadplane_pipeline::{Cancel, PipelineError, find_models};
 use roadplane_tables::Report;
 
-use crate::args::eval::{EvalRememberedArgs, EvalSolverArgs};
+use crate::args::eval::{EvalCameraDatabaseArgs, EvalSolverArgs};
 use crate::commands::eval::show::show;
 use roadplane_terminal::Outcome;
 
-/// Frames that are fused.
+/// Number of frames that are fused.
 const FRAMES: usize = 100;
 /// Numbers of cars whose solves are timed.
 const CARS: [usize; 9] = [1, 3, 5, 10, 20, 50, 100, 200, 300];
 
-/// Prints the tables.
+/// Prints the tables of the solver.
 pub fn solver(args: &EvalSolverArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let settings = &args.config;
     if !args.layers && (settings.config.is_some() || !settings.settings.is_empty()) {
@@ -51,7 +52,7 @@ fn statistics(args: &EvalSolverArgs) -> anyhow::Result<Report> {
 
 fn fused(args: &EvalSolverArgs) -> anyhow::Result<Report> {
     let tables = vec![fusion_table(&ShapeAtlas::shipped()?, (args.scenes as usize).div_ceil(4), FRAMES)];
-    Ok(Report { title: "Frames of one camera, added up".to_owned(), tables, ..Report::default() })
+    Ok(Report { title: "Frames of one camera, fused".to_owned(), tables, ..Report::default() })
 }
 
 fn layers(args: &EvalSolverArgs, cancel: &Cancel) -> anyhow::Result<Report> {
@@ -68,14 +69,14 @@ fn layers(args: &EvalSolverArgs, cancel: &Cancel) -> anyhow::Result<Report> {
         }
     }
     let tables = layers_tables(&atlas, &sources, &config.solve.scene_options(None));
-    Ok(Report { title: "What each step of the solve is worth".to_owned(), tables, ..Report::default() })
+    Ok(Report { title: "Worth of each step of the solve".to_owned(), tables, ..Report::default() })
 }
 
-/// Prints the table of remembered cameras.
-pub fn remembered(args: &EvalRememberedArgs) -> anyhow::Result<Outcome> {
+/// Prints the table of stored cameras.
+pub fn camera_database(args: &EvalCameraDatabaseArgs) -> anyhow::Result<Outcome> {
     let atlas = ShapeAtlas::shipped()?;
-    let tables = remembered_tables(&atlas, args.cameras as usize, args.clips as usize);
-    let title = "Remembered cameras on clips with exact truth".to_owned();
+    let tables = camera_database_tables(&atlas, args.cameras as usize, args.clips as usize);
+    let title = "Stored cameras on clips with exact truth".to_owned();
     show(&Report { title, tables, ..Report::default() }, args.out.as_deref())?;
     Ok(Outcome::Done)
 }

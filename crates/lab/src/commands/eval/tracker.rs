@@ -1,14 +1,13 @@
-//! `roadplane eval tracker`: tracks from noisy measurements of clips with truth.
+//! `roadplane-lab eval tracker`: tracks from noisy measurements of clips with truth.
 
-use roadplane_lab::{Noise, TrackerOptions, evaluate_tracker};
+use crate::{Noise, TrackerOptions, evaluate_tracker};
 use roadplane_pipeline::Cancel;
 
 use crate::args::eval::EvalTrackerArgs;
 use crate::commands::eval::show::show;
-use roadplane_terminal::Bar;
-use roadplane_terminal::Outcome;
+use roadplane_terminal::{Bar, Outcome};
 
-/// Prints the tables.
+/// Prints the tables of the tracker.
 pub fn tracker(args: &EvalTrackerArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let config = args.config.load()?;
     let noise = Noise {

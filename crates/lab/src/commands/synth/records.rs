@@ -1,4 +1,4 @@
-//! Items as the records that files hold: rounded to 1e-6 (poses, metres), 0.01 px.
+//! Converts items to the records of files, rounded to 1e-6 (poses, m) and 0.01 px.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -6,7 +6,7 @@ use roadplane_base::{CarRecord, FrameRecord, Keypoint, VehicleClass, rows_from_i
 use roadplane_metrics::truth::{
     Kind, Model, Rows, TRUTH_SCHEMA, TrueCamera, TrueCar, TrueFrame, TruePlane, Truth,
 };
-use roadplane_synth::{Item, Sighting};
+use roadplane_synth::{CarInFrame, Item};
 
 fn rounded(value: f64, digits: i32) -> f64 {
     let scale = 10_f64.powi(digits);
@@ -21,16 +21,16 @@ fn time_s(item: &Item, frame: usize) -> f64 {
     item.fps.map_or(0.0, |fps| rounded(frame as f64 / fps, 6))
 }
 
-/// What was measured, a record a frame.
+/// Returns the measurements, one record per frame.
 pub fn frames(item: &Item) -> impl Iterator<Item = FrameRecord> {
-    item.frames.iter().enumerate().map(|(number, sightings)| FrameRecord {
-        cars: sightings.iter().map(|sighting| car_record(item, sighting)).collect(),
+    item.frames.iter().enumerate().map(|(number, cars)| FrameRecord {
+        cars: cars.iter().map(|car| car_record(item, car)).collect(),
         ..FrameRecord::empty(number as u64, time_s(item, number), item.size)
     })
 }
 
-fn car_record(item: &Item, sighting: &Sighting) -> CarRecord {
-    let keypoints = sighting.keypoints.map(|found| {
+fn car_record(item: &Item, car: &CarInFrame) -> CarRecord {
+    let keypoints = car.keypoints.map(|found| {
         found.map(|point| {
             let pixel = point.pixel.map(|v| rounded(v, 2));
             Keypoint::isotropic(pixel, point.score, rounded(point.sd_px(), 3).max(0.001))
@@ -38,11 +38,11 @@ fn car_record(item: &Item, sighting: &Sighting) -> CarRecord {
     });
     CarRecord {
         keypoints: Some(Box::new(keypoints)),
-        ..CarRecord::boxed(sighting.visible_box(item.size).0.map(|v| rounded(v, 2)))
+        ..CarRecord::boxed(car.visible_box(item.size).0.map(|v| rounded(v, 2)))
     }
 }
 
-/// What is true.
+/// Returns the truth of an item.
 pub fn truth(item: &Item, conditions: BTreeMap<String, String>) -> Truth {
     let (plane, principal) = (item.params.plane(), item.size.centre_px());
     let seen: BTreeSet<usize> = item.frames.iter().flatten().map(|s| s.id).collect();
@@ -82,28 +82,28 @@ pub fn truth(item: &Item, conditions: BTreeMap<String, String>) -> Truth {
             .frames
             .iter()
             .enumerate()
-            .map(|(number, sightings)| TrueFrame {
+            .map(|(number, cars)| TrueFrame {
                 frame: number as u64,
                 time_s: time_s(item, number),
-                cars: sightings.iter().map(|sighting| true_car(item, sighting)).collect(),
+                cars: cars.iter().map(|car| true_car(item, car)).collect(),
             })
             .collect(),
     }
 }
 
-fn true_car(item: &Item, sighting: &Sighting) -> TrueCar {
-    let (inside, share) = sighting.visible_box(item.size);
+fn true_car(item: &Item, car: &CarInFrame) -> TrueCar {
+    let (inside, share) = car.visible_box(item.size);
     let keypoint = |(pixel, found): (&nalgebra::Vector2<f64>, &Option<Keypoint>)| {
         Some([rounded(pixel.x, 2), rounded(pixel.y, 2), f64::from(u8::from(found.is_some()))])
     };
     TrueCar {
-        id: sighting.id as u64,
-        world_from_car: rounded_rows(rows_from_isometry(&sighting.state.pose.world_from_car())),
-        speed_mps: rounded(sighting.state.speed_mps, 4),
-        activity: sighting.state.activity,
+        id: car.id as u64,
+        world_from_car: rounded_rows(rows_from_isometry(&car.state.pose.world_from_car())),
+        speed_mps: rounded(car.state.speed_mps, 4),
+        activity: car.state.activity,
         bbox_px: inside.map(|v| rounded(v, 2)),
-        whole_bbox_px: sighting.whole_box.map(|v| rounded(v, 2)),
+        whole_bbox_px: car.whole_box.map(|v| rounded(v, 2)),
         visible_share: rounded(share, 3),
-        keypoints_px: sighting.pixels.iter().zip(&sighting.keypoints).map(keypoint).collect(),
+        keypoints_px: car.pixels.iter().zip(&car.keypoints).map(keypoint).collect(),
     }
 }

@@ -1,4 +1,4 @@
-//! Clips with truth: run from pixels, told frame by frame.
+//! Activities of clips with truth: the clips are run from pixels, and each frame gets a label.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -9,17 +9,17 @@ use roadplane_pipeline::{Cancel, Config, Progress, RunOptions, Silent, run_input
 use roadplane_tables::Report;
 use roadplane_write::{WriteError, read_jsonl};
 
-use super::events::{self, ClipEvents, ToldEvent};
-use super::rows::{ActivityOptions, Row, Rows, Seen, VIDEO, picture_motion, told};
+use super::events::{self, ClipEvents, ReportedEvent};
+use super::rows::{ActivityOptions, Row, Rows, Seen, VIDEO, picture_motion, predict};
 use super::scores::{Case, differences, each_label, table};
-use super::truths::{car_counts, cars_by_id, heading_of, true_events, true_labels, true_stretches};
+use super::truths::{car_counts, cars_by_id, heading_of, true_events, true_intervals, true_labels};
 use crate::LabError;
 use roadplane_metrics::scoring::pairs_by_box;
 use roadplane_metrics::truth::{Kind, TrueCar, Truth, read_dataset, read_truth};
 
-/// Within this of a change of the true label both labels are right, s: frames lie so far apart.
+/// Within this time of a change of the true label both labels are right, s. It is about the distance of frames.
 const EDGE_S: f64 = 0.25;
-/// How far people's beginnings and ends of activities spread (1 sd, s): `python -m activity.spread`.
+/// Scatter of the starts and ends of activities among annotators (1 sd, s), from `roadplane-train activity spread`.
 const SPREAD_S: f64 = 0.7;
 /// The paper's seven labels.
 const PAPER: [Label; 7] = [
@@ -31,7 +31,7 @@ const PAPER: [Label; 7] = [
     Label::TurningRight,
     Label::UTurn,
 ];
-/// Labels that events have.
+/// The labels of events.
 const EVENTS: [Label; 7] = [
     Label::Moving,
     Label::Starting,
@@ -42,7 +42,7 @@ const EVENTS: [Label; 7] = [
     Label::Reversing,
 ];
 
-/// The tables.
+/// Runs the clips of a data set and returns the tables.
 pub fn evaluate(
     folder: &Path,
     systems: &mut Rows,
@@ -83,28 +83,28 @@ pub fn evaluate(
     Ok(report(&dataset.name, &found, &names))
 }
 
-/// What comes of a clip.
+/// The scored cases of a clip.
 struct Found {
-    /// Cars in frames, where both labels are right within [`EDGE_S`] of a change.
+    /// Cars in frames; within [`EDGE_S`] of a change both labels are right.
     frames: Vec<Case>,
-    /// The same within [`SPREAD_S`].
+    /// Cars in frames; within [`SPREAD_S`] of a change both labels are right.
     spread: Vec<Case>,
-    /// Stretches of one label of one car.
-    stretches: Vec<Case>,
+    /// Intervals of one label of one car.
+    intervals: Vec<Case>,
     events: ClipEvents,
 }
 
 fn report(dataset: &str, found: &[Found], systems: &[&str]) -> Report {
     let each = |of: fn(&Found) -> &Vec<Case>| found.iter().map(|clip| of(clip).clone()).collect::<Vec<_>>();
     let (frames, spread) = (each(|clip| &clip.frames), each(|clip| &clip.spread));
-    let stretches = each(|clip| &clip.stretches);
+    let intervals = each(|clip| &clip.intervals);
     let events: Vec<ClipEvents> = found.iter().map(|clip| clip.events.clone()).collect();
     let count: usize = frames.iter().map(Vec::len).sum();
     let title = format!("Activities of {dataset}: {} clips, {count} cars in frames", found.len());
     let mut report = Report { title, ..Report::default() };
     let note = format!(
         "Cars that a track's box overlaps; precision and recall are the mean over the paper's seven labels. Within {EDGE_S} s of a \
-         change both labels are right. 2D rows and video see the boxes of our own tracks.{}",
+        change both labels are right. The input of the 2D rows and of video is the boxes of our own tracks.{}",
         if systems.contains(&VIDEO) {
             ""
         } else {
@@ -112,17 +112,18 @@ fn report(dataset: &str, found: &[Found], systems: &[&str]) -> Report {
         }
     );
     let spread_note =
-        format!("Within {SPREAD_S} s of a change both labels are right: people differ by so much.");
+        format!("Within {SPREAD_S} s of a change both labels are right: annotators differ by so much.");
     let ours = systems.len() - 2;
     report.tables.push(table("Per frame, seven labels", &note, &frames, systems, &PAPER));
     report.tables.push(differences("Per frame: 3D against the others", &frames, systems, ours, &PAPER));
-    report.tables.push(table("Per frame, as people would agree", &spread_note, &spread, systems, &PAPER));
+    report.tables.push(table("Per frame, with annotators' scatter", &spread_note, &spread, systems, &PAPER));
     report.tables.push(table("Per frame, with reversing", "", &frames, systems, &Label::ALL));
-    let note = "Stretches of one label of one car, each told by what most of its frames are told.";
-    report.tables.push(table("Per instance, with reversing", note, &stretches, systems, &Label::ALL));
+    let note =
+        "Intervals of one label of one car. The predicted label is the most frequent one of its frames.";
+    report.tables.push(table("Per instance, with reversing", note, &intervals, systems, &Label::ALL));
     report.tables.push(differences(
         "Per instance: 3D against the others",
-        &stretches,
+        &intervals,
         systems,
         ours,
         &Label::ALL,
@@ -138,9 +139,10 @@ fn report(dataset: &str, found: &[Found], systems: &[&str]) -> Report {
     report
 }
 
-/// A row of our tracks that lies on a true car.
+/// A row of our tracks, paired with the true car that its box overlaps.
 struct Pair {
-    place: usize,
+    /// Index of the row.
+    row: usize,
     car: u64,
     frame: u64,
     time_s: f64,
@@ -150,43 +152,43 @@ struct Pair {
 
 fn pairs(truth: &Truth, rows: &[TrackRow]) -> Vec<Pair> {
     let mut of_frame: BTreeMap<u64, Vec<usize>> = BTreeMap::new();
-    for (place, row) in rows.iter().enumerate() {
-        of_frame.entry(row.frame).or_default().push(place);
+    for (index, row) in rows.iter().enumerate() {
+        of_frame.entry(row.frame).or_default().push(index);
     }
     let mut pairs = Vec::new();
     for frame in &truth.frames {
-        let places = of_frame.get(&frame.frame).map_or(&[][..], Vec::as_slice);
+        let indices = of_frame.get(&frame.frame).map_or(&[][..], Vec::as_slice);
         let cars: Vec<&TrueCar> = frame.cars.iter().collect();
-        let boxes: Vec<[f64; 4]> = places.iter().map(|place| rows[*place].bbox_px).collect();
-        for (place, car) in places.iter().zip(pairs_by_box(&boxes, &cars)) {
+        let boxes: Vec<[f64; 4]> = indices.iter().map(|index| rows[*index].bbox_px).collect();
+        for (index, car) in indices.iter().zip(pairs_by_box(&boxes, &cars)) {
             let Some(car) = car.map(|c| cars[c]) else { continue };
             let counts = car_counts(truth, car);
-            pairs.push(Pair { place: *place, car: car.id, frame: frame.frame, time_s: frame.time_s, counts });
+            pairs.push(Pair { row: *index, car: car.id, frame: frame.frame, time_s: frame.time_s, counts });
         }
     }
     pairs
 }
 
-/// Tells a clip's tracks and judges what is told.
+/// Predicts the activities of a clip's tracks and compares them with the truth.
 fn clip_found(truth: &Truth, rows: &[TrackRow], systems: &mut Rows) -> Result<Found, LabError> {
     let from_truth = from_truth(truth, &mut systems.motion)?;
     let from_rows = from_rows(truth, rows, systems)?;
     let pairs = pairs(truth, rows);
     let (edge, spread) = (true_labels(truth, EDGE_S), true_labels(truth, SPREAD_S));
-    let told = |pair: &Pair| {
-        let mut told = from_rows.labels[pair.place].clone();
-        told.extend(from_truth.labels.get(&(pair.car, pair.frame)));
-        told
+    let predicted = |pair: &Pair| {
+        let mut labels = from_rows.labels[pair.row].clone();
+        labels.extend(from_truth.labels.get(&(pair.car, pair.frame)));
+        labels
     };
     let cases = |right: &BTreeMap<(u64, u64), Vec<Label>>| {
         let counted = pairs.iter().filter(|pair| pair.counts);
         let case = |pair: &Pair| {
             let truth = right.get(&(pair.car, pair.frame))?.clone();
-            Some(Case { truth, told: told(pair) })
+            Some(Case { truth, predicted: predicted(pair) })
         };
         counted.filter_map(case).collect::<Vec<Case>>()
     };
-    let stretches = true_stretches(truth, &edge)
+    let intervals = true_intervals(truth, &edge)
         .iter()
         .filter(|event| event.counts)
         .filter_map(|event| {
@@ -195,49 +197,49 @@ fn clip_found(truth: &Truth, rows: &[TrackRow], systems: &mut Rows) -> Result<Fo
                     && pair.car == event.car
                     && (event.span_s[0]..=event.span_s[1]).contains(&pair.time_s)
             };
-            let told: Vec<Vec<Label>> = pairs.iter().filter(inside).map(told).collect();
-            let systems = told.first()?.len();
-            let most = |system| most_frequent(told.iter().map(|told| told[system]));
-            Some(Case { truth: vec![event.label], told: (0..systems).filter_map(most).collect() })
+            let frames: Vec<Vec<Label>> = pairs.iter().filter(inside).map(predicted).collect();
+            let systems = frames.first()?.len();
+            let most = |system| most_frequent(frames.iter().map(|labels| labels[system]));
+            Some(Case { truth: vec![event.label], predicted: (0..systems).filter_map(most).collect() })
         })
         .collect();
     let on_car = |event: &Event| {
         let inside = |pair: &&Pair| {
-            rows[pair.place].track == event.track && (event.from_s..=event.to_s).contains(&pair.time_s)
+            rows[pair.row].track == event.track && (event.from_s..=event.to_s).contains(&pair.time_s)
         };
         let car = most_frequent(pairs.iter().filter(inside).map(|pair| pair.car));
-        told_event(event, car)
+        reported_event(event, car)
     };
     let of_system = |events: &Vec<Event>| events.iter().map(on_car).collect();
-    let mut told: Vec<Vec<ToldEvent>> = from_rows.events.iter().map(of_system).collect();
-    told.push(from_truth.events.iter().map(|event| told_event(event, Some(event.track))).collect());
+    let mut reported: Vec<Vec<ReportedEvent>> = from_rows.events.iter().map(of_system).collect();
+    reported.push(from_truth.events.iter().map(|event| reported_event(event, Some(event.track))).collect());
     let minutes = truth.frames.len() as f64 / truth.fps.unwrap_or(1.0) / 60.0;
     Ok(Found {
         frames: cases(&edge),
         spread: cases(&spread),
-        stretches,
-        events: ClipEvents::new(minutes, &true_events(truth, &edge), told),
+        intervals,
+        events: ClipEvents::new(minutes, &true_events(truth, &edge), reported),
     })
 }
 
-fn told_event(event: &Event, car: Option<u64>) -> ToldEvent {
+fn reported_event(event: &Event, car: Option<u64>) -> ReportedEvent {
     let span_s = [event.from_s, event.to_s];
-    ToldEvent { car, label: event.activity, span_s, confidence: event.confidence }
+    ReportedEvent { car, label: event.activity, span_s, confidence: event.confidence }
 }
 
-/// The first of the most frequent ones.
+/// Returns the most frequent value; the smallest of them if several are equally frequent.
 fn most_frequent<T: Ord + Copy>(values: impl Iterator<Item = T>) -> Option<T> {
     let mut counts: BTreeMap<T, usize> = BTreeMap::new();
     values.for_each(|value| *counts.entry(value).or_default() += 1);
     counts.into_iter().rev().max_by_key(|(_, count)| *count).map(|(value, _)| value)
 }
 
-/// What the net tells of the true tracks.
+/// Predictions of the net from the true tracks.
 #[derive(Default)]
 struct FromTruth {
-    /// By car and frame.
+    /// The label by car and frame.
     labels: BTreeMap<(u64, u64), Label>,
-    /// Their tracks are the cars.
+    /// The events; their tracks are the ids of the true cars.
     events: Vec<Event>,
 }
 
@@ -257,40 +259,41 @@ fn from_truth(truth: &Truth, systems: &mut [Row]) -> Result<FromTruth, LabError>
             sd_m: vec![[0.0; 2]; cars.len()],
             ..Motion::default()
         };
-        let told = told(&mut ground.net, &motion)?;
-        found.events.extend(told.events(id));
-        let labels = cars.iter().zip(told.samples);
+        let predicted = predict(&mut ground.net, &motion)?;
+        found.events.extend(predicted.events(id));
+        let labels = cars.iter().zip(predicted.samples);
         found.labels.extend(labels.map(|((frame, _, _), (label, _))| ((id, *frame), label)));
     }
     Ok(found)
 }
 
-/// What the systems tell of our tracks.
+/// Predictions of the systems from our tracks.
 struct FromRows {
-    /// By row, a label a system.
+    /// For each row, the label of each system.
     labels: Vec<Vec<Label>>,
-    /// By system.
+    /// For each system, its events.
     events: Vec<Vec<Event>>,
 }
 
 fn from_rows(truth: &Truth, rows: &[TrackRow], systems: &mut Rows) -> Result<FromRows, LabError> {
     let mut of_track: BTreeMap<u64, Vec<usize>> = BTreeMap::new();
-    for (place, row) in rows.iter().enumerate() {
-        of_track.entry(row.track).or_default().push(place);
+    for (index, row) in rows.iter().enumerate() {
+        of_track.entry(row.track).or_default().push(index);
     }
     let by_video = match (&mut systems.video, &truth.media) {
         (Some(net), Some(media)) => {
-            let box_of = |place: &usize| (rows[*place].time_s, rows[*place].bbox_px);
-            let tracks = of_track.iter().map(|(track, places)| (*track, places.iter().map(box_of).collect()));
-            Some(net.tell(media, &tracks.collect())?)
+            let box_of = |index: &usize| (rows[*index].time_s, rows[*index].bbox_px);
+            let tracks =
+                of_track.iter().map(|(track, indices)| (*track, indices.iter().map(box_of).collect()));
+            Some(net.predict(media, &tracks.collect())?)
         }
         _ => None,
     };
     let height = f64::from(truth.camera.image_size_px.height);
     let count = systems.motion.len() + usize::from(by_video.is_some());
     let mut found = FromRows { labels: vec![Vec::new(); rows.len()], events: vec![Vec::new(); count] };
-    for (track, places) in &of_track {
-        let rows = places.iter().map(|place| &rows[*place]);
+    for (track, indices) in &of_track {
+        let rows = indices.iter().map(|index| &rows[*index]);
         let time_s: Vec<f64> = rows.clone().map(|row| row.time_s).collect();
         let boxes: Vec<[f64; 4]> = rows.clone().map(|row| row.bbox_px).collect();
         let mut by_system = Vec::with_capacity(count);
@@ -299,14 +302,15 @@ fn from_rows(truth: &Truth, rows: &[TrackRow], systems: &mut Rows) -> Result<Fro
                 Seen::Ground => track_motion(rows.clone()),
                 seen => picture_motion(&time_s, &boxes, height, seen),
             };
-            by_system.push(told(&mut system.net, &motion)?);
+            by_system.push(predict(&mut system.net, &motion)?);
         }
         if let Some(by_video) = &by_video {
             by_system.insert(by_system.len() - 1, by_video.get(track).cloned().unwrap_or_default());
         }
-        for (told, events) in by_system.into_iter().zip(&mut found.events) {
-            events.extend(told.events(*track));
-            places.iter().zip(told.samples).for_each(|(place, (label, _))| found.labels[*place].push(label));
+        for (predicted, events) in by_system.into_iter().zip(&mut found.events) {
+            events.extend(predicted.events(*track));
+            let labels = indices.iter().zip(predicted.samples);
+            labels.for_each(|(index, (label, _))| found.labels[*index].push(label));
         }
     }
     Ok(found)

@@ -1,41 +1,43 @@
-//! Events against true ones, as NIST scores activities in video (ActEV): the share of true events that is missed while so many
-//! false alarms are let through, and how well hits lie in time.
+//! Reported events against true ones, as NIST scores activities in video (ActEV).
 //!
-//! Stricter than there, an event must be told of the right car. An event hits when it overlaps a true one of its label by a
-//! second, or by half of it if that is less; the most confident event takes it.
+//! The scores are the share of missed true events at given rates of false alarms, and the temporal overlap of the hits.
+//! One rule is stricter than NIST's: an event must be reported for the right car. A reported event hits a true one with
+//! its label if they overlap by a second, or by half of the true event if that is less. The most confident event is
+//! matched first.
 
 use roadplane_activity::{LABELS, Label};
 use roadplane_tables::bootstrap_scenes;
 use roadplane_tables::{Column, Estimate, Table};
 
-/// False alarms that are let through, of each label in a minute of video. ActEV asks at 0.15, which is none in clips of seconds.
+/// Rates of false alarms at which misses are counted, per minute of video and label. ActEV uses 0.15, which allows none
+/// in clips of seconds.
 const ALARMS_PER_MIN: [f64; 3] = [0.15, 1.0, 4.0];
-/// An overlap that is enough, s.
+/// An overlap of this length is always enough for a hit, s.
 const ENOUGH_S: f64 = 1.0;
 
-/// What a car really does for a while.
+/// A true event: an interval in which a car has one activity.
 #[derive(Clone, Debug)]
 pub struct TrueEvent {
-    /// Which car.
+    /// Id of the true car.
     pub car: u64,
-    /// What it does.
+    /// The activity.
     pub label: Label,
-    /// Beginning and end, s.
+    /// Start and end, s.
     pub span_s: [f64; 2],
-    /// Whether it must be found; others are neither missed nor false alarms.
+    /// Whether the event must be found. Others are neither misses nor false alarms.
     pub counts: bool,
 }
 
-/// What a system tells.
+/// An event that a system reports.
 #[derive(Clone, Debug)]
-pub struct ToldEvent {
-    /// Of which car; none if it lies on none.
+pub struct ReportedEvent {
+    /// Id of the true car that the track lies on; `None` if it lies on none.
     pub car: Option<u64>,
-    /// What it does.
+    /// The activity.
     pub label: Label,
-    /// Beginning and end, s.
+    /// Start and end, s.
     pub span_s: [f64; 2],
-    /// 0–1.
+    /// Confidence, 0–1.
     pub confidence: f64,
 }
 
@@ -44,11 +46,11 @@ pub struct ToldEvent {
 pub struct ClipEvents {
     minutes: f64,
     truths: [usize; LABELS],
-    /// A list a system, the most confident first.
-    told: Vec<Vec<Judged>>,
+    /// For each system its events, the most confident first.
+    reported: Vec<Vec<Judged>>,
 }
 
-/// A told event: a hit with its temporal intersection over union, or a false alarm.
+/// A reported event: a hit with its temporal intersection over union, or a false alarm.
 #[derive(Clone, Copy, Debug)]
 struct Judged {
     label: usize,
@@ -57,31 +59,32 @@ struct Judged {
 }
 
 impl ClipEvents {
-    /// Of a clip so long, what each system told.
-    pub fn new(minutes: f64, truths: &[TrueEvent], told: Vec<Vec<ToldEvent>>) -> Self {
+    /// Matches the events that each system reports in a clip of the given length.
+    pub fn new(minutes: f64, truths: &[TrueEvent], reported: Vec<Vec<ReportedEvent>>) -> Self {
         let mut counted = [0; LABELS];
         truths.iter().filter(|event| event.counts).for_each(|event| counted[event.label.index()] += 1);
-        Self { minutes, truths: counted, told: told.into_iter().map(|told| judged(truths, told)).collect() }
+        let reported = reported.into_iter().map(|events| judged(truths, events)).collect();
+        Self { minutes, truths: counted, reported }
     }
 }
 
-/// Length of what two spans share, s.
+/// Returns the length of the intersection of two spans, s.
 fn shared(a: [f64; 2], b: [f64; 2]) -> f64 {
     (a[1].min(b[1]) - a[0].max(b[0])).max(0.0)
 }
 
-/// The most confident take what they hit first.
-fn judged(truths: &[TrueEvent], mut told: Vec<ToldEvent>) -> Vec<Judged> {
-    told.sort_by(|a, b| b.confidence.total_cmp(&a.confidence));
+/// Matches reported events with true ones. The most confident event chooses first.
+fn judged(truths: &[TrueEvent], mut reported: Vec<ReportedEvent>) -> Vec<Judged> {
+    reported.sort_by(|a, b| b.confidence.total_cmp(&a.confidence));
     let mut free = vec![true; truths.len()];
     let mut judged = Vec::new();
-    for event in told {
+    for event in reported {
         let overlap = |i: &usize| shared(truths[*i].span_s, event.span_s);
         let fits = |i: &usize| {
             let truth = &truths[*i];
             let length_s = truth.span_s[1] - truth.span_s[0];
             let same = event.car == Some(truth.car) && event.label == truth.label;
-            // What need not be found may be told in pieces.
+            // Several reported events may match a true event that does not count.
             same && (free[*i] || !truth.counts) && overlap(i) >= ENOUGH_S.min(length_s / 2.0)
         };
         let best = (0..truths.len()).filter(fits).max_by(|a, b| overlap(a).total_cmp(&overlap(b)));
@@ -98,14 +101,14 @@ fn judged(truths: &[TrueEvent], mut told: Vec<ToldEvent>) -> Vec<Judged> {
     judged
 }
 
-/// What a system makes of one label in some clips.
+/// The scores of one system for one label.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct OfLabel {
-    /// Share of true events that is missed: at [`ALARMS_PER_MIN`], then with all that is told.
+    /// Share of missed true events: at each rate of [`ALARMS_PER_MIN`], then with all reported events.
     missed: [f64; 4],
-    /// With all that is told, a minute.
+    /// False alarms per minute with all reported events.
     alarms_per_min: f64,
-    /// Mean temporal intersection over union of hits; NaN without any.
+    /// Mean temporal intersection over union of hits; NaN without hits.
     overlap: f64,
 }
 
@@ -115,16 +118,16 @@ fn of_label(clips: &[&ClipEvents], system: usize, label: usize) -> Option<OfLabe
         return None;
     }
     let minutes: f64 = clips.iter().map(|clip| clip.minutes).sum();
-    let mut told: Vec<Judged> = clips
+    let mut reported: Vec<Judged> = clips
         .iter()
-        .flat_map(|clip| &clip.told[system])
+        .flat_map(|clip| &clip.reported[system])
         .filter(|event| event.label == label)
         .copied()
         .collect();
-    told.sort_by(|a, b| b.confidence.total_cmp(&a.confidence));
+    reported.sort_by(|a, b| b.confidence.total_cmp(&a.confidence));
     let missed_at = |per_min: f64| {
         let (mut hits, mut alarms) = (0_usize, 0_usize);
-        for event in &told {
+        for event in &reported {
             if event.hit.is_some() {
                 hits += 1;
             } else {
@@ -136,16 +139,16 @@ fn of_label(clips: &[&ClipEvents], system: usize, label: usize) -> Option<OfLabe
         }
         1.0 - hits as f64 / truths as f64
     };
-    let overlaps: Vec<f64> = told.iter().filter_map(|event| event.hit).collect();
+    let overlaps: Vec<f64> = reported.iter().filter_map(|event| event.hit).collect();
     let [few, some, many] = ALARMS_PER_MIN;
     Some(OfLabel {
         missed: [few, some, many, f64::INFINITY].map(missed_at),
-        alarms_per_min: (told.len() - overlaps.len()) as f64 / minutes,
+        alarms_per_min: (reported.len() - overlaps.len()) as f64 / minutes,
         overlap: overlaps.iter().sum::<f64>() / overlaps.len() as f64,
     })
 }
 
-/// The numbers of a row, by column; overlaps are averaged over the labels that have hits.
+/// Returns the numbers of a row, by column. Overlaps are averaged over the labels that have hits.
 fn numbers(each: &[OfLabel]) -> [f64; 6] {
     let mean = |of: &dyn Fn(&OfLabel) -> f64| {
         let values: Vec<f64> = each.iter().map(of).filter(|value| !value.is_nan()).collect();
@@ -169,10 +172,10 @@ fn columns(first: &[&str]) -> Vec<Column> {
     first.iter().map(|name| Column::new(*name, 0)).chain(names).collect()
 }
 
-/// All systems: means over these labels, with intervals over clips.
+/// Returns the table of all systems: means over the given labels, with intervals over clips.
 pub fn table(clips: &[ClipEvents], systems: &[&str], labels: &[Label]) -> Table {
-    let note = "Means over labels. An event hits that is told of the right car and overlaps a true one of its label by 1 s, or by \
-                half of it; alarms are counted label by label.";
+    let note = "Means over labels. A hit is an event of the right car and label that overlaps the true one by 1 s, \
+        or by half of it; alarms are counted per label.";
     let mut table = Table::new("Events", note, columns(&[""]));
     for (system, name) in systems.iter().enumerate() {
         let row = |clips: &[&ClipEvents]| {
@@ -186,7 +189,7 @@ pub fn table(clips: &[ClipEvents], systems: &[&str], labels: &[Label]) -> Table 
     table
 }
 
-/// One system, label by label.
+/// Returns the table of one system, label by label.
 pub fn each_label(title: &str, clips: &[ClipEvents], system: usize, labels: &[Label]) -> Table {
     let mut table = Table::new(title, "", columns(&["", "true events"]));
     let all: Vec<&ClipEvents> = clips.iter().collect();
@@ -212,8 +215,8 @@ mod tests {
         TrueEvent { car, label, span_s, counts: true }
     }
 
-    fn told(car: u64, label: Label, span_s: [f64; 2], confidence: f64) -> ToldEvent {
-        ToldEvent { car: Some(car), label, span_s, confidence }
+    fn reported(car: u64, label: Label, span_s: [f64; 2], confidence: f64) -> ReportedEvent {
+        ReportedEvent { car: Some(car), label, span_s, confidence }
     }
 
     #[test]
@@ -221,11 +224,11 @@ mod tests {
         let (start, left) = (Label::Starting, Label::TurningLeft);
         let truths = [truth(1, start, [0.0, 4.0]), truth(2, start, [10.0, 11.0]), truth(1, left, [4.0, 8.0])];
         let events = vec![
-            told(1, start, [2.0, 6.0], 0.9),   // a hit: 2 s of 6
-            told(1, start, [0.0, 4.0], 0.8),   // taken already
-            told(3, start, [0.0, 4.0], 0.7),   // another car
-            told(2, start, [10.4, 11.0], 0.6), // more than half of it
-            told(1, left, [7.5, 9.0], 0.9),    // too little of it
+            reported(1, start, [2.0, 6.0], 0.9),   // a hit: overlap 2 s, union 6 s
+            reported(1, start, [0.0, 4.0], 0.8),   // the true event is matched already
+            reported(3, start, [0.0, 4.0], 0.7),   // another car
+            reported(2, start, [10.4, 11.0], 0.6), // a hit: more than half of the true event
+            reported(1, left, [7.5, 9.0], 0.9),    // too small an overlap
         ];
         let clip = ClipEvents::new(2.0, &truths, vec![events]);
         let found = of_label(&[&clip], 0, start.index()).unwrap();
@@ -239,14 +242,14 @@ mod tests {
     }
 
     #[test]
-    fn what_need_not_be_found_is_neither_missed_nor_an_alarm() {
+    fn an_event_that_need_not_be_found_is_neither_missed_nor_an_alarm() {
         let mut hidden = truth(1, Label::Starting, [0.0, 4.0]);
         hidden.counts = false;
         let seen = truth(2, Label::Starting, [0.0, 4.0]);
         let events = vec![
-            told(1, Label::Starting, [0.0, 2.0], 0.9),
-            told(1, Label::Starting, [2.0, 4.0], 0.9),
-            told(2, Label::Starting, [0.0, 4.0], 0.5),
+            reported(1, Label::Starting, [0.0, 2.0], 0.9),
+            reported(1, Label::Starting, [2.0, 4.0], 0.9),
+            reported(2, Label::Starting, [0.0, 4.0], 0.5),
         ];
         let clip = ClipEvents::new(1.0, &[hidden, seen], vec![events]);
         let found = of_label(&[&clip], 0, Label::Starting.index()).unwrap();

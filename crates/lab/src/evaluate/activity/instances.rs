@@ -1,4 +1,5 @@
-//! Labelled tracks, each one instance of one activity, as MEVA's (`python -m activity.meva` makes the table).
+//! Labelled tracks, each one instance of one activity, such as those of MEVA (`roadplane-train activity meva` makes the
+//! table).
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -13,10 +14,10 @@ use super::rows::{Row, Seen, picture_motion};
 use super::scores::{Case, differences, each_label, table};
 use crate::LabError;
 
-/// Height of the pictures of MEVA's boxes, px.
+/// Height of the pictures in which MEVA's boxes are given, px.
 const PICTURE_HEIGHT_PX: f64 = 1080.0;
 
-/// The tables.
+/// Predicts the label of each instance of a table and returns the scores.
 pub fn evaluate(
     path: &Path,
     systems: &mut [Row],
@@ -25,10 +26,10 @@ pub fn evaluate(
 ) -> Result<Report, LabError> {
     let rows = read_table(path)?;
     let mut instances: BTreeMap<u64, Vec<(usize, &TableRow)>> = BTreeMap::new();
-    for (place, row) in rows.iter().enumerate() {
+    for (index, row) in rows.iter().enumerate() {
         let track = row.get("track").and_then(Value::as_u64);
-        let track = track.ok_or_else(|| bad(path, place, "track is missing or no whole number"))?;
-        instances.entry(track).or_default().push((place, row));
+        let track = track.ok_or_else(|| bad(path, index, "track is missing or no whole number"))?;
+        instances.entry(track).or_default().push((index, row));
     }
     progress.expect(Some(instances.len() as u64));
     let mut clips: BTreeMap<String, Vec<Case>> = BTreeMap::new();
@@ -39,19 +40,19 @@ pub fn evaluate(
         if let Some(signal) = cancel.signal() {
             return Err(PipelineError::Stopped { signal }.into());
         }
-        let (place, first) = rows[0];
+        let (index, first) = rows[0];
         let label =
-            label_of(first).ok_or_else(|| bad(path, place, "label is missing or none of roadplane's"))?;
-        let mut told = Vec::new();
+            label_of(first).ok_or_else(|| bad(path, index, "label is missing or none of roadplane's"))?;
+        let mut predicted = Vec::new();
         for system in systems.iter_mut() {
             let motion = motion(rows, path, system.seen)?;
-            told.push(most_probable(
+            predicted.push(most_probable(
                 &system.net.probabilities(&motion).map_err(PipelineError::from)?,
                 &labels,
             ));
         }
         let clip = first.get("clip").and_then(Value::as_str).unwrap_or_default();
-        clips.entry(clip.to_owned()).or_default().push(Case { truth: vec![label], told });
+        clips.entry(clip.to_owned()).or_default().push(Case { truth: vec![label], predicted });
         progress.frame_done();
     }
     let clips: Vec<Vec<Case>> = clips.into_values().collect();
@@ -66,25 +67,25 @@ pub fn evaluate(
     Ok(report)
 }
 
-fn bad(path: &Path, place: usize, what: &str) -> LabError {
-    LabError::malformed(path, format!("row {}: {what}", place + 1))
+fn bad(path: &Path, index: usize, what: &str) -> LabError {
+    LabError::malformed(path, format!("row {}: {what}", index + 1))
 }
 
 fn label_of(row: &TableRow) -> Option<Label> {
     row.get("label").and_then(Value::as_str).and_then(Label::named)
 }
 
-/// The label of a whole instance: that of the greatest mean log probability, among those that instances have.
+/// Returns the label of a whole instance: of the labels that instances have, that of the greatest mean log probability.
 fn most_probable(found: &Probabilities, labels: &[Label]) -> Label {
     let score = |label: &Label| found.p.iter().map(|p| p[label.index()].max(1e-9).ln()).sum::<f64>();
     labels.iter().copied().max_by(|a, b| score(a).total_cmp(&score(b))).unwrap_or(Label::Moving)
 }
 
-/// An instance as a row of the table sees it.
+/// Returns the motion of an instance as the input of a row of the table.
 fn motion(rows: &[(usize, &TableRow)], path: &Path, seen: Seen) -> Result<Motion, LabError> {
-    let number = |(place, row): &(usize, &TableRow), name: &str| {
+    let number = |(index, row): &(usize, &TableRow), name: &str| {
         let number = row.get(name).and_then(Value::as_f64);
-        number.ok_or_else(|| bad(path, *place, &format!("{name} is missing or no number")))
+        number.ok_or_else(|| bad(path, *index, &format!("{name} is missing or no number")))
     };
     let time_s = rows.iter().map(|row| number(row, "time_s")).collect::<Result<Vec<f64>, _>>()?;
     let pairs = |x, y| {

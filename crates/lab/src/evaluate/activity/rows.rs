@@ -1,4 +1,4 @@
-//! The rows of the table: what each sees, and its net.
+//! The rows of the table: the input of each, and its net.
 
 use std::path::PathBuf;
 
@@ -8,47 +8,50 @@ use roadplane_base::median;
 use super::video::VideoNet;
 use crate::LabError;
 
-/// How a row of the table sees motion.
+/// The motion that a row of the table takes as its input.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Seen {
+    /// Motion of the box's middle in the picture.
     Picture,
+    /// Motion of the box's middle, divided by the box's size.
     PictureBySize,
+    /// Motion of the track on the ground.
     Ground,
 }
 
-/// A row of the table that sees motion.
+/// A row of the table whose input is motion.
 pub(super) struct Row {
     pub name: &'static str,
     pub seen: Seen,
     pub net: ActivityNet,
 }
 
-/// The rows of the table, as they stand in it: the video before the last, which is ours.
+/// The rows of the table, in order. The video row comes before the last one, which is ours.
 pub(super) struct Rows {
     pub motion: Vec<Row>,
-    /// None without its net.
+    /// The net of the video row; `None` if its files are missing.
     pub video: Option<VideoNet>,
 }
 
-/// Name of the row on pixels.
+/// Name of the row whose input is pixels.
 pub(super) const VIDEO: &str = "video";
 
-/// Square root of the area that a car's box has, m, and how many px of a picture 1080 px high stand for 1 m in the row 2D:
-/// so that the nets see numbers of the order of metres (`scripts/train/activity/data.py`).
+/// Square root of the area of a car's box, m. It scales the row *2D / size*, so that the net's input is of the order of
+/// metres (`scripts/train/activity/data.py`).
 const SIZE_M: f64 = 2.2;
-/// See [`SIZE_M`].
+/// Pixels of a picture 1080 px high that count as 1 m in the row *2D*, for the same reason as [`SIZE_M`].
 const PX_PER_M: f64 = 36.0;
 
-/// What is asked for.
+/// Options of the evaluation of activities.
 #[derive(Clone, Debug)]
 pub struct ActivityOptions {
     /// Folder of the models.
     pub models: PathBuf,
-    /// Where runs of clips stay, and finished ones are used again; `None` for a folder that is removed.
+    /// Folder in which the runs of clips are kept and reused; `None` for a temporary folder.
     pub runs: Option<PathBuf>,
 }
 
-/// The motion of boxes' middles in the picture (y up): in px, or divided by the boxes' size.
+/// Returns the motion of the middles of boxes in the picture (y up), in px or divided by the boxes' size.
 pub(super) fn picture_motion(
     time_s: &[f64],
     boxes_px: &[[f64; 4]],
@@ -65,7 +68,7 @@ pub(super) fn picture_motion(
     Motion { time_s: time_s.to_vec(), xy_m: boxes_px.iter().map(middle).collect(), ..Motion::default() }
 }
 
-/// What a net tells of a motion.
-pub(super) fn told(net: &mut ActivityNet, motion: &Motion) -> Result<Labelled, LabError> {
+/// Predicts the labels of a motion.
+pub(super) fn predict(net: &mut ActivityNet, motion: &Motion) -> Result<Labelled, LabError> {
     Ok(net.label(motion).map_err(roadplane_pipeline::PipelineError::from)?)
 }

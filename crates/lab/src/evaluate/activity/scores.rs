@@ -4,19 +4,19 @@ use roadplane_activity::{LABELS, Label};
 use roadplane_tables::bootstrap_scenes;
 use roadplane_tables::{Cell, Column, Table};
 
-/// Truth, and what each system told.
+/// A case: the true label, and the prediction of each system.
 #[derive(Clone, Debug)]
 pub struct Case {
-    /// Labels that are right: one, or both at a change of label.
+    /// Labels that are right: one, or both near a change of label.
     pub truth: Vec<Label>,
-    /// A label a system.
-    pub told: Vec<Label>,
+    /// The predicted label of each system.
+    pub predicted: Vec<Label>,
 }
 
-/// Cases by truth, then by what was told.
+/// Number of cases by true label, then by predicted label.
 type Confusion = [[f64; LABELS]; LABELS];
 
-/// Accuracy; precision and recall, each the mean over `labels` that occur.
+/// Returns accuracy, precision and recall. The last two are means over those of `labels` that occur.
 fn measures(counts: &Confusion, labels: &[Label]) -> [f64; 3] {
     let total: f64 = counts.iter().flatten().sum();
     let hits: f64 = (0..LABELS).map(|i| counts[i][i]).sum();
@@ -31,32 +31,32 @@ fn measures(counts: &Confusion, labels: &[Label]) -> [f64; 3] {
     ]
 }
 
-/// Precision (0 for a label that is never told) and recall.
+/// Returns precision (0 for a label that is never predicted) and recall of a label.
 fn precision_recall(counts: &Confusion, i: usize) -> [f64; 2] {
-    let told: f64 = counts.iter().map(|row| row[i]).sum();
+    let predicted: f64 = counts.iter().map(|row| row[i]).sum();
     let true_ones: f64 = counts[i].iter().sum();
-    [counts[i][i] / told.max(1.0), counts[i][i] / true_ones]
+    [counts[i][i] / predicted.max(1.0), counts[i][i] / true_ones]
 }
 
 fn confusion<'a>(cases: impl Iterator<Item = &'a Case>, system: usize) -> Confusion {
     let mut counts = [[0.0; LABELS]; LABELS];
     for case in cases {
-        let told = case.told[system];
-        let truth = if case.truth.contains(&told) { told } else { case.truth[0] };
-        counts[truth.index()][told.index()] += 1.0;
+        let predicted = case.predicted[system];
+        let truth = if case.truth.contains(&predicted) { predicted } else { case.truth[0] };
+        counts[truth.index()][predicted.index()] += 1.0;
     }
     counts
 }
 
-/// Of each clip the confusions of some systems.
+/// Returns, for each clip, the confusions of some systems.
 fn confusions<const N: usize>(clips: &[Vec<Case>], systems: [usize; N]) -> Vec<[Confusion; N]> {
     clips.iter().map(|clip| systems.map(|system| confusion(clip.iter(), system))).collect()
 }
 
-/// Of all these clips together.
+/// Returns the confusion of all given clips together.
 fn pooled<const N: usize>(clips: &[&[Confusion; N]], which: usize) -> Confusion {
-    let sum = |truth: usize, told: usize| clips.iter().map(|clip| clip[which][truth][told]).sum();
-    std::array::from_fn(|truth| std::array::from_fn(|told| sum(truth, told)))
+    let sum = |truth: usize, label: usize| clips.iter().map(|clip| clip[which][truth][label]).sum();
+    std::array::from_fn(|truth| std::array::from_fn(|label| sum(truth, label)))
 }
 
 fn columns() -> Vec<Column> {
@@ -67,7 +67,7 @@ fn columns() -> Vec<Column> {
         .collect()
 }
 
-/// A row of accuracy (as %), precision and recall, with intervals over clips.
+/// Returns a row of accuracy (%), precision and recall, with intervals over clips.
 fn row<const N: usize>(
     name: String,
     clips: &[Vec<Case>],
@@ -80,7 +80,7 @@ fn row<const N: usize>(
     vec![name.into(), estimate(0).scaled(100.0).into(), estimate(1).into(), estimate(2).into()]
 }
 
-/// Accuracy, precision, recall with intervals over clips, a row a system.
+/// Returns the table of accuracy, precision and recall with intervals over clips, one row per system.
 pub fn table(title: &str, note: &str, clips: &[Vec<Case>], systems: &[&str], labels: &[Label]) -> Table {
     let mut table = Table::new(title, note, columns());
     for (system, name) in systems.iter().enumerate() {
@@ -90,7 +90,7 @@ pub fn table(title: &str, note: &str, clips: &[Vec<Case>], systems: &[&str], lab
     table
 }
 
-/// How far `system` is ahead of each other one.
+/// Returns the table of the differences between `system` and each other one.
 pub fn differences(
     title: &str,
     clips: &[Vec<Case>],
@@ -98,7 +98,7 @@ pub fn differences(
     system: usize,
     labels: &[Label],
 ) -> Table {
-    let mut table = Table::new(title, "The same clips are drawn for both.", columns());
+    let mut table = Table::new(title, "Both systems are resampled on the same clips.", columns());
     for (other, name) in systems.iter().enumerate().filter(|(other, _)| *other != system) {
         let of = |chosen: &[&[Confusion; 2]]| {
             let [ours, theirs] = [0, 1].map(|which| measures(&pooled(chosen, which), labels));
@@ -109,7 +109,7 @@ pub fn differences(
     table
 }
 
-/// Precision and recall of every label, for one system.
+/// Returns the table of precision and recall of every label, for one system.
 pub fn each_label(title: &str, clips: &[Vec<Case>], system: usize) -> Table {
     let columns = vec![
         Column::new("", 0),
@@ -145,14 +145,14 @@ mod tests {
 
     #[test]
     fn precision_and_recall_by_hand() {
-        let case = |truth: &[Label], told| Case { truth: truth.to_vec(), told: vec![told] };
+        let case = |truth: &[Label], label| Case { truth: truth.to_vec(), predicted: vec![label] };
         let (go, stop, left) = (Label::Moving, Label::Stopping, Label::TurningLeft);
         let cases = [
             case(&[go], go),
             case(&[go], go),
             case(&[go], stop),
             case(&[stop], stop),
-            // At a change both are right.
+            // Near a change both labels are right.
             case(&[stop, go], go),
             case(&[left], go),
         ];
@@ -161,7 +161,7 @@ mod tests {
         assert!((accuracy - 4.0 / 6.0).abs() < 1e-12);
         assert!((precision - (3.0 / 4.0 + 1.0 / 2.0) / 2.0).abs() < 1e-12);
         assert!((recall - (3.0 / 4.0 + 1.0) / 2.0).abs() < 1e-12);
-        // A label that does not occur takes no part.
+        // A label that does not occur does not count.
         assert_eq!(measures(&counts, &[go, stop, Label::UTurn]), [accuracy, precision, recall]);
     }
 }

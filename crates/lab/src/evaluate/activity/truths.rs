@@ -1,24 +1,24 @@
-//! What cars of a clip with truth really do.
+//! True activities of the cars of a clip.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-use roadplane_activity::{Label, event_spans, stretch_spans};
+use roadplane_activity::{Label, event_spans, label_spans};
 use roadplane_base::angle_difference;
 
 use super::events::TrueEvent;
 use roadplane_metrics::scoring::counts;
 use roadplane_metrics::truth::{TrueCar, Truth};
 
-/// Shorter stretches are no events, s.
+/// Shorter intervals are no events, s.
 const LEAST_EVENT_S: f64 = 0.5;
 
-/// Whether a car counts in a frame.
+/// Returns whether a car counts in a frame.
 pub fn car_counts(truth: &Truth, car: &TrueCar) -> bool {
     truth.model(car.id).is_some_and(|model| counts(car, model))
 }
 
-/// Times and cars of each car, by its id.
+/// Returns the observations of each car, by its id.
 pub fn cars_by_id(truth: &Truth) -> BTreeMap<u64, Vec<Seen<'_>>> {
     let mut cars: BTreeMap<u64, Vec<Seen<'_>>> = BTreeMap::new();
     for frame in &truth.frames {
@@ -29,11 +29,12 @@ pub fn cars_by_id(truth: &Truth) -> BTreeMap<u64, Vec<Seen<'_>>> {
     cars
 }
 
+/// Returns the true heading of a car, rad.
 pub fn heading_of(car: &TrueCar) -> f64 {
     car.world_from_car[1][0].atan2(car.world_from_car[0][0])
 }
 
-/// By car and frame the labels that are right, those so near (s) among them; the car's own first.
+/// Returns, by car and frame, the right labels: the car's own first, then the others within `fuzzy_s` (s).
 pub fn true_labels(truth: &Truth, fuzzy_s: f64) -> BTreeMap<(u64, u64), Vec<Label>> {
     let mut labels = BTreeMap::new();
     for (id, cars) in cars_by_id(truth) {
@@ -42,8 +43,8 @@ pub fn true_labels(truth: &Truth, fuzzy_s: f64) -> BTreeMap<(u64, u64), Vec<Labe
                 let (_, _, car) = cars[i];
                 let (before, after) = (&cars[i.saturating_sub(1)], &cars[(i + 1).min(cars.len() - 1)]);
                 let turned = angle_difference(heading_of(after.2), heading_of(before.2));
-                let way = (after.1 - before.1) * car.speed_mps;
-                let curvature = if way.abs() > 1e-3 { turned / way } else { 0.0 };
+                let path_m = (after.1 - before.1) * car.speed_mps;
+                let curvature = if path_m.abs() > 1e-3 { turned / path_m } else { 0.0 };
                 Label::of_truth(car.activity, car.speed_mps, curvature)
             })
             .collect();
@@ -59,12 +60,13 @@ pub fn true_labels(truth: &Truth, fuzzy_s: f64) -> BTreeMap<(u64, u64), Vec<Labe
     labels
 }
 
-/// Stretches of one label, but standing, of cars that are seen all the while. They count where the car does in most frames.
-pub fn true_stretches(truth: &Truth, labels: &BTreeMap<(u64, u64), Vec<Label>>) -> Vec<TrueEvent> {
-    while_seen(truth, labels, |named, _| stretch_spans(named))
+/// Returns the intervals of one label, except stationary ones, of cars that stay visible. An interval counts if the car
+/// counts in most of its frames.
+pub fn true_intervals(truth: &Truth, labels: &BTreeMap<(u64, u64), Vec<Label>>) -> Vec<TrueEvent> {
+    while_seen(truth, labels, |named, _| label_spans(named))
 }
 
-/// [`true_stretches`], and starts and stops within turns.
+/// Returns the [`true_intervals`], and also starts and stops within turns.
 pub fn true_events(truth: &Truth, labels: &BTreeMap<(u64, u64), Vec<Label>>) -> Vec<TrueEvent> {
     while_seen(truth, labels, |named, seen| {
         let time_s: Vec<f64> = seen.iter().map(|(_, time_s, _)| *time_s).collect();
@@ -73,10 +75,10 @@ pub fn true_events(truth: &Truth, labels: &BTreeMap<(u64, u64), Vec<Label>>) -> 
     })
 }
 
-/// A car in a frame: the frame's number, its time (s), the car.
+/// A car in a frame: the frame's index, its time (s), the car.
 type Seen<'a> = (u64, f64, &'a TrueCar);
 
-/// Events with these spans of each car, between frames in which it is not seen.
+/// Returns the events of each car between the frames in which it is not visible. `spans` finds them among labels.
 fn while_seen(
     truth: &Truth,
     labels: &BTreeMap<(u64, u64), Vec<Label>>,

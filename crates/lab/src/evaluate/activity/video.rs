@@ -1,4 +1,5 @@
-//! The table's video row: a small net on what a camera shows around a vehicle over time (`scripts/train/activity/video.py`).
+//! The table's video row: a small net whose input is the pixels around a vehicle over time
+//! (`scripts/train/activity/video.py`).
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -9,15 +10,15 @@ use roadplane_decode::{DecodeOptions, open};
 use roadplane_infer::{Dim, InferError, NamedTensor, ProviderChoice, Session, SessionOptions};
 use roadplane_pipeline::PipelineError;
 
-use super::windows::{BEFORE, CROP_BYTES, SIDE_PX, STEPS, Square, TOLD, TOLD_BEFORE};
+use super::windows::{BEFORE, CROP_BYTES, PREDICTED, PREDICTED_BEFORE, SIDE_PX, STEPS, Square};
 use crate::LabError;
 
-/// The net on windows.
+/// The net of the video row.
 pub(super) struct VideoNet {
     session: Session,
 }
 
-/// A track as the net looks for it: times (s, rising) and boxes (px).
+/// A track as the input of the net: times (s, ascending) and boxes (px).
 pub(super) type Boxes = Vec<(f64, [f64; 4])>;
 
 /// A window of a track.
@@ -25,18 +26,19 @@ struct Window {
     track: u64,
     step: i64,
     square: Square,
-    /// [`STEPS`] crops; empty until cut.
+    /// [`STEPS`] crops; each is empty until it is cut.
     crops: Vec<Vec<u8>>,
 }
 
-/// What a net tells of a track: steps and probabilities.
-type Told = BTreeMap<i64, [f64; LABELS]>;
+/// Predictions for a track: probabilities by step.
+type Predictions = BTreeMap<i64, [f64; LABELS]>;
 
 impl VideoNet {
     /// Loads the net with this card.
     ///
     /// # Errors
-    /// [`LabError::Pipeline`] when it is refused, [`MetricsError::Malformed`](roadplane_metrics::MetricsError) when it is none for such windows.
+    /// [`LabError::Pipeline`] if it cannot be loaded; [`MetricsError::Malformed`](roadplane_metrics::MetricsError) if
+    /// its inputs or outputs have another shape.
     pub fn open(card: &Path) -> Result<Self, LabError> {
         let options = SessionOptions { provider: ProviderChoice::Cpu, threads: 1, library: None };
         let session = Session::open(card, &options).map_err(PipelineError::from)?;
@@ -46,21 +48,22 @@ impl VideoNet {
                 && shape[1..].iter().zip(sizes).all(|(dim, size)| *dim == Dim::Fixed(*size))
         };
         if !inputs.is_some_and(|spec| fixed(&spec.shape, &[STEPS, SIDE_PX, SIDE_PX, 3]))
-            || !outputs.is_some_and(|spec| fixed(&spec.shape, &[TOLD, LABELS]))
+            || !outputs.is_some_and(|spec| fixed(&spec.shape, &[PREDICTED, LABELS]))
         {
             let what = format!(
-                "crops [.., {STEPS}, {SIDE_PX}, {SIDE_PX}, 3] and labels [.., {TOLD}, {LABELS}] are not what it takes and gives"
+                "the net must take crops [.., {STEPS}, {SIDE_PX}, {SIDE_PX}, 3] and return labels \
+                [.., {PREDICTED}, {LABELS}]"
             );
             return Err(LabError::malformed(card, what));
         }
         Ok(Self { session })
     }
 
-    /// What it tells of a video's tracks, by track.
+    /// Predicts the labels of a video's tracks; returns them by track.
     ///
     /// # Errors
     /// [`LabError::Pipeline`] when the video cannot be read or the runtime fails.
-    pub fn tell(
+    pub fn predict(
         &mut self,
         media: &Path,
         tracks: &BTreeMap<u64, Boxes>,
@@ -68,26 +71,26 @@ impl VideoNet {
         let mut windows: Vec<Window> =
             tracks.iter().flat_map(|(track, boxes)| windows_of(*track, boxes)).collect();
         cut_all(media, &mut windows)?;
-        let mut told: BTreeMap<u64, Told> = BTreeMap::new();
+        let mut predicted: BTreeMap<u64, Predictions> = BTreeMap::new();
         for window in &windows {
             let probabilities = self.of_window(window)?;
-            let steps = (window.step - TOLD_BEFORE..).zip(probabilities);
-            told.entry(window.track).or_default().extend(steps);
+            let steps = (window.step - PREDICTED_BEFORE..).zip(probabilities);
+            predicted.entry(window.track).or_default().extend(steps);
         }
-        let labelled = |(track, told): (u64, Told)| {
+        let labelled = |(track, predicted): (u64, Predictions)| {
             let time_s: Vec<f64> = tracks.get(&track)?.iter().map(|(time_s, _)| *time_s).collect();
             let within = grid(*time_s.first()?, *time_s.last()?);
             let (steps, p): (Vec<i64>, Vec<[f64; LABELS]>) =
-                told.into_iter().filter(|(step, _)| within.contains(step)).unzip();
+                predicted.into_iter().filter(|(step, _)| within.contains(step)).unzip();
             let nothing = vec![0.0; steps.len()];
             let found = Probabilities { steps, p, gap_s: nothing.clone(), speed_mps: nothing };
             Some((track, found.steady(&time_s)))
         };
-        Ok(told.into_iter().filter_map(labelled).collect())
+        Ok(predicted.into_iter().filter_map(labelled).collect())
     }
 
-    /// Probabilities of the steps that a window tells.
-    fn of_window(&mut self, window: &Window) -> Result<[[f64; LABELS]; TOLD], PipelineError> {
+    /// Returns the probabilities of the steps that a window predicts.
+    fn of_window(&mut self, window: &Window) -> Result<[[f64; LABELS]; PREDICTED], PipelineError> {
         let values: Vec<f32> = window.crops.iter().flatten().map(|v| f32::from(*v)).collect();
         let failed = |session: &Session, what: &str| InferError::Failed {
             model: session.card().name.clone(),
@@ -98,21 +101,21 @@ impl VideoNet {
         let outputs = self.session.run(&[NamedTensor { name: "crops", values: values.into_dyn() }])?;
         let labels = outputs.get("labels");
         let labels = labels.as_ref().and_then(|labels| labels.as_slice());
-        let labels = labels.and_then(|labels| ArrayView2::from_shape((TOLD, LABELS), labels).ok());
+        let labels = labels.and_then(|labels| ArrayView2::from_shape((PREDICTED, LABELS), labels).ok());
         let labels = labels.ok_or_else(|| failed(&self.session, "the output labels is of another shape"))?;
         Ok(std::array::from_fn(|step| std::array::from_fn(|label| f64::from(labels[[step, label]]))))
     }
 }
 
-/// Windows that together tell every step of a track once.
+/// Returns windows that together predict every step of a track once.
 fn windows_of(track: u64, boxes: &Boxes) -> Vec<Window> {
     let (Some((first_s, _)), Some((last_s, _))) = (boxes.first(), boxes.last()) else { return Vec::new() };
     let steps = grid(*first_s, *last_s);
-    let told = TOLD as i64;
-    let window_that_tells = |step: i64| (step + TOLD_BEFORE).div_euclid(told);
-    (window_that_tells(*steps.start())..=window_that_tells(*steps.end()))
+    let predicted = PREDICTED as i64;
+    let window_of = |step: i64| (step + PREDICTED_BEFORE).div_euclid(predicted);
+    (window_of(*steps.start())..=window_of(*steps.end()))
         .map(|k| {
-            let step = k * told;
+            let step = k * predicted;
             let time_s = step as f64 * STEP_S;
             let off_s = |i: usize| (boxes[i].0 - time_s).abs();
             let after = boxes.partition_point(|(t, _)| *t < time_s).min(boxes.len() - 1);
@@ -124,8 +127,8 @@ fn windows_of(track: u64, boxes: &Boxes) -> Vec<Window> {
         .collect()
 }
 
-/// Cuts all windows out of a video, each step's from the frame nearest to its time; before the video and after it from
-/// the steps at its ends.
+/// Cuts all windows out of a video. Each step comes from the frame nearest to its time. Steps before the start or after
+/// the end of the video repeat its first or last step.
 fn cut_all(media: &Path, windows: &mut [Window]) -> Result<(), PipelineError> {
     let mut off_s: BTreeMap<i64, f64> = BTreeMap::new();
     let mut input = open(media, &DecodeOptions::default())?;
@@ -138,8 +141,8 @@ fn cut_all(media: &Path, windows: &mut [Window]) -> Result<(), PipelineError> {
         }
         off_s.insert(step, off);
         for window in windows.iter_mut() {
-            let place = usize::try_from(step - window.step + BEFORE).ok();
-            if let Some(crop) = place.and_then(|place| window.crops.get_mut(place)) {
+            let index = usize::try_from(step - window.step + BEFORE).ok();
+            if let Some(crop) = index.and_then(|index| window.crops.get_mut(index)) {
                 crop.resize(CROP_BYTES, 0);
                 window.square.cut(&frame.image, crop);
             }
@@ -167,17 +170,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_step_of_a_track_is_told_once() {
+    fn every_step_of_a_track_is_predicted_once() {
         for (first, last) in [(0, 0), (3, 40), (7, 8), (101, 1300)] {
             let boxes: Boxes = (first..=last)
                 .map(|i| (f64::from(i) / 30.0, [f64::from(i), 0.0, f64::from(i) + 20.0, 10.0]))
                 .collect();
             let windows = windows_of(5, &boxes);
-            let told: Vec<i64> = windows.iter().flat_map(|w| (w.step - TOLD_BEFORE..).take(TOLD)).collect();
-            assert!(told.windows(2).all(|pair| pair[1] == pair[0] + 1));
-            assert!(grid(boxes[0].0, boxes[boxes.len() - 1].0).all(|step| told.contains(&step)));
+            let steps = windows.iter().flat_map(|w| (w.step - PREDICTED_BEFORE..).take(PREDICTED));
+            let predicted: Vec<i64> = steps.collect();
+            assert!(predicted.windows(2).all(|pair| pair[1] == pair[0] + 1));
+            assert!(grid(boxes[0].0, boxes[boxes.len() - 1].0).all(|step| predicted.contains(&step)));
             for window in &windows {
-                // 6 frames a step.
+                // There are 6 frames per step.
                 let frame = (window.step * 6).clamp(first.into(), last.into()) as f64;
                 assert_eq!(window.square, Square::around([frame, 0.0, frame + 20.0, 10.0]));
             }
@@ -192,7 +196,7 @@ mod tests {
             let path = folder.path().join(format!("{i:03}.png"));
             RgbImage::from_pixel(40, 30, Rgb([i, 0, 255 - i])).save(path).unwrap();
         }
-        // A folder counts as 30 pictures a second: 6 a step.
+        // A folder counts as 30 pictures per second, so a step has 6.
         let mut windows =
             windows_of(1, &vec![(0.0, [10.0, 10.0, 20.0, 20.0]), (0.4, [12.0, 10.0, 22.0, 20.0])]);
         cut_all(folder.path(), &mut windows).unwrap();

@@ -1,24 +1,24 @@
-//! Windows of a video for the table's video row: what a camera shows of a fixed square around a vehicle for 3 s.
+//! Windows of a video for the table's video row: a fixed square around a vehicle for 3 s.
 //!
-//! `scripts/train/activity/windows.py` cuts them alike; both are held to `tests/data/activity/windows.json`.
+//! `scripts/train/activity/windows.py` cuts the same windows; `tests/data/activity/windows.json` tests both.
 
 use image::RgbImage;
 
-/// Steps of a window.
+/// Number of steps of a window.
 pub(super) const STEPS: usize = 16;
-/// Of these before the window's own, around whose box its square lies.
+/// Number of steps before the window's own step. The square lies around the box of the own step.
 pub(super) const BEFORE: i64 = 8;
-/// Steps that it tells.
-pub(super) const TOLD: usize = 4;
-/// Of these before its own.
-pub(super) const TOLD_BEFORE: i64 = 2;
-/// Width and height of what a net sees of a step, px.
+/// Number of steps that a window predicts.
+pub(super) const PREDICTED: usize = 4;
+/// Number of predicted steps before the window's own step.
+pub(super) const PREDICTED_BEFORE: i64 = 2;
+/// Width and height of a crop, the net's input for one step, px.
 pub(super) const SIDE_PX: usize = 48;
-/// Bytes of that: RGB, row by row.
+/// Bytes of a crop: RGB, row by row.
 pub(super) const CROP_BYTES: usize = SIDE_PX * SIDE_PX * 3;
 /// Side of the square over the longer side of the vehicle's box.
 const REACH: f64 = 2.5;
-/// Samples of a pixel, to each side.
+/// Samples per pixel of a crop, along each side.
 const SUB: usize = 3;
 
 /// A square of a picture, px.
@@ -30,13 +30,13 @@ pub(super) struct Square {
 }
 
 impl Square {
-    /// The one around a box.
+    /// Returns the square around a box.
     pub fn around([x0, y0, x1, y1]: [f64; 4]) -> Self {
         let side = (REACH * (x1 - x0).max(y1 - y0)).max(8.0);
         Self { left: (x0 + x1 - side) / 2.0, top: (y0 + y1 - side) / 2.0, side }
     }
 
-    /// What a picture shows in it, scaled to [`SIDE_PX`]; beyond its edge the picture goes on as there.
+    /// Cuts the square out of a picture and scales it to [`SIDE_PX`]. Beyond the picture's edge the edge pixels repeat.
     pub fn cut(&self, picture: &RgbImage, crop: &mut [u8]) {
         let samples = |from: f64, size: u32| -> Vec<u32> {
             let at = |k| (k as f64 + 0.5) / (SUB * SIDE_PX) as f64 * self.side;
@@ -65,7 +65,7 @@ mod tests {
 
     use super::*;
 
-    /// A picture by formula, boxes, and of their crops every fifth pixel of every fifth row.
+    /// Size of a picture that is made by a formula, boxes, and every fifth pixel of every fifth row of their crops.
     #[derive(Deserialize)]
     struct Fixture {
         size_px: [u32; 2],
@@ -80,7 +80,7 @@ mod tests {
     }
 
     #[test]
-    fn the_nets_see_what_they_learnt_from() {
+    fn crops_equal_those_of_the_training() {
         let fixture = include_str!("../../../../../tests/data/activity/windows.json");
         let fixture: Fixture = serde_json::from_str(fixture).unwrap();
         let [width, height] = fixture.size_px;
@@ -92,10 +92,10 @@ mod tests {
             let mut crop = vec![0; CROP_BYTES];
             Square::around(case.bbox).cut(&picture, &mut crop);
             let of = |row: usize, column: usize| &crop[(row * SIDE_PX + column) * 3..][..3];
-            let places = (0..SIDE_PX)
+            let cells = (0..SIDE_PX)
                 .step_by(5)
                 .flat_map(|row| (0..SIDE_PX).step_by(5).map(move |column| (row, column)));
-            let found: Vec<&[u8]> = places.map(|(row, column)| of(row, column)).collect();
+            let found: Vec<&[u8]> = cells.map(|(row, column)| of(row, column)).collect();
             assert_eq!(found, case.crop, "{:?}", case.bbox);
         }
     }

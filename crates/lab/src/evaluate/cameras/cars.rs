@@ -1,4 +1,4 @@
-//! Single cars before a known camera: the view of them that is fitted against the true one, and where their keypoints lie.
+//! Single cars in front of a reference camera: the error of the fitted view, and the positions of their keypoints.
 
 use nalgebra::{Isometry3, Vector2, Vector3};
 use roadplane_base::{Camera, FrameRecord, KEYPOINTS, KeypointSet, ShapeAtlas, StudentT};
@@ -7,7 +7,7 @@ use roadplane_solve::{ShapePrior, fit_car, fit_free_car};
 
 use roadplane_metrics::readers::cameras::ReferenceCamera;
 
-/// From which side a car is seen.
+/// The side from which a car is seen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Aspect {
     Front,
@@ -30,7 +30,7 @@ impl Aspect {
         }
     }
 
-    /// By the angle between where the car points and where it is seen from, laid on the ground, rad.
+    /// Returns the aspect for an angle on the ground between the car's heading and the direction to the camera, rad.
     fn of(angle: f64) -> Self {
         match angle.to_degrees() {
             a if a < 25.0 => Self::Front,
@@ -42,79 +42,81 @@ impl Aspect {
     }
 }
 
-/// A keypoint found, against the car fitted before the true camera.
+/// A found keypoint against the car that was fitted with the true camera.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct PointOff {
+    /// Index of the keypoint.
     pub index: usize,
     /// Found minus fitted, right and up in the picture, in units of the box's longer side.
     pub off: Vector2<f64>,
-    /// Whether the net takes it for visible.
+    /// Whether the net predicts it as visible.
     pub visible: bool,
 }
 
 /// A car that was fitted.
 #[derive(Clone, Debug)]
 pub(super) struct SeenCar {
+    /// Longer side of the box, px.
     pub box_px: f64,
     pub aspect: Aspect,
-    /// True angle at which it is seen from above, rad.
+    /// True angle from which it is seen above the horizontal, rad.
     pub elevation: f64,
-    /// With the pose free: elevation, turn about the line of sight (positive: clockwise), rad; log of how high the camera stands
-    /// above its ground.
+    /// Errors of the free pose: elevation (rad), turn about the line of sight (rad, positive: clockwise), and log of
+    /// the camera's height above the car's ground.
     pub errors: [f64; 3],
-    /// sds of the first two, keypoints taken for independent, how they fit the car on the ground counted, rad.
+    /// sds of the first two errors, rad. Keypoints count as independent, scaled by the misfit of the car on the ground.
     pub claimed: [f64; 2],
-    /// With the car on the true ground.
+    /// The keypoints against the car on the true ground.
     pub points: Vec<PointOff>,
 }
 
-/// The cars of a picture.
+/// Fits the cars of a picture.
 pub(super) fn cars_of(
-    known: &ReferenceCamera,
+    reference: &ReferenceCamera,
     frame: &FrameRecord,
     atlas: &ShapeAtlas,
     config: &Config,
 ) -> Vec<SeenCar> {
     let seen = |car: &roadplane_base::CarRecord| {
         let keypoints = usable(car.keypoints.as_deref()?, config);
-        seen_car(known, &keypoints, car.longer_side_px(), atlas, config)
+        seen_car(reference, &keypoints, car.longer_side_px(), atlas, config)
     };
     frame.cars.iter().filter_map(seen).collect()
 }
 
 fn seen_car(
-    known: &ReferenceCamera,
+    reference: &ReferenceCamera,
     keypoints: &KeypointSet,
     box_px: f64,
     atlas: &ShapeAtlas,
     config: &Config,
 ) -> Option<SeenCar> {
     let options = config.solve.scene_options(None);
-    let camera = known.camera();
-    let up = known.plane.normal_in_camera;
+    let camera = reference.camera();
+    let up = reference.plane.normal_in_camera;
     let free = fit_free_car(atlas, &camera, keypoints, &options)?;
-    let place = free.camera_from_car.translation.vector;
-    let sight = place.try_normalize(1e-9)?;
+    let position = free.camera_from_car.translation.vector;
+    let ray = position.try_normalize(1e-9)?;
     let own_up = free.camera_from_car * Vector3::z();
-    let elevation = |up: &Vector3<f64>| (-up.dot(&sight)).clamp(-1.0, 1.0).asin();
-    // Ups laid across the line of sight, which points away from the camera.
-    let across = |up: &Vector3<f64>| (up - sight * up.dot(&sight)).try_normalize(1e-9);
+    let elevation = |up: &Vector3<f64>| (-up.dot(&ray)).clamp(-1.0, 1.0).asin();
+    // Up vectors projected across the line of sight, which points away from the camera.
+    let across = |up: &Vector3<f64>| (up - ray * up.dot(&ray)).try_normalize(1e-9);
     let [own, truth] = [across(&own_up)?, across(&up)?];
-    let turn = truth.cross(&own).dot(&sight).atan2(truth.dot(&own));
-    let height = -own_up.dot(&place);
-    let errors = [elevation(&own_up) - elevation(&up), turn, (height / known.plane.height_m).ln()];
-    // Turns of the car about the axes that its elevation and its turn are about.
+    let turn = truth.cross(&own).dot(&ray).atan2(truth.dot(&own));
+    let height = -own_up.dot(&position);
+    let errors = [elevation(&own_up) - elevation(&up), turn, (height / reference.plane.height_m).ln()];
+    // Turns of the car about the axes of its elevation and of its turn.
     let turns = free.pose_covariance.fixed_view::<3, 3>(0, 0).into_owned();
-    let axes = [sight.cross(&own_up).try_normalize(1e-9)?, sight];
+    let axes = [ray.cross(&own_up).try_normalize(1e-9)?, ray];
 
-    let fit = fit_car(atlas, &camera, &known.plane, keypoints, &ShapePrior::default(), None, &options)?;
+    let fit = fit_car(atlas, &camera, &reference.plane, keypoints, &ShapePrior::default(), None, &options)?;
     let numbers = 2.0 * keypoints.iter().flatten().count() as f64;
     let worth = StudentT { dimensions: numbers }.weight(2.0 * fit.cost);
     let claimed = axes.map(|axis| (axis.dot(&(turns * axis)).max(0.0) / worth).sqrt());
-    let stood = fit.car;
-    let pose = stood.camera_from_car;
+    let on_plane = fit.car;
+    let pose = on_plane.camera_from_car;
     let towards = pose.inverse().translation.vector.xy();
-    let points = points_off(&camera, &pose, keypoints, box_px, |i| atlas.keypoint_in_car(i, &stood.shape));
+    let points = points_off(&camera, &pose, keypoints, box_px, |i| atlas.keypoint_in_car(i, &on_plane.shape));
     Some(SeenCar {
         box_px,
         aspect: Aspect::of(towards.y.atan2(towards.x).abs()),

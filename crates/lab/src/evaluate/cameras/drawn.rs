@@ -1,4 +1,4 @@
-//! The cameras that are farthest off, drawn: our horizon, ground and cars against the true horizon.
+//! Drawings of the cameras with the largest errors: our horizon, ground and cars against the true horizon.
 
 use image::RgbImage;
 use roadplane_base::{Shape, ShapeAtlas};
@@ -10,19 +10,22 @@ use super::measured::Measured;
 use crate::LabError;
 use roadplane_metrics::truth::isometry_from_rows;
 
-/// How many are drawn.
+/// Number of cameras that are drawn.
 const WORST: usize = 6;
-/// Widest picture, px.
+/// Greatest width of a picture, px.
 const WIDTH: u32 = 1280;
-/// Free rows above the higher horizon, and most rows that are added for it, in heights of the picture.
+/// Free rows above the higher horizon, px.
 const MARGIN_PX: f64 = 20.0;
-/// See [`MARGIN_PX`].
+/// Most rows that are added for the horizon, in heights of the picture.
 const MOST_LIFT: f64 = 0.6;
+/// Colour of the true horizon.
 const TRUE: Rgb = [60, 220, 90];
+/// Colour of our horizon.
 const OURS: Rgb = [255, 150, 40];
+/// Colour of the cars.
 const CAR: Rgb = [64, 196, 255];
 
-/// Pictures of the worst, worst first: by the sum of squared errors in sds.
+/// Draws the worst cameras, worst first, by the sum of squared errors in sds.
 pub(super) fn worst(
     measured: &[Measured],
     atlas: &ShapeAtlas,
@@ -35,16 +38,16 @@ pub(super) fn worst(
 }
 
 fn drawn(measured: &Measured, atlas: &ShapeAtlas, config: &Config) -> Result<Picture, LabError> {
-    let Measured { camera: known, outcome, .. } = measured;
+    let Measured { camera: reference, outcome, .. } = measured;
     let estimate = &outcome.estimate;
-    let (mut ours, mut truth) = (estimate.camera(), known.camera());
+    let (mut ours, mut truth) = (estimate.camera(), reference.camera());
     let plane = estimate.params.plane();
-    let mut input = open_input(&known.media, config)?;
+    let mut input = open_input(&reference.media, config)?;
     let frame = input.next_frame().map_err(PipelineError::from)?;
     let size = [estimate.image_size_px.width, estimate.image_size_px.height];
     let picture = frame.map_or_else(|| RgbImage::new(size[0], size[1]), |frame| frame.image);
-    // Room above for horizons that the picture does not reach.
-    let highest = [(&ours, &plane), (&truth, &known.plane)]
+    // Rows above, for horizons outside the picture.
+    let highest = [(&ours, &plane), (&truth, &reference.plane)]
         .into_iter()
         .flat_map(|(camera, plane)| [0, size[0]].map(|x| horizon_y_px(camera, plane, f64::from(x))))
         .flatten()
@@ -67,7 +70,7 @@ fn drawn(measured: &Measured, atlas: &ShapeAtlas, config: &Config) -> Result<Pic
             .posed(&isometry_from_rows(&car.camera_from_car), &Shape::from(car.shape), CAR)
             .map_err(fail)?;
     }
-    overlay.horizon(&truth, &known.plane, TRUE).map_err(fail)?;
+    overlay.horizon(&truth, &reference.plane, TRUE).map_err(fail)?;
     overlay.horizon(&ours, &plane, OURS).map_err(fail)?;
     let mut picture = overlay.finish().map_err(fail)?;
     if picture.width() > WIDTH {
@@ -78,17 +81,17 @@ fn drawn(measured: &Measured, atlas: &ShapeAtlas, config: &Config) -> Result<Pic
 }
 
 fn caption(measured: &Measured) -> String {
-    let Measured { camera: known, outcome, .. } = measured;
+    let Measured { camera: reference, outcome, .. } = measured;
     let params = &outcome.estimate.params;
     format!(
         "{}: focal length {:.0} px, truth {:.0} ({:+.1} sd); tilt {:.1}°, truth {:.1}° ({:+.1} sd); horizon {:+.0} px off \
          (orange ours, green true); the ground every 5 m, and the cars, by our camera",
-        known.id,
+        reference.id,
         params.focal_px(),
-        known.focal_px,
+        reference.focal_px,
         outcome.in_sds[0],
         params.tilt.to_degrees(),
-        known.plane.tilt().to_degrees(),
+        reference.plane.tilt().to_degrees(),
         outcome.in_sds[1],
         outcome.horizon_px,
     )

@@ -1,22 +1,22 @@
-//! A known camera, what came of it, and what its cars say.
+//! A reference camera, the estimated one, and its cars.
 
 use super::cars::SeenCar;
 use super::outcome::Outcome;
 use roadplane_metrics::readers::cameras::ReferenceCamera;
 
-/// Smallest cars of the cars' tables: longer side of the box, px.
+/// Smallest longer side of the box of cars that count, px.
 pub(super) const LEAST_PX: f64 = 40.0;
-/// An elevation that is off by more is another view of the car, rad.
+/// A car with a larger error of elevation was fitted in another view and does not count, rad.
 pub(super) const ANOTHER_VIEW: f64 = 0.35;
 
-/// A known camera, what came of it, and what its cars say.
+/// A reference camera, the outcome of its run, and its cars.
 pub(super) struct Measured {
     pub camera: ReferenceCamera,
     pub outcome: Outcome,
     pub cars: Vec<SeenCar>,
 }
 
-/// Cars that count in the tables.
+/// Returns the cars that count in the tables.
 pub(super) fn counted(measured: &Measured) -> impl Iterator<Item = &SeenCar> {
     measured.cars.iter().filter(|car| car.box_px >= LEAST_PX && car.errors[0].abs() < ANOTHER_VIEW)
 }

@@ -1,4 +1,4 @@
-//! The product's camera beside the known one.
+//! The estimated camera against the reference camera.
 
 use std::path::Path;
 
@@ -11,36 +11,36 @@ use crate::LabError;
 use crate::workplace::Workplace;
 use roadplane_metrics::readers::cameras::ReferenceCamera;
 
-/// What a run says of a known camera.
+/// The outcome of a run of a reference camera's media.
 pub(super) struct Outcome {
-    /// The estimate that holds longest.
+    /// The estimate of the longest segment.
     pub estimate: CameraEstimate,
     /// Errors of log focal, tilt (rad), roll (rad), log height.
     pub errors: Vector4<f64>,
-    /// The same in sds, that of the truth counted.
+    /// The same four errors in sds, which include the sd of the truth.
     pub in_sds: Vector4<f64>,
-    /// Horizon in the middle of the picture, found minus true, px down.
+    /// Error of the horizon in the middle of the picture, found minus true, px down.
     pub horizon_px: f64,
-    /// Cars of the first frame as the estimate has them.
+    /// Poses of the cars in the first frame.
     pub cars: Vec<PoseRecord>,
 }
 
 impl Outcome {
-    /// Whether the focal length is claimed to be found, to this sd of its logarithm.
+    /// Returns whether the focal length is estimated with at most this sd of its logarithm.
     pub fn claims(&self, log_sd: f64) -> bool {
         self.estimate.status == CameraStatus::Estimated && self.estimate.covariance[(0, 0)].sqrt() <= log_sd
     }
 }
 
-/// Solves the frames as `run` and `solve` do.
+/// Solves the frames as `roadplane run` does, and compares the camera with the reference.
 pub(super) fn outcome(
-    known: &ReferenceCamera,
+    reference: &ReferenceCamera,
     frames: &Path,
     config: &Config,
     cancel: &Cancel,
 ) -> Result<Outcome, LabError> {
-    let place = Workplace::new(None)?;
-    let poses = place.folder().join("poses.jsonl");
+    let workplace = Workplace::new(None)?;
+    let poses = workplace.folder().join("poses.jsonl");
     let options = SolveOptions::default();
     solve_file(frames, &poses, &options, config, cancel, &Silent)?;
     let mut cars: Vec<PoseRecord> = Vec::new();
@@ -52,15 +52,20 @@ pub(super) fn outcome(
         cars.push(pose);
     }
     let estimate = read_camera(&poses.with_file_name("camera.json"))?.camera.estimate();
-    let truth =
-        Vector4::new(known.focal_px.ln(), known.plane.tilt(), known.plane.roll(), known.plane.height_m.ln());
+    let truth = Vector4::new(
+        reference.focal_px.ln(),
+        reference.plane.tilt(),
+        reference.plane.roll(),
+        reference.plane.height_m.ln(),
+    );
     let mut errors = estimate.params.to_vector() - truth;
-    errors[2] = angle_difference(estimate.params.roll, known.plane.roll());
-    let in_sds =
-        Vector4::from_fn(|i, _| errors[i] / (estimate.covariance[(i, i)] + known.sd[i] * known.sd[i]).sqrt());
+    errors[2] = angle_difference(estimate.params.roll, reference.plane.roll());
+    let in_sds = Vector4::from_fn(|i, _| {
+        errors[i] / (estimate.covariance[(i, i)] + reference.sd[i] * reference.sd[i]).sqrt()
+    });
     let horizon = |principal: f64, focal_px: f64, tilt: f64| principal - focal_px * tilt.tan();
     let middle = estimate.principal_point_px.y;
     let horizon_px = horizon(middle, estimate.params.focal_px(), estimate.params.tilt)
-        - horizon(known.principal_point_px.y, known.focal_px, known.plane.tilt());
+        - horizon(reference.principal_point_px.y, reference.focal_px, reference.plane.tilt());
     Ok(Outcome { estimate, errors, in_sds, horizon_px, cars })
 }

@@ -1,4 +1,4 @@
-//! Tables and plots of known cameras.
+//! Tables and plots of the reference cameras.
 
 use std::collections::BTreeMap;
 
@@ -13,9 +13,9 @@ use super::cars::{Aspect, SeenCar};
 use super::measured::{ANOTHER_VIEW, LEAST_PX, Measured, counted};
 use super::view_errors;
 
-/// sd of log focal up to which a focal length counts as claimed.
+/// Largest sd of log focal at which a focal length counts as claimed.
 const CLAIMED: f64 = 0.12;
-/// Names and units of the camera's numbers.
+/// Name of each of the camera's numbers, and factor to its unit.
 const NUMBERS: [(&str, f64); 4] = [
     ("focal, %", 100.0),
     ("tilt, °", 180.0 / std::f64::consts::PI),
@@ -26,7 +26,7 @@ const NUMBERS: [(&str, f64); 4] = [
 pub(super) fn report(measured: &[Measured]) -> Report {
     let straight: Vec<&Measured> = measured.iter().filter(|m| m.camera.is_straight()).collect();
     Report {
-        title: "CameraConstraints cameras".to_owned(),
+        title: "Reference cameras".to_owned(),
         tables: vec![
             each_camera(measured),
             all_cameras(&straight),
@@ -48,8 +48,9 @@ fn columns(titles: &[(&str, usize)]) -> Vec<Column> {
 fn each_camera(measured: &[Measured]) -> Table {
     let mut table = Table::new(
         "Each camera",
-        "Error: estimate minus truth (of logarithms for focal length and height). In sds: the truth's own counted. Horizon: in the \
-         middle of the picture, down. k1: of the lens, and ours with its sd where the picture showed one.",
+        "Error: estimate minus truth (of logarithms for focal length and height). In sds: with the sd of the truth \
+         included. Horizon: in the middle of the picture, down. k1: true distortion of the lens; ours: the estimate \
+         with its sd, if the picture determined one.",
         columns(&[
             ("camera", 0),
             ("k1", 2),
@@ -98,17 +99,17 @@ fn all_cameras(measured: &[&Measured]) -> Table {
     let mut titles = vec![("", 0), ("cameras", 0)];
     titles.extend(NUMBERS.map(|(name, _)| (name, 1)));
     titles.extend([
-        ("focal, error / sd", 2),
-        ("tilt, error / sd", 2),
-        ("roll, error / sd", 2),
-        ("height, error / sd", 2),
-        ("all, error / sd", 2),
+        ("focal, normalised error", 2),
+        ("tilt, normalised error", 2),
+        ("roll, normalised error", 2),
+        ("height, normalised error", 2),
+        ("all, normalised error", 2),
         ("above 3.5 sd", 0),
     ]);
     let mut table = Table::new(
         "All cameras",
-        "Lenses that do not bend lines. Error: median of its size. Error / sd: root mean square, the truth's own sd counted. 95 % \
-         intervals by resampling cameras.",
+        "Lenses without strong distortion. Error: median of its size. Normalised error: root mean square of errors \
+         in sds, with the sd of the truth included; 1 is calibrated. 95 % intervals by resampling cameras.",
         columns(&titles),
     );
     let mut add = |name: String, chosen: Vec<&&Measured>| {
@@ -118,14 +119,15 @@ fn all_cameras(measured: &[&Measured]) -> Table {
                 chosen.iter().map(|m| vec![m.outcome.errors[i].abs() * unit]).collect();
             row.push(bootstrap(&sizes, median).into());
         }
-        let honesty = |numbers: &[usize]| {
+        let normalised_error = |numbers: &[usize]| {
             let squares: Vec<Vec<f64>> = chosen
                 .iter()
                 .map(|m| numbers.iter().map(|i| m.outcome.in_sds[*i].powi(2)).collect())
                 .collect();
             bootstrap(&squares, |squares| mean(squares).sqrt())
         };
-        row.extend([&[0][..], &[1], &[2], &[3], &[0, 1, 2, 3]].map(|numbers| honesty(numbers).into()));
+        let errors = [&[0][..], &[1], &[2], &[3], &[0, 1, 2, 3]];
+        row.extend(errors.map(|numbers| normalised_error(numbers).into()));
         let far = |m: &&&Measured| m.outcome.in_sds.iter().filter(|sds| sds.abs() > 3.5).count() as f64;
         row.push(chosen.iter().map(far).sum::<f64>().into());
         table.rows.push(row);
@@ -146,9 +148,9 @@ fn cars_table(measured: &[&Measured]) -> Table {
     let mut table = Table::new(
         "Single cars, true camera, free pose",
         format!(
-            "The pose that fits a car's keypoints with nothing said of the ground, against the true ground: medians, cars of {LEAST_PX} px \
-             and more; views off by more than {:.0}° are left out. Turn: about the line of sight, clockwise. Size: of the camera's \
-             height above the car's ground. 95 % intervals by resampling cameras.",
+            "The pose that fits a car's keypoints without the ground, against the true ground: medians, cars of \
+             {LEAST_PX} px and more. Views off by more than {:.0}° are left out. Turn: about the line of sight, \
+             clockwise. Size: of the camera's height above the car's ground. 95 % intervals by resampling cameras.",
             ANOTHER_VIEW.to_degrees()
         ),
         columns(&[
@@ -195,18 +197,18 @@ fn cars_table(measured: &[&Measured]) -> Table {
     table
 }
 
-/// Robust sd: by the median distance from the median.
+/// Returns the robust sd, from the median distance from the median.
 fn robust_sd(values: &[f64]) -> f64 {
     let middle = median(values);
     SD_FROM_MEDIAN * median(&values.iter().map(|value| (value - middle).abs()).collect::<Vec<_>>())
 }
 
-/// What cars of one camera have in common, by number.
+/// Returns the table of the errors that the cars of a camera share.
 fn shared_table(measured: &[&Measured]) -> Table {
     let mut table = Table::new(
-        "What cars of one camera share",
-        "Medians of a camera's cars (four and more), scatter from camera to camera: root mean square; and what is left of it when the \
-         sampling of the cars and the sd of the truth are taken out.",
+        "Errors that the cars of one camera share",
+        "Root mean square, over cameras, of the median of a camera's cars (four and more). Left: the remainder \
+         without the sampling error of the cars and the sd of the truth.",
         columns(&[("", 0), ("cameras", 0), ("rms of medians", 2), ("left", 2)]),
     );
     let degrees = 1f64.to_degrees();
@@ -215,7 +217,7 @@ fn shared_table(measured: &[&Measured]) -> Table {
             .iter()
             .filter_map(|m| {
                 let errors: Vec<f64> = counted(m).map(|car| car.errors[i] * unit).collect();
-                // sd of a median: 1.25 × that of a mean.
+                // The sd of a median is 1.25 times that of a mean.
                 let sampling = 1.2533 * robust_sd(&errors) / (errors.len() as f64).sqrt();
                 let truth = m.camera.sd[i + 1] * unit;
                 (errors.len() >= 4).then(|| [median(&errors), sampling.powi(2) + truth.powi(2)])
@@ -240,8 +242,8 @@ fn keypoints_table(measured: &[&Measured], which: &str, wanted: impl Fn(bool) ->
     titles.extend(Aspect::ALL.map(|aspect| (aspect.name(), 1)));
     let mut table = Table::new(
         format!("Keypoints before the true camera: {which}"),
-        "How far up in the picture a keypoint is found from where the car that was fitted on the true ground has it: median, % of the \
-         box's longer side, cars of 40 px and more, five points and more. 95 % intervals by resampling cameras.",
+        "Upward offset of a found keypoint from its position on the car fitted on the true ground: median, % of the \
+         box's longer side. Cars of 40 px and more, five points and more. 95 % intervals by resampling cameras.",
         columns(&titles),
     );
     for (k, name) in keypoint_names().iter().take(half).enumerate() {

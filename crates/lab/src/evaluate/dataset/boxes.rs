@@ -1,4 +1,4 @@
-//! The detector on the stills.
+//! The detector on the stills of a data set.
 
 use roadplane_base::VehicleClass;
 use roadplane_detect::Detector;
@@ -9,7 +9,7 @@ use roadplane_metrics::average_precision::{FoundBox, PictureBoxes};
 use roadplane_metrics::scoring::picture_boxes;
 use roadplane_metrics::truth::Truth;
 
-/// Boxes of cars in the first frame of an item; `None` where it has no media.
+/// Detects the cars in the first frame of an item. Returns `None` if the item has no media.
 pub(super) fn detect(
     truth: &Truth,
     detector: &mut Detector,

@@ -19,7 +19,7 @@ use roadplane_metrics::camera::CameraError;
 use roadplane_metrics::scoring::{PoseScore, TrackScore, score_poses, score_tracks};
 use roadplane_metrics::truth::Kind;
 
-/// A run of one input, made anew.
+/// Runs one input; an existing result is overwritten.
 pub(super) fn run(
     input: &Path,
     workplace: &Workplace,
@@ -33,22 +33,22 @@ pub(super) fn run(
     FinishedRun::read(&report.folder)
 }
 
-/// What a clip came to.
+/// The scores of a clip.
 #[derive(Clone, Debug)]
 pub(super) struct ClipScore {
     pub name: String,
-    /// How many cars appear in it.
+    /// Number of cars that appear in it.
     pub cars: usize,
-    /// Cars of the frames that the other systems solve too.
+    /// Pose errors of the cars in the frames that the other systems solve too.
     pub poses: Vec<PoseScore>,
-    /// All frames that were looked at.
+    /// Track scores of all processed frames.
     pub tracks: TrackScore,
     pub camera: Option<CameraError>,
-    /// Boxes of every frame; empty where they were given.
+    /// Boxes of every frame; empty if the boxes were given.
     pub boxes: Vec<PictureBoxes>,
 }
 
-/// Row 6 from given keypoints.
+/// Scores row 6 from given keypoints.
 pub(super) fn fused(
     item: &Item,
     scene: &SceneEvidence,
@@ -60,12 +60,13 @@ pub(super) fn fused(
     let folder = Workplace::new(None)?;
     let records: Vec<_> = scene.frames.iter().map(|frame| frame.record(&item.truth)).collect();
     let clip = solve_fused(atlas, &records, &CameraConstraints::default(), folder.folder(), config, cancel)?;
-    let looked_at: Vec<u64> = records.iter().map(|record| record.frame).collect();
-    let sampled: Vec<u64> = scene.sample(frames).into_iter().map(|place| looked_at[place]).collect();
-    Ok(score(item, clip.camera, &clip.poses, &clip.rows, &looked_at, &sampled, atlas))
+    let processed: Vec<u64> = records.iter().map(|record| record.frame).collect();
+    let sampled: Vec<u64> = scene.sample(frames).into_iter().map(|index| processed[index]).collect();
+    Ok(score(item, clip.camera, &clip.poses, &clip.rows, &processed, &sampled, atlas))
 }
 
-/// Row 6 from the video alone: our boxes, our keypoints, nothing known. For each clip that has a video.
+/// Scores row 6 from the video alone, for each clip with a video: boxes and keypoints are ours, and the user gives
+/// nothing.
 pub(super) fn run_all(
     items: &[Item],
     atlas: &ShapeAtlas,
@@ -92,13 +93,13 @@ pub(super) fn run_all(
         let run = run(media, workplace, options, config, cancel, &Silent)?;
         tracing::info!("{}: focal {:.0} px", item.name, run.camera.focal_px);
         let frames = run.analysed(&item.truth);
-        let looked_at: Vec<u64> = frames.iter().copied().collect();
+        let processed: Vec<u64> = frames.iter().copied().collect();
         let camera = CameraAnswer {
             focal_px: run.camera.focal_px,
             plane: run.camera.plane(),
             covariance: run.camera.estimate().covariance,
         };
-        let mut clip = score(item, Some(camera), &run.poses, &run.rows, &looked_at, &looked_at, atlas);
+        let mut clip = score(item, Some(camera), &run.poses, &run.rows, &processed, &processed, atlas);
         clip.boxes = pictures(&run, &item.truth, &frames);
         progress.frame_done();
         Ok(clip)
@@ -111,7 +112,7 @@ fn score(
     camera: Option<CameraAnswer>,
     poses: &[PoseRecord],
     rows: &[TrackRow],
-    looked_at: &[u64],
+    processed: &[u64],
     sampled: &[u64],
     atlas: &ShapeAtlas,
 ) -> ClipScore {
@@ -120,7 +121,7 @@ fn score(
         name: item.name.clone(),
         cars: truth.models.len(),
         poses: score_poses(truth, poses, atlas, |frame, _| sampled.contains(&frame)),
-        tracks: score_tracks(truth, rows, |frame, _| looked_at.contains(&frame)),
+        tracks: score_tracks(truth, rows, |frame, _| processed.contains(&frame)),
         camera: camera.map(|camera| camera.error(truth.camera.focal_px, &truth.camera.plane())),
         boxes: Vec::new(),
     }
@@ -135,15 +136,15 @@ mod tests {
     use roadplane_pipeline::{ConstraintOptions, solve_clip};
     use roadplane_write::JsonLines;
 
-    /// Where a point of the ground is in the picture, px.
+    /// Returns the pixel of a point on the ground, px.
     fn pixel(truth: &Truth, x_m: f64, y_m: f64) -> Vector2<f64> {
         let point = truth.camera.plane().camera_from_world() * Point3::new(x_m, y_m, 0.0);
         truth.camera.camera().pixel_from_camera(&point.coords).unwrap()
     }
 
-    /// The rendered lot as it would be if everything were larger: the same pictures, other metres.
+    /// Solves the rendered lot with a length that makes the whole world larger: same pictures, other metres.
     #[test]
-    fn one_known_length_gives_the_world_its_scale() {
+    fn a_length_from_the_user_sets_the_scale_of_the_world() {
         const LARGER: f64 = 1.06;
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/lot.truth.json");
         let truth = read_truth(&path).unwrap();
@@ -155,11 +156,11 @@ mod tests {
             lines.write(&frame.record(&truth)).unwrap();
         }
         lines.finish().unwrap();
-        // Amid the cars.
+        // The length lies among the cars.
         let [from, to] = [-4.0, 4.0].map(|x_m| pixel(&truth, x_m, 24.0));
         let solve = |length_m: Option<f64>| {
             let lengths = folder.path().join("length.csv");
-            let known = length_m.map_or_else(CameraConstraints::default, |length_m| {
+            let constraints = length_m.map_or_else(CameraConstraints::default, |length_m| {
                 let table = format!(
                     "x1,y1,x2,y2,length_m,sd_m,pixel_sd\n{},{},{},{},{length_m},{},0.3\n",
                     from.x,
@@ -176,19 +177,19 @@ mod tests {
                 .unwrap()
             });
             let poses = folder.path().join("poses.jsonl");
-            solve_clip(&frames, &poses, &atlas, &known, &Config::default(), &Cancel::default()).unwrap()
+            solve_clip(&frames, &poses, &atlas, &constraints, &Config::default(), &Cancel::default()).unwrap()
         };
-        // Slope of found on true places, sideways, by the nearest true car.
+        // Slope of found against true positions, sideways, with each row paired to the nearest true car.
         let sideways = |rows: &[TrackRow]| {
             let (mut products, mut squares) = (0.0, 0.0);
             for row in rows {
                 let Some(frame) = truth.frames.iter().find(|frame| frame.frame == row.frame) else {
                     continue;
                 };
-                let places =
+                let positions =
                     frame.cars.iter().map(|car| [car.world_from_car[0][3], car.world_from_car[1][3]]);
                 let off = |at: &[f64; 2]| (row.x_m / LARGER - at[0]).hypot(row.y_m / LARGER - at[1]);
-                let nearest = places.min_by(|a, b| off(a).total_cmp(&off(b))).unwrap();
+                let nearest = positions.min_by(|a, b| off(a).total_cmp(&off(b))).unwrap();
                 products += row.x_m * nearest[0];
                 squares += nearest[0] * nearest[0];
             }
@@ -199,14 +200,14 @@ mod tests {
             (camera.params.log_height.exp() / truth.camera.height_m, camera.covariance[(3, 3)].sqrt())
         };
         let (without, with) = (solve(None), solve(Some(8.0 * LARGER)));
-        let (alone, told) = (height(&without), height(&with));
+        let (alone, given) = (height(&without), height(&with));
         println!("without: {alone:?}, sideways {:.4}", sideways(&without.rows));
-        println!("with one length: {told:?}, sideways {:.4}", sideways(&with.rows));
-        assert!((sideways(&without.rows) - 1.0).abs() < 0.02, "cars alone cannot know");
+        println!("with one length: {given:?}, sideways {:.4}", sideways(&with.rows));
+        assert!((sideways(&without.rows) - 1.0).abs() < 0.02, "cars alone do not determine the scale");
         assert!((sideways(&with.rows) / LARGER - 1.0).abs() < 0.012);
-        // The height is that of the horizon over the length, and so no better than the horizon.
-        assert!((told.0 / LARGER).ln().abs() < 2.0 * told.1 && told.1 < 0.85 * alone.1);
-        assert!(with.cameras.known()[0].apart_sds < 3.0 && with.warnings.is_empty());
+        // The height comes from the horizon and the length, so it is no better than the horizon.
+        assert!((given.0 / LARGER).ln().abs() < 2.0 * given.1 && given.1 < 0.85 * alone.1);
+        assert!(with.cameras.constraints()[0].apart_sds < 3.0 && with.warnings.is_empty());
         let wrong = solve(Some(8.0 * 1.5));
         assert!(
             wrong.warnings.iter().any(|text| text.contains("length of line 2 of length.csv is")),

@@ -14,14 +14,14 @@ use crate::LabError;
 use roadplane_metrics::scoring::counts;
 use roadplane_metrics::truth::{TrueCar, TrueFrame, Truth};
 
-/// Scores of visible and hidden keypoints of truth: about the net's.
+/// Scores of hidden and visible keypoints of the truth; close to the net's.
 const SCORES: [f64; 2] = [0.1, 0.95];
-/// No keypoint claims to be better than this share of its box.
+/// Smallest sd of a keypoint, as a share of its box's longer side.
 const MIN_SD_SHARE: f64 = 0.002;
-/// Measured boxes that overlap a true one less are not taken for its.
+/// A measured box that overlaps a true one less than this (IoU) does not belong to it.
 const MIN_IOU: f64 = 0.5;
 
-/// Keypoints of the frames of an item that are looked at.
+/// Keypoints of the processed frames of an item.
 #[derive(Clone, Debug, Default)]
 pub(super) struct SceneEvidence {
     pub frames: Vec<FrameEvidence>,
@@ -30,16 +30,16 @@ pub(super) struct SceneEvidence {
 /// Keypoints of the cars of a frame that count.
 #[derive(Clone, Debug)]
 pub(super) struct FrameEvidence {
-    /// Place in the truth's frames.
+    /// Index of the frame in the truth.
     pub index: usize,
-    /// Places in the frame's cars.
+    /// Indices of the cars in this frame.
     pub cars: Vec<usize>,
-    /// What was found of each; all `None` where nothing was.
+    /// Keypoints found for each car; all `None` if nothing was found.
     pub keypoints: Vec<KeypointSet>,
 }
 
 impl SceneEvidence {
-    /// Places of at most `most` frames, evenly spread.
+    /// Returns the indices of at most `most` frames, evenly spread.
     pub fn sample(&self, most: usize) -> Vec<usize> {
         let step = self.frames.len().div_ceil(most.max(1)).max(1);
         (0..self.frames.len()).step_by(step).collect()
@@ -47,13 +47,13 @@ impl SceneEvidence {
 }
 
 impl FrameEvidence {
-    /// The keypoints that are sure enough to be used.
+    /// Returns the keypoints with a sufficient score.
     pub fn usable(&self, config: &Config) -> Vec<KeypointSet> {
         let sure = |point: &Keypoint| point.score >= config.solve.min_keypoint_score;
         self.keypoints.iter().map(|set| set.map(|point| point.filter(sure))).collect()
     }
 
-    /// As a line of a frames file.
+    /// Returns the frame as a line of a frames file.
     pub fn record(&self, truth: &Truth) -> FrameRecord {
         let frame = &truth.frames[self.index];
         let cars = self.cars.iter().zip(&self.keypoints);
@@ -73,8 +73,8 @@ fn counted(truth: &Truth, frame: &TrueFrame) -> Vec<usize> {
     (0..frame.cars.len()).filter(|c| counts(&frame.cars[*c])).collect()
 }
 
-/// The net's keypoints in the true boxes of the visible parts. Items without media have measured keypoints beside them
-/// (`NAME.frames.jsonl`).
+/// Predicts the net's keypoints in the true boxes of the visible parts. Items without media have measured keypoints
+/// beside them (`NAME.frames.jsonl`).
 pub(super) fn from_net(
     truth: &Truth,
     path: &Path,
@@ -89,8 +89,8 @@ pub(super) fn from_net(
     }
     let mut scene = SceneEvidence::default();
     while let Some(frame) = input.next_frame().map_err(PipelineError::from)? {
-        let place = truth.frames.binary_search_by_key(&frame.stamp.index, |f| f.frame);
-        let Ok(index) = place else { continue };
+        let index = truth.frames.binary_search_by_key(&frame.stamp.index, |f| f.frame);
+        let Ok(index) = index else { continue };
         let cars = counted(truth, &truth.frames[index]);
         let mut records: Vec<CarRecord> =
             cars.iter().map(|c| CarRecord::boxed(truth.frames[index].cars[*c].bbox_px)).collect();
@@ -124,8 +124,8 @@ fn from_file(truth: &Truth, path: &Path, stride: u32) -> Result<SceneEvidence, L
     Ok(scene)
 }
 
-/// The true keypoints with Gaussian noise, sd a share of the longer side of the visible part's box. Those outside the
-/// picture are left out, as no net could see them.
+/// Returns the true keypoints with Gaussian noise. Its sd is a share of the longer side of the visible part's box.
+/// Keypoints outside the picture are left out, because no net could find them.
 pub(super) fn from_truth(truth: &Truth, noise: f64, seed: u64, stride: u32) -> SceneEvidence {
     let mut rng = Rng::new(seed);
     let size = truth.camera.image_size_px;
@@ -142,7 +142,7 @@ pub(super) fn from_truth(truth: &Truth, noise: f64, seed: u64, stride: u32) -> S
     scene
 }
 
-/// True keypoints of a car with noise of this sd as a share of its box's longer side.
+/// Returns a car's true keypoints with noise; `noise` is its sd as a share of the longer side of the car's box.
 pub(crate) fn noisy_keypoints(car: &TrueCar, noise: f64, size: ImageSize, rng: &mut Rng) -> KeypointSet {
     let [x0, y0, x1, y1] = car.bbox_px;
     let side_px = (x1 - x0).max(y1 - y0);
@@ -162,7 +162,7 @@ mod tests {
     use roadplane_metrics::truth::fixture::lot;
 
     #[test]
-    fn noise_is_what_was_asked_for_and_the_same_each_time() {
+    fn noise_has_the_given_sd_and_is_the_same_each_time() {
         let mut truth = lot(40);
         truth.frames[0].cars[0].keypoints_px[3] = None;
         if let Some(point) = &mut truth.frames[0].cars[0].keypoints_px[4] {

@@ -1,4 +1,4 @@
-//! Single pictures with a known camera and what our nets find in them, for the tables of the solver's steps.
+//! Single pictures with a reference camera and the keypoints of our nets, for the tables of the solver's steps.
 
 use std::path::Path;
 
@@ -15,7 +15,7 @@ use crate::parallel::try_in_parallel;
 use roadplane_metrics::readers::cameras::{ReferenceCamera, read_cameras};
 use roadplane_metrics::truth::read_dataset;
 
-/// Pictures of a data set (a few frames of each clip), our net's keypoints in the true boxes.
+/// Returns pictures of a data set (a few frames of each clip) with our net's keypoints in the true boxes.
 ///
 /// # Errors
 /// [`LabError`] for files that cannot be read, nets that fail, or a stop.
@@ -54,10 +54,11 @@ pub fn dataset_pictures(
     Ok(pictures.into_iter().flatten().collect())
 }
 
-/// Real cameras without lens distortion (`cameras.json`): the cars that our nets find in the picture, or in a clip's first.
+/// Returns the pictures of real cameras without strong distortion (`cameras.json`), with the cars that our nets find. A
+/// clip gives its first picture.
 ///
 /// # Errors
-/// As [`dataset_pictures`].
+/// [`LabError`] for files that cannot be read, nets that fail, or a stop.
 pub fn camera_pictures(
     cameras: &Path,
     models: &Path,

@@ -13,17 +13,17 @@ use crate::LabError;
 use crate::workplace::Workplace;
 use roadplane_metrics::camera::{CameraError, camera_error};
 
-/// A still, what was estimated and how far it is off.
+/// A still, its estimated camera, and the errors.
 pub(super) struct RealStill {
     name: String,
     camera: CameraSegment,
     true_focal_px: f64,
     error: CameraError,
-    /// First coefficient of the lens' radial distortion (OpenCV's k1).
+    /// First coefficient of the lens's radial distortion (k1 of OpenCV).
     distortion: f64,
 }
 
-/// Stills of a folder that have a camera beside them, with it; by name.
+/// Returns the stills of a folder that have a camera beside them, each with its camera file, by name.
 ///
 /// # Errors
 /// [`MetricsError::Unreadable`](roadplane_metrics::MetricsError).
@@ -42,7 +42,7 @@ pub(super) fn list(folder: &Path) -> Result<Vec<[PathBuf; 2]>, LabError> {
     Ok(pairs)
 }
 
-/// Runs every still.
+/// Runs every still and compares its camera with the calibration.
 pub(super) fn evaluate(
     pairs: &[[PathBuf; 2]],
     workplace: &Workplace,
@@ -71,7 +71,7 @@ pub(super) fn evaluate(
     Ok(stills)
 }
 
-/// A row a still.
+/// Returns the table of the stills, one row per still.
 pub(super) fn table(stills: &[RealStill]) -> Table {
     let columns = [
         ("still", 0),
@@ -89,8 +89,9 @@ pub(super) fn table(stills: &[RealStill]) -> Table {
         ("status", 0),
     ];
     let columns = columns.map(|(title, decimals)| Column::new(title, decimals)).to_vec();
-    let note = "Real pictures, one each, from the pixels alone (our boxes, our keypoints). Truth: the camera's calibration, \
-                whose z = 0 is roughly the ground; k1: how its lens bends lines; ours: what we found, nothing where we took it for straight.";
+    let note = "Real pictures, one each, from the pixels alone (our boxes, our keypoints). Truth: the camera's \
+        calibration, whose z = 0 is roughly the ground. k1: true distortion of the lens; ours: the estimate, empty \
+        if the lens was taken for straight.";
     let mut table = Table::new("Real stills: camera", note, columns);
     for still in stills {
         let (camera, error) = (&still.camera, &still.error);

@@ -1,4 +1,4 @@
-//! A system's answers to an item, scored.
+//! Scores a system's answers for an item.
 
 use nalgebra::{Point3, Vector2};
 use roadplane_base::{Camera, ShapeAtlas};
@@ -12,37 +12,37 @@ use roadplane_metrics::reprojection::reprojection_rms_px;
 use roadplane_metrics::scoring::{PoseScore, score_pose};
 use roadplane_metrics::truth::{TrueCar, Truth};
 
-/// Errors in one item.
+/// Errors of a system on one item.
 #[derive(Clone, Debug, Default)]
 pub(super) struct SystemScore {
-    /// Of every car that counts.
+    /// Errors of every car that counts.
     pub cars: Vec<CarScore>,
-    /// Of every picture, of systems that find the ground.
+    /// Errors of every picture's camera, for systems that find the ground.
     pub cameras: Vec<PictureScore>,
 }
 
-/// Errors of a car; infinite where it got no pose.
+/// Errors of a car; infinite if it got no pose.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct CarScore {
     pub pose: PoseScore,
     pub position: PositionError,
-    /// Root mean square distance of its keypoints from the true ones, as a share of the box's longer side.
+    /// Root mean square distance of its projected keypoints from the true ones, as a share of the box's longer side.
     pub reprojection: f64,
     /// Longer side of the visible part's box, px.
     pub side_px: f64,
-    /// Share of it that is seen.
+    /// Visible share of the car.
     pub visible_share: f64,
 }
 
 /// Errors of a picture's camera.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct PictureScore {
-    /// Cars that count.
+    /// Number of cars that count.
     pub cars: usize,
     pub error: CameraError,
 }
 
-/// A system on the sampled frames of an item.
+/// Runs a system on the sampled frames of an item and scores its answers.
 pub(super) fn score(
     system: System,
     truth: &Truth,
@@ -52,7 +52,7 @@ pub(super) fn score(
     config: &Config,
 ) -> SystemScore {
     let mut score = SystemScore::default();
-    for frame in sampled.iter().map(|place| &scene.frames[*place]) {
+    for frame in sampled.iter().map(|index| &scene.frames[*index]) {
         let keypoints = frame.usable(config);
         let (size, focal_px) = (truth.camera.image_size_px, truth.camera.focal_px);
         let input = FrameInput { size, focal_px, plane: truth.camera.plane(), cars: &keypoints };
@@ -67,7 +67,7 @@ pub(super) fn score(
     score
 }
 
-/// A picture from which no camera could be found.
+/// Errors of a picture for which no camera was found.
 const NO_CAMERA: CameraError = CameraError {
     focal_relative: f64::INFINITY,
     tilt_rad: f64::INFINITY,
@@ -79,24 +79,25 @@ const NO_CAMERA: CameraError = CameraError {
 
 fn cars(truth: &Truth, frame: &FrameEvidence, answer: &FrameAnswer, atlas: &ShapeAtlas) -> Vec<CarScore> {
     let size = truth.camera.image_size_px;
-    // Systems that find no ground get the true one to say where on it a car stands.
+    // Systems that find no ground get the true one, so that their cars have positions on it.
     let (focal_px, plane) = answer
         .camera
         .map_or((truth.camera.focal_px, truth.camera.plane()), |camera| (camera.focal_px, camera.plane));
     let camera = Camera::centred(focal_px, size);
     let world_from_camera = plane.camera_from_world().inverse();
     let true_cars = || frame.cars.iter().map(|c| &truth.frames[frame.index].cars[*c]);
-    let places: Vec<_> = true_cars()
+    let positions: Vec<_> = true_cars()
         .zip(&answer.cars)
         .map(|(car, answer)| {
-            let place = answer.as_ref().map(|answer| world_from_camera * answer.camera_from_car);
-            (place.map(|place| place.translation.vector.xy()), car.world_from_car().translation.vector.xy())
+            let pose = answer.as_ref().map(|answer| world_from_camera * answer.camera_from_car);
+            (pose.map(|pose| pose.translation.vector.xy()), car.world_from_car().translation.vector.xy())
         })
         .collect();
     let score = |((car, answer), position): ((&TrueCar, &Option<CarAnswer>), PositionError)| {
         score_car(truth, car, answer.as_ref(), &camera, position, atlas)
     };
-    true_cars().zip(&answer.cars).zip(position_errors(&places, places.len())).filter_map(score).collect()
+    let errors = position_errors(&positions, positions.len());
+    true_cars().zip(&answer.cars).zip(errors).filter_map(score).collect()
 }
 
 fn score_car(

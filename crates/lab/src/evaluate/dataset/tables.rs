@@ -1,4 +1,4 @@
-//! The tables of a data set, and where row 4 errs.
+//! The tables of a data set, and the groups of cars on which row 4 has its errors.
 
 use roadplane_tables::{Cell, Column, Report, Table, bootstrap, median, quantile, share_within};
 
@@ -14,15 +14,16 @@ use roadplane_metrics::camera::CameraError;
 use roadplane_metrics::position::{ALL_M, AT_40_M, PositionError, in_range, range_name};
 use roadplane_metrics::scoring::{PoseScore, TrackScore};
 
-/// Cars from which on a single picture is expected to give the focal length.
+/// Least number of cars at which a single picture is expected to determine the focal length.
 const MANY_CARS: usize = 5;
-/// Rows that the paper ranks, worst first: all are given the focal length.
+/// Rows that the paper ranks, worst first. All of them get the true focal length.
 const RANKED: [System; 4] = [System::Pavlakos, System::KrishnaMurthy, System::FreePoses, System::Plane];
-/// Rows of clips.
+/// Name of row 6 from given keypoints.
 const FUSED: &str = "6 ours, fused over the clip";
+/// Name of row 6 from the video alone.
 const RUN: &str = "6 from the video alone";
 
-/// One kind of score of every item, by system.
+/// One kind of score for each item, by system.
 type ByName<T> = Vec<(String, Vec<Vec<T>>)>;
 
 fn of_cars<T>(systems: &[(System, Vec<SystemScore>)], number: impl Fn(&CarScore) -> T) -> ByName<T> {
@@ -35,13 +36,13 @@ fn scored<T>(by_name: &ByName<T>) -> Vec<Scored<'_, T>> {
     by_name.iter().map(|(name, items)| (name.as_str(), items.as_slice())).collect()
 }
 
-/// Rows 1–5 on all items.
+/// Adds the tables of rows 1–5 on all items.
 pub(super) fn add_single_frames(report: &mut Report, what: &str, systems: &[(System, Vec<SystemScore>)]) {
     let poses = of_cars(systems, |car| car.pose);
     let positions = of_cars(systems, |car| car.position);
     let mut add = add_table(&format!("Table 1, ADD: {what}"), &scored(&poses));
-    add.note += " Systems 1–4 are given the focal length; the last row is given the true ground too, so what row 4 lacks to it \
-                 is the error of the ground, common to all cars of a picture.";
+    add.note += " Systems 1–4 get the true focal length. The last row also gets the true ground. So its lead over \
+        row 4 is the error of the ground, which all cars of a picture share.";
     report.tables.push(add);
     report.tables.push(viewpoint_table(&format!("Table 2, viewpoint: {what}"), &scored(&poses)));
     let ranked: Vec<_> = systems.iter().filter(|(system, _)| RANKED.contains(system)).cloned().collect();
@@ -52,7 +53,7 @@ pub(super) fn add_single_frames(report: &mut Report, what: &str, systems: &[(Sys
         .push(camera_table(&format!("Camera from single frames: {what}"), &scored(&cameras(systems))));
     let mut position = position_table(&format!("Position: {what}"), &scored(&positions));
     position.note +=
-        " Systems 1–3 find no ground; where a car stands on it is worked out on the true one here.";
+        " Systems 1–3 find no ground; positions of their cars are computed on the true ground here.";
     report.tables.push(position);
     report.tables.push(reprojection_table(&format!("Reprojection: {what}"), systems));
     if let Some((system, items)) = systems.iter().find(|(system, _)| *system == System::Plane) {
@@ -64,7 +65,7 @@ pub(super) fn add_single_frames(report: &mut Report, what: &str, systems: &[(Sys
     }
 }
 
-/// Camera errors of the systems that find one: all pictures, and those with many cars.
+/// Returns the camera errors of the systems that find one: on all pictures, and on those with many cars.
 fn cameras(systems: &[(System, Vec<SystemScore>)]) -> ByName<CameraError> {
     let mut rows = Vec::new();
     for (system, items) in systems.iter().filter(|(system, _)| system.finds_ground()) {
@@ -86,8 +87,8 @@ fn reprojection_table(title: &str, systems: &[(System, Vec<SystemScore>)]) -> Ta
         Column::new("median, % of the box", 2),
         Column::new("90 % within, % of the box", 2),
     ];
-    let note = "Root mean square distance of a car's projected keypoints from all true ones (hidden ones too), in longer sides \
-                of its visible part's box.";
+    let note = "Root mean square distance of a car's projected keypoints from all true ones, hidden ones included, \
+        in longer sides of its visible part's box.";
     let mut table = Table::new(title, note, columns);
     for (name, items) in of_cars(systems, |car| car.reprojection) {
         table.rows.push(vec![
@@ -99,9 +100,10 @@ fn reprojection_table(title: &str, systems: &[(System, Vec<SystemScore>)]) -> Ta
     table
 }
 
-/// A name and which cars it is of.
+/// Name of a group of cars, and whether a car belongs to it.
 type Group = (&'static str, fn(&CarScore) -> bool);
 
+/// The groups by size, distance, visible share and rotation error.
 const GROUPS: [Group; 14] = [
     ("box 24–40 px", |c| c.side_px < 40.0),
     ("box 40–64 px", |c| (40.0..64.0).contains(&c.side_px)),
@@ -129,7 +131,7 @@ fn kinds_table(title: &str, items: &[SystemScore]) -> Table {
         Column::new("rotation ≤ 0.14 rad, %", 1),
         Column::new("rotation, median °", 2),
     ];
-    let mut table = Table::new(title, "Which cars are the hard ones.", columns);
+    let mut table = Table::new(title, "The same scores for groups of cars.", columns);
     for (name, belongs) in GROUPS {
         let chosen: Vec<Vec<PoseScore>> = items
             .iter()
@@ -152,7 +154,7 @@ fn kinds_table(title: &str, items: &[SystemScore]) -> Table {
     table
 }
 
-/// All six rows on the clips.
+/// Adds the tables of all six rows on the clips.
 pub(super) fn add_clips(
     report: &mut Report,
     what: &str,
@@ -173,16 +175,17 @@ pub(super) fn add_clips(
     add_tracks(report, &format!("{FUSED}, {what}"), fused);
 }
 
-/// Each clip's camera and how far off its cars are: all cars of a clip share one error of scale and focal length, so a clip
-/// is one draw, however many cars it has.
+/// Returns the table of each clip's camera and position errors. All cars of a clip share one error of scale and focal
+/// length. So a clip is one sample, however many cars it has.
 fn one_by_one_table(title: &str, clips: &[ClipScore]) -> Table {
-    let heads = ["focal, %", "tilt, °", "height, %", "focal, error / sd", "tilt, error / sd"];
+    let heads = ["focal, %", "tilt, °", "height, %", "focal, normalised error", "tilt, normalised error"];
     let ranges = [AT_40_M, ALL_M];
     let mut columns = vec![Column::new("clip", 0), Column::new("cars", 0)];
     columns.extend(heads.map(|head| Column::new(head, 2)));
     columns.extend(ranges.map(|range| Column::new(format!("position {}, median m", range_name(range)), 2)));
-    let note = "Signed errors of the camera, and the error of positions on the ground. Last the median of each \
-                column, signs aside; that of error / sd is 0.67 where sds are honest.";
+    let note = "Signed errors of the camera, and the error of positions on the ground. The last row is the median of \
+        each column's absolute values. For normalised errors (here: error / its sd per clip) it is 0.67 if the sds \
+        are calibrated.";
     let mut table = Table::new(title, note, columns);
     let numbers = |clip: &ClipScore| -> Vec<f64> {
         let camera = clip.camera.map_or([f64::NAN; 5], |error| {
@@ -198,8 +201,8 @@ fn one_by_one_table(title: &str, clips: &[ClipScore]) -> Table {
     };
     let rows: Vec<Vec<f64>> = clips.iter().map(numbers).collect();
     let median_of = |column: usize| {
-        let known = rows.iter().map(|row| row[column].abs()).filter(|number| !number.is_nan());
-        median(&known.collect::<Vec<f64>>())
+        let determined = rows.iter().map(|row| row[column].abs()).filter(|number| !number.is_nan());
+        median(&determined.collect::<Vec<f64>>())
     };
     let last: Vec<f64> = (0..table.columns.len() - 2).map(median_of).collect();
     let names = clips.iter().map(|clip| [clip.name.clone(), clip.cars.to_string()]);
@@ -212,7 +215,7 @@ fn one_by_one_table(title: &str, clips: &[ClipScore]) -> Table {
     table
 }
 
-/// Runs from the video alone.
+/// Adds the tables of runs from the video alone.
 pub(super) fn add_runs(report: &mut Report, runs: &[ClipScore]) {
     if runs.is_empty() {
         return;

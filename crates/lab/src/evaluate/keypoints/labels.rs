@@ -1,5 +1,11 @@
-//! Hand-labelled cars of an image: `{"image", "cars": [{"box": [x0, y0, x1, y1], "type", "facing", "keypoints": {name: [x, y, flag]}}]}`,
-//! px; flag 2: clearly visible, 1: hidden or blurred and placed by judgement; absent: not labelled.
+//! Reads hand-labelled cars of an image, in the form
+//!
+//! ```text
+//! {"image", "cars": [{"box": [x0, y0, x1, y1], "type", "facing", "keypoints": {name: [x, y, flag]}}]}
+//! ```
+//!
+//! Positions are in px. Flag 2 is clearly visible; flag 1 is hidden or blurred, and placed by judgement. Absent
+//! keypoints are not labelled.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -11,12 +17,12 @@ use serde::Deserialize;
 use crate::LabError;
 use roadplane_metrics::text_file::read_text;
 
-/// A labelled place.
+/// A labelled keypoint.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Label {
-    /// Where, px.
+    /// Position, px.
     pub pixel: Vector2<f64>,
-    /// Clearly visible; else hidden or blurred, and placed by judgement.
+    /// Whether it is clearly visible; otherwise it is hidden or blurred, and placed by judgement.
     pub clear: bool,
 }
 
@@ -31,12 +37,12 @@ pub struct LabelledCar {
     pub labels: [Option<Label>; KEYPOINTS],
 }
 
-/// An image's labels.
+/// The labels of an image.
 #[derive(Clone, Debug)]
 pub struct LabelledImage {
     /// The image's file name.
     pub image: PathBuf,
-    /// Its labelled cars.
+    /// The labelled cars of the image.
     pub cars: Vec<LabelledCar>,
 }
 
@@ -59,7 +65,8 @@ impl LabelledImage {
     /// Reads a label file.
     ///
     /// # Errors
-    /// [`MetricsError::Unreadable`](roadplane_metrics::MetricsError), or [`MetricsError::Malformed`](roadplane_metrics::MetricsError) that says which car and which keypoint is wrong.
+    /// [`MetricsError::Unreadable`](roadplane_metrics::MetricsError), or
+    /// [`MetricsError::Malformed`](roadplane_metrics::MetricsError) with the car and the keypoint.
     pub fn read(path: &Path) -> Result<Self, LabError> {
         let file: File =
             serde_json::from_str(&read_text(path)?).map_err(|error| LabError::malformed(path, error))?;
@@ -81,7 +88,7 @@ fn checked(car: Car) -> Result<LabelledCar, String> {
     for (name, [x, y, flag]) in car.keypoints {
         let index = keypoint_names()
             .iter()
-            .position(|known| *known == name)
+            .position(|listed| *listed == name)
             .ok_or_else(|| format!("{name} is no keypoint's name"))?;
         if !(x.is_finite() && y.is_finite() && [1.0, 2.0].contains(&flag)) {
             return Err(format!("{name}: [x, y, flag] with flag 1 or 2 expected"));

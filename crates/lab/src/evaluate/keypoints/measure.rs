@@ -1,4 +1,4 @@
-//! Errors of one car's keypoints, exchanged names, and how well the score tells visible from hidden.
+//! Errors of one car's keypoints, exchanged names, and the separation of visible from hidden keypoints by score.
 
 use nalgebra::Vector2;
 use roadplane_base::{KEYPOINTS, KeypointSet, mirror_index};
@@ -6,24 +6,25 @@ use roadplane_tables::median;
 
 use super::labels::LabelledCar;
 
-/// Index of the keypoint at the other end of the car, of the 18 of a side; mirror and B-pillar have none and stay.
+/// Index of the keypoint at the other end of the car, for the 18 of one side. Mirror and B-pillar have none and map to
+/// themselves.
 const OTHER_END: [usize; KEYPOINTS / 2] = [1, 0, 3, 2, 6, 7, 4, 5, 9, 8, 13, 12, 11, 10, 14, 16, 15, 17];
-/// Clear keypoints that a car needs before its names can be said to be exchanged.
+/// Fewest clear keypoints for which exchanged names are detected.
 const MIN_CLEAR: usize = 4;
 
-/// Which names a net has exchanged.
+/// The keypoint names that a net exchanged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Confusion {
     /// Left for right.
     LeftRight,
     /// Front for back.
     FrontBack,
-    /// Both: the car is seen turned round.
+    /// Both: the car is taken for one that is turned round.
     TurnedRound,
 }
 
 impl Confusion {
-    /// All kinds.
+    /// All kinds of exchange.
     pub const ALL: [Self; 3] = [Self::LeftRight, Self::FrontBack, Self::TurnedRound];
 
     fn exchanged(self, index: usize) -> usize {
@@ -37,10 +38,10 @@ impl Confusion {
     }
 }
 
-/// A clear keypoint's error.
+/// The error of a clear keypoint.
 #[derive(Clone, Copy, Debug)]
 pub struct PointError {
-    /// Which keypoint.
+    /// Index of the keypoint.
     pub index: usize,
     /// Distance in units of the box's longer side.
     pub of_box: f64,
@@ -50,7 +51,7 @@ pub struct PointError {
     pub score: f64,
 }
 
-/// What a car's keypoints came to.
+/// The errors of a car's keypoints.
 #[derive(Clone, Debug, Default)]
 pub struct CarErrors {
     /// Longer side of its true box, px.
@@ -61,19 +62,19 @@ pub struct CarErrors {
     pub points: Vec<PointError>,
     /// Scores of keypoints labelled as hidden or blurred.
     pub hidden_scores: Vec<f64>,
-    /// Exchanged names, if the prediction fits better with them exchanged.
+    /// The exchange of names that fits the labels better than the prediction itself, if there is one.
     pub confusion: Option<Confusion>,
 }
 
 impl CarErrors {
-    /// Median error in units of the box's longer side; NaN without clear keypoints.
+    /// Returns the median error in units of the box's longer side; NaN without clear keypoints.
     #[must_use]
     pub fn median(&self) -> f64 {
         median(&self.points.iter().map(|p| p.of_box).collect::<Vec<_>>())
     }
 }
 
-/// Compares a car's keypoints with its labels. Labels whose keypoint was not found count as infinitely far off.
+/// Compares a car's keypoints with its labels. A label whose keypoint was not found counts as infinitely far off.
 #[must_use]
 pub fn measure(car: &LabelledCar, found: &KeypointSet) -> CarErrors {
     let [x0, y0, x1, y1] = car.bbox_px;
@@ -108,7 +109,7 @@ pub fn measure(car: &LabelledCar, found: &KeypointSet) -> CarErrors {
     errors
 }
 
-/// The exchange of names with which the prediction's median error is smallest, if smaller than without.
+/// Returns the exchange of names with the smallest median error, if it is smaller than without an exchange.
 #[must_use]
 pub fn confusion(car: &LabelledCar, found: &KeypointSet) -> Option<Confusion> {
     let clear: Vec<(usize, Vector2<f64>)> = car
@@ -121,8 +122,8 @@ pub fn confusion(car: &LabelledCar, found: &KeypointSet) -> Option<Confusion> {
         return None;
     }
     let misfit = |name: &dyn Fn(usize) -> usize| {
-        let off = |(i, true_place): &(usize, Vector2<f64>)| {
-            found[name(*i)].map_or(f64::INFINITY, |f| (f.pixel - true_place).norm())
+        let off = |(i, true_px): &(usize, Vector2<f64>)| {
+            found[name(*i)].map_or(f64::INFINITY, |f| (f.pixel - true_px).norm())
         };
         median(&clear.iter().map(off).collect::<Vec<_>>())
     };
@@ -131,8 +132,10 @@ pub fn confusion(car: &LabelledCar, found: &KeypointSet) -> Option<Confusion> {
     (least < misfit(&|i| i)).then_some(kind)
 }
 
-/// Probability that one of `above` is larger than one of `below`, ties counted half (area under the ROC curve; Fawcett 2006);
-/// NaN if either is empty.
+/// Returns the probability that one of `above` is larger than one of `below`, with ties counted half; NaN if either is
+/// empty.
+///
+/// It is the area under the ROC curve (Fawcett 2006).
 #[must_use]
 pub fn auc(above: &[f64], below: &[f64]) -> f64 {
     let mut sorted = below.to_vec();
@@ -151,7 +154,7 @@ mod tests {
     use super::*;
     use roadplane_base::{Keypoint, keypoint_names};
 
-    /// A car whose keypoints stand on a 6 × 6 grid of 10 px.
+    /// A car whose keypoints lie on a 6 × 6 grid of 10 px.
     fn car() -> LabelledCar {
         let labels = std::array::from_fn(|i| {
             let pixel = Vector2::new((i % 6) as f64 * 10.0, (i / 6) as f64 * 10.0);

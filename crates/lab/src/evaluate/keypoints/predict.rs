@@ -1,4 +1,4 @@
-//! The nets on labelled images.
+//! Runs the nets on labelled images.
 
 use image::RgbImage;
 use roadplane_base::{CarRecord, Frame, FrameStamp, KeypointSet, assign, bbox_iou};
@@ -8,11 +8,13 @@ use roadplane_pipeline::PipelineError;
 
 use super::labels::LabelledCar;
 
-/// Overlap from which a detected box is taken for a labelled car's.
+/// Least overlap (IoU) of a detected box with a labelled car's box.
 const MIN_IOU: f64 = 0.4;
 
-/// Keypoints of the labelled cars of a picture: in their true boxes, or with a `detector` in the boxes that it finds. `None`
-/// for cars that were not found or are too small for the net.
+/// Predicts the keypoints of the labelled cars of a picture, in their true boxes or, with a `detector`, in detected
+/// boxes.
+///
+/// The result has `None` for cars that were not found or are too small for the net.
 ///
 /// # Errors
 /// [`PipelineError`] when a net fails.
@@ -36,7 +38,7 @@ pub fn predict(
     Ok(records.iter_mut().map(take).collect())
 }
 
-/// The detected box of each labelled car, by the assignment with the largest overlap; whatever class it was given.
+/// Returns the detected box of each labelled car, of any class, by the assignment with the largest overlap.
 fn matched(cars: &[LabelledCar], found: &[CarRecord]) -> Vec<Option<CarRecord>> {
     let cost = |i: usize, j: usize| 1.0 - bbox_iou(&cars[i].bbox_px, &found[j].bbox_px);
     let chosen = assign(cars.len(), found.len(), 1.0 - MIN_IOU, cost);

@@ -8,10 +8,10 @@ use roadplane_tables::{Cell, Column, Estimate, Table, bootstrap, bootstrap_scene
 
 use super::measure::{CarErrors, Confusion, auc};
 
-/// Limits of the sizes of cars (longer side of the box), px.
+/// Limits of the size classes of cars (longer side of the box), px.
 const SIZES_PX: [f64; 6] = [0.0, 40.0, 60.0, 100.0, 200.0, f64::INFINITY];
 
-/// Tables of groups of cars (an image, say): each has a name. The last row of the first table is of all cars.
+/// Returns the tables of named groups of cars, such as images. The last row of the first table has all cars.
 #[must_use]
 pub fn keypoint_tables(groups: &[(String, Vec<CarErrors>)]) -> Vec<Table> {
     let all: Vec<&CarErrors> = groups.iter().flat_map(|(_, cars)| cars).collect();
@@ -25,7 +25,7 @@ pub fn keypoint_tables(groups: &[(String, Vec<CarErrors>)]) -> Vec<Table> {
     vec![overall, by_keypoint(&all), by_size(&all), by_body(&all)]
 }
 
-/// Cars with the largest median error first, those with exchanged names before all others: positions in the list.
+/// Returns the indices of the cars, worst first: those with exchanged names first, then by the median error.
 #[must_use]
 pub fn worst_first(cars: &[&CarErrors]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..cars.len()).filter(|i| !cars[*i].points.is_empty()).collect();
@@ -40,8 +40,9 @@ pub fn worst_first(cars: &[&CarErrors]) -> Vec<usize> {
 fn overall_table() -> Table {
     Table::new(
         "Keypoints",
-        "Clear keypoints; error in % of the longer side of the true box; 95 % intervals by resampling cars. AUC: score of \
-         clear against hidden or blurred. Error / sd: robust sd of the error in units of the predicted sd, 1 is honest.",
+        "Clear keypoints; error in % of the longer side of the true box; 95 % intervals by resampling cars. AUC: \
+         score of clear against hidden or blurred. Normalised error: robust sd of the error in units of the \
+         predicted sd; 1 is calibrated.",
         vec![
             Column::new("image", 0),
             Column::new("cars", 0),
@@ -50,7 +51,7 @@ fn overall_table() -> Table {
             Column::new("PCK@0.05, %", 1),
             Column::new("PCK@0.1, %", 1),
             Column::new("AUC", 3),
-            Column::new("error / sd", 2),
+            Column::new("normalised error", 2),
             Column::new("left/right", 0),
             Column::new("front/back", 0),
             Column::new("turned round", 0),
@@ -83,7 +84,7 @@ fn overall_row(name: &str, cars: &[&CarErrors]) -> Vec<Cell> {
     row
 }
 
-/// Median error, PCK at 0.05 and at 0.1, all in %, of the keypoints that are asked for.
+/// Returns the median error, PCK at 0.05 and PCK at 0.1, all in %, of the keypoints for which `wanted` is true.
 fn accuracy(cars: &[&CarErrors], wanted: impl Fn(usize) -> bool) -> [Estimate; 3] {
     let errors: Vec<Vec<f64>> = cars
         .iter()
@@ -165,7 +166,7 @@ mod tests {
     }
 
     #[test]
-    fn tables_count_what_they_say() {
+    fn tables_count_cars_and_points() {
         let groups = [
             ("a".to_owned(), vec![car(0.01, 50.0, "suv", None), car(0.2, 150.0, "", None)]),
             ("b".to_owned(), vec![car(0.06, 500.0, "suv", Some(Confusion::FrontBack))]),

@@ -1,4 +1,4 @@
-//! What the plane is worth, and what an unknown focal length costs: ADD and viewpoint precision with and without.
+//! Worth of the plane, and cost of an unknown focal length: ADD and viewpoint precision with and without each.
 
 use nalgebra::{Isometry3, Point3};
 use roadplane_base::ShapeAtlas;
@@ -10,25 +10,30 @@ use roadplane_tables::{Column, Table, bootstrap, median, quantile, share_within}
 use crate::parallel::in_parallel;
 use roadplane_metrics::{add, viewpoint};
 
+/// First seed of the scenes.
 const SEED: u64 = 2_000_000;
 
 /// How a scene is solved.
 #[derive(Clone, Copy)]
-enum Way {
+enum Variant {
+    /// Each car has a free pose.
     Free,
+    /// Free poses with the paper's plane terms.
     PlaneTerms,
-    Standing,
+    /// All cars lie on one plane.
+    OnPlane,
 }
 
-/// Errors of one scene's cars, and of its focal length.
+/// Errors of one scene's cars, and the relative error of its focal length.
 struct Errors {
     add_diameters: Vec<f64>,
     rotation_rad: Vec<f64>,
     focal: f64,
 }
 
-/// ADD (true shapes' points) and viewpoint tables over `scenes` scenes: 10 cars, 2 % noise, 5 % outliers, cars beside the
-/// atlas, 60 % of the keypoints.
+/// Returns the tables of ADD (points of the true shapes) and viewpoint over `scenes` scenes.
+///
+/// Scenes have 10 cars, 2 % noise, 5 % outliers, cars beside the atlas, and 60 % of the keypoints.
 #[must_use]
 pub fn ablation_tables(atlas: &ShapeAtlas, scenes: usize) -> Vec<Table> {
     let percent = |limits: &[f64], unit: &str| -> Vec<Column> {
@@ -53,15 +58,15 @@ pub fn ablation_tables(atlas: &ShapeAtlas, scenes: usize) -> Vec<Table> {
         ]
         .concat(),
     );
-    for (name, way, known_focal) in [
-        ("free poses, focal known", Way::Free, true),
-        ("free poses, focal from the prior", Way::Free, false),
-        ("plane terms (paper), focal known", Way::PlaneTerms, true),
-        ("plane terms (paper), focal estimated", Way::PlaneTerms, false),
-        ("on the plane, focal known", Way::Standing, true),
-        ("on the plane, focal estimated", Way::Standing, false),
+    for (name, variant, given_focal) in [
+        ("free poses, focal known", Variant::Free, true),
+        ("free poses, focal from the prior", Variant::Free, false),
+        ("plane terms (paper), focal known", Variant::PlaneTerms, true),
+        ("plane terms (paper), focal estimated", Variant::PlaneTerms, false),
+        ("on the plane, focal known", Variant::OnPlane, true),
+        ("on the plane, focal estimated", Variant::OnPlane, false),
     ] {
-        let errors = in_parallel(scenes, |i| errors_of(atlas, way, known_focal, SEED + i as u64));
+        let errors = in_parallel(scenes, |i| errors_of(atlas, variant, given_focal, SEED + i as u64));
         let all: Vec<Vec<f64>> = errors.iter().map(|e| e.add_diameters.clone()).collect();
         let within = |values: &[Vec<f64>], limit: f64| {
             roadplane_tables::Cell::from(bootstrap(values, |v| share_within(v, limit)).scaled(100.0))
@@ -81,12 +86,12 @@ pub fn ablation_tables(atlas: &ShapeAtlas, scenes: usize) -> Vec<Table> {
     vec![adds, views]
 }
 
-fn errors_of(atlas: &ShapeAtlas, way: Way, known_focal: bool, seed: u64) -> Errors {
+fn errors_of(atlas: &ShapeAtlas, variant: Variant, given_focal: bool, seed: u64) -> Errors {
     let asked =
         SynthOptions { cars: 10, noise: 0.02, outliers: 0.05, off_atlas: 1.0, ..SynthOptions::default() };
     let truth = scene(atlas, &asked, seed);
     let options = SceneOptions {
-        given_focal_px: known_focal.then(|| truth.params.focal_px()),
+        given_focal_px: given_focal.then(|| truth.params.focal_px()),
         ..SceneOptions::default()
     };
     let views = CarView::each(truth.keypoints());
@@ -95,10 +100,10 @@ fn errors_of(atlas: &ShapeAtlas, way: Way, known_focal: bool, seed: u64) -> Erro
         let poses = found.cars.iter().map(|car| car.as_ref().map(|car| car.camera_from_car));
         (found.params, poses.collect())
     };
-    let (params, poses): (_, Vec<Option<Isometry3<f64>>>) = match way {
-        Way::Free => free(None),
-        Way::PlaneTerms => free(Some(PLANE_TERMS)),
-        Way::Standing => {
+    let (params, poses): (_, Vec<Option<Isometry3<f64>>>) = match variant {
+        Variant::Free => free(None),
+        Variant::PlaneTerms => free(Some(PLANE_TERMS)),
+        Variant::OnPlane => {
             let found = solve_scene(atlas, truth.size, &views, &options);
             let poses = found.cars.iter().map(|car| car.as_ref().map(|car| car.camera_from_car));
             (found.params, poses.collect())
@@ -109,7 +114,7 @@ fn errors_of(atlas: &ShapeAtlas, way: Way, known_focal: bool, seed: u64) -> Erro
     Errors { add_diameters, rotation_rad, focal }
 }
 
-/// ADD in diameters and rotation error (rad) of every car; infinite without an answer.
+/// Returns ADD in diameters and the rotation error (rad) of every car; infinite without an answer.
 fn car_errors(truth: &SceneTruth, poses: &[Option<Isometry3<f64>>]) -> (Vec<f64>, Vec<f64>) {
     let camera_from_world = truth.params.plane().camera_from_world();
     let errors = |(car, pose): (&roadplane_synth::CarTruth, &Option<Isometry3<f64>>)| {

@@ -1,4 +1,4 @@
-//! Noise-free scenes must come out exactly, from nothing and from any start.
+//! Exactness of the solver on noise-free scenes, from a cold start and from a random start.
 
 use roadplane_base::{ShapeAtlas, angle_difference};
 use roadplane_solve::{CarView, LmOptions, SceneOptions, Steps, solve_scene};
@@ -8,18 +8,19 @@ use roadplane_tables::{Column, Table};
 use super::scenes::without_camera_prior;
 use crate::parallel::in_parallel;
 
-/// Numbers of cars, in turn.
+/// Numbers of cars, used in turn.
 const CARS: [usize; 3] = [3, 5, 10];
-/// What counts as exact: relative focal length, degrees, metres.
+/// Limits of an exact solution: relative focal length, degrees, metres.
 const LIMITS: [f64; 3] = [1e-6, 1e-4, 1e-4];
 
-/// Largest errors over `scenes` noise-free scenes of cars of the mean shape: from nothing, and with a start at a random
-/// camera.
+/// Returns the largest errors over `scenes` noise-free scenes of mean-shaped cars, from a cold start and from a
+/// random camera.
 #[must_use]
 pub fn exact_table(atlas: &ShapeAtlas, scenes: usize) -> Table {
     let mut table = Table::new(
         "Noise-free scenes",
-        "Cars of the mean shape, 3, 5 or 10 of them. Exact: focal length to 1e-6, every angle to 1e-4°, every position to 1e-4 m.",
+        "Cars of the mean shape, 3, 5 or 10 of them. Exact: focal length to 1e-6, every angle to 1e-4°, every \
+         position to 1e-4 m.",
         vec![
             Column::new("start", 0),
             Column::new("scenes", 0),
@@ -29,7 +30,7 @@ pub fn exact_table(atlas: &ShapeAtlas, scenes: usize) -> Table {
             Column::new("position, largest m", 0),
         ],
     );
-    for (name, random) in [("from nothing", false), ("at a random camera", true)] {
+    for (name, random) in [("cold", false), ("at a random camera", true)] {
         let errors = in_parallel(scenes, |seed| errors_of(atlas, seed, random));
         let exact = errors.iter().filter(|e| e.iter().zip(LIMITS).all(|(e, limit)| *e < limit)).count();
         let largest = |k: usize| format!("{:.0e}", errors.iter().map(|e| e[k]).fold(0.0, f64::max));
@@ -45,7 +46,7 @@ pub fn exact_table(atlas: &ShapeAtlas, scenes: usize) -> Table {
     table
 }
 
-/// Relative focal error, largest angle (°), largest position error (m).
+/// Returns the relative focal error, the largest angle (°) and the largest position error (m).
 fn errors_of(atlas: &ShapeAtlas, seed: usize, random_start: bool) -> [f64; 3] {
     let asked =
         SynthOptions { cars: CARS[seed % CARS.len()], shape_sd: 0.0, noise: 0.0, ..SynthOptions::default() };
@@ -53,7 +54,7 @@ fn errors_of(atlas: &ShapeAtlas, seed: usize, random_start: bool) -> [f64; 3] {
     let lm =
         LmOptions { max_iterations: 200, cost_tolerance: 0.0, step_tolerance: 1e-9, ..LmOptions::default() };
     let start = random_start.then(|| random_camera(truth.size, seed as u64));
-    // The minimum itself: cars that are all of the mean shape are no sample of the population.
+    // No bias correction: cars that all have the mean shape are no sample of the population.
     let steps = Steps { bias: false, ..Steps::default() };
     let options = SceneOptions { lm, start, steps, ..without_camera_prior(0.0) };
     let found = solve_scene(atlas, truth.size, &CarView::each(truth.keypoints()), &options);

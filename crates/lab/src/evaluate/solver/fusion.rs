@@ -1,4 +1,4 @@
-//! What frames say of the camera, added up in information form.
+//! Fusion of the frames of one camera in information form.
 
 use nalgebra::{Matrix4, Vector4};
 use roadplane_base::ShapeAtlas;
@@ -8,23 +8,27 @@ use roadplane_tables::{Cell, Column, Table, bootstrap, median};
 
 use crate::parallel::in_parallel;
 
+/// First seed of the cameras.
 const SEED: u64 = 5_000_000;
+/// Number of cars in each frame.
 const CARS: usize = 10;
 
-/// Error of the camera that `frames` frames of ten different cars each give together, at 2 % noise: over `cameras` cameras, with
-/// the product's own settings on cars as in traffic, which no atlas spans.
+/// Returns the errors of cameras that are each fused over `frames` frames of ten different cars, at 2 % noise.
+///
+/// There are `cameras` cameras. The settings are the product's, and the cars are those of traffic, which no atlas
+/// spans.
 #[must_use]
 pub fn fusion_table(atlas: &ShapeAtlas, cameras: usize, frames: usize) -> Table {
     let mut table = Table::new(
         format!("Fused over {frames} frames of {CARS} different cars, 2 % noise: {cameras} cameras"),
-        "Error / sd: root mean square, 1 is honest. 95 % intervals by resampling cameras.",
+        "Normalised error: root mean square of errors in sds; 1 is calibrated. 95 % intervals by resampling cameras.",
         vec![
             Column::new("", 0),
             Column::new("median of one frame", 2),
             Column::new("fused, median", 2),
             Column::new("claimed sd, median", 2),
             Column::new("mean error", 2),
-            Column::new("error / sd", 2),
+            Column::new("normalised error", 2),
         ],
     );
     let fused: Vec<Fused> = (SEED..).filter_map(|seed| fuse(atlas, seed, frames)).take(cameras).collect();
@@ -52,14 +56,14 @@ pub fn fusion_table(atlas: &ShapeAtlas, cameras: usize, frames: usize) -> Table 
     table
 }
 
-/// Of (log f, tilt, roll, log h).
+/// A fused camera: errors and sds of (log f, tilt, roll, log h), and the errors of the single frames.
 struct Fused {
     error: Vector4<f64>,
     sd: Vector4<f64>,
     singles: Vec<Vector4<f64>>,
 }
 
-/// `None` before a camera that no car of the asked sizes can be seen by, of which the frames say nothing.
+/// Fuses the frames of one camera. Returns `None` if the camera can see no car of the given sizes.
 fn fuse(atlas: &ShapeAtlas, seed: u64, frames: usize) -> Option<Fused> {
     let options = SceneOptions::default();
     let mut rng = Rng::new(seed);
@@ -105,7 +109,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn many_frames_know_more_than_one() {
+    fn many_frames_are_more_accurate_than_one() {
         let atlas = ShapeAtlas::shipped().unwrap();
         let fused = fuse(&atlas, 3, 12).unwrap();
         let singles: Vec<f64> = fused.singles.iter().map(|single| single[0].abs()).collect();

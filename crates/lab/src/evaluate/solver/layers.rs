@@ -1,4 +1,4 @@
-//! What each step of the solve is worth: scenes solved with all of them, and with each left out in turn.
+//! Worth of each step of the solve: scenes solved with all steps, and with each step left out in turn.
 
 use std::time::Instant;
 
@@ -12,10 +12,10 @@ use crate::parallel::in_parallel;
 
 /// First seed of the synthetic scenes.
 const SEED: u64 = 3_000_000;
-/// A heading off by more is another one, rad.
+/// Least error of a heading that counts as turned, rad.
 const TURNED_RAD: f64 = 0.5;
 
-/// A picture's cars with a known camera.
+/// The cars of a picture and its true camera.
 #[derive(Clone, Debug)]
 pub struct ReferencePicture {
     /// Size of the picture.
@@ -26,14 +26,14 @@ pub struct ReferencePicture {
     pub focal_px: f64,
     /// True ground.
     pub plane: GroundPlane,
-    /// How well these are known: sd of log focal, tilt, roll (rad), log height; 0 where exactly.
+    /// sds of the truth: log focal, tilt, roll (rad), log height; 0 if the truth is exact.
     pub sd: [f64; 4],
-    /// True headings (rad) of the cars; `None` where not known, or where there is no car.
+    /// True headings (rad) of the cars; `None` if the heading is unknown, or if there is no car.
     pub headings: Vec<Option<f64>>,
 }
 
-/// A row of the tables: its name and the steps it is done with.
-fn ways() -> Vec<(&'static str, Steps)> {
+/// Returns the rows of the tables: name, and steps of the solve.
+fn variants() -> Vec<(&'static str, Steps)> {
     let all = Steps::default();
     vec![
         ("all steps", all),
@@ -46,20 +46,24 @@ fn ways() -> Vec<(&'static str, Steps)> {
     ]
 }
 
-/// What came of a picture.
+/// The outcome of a picture.
 #[derive(Clone, Debug)]
 struct Outcome {
     /// Errors of log focal, tilt (rad), log height.
     errors: [f64; 3],
-    /// The same in claimed sds, those of the truth counted.
+    /// The same errors in claimed sds, which include the sd of the truth.
     in_sds: [f64; 3],
-    /// Whether each car that has a heading is found turned.
+    /// For each car with a true heading: 1 if it is found turned, otherwise 0.
     turned: Vec<f64>,
+    /// Time of the solve, ms.
     milliseconds: f64,
 }
 
-/// Synthetic pictures: cars beside the atlas with outliers and false detections, the same with little noise, and cars of models
-/// that the atlas was not built on.
+/// Returns synthetic pictures of three kinds.
+///
+/// - Cars beside the atlas, with outliers and false detections.
+/// - Cars beside the atlas, with little noise.
+/// - Cars of models that the atlas was not built on.
 #[must_use]
 pub fn synthetic_pictures(atlas: &ShapeAtlas, scenes: usize) -> Vec<(String, Vec<ReferencePicture>)> {
     let drawn = |noise: f64, spoilt: f64, models: Vec<CarModel>| {
@@ -91,7 +95,7 @@ pub fn synthetic_pictures(atlas: &ShapeAtlas, scenes: usize) -> Vec<(String, Vec
     ]
 }
 
-/// A table for each source of pictures.
+/// Returns a table for each source of pictures.
 #[must_use]
 pub fn layers_tables(
     atlas: &ShapeAtlas,
@@ -109,32 +113,33 @@ fn table(atlas: &ShapeAtlas, name: &str, pictures: &[ReferencePicture], options:
         ("mean |tilt|, ° more", 3),
         ("height, median %", 2),
         ("mean |height|, % more", 2),
-        ("focal, error / sd", 2),
-        ("tilt, error / sd", 2),
-        ("height, error / sd", 2),
+        ("focal, normalised error", 2),
+        ("tilt, normalised error", 2),
+        ("height, normalised error", 2),
         ("cars turned, %", 1),
         ("median ms", 1),
     ];
     let mut table = Table::new(
         format!("Steps of the solve left out: {name} ({} pictures)", pictures.len()),
-        "Single pictures, focal length estimated. More: mean of the error's size, less that with all steps in the same picture; an \
-         interval above 0 says that the step is worth it. Error / sd: root mean square. Turned: heading off by more than 0.5 rad, or \
-         no pose. 95 % intervals by resampling pictures.",
+        "Single pictures, focal length estimated. More: mean size of the error, minus that with all steps in the \
+         same picture; an interval above 0 shows that the step is worth its cost. Normalised error: root mean square \
+         of errors in sds. Turned: heading off by more than 0.5 rad, or no pose. 95 % intervals by resampling \
+         pictures.",
         std::iter::once(Column::new("", 0))
             .chain(columns.map(|(title, decimals)| Column::new(title, decimals)))
             .collect(),
     );
-    let solved: Vec<Vec<Option<Outcome>>> = ways()
+    let solved: Vec<Vec<Option<Outcome>>> = variants()
         .iter()
         .map(|(_, steps)| {
             let options = SceneOptions { steps: *steps, ..options.clone() };
             in_parallel(pictures.len(), |i| outcome(atlas, &pictures[i], &options))
         })
         .collect();
-    for ((name, _), of_way) in ways().into_iter().zip(&solved) {
-        // Only pictures that both ways have an answer to are compared.
+    for ((name, _), of_variant) in variants().into_iter().zip(&solved) {
+        // Only pictures that both variants solved are compared.
         let pairs: Vec<(&Outcome, &Outcome)> =
-            of_way.iter().zip(&solved[0]).filter_map(|(a, b)| Some((a.as_ref()?, b.as_ref()?))).collect();
+            of_variant.iter().zip(&solved[0]).filter_map(|(a, b)| Some((a.as_ref()?, b.as_ref()?))).collect();
         let mut row = vec![Cell::from(name)];
         for (number, unit) in [(0, 100.0), (1, 1f64.to_degrees()), (2, 100.0)] {
             let size: Vec<Vec<f64>> =
@@ -146,7 +151,7 @@ fn table(atlas: &ShapeAtlas, name: &str, pictures: &[ReferencePicture], options:
             row.push(bootstrap(&size, median).into());
             row.push(bootstrap(&more, mean).into());
         }
-        row.extend((0..3).map(|number| Cell::from(honesty(&pairs, number))));
+        row.extend((0..3).map(|number| Cell::from(normalised_error(&pairs, number))));
         let turned: Vec<Vec<f64>> = pairs.iter().map(|(own, _)| own.turned.clone()).collect();
         row.push(bootstrap(&turned, mean).scaled(100.0).into());
         row.push(median(&pairs.iter().map(|(own, _)| own.milliseconds).collect::<Vec<_>>()).into());
@@ -155,15 +160,15 @@ fn table(atlas: &ShapeAtlas, name: &str, pictures: &[ReferencePicture], options:
     table
 }
 
-/// Root mean square of an error in sds.
-fn honesty(pairs: &[(&Outcome, &Outcome)], number: usize) -> Estimate {
+/// Returns the root mean square of an error in sds.
+fn normalised_error(pairs: &[(&Outcome, &Outcome)], number: usize) -> Estimate {
     bootstrap_scenes(pairs, pairs.len(), |chosen| {
         let squares: Vec<f64> = chosen.iter().map(|pair| pair.0.in_sds[number].powi(2)).collect();
         mean(&squares).sqrt()
     })
 }
 
-/// `None` where too few cars could be solved.
+/// Solves a picture. Returns `None` if too few cars could be solved.
 fn outcome(atlas: &ShapeAtlas, picture: &ReferencePicture, options: &SceneOptions) -> Option<Outcome> {
     let views = CarView::each(&picture.cars);
     let started = Instant::now();
@@ -200,11 +205,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_step_has_its_row_and_some_are_worth_it() {
+    fn every_step_has_its_row() {
         let atlas = ShapeAtlas::shipped().unwrap();
         let sources = synthetic_pictures(&atlas, 6);
         let tables = layers_tables(&atlas, &sources[..1], &SceneOptions::default());
-        assert_eq!(tables[0].rows.len(), ways().len());
+        assert_eq!(tables[0].rows.len(), variants().len());
         let Cell::Number(all) = &tables[0].rows[0][2] else { panic!("a number") };
         assert!(all.value.abs() < 1e-12, "all steps against all steps");
     }

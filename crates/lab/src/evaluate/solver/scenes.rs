@@ -1,4 +1,4 @@
-//! What all tables need of a synthetic scene.
+//! Helpers for synthetic scenes that several tables use.
 
 use roadplane_base::{GroundPose, Shape, ShapeAtlas};
 use roadplane_solve::{
@@ -6,18 +6,18 @@ use roadplane_solve::{
 };
 use roadplane_synth::{CarModel, SceneTruth};
 
-/// True poses and shapes.
-pub(super) fn known(truth: &SceneTruth) -> (Vec<GroundPose>, Vec<Shape>) {
+/// Returns the true poses and shapes of a scene.
+pub(super) fn true_poses_and_shapes(truth: &SceneTruth) -> (Vec<GroundPose>, Vec<Shape>) {
     truth.cars.iter().map(|car| (car.pose, car.shape)).unzip()
 }
 
-/// Nothing is known of the camera; cars are those of the atlas but for `atlas_residual_scale` times what it leaves
-/// unexplained.
+/// Returns solve options without a prior of the camera. `atlas_residual_scale` scales the atlas's residual on real
+/// cars.
 pub(super) fn without_camera_prior(atlas_residual_scale: f64) -> SceneOptions {
     SceneOptions { camera_prior: CameraPrior::none(), atlas_residual_scale, ..SceneOptions::default() }
 }
 
-/// The Cramér–Rao bound of the right keypoints of the right cars.
+/// Returns the Cramér–Rao bound from the right keypoints of the right cars.
 pub(super) fn bound(atlas: &ShapeAtlas, truth: &SceneTruth, options: &SceneOptions) -> Option<SceneSolution> {
     let mut right = truth.clone();
     for car in &mut right.cars {
@@ -27,15 +27,15 @@ pub(super) fn bound(atlas: &ShapeAtlas, truth: &SceneTruth, options: &SceneOptio
             }
         }
     }
-    let (poses, shapes) = known(&right);
+    let (poses, shapes) = true_poses_and_shapes(&right);
     let options = SceneOptions { kernel: OutlierModel::none(), ..options.clone() };
     let at = GivenScene { params: truth.params, poses: &poses, shapes: &shapes };
     scene_bound(atlas, truth.size, &CarView::each(right.keypoints()), &at, &options)
 }
 
-/// Models that the atlas was not built on (`python -m cars.atlas --foreign`).
+/// Returns models that the atlas was not built on (`roadplane-train cars atlas --foreign`).
 pub(super) fn foreign_cars() -> Vec<CarModel> {
-    // Compiled in and checked by a test, so it cannot fail at run time.
+    // The list is compiled in and checked by a test, so parsing cannot fail at run time.
     CarModel::list_from_json(include_str!("../../../../../tests/data/foreign_cars.json")).unwrap_or_default()
 }
 
@@ -44,7 +44,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_other_models_are_there() {
+    fn the_foreign_models_are_compiled_in() {
         assert!(foreign_cars().len() > 10);
     }
 }

@@ -1,43 +1,43 @@
-//! How long a solve takes on one thread, by number of cars: CPU time, whatever else the machine does.
+//! CPU time of a solve on one thread, by number of cars.
 
 use roadplane_base::ShapeAtlas;
 use roadplane_solve::{CarView, GivenScene, SceneOptions, Steps, refine_scene, scene_bound, solve_scene};
 use roadplane_synth::BenchScene;
 use roadplane_tables::{Column, Mark, Plot, Table, median};
 
-/// Scenes a number of cars.
+/// Number of scenes for each number of cars.
 const SCENES: u64 = 5;
-/// CPU time spent on each figure at least, s.
+/// Least CPU time that each number is measured over, s.
 const LEAST_S: f64 = 0.06;
 
-/// Times of one number of cars, medians over scenes.
+/// Times for one number of cars, medians over scenes.
 #[derive(Clone, Copy, Debug)]
 pub struct SpeedPoint {
-    /// Cars in the scene.
+    /// Number of cars in the scene.
     pub cars: usize,
     /// One joint refinement from a near start, ms.
     pub refinement_ms: f64,
-    /// What goes before and after it in a call: set-up, covariances, ms.
+    /// Time before and after the refinement in a call (set-up, covariances), ms.
     pub around_ms: f64,
-    /// Its linearisations.
+    /// Number of linearisations of the refinement.
     pub iterations: f64,
-    /// From nothing, ms.
+    /// A solve from a cold start, ms.
     pub cold_start_ms: f64,
 }
 
-/// Measures refinement and cold start.
+/// Measures refinement and cold start for each number of cars.
 #[must_use]
 pub fn speed(atlas: &ShapeAtlas, cars: &[usize]) -> Vec<SpeedPoint> {
     cars.iter().map(|cars| point(atlas, *cars)).collect()
 }
 
-/// The figures as a table.
+/// Returns the times as a table.
 #[must_use]
 pub fn speed_table(points: &[SpeedPoint]) -> Table {
     let mut table = Table::new(
         "Speed on one thread",
-        "CPU time, median of five scenes, 2 % noise. Refinement: from 1 % off in focal length and height, 0.1° in tilt, cars 1 % of their box. \
-         Cold start: from nothing.",
+        "CPU time, median of five scenes, 2 % noise. Refinement: from 1 % off in focal length and height, 0.1° in \
+         tilt, cars 1 % of their box. Cold start: a solve without a start.",
         vec![
             Column::new("cars", 0),
             Column::new("refinement, ms", 3),
@@ -55,7 +55,7 @@ pub fn speed_table(points: &[SpeedPoint]) -> Table {
     table
 }
 
-/// Times against the number of cars: straight lines, since cost is linear in cars.
+/// Returns a plot of the times against the number of cars. The cost is linear in cars.
 #[must_use]
 pub fn speed_plot(points: &[SpeedPoint]) -> Plot {
     let line = |value: fn(&SpeedPoint) -> f64| points.iter().map(|p| (p.cars as f64, value(p))).collect();
@@ -64,13 +64,13 @@ pub fn speed_plot(points: &[SpeedPoint]) -> Plot {
         .with("refinement", Mark::Line, line(|p| p.refinement_ms))
 }
 
-/// CPU seconds of this thread; the kernel counts in steps of milliseconds.
+/// Returns the CPU time of this thread, s. The kernel counts in steps of milliseconds.
 fn cpu_seconds() -> f64 {
     let text = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
     text.split_whitespace().next().and_then(|n| n.parse::<f64>().ok()).unwrap_or(f64::NAN) * 1e-9
 }
 
-/// CPU milliseconds that one run takes, from as many as fill [`LEAST_S`], and the last one's result.
+/// Returns the CPU time of one call, ms, and the last result. The call is repeated until [`LEAST_S`] are filled.
 fn timed<T>(mut work: impl FnMut() -> T) -> (f64, T) {
     let mut runs = 1.0;
     let start = cpu_seconds();
@@ -84,7 +84,7 @@ fn timed<T>(mut work: impl FnMut() -> T) -> (f64, T) {
 
 fn point(atlas: &ShapeAtlas, cars: usize) -> SpeedPoint {
     let options = SceneOptions::default();
-    // The refinement of six modes, to its minimum.
+    // The refinement of six modes, to its minimum, without bias correction.
     let steps = Steps { bias: false, ..options.steps };
     let minimum = SceneOptions { steps, atlas_residual_scale: 0.0, ..options.clone() };
     let [mut refinement, mut around, mut iterations, mut cold] = [const { Vec::new() }; 4];

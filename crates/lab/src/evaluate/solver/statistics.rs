@@ -1,4 +1,4 @@
-//! Accuracy against the Cramér–Rao bound, honesty of the reported sd, and whether the best minimum is found.
+//! Accuracy against the Cramér–Rao bound, calibration of the reported sd, and the share of solves at the best minimum.
 
 use std::time::Instant;
 
@@ -9,42 +9,49 @@ use roadplane_solve::{
 use roadplane_synth::{SceneTruth, SynthOptions, scene};
 use roadplane_tables::{Cell, Column, Table, bootstrap, mean, median, share_within};
 
-use super::scenes::{bound, foreign_cars, known, without_camera_prior};
+use super::scenes::{bound, foreign_cars, true_poses_and_shapes, without_camera_prior};
 use crate::parallel::in_parallel;
 
-/// First seed.
+/// First seed of the scenes.
 const SEED: u64 = 1_000_000;
-/// Two cameras nearer than this, in sd of the bound, are the same minimum.
+/// Two cameras nearer than this, in sds of the bound, are the same minimum.
 const SAME: f64 = 0.1;
-/// Half-width of a 95 % interval, sd.
+/// Half-width of a 95 % interval of the normal distribution, sd.
 const NORMAL_95: f64 = 1.959_964;
+/// The quantities of the tables.
 const QUANTITIES: [&str; 4] = ["log focal", "tilt", "position", "heading"];
 
+/// A row of the tables: scenes to draw, and options to solve them with.
 struct Row {
     name: &'static str,
     asked: SynthOptions,
     options: SceneOptions,
 }
 
-/// Errors of one scene in units of the bound's and of the reported sd, by quantity.
+/// Errors of one scene, by quantity.
 #[derive(Default)]
 struct SceneErrors {
+    /// Errors in sds of the bound.
     by_bound: [Vec<f64>; 4],
+    /// Errors in reported sds.
     by_reported: [Vec<f64>; 4],
-    /// The minimum of a start at the truth, or a lower one; none where cars are wrong, which have no pose to start from.
+    /// Whether the solve reached the minimum of a start at the truth, or a lower one. `None` if cars are wrong, because
+    /// they have no pose to start from.
     best_found: Option<bool>,
+    /// Whether the solve reached a lower minimum.
     lower: bool,
     milliseconds: f64,
 }
 
-/// Four tables over `scenes` scenes a row.
+/// Returns four tables over `scenes` scenes per row.
 #[must_use]
 pub fn statistics_tables(atlas: &ShapeAtlas, scenes: usize) -> Vec<Table> {
     let quantities = |decimals| QUANTITIES.map(|title| Column::new(title, decimals));
     let mut accuracy = Table::new(
         "RMS error over the Cramér–Rao bound",
-        "The bound is of the right keypoints of the right cars (shape prior counted); of cars of other models, as if they were the atlas'. Rows with N ≤ 2 use a camera prior with the \
-         moments of the scenes' cameras, all others none. 95 % intervals by resampling scenes.",
+        "The bound is that of the right keypoints of the right cars (with the shape prior); cars of other models \
+         count as cars of the atlas. Rows with N ≤ 2 use a camera prior with the moments of the scenes' cameras, all \
+         others none. 95 % intervals by resampling scenes.",
         [vec![Column::new("scenes", 0)], quantities(2).to_vec()].concat(),
     );
     let mut bias = Table::new(
@@ -53,14 +60,15 @@ pub fn statistics_tables(atlas: &ShapeAtlas, scenes: usize) -> Vec<Table> {
         [vec![Column::new("scenes", 0)], quantities(2).to_vec()].concat(),
     );
     let coverage = QUANTITIES.map(|title| Column::new(format!("{title} in 95 %"), 1));
-    let mut honesty = Table::new(
-        "RMS error over the reported sd, and how often the 95 % interval holds the truth",
-        "1 and 95 are honest.",
+    let mut calibration = Table::new(
+        "RMS error over the reported sd, and share of 95 % intervals that hold the truth",
+        "1 and 95 are calibrated.",
         [vec![Column::new("scenes", 0)], quantities(2).to_vec(), coverage.to_vec()].concat(),
     );
     let mut minima = Table::new(
-        "Minimum reached from nothing",
-        "Best: the minimum that a start at the truth leads to, or a lower one of the same cars. No figure where whole cars are wrong.",
+        "Minimum reached from a cold start",
+        "Best: the minimum that a start at the truth leads to, or a lower one of the same cars. No number if whole \
+         cars are wrong.",
         ["scenes", "best, %", "of these lower, %", "median ms"].map(|title| Column::new(title, 1)).to_vec(),
     );
     for row in rows() {
@@ -70,10 +78,10 @@ pub fn statistics_tables(atlas: &ShapeAtlas, scenes: usize) -> Vec<Table> {
             .collect();
         accuracy.rows.push(cells(row.name, &errors, |e, q| e.by_bound[q].clone(), rms));
         bias.rows.push(cells(row.name, &errors, |e, q| e.by_bound[q].clone(), mean));
-        let mut honest = cells(row.name, &errors, |e, q| e.by_reported[q].clone(), rms);
+        let mut reported = cells(row.name, &errors, |e, q| e.by_reported[q].clone(), rms);
         let sizes = |e: &SceneErrors, q: usize| e.by_reported[q].iter().map(|e| e.abs()).collect();
-        honest.extend(cells("", &errors, sizes, |e| 100.0 * share_within(e, NORMAL_95)).split_off(1));
-        honesty.rows.push(honest);
+        reported.extend(cells("", &errors, sizes, |e| 100.0 * share_within(e, NORMAL_95)).split_off(1));
+        calibration.rows.push(reported);
         let share = |wanted: fn(&SceneErrors) -> Option<bool>| {
             let one = |e: &SceneErrors| wanted(e).into_iter().map(|yes| f64::from(u8::from(yes))).collect();
             let each: Vec<Vec<f64>> = errors.iter().map(one).collect();
@@ -87,7 +95,7 @@ pub fn statistics_tables(atlas: &ShapeAtlas, scenes: usize) -> Vec<Table> {
             median(&times).into(),
         ]);
     }
-    vec![accuracy, bias, honesty, minima]
+    vec![accuracy, bias, calibration, minima]
 }
 
 fn cells(
@@ -153,15 +161,15 @@ fn rows() -> Vec<Row> {
     ]
 }
 
-/// The moments of the cameras that scenes are drawn from: one or two cars leave much to the prior, and an sd can be honest
-/// only if the prior is.
+/// Returns the moments of the cameras that scenes are drawn from. One or two cars leave much to the prior, so the sd is
+/// calibrated only if the prior is.
 fn population(asked: &SynthOptions) -> CameraPrior {
-    // sd of a uniform distribution: its width / √12.
+    // The sd of a uniform distribution is its width / √12.
     let moments = |[low, high]: [f64; 2]| ((low + high) / 2.0, (high - low) / 12f64.sqrt());
     let (log_focal, log_focal_sd) = moments(asked.focal_ratio.map(f64::ln));
     let (tilt, tilt_sd) = moments(asked.tilt);
     let (_, roll_sd) = moments(asked.roll);
-    // Mean and sd of the logarithm of a height that is uniform itself.
+    // Mean and sd of the logarithm of a uniformly distributed height.
     let [low, high] = asked.height_m;
     let integral = |h: f64| h * (h.ln() - 1.0);
     let square = |h: f64| h * (h.ln().powi(2) - 2.0 * h.ln() + 2.0);
@@ -186,14 +194,14 @@ fn scene_errors(atlas: &ShapeAtlas, row: &Row, seed: u64) -> Option<SceneErrors>
     let found = solve_scene(atlas, truth.size, &views, &row.options);
     let mut errors =
         SceneErrors { milliseconds: 1e3 * start.elapsed().as_secs_f64(), ..SceneErrors::default() };
-    let (poses, shapes) = known(&truth);
+    let (poses, shapes) = true_poses_and_shapes(&truth);
     let at_truth = GivenScene { params: truth.params, poses: &poses, shapes: &shapes };
     let ideal = refine_scene(atlas, truth.size, &views, &at_truth, &row.options);
     if let (Some(ideal), false) = (ideal, truth.cars.iter().any(|car| car.wrong)) {
         let sd = bound.covariance.diagonal().map(f64::sqrt);
         let off = (found.params.to_vector() - ideal.params.to_vector()).component_div(&sd);
         let same = off.amax() < SAME;
-        // A cost is lower only if it is of the same cars.
+        // Costs can be compared only if they are of the same cars.
         errors.lower = !same && found.cost < ideal.cost && used(&found) == used(&ideal);
         errors.best_found = Some(same || errors.lower);
     }
@@ -246,7 +254,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn few_scenes_make_whole_tables() {
+    fn a_few_scenes_fill_all_tables() {
         let atlas = ShapeAtlas::shipped().unwrap();
         let tables = statistics_tables(&atlas, 3);
         assert_eq!(tables.len(), 4);

@@ -1,4 +1,4 @@
-//! Boxes and keypoints of a truth file as they might be measured.
+//! Simulates measured boxes and keypoints of a truth file.
 
 use std::fmt;
 
@@ -13,18 +13,18 @@ use crate::evaluate::dataset::noisy_keypoints;
 use roadplane_metrics::scoring::MIN_SIDE_PX;
 use roadplane_metrics::truth::{TrueCar, TrueFrame, Truth};
 
-/// What is wrong with measurements: shares of boxes, but for the first.
+/// The errors of simulated measurements, as shares of boxes except for the first.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Noise {
     /// sd of keypoints and of the edges of boxes, as a share of the box's longer side.
     pub keypoints: f64,
-    /// Vehicles without a box.
+    /// Share of vehicles without a box.
     pub misses: f64,
-    /// Boxes without a vehicle, beside all that there are.
+    /// Number of boxes without a vehicle, as a share of the vehicles.
     pub false_boxes: f64,
-    /// Boxes that are called another class.
+    /// Share of boxes that get another class.
     pub flips: f64,
-    /// Boxes whose keypoints are those of another vehicle before or behind.
+    /// Share of boxes that get the keypoints of an overlapping vehicle.
     pub swaps: f64,
 }
 
@@ -44,16 +44,17 @@ impl fmt::Display for Noise {
     }
 }
 
-/// Vehicles of which less is seen, or that are smaller than this share of what counts, are not found.
+/// Vehicles with a smaller visible share are not found.
 const FOUND_SHARE: f64 = 0.2;
+/// Vehicles below this share of the size that counts are not found.
 const FOUND_SIZE: f64 = 0.75;
-/// Boxes that overlap so much may get each other's keypoints.
+/// Least IoU of boxes that may get each other's keypoints.
 const NEAR_IOU: f64 = 0.1;
-/// Scores of false boxes.
+/// Range of the scores of false boxes.
 const FALSE_SCORES: [f64; 2] = [0.3, 0.6];
 
 impl Noise {
-    /// Records of every `stride`-th frame.
+    /// Returns the measured records of every `stride`-th frame.
     #[must_use]
     pub fn measure(&self, truth: &Truth, stride: u32, seed: u64) -> Vec<FrameRecord> {
         let mut rng = Rng::new(seed);
@@ -86,13 +87,13 @@ impl Noise {
                 cars.extend(self.false_car(car, size, rng));
             }
         }
-        // The camera stands still, and whoever had the pictures would know.
+        // The camera is at rest. With pictures, a run would find that too.
         let watch =
             Some(WatchRecord { looked: true, verdict: PictureVerdict::Rest, ..WatchRecord::default() });
         FrameRecord { cars, watch, ..FrameRecord::empty(frame.frame, frame.time_s, size) }
     }
 
-    /// The car's box with noise; edges that the picture cuts stay where they are.
+    /// Returns the car's box with noise. Edges on the picture's border stay there.
     fn moved(&self, car: &TrueCar, size: ImageSize, rng: &mut Rng) -> [f64; 4] {
         let sd_px = self.keypoints * side(&car.bbox_px);
         let ends = [size.width, size.height].map(|n| f64::from(n) - 0.5);
@@ -104,7 +105,8 @@ impl Noise {
         })
     }
 
-    /// What some other thing looks like that is taken for a car of this size, anywhere in the picture.
+    /// Returns a false detection: a box of this car's size anywhere in the picture, with its keypoints and twice the
+    /// noise.
     fn false_car(&self, like: &TrueCar, size: ImageSize, rng: &mut Rng) -> Option<CarRecord> {
         let [x0, y0, x1, y1] = like.bbox_px;
         let (width, height) = (f64::from(size.width), f64::from(size.height));
@@ -132,13 +134,13 @@ fn side([x0, y0, x1, y1]: &[f64; 4]) -> f64 {
     (x1 - x0).max(y1 - y0)
 }
 
-/// `None` for what has no keypoints.
+/// Returns the noisy keypoints of a car; `None` if it has none.
 fn keypoints(car: &TrueCar, noise: f64, size: ImageSize, rng: &mut Rng) -> Option<Box<KeypointSet>> {
     let set: KeypointSet = noisy_keypoints(car, noise, size, rng);
     set.iter().any(Option::is_some).then(|| Box::new(set) as Box<[_; KEYPOINTS]>)
 }
 
-/// What a class is taken for.
+/// Returns the class that a vehicle is mistaken for.
 fn flipped(class: VehicleClass) -> VehicleClass {
     match class {
         VehicleClass::Car | VehicleClass::Bus => VehicleClass::Truck,
@@ -152,7 +154,7 @@ mod tests {
     use roadplane_metrics::truth::fixture::lot;
 
     #[test]
-    fn shares_are_those_asked_for_and_the_same_each_time() {
+    fn shares_are_as_given_and_the_same_each_time() {
         let truth = lot(400);
         let noise = Noise::default();
         let frames = noise.measure(&truth, 1, 5);
@@ -161,7 +163,7 @@ mod tests {
         let there = there.sum::<usize>() as f64;
         let cars = || frames.iter().flat_map(|frame| &frame.cars);
         let share = |count: usize| count as f64 / there;
-        // Three cars a frame, of which one in ten is missed, and as many false ones as one in twenty.
+        // There are three cars in a frame. One in ten is missed, and there is one false box for twenty cars.
         assert!((share(cars().count()) - 0.95).abs() < 0.03, "{}", share(cars().count()));
         let trucks = cars().filter(|car| car.class == VehicleClass::Truck).count();
         assert!((share(trucks) - 0.045).abs() < 0.02, "{}", share(trucks));

@@ -1,4 +1,4 @@
-//! KITTI's `calib/*.txt`: the projection of camera 2.
+//! Reads the projection of camera 2 from KITTI's `calib/*.txt`.
 
 use std::path::Path;
 
@@ -18,7 +18,7 @@ pub struct KittiCamera {
 }
 
 impl KittiCamera {
-    /// From focal length and principal point (px) and the shift (m).
+    /// Returns the camera with the given focal length and principal point (px) and shift (m).
     #[must_use]
     pub fn new(focal_px: f64, principal_point_px: [f64; 2], shift_m: Vector3<f64>) -> Self {
         Self { camera: Camera::pinhole(focal_px, Vector2::from(principal_point_px)), shift_m }
@@ -28,7 +28,7 @@ impl KittiCamera {
 /// Reads the line `P2:` (12 numbers, row by row) of a calibration file.
 ///
 /// # Errors
-/// [`MetricsError::Unreadable`]; [`MetricsError::Malformed`] without a `P2` of square pixels.
+/// [`MetricsError::Unreadable`]; [`MetricsError::Malformed`] without a valid `P2` with square pixels.
 pub fn read_calib(path: &Path) -> Result<KittiCamera, MetricsError> {
     let text = read_text(path)?;
     let fail = |what: &str| MetricsError::malformed(path, format!("P2: {what}"));
@@ -54,7 +54,7 @@ mod tests {
     use super::*;
     use nalgebra::{Matrix3x4, Vector4};
 
-    /// Of the benchmark's size, with numbers of our own: camera 2 sits 6 cm to the left of camera 0.
+    /// A projection like the benchmark's, with numbers of our own: camera 2 is 6 cm to the left of camera 0.
     const P2: &str =
         "7.2e+02 0.0e+00 6.1e+02 4.503e+01 0.0e+00 7.2e+02 1.7e+02 2.31e-01 0.0e+00 0.0e+00 1.0e+00 3.0e-03";
 
@@ -81,7 +81,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_named() {
+    fn errors_name_the_fault() {
         for (text, word) in [
             ("P1: 1 2", "P2: is missing"),
             ("P2: 1 2", "12 numbers"),

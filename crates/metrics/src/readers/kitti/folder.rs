@@ -1,4 +1,4 @@
-//! The object benchmark's folder as the user has it.
+//! Reads a folder of the KITTI object benchmark.
 
 use std::path::{Path, PathBuf};
 
@@ -8,9 +8,9 @@ use crate::MetricsError;
 /// One labelled image.
 #[derive(Clone, Debug, PartialEq)]
 pub struct KittiItem {
-    /// `NNNNNN`.
+    /// Name of the image, `NNNNNN`.
     pub name: String,
-    /// The image.
+    /// Path of the image.
     pub image: PathBuf,
     /// Its camera.
     pub camera: KittiCamera,
@@ -18,11 +18,14 @@ pub struct KittiItem {
     pub objects: Vec<KittiObject>,
 }
 
-/// Labelled images with at least so many vehicles, by name, from a folder that holds `image_2/`, `label_2/` and `calib/`, or
-/// holds them in `training/`. The paper's Table 3 takes images with MORE than three: `min_vehicles` 4.
+/// Returns the labelled images with at least `min_vehicles` vehicles, sorted by name.
+///
+/// The folder contains `image_2/`, `label_2/` and `calib/`, or a folder `training/` with them. The paper's Table 3
+/// takes images with more than three vehicles, so `min_vehicles` is 4 there.
 ///
 /// # Errors
-/// [`MetricsError::Unreadable`] or [`MetricsError::Malformed`] for a file; [`MetricsError::Unsuitable`] if no image is left.
+/// [`MetricsError::Unreadable`] or [`MetricsError::Malformed`] for a file; [`MetricsError::Unsuitable`] if no image is
+/// left.
 pub fn object_items(folder: &Path, min_vehicles: usize) -> Result<Vec<KittiItem>, MetricsError> {
     let training = folder.join("training");
     let root = if training.is_dir() { training } else { folder.to_path_buf() };

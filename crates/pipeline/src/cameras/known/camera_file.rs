@@ -1,4 +1,4 @@
-//! `--camera FILE`: a camera that was calibrated before, or that an earlier run found.
+//! Reads the file of `--camera FILE`: a camera that was calibrated before, or estimated by an earlier run.
 
 use std::path::Path;
 
@@ -11,40 +11,40 @@ use super::measured::{GUESSED_HEIGHT_SHARE, GUESSED_TILT_SD_DEG};
 use crate::cameras::krtd::read_krtd;
 use crate::cameras::population::POPULATION_LOG_SD;
 
-/// What stands in for an sd that a file says nothing of.
+/// Variance of a number without an sd in the file (log² or rad²).
 const UNKNOWN_VARIANCE: f64 = 1e4;
-/// No number of a camera is better known than this, log or rad.
+/// Least sd of a camera's number, log or rad.
 const LEAST_SD: f64 = 1e-6;
 
-/// How the lens bends lines, as it was told.
+/// The lens distortion as the user gave it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum KnownLens {
-    /// OpenCV's k1 and k2, which mean something beside a focal length only.
+    /// OpenCV's k1 and k2, which are defined only together with a focal length.
     Opencv([f64; 2]),
-    /// [`Lens::bend`].
+    /// Distortion at the picture's side, see [`Lens::distortion`] (dimensionless).
     Bend(f64),
 }
 
-/// A camera as a file has it.
+/// The contents of a camera file.
 pub(super) struct CameraOfFile {
-    /// Size of its pictures, where it is told.
+    /// Size of its pictures, if given.
     pub size: Option<ImageSize>,
-    /// Principal point, where it is told, px.
+    /// Principal point (x, y), px, if given.
     pub principal_point_px: Option<[f64; 2]>,
-    /// Focal length that is given without an sd, px.
+    /// Focal length without an sd, px.
     pub focal_px: Option<f64>,
-    /// How its lens bends lines, where that is told.
+    /// Lens distortion, if given.
     pub lens: Option<KnownLens>,
-    /// Mean and information of (log focal, tilt, roll, log height).
+    /// Mean and information of (log focal length, tilt, roll, log height).
     pub numbers: Option<(Vector4<f64>, Matrix4<f64>)>,
-    /// The height rests on how large cars are.
+    /// Whether the height depends on the size of cars.
     pub by_cars: bool,
 }
 
-/// Reads a camera by what the name ends in: `.json` (ours), `.krtd` (MEVA), `.yml`, `.yaml` (OpenCV, ROS).
+/// Reads a camera file. The ending gives the format: `.json` (ours), `.krtd` (MEVA), `.yml` or `.yaml` (OpenCV, ROS).
 ///
 /// # Errors
-/// [`WriteError::Io`], [`WriteError::Malformed`].
+/// [`WriteError::Io`] for a file that cannot be read, [`WriteError::Malformed`] for one that is not of its format.
 pub(super) fn read(path: &Path) -> Result<CameraOfFile, WriteError> {
     let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
     match extension.as_str() {
@@ -58,19 +58,21 @@ pub(super) fn read(path: &Path) -> Result<CameraOfFile, WriteError> {
     }
 }
 
-/// `camera.json` of a run. Without anything in metres its height is as uncertain as cars are large, which the next run's cars
-/// share.
+/// Reads `camera.json` of a run.
+///
+/// Without a constraint in metres, the uncertainty of its height includes that of the cars' size, which the next run's
+/// cars share.
 fn ours(path: &Path) -> Result<CameraOfFile, WriteError> {
     let camera = read_camera(path)?.camera;
     if camera.status == CameraStatus::Unobservable {
         return Err(WriteError::malformed(
             path,
-            "this camera could not be estimated: there is nothing in it",
+            "this camera could not be estimated, so the file has no information",
         ));
     }
     let estimate = camera.estimate();
     let population = POPULATION_LOG_SD * POPULATION_LOG_SD;
-    // The file's numbers are rounded.
+    // The numbers of the file are rounded.
     let by_cars = estimate.covariance[(3, 3)] >= 0.999 * population;
     let mut covariance = estimate.covariance;
     if by_cars {
@@ -92,14 +94,16 @@ fn ours(path: &Path) -> Result<CameraOfFile, WriteError> {
         size: Some(camera.image_size_px),
         principal_point_px: Some(camera.principal_point_px),
         focal_px: None,
-        // What was taken for straight is not told to be.
-        lens: estimate.bend_sd.map(|_| KnownLens::Bend(estimate.lens.bend(estimate.image_size_px))),
+        // A lens that was only assumed to have no distortion is no constraint.
+        lens: estimate
+            .distortion_sd
+            .map(|_| KnownLens::Bend(estimate.lens.distortion(estimate.image_size_px))),
         numbers: Some((estimate.params.to_vector(), information)),
         by_cars,
     })
 }
 
-/// A surveyed camera: focal length given, the plane about that of its world.
+/// Reads a surveyed camera. Its focal length is exact; its plane is about the ground of its world.
 fn krtd(path: &Path) -> Result<CameraOfFile, WriteError> {
     let camera = read_krtd(path)?;
     let params = CameraParams::new(camera.focal_px(), &camera.plane());
@@ -115,14 +119,14 @@ fn krtd(path: &Path) -> Result<CameraOfFile, WriteError> {
     })
 }
 
-/// `camera_matrix` of a calibration by OpenCV or ROS; the focal length is given.
+/// Reads `camera_matrix` of a calibration by OpenCV or ROS; its focal length is exact.
 fn opencv(path: &Path) -> Result<CameraOfFile, WriteError> {
     let text = std::fs::read_to_string(path).map_err(|source| WriteError::Io {
         doing: "read",
         source,
         path: path.to_path_buf(),
     })?;
-    // OpenCV's first line, `%YAML:1.0`, is no YAML.
+    // The first line of OpenCV's files, `%YAML:1.0`, is not valid YAML.
     let body = text.strip_prefix("%YAML:1.0").unwrap_or(&text);
     let documents = YamlLoader::load_from_str(body).map_err(|e| WriteError::malformed(path, e))?;
     let fail = |what: &str| WriteError::malformed(path, what);
@@ -133,7 +137,7 @@ fn opencv(path: &Path) -> Result<CameraOfFile, WriteError> {
     let [fx, _, cx, _, fy, cy, _, _, one] =
         <[f64; 9]>::try_from(matrix).map_err(|_other| fail("camera_matrix.data must be nine numbers"))?;
     if !(fx > 0.0 && fy > 0.0 && (one - 1.0).abs() < 1e-9) {
-        return Err(fail("camera_matrix: no pinhole camera"));
+        return Err(fail("camera_matrix is no matrix of a pinhole camera"));
     }
     let side = |name: &str| u32::try_from(document[name].as_i64()?).ok().filter(|side| *side > 0);
     let size = side("image_width").zip(side("image_height"));
@@ -149,7 +153,7 @@ fn opencv(path: &Path) -> Result<CameraOfFile, WriteError> {
     })
 }
 
-/// A list of finite numbers, of lists of them as well.
+/// Returns the finite numbers of a list, including nested lists; `None` for anything else.
 fn numbers(yaml: &Yaml) -> Option<Vec<f64>> {
     let mut found = Vec::new();
     for item in yaml.as_vec()? {
@@ -161,7 +165,7 @@ fn numbers(yaml: &Yaml) -> Option<Vec<f64>> {
     Some(found)
 }
 
-/// The radial part of OpenCV's coefficients (k1, k2, p1, p2, k3).
+/// Returns the radial part of OpenCV's coefficients (k1, k2, p1, p2, k3).
 fn lens(coefficients: &[f64]) -> Option<KnownLens> {
     let k1 = *coefficients.first()?;
     Some(KnownLens::Opencv([k1, coefficients.get(1).copied().unwrap_or(0.0)]))

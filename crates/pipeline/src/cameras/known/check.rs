@@ -1,4 +1,4 @@
-//! What was told of a camera against what everything else says of it.
+//! Compares each user constraint with all other evidence.
 
 use nalgebra::Vector4;
 use roadplane_base::{CameraEstimate, ImageSize};
@@ -6,11 +6,11 @@ use roadplane_write::ConstraintSummary;
 
 use super::{CameraConstraints, Fact, Number};
 
-/// Apart by more than this many sds is a contradiction.
+/// Distance from which a constraint contradicts the other evidence, sds.
 const CONTRADICTS: f64 = 3.0;
-/// Step of differences, log or rad.
+/// Step of the numerical derivatives, log or rad.
 const STEP: f64 = 1e-5;
-/// Names and units of (log focal, tilt, roll, log height).
+/// Names and units of (log focal length, tilt, roll, log height) in reports.
 const NUMBERS: [(&str, &str); 4] = [("focal length", "px"), ("tilt", "°"), ("roll", "°"), ("height", "m")];
 
 impl CameraConstraints {
@@ -32,12 +32,12 @@ impl CameraConstraints {
     }
 }
 
-/// The contradiction, in words; `None` where there is none.
+/// Returns the contradiction in words; `None` where there is none.
 pub(crate) fn contradiction(known: &ConstraintSummary) -> Option<String> {
     (known.apart_sds > CONTRADICTS).then(|| format!("the {} is {}", known.what, in_words(known)))
 }
 
-/// What was told and what everything else says.
+/// Returns the constraint and the estimate from all other evidence in words.
 pub(crate) fn in_words(known: &ConstraintSummary) -> String {
     let ConstraintSummary { unit, given, given_sd, by_all_else, by_all_else_sd, apart_sds, .. } = known;
     let digits = if unit == "px" { 0 } else { 2 };
@@ -45,17 +45,18 @@ pub(crate) fn in_words(known: &ConstraintSummary) -> String {
     let apart = if *apart_sds > CONTRADICTS { 0 } else { 1 };
     format!(
         "{by_all_else:.digits$} ± {by_all_else_sd:.digits$}{space}{unit} by everything else, \
-         {given:.digits$} ± {given_sd:.digits$}{space}{unit} was told: {apart_sds:.apart$} sd apart"
+         but {given:.digits$} ± {given_sd:.digits$}{space}{unit} was given: {apart_sds:.apart$} sd apart"
     )
 }
 
 impl Fact {
+    /// Compares the constraint with a camera that was estimated without it.
     fn against(&self, camera: &CameraEstimate, size: ImageSize) -> Vec<ConstraintSummary> {
         let (mean, covariance) = (camera.params.to_vector(), &camera.covariance);
         let number = |which: usize, value: f64, sd: f64, of: &str| {
             let (name, unit) = NUMBERS[which];
             let (else_value, else_sd) = (mean[which], covariance[(which, which)].max(0.0).sqrt());
-            // Logs by the delta method.
+            // The sds of logs are converted by the delta method.
             let shown = |value: f64, sd: f64| match unit {
                 "°" => [value.to_degrees(), sd.to_degrees()],
                 _ => [value.exp(), value.exp() * sd],
@@ -73,7 +74,7 @@ impl Fact {
             Self::Camera { file, mean, information, .. } => {
                 let variance = information.try_inverse().map(|covariance| covariance.diagonal());
                 let told = (0..4).filter_map(|which| {
-                    // A file may say nothing of a number.
+                    // The file may have no information on a number.
                     let variance = variance.map_or(1.0 / information[(which, which)], |v| v[which]);
                     variance
                         .is_finite()
@@ -104,6 +105,7 @@ impl Fact {
     }
 }
 
+/// Builds the summary of a comparison, rounded. Each pair is a value and its sd; `apart` is the distance in sds.
 fn summary(
     what: String,
     unit: &str,

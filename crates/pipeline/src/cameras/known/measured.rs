@@ -1,13 +1,13 @@
-//! Numbers as a user gives them: `1500`, `1500±60`, `1500+-60`, `1500±4%`.
+//! Parses numbers as a user writes them: `1500`, `1500±60`, `1500+-60`, `1500±4%`.
 
 use std::str::FromStr;
 
-/// sd of a height that is given without one, as a share of it.
+/// Sd of a height that is given without one, as a share of the height.
 pub(crate) const GUESSED_HEIGHT_SHARE: f64 = 0.05;
-/// sd of a tilt or roll that is given without one, °.
+/// Sd of a tilt or roll that is given without one, °.
 pub(crate) const GUESSED_TILT_SD_DEG: f64 = 2.0;
 
-/// A number, with its sd where one was given.
+/// A number with an optional sd.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Measured {
     /// The number.
@@ -24,8 +24,9 @@ impl FromStr for Measured {
         let (value, sd) = split.map_or((text, None), |(value, sd)| (value, Some(sd.trim())));
         let number = |text: &str| {
             let number = text.trim().parse().ok().filter(|v: &f64| v.is_finite());
-            number
-                .ok_or_else(|| format!("{:?} is no number; write e.g. 1500, 1500±60 or 1500±4%", text.trim()))
+            number.ok_or_else(|| {
+                format!("{:?} is no number; write for example 1500, 1500±60 or 1500±4%", text.trim())
+            })
         };
         let value = number(value)?;
         let sd = match sd.map(|sd| (sd, sd.strip_suffix('%'))) {
@@ -34,7 +35,7 @@ impl FromStr for Measured {
             Some((sd, None)) => Some(number(sd)?),
         };
         match sd {
-            Some(sd) if sd.is_nan() || sd <= 0.0 => Err("what stands behind ± must be above 0".to_owned()),
+            Some(sd) if sd.is_nan() || sd <= 0.0 => Err("the sd after ± must be above 0".to_owned()),
             sd => Ok(Self { value, sd }),
         }
     }

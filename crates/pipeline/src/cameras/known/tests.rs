@@ -1,4 +1,4 @@
-//! Everything that can be told becomes the factor that it is, or an error that says why not.
+//! Tests that each constraint becomes the right factor, or an error with a reason.
 
 use std::path::{Path, PathBuf};
 
@@ -8,22 +8,27 @@ use roadplane_write::write_camera;
 
 use super::*;
 
+/// Size of the test pictures, px.
 const SIZE: ImageSize = ImageSize { width: 1920, height: 1080 };
 
+/// Parses a number with an optional sd.
 fn measured(text: &str) -> Option<Measured> {
     Some(text.parse().unwrap())
 }
 
+/// Returns the factors of the options for the first camera position.
 fn factors(options: &ConstraintOptions<'_>) -> Vec<Factor> {
     CameraConstraints::new(options).unwrap().for_pictures(SIZE).unwrap().factors(0, SIZE)
 }
 
+/// Returns the usage error of the options.
 fn refused(options: &ConstraintOptions<'_>) -> String {
     let error = CameraConstraints::new(options).unwrap_err();
     assert!(matches!(error, PipelineError::Usage { .. }), "{error:?}");
     error.to_string()
 }
 
+/// Writes a file and returns its path.
 fn file(folder: &Path, name: &str, text: &str) -> PathBuf {
     let path = folder.join(name);
     std::fs::write(&path, text).unwrap();
@@ -57,7 +62,7 @@ fn numbers_become_clues_in_logs_and_radians() {
     assert_eq!(factors(&options), expected);
     let known = CameraConstraints::new(&options).unwrap();
     assert_eq!(known.focal_px(), None);
-    // Where the camera is moved to it hangs as high and its lens is the same; it looks elsewhere.
+    // After a move the camera has the same height and lens, but other angles.
     assert_eq!(known.factors(1, SIZE), [expected[0], expected[3]]);
     assert!(known.silent_later().is_some_and(|text| text.contains("first position")));
 }
@@ -88,7 +93,10 @@ fn lengths_are_measured_from_the_middle_and_must_lie_in_the_picture() {
     assert_eq!(factors(&options), [expected]);
     let small = ImageSize { width: 640, height: 360 };
     let error = CameraConstraints::new(&options).unwrap().for_pictures(small).unwrap_err().to_string();
-    assert!(error.contains("line 2 ends outside of the picture") && error.ends_with("bays.csv"), "{error}");
+    assert!(
+        error.contains("the length line 2 ends outside the picture") && error.ends_with("bays.csv"),
+        "{error}"
+    );
     let broken = file(folder.path(), "broken.csv", "a,b\n1,2\n");
     assert!(refused(&ConstraintOptions { lengths: Some(&broken), ..options }).contains("broken.csv"));
     let missing = folder.path().join("missing.csv");
@@ -107,7 +115,7 @@ fn cameras_of_other_programs_are_read() {
     let options = ConstraintOptions { camera: Some(&path), ..ConstraintOptions::default() };
     let known = CameraConstraints::new(&options).unwrap();
     assert_eq!(known.focal_px(), Some(800.0));
-    // Pictures of twice the size have twice the focal length; those of another shape are of another camera.
+    // Pictures of twice the size have twice the focal length. Pictures of another shape belong to another camera.
     assert!((known.for_pictures(SIZE).unwrap().focal_px().unwrap() - 1600.0).abs() < 1e-9);
     let twice = known.for_pictures(SIZE).unwrap().for_pictures(SIZE).unwrap();
     assert!((twice.focal_px().unwrap() - 1600.0).abs() < 1e-9);
@@ -121,7 +129,7 @@ fn cameras_of_other_programs_are_read() {
     assert!(refused(&twice).contains("given twice"));
     for (name, text, words) in [
         ("a.yml", "camera_matrix: [1, 2]", "nine numbers"),
-        ("b.yml", "camera_matrix: {data: [-1, 0, 1, 0, 1, 1, 0, 0, 1]}", "no pinhole"),
+        ("b.yml", "camera_matrix: {data: [-1, 0, 1, 0, 1, 1, 0, 0, 1]}", "no matrix of a pinhole"),
         ("c.yml", "a: [", "c.yml"),
         ("d.yml", "", "d.yml"),
         ("e.txt", "", "must end in"),
@@ -163,7 +171,7 @@ fn our_own_cameras_come_with_their_covariance() {
             image_size_px: SIZE,
             principal_point_px: SIZE.centre_px(),
             lens: Lens::STRAIGHT,
-            bend_sd: None,
+            distortion_sd: None,
             params: CameraParams { log_focal: 7.0, tilt: 0.3, roll: 0.0, log_height: 2.0 },
             covariance,
             status,
@@ -174,7 +182,7 @@ fn our_own_cameras_come_with_their_covariance() {
         write_camera(&path, &[estimate]).unwrap();
         CameraConstraints::new(&ConstraintOptions { camera: Some(&path), ..ConstraintOptions::default() })
     };
-    // With the size of cars in it, and with a height that was measured.
+    // One height includes the uncertainty of the cars' size, the other was measured.
     for (height_sd, expected_sd, expected_by_cars) in [(0.05, 0.03, true), (0.02, 0.02, false)] {
         let known = read(height_sd, CameraStatus::Estimated).unwrap();
         let [Factor::Camera { mean, information, by_cars }] = known.factors(0, SIZE)[..] else {
@@ -205,7 +213,7 @@ fn contradictions_are_told_by_what_everything_else_says() {
         image_size_px: SIZE,
         principal_point_px: SIZE.centre_px(),
         lens: Lens::STRAIGHT,
-        bend_sd: None,
+        distortion_sd: None,
         params: CameraParams { log_focal: 1000_f64.ln(), tilt: 0.3, roll: 0.0, log_height: 8.1_f64.ln() },
         covariance: Matrix4::from_diagonal(&Vector4::new(4e-4, 1e-4, 1e-4, 1.6e-3)),
         status: CameraStatus::Estimated,
@@ -217,7 +225,7 @@ fn contradictions_are_told_by_what_everything_else_says() {
         Some(all_else.clone())
     });
     let told: Vec<Option<String>> = checked.iter().map(contradiction).collect();
-    let text = "the focal length is 1000 ± 20 px by everything else, 1500 ± 30 px was told: 14 sd apart";
+    let text = "the focal length is 1000 ± 20 px by everything else, but 1500 ± 30 px was given: 14 sd apart";
     assert_eq!(told, [Some(text.to_owned()), None]);
     assert!(checked[1].apart_sds < 1.0, "{checked:?}");
 }

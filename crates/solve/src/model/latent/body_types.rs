@@ -1,25 +1,25 @@
-//! What body type a car has, and so how its shape may vary.
+//! The body type of a car, which narrows the prior of its shape.
 //!
-//! How large a car is shows best in what kind of car it is: heights of all cars differ by 11 %, those of sedans by 3 %. Traffic is
-//! a mixture of body types, each with a normal distribution of its own (`BodyType`). Given its keypoints, and the camera as far as
-//! it is known, one car has a type with the probability
+//! The body type determines a car's size best: heights of all cars differ by 11 %, those of sedans by 3 %. Traffic is a
+//! mixture of body types, each with its own normal distribution (`BodyType`). Given a car's keypoints and the current
+//! camera, the probability of type k is
 //!
 //! ```text
-//! p_k ∝ share_k ∫ exp(−½ (s − ŝ)ᵀ A (s − ŝ)) N(s; μ_k, Σ_k) ds        ŝ, A: best shape and its information, pose eliminated
+//! p_k ∝ share_k ∫ exp(−½ (s − ŝ)ᵀ A (s − ŝ)) N(s; μ_k, Σ_k) ds     ŝ, A: best shape and its information, pose eliminated
 //! ```
 //!
-//! and its prior is the normal distribution with mean and covariance of the mixture weighed so: one type where that is clear,
-//! something wider in between.
+//! The car's prior is the normal distribution with mean and covariance of the mixture with these weights. It is narrow
+//! if one type is certain, and wider otherwise.
 
 use nalgebra::{Cholesky, Const, SMatrix, SVector};
 use roadplane_base::{ALL_MODES, BodyType, MODES, ShapeAtlas};
 
 use crate::options::SceneOptions;
 
-/// Rounds of telling body types and descending with what is known of their shapes.
+/// Rounds of inferring body types and minimising with the new priors.
 pub(crate) const ROUNDS_OF_TYPES: usize = 2;
 
-/// A Gaussian on the coefficients of the first N modes.
+/// A Gaussian prior on the coefficients of the first N modes.
 #[derive(Clone, Debug)]
 pub(crate) struct Gaussian<const N: usize> {
     pub mean: SVector<f64, N>,
@@ -27,26 +27,26 @@ pub(crate) struct Gaussian<const N: usize> {
 }
 
 impl<const N: usize> Gaussian<N> {
-    /// ½ (s − mean)ᵀ information (s − mean).
+    /// Returns the cost ½ (s − mean)ᵀ information (s − mean).
     pub fn cost(&self, shape: &SVector<f64, N>) -> f64 {
         0.5 * (shape - self.mean).dot(&self.gradient(shape))
     }
 
-    /// Its gradient.
+    /// Returns the gradient of the cost.
     pub fn gradient(&self, shape: &SVector<f64, N>) -> SVector<f64, N> {
         self.information * (shape - self.mean)
     }
 }
 
 impl Gaussian<MODES> {
-    /// What is known of a car of which nothing is known: N(0, I).
+    /// Returns the prior of the whole population: N(0, I).
     pub fn of_all_cars() -> Self {
         Self { mean: SVector::zeros(), information: SMatrix::identity() }
     }
 }
 
 impl Gaussian<ALL_MODES> {
-    /// What is known of a car's shape, with so much `information` on each fine coefficient.
+    /// Returns the prior on all modes: `coarse`, and N(0, 1 / `fine_information`) on each fine coefficient.
     pub fn of_all_modes(coarse: &Gaussian<MODES>, fine_information: f64) -> Self {
         let mut mean = SVector::<f64, ALL_MODES>::zeros();
         mean.fixed_rows_mut::<MODES>(0).copy_from(&coarse.mean);
@@ -62,15 +62,15 @@ struct Component<const N: usize> {
     covariance: SMatrix<f64, N, N>,
     /// Information times mean.
     vector: SVector<f64, N>,
-    /// What does not depend on the car: log share − ½ log det Σ − ½ μᵀ Σ⁻¹ μ.
+    /// Part of the log probability that does not depend on the car: log share − ½ log det Σ − ½ μᵀ Σ⁻¹ μ.
     log_weight: f64,
 }
 
-/// The mixture over the first N modes.
+/// The mixture of body types over the first N modes.
 pub(crate) struct BodyTypes<const N: usize>(Vec<Component<N>>);
 
 impl<const N: usize> BodyTypes<N> {
-    /// Those of the atlas, as `options` weigh them; none where they are switched off.
+    /// Creates the atlas' mixture, scaled by the options; it is empty if body types are switched off.
     pub fn new(atlas: &ShapeAtlas, options: &SceneOptions) -> Self {
         if !options.steps.body_types {
             return Self(Vec::new());
@@ -89,21 +89,23 @@ impl<const N: usize> BodyTypes<N> {
         Self(atlas.body_types.iter().filter_map(component).collect())
     }
 
-    /// Makes `prior` that of the types that a car may have, by the information of its keypoints on its shape and the gradient of
-    /// their cost there. Leaves it as it is without types.
-    pub fn tell(
+    /// Replaces `prior` by that of a car's likely body types. Without types the prior stays as it is.
+    ///
+    /// `information` and `gradient` are those of the keypoints' cost at `shape`.
+    pub fn update_prior(
         &self,
         prior: &mut Gaussian<N>,
         shape: &SVector<f64, N>,
         information: &SMatrix<f64, N, N>,
         gradient: &SVector<f64, N>,
     ) {
-        if let Some(told) = self.prior_of(information, &(information * shape - gradient)) {
-            *prior = told;
+        if let Some(updated) = self.prior_of(information, &(information * shape - gradient)) {
+            *prior = updated;
         }
     }
 
-    /// The prior of a car whose keypoints have this information A on its shape, and A ŝ as `vector`. `None` without types.
+    /// Returns the prior of a car from its keypoints' information A on its shape and the `vector` A ŝ; `None` without
+    /// types.
     fn prior_of(&self, information: &SMatrix<f64, N, N>, vector: &SVector<f64, N>) -> Option<Gaussian<N>> {
         let odds = self.odds(information, vector)?;
         let types = || self.0.iter().zip(&odds);
@@ -116,7 +118,7 @@ impl<const N: usize> BodyTypes<N> {
         Some(Gaussian { mean, information: covariance.cholesky()?.inverse() })
     }
 
-    /// How likely the car is of each type.
+    /// Returns the probability of each type.
     fn odds(&self, information: &SMatrix<f64, N, N>, vector: &SVector<f64, N>) -> Option<Vec<f64>> {
         let evidence = |component: &Component<N>| {
             let factor = (information + component.gaussian.information).cholesky()?;
@@ -167,13 +169,13 @@ mod tests {
     }
 
     #[test]
-    fn a_type_is_as_likely_as_said() {
+    fn probabilities_of_types_are_calibrated() {
         let (atlas, types) = types();
         let mut rng = Rng::new(3);
-        // Shapes measured to one sd in one half of the coefficients, hardly in the other.
+        // Shapes are measured to one sd in half of the coefficients, and hardly in the others.
         let information =
             FullMatrix::from_diagonal(&FullShape::from_fn(|j, _| if j % 2 == 0 { 1.0 } else { 0.01 }));
-        let (mut said, mut happened, mut of_truth) = (0.0, 0.0, 0.0);
+        let (mut predicted, mut observed, mut of_truth) = (0.0, 0.0, 0.0);
         let cars = 4000;
         for _ in 0..cars {
             let number = (rng.unit() * types.0.len() as f64) as usize;
@@ -183,12 +185,12 @@ mod tests {
             let measured = shape + FullShape::from_fn(|j, _| rng.normal() / information[(j, j)].sqrt());
             let odds = types.odds(&information, &(information * measured)).unwrap();
             // Types were drawn evenly, so each counts by its share.
-            said += body.share * odds[0];
-            happened += body.share * f64::from(u8::from(number == 0));
+            predicted += body.share * odds[0];
+            observed += body.share * f64::from(u8::from(number == 0));
             of_truth += odds[number] / f64::from(cars);
         }
-        // 1/8 by shares alone.
+        // Shares alone would give 1/8.
         assert!(of_truth > 0.3, "{of_truth}");
-        assert!((said / happened - 1.0).abs() < 0.1, "{said} {happened}");
+        assert!((predicted / observed - 1.0).abs() < 0.1, "{predicted} {observed}");
     }
 }

@@ -1,41 +1,41 @@
-//! How far each car is trusted to tell the camera.
+//! Trust: the weight of each car in the camera's equations.
 //!
-//! The atlas knows most cars well and some hardly. A car that it does not know still looks like some car, of another size or
-//! seen from another height, and a few of them can turn the camera. What tells them is that they fit worse than the others of
-//! the picture. So the keypoints and the shape of a car are taken for Student-t distributed as one vector: normal, with a
-//! variance factor of its own. Reweighted by turns (as in Lange, Little and Taylor 1989, J. Am. Stat. Assoc. 84) this is the
-//! normal problem with the cost of a car, of n measured numbers and squared distance d², times
+//! The atlas describes most cars well and a few badly. A car unlike the atlas still fits some car of another size, or
+//! from another height, and a few of them can turn the camera. They can be recognised, because they fit worse than the
+//! frame's other cars. So keypoints and shape of a car are Student-t distributed as one vector: normal, with a variance
+//! factor per car. By iterative reweighting (Lange, Little and Taylor 1989, J. Am. Stat. Assoc. 84) this becomes the
+//! normal problem. The cost of a car with n measured numbers and squared distance d² is multiplied by
 //!
 //! ```text
 //! w = (ν + n) / (ν + n q)        q = (d²/n + ε) / (min(median d²/n, 1) + ε)
 //! ```
 //!
-//! The sds of a picture's keypoints may all be too wide, so a car is compared with the picture's median; where that is above
-//! 1, all cars count less. Only what the cars say of the camera is weighed: the sds of a car's own pose and shape are given the
-//! camera and as its keypoints claim.
+//! The sds of a frame's keypoints may all be too wide. So a car is compared with the frame's median; if that is above
+//! 1, all cars get less weight. Only the cars' information on the camera is weighted. The sds of a car's own pose and
+//! shape, given the camera, follow from its keypoints' sds alone.
 
 use roadplane_base::{StudentT, median};
 
-/// ε: differences between fits much closer than this are not counted.
+/// ε: for fits much closer than this, differences have no effect.
 const CLOSE: f64 = 0.05;
 
-/// How well a car fits.
+/// Quality of a car's fit.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Misfit {
-    /// d²: squared whitened residuals and shape coefficients, robust.
+    /// d²: squared whitened residuals and shape coefficients, with the robust loss.
     pub squared: f64,
-    /// n: measured numbers, two a keypoint, by the keypoint's weight.
+    /// n: number of measured numbers, two per keypoint, times the keypoint's weight.
     pub numbers: f64,
 }
 
 impl Misfit {
-    /// w of a car whose sds are believed (q = d²/n): what its keypoints are worth.
-    pub fn worth(&self) -> f64 {
+    /// Returns the weight w of a car whose sds are taken as they are (q = d²/n).
+    pub fn weight(&self) -> f64 {
         StudentT { dimensions: self.numbers }.weight(self.squared)
     }
 }
 
-/// The weight of each car.
+/// Returns the weight of each car.
 pub(crate) fn trust(cars: &[Misfit]) -> Vec<f64> {
     let ratios: Vec<f64> = cars.iter().map(|car| car.squared / car.numbers.max(1.0)).collect();
     let unit = median(&mut ratios.clone()).unwrap_or(1.0).min(1.0) + CLOSE;
@@ -54,7 +54,7 @@ mod tests {
     }
 
     #[test]
-    fn a_car_that_fits_like_the_others_counts_once() {
+    fn a_car_that_fits_like_the_others_has_weight_one() {
         for level in [4.0, 20.0, 40.0] {
             for weight in trust(&cars(&[level; 5])) {
                 assert!((weight - 1.0).abs() < 1e-12);
@@ -64,13 +64,13 @@ mod tests {
     }
 
     #[test]
-    fn a_car_that_fits_worse_counts_less() {
+    fn a_car_that_fits_worse_has_less_weight() {
         let weights = trust(&cars(&[8.0, 10.0, 40.0, 12.0, 10.0]));
         assert!(weights[2] < 0.35 && weights[0] > 1.0 && weights[0] > weights[3]);
     }
 
     #[test]
-    fn a_picture_that_fits_badly_counts_less() {
+    fn a_frame_that_fits_badly_has_less_weight() {
         for weight in trust(&cars(&[160.0; 3])) {
             assert!((0.26..0.28).contains(&weight));
         }

@@ -1,19 +1,22 @@
-//! The bias of the minimum, to second order. It is a fraction of a sd of one frame, but the same in every frame: fused, it would
-//! not average out.
+//! The bias of the minimum, to second order. It is a fraction of one frame's sd, but the same in every frame. So it
+//! would not average out when frames are fused.
 //!
-//! Keypoints bend with the unknowns, so a minimum lies beside the truth by what their errors, squared, make of that (Box 1971).
-//! And cars are many and know little each (Neyman and Scott 1948): the joint minimum shrinks the world, since in a smaller one all
-//! shape coefficients at once come nearer to the mean. Shapes are drawn from their prior; where a car stands is a given number.
-//! With the gradient g and the Hessian H = Jᵀ J of a car's cost by x = (pose, shape, camera), the covariance U Uᵀ of x, and Σ that
-//! of pose and shape given the camera,
+//! There are two causes. Keypoints are curved functions of the unknowns, so their squared errors shift the minimum (Box
+//! 1971). And there are many cars with little information each (Neyman and Scott 1948). The joint minimum shrinks the
+//! world, because in a smaller world all shape coefficients are nearer to their mean. The derivation treats shapes as
+//! random with their prior, and positions of cars as fixed numbers.
+//!
+//! Let g be the gradient and H = Jᵀ J the Hessian of a car's cost by x = (pose, shape, camera). Let U Uᵀ be the
+//! covariance of x, and Σ the covariance of pose and shape given the camera. Then
 //!
 //! ```text
 //! e = ½ Σ_d ∂²g / ∂u_d²  −  Σ_pose i (∂H / ∂x_i) Σ_·i          δc = −C Σ_cars (dx / dc)ᵀ e         u_d: columns of U
 //! ```
 //!
-//! makes c + δc, of covariance C, right in the mean when frames are added up by their information. Were places drawn from a flat
-//! prior, the second term would be missing, and c + δc the posterior's mean (Tierney and Kadane 1986). With the prior's rows taken
-//! for keypoints it is Box's formula, plus how shapes and Jacobian vary together (Stein 1981), plus how information and error do.
+//! makes c + δc, with covariance C, unbiased when frames are summed by their information. With positions from a flat
+//! prior, the second term would vanish and c + δc would be the posterior's mean (Tierney and Kadane 1986). With the
+//! prior's rows treated as keypoints, it is Box's formula plus two terms: the covariance of shapes and Jacobian (Stein
+//! 1981), and that of information and error.
 
 use nalgebra::{DMatrix, DVector, Matrix4, Vector4};
 
@@ -21,18 +24,20 @@ use super::CarsProblem;
 use crate::linear::gram::{Gram, MAX_WIDTH};
 use crate::model::pose::Pose;
 
-/// Step of the differences, in sds.
+/// Step of the finite differences, in sds.
 const STEP: f64 = 1e-3;
 
 impl<P: Pose<N>, const N: usize, const M: usize> CarsProblem<'_, P, N, M> {
-    /// What takes the bias away from the camera, whose `covariance` this is (zero where fixed). At most one sd: where it would be
-    /// more, the second order says too little. After `information`. `None` when a car cannot be evaluated there.
+    /// Returns the correction to add to the camera, whose `covariance` is given (zero where fixed).
+    ///
+    /// The correction is limited to one sd, since the second order is not accurate beyond. Call after `information`.
+    /// Returns `None` if a car cannot be evaluated nearby.
     pub fn bias_correction(&mut self, covariance: &Matrix4<f64>) -> Option<Vector4<f64>> {
         let fixed = Matrix4::from_diagonal(&covariance.diagonal().map(|v| if v > 0.0 { 0.0 } else { 1.0 }));
         let root = (covariance + fixed).cholesky()?.l() - fixed;
         let of_camera = root.column_iter().map(|step| self.following(&step.into_owned()));
         let columns = (0..N + M).map(|d| self.own_column(d)).chain(of_camera);
-        // U, of every view a block of rows.
+        // U, with one block of rows per view.
         let columns: Vec<_> = columns.map(|steps| DVector::from_vec(steps.concat())).collect();
         let columns = DMatrix::from_columns(&columns);
         let mut e = self.curvature(&columns)?;
@@ -46,8 +51,9 @@ impl<P: Pose<N>, const N: usize, const M: usize> CarsProblem<'_, P, N, M> {
         change.iter().all(|v| v.is_finite()).then_some(change)
     }
 
-    /// The first term of e: the gradient's mean over the corners of a simplex whose covariance is U Uᵀ (Julier and Uhlmann 2002),
-    /// less that in the middle.
+    /// Returns the first term of e: the gradient's mean over the corners of a simplex minus the gradient in its middle.
+    ///
+    /// The simplex has the covariance U Uᵀ (Julier and Uhlmann 2002).
     fn curvature(&mut self, columns: &DMatrix<f64>) -> Option<DVector<f64>> {
         let corners = columns.ncols() as f64 + 1.0;
         let (sum, root) = (columns.column_sum(), corners.sqrt());
@@ -65,7 +71,7 @@ impl<P: Pose<N>, const N: usize, const M: usize> CarsProblem<'_, P, N, M> {
         Some(mean / (STEP * STEP))
     }
 
-    /// The second term of e for the pose's coordinate i.
+    /// Returns the second term of e for the pose's coordinate i.
     fn turn_of_hessian(&mut self, i: usize, columns: &DMatrix<f64>) -> Option<DVector<f64>> {
         let (mut steps, mut covariances) = (DVector::zeros(columns.nrows()), DVector::zeros(columns.nrows()));
         for first in (0..columns.nrows()).step_by(MAX_WIDTH) {

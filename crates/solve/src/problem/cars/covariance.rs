@@ -1,4 +1,4 @@
-//! What the factorisation says beside the step: covariances, and how cars follow the camera.
+//! Covariances from the factorisation, and the motion of cars along with the camera.
 
 use nalgebra::{Matrix4, SVector, Vector4};
 
@@ -8,16 +8,18 @@ use crate::linear::gram::{Gram, MAX_WIDTH, Row};
 use crate::model::pose::Pose;
 
 impl<P: Pose<N>, const N: usize, const M: usize> CarsProblem<'_, P, N, M> {
-    /// Information of the cars on the camera at the current parameters, without what else is known of it, from the same elimination
-    /// with damping 0. Call after `linearise`. A coefficient at its bound is not exactly known: it counts as free.
+    /// Returns the cars' information on the camera at the current parameters, without prior and factors.
+    ///
+    /// It comes from the elimination with damping 0. Call after `linearise`. A coefficient at its bound still has an
+    /// uncertainty, so it counts as free.
     pub fn information(&mut self) -> Option<Matrix4<f64>> {
         for block in &mut self.group_blocks {
-            block.held = [self.shapes_fixed; M];
+            block.fixed = [self.shapes_fixed; M];
         }
         self.eliminate(0.0).map(|(information, _)| information)
     }
 
-    /// Per view the covariance of (anchor, heading, shape, camera), given that of the camera. After `information`.
+    /// Returns per view the covariance of (pose, shape, camera) from that of the camera. Call after `information`.
     pub fn view_covariances(&self, camera: &Matrix4<f64>) -> Vec<Joint> {
         let shared: Vec<Joint> = self.group_blocks.iter().map(|block| block.joint(camera)).collect();
         let joint = |(view, pose): (&View, &PoseBlock<N, M>)| {
@@ -28,14 +30,14 @@ impl<P: Pose<N>, const N: usize, const M: usize> CarsProblem<'_, P, N, M> {
         self.views.iter().zip(&self.pose_blocks).map(joint).collect()
     }
 
-    /// That of a problem of one view, the camera's own covariance counted.
+    /// Returns the covariance of (pose, shape, camera) in a problem of one view, with the camera's own covariance.
     pub fn only_view_covariance(&mut self) -> Option<Joint> {
         let information = self.information()?;
         let camera = self.knowledge.covariance(&information, &self.state.camera)?;
         self.view_covariances(&camera).pop()
     }
 
-    /// Moves the camera, and cars along the valley of the minimum. After `information`.
+    /// Moves the camera by `change`, and moves the cars so that they stay at their minimum. Call after `information`.
     pub fn follow(&mut self, change: &Vector4<f64>) {
         self.move_trial(&self.following(change).concat(), 1.0);
         std::mem::swap(&mut self.state, &mut self.trial);
@@ -46,7 +48,7 @@ impl<P: Pose<N>, const N: usize, const M: usize> CarsProblem<'_, P, N, M> {
         }
     }
 
-    /// Per view how (pose, shape, camera) change with the camera. After `information`.
+    /// Returns per view the change of (pose, shape, camera) for a change of the camera. Call after `information`.
     pub(super) fn following(&self, camera: &Vector4<f64>) -> Vec<Row> {
         let step = |(view, pose): (&View, &PoseBlock<N, M>)| {
             let mut step = self.group_blocks[view.group].step(camera, 0.0);
@@ -56,7 +58,7 @@ impl<P: Pose<N>, const N: usize, const M: usize> CarsProblem<'_, P, N, M> {
         self.views.iter().zip(&self.pose_blocks).map(step).collect()
     }
 
-    /// Per view column d of U, where U Uᵀ is the posterior's covariance of (pose, shape) given the camera.
+    /// Returns per view column d of U, where U Uᵀ is the posterior covariance of (pose, shape) given the camera.
     pub(super) fn own_column(&self, d: usize) -> Vec<Row> {
         let step = |(view, pose): (&View, &PoseBlock<N, M>)| {
             let root = self.groups[view.group].trust.sqrt();
@@ -65,7 +67,9 @@ impl<P: Pose<N>, const N: usize, const M: usize> CarsProblem<'_, P, N, M> {
         self.views.iter().zip(&self.pose_blocks).map(step).collect()
     }
 
-    /// Linearises the trial, views moved by so much of `steps`, `MAX_WIDTH` numbers each; those of a group agree on its shape.
+    /// Linearises the trial state after moving each view by `length` times its step.
+    ///
+    /// `steps` has `MAX_WIDTH` numbers per view; views of a group must have equal steps of the shape.
     pub(super) fn evaluate_at(&mut self, steps: &[f64], length: f64) -> Option<f64> {
         self.move_trial(steps, length);
         self.evaluate(true)

@@ -1,17 +1,23 @@
-//! What the cars say of the camera when the keypoints of each are off together, and all cars are off by the same.
+//! Information of the cars on the camera with correlated errors: within each car, and shared by all cars.
 //!
-//! Keypoints of a car are not independent, and of one car they are worse than of another, which its misfit shows. So m of them count
-//! as one, with a variance factor of the car's own: the cost of its keypoints is worth w / m, w as in `trust.rs` for the sds as
-//! they are claimed. And a net sees all cars of a place from a little too high, or turned: turned against the true ones, about the
-//! horizontal across the line of sight and about the line of sight, by b. And x, a keypoint where a straight lens would show it, is
-//! off for all cars with what is wrong about lens and principal point, λ:
+//! The model has three parts:
+//!
+//! - Keypoints of a car are not independent: m of them count as one. They are also worse for some cars, as the misfit
+//!   shows, so each car has its own variance factor. Its keypoints' cost is multiplied by w / m, with w as in
+//!   `trust.rs` for sds taken as they are.
+//! - A net sees all cars of a scene from a little too high, or turned. So all cars are turned by the angles b: about
+//!   the horizontal across the line of sight, and about the line of sight.
+//! - The undistorted keypoint x has an error for all cars, from the errors λ of lens and principal point.
+//!
+//! The cost of car k is
 //!
 //! ```text
 //! cost_k = w_k / m · ½ |W (π(G_k + R(b) R X) − x(λ))|²      m: `ViewErrors::keypoints_as_one`
 //! ```
 //!
-//! Linear in b and λ about the minimum without them: they are in the camera's covariance, not in its estimate, and are not eliminated
-//! with poses and shapes, since pictures of a place share them (`base/src/shared.rs`).
+//! It is linearised in b and λ at the minimum without them. So b and λ change the camera's covariance but not its
+//! estimate. They are not eliminated with poses and shapes, because all frames of a scene share them
+//! (`base/src/shared.rs`).
 
 use nalgebra::{DMatrix, DVector, Matrix2x3, SMatrix, Vector2, Vector3};
 use roadplane_base::{JointInformation, SHARED_ERRORS};
@@ -19,31 +25,33 @@ use roadplane_base::{JointInformation, SHARED_ERRORS};
 use super::{GroundProblem, View};
 use crate::linear::gram::MIN_INFORMATION;
 use crate::model::observation::Observation;
+use crate::model::on_plane::ON_PLANE;
 use crate::model::pose::{CameraFrame, Pose as _};
-use crate::model::standing::STANDING;
 use crate::options::ViewErrors;
 
-/// Camera, and what cars share.
+/// Number of unknowns of the camera and the shared errors.
 const SHARED: usize = 4 + SHARED_ERRORS;
 
 impl<const M: usize> GroundProblem<'_, M> {
-    /// Information of the cars on the camera and its cross part with the shared errors, at the minimum. `None` when it cannot be had.
+    /// Returns the cars' information on the camera and its cross part with the shared errors, at the minimum.
+    ///
+    /// Returns `None` if a car cannot be evaluated.
     pub fn joint_information(&self, errors: &ViewErrors) -> Option<JointInformation> {
         let mut all = SMatrix::<f64, SHARED, SHARED>::zeros();
         for (g, group) in self.groups.iter().enumerate() {
-            let worth = self.misfit(g, group).worth() / errors.keypoints_as_one;
-            let shape_at = STANDING * group.views.len();
+            let weight = self.misfit(g, group).weight() / errors.keypoints_as_one;
+            let shape_at = ON_PLANE * group.views.len();
             let shared_at = shape_at + M;
             let size = shared_at + SHARED;
             let mut sum = DMatrix::<f64>::zeros(size, size);
             let mut row = DVector::<f64>::zeros(size);
             for (place, k) in group.views.clone().enumerate() {
-                let view_at = STANDING * place;
-                let turned = self.turned(&self.views[k], k)?;
+                let view_at = ON_PLANE * place;
+                let by_shared_errors = self.by_shared_errors(&self.views[k], k)?;
                 let mut o = 0;
                 self.each_row(k, |keypoint| {
-                    let root = (keypoint.right * worth).sqrt();
-                    for (rows, by_turn) in keypoint.rows.iter().zip(&turned[o]) {
+                    let root = (keypoint.right * weight).sqrt();
+                    for (rows, by_turn) in keypoint.rows.iter().zip(&by_shared_errors[o]) {
                         row.fill(0.0);
                         row.rows_mut(view_at, 3).copy_from_slice(&rows[..3]);
                         row.rows_mut(shape_at, M + 4).copy_from_slice(&rows[3..3 + M + 4]);
@@ -53,7 +61,7 @@ impl<const M: usize> GroundProblem<'_, M> {
                     }
                     o += 1;
                 })?;
-                for i in 0..STANDING {
+                for i in 0..ON_PLANE {
                     sum[(view_at + i, view_at + i)] += MIN_INFORMATION;
                 }
             }
@@ -78,12 +86,12 @@ impl<const M: usize> GroundProblem<'_, M> {
         joint.vector.iter().chain(cross.iter()).all(|v| v.is_finite()).then_some(joint)
     }
 
-    /// Per observation of a view its whitened, weighted derivative by the errors that are shared, 2 × 5.
-    fn turned(&self, view: &View, k: usize) -> Option<Vec<[[f64; SHARED_ERRORS]; 2]>> {
+    /// Returns for each observation of a view its whitened and weighted derivative by the shared errors, 2 × 5.
+    fn by_shared_errors(&self, view: &View, k: usize) -> Option<Vec<[[f64; SHARED_ERRORS]; 2]>> {
         let camera = CameraFrame::new(&self.state.camera);
         let frame = self.state.poses[k].frame(&camera)?;
-        let sight = frame.origin.try_normalize(1e-9)?;
-        let axes = [sight.cross(&camera.up()).try_normalize(1e-9)?, sight];
+        let ray = frame.origin.try_normalize(1e-9)?;
+        let axes = [ray.cross(&camera.up()).try_normalize(1e-9)?, ray];
         let shape = &self.state.shapes[view.group];
         let of_one = |observation: &Observation| {
             let offset: Vector3<f64> = frame.camera_from_car * self.model.point(observation.index, shape);
@@ -97,7 +105,8 @@ impl<const M: usize> GroundProblem<'_, M> {
                 root_whitened(moved)
             });
             let by_lens = root_whitened(-observation.by_lens);
-            // A shift of the principal point, and the turn of the camera that keeps the ray through the picture's middle.
+            // A shift of the principal point, with the turn of the camera that keeps the ray through the image's
+            // middle.
             let pixel = observation.pixel;
             let by_point =
                 [pixel.x, pixel.y].map(|along| root_whitened(pixel * (along / frame.focal_px.powi(2))));

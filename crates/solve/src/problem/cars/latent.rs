@@ -1,4 +1,4 @@
-//! The problem with more modes, and what is latent in it: body types and trust.
+//! The problem with more modes, and its latent variables: body types and trust.
 
 use nalgebra::SVector;
 
@@ -10,8 +10,9 @@ use crate::model::points::PointModes;
 use crate::model::pose::Pose;
 
 impl<P: Pose<N>, const N: usize, const M: usize> CarsProblem<'_, P, N, M> {
-    /// The same scene at its state with the K modes of another model, of which `model`'s first are these; their coefficients begin
-    /// at 0. `priors`: what is known of each car's shape.
+    /// Returns the problem at its current state with the K modes of another model, whose first M modes are the same.
+    ///
+    /// New coefficients start at 0. `priors` computes the new prior of a car's shape from the old one.
     pub fn with_modes<'b, const K: usize>(
         &self,
         model: &'b PointModes<K>,
@@ -31,7 +32,7 @@ impl<P: Pose<N>, const N: usize, const M: usize> CarsProblem<'_, P, N, M> {
         problem
     }
 
-    /// How well the car of the g-th group fits at the current state. After it was linearised.
+    /// Returns the misfit of the g-th group at the current state. Call after `linearise`.
     pub(super) fn misfit(&self, g: usize, group: &Group<M>) -> Misfit {
         let observations = group.views.clone().flat_map(|k| self.views[k].observations.clone());
         let weight: f64 = observations.map(|i| self.observations[i].weight).sum();
@@ -39,8 +40,8 @@ impl<P: Pose<N>, const N: usize, const M: usize> CarsProblem<'_, P, N, M> {
         Misfit { squared: 2.0 * cost, numbers: 2.0 * weight }
     }
 
-    /// Weighs the cars by how they fit at the current state (`trust.rs`). After it was linearised.
-    pub fn weigh(&mut self) {
+    /// Updates each car's trust from its fit at the current state (`trust.rs`). Call after `linearise`.
+    pub fn update_trust(&mut self) {
         let misfits: Vec<Misfit> =
             self.groups.iter().enumerate().map(|(g, group)| self.misfit(g, group)).collect();
         for (group, trust) in self.groups.iter_mut().zip(trust(&misfits)) {
@@ -48,12 +49,14 @@ impl<P: Pose<N>, const N: usize, const M: usize> CarsProblem<'_, P, N, M> {
         }
     }
 
-    /// Takes for each car's prior that of the body types it may have (`body_types.rs`), by what its keypoints say of its shape at
-    /// the current state. After it was linearised. `None` when a view's pose is not determined.
-    pub fn tell_types(&mut self, types: &BodyTypes<M>) -> Option<()> {
+    /// Updates each car's prior to that of its likely body types (`body_types.rs`), from its keypoints at the current
+    /// state.
+    ///
+    /// Call after `linearise`. Returns `None` if a view's pose is not determined.
+    pub fn infer_body_types(&mut self, types: &BodyTypes<M>) -> Option<()> {
         for (group, shape) in self.groups.iter_mut().zip(&self.state.shapes) {
-            let told = GroupBlock::of_keypoints(&self.linearisation.grams[group.views.clone()])?;
-            types.tell(&mut group.prior, shape, &told.information, &told.gradient);
+            let terms = GroupBlock::of_keypoints(&self.linearisation.grams[group.views.clone()])?;
+            types.update_prior(&mut group.prior, shape, &terms.information, &terms.gradient);
         }
         Some(())
     }

@@ -1,4 +1,4 @@
-//! What single keypoints say at the current state.
+//! Fit of single keypoints at the current state.
 
 use roadplane_base::KEYPOINTS;
 
@@ -7,32 +7,32 @@ use crate::linear::gram::{Gram, MAX_WIDTH};
 use crate::model::pose::{CameraFrame, Pose};
 use crate::model::rows::plain_rows;
 
-/// One keypoint's whitened rows and residual, with the probability that it is right.
+/// Whitened rows and residual of one keypoint, with the probability that it is right.
 pub(crate) struct KeypointRows {
-    /// Unknowns and residual, in the order of `rows.rs`, times the root of the keypoint's weight.
+    /// Derivatives and residual in the order of `rows.rs`, times the root of the keypoint's weight.
     pub rows: [[f64; MAX_WIDTH]; 2],
-    /// Its weight.
+    /// Weight of the keypoint.
     pub weight: f64,
-    /// ρ', the probability that it is right.
+    /// ρ': probability that the keypoint is right, 0–1.
     pub right: f64,
 }
 
-/// How the keypoints of a view fit.
+/// Fit of the keypoints of a view.
 pub(crate) struct ViewFit {
     /// Keypoints that are more likely right than wrong.
     pub inliers: [bool; KEYPOINTS],
-    /// Root mean square distance of these from their projections, px.
+    /// Root mean square distance of the inliers from their projections, px.
     pub rms_px: f64,
-    /// Weight of all keypoints.
+    /// Sum of the keypoints' weights.
     pub weight: f64,
-    /// The same, each times the probability that it is right.
+    /// Sum of the keypoints' weights, each times the probability that the keypoint is right.
     pub right_weight: f64,
-    /// What the keypoints cost.
+    /// Cost of the keypoints.
     pub cost: f64,
 }
 
 impl<P: Pose<N>, const N: usize, const M: usize> CarsProblem<'_, P, N, M> {
-    /// Calls with the rows of every observation of a view. `None` when a keypoint cannot be projected.
+    /// Calls `see` with the rows of every observation of a view. Returns `None` if a keypoint cannot be projected.
     pub fn each_row(&self, view: usize, mut see: impl FnMut(KeypointRows)) -> Option<()> {
         let frame = self.state.poses[view].frame(&CameraFrame::new(&self.state.camera))?;
         let view = &self.views[view];
@@ -45,7 +45,7 @@ impl<P: Pose<N>, const N: usize, const M: usize> CarsProblem<'_, P, N, M> {
         })
     }
 
-    /// How a view fits. `None` when a keypoint cannot be projected.
+    /// Returns the fit of a view; `None` if a keypoint cannot be projected.
     pub fn fit_of(&self, view: usize) -> Option<ViewFit> {
         let frame = self.state.poses[view].frame(&CameraFrame::new(&self.state.camera))?;
         let shape = &self.state.shapes[self.views[view].group];

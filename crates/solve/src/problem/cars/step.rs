@@ -1,4 +1,4 @@
-//! The step of Levenberg–Marquardt: solve the damped equations, substitute back, evaluate there.
+//! The step of Levenberg–Marquardt: solves the damped equations, substitutes back and evaluates the trial.
 
 use nalgebra::Matrix4;
 
@@ -18,13 +18,13 @@ impl<P: Pose<N>, const N: usize, const M: usize> Problem for CarsProblem<'_, P, 
 
     fn try_step(&mut self, damping: f64) -> Option<Trial> {
         let (mut hessian, mut gradient) = self.eliminate(damping)?;
-        gradient += self.known.gradient;
-        hessian += self.known.information + Matrix4::from_diagonal(&(damping * self.camera_diagonal));
+        gradient += self.camera_terms.gradient;
+        hessian += self.camera_terms.information + Matrix4::from_diagonal(&(damping * self.camera_diagonal));
         self.knowledge.hold_fixed(&mut hessian, &mut gradient);
         let camera_step = -hessian.cholesky()?.solve(&gradient);
         let mut predicted = 0.0;
         let mut largest: f64 = 0.0;
-        // ½ stepᵀ (damping · D step − g): the quadratic model's decrease for a solution of the damped equations.
+        // ½ stepᵀ (damping · D step − g) is the quadratic model's decrease for a solution of the damped equations.
         let mut see = |weight: f64, step: f64, gradient: f64, diagonal: f64| {
             predicted += 0.5 * weight * step * (damping * diagonal * step - gradient);
             largest = largest.max(step.abs() * diagonal.max(0.0).sqrt());
@@ -36,12 +36,12 @@ impl<P: Pose<N>, const N: usize, const M: usize> Problem for CarsProblem<'_, P, 
         for (g, group) in self.groups.iter().enumerate() {
             let block = &self.group_blocks[g];
             let mut step = block.step(&camera_step, 1.0);
-            for j in (0..M).filter(|j| !block.held[*j]) {
+            for j in (0..M).filter(|j| !block.fixed[*j]) {
                 see(group.trust, step[N + j], block.gradient[j], block.diagonal[j]);
                 let [low, high] = self.model.bounds[j];
                 self.trial.shapes[g][j] = (self.state.shapes[g][j] + step[N + j]).clamp(low, high);
             }
-            for j in (0..M).filter(|j| block.held[*j]) {
+            for j in (0..M).filter(|j| block.fixed[*j]) {
                 self.trial.shapes[g][j] = self.state.shapes[g][j];
             }
             for k in group.views.clone() {

@@ -1,29 +1,29 @@
-//! Vehicles as a run without attention finds them, and how long one with attention does not.
+//! Vehicles that a run without region-of-interest scheduling finds, and how long a run with it misses them.
 
 use std::collections::BTreeMap;
 
 use roadplane_base::{CarRecord, FrameRecord, bbox_iou};
 
-/// Vehicles whose boxes are narrower do not count, px.
+/// Vehicles with narrower boxes do not count, px.
 pub(super) const MIN_WIDTH_PX: f64 = 40.0;
-/// Boxes that overlap more are of one vehicle, intersection over union.
+/// Boxes with a greater intersection over union belong to one vehicle.
 const SAME: f64 = 0.3;
-/// A vehicle that is not found for so long has left, s.
+/// A vehicle that is not found for this time has left, s.
 pub(super) const GAP_S: f64 = 0.3;
 
-/// A vehicle in a frame.
+/// A detection of a vehicle in a frame.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Sighting {
+pub(super) struct Detection {
     frame: u64,
     time_s: f64,
     bbox_px: [f64; 4],
     score: f64,
 }
 
-/// A vehicle, frame by frame.
-pub(super) type Boxes = Vec<Sighting>;
+/// The detections of a vehicle, frame by frame.
+pub(super) type Boxes = Vec<Detection>;
 
-/// Links boxes from frame to frame by overlap, and keeps vehicles that are wide and seen long enough.
+/// Links boxes from frame to frame by overlap. Returns the vehicles that are wide enough and visible long enough.
 pub(super) fn vehicles(frames: &[FrameRecord]) -> Vec<Boxes> {
     let mut done: Vec<Boxes> = Vec::new();
     let mut open: Vec<Boxes> = Vec::new();
@@ -39,8 +39,12 @@ pub(super) fn vehicles(frames: &[FrameRecord]) -> Vec<Boxes> {
             let best = (0..taken.len())
                 .filter(|&i| !taken[i] && overlap(&open[i]) >= SAME)
                 .max_by(|&a, &b| overlap(&open[a]).total_cmp(&overlap(&open[b])));
-            let entry =
-                Sighting { frame: frame.frame, time_s: frame.time_s, bbox_px: car.bbox_px, score: car.score };
+            let entry = Detection {
+                frame: frame.frame,
+                time_s: frame.time_s,
+                bbox_px: car.bbox_px,
+                score: car.score,
+            };
             match best {
                 Some(i) => {
                     taken[i] = true;
@@ -52,7 +56,7 @@ pub(super) fn vehicles(frames: &[FrameRecord]) -> Vec<Boxes> {
     }
     done.extend(open);
     for boxes in &mut done {
-        boxes.retain(|Sighting { bbox_px: [x0, _, x1, _], .. }| x1 - x0 > MIN_WIDTH_PX);
+        boxes.retain(|Detection { bbox_px: [x0, _, x1, _], .. }| x1 - x0 > MIN_WIDTH_PX);
     }
     done.retain(|boxes| match (boxes.first(), boxes.last()) {
         (Some(first), Some(last)) => last.time_s - first.time_s > GAP_S,
@@ -61,33 +65,36 @@ pub(super) fn vehicles(frames: &[FrameRecord]) -> Vec<Boxes> {
     done
 }
 
-/// A time in which a vehicle is missing.
+/// An interval in which a vehicle is missing.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Gap {
+    /// Start, s.
     pub from_s: f64,
+    /// End, s.
     pub to_s: f64,
-    /// Its boxes after `from_s`, up to `to_s`.
+    /// Number of the vehicle's boxes after `from_s`, up to `to_s`.
     boxes: usize,
-    /// The first of them, px.
+    /// The first of these boxes, px.
     pub bbox_px: [f64; 4],
-    /// The highest score of them.
+    /// The highest score of these boxes.
     pub score: f64,
 }
 
 impl Gap {
-    /// Share of the frames at these times in which the vehicle has a box nevertheless.
+    /// Returns the share of the frames in this interval in which the vehicle has a box. `times_s` are all frames'
+    /// times.
     pub fn share_found(&self, times_s: &[f64]) -> f64 {
         let frames = times_s.iter().filter(|&&time_s| time_s > self.from_s && time_s <= self.to_s).count();
         self.boxes as f64 / frames.max(1) as f64
     }
 }
 
-/// Longest time in which none of the boxes found overlaps the vehicle's.
+/// Returns the longest interval in which no box of `found` (by frame) overlaps the vehicle's box.
 pub(super) fn longest_missing(vehicle: &Boxes, found: &BTreeMap<u64, &[CarRecord]>) -> Gap {
     let mut longest = Gap::default();
     let found_at = |time_s: f64| Gap { from_s: time_s, to_s: time_s, ..Gap::default() };
     let mut open = found_at(vehicle.first().map_or(0.0, |first| first.time_s));
-    for Sighting { frame, time_s, bbox_px, score } in vehicle {
+    for Detection { frame, time_s, bbox_px, score } in vehicle {
         let here = found.get(frame).copied().unwrap_or_default();
         if here.iter().any(|car| bbox_iou(&car.bbox_px, bbox_px) >= SAME) {
             open = found_at(*time_s);
@@ -126,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn a_vehicle_is_missing_where_no_box_is() {
+    fn a_vehicle_is_missing_while_it_has_no_box() {
         let vehicles = vehicles(&frames(50, |_| true));
         assert_eq!((vehicles.len(), vehicles[0].len()), (1, 50));
         let missing = |here: fn(u64) -> bool| {
@@ -148,6 +155,6 @@ mod tests {
         let on = frames(50, |i| i == 0);
         let gap = longest_missing(&vehicles[0], &on.iter().map(|f| (f.frame, f.cars.as_slice())).collect());
         assert!((gap.share_found(&times) - 1.0 / 3.0).abs() < 1e-9, "{gap:?}");
-        assert_eq!(gap.bbox_px, [12.0, 100.0, 92.0, 150.0], "where it is missing first");
+        assert_eq!(gap.bbox_px, [12.0, 100.0, 92.0, 150.0], "the first missing box");
     }
 }

@@ -1,4 +1,4 @@
-//! What attention costs: the same clips run with it and without.
+//! Region-of-interest (ROI) scheduling: the same clips run with it and without it.
 
 mod scores;
 mod vehicles;
@@ -17,21 +17,23 @@ use roadplane_tables::{Cell, Column, Report, Table};
 use scores::ClipScore;
 use vehicles::{GAP_S, Gap, MIN_WIDTH_PX, longest_missing, vehicles};
 
-/// A vehicle found without attention may be without a box for so long, s.
+/// A vehicle that the run without ROI scheduling finds may be without a box for this time, s.
 const MAX_MISSING_S: f64 = 0.3;
 
-/// One way of running a clip.
-struct Way {
+/// One run of a clip.
+struct ClipRun {
     run: FinishedRun,
     frames: Vec<FrameRecord>,
 }
 
-/// Runs each clip with attention and without, in folders below `work`, and says what became of vehicles, tracks and camera;
-/// clips with a truth file beside them (`NAME.truth.json`, gzipped or not) are scored as well.
+/// Runs each clip with ROI scheduling and without it, in folders below `work`, and compares vehicles, tracks and
+/// camera.
+///
+/// Clips with a truth file beside them (`NAME.truth.json`, gzipped or not) are scored as well.
 ///
 /// # Errors
 /// [`LabError`]: the first clip that cannot be run or read.
-pub fn evaluate_attention(
+pub fn evaluate_regions(
     clips: &[PathBuf],
     models: &Path,
     work: &Path,
@@ -54,16 +56,17 @@ pub fn evaluate_attention(
         ("HOTA, %, on", 1),
         ("HOTA fitted, %, off", 1),
         ("HOTA fitted, %, on", 1),
-        ("seen, %", 1),
+        ("processed, %", 1),
     ];
     let note = format!(
-        "Vehicles: boxes wider than {MIN_WIDTH_PX} px that the run without attention links from frame to frame for more than \
-         {GAP_S} s; missing: for longer than {MAX_MISSING_S} s in a row no box of the run with attention overlaps theirs; wavering: \
-         those of them that the run without attention, too, finds in no more than half of the frames of that time. Seen: \
-         share of the pictures that the detector looked at, over all frames."
+        "Off: without region-of-interest scheduling; on: with it. Vehicles: boxes wider than {MIN_WIDTH_PX} px that \
+         the run off links from frame to frame for more than {GAP_S} s. Missing: no box of the run on overlaps \
+         theirs for longer than {MAX_MISSING_S} s in a row. Wavering: missing vehicles that the run off, too, finds \
+         in at most half of the frames of that time. Processed: share of the pictures that the detector processed, \
+         over all frames."
     );
     let mut table = Table::new(
-        "Attention on against off",
+        "Region-of-interest scheduling, on against off",
         note,
         columns.iter().map(|(title, decimals)| Column::new(*title, *decimals)).collect(),
     );
@@ -78,18 +81,18 @@ pub fn evaluate_attention(
         ("found, off, % of the frames", 0),
     ];
     let mut lost = Table::new(
-        "Vehicles missing with attention",
-        "Where the run without attention has them first in that time, and how sure it is of them.",
+        "Vehicles missing with region-of-interest scheduling",
+        "Position of the first missing box, and the highest score, in the run without scheduling (off).",
         columns.iter().map(|(title, decimals)| Column::new(*title, *decimals)).collect(),
     );
     let atlas = ShapeAtlas::shipped().map_err(PipelineError::from)?;
     let mut scored: Vec<[ClipScore; 2]> = Vec::new();
     for clip in clips {
         let name = clip.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        let way = |attention: bool| -> Result<Way, LabError> {
+        let run = |scheduled: bool| -> Result<ClipRun, LabError> {
             let mut config = config.clone();
-            config.watch.attention = attention;
-            let out = work.join(if attention { "on" } else { "off" });
+            config.watch.attention = scheduled;
+            let out = work.join(if scheduled { "on" } else { "off" });
             let no_folder = |source| WriteError::Io { doing: "make the folder", source, path: out.clone() };
             std::fs::create_dir_all(&out).map_err(no_folder)?;
             let options = RunOptions {
@@ -99,9 +102,9 @@ pub fn evaluate_attention(
             };
             let folder = run_input(clip, &out, &options, &config, cancel, &Silent)?.folder;
             let frames = FrameReader::open(&folder.join("frames.jsonl"))?.collect::<Result<_, _>>()?;
-            Ok(Way { run: FinishedRun::read(&folder)?, frames })
+            Ok(ClipRun { run: FinishedRun::read(&folder)?, frames })
         };
-        let (off, on) = (way(false)?, way(true)?);
+        let (off, on) = (run(false)?, run(true)?);
         let vehicles = vehicles(&off.frames);
         let found: BTreeMap<u64, &[CarRecord]> =
             on.frames.iter().map(|frame| (frame.frame, frame.cars.as_slice())).collect();
@@ -112,22 +115,23 @@ pub fn evaluate_attention(
             .filter(|gap| gap.to_s - gap.from_s > MAX_MISSING_S)
             .collect();
         let wavering = missing.iter().filter(|gap| gap.share_found(&times) <= 0.5).count();
-        let tracks = |way: &Way| {
-            let mut tracks: Vec<u64> = way.run.rows.iter().map(|row| row.track).collect();
+        let tracks = |clip: &ClipRun| {
+            let mut tracks: Vec<u64> = clip.run.rows.iter().map(|row| row.track).collect();
             tracks.sort_unstable();
             tracks.dedup();
             tracks.len() as f64
         };
         let truth = ["truth.json.gz", "truth.json"].map(|end| clip.with_extension(end));
         let truth = truth.iter().find(|path| path.is_file()).map(|path| read_truth(path)).transpose()?;
-        let score = truth.as_ref().map(|truth| [&off, &on].map(|way| ClipScore::of(&way.run, truth, &atlas)));
+        let score =
+            truth.as_ref().map(|truth| [&off, &on].map(|clip| ClipScore::of(&clip.run, truth, &atlas)));
         let of_score =
             |of: fn(&ClipScore) -> f64| score.as_ref().map_or([f64::NAN; 2], |[off, on]| [of(off), of(on)]);
         let ([hota_off, hota_on], [fitted_off, fitted_on]) =
             (of_score(ClipScore::hota), of_score(ClipScore::fitted_hota));
-        let seen = |way: &Way| {
-            let shares = way.frames.iter().filter_map(|frame| frame.watch.as_ref()?.seen);
-            100.0 * shares.sum::<f64>() / way.frames.len().max(1) as f64
+        let processed = |clip: &ClipRun| {
+            let shares = clip.frames.iter().filter_map(|frame| frame.watch.as_ref()?.seen);
+            100.0 * shares.sum::<f64>() / clip.frames.len().max(1) as f64
         };
         let numbers = [
             vehicles.len() as f64,
@@ -143,7 +147,7 @@ pub fn evaluate_attention(
             hota_on,
             fitted_off,
             fitted_on,
-            seen(&on),
+            processed(&on),
         ];
         for gap in &missing {
             let [x0, y0, x1, _] = gap.bbox_px;
@@ -157,5 +161,5 @@ pub fn evaluate_attention(
     }
     let against_truth = (!scored.is_empty()).then(|| scores::table(&scored));
     let tables = [table, lost].into_iter().chain(against_truth).collect();
-    Ok(Report { title: "Attention".to_owned(), tables, ..Report::default() })
+    Ok(Report { title: "Region-of-interest scheduling".to_owned(), tables, ..Report::default() })
 }

@@ -1,4 +1,4 @@
-//! The empty place as a small picture, to tell from another clip's whether the camera hangs as it did.
+//! A small picture of the background, which shows by comparison whether the camera was moved between two clips.
 
 use image::{GrayImage, RgbImage};
 
@@ -7,45 +7,47 @@ use crate::reference::{Prepared, Reference};
 use crate::search::{refined, search};
 use crate::{SmallGrey, WatchError};
 
-/// Longest side, px: a turn by 2° is some ten pixels of it.
+/// Longest side, px: a turn by 2° is about ten pixels of it.
 const LONGEST: usize = 240;
-/// Share of the blocks that must go along with a shift: a clock in the picture stays where it is when the camera is turned.
+/// Share of the blocks that must agree with an alignment: a clock in the picture stays where it is when the camera is
+/// turned.
 const MIN_SHARE: f64 = 0.25;
-/// A block goes along within this, px.
+/// Largest distance of an agreeing block from the alignment, px.
 const NEAR: f64 = 0.7;
 
-/// How far a place lies off, root mean square over the picture, as shares of its width.
+/// Displacement between two backgrounds, root mean square over the picture, as shares of its width.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Displacement {
-    /// How far.
+    /// Displacement, as a share of the picture's width.
     pub share: f64,
-    /// What the comparison errs by: how far from its beginning the way into the other picture and back ends. Other light and
-    /// other vehicles seldom deceive both ways alike. Infinite where only one way was found.
+    /// Error of the comparison, as a share of the picture's width: the residual of the alignment to the other picture
+    /// and back. Other light and other vehicles seldom cause the same error in both directions. Infinite where only one
+    /// direction was found.
     pub error: f64,
 }
 
-/// A picture of the empty place.
+/// A small grey picture of the background.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct PlacePicture(SmallGrey);
+pub struct BackgroundPicture(SmallGrey);
 
-impl PlacePicture {
-    /// Of a frame without what moves.
+impl BackgroundPicture {
+    /// Reduces the picture of a background at full size.
     ///
     /// # Errors
     /// [`WatchError`] when OpenCV fails.
-    pub fn of(place: &RgbImage) -> Result<Self, WatchError> {
-        let small = SmallGrey::of(place)?;
+    pub fn of(background: &RgbImage) -> Result<Self, WatchError> {
+        let small = SmallGrey::of(background)?;
         Ok(Self(if small.width.max(small.height) > LONGEST { small.halved() } else { small }))
     }
 
-    /// As it was kept.
+    /// Restores a picture that was stored by [`Self::to_grey`].
     #[must_use]
     pub fn from_grey(image: &GrayImage) -> Self {
         let (width, height) = (image.width() as usize, image.height() as usize);
         Self(SmallGrey { width, height, factor: 1, values: image.as_raw().clone() })
     }
 
-    /// To be kept.
+    /// Returns the picture as a grey image, for storage.
     #[must_use]
     pub fn to_grey(&self) -> GrayImage {
         let Self(small) = self;
@@ -54,15 +56,16 @@ impl PlacePicture {
         })
     }
 
-    /// How far what is in this picture lies off in another. `None` where they cannot be laid on each other: another light, another
-    /// place, another size.
+    /// Measures how far the scene of this picture is displaced in another. Returns `None` where they cannot be aligned:
+    /// another light, another scene, another size.
     #[must_use]
     pub fn displacement(&self, other: &Self) -> Option<Displacement> {
         if !self.0.same_size(&other.0) || self.0.width < 32 || self.0.height < 32 {
             return None;
         }
         let (here, there) = (Prepared::of(&self.0), Prepared::of(&other.0));
-        let size = |way: &Alignment| way.displacement(self.0.width, self.0.height) / self.0.width as f64;
+        let size =
+            |alignment: &Alignment| alignment.displacement(self.0.width, self.0.height) / self.0.width as f64;
         match (self.alignment(&here, &there), self.alignment(&there, &here)) {
             (Some(there), Some(back)) => {
                 let (share, error) = (size(&there).min(size(&back)), size(&there.then(&back)));
@@ -75,15 +78,15 @@ impl PlacePicture {
         }
     }
 
-    /// How a picture lies against another, both of this one's size.
+    /// Aligns a picture with another, both of this one's size.
     fn alignment(&self, from: &Prepared, picture: &Prepared) -> Option<Alignment> {
         let reference = Reference::new(from);
-        let told = reference.told(picture).fine;
-        let alignment = Alignment::of(&told).filter(|alignment| {
-            let along = told.iter().filter(|block| {
+        let shifts = reference.measured(picture).fine;
+        let alignment = Alignment::of(&shifts).filter(|alignment| {
+            let along = shifts.iter().filter(|block| {
                 block.shift.is_some_and(|shift| (shift - alignment.at(&block.centre)).norm() < NEAR)
             });
-            along.count() as f64 >= MIN_SHARE * told.len() as f64
+            along.count() as f64 >= MIN_SHARE * shifts.len() as f64
         });
         alignment.or_else(|| {
             let found = search(reference.fine(), picture.smooth())?;
@@ -97,16 +100,16 @@ impl PlacePicture {
 mod tests {
     use super::*;
 
-    /// 0–1, as if drawn.
-    fn drawn(night: u64, what: u64) -> f64 {
-        let mut hash = (night * 100_000 + what + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+    /// Returns a pseudo-random number, 0–1.
+    fn drawn(night: u64, index: u64) -> f64 {
+        let mut hash = (night * 100_000 + index + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
         hash = (hash ^ (hash >> 32)).wrapping_mul(0xD6E8_FEB8_6659_FD93);
         ((hash ^ (hash >> 32)) % 10_000) as f64 / 1e4
     }
 
-    /// A lot: lines and trees of so many grey levels, bays of which half have a car, another half each night, seen by a camera that
-    /// is turned by so many px.
-    fn lot(night: u64, contrast: f64, turned_px: f64) -> PlacePicture {
+    /// Draws a car park with lines and trees of this contrast, grey levels. Half of the bays hold a car, other ones
+    /// each night. The camera is turned by `turned_px`.
+    fn lot(night: u64, contrast: f64, turned_px: f64) -> BackgroundPicture {
         let mut picture = GrayImage::from_fn(240, 135, |column, row| {
             let (x, y) = (f64::from(column) + turned_px, f64::from(row));
             let line = (x + 0.4 * y).rem_euclid(16.0) < 1.5 && row % 40 > 20;
@@ -116,7 +119,7 @@ mod tests {
             image::Luma([value as u8])
         });
         for bay in 0..42_u32 {
-            let drawn = |what: u64| drawn(night, 50_000 + 10 * u64::from(bay) + what);
+            let drawn = |index: u64| drawn(night, 50_000 + 10 * u64::from(bay) + index);
             let x = f64::from(bay % 14) * 16.0 + 12.0 - turned_px + 4.0 * drawn(0);
             let y = bay / 14 * 40 + 24 + (4.0 * drawn(1)) as u32;
             if drawn(2) < 0.5 && (0.0..228.0).contains(&x) {
@@ -124,14 +127,14 @@ mod tests {
                 (0..88).for_each(|i| picture.put_pixel(x as u32 + i % 11, y + i / 11, grey));
             }
         }
-        PlacePicture::from_grey(&picture)
+        BackgroundPicture::from_grey(&picture)
     }
 
     #[test]
-    fn other_cars_in_the_bays_are_no_turned_camera() {
-        // In haze the cars are what is seen best.
+    fn other_parked_cars_are_no_turned_camera() {
+        // In haze the cars have the strongest contrast.
         for (contrast, least) in [(22.0, 3), (40.0, 30)] {
-            let nights: Vec<PlacePicture> = (0..12).map(|night| lot(night, contrast, 0.0)).collect();
+            let nights: Vec<BackgroundPicture> = (0..12).map(|night| lot(night, contrast, 0.0)).collect();
             let pairs = nights.iter().enumerate().flat_map(|(i, a)| nights[..i].iter().map(move |b| (a, b)));
             let compared: Vec<Displacement> = pairs.filter_map(|(a, b)| a.displacement(b)).collect();
             assert!(compared.len() >= least, "{contrast}: {}", compared.len());

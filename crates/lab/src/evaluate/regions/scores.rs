@@ -1,4 +1,5 @@
-//! The same clips against their truth, with attention and without: what `eval dataset` says of clips run from their video.
+//! Clips against their truth, with region-of-interest scheduling and without it: the scores of `eval dataset` for runs
+//! from video.
 
 use roadplane_base::ShapeAtlas;
 use roadplane_tables::{Cell, Column, Table, bootstrap_scenes, median, share_within};
@@ -9,7 +10,7 @@ use roadplane_metrics::identity::Identity;
 use roadplane_metrics::scoring::{PoseScore, score_poses, score_tracks};
 use roadplane_metrics::truth::Truth;
 
-/// A clip run in one way, against its truth.
+/// Scores of one run of a clip against its truth.
 pub(super) struct ClipScore {
     hota: HotaCounts,
     fitted: HotaCounts,
@@ -34,12 +35,12 @@ impl ClipScore {
         }
     }
 
-    /// HOTA, %.
+    /// Returns HOTA, %.
     pub(super) fn hota(&self) -> f64 {
         hota(&[&self.hota])
     }
 
-    /// HOTA after the scale that fits best, %.
+    /// Returns HOTA after the scale that fits best, %.
     pub(super) fn fitted_hota(&self) -> f64 {
         hota(&[&self.fitted])
     }
@@ -49,7 +50,7 @@ fn hota(clips: &[&HotaCounts]) -> f64 {
     100.0 * HotaCounts::sum(clips.iter().copied()).score().hota
 }
 
-/// A number of some clips.
+/// The name of a measure, and its value for some clips.
 type Measure = (&'static str, fn(&[&ClipScore]) -> f64);
 
 const MEASURES: [Measure; 8] = [
@@ -71,17 +72,18 @@ fn poses(clips: &[&ClipScore], of: fn(&PoseScore) -> f64) -> Vec<f64> {
     clips.iter().flat_map(|clip| clip.poses.iter().map(of)).collect()
 }
 
-/// Each number off, on, and their difference, of clips scored both ways.
+/// Returns the table of each measure off, on, and their difference. Each clip is given by its scores off and on.
 pub(super) fn table(clips: &[[ClipScore; 2]]) -> Table {
-    let note = "Clips from their video alone, as one long sequence, with 95 % intervals by resampling clips; the difference is of the \
-                same clips both ways. Fitted: after the one scale about the camera's foot that fits a clip best. Poses: of every frame \
-                and car, cars without one count as wrong. Stills and given boxes, the other rows of `eval dataset`, know no attention.";
+    let note = "Clips from their video alone, as one long sequence, with 95 % intervals by resampling clips; the \
+        difference is of the same clips. Fitted: after the one scale about the camera's foot that fits a clip best. \
+        Poses: of every frame and car; cars without a pose count as wrong. The other rows of `eval dataset` (stills, \
+        given boxes) use no such scheduling.";
     let titles = ["off", "on", "on − off"].map(|title| Column::new(title, 2));
     let columns = std::iter::once(Column::new("measure", 0)).chain(titles).collect();
     let mut table = Table::new(format!("Against truth, {} clips", clips.len()), note, columns);
     for (name, number) in MEASURES {
-        let of = |chosen: &[&[ClipScore; 2]], way: usize| {
-            number(&chosen.iter().map(|clip| &clip[way]).collect::<Vec<_>>())
+        let of = |chosen: &[&[ClipScore; 2]], on: usize| {
+            number(&chosen.iter().map(|clip| &clip[on]).collect::<Vec<_>>())
         };
         let estimate = |statistic: &dyn Fn(&[&[ClipScore; 2]]) -> f64| -> Cell {
             bootstrap_scenes(clips, clips.len(), statistic).into()
@@ -116,8 +118,8 @@ mod tests {
     }
 
     #[test]
-    fn what_all_clips_lose_alike_has_a_narrow_interval() {
-        // Clips differ, ways of running them do not but for one car in four.
+    fn an_equal_loss_of_all_clips_has_a_narrow_interval() {
+        // The clips differ. The two runs of a clip differ in one car of four only.
         let clips =
             [0.1, 0.3].map(|add| [clip(&[add; 4], -0.02), clip(&[add, add, add, f64::INFINITY], 0.03)]);
         let table = table(&clips);
@@ -133,7 +135,7 @@ mod tests {
         assert_eq!((gain.value, gain.low, gain.high), (-25.0, -25.0, -25.0));
         let [off, on, gain] = row("ADD ≤ 0.2 d, %");
         assert_eq!((off.value, on.value, gain.value), (50.0, 37.5, -12.5));
-        assert_eq!((gain.low, gain.high), (-25.0, 0.0), "that of either clip");
+        assert_eq!((gain.low, gain.high), (-25.0, 0.0), "the difference of either clip");
         let focal = row("focal, median % off").map(|estimate| estimate.value);
         assert!(focal.iter().zip([2.0, 3.0, 1.0]).all(|(a, b)| (a - b).abs() < 1e-9), "{focal:?}");
     }

@@ -1,24 +1,18 @@
-//! The `roadplane-lab` binary: evaluations, benchmarks and synthetic data sets.
-//!
-//! Contents: `args/` the arguments, `commands/` one file or folder per command. The library of this crate holds the
-//! evaluations; the crate `terminal` holds the parts shared with `roadplane`.
-// Doc comments of arguments are their help texts, where <stem> is no tag.
-#![allow(rustdoc::invalid_html_tags, rustdoc::broken_intra_doc_links)]
-
-mod args;
-mod commands;
+//! The program `roadplane-lab`: parses the command line, runs one command, turns its outcome into an exit code.
 
 use std::process::ExitCode;
 
 use clap::FromArgMatches as _;
-use roadplane_lab::LabError;
 use roadplane_metrics::MetricsError;
 use roadplane_pipeline::PipelineError;
 use roadplane_terminal::{exit_code, help, refuse_small_address_space};
 
-use args::{Cli, Command};
+use crate::args::{Cli, Command};
+use crate::{LabError, commands};
 
-fn main() -> ExitCode {
+/// Runs the program on the arguments of this process; returns its exit code.
+#[must_use]
+pub fn run_program() -> ExitCode {
     if let Some(refused) = refuse_small_address_space() {
         return refused;
     }

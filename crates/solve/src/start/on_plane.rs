@@ -1,31 +1,32 @@
-//! Where a car of known shape may stand, camera and plane known: closed form for each of a ring of headings.
+//! Poses on the plane for a car of known shape, with camera and plane given: closed form for each of a circle of
+//! headings.
 //!
-//! With the heading given, every keypoint says on its own where the car is: its ray meets the horizontal plane at the
-//! keypoint's height, and the keypoint's place in the car is taken off. The median over keypoints survives outliers.
+//! With a given heading, every keypoint alone determines the car's position. Its ray meets the horizontal plane at the
+//! keypoint's height, and its offset in the car is subtracted. The median over keypoints is robust to outliers.
 
 use nalgebra::{Vector2, Vector3};
 use roadplane_base::{KEYPOINTS, median};
 
 use crate::model::observation::Observation;
+use crate::model::on_plane::PlanePose;
 use crate::model::pose::{CameraFrame, Pose as _};
-use crate::model::standing::Standing;
 
-/// Headings tried around the circle.
+/// Number of headings tried around the circle.
 const HEADINGS: usize = 32;
 
 /// sd that the unknown shape adds, m.
 const SHAPE_SD_M: f64 = 0.15;
 
-/// Most that one keypoint can cost.
+/// Largest cost of one keypoint.
 const CAP: f64 = 9.0;
 
-/// Candidates, best first; at most one per hump of the cost over heading.
-pub(crate) fn standing_candidates(
+/// Returns candidate poses with their costs, lowest cost first: the local minima of the cost over heading.
+pub(crate) fn plane_pose_candidates(
     camera: &CameraFrame,
     points_in_car: &[Vector3<f64>; KEYPOINTS],
     observations: &[Observation],
     most: usize,
-) -> Vec<(f64, Standing)> {
+) -> Vec<(f64, PlanePose)> {
     let votes: Vec<(&Observation, Vector2<f64>)> = observations
         .iter()
         .filter_map(|o| Some((o, meeting(camera, o, points_in_car[o.index].z)?)))
@@ -35,7 +36,7 @@ pub(crate) fn standing_candidates(
     }
     let mut xs = vec![0.0; votes.len()];
     let mut ys = vec![0.0; votes.len()];
-    let ring: Vec<Option<(f64, Standing)>> = (0..HEADINGS)
+    let ring: Vec<Option<(f64, PlanePose)>> = (0..HEADINGS)
         .map(|h| {
             let heading = std::f64::consts::TAU * h as f64 / HEADINGS as f64;
             let (sin, cos) = heading.sin_cos();
@@ -49,23 +50,23 @@ pub(crate) fn standing_candidates(
                 y_m: median(&mut ys)?,
                 heading_rad: heading,
             };
-            let standing = Standing::of(&pose, camera)?;
-            Some((rough_cost(camera, points_in_car, observations, &standing)?, standing))
+            let plane_pose = PlanePose::of(&pose, camera)?;
+            Some((rough_cost(camera, points_in_car, observations, &plane_pose)?, plane_pose))
         })
         .collect();
-    let mut humps: Vec<(f64, Standing)> = (0..HEADINGS)
+    let mut minima: Vec<(f64, PlanePose)> = (0..HEADINGS)
         .filter_map(|h| {
             let here = ring[h]?;
             let cost = |k: usize| ring[k % HEADINGS].map_or(f64::INFINITY, |r| r.0);
             (here.0 <= cost(h + HEADINGS - 1) && here.0 < cost(h + 1)).then_some(here)
         })
         .collect();
-    humps.sort_by(|a, b| a.0.total_cmp(&b.0));
-    humps.truncate(most);
-    humps
+    minima.sort_by(|a, b| a.0.total_cmp(&b.0));
+    minima.truncate(most);
+    minima
 }
 
-/// Where the ray of an observation meets the horizontal plane at height `z_m`, world x and y.
+/// Returns the point where an observation's ray meets the horizontal plane at height `z_m`, world x and y, m.
 fn meeting(camera: &CameraFrame, observation: &Observation, z_m: f64) -> Option<Vector2<f64>> {
     let f = camera.focal_px;
     let ray =
@@ -74,14 +75,14 @@ fn meeting(camera: &CameraFrame, observation: &Observation, z_m: f64) -> Option<
     (ray.z < -1e-4 && length > 0.0).then(|| ray.xy() * length)
 }
 
-/// Truncated cost that forgives an unknown shape.
+/// Returns a truncated cost that allows for an unknown shape; `None` if the pose cannot be evaluated.
 pub(crate) fn rough_cost(
     camera: &CameraFrame,
     points_in_car: &[Vector3<f64>; KEYPOINTS],
     observations: &[Observation],
-    standing: &Standing,
+    plane_pose: &PlanePose,
 ) -> Option<f64> {
-    let frame = standing.frame(camera)?;
+    let frame = plane_pose.frame(camera)?;
     let shape_sd_px = SHAPE_SD_M * camera.focal_px / frame.origin.z;
     let mut cost = 0.0;
     for o in observations {

@@ -1,14 +1,14 @@
 "use strict";
-// Where vehicles are at a time, and how they are drawn: in the picture and from above. `look.js` decides what and when.
+// Draws the vehicles at a time, in the picture and from above. `player.js` selects the vehicles and the time.
 
-const lookDraw = (data) => {
-  const LAST_S = 10; // how far trails reach back
+const playerDraw = (data) => {
+  const TRAIL_S = 10; // duration of a trail, s
   const CLASSES = { car: "#5aa9e6", truck: "#f2a65a", bus: "#b58be0" };
   const OTHER = "#8a929c";
   const activityColour = Object.fromEntries(data.activities.map(([name, , colour]) => [name, colour]));
   const fastest = Math.max(1, ...data.tracks.map((track) => track.top));
 
-  // State of a track at a time, or null where it is not there.
+  // Returns the state of a track at a time, or null if the track does not exist then.
   const at = (track, time) => {
     const t = track.t;
     if (time < t[0] - 0.02 || time > t[t.length - 1] + 0.02) return null;
@@ -29,7 +29,7 @@ const lookDraw = (data) => {
     };
   };
 
-  // Slow is blue, fast is yellow.
+  // Slow vehicles are blue, and fast ones yellow.
   const speedColour = (speed) => {
     const s = Math.min(1, Math.abs(speed) / fastest);
     return `hsl(${230 - 180 * s} 75% ${52 + 10 * s}%)`;
@@ -42,12 +42,12 @@ const lookDraw = (data) => {
   };
   const legend = (by) => {
     if (by === "class") return Object.entries(CLASSES);
-    if (by === "activity") return [...data.activities.map(([, words, c]) => [words, c]), ["standing, driving on", OTHER]];
+    if (by === "activity") return [...data.activities.map(([, words, c]) => [words, c]), ["stationary, driving on", OTHER]];
     if (by === "speed") return [0, 0.5, 1].map((s) => [`${(s * fastest).toFixed(1)} m/s`, speedColour(s * fastest)]);
     return [];
   };
 
-  // A vehicle's outline on the ground, from its front left corner on.
+  // Returns a vehicle's outline on the ground, from its front left corner on.
   const outline = (track, { x, y, heading }) => {
     const [l, w] = [track.dims[0] / 2, track.dims[1] / 2], [sin, cos] = [Math.sin(heading), Math.cos(heading)];
     return [[l, w], [l, -w], [-l, -w], [-l, w]].map(([f, s]) => [x + f * cos - s * sin, y + f * sin + s * cos]);
@@ -75,7 +75,7 @@ const lookDraw = (data) => {
     g.fillText(text, x + 4, y - 4);
   };
 
-  // A canvas of its element's size, sharp on fine screens.
+  // Fits a canvas to its element, with the resolution of the screen.
   const fit = (canvas, heightOf) => {
     const width = canvas.parentElement.clientWidth, height = heightOf(width), fine = window.devicePixelRatio || 1;
     if (canvas.width !== Math.round(width * fine) || canvas.height !== Math.round(height * fine)) {
@@ -89,7 +89,7 @@ const lookDraw = (data) => {
     return { g, width, height };
   };
 
-  // The picture at the time of its frame; gives the boxes as they lie on the screen.
+  // Draws the picture at the time of its frame. Returns the boxes in pixels of the canvas.
   const picture = (canvas, image, time, { selected, by }) => {
     const { g, width, height } = fit(canvas, (width) => (width * data.size[1]) / data.size[0]);
     const scale = width / data.size[0];
@@ -97,14 +97,14 @@ const lookDraw = (data) => {
     g.fillRect(0, 0, width, height);
     if (image?.complete && image.naturalWidth) g.drawImage(image, 0, 0, width, height);
     const project = (segment) => ([x, y, z = 0]) => {
-      const { p, lens: [cx, cy, bend] } = data.segments[segment] ?? data.segments[0];
+      const { p, lens: [cx, cy, distortion] } = data.segments[segment] ?? data.segments[0];
       const w = p[8] * x + p[9] * y + p[10] * z + p[11];
       if (w < 1) return null;
       const [u, v] = [0, 4].map((row) => (p[row] * x + p[row + 1] * y + p[row + 2] * z + p[row + 3]) / w);
-      // The lens bends lines about the principal point (division model).
+      // Distortion about the principal point (division model).
       const square = (u - cx) ** 2 + (v - cy) ** 2;
-      const bent = 2 / (1 + Math.sqrt(Math.max(0, 1 - 4 * bend * square)));
-      return [(cx + (u - cx) * bent) * scale, (cy + (v - cy) * bent) * scale];
+      const scaled = 2 / (1 + Math.sqrt(Math.max(0, 1 - 4 * distortion * square)));
+      return [(cx + (u - cx) * scaled) * scale, (cy + (v - cy) * scaled) * scale];
     };
     const boxes = [];
     const chosen = data.tracks.find((track) => track.id === selected);
@@ -144,14 +144,14 @@ const lookDraw = (data) => {
     return boxes;
   };
 
-  // From above; `lens` is { x, y, zoom }: what is in the middle, m, and how much nearer than all of it. `height` may be null.
-  const above = (canvas, time, { selected, by, lens, height: asked }) => {
+  // Draws the view from above. `view` is { x, y, zoom }: the point in the middle, m, and the magnification. `height` may be null.
+  const above = (canvas, time, { selected, by, view, height: asked }) => {
     const [left, right, bottom, top] = data.view;
     const ratio = Math.min(1, Math.max(0.56, (top - bottom) / (right - left)));
     const { g, width, height } = fit(canvas, (width) => asked ?? width * ratio);
-    const scale = Math.min(width / (right - left), height / (top - bottom)) * lens.zoom;
-    const to = ([x, y]) => [width / 2 + (x - lens.x) * scale, height / 2 - (y - lens.y) * scale];
-    const from = (px, py) => [lens.x + (px - width / 2) / scale, lens.y - (py - height / 2) / scale];
+    const scale = Math.min(width / (right - left), height / (top - bottom)) * view.zoom;
+    const to = ([x, y]) => [width / 2 + (x - view.x) * scale, height / 2 - (y - view.y) * scale];
+    const from = (px, py) => [view.x + (px - width / 2) / scale, view.y - (py - height / 2) / scale];
     g.fillStyle = "#1d2126";
     g.fillRect(0, 0, width, height);
     const step = [1, 2, 5, 10, 20, 50, 100].find((metres) => metres * scale >= 45) ?? 200;
@@ -191,7 +191,7 @@ const lookDraw = (data) => {
       g.stroke();
       if (!state) continue;
       const trail = [];
-      for (let back = LAST_S; back >= 0; back -= 0.25) {
+      for (let back = TRAIL_S; back >= 0; back -= 0.25) {
         const past = at(track, time - back);
         trail.push(past && to([past.x, past.y]));
       }
@@ -219,18 +219,18 @@ const lookDraw = (data) => {
       }
       const [px, py] = to([state.x, state.y]);
       feet.push({ id: track.id, px, py });
-      // Numbers stand where there is room for them.
+      // A number is drawn if there is room for it.
       const isFree = plates.every(([x, y]) => Math.abs(px - x) > 18 || Math.abs(py - y) > 12);
       if (!own && !isFree) continue;
       plates.push([px, py]);
-      // Upon the vehicle where it is large enough, else beside it.
-      const upon = track.dims[1] * scale > 13;
-      g.textAlign = upon ? "center" : "left";
+      // On the vehicle if it is large enough, else beside it.
+      const inside = track.dims[1] * scale > 13;
+      g.textAlign = inside ? "center" : "left";
       g.font = own ? "600 13px system-ui, sans-serif" : "11px system-ui, sans-serif";
       g.lineWidth = 3;
       g.strokeStyle = "rgba(20,23,27,.6)";
       g.fillStyle = own ? "#fff" : "rgba(255,255,255,.85)";
-      for (const put of ["strokeText", "fillText"]) g[put](String(track.id), upon ? px : px + 7, upon ? py + 4 : py - 7);
+      for (const put of ["strokeText", "fillText"]) g[put](String(track.id), inside ? px : px + 7, inside ? py + 4 : py - 7);
       g.textAlign = "left";
     }
     return { feet, scale };

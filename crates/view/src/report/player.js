@@ -1,9 +1,9 @@
-// The page's playing part: time, what is chosen, and what follows from it. No framework, nothing from outside.
+// The player: time, selection, panes, time line and details. It needs no framework and loads nothing.
 
 (() => {
-  const data = JSON.parse(document.getElementById("look-data").textContent);
-  const draw = lookDraw(data);
-  const STANDING = 0.3; // m/s: below, a vehicle stands
+  const data = JSON.parse(document.getElementById("player-data").textContent);
+  const draw = playerDraw(data);
+  const STATIONARY = 0.3; // m/s: a vehicle whose top speed is below this is stationary
   const $ = (id) => document.getElementById(id);
   const element = (name, properties = {}, ...children) => {
     const made = Object.assign(document.createElement(name), properties);
@@ -14,7 +14,7 @@
   const [first, last] = [Math.min(...times), Math.max(...times)];
   const [left, right, bottom, top] = data.view;
   const whole = () => ({ x: (left + right) / 2, y: (bottom + top) / 2, zoom: 1 });
-  const state = { time: first, selected: null, by: "track", playing: false, lens: whole(), boxes: [], feet: [], scale: 1 };
+  const state = { time: first, selected: null, by: "track", playing: false, view: whole(), boxes: [], feet: [], scale: 1 };
 
   const clock = (time) => {
     const tenths = Math.round(10 * time), minutes = Math.floor(tenths / 600), hours = Math.floor(minutes / 60);
@@ -22,7 +22,7 @@
     return hours ? `${hours}:${String(minutes % 60).padStart(2, "0")}:${seconds}` : `${minutes}:${seconds}`;
   };
 
-  // Frames become pictures when they are needed, and the next one before.
+  // A frame is decoded when it is needed, and the next frame in advance.
   const images = new Map();
   const imageOf = (index) => {
     if (index < 0 || index >= data.frames.length) return null;
@@ -43,10 +43,10 @@
     return data.frames.length ? low : -1;
   };
 
-  const [pane, map] = [$("look-picture").firstElementChild, $("look-above").firstElementChild];
-  // Side by side both panes are as high as the picture.
+  const [pane, map] = [$("player-picture").firstElementChild, $("player-above").firstElementChild];
+  // Panes side by side have the height of the picture.
   const heightBeside = () => {
-    const [picture, above] = [$("look-picture"), $("look-above")];
+    const [picture, above] = [$("player-picture"), $("player-above")];
     return picture && picture.offsetLeft !== above.offsetLeft ? pane.clientHeight : null;
   };
 
@@ -61,14 +61,14 @@
       const index = frameAt(state.time), time = data.frames[index][0];
       state.boxes = draw.picture(pane, imageOf(index), time, state);
       imageOf(index + 1);
-      $("look-picture").querySelector("figcaption").textContent = `picture of ${clock(time)}`;
+      $("player-picture").querySelector("figcaption").textContent = `picture of ${clock(time)}`;
     }
     Object.assign(state, draw.above(map, state.time, { ...state, height: heightBeside() }));
-    $("look-time").value = state.time;
-    $("look-clock").textContent = clock(state.time);
-    $("look-play").textContent = state.playing ? "❚❚" : "▶";
-    $("look-play").setAttribute("aria-label", state.playing ? "pause" : "play");
-    for (const button of $("look-list").children) {
+    $("player-time").value = state.time;
+    $("player-clock").textContent = clock(state.time);
+    $("player-play").textContent = state.playing ? "❚❚" : "▶";
+    $("player-play").setAttribute("aria-label", state.playing ? "pause" : "play");
+    for (const button of $("player-list").children) {
       const id = Number(button.dataset.track), track = data.tracks.find((track) => track.id === id);
       button.setAttribute("aria-selected", id === state.selected);
       button.classList.toggle("away", !draw.at(track, state.time));
@@ -96,7 +96,7 @@
     let before = null;
     const tick = (now) => {
       if (!state.playing) return;
-      if (before !== null) seek(state.time + ((now - before) / 1000) * Number($("look-rate").value));
+      if (before !== null) seek(state.time + ((now - before) / 1000) * Number($("player-rate").value));
       before = now;
       if (state.time >= last) play(false); else requestAnimationFrame(tick);
     };
@@ -114,8 +114,8 @@
     if (data.tracks.length) select(data.tracks[next].id);
   };
 
-  // When each vehicle was there: bars in as few lanes as hold them.
-  const places = (() => {
+  // The time line: a bar per vehicle, in as few lanes as possible.
+  const laneOf = (() => {
     const ends = [];
     return data.tracks.map(({ t }) => {
       let lane = ends.findIndex((end) => end < t[0] - 0.3);
@@ -124,21 +124,21 @@
       return lane;
     });
   })();
-  const count = Math.max(1, ...places.map((lane) => lane + 1));
+  const count = Math.max(1, ...laneOf.map((lane) => lane + 1));
   const thick = Math.max(2, Math.min(9, 110 / count));
   const lanes = () => {
-    const canvas = $("look-lanes"), fine = window.devicePixelRatio || 1, width = canvas.clientWidth, height = count * thick + 8;
+    const canvas = $("player-lanes"), fine = window.devicePixelRatio || 1, width = canvas.clientWidth, height = count * thick + 8;
     canvas.style.height = `${height}px`;
     canvas.width = width * fine;
     canvas.height = height * fine;
     const g = canvas.getContext("2d");
     g.scale(fine, fine);
-    // Under the time line's handle.
+    // Aligned with the handle of the time slider.
     const at = (time) => 8 + ((width - 16) * (time - first)) / Math.max(1e-6, last - first);
     data.tracks.forEach((track, i) => {
-      const y = 4 + places[i] * thick;
+      const y = 4 + laneOf[i] * thick;
       g.globalAlpha = state.selected && track.id !== state.selected ? 0.35 : 1;
-      // In pieces, as colours may change with time.
+      // Drawn in pieces, as the colour may change over time.
       const [from, to] = [track.t[0], track.t[track.t.length - 1]];
       const pieces = ["speed", "activity"].includes(state.by) ? Math.max(1, Math.ceil((at(to) - at(from)) / 3)) : 1;
       for (let piece = 0; piece < pieces; piece++) {
@@ -153,29 +153,29 @@
     g.fillRect(at(state.time) - 1, 0, 2, height);
   };
 
-  // The chosen vehicle: numbers that hold for all of its life are made once, those of now each time.
+  // Details of the selected vehicle. Values of the whole track are written once, and those of the current time on each change.
   let detailed = null;
   const detail = () => {
-    const box = $("look-detail"), track = data.tracks.find((track) => track.id === state.selected);
+    const box = $("player-detail"), track = data.tracks.find((track) => track.id === state.selected);
     box.hidden = !track;
     if (!track) { detailed = null; return; }
     if (detailed !== track) {
       detailed = track;
       const [from, to] = [track.t[0], track.t[track.t.length - 1]];
       const entry = (name, value, id) => element("div", {}, element("dt", { textContent: name }), element("dd", { textContent: value, id: id ?? "" }));
-      const unseen = track.hidden.reduce((sum, [a, b]) => sum + b - a, 0);
+      const hidden = track.hidden.reduce((sum, [a, b]) => sum + b - a, 0);
       const dot = element("span", { className: "dot" });
       dot.style.background = track.colour;
       box.replaceChildren(
         element("h3", {}, dot, `${track.class} ${track.id}`),
         element("dl", {},
-          entry("in view", `${clock(from)} – ${clock(to)}`),
+          entry("visible", `${clock(from)} – ${clock(to)}`),
           entry("length × width × height", `${track.dims.map((d) => d.toFixed(2)).join(" × ")} m`),
           entry("path", `${track.path.toFixed(1)} m`),
           entry("top speed", `${track.top.toFixed(1)} m/s`),
-          entry("hidden", unseen ? `${unseen.toFixed(1)} s` : "never"),
-          entry("place now", "", "look-at"), entry("heading now", "", "look-heading"),
-          entry("speed now", "", "look-speed"), entry("activity now", "", "look-activity")),
+          entry("hidden", hidden ? `${hidden.toFixed(1)} s` : "never"),
+          entry("position now", "", "player-at"), entry("heading now", "", "player-heading"),
+          entry("speed now", "", "player-speed"), entry("activity now", "", "player-activity")),
         chart(track));
       if (track.crops.length) {
         box.append(element("div", { className: "views" }, ...track.crops.map(([time, jpeg]) => {
@@ -188,17 +188,17 @@
     }
     const now = draw.at(track, state.time);
     const degrees = (radians) => (radians * 180) / Math.PI;
-    $("look-at").textContent = now ? `${now.x.toFixed(1)} ± ${now.xSd.toFixed(1)}, ${now.y.toFixed(1)} ± ${now.ySd.toFixed(1)} m` : "not in view";
-    $("look-heading").textContent = now ? `${(((degrees(now.heading) % 360) + 360) % 360).toFixed(0)} ± ${degrees(now.headingSd).toFixed(0)}°` : "–";
-    $("look-speed").textContent = now ? `${now.speed.toFixed(1)} ± ${now.speedSd.toFixed(1)} m/s` : "–";
-    $("look-activity").textContent = now ? (now.hidden ? "not seen, filled in" : (now.activity ?? "–").replaceAll("_", " ")) : "–";
+    $("player-at").textContent = now ? `${now.x.toFixed(1)} ± ${now.xSd.toFixed(1)}, ${now.y.toFixed(1)} ± ${now.ySd.toFixed(1)} m` : "not visible";
+    $("player-heading").textContent = now ? `${(((degrees(now.heading) % 360) + 360) % 360).toFixed(0)} ± ${degrees(now.headingSd).toFixed(0)}°` : "–";
+    $("player-speed").textContent = now ? `${now.speed.toFixed(1)} ± ${now.speedSd.toFixed(1)} m/s` : "–";
+    $("player-activity").textContent = now ? (now.hidden ? "hidden, filled in" : (now.activity ?? "–").replaceAll("_", " ")) : "–";
     const svg = box.querySelector("svg");
     svg?.querySelector(".cursor").setAttribute("transform", `translate(${svg.at(state.time)} 0)`);
   };
 
-  // Speed over time with a band of one sd.
+  // Speed over time, with a band of one standard deviation.
   const chart = (track) => {
-    if (track.top < STANDING) return element("p", { className: "hint", textContent: "It stands all the time." });
+    if (track.top < STATIONARY) return element("p", { className: "hint", textContent: "It is stationary all the time." });
     const [width, height] = [1000, 112], [from, to] = [track.t[0], track.t[track.t.length - 1]];
     const least = Math.min(0, ...track.speed), most = Math.max(least + 1, ...track.speed);
     const x = (time) => 4 + ((width - 8) * (time - from)) / Math.max(1e-6, to - from);
@@ -223,7 +223,7 @@
     return box;
   };
 
-  // What the user does.
+  // Input of the user.
   const inside = (event, canvas) => {
     const { left, top } = canvas.getBoundingClientRect();
     return [event.clientX - left, event.clientY - top];
@@ -234,12 +234,12 @@
     select(hit.sort((a, b) => area(a) - area(b))[0]?.id ?? null);
   });
   let grip = null;
-  map.addEventListener("pointerdown", (event) => { grip = { at: inside(event, map), lens: { ...state.lens }, moved: false }; map.setPointerCapture(event.pointerId); });
+  map.addEventListener("pointerdown", (event) => { grip = { at: inside(event, map), view: { ...state.view }, moved: false }; map.setPointerCapture(event.pointerId); });
   map.addEventListener("pointermove", (event) => {
     if (!grip) return;
     const [x, y] = inside(event, map), [dx, dy] = [x - grip.at[0], y - grip.at[1]];
     if (Math.hypot(dx, dy) > 5) grip.moved = true;
-    if (grip.moved) { Object.assign(state.lens, { x: grip.lens.x - dx / state.scale, y: grip.lens.y + dy / state.scale }); render(); }
+    if (grip.moved) { Object.assign(state.view, { x: grip.view.x - dx / state.scale, y: grip.view.y + dy / state.scale }); render(); }
   });
   map.addEventListener("pointerup", (event) => {
     const [x, y] = inside(event, map), near = (f) => Math.hypot(f.px - x, f.py - y);
@@ -249,30 +249,30 @@
     }
     grip = null;
   });
-  for (const button of document.querySelectorAll("#look .zoom button")) {
+  for (const button of document.querySelectorAll("#player .zoom button")) {
     button.onclick = () => {
       const factor = Number(button.dataset.zoom);
-      if (factor) state.lens.zoom *= factor; else state.lens = whole();
+      if (factor) state.view.zoom *= factor; else state.view = whole();
       render();
     };
   }
-  $("look-lanes").addEventListener("click", (event) => {
-    const [x, y] = inside(event, $("look-lanes")), width = $("look-lanes").clientWidth;
+  $("player-lanes").addEventListener("click", (event) => {
+    const [x, y] = inside(event, $("player-lanes")), width = $("player-lanes").clientWidth;
     const time = first + ((x - 8) / (width - 16)) * (last - first), lane = Math.floor((y - 4) / thick);
     const slack = (3 / width) * (last - first);
-    const hit = data.tracks.find(({ t }, i) => places[i] === lane && time >= t[0] - slack && time <= t[t.length - 1] + slack);
+    const hit = data.tracks.find(({ t }, i) => laneOf[i] === lane && time >= t[0] - slack && time <= t[t.length - 1] + slack);
     seek(time);
     if (hit) select(hit.id);
   });
-  $("look-play").onclick = () => play(!state.playing);
-  $("look-time").oninput = (event) => { seek(Number(event.target.value)); };
-  $("look-time").onchange = keep;
-  const legend = () => $("look-legend").replaceChildren(...draw.legend(state.by).map(([words, colour]) => {
+  $("player-play").onclick = () => play(!state.playing);
+  $("player-time").oninput = (event) => { seek(Number(event.target.value)); };
+  $("player-time").onchange = keep;
+  const legend = () => $("player-legend").replaceChildren(...draw.legend(state.by).map(([words, colour]) => {
     const dot = element("span", { className: "dot" });
     dot.style.background = colour;
     return element("span", {}, dot, words);
   }));
-  $("look-colour").onchange = (event) => { state.by = event.target.value; legend(); render(); };
+  $("player-colour").onchange = (event) => { state.by = event.target.value; legend(); render(); };
   document.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey || event.target.tagName === "SELECT") return;
     const actions = {
@@ -280,29 +280,29 @@
       ArrowLeft: () => (event.shiftKey ? seek(state.time - 5) : step(-1)),
       ArrowRight: () => (event.shiftKey ? seek(state.time + 5) : step(1)),
     };
-    // A button that has the focus is pressed by the space bar itself.
+    // The space bar already presses a button that has the focus.
     if (!actions[event.key] || (event.key === " " && event.target.tagName === "BUTTON")) return;
     event.preventDefault();
     actions[event.key]();
   });
-  new ResizeObserver(render).observe($("look-list").parentElement);
+  new ResizeObserver(render).observe($("player-list").parentElement);
 
-  $("look-list").append(...data.tracks.map((track) => {
+  $("player-list").append(...data.tracks.map((track) => {
     const dot = element("span", { className: "dot" });
     dot.style.background = track.colour;
     const button = element("button", { type: "button", role: "option", onclick: () => select(track.id === state.selected ? null : track.id) }, dot, track.class === "car" ? String(track.id) : `${track.id} ${track.class}`);
     button.dataset.track = track.id;
     return button;
   }));
-  Object.assign($("look-time"), { min: first, max: last });
+  Object.assign($("player-time"), { min: first, max: last });
   if (!data.frames.length) {
-    $("look-picture").remove();
-    document.querySelector("#look .panes").classList.add("one");
+    $("player-picture").remove();
+    document.querySelector("#player .panes").classList.add("one");
   }
   const asked = new URLSearchParams(location.hash.slice(1));
   state.time = Math.min(last, Math.max(first, Number(asked.get("t") ?? first)));
   state.selected = data.tracks.some(({ id }) => id === Number(asked.get("track"))) ? Number(asked.get("track")) : null;
-  $("look").hidden = false;
+  $("player").hidden = false;
   legend();
   render();
 })();

@@ -1,4 +1,4 @@
-//! What a camera's clips say of it together: error, bound and reported sd after 1, 3, 10, 30 nights.
+//! Stored cameras on synthetic clips: error, bound and reported sd after 1, 3, 10, 30 nights.
 
 use nalgebra::{Matrix4, Vector4};
 use roadplane_base::{
@@ -14,40 +14,41 @@ use roadplane_tables::{Column, Table};
 use super::scenes::bound;
 use crate::parallel::in_parallel;
 
-/// sd of the log size that the cars of one place share. Its cars also share how far off nets see them: by as much as a run assumes
+/// sd of the log size that the cars of one site share. They also share an error of view, as large as a run assumes
 /// (`solve.shared_view_sd_deg`).
-const PLACE_LOG_SD: f64 = 0.04;
-/// How elevation and turn of single cars scatter about that beside what their keypoints claim, rad.
+const SITE_LOG_SD: f64 = 0.04;
+/// sd of elevation and turn of single cars, in addition to the sd that their keypoints claim, rad.
 const VIEW_SD: [f64; 2] = [0.035; 2];
-/// Turn between two nights, rad.
+/// Turn of the camera between two nights, rad.
 const TURN: f64 = 2.0 * std::f64::consts::PI / 180.0;
+/// First seed of the cameras.
 const SEED: u64 = 7_000_000;
 
 /// One camera and its clips.
 struct Camera {
     truth: CameraParams,
-    /// Size of the place's cars, log.
-    place: f64,
+    /// Log size of the site's cars.
+    site: f64,
     evidence: Vec<CameraEvidence>,
     bounds: Vec<JointInformation>,
     /// A clip after the camera was turned.
     turned: CameraEvidence,
 }
 
-/// A table over `cameras` cameras of `clips` clips each: what is known after some of them, and whether a turn by 2° begins an
-/// epoch where no picture tells.
+/// Returns a table over `cameras` cameras of `clips` clips each: errors and sds after some of the clips. It also shows
+/// whether a turn by 2° starts an epoch if no pictures are compared.
 #[must_use]
-pub fn remembered_tables(atlas: &ShapeAtlas, cameras: usize, clips: usize) -> Vec<Table> {
+pub fn camera_database_tables(atlas: &ShapeAtlas, cameras: usize, clips: usize) -> Vec<Table> {
     let shared_sd = solve_options().shared_sd();
     let all = in_parallel(cameras, |i| camera(atlas, clips, SEED + 1000 * i as u64));
     let counts: Vec<usize> = [1, 3, 10, 30, 100].into_iter().filter(|n| *n < clips).chain([clips]).collect();
-    let mut known = Table::new(
-        format!("{cameras} remembered cameras, ten other cars in each clip"),
+    let mut table = Table::new(
+        format!("{cameras} stored cameras, ten other cars in each clip"),
         format!(
-            "Sizes of a place's cars share an error of {:.0} % (1 sd), which heights keep; nets see all of them off by {:.1}° in \
-             elevation and {:.1}° in turn (1 sd). Bound: of all keypoints, with those errors. Turned: the camera by 2° after so many \
-             clips, no pictures compared.",
-            100.0 * PLACE_LOG_SD,
+            "Sizes of a site's cars share an error of {:.0} % (1 sd), which stays in the heights. All cars of a site share an error of view of \
+             {:.1}° in elevation and {:.1}° in turn (1 sd). Bound: of all keypoints, with those errors. Turned: the camera by 2° after \
+             the given number of clips, without a comparison of pictures.",
+            100.0 * SITE_LOG_SD,
             shared_sd[0].to_degrees(),
             shared_sd[1].to_degrees(),
         ),
@@ -55,15 +56,15 @@ pub fn remembered_tables(atlas: &ShapeAtlas, cameras: usize, clips: usize) -> Ve
             ("clips", 0),
             ("focal error, % rms", 2),
             ("focal bound, %", 2),
-            ("focal error / sd, rms", 2),
+            ("focal normalised error, rms", 2),
             ("height error, % rms", 2),
             ("height bound, %", 2),
-            ("height error / sd, rms", 2),
-            ("without the place's share: height error / sd", 2),
+            ("height normalised error, rms", 2),
+            ("without the site's share: height normalised error", 2),
             ("tilt error, ° rms", 3),
-            ("tilt error / sd, rms", 2),
+            ("tilt normalised error, rms", 2),
             ("all clips in one epoch, % of cameras", 1),
-            ("a turn by 2° noticed in its first clip, %", 1),
+            ("a turn by 2° detected in its first clip, %", 1),
         ]
         .map(|(title, digits)| Column::new(title, digits))
         .to_vec(),
@@ -85,37 +86,37 @@ pub fn remembered_tables(atlas: &ShapeAtlas, cameras: usize, clips: usize) -> Ve
             100.0 * rms(&|a| a.off[3]),
             100.0 * rms(&|a| a.bound_sd[3]),
             rms(&|a| a.off[3] / a.sd[3]),
-            rms(&|a| a.height_off_in_place / a.height_sd_in_place),
+            rms(&|a| a.height_off_at_site / a.height_sd_at_site),
             rms(&|a| a.off[1].to_degrees()),
             rms(&|a| a.off[1] / a.sd[1]),
             share(&|a| a.epochs == 1),
-            share(&|a| a.turn_noticed),
+            share(&|a| a.turn_detected),
         ];
-        known.rows.push(row.map(Into::into).to_vec());
+        table.rows.push(row.map(Into::into).to_vec());
     }
-    vec![known]
+    vec![table]
 }
 
-/// What is known after some clips.
+/// The estimate after some clips.
 struct After {
     off: Vector4<f64>,
     sd: Vector4<f64>,
     bound_sd: Vector4<f64>,
-    height_off_in_place: f64,
-    height_sd_in_place: f64,
+    height_off_at_site: f64,
+    height_sd_at_site: f64,
     epochs: usize,
-    turn_noticed: bool,
+    turn_detected: bool,
 }
 
 fn after(camera: &Camera, count: usize) -> Option<After> {
     let evidence = &camera.evidence[..count];
     let options = options();
     let no_picture = |_: &CameraEvidence, _: &CameraEvidence| SameView::Unknown;
-    let known = epochs(evidence, &no_picture, &options);
-    let place = Matrix4::from_diagonal(&Vector4::new(0.0, 0.0, 0.0, PLACE_LOG_SD * PLACE_LOG_SD));
-    let sd_of = |covariance: Matrix4<f64>| (covariance + place).diagonal().map(f64::sqrt);
+    let found = epochs(evidence, &no_picture, &options);
+    let site = Matrix4::from_diagonal(&Vector4::new(0.0, 0.0, 0.0, SITE_LOG_SD * SITE_LOG_SD));
+    let sd_of = |covariance: Matrix4<f64>| (covariance + site).diagonal().map(f64::sqrt);
     let last = &evidence.last()?.clip;
-    let now = known.iter().find(|epoch| epoch.clips.iter().any(|clip| clip.clip == *last))?;
+    let now = found.iter().find(|epoch| epoch.clips.iter().any(|clip| clip.clip == *last))?;
     let estimate: CameraEstimate = fuse(&now.windows, &options).pop()?;
     let off = estimate.params.to_vector() - camera.truth.to_vector();
     let prior = Matrix4::from_diagonal(&options.prior.sd.map(|sd| 1.0 / (sd * sd)));
@@ -129,21 +130,21 @@ fn after(camera: &Camera, count: usize) -> Option<After> {
         off,
         sd: sd_of(estimate.covariance),
         bound_sd: sd_of(bound.cholesky()?.inverse()),
-        height_off_in_place: off[3] + camera.place,
-        height_sd_in_place: estimate.covariance[(3, 3)].sqrt(),
-        epochs: known.len(),
-        turn_noticed: with_turned
+        height_off_at_site: off[3] + camera.site,
+        height_sd_at_site: estimate.covariance[(3, 3)].sqrt(),
+        epochs: found.len(),
+        turn_detected: with_turned
             .iter()
             .any(|epoch| epoch.clips.len() == 1 && epoch.clips[0].clip == camera.turned.clip),
     })
 }
 
-/// Those of a run.
+/// Returns the solve options of a run.
 fn solve_options() -> SceneOptions {
     Config::default().solve.scene_options(None)
 }
 
-/// Those of a run.
+/// Returns the fusion options of a run.
 fn options() -> FuseOptions {
     let run = solve_options();
     let prior = run.camera_prior;
@@ -157,18 +158,18 @@ fn options() -> FuseOptions {
 
 fn camera(atlas: &ShapeAtlas, clips: usize, seed: u64) -> Camera {
     let mut random = Rng::new(seed);
-    let place = PLACE_LOG_SD * random.normal();
+    let site = SITE_LOG_SD * random.normal();
     let ratio = random.uniform(0.7_f64.ln(), 2.5_f64.ln()).exp();
     let height_m = random.uniform(4.5_f64.ln(), 16_f64.ln()).exp();
     let (tilt, roll) = (random.uniform(0.2, 0.6), random.uniform(-0.05, 0.05));
     let solve = solve_options();
     let [elevation_sd, turn_sd, ..] = solve.shared_sd();
     let view_off = [elevation_sd, turn_sd].map(|sd| sd * random.normal());
-    // Cars larger by a factor under a camera of height h make the picture of cars as they are under one of h / factor.
+    // Cars larger by a factor, seen from a camera of height h, give the picture of normal cars from height h / factor.
     let asked = |tilt: f64| SynthOptions {
         noise: 0.02,
         focal_ratio: [ratio; 2],
-        height_m: [height_m * (-place).exp(); 2],
+        height_m: [height_m * (-site).exp(); 2],
         tilt: [tilt; 2],
         roll: [roll; 2],
         view_off,
@@ -187,7 +188,7 @@ fn camera(atlas: &ShapeAtlas, clips: usize, seed: u64) -> Camera {
     }
     let turned = scene(atlas, &asked(tilt + TURN), seed + 900);
     let turned = evidence_of(atlas, &turned, clips, &solve);
-    Camera { truth, place, evidence, bounds, turned }
+    Camera { truth, site, evidence, bounds, turned }
 }
 
 fn evidence_of(
@@ -205,15 +206,15 @@ fn evidence_of(
         let bbox_px = points.reduce(|a, b| bbox_around(&a, &b))?;
         Some(ParkedCar { bbox_px, keypoints_px })
     });
-    // As in a run: what the cars alone say, where there is enough of it.
-    let said = &found.information;
-    let alone = said.information.cholesky().map(|i| i.solve(&said.vector));
+    // As in a run: the cars' own estimate is used if it is near the full estimate.
+    let own = &found.information;
+    let alone = own.information.cholesky().map(|i| i.solve(&own.vector));
     let near = |alone: &Vector4<f64>| {
         let step = alone - found.params.to_vector();
         (0..4).all(|i| step[i].abs() <= 2.0 * found.covariance[(i, i)].max(0.0).sqrt() + 1e-9)
     };
     let params = alone.filter(near).unwrap_or_else(|| found.params.to_vector());
-    let said = if found.status.usable() { *said } else { JointInformation::none() };
+    let own = if found.status.usable() { *own } else { JointInformation::none() };
     CameraEvidence {
         schema: EVIDENCE_SCHEMA.to_owned(),
         camera: "synthetic".to_owned(),
@@ -227,8 +228,8 @@ fn evidence_of(
         span_s: [0.0, 60.0],
         frames: 1,
         params: std::array::from_fn(|i| params[i]),
-        information: std::array::from_fn(|r| std::array::from_fn(|c| said.information[(r, c)])),
-        shared: std::array::from_fn(|r| std::array::from_fn(|c| said.cross[(r, c)])),
+        information: std::array::from_fn(|r| std::array::from_fn(|c| own.information[(r, c)])),
+        shared: std::array::from_fn(|r| std::array::from_fn(|c| own.cross[(r, c)])),
         lens: None,
         parked: parked.collect(),
         moving: 0,

@@ -1,10 +1,13 @@
-//! The part of the page that one can look around in: its data, and the places that `look.js` fills. Without scripts it is not shown.
+//! The interactive player of the page: its data and its markup, which `player.js` fills.
+//!
+//! Without scripts the player is hidden.
 
 use base64::{Engine as _, engine::general_purpose::STANDARD};
 use nalgebra::Matrix3x4;
 use roadplane_base::{CameraEstimate, TrackRow};
 use serde::{Serialize, Serializer};
 
+use super::gaps::hidden_intervals;
 use super::input::{ReportInput, Still, by_track};
 use super::thin::{Vertex, thinned};
 use super::tracks::{path_m, top_mps};
@@ -13,41 +16,44 @@ use crate::activities::{SHOWN, activity_colour, words};
 use crate::birds_eye::{bounds, hex};
 use crate::overlay::track_colour;
 
-/// What the page holds of all trajectories, vertices: some 2 MB.
+/// Largest number of vertices of all trajectories in the page, about 2 MB.
 const MAX_VERTICES: usize = 30_000;
-/// How often what may be lost is doubled to stay within [`MAX_VERTICES`].
+/// Largest number of times that the interpolation error is doubled to stay within [`MAX_VERTICES`].
 const DOUBLINGS: u32 = 10;
-/// A vehicle that was not seen for so long was hidden, s; between two looks it is filled in all the time.
-pub(super) const HIDDEN_S: f64 = 1.0;
 
-const MARKUP: &str = include_str!("look.html");
-const SCRIPTS: [&str; 2] = [include_str!("look_draw.js"), include_str!("look.js")];
+/// Markup of the player.
+const MARKUP: &str = include_str!("player.html");
+/// Programs of the player, in order.
+const SCRIPTS: [&str; 2] = [include_str!("player_draw.js"), include_str!("player.js")];
 
+/// The data of the player, as JSON in the page.
 #[derive(Serialize)]
 struct Data<'a> {
+    /// Width and height of the picture, px.
     size: [u32; 2],
-    /// Left, right, bottom, top of what the view from above shows first, m.
+    /// Left, right, bottom and top of the first view from above, m.
     view: [Rounded<1>; 4],
+    /// Time, s, and JPEG in base64 of each small frame.
     frames: Vec<(Rounded<3>, String)>,
     segments: Vec<Segment>,
-    /// Activities with a colour, in the legend's order.
+    /// Name, words and colour of each activity, in the order of the legend.
     activities: Vec<(&'a str, String, String)>,
     tracks: Vec<TrackData<'a>>,
 }
 
-/// From where to where a camera holds, and world → picture by rows.
+/// A segment of the camera: its interval, s, and the projection from world to picture, by rows.
 #[derive(Serialize)]
 struct Segment {
     from: Rounded<3>,
     to: Rounded<3>,
     p: [f64; 12],
-    /// Principal point, px, and what the lens bends, 1/px².
+    /// Principal point, px, and the distortion of the lens, 1/px².
     lens: [f64; 3],
-    /// Half the field of view's width at a metre.
+    /// Half the width of the field of view at a distance of 1 m, m.
     half: Rounded<4>,
 }
 
-/// One vehicle; lists by vertex.
+/// One track. Its lists have one item per vertex of the trajectory.
 #[derive(Default, Serialize)]
 struct TrackData<'a> {
     id: u64,
@@ -56,7 +62,7 @@ struct TrackData<'a> {
     dims: [Rounded<2>; 3],
     path: Rounded<1>,
     top: Rounded<1>,
-    /// Stretches in which it was not seen, s.
+    /// Intervals in which the vehicle was hidden, s.
     hidden: Vec<[Rounded<2>; 2]>,
     t: Vec<Rounded<3>>,
     x: Vec<Rounded<2>>,
@@ -73,7 +79,7 @@ struct TrackData<'a> {
     crops: Vec<(Rounded<3>, String)>,
 }
 
-/// A number with so many decimals, and no more characters than it needs.
+/// A number that is written with at most `DECIMALS` decimals.
 #[derive(Clone, Copy, Debug, Default)]
 struct Rounded<const DECIMALS: i32>(f64);
 
@@ -89,8 +95,8 @@ impl<const DECIMALS: i32> Serialize for Rounded<DECIMALS> {
     }
 }
 
-/// The part of the page; nothing where there is nothing to play.
-pub(super) fn look(input: &ReportInput<'_>) -> Result<String, ViewError> {
+/// Returns the player's part of the page; empty if there is nothing to play.
+pub(super) fn player(input: &ReportInput<'_>) -> Result<String, ViewError> {
     let Some(first) = input.cameras.first() else { return Ok(String::new()) };
     if input.rows.is_empty() && input.stills.is_empty() {
         return Ok(String::new());
@@ -106,13 +112,13 @@ pub(super) fn look(input: &ReportInput<'_>) -> Result<String, ViewError> {
             .collect(),
         tracks: tracks(input, f64::from(first.image_size_px.width)),
     };
-    // Text within a script ends at the first end tag, whatever it is part of.
+    // A script element ends at the first end tag, even within a string.
     let json = serde_json::to_string(&data)
         .map_err(|source| ViewError::Data { what: source.to_string() })?
         .replace('<', "\\u003c");
     let scripts = SCRIPTS.concat();
     Ok(format!(
-        "{MARKUP}<script type=\"application/json\" id=\"look-data\">{json}</script>\n<script>\n{scripts}</script>\n"
+        "{MARKUP}<script type=\"application/json\" id=\"player-data\">{json}</script>\n<script>\n{scripts}</script>\n"
     ))
 }
 
@@ -171,7 +177,7 @@ fn track_data<'a>(track: u64, rows: &[&'a TrackRow], vertices: &[Vertex<'a>]) ->
             .map_or_else(Default::default, |row| [row.length_m, row.width_m, row.height_m].map(Rounded)),
         path: Rounded(path_m(rows)),
         top: Rounded(top_mps(rows)),
-        hidden: hidden(rows).into_iter().map(|stretch| stretch.map(Rounded)).collect(),
+        hidden: hidden_intervals(rows).into_iter().map(|interval| interval.map(Rounded)).collect(),
         ..TrackData::default()
     };
     for Vertex { row, heading_rad } in vertices {
@@ -189,10 +195,4 @@ fn track_data<'a>(track: u64, rows: &[&'a TrackRow], vertices: &[Vertex<'a>]) ->
         data.bbox.push(row.bbox_px.map(Rounded));
     }
     data
-}
-
-/// Stretches of a track's life, s, in which it was not seen.
-pub(super) fn hidden(rows: &[&TrackRow]) -> Vec<[f64; 2]> {
-    let seen: Vec<f64> = rows.iter().filter(|row| row.observed).map(|row| row.time_s).collect();
-    seen.windows(2).filter(|pair| pair[1] - pair[0] > HIDDEN_S).map(|pair| [pair[0], pair[1]]).collect()
 }

@@ -1,43 +1,43 @@
-//! The pose of a car that stands on the plane.
+//! The pose of a car on the plane.
 //!
 //! ```text
 //! T = ray · h / (−n · ray),   ray = (a_u / f, a_v / f, 1)          R = R(tilt, roll) Rz(ψ)
 //! ```
 //!
-//! The position is held by its pixel `a` relative to the principal point (the *anchor*, px), not by (x, y) in metres: when
-//! focal length or plane change, the car stays where it is seen, so the problem is far closer to linear. `R(tilt, roll)` has the
-//! columns right, forward, up = n.
+//! The position is parametrised by its pixel `a` relative to the principal point (the *anchor*, px), not by (x, y) in
+//! metres. So the car keeps its place in the image when focal length or plane change, and the problem is far closer to
+//! linear. `R(tilt, roll)` has the columns right, forward, up = n.
 
 use nalgebra::{Matrix3, SMatrix, Vector2, Vector3};
 use roadplane_base::{GroundPose, wrap_angle};
 
 use crate::model::pose::{CameraFrame, CarFrame, MIN_DEPTH_M, Pose, Twist};
 
-/// Unknowns of the pose: anchor and heading.
-pub(crate) const STANDING: usize = 3;
+/// Number of unknowns of a pose on the plane: anchor (2) and heading.
+pub(crate) const ON_PLANE: usize = 3;
 
-/// Smallest sine-like fall of a viewing ray towards the plane: below, the anchor is at the horizon.
+/// Least fall of a viewing ray towards the plane per unit of depth. Below it, the anchor counts as at the horizon.
 const MIN_FALL: f64 = 1e-6;
 
-/// Where a car stands: anchor (px from the principal point) and heading (rad).
+/// The pose of a car on the plane: anchor (px from the principal point) and heading (rad).
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Standing {
+pub(crate) struct PlanePose {
     pub anchor: Vector2<f64>,
     pub heading: f64,
 }
 
-impl Standing {
-    /// From a position on the ground; `None` behind the camera.
+impl PlanePose {
+    /// Creates the pose from a pose in the world frame; `None` behind the camera.
     pub fn of(pose: &GroundPose, camera: &CameraFrame) -> Option<Self> {
         let in_camera = camera.camera_from_world * Vector3::new(pose.x_m, pose.y_m, -camera.height_m);
         let anchor = || in_camera.xy() * (camera.focal_px / in_camera.z);
         (in_camera.z > MIN_DEPTH_M).then(|| Self { anchor: anchor(), heading: pose.heading_rad })
     }
 
-    /// Pose in the world frame with ∂(x, y, ψ) by (a_u, a_v, ψ, log f, tilt, roll, log h).
+    /// Returns the pose in the world frame, and ∂(x, y, ψ) by (a_u, a_v, ψ, log f, tilt, roll, log h).
     pub fn on_ground(
         &self,
-        frame: &CarFrame<STANDING>,
+        frame: &CarFrame<ON_PLANE>,
         camera: &CameraFrame,
     ) -> (GroundPose, SMatrix<f64, 3, 7>) {
         let in_world = |v: Vector3<f64>| camera.camera_from_world.tr_mul(&v).xy();
@@ -47,18 +47,18 @@ impl Standing {
         }
         by[(2, 2)] = 1.0;
         for (column, twist) in frame.by_camera.iter().enumerate() {
-            // The world's axes turn, too.
+            // The world's axes turn with the camera's parameters.
             let shift = twist.shift - twist.turn.cross(&frame.origin);
-            by.fixed_view_mut::<2, 1>(0, STANDING + column).copy_from(&in_world(shift));
+            by.fixed_view_mut::<2, 1>(0, ON_PLANE + column).copy_from(&in_world(shift));
         }
         let at = in_world(frame.origin);
         (GroundPose { x_m: at.x, y_m: at.y, heading_rad: wrap_angle(self.heading) }, by)
     }
 }
 
-impl Pose<STANDING> for Standing {
-    /// `None` when the anchor is not below the horizon.
-    fn frame(&self, camera: &CameraFrame) -> Option<CarFrame<STANDING>> {
+impl Pose<ON_PLANE> for PlanePose {
+    /// Returns `None` if the anchor is not below the horizon.
+    fn frame(&self, camera: &CameraFrame) -> Option<CarFrame<ON_PLANE>> {
         let f = camera.focal_px;
         let up = camera.up();
         let ray = Vector3::new(self.anchor.x / f, self.anchor.y / f, 1.0);
