@@ -42,7 +42,7 @@ INTRO = """\
 
 This page lists every column and key of the result files, with its unit and meaning.
 It is generated from the JSON schemas. `roadplane schemas tracks` prints the schema of the tracks.
-[What comes out](results.md) explains the files and the frames of reference.
+The page [Results](results.md) explains the files and the frames of reference.
 
 - *Optional* means that a key may be missing. *May be null* means that a value may be `null`, or empty in a table.
 - An sd is one standard deviation.

@@ -14,19 +14,19 @@ from playwright.sync_api import Page, sync_playwright
 
 BROWSERS = ["chromium", "chromium-headless-shell", "chromium-browser", "google-chrome"]
 
+# Script that returns the number of different colours of a canvas.
+COUNT_COLOURS = """(selector) => {
+    const canvas = document.querySelector(selector);
+    const pixels = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
+    const seen = new Set();
+    for (let i = 0; i < pixels.length; i += 4 * 53) seen.add((pixels[i] << 16) | (pixels[i + 1] << 8) | pixels[i + 2]);
+    return seen.size;
+}"""
+
 
 def painted(page: Page, selector: str) -> int:
     """Returns how many different colours a canvas shows, in every 53rd pixel."""
-    return page.evaluate(
-        """(selector) => {
-            const canvas = document.querySelector(selector);
-            const pixels = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
-            const seen = new Set();
-            for (let i = 0; i < pixels.length; i += 4 * 53) seen.add((pixels[i] << 16) | (pixels[i + 1] << 8) | pixels[i + 2]);
-            return seen.size;
-        }""",
-        selector,
-    )
+    return page.evaluate(COUNT_COLOURS, selector)
 
 
 def clock(page: Page) -> str:

@@ -7,7 +7,7 @@ import sys
 from importlib import import_module
 from pathlib import Path
 
-PARTS = ("cars", "render", "net", "activity")
+PARTS = ("cars", "render", "net", "detect", "activity")
 
 
 def commands() -> dict[tuple[str, str], str]:

@@ -89,10 +89,10 @@ fn without_plane_and_focal_length_the_focal_length_is_the_prior() {
         &SceneOptions::default(),
     );
     assert_eq!(found.status, SceneStatus::FocalFromPrior);
-    let known = SceneOptions { given_focal_px: Some(truth.params.focal_px()), ..SceneOptions::default() };
-    let found = solve_free_scene(&atlas, truth.size, &CarView::each(truth.keypoints()), None, &known);
+    let given = SceneOptions { given_focal_px: Some(truth.params.focal_px()), ..SceneOptions::default() };
+    let found = solve_free_scene(&atlas, truth.size, &CarView::each(truth.keypoints()), None, &given);
     assert_eq!(found.status, SceneStatus::FocalGiven);
     assert!(found.cars.iter().all(Option::is_some));
-    let nothing = solve_free_scene(&atlas, truth.size, &[], None, &known);
+    let nothing = solve_free_scene(&atlas, truth.size, &[], None, &given);
     assert_eq!(nothing.status, SceneStatus::TooFewCars);
 }

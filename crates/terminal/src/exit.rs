@@ -20,10 +20,19 @@ pub fn exit_code(
         Ok(Outcome::Damaged) => ExitCode::from(DAMAGED),
         Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
-            tracing::error!("{error:#}");
+            tracing::error!("{}", message(&error));
             ExitCode::from(code(fault_of(&error)))
         }
     }
+}
+
+/// Joins an error and its causes, without causes that the text names already.
+fn message(error: &anyhow::Error) -> String {
+    error.chain().fold(String::new(), |text, cause| match cause.to_string() {
+        cause if text.contains(&cause) => text,
+        cause if text.is_empty() => cause,
+        cause => format!("{text}: {cause}"),
+    })
 }
 
 fn code(fault: Option<Fault>) -> u8 {
@@ -57,4 +66,18 @@ pub fn refuse_small_address_space() -> Option<ExitCode> {
     // clean-up.
     let _only_where_it_fails = std::process::Command::new("false").exec();
     Some(ExitCode::FAILURE)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_message_names_each_cause_once() {
+        let cause = || std::io::Error::other("disk full");
+        let named = anyhow::Error::new(cause()).context("cannot write: disk full: a.csv");
+        assert_eq!(message(&named), "cannot write: disk full: a.csv");
+        let unnamed = anyhow::Error::new(cause()).context("cannot write a.csv");
+        assert_eq!(message(&unnamed), "cannot write a.csv: disk full");
+    }
 }

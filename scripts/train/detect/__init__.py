@@ -1,0 +1,1 @@
+"""The vehicle detector: fine-tunes NanoDet-g for surveillance cameras."""
