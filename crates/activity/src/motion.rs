@@ -42,30 +42,30 @@ pub struct Motion {
 /// The reason why a motion is not valid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum MotionError {
-    /// It has no samples.
+    /// The motion has no samples.
     #[error("a track has no samples")]
     Empty,
-    /// Its lists differ in length.
+    /// The lists of the motion differ in length.
     #[error(
-        "a track has another number of positions, headings, standard deviations or observations than times"
+        "a track needs one position per time, and as many headings, standard deviations and observations if given"
     )]
     Lengths,
-    /// It has a number that is not finite, or a negative sd.
+    /// The motion has a number that is not finite, or a negative sd.
     #[error("a track has a number that is not finite, or a negative standard deviation")]
     NotFinite,
-    /// Its times fall.
+    /// A time of the motion is earlier than the time before it.
     #[error("a track's times are not in order")]
     Order,
-    /// It is longer than the limit.
+    /// The motion lasts longer than seven days.
     #[error("a track spans more than {} hours", MAX_SPAN_S / 3600.0)]
     TooLong,
 }
 
-/// Longest track, s.
+/// Longest duration of a track, s.
 const MAX_SPAN_S: f64 = 7.0 * 24.0 * 3600.0;
 
 impl Motion {
-    /// Checks that it is a valid input for the net.
+    /// Checks that the motion is a valid input for the net.
     ///
     /// # Errors
     /// The first [`MotionError`] that applies.

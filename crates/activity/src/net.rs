@@ -1,4 +1,4 @@
-//! The net that labels motions.
+//! The activity net: computes the probability of each label at the steps of a motion.
 
 use std::path::Path;
 
@@ -18,7 +18,7 @@ const CONTEXT: i64 = 50;
 /// Farthest that two positions of a vehicle at rest lie apart, m.
 const STILL_M: f64 = 0.01;
 
-/// The reasons why labels cannot be computed.
+/// The reason why labels cannot be computed.
 #[derive(Debug, Error)]
 pub enum ActivityError {
     /// The net cannot be loaded or run.
@@ -71,7 +71,7 @@ impl ActivityNet {
         Ok(Self { session })
     }
 
-    /// Returns the session that runs it.
+    /// Returns the session that runs the net.
     #[must_use]
     pub fn session(&self) -> &Session {
         &self.session

@@ -19,10 +19,10 @@ const MOVED_M: f64 = 2.2;
 /// Least distance that a vehicle moves from or to a single rest, at the beginning or end of its track, m. How far it
 /// would have moved is unknown.
 const LEFT_M: f64 = 1.0;
-/// Least angle that the path of a turn turns by, rad (12°). Swinging lanes and boxes cut by the picture's edge turn it
-/// by less.
+/// Least change of direction along a turn, rad (12°). Swinging lanes, and boxes that the picture's edge cuts off,
+/// change it by less.
 const TURNED_RAD: f64 = 0.21;
-/// Least angle that the path of a U-turn turns by, rad (130°, between the sharpest turns and half turns).
+/// Least change of direction along a U-turn, rad (130°, between the sharpest turns and half turns).
 const U_TURN_RAD: f64 = 2.27;
 /// Radius of the tightest circle that a vehicle drives, m (cars need 4 to 6). A tighter turn is noise, as between a few
 /// samples beside each other.

@@ -143,7 +143,7 @@ impl ShapeAtlas {
         Ok(atlas)
     }
 
-    /// Returns one keypoint of a car of this shape, car frame, m.
+    /// Returns the position of one keypoint of a car of this shape, car frame, m.
     #[must_use]
     pub fn keypoint_in_car(&self, index: usize, shape: &Shape) -> Vector3<f64> {
         let mut point = self.mean[index];
@@ -153,13 +153,13 @@ impl ShapeAtlas {
         point
     }
 
-    /// Returns all keypoints of a car of this shape, car frame, m.
+    /// Returns the positions of all keypoints of a car of this shape, car frame, m.
     #[must_use]
     pub fn keypoints_in_car(&self, shape: &Shape) -> [Vector3<f64>; KEYPOINTS] {
         std::array::from_fn(|i| self.keypoint_in_car(i, shape))
     }
 
-    /// Returns one keypoint of a car with these coefficients of all modes, car frame, m.
+    /// Returns the position of one keypoint for coefficients of all modes, car frame, m.
     #[must_use]
     pub fn keypoint_of_all_modes(&self, index: usize, shape: &FullShape) -> Vector3<f64> {
         let modes = self.modes.iter().chain(&self.fine_modes);

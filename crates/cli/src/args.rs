@@ -142,7 +142,7 @@ pub struct LabArgs {
     pub arguments: Vec<OsString>,
 }
 
-/// `roadplane run`.
+/// Arguments of `roadplane run`.
 #[derive(Debug, Args)]
 pub struct RunArgs {
     /// Videos, images, or folders of images (a folder is one clip).
@@ -189,7 +189,8 @@ pub struct RunArgs {
     /// Write counts in Prometheus' text format at the end, for its textfile collector.
     #[arg(long, value_name = "FILE")]
     pub metrics_file: Option<PathBuf>,
-    /// Serve these counts while running at http://ADDR/metrics; ADDR must be a loopback address, for example 127.0.0.1:9464.
+    /// Serve the counts of --metrics-file at http://ADDR/metrics while the run lasts; ADDR must be a loopback address,
+    /// for example 127.0.0.1:9464.
     #[arg(long, value_name = "ADDR")]
     pub metrics: Option<std::net::SocketAddr>,
     /// Name of this run in JSON log lines and metrics; default: time and process number.
@@ -200,7 +201,7 @@ pub struct RunArgs {
     pub config: ConfigArgs,
 }
 
-/// `roadplane distance`.
+/// Arguments of `roadplane distance`.
 #[derive(Debug, Args)]
 pub struct DistanceArgs {
     /// Folder of the finished run, DIR/<stem>.
@@ -214,7 +215,7 @@ pub struct DistanceArgs {
     pub at: Option<f64>,
 }
 
-/// `roadplane schemas`.
+/// Arguments of `roadplane schemas`.
 #[derive(Debug, Args)]
 pub struct SchemasArgs {
     /// One schema only: tracks, camera, poses, frames, summary, known, piece or plan.
@@ -225,7 +226,7 @@ pub struct SchemasArgs {
     pub out: Option<PathBuf>,
 }
 
-/// `roadplane render`.
+/// Arguments of `roadplane render`.
 #[derive(Debug, Args)]
 pub struct RenderArgs {
     /// Input of the run.
@@ -241,7 +242,7 @@ pub struct RenderArgs {
     pub config: ConfigArgs,
 }
 
-/// `roadplane doctor`.
+/// Arguments of `roadplane doctor`.
 #[derive(Debug, Args)]
 pub struct DoctorArgs {
     #[command(flatten)]

@@ -27,7 +27,7 @@ struct Counts {
     running: AtomicU64,
     done: AtomicU64,
     damaged: AtomicU64,
-    /// Inputs without a result, by who can mend the fault.
+    /// Inputs without a result, by cause: input, configuration or machine.
     failed: [(&'static str, AtomicU64); 3],
     frames: AtomicU64,
     frames_lost: AtomicU64,
@@ -115,7 +115,7 @@ impl Metrics {
         put(
             "roadplane_failures_total",
             "counter",
-            "Inputs without a result, by who can mend the fault.",
+            "Inputs without a result, by cause: input, configuration or machine.",
             &faults,
         );
         let mut total = |name: &str, help: &str, count: &AtomicU64| {
@@ -131,7 +131,12 @@ impl Metrics {
         let seconds = counts.started.elapsed().as_secs_f64();
         put("roadplane_run_seconds", "gauge", "Time since the run began, s.", &[(String::new(), seconds)]);
         let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs_f64();
-        put("roadplane_time_seconds", "gauge", "Time of this text, Unix time in s.", &[(String::new(), now)]);
+        put(
+            "roadplane_time_seconds",
+            "gauge",
+            "Time at which this text was written, Unix time, s.",
+            &[(String::new(), now)],
+        );
         text
     }
 

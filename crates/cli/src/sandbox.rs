@@ -79,7 +79,7 @@ pub fn enter(needs: &Needs) {
             tracing::debug!("in a sandbox, with the part of Landlock that this kernel has")
         }
         Ok(RulesetStatus::NotEnforced) => tracing::debug!("no sandbox: this kernel has no Landlock"),
-        Err(error) => tracing::warn!("no sandbox: {error}"),
+        Err(error) => tracing::warn!("the run continues without a sandbox: {error}"),
     }
 }
 

@@ -16,7 +16,7 @@ pub enum DecodeError {
         path: PathBuf,
     },
     /// The content is of no kind that this crate decodes, whatever the file's name.
-    #[error("no video or image: {what}: {}", path.display())]
+    #[error("not a video or an image: {what}: {}", path.display())]
     NotMedia {
         /// The kind of content.
         what: String,

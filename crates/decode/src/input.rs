@@ -93,7 +93,10 @@ fn nothing_decoded(path: PathBuf, options: &DecodeOptions, report: &DecodeReport
     if report.decoded > 0 {
         let DecodeOptions { start_s, end_s, stride, .. } = options;
         let end = end_s.map_or_else(String::new, |end_s| format!(", end {end_s} s"));
-        let what = format!("start {start_s} s{end} and stride {stride} leave no frame of {}", path.display());
+        let what = format!(
+            "the settings start {start_s} s{end} and stride {stride} leave out all frames of {}",
+            path.display()
+        );
         return DecodeError::Option { what };
     }
     let why = report.warnings.first().map(|warning| format!(" ({warning})")).unwrap_or_default();
@@ -166,7 +169,7 @@ impl Input {
     fn warn_of_losses(&mut self) {
         let made_up = self.report.times_made_up;
         if made_up > 0 {
-            self.report.warn(format!("{made_up} frames had no usable time of their own"));
+            self.report.warn(format!("{made_up} frames had no usable time, so their times were invented"));
         }
         let DecodeReport { missing, expected, damaged_stretch_count: intervals, .. } = self.report;
         if missing > 0 {

@@ -48,14 +48,14 @@ pub fn sniff(path: &Path) -> Result<Content, DecodeError> {
     let not_media = |what: &str| DecodeError::NotMedia { what: what.to_owned(), path: path.to_path_buf() };
     // The check precedes opening, because opening a pipe would wait for its writer.
     if !std::fs::metadata(path).map_err(unreadable)?.is_file() {
-        return Err(not_media("not a regular file"));
+        return Err(not_media("it is no regular file"));
     }
     let mut head = Vec::new();
     File::open(path).and_then(|f| f.take(HEAD_BYTES).read_to_end(&mut head)).map_err(unreadable)?;
     let content = recognise(&head).map_err(not_media)?;
     // FFmpeg takes files named like images for patterns of numbered files, whatever their content.
     if !content.is_image() && has_image_name(path) {
-        return Err(not_media("a video with the name of an image"));
+        return Err(not_media("it is a video with the name of an image: rename it"));
     }
     Ok(content)
 }
@@ -92,11 +92,11 @@ fn recognise(head: &[u8]) -> Result<Content, &'static str> {
     } else if (at(0, &[0, 0, 0, 1]) && h264(head.get(4))) || (at(0, &[0, 0, 1]) && h264(head.get(3))) {
         Ok(Content::H264)
     } else if at(0, b"GIF8") || at(0, b"BM") || at(0, b"II*\0") || at(0, b"MM\0*") || at(8, b"WEBP") {
-        Err("an unsupported kind of image: use PNG or JPEG")
+        Err("this kind of image is not supported: use PNG or JPEG")
     } else if at(0, b"RIFF") || at(0, b"OggS") || at(0, b"ID3") || at(0, b"fLaC") {
-        Err("sound, or an unsupported container")
+        Err("it is sound, or its container is not supported")
     } else if std::str::from_utf8(&head[..head.len().saturating_sub(4)]).is_ok() && !head.contains(&0) {
-        Err("it is text; lists of other files are not followed")
+        Err("it is a text file; roadplane does not follow lists of files")
     } else {
         Err("unknown content")
     }

@@ -41,12 +41,12 @@ pub(crate) fn check_size(
     let path = path.to_path_buf();
     let pixels = u64::from(width) * u64::from(height);
     if pixels == 0 {
-        return Err(DecodeError::Damaged { what: format!("a picture of {width}×{height}"), path });
+        return Err(DecodeError::Damaged { what: format!("the picture has {width}×{height} px"), path });
     }
     if pixels > options.max_pixels {
         let most = options.max_pixels;
         return Err(DecodeError::OverLimit {
-            what: format!("{width}×{height} is more than {most} px"),
+            what: format!("{width}×{height} is more than {most} px (decode.max_pixels)"),
             path,
         });
     }

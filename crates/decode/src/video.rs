@@ -19,7 +19,8 @@ use crate::still::check_size;
 use crate::structure::{is_cut_short, is_trimmed};
 use crate::{Content, DecodeError, DecodeOptions, DecodeReport, Decoded};
 
-/// Number of consecutive failed reads after which the end is reached; each skips a packet that cannot be decoded.
+/// Number of consecutive failed reads after which the stream counts as ended. Each failed read skips a packet that
+/// cannot be decoded.
 const MAX_FAILED_READS: u32 = 5000;
 /// Frame rate where the stream gives no usable one, 1/s.
 const FALLBACK_FPS: f64 = 30.0;
@@ -68,7 +69,7 @@ impl Video {
         let absolute = path
             .canonicalize()
             .map_err(|source| DecodeError::Unreadable { source, path: path.to_path_buf() })?;
-        let name = absolute.to_str().ok_or_else(|| not_media("its path is not UTF-8"))?;
+        let name = absolute.to_str().ok_or_else(|| not_media("its path is not UTF-8: rename it"))?;
         let capture = captured(name)?;
         if !capture.is_opened().map_err(library)? {
             let what = if is_cut_short(path, content) {
@@ -116,7 +117,9 @@ impl Video {
                 self.clock.tick(millis);
             }
             None => {
-                tracing::info!("the frames have no steady rate: everything before {start_s} s is read");
+                tracing::info!(
+                    "the frames have no steady rate, so decoding starts at the beginning and not at {start_s} s"
+                );
                 self.capture = captured(self.path.to_str().unwrap_or_default())?;
             }
         }

@@ -16,8 +16,8 @@ use crate::{DetectError, Detector};
 /// Number of inference frames at the start in which the whole picture is inspected: a vehicle missed by one is found by
 /// the next.
 const FIRST_FULL_FRAMES: u32 = 3;
-/// Score from which a box marks a change as a vehicle. It may be a tracked one, whether the box counts as a detection
-/// or not.
+/// Score from which a box shows that a change in the picture is a vehicle. Such a box may be too weak for a detection,
+/// and the vehicle may already be tracked.
 const WEAK_SCORE: f64 = 0.12;
 /// Side of a part of the full scan, px of the net's input in the finest pass.
 const SCAN_PART_PX: f64 = 400.0;

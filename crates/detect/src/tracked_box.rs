@@ -17,8 +17,8 @@ const MAX_UNINSPECTED_S: f64 = 0.2;
 const DOUBTFUL: f64 = 0.5;
 /// Overlap (intersection over union) of a box with the anchor below which the vehicle has moved.
 const STAYED: f64 = 0.8;
-/// The same limit where no cell changed. A moving vehicle changes the picture, so there the detector's box only
-/// jitters.
+/// Overlap with the anchor below which the vehicle has moved, where no cell changed. A moving vehicle changes the
+/// picture, so there the detector's box only jitters.
 const STAYED_UNCHANGED: f64 = 0.5;
 /// Misses after which a vehicle is dropped.
 const MAX_MISSED: f64 = 2.0;

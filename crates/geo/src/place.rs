@@ -24,7 +24,7 @@ const AHEAD_M: f64 = 0.5;
 pub struct Place {
     /// UTM zone of its coordinates.
     pub zone: UtmZone,
-    /// Summary of the fit, for people.
+    /// Summary of the fit, as it is written to `place.json`.
     pub fit: Fit,
     solved: Solved,
 }

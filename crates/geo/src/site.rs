@@ -35,7 +35,11 @@ impl Site {
             }),
             Self::Camera { at: [latitude, longitude], bearing_deg } => {
                 UtmZone::around(*latitude, *longitude)?;
-                if bearing_deg.is_finite() { Ok(()) } else { Err(format!("a bearing of {bearing_deg}°")) }
+                if bearing_deg.is_finite() {
+                    Ok(())
+                } else {
+                    Err(format!("the bearing {bearing_deg} is not a finite number of degrees"))
+                }
             }
         }
     }

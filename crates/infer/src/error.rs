@@ -10,7 +10,7 @@ pub enum InferError {
     /// The model or its card does not pass the checks; nothing was run.
     #[error("model refused: {reason}: {}", path.display())]
     ModelRefused {
-        /// The reason of the refusal.
+        /// The reason for the refusal.
         reason: Refusal,
         /// The path of the card or the model.
         path: PathBuf,

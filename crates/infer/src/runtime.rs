@@ -235,7 +235,7 @@ fn description(
         }
         (ProviderChoice::Auto, ..) => String::new(),
         (ProviderChoice::Int8, ..) if !processor.int8 => {
-            ", as configured; without VNNI int8 is hardly faster here, and its outputs differ from the measured ones"
+            ", as configured; without VNNI int8 is hardly faster here, and the measured accuracy does not apply"
                 .to_owned()
         }
         (ProviderChoice::Cpu, ..) if processor.int8 => {

@@ -8,7 +8,7 @@ use roadplane_tables::TableError;
 use roadplane_write::WriteError;
 use thiserror::Error;
 
-/// Why an evaluation fails.
+/// The reason why an evaluation fails.
 #[derive(Debug, Error)]
 pub enum LabError {
     /// A truth file, or a file of another program, cannot be read or compared.
@@ -49,7 +49,7 @@ impl LabError {
         }
     }
 
-    /// Returns the fault of an error of the metrics.
+    /// Returns the fault (usage or input) that an error from the crate `metrics` is counted as.
     #[must_use]
     pub fn fault_of_metrics(error: &MetricsError) -> Fault {
         match error {

@@ -59,7 +59,7 @@ pub struct RunReport {
     pub folder: PathBuf,
     /// Number of tracks; `None` for a piece, and for a result that existed before.
     pub tracks: Option<u64>,
-    /// The camera in words.
+    /// Text about the camera for the log: focal length, height and tilt, or the reason why there are none.
     pub camera: String,
     /// Whether some of the input was lost.
     pub damaged: bool,

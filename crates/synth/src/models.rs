@@ -18,7 +18,7 @@ pub struct CarModel {
     pub keypoints_in_car: [Vector3<f64>; KEYPOINTS],
 }
 
-/// A car model as files contain it.
+/// A car model in a file.
 #[derive(Deserialize)]
 struct Entry {
     model: String,

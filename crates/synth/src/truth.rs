@@ -57,7 +57,7 @@ pub struct SynthOptions {
     /// Cars of the atlas are then drawn from the body types of traffic. With 0, cars have six normally distributed
     /// modes.
     pub off_atlas: f64,
-    /// Share of visible keypoints, 0–1: those that face the camera most.
+    /// Share of the keypoints that are visible, 0–1. The keypoints that face the camera most are chosen.
     pub seen: f64,
     /// Noise sd as a share of the box's longer side.
     pub noise: f64,

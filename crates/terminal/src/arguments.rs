@@ -5,14 +5,17 @@ use roadplane_pipeline::Cancel;
 
 use crate::{logging, signals};
 
+/// Place of these arguments in the help: after those of the command.
+const LAST: usize = 1000;
+
 /// Arguments that every command takes.
 #[derive(Debug, Args)]
 pub struct CommonArgs {
     /// Form of the log on stderr: text for people, json for programs (one object per line).
-    #[arg(long, global = true, value_enum, default_value_t = LogFormat::Text, hide_possible_values = true)]
+    #[arg(long, global = true, value_enum, default_value_t = LogFormat::Text, hide_possible_values = true, display_order = LAST)]
     pub log_format: LogFormat,
     /// Log more (-v: every stage, -vv: every frame).
-    #[arg(short, long, global = true, action = clap::ArgAction::Count)]
+    #[arg(short, long, global = true, action = clap::ArgAction::Count, display_order = LAST)]
     pub verbose: u8,
 }
 

@@ -16,7 +16,7 @@ const GRIDS_M: [f64; 4] = [5.0, 10.0, 20.0, 50.0];
 const GRID_ROOM_PX: f64 = 45.0;
 /// Margin around the tracks, m.
 const MARGIN_M: f64 = 6.0;
-/// Radius of the drawing, as a multiple of the distance that nine tenths of the tracks are within.
+/// Radius of the drawing, as a multiple of the 90 % quantile of the tracks' distances from the camera.
 ///
 /// The drawing leaves out tracks beyond it. Otherwise a far outlier would shrink the others.
 const REACH: f64 = 1.6;

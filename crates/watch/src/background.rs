@@ -6,8 +6,8 @@ use crate::Cells;
 
 /// Time after which a part that stays bare is blended again, s.
 const RENEW_S: f64 = 2.0;
-/// One part in this many comes from the new picture when a part is blended again: noise averages out, and changes of
-/// light are followed.
+/// Divisor of a new picture's weight when a part is blended again: it counts by a quarter. So noise averages out, and
+/// the background follows changes of light.
 const SHARE: u16 = 4;
 
 /// The background of a clip at full size.

@@ -15,7 +15,7 @@ const MIN_SHARE: f64 = 0.25;
 /// Largest distance of an agreeing block from the alignment, px.
 const NEAR: f64 = 0.7;
 
-/// Displacement between two backgrounds, root mean square over the picture, as shares of its width.
+/// The displacement between two backgrounds (root mean square over the picture), with its error.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Displacement {
     /// Displacement, as a share of the picture's width.

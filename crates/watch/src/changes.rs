@@ -28,7 +28,7 @@ const DOWN: f32 = 0.97;
 const MOST_NOISE: f32 = 3.0;
 /// Share by which the nuisance level of a cell approaches [`ABOVE`] times a change that was no vehicle.
 const LEARN: f32 = 0.5;
-/// Factor of a change that was no vehicle to which the nuisance level rises.
+/// Highest nuisance level after a change that was no vehicle, as a multiple of this change.
 const ABOVE: f32 = 1.25;
 /// Highest nuisance level, grey levels: a vehicle exceeds it.
 const MOST_NUISANCE: f32 = 12.0;

@@ -22,19 +22,21 @@ use crate::{SmallGrey, WatchError};
 /// Displacement beyond which a camera that does not return has moved, px of the frame. The move starts with the first
 /// picture that lies off by more than half of it.
 const MOVED_PX: f64 = 1.5;
-/// The same limit as [`MOVED_PX`] in px of the small picture; the larger of the two counts.
+/// Displacement beyond which a camera that does not return has moved, px of the small picture. The larger of this limit
+/// and [`MOVED_PX`] counts.
 const MOVED_SMALL_PX: f64 = 0.3;
 /// Time over which the median displacement is taken, s: longer than half a swing of a pole.
 const MEDIAN_S: f64 = 0.5;
 /// Fewest pictures over which the median displacement is taken.
 const MEDIAN_PICTURES: usize = 4;
-/// Time for which a new position must hold, s.
+/// Time for which the pictures must agree with a new position, s.
 const HOLD_S: f64 = 1.0;
-/// Number of pictures for which a new position must hold.
+/// Number of pictures that must agree with a new position.
 const HOLD_PICTURES: usize = 4;
 /// Largest drift of a new position while it is being confirmed, as a share of [`MOVED_PX`].
 const CREEP: f64 = 0.35;
-/// Duration of a suspicion beyond which the camera counts as moving, s, if the first candidate did not hold.
+/// Duration of a suspicion beyond which the camera counts as moving, s, if later pictures did not agree with the first
+/// candidate.
 const MOTION_S: f64 = 1.5;
 /// Duration of a suspicion beyond which the camera counts as moving in any case, s.
 const LONG_MOTION_S: f64 = 4.0;
@@ -86,7 +88,7 @@ struct Candidate {
 struct Suspicion {
     since: FrameStamp,
     candidate: Candidate,
-    /// Candidates that did not hold.
+    /// Number of candidates that later pictures did not agree with.
     abandoned: u32,
     /// Whether the motion of the camera was already reported.
     is_motion: bool,
@@ -98,7 +100,7 @@ struct Position {
     reference: Option<Reference>,
     /// The alignments of the last pictures with the background.
     recent: VecDeque<AlignedPicture>,
-    /// Mean shift of the pictures against the background, px of the small picture: the middle of the shake.
+    /// Middle of the shake: the mean shift of the pictures against the background, px of the small picture.
     origin: Vector2<f64>,
     /// Number of pictures in the mean shift, at most [`AVERAGED`].
     averaged: f64,
@@ -169,7 +171,8 @@ impl Watcher {
         Ok(Observation { record, small, shift, is_new_position })
     }
 
-    /// Starts the next position in time, and switches to it as soon as neither position suspects a move.
+    /// Starts a new background before the current one is too old. Replaces the current one once neither suspects a
+    /// move.
     fn renew(&mut self, time_s: f64) {
         let minute = (time_s / MINUTE_S).max(0.0) as u64;
         if let Some((from, next)) = &mut self.next

@@ -25,7 +25,7 @@ pub enum WriteError {
         path: PathBuf,
     },
     /// A result exists already, and overwriting was not requested.
-    #[error("there is a result already (overwrite or choose another folder): {path}")]
+    #[error("there is a result already (use --overwrite or choose another folder): {path}")]
     Exists {
         /// The folder of the result.
         path: PathBuf,
@@ -37,7 +37,7 @@ pub enum WriteError {
         path: PathBuf,
     },
     /// The name of an input cannot name a folder.
-    #[error("cannot name a result folder {stem:?}")]
+    #[error("{stem:?} cannot be the name of a result folder: rename the input")]
     BadStem {
         /// The name.
         stem: String,

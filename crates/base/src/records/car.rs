@@ -25,7 +25,7 @@ pub struct CarRecord {
     pub held_since: Option<u64>,
     /// Observation from which the pose is carried over: the car has not moved since.
     pub pose_from: Option<CarRef>,
-    /// Earlier observation with keypoints, so shortly before that new keypoints would add no information.
+    /// Earlier observation with keypoints. It is so recent that new keypoints would add no information.
     pub seen_after: Option<CarRef>,
     /// Fields of other tools, kept as they are.
     pub extra: Map<String, Value>,
@@ -114,8 +114,8 @@ struct CarFields {
     /// frame's `cars`. The vehicle has not moved since.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pose_from: Option<CarRef>,
-    /// Observation `[frame, car]` that has keypoints. It is so shortly before this frame that new keypoints would add
-    /// no information, so the keypoint net skipped the vehicle here.
+    /// Earlier observation `[frame, car]` that has keypoints. It is so recent that new keypoints would add no
+    /// information. So the keypoint net skipped the vehicle in this frame.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     seen_after: Option<CarRef>,
     #[serde(flatten)]

@@ -9,7 +9,7 @@ use super::error::RecordError;
 use super::watch::WatchRecord;
 use crate::{ImageSize, SceneCurve, SceneLine};
 
-/// The vehicles of one frame, as the stages so far found them: a line of `frames.jsonl`. Unknown fields are kept.
+/// The vehicles of one frame, as found by the stages that have run: a line of `frames.jsonl`. Unknown fields are kept.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(title = "frames: one line per frame")]
 pub struct FrameRecord {

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 
-/// `roadplane cameras`.
+/// Arguments of `roadplane cameras`.
 #[derive(Debug, Args)]
 pub struct CamerasArgs {
     /// The operation.
@@ -17,15 +17,15 @@ pub struct CamerasArgs {
 pub enum CamerasCommand {
     /// Print one line per camera: clips, focal length, height and tilt by its latest estimate.
     List(CamerasListArgs),
-    /// Print every epoch of one camera, with its clips.
+    /// Print every epoch of one camera, with its clips; an epoch ends when the camera is moved.
     Show(CamerasShowArgs),
-    /// Merge camera databases, and results of runs, into one; the result has the same bytes in any order.
+    /// Merge camera databases and results of runs into one database; the order of the inputs does not matter.
     Merge(CamerasMergeArgs),
-    /// Remove a camera.
+    /// Remove a camera from a database.
     Forget(CamerasForgetArgs),
 }
 
-/// `roadplane cameras list`.
+/// Arguments of `roadplane cameras list`.
 #[derive(Debug, Args)]
 pub struct CamerasListArgs {
     /// Folder of the camera database, as in `run --cameras`.
@@ -35,7 +35,7 @@ pub struct CamerasListArgs {
     pub json: bool,
 }
 
-/// `roadplane cameras show`.
+/// Arguments of `roadplane cameras show`.
 #[derive(Debug, Args)]
 pub struct CamerasShowArgs {
     /// Folder of the camera database, as in `run --cameras`.
@@ -47,7 +47,7 @@ pub struct CamerasShowArgs {
     pub json: bool,
 }
 
-/// `roadplane cameras merge`.
+/// Arguments of `roadplane cameras merge`.
 #[derive(Debug, Args)]
 pub struct CamerasMergeArgs {
     /// Camera databases, or output folders of runs.
@@ -58,7 +58,7 @@ pub struct CamerasMergeArgs {
     pub out: PathBuf,
 }
 
-/// `roadplane cameras forget`.
+/// Arguments of `roadplane cameras forget`.
 #[derive(Debug, Args)]
 pub struct CamerasForgetArgs {
     /// Folder of the camera database, as in `run --cameras`.

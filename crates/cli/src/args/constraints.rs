@@ -5,31 +5,34 @@ use std::path::PathBuf;
 use clap::Args;
 use roadplane_pipeline::{CameraConstraints, ConstraintOptions, Measured, PipelineError};
 
+/// Heading of the constraints in the help.
+const HEADING: &str = "Constraints on the camera (value V, or with a standard deviation: V±S, V±P%)";
+
 /// User constraints on the camera. Each counts by its standard deviation, `V±S` or `V±P%` (or `+-`); contradictions are
 /// reported.
 #[derive(Clone, Debug, Args)]
-#[command(next_help_heading = "Constraints on the camera (V, V±S or V±P%)")]
 pub struct ConstraintArgs {
     /// Focal length, px; exact without a standard deviation.
-    #[arg(long, value_name = "F", allow_hyphen_values = true)]
+    #[arg(long, help_heading = HEADING, value_name = "F", allow_hyphen_values = true)]
     pub focal_px: Option<Measured>,
     /// Angle of the optical axis below the horizontal, °; default standard deviation: 2°.
-    #[arg(long, value_name = "T", allow_hyphen_values = true)]
+    #[arg(long, help_heading = HEADING, value_name = "T", allow_hyphen_values = true)]
     pub tilt_deg: Option<Measured>,
     /// Clockwise rotation of the scene's horizon, °; default standard deviation: 2°.
-    #[arg(long, value_name = "R", allow_hyphen_values = true)]
+    #[arg(long, help_heading = HEADING, value_name = "R", allow_hyphen_values = true)]
     pub roll_deg: Option<Measured>,
     /// Height of the camera above the ground, m; default standard deviation: 5 %.
-    #[arg(long, value_name = "H", allow_hyphen_values = true)]
+    #[arg(long, help_heading = HEADING, value_name = "H", allow_hyphen_values = true)]
     pub height_m: Option<Measured>,
     /// Calibrated camera: camera.json of a run, camera_matrix of OpenCV or ROS (.yml), or MEVA's .krtd.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, help_heading = HEADING, value_name = "FILE")]
     pub camera: Option<PathBuf>,
     /// Lens distortion, OpenCV's k1 and k2; needs a focal length.
-    #[arg(long, value_name = "K1[,K2]", allow_hyphen_values = true, value_parser = k1_k2)]
+    #[arg(long, help_heading = HEADING, value_name = "K1[,K2]", allow_hyphen_values = true, value_parser = k1_k2)]
     pub lens: Option<[f64; 2]>,
-    /// Lengths between ground pixels: CSV with x1,y1,x2,y2,length_m,sd_m[,pixel_sd][,name], or JSON (`schemas known`).
-    #[arg(long, value_name = "FILE")]
+    /// Lengths between ground pixels: CSV with x1,y1,x2,y2,length_m,sd_m[,pixel_sd][,name], or JSON (see
+    /// `roadplane schemas known`).
+    #[arg(long, help_heading = HEADING, value_name = "FILE")]
     pub known: Option<PathBuf>,
 }
 
@@ -62,8 +65,8 @@ impl ConstraintArgs {
     /// Reads the constraints for a command that may store its camera in a database.
     ///
     /// # Errors
-    /// As [`CameraConstraints::new`]; [`PipelineError::Usage`] for an exact focal length if the camera is stored: cars then add
-    /// no evidence on the focal length that the database could keep.
+    /// The errors of [`CameraConstraints::new`], and [`PipelineError::Usage`] for an exact focal length if the camera
+    /// is stored: cars then add no evidence on the focal length that the database could keep.
     pub fn read_for_database(&self, is_stored: bool) -> Result<CameraConstraints, PipelineError> {
         let known = self.read()?;
         if is_stored && known.focal_px().is_some() {

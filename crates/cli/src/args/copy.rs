@@ -6,7 +6,7 @@ use clap::Args;
 
 use roadplane_terminal::ConfigArgs;
 
-/// `roadplane copy`.
+/// Arguments of `roadplane copy`.
 #[derive(Debug, Args)]
 pub struct CopyArgs {
     /// Folder of the finished run, DIR/<stem>.

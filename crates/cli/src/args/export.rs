@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-/// `roadplane export`.
+/// Arguments of `roadplane export`.
 #[derive(Debug, Args)]
 pub struct ExportArgs {
     /// Folder of the finished run, DIR/<stem>.

@@ -1,4 +1,4 @@
-//! `roadplane plan`, `roadplane join`.
+//! Arguments of `roadplane plan`, `roadplane join`.
 
 use std::path::PathBuf;
 
@@ -6,7 +6,7 @@ use clap::Args;
 
 use roadplane_terminal::ConfigArgs;
 
-/// `roadplane plan`.
+/// Arguments of `roadplane plan`.
 #[derive(Debug, Args)]
 pub struct PlanArgs {
     /// Videos, images, or folders of images.
@@ -20,7 +20,7 @@ pub struct PlanArgs {
     pub config: ConfigArgs,
 }
 
-/// `roadplane join`.
+/// Arguments of `roadplane join`.
 #[derive(Debug, Args)]
 pub struct JoinArgs {
     /// Folders of all pieces of one input, in any order.

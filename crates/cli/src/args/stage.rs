@@ -7,7 +7,7 @@ use roadplane_terminal::ConfigArgs;
 
 use super::constraints::ConstraintArgs;
 
-/// `roadplane stage`.
+/// Arguments of `roadplane stage`.
 #[derive(Debug, Args)]
 pub struct StageArgs {
     /// The stage.
@@ -30,7 +30,7 @@ pub enum Stage {
     Activity(ActivityArgs),
 }
 
-/// `roadplane stage detect`.
+/// Arguments of `roadplane stage detect`.
 #[derive(Debug, Args)]
 pub struct DetectArgs {
     /// Video, image, or folder of images.
@@ -43,7 +43,7 @@ pub struct DetectArgs {
     pub config: ConfigArgs,
 }
 
-/// `roadplane stage keypoints`.
+/// Arguments of `roadplane stage keypoints`.
 #[derive(Debug, Args)]
 pub struct KeypointsArgs {
     /// Video, image, or folder of images.
@@ -59,7 +59,7 @@ pub struct KeypointsArgs {
     pub config: ConfigArgs,
 }
 
-/// `roadplane stage solve`.
+/// Arguments of `roadplane stage solve`.
 #[derive(Debug, Args)]
 pub struct SolveArgs {
     /// Frames with keypoints, as `roadplane stage keypoints` writes them.
@@ -70,10 +70,10 @@ pub struct SolveArgs {
     #[command(flatten)]
     #[allow(missing_docs)]
     pub known: ConstraintArgs,
-    /// joint: one camera for the clip, all cars on its plane. paper: each frame alone, by the paper's Algorithm 1.
+    /// Method of the solver.
     #[arg(long, value_enum, default_value_t = MethodArg::Joint)]
     pub method: MethodArg,
-    /// Leave every car free in six degrees of freedom.
+    /// Do not put the cars on one plane: solve each pose in six degrees of freedom.
     #[arg(long)]
     pub no_plane: bool,
     /// Solve each frame alone instead of one camera for the clip.
@@ -87,13 +87,13 @@ pub struct SolveArgs {
 /// Methods of solving frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum MethodArg {
-    /// One joint model of the camera and all cars.
+    /// One camera for the clip, with all cars on its plane.
     Joint,
-    /// The alternation of the paper.
+    /// Algorithm 1 of the paper, on each frame alone.
     Paper,
 }
 
-/// `roadplane stage track`.
+/// Arguments of `roadplane stage track`.
 #[derive(Debug, Args)]
 pub struct TrackArgs {
     /// Frames with keypoints, as `roadplane stage keypoints` or `roadplane run --frames` writes them.
@@ -112,7 +112,7 @@ pub struct TrackArgs {
     pub config: ConfigArgs,
 }
 
-/// `roadplane stage activity`.
+/// Arguments of `roadplane stage activity`.
 #[derive(Debug, Args)]
 pub struct ActivityArgs {
     /// Tracks (.parquet, .csv, .jsonl) with columns time_s, track, x_m, y_m; optional: heading_rad, x_sd_m, y_sd_m, observed.

@@ -52,7 +52,10 @@ pub fn cameras(args: &CamerasArgs) -> anyhow::Result<Outcome> {
 }
 
 fn unknown(camera: &str, folder: &std::path::Path) -> PipelineError {
-    PipelineError::usage(&format!("no camera {camera:?} in the database {}", folder.display()))
+    PipelineError::usage(&format!(
+        "no camera {camera:?} in the database {0}: `roadplane cameras list {0}` lists its cameras",
+        folder.display()
+    ))
 }
 
 /// Prints an epoch as a line or as a JSON object.

@@ -24,7 +24,10 @@ pub fn run(args: &RunArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let stems: Vec<String> = args.inputs.iter().map(|input| stem_of(input)).collect();
     for (i, stem) in stems.iter().enumerate() {
         if stems[..i].contains(stem) {
-            let message = format!("two inputs would both be written to {}", args.out.join(stem).display());
+            let message = format!(
+                "two inputs would both be written to {}: rename one, or run them with different --out",
+                args.out.join(stem).display()
+            );
             return Err(PipelineError::usage(&message).into());
         }
     }

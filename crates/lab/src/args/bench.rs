@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use roadplane_terminal::ConfigArgs;
 
-/// `roadplane-lab bench`.
+/// Arguments of `roadplane-lab bench`.
 #[derive(Debug, Args)]
 pub struct BenchArgs {
     /// Video, image, or folder of images.

@@ -6,7 +6,7 @@ use clap::{Args, Subcommand, ValueEnum};
 
 use roadplane_terminal::ConfigArgs;
 
-/// `roadplane-lab eval`.
+/// Arguments of `roadplane-lab eval`.
 #[derive(Debug, Args)]
 pub struct EvalArgs {
     /// The evaluation.
@@ -23,8 +23,8 @@ pub enum EvalCommand {
     /// Evaluate six systems on the same keypoints of a data set with truth (the paper's Tables 1 and 2).
     #[command(after_help = "Example:\n  roadplane-lab eval dataset tests/data/lots --part 0.1 --out tables")]
     Dataset(EvalDatasetArgs),
-    /// Evaluate region-of-interest scheduling: run clips with it and without it, and compare, also with truth if there
-    /// is any.
+    /// Evaluate region-of-interest scheduling: compare runs with it and without it with each other, and with the truth
+    /// if a clip has one.
     #[command(
         alias = "attention",
         after_help = "Example:\n  roadplane-lab eval regions lot.mp4 road.mp4 --out tables"
@@ -35,7 +35,7 @@ pub enum EvalCommand {
     Activity(EvalActivityArgs),
     /// Evaluate all systems on your own copy of the KITTI object benchmark (the paper's Table 3).
     ///
-    /// Images with more than three vehicles count.
+    /// Only images with more than three vehicles count.
     #[command(after_help = "Example:\n  roadplane-lab eval kitti KITTI/object --part 0.1")]
     Kitti(EvalKittiArgs),
     /// Evaluate tracks of boxes in MOT Challenge files or KITTI tracking labels: HOTA, MOTA, IDF1.
@@ -64,7 +64,7 @@ pub enum EvalCommand {
     CameraDatabase(EvalCameraDatabaseArgs),
 }
 
-/// `roadplane-lab eval run`.
+/// Arguments of `roadplane-lab eval run`.
 #[derive(Debug, Args)]
 pub struct EvalRunArgs {
     /// Folder of the finished run, DIR/<stem>.
@@ -78,7 +78,7 @@ pub struct EvalRunArgs {
     pub out: Option<PathBuf>,
 }
 
-/// `roadplane-lab eval regions`.
+/// Arguments of `roadplane-lab eval regions`.
 #[derive(Debug, Args)]
 pub struct EvalRegionsArgs {
     /// Videos; NAME.truth.json(.gz) beside one is its truth.
@@ -95,15 +95,15 @@ pub struct EvalRegionsArgs {
 /// Keypoints that the systems get.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Keypoints {
-    /// Those of our network, in the true boxes.
+    /// Keypoints of our network, in the true boxes.
     Net,
-    /// The true ones with noise.
+    /// True keypoints with noise.
     Noise,
     /// Both, each in its own tables.
     Both,
 }
 
-/// `roadplane-lab eval dataset`.
+/// Arguments of `roadplane-lab eval dataset`.
 #[derive(Debug, Args)]
 pub struct EvalDatasetArgs {
     /// Folder with dataset.json.
@@ -120,7 +120,7 @@ pub struct EvalDatasetArgs {
     /// Process every n-th frame of a clip.
     #[arg(long, default_value_t = 3, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub stride: u32,
-    /// Folder of real stills with calibrated cameras of the same name (.krtd): a table of its own.
+    /// Also evaluate the real stills in this folder; the calibrated camera of each has the same name (.krtd).
     #[arg(long, value_name = "DIR")]
     pub real: Option<PathBuf>,
     /// Write the tables as CSV and HTML, and the runs of the clips, into this folder.
@@ -136,7 +136,7 @@ fn share(text: &str) -> Result<f64, String> {
     if (0.0..=1.0).contains(&share) { Ok(share) } else { Err("must lie between 0 and 1".to_owned()) }
 }
 
-/// `roadplane-lab eval activity`.
+/// Arguments of `roadplane-lab eval activity`.
 #[derive(Debug, Args)]
 pub struct EvalActivityArgs {
     /// Folder with dataset.json, whose clips are run and scored per frame; or a table of labelled instances (.parquet,
@@ -150,7 +150,7 @@ pub struct EvalActivityArgs {
     pub config: ConfigArgs,
 }
 
-/// `roadplane-lab eval kitti`.
+/// Arguments of `roadplane-lab eval kitti`.
 #[derive(Debug, Args)]
 pub struct EvalKittiArgs {
     /// Folder with image_2, label_2 and calib, or with these in training/.
@@ -166,7 +166,7 @@ pub struct EvalKittiArgs {
     pub config: ConfigArgs,
 }
 
-/// `roadplane-lab eval tracks` and `roadplane-lab eval boxes`.
+/// Arguments of `roadplane-lab eval tracks` and `roadplane-lab eval boxes`.
 #[derive(Debug, Args)]
 pub struct EvalFilesArgs {
     /// File to evaluate.
@@ -179,7 +179,7 @@ pub struct EvalFilesArgs {
     pub out: Option<PathBuf>,
 }
 
-/// `roadplane-lab eval tracker`.
+/// Arguments of `roadplane-lab eval tracker`.
 #[derive(Debug, Args)]
 pub struct EvalTrackerArgs {
     /// Truth files of clips (NAME.truth.json, gzipped or not; no video is needed), or folders with dataset.json.
@@ -223,7 +223,7 @@ pub enum Boxes {
     Detected,
 }
 
-/// `roadplane-lab eval keypoints`.
+/// Arguments of `roadplane-lab eval keypoints`.
 #[derive(Debug, Args)]
 pub struct EvalKeypointsArgs {
     /// Label files (repeatable).
@@ -246,13 +246,14 @@ pub struct EvalKeypointsArgs {
     pub config: ConfigArgs,
 }
 
-/// `roadplane-lab eval solver`.
+/// Arguments of `roadplane-lab eval solver`.
 #[derive(Debug, Args)]
 pub struct EvalSolverArgs {
-    /// Measure the worth of each step of the solve instead, on synthetic scenes and on the pictures given below.
+    /// Measure instead how much each step of the solve improves the result, on synthetic scenes and on the pictures of
+    /// --dataset and --cameras.
     #[arg(long)]
     pub layers: bool,
-    /// Measure only the fusion of frames of one camera: its errors and their normalised error.
+    /// Measure only the fusion of the frames of one camera: errors and normalised errors.
     #[arg(long, conflicts_with = "layers")]
     pub fused: bool,
     /// With --layers: folder of a data set (dataset.json), whose pictures are solved one by one.
@@ -272,7 +273,7 @@ pub struct EvalSolverArgs {
     pub config: ConfigArgs,
 }
 
-/// `roadplane-lab eval cameras`.
+/// Arguments of `roadplane-lab eval cameras`.
 #[derive(Debug, Args)]
 pub struct EvalCamerasArgs {
     /// Folder with cameras.json and the pictures and clips that it names.
@@ -285,7 +286,7 @@ pub struct EvalCamerasArgs {
     pub config: ConfigArgs,
 }
 
-/// `roadplane-lab eval camera-database`.
+/// Arguments of `roadplane-lab eval camera-database`.
 #[derive(Debug, Args)]
 pub struct EvalCameraDatabaseArgs {
     /// Number of cameras.

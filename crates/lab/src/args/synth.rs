@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-/// `roadplane-lab synth`.
+/// Arguments of `roadplane-lab synth`.
 #[derive(Debug, Args)]
 pub struct SynthArgs {
     /// Write into this folder; finished items in it are kept.

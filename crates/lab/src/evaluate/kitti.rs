@@ -21,13 +21,13 @@ const SYSTEMS: [System; 5] =
     [System::Pavlakos, System::KrishnaMurthy, System::FreePoses, System::Plane, System::PlaneFocal];
 /// Height of KITTI's cameras above a level street, m (Geiger et al. 2013, Fig. 1).
 const CAMERA_HEIGHT_M: f64 = 1.65;
-/// Images with fewer vehicles do not count: the paper takes images with more than three.
+/// Least number of vehicles in an image that counts: the paper takes images with more than three.
 const MIN_VEHICLES: usize = 4;
-/// Cars of which a larger share lies outside the picture do not count.
+/// Largest share of a car outside the picture at which the car still counts.
 const MAX_TRUNCATED: f64 = 0.5;
-/// Cars with a higher occlusion level do not count (3 is unknown).
+/// Highest occlusion level of a car that counts (3 means unknown).
 const MAX_OCCLUDED: i32 = 2;
-/// Cars with smaller boxes do not count, px of the longer side.
+/// Least longer side of the box of a car that counts, px.
 const MIN_SIDE_PX: f64 = 24.0;
 
 /// Options of the evaluation on KITTI.

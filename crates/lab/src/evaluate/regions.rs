@@ -17,7 +17,7 @@ use roadplane_tables::{Cell, Column, Report, Table};
 use scores::ClipScore;
 use vehicles::{GAP_S, Gap, MIN_WIDTH_PX, longest_missing, vehicles};
 
-/// A vehicle that the run without ROI scheduling finds may be without a box for this time, s.
+/// Longest time for which the run with ROI scheduling may miss a vehicle, s. The run without it defines the vehicles.
 const MAX_MISSING_S: f64 = 0.3;
 
 /// One run of a clip.
@@ -60,9 +60,9 @@ pub fn evaluate_regions(
     ];
     let note = format!(
         "Off: without region-of-interest scheduling; on: with it. Vehicles: boxes wider than {MIN_WIDTH_PX} px that \
-         the run off links from frame to frame for more than {GAP_S} s. Missing: no box of the run on overlaps \
-         theirs for longer than {MAX_MISSING_S} s in a row. Wavering: missing vehicles that the run off, too, finds \
-         in at most half of the frames of that time. Processed: share of the pictures that the detector processed, \
+         the run without scheduling links from frame to frame for more than {GAP_S} s. Missing: for longer than \
+         {MAX_MISSING_S} s, no box of the run with scheduling overlaps the vehicle. Wavering: missing vehicles that \
+         even the run without scheduling finds in at most half of the frames of that time. Processed: share of the pictures that the detector processed, \
          over all frames."
     );
     let mut table = Table::new(

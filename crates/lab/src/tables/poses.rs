@@ -106,8 +106,8 @@ pub fn camera_table(title: &str, systems: &[Scored<'_, CameraError>]) -> Table {
         Column::new("height, normalised error", 2),
     ];
     let note = "Relative errors of focal length and height, angles of tilt and normal. Normalised error: root mean \
-        square of the errors in claimed sds, if any are claimed; 1 is calibrated. The claimed sds of heights of \
-        clips include that a site's cars differ from the atlas.";
+        square of the errors in claimed sds, if any are claimed; 1 is calibrated. For clips, the claimed \
+        sds of heights include the difference of a site's cars from the atlas.";
     let mut table = Table::new(title, note, columns);
     let most = |v: &[f64]| quantile(v, 0.9);
     let degrees = 1f64.to_degrees();

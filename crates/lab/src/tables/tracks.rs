@@ -25,8 +25,8 @@ pub fn tracking_table(title: &str, systems: &[(&str, &[TrackScore])]) -> Table {
     columns.extend(["HOTA fitted, %", "IDF1 fitted, %"].map(|head| Column::new(head, 1)));
     columns.extend([Column::new("vehicles", 0), Column::new("switches a vehicle", 3)]);
     let note = "Similarity on the ground 1 − distance / 4 m. HOTA: Luiten 2021; MOTA, MOTP at similarity 0.5 (2 m): \
-                Bernardin 2008; IDF1: Ristani 2016. Cars: vehicle and frame, of all classes. Fitted, and switches a vehicle: after the one \
-                scale about the camera's foot that fits a clip best.";
+                Bernardin 2008; IDF1: Ristani 2016. Cars: vehicle and frame, of all classes. The columns \"fitted\" and \
+                \"switches a vehicle\" are scored after one scale per clip, about the camera's foot, that fits the clip best.";
     let mut table = Table::new(title, note, columns);
     for (name, clips) in systems {
         let cars: usize = clips.iter().map(|clip| clip.true_cars).sum();

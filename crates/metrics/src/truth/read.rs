@@ -27,7 +27,10 @@ pub fn read_dataset(folder: &Path) -> Result<Dataset, MetricsError> {
     }
     let outside = |item: &PathBuf| item.components().any(|c| !matches!(c, std::path::Component::Normal(_)));
     if let Some(item) = dataset.items.iter().find(|item| outside(item)) {
-        return Err(MetricsError::malformed(&path, format!("items: {} leaves the folder", item.display())));
+        return Err(MetricsError::malformed(
+            &path,
+            format!("items: {} lies outside the folder", item.display()),
+        ));
     }
     if !dataset.items.is_sorted() {
         return Err(MetricsError::malformed(&path, "items: not sorted"));
@@ -102,7 +105,7 @@ fn check(truth: &Truth) -> Result<(), String> {
         for (c, car) in frame.cars.iter().enumerate() {
             let field = |name: &str| format!("frames[{f}].cars[{c}].{name}");
             if !ids.contains(&car.id) || !seen.insert(car.id) {
-                return fail(&field("id"), "is no model's, or twice in the frame");
+                return fail(&field("id"), "is the id of no model, or is used twice in the frame");
             }
             rigid(&car.world_from_car).map_err(|what| format!("{}: {what}", field("world_from_car")))?;
             let [x0, y0, x1, y1] = car.bbox_px;
@@ -228,7 +231,9 @@ mod tests {
         };
         let dataset = list(json!(["scenes/0000.truth.json", "scenes/0001.truth.json"])).unwrap();
         assert_eq!(dataset.items[1], folder.path().join("scenes/0001.truth.json"));
-        assert!(list(json!(["../0000.truth.json"])).unwrap_err().to_string().contains("leaves the folder"));
+        assert!(
+            list(json!(["../0000.truth.json"])).unwrap_err().to_string().contains("lies outside the folder")
+        );
         assert!(list(json!(["b", "a"])).unwrap_err().to_string().contains("not sorted"));
     }
 }

@@ -298,7 +298,7 @@ fn scale(other: ImageSize, size: ImageSize) -> Result<f64, PipelineError> {
         [f64::from(size.width) / f64::from(other.width), f64::from(size.height) / f64::from(other.height)];
     if (by_width / by_height).ln().abs() > SAME_RATIO {
         return Err(PipelineError::usage(&format!(
-            "--camera is for pictures of {} × {} px, but these have {} × {}: their ratios of sides differ",
+            "--camera is for pictures of {} × {} px, but these have {} × {}: their aspect ratios differ",
             other.width, other.height, size.width, size.height
         )));
     }

@@ -65,7 +65,11 @@ impl CameraId {
         let pattern = Regex::new(&format!("^(?s:{form})$"))
             .ok()
             .filter(|pattern| pattern.captures_len() == 2)
-            .ok_or_else(|| PipelineError::usage(&format!("--camera-id {text:?}: write {{}} exactly once")))?;
+            .ok_or_else(|| {
+                PipelineError::usage(&format!(
+                    "--camera-id {text:?}: a pattern must contain {{}} exactly once"
+                ))
+            })?;
         Ok(Self { text: text.to_owned(), pattern: Some(pattern) })
     }
 
@@ -76,7 +80,9 @@ impl CameraId {
         let id = pattern.captures(&stem).and_then(|found| Some(found.get(1)?.as_str().to_owned()));
         id.filter(|id| is_camera_id(id)).ok_or_else(|| {
             let text = &self.text;
-            PipelineError::usage(&format!("--camera-id {text:?} finds no camera in the name {stem:?}"))
+            PipelineError::usage(&format!(
+                "the pattern --camera-id {text:?} finds no valid name of a camera in {stem:?}"
+            ))
         })
     }
 }
@@ -140,7 +146,7 @@ impl CameraDatabase {
 
 /// Drops evidence that cannot be read, and reports it in the log.
 pub(crate) fn sound(read: Vec<Result<CameraEvidence, WriteError>>) -> Vec<CameraEvidence> {
-    let told = |error: &WriteError| tracing::error!("left out of the camera database: {error}");
+    let told = |error: &WriteError| tracing::error!("a file of the camera database is skipped: {error}");
     read.into_iter().filter_map(|evidence| evidence.inspect_err(told).ok()).collect()
 }
 

@@ -139,9 +139,7 @@ pub fn solve_file(
     }
     poses.lines.finish()?;
     if estimates.iter().any(|estimate| estimate.status == CameraStatus::Unobservable) {
-        tracing::warn!(
-            "the camera could not be estimated everywhere: there its numbers are those of the prior"
-        );
+        tracing::warn!("at least one camera could not be estimated: its values are those of the prior");
     }
     Ok(write_camera(&out.with_file_name("camera.json"), &estimates)?)
 }

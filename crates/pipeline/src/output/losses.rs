@@ -16,15 +16,16 @@ pub(crate) fn losses_in_words(counts: &Counts, rows: &[TrackRow], options: &Deco
     }
     sentences.extend(left_out(options));
     if frames_skipped > 0 {
-        sentences
-            .push(format!("{frames_skipped} of {frames_read} decoded frames were skipped for this reason."));
+        sentences.push(format!(
+            "{frames_skipped} of {frames_read} decoded frames were skipped by these settings."
+        ));
     }
     for (class, name) in [(VehicleClass::Truck, "truck"), (VehicleClass::Bus, "bus")] {
         let tracks: BTreeSet<u64> =
             rows.iter().filter(|row| row.class == class).map(|row| row.track).collect();
         if let Some(boxes) = counts.boxes.get(name).filter(|boxes| **boxes > 0) {
             sentences.push(format!(
-                "{} of {}, in {}: {} has no shape model, so position, heading and size come from the box, to a metre or two.",
+                "{} of {}, in {}: {} has no shape model, so position, heading and size come from the box. The error is a metre or two.",
                 amount(*boxes, "box", "boxes"),
                 if class == VehicleClass::Truck { "trucks" } else { "buses" },
                 match tracks.len() {
@@ -99,9 +100,9 @@ mod tests {
             [
                 "10 of 100 frames could not be decoded.",
                 "Skipped by the configuration: the time before 4 s, all but one of every 3 frames.",
-                "60 of 90 decoded frames were skipped for this reason.",
+                "60 of 90 decoded frames were skipped by these settings.",
                 "135 boxes of trucks, in no track of the class: a truck has no shape model, so position, heading and size come \
-                 from the box, to a metre or two.",
+                 from the box. The error is a metre or two.",
                 "1 box gave no position: too few keypoints, and no contact with the ground is visible.",
                 "3 boxes rejected: odd one.",
             ]

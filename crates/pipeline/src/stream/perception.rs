@@ -121,7 +121,7 @@ pub(crate) struct Perceived {
 
 /// A run after perception.
 pub(crate) struct Perception {
-    /// The partial folder.
+    /// Partial folder of the result: the run writes into it until the result is complete.
     pub folder: OutputFolder,
     /// The stamp of the work.
     pub stamp: Stamp,

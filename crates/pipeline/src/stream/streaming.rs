@@ -21,7 +21,7 @@ pub struct Streamed {
 /// Opens an input by the configuration.
 ///
 /// # Errors
-/// [`PipelineError::Decode`] when it cannot be used.
+/// [`PipelineError::Decode`] when the input cannot be used.
 pub fn open_input(input: &Path, config: &Config) -> Result<Input, PipelineError> {
     Ok(open(input, &config.decode)?)
 }
@@ -29,7 +29,7 @@ pub fn open_input(input: &Path, config: &Config) -> Result<Input, PipelineError>
 /// Opens the part of an input that a piece needs; the report counts only the frames of the piece.
 ///
 /// # Errors
-/// [`PipelineError::Decode`] when it cannot be used.
+/// [`PipelineError::Decode`] when the input cannot be used.
 pub fn open_input_part(input: &Path, piece: &Span, config: &Config) -> Result<Input, PipelineError> {
     Ok(open_part(input, &piece.options(&config.decode), piece.from_s as f64)?)
 }

@@ -43,7 +43,7 @@ fn is_doubt(verdict: PictureVerdict) -> bool {
     verdict != PictureVerdict::Rest
 }
 
-/// Returns notes for the report about unusable pictures, shake and rest, one line each.
+/// Returns notes for the report, one line each: unusable pictures, camera shake, or a camera that was at rest.
 #[must_use]
 pub fn in_words(watch: &WatchSummary) -> Vec<String> {
     let doubts = watch.stretches.iter().filter(|interval| is_doubt(interval.verdict));

@@ -58,7 +58,7 @@ pub(crate) struct Group<const M: usize> {
 }
 
 impl<const M: usize> Group<M> {
-    /// Creates a group of full weight.
+    /// Creates a car of full weight from its views and its shape prior.
     pub fn new(views: std::ops::Range<usize>, prior: Gaussian<M>) -> Self {
         Self { views, prior, trust: 1.0 }
     }
@@ -80,7 +80,7 @@ pub(crate) struct State<P, const M: usize> {
     pub shapes: Vec<SVector<f64, M>>,
 }
 
-/// The joint problem of the module. `state` is the current state, and `trial` the state after the last trial step.
+/// The joint problem of one camera and its cars. `state` is the current state, `trial` that after the last trial step.
 pub(crate) struct CarsProblem<'a, P, const N: usize, const M: usize> {
     pub model: &'a PointModes<M>,
     pub views: Vec<View>,

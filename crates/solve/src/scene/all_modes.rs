@@ -9,7 +9,7 @@ use crate::model::points::PointModes;
 use crate::options::SceneOptions;
 use crate::problem::cars::GroundProblem;
 
-/// Rounds of updating the cars' trust and minimising with the new weights.
+/// Number of rounds. Each round updates the trust in every car, and minimises with the new weights.
 const ROUNDS_OF_TRUST: usize = 3;
 
 /// The estimated camera with its uncertainty.

@@ -19,7 +19,7 @@ use crate::model::free::PlaneTerms;
 use crate::problem::cars::FreeProblem;
 use crate::start::up_consensus::camera_on;
 
-/// Rounds of the alternation.
+/// Number of rounds of the alternation.
 const ROUNDS: usize = 8;
 /// Soft terms of the first round. Between first and last round, μ₁ and μ₂ grow geometrically.
 const FIRST_TERMS: PlaneTerms = PlaneTerms { distance_sd_m: 1.5, angle_sd: 0.3 };
@@ -31,9 +31,9 @@ const MAX_LOG_STEP: f64 = 0.5;
 ///
 /// A smaller |c| means a nearly level camera, and a shorter (a, b) means a nearly vertical view.
 const MIN_COMPONENT: f64 = 0.03;
-/// Tolerance of a position's agreement with a plane, as a share of the camera's height.
+/// Sd of the Gaussian weight that a car gets by its distance from a plane, as a share of the camera's height.
 const POSITION_TOLERANCE: f64 = 0.15;
-/// Tolerance of the agreement of two normals, rad.
+/// Sd of the Gaussian weight that a normal gets by its angle to another normal, rad.
 const NORMAL_TOLERANCE: f64 = 0.2;
 /// Largest number of triples of cars that are tried, at equal strides over all triples.
 const MAX_TRIPLES: usize = 400;

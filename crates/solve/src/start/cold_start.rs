@@ -27,7 +27,7 @@ const SKETCHES: usize = 6;
 const APPEARANCES: usize = 6;
 /// Largest number of cars whose view directions are searched. More cars do not change the consensus.
 const MAX_VOTERS: usize = 12;
-/// sd that the unknown shape adds in the first refinement, m.
+/// Sd of a keypoint because of the car's unknown shape, in the first refinement, m.
 pub(crate) const COARSE_SD_M: f64 = 0.12;
 
 /// A start: camera, cars' poses and shapes, and a coarse cost.

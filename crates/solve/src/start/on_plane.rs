@@ -14,7 +14,7 @@ use crate::model::pose::{CameraFrame, Pose as _};
 /// Number of headings tried around the circle.
 const HEADINGS: usize = 32;
 
-/// sd that the unknown shape adds, m.
+/// Sd of a keypoint because of the car's unknown shape, m. Its variance is added to that of the measurement.
 const SHAPE_SD_M: f64 = 0.15;
 
 /// Largest cost of one keypoint.
@@ -75,7 +75,7 @@ fn meeting(camera: &CameraFrame, observation: &Observation, z_m: f64) -> Option<
     (ray.z < -1e-4 && length > 0.0).then(|| ray.xy() * length)
 }
 
-/// Returns a truncated cost that allows for an unknown shape; `None` if the pose cannot be evaluated.
+/// Returns a truncated cost of a pose. It allows for the car's unknown shape. `None` if the pose cannot be evaluated.
 pub(crate) fn rough_cost(
     camera: &CameraFrame,
     points_in_car: &[Vector3<f64>; KEYPOINTS],

@@ -9,7 +9,7 @@ use roadplane_base::GroundPlane;
 
 use crate::start::weak_perspective::Appearance;
 
-/// Width of agreement between cars' up directions, rad.
+/// Sd of the Gaussian weight by which cars' up directions support each other, by the angle between them, rad.
 const AGREEMENT_RAD: f64 = 0.14;
 /// Rate at which an appearance's vote falls with its cost: the vote is exp(−rate · (cost − cost of the car's best)).
 const COST_SCALE: f64 = 0.35;

@@ -19,7 +19,7 @@ use crate::model::observation::Observation;
 const AZIMUTHS: usize = 24;
 /// Elevations of the line of sight, degrees.
 const ELEVATIONS: [f64; 7] = [3.0, 10.0, 19.0, 30.0, 43.0, 58.0, 78.0];
-/// sd that the unknown shape adds, m.
+/// Sd of a keypoint because of the car's unknown shape, m. Its variance is added to that of the measurement.
 const SHAPE_SD_M: f64 = 0.12;
 /// Largest cost of one keypoint.
 const CAP: f64 = 9.0;

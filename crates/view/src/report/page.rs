@@ -57,11 +57,11 @@ pub fn report_html(input: &ReportInput<'_>) -> Result<String, ViewError> {
         figure(&mut page, picture, "scene lines", caption)?;
     }
     quality(&mut page, input.reprojection_rms_px);
-    page.push_str("<h2>Run</h2>\n<table class=\"facts\">\n");
+    page.push_str("<h2>Run</h2>\n<div class=\"scroll\"><table class=\"facts\">\n");
     for (name, value) in input.facts {
         put(&mut page, format_args!("<tr><th>{}</th><td>{}</td></tr>\n", escape(name), escape(value)));
     }
-    page.push_str("</table>\n</main></html>\n");
+    page.push_str("</table></div>\n</main></html>\n");
     Ok(page)
 }
 

@@ -96,8 +96,9 @@ pub(super) fn activities(page: &mut String, rows: &[TrackRow]) {
         put(
             page,
             format_args!(
-                "<h2>Activities</h2>\n<table>\n{lines}</table>\n<p class=\"hint\">From – to, and the probability. Times at \
-                 which a vehicle is stationary or drives on are left out here, but not in the files of tracks.</p>\n"
+                "<h2>Activities</h2>\n<div class=\"scroll\"><table>\n{lines}</table></div>\n<p class=\"hint\">Each entry gives \
+                 its start and end and its probability. Times at which a vehicle is stationary or drives on are left out here. \
+                 The track files contain them.</p>\n"
             ),
         );
     }

@@ -9,8 +9,8 @@ use serde_json::{Value, json};
 use super::measured::{Measured, over_decoding, rest_share};
 
 /// The note that explains the table.
-const NOTE: &str = "CPU: user and system time of all threads over frames read. A stage is its thread; decode also has the \
-    time outside\nthe stages' threads, which is the decoder's own threads. Nets are a part of detect and keypoints. Rest of \
+const NOTE: &str = "CPU: user and system time of all threads over frames read. The time of a stage is \
+    that of its thread.\nDecode includes the decoder's own threads. Detect and keypoints include their nets. Rest of \
     perception: watch,\nregion-of-interest scheduling, crops, resampling, records.";
 
 /// Prints the table.
@@ -18,7 +18,7 @@ pub fn print(input: &str, runs: &[Measured], decoding: &DecodeCost) -> std::io::
     let mut columns = vec![Column::new("", 0)];
     columns.extend(runs.iter().map(|run| Column::new(run.name, 0)));
     columns.push(Column::new("decoding alone", 0));
-    let mut table = Table::new(format!("What {input} costs"), NOTE, columns);
+    let mut table = Table::new(format!("Cost of a run on {input}"), NOTE, columns);
     for (title, of, alone) in rows() {
         let mut row = vec![Cell::from(title)];
         row.extend(runs.iter().map(|run| Cell::from(of(run, decoding))));

@@ -4,9 +4,9 @@ use super::cars::SeenCar;
 use super::outcome::Outcome;
 use roadplane_metrics::readers::cameras::ReferenceCamera;
 
-/// Smallest longer side of the box of cars that count, px.
+/// Least size of a car that the tables count, px: the longer side of its box.
 pub(super) const LEAST_PX: f64 = 40.0;
-/// A car with a larger error of elevation was fitted in another view and does not count, rad.
+/// Largest error of elevation of a car that the tables count, rad. Beyond it, the car was fitted in another view.
 pub(super) const ANOTHER_VIEW: f64 = 0.35;
 
 /// A reference camera, the outcome of its run, and its cars.

@@ -23,10 +23,11 @@ pub(super) struct RealStill {
     distortion: f64,
 }
 
-/// Returns the stills of a folder that have a camera beside them, each with its camera file, by name.
+/// Returns pairs of a still and its camera file (.krtd) in a folder, sorted by name. Stills without a camera are left
+/// out.
 ///
 /// # Errors
-/// [`MetricsError::Unreadable`](roadplane_metrics::MetricsError).
+/// [`MetricsError::Unreadable`](roadplane_metrics::MetricsError) if the folder cannot be read.
 pub(super) fn list(folder: &Path) -> Result<Vec<[PathBuf; 2]>, LabError> {
     let unreadable = |source| roadplane_metrics::MetricsError::unreadable(folder, source);
     let mut pairs = Vec::new();

@@ -87,8 +87,8 @@ fn reprojection_table(title: &str, systems: &[(System, Vec<SystemScore>)]) -> Ta
         Column::new("median, % of the box", 2),
         Column::new("90 % within, % of the box", 2),
     ];
-    let note = "Root mean square distance of a car's projected keypoints from all true ones, hidden ones included, \
-        in longer sides of its visible part's box.";
+    let note = "Root mean square distance between a car's projected and true keypoints, including hidden ones. Unit: \
+        the longer side of the box of its visible part.";
     let mut table = Table::new(title, note, columns);
     for (name, items) in of_cars(systems, |car| car.reprojection) {
         table.rows.push(vec![

@@ -75,7 +75,7 @@ fn poses(clips: &[&ClipScore], of: fn(&PoseScore) -> f64) -> Vec<f64> {
 /// Returns the table of each measure off, on, and their difference. Each clip is given by its scores off and on.
 pub(super) fn table(clips: &[[ClipScore; 2]]) -> Table {
     let note = "Clips from their video alone, as one long sequence, with 95 % intervals by resampling clips; the \
-        difference is of the same clips. Fitted: after the one scale about the camera's foot that fits a clip best. \
+        difference is of the same clips. Fitted: scored after one scale per clip, about the camera's foot, that fits the clip best. \
         Poses: of every frame and car; cars without a pose count as wrong. The other rows of `eval dataset` (stills, \
         given boxes) use no such scheduling.";
     let titles = ["off", "on", "on − off"].map(|title| Column::new(title, 2));

@@ -4,11 +4,11 @@ use std::collections::BTreeMap;
 
 use roadplane_base::{CarRecord, FrameRecord, bbox_iou};
 
-/// Vehicles with narrower boxes do not count, px.
+/// Least width of the box of a vehicle that counts, px.
 pub(super) const MIN_WIDTH_PX: f64 = 40.0;
-/// Boxes with a greater intersection over union belong to one vehicle.
+/// Intersection over union above which two boxes belong to one vehicle.
 const SAME: f64 = 0.3;
-/// A vehicle that is not found for this time has left, s.
+/// Time without a box after which a vehicle has left, s.
 pub(super) const GAP_S: f64 = 0.3;
 
 /// A detection of a vehicle in a frame.
@@ -68,15 +68,15 @@ pub(super) fn vehicles(frames: &[FrameRecord]) -> Vec<Boxes> {
 /// An interval in which a vehicle is missing.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Gap {
-    /// Start, s.
+    /// Start of the interval, s.
     pub from_s: f64,
-    /// End, s.
+    /// End of the interval, s.
     pub to_s: f64,
     /// Number of the vehicle's boxes after `from_s`, up to `to_s`.
     boxes: usize,
-    /// The first of these boxes, px.
+    /// The vehicle's first box in the interval, px.
     pub bbox_px: [f64; 4],
-    /// The highest score of these boxes.
+    /// The highest score of the vehicle's boxes in the interval.
     pub score: f64,
 }
 

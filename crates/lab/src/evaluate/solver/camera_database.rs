@@ -17,7 +17,8 @@ use crate::parallel::in_parallel;
 /// sd of the log size that the cars of one site share. They also share an error of view, as large as a run assumes
 /// (`solve.shared_view_sd_deg`).
 const SITE_LOG_SD: f64 = 0.04;
-/// sd of elevation and turn of single cars, in addition to the sd that their keypoints claim, rad.
+/// Sds of two view errors that each car has of its own, rad: elevation and turn. The keypoints' sds do not include
+/// them.
 const VIEW_SD: [f64; 2] = [0.035; 2];
 /// Turn of the camera between two nights, rad.
 const TURN: f64 = 2.0 * std::f64::consts::PI / 180.0;
@@ -46,8 +47,8 @@ pub fn camera_database_tables(atlas: &ShapeAtlas, cameras: usize, clips: usize) 
         format!("{cameras} stored cameras, ten other cars in each clip"),
         format!(
             "Sizes of a site's cars share an error of {:.0} % (1 sd), which stays in the heights. All cars of a site share an error of view of \
-             {:.1}° in elevation and {:.1}° in turn (1 sd). Bound: of all keypoints, with those errors. Turned: the camera by 2° after \
-             the given number of clips, without a comparison of pictures.",
+             {:.1}° in elevation and {:.1}° in turn (1 sd). Bound: of all keypoints, with those errors. Turned: the camera is turned by 2° after \
+             the given number of clips, and no pictures are compared.",
             100.0 * SITE_LOG_SD,
             shared_sd[0].to_degrees(),
             shared_sd[1].to_degrees(),

@@ -50,8 +50,8 @@ pub fn statistics_tables(atlas: &ShapeAtlas, scenes: usize) -> Vec<Table> {
     let mut accuracy = Table::new(
         "RMS error over the Cramér–Rao bound",
         "The bound is that of the right keypoints of the right cars (with the shape prior); cars of other models \
-         count as cars of the atlas. Rows with N ≤ 2 use a camera prior with the moments of the scenes' cameras, all \
-         others none. 95 % intervals by resampling scenes.",
+         count as cars of the atlas. Rows with N ≤ 2 use a camera prior with the moments of the scenes' cameras; \
+         all other rows use none. 95 % intervals by resampling scenes.",
         [vec![Column::new("scenes", 0)], quantities(2).to_vec()].concat(),
     );
     let mut bias = Table::new(

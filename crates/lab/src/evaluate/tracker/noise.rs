@@ -44,9 +44,9 @@ impl fmt::Display for Noise {
     }
 }
 
-/// Vehicles with a smaller visible share are not found.
+/// Least visible share of a vehicle that is found.
 const FOUND_SHARE: f64 = 0.2;
-/// Vehicles below this share of the size that counts are not found.
+/// Least size of a vehicle that is found, as a share of the least size that counts in the scores.
 const FOUND_SIZE: f64 = 0.75;
 /// Least IoU of boxes that may get each other's keypoints.
 const NEAR_IOU: f64 = 0.1;

@@ -16,7 +16,7 @@ use roadplane_base::{ALL_MODES, BodyType, MODES, ShapeAtlas};
 
 use crate::options::SceneOptions;
 
-/// Rounds of inferring body types and minimising with the new priors.
+/// Number of rounds. Each round infers the body types, and minimises with the new priors.
 pub(crate) const ROUNDS_OF_TYPES: usize = 2;
 
 /// A Gaussian prior on the coefficients of the first N modes.
