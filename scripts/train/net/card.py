@@ -68,11 +68,11 @@ def markdown(card: dict) -> str:
     if recipe["real"]:
         data += f" and {made['real_cars']} hand-labelled real cars ({recipe['real_share']} of each batch)"
         held_out = ", ".join(made["real_held_out"]) or "none"
-        real = f"learnt from, except {held_out}: held out to measure and calibrate"
+        real = f"used for training, except {held_out}, which are held out for measurement and calibration"
         credits += "; " + REAL_CREDITS
     net = (
         f"{made['stacks']} stacks of {made['channels']} channels, {made['parameters']} parameters, "
-        f"{made['gflop_per_crop']} GFLOP a crop"
+        f"{made['gflop_per_crop']} GFLOP per crop"
     )
     stages = "; ".join(
         f"{stage['steps']} steps of {stage['batch']} crops at {stage['px']} px, {stage['stacks']} stacks of "
@@ -86,7 +86,7 @@ def markdown(card: dict) -> str:
         "Calibration": f"sd² = {calibration['sd_per_variance']}² · variance² + "
         f"{calibration['sd_floor_crop_px']}² crop px²; prior of locations {calibration['prior_mean_crop_px']} ± "
         f"{calibration['prior_sd_crop_px']} crop px",
-        "Licence": f"{card['licence']}; learnt from {credits}",
+        "Licence": f"{card['licence']}; trained on {credits}",
         "Made by": "`scripts/train/run" + (" --real DIR`" if recipe["real"] else "`"),
         "ONNX against PyTorch": json.dumps(card["metrics"]["parity_with_pytorch"]),
     }
@@ -100,11 +100,12 @@ def markdown(card: dict) -> str:
         "PCK@0.1",
         "visibility AUC",
     ]
-    heads += ["error / sd, robust", "names exchanged"]
+    heads += ["normalised error, robust", "names exchanged"]
     lines = [
         "# hourglass",
         "",
-        "36 car keypoints (`keypoints.json`) in a 128 px crop; contract: `ARCHITECTURE.md`.",
+        "This net finds 36 car keypoints (`keypoints.json`) in a crop of 128 px. `docs/book/developers/architecture.md`",
+        "describes its inputs and outputs.",
         "",
     ]
     lines += [f"- **{name}**: {text}" for name, text in items.items()]
