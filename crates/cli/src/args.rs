@@ -148,7 +148,7 @@ pub struct RunArgs {
     /// Videos, images, or folders of images (a folder is one clip).
     #[arg(required = true, value_name = "INPUT")]
     pub inputs: Vec<PathBuf>,
-    /// Output folder; each input gets DIR/<stem>/, which appears only when it is complete.
+    /// Output folder; each input gets DIR/<name>/, which appears only when it is complete.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
     #[command(flatten)]
@@ -164,7 +164,7 @@ pub struct RunArgs {
     #[allow(missing_docs)]
     pub site: site::SiteArgs,
     /// Process one piece of a long input: FROM-TO or FROM- in seconds, as `roadplane plan` lists them. The frames go to
-    /// DIR/<stem>.piece-<from>/ for `roadplane join`.
+    /// DIR/<name>.piece-<from>/ for `roadplane join`.
     #[arg(long, value_name = "FROM-TO", conflicts_with_all = ["cameras", "video", "frames", "background", "focal_px", "tilt_deg",
         "roll_deg", "height_m", "camera", "known", "geo", "camera_at"])]
     pub piece: Option<Span>,
@@ -177,7 +177,7 @@ pub struct RunArgs {
     /// Replace a finished folder once the new one is complete.
     #[arg(long, conflicts_with = "resume")]
     pub overwrite: bool,
-    /// Also write the annotated video DIR/<stem>/annotated.mp4.
+    /// Also write the annotated video DIR/<name>/annotated.mp4.
     #[arg(long)]
     pub video: bool,
     /// Also write frames.jsonl: the boxes, keypoints and camera motion found in each frame.
@@ -204,7 +204,7 @@ pub struct RunArgs {
 /// Arguments of `roadplane distance`.
 #[derive(Debug, Args)]
 pub struct DistanceArgs {
-    /// Folder of the finished run, DIR/<stem>.
+    /// Folder of the finished run, DIR/<name>.
     pub run: PathBuf,
     /// Number of the first track.
     pub first: u64,
@@ -231,7 +231,7 @@ pub struct SchemasArgs {
 pub struct RenderArgs {
     /// Input of the run.
     pub input: PathBuf,
-    /// Folder of the finished run, DIR/<stem>.
+    /// Folder of the finished run, DIR/<name>.
     #[arg(long, value_name = "DIR")]
     pub run: PathBuf,
     /// Video to write; default: annotated.mp4 in the run's folder.

@@ -2,7 +2,7 @@
 //!
 //! Contents: `args/` the arguments, `commands/` one file per command, `metrics.rs` counts for Prometheus, `sandbox.rs`. The crate
 //! `terminal` holds the parts shared with `roadplane-lab`.
-// Doc comments of arguments are their help texts, where <stem> is no tag and [,height_m] no link.
+// Doc comments of arguments are their help texts, where <name> is no tag and [,height_m] no link.
 #![allow(rustdoc::invalid_html_tags, rustdoc::broken_intra_doc_links)]
 
 mod args;

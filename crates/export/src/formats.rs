@@ -32,7 +32,7 @@ pub struct Format {
 
 /// All formats.
 pub const FORMATS: [Format; 9] = [
-    Format { name: "mot", holds: "MOT Challenge: boxes by frame, NAME.txt; seqinfo.ini", write: mot::write },
+    Format { name: "mot", holds: "MOT Challenge: boxes per frame, NAME.txt; seqinfo.ini", write: mot::write },
     Format {
         name: "kitti",
         holds: "KITTI tracking: boxes in the picture and in 3D, label_02/NAME.txt; calib/NAME.txt",
@@ -40,7 +40,7 @@ pub const FORMATS: [Format; 9] = [
     },
     Format {
         name: "kpf",
-        holds: "KWIVER packets: boxes, kinds, activities; NAME.geom.yml, NAME.types.yml, NAME.activities.yml",
+        holds: "KWIVER packets: boxes, types, activities; NAME.geom.yml, NAME.types.yml, NAME.activities.yml",
         write: kpf::write,
     },
     Format {
@@ -50,17 +50,17 @@ pub const FORMATS: [Format; 9] = [
     },
     Format {
         name: "csv",
-        holds: "the run's rows for spreadsheets, with the place on the map where it is known; NAME.csv",
+        holds: "the rows of the run, with map coordinates if the run has them; NAME.csv",
         write: csv::write,
     },
     Format {
         name: "geojson",
-        holds: "GeoJSON: a line a track, NAME.tracks.geojson; a point a row, NAME.rows.geojson",
+        holds: "GeoJSON: one line per track, NAME.tracks.geojson; one point per row, NAME.rows.geojson",
         write: geojson::write,
     },
     Format {
         name: "sumo-fcd",
-        holds: "SUMO floating car data: front bumpers by time step, NAME.fcd.xml; the vehicles, NAME.vtypes.xml",
+        holds: "SUMO floating car data: front bumpers per time step, NAME.fcd.xml; vehicle types, NAME.vtypes.xml",
         write: sumo::write,
     },
     Format {

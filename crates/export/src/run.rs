@@ -152,7 +152,7 @@ impl Run {
     /// last case the survey has refined the camera already.
     pub fn put_on_map(&mut self, site: &Site) -> Result<&Fit, String> {
         if self.place.is_some() {
-            return Err("the run has its position on the map already".to_owned());
+            return Err("the run is on the map already: leave out --geo and --camera-at".to_owned());
         }
         let [only] = self.segments.as_slice() else {
             let count = self.segments.len();

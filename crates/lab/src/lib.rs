@@ -10,7 +10,7 @@
 //! args/, commands/, program.rs   the program `roadplane-lab`; its binary is a target of the crate `cli`
 //! ```
 //! Metrics, truth files and readers are in the crate `metrics`.
-// Doc comments of arguments are their help texts, in which <stem> is not an HTML tag.
+// Doc comments of arguments are their help texts, in which <name> is not an HTML tag.
 #![allow(rustdoc::invalid_html_tags, rustdoc::broken_intra_doc_links)]
 
 mod args;

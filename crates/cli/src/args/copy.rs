@@ -9,7 +9,7 @@ use roadplane_terminal::ConfigArgs;
 /// Arguments of `roadplane copy`.
 #[derive(Debug, Args)]
 pub struct CopyArgs {
-    /// Folder of the finished run, DIR/<stem>.
+    /// Folder of the finished run, DIR/<name>.
     #[arg(value_name = "RUN")]
     pub run: PathBuf,
     /// Output folder; it appears only when it is complete.

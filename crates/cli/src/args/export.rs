@@ -7,7 +7,7 @@ use clap::Args;
 /// Arguments of `roadplane export`.
 #[derive(Debug, Args)]
 pub struct ExportArgs {
-    /// Folder of the finished run, DIR/<stem>.
+    /// Folder of the finished run, DIR/<name>.
     #[arg(value_name = "RUN")]
     pub run: Option<PathBuf>,
     /// Formats, separated by commas; `list` lists the formats and their contents.

@@ -26,7 +26,7 @@ pub struct JoinArgs {
     /// Folders of all pieces of one input, in any order.
     #[arg(required = true, value_name = "PIECE")]
     pub pieces: Vec<PathBuf>,
-    /// Output folder; the input gets DIR/<stem>/, which appears only when it is complete.
+    /// Output folder; the input gets DIR/<name>/, which appears only when it is complete.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
     #[command(flatten)]

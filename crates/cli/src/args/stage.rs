@@ -115,7 +115,8 @@ pub struct TrackArgs {
 /// Arguments of `roadplane stage activity`.
 #[derive(Debug, Args)]
 pub struct ActivityArgs {
-    /// Tracks (.parquet, .csv, .jsonl) with columns time_s, track, x_m, y_m; optional: heading_rad, x_sd_m, y_sd_m, observed.
+    /// Tracks (.parquet, .csv, .jsonl) with columns time_s, track, x_m, y_m; optional: heading_rad, x_sd_m, y_sd_m,
+    /// x_own_sd_m, y_own_sd_m, observed.
     pub tracks: PathBuf,
     /// File for the rows with activity and activity_p; events go to FILE.activities.jsonl beside it.
     #[arg(long, value_name = "FILE")]

@@ -16,7 +16,7 @@ pub struct BenchArgs {
     /// Print one JSON object instead of the table.
     #[arg(long)]
     pub json: bool,
-    /// Keep the runs' results in `DIR/attention/<stem>/` and `DIR/full/<stem>/`; default: a temporary folder.
+    /// Keep the runs' results in `DIR/attention/<name>/` and `DIR/full/<name>/`; default: a temporary folder.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     #[command(flatten)]

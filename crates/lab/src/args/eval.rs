@@ -67,7 +67,7 @@ pub enum EvalCommand {
 /// Arguments of `roadplane-lab eval run`.
 #[derive(Debug, Args)]
 pub struct EvalRunArgs {
-    /// Folder of the finished run, DIR/<stem>.
+    /// Folder of the finished run, DIR/<name>.
     pub run: PathBuf,
     /// Truth file (roadplane.truth/1), calibrated camera (.krtd), vehicles of other sensors (.vehicles.json), or boxes
     /// (KPF, geom.yml with types.yml beside it).

@@ -235,7 +235,7 @@ impl CameraConstraints {
                         let name = length.name.as_deref().unwrap_or_default();
                         let [width, height] = <[u32; 2]>::from(size);
                         let what = format!(
-                            "the length {name} ends outside the picture of {width} × {height} px: {file}"
+                            "the length \"{name}\" ends outside the picture of {width} × {height} px: {file}"
                         );
                         return Err(PipelineError::usage(&what));
                     }

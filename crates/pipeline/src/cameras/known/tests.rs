@@ -94,7 +94,7 @@ fn lengths_are_measured_from_the_middle_and_must_lie_in_the_picture() {
     let small = ImageSize { width: 640, height: 360 };
     let error = CameraConstraints::new(&options).unwrap().for_pictures(small).unwrap_err().to_string();
     assert!(
-        error.contains("the length line 2 ends outside the picture") && error.ends_with("bays.csv"),
+        error.contains("the length \"line 2\" ends outside the picture") && error.ends_with("bays.csv"),
         "{error}"
     );
     let broken = file(folder.path(), "broken.csv", "a,b\n1,2\n");
