@@ -46,8 +46,8 @@ The page [Results](results.md) explains the files and the frames of reference.
 
 - *Optional* means that a key may be missing. *May be null* means that a value may be `null`, or empty in a table.
 - An sd is one standard deviation.
-- In the tables of tracks, the four numbers of `bbox_px` are four columns:
-  `bbox_x0_px`, `bbox_y0_px`, `bbox_x1_px` and `bbox_y1_px`.
+- Parquet and JSON Lines have the box as one list, `bbox_px`. Only `tracks.csv` and `run.tracks()` in Python have
+  four columns instead: `bbox_x0_px`, `bbox_y0_px`, `bbox_x1_px` and `bbox_y1_px`.
 """
 
 # The last words of a name, and the unit of its value. The longest match counts.

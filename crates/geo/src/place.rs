@@ -66,7 +66,7 @@ impl fmt::Display for Fit {
         write!(
             f,
             "camera at {latitude:.7}, {longitude:.7} (UTM zone {}, sd {east_sd:.2} and {north_sd:.2} m), bearing \
-             {:.1}° ± {:.1}° from north; scale {:.3}, focal length {:.0} ± {:.0} px, height {:.2} ± {:.2} m",
+             {:.1}° ± {:.1}° from grid north; scale {:.3}, focal length {:.0} ± {:.0} px, height {:.2} ± {:.2} m",
             self.zone,
             self.bearing_deg,
             self.bearing_sd_deg,
@@ -100,7 +100,7 @@ impl Place {
         Ok(place)
     }
 
-    /// Returns the place of a camera from its latitude and longitude and its bearing (degrees clockwise from north).
+    /// Returns the place of a camera from its latitude and longitude and its bearing (degrees clockwise from grid north).
     ///
     /// Its height remains that of the run.
     ///

@@ -13,7 +13,7 @@ pub enum Site {
     Camera {
         /// Latitude and longitude, degrees, WGS 84.
         at: [f64; 2],
-        /// Bearing of its viewing direction, degrees clockwise from north.
+        /// Bearing of its viewing direction, degrees clockwise from grid north of its UTM zone.
         bearing_deg: f64,
     },
 }

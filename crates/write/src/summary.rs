@@ -96,7 +96,7 @@ pub struct ConstraintSummary {
     pub unit: String,
     /// Value that the user gave, in `unit`.
     pub given: f64,
-    /// Standard deviation (sd) of `given`, in `unit`.
+    /// Standard deviation (sd) of `given`, in `unit`. For a length, it includes the sd of the pixels of its ends.
     #[schemars(range(min = 0))]
     pub given_sd: f64,
     /// Estimate from all other evidence, in `unit`: cars, prior and other user constraints.

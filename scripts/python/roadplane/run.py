@@ -62,7 +62,7 @@ class Run:
         - Their standard deviations: `x_sd_m`, `y_sd_m`, `heading_sd_rad`, `speed_sd_mps`. `x_own_sd_m` and
           `y_own_sd_m` are the part that this track does not share with others.
         - `length_m`, `width_m`, `height_m`, and the box `bbox_x0_px`, `bbox_y0_px`, `bbox_x1_px`, `bbox_y1_px`.
-        - `observed`: False if the row was interpolated between inference frames.
+        - `observed`: False if the vehicle was not detected in this frame and the row was interpolated.
         - `activity`, `activity_p`.
 
         It reads `tracks.parquet` if the file exists, else `tracks.csv`. Columns and types are the same.

@@ -24,13 +24,13 @@ def read_net(path: Path = ORIGINAL) -> NanoDet:
     """Returns the net with the weights of an ONNX file."""
     graph = onnx.load(path).graph
     arrays = {tensor.name: numpy_helper.to_array(tensor).astype(np.float32) for tensor in graph.initializer}
-    arrays |= {node.output[0]: arrays[node.input[0]] for node in graph.node if node.op_type == "Cast"}
     nodes = {node.name: node for node in graph.node if node.op_type == "Conv"}
-    last = arrays[nodes[_name(len(nodes) - 1)].input[1]]
-    net = NanoDet(len(last) - 4 * BINS)
+    names = [_name(k) for k in range(len(NanoDet().convolutions()))]
+    if sorted(nodes) != sorted(names):
+        raise ValueError(f"{path} has other convolutions than NanoDet-g")
+    arrays |= {node.output[0]: arrays[node.input[0]] for node in graph.node if node.op_type == "Cast"}
+    net = NanoDet(len(arrays[nodes[names[-1]].input[1]]) - 4 * BINS)
     layers = net.convolutions()
-    if len(layers) != len(nodes):
-        raise ValueError(f"{path}: {len(nodes)} convolutions instead of {len(layers)}")
     with torch.no_grad():
         for k, layer in enumerate(layers):
             kernel, bias = (arrays[name] for name in nodes[_name(k)].input[1:])

@@ -92,6 +92,6 @@ def test_a_new_class_changes_no_other(tmp_path: Path) -> None:
         np.testing.assert_allclose(found[f"bins_{stride}"], expected[f"bins_{stride}"], rtol=TOLERANCE, atol=TOLERANCE)
 
 
-def test_other_nets_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="convolutions instead of"):
+def test_other_nets_are_refused() -> None:
+    with pytest.raises(ValueError, match="other convolutions"):
         read_net(ORIGINAL.with_name("hourglass.onnx"))

@@ -23,7 +23,7 @@ pub struct TrackRow {
     pub y_m: f64,
     /// Heading, rad, in (−π, π]: 0 along world +x, counter-clockwise as seen from above.
     pub heading_rad: f64,
-    /// Speed along the heading, m/s. It is negative if the vehicle reverses.
+    /// Speed along the heading, m/s. It is negative if the vehicle reverses, and 0 if it is stationary.
     pub speed_mps: f64,
     /// Standard deviation (sd) of `x_m`, m. It covers the vehicle's own error and the camera's error, which all
     /// vehicles share.
@@ -51,7 +51,8 @@ pub struct TrackRow {
     /// if `observed` is false.
     #[schemars(range(min = 0, max = 1))]
     pub score: f64,
-    /// Whether the vehicle was detected in this frame. If false, the row is filled in.
+    /// Whether the vehicle was detected in this frame. The detection of a stationary vehicle may be carried over from
+    /// an earlier frame. If false, the row is interpolated: no inference ran, or the vehicle was missed or hidden.
     pub observed: bool,
     /// Class of the vehicle. All rows of a track have the same value.
     #[serde(default)]
@@ -60,8 +61,8 @@ pub struct TrackRow {
     /// `segments`.
     #[serde(default)]
     pub segment: usize,
-    /// Sd of `speed_mps`, m/s. It covers the vehicle's own error and the camera's error, which all vehicles share.
-    /// Files of older versions lack it, and 0 is read.
+    /// Sd of `speed_mps`, m/s. It covers the vehicle's own error and the camera's error, which all vehicles share. For
+    /// a stationary vehicle it is small and fixed, 0.001 m/s. Files of older versions lack it, and 0 is read.
     #[serde(default)]
     #[schemars(range(min = 0))]
     pub speed_sd_mps: f64,
@@ -74,10 +75,12 @@ pub struct TrackRow {
     #[schemars(range(min = 0, max = 1))]
     pub activity_p: Option<f64>,
     /// Vehicle's own part of `x_sd_m`, m: the sd of its positions relative to each other, without the camera's error.
+    /// The square of `x_sd_m` is the sum of the squares of this part and of the camera's part.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0))]
     pub x_own_sd_m: Option<f64>,
     /// Vehicle's own part of `y_sd_m`, m: the sd of its positions relative to each other, without the camera's error.
+    /// The square of `y_sd_m` is the sum of the squares of this part and of the camera's part.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0))]
     pub y_own_sd_m: Option<f64>,
@@ -102,13 +105,15 @@ pub struct OnMap {
     pub east_m: f64,
     /// Northing of the vehicle's position in the UTM zone, m.
     pub north_m: f64,
-    /// Sd of `east_m`, m. It covers the errors of the vehicle, of the camera and of the camera's position on the map.
+    /// Sd of `east_m`, m. It covers the errors of the vehicle, of the camera and, with `--geo`, of the camera's
+    /// position on the map. With `--camera-at`, the errors of that position and of the bearing are not included.
     #[schemars(range(min = 0))]
     pub east_sd_m: f64,
-    /// Sd of `north_m`, m. It covers the errors of the vehicle, of the camera and of the camera's position on the map.
+    /// Sd of `north_m`, m. It covers the errors of the vehicle, of the camera and, with `--geo`, of the camera's
+    /// position on the map. With `--camera-at`, the errors of that position and of the bearing are not included.
     #[schemars(range(min = 0))]
     pub north_sd_m: f64,
-    /// Heading of the vehicle on the map, degrees clockwise from the UTM zone's north.
+    /// Heading of the vehicle on the map, degrees clockwise from the grid north of the UTM zone.
     #[schemars(range(min = 0, max = 360))]
     pub bearing_deg: f64,
 }
