@@ -128,7 +128,10 @@ fn errors_have_no_debug_output() {
     let folder = tempfile::tempdir().unwrap();
     let clip = root().join("tests/data/lot.mp4");
     let said = refused(&clip, 2, &["--set", "decode.start_s=1000"]);
-    assert!(said.contains("start 1000 s and stride 1 leave out all frames") && !said.contains("None"), "{said}");
+    assert!(
+        said.contains("start 1000 s and stride 1 leave out all frames") && !said.contains("None"),
+        "{said}"
+    );
     let table = folder.path().join("t.csv");
     fs::write(&table, "time_s,track,x_m,y_m\n0,1,2.0\n").unwrap();
     let out = folder.path().join("labels.csv");
