@@ -24,8 +24,8 @@ const LEFT_M: f64 = 1.0;
 const TURNED_RAD: f64 = 0.21;
 /// Least change of direction along a U-turn, rad (130°, between the sharpest turns and half turns).
 const U_TURN_RAD: f64 = 2.27;
-/// Radius of the tightest circle that a vehicle drives, m (cars need 4 to 6). A tighter turn is noise, as between a few
-/// samples beside each other.
+/// Radius of the tightest circle that a vehicle drives, m (cars need 4 to 6). A tighter turn is noise. It can appear
+/// when a few samples lie close together.
 const LEAST_RADIUS_M: f64 = 3.0;
 
 /// Returns the positions of a motion in an interval of steps, m.

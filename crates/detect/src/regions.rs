@@ -4,7 +4,7 @@ use roadplane_base::bbox_around;
 
 use crate::resample::{MULTIPLE_PX, Part};
 
-/// Cost of a run of the net besides its input, px of input.
+/// Fixed cost of one run of the net, as the number of input pixels that would cost the same, px.
 const OVERHEAD_PX: f64 = 12_000.0;
 /// Share of the whole picture's cost above which the net runs on the whole picture instead.
 const WHOLE_SHARE: f64 = 0.7;
@@ -80,7 +80,8 @@ fn cost([x0, y0, x1, y1]: &[f64; 4], scales: &[f64]) -> f64 {
     scales.iter().map(|&scale| padded(x1 - x0, scale) * padded(y1 - y0, scale) + OVERHEAD_PX).sum()
 }
 
-/// Returns start and length along one axis, grown to the length that the finest pass would pad to anyway.
+/// Returns start and length of a part along one axis. The part is enlarged to the length to which the finest pass
+/// would pad it anyway.
 fn filled(from: f64, to: f64, length: usize, finest: f64) -> (usize, usize) {
     let multiple = MULTIPLE_PX as f64 / finest;
     let wanted = ((to - from) / multiple).ceil().max(1.0) * multiple;

@@ -45,7 +45,7 @@ pub(crate) struct Solved {
 pub(crate) struct SeenPoint {
     /// Derivatives of its map position by the unknowns.
     pub by_params: SMatrix<f64, 2, 7>,
-    /// Covariance of its map position by the click, m².
+    /// Covariance of its map position that the error of the click causes, m².
     pub click: Matrix2<f64>,
 }
 

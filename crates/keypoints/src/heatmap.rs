@@ -6,7 +6,8 @@ use serde::Deserialize;
 /// Cells on each side of the peak that contribute to the mean and the covariance.
 const WINDOW_CELLS: isize = 3;
 
-/// Largest share of a location that counts as prior: dividing by the small rest amplifies noise.
+/// Upper limit of the prior's share in a location. The code divides by 1 − share, so a share near 1 would amplify
+/// noise.
 const LARGEST_PRIOR_SHARE: f64 = 0.5;
 
 /// Constants that turn a peak into a measurement with a calibrated covariance: `calibration` of the net's card.

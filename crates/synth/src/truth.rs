@@ -65,7 +65,7 @@ pub struct SynthOptions {
     pub outliers: f64,
     /// Share of wholly wrong cars, 0–1 (rounded to whole cars).
     pub wrong_cars: f64,
-    /// Error of the wrong cars; `None` for each kind in turn.
+    /// Kind of error of the wrong cars. With `None`, the cars get the three kinds in turn.
     pub wrong: Option<Wrong>,
     /// View error of a net that all cars share: two turns of each car, rad.
     ///

@@ -27,7 +27,7 @@ const CREEPS_MPS: f64 = 1.0;
 const DRIVES_MPS: f64 = 3.5;
 /// Time before and after a frame in which boxes of a stationary object are searched for, s.
 const STANDS_S: f64 = 2.0;
-/// Time before and after a frame that the search for a stationary object leaves out, s. The vehicle itself passes then.
+/// The search for a stationary object skips this time before and after a frame, s. The vehicle itself passes then.
 const PASSES_S: f64 = 0.5;
 /// Overlap (IoU) above which two boxes are of the same stationary object.
 const STANDS_OVERLAP: f64 = 0.6;

@@ -27,7 +27,7 @@ pub struct TrackScore {
     pub vehicles: usize,
     /// Number of vehicles that count, counted per frame.
     pub true_cars: usize,
-    /// Position errors of the vehicles whose box a row's box overlaps.
+    /// Position errors of the vehicles that are paired with a row by the overlap of their boxes.
     pub positions: Vec<PositionError>,
     /// For the same vehicles: true distance (m), and the errors in x and y in units of the row's sd.
     pub whitened: Vec<(f64, [f64; 2])>,

@@ -22,7 +22,7 @@ type SceneEdges = (Vec<SceneLine>, Vec<SceneCurve>);
 pub(crate) struct LineFinder {
     began_s: Option<f64>,
     searches: usize,
-    /// No search before the next move: an earlier run made the searches, or lines are not needed.
+    /// Whether no search is due until the next camera move: an earlier run made the searches, or lines are not needed.
     is_done: bool,
 }
 

@@ -14,7 +14,7 @@ use crate::solution::{CarSolution, CarView, SceneSolution, SceneStatus};
 
 /// Returns the solution of a problem at its minimum.
 ///
-/// `members` are the indices of the problem's views. Other usable views are fitted before the estimated camera.
+/// `members` are the indices of the problem's views. Other usable views are then fitted with the estimated camera kept fixed.
 pub(crate) fn read_out(
     setup: &Setup<'_>,
     problem: &mut GroundProblem<'_, MODES>,

@@ -13,7 +13,7 @@ use crate::cameras::population::POPULATION_LOG_SD;
 
 /// Variance of a number without an sd in the file (log² or rad²).
 const UNKNOWN_VARIANCE: f64 = 1e4;
-/// Least sd of a camera's number, log or rad.
+/// Least sd of a camera parameter (of its logarithm, or in rad).
 const LEAST_SD: f64 = 1e-6;
 
 /// The lens distortion as the user gave it.
