@@ -37,6 +37,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
+# A line of progress, which a run prints after each ten seconds: only a slow machine shows it.
+PROGRESS = re.compile(r" INFO .*\d frames/s(, .* left)?$")
 FENCE = re.compile(r"^(?P<indent> *)```console\s*$")
 LIMIT_S = 300
 # One line of a comparison: a mark and the line. Marks: " " the line matches, "-" only shown, "+" only printed.
@@ -169,7 +171,8 @@ class Scratch:
             )
         except subprocess.TimeoutExpired:
             return 124, [f"not done after {LIMIT_S} s"]
-        lines = [line.rstrip() for line in done.stdout.decode("utf-8", "replace").split("\n")]
+        printed = done.stdout.decode("utf-8", "replace").split("\n")
+        lines = [line.rstrip() for line in printed if not PROGRESS.search(line)]
         while lines and not lines[-1]:
             lines.pop()
         return done.returncode, lines
