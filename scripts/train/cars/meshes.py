@@ -1,4 +1,4 @@
-"""Car meshes from Debian's `sweethome3d-furniture` (CC-BY 3.0), with keypoints that we marked on them.
+"""Meshes of Debian's `sweethome3d-furniture` (CC-BY 3.0, CC0): cars with keypoints that we marked, and other vehicles.
 
 The meshes stay in the package. `meshes.json` beside this file says how each becomes a `CarMesh`: scale, origin,
 materials, keypoints. `roadplane-train cars meshes` lists them.
@@ -21,6 +21,7 @@ FURNITURE = Path("/usr/share/sweethome3d/furniture")
 CATALOGUE = Path(__file__).with_name("meshes.json")
 PACKAGE = "sweethome3d-furniture"
 SPLITS = ("train", "eval")
+KINDS = ("cars", "others")
 MOST_FACES = 30_000
 CREASE_DEG = 40.0
 
@@ -29,23 +30,25 @@ class MissingFurnitureError(FileNotFoundError):
     """The Debian package that holds the meshes is not installed in the expected folder."""
 
 
-def catalogue() -> list[dict]:
-    """Returns the entries of meshes.json."""
-    return json.loads(CATALOGUE.read_text())["cars"]
+def catalogue(kind: str = "cars") -> list[dict]:
+    """Returns the entries of meshes.json of one of KINDS: `cars`, or `others` (lorries, buses, motorcycles without riders)."""
+    return json.loads(CATALOGUE.read_text())[kind]
 
 
-def load_meshes(split: str | None = None, furniture: Path = FURNITURE) -> list[CarMesh]:
-    """Returns all cars, or those of one split; no net is trained on `eval` cars."""
+def load_meshes(split: str | None = None, furniture: Path = FURNITURE, kind: str = "cars") -> list[CarMesh]:
+    """Returns all vehicles of a part of the catalogue, or those of one split; no net is trained on `eval` vehicles."""
     if split is not None and split not in SPLITS:
         raise ValueError(f"split is one of {SPLITS}, not {split!r}")
-    return [load(entry, furniture) for entry in catalogue() if split in (None, entry["split"])]
+    return [load(entry, furniture) for entry in catalogue(kind) if split in (None, entry["split"])]
 
 
 def load(entry: dict, furniture: Path = FURNITURE) -> CarMesh:
-    """Returns one car of the catalogue."""
+    """Returns one vehicle of the catalogue."""
     triangles = _read(furniture / entry["archive"], entry["entry"])
     # the files have y up, z forward, x to the car's left
     vertices = triangles.vertices[:, [2, 0, 1]] * entry["scale"] - entry["origin"]
+    if entry.get("backwards"):
+        vertices = vertices * [-1, -1, 1]
     if "steered" in entry:
         vertices = _straighten(vertices, triangles, entry["steered"])
     materials = _materials(vertices, triangles, entry)
@@ -57,7 +60,7 @@ def load(entry: dict, furniture: Path = FURNITURE) -> CarMesh:
     vertices, normals, faces = smooth_normals(vertices, faces, CREASE_DEG)
     return CarMesh(
         name=entry["name"], body=entry["body"], vertices=vertices.astype(np.float32), normals=normals.astype(np.float32),
-        faces=faces.astype(np.int32), materials=materials.astype(np.uint8), keypoints=_keypoints(entry["keypoints"]),
+        faces=faces.astype(np.int32), materials=materials.astype(np.uint8), keypoints=_keypoints(entry.get("keypoints", {})),
         dims=np.array(entry["dims"]), credit=entry["credit"],
     )  # fmt: skip
 
@@ -70,10 +73,10 @@ def _read(archive: Path, name: str) -> obj.Triangles:
 
 
 def _keypoints(left: dict[str, list[float] | None]) -> np.ndarray:
-    """Returns the keypoints of both sides from those of the left side: the meshes are symmetric."""
+    """Returns the keypoints of both sides from those of the left side, as cars are symmetric; others have none."""
     half = np.full((18, 3), np.nan)
     for i, name in enumerate(KEYPOINT_NAMES[:18]):
-        point = left[name.removeprefix("left_")]
+        point = left.get(name.removeprefix("left_"))
         if point is not None:
             half[i] = point
     return np.concatenate([half, half * (1, -1, 1)])
@@ -131,12 +134,12 @@ def _straighten(vertices: np.ndarray, triangles: obj.Triangles, wheels: list[dic
 
 
 def main() -> None:
-    """Lists the cars: name, split, body, size, faces and keypoints."""
+    """Lists the vehicles: name, split, body, size, faces and keypoints."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--furniture", type=Path, default=FURNITURE, help="folder of the package's .sh3f files")
     parser.add_argument("--split", choices=SPLITS)
     arguments = parser.parse_args()
-    for mesh in load_meshes(arguments.split, arguments.furniture):
+    for mesh in (mesh for kind in KINDS for mesh in load_meshes(arguments.split, arguments.furniture, kind)):
         points = int(np.isfinite(mesh.keypoints).all(1).sum())
         size = " × ".join(f"{d:.2f}" for d in mesh.dims)
         print(f"{mesh.name:24s} {mesh.body:10s} {size} m  {len(mesh.faces):6d} faces  {points} keypoints")

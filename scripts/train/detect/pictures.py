@@ -21,9 +21,11 @@ SAME_VEHICLE_IOU = 0.5
 SMALLEST_VISIBLE_SHARE = 0.25
 # Pixel (0, 0) of truth files is the centre of the first pixel.
 CORNER_FROM_CENTRE_PX = 0.5
+NEAREST_M = 0.5  # depth of a corner that is projected
 # None of these may be learnt from.
 MEASURED_ONLY = ("eval", "rolled")
 CLASS_NUMBERS = {name: number for number, name in enumerate(CLASSES)}
+CLASS_NUMBERS["moto"] = CLASS_NUMBERS["motorcycle"]  # the teachers' name
 
 
 @dataclass(frozen=True)
@@ -67,14 +69,26 @@ def _rendered(folder: Path, truth: dict) -> Picture:
     for car in truth["frames"][0]["cars"]:
         whole, visible = (np.array(car[name]) + CORNER_FROM_CENTRE_PX for name in ("whole_box", "box"))
         points = [point[:2] for point in car["keypoints_px"] or [] if point]
+        if len(points) < 8:  # lorries, buses and motorcycles have no keypoints
+            points = _corners_px(truth["camera"], np.array(car["world_from_car"]), models[car["id"]]["dims_m"])
         if len(points) >= 8:
             outlines.append(visible_outline(np.array(points) + CORNER_FROM_CENTRE_PX, whole, visible))
         else:
-            outlines.append(octagon(visible))  # lorries and buses have no keypoints
+            outlines.append(octagon(visible))
         seen = car["visible_share"] >= SMALLEST_VISIBLE_SHARE
         classes.append(CLASS_NUMBERS.get(models[car["id"]]["class"], IGNORED) if seen else IGNORED)
     size = tuple(truth["camera"]["image_size_px"])
     return Picture(folder / truth["media"], size, tuple(outlines), tuple(classes), real=False)
+
+
+def _corners_px(camera: dict, world_from_car: np.ndarray, dims_m: list[float]) -> np.ndarray:
+    """Returns the corners [8, 2] of a vehicle's cuboid, whose origin is at half its length; none if one is behind."""
+    length, width, height = dims_m
+    corners = [(x, y, z, 1.0) for x in (-length / 2, length / 2) for y in (-width / 2, width / 2) for z in (0.0, height)]
+    in_camera = np.array(corners) @ (np.array(camera["camera_from_world"]) @ world_from_car).T
+    if in_camera[:, 2].min() < NEAREST_M:
+        return np.zeros((0, 2))
+    return in_camera[:, :2] / in_camera[:, 2:3] * camera["focal_px"] + np.array(camera["principal_point_px"])
 
 
 def labelled_pictures(path: Path) -> list[Picture]:
@@ -88,7 +102,6 @@ def labelled_picture(folder: Path, record: dict) -> Picture:
 
     Labels are true boxes. So are teacher boxes from `TEACHER_TRUE` on that overlap no label; less certain ones are
     ignored. A label's class counts; an ambulance has the class of the teacher's box there, else it is a car (a van).
-    Motorcycles are ignored, as the net has no class for them.
     """
     if set(Path(record["file"]).parts) & set(MEASURED_ONLY):
         raise ValueError(f"{record['file']} is for measuring only")

@@ -12,10 +12,13 @@ from pathlib import Path
 import numpy as np
 
 from roadplane_train.cars.mesh import REPOSITORY
+from roadplane_train.detect.model import first_classes
+from roadplane_train.detect.onnx_file import read_net, write_net
 
 PROGRAM = REPOSITORY / "target/release/roadplane"
 MODELS = REPOSITORY / "models"
 LEAST_SCORE = 0.05
+CLASSES = 3  # that the product reads so far: car, truck, bus
 
 
 def write_models(net: Path, folder: Path) -> None:
@@ -23,8 +26,8 @@ def write_models(net: Path, folder: Path) -> None:
     for path in MODELS.iterdir():
         if path.name not in ("detector.card.json", "detector.onnx"):
             (folder / path.name).symlink_to(path)
-    data = net.read_bytes()
-    (folder / "detector.onnx").write_bytes(data)
+    write_net(first_classes(read_net(net), CLASSES), folder / "detector.onnx", half=True)
+    data = (folder / "detector.onnx").read_bytes()
     card = json.loads((MODELS / "detector.card.json").read_text())
     card["sha256"] = hashlib.sha256(data).hexdigest()
     card.pop("variants", None)

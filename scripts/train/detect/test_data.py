@@ -133,11 +133,11 @@ def test_labels_and_teachers_are_joined_by_the_rules() -> None:
     assert found == {
         (0, 0, 100, 100): 2,
         (200, 0, 300, 100): 1,
-        (0, 200, 100, 300): IGNORED,
+        (0, 200, 100, 300): 3,
         (310, 200, 400, 290): 0,
         (200, 200, 300, 300): 0,
         (320, 320, 400, 400): IGNORED,
-        (120, 320, 180, 380): IGNORED,
+        (120, 320, 180, 380): 3,
     }
     assert picture.real
 

@@ -15,7 +15,9 @@ pytest.importorskip("torch", reason="PyTorch is missing (apt-get install python3
 
 from roadplane_train.detect.evaluate import judge, rolled, summary
 from roadplane_train.detect.metrics import Judged, overlaps
-from roadplane_train.detect.product import MODELS, write_models
+from roadplane_train.detect.model import with_classes
+from roadplane_train.detect.onnx_file import read_net, write_net
+from roadplane_train.detect.product import CLASSES, MODELS, write_models
 
 NONE = np.zeros((0, 4))
 
@@ -74,10 +76,11 @@ def test_boxes_beside_neighbours_are_not_false() -> None:
 
 
 def test_the_product_gets_the_net_and_its_card(tmp_path: Path) -> None:
-    (tmp_path / "net.onnx").write_bytes(b"a net")
+    write_net(with_classes(read_net(), 4), tmp_path / "net.onnx", half=True)
     (tmp_path / "models").mkdir()
     write_models(tmp_path / "net.onnx", tmp_path / "models")
+    written = tmp_path / "models/detector.onnx"
     card = json.loads((tmp_path / "models/detector.card.json").read_text())
-    assert card["sha256"] == hashlib.sha256(b"a net").hexdigest() and "variants" not in card
-    assert (tmp_path / "models/detector.onnx").read_bytes() == b"a net"
+    assert card["sha256"] == hashlib.sha256(written.read_bytes()).hexdigest() and "variants" not in card
+    assert read_net(written).classes == CLASSES
     assert {path.name for path in (tmp_path / "models").iterdir()} >= {path.name for path in MODELS.iterdir()} - {"detector.onnx"}

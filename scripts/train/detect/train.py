@@ -25,7 +25,7 @@ from roadplane_train.detect.boxes import cells_of, detections, flat
 from roadplane_train.detect.data import Batch, Prefetch, Sampler, whole_pictures
 from roadplane_train.detect.loss import Losses, losses_of
 from roadplane_train.detect.metrics import Judged
-from roadplane_train.detect.model import CLASSES, INPUT_PX, NanoDet
+from roadplane_train.detect.model import CLASSES, INPUT_PX, NanoDet, with_classes
 from roadplane_train.detect.onnx_file import ORIGINAL, read_net, write_net
 from roadplane_train.detect.pictures import Picture, empty_pictures, labelled_pictures, rendered_pictures
 from roadplane_train.net.loss import HAS_BF16
@@ -95,7 +95,8 @@ class Training:
         torch.manual_seed(options.seed)
         self.folder = options.runs / options.run
         self.folder.mkdir(parents=True, exist_ok=True)
-        self.net = read_net(options.start_from).to(memory_format=torch.channels_last)
+        net = read_net(options.start_from)
+        self.net = with_classes(net, max(net.classes, len(CLASSES))).to(memory_format=torch.channels_last)
         self.original = read_net().to(memory_format=torch.channels_last)
         self.optimiser = torch.optim.AdamW(self.net.parameters(), lr=options.rate, weight_decay=options.decay)
         self.average = Average(self.net)
@@ -142,7 +143,7 @@ class Training:
             logits, bins = flat(self.net(image))
             if hold > 0:
                 with torch.no_grad():
-                    original = torch.zeros_like(logits)
+                    original = torch.zeros_like(logits[..., : self.original.classes])
                     original[batch.real] = flat(self.original(image[batch.real]))[0]
         targets = targets_of(self.cells, batch.boxes, batch.classes, batch.ignored)
         return losses_of(logits, bins, self.cells, targets, original, batch.real, hold)

@@ -27,8 +27,10 @@ from .paths import Motion
 from .renderer import Renderer
 from .stills import SIZE, WEATHERS, CarPool, Still, sample_still
 from .truth import SMALLEST_SHARE, car_record, dataset_record, item_record
+from .views import VehiclePool, sample_view
 
 LARGE_PX, FEWEST_LARGE = 40, 5  # longer side and number of the large cars that a still must show
+SLIVER_SHARE = 0.02  # visible share from which the truth for the detector has a vehicle; it ignores most of them
 LARGEST_STILL_BYTES = 250_000
 TRUTH = ".truth.json.gz"
 CROWD_OF_CLIP = ["quiet"] * 3 + ["busy"] * 5 + ["full"] * 4  # repeated in turn
@@ -49,20 +51,26 @@ class Preset:
     drivers: int | None = None  # drivers among them; None: no long clips, but short ones with a few movers
     mbit: float | None = None  # upper bound of a clip's bit rate, Mbit/s; None: constant quality
     one_camera: bool = False  # all clips from one camera, with other weather and other cars
+    views: bool = False  # stills for the detector, with all kinds of vehicles
 
 
 PRESETS = {
     "small": Preset("eval", 4, 1, 4, 3.0),
     "eval": Preset("eval", 50, 12, 4),  # contents of tests/data/lots
     "train": Preset("train", 2000, 60, 5),
+    "views": Preset("train", 6000, 0, 31, views=True),  # for the detector
     "long": Preset("eval", 0, 1, 4, 60.0, 30.0, (1920, 1080), 20, 5, 4.0),
 }
 
 
-def render_still(renderer: Renderer, pool: CarPool, seed: list[int], folder: Path, stem: str) -> None:
+def render_still(renderer: Renderer, pool: CarPool | VehiclePool, seed: list[int], folder: Path, stem: str) -> None:
     """Renders one picture and its truth."""
     for attempt in range(100):
         rng = np.random.default_rng([*seed, attempt])
+        if isinstance(pool, VehiclePool):
+            still = sample_view(rng, pool)
+            cars = still_truth(renderer, still, SLIVER_SHARE)
+            break
         still = sample_still(rng, pool)
         cars = still_truth(renderer, still)
         large = [car for car in cars if max(car["box"][2] - car["box"][0], car["box"][3] - car["box"][1]) >= LARGE_PX]
@@ -70,8 +78,11 @@ def render_still(renderer: Renderer, pool: CarPool, seed: list[int], folder: Pat
             break
     else:
         raise RuntimeError(f"{stem}: no scene with {FEWEST_LARGE} cars in 100 attempts")
-    drawn = draw(renderer, still.scene, still.camera, (0, 0, *SIZE))
-    image = finished(rng, drawn, SIZE, still.finish)
+    size = still.camera.image_size_px
+    drawn = draw(renderer, still.scene, still.camera, (0, 0, *size))
+    for effect in still.effects:
+        drawn = effect(drawn)
+    image = finished(rng, drawn, size, still.finish)
     media = folder / f"{stem}.jpg"
     part = media.with_suffix(".part.jpg")
     part.write_bytes(_jpeg(image))
@@ -80,12 +91,12 @@ def render_still(renderer: Renderer, pool: CarPool, seed: list[int], folder: Pat
     write_json(folder / f"{stem}{TRUTH}", item_record(media.name, None, still.conditions, still.camera, meshes, [cars]))
 
 
-def still_truth(renderer: Renderer, still: Still) -> list[dict]:
-    """Returns the well visible cars of a still; their motion is unknown."""
+def still_truth(renderer: Renderer, still: Still, least_share: float = SMALLEST_SHARE) -> list[dict]:
+    """Returns the cars of a still of which at least a share is visible; their motion is unknown."""
     records = []
     for index, car in enumerate(still.scene.cars):
         seen = visible_part(renderer, still.scene, still.camera, index, least_inside=0.0)
-        if seen is not None and seen.seen_share >= SMALLEST_SHARE:
+        if seen is not None and seen.seen_share >= least_share:
             records.append(car_record(index, Motion(car.world_from_car), seen))
     return records
 
@@ -196,6 +207,7 @@ def make(out: Path, plan: Preset, name: str, recipe: str) -> None:
         ffmpeg()  # checked first, as stills take minutes
     renderer = Renderer(shadow_size=4096) if missing else None
     pool = CarPool(renderer, plan.split, plan.seed, real_meshes(plan.split)) if renderer else None
+    pool = VehiclePool(pool) if pool and plan.views else pool
     start = time.monotonic()
     work = sum(_cost(item, plan) for item in missing)
     done = 0.0

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -54,6 +55,7 @@ class Still:
     scene: Scene
     finish: Finish
     conditions: dict[str, str]
+    effects: list[Callable[[np.ndarray], np.ndarray]] = field(default_factory=list)  # change the drawing, in order
 
 
 def wheelbase(mesh: CarMesh) -> float:

@@ -38,7 +38,7 @@ def model_record(number: int, mesh: CarMesh) -> dict:
     """Returns one physical car: its shape, car frame, metres."""
     return {
         "id": number,
-        "class": mesh.body if mesh.body in ("truck", "bus") else "car",
+        "class": mesh.body if mesh.body in ("truck", "bus", "motorcycle") else "car",
         "body": mesh.body,
         "model": mesh.name,
         "dims_m": _rounded(mesh.dims, 4),
