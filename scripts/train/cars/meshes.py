@@ -31,7 +31,7 @@ class MissingFurnitureError(FileNotFoundError):
 
 
 def catalogue(kind: str = "cars") -> list[dict]:
-    """Returns the entries of meshes.json of one of KINDS: `cars`, or `others` (lorries, buses, motorcycles without riders)."""
+    """Returns the entries of meshes.json for `cars`, or `others`: lorries, buses, and motorcycles without riders."""
     return json.loads(CATALOGUE.read_text())[kind]
 
 

@@ -25,7 +25,7 @@ WEATHERS = {
     "night": 0.12,
 }
 FOG_PER_M = (0.006, 0.03)
-NIGHT_GLARE, DIM_GLARE = (3.0, 25.0), (0.3, 2.0)  # scattered light over what a pixel holds at most
+NIGHT_GLARE, DIM_GLARE = (3.0, 25.0), (0.3, 2.0)  # scattered light, relative to the saturation of a pixel
 BEAM = ((0.5, -0.7), (16.0, -3.5), (16.0, 3.0), (0.5, 0.7))  # lit ground before a car: ahead and left, m
 # Changes a drawing, RGB uint8, larger than the picture.
 Effect = Callable[[np.ndarray], np.ndarray]
@@ -55,7 +55,7 @@ def sample_sky(rng: np.random.Generator, weather: str) -> Light:
 
 
 def effects_of(rng: np.random.Generator, weather: str, camera: Camera, cars: list[PlacedCar]) -> list[Effect]:
-    """Returns what happens between the scene and the sensor."""
+    """Returns the changes of the light between the scene and the sensor."""
     seed = int(rng.integers(2**32))
     effects: list[Effect] = []
     if weather == "night":

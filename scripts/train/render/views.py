@@ -1,7 +1,7 @@
 """Stills for the training of the detector: all kinds of vehicles, near and far, flat and steep, by day and by night.
 
-They have what surveillance shows and the data sets of cars lack: queues and rows parked bumper to bumper, lorries, buses
-and motorcycles, cameras that look down by up to 60°, night, rain, fog and low sun. Some streets are empty.
+They show queues, and rows parked bumper to bumper. They have lorries, buses and motorcycles, and cameras that look
+down by up to 60°. There are night, rain, fog and low sun. Some streets are empty.
 """
 
 from __future__ import annotations
@@ -141,13 +141,15 @@ class Filler:
 
     def _appearance(self, gpu: GpuCar, moving: bool) -> CarAppearance:
         rng, body = self.rng, gpu.mesh.body
-        look = sample_heavy_appearance(rng) if body in ("truck", "bus") else sample_car_appearance(rng)
-        look.dirt *= 0.6
+        finish = sample_heavy_appearance(rng) if body in ("truck", "bus") else sample_car_appearance(rng)
+        finish.dirt *= 0.6
         if body == "motorcycle":
-            look = replace(look, livery=rng.uniform(0.01, 0.6, 3) if rng.random() < 0.5 else np.full(3, rng.uniform(0.01, 0.1)))
+            finish = replace(
+                finish, livery=rng.uniform(0.01, 0.6, 3) if rng.random() < 0.5 else np.full(3, rng.uniform(0.01, 0.1))
+            )
         if self.dark and moving:
-            look.headlamp, look.taillamp = rng.uniform(4, 20), rng.uniform(0.8, 3)
-        return look
+            finish.headlamp, finish.taillamp = rng.uniform(4, 20), rng.uniform(0.8, 3)
+        return finish
 
 
 def fill(filler: Filler, layout: str) -> None:
