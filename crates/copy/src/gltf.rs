@@ -1,8 +1,8 @@
-//! The mesh of a vehicle as glTF 2.0: one JSON file, with its numbers as a data URI.
+//! The mesh of a vehicle as glTF 2.0: one JSON file, with the binary data as a data URI.
 //!
-//! glTF has y up and the front towards +z, so (x, y, z) is (left, up, forward) of the car frame. The origin is that of
-//! the car: on the ground, midway between the axles. The body and each wheel are nodes of their own. A wheel rolls
-//! forwards when its node turns about +x.
+//! In glTF, the y axis points up and the front of an object points towards +z. So the axes x, y and z are the
+//! directions left, up and forward of the car frame. The origin is on the ground, midway between the axles of the car.
+//! The body and each wheel are separate nodes. A wheel rolls forwards when its node turns about +x.
 
 use base64::{Engine as _, engine::general_purpose::STANDARD};
 use nalgebra::{Point3, Vector3};
@@ -53,7 +53,7 @@ pub fn document(vehicle: &Vehicle) -> Value {
     })
 }
 
-/// The buffer of all numbers, with its views and accessors.
+/// The binary buffer of a glTF document, with its views and accessors.
 #[derive(Default)]
 struct Numbers {
     bytes: Vec<u8>,
@@ -62,7 +62,7 @@ struct Numbers {
 }
 
 impl Numbers {
-    /// Adds the numbers of a mesh. Returns the mesh, with a primitive for each of its parts.
+    /// Adds the corners and normals of a mesh to the buffer. Returns the mesh as JSON, with one primitive per material.
     fn mesh(&mut self, name: &str, triangles: &[Triangle]) -> Value {
         let mut primitives = Vec::new();
         for (material, part) in PARTS.iter().enumerate() {
@@ -83,7 +83,7 @@ impl Numbers {
         json!({"name": name, "primitives": primitives})
     }
 
-    /// Adds vectors. Returns the index of their accessor.
+    /// Adds vectors to the buffer, and returns the index of the accessor for these vectors.
     fn vectors(&mut self, vectors: &[[f32; 3]]) -> usize {
         let start = self.bytes.len();
         self.bytes.extend(vectors.iter().flatten().flat_map(|v| v.to_le_bytes()));
@@ -106,7 +106,7 @@ fn axes(v: &Vector3<f64>) -> [f32; 3] {
     [v.y as f32, v.z as f32, v.x as f32]
 }
 
-/// Returns a material. Its colour is converted from sRGB to glTF's linear colours.
+/// Returns a glTF material. The colour is converted from sRGB to the linear colours of glTF.
 fn material(name: &str, colour: [u8; 3], metallic: f64, roughness: f64) -> Value {
     let linear = |v: u8| {
         let v = f64::from(v) / 255.0;

@@ -1,16 +1,18 @@
-//! A finished run as a scene for simulators and 3D programs.
+//! Conversion of a finished run to a scene for simulators and 3D programs.
 //!
-//! [`Scene`] has the camera and the vehicles, with thinned trajectories and meshes. [`write_scene`] writes these files:
+//! [`Scene`] contains the camera and the vehicles. Each vehicle has a trajectory with few vertices, and a mesh.
+//! [`write_scene`] writes these files:
 //!
 //! - `scenario.xosc` (ASAM OpenSCENARIO XML 1.2) and `road.xodr` (ASAM OpenDRIVE 1.7)
 //! - `meshes/car_N.gltf` (glTF 2.0)
 //! - `camera.json`
-//! - `scene.json`: the same data in one plain file
+//! - `scene.json`: the same data in one JSON file
 //!
-//! The world frame is that of the run: z up, origin on the ground below the camera.
+//! The world frame is the world frame of the run. The z axis points up, and the origin is on the ground below the
+//! camera.
 //!
 //! # Contents
-//! - `scene.rs`: the scene. `thin.rs`: its trajectories. `mesh.rs`, `wheels.rs`: its surfaces.
+//! - `scene.rs`: the scene. `thin.rs`: the trajectories. `mesh.rs` and `wheels.rs`: the surfaces of vehicles.
 //! - `openscenario.rs`, `opendrive.rs`, `gltf.rs`: one file format each.
 
 #![deny(missing_docs)]

@@ -1,4 +1,5 @@
-//! The body of a car from its 36 keypoints: symmetric panels between keypoints.
+//! The mesh of a car body, built from the car's 36 keypoints. The mesh consists of panels between keypoints, and its
+//! two sides are symmetric.
 
 use nalgebra::{Point3, Vector3};
 use roadplane_base::{KEYPOINTS, keypoint_names};
@@ -6,29 +7,32 @@ use roadplane_base::{KEYPOINTS, keypoint_names};
 /// Material of a triangle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
-    /// Painted sheet.
+    /// Painted sheet metal.
     Paint,
     /// Windows.
     Glass,
-    /// Tyres, underside, bumpers' lower edges.
+    /// Tyres, the underside, and the lower edges of the bumpers.
     Rubber,
-    /// A wheel's spokes.
+    /// Spokes of a wheel.
     Rim,
 }
 
-/// A triangle: its material, and its corners, m, counter-clockwise seen from outside.
+/// A triangle: its material and its three corners, m. Seen from outside, the corners are in counter-clockwise order.
 pub type Triangle = (Part, [Point3<f64>; 3]);
 
-/// The triangles of a body in the car frame.
+/// The mesh of a car body: triangles in the car frame.
 #[derive(Clone, Debug, Default)]
 pub struct CarMesh {
     triangles: Vec<Triangle>,
 }
 
-/// Panels of the car's left side: the material, and the names of keypoints without their side.
+/// Panels of the car's left side. Each panel has a material and a list of named points.
 ///
-/// A `+` before a name means the point of the middle plane between the two sides. The points are clockwise seen from
-/// outside. The triangles of a panel fan out from its first point.
+/// Most names are names of keypoints without the prefix `left_`. The function `corner` defines the other names. A `+`
+/// before a name moves the point to the plane midway between the two sides.
+///
+/// Seen from outside, the points are in clockwise order. A panel is divided into triangles that all have the first
+/// point as a corner.
 const PANELS: [(Part, &[&str]); 22] = [
     (Part::Paint, &["headlight_inner", "+headlight_inner", "+windscreen_bottom", "windscreen_bottom"]),
     (Part::Paint, &["headlight_outer", "headlight_inner", "windscreen_bottom", "side_window_front"]),
@@ -61,8 +65,10 @@ const PANELS: [(Part, &[&str]); 22] = [
 ];
 
 impl CarMesh {
-    /// Builds the body from a car's keypoints. Bumpers and roof bulge in the middle so that the body has its length and
-    /// height.
+    /// Builds the mesh from a car's keypoints (car frame, m).
+    ///
+    /// The bumpers and the roof bulge in the middle. So the mesh has the length and height in `dims_m` (length, width,
+    /// height). `centre_m` is the distance from the origin forward to the centre of the body.
     #[must_use]
     pub fn new(points: &[Vector3<f64>; KEYPOINTS], dims_m: [f64; 3], centre_m: f64) -> Self {
         let mut mesh = Self::default();
@@ -80,20 +86,20 @@ impl CarMesh {
         mesh
     }
 
-    /// Returns its triangles.
+    /// Returns the triangles of the mesh.
     #[must_use]
     pub fn triangles(&self) -> &[Triangle] {
         &self.triangles
     }
 }
 
-/// Returns the keypoint with this name, car frame, m.
+/// Returns the position of the keypoint with a given name in the car frame, m.
 pub(crate) fn point(points: &[Vector3<f64>; KEYPOINTS], name: &str) -> Vector3<f64> {
     let index = keypoint_names().iter().position(|keypoint| keypoint == name);
     index.map_or_else(Vector3::zeros, |i| points[i])
 }
 
-/// Returns a corner of a panel on the left side by its name in [`PANELS`], car frame, m.
+/// Returns the position of a point on the left side in the car frame, m. `name` is a name as in [`PANELS`].
 fn corner(points: &[Vector3<f64>; KEYPOINTS], name: &str, dims_m: [f64; 3], centre_m: f64) -> Point3<f64> {
     let [length, _, height] = dims_m;
     let (in_middle, bare) = name.strip_prefix('+').map_or((false, name), |bare| (true, bare));

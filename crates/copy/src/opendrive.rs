@@ -1,6 +1,7 @@
-//! The ground as ASAM OpenDRIVE 1.7: one flat, straight road of two lanes, which is wide enough for all vehicles.
+//! The ground as ASAM OpenDRIVE 1.7: one flat, straight road with two lanes. The road is so large that all vehicles are
+//! on it.
 //!
-//! The real lanes of the scene are unknown. The road is the plane that they lie on.
+//! The real lanes of the scene are unknown. The surface of the road is the ground plane.
 
 use roadplane_export::{Element, fixed};
 
@@ -19,7 +20,7 @@ pub fn document(scene: &Scene) -> Element {
     };
     let (x, y) = (range(poses().map(|p| p.x_m).collect()), range(poses().map(|p| p.y_m).collect()));
     let (wide, long) = (x[1] - x[0], y[1] - y[0]);
-    // The road runs along the longer side.
+    // The road runs along the longer side of the area.
     let (start, heading, length, lane) = if wide > long {
         ([x[0], f64::midpoint(y[0], y[1])], 0.0, wide, long / 2.0)
     } else {
@@ -69,7 +70,8 @@ fn driving(id: i32, width: f64) -> Element {
     lane.holding([polynomial("width", "sOffset", width)])
 }
 
-/// Returns a constant as a cubic polynomial, which the format needs.
+/// Returns a constant value as a cubic polynomial, because the format requires polynomials. `from` is the name of the
+/// attribute for the start of the polynomial.
 fn polynomial(name: &'static str, from: &'static str, value: f64) -> Element {
     Element::new(name).with(from, 0).with("a", fixed(value, 4)).with("b", 0).with("c", 0).with("d", 0)
 }

@@ -1,7 +1,7 @@
 //! The vehicles and their trajectories as ASAM OpenSCENARIO XML 1.2.
 //!
-//! The position of a vehicle there is the middle of its rear axle on the ground. Vehicles that are not present all the
-//! time appear and vanish by actions.
+//! In OpenSCENARIO, the position of a vehicle is the point on the ground below the middle of its rear axle. If a
+//! vehicle is present for only a part of the scene, actions add and delete it.
 
 use roadplane_base::{GroundPose, VehicleClass};
 use roadplane_export::{Element, fixed};
@@ -10,9 +10,9 @@ use crate::thin::ahead_of;
 use crate::wheels::TYRE_M;
 use crate::{Scene, Vehicle};
 
-/// Top speed of vehicles that were never faster, m/s. The format requires one.
+/// Smallest top speed in the file, m/s. The format requires a top speed for each vehicle.
 const LEAST_TOP_SPEED_MPS: f64 = 70.0;
-/// Largest difference between two times that count as equal, such as the beginning of a vehicle and of the scene, s.
+/// Largest difference between two times that count as equal, s.
 const AT_ONCE_S: f64 = 1e-6;
 
 /// Returns the OpenSCENARIO document of a scene.
@@ -20,7 +20,7 @@ pub fn document(scene: &Scene) -> Element {
     let header = Element::new("FileHeader")
         .with("revMajor", 1)
         .with("revMinor", 2)
-        // A fixed date, so that the same run gives the same bytes.
+        // The date is fixed. So the same run always gives the same bytes.
         .with("date", "1970-01-01T00:00:00")
         .with("description", format!("{}: vehicles as a camera saw them", scene.name))
         .with("author", "roadplane");
@@ -61,7 +61,7 @@ fn metres(value: f64) -> String {
     fixed(value, 4)
 }
 
-/// Returns the position of the middle of the rear axle.
+/// Returns the position of a vehicle: the point on the ground below the middle of its rear axle.
 fn position(vehicle: &Vehicle, pose: &GroundPose) -> Element {
     let rear = ahead_of(pose, -vehicle.wheels.half_wheelbase_m);
     let rear_axle = Element::new("WorldPosition")
@@ -131,7 +131,7 @@ fn group(scene: &Scene, vehicle: &Vehicle) -> Element {
         .holding([actors, manoeuvre])
 }
 
-/// Returns the events of a vehicle: it appears, drives and vanishes.
+/// Returns the events of a vehicle, up to three: the vehicle appears, drives and vanishes.
 fn events(scene: &Scene, vehicle: &Vehicle) -> Vec<Element> {
     let [from, to] = vehicle.span_s;
     let mut events = Vec::new();
@@ -187,7 +187,7 @@ fn start(name: &str, at_s: f64) -> Element {
     Element::new("StartTrigger").holding([condition(&format!("{name}_when"), at_s)])
 }
 
-/// Returns the condition that is true from a time on.
+/// Returns a condition that is true from the simulation time `at_s` (s) onwards.
 fn condition(name: &str, at_s: f64) -> Element {
     let time =
         Element::new("SimulationTimeCondition").with("value", fixed(at_s, 5)).with("rule", "greaterOrEqual");

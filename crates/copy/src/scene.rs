@@ -12,73 +12,76 @@ use crate::mesh::CarMesh;
 use crate::thin::{Body, Vertex, thinned};
 use crate::wheels::Wheels;
 
-/// Schema of `scene.json`.
+/// Schema id of `scene.json`.
 pub const SCENE_SCHEMA: &str = "roadplane.scene/1";
 
-/// Grey of vehicles whose colour was not measured.
+/// Colour of vehicles without a measured colour: grey, RGB.
 const UNSEEN: [u8; 3] = [128, 128, 128];
-/// Longest gap between observations that is not marked as filled in, s. Observations come about every 0.1 s.
+/// Time between two detections above which the trajectory is marked as filled in, s. Usually a vehicle is detected
+/// about every 0.1 s.
 const INVENTED_S: f64 = 0.5;
-/// Steps per second, metre and radian to which the files round: five decimals.
+/// Number of rounding steps per unit (second, metre or radian). The files have five decimals.
 const DIGITS: f64 = 1e5;
 
-/// Mean colours of tracks in the picture, RGB.
+/// Mean colour of each track's vehicle in the pictures, RGB, by track number.
 pub type Colours = BTreeMap<u64, [u8; 3]>;
 
 /// The scene of a run, as in `scene.json`.
 #[derive(Debug, Serialize)]
 pub struct Scene {
-    /// Name of the schema: [`SCENE_SCHEMA`].
+    /// Schema id: [`SCENE_SCHEMA`].
     pub schema: String,
-    /// Name of the run.
+    /// Name of the run. If the run has several segments, the number of the segment is added.
     pub name: String,
-    /// First and last time, s. The times of vehicles count from the first.
+    /// First and last time of the scene, s from the start of the input. The times of vehicles are measured from the
+    /// first time.
     pub span_s: [f64; 2],
-    /// Frames per second of the run.
+    /// Frame rate of the run, frames per second.
     pub frames_per_s: f64,
-    /// The camera in this segment of the run.
+    /// Camera and ground plane in the segment of the run that the scene shows.
     pub camera: CameraSegment,
-    /// Vehicles, by track.
+    /// Vehicles, sorted by track number.
     pub vehicles: Vec<Vehicle>,
 }
 
 /// A vehicle of a scene.
 #[derive(Debug, Serialize)]
 pub struct Vehicle {
-    /// Name in the scene: `car_` and the track's number.
+    /// Name in the scene: `car_` followed by the track number.
     pub name: String,
-    /// Number of its track in the run.
+    /// Number of the vehicle's track in the run.
     pub track: u64,
     /// Class of the vehicle.
     pub class: VehicleClass,
-    /// Length, width, height, m.
+    /// Length, width and height of the vehicle, m.
     pub dims_m: [f64; 3],
-    /// Distance from the origin forward to the centre of the body, m.
+    /// Distance from the vehicle's origin forward to the centre of its body, m.
     pub centre_m: f64,
-    /// Its wheels.
+    /// Positions and size of the wheels.
     pub wheels: Wheels,
-    /// Shape coefficients, each in units of its sd over all cars. Trucks and buses have those of a van, which is scaled
-    /// to their dimensions.
+    /// Shape coefficients. Each coefficient is in units of its standard deviation over all cars. A truck or bus has the
+    /// coefficients of the mean van. The mesh of a truck or bus is the mesh of this van, scaled to `dims_m`.
     pub shape: [f64; 6],
     /// Colour of the paint, RGB.
     pub colour: [u8; 3],
     /// First and last time of the vehicle, s from the start of the scene.
     pub span_s: [f64; 2],
-    /// Highest speed, m/s.
+    /// Highest speed of the vehicle, m/s.
     pub fastest_mps: f64,
-    /// Its trajectory; a single vertex if it is stationary all the time.
+    /// Trajectory of the vehicle. It has a single vertex if the vehicle is stationary during the whole scene.
     pub trajectory: Vec<Vertex>,
-    /// Intervals without an observation, s from the start of the scene. Its trajectory is filled in there.
+    /// Intervals without a detection, s from the start of the scene. In these intervals the trajectory is filled in.
     pub invented_s: Vec<[f64; 2]>,
-    /// Its body, without wheels.
+    /// Mesh of the body, without wheels.
     #[serde(skip)]
     pub mesh: CarMesh,
 }
 
 impl Scene {
-    /// Returns the scene of the longest segment of a run between moves of the camera.
+    /// Returns the scene of a run. If the camera was moved, it is the scene of the longest segment between camera
+    /// moves.
     ///
-    /// `None` if that segment has no vehicle.
+    /// Returns `None` if the segment contains no vehicle.
     #[must_use]
     pub fn of(run: &Run, colours: &Colours, atlas: &ShapeAtlas) -> Option<Self> {
         let length = |segment: &RunSegment| segment.camera.span_s[1] - segment.camera.span_s[0];
@@ -107,14 +110,14 @@ impl Scene {
         })
     }
 
-    /// Returns the length of the scene, s.
+    /// Returns the duration of the scene, s.
     #[must_use]
     pub fn seconds(&self) -> f64 {
         self.span_s[1] - self.span_s[0]
     }
 }
 
-/// Rounds to the decimals of the files.
+/// Rounds a number to five decimals, as in the files.
 fn digits(value: f64) -> f64 {
     (value * DIGITS).round() / DIGITS + 0.0
 }
@@ -165,17 +168,17 @@ impl Vehicle {
         }
     }
 
-    /// Whether it is stationary all the time.
+    /// Whether the vehicle is stationary during the whole scene.
     #[must_use]
     pub fn is_stationary(&self) -> bool {
         self.trajectory.len() < 2
     }
 }
 
-/// Returns the shape and keypoints of the mean van, scaled to these dimensions, with the middle of its body at the
-/// origin.
+/// Returns the shape of the mean van, and the van's keypoints scaled to `dims_m`. The middle of the scaled body is at
+/// the origin.
 ///
-/// Trucks and buses have no fitted shape.
+/// The van represents trucks and buses, which have no fitted shape.
 fn scaled_van(atlas: &ShapeAtlas, dims_m: [f64; 3]) -> (Shape, [Vector3<f64>; KEYPOINTS]) {
     let van = atlas.body_types.iter().find(|body| body.name == "van");
     let shape =
@@ -193,7 +196,7 @@ fn vertex(row: &TrackRow, start_s: f64) -> Vertex {
     Vertex { time_s: row.time_s - start_s, pose }
 }
 
-/// Returns the gaps between observations that are longer than [`INVENTED_S`], s from the start of the scene.
+/// Returns the intervals between detections that are longer than [`INVENTED_S`], s from the start of the scene.
 fn invented(rows: &[TrackRow], start_s: f64) -> Vec<[f64; 2]> {
     let ends = [rows.first(), rows.last()].map(|end| end.map_or(0.0, |row| row.time_s));
     let mut observed_s = vec![ends[0]];

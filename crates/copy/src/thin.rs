@@ -1,38 +1,44 @@
-//! Thinned trajectories: few vertices, within fixed bounds of the full trajectory.
+//! Thinning of trajectories to few vertices. The thinned trajectory stays within fixed error bounds of the full
+//! trajectory.
 
 use nalgebra::Vector2;
 use roadplane_base::{GroundPose, wrap_angle};
 use serde::Serialize;
 
-/// Farthest that thinning moves any part of a car at the time of any row, m. Rounding and the time steps of players
-/// come on top: together they stay within 2 cm.
+/// Largest distance by which thinning moves any point of a car at the time of any row, m. Rounding and the time steps
+/// of simulators add further errors. The total error stays within 2 cm.
 const POSITION_M: f64 = 0.012;
 /// Largest angle by which thinning turns a car at the time of any row, rad.
 const HEADING_RAD: f64 = 0.004;
 
-/// The pose of a car at a time. Between two vertices position and heading change evenly.
+/// A vertex of a trajectory: the pose of a car at one time. Between two vertices, position and heading are interpolated
+/// linearly in time.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Vertex {
     /// Time from the start of the scene, s.
     pub time_s: f64,
-    /// Pose of the car's origin.
+    /// Position and heading of the car's origin on the ground.
     #[serde(flatten)]
     pub pose: GroundPose,
 }
 
-/// The points on a car's axis that thinning keeps near their trajectories.
+/// Points on the longitudinal axis of a car. Thinning limits the errors of these points.
 #[derive(Clone, Copy, Debug)]
 pub struct Body {
-    /// Position of its rear axle forward of the origin, m. Some players move a car by its rear axle.
+    /// Coordinate of the rear axle on the longitudinal axis, m, positive ahead of the origin. Some simulators move a
+    /// car by its rear axle.
     pub rear_axle_m: f64,
-    /// Positions of its rear and front ends forward of the origin, m. Points between them move by no more than they do.
+    /// Coordinates of the rear end and the front end on the longitudinal axis, m, positive ahead of the origin. The
+    /// errors of points between the ends are not larger than the errors of the ends.
     pub ends_m: [f64; 2],
 }
 
-/// Returns the vertices that are needed (Douglas and Peucker 1973, with distances between points at equal times).
+/// Returns the vertices that remain after thinning. The method is that of Douglas and Peucker (1973), with distances
+/// between points at equal times.
 ///
-/// Headings are unwrapped, so that players turn by the smaller angle. Both ends of the body stay near their
-/// trajectories, whether a player moves the car by its origin or by its rear axle.
+/// Headings do not jump by a full turn. So simulators turn the car by the smaller angle. Some simulators move a car by
+/// its origin, and others move the car by its rear axle. In both cases, both ends of the body stay within the error
+/// bounds.
 #[must_use]
 pub fn thinned(rows: &[Vertex], body: &Body) -> Vec<Vertex> {
     let rows = unwrapped(rows);
@@ -57,7 +63,9 @@ pub fn thinned(rows: &[Vertex], body: &Body) -> Vec<Vertex> {
     if is_stationary { kept[..1].to_vec() } else { kept }
 }
 
-/// Returns the pose of a trajectory at a time (s). Before its first and after its last vertex it is stationary.
+/// Returns the pose on a trajectory at a time (s); `None` if the trajectory has no vertices.
+///
+/// The car is stationary before the first vertex and after the last vertex.
 #[must_use]
 pub fn at(vertices: &[Vertex], time_s: f64) -> Option<GroundPose> {
     let next = vertices.partition_point(|vertex| vertex.time_s <= time_s);
@@ -68,7 +76,7 @@ pub fn at(vertices: &[Vertex], time_s: f64) -> Option<GroundPose> {
     }
 }
 
-/// Returns the vertices with headings without jumps by whole turns.
+/// Returns the vertices with headings that do not jump by a full turn.
 fn unwrapped(rows: &[Vertex]) -> Vec<Vertex> {
     let mut rows = rows.to_vec();
     for i in 1..rows.len() {
@@ -78,7 +86,7 @@ fn unwrapped(rows: &[Vertex]) -> Vec<Vertex> {
     rows
 }
 
-/// Returns the pose between two vertices at a time (s).
+/// Returns the pose at a time (s) by linear interpolation between two vertices.
 fn between(a: &Vertex, b: &Vertex, time_s: f64) -> GroundPose {
     let span = b.time_s - a.time_s;
     let s = if span > 0.0 { ((time_s - a.time_s) / span).clamp(0.0, 1.0) } else { 0.0 };
@@ -90,10 +98,12 @@ fn between(a: &Vertex, b: &Vertex, time_s: f64) -> GroundPose {
     }
 }
 
-/// Returns the distance of a row from the straight line between two others, in units of the bounds.
+/// Returns the error at the time of `row` if the poses between `a` and `b` are interpolated.
+///
+/// The value 1 is the largest allowed error: [`POSITION_M`] for positions or [`HEADING_RAD`] for headings.
 fn stray(a: &Vertex, b: &Vertex, row: &Vertex, body: &Body) -> f64 {
     let found = between(a, b, row.time_s);
-    // In a curve, a player that moves the rear axle evenly shifts the whole car by this much.
+    // Some simulators interpolate the position of the rear axle. In a curve, this shifts the whole car by `elsewhere`.
     let span = b.time_s - a.time_s;
     let s = if span > 0.0 { (row.time_s - a.time_s) / span } else { 0.0 };
     let rear = ahead_of(&a.pose, body.rear_axle_m).lerp(&ahead_of(&b.pose, body.rear_axle_m), s);
@@ -106,7 +116,7 @@ fn stray(a: &Vertex, b: &Vertex, row: &Vertex, body: &Body) -> f64 {
     (apart[0].max(apart[1]) / POSITION_M).max(turned / HEADING_RAD)
 }
 
-/// Returns the point on the car's axis this far forward of its origin, m.
+/// Returns the point that is `metres` ahead of the car's origin along its heading: world x and y, m.
 pub(crate) fn ahead_of(pose: &GroundPose, metres: f64) -> Vector2<f64> {
     let (sin, cos) = pose.heading_rad.sin_cos();
     Vector2::new(pose.x_m + metres * cos, pose.y_m + metres * sin)
@@ -119,7 +129,7 @@ mod tests {
 
     const BODY: Body = Body { rear_axle_m: -1.4, ends_m: [-2.3, 2.4] };
 
-    /// A car that drives straight on, then in a curve through the heading at which headings wrap, then stops.
+    /// Returns the drive of a car: a straight line, then a curve in which the heading passes π, then a stop.
     fn drive() -> Vec<Vertex> {
         let pose = |t: f64| {
             let driven = 8.0 * t.min(9.0);

@@ -1,4 +1,5 @@
-//! Wheels: their positions, and the triangles of a wheel about its hub, so that a player can turn it.
+//! The wheels of a vehicle: their positions, and the triangles of each wheel. The triangles are relative to the hub, so
+//! a simulator can turn the wheel.
 
 use std::f64::consts::TAU;
 
@@ -10,15 +11,15 @@ use crate::mesh::{Part, Triangle, point};
 
 /// Width of a tyre, m.
 pub(crate) const TYRE_M: f64 = 0.2;
-/// Number of corners of a wheel's outline. Four of them make a spoke and the gap beside it.
+/// Number of corners of a wheel's outline. A spoke and the gap beside it take up four sides of the outline.
 const CORNERS: usize = 20;
-/// Radius of the rim as a share of the radius of the wheel.
+/// Radius of the rim divided by the radius of the wheel.
 const RIM: f64 = 0.66;
 
 /// Positions and size of the wheels of a vehicle.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Wheels {
-    /// Distance from the origin to each axle, m.
+    /// Distance from the vehicle's origin to each axle, m.
     pub half_wheelbase_m: f64,
     /// Distance between the outer faces of the left and right wheels, m.
     pub track_m: f64,
@@ -27,14 +28,14 @@ pub struct Wheels {
 }
 
 impl Wheels {
-    /// Returns the wheels of a car from its keypoints.
+    /// Computes the wheels of a car from its keypoints (car frame, m).
     #[must_use]
     pub fn of(points: &[Vector3<f64>; KEYPOINTS]) -> Self {
         let [front, rear] = [point(points, "left_wheel_front"), point(points, "left_wheel_rear")];
         Self { half_wheelbase_m: (front.x - rear.x) / 2.0, track_m: 2.0 * front.y, diameter_m: 2.0 * front.z }
     }
 
-    /// Returns the name and the middle (car frame, m) of each wheel.
+    /// Returns the name and the centre (car frame, m) of each wheel.
     #[must_use]
     pub fn hubs(&self) -> [(&'static str, Point3<f64>); 4] {
         let hub = |ahead: f64, side: f64| {
@@ -49,10 +50,10 @@ impl Wheels {
         ]
     }
 
-    /// Returns the triangles of a wheel about its middle: a tyre, and a rim on the side of `outwards` (1 left, −1
-    /// right).
+    /// Returns the triangles of a wheel relative to its centre: a tyre, and a rim on the outer side. `outwards` is 1
+    /// for a left wheel and −1 for a right wheel.
     ///
-    /// The rim has spokes, so that one can see the wheel turn.
+    /// The rim has spokes, which make the rotation of the wheel visible.
     #[must_use]
     pub fn triangles(&self, outwards: f64) -> Vec<Triangle> {
         let radius = self.diameter_m / 2.0;
@@ -95,7 +96,7 @@ mod tests {
             assert!((hub.z + low).abs() < 1e-9, "{name}");
             let out = corners().map(|p| (hub.y + p.y).abs()).fold(0.0, f64::max);
             assert!((2.0 * out - wheels.track_m).abs() < 1e-9, "{name}");
-            // Faces point outwards: the volume is positive, and that of a prism with as many sides.
+            // If all faces point outwards, the volume equals that of a prism with as many sides.
             let volume: f64 =
                 triangles.iter().map(|(_, [a, b, c])| a.coords.dot(&b.coords.cross(&c.coords)) / 6.0).sum();
             let base =

@@ -1,4 +1,4 @@
-//! The files of a scene have the run's motion, and are the same each time.
+//! The files of a scene contain the motion of the run. Their bytes are the same each time.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
@@ -31,7 +31,7 @@ fn folder(dir: &Path, name: &str, scene: &Scene) -> std::path::PathBuf {
     folder
 }
 
-/// Time, rear axle (x, y) and heading of each vertex, by vehicle.
+/// Returns the time (s), rear axle (x, y, m) and heading (rad) of each vertex, by the name of the trajectory.
 fn vertices(scenario: &Path) -> BTreeMap<String, Vec<[f64; 4]>> {
     let mut reader = quick_xml::Reader::from_file(scenario).unwrap();
     let (mut found, mut name, mut time, mut buffer) = (BTreeMap::new(), String::new(), None, Vec::new());

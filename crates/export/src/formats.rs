@@ -1,4 +1,4 @@
-//! The list of formats. Each has a file of its own.
+//! The list of export formats. Each format has its own source file.
 
 mod actev;
 mod csv;
@@ -20,17 +20,17 @@ pub use geojson::write_paths;
 
 use crate::Run;
 
-/// A format that a run can be written in.
+/// A file format to which a run can be exported.
 #[derive(Debug)]
 pub struct Format {
-    /// Its name on the command line, and the name of its folder.
+    /// Name of the format on the command line. The folder of the format has the same name.
     pub name: &'static str,
-    /// Its contents and files, in a line or two.
+    /// Short description of the contents and the files of the format.
     pub holds: &'static str,
     pub(crate) write: fn(&Run, &Path) -> Result<(), WriteError>,
 }
 
-/// All formats.
+/// All export formats.
 pub const FORMATS: [Format; 9] = [
     Format { name: "mot", holds: "MOT Challenge: boxes per frame, NAME.txt; seqinfo.ini", write: mot::write },
     Format {
@@ -76,7 +76,7 @@ pub const FORMATS: [Format; 9] = [
 ];
 
 impl Format {
-    /// Returns the format with this name.
+    /// Returns the format with a given name; `None` if there is no such format.
     #[must_use]
     pub fn of(name: &str) -> Option<&'static Self> {
         FORMATS.iter().find(|format| format.name == name)

@@ -1,13 +1,13 @@
 //! Export of a finished run to other formats.
 //!
-//! [`Run`] is the contents of a result folder, by track. [`export`] writes it in any of [`FORMATS`], each into a folder
-//! of its own. A folder appears complete or not at all.
+//! [`Run`] contains the data of a result folder, grouped by track. [`export`] writes a run in one or more of the
+//! [`FORMATS`]. Each format has its own folder. A folder appears only when it is complete.
 //!
 //! # Contents
-//! - `run.rs`: a result folder, by track.
-//! - `formats/`: a file for each format. `formats.rs` lists them in [`FORMATS`]. A new format is a file and an entry of
-//!   the list.
-//! - `xml.rs`: XML files.
+//! - `run.rs`: the data of a result folder, grouped by track.
+//! - `formats/`: one source file per format. `formats.rs` lists all formats in [`FORMATS`]. To add a format, add a
+//!   source file and an entry in this list.
+//! - `xml.rs`: writing of XML files.
 
 #![deny(missing_docs)]
 
@@ -23,13 +23,15 @@ pub use formats::{FORMATS, Format, write_paths};
 pub use run::{Event, Run, RunSegment, Track};
 pub use xml::{Element, fixed};
 
-/// Writes a run in each format, into a folder with the name of the format, and returns the folders.
+/// Writes a run in each of the given formats and returns the paths of the written folders.
 ///
-/// The caller keeps a [`FolderLock`](roadplane_write::FolderLock) on `out`.
+/// The folder of a format is in `out`, and its name is the name of the format.
+///
+/// The caller must have a [`FolderLock`](roadplane_write::FolderLock) on `out`.
 ///
 /// # Errors
 /// [`WriteError::Lacks`] if the run lacks data that a format needs, [`WriteError::Exists`], [`WriteError::Io`], or
-/// [`WriteError::DiskFull`]. Folders of formats that were finished before remain.
+/// [`WriteError::DiskFull`]. Folders that were complete before the error remain.
 pub fn export(
     run: &Run,
     formats: &[&Format],

@@ -1,5 +1,5 @@
-//! The contents of a result folder, as formats need them: by track, with the class of each vehicle and the centre of
-//! its body.
+//! The data of a result folder, as export formats need it. The data is grouped by track, with the class and the body
+//! centre of each vehicle.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -12,25 +12,26 @@ use roadplane_write::{
 };
 use serde::Deserialize;
 
-/// The contents of a result folder.
+/// The data of a result folder, grouped by track.
 #[derive(Debug)]
 pub struct Run {
-    /// The result folder.
+    /// Path of the result folder.
     pub folder: PathBuf,
-    /// Name of the result.
+    /// Name of the run. Exported files are named after the run.
     pub name: String,
     /// Name of the input file. Characters that other tools reject are replaced by `_`.
     pub media: String,
-    /// Number of frames of the input, including those without vehicles.
+    /// Number of frames of the input, including frames without vehicles.
     pub frames: u64,
-    /// Frames per second.
+    /// Frame rate of the input, frames per second.
     pub frames_per_s: f64,
-    /// Tracks in order of their numbers.
+    /// Tracks, sorted by track number.
     pub tracks: Vec<Track>,
-    /// Segments between moves of the camera, in order of time; at least one. Each has a world frame of its own.
+    /// Segments of the run between camera moves, in the order of time. Each segment has its own world frame. The list
+    /// is never empty.
     pub segments: Vec<RunSegment>,
-    /// Position of the camera on the map, if the user gave it. Then the camera was not moved, and every row has
-    /// `on_map`.
+    /// Position of the camera on the map; `None` if the user gave no position. With a position, the run has only one
+    /// segment, and every row has `on_map`.
     pub place: Option<Fit>,
     /// Activities of vehicles; `None` if the run did not label activities.
     pub events: Option<Vec<Event>>,
@@ -43,39 +44,41 @@ pub struct Track {
     pub id: u64,
     /// Class of the vehicle.
     pub class: VehicleClass,
-    /// Fitted shape, or that of the mean car if none was fitted.
+    /// Fitted shape of the vehicle. If no shape was fitted, it is the shape of the mean car.
     pub shape: Shape,
-    /// Centre of the body forward of the car's origin (midway between the axles), m.
+    /// Distance from the vehicle's origin forward to the centre of its body, m. The origin of a car is midway between
+    /// its axles.
     pub centre_m: f64,
-    /// Rows in order of time.
+    /// Rows of the track in the order of time.
     pub rows: Vec<TrackRow>,
 }
 
-/// A part of a run in which the camera was not moved.
+/// An interval of a run in which the camera was not moved.
 #[derive(Debug)]
 pub struct RunSegment {
-    /// Name of its files: that of the run, numbered from 1 if there are several segments.
+    /// Name of the segment's files. It is the name of the run. If the run has several segments, a number from 1 is
+    /// added.
     pub name: String,
-    /// The camera.
+    /// Camera and ground plane of the segment.
     pub camera: CameraSegment,
-    /// Time before which it ends, s; infinite for the last segment.
+    /// End of the segment (exclusive), s; infinite for the last segment.
     until_s: f64,
-    /// Time at which it begins, s; negative infinite for the first segment.
+    /// Start of the segment (inclusive), s; negative infinity for the first segment.
     from_s: f64,
 }
 
-/// An activity of a vehicle: a line of `activities.jsonl`.
+/// An activity of a vehicle in one interval: a line of `activities.jsonl`.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 pub struct Event {
     /// Number of the vehicle's track.
     pub track: u64,
     /// Name of the activity, as in the column `activity` of the rows.
     pub activity: String,
-    /// Beginning, s.
+    /// Start of the activity, s.
     pub from_s: f64,
-    /// End, s.
+    /// End of the activity, s.
     pub to_s: f64,
-    /// Probability, 0–1.
+    /// Probability of the activity, 0 to 1.
     pub confidence: f64,
 }
 
@@ -83,11 +86,12 @@ impl Run {
     /// Reads a result folder. The run gets the name of the folder.
     ///
     /// # Errors
-    /// [`WriteError::Io`] or [`WriteError::Malformed`], with the file.
+    /// [`WriteError::Io`] or [`WriteError::Malformed`], which name the file.
     pub fn read(folder: &Path) -> Result<Self, WriteError> {
         let whole = folder.canonicalize().unwrap_or_else(|_| folder.to_path_buf());
         let name = whole.file_name().map_or_else(|| "run".into(), |name| name.to_string_lossy());
-        // An error of the rows is kept until after the summary, which shows first that a folder is not a run.
+        // The summary is read before the rows. So for a folder that is not a run, the error is about the missing
+        // summary.
         let rows: Box<dyn Iterator<Item = _>> = match read_jsonl(&folder.join("tracks.jsonl")) {
             Ok(rows) => Box::new(rows),
             Err(error) => Box::new(std::iter::once(Err(error))),
@@ -95,10 +99,11 @@ impl Run {
         Self::with_rows(folder, &name, rows)
     }
 
-    /// Reads a result folder without its rows. The caller gives the rows, by frame, and the name of the run.
+    /// Reads a result folder, except for its rows and its name. The caller gives the rows in `all_rows`, sorted by
+    /// frame, and the name of the run.
     ///
     /// # Errors
-    /// [`WriteError::Io`] or [`WriteError::Malformed`], with the file, and errors of the rows.
+    /// [`WriteError::Io`] or [`WriteError::Malformed`], which name the file, or the first error in `all_rows`.
     pub fn with_rows(
         folder: &Path,
         name: &str,
@@ -137,7 +142,7 @@ impl Run {
         })
     }
 
-    /// Returns all rows with their tracks, by frame, then track.
+    /// Returns all rows, each with its track. The rows are sorted by frame and then by track number.
     #[must_use]
     pub fn rows(&self) -> Vec<(&Track, &TrackRow)> {
         let mut rows: Vec<(&Track, &TrackRow)> = self.tracks.iter().flat_map(Track::rows_with).collect();
@@ -145,11 +150,13 @@ impl Run {
         rows
     }
 
-    /// Adds map positions to a run whose camera was not moved.
+    /// Adds positions on the map to all rows, and returns the camera's position on the map.
+    ///
+    /// This is possible only if the camera was not moved.
     ///
     /// # Errors
-    /// A message, if the site is wrong, if the camera was moved, or if the run has its map position already. In the
-    /// last case the survey has refined the camera already.
+    /// A message in each of these cases: `site` is not valid, the camera was moved, or the run already has a position
+    /// on the map. In the last case, the run has already used the survey to refine the camera.
     pub fn put_on_map(&mut self, site: &Site) -> Result<&Fit, String> {
         if self.place.is_some() {
             return Err("the run is on the map already: leave out --geo and --camera-at".to_owned());
@@ -171,7 +178,7 @@ impl Run {
         Ok(self.place.insert(place.fit))
     }
 
-    /// Returns the frame nearest to a time (s).
+    /// Returns the index of the frame that is nearest to a time (s).
     #[must_use]
     pub fn frame_at(&self, time_s: f64) -> u64 {
         let rows = self.tracks.iter().flat_map(|track| &track.rows);
@@ -183,8 +190,10 @@ impl Run {
 }
 
 impl Track {
-    /// Creates a track. `shape` is the shape of its poses. Trucks and buses have none: their position is the point at
-    /// which their box touches the ground.
+    /// Creates a track. `shape` is the fitted shape from the track's poses.
+    ///
+    /// Trucks and buses have no fitted shape. Their position is the point at which their bounding box touches the
+    /// ground.
     fn new(id: u64, rows: Vec<TrackRow>, shape: Option<Shape>, atlas: &ShapeAtlas) -> Self {
         let class = rows.first().map_or(VehicleClass::Car, |row| row.class);
         let is_placed_by_middle = class != VehicleClass::Car;
@@ -196,30 +205,32 @@ impl Track {
         Self { id, class, centre_m, shape, rows }
     }
 
-    /// Returns length, width and height of its first row, m. All rows have the same.
+    /// Returns the length, width and height of the vehicle, m. These values are equal in all rows.
     #[must_use]
     pub fn dims_m(&self) -> [f64; 3] {
         self.rows.first().map_or([0.0; 3], |row| [row.length_m, row.width_m, row.height_m])
     }
 
-    /// Returns its rows, each with the track.
+    /// Returns the rows of the track. Each row is paired with the track itself.
     pub fn rows_with(&self) -> impl Iterator<Item = (&Self, &TrackRow)> {
         self.rows.iter().map(move |row| (self, row))
     }
 
-    /// Returns the centre of the body on the ground in the frame of a row, world, m.
+    /// Returns the centre of the vehicle's body on the ground at the time of a row: world x and y, m.
     #[must_use]
     pub fn body_centre(&self, row: &TrackRow) -> Vector2<f64> {
         ahead(row, self.centre_m)
     }
 
-    /// Returns the middle of the front bumper on the ground in the frame of a row, world, m.
+    /// Returns the middle of the vehicle's front bumper on the ground at the time of a row: world x and y, m.
     #[must_use]
     pub fn front(&self, row: &TrackRow) -> Vector2<f64> {
         ahead(row, self.centre_m + row.length_m / 2.0)
     }
 
-    /// Returns the acceleration along the car in each row, m/s²: the slope of speed between the rows before and after.
+    /// Returns the acceleration along the heading in each row, m/s².
+    ///
+    /// It is the difference in speed between the next row and the previous row, divided by the time between these rows.
     #[must_use]
     pub fn accelerations(&self) -> Vec<f64> {
         let rows = &self.rows;
@@ -233,14 +244,14 @@ impl Track {
 }
 
 impl RunSegment {
-    /// Whether a row belongs to it.
+    /// Whether the time of a row is within the segment.
     #[must_use]
     pub fn contains(&self, row: &TrackRow) -> bool {
         self.from_s <= row.time_s && row.time_s < self.until_s
     }
 }
 
-/// Returns the point ahead of the car's origin on its axis, world, m.
+/// Returns the point that is `metres` ahead of the vehicle's origin along its heading: world x and y, m.
 fn ahead(row: &TrackRow, metres: f64) -> Vector2<f64> {
     let (sin, cos) = row.heading_rad.sin_cos();
     Vector2::new(row.x_m + metres * cos, row.y_m + metres * sin)
@@ -255,7 +266,7 @@ fn read_place(path: &Path) -> Result<Fit, WriteError> {
     serde_json::from_slice(&text).map_err(|e| WriteError::malformed(path, e))
 }
 
-/// Returns the shape of each track that has poses.
+/// Reads the fitted shape of each track from the file `poses`. Tracks without poses have no entry.
 fn shapes_of_tracks(poses: &Path) -> Result<BTreeMap<u64, Shape>, WriteError> {
     let mut shapes = BTreeMap::new();
     for pose in read_jsonl::<PoseRecord>(poses)? {
@@ -276,7 +287,8 @@ fn segments(name: &str, cameras: &[CameraSegment]) -> Vec<RunSegment> {
     cameras.iter().enumerate().map(segment).collect()
 }
 
-/// Returns the frames per second between the first and last frame with rows; 1 if that is not possible.
+/// Returns the mean frame rate between the first and the last frame with rows, frames per second; 1 if it cannot be
+/// computed.
 fn frames_per_s(rows: &BTreeMap<u64, Vec<TrackRow>>) -> f64 {
     let all = || rows.values().flatten();
     let ends = all().min_by_key(|row| row.frame).zip(all().max_by_key(|row| row.frame));
@@ -290,7 +302,7 @@ fn media_of(summary: &Summary) -> String {
     plain(&name.map_or_else(|| "input".to_owned(), |name| name.to_string_lossy().into_owned()))
 }
 
-/// Replaces characters other than letters, digits, `_`, `-` and `.` by `_`.
+/// Replaces each character by `_`, except for ASCII letters, digits, `_`, `-` and `.`.
 fn plain(name: &str) -> String {
     let keep = |c: char| if c.is_ascii_alphanumeric() || "_-.".contains(c) { c } else { '_' };
     name.chars().map(keep).collect()

@@ -1,4 +1,4 @@
-//! XML files.
+//! Writing of XML files.
 
 use std::path::Path;
 
@@ -6,7 +6,7 @@ use quick_xml::Writer;
 use quick_xml::events::{BytesDecl, Event};
 use roadplane_write::{OutFile, WriteError};
 
-/// An element with its attributes and children.
+/// An XML element with its attributes and child elements.
 #[derive(Clone, Debug)]
 pub struct Element {
     name: &'static str,
@@ -15,30 +15,30 @@ pub struct Element {
 }
 
 impl Element {
-    /// Creates an empty element.
+    /// Creates an element without attributes and children.
     #[must_use]
     pub fn new(name: &'static str) -> Self {
         Self { name, attributes: Vec::new(), children: Vec::new() }
     }
 
-    /// Adds an attribute.
+    /// Appends an attribute to the element.
     #[must_use]
     pub fn with(mut self, name: &'static str, value: impl ToString) -> Self {
         self.attributes.push((name, value.to_string()));
         self
     }
 
-    /// Adds children after those that it has.
+    /// Appends children to the element.
     #[must_use]
     pub fn holding(mut self, children: impl IntoIterator<Item = Self>) -> Self {
         self.children.extend(children);
         self
     }
 
-    /// Writes it as the root of a file.
+    /// Writes an XML file whose root is this element.
     ///
     /// # Errors
-    /// [`WriteError::Io`] or [`WriteError::DiskFull`]. Then the file does not appear.
+    /// [`WriteError::Io`] or [`WriteError::DiskFull`]. After an error, no file appears under the name.
     pub fn write(&self, path: &Path) -> Result<(), WriteError> {
         let mut file = OutFile::create(path)?;
         let mut xml = Writer::new_with_indent(&mut file, b' ', 2);
@@ -59,7 +59,7 @@ impl Element {
     }
 }
 
-/// Formats a number with so many decimals. −0 becomes 0.
+/// Formats a number with `decimals` decimals. −0 becomes 0.
 #[must_use]
 pub fn fixed(value: f64, decimals: usize) -> String {
     let text = format!("{value:.decimals$}");

@@ -1,4 +1,4 @@
-//! Every format is read back and has the run's numbers.
+//! Files of every format are read back. They contain the numbers of the run.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
@@ -178,7 +178,7 @@ fn sumo_has_the_front_bumpers() {
                 let row = track.rows.iter().find(|row| (row.time_s - time_s).abs() < 1e-6).unwrap();
                 let heading = (90.0 - number(&get("angle"))).to_radians();
                 close(angle_difference(heading, row.heading_rad), 0.0, 2e-6);
-                // SUMO's vehicles reach back from the front by their length.
+                // In SUMO, a vehicle extends backwards from its front by its length.
                 let front = Vector2::new(number(&get("x")), number(&get("y")));
                 let middle = front - Vector2::new(heading.cos(), heading.sin()) * row.length_m / 2.0;
                 close((middle - track.body_centre(row)).norm(), 0.0, 2e-4);

@@ -1,4 +1,4 @@
-//! The commands of the binary, one function each.
+//! Functions that implement the commands of the program.
 
 pub(crate) mod bench;
 pub(crate) mod colours;

@@ -1,7 +1,8 @@
-//! Configuration: TOML file + `--set key=value` → [`Config`], checked once here.
+//! Configuration of the program. A TOML file and `--set key=value` options give a [`Config`], which is checked here.
 //!
-//! `configs/default.toml` documents every field with unit and range. A test keeps it equal to the defaults. Settings
-//! that hardly anybody changes are listed there under `[expert.SECTION]`. Every setting may be written in either place.
+//! The file `configs/default.toml` lists every setting with its default, unit and range. A test checks that the
+//! defaults in the file are those of the code. The file lists rarely changed settings under `[expert.SECTION]`. A user
+//! may write any setting under `[SECTION]` or under `[expert.SECTION]`.
 
 use std::path::{Path, PathBuf};
 
@@ -18,12 +19,14 @@ use thiserror::Error;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue, ValueDeserializer};
 
-/// All settings. The crates of the stages define their own sections. `[solve]` and `[calibrate]` are defined here,
-/// because their crates do not depend on serde.
+/// All settings of the program. Each field is a section of the configuration file.
+///
+/// Some sections are defined in the crates of their stages. `[solve]` and `[calibrate]` are defined here, because the
+/// crates of these stages do not depend on serde.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Config {
-    /// Which frames of an input are read, and limits.
+    /// Which frames of an input are read, and limits on their size and rate.
     pub decode: DecodeOptions,
     /// The engine that runs the nets.
     pub infer: InferConfig,
@@ -35,15 +38,15 @@ pub struct Config {
     pub detect: DetectOptions,
     /// How the keypoint net is run.
     pub keypoints: KeypointOptions,
-    /// How cameras and poses of cars are estimated.
+    /// How the camera and the poses of cars are estimated.
     pub solve: SolveConfig,
     /// How the camera is estimated over the clip.
     pub calibrate: CalibrateConfig,
     /// How cars are tracked.
     pub track: TrackOptions,
-    /// Activities of the tracks.
+    /// Whether the activities of tracks are labelled.
     pub activity: ActivityConfig,
-    /// Memory of the pipeline.
+    /// How much memory the pipeline uses for frames.
     pub pipeline: PipelineConfig,
     /// Content of the report.
     pub output: OutputConfig,
@@ -53,7 +56,7 @@ pub struct Config {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct InferConfig {
-    /// The execution provider.
+    /// The execution provider: the engine and the number format that run the nets.
     pub provider: ProviderChoice,
     /// Number of threads of each net.
     pub threads: usize,
@@ -69,13 +72,13 @@ impl Default for InferConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ModelsConfig {
-    /// Folder of the models; absent: [`find_models`](crate::find_models) finds it.
+    /// Folder of the models. If it is absent, [`find_models`](crate::find_models) searches for the folder.
     pub folder: Option<PathBuf>,
-    /// Card of the detector, relative to the folder.
+    /// Path of the detector's model card, relative to the folder of the models.
     pub detector: PathBuf,
-    /// Card of the keypoint net, relative to the folder.
+    /// Path of the keypoint net's model card, relative to the folder of the models.
     pub keypoints: PathBuf,
-    /// Card of the activity net, relative to the folder.
+    /// Path of the activity net's model card, relative to the folder of the models.
     pub activity: PathBuf,
 }
 
@@ -94,12 +97,14 @@ impl Default for ModelsConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct WatchConfig {
-    /// Whether region-of-interest scheduling is on: the nets then run only on regions that changed, as often as motion
-    /// needs. Otherwise they run on every frame in full.
+    /// Whether region-of-interest scheduling is on. If it is on, the nets run only on image regions that changed, as
+    /// often as the motion in these regions requires. If it is off, the nets run on every frame in full.
     pub attention: bool,
-    /// Time between inference frames, s. For small frames the detector runs more often, because each run costs less.
+    /// Time between inference frames, s. Inference frames are the frames on which the nets run. The detector runs more
+    /// often on small frames, because each run costs less.
     pub look_s: f64,
-    /// Time in which the detector scans the whole frame once, whether it changed or not, s.
+    /// Period of the full scan, s. In this time the detector processes every part of the frame once, even if nothing
+    /// changed.
     pub sweep_s: f64,
 }
 
@@ -109,7 +114,7 @@ impl Default for WatchConfig {
     }
 }
 
-/// `[activity]`: activities of the tracks.
+/// `[activity]`: whether the activities of tracks are labelled.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ActivityConfig {
@@ -123,11 +128,11 @@ impl Default for ActivityConfig {
     }
 }
 
-/// `[pipeline]`: memory of the pipeline.
+/// `[pipeline]`: how much memory the pipeline uses for frames.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PipelineConfig {
-    /// Memory for frames between stages, MiB.
+    /// Memory for frames that wait between stages, MiB.
     pub buffer_mib: u64,
 }
 
@@ -141,7 +146,7 @@ impl Default for PipelineConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct CalibrateConfig {
-    /// Length of the windows whose frames are solved jointly, s.
+    /// Length of a time window, s. The camera is estimated from all frames of a window jointly.
     pub window_s: f64,
 }
 
@@ -155,10 +160,10 @@ impl Default for CalibrateConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct OutputConfig {
-    /// Number of frames with overlays in the report.
+    /// Number of frames in the report that show the tracks as an overlay.
     pub sample_frames: usize,
-    /// Approximate largest size of the report, MiB. It bounds the small frames and cut-outs that the report plays; 0:
-    /// none.
+    /// Approximate largest size of the report, MiB. This size limits the small frames and cut-outs that the player in
+    /// the report shows. With 0, the report has no such pictures.
     pub report_mib: f64,
 }
 
@@ -168,46 +173,52 @@ impl Default for OutputConfig {
     }
 }
 
-/// `[solve]`: the solver's prior of cameras, its noise model, and when it rejects a car.
+/// `[solve]`: the prior on the camera, the noise model of keypoints, and the limits for rejecting cars.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SolveConfig {
-    /// Number of a car's keypoints whose errors count as one error; 1 or more.
+    /// Number of keypoints of a car that together count as one independent keypoint, because their errors are
+    /// correlated; 1 or more.
     pub keypoints_as_one: f64,
-    /// The sds, degrees, of two errors that all cars of a scene share: errors of the elevation and of the in-plane
-    /// rotation at which the nets see cars. Elevation is the angle from which a car is seen from above. 0 or more.
+    /// Sds of two systematic errors of the nets, which are the same for all cars of a scene, degrees; 0 or more. The
+    /// first error is in the elevation: the angle between the line of sight and the ground. The second error is in the
+    /// rotation of a car in the image plane.
     pub shared_view_sd_deg: [f64; 2],
     /// Prior median of the focal length, in units of the longer image side.
     pub focal_prior_ratio: f64,
-    /// Prior sd of the logarithm of the focal length.
+    /// Prior sd of the natural logarithm of the focal length.
     pub focal_prior_log_sd: f64,
-    /// Prior mean of the tilt, degrees below the horizontal.
+    /// Prior mean of the camera's tilt, degrees below the horizontal.
     pub tilt_prior_deg: f64,
-    /// Prior sd of the tilt, degrees.
+    /// Prior sd of the camera's tilt, degrees.
     pub tilt_prior_sd_deg: f64,
-    /// Prior sd of the roll around 0, degrees.
+    /// Prior sd of the camera's roll, degrees. The prior mean is 0.
     pub roll_prior_sd_deg: f64,
     /// Prior median of the camera's height above the ground, m.
     pub height_prior_m: f64,
-    /// Prior sd of the logarithm of the height.
+    /// Prior sd of the natural logarithm of the camera's height.
     pub height_prior_log_sd: f64,
-    /// Keypoints with an error of more sds than this are more likely wrong than right.
+    /// Limit on the error of a keypoint, in sds. Above this limit, a keypoint is more likely an outlier than an inlier.
     pub outlier_sd: f64,
-    /// Cars with fewer inlier keypoints are rejected.
+    /// Least number of inlier keypoints of a car. Cars with fewer inliers are rejected.
     pub min_inliers: usize,
-    /// Cars with a smaller share of inlier keypoints are rejected, 0–1.
+    /// Least share of inlier keypoints of a car, 0–1. Cars with a smaller share are rejected.
     pub min_inlier_share: f64,
-    /// Keypoints with a lower score are not used, 0–1.
+    /// Least score of a keypoint, 0–1. Keypoints with a lower score are not used.
     pub min_keypoint_score: f64,
-    /// Cars whose projected box overlaps the detected box less (intersection over union) are rejected.
+    /// Least intersection over union of a car's projected box and its detected box, 0–1. Cars with a smaller value are
+    /// rejected.
     pub min_box_overlap: f64,
-    /// Cars with a larger rms keypoint error are rejected; as a share of the box's longer side.
+    /// Largest rms keypoint error of a car, as a share of the longer side of its box. Cars with a larger error are
+    /// rejected.
     pub max_rms_share: f64,
     /// Whether vertical lines of the scene constrain the focal length.
     pub use_verticals: bool,
-    /// Whether cars with about the same heading count as parallel, which constrains the focal length.
+    /// Whether cars with about the same heading are assumed to be parallel. This assumption constrains the focal
+    /// length.
     pub use_parallel: bool,
-    /// Whether long edges of the scene give the lens distortion; otherwise the lens counts as undistorted.
+    /// Whether the lens distortion is estimated from long edges of the scene. If not, the lens is assumed to have no
+    /// distortion.
     pub use_lens: bool,
 }
 
@@ -240,13 +251,13 @@ impl Default for SolveConfig {
 }
 
 impl SolveConfig {
-    /// Whether the solver uses edges of the scene.
+    /// Whether estimation uses vertical lines or long edges of the scene.
     #[must_use]
     pub fn reads_scene(&self) -> bool {
         self.use_verticals || self.use_lens
     }
 
-    /// Returns the solver's options; `given_focal_px` is a focal length that the user gave as exact, px.
+    /// Returns the options of the solver. `given_focal_px` is an exact focal length from the user, px, if there is one.
     #[must_use]
     pub fn scene_options(&self, given_focal_px: Option<f64>) -> SceneOptions {
         let [elevation, turn] = self.shared_view_sd_deg.map(f64::to_radians);
@@ -279,25 +290,25 @@ pub enum ConfigError {
     /// The file cannot be read.
     #[error("cannot read the configuration: {source}: {path}")]
     Unreadable {
-        /// The system's error.
+        /// The error of the operating system.
         source: std::io::Error,
-        /// The file.
+        /// Path of the file.
         path: String,
     },
-    /// The text is no TOML, a key is unknown, a value has a wrong type, or a setting has two values.
+    /// The text is not valid TOML, a key is unknown, a value has a wrong type, or a setting has two values.
     #[error("in {origin}: {problem}")]
     Malformed {
-        /// The file, or `--set …`.
+        /// Origin of the error: the path of the file, or the `--set` option.
         origin: String,
-        /// The parser's message, with line and column for a file.
+        /// Message of the parser. For a file, it contains the line and the column.
         problem: String,
     },
-    /// A value out of its range.
+    /// A value is outside its range.
     #[error("{key} = {value}: must be {range} (see configs/default.toml)")]
     OutOfRange {
-        /// The setting, `section.key`.
+        /// Name of the setting, as `section.key`.
         key: &'static str,
-        /// The value given.
+        /// The wrong value.
         value: String,
         /// The allowed range.
         range: String,
@@ -305,10 +316,11 @@ pub enum ConfigError {
 }
 
 impl Config {
-    /// Reads a file (if any), applies `key=value` settings over it and checks every value.
+    /// Reads a configuration file, if there is one, applies `settings` and checks every value. Each setting is a text
+    /// `section.key=value` that overrides the file.
     ///
     /// # Errors
-    /// [`ConfigError`] naming file and line, or the setting, that is wrong.
+    /// Returns a [`ConfigError`] that names the wrong line of the file or the wrong setting.
     pub fn load(file: Option<&Path>, settings: &[String]) -> Result<Self, ConfigError> {
         let mut table = toml::Table::new();
         if let Some(path) = file {
@@ -319,7 +331,7 @@ impl Config {
         let mut given = toml::Table::new();
         for setting in settings {
             apply_setting(&mut given, setting)?;
-            // The check follows each setting, so that an error names the wrong one.
+            // Each setting is checked at once, so that an error names the wrong setting.
             merged(given.clone())
                 .and_then(Self::deserialize)
                 .map_err(|e| malformed(format!("--set {setting}"), &e))?;
@@ -336,7 +348,8 @@ impl Config {
         Ok(config)
     }
 
-    /// Returns the sha256 (hex) of the resolved values. It is equal exactly when two runs have the same configuration.
+    /// Returns the sha256 of all values, hexadecimal. Two runs have the same fingerprint exactly if they have the same
+    /// configuration.
     #[must_use]
     pub fn fingerprint(&self) -> String {
         let bytes = serde_json::to_vec(self).unwrap_or_default();
@@ -354,12 +367,12 @@ fn malformed(origin: String, error: &toml::de::Error) -> ConfigError {
     ConfigError::Malformed { origin, problem: error.to_string().trim_end().to_owned() }
 }
 
-/// Table of settings by section, a second place for every setting.
+/// Name of the TOML table `[expert]`. Any setting may be in this table, under the name of its section.
 const EXPERT: &str = "expert";
 
-/// Reads a file's settings; those under `[expert.SECTION]` become settings of their section.
+/// Reads the settings of a file. Settings under `[expert.SECTION]` are moved to `[SECTION]`.
 fn read_table(text: &str) -> Result<toml::Table, toml::de::Error> {
-    // Both parts are checked before they are merged, because only the parsed text has line numbers.
+    // Plain and expert settings are checked before they are merged, because merged settings have no line numbers.
     let checked = |part: Spanned<DeValue<'_>>| {
         Config::deserialize(ValueDeserializer::from(part)).map_err(|mut error| {
             error.set_input(Some(text));
@@ -374,7 +387,8 @@ fn read_table(text: &str) -> Result<toml::Table, toml::de::Error> {
     merged(toml::from_str(text)?)
 }
 
-/// Moves the settings of `[expert.SECTION]` to their section. A setting with two different values is an error.
+/// Moves the settings of `[expert.SECTION]` to `[SECTION]`. It is an error if both tables have a setting with different
+/// values.
 fn merged(mut table: toml::Table) -> Result<toml::Table, toml::de::Error> {
     let Some(expert) = table.remove(EXPERT) else { return Ok(table) };
     for (section, keys) in toml::Table::deserialize(expert)? {
@@ -401,7 +415,7 @@ fn apply_setting(table: &mut toml::Table, setting: &str) -> Result<(), ConfigErr
         problem: problem.to_owned(),
     };
     let (key, text) = setting.split_once('=').ok_or_else(|| fail("write it as section.key=value"))?;
-    // The value is TOML; a bare word counts as a string.
+    // The value is parsed as TOML. If that fails, as for a bare word, the text is taken as a string.
     let value = toml::from_str::<toml::Table>(&format!("v = {text}"))
         .ok()
         .and_then(|mut parsed| parsed.remove("v"))
@@ -529,7 +543,7 @@ mod tests {
         let (plain, expert) = ("[watch]\nlook_s = 0.2\n", "[expert.watch]\nlook_s = 0.2\n");
         assert_eq!(load(plain, &[]), load(expert, &[]));
         assert_eq!(look_s(&format!("{expert}{plain}attention = false"), &[]), 0.2);
-        // The command line takes precedence over the file, under either name.
+        // The command line takes precedence over the file, whichever name of the setting is used.
         for text in [plain, expert] {
             assert_eq!(look_s(text, &["watch.look_s=0.3"]), 0.3);
             assert_eq!(look_s(text, &["expert.watch.look_s=0.3", "watch.look_s=0.3"]), 0.3);
@@ -551,7 +565,7 @@ mod tests {
         for wrong in ["expert = 1\n", "[expert.expert.watch]\nlook_s = 0.2\n", "[expert]\nwatch = 1\n"] {
             load(wrong, &[]).unwrap_err();
         }
-        // The results list settings by section only.
+        // The configuration in the results has no `expert` table.
         assert!(serde_json::to_value(load(expert, &[]).unwrap()).unwrap().get("expert").is_none());
     }
 

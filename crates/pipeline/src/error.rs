@@ -1,4 +1,4 @@
-//! Errors that end a command, and their causes, which decide the exit code.
+//! Errors that end a command. The cause of an error decides the exit code.
 
 use std::any::Any;
 use std::io::ErrorKind;
@@ -23,7 +23,7 @@ pub enum PipelineError {
     /// The command line is wrong.
     #[error("{what}")]
     Usage {
-        /// The problem and its remedy.
+        /// Description of the problem and its remedy.
         what: String,
     },
     /// The configuration is wrong.
@@ -35,9 +35,9 @@ pub enum PipelineError {
     /// A file that the work needs cannot be read.
     #[error("cannot be read: {source}: {}", path.display())]
     Unreadable {
-        /// The system's error.
+        /// The error of the operating system.
         source: std::io::Error,
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
     },
     /// The folder of the models was not found.
@@ -49,7 +49,7 @@ pub enum PipelineError {
     /// A net cannot be loaded or run.
     #[error(transparent)]
     Infer(#[from] InferError),
-    /// The watcher failed on a picture.
+    /// The watcher, which measures camera motion, failed on a picture.
     #[error(transparent)]
     Watch(#[from] WatchError),
     /// The detector cannot be used.
@@ -61,7 +61,7 @@ pub enum PipelineError {
     /// The activity net cannot be used, or a track is invalid.
     #[error(transparent)]
     Activity(#[from] ActivityError),
-    /// The shape atlas cannot be used.
+    /// The atlas of car shapes cannot be used.
     #[error(transparent)]
     Atlas(#[from] AtlasError),
     /// Results cannot be written.
@@ -70,25 +70,25 @@ pub enum PipelineError {
     /// Pictures cannot be drawn.
     #[error(transparent)]
     View(#[from] ViewError),
-    /// Standard output cannot be written to.
+    /// Writing to standard output failed.
     #[error("standard output: {source}")]
     Stdout {
-        /// The system's error.
+        /// The error of the operating system.
         source: std::io::Error,
     },
     /// A thread cannot be started.
     #[error("a thread cannot be started: {source}")]
     Thread {
-        /// The system's error.
+        /// The error of the operating system.
         source: std::io::Error,
     },
-    /// The work needs more memory than is allowed.
+    /// The work needs more memory than the system allows.
     #[error("too little memory: {what}")]
     Memory {
-        /// The needed memory and the limit.
+        /// Description of the needed memory and of the limit.
         what: String,
     },
-    /// A stage panicked.
+    /// A stage of the pipeline panicked.
     #[error("internal error in stage {stage}: {message}")]
     Bug {
         /// Name of the stage.
@@ -96,7 +96,7 @@ pub enum PipelineError {
         /// Message of the panic.
         message: String,
     },
-    /// A signal asked the command to stop: Ctrl-C or SIGTERM.
+    /// A signal (Ctrl-C or SIGTERM) asked the command to stop.
     #[error("stopped by signal {signal}; the same command with --resume continues from here")]
     Stopped {
         /// Number of the signal.
@@ -107,25 +107,25 @@ pub enum PipelineError {
 /// Cause of an error, which decides the exit code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fault {
-    /// The command line, the configuration, or a missing file: exit code 2.
+    /// A wrong command line or configuration, or a missing file: exit code 2.
     Usage,
     /// A damaged or lost input: exit code 3.
     Input,
-    /// A refused model: exit code 4.
+    /// A model that is missing or cannot be used: exit code 4.
     Model,
-    /// An output folder that is in use: exit code 11.
+    /// An output folder that another process uses: exit code 11.
     Locked,
-    /// A signal: exit code 128 + its number.
+    /// A signal that asked the command to stop: exit code 128 plus the number of the signal.
     Stopped {
         /// Number of the signal.
         signal: usize,
     },
-    /// This program or its machine: exit code 1.
+    /// A fault of this program or of the machine: exit code 1.
     Internal,
 }
 
 impl PipelineError {
-    /// Returns an error of the command line; `what` names the problem and its remedy.
+    /// Returns a [`PipelineError::Usage`]. `what` describes the problem and its remedy.
     #[must_use]
     pub fn usage(what: &str) -> Self {
         Self::Usage { what: what.to_owned() }
@@ -141,7 +141,7 @@ impl PipelineError {
         Self::Bug { stage, message }
     }
 
-    /// Returns the cause of the error.
+    /// Returns the cause of this error.
     #[must_use]
     pub fn fault(&self) -> Fault {
         match self {

@@ -1,4 +1,4 @@
-//! Estimation: records of all frames → camera over time, poses, smoothed tracks.
+//! Estimation: computes the camera over time, the poses of cars and smoothed tracks from the records of all frames.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -19,31 +19,32 @@ use crate::tracks::pass::{Pass, Tally};
 use crate::tracks::{Load, MOST_ROWS, Numbers, Replay, TimeChunk, detections_of};
 use crate::{CameraConstraints, Cancel, Config, PipelineError};
 
-/// Result of estimation for a clip.
+/// Result of estimation for a clip: the camera, the tracks and their statistics.
 #[derive(Debug)]
 pub struct ClipSolution {
-    /// The camera at every time, one estimate per segment.
+    /// The camera over the clip, with one estimate for each interval in which the camera is constant.
     pub cameras: CameraTrack,
-    /// Position and direction of the camera on the map, where the user gave a site.
+    /// Position and direction of the camera on the map. `None` if the user gave no site or the camera cannot be put on
+    /// the map.
     pub place: Option<Place>,
-    /// Shape of each track by its number.
+    /// Shape of each tracked vehicle, by the number of its track.
     pub shapes: BTreeMap<u64, Shape>,
-    /// Rows of the track files that are kept for drawing, by frame, then by track.
+    /// Rows of the track files that are kept for drawing, sorted by frame and then by track.
     pub rows: Vec<TrackRow>,
-    /// Number of all rows.
+    /// Number of rows in the track files, including rows that are not in `rows`.
     pub row_count: u64,
-    /// Root mean square reprojection error of each tracked pose, px.
+    /// Root mean square reprojection error of each measured pose that belongs to a track, px.
     pub reprojection_rms_px: Vec<f64>,
-    /// Number of used poses, one per car and frame.
+    /// Number of car poses that estimation used. A car has one pose in each frame.
     pub poses_used: u64,
     /// Counts of detected and rejected cars.
     pub tally: Tally,
-    /// Warnings for the reader of the result.
+    /// Warnings about the result, for the user.
     pub warnings: Vec<String>,
 }
 
 impl ClipSolution {
-    /// Returns the first camera in words, for a log line.
+    /// Returns a text for the log about the clip's first camera: focal length, height and tilt, with their sds.
     #[must_use]
     pub fn camera_in_words(&self) -> String {
         let Some(first) = self.cameras.estimates().first() else { return "no camera".to_owned() };
@@ -66,10 +67,12 @@ impl ClipSolution {
     }
 }
 
-/// Receiver of the rows of a clip.
+/// Receives the track rows of a clip, one time chunk after another.
 pub(crate) trait RowSink {
-    /// Takes the rows of the tracks of a time chunk, by frame, then by track. Rows outside the chunk are included. They
-    /// count only in the neighbouring chunk, where they are more accurate. Returns the number of rows inside the chunk.
+    /// Receives the track rows of one time chunk, sorted by frame and then by track.
+    ///
+    /// `rows` also has rows shortly before and after the chunk. Only rows inside the chunk are stored: the neighbouring
+    /// chunk has more accurate rows for the other times. Returns the number of rows inside the chunk.
     fn take(
         &mut self,
         rows: Vec<TrackRow>,
@@ -91,10 +94,12 @@ impl RowSink for Vec<TrackRow> {
     }
 }
 
-/// Solves a clip from its file of frames and writes `poses.jsonl`. Every pass streams over the file. All rows are kept.
+/// Estimates the camera and the tracks of a clip from its file of frames, and writes the poses of cars to `poses`.
+///
+/// The file of frames is read several times and is never in memory as a whole. The result contains all track rows.
 ///
 /// # Errors
-/// [`PipelineError`]; `poses.jsonl` then does not appear under its final name.
+/// Returns a [`PipelineError`] if estimation cannot be completed. The file `poses` is then unchanged.
 pub fn solve_clip(
     frames: &Path,
     poses: &Path,
@@ -109,26 +114,27 @@ pub fn solve_clip(
     Ok(ClipSolution { rows, ..solution })
 }
 
-/// Inputs of estimation beside the frames.
+/// Inputs of estimation other than the frames.
 pub(crate) struct Given<'a> {
     /// User constraints on the camera.
     pub constraints: &'a CameraConstraints,
-    /// Evidence of other clips of the same camera, from the camera database.
+    /// Evidence about the camera from its other clips, read from the camera database.
     pub history: Option<&'a CameraHistory>,
     /// The camera's position on the map, as given by the user.
     pub site: Option<&'a Site>,
-    /// Approximate largest number of rows of a time chunk.
+    /// Approximate upper limit on the number of track rows in a time chunk.
     pub most_rows: u64,
 }
 
 impl<'a> Given<'a> {
-    /// Returns inputs with user constraints alone.
+    /// Returns inputs that have only user constraints.
     pub(crate) fn new(constraints: &'a CameraConstraints) -> Self {
         Self { constraints, history: None, site: None, most_rows: MOST_ROWS }
     }
 }
 
-/// Solves a clip as [`solve_clip`] does, with further inputs on the camera. The rows go to a sink.
+/// Estimates the camera and the tracks of a clip like [`solve_clip`], but with further inputs about the camera. The
+/// track rows are passed to `sink`.
 pub(crate) fn solve_constrained_clip(
     frames: &Path,
     poses: &Path,
@@ -179,11 +185,12 @@ pub(crate) fn solve_constrained_clip(
     let (mut tally, mut numbers) = (Tally::default(), Numbers::default());
     let (mut shapes, mut row_count) = (BTreeMap::new(), 0);
     for chunk in load.chunks(most_rows) {
-        // In the first pass every car has a free shape in every frame. In the second one it has the shape of its track.
+        // The first pass estimates the shape of a car in each frame separately. In the second pass, the car has the
+        // shape of its track.
         let seen = first.seen_by(chunk);
         let (found, _) = pass.tracks(seen, chunk, None, &mut Tally::default(), |_| Ok(()))?;
         let vehicles = tracked_cars(&found, atlas);
-        // The tracks of a chunk are large: they are dropped as soon as possible.
+        // The tracks of a chunk need much memory, so they are dropped as soon as possible.
         drop(found);
         let mut spooled = PoseLines::create(&spool)?;
         let seen = second.seen_by(chunk);
@@ -230,7 +237,8 @@ struct Poses {
 }
 
 impl Poses {
-    /// Adds the poses of a time chunk, with the numbers of their tracks.
+    /// Reads the poses of a time chunk from the file `spool`. Writes each pose to `poses.jsonl` with the number of its
+    /// track.
     fn add(&mut self, spool: &Path, tracks: &[Track]) -> Result<(), PipelineError> {
         let tracked: BTreeMap<CarRef, u64> =
             tracks.iter().flat_map(|track| detections_of(track).map(|(key, _)| (key, track.id))).collect();
@@ -279,14 +287,15 @@ mod tests {
     use roadplane_write::JsonLines;
 
     const SIZE: ImageSize = ImageSize { width: 1280, height: 720 };
-    /// Length of the clip, s: it has two seams if chunks are as short as possible.
+    /// Length of the clip, s. With the shortest possible time chunks, the clip has three chunks and two seams between
+    /// chunks.
     const SECONDS: u64 = 11 * 60;
     const FPS: u64 = 2;
 
     /// First shape coefficient of moving vehicles; stationary vehicles have the mean shape.
     const DRIVEN: f64 = 1.2;
 
-    /// Returns a vehicle as a net with an error of half a pixel sees it.
+    /// Returns the detection of a vehicle by a net whose keypoints have errors of half a pixel.
     fn seen(atlas: &ShapeAtlas, pose: &GroundPose, shape: &Shape, frame: u64) -> CarRecord {
         let params = CameraParams { log_focal: 1400f64.ln(), tilt: 0.35, roll: 0.02, log_height: 9f64.ln() };
         let camera = Camera::centred(params.focal_px(), SIZE);
@@ -313,8 +322,8 @@ mod tests {
         CarRecord { keypoints: Some(Box::new(keypoints)), ..CarRecord::boxed(bbox_px) }
     }
 
-    /// Writes the frames of a clip. Four vehicles are stationary, one of which is absent for half a minute around the
-    /// first seam. Another vehicle drives by every 25 s, also at both seams.
+    /// Writes the frames of a clip. Four vehicles are stationary. One of them is absent for half a minute around the
+    /// first seam between time chunks. Another vehicle drives past every 25 s, also at both seams.
     fn frames(path: &Path, atlas: &ShapeAtlas) {
         let mut lines = JsonLines::create(path).unwrap();
         for frame in 0..SECONDS * FPS {
@@ -357,7 +366,7 @@ mod tests {
         let (parts, part_rows, part_poses) = solve(1);
         assert_eq!(whole.shapes.len() as u64, 4 + SECONDS.div_ceil(25));
         assert_eq!(parts.shapes.len(), whole.shapes.len());
-        // Shapes are fixed in the second pass, whose detections must not add to them.
+        // Shapes are fixed in the second pass. The detections of that pass must not change the shapes.
         let is_driven = |shape: &&Shape| (shape[0] - DRIVEN).abs() < 0.35;
         assert_eq!(whole.shapes.values().filter(is_driven).count() as u64, SECONDS.div_ceil(25));
         let key = |row: &TrackRow| (row.frame, row.track);

@@ -1,4 +1,4 @@
-//! Identity of an input, versions of the program and its libraries, and the peak of memory.
+//! Facts about a run: size and hash of the input, versions of the program and its libraries, and peak memory.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -11,7 +11,8 @@ use sha2::{Digest as _, Sha256};
 use crate::PipelineError;
 use crate::config::hex;
 
-/// Returns the name of an input's result: its file name without extension, or the folder's name.
+/// Returns the name for the result of an input. It is the input's file name without extension, or the name of the
+/// input's folder.
 #[must_use]
 pub fn stem_of(input: &Path) -> String {
     let absolute = std::path::absolute(input).unwrap_or_else(|_unresolvable| input.to_path_buf());
@@ -19,10 +20,11 @@ pub fn stem_of(input: &Path) -> String {
     name.map(|name| name.to_string_lossy().into_owned()).unwrap_or_default()
 }
 
-/// Returns size and sha256 of a file, or of the files of a folder one after the other in the order of their names.
+/// Returns the path, the size and the sha256 of an input. The files of a folder count as one long file, in the order of
+/// their names.
 ///
 /// # Errors
-/// [`PipelineError::Unreadable`] for a file that cannot be read.
+/// Returns [`PipelineError::Unreadable`] if a file or folder cannot be read.
 pub fn file_identity(input: &Path) -> Result<InputSummary, PipelineError> {
     let fail = |path: &Path| {
         let path = path.to_path_buf();
@@ -51,7 +53,7 @@ pub fn file_identity(input: &Path) -> Result<InputSummary, PipelineError> {
     Ok(InputSummary { path: input.display().to_string(), bytes, sha256: hex(&hash.finalize()) })
 }
 
-/// Returns the versions of the program and its libraries by name.
+/// Returns the versions of the program and of its libraries, by their names.
 #[must_use]
 pub fn versions() -> BTreeMap<String, String> {
     let mut versions = BTreeMap::new();
@@ -63,7 +65,7 @@ pub fn versions() -> BTreeMap<String, String> {
     versions
 }
 
-/// Returns the peak resident memory of this process so far, bytes.
+/// Returns the peak resident memory of this process so far, bytes; `None` if the system does not report it.
 #[must_use]
 pub fn peak_memory_bytes() -> Option<u64> {
     crate::limits::status_bytes("VmHWM:")

@@ -1,20 +1,23 @@
-//! Joins the stages to the commands of the program: perception, estimation, output, configuration and cancellation.
+//! Implements the commands of the program. A command runs perception, then estimation, then writes the output.
+//! Configuration and cancellation are here too.
 //!
 //! # Contents
-//! Data flows from top to bottom.
+//! The data of a run passes through these modules from top to bottom.
 //! ```text
-//! stream/        perception: input → frames.jsonl (perception.rs). The stages (stages.rs, nets.rs) run on the frames
-//!                that cadence.rs chooses, one thread per stage (streaming.rs, flow.rs). Collected on the way:
-//!                watched.rs, scene_lines.rs, stills.rs, samples.rs, speed.rs
-//! cameras/       frames → the camera at every time (estimate.rs): windows (window.rs), factors of the scene's lines,
-//!                user constraints (known.rs), the camera database (memory.rs), the lens (lens.rs), all joined
-//!                (joining.rs)
-//! tracks/        frames and camera → tracks: poses of cars (cars.rs, ground_contact.rs, hidden.rs), a pass over a time
-//!                chunk (pass.rs, scene.rs), validation, rows of tracks (rows.rs), activities (activities.rs)
-//! estimation.rs  cameras, then tracks, of a whole clip
-//! output/        the solved clip → files (finish.rs, track_rows.rs), report and video (draw.rs, losses.rs)
+//! stream/        perception: reads an input and writes frames.jsonl (perception.rs). The stages (stages.rs, nets.rs)
+//!                run on the frames that cadence.rs chooses, each in its own thread (streaming.rs, flow.rs).
+//!                watched.rs, scene_lines.rs, stills.rs, samples.rs and speed.rs collect further data from the frames
+//! cameras/       estimates the camera over time from the frames (estimate.rs), in time windows (window.rs). Further
+//!                inputs are lines of the scene, user constraints (known.rs), the camera database (memory.rs) and the
+//!                lens (lens.rs). joining.rs has the options for joining windows and clips
+//! tracks/        estimates tracks from the frames and the camera: poses of cars (cars.rs, ground_contact.rs,
+//!                hidden.rs), one pass over a time chunk (pass.rs, scene.rs), validation (believe.rs), rows of tracks
+//!                (rows.rs), activities (activities.rs)
+//! estimation.rs  runs cameras/ and then tracks/ for a whole clip
+//! output/        writes the files of a result (finish.rs, track_rows.rs), its report and its video (draw.rs,
+//!                losses.rs)
 //! commands/      one file per command
-//! others         config.rs, options.rs, models.rs, identity.rs, limits.rs, progress.rs, cancel.rs, error.rs
+//! other files    config.rs, options.rs, models.rs, identity.rs, limits.rs, progress.rs, cancel.rs, error.rs
 //! ```
 
 mod cameras;

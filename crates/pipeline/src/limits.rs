@@ -1,5 +1,5 @@
-//! Checks before the work starts whether the process may use enough memory. Libraries in C++ may end a process without
-//! a message when they run out of memory.
+//! Checks, before a run starts, that the process may use enough memory. C++ libraries that run out of memory may end
+//! the process without a message.
 
 use std::path::Path;
 
@@ -9,16 +9,19 @@ use rustix::process::{Resource, getrlimit};
 use crate::PipelineError;
 
 const MIB: u64 = 1 << 20;
-/// Address space, bytes, that the loaded libraries take and that commands need to end in order.
+/// Least address space that a command needs, bytes. It covers the loaded libraries and the work of ending the command
+/// properly.
 const LEAST_SPACE: u64 = 900 * MIB;
-/// Address space, bytes, that nets, threads and their heaps take beside the libraries. Measured: 1.25 GiB at 720p, 1.53
-/// GiB at 1080p, 0.4 GiB of it for the libraries.
+/// Address space that nets, threads and their heaps take in addition to the libraries, bytes.
+///
+/// A whole run takes 1.25 GiB at 720p and 1.53 GiB at 1080p, as measured. The libraries take 0.4 GiB of these amounts.
 const RUN_SPACE: u64 = 640 * MIB;
-/// Further address space per pixel of the picture, bytes.
+/// Address space that a run takes in addition for each pixel of a frame, bytes.
 const SPACE_BY_PIXEL: u64 = 192;
-/// Memory that a run uses, bytes. Measured: 293 MB at 720p, 345 MB at 1080p.
+/// Memory that every run uses, whatever the frame size, bytes. A whole run uses 293 MB at 720p and 345 MB at 1080p, as
+/// measured.
 const RUN_MEMORY: u64 = 240 * MIB;
-/// Further memory per pixel of the picture, bytes.
+/// Memory that a run uses in addition for each pixel of a frame, bytes.
 const MEMORY_BY_PIXEL: u64 = 48;
 
 /// Returns the limit on the address space (`ulimit -v`), MiB, if it is too small to load the libraries.
@@ -27,10 +30,10 @@ pub fn too_small_address_space() -> Option<u64> {
     getrlimit(Resource::As).current.filter(|limit| *limit < LEAST_SPACE).map(|limit| limit / MIB)
 }
 
-/// Refuses a run that would reach a limit on memory.
+/// Checks that a run on frames of this size stays below the memory limits of the process.
 ///
 /// # Errors
-/// [`PipelineError::Memory`] with the limit.
+/// Returns [`PipelineError::Memory`], which names the limit, if the run needs more memory.
 pub(crate) fn check_memory(size: ImageSize) -> Result<(), PipelineError> {
     let pixels = u64::from(size.width) * u64::from(size.height);
     let space = status_bytes("VmSize:").and_then(|used| {
@@ -58,9 +61,11 @@ pub(crate) fn check_memory(size: ImageSize) -> Result<(), PipelineError> {
     Ok(())
 }
 
-/// Returns name and value, bytes, of the tightest memory limit of a process's control groups and their parents.
+/// Returns the lowest memory limit of a process's control groups and of their parents: its name, and its value in
+/// bytes.
 ///
-/// `groups` is the text of `/proc/self/cgroup`. Version 2 has one tree; version 1 has a separate tree for memory.
+/// `root` is the folder `/sys/fs/cgroup`, and `groups` is the text of the file `/proc/self/cgroup`. Control groups of
+/// version 2 form one tree. Version 1 has a separate tree for memory.
 fn cgroup_limit(root: &Path, groups: &str) -> Option<(&'static str, u64)> {
     let limits = groups.lines().filter_map(|line| {
         let mut fields = line.splitn(3, ':').skip(1);
@@ -81,7 +86,7 @@ fn cgroup_limit(root: &Path, groups: &str) -> Option<(&'static str, u64)> {
     limits.min_by_key(|(_, limit)| *limit)
 }
 
-/// Returns a value of `/proc/self/status`, bytes; `name` is the start of its line.
+/// Returns a value from the file `/proc/self/status`, bytes. `name` is the start of the line that has the value.
 pub(crate) fn status_bytes(name: &str) -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find(|line| line.starts_with(name))?;
@@ -114,7 +119,8 @@ mod tests {
         put("night/memory.max", "2000\n");
         assert_eq!(found("0::/night/clip\n"), Some(2000));
         assert_eq!(found("0::/other\n"), None);
-        // Version 1. Within a container the own group is the top of the tree, whatever its name outside.
+        // Control groups of version 1. Inside a container, the container's group is the top of the tree, even if the
+        // process reads a longer name for it.
         put("memory/memory.limit_in_bytes", "1500\n");
         put("memory/night/memory.limit_in_bytes", "9223372036854771712\n");
         let first = "12:cpuset:/\n4:cpu,memory:/night\n";

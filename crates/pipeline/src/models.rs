@@ -1,21 +1,22 @@
-//! Finds the models and the library of the ONNX runtime.
+//! Finds the folder of the models and the library of ONNX Runtime.
 
 use std::path::{Path, PathBuf};
 
 use crate::PipelineError;
 
-/// A file that every folder of models has.
+/// Name of a file that every models folder contains. The search recognises the folder by this file.
 const LANDMARK: &str = "keypoints.json";
 
-/// Returns the folder with the models.
+/// Returns the folder that contains the models.
 ///
-/// A configured folder or `ROADPLANE_MODELS` decides, in this order. Otherwise these are searched:
-/// - the folder of the Python package of the executable,
-/// - `models/` beside the executable or in a folder above it,
+/// The configured folder is used if there is one, or else the folder in the environment variable `ROADPLANE_MODELS`. If
+/// neither is set, these folders are searched in order:
+/// - the folder of the Python package, if `pip` installed the executable,
+/// - `models/` beside the executable or in a folder above the executable,
 /// - `models/` in the current folder.
 ///
 /// # Errors
-/// [`PipelineError::ModelsMissing`] with the folders that were searched.
+/// Returns [`PipelineError::ModelsMissing`], which names the searched folders, if no folder contains models.
 pub fn find_models(configured: Option<&Path>) -> Result<PathBuf, PipelineError> {
     let has_models = |folder: &Path| folder.join(LANDMARK).is_file();
     let named =
@@ -40,10 +41,10 @@ pub fn find_models(configured: Option<&Path>) -> Result<PathBuf, PipelineError> 
         })
 }
 
-/// Returns the library of the ONNX runtime.
+/// Returns the path of the library of ONNX Runtime.
 ///
 /// # Errors
-/// [`PipelineError::Infer`] with the folders that were searched.
+/// Returns [`PipelineError::Infer`], which names the searched places, if the library is not found.
 pub fn find_runtime() -> Result<PathBuf, PipelineError> {
     Ok(roadplane_infer::find_library(None)?)
 }

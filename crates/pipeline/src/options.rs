@@ -1,4 +1,4 @@
-//! Options of a run besides the configuration, and the report of a run.
+//! Options of a run that are not in the configuration, and the report of a run.
 
 use std::path::PathBuf;
 
@@ -8,33 +8,35 @@ use roadplane_write::Existing;
 use crate::CameraConstraints;
 use crate::cameras::memory::CameraDatabase;
 
-/// Options of [`run_input`](crate::run_input) besides the configuration.
+/// Options of [`run_input`](crate::run_input) that are not in the configuration.
 #[derive(Clone, Debug)]
 pub struct RunOptions {
-    /// Folder of the models.
+    /// Folder that contains the model files of the nets.
     pub models: PathBuf,
     /// User constraints on the camera.
     pub constraints: CameraConstraints,
-    /// The camera database.
+    /// The camera database: evidence about cameras from earlier clips. `None` if it is not used.
     pub cameras: Option<CameraDatabase>,
-    /// The camera's position on the map, the same for all inputs.
+    /// The camera's position on the map, which is the same for all inputs.
     pub site: Option<Site>,
-    /// How to treat a finished result of the same name.
+    /// Whether a finished result of the same name is replaced.
     pub existing: Existing,
-    /// Whether to continue a stopped run and to keep finished results.
+    /// Whether to continue a stopped run. Finished results are then kept and not computed again.
     pub resume: bool,
-    /// Whether to write the annotated video.
+    /// Whether to write a video of the input with the result drawn on it.
     pub video: bool,
     /// Whether to write the background image: the scene without vehicles.
     pub background: bool,
-    /// Whether to keep `frames.jsonl`, the results of perception by frame, in the result.
+    /// Whether to keep `frames.jsonl` in the result. This file has the results of perception for each frame.
     pub frames: bool,
-    /// Whether this process works on no other input at the same time, so that its processor time is that of this run.
+    /// Whether this process works on one input at a time. The processor time of the process is then the cost of the
+    /// run.
     pub alone: bool,
 }
 
 impl RunOptions {
-    /// Returns options that write the results alone; a result of the same name must not exist yet.
+    /// Returns options for a run that writes only the standard results. The run fails if a result of the same name
+    /// exists.
     #[must_use]
     pub fn new(models: PathBuf) -> Self {
         Self {
@@ -52,16 +54,16 @@ impl RunOptions {
     }
 }
 
-/// Report of the work on one input.
+/// Report of a run on one input.
 #[derive(Clone, Debug)]
 pub struct RunReport {
     /// Folder of the result.
     pub folder: PathBuf,
-    /// Number of tracks; `None` for a piece, and for a result that existed before.
+    /// Number of tracks. `None` for a piece of an input, and for a result that an earlier run finished.
     pub tracks: Option<u64>,
-    /// Text about the camera for the log: focal length, height and tilt, or the reason why there are none.
+    /// Text about the camera for the log: focal length, height and tilt, or the reason why they are absent.
     pub camera: String,
-    /// Whether some of the input was lost.
+    /// Whether some of the input was lost or damaged.
     pub damaged: bool,
     /// Number of frames that could not be decoded.
     pub frames_lost: u64,

@@ -1,4 +1,4 @@
-//! Output of a solved clip: files, report, video.
+//! Output of a clip after estimation: result files, report and video.
 
 pub(crate) mod draw;
 pub(crate) mod finish;

@@ -1,16 +1,16 @@
-//! Progress reports of a run.
+//! Reports on the progress of a run.
 
-/// Receiver of progress reports. A run calls it often, so its functions must be cheap.
+/// Receives reports on the progress of a run. A run reports every frame, so these functions must be fast.
 pub trait Progress: Sync {
-    /// Starts to count frames; `frames` is the number of frames to come, if it is known.
+    /// Starts a count of frames. `frames` is the total number of frames to count, or `None` if it is unknown.
     fn expect(&self, frames: Option<u64>);
-    /// Notes that a frame has passed all stages.
+    /// Counts one frame that has passed all stages.
     fn frame_done(&self);
-    /// Starts another part of the work.
+    /// Starts the next part of the work, which is called `name`.
     fn phase(&self, name: &str);
 }
 
-/// Receiver that ignores all reports.
+/// A receiver of progress reports that ignores all of them.
 pub struct Silent;
 
 impl Progress for Silent {

@@ -1,4 +1,4 @@
-//! Perception: reads frames and writes one JSON line per frame; every stage has a thread.
+//! Perception: reads the frames of an input and writes one JSON line per frame. Each stage has its own thread.
 
 pub(crate) mod cadence;
 pub(crate) mod cpu;

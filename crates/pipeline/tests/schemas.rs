@@ -1,4 +1,4 @@
-//! The schemas in `docs/schemas` are those of the code, and they describe every field.
+//! Tests that the schemas in `docs/schemas` equal those of the code, and that they describe every field.
 
 #![allow(missing_docs, clippy::unwrap_used)]
 
@@ -21,13 +21,14 @@ fn the_committed_schemas_are_those_of_the_code() {
     }
 }
 
-/// Whether a description is a full sentence for a reader of JSON, without the links of Rust's documentation.
+/// Whether the description of a field is a full sentence without Rust documentation links, which a reader of JSON
+/// cannot follow.
 fn is_sentence(field: &Value) -> bool {
     let text = field["description"].as_str().unwrap_or_default();
     text.ends_with('.') && text.contains(' ') && !text.contains("[`")
 }
 
-/// Collects the names of the fields without a proper description, in all objects of a schema.
+/// Collects in `found` the names of all fields of a schema that lack a proper description.
 fn undescribed(schema: &Value, found: &mut Vec<String>) {
     match schema {
         Value::Object(object) => {

@@ -1,14 +1,15 @@
 //! Writes joint refinement problems as text for another solver, and prints our solver's CPU time and cost for them.
-//! `cargo run --release -p roadplane-solve --example refinement_problems -- DIR` (see `scripts/bench/ceres`).
 //!
-//! Each file contains numbers in this order:
+//! Run `cargo run --release -p roadplane-solve --example refinement_problems -- DIR` (see `scripts/bench/ceres`).
+//!
+//! The file of each problem contains numbers in this order:
 //!
 //! - `t²` of the outlier model; mean and information of the camera prior (4 + 4);
 //! - start of the camera (log f, tilt, roll, log h); number of cars;
-//! - per car: anchor u, v (px from the principal point), heading, six shape coefficients, number of keypoints;
-//! - per keypoint: index, x, y (px from the principal point), sd px, weight.
+//! - for each car: anchor u, v (px from the principal point), heading, six shape coefficients, number of keypoints;
+//! - for each keypoint: index, x, y (px from the principal point), sd in px, weight.
 //!
-//! `atlas.txt` contains the atlas: mean (36 × 3), modes (6 × 36 × 3).
+//! The file `atlas.txt` contains the shape atlas: the mean car (36 × 3 numbers) and the modes (6 × 36 × 3 numbers).
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -17,13 +18,13 @@ use roadplane_base::{Camera, MODES, ShapeAtlas};
 use roadplane_solve::{CarView, GivenScene, SceneOptions, Steps, refine_scene};
 use roadplane_synth::BenchScene;
 
-/// Returns the CPU seconds of this thread; the kernel counts in steps of milliseconds.
+/// Returns the CPU time that this thread has used, s; the kernel updates it in steps of milliseconds.
 fn cpu_seconds() -> f64 {
     let text = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
     text.split_whitespace().next().and_then(|n| n.parse::<f64>().ok()).unwrap_or(0.0) * 1e-9
 }
 
-/// Returns the mean CPU seconds of a run, over as many runs as fill 60 ms, and the last run's result.
+/// Repeats `work` for at least 60 ms, and returns the mean CPU time per run (s) and the last result.
 fn timed<T>(mut work: impl FnMut() -> T) -> (f64, T) {
     let mut runs = 1.0;
     let start = cpu_seconds();
@@ -35,7 +36,7 @@ fn timed<T>(mut work: impl FnMut() -> T) -> (f64, T) {
     ((cpu_seconds() - start) / runs, result)
 }
 
-/// Returns the start of the refinement.
+/// Returns the camera, poses and shapes at which the refinement starts.
 fn start(scene: &BenchScene) -> GivenScene<'_> {
     GivenScene { params: scene.params, poses: &scene.poses, shapes: &scene.shapes }
 }
@@ -81,7 +82,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut atlas = ShapeAtlas::shipped()?;
     // Shapes have no bounds, because with them Ceres stalls above the minimum.
     atlas.bounds = [[f64::NEG_INFINITY, f64::INFINITY]; MODES];
-    // The atlas' residual depends on the pose at which it is evaluated. Without it both solvers have the same weights.
+    // The atlas' residual in the image depends on the pose. Without this residual, both solvers use the same keypoint
+    // weights.
     let steps = Steps { bias: false, ..Steps::default() };
     let options = SceneOptions { atlas_residual_scale: 0.0, steps, ..SceneOptions::default() };
     std::fs::write(folder.join("atlas.txt"), atlas_text(&atlas))?;

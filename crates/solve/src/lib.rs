@@ -1,38 +1,47 @@
-//! Estimates focal length, ground plane, poses and shapes from the keypoints of the cars of one frame, with
-//! covariances. Pure maths in f64: no I/O, no clock, no random numbers, no panics. The same input gives the same bits.
+//! Estimates the focal length, the ground plane, and the poses and shapes of cars from their keypoints in one frame.
+//!
+//! Every estimate has a covariance. The crate is pure maths in f64: no I/O, no clock, no random numbers, no panics. The
+//! same input gives the same bits.
 //!
 //! # Model
 //! The camera is a pinhole with square pixels and the principal point in the middle of the image. Its unknowns are
-//! [`CameraParams`](roadplane_base::CameraParams) `c = (log f, tilt, roll, log h)`. Car k has a shape `λ_k`, which is 6
-//! coefficients of the atlas with the prior N(0, I). It has a position and a heading on the plane. The cost is
+//! [`CameraParams`](roadplane_base::CameraParams) `c = (log f, tilt, roll, log h)`: focal length f (px), two angles
+//! (rad) and height h above the ground (m).
+//!
+//! Car shapes come from the shape atlas, a linear model: a mean car plus a weighted sum of modes, which are typical
+//! deviations from the mean car. The shape `λ_k` of car k is a vector of 6 coefficients with the prior N(0, I). Each
+//! car also has a position and a heading on the ground plane. The cost is
 //!
 //! ```text
 //! E = Σ_k Σ_i ½ s_i ρ(‖W_i (π(c, car_k, X_i(λ_k)) − z_i)‖²)  +  Σ_k ½ ‖λ_k‖²  +  ½ ‖c − c₀‖²_P
 //! ```
 //!
-//! with keypoint `z_i`, its score `s_i`, and an outlier model `ρ` (see [`OutlierModel`]). The whitening `W_i` comes
-//! from the keypoint's covariance and the atlas' residual. Two cars are coupled through `c` only. So the normal
-//! equations have the shape of an arrow, and the computing time is linear in the number of cars.
+//! `X_i(λ)` is the i-th keypoint of a car of shape λ, and `π` projects it into the image. The measured keypoint is
+//! `z_i`, with score `s_i`. `ρ` is the robust loss of the [`OutlierModel`]. `W_i` whitens the reprojection error. It
+//! accounts for the keypoint's covariance and for the part of the shape that the modes do not explain. The camera's
+//! prior has mean `c₀` and inverse covariance `P`.
 //!
-//! The scene is solved with the atlas' first 6 modes. The camera is then refined with all 12 modes, so that the
-//! residual of the first modes no longer counts as noise of single keypoints. In this step, a car's prior is the
-//! mixture of its likely body types, and a car that fits worse than the others gets less weight. Free cars have this
-//! prior too. Last, the bias of the minimum is corrected.
+//! Two cars are coupled through `c` only. So the normal equations have the shape of an arrow, and the computing time is
+//! linear in the number of cars.
+//!
+//! The scene is first solved with 6 modes of the atlas. In this solve, the 6 remaining modes count as independent noise
+//! of each keypoint. Then the camera is refined with all 12 modes. In the refinement, the shape prior of a car is the
+//! mixture of its likely body types. Cars that fit worse than most cars get less weight. Finally, the bias of the
+//! estimated camera is corrected.
 //!
 //! # Contents
-//! - `linear/`: the descent ([`minimise`]), the arrow-shaped equations, sums of four rows at a time; independent of
-//!   cars
-//! - `model/`: projection and its derivatives, keypoints, outliers, priors; `latent/`: body types, trust
-//! - `problem/`: the joint problem of cars on the plane (any number of modes) or free; preparation of a frame's input
-//! - `start/`: the search for starts of the descent; the paper's Algorithm 1
-//! - `scene/`: the solves themselves, as numbered steps (`solve.rs`)
+//! - `linear/`: general least squares: the descent ([`minimise`]) and the arrow-shaped normal equations
+//! - `model/`: projection and its derivatives, keypoints, outliers, priors, body types, weights of cars
+//! - `problem/`: the joint least-squares problem of all cars of a frame, and the preparation of its input
+//! - `start/`: the search for start values of the descent
+//! - `scene/`: the complete solves; `solve.rs` lists their steps
 //!
 //! # Entry points
 //! - [`solve_scene`]: camera, plane and cars are all unknown.
 //! - [`fit_car`]: camera and plane are given.
-//! - [`fit_free_car`], [`solve_free_scene`]: poses have 6 degrees of freedom. Optional soft plane terms are those of
-//!   the paper (Eq. 4–7), with its Algorithm 1.
-//! - [`refine_scene`], [`scene_bound`]: a scene is given.
+//! - [`fit_free_car`], [`solve_free_scene`]: poses have 6 degrees of freedom. The second function implements the paper
+//!   *Car Pose in Context* (Eq. 4–7 and Algorithm 1), which this crate extends.
+//! - [`refine_scene`], [`scene_bound`]: start values of camera, poses and shapes are given.
 //!
 //! # Example
 //! ```

@@ -1,5 +1,4 @@
-//! Least squares, independent of cars: the descent, the arrow-shaped normal equations, and their sums four rows at a
-//! time.
+//! General least squares: the descent, the arrow-shaped normal equations, and their vectorised sums.
 
 pub(crate) mod arrow;
 pub(crate) mod gram;

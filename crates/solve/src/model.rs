@@ -1,4 +1,4 @@
-//! The measurement model: projection of cars, keypoints and their errors, and priors.
+//! The measurement model: projection of a car's keypoints into the image, keypoint errors, and priors.
 
 pub(crate) mod camera_prior;
 #[cfg(test)]

@@ -13,9 +13,9 @@ use crate::model::kernel::OutlierModel;
 pub struct ShapePrior {
     /// Mean of the coefficients.
     pub mean: Shape,
-    /// Inverse covariance; zero without a prior.
+    /// Inverse covariance; zero means that there is no prior.
     pub information: Matrix6<f64>,
-    /// Whether the shape is fixed at the mean.
+    /// Whether the shape is fixed at the mean instead of estimated.
     pub fixed: bool,
 }
 
@@ -27,32 +27,35 @@ impl Default for ShapePrior {
 }
 
 impl ShapePrior {
-    /// Returns a prior that fixes the shape at the given one.
+    /// Returns a prior that fixes the shape at the given coefficients.
     #[must_use]
     pub fn fixed_at(shape: Shape) -> Self {
         Self { mean: shape, information: Matrix6::identity(), fixed: true }
     }
 }
 
-/// Steps of a solve that can be switched off; all are on by default.
+/// Switches for the optional steps of a solve; all steps are on by default.
 ///
 /// `roadplane-lab eval solver --layers` measures the effect of each step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Steps {
     /// Rejects views that do not fit a car (`scene/rejection.rs`).
     pub rejection: bool,
-    /// Tries the opposite decision for single keypoints: wrong or right (`scene/reclassify.rs`).
+    /// Tries the opposite class (inlier or outlier) for doubtful keypoints (`scene/reclassify.rs`).
     pub reclassify: bool,
-    /// Refines the camera with all modes of the atlas (`scene/all_modes.rs`); `body_types` and `trust` are parts of
-    /// this step.
+    /// Refines the camera with all modes of the shape atlas (`scene/all_modes.rs`).
     ///
-    /// The step is left out if [`SceneOptions::atlas_residual_scale`] is 0.
+    /// `body_types` and `trust` are parts of this step. It is skipped if [`SceneOptions::atlas_residual_scale`] is 0.
     pub all_modes: bool,
-    /// Uses the mixture of a car's likely body types as its prior (`model/latent/body_types.rs`), also for free cars.
+    /// Uses the mixture of a car's likely body types as its shape prior (`model/latent/body_types.rs`).
+    ///
+    /// Solves with free poses (6 degrees of freedom) use this prior too.
     pub body_types: bool,
-    /// Gives cars that fit worse than others less weight (`model/latent/trust.rs`).
+    /// Gives less weight to cars that fit worse than most cars of the frame (`model/latent/trust.rs`).
     pub trust: bool,
-    /// Corrects the bias of the minimum (`problem/cars/bias.rs`): 0 without noise, a fraction of a sd with noise.
+    /// Corrects the bias of the estimated camera (`problem/cars/bias.rs`).
+    ///
+    /// Without noise the bias is 0. With noise it is a fraction of the camera's sd.
     pub bias: bool,
 }
 
@@ -62,12 +65,14 @@ impl Default for Steps {
     }
 }
 
-/// Correlations of keypoint errors, as nets make them (`problem/cars/joint.rs`).
+/// Correlations between the keypoint errors of a neural net (`problem/cars/joint.rs`).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ViewErrors {
-    /// Number of keypoints of a car that count as one independent keypoint; 1 if their errors are independent.
+    /// Number of keypoints of a car that together count as one independent keypoint.
+    ///
+    /// It is 1 if the errors of a car's keypoints are independent.
     pub keypoints_as_one: f64,
-    /// sds of the errors that all cars of a scene share, in the order of [`SharedSd`].
+    /// Standard deviations of the errors that all cars of a scene share; [`SharedSd`] defines order and units.
     pub shared_sd: SharedSd,
 }
 
@@ -76,42 +81,47 @@ pub struct ViewErrors {
 pub struct SceneOptions {
     /// Focal length given by the user, px.
     pub given_focal_px: Option<f64>,
-    /// Start of the descent, such as the solution of the previous frame. The solver searches if the cars do not fit
-    /// there.
+    /// Camera at which the descent starts, such as the solution of the previous frame.
+    ///
+    /// If the cars do not fit this camera, the solver searches for other starts.
     pub start: Option<CameraParams>,
-    /// Lens distortion. Its uncertainty counts as an error that all cars share ([`ViewErrors::shared_sd`]).
+    /// Lens distortion, which the solver does not estimate.
+    ///
+    /// Its uncertainty is one of the errors that all cars share ([`ViewErrors::shared_sd`]).
     pub lens: Lens,
     /// Prior on the camera.
     pub camera_prior: CameraPrior,
-    /// Factors on the camera beside the cars.
+    /// Cost terms on the camera that come from other evidence than the cars, such as a given tilt.
     ///
-    /// They count in the estimate and its covariance, but not in [`SceneSolution::information`](crate::SceneSolution).
+    /// These terms change the estimate and its covariance, but not
+    /// [`SceneSolution::information`](crate::SceneSolution).
     pub factors: Arc<[Factor]>,
-    /// Factor on the residual sd of the atlas' first modes.
+    /// Number by which the sd of the shape atlas' residual is multiplied.
     ///
-    /// With 0, cars are exactly in the atlas, and the steps with all modes are left out (`scene/all_modes.rs`).
+    /// The residual is the part of a keypoint's 3D position that the shape modes do not explain. With 0, the first 6
+    /// modes describe every car exactly. The refinement with all modes is then skipped (`scene/all_modes.rs`).
     pub atlas_residual_scale: f64,
     /// Outlier model of keypoints.
     pub kernel: OutlierModel,
-    /// Steps of the solve.
+    /// Optional steps of the solve that are switched on.
     pub steps: Steps,
-    /// Correlations of keypoint errors; `None` if errors are independent, as for synthetic noise.
+    /// Correlations of keypoint errors; `None` if the errors are independent, as those of synthetic noise are.
     pub view_errors: Option<ViewErrors>,
-    /// Stopping rules.
+    /// Stopping rules of the descent.
     pub lm: LmOptions,
-    /// Least share of right keypoints of a car, 0–1; a car with a smaller share is rejected.
+    /// Smallest share of inliers among a car's keypoints, 0–1. A car with a smaller share is rejected.
     pub min_inlier_share: f64,
-    /// Largest cost of a car's fit, as a share of its cost if all keypoints were wrong; a car that costs more is
-    /// rejected.
+    /// Largest cost of a car's fit, relative to its cost if all its keypoints were outliers.
     ///
-    /// Half of a false detection's keypoints may fit, but not well and not with a likely shape.
+    /// A car with a larger cost is rejected. Half of the keypoints of a false detection may fit, but not well and not
+    /// with a likely shape.
     pub max_cost_share: f64,
-    /// Least number of right keypoints of a car; a car with fewer is rejected.
+    /// Smallest number of inliers among a car's keypoints. A car with fewer inliers is rejected.
     pub min_inliers: usize,
 }
 
 impl SceneOptions {
-    /// Returns the sds of the errors that cars share; 0 if their errors are independent.
+    /// Returns the standard deviations of the errors that all cars share; all 0 if the cars' errors are independent.
     #[must_use]
     pub fn shared_sd(&self) -> SharedSd {
         self.view_errors.map_or([0.0; SHARED_ERRORS], |errors| errors.shared_sd)

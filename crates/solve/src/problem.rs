@@ -1,4 +1,4 @@
-//! The problem for the descent, with cars on a common plane or with free poses; and the preparation of a frame's input.
+//! The least-squares problem of a frame's cars, on a common plane or with free poses, and the preparation of its input.
 
 pub(crate) mod cars;
 pub(crate) mod setup;

@@ -1,4 +1,4 @@
-//! The solves, step by step: a scene (`solve.rs` lists its steps), one car, a given scene, free poses.
+//! The complete solves: a whole scene (`solve.rs` lists its steps), one car, a given scene, cars with free poses.
 
 mod all_modes;
 mod approach;

@@ -8,41 +8,44 @@ use crate::linear::lm::Termination;
 /// One view of a car: its keypoints in one frame.
 #[derive(Clone, Copy, Debug)]
 pub struct CarView<'a> {
-    /// Located keypoints.
+    /// Keypoints of the car in the image.
     pub keypoints: &'a KeypointSet,
-    /// Number of the physical car; views of the same group share one shape.
+    /// Number of the physical car. Views with the same number share one shape.
     pub group: usize,
-    /// Weight relative to an independent observation, 0–1.
+    /// Weight of the view, 0–1; 1 if it is independent of all other views.
     pub weight: f64,
 }
 
 impl<'a> CarView<'a> {
-    /// Returns one view of full weight per car, all of different cars.
+    /// Returns one view per keypoint set, with weight 1 and a different group for each.
     pub fn each(cars: impl IntoIterator<Item = &'a KeypointSet>) -> Vec<Self> {
         let view = |(group, keypoints)| Self { keypoints, group, weight: 1.0 };
         cars.into_iter().enumerate().map(view).collect()
     }
 }
 
-/// Result of a solve.
+/// Outcome of a solve: how the focal length was determined, or why the solve failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SceneStatus {
     /// Focal length and plane come from the cars.
     Converged,
-    /// Focal length was given; the plane comes from the cars.
+    /// The caller gave the focal length, and the plane comes from the cars.
     FocalGiven,
-    /// The cars do not determine the focal length: it rests on the prior and is as uncertain as the prior.
+    /// The cars do not determine the focal length. Its value and its uncertainty come from the prior.
     FocalFromPrior,
-    /// The loop reached its largest number of iterations before it came near the minimum.
+    /// The descent used up its iterations before it came near the minimum.
     NotConverged,
-    /// No car could be used; the numbers are the prior.
+    /// No car could be used. Camera and covariance are those of the prior.
     TooFewCars,
-    /// Nothing could be evaluated (no finite input, impossible geometry); the numbers are the prior.
+    /// The cost could not be evaluated: no finite input, or impossible geometry. Camera and covariance are those of the
+    /// prior.
     Failed,
 }
 
 impl SceneStatus {
-    /// Returns the status of a solve; its focal length may be given, or determined by the cars.
+    /// Returns the status of a solve that stopped for this reason.
+    ///
+    /// `is_given` means that the caller gave the focal length, `is_determined` that the cars determine it.
     pub(crate) fn of(termination: Termination, is_given: bool, is_determined: bool) -> Self {
         match (termination.converged(), is_given, is_determined) {
             (false, ..) => Self::NotConverged,
@@ -52,7 +55,7 @@ impl SceneStatus {
         }
     }
 
-    /// Whether camera and cars can be used (with their covariances).
+    /// Whether the estimated camera and cars, with their covariances, can be used.
     #[must_use]
     pub fn usable(self) -> bool {
         matches!(self, Self::Converged | Self::FocalGiven | Self::FocalFromPrior)
@@ -62,47 +65,50 @@ impl SceneStatus {
 /// Solution of one car.
 #[derive(Clone, Debug)]
 pub struct CarSolution {
-    /// Rigid motion from the car's to the camera's frame, m.
+    /// Rigid transform from the car frame to the camera frame, m.
     pub camera_from_car: Isometry3<f64>,
-    /// Pose on the ground, world frame.
+    /// Position and heading on the ground plane, in the world frame.
     pub ground: GroundPose,
-    /// Covariance of (x m, y m, heading rad).
+    /// Covariance of the ground pose (x m, y m, heading rad).
     ///
-    /// It includes the camera's uncertainty if the camera is estimated ([`solve_scene`](crate::solve_scene)), but not
-    /// if the camera is given ([`fit_car`](crate::fit_car)).
+    /// From [`solve_scene`](crate::solve_scene), it includes the uncertainty of the estimated camera. From
+    /// [`fit_car`](crate::fit_car), it treats the given camera as exact.
     pub ground_covariance: Matrix3<f64>,
-    /// Shape coefficients, each in units of its sd over all cars.
+    /// Shape coefficients. Each is in units of the coefficient's standard deviation over all cars.
     pub shape: Shape,
     /// Covariance of the shape coefficients.
     pub shape_covariance: Matrix6<f64>,
-    /// Keypoints that are more likely right than wrong.
+    /// Whether each keypoint is an inlier: more likely right than wrong.
     pub inliers: [bool; KEYPOINTS],
-    /// Root mean square distance of the inliers from their projections, px.
+    /// Root mean square distance between the inliers and the projected keypoints of the fitted car, px.
     pub reprojection_rms_px: f64,
-    /// Whether the car took part in the estimate.
+    /// Whether the car contributed to the estimate of the camera; `false` if it was rejected.
     pub used: bool,
 }
 
 /// Solution of a frame.
 #[derive(Clone, Debug)]
 pub struct SceneSolution {
-    /// Result of the solve.
+    /// Outcome of the solve.
     pub status: SceneStatus,
-    /// Focal length, tilt, roll and height.
+    /// Estimated focal length, tilt, roll and height of the camera.
     pub params: CameraParams,
-    /// Information of the cars alone on (log f, tilt, roll, log h) and on the errors they share.
+    /// Information of the cars alone on the camera (log f, tilt, roll, log h) and on the errors that all cars share.
     ///
-    /// Poses and shapes are marginalised. Prior and factors are not included. So the information of independent frames
-    /// of a scene can be summed.
+    /// Poses and shapes of the cars are marginalised. The camera's prior and factors are not included. So the
+    /// information of independent frames of a scene can be summed.
     pub information: JointInformation,
-    /// Covariance of (log f, tilt, roll, log h), with prior, factors and shared errors; zero for given parameters.
+    /// Covariance of (log f, tilt, roll, log h).
+    ///
+    /// It includes the camera's prior, the factors, and the errors that all cars share. Rows of given parameters are
+    /// zero.
     pub covariance: Matrix4<f64>,
-    /// Solution per view, in the order of the input; `None` if a view could not be fitted.
+    /// Solution of the car in each view, in the order of the input; `None` if the view could not be fitted.
     pub cars: Vec<Option<CarSolution>>,
     /// Cost at the minimum: the negative log posterior up to a constant.
     pub cost: f64,
-    /// Number of linearisations of the final refinement.
+    /// Number of linearisations in the final descent.
     pub iterations: usize,
-    /// Reason why the final refinement stopped.
+    /// Reason why the final descent stopped.
     pub termination: Termination,
 }

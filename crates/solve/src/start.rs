@@ -1,4 +1,4 @@
-//! The search for starts of the descent, without prior knowledge of camera or poses.
+//! The search for start values of the descent, when camera and poses are unknown.
 
 pub(crate) mod alternation;
 pub(crate) mod cold_start;

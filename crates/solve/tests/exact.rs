@@ -1,4 +1,4 @@
-//! Noise-free scenes are solved exactly, with a search and from a random camera.
+//! Tests that noise-free scenes are solved exactly, both after a search and from a random start of the camera.
 
 use roadplane_base::{ShapeAtlas, angle_difference};
 use roadplane_solve::{CameraPrior, CarView, LmOptions, SceneOptions, Steps, solve_scene};
@@ -20,7 +20,8 @@ fn exact(atlas: &ShapeAtlas, random_start: bool) {
     let options = SceneOptions {
         camera_prior: CameraPrior::none(),
         atlas_residual_scale: 0.0,
-        // Cars of the mean shape are no sample of the population, so the bias correction does not apply.
+        // All cars have the mean shape. They are not a random sample of the population, so the bias correction would be
+        // wrong.
         steps: Steps { bias: false, ..Steps::default() },
         lm: tight,
         ..SceneOptions::default()

@@ -1,4 +1,4 @@
-//! Factors count in a scene's camera with their values and sds.
+//! Tests that factors (cost terms on the camera beside the cars) affect the estimate according to their sds.
 
 use std::sync::Arc;
 
@@ -6,8 +6,9 @@ use roadplane_base::{CameraParams, Factor, ShapeAtlas};
 use roadplane_solve::{CarView, SceneOptions, SceneSolution, solve_scene};
 use roadplane_synth::{SynthOptions, scene};
 
-/// Solves noisy synthetic scenes without factors and with factors made from the truth, and calls `show` with both
-/// solutions.
+/// Solves noisy synthetic scenes twice, without factors and with factors, and calls `show` with both solutions.
+///
+/// `factors` makes the factors from the true camera.
 fn with_and_without(
     atlas: &ShapeAtlas,
     factors: impl Fn(&CameraParams) -> Vec<Factor>,

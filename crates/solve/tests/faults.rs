@@ -1,4 +1,4 @@
-//! Wrong cars and keypoints are rejected, and the uncertainty of the solution is calibrated.
+//! Tests that wrong cars and keypoints are rejected, and that the uncertainty of the solution is calibrated.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests")]
 
@@ -17,10 +17,10 @@ fn solve(atlas: &ShapeAtlas, truth: &SceneTruth, steps: Steps) -> SceneSolution 
     solve_scene(atlas, truth.size, &views, &options)
 }
 
-/// Solves scenes in which a fifth of the cars is wrong.
+/// Solves scenes in which one fifth of the cars are wrong.
 ///
-/// Returns the rejected share of the wrong cars, the used share of the others, and the normalised error of the focal
-/// length.
+/// Returns three numbers: the share of wrong cars that are rejected, the share of right cars that are used, and the
+/// normalised error of the focal length.
 fn sorted_out(kind: Wrong, steps: Steps) -> [f64; 3] {
     let atlas = ShapeAtlas::shipped().unwrap();
     let [mut wrong, mut left_out, mut right, mut used, mut squares] = [0.0; 5];
@@ -60,7 +60,9 @@ fn wrong_cars_are_rejected() {
     }
 }
 
-/// A car with mirrored labels resembles a car that is turned round. Some are rejected, and the others point backwards.
+/// A car with left and right keypoints exchanged resembles a car with the opposite heading.
+///
+/// The solver rejects some of these cars, and gives the remaining ones the opposite heading.
 #[test]
 fn mirrored_labels_do_not_turn_the_camera() {
     let [left_out, used, error] = sorted_out(Wrong::Mirrored, Steps::default());

@@ -1,4 +1,4 @@
-//! Free poses, with and without plane terms, with given and with unknown focal length.
+//! Tests of free poses (6 degrees of freedom): with and without plane terms, with given and with unknown focal length.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests")]
 

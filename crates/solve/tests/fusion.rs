@@ -1,4 +1,4 @@
-//! The information of frames on the camera can be summed.
+//! Tests that information on the camera from several frames can be summed, and that shared errors are predicted.
 
 use nalgebra::{Matrix4, Point3, Vector3, Vector4};
 use roadplane_base::{Camera, CameraParams, Keypoint, Lens, SHARED_ERRORS, ShapeAtlas};
@@ -31,13 +31,13 @@ fn view_errors_widen_the_covariance() {
         for i in (0..4).filter(|i| none[*i] > 0.0) {
             assert!(none[i] < own[i] && own[i] < shared[i], "{i}: {none} {own} {shared}");
         }
-        // With a given focal length, the shared error appears in full in the tilt.
+        // If the focal length is given, the whole shared error goes into the tilt.
         assert!(given_focal_px.is_none() || shared[1] > 0.9 * 0.02, "{shared}");
         assert_eq!(given_focal_px.is_some(), shared[0] == 0.0);
     }
 }
 
-/// The cross information predicts the camera's change with an error of the lens.
+/// The cross information predicts how much the camera changes if the lens distortion is wrong.
 #[test]
 fn an_error_of_the_lens_moves_the_camera_as_predicted() {
     let atlas = ShapeAtlas::shipped().unwrap();
@@ -107,9 +107,9 @@ fn a_hundred_frames_determine_the_focal_length() {
     assert!(errors[1] < 0.015, "median {}", errors[1]);
 }
 
-/// Returns the scene four times: with its noise and the opposite, with its cars and those mirrored about the mean car.
+/// Returns four variants of a scene: both signs of the noise, and both signs of the cars' deviations from the mean car.
 ///
-/// First-order effects of errors cancel over the four, so the bias remains.
+/// First-order effects of noise and shapes cancel over the four variants, so only the bias remains.
 fn mirrored(atlas: &ShapeAtlas, truth: &SceneTruth) -> Vec<SceneTruth> {
     let camera = Camera::centred(truth.params.focal_px(), truth.size);
     let camera_from_world = truth.params.plane().camera_from_world();
@@ -137,7 +137,7 @@ fn mirrored(atlas: &ShapeAtlas, truth: &SceneTruth) -> Vec<SceneTruth> {
 fn sums_of_frames_have_no_bias() {
     let atlas = ShapeAtlas::shipped().unwrap();
     let errors = |bias: bool| {
-        // Body types and trust are not Gaussian, and trust depends on all cars.
+        // Body types and car weights are switched off, because they make the problem non-Gaussian.
         let steps = Steps { bias, body_types: false, trust: false, ..Steps::default() };
         let options = SceneOptions { steps, kernel: OutlierModel::none(), ..SceneOptions::default() };
         let (mut sums, mut cameras) = (Vector4::<f64>::zeros(), 0.0);
@@ -175,7 +175,7 @@ fn sums_of_frames_have_no_bias() {
     };
     let (with, without) = (errors(true), errors(false));
     println!("mean errors of (log f, tilt, roll, log h): with bias correction {with}, without {without}");
-    // Only tilt and height: so few scenes determine the focal length less well.
+    // Only tilt and height are checked, because these few scenes do not determine the focal length well enough.
     for number in [1, 3] {
         assert!(with[number].abs() < 0.4 * without[number].abs(), "{number}: {with} {without}");
     }

@@ -1,4 +1,4 @@
-//! The solver on hand-labelled keypoints of real cars (VIRAT scene 0401, nine parked cars).
+//! Test of the solver on hand-labelled keypoints of real cars (VIRAT scene 0401, nine parked cars).
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests")]
 

@@ -1,6 +1,6 @@
-//! Effects of the last steps on the camera: all modes, body types, trust, the integral over shapes and poses.
+//! Tests of the last steps of a solve: refinement with all modes, body types, weights of cars, bias correction.
 //!
-//! All solves start from the true scene, because the search is not tested here.
+//! All solves start from the true scene, because these tests do not cover the search.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests")]
 
@@ -14,9 +14,10 @@ use roadplane_synth::{CarModel, Rng, SceneTruth, SynthOptions, draw_shape, scene
 const ALL: Steps =
     Steps { rejection: true, reclassify: true, all_modes: true, body_types: true, trust: false, bias: false };
 
-/// Returns a scene with cars of several models of all modes, with noise of 0.3 % of their boxes.
+/// Returns a scene with cars of `models` different random shapes of all modes.
 ///
-/// `shape_sd` is the coefficients' sd for each model.
+/// `shape_sd` returns the number by which the coefficients of each shape are multiplied. The sd of the keypoint noise
+/// is 0.3 % of the longer side of a car's box.
 fn truth(atlas: &ShapeAtlas, seed: u64, models: usize, shape_sd: impl Fn(usize) -> f64) -> SceneTruth {
     let mut rng = Rng::new(seed);
     let mut model = |number| {
@@ -28,7 +29,9 @@ fn truth(atlas: &ShapeAtlas, seed: u64, models: usize, shape_sd: impl Fn(usize) 
     scene(atlas, &SynthOptions { models, noise: 0.003, ..SynthOptions::default() }, seed)
 }
 
-/// Refines a scene. `views_per_car` successive cars count as views of one car. `from` is the start, else the truth.
+/// Refines a scene from the solution `from` or, if it is `None`, from the true scene.
+///
+/// In each case, `views_per_car` consecutive cars count as views of one car.
 fn refine(
     atlas: &ShapeAtlas,
     truth: &SceneTruth,
@@ -52,7 +55,7 @@ fn refine(
         .unwrap()
 }
 
-/// Returns the error of a parameter of the camera.
+/// Returns the error of one camera parameter; `number` is its index in (log f, tilt, roll, log h).
 fn error(atlas: &ShapeAtlas, truth: &SceneTruth, steps: Steps, number: usize) -> f64 {
     let found = refine(atlas, truth, 1, None, steps, None);
     (found.params.to_vector() - truth.params.to_vector())[number]
@@ -64,18 +67,18 @@ fn without_fine_modes_nothing_changes() {
     let mut atlas = shipped.clone();
     atlas.body_types.clear();
     atlas.fine_modes = [atlas.mean.map(|_| Vector3::zeros()); FINE_MODES];
-    // The factor √2 on the residual sd of all modes is taken out.
+    // The model of all modes multiplies the residual sd by √2. The division cancels this.
     atlas.fine_residual_sd_m = atlas.residual_sd_m.map(|sd| sd / std::f64::consts::SQRT_2);
     for seed in 0..6 {
-        // Small coefficients stay within the bounds, which only the problem of six modes has.
-        // In every other scene all cars are equal, and two of them count as views of one.
+        // Only the problem with six modes has bounds, so the coefficients are small enough to stay within them. In
+        // every second scene all cars are equal, and each pair of cars counts as two views of one car.
         let (models, views_per_car) = if seed % 2 == 0 { (40, 1) } else { (1, 2) };
         let truth = truth(&shipped, seed, models, |_| 0.3);
         let given_focal_px = (seed % 3 == 0).then(|| truth.params.focal_px());
         let six = Steps { all_modes: false, ..ALL };
         let refine =
             |from: Option<&_>, steps| refine(&atlas, &truth, views_per_car, from, steps, given_focal_px);
-        // Repeated until keypoints are whitened at the final poses.
+        // The refinement is repeated until the whitening belongs to the final poses.
         let mut found = refine(None, six);
         for _ in 0..3 {
             found = refine(Some(&found), six);
@@ -88,14 +91,17 @@ fn without_fine_modes_nothing_changes() {
         assert!(off(&all, &found) < 1e-3, "{seed}: {}", off(&all, &found));
         let scale = sd * sd.transpose();
         assert!((all.covariance - found.covariance).component_div(&scale).amax() < 1e-3);
-        // The integral over shapes and poses is equal, too.
+        // The bias correction must be equal, too.
         let six = refine(Some(&found), Steps { bias: true, ..six });
         let all = refine(Some(&found), Steps { bias: true, ..ALL });
         assert!(off(&six, &all) < 1e-2 && off(&six, &found) > 1e-2, "{seed}: {}", off(&six, &all));
     }
 }
 
-/// The joint minimum shrinks the world, because in a smaller world all shape coefficients are nearer to their mean.
+/// The bias correction enlarges the world.
+///
+/// At the joint minimum, the world is too small, because in a smaller world all shape coefficients are nearer to their
+/// mean.
 #[test]
 fn integrating_out_makes_the_world_larger() {
     let atlas = ShapeAtlas::shipped().unwrap();

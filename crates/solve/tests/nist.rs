@@ -1,8 +1,8 @@
-//! The Levenberg–Marquardt loop on NIST's nonlinear regressions (Statistical Reference Datasets, StRD), from both
-//! starts of each.
+//! Test of the Levenberg–Marquardt loop on NIST's nonlinear regressions (Statistical Reference Datasets, StRD).
 //!
-//! The score is that of Ceres (`examples/nist.cc`). The log relative error (LRE) of a fit is the number of digits of
-//! its worst parameter that agree with NIST's certified value, 11 at most. A fit succeeds with four.
+//! Each regression is solved from both of its start values. The score is the one that Ceres uses (`examples/nist.cc`).
+//! The log relative error (LRE) of a fit is the number of correct digits of its worst parameter, at most 11. Correct
+//! digits agree with NIST's certified value. A fit succeeds with four correct digits.
 
 #![allow(clippy::unwrap_used, clippy::panic)] // the functions below are test code, too
 
@@ -12,12 +12,11 @@ use std::path::Path;
 use nalgebra::{Complex, DMatrix, DVector};
 use roadplane_solve::{LmOptions, Problem, Trial, minimise};
 
-/// A complex number: a step in the imaginary direction gives derivatives exact to the last digits (Squire and Trapp
-/// 1998).
+/// A complex number. A tiny imaginary step gives derivatives that are exact up to rounding (Squire and Trapp 1998).
 type C = Complex<f64>;
 const STEP: f64 = 1e-40;
 
-/// Returns a model's prediction at `x` with the parameters `b`.
+/// Returns the prediction of the named regression model at `x` with the parameters `b`.
 fn predicted(name: &str, x: &[f64], b: &[C]) -> C {
     let two = x.get(1).copied().unwrap_or_default();
     let x = x[0];
@@ -64,17 +63,17 @@ fn predicted(name: &str, x: &[f64], b: &[C]) -> C {
     }
 }
 
-/// Returns the arctangent. The library's own function for complex numbers loses so small an imaginary part.
+/// Returns the arctangent of a complex number. The library's own function would lose the tiny imaginary part.
 fn atan(z: C) -> C {
     C::new(z.re.atan(), z.im / (1.0 + z.re * z.re))
 }
 
-/// A regression from a file of NIST.
+/// A nonlinear regression problem, read from one of NIST's files.
 struct Regression {
     name: String,
     starts: [Vec<f64>; 2],
     certified: Vec<f64>,
-    /// Rows of data: response, then predictors.
+    /// Data rows. In each row, the response comes first and the predictors follow.
     data: Vec<Vec<f64>>,
 }
 
@@ -154,7 +153,7 @@ impl Problem for Fit<'_> {
     }
 
     fn try_step(&mut self, damping: f64) -> Option<Trial> {
-        // In units in which every column has length 1.
+        // The equations are scaled so that every column of the Jacobian has length 1.
         let unit = self.hessian.diagonal().map(|d| 1.0 / d.sqrt().max(1e-300));
         let mut scaled =
             DMatrix::from_fn(unit.len(), unit.len(), |i, j| unit[i] * self.hessian[(i, j)] * unit[j]);
@@ -173,7 +172,7 @@ impl Problem for Fit<'_> {
     }
 }
 
-/// Returns the number of digits of the worst parameter that agree with the certified value.
+/// Returns the number of correct digits of the worst parameter: digits that agree with the certified value.
 fn digits(found: &DVector<f64>, certified: &[f64]) -> f64 {
     let of = |(found, true_value): (&f64, &f64)| {
         -((found - true_value).abs() / true_value.abs()).max(1e-11).log10()
@@ -211,6 +210,6 @@ fn nists_regressions_come_out_to_four_digits() {
     let average = sum / f64::from(tried);
     println!("{solved} of {tried}, average LRE {average:.2}");
     assert_eq!(tried, 54);
-    // From their farther starts, BoxBOD, MGH10 and MGH17 end at other minima or do not converge.
+    // From the start that is farther from the solution, BoxBOD, MGH10 and MGH17 find other minima or do not converge.
     assert!(solved >= 51 && average > 8.0, "{solved} of {tried}, {average}");
 }

@@ -1,4 +1,4 @@
-//! The refinement allocates for its set-up and its solution only: as many times for thirty iterations as for two.
+//! Test that iterations of the refinement allocate no memory: thirty iterations need as many allocations as two.
 
 #![allow(unsafe_code)]
 
@@ -9,11 +9,11 @@ use roadplane_base::ShapeAtlas;
 use roadplane_solve::{CarView, GivenScene, LmOptions, SceneOptions, refine_scene};
 use roadplane_synth::{SynthOptions, scene};
 
-/// The system's allocator with a counter of allocations.
+/// The system's allocator, which also counts its allocations.
 struct Counting;
 
 thread_local! {
-    /// Number of allocations in this thread; the test harness allocates in another one.
+    /// Number of allocations in this thread. The test harness allocates in a different thread.
     static ALLOCATIONS: Cell<usize> = const { Cell::new(0) };
 }
 

@@ -1,4 +1,4 @@
-//! The outlier model of keypoints.
+//! Tests of the outlier model of keypoints.
 
 #![allow(missing_docs)]
 

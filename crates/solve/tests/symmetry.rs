@@ -1,6 +1,7 @@
-//! Solutions change in a known way with enlarged pictures, mirrored pictures and other units of length.
+//! Tests of symmetries: enlarged pictures, mirrored pictures and other units of length change a solution predictably.
 //!
-//! Stopping rules, and the poses at which keypoints are whitened, cause differences far below the sd.
+//! Small differences, far below the sd, remain. They come from the stopping rules and from the poses at which the
+//! whitening is computed.
 
 use nalgebra::{Matrix2, Vector2, Vector4};
 use roadplane_base::{ImageSize, Keypoint, KeypointSet, ShapeAtlas, angle_difference, mirror_index};
@@ -8,7 +9,7 @@ use roadplane_solve::{CameraPrior, CarView, SceneOptions, SceneSolution, solve_s
 use roadplane_synth::{SceneTruth, SynthOptions, scene};
 
 const SCENES: u64 = 12;
-/// Largest difference, in sds.
+/// Largest allowed difference between two solutions, in standard deviations.
 const SAME: f64 = 2e-3;
 
 fn options() -> SceneOptions {
@@ -30,13 +31,13 @@ fn scenes(atlas: &ShapeAtlas) -> impl Iterator<Item = SceneTruth> {
     (0..SCENES).map(move |seed| scene(atlas, &asked, 300 + seed))
 }
 
-/// Returns the largest difference of two cameras minus the `expected` one, in sds.
+/// Returns how far the difference `b` − `a` of two cameras is from the `expected` difference, in sds.
 fn off_in_sd(a: &SceneSolution, b: &SceneSolution, expected: Vector4<f64>) -> f64 {
     let sd = a.covariance.diagonal().map(f64::sqrt);
     (b.params.to_vector() - a.params.to_vector() - expected).component_div(&sd).amax()
 }
 
-/// Maps each keypoint by an affine map of the image with a diagonal linear part.
+/// Maps all keypoints by an affine map of the image; `linear` is the diagonal linear part of the map.
 fn mapped(
     set: &KeypointSet,
     pixel: impl Fn(Vector2<f64>) -> Vector2<f64>,

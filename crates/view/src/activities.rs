@@ -1,10 +1,10 @@
-//! Activities of tracks for drawings: intervals of one activity, their colours and their words.
+//! Activities of tracks as drawings show them: intervals with one activity, their colours and their names.
 
 use roadplane_base::TrackRow;
 
 use crate::canvas::Rgb;
 
-/// An interval of a track with one activity.
+/// An interval in which all rows of a track have the same activity.
 #[derive(Debug)]
 pub(crate) struct ActivityInterval<'a, 'b> {
     pub activity: &'a str,
@@ -12,7 +12,9 @@ pub(crate) struct ActivityInterval<'a, 'b> {
 }
 
 impl ActivityInterval<'_, '_> {
-    /// Returns the interval in words: `turning left 3.1–6.0 s (0.93)`, with the mean probability.
+    /// Returns the activity, its start and end, and its mean probability as text.
+    ///
+    /// An example is `turning left 3.1–6.0 s (0.93)`.
     pub(crate) fn in_words(&self) -> String {
         let time = |row: Option<&&TrackRow>| row.map_or(0.0, |row| row.time_s);
         let p =
@@ -22,7 +24,7 @@ impl ActivityInterval<'_, '_> {
     }
 }
 
-/// Returns the intervals of one track with a notable activity, in the order of time.
+/// Returns the intervals of one track in the order of time. Intervals of `not_moving` and `moving` are left out.
 pub(crate) fn activity_intervals<'a, 'b>(
     rows: &'b [&'a TrackRow],
 ) -> impl Iterator<Item = ActivityInterval<'a, 'b>> {
@@ -32,17 +34,17 @@ pub(crate) fn activity_intervals<'a, 'b>(
     })
 }
 
-/// Returns a row's activity, unless it is `not_moving` or `moving`.
+/// Returns the activity of a row; `None` if the row has no activity, or if the activity is `not_moving` or `moving`.
 pub(crate) fn notable_activity(row: &TrackRow) -> Option<&str> {
     row.activity.as_deref().filter(|activity| !matches!(*activity, "not_moving" | "moving"))
 }
 
-/// Returns an activity's name as words.
+/// Returns the name of an activity with spaces instead of underscores.
 pub(crate) fn words(activity: &str) -> String {
     activity.replace('_', " ")
 }
 
-/// Returns the colour of an activity.
+/// Returns the colour that drawings use for an activity.
 pub(crate) fn activity_colour(activity: &str) -> Rgb {
     match activity {
         "starting" => [110, 230, 120],
@@ -55,6 +57,6 @@ pub(crate) fn activity_colour(activity: &str) -> Rgb {
     }
 }
 
-/// Activities with a colour of their own, in the order of the legend.
+/// Activities that have their own colour, in the order of the legend.
 pub(crate) const SHOWN: [&str; 6] =
     ["starting", "stopping", "turning_left", "turning_right", "u_turn", "reversing"];

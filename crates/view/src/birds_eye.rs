@@ -1,4 +1,4 @@
-//! The scene from above as SVG, to scale. The text is deterministic.
+//! The view of the scene from above as SVG, to scale. Equal input gives equal text.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -12,16 +12,16 @@ use crate::overlay::track_colour;
 const WIDTH_PX: f64 = 900.0;
 /// Possible distances between grid lines, m.
 const GRIDS_M: [f64; 4] = [5.0, 10.0, 20.0, 50.0];
-/// Least distance between two grid lines in the drawing, px.
+/// Smallest distance between two grid lines in the drawing, px.
 const GRID_ROOM_PX: f64 = 45.0;
 /// Margin around the tracks, m.
 const MARGIN_M: f64 = 6.0;
-/// Radius of the drawing, as a multiple of the 90 % quantile of the tracks' distances from the camera.
+/// Ratio of the drawing's radius to the 90 % quantile of track distances. Each distance is measured from the camera.
 ///
-/// The drawing leaves out tracks beyond it. Otherwise a far outlier would shrink the others.
+/// Tracks beyond this radius are not drawn. Otherwise a single far track would make all other tracks very small.
 const REACH: f64 = 1.6;
 
-/// The transformation from world coordinates, m, to the drawing, px.
+/// The transformation from world coordinates (m) to coordinates in the drawing (px).
 struct Sheet {
     left_m: f64,
     top_m: f64,
@@ -34,10 +34,10 @@ impl Sheet {
     }
 }
 
-/// Returns the view from above as SVG. `rows` are those of all tracks, sorted by frame.
+/// Returns the view from above as SVG. `rows` contains the rows of all tracks, sorted by frame.
 ///
-/// It shows trajectories, each vehicle's last position to scale with its heading and 2-sd ellipse, the camera with its
-/// field of view, and a grid.
+/// The drawing shows a grid, the camera with its field of view, and the trajectories. It also shows each vehicle at its
+/// last position, to scale, with its heading and an ellipse of 2 standard deviations.
 #[must_use]
 pub fn birds_eye(rows: &[TrackRow], camera: &Camera, size: ImageSize) -> String {
     let mut tracks: BTreeMap<u64, Vec<&TrackRow>> = BTreeMap::new();
@@ -85,7 +85,7 @@ pub fn birds_eye(rows: &[TrackRow], camera: &Camera, size: ImageSize) -> String 
     svg
 }
 
-/// Returns left, right, bottom and top of the drawing in the world frame, m.
+/// Returns the left, right, bottom and top edges of the drawing in world coordinates, m.
 pub(crate) fn bounds(rows: &[TrackRow]) -> [f64; 4] {
     let mut tracks: BTreeMap<u64, Vec<&TrackRow>> = BTreeMap::new();
     for row in rows {
@@ -105,12 +105,12 @@ fn bounds_within(rows: &[TrackRow], reach_m: f64) -> [f64; 4] {
     [left, right, bottom, top]
 }
 
-/// Returns the distance of a row from the point under the camera, m.
+/// Returns the distance between a vehicle's position and the point on the ground below the camera, m.
 fn distance_m(row: &TrackRow) -> f64 {
     row.x_m.hypot(row.y_m)
 }
 
-/// Returns the radius of the drawing around the point under the camera, m.
+/// Returns the radius of the drawing around the point on the ground below the camera, m.
 fn reach_m(tracks: &BTreeMap<u64, Vec<&TrackRow>>) -> f64 {
     let nearest =
         |rows: &Vec<&TrackRow>| rows.iter().map(|row| distance_m(row)).fold(f64::INFINITY, f64::min);
@@ -119,7 +119,7 @@ fn reach_m(tracks: &BTreeMap<u64, Vec<&TrackRow>>) -> f64 {
     distances.get(distances.len().saturating_sub(1) * 9 / 10).map_or(0.0, |distance| distance * REACH)
 }
 
-/// Appends formatted text. Writing to a string cannot fail.
+/// Appends formatted text to the SVG. Writing to a string cannot fail.
 fn put(svg: &mut String, text: std::fmt::Arguments<'_>) {
     let _infallible = svg.write_fmt(text);
 }
@@ -193,7 +193,9 @@ fn trajectory(svg: &mut String, sheet: &Sheet, track: u64, rows: &[&TrackRow]) {
     );
 }
 
-/// Draws the intervals with a notable activity: the path in the activity's colour, with a dot at its start.
+/// Draws each interval with an activity as a path in the activity's colour, with a dot at the start.
+///
+/// Intervals of `not_moving` and `moving` are left out.
 fn activities(svg: &mut String, sheet: &Sheet, rows: &[&TrackRow]) {
     for interval in activity_intervals(rows) {
         let colour = hex(activity_colour(interval.activity));

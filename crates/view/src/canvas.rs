@@ -1,4 +1,4 @@
-//! A picture to draw into, with OpenCV.
+//! A picture into which OpenCV draws.
 
 use image::RgbImage;
 use nalgebra::Vector2;
@@ -7,7 +7,7 @@ use opencv::imgproc;
 
 use crate::ViewError;
 
-/// Fractional bits of coordinates: lines are drawn to 1/16 px.
+/// Number of fractional bits of pixel coordinates. With 4 bits, positions are rounded to 1/16 px.
 const SUB_PIXEL_BITS: i32 = 4;
 /// Font of labels.
 const FONT: i32 = imgproc::FONT_HERSHEY_SIMPLEX;
@@ -15,11 +15,11 @@ const FONT: i32 = imgproc::FONT_HERSHEY_SIMPLEX;
 /// A colour: red, green, blue, 0 to 255 each.
 pub type Rgb = [u8; 3];
 
-/// A copy of a picture to draw into. Positions are in px; (0, 0) is the centre of the top left pixel.
+/// A copy of a picture to draw into. Positions are in px. The centre of the top left pixel is (0, 0).
 pub(crate) struct Canvas(Mat);
 
 impl Canvas {
-    /// Copies a picture.
+    /// Creates a canvas with a copy of a picture.
     pub fn new(picture: &RgbImage) -> Result<Self, ViewError> {
         let rows = Mat::from_slice(picture.as_raw())?;
         Ok(Self(rows.reshape(3, i32::try_from(picture.height()).unwrap_or(0))?.try_clone()?))
@@ -33,7 +33,7 @@ impl Canvas {
             .ok_or_else(|| opencv::Error::new(0, "the size of a picture does not match its pixels").into())
     }
 
-    /// Draws a line. Lines far outside the picture are skipped.
+    /// Draws a line. A line with an end far outside the picture is not drawn.
     pub fn line(
         &mut self,
         from: Vector2<f64>,
@@ -67,7 +67,8 @@ impl Canvas {
         Ok(label_extent(text, size)?.map(f64::from))
     }
 
-    /// Draws black text on a rectangle of a colour. Its lower left corner is at `at`, moved into the picture if needed.
+    /// Draws black text on a rectangle with the colour `colour`. The lower left corner of the rectangle is at `at`. The
+    /// rectangle is moved into the picture if necessary.
     pub fn label(&mut self, text: &str, at: Vector2<f64>, colour: Rgb, size: f64) -> Result<(), ViewError> {
         let [width, height] = label_extent(text, size)?;
         let inside = |v: f64, low: i32, high: i32| f64::from(low).max(v.min(f64::from(high)));
@@ -93,7 +94,9 @@ fn scalar([r, g, b]: Rgb) -> Scalar {
     Scalar::new(f64::from(r), f64::from(g), f64::from(b), 0.0)
 }
 
-/// Converts a pixel to OpenCV's fixed-point coordinates; `None` if it is more than 20 000 px away.
+/// Converts a pixel to OpenCV's fixed-point coordinates, in units of 1/`fine` px.
+///
+/// Returns `None` if the absolute value of a coordinate is 20 000 px or more.
 fn point(pixel: Vector2<f64>, fine: f64) -> Option<Point> {
     let sane = pixel.iter().all(|v| v.abs() < 20_000.0);
     sane.then(|| Point::new((pixel.x * fine).round() as i32, (pixel.y * fine).round() as i32))

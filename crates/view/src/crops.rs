@@ -1,4 +1,4 @@
-//! The best picture of each track among the sample frames, enlarged.
+//! The largest view of each track in the sample frames, cut out and enlarged.
 
 use std::collections::BTreeMap;
 
@@ -8,10 +8,10 @@ use roadplane_base::TrackRow;
 
 /// Width and height of a cut-out in the page, px.
 const CROP_PX: (u32, u32) = (300, 200);
-/// Size of the cut-out as a multiple of the box.
+/// Size of the cut-out divided by the size of the vehicle's box.
 const AROUND: f64 = 1.25;
 
-/// The cut-out of one track.
+/// A picture of one track, cut out of a sample frame.
 #[derive(Debug)]
 pub(crate) struct Crop {
     pub track: u64,
@@ -19,7 +19,9 @@ pub(crate) struct Crop {
     pub picture: RgbImage,
 }
 
-/// Cuts out each track in the sample frame where its box is largest. Only observed rows count. Tracks are in order.
+/// Cuts each track out of the sample frame in which its box is largest. `samples` contains frames with their indices.
+///
+/// Rows without a detection are ignored. The result is sorted by track number.
 pub(crate) fn best_views(rows: &[TrackRow], samples: &[(u64, RgbImage)]) -> Vec<Crop> {
     let area = |row: &TrackRow| (row.bbox_px[2] - row.bbox_px[0]) * (row.bbox_px[3] - row.bbox_px[1]);
     let mut best: BTreeMap<u64, (&TrackRow, &RgbImage)> = BTreeMap::new();
@@ -37,7 +39,9 @@ pub(crate) fn best_views(rows: &[TrackRow], samples: &[(u64, RgbImage)]) -> Vec<
         .collect()
 }
 
-/// Cuts out a box with its surroundings, in the page's aspect ratio, moved into the picture if possible.
+/// Cuts out a box with its surroundings and resizes the cut-out to [`CROP_PX`].
+///
+/// A cut-out that would cross the edge of the picture is moved inwards. Returns `None` if the cut-out is empty.
 fn cut_out(picture: &RgbImage, [x0, y0, x1, y1]: [f64; 4]) -> Option<RgbImage> {
     let shape = f64::from(CROP_PX.0) / f64::from(CROP_PX.1);
     let (full_width, full_height) = (f64::from(picture.width()), f64::from(picture.height()));

@@ -1,4 +1,4 @@
-//! The part of the ground that has a grid in the drawing.
+//! The part of the ground on which drawings show a grid.
 
 use std::collections::BTreeSet;
 
@@ -7,12 +7,15 @@ const GRID_M: f64 = 5.0;
 /// Largest distance of a grid cell from the camera, m.
 const REACH_M: f64 = 300.0;
 
-/// Square cells of the ground, each given by its corner of least x and y in units of the grid.
+/// A set of square cells on the ground. A cell is stored as its corner with the smallest x and y, in units of the grid
+/// spacing.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct GroundCells(BTreeSet<(i32, i32)>);
 
 impl GroundCells {
-    /// Adds the cell of a position, world x and y in m, and the eight cells around it.
+    /// Adds the cell that contains a position (world x and y, m) and the eight cells around that cell.
+    ///
+    /// A position more than 300 m from the camera is ignored.
     pub fn add(&mut self, x_m: f64, y_m: f64) {
         if x_m.hypot(y_m) > REACH_M {
             return;
@@ -22,7 +25,8 @@ impl GroundCells {
         self.0.extend(around.map(|(i, j)| (cell(x_m) + i, cell(y_m) + j)));
     }
 
-    /// Returns the edges of the cells, each once: both ends in world x and y, m.
+    /// Returns the edges of all cells. Each edge is a pair of ends in world x and y, m. An edge that two cells share is
+    /// returned once.
     pub(crate) fn edges(&self) -> Vec<[[f64; 2]; 2]> {
         let around = |&(i, j): &(i32, i32)| {
             let corners = [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)];

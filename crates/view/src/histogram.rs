@@ -5,7 +5,8 @@ const BARS: usize = 24;
 /// Width and height of the drawing, px.
 const SIZE_PX: (f64, f64) = (480.0, 120.0);
 
-/// Returns a histogram as SVG. `sorted` are the values in order. Values above the 99 % quantile count in the last bar.
+/// Returns a histogram as SVG. `sorted` contains the values in ascending order. The last bar includes the values above
+/// the 99 % quantile.
 pub(crate) fn histogram(sorted: &[f64], unit: &str) -> String {
     let Some(top) = sorted.get((sorted.len().saturating_sub(1)) * 99 / 100).filter(|top| **top > 0.0) else {
         return String::new();

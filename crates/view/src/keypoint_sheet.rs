@@ -1,4 +1,4 @@
-//! A sheet of enlarged cars, with true and predicted keypoints.
+//! A sheet with enlarged pictures of cars and their true and predicted keypoints.
 
 use image::RgbImage;
 use image::imageops::{FilterType, crop_imm, replace, resize};
@@ -11,7 +11,7 @@ use crate::canvas::{Canvas, Rgb};
 const SIDE_PX: u32 = 320;
 /// Number of cut-outs per row.
 const COLUMNS: u32 = 4;
-/// Side of the cut-out as a multiple of the box's longer side.
+/// Side of the cut-out divided by the longer side of the car's box.
 const AROUND: f64 = 1.3;
 /// Colour of true keypoints.
 const TRUE: Rgb = [90, 255, 90];
@@ -31,7 +31,8 @@ pub struct KeypointCase<'a> {
     pub title: String,
 }
 
-/// Draws a sheet of all cases. Green circles are true keypoints, red crosses predicted ones; a line joins each pair.
+/// Draws a sheet with all cases. Green circles mark true keypoints, and red crosses mark predicted keypoints. A line
+/// joins the two keypoints of each pair.
 ///
 /// # Errors
 /// [`ViewError::Drawing`].

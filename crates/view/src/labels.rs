@@ -1,11 +1,12 @@
-//! Labels of vehicles and their positions in the picture.
+//! The texts of vehicle labels, and the positions of the labels in the picture.
 
 use roadplane_base::{TrackRow, VehicleClass};
 
 use crate::activities::{notable_activity, words};
 
-/// Returns the label of a vehicle: its number, class, speed and activity. A car has no class, a stationary vehicle no
-/// speed.
+/// Returns the label of a vehicle: its track number, class, speed and activity.
+///
+/// The label of a car contains no class. The label of a stationary vehicle contains no speed.
 pub(crate) fn label(row: &TrackRow) -> String {
     let mut label = row.track.to_string();
     if row.class != VehicleClass::Car {
@@ -21,10 +22,12 @@ pub(crate) fn label(row: &TrackRow) -> String {
     label
 }
 
-/// Returns the rectangle of a label of a given size for box `own`; `None` if there is no room.
+/// Returns a free rectangle for the label of the box with index `own`; `None` if there is no room.
 ///
-/// The rectangle is above or below the box, or within it if it fills no more than a quarter of the box. It overlaps no
-/// other box and no label in `placed`. All values are in px.
+/// The rectangle is above, below or inside the box. It is inside only if it covers at most a quarter of the box. It
+/// overlaps no other box and no label in `placed`.
+///
+/// The label has the size `[width, height]`, and the picture has the size `[right, bottom]`. All values are in px.
 pub(crate) fn free_rectangle(
     own: usize,
     boxes: &[[f64; 4]],
@@ -50,7 +53,7 @@ mod tests {
 
     #[test]
     fn labels_cover_no_other_car() {
-        // Far cars behind each other, and a near one.
+        // Three far cars, one behind the other, and a near car.
         let boxes = [
             [100.0, 100.0, 130.0, 115.0],
             [105.0, 84.0, 135.0, 99.0],

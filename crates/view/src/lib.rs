@@ -1,4 +1,4 @@
-//! Pictures of a result: overlays, the view from above, the report, annotated video.
+//! Pictures of a result: overlays, the view from above, the report and annotated video.
 //!
 //! # Contents
 //! - drawings in the picture: `overlay.rs`, `video.rs` (`labels.rs`, `canvas.rs`, `ground_cells.rs`)

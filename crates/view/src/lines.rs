@@ -1,4 +1,4 @@
-//! Edges of a scene drawn into its picture.
+//! Drawing of the edges of a scene into its picture.
 
 use image::RgbImage;
 use roadplane_base::SceneLine;
@@ -11,7 +11,8 @@ const VERTICAL: Rgb = [40, 200, 60];
 /// Colour of other edges.
 const OTHER: Rgb = [200, 60, 50];
 
-/// Draws edges into a pale copy of the picture. Each edge comes with a flag: vertical ones are green, others red.
+/// Draws edges into a pale copy of the picture. The flag of an edge is true if the edge is vertical in the scene.
+/// Vertical edges are green, and other edges are red.
 ///
 /// # Errors
 /// [`ViewError::Drawing`].

@@ -1,4 +1,4 @@
-//! Draws a solved scene into its picture: wireframes, boxes, labels, trails, and a grid on the ground.
+//! Drawing of vehicles and the ground into the picture: wireframes, boxes, labels, trails, and a grid on the ground.
 
 use image::RgbImage;
 use nalgebra::{Isometry3, Point3, Vector2, Vector3};
@@ -11,10 +11,10 @@ use crate::canvas::{Canvas, Rgb};
 use crate::ground_cells::GroundCells;
 use crate::labels::{free_rectangle, label};
 
-/// Number of keypoints on the car's left side. They come first.
+/// Number of keypoints on the car's left side. In lists of keypoints, they come before those on the right side.
 const LEFT: usize = KEYPOINTS / 2;
 
-/// Colours of tracks, by the number of the track. Neighbouring numbers have distinct colours.
+/// Colours of tracks. Tracks with consecutive numbers have different colours.
 const PALETTE: [Rgb; 10] = [
     [64, 196, 255],
     [255, 160, 64],
@@ -37,15 +37,15 @@ pub fn track_colour(track: u64) -> Rgb {
 /// One car to draw.
 #[derive(Clone, Debug)]
 pub struct DrawnCar<'a> {
-    /// Row of the car.
+    /// Row of the track files for this car and this frame.
     pub row: &'a TrackRow,
     /// Shape of the car.
     pub shape: &'a Shape,
-    /// Earlier positions, world x and y, oldest first, m.
+    /// Earlier positions of the car, oldest first: world x and y, m.
     pub trail: &'a [[f64; 2]],
 }
 
-/// Draws into one picture.
+/// A drawing on a copy of one picture.
 pub struct Overlay<'a> {
     canvas: Canvas,
     camera: &'a Camera,
@@ -77,7 +77,7 @@ impl<'a> Overlay<'a> {
         self.canvas.finish()
     }
 
-    /// Draws faint lines on the ground every 5 m, along the edges of the cells.
+    /// Draws a faint grid on the ground along the edges of the cells. The grid lines are 5 m apart.
     ///
     /// # Errors
     /// [`ViewError::Drawing`].
@@ -88,7 +88,8 @@ impl<'a> Overlay<'a> {
         Ok(())
     }
 
-    /// Draws the wireframe, box and trail of a car.
+    /// Draws a car with its wireframe, its outline on the ground, its bounding box and its trail. A truck or bus is
+    /// drawn as a cuboid instead of a wireframe.
     ///
     /// # Errors
     /// [`ViewError::Drawing`].
@@ -115,7 +116,7 @@ impl<'a> Overlay<'a> {
         Ok(())
     }
 
-    /// Draws the label of each car if there is room for it. A label never covers another car.
+    /// Draws a label for each car if there is room for the label. No label covers another car.
     ///
     /// # Errors
     /// [`ViewError::Drawing`].
@@ -124,7 +125,7 @@ impl<'a> Overlay<'a> {
         let boxes: Vec<[f64; 4]> = rows.iter().map(|row| row.bbox_px).collect();
         let mut placed = Vec::new();
         for (i, row) in rows.iter().enumerate() {
-            // The whole label, else the number alone, else nothing.
+            // The whole label is tried first, then the track number alone.
             for text in [label(row), row.track.to_string()] {
                 let extent = self.canvas.label_size(&text, size)?;
                 let Some(plate) = free_rectangle(i, &boxes, &placed, extent, self.canvas.size()) else {
@@ -160,7 +161,7 @@ impl<'a> Overlay<'a> {
         Ok(())
     }
 
-    /// Draws a box-shaped body for a vehicle without a shape in the atlas.
+    /// Draws a vehicle as a cuboid. Trucks and buses are drawn in this form, because they have no fitted shape.
     fn cuboid(&mut self, row: &TrackRow, colour: Rgb) -> Result<(), ViewError> {
         let pose = row.pose();
         let camera_from_car = self.plane.camera_from_world() * pose.world_from_car();
@@ -244,10 +245,10 @@ impl<'a> Overlay<'a> {
     }
 }
 
-/// Returns the row of the horizon in a column of the picture, px; `None` if the horizon is vertical.
+/// Returns the y coordinate of the horizon at the x coordinate `x_px`, px; `None` if the horizon is vertical.
 #[must_use]
 pub fn horizon_y_px(camera: &Camera, plane: &GroundPlane, x_px: f64) -> Option<f64> {
-    // The rays of the horizon are at right angles to the vertical. A few iterations are enough for any distortion.
+    // A ray to the horizon is at a right angle to the vertical. A few iterations are enough for any distortion.
     const ROUNDS: usize = 12;
     let up = plane.normal_in_camera;
     let mut y_px = camera.principal_point_px.y;

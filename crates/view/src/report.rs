@@ -1,4 +1,5 @@
-//! `report.html`: one self-contained page. Its facts are text and tables; scripts only play the tracks.
+//! `report.html`: one page that needs no other file. All facts are text and tables. Only the player of tracks uses
+//! scripts.
 
 mod camera;
 mod doubts;

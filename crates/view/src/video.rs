@@ -1,4 +1,4 @@
-//! Writes pictures to a video file, which gets its name when it is complete.
+//! Writing of pictures to a video file. The file gets its final name when it is complete.
 
 use std::path::{Path, PathBuf};
 
@@ -9,10 +9,10 @@ use opencv::videoio::{VideoWriter, VideoWriterTrait as _, VideoWriterTraitConst 
 
 use crate::ViewError;
 
-/// Codecs to try, best first.
+/// FourCC codes of the codecs that are tried, best first.
 const CODECS: [[char; 4]; 2] = [['a', 'v', 'c', '1'], ['m', 'p', '4', 'v']];
 
-/// Writes an MP4 video.
+/// An MP4 video in progress.
 pub struct VideoSink {
     writer: VideoWriter,
     partial: PathBuf,
@@ -20,7 +20,7 @@ pub struct VideoSink {
 }
 
 impl VideoSink {
-    /// Starts a video. `width` and `height` are in px.
+    /// Starts a video with the final name `path`. `width` and `height` are the size of the pictures, px.
     ///
     /// # Errors
     /// [`ViewError::NoCodec`], [`ViewError::Drawing`].
@@ -38,7 +38,7 @@ impl VideoSink {
         Err(ViewError::NoCodec { path: path.to_path_buf() })
     }
 
-    /// Appends a picture.
+    /// Appends a picture as the next frame.
     ///
     /// # Errors
     /// [`ViewError::Drawing`].
@@ -63,10 +63,10 @@ impl VideoSink {
     }
 }
 
-/// Removes an unfinished video. After [`VideoSink::finish`] there is nothing to remove.
+/// Removes the file of an unfinished video. After [`VideoSink::finish`], nothing is removed.
 impl Drop for VideoSink {
     fn drop(&mut self) {
-        // The writer is closed first, as otherwise the encoder would continue to write.
+        // The writer is closed first. Otherwise the encoder would continue to write.
         self.writer.release().ok();
         std::fs::remove_file(&self.partial).ok();
     }

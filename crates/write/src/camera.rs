@@ -1,4 +1,4 @@
-//! `camera.json`: the camera and the ground plane, with uncertainty.
+//! `camera.json`: the camera and the ground plane, with their uncertainties.
 
 use std::path::Path;
 
@@ -13,86 +13,89 @@ use crate::{WriteError, jsonl::write_json};
 /// Schema id of `camera.json`.
 pub const CAMERA_SCHEMA: &str = "roadplane.camera/1";
 
-/// Significant digits of standard deviations.
+/// Number of significant digits of standard deviations.
 const SD_DIGITS: i32 = 4;
-/// Decimals of a unit normal: 1e-8 rad, so that a plane is the same after writing and reading.
+/// Number of decimals in the components of a unit normal. The step is 1e-8 rad, so a plane hardly changes when it is
+/// written and read again.
 const NORMAL: i32 = 8;
-/// Decimals of distortion coefficients.
+/// Number of decimals of distortion coefficients.
 const LENS: i32 = 6;
 
 /// Names and units of the rows and columns of [`CameraSegment::covariance`], in order.
 pub const COVARIANCE_ORDER: [&str; 4] = ["log focal_px", "tilt_rad", "roll_rad", "log height_m"];
 
-/// The camera and the ground plane of a clip: the values of the longest segment, and a list of all segments.
+/// The camera and the ground plane of a clip: the values of the longest segment, and a list of all segments. A segment
+/// is an interval in which the camera is at rest.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(title = "camera: one object per clip")]
 pub struct CameraFile {
     /// Id of the schema: `roadplane.camera/1`.
     #[schemars(extend("const" = CAMERA_SCHEMA))]
     pub schema: String,
-    /// The longest segment; its fields are keys of the file.
+    /// The longest segment. Its fields are keys at the top level of the file.
     #[serde(flatten)]
     pub camera: CameraSegment,
     /// Names of the rows and columns of `covariance`: log focal_px, tilt_rad, roll_rad, log height_m.
     #[serde(default)]
     pub covariance_order: Vec<String>,
-    /// All segments in the order of time, at least one. Files of older versions with one segment lack the list.
+    /// All segments in the order of time. Files of older versions lack the list if they have only one segment.
     #[serde(default)]
     pub segments: Vec<CameraSegment>,
 }
 
-/// The camera and the ground plane of one segment: an interval in which the camera is at rest.
+/// The camera and the ground plane of one segment. A segment is an interval in which the camera is at rest.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct CameraSegment {
-    /// First and last presentation time of the segment, s.
+    /// Presentation times of the first and the last frame of the segment, s.
     pub span_s: [f64; 2],
     /// Width and height of the frames, px.
     pub image_size_px: ImageSize,
     /// Focal length, px. It is the same for both axes.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub focal_px: f64,
-    /// Standard deviation (sd) of `focal_px`, px; null if it is not finite.
+    /// Standard deviation of `focal_px`, px; null if it is not finite.
     #[schemars(range(min = 0))]
     pub focal_sd_px: Option<f64>,
-    /// Principal point, px: x to the right, y down. Pixel (0, 0) is the centre of the top left pixel.
+    /// Principal point, px: x to the right, y down. The position (0, 0) is the centre of the top left pixel.
     pub principal_point_px: [f64; 2],
-    /// Radial distortion of the lens; null if it was not measured and is taken as zero. Files of older versions lack
-    /// it.
+    /// Radial distortion of the lens; null if the distortion was not measured and is assumed to be zero. Files of older
+    /// versions lack this key.
     #[serde(default)]
     pub lens: Option<LensFile>,
     /// Height of the camera above the ground plane, m.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub height_m: f64,
-    /// Sd of `height_m`, m; null if it is not finite. It includes the unknown mean size of the scene's cars.
+    /// Standard deviation of `height_m`, m; null if it is not finite. It includes the uncertainty of the mean size of
+    /// the cars in the scene.
     #[schemars(range(min = 0))]
     pub height_sd_m: Option<f64>,
     /// Angle of the optical axis below the horizontal, rad.
     pub tilt_rad: f64,
-    /// Sd of `tilt_rad`, rad; null if it is not finite.
+    /// Standard deviation of `tilt_rad`, rad; null if it is not finite.
     #[schemars(range(min = 0))]
     pub tilt_sd_rad: Option<f64>,
-    /// Clockwise turn of the horizon in the picture, rad.
+    /// Clockwise rotation of the horizon in the picture, rad.
     pub roll_rad: f64,
-    /// Sd of `roll_rad`, rad; null if it is not finite.
+    /// Standard deviation of `roll_rad`, rad; null if it is not finite.
     #[schemars(range(min = 0))]
     pub roll_sd_rad: Option<f64>,
     /// Ground plane in the camera frame: x to the right, y down, z along the optical axis.
     pub plane_in_camera: PlaneInCamera,
-    /// Covariance of log focal length, tilt (rad), roll (rad) and log height. The sds follow from it. An entry that is
-    /// not finite is null.
+    /// Covariance matrix of log focal length, tilt (rad), roll (rad) and log height, with natural logarithms. The
+    /// standard deviations in the segment are computed from this matrix. An entry that is not finite is null.
     pub covariance: [[Option<f64>; 4]; 4],
-    /// Source of the focal length and of the ground plane.
+    /// Source of the focal length and the ground plane.
     pub status: CameraStatus,
-    /// Number of different cars that were used.
+    /// Number of different cars that the estimate uses.
     pub cars_used: usize,
-    /// Number of frames that were used.
+    /// Number of frames that the estimate uses.
     pub frames_used: usize,
 }
 
 /// Radial distortion by the division model (Fitzgibbon, CVPR 2001).
 ///
-/// Let p be a pixel relative to the principal point. A lens without distortion would show it at
-/// `p / (1 + bend · |p|² / (width / 2)²)`.
+/// Let p be the position of a scene point in the picture relative to the principal point, px. A lens without distortion
+/// would show the same point at `p / (1 + bend · |p|² / (width / 2)²)`. Here `width` is the width of the picture, px.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct LensFile {
     /// Model of the distortion: `division`.
@@ -100,15 +103,16 @@ pub struct LensFile {
     pub model: String,
     /// Coefficient `bend` of the division model, without unit. It is negative for barrel distortion.
     pub bend: f64,
-    /// Sd of `bend`, without unit.
+    /// Standard deviation of `bend`, without unit.
     #[schemars(range(min = 0))]
     pub bend_sd: f64,
-    /// Coefficient k1 of OpenCV's model at this focal length. With k2 it gives the distortion most similar to `bend`.
+    /// Coefficient k1 of OpenCV's distortion model, for the focal length of the segment. Together, `k1` and `k2` give
+    /// the distortion that is most similar to the division model.
     pub k1: f64,
-    /// Sd of `k1`. It includes the error of the focal length.
+    /// Standard deviation of `k1`. It includes the uncertainty of the focal length.
     #[schemars(range(min = 0))]
     pub k1_sd: f64,
-    /// Coefficient k2 of OpenCV's model at this focal length.
+    /// Coefficient k2 of OpenCV's distortion model, for the focal length of the segment.
     pub k2: f64,
 }
 
@@ -133,7 +137,7 @@ impl LensFile {
     }
 }
 
-/// The ground plane in the camera frame: `normal · X + offset_m = 0`. The normal points up.
+/// The ground plane in the camera frame: all points X, m, with `normal · X + offset_m = 0`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct PlaneInCamera {
     /// Unit normal of the plane in the camera frame, pointing up.
@@ -144,7 +148,11 @@ pub struct PlaneInCamera {
 }
 
 impl CameraSegment {
-    /// Rounds an estimate to the digits of the file. Sds follow from the delta method: `sd(exp u) = exp(u) · sd(u)`.
+    /// Creates a segment from an estimate. Its numbers are rounded to the digits that the file has.
+    ///
+    /// The estimate contains the logarithms of the focal length and of the height. Let u be such a logarithm, and sd(u)
+    /// its standard deviation. The standard deviation of the focal length or height follows from the delta method:
+    /// `sd(exp u) = exp(u) · sd(u)`.
     #[must_use]
     pub fn new(estimate: &CameraEstimate) -> Self {
         let params = &estimate.params;
@@ -183,18 +191,18 @@ impl CameraSegment {
         }
     }
 
-    /// Returns the camera.
+    /// Returns the camera of the segment, without the ground plane and without uncertainties.
     #[must_use]
     pub fn camera(&self) -> Camera {
         self.estimate().camera()
     }
 
-    /// Returns the ground plane.
+    /// Returns the ground plane of the segment in the camera frame.
     #[must_use]
     pub fn plane(&self) -> GroundPlane {
         GroundPlane {
-            // The program writes a unit vector. A vector that a user edited to zero is replaced by that of a level
-            // camera.
+            // The program writes a unit vector. If a user edited the vector to zero, it is replaced by the normal for a
+            // level camera.
             normal_in_camera: Vector3::from(self.plane_in_camera.normal)
                 .try_normalize(f64::MIN_POSITIVE)
                 .unwrap_or(-Vector3::y()),
@@ -202,7 +210,7 @@ impl CameraSegment {
         }
     }
 
-    /// Returns the estimate, to the digits of the file.
+    /// Returns the estimate of the camera and the ground plane, with the rounded numbers of the file.
     #[must_use]
     pub fn estimate(&self) -> CameraEstimate {
         CameraEstimate {
@@ -243,7 +251,7 @@ impl CameraSegment {
 }
 
 impl CameraFile {
-    /// Returns all segments, at least one, in the order of time.
+    /// Returns all segments in the order of time. The list is never empty.
     #[must_use]
     pub fn all(&self) -> &[CameraSegment] {
         if self.segments.is_empty() { std::slice::from_ref(&self.camera) } else { &self.segments }
@@ -253,12 +261,12 @@ impl CameraFile {
 /// Writes `camera.json`. `estimates` has one entry per segment, in the order of time.
 ///
 /// # Errors
-/// [`WriteError::Malformed`] if there is no estimate, or if one is not finite; [`WriteError::Io`],
+/// [`WriteError::Malformed`] if `estimates` is empty or contains a number that is not finite; [`WriteError::Io`],
 /// [`WriteError::DiskFull`].
 pub fn write_camera(path: &Path, estimates: &[CameraEstimate]) -> Result<(), WriteError> {
     let segments: Vec<CameraSegment> = estimates.iter().map(CameraSegment::new).collect();
     let span = |s: &CameraSegment| s.span_s[1] - s.span_s[0];
-    // Of equally long segments, the first counts.
+    // If several segments are equally long, the first of them is used.
     let longest = segments.iter().rev().max_by(|a, b| span(a).total_cmp(&span(b)));
     let camera = longest.ok_or_else(|| WriteError::malformed(path, "no camera to write"))?.clone();
     if !segments.iter().all(CameraSegment::is_usable) {

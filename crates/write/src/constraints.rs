@@ -1,4 +1,4 @@
-//! User constraints on lengths on the ground: a JSON file, or a CSV table.
+//! Lengths on the ground that the user gives as constraints, in a JSON file or a CSV table.
 
 use std::path::Path;
 
@@ -7,12 +7,12 @@ use serde::{Deserialize, Serialize};
 
 use crate::WriteError;
 
-/// Schema id of a JSON file with lengths for `--known`.
+/// Schema id of a JSON file with lengths for the option `--known`.
 pub const CONSTRAINTS_SCHEMA: &str = "roadplane.known/1";
-/// Columns of a CSV file. The last two are optional.
+/// Columns of a CSV file. The columns in brackets are optional.
 const COLUMNS: &str = "x1,y1,x2,y2,length_m,sd_m[,pixel_sd][,name]";
 
-/// Lengths on the ground that the user gives with `--known`.
+/// Lengths on the ground that the user gives with the option `--known`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(title = "known: lengths for --known, one object per file")]
 #[serde(deny_unknown_fields)]
@@ -20,18 +20,19 @@ pub struct ConstraintsFile {
     /// Id of the schema: `roadplane.known/1`.
     #[schemars(extend("const" = CONSTRAINTS_SCHEMA))]
     pub schema: String,
-    /// Lengths on the ground, at least one.
+    /// Lengths on the ground. The list must not be empty.
     pub lengths: Vec<LengthConstraint>,
 }
 
-/// A length between two points on the ground that are visible in the picture, such as the width of a parking bay or a
-/// lane.
+/// The distance between two points on the ground, such as the width of a parking bay or a lane. Both points are visible
+/// in the picture.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct LengthConstraint {
-    /// Pixel of the first end: x to the right, y down, px. Pixel (0, 0) is the centre of the top left pixel.
+    /// Position of the first point in the picture, px: x to the right, y down. The position (0, 0) is the centre of the
+    /// top left pixel.
     pub from_px: [f64; 2],
-    /// Pixel of the second end: x to the right, y down, px.
+    /// Position of the second point in the picture, px: x to the right, y down.
     pub to_px: [f64; 2],
     /// Length on the ground, m.
     #[schemars(extend("exclusiveMinimum" = 0))]
@@ -39,11 +40,11 @@ pub struct LengthConstraint {
     /// Standard deviation of `length_m`, m. It must be less than `length_m`.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub sd_m: f64,
-    /// Standard deviation of each of the four pixel coordinates, px.
+    /// Standard deviation of each pixel coordinate in `from_px` and `to_px`, px.
     #[schemars(extend("exclusiveMinimum" = 0))]
     #[serde(default = "one_pixel")]
     pub pixel_sd: f64,
-    /// Name of the length in messages. Without a name, messages give its number or line.
+    /// Name of the length in messages. Without a name, messages contain the number of the length or of its line.
     #[serde(default)]
     pub name: Option<String>,
 }
@@ -66,8 +67,9 @@ struct Line {
     name: Option<String>,
 }
 
-/// Reads lengths from a CSV table, if the file's name ends in `.csv`, or else from JSON. Lengths without a name get
-/// one.
+/// Reads lengths from a CSV table if the file name ends in `.csv`, and from JSON otherwise.
+///
+/// A length without a name is named after its line (CSV) or its number in the list (JSON).
 ///
 /// # Errors
 /// [`WriteError::Io`]; [`WriteError::Malformed`], which names the line or the field.

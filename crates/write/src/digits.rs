@@ -1,25 +1,25 @@
-//! Rounding of the numbers in files: to steps well below any uncertainty.
+//! Rounding of the numbers in files. The rounding steps are far smaller than the uncertainties.
 
 use roadplane_base::{OnMap, PoseRecord, TrackRow};
 
-/// Decimals of metres and of metres per second.
+/// Number of decimals for values in metres and in metres per second.
 pub(crate) const METRES: i32 = 4;
-/// Decimals of radians.
+/// Number of decimals for values in radians.
 pub(crate) const RADIANS: i32 = 5;
-/// Decimals of pixels.
+/// Number of decimals for values in pixels.
 pub(crate) const PIXELS: i32 = 2;
-/// Decimals of scores.
+/// Number of decimals for scores and probabilities.
 pub(crate) const SCORE: i32 = 4;
-/// Decimals of seconds.
+/// Number of decimals for values in seconds.
 pub(crate) const SECONDS: i32 = 6;
-/// Decimals of degrees of latitude and longitude: a step of a tenth of a millimetre.
+/// Number of decimals for a latitude or longitude in degrees. One step is about a tenth of a millimetre on the ground.
 pub(crate) const DEGREES: i32 = 9;
-/// Decimals of a bearing in degrees.
+/// Number of decimals for a bearing in degrees.
 pub(crate) const BEARING: i32 = 3;
-/// Decimals of the entries of rigid motions.
+/// Number of decimals in the matrix of a rigid motion.
 const MOTION: i32 = 6;
 
-/// Rounds to `digits` decimals; −0 becomes 0.
+/// Rounds a number to `digits` decimals. −0 becomes 0.
 #[must_use]
 pub fn decimals(value: f64, digits: i32) -> f64 {
     let scale = 10f64.powi(digits);
@@ -27,17 +27,17 @@ pub fn decimals(value: f64, digits: i32) -> f64 {
     if rounded.is_finite() { rounded + 0.0 } else { value }
 }
 
-/// Rounds to `digits` significant digits.
+/// Rounds a number to `digits` significant digits.
 pub(crate) fn significant(value: f64, digits: i32) -> f64 {
     if !value.is_finite() || value.abs() < f64::MIN_POSITIVE {
         return if value.is_finite() { 0.0 } else { value };
     }
-    // By way of text: scaling by powers of ten is not exact for very small numbers.
+    // The number is rounded as text, because scaling by powers of ten is not exact for very small numbers.
     let places = usize::try_from(digits - 1).unwrap_or(0);
     format!("{value:.places$e}").parse().unwrap_or(value)
 }
 
-/// Rounds a row to the digits of the files.
+/// Returns a row with its numbers rounded to the decimals that the track files have.
 #[must_use]
 pub fn rounded_row(row: &TrackRow) -> TrackRow {
     let metres = |v| decimals(v, METRES);
@@ -79,7 +79,7 @@ fn rounded_on_map(at: &OnMap) -> OnMap {
     }
 }
 
-/// Returns the name of the first number of a row that is not finite.
+/// Returns the name of the first number in a row that is infinite or NaN; `None` if all numbers are finite.
 pub(crate) fn not_finite(row: &TrackRow) -> Option<&'static str> {
     let [x0, y0, x1, y1] = row.bbox_px;
     let numbers = [
@@ -110,7 +110,8 @@ pub(crate) fn not_finite(row: &TrackRow) -> Option<&'static str> {
     numbers.into_iter().chain(on_map).find(|(_, value)| !value.is_finite()).map(|(name, _)| name)
 }
 
-/// Rounds a pose to the digits of the files; sds that are not finite become null.
+/// Returns a pose with its numbers rounded to the decimals that `poses.jsonl` has. A standard deviation that is not
+/// finite becomes `None`.
 pub(crate) fn rounded_pose(pose: &PoseRecord) -> PoseRecord {
     let motion = |rows: [[f64; 4]; 4]| rows.map(|row| row.map(|v| decimals(v, MOTION)));
     PoseRecord {

@@ -1,7 +1,8 @@
-//! The camera database on disk: `FOLDER/<camera>/<clip>.<content>.json`, one file per clip.
+//! The camera database on disk. Each clip has one file, `FOLDER/<camera>/<clip>.<content>.json`.
 //!
-//! A file's name contains the first digits of the sha256 of its content. So a file never changes, and writing it twice
-//! has no further effect. Two databases are merged by the union of their files, in any order.
+//! In a file name, `<content>` is the first digits of the sha256 of the file's content. So a file never changes, and
+//! adding the same file twice has no further effect. To merge two databases, the files of both are copied into one
+//! folder, in any order.
 
 use std::fs;
 use std::io;
@@ -15,9 +16,9 @@ use crate::{OutFile, WriteError};
 
 /// Number of hexadecimal digits of the sha256 in a file's name.
 const DIGITS: usize = 16;
-/// Greatest length of the clip's name within a file's name, bytes.
+/// Largest length of the clip's name within a file name, bytes. A longer name is cut.
 const NAME_BYTES: usize = 100;
-/// Greatest length of a camera's name, bytes.
+/// Largest length of a camera's name, bytes.
 const CAMERA_BYTES: usize = 100;
 
 /// A camera database: a folder with one subfolder per stored camera.
@@ -26,7 +27,7 @@ pub struct EvidenceStore {
     folder: PathBuf,
 }
 
-/// Whether a name is valid for a camera: it must name a folder within the database.
+/// Whether a text is a valid name of a camera. The name is also the name of the camera's folder in the database.
 #[must_use]
 pub fn is_camera_id(id: &str) -> bool {
     let sound = |c: char| c.is_alphanumeric() || "-_.+@ ".contains(c);
@@ -37,7 +38,7 @@ pub fn is_camera_id(id: &str) -> bool {
         && id.chars().all(sound)
 }
 
-/// Reads an evidence file.
+/// Reads an evidence file. It contains the camera parameters from one clip, with their uncertainties.
 ///
 /// # Errors
 /// [`WriteError::Malformed`] if the file is not a valid evidence file; [`WriteError::Io`].
@@ -60,7 +61,7 @@ fn checked(path: &Path, evidence: &CameraEvidence) -> Result<(), WriteError> {
     Err(WriteError::malformed(path, format!("{:?} is not a valid name of a camera", evidence.camera)))
 }
 
-/// Writes an evidence file.
+/// Writes an evidence file. It contains the camera parameters from one clip, with their uncertainties.
 ///
 /// # Errors
 /// [`WriteError::Malformed`], [`WriteError::Io`], [`WriteError::DiskFull`].
@@ -86,7 +87,7 @@ fn file_name(evidence: &CameraEvidence, bytes: &[u8]) -> String {
 }
 
 impl EvidenceStore {
-    /// Opens a database. Its folder need not exist yet.
+    /// Opens a camera database. If the folder does not exist, the database is empty.
     #[must_use]
     pub fn new(folder: &Path) -> Self {
         Self { folder: folder.to_path_buf() }
@@ -98,7 +99,7 @@ impl EvidenceStore {
         &self.folder
     }
 
-    /// Returns the names of the cameras, sorted.
+    /// Returns the names of the stored cameras, sorted.
     ///
     /// # Errors
     /// [`WriteError::Io`].
@@ -107,7 +108,8 @@ impl EvidenceStore {
         Ok(names.into_iter().filter(|id| is_camera_id(id) && self.folder.join(id).is_dir()).collect())
     }
 
-    /// Returns the files of a camera, sorted by name. An unknown camera has none.
+    /// Returns the paths of a camera's evidence files, sorted by name. The list is empty if the camera is not in the
+    /// database.
     ///
     /// # Errors
     /// [`WriteError::Io`].
@@ -117,9 +119,9 @@ impl EvidenceStore {
         Ok(names.filter(|n| n.ends_with(".json") && !n.starts_with('.')).map(|n| folder.join(n)).collect())
     }
 
-    /// Reads the evidence of a camera, in the order of the files' names. An unknown camera has none.
+    /// Reads all evidence files of a camera, in the order of their names.
     ///
-    /// Each damaged file gives an error in the list.
+    /// The list is empty if the camera is not in the database. For a damaged file, the list contains an error.
     ///
     /// # Errors
     /// [`WriteError::Io`] if the folder cannot be read.
@@ -137,7 +139,8 @@ impl EvidenceStore {
         Ok(self.files(camera)?.into_iter().map(read).collect())
     }
 
-    /// Copies an evidence file into the database, byte by byte. Returns false if the database has it already.
+    /// Copies an evidence file into the database without changes. Returns false if the database already contains the
+    /// file.
     ///
     /// # Errors
     /// [`WriteError::Malformed`], [`WriteError::Io`], [`WriteError::DiskFull`].
@@ -157,7 +160,7 @@ impl EvidenceStore {
         Ok(true)
     }
 
-    /// Removes a camera. Returns false if the database does not have it.
+    /// Removes a camera with all its evidence files. Returns false if the camera is not in the database.
     ///
     /// # Errors
     /// [`WriteError::Io`].
@@ -171,7 +174,7 @@ impl EvidenceStore {
     }
 }
 
-/// Returns the names in a folder, sorted; none if the folder does not exist.
+/// Returns the sorted names of the files and folders in a folder. The list is empty if the folder does not exist.
 fn sorted_names(folder: &Path) -> Result<Vec<String>, WriteError> {
     let entries = match fs::read_dir(folder) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
@@ -216,7 +219,7 @@ mod tests {
         }
     }
 
-    /// Adds evidence by way of a file, as a run writes it.
+    /// Writes evidence to a file, as a run does, and adds the file to the database.
     fn add(store: &EvidenceStore, evidence: &CameraEvidence) -> Result<bool, WriteError> {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("evidence.json");
@@ -279,7 +282,7 @@ mod tests {
             (state >> 33) as usize % below
         };
         for round in 0..100 {
-            // Merges two or three folders at a time, until one is left. One clip is there twice.
+            // Merges two or three folders at a time, until one folder remains. One clip is present twice.
             let mut left = all.clone();
             left.push(all[random(clips)].clone());
             let mut made = 0;

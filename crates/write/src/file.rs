@@ -1,4 +1,4 @@
-//! One file, complete or absent: written under a temporary name, synced, then renamed.
+//! A file that is either complete or absent. It is written under a temporary name, synced, then renamed.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, BufWriter, Write};
@@ -9,17 +9,18 @@ use crate::WriteError;
 /// Size of the write buffer, bytes.
 const BUFFER_BYTES: usize = 1 << 18;
 
-/// A file that appears under its name only at [`OutFile::finish`]. A file that is dropped before leaves nothing behind.
+/// A file in progress. It gets its final name in [`OutFile::finish`]. If this value is dropped earlier, the temporary
+/// file is removed.
 #[derive(Debug)]
 pub struct OutFile {
-    // `None` once finished.
+    // `None` after `finish`.
     writer: Option<BufWriter<File>>,
     temp: PathBuf,
     path: PathBuf,
 }
 
 impl OutFile {
-    /// Starts a file, and replaces the temporary file of an earlier run that was killed.
+    /// Starts a file with the final name `path`. A temporary file that a killed run left is replaced.
     ///
     /// # Errors
     /// [`WriteError::Io`] or [`WriteError::DiskFull`].
@@ -43,7 +44,7 @@ impl OutFile {
         Self { writer: Some(BufWriter::with_capacity(BUFFER_BYTES, file)), temp, path }
     }
 
-    /// Returns the final name.
+    /// Returns the final path of the file.
     #[must_use]
     pub fn path(&self) -> &Path {
         &self.path
@@ -57,10 +58,10 @@ impl OutFile {
         self.write_all(bytes).map_err(WriteError::io("write", &self.path))
     }
 
-    /// Flushes and syncs the bytes, renames the file and syncs its folder.
+    /// Completes the file: writes all bytes to disk, renames the file and syncs its folder.
     ///
     /// # Errors
-    /// [`WriteError::Io`] or [`WriteError::DiskFull`]; the file then does not appear under its name.
+    /// [`WriteError::Io`] or [`WriteError::DiskFull`]. After an error, no file with the final name appears.
     pub fn finish(mut self) -> Result<(), WriteError> {
         if let Some(writer) = self.writer.as_mut() {
             writer.flush().map_err(WriteError::io("write", &self.path))?;
@@ -85,14 +86,16 @@ impl Write for OutFile {
 impl Drop for OutFile {
     fn drop(&mut self) {
         if let Some(writer) = self.writer.take() {
-            // The buffer is not flushed, as the file is removed.
+            // The buffer is not flushed, because the file is removed.
             drop(writer.into_parts());
             std::fs::remove_file(&self.temp).ok();
         }
     }
 }
 
-/// Returns the temporary name: `.NAME.tmp` in the same folder. It is fixed, so that killed runs do not pile up files.
+/// Returns the temporary path of a file: `.NAME.tmp` in the same folder.
+///
+/// A final path always has the same temporary path. So repeated kills leave at most one temporary file.
 fn temp_of(path: &Path) -> Result<PathBuf, WriteError> {
     let name = path.file_name().ok_or_else(|| WriteError::Io {
         doing: "create a file",
@@ -105,17 +108,17 @@ fn temp_of(path: &Path) -> Result<PathBuf, WriteError> {
     Ok(path.with_file_name(temp))
 }
 
-/// Whether a name is that of a temporary file of ours.
+/// Whether a file name has the form of the temporary names that [`OutFile`] uses.
 pub(crate) fn is_temp(name: &str) -> bool {
     name.starts_with('.') && name.ends_with(".tmp")
 }
 
-/// Returns the folder of a path.
+/// Returns the folder that contains a path; `.` for a bare file name.
 pub(crate) fn parent_of(path: &Path) -> &Path {
     path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or_else(|| Path::new("."))
 }
 
-/// Syncs a folder, so that the names in it survive a crash.
+/// Syncs a folder to disk. Afterwards the names of its files survive a crash.
 pub(crate) fn sync_folder(folder: &Path) -> Result<(), WriteError> {
     File::open(folder).and_then(|f| f.sync_all()).map_err(WriteError::io("sync the folder", folder))
 }

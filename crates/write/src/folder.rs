@@ -1,4 +1,4 @@
-//! The folder of one result: filled under a temporary name, then renamed in one step.
+//! The folder of one result. It is filled under a temporary name, then renamed in one step.
 
 use std::fs::{self, File};
 use std::io;
@@ -7,18 +7,18 @@ use std::path::{Path, PathBuf};
 use crate::WriteError;
 use crate::file::{is_temp, sync_folder};
 
-/// The action if a result of the same name exists.
+/// The action to take if a result of the same name already exists.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Existing {
     /// Keep the existing result and fail.
     Refuse,
-    /// Replace the existing result when the new one is complete.
+    /// Replace the existing result when the new result is complete.
     Overwrite,
 }
 
-/// The folder `DIR/<stem>/` in progress, as `DIR/.<stem>.partial/`.
+/// A result folder in progress. It is named `DIR/.<stem>.partial/` until it is complete, and `DIR/<stem>/` afterwards.
 ///
-/// After an error or a kill, the partial folder stays, so that a later run can resume.
+/// After an error, or if the process is killed, the partial folder remains. A later run can resume from it.
 #[derive(Debug)]
 pub struct OutputFolder {
     dir: PathBuf,
@@ -30,7 +30,9 @@ pub struct OutputFolder {
 }
 
 impl OutputFolder {
-    /// Creates or finds the partial folder. The caller holds a [`FolderLock`](crate::FolderLock) on `dir`.
+    /// Creates the partial folder, or opens the partial folder of an earlier run.
+    ///
+    /// The caller must have a [`FolderLock`](crate::FolderLock) on `dir`.
     ///
     /// # Errors
     /// [`WriteError::Exists`] if a result exists and `existing` is [`Existing::Refuse`]; [`WriteError::BadStem`],
@@ -55,19 +57,19 @@ impl OutputFolder {
         Ok(Self { dir: dir.to_path_buf(), partial, target, aside, existing, resumed })
     }
 
-    /// Returns the partial folder, which takes the files until [`OutputFolder::publish`].
+    /// Returns the path of the partial folder. The caller writes all files there before [`OutputFolder::publish`].
     #[must_use]
     pub fn path(&self) -> &Path {
         &self.partial
     }
 
-    /// Whether the partial folder of an earlier run was found.
+    /// Whether [`OutputFolder::begin`] found the partial folder of an earlier run.
     #[must_use]
     pub fn is_resumed(&self) -> bool {
         self.resumed
     }
 
-    /// Removes the files that an earlier run left.
+    /// Removes all files from the partial folder.
     ///
     /// # Errors
     /// [`WriteError::Io`].
@@ -78,7 +80,7 @@ impl OutputFolder {
         Ok(())
     }
 
-    /// Removes the partial folder of a failed run, if a later run has nothing to resume.
+    /// Removes the partial folder after a failed run. It is meant for failures from which no later run can resume.
     ///
     /// # Errors
     /// [`WriteError::Io`].
@@ -86,13 +88,14 @@ impl OutputFolder {
         fs::remove_dir_all(&self.partial).map_err(WriteError::io("remove", &self.partial))
     }
 
-    /// Syncs every file, renames the folder to its final name and returns that name.
+    /// Syncs every file to disk, renames the folder to its final name, and returns its final path.
     ///
-    /// An older result is moved aside first and removed last. So a complete result, old or new, is on disk at all
-    /// times.
+    /// An older result is first renamed to `DIR/.<stem>.old/` and removed at the end. So a complete result, old or new,
+    /// is on disk at all times.
     ///
     /// # Errors
-    /// [`WriteError::Exists`], [`WriteError::Io`], [`WriteError::DiskFull`]; the partial folder stays.
+    /// [`WriteError::Exists`], [`WriteError::Io`], [`WriteError::DiskFull`]. After an error, the partial folder
+    /// remains.
     pub fn publish(self) -> Result<PathBuf, WriteError> {
         sync_tree(&self.partial)?;
         match fs::rename(&self.target, &self.aside) {
@@ -111,7 +114,9 @@ impl OutputFolder {
     }
 }
 
-/// Completes a replacement that was killed: restores the old result if there is no new one, and removes it otherwise.
+/// Completes the replacement of a result if a kill interrupted it.
+///
+/// If the new result `target` exists, the old result `aside` is removed. Otherwise `aside` is renamed back to `target`.
 fn settle(target: &Path, aside: &Path) -> Result<(), WriteError> {
     if !aside.exists() {
         return Ok(());
@@ -123,7 +128,7 @@ fn settle(target: &Path, aside: &Path) -> Result<(), WriteError> {
     }
 }
 
-/// Syncs all files and folders below `folder`, and removes temporary files.
+/// Syncs `folder` and everything in it to disk, and removes temporary files.
 fn sync_tree(folder: &Path) -> Result<(), WriteError> {
     let doing = |path: &Path| WriteError::io("sync", path);
     for entry in fs::read_dir(folder).map_err(doing(folder))? {

@@ -1,4 +1,4 @@
-//! JSON files, and JSON Lines: files with one JSON value per line.
+//! Reading and writing of JSON files and JSON Lines files. A JSON Lines file has one JSON value per line.
 
 use std::fs::File;
 use std::io::{BufRead as _, BufReader};
@@ -23,7 +23,7 @@ pub fn write_json<T: Serialize>(path: &Path, value: &T) -> Result<(), WriteError
     file.finish()
 }
 
-/// Writes a JSON Lines file, one value per line.
+/// A JSON Lines file in progress, with one value per line.
 #[derive(Debug)]
 pub struct JsonLines {
     file: OutFile,
@@ -31,7 +31,7 @@ pub struct JsonLines {
 }
 
 impl JsonLines {
-    /// Starts a file.
+    /// Starts a file with the final name `path`.
     ///
     /// # Errors
     /// [`WriteError::Io`], [`WriteError::DiskFull`].
@@ -39,7 +39,7 @@ impl JsonLines {
         Ok(Self { file: OutFile::create(path)?, line: Vec::new() })
     }
 
-    /// Appends a line.
+    /// Appends a value as one line.
     ///
     /// # Errors
     /// [`WriteError::Io`], [`WriteError::DiskFull`]; [`WriteError::Malformed`] for a value that JSON cannot represent.
@@ -48,16 +48,16 @@ impl JsonLines {
         self.file.write_bytes(&self.line)
     }
 
-    /// Completes the file.
+    /// Completes the file and gives it its final name.
     ///
     /// # Errors
-    /// [`WriteError::Io`], [`WriteError::DiskFull`]; the file then does not appear.
+    /// [`WriteError::Io`], [`WriteError::DiskFull`]. After an error, no file with the final name appears.
     pub fn finish(self) -> Result<(), WriteError> {
         self.file.finish()
     }
 }
 
-/// Replaces the content of `line` by a value and a line end.
+/// Replaces the content of `line` by the JSON text of a value and a line end. Errors name `path`.
 pub(crate) fn json_line<T: Serialize>(line: &mut Vec<u8>, value: &T, path: &Path) -> Result<(), WriteError> {
     line.clear();
     serde_json::to_writer(&mut *line, value).map_err(|e| WriteError::malformed(path, e))?;
@@ -65,12 +65,12 @@ pub(crate) fn json_line<T: Serialize>(line: &mut Vec<u8>, value: &T, path: &Path
     Ok(())
 }
 
-/// Writes `poses.jsonl`.
+/// The file `poses.jsonl` in progress, with one pose per line.
 #[derive(Debug)]
 pub struct PoseLines(JsonLines);
 
 impl PoseLines {
-    /// Starts a file.
+    /// Starts a file with the final name `path`.
     ///
     /// # Errors
     /// [`WriteError::Io`], [`WriteError::DiskFull`].
@@ -78,7 +78,7 @@ impl PoseLines {
         JsonLines::create(path).map(Self)
     }
 
-    /// Appends a pose, rounded to the digits of the files.
+    /// Appends a pose. Its numbers are rounded to a fixed number of decimals.
     ///
     /// # Errors
     /// [`WriteError::NotFinite`] for a pose with a number that is not finite; [`WriteError::Io`],
@@ -92,16 +92,18 @@ impl PoseLines {
         self.0.write(&rounded_pose(pose))
     }
 
-    /// Completes the file.
+    /// Completes the file and gives it its final name.
     ///
     /// # Errors
-    /// [`WriteError::Io`], [`WriteError::DiskFull`]; the file then does not appear.
+    /// [`WriteError::Io`], [`WriteError::DiskFull`]. After an error, no file with the final name appears.
     pub fn finish(self) -> Result<(), WriteError> {
         self.0.finish()
     }
 }
 
-/// Returns an iterator over the values of a JSON Lines file. It skips empty lines. Its errors name the line.
+/// Opens a JSON Lines file and returns an iterator over its values.
+///
+/// The iterator skips empty lines. If a line is invalid, the error contains the line number.
 ///
 /// # Errors
 /// [`WriteError::Io`] if the file cannot be opened.
@@ -141,7 +143,7 @@ mod tests {
         assert_eq!(results.len(), 2);
         let error = results[1].as_ref().unwrap_err().to_string();
         assert!(error.contains("line 3") && error.ends_with("x.jsonl"), "{error}");
-        // Bytes that are not text are an error of the file, not of the disk.
+        // Invalid UTF-8 is reported as a malformed file, not as an I/O error.
         std::fs::write(&path, b"{}\n\xff\xfe\n").unwrap();
         let results: Vec<Result<serde_json::Value, _>> = read_jsonl(&path).unwrap().collect();
         assert!(matches!(results[1], Err(WriteError::Malformed { .. })), "{:?}", results[1]);

@@ -1,11 +1,12 @@
 //! Writes and reads the files of a result.
 //!
-//! A file ([`OutFile`]) and a result folder ([`OutputFolder`]) appear under their name when they are complete, and not
-//! before. Equal input gives equal bytes. Numbers are rounded to fixed digits (0.1 mm, 1e-5 rad, 0.01 px, 1 µs).
-//! Nothing depends on hash order, time of day or machine.
+//! An [`OutFile`] and an [`OutputFolder`] are written under a temporary name. Each gets its final name when it is
+//! complete. Equal input gives equal bytes. Numbers are rounded to fixed steps: 0.1 mm, 1e-5 rad, 0.01 px, 1 µs. The
+//! bytes do not depend on hash order, time of day or machine.
 //!
 //! # Contents
-//! - writing in general: `file.rs`, `folder.rs`, `lock.rs`, `spool.rs` (a run in progress), `digits.rs`, `schema.rs`
+//! - writing in general: `file.rs`, `folder.rs`, `lock.rs`, `spool.rs` (the frames of a run in progress), `digits.rs`,
+//!   `schema.rs`
 //! - files of a result: `tracks.rs` (`parquet.rs`), `jsonl.rs` (poses, frames), `camera.rs`, `summary.rs` (`speed.rs`),
 //!   `evidence.rs`
 //! - files of the user: `constraints.rs`, `table.rs`

@@ -1,4 +1,4 @@
-//! A lock that allows one run at a time in a folder.
+//! A lock on a folder. Only one run at a time can have the lock.
 
 use std::fs::{File, OpenOptions, TryLockError};
 use std::path::Path;
@@ -8,10 +8,10 @@ use crate::WriteError;
 /// Name of the lock file.
 const LOCK_NAME: &str = ".roadplane.lock";
 
-/// A lock on an output folder, released when dropped.
+/// A lock on an output folder. The lock is released when this value is dropped.
 ///
-/// The operating system holds the lock and releases it when the process ends, even by a kill. So the lock file may
-/// stay.
+/// The operating system also releases the lock when the process ends, even if the process is killed. A lock file that
+/// remains in the folder does not block later runs.
 #[derive(Debug)]
 pub struct FolderLock {
     // Closing the file releases the lock.
@@ -22,8 +22,8 @@ impl FolderLock {
     /// Creates the folder if it does not exist, and locks it.
     ///
     /// # Errors
-    /// [`WriteError::Locked`], without waiting, if another run has the lock; [`WriteError::Io`] if the folder cannot be
-    /// used.
+    /// [`WriteError::Locked`] if another run has the lock: the function does not wait. [`WriteError::Io`] if the folder
+    /// cannot be created or locked.
     pub fn acquire(folder: &Path) -> Result<Self, WriteError> {
         std::fs::create_dir_all(folder).map_err(WriteError::io("create the folder", folder))?;
         let path = folder.join(LOCK_NAME);

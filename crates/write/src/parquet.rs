@@ -15,10 +15,10 @@ use roadplane_base::{OnMap, TrackRow};
 use crate::digits::{not_finite, rounded_row};
 use crate::{OutFile, WriteError};
 
-/// Schema id of the rows. The file's metadata contains it under `schema`.
+/// Schema id of the rows. The metadata of the file contains this id under the key `schema`.
 pub const TRACKS_SCHEMA: &str = "roadplane.tracks/1";
 
-/// Rows per row group. They are in memory until they are compressed together, about 8 MB.
+/// Number of rows per row group. The rows of a group, about 8 MB, stay in memory until they are compressed together.
 const GROUP_ROWS: usize = 32_768;
 
 const COLUMNS: &str = "
@@ -32,14 +32,14 @@ const COLUMNS: &str = "
     required double speed_sd_mps;
     optional double activity_p; optional double x_own_sd_m; optional double y_own_sd_m;
 ";
-/// Further columns, if the camera's position on the map was given.
+/// Additional columns if the user gave the camera's position on the map.
 const ON_MAP_COLUMNS: &str = "
     optional double latitude; optional double longitude; optional binary utm_zone (UTF8);
     optional double east_m; optional double north_m; optional double east_sd_m; optional double north_sd_m;
     optional double bearing_deg;
 ";
 
-/// Writes `tracks.parquet` (zstd).
+/// The file `tracks.parquet` in progress, compressed with zstd.
 pub struct TrackParquet {
     writer: SerializedFileWriter<OutFile>,
     rows: Vec<TrackRow>,
@@ -48,7 +48,8 @@ pub struct TrackParquet {
 }
 
 impl TrackParquet {
-    /// Starts a file. `on_map` adds the columns of the position on the map.
+    /// Starts a file with the final name `path`. If `on_map` is true, the file also has columns for positions on the
+    /// map.
     ///
     /// # Errors
     /// [`WriteError::Io`], [`WriteError::DiskFull`].
@@ -68,7 +69,7 @@ impl TrackParquet {
         Ok(Self { writer, rows: Vec::new(), on_map, path: path.to_path_buf() })
     }
 
-    /// Appends a row, rounded to the digits of the files.
+    /// Appends a row. Its numbers are rounded to a fixed number of decimals.
     ///
     /// # Errors
     /// [`WriteError::NotFinite`], [`WriteError::Io`], [`WriteError::DiskFull`].
@@ -80,10 +81,10 @@ impl TrackParquet {
         if self.rows.len() >= GROUP_ROWS { self.write_group() } else { Ok(()) }
     }
 
-    /// Completes the file.
+    /// Completes the file and gives it its final name.
     ///
     /// # Errors
-    /// [`WriteError::Io`], [`WriteError::DiskFull`]; the file then does not appear.
+    /// [`WriteError::Io`], [`WriteError::DiskFull`]. After an error, no file with the final name appears.
     pub fn finish(mut self) -> Result<(), WriteError> {
         if !self.rows.is_empty() {
             self.write_group()?;
@@ -172,7 +173,8 @@ fn doubles(rows: &[TrackRow], of: fn(&TrackRow) -> f64) -> Vec<f64> {
     rows.iter().map(of).collect()
 }
 
-/// Definition levels of a column, and repetition levels if its values are lists.
+/// Parquet levels of a column: the definition levels, and the repetition levels if the values are lists. `None` for a
+/// column whose values are all present.
 type Levels<'a> = Option<(&'a [i16], Option<&'a [i16]>)>;
 
 fn column<T: DataType>(
@@ -187,7 +189,9 @@ fn column<T: DataType>(
     column.close()
 }
 
-/// Converts an error of the Parquet library. It wraps I/O errors, whose kind determines the variant.
+/// Converts an error of the Parquet library to a [`WriteError`].
+///
+/// The library wraps I/O errors. The kind of a wrapped I/O error determines the variant.
 fn from_parquet(error: ParquetError, path: &Path) -> WriteError {
     match error {
         ParquetError::External(source) => match source.downcast::<std::io::Error>() {

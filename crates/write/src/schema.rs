@@ -1,4 +1,4 @@
-//! JSON schemas of the files of a result, generated from the Rust types. Doc comments are the descriptions.
+//! JSON schemas of the result files, generated from the Rust types. Doc comments become the descriptions in a schema.
 
 use roadplane_base::{FrameRecord, PoseRecord, TrackRow};
 use schemars::{JsonSchema, schema_for};
@@ -14,10 +14,11 @@ pub const POSES_SCHEMA: &str = "roadplane.poses/1";
 /// Schema id of a line of `frames.jsonl`.
 pub const FRAMES_SCHEMA: &str = "roadplane.frames/1";
 
-/// Returns name and schema (JSON Schema 2020-12) of every file of a result, and of the input of `--known`.
+/// Returns the names and schemas (JSON Schema 2020-12) of the result files and of the input file of `--known`.
 ///
-/// `tracks` describes a line of `tracks.jsonl` and a row of `tracks.parquet`. A row of `tracks.csv` has the box in four
-/// columns. `poses` and `frames` describe a line, and the others a whole file.
+/// The schema `tracks` describes a line of `tracks.jsonl` and a row of `tracks.parquet`. In `tracks.csv`, the bounding
+/// box has four columns instead of one. The schemas `poses` and `frames` describe one line of a file. The schemas
+/// `camera`, `summary` and `known` describe a whole file.
 #[must_use]
 pub fn schemas() -> Vec<(&'static str, Value)> {
     vec![
@@ -41,7 +42,7 @@ pub fn schema<T: JsonSchema>(id: &str) -> Value {
     schema
 }
 
-/// Joins the wrapped lines of all descriptions below a value. Empty lines between paragraphs stay.
+/// Joins the wrapped lines in all descriptions of a schema. Each paragraph becomes one line.
 fn unwrap_descriptions(schema: &mut Value) {
     match schema {
         Value::Object(object) => {

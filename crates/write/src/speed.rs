@@ -1,11 +1,11 @@
-//! Time and work of a run, for `summary.json`.
+//! The processing time and the amount of work of a run, as in `summary.json`.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::digits::decimals;
 
-/// Time and work of a run. A resumed run counts only its own work.
+/// The processing time and the amount of work of a run. A run that continues a stopped run counts only its own work.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Speed {
     /// Number of frames read.
@@ -14,13 +14,13 @@ pub struct Speed {
     pub clip_s: f64,
     /// Wall-clock time from the start of the run to the end of the report, s.
     pub wall_s: f64,
-    /// Processor time per frame read, by stage, ms.
+    /// Processor time of each stage per frame read, ms.
     pub cpu_ms_per_frame: CpuMs,
-    /// Processor time divided by wall-clock time: the mean number of busy cores.
+    /// Mean number of busy processor cores: the processor time divided by the wall-clock time.
     #[schemars(range(min = 0))]
     pub cores_busy: f64,
-    /// Share of the picture on which the detector ran, 0 to 1: the mean over all frames read. Frames on which it did
-    /// not run count as 0.
+    /// Share of the picture's area on which the detector ran, 0 to 1. It is the mean over all frames read. A frame on
+    /// which the detector did not run counts as 0.
     #[schemars(range(min = 0, max = 1))]
     pub seen_share: f64,
     /// Number of frames on which the detector ran.
@@ -29,28 +29,28 @@ pub struct Speed {
     pub crops: u64,
 }
 
-/// Processor time per frame by stage, ms. The stages add up to the total. The time of a net is part of its stage's
-/// time.
+/// Processor time of each stage per frame read, ms. The times of the stages add up to `total`. `detect_net` is a part
+/// of `detect`, and `keypoints_net` is a part of `keypoints`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct CpuMs {
     /// All stages together, ms per frame.
     pub total: f64,
-    /// Opening, ms per frame: hashing the input and loading the nets.
+    /// Start of the run, ms per frame: hashing the input and loading the nets.
     pub open: f64,
-    /// Decoding, ms per frame. The decoder's own threads count only if the process works on no other input at the same
-    /// time.
+    /// Decoding of the input, ms per frame. The decoder's own threads are included only if the process works on a
+    /// single input.
     pub decode: f64,
-    /// Camera motion and picture change, ms per frame.
+    /// Measurement of camera motion and of changes in the picture, ms per frame.
     pub watch: f64,
-    /// Vehicle detection, ms per frame.
+    /// Vehicle detection, including the detector's net, ms per frame.
     pub detect: f64,
-    /// The net of the detector alone, ms per frame.
+    /// The detector's net alone, ms per frame.
     pub detect_net: f64,
-    /// Keypoints, ms per frame.
+    /// Keypoint detection, including the keypoint net, ms per frame.
     pub keypoints: f64,
     /// The keypoint net alone, ms per frame.
     pub keypoints_net: f64,
-    /// Writing the frames' records, and keeping frames for the report, ms per frame.
+    /// Writing the records of the frames and storing frames for the report, ms per frame.
     pub spool: f64,
     /// Estimation of cameras, poses and tracks, ms per frame.
     pub solve: f64,
@@ -65,25 +65,25 @@ impl Speed {
         self.frames as f64 / self.wall_s.max(1e-9)
     }
 
-    /// Returns the speed as a multiple of real time.
+    /// Returns the speed as a multiple of real time: the duration of the input divided by the wall-clock time.
     #[must_use]
     pub fn times_real_time(&self) -> f64 {
         self.clip_s / self.wall_s.max(1e-9)
     }
 
-    /// Returns the number of inference frames per second of the input.
+    /// Returns the number of frames on which the detector ran, per second of the input.
     #[must_use]
     pub fn inference_frames_per_s(&self) -> f64 {
         self.looks as f64 / self.clip_s.max(1e-9)
     }
 
-    /// Returns the number of the keypoint net's crops per frame read.
+    /// Returns the number of crops on which the keypoint net ran, per frame read.
     #[must_use]
     pub fn crops_per_frame(&self) -> f64 {
         self.crops as f64 / self.frames.max(1) as f64
     }
 
-    /// Rounds to the digits of the file.
+    /// Returns a copy with its numbers rounded to the decimals that `summary.json` has.
     pub(crate) fn rounded(&self) -> Self {
         let ms = &self.cpu_ms_per_frame;
         let cpu_ms_per_frame = CpuMs {
@@ -111,14 +111,15 @@ impl Speed {
 }
 
 impl CpuMs {
-    /// Returns the time of both nets, ms per frame.
+    /// Returns the processor time of the detector's net and the keypoint net together, ms per frame.
     #[must_use]
     pub fn nets(&self) -> f64 {
         self.detect_net + self.keypoints_net
     }
 
-    /// Returns the time of perception without decoding and the nets, ms per frame: watching, scheduling, crops,
-    /// resampling, records.
+    /// Returns the processor time of perception without decoding and without the nets, ms per frame.
+    ///
+    /// It covers the measurement of camera motion, scheduling, crops, resampling and the records of frames.
     #[must_use]
     pub fn perception_rest(&self) -> f64 {
         self.watch + self.detect + self.keypoints + self.spool - self.nets()

@@ -1,4 +1,5 @@
-//! The frames file of a run in progress. It grows by one line per frame and survives a kill.
+//! The frames file of a run in progress. The file grows by one line per frame. If the run is killed, a later run can
+//! continue the file.
 
 use std::fs::{File, OpenOptions};
 use std::io::{BufRead as _, BufReader, BufWriter, Seek as _, SeekFrom, Write as _};
@@ -9,20 +10,23 @@ use roadplane_base::{FrameRecord, SceneCurve};
 use crate::jsonl::json_line;
 use crate::{JsonLines, WriteError};
 
-/// The content that was found in the frames file of an earlier run.
+/// A summary of the frames that were recovered from the frames file of an earlier run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Recovered {
-    /// Number of complete frames that were kept.
+    /// Number of recovered frames.
     pub frames: u64,
-    /// Index of the last complete frame. A resumed run continues after it.
+    /// Index of the last recovered frame; `None` if no frame was recovered. A resumed run continues with the next
+    /// frame.
     pub last_frame: Option<u64>,
-    /// Number of bytes cut off after the last complete frame: a partial line, or a damaged line with all that follows.
+    /// Number of bytes that were removed after the last recovered frame. [`FrameSpool::open`] describes the removed
+    /// part.
     pub cut_bytes: u64,
 }
 
-/// Appends frames in the order of their index.
+/// The frames file in progress. Frames are appended in the order of their index.
 ///
-/// Unlike other files it has its name from the start. It is in the partial folder, and [`FrameSpool::open`] repairs it.
+/// Unlike an [`OutFile`](crate::OutFile), the frames file has its final name from the start. If a run is killed,
+/// [`FrameSpool::open`] repairs the file.
 #[derive(Debug)]
 pub struct FrameSpool {
     writer: BufWriter<File>,
@@ -31,9 +35,13 @@ pub struct FrameSpool {
 }
 
 impl FrameSpool {
-    /// Opens or creates the file, and cuts off a partial or damaged line and the last interval.
+    /// Opens or creates the frames file, and removes the frames that a resumed run must process again.
     ///
-    /// `interval_of` returns the number of a frame's interval. A resumed run repeats an interval from its first frame.
+    /// The frames are divided into intervals, and `interval_of` returns the number of a frame's interval. A resumed run
+    /// must start at the first frame of an interval.
+    ///
+    /// The function removes the first damaged or incomplete line and all lines after it. Then it removes the last
+    /// interval of the remaining frames.
     ///
     /// # Errors
     /// [`WriteError::Io`], [`WriteError::DiskFull`].
@@ -64,7 +72,7 @@ impl FrameSpool {
         Ok((spool, recovered))
     }
 
-    /// Appends a frame.
+    /// Appends a frame as one line.
     ///
     /// # Errors
     /// [`WriteError::Io`], [`WriteError::DiskFull`].
@@ -73,7 +81,7 @@ impl FrameSpool {
         self.writer.write_all(&self.line).map_err(WriteError::io("write", &self.path))
     }
 
-    /// Flushes and syncs the frames so far.
+    /// Writes all frames that were appended so far to disk.
     ///
     /// # Errors
     /// [`WriteError::Io`], [`WriteError::DiskFull`].
@@ -85,13 +93,14 @@ impl FrameSpool {
     }
 }
 
-/// Counts the complete frames from the start, and their bytes, without the last interval.
+/// Counts the complete frames from the start of the file, and their bytes. The frames of the last interval are not
+/// counted.
 fn whole_part(file: &File, interval_of: impl Fn(&FrameRecord) -> u64) -> std::io::Result<(Recovered, u64)> {
     let mut reader = BufReader::with_capacity(1 << 16, file);
     let mut found = Recovered::default();
     let mut bytes = 0;
     let mut line = Vec::new();
-    // The state at the start of the last frame's interval.
+    // The result at the start of the interval that contains the last frame.
     let mut interval = None;
     let mut before = (Recovered::default(), 0);
     loop {
@@ -112,7 +121,9 @@ fn whole_part(file: &File, interval_of: impl Fn(&FrameRecord) -> u64) -> std::io
     }
 }
 
-/// An iterator over the frames of a frames file. It skips empty lines. Its errors name the line.
+/// An iterator over the frames of a frames file.
+///
+/// The iterator skips empty lines. If a line is invalid, the error contains the line number.
 #[derive(Debug)]
 pub struct FrameReader {
     lines: std::io::Lines<BufReader<File>>,
@@ -121,7 +132,7 @@ pub struct FrameReader {
 }
 
 impl FrameReader {
-    /// Opens a file.
+    /// Opens a frames file for reading.
     ///
     /// # Errors
     /// [`WriteError::Io`].
@@ -131,9 +142,9 @@ impl FrameReader {
     }
 }
 
-/// Reads the long edges of the scene ([`FrameRecord::scene_curves`]) from the frame that has most of them.
+/// Returns the long edges of the scene ([`FrameRecord::scene_curves`]) from the frame with the largest number of edges.
 ///
-/// Lines without edges are not parsed.
+/// Lines without such edges are not parsed.
 ///
 /// # Errors
 /// [`WriteError::Malformed`], which names the line; [`WriteError::Io`].
@@ -179,7 +190,8 @@ impl Iterator for FrameReader {
 }
 
 impl JsonLines {
-    /// Appends a frame to a frames file that is written in one pass, as `roadplane stage detect` does.
+    /// Appends a frame to a frames file that is written in one pass and never resumed. `roadplane stage detect` writes
+    /// such a file.
     ///
     /// # Errors
     /// [`WriteError::Io`], [`WriteError::DiskFull`].
@@ -257,7 +269,7 @@ mod tests {
         let path = dir.path().join("frames.jsonl");
         let curve = |x: f64, sd_px: f64| SceneCurve::from([x, 5.0, 300.0, 2.5, 600.0, 5.0, sd_px]);
         let with = |curves: &[SceneCurve]| FrameRecord { scene_curves: Some(curves.to_vec()), ..record(0) };
-        // The last has no sd.
+        // The last edge has no positive sd.
         let most = [curve(1.0, 0.5), curve(2.0, 0.5), curve(3.0, 0.0)];
         let lines = [with(&most), record(1), with(&most[..1])].map(|r| serde_json::to_string(&r).unwrap());
         std::fs::write(&path, lines.join("\n")).unwrap();

@@ -21,7 +21,7 @@ pub enum RunStatus {
     /// The whole input was read.
     #[default]
     Complete,
-    /// Some of the input was damaged or lost. `counts` has the numbers.
+    /// A part of the input was damaged or lost. `counts` contains the number of lost frames.
     InputDamaged,
 }
 
@@ -34,41 +34,42 @@ pub struct Summary {
     pub schema: String,
     /// Outcome of the run.
     pub status: RunStatus,
-    /// Exit code of this result: 0, or 3 if the input is damaged.
+    /// Exit code of the run: 0, or 3 if the input is damaged.
     #[schemars(extend("enum" = [0, 3]))]
     pub exit_code: u8,
     /// Versions of the program and its libraries by name, such as `roadplane`, `onnxruntime`, `opencv`.
     pub versions: BTreeMap<String, String>,
     /// The input of the run.
     pub input: InputSummary,
-    /// Nets that ran.
+    /// Neural nets that ran.
     pub models: Vec<ModelSummary>,
     /// All settings of the run, after defaults, files and command-line options were combined.
     pub config: serde_json::Value,
     /// sha256 of `config`, hexadecimal.
     pub config_sha256: String,
-    /// Numbers of frames, boxes, poses and tracks that were read, lost, rejected and found.
+    /// Counts of frames, boxes, poses and tracks.
     pub counts: Counts,
     /// Camera moves and the state of the camera over time.
     #[serde(default)]
     pub watch: WatchSummary,
-    /// Working time of each stage, in the order of the pipeline.
+    /// Working time of each stage of the pipeline, in the order of the stages.
     pub seconds: Vec<StageSeconds>,
     /// Wall-clock time of the run, s.
     pub wall_s: f64,
     /// Number of frames read per second of wall-clock time.
     #[schemars(range(min = 0))]
     pub frames_per_s: f64,
-    /// Time and work of the run, by stage. Absent in files of older versions.
+    /// Processing time by stage, and amount of work. Absent in files of older versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub speed: Option<Speed>,
     /// Peak memory of the process, bytes; null if the system does not report it.
     pub peak_memory_bytes: Option<u64>,
-    /// User constraints on the camera, each compared with the estimate from all other evidence. Absent if there are
-    /// none.
+    /// User constraints on the camera. Each constraint is compared with the estimate from all other evidence. Absent if
+    /// there are no user constraints.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub known: Vec<ConstraintSummary>,
-    /// Cues of vertical lines and parallel cars, one entry per segment of the camera. Absent if there are none.
+    /// Vertical lines and parallel cars as evidence on the camera, one entry per camera segment. Absent if there are no
+    /// entries.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub scene_lines: Vec<SceneLinesSummary>,
     /// Warnings about the results, one sentence each.
@@ -80,9 +81,9 @@ pub struct Summary {
 pub struct InputSummary {
     /// Path of the input, as given on the command line.
     pub path: String,
-    /// Size of the input, bytes. For a folder, it is the sum over its files.
+    /// Size of the input, bytes. For a folder, it is the sum of the sizes of its files.
     pub bytes: u64,
-    /// sha256 of the input, hexadecimal. For a folder, it is that of its files' contents in order.
+    /// sha256 of the input, hexadecimal. For a folder, it is the sha256 of the contents of all files in order.
     pub sha256: String,
 }
 
@@ -91,52 +92,55 @@ pub struct InputSummary {
 pub struct ConstraintSummary {
     /// Name of the constraint, such as `focal length` or `length of line 2 of bays.csv`.
     pub what: String,
-    /// Unit of the values and sds: `px`, `m` or `°`.
+    /// Unit of the values and standard deviations: `px`, `m` or `°`.
     #[schemars(extend("enum" = ["px", "m", "°"]))]
     pub unit: String,
     /// Value that the user gave, in `unit`.
     pub given: f64,
-    /// Standard deviation (sd) of `given`, in `unit`. For a length, it includes the sd of the pixels of its ends.
+    /// Standard deviation of `given`, in `unit`. For a length, it includes the uncertainty of both end pixels.
     #[schemars(range(min = 0))]
     pub given_sd: f64,
-    /// Estimate from all other evidence, in `unit`: cars, prior and other user constraints.
+    /// Estimate of the same quantity from all other evidence, in `unit`. This evidence is the cars, the prior and the
+    /// other user constraints.
     pub by_all_else: f64,
-    /// Sd of `by_all_else`, in `unit`.
+    /// Standard deviation of `by_all_else`, in `unit`.
     #[schemars(range(min = 0))]
     pub by_all_else_sd: f64,
-    /// Absolute difference of the two values, divided by its sd. The program warns if it is above 3.
+    /// Absolute difference between `given` and `by_all_else`, divided by the standard deviation of this difference. The
+    /// program warns if the result is above 3.
     #[schemars(range(min = 0))]
     pub apart_sds: f64,
 }
 
-/// Vertical lines and parallel cars in one segment of the camera, and their use in the estimate.
+/// Vertical lines and parallel cars in one camera segment, and their use in the estimate of the camera. A camera
+/// segment is an interval in which the camera is at rest.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct SceneLinesSummary {
-    /// Index of the camera's segment, from 0; 1 after the first move.
+    /// Index of the camera segment, from 0. Each camera move starts a new segment.
     pub segment: usize,
-    /// Number of straight edges that may be vertical.
+    /// Number of straight edges in the picture that may be vertical in the scene.
     pub found: usize,
-    /// Number of edges that are vertical. It is 0 if they do not determine the vertical vanishing point. Then they do
-    /// not count.
+    /// Number of edges that are vertical in the scene. It is 0 if the edges do not determine the vertical vanishing
+    /// point. In that case the estimate uses no edges.
     pub upright: usize,
-    /// Natural logarithm of the likelihood ratio: edges with a vertical vanishing point against edges by chance. It is
-    /// null if the edges do not count.
+    /// Natural logarithm of the likelihood ratio between two hypotheses: the edges share a vertical vanishing point, or
+    /// their directions are random. It is null if the estimate uses no edges.
     pub gain: Option<f64>,
-    /// Number of parallel cars that constrain the focal length. It is 0 if there are too few.
+    /// Number of parallel cars that constrain the focal length. It is 0 if too few cars are parallel.
     #[serde(default)]
     pub parallel_cars: usize,
 }
 
-/// A net that ran.
+/// A neural net that ran.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ModelSummary {
-    /// Name of the net on its model card.
+    /// Name of the net according to its model card.
     pub name: String,
-    /// Version of the net on its model card.
+    /// Version of the net according to its model card.
     pub version: String,
     /// sha256 of the net's file, hexadecimal.
     pub sha256: String,
-    /// Device and precision that ran the net, such as `cpu f32`.
+    /// Device that ran the net, and numeric precision, such as `cpu f32`.
     pub provider: String,
 }
 
@@ -145,14 +149,14 @@ pub struct ModelSummary {
 pub struct WatchSummary {
     /// Camera moves in the order of time.
     pub moves: Vec<CameraMove>,
-    /// State of the camera over time, one entry per interval of one state.
+    /// State of the camera over time. Each entry is an interval in which the state does not change.
     pub stretches: Vec<WatchInterval>,
     /// Largest shift of the picture by camera shake, px. A shift below half a pixel counts as 0.
     #[schemars(range(min = 0))]
     pub farthest_shake_px: f64,
 }
 
-/// An interval in which the pictures show one state of the camera.
+/// An interval in which the state of the camera does not change.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct WatchInterval {
     /// State of the camera in the interval.
@@ -163,22 +167,22 @@ pub struct WatchInterval {
     pub to_s: f64,
 }
 
-/// Numbers of frames, boxes, poses and tracks that were read, lost, rejected and found.
+/// Counts of frames, boxes, poses and tracks.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Counts {
-    /// Number of frames according to the input; null if the input does not state it.
+    /// Number of frames according to the input; null if the input does not state a number.
     pub frames_expected: Option<u64>,
     /// Number of frames decoded.
     pub frames_read: u64,
     /// Number of frames lost by damage.
     pub frames_lost: u64,
-    /// Number of decoded frames that the settings leave out.
+    /// Number of decoded frames that were not processed because of the settings.
     pub frames_skipped: u64,
     /// Number of detected boxes by class of vehicle.
     pub boxes: BTreeMap<String, u64>,
-    /// Number of rejected cars by reason.
+    /// Number of rejected cars by reason of rejection.
     pub rejected: BTreeMap<String, u64>,
-    /// Number of poses that the tracker uses. A car has one pose per frame.
+    /// Number of poses that the tracker uses. A pose belongs to one car in one frame.
     pub poses_used: u64,
     /// Number of tracks.
     pub tracks: u64,
@@ -186,12 +190,12 @@ pub struct Counts {
     pub track_rows: u64,
 }
 
-/// The working time of one stage.
+/// The working time of one stage of the pipeline.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct StageSeconds {
     /// Name of the stage.
     pub stage: String,
-    /// Working time of the stage, s, without waiting.
+    /// Working time of the stage, s. Waiting time is not included.
     #[schemars(range(min = 0))]
     pub seconds: f64,
 }

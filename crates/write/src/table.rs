@@ -1,4 +1,6 @@
-//! Tables with any columns, in CSV, JSON Lines or Parquet. A program can add columns and keep the others as they are.
+//! Tables with arbitrary columns, in CSV, JSON Lines or Parquet.
+//!
+//! A program can read a table, add columns and write the table again. The other columns do not change.
 
 use std::fs::File;
 use std::path::Path;
@@ -16,10 +18,10 @@ use serde_json::{Map, Value};
 
 use crate::{JsonLines, OutFile, WriteError, read_jsonl};
 
-/// A row: values by column name, in the order of the file.
+/// A row of a table: its values by column name. The columns are in the order of the file.
 pub type TableRow = Map<String, Value>;
 
-/// Rows per row group of a Parquet file.
+/// Number of rows per row group of a Parquet file.
 const GROUP_ROWS: usize = 32_768;
 
 /// The format of a table.
@@ -34,7 +36,7 @@ pub enum TableFormat {
 }
 
 impl TableFormat {
-    /// Returns the format by a file's extension.
+    /// Returns the format that belongs to the extension of a file name.
     ///
     /// # Errors
     /// [`WriteError::Malformed`] for an unknown extension.
@@ -62,11 +64,11 @@ pub fn read_table(path: &Path) -> Result<Vec<TableRow>, WriteError> {
     }
 }
 
-/// Writes rows as a table. Its columns are those of all rows, in the order of their first occurrence.
+/// Writes rows as a table. The table has every column that occurs in any row, in the order of first occurrence.
 ///
 /// # Errors
 /// [`WriteError::Io`], [`WriteError::DiskFull`]; [`WriteError::Malformed`] for columns that the format cannot
-/// represent. The file then does not appear.
+/// represent. After an error, no file with the final name appears.
 pub fn write_table(path: &Path, rows: &[TableRow]) -> Result<(), WriteError> {
     match TableFormat::of(path)? {
         TableFormat::Csv => write_csv(path, rows),
@@ -82,7 +84,7 @@ pub fn write_table(path: &Path, rows: &[TableRow]) -> Result<(), WriteError> {
 fn columns(rows: &[TableRow]) -> Vec<&str> {
     let mut names: Vec<&str> = Vec::new();
     for row in rows {
-        // Nearly all rows have the same columns.
+        // This check saves time, because nearly all rows have the same columns.
         if row.len() != names.len() || row.keys().zip(&names).any(|(a, b)| a != b) {
             for name in row.keys() {
                 if !names.contains(&name.as_str()) {
@@ -145,7 +147,7 @@ fn read_parquet(path: &Path) -> Result<Vec<TableRow>, WriteError> {
     rows.map(row).collect()
 }
 
-/// Converts a field to JSON. Types that JSON lacks become text.
+/// Converts a field of a Parquet file to JSON. A type that JSON does not have becomes text.
 fn field_value(field: &Field) -> Value {
     match field {
         Field::Null => Value::Null,
@@ -180,7 +182,7 @@ enum Kind {
 }
 
 impl Kind {
-    /// Returns the narrowest type that fits all values.
+    /// Returns the narrowest column type that fits all values. Null fits every type.
     fn of<'a>(values: impl Iterator<Item = &'a Value> + Clone) -> Self {
         let all = |fits: fn(&Value) -> bool| values.clone().filter(|value| !value.is_null()).all(fits);
         let numbers = |v: &Value| v.as_array().is_some_and(|list| list.iter().all(Value::is_number));

@@ -1,4 +1,4 @@
-//! `tracks.csv`, and the three files of tracks together.
+//! Writing of `tracks.csv`, and of all three track files together.
 
 use std::path::Path;
 
@@ -37,11 +37,11 @@ const HEADER: [&str; 26] = [
     "y_own_sd_m",
 ];
 
-/// Further columns of `tracks.csv`, if the camera's position on the map was given.
+/// Additional columns of `tracks.csv` if the user gave the camera's position on the map.
 const ON_MAP_HEADER: [&str; 8] =
     ["latitude", "longitude", "utm_zone", "east_m", "north_m", "east_sd_m", "north_sd_m", "bearing_deg"];
 
-/// Writes `tracks.csv`, with the box in four columns. A missing value is an empty field.
+/// The file `tracks.csv` in progress. The bounding box has four columns. A missing value is an empty field.
 pub struct TrackCsv {
     writer: csv::Writer<OutFile>,
     on_map: bool,
@@ -49,7 +49,7 @@ pub struct TrackCsv {
 }
 
 impl TrackCsv {
-    /// Starts a file with its header. `on_map` adds the columns of the position on the map.
+    /// Starts a file and writes its header. If `on_map` is true, the file also has columns for positions on the map.
     ///
     /// # Errors
     /// [`WriteError::Io`], [`WriteError::DiskFull`].
@@ -61,7 +61,7 @@ impl TrackCsv {
         Ok(file)
     }
 
-    /// Appends a row, with fixed decimals.
+    /// Appends a row. Each column has a fixed number of decimals.
     ///
     /// # Errors
     /// [`WriteError::NotFinite`], [`WriteError::Io`], [`WriteError::DiskFull`].
@@ -117,10 +117,10 @@ impl TrackCsv {
         self.record(fields.into_iter().chain(on_map.into_iter().flatten()))
     }
 
-    /// Completes the file.
+    /// Completes the file and gives it its final name.
     ///
     /// # Errors
-    /// [`WriteError::Io`], [`WriteError::DiskFull`]; the file then does not appear.
+    /// [`WriteError::Io`], [`WriteError::DiskFull`]. After an error, no file with the final name appears.
     pub fn finish(self) -> Result<(), WriteError> {
         let Self { writer, path, .. } = self;
         let file = writer.into_inner().map_err(|e| WriteError::io("write", &path)(e.into_error()))?;
@@ -132,7 +132,8 @@ impl TrackCsv {
     }
 }
 
-/// Writes `tracks.parquet`, `tracks.jsonl` and `tracks.csv` of one result, with the same numbers.
+/// The files `tracks.parquet`, `tracks.jsonl` and `tracks.csv` of one result in progress. All three files have the same
+/// numbers.
 pub struct TrackFiles {
     parquet: TrackParquet,
     jsonl: JsonLines,
@@ -141,7 +142,8 @@ pub struct TrackFiles {
 }
 
 impl TrackFiles {
-    /// Starts the three files in a folder. `on_map` adds the columns of the position on the map.
+    /// Starts the three files in a folder. If `on_map` is true, `tracks.parquet` and `tracks.csv` also have columns for
+    /// positions on the map.
     ///
     /// # Errors
     /// [`WriteError::Io`], [`WriteError::DiskFull`].
@@ -154,7 +156,7 @@ impl TrackFiles {
         })
     }
 
-    /// Appends a row to each file.
+    /// Appends a row to each of the three files.
     ///
     /// # Errors
     /// [`WriteError::NotFinite`], [`WriteError::Io`], [`WriteError::DiskFull`].
@@ -168,7 +170,7 @@ impl TrackFiles {
         self.csv.write(row)
     }
 
-    /// Completes the files.
+    /// Completes the three files and gives them their final names.
     ///
     /// # Errors
     /// [`WriteError::Io`], [`WriteError::DiskFull`].

@@ -1,4 +1,5 @@
-//! A run that is killed at any moment and started again ends with the bytes of an undisturbed run.
+//! A run is killed at any moment and started again. In the end its files have the same bytes as those of an undisturbed
+//! run.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
@@ -12,7 +13,7 @@ use roadplane_write::{Existing, FolderLock, FrameSpool, OutputFolder, write_json
 const CHILD: &str = "ROADPLANE_TEST_KILL_DIR";
 const FRAMES: u64 = 400;
 
-/// A run: appends frames to the frames file, writes a file derived from it, and publishes the folder.
+/// Imitates a run: appends frames to the frames file, writes `summary.json` and publishes the folder.
 fn run(dir: &Path) {
     let _lock = FolderLock::acquire(dir).unwrap();
     let folder = OutputFolder::begin(dir, "clip", Existing::Overwrite).unwrap();
@@ -69,7 +70,7 @@ fn fifty_kills_change_nothing() {
     assert_eq!(expected.len(), 2);
     let temp = tempfile::tempdir().unwrap();
     for i in 0..50u32 {
-        // Five kills share a folder. Within it a run resumes an earlier one, or replaces a finished result.
+        // Five runs use the same folder. Each run resumes a killed run or replaces a finished result.
         let dir = temp.path().join((i / 5).to_string());
         let mut child = start(&dir);
         std::thread::sleep(Duration::from_secs_f64(whole.as_secs_f64() * f64::from(i * 37 % 50) / 50.0));

@@ -1,4 +1,4 @@
-//! The track files have the same numbers, are the same bytes each time, and open in other tools.
+//! The three track files have the same numbers. Their bytes are the same each time, and other libraries can read them.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
@@ -147,7 +147,7 @@ fn no_rows_make_readable_files() {
     assert!(std::fs::read_to_string(dir.path().join("tracks.csv")).unwrap().starts_with("frame,time_s,"));
 }
 
-/// Needs the right to mount a file system, and is skipped without it.
+/// This test mounts a file system. It is skipped without the right to do so.
 #[test]
 fn a_small_disk_fills_up_cleanly() {
     let dir = tempfile::tempdir().unwrap();

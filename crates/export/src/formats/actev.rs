@@ -1,5 +1,6 @@
-//! ActEV: system output for the scorer of NIST's evaluation of activities in extended video, with the two index files
-//! that it needs. Frames count from 1.
+//! ActEV: input files for the scorer of the NIST evaluation "Activities in Extended Video".
+//!
+//! The files are the system output and the two index files that the scorer needs. Frames are numbered from 1.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -10,8 +11,8 @@ use serde_json::{Map, Value, json};
 
 use crate::{Event, Run, Track};
 
-/// Returns the name of an activity in MEVA and ActEV. Activities that have none there keep their name, after
-/// `vehicle_`.
+/// Returns the name of an activity in MEVA and ActEV. An activity without such a name keeps its own name, with
+/// `vehicle_` in front.
 pub fn activity_name(ours: &str) -> String {
     let theirs = match ours {
         "turning_left" => "turns_left",
@@ -25,7 +26,7 @@ pub fn activity_name(ours: &str) -> String {
     format!("vehicle_{theirs}")
 }
 
-/// Writes system output, file index and activity index.
+/// Writes the system output, the file index and the activity index.
 pub fn write(run: &Run, folder: &Path) -> Result<(), WriteError> {
     let Some(events) = &run.events else {
         return Err(WriteError::Lacks {
@@ -54,7 +55,7 @@ pub fn write(run: &Run, folder: &Path) -> Result<(), WriteError> {
     write_json(&folder.join("activity-index.json"), &kinds)
 }
 
-/// Returns a signal that is 1 from the first frame to the last, and 0 after it.
+/// Returns a signal that is 1 from frame `first` to frame `last`, and 0 after frame `last`.
 fn signal(first: u64, last: u64) -> Value {
     json!({first.to_string(): 1, (last + 1).to_string(): 0})
 }
@@ -78,7 +79,8 @@ fn instance(run: &Run, id: usize, event: &Event, track: &Track) -> Value {
     })
 }
 
-/// Returns the boxes by frame. A box is valid until the next frame in the list; an empty box ends the last.
+/// Returns the boxes by frame number. A box is valid until the next frame in the list. The last entry is an empty box
+/// in the frame after the last row.
 fn boxes(rows: &[&TrackRow], last: u64) -> Value {
     let mut boxes = Map::new();
     for row in rows {

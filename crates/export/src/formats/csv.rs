@@ -1,7 +1,7 @@
-//! The run's rows, as in `tracks.csv`.
+//! CSV: the rows of the run, with the columns of `tracks.csv`.
 //!
-//! With a position on the map they also have longitude and latitude (WGS 84), metres in the UTM zone with their sds,
-//! and the bearing of the vehicle.
+//! If the run has a position on the map, there are further columns. They are latitude and longitude (WGS 84), UTM
+//! coordinates in metres with their standard deviations, and the bearing of the vehicle.
 
 use std::path::Path;
 
@@ -10,7 +10,7 @@ use roadplane_write::{TrackCsv, WriteError};
 use super::files::write_place;
 use crate::Run;
 
-/// Writes the rows by frame, then track, into a file for each segment.
+/// Writes one file per segment, with rows sorted by frame and then by track.
 pub fn write(run: &Run, folder: &Path) -> Result<(), WriteError> {
     for segment in &run.segments {
         let path = folder.join(format!("{}.csv", segment.name));

@@ -1,10 +1,10 @@
-//! CSV files with a header.
+//! Writing of CSV files with a header.
 
 use std::path::Path;
 
 use roadplane_write::{OutFile, WriteError};
 
-/// Writes a table. Each row has as many cells as the header.
+/// Writes a CSV file with a header. Each row has as many cells as the header.
 pub fn write_table<const N: usize>(
     path: &Path,
     header: &[&str; N],

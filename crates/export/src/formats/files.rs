@@ -1,4 +1,4 @@
-//! Files that several formats write.
+//! Functions for files that several formats write.
 
 use std::path::{Path, PathBuf};
 
@@ -6,7 +6,8 @@ use roadplane_write::{OutFile, WriteError, write_json};
 
 use crate::Run;
 
-/// Writes the position of the camera on the map beside files that depend on it, if the run has one.
+/// Writes the camera's position on the map to `NAME.place.json`. If the run has no position on the map, nothing is
+/// written.
 pub(super) fn write_place(run: &Run, folder: &Path) -> Result<(), WriteError> {
     let Some(place) = &run.place else { return Ok(()) };
     write_json(&folder.join(format!("{}.place.json", run.name)), place)
@@ -19,7 +20,7 @@ pub(super) fn write_text(path: &Path, text: &str) -> Result<(), WriteError> {
     file.finish()
 }
 
-/// Creates a folder inside that of the format, and returns its path.
+/// Creates the subfolder `name` in the folder of a format, and returns the subfolder's path.
 pub(super) fn subfolder(folder: &Path, name: &str) -> Result<PathBuf, WriteError> {
     let path = folder.join(name);
     let failed = |source| WriteError::Io { doing: "create the folder", source, path: path.clone() };

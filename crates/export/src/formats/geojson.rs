@@ -1,7 +1,8 @@
-//! GeoJSON (RFC 7946): longitude and latitude if the run has a position on the map.
+//! GeoJSON (RFC 7946): tracks as lines, and rows as points.
 //!
-//! Otherwise the coordinates are metres from the point below the camera. The standard has no form for metres, and tools
-//! that take them for degrees are wrong. `coordinate_system` names the unit.
+//! If the run has a position on the map, the coordinates are longitude and latitude. Otherwise the coordinates are
+//! metres from the point on the ground below the camera. The standard does not support metres, so other tools may
+//! misread them as degrees. The property `coordinate_system` names the unit.
 
 use std::path::Path;
 
@@ -16,7 +17,7 @@ const METRES: &str =
     "metres from the camera's foot, x to the right, y the viewing direction; NOT longitude and latitude";
 const DEGREES: &str = "longitude and latitude in degrees, WGS 84";
 
-/// Writes a line for each track and a point for each row, in two files for each segment.
+/// Writes two files per segment: one file with a line for each track, and one file with a point for each row.
 pub fn write(run: &Run, folder: &Path) -> Result<(), WriteError> {
     for segment in &run.segments {
         let file = |kind: &str| folder.join(format!("{}.{kind}.geojson", segment.name));
@@ -28,7 +29,7 @@ pub fn write(run: &Run, folder: &Path) -> Result<(), WriteError> {
     write_place(run, folder)
 }
 
-/// Writes the paths of a run whose camera was not moved as lines: `tracks.geojson`.
+/// Writes a GeoJSON file with the path of each track as a line. Only the first segment of the run is written.
 ///
 /// # Errors
 /// [`WriteError::Io`], [`WriteError::DiskFull`].
@@ -61,7 +62,8 @@ fn coordinates(row: &TrackRow) -> Value {
     }
 }
 
-/// Returns the path of a track as a line. A single row gives a line with two equal ends.
+/// Returns the path of a track as a GeoJSON line; `None` if there are no rows. A single row gives a line with two equal
+/// ends.
 fn line(track: &Track, rows: &[TrackRow]) -> Option<Value> {
     let (first, last) = (rows.first()?, rows.last()?);
     let mut path: Vec<Value> = rows.iter().map(coordinates).collect();
@@ -87,7 +89,7 @@ fn line(track: &Track, rows: &[TrackRow]) -> Option<Value> {
     }))
 }
 
-/// Returns a row as a point with all columns as properties.
+/// Returns a row as a GeoJSON point. Its properties are all columns of the row.
 fn point(track: &Track, row: &TrackRow) -> Value {
     let mut properties = match serde_json::to_value(row) {
         Ok(Value::Object(columns)) => columns,

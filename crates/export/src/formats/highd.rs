@@ -1,8 +1,10 @@
 //! highD (Krajewski et al. 2018): three tables for each recording.
 //!
-//! The format is meant for straight roads. x runs along the main direction of driving, and y to its right. Boxes are
-//! parallel to the axes, and a corner gives their position. `xAxisHeading` of the recording is the heading of x in the
-//! run's world. The run has no lanes, so all columns that depend on lanes are 0.
+//! The format is meant for straight roads. The x axis points in the main driving direction, and the y axis points to
+//! the right of that direction. Boxes are parallel to the axes. The position of a box is its corner with the smallest x
+//! and y. The column `xAxisHeading` of the recording is the heading of the x axis in the world frame of the run, rad.
+//!
+//! A run contains no lanes, so all columns about lanes are 0.
 
 use std::path::Path;
 
@@ -13,10 +15,10 @@ use roadplane_write::WriteError;
 use super::csv_table::write_table;
 use crate::{Run, RunSegment, Track, fixed};
 
-/// Speed above which a vehicle counts for the main direction, m/s.
+/// Speed above which a row is used for the main driving direction, m/s.
 const DRIVING_MPS: f64 = 1.0;
 
-/// Columns that the run has no values for: views, neighbours, lane.
+/// Columns for which a run has no values: viewing distances, neighbouring vehicles and lane.
 const NEIGHBOURS: [&str; 15] = [
     "frontSightDistance",
     "backSightDistance",
@@ -34,11 +36,11 @@ const NEIGHBOURS: [&str; 15] = [
     "rightFollowingId",
     "laneId",
 ];
-/// Columns that the run has values for.
+/// Columns for which a run has values.
 const MEASURED: [&str; 10] =
     ["frame", "id", "x", "y", "width", "height", "xVelocity", "yVelocity", "xAcceleration", "yAcceleration"];
 
-/// Writes a recording for each segment.
+/// Writes the three tables of each segment. Each segment is one recording.
 pub fn write(run: &Run, folder: &Path) -> Result<(), WriteError> {
     for (number, segment) in run.segments.iter().enumerate() {
         let heading = main_direction(run, segment);
@@ -57,10 +59,11 @@ pub fn write(run: &Run, folder: &Path) -> Result<(), WriteError> {
     Ok(())
 }
 
-/// Returns the heading of the main axis of driving, rad: the mean of doubled headings, weighted by driven distance.
+/// Returns the heading of the main driving direction in the world frame, rad.
 ///
-/// With doubled headings both directions of a road count as one. The axis points in the direction with more driven
-/// distance.
+/// All headings are doubled and averaged, weighted by driven distance. Doubled headings are equal for both directions
+/// of a road. So half of the mean is the heading of the road's axis. The result is the direction along the axis with
+/// more driven distance.
 fn main_direction(run: &Run, segment: &RunSegment) -> f64 {
     let driven = || {
         let rows = run.tracks.iter().flat_map(|track| &track.rows);
@@ -77,7 +80,8 @@ fn weighted(angle: f64, weight: f64) -> Vector2<f64> {
     Vector2::new(angle.cos(), angle.sin()) * weight
 }
 
-/// State of a vehicle along the axes of the recording: x ahead, y to the right.
+/// State of a vehicle in the axes of the recording: x along the main driving direction, y to the right of that
+/// direction. Lengths are in m.
 struct Along {
     corner: Vector2<f64>,
     size: Vector2<f64>,
@@ -153,7 +157,7 @@ fn meta(track: &Track, segment: &RunSegment, axis: f64) -> Option<[String; 16]> 
     let mean = speeds.iter().sum::<f64>() / speeds.len() as f64;
     let absolute = || speeds.iter().map(|v| v.abs());
     let class = if track.class == VehicleClass::Car { "Car" } else { "Truck" };
-    // 1 is against the axis (the upper lanes), 2 along it.
+    // 1 is against the direction of the x axis (the upper lanes), and 2 is along the x axis.
     let direction = if (first.heading_rad - axis).cos() < 0.0 { "1" } else { "2" };
     Some([
         track.id.to_string(),

@@ -1,8 +1,9 @@
-//! KITTI tracking: `frame id type truncated occluded alpha box(4) height width length x y z rotation_y score`, and the
-//! camera as `calib/NAME.txt`.
+//! KITTI tracking: one line per row of the run, and the camera in `calib/NAME.txt`.
 //!
-//! Positions are those of the middle of the body's underside in the camera frame. KITTI has no tilt, so `rotation_y` is
-//! the heading in the x–z plane of the camera. Each segment between moves of the camera is a sequence of its own.
+//! A line has the fields `frame id type truncated occluded alpha box(4) height width length x y z rotation_y score`.
+//!
+//! The position is the middle of the body's underside in the camera frame, m. KITTI has no tilt, so `rotation_y` is the
+//! heading in the x–z plane of the camera. Each segment between camera moves is a separate sequence.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -14,7 +15,7 @@ use roadplane_write::WriteError;
 use super::files::{subfolder, write_text};
 use crate::{Run, RunSegment};
 
-/// Writes the labels and the camera of each segment.
+/// Writes one label file and one calibration file per segment.
 pub fn write(run: &Run, folder: &Path) -> Result<(), WriteError> {
     let (labels, calib) = (subfolder(folder, "label_02")?, subfolder(folder, "calib")?);
     for segment in &run.segments {
@@ -25,7 +26,7 @@ pub fn write(run: &Run, folder: &Path) -> Result<(), WriteError> {
     Ok(())
 }
 
-/// Returns KITTI's name of a class. It has none for buses.
+/// Returns KITTI's name of a vehicle class. KITTI has no class for buses, so the name is `Misc`.
 fn kind(class: VehicleClass) -> &'static str {
     match class {
         VehicleClass::Car => "Car",
@@ -62,7 +63,10 @@ fn label_lines(run: &Run, segment: &RunSegment) -> String {
     text
 }
 
-/// Returns the camera as all four cameras of the rig, without rectification, laser scanner and inertial unit.
+/// Returns the text of the calibration file.
+///
+/// KITTI's rig has four cameras, and the file contains the run's camera for each of them. The transformations for
+/// rectification, laser scanner and inertial unit are identities.
 fn calib_lines(segment: &RunSegment) -> String {
     let f = segment.camera.focal_px;
     let [cx, cy] = segment.camera.principal_point_px;

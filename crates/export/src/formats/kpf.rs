@@ -1,4 +1,4 @@
-//! KPF, the KWIVER packet format of VIRAT and MEVA: streams of YAML maps, one per line.
+//! KPF, the KWIVER packet format of the data sets VIRAT and MEVA. Each line of a file is a packet: a YAML map.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -10,11 +10,13 @@ use super::actev::activity_name;
 use super::files::write_text;
 use crate::Run;
 
-/// `src` of every packet: the program that wrote it.
+/// Value of `src` in every packet: the name of the program that writes the packet.
 const SOURCE: &str = "roadplane";
 
-/// Writes `geom` packets (boxes in frames), `types` packets (classes of tracks), and `act` packets (activities, if the
-/// run labelled them).
+/// Writes three files: `geom` packets (boxes in frames), `types` packets (classes of tracks) and `act` packets
+/// (activities).
+///
+/// If the run did not label activities, the third file has no packets.
 pub fn write(run: &Run, folder: &Path) -> Result<(), WriteError> {
     let meta = format!("- {{ meta: \"{} of {}\" }}\n", run.name, run.media);
     let file = |kind: &str| folder.join(format!("{}.{kind}.yml", run.name));

@@ -1,7 +1,7 @@
-//! MOT Challenge: `frame, id, left, top, width, height, confidence, -1, -1, -1`, and `seqinfo.ini`, which TrackEval
-//! reads.
+//! MOT Challenge: one line per row of the run, and the file `seqinfo.ini` for the program TrackEval.
 //!
-//! Frames count from 1. The corner of the top-left pixel is at (1, 1).
+//! A line has the fields `frame, id, left, top, width, height, confidence, -1, -1, -1`. Frames are numbered from 1. The
+//! corner of the top left pixel is at (1, 1).
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -11,7 +11,7 @@ use roadplane_write::WriteError;
 use super::files::write_text;
 use crate::Run;
 
-/// Writes all rows. Rows that are filled in between observations have confidence 0.
+/// Writes all rows. Rows that are filled in between detections have confidence 0.
 pub fn write(run: &Run, folder: &Path) -> Result<(), WriteError> {
     let mut text = String::new();
     for (_, row) in run.rows() {

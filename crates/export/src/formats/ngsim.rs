@@ -1,7 +1,7 @@
 //! NGSIM (US Federal Highway Administration): one table in feet, feet per second and milliseconds.
 //!
-//! The position of a vehicle is the middle of its front bumper. `Local_X` points to the right of the camera, `Local_Y`
-//! ahead. The run has no lanes, so all columns that depend on lanes are 0.
+//! The position of a vehicle is the middle of its front bumper. `Local_X` increases to the right of the camera, and
+//! `Local_Y` increases away from the camera. A run contains no lanes, so all columns about lanes are 0.
 
 use std::path::Path;
 
@@ -34,7 +34,7 @@ const HEADER: [&str; 18] = [
     "Time_Headway",
 ];
 
-/// Writes the rows by vehicle, then frame, as in NGSIM's tables.
+/// Writes one table per segment. The rows are sorted by vehicle and then by frame, as in NGSIM's own tables.
 pub fn write(run: &Run, folder: &Path) -> Result<(), WriteError> {
     for segment in &run.segments {
         let mut lines = Vec::new();
@@ -46,7 +46,8 @@ pub fn write(run: &Run, folder: &Path) -> Result<(), WriteError> {
                 let front = track.front(row);
                 let class = if track.class == VehicleClass::Car { "2" } else { "3" };
                 let [x, y, none] = [feet(front.x), feet(front.y), "0".to_owned()];
-                // On the map: east and north of the car's origin in the UTM zone.
+                // With a position on the map, the global coordinates are the easting and northing of the car's origin
+                // in the UTM zone.
                 let [east, north] = match &row.on_map {
                     Some(at) => [at.east_m, at.north_m].map(feet),
                     None => [x.clone(), y.clone()],

@@ -1,7 +1,7 @@
-//! SUMO's floating car data: vehicles by time step.
+//! SUMO's floating car data: a list of time steps, each with its vehicles.
 //!
-//! In SUMO the position of a vehicle is the middle of its front bumper, and its angle is in degrees clockwise from the
-//! y axis. Each vehicle has a type of its own with its dimensions.
+//! In SUMO, the position of a vehicle is the middle of its front bumper. The angle of a vehicle is measured clockwise
+//! from the y axis, in degrees. Each vehicle has its own vehicle type, which contains the vehicle's dimensions.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -11,7 +11,7 @@ use roadplane_write::WriteError;
 
 use crate::{Element, Run, RunSegment, Track, fixed};
 
-/// Writes both files of each segment.
+/// Writes two files per segment: the time steps, and the vehicle types.
 pub fn write(run: &Run, folder: &Path) -> Result<(), WriteError> {
     for segment in &run.segments {
         steps(run, segment).write(&folder.join(format!("{}.fcd.xml", segment.name)))?;

@@ -1,4 +1,4 @@
-//! Baselines for measured runs: the cost of decoding alone, and the peak of memory of one run.
+//! Measures the cost of decoding alone, and resets the peak memory before a measured run.
 
 use std::path::Path;
 use std::time::Instant;
@@ -11,9 +11,9 @@ use crate::{Cancel, Config, PipelineError};
 /// Cost of decoding an input without any further work.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DecodeCost {
-    /// Number of frames decoded, each with its pixels.
+    /// Number of frames whose pixels were decoded.
     pub frames: u64,
-    /// Processor time with that of the decoder's own threads, s.
+    /// Processor time, including that of the decoder's own threads, s.
     pub cpu_s: f64,
     /// Wall-clock time, s.
     pub wall_s: f64,
@@ -33,11 +33,11 @@ impl DecodeCost {
     }
 }
 
-/// Decodes all frames of an input with their pixels, whatever the configured stride, and measures the cost. Nothing
-/// else may run in this process.
+/// Decodes the pixels of all frames of an input and measures the cost. The configured stride is ignored. The process
+/// must do no other work meanwhile, because the cost of that work would be counted too.
 ///
 /// # Errors
-/// [`PipelineError`] when the input cannot be used, or after a stop.
+/// Returns a [`PipelineError`] if the input cannot be used, or after a request to stop.
 pub fn measure_decoding(path: &Path, config: &Config, cancel: &Cancel) -> Result<DecodeCost, PipelineError> {
     let (started, cpu_from_s) = (Instant::now(), process_cpu_s());
     let mut input = open(path, &DecodeOptions { stride: 1, ..config.decode.clone() })?;
@@ -52,9 +52,9 @@ pub fn measure_decoding(path: &Path, config: &Config, cancel: &Cancel) -> Result
     Ok(DecodeCost { frames, cpu_s, wall_s: started.elapsed().as_secs_f64() })
 }
 
-/// Resets the process's peak of memory to its present use. Returns false where the system does not allow it; the peak
-/// then includes all earlier work.
+/// Resets the peak memory of this process to the memory that it uses now. Returns false if the system does not allow
+/// this. The peak then still includes all earlier work.
 pub fn forget_peak_memory() -> bool {
-    // 5: reset the peak resident set size (proc(5)).
+    // Writing "5" resets the peak resident set size (manual page proc(5)).
     std::fs::write("/proc/self/clear_refs", "5").is_ok()
 }

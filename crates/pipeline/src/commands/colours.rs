@@ -1,4 +1,4 @@
-//! Colours of tracked vehicles in the picture.
+//! Measures the colours of tracked vehicles from the frames of an input.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -9,19 +9,20 @@ use roadplane_base::{TrackRow, upper_median};
 use crate::stream::streaming::{open_input, stream};
 use crate::{Cancel, Config, PipelineError, Progress};
 
-/// Number of boxes per vehicle that are read: the largest ones.
+/// Number of boxes per vehicle whose pixels are used. The largest boxes are chosen.
 const BOXES: usize = 5;
-/// Part of a box that shows sheet metal rather than windows, road or the next car: left, top, right, bottom, as shares.
+/// Part of a box that mostly shows painted metal, not windows, road or the next car. Left, top, right and bottom, as
+/// shares of the box's width and height.
 const BODY: [f64; 4] = [0.25, 0.45, 0.75, 0.75];
 
-/// Returns the colour of each track, RGB.
+/// Returns the RGB colour of each tracked vehicle, by the number of its track.
 ///
-/// It is the median of the pixels in the middle of the track's largest boxes, without pixels inside boxes of nearer
-/// vehicles. Whole boxes are preferred to boxes that the picture's edge cuts. Tracks without an observed row have no
-/// colour.
+/// The colour is the median of the pixels in the middle of the vehicle's largest boxes. Pixels inside the boxes of
+/// nearer vehicles do not count. Boxes at the edge of the picture are used only if there are too few other boxes. A
+/// vehicle without an observed row in `rows` has no colour.
 ///
 /// # Errors
-/// [`PipelineError`] where the input cannot be read.
+/// Returns a [`PipelineError`] if the input cannot be read.
 pub fn track_colours(
     input: &Path,
     rows: &[TrackRow],
@@ -73,14 +74,15 @@ fn area(row: &TrackRow) -> f64 {
     (x1 - x0) * (y1 - y0)
 }
 
-/// Returns the pixels of the body in a box, without those hidden by other vehicles, unless all are hidden.
+/// Returns the pixels of a vehicle's body in its box. Pixels inside the boxes of nearer vehicles are left out. If this
+/// leaves no pixel, all pixels of the body are returned. `there` has the boxes of all vehicles in the frame.
 fn body_pixels(image: &RgbImage, bbox: &[f64; 4], there: &[[f64; 4]]) -> Vec<[u8; 3]> {
     let [x0, y0, x1, y1] = *bbox;
     let at = |low: f64, high: f64, share: f64| (low + share * (high - low)).round().max(0.0) as u32;
     let columns = at(x0, x1, BODY[0])..at(x0, x1, BODY[2]).min(image.width());
     let lines = at(y0, y1, BODY[1])..at(y0, y1, BODY[3]).min(image.height());
     let body: Vec<(u32, u32)> = lines.flat_map(|y| columns.clone().map(move |x| (x, y))).collect();
-    // A vehicle nearer to the camera reaches farther down in the picture.
+    // The box of a vehicle that is nearer to the camera ends lower in the picture.
     let nearer: Vec<&[f64; 4]> = there.iter().filter(|other| other[3] > y1).collect();
     let hidden = |&(x, y): &(u32, u32)| {
         let (x, y) = (f64::from(x), f64::from(y));
@@ -91,7 +93,7 @@ fn body_pixels(image: &RgbImage, bbox: &[f64; 4], there: &[[f64; 4]]) -> Vec<[u8
     seen.into_iter().map(|(x, y)| image.get_pixel(x, y).0).collect()
 }
 
-/// Returns the median of each channel.
+/// Returns the median of each colour channel; `None` if there are no pixels.
 fn median(pixels: Vec<[u8; 3]>) -> Option<[u8; 3]> {
     let channel =
         |i: usize| upper_median(&mut pixels.iter().map(|pixel| pixel[i]).collect::<Vec<_>>(), u8::cmp);

@@ -1,5 +1,5 @@
-//! `roadplane distance`: the distance between two cars of a finished run. Errors that both cars share are accounted
-//! for.
+//! Command `roadplane distance`: computes the distance between two cars of a finished run. The sd of the distance takes
+//! into account that both cars share the errors of the camera.
 
 use std::path::Path;
 
@@ -13,19 +13,20 @@ use crate::tracks::shared_error::{by_camera, shared_covariance};
 /// Distance between two cars at one time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Distance {
-    /// Presentation time of the rows, s.
+    /// Presentation time of the frame, s.
     pub time_s: f64,
     /// Distance between the origins of the cars, m.
     pub distance_m: f64,
-    /// Sd of the distance, m; errors of the camera that move both cars alike cancel.
+    /// Sd of the distance, m. Camera errors that shift both cars equally are not part of this sd.
     pub sd_m: f64,
 }
 
-/// Returns the distances between two tracks in all frames in which both have a row; `at_s` keeps the frame nearest to
-/// that time.
+/// Returns the distance between two tracks in every frame in which both tracks have a row. With `at_s`, a time in s,
+/// only the frame nearest to that time is returned.
 ///
 /// # Errors
-/// [`PipelineError::Usage`] where no frame has rows of both; [`PipelineError::Write`] for files that cannot be read.
+/// Returns [`PipelineError::Usage`] if no frame has rows of both tracks, or [`PipelineError::Write`] if a file cannot
+/// be read.
 pub fn distances(run: &Path, tracks: [u64; 2], at_s: Option<f64>) -> Result<Vec<Distance>, PipelineError> {
     let cameras: Vec<CameraEstimate> =
         read_camera(&run.join("camera.json"))?.all().iter().map(|segment| segment.estimate()).collect();
@@ -61,7 +62,7 @@ fn between(camera: &CameraEstimate, a: &TrackRow, b: &TrackRow) -> Option<Distan
     let position = |row: &TrackRow| Vector2::new(row.x_m, row.y_m);
     let difference = position(b) - position(a);
     let direction = difference.try_normalize(1e-9)?;
-    // The car's own variance is the row's variance without the camera's share.
+    // The car's own variance is the variance in the row minus the variance that the camera causes.
     let own = |row: &TrackRow| {
         let shared = shared_covariance(camera, &row.pose());
         let variance = |sd: f64, i: usize| (sd * sd - shared[(i, i)]).max(0.0);
@@ -99,7 +100,8 @@ mod tests {
         };
         let near = between(&camera, &row(1.0), &row(3.0)).unwrap();
         assert!((near.distance_m - 2.0).abs() < 1e-12);
-        // Each position is off by metres. The distance has only the cars' own errors and a small error of scale.
+        // The sd of each position is more than a metre. The sd of the distance comes only from the cars' own errors and
+        // from a small scale error.
         assert!(row(1.0).y_sd_m > 1.0 && (0.14..0.25).contains(&near.sd_m), "{near:?}");
     }
 }

@@ -1,4 +1,4 @@
-//! `roadplane doctor`: checks that every part of a run is installed and works.
+//! Command `roadplane doctor`: checks that all parts needed for a run are installed and work.
 
 use image::RgbImage;
 use roadplane_activity::Motion;
@@ -16,7 +16,7 @@ pub struct Check {
     pub result: Result<String, PipelineError>,
 }
 
-/// Checks processor, codecs, runtime and models, and runs each net once.
+/// Checks the processor, OpenCV, ONNX Runtime, the shape atlas and the models, and runs each net once.
 #[must_use]
 pub fn check_up(config: &Config) -> Vec<Check> {
     let mut checks = Vec::new();

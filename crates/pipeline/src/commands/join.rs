@@ -1,7 +1,8 @@
-//! `roadplane join`: joins the pieces of an input into the result of one run over the whole input.
+//! Command `roadplane join`: joins the pieces of an input. The result is the same as that of one run over the whole
+//! input.
 //!
-//! The frames of pieces follow each other without overlap. Camera, poses and tracks are then estimated over all frames,
-//! so that no results need to be merged across seams.
+//! The pieces do not overlap, so their frames are written one piece after another. Then the camera, the poses and the
+//! tracks are estimated from all frames together. Results of separate pieces never have to be merged.
 
 use std::fs::File;
 use std::io::{BufReader, Read as _};
@@ -23,19 +24,20 @@ use crate::stream::stills::Stills;
 use crate::stream::watched::Watched;
 use crate::{Cancel, Config, PipelineError, Progress};
 
-/// Returns the input of each piece, as it was given to the run.
+/// Returns the input path of each piece, as the user wrote it when the piece was made.
 ///
 /// # Errors
-/// [`PipelineError::Usage`] for a folder that is no piece.
+/// Returns [`PipelineError::Usage`] if a folder does not contain a piece.
 pub fn inputs_of(pieces: &[PathBuf]) -> Result<Vec<PathBuf>, PipelineError> {
     pieces.iter().map(|folder| Ok(PathBuf::from(read_piece(folder)?.input.path))).collect()
 }
 
-/// Joins the pieces of one input into `out/<stem>/`. The caller holds the lock of `out`.
+/// Joins the pieces of one input and writes the result to `out/<stem>/`, where `<stem>` is the name of the result. The
+/// caller must have the lock of the folder `out`.
 ///
 /// # Errors
-/// [`PipelineError::Usage`] where the pieces differ in input, models, configuration or version, or where one is
-/// missing. The result then does not appear under its final name.
+/// Returns [`PipelineError::Usage`] if the pieces differ in input, models, configuration or version, or if a piece is
+/// missing. After any error, `out/<stem>/` is unchanged.
 pub fn join_pieces(
     folders: &[PathBuf],
     out: &Path,
@@ -69,7 +71,7 @@ pub fn join_pieces(
     complete(folder, perceived, &stem, started, None, &job)
 }
 
-/// Checks that the pieces, in order, cover one input without a gap.
+/// Checks that the pieces, sorted by time, belong to one input and cover that input without a gap.
 fn check(pieces: &[(&Path, PieceFile)], config: &Config) -> Result<(), PipelineError> {
     let fail =
         |folder: &Path, what: &str| Err(PipelineError::usage(&format!("{what}: {}", folder.display())));
@@ -113,7 +115,7 @@ fn check(pieces: &[(&Path, PieceFile)], config: &Config) -> Result<(), PipelineE
     Ok(())
 }
 
-/// Joins the results of perception of all pieces; the frames go to the file `spool`.
+/// Joins the perception results of all pieces, and writes their frames to the file `spool`.
 fn perceived_of(
     pieces: &[(&Path, PieceFile)],
     spool: &Path,
@@ -155,7 +157,8 @@ fn perceived_of(
     })
 }
 
-/// Adds the counts of all pieces. Whether the file is cut short shows only in the last one.
+/// Adds up the decoding reports of all pieces. Only the report of the last piece shows whether the input file ends too
+/// early.
 fn decode_of<'a>(reports: impl Iterator<Item = &'a DecodeReport>, last: &DecodeReport) -> DecodeReport {
     let mut all = DecodeReport { cut_short: last.cut_short, ..DecodeReport::default() };
     for report in reports {
@@ -196,7 +199,7 @@ fn watch_of(spool: &Path) -> Result<WatchSummary, PipelineError> {
     Ok(watched.finish())
 }
 
-/// Returns as many frames of the pieces as the report shows, spread over all pieces.
+/// Returns at most `wanted` frames for the report, spread over all pieces: index, time in s, picture.
 fn samples_of(
     pieces: &[(&Path, PieceFile)],
     wanted: usize,

@@ -1,8 +1,9 @@
-//! Long inputs in pieces: `roadplane plan`, and perception of one piece (`run --piece`).
+//! Divides long inputs into pieces (`roadplane plan`), and runs perception on one piece (`roadplane run --piece`).
 //!
-//! The detector and the keypoint net discard their state at every full minute. The watcher renews its state for that
-//! minute, [`RENEW_S`](roadplane_watch::RENEW_S) earlier. So a piece that starts at a full minute, and is watched from
-//! a little earlier, gives the same results as a run over the whole input.
+//! The detector and the keypoint net discard their state at every full minute. The watcher, which measures camera
+//! motion, replaces its state there. The new state comes from the last [`RENEW_S`](roadplane_watch::RENEW_S) seconds
+//! before the full minute. A piece starts at a full minute, and the watcher also gets the frames shortly before the
+//! piece. Therefore a piece gives the same results as a run over the whole input.
 
 use std::path::{Path, PathBuf};
 
@@ -25,16 +26,16 @@ use crate::stream::stills::StillLevels;
 use crate::stream::streaming::{open_input, open_input_part};
 use crate::{Cancel, Config, PipelineError, Progress};
 
-/// Schema of a line of `roadplane plan`.
+/// Id of the schema for a line that `roadplane plan` prints.
 const PLAN_SCHEMA: &str = "roadplane.plan/1";
-/// Schema of `piece.json`.
+/// Id of the schema for `piece.json`.
 pub(crate) const PIECE_SCHEMA: &str = "roadplane.piece/1";
-/// File in the folder of a piece that describes it.
+/// Name of the file that describes a piece, in the folder of the piece.
 pub(crate) const PIECE: &str = "piece.json";
-/// JPEG quality of frames for the report.
+/// JPEG quality of the frames that a piece stores for the report.
 const QUALITY: u8 = 95;
 
-/// A line of `roadplane plan`.
+/// One planned piece of an input. `roadplane plan` prints each planned piece as one line.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 #[schemars(title = "plan: one line per piece")]
 pub struct PlannedPiece {
@@ -42,20 +43,20 @@ pub struct PlannedPiece {
     pub input: PathBuf,
     /// Name of the input's result folder.
     pub stem: String,
-    /// Argument for `roadplane run --piece`: `FROM-TO` or `FROM-`, s.
+    /// Argument for `roadplane run --piece`: `FROM-TO` or `FROM-`, in seconds.
     pub piece: Span,
-    /// Folder of the piece within the output folder.
+    /// Name of the piece's folder inside the output folder.
     pub folder: String,
-    /// Number of the piece among those of the input, from 1.
+    /// Number of the piece, counted from 1 for the first piece of the input.
     #[schemars(range(min = 1))]
     pub number: u64,
-    /// Number of pieces of the input.
+    /// Total number of pieces of the input.
     #[schemars(range(min = 1))]
     pub pieces: u64,
 }
 
-/// Returns name and schema of every file: the files of a result, `piece` for `piece.json`, `plan` for a line of
-/// `roadplane plan`.
+/// Returns the name and the JSON schema of every kind of file. These are the files of a result, `piece` for
+/// `piece.json`, and `plan` for the lines that `roadplane plan` prints.
 #[must_use]
 pub fn schemas() -> Vec<(&'static str, Value)> {
     let mut all = roadplane_write::schemas();
@@ -64,11 +65,13 @@ pub fn schemas() -> Vec<(&'static str, Value)> {
     all
 }
 
-/// Divides an input into pieces of `piece_s` seconds, a multiple of 60. An input that cannot be decoded from its middle
-/// is one piece: a folder of pictures, or a video without a steady frame rate.
+/// Divides an input into pieces of `piece_s` seconds, which must be a multiple of 60.
+///
+/// An input is a single piece if decoding cannot start in its middle. Examples are a folder of pictures and a video
+/// without a steady frame rate.
 ///
 /// # Errors
-/// [`PipelineError`] where the input cannot be used.
+/// Returns a [`PipelineError`] if the input cannot be used, or if `piece_s` is not a multiple of 60.
 pub fn plan(input_path: &Path, piece_s: u64, config: &Config) -> Result<Vec<PlannedPiece>, PipelineError> {
     if piece_s == 0 || !piece_s.is_multiple_of(STEP_S) {
         return Err(PipelineError::usage(&format!("the length of a piece must be a multiple of {STEP_S} s")));
@@ -86,7 +89,7 @@ pub fn plan(input_path: &Path, piece_s: u64, config: &Config) -> Result<Vec<Plan
         let last = Span { from_s: last, to_s: None };
         let whole_is_best = match open_input_part(input_path, &last, config) {
             Ok(input) => !input.is_begun_within(),
-            // The container promises more than can be read.
+            // The video file claims to have more frames than can be read.
             Err(error) => {
                 tracing::warn!("{error}");
                 true
@@ -112,10 +115,10 @@ pub fn plan(input_path: &Path, piece_s: u64, config: &Config) -> Result<Vec<Plan
     Ok(cuts.iter().enumerate().map(piece).collect())
 }
 
-/// File in the folder of a piece with the small frames and cut-outs for the report.
+/// Name of the file with the small frames and cut-outs for the report, in the folder of a piece.
 pub(crate) const STILLS: &str = "stills.jsonl";
 
-/// `piece.json`: the results of perception of a piece, beside its frames.
+/// `piece.json`: the perception results of a piece, without the records of its frames.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(title = "piece: one object per piece")]
 pub(crate) struct PieceFile {
@@ -124,31 +127,35 @@ pub(crate) struct PieceFile {
     pub schema: String,
     /// Name of the input's result folder.
     pub stem: String,
-    /// Program, input, configuration and models of the piece. Only pieces with the same ones are joined.
+    /// Identifies the program, input, configuration and models of the piece. Pieces are joined only if these are the
+    /// same.
     pub stamp: Stamp,
     /// The whole input, of which the piece is a part.
     pub input: InputSummary,
-    /// Nets that ran.
+    /// The nets that ran on the piece.
     pub models: Vec<ModelSummary>,
-    /// Counts of read, lost and skipped frames of the piece.
+    /// Counts of the piece's frames that were read, lost or skipped.
     pub decode: DecodeReport,
-    /// Working time of each stage, in the order of the pipeline.
+    /// Time that each stage worked, in the order of the pipeline.
     pub seconds: Vec<StageSeconds>,
-    /// Number of cars whose keypoints were not finite.
+    /// Number of cars that were rejected because their keypoints were not finite numbers.
     pub rejected_cars: u64,
-    /// Frames for the report, each `[index, time in s, file name]`.
+    /// Frames of the piece for the report, each as `[index, time in s, file name]`.
     pub samples: Vec<(u64, f64, String)>,
-    /// Levels of the small frames and cut-outs in `stills.jsonl`.
+    /// Spacing in time of the small frames and cut-outs in `stills.jsonl`.
     pub stills: StillLevels,
     /// Name of the file with the background image: the scene without moving objects.
     pub place: Option<String>,
 }
 
-/// Finds vehicles and keypoints in one piece of an input and writes `out/<stem>.piece-<from>/`. The caller holds the
-/// lock of `out`.
+/// Runs perception on one piece of an input and writes the folder `out/<stem>.piece-<from>/`.
+///
+/// `<stem>` is the name of the input's result, and `<from>` is the start of the piece, s. The caller must have the lock
+/// of the folder `out`.
 ///
 /// # Errors
-/// [`PipelineError`]; the piece then does not appear under its final name. A stopped run leaves its work for `resume`.
+/// Returns a [`PipelineError`] if the piece cannot be completed. The folder of the piece is then unchanged. After a
+/// request to stop, the unfinished work is kept elsewhere, and a run with `options.resume` continues it.
 pub fn run_piece(
     input_path: &Path,
     piece: Span,
@@ -183,7 +190,7 @@ fn report(folder: PathBuf, decode: &DecodeReport) -> RunReport {
     RunReport { folder, tracks: None, camera, damaged: decode.is_damaged(), frames_lost: decode.missing }
 }
 
-/// Reads the `piece.json` of a piece.
+/// Reads `piece.json` from the folder of a piece.
 pub(crate) fn read_piece(folder: &Path) -> Result<PieceFile, PipelineError> {
     let path = folder.join(PIECE);
     let fail = |why: &str| PipelineError::usage(&format!("{why}: {}", path.display()));

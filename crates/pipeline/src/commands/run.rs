@@ -1,4 +1,4 @@
-//! `roadplane run` for one input: perception, estimation, and the files of the result.
+//! Command `roadplane run` for one input: runs perception and estimation and writes the files of the result.
 
 use std::path::Path;
 use std::time::Instant;
@@ -15,10 +15,12 @@ use crate::stream::speed::Meter;
 use crate::stream::streaming::open_input;
 use crate::{Cancel, Config, PipelineError, Progress};
 
-/// Processes one input into `out/<stem>/`. The caller holds the lock of `out`.
+/// Processes one input and writes the result to `out/<stem>/`, where `<stem>` is the name of the result. The caller
+/// must have the lock of the folder `out`.
 ///
 /// # Errors
-/// [`PipelineError`]; the result then does not appear under its final name. A stopped run leaves its work for `resume`.
+/// Returns a [`PipelineError`] if the result cannot be completed. `out/<stem>/` is then unchanged. After a request to
+/// stop, the unfinished work is kept elsewhere, and a run with `options.resume` continues it.
 pub fn run_input(
     input_path: &Path,
     out: &Path,
@@ -40,7 +42,7 @@ pub fn run_input(
     complete(folder, perceived.map(|perceived| (perceived, activity)), &stem, started, Some(meter), &job)
 }
 
-/// Runs estimation on the results of perception and publishes the result.
+/// Runs estimation on the results of perception and gives the folder of the result its final name.
 pub(crate) fn complete(
     folder: OutputFolder,
     perceived: Result<(Perceived, Option<ActivityNet>), PipelineError>,
@@ -58,7 +60,8 @@ pub(crate) fn complete(
     publish(folder, result, job.options)
 }
 
-/// Returns the report of a finished result, if the run shall resume and there is one.
+/// Returns the report of a result that an earlier run finished. `None` if there is no such result or the run does not
+/// resume earlier work.
 pub(crate) fn finished_before(
     finished: &Path,
     options: &RunOptions,
@@ -77,7 +80,8 @@ pub(crate) fn finished_before(
     }))
 }
 
-/// Discards the partial folder after an error, unless a stop is the error: a stopped run can be resumed.
+/// Deletes the folder of an unfinished result after an error. After a request to stop the folder stays, because a
+/// stopped run can be resumed.
 pub(crate) fn discarded(folder: OutputFolder, error: PipelineError) -> PipelineError {
     if matches!(error, PipelineError::Stopped { .. }) {
         return error;
@@ -85,7 +89,7 @@ pub(crate) fn discarded(folder: OutputFolder, error: PipelineError) -> PipelineE
     folder.discard().err().map_or(error, PipelineError::from)
 }
 
-/// Removes the work files of a result and gives it its final name.
+/// Deletes the temporary files of a result and gives its folder the final name.
 fn publish(
     folder: OutputFolder,
     result: Result<(Perceived, ClipSolution), PipelineError>,

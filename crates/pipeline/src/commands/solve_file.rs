@@ -1,4 +1,5 @@
-//! `roadplane stage solve`: a file of frames with keypoints → poses and camera, without images.
+//! Command `roadplane stage solve`: estimates the camera and the poses of cars from a file of frames with keypoints,
+//! without images.
 
 use std::fs::File;
 use std::io::{BufRead as _, BufReader};
@@ -16,19 +17,19 @@ use crate::tracks::cars::{CarriedPoses, FrameCamera, any_car, fit_frame, free_po
 use crate::tracks::usable;
 use crate::{CameraConstraints, Cancel, Config, PipelineError, Progress};
 
-/// Method by which frames are solved.
+/// Method that estimates the camera and the poses of cars from frames.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum SolveMethod {
-    /// One camera for all frames; cars are on its ground plane.
+    /// All frames share one camera. Cars are on the ground plane of that camera.
     #[default]
     Joint,
-    /// One camera for each frame by itself; cars are on its ground plane.
+    /// Each frame has its own camera. Cars are on the ground plane of that camera.
     PerFrame,
-    /// Each frame by itself. Cars have six degrees of freedom and are drawn to a common plane, by Algorithm 1 of the
-    /// paper.
+    /// Each frame has its own camera, estimated by Algorithm 1 of the paper. Cars have six degrees of freedom, and a
+    /// soft constraint pulls them towards a common plane.
     Paper,
-    /// Cars have six degrees of freedom. The focal length is the given one, or that of the prior. The world frame is
-    /// that of the prior, as written to `camera.json`.
+    /// Cars have six degrees of freedom and no ground plane. The focal length is that of the user or, without one, that
+    /// of the prior. The prior camera defines the world frame and is written to `camera.json`.
     Free,
 }
 
@@ -37,16 +38,17 @@ pub enum SolveMethod {
 pub struct SolveOptions {
     /// User constraints on the camera.
     pub constraints: CameraConstraints,
-    /// The method.
+    /// Method that estimates the camera and the poses.
     pub method: SolveMethod,
 }
 
-/// Estimates the camera and the poses of a file of frames. Writes the poses to `out` and `camera.json` beside it.
+/// Estimates the camera and the poses of cars from a file of frames. Writes the poses to `out`, and `camera.json` to
+/// the same folder.
 ///
-/// Where the camera cannot be estimated, its numbers and sds are those of the prior, and the log has a warning.
+/// If a camera cannot be estimated, its values and sds are those of the prior, and a warning is logged.
 ///
 /// # Errors
-/// [`PipelineError`]; neither file then appears.
+/// Returns a [`PipelineError`] if estimation cannot be completed. Both files are then unchanged.
 pub fn solve_file(
     frames: &Path,
     out: &Path,
@@ -116,8 +118,8 @@ pub fn solve_file(
             }
         }
         SolveMethod::Free => {
-            // Without the plane, one car hardly constrains the focal length (paper §3.4). It is the given one or the
-            // prior's.
+            // Without the plane, one car hardly constrains the focal length (paper §3.4). So the focal length comes
+            // from the user or the prior.
             for frame in read("poses")? {
                 let frame = frame?;
                 if estimates.is_empty() {
@@ -144,7 +146,7 @@ pub fn solve_file(
     Ok(write_camera(&out.with_file_name("camera.json"), &estimates)?)
 }
 
-/// Writer of `poses.jsonl`.
+/// Fits the cars of frames and writes their poses to a file.
 struct Poses<'a> {
     lines: PoseLines,
     carried: CarriedPoses,
@@ -177,7 +179,7 @@ impl Poses<'_> {
         Ok(())
     }
 
-    /// Writes poses of cars with six degrees of freedom; `fits` has one entry per car of the frame.
+    /// Writes the poses of a frame's cars with six degrees of freedom. `fits` has one entry for each car of the frame.
     fn free(
         &mut self,
         frame: &FrameRecord,

@@ -1,4 +1,5 @@
-//! One stage of perception alone, from files to a file: `roadplane stage detect` and `roadplane stage keypoints`.
+//! Commands `roadplane stage detect` and `roadplane stage keypoints`: each runs one stage of perception and writes a
+//! file.
 
 use std::io::Write as _;
 use std::path::Path;
@@ -14,7 +15,8 @@ use crate::stream::stages::{detect_stage, keypoint_stage, watch_stage};
 use crate::stream::streaming::{open_input, stream};
 use crate::{Cancel, Config, PipelineError, Progress};
 
-/// A file of frames, which gets its final name when it is complete, or standard output (`-`).
+/// Destination of the records of frames: a file, or standard output for the path `-`. A file gets its final name when
+/// it is complete.
 enum Sink {
     File(JsonLines),
     Stdout(std::io::StdoutLock<'static>),
@@ -47,10 +49,11 @@ impl Sink {
     }
 }
 
-/// Detects vehicles in an input and writes a file of frames with boxes. Returns true if some of the input was lost.
+/// Detects vehicles in an input and writes a file of frames with the boxes of these vehicles. Returns true if some of
+/// the input was lost or damaged.
 ///
 /// # Errors
-/// [`PipelineError`]; the file then does not appear under its final name.
+/// Returns a [`PipelineError`] if the file cannot be completed. A file `out` is then unchanged.
 pub fn detect_file(
     input: &Path,
     out: &Path,
@@ -72,11 +75,12 @@ pub fn detect_file(
     Ok(streamed.decode.is_damaged())
 }
 
-/// Finds keypoints in the boxes of an input and writes a file of frames. Frames without boxes are written without cars.
-/// Returns true if some of the input was lost.
+/// Finds the keypoints of vehicles in an input and writes a file of frames. The file `boxes` has the boxes of the
+/// vehicles. A frame that is missing from `boxes` is written without vehicles. Returns true if some of the input was
+/// lost or damaged.
 ///
 /// # Errors
-/// [`PipelineError`]; the file then does not appear under its final name.
+/// Returns a [`PipelineError`] if the file cannot be completed. A file `out` is then unchanged.
 pub fn keypoints_file(
     input: &Path,
     boxes: &Path,
@@ -91,7 +95,7 @@ pub fn keypoints_file(
     let cadence = Cadence::of(&input, config);
     let mut records = FrameReader::open(boxes)?.peekable();
     let take_boxes = move |work: &mut Work| {
-        // Both sequences are in the order of the frame's index.
+        // The input and the file of boxes are both sorted by the index of the frame.
         while let Some(record) =
             records.next_if(|r| r.as_ref().map_or(true, |r| r.frame <= work.record.frame))
         {

@@ -1,4 +1,5 @@
-//! `roadplane stage track`: a file of frames with keypoints → the folder of a finished run, without images.
+//! Command `roadplane stage track`: tracks the cars of a file of frames with keypoints. It writes the folder of a
+//! finished run, without images.
 
 use std::path::Path;
 use std::time::Instant;
@@ -13,11 +14,11 @@ use crate::output::finish::{note_solution, write_camera_and_place};
 use crate::output::track_rows::{ShownRows, TrackRows};
 use crate::{CameraConstraints, Cancel, Config, PipelineError};
 
-/// Tracks the cars of a file of frames and writes `out/<stem>/` with camera, poses, tracks and summary, like a run. The
-/// caller holds the lock of `out`.
+/// Tracks the cars of a file of frames. Writes camera, poses, tracks and summary to the folder `out/<stem>/`, like a
+/// run. The caller must have the lock of the folder `out`.
 ///
 /// # Errors
-/// [`PipelineError`]; the result then does not appear under its final name.
+/// Returns a [`PipelineError`] if the result cannot be completed. `out/<stem>/` is then unchanged.
 pub fn track_file(
     frames: &Path,
     out: &Path,

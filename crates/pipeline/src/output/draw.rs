@@ -1,4 +1,4 @@
-//! Draws the result of a clip into its frames, for the report and for annotated videos.
+//! Draws the result of a clip onto its frames, for the report and for annotated videos.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::iter::Peekable;
@@ -21,24 +21,26 @@ use crate::stream::watched::in_words;
 use crate::tracks::cars::FrameCamera;
 use crate::{Cancel, Config, PipelineError, Progress};
 
-/// Length of a vehicle's trail, s.
+/// Duration of the trail that is drawn behind a vehicle, s.
 const TRAIL_S: f64 = 10.0;
 
-/// Draws the rows of a run, which come in the order of frames. Rows older than the trails are dropped.
+/// Draws the track rows of a run onto its frames. The rows must be in the order of frames. Rows that are too old for a
+/// trail are dropped.
 pub(crate) struct Scene<'a, R: Iterator<Item = Result<TrackRow, PipelineError>>> {
     cameras: &'a CameraTrack,
     atlas: &'a ShapeAtlas,
     shapes: &'a BTreeMap<u64, Shape>,
     ground: Ground,
     coming: Peekable<R>,
-    /// Rows of the last [`TRAIL_S`] seconds.
+    /// Rows of the last [`TRAIL_S`] seconds before the current frame.
     recent: VecDeque<TrackRow>,
 }
 
-/// Cells of the ground on which vehicles were, by segment of the camera.
+/// Grid cells of the ground where vehicles were, by the number of the camera segment. A segment is an interval in which
+/// the camera is constant.
 pub(crate) type Ground = BTreeMap<usize, GroundCells>;
 
-/// Returns the cells of the ground on which the vehicles of a run were.
+/// Returns the grid cells of the ground where vehicles were during a run.
 pub(crate) fn ground_of(
     rows: impl Iterator<Item = Result<TrackRow, PipelineError>>,
 ) -> Result<Ground, PipelineError> {
@@ -62,10 +64,10 @@ impl<'a, R: Iterator<Item = Result<TrackRow, PipelineError>>> Scene<'a, R> {
         Self { cameras, atlas, shapes, ground, coming: rows.peekable(), recent: VecDeque::new() }
     }
 
-    /// Returns the picture of a frame with all drawings. Call it for frames in their order.
+    /// Returns a copy of a frame's picture with all drawings. Frames must be drawn in their order.
     ///
     /// # Errors
-    /// [`PipelineError`] of drawing or of reading the rows.
+    /// Returns a [`PipelineError`] if drawing fails or a row cannot be read.
     pub(crate) fn draw(
         &mut self,
         frame: u64,
@@ -102,22 +104,22 @@ impl<'a, R: Iterator<Item = Result<TrackRow, PipelineError>>> Scene<'a, R> {
     }
 }
 
-/// Pictures of a report.
+/// The pictures that a report shows.
 pub(crate) struct ReportPictures<'a> {
-    /// Frames that get drawings: index, time in s, picture.
+    /// Frames on which the result is drawn: index, time in s, picture.
     pub samples: &'a [(u64, f64, RgbImage)],
-    /// Small frames and cut-outs that the report plays.
+    /// Small frames and cut-outs of vehicles that the player in the report shows.
     pub stills: &'a Stills,
     /// The background image: the scene without vehicles.
     pub background: Option<&'a RgbImage>,
-    /// Whether only some of the rows are drawn, as for long clips.
+    /// Whether only some of the rows are drawn, because the clip is long.
     pub is_thinned: bool,
 }
 
-/// Writes `report.html`.
+/// Writes the report of a result, an HTML page, to `path`.
 ///
 /// # Errors
-/// [`PipelineError`].
+/// Returns a [`PipelineError`] if a picture cannot be drawn or the file cannot be written.
 pub(crate) fn write_report(
     path: &Path,
     title: &str,
@@ -134,7 +136,7 @@ pub(crate) fn write_report(
         .iter()
         .map(|(frame, time_s, picture)| Ok((*frame, scene.draw(*frame, *time_s, picture)?)))
         .collect::<Result<_, PipelineError>>()?;
-    // The background image is of the camera's last position.
+    // The background image shows the scene from the last position of the camera.
     let lines = background.and_then(|background| {
         let view = solution.cameras.scene().iter().find(|view| view.position == solution.cameras.moves())?;
         let upright = &view.verticals.as_ref()?.upright;
@@ -206,10 +208,11 @@ fn facts_of(summary: &Summary) -> Vec<(String, String)> {
     facts
 }
 
-/// Draws the rows of a run's folder into a video of its input. Returns true if some of the input was lost.
+/// Draws the tracks in the folder `run` onto the frames of the input and writes the video. Returns true if some of the
+/// input was lost or damaged.
 ///
 /// # Errors
-/// [`PipelineError`]; the video then does not appear.
+/// Returns a [`PipelineError`] if the video cannot be completed. No video file is then created.
 pub(crate) fn draw_video(
     input: &Path,
     run: &Path,
@@ -237,11 +240,11 @@ pub(crate) fn draw_video(
     Ok(streamed.decode.is_damaged())
 }
 
-/// Runs `roadplane render`: draws the folder of a finished run into a video of its input. Returns true if some of the
-/// input was lost.
+/// Runs `roadplane render`: draws the tracks of a finished run onto the frames of its input and writes the video.
+/// Returns true if some of the input was lost or damaged.
 ///
 /// # Errors
-/// [`PipelineError`]; the video then does not appear.
+/// Returns a [`PipelineError`] if the video cannot be completed. No video file is then created.
 pub fn render_run(
     input: &Path,
     run: &Path,
@@ -264,8 +267,8 @@ pub fn render_run(
     draw_video(input, run, (&cameras, &shapes), video, config, cancel, progress)
 }
 
-/// Returns the configuration with the `[decode]` settings of the run, because other frames have no rows. Settings that
-/// the caller changed from their defaults take precedence.
+/// Returns `config` with the `[decode]` settings of a finished run, because only the frames that the run read have
+/// rows. Settings in `config` that differ from their defaults take precedence.
 fn as_run(run: &Path, config: &Config) -> Result<Config, PipelineError> {
     let of = |options: &DecodeOptions| serde_json::to_value(options).unwrap_or_default();
     let (asked, default) = (of(&config.decode), of(&DecodeOptions::default()));
@@ -307,7 +310,8 @@ mod tests {
             }
             assert!(whole.recent.len() <= 101, "{}", whole.recent.len());
         }
-        // Only the rows of the trail count: earlier rows change nothing, the last second does.
+        // The picture depends on all rows of the trail and on no earlier row. Rows of the last second alone give
+        // another picture.
         let [trail, second] = [400, 490].map(|from| scene(from).draw(500, 50.0, &empty).unwrap());
         assert!(last == trail && last != second && second != empty);
     }

@@ -1,5 +1,4 @@
-//! Second half of a run in its partial folder: estimates camera and tracks from the frames and writes all files of the
-//! result.
+//! Second half of a run: estimates the camera and the tracks from the frames, and writes all files of the result.
 
 use std::path::Path;
 use std::time::Instant;
@@ -22,21 +21,21 @@ use crate::{Config, PipelineError, SceneView, Silent};
 
 /// Inputs of [`finish`].
 pub(crate) struct Finish<'a> {
-    /// The partial folder with the file of frames.
+    /// Folder of the unfinished result. It already contains the file of frames.
     pub folder: &'a Path,
     /// Name of the result.
     pub stem: &'a str,
-    /// The results of perception.
+    /// The results of perception other than the file of frames.
     pub perceived: &'a Perceived,
-    /// Net that labels the activities of tracks.
+    /// Net that labels the activities of tracks; `None` if activities are switched off.
     pub activity: Option<ActivityNet>,
-    /// Start of the work.
+    /// Time when the run started.
     pub started: Instant,
-    /// Meter of the cost of the run.
+    /// Meter of the run's processor time; `None` when pieces of an input are joined.
     pub meter: Option<Meter>,
 }
 
-/// Solves the clip and writes all files of its result.
+/// Estimates the camera and the tracks of a clip, and writes all files of its result.
 pub(crate) fn finish(work: Finish<'_>, job: &Job<'_>) -> Result<ClipSolution, PipelineError> {
     let &Job { options, config, cancel, progress } = job;
     let Finish { folder, stem, perceived, activity, started, mut meter } = work;
@@ -80,7 +79,7 @@ pub(crate) fn finish(work: Finish<'_>, job: &Job<'_>) -> Result<ClipSolution, Pi
     let pictures =
         ReportPictures { samples: &perceived.samples, stills: &perceived.stills, background, is_thinned };
     write_report(&report, stem, &atlas, &solution, &pictures, &summary, config)?;
-    // The report cannot contain its own cost.
+    // Unlike the report, the summary includes the cost of writing the report.
     summary.speed = meter.as_mut().map(Meter::speed);
     if options.video {
         progress.phase("drawing");
@@ -89,7 +88,7 @@ pub(crate) fn finish(work: Finish<'_>, job: &Job<'_>) -> Result<ClipSolution, Pi
     }
     write_summary(&folder.join("summary.json"), &summary)?;
     if solution.place.is_some() {
-        // Long clips: only the rows that the report shows.
+        // For a long clip, the file has only the rows that the report shows.
         let rows = std::mem::take(&mut solution.rows);
         write_paths(
             &Run::with_rows(folder, stem, rows.iter().map(rounded_row).map(Ok))?,
@@ -130,7 +129,7 @@ fn summary_of(perceived: &Perceived, solution: &ClipSolution, config: &Config) -
     summary
 }
 
-/// Adds the counts and warnings of a solved clip to a summary.
+/// Adds the results of estimation to a summary: counts, warnings, user constraints and lines of the scene.
 pub fn note_solution(summary: &mut Summary, solution: &ClipSolution) {
     let counts = &mut summary.counts;
     counts.boxes = solution.tally.boxes.clone();
@@ -143,7 +142,7 @@ pub fn note_solution(summary: &mut Summary, solution: &ClipSolution) {
     summary.warnings.extend(solution.warnings.iter().cloned());
 }
 
-/// Writes `camera.json`, and `place.json` where the camera is on the map.
+/// Writes `camera.json` and, if the camera has a position on the map, `place.json`.
 pub(crate) fn write_camera_and_place(folder: &Path, solution: &ClipSolution) -> Result<(), PipelineError> {
     write_camera(&folder.join("camera.json"), solution.cameras.estimates())?;
     if let Some(place) = &solution.place {

@@ -6,7 +6,7 @@ use roadplane_base::{TrackRow, VehicleClass};
 use roadplane_decode::DecodeOptions;
 use roadplane_write::Counts;
 
-/// Returns one sentence per kind of loss; none where nothing was lost.
+/// Returns one sentence for each kind of loss. The list is empty if nothing was lost.
 pub(crate) fn losses_in_words(counts: &Counts, rows: &[TrackRow], options: &DecodeOptions) -> Vec<String> {
     let mut sentences = Vec::new();
     let &Counts { frames_read, frames_lost, frames_skipped, .. } = counts;
@@ -63,7 +63,7 @@ fn amount(count: u64, one: &str, many: &str) -> String {
     format!("{count} {}", if count == 1 { one } else { many })
 }
 
-/// Returns the end of a sentence that explains why boxes were rejected.
+/// Returns the end of a report sentence about boxes that were rejected for `reason`.
 fn why(reason: &str) -> String {
     match reason {
         "no_pose" => {

@@ -1,4 +1,4 @@
-//! Writer of a result's track files, and the rows that are kept for drawing.
+//! Writes the track files of a result and collects the rows that are kept for drawing.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -13,13 +13,15 @@ use crate::estimation::RowSink;
 use crate::tracks::TimeChunk;
 use crate::tracks::activities::{add_events, label_rows, write_events};
 
-/// Time between the rows of a track that are kept for drawing, s, if the vehicle is observed in the later row. It holds
-/// for clips of more than one time chunk.
+/// Least time between two rows of a track that are kept for drawing, s, if the vehicle is observed in the later row.
+/// This limit applies only to long clips, which are split into several time chunks.
 const NEXT_OBSERVED_S: f64 = 0.6;
-/// Time between the rows of a track that are kept for drawing, s, if the vehicle is not observed in the later row.
+/// Least time between two rows of a track that are kept for drawing, s, if the vehicle is not observed in the later
+/// row.
 const NEXT_S: f64 = 0.9;
 
-/// Writes the rows of a clip, with the activities of its vehicles where there is an activity net.
+/// Writes the track files of a clip. If there is an activity net, the activities of the vehicles are labelled and
+/// written too.
 pub(crate) struct TrackRows<'a> {
     folder: &'a Path,
     activity: Option<ActivityNet>,
@@ -29,12 +31,12 @@ pub(crate) struct TrackRows<'a> {
 }
 
 impl<'a> TrackRows<'a> {
-    /// Creates a writer into a result's folder; `shown` collects the rows that are kept for drawing.
+    /// Creates a writer of track files in the folder of a result. `shown` collects the rows that are kept for drawing.
     pub(crate) fn new(folder: &'a Path, activity: Option<ActivityNet>, shown: ShownRows) -> Self {
         Self { folder, activity, files: None, events: Vec::new(), shown }
     }
 
-    /// Completes the files and returns the kept rows.
+    /// Completes the files and returns the rows that are kept for drawing.
     pub(crate) fn finish(self) -> Result<ShownRows, PipelineError> {
         if let Some(files) = self.files {
             files.finish()?;
@@ -70,19 +72,20 @@ impl RowSink for TrackRows<'_> {
     }
 }
 
-/// Rows that are kept for drawing: all rows of a clip of one time chunk, and as many as a page can show of a longer
-/// clip.
+/// Track rows that are kept for drawing. All rows of a short clip, which is a single time chunk, are kept. A longer
+/// clip has too many rows for a page, so only some of its rows are kept.
 #[derive(Debug, Default)]
 pub(crate) struct ShownRows {
-    /// The kept rows by frame, then by track.
+    /// The kept rows, sorted by frame and then by track.
     pub rows: Vec<TrackRow>,
-    /// All rows of these frames are kept.
+    /// Frames whose rows are all kept.
     frames: BTreeSet<u64>,
     is_thinned: bool,
 }
 
 impl ShownRows {
-    /// Creates a collection that keeps, of long clips, all rows of `frames` and some rows of other frames.
+    /// Creates an empty collection. If the clip is long, the collection keeps all rows of `frames` and some rows of
+    /// other frames.
     pub(crate) fn of(frames: BTreeSet<u64>) -> Self {
         Self { frames, ..Self::default() }
     }
@@ -105,7 +108,8 @@ impl ShownRows {
     }
 }
 
-/// Keeps each track's first and last row, the rows of `frames`, and some rows between.
+/// Thins out the rows of a long clip. The first and last rows of each track stay, and so do all rows of `frames` and
+/// some of the other rows.
 fn thin(rows: &mut Vec<TrackRow>, frames: &BTreeSet<u64>) {
     let last: BTreeMap<u64, u64> = rows.iter().map(|row| (row.track, row.frame)).collect();
     let mut kept_s: BTreeMap<u64, f64> = BTreeMap::new();
@@ -146,7 +150,7 @@ mod tests {
         let kept: Vec<u64> = shown.rows.iter().map(|row| row.frame).collect();
         assert!(shown.is_thinned() && kept.is_sorted() && (22..40).contains(&kept.len()), "{kept:?}");
         assert!([0, 99, 100, 131, 198].iter().all(|frame| kept.contains(frame)), "{kept:?}");
-        // A track that is observed is not drawn like a hidden one.
+        // Kept observed rows are close enough in time that the track is not drawn as hidden.
         let seen: Vec<u64> = kept.iter().copied().filter(|frame| frame % 4 == 0).collect();
         assert!(seen.windows(2).all(|pair| pair[1] - pair[0] <= 12), "{seen:?}");
     }

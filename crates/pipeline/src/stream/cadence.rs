@@ -1,47 +1,51 @@
-//! Which frames are inference frames, and when the nets' state of earlier frames is discarded.
+//! Chooses the inference frames (the frames on which the nets run) and the times when the nets discard their state.
 
 use roadplane_base::FrameStamp;
 use roadplane_decode::{Input, InputKind};
 
 use crate::Config;
 
-/// Which frames are inference frames, and when the nets' state of earlier frames is discarded.
+/// Chooses the inference frames (the frames on which the nets run) and the times when the nets discard their state.
 ///
-/// Both depend only on a frame's index and time in the input. So a run over a piece, or a run that continues after a
-/// stop, chooses the same frames as a run over the whole input.
+/// The choice depends only on a frame's index and on its time in the input. A run over a piece of the input, or a
+/// resumed run, therefore chooses the same frames as a run over the whole input.
 #[derive(Clone, Copy, Debug)]
 pub struct Cadence {
-    /// Frames of the input per inference frame.
+    /// Distance from one inference frame to the next, in frames of the input.
     every: u64,
-    /// The keypoint net runs on a car at most once in this many frames.
+    /// Least distance between two runs of the keypoint net on the same car, in frames of the input.
     pub(crate) crops_every: u64,
-    /// Inference frames within which the full scan covers the picture.
+    /// Number of inference frames in which the detector's full scan covers the whole picture once.
     pub(crate) frames_per_scan: u64,
     /// Whether region-of-interest scheduling is on.
     pub(crate) uses_regions: bool,
 }
 
-/// Size of a large picture, px of the detector's input in all passes together.
+/// Size from which a picture counts as large: the number of pixels of the detector's input, summed over all passes.
 ///
-/// The detector runs in proportion more often on smaller pictures, at the same cost. It then has more chances to find a
-/// vehicle that it misses on some frames. With the default passes, pictures of 1024 px or more are large.
+/// On smaller pictures, the detector runs more often at the same total cost. With more runs, the detector is more
+/// likely to find a vehicle that it misses on some frames. With the default passes, pictures of 1024 px or more are
+/// large.
 const LARGE_PX: f64 = 1e6;
 
-/// Interval after which the state of the detector and the keypoint net is discarded, s of the input.
+/// Time after which the detector and the keypoint net discard their state, s of the input.
 ///
-/// A resumed run starts again at such a time, and no state is older than this.
+/// The state is discarded at each multiple of this time. A resumed run starts at such a multiple, where no earlier
+/// state is needed.
 pub const RESET_S: f64 = 60.0;
 
-/// Returns the number, from 0, of the interval of [`RESET_S`] that contains a time.
+/// Returns the number of the interval that contains a time. Intervals are [`RESET_S`] long and are counted from 0.
 #[must_use]
 pub fn interval_of(time_s: f64) -> u64 {
     (time_s / RESET_S).max(0.0) as u64
 }
 
-/// Returns the frames per inference frame of the detector and of the keypoint net.
+/// Returns the distance between two runs of the detector, and between two runs of the keypoint net on a car, in frames
+/// of the input.
 ///
-/// `frames` is `watch.look_s` in frames. The detector's input is `input_px` of a picture. The keypoint net costs the
-/// same for small pictures as for large ones.
+/// `frames` is the setting `watch.look_s`, converted to frames. `stride` is the distance between two frames that are
+/// read. `input_px` is the number of pixels of the detector's input for one picture. The size of the picture matters
+/// only for the detector, because the keypoint net costs the same for all pictures.
 fn frames_per_inference(frames: f64, stride: u64, input_px: f64) -> (u64, u64) {
     let multiple = |of: u64, frames: f64| of * (frames / of as f64).round().clamp(1.0, 1e6) as u64;
     let every = multiple(stride, frames * (input_px / LARGE_PX).min(1.0));
@@ -49,7 +53,7 @@ fn frames_per_inference(frames: f64, stride: u64, input_px: f64) -> (u64, u64) {
 }
 
 impl Cadence {
-    /// Returns the cadence of an input by the configuration.
+    /// Returns the cadence for an input, according to the configuration.
     #[must_use]
     pub fn of(input: &Input, config: &Config) -> Self {
         let watch = &config.watch;
@@ -67,19 +71,20 @@ impl Cadence {
         Self { every, crops_every, frames_per_scan, uses_regions: watch.attention }
     }
 
-    /// Returns the frames of the input per inference frame.
+    /// Returns the distance from one inference frame to the next, in frames of the input.
     #[must_use]
     pub fn every(&self) -> u64 {
         self.every
     }
 
-    /// Returns the number of a frame's inference frame, counted from the start of the input.
+    /// Returns the number of the last inference frame up to the frame with this index, counted from 0 at the start of
+    /// the input.
     pub(crate) fn number(&self, index: u64) -> u64 {
         index / self.every
     }
 
-    /// Returns a function that decides whether a frame is an inference frame; call it for all frames in order. Where
-    /// frames are missing, the first frame that is there is chosen.
+    /// Returns a function that decides whether a frame is an inference frame. The function must be called for all
+    /// frames in order. If an inference frame is missing from the input, the next frame replaces it.
     pub fn chooser(self) -> impl FnMut(&FrameStamp) -> bool + Send {
         let mut last = None;
         move |stamp| {

@@ -12,13 +12,13 @@ pub fn thread_cpu_s() -> f64 {
     seconds(clock_gettime(ClockId::ThreadCPUTime))
 }
 
-/// Returns the processor time of all threads of this process so far, also of threads that ended, s.
+/// Returns the processor time of all threads of this process so far, including threads that have ended, s.
 #[must_use]
 pub fn process_cpu_s() -> f64 {
     seconds(clock_gettime(ClockId::ProcessCPUTime))
 }
 
-/// Measures processor time from call to call.
+/// Measures the processor time between two calls.
 #[derive(Debug)]
 pub struct Laps {
     alone: bool,
@@ -26,7 +26,7 @@ pub struct Laps {
 }
 
 impl Laps {
-    /// Starts now. With `alone` all threads of this process count, otherwise only the calling thread.
+    /// Starts a measurement. If `alone` is true, all threads of this process count, otherwise only the calling thread.
     #[must_use]
     pub fn start(alone: bool) -> Self {
         let mut laps = Self { alone, last_s: 0.0 };
@@ -34,7 +34,7 @@ impl Laps {
         laps
     }
 
-    /// Returns the processor time since the last call, s.
+    /// Returns the processor time since the previous call, or since the start, s.
     pub fn next_s(&mut self) -> f64 {
         let now_s = if self.alone { process_cpu_s() } else { thread_cpu_s() };
         let lap_s = now_s - self.last_s;

@@ -1,8 +1,10 @@
-//! One named thread per stage, joined by bounded channels: source → stages → sink.
+//! Runs each stage in its own named thread. Bounded channels carry the frames from the source through the stages to the
+//! sink.
 //!
-//! When a stage fails, panics or is asked to stop, its ends of the channels close. The neighbours notice this and end
-//! too, so that nothing blocks for ever. After a stop each stage completes its current frame. Frames that have passed
-//! all stages are still delivered, so the sink gets a sequence of complete frames.
+//! When a stage fails, panics or is asked to stop, its ends of the channels close. The neighbouring stages notice the
+//! closed channels and end too, so no stage waits for ever. After a request to stop, each stage completes its current
+//! frame. Frames that have passed all stages still reach the sink, so the sink gets an unbroken sequence of complete
+//! frames.
 
 use std::thread::{Builder, ScopedJoinHandle};
 use std::time::{Duration, Instant};
@@ -16,7 +18,7 @@ use roadplane_watch::Observation;
 use crate::stream::cpu::thread_cpu_s;
 use crate::{Cancel, PipelineError};
 
-/// A stage that waits longer than this for the next one writes a line to the log.
+/// A stage logs a warning when it has waited this long for the next stage.
 const STALL: Duration = Duration::from_secs(5);
 
 /// A frame that passes through the stages, with the results of the stages so far.
@@ -24,16 +26,16 @@ const STALL: Duration = Duration::from_secs(5);
 pub struct Work {
     /// Index and time of the frame.
     pub stamp: FrameStamp,
-    /// The picture; absent where no stage needs it.
+    /// The picture of the frame; `None` if no stage needs the picture.
     pub image: Option<RgbImage>,
-    /// The watcher's result for the picture.
+    /// The result of the watcher, which measures camera motion, for the picture.
     pub seen: Option<Observation>,
-    /// The record that the stages fill.
+    /// The record of the frame, to which the stages add their results.
     pub record: FrameRecord,
 }
 
 impl Work {
-    /// Returns a frame that no stage has seen yet.
+    /// Returns a decoded frame with an empty record, ready for the first stage.
     #[must_use]
     pub fn new(decoded: Decoded, size: ImageSize) -> Self {
         let Decoded { stamp, image } = decoded;
@@ -44,7 +46,7 @@ impl Work {
 /// The function that a stage calls on each frame.
 type StageWork<'a> = Box<dyn FnMut(&mut Work) -> Result<(), PipelineError> + Send + 'a>;
 
-/// A named stage.
+/// A named stage of the pipeline.
 pub struct Stage<'a> {
     name: &'static str,
     work: StageWork<'a>,
@@ -59,7 +61,8 @@ impl<'a> Stage<'a> {
         Self { name, work: Box::new(work) }
     }
 
-    /// Returns this stage restricted to the frames for which `due` is true.
+    /// Returns a stage that works only on frames for which `due` is true. Other frames pass through the stage
+    /// unchanged.
     #[must_use]
     pub fn only(self, due: impl Fn(&FrameRecord) -> bool + Send + 'a) -> Self {
         let Self { name, mut work } = self;
@@ -67,7 +70,7 @@ impl<'a> Stage<'a> {
     }
 }
 
-/// Time that a stage worked, without waiting.
+/// Time that a stage worked. Waiting for other stages does not count.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StageTime {
     /// Name of the stage.
@@ -78,12 +81,16 @@ pub struct StageTime {
     pub cpu_s: f64,
 }
 
-/// Sends the frames of `source` (named `source_name`) through the stages into `sink`, which runs on the calling thread.
-/// At most `capacity` frames wait between two stages.
+/// Sends the frames of `source` through the stages into `sink`. Returns the time that the source, each stage and the
+/// sink worked.
+///
+/// `source_name` is the name of the source's thread. The sink runs on the calling thread. At most `capacity` frames
+/// wait between two stages.
 ///
 /// # Errors
-/// The error of the first failed stage, in the order of the stages. A panic becomes [`PipelineError::Bug`]. A stop by
-/// `cancel` becomes [`PipelineError::Stopped`] after the completed frames have reached the sink.
+/// Returns the error of the first stage that failed, in the order of the stages. A panic becomes
+/// [`PipelineError::Bug`]. A stop request in `cancel` becomes [`PipelineError::Stopped`], after the completed frames
+/// have reached the sink.
 pub fn flow<'a>(
     source_name: &'static str,
     mut source: impl FnMut() -> Result<Option<Work>, PipelineError> + Send + 'a,
@@ -110,7 +117,7 @@ pub fn flow<'a>(
             }
             Ok(StageTime { name: source_name, seconds: busy.as_secs_f64(), cpu_s: thread_cpu_s() })
         };
-        // Log lines of the stages belong to the caller's span.
+        // Log lines of the stages belong to the tracing span of the caller.
         let span = tracing::Span::current();
         let source_span = span.clone();
         let spawned = Builder::new()

@@ -1,32 +1,32 @@
-//! Items kept by time within a number of bytes.
+//! A collection of items that are spread over time and limited in bytes.
 
-/// The first item of each time slot. When the items need too many bytes, slots become twice as long.
+/// Keeps the first item of each time slot. When the items need too many bytes, the slots become twice as long.
 ///
-/// Slots start at whole multiples of their length from the start of the input. A slot therefore starts where a slot of
-/// half its length starts, and both have the same first item. So the kept items depend neither on where streaming
-/// started nor on when slots grew.
+/// Slots start at multiples of their length, counted from the start of the input. When two slots merge, the long slot
+/// and the earlier short slot start at the same time and have the same first item. The kept items are therefore the
+/// same wherever streaming started and whenever the slots grew.
 #[derive(Debug)]
 pub(crate) struct Moments<T> {
     slot_s: f64,
     room: u64,
     level: u32,
     bytes: u64,
-    /// Number of the shortest slot, size in bytes, item.
+    /// For each kept item: the number of its slot at the first slot length, its size in bytes, and the item.
     kept: Vec<(u64, u64, T)>,
 }
 
 impl<T> Moments<T> {
-    /// Creates an empty collection with slots of `slot_s` seconds at first and room for `room` bytes.
+    /// Creates an empty collection. Its slots are `slot_s` seconds long at first, and its items may use `room` bytes.
     pub(crate) fn new(slot_s: f64, room: u64) -> Self {
         Self { slot_s, room, level: 0, bytes: 0, kept: Vec::new() }
     }
 
-    /// Returns the base-2 logarithm of the factor by which slots have grown.
+    /// Returns the number of times that the length of the slots has doubled.
     pub(crate) fn level(&self) -> u32 {
         self.level
     }
 
-    /// Makes slots at least as long as those of a level, see [`Self::level`].
+    /// Makes the slots longer until their length has doubled at least `level` times in total.
     pub(crate) fn coarsen(&mut self, level: u32) {
         if level > self.level {
             self.level = level;
@@ -34,17 +34,17 @@ impl<T> Moments<T> {
         }
     }
 
-    /// Whether an item of this time would be kept; it must be later than all kept items.
+    /// Whether an item at this time would be kept. The time must be later than the times of all kept items.
     pub(crate) fn is_due(&self, time_s: f64) -> bool {
         let slot = self.slot(time_s) >> self.level;
         self.room > 0 && self.kept.last().is_none_or(|(last, ..)| last >> self.level != slot)
     }
 
-    /// Keeps an item that is due.
+    /// Adds an item that needs `bytes` bytes. [`Self::is_due`] must be true for `time_s`.
     pub(crate) fn keep(&mut self, time_s: f64, bytes: u64, item: T) {
         self.kept.push((self.slot(time_s), bytes, item));
         self.bytes += bytes;
-        // The last item is kept whatever its size.
+        // A single item is kept, whatever its size.
         while self.bytes > self.room && self.kept.len() > 1 {
             self.level += 1;
             self.thin();
@@ -57,7 +57,7 @@ impl<T> Moments<T> {
     }
 
     fn slot(&self, time_s: f64) -> u64 {
-        // Whole milliseconds, like the times in files.
+        // The time is rounded to milliseconds, like the times in files.
         ((time_s * 1e3).round() / (self.slot_s * 1e3)).max(0.0) as u64
     }
 

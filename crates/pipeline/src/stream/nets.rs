@@ -1,4 +1,4 @@
-//! The nets of a run, opened from the models folder by the configuration.
+//! Opens the nets of a run from the models folder, according to the configuration.
 
 use std::path::Path;
 
@@ -16,7 +16,7 @@ pub struct Nets {
     pub detector: Detector,
     /// Net that finds the keypoints of vehicles.
     pub keypoints: KeypointNet,
-    /// Net that labels the activities of tracks; `None` where that is switched off.
+    /// Net that labels the activities of tracks; `None` if activities are switched off.
     pub activity: Option<ActivityNet>,
 }
 
@@ -24,7 +24,7 @@ impl Nets {
     /// Loads all nets from the models folder.
     ///
     /// # Errors
-    /// [`PipelineError`] when a model is refused or the runtime is missing.
+    /// Returns a [`PipelineError`] if a model cannot be used or ONNX Runtime is missing.
     pub fn open(models: &Path, config: &Config) -> Result<Self, PipelineError> {
         Ok(Self {
             detector: open_detector(models, config)?,
@@ -33,13 +33,14 @@ impl Nets {
         })
     }
 
-    /// Returns names and versions of the nets for the summary.
+    /// Returns the names and versions of the nets, for the summary of a run.
     #[must_use]
     pub fn summaries(&self) -> Vec<ModelSummary> {
         self.sessions().map(summary_of).collect()
     }
 
-    /// Returns a text per net that changes when its results may change: weights, execution provider, calibration.
+    /// Returns one text per net: the hash of its weights, its execution provider and its calibration. A net with an
+    /// equal text gives equal results.
     #[must_use]
     pub fn fingerprints(&self) -> Vec<String> {
         let of = |session: &Session| {
@@ -56,28 +57,28 @@ impl Nets {
     }
 }
 
-/// Opens the detector alone.
+/// Opens the detector, without the other nets.
 ///
 /// # Errors
-/// [`PipelineError`] when the model is refused or the runtime is missing.
+/// Returns a [`PipelineError`] if the model cannot be used or ONNX Runtime is missing.
 pub fn open_detector(models: &Path, config: &Config) -> Result<Detector, PipelineError> {
     let session = Session::open(&models.join(&config.models.detector), &session_options(config))?;
     Ok(Detector::new(session, config.detect.clone())?)
 }
 
-/// Opens the keypoint net alone.
+/// Opens the keypoint net, without the other nets.
 ///
 /// # Errors
-/// [`PipelineError`] when the model is refused or the runtime is missing.
+/// Returns a [`PipelineError`] if the model cannot be used or ONNX Runtime is missing.
 pub fn open_keypoints(models: &Path, config: &Config) -> Result<KeypointNet, PipelineError> {
     let card = models.join(&config.models.keypoints);
     Ok(KeypointNet::open(&card, &session_options(config), config.keypoints.clone())?)
 }
 
-/// Opens the activity net. It runs on the plain CPU provider, which is the fastest for such a small net.
+/// Opens the activity net, without the other nets. This net is so small that the plain CPU provider runs it fastest.
 ///
 /// # Errors
-/// [`PipelineError`] when the model is refused or the runtime is missing.
+/// Returns a [`PipelineError`] if the model cannot be used or ONNX Runtime is missing.
 pub fn open_activity(models: &Path, config: &Config) -> Result<ActivityNet, PipelineError> {
     let options = SessionOptions { provider: ProviderChoice::Cpu, threads: 1, library: None };
     Ok(ActivityNet::open(&models.join(&config.models.activity), &options)?)

@@ -1,5 +1,5 @@
-//! Perception: reads an input and fills the partial folder of its result with `frames.jsonl` and the other inputs of
-//! estimation.
+//! Perception: reads an input and writes `frames.jsonl` and the other inputs of estimation. These files go into a
+//! partial folder, which is renamed when the result is complete.
 
 use std::path::Path;
 
@@ -33,29 +33,31 @@ use crate::stream::streaming::{Streamed, stream};
 use crate::stream::watched::Watched;
 use crate::{Cancel, Config, PipelineError, Progress};
 
-/// File in the partial folder with the records of the frames.
+/// Name of the file with the records of the frames, in the folder of an unfinished result.
 pub(crate) const SPOOL: &str = "frames.jsonl";
-/// File in the partial folder with the [`Stamp`] of the work.
+/// Name of the file with the [`Stamp`] of a run, in the folder of an unfinished result.
 pub(crate) const STAMP: &str = "stamp.json";
 
-/// Identifies the work that a file of frames belongs to. A resumed run must have the same stamp.
+/// Identifies the program, input, configuration and nets that made a file of frames. A run resumes earlier work only if
+/// the stamps are equal.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub(crate) struct Stamp {
-    /// Version of the program that made the frames.
+    /// Version of the program that made the file of frames.
     pub version: String,
     /// sha256 of the whole input, hexadecimal.
     pub input_sha256: String,
     /// sha256 of the configuration, hexadecimal.
     pub config_sha256: String,
-    /// One text per net, which changes if its results may change: weights, execution provider, calibration.
+    /// One text per net: the hash of its weights, its execution provider and its calibration. A net with an equal text
+    /// gives equal results.
     pub models: Vec<String>,
-    /// Piece of the input: `FROM-TO` or `FROM-`, s. Absent for the whole input.
+    /// Part of the input that was processed: `FROM-TO` or `FROM-`, in seconds. Absent for the whole input.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub piece: Option<Span>,
 }
 
 impl Stamp {
-    /// Returns the stamp of the work on an input or a piece of it.
+    /// Returns the stamp of a run on an input, or on a piece of the input.
     pub(crate) fn new(input: &InputSummary, config: &Config, nets: &Nets, piece: Option<Span>) -> Self {
         Self {
             version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -67,7 +69,7 @@ impl Stamp {
     }
 }
 
-/// Context of a run that all its parts share.
+/// Data that all parts of a run share: options, configuration, stop request and receiver of progress reports.
 #[derive(Clone, Copy)]
 pub(crate) struct Job<'a> {
     pub options: &'a RunOptions,
@@ -76,7 +78,8 @@ pub(crate) struct Job<'a> {
     pub progress: &'a dyn Progress,
 }
 
-/// Creates the partial folder of a result, or opens that of a stopped run with the same stamp.
+/// Creates the folder of the unfinished result `name` inside `out`. A resumed run opens the folder of the stopped run
+/// instead, if the stamps of both runs are equal.
 pub(crate) fn open_partial_folder(
     out: &Path,
     name: &str,
@@ -95,45 +98,45 @@ fn read_stamp(folder: &Path) -> Option<Stamp> {
     serde_json::from_slice(&std::fs::read(folder.join(STAMP)).ok()?).ok()
 }
 
-/// Results of perception beside the file of frames.
+/// Results of perception other than the file of frames.
 pub(crate) struct Perceived {
-    /// The input.
+    /// Path, size and hash of the input.
     pub input: InputSummary,
-    /// The nets.
+    /// Names and versions of the nets that ran.
     pub models: Vec<ModelSummary>,
-    /// A text per net that changes when its results may change.
+    /// One text per net: the hash of its weights, its execution provider and its calibration.
     pub fingerprints: Vec<String>,
-    /// Counts of read, lost and skipped frames.
+    /// Counts of frames that were read, lost or skipped.
     pub decode: DecodeReport,
-    /// Working time of each stage.
+    /// Time that each stage worked.
     pub seconds: Vec<StageSeconds>,
-    /// Number of cars whose keypoints were not finite.
+    /// Number of cars that were rejected because their keypoints were not finite numbers.
     pub rejected_cars: u64,
-    /// Summary of the watcher's results.
+    /// Summary of the watcher's results: camera moves, shake and unusable pictures.
     pub watch: WatchSummary,
     /// Frames for the report: index, time in s, picture.
     pub samples: Vec<(u64, f64, RgbImage)>,
-    /// Small frames and cut-outs for the report.
+    /// Small frames and cut-outs of vehicles for the report.
     pub stills: Stills,
     /// The background image: the scene without vehicles.
     pub background: Option<RgbImage>,
 }
 
-/// A run after perception.
+/// State of a run after perception.
 pub(crate) struct Perception {
-    /// Partial folder of the result: the run writes into it until the result is complete.
+    /// Folder of the unfinished result. The run writes into this folder until the result is complete.
     pub folder: OutputFolder,
-    /// The stamp of the work.
+    /// Stamp that identifies the program, input, configuration and nets of the run.
     pub stamp: Stamp,
-    /// The results, or the error that ended perception.
+    /// The results of perception, or the error that ended perception.
     pub perceived: Result<Perceived, PipelineError>,
-    /// The activity net, which estimation uses.
+    /// The activity net, for later use by estimation; `None` if activities are switched off.
     pub activity: Option<ActivityNet>,
-    /// The meter of the run, still in use.
+    /// Meter of the run's processor time. This meter also measures estimation later.
     pub meter: Meter,
 }
 
-/// The collections that streaming fills beside the file of frames.
+/// Collections that are filled from the frames while the file of frames is written.
 struct Sinks<'a> {
     samples: &'a mut SampleFrames,
     stills: &'a mut Stills,
@@ -142,11 +145,12 @@ struct Sinks<'a> {
     background: &'a mut Option<Background>,
 }
 
-/// Streams an opened input, or a piece of it, into the partial folder of a result. `result` is the output folder and
-/// the name.
+/// Runs perception on an opened input, or on a piece of the input, and writes into the folder of the unfinished result.
+/// `result` is the output folder and the name of the result.
 ///
 /// # Errors
-/// [`PipelineError`] before the partial folder is created. An error in [`Perception::perceived`] leaves the folder.
+/// Returns a [`PipelineError`] if the work fails before the folder is created. A later error is stored in
+/// [`Perception::perceived`], and the folder is kept.
 pub(crate) fn perceive(
     input_path: &Path,
     input: Input,
@@ -216,7 +220,8 @@ fn stream_input(
     })
 }
 
-/// Writes `background.png`, and `background.json` with the time at which each part of it was last visible.
+/// Writes the background image to `background.png`. `background.json` gets, for each cell of the image, the time when
+/// the cell was last free of vehicles.
 fn write_background(folder: &Path, background: &Background) -> Result<(), PipelineError> {
     let mut png = Vec::new();
     let encoder = PngEncoder::new(&mut png);
@@ -241,13 +246,14 @@ fn stream_to_spool(
     job: &Job<'_>,
 ) -> Result<Streamed, PipelineError> {
     let &Job { config, cancel, progress, .. } = job;
-    // The nets discard their state at the same times of the input in every run. A stopped run continues at such a time.
+    // The nets discard their state at the same times of the input in every run. A stopped run continues at one of these
+    // times.
     let (mut spool, recovered) = FrameSpool::open(&folder.join(SPOOL), |record| interval_of(record.time_s))?;
     if recovered.frames > 0 {
         tracing::info!("continuing after {} frames of the stopped run", recovered.frames);
     }
     let is_new = move |record: &FrameRecord| recovered.last_frame.is_none_or(|last| record.frame > last);
-    // Frames before the piece are for the watcher alone.
+    // Only the watcher uses frames before the start of the piece.
     let is_own = move |record: &FrameRecord| piece.is_none_or(|piece| record.time_s >= piece.from_s as f64);
     let is_due = move |record: &FrameRecord| is_own(record) && is_new(record);
     let cadence = Cadence::of(&input, config);
@@ -258,7 +264,7 @@ fn stream_to_spool(
         detect_stage(&mut nets.detector, cadence, sinks.background, lines).only(is_due),
         keypoint_stage(&mut nets.keypoints, cadence).only(is_due),
     ];
-    // The records of the frames that the stopped run completed.
+    // Records of the frames that the stopped run completed.
     let spooled = (recovered.frames > 0).then(|| FrameReader::open(&folder.join(SPOOL))).transpose()?;
     let mut found_before = spooled.into_iter().flatten();
     let sink = |work: &Work| {
@@ -279,7 +285,7 @@ fn stream_to_spool(
         if is_new { Ok(spool.append(&work.record)?) } else { Ok(()) }
     };
     let streamed = stream(input, cadence.chooser(), stages, sink, config, cancel, progress);
-    // Also after a stop, so that a resumed run need not repeat completed frames.
+    // The file is also synced after a stop, so that a resumed run does not repeat completed frames.
     spool.sync()?;
     streamed
 }

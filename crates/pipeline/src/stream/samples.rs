@@ -1,4 +1,4 @@
-//! A few frames kept for the report, spread evenly over a clip of unknown length.
+//! Collects a few frames for the report, spread evenly over a clip of unknown length.
 
 use image::RgbImage;
 use image::codecs::jpeg::JpegDecoder;
@@ -6,11 +6,11 @@ use roadplane_base::FrameStamp;
 
 use crate::stream::small_picture::compressed;
 
-/// JPEG quality of kept frames; the loss is not visible.
+/// JPEG quality of kept frames. The loss at this quality is not visible.
 const QUALITY: u8 = 92;
 
-/// Keeps every s-th frame, compressed. When there are twice as many frames as wanted, every other one is dropped and s
-/// doubles.
+/// Keeps one of every `stride` pictures, as a JPEG file. When twice as many pictures as wanted are kept, every other
+/// picture is dropped and `stride` doubles.
 #[derive(Debug)]
 pub struct SampleFrames {
     wanted: usize,
@@ -20,15 +20,16 @@ pub struct SampleFrames {
 }
 
 impl SampleFrames {
-    /// Creates an empty collection that keeps between `wanted` and twice as many pictures. `expected` is the number of
-    /// pictures that will be offered, where it is known. It saves compressing pictures that are dropped later.
+    /// Creates an empty collection that keeps between `wanted` and 2 × `wanted` pictures. `expected` is the number of
+    /// pictures that will be offered, if it is known. This number lets the collection skip pictures that it would drop
+    /// later.
     #[must_use]
     pub fn new(wanted: usize, expected: Option<u64>) -> Self {
         let stride = expected.map_or(1, |count| count / (2 * wanted.max(1) as u64)).max(1);
         Self { wanted, stride, seen: 0, kept: Vec::new() }
     }
 
-    /// Offers the next picture of the clip.
+    /// Receives the next picture of the clip, and keeps every picture whose number is a multiple of `stride`.
     pub fn offer(&mut self, stamp: FrameStamp, image: &RgbImage) {
         let due = self.wanted > 0 && self.seen.is_multiple_of(self.stride);
         self.seen += 1;

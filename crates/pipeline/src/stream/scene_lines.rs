@@ -1,4 +1,4 @@
-//! When lines of the scene are searched for in the background image.
+//! Decides when to search the background image for lines of the scene, and runs these searches.
 
 use image::RgbImage;
 use roadplane_base::{CarRecord, PictureVerdict, SceneCurve, SceneLine};
@@ -7,32 +7,34 @@ use roadplane_watch::{Observation, scene_curves, scene_lines};
 use crate::PipelineError;
 use crate::stream::cadence::interval_of;
 
-/// Ages of a camera position at which lines are searched for, s: at once, and later, when more of the background is
-/// visible.
+/// Times of the searches for lines, s after the camera took its position. More of the background is visible in the
+/// later searches.
 const AGES_S: [f64; 3] = [0.0, 4.0, 30.0];
 
-/// Lines that may be vertical, and long edges.
+/// Straight lines that may be vertical in the world, and long edges that show the lens distortion.
 type SceneEdges = (Vec<SceneLine>, Vec<SceneCurve>);
 
-/// Searches for lines when a search is due.
+/// Searches the background image for lines of the scene, when a search is due.
 ///
-/// All searches lie within the minute of the input in which a camera position began. A resumed run continues at a full
-/// minute and therefore finds the same lines.
+/// After the camera takes a new position, searches run only until the end of the current minute of the input. A resumed
+/// run continues at a full minute, so its searches are the same as in a run without a stop.
 #[derive(Debug)]
 pub(crate) struct LineFinder {
     began_s: Option<f64>,
     searches: usize,
-    /// Whether no search is due until the next camera move: an earlier run made the searches, or lines are not needed.
+    /// Whether no search is due before the next camera move, because all searches have been made or lines are not
+    /// needed.
     is_done: bool,
 }
 
 impl LineFinder {
-    /// Creates a finder that starts at the start of the input or, with `is_done`, at the next move.
+    /// Creates a finder that searches from the first frame on. If `is_done` is true, the finder searches only after the
+    /// next camera move.
     pub(crate) fn new(is_done: bool) -> Self {
         Self { began_s: None, searches: 0, is_done }
     }
 
-    /// Finds lines and long edges in the background image, if a search is due.
+    /// Finds lines and long edges in the background image. Returns `None` if no search is due.
     pub(crate) fn find(
         &mut self,
         seen: &Observation,
@@ -70,7 +72,8 @@ mod tests {
     use roadplane_base::WatchRecord;
     use roadplane_watch::SmallGrey;
 
-    /// Times of the searches, s, in pictures taken twice a second; the camera moves at some of them.
+    /// Returns the times of the searches, s. Pictures are taken twice a second, and the camera moves at the times
+    /// `moves_s`.
     fn searched_s(mut finder: LineFinder, from_s: f64, to_s: f64, moves_s: &[f64]) -> Vec<f64> {
         let picture = RgbImage::new(64, 48);
         let times = (0..).map(|i| from_s + 0.5 * f64::from(i)).take_while(|time_s| *time_s < to_s);

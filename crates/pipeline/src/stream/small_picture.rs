@@ -1,12 +1,13 @@
-//! Small pictures for the report. They are made while a run streams, so they must be cheap.
+//! Makes small pictures for the report. A run makes them while it reads frames, so these functions must be fast.
 
 use image::RgbImage;
 use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
 
-/// Returns a part of a picture reduced by a whole factor; each pixel is the mean of a block.
+/// Returns a part of a picture, reduced by a whole `factor`. Each new pixel is the mean of a block of `factor` ×
+/// `factor` pixels.
 ///
-/// The part is left, top, width and height, px, and lies inside the picture. Columns and rows that fill no block are
-/// left out.
+/// The part is given as left, top, width and height, px, and must lie inside the picture. Columns and rows that do not
+/// fill a block are left out.
 pub(crate) fn shrunk(image: &RgbImage, [left, top, width, height]: [u32; 4], factor: u32) -> RgbImage {
     let factor = factor.clamp(1, 255).min(width.max(1)).min(height.max(1));
     let (small_width, small_height) = (width / factor, height / factor);
@@ -33,7 +34,7 @@ pub(crate) fn shrunk(image: &RgbImage, [left, top, width, height]: [u32; 4], fac
     RgbImage::from_raw(small_width, small_height, small).unwrap_or_default()
 }
 
-/// Returns a picture as a JPEG file; `None`, with a warning, where it cannot be encoded.
+/// Returns the bytes of a picture as a JPEG file. If the picture cannot be encoded, logs a warning and returns `None`.
 pub(crate) fn compressed(image: &RgbImage, quality: u8) -> Option<Vec<u8>> {
     let mut jpeg = Vec::new();
     let mut encoder = Encoder::new(&mut jpeg, quality);

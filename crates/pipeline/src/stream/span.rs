@@ -1,4 +1,4 @@
-//! A part of an input, from one full minute to another.
+//! A piece of an input: an interval that starts and ends at full minutes.
 
 use std::fmt;
 use std::str::FromStr;
@@ -10,25 +10,27 @@ use serde::{Deserialize, Serialize};
 
 use crate::stream::cadence::RESET_S;
 
-/// Decoding of a piece starts this long before the watcher renews its state, s. Inference frames are then those of a
-/// run over the whole input.
+/// Time by which decoding of a piece starts before the watcher needs frames, s. With this margin, the piece has the
+/// same inference frames as a run over the whole input.
 const MARGIN_S: f64 = 2.0;
-/// Pieces start at multiples of this, s.
+/// Pieces start and end at multiples of this time, s.
 pub(crate) const STEP_S: u64 = RESET_S as u64;
 
-/// An interval of an input from one full minute to another, or to the end: `FROM-TO` or `FROM-`, s.
+/// An interval of an input that starts at a full minute. It ends at a full minute or at the end of the input. It is
+/// written as `FROM-TO` or `FROM-`, in seconds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(try_from = "String", into = "String")]
 #[schemars(with = "String")]
 pub struct Span {
-    /// First second of the interval.
+    /// Start of the interval, s of the input.
     pub from_s: u64,
-    /// The second after the last one of the interval; `None`: to the end of the input.
+    /// End of the interval, s of the input. `None` for the end of the input.
     pub to_s: Option<u64>,
 }
 
 impl Span {
-    /// Returns the options that decode this part of an input; `all` are those of the whole input.
+    /// Returns the options that decode this interval and the time before it that the watcher needs. `all` are the
+    /// options for the whole input.
     pub(crate) fn options(&self, all: &DecodeOptions) -> DecodeOptions {
         let watched_s = self.from_s as f64 - RENEW_S - MARGIN_S;
         let to_s = self.to_s.map_or(f64::INFINITY, |to_s| to_s as f64);
@@ -40,7 +42,7 @@ impl Span {
         }
     }
 
-    /// Returns the name of the folder of this piece of an input.
+    /// Returns the folder name for this piece of an input. `stem` is the name of the input's result.
     pub(crate) fn folder(&self, stem: &str) -> String {
         format!("{stem}.piece-{:06}", self.from_s)
     }
@@ -70,7 +72,7 @@ impl TryFrom<String> for Span {
 impl FromStr for Span {
     type Err = String;
 
-    /// Reads `600-1200` and `3000-`.
+    /// Parses a text such as `600-1200` or `3000-`.
     fn from_str(text: &str) -> Result<Self, String> {
         let seconds = |part: &str| part.parse::<u64>().ok().filter(|second| second.is_multiple_of(STEP_S));
         let span = text.split_once('-').and_then(|(from, to)| {

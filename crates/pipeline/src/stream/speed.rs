@@ -1,4 +1,4 @@
-//! The cost of a run: processor time by stage, and the share of the pictures on which the detector ran.
+//! The cost of a run: processor time by stage, and the share of all pixels that the detector processed.
 
 use std::time::Instant;
 
@@ -9,7 +9,8 @@ use crate::stream::cpu::Laps;
 use crate::stream::nets::Nets;
 use crate::stream::streaming::Streamed;
 
-/// The frames on which the detector ran.
+/// Statistics of the detector over a run: the number of frames on which it ran, and the share of pixels that it
+/// processed.
 #[derive(Debug, Default)]
 pub struct InferenceFrames {
     first_s: Option<f64>,
@@ -19,7 +20,7 @@ pub struct InferenceFrames {
 }
 
 impl InferenceFrames {
-    /// Adds the next frame. `is_new` is false for a frame of the stopped run that this run continues.
+    /// Adds the next frame. `is_new` is false for a frame that an earlier, stopped run has already processed.
     pub fn add(&mut self, record: &FrameRecord, is_new: bool) {
         self.first_s.get_or_insert(record.time_s);
         self.last_s = record.time_s;
@@ -36,7 +37,7 @@ impl InferenceFrames {
     }
 }
 
-/// Measures the cost of a run in progress.
+/// Measures the processor time of a run in progress.
 #[derive(Debug)]
 pub struct Meter {
     started: Instant,
@@ -46,12 +47,12 @@ pub struct Meter {
     inference: InferenceFrames,
     crops: u64,
     frames: u64,
-    /// Processor time so far, s; the sum over all frames.
+    /// Processor time of each part of the run so far, s. Each value is the sum over all frames.
     cpu_s: CpuMs,
 }
 
 impl Meter {
-    /// Starts now. With `alone` this process works on no other input at the same time.
+    /// Starts a measurement. `alone` is true if this process works on no other input at the same time.
     #[must_use]
     pub fn start(alone: bool) -> Self {
         Self {
@@ -66,19 +67,20 @@ impl Meter {
         }
     }
 
-    /// Notes that input and nets are open; `frame_s` is the duration of a frame of the input, s.
+    /// Ends the measurement of opening the input and the nets. `frame_s` is the duration of one frame of the input, s.
     pub fn opened(&mut self, frame_s: f64) {
         self.frame_s = frame_s;
         self.cpu_s.open = self.laps.next_s();
     }
 
-    /// Notes that all frames have passed the stages.
+    /// Ends the measurement of the stages, after all frames have passed them.
     pub fn streamed(&mut self, streamed: &Streamed, inference: InferenceFrames, nets: &Nets) {
         let all_s = self.laps.next_s();
         let of =
             |name: &str| streamed.times.iter().filter(|time| time.name == name).map(|time| time.cpu_s).sum();
         let stages_s: f64 = streamed.times.iter().map(|time| time.cpu_s).sum();
-        // The rest is the time of the decoder's own threads. It cannot be separated from the work on other inputs.
+        // Time outside the stages is that of the decoder's own threads. If the process also works on other inputs, this
+        // time is unknown.
         let decoder_s = if self.alone { (all_s - stages_s).max(0.0) } else { 0.0 };
         let own_s: f64 = of("decode");
         self.cpu_s.decode = own_s + decoder_s;
@@ -93,12 +95,12 @@ impl Meter {
         self.inference = inference;
     }
 
-    /// Notes that the clip is solved.
+    /// Ends the measurement of estimation.
     pub fn solved(&mut self) {
         self.cpu_s.solve += self.laps.next_s();
     }
 
-    /// Returns the cost of the run so far; time after the solve counts as writing.
+    /// Returns the cost of the run so far. Processor time after estimation counts as writing.
     pub fn speed(&mut self) -> Speed {
         self.cpu_s.write += self.laps.next_s();
         let s = &self.cpu_s;

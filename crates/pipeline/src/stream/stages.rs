@@ -1,4 +1,4 @@
-//! The stages that process pictures: watch → detect → keypoints.
+//! The stages that process pictures: first watch, then detect, then keypoints.
 
 use roadplane_base::PictureVerdict;
 use roadplane_detect::{Detector, RoiScheduler};
@@ -24,7 +24,7 @@ pub fn watch_stage<'a>() -> Stage<'a> {
     })
 }
 
-/// Creates the stage that detects vehicles, updates the background image and finds lines of the scene in it.
+/// Creates the stage that detects vehicles, updates the background image and finds lines of the scene in that image.
 pub(crate) fn detect_stage<'a>(
     detector: &'a mut Detector,
     cadence: Cadence,
@@ -61,7 +61,8 @@ pub(crate) fn detect_stage<'a>(
     })
 }
 
-/// Creates the stage that finds keypoints. Without region-of-interest scheduling it runs on every car of every frame.
+/// Creates the stage that finds the keypoints of cars. Without region-of-interest scheduling, the net runs on every car
+/// of every inference frame.
 pub fn keypoint_stage(net: &mut KeypointNet, cadence: Cadence) -> Stage<'_> {
     let schedule = move || Schedule::new(cadence.crops_every);
     let mut memory = (0, schedule());

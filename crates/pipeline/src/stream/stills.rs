@@ -1,5 +1,6 @@
-//! Small frames and cut-outs of vehicles that the report plays. They are kept while a clip streams and are bounded in
-//! bytes. Pieces and stops of a run do not change them.
+//! Small frames and cut-outs of vehicles that the player in the report shows. They are collected while the frames of a
+//! clip are read, and their size in bytes is limited. A run that was stopped, or split into pieces, collects the same
+//! pictures.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -16,34 +17,36 @@ use crate::PipelineError;
 use crate::stream::moments::Moments;
 use crate::stream::small_picture::{compressed, shrunk};
 
-/// Time between two kept frames of a short clip, s.
+/// Time between two small frames of a short clip, s.
 const FRAME_SLOT_S: f64 = 1.0 / 3.0;
-/// Time between two cut-outs of a vehicle of a short clip, s.
+/// Time between two cut-outs of a vehicle in a short clip, s.
 const CROP_SLOT_S: f64 = 2.0 / 3.0;
-/// Approximate width of a kept frame, px.
+/// Approximate width of a small frame, px.
 const FRAME_PX: u32 = 640;
-/// Largest side of a cut-out, px.
+/// Largest width and height of a cut-out, px.
 const CROP_PX: u32 = 160;
-/// JPEG quality of frames.
+/// JPEG quality of small frames.
 const FRAME_QUALITY: u8 = 55;
 /// JPEG quality of cut-outs.
 const CROP_QUALITY: u8 = 70;
-/// Side of a cut-out as a multiple of the side of the vehicle's box.
+/// Width and height of a cut-out, as multiples of the width and height of the vehicle's box.
 const AROUND: f64 = 1.2;
-/// Share of `output.report_mib` for frames. Frames and cut-outs leave the rest to the static parts of the page.
+/// Share of the report's size, `output.report_mib`, for small frames. The static parts of the page use the space that
+/// small frames and cut-outs leave.
 const FRAMES_SHARE: f64 = 0.55;
-/// Share of `output.report_mib` for cut-outs.
+/// Share of the report's size, `output.report_mib`, for cut-outs.
 const CROPS_SHARE: f64 = 0.15;
-/// Characters of the page per byte of a picture (base64).
+/// Number of characters in the page for each byte of a picture, which the page contains as base64.
 const INLINED: f64 = 4.0 / 3.0;
-/// Factor by which cut-outs may exceed their share while their tracks are not known yet.
+/// Factor by which the collected cut-outs may exceed their share of the report's size. After tracking, only some of
+/// them go into the report.
 const WAITING: f64 = 16.0;
 /// Largest number of cut-outs of a track.
 const VIEWS: usize = 12;
-/// Least overlap (intersection over union) of a cut-out's box with the box of its track.
+/// Least intersection over union of the box of a cut-out and the box of its track in the same frame.
 const MIN_OVERLAP: f64 = 0.5;
 
-/// A vehicle cut out of a frame.
+/// The picture of a vehicle that is cut out of a frame.
 #[derive(Clone, Debug, PartialEq)]
 struct Crop {
     frame: u64,
@@ -52,7 +55,7 @@ struct Crop {
     jpeg: Vec<u8>,
 }
 
-/// The kept frames and cut-outs.
+/// The small frames and cut-outs that are kept for the report.
 #[derive(Debug)]
 pub(crate) struct Stills {
     frames: Moments<Still>,
@@ -60,18 +63,18 @@ pub(crate) struct Stills {
     views_bytes: u64,
 }
 
-/// How sparse the small frames and cut-outs of a piece are in time. At level n, their time slots are 2ⁿ times as long
-/// as at first.
+/// Spacing in time of the small frames and cut-outs of a piece. At level n, the time between two pictures is about 2ⁿ
+/// times as long as at level 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub(crate) struct StillLevels {
-    /// Level of the small frames, from 0.
+    /// Level of the small frames, 0 or more.
     frames: u32,
-    /// Level of the cut-outs of vehicles, from 0.
+    /// Level of the cut-outs of vehicles, 0 or more.
     crops: u32,
 }
 
 impl Stills {
-    /// Creates an empty collection for a page of about `report_mib` MiB; 0 keeps nothing.
+    /// Creates an empty collection for a report of about `report_mib` MiB. With 0, no picture is kept.
     pub(crate) fn new(report_mib: f64) -> Self {
         let bytes = |share: f64| (share * report_mib * f64::from(1 << 20) / INLINED) as u64;
         Self {
@@ -81,7 +84,8 @@ impl Stills {
         }
     }
 
-    /// Offers the next picture of the clip; returns true if its vehicles should be passed to [`Self::cut`].
+    /// Receives the next picture of the clip, and keeps a small frame of it if one is due. Returns true if cut-outs are
+    /// due. The caller then calls [`Self::cut`] for this picture.
     pub(crate) fn offer(&mut self, stamp: FrameStamp, image: &RgbImage) -> bool {
         if self.frames.is_due(stamp.time_s()) {
             let factor = (f64::from(image.width()) / f64::from(FRAME_PX)).round().max(1.0) as u32;
@@ -94,8 +98,8 @@ impl Stills {
         self.crops.is_due(stamp.time_s())
     }
 
-    /// Cuts out the vehicles that were measured in this frame. Stationary vehicles whose pose is carried over are left
-    /// out.
+    /// Cuts out the vehicles whose keypoints were measured in this frame. Stationary vehicles whose pose comes from an
+    /// earlier frame are left out.
     pub(crate) fn cut(&mut self, stamp: FrameStamp, image: &RgbImage, record: &FrameRecord) {
         let measured = record.cars.iter().filter(|car| car.keypoints.is_some() && car.pose_from.is_none());
         let crop = |bbox_px: [f64; 4]| {
@@ -114,17 +118,18 @@ impl Stills {
         }
     }
 
-    /// Returns the frames in the order of time.
+    /// Returns the small frames in the order of time.
     pub(crate) fn frames(&self) -> Vec<Still> {
         self.frames.items().cloned().collect()
     }
 
-    /// Returns the indices of the frames with cut-outs.
+    /// Returns the index of the frame of each cut-out.
     pub(crate) fn crop_frames(&self) -> impl Iterator<Item = u64> {
         self.crops.items().flatten().map(|crop| crop.frame)
     }
 
-    /// Returns the cut-outs of each track, in the order of track and time.
+    /// Returns the cut-outs for the report, sorted by track and then by time. `rows` are all track rows, sorted by
+    /// frame.
     pub(crate) fn views(&self, rows: &[TrackRow]) -> Vec<TrackStill> {
         let mut of_track: BTreeMap<u64, Vec<&Crop>> = BTreeMap::new();
         for crop in self.crops.items().flatten() {
@@ -136,8 +141,8 @@ impl Stills {
                 of_track.entry(row.track).or_default().push(crop);
             }
         }
-        // Every track gets as many as there is room for. If there are very many tracks, only the first ones get a
-        // cut-out.
+        // All tracks have the same limit on cut-outs, which is as high as the report's size allows. If there are very
+        // many tracks, only the first tracks get a cut-out.
         let chosen =
             |most: usize| of_track.iter().flat_map(move |(track, crops)| spread(*track, crops, most));
         let bytes = |most: usize| chosen(most).map(|(_, crop)| crop.jpeg.len() as u64).sum::<u64>();
@@ -150,7 +155,7 @@ impl Stills {
         fitting.collect()
     }
 
-    /// Writes the kept pictures to a file that [`Self::read`] reads.
+    /// Writes the kept pictures to a file for [`Self::read`], and returns their spacing in time.
     pub(crate) fn write(&self, path: &Path) -> Result<StillLevels, PipelineError> {
         let mut lines = JsonLines::create(path)?;
         for still in self.frames.items() {
@@ -167,7 +172,8 @@ impl Stills {
         Ok(StillLevels { frames: self.frames.level(), crops: self.crops.level() })
     }
 
-    /// Reads the files of pieces, in order. The result is that of a run over the whole input.
+    /// Reads the files of all pieces of an input, in order. The result is the same as that of a run over the whole
+    /// input.
     pub(crate) fn read<'a>(
         report_mib: f64,
         pieces: impl Iterator<Item = (&'a Path, StillLevels)> + Clone,
@@ -213,22 +219,23 @@ impl Stills {
     }
 }
 
-/// A picture in the file of a piece.
+/// One line of the file of a piece: a small frame or a cut-out.
 #[derive(Serialize, Deserialize)]
 struct Line {
     time_ms: i64,
-    /// Frame and box, px, of a cut-out.
+    /// Index of the frame and box of a cut-out, px. `None` for a small frame.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     of: Option<(u64, [f64; 4])>,
     jpeg: String,
 }
 
-/// Returns a frame's time rounded to ms as in the file, so that a reader gets the same slots.
+/// Returns the time of a frame, rounded to whole milliseconds as in the file. A reader of the file then computes the
+/// same time slots.
 fn time_ms(stamp: FrameStamp) -> i64 {
     (stamp.time_s() * 1e3).round() as i64
 }
 
-/// Returns at most `most` of a track's cut-outs, spread over its time.
+/// Returns at most `most` cut-outs of a track, spread over the time of the track, each with the track's number.
 fn spread<'a>(
     track: u64,
     crops: &'a [&'a Crop],
@@ -239,7 +246,7 @@ fn spread<'a>(
     (0..count).map(move |i| (track, crops[at(i)]))
 }
 
-/// Returns left, top, width and height of the cut-out of a box, px; `None` if it is too small.
+/// Returns the region to cut out for a box: left, top, width and height, px. `None` if the region is too small.
 fn around([x0, y0, x1, y1]: [f64; 4], image: &RgbImage) -> Option<[u32; 4]> {
     let (more_x, more_y) = ((AROUND - 1.0) / 2.0 * (x1 - x0), (AROUND - 1.0) / 2.0 * (y1 - y0));
     let inside = |v: f64, most: u32| v.clamp(0.0, f64::from(most)) as u32;
@@ -253,7 +260,7 @@ mod tests {
     use super::*;
     use roadplane_base::{CarRecord, ImageSize, Keypoint};
 
-    /// Pictures that all differ, with one vehicle in each.
+    /// Returns a picture of noise that differs for every index.
     fn picture(index: u64) -> RgbImage {
         RgbImage::from_fn(320, 180, |x, y| {
             let noise =

@@ -1,4 +1,4 @@
-//! Streaming: every frame of an input passes through the stages.
+//! Sends every frame of an input through the stages.
 
 use std::path::Path;
 
@@ -9,36 +9,36 @@ use crate::stream::flow::{Stage, StageTime, Work, flow};
 use crate::stream::span::Span;
 use crate::{Cancel, Config, PipelineError, Progress};
 
-/// Outcome of streaming an input.
+/// Result of sending the frames of an input through the stages.
 #[derive(Debug)]
 pub struct Streamed {
-    /// Counts of read, lost and skipped frames.
+    /// Counts of frames that were read, lost or skipped.
     pub decode: DecodeReport,
-    /// Working time of each stage.
+    /// Time that each stage worked.
     pub times: Vec<StageTime>,
 }
 
-/// Opens an input by the configuration.
+/// Opens an input with the `[decode]` settings of the configuration.
 ///
 /// # Errors
-/// [`PipelineError::Decode`] when the input cannot be used.
+/// Returns [`PipelineError::Decode`] if the input cannot be used.
 pub fn open_input(input: &Path, config: &Config) -> Result<Input, PipelineError> {
     Ok(open(input, &config.decode)?)
 }
 
-/// Opens the part of an input that a piece needs; the report counts only the frames of the piece.
+/// Opens the part of an input that is needed to process a piece. This part starts before the piece, but the decoder's
+/// report counts only frames of the piece.
 ///
 /// # Errors
-/// [`PipelineError::Decode`] when the input cannot be used.
+/// Returns [`PipelineError::Decode`] if the input cannot be used.
 pub fn open_input_part(input: &Path, piece: &Span, config: &Config) -> Result<Input, PipelineError> {
     Ok(open_part(input, &piece.options(&config.decode), piece.from_s as f64)?)
 }
 
-/// Sends every frame of `input` through the stages into `sink`; `wanted` chooses the frames that come with their
-/// picture.
+/// Sends every frame of `input` through the stages into `sink`. Only frames for which `wanted` is true have a picture.
 ///
 /// # Errors
-/// The first stage's error, or [`PipelineError::Stopped`].
+/// Returns the error of the first stage that failed, or [`PipelineError::Stopped`] after a request to stop.
 pub fn stream(
     mut input: Input,
     mut wanted: impl FnMut(&FrameStamp) -> bool + Send,
@@ -51,7 +51,7 @@ pub fn stream(
     progress.expect(input.frames_due());
     let size = input.size();
     let frame_bytes = 3 * u64::from(size.width) * u64::from(size.height);
-    // The bound is on memory: fewer large pictures fit between two stages.
+    // Memory is limited, so fewer frames wait between two stages if their pictures are large.
     let budget = config.pipeline.buffer_mib * (1 << 20) / (stages.len() as u64 + 1);
     let capacity = (budget / frame_bytes.max(1)).clamp(1, 64) as usize;
     let source_input = &mut input;
@@ -64,7 +64,7 @@ pub fn stream(
     let counted = |work: Work| {
         sink(&work)?;
         if let Some(image) = work.image {
-            // Surplus buffers are freed.
+            // If the channel is full, the buffer is freed.
             used.try_send(image).ok();
         }
         progress.frame_done();

@@ -1,4 +1,4 @@
-//! Summary of the watcher's results over a clip: camera moves, shake, unusable pictures.
+//! Summarises the watcher's results over a clip: camera moves, shake and unusable pictures.
 
 use roadplane_base::{CameraMove, FrameRecord, MoveKind, PictureVerdict};
 use roadplane_write::{WatchInterval, WatchSummary};
@@ -43,7 +43,8 @@ fn is_doubt(verdict: PictureVerdict) -> bool {
     verdict != PictureVerdict::Rest
 }
 
-/// Returns notes for the report, one line each: unusable pictures, camera shake, or a camera that was at rest.
+/// Returns notes about the camera for the report, one line each. The notes name intervals of unusable pictures and
+/// camera shake. If there is nothing to report, the only note is that the camera was at rest.
 #[must_use]
 pub fn in_words(watch: &WatchSummary) -> Vec<String> {
     let doubts = watch.stretches.iter().filter(|interval| is_doubt(interval.verdict));

@@ -1,26 +1,31 @@
-//! Normal equations of a scene and their elimination.
+//! Normal equations of a scene, and their solution by elimination.
 //!
-//! The unknowns are a pose v (N) for each view of a car, a shape s (M modes) for each group, and one camera c (4). A
-//! group is one physical car. A view depends only on its own pose, its group's shape and the camera, so the Hessian is
-//! an arrow of two levels. Each view contributes the upper triangle of a matrix over (v, s, c | gradient). Eliminating
-//! an unknown is one step of its L D Lᵀ factorisation:
+//! There are three kinds of unknowns:
+//!
+//! - v: the pose of a car in one view (N numbers);
+//! - s: the shape of a group (M coefficients), where a group is all views of one physical car;
+//! - c: the camera (4 numbers).
+//!
+//! A view depends only on its own pose, its group's shape and the camera. So the Hessian has the shape of an arrow with
+//! two levels. Each view contributes a matrix with the columns (v, s, c, gradient), of which the upper triangle is
+//! stored. The matrix is factorised as L D Lᵀ, and each step of the factorisation eliminates one unknown:
 //!
 //! ```text
-//! per view     eliminate v; sum the rest over (s, c | gradient) over the group's views, plus the shape prior
-//! per group    eliminate s; sum the rest over (c | gradient) over the groups, plus the camera prior
+//! for each view     eliminate v; add the remaining equations in (s, c) to those of the group
+//! for each group    add the shape prior; eliminate s; add the remaining equations in c to those of the camera
 //! ```
 //!
-//! Elimination takes time linear in the number of views and allocates nothing. The eliminated rows give the step by
-//! substitution, and with damping 0 all covariances.
+//! Elimination takes time linear in the number of views and allocates nothing. The descent's step follows from the
+//! eliminated rows by back substitution. If the damping was 0, all covariances follow from the same rows.
 
 use nalgebra::{Matrix4, SMatrix, SVector, Vector4};
 
 use crate::linear::gram::{Gram, MAX_UNKNOWNS, MAX_WIDTH, Row};
 
-/// Covariance of (pose, shape, camera), in its first rows and columns.
+/// Joint covariance of (pose, shape, camera), stored in the first rows and columns of a matrix of fixed size.
 pub(crate) type Joint = SMatrix<f64, MAX_UNKNOWNS, MAX_UNKNOWNS>;
 
-/// Normal equations of the camera, after all poses and shapes are eliminated.
+/// Normal equations of the camera that remain after all poses and shapes are eliminated.
 pub(crate) type CameraRows = [Row; 4];
 
 /// Information of a shape prior, and the gradient of its cost at the current shape.
@@ -29,26 +34,28 @@ pub(crate) struct PriorTerms<const M: usize> {
     pub gradient: SVector<f64, M>,
 }
 
-/// The eliminated shape of one group.
+/// The shape of one group (physical car) after its elimination from the normal equations.
 #[derive(Clone, Debug)]
 pub(crate) struct GroupBlock<const N: usize, const M: usize> {
-    /// Coefficients that do not move in this iteration: at a bound, or fixed by the caller.
+    /// Whether each coefficient is fixed in this iteration: it is at a bound, or the caller fixed it.
     pub fixed: [bool; M],
-    /// Gradient of the whole cost by the shape.
+    /// Gradient of the group's cost with respect to the shape.
     pub gradient: SVector<f64, M>,
-    /// Diagonal of the undamped Hessian.
+    /// Diagonal of the shape's undamped Hessian.
     pub diagonal: SVector<f64, M>,
     rows: [Row; M],
 }
 
-/// The eliminated pose of one view.
+/// The pose of one view after its elimination from the normal equations.
 #[derive(Clone, Debug)]
 pub(crate) struct PoseBlock<const N: usize, const M: usize> {
     rows: [Row; N],
 }
 
-/// Computes the values of eliminated unknowns (from index `from` on) from the values of all later ones, by
-/// substitution.
+/// Computes the values of eliminated unknowns by back substitution.
+///
+/// `x` must contain the values of all later unknowns. The eliminated unknowns have the indices from `from` on, one per
+/// row. `residual` is the column of the right-hand side.
 #[inline]
 fn substitute(residual: usize, from: usize, rows: &[Row], x: &mut Row) {
     for (i, row) in rows.iter().enumerate().rev() {
@@ -57,9 +64,10 @@ fn substitute(residual: usize, from: usize, rows: &[Row], x: &mut Row) {
     }
 }
 
-/// Computes rows and columns of a covariance (from index `from` on) from those of all later unknowns.
+/// Computes the rows and columns of eliminated unknowns in the covariance `joint`.
 ///
-/// An unknown whose `fixed` is true has no variance.
+/// `joint` must contain the rows and columns of all later unknowns. The eliminated unknowns have the indices from
+/// `from` on, one per row. An unknown whose `fixed` is true gets the variance 0.
 fn spread(residual: usize, from: usize, rows: &[Row], fixed: &[bool], joint: &mut Joint) {
     for (i, row) in rows.iter().enumerate().rev() {
         let own = from + i;
@@ -82,12 +90,12 @@ impl<const N: usize, const M: usize> PoseBlock<N, M> {
         Self { rows: [[0.0; MAX_WIDTH]; N] }
     }
 
-    /// Adds this pose's step to a step of (shape, camera).
+    /// Computes the pose entries of a step from its shape and camera entries, which must be set.
     pub fn substitute(&self, step: &mut Row) {
         substitute(Gram::<N, M>::RESIDUAL, 0, &self.rows, step);
     }
 
-    /// Adds this pose's rows and columns to the covariance of (shape, camera).
+    /// Computes the pose entries of a covariance from its shape and camera entries, which must be set.
     pub fn spread(&self, joint: &mut Joint) {
         spread(Gram::<N, M>::RESIDUAL, 0, &self.rows, &[false; N], joint);
     }
@@ -106,9 +114,9 @@ impl<const N: usize, const M: usize> GroupBlock<N, M> {
         }
     }
 
-    /// Eliminates the group's views and shape, and adds the rest, times `weight`, to the camera's equations.
+    /// Eliminates the group's poses and shape, and adds the remaining equations to `camera_rows`.
     ///
-    /// Returns `None` if a block is not positive definite.
+    /// The added equations are multiplied by `weight`. Returns `None` if a block is not positive definite.
     pub fn eliminate(
         &mut self,
         views: &[Gram<N, M>],
@@ -129,9 +137,9 @@ impl<const N: usize, const M: usize> GroupBlock<N, M> {
         Some(())
     }
 
-    /// Returns the views' equations over shape and camera with their poses eliminated.
+    /// Returns the sum of the views' equations in shape and camera, after the poses are eliminated.
     ///
-    /// `see` is called with each view's index and its equations after elimination.
+    /// `see` is called with the index of each view and its equations after elimination.
     #[inline]
     fn views_system(
         views: &[Gram<N, M>],
@@ -151,7 +159,7 @@ impl<const N: usize, const M: usize> GroupBlock<N, M> {
         Some(system)
     }
 
-    /// Returns the group's equations with the shape prior added, and poses and shape eliminated.
+    /// Returns the group's equations, including its shape prior, after poses and shape are eliminated.
     #[inline]
     fn shape_system(
         &self,
@@ -179,9 +187,10 @@ impl<const N: usize, const M: usize> GroupBlock<N, M> {
         Some(system)
     }
 
-    /// Returns the information of the group's keypoints alone on its shape, and the gradient of their cost.
+    /// Returns the keypoints' information on the group's shape, and the gradient of the keypoints' cost.
     ///
-    /// Poses are eliminated and the camera is fixed.
+    /// The shape prior is not included. Poses are eliminated and the camera is fixed. Returns `None` if the block of a
+    /// pose is not positive definite.
     pub fn of_keypoints(views: &[Gram<N, M>]) -> Option<PriorTerms<M>> {
         let system = Self::views_system(views, 0.0, &mut |_, _| ())?;
         let entry = |i: usize, j: usize| system.rows[N + i.min(j)][N + i.max(j)];
@@ -191,9 +200,10 @@ impl<const N: usize, const M: usize> GroupBlock<N, M> {
         })
     }
 
-    /// Returns the step of (shape, camera) that belongs to a camera step; the entries of the pose are not set.
+    /// Returns a row with the given step of the camera and the step of the shape that follows from it.
     ///
-    /// `gradient` scales the gradient: 1 for a step of the descent, 0 to move shapes (and poses) along with the camera.
+    /// The entries of the pose are not set. The gradient is multiplied by `gradient`, which is 1 for a step of the
+    /// descent. With 0, the step only moves the shape to its minimum for the changed camera.
     pub fn step(&self, camera_step: &Vector4<f64>, gradient: f64) -> Row {
         let mut step = [0.0; MAX_WIDTH];
         step[Self::CAMERA..Self::RESIDUAL].copy_from_slice(camera_step.as_slice());
@@ -202,7 +212,7 @@ impl<const N: usize, const M: usize> GroupBlock<N, M> {
         step
     }
 
-    /// Returns column d of U, where U Uᵀ is the covariance of (pose, shape) given the camera.
+    /// Returns the d-th column of a matrix U, where U Uᵀ is the covariance of (pose, shape) for a fixed camera.
     pub fn column(&self, pose: &PoseBlock<N, M>, d: usize) -> Row {
         let mut step = [0.0; MAX_WIDTH];
         let (from, rows) = if d < N { (0, &pose.rows[..]) } else { (N, &self.rows[..]) };
@@ -214,7 +224,9 @@ impl<const N: usize, const M: usize> GroupBlock<N, M> {
         step
     }
 
-    /// Returns the covariance of (shape, camera), given that of the camera; the entries of the pose are not set.
+    /// Returns the joint covariance of (shape, camera) for the given covariance of the camera.
+    ///
+    /// The entries of the pose are not set.
     pub fn joint(&self, of_camera: &Matrix4<f64>) -> Joint {
         let mut joint = Joint::zeros();
         joint.view_mut((Self::CAMERA, Self::CAMERA), (4, 4)).copy_from(of_camera);
@@ -223,7 +235,7 @@ impl<const N: usize, const M: usize> GroupBlock<N, M> {
     }
 }
 
-/// Returns Hessian and gradient of the camera's equations.
+/// Returns the Hessian and the gradient that the camera's equations contain.
 pub(crate) fn camera_system<const N: usize, const M: usize>(
     rows: &CameraRows,
 ) -> (Matrix4<f64>, Vector4<f64>) {

@@ -1,28 +1,35 @@
-//! `Σ rowᵀ row` over a view's rows: Hessian and gradient at once, since the last column is the residual.
+//! Normal equations of one view: the sum `Σ rowᵀ row` over the rows of its whitened Jacobian.
 //!
-//! Tiles of 2 × W entries are summed in registers, lane by lane, and lanes are added at the end. AVX2 is used by
-//! explicit instructions, because the compiler alone uses columns as lanes and shuffles them. Both versions add in the
-//! same order, so their bits are equal.
+//! The last column of a row is the residual. So the sum contains the Hessian and, in its last column, the gradient.
+//!
+//! The sum is computed in tiles of 2 rows and W columns, each in SIMD registers. A register has one lane for each of
+//! four keypoints, and its lanes are added at the end. The AVX2 version uses explicit instructions, because the
+//! compiler by itself treats columns as lanes and shuffles them. The AVX2 version and the portable version add in the
+//! same order, so their results are equal to the last bit.
 
 use roadplane_base::ALL_MODES;
 
 use crate::linear::lanes::Lanes;
 
-/// Largest number of unknowns of a view: position and heading on the plane, all modes, the camera.
+/// Largest number of unknowns of a view: pose on the plane (3), all shape modes, camera (4).
 pub(crate) const MAX_UNKNOWNS: usize = 3 + ALL_MODES + 4;
-/// Number of columns of a row with all modes, rounded up to whole SIMD registers.
+/// Largest number of columns of a row (all unknowns and the residual), rounded up to whole SIMD registers.
 pub(crate) const MAX_WIDTH: usize = (MAX_UNKNOWNS + 1).next_multiple_of(4);
 
-/// Least information on a pose coordinate. An unobserved one gets an sd of 1e6 instead of a singular matrix.
+/// Information that is added to each unknown of a car.
+///
+/// The addition keeps the Hessian invertible: an unobserved pose coordinate gets an sd of 1e6.
 pub(crate) const MIN_INFORMATION: f64 = 1e-12;
 
-/// A row with room for all modes; entries left of the diagonal are not used.
+/// A row of the normal equations with room for all shape modes; entries left of the diagonal are not used.
 pub(crate) type Row = [f64; MAX_WIDTH];
 
-/// Least diagonal entry for the damping, so that unobserved directions are damped too.
+/// Lower limit of the diagonal entry that scales the damping, so that unobserved directions are damped too.
 const MIN_DIAGONAL: f64 = 1e-9;
 
-/// One view's part of Hessian and gradient: N unknowns of the pose, M modes and the camera, in this order.
+/// Hessian and gradient of one view's cost.
+///
+/// The unknowns are the pose (N), the shape modes (M) and the camera (4), in this order.
 #[derive(Clone, Debug)]
 #[repr(align(32))]
 pub(crate) struct Gram<const N: usize, const M: usize> {
@@ -30,38 +37,38 @@ pub(crate) struct Gram<const N: usize, const M: usize> {
 }
 
 impl<const N: usize, const M: usize> Gram<N, M> {
-    /// First column of the camera.
+    /// Index of the camera's first column.
     pub const CAMERA: usize = N + M;
-    /// Column of the residual, and so of the gradient.
+    /// Index of the column of the residual. After the summation, this column contains the gradient.
     pub const RESIDUAL: usize = Self::CAMERA + 4;
 
     pub const fn zeros() -> Self {
         Self { rows: [[0.0; MAX_WIDTH]; MAX_UNKNOWNS] }
     }
 
-    /// Returns a diagonal entry of the Hessian.
+    /// Returns the i-th diagonal entry of the Hessian.
     pub fn diagonal(&self, i: usize) -> f64 {
         self.rows[i][i]
     }
 
-    /// Returns an entry of the gradient.
+    /// Returns the i-th entry of the gradient.
     pub fn gradient(&self, i: usize) -> f64 {
         self.rows[i][Self::RESIDUAL]
     }
 
-    /// Returns the Hessian times x.
+    /// Returns the product of the Hessian and the vector x.
     pub fn times(&self, x: &[f64]) -> Row {
         let entry = |i: usize, j: usize| self.rows[i.min(j)][i.max(j)];
         let row = |i: usize| x[..Self::RESIDUAL].iter().enumerate().map(|(j, x)| entry(i, j) * x).sum();
         std::array::from_fn(|i| if i < Self::RESIDUAL { row(i) } else { 0.0 })
     }
 
-    /// Damps an unknown in proportion to a given diagonal entry.
+    /// Adds damping to the i-th diagonal entry, in proportion to `diagonal`.
     pub fn damp(&mut self, i: usize, damping: f64, diagonal: f64) {
         self.rows[i][i] += damping * diagonal.max(MIN_DIAGONAL) + MIN_INFORMATION;
     }
 
-    /// Eliminates unknowns `from` … `to` − 1. Returns `None` if their block is not positive definite.
+    /// Eliminates the unknowns `from` to `to` − 1. Returns `None` if their block is not positive definite.
     #[inline(always)]
     pub fn eliminate(&mut self, from: usize, to: usize) -> Option<()> {
         for i in from..to {
@@ -82,7 +89,7 @@ impl<const N: usize, const M: usize> Gram<N, M> {
         Some(())
     }
 
-    /// Adds the product of a single row with itself.
+    /// Adds the outer product `rowᵀ row` of a single row.
     pub fn add(&mut self, row: &Row) {
         for (sums, factor) in self.rows.iter_mut().zip(row).take(Self::RESIDUAL) {
             for (sum, entry) in sums.iter_mut().zip(row) {
@@ -91,7 +98,7 @@ impl<const N: usize, const M: usize> Gram<N, M> {
         }
     }
 
-    /// Adds the rows of shape and camera of another view.
+    /// Adds the rows of shape and camera from another view's equations.
     pub fn add_shape_and_camera(&mut self, other: &Self) {
         for (sum, row) in self.rows.iter_mut().zip(&other.rows).take(Self::RESIDUAL).skip(N) {
             for (sum, entry) in sum.iter_mut().zip(row) {
@@ -101,10 +108,10 @@ impl<const N: usize, const M: usize> Gram<N, M> {
     }
 }
 
-/// Rows of four keypoints, for both coordinates, with room for all modes.
+/// Jacobian rows of four keypoints, side by side: one row per pixel coordinate, with room for all shape modes.
 pub(crate) type Rows = [[Lanes; MAX_WIDTH]; 2];
 
-/// Computes the upper triangle.
+/// Computes the upper triangle of a view's Hessian, and its gradient, from its rows.
 pub(crate) fn accumulate<const N: usize, const M: usize>(packs: &[Rows], gram: &mut Gram<N, M>) {
     for (i, j, width) in tiles(Gram::<N, M>::RESIDUAL) {
         match width {
@@ -114,7 +121,7 @@ pub(crate) fn accumulate<const N: usize, const M: usize>(packs: &[Rows], gram: &
     }
 }
 
-/// Computes the upper triangle with AVX2 instructions.
+/// Computes the same numbers as [`accumulate`], with AVX2 instructions.
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
 pub(crate) fn accumulate_avx2<const N: usize, const M: usize>(packs: &[Rows], gram: &mut Gram<N, M>) {
@@ -126,9 +133,10 @@ pub(crate) fn accumulate_avx2<const N: usize, const M: usize>(packs: &[Rows], gr
     }
 }
 
-/// Returns the tiles that cover the upper triangle and the residual: first row, first column, number of columns.
+/// Returns the tiles that cover the upper triangle and the residual's column.
 ///
-/// A tile has 4 columns, or 2 at the right end.
+/// Each tile is (first row, first column, number of columns). It has 2 rows and usually 4 columns. A tile at the right
+/// end may have only 2 columns.
 fn tiles(residual: usize) -> impl Iterator<Item = (usize, usize, usize)> {
     let width = (residual + 1).next_multiple_of(2);
     let of_row = move |i: usize| (i..width).step_by(4).map(move |j| (i, j, (width - j).min(4)));

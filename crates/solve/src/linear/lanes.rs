@@ -1,16 +1,16 @@
-//! Four numbers side by side, since the inner loop works on four keypoints at a time.
+//! Arithmetic on four numbers side by side, one for each of four keypoints.
 //!
-//! The compiler turns these plain arrays into vector instructions. There is no fused multiply-add, so every machine
-//! computes the same bits.
+//! The compiler turns these plain arrays into vector instructions. The code never uses a fused multiply-add, so every
+//! machine computes the same bits.
 
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub};
 
 use nalgebra::{Matrix3, Vector3};
 
-/// Number of keypoints that the inner loop handles at a time.
+/// Number of keypoints that the inner loop processes at a time.
 pub(crate) const LANES: usize = 4;
 
-/// Four numbers.
+/// Four numbers, one in each lane of a vector register.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[repr(align(32))]
 pub(crate) struct Lanes(pub [f64; LANES]);
@@ -47,7 +47,7 @@ impl Lanes {
         self.zip(other, |a, b| if a < b { a } else { b })
     }
 
-    /// Returns `then` in lanes with `self < limit`, else `otherwise`.
+    /// Returns in each lane the value of `then` if `self < limit`, and the value of `otherwise` if not.
     #[inline(always)]
     pub fn select_below(self, limit: f64, then: Self, otherwise: Self) -> Self {
         let pick = |i: usize| if self.0[i] < limit { then.0[i] } else { otherwise.0[i] };
@@ -60,12 +60,12 @@ impl Lanes {
         (self.0[0] + self.0[2]) + (self.0[1] + self.0[3])
     }
 
-    /// Returns `e^(−x)` for x ≥ 0, to 1 unit in the last place; x above 700 counts as 700.
+    /// Returns `e^(−x)` for x ≥ 0, with an error of at most 1 unit in the last place. An x above 700 counts as 700.
     ///
-    /// Reduction and rational approximation are those of fdlibm's `e_exp.c` (Sun Microsystems 1993).
+    /// Range reduction and rational approximation are those of fdlibm's `e_exp.c` (Sun Microsystems 1993).
     #[inline(always)]
     pub fn exp_of_minus(self) -> Self {
-        /// Adding this number rounds to an integer, which is then in the lowest bits.
+        /// The number 1.5 · 2⁵². A sum with it is rounded to an integer, which is in the lowest bits of the sum.
         const ROUND: f64 = 6_755_399_441_055_744.0;
         const LN2_HIGH: f64 = 6.931_471_803_691_238e-1;
         const LN2_LOW: f64 = 1.908_214_929_270_587_7e-10;
@@ -92,13 +92,13 @@ impl Lanes {
         mantissa * shifted.map(|s| f64::from_bits((s.to_bits() << 52).wrapping_add(1023 << 52)))
     }
 
-    /// Returns `ln(1 + x)` for 0 ≤ x ≤ 1, to a few units in the last place, also for small x.
+    /// Returns `ln(1 + x)` for 0 ≤ x ≤ 1, with an error of a few units in the last place, even for small x.
     ///
     /// The polynomial is that of fdlibm's `e_log.c`.
     #[inline(always)]
     pub fn ln_1p_to_one(self) -> Self {
         use std::f64::consts::{FRAC_1_SQRT_2, LN_2, SQRT_2};
-        // 1 + x = (1 + f) · (1 or √2), so that |f| < 0.42.
+        // Range reduction: 1 + x is (1 + f) or √2 (1 + f), with |f| < 0.42.
         let limit = SQRT_2 - 1.0;
         let f = self.select_below(limit, self, (self - Self::splat(limit)) * Self::splat(FRAC_1_SQRT_2));
         let rest = self.select_below(limit, Self::splat(0.0), Self::splat(0.5 * LN_2));
@@ -120,7 +120,7 @@ impl Lanes {
         rest + (f - (half_square - z * (half_square + t * p)))
     }
 
-    /// Evaluates a polynomial whose highest coefficient comes first.
+    /// Evaluates a polynomial in x. The coefficient of the highest power is the first.
     #[inline(always)]
     fn horner<const N: usize>(x: Self, coefficients: [f64; N]) -> Self {
         let mut sum = Self::splat(coefficients[0]);
@@ -160,7 +160,7 @@ impl AddAssign for Lanes {
     }
 }
 
-/// One point or direction per lane.
+/// Four 3D vectors side by side, one per lane.
 pub(crate) type Point = [Lanes; 3];
 
 /// Returns the same vector in all lanes.

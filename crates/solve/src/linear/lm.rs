@@ -1,6 +1,8 @@
-//! The loop of the Levenberg–Marquardt method: damping and stopping rules. A [`Problem`] brings its own structure.
+//! The loop of the Levenberg–Marquardt method: damping and stopping rules.
+//!
+//! A [`Problem`] computes and solves the normal equations, so it can use their structure.
 
-/// A least-squares problem for the loop. It owns its parameters, its linearisation and its trial step.
+/// A least-squares problem for [`minimise`]. It stores its parameters, its linearisation and a trial step.
 pub trait Problem {
     /// Computes residuals, Jacobians and normal equations at the current parameters.
     ///
@@ -8,47 +10,49 @@ pub trait Problem {
     /// cannot be evaluated.
     fn linearise(&mut self) -> Option<f64>;
 
-    /// Returns the cost at the current parameters, as of their last linearisation.
+    /// Returns the cost that the last linearisation computed, at the current parameters.
     fn cost(&self) -> f64;
 
-    /// Solves the damped normal equations `(H + damping · diag H) step = −g` and evaluates the trial parameters.
+    /// Solves the damped normal equations `(H + damping · diag H) step = −g` and evaluates the cost after the step.
     ///
-    /// Returns `None` if the system is not positive definite or the trial cannot be evaluated.
+    /// H is the Hessian and g the gradient of the cost. Returns `None` if the equations are not positive definite or
+    /// the trial parameters cannot be evaluated.
     fn try_step(&mut self, damping: f64) -> Option<Trial>;
 
-    /// Makes the last trial the current parameters, with their linearisation. Returns the value of
-    /// [`Problem::linearise`].
+    /// Replaces the current parameters by those of the last trial step, and linearises there.
+    ///
+    /// Returns the same value as [`Problem::linearise`].
     fn accept(&mut self) -> Option<f64>;
 }
 
-/// A trial step.
+/// Predicted and true effect of a trial step.
 #[derive(Clone, Copy, Debug)]
 pub struct Trial {
     /// True cost at the trial parameters.
     pub cost: f64,
     /// Decrease of the cost that the quadratic model predicts.
     pub predicted_decrease: f64,
-    /// Largest change of a parameter, each in the problem's own scale.
+    /// Largest change of any parameter, in units that the problem chooses for each parameter.
     pub step_size: f64,
 }
 
-/// Cost of an error of one standard deviation; costs are negative log probabilities.
+/// Cost of an error of one standard deviation, since the cost is a negative log probability.
 const NEAR: f64 = 0.5;
 
-/// Stopping rules and first damping.
+/// Stopping rules and first damping of the Levenberg–Marquardt loop.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LmOptions {
     /// Largest number of linearisations.
     pub max_iterations: usize,
-    /// Stop if the cost falls by less than this fraction, and the model predicts no more.
+    /// Relative decrease of the cost at which the loop stops. True and predicted decrease must both be this small.
     pub cost_tolerance: f64,
-    /// Stop if no parameter changes by more than this.
+    /// Largest change of a parameter ([`Trial::step_size`]) at which the loop stops.
     pub step_tolerance: f64,
-    /// Stop if the scaled gradient is below this.
+    /// Largest entry of the scaled gradient ([`Problem::linearise`]) at which the loop stops.
     pub gradient_tolerance: f64,
     /// Damping of the first step.
     pub initial_damping: f64,
-    /// Largest number of rejected steps in a row.
+    /// Largest number of consecutive rejected steps.
     pub max_rejections: usize,
 }
 
@@ -65,46 +69,52 @@ impl Default for LmOptions {
     }
 }
 
-/// Reason why the loop stopped. The parameters are the best ones found; after `Failed` they are those of the start.
+/// Reason why the loop stopped.
+///
+/// The problem's parameters are then the best that were found. After `Failed` they are unchanged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Termination {
-    /// The gradient is zero.
+    /// The gradient is zero within its tolerance.
     Gradient,
-    /// The cost no longer falls.
+    /// The cost no longer decreases.
     Cost,
     /// The parameters no longer change.
     Step,
-    /// No damping gives a lower cost: at the limit of the arithmetic, or next to parameters that cannot be evaluated.
+    /// No damping gives a lower cost, because of rounding or because nearby parameters cannot be evaluated.
     NoDescent,
-    /// `max_iterations` was reached near the minimum: the last step predicted less than the cost of one sd.
+    /// `max_iterations` was reached near the minimum.
+    ///
+    /// The last step was predicted to decrease the cost by less than 0.5, which is the cost of an error of one sd.
     Near,
-    /// `max_iterations` was reached.
+    /// `max_iterations` was reached, and the minimum is not near.
     MaxIterations,
-    /// The start cannot be evaluated; the parameters are unchanged.
+    /// The cost cannot be evaluated at the start.
     Failed,
 }
 
 impl Termination {
-    /// Whether the parameters are a minimum, or near one within a fraction of an sd.
+    /// Whether the parameters are at a minimum, or within a fraction of an sd of a minimum.
     #[must_use]
     pub fn converged(self) -> bool {
         !matches!(self, Self::MaxIterations | Self::Failed)
     }
 }
 
-/// Report of the loop.
+/// Report of one run of [`minimise`].
 #[derive(Clone, Copy, Debug)]
 pub struct LmReport {
     /// Reason why the loop stopped.
     pub termination: Termination,
     /// Number of linearisations.
     pub iterations: usize,
-    /// Cost at the end.
+    /// Cost at the final parameters.
     pub cost: f64,
 }
 
-/// Minimises with Nielsen's damping (Madsen, Nielsen, Tingleff 2004, Alg. 3.16). A step is accepted only if the true
-/// cost falls.
+/// Minimises the cost of a problem by the Levenberg–Marquardt method.
+///
+/// The damping follows Nielsen (Madsen, Nielsen, Tingleff 2004, Alg. 3.16). A step is accepted only if the true cost
+/// decreases.
 pub fn minimise<P: Problem>(problem: &mut P, options: &LmOptions) -> LmReport {
     let Some(mut gradient) = problem.linearise() else {
         return LmReport { termination: Termination::Failed, iterations: 0, cost: f64::INFINITY };
@@ -147,7 +157,7 @@ pub fn minimise<P: Problem>(problem: &mut P, options: &LmOptions) -> LmReport {
             }
             iterations += 1;
         } else {
-            // A rejected step with almost no predicted decrease or almost no change is a rounding error at the minimum.
+            // If the rejected step is tiny or predicts almost no decrease, only rounding errors at the minimum remain.
             if let Some(trial) = trial {
                 if trial.predicted_decrease.abs() <= options.cost_tolerance * cost {
                     return done(Termination::Cost, iterations, cost);

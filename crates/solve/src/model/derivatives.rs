@@ -1,7 +1,7 @@
-//! Tests of the Jacobians against exact derivatives.
+//! Tests of the analytic Jacobians against derivatives that are exact up to rounding.
 //!
-//! The model is written a second time, in complex numbers. Then f'(x) = Im f(x + ih) / h up to rounding (Squire and
-//! Trapp 1998, SIAM Rev. 40).
+//! The tests contain a second version of the model, in complex numbers. With a tiny step h, the derivative of a
+//! function f is Im f(x + ih) / h up to rounding (Squire and Trapp 1998, SIAM Rev. 40).
 
 use nalgebra::{Complex, Matrix2, Matrix3, SVector, UnitQuaternion, Vector2, Vector3, Vector4};
 use roadplane_base::{Camera, CameraParams, KEYPOINTS, ShapeAtlas};
@@ -18,7 +18,7 @@ use crate::model::rows::plain_rows;
 
 type Number = Complex<f64>;
 
-/// Returns the values of f, each with its derivatives.
+/// Returns the K values of f at x, each with its derivatives with respect to all entries of x.
 fn derivatives<const K: usize>(x: &[f64], f: impl Fn(&[Number]) -> [Number; K]) -> [(f64, Vec<f64>); K] {
     const STEP: f64 = 1e-30;
     let with_step = |unknown: usize| {
@@ -37,7 +37,7 @@ fn assert_close(exact: &[f64], found: &[f64]) {
     }
 }
 
-/// Returns the world's axes in the camera frame: columns right, forward, up.
+/// Returns the axes of the world frame in camera coordinates. The columns are right, forward and up.
 fn world(tilt: Number, roll: Number) -> Matrix3<Number> {
     let (st, ct, sr, cr, zero) = (tilt.sin(), tilt.cos(), roll.sin(), roll.cos(), Number::ZERO);
     Matrix3::new(cr, sr * st, sr * ct, sr, -cr * st, -cr * ct, zero, ct, -st)
@@ -47,12 +47,14 @@ fn complex(v: &Vector3<f64>) -> Vector3<Number> {
     v.map(|v| Number::new(v, 0.0))
 }
 
-/// A pose whose model is written a second time, in complex numbers.
+/// A pose with a second version of its model, in complex numbers.
 trait Written<const N: usize>: Pose<N> {
     fn random(rng: &mut Rng) -> Self;
-    /// Returns the unknowns at which derivatives are taken.
+    /// Returns the values of the pose's unknowns, at which derivatives are computed.
     fn unknowns(&self) -> [f64; N];
-    /// Returns T and R for these unknowns of the pose and of the camera (log f, tilt, roll, log h).
+    /// Returns the car's origin and rotation in the camera frame.
+    ///
+    /// `pose` contains the pose's unknowns, and `camera` is (log f, tilt, roll, log h).
     fn place(&self, pose: &[Number], camera: &[Number]) -> (Vector3<Number>, Matrix3<Number>);
 }
 
@@ -91,14 +93,14 @@ impl Written<FREE> for FreePose {
 
     fn place(&self, pose: &[Number], camera: &[Number]) -> (Vector3<Number>, Matrix3<Number>) {
         let origin = Vector3::new(pose[3], pose[4], camera[0].exp()) * pose[5].exp();
-        // exp([ω]×) to first order, which is enough for a derivative at ω = 0.
+        // exp([ω]×) to first order in the rotation vector ω. This is enough for a derivative at ω = 0.
         let turn = Matrix3::identity() + Vector3::new(pose[0], pose[1], pose[2]).cross_matrix();
         let own = self.camera_from_car.to_rotation_matrix().into_inner();
         (origin, turn * own.map(|v| Number::new(v, 0.0)))
     }
 }
 
-/// Calls `see` with random cameras, each with a pose at 3 to 300 m depth.
+/// Calls `see` 1000 times with a random camera and a random pose at a depth of 3 to 300 m.
 fn each_random<P: Written<N>, const N: usize>(seed: u64, mut see: impl FnMut(&mut Rng, &Vector4<f64>, P)) {
     let mut rng = Rng::new(seed);
     let mut seen = 0;
@@ -114,7 +116,7 @@ fn each_random<P: Written<N>, const N: usize>(seed: u64, mut see: impl FnMut(&mu
     }
 }
 
-/// Checks the rows of keypoints and of plane terms.
+/// Checks residuals and derivatives of keypoints and of plane terms against the complex model.
 fn check_rows<P: Written<N>, const N: usize, const M: usize>(model: &PointModes<M>) {
     let terms = PlaneTerms { distance_sd_m: 0.5, angle_sd: 0.2 };
     each_random(16, |rng, camera, pose: P| {

@@ -1,15 +1,27 @@
-//! The free pose of a car (6 degrees of freedom), and the paper's soft terms that draw it to the plane.
+//! The free pose of a car (6 degrees of freedom), and soft cost terms that pull the car towards the ground plane.
+//!
+//! # Pose
+//! The car's position T and rotation R in the camera frame depend on the six unknowns ω (3), u, v, ρ:
 //!
 //! ```text
-//! T = e^ρ (u, v, f),    R ← exp([ω]×) R              (perturbation on the left, camera frame)
-//! D_p2p = n · T + h                                  paper Eq. 4, m
-//! D_v2v = R ẑ − n,   ‖D_v2v‖ = 2 sin(θ/2) ≈ θ        paper Eq. 5, rad; unlike its arcsin ‖n × R ẑ‖ it
-//!                                                    distinguishes a car on its roof from one on its wheels
+//! T = e^ρ (u, v, f),    R ← exp([ω]×) R              (rotation vector ω in the camera frame)
 //! ```
 //!
-//! (u, v) is the image of the car's origin relative to the principal point. e^ρ is its depth over the focal length. So
-//! a change of f alone moves T along (x, y, λ z). By the paper's finding 2 (§4.2) this direction costs almost no
-//! reprojection error; here it is a coordinate. The unknowns are ω, u, v, ρ.
+//! (u, v) is the pixel of the car's origin relative to the principal point, and f is the focal length, px. The factor
+//! e^ρ is the ratio of depth (m) to focal length. So if only f changes, only the depth of T changes. The reprojection
+//! error then hardly changes (paper *Car Pose in Context*, §4.2, finding 2). With these unknowns, f alone describes
+//! this weakly determined direction.
+//!
+//! # Plane terms
+//! The plane has the unit normal n, which points up, and the camera is at the height h. The up axis of the car frame is
+//! ẑ. The angle between the car's up direction R ẑ and n is θ:
+//!
+//! ```text
+//! D_p2p = n · T + h                                  distance from the plane, m; paper, Eq. 4
+//! D_v2v = R ẑ − n,   ‖D_v2v‖ = 2 sin(θ/2) ≈ θ        inclination, rad; in place of the paper's Eq. 5
+//! ```
+//!
+//! The paper's Eq. 5 is arcsin ‖n × R ẑ‖. It gives the same value for a car on its roof and for a car on its wheels.
 
 use nalgebra::{Rotation3, UnitQuaternion, Vector2, Vector3};
 
@@ -19,13 +31,13 @@ use crate::model::pose::{CameraFrame, CarFrame, Pose, Twist};
 /// Number of unknowns of a free pose.
 pub(crate) const FREE: usize = 6;
 
-/// A free pose of a car.
+/// A free pose of a car, with 6 degrees of freedom.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct FreePose {
     pub camera_from_car: UnitQuaternion<f64>,
-    /// Image of the car's origin, px from the principal point.
+    /// Pixel of the car's origin, relative to the principal point.
     pub anchor: Vector2<f64>,
-    /// Logarithm of the origin's depth (m) over the focal length (px).
+    /// Logarithm of the ratio of the origin's depth (m) to the focal length (px).
     pub log_depth_ratio: f64,
 }
 
@@ -64,17 +76,22 @@ impl Pose<FREE> for FreePose {
     }
 }
 
-/// Soft terms that draw free cars to the plane. The paper's μ₁ and μ₂ are `1/σ_p²` and `1/σ_v²` (Eq. 6, 7).
+/// Soft cost terms that pull cars with free poses towards the ground plane.
+///
+/// In the paper *Car Pose in Context* (Eq. 6, 7), the inverse squares of these sds are the weights μ₁ and μ₂.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlaneTerms {
-    /// σ_p: sd of a car's distance from the plane, m.
+    /// Standard deviation of a car's distance from the plane, m.
     pub distance_sd_m: f64,
-    /// σ_v: sd of the angle between a car's up direction and the plane's normal, rad.
+    /// Standard deviation of the angle between a car's up direction and the plane's normal, rad.
     pub angle_sd: f64,
 }
 
 impl PlaneTerms {
-    /// Returns D_p2p and the components of D_v2v in sds, with their derivatives, as rows like those of keypoints.
+    /// Returns the residuals of the plane terms with their derivatives, as rows in the same format as keypoint rows.
+    ///
+    /// The first row is the car's distance from the plane. The other three rows are the components of the car's up
+    /// direction minus the plane's normal. All residuals are divided by their sds.
     pub(crate) fn rows<const N: usize, const M: usize>(
         &self,
         camera: &CameraFrame,

@@ -1,4 +1,4 @@
-//! Latent variables of a car: its body type and its trust. `kernel.rs` treats whether a keypoint is right.
+//! Latent variables of a car: its body type, and its weight in the camera's equations (the trust).
 
 pub(crate) mod body_types;
 pub(crate) mod trust;

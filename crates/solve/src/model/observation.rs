@@ -1,42 +1,42 @@
-//! Keypoints as the solver uses them: without distortion, relative to the principal point, whitened and weighted.
+//! Keypoints in the form that the solver uses: undistorted, relative to the principal point, whitened and weighted.
 
 use nalgebra::{Matrix2, Matrix2x3, Vector2, Vector3};
 use roadplane_base::{Camera, KEYPOINTS, Keypoint, KeypointSet, MIN_KEYPOINTS};
 
 use crate::model::pose::{CarFrame, MIN_DEPTH_M};
 
-/// Least score of a keypoint. A hidden keypoint still has some information, with its wide sd.
+/// Lower limit of a keypoint's score. A hidden keypoint has a large sd, but still some information.
 const MIN_SCORE: f64 = 0.05;
 
-/// Least sd of a keypoint, px. No measurement is better, and the arithmetic stays stable.
+/// Lower limit of a keypoint's standard deviation, px. It keeps the arithmetic stable.
 const MIN_SD_PX: f64 = 1e-6;
 
-/// A located keypoint of one view.
+/// A measured keypoint of a car in one frame.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Observation {
-    /// Index of the keypoint.
+    /// Index of the keypoint among all keypoints of a car.
     pub index: usize,
     /// Undistorted position, px from the principal point.
     pub pixel: Vector2<f64>,
-    /// Derivative of `pixel` by the lens distortion (1/px²), px³.
+    /// Derivative of `pixel` with respect to the lens distortion (1/px²), px³.
     pub by_lens: Vector2<f64>,
-    /// Covariance of `pixel` as measured, px².
+    /// Measured covariance of `pixel`, px².
     pub covariance: Matrix2<f64>,
-    /// The paper's `s_i` (Eq. 6): score × weight of the view.
+    /// Weight of the keypoint in the cost: its score multiplied by the weight of the view.
     pub weight: f64,
-    /// Whitening: lower triangle (w00, w10, w11) of W with `Wᵀ W = Σ⁻¹`.
+    /// Entries (w00, w10, w11) of the lower triangular whitening matrix W, for which `Wᵀ W` is the inverse covariance.
     pub whitening: [f64; 3],
 }
 
 impl Observation {
-    /// Returns the whitened vector `W v`.
+    /// Returns the product `W v` of the whitening matrix and a vector.
     #[inline]
     pub fn whiten(&self, v: [f64; 2]) -> [f64; 2] {
         let [w00, w10, w11] = self.whitening;
         [w00 * v[0], w10 * v[0] + w11 * v[1]]
     }
 
-    /// Sets W from the measured covariance plus `extra` (px²).
+    /// Sets the whitening matrix from the measured covariance plus an `extra` covariance (px²).
     pub fn whiten_with(&mut self, extra: &Matrix2<f64>) {
         let c = self.covariance + extra;
         let l00 = c[(0, 0)].max(MIN_SD_PX * MIN_SD_PX).sqrt();
@@ -46,9 +46,10 @@ impl Observation {
     }
 }
 
-/// Returns the usable keypoints of a car: finite, with a finite score and a positive definite covariance.
+/// Returns the usable keypoints of a car. They are finite, with a finite score and a positive definite covariance.
 ///
-/// Returns `None` if there are fewer than [`MIN_KEYPOINTS`]. Only lens and principal point of the camera are used.
+/// Returns `None` if there are fewer than [`MIN_KEYPOINTS`]. Of the camera, only the lens distortion and the principal
+/// point are used.
 pub(crate) fn observations(
     keypoints: &KeypointSet,
     camera: &Camera,
@@ -80,10 +81,12 @@ pub(crate) fn observations(
     (found.len() >= MIN_KEYPOINTS).then_some(found)
 }
 
-/// Whitens a view's observations with their measured covariances, the atlas' residual and `extra_px` in both
-/// directions.
+/// Updates the whitening of a view's keypoints.
 ///
-/// The residual's sd is `scale` × `sd_m` per keypoint. It is projected at the keypoints of the `mean` car.
+/// Three covariances add up: the measured covariance, the covariance of the shape atlas' residual, and that of an extra
+/// error. The residual is the part of a keypoint's 3D position that the shape modes do not explain. Its sd is `scale` ×
+/// `sd_m` for each keypoint, and it is projected at the keypoints of the `mean` car. The extra error has the sd
+/// `extra_px` in both image directions.
 pub(crate) fn whiten_view<const N: usize>(
     observations: &mut [Observation],
     frame: &CarFrame<N>,
@@ -101,10 +104,15 @@ pub(crate) fn whiten_view<const N: usize>(
     }
 }
 
-/// Returns the atlas' residual at a point of the car as a covariance in the image, px².
+/// Returns the covariance in the image, px², of an error of a 3D point of the car.
 ///
-/// `sd_m` is the residual's sd along the car's axes. The covariance is `A diag(sd²) Aᵀ` with
-/// `A = (f/z) [1 0 −x; 0 1 −y] R`.
+/// `sd_m` is the sd of the error along the car's axes. The covariance is
+///
+/// ```text
+/// A diag(sd²) Aᵀ,   A = (f/z) [1 0 −x; 0 1 −y] R
+/// ```
+///
+/// Here f is the focal length, z the depth, (x, y) the point's pixel divided by f, and R the car's rotation.
 fn residual_covariance<const N: usize>(
     frame: &CarFrame<N>,
     point_in_car: &Vector3<f64>,

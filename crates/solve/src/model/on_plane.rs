@@ -1,25 +1,34 @@
-//! The pose of a car on the plane.
+//! The pose of a car on the ground plane.
+//!
+//! The car's position T and rotation R in the camera frame follow from its anchor a and its heading ψ:
 //!
 //! ```text
 //! T = ray · h / (−n · ray),   ray = (a_u / f, a_v / f, 1)          R = R(tilt, roll) Rz(ψ)
 //! ```
 //!
-//! The position is parametrised by its pixel `a` relative to the principal point (the *anchor*, px), not by (x, y) in
-//! metres. So the car keeps its place in the image when focal length or plane change, and the problem is far closer to
-//! linear. `R(tilt, roll)` has the columns right, forward, up = n.
+//! f is the focal length (px) and h the camera's height (m). n is the plane's normal, which points up. `R(tilt, roll)`
+//! has the columns right, forward, up = n.
+//!
+//! The *anchor* is the pixel of the car's position, relative to the principal point. The unknown is the anchor, not a
+//! position (x, y) in metres. So the car stays at the same pixel when focal length or plane change, and the problem is
+//! much closer to linear.
 
 use nalgebra::{Matrix3, SMatrix, Vector2, Vector3};
 use roadplane_base::{GroundPose, wrap_angle};
 
 use crate::model::pose::{CameraFrame, CarFrame, MIN_DEPTH_M, Pose, Twist};
 
-/// Number of unknowns of a pose on the plane: anchor (2) and heading.
+/// Number of unknowns of a pose on the ground plane: anchor (2) and heading (1).
 pub(crate) const ON_PLANE: usize = 3;
 
-/// Least fall of a viewing ray towards the plane per unit of depth. Below it, the anchor counts as at the horizon.
+/// Smallest slope at which a viewing ray descends towards the plane, m per m of depth.
+///
+/// A ray with a smaller slope counts as horizontal.
 const MIN_FALL: f64 = 1e-6;
 
-/// The pose of a car on the plane: anchor (px from the principal point) and heading (rad).
+/// The pose of a car on the ground plane.
+///
+/// `anchor` is the pixel of the car's origin, relative to the principal point, and `heading` is in rad.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct PlanePose {
     pub anchor: Vector2<f64>,
@@ -27,14 +36,17 @@ pub(crate) struct PlanePose {
 }
 
 impl PlanePose {
-    /// Creates the pose from a pose in the world frame; `None` behind the camera.
+    /// Converts a pose from the world frame; `None` if the car is behind the camera.
     pub fn of(pose: &GroundPose, camera: &CameraFrame) -> Option<Self> {
         let in_camera = camera.camera_from_world * Vector3::new(pose.x_m, pose.y_m, -camera.height_m);
         let anchor = || in_camera.xy() * (camera.focal_px / in_camera.z);
         (in_camera.z > MIN_DEPTH_M).then(|| Self { anchor: anchor(), heading: pose.heading_rad })
     }
 
-    /// Returns the pose in the world frame, and ∂(x, y, ψ) by (a_u, a_v, ψ, log f, tilt, roll, log h).
+    /// Returns the pose in the world frame, and its derivatives.
+    ///
+    /// The rows are x, y and heading. The columns are the anchor (2), the heading, and the camera (log f, tilt, roll,
+    /// log h).
     pub fn on_ground(
         &self,
         frame: &CarFrame<ON_PLANE>,
@@ -47,7 +59,7 @@ impl PlanePose {
         }
         by[(2, 2)] = 1.0;
         for (column, twist) in frame.by_camera.iter().enumerate() {
-            // The world's axes turn with the camera's parameters.
+            // The axes of the world frame turn when tilt or roll change.
             let shift = twist.shift - twist.turn.cross(&frame.origin);
             by.fixed_view_mut::<2, 1>(0, ON_PLANE + column).copy_from(&in_world(shift));
         }
@@ -57,7 +69,7 @@ impl PlanePose {
 }
 
 impl Pose<ON_PLANE> for PlanePose {
-    /// Returns `None` if the anchor is not below the horizon.
+    /// Returns the car in this camera's frame; `None` if the anchor is not below the horizon.
     fn frame(&self, camera: &CameraFrame) -> Option<CarFrame<ON_PLANE>> {
         let f = camera.focal_px;
         let up = camera.up();

@@ -1,10 +1,12 @@
-//! Keypoints in the form that the inner loop reads: four side by side.
+//! Keypoints in the form that the inner loop reads: in packs of four, one keypoint per lane of a vector register.
 
 use crate::linear::lanes::{LANES, Lanes};
 use crate::model::observation::Observation;
 use crate::model::points::PointModes;
 
-/// Four keypoints of a view with their points and modes of the atlas. Copies of weight 0 fill a view's last pack.
+/// Four keypoints of a view: their pixels, weights, and mean positions and modes from the shape atlas.
+///
+/// If the number of keypoints is not a multiple of four, copies with weight 0 fill the last pack.
 #[derive(Clone, Debug)]
 pub(crate) struct Pack<const M: usize> {
     pub pixel: [Lanes; 2],
@@ -21,7 +23,7 @@ impl<const M: usize> Pack<M> {
     }
 }
 
-/// Appends the packs of a view's keypoints.
+/// Builds the packs of a view's keypoints and appends them to `into`.
 pub(crate) fn pack<const M: usize>(
     model: &PointModes<M>,
     observations: &[Observation],
@@ -47,7 +49,7 @@ pub(crate) fn pack<const M: usize>(
     }
 }
 
-/// Copies the whitening of observations into their packs.
+/// Copies the whitening matrices of a view's keypoints into their packs.
 pub(crate) fn rewhiten<const M: usize>(observations: &[Observation], packs: &mut [Pack<M>]) {
     for (four, pack) in observations.chunks(LANES).zip(packs) {
         for lane in 0..LANES {

@@ -1,27 +1,27 @@
-//! The atlas in the form that the inner loop reads: the modes of one keypoint side by side.
+//! The shape atlas in the form that the inner loop reads: all modes of one keypoint side by side.
 
 use nalgebra::{SVector, Vector3};
 use roadplane_base::{ALL_MODES, KEYPOINTS, MODES, ShapeAtlas};
 
-/// Factor on the residual sd of all modes.
+/// Number by which the residual sd is multiplied in the model with all modes.
 ///
-/// A car has the same residual on both sides and in all its views, while keypoints are treated as independent. Measured
-/// on cars of makes that are not in the atlas.
+/// The two sides of a car, and all its views, share the same residual. But the solver treats keypoints as independent,
+/// so it needs a larger sd. The number was measured on cars of makes that are not in the atlas.
 const SHARED: f64 = std::f64::consts::SQRT_2;
 
-/// Keypoints of cars with shapes of M modes.
+/// Model of a car's keypoints: the mean car plus a weighted sum of M shape modes.
 #[derive(Clone, Debug)]
 pub(crate) struct PointModes<const M: usize = MODES> {
     pub mean: [Vector3<f64>; KEYPOINTS],
     pub modes: [[Vector3<f64>; M]; KEYPOINTS],
     /// Lowest and highest value of each coefficient.
     pub bounds: [[f64; 2]; M],
-    /// sd of the residual that these modes do not explain, m along the car's axes.
+    /// Standard deviation of the residual that these modes do not explain, m along the car's axes.
     pub residual_sd_m: [Vector3<f64>; KEYPOINTS],
 }
 
 impl PointModes<MODES> {
-    /// Creates the model of the first modes, within the atlas' bounds.
+    /// Creates the model with the first modes of the atlas; the coefficients have the atlas' bounds.
     pub fn new(atlas: &ShapeAtlas) -> Self {
         Self {
             mean: atlas.mean,
@@ -33,7 +33,7 @@ impl PointModes<MODES> {
 }
 
 impl PointModes<ALL_MODES> {
-    /// Creates the model of all modes. Their prior limits the coefficients instead of bounds.
+    /// Creates the model with all modes of the atlas; the coefficients have no bounds, because their prior limits them.
     pub fn of_all_modes(atlas: &ShapeAtlas) -> Self {
         let mode = |j: usize| if j < MODES { &atlas.modes[j] } else { &atlas.fine_modes[j - MODES] };
         Self {
@@ -46,7 +46,7 @@ impl PointModes<ALL_MODES> {
 }
 
 impl<const M: usize> PointModes<M> {
-    /// Returns a keypoint of a car of this shape, car frame, m.
+    /// Returns the position of a keypoint on a car of this shape, in the car frame, m.
     #[inline]
     pub fn point(&self, index: usize, shape: &SVector<f64, M>) -> Vector3<f64> {
         let mut point = self.mean[index];

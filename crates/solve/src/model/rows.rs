@@ -1,8 +1,13 @@
 //! The inner loop: computes cost and normal equations of a view from its keypoints, four at a time.
 //!
-//! Rows of the Jacobian (see `pose.rs` for the model) are whitened and multiplied by the root of the keypoint's weight.
-//! Their columns have the order of elimination: `[pose | λ_1 … λ_M | log f, tilt, roll, log h | residual]`. Since the
-//! residual is the last column, `Σ rowᵀ row` contains Hessian and gradient.
+//! Each keypoint has two rows: the derivatives of its pixel coordinates and their residuals (`pose.rs` has the model).
+//! Rows are whitened and multiplied by the root of the keypoint's weight. Their columns are
+//!
+//! ```text
+//! pose | shape coefficients λ_1 … λ_M | log f, tilt, roll, log h | residual
+//! ```
+//!
+//! Because the residual is the last column, the sum `Σ rowᵀ row` contains both Hessian and gradient.
 
 use nalgebra::SVector;
 
@@ -14,9 +19,9 @@ use crate::model::kernel::{OutlierModel, PreparedKernel};
 use crate::model::pack::Pack;
 use crate::model::pose::{CarFrame, MIN_DEPTH_M, Twist};
 
-/// Largest number of packs of a view.
+/// Largest number of packs (four keypoints each) of a view.
 pub(crate) const MAX_PACKS: usize = roadplane_base::KEYPOINTS.div_ceil(LANES);
-/// Rows of four keypoints before they are computed: zeros.
+/// Rows of four keypoints, filled with zeros.
 pub(crate) const NO_ROWS: Rows = [[Lanes::splat(0.0); MAX_WIDTH]; 2];
 
 /// Computes a view's normal equations and returns the cost of its keypoints.
@@ -41,7 +46,7 @@ pub(crate) fn linearise<const N: usize, const M: usize>(
     Some(cost)
 }
 
-/// Does the work of [`linearise`] with four-lane registers.
+/// Computes the same numbers as [`linearise`], with AVX2 instructions.
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
 fn linearise_avx2<const N: usize, const M: usize>(
@@ -57,7 +62,10 @@ fn linearise_avx2<const N: usize, const M: usize>(
     Some(cost)
 }
 
-/// Calls `see` with the rows of each keypoint of a view, multiplied by the keypoint's weight only (no outlier model).
+/// Calls `see` with the index and the rows of each keypoint of a view.
+///
+/// The rows are multiplied by the root of the keypoint's weight, but not by the outlier model's weight. Returns `None`
+/// if a keypoint is at or behind the camera.
 pub(crate) fn plain_rows<const N: usize, const M: usize>(
     packs: &[Pack<M>],
     frame: &CarFrame<N>,
@@ -91,7 +99,7 @@ fn all_rows<const N: usize, const M: usize>(
 }
 
 impl<const M: usize> Pack<M> {
-    /// Computes whitened and weighted rows, and returns the keypoints' costs.
+    /// Computes the whitened and weighted rows of the four keypoints, and returns their costs.
     #[inline(always)]
     fn rows<const N: usize>(
         &self,
@@ -126,7 +134,7 @@ impl<const M: usize> Pack<M> {
         let zero = Lanes::default();
         let by_camera = [[a, zero, -(a * x)], [b0, b1, -(b0 * x + b1 * y)]];
         for (row, by) in rows.iter_mut().zip(&by_camera) {
-            // The row in the car's axes.
+            // The same row in the axes of the car frame.
             let by_car = turned(&frame.camera_from_car.transpose(), by);
             // A turn about the origin: by · (turn × offset) = turn · (offset × by).
             let moment = cross(&offset, by);
@@ -162,8 +170,9 @@ mod tests {
     use roadplane_base::ShapeAtlas;
     use roadplane_synth::Rng;
 
-    /// Checks that normal equations are sums of products of rows, with the same bits with and without AVX2, and the
-    /// cost.
+    /// Checks the cost and the normal equations of a view.
+    ///
+    /// The equations must be sums of products of rows, and their bits must be the same with and without AVX2.
     fn check<P: Pose<N>, const N: usize, const M: usize>(model: &PointModes<M>, pose: P) {
         let kernel = PreparedKernel::new(&OutlierModel::default());
         let mut rng = Rng::new(5);

@@ -1,9 +1,11 @@
-//! The joint problem of one camera and its cars, with shapes of M modes: parameters, cost, normal equations, step.
+//! The joint least-squares problem of one camera and all its cars: parameters, cost, normal equations, step.
 //!
-//! Cars are on the plane (N = 3), or they are free (N = 6) and may be drawn to the plane by the paper's soft terms.
+//! A pose has N parameters. Cars are on the ground plane (N = 3) or have free poses (N = 6). Soft terms can pull free
+//! cars towards the plane.
 //!
-//! The scene is solved with the atlas' first modes, for which the fine modes are noise of single keypoints. In reality,
-//! both sides of a car, many keypoints and all its views share most of that residual. So the last steps use all modes
+//! A shape has M parameters, the coefficients of the shape atlas' modes. The scene is first solved with few modes. The
+//! remaining (fine) modes then count as independent noise of each keypoint. In reality, keypoints on both sides of a
+//! car, and all views of the car, share most of this residual. So the last steps use all modes
 //! ([`CarsProblem::with_modes`]).
 
 mod bias;
@@ -29,14 +31,14 @@ use crate::model::points::PointModes;
 use crate::model::pose::{CameraFrame, Pose};
 use crate::model::rows::{MAX_PACKS, NO_ROWS, linearise};
 
-/// One view of a car.
+/// One view of a car: its keypoints in one frame.
 #[derive(Clone, Debug)]
 pub(crate) struct View {
-    /// Index of its group in the problem.
+    /// Index of the view's group (physical car) in the problem.
     pub group: usize,
-    /// Range of its observations in the problem's list.
+    /// Indices of the view's keypoints in the problem's `observations`.
     pub observations: std::ops::Range<usize>,
-    /// Range of its packs in the problem's list.
+    /// Indices of the view's packs (four keypoints each) in the problem's `packs`.
     packs: std::ops::Range<usize>,
 }
 
@@ -49,21 +51,21 @@ impl View {
 /// A physical car: its views and its shape prior.
 #[derive(Clone, Debug)]
 pub(crate) struct Group<const M: usize> {
-    /// Range of its views in the problem's list.
+    /// Indices of the car's views in the problem's `views`.
     pub views: std::ops::Range<usize>,
-    /// Prior on its shape.
+    /// Prior on the car's shape.
     pub prior: Gaussian<M>,
-    /// Weight of its cost; 1 before cars are weighted (`trust.rs`).
+    /// Weight of the car's cost (`trust.rs`). It is 1 until the weights are first updated.
     pub trust: f64,
 }
 
 impl<const M: usize> Group<M> {
-    /// Creates a car of full weight from its views and its shape prior.
+    /// Creates a car with weight 1 from its views and its shape prior.
     pub fn new(views: std::ops::Range<usize>, prior: Gaussian<M>) -> Self {
         Self { views, prior, trust: 1.0 }
     }
 
-    /// Returns the prior's terms in the equations of the shape, times `scale`.
+    /// Returns the terms that the prior adds to the normal equations of the shape, multiplied by `scale`.
     fn prior_terms(&self, shape: &SVector<f64, M>, scale: f64) -> PriorTerms<M> {
         PriorTerms {
             information: self.prior.information * scale,
@@ -72,7 +74,7 @@ impl<const M: usize> Group<M> {
     }
 }
 
-/// All estimated parameters.
+/// Values of all estimated parameters.
 #[derive(Clone, Debug)]
 pub(crate) struct State<P, const M: usize> {
     pub camera: Vector4<f64>,
@@ -80,7 +82,9 @@ pub(crate) struct State<P, const M: usize> {
     pub shapes: Vec<SVector<f64, M>>,
 }
 
-/// The joint problem of one camera and its cars. `state` is the current state, `trial` that after the last trial step.
+/// The joint problem of one camera and its cars.
+///
+/// `state` contains the current parameters, and `trial` the parameters after the last trial step.
 pub(crate) struct CarsProblem<'a, P, const N: usize, const M: usize> {
     pub model: &'a PointModes<M>,
     pub views: Vec<View>,
@@ -88,43 +92,43 @@ pub(crate) struct CarsProblem<'a, P, const N: usize, const M: usize> {
     pub observations: Vec<Observation>,
     pub knowledge: CameraKnowledge,
     pub kernel: OutlierModel,
-    /// Soft terms that draw free cars to the plane.
+    /// Soft cost terms that pull cars with free poses towards the ground plane.
     pub plane: Option<PlaneTerms>,
-    /// Factor on the information of shape priors.
+    /// Number by which the information of all shape priors is multiplied.
     pub shape_prior_scale: f64,
     /// Whether shapes are fixed at their current values.
     pub shapes_fixed: bool,
     pub state: State<P, M>,
     trial: State<P, M>,
-    /// Keypoints as the inner loop reads them.
+    /// Keypoints in groups of four, as the inner loop reads them.
     packs: Vec<Pack<M>>,
     linearisation: Linearisation<N, M>,
     trial_linearisation: Linearisation<N, M>,
     scratch: Box<[Rows; MAX_PACKS]>,
     pose_blocks: Vec<PoseBlock<N, M>>,
     group_blocks: Vec<GroupBlock<N, M>>,
-    /// Terms of prior and factors on the camera at the current state.
+    /// Gradient and information of the camera's prior and factors at the current state.
     camera_terms: FactorTerms,
     camera_gradient: Vector4<f64>,
     camera_diagonal: Vector4<f64>,
 }
 
-/// The problem of cars on the plane.
+/// The problem of cars on the ground plane.
 pub(crate) type GroundProblem<'a, const M: usize> = CarsProblem<'a, PlanePose, ON_PLANE, M>;
-/// The problem of free cars.
+/// The problem of cars with free poses (6 degrees of freedom).
 pub(crate) type FreeProblem<'a> = CarsProblem<'a, FreePose, FREE, MODES>;
 
-/// Cost and normal equations of all views at a state.
+/// Cost and normal equations of all views for one set of parameters.
 #[derive(Clone, Debug)]
 struct Linearisation<const N: usize, const M: usize> {
     cost: f64,
-    /// Cost of the keypoints of each group, without its trust.
+    /// Cost of the keypoints of each group, before multiplication by the group's weight.
     keypoints: Vec<f64>,
     grams: Vec<Gram<N, M>>,
 }
 
 impl<'a, P: Pose<N>, const N: usize, const M: usize> CarsProblem<'a, P, N, M> {
-    /// Creates a problem. Views of a group must follow each other.
+    /// Creates a problem. The views of each group must be consecutive in `views`.
     pub fn new(
         model: &'a PointModes<M>,
         mut views: Vec<View>,
@@ -168,9 +172,11 @@ impl<'a, P: Pose<N>, const N: usize, const M: usize> CarsProblem<'a, P, N, M> {
         }
     }
 
-    /// Whitens every observation with its measured covariance, the atlas' residual and an error of `extra_m` metres.
+    /// Updates the whitening of every keypoint, for the current camera and poses.
     ///
-    /// The residual's sd is multiplied by `atlas_scale`. Residual and extra error are projected at the current pose.
+    /// Three covariances add up: the measured covariance, the covariance of the atlas' residual, and that of an extra
+    /// error. The residual's sd is multiplied by `atlas_scale`. The extra error has the sd `extra_m`, m. Residual and
+    /// extra error are projected into the image.
     pub fn whiten(&mut self, atlas_scale: f64, extra_m: f64) {
         let camera = CameraFrame::new(&self.state.camera);
         for (view, pose) in self.views.iter().zip(&self.state.poses) {
@@ -183,8 +189,9 @@ impl<'a, P: Pose<N>, const N: usize, const M: usize> CarsProblem<'a, P, N, M> {
         }
     }
 
-    /// Computes cost and normal equations of the current state (or the trial), and returns the cost.
+    /// Computes cost and normal equations, and returns the cost.
     ///
+    /// The parameters are those of the trial state if `trial` is `true`, and those of the current state otherwise.
     /// Returns `None` if a keypoint cannot be projected.
     fn evaluate(&mut self, trial: bool) -> Option<f64> {
         let (state, into) = match trial {
@@ -212,7 +219,9 @@ impl<'a, P: Pose<N>, const N: usize, const M: usize> CarsProblem<'a, P, N, M> {
         into.cost.is_finite().then_some(into.cost)
     }
 
-    /// Eliminates views and shapes. Returns the camera's reduced Hessian and gradient, without prior and factors.
+    /// Eliminates poses and shapes, and returns the Hessian and gradient that remain for the camera.
+    ///
+    /// The camera's prior and factors are not included. Returns `None` if a car's block is not positive definite.
     fn eliminate(&mut self, damping: f64) -> Option<(Matrix4<f64>, Vector4<f64>)> {
         let mut rows = [[0.0; MAX_WIDTH]; 4];
         for (g, group) in self.groups.iter().enumerate() {
@@ -229,9 +238,10 @@ impl<'a, P: Pose<N>, const N: usize, const M: usize> CarsProblem<'a, P, N, M> {
         Some(camera_system::<N, M>(&rows))
     }
 
-    /// Sums gradient and diagonal of shapes and camera over views, and decides which coefficients are fixed.
+    /// Sums the gradients and Hessian diagonals of shapes and camera over the views.
     ///
-    /// Returns the largest scaled gradient.
+    /// It also decides which shape coefficients are fixed at their bounds. Returns the largest entry of the scaled
+    /// gradient.
     fn gather(&mut self) -> f64 {
         self.camera_terms = self.knowledge.terms(&self.state.camera);
         self.camera_gradient = self.camera_terms.gradient;
@@ -260,7 +270,7 @@ impl<'a, P: Pose<N>, const N: usize, const M: usize> CarsProblem<'a, P, N, M> {
                     see(group.trust, view.gradient(i), view.diagonal(i));
                 }
             }
-            // Projected Newton (Bertsekas 1982): a coefficient at its bound with an outward descent direction is fixed.
+            // Projected Newton method (Bertsekas 1982): fixes a coefficient at its bound if descent would go beyond it.
             for j in 0..M {
                 let [low, high] = self.model.bounds[j];
                 let outward = (shape[j] <= low && block.gradient[j] > 0.0)

@@ -1,4 +1,4 @@
-//! The usable part of a frame's input, and problems made of subsets of it.
+//! Preparation of a frame's input: selects usable views and builds least-squares problems from some or all of them.
 
 use std::sync::Arc;
 
@@ -15,29 +15,31 @@ use crate::options::SceneOptions;
 use crate::problem::cars::{CarsProblem, Group, State, View};
 use crate::solution::CarView;
 
-/// Returns the cost of keypoints with this total weight if none of them fits; finite even without robustness.
+/// Returns the cost of keypoints with this total weight if all of them are outliers.
+///
+/// It is finite even if the outlier model is switched off.
 pub(crate) fn cost_of_missing(kernel: &OutlierModel, weight: f64) -> f64 {
     0.5 * weight * kernel.cost_of_wrong().min(50.0)
 }
 
-/// A view with enough usable keypoints.
+/// A view (a car's keypoints in one frame) with enough usable keypoints.
 pub(crate) struct UsableView {
-    /// Index in the caller's list.
+    /// Index of the view in the caller's list.
     pub index: usize,
     /// Number of the physical car.
     pub group: usize,
-    /// Usable keypoints.
+    /// Usable keypoints of the view.
     pub observations: Vec<Observation>,
 }
 
-/// Pose and shape of a view's car.
+/// Pose and shape of the car in a view.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PoseAndShape<P> {
     pub pose: P,
     pub shape: Shape,
 }
 
-/// A frame's input, sorted by group as problems need it.
+/// A frame's usable input, in which the views of each physical car are consecutive.
 pub(crate) struct Setup<'a> {
     pub atlas: &'a ShapeAtlas,
     pub model: &'a PointModes,
@@ -75,7 +77,10 @@ impl<'a> Setup<'a> {
         Self { atlas, model, options, usable_views, knowledge, size }
     }
 
-    /// Returns the problem of all views with a pose, and the views' indices in `usable_views`.
+    /// Builds the problem of all views that have a pose in `placed`.
+    ///
+    /// `placed` has one entry per usable view. The second result lists the problem's views by their index in
+    /// `usable_views`.
     pub fn problem<P: Pose<N>, const N: usize>(
         &self,
         camera: Vector4<f64>,
@@ -108,7 +113,7 @@ impl<'a> Setup<'a> {
         (problem, members)
     }
 
-    /// Returns the cost of the keypoints of all views without a pose: none of them fits.
+    /// Returns the cost of all views without a pose in `placed`: all their keypoints count as outliers.
     pub fn cost_of_missing<P>(&self, placed: &[Option<PoseAndShape<P>>]) -> f64 {
         let missing = self.usable_views.iter().zip(placed).filter(|(_, place)| place.is_none());
         let cost = |usable_view: &UsableView| {
@@ -117,7 +122,9 @@ impl<'a> Setup<'a> {
         missing.map(|(usable_view, _)| cost(usable_view)).sum()
     }
 
-    /// Returns poses and shapes of a problem's cars, for all usable views.
+    /// Returns pose and shape of the car in each usable view; `None` for views that are not in the problem.
+    ///
+    /// `members` lists the problem's views by their index in `usable_views`.
     pub fn read_back<P: Pose<N>, const N: usize>(
         &self,
         problem: &CarsProblem<'_, P, N, MODES>,
@@ -132,7 +139,7 @@ impl<'a> Setup<'a> {
 }
 
 impl<'a, P: Pose<N>, const N: usize> CarsProblem<'a, P, N, MODES> {
-    /// Creates the problem of one view and a given camera.
+    /// Creates the problem of one view, with a fixed camera.
     pub fn alone(
         model: &'a PointModes,
         camera: Vector4<f64>,
@@ -149,12 +156,12 @@ impl<'a, P: Pose<N>, const N: usize> CarsProblem<'a, P, N, MODES> {
         problem
     }
 
-    /// Sets pose and shape of the car in a problem of one view.
+    /// Sets pose and shape of the only car, in a problem of one view.
     pub fn set_pose_and_shape(&mut self, place: PoseAndShape<P>) {
         (self.state.poses[0], self.state.shapes[0]) = (place.pose, place.shape);
     }
 
-    /// Returns the current pose and shape of a view's car.
+    /// Returns the current pose and shape of the car in a view.
     pub fn pose_and_shape(&self, view: usize) -> PoseAndShape<P> {
         PoseAndShape { pose: self.state.poses[view], shape: self.state.shapes[self.views[view].group] }
     }

@@ -1,4 +1,4 @@
-//! The last steps: the camera of the first modes is refined with all modes of the atlas.
+//! Refinement of the camera with all modes of the shape atlas, after the solve with its first 6 modes.
 
 use nalgebra::{Matrix4, Vector4};
 use roadplane_base::{ALL_MODES, JointInformation, MODES, ShapeAtlas};
@@ -9,22 +9,23 @@ use crate::model::points::PointModes;
 use crate::options::SceneOptions;
 use crate::problem::cars::GroundProblem;
 
-/// Number of rounds. Each round updates the trust in every car, and minimises with the new weights.
+/// Number of rounds. In each round, the weights of the cars are updated, and the cost is minimised with the new
+/// weights.
 const ROUNDS_OF_TRUST: usize = 3;
 
 /// The estimated camera with its uncertainty.
 pub(crate) struct FineCamera {
-    /// (log focal, tilt, roll, log height).
+    /// Estimated parameters (log focal length, tilt, roll, log height).
     pub camera: Vector4<f64>,
-    /// Information of the cars, without prior and factors.
+    /// Information of the cars alone, without the camera's prior and factors.
     pub information: JointInformation,
-    /// Covariance, with prior and factors; rows of fixed parameters are zero.
+    /// Covariance of the parameters, with prior and factors; rows of fixed parameters are zero.
     pub covariance: Matrix4<f64>,
 }
 
-/// Refines the camera with all modes, from the minimum of `problem`.
+/// Refines the camera with all modes of the atlas, starting from the minimum of `problem`.
 ///
-/// Returns `None` if the step is switched off, or if a car cannot be evaluated.
+/// Returns `None` if this step is switched off, or if a car cannot be evaluated.
 pub(crate) fn camera_of_all_modes(
     atlas: &ShapeAtlas,
     problem: &GroundProblem<'_, MODES>,
@@ -39,7 +40,8 @@ pub(crate) fn camera_of_all_modes(
     // The start is near the minimum, so steps need little damping.
     let lm = LmOptions { initial_damping: 1e-6, ..options.lm };
     let descend = |all: &mut GroundProblem<'_, ALL_MODES>| minimise(all, &lm).cost.is_finite().then_some(());
-    // First with the wider sd of the first modes, so that no keypoint counts as wrong before the fine modes fit it.
+    // The first descent uses the larger keypoint sds of the first modes. So no keypoint becomes an outlier before the
+    // fine modes are fitted.
     descend(&mut all)?;
     all.whiten(scale, 0.0);
     descend(&mut all)?;
@@ -55,9 +57,9 @@ pub(crate) fn camera_of_all_modes(
     camera_of_cars(&mut all, options)
 }
 
-/// Returns the camera at a problem's minimum, with its bias corrected and the cars' shared errors in its covariance.
+/// Returns the camera at a problem's minimum, with its bias corrected.
 ///
-/// Returns `None` if a car cannot be evaluated.
+/// The covariance includes the errors that all cars share. Returns `None` if a car cannot be evaluated.
 pub(crate) fn camera_of_cars<const M: usize>(
     problem: &mut GroundProblem<'_, M>,
     options: &SceneOptions,
@@ -68,7 +70,7 @@ pub(crate) fn camera_of_cars<const M: usize>(
         None => JointInformation::of_camera(&alone, &camera),
     };
     if options.steps.bias {
-        // The correction uses the covariance without view errors, since those do not move the minimum.
+        // The correction uses the covariance without correlated errors, because correlations do not move the minimum.
         let covariance = problem.knowledge.covariance(&alone, &camera)?;
         camera += problem.bias_correction(&covariance).unwrap_or_default();
     }

@@ -1,20 +1,20 @@
-//! The descent from a start towards the minimum, with shapes freed in stages.
+//! The descent from a start towards the minimum, in stages with free shapes and smaller and smaller keypoint sds.
 
 use crate::linear::lm::{LmOptions, minimise};
 use crate::model::pose::Pose;
 use crate::options::SceneOptions;
 use crate::problem::cars::CarsProblem;
 
-/// Stages of the descent: extra sd of every keypoint (m) and factor on the shape prior.
+/// Stages of the descent: the extra sd of every keypoint (m), and the weight of the shape prior.
 ///
-/// The extra sd allows for the unknown shape, and falls from stage to stage. So keypoints of an unusual car do not
-/// count as outliers before its shape is fitted (graduated non-convexity, Blake and Zisserman 1987). The shape prior is
-/// weaker in early stages, because there keypoints have little weight against it.
+/// The extra sd accounts for the unknown shape, and decreases from stage to stage. So keypoints of an unusual car do
+/// not count as outliers before its shape is fitted (graduated non-convexity, Blake and Zisserman 1987). A large extra
+/// sd also reduces the weight of the keypoints. So the shape prior gets a smaller weight in the early stages.
 const SHAPE_STAGES: [(f64, f64); 3] = [(0.12, 0.1), (0.05, 0.3), (0.02, 0.7)];
 
-/// Minimises with free shapes in stages, and whitens again at the new poses before each stage.
+/// Minimises the cost over camera, poses and shapes in stages, and returns the cost near the minimum.
 ///
-/// Ends near the minimum and returns its cost.
+/// Each stage first updates the whitening of the keypoints for the new poses.
 pub(crate) fn approach<P: Pose<N>, const N: usize, const M: usize>(
     problem: &mut CarsProblem<'_, P, N, M>,
     options: &SceneOptions,

@@ -1,4 +1,4 @@
-//! The solution of one car.
+//! Conversion of one car's estimate into a [`CarSolution`].
 
 use nalgebra::{Isometry3, Matrix3, Matrix6, SMatrix};
 use roadplane_base::{CameraParams, MODES};
@@ -10,7 +10,9 @@ use crate::model::pose::{CameraFrame, Pose as _};
 use crate::problem::cars::GroundProblem;
 use crate::solution::CarSolution;
 
-/// Returns a view's solution, and the joint covariance of (x, y, heading, shape).
+/// Returns the solution of the car in view `k`, and the joint covariance of its (x, y, heading, shape).
+///
+/// `joint` is the covariance of (pose, shape, camera). Returns `None` if the pose cannot be evaluated.
 pub(crate) fn car_solution(
     problem: &GroundProblem<'_, MODES>,
     k: usize,
@@ -21,7 +23,7 @@ pub(crate) fn car_solution(
     let camera = CameraFrame::new(&problem.state.camera);
     let plane_pose = &problem.state.poses[k];
     let (ground, by) = plane_pose.on_ground(&plane_pose.frame(&camera)?, &camera);
-    // Derivative of (x, y, heading) by (anchor, heading, shape, camera).
+    // Derivative of (x, y, heading) with respect to (anchor, heading, shape, camera).
     let mut change = SMatrix::<f64, ON_PLANE, UNKNOWNS>::zeros();
     change.fixed_columns_mut::<ON_PLANE>(0).copy_from(&by.fixed_columns::<ON_PLANE>(0));
     change.fixed_columns_mut::<4>(CAMERA).copy_from(&by.fixed_columns::<4>(ON_PLANE));

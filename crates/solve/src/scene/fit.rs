@@ -1,4 +1,4 @@
-//! The fit of one car on a given plane before a given camera.
+//! The fit of one car's pose and shape, for a given camera and ground plane.
 
 use nalgebra::{SMatrix, Vector4};
 use roadplane_base::{Camera, CameraParams, GroundPlane, GroundPose, KeypointSet, MODES, ShapeAtlas};
@@ -18,28 +18,29 @@ use crate::solution::CarSolution;
 use crate::start::cold_start::COARSE_SD_M;
 use crate::start::on_plane::plane_pose_candidates;
 
-/// Number of headings that are refined to their minimum.
+/// Number of candidate headings that are used as starts of the descent.
 const FOLLOWED: usize = 4;
 
-/// A fitted car.
+/// The fit of one car for a given camera and ground plane.
 #[derive(Clone, Debug)]
 pub struct CarFit {
-    /// Pose, shape and inliers. Its covariances treat camera and plane as exact.
+    /// Pose, shape and inliers. The covariances treat camera and plane as exact.
     pub car: CarSolution,
-    /// Joint covariance of (x m, y m, heading rad, λ_1 … λ_6).
+    /// Joint covariance of (x m, y m, heading rad, the six shape coefficients).
     pub covariance: SMatrix<f64, 9, 9>,
-    /// Cost of the fit.
+    /// Cost at the minimum: keypoints and shape prior.
     pub cost: f64,
-    /// Cost of the best fit with another heading, minus `cost`; infinite without another fit. Below about 5 the heading
-    /// is a guess.
+    /// Cost of the best fit with another heading (more than 0.5 rad away), minus `cost`.
+    ///
+    /// The difference is infinite if there is no such fit. If it is less than about 5, the heading is a guess.
     pub margin: f64,
 }
 
-/// Fits pose and shape of one car.
+/// Fits pose and shape of one car to its keypoints, for a given camera and ground plane.
 ///
-/// A full circle of headings is tried even with a `start`, so that the evidence always decides between front and back.
-/// Returns `None` if fewer than [`MIN_KEYPOINTS`](roadplane_base::MIN_KEYPOINTS) keypoints are usable, if no pose can
-/// be evaluated, or if camera or plane are not finite.
+/// Headings all around the circle are tried even if a `start` is given. So the keypoints always decide between front
+/// and back. Returns `None` if fewer than [`MIN_KEYPOINTS`](roadplane_base::MIN_KEYPOINTS) keypoints are usable, if no
+/// pose can be evaluated, or if camera or plane are not finite.
 #[must_use]
 pub fn fit_car(
     atlas: &ShapeAtlas,
@@ -75,9 +76,10 @@ pub fn fit_car(
     Some(CarFit { car, covariance, cost, margin })
 }
 
-/// Fits a car before a given camera from each start: first its pose, then pose and shape.
+/// Fits one car for a given camera from each start: first its pose, then pose and shape.
 ///
-/// Returns the problems at their minima with their costs, lowest cost first.
+/// Returns one problem per start, at its minimum, with the cost; the lowest cost comes first. Starts that cannot be
+/// evaluated are left out.
 pub(crate) fn fits_from<'a, P: Pose<N>, const N: usize>(
     model: &'a PointModes,
     camera: Vector4<f64>,

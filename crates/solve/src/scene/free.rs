@@ -1,4 +1,6 @@
-//! Solves with free poses: the paper's own method, and the ablation of the joint solver.
+//! Solves with free poses (6 degrees of freedom), as in the paper *Car Pose in Context*.
+//!
+//! These solves are the baseline for the joint solver, in which all cars are on a common plane.
 
 use nalgebra::{Isometry3, Matrix4, Matrix6, Rotation3, SMatrix, Translation3, UnitQuaternion, Vector4};
 use roadplane_base::{Camera, CameraParams, ImageSize, KEYPOINTS, KeypointSet, MODES, Shape, ShapeAtlas};
@@ -19,43 +21,43 @@ use crate::solution::{CarView, SceneStatus};
 use crate::start::alternation::{LAST_TERMS, alternate};
 use crate::start::weak_perspective::{Appearance, DirectionGrid};
 
-/// Number of a car's view directions that are refined to their minimum.
+/// Number of possible view directions per car that are used as starts of the descent.
 const FOLLOWED: usize = 4;
 
-/// A car with a free pose.
+/// The fit of one car with a free pose (6 degrees of freedom).
 #[derive(Clone, Debug)]
 pub struct FreeCarFit {
-    /// Rigid motion from the car's to the camera's frame, m.
+    /// Rigid transform from the car frame to the camera frame, m.
     pub camera_from_car: Isometry3<f64>,
-    /// Covariance of (ω, T): turn about the camera's axes, rad, and translation, m.
+    /// Covariance of the pose: rotation vector about the camera's axes (rad), then translation (m).
     pub pose_covariance: Matrix6<f64>,
-    /// Shape coefficients, each in units of its sd over all cars.
+    /// Shape coefficients. Each is in units of the coefficient's standard deviation over all cars.
     pub shape: Shape,
-    /// Keypoints that are more likely right than wrong.
+    /// Whether each keypoint is an inlier: more likely right than wrong.
     pub inliers: [bool; KEYPOINTS],
-    /// Root mean square distance of the inliers from their projections, px.
+    /// Root mean square distance between the inliers and the projected keypoints of the fitted car, px.
     pub reprojection_rms_px: f64,
-    /// Cost of the fit.
+    /// Cost of the keypoints, without the shape prior.
     pub cost: f64,
 }
 
 /// Solution of a frame with free poses.
 #[derive(Clone, Debug)]
 pub struct FreeSceneSolution {
-    /// Result of the solve.
+    /// Outcome of the solve.
     pub status: SceneStatus,
-    /// Focal length and plane; without plane terms, the plane is the prior's.
+    /// Focal length and ground plane. If the solve had no plane terms, the plane is that of the prior.
     pub params: CameraParams,
-    /// Covariance of (log f, tilt, roll, log h).
+    /// Covariance of (log f, tilt, roll, log h): logarithms of focal length and height, angles in rad.
     pub covariance: Matrix4<f64>,
-    /// Solution per view, in the order of the input; `None` if a view could not be fitted.
+    /// Fit of the car in each view, in the order of the input; `None` if the view could not be fitted.
     pub cars: Vec<Option<FreeCarFit>>,
 }
 
-/// Fits pose and shape of one car before a given camera, without a ground plane.
+/// Fits pose and shape of one car for a given camera, without a ground plane.
 ///
-/// All view directions are tried, so that the evidence decides between front and back, and between the two flips of a
-/// flat view. Returns `None` if fewer than [`MIN_KEYPOINTS`](roadplane_base::MIN_KEYPOINTS) keypoints are usable.
+/// View directions all around the car are tried, so the keypoints decide between front and back. Returns `None` if
+/// fewer than [`MIN_KEYPOINTS`](roadplane_base::MIN_KEYPOINTS) keypoints are usable, or if no pose can be evaluated.
 #[must_use]
 pub fn fit_free_car(
     atlas: &ShapeAtlas,
@@ -75,12 +77,15 @@ pub fn fit_free_car(
     read_car(&problem, 0, &joint)
 }
 
-/// Solves all cars of a frame with free poses.
+/// Solves all cars of a frame with free poses, as in the paper *Car Pose in Context*.
 ///
-/// With `plane`, soft terms draw cars to a common plane (the paper's Eq. 7, solved by its Algorithm 1 and then
-/// jointly). The focal length may then be unknown. Without plane terms, the focal length is hardly observable (the
-/// paper's finding 1). The prior's focal length is then used unless one is given. Views of one group count as different
-/// cars.
+/// If `plane` is given, soft terms pull the cars towards a common plane (paper, Eq. 7). The start comes from the
+/// paper's Algorithm 1, and camera, poses and shapes are then refined jointly. The focal length may be unknown.
+///
+/// If `plane` is `None`, the focal length is hardly observable (paper, finding 1). So it is fixed: at the given value
+/// if there is one, and at the mean of the prior otherwise.
+///
+/// Views of one group count as different cars.
 #[must_use]
 pub fn solve_free_scene(
     atlas: &ShapeAtlas,
@@ -138,7 +143,7 @@ pub fn solve_free_scene(
     solution
 }
 
-/// Returns the best fit of a car before a given camera, from its possible view directions.
+/// Fits one car for a given camera from each of its possible view directions, and returns the fit of lowest cost.
 fn best_free<'a>(
     atlas: &ShapeAtlas,
     model: &'a PointModes,
@@ -153,7 +158,9 @@ fn best_free<'a>(
     fits.into_iter().map(|(_, problem)| problem).next()
 }
 
-/// Minimises, with the mixture of each car's likely body types as its prior unless cars are exactly in the atlas.
+/// Minimises the cost, and then repeats this with the shape prior of each car's likely body types.
+///
+/// Body types are not used if `atlas_residual_scale` is 0. Returns `None` if the pose of a car is not determined.
 fn minimise_with_types(
     atlas: &ShapeAtlas,
     problem: &mut FreeProblem<'_>,
@@ -172,7 +179,7 @@ fn minimise_with_types(
 
 fn free_from(appearance: &Appearance, focal_px: f64) -> FreePose {
     let rotation = Rotation3::from_matrix_unchecked(appearance.camera_from_car(focal_px));
-    // A scale of s px/m means a depth of f/s, so e^ρ = 1/s.
+    // A scale of s px/m means the depth f/s. So the ratio of depth to focal length is 1/s.
     FreePose {
         camera_from_car: UnitQuaternion::from_rotation_matrix(&rotation),
         anchor: appearance.origin,
@@ -184,7 +191,7 @@ fn read_car(problem: &FreeProblem<'_>, k: usize, joint: &Joint) -> Option<FreeCa
     const UNKNOWNS: usize = Gram::<FREE, MODES>::RESIDUAL;
     let (place, fit) = (problem.pose_and_shape(k), problem.fit_of(k)?);
     let frame = place.pose.frame(&CameraFrame::new(&problem.state.camera))?;
-    // Derivative of (ω, T) by all unknowns.
+    // Derivative of (rotation vector, translation) with respect to all unknowns.
     let mut change = SMatrix::<f64, 6, UNKNOWNS>::zeros();
     let by_pose = frame.by_pose.iter().enumerate();
     let by_camera =

@@ -1,4 +1,4 @@
-//! The solution at the minimum: the camera of all modes, its covariance, and the cars before it.
+//! The solution at the minimum: the camera refined with all modes, its covariance, and the cars' poses and shapes.
 
 use nalgebra::{Matrix4, Vector4};
 use roadplane_base::{Camera, CameraParams, JointInformation, MODES};
@@ -12,9 +12,10 @@ use crate::scene::car::car_solution;
 use crate::scene::fit::fit_car;
 use crate::solution::{CarSolution, CarView, SceneSolution, SceneStatus};
 
-/// Returns the solution of a problem at its minimum.
+/// Returns the solution of a problem that is at its minimum.
 ///
-/// `members` are the indices of the problem's views. Other usable views are then fitted with the estimated camera kept fixed.
+/// `members` lists the problem's views by their index in `setup.usable_views`. Usable views outside the problem are
+/// fitted one by one to the estimated camera, which stays fixed.
 pub(crate) fn read_out(
     setup: &Setup<'_>,
     problem: &mut GroundProblem<'_, MODES>,
@@ -35,7 +36,7 @@ pub(crate) fn read_out(
         problem.follow(&(answer.camera - problem.state.camera));
     }
     if is_fine {
-        // The camera's change is too large for the linear update of the cars to be exact.
+        // The camera changed too much for the linear update of the cars to be exact. So the cars are minimised again.
         problem.knowledge.fixed = [true; 4];
         minimise(problem, &options.lm);
         if problem.information().is_none() {
@@ -76,7 +77,7 @@ pub(crate) fn read_out(
     }
 }
 
-/// Returns a solution that contains only the prior.
+/// Returns a solution without cars, whose camera and covariance are those of the prior.
 pub(crate) fn unsolved(setup: &Setup<'_>, views: usize, status: SceneStatus) -> SceneSolution {
     let knowledge = &setup.knowledge;
     let variance = |i, _| if knowledge.fixed[i] { 0.0 } else { 1.0 / knowledge.information[i] };

@@ -1,18 +1,20 @@
-//! Reclassification of single keypoints as right or wrong.
+//! Reclassification of single keypoints as inliers or outliers, to leave a poor local minimum.
 //!
-//! A wrong keypoint may have distorted the shape until it fits, or a right one may be left out. To leave such a
-//! minimum, the opposite decision is tried for every doubtful keypoint.
+//! At such a minimum, a wrong keypoint may have distorted the car's shape until the keypoint fits. Or a right keypoint
+//! may count as an outlier. So for every doubtful keypoint, the opposite class is tried.
 //!
-//! Let J and r be the keypoint's rows and residual, and C the fit's covariance. Removing (or adding) the keypoint moves
-//! the minimum, to first order, by the downdate (or update) of a Kalman filter. Its residual becomes
+//! Let J and r be the Jacobian and the residual of the keypoint, both whitened, and C the covariance of the fit. If the
+//! keypoint is removed or added, the minimum moves by δ to first order. The formulas are those of a Kalman filter, and
+//! r̃ is the residual at the new minimum:
 //!
 //! ```text
-//! out   δ =  C Jᵀ r̃    r̃ = (I − J C Jᵀ)⁻¹ r      in   δ = −C Jᵀ r̃    r̃ = (I + J C Jᵀ)⁻¹ r
+//! removed   r̃ = (I − J C Jᵀ)⁻¹ r    δ =  C Jᵀ r̃
+//! added     r̃ = (I + J C Jᵀ)⁻¹ r    δ = −C Jᵀ r̃
 //! ```
 //!
-//! The cost then changes by about ½ (t² − r·r̃), or by the negative of this. If the change is small enough, the fit is
-//! minimised from there. Source of the deleted residual: Cook and Weisberg, Residuals and Influence in Regression,
-//! §2.2.
+//! The cost then changes by about ½ (t² − r·r̃) for a removed keypoint, and by about ½ (r·r̃ − t²) for an added one.
+//! The cost of an outlier is ½ t². If the predicted change is small enough, the cost is minimised again from the new
+//! point. Source of r̃ for a removed keypoint: Cook and Weisberg, Residuals and Influence in Regression, §2.2.
 
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2, Vector4};
 use roadplane_base::MODES;
@@ -25,22 +27,26 @@ use crate::model::pose::Pose as _;
 use crate::problem::cars::{CarsProblem, GroundProblem};
 use crate::problem::setup::{PoseAndShape, Setup};
 
-/// Number of unknowns of a car before a given camera.
+/// Number of unknowns of one car (pose and shape) for a fixed camera.
 const OWN: usize = Gram::<ON_PLANE, MODES>::CAMERA;
-/// Column of the residual.
+/// Index of the residual's column in a row of the Jacobian.
 const RESIDUAL: usize = Gram::<ON_PLANE, MODES>::RESIDUAL;
-/// Largest predicted increase of the cost for which a change is tried.
+/// Largest predicted increase of the cost at which a keypoint's opposite class is tried.
 const DOUBT: f64 = 8.0;
-/// Number of changes tried per car and round, the most promising first.
+/// Number of keypoints tried per car and round; those with the largest predicted decrease of the cost come first.
 const TRIES: usize = 8;
-/// Rounds per car, because one keypoint may mask another.
+/// Largest number of rounds per car. Several rounds are needed, because one wrong keypoint may hide another.
 const ROUNDS: usize = 3;
-/// Least decrease of the cost that counts as an improvement.
+/// Smallest decrease of the cost that counts as an improvement.
 const MIN_GAIN: f64 = 0.01;
-/// Least determinant of (I ∓ J C Jᵀ). A keypoint below it alone determines a direction, and is not tried.
+/// Smallest determinant of the matrices I ∓ J C Jᵀ at which a keypoint is tried.
+///
+/// A smaller determinant means that this keypoint alone determines some direction of the unknowns.
 const MIN_FREEDOM: f64 = 1e-3;
 
-/// Returns a better pose and shape of a view before this camera, if reclassifying single keypoints finds one.
+/// Returns a pose and shape of lower cost for the car in one view, if reclassified keypoints lead to such a fit.
+///
+/// The camera is fixed, and `place` is the present pose and shape.
 pub(crate) fn reclassified(
     setup: &Setup<'_>,
     camera: &Vector4<f64>,
@@ -72,7 +78,9 @@ pub(crate) fn reclassified(
     (lowest.0 < before - MIN_GAIN).then_some(lowest.1)
 }
 
-/// Returns the predicted fits with one doubtful keypoint removed or added, the most promising first.
+/// Returns predicted poses and shapes, each with one doubtful keypoint removed or added.
+///
+/// The prediction with the lowest cost comes first.
 fn starts(problem: &mut GroundProblem<'_, MODES>) -> Option<Vec<PoseAndShape<PlanePose>>> {
     let joint = problem.only_view_covariance()?;
     let own = joint.fixed_view::<OWN, OWN>(0, 0).into_owned();

@@ -1,4 +1,4 @@
-//! Solves from a given scene: the joint refinement alone, and the Cramér–Rao bound.
+//! Solves that start from a given scene: joint refinement without a search, and the Cramér–Rao bound.
 
 use roadplane_base::{CameraParams, GroundPose, ImageSize, Shape, ShapeAtlas};
 
@@ -11,20 +11,21 @@ use crate::problem::setup::{PoseAndShape, Setup};
 use crate::scene::read_out::read_out;
 use crate::solution::{CarView, SceneSolution};
 
-/// A given scene: camera, and pose and shape per view.
+/// Given values of a scene: the camera, and the pose and shape of the car in each view.
 #[derive(Clone, Copy, Debug)]
 pub struct GivenScene<'a> {
-    /// Focal length and plane.
+    /// Focal length, tilt, roll and height of the camera.
     pub params: CameraParams,
-    /// Pose per view.
+    /// Pose of the car in each view.
     pub poses: &'a [GroundPose],
-    /// Shape per view; the shape of a group's first view holds for the group.
+    /// Shape of the car in each view. For several views of one car, the first view's shape is used.
     pub shapes: &'a [Shape],
 }
 
-/// Refines a given scene jointly, without search, reclassification or rejection.
+/// Refines camera, poses and shapes jointly, starting from the given scene.
 ///
-/// Returns `None` if the lists differ in length, if no view is usable, or if the start cannot be evaluated.
+/// Nothing is searched, rejected or reclassified. Returns `None` if the lists differ in length, if no view is usable,
+/// or if the cost cannot be evaluated at the start.
 #[must_use]
 pub fn refine_scene(
     atlas: &ShapeAtlas,
@@ -36,10 +37,11 @@ pub fn refine_scene(
     at_given_scene(atlas, size, views, from, options, true)
 }
 
-/// Computes the covariances at a given scene without moving it.
+/// Returns the given scene unchanged, with the covariances of its parameters.
 ///
-/// At the true scene they are the Cramér–Rao bound (Bayesian in the shapes). For this, the outlier model must be off
-/// and all keypoints must be right. Returns `None` as [`refine_scene`] does.
+/// If the given scene is the true one, the covariances are the Cramér–Rao bound, with shapes treated as random. For
+/// this, the outlier model must be switched off and all keypoints must be right. Returns `None` in the same cases as
+/// [`refine_scene`].
 #[must_use]
 pub fn scene_bound(
     atlas: &ShapeAtlas,

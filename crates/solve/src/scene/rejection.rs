@@ -6,10 +6,10 @@ use crate::options::SceneOptions;
 use crate::problem::cars::GroundProblem;
 use crate::problem::setup::cost_of_missing;
 
-/// Whether a view shows a car on this plane.
+/// Whether view `k` shows a car on the ground plane of the problem's camera.
 ///
-/// Enough of its keypoints must fit. The cost of fit and shape must be well below the cost of "all keypoints are
-/// wrong".
+/// Enough keypoints must fit. The cost of keypoints and shape must also be well below the cost that the view has if all
+/// its keypoints are outliers.
 pub(crate) fn belongs(problem: &GroundProblem<'_, MODES>, k: usize, options: &SceneOptions) -> bool {
     let Some(fit) = problem.fit_of(k) else { return false };
     let group = problem.views[k].group;

@@ -1,14 +1,16 @@
-//! The whole solve of one frame, from top to bottom:
+//! The complete solve of one frame, in seven steps:
 //!
-//! 1. starts: the given one, or a search from nothing (`start/cold_start.rs`);
-//! 2. minimisation from each start with free shapes, in stages (`approach.rs`); the lowest cost is kept;
-//! 3. rejection of views that do not fit a car, and minimisation with the others (`rejection.rs`);
-//! 4. the minimum;
-//! 5. reclassification of single keypoints (`reclassify.rs`);
-//! 6. the camera of all modes, with body types and trust (`all_modes.rs`) and corrected bias (`problem/cars/bias.rs`);
-//! 7. covariances, and the cars before that camera (`read_out.rs`).
+//! 1. Use the given start of the camera, or search for starts (`start/cold_start.rs`).
+//! 2. Minimise the cost in stages from each start, and continue with the result of lowest cost (`approach.rs`).
+//! 3. Reject views that do not fit a car, and minimise with the remaining views (`rejection.rs`).
+//! 4. Minimise until convergence.
+//! 5. Try the opposite class (inlier or outlier) for doubtful keypoints (`reclassify.rs`).
+//! 6. Refine the camera with all modes of the shape atlas (`all_modes.rs`), and correct its bias
+//!    (`problem/cars/bias.rs`).
+//! 7. Compute covariances, and the cars' poses and shapes for the final camera (`read_out.rs`).
 //!
-//! [`Steps`](crate::Steps) switches steps off, to measure their effects (`roadplane-lab eval solver --layers`).
+//! [`Steps`](crate::Steps) can switch steps off. `roadplane-lab eval solver --layers` measures the effects of the
+//! steps.
 
 use roadplane_base::{CameraParams, ImageSize, MODES, ShapeAtlas};
 
@@ -24,21 +26,23 @@ use crate::scene::rejection::belongs;
 use crate::solution::{CarView, SceneSolution, SceneStatus};
 use crate::start::cold_start::{Start, coarse, cold_starts, place_all};
 
-/// Number of starts that are refined with shapes.
+/// Number of starts from the search that are refined with free shapes.
 const FINALISTS: usize = 3;
-/// Largest number of rounds of rejection.
+/// Largest number of rounds that reject views.
 const REJECTION_ROUNDS: usize = 3;
-/// Largest number of rounds of reclassification of keypoints, over all cars.
+/// Largest number of rounds that reclassify keypoints; each round goes through all cars.
 const RECLASSIFY_ROUNDS: usize = 4;
 /// Largest cost per keypoint at which a given start is used without a search.
 const GOOD_COST_PER_KEYPOINT: f64 = 2.0;
-/// Largest change of (log focal, tilt, roll, log height) from a given start; beyond it, the search decides.
+/// Largest distance of the solution from a given start, in (log focal length, tilt, roll, log height).
+///
+/// If the distance is larger, the solver searches for other starts.
 const WARM_REACH: [f64; 4] = [0.3, 0.1, 0.1, 0.3];
 
-/// Solves a frame for focal length, plane, poses and shapes.
+/// Estimates focal length, ground plane, and the poses and shapes of all cars of one frame.
 ///
-/// It never panics or hangs. The status names the reason if a frame cannot be solved, and the covariance is then as
-/// wide as the prior's.
+/// The function never panics or hangs. If a frame cannot be solved, the status gives the reason, and the covariance is
+/// that of the prior.
 #[must_use]
 pub fn solve_scene(
     atlas: &ShapeAtlas,
@@ -66,9 +70,9 @@ pub fn solve_scene(
     finish(&setup, start, views)
 }
 
-/// Minimises from each start with free shapes, and returns the state of lowest cost.
+/// Minimises the cost from each start, with free shapes, and returns the result of lowest cost.
 ///
-/// A car without a pose costs as much as outliers only.
+/// All keypoints of a car without a pose count as outliers.
 fn best_of(setup: &Setup<'_>, starts: Vec<Start>) -> Option<Start> {
     let mut best: Option<Start> = None;
     for start in starts {
@@ -82,7 +86,7 @@ fn best_of(setup: &Setup<'_>, starts: Vec<Start>) -> Option<Start> {
     best
 }
 
-/// Returns the start that the caller gives, if the cars fit there.
+/// Returns the caller's start after a short refinement, or `None` if the cars do not fit it.
 fn warm_start(setup: &Setup<'_>) -> Option<Start> {
     let mut camera = setup.options.start.map(CameraParams::to_vector)?;
     if !camera.iter().all(|v| v.is_finite()) {
@@ -96,14 +100,14 @@ fn warm_start(setup: &Setup<'_>) -> Option<Start> {
     (start.cost < GOOD_COST_PER_KEYPOINT * keypoints as f64).then_some(start)
 }
 
-/// Minimises with free shapes.
+/// Minimises the cost with free shapes until convergence.
 fn polish(problem: &mut GroundProblem<'_, MODES>, options: &SceneOptions) -> LmReport {
     problem.shapes_fixed = false;
     problem.whiten(options.atlas_residual_scale, 0.0);
     minimise(problem, &options.lm)
 }
 
-/// Rejects false detections, refines to the minimum and returns the solution.
+/// Completes the solve from a start: rejects false detections, minimises the cost and returns the solution.
 fn finish(setup: &Setup<'_>, start: Start, views: &[CarView<'_>]) -> SceneSolution {
     let options = setup.options;
     let mut camera = start.camera;

@@ -1,16 +1,25 @@
-//! The paper's Algorithm 1: finds consistent focal length, plane and poses from free poses at a wrong focal length.
+//! Algorithm 1 of the paper *Car Pose in Context*: estimates focal length, ground plane and free poses alternately.
 //!
-//! # The focal update
-//! Let the true focal length be f and the plane `A x + B y + C z + D = 0`. At `f' = λ f` the same images put every car
-//! at `(x, y, λ z)` with its rotation unchanged (paper §4.2). So
+//! The algorithm starts from poses with 6 degrees of freedom that were fitted at a wrong focal length.
+//!
+//! # Update of the focal length
+//! Let f be the true focal length and `A x + B y + C z + D = 0` the true plane. Suppose that cars are fitted at a wrong
+//! focal length `f' = λ f`. Then a car at (x, y, z) appears at `(x', y', z') = (x, y, λ z)`, and its rotation does not
+//! change (paper §4.2). So the cars give two different planes, with normals v₁ and v₂:
 //!
 //! ```text
-//! plane through positions      A x' + B y' + (C/λ) z' + D = 0          v¹ ∝ (A, B, C/λ)
-//! plane from orientations      normal (A, B, C)                        v² ∝ (A, B, C)
+//! through the positions       A x' + B y' + (C/λ) z' + D = 0          v₁ ∝ (A, B, C/λ)
+//! from the orientations       normal (A, B, C)                        v₂ ∝ (A, B, C)
 //! ```
 //!
-//! Scaled to the same (a, b), the third components give `λ = v²_c / v¹_c`, and so `f = f' / λ = f' · v¹_c / v²_c`. The
-//! paper prints the inverse, which moves away from the truth. Normalising to unit length would mix λ into (a, b).
+//! Both normals are scaled so that their first two components agree. Their third components c₁ and c₂ then give
+//!
+//! ```text
+//! λ = c₂ / c₁,   f = f' / λ = f' · c₁ / c₂
+//! ```
+//!
+//! The paper prints the inverse of this ratio, which moves away from the truth. Scaling the normals to unit length
+//! would be wrong, because λ would change their first two components too.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -21,26 +30,27 @@ use crate::start::up_consensus::camera_on;
 
 /// Number of rounds of the alternation.
 const ROUNDS: usize = 8;
-/// Soft terms of the first round. Between first and last round, μ₁ and μ₂ grow geometrically.
+/// Soft plane terms of the first round. Their sds fall geometrically from the first to the last round.
 const FIRST_TERMS: PlaneTerms = PlaneTerms { distance_sd_m: 1.5, angle_sd: 0.3 };
-/// Soft terms of the last round.
+/// Soft plane terms of the last round.
 pub(crate) const LAST_TERMS: PlaneTerms = PlaneTerms { distance_sd_m: 0.05, angle_sd: 0.01 };
-/// Largest change of log f in a round.
+/// Largest change of the logarithm of the focal length in one round.
 const MAX_LOG_STEP: f64 = 0.5;
-/// Least |c| and least length of (a, b) at which a plane determines the focal length.
+/// Limit below which a component of a plane's normal is too small to determine the focal length.
 ///
-/// A smaller |c| means a nearly level camera, and a shorter (a, b) means a nearly vertical view.
+/// A nearly level camera has a small third component. A nearly vertical view has small first and second components.
 const MIN_COMPONENT: f64 = 0.03;
-/// Sd of the Gaussian weight that a car gets by its distance from a plane, as a share of the camera's height.
+/// Sd of the Gaussian that weights a car by its distance from a plane, as a fraction of the camera's height.
 const POSITION_TOLERANCE: f64 = 0.15;
-/// Sd of the Gaussian weight that a normal gets by its angle to another normal, rad.
+/// Sd of the Gaussian that weights a car's up direction by its angle to another up direction, rad.
 const NORMAL_TOLERANCE: f64 = 0.2;
-/// Largest number of triples of cars that are tried, at equal strides over all triples.
+/// Largest number of triples of cars that are tried. Larger sets of triples are sampled evenly.
 const MAX_TRIPLES: usize = 400;
 
-/// Returns `f_new / f` from the plane through positions and the normal from orientations, both pointing up.
+/// Returns the ratio of the new focal length to the present one.
 ///
-/// Returns `None` if the geometry does not determine the focal length.
+/// `by_positions` is the normal of the plane through the cars' positions. `by_orientations` is the normal from the
+/// cars' orientations. Both point up. Returns `None` if they do not determine the focal length.
 pub(crate) fn focal_factor(by_positions: &Vector3<f64>, by_orientations: &Vector3<f64>) -> Option<f64> {
     let c = |v: &Vector3<f64>| {
         let ab = v.xy().norm();
@@ -52,9 +62,10 @@ pub(crate) fn focal_factor(by_positions: &Vector3<f64>, by_orientations: &Vector
         .then(|| factor.clamp((-MAX_LOG_STEP).exp(), MAX_LOG_STEP.exp()))
 }
 
-/// Returns the plane on which most cars are, scaled so that `v · X + 1 = 0`, by RANSAC over triples in a fixed order.
+/// Returns the plane near which most cars are, as a vector v: points X on the plane satisfy `v · X + 1 = 0`.
 ///
-/// The plane is then fitted to the cars on it. Returns `None` if no triple defines a plane.
+/// Planes through three cars are tried in a fixed order, as in RANSAC. The best of them is then fitted to all cars near
+/// it. Returns `None` if no triple defines a plane.
 pub(crate) fn plane_through(positions: &[Vector3<f64>]) -> Option<Vector3<f64>> {
     let n = positions.len();
     let triples = n * n.saturating_sub(1) * n.saturating_sub(2) / 6;
@@ -89,7 +100,7 @@ pub(crate) fn plane_through(positions: &[Vector3<f64>]) -> Option<Vector3<f64>> 
         }
         plane = normal.cholesky()?.solve(&side);
     }
-    // The camera is above the plane, because v · 0 + 1 > 0 for its centre.
+    // The normal v points to the camera's side: at the camera's centre X = 0, v · X + 1 is positive.
     plane.iter().all(|v| v.is_finite()).then_some(plane)
 }
 
@@ -98,7 +109,7 @@ fn agreement(plane: &Vector3<f64>, position: &Vector3<f64>) -> f64 {
     (-0.5 * off * off).exp()
 }
 
-/// Returns the mean up direction of the cars that agree with most others.
+/// Returns the weighted mean of the cars' up directions; directions far from the majority get little weight.
 pub(crate) fn common_up(ups: &[Vector3<f64>]) -> Option<Vector3<f64>> {
     let weight = |a: &Vector3<f64>, b: &Vector3<f64>| {
         (-0.5 * (a - b).norm_squared() / (NORMAL_TOLERANCE * NORMAL_TOLERANCE)).exp()
@@ -109,10 +120,11 @@ pub(crate) fn common_up(ups: &[Vector3<f64>]) -> Option<Vector3<f64>> {
     sum.try_normalize(1e-9)
 }
 
-/// Runs Algorithm 1 in place, and returns `false` if the cars define no plane.
+/// Runs Algorithm 1 on a problem with free poses, and returns `false` if the cars define no plane.
 ///
-/// A round computes planes from positions and from orientations, updates the focal length, and minimises the poses with
-/// soft terms that grow from round to round.
+/// Each round computes one plane from the cars' positions and one from their orientations, and updates the focal
+/// length. Then it minimises the cost over poses and shapes. Soft terms pull the cars towards the plane, and become
+/// stricter in each round.
 pub(crate) fn alternate(problem: &mut FreeProblem<'_>, lm: &LmOptions) -> bool {
     let focal_given = problem.knowledge.fixed[0];
     let fixed = problem.knowledge.fixed;
@@ -127,7 +139,7 @@ pub(crate) fn alternate(problem: &mut FreeProblem<'_>, lm: &LmOptions) -> bool {
         let Some(up) = common_up(&ups) else { break };
         let factor = plane_through(&positions).and_then(|plane| focal_factor(&plane, &up));
         let focal_px = if focal_given { focal_px } else { focal_px * factor.unwrap_or(1.0) };
-        // (u, v, ρ) do not change, so the cars move to (x, y, λ z), as the update assumes.
+        // Poses keep their parameters (u, v, ρ), so only the depths z change with the focal length, as §4.2 assumes.
         let positions = cars.iter().map(|car| car.origin(focal_px));
         let Some(camera) = camera_on(focal_px, &up, positions) else { break };
         problem.state.camera = camera;
@@ -152,7 +164,7 @@ mod tests {
     use super::*;
     use roadplane_base::GroundPlane;
 
-    /// Returns positions of cars at a focal length that is wrong by the factor λ, as the paper assumes.
+    /// Returns the positions of cars that are fitted at a focal length λ times the true one (paper §4.2).
     fn positions_at(plane: &GroundPlane, lambda: f64) -> Vec<Vector3<f64>> {
         let camera_from_world = plane.camera_from_world();
         let at = |x: f64, y: f64| (camera_from_world * nalgebra::Point3::new(x, y, 0.0)).coords;

@@ -1,10 +1,12 @@
-//! The search for starts of the joint refinement.
+//! The search for start values of the joint refinement, when the camera is unknown.
 //!
-//! 0. possible view directions of every car, without a camera (`weak_perspective.rs`);
-//! 1. for each of several focal lengths, the planes on which the cars agree (`up_consensus.rs`);
-//! 2. pose of every car on that plane, in closed form (`on_plane.rs`);
-//! 3. a short joint refinement of camera and poses with the mean shape and wide whitening;
-//! 4. the few starts of lowest cost.
+//! The search has five steps:
+//!
+//! 1. Find possible view directions of every car; this needs no camera (`weak_perspective.rs`).
+//! 2. For each of several focal lengths, find ground planes that agree with most cars (`up_consensus.rs`).
+//! 3. Compute the pose of every car on each plane, in closed form (`on_plane.rs`).
+//! 4. Refine camera and poses jointly for a few iterations, with the mean shape and large keypoint sds.
+//! 5. Return the few starts of lowest cost.
 
 use nalgebra::Vector4;
 use roadplane_base::Shape;
@@ -17,20 +19,20 @@ use crate::start::on_plane::plane_pose_candidates;
 use crate::start::up_consensus::planes_for_focal;
 use crate::start::weak_perspective::DirectionGrid;
 
-/// Focal lengths that are tried, in units of the longer image side. The refinement covers values between them.
+/// Focal lengths that are tried, in units of the longer image side. The refinement reaches the values between them.
 const FOCAL_RATIOS: [f64; 6] = [0.4, 0.7, 1.2, 2.1, 3.6, 6.2];
-/// Number of planes per focal length.
+/// Number of ground planes that are tried per focal length.
 const PLANES: usize = 2;
-/// Number of cameras that are refined: those of lowest cost over all planes and focal lengths.
+/// Number of cameras that are refined. They have the lowest cost over all planes and focal lengths.
 const SKETCHES: usize = 6;
-/// Number of view directions kept per car.
+/// Number of possible view directions per car.
 const APPEARANCES: usize = 6;
-/// Largest number of cars whose view directions are searched. More cars do not change the consensus.
+/// Largest number of cars whose view directions are searched. More cars would hardly change the planes found.
 const MAX_VOTERS: usize = 12;
-/// Sd of a keypoint because of the car's unknown shape, in the first refinement, m.
+/// Sd of a keypoint due to the car's unknown shape, in the first refinement, m.
 pub(crate) const COARSE_SD_M: f64 = 0.12;
 
-/// A start: camera, cars' poses and shapes, and a coarse cost.
+/// Start values of the descent: the camera, the pose and shape of each usable view's car, and their rough cost.
 #[derive(Clone, Debug)]
 pub(crate) struct Start {
     pub cost: f64,
@@ -38,11 +40,11 @@ pub(crate) struct Start {
     pub placed: Vec<Option<PoseAndShape<PlanePose>>>,
 }
 
-/// Returns the starts, lowest cost first.
+/// Returns at most `most` starts that lead to different minima, lowest cost first.
 pub(crate) fn cold_starts(setup: &Setup<'_>, most: usize) -> Vec<Start> {
     let grid = DirectionGrid::new();
     let points = setup.atlas.keypoints_in_car(&Shape::zeros());
-    // The cars with most keypoints determine their direction best.
+    // Cars with many keypoints determine their view direction best.
     let mut order: Vec<usize> = (0..setup.usable_views.len()).collect();
     order.sort_by_key(|s| (std::cmp::Reverse(setup.usable_views[*s].observations.len()), *s));
     let voters: Vec<_> = order
@@ -73,7 +75,7 @@ pub(crate) fn cold_starts(setup: &Setup<'_>, most: usize) -> Vec<Start> {
     kept
 }
 
-/// Whether two refined starts have reached the same minimum.
+/// Whether two refined starts are at the same minimum.
 fn same_minimum(a: &Start, b: &Start) -> bool {
     let poses = a.placed.iter().zip(&b.placed).all(|(a, b)| match (a, b) {
         (Some(a), Some(b)) => roadplane_base::angle_difference(a.pose.heading, b.pose.heading).abs() < 0.1,
@@ -83,7 +85,7 @@ fn same_minimum(a: &Start, b: &Start) -> bool {
     poses && (a.camera - b.camera).amax() < 0.05
 }
 
-/// Returns a start with this camera and every view's best pose, for the mean shape.
+/// Returns a start with this camera, the mean shape, and the best pose of the car in each view.
 pub(crate) fn place_all(setup: &Setup<'_>, camera: &Vector4<f64>) -> Start {
     let frame = CameraFrame::new(camera);
     let points = setup.atlas.keypoints_in_car(&Shape::zeros());
@@ -97,7 +99,7 @@ pub(crate) fn place_all(setup: &Setup<'_>, camera: &Vector4<f64>) -> Start {
     Start { cost, camera: *camera, placed }
 }
 
-/// Refines camera and poses shortly; returns `None` if no car has a pose.
+/// Refines a start's camera and poses in a few iterations; returns `None` if no car has a pose.
 pub(crate) fn coarse(setup: &Setup<'_>, sketch: Start) -> Option<Start> {
     let placed = sketch.placed;
     let (mut problem, members) = setup.problem(sketch.camera, &placed);

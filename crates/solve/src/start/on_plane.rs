@@ -1,8 +1,8 @@
-//! Poses on the plane for a car of known shape, with camera and plane given: closed form for each of a circle of
-//! headings.
+//! Closed-form poses of a car of given shape on the ground plane, for a given camera.
 //!
-//! With a given heading, every keypoint alone determines the car's position. Its ray meets the horizontal plane at the
-//! keypoint's height, and its offset in the car is subtracted. The median over keypoints is robust to outliers.
+//! Headings all around the circle are tried. For each heading, every keypoint by itself determines the car's position.
+//! The keypoint's viewing ray is intersected with the horizontal plane at the keypoint's height. The keypoint's
+//! horizontal offset from the car's origin is then subtracted. The median over all keypoints is robust to outliers.
 
 use nalgebra::{Vector2, Vector3};
 use roadplane_base::{KEYPOINTS, median};
@@ -14,13 +14,15 @@ use crate::model::pose::{CameraFrame, Pose as _};
 /// Number of headings tried around the circle.
 const HEADINGS: usize = 32;
 
-/// Sd of a keypoint because of the car's unknown shape, m. Its variance is added to that of the measurement.
+/// Sd of a keypoint due to the car's unknown shape, m. Its variance is added to that of the measurement.
 const SHAPE_SD_M: f64 = 0.15;
 
-/// Largest cost of one keypoint.
+/// Upper limit of the cost of one keypoint, which makes the cost robust to outliers.
 const CAP: f64 = 9.0;
 
-/// Returns candidate poses with their costs, lowest cost first: the local minima of the cost over heading.
+/// Returns up to `most` candidate poses with their costs, lowest cost first.
+///
+/// The candidates are the local minima of the cost as a function of the heading.
 pub(crate) fn plane_pose_candidates(
     camera: &CameraFrame,
     points_in_car: &[Vector3<f64>; KEYPOINTS],
@@ -66,7 +68,7 @@ pub(crate) fn plane_pose_candidates(
     minima
 }
 
-/// Returns the point where an observation's ray meets the horizontal plane at height `z_m`, world x and y, m.
+/// Returns the point (world x and y, m) where a keypoint's viewing ray meets the horizontal plane at height `z_m`.
 fn meeting(camera: &CameraFrame, observation: &Observation, z_m: f64) -> Option<Vector2<f64>> {
     let f = camera.focal_px;
     let ray =
@@ -75,7 +77,9 @@ fn meeting(camera: &CameraFrame, observation: &Observation, z_m: f64) -> Option<
     (ray.z < -1e-4 && length > 0.0).then(|| ray.xy() * length)
 }
 
-/// Returns a truncated cost of a pose. It allows for the car's unknown shape. `None` if the pose cannot be evaluated.
+/// Returns the cost of a pose; `None` if the pose cannot be evaluated.
+///
+/// The cost per keypoint has an upper limit. Its variance includes the car's unknown shape.
 pub(crate) fn rough_cost(
     camera: &CameraFrame,
     points_in_car: &[Vector3<f64>; KEYPOINTS],

@@ -1,30 +1,37 @@
-//! Plane hypotheses from single cars.
+//! Hypotheses about the ground plane, from the possible views of single cars.
 //!
-//! The normal is the up direction on which most cars agree (the paper's RANSAC on `{R_k}`, but exhaustive instead of
-//! random). The height follows from the cars' sizes (the paper's RANSAC on `{T_k}`). Size determines depth: a car with
-//! s px/m is at z = f/s, so `n · T + h = 0` becomes `s = −(n_x u + n_y v + n_z f) / h`.
+//! The plane's normal n is the up direction on which most cars agree. The paper *Car Pose in Context* uses RANSAC on
+//! the cars' rotations. Here, all candidates are tried instead of random ones.
+//!
+//! The height h follows from the cars' sizes in the image. A car with a scale of s px/m is at the depth z = f/s, where
+//! f is the focal length in px. Let (u, v) be the car's pixel relative to the principal point, and T its position. Then
+//! `n · T + h = 0` becomes `s = −(n_x u + n_y v + n_z f) / h`. The paper uses RANSAC on the cars' positions.
 
 use nalgebra::{Vector3, Vector4};
 use roadplane_base::GroundPlane;
 
 use crate::start::weak_perspective::Appearance;
 
-/// Sd of the Gaussian weight by which cars' up directions support each other, by the angle between them, rad.
+/// Sd of the Gaussian that weights an up direction by its angle to another up direction, rad.
 const AGREEMENT_RAD: f64 = 0.14;
-/// Rate at which an appearance's vote falls with its cost: the vote is exp(−rate · (cost − cost of the car's best)).
+/// Rate r at which the vote of a possible view falls with its cost.
+///
+/// The vote is exp(−r · (cost − lowest cost over the car's possible views)).
 const COST_SCALE: f64 = 0.35;
-/// Least support of a further plane, as a share of the best one's.
+/// Smallest support of a plane, as a fraction of the support of the best plane.
 const MIN_SUPPORT: f64 = 0.5;
-/// Least and largest tilt of a hypothesis, rad.
+/// Smallest and largest tilt of a hypothetical camera, rad.
 const TILT_RANGE: [f64; 2] = [-0.05, 1.5];
-/// Largest roll of a hypothesis, rad.
+/// Largest roll of a hypothetical camera, rad.
 const MAX_ROLL: f64 = 0.8;
-/// Least height of a hypothesis, m.
+/// Smallest height of a hypothetical camera above the ground, m.
 const MIN_HEIGHT_M: f64 = 0.3;
 
-/// Returns cameras (log f, tilt, roll, log h) on which the cars agree at this focal length, best supported first.
+/// Returns up to `most` cameras (log f, tilt, roll, log h) with this focal length that agree with many cars.
+///
+/// The camera with the largest support comes first. `cars` contains the possible views of each car.
 pub(crate) fn planes_for_focal(cars: &[Vec<Appearance>], focal_px: f64, most: usize) -> Vec<Vector4<f64>> {
-    // Entries: (car, vote, up in the camera frame, index of the appearance).
+    // Entries: (index of the car, vote, up direction in the camera frame, index of the possible view).
     let mut ballots: Vec<(usize, f64, Vector3<f64>, usize)> = Vec::new();
     for (k, appearances) in cars.iter().enumerate() {
         let Some(best) = appearances.first() else { continue };
@@ -59,7 +66,9 @@ pub(crate) fn planes_for_focal(cars: &[Vec<Appearance>], focal_px: f64, most: us
     planes
 }
 
-/// Averages up directions around a seed, and computes tilt, roll and height; `None` if there is no valid camera.
+/// Returns the camera (log f, tilt, roll, log h) whose up direction is the weighted mean of directions near `seed`.
+///
+/// Returns `None` if there is no valid camera.
 fn camera_from_up(
     cars: &[Vec<Appearance>],
     ballots: &[(usize, f64, Vector3<f64>, usize)],
@@ -82,9 +91,10 @@ fn camera_from_up(
     camera_on(focal_px, &up, chosen.map(position))
 }
 
-/// Returns the camera (log f, tilt, roll, log h) with this up direction above cars at these positions.
+/// Returns the camera (log f, tilt, roll, log h) with this up direction, above cars at these positions.
 ///
-/// The height is the median over cars. Returns `None` without cars or with too large a roll.
+/// Up direction and positions (m) are in the camera frame. The height is the median over the cars. Returns `None` if
+/// there is no car below the camera, or if the roll is too large.
 pub(crate) fn camera_on(
     focal_px: f64,
     up: &Vector3<f64>,

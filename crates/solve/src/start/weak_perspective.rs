@@ -1,43 +1,47 @@
-//! View directions of a car without a camera: scaled orthography of the mean car, searched over a grid.
+//! Search for possible view directions of a car when the camera is unknown, under scaled orthographic projection.
 //!
-//! A distant car has a view direction (azimuth α, elevation ε), a rotation ρ in the image and a scale of s px/m:
+//! The view direction of a distant car has the azimuth α and the elevation ε. The car's image also has a rotation ρ, a
+//! scale of s px/m and a shift t. Pixels z_i and projected keypoints m_i are written as complex numbers:
 //!
 //! ```text
-//! z_i = a m_i(α, ε) + t,   a = s e^{iρ},   m_i = first two rows of R(ε) Rz(α) X_i as a complex number
+//! z_i = a m_i(α, ε) + t,   a = s e^{iρ},   m_i: first two components of R(ε) Rz(α) X_i
 //! ```
 //!
-//! For each (α, ε) the best a and t are linear least squares in closed form. The whole sphere is searched, so no start
-//! is needed. The two flips of a nearly flat view, and front and back, are separate minima. The focal length is not
-//! needed, since it only scales the car's distance (paper, §4.2). Source of the closed form: Horn 1987 in the plane.
+//! X_i is the i-th keypoint of the mean car. For each (α, ε) of a grid, linear least squares gives the best a and t in
+//! closed form (Horn 1987, in the plane). The whole grid is searched, so no start value is needed.
+//!
+//! The cost can have several minima. Front and back of a car can be confused. A nearly flat set of keypoints can also
+//! be mirrored in depth. The search returns all these minima. The focal length is not needed, because it only scales
+//! the car's distance (paper *Car Pose in Context*, §4.2).
 
 use nalgebra::{Complex, Matrix3, Vector2, Vector3};
 use roadplane_base::KEYPOINTS;
 
 use crate::model::observation::Observation;
 
-/// Number of azimuths of the grid.
+/// Number of azimuths in the grid.
 const AZIMUTHS: usize = 24;
-/// Elevations of the line of sight, degrees.
+/// Elevations in the grid: angles between the line of sight and the ground, degrees.
 const ELEVATIONS: [f64; 7] = [3.0, 10.0, 19.0, 30.0, 43.0, 58.0, 78.0];
-/// Sd of a keypoint because of the car's unknown shape, m. Its variance is added to that of the measurement.
+/// Sd of a keypoint due to the car's unknown shape, m. Its variance is added to that of the measurement.
 const SHAPE_SD_M: f64 = 0.12;
-/// Largest cost of one keypoint.
+/// Upper limit of the cost of one keypoint, which makes the cost robust to outliers.
 const CAP: f64 = 9.0;
 
-/// A possible view of a car, in scaled orthography.
+/// A possible view direction of a car with the car's scale and position in the image, under scaled orthography.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Appearance {
-    /// Truncated cost.
+    /// Cost of the fit, with an upper limit per keypoint.
     pub cost: f64,
-    /// Rotation from the car's frame to one whose z axis is the line of sight to the car.
+    /// Rotation from the car frame to a frame whose z axis is the line of sight to the car.
     pub ray_from_car: Matrix3<f64>,
-    /// Scale, px per m.
+    /// Scale of the car's image, px per m.
     pub scale: f64,
     /// Image of the car's origin, px from the principal point.
     pub origin: Vector2<f64>,
 }
 
-/// The rotations of all directions of the grid.
+/// A grid of view directions, as rotations from the car frame.
 pub(crate) struct DirectionGrid {
     rotations: Vec<Matrix3<f64>>,
     /// First two rows of each rotation.
@@ -45,17 +49,17 @@ pub(crate) struct DirectionGrid {
 }
 
 impl Appearance {
-    /// Returns the car's rotation before a camera of this focal length, px.
+    /// Returns the rotation from the car frame to the frame of a camera with this focal length, px.
     pub fn camera_from_car(&self, focal_px: f64) -> Matrix3<f64> {
         camera_from_ray(&self.origin, focal_px) * self.ray_from_car
     }
 }
 
-/// Returns the smallest rotation that takes the optical axis to the line of sight of a pixel.
+/// Returns the rotation of smallest angle that maps the optical axis to the viewing ray of a pixel.
 fn camera_from_ray(pixel: &Vector2<f64>, focal_px: f64) -> Matrix3<f64> {
     let ray = Vector3::new(pixel.x, pixel.y, focal_px) / (pixel.norm_squared() + focal_px * focal_px).sqrt();
     let axis = Vector3::new(-ray.y, ray.x, 0.0);
-    // Rodrigues' formula for unit vectors: R = I cosθ + [axis]× + axis axisᵀ / (1 + cosθ).
+    // Rodrigues' formula for two unit vectors at the angle θ: R = I cosθ + [axis]× + axis axisᵀ / (1 + cosθ).
     Matrix3::identity() * ray.z + axis.cross_matrix() + axis * axis.transpose() / (1.0 + ray.z)
 }
 
@@ -77,7 +81,7 @@ impl DirectionGrid {
         Self { rotations, rows }
     }
 
-    /// Returns the local minima of the cost over the grid, lowest cost first.
+    /// Returns up to `most` local minima of the cost over the grid, lowest cost first.
     pub fn appearances(
         &self,
         points_in_car: &[Vector3<f64>; KEYPOINTS],
@@ -104,7 +108,9 @@ impl DirectionGrid {
         minima
     }
 
-    /// Fits the similarity for one direction: by least squares, and once more with less weight on outliers.
+    /// Fits rotation in the image, scale and shift for one view direction.
+    ///
+    /// The fit is linear least squares, done twice. The second fit gives less weight to outliers of the first.
     fn fit(
         &self,
         direction: usize,
@@ -141,7 +147,7 @@ impl DirectionGrid {
     }
 }
 
-/// Weighted sums of the closed form.
+/// Weighted sums from which least squares gives the best (a, t), over model points m and pixels z.
 #[derive(Default)]
 struct Sums {
     weight: f64,
@@ -160,7 +166,7 @@ impl Sums {
         self.cross += m.conj() * z * weight;
     }
 
-    /// Returns (a, t), or `None` if all model points coincide.
+    /// Returns the best scale with rotation (a) and shift (t), or `None` if all model points coincide.
     fn solve(&self) -> Option<(Complex<f64>, Complex<f64>)> {
         let (mean_m, mean_z) = (self.model / self.weight, self.pixel / self.weight);
         let spread = self.square - self.weight * mean_m.norm_sqr();

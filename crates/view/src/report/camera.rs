@@ -1,10 +1,10 @@
-//! The camera in the page: its values by segment, and its moves.
+//! The camera in the report: a table of its values by segment, and a table of its moves.
 
 use roadplane_base::{CameraEstimate, CameraMove, CameraStatus, MoveKind};
 
 use super::html::put;
 
-/// Adds the table of the camera, with one row per segment.
+/// Appends the table of the camera's values to the page, with one row per segment.
 pub(super) fn cameras(page: &mut String, cameras: &[CameraEstimate]) {
     page.push_str(
         "<h2>Camera</h2>\n<div class=\"scroll\"><table><thead><tr><th>segment</th><th>from – to, s</th>\
@@ -38,7 +38,8 @@ pub(super) fn cameras(page: &mut String, cameras: &[CameraEstimate]) {
     page.push_str("</table></div>\n");
 }
 
-/// Returns the distortion at half the picture's width, with its sd.
+/// Returns the distortion coefficient and its standard deviation as text; `assumed zero` if the distortion was not
+/// measured.
 fn distortion_in_words(camera: &CameraEstimate) -> String {
     camera.distortion_sd.map_or_else(
         || "assumed zero".to_owned(),
@@ -46,7 +47,7 @@ fn distortion_in_words(camera: &CameraEstimate) -> String {
     )
 }
 
-/// Adds the table of the camera's moves, with one row per move.
+/// Appends the table of the camera's moves to the page, with one row per move.
 pub(super) fn moves(page: &mut String, moves: &[CameraMove]) {
     if moves.is_empty() {
         return;
@@ -77,7 +78,7 @@ pub(super) fn moves(page: &mut String, moves: &[CameraMove]) {
     page.push_str("</table></div>\n");
 }
 
-/// Returns the way in which the camera's values were found, in words.
+/// Returns the source of the camera's values in words.
 fn status_in_words(status: CameraStatus) -> &'static str {
     match status {
         CameraStatus::Estimated => "estimated from the cars",

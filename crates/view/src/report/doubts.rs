@@ -1,20 +1,21 @@
-//! Sentences about tracks with weak evidence.
+//! Sentences in the report about tracks with weak evidence.
 
 use roadplane_base::{ImageSize, TrackRow};
 
 use super::gaps::hidden_intervals;
 use super::input::by_track;
 
-/// Largest distance of a box from the picture's edge at which the edge cuts it off, px.
+/// Largest distance between a box and the edge of the picture at which the box counts as cut off, px.
 const EDGE_PX: f64 = 2.0;
-/// A track of a shorter duration is reported, s.
+/// Duration below which a track is reported as short, s.
 const SHORT_S: f64 = 1.0;
-/// A track whose position sd exceeds this for most of the time is reported, m.
+/// Standard deviation above which a position is uncertain, m. A track is reported if most of its detected positions are
+/// uncertain.
 const VAGUE_M: f64 = 2.0;
-/// Largest number of tracks that a sentence names. For more tracks it gives their number.
+/// Largest number of tracks that a sentence lists. With more tracks, the sentence contains only the number of tracks.
 const NAMED: usize = 12;
 
-/// Returns one sentence per kind of weakness that any track has.
+/// Returns one sentence for each kind of weakness that at least one track has.
 pub(super) fn doubts(rows: &[TrackRow], size: ImageSize) -> Vec<String> {
     let (mut short, mut cut, mut vague, mut filled) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     let tracks = by_track(rows);

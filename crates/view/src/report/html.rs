@@ -1,13 +1,13 @@
-//! Text within HTML.
+//! Functions that write text to an HTML page.
 
 use std::fmt::Write as _;
 
-/// Appends formatted text. Writing to a string cannot fail.
+/// Appends formatted text to the page. Writing to a string cannot fail.
 pub(super) fn put(page: &mut String, text: std::fmt::Arguments<'_>) {
     let _infallible = page.write_fmt(text);
 }
 
-/// Escapes text for HTML.
+/// Replaces the special characters of HTML in a text by entities.
 pub(super) fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }

@@ -1,62 +1,63 @@
-//! The content of a report.
+//! The data that a report shows.
 
 use std::collections::BTreeMap;
 
 use image::RgbImage;
 use roadplane_base::{CameraEstimate, CameraMove, TrackRow};
 
-/// The content of a report.
+/// The data that a report shows.
 #[derive(Debug)]
 pub struct ReportInput<'a> {
     /// Name of the input.
     pub title: &'a str,
     /// Cameras, one per segment, in the order of time.
     pub cameras: &'a [CameraEstimate],
-    /// All rows, sorted by frame and track.
+    /// Rows of all tracks, sorted by frame and then by track.
     pub rows: &'a [TrackRow],
-    /// Frames with overlays drawn, each with its index, in the order of the index.
+    /// Frames with drawn overlays, sorted by frame. Each item is a frame's index and its picture.
     pub samples: &'a [(u64, RgbImage)],
-    /// Small frames for the player, in the order of time; may be empty.
+    /// Small frames for the interactive player of the report, in the order of time. The list may be empty.
     pub stills: &'a [Still],
-    /// Cut-outs of tracks, in the order of time.
+    /// Small pictures of single tracks, in the order of time.
     pub views: &'a [TrackStill],
-    /// Reprojection errors of the tracked poses, px.
+    /// Reprojection error of each pose that belongs to a track: the root mean square over the keypoints, px.
     pub reprojection_rms_px: &'a [f64],
-    /// Pairs of name and value: counts, times, versions.
+    /// Facts about the run as pairs of name and value, such as counts, times and versions.
     pub facts: &'a [(String, String)],
-    /// Warnings, one sentence each.
+    /// Warnings about the run, one sentence each.
     pub warnings: &'a [String],
-    /// Background: the scene without moving objects.
+    /// Picture of the background: the scene without moving objects.
     pub background: Option<&'a RgbImage>,
-    /// Background with the edges that determine the vertical vanishing point, if there are any.
+    /// Picture of the background with the edges of the scene; `None` if no edges determine the vertical vanishing
+    /// point.
     pub scene_lines: Option<&'a RgbImage>,
     /// Camera moves, in the order of time.
     pub moves: &'a [CameraMove],
-    /// Further notes on the camera, one line each: shake, covered lens.
+    /// Further notes on the camera, one line each, such as a note on shake or a covered lens.
     pub camera_notes: &'a [String],
-    /// Losses: parts of the input that were lost or left out, one sentence each.
+    /// Sentences about parts of the input that were lost or left out.
     pub losses: &'a [String],
 }
 
-/// A small frame for the player.
+/// A small frame for the interactive player of the report.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Still {
-    /// Presentation time, ms.
+    /// Presentation time of the frame, ms.
     pub time_ms: i64,
-    /// Content of the JPEG file.
+    /// The frame as the bytes of a JPEG file.
     pub jpeg: Vec<u8>,
 }
 
-/// A cut-out of a track at one time.
+/// A small picture of one track at one time.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TrackStill {
     /// Number of the track.
     pub track: u64,
-    /// The cut-out, with its time.
+    /// The picture and its time.
     pub still: Still,
 }
 
-/// Groups rows by track and keeps their order.
+/// Groups rows by track number. The rows of a track stay in their order.
 pub(super) fn by_track(rows: &[TrackRow]) -> BTreeMap<u64, Vec<&TrackRow>> {
     let mut tracks: BTreeMap<u64, Vec<&TrackRow>> = BTreeMap::new();
     for row in rows {

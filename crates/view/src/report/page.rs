@@ -1,4 +1,4 @@
-//! The assembly of the page, section by section.
+//! Assembly of the report page from its sections.
 
 use super::html::{escape, put};
 use super::input::ReportInput;
@@ -11,11 +11,11 @@ use crate::histogram::histogram;
 /// Style sheet of the page.
 const STYLE: &str = include_str!("page.css");
 
-/// Returns the page as HTML text.
+/// Returns the report as HTML text.
 ///
 /// # Errors
-/// [`ViewError::Compressing`] if a picture cannot be compressed, [`ViewError::Data`] if the player's data cannot be
-/// written.
+/// [`ViewError::Compressing`] if a picture cannot be compressed. [`ViewError::Data`] if the player's data cannot be
+/// written as JSON.
 pub fn report_html(input: &ReportInput<'_>) -> Result<String, ViewError> {
     let mut page = format!(
         "<!doctype html>\n<html lang=\"en\"><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
@@ -65,7 +65,7 @@ pub fn report_html(input: &ReportInput<'_>) -> Result<String, ViewError> {
     Ok(page)
 }
 
-/// Adds a list with one item per line.
+/// Appends a list to the page, with one item per entry of `lines`.
 fn sentences(page: &mut String, lines: &[String]) {
     if lines.is_empty() {
         return;
@@ -77,7 +77,7 @@ fn sentences(page: &mut String, lines: &[String]) {
     page.push_str("</ul>\n");
 }
 
-/// Adds the quantiles and the histogram of the reprojection errors.
+/// Appends the quantiles and the histogram of the reprojection errors to the page.
 fn quality(page: &mut String, rms_px: &[f64]) {
     if rms_px.is_empty() {
         return;
@@ -162,7 +162,7 @@ mod tests {
         assert!(page.contains("histogram") && !page.contains("Car by car"));
     }
 
-    /// A page with all sections: a stationary and a driving car, a camera move, pictures and notes.
+    /// Returns a page with all sections: a stationary and a driving car, a camera move, pictures and notes.
     fn page_of_two_tracks() -> String {
         let rows: Vec<TrackRow> = (0..20_u64)
             .flat_map(|i| {
@@ -206,7 +206,7 @@ mod tests {
         .unwrap()
     }
 
-    /// Returns the page without its scripts, as HTML.
+    /// Returns the HTML of the page without its scripts.
     fn without_scripts(page: &str) -> String {
         let parts: Vec<&str> = page.split("<script").collect();
         parts[0].to_owned() + parts[2].split_once("</script>").unwrap().1
@@ -225,7 +225,7 @@ mod tests {
         assert_eq!(data["tracks"][0]["activity"][0], "a</script>b");
         assert_eq!(data["tracks"][1]["y"].as_array().unwrap().len(), 2, "a straight path at constant speed");
         assert_eq!(data["tracks"][1]["crops"][0][0], 0.1);
-        // The optical axis meets the ground at a point whose pixel is the middle of the picture.
+        // The point where the optical axis meets the ground is in the middle of the picture.
         let p: Vec<f64> =
             data["segments"][0]["p"].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect();
         let y_m = 8.0 / 0.3f64.tan();
@@ -242,7 +242,7 @@ mod tests {
     fn the_text_of_the_page() {
         let page = without_scripts(&page_of_two_tracks());
         let (_, body) = page.split_once("</style>").unwrap();
-        // Tables keep their rows, everything else is one line per element.
+        // Each row of a table becomes one line. Each other element becomes one line too.
         let spaced =
             body.replace("</td>", " | ").replace("</th>", " | ").replace('\n', " ").replace("</tr>", "\n");
         let mut text = String::new();

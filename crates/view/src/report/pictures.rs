@@ -1,4 +1,4 @@
-//! Pictures within the page.
+//! Pictures in the report page.
 
 use base64::{Engine as _, engine::general_purpose::STANDARD};
 use image::RgbImage;
@@ -9,10 +9,10 @@ use crate::ViewError;
 
 /// JPEG quality of the pictures in the page, 0 to 100.
 const QUALITY: u8 = 82;
-/// Greatest width of a picture in the page, px.
+/// Largest width of a picture in the page, px.
 const MAX_WIDTH: u32 = 1280;
 
-/// Adds a picture with a caption.
+/// Appends a picture with a caption to the page. `name` is the alternative text of the picture.
 pub(super) fn figure(
     page: &mut String,
     picture: &RgbImage,
@@ -29,7 +29,7 @@ pub(super) fn figure(
     Ok(())
 }
 
-/// Returns a picture as a data URI, no wider than [`MAX_WIDTH`].
+/// Returns a picture as a data URI with a JPEG file. A picture wider than [`MAX_WIDTH`] is reduced to that width.
 pub(super) fn data_uri(picture: &RgbImage) -> Result<String, ViewError> {
     let mut jpeg = Vec::new();
     let encoder = JpegEncoder::new_with_quality(&mut jpeg, QUALITY);

@@ -1,6 +1,7 @@
-//! The interactive player of the page: its data and its markup, which `player.js` fills.
+//! The interactive player of the report: its data and its HTML markup. The script `player.js` fills the markup with the
+//! data.
 //!
-//! Without scripts the player is hidden.
+//! If the browser runs no scripts, the player is hidden.
 
 use base64::{Engine as _, engine::general_purpose::STANDARD};
 use nalgebra::Matrix3x4;
@@ -16,14 +17,15 @@ use crate::activities::{SHOWN, activity_colour, words};
 use crate::birds_eye::{bounds, hex};
 use crate::overlay::track_colour;
 
-/// Largest number of vertices of all trajectories in the page, about 2 MB.
+/// Largest number of vertices in all trajectories of the page together. At this limit, the vertices need about 2 MB.
 const MAX_VERTICES: usize = 30_000;
-/// Largest number of times that the interpolation error is doubled to stay within [`MAX_VERTICES`].
+/// Largest number of doublings of the allowed interpolation error. The error is doubled while there are more than
+/// [`MAX_VERTICES`] vertices.
 const DOUBLINGS: u32 = 10;
 
-/// Markup of the player.
+/// HTML markup of the player.
 const MARKUP: &str = include_str!("player.html");
-/// Programs of the player, in order.
+/// Scripts of the player, in the order in which they run.
 const SCRIPTS: [&str; 2] = [include_str!("player_draw.js"), include_str!("player.js")];
 
 /// The data of the player, as JSON in the page.
@@ -31,17 +33,20 @@ const SCRIPTS: [&str; 2] = [include_str!("player_draw.js"), include_str!("player
 struct Data<'a> {
     /// Width and height of the picture, px.
     size: [u32; 2],
-    /// Left, right, bottom and top of the first view from above, m.
+    /// Left, right, bottom and top edges of the initial view from above in world coordinates, m.
     view: [Rounded<1>; 4],
-    /// Time, s, and JPEG in base64 of each small frame.
+    /// Each small frame: its time, s, and its JPEG file in base64.
     frames: Vec<(Rounded<3>, String)>,
     segments: Vec<Segment>,
-    /// Name, words and colour of each activity, in the order of the legend.
+    /// Name, displayed text and colour of each activity, in the order of the legend.
     activities: Vec<(&'a str, String, String)>,
     tracks: Vec<TrackData<'a>>,
 }
 
-/// A segment of the camera: its interval, s, and the projection from world to picture, by rows.
+/// A camera segment: an interval in which the camera is at rest.
+///
+/// `from` and `to` are its start and end, s. `p` contains the rows of the projection matrix from world coordinates (m)
+/// to the picture (px), without distortion.
 #[derive(Serialize)]
 struct Segment {
     from: Rounded<3>,
@@ -49,11 +54,11 @@ struct Segment {
     p: [f64; 12],
     /// Principal point, px, and the distortion of the lens, 1/px².
     lens: [f64; 3],
-    /// Half the width of the field of view at a distance of 1 m, m.
+    /// Half the width of the field of view at a distance of 1 m from the camera, m.
     half: Rounded<4>,
 }
 
-/// One track. Its lists have one item per vertex of the trajectory.
+/// The data of one track. The lists from `t` to `bbox` have one item per vertex of the trajectory.
 #[derive(Default, Serialize)]
 struct TrackData<'a> {
     id: u64,
@@ -95,7 +100,7 @@ impl<const DECIMALS: i32> Serialize for Rounded<DECIMALS> {
     }
 }
 
-/// Returns the player's part of the page; empty if there is nothing to play.
+/// Returns the HTML of the player. The text is empty if there is nothing to play.
 pub(super) fn player(input: &ReportInput<'_>) -> Result<String, ViewError> {
     let Some(first) = input.cameras.first() else { return Ok(String::new()) };
     if input.rows.is_empty() && input.stills.is_empty() {
@@ -112,7 +117,7 @@ pub(super) fn player(input: &ReportInput<'_>) -> Result<String, ViewError> {
             .collect(),
         tracks: tracks(input, f64::from(first.image_size_px.width)),
     };
-    // A script element ends at the first end tag, even within a string.
+    // A script element ends at the first end tag, even within a string. So `<` is escaped.
     let json = serde_json::to_string(&data)
         .map_err(|source| ViewError::Data { what: source.to_string() })?
         .replace('<', "\\u003c");

@@ -1,4 +1,4 @@
-//! Trajectories with as few vertices as the player needs.
+//! Thinning of trajectories to the few vertices that the report's interactive player needs.
 
 use roadplane_base::{TrackRow, wrap_angle};
 
@@ -11,18 +11,20 @@ const HEADING_RAD: f64 = 0.03;
 /// Largest error of a speed that a viewer does not notice, m/s.
 const SPEED_MPS: f64 = 0.15;
 
-/// A row with its heading unwrapped, so that interpolation between two vertices turns the shorter way.
+/// A row of a track with an unwrapped heading. The heading does not jump by a full turn, so interpolation turns the
+/// vehicle by the smaller angle.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Vertex<'a> {
     pub row: &'a TrackRow,
     pub heading_rad: f64,
 }
 
-/// Returns the rows of one track that linear interpolation needs (Douglas and Peucker 1973, with the distance at equal
-/// times).
+/// Returns the rows of one track that remain after thinning. Linear interpolation between them gives the removed rows
+/// with small errors.
 ///
-/// The interpolation errors are at most `slack` times the errors that a viewer does not notice. A change of activity or
-/// segment is always a vertex.
+/// The method is that of Douglas and Peucker (1973), with distances between points at equal times. The errors are at
+/// most `slack` times the largest errors that a viewer does not notice. A row with a new activity or segment always
+/// remains. `width_px` is the width of the picture.
 pub(super) fn thinned<'a>(rows: &[&'a TrackRow], width_px: f64, slack: f64) -> Vec<Vertex<'a>> {
     let rows = unwrapped(rows);
     let mut keep: Vec<bool> = (0..rows.len())
@@ -42,12 +44,12 @@ pub(super) fn thinned<'a>(rows: &[&'a TrackRow], width_px: f64, slack: f64) -> V
     rows.iter().zip(&keep).filter(|(_, kept)| **kept).map(|(row, _)| *row).collect()
 }
 
-/// Whether the activity or the segment changes at a row.
+/// Whether `row` and the row before differ in their activity or segment.
 fn is_new(before: &TrackRow, row: &TrackRow) -> bool {
     before.activity != row.activity || before.segment != row.segment
 }
 
-/// Returns the rows with unwrapped headings.
+/// Returns the rows with headings that do not jump by a full turn.
 fn unwrapped<'a>(rows: &[&'a TrackRow]) -> Vec<Vertex<'a>> {
     let mut heading_rad = rows.first().map_or(0.0, |row| row.heading_rad);
     let vertex = |row: &&'a TrackRow| {
@@ -57,7 +59,9 @@ fn unwrapped<'a>(rows: &[&'a TrackRow]) -> Vec<Vertex<'a>> {
     rows.iter().map(vertex).collect()
 }
 
-/// Returns the interpolation error of a row between two vertices, in units of the errors above.
+/// Returns the error of linear interpolation between `a` and `b` at the time of `at`.
+///
+/// The value 1 is the largest error that a viewer does not notice.
 fn error_of(a: &Vertex<'_>, b: &Vertex<'_>, at: &Vertex<'_>, width_px: f64) -> f64 {
     let span = b.row.time_s - a.row.time_s;
     let s = if span > 0.0 { (at.row.time_s - a.row.time_s) / span } else { 0.0 };

@@ -1,4 +1,4 @@
-//! Vehicles in the page: a table of tracks, their activities and their best pictures.
+//! Vehicles in the report: a table of tracks, a table of their activities, and their best pictures.
 
 use roadplane_base::TrackRow;
 
@@ -11,12 +11,12 @@ use crate::activities::activity_intervals;
 use crate::crops::best_views;
 use crate::overlay::track_colour;
 
-/// A track whose top speed is below this is stationary, m/s.
+/// Top speed below which a track counts as stationary, m/s.
 const STATIONARY_MPS: f64 = 0.3;
-/// Largest number of points of a small curve.
+/// Largest number of points in the small curve of speed over time.
 const CURVE_POINTS: usize = 200;
 
-/// Adds the table of tracks, with one row per track.
+/// Appends the table of tracks to the page, with one row per track.
 pub(super) fn tracks(page: &mut String, rows: &[TrackRow]) {
     let tracks = by_track(rows);
     put(page, format_args!("<h2>{} tracks</h2>\n<div class=\"scroll\"><table><thead><tr>", tracks.len()));
@@ -67,7 +67,7 @@ pub(super) fn tracks(page: &mut String, rows: &[TrackRow]) {
 
 /// Returns the length of a track's path, m.
 pub(super) fn path_m(rows: &[&TrackRow]) -> f64 {
-    // The addition of 0 turns −0, the sum of an empty list, into 0.
+    // The sum of an empty list is −0. The addition of 0 changes it to 0.
     0.0 + rows.windows(2).map(|w| (w[1].x_m - w[0].x_m).hypot(w[1].y_m - w[0].y_m)).sum::<f64>()
 }
 
@@ -76,7 +76,7 @@ pub(super) fn top_mps(rows: &[&TrackRow]) -> f64 {
     rows.iter().map(|row| row.speed_mps.abs()).fold(0.0, f64::max)
 }
 
-/// Adds the activities of each track, without `not_moving` and `moving`.
+/// Appends the activities of each track to the page. `not_moving` and `moving` are left out.
 pub(super) fn activities(page: &mut String, rows: &[TrackRow]) {
     let mut lines = String::new();
     for (track, rows) in by_track(rows) {
@@ -104,7 +104,7 @@ pub(super) fn activities(page: &mut String, rows: &[TrackRow]) {
     }
 }
 
-/// Adds each track's best picture, enlarged, to show how well the wireframe fits the car.
+/// Appends an enlarged picture of each track to the page. The picture shows how well the wireframe fits the car.
 pub(super) fn cars(page: &mut String, input: &ReportInput<'_>) -> Result<(), ViewError> {
     let crops = best_views(input.rows, input.samples);
     if crops.is_empty() {
@@ -127,13 +127,13 @@ pub(super) fn cars(page: &mut String, input: &ReportInput<'_>) -> Result<(), Vie
     Ok(())
 }
 
-/// Returns a dot in the track's colour.
+/// Returns the HTML of a dot in the track's colour.
 fn dot(track: u64) -> String {
     let [r, g, b] = track_colour(track);
     format!("<span class=\"dot\" style=\"background:rgb({r},{g},{b})\"></span>")
 }
 
-/// Returns the speed over time as a small curve.
+/// Returns a small curve of the speed over time as SVG. `top_mps` is the speed at the top of the curve, m/s.
 fn sparkline(rows: &[&TrackRow], top_mps: f64) -> String {
     let span = rows.last().map_or(0.0, |row| row.time_s) - rows.first().map_or(0.0, |row| row.time_s);
     let points: Vec<String> = rows

@@ -1,22 +1,23 @@
-//! The body type of a car, which narrows the prior of its shape.
+//! The body type of a car (sedan, van, …), which narrows the prior on its shape.
 //!
-//! The body type determines a car's size best: heights of all cars differ by 11 %, those of sedans by 3 %. Traffic is a
-//! mixture of body types, each with its own normal distribution (`BodyType`). Given a car's keypoints and the current
-//! camera, the probability of type k is
+//! A car's size depends mainly on its body type. Heights of all cars differ by 11 %, and heights of sedans by 3 %. So
+//! the distribution of a car's shape s is a mixture. A fraction share_k of all cars has the body type k, and the shapes
+//! of this type have the normal distribution N(μ_k, Σ_k). Let ŝ be the shape that fits a car's keypoints best, for the
+//! current camera, and A the information of the keypoints on s. The car then has type k with the probability
 //!
 //! ```text
-//! p_k ∝ share_k ∫ exp(−½ (s − ŝ)ᵀ A (s − ŝ)) N(s; μ_k, Σ_k) ds     ŝ, A: best shape and its information, pose eliminated
+//! p_k ∝ share_k ∫ exp(−½ (s − ŝ)ᵀ A (s − ŝ)) N(s; μ_k, Σ_k) ds
 //! ```
 //!
-//! The car's prior is the normal distribution with mean and covariance of the mixture with these weights. It is narrow
-//! if one type is certain, and wider otherwise.
+//! The car's new shape prior is one normal distribution. Its mean and covariance are those of the mixture with the
+//! weights p_k. It is narrow if one type is almost certain, and wider otherwise.
 
 use nalgebra::{Cholesky, Const, SMatrix, SVector};
 use roadplane_base::{ALL_MODES, BodyType, MODES, ShapeAtlas};
 
 use crate::options::SceneOptions;
 
-/// Number of rounds. Each round infers the body types, and minimises with the new priors.
+/// Number of rounds. In each round, body types of all cars are inferred, and the cost is minimised with the new priors.
 pub(crate) const ROUNDS_OF_TYPES: usize = 2;
 
 /// A Gaussian prior on the coefficients of the first N modes.
@@ -32,21 +33,23 @@ impl<const N: usize> Gaussian<N> {
         0.5 * (shape - self.mean).dot(&self.gradient(shape))
     }
 
-    /// Returns the gradient of the cost.
+    /// Returns the gradient of the cost with respect to the shape.
     pub fn gradient(&self, shape: &SVector<f64, N>) -> SVector<f64, N> {
         self.information * (shape - self.mean)
     }
 }
 
 impl Gaussian<MODES> {
-    /// Returns the prior of the whole population: N(0, I).
+    /// Returns the prior of the whole car population: N(0, I).
     pub fn of_all_cars() -> Self {
         Self { mean: SVector::zeros(), information: SMatrix::identity() }
     }
 }
 
 impl Gaussian<ALL_MODES> {
-    /// Returns the prior on all modes: `coarse`, and N(0, 1 / `fine_information`) on each fine coefficient.
+    /// Returns a prior on all modes from the prior `coarse` on the first modes.
+    ///
+    /// Each coefficient of the fine modes gets the prior N(0, 1 / `fine_information`).
     pub fn of_all_modes(coarse: &Gaussian<MODES>, fine_information: f64) -> Self {
         let mut mean = SVector::<f64, ALL_MODES>::zeros();
         mean.fixed_rows_mut::<MODES>(0).copy_from(&coarse.mean);
@@ -56,21 +59,25 @@ impl Gaussian<ALL_MODES> {
     }
 }
 
-/// One component of the mixture.
+/// One body type of the mixture.
 struct Component<const N: usize> {
     gaussian: Gaussian<N>,
     covariance: SMatrix<f64, N, N>,
-    /// Information times mean.
+    /// Product of the inverse covariance and the mean.
     vector: SVector<f64, N>,
-    /// Part of the log probability that does not depend on the car: log share − ½ log det Σ − ½ μᵀ Σ⁻¹ μ.
+    /// Part of the type's log probability that does not depend on the observed car.
+    ///
+    /// It is log share − ½ log det Σ − ½ μᵀ Σ⁻¹ μ, for the type's share, mean μ and covariance Σ.
     log_weight: f64,
 }
 
-/// The mixture of body types over the first N modes.
+/// The mixture of all body types, as distributions of the first N shape coefficients.
 pub(crate) struct BodyTypes<const N: usize>(Vec<Component<N>>);
 
 impl<const N: usize> BodyTypes<N> {
-    /// Creates the atlas' mixture, scaled by the options; it is empty if body types are switched off.
+    /// Creates the mixture from the atlas; it is empty if body types are switched off.
+    ///
+    /// The fine coefficients are multiplied by the options' `atlas_residual_scale`.
     pub fn new(atlas: &ShapeAtlas, options: &SceneOptions) -> Self {
         if !options.steps.body_types {
             return Self(Vec::new());
@@ -89,9 +96,9 @@ impl<const N: usize> BodyTypes<N> {
         Self(atlas.body_types.iter().filter_map(component).collect())
     }
 
-    /// Replaces `prior` by that of a car's likely body types. Without types the prior stays as it is.
+    /// Replaces `prior` by the prior of a car's likely body types. If the mixture is empty, `prior` does not change.
     ///
-    /// `information` and `gradient` are those of the keypoints' cost at `shape`.
+    /// `information` and `gradient` are the Hessian and gradient of the keypoints' cost at `shape`.
     pub fn update_prior(
         &self,
         prior: &mut Gaussian<N>,
@@ -104,8 +111,9 @@ impl<const N: usize> BodyTypes<N> {
         }
     }
 
-    /// Returns the prior of a car from its keypoints' information A on its shape and the `vector` A ŝ; `None` without
-    /// types.
+    /// Returns the shape prior of a car's likely body types; `None` if the mixture is empty.
+    ///
+    /// `information` is the keypoints' information A on the shape, and `vector` is A ŝ with the best-fitting shape ŝ.
     fn prior_of(&self, information: &SMatrix<f64, N, N>, vector: &SVector<f64, N>) -> Option<Gaussian<N>> {
         let odds = self.odds(information, vector)?;
         let types = || self.0.iter().zip(&odds);
@@ -118,7 +126,9 @@ impl<const N: usize> BodyTypes<N> {
         Some(Gaussian { mean, information: covariance.cholesky()?.inverse() })
     }
 
-    /// Returns the probability of each type.
+    /// Returns the probability of each body type for one car.
+    ///
+    /// `information` is the keypoints' information A on the shape, and `vector` is A ŝ with the best-fitting shape ŝ.
     fn odds(&self, information: &SMatrix<f64, N, N>, vector: &SVector<f64, N>) -> Option<Vec<f64>> {
         let evidence = |component: &Component<N>| {
             let factor = (information + component.gaussian.information).cholesky()?;
@@ -157,7 +167,7 @@ mod tests {
     fn the_prior_is_all_traffic_or_one_type() {
         let (atlas, types) = types();
         let prior = types.prior_of(&FullMatrix::zeros(), &FullShape::zeros()).unwrap();
-        // The modes are those of traffic: mean 0, covariance 1.
+        // Over all traffic, the coefficients of the modes have mean 0 and covariance 1.
         assert!(prior.mean.amax() < 0.1, "{}", prior.mean);
         let covariance = prior.information.try_inverse().unwrap();
         assert!(covariance.diagonal().iter().all(|variance| (0.7..1.3).contains(variance)), "{covariance}");
@@ -172,7 +182,7 @@ mod tests {
     fn probabilities_of_types_are_calibrated() {
         let (atlas, types) = types();
         let mut rng = Rng::new(3);
-        // Shapes are measured to one sd in half of the coefficients, and hardly in the others.
+        // Half of the coefficients are measured with an sd of 1, and the other half with an sd of 10.
         let information =
             FullMatrix::from_diagonal(&FullShape::from_fn(|j, _| if j % 2 == 0 { 1.0 } else { 0.01 }));
         let (mut predicted, mut observed, mut of_truth) = (0.0, 0.0, 0.0);
@@ -184,12 +194,12 @@ mod tests {
             let shape = draw_shape(&of_type, &mut rng);
             let measured = shape + FullShape::from_fn(|j, _| rng.normal() / information[(j, j)].sqrt());
             let odds = types.odds(&information, &(information * measured)).unwrap();
-            // Types were drawn evenly, so each counts by its share.
+            // All types are equally frequent in this loop, so each car is weighted by the true share of its type.
             predicted += body.share * odds[0];
             observed += body.share * f64::from(u8::from(number == 0));
             of_truth += odds[number] / f64::from(cars);
         }
-        // Shares alone would give 1/8.
+        // Without any measurement, the mean probability of the true type would be 1/8.
         assert!(of_truth > 0.3, "{of_truth}");
         assert!((predicted / observed - 1.0).abs() < 0.1, "{predicted} {observed}");
     }

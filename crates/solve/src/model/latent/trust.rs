@@ -1,41 +1,49 @@
-//! Trust: the weight of each car in the camera's equations.
+//! Weights (the trust) of the cars in the normal equations of the camera.
 //!
-//! The atlas describes most cars well and a few badly. A car unlike the atlas still fits some car of another size, or
-//! from another height, and a few of them can turn the camera. They can be recognised, because they fit worse than the
-//! frame's other cars. So keypoints and shape of a car are Student-t distributed as one vector: normal, with a variance
-//! factor per car. By iterative reweighting (Lange, Little and Taylor 1989, J. Am. Stat. Assoc. 84) this becomes the
-//! normal problem. The cost of a car with n measured numbers and squared distance d² is multiplied by
+//! The shape atlas describes most cars well and a few cars badly. A car unlike the atlas can be fitted only with a
+//! wrong size or a wrong camera height. A few such cars can turn the estimated camera. They can be recognised, because
+//! they fit worse than most cars of the frame.
+//!
+//! So the keypoints and the shape of a car form one vector with a Student-t distribution. This is a normal distribution
+//! whose variance has an unknown factor per car. Iterative reweighting (Lange, Little and Taylor 1989, J. Am. Stat.
+//! Assoc. 84) reduces this to ordinary least squares. The cost of each car is multiplied by a weight w:
 //!
 //! ```text
 //! w = (ν + n) / (ν + n q)        q = (d²/n + ε) / (min(median d²/n, 1) + ε)
 //! ```
 //!
-//! The sds of a frame's keypoints may all be too wide. So a car is compared with the frame's median; if that is above
-//! 1, all cars get less weight. Only the cars' information on the camera is weighted. The sds of a car's own pose and
-//! shape, given the camera, follow from its keypoints' sds alone.
+//! Here n is the number of measured values of the car, and d² is its squared whitened distance from the model. The
+//! distribution has ν degrees of freedom. The constant ε is `CLOSE`.
+//!
+//! The keypoint sds of a frame may all be too large, so a car is compared with the frame's median. If the median
+//! exceeds 1, all cars get less weight. The weights affect only the cars' information on the camera. For a fixed
+//! camera, the sds of a car's pose and shape follow from its keypoint sds alone.
 
 use roadplane_base::{StudentT, median};
 
-/// ε: for fits much closer than this, differences have no effect.
+/// The constant ε of the weights. Differences between fits whose d²/n is much smaller than this have no effect.
 const CLOSE: f64 = 0.05;
 
-/// Quality of a car's fit.
+/// Misfit of one car: how far its keypoints and shape are from the model.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Misfit {
-    /// d²: squared whitened residuals and shape coefficients, with the robust loss.
+    /// Squared distance d²: the weighted robust losses of the keypoints, plus the squared distance from the shape
+    /// prior.
     pub squared: f64,
-    /// n: number of measured numbers, two per keypoint, times the keypoint's weight.
+    /// Number n of measured values: the sum of the keypoints' weights, times two.
     pub numbers: f64,
 }
 
 impl Misfit {
-    /// Returns the weight w of a car whose sds are taken as they are (q = d²/n).
+    /// Returns the car's weight from its own misfit alone, on the assumption that its keypoint sds are correct.
+    ///
+    /// In the formula at the top of this file, q is then d²/n.
     pub fn weight(&self) -> f64 {
         StudentT { dimensions: self.numbers }.weight(self.squared)
     }
 }
 
-/// Returns the weight of each car.
+/// Returns the weight w of each car of a frame.
 pub(crate) fn trust(cars: &[Misfit]) -> Vec<f64> {
     let ratios: Vec<f64> = cars.iter().map(|car| car.squared / car.numbers.max(1.0)).collect();
     let unit = median(&mut ratios.clone()).unwrap_or(1.0).min(1.0) + CLOSE;

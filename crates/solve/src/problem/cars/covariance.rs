@@ -1,4 +1,4 @@
-//! Covariances from the factorisation, and the motion of cars along with the camera.
+//! Covariances from the factorised normal equations, and the change of cars when the camera changes.
 
 use nalgebra::{Matrix4, SVector, Vector4};
 
@@ -8,10 +8,11 @@ use crate::linear::gram::{Gram, MAX_WIDTH, Row};
 use crate::model::pose::Pose;
 
 impl<P: Pose<N>, const N: usize, const M: usize> CarsProblem<'_, P, N, M> {
-    /// Returns the cars' information on the camera at the current parameters, without prior and factors.
+    /// Returns the cars' information (inverse covariance) on the camera at the current parameters.
     ///
-    /// It comes from the elimination with damping 0. Call after `linearise`. A coefficient at its bound still has an
-    /// uncertainty, so it counts as free.
+    /// The camera's prior and factors are not included. Poses and shapes are eliminated without damping. A shape
+    /// coefficient at its bound is still uncertain, so it counts as free. Call after `linearise`. Returns `None` if a
+    /// car's block is not positive definite.
     pub fn information(&mut self) -> Option<Matrix4<f64>> {
         for block in &mut self.group_blocks {
             block.fixed = [self.shapes_fixed; M];
@@ -19,7 +20,9 @@ impl<P: Pose<N>, const N: usize, const M: usize> CarsProblem<'_, P, N, M> {
         self.eliminate(0.0).map(|(information, _)| information)
     }
 
-    /// Returns per view the covariance of (pose, shape, camera) from that of the camera. Call after `information`.
+    /// Returns the joint covariance of (pose, shape, camera) of each view, for the given covariance of the camera.
+    ///
+    /// Call after `information`.
     pub fn view_covariances(&self, camera: &Matrix4<f64>) -> Vec<Joint> {
         let shared: Vec<Joint> = self.group_blocks.iter().map(|block| block.joint(camera)).collect();
         let joint = |(view, pose): (&View, &PoseBlock<N, M>)| {
@@ -30,14 +33,18 @@ impl<P: Pose<N>, const N: usize, const M: usize> CarsProblem<'_, P, N, M> {
         self.views.iter().zip(&self.pose_blocks).map(joint).collect()
     }
 
-    /// Returns the covariance of (pose, shape, camera) in a problem of one view, with the camera's own covariance.
+    /// Returns the joint covariance of (pose, shape, camera) in a problem of one view.
+    ///
+    /// The camera's part includes its prior and factors. Returns `None` if a matrix is not positive definite.
     pub fn only_view_covariance(&mut self) -> Option<Joint> {
         let information = self.information()?;
         let camera = self.knowledge.covariance(&information, &self.state.camera)?;
         self.view_covariances(&camera).pop()
     }
 
-    /// Moves the camera by `change`, and moves the cars so that they stay at their minimum. Call after `information`.
+    /// Adds `change` to the camera, and moves each car to its minimum for the new camera, to first order.
+    ///
+    /// Call after `information`.
     pub fn follow(&mut self, change: &Vector4<f64>) {
         self.move_trial(&self.following(change).concat(), 1.0);
         std::mem::swap(&mut self.state, &mut self.trial);
@@ -48,7 +55,9 @@ impl<P: Pose<N>, const N: usize, const M: usize> CarsProblem<'_, P, N, M> {
         }
     }
 
-    /// Returns per view the change of (pose, shape, camera) for a change of the camera. Call after `information`.
+    /// Returns the change of (pose, shape, camera) in each view for a change of the camera.
+    ///
+    /// Poses and shapes stay at their minimum, to first order. Call after `information`.
     pub(super) fn following(&self, camera: &Vector4<f64>) -> Vec<Row> {
         let step = |(view, pose): (&View, &PoseBlock<N, M>)| {
             let mut step = self.group_blocks[view.group].step(camera, 0.0);
@@ -58,7 +67,9 @@ impl<P: Pose<N>, const N: usize, const M: usize> CarsProblem<'_, P, N, M> {
         self.views.iter().zip(&self.pose_blocks).map(step).collect()
     }
 
-    /// Returns per view column d of U, where U Uᵀ is the posterior covariance of (pose, shape) given the camera.
+    /// Returns the d-th column of a matrix U for each view.
+    ///
+    /// U Uᵀ is the posterior covariance of (pose, shape) for a fixed camera.
     pub(super) fn own_column(&self, d: usize) -> Vec<Row> {
         let step = |(view, pose): (&View, &PoseBlock<N, M>)| {
             let root = self.groups[view.group].trust.sqrt();
@@ -67,9 +78,10 @@ impl<P: Pose<N>, const N: usize, const M: usize> CarsProblem<'_, P, N, M> {
         self.views.iter().zip(&self.pose_blocks).map(step).collect()
     }
 
-    /// Linearises the trial state after moving each view by `length` times its step.
+    /// Sets the trial state to the current state plus `length` times `steps`, and linearises the problem there.
     ///
-    /// `steps` has `MAX_WIDTH` numbers per view; views of a group must have equal steps of the shape.
+    /// Returns the cost. `steps` has `MAX_WIDTH` numbers per view. All views of a group must have the same step of the
+    /// shape.
     pub(super) fn evaluate_at(&mut self, steps: &[f64], length: f64) -> Option<f64> {
         self.move_trial(steps, length);
         self.evaluate(true)

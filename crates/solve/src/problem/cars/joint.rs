@@ -1,23 +1,25 @@
-//! Information of the cars on the camera with correlated errors: within each car, and shared by all cars.
+//! Information of the cars on the camera when keypoint errors are correlated within a car and between cars.
 //!
-//! The model has three parts:
+//! The error model has three parts:
 //!
-//! - Keypoints of a car are not independent: m of them count as one. They are also worse for some cars, as the misfit
-//!   shows, so each car has its own variance factor. Its keypoints' cost is multiplied by w / m, with w as in
-//!   `trust.rs` for sds taken as they are.
-//! - A net sees all cars of a scene from a little too high, or turned. So all cars are turned by the angles b: about
-//!   the horizontal across the line of sight, and about the line of sight.
-//! - The undistorted keypoint x has an error for all cars, from the errors λ of lens and principal point.
+//! - Errors of a car's keypoints are correlated, so m keypoints count as one (`ViewErrors::keypoints_as_one`). Some
+//!   cars also have larger errors than others, so each car has a weight w from its misfit (`Misfit::weight`). The cost
+//!   of the car's keypoints is multiplied by w / m.
+//! - A neural net may estimate the keypoints of all cars as if it saw the cars from a wrong elevation, or turned. The
+//!   model is a rotation R(b) of all cars by two small angles b. One axis is horizontal and perpendicular to the line
+//!   of sight, and the other is the line of sight.
+//! - Errors λ of the lens distortion and the principal point shift the undistorted keypoints x of all cars.
 //!
 //! The cost of car k is
 //!
 //! ```text
-//! cost_k = w_k / m · ½ |W (π(G_k + R(b) R X) − x(λ))|²      m: `ViewErrors::keypoints_as_one`
+//! cost_k = w_k / m · ½ |W (π(T_k + R(b) R_k X) − x(λ))|²
 //! ```
 //!
-//! It is linearised in b and λ at the minimum without them. So b and λ change the camera's covariance but not its
-//! estimate. They are not eliminated with poses and shapes, because all frames of a scene share them
-//! (`base/src/shared.rs`).
+//! `(T_k, R_k)` is the pose of the car in the camera frame, X a keypoint in the car frame, π the projection and W the
+//! whitening. The cost is linearised in b and λ at the minimum for b = 0 and λ = 0. So b and λ change the camera's
+//! covariance but not its estimate. Poses and shapes are eliminated, but b and λ are kept, because all frames of a
+//! scene share them (`base/src/shared.rs`).
 
 use nalgebra::{DMatrix, DVector, Matrix2x3, SMatrix, Vector2, Vector3};
 use roadplane_base::{JointInformation, SHARED_ERRORS};
@@ -29,13 +31,13 @@ use crate::model::on_plane::ON_PLANE;
 use crate::model::pose::{CameraFrame, Pose as _};
 use crate::options::ViewErrors;
 
-/// Number of unknowns of the camera and the shared errors.
+/// Number of unknowns that all cars share: the camera (4) and the shared errors.
 const SHARED: usize = 4 + SHARED_ERRORS;
 
 impl<const M: usize> GroundProblem<'_, M> {
-    /// Returns the cars' information on the camera and its cross part with the shared errors, at the minimum.
+    /// Returns the cars' information on the camera, and the cross information of camera and shared errors.
     ///
-    /// Returns `None` if a car cannot be evaluated.
+    /// The problem must be at its minimum. Returns `None` if a car cannot be evaluated.
     pub fn joint_information(&self, errors: &ViewErrors) -> Option<JointInformation> {
         let mut all = SMatrix::<f64, SHARED, SHARED>::zeros();
         for (g, group) in self.groups.iter().enumerate() {
@@ -71,7 +73,7 @@ impl<const M: usize> GroundProblem<'_, M> {
                     sum[(shape_at + i, shape_at + j)] += prior.information[(i, j)];
                 }
             }
-            // Only the lower triangle is filled.
+            // Until here, only the lower triangle is filled.
             sum.fill_upper_triangle_with_lower_triangle();
             let own = sum.view((0, 0), (shared_at, shared_at)).into_owned().cholesky()?;
             let cross = sum.view((0, shared_at), (shared_at, SHARED)).into_owned();
@@ -86,7 +88,9 @@ impl<const M: usize> GroundProblem<'_, M> {
         joint.vector.iter().chain(cross.iter()).all(|v| v.is_finite()).then_some(joint)
     }
 
-    /// Returns for each observation of a view its whitened and weighted derivative by the shared errors, 2 × 5.
+    /// Returns the derivatives of a view's residuals with respect to the shared errors.
+    ///
+    /// There is one 2 × 5 matrix per keypoint, whitened and multiplied by the root of the keypoint's weight.
     fn by_shared_errors(&self, view: &View, k: usize) -> Option<Vec<[[f64; SHARED_ERRORS]; 2]>> {
         let camera = CameraFrame::new(&self.state.camera);
         let frame = self.state.poses[k].frame(&camera)?;
@@ -105,8 +109,8 @@ impl<const M: usize> GroundProblem<'_, M> {
                 root_whitened(moved)
             });
             let by_lens = root_whitened(-observation.by_lens);
-            // A shift of the principal point, with the turn of the camera that keeps the ray through the image's
-            // middle.
+            // A shift of the principal point, together with a rotation of the camera. The rotation keeps the ray
+            // through the middle of the image fixed.
             let pixel = observation.pixel;
             let by_point =
                 [pixel.x, pixel.y].map(|along| root_whitened(pixel * (along / frame.focal_px.powi(2))));

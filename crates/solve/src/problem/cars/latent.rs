@@ -1,4 +1,4 @@
-//! The problem with more modes, and its latent variables: body types and trust.
+//! Extension of the problem to more shape modes, and updates of each car's body types and weight.
 
 use nalgebra::SVector;
 
@@ -10,9 +10,10 @@ use crate::model::points::PointModes;
 use crate::model::pose::Pose;
 
 impl<P: Pose<N>, const N: usize, const M: usize> CarsProblem<'_, P, N, M> {
-    /// Returns the problem at its current state with the K modes of another model, whose first M modes are the same.
+    /// Returns the same problem, at its current state, for a shape model with more modes (K instead of M).
     ///
-    /// New coefficients start at 0. `priors` computes the new prior of a car's shape from the old one.
+    /// The first M modes of `model` must be those of this problem. The new coefficients start at 0. `priors` computes
+    /// the new shape prior of a car from its old prior.
     pub fn with_modes<'b, const K: usize>(
         &self,
         model: &'b PointModes<K>,
@@ -32,7 +33,7 @@ impl<P: Pose<N>, const N: usize, const M: usize> CarsProblem<'_, P, N, M> {
         problem
     }
 
-    /// Returns the misfit of the g-th group at the current state. Call after `linearise`.
+    /// Returns how badly the g-th group (physical car) fits at the current state. Call after `linearise`.
     pub(super) fn misfit(&self, g: usize, group: &Group<M>) -> Misfit {
         let observations = group.views.clone().flat_map(|k| self.views[k].observations.clone());
         let weight: f64 = observations.map(|i| self.observations[i].weight).sum();
@@ -40,7 +41,7 @@ impl<P: Pose<N>, const N: usize, const M: usize> CarsProblem<'_, P, N, M> {
         Misfit { squared: 2.0 * cost, numbers: 2.0 * weight }
     }
 
-    /// Updates each car's trust from its fit at the current state (`trust.rs`). Call after `linearise`.
+    /// Updates the weight of each car from its fit at the current state (`trust.rs`). Call after `linearise`.
     pub fn update_trust(&mut self) {
         let misfits: Vec<Misfit> =
             self.groups.iter().enumerate().map(|(g, group)| self.misfit(g, group)).collect();
@@ -49,10 +50,10 @@ impl<P: Pose<N>, const N: usize, const M: usize> CarsProblem<'_, P, N, M> {
         }
     }
 
-    /// Updates each car's prior to that of its likely body types (`body_types.rs`), from its keypoints at the current
-    /// state.
+    /// Replaces each car's shape prior by the prior of its likely body types (`body_types.rs`).
     ///
-    /// Call after `linearise`. Returns `None` if a view's pose is not determined.
+    /// The likely types follow from the car's keypoints at the current state. Call after `linearise`. Returns `None` if
+    /// the pose of a view is not determined.
     pub fn infer_body_types(&mut self, types: &BodyTypes<M>) -> Option<()> {
         for (group, shape) in self.groups.iter_mut().zip(&self.state.shapes) {
             let terms = GroupBlock::of_keypoints(&self.linearisation.grams[group.views.clone()])?;

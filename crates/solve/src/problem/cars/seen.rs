@@ -7,32 +7,34 @@ use crate::linear::gram::{Gram, MAX_WIDTH};
 use crate::model::pose::{CameraFrame, Pose};
 use crate::model::rows::plain_rows;
 
-/// Whitened rows and residual of one keypoint, with the probability that it is right.
+/// Whitened derivatives and residual of one keypoint, and the probability that the keypoint is right.
 pub(crate) struct KeypointRows {
-    /// Derivatives and residual in the order of `rows.rs`, times the root of the keypoint's weight.
+    /// Derivatives and residual, multiplied by the root of the keypoint's weight. `rows.rs` lists the columns.
     pub rows: [[f64; MAX_WIDTH]; 2],
     /// Weight of the keypoint.
     pub weight: f64,
-    /// ρ': probability that the keypoint is right, 0–1.
+    /// Probability that the keypoint is right, 0–1: the derivative ρ' of the robust loss.
     pub right: f64,
 }
 
-/// Fit of the keypoints of a view.
+/// Quality of the fit of a view's keypoints.
 pub(crate) struct ViewFit {
-    /// Keypoints that are more likely right than wrong.
+    /// Whether each keypoint is an inlier: more likely right than wrong.
     pub inliers: [bool; KEYPOINTS],
-    /// Root mean square distance of the inliers from their projections, px.
+    /// Root mean square distance between the inliers and the projected keypoints of the fitted car, px.
     pub rms_px: f64,
     /// Sum of the keypoints' weights.
     pub weight: f64,
-    /// Sum of the keypoints' weights, each times the probability that the keypoint is right.
+    /// Sum of the keypoints' weights, each multiplied by the probability that the keypoint is right.
     pub right_weight: f64,
-    /// Cost of the keypoints.
+    /// Cost of the keypoints, without the shape prior.
     pub cost: f64,
 }
 
 impl<P: Pose<N>, const N: usize, const M: usize> CarsProblem<'_, P, N, M> {
-    /// Calls `see` with the rows of every observation of a view. Returns `None` if a keypoint cannot be projected.
+    /// Calls `see` with the derivatives and residual of each keypoint of a view.
+    ///
+    /// Returns `None` if a keypoint cannot be projected.
     pub fn each_row(&self, view: usize, mut see: impl FnMut(KeypointRows)) -> Option<()> {
         let frame = self.state.poses[view].frame(&CameraFrame::new(&self.state.camera))?;
         let view = &self.views[view];
@@ -45,7 +47,7 @@ impl<P: Pose<N>, const N: usize, const M: usize> CarsProblem<'_, P, N, M> {
         })
     }
 
-    /// Returns the fit of a view; `None` if a keypoint cannot be projected.
+    /// Returns the quality of a view's fit; `None` if a keypoint cannot be projected.
     pub fn fit_of(&self, view: usize) -> Option<ViewFit> {
         let frame = self.state.poses[view].frame(&CameraFrame::new(&self.state.camera))?;
         let shape = &self.state.shapes[self.views[view].group];

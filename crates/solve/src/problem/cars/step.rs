@@ -1,4 +1,4 @@
-//! The step of Levenberg–Marquardt: solves the damped equations, substitutes back and evaluates the trial.
+//! The Levenberg–Marquardt step: solves the damped normal equations and evaluates the cost after the step.
 
 use nalgebra::Matrix4;
 
@@ -24,7 +24,7 @@ impl<P: Pose<N>, const N: usize, const M: usize> Problem for CarsProblem<'_, P, 
         let camera_step = -hessian.cholesky()?.solve(&gradient);
         let mut predicted = 0.0;
         let mut largest: f64 = 0.0;
-        // ½ stepᵀ (damping · D step − g) is the quadratic model's decrease for a solution of the damped equations.
+        // The quadratic model predicts the decrease ½ stepᵀ (damping · D step − g), with diagonal D and gradient g.
         let mut see = |weight: f64, step: f64, gradient: f64, diagonal: f64| {
             predicted += 0.5 * weight * step * (damping * diagonal * step - gradient);
             largest = largest.max(step.abs() * diagonal.max(0.0).sqrt());
