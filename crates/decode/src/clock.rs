@@ -1,33 +1,36 @@
 //! Converts the stream's times to the times and indices of frames.
 
-/// Number of equal steps after which a longer step counts as lost frames and not as the recording's own rhythm.
+/// Number of equal time steps after which a stream counts as steady. In a steady stream, a longer step means lost
+/// frames. In an unsteady stream, longer steps are normal.
 const STEADY_STEPS: u32 = 8;
-/// Largest deviation of a usual step, as a share of it.
+/// Largest deviation of a time step from the usual step, as a share of the usual step.
 const STEADY_TOLERANCE: f64 = 0.25;
-/// Largest number of consecutive frames without times at the end of a stream: frames that the decoder had buffered.
+/// Largest number of frames without times that are normal at the end of a stream. The decoder had buffered these
+/// frames.
 const MAX_BUFFERED: u64 = 16;
 
-/// Makes times increase, and detects frames that are missing between them.
+/// Makes the times of frames increase, and detects missing frames.
 #[derive(Debug)]
 pub(crate) struct Clock {
     /// Usual time from frame to frame, ns.
     step_nanos: f64,
     steady_steps: u32,
-    /// Whether the last step was a gap in a steady stream.
+    /// Whether the last time step was a gap in a steady stream.
     after_gap: bool,
     last_nanos: Option<i64>,
     without_time: u64,
 }
 
-/// The time of a frame, and the findings on the step to it.
+/// The time of a frame, and the properties of the time step before it.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) struct Tick {
     pub pts_nanos: i64,
     /// Number of frames missing between the last frame and this one.
     pub skipped: u64,
-    /// Whether the step to this frame was the usual one: then a gap just before was a loss and not a change of rate.
+    /// Whether the time step to this frame was the usual one. If so, a gap just before it was a loss and not a change
+    /// of rate.
     pub usual: bool,
-    /// Number of frames whose times are only now known to be made up.
+    /// Number of frames that this call adds to the count of frames with invented times.
     pub made_up: u64,
 }
 
@@ -41,7 +44,7 @@ impl Clock {
         self.last_nanos.map_or(0.0, |nanos| nanos as f64 * 1e-9)
     }
 
-    /// Processes the time that the stream states for the next frame, ms from its start.
+    /// Processes the next frame's time as the stream states it, ms from the start of the stream.
     pub(crate) fn tick(&mut self, millis: f64) -> Tick {
         let stated = (millis.is_finite() && millis.abs() < 1e12).then_some((millis * 1e6).round() as i64);
         let Some(last) = self.last_nanos else {
@@ -49,7 +52,7 @@ impl Clock {
             self.last_nanos = Some(pts_nanos);
             return Tick { pts_nanos, skipped: 0, usual: true, made_up: 0 };
         };
-        // OpenCV returns 0 where there is no time.
+        // OpenCV returns 0 for a frame without a time.
         let Some(time) = stated.filter(|&time| time > last) else {
             let pts_nanos = last.saturating_add(self.step_nanos.max(1.0) as i64);
             self.last_nanos = Some(pts_nanos);
@@ -69,15 +72,15 @@ impl Clock {
             self.after_gap = true;
             skipped = steps as u64 - 1;
         } else {
-            // There is no rhythm yet, or a new one: learn it.
+            // The stream has no steady rate yet, or a new rate. This step becomes the usual step.
             (self.step_nanos, self.steady_steps, self.after_gap) = (step, 0, false);
         }
         self.last_nanos = Some(time);
         Tick { pts_nanos: time, skipped, usual, made_up }
     }
 
-    /// Returns the newly counted frames with made-up times. Frames without a time at the very end are usual and do not
-    /// count.
+    /// Returns the number of frames to add to the count of frames with invented times. A few frames without a time at
+    /// the end of a stream are normal and are not counted.
     fn newly_made_up(&mut self, stated_again: bool) -> u64 {
         match self.without_time {
             run if stated_again => {

@@ -3,12 +3,12 @@
 use image::RgbImage;
 use roadplane_base::FrameStamp;
 
-/// The stamp of a frame, and its pixels if they were requested.
+/// A frame's stamp, and its pixels if they were requested.
 #[derive(Clone, Debug)]
 pub struct Decoded {
     /// Index and time of the frame.
     pub stamp: FrameStamp,
-    /// The pixels, RGB. The conversion to RGB costs a third of decoding a frame, so it is left out where the pixels are
-    /// not needed.
+    /// The pixels in RGB, or `None` if they were not requested. The conversion to RGB takes a third of a frame's
+    /// decoding time, so it is left out if nobody needs the pixels.
     pub image: Option<RgbImage>,
 }

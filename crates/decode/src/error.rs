@@ -1,4 +1,4 @@
-//! Errors that concern an input as a whole; partial damage is listed in the report instead.
+//! Errors that concern an input as a whole. Partial damage is listed in the report instead.
 
 use std::path::PathBuf;
 
@@ -15,10 +15,10 @@ pub enum DecodeError {
         /// The input.
         path: PathBuf,
     },
-    /// The content is of no kind that this crate decodes, whatever the file's name.
+    /// The content is not of a kind that this crate decodes. The file's name does not matter.
     #[error("not a video or an image: {what}: {}", path.display())]
     NotMedia {
-        /// The kind of content.
+        /// The reason why the content is rejected.
         what: String,
         /// The input.
         path: PathBuf,
@@ -39,7 +39,7 @@ pub enum DecodeError {
         /// The input.
         path: PathBuf,
     },
-    /// An option has an impossible value: a fault of the configuration.
+    /// An option has an impossible value. The configuration must be corrected.
     #[error("{what}")]
     Option {
         /// A description of the fault.

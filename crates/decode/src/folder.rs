@@ -1,4 +1,4 @@
-//! Folders of images as clips, and single images as clips of one frame.
+//! Reads a folder of images as a clip, and a single image as a clip of one frame.
 
 use std::cmp::Ordering;
 use std::path::{Path, PathBuf};
@@ -10,7 +10,7 @@ use crate::sniff::{has_image_name, sniff};
 use crate::still;
 use crate::{Content, DecodeError, DecodeOptions, DecodeReport, Decoded};
 
-/// The images of a clip in the order of their frames.
+/// The images of a clip, in the order of its frames.
 pub(crate) struct Images {
     paths: std::vec::IntoIter<PathBuf>,
     count: u64,
@@ -28,7 +28,8 @@ impl Images {
         Self { count: paths.len() as u64, paths: paths.into_iter(), next_index: 0, size: None }
     }
 
-    /// Collects all images directly in a folder; numbers in names are in numeric order.
+    /// Collects all images in a folder, without its subfolders. They are sorted by name, and numbers in the names are
+    /// compared as numbers.
     pub(crate) fn in_folder(folder: &Path, report: &mut DecodeReport) -> Result<Self, DecodeError> {
         let unreadable = |source| DecodeError::Unreadable { source, path: folder.to_path_buf() };
         let mut paths = Vec::new();
@@ -39,7 +40,8 @@ impl Images {
             if hidden || path.is_dir() {
                 continue;
             }
-            // A damaged image still has its position in time; its content is checked when it is read.
+            // A damaged image must still count as a frame, so its name alone decides here. The content is checked when
+            // the image is read.
             match if has_image_name(&path) { Ok(Content::Png) } else { sniff(&path) } {
                 Ok(content) if content.is_image() => paths.push(path),
                 Ok(_) => {
@@ -65,7 +67,7 @@ impl Images {
         self.count
     }
 
-    /// Returns the next frame that the options choose; `None` at the end.
+    /// Returns the next frame that the options choose, or `None` at the end.
     pub(crate) fn next(
         &mut self,
         options: &DecodeOptions,
@@ -85,7 +87,7 @@ impl Images {
                         Ok(image) if self.size.get_or_insert(image.dimensions()) == &image.dimensions() => {
                             image
                         }
-                        // An input that is a single image has no other frame.
+                        // A single image has no other frame that could be delivered.
                         Err(error) if self.count == 1 => return Err(error),
                         other => {
                             let why = other.err().map_or_else(
@@ -111,7 +113,7 @@ impl Images {
     }
 }
 
-/// Compares names with runs of digits as numbers: `a2` before `a10`.
+/// Compares two names. Numbers in them are compared as numbers: `a2` comes before `a10`.
 fn natural_order(a: &str, b: &str) -> Ordering {
     let (mut left, mut right) = (a, b);
     loop {
@@ -135,7 +137,7 @@ fn natural_order(a: &str, b: &str) -> Ordering {
     }
 }
 
-/// Splits off a leading number without its zeros.
+/// Splits a text after its leading number. Returns the number's digits without leading zeros, and the rest of the text.
 fn split_number(text: &str) -> (&str, &str) {
     let end = text.find(|c: char| !c.is_ascii_digit()).unwrap_or(text.len());
     let (digits, rest) = text.split_at(end);

@@ -11,7 +11,7 @@ use crate::sniff::sniff;
 use crate::video::Video;
 use crate::{Content, DecodeError, DecodeOptions, DecodeReport};
 
-/// Kinds of input.
+/// The kind of an input.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum InputKind {
     /// A video file.
@@ -27,13 +27,13 @@ enum Source {
     Images(Images),
 }
 
-/// An open input: frames in presentation order, and a report of the lost ones.
+/// An open input. It delivers frames in presentation order and a report of the lost frames.
 pub struct Input {
     source: Source,
     kind: InputKind,
     options: DecodeOptions,
     report: DecodeReport,
-    /// The first frame, decoded on opening.
+    /// The first frame, which is decoded when the input is opened.
     first: Option<Decoded>,
     size: ImageSize,
     finished: bool,
@@ -42,18 +42,19 @@ pub struct Input {
 /// Opens a video file, an image or a folder of images and decodes its first frame.
 ///
 /// # Errors
-/// [`DecodeError`] when it is no media, cannot be read, exceeds a limit, or yields no frame at all.
+/// [`DecodeError`] if the input is neither a video nor an image, cannot be read, exceeds a limit, or gives no frame at
+/// all. It is also returned for an invalid option.
 pub fn open(path: &Path, options: &DecodeOptions) -> Result<Input, DecodeError> {
     open_source(path, options, None)
 }
 
-/// Opens a part of a long clip, from the options' start to their end.
+/// Opens a part of a long clip, from the start to the end given in `options`.
 ///
-/// If the times of a video identify its frames, decoding starts near the part and skips the frames before it. Frames
-/// and losses are counted from `counted_from_s` on, s.
+/// If the times of a video identify its frames, decoding starts shortly before the part. Otherwise it starts at the
+/// beginning. The report counts frames and losses from the time `counted_from_s` (s) on.
 ///
 /// # Errors
-/// The same errors as [`open`].
+/// [`DecodeError`] in the same cases as for [`open`].
 pub fn open_part(path: &Path, options: &DecodeOptions, counted_from_s: f64) -> Result<Input, DecodeError> {
     open_source(path, options, Some(counted_from_s))
 }
@@ -118,22 +119,23 @@ impl Source {
 }
 
 impl Input {
-    /// Returns the next frame with its pixels; `None` at the end, when [`Input::report`] is complete.
+    /// Returns the next frame with its pixels, or `None` at the end of the input. At the end, [`Input::report`] is
+    /// complete.
     ///
     /// # Errors
-    /// [`DecodeError`] only where no frame at all can be delivered; lost frames are listed in the report.
+    /// [`DecodeError`] only if no frame at all can be delivered. Single lost frames are listed in the report instead.
     pub fn next_frame(&mut self) -> Result<Option<Frame>, DecodeError> {
         let decoded = self.next_where(|_| true)?;
         Ok(decoded.and_then(|d| Some(Frame { stamp: d.stamp, image: d.image? })))
     }
 
-    /// Returns the next frame, with its pixels if `wanted` returns true.
+    /// Returns the next frame, with its pixels if `wanted` returns true. Returns `None` at the end of the input, when
+    /// [`Input::report`] is complete.
     ///
-    /// Pixels that cost nothing more are always included: the input's first frame, and image files. Returns `None` at
-    /// the end, when [`Input::report`] is complete.
+    /// The input's first frame and image files always have pixels, because these are decoded anyway.
     ///
     /// # Errors
-    /// The same errors as [`Self::next_frame`].
+    /// [`DecodeError`] in the same cases as for [`Self::next_frame`].
     pub fn next_where(
         &mut self,
         mut wanted: impl FnMut(&FrameStamp) -> bool,
@@ -158,8 +160,8 @@ impl Input {
         Ok(frame)
     }
 
-    /// Takes back a picture that is no longer needed. The next picture reuses its memory, so a long video allocates
-    /// none.
+    /// Takes back a picture that the caller no longer needs. A later picture reuses its memory, so a long video needs
+    /// no new memory for each frame.
     pub fn reuse(&mut self, image: RgbImage) {
         if let Source::Video(video) = &mut self.source {
             video.reuse(image);
@@ -196,13 +198,14 @@ impl Input {
         self.size
     }
 
-    /// Whether reading a part started inside the video, without decoding the frames before it.
+    /// Whether decoding started inside the video, so that earlier frames were skipped.
     #[must_use]
     pub fn is_begun_within(&self) -> bool {
         matches!(&self.source, Source::Video(video) if video.begun_within)
     }
 
-    /// Returns the number of frames that the input states: an estimate for progress, not to be relied on.
+    /// Returns the expected number of frames, according to the container or the number of images. A container's number
+    /// may be wrong, so it serves only to show progress.
     #[must_use]
     pub fn frames_hint(&self) -> Option<u64> {
         match &self.source {
@@ -211,15 +214,14 @@ impl Input {
         }
     }
 
-    /// Returns the number of frames that will be delivered: the frames of [`Self::frames_hint`] that the options
-    /// choose.
+    /// Returns the expected number of delivered frames. The options choose them from [`Self::frames_hint`] frames.
     #[must_use]
     pub fn frames_due(&self) -> Option<u64> {
         Some(self.options.chosen_of(self.frames_hint()?, self.nominal_fps()))
     }
 
-    /// Returns the nominal frame rate, 1/s, for writing videos of the same pace. The times of frames are in their
-    /// stamps.
+    /// Returns the nominal frame rate, 1/s, for writing videos at the same rate. The exact time of each frame is in its
+    /// stamp.
     #[must_use]
     pub fn nominal_fps(&self) -> f64 {
         match &self.source {
@@ -228,7 +230,7 @@ impl Input {
         }
     }
 
-    /// Returns the report on the frames so far.
+    /// Returns the report on the frames that were read so far.
     #[must_use]
     pub fn report(&self) -> &DecodeReport {
         &self.report

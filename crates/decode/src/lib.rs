@@ -1,20 +1,20 @@
 //! Decodes video files, single images and folders of images into frames with their presentation times.
 //!
-//! A file is recognised by its content before any codec sees it. Damage does not stop a clip: every frame that can be
-//! decoded is delivered, and lost frames are counted in a [`DecodeReport`].
+//! The kind of a file is recognised by its content before any codec opens it. Damage does not stop a clip: every frame
+//! that can be decoded is delivered, and lost frames are counted in a [`DecodeReport`].
 //!
-//! OpenCV reports no loss, so other signs are used:
+//! OpenCV does not report lost frames, so this crate looks for other signs of a loss:
 //! - frames that the container promises and the decoder does not return
-//! - gaps in the times of a steady stream
-//! - slices that contradict themselves
-//! - a file that is shorter than its own structure
+//! - gaps between the times of frames in a stream with a steady rate
+//! - H.264 slices whose headers contradict themselves
+//! - a file that is shorter than its own structure states
 //!
-//! Damage inside a packet with sound headers stays undetected, because FFmpeg conceals it in the picture.
+//! Damage inside a packet with valid headers is not detected, because FFmpeg conceals it in the picture.
 //!
 //! # Contents
-//! - opening an input: [`open`] (`input.rs`), by its content (`sniff.rs`)
+//! - opening an input: [`open`] (`input.rs`); recognising its kind by its content (`sniff.rs`)
 //! - reading each kind: `video.rs`, `still.rs`, `folder.rs`
-//! - finding losses: `packets.rs`, `structure.rs`, `clock.rs` → [`DecodeReport`]
+//! - finding lost frames for the [`DecodeReport`]: `packets.rs`, `structure.rs`, `clock.rs`
 //!
 //! # Example
 //! ```no_run

@@ -8,17 +8,18 @@ use crate::DecodeError;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct DecodeOptions {
-    /// Delivers every n-th frame only, counted in the input (1: all).
+    /// Stride of the delivered frames: only every `stride`-th frame of the input is delivered (1: all frames).
     pub stride: u32,
-    /// Start of the frames that are delivered, s from the start of the input.
+    /// Start of the delivered part, s from the start of the input.
     pub start_s: f64,
-    /// End of the frames that are delivered, s (exclusive); `None`: the end of the input.
+    /// End of the delivered part, s from the start of the input. A frame at this time is not delivered. `None` means
+    /// the end of the input.
     pub end_s: Option<f64>,
     /// Largest number of frames that are delivered.
     pub max_frames: Option<u64>,
-    /// Largest picture, px (width × height).
+    /// Largest number of pixels of a picture (width × height).
     pub max_pixels: u64,
-    /// Highest frame rate that is accepted, 1/s; used only where a stream has no times of its own.
+    /// Highest frame rate that is accepted from a stream, 1/s. The frame rate is used only if the stream has no times.
     pub max_fps: f64,
     /// Frame rate of folders of images, 1/s.
     pub image_fps: f64,
@@ -57,7 +58,7 @@ impl DecodeOptions {
         Ok(())
     }
 
-    /// Returns how many of this many frames at a steady rate are chosen.
+    /// Returns how many of `frames` frames at the steady rate `fps` are chosen.
     pub(crate) fn chosen_of(&self, frames: u64, fps: f64) -> u64 {
         // Frame i has the time i / fps; the float casts saturate.
         let before = |time_s: f64| ((time_s * fps - 1e-6).ceil().max(0.0) as u64).min(frames);
@@ -67,7 +68,7 @@ impl DecodeOptions {
         self.max_frames.map_or(chosen, |most| chosen.min(most))
     }
 
-    /// Decides whether a frame is delivered; `handed_on` frames were delivered before.
+    /// Decides whether a frame is delivered. `handed_on` is the number of frames that were delivered before.
     pub(crate) fn verdict(&self, index: u64, pts_nanos: i64, handed_on: u64) -> Verdict {
         let time_s = pts_nanos as f64 * 1e-9;
         let over = self.max_frames.is_some_and(|most| handed_on >= most)
@@ -82,7 +83,7 @@ impl DecodeOptions {
     }
 }
 
-/// The decision on a frame, see [`DecodeOptions::verdict`].
+/// The decision on a frame; see [`DecodeOptions::verdict`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Verdict {
     Take,

@@ -1,24 +1,25 @@
-//! Reads the packets of a container without decoding: their number, and those with broken headers. FFmpeg decodes
-//! around broken H.264 slices and only prints a message, but their headers show the damage.
+//! Reads the packets of a container without decoding them. It counts all packets, and the packets with broken headers.
+//!
+//! FFmpeg decodes around broken H.264 slices and only prints a message. The headers of these slices show the damage.
 
 use opencv::core::Mat;
 use opencv::prelude::*;
 use opencv::videoio::{CAP_FFMPEG, CAP_PROP_FORMAT, CAP_PROP_FOURCC, VideoCapture};
 
-/// Number of consecutive failed reads after which the container counts as read to its end.
+/// Number of consecutive failed reads after which the end of the container is assumed.
 const MAX_FAILED_READS: u32 = 1000;
 
-/// Counts of a container's packets.
+/// The number of packets in a container, and the number of broken packets.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Packets {
-    /// Packets of the video stream.
+    /// Number of packets of the video stream.
     pub count: u64,
-    /// Packets with impossible slices.
+    /// Number of packets with an H.264 unit that no encoder writes.
     pub broken: u64,
 }
 
 impl Packets {
-    /// Reads the whole file; `None` where OpenCV does not hand out packets.
+    /// Reads the whole file and counts its packets. Returns `None` if OpenCV does not return packets for this file.
     pub(crate) fn read(path: &str) -> Option<Self> {
         let mut capture = VideoCapture::from_file(path, CAP_FFMPEG).ok()?;
         if !capture.is_opened().ok()? || !capture.set(CAP_PROP_FORMAT, -1.0).ok()? {
@@ -44,13 +45,13 @@ impl Packets {
 }
 
 fn is_h264(fourcc: f64) -> bool {
-    // The last one is the stream type in MPEG transport streams.
+    // The last entry is the stream type of H.264 in MPEG transport streams.
     const NAMES: [[u8; 4]; 6] = [*b"avc1", *b"avc3", *b"h264", *b"H264", *b"X264", [0x1b, 0, 0, 0]];
     NAMES.contains(&(fourcc as u32).to_le_bytes())
 }
 
-/// Whether an access unit (with start codes) holds a unit that no encoder writes. Such a unit has the forbidden bit, no
-/// type, or a slice header that contradicts itself (ITU-T H.264 §7.3.1, §7.4.3).
+/// Whether an access unit (with start codes) contains a NAL unit that no encoder writes. Such a NAL unit has the
+/// forbidden bit, no type, or a slice header that contradicts itself (ITU-T H.264 §7.3.1, §7.4.3).
 fn is_broken_h264(packet: &[u8]) -> bool {
     let starts: Vec<usize> =
         packet.windows(3).enumerate().filter(|(_, w)| *w == [0, 0, 1]).map(|(at, _)| at + 3).collect();
@@ -92,7 +93,8 @@ impl Bits<'_> {
         Some(u32::from(bit))
     }
 
-    /// Reads an unsigned Exp-Golomb number; `None` at the end or beyond 31 bits.
+    /// Reads an unsigned Exp-Golomb number. Returns `None` at the end of the bytes, or if the number has more than 31
+    /// bits.
     fn exp_golomb(&mut self) -> Option<u32> {
         let mut zeros = 0;
         while self.bit()? == 0 {
@@ -121,8 +123,8 @@ mod tests {
 
     #[test]
     fn slices_that_cannot_be_are_broken() {
-        // The first has first_mb 0, slice_type 7 (I), pps 0. The second has slice_type 0 (P), which an IDR picture
-        // cannot have.
+        // The first slice has first_mb 0, slice_type 7 (I), pps 0. The second slice has slice_type 0 (P), which is not
+        // allowed in an IDR picture.
         let (intra, inter) = ([0x65, 0b1000_1000, 0b1000_0000], [0x65, 0b1110_0000]);
         let join =
             |units: &[&[u8]]| units.iter().flat_map(|u| [&[0, 0, 1], *u].concat()).collect::<Vec<u8>>();

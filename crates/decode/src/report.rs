@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Largest number of intervals that are listed one by one; later ones are only counted.
+/// Largest number of intervals of lost frames that are listed. Further intervals are only counted.
 const MAX_INTERVALS: usize = 100;
 /// Largest number of warnings that are kept.
 const MAX_WARNINGS: usize = 20;
@@ -19,18 +19,19 @@ pub struct DamagedInterval {
     pub from_s: f64,
 }
 
-/// Counts of an input's frames; complete once the input is read to its end.
+/// Counts of an input's frames. They are complete when the input has been read to its end.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct DecodeReport {
-    /// Number of frames of the input, as far as it was read. Frames that were cut off count.
+    /// Number of frames of the input, as far as it was read. This number includes lost frames and frames that were cut
+    /// off at the end.
     pub expected: u64,
     /// Number of frames that were decoded, including those that the settings leave out.
     pub decoded: u64,
-    /// Number of decoded frames that the pipeline got.
+    /// Number of decoded frames that were passed to the pipeline.
     pub delivered: u64,
     /// Number of lost frames: `expected - decoded`.
     pub missing: u64,
-    /// Intervals of lost frames, in the order in which they were found; at most a hundred are listed.
+    /// Intervals of lost frames, in the order in which they were found. At most a hundred are listed.
     pub damaged_stretches: Vec<DamagedInterval>,
     /// Number of intervals of lost frames.
     pub damaged_stretch_count: u64,
@@ -38,14 +39,15 @@ pub struct DecodeReport {
     pub broken_packets: u64,
     /// Whether the file ends earlier than its own structure states.
     pub cut_short: bool,
-    /// Number of frames with an invented time. The stream gave no time, or one that was not after the time before.
+    /// Number of frames with an invented time. For such a frame, the stream stated no time, or a time that was not
+    /// after the previous frame's time.
     pub times_made_up: u64,
     /// Warnings about the input, in plain text.
     pub warnings: Vec<String>,
 }
 
 impl DecodeReport {
-    /// Whether some of the input was lost or damaged; the exit code must show it.
+    /// Whether some of the input was lost or damaged. The exit code must show such damage.
     #[must_use]
     pub fn is_damaged(&self) -> bool {
         self.missing > 0 || self.broken_packets > 0 || self.cut_short
@@ -70,7 +72,8 @@ impl DecodeReport {
         }
     }
 
-    /// Removes gaps that turn out to be no damage; `really` frames are lost all the same, at unknown positions.
+    /// Removes gaps that were no damage. `really` is the number of frames that are lost nevertheless, at unknown
+    /// positions.
     pub(crate) fn remove_gaps(&mut self, really: u64) {
         self.missing = really;
         self.expected = self.decoded + really;
@@ -80,7 +83,7 @@ impl DecodeReport {
         }
     }
 
-    /// Restarts all counts: another part of the input counts the frames so far.
+    /// Sets all counts to zero. The report of the previous part of the input already contains the frames so far.
     pub(crate) fn restart(&mut self) {
         let warnings = std::mem::take(&mut self.warnings);
         *self = Self { warnings, ..Self::default() };

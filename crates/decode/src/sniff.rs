@@ -1,5 +1,5 @@
-//! Recognises a file by its first bytes. Only these kinds reach a codec: FFmpeg would also open playlists,
-//! concatenation scripts and patterns that name other files.
+//! Recognises the kind of a file by its first bytes. Only the kinds in [`Content`] reach a codec. FFmpeg would also
+//! open playlists, concatenation scripts and patterns that name other files.
 
 use std::fs::File;
 use std::io::Read as _;
@@ -7,10 +7,11 @@ use std::path::Path;
 
 use crate::DecodeError;
 
-/// Number of bytes that are read: three packets of a transport stream and more.
+/// Number of bytes that are read from a file to recognise its kind. They contain at least three packets of a transport
+/// stream.
 const HEAD_BYTES: u64 = 1024;
 
-/// The kinds of file that are decoded.
+/// The kind of a file that can be decoded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Content {
     /// MP4, QuickTime and related formats.
@@ -23,7 +24,7 @@ pub enum Content {
     MpegTs,
     /// MPEG program stream.
     MpegPs,
-    /// H.264 without a container, which has no times.
+    /// H.264 stream without a container. Such a stream contains no frame times.
     H264,
     /// JPEG image.
     Jpeg,
@@ -32,35 +33,35 @@ pub enum Content {
 }
 
 impl Content {
-    /// Whether it is a single image.
+    /// Whether the file is a single image.
     #[must_use]
     pub fn is_image(self) -> bool {
         matches!(self, Self::Jpeg | Self::Png)
     }
 }
 
-/// Recognises a file by its content.
+/// Returns the kind of a file, according to its content.
 ///
 /// # Errors
-/// [`DecodeError::Unreadable`] or [`DecodeError::NotMedia`].
+/// [`DecodeError::Unreadable`] if the file cannot be read, [`DecodeError::NotMedia`] if its kind is not in [`Content`].
 pub fn sniff(path: &Path) -> Result<Content, DecodeError> {
     let unreadable = |source| DecodeError::Unreadable { source, path: path.to_path_buf() };
     let not_media = |what: &str| DecodeError::NotMedia { what: what.to_owned(), path: path.to_path_buf() };
-    // The check precedes opening, because opening a pipe would wait for its writer.
+    // This check comes before opening, because opening a pipe would wait for its writer.
     if !std::fs::metadata(path).map_err(unreadable)?.is_file() {
         return Err(not_media("it is no regular file"));
     }
     let mut head = Vec::new();
     File::open(path).and_then(|f| f.take(HEAD_BYTES).read_to_end(&mut head)).map_err(unreadable)?;
     let content = recognise(&head).map_err(not_media)?;
-    // FFmpeg takes files named like images for patterns of numbered files, whatever their content.
+    // FFmpeg treats a file with the name of an image as a pattern of numbered files, whatever its content.
     if !content.is_image() && has_image_name(path) {
         return Err(not_media("it is a video with the name of an image: rename it"));
     }
     Ok(content)
 }
 
-/// Whether the file's name is that of an image.
+/// Whether the file's name has the extension of an image.
 pub(crate) fn has_image_name(path: &Path) -> bool {
     const NAMES: [&str; 9] = ["jpg", "jpeg", "png", "bmp", "gif", "tif", "tiff", "webp", "ppm"];
     path.extension()
@@ -71,7 +72,8 @@ pub(crate) fn has_image_name(path: &Path) -> bool {
 fn recognise(head: &[u8]) -> Result<Content, &'static str> {
     let at = |offset: usize, what: &[u8]| head.get(offset..).is_some_and(|rest| rest.starts_with(what));
     let sync = |step: usize, first: usize| (0..3).all(|k| head.get(first + k * step) == Some(&0x47));
-    // An access unit delimiter or sequence parameters open every H.264 stream that can be decoded from its start.
+    // Every H.264 stream that can be decoded from its start begins with an access unit delimiter or sequence
+    // parameters.
     let h264 = |nal: Option<&u8>| nal.is_some_and(|b| b & 0x80 == 0 && matches!(b & 0x1f, 7 | 9));
     if head.is_empty() {
         Err("the file is empty")

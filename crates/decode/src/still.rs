@@ -9,7 +9,7 @@ use image::{ImageError, ImageFormat, ImageReader, Limits, RgbImage};
 use crate::sniff::Content;
 use crate::{DecodeError, DecodeOptions};
 
-/// Decodes an image of known kind within the limits.
+/// Decodes an image file of a known kind, within the limits of the options.
 pub(crate) fn read(path: &Path, content: Content, options: &DecodeOptions) -> Result<RgbImage, DecodeError> {
     let path_buf = || path.to_path_buf();
     let format = if content == Content::Png { ImageFormat::Png } else { ImageFormat::Jpeg };
@@ -24,7 +24,7 @@ pub(crate) fn read(path: &Path, content: Content, options: &DecodeOptions) -> Re
     let (width, height) = open()?.into_dimensions().map_err(damaged)?;
     check_size(path, width, height, options)?;
     let mut limits = Limits::default();
-    // The decoder needs 16 bits a channel with alpha, twice.
+    // The decoder needs 16 bytes per pixel: two buffers with four channels of 16 bits.
     limits.max_alloc = Some(options.max_pixels.saturating_mul(16));
     let mut reader = open()?;
     reader.limits(limits);

@@ -1,4 +1,4 @@
-//! Detects files that end earlier than their own structure states: the only sign of a cut file that needs no decoding.
+//! Detects files that end earlier than their own structure states. This check needs no decoding.
 
 use std::fs::File;
 use std::io::{Read as _, Seek as _, SeekFrom};
@@ -6,10 +6,10 @@ use std::path::Path;
 
 use crate::Content;
 
-/// Largest number of top-level boxes that are read.
+/// Largest number of top-level boxes of an MP4 file that are read.
 const MAX_BOXES: usize = 10_000;
 
-/// Whether the outermost structure of the file reaches beyond its end. Unknown structures count as whole.
+/// Whether the file ends before its outermost structure ends. A file with an unknown structure counts as complete.
 pub(crate) fn is_cut_short(path: &Path, content: Content) -> bool {
     let cut = match content {
         Content::Mp4 => mp4_is_cut(path),
@@ -21,10 +21,10 @@ pub(crate) fn is_cut_short(path: &Path, content: Content) -> bool {
     cut.unwrap_or(false)
 }
 
-/// Largest movie box that is searched for edit lists, bytes.
+/// Largest number of bytes of an MP4's movie box (`moov`) that are searched for edit lists.
 const MAX_MOOV_BYTES: u64 = 64 << 20;
 
-/// Whether an MP4's edit list shows less than the whole of its video.
+/// Whether the edit list of an MP4 file leaves out a part of its video.
 pub(crate) fn is_trimmed(path: &Path) -> bool {
     let moov = || {
         let mut file = File::open(path).ok()?;
@@ -53,7 +53,7 @@ pub(crate) fn is_trimmed(path: &Path) -> bool {
     moov().is_some_and(|moov| trimmed_track(&moov).unwrap_or(false))
 }
 
-/// Returns the contents of the first box with this name.
+/// Returns the contents of the first MP4 box with this name, or `None` if there is no such box.
 fn child<'a>(bytes: &'a [u8], name: &[u8; 4]) -> Option<&'a [u8]> {
     children(bytes).find(|(found, _)| found == name).map(|(_, body)| body)
 }
@@ -68,14 +68,14 @@ fn children(mut bytes: &[u8]) -> impl Iterator<Item = ([u8; 4], &[u8])> {
     })
 }
 
-/// Whether the video track of a movie box shows less than it contains: by more than 15 ms at the end, or a second at
-/// the start.
+/// Whether the edit list in a movie box (`moov`) leaves out a part of the video track. It does so if it leaves out more
+/// than a second at the start or more than 15 ms at the end. Returns `None` if the movie box cannot be read.
 ///
-/// Reordered pictures are late by the first composition offset. Most encoders let the edit list begin there. Others do
-/// not, and so lose as much at the end.
+/// Reordered pictures are delayed by the first composition offset. Most encoders let the edit list begin at this
+/// offset. With other encoders, it begins at zero, and the same time is left out at the end.
 fn trimmed_track(moov: &[u8]) -> Option<bool> {
     let number = |bytes: &[u8], at: usize| Some(u32::from_be_bytes(*bytes.get(at..)?.first_chunk()?));
-    // Version 0 boxes have 4-byte times, version 1 boxes 8-byte times.
+    // Boxes of version 0 have times of 4 bytes, and boxes of version 1 have times of 8 bytes.
     let scale_and_duration = |header: &[u8]| match header.first()? {
         0 => Some((f64::from(number(header, 12)?), f64::from(number(header, 16)?))),
         _ => {
@@ -95,7 +95,7 @@ fn trimmed_track(moov: &[u8]) -> Option<bool> {
         };
         let entries = number(elst, 4)?;
         if entries != 1 || elst.first() != Some(&0) {
-            return Some(true); // pauses, repeats, or times of 8 bytes: not worth distinguishing
+            return Some(true); // pauses, repeats and times of 8 bytes are not distinguished
         }
         let shown_s = f64::from(number(elst, 8)?) / movie_scale;
         let ctts = child(mdia, b"minf").and_then(|minf| child(child(minf, b"stbl")?, b"ctts"));
@@ -123,7 +123,7 @@ fn mp4_is_cut(path: &Path) -> std::io::Result<bool> {
         file.read_exact(if long { &mut header } else { &mut header[..8] })?;
         let [a, b, c, d, _, _, _, _, large @ ..] = header;
         let size = match u32::from_be_bytes([a, b, c, d]) {
-            0 => return Ok(false), // to the end of the file, wherever that is
+            0 => return Ok(false), // this box extends to the end of the file
             1 if long => u64::from_be_bytes(large),
             size => u64::from(size),
         };
@@ -136,7 +136,8 @@ fn mp4_is_cut(path: &Path) -> std::io::Result<bool> {
     Ok(false)
 }
 
-/// Whether a transport stream ends inside a packet; packets have 188 bytes, or 192 with a time stamp before each.
+/// Whether a transport stream ends inside a packet. A packet has 188 bytes, or 192 bytes if a time stamp comes before
+/// it.
 fn ts_is_cut(path: &Path) -> std::io::Result<bool> {
     let mut file = File::open(path)?;
     let length = file.metadata()?.len();
@@ -154,7 +155,8 @@ fn avi_is_cut(path: &Path) -> std::io::Result<bool> {
     Ok(u64::from(u32::from_le_bytes(size)) + 8 > length)
 }
 
-/// Reads an EBML number with its length marker: value and number of bytes; `None` for the reserved "unknown".
+/// Reads a size from a Matroska file (an EBML number with its length marker). Returns the value and its number of
+/// bytes, or `None` for the reserved value that means "unknown".
 fn ebml_size(bytes: &[u8]) -> Option<(u64, usize)> {
     let first = *bytes.first()?;
     let length = first.leading_zeros() as usize + 1;

@@ -1,4 +1,4 @@
-//! Reads one video file through OpenCV and accounts for every frame.
+//! Reads one video file through OpenCV and counts its delivered and lost frames.
 
 use std::path::{Path, PathBuf};
 
@@ -22,18 +22,19 @@ use crate::{Content, DecodeError, DecodeOptions, DecodeReport, Decoded};
 /// Number of consecutive failed reads after which the stream counts as ended. Each failed read skips a packet that
 /// cannot be decoded.
 const MAX_FAILED_READS: u32 = 5000;
-/// Frame rate where the stream gives no usable one, 1/s.
+/// Frame rate if the stream states no usable one, 1/s.
 const FALLBACK_FPS: f64 = 30.0;
-/// Largest usable frame count of a container: a year at 30 frames/s.
+/// Largest frame count that is accepted from a container: about a year at 30 frames/s.
 const MAX_PROMISED: f64 = 1e9;
 
-/// Largest deviation of a frame's time from a steady rate, as a share of a step, at which the time identifies the
-/// frame.
+/// Largest deviation of a frame's time from a steady rate, as a share of the time between frames. With a larger
+/// deviation, the time does not identify the frame.
 const STEADY_RATE: f64 = 0.05;
-/// Time before a part at which decoding starts, s; it starts at a key frame.
+/// Decoding starts at a key frame about this long before the requested part, s.
 const LEAD_S: f64 = 0.5;
 
-/// Longest gap that counts as damage and not as a pause, s; it applies to containers without a frame count.
+/// Longest gap between frames that counts as damage, s. A longer gap may be a pause. This limit applies to containers
+/// without an exact frame count.
 const MAX_GAP_S: f64 = 10.0;
 
 /// An open video file.
@@ -42,10 +43,10 @@ pub(crate) struct Video {
     content: Content,
     capture: VideoCapture,
     clock: Clock,
-    /// Index of the next frame; lost frames count.
+    /// Index of the next frame. Lost frames have indices, too.
     next_index: u64,
-    /// The last gap in the times as index, frames and time before. It is pending until the next frame decides whether
-    /// it is a loss.
+    /// The last gap in the times: the index of its first frame, its number of frames, and the time before it (s). The
+    /// next frame decides whether the gap is a loss.
     gap: Option<(u64, u64, f64)>,
     fps: f64,
     promised: Option<u64>,
@@ -55,7 +56,7 @@ pub(crate) struct Video {
     spare: Vec<RgbImage>,
     /// Time from which frames and losses are counted, s; `None` once counting has started.
     counted_from_s: Option<f64>,
-    /// Number of frames before the first counted one.
+    /// Number of frames before the first one that is counted in the report.
     uncounted: u64,
     /// Whether reading started inside the file.
     pub(crate) begun_within: bool,
@@ -65,7 +66,7 @@ impl Video {
     pub(crate) fn open(path: &Path, content: Content, options: &DecodeOptions) -> Result<Self, DecodeError> {
         let not_media =
             |what: &str| DecodeError::NotMedia { what: what.to_owned(), path: path.to_path_buf() };
-        // An absolute path cannot be taken for a protocol or an option.
+        // FFmpeg cannot mistake an absolute path for a protocol or an option.
         let absolute = path
             .canonicalize()
             .map_err(|source| DecodeError::Unreadable { source, path: path.to_path_buf() })?;
@@ -103,7 +104,8 @@ impl Video {
         })
     }
 
-    /// Starts at about `start_s` where the stream's times identify the frame, and counts from `counted_from_s` on.
+    /// Jumps to about `start_s` if the stream's times identify the frames. The report counts from the time
+    /// `counted_from_s` on.
     pub(crate) fn begin_part(&mut self, start_s: f64, counted_from_s: f64) -> Result<(), DecodeError> {
         self.counted_from_s = Some(counted_from_s);
         let to_s = start_s - LEAD_S;
@@ -126,7 +128,8 @@ impl Video {
         Ok(())
     }
 
-    /// Jumps to a frame between two times. Returns its index and time, ms, if they are beyond doubt.
+    /// Jumps to a frame between two times, s. Returns the frame's index and time (ms) if both are certain, and
+    /// otherwise `None`.
     fn jump(&mut self, from_s: f64, before_s: f64) -> Option<(u64, f64)> {
         let step = 1e3 / self.fps;
         let millis = |capture: &mut VideoCapture| {
@@ -134,7 +137,7 @@ impl Video {
             capture.get(CAP_PROP_POS_MSEC).ok().filter(|_| grabbed)
         };
         let first = millis(&mut self.capture)?;
-        // The next frame shows whether the rate equals the container's statement.
+        // The second frame shows whether the stream really has the frame rate that the container states.
         let second = millis(&mut self.capture)?;
         let is_steady = |steps: f64| (steps - steps.round()).abs() <= STEADY_RATE;
         self.capture.set(CAP_PROP_POS_MSEC, 1e3 * from_s).ok()?;
@@ -144,12 +147,12 @@ impl Video {
         (known && here < 1e3 * before_s).then_some((steps.round() as u64, here))
     }
 
-    /// Returns the number of frames that the container states: an estimate for progress only.
+    /// Returns the number of frames that the container states. It is an estimate that serves only to show progress.
     pub(crate) fn promised(&self) -> Option<u64> {
         self.promised
     }
 
-    /// Takes back a picture, whose memory the next one reuses.
+    /// Takes back a picture. A later picture reuses its memory.
     pub(crate) fn reuse(&mut self, image: RgbImage) {
         self.spare.push(image);
     }
@@ -159,8 +162,8 @@ impl Video {
         self.fps
     }
 
-    /// Returns the next frame that the options choose, with its pixels if `wanted` returns true; `None` at the end,
-    /// when the report is complete.
+    /// Returns the next frame that the options choose, with its pixels if `wanted` returns true. Returns `None` at the
+    /// end, when the report is complete.
     pub(crate) fn next(
         &mut self,
         options: &DecodeOptions,
@@ -205,7 +208,7 @@ impl Video {
         }
     }
 
-    /// Returns the stamp of the picture just grabbed, and counts the frames lost before it.
+    /// Returns the stamp of the picture that was just grabbed. Counts the frames that were lost before it.
     fn stamp(&mut self, report: &mut DecodeReport) -> FrameStamp {
         let before_s = self.clock.last_s();
         let tick = self.clock.tick(self.capture.get(CAP_PROP_POS_MSEC).unwrap_or(f64::NAN));
@@ -241,7 +244,7 @@ impl Video {
         matches!(self.content, Content::Avi | Content::Mp4)
     }
 
-    /// Returns the pixels of the picture just grabbed.
+    /// Returns the pixels of the picture that was just grabbed.
     fn picture(&mut self, options: &DecodeOptions) -> Result<RgbImage, String> {
         let text = |error: opencv::Error| error.to_string();
         if !self.capture.retrieve_def(&mut self.bgr).map_err(text)? || self.bgr.empty() {
@@ -256,7 +259,7 @@ impl Video {
         if self.bgr.typ() != CV_8UC3 {
             return Err("its pixels are not 8-bit colour".to_owned());
         }
-        // The conversion writes straight into the picture's own memory.
+        // The conversion writes directly into the memory of the returned picture.
         let spare = self.spare.pop().filter(|image| image.dimensions() == (width, height));
         let mut image = spare.unwrap_or_else(|| RgbImage::new(width, height));
         let pixels: &mut [u8] = &mut image;
@@ -267,7 +270,7 @@ impl Video {
         Ok(image)
     }
 
-    /// Counts the losses that only show at the end of the stream.
+    /// Counts the losses that can be detected only at the end of the stream.
     fn account_for_the_end(&mut self, report: &mut DecodeReport) {
         Self::settle(self.gap.take(), report);
         report.cut_short = is_cut_short(&self.path, self.content);
@@ -275,7 +278,8 @@ impl Video {
         report.broken_packets = packets.broken;
         let seen = self.uncounted + report.expected;
         let decoded = self.uncounted + report.decoded;
-        // Frames that an edit list leaves out are neither shown nor lost; OpenCV does not report which they are.
+        // Frames that an edit list leaves out are neither shown nor lost. OpenCV does not report which frames these
+        // are.
         let trimmed = self.content == Content::Mp4 && is_trimmed(&self.path);
         let contained = match self.promised {
             Some(promised) if self.counts_frames() || report.cut_short => promised.max(packets.count),

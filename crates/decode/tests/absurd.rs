@@ -1,4 +1,5 @@
-//! Tests impossible numbers in headers: the result must be an error message, or frames with sound times.
+//! Tests files with impossible numbers in their headers. The result must be an error message, or frames with valid
+//! times.
 
 #![allow(clippy::unwrap_used, clippy::panic)] // the helpers below are test code, too
 
@@ -24,8 +25,8 @@ fn write_clip(path: &Path, codec: &[u8; 4]) {
     writer.release().unwrap();
 }
 
-/// Returns the positions of 32-bit fields of a header: a box or chunk by its name, and offsets from the end of the
-/// name.
+/// Returns the positions of 32-bit header fields in a file. The fields belong to the box or chunk with this name, and
+/// `offsets` count from the end of the name.
 fn fields(bytes: &[u8], name: &[u8; 4], offsets: &[usize]) -> Vec<usize> {
     let at = bytes.windows(4).position(|window| window == name);
     let at = at.unwrap_or_else(|| panic!("no {}", String::from_utf8_lossy(name)));
@@ -35,7 +36,8 @@ fn fields(bytes: &[u8], name: &[u8; 4], offsets: &[usize]) -> Vec<usize> {
 #[test]
 fn impossible_numbers_in_headers_give_an_error_or_sound_frames() {
     let folder = tempfile::tempdir().unwrap();
-    // Scales, durations, counts, steps and sizes in pixels; see ISO/IEC 14496-12 and the RIFF AVI headers.
+    // These fields are scales, durations, counts, steps and sizes in pixels. See ISO/IEC 14496-12 and the RIFF AVI
+    // headers.
     type Fields = &'static [(&'static [u8; 4], &'static [usize])];
     let mp4: Fields = &[
         (b"mvhd", &[12, 16]),

@@ -15,7 +15,7 @@ const FPS: f64 = 25.0;
 /// Containers and codecs of the generated clips.
 const KINDS: [(&str, &[u8; 4]); 4] = [("mp4", b"mp4v"), ("mkv", b"mp4v"), ("avi", b"MJPG"), ("ts", b"mpg2")];
 
-/// Writes a grey ramp: frame i has the grey value 4 i, with texture so that not all packets are tiny.
+/// Writes a clip in which frame i has the grey value 4 i. A texture on it ensures that some packets are large.
 fn write_clip(path: &Path, codec: &[u8; 4]) {
     let fourcc = i32::from_le_bytes(*codec);
     let size = Size::new(160, 96);
@@ -105,7 +105,7 @@ fn pixels_are_rgb_in_the_right_order() {
     let mut input = open(&path, &DecodeOptions::default()).unwrap();
     assert_eq!(input.kind(), InputKind::Image);
     assert_eq!(input.next_frame().unwrap().unwrap().image, picture);
-    // Colours also survive a video: blue stays blue.
+    // Colours also survive in a video: blue stays blue.
     let path = folder.path().join("blue.avi");
     let size = Size::new(64, 64);
     let fourcc = i32::from_le_bytes(*b"MJPG");
@@ -150,7 +150,7 @@ fn cut_clips_are_counted_or_refused_wherever_they_are_cut() {
                     assert_eq!(report.expected, report.decoded + report.missing);
                     assert_eq!(report.delivered, indices.len() as u64);
                     assert!(times.windows(2).all(|pair| pair[0] < pair[1]), "{name}: times go forward");
-                    // A transport stream that is cut between two packets equals a whole one.
+                    // A transport stream that is cut between two packets looks complete.
                     let is_ts = path.extension().is_some_and(|e| e == "ts");
                     assert!(
                         report.is_damaged() || is_ts,
@@ -201,7 +201,7 @@ fn disguised_and_foreign_files_are_refused() {
     let script = format!("ffconcat version 1.0\nfile {}\n", paths[0].display());
     let playlist = format!("#EXTM3U\n#EXTINF:2,\n{}\n", paths[3].display());
     let video = std::fs::read(&paths[0]).unwrap();
-    // Archives that store a sound video without compression.
+    // These archives contain an intact video without compression.
     let zip = [b"PK\x03\x04\x14\0".as_slice(), &[0; 24], &video].concat();
     let tar = [b"lot.mp4".as_slice(), &[0; 250], b"ustar\0", &[0; 249], &video].concat();
     for path in [
@@ -253,7 +253,7 @@ fn folders_are_clips_in_natural_order() {
     assert!(matches!(open(folder.path(), &options), Err(DecodeError::NotMedia { .. })));
 }
 
-/// Runs ffmpeg on a test pattern; false where it is not installed.
+/// Runs ffmpeg on a test pattern. Returns false if ffmpeg is not installed.
 fn ffmpeg(arguments: &str, output: &Path) -> bool {
     let command = std::process::Command::new("ffmpeg")
         .args(["-v", "error", "-y", "-f", "lavfi", "-i", "testsrc=s=160x96:r=25:d=4"])
@@ -268,7 +268,7 @@ fn ffmpeg(arguments: &str, output: &Path) -> bool {
 fn streams_as_cameras_write_them_are_whole() {
     let folder = tempfile::tempdir().unwrap();
     for (name, arguments, frames) in [
-        // Reordered pictures, edit lists, a sound track, no index at the end, other containers.
+        // These clips have reordered pictures, edit lists, a sound track, no index at the end, or other containers.
         ("plain.mp4", "-map 0 -c:v libx264", 100),
         ("sound.mp4", "-map 0 -map 1 -c:v libx264 -c:a aac", 100),
         ("fragments.mp4", "-map 0 -c:v libx264 -movflags frag_keyframe+empty_moov", 100),
@@ -277,7 +277,7 @@ fn streams_as_cameras_write_them_are_whole() {
         ("plain.avi", "-map 0 -c:v mpeg4", 100),
         ("plain.mpg", "-map 0 -c:v mpeg2video", 100),
         ("slow.mp4", "-map 0 -vf fps=5 -c:v libx264", 20),
-        // A variable rate: only every fourth frame from the middle on.
+        // These clips have a variable rate: only every fourth frame from the middle on.
         ("varying.mp4", "-map 0 -vf select=lt(n\\,50)+not(mod(n\\,4)) -fps_mode vfr -c:v libx264", 62),
         ("varying.mkv", "-map 0 -vf select=lt(n\\,50)+not(mod(n\\,4)) -fps_mode vfr -c:v libx264", 62),
     ] {

@@ -1,4 +1,4 @@
-//! Tests that a long clip read in parts gives the same frames as in one run.
+//! Tests that reading a long clip in parts gives the same frames as reading it in one run.
 
 #![allow(clippy::unwrap_used)] // the helpers below are test code, too
 
@@ -12,7 +12,7 @@ use roadplane_decode::{DecodeOptions, DecodeReport, Input, open, open_part};
 const FPS: f64 = 25.0;
 const FRAMES: u64 = 500;
 
-/// Writes a clip whose pictures have their number as grey value, and a bar that moves.
+/// Writes a clip in which the grey value of each picture is its number. A bar moves across the pictures.
 fn write_clip(path: &Path, codec: &[u8; 4]) {
     let fourcc = i32::from_le_bytes(*codec);
     let size = Size::new(160, 96);
@@ -28,7 +28,7 @@ fn write_clip(path: &Path, codec: &[u8; 4]) {
     writer.release().unwrap();
 }
 
-/// Returns index, time and pixels of the frames from a time on.
+/// Returns the index, the time and the pixels of all frames from the time `from_s` on.
 fn frames(mut input: Input, from_s: f64) -> (Vec<(u64, f64, Vec<u8>)>, DecodeReport) {
     let mut frames = Vec::new();
     while let Some(frame) = input.next_frame().unwrap() {
@@ -39,7 +39,7 @@ fn frames(mut input: Input, from_s: f64) -> (Vec<(u64, f64, Vec<u8>)>, DecodeRep
     (frames, input.report().clone())
 }
 
-/// Compares the whole clip with three parts that each start decoding a second early.
+/// Compares the whole clip with three parts. Decoding of each part starts a second before the part.
 fn compare(path: &Path, what: &str) {
     let (whole, report) = frames(open(path, &DecodeOptions::default()).unwrap(), 0.0);
     let (mut joined, mut counts) = (Vec::new(), [0; 4]);
@@ -69,7 +69,7 @@ fn parts_together_are_the_whole_and_losses_are_counted_once() {
         let path = folder.path().join(format!("clip.{container}"));
         write_clip(&path, codec);
         compare(&path, container);
-        // An AVI has no times: read from its start, frames after damage come too early.
+        // An AVI has no times. If it is read from its start, frames after damage get times that are too early.
         if container == "mp4" {
             let mut bytes = std::fs::read(&path).unwrap();
             for percent in [28, 45, 71] {

@@ -1,17 +1,17 @@
 //! Decodes the net's outputs into boxes.
 //!
-//! The head is that of the generalised focal loss (arXiv 2006.04388). Each distance from a cell's centre to a side of
-//! the box is the mean of a distribution over 0…10 cells.
+//! The net has the output head of the generalised focal loss (arXiv 2006.04388). It gives the distances from a cell's
+//! centre to the four sides of the box. Each distance is the mean of a distribution over 0…10 cells.
 
 use ndarray::ArrayView3;
 use roadplane_base::VehicleClass;
 
-/// Classes in the order of the net's scores.
+/// Vehicle classes in the order of the net's scores.
 pub(crate) const CLASSES: [VehicleClass; 3] = [VehicleClass::Car, VehicleClass::Truck, VehicleClass::Bus];
-/// Number of bins of a distance's distribution.
+/// Number of bins in the distribution of a distance: 0…10 cells.
 pub(crate) const BINS: usize = 11;
 
-/// A box before merging, from the picture's top-left corner in px.
+/// A box before merging, in px from the picture's top-left corner.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Candidate {
     pub bbox: [f64; 4],
@@ -21,10 +21,11 @@ pub(crate) struct Candidate {
     pub pass: usize,
 }
 
-/// Returns the boxes of all cells of one level whose best score is at least `min_score`, in px from the corner of the
-/// net's input.
+/// Returns the boxes of one output level, in px from the top-left corner of the net's input. A cell gives a box if its
+/// best score is at least `min_score`.
 ///
-/// `scores` is [3, rows, columns]. `bins` is [44, rows, columns]: left, top, right, bottom, with 11 logits each.
+/// `scores` has the shape [3, rows, columns]: one score for each class. `bins` has the shape [44, rows, columns]: 11
+/// logits for each of left, top, right, bottom.
 pub(crate) fn candidates(
     scores: &ArrayView3<'_, f32>,
     bins: &ArrayView3<'_, f32>,
@@ -60,7 +61,7 @@ pub(crate) fn candidates(
     found
 }
 
-/// Returns the mean of the softmax over 0, 1, 2, …
+/// Returns the mean bin number, where the bins 0, 1, 2, … have the probabilities softmax(`logits`).
 fn expected_bin(logits: impl Iterator<Item = f64> + Clone) -> f64 {
     let highest = logits.clone().fold(f64::MIN, f64::max);
     let (sum, moment) = logits.enumerate().fold((0.0, 0.0), |(sum, moment), (bin, logit)| {
@@ -81,7 +82,7 @@ mod tests {
         let mut scores = Array3::<f32>::zeros((3, 4, 5));
         let mut bins = Array3::<f32>::zeros((44, 4, 5));
         scores[[1, 2, 3]] = 0.9;
-        // The distributions are certain of 1, 2, 3 and 4 cells to the left, top, right and bottom.
+        // The distributions put all weight on 1, 2, 3 and 4 cells to the left, top, right and bottom.
         for side in 0..4 {
             bins[[side * BINS + side + 1, 2, 3]] = 50.0;
         }

@@ -1,4 +1,4 @@
-//! Runs the detection net on frames and on parts of them.
+//! Runs the detection net on whole frames and on parts of frames.
 
 use image::RgbImage;
 use ndarray::{Array4, Axis, Ix4};
@@ -11,9 +11,10 @@ use crate::resample::{Part, input};
 use crate::tiles::{cuts, tiles};
 use crate::{DetectError, DetectOptions};
 
-/// Cell sizes of the net's levels, px of its input.
+/// Side of a grid cell in each output level of the net, px of the net's input.
 const STRIDES_PX: [usize; 3] = [8, 16, 32];
-/// Margin at a border in which cut boxes end, px of the net's input: they seldom end exactly on the border.
+/// Margin at a border, px of the net's input. A box that ends within this margin counts as cut by the border. Boxes
+/// that the border cuts seldom end exactly on it.
 const NEAR_BORDER_PX: f64 = 4.0;
 /// Lowest score of a box that takes part in merging.
 const MIN_CANDIDATE_SCORE: f64 = 0.1;
@@ -22,7 +23,8 @@ const MIN_CANDIDATE_SCORE: f64 = 0.1;
 pub(crate) struct Detections {
     /// Vehicles, merged over the passes.
     pub found: Vec<Found>,
-    /// Boxes, not merged, that are probably cut by a border of the part inside the picture.
+    /// Boxes that are probably cut by a border of the part. They are not merged. The picture's own borders do not
+    /// count.
     pub cut: Vec<Candidate>,
 }
 
@@ -34,11 +36,11 @@ pub struct Detector {
 }
 
 impl Detector {
-    /// Creates a detector from a net.
+    /// Creates a detector from the session of its net.
     ///
     /// # Errors
-    /// [`DetectError::UnsuitableNet`] when the net's card does not describe the outputs that this code reads,
-    /// [`DetectError::Option`] for options out of range.
+    /// [`DetectError::UnsuitableNet`] if the model card does not describe the outputs that this code reads.
+    /// [`DetectError::Option`] if an option is out of its range.
     pub fn new(session: Session, options: DetectOptions) -> Result<Self, DetectError> {
         options.check()?;
         let card = session.card();
@@ -76,7 +78,7 @@ impl Detector {
         &self.session
     }
 
-    /// Detects the vehicles in a whole frame, best first. Boxes are cut at the frame's borders.
+    /// Returns the vehicles in a whole frame, highest score first. Boxes end at the frame's borders.
     ///
     /// # Errors
     /// [`DetectError::Net`] when the net fails or returns numbers that are not finite.
@@ -91,8 +93,8 @@ impl Detector {
         &self.options
     }
 
-    /// Detects the vehicles in a part of a picture with at least this score, best first. Boxes are from the picture's
-    /// corner.
+    /// Returns the vehicles in a part of a picture, highest score first. Vehicles with a score below `min_score` are
+    /// left out. Boxes are in px from the top-left corner of the whole picture.
     pub(crate) fn inspect(
         &mut self,
         image: &RgbImage,
@@ -134,7 +136,8 @@ impl Detector {
                 let name = format!("{kind}_{stride}");
                 outputs.get(&name).and_then(|array| array.into_dimensionality::<Ix4>().ok())
             };
-            // The constructor checked the card for these outputs, and the session checks outputs against the card.
+            // The constructor checked that the card lists these outputs, and the session checks the outputs against the
+            // card.
             let (Some(scores), Some(bins)) = (output("scores"), output("bins")) else { continue };
             found.extend(candidates(
                 &scores.index_axis(Axis(0), 0),
@@ -148,8 +151,9 @@ impl Detector {
     }
 }
 
-/// Returns the record of a vehicle, its box moved to pixel centres and cut at the frame; `None` if nothing of it is
-/// inside.
+/// Returns the record of a vehicle, or `None` if its box is outside the frame.
+///
+/// The box is cut at the frame's borders. In the record, coordinates count from the centre of the top-left pixel.
 pub(crate) fn record(found: Found, width: f64, height: f64) -> Option<CarRecord> {
     let [x0, y0, x1, y1] = found.bbox;
     let clamp = |value: f64, length: f64| value.clamp(0.0, length) - 0.5;

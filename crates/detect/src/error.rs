@@ -3,13 +3,13 @@
 use roadplane_infer::InferError;
 use thiserror::Error;
 
-/// A detection error.
+/// An error of the detector.
 #[derive(Debug, Error)]
 pub enum DetectError {
     /// The net failed, or returned numbers that are not finite.
     #[error(transparent)]
     Net(#[from] InferError),
-    /// The net's card does not describe a detector that this code can read.
+    /// The net's model card does not describe a detector that this code can read.
     #[error("{model} is not a detector: {what}")]
     UnsuitableNet {
         /// The net's name.
@@ -17,16 +17,16 @@ pub enum DetectError {
         /// The input, output or class that is missing or different.
         what: String,
     },
-    /// An OpenCV call failed on the picture: a bug, or no memory left.
+    /// An OpenCV call on the picture failed. The cause is a bug or a lack of memory.
     #[error("OpenCV: {what}")]
     Picture {
         /// OpenCV's message.
         what: String,
     },
-    /// An option is out of its range: a fault of the configuration.
+    /// An option is out of its range. The configuration must be corrected.
     #[error("detect.{what}")]
     Option {
-        /// The option, and its allowed values.
+        /// The name of the option and its allowed values.
         what: String,
     },
 }
@@ -36,7 +36,7 @@ impl DetectError {
         Self::Picture { what: error.to_string() }
     }
 
-    /// Returns the net's own error, if it is one.
+    /// Returns the error of the net, if the net caused this error.
     #[must_use]
     pub fn net(&self) -> Option<&InferError> {
         match self {

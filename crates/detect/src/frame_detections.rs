@@ -1,4 +1,4 @@
-//! Collects the detections of one frame over all parts of the picture on which the net ran.
+//! Collects the detections of one frame from all parts of the picture on which the net ran.
 
 use roadplane_base::{CarRecord, WeakBox, bbox_centre, bbox_share_inside};
 use roadplane_watch::Cells;
@@ -6,30 +6,30 @@ use roadplane_watch::Cells;
 use crate::DetectOptions;
 use crate::detector::{Detections, record};
 
-/// Share of a box that a core must cover to have inspected it as a whole.
+/// Smallest share of a box that one inspected area must cover. Only then does the box count as inspected as a whole.
 const WHOLE: f64 = 0.9;
-/// Share of a weak box inside a vehicle above which it shows that vehicle.
+/// If a larger share than this of a low-score box lies inside a vehicle's box, the low-score box shows this vehicle.
 const MOSTLY: f64 = 0.5;
 
-/// The detections of one frame; boxes in px of the frame.
+/// The detections of one frame. Boxes are in px of the frame.
 #[derive(Debug)]
 pub(crate) struct FrameDetections {
     options: DetectOptions,
     cores: Vec<[f64; 4]>,
-    /// The cells that the cores cover.
+    /// The cells that the inspected areas (`cores`) touch.
     pub inspected: Cells,
-    /// The cells where a vehicle may be, according to boxes of any score.
+    /// The cells that boxes of any score touch. A vehicle may be in these cells.
     pub vehicles: Cells,
-    /// Vehicles with a sufficient score, each once.
+    /// Vehicles with a sufficient score, each listed once.
     pub found: Vec<CarRecord>,
-    /// Boxes with lower scores.
+    /// Boxes whose score is too low for a detection.
     pub weak: Vec<WeakBox>,
-    /// Boxes that a border of an inspected part cuts.
+    /// Boxes that are cut by a border of an inspected part.
     pub cut: Vec<[f64; 4]>,
 }
 
 impl FrameDetections {
-    /// Starts an empty collection in this grid.
+    /// Creates an empty collection for a picture with the cells of `grid`.
     pub(crate) fn new(options: &DetectOptions, grid: &Cells) -> Self {
         let (inspected, vehicles) = (grid.emptied(), grid.emptied());
         Self {
@@ -43,8 +43,8 @@ impl FrameDetections {
         }
     }
 
-    /// Adds the detections in a part of a picture of this width and height; only the `cores` of the part count as
-    /// inspected.
+    /// Adds the detections in a part of the picture. Only the areas `cores` of this part count as inspected. The
+    /// picture's width and height are in px.
     pub(crate) fn add(&mut self, detections: Detections, cores: Vec<[f64; 4]>, (width, height): (f64, f64)) {
         cores.iter().for_each(|core| self.inspected.insert_box(core));
         self.cores.extend(cores);
@@ -61,7 +61,7 @@ impl FrameDetections {
         }
     }
 
-    /// Whether a vehicle was found at a box.
+    /// Whether a vehicle with this box was already found.
     fn has(&self, bbox: &[f64; 4]) -> bool {
         self.found.iter().any(|other| self.options.are_one(&other.bbox_px, bbox))
     }
@@ -78,7 +78,8 @@ impl FrameDetections {
     }
 }
 
-/// Returns the weak boxes, each once, that show none of these vehicles, nor mostly a part of one.
+/// Returns the low-score boxes that show none of the vehicles `cars`, each listed once. A box that lies mostly inside a
+/// vehicle's box shows this vehicle.
 pub(crate) fn weak_beside(weak: &[WeakBox], cars: &[CarRecord], options: &DetectOptions) -> Vec<WeakBox> {
     let mut beside: Vec<WeakBox> = Vec::new();
     for weak in weak {
@@ -99,7 +100,8 @@ mod tests {
     #[test]
     fn weak_boxes_show_other_things_than_the_vehicles_found() {
         let weak = |x0: f64, x1: f64| WeakBox { bbox_px: [x0, 100.0, x1, 150.0], score: 0.2 };
-        // One object twice; the vehicle; more than half of the vehicle; an object that the vehicle hides a little.
+        // The list contains one object twice, the vehicle, more than half of the vehicle, and an object that the
+        // vehicle hides a little.
         let all = [
             weak(400.0, 480.0),
             weak(410.0, 490.0),

@@ -1,17 +1,19 @@
 //! Detects cars, trucks and buses in frames.
 //!
-//! The net (NanoDet, see `models/detector.md`) is fully convolutional. So it sees a picture in a few passes at
-//! different scales instead of many small windows: a fine pass for distant cars, a coarse one for near cars. Pictures
-//! that are too large for one run are cut into overlapping tiles. The boxes of all passes are merged into one list.
+//! The net (NanoDet, see `models/detector.md`) is fully convolutional. It therefore processes a picture in a few passes
+//! at different scales instead of in many small windows. A fine pass finds distant cars, and a coarse pass finds near
+//! cars. A picture that is too large for one run is cut into overlapping tiles. The boxes of all passes are merged into
+//! one list.
 //!
-//! In a clip the net need not run everywhere in every frame: [`RoiScheduler`] chooses the regions of interest.
+//! In a clip, the net does not run on the whole picture of every frame. [`RoiScheduler`] chooses the regions of
+//! interest.
 //!
 //! # Contents
 //! ```text
-//! Observation (watch) → RoiScheduler   changes, vehicles in motion, periodic full scan
+//! Observation (watch) → RoiScheduler   chooses areas: changes, moving vehicles, a periodic full scan
 //!                                      (regions_of_interest.rs, tracked_box.rs, frame_detections.rs)
-//!                     → regions        parts of the picture that are worth a run     (regions.rs)
-//!                     → Detector       passes → boxes → one list
+//!                     → regions        parts of the picture that cover these areas   (regions.rs)
+//!                     → Detector       runs the net in all passes and merges the boxes
 //!                                      (detector.rs, resample.rs, decode.rs, merge.rs)
 //! ```
 

@@ -5,13 +5,15 @@ use roadplane_base::{VehicleClass, bbox_iou};
 use crate::DetectOptions;
 use crate::decode::{CLASSES, Candidate};
 
-/// Largest vehicle that a pass judges if there is a coarser pass, px of the net's input (square root of the area). This
-/// limit and [`SMALLEST_PX`] come from the frames of `tests/virat.rs` and a car park with cars of 100 to 340 px.
+/// Largest size of a vehicle that a pass scores, px of the net's input. Larger vehicles are scored by a coarser pass,
+/// if there is one. The size is the square root of the box's area. This limit and [`SMALLEST_PX`] come from two
+/// sources: the frames of `tests/virat.rs`, and a car park with cars of 100 to 340 px.
 const LARGEST_PX: f64 = 160.0;
-/// Smallest vehicle that a pass must detect if there is a finer pass, px of the net's input (square root of the area).
+/// Smallest size of a vehicle that a pass must detect, px of the net's input. Smaller vehicles are left to a finer
+/// pass, if there is one. The size is the square root of the box's area.
 const SMALLEST_PX: f64 = 28.0;
 
-/// A merged vehicle; its box in px from the picture's corner.
+/// A vehicle after merging. Its box is in px from the picture's top-left corner.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Found {
     pub bbox: [f64; 4],
@@ -19,10 +21,10 @@ pub(crate) struct Found {
     pub class: VehicleClass,
 }
 
-/// Merges the boxes within each pass, then across passes.
+/// Merges the boxes within each pass, and then across passes.
 ///
-/// A vehicle's score is the mean over the passes that judge vehicles of its size. `scales` are the factors by which the
-/// passes scaled the frame, coarsest first. Vehicles that score less than `min_score` are left out.
+/// A vehicle's score is its mean score over the passes that are suited to its size. `scales` are the factors by which
+/// the passes scaled the frame, coarsest first. Vehicles with a score below `min_score` are left out.
 pub(crate) fn merge(
     candidates: Vec<Candidate>,
     scales: &[f64],
@@ -55,9 +57,9 @@ pub(crate) fn merge(
     found
 }
 
-/// Returns the passes that judge a vehicle of this size: the finest two in which it is not too large. The coarser of
-/// the two is left out if the vehicle is too small there. A vehicle that is too large for all passes is judged by the
-/// coarsest alone.
+/// Returns the passes that are suited to a vehicle of this size. They are the finest two passes in which the vehicle is
+/// not too large. If the vehicle is too small in the coarser of the two, this pass is left out. If the vehicle is too
+/// large for all passes, only the coarsest pass is suited.
 fn judges([x0, y0, x1, y1]: &[f64; 4], scales: &[f64]) -> std::ops::Range<usize> {
     let size_px = ((x1 - x0) * (y1 - y0)).max(0.0).sqrt();
     let fitting = scales.iter().take_while(|&scale| size_px * scale <= LARGEST_PX).count().max(1);
@@ -66,8 +68,8 @@ fn judges([x0, y0, x1, y1]: &[f64; 4], scales: &[f64]) -> std::ops::Range<usize>
     coarser + usize::from(too_small)..fitting
 }
 
-/// Groups boxes around the best ones, best first. A box that a group's head suppresses is dropped if it is too
-/// different to improve the head.
+/// Groups boxes that show the same vehicle, best group first. The box with the highest score is the head of its group.
+/// A box that shows the head's vehicle but differs too much from the head is dropped.
 fn groups(mut boxes: Vec<Candidate>, options: &DetectOptions) -> Vec<Vec<Candidate>> {
     // Ties are broken by position, so that the result does not depend on the order of the boxes.
     boxes.sort_by(|a, b| {

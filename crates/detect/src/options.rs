@@ -13,16 +13,18 @@ pub struct DetectOptions {
     pub min_score: f64,
     /// Smallest width of a box, px of the frame.
     pub min_width_px: f64,
-    /// Longer side of the frame in each pass, px; frames are never enlarged. The net finds cars of about 30 to 160 px
-    /// after scaling, best where two passes see them. The time grows with the square.
+    /// Length of the frame's longer side in each pass, px. Frames are never enlarged. The net finds cars of about 30 to
+    /// 160 px after scaling. It works best if two passes show a car at such a size. The computing time grows with the
+    /// square of the length.
     pub pass_px: Vec<u32>,
-    /// Overlap (intersection over union) above which two boxes are one vehicle.
+    /// Two boxes show one vehicle if their overlap (intersection over union) is at least this value.
     pub nms_iou: f64,
-    /// Share of a box inside another above which the two are one vehicle.
+    /// Two boxes show one vehicle if at least this share of the smaller box lies inside the other box.
     pub nms_covered: f64,
-    /// Longest side of the net's input in one run, px after scaling; it bounds memory.
+    /// Longest side of the net's input in one run, px after scaling. This limit bounds the memory use.
     pub tile_px: u32,
-    /// Overlap of neighbouring tiles, px after scaling; longer vehicles are left to a coarser pass.
+    /// Overlap of neighbouring tiles, px after scaling. Vehicles that are longer than the overlap are left to a coarser
+    /// pass.
     pub tile_overlap_px: u32,
 }
 
@@ -41,7 +43,7 @@ impl Default for DetectOptions {
 }
 
 impl DetectOptions {
-    /// Returns the factor by which each pass scales a frame, coarsest first; passes with nearly equal factors are
+    /// Returns the factor by which each pass scales a frame, coarsest first. Passes with nearly equal factors are
     /// merged.
     pub(crate) fn scales(&self, width: u32, height: u32) -> Vec<f64> {
         let longer = f64::from(width.max(height).max(1));
@@ -51,7 +53,7 @@ impl DetectOptions {
         scales
     }
 
-    /// Returns the size of the net's input over all passes for a picture of this size, px.
+    /// Returns the number of pixels of the net's input for a picture of this size, summed over all passes.
     #[must_use]
     pub fn input_px(&self, width: u32, height: u32) -> f64 {
         let scales = self.scales(width, height);
@@ -66,7 +68,7 @@ impl DetectOptions {
     /// Checks the ranges of the options.
     ///
     /// # Errors
-    /// [`DetectError::Option`] naming the first such value and its range.
+    /// [`DetectError::Option`] with the name and the range of the first option that is out of its range.
     pub fn check(&self) -> Result<(), DetectError> {
         let fail = |what: &str| Err(DetectError::Option { what: what.to_owned() });
         if !(0.05..=1.0).contains(&self.min_score) {

@@ -1,12 +1,12 @@
-//! Chooses the parts of the picture on which the net runs so that they cover all requested areas.
+//! Chooses the parts of the picture on which the net runs. Together they cover all areas that must be inspected.
 
 use roadplane_base::bbox_around;
 
 use crate::resample::{MULTIPLE_PX, Part};
 
-/// Fixed cost of one run of the net, as the number of input pixels that would cost the same, px.
+/// Fixed cost of one run of the net, expressed as a number of input pixels with the same cost.
 const OVERHEAD_PX: f64 = 12_000.0;
-/// Share of the whole picture's cost above which the net runs on the whole picture instead.
+/// If the parts cost more than this share of the whole picture's cost, the net runs on the whole picture instead.
 const WHOLE_SHARE: f64 = 0.7;
 
 /// Smallest margin around an area, px of the net's input in the finest pass.
@@ -14,17 +14,17 @@ const MARGIN_PX: f64 = 64.0;
 /// Margin around an area, as a share of its longer side.
 const MARGIN_SHARE: f64 = 0.25;
 
-/// A part of the picture to run the net on, and the areas in it (`cores`) that count as inspected.
+/// A part of the picture on which the net runs. Only the areas `cores` in it count as inspected.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Region {
     pub part: Part,
     pub cores: Vec<[f64; 4]>,
 }
 
-/// Returns parts that cover all areas (boxes, px of the frame) at a low cost.
+/// Returns parts of the picture that cover all areas at a low cost. The areas are boxes in px of the frame.
 ///
-/// Neighbours are joined greedily where that saves cost. The whole picture is returned where it hardly costs more.
-/// `scales` are the factors of the detector's passes, coarsest first.
+/// Neighbouring areas are joined greedily if this saves cost. If the whole picture costs hardly more than the parts,
+/// the whole picture is returned. `scales` are the scale factors of the detector's passes, coarsest first.
 pub(crate) fn regions(areas: &[[f64; 4]], whole: Part, scales: &[f64]) -> Vec<Region> {
     let finest = scales.last().copied().unwrap_or(1.0);
     let everything = [0.0, 0.0, whole.width as f64, whole.height as f64];
@@ -35,7 +35,7 @@ pub(crate) fn regions(areas: &[[f64; 4]], whole: Part, scales: &[f64]) -> Vec<Re
         .map(|area| (inside(with_margin(area, finest)), vec![inside(*area)]))
         .filter(|(bounds, _)| bounds[2] > bounds[0] && bounds[3] > bounds[1])
         .collect();
-    // The pair with the largest saving is joined first; ties go to the first in order.
+    // The pair with the largest saving is joined first. If several pairs save the same, the first of them is joined.
     loop {
         let mut best: Option<(f64, usize, usize)> = None;
         for i in 0..open.len() {
@@ -64,14 +64,14 @@ pub(crate) fn regions(areas: &[[f64; 4]], whole: Part, scales: &[f64]) -> Vec<Re
     open.into_iter().map(|(bounds, cores)| Region { part: part(bounds), cores }).collect()
 }
 
-/// Returns an area with the margin that the net needs to judge it.
+/// Returns an area with the margin around it that the net needs to find vehicles in the area.
 fn with_margin([x0, y0, x1, y1]: &[f64; 4], finest: f64) -> [f64; 4] {
     let margin =
         (MARGIN_PX / finest).max(MARGIN_SHARE * (x1 - x0).max(y1 - y0)).min(2.5 * MARGIN_PX / finest);
     [x0 - margin, y0 - margin, x1 + margin, y1 + margin]
 }
 
-/// Returns the cost of a part over all passes, px of the net's input, with the overhead of each run.
+/// Returns the cost of a part over all passes, including the overhead of each run, px of the net's input.
 fn cost([x0, y0, x1, y1]: &[f64; 4], scales: &[f64]) -> f64 {
     let padded = |length: f64, scale: f64| {
         let multiple = MULTIPLE_PX as f64;
@@ -80,8 +80,8 @@ fn cost([x0, y0, x1, y1]: &[f64; 4], scales: &[f64]) -> f64 {
     scales.iter().map(|&scale| padded(x1 - x0, scale) * padded(y1 - y0, scale) + OVERHEAD_PX).sum()
 }
 
-/// Returns start and length of a part along one axis. The part is enlarged to the length to which the finest pass
-/// would pad it anyway.
+/// Returns the start and the length of a part along one axis. The part is enlarged to a length that the finest pass
+/// need not pad.
 fn filled(from: f64, to: f64, length: usize, finest: f64) -> (usize, usize) {
     let multiple = MULTIPLE_PX as f64 / finest;
     let wanted = ((to - from) / multiple).ceil().max(1.0) * multiple;
@@ -114,7 +114,7 @@ mod tests {
                 assert!(part.x as f64 <= core[0] && core[2] <= (part.x + part.width) as f64, "{region:?}");
                 assert!(part.y as f64 <= core[1] && core[3] <= (part.y + part.height) as f64, "{region:?}");
             }
-            // Nothing is padded in the finest pass.
+            // The finest pass pads nothing.
             assert!(
                 (part.width as f64 * SCALES[2] % 32.0).min(32.0 - part.width as f64 * SCALES[2] % 32.0) < 1.0
             );

@@ -1,7 +1,9 @@
-//! Schedules the regions of interest: changes, vehicles that are not stationary yet, and a periodic full scan in parts.
+//! Schedules the regions of interest: changes, vehicles that are not yet stationary, and a full scan. The full scan
+//! covers the picture part by part and is repeated periodically.
 //!
-//! A vehicle that was stationary in several inference frames keeps its box until a change in its position or the next
-//! full scan. All decisions follow from the pictures, their times and their positions in the input.
+//! A vehicle that was stationary in several inference frames keeps its box. The net runs on it again only after a
+//! change in its position, or in the next full scan. All decisions depend only on the pictures, their times and their
+//! positions in the input.
 
 use nalgebra::Vector2;
 use roadplane_base::{CarRecord, FrameStamp, WeakBox, bbox_around, bbox_centre, bbox_covered, bbox_moved};
@@ -13,29 +15,30 @@ use crate::resample::Part;
 use crate::tracked_box::{TrackedBox, update};
 use crate::{DetectError, Detector};
 
-/// Number of inference frames at the start in which the whole picture is inspected: a vehicle missed by one is found by
-/// the next.
+/// Number of inference frames at the start in which the whole picture is inspected. If one of them misses a vehicle,
+/// the next one can find it.
 const FIRST_FULL_FRAMES: u32 = 3;
-/// Score from which a box shows that a change in the picture is a vehicle. Such a box may be too weak for a detection,
-/// and the vehicle may already be tracked.
+/// Smallest score at which a box marks a change in the picture as a vehicle. Such a score may be too low for a
+/// detection, but the vehicle may already be tracked.
 const WEAK_SCORE: f64 = 0.12;
-/// Side of a part of the full scan, px of the net's input in the finest pass.
+/// Largest side of one part of the full scan, px of the net's input in the finest pass.
 const SCAN_PART_PX: f64 = 400.0;
-/// Share of a cut box inside a carried-over vehicle above which it is that vehicle.
+/// A box at the border of an inspected part may show a piece of a carried-over vehicle. It does so if the overlap of
+/// both boxes exceeds this share of the smaller box.
 const SAME_VEHICLE: f64 = 0.5;
-/// Share of changed cells in a stationary vehicle's box above which the whole vehicle is inspected.
+/// Smallest share of changed cells in a stationary vehicle's box at which the whole box is inspected.
 const CHANGED_SHARE: f64 = 0.2;
-/// Time for which a change that was no vehicle (people, leaves) is not inspected again, s.
+/// Time for which a cell is not inspected again after a change that was no vehicle (people, leaves), s.
 const IDLE_S: f64 = 0.19;
 
-/// The result for one inference frame.
+/// The detections of one inference frame.
 #[derive(Clone, Debug)]
 pub struct RoiDetections {
-    /// Vehicles: detected in this frame, or carried over.
+    /// Vehicles that were detected in this frame or carried over from an earlier frame.
     pub cars: Vec<CarRecord>,
-    /// Boxes with scores below the detection threshold that show none of these vehicles.
+    /// Boxes with scores below the detection threshold that show none of the vehicles in `cars`.
     pub weak: Vec<WeakBox>,
-    /// Share of the picture that changed since it was last inspected, 0–1.
+    /// Share of the picture that changed since its last inspection, 0–1.
     pub changed: f64,
     /// Share of the picture that was inspected in this frame, 0–1.
     pub inspected: f64,
@@ -43,25 +46,25 @@ pub struct RoiDetections {
     pub busy: Cells,
 }
 
-/// Chooses the regions of each inference frame from the results of the frames before.
+/// Chooses the regions of interest of each inference frame from the results of earlier frames.
 #[derive(Debug)]
 pub struct RoiScheduler {
-    /// Inference frames within which a full scan covers the picture.
+    /// Number of inference frames within which a full scan covers the picture.
     frames_per_scan: u64,
     map: Option<ChangeMap>,
     tracked: Vec<TrackedBox>,
-    /// Boxes that a border of an inspected part cut in the last inference frame.
+    /// Boxes of the last inference frame that were cut by a border of an inspected part.
     cut: Vec<[f64; 4]>,
     frames: u32,
-    /// Time until which a change in each cell is not inspected, s, because the last one was no vehicle.
+    /// For each cell, the time until which a change in it is not inspected, s. The last change in the cell was no
+    /// vehicle.
     idle_until: Vec<f64>,
-    /// Shake of the last inspected picture, px.
+    /// Shift of the last inference frame by camera shake, px of the frame.
     offset: Vector2<f64>,
 }
 
 impl RoiScheduler {
-    /// Creates a scheduler before the first frame. A full scan covers the picture within `frames_per_scan` inference
-    /// frames.
+    /// Creates a scheduler for a new clip. A full scan covers the picture within `frames_per_scan` inference frames.
     #[must_use]
     pub fn new(frames_per_scan: u64) -> Self {
         Self {
@@ -75,7 +78,7 @@ impl RoiScheduler {
         }
     }
 
-    /// Returns the vehicles of a frame that is not inspected: those that are carried over.
+    /// Returns the vehicles of a frame on which the net does not run. They are carried over from earlier frames.
     #[must_use]
     pub fn carried_over(&self) -> Vec<CarRecord> {
         self.tracked
@@ -85,8 +88,10 @@ impl RoiScheduler {
             .collect()
     }
 
-    /// Detects the vehicles of an inference frame. `number` counts inference frames from the start of the input,
-    /// wherever this run started.
+    /// Detects the vehicles of an inference frame.
+    ///
+    /// `number` is the number of this inference frame. It counts from the start of the input, even if this run started
+    /// later.
     ///
     /// # Errors
     /// [`DetectError`] when the net fails.
@@ -149,7 +154,7 @@ impl RoiScheduler {
         let mut cars: Vec<CarRecord> = at_rest.iter().map(|car| moved(car, &offset)).collect();
         for vehicle in self.tracked.iter().filter(|v| v.is_carried_over() && v.seen_frame != stamp.index) {
             let record = carried_over_record(vehicle, &offset);
-            // A detection hides a carried-over vehicle in the same position.
+            // A detection replaces a carried-over vehicle in the same position.
             if !cars.iter().any(|car| detector.options().are_one(&car.bbox_px, &record.bbox_px)) {
                 cars.push(record);
             }
@@ -160,7 +165,7 @@ impl RoiScheduler {
         Ok(RoiDetections { cars, weak, changed: changed.share(), inspected: inspected.share(), busy })
     }
 
-    /// Runs the net on the parts of the picture that are due.
+    /// Runs the net on the parts of the picture that are due for inspection.
     fn run(
         &mut self,
         detector: &mut Detector,
@@ -182,8 +187,8 @@ impl RoiScheduler {
         for region in regions(&areas, whole, &scales) {
             detections.add(detector.inspect(image, region.part, WEAK_SCORE)?, region.cores, (width, height));
         }
-        // A cut box is inspected as a whole next time, unless it shows a carried-over vehicle beside the inspected
-        // area.
+        // A cut box is inspected as a whole in the next inference frame. The exception is a box that shows a
+        // carried-over vehicle beside the inspected area.
         let is_carried_over = |bbox: &[f64; 4]| {
             self.tracked.iter().any(|vehicle| {
                 vehicle.is_carried_over() && bbox_covered(&vehicle.bbox_px, bbox) > SAME_VEHICLE
@@ -193,7 +198,7 @@ impl RoiScheduler {
         Ok(detections)
     }
 
-    /// Returns the areas that are due for inspection.
+    /// Returns the areas that are due for inspection, as boxes in px of the frame.
     fn due_areas(&self, changed: &Cells, time_s: f64, scan: Option<[f64; 4]>) -> Vec<[f64; 4]> {
         let mut due = changed.emptied();
         for (column, row) in changed.iter() {
@@ -209,7 +214,8 @@ impl RoiScheduler {
             .iter()
             .filter(|vehicle| !vehicle.is_settled())
             .partition(|vehicle| vehicle.is_due(time_s));
-        // A change at a moving vehicle that is not due yet is that vehicle.
+        // Changes inside the box of a moving vehicle are caused by this vehicle. They are not inspected before the
+        // vehicle is due.
         for vehicle in early {
             due.remove_box(&in_frame(vehicle.inspection_box(time_s)));
         }
@@ -241,8 +247,8 @@ impl RoiScheduler {
     }
 }
 
-/// Returns the part of the full scan that is due in this inference frame, if any; the parts are spread evenly over the
-/// scan.
+/// Returns the part of the full scan that is due in this inference frame, or `None` if no part is due. The parts are
+/// spread evenly over the inference frames of a scan.
 fn scan_part(number: u64, frames_per_scan: u64, width: f64, height: f64, finest: f64) -> Option<[f64; 4]> {
     let count = |length: f64| (length * finest / SCAN_PART_PX).ceil().max(1.0) as u64;
     let (columns, rows) = (count(width), count(height));

@@ -1,13 +1,13 @@
-//! Resamples a part of a frame for the net: planes of f32 in 0…1.
+//! Resamples a part of a frame for the net. The result has one plane of f32 values from 0 to 1 for each colour.
 
 use image::RgbImage;
 use ndarray::Array4;
 use opencv::core::{Mat, MatTraitConst as _, MatTraitConstManual as _, Rect, Size, Vec3b};
 use opencv::imgproc::{INTER_AREA, resize};
 
-/// Divisor of the sides of the net's input, px.
+/// Both sides of the net's input must be multiples of this number, px.
 pub(crate) const MULTIPLE_PX: usize = 32;
-/// Value of the net's input beyond the picture: the middle grey that the net was trained with.
+/// Value of the net's input in the padding beyond the picture. It is the middle grey with which the net was trained.
 const PADDING: f32 = 114.0 / 255.0;
 
 /// A rectangle of whole pixels of a frame.
@@ -20,14 +20,16 @@ pub(crate) struct Part {
 }
 
 impl Part {
-    /// Returns the whole of a picture.
+    /// Returns the part that covers a whole picture.
     pub(crate) fn whole(image: &RgbImage) -> Self {
         Self { x: 0, y: 0, width: image.width() as usize, height: image.height() as usize }
     }
 }
 
-/// Resamples a part to `width` × `height`, at most its own size, by area average; pixel centres correspond. Returns the
-/// net's input [1, 3, rows, columns], padded at the right and the bottom.
+/// Resamples a part of a picture to `width` × `height` px by averaging over areas. This size is at most the part's own
+/// size. The corners of the part and of the resampled picture coincide.
+///
+/// Returns the net's input with the shape [1, 3, rows, columns], padded at the right and the bottom.
 pub(crate) fn input(
     image: &RgbImage,
     part: Part,
@@ -66,7 +68,7 @@ pub(crate) fn input(
 mod tests {
     use super::*;
 
-    /// A ramp along x and y, which resampling must keep in position, to a rounded grey level.
+    /// Draws grey ramps along x and y. Resampling must keep their positions, up to a rounded grey level.
     fn ramp(width: u32, height: u32) -> RgbImage {
         RgbImage::from_fn(width, height, |x, y| image::Rgb([(2 * x) as u8, (3 * y) as u8, 100]))
     }

@@ -2,8 +2,10 @@
 
 use crate::resample::Part;
 
-/// Whether a box (left, top, right, bottom) comes within `near` of a border of the part inside the picture. It is
-/// probably cut there, and another part or a coarser pass contains the whole of it.
+/// Whether a box (left, top, right, bottom) comes within `near` px of an inner border of the part. A border of the
+/// whole picture is no inner border.
+///
+/// Such a box is probably cut. The whole vehicle is in another part or in a coarser pass.
 pub(crate) fn cuts(part: Part, [left, top, right, bottom]: [f64; 4], picture: Part, near: f64) -> bool {
     let (x1, y1) = (part.x + part.width, part.y + part.height);
     (part.x > 0 && left < part.x as f64 + near)
@@ -12,7 +14,7 @@ pub(crate) fn cuts(part: Part, [left, top, right, bottom]: [f64; 4], picture: Pa
         || (y1 < picture.height && bottom > y1 as f64 - near)
 }
 
-/// Returns tiles of equal size that cover a part with at least the given overlap.
+/// Returns tiles of equal size that cover a part with at least the given overlap. Their sides are at most `longest`.
 pub(crate) fn tiles(part: Part, longest: usize, overlap: usize) -> Vec<Part> {
     let mut all = Vec::new();
     let (columns, width) = spans(part.width, longest, overlap);
@@ -25,7 +27,7 @@ pub(crate) fn tiles(part: Part, longest: usize, overlap: usize) -> Vec<Part> {
     all
 }
 
-/// Returns the starts and the common length of the spans along one axis.
+/// Returns the starts and the common length of the tiles along one axis.
 fn spans(length: usize, longest: usize, overlap: usize) -> (Vec<usize>, usize) {
     if length <= longest {
         return (vec![0], length);

@@ -5,43 +5,46 @@ use std::collections::BTreeMap;
 use nalgebra::Vector2;
 use roadplane_base::{CarRecord, VehicleClass, bbox_around, bbox_centre, bbox_iou, bbox_moved};
 
-/// Consecutive detections in the same position after which a vehicle may be stationary.
+/// Smallest number of consecutive detections in one position that make a vehicle stationary.
 const SETTLED_DETECTIONS: u32 = 5;
-/// Least time that these detections span, s.
+/// Shortest time between the first and the last detection in one position that makes a vehicle stationary, s.
 const SETTLED_S: f64 = 0.35;
-/// Share of its box's diagonal by which a moving vehicle must have moved before it is inspected again.
+/// Distance that a moving vehicle must move before it is inspected again, as a share of its box's diagonal.
 const MOVED: f64 = 0.12;
 /// Time after which a moving vehicle is inspected again in any case, s.
 const MAX_UNINSPECTED_S: f64 = 0.2;
-/// Score below which a vehicle is inspected in every inference frame: the next one may miss it.
+/// Score below which a vehicle is inspected in every inference frame, because the next inspection may miss it.
 const DOUBTFUL: f64 = 0.5;
-/// Overlap (intersection over union) of a box with the anchor below which the vehicle has moved.
+/// Smallest overlap (intersection over union) between a stationary vehicle's new box and its anchor box. The anchor box
+/// is the first box in the current position.
 const STAYED: f64 = 0.8;
-/// Overlap with the anchor below which the vehicle has moved, where no cell changed. A moving vehicle changes the
-/// picture, so there the detector's box only jitters.
+/// Smallest overlap between a stationary vehicle's new box and its anchor box if no cell changed. Without a change in
+/// the picture, the vehicle cannot have moved, and only the detector's box jitters.
 const STAYED_UNCHANGED: f64 = 0.5;
-/// Misses after which a vehicle is dropped.
+/// A vehicle is dropped when the weights of its misses add up to this value. A miss is an inspection without a
+/// detection of the vehicle.
 const MAX_MISSED: f64 = 2.0;
-/// Interval over which misses become independent, s. A miss sooner after the last inspection counts in proportion.
+/// Two inspections count as independent if at least this time lies between them, s. A miss after a shorter time has a
+/// proportionally smaller weight.
 const ALIKE_S: f64 = 0.09;
-/// Weight of a miss where no cell changed. A stationary vehicle cannot leave without a change, so the detector only
-/// misses it.
+/// Weight of a miss if no cell changed. A stationary vehicle cannot leave without a change, so the detector must have
+/// overlooked it.
 const MISSED_UNCHANGED: f64 = 0.25;
-/// Share of the class votes that makes a vehicle a car.
+/// Smallest share of the class votes at which a vehicle counts as a car.
 const CAR_SHARE: f64 = 0.3;
-/// Factor by which class votes fade from detection to detection.
+/// Factor by which older class votes are reduced at each detection.
 const FADE: f64 = 0.97;
-/// Least overlap of a detection with a vehicle's expected box, intersection over union.
+/// Smallest overlap (intersection over union) at which a detection can be assigned to a vehicle.
 const MIN_OVERLAP: f64 = 0.2;
-/// Margin around a vehicle's box that is inspected with it, as a share of its sides.
+/// Margin around a vehicle's box that is inspected with the box, as a share of the box's sides.
 const AROUND: f64 = 0.15;
 
-/// A vehicle that was detected before; boxes in px of the frame at rest.
+/// A vehicle that was detected before. Its boxes are in px of the frame at rest (without camera shake).
 #[derive(Clone, Debug)]
 pub(crate) struct TrackedBox {
     pub bbox_px: [f64; 4],
     pub score: f64,
-    /// Sum of the scores of the detections of each class, faded.
+    /// For each class, the sum of the scores of its detections. Older scores are reduced.
     votes: BTreeMap<VehicleClass, f64>,
     /// Frame of the last detection.
     pub seen_frame: u64,
@@ -50,10 +53,10 @@ pub(crate) struct TrackedBox {
     anchor_px: [f64; 4],
     anchor_s: f64,
     stayed: u32,
-    /// Number of detections.
+    /// Number of detections of the vehicle.
     detections: u32,
     missed: f64,
-    /// Time of the last inspection of its position, s.
+    /// Time of the last inspection of the vehicle's position, s.
     inspected_s: f64,
     velocity_px_s: Vector2<f64>,
 }
@@ -76,8 +79,8 @@ impl TrackedBox {
         }
     }
 
-    /// Returns the class by a vote of all detections. The detector mistakes cars for trucks, above all cut ones,
-    /// more often than trucks for cars.
+    /// Returns the class by a vote of all detections. A car needs only a small share of the votes. The reason: the
+    /// detector mistakes cars for trucks more often than trucks for cars, above all at cut boxes.
     pub(crate) fn class(&self) -> VehicleClass {
         let all: f64 = self.votes.values().sum();
         if self.votes.get(&VehicleClass::Car).is_some_and(|votes| *votes >= CAR_SHARE * all) {
@@ -87,8 +90,8 @@ impl TrackedBox {
         best.map_or(VehicleClass::Car, |(class, _)| *class)
     }
 
-    /// Whether the vehicle is stationary and not missed by more than one inspection. Then its position needs no
-    /// inspection before a change or the periodic full scan, even if the detector's score wavers.
+    /// Whether the vehicle is stationary and its misses add up to less than one. Its position then needs no inspection
+    /// before a change or the periodic full scan, even if the detector's score varies.
     pub(crate) fn is_settled(&self) -> bool {
         self.is_stationary() && self.missed < 1.0
     }
@@ -98,8 +101,8 @@ impl TrackedBox {
         self.stayed >= SETTLED_DETECTIONS && self.seen_s - self.anchor_s >= SETTLED_S
     }
 
-    /// Whether an inspection is due. It is due if the vehicle is new, doubtful or missed, has moved far enough to give
-    /// new information, or was not inspected for too long.
+    /// Whether the vehicle must be inspected. This is so if it is new, has a low score or was missed. It is also so if
+    /// the vehicle has moved far enough, or was not inspected for too long.
     pub(crate) fn is_due(&self, time_s: f64) -> bool {
         let [x0, y0, x1, y1] = self.bbox_px;
         let moved = self.velocity_px_s.norm() * (time_s - self.seen_s);
@@ -110,12 +113,12 @@ impl TrackedBox {
             || time_s - self.inspected_s >= MAX_UNINSPECTED_S
     }
 
-    /// Whether the vehicle was stationary and few inspections missed it: its box is carried over.
+    /// Whether the vehicle's box is carried over: the vehicle is stationary, and few inspections missed it.
     pub(crate) fn is_carried_over(&self) -> bool {
         self.is_stationary() && self.missed < MAX_MISSED
     }
 
-    /// Returns the expected box.
+    /// Returns the box in which the vehicle is expected at a time, s.
     pub(crate) fn expected(&self, time_s: f64) -> [f64; 4] {
         if self.is_stationary() {
             return self.bbox_px;
@@ -123,7 +126,7 @@ impl TrackedBox {
         bbox_moved(&self.bbox_px, &(self.velocity_px_s * (time_s - self.seen_s).clamp(0.0, 0.5)))
     }
 
-    /// Returns the box that an inspection must cover: the last box, the expected one, and a margin.
+    /// Returns the box that an inspection must cover: the last box and the expected box, with a margin.
     pub(crate) fn inspection_box(&self, time_s: f64) -> [f64; 4] {
         let bbox = &self.bbox_px;
         let [x0, y0, x1, y1] = bbox_around(bbox, &self.expected(time_s));
@@ -131,7 +134,8 @@ impl TrackedBox {
         [x0 - dx, y0 - dy, x1 + dx, y1 + dy]
     }
 
-    /// Updates the vehicle by a detection. A stationary vehicle keeps its box where no cell changed (`unchanged`).
+    /// Updates the vehicle with a new detection. A stationary vehicle keeps its box if no cell in it changed
+    /// (`unchanged`).
     fn add_detection(&mut self, found: &CarRecord, unchanged: bool, frame: u64, time_s: f64) {
         self.detections = self.detections.saturating_add(1);
         self.inspected_s = time_s;
@@ -159,9 +163,10 @@ impl TrackedBox {
 
 /// Assigns the detections `found` of one inference frame to the tracked vehicles.
 ///
-/// A stationary vehicle passes its box to its detection where no cell changed. Vehicles that were missed too often are
-/// dropped, and unassigned detections become new vehicles. `covers` returns whether a box was inspected as a whole,
-/// `unchanged` whether no cell in it changed.
+/// If no cell changed, the detection of a stationary vehicle gets the vehicle's earlier box. Vehicles that were missed
+/// too often are dropped. Unassigned detections become new vehicles.
+///
+/// `covers` returns whether a box was inspected as a whole. `unchanged` returns whether no cell in a box changed.
 pub(crate) fn update(
     tracked: &mut Vec<TrackedBox>,
     found: &mut [CarRecord],

@@ -1,4 +1,4 @@
-//! Measures recall and precision on the three labelled frames of a real car park.
+//! Measures recall and precision of the detector on the three labelled frames of a real car park.
 
 #![allow(clippy::unwrap_used)] // the helpers below are test code, too
 
@@ -9,7 +9,7 @@ use roadplane_base::{CarRecord, Frame, FrameStamp, VehicleClass, bbox_iou};
 use roadplane_detect::{DetectOptions, Detector};
 use roadplane_infer::{ProviderChoice, Session, SessionOptions};
 
-/// The label of a vehicle, px.
+/// The labelled box of a vehicle, px.
 struct Label {
     bbox: [f64; 4],
 }
@@ -18,7 +18,7 @@ fn root() -> &'static Path {
     Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."))
 }
 
-/// Opens the detector in f32, whatever the machine supports.
+/// Opens the detector with f32 arithmetic, whatever the machine supports.
 fn detector(options: DetectOptions) -> Detector {
     detector_on(ProviderChoice::Cpu, options)
 }
@@ -34,12 +34,12 @@ fn read(path: &Path) -> Frame {
     Frame { stamp: FrameStamp { index: 0, pts_nanos: 0 }, image }
 }
 
-/// Returns the text after `key` up to one of the ends.
+/// Returns the text between `key` and the first of the characters `ends`.
 fn after<'a>(line: &'a str, key: &str, ends: &[char]) -> Option<&'a str> {
     Some(line.split_once(key)?.1.trim_start().split(ends).next()?.trim())
 }
 
-/// Reads the vehicles of one frame from KPF text.
+/// Reads the labels of one frame's vehicles from files in the KPF format.
 fn labels(folder: &Path, frame: &str) -> Vec<Label> {
     let text = |name| std::fs::read_to_string(folder.join(name)).unwrap();
     let types = text("types.yml");
@@ -61,7 +61,8 @@ fn width(bbox: &[f64; 4]) -> f64 {
     bbox[2] - bbox[0]
 }
 
-/// Returns which labels are found and which detections are right. Each label is used once, best detections first.
+/// Returns for each label whether it was found, and for each detection whether it is right. Each label is used once,
+/// and the best detections come first.
 fn matched(cars: &[CarRecord], labels: &[Label], min_iou: f64) -> (Vec<bool>, Vec<bool>) {
     let (mut found, mut right) = (vec![false; labels.len()], vec![false; cars.len()]);
     for (i, car) in cars.iter().enumerate() {
@@ -114,7 +115,8 @@ fn labelled_cars_are_found() {
     }
 }
 
-/// Int8 finds the vehicles that f32 finds; of boxes near the threshold one in twenty may come or go.
+/// Checks that int8 arithmetic finds the vehicles that f32 finds. One in twenty may differ, if its score is near the
+/// threshold.
 #[test]
 fn int8_finds_the_vehicles_of_f32() {
     let scenes = root().join("tests/data/lots/scenes");

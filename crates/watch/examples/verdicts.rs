@@ -1,7 +1,9 @@
-//! Prints the watcher's verdicts on a clip: `cargo run --release -p roadplane-watch --example verdicts -- CLIP
-//! [STRIDE]`.
+//! Prints the watcher's verdicts on a clip.
 //!
-//! It prints a line whenever the verdict changes or the camera moved, and a summary of shake and change at the end.
+//! Usage: `cargo run --release -p roadplane-watch --example verdicts -- CLIP [STRIDE]`
+//!
+//! A line is printed whenever the verdict changes or the camera moves. At the end, a summary of shake and change is
+//! printed.
 
 use roadplane_decode::{DecodeOptions, open};
 use roadplane_watch::{ChangeMap, Watcher};

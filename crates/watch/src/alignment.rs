@@ -1,35 +1,37 @@
-//! Fits the one similarity of the picture that most blocks agree on.
+//! Fits one similarity transform (shift, scale, rotation) of the whole picture to the measured shifts of its blocks.
 
 use nalgebra::{Matrix4, Vector2, Vector4};
 use roadplane_base::{Similarity, median};
 
 use crate::level::BlockShift;
 
-/// Fewest blocks that must agree for an alignment.
+/// Smallest number of blocks that must agree with an alignment.
 const MIN_AGREEING: usize = 6;
-/// Share of the trusted blocks that must agree: traffic may cover all the others.
+/// Smallest share of the trusted blocks that must agree with an alignment. It is small because traffic may cover the
+/// other blocks.
 const MIN_SHARE: f64 = 0.08;
-/// Largest distance of an agreeing block from the similarity, px of the small picture.
+/// Largest difference between the measured shift of an agreeing block and the shift that the alignment predicts there,
+/// px of the reduced picture.
 const AGREES: f64 = 0.35;
 /// Number of reweighted least-squares rounds.
 const ROUNDS: usize = 6;
 
-/// Position of a picture relative to the reference.
+/// Displacement of a picture against a reference picture: a shift, a change of scale and a rotation.
 ///
-/// A point at `p` (from the picture's middle) in the reference lies at `p + shift + log_scale · p + roll · p⊥` in the
-/// picture, px of the small picture.
+/// Let `p` be a point of the reference, px of the reduced picture from its middle. In the picture, this point lies at
+/// `p + shift + log_scale · p + roll · p⊥`. Here `p⊥` is `p` turned by 90°: (−y, x).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Alignment {
-    /// Shift, px of the small picture.
+    /// Shift, px of the reduced picture.
     pub shift: Vector2<f64>,
-    /// Logarithm of the picture's growth.
+    /// Natural logarithm of the scale factor; it is positive if the scene appears larger than in the reference.
     pub log_scale: f64,
-    /// Rotation about the optical axis, rad.
+    /// Rotation about the optical axis, rad; clockwise in the picture is positive.
     pub roll: f64,
 }
 
 impl Alignment {
-    /// Fits the similarity to the blocks' shifts; `None` where too few blocks agree.
+    /// Fits an alignment to the shifts of the blocks. Returns `None` if too few blocks agree with it.
     pub(crate) fn of(blocks: &[BlockShift]) -> Option<Self> {
         let measured: Vec<(Vector2<f64>, Vector2<f64>)> = blocks
             .iter()
@@ -59,7 +61,8 @@ impl Alignment {
                     right += row * value * weight;
                 }
             }
-            // Blocks that lie close together carry no information on scale and roll.
+            // This weak prior keeps scale and roll near zero if all blocks lie close together and cannot determine
+            // them.
             normal[(2, 2)] += 1e3;
             normal[(3, 3)] += 1e3;
             model = normal.cholesky()?.solve(&right);
@@ -69,14 +72,14 @@ impl Alignment {
         (agreeing >= enough).then(|| Self { shift: model.xy(), log_scale: model[2], roll: model[3] })
     }
 
-    /// Converts a similarity between the pixels of two pictures of this size.
+    /// Converts a similarity transform between the pixels of two pictures of `width` × `height` px.
     pub(crate) fn from_similarity(carried: &Similarity, width: usize, height: usize) -> Self {
         let middle = Vector2::new(width as f64, height as f64) / 2.0;
         let shift = carried.apply(&middle) - middle;
         Self { shift, log_scale: carried.log_scale(), roll: carried.turn() }
     }
 
-    /// Returns this alignment followed by another, to first order.
+    /// Returns the alignment that results from this alignment, followed by `next`, to first order.
     pub(crate) fn then(&self, next: &Self) -> Self {
         Self {
             shift: self.shift + next.at(&self.shift),
@@ -85,12 +88,13 @@ impl Alignment {
         }
     }
 
-    /// Displacement of a point that is given in px from the picture's middle.
+    /// Returns the displacement, px, of a point that is given in px from the picture's middle.
     pub(crate) fn at(&self, point: &Vector2<f64>) -> Vector2<f64> {
         displaced(&Vector4::new(self.shift.x, self.shift.y, self.log_scale, self.roll), point)
     }
 
-    /// Root mean square displacement over a picture of this size, px of the small picture.
+    /// Returns the root mean square displacement of all points of a picture of `width` × `height` px, in px of the
+    /// reduced picture.
     #[must_use]
     pub fn displacement(&self, width: usize, height: usize) -> f64 {
         let reach = ((width * width + height * height) as f64 / 12.0).sqrt();
@@ -118,7 +122,7 @@ mod tests {
             for x in -7..=7 {
                 let centre = Vector2::new(f64::from(x) * 16.0, f64::from(y) * 16.0);
                 let own = Vector2::new(0.4 - 0.003 * centre.x, -0.2 - 0.003 * centre.y);
-                // A lorry covers the negative x: its blocks return wrong shifts or none.
+                // A lorry covers the half with negative x. The blocks in this half return wrong shifts or no shift.
                 let shift = match (x < 0, (x + y) % 2) {
                     (true, 0) => None,
                     (true, _) => Some(Vector2::new(f64::from(x * y % 3) * 0.5, 1.0)),

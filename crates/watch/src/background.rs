@@ -1,13 +1,13 @@
-//! The empty scene: every part of it at a moment when nothing moved there.
+//! A picture of the empty scene. Each part of it comes from times at which nothing moved there.
 
 use image::RgbImage;
 
 use crate::Cells;
 
-/// Time after which a part that stays bare is blended again, s.
+/// Interval at which an empty cell is blended into the background again, s.
 const RENEW_S: f64 = 2.0;
-/// Divisor of a new picture's weight when a part is blended again: it counts by a quarter. So noise averages out, and
-/// the background follows changes of light.
+/// Inverse of the weight with which a new picture is blended in: the new picture counts a quarter. Thereby noise
+/// averages out, and the background follows changes of light.
 const SHARE: u16 = 4;
 
 /// The background of a clip at full size.
@@ -15,19 +15,19 @@ const SHARE: u16 = 4;
 pub struct Background {
     picture: RgbImage,
     grid: Cells,
-    /// Time when each cell was last seen bare, s.
+    /// Time at which each cell was last blended in, s; `None` if the cell was never empty.
     bare_s: Vec<Option<f64>>,
 }
 
 impl Background {
-    /// Starts from the first picture; no cell counts as bare yet.
+    /// Creates a background from the first picture. No cell counts as empty yet.
     #[must_use]
     pub fn new(picture: &RgbImage, grid: Cells) -> Self {
         let cells = grid.columns * grid.rows;
         Self { picture: picture.clone(), grid, bare_s: vec![None; cells] }
     }
 
-    /// Blends in the bare cells of this picture: all cells that are not in `busy`.
+    /// Blends the empty cells of a picture into the background. A cell is empty if it is not in `busy`.
     pub fn take(&mut self, picture: &RgbImage, busy: &Cells, time_s: f64) {
         if picture.dimensions() != self.picture.dimensions() {
             return;
@@ -47,7 +47,7 @@ impl Background {
     fn blend(&mut self, picture: &RgbImage, column: usize, row: usize, is_first: bool) {
         let (width, height) = (picture.width() as usize, picture.height() as usize);
         let side = self.grid.side_px;
-        // The last column and row also hold the pixels that do not fill a whole cell.
+        // The last column and the last row also include the pixels that do not fill a whole cell.
         let end = |cell: usize, count: usize, length: usize| {
             if cell + 1 == count { length } else { ((cell + 1) * side).min(length) }
         };
@@ -67,13 +67,14 @@ impl Background {
         }
     }
 
-    /// Returns the picture of the background; parts that were never bare come from the first frame.
+    /// Returns the picture of the background. Cells that were never empty come from the first frame.
     #[must_use]
     pub fn picture(&self) -> &RgbImage {
         &self.picture
     }
 
-    /// Returns the time when each cell was last seen bare, s, row by row.
+    /// Returns the time at which each cell was last blended into the background, s, row by row. A cell that was never
+    /// empty has `None`.
     #[must_use]
     pub fn bare_s(&self) -> Vec<Vec<Option<f64>>> {
         self.bare_s.chunks(self.grid.columns.max(1)).map(<[_]>::to_vec).collect()

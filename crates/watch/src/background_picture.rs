@@ -1,4 +1,4 @@
-//! A small picture of the background, which shows by comparison whether the camera was moved between two clips.
+//! A reduced picture of the background. Two such pictures show whether the camera was moved between two clips.
 
 use image::{GrayImage, RgbImage};
 
@@ -7,31 +7,32 @@ use crate::reference::{Prepared, Reference};
 use crate::search::{refined, search};
 use crate::{SmallGrey, WatchError};
 
-/// Longest side, px: a turn by 2° is about ten pixels of it.
+/// Largest length of the picture's longer side, px. A turn of the camera by 2° shifts such a picture by about ten
+/// pixels.
 const LONGEST: usize = 240;
-/// Share of the blocks that must agree with an alignment: a clock in the picture stays where it is when the camera is
-/// turned.
+/// Smallest share of the blocks that must agree with an alignment. A smaller share may come from a clock drawn on the
+/// picture, which does not move when the camera turns.
 const MIN_SHARE: f64 = 0.25;
-/// Largest distance of an agreeing block from the alignment, px.
+/// Largest difference between the shift of an agreeing block and the shift that the alignment predicts there, px.
 const NEAR: f64 = 0.7;
 
-/// The displacement between two backgrounds (root mean square over the picture), with its error.
+/// The displacement between two backgrounds (root mean square over the picture), and its error.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Displacement {
     /// Displacement, as a share of the picture's width.
     pub share: f64,
-    /// Error of the comparison, as a share of the picture's width: the residual of the alignment to the other picture
-    /// and back. Other light and other vehicles seldom cause the same error in both directions. Infinite where only one
-    /// direction was found.
+    /// Error of the displacement, as a share of the picture's width. It is the residual after an alignment to the other
+    /// picture and back. Different light or vehicles seldom cause the same error in both directions. The error is
+    /// infinite if the alignment succeeds in one direction only.
     pub error: f64,
 }
 
-/// A small grey picture of the background.
+/// A reduced grey picture of the background.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct BackgroundPicture(SmallGrey);
 
 impl BackgroundPicture {
-    /// Reduces the picture of a background at full size.
+    /// Creates the reduced picture from a background at full size.
     ///
     /// # Errors
     /// [`WatchError`] when OpenCV fails.
@@ -56,8 +57,8 @@ impl BackgroundPicture {
         })
     }
 
-    /// Measures how far the scene of this picture is displaced in another. Returns `None` where they cannot be aligned:
-    /// another light, another scene, another size.
+    /// Measures the displacement of the scene between this picture and another. Returns `None` if the two cannot be
+    /// aligned, because their light, scene or size differs.
     #[must_use]
     pub fn displacement(&self, other: &Self) -> Option<Displacement> {
         if !self.0.same_size(&other.0) || self.0.width < 32 || self.0.height < 32 {
@@ -78,7 +79,7 @@ impl BackgroundPicture {
         }
     }
 
-    /// Aligns a picture with another, both of this one's size.
+    /// Aligns `picture` with `from`. Both have the size of `self`.
     fn alignment(&self, from: &Prepared, picture: &Prepared) -> Option<Alignment> {
         let reference = Reference::new(from);
         let shifts = reference.measured(picture).fine;
@@ -107,8 +108,8 @@ mod tests {
         ((hash ^ (hash >> 32)) % 10_000) as f64 / 1e4
     }
 
-    /// Draws a car park with lines and trees of this contrast, grey levels. Half of the bays hold a car, other ones
-    /// each night. The camera is turned by `turned_px`.
+    /// Draws a car park whose lines and trees have this contrast, grey levels. Half of the bays contain a car; the
+    /// occupied bays differ from night to night. A turn of the camera shifts the picture by `turned_px`.
     fn lot(night: u64, contrast: f64, turned_px: f64) -> BackgroundPicture {
         let mut picture = GrayImage::from_fn(240, 135, |column, row| {
             let (x, y) = (f64::from(column) + turned_px, f64::from(row));
@@ -132,7 +133,7 @@ mod tests {
 
     #[test]
     fn other_parked_cars_are_no_turned_camera() {
-        // In haze the cars have the strongest contrast.
+        // In haze, the cars have the strongest contrast.
         for (contrast, least) in [(22.0, 3), (40.0, 30)] {
             let nights: Vec<BackgroundPicture> = (0..12).map(|night| lot(night, contrast, 0.0)).collect();
             let pairs = nights.iter().enumerate().flat_map(|(i, a)| nights[..i].iter().map(move |b| (a, b)));

@@ -4,32 +4,35 @@ use roadplane_base::PictureVerdict;
 
 use crate::SmallGrey;
 
-/// Range of grey levels, from the first to the 99th percentile, below which a picture shows nothing.
+/// Smallest range of grey levels (from the first to the 99th percentile) of a picture with content. A picture with a
+/// smaller range is black, white or covered.
 const MIN_RANGE: usize = 14;
-/// Mean grey level of an empty picture below which it counts as black.
+/// A picture without content counts as black if its middle grey level is below this value.
 const BLACK_BELOW: usize = 40;
-/// Mean grey level of an empty picture above which it counts as white; in between it counts as covered.
+/// A picture without content counts as white if its middle grey level is above this value. Between this limit and
+/// [`BLACK_BELOW`], it counts as covered.
 const WHITE_ABOVE: usize = 215;
-/// Time without any change after which a picture counts as frozen, s.
+/// Time without any change of the picture after which the video counts as frozen, s.
 const FROZEN_S: f64 = 1.0;
-/// Consecutive noisy pictures that must precede a freeze: noise-free pictures of a still scene do not freeze.
+/// Number of consecutive noisy pictures that must come before a freeze. Without this condition, a noise-free video of a
+/// still scene would count as frozen.
 const LIVELY: u32 = 20;
-/// Share of the picture's runs of [`PIECE`] pixels that noise must change in a live picture.
+/// Smallest share of the runs of [`PIECE`] pixels that changes between two pictures of a noisy video.
 const ALIVE: f64 = 0.5;
-/// Length of a run of pixels that is compared as a whole, px.
+/// Number of consecutive pixels that are compared as one run.
 const PIECE: usize = 16;
 
 /// Detects pictures without information.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Blindness {
     last: Option<SmallGrey>,
-    /// Number of consecutive live pictures.
+    /// Number of consecutive pictures with noise.
     lively: u32,
     same_since_s: Option<f64>,
 }
 
 impl Blindness {
-    /// Returns the reason why a picture shows nothing; `None` where it shows something.
+    /// Checks the next picture. Returns the reason if the picture contains no information, and otherwise `None`.
     pub(crate) fn check(&mut self, picture: &SmallGrey, time_s: f64) -> Option<PictureVerdict> {
         let changed = self.last.as_ref().map_or(1.0, |last| share_changed(last, picture));
         self.last = Some(picture.clone());

@@ -1,40 +1,44 @@
-//! Finds the cells that changed since the detector last inspected them.
+//! Finds the cells (squares of the picture) that changed since the vehicle detector last inspected them.
 //!
-//! Each picture is compared cell by cell with the pictures that the detector inspected last. The threshold of each cell
-//! adapts to the scene. It follows the noise from one picture to the next. It also follows earlier changes that turned
-//! out to be no vehicle: leaves in the wind, key frames of the codec, rain, glare of headlights. Both fade within a
-//! minute.
+//! Each picture is compared cell by cell with the content that the detector inspected last. Every cell has its own
+//! threshold for a change. The threshold rises with the noise between consecutive pictures. It also rises after a
+//! change that was no vehicle, such as leaves in the wind, codec key frames, rain or glare of headlights. Both effects
+//! fade within a minute.
 
 use nalgebra::Vector2;
 use roadplane_base::upper_median;
 
 use crate::SmallGrey;
 
-/// Side of a cell, px of the small picture.
+/// Side of a square cell, px of the reduced picture.
 pub const CELL_PX: usize = 8;
 
-/// Smallest mean change of a cell that counts where there is no noise, grey levels.
+/// Threshold for the mean change of a cell without noise, grey levels.
 const LEAST: f32 = 1.2;
-/// Multiple of the noise that is added for its scatter in a whole cell; the mean of fewer pixels scatters more.
+/// Margin for the scatter of a full cell's mean change, as a share of the cell's noise. A cell with fewer pixels gets a
+/// larger margin.
 const SCATTER: f32 = 0.8;
-/// Noise of each cell before the first picture, grey levels.
+/// Initial noise estimate of each cell, grey levels.
 const FIRST_NOISE: f32 = 2.0;
-/// Factor by which a cell's noise estimate rises after a larger change from picture to picture. With [`DOWN`] the
-/// estimate follows the lower quartile of the changes.
+/// Factor by which a cell's noise estimate rises if the change between two pictures is larger than the estimate.
+/// Together with [`DOWN`], it makes the estimate follow the lower quartile of these changes.
 const UP: f32 = 1.012;
-/// Factor by which a cell's noise estimate falls after a smaller change.
+/// Factor by which a cell's noise estimate falls if the change between two pictures is smaller than the estimate.
 const DOWN: f32 = 0.97;
-/// Largest noise of a cell, in units of the picture's median: traffic is no noise.
+/// Largest noise of a cell, as a multiple of the median over all cells. This limit keeps traffic from counting as
+/// noise.
 const MOST_NOISE: f32 = 3.0;
-/// Share by which the nuisance level of a cell approaches [`ABOVE`] times a change that was no vehicle.
+/// Step by which a cell's nuisance level rises in one update, as a share of its distance from the target. The nuisance
+/// level is a threshold that the cell learns from changes that were no vehicle. The target is [`ABOVE`] times the last
+/// of these changes.
 const LEARN: f32 = 0.5;
-/// Highest nuisance level after a change that was no vehicle, as a multiple of this change.
+/// Target of a cell's nuisance level (see [`LEARN`]), as a multiple of the last change that was no vehicle.
 const ABOVE: f32 = 1.25;
-/// Highest nuisance level, grey levels: a vehicle exceeds it.
+/// Highest nuisance level of a cell (see [`LEARN`]), grey levels. The change that a vehicle causes is larger.
 const MOST_NUISANCE: f32 = 12.0;
-/// Time in which the nuisance level fades to a third, s.
+/// Time constant with which a cell's nuisance level (see [`LEARN`]) decays, s.
 const FADE_S: f64 = 15.0;
-/// Smallest shift of the picture that is corrected, px of the small picture.
+/// Smallest camera shake that is compensated, px of the reduced picture.
 const STILL: f64 = 0.04;
 
 /// A set of cells in a grid over the picture.
@@ -77,7 +81,8 @@ impl Cells {
         self.is_in.iter().filter(|is_in| **is_in).count() as f64 / self.is_in.len().max(1) as f64
     }
 
-    /// Returns the columns and rows of the cells that a box (left, top, right, bottom, px of the frame) touches.
+    /// Returns the columns and the rows of the cells that a box touches. The box is given as left, top, right, bottom,
+    /// px of the frame.
     #[must_use]
     pub fn touched(&self, bbox_px: &[f64; 4]) -> (std::ops::Range<usize>, std::ops::Range<usize>) {
         let span = |from: f64, to: f64, count: usize| {
@@ -91,26 +96,26 @@ impl Cells {
         (span(bbox_px[0], bbox_px[2], self.columns), span(bbox_px[1], bbox_px[3], self.rows))
     }
 
-    /// Iterates over the columns and rows of the cells in the set, row by row.
+    /// Iterates over the column and the row of every cell in the set, row by row.
     pub fn iter(&self) -> impl Iterator<Item = (usize, usize)> + '_ {
         let is_in = self.is_in.iter().enumerate().filter(|(_, is_in)| **is_in);
         is_in.map(|(cell, _)| (cell % self.columns, cell / self.columns))
     }
 
-    /// Iterates over the columns and rows of a cell and its neighbours, row by row.
+    /// Iterates over the column and the row of a cell and of each of its neighbours, row by row.
     pub fn around(&self, column: usize, row: usize) -> impl Iterator<Item = (usize, usize)> + use<> {
         let columns = column.saturating_sub(1)..(column + 2).min(self.columns);
         let rows = row.saturating_sub(1)..(row + 2).min(self.rows);
         rows.flat_map(move |y| columns.clone().map(move |x| (x, y)))
     }
 
-    /// Whether a cell lies at the picture's border, or next to one that does.
+    /// Whether a cell is in the outer two columns or the outer two rows of the grid.
     #[must_use]
     pub fn is_at_border(&self, column: usize, row: usize) -> bool {
         column < 2 || row < 2 || column + 2 >= self.columns || row + 2 >= self.rows
     }
 
-    /// Returns the share of the cells touched by a box that are in the set, 0–1.
+    /// Returns the share (0–1) of the cells under a box that are in the set.
     #[must_use]
     pub fn share_of(&self, bbox_px: &[f64; 4]) -> f64 {
         let (columns, rows) = self.touched(bbox_px);
@@ -120,12 +125,12 @@ impl Cells {
         here as f64 / count.max(1) as f64
     }
 
-    /// Adds all cells that a box touches.
+    /// Adds all cells that a box (px of the frame) touches to the set.
     pub fn insert_box(&mut self, bbox_px: &[f64; 4]) {
         self.set_box(bbox_px, true);
     }
 
-    /// Removes all cells that a box touches.
+    /// Removes all cells that a box (px of the frame) touches from the set.
     pub fn remove_box(&mut self, bbox_px: &[f64; 4]) {
         self.set_box(bbox_px, false);
     }
@@ -137,8 +142,8 @@ impl Cells {
         }
     }
 
-    /// Returns boxes (px of the frame) around groups of neighbouring cells, ordered by their first cell. Diagonal
-    /// neighbours count.
+    /// Returns the bounding box of each group of connected cells, px of the frame. Cells that touch at a corner are
+    /// connected, too. The boxes have the order of the first cells of their groups.
     #[must_use]
     pub fn groups(&self) -> Vec<[f64; 4]> {
         let mut seen = vec![false; self.is_in.len()];
@@ -168,7 +173,7 @@ impl Cells {
     }
 }
 
-/// Compares pictures with the content that the detector inspected last, and learns which cells change all the time.
+/// Compares each picture with the content that the detector inspected last, and learns which cells change all the time.
 #[derive(Clone, Debug)]
 pub struct ChangeMap {
     columns: usize,
@@ -176,14 +181,15 @@ pub struct ChangeMap {
     factor: usize,
     /// The previous picture.
     before: SmallGrey,
-    /// The content that the detector inspected last; cells come from different pictures.
+    /// The content of each cell at the detector's last inspection. Different cells may come from different pictures.
     inspected: SmallGrey,
-    /// Shift of the picture when each cell was inspected.
+    /// Camera shake at the last inspection of each cell: the picture's shift, px of the reduced picture.
     inspected_shift: Vec<Vector2<f64>>,
-    /// Mean change of each cell of this picture against the inspected content, grey levels.
+    /// Mean difference between each cell of the current picture and its inspected content, grey levels.
     change: Vec<f32>,
     noise: Vec<f32>,
-    /// Scatter factor of each cell's noise; cells at the right and the bottom may be smaller and scatter more.
+    /// Margin for the scatter of each cell's mean change, as a share of the cell's noise. Cells at the right and the
+    /// bottom may have fewer pixels and then have a larger margin.
     scatter: Vec<f32>,
     nuisance: Vec<f32>,
     last_s: Option<f64>,
@@ -191,7 +197,7 @@ pub struct ChangeMap {
 }
 
 impl ChangeMap {
-    /// Creates a map for pictures of this size, before any inspection.
+    /// Creates a map for pictures of the size of `small`. No cell has been inspected yet.
     #[must_use]
     pub fn new(small: &SmallGrey) -> Self {
         let (columns, rows) = (small.width.div_ceil(CELL_PX), small.height.div_ceil(CELL_PX));
@@ -237,8 +243,9 @@ impl ChangeMap {
         cells
     }
 
-    /// Compares the next picture and returns the cells that changed since their inspection. `shift` is the shift of the
-    /// picture against the background, px of the small picture.
+    /// Returns the cells of the next picture that changed since their last inspection.
+    ///
+    /// `shift` is the shift of the picture against the background, px of the reduced picture.
     pub fn changed(&mut self, small: &SmallGrey, shift: Vector2<f64>, time_s: f64) -> Cells {
         self.pictures = self.pictures.saturating_add(1);
         let fade = self.last_s.map_or(1.0, |last| (-(time_s - last).max(0.0) / FADE_S).exp()) as f32;
@@ -256,8 +263,10 @@ impl ChangeMap {
         cells
     }
 
-    /// Marks the cells of `region` as inspected in this picture. `vehicles` are the cells of the boxes found there, weak
-    /// ones included. A change in any other inspected cell was no vehicle.
+    /// Marks the cells of `region` as inspected in this picture.
+    ///
+    /// `vehicles` are the cells under the detected boxes, including boxes with low scores. A change in an inspected
+    /// cell outside `vehicles` was no vehicle, and it raises the cell's threshold.
     pub fn mark_inspected(
         &mut self,
         small: &SmallGrey,
@@ -287,7 +296,7 @@ impl ChangeMap {
 
     fn learn_noise(&mut self, small: &SmallGrey) {
         let changes = cell_means(&self.before.values, &small.values, small.width, self.columns, self.rows);
-        // The estimate adapts faster in the first pictures, which carry the most information.
+        // The estimate adapts faster in the first pictures, because it starts from a rough guess.
         let speed = if self.pictures < 20 { 8.0 } else { 1.0 };
         let (up, down) = (UP.powf(speed), DOWN.powf(speed));
         for (noise, change) in self.noise.iter_mut().zip(changes) {
@@ -309,7 +318,9 @@ impl ChangeMap {
         }
     }
 
-    /// Mean change of a cell after the picture's shift is taken out: `I(x) − S(x − d) ≈ I − S + ∇I·d`.
+    /// Returns the mean change of a cell after compensation of the camera shake, grey levels.
+    ///
+    /// For the picture I, the inspected content S and the shift d, it uses `I(x) − S(x − d) ≈ I − S + ∇I·d`.
     fn unshaken(&self, small: &SmallGrey, column: usize, row: usize, shaken: Vector2<f64>) -> f32 {
         let (width, height) = (small.width, small.height);
         let (dx, dy) = (shaken.x as f32, shaken.y as f32);
@@ -327,7 +338,7 @@ impl ChangeMap {
     }
 }
 
-/// Returns the mean absolute difference in each cell, grey levels.
+/// Returns the mean absolute difference of two pictures in each cell, grey levels.
 fn cell_means(a: &[u8], b: &[u8], width: usize, columns: usize, rows: usize) -> Vec<f32> {
     let mut sums = vec![0_u32; columns * rows];
     let mut counts = vec![0_u32; columns * rows];

@@ -1,8 +1,8 @@
 //! Long edges of the scene that show the lens's distortion: kerbs, roofs, markings, masts.
 //!
-//! Edge points are located to a fraction of a pixel: Canny's maxima across the edge, refined by a parabola (Devernay
-//! 1995). They are linked along the edge, and each chain is cut until every piece is a parabola. The measurement of a
-//! piece is the distance of its middle from the line through its ends.
+//! Edge points are located to a fraction of a pixel. They are Canny's maxima across the edge, refined by a parabola
+//! (Devernay 1995). Points along an edge are linked to a chain. Each chain is cut until every piece fits a parabola.
+//! The measurement of a piece is the distance between its middle and the line through its ends.
 
 use image::RgbImage;
 use nalgebra::{Matrix3, Vector2, Vector3};
@@ -13,42 +13,45 @@ use roadplane_base::SceneCurve;
 use crate::WatchError;
 use crate::lines::is_in;
 
-/// Smoothing before edges are found, px (sd).
+/// Standard deviation of the Gaussian blur before edges are located, px.
 const BLUR_PX: f64 = 1.2;
-/// Smallest change across an edge, grey levels a pixel.
+/// Smallest gradient across an edge, grey levels per pixel.
 const LEAST_CHANGE: f32 = 2.0;
-/// Smallest change across an edge, as a share of the change that a fifth of the picture exceeds.
+/// Smallest gradient across an edge, as a share of the 80th percentile of the picture's gradients.
 const CHANGE_SHARE: f32 = 0.6;
-/// Largest turn of an edge from point to point, as a cosine.
+/// Cosine of the largest turn of an edge from one point to the next.
 const TURN: f32 = 0.9;
-/// Shortest piece, as a share of the picture's width.
+/// Smallest number of points of a piece, as a share of the picture's width in px.
 const MIN_SHARE: f64 = 0.04;
-/// Fewest points of a piece.
+/// Smallest number of points of a piece, whatever the picture's width.
 const MIN_POINTS: usize = 40;
-/// Largest rms distance of a piece's points from their parabola, px.
+/// Largest rms distance between the points of a piece and the fitted parabola, px.
 const RMS_PX: f64 = 0.6;
-/// Largest distance of a single point from its parabola, px.
+/// Largest distance between any point of a piece and the fitted parabola, px.
 const MOST_PX: f64 = 2.4;
-/// Largest distance of the middle from the line through the ends, as a share of their distance. An edge that curves
-/// more is no straight object.
+/// Largest distance between a piece's middle and the line through its ends, as a share of the distance between the
+/// ends. An edge that curves more is not straight in the world.
 const MAX_SAGITTA: f64 = 0.04;
-/// Number of neighbouring points that share their error.
+/// Number of neighbouring points that have the same error.
 const SHARED_POINTS: f64 = 8.0;
-/// Error of the middle beside the scatter of the points, px (sd).
+/// Additional error of a piece's middle that the scatter of its points does not show, px (sd).
 const FLOOR_PX: f64 = 0.1;
-/// Margin at the picture's rim, as a share of the width: an edge nearer to the rim may be the rim itself.
+/// Margin at the picture's border, as a share of the picture's width. An edge within this margin may be the border
+/// itself.
 const RIM_SHARE: f64 = 0.008;
-/// Smallest angle to the picture's rows and columns, rad: an edge along them may be an overlay.
+/// Smallest angle between an edge and the picture's rows or columns, rad. An edge along a row or column may belong to
+/// an overlay.
 const DRAWN_RAD: f64 = 0.0015;
 /// Largest number of edges that are kept, the longest first.
 const MOST: usize = 150;
-/// Largest number of edges that are kept within [`CROWD_SHARE`] of the width.
+/// Largest number of neighbouring edges that are kept.
 const CROWD: usize = 2;
-/// Distance within which edges are crowded, as a share of the picture's width.
+/// Distance below which two edges are neighbours, as a share of the picture's width.
 const CROWD_SHARE: f64 = 0.025;
 
-/// Finds long edges in a picture, the longest first. Edges in `boxes` (left, top, right, bottom, px) are left out:
-/// those are vehicles.
+/// Finds long edges in a picture, the longest first.
+///
+/// `boxes` are the boxes of vehicles: left, top, right, bottom, px. Edges in a box are left out.
 ///
 /// # Errors
 /// [`WatchError`] when OpenCV fails.
@@ -76,10 +79,10 @@ pub fn scene_curves(image: &RgbImage, boxes: &[[f64; 4]]) -> Result<Vec<SceneCur
     Ok(kept)
 }
 
-/// Points of steepest change, indexed by pixel.
+/// Points of steepest change in a picture, indexed by pixel.
 struct EdgePoints {
     width: usize,
-    /// For each pixel the index of its point in `points`, plus 1; 0 where it has none.
+    /// For each pixel, 1 plus the index of its point in `points`; 0 if the pixel has no point.
     at_pixel: Vec<u32>,
     points: Vec<EdgePoint>,
 }
@@ -88,7 +91,7 @@ struct EdgePoints {
 struct EdgePoint {
     pixel: usize,
     at: Vector2<f64>,
-    /// Unit vector from dark to light.
+    /// Unit vector across the edge, from dark to light.
     across: Vector2<f32>,
     change: f32,
 }
@@ -121,7 +124,7 @@ impl EdgePoints {
             return Ok(found);
         };
         let least = LEAST_CHANGE.max(CHANGE_SHARE * *exceeded);
-        // Bilinear interpolation: the neighbours across the edge lie between pixels.
+        // The neighbours across the edge lie between pixels, so their values are interpolated bilinearly.
         let between = |x: f32, y: f32| {
             let (column, row) = (x as usize, y as usize);
             let (right, low) = (x - column as f32, y - row as f32);
@@ -129,7 +132,7 @@ impl EdgePoints {
             (value(0, 0) * (1.0 - right) + value(1, 0) * right) * (1.0 - low)
                 + (value(0, 1) * (1.0 - right) + value(1, 1) * right) * low
         };
-        // The margin is at least the step to the neighbours across an edge.
+        // With a margin of at least 3 px, the neighbours across an edge lie inside the picture.
         let rim = ((RIM_SHARE * width as f64) as usize).max(3);
         for row in rim..height.saturating_sub(rim) {
             for column in rim..width.saturating_sub(rim) {
@@ -154,7 +157,7 @@ impl EdgePoints {
         Ok(found)
     }
 
-    /// Links points along edges into chains of at least `least` points, strong points first.
+    /// Links the points along edges to chains of at least `least` points. The strongest points start the first chains.
     fn chains(&self, least: usize) -> Vec<Vec<Vector2<f64>>> {
         let mut order: Vec<usize> = (0..self.points.len()).collect();
         order.sort_by(|a, b| self.points[*b].change.total_cmp(&self.points[*a].change).then(a.cmp(b)));
@@ -176,7 +179,7 @@ impl EdgePoints {
         chains
     }
 
-    /// Follows an edge from one point in one direction.
+    /// Follows an edge from one point in one direction (`sense` 1 or −1). Returns the indices of the points on the way.
     fn followed(&self, start: usize, sense: f32, taken: &mut [bool]) -> Vec<usize> {
         let mut path = Vec::new();
         let mut current = start;
@@ -193,7 +196,7 @@ impl EdgePoints {
         let along = Vector2::new(-here.across.y, here.across.x) * sense;
         let mut best: Option<(usize, f32)> = None;
         for (dx, dy) in [(-1, -1), (0, -1), (1, -1), (-1, 0), (1, 0), (-1, 1), (0, 1), (1, 1)] {
-            // All points keep away from the rim, so the neighbours are inside the picture.
+            // No point lies at the picture's border, so all its neighbours are inside the picture.
             let pixel = here.pixel.wrapping_add_signed(dy * self.width.cast_signed() + dx);
             let found = self.at_pixel.get(pixel).copied().unwrap_or(0) as usize;
             let Some(there) = found.checked_sub(1).filter(|there| !taken[*there]) else { continue };
@@ -212,7 +215,7 @@ impl EdgePoints {
     }
 }
 
-/// Cuts a chain until its pieces are parabolas; drops pieces that are too short or curve too much.
+/// Cuts a chain until every piece fits a parabola. Drops pieces that are too short or curve too much.
 fn pieces(chain: &[Vector2<f64>], least: usize) -> Vec<SceneCurve> {
     let mut open = vec![chain];
     let mut found = Vec::new();
@@ -232,17 +235,18 @@ fn pieces(chain: &[Vector2<f64>], least: usize) -> Vec<SceneCurve> {
 }
 
 enum Fit {
-    /// The points fit a parabola; `None` where it curves too much.
+    /// The points fit a parabola. The value is `None` if the parabola curves too much for a straight object.
     Good(Option<SceneCurve>),
-    /// The points do not fit a parabola; the index is the best cut.
+    /// The points do not fit a parabola. The value is the index at which they should be cut.
     CutAt(usize),
 }
 
-/// Fits a parabola to points, in the frame of the line through their ends.
+/// Fits a parabola to points. Its axes are the line through the first and the last point, and the direction across this
+/// line.
 fn parabola(points: &[Vector2<f64>]) -> Fit {
     let (first, last) = (points[0], points[points.len() - 1]);
     let length = (last - first).norm();
-    // The chain returns to its start.
+    // A chain with its ends this close curves back, so it is cut in half.
     if length < 0.5 * points.len() as f64 {
         return Fit::CutAt(points.len() / 2);
     }
@@ -270,8 +274,8 @@ fn parabola(points: &[Vector2<f64>]) -> Fit {
     }
     let at = |t: f64| first + along * ((t + 0.5) * length) + across * solved.dot(&row(t));
     let independent = (points.len() as f64 / SHARED_POINTS).max(3.0);
-    // The middle of a parabola lies a quarter of its square term off the line through its ends. n points along it
-    // determine that distance to √(180 / n) sds.
+    // Along the chain, t runs from −0.5 to 0.5. The square term z puts the parabola's middle z / 4 off the line through
+    // its ends. The sd of z is rms · √(180 / n), for n independent points with this rms scatter.
     let sd_px = (rms * 180_f64.sqrt() / (4.0 * independent.sqrt())).hypot(FLOOR_PX);
     let is_gentle = 0.25 * solved.z.abs() < MAX_SAGITTA * length;
     Fit::Good(is_gentle.then(|| SceneCurve { points_px: [at(-0.5), at(0.0), at(0.5)], sd_px }))
@@ -284,7 +288,7 @@ mod tests {
 
     const SIZE: ImageSize = ImageSize { width: 960, height: 540 };
 
-    /// Draws a dark band along a line of the scene, as a lens shows it.
+    /// Draws a dark band along a straight line of the scene, as seen through a distorting lens.
     fn drawn(lens: Lens, from: Vector2<f64>, to: Vector2<f64>) -> RgbImage {
         let along = (to - from) / (to - from).norm();
         RgbImage::from_fn(SIZE.width, SIZE.height, |x, y| {

@@ -6,22 +6,26 @@ use roadplane_base::{SceneLine, median};
 
 use crate::WatchError;
 
-/// Distance to either side of an edge within which change is measured, px.
+/// Distance to each side of an edge up to which the change of the grey value is measured, px.
 const REACH_PX: f64 = 2.5;
-/// Step of that measurement, px.
+/// Distance between the points across an edge at which the change is measured, px.
 const STEP_PX: f64 = 0.5;
-/// Width of the weight around the line, px (sd): other edges run beside it.
+/// Standard deviation of the Gaussian weight across an edge, px. The weight suppresses other edges beside it.
 const NEAR_PX: f64 = 1.2;
-/// Smallest change at a sample, as a share of the edge's median change; weaker samples are dropped.
+/// Smallest change at a sample of an edge, as a share of the median over its samples. Samples with a smaller change are
+/// dropped.
 const LEAST_CHANGE: f64 = 0.25;
-/// Fewest samples that make a line.
+/// Smallest number of samples to which a line is fitted.
 const MIN_SAMPLES: usize = 6;
-/// Number of neighbouring samples, a pixel apart, that share their error: the width of lens, sensor and compression.
+/// Number of neighbouring samples (one per pixel) that have the same error. Lens, sensor and compression spread an
+/// error over this width.
 const SHARED_SAMPLES: f64 = 4.0;
-/// Error of an edge's position beside the scatter of its samples, px: pixels are squares, walls have plaster.
+/// Additional error of an edge's position that the scatter of its samples does not show, px (sd). It is due to the size
+/// of pixels and to uneven walls.
 const FLOOR_PX: f64 = 0.08;
 
-/// A sample on an edge: distance along it, offset across it, strength of change, and weight.
+/// A sample on an edge: its distance along the edge, its offset across the edge, the strength of change, and its
+/// weight.
 struct Sample {
     along: f64,
     off: f64,
@@ -47,7 +51,8 @@ impl Edges {
         })
     }
 
-    /// Returns the grey value between pixels, bilinear; a point beyond the rim gets the value at the rim.
+    /// Returns the grey value at a point by bilinear interpolation. A point outside the picture gets the value at the
+    /// border.
     fn at(&self, point: &Vector2<f64>) -> f64 {
         let clamped = |v: f64, count: usize| v.clamp(0.0, (count.max(2) - 1) as f64 - 1e-6);
         let (x, y) = (clamped(point.x, self.width), clamped(point.y, self.height));
@@ -62,8 +67,9 @@ impl Edges {
         upper * (1.0 - low) + lower * low
     }
 
-    /// Refits the line near a segment to the points of steepest change, by reweighted least squares; upper end first.
-    /// Returns `None` where too few samples show an edge.
+    /// Fits a line near a segment to the points of steepest change, by reweighted least squares.
+    ///
+    /// The result begins at its upper end. Returns `None` if too few samples show an edge.
     pub(crate) fn refitted(&self, ends: &[Vector2<f64>; 2]) -> Option<SceneLine> {
         let length = (ends[1] - ends[0]).norm();
         let along = (ends[1] - ends[0]).try_normalize(1e-9)?;
@@ -100,8 +106,8 @@ impl Edges {
         Some(SceneLine { ends_px: if a.y <= b.y { [a, b] } else { [b, a] }, sd_rad })
     }
 
-    /// Samples the steepest change across a segment at every pixel along it; only change of the segment's own sign
-    /// counts.
+    /// Locates the steepest change across a segment at every pixel along it. Only changes with the sign of the edge as
+    /// a whole count (dark to light, or light to dark).
     fn samples(&self, from: &Vector2<f64>, along: &Vector2<f64>, length: f64) -> Vec<Sample> {
         let across = Vector2::new(-along.y, along.x);
         let steps = (REACH_PX / STEP_PX) as i32;

@@ -1,58 +1,63 @@
-//! The background at rest at one size, cut into blocks that each measure the picture's shift.
+//! The background of a camera at rest at one size, cut into blocks. Each block measures its shift in a picture.
 //!
-//! In a block the picture equals the reference, shifted by d and lit differently:
-//! `I(x) = a R(x − d) + b ≈ a R − a ∇R·d + b`. Least squares over (a, b, a d) has a normal matrix of the reference
-//! alone. So a picture costs four products a pixel (Lucas & Kanade 1981, with gain and offset).
+//! In a block, the picture I equals the reference R, shifted by d, with a gain a and an offset b:
+//!
+//! `I(x) = a R(x − d) + b ≈ a R − a ∇R·d + b`
+//!
+//! The least-squares problem in (a, b, a d) has a normal matrix that depends on the reference alone. A picture
+//! therefore costs only four products per pixel (Lucas & Kanade 1981, with gain and offset).
 
 use nalgebra::{Matrix4, Vector2, Vector4};
 
 use crate::SmallGrey;
 
-/// Side of a block, px of the small picture.
+/// Side of a block, px of the reduced picture.
 pub(crate) const BLOCK: usize = 16;
-/// Smallest mean squared gradient along the weaker direction, grey levels² a px². Below it, noise and codec artefacts
-/// pass for structure.
+/// Smallest mean squared gradient of a block along its weaker direction, (grey levels per px)². Below this limit, noise
+/// and codec artefacts would count as structure.
 const MIN_STRUCTURE: f64 = 4.0;
-/// Fewest blocks in every ninth of a picture that has structure all over.
+/// Smallest number of blocks in each field of a 3 × 3 grid over a picture that has structure everywhere.
 const MIN_IN_NINTH: usize = 3;
-/// Time constant of a block's trust, s: longer than a large vehicle takes to drive past. Trust is the running share of
-/// pictures at rest in which the block measured a shift.
+/// Time constant of a block's trust, s. Trust is the running share of pictures in which the block measured a shift. The
+/// constant is longer than a large vehicle takes to drive past.
 const TRUST_S: f64 = 3.0;
-/// Trust from which a block counts: blocks of noise, leaves or bare road stay below.
+/// Smallest trust of a block that is used. Blocks of noise, leaves or bare road stay below this limit.
 const TRUSTED: f64 = 0.4;
-/// Trust of a new block; it is below [`TRUSTED`].
+/// Initial trust of a new block. It is below [`TRUSTED`], so a new block is not used at once.
 const NEW_TRUST: f64 = 0.3;
-/// Smallest share of a block's variance that shift and light must explain; otherwise the picture shows something else.
+/// Smallest share of a block's variance that the shift, the gain and the offset must explain. Below this limit, the
+/// picture shows something else there.
 const MIN_EXPLAINED: f64 = 0.55;
-/// Largest shift that a block measures, px: beyond it, the linearisation is wrong.
+/// Largest shift that a block measures, px. For a larger shift, the linearisation is wrong.
 const MAX_SHIFT: f64 = 1.6;
-/// Smallest gain: below it, the picture has lost the block's structure.
+/// Smallest gain of a valid measurement. With a smaller gain, the picture has lost the block's structure.
 const MIN_GAIN: f64 = 0.08;
-/// Rate at which the background follows the pictures, grey levels a second: it is their median over most of a minute.
+/// Largest rate at which the background follows the pictures, grey levels per second. At this rate, the background is
+/// about the median of the pictures over most of a minute.
 const FOLLOW: f64 = 2.0;
-/// Time after which gradients and blocks are recomputed, s.
+/// Interval at which gradients and blocks are recomputed, s.
 const REFRESH_S: f64 = 2.0;
 
-/// A block with structure.
+/// A square of the background with enough structure to measure a shift.
 #[derive(Clone, Debug)]
 struct Block {
     x: usize,
     y: usize,
     inverse: Matrix4<f64>,
-    /// Smaller eigenvalue of the gradients' mean square.
+    /// Smaller eigenvalue of the mean of ∇R ∇Rᵀ over the block, (grey levels per px)²; ∇R is the gradient.
     structure: f64,
-    /// Share of pictures in which the block measured a shift, 0–1.
+    /// Running share of pictures in which the block measured a shift, 0–1.
     trust: f64,
 }
 
-/// A block's measurement of one picture.
+/// The shift that one block measured in one picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct BlockShift {
-    /// Centre of the block from the picture's middle, px.
+    /// Position of the block's centre relative to the picture's middle, px.
     pub centre: Vector2<f64>,
-    /// Shift, px; `None` where the picture does not match the block.
+    /// Shift of the picture in this block, px; `None` if the picture does not match the block.
     pub shift: Option<Vector2<f64>>,
-    /// Whether the block measured a shift in most pictures so far.
+    /// Whether the block measured a shift in enough of the pictures so far.
     pub is_trusted: bool,
 }
 
@@ -72,20 +77,20 @@ impl Smoothed {
         Self { width: picture.width, height: picture.height, values, smooth }
     }
 
-    /// Returns the smoothed grey values, which blocks are compared with.
+    /// Returns the smoothed grey values, row by row. Blocks are compared with these values.
     pub(crate) fn smooth(&self) -> &[f32] {
         &self.smooth
     }
 }
 
-/// The background at rest at one size.
+/// The background of a camera at rest, at one size.
 #[derive(Clone, Debug)]
 pub(crate) struct Level {
     width: usize,
     height: usize,
-    /// Running median of the background, grey levels.
+    /// Running median of the pictures, grey levels.
     median: Vec<f32>,
-    /// The smoothed median, which blocks are compared with; its gradients follow.
+    /// The smoothed `median`, with which pictures are compared.
     smooth: Vec<f32>,
     gradient_x: Vec<f32>,
     gradient_y: Vec<f32>,
@@ -95,7 +100,7 @@ pub(crate) struct Level {
 }
 
 impl Level {
-    /// Starts from the first picture.
+    /// Creates the background from the first picture.
     pub(crate) fn new(picture: &Smoothed) -> Self {
         let mut level = Self {
             width: picture.width,
@@ -118,7 +123,7 @@ impl Level {
         self.blocks.iter().filter(|block| block.trust >= TRUSTED).count()
     }
 
-    /// Whether every ninth of the picture has enough trusted blocks.
+    /// Whether each field of a 3 × 3 grid over the picture has enough trusted blocks.
     pub(crate) fn is_structured_all_over(&self) -> bool {
         let ninth = |block: &Block| 3 * block.x / self.width.max(1) + 3 * (3 * block.y / self.height.max(1));
         let mut counts = [0; 9];
@@ -130,18 +135,20 @@ impl Level {
         (self.width, self.height)
     }
 
-    /// Returns the smoothed background so far, row by row.
+    /// Returns the grey values of the smoothed background, row by row.
     pub(crate) fn values(&self) -> &[f32] {
         &self.smooth
     }
 
-    /// Returns the corners of the trusted blocks with the most structure, at most `count`, best first.
+    /// Returns the top-left corners of the trusted blocks with the most structure, best first. There are at most
+    /// `count` of them.
     pub(crate) fn best_blocks(&self, count: usize) -> Vec<(usize, usize)> {
         let trusted = self.blocks.iter().filter(|block| block.trust >= TRUSTED);
         trusted.take(count).map(|block| (block.x, block.y)).collect()
     }
 
-    /// Moves the background a little towards a picture at rest; `shifts` are its measurements from [`Self::measured`].
+    /// Adapts the background slightly to a picture of the camera at rest. `shifts` is the result of [`Self::measured`]
+    /// for this picture.
     pub(crate) fn follow(&mut self, picture: &Smoothed, shifts: &[BlockShift], time_s: f64) {
         let seconds = self.followed_s.map_or(0.0, |last| (time_s - last).clamp(0.0, 1.0));
         self.followed_s = Some(time_s);
@@ -159,7 +166,8 @@ impl Level {
         }
     }
 
-    /// Measures the shift of every block in a smoothed picture that is shifted by about `base`, px.
+    /// Measures the shift of every block in a smoothed picture. `base` is the approximate shift of the whole picture,
+    /// px.
     pub(crate) fn measured(&self, picture: &[f32], base: [i64; 2]) -> Vec<BlockShift> {
         let middle = Vector2::new(self.width as f64 / 2.0, self.height as f64 / 2.0);
         let half = BLOCK as f64 / 2.0;
@@ -181,7 +189,8 @@ impl Level {
             .collect()
     }
 
-    /// Measures the shift of a block against the picture's block at (x, y).
+    /// Measures the shift between a block and the picture's square with its corner at (x, y). Returns `None` if they do
+    /// not match.
     fn shift(&self, block: &Block, picture: &[f32], (x, y): (usize, usize)) -> Option<Vector2<f64>> {
         let mut right = [0.0_f32; 4];
         let mut squares = 0.0_f32;
@@ -262,8 +271,8 @@ impl Level {
     }
 }
 
-/// Smooths by a binomial 3 × 3 kernel, which makes pictures linear enough for shifts of a pixel. The border stays as it
-/// is.
+/// Smooths a picture with a binomial 3 × 3 kernel. The result is linear enough to measure shifts of a pixel. Pixels at
+/// the border are not smoothed across it.
 fn smoothed(values: &[f32], width: usize, height: usize) -> Vec<f32> {
     let mut across = values.to_vec();
     for (out, row) in across.chunks_exact_mut(width).zip(values.chunks_exact(width)) {

@@ -1,21 +1,22 @@
-//! Watches the picture for camera motion, changes and the empty background, before any vehicle is detected.
+//! Analyses each frame before any vehicle is detected. It finds camera motion and changed parts of the picture, and it
+//! collects a picture of the empty background.
 //!
 //! # Contents
 //! ```text
-//! RgbImage → SmallGrey      grey, halved until its longer side is at most 480 px               (small.rs)
-//!          → Level          blocks of the background at one size: a shift and a gain for each  (level.rs)
-//!          → Reference      the background at two sizes, for larger shifts                     (reference.rs)
-//!          → Alignment      the one similarity that most blocks agree on                       (alignment.rs)
-//!          → Watcher        the verdict: at rest, shaken, moved, cut, blind                    (watcher.rs, blind.rs)
-//!          → ChangeMap      cells that changed since the detector last inspected them          (changes.rs)
-//!          → Background     the scene without moving objects, at full size                     (background.rs)
-//! Background → BackgroundPicture   was the camera moved since another clip         (background_picture.rs)
-//!            → SceneLine           straight edges that may be vertical             (lines.rs, edges.rs)
-//!            → SceneCurve          long edges that show the lens's distortion      (curves.rs)
+//! RgbImage → SmallGrey      reduced grey copy; its longer side is at most 480 px           (small.rs)
+//!          → Level          the background at one size; each block measures its shift      (level.rs)
+//!          → Reference      the background at two sizes, for larger shifts                 (reference.rs)
+//!          → Alignment      shift, scale and rotation that fit the shifts of most blocks   (alignment.rs)
+//!          → Watcher        the verdict: at rest, moving, black, covered, …                (watcher.rs, blind.rs)
+//!          → ChangeMap      cells that changed since the detector last inspected them      (changes.rs)
+//!          → Background     the scene without moving objects, at full size                 (background.rs)
+//! Background → BackgroundPicture   shows whether the camera was moved between two clips   (background_picture.rs)
+//!            → SceneLine           straight edges that may be vertical                    (lines.rs, edges.rs)
+//!            → SceneCurve          long edges that show the lens's distortion             (curves.rs)
 //! ```
 //!
-//! All results follow from the pictures and their times. Only faded traces remain of pictures that are older than a
-//! minute.
+//! All results depend only on the pictures and their times. Pictures that are older than a minute have hardly any
+//! influence.
 
 mod alignment;
 mod background;
@@ -40,7 +41,7 @@ pub use lines::scene_lines;
 pub use small::SmallGrey;
 pub use watcher::{Observation, RENEW_S, Watcher};
 
-/// An OpenCV call failed: a bug, or no memory left.
+/// The error of a failed OpenCV call. The cause is a bug or a lack of memory.
 #[derive(Debug, thiserror::Error)]
 #[error("OpenCV: {0}")]
 pub struct WatchError(#[from] opencv::Error);

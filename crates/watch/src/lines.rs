@@ -1,8 +1,9 @@
 //! Straight edges of the scene that may be vertical: masts, corners of houses, door frames.
 //!
-//! Segments come from OpenCV's line segment detector (LSD: Grompone von Gioi et al., IPOL 2012), which keeps only
-//! segments that are unlikely to arise by chance. Pieces of one edge are joined. Then every edge is refitted to its
-//! points of steepest change ([`Edges`](crate::edges::Edges)), which also yields the uncertainty of its direction.
+//! Segments come from OpenCV's line segment detector (LSD: Grompone von Gioi et al., IPOL 2012). It returns only
+//! segments that are unlikely to arise by chance. Pieces of one edge are joined. Then a line is fitted to the points of
+//! steepest change along every edge ([`Edges`](crate::edges::Edges)). This fit also gives the uncertainty of the edge's
+//! direction.
 
 use image::RgbImage;
 use nalgebra::Vector2;
@@ -16,32 +17,32 @@ use roadplane_base::SceneLine;
 use crate::WatchError;
 use crate::edges::Edges;
 
-/// Largest lean of an edge from the picture's vertical, rad. Beyond it no vertical object appears before a plausible
-/// camera: a mast at the side of a picture of 60° leans by 25° if the camera looks down by 40°.
+/// Largest angle between an edge and the picture's vertical, rad. A plausible camera shows no vertical object at a
+/// larger angle. For example, a mast at the side of a picture 60° wide leans by 25° if the camera looks down by 40°.
 const MAX_LEAN: f64 = 0.52;
-/// Shortest edge, as a share of the picture's longer side.
+/// Smallest length of an edge, as a share of the picture's longer side.
 const MIN_SHARE: f64 = 0.015;
-/// Shortest edge, px.
+/// Smallest length of an edge, px. The larger of this limit and [`MIN_SHARE`] applies.
 const MIN_PX: f64 = 15.0;
-/// Margin at the left and right rim, as a share of the longer side: an edge nearer to the rim may be the rim itself.
+/// Margin at the left and right border of the picture, as a share of the picture's longer side. An edge within this
+/// margin may be the border itself.
 const RIM_SHARE: f64 = 0.008;
-/// Margin around a vehicle's box, as a share of its longer side.
+/// Margin around a vehicle's box, as a share of the box's longer side.
 const BOX_SHARE: f64 = 0.05;
-/// Largest distance of a piece's ends from the other piece's line when both belong to one edge, px.
+/// A piece is joined to a longer piece if its ends lie within this distance of the longer piece's line, px.
 const JOIN_PX: f64 = 1.0;
-/// Largest gap between two pieces of one edge, as a share of the longer piece.
+/// Largest gap between two pieces that are joined, as a share of the longer piece.
 const JOIN_GAP: f64 = 0.5;
 /// Largest number of edges that are kept, the longest first.
 const MOST: usize = 120;
-/// Largest number of edges that are kept within [`CROWD_SHARE`] of the longer side: a facade has hundreds with the same
-/// information.
+/// Largest number of neighbouring edges that are kept. A facade can have hundreds of edges with the same information.
 const CROWD: usize = 6;
-/// Distance within which edges are crowded, as a share of the picture's longer side.
+/// Distance below which two edges are neighbours, as a share of the picture's longer side.
 const CROWD_SHARE: f64 = 0.03;
-/// Smoothing before edges are refitted, px (sd).
+/// Standard deviation of the Gaussian blur before lines are fitted to edges, px.
 const BLUR_PX: f64 = 0.8;
 
-/// A piece of an edge; the detector's order of the ends encodes which side is darker.
+/// A piece of an edge. The order of its two ends shows which side of it is darker.
 #[derive(Clone, Copy, Debug)]
 struct Piece {
     ends: [Vector2<f64>; 2],
@@ -56,8 +57,8 @@ impl Piece {
         self.along().norm()
     }
 
-    /// Joins two pieces on one line, dark on the same side, without a large gap; otherwise `None`. `self` is the longer
-    /// piece.
+    /// Joins this piece with a shorter piece of the same edge. Returns `None` unless both lie on one line, have the
+    /// same darker side, and have no large gap between them.
     fn joined(&self, other: &Self) -> Option<Self> {
         let length = self.length();
         let along = self.along() / length;
@@ -75,8 +76,9 @@ impl Piece {
     }
 }
 
-/// Finds straight edges in a picture that may be vertical in the world, the longest first. Edges in `boxes` (left, top,
-/// right, bottom, px) are left out: those are vehicles.
+/// Finds straight edges in a picture that may be vertical in the world, the longest first.
+///
+/// `boxes` are the boxes of vehicles: left, top, right, bottom, px. Edges in a box are left out.
 ///
 /// # Errors
 /// [`WatchError`] when OpenCV fails.
@@ -94,7 +96,7 @@ pub fn scene_lines(image: &RgbImage, boxes: &[[f64; 4]]) -> Result<Vec<SceneLine
         let is_inside =
             piece.ends.iter().all(|end| end.x > rim && end.x < f64::from(image.width()) - 1.0 - rim);
         let middle = (piece.ends[0] + piece.ends[1]) / 2.0;
-        // Short pieces may have any direction; they are kept only to be joined.
+        // Short pieces are kept at first, because they may be joined to longer ones.
         is_inside
             && along.x.abs() < MAX_LEAN.tan() * along.y.abs()
             && !boxes.iter().any(|b| is_in(b, &middle))
@@ -130,14 +132,14 @@ fn detected(grey: &Mat) -> Result<Vec<Piece>, WatchError> {
     Ok(found.iter().map(piece).filter(|piece| piece.length() > 1.0).collect())
 }
 
-/// Whether a point is in a vehicle's box, grown a little.
+/// Whether a point is in a vehicle's box or in a small margin around the box.
 pub(crate) fn is_in(bbox_px: &[f64; 4], at: &Vector2<f64>) -> bool {
     let [x0, y0, x1, y1] = *bbox_px;
     let more = BOX_SHARE * (x1 - x0).max(y1 - y0);
     (x0 - more..x1 + more).contains(&at.x) && (y0 - more..y1 + more).contains(&at.y)
 }
 
-/// Joins pieces, which come from long to short; the result has the same order.
+/// Joins the pieces of each edge. The pieces must be sorted from long to short, and so is the result.
 fn joined(mut pieces: Vec<Piece>) -> Vec<Piece> {
     let mut i = 0;
     while i < pieces.len() {
@@ -158,7 +160,7 @@ fn joined(mut pieces: Vec<Piece>) -> Vec<Piece> {
 mod tests {
     use super::*;
 
-    /// Draws grey masts, smooth to a fraction of a pixel, on a lighter ground with a kerb that is no candidate.
+    /// Draws grey masts with soft borders on a lighter ground. The ground has a horizontal kerb, which is no candidate.
     fn drawn(masts: &[(Vector2<f64>, Vector2<f64>)]) -> RgbImage {
         RgbImage::from_fn(960, 540, |x, y| {
             let at = Vector2::new(f64::from(x), f64::from(y));
@@ -168,7 +170,7 @@ mod tests {
                 let from = at - top;
                 let length = (foot - top).norm();
                 if (0.0..length).contains(&along.dot(&from)) {
-                    // The mast is 8 px wide; its rims are a pixel soft.
+                    // The mast is 8 px wide, and its borders are blurred over one pixel.
                     let inside = (4.5 - along.perp(&from).abs()).clamp(0.0, 1.0);
                     value += inside * (60.0 - value);
                 }

@@ -1,10 +1,11 @@
-//! The background at rest at two sizes: the halved one measures shifts twice as large, the full one refines them.
+//! The background of a camera at rest, at two sizes. The half-size copy can measure shifts twice as large as the
+//! full-size copy can. The full-size copy then refines these shifts.
 
 use crate::SmallGrey;
 use crate::alignment::Alignment;
 use crate::level::{BlockShift, Level, Smoothed};
 
-/// A picture prepared for the alignment with references.
+/// A picture at two sizes, prepared for the alignment with a [`Reference`].
 #[derive(Debug)]
 pub(crate) struct Prepared {
     fine: Smoothed,
@@ -16,20 +17,20 @@ impl Prepared {
         Self { fine: Smoothed::of(picture), coarse: Smoothed::of(&picture.halved()) }
     }
 
-    /// Returns the smoothed picture at the finer size.
+    /// Returns the smoothed grey values at the finer size, row by row.
     pub(crate) fn smooth(&self) -> &[f32] {
         self.fine.smooth()
     }
 }
 
-/// The shifts that a reference's blocks measured in a picture.
+/// The shifts that the blocks of a [`Reference`] measured in one picture.
 #[derive(Debug)]
 pub(crate) struct BlockShifts {
     pub fine: Vec<BlockShift>,
     coarse: Vec<BlockShift>,
 }
 
-/// The background at rest at both sizes.
+/// The background of a camera at rest, at two sizes.
 #[derive(Clone, Debug)]
 pub(crate) struct Reference {
     fine: Level,
@@ -37,17 +38,17 @@ pub(crate) struct Reference {
 }
 
 impl Reference {
-    /// Starts from the first picture.
+    /// Creates the background from the first picture.
     pub(crate) fn new(picture: &Prepared) -> Self {
         Self { fine: Level::new(&picture.fine), coarse: Level::new(&picture.coarse) }
     }
 
-    /// Returns the finer level, at which results are reported.
+    /// Returns the background at the finer size. Results are given in px of this size.
     pub(crate) fn fine(&self) -> &Level {
         &self.fine
     }
 
-    /// Measures the shift of each block in a picture.
+    /// Measures the shift of each block of the background in a picture.
     pub(crate) fn measured(&self, picture: &Prepared) -> BlockShifts {
         let coarse = self.coarse.measured(picture.coarse.smooth(), [0, 0]);
         let base = Alignment::of(&coarse).map_or([0, 0], |alignment| {
@@ -57,7 +58,8 @@ impl Reference {
         BlockShifts { fine: self.fine.measured(picture.fine.smooth(), base), coarse }
     }
 
-    /// Moves the background a little towards a picture at rest; `shifts` are its measurements from [`Self::measured`].
+    /// Adapts the background slightly to a picture of the camera at rest. `shifts` is the result of [`Self::measured`]
+    /// for this picture.
     pub(crate) fn follow(&mut self, picture: &Prepared, shifts: &BlockShifts, time_s: f64) {
         self.fine.follow(&picture.fine, &shifts.fine, time_s);
         self.coarse.follow(&picture.coarse, &shifts.coarse, time_s);

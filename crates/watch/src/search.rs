@@ -1,5 +1,7 @@
-//! Finds the similarity between two pictures of one scene without a prior. Blocks are searched over a wide area, and
-//! the similarity that fits most of them is taken.
+//! Finds the similarity transform (shift, scale, rotation) between two pictures of one scene without an initial guess.
+//!
+//! Each block of one picture is searched for over a wide area of the other picture. The result is the transform that
+//! fits most blocks.
 
 use nalgebra::Vector2;
 use roadplane_base::Similarity;
@@ -7,25 +9,28 @@ use roadplane_base::Similarity;
 use crate::alignment::Alignment;
 use crate::level::Level;
 
-/// Number of blocks that are searched for.
+/// Largest number of blocks that are searched for in the other picture.
 const BLOCKS: usize = 60;
-/// Side of a block, px of the halved small picture.
+/// Side of a block, px of the reduced picture at half its size.
 const SIDE: usize = 8;
-/// Largest shift of a block, px of the halved small picture.
+/// Largest shift of a block that the search covers, px of the reduced picture at half its size.
 const REACH: i64 = 24;
-/// Smallest correlation of a found block.
+/// Smallest correlation coefficient of a block with its match.
 const FOUND: f64 = 0.8;
-/// Largest distance of an agreeing block from a similarity, px of the halved small picture.
+/// Largest distance between an agreeing block's match and the position that the transform predicts, px of the reduced
+/// picture at half its size.
 const NEAR: f64 = 1.5;
-/// Share of the blocks that must agree.
+/// Smallest share of the blocks that must agree with the transform.
 const MIN_SHARE: f64 = 0.3;
-/// Fewest blocks that must agree.
+/// Smallest number of blocks that must agree with the transform.
 const MIN_BLOCKS: usize = 6;
 /// Number of rounds that refine the result.
 const REFINEMENTS: usize = 3;
 
-/// Finds the similarity that carries the reference to a picture (smoothed, of the same size), in px of the small
-/// picture. Returns `None` where there is none: another scene.
+/// Finds the similarity transform from the reference to a picture, px of the reduced picture.
+///
+/// `picture` is smoothed and has the size of the reference. Returns `None` if no transform fits enough blocks, because
+/// the picture shows another scene.
 pub(crate) fn search(reference: &Level, picture: &[f32]) -> Option<Similarity> {
     let (width, height) = reference.size();
     let from = Half::of(reference.values(), width, height);
@@ -59,8 +64,8 @@ pub(crate) fn search(reference: &Level, picture: &[f32]) -> Option<Similarity> {
     Similarity::fit(&doubled)
 }
 
-/// Refines a similarity from [`search`] to a fraction of a pixel: the picture is carried back by it and aligned with
-/// the reference.
+/// Refines a transform from [`search`] to a fraction of a pixel. In each round, the picture is transformed back and
+/// aligned with the reference.
 pub(crate) fn refined(reference: &Level, picture: &[f32], found: &Similarity) -> Similarity {
     let (width, height) = reference.size();
     let middle = Vector2::new(width as f64, height as f64) / 2.0;
@@ -78,7 +83,7 @@ pub(crate) fn refined(reference: &Level, picture: &[f32], found: &Similarity) ->
     carried
 }
 
-/// Resamples a picture by a similarity, bilinear; zero outside the picture.
+/// Resamples a picture through a similarity transform by bilinear interpolation. Points outside the picture get zero.
 fn resampled(picture: &[f32], (width, height): (usize, usize), carried: &Similarity) -> Vec<f32> {
     let value = |x: usize, y: usize| {
         let from = carried.apply(&Vector2::new(x as f64 + 0.5, y as f64 + 0.5)).add_scalar(-0.5);
@@ -120,7 +125,8 @@ impl Half {
     }
 }
 
-/// Returns the centres of a block and of its best match.
+/// Returns the centre of the block at (x, y) and the centre of its best match, px of the halved pictures. Returns
+/// `None` if no match correlates well enough.
 fn found(from: &Half, to: &Half, x: usize, y: usize) -> Option<(Vector2<f64>, Vector2<f64>)> {
     if x + SIDE > from.width || y + SIDE > from.height {
         return None;

@@ -1,4 +1,4 @@
-//! The small grey copy of a frame that this crate works on.
+//! The reduced grey copy of a frame, on which most steps of this crate work.
 
 use image::RgbImage;
 use opencv::core::{CV_8UC3, Mat, MatTraitConst as _, MatTraitConstManual as _, Size, Vec3b};
@@ -6,25 +6,27 @@ use opencv::imgproc::{COLOR_RGB2GRAY, INTER_AREA, cvt_color_def, resize};
 
 use crate::WatchError;
 
-/// Longest side, px.
+/// Largest length of the longer side of the reduced picture, px.
 const LONGEST: u32 = 480;
 
-/// A frame in grey, halved until its longer side is at most 480 px. Every pixel is the mean of `factor`² pixels of the
-/// frame. Columns and rows that do not fill a whole pixel at the right and the bottom are left out.
+/// A reduced grey copy of a frame: the frame is halved until its longer side is at most 480 px.
+///
+/// Every pixel is the mean of `factor` × `factor` pixels of the frame. Frame pixels at the right and the bottom that do
+/// not fill a whole pixel are left out.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SmallGrey {
     /// Number of columns.
     pub width: usize,
     /// Number of rows.
     pub height: usize,
-    /// Frame pixels along a side of one pixel of this picture.
+    /// Number of frame pixels along each side of one pixel of this picture.
     pub factor: usize,
     /// Grey values, row by row.
     pub values: Vec<u8>,
 }
 
 impl SmallGrey {
-    /// Reduces a frame.
+    /// Creates the reduced grey copy of a frame.
     ///
     /// # Errors
     /// [`WatchError`] when OpenCV fails.
@@ -55,7 +57,7 @@ impl SmallGrey {
         Ok(Self { width, height, factor, values: grey.data_bytes()?.to_vec() })
     }
 
-    /// Returns a row of grey values.
+    /// Returns the grey values of row `y`.
     #[must_use]
     pub fn row(&self, y: usize) -> &[u8] {
         &self.values[y * self.width..(y + 1) * self.width]

@@ -1,11 +1,12 @@
 //! Decides whether the camera is at rest.
 //!
-//! Each picture is aligned with the background ([`Alignment`]). A picture that lies elsewhere starts a suspicion and
-//! becomes the candidate for a new position. The candidate becomes the new position if the pictures after it align with
-//! it for a second. Otherwise a later picture replaces it. A return to the old background ends the suspicion.
+//! Each picture is aligned with the background ([`Alignment`]). A displaced picture starts a *suspicion*: the camera
+//! may have moved. This picture becomes the *candidate* for the camera's new position. If the next pictures align with
+//! the candidate for a second, it becomes the new position. Otherwise a later picture replaces the candidate. If the
+//! pictures return to the old background, the suspicion ends without a move.
 //!
-//! So a shake (which returns), a flash, or a lorry that covers everything is not reported as a move. A move is reported
-//! a second after it happened, together with the frame in which it happened.
+//! Therefore a shake, a flash, or a lorry that covers the whole picture is not reported as a move. A move is reported a
+//! second after it happened, with the frame in which it happened.
 
 use std::collections::VecDeque;
 
@@ -19,60 +20,64 @@ use crate::reference::{Prepared, Reference};
 use crate::search::{refined, search};
 use crate::{SmallGrey, WatchError};
 
-/// Displacement beyond which a camera that does not return has moved, px of the frame. The move starts with the first
-/// picture that lies off by more than half of it.
+/// Smallest lasting displacement that counts as a camera move, px of the frame. The move starts with the first picture
+/// that is displaced by more than half of this limit.
 const MOVED_PX: f64 = 1.5;
-/// Displacement beyond which a camera that does not return has moved, px of the small picture. The larger of this limit
-/// and [`MOVED_PX`] counts.
+/// Smallest lasting displacement that counts as a camera move, px of the reduced picture. The larger of this limit and
+/// [`MOVED_PX`] applies.
 const MOVED_SMALL_PX: f64 = 0.3;
-/// Time over which the median displacement is taken, s: longer than half a swing of a pole.
+/// Time over which the median displacement is computed, s. It is longer than half a swing of a camera pole.
 const MEDIAN_S: f64 = 0.5;
-/// Fewest pictures over which the median displacement is taken.
+/// Smallest number of pictures over which the median displacement is computed.
 const MEDIAN_PICTURES: usize = 4;
-/// Time for which the pictures must agree with a new position, s.
+/// Time for which the pictures must align with a new position before the position is accepted, s.
 const HOLD_S: f64 = 1.0;
-/// Number of pictures that must agree with a new position.
+/// Smallest number of pictures that must align with a new position before the position is accepted.
 const HOLD_PICTURES: usize = 4;
-/// Largest drift of a new position while it is being confirmed, as a share of [`MOVED_PX`].
+/// Largest drift of a new position before it is accepted, as a share of the smallest displacement that counts as a
+/// move.
 const CREEP: f64 = 0.35;
-/// Duration of a suspicion beyond which the camera counts as moving, s, if later pictures did not agree with the first
-/// candidate.
+/// Time since the first displaced picture after which the camera counts as moving, s. This limit applies only if later
+/// pictures did not align with the first candidate for a new position.
 const MOTION_S: f64 = 1.5;
-/// Duration of a suspicion beyond which the camera counts as moving in any case, s.
+/// Time since the first displaced picture after which the camera counts as moving in any case, s.
 const LONG_MOTION_S: f64 = 4.0;
-/// Logarithm of the picture's growth above which a move is called a zoom.
+/// A move is called a zoom if the absolute logarithm of its scale factor exceeds this value.
 const ZOOM: f64 = 0.01;
-/// Smallest shake that is reported, px of the frame: a smaller one is within the noise of boxes and keypoints.
+/// Smallest shake that is reported, px of the frame. A smaller shake is within the noise of boxes and keypoints.
 const LEAST_OFFSET_PX: f64 = 0.5;
-/// Largest number of pictures over which the middle of the shake is averaged: about 20 s.
+/// Largest number of pictures over which the mean position of a shaken camera is averaged; they span about 20 s.
 const AVERAGED: f64 = 180.0;
-/// Fewest blocks with structure for a verdict.
+/// Smallest number of blocks with structure that the background needs for a verdict.
 const MIN_BLOCKS: usize = 8;
 
-/// Longest time for which a background is used, s of the input, counted from the input's start.
+/// Interval after which a new background replaces the old one, s. The intervals are counted from the start of the
+/// input.
 const MINUTE_S: f64 = 60.0;
-/// Age of a background when its use begins, s: the time over which the middle of the shake is averaged.
+/// Time for which a new background is built up before it replaces the old one, s. In this time, the mean position of a
+/// shaken camera is averaged.
 pub const RENEW_S: f64 = 20.0;
 
 /// The watcher's result for one frame.
 #[derive(Clone, Debug)]
 pub struct Observation {
-    /// The entry for the frame's record.
+    /// The verdict, the offset by shake and any camera move, as written to the frame's record.
     pub record: WatchRecord,
-    /// The small grey picture.
+    /// The reduced grey copy of the frame.
     pub small: SmallGrey,
-    /// Shift of the picture against the background at rest, px of the small picture.
+    /// Shift of the picture against the mean position of a camera at rest, px of the reduced picture.
     pub shift: Vector2<f64>,
-    /// Whether the camera took another position in this frame, so that no earlier picture is comparable.
+    /// Whether a new position of the camera was accepted in this frame. Earlier pictures then cannot be compared with
+    /// later ones.
     pub is_new_position: bool,
 }
 
-/// One picture aligned with a reference.
+/// A picture and its alignment with a reference.
 #[derive(Clone, Copy, Debug)]
 struct AlignedPicture {
     stamp: FrameStamp,
     alignment: Option<Alignment>,
-    /// Root mean square displacement, px of the small picture; infinite where the alignment fails.
+    /// Root mean square displacement, px of the reduced picture; infinite if the alignment fails.
     displacement: f64,
 }
 
@@ -88,43 +93,45 @@ struct Candidate {
 struct Suspicion {
     since: FrameStamp,
     candidate: Candidate,
-    /// Number of candidates that later pictures did not agree with.
+    /// Number of candidates that were dropped because later pictures did not align with them.
     abandoned: u32,
     /// Whether the motion of the camera was already reported.
     is_motion: bool,
 }
 
-/// A position of the camera: its background, and the alignment of pictures with it.
+/// A position of the camera: the background that the camera shows there, and how the pictures align with this
+/// background.
 #[derive(Clone, Debug, Default)]
 struct Position {
     reference: Option<Reference>,
-    /// The alignments of the last pictures with the background.
+    /// The last pictures and their alignment with the background.
     recent: VecDeque<AlignedPicture>,
-    /// Middle of the shake: the mean shift of the pictures against the background, px of the small picture.
+    /// Middle of the camera's shake: the mean shift of the pictures against the background, px of the reduced picture.
     origin: Vector2<f64>,
-    /// Number of pictures in the mean shift, at most [`AVERAGED`].
+    /// Number of pictures in the mean shift `origin`, at most [`AVERAGED`].
     averaged: f64,
     suspicion: Option<Suspicion>,
 }
 
-/// Watches a clip frame by frame.
+/// Detects camera motion, shake and blind pictures in a clip, frame by frame.
 #[derive(Clone, Debug, Default)]
 pub struct Watcher {
     blindness: Blindness,
     position: Position,
-    /// The position that replaces the current one, and the minute from which it may do so.
+    /// The prepared position that will replace the current one, and the number of the minute from which this is
+    /// allowed.
     next: Option<(u64, Position)>,
     last: WatchRecord,
 }
 
 impl Watcher {
-    /// Creates a watcher before the first frame.
+    /// Creates a watcher for a new clip.
     #[must_use]
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Returns the record of a frame that is not inspected: the last verdict and offset.
+    /// Returns the record of a frame that is not analysed. It repeats the last verdict and the last offset.
     #[must_use]
     pub fn unobserved(&self) -> WatchRecord {
         WatchRecord {
@@ -135,7 +142,7 @@ impl Watcher {
         }
     }
 
-    /// Inspects the next frame; frames come in the order of time.
+    /// Analyses the next frame. Frames must come in the order of time.
     ///
     /// # Errors
     /// [`WatchError`] when OpenCV fails.
@@ -156,7 +163,7 @@ impl Watcher {
                 next.settle(stamp, &small, &picture, &mut WatchRecord::default());
             }
             is_new_position = before && record.moved.is_some_and(|m| m.kind != MoveKind::Moving);
-            // An unsettled picture may be a slow swing: its shift counts until a move is reported.
+            // An unsettled picture may be part of a slow swing. Its shift is therefore used until a move is reported.
             if matches!(record.verdict, PictureVerdict::Rest | PictureVerdict::Unsettled)
                 && let Some(alignment) = self.position.recent.back().and_then(|picture| picture.alignment)
             {
@@ -171,8 +178,8 @@ impl Watcher {
         Ok(Observation { record, small, shift, is_new_position })
     }
 
-    /// Starts a new background before the current one is too old. Replaces the current one once neither suspects a
-    /// move.
+    /// Starts a new background before the current one is too old. The new one replaces the current one when neither of
+    /// the two suspects a move.
     fn renew(&mut self, time_s: f64) {
         let minute = (time_s / MINUTE_S).max(0.0) as u64;
         if let Some((from, next)) = &mut self.next
@@ -191,7 +198,7 @@ impl Watcher {
 }
 
 impl Position {
-    /// Finds the verdict on a picture that shows some structure.
+    /// Determines the verdict on a picture that contains information, and writes it to `record`.
     fn settle(&mut self, stamp: FrameStamp, small: &SmallGrey, picture: &Prepared, record: &mut WatchRecord) {
         let moved = (MOVED_PX / small.factor as f64).max(MOVED_SMALL_PX);
         let reference = match &mut self.reference {
@@ -199,8 +206,8 @@ impl Position {
             slot => slot.insert(Reference::new(picture)),
         };
         if reference.fine().block_count() < MIN_BLOCKS {
-            // A first picture without structure (night, fog) gives way to one with structure all over. A car on a bare
-            // road does not count as such structure.
+            // If the first picture has no structure (night, fog), a picture with structure everywhere replaces it. A
+            // single car on a bare road is not enough.
             let fresh = Reference::new(picture);
             if fresh.fine().is_structured_all_over() {
                 *reference = fresh;
@@ -233,7 +240,7 @@ impl Position {
                 }
             }
             None => {
-                // The suspicion starts with the first of the last consecutive pictures that lie off.
+                // The suspicion starts with the first picture of the last unbroken run of displaced pictures.
                 let off = |l: &&AlignedPicture| l.displacement > 0.5 * moved;
                 let since = self.recent.iter().rev().take_while(off).last().map_or(stamp, |l| l.stamp);
                 let candidate = Candidate::new(picture, stamp, since);
@@ -283,7 +290,8 @@ impl Position {
     }
 }
 
-/// Aligns a picture with a reference; `origin` is the mean shift of the pictures against it.
+/// Aligns a picture with a reference. The displacement is measured from `origin`, the mean shift of earlier pictures
+/// against the reference.
 fn align(
     reference: &Reference,
     stamp: FrameStamp,
@@ -297,8 +305,8 @@ fn align(
     AlignedPicture { stamp, alignment, displacement }
 }
 
-/// Whether the last pictures as a whole lie elsewhere: most of them fail to align, or their median displacement exceeds
-/// their scatter.
+/// Whether the last pictures as a whole are displaced. This is so if most of them cannot be aligned, or if their median
+/// displacement exceeds `moved` plus their scatter.
 fn stays_away(recent: &VecDeque<AlignedPicture>, origin: Vector2<f64>, moved: f64) -> bool {
     let (Some(first), Some(last)) = (recent.front(), recent.back()) else { return false };
     if recent.len() < MEDIAN_PICTURES || last.stamp.time_s() - first.stamp.time_s() < 0.5 * MEDIAN_S {
@@ -313,7 +321,7 @@ fn stays_away(recent: &VecDeque<AlignedPicture>, origin: Vector2<f64>, moved: f6
     (shift - origin).norm().hypot(grown) > moved + scatter.unwrap_or(0.0)
 }
 
-/// Median shift, and median displacement by scale and roll at 100 px from the middle.
+/// Returns the median shift, and the displacement by the median scale and roll at 100 px from the picture's middle.
 fn middle(alignments: &[&Alignment]) -> Option<(Vector2<f64>, f64)> {
     let of =
         |value: fn(&Alignment) -> f64| median(&mut alignments.iter().map(|a| value(a)).collect::<Vec<_>>());
@@ -328,14 +336,14 @@ impl Candidate {
         Self { reference, since, pictures: vec![own] }
     }
 
-    /// Whether most of the last pictures lie elsewhere.
+    /// Whether most of the last pictures are displaced against the candidate.
     fn is_abandoned(&self, moved: f64) -> bool {
         let last = &self.pictures[self.pictures.len().saturating_sub(MEDIAN_PICTURES)..];
         let away = |l: &&AlignedPicture| l.displacement > moved;
         last.len() >= 2 && 2 * last.iter().filter(away).count() > last.len()
     }
 
-    /// Whether the pictures have aligned with the candidate for long enough, without drift.
+    /// Whether the pictures have aligned with the candidate for long enough and without drift.
     fn holds(&self, now: FrameStamp, moved: f64) -> bool {
         let Some(first) = self.pictures.first() else { return false };
         let age_s = now.time_s() - first.stamp.time_s();
@@ -353,7 +361,7 @@ impl Candidate {
     }
 }
 
-/// Describes a move by aligning the new position with the old one.
+/// Describes a camera move by aligning the new background with the old one.
 fn described(old: &Level, new: &Candidate, since: FrameStamp, factor: usize) -> CameraMove {
     let (width, height) = old.size();
     let middle = Vector2::new(width as f64, height as f64) / 2.0;
@@ -366,7 +374,7 @@ fn described(old: &Level, new: &Candidate, since: FrameStamp, factor: usize) -> 
         Some(log_scale) if log_scale.abs() > ZOOM => MoveKind::Zoomed,
         Some(_) => MoveKind::Turned,
     };
-    // Adding zero removes a negative zero.
+    // Adding zero turns a negative zero into zero.
     let rounded = |value: f64, digits: f64| (value * digits).round() / digits + 0.0;
     CameraMove {
         kind,

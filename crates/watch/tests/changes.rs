@@ -12,7 +12,7 @@ use roadplane_watch::{Background, CELL_PX, Cells, ChangeMap, SmallGrey};
 const WIDTH: usize = 164;
 const HEIGHT: usize = 90;
 
-/// Texture at a point, grey levels 40–200.
+/// Returns the texture's grey level at a point, 40–200.
 fn texture(x: f64, y: f64) -> f64 {
     120.0
         + 30.0 * (x * 0.31 + (y * 0.11).sin()).sin()
@@ -25,7 +25,7 @@ fn clean(shift: Vector2<f64>) -> Vec<f64> {
     (0..WIDTH * HEIGHT).map(at).collect()
 }
 
-/// The textured scene, shifted, with noise of at most `noise` grey levels.
+/// Returns the textured scene, shifted by `shift`, with noise of at most `noise` grey levels.
 fn scene(shift: Vector2<f64>, noise: f64, seed: u64) -> SmallGrey {
     let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
     let mut dice = || {
@@ -41,7 +41,7 @@ fn scene(shift: Vector2<f64>, noise: f64, seed: u64) -> SmallGrey {
     SmallGrey { width: WIDTH, height: HEIGHT, factor: 2, values }
 }
 
-/// Changes a block in cells 5–8 across and 3–5 down by `strength`, finely textured.
+/// Adds a fine texture of this strength (grey levels) to the cells in columns 5–8 and rows 3–5.
 fn with_block(mut picture: SmallGrey, strength: i32) -> SmallGrey {
     for y in 3 * CELL_PX..6 * CELL_PX {
         for x in 5 * CELL_PX..9 * CELL_PX {
@@ -61,7 +61,7 @@ fn the_block(map: &ChangeMap) -> Cells {
     cells
 }
 
-/// A map that has learnt the noise of the scene, and the time of its next picture.
+/// Returns a map that has learnt the scene's noise, and the time of its next picture, s.
 fn learned(noise: f64, seed: u64) -> (ChangeMap, f64) {
     let mut map = ChangeMap::new(&scene(Vector2::zeros(), noise, seed));
     for i in 0..40 {
@@ -163,7 +163,7 @@ fn flicker_is_ignored_and_a_vehicle_there_is_still_a_change() {
     let (mut map, start_s) = learned(noise, 7);
     let mut flagged = Vec::new();
     for i in 0..60 {
-        // Leaves in a gust, every second for half a second.
+        // Leaves move in a gust for half of every second.
         let strength = if i % 10 < 5 { 7 } else { 0 };
         let picture = with_block(scene(Vector2::zeros(), noise, 100 + i), strength);
         let changed = map.changed(&picture, Vector2::zeros(), start_s + i as f64 * 0.1);
@@ -202,7 +202,7 @@ fn boxes_at_the_edges_touch_the_right_cells() {
     assert!(touched([400.0, 0.0, 420.0, 10.0]).0.is_empty(), "right of it");
     assert!(cells.is_at_border(1, 5) && cells.is_at_border(19, 5) && !cells.is_at_border(2, 5));
     assert!(cells.share_of(&[-50.0, 0.0, -10.0, 10.0]) < 1e-9 && cells.groups().is_empty());
-    // Cells that touch at a corner are one group; a cell between is a gap.
+    // Cells that touch at a corner form one group. An empty cell between two cells separates them.
     let mut cells = cells.emptied();
     for (column, row) in [(2, 2), (3, 3), (5, 3)] {
         cells.insert(column, row);
@@ -210,7 +210,8 @@ fn boxes_at_the_edges_touch_the_right_cells() {
     assert_eq!(cells.groups(), [[32.0, 32.0, 64.0, 64.0], [80.0, 48.0, 96.0, 64.0]]);
 }
 
-/// A street of 320 × 160 px. A car of 48 × 32 px has its left edge at x, and another is parked.
+/// Draws a street of 320 × 160 px with a parked car. `car` is the left edge, px, of a second car of 48 × 32 px, if
+/// there is one.
 fn street(car: Option<u32>) -> RgbImage {
     RgbImage::from_fn(320, 160, |x, y| {
         let is_car = car.is_some_and(|at| (at..at + 48).contains(&x) && (64..96).contains(&y));
@@ -245,7 +246,7 @@ fn a_passing_car_does_not_enter_the_background() {
         bare_s[1..5].iter().all(|row| row[30..35].iter().all(Option::is_none)),
         "the position of the parked car"
     );
-    // The cell is bare from the start and is renewed every two seconds.
+    // This cell is always empty and is blended every two seconds.
     assert!((bare_s[19][0].unwrap() - 6.0).abs() < 0.11, "{:?}", bare_s[19][0]);
     // The car has left the first columns when its left edge is past them.
     let left_s = 0.1 * f64::from((0..68).find(|i| x_at(*i) >= 8).unwrap());

@@ -1,4 +1,4 @@
-//! Tests the watcher's reports on clips whose camera is known to move, and their times.
+//! Tests on clips with known camera motion that the watcher reports the right moves at the right times.
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test that cannot go on has failed")]
 
@@ -11,14 +11,14 @@ use roadplane_watch::{RENEW_S, Watcher};
 const STRIDES: [u64; 2] = [1, 3];
 const ALL: [u64; 12] = [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12];
 
-/// Watches a clip of a scene through a camera with this view over time.
+/// Runs the watcher on a clip of a scene. `view` returns the camera's view at a time, s.
 fn turned(scene: &dyn Scene, seconds: f64, strides: &[u64], view: impl Fn(f64) -> View) -> Vec<WatchedClip> {
     watched(scene.fps(), seconds, strides, |frame, time_s| {
         scene.at(frame).seen(scene.picture(), view(time_s)).noisy(frame)
     })
 }
 
-/// Watches a clip of a camera at rest, whose pictures are altered before noise is added.
+/// Runs the watcher on a clip of a camera at rest. `alter` changes each picture before noise is added.
 fn altered(
     scene: &dyn Scene,
     seconds: f64,
@@ -44,7 +44,7 @@ fn no_move(clips: &[WatchedClip], what: &str) {
     }
 }
 
-/// Checks that there was exactly one move, of this kind and at this time.
+/// Checks that the clip has exactly one move, of this kind and at this time.
 fn one_move(clip: &WatchedClip, kind: MoveKind, since_s: f64, what: &str) -> roadplane_base::CameraMove {
     let moves = clip.moves();
     let [moved] = moves[..] else { panic!("{what}, stride {}: {moves:?}", clip.stride) };
@@ -93,7 +93,7 @@ fn a_pan_is_reported_when_it_begins_and_when_it_ends() {
             println!("{name}, stride {}: {moves:?}", clip.stride);
             let [begun, ended] = moves[..] else { panic!("{name}, stride {}: {moves:?}", clip.stride) };
             assert_eq!((begun.kind, ended.kind), (MoveKind::Moving, MoveKind::Turned));
-            // Two pictures must lie elsewhere before a position is abandoned.
+            // A candidate position is abandoned only after two displaced pictures.
             let near = 0.5_f64.max(2.0 * clip.stride as f64 / clip.fps);
             assert!((begun.since_s - 2.0).abs() <= near, "stride {}: {begun:?}", clip.stride);
             assert!((ended.since_s - 7.0).abs() <= near, "stride {}: {ended:?}", clip.stride);
@@ -146,7 +146,7 @@ fn a_shaken_camera_has_not_moved_and_its_shake_is_followed() {
                     clip.stride
                 );
                 assert!(shift <= 0.5, "{name}, {hertz}/s, stride {}: {shift}", clip.stride);
-                // The reported offset leaves out the noise.
+                // Offsets below the noise are reported as zero, so the limit is larger.
                 assert!(offset <= 0.8, "{name}, {hertz}/s, stride {}: {offset}", clip.stride);
             }
         }
@@ -184,7 +184,7 @@ fn lights_that_go_on_and_off_are_no_move() {
 
 #[test]
 fn a_bus_in_front_of_half_the_picture_is_no_move() {
-    // In the car park the bus drives across the only half that has structure.
+    // In the car park, only one half of the picture has structure. The bus drives across this half.
     for (name, scene) in [("made", &Made::new(9) as &dyn Scene), ("scene", &scene()), ("lot", &lot())] {
         let (width, height) = scene.picture();
         let bus = Grey::textured(width / 2, height, 90);
@@ -240,7 +240,7 @@ fn a_picture_that_stays_the_same_is_frozen() {
 
 #[test]
 fn dense_traffic_is_no_camera_motion() {
-    // Five full lanes of 48 px in a picture of 360 px.
+    // Five lanes full of vehicles, each lane 48 px high, in a picture 360 px high.
     let lanes: Vec<(f64, i64, u32)> =
         (0..5).map(|i| ([-5.0, 3.0, -2.0, 6.0, 4.0][i], 130 + 48 * i as i64, 8)).collect();
     let clips = turned(&Made::with_traffic(12, &lanes), 8.0, &STRIDES, |_| View::default());
@@ -253,7 +253,7 @@ fn dense_traffic_is_no_camera_motion() {
 #[test]
 fn pictures_before_the_last_minute_have_no_effect() {
     let scene = Made::new(11);
-    // The camera is shaken, and turned by a little in the first minute.
+    // The camera is shaken all the time. In the first minute it is also turned slightly.
     let view = |t: f64| {
         let swing = 1.5 * (std::f64::consts::TAU * 0.7 * t).sin();
         View::shifted(if t < 30.0 { 4.0 } else { 0.0 } + swing, 0.5 * swing)

@@ -1,4 +1,4 @@
-//! Tests real surveillance video: the cameras are at rest, and no move may be reported.
+//! Tests the watcher on real surveillance video. The cameras are at rest, so no move may be reported.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
@@ -10,7 +10,7 @@ use roadplane_watch::Watcher;
 
 const STRIDES: std::ops::RangeInclusive<u64> = 1..=12;
 
-/// Videos of a folder of the data beside the repository.
+/// Returns the videos in a folder of `shared/data`, which lies beside the repository.
 fn clips(folder: &str) -> Vec<PathBuf> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data").join(folder);
     let mut clips: Vec<PathBuf> = path.read_dir().unwrap().map(|entry| entry.unwrap().path()).collect();
@@ -19,7 +19,8 @@ fn clips(folder: &str) -> Vec<PathBuf> {
     clips
 }
 
-/// Watches a clip at all strides at once: no move is reported, and until `until_s` the verdict is the expected one.
+/// Runs the watcher on a clip at all strides. No move may be reported, and every verdict before `until_s` must be the
+/// expected one.
 fn stays(clip: &Path, expected: PictureVerdict, until_s: f64) {
     let mut input = open(clip, &DecodeOptions::default()).unwrap();
     let mut watchers: Vec<_> = STRIDES.map(|stride| (stride, Watcher::new(), Vec::new())).collect();
@@ -52,9 +53,9 @@ fn rests(clip: &Path) {
 fn road_cameras_rest() {
     for clip in clips("clips") {
         match clip.file_stem().and_then(|name| name.to_str()) {
-            // Its last 0.6 s are of another camera.
+            // The last 0.6 s of this clip come from another camera.
             Some("street_queue") => stays(&clip, PictureVerdict::Rest, 28.0),
-            // Bare asphalt, whose shift would be invisible.
+            // This clip shows bare asphalt, on which a shift is invisible.
             Some("barrier") => stays(&clip, PictureVerdict::Unknown, f64::INFINITY),
             _ => rests(&clip),
         }

@@ -1,4 +1,4 @@
-//! Synthetic clips for tests: a scene larger than the picture, seen by a camera that can be turned, zoomed and shaken.
+//! Synthetic clips for tests. A camera that can be turned, zoomed and shaken shows a part of a larger scene.
 
 use std::path::Path;
 
@@ -35,7 +35,8 @@ pub struct Grey {
     pub values: Vec<u8>,
 }
 
-/// The camera's view: a point at `p` from the middle at rest is seen at `shift + p · e^log_scale`.
+/// The camera's view. Let `p` be a point's position from the picture's middle when the camera is at rest, px. In this
+/// view, the point appears at `shift + p · e^log_scale`.
 #[derive(Clone, Copy, Default)]
 pub struct View {
     pub shift: [f64; 2],
@@ -49,7 +50,7 @@ impl View {
 }
 
 impl Grey {
-    /// Creates texture of three sizes.
+    /// Creates a picture with random texture of three sizes.
     pub fn textured(width: usize, height: usize, seed: u64) -> Self {
         let mut values = vec![110.0_f32; width * height];
         for (side, height_of) in [(5_usize, 24.0_f32), (14, 30.0), (45, 50.0)] {
@@ -71,7 +72,7 @@ impl Grey {
         Self { width, height, values: values.into_iter().map(|v| v as u8).collect() }
     }
 
-    /// Pastes another picture with its corner at (x, y), which may be outside.
+    /// Pastes another picture with its top-left corner at (x, y). The corner may be outside this picture.
     pub fn paste(&mut self, other: &Self, x: i64, y: i64) {
         for (row, line) in other.values.chunks_exact(other.width).enumerate() {
             let Ok(to) = usize::try_from(y + row as i64) else { continue };
@@ -88,7 +89,7 @@ impl Grey {
         }
     }
 
-    /// Returns the camera's view of the middle, bilinear.
+    /// Returns the middle of this scene as the camera shows it, with bilinear interpolation.
     pub fn seen(&self, (width, height): (usize, usize), view: View) -> Self {
         let scale = (-view.log_scale).exp();
         let source = |at: usize, length: usize, own: usize, shift: f64| {
@@ -125,7 +126,7 @@ impl Grey {
         self
     }
 
-    /// Adds the noise of one frame, of 2.3 grey levels.
+    /// Adds random noise with an sd of 2.3 grey levels. Each frame has its own `seed`.
     pub fn noisy(mut self, seed: u64) -> Self {
         let mut dice = Dice::new(seed + 77);
         for value in &mut self.values {
@@ -145,7 +146,7 @@ impl Grey {
     }
 }
 
-/// A scene with traffic, frame by frame.
+/// A scene with traffic that gives one picture per frame.
 pub trait Scene {
     fn fps(&self) -> f64;
     /// Size of the camera's picture, px.
@@ -153,10 +154,10 @@ pub trait Scene {
     fn at(&self, frame: u64) -> Grey;
 }
 
-/// A synthetic scene: texture, with lanes of traffic across it.
+/// A synthetic scene: a textured ground with lanes of traffic.
 pub struct Made {
     ground: Grey,
-    /// Vehicle, row, start, and speed in px a frame.
+    /// For each vehicle: its picture, its row, its start column, and its speed in px per frame.
     traffic: Vec<(Grey, i64, f64, f64)>,
 }
 
@@ -165,7 +166,7 @@ impl Made {
         Self::with_traffic(seed, &[(-3.0, 150, 4), (4.0, 220, 4), (6.0, 290, 3)])
     }
 
-    /// Creates a scene with these lanes: speed (px a frame), row, number of vehicles.
+    /// Creates a scene with these lanes: speed (px per frame), row, number of vehicles.
     pub fn with_traffic(seed: u64, lanes: &[(f64, i64, u32)]) -> Self {
         let mut ground = Grey::textured(900, 520, seed);
         let mut dice = Dice::new(seed + 5);
@@ -206,7 +207,7 @@ impl Scene for Made {
     }
 }
 
-/// Frames of a clip in the repository, played forwards and backwards in turn.
+/// The frames of a clip in the repository, played forwards and backwards in turn.
 pub struct Played {
     frames: Vec<Grey>,
     fps: f64,
@@ -248,7 +249,7 @@ impl Scene for Played {
 pub struct WatchedClip {
     pub stride: u64,
     pub fps: f64,
-    /// Stamp, record, and shift in px of the frame.
+    /// For each frame: its stamp, its record, and its shift in px of the frame.
     pub frames: Vec<(FrameStamp, WatchRecord, [f64; 2])>,
 }
 
@@ -263,13 +264,14 @@ impl WatchedClip {
         self.frames.iter().filter(|(stamp, ..)| inside(stamp)).map(|(_, record, _)| record.verdict).collect()
     }
 
-    /// Returns the first time of a verdict, s.
+    /// Returns the time of the first frame with this verdict, s.
     pub fn first(&self, verdict: PictureVerdict) -> Option<f64> {
         self.frames.iter().find(|(_, record, _)| record.verdict == verdict).map(|(stamp, ..)| stamp.time_s())
     }
 }
 
-/// Watches a synthetic clip at several strides at once; `picture` draws the frame of a number and time, s.
+/// Runs the watcher on a synthetic clip at several strides at once. `picture` draws the frame with this number at this
+/// time, s.
 pub fn watched(
     fps: f64,
     seconds: f64,
