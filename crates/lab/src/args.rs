@@ -27,7 +27,7 @@ pub struct Cli {
     #[command(flatten)]
     #[allow(missing_docs)]
     pub common: CommonArgs,
-    /// The command.
+    /// The command to run.
     #[command(subcommand)]
     pub command: Command,
 }
@@ -39,26 +39,26 @@ impl Cli {
     }
 }
 
-/// The commands.
+/// The commands of `roadplane-lab`.
 #[derive(Debug, Subcommand)]
 pub enum Command {
     /// Evaluate nets, the solver, the tracker or finished runs against truth.
     Eval(eval::EvalArgs),
     /// Measure the cost of a run on one input, by stage.
     Bench(bench::BenchArgs),
-    /// Make data sets of geometry alone: truth, and noisy keypoints for the solver.
+    /// Make synthetic data sets without pictures: truth, and noisy keypoints for the solver.
     Synth(synth::SynthArgs),
-    /// Write the manual: a page for each command.
+    /// Write the manual pages, one for each command.
     #[command(hide = true)]
     Man {
-        /// Folder for roadplane-lab.1, roadplane-lab-eval.1, …; made if it is missing.
+        /// Folder for the pages roadplane-lab.1, roadplane-lab-eval.1, …; the folder is made if it is missing.
         #[arg(long, value_name = "DIR")]
         out: PathBuf,
     },
     /// Print shell completions.
     #[command(hide = true)]
     Completions {
-        /// The shell.
+        /// The shell that gets the completions.
         shell: clap_complete::Shell,
     },
 }

@@ -1,4 +1,5 @@
-//! One file or folder per command; each turns arguments into a call of the library and prints its tables.
+//! The commands, one file or folder for each. A command calls the library with its arguments and prints the resulting
+//! tables.
 
 pub mod bench;
 pub mod eval;

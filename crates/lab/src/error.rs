@@ -1,4 +1,5 @@
-//! Errors of the laboratory, and the fault of each: usage, input or internal. The path comes last in each message.
+//! Errors of the laboratory. Each error has a kind of fault: usage, input or internal. A message ends with the path of
+//! the file.
 
 use std::path::Path;
 
@@ -26,19 +27,19 @@ pub enum LabError {
 }
 
 impl LabError {
-    /// Returns the error for a file that is not of its documented form.
+    /// Returns the error for a file whose content is not in its documented format. `what` describes the mistake.
     #[must_use]
     pub fn malformed(path: &Path, what: impl ToString) -> Self {
         MetricsError::malformed(path, what).into()
     }
 
-    /// Returns the error for files that do not belong together, or that hold too little to compare.
+    /// Returns the error for files that do not belong together, or that contain too little data to compare.
     #[must_use]
     pub fn unsuitable(what: impl ToString) -> Self {
         MetricsError::Unsuitable { what: what.to_string() }.into()
     }
 
-    /// Returns the fault that decides the exit code: usage, input or internal.
+    /// Returns the kind of fault, which decides the exit code: usage, input or internal.
     #[must_use]
     pub fn fault(&self) -> Fault {
         match self {
@@ -49,7 +50,7 @@ impl LabError {
         }
     }
 
-    /// Returns the fault (usage or input) that an error from the crate `metrics` is counted as.
+    /// Returns the kind of fault of an error from the crate `metrics`: usage or input.
     #[must_use]
     pub fn fault_of_metrics(error: &MetricsError) -> Fault {
         match error {

@@ -13,10 +13,11 @@ use roadplane_metrics::scoring::picture_boxes;
 use roadplane_metrics::text_file::read_text;
 use roadplane_metrics::truth::Truth;
 
-/// The files of a finished run, `DIR/<stem>/`.
+/// The content of the folder of a finished run, `DIR/<stem>/`.
 #[derive(Clone, Debug)]
 pub struct FinishedRun {
-    /// The camera; if it was moved, that of the longest segment.
+    /// The estimated camera. If the camera was moved during the clip, this is the estimate for the longest time
+    /// segment.
     pub camera: CameraSegment,
     /// Rows of `tracks.jsonl`.
     pub rows: Vec<TrackRow>,
@@ -27,10 +28,10 @@ pub struct FinishedRun {
 }
 
 impl FinishedRun {
-    /// Reads the folder of a finished run.
+    /// Reads the files in the folder of a finished run.
     ///
     /// # Errors
-    /// [`LabError::Write`] or [`LabError::Metrics`] for the file that is missing or broken.
+    /// [`LabError::Write`] or [`LabError::Metrics`] if a file is missing or broken.
     pub fn read(folder: &Path) -> Result<Self, LabError> {
         let path = folder.join("summary.json");
         let malformed = |e: serde_json::Error| LabError::malformed(&path, e);
@@ -43,13 +44,16 @@ impl FinishedRun {
         })
     }
 
-    /// Returns the frames of the truth that the run processed. Frames that its configuration leaves out do not count.
+    /// Returns the indices of the frames that the run processed and that have truth.
+    ///
+    /// The configuration of a run can leave out frames.
     #[must_use]
     pub fn analysed(&self, truth: &Truth) -> BTreeSet<u64> {
         self.processed(truth.frames.iter().map(|frame| (frame.frame, frame.time_s)))
     }
 
-    /// Returns the indices of the frames that the run processed. `frames` are pairs of index and time (s), in order.
+    /// Returns the indices of those `frames` that the run processed. Each input frame is a pair of index and time (s),
+    /// in order of time.
     pub(crate) fn processed(&self, frames: impl Iterator<Item = (u64, f64)>) -> BTreeSet<u64> {
         let decode = &self.config.decode;
         let wanted = frames.filter(|(frame, time_s)| {
@@ -61,7 +65,7 @@ impl FinishedRun {
         wanted.take(most).map(|(frame, _)| frame).collect()
     }
 
-    /// Returns the boxes of a frame. A run keeps the boxes of the cars that have a pose.
+    /// Returns the found boxes of a frame. A run stores only the boxes of cars with a pose.
     pub(crate) fn boxes(&self, frame: u64) -> Vec<FoundBox> {
         let here = self.poses.iter().filter(|pose| pose.frame == frame);
         here.map(|pose| FoundBox { bbox_px: pose.bbox_px, score: pose.score }).collect()

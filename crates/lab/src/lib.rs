@@ -1,15 +1,16 @@
-//! The laboratory: evaluations of nets, solver, tracker and finished runs, as tables with confidence intervals.
+//! The laboratory: evaluates nets, the solver, the tracker and finished runs. Results are tables with confidence
+//! intervals.
 //!
 //! # Contents
 //! ```text
 //! evaluate/   one file or folder per evaluation: activity, box_files, cameras, dataset, keypoints, kitti, regions,
 //!             run (with vehicles), solver, tracker
-//! systems/    the systems that estimate poses from keypoints (the paper's table)
+//! systems/    the systems that estimate poses from keypoints (rows of the tables)
 //! tables/     scores as tables and plots with intervals (crate `tables`)
 //! others      error.rs, finished_run.rs, parallel.rs, workplace.rs
 //! args/, commands/, program.rs   the program `roadplane-lab`; its binary is a target of the crate `cli`
 //! ```
-//! Metrics, truth files and readers are in the crate `metrics`.
+//! The crate `metrics` holds the metrics and the readers of truth files and of other programs' files.
 // Doc comments of arguments are their help texts, in which <name> is not an HTML tag.
 #![allow(rustdoc::invalid_html_tags, rustdoc::broken_intra_doc_links)]
 

@@ -1,21 +1,22 @@
-//! Runs the same work on many items, on as many threads as there are cores. Results keep the order of the items.
+//! Runs the same work on many items, on as many threads as there are cores. Results are in the order of the items.
 
 use std::convert::Infallible;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 
-/// Returns `work(i)` for each i in 0..count. The order of the results does not depend on the threads.
+/// Returns `work(i)` for each i in 0..count. The results are in the order of i, for any number of threads.
 pub(crate) fn in_parallel<T: Send>(count: usize, work: impl Fn(usize) -> T + Sync) -> Vec<T> {
     let Ok(results) = try_in_parallel(count, || Ok::<_, Infallible>(()), |(), index| Ok(work(index)));
     results
 }
 
-/// Returns `work(own, i)` for each i in 0..count, for work that may fail. Each thread opens its own `own` once.
+/// Returns `work(state, i)` for each i in 0..count, where the work may fail. Each thread calls `open` once to get its
+/// own state.
 ///
-/// No work starts after a failure.
+/// After a failure, no thread starts with another i.
 ///
 /// # Errors
-/// Returns the failure with the lowest index, independent of the threads; otherwise the failure to open.
+/// Returns the failure with the lowest i, for any number of threads. If no work failed, returns a failure of `open`.
 pub(crate) fn try_in_parallel<S, T: Send, E: Send>(
     count: usize,
     open: impl Fn() -> Result<S, E> + Sync,
@@ -70,7 +71,7 @@ mod tests {
         };
         assert_eq!(try_in_parallel(1000, || Ok(0), work), Err(5));
         assert!(started.load(Ordering::Relaxed) < 1000);
-        // Each thread keeps the value that it opened.
+        // Each thread works on the state that it opened.
         let counts = try_in_parallel(5, || Ok(0), work).unwrap();
         assert!(counts.contains(&1) && counts.iter().all(|count| (1..=5).contains(count)), "{counts:?}");
         assert_eq!(try_in_parallel(3, || Err("closed"), |(), _| Ok(())), Err("closed"));

@@ -1,4 +1,4 @@
-//! The program `roadplane-lab`: parses the command line, runs one command, turns its outcome into an exit code.
+//! The program `roadplane-lab`: parses the command line, runs one command, and turns the outcome into an exit code.
 
 use std::process::ExitCode;
 
@@ -10,7 +10,7 @@ use roadplane_terminal::{exit_code, help, refuse_small_address_space};
 use crate::args::{Cli, Command};
 use crate::{LabError, commands};
 
-/// Runs the program on the arguments of this process; returns its exit code.
+/// Runs the program with the arguments of this process and returns the exit code.
 #[must_use]
 pub fn run_program() -> ExitCode {
     if let Some(refused) = refuse_small_address_space() {

@@ -1,4 +1,4 @@
-//! Tables and plots of scores, one row per system, with intervals over scenes.
+//! Tables and plots of scores, with one row per system. Confidence intervals come from resampling the scenes.
 
 use roadplane_tables::{Cell, bootstrap};
 
@@ -10,10 +10,12 @@ pub use tracks::{
     boxes_table, calibration_table, motion_table, position_plot, position_table, tracking_table,
 };
 
-/// Scores of a system: its name, and its scores in each scene.
+/// The name of a system, and the system's scores: one list for each scene.
 pub type Scored<'a, T> = (&'a str, &'a [Vec<T>]);
 
-/// Returns a statistic of one number of each score, with its interval over scenes.
+/// Returns a table cell: the `statistic` of the `number` of every score, multiplied by `factor`.
+///
+/// The cell includes a 95 % interval from resampling the scenes.
 fn cell<T>(
     scenes: &[Vec<T>],
     number: impl Fn(&T) -> f64,

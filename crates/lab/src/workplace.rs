@@ -1,4 +1,4 @@
-//! A folder for the files of runs, temporary or kept.
+//! A folder for the files that runs write: a temporary folder, or a folder that the user names.
 
 use std::path::{Path, PathBuf};
 
@@ -6,15 +6,15 @@ use roadplane_write::WriteError;
 
 use crate::LabError;
 
-/// A folder for the files of runs.
+/// A folder for the files that runs write. A temporary folder is deleted when this value is dropped.
 pub(crate) struct Workplace {
     folder: PathBuf,
-    /// The guard that removes a temporary folder at the end.
+    /// The guard that deletes a temporary folder when it is dropped; `None` for a folder that the user names.
     _temporary: Option<tempfile::TempDir>,
 }
 
 impl Workplace {
-    /// Makes the folder `keep`, or a temporary folder if none is given.
+    /// Makes the folder `keep`, or a temporary folder if `keep` is `None`.
     pub fn new(keep: Option<&Path>) -> Result<Self, LabError> {
         if let Some(keep) = keep {
             std::fs::create_dir_all(keep).map_err(|source| no_folder(source, keep))?;

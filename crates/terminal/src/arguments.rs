@@ -5,7 +5,7 @@ use roadplane_pipeline::Cancel;
 
 use crate::{logging, signals};
 
-/// Place of these arguments in the help: after those of the command.
+/// Display order of these arguments in the help: after the command's own arguments.
 const LAST: usize = 1000;
 
 /// Arguments that every command takes.
@@ -20,7 +20,7 @@ pub struct CommonArgs {
 }
 
 impl CommonArgs {
-    /// Starts the log and the signal handlers; returns the stop request that the signals raise.
+    /// Starts the log and the signal handlers. Returns the flag by which a signal asks the program to stop.
     #[must_use]
     pub fn start(&self) -> Cancel {
         logging::start(self.log_format, self.verbose);
@@ -28,11 +28,11 @@ impl CommonArgs {
     }
 }
 
-/// Form of the log.
+/// Format of the log on stderr.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum LogFormat {
-    /// Lines for people.
+    /// Lines of text for people to read.
     Text,
-    /// One JSON object per line.
+    /// One JSON object per line, for programs to read.
     Json,
 }

@@ -1,11 +1,11 @@
-//! Arguments for the configuration.
+//! The arguments `--config` and `--set`, which set the configuration.
 
 use std::path::PathBuf;
 
 use clap::Args;
 use roadplane_pipeline::{Config, PipelineError};
 
-/// File of the configuration, and single settings.
+/// Arguments for the configuration: a file with settings, and single settings that override the file.
 #[derive(Clone, Debug, Args)]
 pub struct ConfigArgs {
     /// TOML file with settings; configs/default.toml documents every setting.

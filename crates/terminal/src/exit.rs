@@ -1,4 +1,4 @@
-//! Exit codes, as documented in the book's chapter "When it fails".
+//! Exit codes of the programs. The book's chapter "When it fails" documents them.
 
 use std::os::unix::process::CommandExt as _;
 use std::process::ExitCode;
@@ -7,10 +7,12 @@ use roadplane_pipeline::{Fault, too_small_address_space};
 
 use crate::Outcome;
 
-/// Exit code for damaged or lost input; the readable rest is written and counted.
+/// Exit code for damaged or lost input. Results are still written for all readable parts of the input.
 const DAMAGED: u8 = 3;
 
-/// Returns the exit code for the outcome of a command and logs its error; `fault_of` returns the cause of an error.
+/// Returns the exit code for the outcome of a command, and logs the error if the command failed.
+///
+/// `fault_of` returns the kind of fault that an error has; the exit code depends on this kind.
 pub fn exit_code(
     outcome: anyhow::Result<Outcome>,
     fault_of: impl Fn(&anyhow::Error) -> Option<Fault>,
@@ -26,7 +28,7 @@ pub fn exit_code(
     }
 }
 
-/// Joins an error and its causes, without causes that the text names already.
+/// Joins the messages of an error and of its causes. A cause is left out if the text already contains its message.
 fn message(error: &anyhow::Error) -> String {
     error.chain().fold(String::new(), |text, cause| match cause.to_string() {
         cause if text.contains(&cause) => text,
@@ -46,7 +48,9 @@ fn code(fault: Option<Fault>) -> u8 {
     }
 }
 
-/// Whether the reader of the output has ended, as in `roadplane … --out - | head`. That is no failure.
+/// Returns whether the program that reads our output has ended, such as `head` in `roadplane … --out - | head`.
+///
+/// Such an end is no failure.
 fn is_broken_pipe(error: &anyhow::Error) -> bool {
     error
         .chain()
@@ -54,16 +58,17 @@ fn is_broken_pipe(error: &anyhow::Error) -> bool {
         .any(|io| io.kind() == std::io::ErrorKind::BrokenPipe)
 }
 
-/// Writes a message and returns the exit code if the process has too little address space. The log would need more of
-/// it.
+/// Returns an exit code and writes a message to stderr if the process has too little address space to run.
+///
+/// The message does not go through the log, because the log would need more address space.
 #[must_use]
 pub fn refuse_small_address_space() -> Option<ExitCode> {
     let limit_mib = too_small_address_space()?;
     eprintln!(
         "error: too little memory: ulimit -v allows {limit_mib} MiB, but at least 1.5 GiB are needed: raise it"
     );
-    // A library's clean-up waits for ever for a thread that had no memory to start, so the process ends without
-    // clean-up.
+    // A thread of a library did not start, because memory is lacking. The library's clean-up would wait for that thread
+    // for ever, so `exec` ends the process without clean-up.
     let _only_where_it_fails = std::process::Command::new("false").exec();
     Some(ExitCode::FAILURE)
 }

@@ -1,4 +1,4 @@
-//! Grouped help with an example for each command, manual pages, and completions of the shell.
+//! Help texts in groups with an example for each command, manual pages, and shell completions.
 
 use std::fmt::Write as _;
 use std::io::stdout;
@@ -9,10 +9,10 @@ use clap::Command;
 
 use crate::Outcome;
 
-/// A group of commands: its title, then each command with an example of its use.
+/// A group of commands in the help text: the group's title, and pairs of a command's name and an example.
 pub type Group = (&'static str, &'static [(&'static str, &'static str)]);
 
-/// Adds help to a command line: a list of its commands by group, and an example for each command.
+/// Adds help texts to a program's command line: a list of its commands by group, and an example for each command.
 #[must_use]
 pub fn grouped(command: Command, groups: &[Group]) -> Command {
     let mut list = String::new();
@@ -36,10 +36,10 @@ pub fn grouped(command: Command, groups: &[Group]) -> Command {
     })
 }
 
-/// Writes the manual pages: one for each command that the help shows.
+/// Writes the manual pages into the folder `out`: one page for each command that the help shows.
 ///
 /// # Errors
-/// Fails where the folder or a page cannot be written.
+/// Fails if the folder or a page cannot be written.
 pub fn manual(command: Command, out: &Path) -> anyhow::Result<Outcome> {
     std::fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
     clap_mangen::generate_to(command, out)
@@ -47,10 +47,10 @@ pub fn manual(command: Command, out: &Path) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Prints the completions for a shell.
+/// Prints the completion script for a shell.
 ///
 /// # Errors
-/// Never fails; the type is that of all commands.
+/// Never fails. The function returns a `Result` like every other command.
 pub fn completions(mut command: Command, shell: clap_complete::Shell) -> anyhow::Result<Outcome> {
     let name = command.get_name().to_owned();
     clap_complete::generate(shell, &mut command, name, &mut stdout().lock());

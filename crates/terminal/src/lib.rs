@@ -1,7 +1,7 @@
 //! The parts that the binaries `roadplane` and `roadplane-lab` share at the terminal.
 //!
-//! Contents: `arguments.rs` (arguments of both), `config.rs` (`--config`, `--set`), `exit.rs` (exit codes), `help.rs`
-//! (grouped help, manual pages, completions), `logging.rs`, `outcome.rs`, `progress.rs`, `signals.rs`.
+//! Contents: `arguments.rs` (arguments of every command), `config.rs` (`--config`, `--set`), `exit.rs` (exit codes),
+//! `help.rs` (grouped help, manual pages, completions), `logging.rs`, `outcome.rs`, `progress.rs`, `signals.rs`.
 
 mod arguments;
 mod config;

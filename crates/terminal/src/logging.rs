@@ -1,4 +1,4 @@
-//! Log on stderr: lines per clip at INFO, per stage at DEBUG, per frame at TRACE.
+//! The log on stderr: lines per clip at level INFO, per stage at DEBUG, and per frame at TRACE.
 
 use std::io::{IsTerminal as _, stderr};
 
@@ -6,14 +6,14 @@ use tracing_subscriber::{EnvFilter, fmt, prelude::*};
 
 use crate::LogFormat;
 
-/// Starts the log; `ROADPLANE_LOG` (env-filter syntax) overrides the verbosity.
+/// Starts the log. The environment variable `ROADPLANE_LOG` (syntax of [`EnvFilter`]) overrides `verbose`.
 pub fn start(format: LogFormat, verbose: u8) {
     let level = match verbose {
         0 => "info",
         1 => "debug",
         _ => "trace",
     };
-    // The text format omits ids.
+    // The text format omits the ids of runs and inputs (target `roadplane_ids`).
     let ids = if format == LogFormat::Json { "" } else { ",roadplane_ids=off" };
     let filter = EnvFilter::try_from_env("ROADPLANE_LOG")
         .unwrap_or_else(|_unset| EnvFilter::new(format!("warn,roadplane={level}{ids}")));

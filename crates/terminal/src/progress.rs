@@ -1,4 +1,4 @@
-//! Progress of a run: a bar with frames/s and time left on a terminal, a log line every 10 s elsewhere.
+//! Progress of a run: a bar with frames/s and time left on a terminal, or else a log line every 10 s.
 
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
@@ -6,10 +6,10 @@ use std::time::{Duration, Instant};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use roadplane_pipeline::Progress;
 
-/// Time between log lines without a terminal.
+/// Time between two log lines of progress, if stderr is no terminal.
 const LINE_EVERY: Duration = Duration::from_secs(10);
 
-/// Shows the progress of one input.
+/// A display of the progress of one input: a bar on a terminal, or else log lines.
 pub struct Bar {
     name: String,
     bar: ProgressBar,
@@ -17,7 +17,7 @@ pub struct Bar {
 }
 
 impl Bar {
-    /// Creates a bar with the name of its input.
+    /// Creates a display that shows the name of the input.
     pub fn new(name: &str) -> Self {
         let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
         let template = "{prefix:.bold} {wide_bar} {pos}/{len} frames  {per_sec}  {eta} left  {msg}";
@@ -57,7 +57,7 @@ impl Progress for Bar {
     }
 }
 
-/// Returns the progress in words.
+/// Returns the progress as text: frames done, frames/s, and the time left if `all` (number of all frames) is given.
 fn line(done: u64, all: Option<u64>, frames_per_s: f64) -> String {
     let Some(all) = all.filter(|_| frames_per_s > 0.0) else {
         return format!("{done} frames, {frames_per_s:.1} frames/s");

@@ -4,11 +4,11 @@ use roadplane_pipeline::Cancel;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::flag;
 
-/// Registers the signal handlers and returns the stop request that they raise.
+/// Registers the signal handlers. Returns the flag by which a signal asks the program to stop.
 pub fn watch() -> Cancel {
     let cancel = Cancel::default();
     for signal in [SIGINT, SIGTERM] {
-        // The order matters: a signal ends the process if the flag is set already.
+        // The order matters: the handler that ends the process must see whether an earlier signal has set the flag.
         let registered = flag::register_conditional_shutdown(signal, 128 + signal, cancel.armed())
             .and_then(|_id| flag::register_usize(signal, cancel.flag(), signal as usize))
             .and_then(|_id| flag::register(signal, cancel.armed()));

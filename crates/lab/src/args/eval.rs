@@ -9,33 +9,35 @@ use roadplane_terminal::ConfigArgs;
 /// Arguments of `roadplane-lab eval`.
 #[derive(Debug, Args)]
 pub struct EvalArgs {
-    /// The evaluation.
+    /// The evaluation to run.
     #[command(subcommand)]
     pub command: EvalCommand,
 }
 
-/// The evaluations.
+/// The evaluations, one for each subcommand of `roadplane-lab eval`.
 #[derive(Debug, Subcommand)]
 pub enum EvalCommand {
     /// Evaluate a finished run against truth: camera, tracks, poses, boxes.
     #[command(after_help = "Example:\n  roadplane-lab eval run results/lot --truth lot.truth.json")]
     Run(EvalRunArgs),
-    /// Evaluate six systems on the same keypoints of a data set with truth (the paper's Tables 1 and 2).
+    /// Evaluate six systems on the same keypoints of a data set with truth (Tables 1 and 2 of the paper Car Pose in
+    /// Context).
     #[command(after_help = "Example:\n  roadplane-lab eval dataset tests/data/lots --part 0.1 --out tables")]
     Dataset(EvalDatasetArgs),
-    /// Evaluate region-of-interest scheduling: compare runs with it and without it with each other, and with the truth
-    /// if a clip has one.
+    /// Evaluate region-of-interest scheduling: compare runs with and without scheduling, and score both if a clip has
+    /// truth.
     #[command(
         alias = "attention",
         after_help = "Example:\n  roadplane-lab eval regions lot.mp4 road.mp4 --out tables"
     )]
     Regions(EvalRegionsArgs),
-    /// Evaluate activities from 2D motion, 3D motion and pixels against truth (the paper's Table 4).
+    /// Evaluate activities from 2D motion, 3D motion and pixels against truth (Table 4 of the paper Car Pose in
+    /// Context).
     #[command(after_help = "Example:\n  roadplane-lab eval activity tests/data/lots")]
     Activity(EvalActivityArgs),
-    /// Evaluate all systems on your own copy of the KITTI object benchmark (the paper's Table 3).
+    /// Evaluate five systems on your own copy of the KITTI object benchmark (Table 3 of the paper Car Pose in Context).
     ///
-    /// Only images with more than three vehicles count.
+    /// Only images with more than three vehicles are evaluated.
     #[command(after_help = "Example:\n  roadplane-lab eval kitti KITTI/object --part 0.1")]
     Kitti(EvalKittiArgs),
     /// Evaluate tracks of boxes in MOT Challenge files or KITTI tracking labels: HOTA, MOTA, IDF1.
@@ -44,7 +46,7 @@ pub enum EvalCommand {
     /// Evaluate the tracker alone on simulated measurements of clips with truth: misses, false boxes, wrong labels.
     #[command(after_help = "Example:\n  roadplane-lab eval tracker lot.truth.json --misses 0.2")]
     Tracker(EvalTrackerArgs),
-    /// Evaluate detections in a COCO file against true boxes in another: average precision by size.
+    /// Evaluate detections in a COCO file against the true boxes in a second COCO file: average precision by size.
     #[command(after_help = "Example:\n  roadplane-lab eval boxes found.json --truth instances.json")]
     Boxes(EvalFilesArgs),
     /// Evaluate the keypoint network on labelled images: errors per keypoint, size and body type; draw the worst cars.
@@ -69,8 +71,8 @@ pub enum EvalCommand {
 pub struct EvalRunArgs {
     /// Folder of the finished run, DIR/<name>.
     pub run: PathBuf,
-    /// Truth file (roadplane.truth/1), calibrated camera (.krtd), vehicles of other sensors (.vehicles.json), or boxes
-    /// (KPF, geom.yml with types.yml beside it).
+    /// Truth file (roadplane.truth/1), calibrated camera (.krtd), vehicles tracked by other sensors (.vehicles.json),
+    /// or boxes (KPF, geom.yml with types.yml beside it).
     #[arg(long, value_name = "FILE")]
     pub truth: PathBuf,
     /// Write the tables as CSV and HTML into this folder.
@@ -81,10 +83,10 @@ pub struct EvalRunArgs {
 /// Arguments of `roadplane-lab eval regions`.
 #[derive(Debug, Args)]
 pub struct EvalRegionsArgs {
-    /// Videos; NAME.truth.json(.gz) beside one is its truth.
+    /// Videos; a file NAME.truth.json(.gz) beside NAME.mp4 holds the truth of that video.
     #[arg(required = true, value_name = "CLIP")]
     pub clips: Vec<PathBuf>,
-    /// Write the table as CSV and HTML into this folder, and both results of every clip below it.
+    /// Write the table as CSV and HTML into this folder, and the results of all runs into its subfolder runs.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     #[command(flatten)]
@@ -99,7 +101,7 @@ pub enum Keypoints {
     Net,
     /// True keypoints with noise.
     Noise,
-    /// Both, each in its own tables.
+    /// Both kinds, each in its own tables.
     Both,
 }
 
@@ -114,13 +116,14 @@ pub struct EvalDatasetArgs {
     /// Standard deviation of the noise on true keypoints, as a share of the box's longer side.
     #[arg(long, default_value_t = 0.02, value_name = "SHARE", value_parser = share)]
     pub noise: f64,
-    /// Share of the items; 0.1 takes every tenth.
+    /// Share of the items to evaluate; 0.1 means every tenth item.
     #[arg(long, default_value_t = 1.0, value_name = "SHARE", value_parser = share)]
     pub part: f64,
     /// Process every n-th frame of a clip.
     #[arg(long, default_value_t = 3, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub stride: u32,
-    /// Also evaluate the real stills in this folder; the calibrated camera of each has the same name (.krtd).
+    /// Also evaluate the real stills in this folder; NAME.krtd beside a still NAME.png or NAME.jpg is its calibrated
+    /// camera.
     #[arg(long, value_name = "DIR")]
     pub real: Option<PathBuf>,
     /// Write the tables as CSV and HTML, and the runs of the clips, into this folder.
@@ -140,9 +143,10 @@ fn share(text: &str) -> Result<f64, String> {
 #[derive(Debug, Args)]
 pub struct EvalActivityArgs {
     /// Folder with dataset.json, whose clips are run and scored per frame; or a table of labelled instances (.parquet,
-    /// .csv, .jsonl), as `roadplane-train activity meva` writes.
+    /// .csv, .jsonl) from `roadplane-train activity meva`.
     pub data: PathBuf,
-    /// Write the tables as CSV and HTML into this folder, and the runs of the clips below it; finished runs are reused.
+    /// Write the tables as CSV and HTML into this folder, and the runs of the clips into its subfolder runs; finished
+    /// runs are reused.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     #[command(flatten)]
@@ -155,7 +159,7 @@ pub struct EvalActivityArgs {
 pub struct EvalKittiArgs {
     /// Folder with image_2, label_2 and calib, or with these in training/.
     pub folder: PathBuf,
-    /// Share of the images, e.g. 0.1 for every tenth.
+    /// Share of the images to evaluate; 0.1 means every tenth image.
     #[arg(long, default_value_t = 1.0, value_name = "P")]
     pub part: f64,
     /// Write the tables as CSV and HTML into this folder.
@@ -194,7 +198,7 @@ pub struct EvalTrackerArgs {
     /// Number of boxes without a vehicle, as a share of the vehicles.
     #[arg(long, default_value_t = 0.05, value_name = "SHARE", value_parser = share)]
     pub false_boxes: f64,
-    /// Share of the boxes that get another class.
+    /// Share of the boxes that get a wrong class.
     #[arg(long, default_value_t = 0.05, value_name = "SHARE", value_parser = share)]
     pub flips: f64,
     /// Share of the boxes that get the keypoints of an overlapping vehicle.
@@ -235,7 +239,7 @@ pub struct EvalKeypointsArgs {
     /// Boxes in which the network estimates keypoints.
     #[arg(long, value_enum, default_value_t = Boxes::True)]
     pub boxes: Boxes,
-    /// Draw this many of the worst cars.
+    /// Number of cars to draw, the worst first.
     #[arg(long, default_value_t = 12, value_name = "N")]
     pub worst: usize,
     /// Write the tables as CSV and HTML, and worst.png, into this folder.
@@ -249,7 +253,7 @@ pub struct EvalKeypointsArgs {
 /// Arguments of `roadplane-lab eval solver`.
 #[derive(Debug, Args)]
 pub struct EvalSolverArgs {
-    /// Measure instead how much each step of the solve improves the result, on synthetic scenes and on the pictures of
+    /// Only measure how much each step of the solve improves the result, on synthetic scenes and on the pictures of
     /// --dataset and --cameras.
     #[arg(long)]
     pub layers: bool,
@@ -278,7 +282,8 @@ pub struct EvalSolverArgs {
 pub struct EvalCamerasArgs {
     /// Folder with cameras.json and the pictures and clips that it names.
     pub folder: PathBuf,
-    /// Write the tables as CSV and HTML into this folder, and the runs below it; a later call reuses these runs.
+    /// Write the tables as CSV and HTML into this folder, and the runs into its subfolder runs; a later call reuses
+    /// these runs.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     #[command(flatten)]

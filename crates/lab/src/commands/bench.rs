@@ -1,4 +1,4 @@
-//! `roadplane-lab bench`: the cost of a run on an input, beside the cost of decoding alone.
+//! `roadplane-lab bench`: the cost of a run on an input, compared with the cost of decoding alone.
 
 mod measured;
 mod table;
@@ -15,7 +15,7 @@ use crate::args::bench::BenchArgs;
 use measured::Measured;
 use roadplane_terminal::{Bar, Outcome};
 
-/// Runs the input in one or two configurations, decodes it alone, prints the table.
+/// Runs the input in one or two configurations, measures decoding without a run, and prints the costs.
 pub fn bench(args: &BenchArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let config = args.config.load()?;
     let mut kept = None;
@@ -53,7 +53,7 @@ pub fn bench(args: &BenchArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     Ok(if damaged { Outcome::Damaged } else { Outcome::Done })
 }
 
-/// Runs the input once and measures the cost.
+/// Runs the pipeline on the input once and measures the cost.
 fn one(input: &Path, out: &Path, config: &Config, cancel: &Cancel) -> anyhow::Result<(Measured, Summary)> {
     let name = if config.watch.attention { "attention" } else { "full" };
     let models = find_models(config.models.folder.as_deref())?;

@@ -1,4 +1,4 @@
-//! `roadplane-lab eval`: prints tables on the standard output, and writes them as files if a folder is given.
+//! `roadplane-lab eval`: prints tables of scores, and writes the tables as files if a folder is given.
 
 mod activity;
 mod cameras;
@@ -39,7 +39,7 @@ pub fn eval(args: &EvalArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     }
 }
 
-/// Compares two files.
+/// Scores one file against a truth file, and shows the report.
 fn files(
     args: &EvalFilesArgs,
     evaluate: impl Fn(&Path, &Path) -> Result<Report, LabError>,

@@ -1,4 +1,4 @@
-//! `roadplane-lab synth`: data sets of geometry alone, with truth beside measured keypoints.
+//! `roadplane-lab synth`: synthetic data sets without pictures, with measured keypoints and their truth.
 
 mod records;
 
@@ -17,7 +17,7 @@ use roadplane_terminal::{Bar, Outcome};
 /// Name of the subfolder that holds the items.
 const SCENES: &str = "scenes";
 
-/// An item that is to be made.
+/// A still or clip that is to be made.
 struct Planned {
     stem: String,
     clip: bool,
@@ -25,7 +25,8 @@ struct Planned {
     frames: u64,
 }
 
-/// Makes all items that do not exist yet, then the list of items and the card.
+/// Makes all items that do not exist yet. Then writes the list of items (`dataset.json`) and a description
+/// (`README.md`).
 pub fn synth(args: &SynthArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let atlas = ShapeAtlas::shipped().map_err(PipelineError::from)?;
     let scenes = args.out.join(SCENES);
@@ -64,7 +65,7 @@ fn plan(args: &SynthArgs) -> Vec<Planned> {
         (0..count).map(move |number| Planned {
             stem: format!("{}_{number:04}", if clip { "clip" } else { "still" }),
             clip,
-            // Each item has its own random stream, so the numbers of the other items do not change it.
+            // Each item has its own random stream, so an item does not depend on how many other items are made.
             seed: Rng::new(args.seed).next_u64()
                 ^ Rng::new(u64::from(number) * 2 + u64::from(clip)).next_u64(),
             frames: if clip { frames } else { 1 },
@@ -73,7 +74,7 @@ fn plan(args: &SynthArgs) -> Vec<Planned> {
     of_kind(false, args.stills).chain(of_kind(true, args.clips)).collect()
 }
 
-/// Makes an item unless it exists. Its truth file is written last, so a truth file marks a complete item.
+/// Makes an item unless it exists. The truth file is written last, so an item with a truth file is complete.
 fn one(args: &SynthArgs, atlas: &ShapeAtlas, scenes: &Path, planned: &Planned) -> anyhow::Result<()> {
     let conditions = conditions(args, planned);
     let path = scenes.join(format!("{}.truth.json", planned.stem));
@@ -105,7 +106,8 @@ fn write_item(
     truth.finish()
 }
 
-/// Returns the options of an item, as its truth file keeps them. A later call compares them with its own.
+/// Returns the options of an item by name. The truth file stores these options, and a later call compares them with its
+/// own.
 fn conditions(args: &SynthArgs, planned: &Planned) -> BTreeMap<String, String> {
     let mut words = BTreeMap::from([
         (
@@ -125,7 +127,7 @@ fn conditions(args: &SynthArgs, planned: &Planned) -> BTreeMap<String, String> {
     words
 }
 
-/// Returns the layout of a still: rows of a lot for even seeds, random positions for odd ones.
+/// Returns the layout of a still: rows of a parking lot for even seeds, random positions for odd seeds.
 fn layout(planned: &Planned) -> Layout {
     if planned.seed.is_multiple_of(2) { Layout::Rows } else { Layout::Random }
 }

@@ -1,13 +1,14 @@
-//! Activities of vehicles against truth: the paper's Table 4 (*Car Pose in Context*, Activity Recognition).
+//! Scores predicted activities of vehicles against truth: Table 4 of the paper *Car Pose in Context* (Activity
+//! Recognition).
 //!
-//! Each row is a net with its own input:
-//! - *2D*, the paper's baseline: the motion of the box's middle in the picture.
-//! - *2D / size*: that motion divided by the box's size.
-//! - *3D*: the track on the ground.
-//! - *3D from truth*: the true track.
-//! - *Video*: the pixels around a vehicle over time; a small net, trained from scratch on rendered clips.
+//! Each row of the table is a net with its own input:
+//! - *2D* (the paper's baseline): the motion of the box's middle in the picture.
+//! - *2D / size*: the same motion divided by the box's size.
+//! - *3D*: our track on the ground.
+//! - *3D from truth*: the true track on the ground.
+//! - *Video*: the pixels around a vehicle over time. The net is small and was trained from scratch on rendered clips.
 //!
-//! All rows but *Video* have the same architecture and were trained on the same motions.
+//! Except for *Video*, all nets have the same architecture and were trained on the same motions.
 
 mod clips;
 mod events;
@@ -30,23 +31,23 @@ pub use rows::ActivityOptions;
 use rows::{Row, Rows, Seen};
 use video::VideoNet;
 
-/// The rows: card of the net (in the models folder), name, and input.
+/// The rows whose input is a motion: file name of the net's card (in the models folder), name of the row, and input.
 const ROWS: [(&str, &str, Seen); 3] = [
     ("activity_2d.card.json", "2D", Seen::Picture),
     ("activity_2d_size.card.json", "2D / size", Seen::PictureBySize),
     ("activity.card.json", "3D", Seen::Ground),
 ];
 
-/// The card of the net on pixels.
+/// File name of the card of the net whose input is pixels.
 const VIDEO_CARD: &str = "activity_video.card.json";
 
 /// Evaluates activities on a data set with truth or on a table of labelled tracks.
 ///
-/// A data set is a folder with `dataset.json`; its clips are run, and every frame is scored. In a table each track is
-/// one instance of one activity.
+/// A data set is a folder with `dataset.json`. The pipeline runs on its clips, and every frame is scored. In a table of
+/// labelled tracks, each track is one instance of one activity.
 ///
 /// # Errors
-/// [`LabError`] for files that cannot be read, nets that cannot be loaded, or a stop.
+/// [`LabError`] if a file cannot be read, a net cannot be loaded, or the user stops the work.
 pub fn evaluate_activity(
     data: &Path,
     options: &ActivityOptions,
@@ -56,7 +57,7 @@ pub fn evaluate_activity(
 ) -> Result<Report, LabError> {
     let mut motion = Vec::new();
     for (card, name, seen) in ROWS {
-        // Only this table uses the baselines, so a models folder may lack them.
+        // Only this table uses the baseline nets, so a models folder may lack them.
         if seen == Seen::Ground || options.models.join(card).is_file() {
             let mut config = config.clone();
             config.models.activity = card.into();

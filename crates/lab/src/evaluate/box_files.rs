@@ -1,4 +1,4 @@
-//! Boxes in files of other programs, compared in the picture.
+//! Scores tracks and detections in files of other programs, by the overlap of boxes in the picture.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -16,14 +16,14 @@ use roadplane_metrics::readers::kitti::{KittiTracked, read_tracked};
 use roadplane_metrics::readers::mot::{MotFrames, read_mot, sequence_of_boxes};
 use roadplane_metrics::text_file::read_text;
 
-/// Scores tracks of boxes against true ones, with IoU as the similarity.
+/// Scores tracks of boxes against true tracks. The similarity of two boxes is their IoU.
 ///
-/// Files are MOT Challenge files (commas between fields) or labels of KITTI's tracking benchmark (spaces). In KITTI's
-/// labels cars and vans count; tracks on other objects and in `DontCare` regions are ignored.
+/// A file is a MOT Challenge file (commas between fields) or a label file of KITTI's tracking benchmark (spaces). In
+/// KITTI's labels, the true objects are cars and vans. Tracks on other objects and in `DontCare` regions are ignored.
 ///
 /// # Errors
-/// [`MetricsError::Unreadable`](roadplane_metrics::MetricsError) or
-/// [`MetricsError::Malformed`](roadplane_metrics::MetricsError).
+/// [`MetricsError::Unreadable`](roadplane_metrics::MetricsError) if a file cannot be read, or
+/// [`MetricsError::Malformed`](roadplane_metrics::MetricsError) if a file has another format.
 pub fn evaluate_mot(truth: &Path, tracks: &Path) -> Result<Report, LabError> {
     let (truth, ignored) = read_frames(truth)?;
     let (mut found, _) = read_frames(tracks)?;
@@ -31,7 +31,8 @@ pub fn evaluate_mot(truth: &Path, tracks: &Path) -> Result<Report, LabError> {
         let regions = ignored.get(frame).map_or(&[][..], Vec::as_slice);
         let cars = truth.get(frame).map_or(&[][..], Vec::as_slice);
         let on = |bbox: &[f64; 4], truth: &[f64; 4]| bbox_iou(bbox, truth) >= clear::THRESHOLD;
-        // A box inside a region is enough: a `DontCare` region covers several objects at once.
+        // A box is ignored if most of it lies inside a region. The region may be larger, because it can cover several
+        // objects.
         let in_region =
             |bbox: &[f64; 4]| regions.iter().any(|region| covered_by(bbox, region) >= clear::THRESHOLD);
         tracks.retain(|(_, bbox)| cars.iter().any(|(_, car)| on(bbox, car)) || !in_region(bbox));
@@ -59,7 +60,7 @@ pub fn evaluate_mot(truth: &Path, tracks: &Path) -> Result<Report, LabError> {
     Ok(Report { title: "Tracks of boxes".to_owned(), tables: vec![table], ..Report::default() })
 }
 
-/// Regions in which no object needs to be found, by frame: left, top, right, bottom, px.
+/// Regions in which no object needs to be found, by index of the frame. A region is left, top, right, bottom, px.
 type Regions = BTreeMap<u64, Vec<[f64; 4]>>;
 
 fn read_frames(path: &Path) -> Result<(MotFrames, Regions), LabError> {
@@ -82,13 +83,14 @@ fn covered_by(bbox: &[f64; 4], region: &[f64; 4]) -> f64 {
     side(0, 2) * side(1, 3) / ((bbox[2] - bbox[0]) * (bbox[3] - bbox[1]))
 }
 
-/// Scores detections against true boxes, both as COCO files: average precision of each category.
+/// Scores detections against true boxes by the average precision of each category. Both files are COCO files.
 ///
 /// # Errors
-/// [`MetricsError::Unreadable`](roadplane_metrics::MetricsError) or
-/// [`MetricsError::Malformed`](roadplane_metrics::MetricsError).
+/// [`MetricsError::Unreadable`](roadplane_metrics::MetricsError) if a file cannot be read, or
+/// [`MetricsError::Malformed`](roadplane_metrics::MetricsError) if a file has another format.
 pub fn evaluate_coco(truth: &Path, found: &Path) -> Result<Report, LabError> {
-    // All pictures form one scene: the files do not say which pictures belong together, so there is no interval.
+    // All pictures form one scene, because the files do not give the scene of a picture. So there is no confidence
+    // interval.
     let categories: Vec<_> =
         read_coco(truth, found)?.into_iter().map(|(name, pictures)| (name, [pictures])).collect();
     let rows: Vec<_> = categories.iter().map(|(name, scenes)| (name.as_str(), &scenes[..])).collect();
@@ -110,7 +112,7 @@ mod tests {
         let truth =
             [line(1, "Car", 0), line(2, "Van", 200), line(3, "Pedestrian", 400), line(-1, "DontCare", 600)];
         std::fs::write(at("gt.txt"), truth.concat()).unwrap();
-        // On the car, on the pedestrian, inside the region, and one on nothing.
+        // The found boxes lie on the car, on the pedestrian, inside the region, and on no object.
         std::fs::write(
             at("mot.txt"),
             "0,7,0,0,100,50\n0,8,400,0,100,50\n0,9,620,10,20,20\n0,10,900,0,50,50\n",
@@ -125,7 +127,7 @@ mod tests {
                 Cell::Text(text) => panic!("{text}"),
             }
         };
-        // One of two cars found, one false track.
+        // One of two cars is found, and there is one false track.
         assert!((value("MOTA, %")).abs() < 1e-9 && (value("IDF1, %") - 50.0).abs() < 1e-9);
         assert!((value("DetA, %") - 100.0 / 3.0).abs() < 1e-9);
     }

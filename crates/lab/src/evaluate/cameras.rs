@@ -1,5 +1,5 @@
-//! Estimated cameras against real reference cameras. The tables show the camera's errors, and trace them to single cars
-//! and keypoints.
+//! Scores estimated cameras against real reference cameras. The tables show the errors of the cameras, and the causes
+//! of these errors: errors of single cars and keypoints.
 
 mod cars;
 mod drawn;
@@ -25,11 +25,12 @@ use outcome::outcome;
 
 /// Runs the pictures and clips of `folder/cameras.json`, and compares the estimated cameras with the reference cameras.
 ///
-/// Runs that `out` already holds are reused. `models` and `config` are those of a run. The worst pictures are drawn.
-/// Pictures of lenses with strong distortion count in the table of single cameras only.
+/// Finished runs in the folder `out` are reused. `models` is the folder of the nets, and `config` is the configuration
+/// of the runs. The report has drawings of the cameras with the largest errors. A camera with strong lens distortion
+/// appears only in the table of single cameras.
 ///
 /// # Errors
-/// [`LabError`] for files that cannot be read, runs that fail, or a stop.
+/// [`LabError`] if a file cannot be read, a run fails, or the user stops the work.
 pub fn evaluate_cameras(
     folder: &Path,
     out: Option<&Path>,
@@ -55,7 +56,8 @@ pub fn evaluate_cameras(
     Ok(Report { pictures: drawn::worst(&measured, &atlas, config)?, ..tables::report(&measured) })
 }
 
-/// Returns the frames file of a run of this picture or clip. An existing one is reused.
+/// Returns the path of the file `frames.jsonl` that a run of the picture or clip `media` writes. An existing file is
+/// reused.
 fn frames_of(
     media: &Path,
     runs: &Path,

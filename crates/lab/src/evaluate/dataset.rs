@@ -1,4 +1,6 @@
-//! The paper's tables on a data set: every system on the same keypoints, those of our net and the true ones with noise.
+//! The tables of the paper *Car Pose in Context* on a data set.
+//!
+//! Every system solves the same keypoints: those of our net, and then the true keypoints with noise.
 
 mod boxes;
 mod clips;
@@ -32,10 +34,10 @@ use evidence::SceneEvidence;
 use items::{FRAMES_OF_CLIP, Item, item, stopped};
 use score::SystemScore;
 
-/// Evaluates all systems on a data set.
+/// Evaluates all systems, the detector and runs from video on a data set with truth.
 ///
 /// # Errors
-/// [`LabError`] for files that cannot be read, nets that fail, or a stop.
+/// [`LabError`] if a file cannot be read, a net fails, or the user stops the work.
 pub fn evaluate_dataset(
     folder: &Path,
     options: &DatasetOptions,
@@ -104,7 +106,7 @@ pub fn evaluate_dataset(
     Ok(report)
 }
 
-/// Runs all systems on one kind of keypoints, and adds the tables to the report.
+/// Runs all systems on one kind of keypoints, and adds the tables to the report. `what` names the kind in the titles.
 #[expect(clippy::too_many_arguments)]
 fn tables_of(
     report: &mut Report,

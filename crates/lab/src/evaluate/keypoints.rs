@@ -1,4 +1,4 @@
-//! Errors of predicted keypoints on labelled images: reading the labels, measuring, tables.
+//! Scores predicted keypoints on labelled images: reads the labels, measures the errors, and makes the tables.
 
 mod labels;
 mod measure;

@@ -1,5 +1,6 @@
-//! The paper's Table 3: ADD on the user's own copy of the KITTI object benchmark, all systems on our net's keypoints in
-//! the true boxes.
+//! Table 3 of the paper *Car Pose in Context*: ADD on the user's own copy of the KITTI object benchmark.
+//!
+//! All systems get the keypoints that our net predicts in the true boxes.
 
 use std::path::{Path, PathBuf};
 
@@ -21,44 +22,44 @@ const SYSTEMS: [System; 5] =
     [System::Pavlakos, System::KrishnaMurthy, System::FreePoses, System::Plane, System::PlaneFocal];
 /// Height of KITTI's cameras above a level street, m (Geiger et al. 2013, Fig. 1).
 const CAMERA_HEIGHT_M: f64 = 1.65;
-/// Least number of vehicles in an image that counts: the paper takes images with more than three.
+/// Least number of vehicles in an image that is used. The paper uses images with more than three vehicles.
 const MIN_VEHICLES: usize = 4;
-/// Largest share of a car outside the picture at which the car still counts.
+/// Largest share of a car outside the picture at which the car is still scored.
 const MAX_TRUNCATED: f64 = 0.5;
-/// Highest occlusion level of a car that counts (3 means unknown).
+/// Highest KITTI occlusion level of a scored car (level 3 means unknown).
 const MAX_OCCLUDED: i32 = 2;
-/// Least longer side of the box of a car that counts, px.
+/// Minimum length of the longer side of a scored car's box, px.
 const MIN_SIDE_PX: f64 = 24.0;
 
 /// Options of the evaluation on KITTI.
 #[derive(Clone, Debug)]
 pub struct KittiOptions {
-    /// Share of the images; 0.1 takes every tenth.
+    /// Share of the images to evaluate; 0.1 means every tenth image.
     pub part: f64,
-    /// Folder of the models.
+    /// Folder of the nets' files.
     pub models: PathBuf,
 }
 
-/// An image with the keypoints that the net found.
+/// An image with the keypoints that the net found in it.
 struct Picture {
     item: KittiItem,
     size: ImageSize,
-    /// Cars that count.
+    /// The cars that are scored.
     cars: Vec<KittiObject>,
     keypoints: Vec<KeypointSet>,
 }
 
-/// The answer of a system for an image, scored.
+/// The scores of a system's answer for an image.
 struct Solved {
     poses: Vec<PoseScore>,
-    /// Relative error of the focal length, if the system estimates it.
+    /// Relative error of the focal length; `None` if the system does not estimate the focal length.
     focal: Option<f64>,
 }
 
-/// Evaluates all systems on the folder of the object benchmark (`training/` with `image_2`, `label_2`, `calib`).
+/// Evaluates five systems on the folder of the KITTI object benchmark (`training/` with `image_2`, `label_2`, `calib`).
 ///
 /// # Errors
-/// [`LabError`] for files that are missing or malformed, nets that fail, or a stop.
+/// [`LabError`] if a file is missing or malformed, a net fails, or the user stops the work.
 pub fn evaluate_kitti(
     folder: &Path,
     options: &KittiOptions,
@@ -118,7 +119,7 @@ fn counts(object: &KittiObject) -> bool {
         && (x1 - x0).max(y1 - y0) >= MIN_SIDE_PX
 }
 
-/// Predicts the net's keypoints in the true boxes of an item.
+/// Predicts keypoints with the net, in the true boxes of the scored cars of an image.
 fn picture(item: KittiItem, net: &mut KeypointNet, config: &Config) -> Result<Picture, LabError> {
     let mut input = open_input(&item.image, config)?;
     let size = input.size();
@@ -135,8 +136,10 @@ fn picture(item: KittiItem, net: &mut KeypointNet, config: &Config) -> Result<Pi
     Ok(Picture { size, cars, keypoints: keypoints.collect(), item })
 }
 
-/// Returns the keypoints with a sufficient score. The systems take the middle of the picture for the principal point,
-/// so pixels are shifted by the difference between the two.
+/// Returns the keypoints with a sufficient score, shifted in the picture.
+///
+/// The systems take the picture's middle as the principal point, so the shift is from the true principal point to the
+/// middle.
 fn usable(found: &KeypointSet, camera: &KittiCamera, size: ImageSize, config: &Config) -> KeypointSet {
     let shift: Vector2<f64> = size.centre_px() - camera.camera.principal_point_px;
     found.map(|point| {
@@ -185,7 +188,8 @@ mod tests {
     use nalgebra::{Point3, Translation3, Vector3};
     use roadplane_base::Shape;
 
-    /// Five mean cars on a street in front of a level camera whose principal point is not in the middle.
+    /// Returns five cars of the mean shape in front of a level camera. Its principal point is not in the picture's
+    /// middle.
     fn street(atlas: &ShapeAtlas) -> Picture {
         let camera = KittiCamera::new(720.0, [600.0, 170.0], Vector3::new(0.06, 0.0, 0.003));
         let size = ImageSize { width: 1242, height: 375 };
@@ -226,15 +230,15 @@ mod tests {
 
     #[test]
     fn exact_keypoints_give_the_labelled_boxes() {
-        // The mean car is of no body type.
+        // The mean shape belongs to no body type, so the atlas gets none here.
         let atlas = ShapeAtlas { body_types: Vec::new(), ..ShapeAtlas::shipped().unwrap() };
         let picture = street(&atlas);
         for system in SYSTEMS {
             let solved = solve(system, &picture, &atlas, &Config::default());
             let worst = solved.poses.iter().map(|pose| pose.add).fold(0.0, f64::max);
             let turned = solved.poses.iter().map(|pose| pose.rotation_rad).fold(0.0, f64::max);
-            // The keypoints claim a noise, and six modes span these cars exactly. An estimate with more freedom is
-            // therefore off by a little: 0.09 d if the focal length is estimated, otherwise below 0.07 d.
+            // The keypoints are exact, but their sds are not 0. A solver with more freedom than six modes is therefore
+            // off by a little: 0.09 d if the focal length is estimated, otherwise below 0.07 d (d: car diameter).
             assert!(worst < 0.1 && turned < 0.01, "{}: {worst} d, {turned} rad", system.name());
             assert!(solved.focal.is_none_or(|error| error < 0.02), "{:?}", solved.focal);
         }

@@ -1,4 +1,4 @@
-//! Region-of-interest (ROI) scheduling: the same clips run with it and without it.
+//! Compares runs with and without region-of-interest (ROI) scheduling on the same clips.
 
 mod scores;
 mod vehicles;
@@ -17,7 +17,9 @@ use roadplane_tables::{Cell, Column, Report, Table};
 use scores::ClipScore;
 use vehicles::{GAP_S, Gap, MIN_WIDTH_PX, longest_missing, vehicles};
 
-/// Longest time for which the run with ROI scheduling may miss a vehicle, s. The run without it defines the vehicles.
+/// Longest time for which the run with ROI scheduling may miss a vehicle, s.
+///
+/// The run without ROI scheduling defines the vehicles.
 const MAX_MISSING_S: f64 = 0.3;
 
 /// One run of a clip.
@@ -26,13 +28,14 @@ struct ClipRun {
     frames: Vec<FrameRecord>,
 }
 
-/// Runs each clip with ROI scheduling and without it, in folders below `work`, and compares vehicles, tracks and
-/// camera.
+/// Runs each clip with and without ROI scheduling, and compares the vehicles, tracks and cameras of the two runs.
 ///
-/// Clips with a truth file beside them (`NAME.truth.json`, gzipped or not) are scored as well.
+/// The results go into subfolders of `work`.
+///
+/// Clips with a truth file beside them (`NAME.truth.json`, gzipped or not) are also scored against the truth.
 ///
 /// # Errors
-/// [`LabError`]: the first clip that cannot be run or read.
+/// [`LabError`] for the first clip that cannot be run or read.
 pub fn evaluate_regions(
     clips: &[PathBuf],
     models: &Path,

@@ -1,4 +1,5 @@
-//! A finished run against a truth file, a calibrated camera, vehicles of other sensors, or boxes.
+//! Scores a finished run against a truth file, a calibrated camera, vehicles that other sensors tracked, or labelled
+//! boxes.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -23,18 +24,18 @@ use roadplane_metrics::truth::{Truth, read_truth};
 
 /// Names of cars in KPF files (VIRAT and MEVA).
 const VEHICLES: [&str; 3] = ["Vehicle", "vehicle", "Car"];
-/// Largest relative difference between the sizes of the run's and the truth's pictures.
+/// Largest relative difference between the picture size of the run and that of the truth.
 const SIZE_SLACK: f64 = 0.05;
 
-/// Scores a run against truth. The end of the truth file's name decides its kind.
+/// Scores a finished run against truth. The end of the truth file's name decides which kind of truth the file has.
 ///
 /// - `.krtd`: a camera alone.
-/// - `.vehicles.json`: vehicles of other sensors, in a world of their own.
+/// - `.vehicles.json`: vehicles that other sensors tracked, in another world frame.
 /// - `geom.yml`: boxes alone (KPF, with `types.yml` beside it).
 /// - other names: a truth file (`roadplane.truth/1`).
 ///
 /// # Errors
-/// [`LabError`] for files that cannot be read, are not of their form, or do not belong together.
+/// [`LabError`] for files that cannot be read, have another format, or do not belong together.
 pub fn evaluate_run(folder: &Path, truth: &Path, atlas: &ShapeAtlas) -> Result<Report, LabError> {
     let run = FinishedRun::read(folder)?;
     let name = folder.file_name().unwrap_or(folder.as_os_str()).to_string_lossy().into_owned();
@@ -136,7 +137,7 @@ fn same_size(camera: &CameraSegment, truth_px: [f64; 2]) -> Result<(), LabError>
     Ok(())
 }
 
-/// Returns the table of estimate, truth and error of each of the camera's numbers.
+/// Returns the table of the camera's focal length, height, tilt and roll: estimate, sd, truth and error.
 fn camera_table(camera: &CameraSegment, true_focal_px: f64, true_plane: &GroundPlane) -> Table {
     let error = camera_error(camera.focal_px, &camera.plane(), true_focal_px, true_plane);
     let columns = [

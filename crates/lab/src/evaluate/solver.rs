@@ -1,8 +1,8 @@
-//! Accuracy of the joint solver on scenes with exact truth: the tables of `roadplane-lab eval solver` and
-//! `camera-database`.
+//! Accuracy of the joint solver on synthetic scenes with exact truth: the tables of `roadplane-lab eval solver` and
+//! `roadplane-lab eval camera-database`.
 //!
-//! Scenes are drawn by `roadplane_synth` from fixed seeds. So the tables are the same on every machine, except for
-//! times.
+//! The crate `roadplane_synth` makes the scenes from fixed seeds. Therefore all tables except measured times are the
+//! same on every machine.
 
 mod ablation;
 mod camera_database;

@@ -1,5 +1,6 @@
-//! The tracker alone, on simulated measurements of clips with truth: boxes and keypoints with the errors of detector
-//! and keypoint net under bad conditions. No picture is needed.
+//! Scores the tracker alone, on simulated boxes and keypoints of clips with truth.
+//!
+//! The simulated errors are those of the detector and the keypoint net under bad conditions. No video is needed.
 
 mod noise;
 
@@ -23,18 +24,20 @@ use roadplane_metrics::truth::{Kind, Truth, read_dataset, read_truth};
 /// Options of the evaluation of the tracker.
 #[derive(Clone, Debug)]
 pub struct TrackerOptions {
-    /// The errors of the measurements.
+    /// The simulated errors of boxes and keypoints.
     pub noise: Noise,
-    /// Every n-th frame is measured.
+    /// Every n-th frame gets simulated boxes and keypoints; this is n.
     pub stride: u32,
-    /// Seed; measurements depend on it and on the order of the clips.
+    /// Seed of the simulated errors. The errors also depend on the order of the clips.
     pub seed: u64,
 }
 
-/// Solves and tracks noisy measurements of clips (truth files, or folders with `dataset.json`) and scores the tracks.
+/// Solves and tracks simulated measurements of clips, and scores the tracks.
+///
+/// `clips` are truth files, or folders with `dataset.json`.
 ///
 /// # Errors
-/// [`LabError`] for files that cannot be read or hold no clip, or a stop.
+/// [`LabError`] if a file cannot be read, no file has the truth of a clip, or the user stops the work.
 pub fn evaluate_tracker(
     clips: &[PathBuf],
     options: &TrackerOptions,
@@ -78,7 +81,7 @@ pub fn evaluate_tracker(
     Ok(Report { title: "Tracks from noisy measurements".to_owned(), tables, ..Report::default() })
 }
 
-/// Reads the names and truths of all clips.
+/// Reads the name and the truth of every clip. Stills are left out.
 fn read_clips(paths: &[PathBuf]) -> Result<Vec<(String, Truth)>, LabError> {
     let mut clips = Vec::new();
     for path in paths {
@@ -107,7 +110,7 @@ mod tests {
     use super::*;
     use roadplane_metrics::{clear::Clear, hota::HotaCounts, identity::Identity};
 
-    /// Tracks the rendered lot from good and from bad measurements.
+    /// Tracks the vehicles of the rendered parking lot, from good and from bad measurements.
     #[test]
     fn tracks_survive_misses_false_boxes_and_wrong_labels() {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/lot.truth.json");

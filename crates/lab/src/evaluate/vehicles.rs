@@ -1,5 +1,6 @@
-//! A run against vehicles that other sensors tracked (`roadplane.vehicles/1`). Their positions are in another world
-//! frame, so the two worlds are aligned first.
+//! Scores a run against vehicles that other sensors tracked (file of schema `roadplane.vehicles/1`).
+//!
+//! The file has its own world frame. Therefore the positions of the run are aligned with that frame first.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -17,20 +18,20 @@ use roadplane_metrics::identity::Identity;
 use roadplane_metrics::sequence::{Sequence, SequenceFrame};
 use roadplane_metrics::text_file::read_text;
 
-/// Schema of the file.
+/// Schema of the file of vehicles.
 const SCHEMA: &str = "roadplane.vehicles/1";
-/// Smaller vehicles (longer side of the box, px) need not be found, and their tracks do not count.
+/// Minimum length of the longer side of a scored vehicle's box, px. Tracks of smaller vehicles are ignored.
 const MIN_SIDE_PX: f64 = 30.0;
-/// Boxes that overlap less belong to different vehicles.
+/// Least overlap (IoU) of two boxes that belong to one vehicle.
 const MIN_IOU: f64 = 0.3;
-/// Class of trailers, which are no vehicles of their own.
+/// Class of trailers. A trailer is not scored as a separate vehicle.
 const TRAILER: &str = "trailer";
-/// Rounds of the fit. Each round leaves out the pairs that the round before left too far apart.
+/// Number of rounds of the alignment. Each round leaves out the pairs that are too far apart after the previous round.
 const ROUNDS: usize = 5;
-/// Largest distance of a pair that takes part in the next round, m.
+/// Largest distance between the two positions of a pair that takes part in the next round, m.
 const FIT_M: f64 = 4.0;
 
-/// The file of vehicles.
+/// The content of a file of vehicles.
 #[derive(Debug, Deserialize)]
 struct Vehicles {
     schema: String,
@@ -71,16 +72,18 @@ fn position(row: &TrackRow) -> Vector2<f64> {
     Vector2::new(row.x_m, row.y_m)
 }
 
-/// The rows of a frame that count, each with the index of the vehicle (of all vehicles) whose box overlaps most.
+/// The true vehicles of a frame, and the scored rows of the run. Each row has the index of the vehicle that its box
+/// matches.
 struct Paired<'a> {
     vehicles: &'a [Vehicle],
     rows: Vec<(&'a TrackRow, Option<usize>)>,
 }
 
-/// Scores a run against a file of vehicles.
+/// Scores a run against a file of vehicles that other sensors tracked.
 ///
 /// # Errors
-/// [`LabError`] for a file that cannot be read or has another form, and for a run without a common vehicle.
+/// [`LabError`] if the file cannot be read or has another format, or if no track of the run matches a vehicle of the
+/// file.
 pub fn against_vehicles(run: &FinishedRun, path: &Path, name: &str) -> Result<Report, LabError> {
     let truth: Vehicles =
         serde_json::from_str(&read_text(path)?).map_err(|e| LabError::malformed(path, e))?;
@@ -88,7 +91,7 @@ pub fn against_vehicles(run: &FinishedRun, path: &Path, name: &str) -> Result<Re
         let what = format!("{}: schema is {:?}, expected {SCHEMA:?}", path.display(), truth.schema);
         return Err(LabError::unsuitable(what));
     }
-    // Sensors need a moment to find their first vehicles, so frames without vehicles are no truth.
+    // The sensors find the first vehicles only after a moment, so frames without vehicles are left out.
     let frames: Vec<&VehicleFrame> = truth.frames.iter().filter(|frame| !frame.vehicles.is_empty()).collect();
     let paired: Vec<Paired<'_>> = frames.iter().map(|frame| pair(run, frame)).collect();
     let pairs: Vec<(Vector2<f64>, Vector2<f64>)> = paired
@@ -154,8 +157,10 @@ pub fn against_vehicles(run: &FinishedRun, path: &Path, name: &str) -> Result<Re
     })
 }
 
-/// Pairs the rows of a frame with vehicles. Left out are rows on a vehicle that does not count, and small or filled-in
-/// rows on no vehicle, as in `score_tracks`.
+/// Pairs the rows of a frame with the true vehicles.
+///
+/// As in `score_tracks`, two kinds of rows are left out: rows on a vehicle that is not scored, and small or
+/// interpolated rows without a vehicle.
 fn pair<'a>(run: &'a FinishedRun, frame: &'a VehicleFrame) -> Paired<'a> {
     let rows: Vec<&TrackRow> = run.rows.iter().filter(|row| row.frame == frame.frame).collect();
     let vehicle_of = assign(rows.len(), frame.vehicles.len(), 1.0 - MIN_IOU, |i, j| {

@@ -1,4 +1,4 @@
-//! The input of the systems for a frame, and their answers.
+//! The input that every system gets for a frame, and the answer that a system returns.
 
 use nalgebra::{Isometry3, Matrix4};
 use roadplane_base::{GroundPlane, ImageSize, KeypointSet, Shape};
@@ -8,38 +8,39 @@ use roadplane_metrics::camera::{CameraError, camera_error};
 /// The input that every system gets for a frame.
 #[derive(Clone, Copy, Debug)]
 pub struct FrameInput<'a> {
-    /// Size of the picture; the principal point is its middle.
+    /// Size of the picture, px. The systems take the picture's middle as the principal point.
     pub size: ImageSize,
-    /// The true focal length, for the systems that are given it, px.
+    /// True focal length, px. Systems that estimate the focal length ignore this value.
     pub focal_px: f64,
-    /// The true ground, only for [`System::ConstrainedGround`](super::System::ConstrainedGround).
+    /// True ground plane. Only [`System::ConstrainedGround`](super::System::ConstrainedGround) uses this value.
     pub plane: GroundPlane,
     /// The keypoints of each car.
     pub cars: &'a [KeypointSet],
 }
 
-/// A car's pose and shape.
+/// The pose and shape that a system estimates for a car.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CarAnswer {
     /// Rigid motion from the car's frame to the camera's frame.
     pub camera_from_car: Isometry3<f64>,
-    /// Shape coefficients, each in units of its sd over all cars.
+    /// Shape coefficients. The unit of each coefficient is its standard deviation over all cars.
     pub shape: Shape,
 }
 
-/// A camera that a system found or was given, and the ground that it found.
+/// The camera and the ground plane that a system estimates. The focal length may be a given value.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CameraAnswer {
     /// Focal length, px.
     pub focal_px: f64,
     /// The ground plane.
     pub plane: GroundPlane,
-    /// Claimed covariance of (log f, tilt, roll, log h); zero for given values.
+    /// Covariance that the system reports for (log f, tilt, roll, log h), where f is the focal length (px) and h the
+    /// camera's height (m). Angles are in rad. Entries of given values are zero.
     pub covariance: Matrix4<f64>,
 }
 
 impl CameraAnswer {
-    /// Returns the errors against the true focal length (px) and ground.
+    /// Returns the errors of this camera against the true focal length (px) and the true ground plane.
     #[must_use]
     pub fn error(&self, true_focal_px: f64, true_plane: &GroundPlane) -> CameraError {
         camera_error(self.focal_px, &self.plane, true_focal_px, true_plane).against_claimed(&self.covariance)
@@ -51,6 +52,6 @@ impl CameraAnswer {
 pub struct FrameAnswer {
     /// The answer for each car of the input; `None` if the system found no pose.
     pub cars: Vec<Option<CarAnswer>>,
-    /// The camera, from systems that find the ground; `None` if they could not.
+    /// The estimated camera. `None` if the system estimates no ground plane, or found none in this frame.
     pub camera: Option<CameraAnswer>,
 }

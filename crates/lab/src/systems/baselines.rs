@@ -1,11 +1,11 @@
-//! Rows 1 and 2: the baselines, which solve one car at a time.
+//! Rows 1 and 2 of the tables: two published baselines, which solve one car at a time.
 
 use roadplane_base::{Camera, KeypointSet, ShapeAtlas};
 use roadplane_baselines::CarFit;
 
 use super::answer::{CarAnswer, FrameAnswer, FrameInput};
 
-/// Solves each car on its own with a baseline.
+/// Estimates the pose of each car of a frame on its own, with the given baseline `method`.
 pub(super) fn solve(
     method: fn(&ShapeAtlas, &Camera, &KeypointSet) -> Option<CarFit>,
     atlas: &ShapeAtlas,

@@ -1,4 +1,4 @@
-//! Row 3: our solver, with every car free in six degrees of freedom (paper §3.1, Eq. 2).
+//! Row 3 of the tables: our solver, where each car's pose has six degrees of freedom (paper §3.1, Eq. 2).
 
 use roadplane_base::ShapeAtlas;
 use roadplane_pipeline::Config;

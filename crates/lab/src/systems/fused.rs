@@ -1,5 +1,7 @@
-//! Row 6: our solver fused over a clip: one camera from all frames, one shape per track, and poses and tracks with
-//! both. It is the estimation of `roadplane run`, from the same keypoints as the other rows.
+//! Row 6 of the tables: our solver on a whole clip. All frames together give one camera, and each track gets one shape.
+//! Poses and tracks are then estimated with this camera and these shapes.
+//!
+//! The estimation is that of `roadplane run`, but the input is the same keypoints as in the other rows.
 
 use std::path::Path;
 
@@ -10,21 +12,23 @@ use roadplane_write::{JsonLines, read_jsonl};
 use super::answer::CameraAnswer;
 use crate::LabError;
 
-/// The solution of a clip.
+/// The camera, poses and tracks that are estimated for a clip.
 #[derive(Clone, Debug)]
 pub struct FusedClip {
-    /// The camera of the clip's longest segment.
+    /// The estimated camera of the clip's longest time segment; `None` if no camera was estimated.
     pub camera: Option<CameraAnswer>,
-    /// One record for every car and frame with a pose.
+    /// The estimated poses: one record per car and frame.
     pub poses: Vec<PoseRecord>,
-    /// The smoothed tracks.
+    /// The smoothed tracks: one row per track and frame.
     pub rows: Vec<TrackRow>,
 }
 
-/// Solves a clip. The intermediate files of the solve go to `folder`.
+/// Estimates the camera, the poses and the tracks of a clip from its keypoints.
+///
+/// The solve writes its intermediate files into `folder`.
 ///
 /// # Errors
-/// [`LabError::Write`] or [`LabError::Pipeline`].
+/// [`LabError::Write`] if an intermediate file cannot be written or read; [`LabError::Pipeline`] if the solve fails.
 pub fn solve_fused(
     atlas: &ShapeAtlas,
     frames: &[FrameRecord],

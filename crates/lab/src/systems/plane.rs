@@ -1,5 +1,7 @@
-//! Rows 4 and 5: our solver, with all cars on one plane; the focal length is given or estimated with them. The row of
-//! the true plane separates errors of the ground from errors of the cars.
+//! Rows 4 and 5 of the tables: our solver with all cars on one ground plane. The focal length is given in row 4 and
+//! estimated in row 5.
+//!
+//! In a further row the true ground plane is given. This row separates errors of the ground from errors of the cars.
 
 use roadplane_base::{Camera, KeypointSet, ShapeAtlas};
 use roadplane_pipeline::Config;
@@ -27,7 +29,7 @@ pub(super) fn solve(
     FrameAnswer { cars: solution.cars.iter().map(answer).collect(), camera: found.then_some(camera) }
 }
 
-/// Solves each car on the ground that is given.
+/// Estimates the pose of each car on its own, on the true ground plane of the input.
 pub(super) fn solve_on(atlas: &ShapeAtlas, input: &FrameInput<'_>, config: &Config) -> FrameAnswer {
     let camera = Camera::centred(input.focal_px, input.size);
     let options = config.solve.scene_options(Some(input.focal_px));

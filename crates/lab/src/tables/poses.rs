@@ -1,4 +1,4 @@
-//! Tables and plots of poses and cameras: the paper's Tables 1 and 2, and focal length and plane.
+//! Tables and plots of the errors of poses and cameras, among them Tables 1 and 2 of the paper *Car Pose in Context*.
 
 use roadplane_tables::{Cell, Column, Mark, Plot, Table, bootstrap, mean, median, quantile, share_within};
 
@@ -7,10 +7,13 @@ use roadplane_metrics::camera::CameraError;
 use roadplane_metrics::scoring::PoseScore;
 use roadplane_metrics::{add, viewpoint};
 
-/// Number of points of the plots' curves.
+/// Number of segments of a plotted curve.
 const CURVE: usize = 60;
 
-/// Returns the paper's Table 1 with stricter thresholds added: shares of cars whose ADD is within given diameters.
+/// Returns the table of the shares of cars whose ADD (average distance of points) is within a threshold.
+///
+/// This is Table 1 of the paper *Car Pose in Context*, with stricter thresholds added. Thresholds are multiples of the
+/// car's diameter.
 #[must_use]
 pub fn add_table(title: &str, systems: &[Scored<'_, PoseScore>]) -> Table {
     let mut columns = vec![Column::new("system", 0), Column::new("cars", 0)];
@@ -29,7 +32,9 @@ pub fn add_table(title: &str, systems: &[Scored<'_, PoseScore>]) -> Table {
     table
 }
 
-/// Returns the paper's Table 2: shares of cars whose rotation error is within given radians.
+/// Returns the table of the shares of cars whose rotation error is within a threshold (rad).
+///
+/// This is Table 2 of the paper *Car Pose in Context*.
 #[must_use]
 pub fn viewpoint_table(title: &str, systems: &[Scored<'_, PoseScore>]) -> Table {
     let mut columns = vec![Column::new("system", 0), Column::new("cars", 0)];
@@ -47,9 +52,10 @@ pub fn viewpoint_table(title: &str, systems: &[Scored<'_, PoseScore>]) -> Table 
     table
 }
 
-/// Returns the gain of each system over the one before it, on the same cars.
+/// Returns the table of the gain of each system over the previous system in the list, on the same cars.
 ///
-/// The intervals are narrower than those of the two rows suggest, because a hard scene is hard for both systems.
+/// The interval of a gain is narrower than the intervals of the two systems suggest, because a hard scene is hard for
+/// both systems.
 #[must_use]
 pub fn steps_table(title: &str, systems: &[Scored<'_, PoseScore>]) -> Table {
     type Measure = (&'static str, fn(&PoseScore) -> f64, f64);
@@ -86,7 +92,7 @@ fn cars<T>(scenes: &[Vec<T>]) -> Cell {
     scenes.iter().map(Vec::len).sum::<usize>().to_string().into()
 }
 
-/// Returns the table of the errors of focal length and plane.
+/// Returns the table of camera errors: focal length, tilt, ground normal and height, each with one row per system.
 #[must_use]
 pub fn camera_table(title: &str, systems: &[Scored<'_, CameraError>]) -> Table {
     let columns = vec![
@@ -132,7 +138,9 @@ pub fn camera_table(title: &str, systems: &[Scored<'_, CameraError>]) -> Table {
     table
 }
 
-/// Returns the root mean square of errors in claimed sds, over the pictures that claim one.
+/// Returns the root mean square of errors divided by their reported sds. Pictures without a reported sd are left out.
+///
+/// `number` selects the error: 0 for log focal length, 1 for tilt, 2 for log height.
 fn normalised_error(scenes: &[Vec<CameraError>], number: usize) -> Cell {
     let of = |scene: &Vec<CameraError>| {
         scene.iter().map(|error| error.in_sds[number].powi(2)).filter(|squared| !squared.is_nan()).collect()
@@ -140,13 +148,13 @@ fn normalised_error(scenes: &[Vec<CameraError>], number: usize) -> Cell {
     bootstrap(&scenes.iter().map(of).collect::<Vec<Vec<f64>>>(), |squared| mean(squared).sqrt()).into()
 }
 
-/// Returns the plot of the share of cars by ADD threshold.
+/// Returns the plot of the share of cars (%) whose ADD is within a threshold, against the threshold (car diameters).
 #[must_use]
 pub fn add_plot(systems: &[Scored<'_, PoseScore>]) -> Plot {
     curves("ADD", "threshold, diameters", 2.0, systems, |score| score.add)
 }
 
-/// Returns the plot of the share of cars by rotation threshold.
+/// Returns the plot of the share of cars (%) whose rotation error is within a threshold, against the threshold (rad).
 #[must_use]
 pub fn viewpoint_plot(systems: &[Scored<'_, PoseScore>]) -> Plot {
     curves("Viewpoint", "threshold, rad", 0.42, systems, |score| score.rotation_rad)
@@ -179,7 +187,8 @@ mod tests {
     #[test]
     fn a_step_is_the_difference_on_the_same_cars() {
         let car = |add: f64| PoseScore { distance_m: 30.0, add, add_of_pose: add, rotation_rad: add };
-        // The second system finds a car that the first one misses, improves one car, and gets another wrong.
+        // The second system finds a car that the first system misses, improves a second car, and gets a third car
+        // wrong.
         let old = [vec![car(0.1), car(f64::INFINITY)], vec![car(0.3), car(0.1)]];
         let new = [vec![car(0.1), car(0.1)], vec![car(0.15), car(0.5)]];
         let table = steps_table("t", &[("old", &old), ("new", &new)]);

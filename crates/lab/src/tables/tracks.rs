@@ -13,10 +13,12 @@ use roadplane_metrics::position::{PositionError, RANGES_M, in_range, range_name}
 use roadplane_metrics::scoring::TrackScore;
 use roadplane_metrics::sequence::ZERO_DISTANCE_M;
 
-/// Least error of a heading that counts as turned round, rad.
+/// Least heading error at which a car counts as turned round, rad.
 const TURNED_RAD: f64 = std::f64::consts::FRAC_PI_2;
 
-/// Returns the table of HOTA, CLEAR MOT and IDF1 of ground tracks. Clips count by their cars, as one long sequence.
+/// Returns the table of HOTA, CLEAR MOT and IDF1 for tracks on the ground.
+///
+/// All clips of a system are scored together, as one long sequence.
 #[must_use]
 pub fn tracking_table(title: &str, systems: &[(&str, &[TrackScore])]) -> Table {
     let mut columns = vec![Column::new("system", 0), Column::new("clips", 0), Column::new("cars", 0)];
@@ -67,7 +69,9 @@ pub fn tracking_table(title: &str, systems: &[(&str, &[TrackScore])]) -> Table {
     table
 }
 
-/// Returns the table of position errors on the ground by true distance, one row per system and range with cars.
+/// Returns the table of position errors on the ground.
+///
+/// Each system has one row for each range of true distance that contains cars.
 #[must_use]
 pub fn position_table(title: &str, systems: &[Scored<'_, PositionError>]) -> Table {
     let columns = vec![
@@ -106,8 +110,9 @@ pub fn position_table(title: &str, systems: &[Scored<'_, PositionError>]) -> Tab
     table
 }
 
-/// Returns the table of the normalised errors of positions, by true distance: root mean squares of errors over the
-/// rows' sds.
+/// Returns the table of normalised position errors on the ground, by true distance.
+///
+/// A normalised error is the root mean square of errors divided by their reported sds.
 #[must_use]
 pub fn calibration_table(title: &str, systems: &[(&str, &[TrackScore])]) -> Table {
     let columns = ["system", "distance", "cars"].map(|head| Column::new(head, 0)).into_iter();
@@ -139,7 +144,8 @@ pub fn calibration_table(title: &str, systems: &[(&str, &[TrackScore])]) -> Tabl
     table
 }
 
-/// Returns the table of speed, heading, jitter, and the share of true cars that were found.
+/// Returns the table of the errors of speed and heading, the jitter of parked cars, and the share of true cars that
+/// were found.
 #[must_use]
 pub fn motion_table(title: &str, systems: &[(&str, &[TrackScore])]) -> Table {
     let columns = vec![
@@ -182,7 +188,7 @@ pub fn motion_table(title: &str, systems: &[(&str, &[TrackScore])]) -> Table {
     table
 }
 
-/// Returns the table of the average precision of boxes by size.
+/// Returns the table of the average precision (AP, as in COCO) of boxes: over all sizes, and by size.
 #[must_use]
 pub fn boxes_table(title: &str, systems: &[Scored<'_, PictureBoxes>]) -> Table {
     let mut columns = vec![Column::new("system", 0), Column::new("pictures", 0)];
@@ -216,7 +222,7 @@ pub fn boxes_table(title: &str, systems: &[Scored<'_, PictureBoxes>]) -> Table {
     table
 }
 
-/// Returns the plot of position errors by distance, one dot per car and frame.
+/// Returns the plot of position errors (m) against true distance (m), with one dot per car and frame.
 #[must_use]
 pub fn position_plot(systems: &[Scored<'_, PositionError>]) -> Plot {
     let mut plot = Plot::new("Position", "true distance, m", "error on the ground, m");

@@ -13,7 +13,7 @@ const NOTE: &str = "CPU: user and system time of all threads over frames read. T
     that of its thread.\nDecode includes the decoder's own threads. Detect and keypoints include their nets. Rest of \
     perception: watch,\nregion-of-interest scheduling, crops, resampling, records.";
 
-/// Prints the table.
+/// Prints the costs as a table.
 pub fn print(input: &str, runs: &[Measured], decoding: &DecodeCost) -> std::io::Result<()> {
     let mut columns = vec![Column::new("", 0)];
     columns.extend(runs.iter().map(|run| Column::new(run.name, 0)));
@@ -31,7 +31,7 @@ pub fn print(input: &str, runs: &[Measured], decoding: &DecodeCost) -> std::io::
 type OfRun = fn(&Measured, &DecodeCost) -> String;
 type OfDecoding = fn(&DecodeCost) -> String;
 
-/// Returns the rows: title, value of a run, value of decoding alone.
+/// Returns the table's rows. A row has a title and two functions: value of a run, and value of decoding alone.
 fn rows() -> Vec<(&'static str, OfRun, OfDecoding)> {
     let none: OfDecoding = |_| String::new();
     vec![
@@ -91,7 +91,7 @@ fn percent(share: f64) -> String {
     format!("{:.2}", 100.0 * share)
 }
 
-/// Prints the JSON object.
+/// Prints the costs as one JSON object.
 pub fn print_json(input: &str, runs: &[Measured], decoding: &DecodeCost) -> anyhow::Result<()> {
     let of_run = |run: &Measured| -> anyhow::Result<Value> {
         Ok(json!({

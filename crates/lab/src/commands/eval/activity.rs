@@ -7,7 +7,7 @@ use crate::args::eval::EvalActivityArgs;
 use crate::commands::eval::show::show;
 use roadplane_terminal::{Bar, Outcome};
 
-/// Prints the tables of activities.
+/// Prints the tables of scores of predicted activities.
 pub fn activity(args: &EvalActivityArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let config = args.config.load()?;
     let models = find_models(config.models.folder.as_deref())?;

@@ -1,4 +1,4 @@
-//! `roadplane-lab eval cameras`: estimated cameras against real reference cameras.
+//! `roadplane-lab eval cameras`: scores estimated cameras against real reference cameras.
 
 use crate::evaluate_cameras;
 use roadplane_pipeline::{Cancel, find_models};
@@ -7,7 +7,7 @@ use crate::args::eval::EvalCamerasArgs;
 use crate::commands::eval::show::show;
 use roadplane_terminal::{Bar, Outcome};
 
-/// Prints the tables of the cameras.
+/// Prints the tables of the cameras' errors.
 pub fn cameras(args: &EvalCamerasArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let config = args.config.load()?;
     let models = find_models(config.models.folder.as_deref())?;

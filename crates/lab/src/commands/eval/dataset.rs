@@ -1,4 +1,4 @@
-//! `roadplane-lab eval dataset`: the paper's tables.
+//! `roadplane-lab eval dataset`: all systems on a data set, as in the tables of the paper *Car Pose in Context*.
 
 use crate::{DatasetOptions, evaluate_dataset};
 use roadplane_pipeline::{Cancel, find_models};

@@ -1,4 +1,4 @@
-//! `roadplane-lab eval kitti`: the paper's Table 3.
+//! `roadplane-lab eval kitti`: systems on the KITTI benchmark, as in Table 3 of the paper *Car Pose in Context*.
 
 use crate::{KittiOptions, evaluate_kitti};
 use roadplane_pipeline::{Cancel, find_models};
@@ -7,7 +7,7 @@ use crate::args::eval::EvalKittiArgs;
 use crate::commands::eval::show::show;
 use roadplane_terminal::{Bar, Outcome};
 
-/// Prints the tables of KITTI's images.
+/// Prints the tables of scores on KITTI's images.
 pub fn kitti(args: &EvalKittiArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let config = args.config.load()?;
     let models = find_models(config.models.folder.as_deref())?;

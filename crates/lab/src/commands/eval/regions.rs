@@ -1,4 +1,4 @@
-//! `roadplane-lab eval regions`: runs with region-of-interest scheduling against runs without it.
+//! `roadplane-lab eval regions`: compares runs with and without region-of-interest scheduling.
 
 use crate::evaluate_regions;
 use roadplane_pipeline::{Cancel, find_models};
@@ -7,7 +7,7 @@ use crate::args::eval::EvalRegionsArgs;
 use crate::commands::eval::show::show;
 use roadplane_terminal::{Bar, Outcome};
 
-/// Prints the table of both runs.
+/// Prints the tables that compare the two runs of each clip.
 pub fn regions(args: &EvalRegionsArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let config = args.config.load()?;
     let models = find_models(config.models.folder.as_deref())?;

@@ -1,4 +1,4 @@
-//! `roadplane-lab eval run`: a finished run against truth.
+//! `roadplane-lab eval run`: scores a finished run against truth.
 
 use crate::evaluate_run;
 use roadplane_base::ShapeAtlas;
@@ -7,7 +7,7 @@ use crate::args::eval::EvalRunArgs;
 use crate::commands::eval::show::show;
 use roadplane_terminal::Outcome;
 
-/// Prints the tables of a finished run.
+/// Prints the tables of a finished run's scores.
 pub fn run(args: &EvalRunArgs) -> anyhow::Result<Outcome> {
     let report = evaluate_run(&args.run, &args.truth, &ShapeAtlas::shipped()?)?;
     show(&report, args.out.as_deref())?;

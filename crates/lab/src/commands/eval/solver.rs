@@ -1,5 +1,6 @@
-//! `roadplane-lab eval solver` and `camera-database`: the joint solver on scenes with exact truth, the worth of each of
-//! its steps, and cameras that are fused over many clips.
+//! `roadplane-lab eval solver` and `roadplane-lab eval camera-database`, on scenes with exact truth.
+//!
+//! They evaluate the joint solver, the effect of each of its steps, and cameras that are fused over many clips.
 
 use crate::solver::{
     ablation_tables, camera_database_tables, exact_table, fusion_table, layers_tables, speed, speed_plot,
@@ -14,12 +15,12 @@ use crate::args::eval::{EvalCameraDatabaseArgs, EvalSolverArgs};
 use crate::commands::eval::show::show;
 use roadplane_terminal::Outcome;
 
-/// Number of frames that are fused.
+/// Number of frames that are fused into one camera.
 const FRAMES: usize = 100;
-/// Numbers of cars whose solves are timed.
+/// Numbers of cars for which the time of a solve is measured.
 const CARS: [usize; 9] = [1, 3, 5, 10, 20, 50, 100, 200, 300];
 
-/// Prints the tables of the solver.
+/// Prints the tables of the solver's accuracy and speed, or the tables that the options select.
 pub fn solver(args: &EvalSolverArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let settings = &args.config;
     if !args.layers && (settings.config.is_some() || !settings.settings.is_empty()) {

@@ -1,4 +1,4 @@
-//! `roadplane-lab eval tracker`: tracks from noisy measurements of clips with truth.
+//! `roadplane-lab eval tracker`: scores tracks from noisy measurements of clips with truth.
 
 use crate::{Noise, TrackerOptions, evaluate_tracker};
 use roadplane_pipeline::Cancel;
@@ -7,7 +7,7 @@ use crate::args::eval::EvalTrackerArgs;
 use crate::commands::eval::show::show;
 use roadplane_terminal::{Bar, Outcome};
 
-/// Prints the tables of the tracker.
+/// Prints the tables of the tracker's scores.
 pub fn tracker(args: &EvalTrackerArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let config = args.config.load()?;
     let noise = Noise {

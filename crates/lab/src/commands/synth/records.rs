@@ -1,4 +1,4 @@
-//! Converts items to the records of files, rounded to 1e-6 (poses, m) and 0.01 px.
+//! Converts synthetic items to the records of files. Poses are rounded to 1e-6 (m for positions), pixels to 0.01 px.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -21,7 +21,7 @@ fn time_s(item: &Item, frame: usize) -> f64 {
     item.fps.map_or(0.0, |fps| rounded(frame as f64 / fps, 6))
 }
 
-/// Returns the measurements, one record per frame.
+/// Returns the measured boxes and keypoints, one record per frame.
 pub fn frames(item: &Item) -> impl Iterator<Item = FrameRecord> {
     item.frames.iter().enumerate().map(|(number, cars)| FrameRecord {
         cars: cars.iter().map(|car| car_record(item, car)).collect(),
@@ -42,7 +42,7 @@ fn car_record(item: &Item, car: &CarInFrame) -> CarRecord {
     }
 }
 
-/// Returns the truth of an item.
+/// Returns the truth of an item. `conditions` are the options by which the item was made.
 pub fn truth(item: &Item, conditions: BTreeMap<String, String>) -> Truth {
     let (plane, principal) = (item.params.plane(), item.size.centre_px());
     let seen: BTreeSet<usize> = item.frames.iter().flatten().map(|s| s.id).collect();

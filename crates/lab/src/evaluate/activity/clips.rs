@@ -1,4 +1,5 @@
-//! Activities of clips with truth: the clips are run from pixels, and each frame gets a label.
+//! Scores activities on clips with truth. The pipeline runs on the clips' pixels, and each car in each frame gets a
+//! label.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -17,11 +18,14 @@ use crate::LabError;
 use roadplane_metrics::scoring::pairs_by_box;
 use roadplane_metrics::truth::{Kind, TrueCar, Truth, read_dataset, read_truth};
 
-/// Within this time of a change of the true label both labels are right, s. It is about the distance of frames.
+/// Time before and after a change of the true label in which both labels are right, s. The value is about the time
+/// between two frames.
 const EDGE_S: f64 = 0.25;
-/// Scatter of the starts and ends of activities among annotators (1 sd, s), from `roadplane-train activity spread`.
+/// Standard deviation of the times at which different annotators place the start or end of an activity, s.
+///
+/// `roadplane-train activity spread` computes the value.
 const SPREAD_S: f64 = 0.7;
-/// The paper's seven labels.
+/// The seven labels of the paper *Car Pose in Context*.
 const PAPER: [Label; 7] = [
     Label::NotMoving,
     Label::Moving,
@@ -31,7 +35,7 @@ const PAPER: [Label; 7] = [
     Label::TurningRight,
     Label::UTurn,
 ];
-/// The labels of events.
+/// The labels whose events are scored: all labels of moving vehicles.
 const EVENTS: [Label; 7] = [
     Label::Moving,
     Label::Starting,
@@ -42,7 +46,7 @@ const EVENTS: [Label; 7] = [
     Label::Reversing,
 ];
 
-/// Runs the clips of a data set and returns the tables.
+/// Runs the pipeline on the clips of a data set and returns the tables of scores.
 pub fn evaluate(
     folder: &Path,
     systems: &mut Rows,
@@ -83,13 +87,13 @@ pub fn evaluate(
     Ok(report(&dataset.name, &found, &names))
 }
 
-/// The scored cases of a clip.
+/// The predictions of all systems for one clip, with the true labels.
 struct Found {
-    /// Cars in frames; within [`EDGE_S`] of a change both labels are right.
+    /// One case per car and frame. Within [`EDGE_S`] of a change of the true label, both labels are right.
     frames: Vec<Case>,
-    /// Cars in frames; within [`SPREAD_S`] of a change both labels are right.
+    /// One case per car and frame. Within [`SPREAD_S`] of a change of the true label, both labels are right.
     spread: Vec<Case>,
-    /// Intervals of one label of one car.
+    /// One case per interval in which a car has one label.
     intervals: Vec<Case>,
     events: ClipEvents,
 }
@@ -139,14 +143,14 @@ fn report(dataset: &str, found: &[Found], systems: &[&str]) -> Report {
     report
 }
 
-/// A row of our tracks, paired with the true car that its box overlaps.
+/// A row of our tracks, paired with the true car that the row's box overlaps.
 struct Pair {
-    /// Index of the row.
+    /// Index of the row among all rows of the tracks.
     row: usize,
     car: u64,
     frame: u64,
     time_s: f64,
-    /// Whether the car counts in this frame.
+    /// Whether the car is scored in this frame: it is large enough, and enough of it is visible.
     counts: bool,
 }
 
@@ -227,19 +231,19 @@ fn reported_event(event: &Event, car: Option<u64>) -> ReportedEvent {
     ReportedEvent { car, label: event.activity, span_s, confidence: event.confidence }
 }
 
-/// Returns the most frequent value; the smallest of them if several are equally frequent.
+/// Returns the most frequent value. If several values are equally frequent, returns the smallest of these values.
 fn most_frequent<T: Ord + Copy>(values: impl Iterator<Item = T>) -> Option<T> {
     let mut counts: BTreeMap<T, usize> = BTreeMap::new();
     values.for_each(|value| *counts.entry(value).or_default() += 1);
     counts.into_iter().rev().max_by_key(|(_, count)| *count).map(|(value, _)| value)
 }
 
-/// Predictions of the net from the true tracks.
+/// Predictions of the net *3D* from the true tracks.
 #[derive(Default)]
 struct FromTruth {
-    /// The label by car and frame.
+    /// The predicted label, by id of the car and index of the frame.
     labels: BTreeMap<(u64, u64), Label>,
-    /// The events; their tracks are the ids of the true cars.
+    /// The predicted events. The track id of an event is the id of the true car.
     events: Vec<Event>,
 }
 
@@ -267,11 +271,11 @@ fn from_truth(truth: &Truth, systems: &mut [Row]) -> Result<FromTruth, LabError>
     Ok(found)
 }
 
-/// Predictions of the systems from our tracks.
+/// Predictions of all systems from our tracks.
 struct FromRows {
-    /// For each row, the label of each system.
+    /// For each row of the tracks, the label that each system predicts.
     labels: Vec<Vec<Label>>,
-    /// For each system, its events.
+    /// For each system, the events that the system predicts.
     events: Vec<Vec<Event>>,
 }
 

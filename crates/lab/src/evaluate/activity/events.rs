@@ -1,18 +1,19 @@
-//! Reported events against true ones, as NIST scores activities in video (ActEV).
+//! Scores reported events against true events, in the manner of NIST's evaluation of activities in video (ActEV).
 //!
 //! The scores are the share of missed true events at given rates of false alarms, and the temporal overlap of the hits.
-//! One rule is stricter than NIST's: an event must be reported for the right car. A reported event hits a true one with
-//! its label if they overlap by a second, or by half of the true event if that is less. The most confident event is
-//! matched first.
+//! One rule is stricter than NIST's: an event must be reported for the right car. A reported event is a hit if it
+//! overlaps a true event of the same car and label by one second. An overlap by half of the true event's length is also
+//! enough. The reported event with the highest confidence is matched first.
 
 use roadplane_activity::{LABELS, Label};
 use roadplane_tables::bootstrap_scenes;
 use roadplane_tables::{Column, Estimate, Table};
 
-/// Rates of false alarms at which misses are counted, per minute of video and label. ActEV uses 0.15, which allows none
-/// in clips of seconds.
+/// Rates of false alarms at which misses are counted: false alarms of one label per minute of video.
+///
+/// ActEV uses a rate of 0.15, which allows no false alarm in clips of a few seconds.
 const ALARMS_PER_MIN: [f64; 3] = [0.15, 1.0, 4.0];
-/// An overlap of this length is always enough for a hit, s.
+/// Length of an overlap in time that is always enough for a hit, s.
 const ENOUGH_S: f64 = 1.0;
 
 /// A true event: an interval in which a car has one activity.
@@ -24,14 +25,14 @@ pub struct TrueEvent {
     pub label: Label,
     /// Start and end, s.
     pub span_s: [f64; 2],
-    /// Whether the event must be found. Others are neither misses nor false alarms.
+    /// Whether the event must be found. With `false`, the event is never a miss, and a report of it is no false alarm.
     pub counts: bool,
 }
 
 /// An event that a system reports.
 #[derive(Clone, Debug)]
 pub struct ReportedEvent {
-    /// Id of the true car that the track lies on; `None` if it lies on none.
+    /// Id of the true car that the reported track follows; `None` if the track follows no true car.
     pub car: Option<u64>,
     /// The activity.
     pub label: Label,
@@ -41,16 +42,17 @@ pub struct ReportedEvent {
     pub confidence: f64,
 }
 
-/// Hits and false alarms of a clip.
+/// Hits and false alarms of each system in one clip.
 #[derive(Clone, Debug)]
 pub struct ClipEvents {
     minutes: f64,
     truths: [usize; LABELS],
-    /// For each system its events, the most confident first.
+    /// For each system, the events that it reports, in order of falling confidence.
     reported: Vec<Vec<Judged>>,
 }
 
-/// A reported event: a hit with its temporal intersection over union, or a false alarm.
+/// A reported event after matching. `hit` is the temporal intersection over union with the true event; `None` marks a
+/// false alarm.
 #[derive(Clone, Copy, Debug)]
 struct Judged {
     label: usize,
@@ -59,7 +61,7 @@ struct Judged {
 }
 
 impl ClipEvents {
-    /// Matches the events that each system reports in a clip of the given length.
+    /// Matches the events that each system reports with the true events of a clip. `minutes` is the clip's length.
     pub fn new(minutes: f64, truths: &[TrueEvent], reported: Vec<Vec<ReportedEvent>>) -> Self {
         let mut counted = [0; LABELS];
         truths.iter().filter(|event| event.counts).for_each(|event| counted[event.label.index()] += 1);
@@ -73,7 +75,7 @@ fn shared(a: [f64; 2], b: [f64; 2]) -> f64 {
     (a[1].min(b[1]) - a[0].max(b[0])).max(0.0)
 }
 
-/// Matches reported events with true ones. The most confident event chooses first.
+/// Matches reported events with true events, in order of falling confidence.
 fn judged(truths: &[TrueEvent], mut reported: Vec<ReportedEvent>) -> Vec<Judged> {
     reported.sort_by(|a, b| b.confidence.total_cmp(&a.confidence));
     let mut free = vec![true; truths.len()];
@@ -84,7 +86,7 @@ fn judged(truths: &[TrueEvent], mut reported: Vec<ReportedEvent>) -> Vec<Judged>
             let truth = &truths[*i];
             let length_s = truth.span_s[1] - truth.span_s[0];
             let same = event.car == Some(truth.car) && event.label == truth.label;
-            // Several reported events may match a true event that does not count.
+            // Several reported events may match a true event that need not be found.
             same && (free[*i] || !truth.counts) && overlap(i) >= ENOUGH_S.min(length_s / 2.0)
         };
         let best = (0..truths.len()).filter(fits).max_by(|a, b| overlap(a).total_cmp(&overlap(b)));
@@ -104,11 +106,11 @@ fn judged(truths: &[TrueEvent], mut reported: Vec<ReportedEvent>) -> Vec<Judged>
 /// The scores of one system for one label.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct OfLabel {
-    /// Share of missed true events: at each rate of [`ALARMS_PER_MIN`], then with all reported events.
+    /// Shares of missed true events: one for each rate of [`ALARMS_PER_MIN`], and one with all reported events.
     missed: [f64; 4],
     /// False alarms per minute with all reported events.
     alarms_per_min: f64,
-    /// Mean temporal intersection over union of hits; NaN without hits.
+    /// Mean temporal intersection over union of the hits; NaN if there is no hit.
     overlap: f64,
 }
 
@@ -148,7 +150,9 @@ fn of_label(clips: &[&ClipEvents], system: usize, label: usize) -> Option<OfLabe
     })
 }
 
-/// Returns the numbers of a row, by column. Overlaps are averaged over the labels that have hits.
+/// Returns the numbers of a table row, in the order of the columns. Each number is a mean over labels.
+///
+/// The mean overlap leaves out labels without hits.
 fn numbers(each: &[OfLabel]) -> [f64; 6] {
     let mean = |of: &dyn Fn(&OfLabel) -> f64| {
         let values: Vec<f64> = each.iter().map(of).filter(|value| !value.is_nan()).collect();
@@ -172,7 +176,8 @@ fn columns(first: &[&str]) -> Vec<Column> {
     first.iter().map(|name| Column::new(*name, 0)).chain(names).collect()
 }
 
-/// Returns the table of all systems: means over the given labels, with intervals over clips.
+/// Returns the table of all systems. Each number is a mean over the given labels, with a confidence interval from
+/// resampling clips.
 pub fn table(clips: &[ClipEvents], systems: &[&str], labels: &[Label]) -> Table {
     let note = "Means over labels. A hit is an event of the right car and label that overlaps the true one by 1 s, \
         or by half of it; alarms are counted per label.";
@@ -189,7 +194,7 @@ pub fn table(clips: &[ClipEvents], systems: &[&str], labels: &[Label]) -> Table 
     table
 }
 
-/// Returns the table of one system, label by label.
+/// Returns the table of one system, with one row per label.
 pub fn each_label(title: &str, clips: &[ClipEvents], system: usize, labels: &[Label]) -> Table {
     let mut table = Table::new(title, "", columns(&["", "true events"]));
     let all: Vec<&ClipEvents> = clips.iter().collect();

@@ -1,5 +1,6 @@
-//! Labelled tracks, each one instance of one activity, such as those of MEVA (`roadplane-train activity meva` makes the
-//! table).
+//! Scores activities on a table of labelled tracks, where each track is one instance of one activity.
+//!
+//! `roadplane-train activity meva` makes such a table from the data set MEVA.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -17,7 +18,7 @@ use crate::LabError;
 /// Height of the pictures in which MEVA's boxes are given, px.
 const PICTURE_HEIGHT_PX: f64 = 1080.0;
 
-/// Predicts the label of each instance of a table and returns the scores.
+/// Predicts the label of each instance in a table file and returns the tables of scores.
 pub fn evaluate(
     path: &Path,
     systems: &mut [Row],
@@ -75,13 +76,13 @@ fn label_of(row: &TableRow) -> Option<Label> {
     row.get("label").and_then(Value::as_str).and_then(Label::named)
 }
 
-/// Returns the label of a whole instance: of the labels that instances have, that of the greatest mean log probability.
+/// Returns the label of a whole instance: the one of `labels` with the greatest sum of log probabilities over time.
 fn most_probable(found: &Probabilities, labels: &[Label]) -> Label {
     let score = |label: &Label| found.p.iter().map(|p| p[label.index()].max(1e-9).ln()).sum::<f64>();
     labels.iter().copied().max_by(|a, b| score(a).total_cmp(&score(b))).unwrap_or(Label::Moving)
 }
 
-/// Returns the motion of an instance as the input of a row of the table.
+/// Returns the motion of an instance. `seen` selects the kind of motion: on the ground or in the picture.
 fn motion(rows: &[(usize, &TableRow)], path: &Path, seen: Seen) -> Result<Motion, LabError> {
     let number = |(index, row): &(usize, &TableRow), name: &str| {
         let number = row.get(name).and_then(Value::as_f64);

@@ -1,22 +1,23 @@
-//! Accuracy, precision and recall of labels, averaged over labels as in the paper.
+//! Accuracy, precision and recall of predicted labels. Precision and recall are averaged over labels.
 
 use roadplane_activity::{LABELS, Label};
 use roadplane_tables::bootstrap_scenes;
 use roadplane_tables::{Cell, Column, Table};
 
-/// A case: the true label, and the prediction of each system.
+/// A scored case, such as a car in a frame: the true labels, and the prediction of each system.
 #[derive(Clone, Debug)]
 pub struct Case {
-    /// Labels that are right: one, or both near a change of label.
+    /// The right labels: one label, or several labels near a change of the true label.
     pub truth: Vec<Label>,
     /// The predicted label of each system.
     pub predicted: Vec<Label>,
 }
 
-/// Number of cases by true label, then by predicted label.
+/// A confusion matrix: the number of cases by true label (first index) and predicted label (second index).
 type Confusion = [[f64; LABELS]; LABELS];
 
-/// Returns accuracy, precision and recall. The last two are means over those of `labels` that occur.
+/// Returns accuracy, precision and recall, 0–1. Precision and recall are means over those `labels` that occur in the
+/// truth.
 fn measures(counts: &Confusion, labels: &[Label]) -> [f64; 3] {
     let total: f64 = counts.iter().flatten().sum();
     let hits: f64 = (0..LABELS).map(|i| counts[i][i]).sum();
@@ -31,7 +32,8 @@ fn measures(counts: &Confusion, labels: &[Label]) -> [f64; 3] {
     ]
 }
 
-/// Returns precision (0 for a label that is never predicted) and recall of a label.
+/// Returns precision and recall (0–1) of the label with index `i`. The precision of a label that is never predicted is
+/// 0.
 fn precision_recall(counts: &Confusion, i: usize) -> [f64; 2] {
     let predicted: f64 = counts.iter().map(|row| row[i]).sum();
     let true_ones: f64 = counts[i].iter().sum();
@@ -48,12 +50,12 @@ fn confusion<'a>(cases: impl Iterator<Item = &'a Case>, system: usize) -> Confus
     counts
 }
 
-/// Returns, for each clip, the confusions of some systems.
+/// Returns the confusion matrices of the given systems (indices) for each clip.
 fn confusions<const N: usize>(clips: &[Vec<Case>], systems: [usize; N]) -> Vec<[Confusion; N]> {
     clips.iter().map(|clip| systems.map(|system| confusion(clip.iter(), system))).collect()
 }
 
-/// Returns the confusion of all given clips together.
+/// Returns the sum of the clips' confusion matrices. `which` is the index of the matrix in each clip.
 fn pooled<const N: usize>(clips: &[&[Confusion; N]], which: usize) -> Confusion {
     let sum = |truth: usize, label: usize| clips.iter().map(|clip| clip[which][truth][label]).sum();
     std::array::from_fn(|truth| std::array::from_fn(|label| sum(truth, label)))
@@ -67,7 +69,7 @@ fn columns() -> Vec<Column> {
         .collect()
 }
 
-/// Returns a row of accuracy (%), precision and recall, with intervals over clips.
+/// Returns a table row of accuracy (%), precision and recall, with intervals from resampling clips.
 fn row<const N: usize>(
     name: String,
     clips: &[Vec<Case>],
@@ -80,7 +82,7 @@ fn row<const N: usize>(
     vec![name.into(), estimate(0).scaled(100.0).into(), estimate(1).into(), estimate(2).into()]
 }
 
-/// Returns the table of accuracy, precision and recall with intervals over clips, one row per system.
+/// Returns the table of accuracy, precision and recall, with one row per system and intervals from resampling clips.
 pub fn table(title: &str, note: &str, clips: &[Vec<Case>], systems: &[&str], labels: &[Label]) -> Table {
     let mut table = Table::new(title, note, columns());
     for (system, name) in systems.iter().enumerate() {
@@ -90,7 +92,7 @@ pub fn table(title: &str, note: &str, clips: &[Vec<Case>], systems: &[&str], lab
     table
 }
 
-/// Returns the table of the differences between `system` and each other one.
+/// Returns the table of the differences in accuracy, precision and recall between `system` and each other system.
 pub fn differences(
     title: &str,
     clips: &[Vec<Case>],
@@ -109,7 +111,7 @@ pub fn differences(
     table
 }
 
-/// Returns the table of precision and recall of every label, for one system.
+/// Returns the table of precision and recall for one system, with one row per label.
 pub fn each_label(title: &str, clips: &[Vec<Case>], system: usize) -> Table {
     let columns = vec![
         Column::new("", 0),
@@ -161,7 +163,7 @@ mod tests {
         assert!((accuracy - 4.0 / 6.0).abs() < 1e-12);
         assert!((precision - (3.0 / 4.0 + 1.0 / 2.0) / 2.0).abs() < 1e-12);
         assert!((recall - (3.0 / 4.0 + 1.0) / 2.0).abs() < 1e-12);
-        // A label that does not occur does not count.
+        // A label that does not occur is left out of the means.
         assert_eq!(measures(&counts, &[go, stop, Label::UTurn]), [accuracy, precision, recall]);
     }
 }

@@ -1,4 +1,4 @@
-//! True activities of the cars of a clip.
+//! The true activities of the cars of a clip.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -10,15 +10,15 @@ use super::events::TrueEvent;
 use roadplane_metrics::scoring::counts;
 use roadplane_metrics::truth::{TrueCar, Truth};
 
-/// Shorter intervals are no events, s.
+/// Least length of an interval that must be found as an event, s.
 const LEAST_EVENT_S: f64 = 0.5;
 
-/// Returns whether a car counts in a frame.
+/// Returns whether a car is scored in a frame: it is large enough, and enough of it is visible.
 pub fn car_counts(truth: &Truth, car: &TrueCar) -> bool {
     truth.model(car.id).is_some_and(|model| counts(car, model))
 }
 
-/// Returns the observations of each car, by its id.
+/// Returns the observations of each car in order of time, by the id of the car.
 pub fn cars_by_id(truth: &Truth) -> BTreeMap<u64, Vec<Seen<'_>>> {
     let mut cars: BTreeMap<u64, Vec<Seen<'_>>> = BTreeMap::new();
     for frame in &truth.frames {
@@ -29,12 +29,14 @@ pub fn cars_by_id(truth: &Truth) -> BTreeMap<u64, Vec<Seen<'_>>> {
     cars
 }
 
-/// Returns the true heading of a car, rad.
+/// Returns the true heading of a car in the world frame, rad.
 pub fn heading_of(car: &TrueCar) -> f64 {
     car.world_from_car[1][0].atan2(car.world_from_car[0][0])
 }
 
-/// Returns, by car and frame, the right labels: the car's own first, then the others within `fuzzy_s` (s).
+/// Returns the right labels of each car in each frame, by id of the car and index of the frame.
+///
+/// The first label is the car's true label in that frame. Labels that the car has within `fuzzy_s` (s) follow.
 pub fn true_labels(truth: &Truth, fuzzy_s: f64) -> BTreeMap<(u64, u64), Vec<Label>> {
     let mut labels = BTreeMap::new();
     for (id, cars) in cars_by_id(truth) {
@@ -60,13 +62,14 @@ pub fn true_labels(truth: &Truth, fuzzy_s: f64) -> BTreeMap<(u64, u64), Vec<Labe
     labels
 }
 
-/// Returns the intervals of one label, except stationary ones, of cars that stay visible. An interval counts if the car
-/// counts in most of its frames.
+/// Returns the intervals in which a moving car is visible in every frame and has one label.
+///
+/// An interval must be found if the car is scored in most of the interval's frames and the interval is long enough.
 pub fn true_intervals(truth: &Truth, labels: &BTreeMap<(u64, u64), Vec<Label>>) -> Vec<TrueEvent> {
     while_seen(truth, labels, |named, _| label_spans(named))
 }
 
-/// Returns the [`true_intervals`], and also starts and stops within turns.
+/// Returns the [`true_intervals`], and in addition the starts and stops that happen during turns.
 pub fn true_events(truth: &Truth, labels: &BTreeMap<(u64, u64), Vec<Label>>) -> Vec<TrueEvent> {
     while_seen(truth, labels, |named, seen| {
         let time_s: Vec<f64> = seen.iter().map(|(_, time_s, _)| *time_s).collect();
@@ -75,10 +78,12 @@ pub fn true_events(truth: &Truth, labels: &BTreeMap<(u64, u64), Vec<Label>>) -> 
     })
 }
 
-/// A car in a frame: the frame's index, its time (s), the car.
+/// A car in a frame: the frame's index, the frame's time (s), and the car.
 type Seen<'a> = (u64, f64, &'a TrueCar);
 
-/// Returns the events of each car between the frames in which it is not visible. `spans` finds them among labels.
+/// Returns the events of each car. A frame without the car separates events.
+///
+/// `spans` returns the events of a list of labels, one label per frame, as ranges of that list.
 fn while_seen(
     truth: &Truth,
     labels: &BTreeMap<(u64, u64), Vec<Label>>,

@@ -1,4 +1,4 @@
-//! The table's video row: a small net whose input is the pixels around a vehicle over time
+//! The video row of the table of activities: a small net whose input is the pixels around a vehicle over time
 //! (`scripts/train/activity/video.py`).
 
 use std::collections::BTreeMap;
@@ -18,27 +18,27 @@ pub(super) struct VideoNet {
     session: Session,
 }
 
-/// A track as the input of the net: times (s, ascending) and boxes (px).
+/// The boxes of a track: pairs of time (s, ascending) and box (left, top, right, bottom, px).
 pub(super) type Boxes = Vec<(f64, [f64; 4])>;
 
-/// A window of a track.
+/// A window of a track: the pixels in a square around the vehicle, over [`STEPS`] time steps.
 struct Window {
     track: u64,
     step: i64,
     square: Square,
-    /// [`STEPS`] crops; each is empty until it is cut.
+    /// The [`STEPS`] crops as RGB bytes. A crop is empty until it is cut out of the video.
     crops: Vec<Vec<u8>>,
 }
 
-/// Predictions for a track: probabilities by step.
+/// The predicted probabilities of a track's labels, by time step.
 type Predictions = BTreeMap<i64, [f64; LABELS]>;
 
 impl VideoNet {
-    /// Loads the net with this card.
+    /// Loads the net that the file `card` describes.
     ///
     /// # Errors
-    /// [`LabError::Pipeline`] if it cannot be loaded; [`MetricsError::Malformed`](roadplane_metrics::MetricsError) if
-    /// its inputs or outputs have another shape.
+    /// [`LabError::Pipeline`] if the net cannot be loaded; [`MetricsError::Malformed`](roadplane_metrics::MetricsError)
+    /// if the net's inputs or outputs do not have the expected shapes.
     pub fn open(card: &Path) -> Result<Self, LabError> {
         let options = SessionOptions { provider: ProviderChoice::Cpu, threads: 1, library: None };
         let session = Session::open(card, &options).map_err(PipelineError::from)?;
@@ -59,10 +59,10 @@ impl VideoNet {
         Ok(Self { session })
     }
 
-    /// Predicts the labels of a video's tracks; returns them by track.
+    /// Predicts the activity labels of a video's tracks. Returns the labels by id of the track.
     ///
     /// # Errors
-    /// [`LabError::Pipeline`] when the video cannot be read or the runtime fails.
+    /// [`LabError::Pipeline`] if the video cannot be read or the inference runtime fails.
     pub fn predict(
         &mut self,
         media: &Path,
@@ -89,7 +89,7 @@ impl VideoNet {
         Ok(predicted.into_iter().filter_map(labelled).collect())
     }
 
-    /// Returns the probabilities of the steps that a window predicts.
+    /// Runs the net on a window. Returns the probabilities of all labels at each predicted time step.
     fn of_window(&mut self, window: &Window) -> Result<[[f64; LABELS]; PREDICTED], PipelineError> {
         let values: Vec<f32> = window.crops.iter().flatten().map(|v| f32::from(*v)).collect();
         let failed = |session: &Session, what: &str| InferError::Failed {
@@ -107,7 +107,7 @@ impl VideoNet {
     }
 }
 
-/// Returns windows that together predict every step of a track once.
+/// Returns windows that together predict every time step of a track exactly once.
 fn windows_of(track: u64, boxes: &Boxes) -> Vec<Window> {
     let (Some((first_s, _)), Some((last_s, _))) = (boxes.first(), boxes.last()) else { return Vec::new() };
     let steps = grid(*first_s, *last_s);
@@ -127,8 +127,10 @@ fn windows_of(track: u64, boxes: &Boxes) -> Vec<Window> {
         .collect()
 }
 
-/// Cuts all windows out of a video. Each step comes from the frame nearest to its time. Steps before the start or after
-/// the end of the video repeat its first or last step.
+/// Cuts the crops of all windows out of a video. The crop of a time step comes from the frame nearest in time.
+///
+/// A time step without a frame repeats the previous crop. Time steps before the start of the video repeat the first
+/// crop.
 fn cut_all(media: &Path, windows: &mut [Window]) -> Result<(), PipelineError> {
     let mut off_s: BTreeMap<i64, f64> = BTreeMap::new();
     let mut input = open(media, &DecodeOptions::default())?;
@@ -181,7 +183,7 @@ mod tests {
             assert!(predicted.windows(2).all(|pair| pair[1] == pair[0] + 1));
             assert!(grid(boxes[0].0, boxes[boxes.len() - 1].0).all(|step| predicted.contains(&step)));
             for window in &windows {
-                // There are 6 frames per step.
+                // There are 6 frames per time step.
                 let frame = (window.step * 6).clamp(first.into(), last.into()) as f64;
                 assert_eq!(window.square, Square::around([frame, 0.0, frame + 20.0, 10.0]));
             }
@@ -196,7 +198,7 @@ mod tests {
             let path = folder.path().join(format!("{i:03}.png"));
             RgbImage::from_pixel(40, 30, Rgb([i, 0, 255 - i])).save(path).unwrap();
         }
-        // A folder counts as 30 pictures per second, so a step has 6.
+        // A folder counts as 30 pictures per second, so a time step has 6 pictures.
         let mut windows =
             windows_of(1, &vec![(0.0, [10.0, 10.0, 20.0, 20.0]), (0.4, [12.0, 10.0, 22.0, 20.0])]);
         cut_all(folder.path(), &mut windows).unwrap();

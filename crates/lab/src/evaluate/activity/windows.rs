@@ -1,27 +1,30 @@
-//! Windows of a video for the table's video row: a fixed square around a vehicle for 3 s.
+//! Windows of a video for the video row of the table of activities. A window shows a fixed square around a vehicle for
+//! 3 s.
 //!
-//! `scripts/train/activity/windows.py` cuts the same windows; `tests/data/activity/windows.json` tests both.
+//! `scripts/train/activity/windows.py` cuts the same windows. The tests of both compare with
+//! `tests/data/activity/windows.json`.
 
 use image::RgbImage;
 
-/// Number of steps of a window.
+/// Number of time steps in a window.
 pub(super) const STEPS: usize = 16;
-/// Number of steps before the window's own step. The square lies around the box of the own step.
+/// Number of time steps before the window's reference step. The square surrounds the vehicle's box at the reference
+/// step.
 pub(super) const BEFORE: i64 = 8;
-/// Number of steps that a window predicts.
+/// Number of time steps whose labels the net predicts from a window.
 pub(super) const PREDICTED: usize = 4;
-/// Number of predicted steps before the window's own step.
+/// Number of predicted time steps before the window's reference step.
 pub(super) const PREDICTED_BEFORE: i64 = 2;
-/// Width and height of a crop, the net's input for one step, px.
+/// Width and height of a crop, px. A crop is the net's input for one time step.
 pub(super) const SIDE_PX: usize = 48;
-/// Bytes of a crop: RGB, row by row.
+/// Number of bytes of a crop: RGB, row by row.
 pub(super) const CROP_BYTES: usize = SIDE_PX * SIDE_PX * 3;
-/// Side of the square over the longer side of the vehicle's box.
+/// Ratio of the square's side to the longer side of the vehicle's box.
 const REACH: f64 = 2.5;
-/// Samples per pixel of a crop, along each side.
+/// Number of samples per pixel of a crop, along each axis.
 const SUB: usize = 3;
 
-/// A square of a picture, px.
+/// A square in a picture: left edge, top edge and side, px.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Square {
     left: f64,
@@ -30,13 +33,15 @@ pub(super) struct Square {
 }
 
 impl Square {
-    /// Returns the square around a box.
+    /// Returns the square around a vehicle's box (left, top, right, bottom, px).
     pub fn around([x0, y0, x1, y1]: [f64; 4]) -> Self {
         let side = (REACH * (x1 - x0).max(y1 - y0)).max(8.0);
         Self { left: (x0 + x1 - side) / 2.0, top: (y0 + y1 - side) / 2.0, side }
     }
 
-    /// Cuts the square out of a picture and scales it to [`SIDE_PX`]. Beyond the picture's edge the edge pixels repeat.
+    /// Cuts the square out of a picture and scales it to a crop with sides of [`SIDE_PX`] pixels.
+    ///
+    /// Outside the picture, the pixels at the picture's edge repeat.
     pub fn cut(&self, picture: &RgbImage, crop: &mut [u8]) {
         let samples = |from: f64, size: u32| -> Vec<u32> {
             let at = |k| (k as f64 + 0.5) / (SUB * SIDE_PX) as f64 * self.side;
@@ -65,7 +70,10 @@ mod tests {
 
     use super::*;
 
-    /// Size of a picture that is made by a formula, boxes, and every fifth pixel of every fifth row of their crops.
+    /// The content of the test file: the size of a picture that a formula fills, and cases with a box and pixels of its
+    /// crop.
+    ///
+    /// The pixels are every fifth pixel of every fifth row of the crop.
     #[derive(Deserialize)]
     struct Fixture {
         size_px: [u32; 2],

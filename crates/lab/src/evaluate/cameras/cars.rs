@@ -1,4 +1,4 @@
-//! Single cars in front of a reference camera: the error of the fitted view, and the positions of their keypoints.
+//! Single cars in front of a reference camera: the errors of the fitted poses, and the offsets of the keypoints.
 
 use nalgebra::{Isometry3, Vector2, Vector3};
 use roadplane_base::{Camera, FrameRecord, KEYPOINTS, KeypointSet, ShapeAtlas, StudentT};
@@ -7,7 +7,7 @@ use roadplane_solve::{ShapePrior, fit_car, fit_free_car};
 
 use roadplane_metrics::readers::cameras::ReferenceCamera;
 
-/// The side from which a car is seen.
+/// The side of a car that the camera sees.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Aspect {
     Front,
@@ -30,7 +30,7 @@ impl Aspect {
         }
     }
 
-    /// Returns the aspect for an angle on the ground between the car's heading and the direction to the camera, rad.
+    /// Returns the aspect for the angle (rad) on the ground between the car's heading and the direction to the camera.
     fn of(angle: f64) -> Self {
         match angle.to_degrees() {
             a if a < 25.0 => Self::Front,
@@ -42,35 +42,41 @@ impl Aspect {
     }
 }
 
-/// A found keypoint against the car that was fitted with the true camera.
+/// The offset of a found keypoint from the same keypoint of the car that was fitted with the true camera.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct PointOff {
     /// Index of the keypoint.
     pub index: usize,
-    /// Found minus fitted, right and up in the picture, in units of the box's longer side.
+    /// Found minus fitted position in the picture, in units of the longer side of the car's box: to the right and
+    /// upwards.
     pub off: Vector2<f64>,
-    /// Whether the net predicts it as visible.
+    /// Whether the net predicts that the keypoint is visible.
     pub visible: bool,
 }
 
-/// A car that was fitted.
+/// A car in front of a reference camera, with the errors of the fitted pose.
 #[derive(Clone, Debug)]
 pub(super) struct SeenCar {
-    /// Longer side of the box, px.
+    /// Longer side of the car's box, px.
     pub box_px: f64,
     pub aspect: Aspect,
-    /// True angle from which it is seen above the horizontal, rad.
+    /// True elevation: the angle above the horizontal from which the camera sees the car, rad.
     pub elevation: f64,
-    /// Errors of the free pose: elevation (rad), turn about the line of sight (rad, positive: clockwise), and log of
-    /// the camera's height above the car's ground.
+    /// Errors of the pose that is fitted without the ground plane.
+    ///
+    /// In order: elevation (rad), turn about the line of sight (rad, positive clockwise), and logarithm of the camera's
+    /// height above the car's ground.
     pub errors: [f64; 3],
-    /// sds of the first two errors, rad. Keypoints count as independent, scaled by the misfit of the car on the ground.
+    /// Estimated sds of the elevation error and the turn error, rad.
+    ///
+    /// Keypoint errors count as independent. The sds are scaled by the misfit of the car that is fitted on the true
+    /// ground.
     pub claimed: [f64; 2],
-    /// The keypoints against the car on the true ground.
+    /// Offsets of the found keypoints from the car that is fitted on the true ground.
     pub points: Vec<PointOff>,
 }
 
-/// Fits the cars of a picture.
+/// Fits each car of a frame with the true camera. Cars that cannot be fitted are left out.
 pub(super) fn cars_of(
     reference: &ReferenceCamera,
     frame: &FrameRecord,
@@ -99,13 +105,13 @@ fn seen_car(
     let ray = position.try_normalize(1e-9)?;
     let own_up = free.camera_from_car * Vector3::z();
     let elevation = |up: &Vector3<f64>| (-up.dot(&ray)).clamp(-1.0, 1.0).asin();
-    // Up vectors projected across the line of sight, which points away from the camera.
+    // Projects an up vector onto the plane perpendicular to the line of sight `ray`, which points away from the camera.
     let across = |up: &Vector3<f64>| (up - ray * up.dot(&ray)).try_normalize(1e-9);
     let [own, truth] = [across(&own_up)?, across(&up)?];
     let turn = truth.cross(&own).dot(&ray).atan2(truth.dot(&own));
     let height = -own_up.dot(&position);
     let errors = [elevation(&own_up) - elevation(&up), turn, (height / reference.plane.height_m).ln()];
-    // Turns of the car about the axes of its elevation and of its turn.
+    // Covariance of small rotations of the car, and the axes of rotation for the elevation error and the turn error.
     let turns = free.pose_covariance.fixed_view::<3, 3>(0, 0).into_owned();
     let axes = [ray.cross(&own_up).try_normalize(1e-9)?, ray];
 

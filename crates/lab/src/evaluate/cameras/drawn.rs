@@ -1,4 +1,5 @@
-//! Drawings of the cameras with the largest errors: our horizon, ground and cars against the true horizon.
+//! Draws the pictures of the cameras with the largest errors: estimated horizon, ground grid and cars, and the true
+//! horizon.
 
 use image::RgbImage;
 use roadplane_base::{Shape, ShapeAtlas};
@@ -12,20 +13,22 @@ use roadplane_metrics::truth::isometry_from_rows;
 
 /// Number of cameras that are drawn.
 const WORST: usize = 6;
-/// Greatest width of a picture, px.
+/// Greatest width of a drawn picture, px.
 const WIDTH: u32 = 1280;
-/// Free rows above the higher horizon, px.
+/// Number of rows of pixels between the top of the drawing and the higher of the two horizons.
 const MARGIN_PX: f64 = 20.0;
-/// Most rows that are added for the horizon, in heights of the picture.
+/// Greatest number of rows that are added above the picture to show a horizon, as a share of the picture's height.
 const MOST_LIFT: f64 = 0.6;
 /// Colour of the true horizon.
 const TRUE: Rgb = [60, 220, 90];
-/// Colour of our horizon.
+/// Colour of the estimated horizon.
 const OURS: Rgb = [255, 150, 40];
 /// Colour of the cars.
 const CAR: Rgb = [64, 196, 255];
 
-/// Draws the worst cameras, worst first, by the sum of squared errors in sds.
+/// Draws the cameras with the largest errors, the largest first.
+///
+/// Cameras are ordered by the sum of squares of their errors divided by the errors' sds.
 pub(super) fn worst(
     measured: &[Measured],
     atlas: &ShapeAtlas,
@@ -46,7 +49,7 @@ fn drawn(measured: &Measured, atlas: &ShapeAtlas, config: &Config) -> Result<Pic
     let frame = input.next_frame().map_err(PipelineError::from)?;
     let size = [estimate.image_size_px.width, estimate.image_size_px.height];
     let picture = frame.map_or_else(|| RgbImage::new(size[0], size[1]), |frame| frame.image);
-    // Rows above, for horizons outside the picture.
+    // Adds rows above the picture if a horizon lies above the picture.
     let highest = [(&ours, &plane), (&truth, &reference.plane)]
         .into_iter()
         .flat_map(|(camera, plane)| [0, size[0]].map(|x| horizon_y_px(camera, plane, f64::from(x))))

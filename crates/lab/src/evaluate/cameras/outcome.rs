@@ -1,4 +1,4 @@
-//! The estimated camera against the reference camera.
+//! Compares the estimated camera with the reference camera.
 
 use std::path::Path;
 
@@ -11,28 +11,28 @@ use crate::LabError;
 use crate::workplace::Workplace;
 use roadplane_metrics::readers::cameras::ReferenceCamera;
 
-/// The outcome of a run of a reference camera's media.
+/// The camera that is estimated from the picture or clip of a reference camera, with its errors.
 pub(super) struct Outcome {
-    /// The estimate of the longest segment.
+    /// The estimated camera of the longest time segment.
     pub estimate: CameraEstimate,
-    /// Errors of log focal, tilt (rad), roll (rad), log height.
+    /// Errors (estimate minus truth) of log focal length, tilt (rad), roll (rad) and log height.
     pub errors: Vector4<f64>,
-    /// The same four errors in sds, which include the sd of the truth.
+    /// The same four errors divided by their sds. An sd combines the reported sd and the sd of the truth.
     pub in_sds: Vector4<f64>,
-    /// Error of the horizon in the middle of the picture, found minus true, px down.
+    /// Error of the horizon at the middle column of the picture: estimated minus true row, px (positive downwards).
     pub horizon_px: f64,
-    /// Poses of the cars in the first frame.
+    /// Estimated poses of the cars in the first frame that has poses.
     pub cars: Vec<PoseRecord>,
 }
 
 impl Outcome {
-    /// Returns whether the focal length is estimated with at most this sd of its logarithm.
+    /// Returns whether the focal length was estimated and the reported sd of its logarithm is at most `log_sd`.
     pub fn claims(&self, log_sd: f64) -> bool {
         self.estimate.status == CameraStatus::Estimated && self.estimate.covariance[(0, 0)].sqrt() <= log_sd
     }
 }
 
-/// Solves the frames as `roadplane run` does, and compares the camera with the reference.
+/// Solves the file `frames` as `roadplane run` does, and compares the estimated camera with the reference camera.
 pub(super) fn outcome(
     reference: &ReferenceCamera,
     frames: &Path,

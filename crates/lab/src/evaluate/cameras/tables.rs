@@ -1,4 +1,4 @@
-//! Tables and plots of the reference cameras.
+//! Tables and plots of the evaluation on reference cameras.
 
 use std::collections::BTreeMap;
 
@@ -13,9 +13,9 @@ use super::cars::{Aspect, SeenCar};
 use super::measured::{ANOTHER_VIEW, LEAST_PX, Measured, counted};
 use super::view_errors;
 
-/// Largest sd of log focal at which a focal length counts as claimed.
+/// Largest reported sd of the log focal length in the table row "focal length claimed".
 const CLAIMED: f64 = 0.12;
-/// Name of each of the camera's numbers, and factor to its unit.
+/// The four quantities of a camera: the column's title, and the factor that converts an error to the title's unit.
 const NUMBERS: [(&str, f64); 4] = [
     ("focal, %", 100.0),
     ("tilt, °", 180.0 / std::f64::consts::PI),
@@ -197,13 +197,13 @@ fn cars_table(measured: &[&Measured]) -> Table {
     table
 }
 
-/// Returns the robust sd, from the median distance from the median.
+/// Returns a robust estimate of the sd, computed from the median absolute deviation.
 fn robust_sd(values: &[f64]) -> f64 {
     let middle = median(values);
     SD_FROM_MEDIAN * median(&values.iter().map(|value| (value - middle).abs()).collect::<Vec<_>>())
 }
 
-/// Returns the table of the errors that the cars of a camera share.
+/// Returns the table of the errors that all cars of one camera have in common.
 fn shared_table(measured: &[&Measured]) -> Table {
     let mut table = Table::new(
         "Errors that the cars of one camera share",
@@ -217,7 +217,7 @@ fn shared_table(measured: &[&Measured]) -> Table {
             .iter()
             .filter_map(|m| {
                 let errors: Vec<f64> = counted(m).map(|car| car.errors[i] * unit).collect();
-                // The sd of a median is 1.25 times that of a mean.
+                // The sd of a median is 1.25 times the sd of a mean.
                 let sampling = 1.2533 * robust_sd(&errors) / (errors.len() as f64).sqrt();
                 let truth = m.camera.sd[i + 1] * unit;
                 (errors.len() >= 4).then(|| [median(&errors), sampling.powi(2) + truth.powi(2)])

@@ -1,30 +1,43 @@
-//! Errors of the views of cars: of each car alone, and of all cars of a camera together. The settings
-//! `solve.keypoints_as_one` and `solve.shared_view_sd_deg` come from this table.
+//! Sizes of the errors of cars' views: an error of each car alone, and an error that all cars of a camera share.
 //!
-//! The error of car k in front of camera c is modelled as
+//! The settings `solve.keypoints_as_one` and `solve.shared_view_sd_deg` come from this table.
+//!
+//! The view error e (elevation or turn) of car k in front of camera c is modelled as
 //!
 //! ```text
 //! e = b_c + d_k        d_k ~ N(0, m σ²), b_c ~ N(0, s² + variance of the truth)
 //! ```
 //!
-//! Here σ is the claimed sd, scaled by the car's misfit. m and s are the most likely values on a grid.
+//! The symbols are:
+//!
+//! - b_c: the error that all cars of camera c share.
+//! - d_k: the own error of car k.
+//! - σ: the sd that d_k has if keypoint errors are independent (m = 1), scaled by the car's misfit.
+//! - m: the number of keypoints that share one error.
+//! - s: the sd of the shared error.
+//!
+//! The table has the values of m and s with the greatest likelihood on a grid.
 
 use roadplane_tables::{Column, Table, bootstrap_scenes};
 
 use super::measured::{Measured, counted};
 
-/// Steps of the grid: of m, and of s in degrees.
+/// Step sizes of the grid: for m, and for s in degrees.
 const STEP: [f64; 2] = [0.5, 0.1];
-/// Number of steps in each direction.
+/// Number of grid points along each axis.
 const STEPS: usize = 41;
 
-/// The cars of a camera: errors (rad) and claimed sds with keypoints as independent; and the sd of the truth.
+/// The cars of one camera. Each car has a view error and the error's sd for independent keypoints, rad.
+///
+/// `truth_sd` is the sd of the reference camera's angle, rad.
 struct CameraCars {
     cars: Vec<[f64; 2]>,
     truth_sd: f64,
 }
 
-/// Returns the table of m and s for elevation and turn.
+/// Returns the table of m (number of keypoints that share one error) and s (sd of the error that all cars share).
+///
+/// The table has one row for elevation and one for turn.
 pub(super) fn table(measured: &[&Measured]) -> Table {
     let mut table = Table::new(
         "Errors of view",
@@ -45,25 +58,29 @@ pub(super) fn table(measured: &[&Measured]) -> Table {
     table
 }
 
-/// Returns the cost (minus log likelihood) of a camera's cars at each point of the grid.
+/// Returns the cost (minus log likelihood) of one camera's cars at each point of the grid of m and s.
 fn costs(camera: &CameraCars) -> Vec<f64> {
     let all = (0..STEPS * STEPS).map(on_grid);
     all.map(|[as_one, shared_deg]| minus_log_likelihood(camera, as_one, shared_deg.to_radians())).collect()
 }
 
-/// Returns m and s (degrees) at a point of the grid. m starts at one step.
+/// Returns the values of m and s (degrees) at the grid point with index `at`. The first m is one step, the first s is
+/// 0.
 fn on_grid(at: usize) -> [f64; 2] {
     [STEP[0] * (at / STEPS + 1) as f64, STEP[1] * (at % STEPS) as f64]
 }
 
-/// Returns m and s at the least total cost of the cameras.
+/// Returns the values of m and s (degrees) at the grid point with the least sum of the cameras' costs.
 fn most_likely(cameras: &[&Vec<f64>]) -> [f64; 2] {
     let sum = |at: usize| cameras.iter().map(|costs| costs[at]).sum::<f64>();
     let best = (0..STEPS * STEPS).map(|at| (sum(at), at)).min_by(|a, b| a.0.total_cmp(&b.0));
     best.map_or([0.0; 2], |(_, at)| on_grid(at))
 }
 
-/// Returns minus the log likelihood. The covariance is diagonal plus one common direction (Sherman and Morrison).
+/// Returns minus the log likelihood of the errors of one camera's cars.
+///
+/// The covariance is a diagonal matrix plus the variance that all cars share, so the Sherman–Morrison formula inverts
+/// it.
 fn minus_log_likelihood(camera: &CameraCars, as_one: f64, shared: f64) -> f64 {
     let common = shared * shared + camera.truth_sd * camera.truth_sd;
     let (mut information, mut pull, mut cost) = (0.0, 0.0, 0.0);

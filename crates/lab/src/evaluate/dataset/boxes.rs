@@ -1,4 +1,4 @@
-//! The detector on the stills of a data set.
+//! Runs the detector on the stills of a data set.
 
 use roadplane_base::VehicleClass;
 use roadplane_detect::Detector;
@@ -9,7 +9,9 @@ use roadplane_metrics::average_precision::{FoundBox, PictureBoxes};
 use roadplane_metrics::scoring::picture_boxes;
 use roadplane_metrics::truth::Truth;
 
-/// Detects the cars in the first frame of an item. Returns `None` if the item has no media.
+/// Detects the cars in the first frame of an item and returns the true and the found boxes.
+///
+/// Returns `None` if the item has no picture.
 pub(super) fn detect(
     truth: &Truth,
     detector: &mut Detector,

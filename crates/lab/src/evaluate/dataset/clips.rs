@@ -1,4 +1,4 @@
-//! Clips: fused from the same keypoints as the other rows, and run from the video alone.
+//! Row 6 of the tables, our solver on whole clips: from the same keypoints as the other rows, and from the video alone.
 
 use std::path::{Path, PathBuf};
 
@@ -19,7 +19,7 @@ use roadplane_metrics::camera::CameraError;
 use roadplane_metrics::scoring::{PoseScore, TrackScore, score_poses, score_tracks};
 use roadplane_metrics::truth::Kind;
 
-/// Runs one input; an existing result is overwritten.
+/// Runs the pipeline on one input and reads the result. An existing result is overwritten.
 pub(super) fn run(
     input: &Path,
     workplace: &Workplace,
@@ -37,18 +37,19 @@ pub(super) fn run(
 #[derive(Clone, Debug)]
 pub(super) struct ClipScore {
     pub name: String,
-    /// Number of cars that appear in it.
+    /// Number of cars that appear in the clip.
     pub cars: usize,
-    /// Pose errors of the cars in the frames that the other systems solve too.
+    /// Pose errors of the cars. With given keypoints, only the frames that the other systems solve are scored.
     pub poses: Vec<PoseScore>,
     /// Track scores of all processed frames.
     pub tracks: TrackScore,
     pub camera: Option<CameraError>,
-    /// Boxes of every frame; empty if the boxes were given.
+    /// True and found boxes of every processed frame; empty if the true boxes were given.
     pub boxes: Vec<PictureBoxes>,
 }
 
-/// Scores row 6 from given keypoints.
+/// Solves a clip from given keypoints and scores the result (row 6 of the tables). Poses are scored in about `frames`
+/// frames.
 pub(super) fn fused(
     item: &Item,
     scene: &SceneEvidence,
@@ -65,8 +66,9 @@ pub(super) fn fused(
     Ok(score(item, clip.camera, &clip.poses, &clip.rows, &processed, &sampled, atlas))
 }
 
-/// Scores row 6 from the video alone, for each clip with a video: boxes and keypoints are ours, and the user gives
-/// nothing.
+/// Runs the pipeline on the video of each clip, and scores the results (row 6 of the tables).
+///
+/// The video is the only input: our nets find the boxes and keypoints, and there are no user constraints.
 pub(super) fn run_all(
     items: &[Item],
     atlas: &ShapeAtlas,
@@ -136,13 +138,14 @@ mod tests {
     use roadplane_pipeline::{ConstraintOptions, solve_clip};
     use roadplane_write::JsonLines;
 
-    /// Returns the pixel of a point on the ground, px.
+    /// Returns the picture position (px) of a point on the ground (m).
     fn pixel(truth: &Truth, x_m: f64, y_m: f64) -> Vector2<f64> {
         let point = truth.camera.plane().camera_from_world() * Point3::new(x_m, y_m, 0.0);
         truth.camera.camera().pixel_from_camera(&point.coords).unwrap()
     }
 
-    /// Solves the rendered lot with a length that makes the whole world larger: same pictures, other metres.
+    /// Solves the rendered parking lot with a length from the user that is 6 % too long. The estimated world must be 6
+    /// % larger.
     #[test]
     fn a_length_from_the_user_sets_the_scale_of_the_world() {
         const LARGER: f64 = 1.06;
@@ -156,7 +159,7 @@ mod tests {
             lines.write(&frame.record(&truth)).unwrap();
         }
         lines.finish().unwrap();
-        // The length lies among the cars.
+        // The measured line lies among the cars.
         let [from, to] = [-4.0, 4.0].map(|x_m| pixel(&truth, x_m, 24.0));
         let solve = |length_m: Option<f64>| {
             let lengths = folder.path().join("length.csv");
@@ -179,7 +182,7 @@ mod tests {
             let poses = folder.path().join("poses.jsonl");
             solve_clip(&frames, &poses, &atlas, &constraints, &Config::default(), &Cancel::default()).unwrap()
         };
-        // Slope of found against true positions, sideways, with each row paired to the nearest true car.
+        // Slope of found against true positions in x. Each row is paired with the nearest true car.
         let sideways = |rows: &[TrackRow]| {
             let (mut products, mut squares) = (0.0, 0.0);
             for row in rows {
@@ -205,7 +208,7 @@ mod tests {
         println!("with one length: {given:?}, sideways {:.4}", sideways(&with.rows));
         assert!((sideways(&without.rows) - 1.0).abs() < 0.02, "cars alone do not determine the scale");
         assert!((sideways(&with.rows) / LARGER - 1.0).abs() < 0.012);
-        // The height comes from the horizon and the length, so it is no better than the horizon.
+        // The height is computed from the horizon and the length, so it is no more accurate than the horizon.
         assert!((given.0 / LARGER).ln().abs() < 2.0 * given.1 && given.1 < 0.85 * alone.1);
         assert!(with.cameras.constraints()[0].apart_sds < 3.0 && with.warnings.is_empty());
         let wrong = solve(Some(8.0 * 1.5));

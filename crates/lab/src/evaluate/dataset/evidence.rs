@@ -1,4 +1,4 @@
-//! The keypoints that all systems get.
+//! The keypoints that all systems get as input.
 
 use std::path::Path;
 
@@ -14,11 +14,11 @@ use crate::LabError;
 use roadplane_metrics::scoring::counts;
 use roadplane_metrics::truth::{TrueCar, TrueFrame, Truth};
 
-/// Scores of hidden and visible keypoints of the truth; close to the net's.
+/// Scores of simulated keypoints: hidden and visible. The values are close to the scores of the net.
 const SCORES: [f64; 2] = [0.1, 0.95];
-/// Smallest sd of a keypoint, as a share of its box's longer side.
+/// Smallest sd of a keypoint, as a share of the longer side of the car's box.
 const MIN_SD_SHARE: f64 = 0.002;
-/// A measured box that overlaps a true one less than this (IoU) does not belong to it.
+/// Least overlap (IoU) at which a measured box is matched with a true box.
 const MIN_IOU: f64 = 0.5;
 
 /// Keypoints of the processed frames of an item.
@@ -27,12 +27,12 @@ pub(super) struct SceneEvidence {
     pub frames: Vec<FrameEvidence>,
 }
 
-/// Keypoints of the cars of a frame that count.
+/// Keypoints of the scored cars of a frame. Cars that are too small or too hidden are not scored.
 #[derive(Clone, Debug)]
 pub(super) struct FrameEvidence {
     /// Index of the frame in the truth.
     pub index: usize,
-    /// Indices of the cars in this frame.
+    /// Indices of the scored cars among the cars of the true frame.
     pub cars: Vec<usize>,
     /// Keypoints found for each car; all `None` if nothing was found.
     pub keypoints: Vec<KeypointSet>,
@@ -47,13 +47,13 @@ impl SceneEvidence {
 }
 
 impl FrameEvidence {
-    /// Returns the keypoints with a sufficient score.
+    /// Returns the keypoints, with `None` for keypoints whose score is below `solve.min_keypoint_score`.
     pub fn usable(&self, config: &Config) -> Vec<KeypointSet> {
         let sure = |point: &Keypoint| point.score >= config.solve.min_keypoint_score;
         self.keypoints.iter().map(|set| set.map(|point| point.filter(sure))).collect()
     }
 
-    /// Returns the frame as a line of a frames file.
+    /// Returns the frame as a record of the file `frames.jsonl`.
     pub fn record(&self, truth: &Truth) -> FrameRecord {
         let frame = &truth.frames[self.index];
         let cars = self.cars.iter().zip(&self.keypoints);
@@ -73,8 +73,9 @@ fn counted(truth: &Truth, frame: &TrueFrame) -> Vec<usize> {
     (0..frame.cars.len()).filter(|c| counts(&frame.cars[*c])).collect()
 }
 
-/// Predicts the net's keypoints in the true boxes of the visible parts. Items without media have measured keypoints
-/// beside them (`NAME.frames.jsonl`).
+/// Predicts keypoints with the net, in the true boxes around the visible parts of the cars.
+///
+/// For an item without picture or video, reads the measured keypoints from `NAME.frames.jsonl` beside the truth file.
 pub(super) fn from_net(
     truth: &Truth,
     path: &Path,
@@ -124,7 +125,9 @@ fn from_file(truth: &Truth, path: &Path, stride: u32) -> Result<SceneEvidence, L
     Ok(scene)
 }
 
-/// Returns the true keypoints with Gaussian noise. Its sd is a share of the longer side of the visible part's box.
+/// Returns the true keypoints with Gaussian noise. `noise` is the sd as a share of the longer side of a car's visible
+/// box.
+///
 /// Keypoints outside the picture are left out, because no net could find them.
 pub(super) fn from_truth(truth: &Truth, noise: f64, seed: u64, stride: u32) -> SceneEvidence {
     let mut rng = Rng::new(seed);
@@ -142,7 +145,8 @@ pub(super) fn from_truth(truth: &Truth, noise: f64, seed: u64, stride: u32) -> S
     scene
 }
 
-/// Returns a car's true keypoints with noise; `noise` is its sd as a share of the longer side of the car's box.
+/// Returns a car's true keypoints with Gaussian noise. `noise` is the sd as a share of the longer side of the car's
+/// box.
 pub(crate) fn noisy_keypoints(car: &TrueCar, noise: f64, size: ImageSize, rng: &mut Rng) -> KeypointSet {
     let [x0, y0, x1, y1] = car.bbox_px;
     let side_px = (x1 - x0).max(y1 - y0);

@@ -1,4 +1,4 @@
-//! The options of the evaluation of a data set, and its items.
+//! The options of the evaluation of a data set, and the items of the data set.
 
 use std::path::{Path, PathBuf};
 
@@ -7,27 +7,31 @@ use roadplane_pipeline::{Cancel, PipelineError};
 use crate::LabError;
 use roadplane_metrics::truth::{Truth, read_truth};
 
-/// Most frames of a clip that the systems for single frames solve. A clip's cars stay much the same, and stills should
-/// have the greater weight.
+/// Largest number of frames of a clip that the systems for single frames solve.
+///
+/// The cars of a clip change little from frame to frame, and stills should have more weight than clips.
 pub(super) const FRAMES_OF_CLIP: usize = 5;
 
 /// Options of the evaluation of a data set.
 #[derive(Clone, Debug)]
 pub struct DatasetOptions {
-    /// Share of the items; 0.1 takes every tenth.
+    /// Share of the items to evaluate; 0.1 means every tenth item.
     pub part: f64,
-    /// Whether to use the keypoints of our net, in the true boxes.
+    /// Whether to evaluate the systems on keypoints that our net predicts in the true boxes.
     pub net: bool,
-    /// Whether to use true keypoints, and the sd of their noise as a share of the box's longer side.
+    /// sd of the noise on true keypoints, as a share of the longer side of the box; `None` if true keypoints are not
+    /// used.
     pub noise: Option<f64>,
-    /// Process every n-th frame of a clip.
+    /// Every n-th frame of a clip is processed; this is n.
     pub stride: u32,
     /// Folder of real stills with calibrated cameras beside them (`NAME.png` or `.jpg`, `NAME.krtd`).
     pub real: Option<PathBuf>,
-    /// Folder of the models.
+    /// Folder of the nets' files.
     pub models: PathBuf,
-    /// Folder that keeps the finished runs of clips; `None` for a temporary folder. As many runs work at once as there
-    /// are cores, so their `summary.json` does not show the speed of a run alone.
+    /// Folder for the finished runs of clips; `None` for a temporary folder.
+    ///
+    /// Several runs work at the same time, one per core. Their `summary.json` therefore does not show the speed of a
+    /// single run.
     pub runs: Option<PathBuf>,
 }
 
@@ -38,7 +42,7 @@ pub(super) struct Item {
     pub truth: Truth,
 }
 
-/// Reads the item of a truth file.
+/// Reads a truth file as an item of a data set.
 pub(super) fn item(path: &Path) -> Result<Item, LabError> {
     Ok(Item { name: item_name(path), path: path.to_path_buf(), truth: read_truth(path)? })
 }

@@ -1,4 +1,4 @@
-//! Single pictures with a reference camera and the keypoints of our nets, for the tables of the solver's steps.
+//! Single pictures with a reference camera and keypoints from our nets, for the tables on the steps of the solver.
 
 use std::path::Path;
 
@@ -15,10 +15,11 @@ use crate::parallel::try_in_parallel;
 use roadplane_metrics::readers::cameras::{ReferenceCamera, read_cameras};
 use roadplane_metrics::truth::read_dataset;
 
-/// Returns pictures of a data set (a few frames of each clip) with our net's keypoints in the true boxes.
+/// Returns the stills and a few frames of each clip of a data set, with keypoints that our net predicts in the true
+/// boxes.
 ///
 /// # Errors
-/// [`LabError`] for files that cannot be read, nets that fail, or a stop.
+/// [`LabError`] if a file cannot be read, a net fails, or the user stops the work.
 pub fn dataset_pictures(
     folder: &Path,
     models: &Path,
@@ -54,11 +55,12 @@ pub fn dataset_pictures(
     Ok(pictures.into_iter().flatten().collect())
 }
 
-/// Returns the pictures of real cameras without strong distortion (`cameras.json`), with the cars that our nets find. A
-/// clip gives its first picture.
+/// Returns one picture of each real camera in the file `cameras.json`, with the cars that our nets find.
+///
+/// Cameras with strong lens distortion are left out. The picture of a clip is its first frame.
 ///
 /// # Errors
-/// [`LabError`] for files that cannot be read, nets that fail, or a stop.
+/// [`LabError`] if a file cannot be read, a net fails, or the user stops the work.
 pub fn camera_pictures(
     cameras: &Path,
     models: &Path,

@@ -1,4 +1,4 @@
-//! Real stills with calibrated cameras: focal length, tilt and height.
+//! Scores the estimated cameras of real stills against calibrated cameras: focal length, tilt, roll and height.
 
 use std::path::{Path, PathBuf};
 
@@ -13,18 +13,19 @@ use crate::LabError;
 use crate::workplace::Workplace;
 use roadplane_metrics::camera::{CameraError, camera_error};
 
-/// A still, its estimated camera, and the errors.
+/// A real still with its estimated camera and the errors of this camera.
 pub(super) struct RealStill {
     name: String,
     camera: CameraSegment,
     true_focal_px: f64,
     error: CameraError,
-    /// First coefficient of the lens's radial distortion (k1 of OpenCV).
+    /// First coefficient of the lens's true radial distortion (k1 of OpenCV).
     distortion: f64,
 }
 
-/// Returns pairs of a still and its camera file (.krtd) in a folder, sorted by name. Stills without a camera are left
-/// out.
+/// Returns the paths of the stills in a folder, each with the path of its camera file (.krtd), sorted by name.
+///
+/// Stills without a camera file are left out.
 ///
 /// # Errors
 /// [`MetricsError::Unreadable`](roadplane_metrics::MetricsError) if the folder cannot be read.
@@ -43,7 +44,7 @@ pub(super) fn list(folder: &Path) -> Result<Vec<[PathBuf; 2]>, LabError> {
     Ok(pairs)
 }
 
-/// Runs every still and compares its camera with the calibration.
+/// Runs the pipeline on every still and compares the estimated camera with the calibrated camera.
 pub(super) fn evaluate(
     pairs: &[[PathBuf; 2]],
     workplace: &Workplace,
@@ -72,7 +73,7 @@ pub(super) fn evaluate(
     Ok(stills)
 }
 
-/// Returns the table of the stills, one row per still.
+/// Returns the table of camera errors, with one row per still.
 pub(super) fn table(stills: &[RealStill]) -> Table {
     let columns = [
         ("still", 0),

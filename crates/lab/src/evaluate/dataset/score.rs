@@ -1,4 +1,4 @@
-//! Scores a system's answers for an item.
+//! Scores the answers of a system for an item of a data set.
 
 use nalgebra::{Point3, Vector2};
 use roadplane_base::{Camera, ShapeAtlas};
@@ -15,34 +15,34 @@ use roadplane_metrics::truth::{TrueCar, Truth};
 /// Errors of a system on one item.
 #[derive(Clone, Debug, Default)]
 pub(super) struct SystemScore {
-    /// Errors of every car that counts.
+    /// Errors of every scored car. Cars that are too small or too hidden are not scored.
     pub cars: Vec<CarScore>,
-    /// Errors of every picture's camera, for systems that find the ground.
+    /// Errors of the estimated camera of every frame; empty if the system does not estimate the ground.
     pub cameras: Vec<PictureScore>,
 }
 
-/// Errors of a car; infinite if it got no pose.
+/// Errors of a car; infinite if the system found no pose.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct CarScore {
     pub pose: PoseScore,
     pub position: PositionError,
-    /// Root mean square distance of its projected keypoints from the true ones, as a share of the box's longer side.
+    /// Root mean square distance between projected and true keypoints, as a share of the longer side of the car's box.
     pub reprojection: f64,
-    /// Longer side of the visible part's box, px.
+    /// Longer side of the box around the car's visible part, px.
     pub side_px: f64,
-    /// Visible share of the car.
+    /// Visible share of the car, 0–1.
     pub visible_share: f64,
 }
 
-/// Errors of a picture's camera.
+/// Errors of the camera that a system estimates for a picture.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct PictureScore {
-    /// Number of cars that count.
+    /// Number of scored cars in the picture.
     pub cars: usize,
     pub error: CameraError,
 }
 
-/// Runs a system on the sampled frames of an item and scores its answers.
+/// Runs a system on the sampled frames of an item and scores the answers.
 pub(super) fn score(
     system: System,
     truth: &Truth,
@@ -79,7 +79,7 @@ const NO_CAMERA: CameraError = CameraError {
 
 fn cars(truth: &Truth, frame: &FrameEvidence, answer: &FrameAnswer, atlas: &ShapeAtlas) -> Vec<CarScore> {
     let size = truth.camera.image_size_px;
-    // Systems that find no ground get the true one, so that their cars have positions on it.
+    // Systems that do not estimate the ground get the true ground here. Their cars need positions on the ground.
     let (focal_px, plane) = answer
         .camera
         .map_or((truth.camera.focal_px, truth.camera.plane()), |camera| (camera.focal_px, camera.plane));

@@ -1,4 +1,4 @@
-//! The tables of a data set, and the groups of cars on which row 4 has its errors.
+//! The tables of a data set. One table shows the errors of row 4 by groups of cars.
 
 use roadplane_tables::{Cell, Column, Report, Table, bootstrap, median, quantile, share_within};
 
@@ -16,14 +16,14 @@ use roadplane_metrics::scoring::{PoseScore, TrackScore};
 
 /// Least number of cars at which a single picture is expected to determine the focal length.
 const MANY_CARS: usize = 5;
-/// Rows that the paper ranks, worst first. All of them get the true focal length.
+/// Systems that the paper ranks, the worst first. All of these systems get the true focal length.
 const RANKED: [System; 4] = [System::Pavlakos, System::KrishnaMurthy, System::FreePoses, System::Plane];
-/// Name of row 6 from given keypoints.
+/// Name of the row of our solver on whole clips, from given keypoints.
 const FUSED: &str = "6 ours, fused over the clip";
-/// Name of row 6 from the video alone.
+/// Name of the row of our solver on whole clips, from the video alone.
 const RUN: &str = "6 from the video alone";
 
-/// One kind of score for each item, by system.
+/// Scores of one kind: for each system its name, and one list of scores per item.
 type ByName<T> = Vec<(String, Vec<Vec<T>>)>;
 
 fn of_cars<T>(systems: &[(System, Vec<SystemScore>)], number: impl Fn(&CarScore) -> T) -> ByName<T> {
@@ -36,7 +36,7 @@ fn scored<T>(by_name: &ByName<T>) -> Vec<Scored<'_, T>> {
     by_name.iter().map(|(name, items)| (name.as_str(), items.as_slice())).collect()
 }
 
-/// Adds the tables of rows 1–5 on all items.
+/// Adds the tables of the systems that solve single frames, on all items.
 pub(super) fn add_single_frames(report: &mut Report, what: &str, systems: &[(System, Vec<SystemScore>)]) {
     let poses = of_cars(systems, |car| car.pose);
     let positions = of_cars(systems, |car| car.position);
@@ -65,7 +65,9 @@ pub(super) fn add_single_frames(report: &mut Report, what: &str, systems: &[(Sys
     }
 }
 
-/// Returns the camera errors of the systems that find one: on all pictures, and on those with many cars.
+/// Returns the camera errors of each system that estimates the ground.
+///
+/// Each system has two entries: for all pictures, and for pictures with at least [`MANY_CARS`] cars.
 fn cameras(systems: &[(System, Vec<SystemScore>)]) -> ByName<CameraError> {
     let mut rows = Vec::new();
     for (system, items) in systems.iter().filter(|(system, _)| system.finds_ground()) {
@@ -100,10 +102,10 @@ fn reprojection_table(title: &str, systems: &[(System, Vec<SystemScore>)]) -> Ta
     table
 }
 
-/// Name of a group of cars, and whether a car belongs to it.
+/// The name of a group of cars, and the function that decides whether a car belongs to the group.
 type Group = (&'static str, fn(&CarScore) -> bool);
 
-/// The groups by size, distance, visible share and rotation error.
+/// Groups of cars by size, distance, visible share and rotation error.
 const GROUPS: [Group; 14] = [
     ("box 24–40 px", |c| c.side_px < 40.0),
     ("box 40–64 px", |c| (40.0..64.0).contains(&c.side_px)),
@@ -154,7 +156,7 @@ fn kinds_table(title: &str, items: &[SystemScore]) -> Table {
     table
 }
 
-/// Adds the tables of all six rows on the clips.
+/// Adds the tables of the clips: the systems that solve single frames, and our solver on whole clips.
 pub(super) fn add_clips(
     report: &mut Report,
     what: &str,
@@ -175,8 +177,10 @@ pub(super) fn add_clips(
     add_tracks(report, &format!("{FUSED}, {what}"), fused);
 }
 
-/// Returns the table of each clip's camera and position errors. All cars of a clip share one error of scale and focal
-/// length. So a clip is one sample, however many cars it has.
+/// Returns the table of camera and position errors, with one row per clip.
+///
+/// All cars of a clip share one error of scale and focal length. Therefore a clip with many cars is still only one
+/// sample.
 fn one_by_one_table(title: &str, clips: &[ClipScore]) -> Table {
     let heads = ["focal, %", "tilt, °", "height, %", "focal, normalised error", "tilt, normalised error"];
     let ranges = [AT_40_M, ALL_M];
@@ -215,7 +219,7 @@ fn one_by_one_table(title: &str, clips: &[ClipScore]) -> Table {
     table
 }
 
-/// Adds the tables of runs from the video alone.
+/// Adds the tables and the plot of the runs from the video alone.
 pub(super) fn add_runs(report: &mut Report, runs: &[ClipScore]) {
     if runs.is_empty() {
         return;

@@ -1,11 +1,11 @@
-//! Reads hand-labelled cars of an image, in the form
+//! Reads the hand-labelled cars of an image from a JSON file of this form:
 //!
 //! ```text
 //! {"image", "cars": [{"box": [x0, y0, x1, y1], "type", "facing", "keypoints": {name: [x, y, flag]}}]}
 //! ```
 //!
-//! Positions are in px. Flag 2 is clearly visible; flag 1 is hidden or blurred, and placed by judgement. Absent
-//! keypoints are not labelled.
+//! Positions are in px. Flag 2 marks a clearly visible keypoint. Flag 1 marks a hidden or blurred keypoint, which the
+//! annotator placed by judgement. A keypoint without an entry has no label.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -22,25 +22,26 @@ use roadplane_metrics::text_file::read_text;
 pub struct Label {
     /// Position, px.
     pub pixel: Vector2<f64>,
-    /// Whether it is clearly visible; otherwise it is hidden or blurred, and placed by judgement.
+    /// Whether the keypoint is clearly visible. With `false`, the keypoint is hidden or blurred, and the annotator
+    /// placed it by judgement.
     pub clear: bool,
 }
 
 /// A labelled car.
 #[derive(Clone, Debug)]
 pub struct LabelledCar {
-    /// Its box: left, top, right, bottom, px.
+    /// The car's box: left, top, right, bottom, px.
     pub bbox_px: [f64; 4],
-    /// Body type; may be empty.
+    /// Body type, such as `suv`; empty if the file has none.
     pub body: String,
-    /// Labels by keypoint index.
+    /// Labels by keypoint index; `None` for a keypoint without a label.
     pub labels: [Option<Label>; KEYPOINTS],
 }
 
 /// The labels of an image.
 #[derive(Clone, Debug)]
 pub struct LabelledImage {
-    /// The image's file name.
+    /// File name of the image.
     pub image: PathBuf,
     /// The labelled cars of the image.
     pub cars: Vec<LabelledCar>,
@@ -65,8 +66,9 @@ impl LabelledImage {
     /// Reads a label file.
     ///
     /// # Errors
-    /// [`MetricsError::Unreadable`](roadplane_metrics::MetricsError), or
-    /// [`MetricsError::Malformed`](roadplane_metrics::MetricsError) with the car and the keypoint.
+    /// [`MetricsError::Unreadable`](roadplane_metrics::MetricsError) if the file cannot be read.
+    /// [`MetricsError::Malformed`](roadplane_metrics::MetricsError) if the content is wrong; the message names the car
+    /// and the keypoint.
     pub fn read(path: &Path) -> Result<Self, LabError> {
         let file: File =
             serde_json::from_str(&read_text(path)?).map_err(|error| LabError::malformed(path, error))?;

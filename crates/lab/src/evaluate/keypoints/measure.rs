@@ -1,4 +1,5 @@
-//! Errors of one car's keypoints, exchanged names, and the separation of visible from hidden keypoints by score.
+//! Measures one car's keypoints: errors, exchanged names, and how well the scores separate visible from hidden
+//! keypoints.
 
 use nalgebra::Vector2;
 use roadplane_base::{KEYPOINTS, KeypointSet, mirror_index};
@@ -6,25 +7,26 @@ use roadplane_tables::median;
 
 use super::labels::LabelledCar;
 
-/// Index of the keypoint at the other end of the car, for the 18 of one side. Mirror and B-pillar have none and map to
-/// themselves.
+/// For each of the 18 keypoints of one side: the index of the matching keypoint at the other end of the car.
+///
+/// Mirror and B-pillar have no match and map to themselves.
 const OTHER_END: [usize; KEYPOINTS / 2] = [1, 0, 3, 2, 6, 7, 4, 5, 9, 8, 13, 12, 11, 10, 14, 16, 15, 17];
-/// Fewest clear keypoints for which exchanged names are detected.
+/// Least number of clearly visible keypoints at which exchanged names are detected.
 const MIN_CLEAR: usize = 4;
 
-/// The keypoint names that a net exchanged.
+/// A kind of mistake in which the net exchanges the names of keypoints.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Confusion {
-    /// Left for right.
+    /// The net exchanges left and right.
     LeftRight,
-    /// Front for back.
+    /// The net exchanges front and back.
     FrontBack,
-    /// Both: the car is taken for one that is turned round.
+    /// The net exchanges both, as if the car were turned by 180°.
     TurnedRound,
 }
 
 impl Confusion {
-    /// All kinds of exchange.
+    /// All kinds of exchanged names.
     pub const ALL: [Self; 3] = [Self::LeftRight, Self::FrontBack, Self::TurnedRound];
 
     fn exchanged(self, index: usize) -> usize {
@@ -38,43 +40,45 @@ impl Confusion {
     }
 }
 
-/// The error of a clear keypoint.
+/// The error of a keypoint whose label is clearly visible.
 #[derive(Clone, Copy, Debug)]
 pub struct PointError {
     /// Index of the keypoint.
     pub index: usize,
-    /// Distance in units of the box's longer side.
+    /// Distance between predicted and labelled position, in units of the longer side of the car's box.
     pub of_box: f64,
-    /// (predicted − true) over the predicted sd, x and y.
+    /// (Predicted position − labelled position) / predicted sd, for x and y.
     pub normalised: [f64; 2],
-    /// Predicted score.
+    /// Predicted score of the keypoint, 0–1.
     pub score: f64,
 }
 
 /// The errors of a car's keypoints.
 #[derive(Clone, Debug, Default)]
 pub struct CarErrors {
-    /// Longer side of its true box, px.
+    /// Longer side of the car's labelled box, px.
     pub box_px: f64,
-    /// Body type.
+    /// Body type of the car; may be empty.
     pub body: String,
-    /// Clear keypoints that the net placed.
+    /// Errors of the keypoints whose labels are clearly visible. An error is infinite if the net did not find the
+    /// keypoint.
     pub points: Vec<PointError>,
-    /// Scores of keypoints labelled as hidden or blurred.
+    /// Predicted scores of the keypoints that are labelled as hidden or blurred.
     pub hidden_scores: Vec<f64>,
-    /// The exchange of names that fits the labels better than the prediction itself, if there is one.
+    /// The exchange of names that fits the labels better than the predicted names; `None` if there is none.
     pub confusion: Option<Confusion>,
 }
 
 impl CarErrors {
-    /// Returns the median error in units of the box's longer side; NaN without clear keypoints.
+    /// Returns the median error in units of the longer side of the car's box; NaN if no label is clearly visible.
     #[must_use]
     pub fn median(&self) -> f64 {
         median(&self.points.iter().map(|p| p.of_box).collect::<Vec<_>>())
     }
 }
 
-/// Compares a car's keypoints with its labels. A label whose keypoint was not found counts as infinitely far off.
+/// Compares a car's predicted keypoints with the labels. A clear label whose keypoint was not found gets an infinite
+/// error.
 #[must_use]
 pub fn measure(car: &LabelledCar, found: &KeypointSet) -> CarErrors {
     let [x0, y0, x1, y1] = car.bbox_px;
@@ -109,7 +113,9 @@ pub fn measure(car: &LabelledCar, found: &KeypointSet) -> CarErrors {
     errors
 }
 
-/// Returns the exchange of names with the smallest median error, if it is smaller than without an exchange.
+/// Returns the exchange of names with the smallest median error.
+///
+/// Returns `None` if the predicted names have no larger error, or if too few labels are clear.
 #[must_use]
 pub fn confusion(car: &LabelledCar, found: &KeypointSet) -> Option<Confusion> {
     let clear: Vec<(usize, Vector2<f64>)> = car
@@ -132,10 +138,10 @@ pub fn confusion(car: &LabelledCar, found: &KeypointSet) -> Option<Confusion> {
     (least < misfit(&|i| i)).then_some(kind)
 }
 
-/// Returns the probability that one of `above` is larger than one of `below`, with ties counted half; NaN if either is
-/// empty.
+/// Returns the area under the ROC curve (Fawcett 2006); NaN if `above` or `below` is empty.
 ///
-/// It is the area under the ROC curve (Fawcett 2006).
+/// This area is the probability that a random value of `above` is larger than a random value of `below`. Ties count
+/// half.
 #[must_use]
 pub fn auc(above: &[f64], below: &[f64]) -> f64 {
     let mut sorted = below.to_vec();

@@ -1,4 +1,4 @@
-//! Runs the nets on labelled images.
+//! Runs the keypoint net, and optionally the detector, on labelled images.
 
 use image::RgbImage;
 use roadplane_base::{CarRecord, Frame, FrameStamp, KeypointSet, assign, bbox_iou};
@@ -8,16 +8,17 @@ use roadplane_pipeline::PipelineError;
 
 use super::labels::LabelledCar;
 
-/// Least overlap (IoU) of a detected box with a labelled car's box.
+/// Least overlap (IoU) at which a detected box is matched with a labelled car's box.
 const MIN_IOU: f64 = 0.4;
 
-/// Predicts the keypoints of the labelled cars of a picture, in their true boxes or, with a `detector`, in detected
-/// boxes.
+/// Predicts the keypoints of the labelled cars of a picture.
 ///
-/// The result has `None` for cars that were not found or are too small for the net.
+/// The keypoint net gets the boxes of a `detector` if there is one, otherwise the labelled boxes.
+///
+/// The result has one entry per labelled car: `None` if the car was not detected or is too small for the net.
 ///
 /// # Errors
-/// [`PipelineError`] when a net fails.
+/// [`PipelineError`] if a net fails.
 pub fn predict(
     picture: RgbImage,
     cars: &[LabelledCar],
@@ -38,7 +39,9 @@ pub fn predict(
     Ok(records.iter_mut().map(take).collect())
 }
 
-/// Returns the detected box of each labelled car, of any class, by the assignment with the largest overlap.
+/// Returns the detected box of each labelled car, or `None` if no box matches.
+///
+/// The assignment has the largest total overlap. Detected boxes of all classes take part.
 fn matched(cars: &[LabelledCar], found: &[CarRecord]) -> Vec<Option<CarRecord>> {
     let cost = |i: usize, j: usize| 1.0 - bbox_iou(&cars[i].bbox_px, &found[j].bbox_px);
     let chosen = assign(cars.len(), found.len(), 1.0 - MIN_IOU, cost);

@@ -8,10 +8,12 @@ use roadplane_tables::{Cell, Column, Estimate, Table, bootstrap, bootstrap_scene
 
 use super::measure::{CarErrors, Confusion, auc};
 
-/// Limits of the size classes of cars (longer side of the box), px.
+/// Limits between the size classes of cars: longer side of the box, px.
 const SIZES_PX: [f64; 6] = [0.0, 40.0, 60.0, 100.0, 200.0, f64::INFINITY];
 
-/// Returns the tables of named groups of cars, such as images. The last row of the first table has all cars.
+/// Returns the tables of keypoint errors. `groups` are the names and cars of groups, such as the cars of one image.
+///
+/// With several groups, the last row of the first table is for all cars.
 #[must_use]
 pub fn keypoint_tables(groups: &[(String, Vec<CarErrors>)]) -> Vec<Table> {
     let all: Vec<&CarErrors> = groups.iter().flat_map(|(_, cars)| cars).collect();
@@ -25,7 +27,9 @@ pub fn keypoint_tables(groups: &[(String, Vec<CarErrors>)]) -> Vec<Table> {
     vec![overall, by_keypoint(&all), by_size(&all), by_body(&all)]
 }
 
-/// Returns the indices of the cars, worst first: those with exchanged names first, then by the median error.
+/// Returns the indices of the cars, the worst first. Cars without clear keypoints are left out.
+///
+/// Cars with exchanged names come first. Otherwise the car with the larger median error comes first.
 #[must_use]
 pub fn worst_first(cars: &[&CarErrors]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..cars.len()).filter(|i| !cars[*i].points.is_empty()).collect();
@@ -84,7 +88,9 @@ fn overall_row(name: &str, cars: &[&CarErrors]) -> Vec<Cell> {
     row
 }
 
-/// Returns the median error, PCK at 0.05 and PCK at 0.1, all in %, of the keypoints for which `wanted` is true.
+/// Returns the median error, PCK (share of correct keypoints) at 0.05 and PCK at 0.1, all in %.
+///
+/// Only keypoints for which `wanted` is true take part.
 fn accuracy(cars: &[&CarErrors], wanted: impl Fn(usize) -> bool) -> [Estimate; 3] {
     let errors: Vec<Vec<f64>> = cars
         .iter()
@@ -180,7 +186,7 @@ mod tests {
         assert_eq!(&all[1..4], [3.0, 9.0, 6.0]);
         assert!((all[4] - 100.0 / 3.0).abs() < 1e-9 && (all[5] - 200.0 / 3.0).abs() < 1e-9);
         assert_eq!(&all[6..], [1.0, SD_FROM_MEDIAN, 0.0, 1.0, 0.0]);
-        // Keypoints 0 and 18 are the same one on both sides.
+        // Keypoints 0 and 18 are the same point of the car, on the left and the right side.
         let points: Vec<f64> = tables[1].rows.iter().map(|row| value(&row[1])).collect();
         assert_eq!(points, [6.0, 3.0]);
         assert_eq!(tables[2].rows.len(), 3);

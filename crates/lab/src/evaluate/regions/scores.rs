@@ -1,5 +1,6 @@
-//! Clips against their truth, with region-of-interest scheduling and without it: the scores of `eval dataset` for runs
-//! from video.
+//! Scores clips against their truth, with and without region-of-interest scheduling.
+//!
+//! The measures are those that `roadplane-lab eval dataset` shows for runs from video.
 
 use roadplane_base::ShapeAtlas;
 use roadplane_tables::{Cell, Column, Table, bootstrap_scenes, median, share_within};
@@ -35,12 +36,12 @@ impl ClipScore {
         }
     }
 
-    /// Returns HOTA, %.
+    /// Returns the HOTA of the tracks, %.
     pub(super) fn hota(&self) -> f64 {
         hota(&[&self.hota])
     }
 
-    /// Returns HOTA after the scale that fits best, %.
+    /// Returns the HOTA (%) of the tracks after scaling all positions by one factor that fits the truth best.
     pub(super) fn fitted_hota(&self) -> f64 {
         hota(&[&self.fitted])
     }
@@ -72,7 +73,9 @@ fn poses(clips: &[&ClipScore], of: fn(&PoseScore) -> f64) -> Vec<f64> {
     clips.iter().flat_map(|clip| clip.poses.iter().map(of)).collect()
 }
 
-/// Returns the table of each measure off, on, and their difference. Each clip is given by its scores off and on.
+/// Returns the table of each measure without scheduling (off), with scheduling (on), and the difference.
+///
+/// `clips` holds the scores of each clip: off and on.
 pub(super) fn table(clips: &[[ClipScore; 2]]) -> Table {
     let note = "Clips from their video alone, as one long sequence, with 95 % intervals by resampling clips; the \
         difference is of the same clips. Fitted: scored after one scale per clip, about the camera's foot, that fits the clip best. \
@@ -119,7 +122,7 @@ mod tests {
 
     #[test]
     fn an_equal_loss_of_all_clips_has_a_narrow_interval() {
-        // The clips differ. The two runs of a clip differ in one car of four only.
+        // The clips differ from each other. The two runs of a clip differ in only one of four cars.
         let clips =
             [0.1, 0.3].map(|add| [clip(&[add; 4], -0.02), clip(&[add, add, add, f64::INFINITY], 0.03)]);
         let table = table(&clips);

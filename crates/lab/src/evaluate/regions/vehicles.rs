@@ -1,14 +1,16 @@
-//! Vehicles that a run without region-of-interest scheduling finds, and how long a run with it misses them.
+//! Vehicles that a run without region-of-interest scheduling finds, and the times for which a run with scheduling
+//! misses them.
 
 use std::collections::BTreeMap;
 
 use roadplane_base::{CarRecord, FrameRecord, bbox_iou};
 
-/// Least width of the box of a vehicle that counts, px.
+/// Least width of a vehicle's box, px. Narrower boxes are left out.
 pub(super) const MIN_WIDTH_PX: f64 = 40.0;
 /// Intersection over union above which two boxes belong to one vehicle.
 const SAME: f64 = 0.3;
-/// Time without a box after which a vehicle has left, s.
+/// Time without a box after which a vehicle counts as gone, s. A vehicle must also be visible for longer than this
+/// time.
 pub(super) const GAP_S: f64 = 0.3;
 
 /// A detection of a vehicle in a frame.
@@ -20,7 +22,7 @@ pub(super) struct Detection {
     score: f64,
 }
 
-/// The detections of a vehicle, frame by frame.
+/// The detections of a vehicle, in order of time.
 pub(super) type Boxes = Vec<Detection>;
 
 /// Links boxes from frame to frame by overlap. Returns the vehicles that are wide enough and visible long enough.
@@ -81,15 +83,16 @@ pub(super) struct Gap {
 }
 
 impl Gap {
-    /// Returns the share of the frames in this interval in which the vehicle has a box. `times_s` are all frames'
-    /// times.
+    /// Returns the share of this interval's frames in which the vehicle has a box. `times_s` are the times (s) of all
+    /// frames.
     pub fn share_found(&self, times_s: &[f64]) -> f64 {
         let frames = times_s.iter().filter(|&&time_s| time_s > self.from_s && time_s <= self.to_s).count();
         self.boxes as f64 / frames.max(1) as f64
     }
 }
 
-/// Returns the longest interval in which no box of `found` (by frame) overlaps the vehicle's box.
+/// Returns the longest interval in which no box in `found` overlaps the vehicle's box. `found` has boxes by frame
+/// index.
 pub(super) fn longest_missing(vehicle: &Boxes, found: &BTreeMap<u64, &[CarRecord]>) -> Gap {
     let mut longest = Gap::default();
     let found_at = |time_s: f64| Gap { from_s: time_s, to_s: time_s, ..Gap::default() };

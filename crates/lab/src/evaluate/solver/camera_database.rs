@@ -1,4 +1,4 @@
-//! Stored cameras on synthetic clips: error, bound and reported sd after 1, 3, 10, 30 nights.
+//! Accuracy of stored cameras on synthetic clips: error, Cramér–Rao bound and reported sd after 1, 3, 10, 30 nights.
 
 use nalgebra::{Matrix4, Vector4};
 use roadplane_base::{
@@ -14,30 +14,34 @@ use roadplane_tables::{Column, Table};
 use super::scenes::bound;
 use crate::parallel::in_parallel;
 
-/// sd of the log size that the cars of one site share. They also share an error of view, as large as a run assumes
-/// (`solve.shared_view_sd_deg`).
+/// sd of the error in log size that all cars of one site share.
+///
+/// The cars of a site also share an error of view. Its sd is the value that a run assumes (`solve.shared_view_sd_deg`).
 const SITE_LOG_SD: f64 = 0.04;
-/// Sds of two view errors that each car has of its own, rad: elevation and turn. The keypoints' sds do not include
-/// them.
+/// sds of the view errors of single cars, rad: elevation and turn. The sds of the keypoints do not include these
+/// errors.
 const VIEW_SD: [f64; 2] = [0.035; 2];
-/// Turn of the camera between two nights, rad.
+/// Angle by which the camera is turned between two nights, rad.
 const TURN: f64 = 2.0 * std::f64::consts::PI / 180.0;
-/// First seed of the cameras.
+/// Seed of the first camera.
 const SEED: u64 = 7_000_000;
 
-/// One camera and its clips.
+/// A synthetic camera and the evidence of its clips.
 struct Camera {
     truth: CameraParams,
-    /// Log size of the site's cars.
+    /// Error in log size that all cars of the site share.
     site: f64,
     evidence: Vec<CameraEvidence>,
     bounds: Vec<JointInformation>,
-    /// A clip after the camera was turned.
+    /// The evidence of a clip that was recorded after the camera was turned.
     turned: CameraEvidence,
 }
 
-/// Returns a table over `cameras` cameras of `clips` clips each: errors and sds after some of the clips. It also shows
-/// whether a turn by 2° starts an epoch if no pictures are compared.
+/// Returns a table of errors and sds over `cameras` cameras with `clips` clips each. Its rows use the first 1, 3, 10, …
+/// clips.
+///
+/// The table also shows how often a camera that is turned by 2° starts a new epoch. Here the pictures of two nights are
+/// not compared.
 #[must_use]
 pub fn camera_database_tables(atlas: &ShapeAtlas, cameras: usize, clips: usize) -> Vec<Table> {
     let shared_sd = solve_options().shared_sd();
@@ -98,7 +102,7 @@ pub fn camera_database_tables(atlas: &ShapeAtlas, cameras: usize, clips: usize) 
     vec![table]
 }
 
-/// The estimate after some clips.
+/// The errors and sds of the estimated camera after some clips.
 struct After {
     off: Vector4<f64>,
     sd: Vector4<f64>,
@@ -140,12 +144,12 @@ fn after(camera: &Camera, count: usize) -> Option<After> {
     })
 }
 
-/// Returns the solve options of a run.
+/// Returns the options with which a run solves a frame.
 fn solve_options() -> SceneOptions {
     Config::default().solve.scene_options(None)
 }
 
-/// Returns the fusion options of a run.
+/// Returns the options with which a run fuses the evidence of clips.
 fn options() -> FuseOptions {
     let run = solve_options();
     let prior = run.camera_prior;
@@ -166,7 +170,8 @@ fn camera(atlas: &ShapeAtlas, clips: usize, seed: u64) -> Camera {
     let solve = solve_options();
     let [elevation_sd, turn_sd, ..] = solve.shared_sd();
     let view_off = [elevation_sd, turn_sd].map(|sd| sd * random.normal());
-    // Cars larger by a factor, seen from a camera of height h, give the picture of normal cars from height h / factor.
+    // Cars that are larger by a factor, seen from height h, give the same picture as normal cars seen from height h /
+    // factor.
     let asked = |tilt: f64| SynthOptions {
         noise: 0.02,
         focal_ratio: [ratio; 2],
@@ -207,7 +212,7 @@ fn evidence_of(
         let bbox_px = points.reduce(|a, b| bbox_around(&a, &b))?;
         Some(ParkedCar { bbox_px, keypoints_px })
     });
-    // As in a run: the cars' own estimate is used if it is near the full estimate.
+    // As in a run, the estimate from the cars alone is used if it is near the full estimate.
     let own = &found.information;
     let alone = own.information.cholesky().map(|i| i.solve(&own.vector));
     let near = |alone: &Vector4<f64>| {

@@ -1,4 +1,4 @@
-//! Exactness of the solver on noise-free scenes, from a cold start and from a random start.
+//! Exactness of the solver on noise-free scenes, without a start and with a random camera as the start.
 
 use roadplane_base::{ShapeAtlas, angle_difference};
 use roadplane_solve::{CarView, LmOptions, SceneOptions, Steps, solve_scene};
@@ -8,13 +8,14 @@ use roadplane_tables::{Column, Table};
 use super::scenes::without_camera_prior;
 use crate::parallel::in_parallel;
 
-/// Numbers of cars, used in turn.
+/// Numbers of cars in a scene. Successive scenes use these numbers in turn.
 const CARS: [usize; 3] = [3, 5, 10];
-/// Limits of an exact solution: relative focal length, degrees, metres.
+/// Largest errors of an exact solution: focal length (relative), angles (°) and positions (m).
 const LIMITS: [f64; 3] = [1e-6, 1e-4, 1e-4];
 
-/// Returns the largest errors over `scenes` noise-free scenes of mean-shaped cars, from a cold start and from a
-/// random camera.
+/// Returns the table of the largest errors over `scenes` noise-free scenes whose cars have the mean shape.
+///
+/// One row is for solves without a start, one for solves with a random camera as the start.
 #[must_use]
 pub fn exact_table(atlas: &ShapeAtlas, scenes: usize) -> Table {
     let mut table = Table::new(
@@ -46,7 +47,8 @@ pub fn exact_table(atlas: &ShapeAtlas, scenes: usize) -> Table {
     table
 }
 
-/// Returns the relative focal error, the largest angle (°) and the largest position error (m).
+/// Returns the errors of one scene: of the focal length (relative), the largest of the angles (°), and the largest of
+/// the positions (m).
 fn errors_of(atlas: &ShapeAtlas, seed: usize, random_start: bool) -> [f64; 3] {
     let asked =
         SynthOptions { cars: CARS[seed % CARS.len()], shape_sd: 0.0, noise: 0.0, ..SynthOptions::default() };
@@ -54,7 +56,7 @@ fn errors_of(atlas: &ShapeAtlas, seed: usize, random_start: bool) -> [f64; 3] {
     let lm =
         LmOptions { max_iterations: 200, cost_tolerance: 0.0, step_tolerance: 1e-9, ..LmOptions::default() };
     let start = random_start.then(|| random_camera(truth.size, seed as u64));
-    // No bias correction: cars that all have the mean shape are no sample of the population.
+    // The bias correction assumes cars drawn from the population, but here all cars have the mean shape.
     let steps = Steps { bias: false, ..Steps::default() };
     let options = SceneOptions { lm, start, steps, ..without_camera_prior(0.0) };
     let found = solve_scene(atlas, truth.size, &CarView::each(truth.keypoints()), &options);

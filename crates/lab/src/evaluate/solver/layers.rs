@@ -1,4 +1,4 @@
-//! Worth of each step of the solve: scenes solved with all steps, and with each step left out in turn.
+//! Effect of each step of the solve: pictures are solved with all steps, and again with one step left out at a time.
 
 use std::time::Instant;
 
@@ -10,12 +10,12 @@ use roadplane_tables::{Cell, Column, Estimate, Table, bootstrap, bootstrap_scene
 use super::scenes::foreign_cars;
 use crate::parallel::in_parallel;
 
-/// First seed of the synthetic scenes.
+/// Seed of the first synthetic scene.
 const SEED: u64 = 3_000_000;
-/// Least error of a heading that counts as turned, rad.
+/// Least heading error at which a car counts as turned, rad.
 const TURNED_RAD: f64 = 0.5;
 
-/// The cars of a picture and its true camera.
+/// The keypoints of the cars in a picture, and the true camera of the picture.
 #[derive(Clone, Debug)]
 pub struct ReferencePicture {
     /// Size of the picture.
@@ -24,15 +24,15 @@ pub struct ReferencePicture {
     pub cars: Vec<KeypointSet>,
     /// True focal length, px.
     pub focal_px: f64,
-    /// True ground.
+    /// True ground plane.
     pub plane: GroundPlane,
-    /// sds of the truth: log focal, tilt, roll (rad), log height; 0 if the truth is exact.
+    /// sds of the true camera: log focal length, tilt (rad), roll (rad), log height; 0 if the truth is exact.
     pub sd: [f64; 4],
-    /// True headings (rad) of the cars; `None` if the heading is unknown, or if there is no car.
+    /// True heading (rad) for each entry of `cars`; `None` if the heading is unknown or the entry is a false detection.
     pub headings: Vec<Option<f64>>,
 }
 
-/// Returns the rows of the tables: name, and steps of the solve.
+/// Returns the rows of the tables: the name of the row, and the steps of the solve in that row.
 fn variants() -> Vec<(&'static str, Steps)> {
     let all = Steps::default();
     vec![
@@ -46,24 +46,24 @@ fn variants() -> Vec<(&'static str, Steps)> {
     ]
 }
 
-/// The outcome of a picture.
+/// The errors of the solve of one picture, and the time that the solve took.
 #[derive(Clone, Debug)]
 struct Outcome {
-    /// Errors of log focal, tilt (rad), log height.
+    /// Errors of log focal length, tilt (rad) and log height.
     errors: [f64; 3],
-    /// The same errors in claimed sds, which include the sd of the truth.
+    /// The same errors divided by their sds. An sd combines the reported sd and the sd of the truth.
     in_sds: [f64; 3],
-    /// For each car with a true heading: 1 if it is found turned, otherwise 0.
+    /// For each car with a true heading: 1 if the estimated heading is turned or missing, otherwise 0.
     turned: Vec<f64>,
     /// Time of the solve, ms.
     milliseconds: f64,
 }
 
-/// Returns synthetic pictures of three kinds.
+/// Returns synthetic pictures of three kinds, `scenes` pictures of each kind:
 ///
-/// - Cars beside the atlas, with outliers and false detections.
-/// - Cars beside the atlas, with little noise.
-/// - Cars of models that the atlas was not built on.
+/// - Cars whose shapes differ from the shape atlas, with outliers and false detections.
+/// - Cars whose shapes differ from the shape atlas, with little noise.
+/// - Cars of models that were not used to build the shape atlas.
 #[must_use]
 pub fn synthetic_pictures(atlas: &ShapeAtlas, scenes: usize) -> Vec<(String, Vec<ReferencePicture>)> {
     let drawn = |noise: f64, spoilt: f64, models: Vec<CarModel>| {
@@ -95,7 +95,7 @@ pub fn synthetic_pictures(atlas: &ShapeAtlas, scenes: usize) -> Vec<(String, Vec
     ]
 }
 
-/// Returns a table for each source of pictures.
+/// Returns one table for each source of pictures. A source is a name and a list of pictures.
 #[must_use]
 pub fn layers_tables(
     atlas: &ShapeAtlas,
@@ -137,7 +137,7 @@ fn table(atlas: &ShapeAtlas, name: &str, pictures: &[ReferencePicture], options:
         })
         .collect();
     for ((name, _), of_variant) in variants().into_iter().zip(&solved) {
-        // Only pictures that both variants solved are compared.
+        // Only pictures that were solved both with all steps and without the step are compared.
         let pairs: Vec<(&Outcome, &Outcome)> =
             of_variant.iter().zip(&solved[0]).filter_map(|(a, b)| Some((a.as_ref()?, b.as_ref()?))).collect();
         let mut row = vec![Cell::from(name)];
@@ -160,7 +160,7 @@ fn table(atlas: &ShapeAtlas, name: &str, pictures: &[ReferencePicture], options:
     table
 }
 
-/// Returns the root mean square of an error in sds.
+/// Returns the root mean square of the errors divided by their sds. `number` is the index of the quantity in `in_sds`.
 fn normalised_error(pairs: &[(&Outcome, &Outcome)], number: usize) -> Estimate {
     bootstrap_scenes(pairs, pairs.len(), |chosen| {
         let squares: Vec<f64> = chosen.iter().map(|pair| pair.0.in_sds[number].powi(2)).collect();
@@ -168,7 +168,7 @@ fn normalised_error(pairs: &[(&Outcome, &Outcome)], number: usize) -> Estimate {
     })
 }
 
-/// Solves a picture. Returns `None` if too few cars could be solved.
+/// Solves a picture and measures the errors. Returns `None` if the solve fails or too few cars could be solved.
 fn outcome(atlas: &ShapeAtlas, picture: &ReferencePicture, options: &SceneOptions) -> Option<Outcome> {
     let views = CarView::each(&picture.cars);
     let started = Instant::now();

@@ -11,13 +11,13 @@ pub(super) fn true_poses_and_shapes(truth: &SceneTruth) -> (Vec<GroundPose>, Vec
     truth.cars.iter().map(|car| (car.pose, car.shape)).unzip()
 }
 
-/// Returns solve options without a prior of the camera. `atlas_residual_scale` scales the atlas's residual on real
-/// cars.
+/// Returns solve options without a prior on the camera. `atlas_residual_scale` multiplies the shape atlas's residual on
+/// real cars.
 pub(super) fn without_camera_prior(atlas_residual_scale: f64) -> SceneOptions {
     SceneOptions { camera_prior: CameraPrior::none(), atlas_residual_scale, ..SceneOptions::default() }
 }
 
-/// Returns the Cramér–Rao bound from the right keypoints of the right cars.
+/// Returns the Cramér–Rao bound of a scene, without the scene's outliers and false cars.
 pub(super) fn bound(atlas: &ShapeAtlas, truth: &SceneTruth, options: &SceneOptions) -> Option<SceneSolution> {
     let mut right = truth.clone();
     for car in &mut right.cars {
@@ -33,7 +33,7 @@ pub(super) fn bound(atlas: &ShapeAtlas, truth: &SceneTruth, options: &SceneOptio
     scene_bound(atlas, truth.size, &CarView::each(right.keypoints()), &at, &options)
 }
 
-/// Returns models that the atlas was not built on (`roadplane-train cars atlas --foreign`).
+/// Returns car models that were not used to build the shape atlas (from `roadplane-train cars atlas --foreign`).
 pub(super) fn foreign_cars() -> Vec<CarModel> {
     // The list is compiled in and checked by a test, so parsing cannot fail at run time.
     CarModel::list_from_json(include_str!("../../../../../tests/data/foreign_cars.json")).unwrap_or_default()

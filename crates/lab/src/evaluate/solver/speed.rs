@@ -1,4 +1,4 @@
-//! CPU time of a solve on one thread, by number of cars.
+//! CPU time of a solve on one thread, for different numbers of cars.
 
 use roadplane_base::ShapeAtlas;
 use roadplane_solve::{CarView, GivenScene, SceneOptions, Steps, refine_scene, scene_bound, solve_scene};
@@ -7,31 +7,31 @@ use roadplane_tables::{Column, Mark, Plot, Table, median};
 
 /// Number of scenes for each number of cars.
 const SCENES: u64 = 5;
-/// Least CPU time that each number is measured over, s.
+/// Least CPU time of one measurement, s. A shorter call is repeated.
 const LEAST_S: f64 = 0.06;
 
-/// Times for one number of cars, medians over scenes.
+/// CPU times for one number of cars. Each time is a median over scenes.
 #[derive(Clone, Copy, Debug)]
 pub struct SpeedPoint {
     /// Number of cars in the scene.
     pub cars: usize,
-    /// One joint refinement from a near start, ms.
+    /// Time of one joint refinement from a start near the truth, ms.
     pub refinement_ms: f64,
-    /// Time before and after the refinement in a call (set-up, covariances), ms.
+    /// Time of the set-up and the covariances, which the refinement time leaves out, ms.
     pub around_ms: f64,
-    /// Number of linearisations of the refinement.
+    /// Number of linearisations in the refinement.
     pub iterations: f64,
-    /// A solve from a cold start, ms.
+    /// Time of a solve without a start, ms.
     pub cold_start_ms: f64,
 }
 
-/// Measures refinement and cold start for each number of cars.
+/// Measures the CPU time of the refinement and of a cold start, for each number in `cars`.
 #[must_use]
 pub fn speed(atlas: &ShapeAtlas, cars: &[usize]) -> Vec<SpeedPoint> {
     cars.iter().map(|cars| point(atlas, *cars)).collect()
 }
 
-/// Returns the times as a table.
+/// Returns the table of the CPU times, with one row per number of cars.
 #[must_use]
 pub fn speed_table(points: &[SpeedPoint]) -> Table {
     let mut table = Table::new(
@@ -55,7 +55,7 @@ pub fn speed_table(points: &[SpeedPoint]) -> Table {
     table
 }
 
-/// Returns a plot of the times against the number of cars. The cost is linear in cars.
+/// Returns a plot of the CPU times against the number of cars. The times grow linearly.
 #[must_use]
 pub fn speed_plot(points: &[SpeedPoint]) -> Plot {
     let line = |value: fn(&SpeedPoint) -> f64| points.iter().map(|p| (p.cars as f64, value(p))).collect();
@@ -64,13 +64,15 @@ pub fn speed_plot(points: &[SpeedPoint]) -> Plot {
         .with("refinement", Mark::Line, line(|p| p.refinement_ms))
 }
 
-/// Returns the CPU time of this thread, s. The kernel counts in steps of milliseconds.
+/// Returns the CPU time that this thread has used, s. The kernel updates the value every few milliseconds.
 fn cpu_seconds() -> f64 {
     let text = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
     text.split_whitespace().next().and_then(|n| n.parse::<f64>().ok()).unwrap_or(f64::NAN) * 1e-9
 }
 
-/// Returns the CPU time of one call, ms, and the last result. The call is repeated until [`LEAST_S`] are filled.
+/// Returns the mean CPU time of a call (ms) and the result of the last call.
+///
+/// The call is repeated until the total CPU time is at least [`LEAST_S`].
 fn timed<T>(mut work: impl FnMut() -> T) -> (f64, T) {
     let mut runs = 1.0;
     let start = cpu_seconds();
@@ -84,7 +86,7 @@ fn timed<T>(mut work: impl FnMut() -> T) -> (f64, T) {
 
 fn point(atlas: &ShapeAtlas, cars: usize) -> SpeedPoint {
     let options = SceneOptions::default();
-    // The refinement of six modes, to its minimum, without bias correction.
+    // Refines the cars with six shape modes, to the minimum of the cost, without bias correction.
     let steps = Steps { bias: false, ..options.steps };
     let minimum = SceneOptions { steps, atlas_residual_scale: 0.0, ..options.clone() };
     let [mut refinement, mut around, mut iterations, mut cold] = [const { Vec::new() }; 4];
@@ -92,7 +94,7 @@ fn point(atlas: &ShapeAtlas, cars: usize) -> SpeedPoint {
         let (truth, views) = (&bench.truth, CarView::each(bench.truth.keypoints()));
         let from = GivenScene { params: bench.params, poses: &bench.poses, shapes: &bench.shapes };
         let (whole_ms, found) = timed(|| refine_scene(atlas, truth.size, &views, &from, &minimum));
-        // The same call without the refinement.
+        // Measures the same call without the refinement.
         let (around_ms, _) = timed(|| scene_bound(atlas, truth.size, &views, &from, &minimum));
         refinement.push(whole_ms - around_ms);
         around.push(around_ms);

@@ -1,4 +1,5 @@
-//! Accuracy against the Cramér–Rao bound, calibration of the reported sd, and the share of solves at the best minimum.
+//! Accuracy against the Cramér–Rao bound, calibration of the reported sds, and the share of solves that reach the best
+//! minimum.
 
 use std::time::Instant;
 
@@ -12,38 +13,39 @@ use roadplane_tables::{Cell, Column, Table, bootstrap, mean, median, share_withi
 use super::scenes::{bound, foreign_cars, true_poses_and_shapes, without_camera_prior};
 use crate::parallel::in_parallel;
 
-/// First seed of the scenes.
+/// Seed of the first scene.
 const SEED: u64 = 1_000_000;
-/// Two cameras nearer than this, in sds of the bound, are the same minimum.
+/// Two estimated cameras are the same minimum if they differ by less than this, in sds of the Cramér–Rao bound.
 const SAME: f64 = 0.1;
-/// Half-width of a 95 % interval of the normal distribution, sd.
+/// Half the width of a 95 % interval of the normal distribution, in sds.
 const NORMAL_95: f64 = 1.959_964;
-/// The quantities of the tables.
+/// The quantities whose errors the tables show.
 const QUANTITIES: [&str; 4] = ["log focal", "tilt", "position", "heading"];
 
-/// A row of the tables: scenes to draw, and options to solve them with.
+/// A row of the tables: the options of the synthetic scenes, and the options of the solve.
 struct Row {
     name: &'static str,
     asked: SynthOptions,
     options: SceneOptions,
 }
 
-/// Errors of one scene, by quantity.
+/// The errors of one scene, by index of the quantity in [`QUANTITIES`].
 #[derive(Default)]
 struct SceneErrors {
-    /// Errors in sds of the bound.
+    /// Errors divided by the sds of the Cramér–Rao bound.
     by_bound: [Vec<f64>; 4],
-    /// Errors in reported sds.
+    /// Errors divided by the reported sds.
     by_reported: [Vec<f64>; 4],
-    /// Whether the solve reached the minimum of a start at the truth, or a lower one. `None` if cars are wrong, because
-    /// they have no pose to start from.
+    /// Whether the solve reached the minimum that a start at the truth reaches, or a lower minimum.
+    ///
+    /// `None` if the scene has false cars. They have no true pose to start from.
     best_found: Option<bool>,
-    /// Whether the solve reached a lower minimum.
+    /// Whether the solve reached a lower minimum than a start at the truth.
     lower: bool,
     milliseconds: f64,
 }
 
-/// Returns four tables over `scenes` scenes per row.
+/// Returns four tables: accuracy, bias, calibration and minima. Each row of a table is over `scenes` scenes.
 #[must_use]
 pub fn statistics_tables(atlas: &ShapeAtlas, scenes: usize) -> Vec<Table> {
     let quantities = |decimals| QUANTITIES.map(|title| Column::new(title, decimals));
@@ -161,8 +163,9 @@ fn rows() -> Vec<Row> {
     ]
 }
 
-/// Returns the moments of the cameras that scenes are drawn from. One or two cars leave much to the prior, so the sd is
-/// calibrated only if the prior is.
+/// Returns a prior with the mean and sd of the cameras in the synthetic scenes.
+///
+/// With one or two cars, the result depends much on the prior. The reported sd is calibrated only if the prior is.
 fn population(asked: &SynthOptions) -> CameraPrior {
     // The sd of a uniform distribution is its width / √12.
     let moments = |[low, high]: [f64; 2]| ((low + high) / 2.0, (high - low) / 12f64.sqrt());
@@ -201,7 +204,7 @@ fn scene_errors(atlas: &ShapeAtlas, row: &Row, seed: u64) -> Option<SceneErrors>
         let sd = bound.covariance.diagonal().map(f64::sqrt);
         let off = (found.params.to_vector() - ideal.params.to_vector()).component_div(&sd);
         let same = off.amax() < SAME;
-        // Costs can be compared only if they are of the same cars.
+        // Two costs can be compared only if both solves used the same cars.
         errors.lower = !same && found.cost < ideal.cost && used(&found) == used(&ideal);
         errors.best_found = Some(same || errors.lower);
     }

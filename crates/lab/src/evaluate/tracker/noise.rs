@@ -1,4 +1,4 @@
-//! Simulates measured boxes and keypoints of a truth file.
+//! Simulates measured boxes and keypoints of the vehicles in a truth file.
 
 use std::fmt;
 
@@ -13,16 +13,16 @@ use crate::evaluate::dataset::noisy_keypoints;
 use roadplane_metrics::scoring::MIN_SIDE_PX;
 use roadplane_metrics::truth::{TrueCar, TrueFrame, Truth};
 
-/// The errors of simulated measurements, as shares of boxes except for the first.
+/// Sizes and rates of the errors of simulated boxes and keypoints.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Noise {
-    /// sd of keypoints and of the edges of boxes, as a share of the box's longer side.
+    /// sd of the errors of keypoints and of boxes' edges, as a share of the box's longer side.
     pub keypoints: f64,
-    /// Share of vehicles without a box.
+    /// Share of the vehicles that get no box.
     pub misses: f64,
     /// Number of boxes without a vehicle, as a share of the vehicles.
     pub false_boxes: f64,
-    /// Share of boxes that get another class.
+    /// Share of boxes that get a wrong class.
     pub flips: f64,
     /// Share of boxes that get the keypoints of an overlapping vehicle.
     pub swaps: f64,
@@ -44,17 +44,17 @@ impl fmt::Display for Noise {
     }
 }
 
-/// Least visible share of a vehicle that is found.
+/// Minimum visible share of a vehicle for the vehicle to get a simulated box.
 const FOUND_SHARE: f64 = 0.2;
-/// Least size of a vehicle that is found, as a share of the least size that counts in the scores.
+/// Minimum longer side of a vehicle's true box for the vehicle to get a simulated box, as a share of [`MIN_SIDE_PX`].
 const FOUND_SIZE: f64 = 0.75;
-/// Least IoU of boxes that may get each other's keypoints.
+/// Least overlap (IoU) of two boxes at which one box may get the keypoints of the other vehicle.
 const NEAR_IOU: f64 = 0.1;
-/// Range of the scores of false boxes.
+/// Range of the scores of boxes without a vehicle.
 const FALSE_SCORES: [f64; 2] = [0.3, 0.6];
 
 impl Noise {
-    /// Returns the measured records of every `stride`-th frame.
+    /// Returns one record for every `stride`-th frame, with simulated boxes and keypoints.
     #[must_use]
     pub fn measure(&self, truth: &Truth, stride: u32, seed: u64) -> Vec<FrameRecord> {
         let mut rng = Rng::new(seed);
@@ -87,13 +87,13 @@ impl Noise {
                 cars.extend(self.false_car(car, size, rng));
             }
         }
-        // The camera is at rest. With pictures, a run would find that too.
+        // The camera does not move. A run on pictures would give the same verdict.
         let watch =
             Some(WatchRecord { looked: true, verdict: PictureVerdict::Rest, ..WatchRecord::default() });
         FrameRecord { cars, watch, ..FrameRecord::empty(frame.frame, frame.time_s, size) }
     }
 
-    /// Returns the car's box with noise. Edges on the picture's border stay there.
+    /// Returns the car's box with noise on its edges. An edge on the picture's border gets no noise.
     fn moved(&self, car: &TrueCar, size: ImageSize, rng: &mut Rng) -> [f64; 4] {
         let sd_px = self.keypoints * side(&car.bbox_px);
         let ends = [size.width, size.height].map(|n| f64::from(n) - 0.5);
@@ -105,8 +105,8 @@ impl Noise {
         })
     }
 
-    /// Returns a false detection: a box of this car's size anywhere in the picture, with its keypoints and twice the
-    /// noise.
+    /// Returns a false detection: the box and the keypoints of the car `like`, shifted to a random position, with twice
+    /// the noise.
     fn false_car(&self, like: &TrueCar, size: ImageSize, rng: &mut Rng) -> Option<CarRecord> {
         let [x0, y0, x1, y1] = like.bbox_px;
         let (width, height) = (f64::from(size.width), f64::from(size.height));
@@ -134,13 +134,13 @@ fn side([x0, y0, x1, y1]: &[f64; 4]) -> f64 {
     (x1 - x0).max(y1 - y0)
 }
 
-/// Returns the noisy keypoints of a car; `None` if it has none.
+/// Returns the keypoints of a car with noise; `None` if no keypoint is in the picture.
 fn keypoints(car: &TrueCar, noise: f64, size: ImageSize, rng: &mut Rng) -> Option<Box<KeypointSet>> {
     let set: KeypointSet = noisy_keypoints(car, noise, size, rng);
     set.iter().any(Option::is_some).then(|| Box::new(set) as Box<[_; KEYPOINTS]>)
 }
 
-/// Returns the class that a vehicle is mistaken for.
+/// Returns the wrong class that a vehicle of this class gets.
 fn flipped(class: VehicleClass) -> VehicleClass {
     match class {
         VehicleClass::Car | VehicleClass::Bus => VehicleClass::Truck,
